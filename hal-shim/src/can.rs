@@ -1,0 +1,2 @@
+//! CAN frames: the traits of the embedded-can project, as they stand.
+pub use embedded_can::{ExtendedId, Frame, Id, StandardId, nb::Can};

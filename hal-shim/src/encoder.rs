@@ -1,0 +1,41 @@
+//! Position encoder: two ways to count the same edges, one contract.
+
+/// Levels of the encoder lines, sampled together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Levels {
+    /// Channel A.
+    pub a: bool,
+    /// Channel B, a quarter period behind A when moving toward the work.
+    pub b: bool,
+    /// Index mark.
+    pub index: bool,
+}
+
+/// Lines of an incremental encoder, as an edge interrupt reads them.
+pub trait QuadratureLines {
+    /// Levels now, all three from one read of the port.
+    fn levels(&self) -> Levels;
+}
+
+/// One reading of an edge counter.
+///
+/// Both numbers wrap; the reader takes differences. A reading must be taken at least once per 2^31 counts and per 2^31
+/// clock ticks (12.7 s at 168 MHz).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RawCount {
+    /// Edges counted since power-up, four per encoder line, positive toward the work, wrapping.
+    pub count: u32,
+    /// Clock time of the newest counted edge. A counter that cannot time its edges reports the time of the first reading
+    /// that saw the change.
+    pub last_edge: u32,
+    /// Clock time of this reading.
+    pub now: u32,
+}
+
+/// Something that counts encoder edges: the edge-interrupt decoder, or a timer in encoder mode.
+pub trait EdgeCounter {
+    /// Count and times, consistent with each other.
+    fn read(&mut self) -> RawCount;
+}

@@ -1,0 +1,19 @@
+//! What the control core asks of hardware, in raw units: counts, converter codes, clock ticks.
+//!
+//! Each trait is the whole contract with one piece of hardware. Where the embedded-hal or embedded-can project has a trait,
+//! that trait is used: pins and PWM of the H-bridge ([`bridge::PwmBridge`]), CAN ([`can`]), flash ([`storage`]).
+//!
+//! Rules for every implementation: nothing blocks without a bound, nothing allocates, and a value that cannot be had is
+//! reported, never replaced by zero.
+#![cfg_attr(not(any(test, feature = "double")), no_std)]
+
+pub mod bridge;
+pub mod can;
+pub mod clock;
+#[cfg(feature = "double")]
+pub mod double;
+pub mod encoder;
+pub mod gap;
+pub mod generator;
+pub mod safety;
+pub mod storage;

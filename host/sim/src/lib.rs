@@ -1,0 +1,1 @@
+//! Process model and native closed loop.

@@ -1,0 +1,2 @@
+//! What a cargo alias cannot do.
+fn main() {}

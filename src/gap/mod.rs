@@ -1,0 +1,45 @@
+//! Gap sources: converter codes in, one [`GapReading`] out.
+//!
+//! *Gap voltage* is the voltage between electrode and workpiece. Under good sparking its mean lies between the burn
+//! voltage and the open-circuit voltage, and falls as the gap closes because the ignition delay shortens; a short reads
+//! zero [R]. A source averages, filters and judges; it does not decide what the head does about it.
+
+use crate::units::Volts;
+
+/// How far a reading can be trusted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Quality {
+    /// Nothing was converted since the last reading.
+    #[default]
+    Missing,
+    /// Fit for control.
+    Valid,
+    /// Gated source: no on-time within the hold limit; the last value is held.
+    NoGate,
+    /// Converter at the end of its range.
+    Saturated,
+    /// Voltage of the wrong sign: the gap leads are swapped.
+    Reversed,
+}
+
+/// What a gap source knows at a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct GapReading {
+    /// Gap voltage after low-pass and notch; what the feed law sees.
+    pub filtered: Volts,
+    /// Gap voltage of this block before the filters (held through off-time by a gated source).
+    pub block: Volts,
+    /// How far to trust both.
+    pub quality: Quality,
+    /// Servo ticks for which every gated block was a short, without interruption; off-time neither adds nor ends a run
+    /// but counts as time once the run has begun. Unfiltered: this is the fast path to a retreat.
+    pub short_ticks: u32,
+}
+
+/// Turns blocks of conversions into readings; one file a source.
+pub trait GapSource {
+    /// Takes the newest block (`None` when the front end had none) and gives the reading for this tick.
+    fn update(&mut self, block: Option<&edm_hal_shim::gap::GapBlock>) -> GapReading;
+}

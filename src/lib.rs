@@ -1,0 +1,29 @@
+//! Control core of an EDM servo head: everything between raw converter codes and a signed duty.
+//!
+//! The core is `no_std`, allocates nothing, holds no `unsafe` and cannot panic in a tick. It runs as it stands on the
+//! STM32F405/407, natively against the process model of `host/sim`, and as part of the firmware image on a modelled chip.
+//! Rooms know only the rooms above them:
+//!
+//! | room | responsible for |
+//! | --- | --- |
+//! | [`units`] | quantities and the only scale factors |
+//! | [`dsp`] | filters: coefficients and state apart |
+//! | [`encoder`] | quadrature decoding, index marks, velocity, plausibility |
+//! | [`gap`] | gap sources: converter codes to one [`gap::GapReading`] |
+//! | [`feed`] | feed laws: gap reading to path velocity |
+//! | [`path`] | segments and the register that shifts both ways |
+//! | [`servo`] | position and velocity loops, limits |
+//! | [`head`] | states, fault reactions, supervision; wires the rooms together |
+//! | [`settings`] | what a person sets, checked and built into what the ticks run |
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod dsp;
+pub mod encoder;
+pub mod feed;
+pub mod gap;
+pub mod head;
+pub mod path;
+pub mod servo;
+pub mod settings;
+pub mod units;
