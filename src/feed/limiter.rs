@@ -1,0 +1,124 @@
+//! Limits that every law shares: feed, retreat, acceleration, and what can still be stopped before an end.
+
+use crate::units::{Micrometres, MicrometresPerSecond, MicrometresPerSecond2, TICK_HZ, TICK_S};
+use micromath::F32Ext;
+
+/// Limits of path velocity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Limits {
+    /// Toward the work.
+    pub feed: MicrometresPerSecond,
+    /// Away from it.
+    pub retreat: MicrometresPerSecond,
+    /// Change of velocity, either way.
+    pub acceleration: MicrometresPerSecond2,
+}
+
+/// Limits a path velocity and remembers what it let through.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Limiter {
+    velocity: f32,
+}
+
+impl Limiter {
+    /// Velocity for this tick. `ahead` and `behind` are the lengths left toward either end, not negative: the head can
+    /// always stop within them, v^2 <= 2 a d.
+    pub fn limit(
+        &mut self,
+        wanted: MicrometresPerSecond,
+        limits: &Limits,
+        ahead: Micrometres,
+        behind: Micrometres,
+    ) -> MicrometresPerSecond {
+        let step = limits.acceleration.0 * TICK_S;
+        let wanted = wanted.0.max(-limits.retreat.0).min(limits.feed.0);
+        let slewed = wanted.max(self.velocity - step).min(self.velocity + step);
+        self.velocity = slewed.max(-stoppable(limits.acceleration, behind, -slewed)).min(stoppable(
+            limits.acceleration,
+            ahead,
+            slewed,
+        ));
+        MicrometresPerSecond(self.velocity)
+    }
+
+    /// Velocity let through last.
+    pub fn velocity(&self) -> MicrometresPerSecond {
+        MicrometresPerSecond(self.velocity)
+    }
+
+    /// Forgets the velocity: the head stands.
+    pub fn stop(&mut self) {
+        self.velocity = 0.0;
+    }
+}
+
+/// Largest speed that can be stopped within `distance`, a tick's travel included; `speed` itself when that is slow enough.
+///
+/// Half the square root's argument is given away, which covers micromath's 5 % and the slew that is still to come.
+fn stoppable(a: MicrometresPerSecond2, distance: Micrometres, speed: f32) -> f32 {
+    let distance = distance.0.max(0.0);
+    let square = a.0 * distance;
+    let stop = if speed <= 0.0 || speed * speed <= square { speed.max(0.0) } else { square.sqrt() };
+    stop.min(distance * TICK_HZ as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: Limits = Limits {
+        feed: MicrometresPerSecond(200.0),
+        retreat: MicrometresPerSecond(1000.0),
+        acceleration: MicrometresPerSecond2(1e6),
+    };
+    const FAR: Micrometres = Micrometres(1e6);
+
+    fn settle(limiter: &mut Limiter, wanted: f32, ahead: f32, behind: f32) -> f32 {
+        let mut last = 0.0;
+        for _ in 0..1000 {
+            last =
+                limiter.limit(MicrometresPerSecond(wanted), &LIMITS, Micrometres(ahead), Micrometres(behind)).0;
+        }
+        last
+    }
+
+    #[test]
+    fn feed_and_retreat_have_limits_of_their_own() {
+        let mut limiter = Limiter::default();
+        assert_eq!(settle(&mut limiter, 199.0, 1e6, 1e6), 199.0);
+        assert_eq!(settle(&mut limiter, 201.0, 1e6, 1e6), 200.0);
+        assert_eq!(settle(&mut limiter, -999.0, 1e6, 1e6), -999.0);
+        assert_eq!(settle(&mut limiter, -1001.0, 1e6, 1e6), -1000.0);
+    }
+
+    #[test]
+    fn velocity_changes_by_the_acceleration_and_no_more() {
+        let mut limiter = Limiter::default();
+        let first = limiter.limit(MicrometresPerSecond(-1000.0), &LIMITS, FAR, FAR).0;
+        assert!((first + 50.0).abs() < 1e-3);
+        let second = limiter.limit(MicrometresPerSecond(1000.0), &LIMITS, FAR, FAR).0;
+        assert!(second.abs() < 1e-3);
+    }
+
+    #[test]
+    fn the_head_stops_before_either_end_from_any_speed() {
+        for direction in [1.0f32, -1.0] {
+            let mut limiter = Limiter::default();
+            let mut left = 30.0f32;
+            let mut fastest = 0.0f32;
+            for _ in 0..200_000 {
+                let (ahead, behind) = if direction > 0.0 { (left, 1e6) } else { (1e6, left) };
+                let v = limiter
+                    .limit(MicrometresPerSecond(direction * 1e5), &LIMITS, Micrometres(ahead), Micrometres(behind))
+                    .0;
+                left -= v * direction * TICK_S;
+                fastest = fastest.max(v.abs());
+                assert!(left >= -1e-6, "ran over the end by {left} um");
+            }
+            assert!(left < 0.5, "crept to a halt {left} um before the end");
+            assert!(fastest > 100.0);
+        }
+    }
+}
