@@ -1,7 +1,7 @@
 //! Limits that every law shares: feed, retreat, acceleration, and what can still be stopped before an end.
 
 use crate::units::{Micrometres, MicrometresPerSecond, MicrometresPerSecond2, TICK_HZ, TICK_S};
-use micromath::F32Ext;
+use micromath::F32Ext as Approximate;
 
 /// Limits of path velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,7 +60,7 @@ impl Limiter {
 fn stoppable(a: MicrometresPerSecond2, distance: Micrometres, speed: f32) -> f32 {
     let distance = distance.0.max(0.0);
     let square = a.0 * distance;
-    let stop = if speed <= 0.0 || speed * speed <= square { speed.max(0.0) } else { square.sqrt() };
+    let stop = if speed <= 0.0 || speed * speed <= square { speed.max(0.0) } else { Approximate::sqrt(square) };
     stop.min(distance * TICK_HZ as f32)
 }
 
@@ -78,8 +78,7 @@ mod tests {
     fn settle(limiter: &mut Limiter, wanted: f32, ahead: f32, behind: f32) -> f32 {
         let mut last = 0.0;
         for _ in 0..1000 {
-            last =
-                limiter.limit(MicrometresPerSecond(wanted), &LIMITS, Micrometres(ahead), Micrometres(behind)).0;
+            last = limiter.limit(MicrometresPerSecond(wanted), &LIMITS, Micrometres(ahead), Micrometres(behind)).0;
         }
         last
     }

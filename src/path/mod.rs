@@ -12,7 +12,7 @@ mod register;
 mod segment;
 
 pub use line::Line;
-pub use register::{AHEAD, BEHIND, Bound, Register, Refused};
+pub use register::{AHEAD, BEHIND, Bound, Refused, Register};
 pub use segment::Segment;
 
 /// Axes that one head drives.
