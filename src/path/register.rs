@@ -50,6 +50,9 @@ pub struct Register<const A: usize, const N: usize> {
     /// Path coordinate at its start.
     start: Fixed,
     s: Fixed,
+    /// Path coordinates of the oldest remembered and the newest queued point.
+    oldest: Fixed,
+    newest: Fixed,
     furthest: Fixed,
     mark: Option<Fixed>,
     /// How far behind [`Register::furthest`] a retreat may go.
@@ -66,6 +69,8 @@ impl<const A: usize, const N: usize> Register<A, N> {
             current: 0,
             start: Fixed(0),
             s: Fixed(0),
+            oldest: Fixed(0),
+            newest: Fixed(0),
             furthest: Fixed(0),
             mark: None,
             retreat,
@@ -80,10 +85,13 @@ impl<const A: usize, const N: usize> Register<A, N> {
         self.current = 0;
         self.start = Fixed(0);
         self.s = Fixed(0);
+        self.oldest = Fixed(0);
+        self.newest = Fixed(0);
         self.furthest = Fixed(0);
         self.mark = None;
         if let Some(line) = Line::new(escape, here, self.counts_per_um) {
-            self.start = Fixed(0).minus(line.length());
+            self.oldest = Fixed(0).minus(line.length());
+            self.start = self.oldest;
             // The register was cleared above: there is room.
             let _ = self.segments.push_back(line.into());
         }
@@ -95,10 +103,9 @@ impl<const A: usize, const N: usize> Register<A, N> {
             return Err(Refused::QueueFull);
         }
         let line = Line::new(self.end(), to, self.counts_per_um).ok_or(Refused::NoLength)?;
-        if self.segments.is_empty() {
-            self.start = self.s;
-        }
-        self.segments.push_back(line.into()).map_err(|_| Refused::QueueFull)
+        self.segments.push_back(line.into()).map_err(|_| Refused::QueueFull)?;
+        self.newest = self.newest.plus(line.length());
+        Ok(())
     }
 
     /// Steps along the path, positive toward the work, and says what stopped it short.
@@ -121,22 +128,29 @@ impl<const A: usize, const N: usize> Register<A, N> {
             }
             self.start = end;
             self.current = self.current.wrapping_add(1);
-            if self.current > BEHIND && self.segments.pop_front().is_some() {
+            if self.current > BEHIND
+                && let Some(forgotten) = self.segments.pop_front()
+            {
+                self.oldest = self.oldest.plus(forgotten.length());
                 self.current = self.current.wrapping_sub(1);
             }
         }
         Some(Bound::Joints)
     }
 
+    /// Where a retreat ends, and what ends it there.
+    fn floor(&self) -> (Fixed, Bound) {
+        let distance = (self.furthest.minus(self.retreat), Bound::Distance);
+        let mark = self.mark.map_or(distance, |mark| (mark, Bound::Mark));
+        let set = if mark.0 >= distance.0 { mark } else { distance };
+        if set.0 >= self.oldest { set } else { (self.oldest, Bound::Memory) }
+    }
+
     fn backward(&mut self, wanted: Fixed) -> Option<Bound> {
-        let distance = self.furthest.minus(self.retreat);
-        let (floor, bound) = match self.mark {
-            Some(mark) if mark >= distance => (mark, Bound::Mark),
-            _ => (distance, Bound::Distance),
-        };
+        let (floor, bound) = self.floor();
         // A bound set behind the head's back must not push it forward.
         let floor = floor.min(self.s);
-        let (wanted, mut bound) = if wanted < floor { (floor, Some(bound)) } else { (wanted, None) };
+        let (wanted, bound) = if wanted < floor { (floor, Some(bound)) } else { (wanted, None) };
         for _ in 0..JOINTS_PER_STEP {
             if wanted >= self.start {
                 self.arrive(wanted);
@@ -144,12 +158,11 @@ impl<const A: usize, const N: usize> Register<A, N> {
             }
             self.arrive(self.start);
             let previous = self.current.checked_sub(1).and_then(|index| Some((index, self.segments.get(index)?)));
-            let Some((index, segment)) = previous else { return Some(Bound::Memory) };
+            let Some((index, segment)) = previous else { return bound };
             self.start = self.start.minus(segment.length());
             self.current = index;
         }
-        bound.get_or_insert(Bound::Joints);
-        bound
+        Some(Bound::Joints)
     }
 
     fn arrive(&mut self, s: Fixed) {
@@ -189,14 +202,17 @@ impl<const A: usize, const N: usize> Register<A, N> {
 
     /// Whether the end of the last segment is reached.
     pub fn at_end(&self) -> bool {
-        self.waiting() == 0
-            && self.segments.get(self.current).is_none_or(|segment| self.s >= self.start.plus(segment.length()))
+        self.s >= self.newest
     }
 
-    /// Length left in the segment under way, um.
-    pub fn left_in_segment(&self) -> Micrometres {
-        let left = self.segments.get(self.current).map(|segment| self.start.plus(segment.length()).minus(self.s));
-        Micrometres(left.map_or(0.0, Fixed::to_f32))
+    /// Length of path ahead.
+    pub fn ahead(&self) -> Micrometres {
+        Micrometres(self.newest.minus(self.s).to_f32())
+    }
+
+    /// Length that a retreat can still cover.
+    pub fn behind(&self) -> Micrometres {
+        Micrometres(self.s.minus(self.floor().0).to_f32())
     }
 
     /// Sets the mark that no retreat passes, or removes it.
