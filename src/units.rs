@@ -12,6 +12,8 @@ pub const TICK_S: f32 = 1.0 / TICK_HZ as f32;
 pub const ADC_HZ: u32 = TICK_HZ * edm_hal_shim::gap::BLOCK as u32;
 /// Ticks of the 1 kHz supervision.
 pub const TICKS_PER_MS: u32 = TICK_HZ / 1000;
+/// Rate of the clock that times encoder edges: the core clock, Hz.
+pub const CLOCK_HZ: u32 = 168_000_000;
 /// Full scale of a 12-bit conversion.
 pub const ADC_FULL_SCALE: u16 = 4095;
 

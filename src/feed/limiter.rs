@@ -1,9 +1,9 @@
-//! Limits that every law shares: feed, retreat, acceleration, and what can still be stopped before an end.
+//! Limits that every motion along the path shares: acceleration, and what can still be stopped before an end.
 
 use crate::units::{Micrometres, MicrometresPerSecond, MicrometresPerSecond2, TICK_HZ, TICK_S};
 use micromath::F32Ext as Approximate;
 
-/// Limits of path velocity.
+/// Limits of path velocity under a feed law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Limits {
@@ -11,8 +11,13 @@ pub struct Limits {
     pub feed: MicrometresPerSecond,
     /// Away from it.
     pub retreat: MicrometresPerSecond,
-    /// Change of velocity, either way.
-    pub acceleration: MicrometresPerSecond2,
+}
+
+impl Limits {
+    /// The nearest allowed velocity.
+    pub fn clamp(&self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
+        MicrometresPerSecond(wanted.0.max(-self.retreat.0).min(self.feed.0))
+    }
 }
 
 /// Limits a path velocity and remembers what it let through.
@@ -28,18 +33,15 @@ impl Limiter {
     pub fn limit(
         &mut self,
         wanted: MicrometresPerSecond,
-        limits: &Limits,
+        acceleration: MicrometresPerSecond2,
         ahead: Micrometres,
         behind: Micrometres,
     ) -> MicrometresPerSecond {
-        let step = limits.acceleration.0 * TICK_S;
-        let wanted = wanted.0.max(-limits.retreat.0).min(limits.feed.0);
-        let slewed = wanted.max(self.velocity - step).min(self.velocity + step);
-        self.velocity = slewed.max(-stoppable(limits.acceleration, behind, -slewed)).min(stoppable(
-            limits.acceleration,
-            ahead,
-            slewed,
-        ));
+        let step = acceleration.0 * TICK_S;
+        let slewed = wanted.0.max(self.velocity - step).min(self.velocity + step);
+        let back = stoppable(acceleration, behind, -slewed);
+        let forth = stoppable(acceleration, ahead, slewed);
+        self.velocity = slewed.max(-back).min(forth);
         MicrometresPerSecond(self.velocity)
     }
 
@@ -68,36 +70,22 @@ fn stoppable(a: MicrometresPerSecond2, distance: Micrometres, speed: f32) -> f32
 mod tests {
     use super::*;
 
-    const LIMITS: Limits = Limits {
-        feed: MicrometresPerSecond(200.0),
-        retreat: MicrometresPerSecond(1000.0),
-        acceleration: MicrometresPerSecond2(1e6),
-    };
+    const ACCELERATION: MicrometresPerSecond2 = MicrometresPerSecond2(1e6);
     const FAR: Micrometres = Micrometres(1e6);
-
-    fn settle(limiter: &mut Limiter, wanted: f32, ahead: f32, behind: f32) -> f32 {
-        let mut last = 0.0;
-        for _ in 0..1000 {
-            last = limiter.limit(MicrometresPerSecond(wanted), &LIMITS, Micrometres(ahead), Micrometres(behind)).0;
-        }
-        last
-    }
 
     #[test]
     fn feed_and_retreat_have_limits_of_their_own() {
-        let mut limiter = Limiter::default();
-        assert_eq!(settle(&mut limiter, 199.0, 1e6, 1e6), 199.0);
-        assert_eq!(settle(&mut limiter, 201.0, 1e6, 1e6), 200.0);
-        assert_eq!(settle(&mut limiter, -999.0, 1e6, 1e6), -999.0);
-        assert_eq!(settle(&mut limiter, -1001.0, 1e6, 1e6), -1000.0);
+        let limits = Limits { feed: MicrometresPerSecond(200.0), retreat: MicrometresPerSecond(1000.0) };
+        let clamp = |v| limits.clamp(MicrometresPerSecond(v)).0;
+        assert_eq!([clamp(199.0), clamp(201.0), clamp(-999.0), clamp(-1001.0)], [199.0, 200.0, -999.0, -1000.0]);
     }
 
     #[test]
     fn velocity_changes_by_the_acceleration_and_no_more() {
         let mut limiter = Limiter::default();
-        let first = limiter.limit(MicrometresPerSecond(-1000.0), &LIMITS, FAR, FAR).0;
+        let first = limiter.limit(MicrometresPerSecond(-1000.0), ACCELERATION, FAR, FAR).0;
         assert!((first + 50.0).abs() < 1e-3);
-        let second = limiter.limit(MicrometresPerSecond(1000.0), &LIMITS, FAR, FAR).0;
+        let second = limiter.limit(MicrometresPerSecond(1000.0), ACCELERATION, FAR, FAR).0;
         assert!(second.abs() < 1e-3);
     }
 
@@ -110,7 +98,7 @@ mod tests {
             for _ in 0..200_000 {
                 let (ahead, behind) = if direction > 0.0 { (left, 1e6) } else { (1e6, left) };
                 let v = limiter
-                    .limit(MicrometresPerSecond(direction * 1e5), &LIMITS, Micrometres(ahead), Micrometres(behind))
+                    .limit(MicrometresPerSecond(direction * 1e5), ACCELERATION, Micrometres(ahead), Micrometres(behind))
                     .0;
                 left -= v * direction * TICK_S;
                 fastest = fastest.max(v.abs());

@@ -26,11 +26,15 @@ pub struct CurrentGuard {
 }
 
 impl CurrentGuard {
-    /// Takes this tick's current and gives the limit for the next one.
-    pub fn update(&mut self, limits: &CurrentLimits, current: Amps) -> Amps {
+    /// Takes this tick's current.
+    pub fn update(&mut self, limits: &CurrentLimits, current: Amps) {
         let rated = limits.continuous.0 * limits.continuous.0;
         self.mean_square += (current.0 * current.0 - self.mean_square) * (TICK_S / limits.thermal.0);
         self.reduced = self.mean_square >= if self.reduced { 0.9 * rated } else { rated };
+    }
+
+    /// Largest current allowed now.
+    pub fn limit(&self, limits: &CurrentLimits) -> Amps {
         if self.reduced { limits.continuous } else { limits.peak }
     }
 
@@ -50,7 +54,10 @@ mod tests {
     fn seconds_until_reduced(current: f32) -> Option<f32> {
         let mut guard = CurrentGuard::default();
         (0..60 * TICK_HZ)
-            .find(|_| guard.update(&LIMITS, Amps(current)) == LIMITS.continuous)
+            .find(|_| {
+                guard.update(&LIMITS, Amps(current));
+                guard.limit(&LIMITS) == LIMITS.continuous
+            })
             .map(|tick| tick as f32 * TICK_S)
     }
 
@@ -66,9 +73,12 @@ mod tests {
     #[test]
     fn a_reduced_winding_recovers_only_after_cooling_by_a_tenth() {
         let mut guard = CurrentGuard::default();
-        while guard.update(&LIMITS, Amps(3.0)) == LIMITS.peak {}
+        while guard.limit(&LIMITS) == LIMITS.peak {
+            guard.update(&LIMITS, Amps(3.0));
+        }
         let mut cooling = 0;
-        while guard.update(&LIMITS, Amps(0.0)) == LIMITS.continuous {
+        while guard.limit(&LIMITS) == LIMITS.continuous {
+            guard.update(&LIMITS, Amps(0.0));
             cooling += 1;
         }
         // 10 s * ln(1 / 0.9) = 1.05 s.
