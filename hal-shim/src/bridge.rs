@@ -1,7 +1,7 @@
 //! H-bridge of the drive: PWM and two direction inputs (drive, reverse, brake, coast).
 //!
-//! Terms, as on the L298 of [R]: *drive* is forward high and reverse low, *reverse* the opposite, *brake* both high while
-//! the PWM is high, *coast* everything low. [R] burnt a bridge on rapid reversals; [`PwmBridge`] therefore changes the
+//! Terms, as on the L298 of \[R\]: *drive* is forward high and reverse low, *reverse* the opposite, *brake* both high while
+//! the PWM is high, *coast* everything low. \[R\] burnt a bridge on rapid reversals; [`PwmBridge`] therefore changes the
 //! direction inputs only while the PWM is off.
 
 use core::fmt;

@@ -17,3 +17,4 @@ pub mod gap;
 pub mod generator;
 pub mod safety;
 pub mod storage;
+pub mod timing;
