@@ -137,10 +137,10 @@ fn what_cannot_be_done_is_refused_and_changes_nothing() {
         refused,
         Refused::OutOfTravel { target: Nanometres(12_000_000), min: Nanometres(0), max: Nanometres(12_000_000) }
     );
-    assert_eq!(bench.head.command(Command::MoveTo(Nanometres(-1000))).is_err(), true);
+    assert!(bench.head.command(Command::MoveTo(Nanometres(-1000))).is_err());
     assert_eq!(bench.head.command(Command::MoveTo(Nanometres(0))), Err(Refused::NoLength));
     bench.command(Command::MoveTo(Nanometres(12_000_000)));
-    assert_eq!(bench.head.command(Command::MoveBy(Nanometres(1))).is_err(), true);
+    assert!(bench.head.command(Command::MoveBy(Nanometres(1))).is_err());
     assert_eq!(bench.state(), State::Ready);
 }
 
