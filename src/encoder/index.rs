@@ -1,13 +1,14 @@
 //! Index marks: where each was seen, and whether the distance between two is what the scale promises.
 //!
 //! Terms: the index line is high over a stretch of the scale, the *mark*. Its *position* is the lowest count at which the
-//! line is high, that is the edge of the mark which faces away from the work, whichever way it is crossed. So a mark has
-//! the same position from both sides, and its width does not matter as long as it is one count or more (a quarter of an
-//! encoder line: what a gated index output gives).
-//! If an index edge lies so close to an edge of A or B that the interrupt may see either first, the position is that count
-//! or the one below it: allow for this count in the tolerance.
+//! line is seen high, whichever way the axis goes: both sides and any width give the same position. A mark is *crossed*
+//! where its position and the count below meet, and latched when the axis has left the second of the two. The interrupt
+//! must see the edges of the index line as well as those of A and B.
 //!
-//! [L] sections 2 and 3: a reference mark every 10 mm at 1 um per transition, hence the default distance of 10 000 counts.
+//! A gated index output switches together with A or B. If the interrupt can see either edge first, the position may also be
+//! the count below: allow for this count in the tolerance.
+//!
+//! \[L\] sections 2 and 3: a reference mark every 10 mm at 1 um per transition, hence the default distance of 10 000 counts.
 
 use core::fmt;
 
@@ -25,57 +26,47 @@ pub struct Mark {
 
 /// Finds the low edge of each mark in the levels the decoder sees.
 ///
-/// A change of the index line alone does not say which edge of the mark it was: the axis may have turned since the last
-/// count. What says it is the level at the end of the present count where the axis came in. Coming in low while moving
-/// toward the work, or high while moving away, the edge inside this count is the low one, however often it is crossed.
+/// A change of the index line alone does not say which edge of the mark it was, because the axis may have turned since the
+/// last count. So the line is noted for a whole *stay* at a count, and two stays in a row say where the low edge is: not
+/// seen high, then seen high one count nearer to the work, or the same backward.
 #[derive(Clone, Debug)]
 pub(super) struct MarkLatch {
+    /// The line has been high during this stay.
     high: bool,
-    entry: Option<Entry>,
-    mark: Mark,
-}
-
-/// How the axis came into the present count.
-#[derive(Clone, Copy, Debug)]
-struct Entry {
+    /// The same for the stay before, one count away.
+    high_before: Option<bool>,
+    /// This stay began by a step toward the work.
     toward_work: bool,
-    high: bool,
+    mark: Mark,
 }
 
 impl MarkLatch {
     pub(super) fn new(high: bool) -> Self {
-        MarkLatch { high, entry: None, mark: Mark::default() }
+        MarkLatch { high, high_before: None, toward_work: false, mark: Mark::default() }
     }
 
-    /// The index line may have changed, the count has not.
-    pub(super) fn level(&mut self, high: bool, count: u32) {
-        if high != self.high {
-            self.high = high;
-            if self.entry.is_some_and(|entry| entry.toward_work != entry.high) {
-                self.cross(count);
-            }
+    /// The stay goes on.
+    #[inline]
+    pub(super) fn stay(&mut self, high: bool) {
+        self.high |= high;
+    }
+
+    /// The stay at `count` ends with a step; `high` is the level after it.
+    #[inline]
+    pub(super) fn leave(&mut self, count: u32, toward_work: bool, high: bool) {
+        if self.high_before == Some(!self.high) && self.high == self.toward_work {
+            self.mark = Mark {
+                count: if self.high { count } else { count.wrapping_add(1) },
+                toward_work: self.high,
+                crossings: self.mark.crossings.wrapping_add(1),
+            };
         }
+        *self = MarkLatch { high, high_before: Some(self.high), toward_work, mark: self.mark };
     }
 
-    /// The count has changed, and the index line may have changed with it.
-    pub(super) fn step(&mut self, high: bool, before: u32, after: u32, toward_work: bool) {
-        self.entry = Some(Entry { toward_work, high });
-        if high != self.high {
-            self.high = high;
-            if high == toward_work {
-                self.cross(if high { after } else { before });
-            }
-        }
-    }
-
-    /// The count is no longer known to follow the scale: what happened to the index line meanwhile says nothing.
+    /// The count has stopped following the scale, and goes on from here.
     pub(super) fn lose(&mut self, high: bool) {
-        self.high = high;
-        self.entry = None;
-    }
-
-    fn cross(&mut self, count: u32) {
-        self.mark = Mark { count, toward_work: self.high, crossings: self.mark.crossings.wrapping_add(1) };
+        *self = MarkLatch { mark: self.mark, ..MarkLatch::new(high) };
     }
 
     pub(super) fn mark(&self) -> Mark {
@@ -94,7 +85,7 @@ pub struct MarkSpacing {
 }
 
 impl Default for MarkSpacing {
-    /// 10 000 counts [L]; one count for an index edge that falls together with an edge of A or B. One illegal transition
+    /// 10 000 counts \[L\]; one count for an index edge that falls together with an edge of A or B. One illegal transition
     /// is two counts and shows.
     fn default() -> Self {
         MarkSpacing { counts: 10_000, tolerance: 1 }
@@ -161,5 +152,102 @@ impl MarkCheck {
     /// Wrong distances since the start, wrapping.
     pub fn wrong(&self) -> u32 {
         self.wrong
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Marks as a decoder would latch them, each `crossings` after the one before.
+    struct Marks(Mark);
+
+    impl Marks {
+        fn next(&mut self, count: i32, toward_work: bool, crossings: u32) -> Mark {
+            self.0 = Mark { count: count as u32, toward_work, crossings: self.0.crossings.wrapping_add(crossings) };
+            self.0
+        }
+    }
+
+    fn started(count: i32, toward_work: bool) -> (MarkCheck, Marks) {
+        let (mut check, mut marks) = (MarkCheck::new(MarkSpacing::default()), Marks(Mark::default()));
+        assert_eq!(check.update(marks.0), Ok(()));
+        assert_eq!(check.update(marks.next(count, toward_work, 1)), Ok(()));
+        (check, marks)
+    }
+
+    #[test]
+    fn marks_at_their_distance_are_right_both_ways_and_when_the_axis_turns_between_them() {
+        let (mut check, mut marks) = started(-4000, true);
+        for (count, toward_work) in
+            [(6000, true), (16_000, true), (16_000, false), (6000, false), (-4000, false), (-4000, true)]
+        {
+            let mark = marks.next(count, toward_work, 1);
+            assert_eq!(check.update(mark), Ok(()));
+            assert_eq!(check.update(mark), Ok(()), "the same mark seen again is no new mark");
+        }
+        assert_eq!(check.wrong(), 0);
+    }
+
+    #[test]
+    fn a_distance_is_right_up_to_the_tolerance_and_wrong_beyond_it() {
+        for (toward_work, expected) in [(true, 10_000), (false, -10_000)] {
+            for deviation in -3..=3 {
+                let (mut check, mut marks) = started(0, toward_work);
+                let measured = expected + deviation;
+                let result = check.update(marks.next(measured, toward_work, 1));
+                if deviation.abs() <= 1 {
+                    assert_eq!((result, check.wrong()), (Ok(()), 0));
+                } else {
+                    assert_eq!((result, check.wrong()), (Err(WrongDistance { expected, measured }), 1));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn coming_back_over_the_same_mark_the_distance_is_zero() {
+        let (mut check, mut marks) = started(500, true);
+        assert_eq!(check.update(marks.next(499, false, 1)), Ok(()));
+        assert_eq!(
+            check.update(marks.next(504, true, 1)),
+            Err(WrongDistance { expected: 0, measured: 5 }),
+            "counts made up while turning"
+        );
+    }
+
+    #[test]
+    fn trembling_over_a_mark_between_two_looks_is_understood_from_the_number_of_crossings() {
+        // Last look: mark at 0, left toward the work. Any number of crossings of the mark at 10 000 later:
+        for crossings in 1..8 {
+            let (mut check, mut marks) = started(0, true);
+            assert_eq!(check.update(marks.next(10_000, crossings % 2 == 1, crossings)), Ok(()));
+        }
+        // ... or of the same mark.
+        for crossings in 1..8 {
+            let (mut check, mut marks) = started(0, true);
+            assert_eq!(check.update(marks.next(0, crossings % 2 == 0, crossings)), Ok(()));
+        }
+    }
+
+    #[test]
+    fn after_a_wrong_distance_the_next_is_measured_from_the_new_mark() {
+        let (mut check, mut marks) = started(0, true);
+        assert!(check.update(marks.next(9_996, true, 1)).is_err());
+        assert_eq!(check.update(marks.next(19_996, true, 1)), Ok(()));
+        assert_eq!(check.wrong(), 1);
+    }
+
+    #[test]
+    fn a_missed_mark_is_a_wrong_distance() {
+        let (mut check, mut marks) = started(0, true);
+        let wrong = WrongDistance { expected: 10_000, measured: 20_000 };
+        assert_eq!(check.update(marks.next(20_000, true, 1)), Err(wrong));
+    }
+
+    #[test]
+    fn marks_on_both_sides_of_the_wrap_of_the_count_are_at_their_distance() {
+        let (mut check, mut marks) = started(i32::MAX - 10, true);
+        assert_eq!(check.update(marks.next((i32::MAX - 10).wrapping_add(10_000), true, 1)), Ok(()));
     }
 }

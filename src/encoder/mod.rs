@@ -13,7 +13,7 @@
 //! A count is one edge of A or B, four per encoder line; positive is toward the work, where A leads B. Raw counts wrap at
 //! 32 bits and only their differences mean anything; [`Position`] alone says where the axis is.
 //!
-//! Trouble that [R] had (sections 6.6.2 and 6.7.3) and where it is made impossible: four counts lost per trip to a
+//! Trouble that \[R\] had (sections 6.6.2 and 6.7.3) and where it is made impossible: four counts lost per trip to a
 //! divide-by-two (here every edge counts, both ways: [`quadrature`]), an unsigned count that ran away below zero
 //! ([`position`]), a frequency that stayed high at standstill ([`velocity`]).
 

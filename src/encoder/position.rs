@@ -1,7 +1,7 @@
 //! Position in signed 64-bit counts, from a raw count that wraps.
 //!
 //! Only differences of raw counts are used, so a wrap of the counter is a step like any other; 64 bits last 58 000 years at
-//! 5 Mcount/s. [R] section 6.7.3: an unsigned count that fell below zero became a huge positive one and drove the actuator
+//! 5 Mcount/s. \[R\] section 6.7.3: an unsigned count that fell below zero became a huge positive one and drove the actuator
 //! to its stop.
 
 use edm_hal_shim::encoder::RawCount;

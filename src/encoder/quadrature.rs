@@ -4,7 +4,7 @@
 //! toward the work. A *transition* between neighbours in that ring is one count. A transition to the opposite phase is
 //! *illegal*: two edges came before the first was served, or noise hit both lines. It moved by two counts one way or the
 //! other and nobody knows which, so it is counted as illegal, leaves the count alone, and the decoder goes on from the
-//! levels that are there ([L] section 3: state taken from the inputs at start, error state left for the present levels.
+//! levels that are there (\[L\] section 3: state taken from the inputs at start, error state left for the present levels.
 //! The table is derived from the ring above; the one printed there is wrong in a row).
 //!
 //! Served in time: each edge must be served before the next one. One spacing later it reads as illegal; two spacings later
@@ -92,18 +92,18 @@ impl Quadrature {
         let to = phase(levels);
         let step = step(self.phase, to);
         self.phase = to;
-        let before = self.count;
         match step {
-            0 => self.latch.level(levels.index, before),
+            0 => self.latch.stay(levels.index),
             ILLEGAL => {
                 self.illegal = self.illegal.wrapping_add(1);
                 self.latch.lose(levels.index);
             }
             _ => {
-                self.count = before.wrapping_add_signed(step);
+                let toward_work = step > 0;
+                self.latch.leave(self.count, toward_work, levels.index);
+                self.count = self.count.wrapping_add_signed(step);
                 self.last_edge = now;
-                self.toward_work = step > 0;
-                self.latch.step(levels.index, before, self.count, self.toward_work);
+                self.toward_work = toward_work;
             }
         }
     }
