@@ -42,10 +42,10 @@ macro_rules! laws {
 }
 
 laws! {
-    /// [R] 3a.
+    /// Section 6.7.1 of [R].
     FixedRate,
-    /// [R] 3b.
+    /// Section 6.7.2 of [R].
     RateByError,
-    /// [R] 3c, the default.
+    /// Section 6.7.3 of [R], the default.
     IncrementByError,
 }

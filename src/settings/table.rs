@@ -44,7 +44,7 @@ declare! {
     /// What a person sets on a head: physical units, ranges, defaults.
     pub struct Settings {
         /// How the gap voltage is averaged.
-        gap_average: Average = Average::Gated, (), "gap.average", "", "[R] section 6.4, the gated average designed there";
+        gap_average: Average = Average::Gated, (), "gap.average", "", "[R] section 6.5.1, the gated average designed there";
         /// Converter code of zero volts.
         gap_zero_code: u32 = 410, (0, 4095), "gap.zero_code", "codes", "assumed: divider with offset, docs/wiring.md";
         /// Gap voltage per converter code.
@@ -52,28 +52,28 @@ declare! {
         /// The gap leads are swapped.
         gap_reversed: bool = false, (), "gap.reversed", "", "found by the guided check";
         /// Corner of the low-pass; may be changed while eroding.
-        gap_corner: f32 = 200.0, (20.0, 2000.0), "gap.corner_hz", "Hz", "[R] section 6.4";
+        gap_corner: f32 = 200.0, (20.0, 2000.0), "gap.corner_hz", "Hz", "[R] section 6.5.3";
         /// Mains frequency that the notch takes out.
-        gap_mains: f32 = 50.0, (45.0, 65.0), "gap.mains_hz", "Hz", "[R] section 6.4: 50; 60 elsewhere";
+        gap_mains: f32 = 50.0, (45.0, 65.0), "gap.mains_hz", "Hz", "[R] section 6.5.3: 50; 60 elsewhere";
         /// Notch the second harmonic as well.
-        gap_second_harmonic: bool = false, (), "gap.second_harmonic", "", "[R] section 6.4: tried there, left out";
+        gap_second_harmonic: bool = false, (), "gap.second_harmonic", "", "[R] section 6.5.3: tried there, left out";
         /// Gap voltage below which a gated block is a short.
         gap_short: f32 = 20.0, (1.0, 200.0), "gap.short_v", "V", "assumed: half the burn voltage of [R]";
         /// Longest hold through off-time before the gate counts as missing.
         gap_hold_ms: f32 = 20.0, (1.0, 1000.0), "gap.hold_ms", "ms", "assumed: longer than the longest pulse period of [R], 1 ms";
         /// How the setpoint is given.
-        gap_setpoint_unit: SetpointUnit = SetpointUnit::Volts, (), "gap.setpoint_unit", "", "[R] ch. 2";
+        gap_setpoint_unit: SetpointUnit = SetpointUnit::Volts, (), "gap.setpoint_unit", "", "[R] section 4.4";
         /// Gap voltage to keep.
-        gap_setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] ch. 2: 40 to 60 V under good sparking";
+        gap_setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] section 4.4: 40 to 60 V while eroding steadily";
         /// Gap voltage to keep, as a share of the measured open-circuit voltage.
-        gap_setpoint_percent: f32 = 60.0, (5.0, 95.0), "gap.setpoint_percent", "%", "[R] ch. 2: 40 to 60 of 100 V";
+        gap_setpoint_percent: f32 = 60.0, (5.0, 95.0), "gap.setpoint_percent", "%", "[R] section 4.4";
         /// Lowest open-circuit voltage to start with.
         gap_open_min: f32 = 70.0, (1.0, 300.0), "gap.open_min_v", "V", "assumed: 100 V of [R] less 30 %";
 
         /// How the gap error becomes a duty.
-        structure: Structure = Structure::Path, (), "feed.structure", "", "[R] sections 6.5 to 6.7, the last one built";
+        structure: Structure = Structure::Path, (), "feed.structure", "", "[R] sections 6.6 and 6.7, the last one built";
         /// Feed law.
-        law: LawName = LawName::IncrementByError, (), "feed.law", "", "[R] section 6.7, final version";
+        law: LawName = LawName::IncrementByError, (), "feed.law", "", "[R] section 6.7.3";
         /// Path velocity of the law fixed_rate.
         fixed_rate: f32 = 20.0, (0.1, 10_000.0), "feed.fixed_rate_um_s", "um/s", "assumed";
         /// Standard velocity of the law rate_by_error.
@@ -85,7 +85,7 @@ declare! {
         /// Path velocity per volt of gap error of the law increment_by_error.
         feed_gain: f32 = 20.0, (0.01, 1000.0), "feed.gain_um_s_v", "um/s per V", "assumed: 4 Hz crossover at 1.1 V/um";
         /// Period of the law increment_by_error.
-        feed_period_ms: f32 = 1.0, (0.05, 1000.0), "feed.period_ms", "ms", "[R] section 6.7";
+        feed_period_ms: f32 = 1.0, (0.05, 1000.0), "feed.period_ms", "ms", "[R] section 6.7.3";
         /// Largest velocity toward the work under a feed law.
         feed_max: f32 = 300.0, (0.1, 10_000.0), "feed.max_um_s", "um/s", "assumed";
         /// Largest velocity away from the work under a feed law.
@@ -100,7 +100,7 @@ declare! {
         /// Derivative gain of the single loop.
         single_d: f32 = 0.0, (0.0, 0.1), "single.d", "s/V", "[R] section 7.1.2 needs one";
         /// Largest gap error that enters the integrator of the single loop.
-        single_clip: f32 = 20.0, (0.1, 300.0), "single.clip_v", "V", "[R] section 6.5";
+        single_clip: f32 = 20.0, (0.1, 300.0), "single.clip_v", "V", "[R] section 6.6.1";
 
         /// Path velocity toward the work until sparks begin.
         seek_velocity: f32 = 1000.0, (1.0, 50_000.0), "seek.velocity_um_s", "um/s", "assumed";
@@ -125,17 +125,17 @@ declare! {
         retreat_off_limit: f32 = 500.0, (500.0, 1_000_000.0), "retreat.off_limit_um", "um", "docs/architecture.md";
 
         /// Moving mass with electrode.
-        axis_mass: f32 = 0.2, (0.01, 20.0), "axis.mass_kg", "kg", "[R] section 6.3";
+        axis_mass: f32 = 0.2, (0.01, 20.0), "axis.mass_kg", "kg", "[R] section 6.1";
         /// Winding resistance.
         axis_resistance: f32 = 12.4, (0.1, 200.0), "axis.resistance_ohm", "ohm", "[R] section 7.2, measured";
         /// Force constant; the back-EMF constant in V/(m/s) is the same number.
         axis_force_constant: f32 = 7.5, (0.1, 200.0), "axis.force_constant_n_a", "N/A", "[R] section 7.2: 7 N/A and 8 V/(m/s) measured";
         /// Bus voltage.
-        axis_bus: f32 = 48.0, (5.0, 60.0), "axis.bus_v", "V", "[R] section 6.3";
+        axis_bus: f32 = 48.0, (5.0, 60.0), "axis.bus_v", "V", "[R] section 6.1";
         /// Lifting force of counterbalance or spring.
         axis_counterbalance: f32 = 2.2, (0.0, 500.0), "axis.counterbalance_n", "N", "assumed: a little over the weight, docs/wiring.md";
         /// Stroke between the stops.
-        axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.3";
+        axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.1";
         /// Largest duty.
         axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed";
         /// A positive duty moves away from the work.
@@ -154,7 +154,7 @@ declare! {
         motor_bus_min: f32 = 36.0, (3.0, 60.0), "motor.bus_min_v", "V", "assumed: three quarters of 48 V";
 
         /// Length of one encoder count.
-        encoder_count: f32 = 1.0, (0.05, 100.0), "encoder.count_um", "um", "[R] section 6.3; 0.5 and 5 exist";
+        encoder_count: f32 = 1.0, (0.05, 100.0), "encoder.count_um", "um", "[R] section 6.1; 0.5 and 5 exist";
         /// The encoder counts down when moving toward the work.
         encoder_reversed: bool = false, (), "encoder.reversed", "", "found by the guided check";
         /// Distance between index marks; a wrong one means that the encoder lost counts.
