@@ -1,1 +1,2 @@
 //! Process model and native closed loop.
+pub mod process;
