@@ -27,7 +27,7 @@ pub trait QuadratureLines {
 pub struct RawCount {
     /// Edges counted since power-up, four per encoder line, positive toward the work, wrapping.
     pub count: u32,
-    /// Clock time of the newest counted edge. A counter that cannot time its edges reports the time of the first reading
+    /// Clock time of the newest counted edge; no two edges have the same. A counter that cannot time its edges reports the time of the first reading
     /// that saw the change.
     pub last_edge: u32,
     /// The newest counted edge went toward the work. A line crossed forth and back is no distance: with the direction the

@@ -4,10 +4,11 @@
 //! distance between the lines of two edges by the time between them, so it needs no edge in every tick and no filter. Both
 //! edges are real ones; a tick border, which means nothing to the axis, is in neither.
 //!
-//! - *Which two edges.* The newest known, and the oldest one that is not more than [`WINDOW_TICKS`] older; if there is none,
-//!   the one just before. At speed this averages over four ticks (100 us of delay), which covers all edges of an encoder
-//!   line and so their unequal spacing, and divides the one count that a counter without time stamps may be off by. Below
-//!   one edge in four ticks it is the newest spacing, with no delay but that of the edge itself.
+//! - *Which two edges.* Of each tick that brings edges the newest is kept. The velocity is taken from the newest of all to
+//!   the one kept four such ticks before, unless that lies more than [`WINDOW_TICKS`] back; then to the one just before.
+//!   From 20 kcount/s this averages over four ticks (100 us of delay), from 10 to 20 kcount/s over four edges: one line of
+//!   the encoder, whose unequal spacing cancels. Slower, it is the newest spacing, with no delay but that of the edge
+//!   itself. A counter that times by the tick may be off by one count of those that four ticks bring.
 //! - *No new edge*: the next line has not been reached, so |v| is less than one count by the time since the newest edge.
 //!   The value is held down to that, and is exactly 0 after [`STANDSTILL`]. The age of the newest edge is then kept there,
 //!   so the clock may wrap as often as it likes. \[R\] section 6.6.2: a period measurement waits for the next edge and stays
@@ -33,9 +34,9 @@ use edm_hal_shim::encoder::RawCount;
 /// Longest time without an edge that is not yet a standstill: 1 count/s is still a velocity.
 pub const STANDSTILL: Seconds = Seconds(2.0);
 
-/// Time over which edges are averaged at speed, ticks. A trade: four ticks make a timer's velocity at 1 Mcount/s good to a
-/// count in 200, and turn the phase of a 200 Hz velocity loop by 7 degrees.
-pub const WINDOW_TICKS: u32 = 4;
+/// Oldest edge that a velocity still counts from when there is a newer one, ticks. Twice the four ticks of delay at speed, so
+/// that from 10 kcount/s on a whole line of the encoder is averaged.
+pub const WINDOW_TICKS: u32 = 8;
 
 /// An edge: which line was crossed, and when.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,9 +63,10 @@ pub struct Velocity {
     hz: f32,
     window: u32,
     standstill: u32,
-    reading: RawCount,
-    /// Newest edge of each reading that brought one, newest first.
-    edges: [Edge; WINDOW_TICKS as usize + 1],
+    last_edge: u32,
+    /// The edges kept, a ring.
+    edges: [Edge; 4],
+    newest: usize,
     value: f32,
 }
 
@@ -73,11 +75,11 @@ impl Velocity {
     pub fn new(first: RawCount, clock_hz: u32) -> Self {
         let mut velocity = Velocity {
             hz: clock_hz as f32,
-            // Half a tick more: the edges of the border ticks are not exactly a whole number of ticks apart.
-            window: clock_hz / TICK_HZ * WINDOW_TICKS + clock_hz / TICK_HZ / 2,
+            window: clock_hz / TICK_HZ * WINDOW_TICKS,
             standstill: (clock_hz as f32 * STANDSTILL.0) as u32,
-            reading: first,
-            edges: [Edge::newest(first); WINDOW_TICKS as usize + 1],
+            last_edge: first.last_edge,
+            edges: [Edge::newest(first); 4],
+            newest: 0,
             value: 0.0,
         };
         velocity.stand(first.now);
@@ -87,41 +89,37 @@ impl Velocity {
     /// Takes this tick's reading and returns the velocity. Ticks may be late or left out; less than 2^31 clock ticks and
     /// counts must lie between two of them.
     pub fn tick(&mut self, reading: RawCount) -> CountsPerSecond {
-        let last = core::mem::replace(&mut self.reading, reading);
-        if reading.count != last.count || reading.last_edge != last.last_edge {
+        // Counted edges have different times.
+        if reading.last_edge != self.last_edge {
+            self.last_edge = reading.last_edge;
             self.value = self.measure(Edge::newest(reading));
         } else {
-            let [newest, ..] = self.edges;
-            let age = reading.now.wrapping_sub(newest.time);
+            let age = reading.now.wrapping_sub(self.edges[self.newest % 4].time);
             if age >= self.standstill {
                 self.stand(reading.now);
             } else {
+                // Not `clamp`, which can panic.
                 let limit = self.hz / age.max(1) as f32;
-                self.value = self.value.clamp(-limit, limit);
+                self.value = self.value.min(limit).max(-limit);
             }
         }
         CountsPerSecond(self.value)
     }
 
     /// Velocity at a new edge, counts/s.
-    fn measure(&mut self, newest: Edge) -> f32 {
-        let [mut reference, older @ ..] = self.edges;
-        for edge in older {
-            if newest.since(edge) > self.window {
-                break;
-            }
-            reference = edge;
-        }
-        self.edges.rotate_right(1);
-        self.edges[0] = newest;
-        let lines = newest.line.wrapping_sub(reference.line) as i32;
-        lines as f32 * self.hz / newest.since(reference).max(1) as f32
+    fn measure(&mut self, edge: Edge) -> f32 {
+        let before = self.edges[self.newest % 4];
+        self.newest = (self.newest + 1) % 4;
+        let oldest = core::mem::replace(&mut self.edges[self.newest], edge);
+        let reference = if edge.since(oldest) <= self.window { oldest } else { before };
+        let lines = edge.line.wrapping_sub(reference.line) as i32;
+        lines as f32 * self.hz / edge.since(reference).max(1) as f32
     }
 
     /// At standstill the newest edge is as old as that takes, and the only one.
     fn stand(&mut self, now: u32) {
-        let [newest, ..] = self.edges;
-        self.edges.fill(Edge { time: now.wrapping_sub(self.standstill), ..newest });
+        let line = self.edges[self.newest % 4].line;
+        self.edges = [Edge { line, time: now.wrapping_sub(self.standstill) }; 4];
         self.value = 0.0;
     }
 }
@@ -239,8 +237,8 @@ mod tests {
     fn between_the_rates_the_error_is_what_two_edges_allow() {
         let mut v = 2.0;
         while v < 5e6 {
-            // The reference is at least three and a half ticks back, or the edge just before.
-            let spacings = (v * 3.5 / f64::from(TICK_HZ)).floor().max(1.0);
+            // Four ticks or four edges, or one edge.
+            let spacings = if v < 10_000.0 { 1.0 } else { (v * 4.0 / f64::from(TICK_HZ)).floor().max(4.0) };
             let seconds = (20.0 / v).max(0.05);
             let exact = largest(error(v, TRUE_SPACING, Stamps::Edge, seconds));
             assert!(exact <= 2e-4, "{v}: {exact}");
@@ -254,23 +252,33 @@ mod tests {
     }
 
     #[test]
+    fn from_10_kcount_per_s_on_the_unequal_spacing_of_an_encoder_line_cancels() {
+        let (_, high) = error(9_900.0, B_LATE, Stamps::Edge, 1.0);
+        assert!(high > 0.2, "{high}");
+        let (_, high) = error(10_100.0, B_LATE, Stamps::Edge, 1.0);
+        assert!(high < 1e-4, "{high}");
+    }
+
+    #[test]
     fn after_a_sudden_stop_it_is_at_most_one_count_by_the_time_since_and_exactly_zero_after_two_seconds() {
-        let mut axis = Axis::new(1e6, TRUE_SPACING, Stamps::Edge);
-        let mut velocity = Velocity::new(axis.read(0), HZ);
-        for tick in 1..100 {
-            velocity.tick(axis.read(tick * TICK));
-        }
-        let stopped = axis.read(99 * TICK);
-        for tick in 100.. {
-            let now = (tick * TICK) as u32;
-            let age = now.wrapping_sub(stopped.last_edge);
-            let value = velocity.tick(RawCount { now, ..stopped }).0;
-            if age >= 2 * HZ {
-                assert_eq!(value, 0.0);
-                break;
+        for v in [1e6, -1e6] {
+            let mut axis = Axis::new(v, TRUE_SPACING, Stamps::Edge);
+            let mut velocity = Velocity::new(axis.read(0), HZ);
+            for tick in 1..100 {
+                velocity.tick(axis.read(tick * TICK));
             }
-            let limit = HZ as f32 / age as f32;
-            assert!(value > 0.99 * limit && value <= limit, "{value} after {age} clock ticks");
+            let stopped = axis.read(99 * TICK);
+            for tick in 100.. {
+                let now = (tick * TICK) as u32;
+                let age = now.wrapping_sub(stopped.last_edge);
+                let value = velocity.tick(RawCount { now, ..stopped }).0 * v.signum() as f32;
+                if age >= 2 * HZ {
+                    assert_eq!(value, 0.0);
+                    break;
+                }
+                let limit = HZ as f32 / age as f32;
+                assert!(value > 0.99 * limit && value <= limit, "{value} after {age} clock ticks");
+            }
         }
     }
 
@@ -329,6 +337,24 @@ mod tests {
             }
             assert_eq!(velocity.tick(reading).0, 0.0);
         }
+    }
+
+    #[test]
+    fn an_axis_that_comes_to_rest_trembling_has_no_velocity_four_ticks_later() {
+        let mut axis = Axis::new(100_000.0, TRUE_SPACING, Stamps::Edge);
+        let mut velocity = Velocity::new(axis.read(0), HZ);
+        for tick in 1..100 {
+            velocity.tick(axis.read(tick * TICK));
+        }
+        // Back over the newest line and forth again in each tick: the count is always the same.
+        let mut reading = axis.read(99 * TICK);
+        let mut value = 0.0;
+        for _ in 0..5 {
+            reading.now = reading.now.wrapping_add(TICK as u32);
+            reading.last_edge = reading.now.wrapping_sub(10);
+            value = velocity.tick(reading).0;
+        }
+        assert_eq!(value, 0.0);
     }
 
     #[test]
