@@ -94,8 +94,6 @@ struct Found {
     format: u8,
     /// Place of the image in the buffer.
     len: usize,
-    /// Nothing in the way of appending.
-    sound: bool,
 }
 
 impl<F: NorFlash, P: Permit> Store<F, P> {
@@ -136,7 +134,7 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
             }
             sequence = found.sequence.wrapping_add(1);
             let record = Record { sequence, format: FORMAT, image };
-            if found.sound && self.append(found.sector, &record, buffer, permit)? {
+            if self.append(found.sector, &record, buffer, permit)? {
                 return Ok(());
             }
             sector = 1 - found.sector;
@@ -172,13 +170,9 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
             let mut view = OneSector::<F, P> { flash: &mut self.flash, base, end, last: 0, permit: None };
             let fetched = at_once(log(&mut view).fetch_item::<Record>(buffer, &()));
             return match fetched {
-                Ok(record) => Ok(record.map(|r| Found {
-                    sector,
-                    sequence: r.sequence,
-                    format: r.format,
-                    len: r.image.len(),
-                    sound: end == F::ERASE_SIZE as u32,
-                })),
+                Ok(record) => {
+                    Ok(record.map(|r| Found { sector, sequence: r.sequence, format: r.format, len: r.image.len() }))
+                }
                 // A header cut short that happens to promise more than was ever written. What lies before it is whole.
                 Err(LogError::BufferTooSmall(_)) if view.last < end => {
                     end = view.last;
