@@ -8,14 +8,12 @@
 
 mod gated;
 mod open_circuit;
+mod surrogate;
 pub mod voltage;
 
 pub use open_circuit::OpenCircuit;
-pub use voltage::Voltage;
-
-mod surrogate;
-
 pub use surrogate::{Config as SurrogateConfig, Surrogate};
+pub use voltage::Voltage;
 
 use crate::units::Volts;
 use edm_hal_shim::gap::GapBlock;
