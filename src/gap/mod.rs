@@ -2,20 +2,16 @@
 //!
 //! *Gap voltage* is the voltage between electrode and workpiece. Under good sparking its mean lies between the burn
 //! voltage and the open-circuit voltage, and falls as the gap closes because the ignition delay shortens; a short reads
-//! zero [R]. A source averages, filters and judges; it does not decide what the head does about it.
+//! zero (Roberts). A source averages, filters and judges; it does not decide what the head does about it.
 //!
 //! Another source is another file, its `mod` line and one line in [`sources!`](self).
 
 mod gated;
-mod open_circuit;
+mod surrogate;
 pub mod voltage;
 
-pub use open_circuit::OpenCircuit;
-pub use voltage::Voltage;
-
-mod surrogate;
-
 pub use surrogate::{Config as SurrogateConfig, Surrogate};
+pub use voltage::Voltage;
 
 use crate::units::Volts;
 use edm_hal_shim::gap::GapBlock;
@@ -49,7 +45,7 @@ pub struct GapReading {
     pub quality: Quality,
     /// Servo ticks for which every gated block was a short, without interruption; off-time neither adds nor ends a run
     /// but counts as time once the run has begun, up to the hold limit: a generator that suspends its pulses after
-    /// shorts [R] must not lengthen the run. Unfiltered: this is the fast path to a retreat.
+    /// shorts (Roberts) must not lengthen the run. Unfiltered: this is the fast path to a retreat.
     pub short_ticks: u32,
 }
 
@@ -66,7 +62,7 @@ pub trait GapSource {
 macro_rules! sources {
     ($($(#[$doc:meta])* $source:ident),+ $(,)?) => {
         /// The source in use.
-        #[derive(Clone, Debug)]
+        #[derive(Clone, Copy, Debug, PartialEq)]
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         pub enum Source {
             $($(#[$doc])* $source($source),)+
@@ -85,6 +81,6 @@ macro_rules! sources {
 }
 
 sources! {
-    /// Mean gap voltage [R].
+    /// Mean gap voltage, plain or gated.
     Voltage,
 }
