@@ -95,7 +95,7 @@ fn chance_alone_scatters_the_reading_by_the_published_floor() {
 fn the_gated_mean_is_that_of_the_pulses_at_any_on_time() {
     for (hz, on_share) in [(1_000.0, 0.5), (5_000.0, 0.5), (5_000.0, 0.2), (20_000.0, 0.5), (40_000.0, 0.8)] {
         let mut pulses = Pulses::new(hz, on_share, 0.25, 11);
-        let (mean, _) = mean_and_rms(&filtered(Config::default(), 20.0, |t| pulses.at(t)));
+        let (mean, _) = mean_and_rms(&filtered(Config::default(), 10.0, |t| pulses.at(t)));
         let truth = pulses.truth.0 / pulses.truth.1;
         assert!((mean - truth).abs() < 0.5, "{hz} Hz, on-time {on_share}: mean {mean} V instead of {truth} V");
     }

@@ -2,6 +2,7 @@
 
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_servo_head::dsp::chain;
+use edm_servo_head::dsp::decimate::Good;
 use edm_servo_head::gap::voltage::{Average, Config, Polarity};
 use edm_servo_head::gap::{GapReading, GapSource, Quality, Source, Voltage};
 use edm_servo_head::units::{Hertz, Seconds, Volts};
@@ -17,8 +18,8 @@ fn source(config: Config) -> Voltage {
 
 /// A block whose gated conversions read `volts` and whose others read 0 V, on the default front end.
 fn block(volts: f32, gate: u32) -> GapBlock {
-    let zero = 2048;
-    let on = (f32::from(zero) + volts / 0.15).round() as u16;
+    let zero = Config::default().zero_code;
+    let on = (f32::from(zero) + volts / Config::default().volts_per_code).round() as u16;
     GapBlock { codes: std::array::from_fn(|i| if gate >> i & 1 == 1 { on } else { zero }), gate }
 }
 
@@ -42,9 +43,9 @@ fn the_list_of_sources_reads_like_its_members() {
 
 #[test]
 fn a_constant_voltage_reads_as_itself_with_either_polarity() {
-    for (polarity, sign) in [(Polarity::Positive, 1.0), (Polarity::Negative, -1.0)] {
-        let mut source = source(Config { polarity, ..Config::default() });
-        let reading = run(&mut source, Some(block(sign * 60.0, GapBlock::ALL)), SETTLED);
+    for (polarity, code) in [(Polarity::Positive, 2600), (Polarity::Negative, 1400)] {
+        let mut source = source(Config { polarity, zero_code: 2000, ..Config::default() });
+        let reading = run(&mut source, Some(GapBlock { codes: [code; BLOCK], gate: GapBlock::ALL }), SETTLED);
         assert_near(reading.filtered, 60.0, 0.001);
         assert_near(reading.block, 60.0, 0.001);
         assert_eq!(reading.quality, Quality::Valid);
@@ -57,15 +58,14 @@ fn at_half_on_time_the_plain_average_reads_half_and_the_gated_one_all() {
     for (average, volts) in [(Average::Plain, 50.0), (Average::Gated, 100.0)] {
         let mut source = source(Config { average, ..Config::default() });
         let readings = [on, off].into_iter().cycle().take(SETTLED).map(|block| source.update(Some(&block)));
-        // Half a code.
-        assert_near(readings.last().unwrap().filtered, volts, 0.075);
+        assert_near(readings.last().unwrap().filtered, volts, 0.05);
     }
 }
 
 #[test]
 fn a_conversion_that_straddles_an_edge_is_not_part_of_the_gated_average() {
     let mut straddled = block(100.0, 0xFFFF);
-    straddled.codes[15] = 2048 + 100;
+    straddled.codes[15] = 500;
     straddled.gate &= !(1 << 15);
     let reading = run(&mut source(Config::default()), Some(straddled), SETTLED);
     assert_near(reading.filtered, 100.0, 0.1);
@@ -89,7 +89,7 @@ fn a_reset_takes_effect_at_once_stays_within_the_converter_and_ignores_what_is_n
     assert_near(source.update(None).filtered, 40.0, 1e-3);
     assert_near(source.update(Some(&block(40.0, 0))).block, 40.0, 1e-3);
     source.reset_to(Volts(f32::INFINITY));
-    assert_near(source.update(None).filtered, 4095.0 * 0.15, 0.01);
+    assert_near(source.update(None).filtered, 409.5, 0.01);
 }
 
 #[test]
@@ -188,7 +188,7 @@ fn clipping_in_off_time_spoils_only_the_plain_average() {
 
 #[test]
 fn swapped_leads_are_told_from_noise_around_zero() {
-    for (volts, quality) in [(-19.8, Quality::Valid), (-20.25, Quality::Reversed), (-100.0, Quality::Reversed)] {
+    for (volts, quality) in [(-19.9, Quality::Valid), (-20.1, Quality::Reversed), (-100.0, Quality::Reversed)] {
         let reading = run(&mut source(Config::default()), Some(block(volts, GapBlock::ALL)), 100);
         assert_eq!(reading.quality, quality, "{volts} V");
     }
@@ -199,8 +199,8 @@ fn other_settings_move_the_reading_smoothly_from_where_it_is() {
     let before = Config::default();
     let filter = |corner| chain::Config { corner: Hertz(corner), ..chain::Config::default() };
     let cases = [
-        (Config { volts_per_code: 0.1, ..before }, 40.0),
-        (Config { zero_code: 2148, ..before }, 45.0),
+        (Config { volts_per_code: 0.05, ..before }, 30.0),
+        (Config { zero_code: 510, ..before }, 50.0),
         (Config { polarity: Polarity::Negative, ..before }, -60.0),
         (Config { average: Average::Plain, ..before }, 60.0 * 16.0 / 25.0),
         (Config { filter: filter(20.0), ..before }, 60.0),
@@ -223,9 +223,9 @@ fn a_setting_out_of_range_is_named() {
         (Config { volts_per_code: 0.0, ..ok }, "volts per code"),
         (Config { volts_per_code: f32::NAN, ..ok }, "volts per code"),
         (Config { zero_code: 4095, ..ok }, "code at 0 V"),
-        (Config { good_min: 2049, ..ok }, "code at 0 V"),
-        (Config { good_max: 4096, ..ok }, "highest good code"),
-        (Config { good_min: 3000, good_max: 2500, ..ok }, "lowest good code"),
+        (Config { good: Good { lowest: 411, highest: 4094 }, ..ok }, "code at 0 V"),
+        (Config { good: Good { lowest: 1, highest: 4096 }, ..ok }, "highest good code"),
+        (Config { good: Good { lowest: 3000, highest: 2500 }, ..ok }, "lowest good code"),
         (Config { short: Volts(0.5), ..ok }, "short threshold (V)"),
         (Config { reversed: Volts(f32::INFINITY), ..ok }, "reversed threshold (V)"),
         (Config { hold_limit: Seconds(0.0), ..ok }, "hold limit (s)"),
@@ -237,7 +237,8 @@ fn a_setting_out_of_range_is_named() {
     for (config, name) in bad {
         assert_eq!(config.build().unwrap_err().name, name);
     }
-    assert!(Config { zero_code: 0, good_min: 0, ..ok }.build().is_ok(), "a front end that reads 0 V as code 0");
+    let reads_0_v_as_0 = Config { zero_code: 0, good: Good { lowest: 0, highest: 4094 }, ..ok };
+    assert!(reads_0_v_as_0.build().is_ok());
 }
 
 #[derive(Clone, Debug)]

@@ -122,7 +122,7 @@ impl State {
         self.low = low;
     }
 
-    /// Ends the tick of a notch, whose frequency and Q are such that a plain sum stops within 0.008/Q codes.
+    /// Ends the tick of a notch, whose frequency and Q are such that a plain sum stops within 0.01/Q codes.
     #[inline]
     pub fn commit_notch(&mut self, r: &Response) {
         self.band = r.band + r.band_rise;

@@ -1,11 +1,11 @@
 //! Gated average: the gap voltage during on-time, carried through off-time.
 //!
-//! [R] proposes to sample only while the generator's switch is on and to hold through off-time. What is held decides
-//! whether the average is right: every pulse that ignites ends at the burn voltage, and every pulse starts at open
-//! circuit, so to hold the last conversions, or to count a block with few of them like a full one, shifts the average by
-//! about 2 V either way at 80 % on-time and adds a fifth to its scatter (simulated). Held here is the mean of the on-time
-//! that has just ended, and each off-time conversion of a block counts as one at that mean. A block with few gated
-//! conversions then says little, wherever the edges of the pulses fall.
+//! Roberts (section 6.5.1) proposes to sample only while the generator's switch is on and to hold through off-time. What
+//! is held decides whether the average is right. Every pulse starts at open circuit, and every pulse that ignites ends at
+//! the burn voltage: to hold the last conversions, or to count a block with few of them like a full one, shifts the
+//! average by about 2 V either way at 80 % on-time and adds a fifth to its scatter (simulated). Held here is the mean of
+//! the on-time that has just ended, and each off-time conversion of a block counts as one at that mean. A block with few
+//! gated conversions then says little, wherever the edges of the pulses fall.
 
 use crate::dsp::decimate::Tally;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
@@ -17,7 +17,7 @@ pub(super) const PER_BLOCK: f32 = 1.0 / BLOCK as f32;
 const LONGEST: u32 = 10_000;
 
 /// Values are codes above zero volts.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(super) struct Gated {
     /// Sum over the on-time in progress.
@@ -77,7 +77,10 @@ impl Gated {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::dsp::decimate::Good;
     use std::vec::Vec;
+
+    const GOOD: Good = Good { lowest: 0, highest: 4095 };
 
     /// Averages of blocks cut from a long record of codes, `None` for off-time; zero volts is code 0.
     fn averages(record: &[Option<u16>]) -> Vec<Option<f32>> {
@@ -89,7 +92,7 @@ mod tests {
                 codes[i] = code.unwrap_or(0);
                 gate |= u32::from(code.is_some()) << i;
             }
-            let tally = Tally::of(&codes, gate, &(0..=4095));
+            let tally = Tally::of(&codes, gate, GOOD);
             gated.block(&tally, gate, tally.above(0))
         };
         record.chunks_exact(BLOCK).map(average).collect()
@@ -134,7 +137,7 @@ mod tests {
     fn a_gate_that_never_closes_keeps_its_sums_bounded() {
         let mut gated = Gated::default();
         let codes = [u16::MAX; BLOCK];
-        let tally = Tally::of(&codes, GapBlock::ALL, &(0..=4095));
+        let tally = Tally::of(&codes, GapBlock::ALL, GOOD);
         for _ in 0..100_000 {
             assert_eq!(gated.block(&tally, GapBlock::ALL, tally.above(0)), Some(65_535.0));
             assert!(gated.count < LONGEST && gated.sum < i32::MAX / 2);

@@ -2,7 +2,7 @@
 //!
 //! *Gap voltage* is the voltage between electrode and workpiece. Under good sparking its mean lies between the burn
 //! voltage and the open-circuit voltage, and falls as the gap closes because the ignition delay shortens; a short reads
-//! zero [R]. A source averages, filters and judges; it does not decide what the head does about it.
+//! zero (Roberts). A source averages, filters and judges; it does not decide what the head does about it.
 //!
 //! Another source is another file, its `mod` line and one line in [`sources!`](self).
 
@@ -47,7 +47,7 @@ pub struct GapReading {
     pub quality: Quality,
     /// Servo ticks for which every gated block was a short, without interruption; off-time neither adds nor ends a run
     /// but counts as time once the run has begun, up to the hold limit: a generator that suspends its pulses after
-    /// shorts [R] must not lengthen the run. Unfiltered: this is the fast path to a retreat.
+    /// shorts (Roberts) must not lengthen the run. Unfiltered: this is the fast path to a retreat.
     pub short_ticks: u32,
 }
 
@@ -64,7 +64,7 @@ pub trait GapSource {
 macro_rules! sources {
     ($($(#[$doc:meta])* $source:ident),+ $(,)?) => {
         /// The source in use.
-        #[derive(Clone, Debug)]
+        #[derive(Clone, Copy, Debug, PartialEq)]
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         pub enum Source {
             $($(#[$doc])* $source($source),)+
@@ -83,6 +83,6 @@ macro_rules! sources {
 }
 
 sources! {
-    /// Mean gap voltage [R].
+    /// Mean gap voltage, plain or gated.
     Voltage,
 }

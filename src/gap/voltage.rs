@@ -1,4 +1,4 @@
-//! Mean gap voltage, plain or gated ([R] 6.5).
+//! Mean gap voltage, plain or gated (Roberts section 6.5).
 //!
 //! Block of conversions -> mean above zero volts -> low-pass and notch -> volts. *Plain* averages every conversion, so
 //! off-time drags it down: at 50 % on-time and 100 V it cannot exceed 50 V. *Gated* averages on-time only
@@ -10,10 +10,9 @@
 
 use super::gated::{Gated, PER_BLOCK};
 use super::{GapReading, GapSource, Quality};
-use crate::dsp::decimate::Tally;
+use crate::dsp::decimate::{Good, Tally};
 use crate::dsp::{OutOfRange, chain, in_range};
 use crate::units::{ADC_FULL_SCALE, Seconds, Volts};
-use core::ops::RangeInclusive;
 use edm_hal_shim::gap::GapBlock;
 
 /// Which conversions the average is made of.
@@ -42,7 +41,7 @@ pub enum Polarity {
 pub struct Config {
     /// Which conversions are averaged.
     pub average: Average,
-    /// Code at 0 V, within `good_min..=good_max`.
+    /// Code at 0 V, one of the `good` ones.
     pub zero_code: u16,
     /// Volts per code, 0.001..=1.
     pub volts_per_code: f32,
@@ -59,29 +58,26 @@ pub struct Config {
     pub hold_limit: Seconds,
     /// A filtered voltage of the wrong sign and larger than this means swapped leads, 1..=300 V.
     pub reversed: Volts,
-    /// Lowest code that is not clipped; 0 for a front end that reads 0 V as code 0.
-    pub good_min: u16,
-    /// Highest code that is not clipped.
-    pub good_max: u16,
+    /// Codes that are not clipped, within 0..=4095; from 0 on for a front end that reads 0 V as code 0.
+    pub good: Good,
     /// Share of the averaged conversions that have to be clipped for the block to count as saturated, 0.04..=1.
     pub clipped_share: f32,
 }
 
-/// Assumed: a divider that centres +-307 V in 12 bits, a burn voltage around 40 V [R].
+/// Assumed: a divider that reads -41 to 368 V; half the burn voltage of Roberts, about 40 V, for the thresholds.
 impl Default for Config {
     fn default() -> Self {
         Self {
             average: Average::Gated,
-            zero_code: 2048,
-            volts_per_code: 0.15,
+            zero_code: 410,
+            volts_per_code: 0.1,
             polarity: Polarity::Positive,
             filter: chain::Config::default(),
-            short: Volts(15.0),
+            short: Volts(20.0),
             min_gated: 3,
             hold_limit: Seconds(0.02),
             reversed: Volts(20.0),
-            good_min: 1,
-            good_max: ADC_FULL_SCALE - 1,
+            good: Good { lowest: 1, highest: ADC_FULL_SCALE - 1 },
             clipped_share: 0.2,
         }
     }
@@ -90,10 +86,9 @@ impl Default for Config {
 impl Config {
     /// Computes what the ticks need, or names the parameter that is out of range.
     pub fn build(&self) -> Result<Active, OutOfRange> {
-        let full = f32::from(ADC_FULL_SCALE);
-        let good_max = in_range("highest good code", self.good_max.into(), 1.0, full)?;
-        let good_min = in_range("lowest good code", self.good_min.into(), 0.0, good_max)?;
-        in_range("code at 0 V", self.zero_code.into(), good_min, good_max)?;
+        let highest = in_range("highest good code", self.good.highest.into(), 1.0, ADC_FULL_SCALE.into())?;
+        let lowest = in_range("lowest good code", self.good.lowest.into(), 0.0, highest)?;
+        in_range("code at 0 V", self.zero_code.into(), lowest, highest)?;
         let volts_per_code = in_range("volts per code", self.volts_per_code, 0.001, 1.0)?;
         let short = in_range("short threshold (V)", self.short.0, 1.0, 300.0)?;
         Ok(Active {
@@ -108,14 +103,14 @@ impl Config {
             min_gated: in_range("fewest gated conversions", self.min_gated as f32, 1.0, 25.0)? as u32,
             hold_limit: Seconds(in_range("hold limit (s)", self.hold_limit.0, 0.001, 10.0)?).ticks(),
             reversed: Volts(-in_range("reversed threshold (V)", self.reversed.0, 1.0, 300.0)?),
-            good: self.good_min..=self.good_max,
+            good: self.good,
             clipped_share: in_range("clipped share", self.clipped_share, 0.04, 1.0)?,
         })
     }
 }
 
 /// What the ticks run on.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Active {
     average: Average,
@@ -130,12 +125,12 @@ pub struct Active {
     hold_limit: u32,
     /// Negative.
     reversed: Volts,
-    good: RangeInclusive<u16>,
+    good: Good,
     clipped_share: f32,
 }
 
 /// The source: [`Config::build`] makes what it runs on.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Voltage {
     active: Active,
@@ -175,13 +170,13 @@ impl Voltage {
     #[inline]
     fn take(&mut self, block: &GapBlock) -> (Option<bool>, bool) {
         let active = &self.active;
-        let on = Tally::of(&block.codes, block.gate, &active.good);
+        let on = Tally::of(&block.codes, block.gate, active.good);
         let above = on.above(active.zero_code);
         let gated = self.gated.block(&on, block.gate, above);
         let (sample, used) = match active.average {
             Average::Gated => (gated, on),
             Average::Plain => {
-                let all = Tally::of(&block.codes, GapBlock::ALL, &active.good);
+                let all = Tally::of(&block.codes, GapBlock::ALL, active.good);
                 (Some(all.above(active.zero_code) as f32 * PER_BLOCK), all)
             }
         };
