@@ -1,1 +1,27 @@
-//! Process model and native closed loop.
+//! Process model and native closed loop: the control core bores a hole on a PC.
+//!
+//! | room | responsible for |
+//! | --- | --- |
+//! | [`machine`] | the closed loop: head, process and time |
+//! | [`run`] | what passes between the command line and the machine |
+//! | [`scenario`] | named sets of values for process and head |
+//! | [`observe`] | one sample a tick, fanned out to figures, trace and plot |
+//! | [`statistics`] | the figures by which control is judged |
+//! | [`report`] | the run in JSON and in words |
+//! | [`trace`], [`plot`] | the run as a table and as a picture |
+//! | [`output`] | files that appear complete or not at all |
+//! | [`cli`] | commands, checks, progress |
+//! | [`bench`](mod@bench) | speed and memory, relative to a calibration loop |
+
+pub mod bench;
+pub mod cli;
+pub mod machine;
+pub mod observe;
+pub mod output;
+pub mod plot;
+pub mod progress;
+pub mod report;
+pub mod run;
+pub mod scenario;
+pub mod statistics;
+pub mod trace;
