@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn the_close_up_is_undisturbed() {
-        let disturbed = |i: u32| if i % 800 == 0 { Phase::Retreating } else { Phase::Eroding };
+        let disturbed = |i: u32| if i.is_multiple_of(800) { Phase::Retreating } else { Phase::Eroding };
         assert_eq!(close_up(20_000, disturbed), None);
         let (at, _) = close_up(5000, |i| if i == 2500 { Phase::Retreating } else { Phase::Eroding }).unwrap();
         assert_eq!(at, 2.501);
