@@ -13,6 +13,7 @@
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
 //! | [`output`] | files that appear complete or not at all |
 //! | [`cli`] | commands, checks, progress |
+//! | [`sweep`] | every scenario with many seeds, against the bounds |
 //! | [`bench`](mod@bench) | speed and memory, relative to a calibration loop |
 
 pub mod bench;
@@ -28,4 +29,5 @@ pub mod report;
 pub mod run;
 pub mod scenario;
 pub mod statistics;
+pub mod sweep;
 pub mod trace;
