@@ -17,3 +17,5 @@ pub mod gap;
 pub mod generator;
 pub mod safety;
 pub mod storage;
+pub mod store;
+pub mod timing;

@@ -2,7 +2,9 @@
 //!
 //! | room | responsible for |
 //! | --- | --- |
-//! | [`machine`] | the closed loop: head, process and time |
+//! | [`process`] | machine and process: what the head's wires are connected to |
+//! | [`machine`] | the closed loop, tick by tick |
+//! | [`bore`](mod@bore) | a hole, from rest to depth or to the reason why not |
 //! | [`run`] | what passes between the command line and the machine |
 //! | [`scenario`] | named sets of values for process and head |
 //! | [`observe`] | one sample a tick, fanned out to figures, trace and plot |
@@ -14,11 +16,13 @@
 //! | [`bench`](mod@bench) | speed and memory, relative to a calibration loop |
 
 pub mod bench;
+pub mod bore;
 pub mod cli;
 pub mod machine;
 pub mod observe;
 pub mod output;
 pub mod plot;
+pub mod process;
 pub mod progress;
 pub mod report;
 pub mod run;

@@ -3,7 +3,8 @@
 //! The command line hands over a [`Job`] that has been checked; the machine hands back one [`Sample`] a servo tick, a
 //! [`Progress`] now and then, and an [`Outcome`]. All values are the model's truth unless they say otherwise.
 
-use crate::machine::Setup;
+use crate::bore::Setup;
+use crate::process::Pulses;
 
 /// A run that was checked and may start.
 #[derive(Clone, Debug)]
@@ -67,31 +68,6 @@ pub struct Progress {
     pub depth_mm: f64,
     /// State of the head.
     pub state: &'static str,
-}
-
-/// Generator pulses by what became of them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Pulses {
-    /// Never ignited.
-    pub open: u64,
-    /// Ignited after a delay: these remove material.
-    pub spark: u64,
-    /// Ignited at the spot of the pulse before, without delay.
-    pub arc: u64,
-    /// Electrode and work touched, or debris bridged the gap.
-    pub short: u64,
-}
-
-impl Pulses {
-    /// All of them.
-    pub fn total(&self) -> u64 {
-        self.open + self.spark + self.arc + self.short
-    }
-
-    /// Sparks and arcs.
-    pub fn discharges(&self) -> u64 {
-        self.spark + self.arc
-    }
 }
 
 /// A fault, when it was raised.

@@ -10,7 +10,7 @@ use clap::Args;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Makes a run: [`crate::machine::bore`], or in tests a machine with a known outcome.
+/// Makes a run: [`crate::bore::bore`], or in tests a machine with a known outcome.
 pub trait Run: Fn(&Job, &mut Recorder, &mut dyn FnMut(&Progress)) -> Result<Outcome, String> {}
 
 impl<F: Fn(&Job, &mut Recorder, &mut dyn FnMut(&Progress)) -> Result<Outcome, String>> Run for F {}

@@ -1,7 +1,7 @@
 //! What a run is made from: options that bore and bench share.
 
 use super::Failure;
-use crate::machine::{self, Setup};
+use crate::bore::{self, Setup};
 use crate::run::Job;
 use clap::Args;
 
@@ -36,8 +36,8 @@ impl Inputs {
         for assignment in &self.set {
             setup.set(assignment).map_err(|message| format!("--set {message}"))?;
         }
-        machine::check(&setup).map_err(|error| setup.refusal(error))?;
-        let range = machine::depth_range_mm(&setup);
+        bore::check(&setup).map_err(|error| setup.refusal(error))?;
+        let range = bore::depth_range_mm(&setup);
         let depth = self.depth_mm.trim().parse().ok().filter(|depth: &f64| range.contains(depth));
         let depth_mm = depth.ok_or_else(|| {
             format!("--depth-mm {}: must be a number from {} to {} mm", self.depth_mm, range.start(), range.end())

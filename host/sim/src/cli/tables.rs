@@ -1,9 +1,10 @@
 //! Lists of what can be chosen: `edm-sim scenarios`, `edm-sim settings`.
 
 use super::Failure;
-use crate::machine::{Head, Process, Setup};
+use crate::bore::Setup;
+use crate::process::Parameters;
 use crate::scenario::{BUILT_IN, typed};
-use edm_servo_head::settings::{Declared, Field, Kind};
+use edm_servo_head::settings::{Declared, Field, Kind, Settings};
 
 /// Names and one-line descriptions.
 pub fn scenarios() -> Result<String, Failure> {
@@ -21,7 +22,7 @@ pub fn scenarios() -> Result<String, Failure> {
 /// Every key with unit, default, range, meaning and source; one line each, so that `grep` finds it whole.
 pub fn settings() -> String {
     let mut rows = vec![["KEY", "DEFAULT", "UNIT", "ALLOWED", "MEANING [SOURCE]"].map(String::from)];
-    for (table, fields) in [("process", rows_of::<Process>()), ("head", rows_of::<Head>())] {
+    for (table, fields) in [("process", rows_of::<Parameters>()), ("head", rows_of::<Settings>())] {
         rows.push([format!("[{table}]"), String::new(), String::new(), String::new(), String::new()]);
         rows.extend(fields);
     }
@@ -61,21 +62,21 @@ mod tests {
     #[test]
     fn no_key_is_declared_twice() {
         let mut seen = BTreeSet::new();
-        for field in Process::FIELDS.iter().chain(Head::FIELDS) {
+        for field in Parameters::FIELDS.iter().chain(Settings::FIELDS) {
             assert!(seen.insert(field.key), "{}", field.key);
         }
     }
 
     #[test]
     fn every_default_lies_within_its_limits() {
-        assert_eq!(Process::default().check(), Ok(()));
-        assert_eq!(Head::default().check(), Ok(()));
+        assert_eq!(Parameters::default().check(), Ok(()));
+        assert_eq!(Settings::default().check(), Ok(()));
     }
 
     #[test]
     fn every_setting_has_one_line_with_all_that_is_known_of_it() {
         let table = settings();
-        for field in Process::FIELDS.iter().chain(Head::FIELDS) {
+        for field in Parameters::FIELDS.iter().chain(Settings::FIELDS) {
             let lines: Vec<&str> = table.lines().filter(|line| line.split(' ').next() == Some(field.key)).collect();
             assert_eq!(lines.len(), 1, "{}", field.key);
             for part in [field.unit, &allowed(field), field.source] {
@@ -88,7 +89,7 @@ mod tests {
     fn every_scenario_that_comes_along_can_be_run() {
         for (name, text) in BUILT_IN {
             let setup = Setup::parse(name, text).unwrap();
-            assert_eq!(crate::machine::check(&setup), Ok(()), "{name}");
+            assert_eq!(crate::bore::check(&setup), Ok(()), "{name}");
         }
         assert_eq!(scenarios().unwrap().lines().count(), BUILT_IN.len());
     }

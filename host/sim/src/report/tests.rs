@@ -1,6 +1,6 @@
 use super::*;
-use crate::machine::Setup;
-use crate::run::Pulses;
+use crate::bore::Setup;
+use crate::process::Pulses;
 use crate::statistics;
 
 fn job() -> Job {
