@@ -54,15 +54,23 @@ pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&P
     // The virtual head's guided check counts as passed: it needs an axis without a workpiece.
     let settings = Settings { commissioned: true, ..setup.head };
     let refused = |error| setup.refusal(error);
-    let mut machine = Machine::new(&setup.process, &settings, job.seed).map_err(refused)?;
+    let first_surface_um = f64::from(setup.process.surface) * 1e3;
+    let mut parameters = setup.process;
     if job.surrogate {
-        machine.run_dry(&settings, job.seed);
+        // The dry loop is run without a workpiece: it lies at the very end of the stroke.
+        parameters.surface = parameters.stroke * 0.999;
+    }
+    let mut machine = Machine::new(&parameters, &settings, job.seed).map_err(refused)?;
+    if job.surrogate {
+        machine.run_dry(&settings, first_surface_um, job.seed);
     }
     for _ in 0..REST {
         machine.tick();
     }
-    let first_surface_um = machine.process.truth().first_surface_um;
-    let target = Nanometres(((first_surface_um + job.depth_mm * 1e3) * 1e3).round() as i64);
+    // Home is where the head rests: not quite the stop's zero, because the stop gives way.
+    let home = machine.process.truth().count;
+    let home_um = home as f64 * f64::from(setup.process.count);
+    let target = Nanometres(((first_surface_um + job.depth_mm * 1e3 - home_um) * 1e3).round() as i64);
     for command in [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(target), Command::Start] {
         machine.command(command)?;
     }
@@ -75,7 +83,7 @@ pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&P
     let state = loop {
         machine.tick();
         tick += 1;
-        let sample = sample(&machine);
+        let sample = sample(&machine, home_um);
         observer.sample(&sample);
         let state = machine.head.status().state;
         while let Some(change) = machine.head.next_change() {
@@ -113,22 +121,26 @@ pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&P
         sim_time_s: truth.t_s,
         shot_floor_rms_v,
         pulses: truth.pulses,
-        lost_counts: machine.head.status().position.abs_diff(truth.count),
+        lost_counts: machine.head.status().position.abs_diff(truth.count - home),
         illegal_transitions: machine.head.status().illegal_transitions.into(),
         faults,
     })
 }
 
-fn sample(machine: &Machine) -> Sample {
+fn sample(machine: &Machine, home_um: f64) -> Sample {
     let truth = machine.process.truth();
     let status = machine.head.status();
+    let (surface_um, gap_um) = match machine.imagined_surface_um() {
+        Some(surface_um) => (surface_um, surface_um - truth.position_um),
+        None => (truth.surface_um, truth.gap_um),
+    };
     Sample {
         t_s: truth.t_s,
         position_um: truth.position_um,
-        setpoint_um: f64::from(status.setpoint.to_f32()),
+        setpoint_um: home_um + f64::from(status.setpoint.to_f32()),
         velocity_um_s: truth.velocity_um_s,
-        surface_um: truth.surface_um,
-        gap_um: truth.gap_um,
+        surface_um,
+        gap_um,
         gap_v: status.gap.block.0,
         filtered_v: status.gap.filtered.0,
         setpoint_v: status.gap_setpoint.0,
