@@ -51,7 +51,7 @@ impl Machine {
         })
     }
 
-    /// Replaces the gap signal by position, noise and imagined erosion ([R] section 6.8): the dry loop. The imagined
+    /// Replaces the gap signal by position, noise and imagined erosion (Roberts, section 6.8): the dry loop. The imagined
     /// surface begins at `surface_um`; no real one should be in the way. The generator is off.
     pub fn run_dry(&mut self, settings: &Settings, surface_um: f64, seed: u64) {
         let config = SurrogateConfig {
