@@ -8,6 +8,9 @@ use edm_servo_head::head::{Command, Fault, Head, Supervisor, TickInput, TickOutp
 use edm_servo_head::settings::{SettingError, Settings};
 use edm_servo_head::units::{Fixed, MicrometresPerSecond, Volts};
 
+/// Gap that counts as right in the dry loop, um.
+const DRY_GAP_UM: f64 = 40.0;
+
 /// Where the head's gap reading comes from.
 enum Gap {
     /// The converter, as on the machine.
@@ -48,9 +51,9 @@ impl Machine {
         })
     }
 
-    /// Replaces the gap signal by position, noise and imagined erosion ([R] section 6.8): the dry loop.
-    pub fn run_dry(&mut self, settings: &Settings, seed: u64) {
-        let surface = self.process.truth().first_surface_um;
+    /// Replaces the gap signal by position, noise and imagined erosion (Roberts, section 6.8): the dry loop. The imagined
+    /// surface begins at `surface_um`; no real one should be in the way. The generator is off.
+    pub fn run_dry(&mut self, settings: &Settings, surface_um: f64, seed: u64) {
         let config = SurrogateConfig {
             setpoint: Volts(settings.gap_setpoint),
             open: Volts(100.0),
@@ -59,9 +62,18 @@ impl Machine {
             worsening: 0.5,
             noise: Volts(0.5),
         };
-        // The gap is right 40 um above the surface, so that the seek comes from an open gap.
-        let right = Fixed::whole(surface as i64 - 40);
+        // The gap is right some way above the surface, so that the seek comes from an open gap.
+        let right = Fixed::whole((surface_um - DRY_GAP_UM) as i64);
         self.gap = Gap::Surrogate(Box::new((Surrogate::new(right, seed as u32), config)));
+        self.process.mishaps.generator_dead = true;
+    }
+
+    /// Where the imagined surface of the dry loop has got to, um; `None` with a real gap.
+    pub fn imagined_surface_um(&self) -> Option<f64> {
+        match &self.gap {
+            Gap::Voltage(_) => None,
+            Gap::Surrogate(dry) => Some(f64::from(dry.0.surface().0) + DRY_GAP_UM),
+        }
     }
 
     /// One servo tick: the process goes on for 50 us, then the head looks and decides. Gives a fault that supervision

@@ -4,7 +4,8 @@
 use clap::Parser;
 use edm_sim::cli::{Bore, Failure};
 use edm_sim::observe::Recorder;
-use edm_sim::run::{FaultEvent, Job, Observer, Outcome, Progress, Pulses, Sample};
+use edm_sim::process::Pulses;
+use edm_sim::run::{FaultEvent, Job, Observer, Outcome, Progress, Sample};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use std::fs;

@@ -44,8 +44,9 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Bore a blind hole
-    ///
-    /// Ends with 0 when the hole is bored, 1 when it is not or an output could not be written, 2 when the input was bad.
+    #[command(
+        after_help = "Exit code: 0 hole bored; 1 not bored, or an output failed; 2 bad input, nothing was written."
+    )]
     Bore(Bore),
     /// List the scenarios that come with the program
     Scenarios,

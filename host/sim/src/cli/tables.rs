@@ -21,7 +21,7 @@ pub fn scenarios() -> Result<String, Failure> {
 
 /// Every key with unit, default, range, meaning and source; one line each, so that `grep` finds it whole.
 pub fn settings() -> String {
-    let mut rows = vec![["KEY", "DEFAULT", "UNIT", "ALLOWED", "MEANING [SOURCE]"].map(String::from)];
+    let mut rows = vec![["KEY", "DEFAULT", "UNIT", "ALLOWED", "MEANING (SOURCE)"].map(String::from)];
     for (table, fields) in [("process", rows_of::<Parameters>()), ("head", rows_of::<Settings>())] {
         rows.push([format!("[{table}]"), String::new(), String::new(), String::new(), String::new()]);
         rows.extend(fields);
@@ -30,7 +30,7 @@ pub fn settings() -> String {
     let [key, default, unit, allowed] = [0, 1, 2, 3].map(width);
     rows.iter()
         .map(|[k, d, u, a, m]| {
-            format!("{k:<key$}  {d:>default$}  {u:<unit$}  {a:<allowed$}  {m}").trim_end().to_owned() + "\n"
+            format!("{k:<key$}  {d:<default$}  {u:<unit$}  {a:<allowed$}  {m}").trim_end().to_owned() + "\n"
         })
         .collect()
 }
@@ -40,7 +40,7 @@ fn rows_of<D: Declared + Default>() -> Vec<[String; 5]> {
     let row = |(index, field): (usize, &Field)| {
         let value = defaults.get(index).map(|value| typed(value, field)).unwrap_or_default();
         let meaning = field.doc.split_whitespace().collect::<Vec<_>>().join(" ");
-        [field.key.into(), value, field.unit.into(), allowed(field), format!("{meaning} [{}]", field.source)]
+        [field.key.into(), value, field.unit.into(), allowed(field), format!("{meaning} ({})", field.source)]
     };
     D::FIELDS.iter().enumerate().map(row).collect()
 }

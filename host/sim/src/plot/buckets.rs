@@ -56,7 +56,7 @@ impl Bucket {
             gap_um: span(self.gap_um, later.gap_um),
             gap_v: span(self.gap_v, later.gap_v),
             filtered_v: span(self.filtered_v, later.filtered_v),
-            setpoint_v: mean(self.setpoint_v, later.setpoint_v),
+            setpoint_v: later.setpoint_v,
             duty: span(self.duty, later.duty),
             share,
         }

@@ -1,7 +1,7 @@
 //! The run as a picture: SVG, the whole run on the left, one second of eroding on the right.
 //!
 //! Four panels share the time: depth, gap voltage, gap, duty. Time that is not eroding is shaded. What is drawn is
-//! gathered while the run goes on, in memory that does not grow with it ([`buckets`]): a band from smallest to largest
+//! gathered while the run goes on, in memory that does not grow with it (`buckets`): a band from smallest to largest
 //! tick, so that nothing short is lost, and a line of means.
 
 mod buckets;

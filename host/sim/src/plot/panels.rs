@@ -116,8 +116,9 @@ impl View<'_> {
             let Span { mean, min, max } = c.position_um;
             Span { mean: depth(mean), min: depth(min), max: depth(max) }
         };
-        let all = self.columns.iter().flat_map(|c| [electrode(c).min, electrode(c).max, depth(c.surface_um)]);
-        let Range { start: up, end: down } = range(all);
+        let moves = working(self.columns, electrode);
+        let bottom = self.columns.iter().map(|c| depth(c.surface_um));
+        let Range { start: up, end: down } = range(bottom.chain([moves.start, moves.end]));
         let surface = of(self.columns, |c| depth(c.surface_um));
         let band = surface.iter().map(|(t, y)| (*t, *y, down)).collect();
         let work = Curve { band, ..line("bottom of the hole", BROWN, 2, surface) };
@@ -141,6 +142,8 @@ impl View<'_> {
         let means = self.picture.means.all().iter().copied().filter(|(t, _)| within(t)).collect();
         let label = format!("{} ms mean", self.picture.means.window_ms());
         let mut wanted = line("wanted", INK, 2, of(self.columns, |c| c.setpoint_v));
+        // The head has no setpoint before it found the work.
+        wanted.line.retain(|(_, volts)| *volts > 0.0);
         wanted.dashed = true;
         vec![banded("filtered", BLUE, self.columns, |c| c.filtered_v), line(&label, ORANGE, 2, means), wanted]
     }

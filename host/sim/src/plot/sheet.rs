@@ -89,7 +89,9 @@ fn shade(phase: Phase, share: f64) -> RGBAColor {
         Phase::Retreating => RGBColor(0xf2, 0x9d, 0x38),
         Phase::Fault => RGBColor(0xd6, 0x27, 0x28),
     };
-    colour.mix(0.06 + 0.24 * share)
+    // What lasts shows by its width; what does not has to by its strength.
+    let floor = if matches!(phase, Phase::Retreating | Phase::Fault) { 0.2 } else { 0.06 };
+    colour.mix(floor + 0.24 * share)
 }
 
 /// Columns of the same shade next to each other, as one stretch of time.
@@ -151,7 +153,11 @@ fn diagram<'a>(
         .set_label_area_size(LabelAreaPosition::Bottom, if lowest { FOOT - 6 } else { 8 })
         .build_cartesian_2d(time.clone(), panel.y.clone())?;
     let (low, high) = (panel.y.start.min(panel.y.end), panel.y.start.max(panel.y.end));
+    // A retreat of milliseconds in a run of minutes would be too thin to see.
+    let least = (time.end - time.start) / 500.0;
     for (stretch, phase, strength) in shades {
+        let wider = ((least - (stretch.end - stretch.start)) / 2.0).max(0.0);
+        let stretch = (stretch.start - wider).max(time.start)..(stretch.end + wider).min(time.end);
         let colour = shade(*phase, f64::from(*strength) / 4.0).filled();
         chart.draw_series([Rectangle::new([(stretch.start, low), (stretch.end, high)], colour)])?;
     }
@@ -170,15 +176,32 @@ fn diagram<'a>(
             let outline: Vec<_> = upper.chain(lower).collect();
             chart.draw_series([Polygon::new(outline, curve.colour.mix(0.25))])?;
         }
-        let line: Vec<_> = curve.line.iter().map(inside).collect();
         let style = curve.colour.stroke_width(curve.width);
-        if curve.dashed {
-            chart.draw_series(DashedLineSeries::new(line, 9, 6, style))?;
-        } else {
-            chart.draw_series([PathElement::new(line, style)])?;
+        for line in within(&curve.line, low, high) {
+            if curve.dashed {
+                chart.draw_series(DashedLineSeries::new(line, 9, 6, style))?;
+            } else {
+                chart.draw_series([PathElement::new(line, style)])?;
+            }
         }
     }
     legend(area, panel)
+}
+
+/// The parts of a line that lie within the diagram, each as far as its edge.
+fn within(line: &[(f64, f64)], low: f64, high: f64) -> Vec<Vec<(f64, f64)>> {
+    let inside = |(_, y): &(f64, f64)| (low..=high).contains(y);
+    let mut parts: Vec<Vec<(f64, f64)>> = vec![Vec::new()];
+    for (i, point) in line.iter().enumerate() {
+        let near = [i.wrapping_sub(1), i + 1].into_iter().any(|i| line.get(i).is_some_and(inside));
+        match parts.last_mut() {
+            Some(part) if inside(point) || near => part.push((point.0, point.1.clamp(low, high))),
+            Some(part) if part.is_empty() => {}
+            _ => parts.push(Vec::new()),
+        }
+    }
+    parts.retain(|part| part.len() > 1);
+    parts
 }
 
 /// Name of the panel and its curves, above the diagram.
@@ -208,4 +231,18 @@ fn text<'a>(area: &Area<'a>, words: &str, at: (i32, i32), pixels: f64, colour: R
     let style = if bold { FontStyle::Bold } else { FontStyle::Normal };
     let font = ("sans-serif", pixels * 1.24).into_font().style(style).color(&colour);
     area.draw(&Text::new(words.to_owned(), at, font.pos(Pos::new(HPos::Left, VPos::Top))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_cut_where_it_leaves_the_diagram() {
+        let line = [0.0, 0.5, 9.0, 9.0, 9.0, 0.5, -3.0].map(|y| (y, y));
+        let ys: Vec<Vec<f64>> =
+            within(&line, 0.0, 1.0).iter().map(|part| part.iter().map(|(_, y)| *y).collect()).collect();
+        assert_eq!(ys, [vec![0.0, 0.5, 1.0], vec![1.0, 0.5, 0.0]]);
+        assert!(within(&[], 0.0, 1.0).is_empty());
+    }
 }

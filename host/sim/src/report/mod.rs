@@ -97,7 +97,9 @@ pub struct Line {
 impl Report {
     /// Puts together what job, machine and figures know.
     pub fn new(job: &Job, outcome: &Outcome, figures: &Figures, wall_time_s: f64) -> Report {
-        let share = |pulses: u64| tidy(pulses as f64 / outcome.pulses.total() as f64);
+        let pulses = &outcome.pulses;
+        let total = pulses.open + pulses.spark + pulses.arc + pulses.short;
+        let share = |pulses: u64| tidy(pulses as f64 / total as f64);
         Report {
             schema: SCHEMA,
             scenario: job.label(),
@@ -120,11 +122,11 @@ impl Report {
                 amplitude: figures.line.and_then(|line| tidy(line.amplitude_um)),
                 hz: figures.line.and_then(|line| tidy(line.hz)),
             },
-            open_ratio: share(outcome.pulses.open),
-            spark_ratio: share(outcome.pulses.spark),
-            arc_ratio: share(outcome.pulses.arc),
-            short_ratio: share(outcome.pulses.short),
-            discharges: outcome.pulses.discharges(),
+            open_ratio: share(pulses.open),
+            spark_ratio: share(pulses.spark),
+            arc_ratio: share(pulses.arc),
+            short_ratio: share(pulses.short),
+            discharges: pulses.spark + pulses.arc,
             long_retreats: figures.long_retreats,
             lost_counts: outcome.lost_counts,
             illegal_transitions: outcome.illegal_transitions,
