@@ -7,14 +7,18 @@
 //! reported, never replaced by zero.
 #![cfg_attr(not(any(test, feature = "double")), no_std)]
 
+pub mod board;
 pub mod bridge;
 pub mod can;
 pub mod clock;
 #[cfg(feature = "double")]
 pub mod double;
+pub mod edges;
 pub mod encoder;
 pub mod gap;
 pub mod generator;
+pub mod reflex;
+pub mod roll;
 pub mod safety;
 pub mod storage;
 pub mod timing;
