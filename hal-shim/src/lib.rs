@@ -20,5 +20,7 @@ pub mod generator;
 pub mod reflex;
 pub mod roll;
 pub mod safety;
+#[cfg(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc")))]
+pub mod stm32f4;
 pub mod storage;
 pub mod timing;

@@ -1,136 +1,116 @@
-//! Pins as markers, for a PC: the names of stm32f4xx-hal without its hardware.
+//! The pins as types, and which function each can carry.
+//!
+//! A pin exists once and is moved into the part that uses it. What it may be connected to is a trait: a timer that takes
+//! `impl Carries<Tim1Ch1>` cannot be given any other pin, and learns the number of the alternate function from it
+//! (data sheet DS8626, table 9).
 
-use core::marker::PhantomData;
+/// A pin of the chip that nobody has configured yet.
+pub struct Pin<const P: char, const N: u8>(());
 
-/// A pin after reset.
-pub struct Input;
-/// A pin that the debugger holds after reset.
-pub struct Debugger;
-/// A pin of a port.
-pub struct Pin<const P: char, const N: u8, M = Input>(PhantomData<M>);
+impl<const P: char, const N: u8> Pin<P, N> {
+    /// Where it is.
+    pub const PIN: super::Pin = super::Pin { port: P, number: N };
+}
 
-macro_rules! port {
-    ($port:ident, $letter:literal, $($field:ident $Pin:ident $number:literal $mode:ident),+ $(,)?) => {
-        /// A port.
-        pub mod $port {
-            use super::{Debugger, Input, Pin};
-            use core::marker::PhantomData;
+macro_rules! ports {
+    ($($port:ident $letter:literal { $($field:ident $Pin:ident $number:literal),+ $(,)? })+) => {
+        /// The ports that a board may use.
+        #[allow(missing_docs, reason = "a field a port")]
+        pub struct Ports {
+            $(pub $port: $port::Parts,)+
+        }
 
-            $(
-                /// A pin.
-                pub type $Pin<M = Input> = Pin<$letter, $number, M>;
-            )+
-            /// All pins of the port.
-            #[allow(missing_docs, reason = "a field a pin")]
-            pub struct Parts {
-                $(pub $field: $Pin<$mode>,)+
+        impl Ports {
+            /// All pins. On the chip only the part that owns the port registers makes them.
+            #[cfg_attr(not(target_arch = "arm"), doc(hidden))]
+            #[cfg(not(target_arch = "arm"))]
+            pub const fn marker() -> Self {
+                Self::new()
             }
 
-            impl Parts {
-                /// The pins of a port that exists only as types.
-                pub fn marker() -> Self {
-                    Parts { $($field: Pin(PhantomData),)+ }
+            #[allow(dead_code, reason = "without a board there is nobody to make them")]
+            pub(crate) const fn new() -> Self {
+                Ports { $($port: $port::Parts { $($field: Pin(()),)+ },)+ }
+            }
+        }
+
+        $(
+            /// A port.
+            pub mod $port {
+                $(
+                    /// A pin.
+                    pub type $Pin = super::Pin<$letter, $number>;
+                )+
+                /// Its pins.
+                #[allow(missing_docs, reason = "a field a pin")]
+                pub struct Parts {
+                    $(pub $field: $Pin,)+
                 }
             }
-            /// A port may have no pin of either kind.
-            #[allow(dead_code, reason = "a port may have no pin in this mode after reset")]
-            type Modes = (Input, Debugger);
-        }
+            pub use $port::{$($Pin),+};
+        )+
     };
 }
 
-port! {
-    gpioa, 'A',
-    pa0 PA0 0 Input,
-    pa1 PA1 1 Input,
-    pa2 PA2 2 Input,
-    pa3 PA3 3 Input,
-    pa4 PA4 4 Input,
-    pa5 PA5 5 Input,
-    pa6 PA6 6 Input,
-    pa7 PA7 7 Input,
-    pa8 PA8 8 Input,
-    pa9 PA9 9 Input,
-    pa10 PA10 10 Input,
-    pa11 PA11 11 Input,
-    pa12 PA12 12 Input,
-    pa13 PA13 13 Debugger,
-    pa14 PA14 14 Debugger,
-    pa15 PA15 15 Debugger,
+// Without PA13 and PA14, which are the debugger's.
+ports! {
+    gpioa 'A' {
+        pa0 PA0 0, pa1 PA1 1, pa2 PA2 2, pa3 PA3 3, pa4 PA4 4, pa5 PA5 5, pa6 PA6 6, pa7 PA7 7,
+        pa8 PA8 8, pa9 PA9 9, pa10 PA10 10, pa11 PA11 11, pa12 PA12 12, pa15 PA15 15,
+    }
+    gpiob 'B' {
+        pb0 PB0 0, pb1 PB1 1, pb2 PB2 2, pb3 PB3 3, pb4 PB4 4, pb5 PB5 5, pb6 PB6 6, pb7 PB7 7,
+        pb8 PB8 8, pb9 PB9 9, pb10 PB10 10, pb11 PB11 11, pb12 PB12 12, pb13 PB13 13, pb14 PB14 14, pb15 PB15 15,
+    }
+    gpioc 'C' {
+        pc0 PC0 0, pc1 PC1 1, pc2 PC2 2, pc3 PC3 3, pc4 PC4 4, pc5 PC5 5, pc6 PC6 6, pc7 PC7 7,
+        pc8 PC8 8, pc9 PC9 9, pc10 PC10 10, pc11 PC11 11, pc12 PC12 12, pc13 PC13 13, pc14 PC14 14, pc15 PC15 15,
+    }
+    gpiod 'D' {
+        pd0 PD0 0, pd1 PD1 1, pd2 PD2 2, pd3 PD3 3, pd4 PD4 4, pd5 PD5 5, pd6 PD6 6, pd7 PD7 7,
+        pd8 PD8 8, pd9 PD9 9, pd10 PD10 10, pd11 PD11 11, pd12 PD12 12, pd13 PD13 13, pd14 PD14 14, pd15 PD15 15,
+    }
+    gpioe 'E' {
+        pe0 PE0 0, pe1 PE1 1, pe2 PE2 2, pe3 PE3 3, pe4 PE4 4, pe5 PE5 5, pe6 PE6 6, pe7 PE7 7,
+        pe8 PE8 8, pe9 PE9 9, pe10 PE10 10, pe11 PE11 11, pe12 PE12 12, pe13 PE13 13, pe14 PE14 14, pe15 PE15 15,
+    }
 }
-port! {
-    gpiob, 'B',
-    pb0 PB0 0 Input,
-    pb1 PB1 1 Input,
-    pb2 PB2 2 Input,
-    pb3 PB3 3 Debugger,
-    pb4 PB4 4 Debugger,
-    pb5 PB5 5 Input,
-    pb6 PB6 6 Input,
-    pb7 PB7 7 Input,
-    pb8 PB8 8 Input,
-    pb9 PB9 9 Input,
-    pb10 PB10 10 Input,
-    pb11 PB11 11 Input,
-    pb12 PB12 12 Input,
-    pb13 PB13 13 Input,
-    pb14 PB14 14 Input,
-    pb15 PB15 15 Input,
+
+/// A pin that can carry a function.
+pub trait Carries<F> {
+    /// Number of the alternate function.
+    const AF: u8;
 }
-port! {
-    gpioc, 'C',
-    pc0 PC0 0 Input,
-    pc1 PC1 1 Input,
-    pc2 PC2 2 Input,
-    pc3 PC3 3 Input,
-    pc4 PC4 4 Input,
-    pc5 PC5 5 Input,
-    pc6 PC6 6 Input,
-    pc7 PC7 7 Input,
-    pc8 PC8 8 Input,
-    pc9 PC9 9 Input,
-    pc10 PC10 10 Input,
-    pc11 PC11 11 Input,
-    pc12 PC12 12 Input,
-    pc13 PC13 13 Input,
-    pc14 PC14 14 Input,
-    pc15 PC15 15 Input,
+
+macro_rules! functions {
+    ($($(#[$doc:meta])* $Function:ident $af:literal: $($Pin:ident),+;)+) => {$(
+        $(#[$doc])*
+        pub enum $Function {}
+        $(impl Carries<$Function> for $Pin {
+            const AF: u8 = $af;
+        })+
+    )+};
 }
-port! {
-    gpiod, 'D',
-    pd0 PD0 0 Input,
-    pd1 PD1 1 Input,
-    pd2 PD2 2 Input,
-    pd3 PD3 3 Input,
-    pd4 PD4 4 Input,
-    pd5 PD5 5 Input,
-    pd6 PD6 6 Input,
-    pd7 PD7 7 Input,
-    pd8 PD8 8 Input,
-    pd9 PD9 9 Input,
-    pd10 PD10 10 Input,
-    pd11 PD11 11 Input,
-    pd12 PD12 12 Input,
-    pd13 PD13 13 Input,
-    pd14 PD14 14 Input,
-    pd15 PD15 15 Input,
-}
-port! {
-    gpioe, 'E',
-    pe0 PE0 0 Input,
-    pe1 PE1 1 Input,
-    pe2 PE2 2 Input,
-    pe3 PE3 3 Input,
-    pe4 PE4 4 Input,
-    pe5 PE5 5 Input,
-    pe6 PE6 6 Input,
-    pe7 PE7 7 Input,
-    pe8 PE8 8 Input,
-    pe9 PE9 9 Input,
-    pe10 PE10 10 Input,
-    pe11 PE11 11 Input,
-    pe12 PE12 12 Input,
-    pe13 PE13 13 Input,
-    pe14 PE14 14 Input,
-    pe15 PE15 15 Input,
+
+functions! {
+    /// TIM1 channel 1.
+    Tim1Ch1 1: PA8, PE9;
+    /// TIM1 break input.
+    Tim1Bkin 1: PA6, PB12, PE15;
+    /// TIM4 channel 2.
+    Tim4Ch2 2: PB7, PD13;
+    /// TIM5 channel 1.
+    Tim5Ch1 2: PA0;
+    /// TIM5 channel 2.
+    Tim5Ch2 2: PA1;
+    /// TIM8 channel 1.
+    Tim8Ch1 3: PC6;
+    /// TIM8 channel 3.
+    Tim8Ch3 3: PC8;
+    /// TIM8 channel 4.
+    Tim8Ch4 3: PC9;
+    /// CAN1 reception.
+    Can1Rx 9: PA11, PB8, PD0;
+    /// CAN1 transmission.
+    Can1Tx 9: PA12, PB9, PD1;
 }

@@ -1,8 +1,8 @@
 //! Boards: which pin carries which signal, and what of the chip is used for what.
 //!
 //! One table a board, made with [`board!`](crate::board!): it is at once the struct that owns the pins by type, the check that
-//! nothing is used twice, and the text that documents and the firmware on a PC print. On the chip the pins are those of
-//! stm32f4xx-hal; on a PC they are markers of the same names, so that a clash fails to compile there too.
+//! nothing is used twice, and the text that documents and the firmware on a PC print. The pins are the same types on the
+//! chip and on a PC, so that a clash fails to compile on both.
 //!
 //! *Pull*: the resistor on the board that holds a line while the chip is in reset or dead. Outputs that could drive the
 //! bridge or let pulses through are pulled to the harmless level; inputs are pulled to the unsafe reading, so that a
@@ -11,8 +11,6 @@
 mod chip;
 mod disc;
 mod f405;
-#[cfg(not(target_arch = "arm"))]
-#[doc(hidden)]
 pub mod gpio;
 mod table;
 
@@ -23,20 +21,7 @@ pub use chip::{
 };
 pub use disc::Disc;
 pub use f405::F405;
-#[cfg(target_arch = "arm")]
-#[doc(hidden)]
-pub use stm32f4xx_hal::gpio;
 pub use table::{Pin, Row, Table};
-
-/// The ports that a board may use.
-#[allow(missing_docs, reason = "a field a port")]
-pub struct Ports {
-    pub gpioa: gpio::gpioa::Parts,
-    pub gpiob: gpio::gpiob::Parts,
-    pub gpioc: gpio::gpioc::Parts,
-    pub gpiod: gpio::gpiod::Parts,
-    pub gpioe: gpio::gpioe::Parts,
-}
 
 /// Declares a board: for each signal a pin, what it does there, and what is connected to it outside.
 ///
@@ -46,12 +31,12 @@ macro_rules! board {
     ($(#[$outer:meta])* $vis:vis struct $Board:ident {
         name: $name:literal,
         crystal_hz: $crystal:literal,
-        $($signal:ident: $port:ident.$field:ident $Pin:ident $(<$mode:ident>)?, $function:literal, $outside:literal;)+
+        $($signal:ident: $port:ident.$field:ident $Pin:ident, $function:literal, $outside:literal;)+
     }) => {
         $(#[$outer])*
         #[allow(missing_docs, reason = "the table documents each signal")]
         $vis struct $Board {
-            $(pub $signal: $crate::board::gpio::$port::$Pin $(<$crate::board::gpio::$mode>)?,)+
+            $(pub $signal: $crate::board::gpio::$port::$Pin,)+
         }
 
         impl $Board {
@@ -68,7 +53,7 @@ macro_rules! board {
             };
 
             /// Takes the pins it uses from the ports; the others can never be configured.
-            pub fn new(ports: $crate::board::Ports) -> Self {
+            pub fn new(ports: $crate::board::gpio::Ports) -> Self {
                 $Board { $($signal: ports.$port.$field,)+ }
             }
         }

@@ -16,13 +16,7 @@ impl Pin {
     pub const fn parse(name: &str) -> Pin {
         let bytes = name.as_bytes();
         assert!(bytes.len() >= 3 && bytes.len() <= 4 && bytes[0] == b'P', "a pin is named like PA10");
-        let mut number = 0;
-        let mut i = 2;
-        while i < bytes.len() {
-            assert!(bytes[i] >= b'0' && bytes[i] <= b'9', "a pin is named like PA10");
-            number = 10 * number + (bytes[i] - b'0');
-            i += 1;
-        }
+        let number = number(bytes.split_at(2).1);
         assert!(bytes[1] >= b'A' && bytes[1] <= b'I' && number < 16, "ports are A to I, pins 0 to 15");
         Pin { port: bytes[1] as char, number }
     }
@@ -65,6 +59,20 @@ impl Table {
         while i < self.rows.len() {
             if same(self.rows[i].signal.as_bytes(), signal.as_bytes()) {
                 return self.rows[i].pin;
+            }
+            i += 1;
+        }
+        panic!("no such signal on this board")
+    }
+
+    /// Channel of the converter that a signal's function names, such as 10 for ADC1_IN10.
+    pub const fn adc_channel(&self, signal: &str) -> u8 {
+        let mut i = 0;
+        while i < self.rows.len() {
+            if same(self.rows[i].signal.as_bytes(), signal.as_bytes()) {
+                let (name, _) = word(self.rows[i].function.as_bytes(), 0);
+                assert!(name.len() > 7 && same(name.split_at(3).0, b"ADC"), "not a converter input");
+                return number(name.split_at(7).1);
             }
             i += 1;
         }
@@ -164,19 +172,24 @@ const fn share_a_word(a: &str, b: &str) -> bool {
     false
 }
 
+const fn number(digits: &[u8]) -> u8 {
+    let mut number = 0;
+    let mut i = 0;
+    while i < digits.len() {
+        assert!(digits[i] >= b'0' && digits[i] <= b'9', "a number");
+        number = 10 * number + (digits[i] - b'0');
+        i += 1;
+    }
+    number
+}
+
 /// The EXTI line that a function claims.
 const fn exti(function: &str) -> Option<u8> {
     let text = function.as_bytes();
     let (mut this, mut i) = word(text, 0);
     while !this.is_empty() {
         if this.len() > 4 && same(this.split_at(4).0, b"EXTI") {
-            let mut line = 0;
-            let mut k = 4;
-            while k < this.len() {
-                line = 10 * line + (this[k] - b'0');
-                k += 1;
-            }
-            return Some(line);
+            return Some(number(this.split_at(4).1));
         }
         (this, i) = word(text, i);
     }
@@ -238,5 +251,11 @@ mod tests {
             assert_eq!(text.lines().filter(|line| line.split_whitespace().next() == Some(row.signal)).count(), 1);
         }
         assert_eq!(F405::TABLE.pin("encoder_a"), Pin { port: 'A', number: 0 });
+    }
+
+    #[test]
+    fn the_channel_of_a_converter_input_is_read_from_its_function() {
+        assert_eq!((F405::TABLE.adc_channel("gap_voltage"), F405::TABLE.adc_channel("bus_voltage")), (10, 3));
+        assert!(std::panic::catch_unwind(|| F405::TABLE.adc_channel("pwm")).is_err());
     }
 }
