@@ -15,7 +15,7 @@
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
 //! | [`settings`] | what a person sets, checked and built into what the ticks run |
-#![no_std]
+#![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
 pub mod dsp;

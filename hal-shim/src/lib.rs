@@ -23,4 +23,5 @@ pub mod safety;
 #[cfg(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc")))]
 pub mod stm32f4;
 pub mod storage;
+pub mod store;
 pub mod timing;

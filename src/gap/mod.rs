@@ -4,6 +4,10 @@
 //! voltage and the open-circuit voltage, and falls as the gap closes because the ignition delay shortens; a short reads
 //! zero [R]. A source averages, filters and judges; it does not decide what the head does about it.
 
+mod surrogate;
+
+pub use surrogate::{Config as SurrogateConfig, Surrogate};
+
 use crate::units::Volts;
 
 /// How far a reading can be trusted.
