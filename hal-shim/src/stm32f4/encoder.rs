@@ -3,11 +3,11 @@
 //! *Storm*: more edges in one tick than the interrupt can serve and leave time for the loops. The interrupt then masks
 //! itself; the timer goes on counting, and the servo task opens the lines again with its next tick.
 
-use super::pins::{self, Input};
+use super::pins;
 use super::safety::{connect, exti};
 use super::{Board, change, pac, power, put};
 use crate::board::gpio::{PA0, PA1, PA2, Tim5Ch1, Tim5Ch2};
-use crate::encoder::{Levels, QuadratureLines};
+use crate::encoder::{EncoderTimer, Levels, QuadratureLines};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 const A: u32 = Board::TABLE.pin("encoder_a").number as u32;
@@ -26,13 +26,11 @@ static EDGES: AtomicU32 = AtomicU32::new(0);
 
 /// The lines, as the edge interrupts see them.
 pub struct Lines {
-    _index: Input<'A', 2>,
+    masked: bool,
 }
 
 /// TIM5 in encoder mode: four counts a line, up toward the work, 32 bits.
-pub struct Timer {
-    tim: pac::TIM5,
-}
+pub struct Timer(pac::TIM5);
 
 /// Configures pins, interrupt lines and timer. Interrupts are masked until [`serve`].
 pub fn new(tim: pac::TIM5, a: PA0, b: PA1, index: PA2, rcc: &pac::RCC) -> (Lines, Timer) {
@@ -50,7 +48,8 @@ pub fn new(tim: pac::TIM5, a: PA0, b: PA1, index: PA2, rcc: &pac::RCC) -> (Lines
     }
     change!(exti().rtsr(), clear 0, set LINES);
     change!(exti().ftsr(), clear 0, set LINES);
-    (Lines { _index: pins::input(index) }, Timer { tim })
+    pins::input(index);
+    (Lines { masked: false }, Timer(tim))
 }
 
 impl QuadratureLines for Lines {
@@ -63,19 +62,31 @@ impl QuadratureLines for Lines {
 }
 
 impl Lines {
-    /// Acknowledges an edge of one line; call before reading the levels, so that an edge in between comes back.
-    /// `false` when this was one edge too many and the lines are masked.
+    /// Acknowledges an edge of one line; call before reading the levels, so that an edge in between comes back. What it
+    /// gives says how to take the levels.
     #[inline(always)]
-    pub fn acknowledge(&self, line: Line) -> bool {
+    pub fn acknowledge(&mut self, line: Line) -> Edge {
         put!(exti().pr(), 1 << line as u32);
         let edges = EDGES.load(Relaxed) + 1;
         EDGES.store(edges, Relaxed);
-        if edges < MOST_EDGES {
-            return true;
+        if edges >= MOST_EDGES {
+            change!(exti().imr(), clear LINES, set 0);
+            self.masked = true;
+        } else if self.masked {
+            self.masked = false;
+            return Edge::AfterStorm;
         }
-        change!(exti().imr(), clear LINES, set 0);
-        false
+        Edge::Next
     }
+}
+
+/// What an edge follows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Edge {
+    /// The edge before.
+    Next,
+    /// Edges that were not served.
+    AfterStorm,
 }
 
 /// One of the encoder's interrupt lines.
@@ -102,9 +113,10 @@ pub fn serve() -> bool {
     storm
 }
 
-impl Timer {
-    /// Counts now, wrapping.
-    pub fn counter(&self) -> u32 {
-        self.tim.cnt().read().bits()
+impl EncoderTimer for Timer {
+    const BITS: u32 = 32;
+
+    fn counter(&self) -> u32 {
+        self.0.cnt().read().bits()
     }
 }

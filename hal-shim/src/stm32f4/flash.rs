@@ -6,6 +6,7 @@
 use super::pac;
 use super::{change, put};
 use crate::storage::{ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use crate::store::Permit;
 use core::sync::atomic::{AtomicBool, Ordering::SeqCst};
 
 /// First of the two sectors; memory.x keeps the program out of them.
@@ -32,6 +33,18 @@ static PERMITTED: AtomicBool = AtomicBool::new(false);
 /// Allows or forbids writing; given by the servo task while the head is disabled and the pulses are inhibited.
 pub fn permit(safe: bool) {
     PERMITTED.store(safe, SeqCst);
+}
+
+/// The leave that [`permit`] gives, for the settings store.
+pub struct Permission(());
+
+/// The one permission; what it says changes with [`permit`].
+pub const PERMISSION: Permission = Permission(());
+
+impl Permit for Permission {
+    fn holds(&self) -> bool {
+        PERMITTED.load(SeqCst)
+    }
 }
 
 /// Why the flash refused.

@@ -1,6 +1,6 @@
 //! The pulse generator: inhibit line and off-time request.
 
-use super::pins::{self, Output};
+use super::pins;
 use super::{lines, pac, power, put};
 use crate::board::DAC_STEPS;
 use crate::board::gpio::{PA4, Pin};
@@ -11,24 +11,21 @@ use crate::generator::Generator;
 const FULL_SCALE_NS: u32 = 200_000;
 
 /// The generator's interface. Pulses are inhibited when it is made, as they were by the pull before.
-pub struct Interface<const P: char, const N: u8> {
-    dac: pac::DAC,
-    _allow: Output<P, N>,
-}
+pub struct Interface(pac::DAC);
 
-impl<const P: char, const N: u8> Interface<P, N> {
+impl Interface {
     /// Takes the pins. The line that allows is low before it becomes an output.
-    pub fn new(dac: pac::DAC, allow: Pin<P, N>, off_time: PA4, rcc: &pac::RCC) -> Self {
-        let allow = pins::output_low(allow);
+    pub fn new<const P: char, const N: u8>(dac: pac::DAC, allow: Pin<P, N>, off_time: PA4, rcc: &pac::RCC) -> Self {
+        pins::output_low(allow);
         power::DAC.reset(rcc);
         pins::analog(off_time);
         put!(dac.dhr12r(0), 0);
         put!(dac.cr(), 1);
-        Interface { dac, _allow: allow }
+        Interface(dac)
     }
 }
 
-impl<const P: char, const N: u8> Generator for Interface<P, N> {
+impl Generator for Interface {
     /// After allowing, [`lines::settle`] must follow: the reflex may have come in between.
     #[inline]
     fn set_pulses(&mut self, enabled: bool) {
@@ -39,6 +36,6 @@ impl<const P: char, const N: u8> Generator for Interface<P, N> {
     fn request_off_time(&mut self, off_ns: Option<u32>) {
         let ns = off_ns.unwrap_or(0).min(FULL_SCALE_NS);
         let code = (u64::from(ns) * u64::from(DAC_STEPS - 1) / u64::from(FULL_SCALE_NS)) as u32;
-        put!(self.dac.dhr12r(0), code);
+        put!(self.0.dhr12r(0), code);
     }
 }

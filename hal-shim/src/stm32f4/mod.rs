@@ -4,7 +4,7 @@
 //! priorities touch is atomic: reflex and stop share no lock with anyone.
 //!
 //! **Start-up order.** In reset, and with no CPU, every pin floats and the pulls on the board keep the bridge disabled and
-//! the pulses off. [`pwm::bridge`] and [`generator::Inhibit`] drive the same levels before anything else is configured. The PWM's main output
+//! the pulses off. [`machine::Machine::start`] drives the same levels before anything else is configured. The PWM's main output
 //! stays off, and the pulses inhibited, until the servo task drives for the first time; it cannot before clocks, converters,
 //! timers and one whole block of conversions have been seen to work.
 
@@ -24,6 +24,7 @@ pub mod gate;
 pub mod gated;
 pub mod generator;
 pub mod lines;
+pub mod machine;
 pub mod pins;
 pub mod power;
 pub mod pwm;

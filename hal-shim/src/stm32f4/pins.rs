@@ -9,9 +9,9 @@ use core::convert::Infallible;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 
 /// An input.
-pub struct Input<const P: char, const N: u8>(());
+pub struct Input(Place);
 /// A push-pull output.
-pub struct Output<const P: char, const N: u8>(());
+pub struct Output(Place);
 
 const INPUT: u32 = 0b00;
 const OUTPUT: u32 = 0b01;
@@ -31,13 +31,9 @@ pub fn ports(_gpio: Gpio, rcc: &pac::RCC) -> Ports {
 /// Registers of a pin's port.
 #[inline(always)]
 pub(super) fn port(pin: Place) -> &'static pac::gpioa::RegisterBlock {
-    let address = match pin.port {
-        'A' => pac::GPIOA::ptr(),
-        'B' => pac::GPIOB::ptr().cast(),
-        'C' => pac::GPIOC::ptr().cast(),
-        'D' => pac::GPIOD::ptr().cast(),
-        _ => pac::GPIOE::ptr().cast(),
-    };
+    // The ports lie side by side (RM0090 2.3); a pin's port is A to E because only those are handed out.
+    let offset = (pac::GPIOB::ptr().addr() - pac::GPIOA::ptr().addr()) * (pin.port as usize - 'A' as usize);
+    let address = pac::GPIOA::ptr().wrapping_byte_add(offset);
     // SAFETY: the register blocks are there for ever and alike from port to port. Configuration is written at start-up only;
     // after it, only the input register and the set-reset register are used, where a store changes nothing but the pins it
     // names.
@@ -70,16 +66,16 @@ pub fn analog<const P: char, const N: u8>(_pin: Pin<P, N>) {
 }
 
 /// Makes the pin an input, without a pull of its own: the board has one.
-pub fn input<const P: char, const N: u8>(_pin: Pin<P, N>) -> Input<P, N> {
+pub fn input<const P: char, const N: u8>(_pin: Pin<P, N>) -> Input {
     mode(Pin::<P, N>::PIN, INPUT);
-    Input(())
+    Input(Pin::<P, N>::PIN)
 }
 
 /// Makes the pin an output that is low before it drives.
-pub fn output_low<const P: char, const N: u8>(_pin: Pin<P, N>) -> Output<P, N> {
+pub fn output_low<const P: char, const N: u8>(_pin: Pin<P, N>) -> Output {
     low(Pin::<P, N>::PIN);
     mode(Pin::<P, N>::PIN, OUTPUT);
-    Output(())
+    Output(Pin::<P, N>::PIN)
 }
 
 #[inline(always)]
@@ -97,13 +93,13 @@ pub(super) fn is_high(pin: Place) -> bool {
     port(pin).idr().read().bits() >> pin.number & 1 == 1
 }
 
-impl<const P: char, const N: u8> ErrorType for Input<P, N> {
+impl ErrorType for Input {
     type Error = Infallible;
 }
 
-impl<const P: char, const N: u8> InputPin for Input<P, N> {
+impl InputPin for Input {
     fn is_high(&mut self) -> Result<bool, Infallible> {
-        Ok(is_high(Pin::<P, N>::PIN))
+        Ok(is_high(self.0))
     }
 
     fn is_low(&mut self) -> Result<bool, Infallible> {
@@ -111,18 +107,18 @@ impl<const P: char, const N: u8> InputPin for Input<P, N> {
     }
 }
 
-impl<const P: char, const N: u8> ErrorType for Output<P, N> {
+impl ErrorType for Output {
     type Error = Infallible;
 }
 
-impl<const P: char, const N: u8> OutputPin for Output<P, N> {
+impl OutputPin for Output {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        low(Pin::<P, N>::PIN);
+        low(self.0);
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        high(Pin::<P, N>::PIN);
+        high(self.0);
         Ok(())
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! One period is one tick. A duty goes into the preload register and takes effect with the next update, exactly: the
 //! jitter of the servo task does not reach the output. Off takes effect at once. The break input switches the output off
-//! in hardware when the bridge reports a fault, and it stays off until [`Pwm::arm`].
+//! in hardware when the bridge reports a fault, and it stays off until [`arm`].
 
 use super::lines::{FORCE_OFF, PWM_MODE};
 use super::pins::{self, Output};
@@ -53,14 +53,6 @@ impl Pwm {
         pins::alternate::<Tim1Ch1, P, N>(output);
         Pwm { tim }
     }
-
-    /// Connects the output, if the break input allows it.
-    pub fn arm(&mut self) {
-        if self.tim.bdtr().read().bits() & MOE == 0 {
-            put!(self.tim.sr(), !(1 << 7));
-            change!(self.tim.bdtr(), clear 0, set MOE);
-        }
-    }
 }
 
 impl ErrorType for Pwm {
@@ -90,26 +82,40 @@ impl SetDutyCycle for Pwm {
     }
 }
 
-/// The servo task's view of the timer's interrupt.
-pub fn clear_tick() {
-    // SAFETY: the register block is there for ever, and its flags are cleared by writing 0 to them alone.
-    put!(unsafe { &*pac::TIM1::ptr() }.sr(), !1);
+fn tim1() -> &'static pac::tim1::RegisterBlock {
+    // SAFETY: the register block is there for ever. Used through this reference: the flags, which are cleared by writing 0 to
+    // one alone, and the main output enable, which only the servo task sets and only the hardware clears.
+    unsafe { &*pac::TIM1::ptr() }
 }
 
-/// The stop task's view of the timer's interrupt.
+/// Acknowledges the servo tick.
+#[inline(always)]
+pub fn clear_tick() {
+    put!(tim1().sr(), !1);
+}
+
+/// Acknowledges the break.
+#[inline(always)]
 pub fn clear_break() {
-    // SAFETY: as above.
-    put!(unsafe { &*pac::TIM1::ptr() }.sr(), !(1 << 7));
+    put!(tim1().sr(), !(1 << 7));
+}
+
+/// Connects the output of the PWM; the hardware refuses while the bridge reports a fault. For the servo task.
+#[inline(always)]
+pub fn arm() {
+    if tim1().bdtr().read().bits() & MOE == 0 {
+        change!(tim1().bdtr(), clear 0, set MOE);
+    }
 }
 
 /// The bridge of a board: PWM and the two direction pins, coasting.
-pub type Bridge<A, B> = PwmBridge<Pwm, A, B>;
+pub type Bridge = PwmBridge<Pwm, Output, Output>;
 
 /// Makes the bridge. The direction pins are low before they become outputs.
 pub fn bridge<const P: char, const N: u8, const Q: char, const M: u8>(
     pwm: Pwm,
     forward: Pin<P, N>,
     reverse: Pin<Q, M>,
-) -> Result<Bridge<Output<P, N>, Output<Q, M>>, BridgeFault> {
+) -> Result<Bridge, BridgeFault> {
     PwmBridge::new(pwm, pins::output_low(forward), pins::output_low(reverse))
 }

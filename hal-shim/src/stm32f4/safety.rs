@@ -65,31 +65,27 @@ impl InputPin for FaultLine {
 }
 
 /// The inputs of a board.
-pub struct Inputs<U, L, E, D> {
-    pins: SafetyPins<U, L, E, D, FaultLine>,
-}
+pub struct Inputs(SafetyPins<Input, Input, Input, Input, FaultLine>);
 
 /// Connects a pin, which becomes an input, to its interrupt line.
-pub fn contact<const P: char, const N: u8>(pin: Pin<P, N>) -> Input<P, N> {
+pub fn contact<const P: char, const N: u8>(pin: Pin<P, N>) -> Input {
     connect(P, u32::from(N));
     pins::input(pin)
 }
 
-impl<U: InputPin, L: InputPin, E: InputPin, D: InputPin> Inputs<U, L, E, D> {
+impl Inputs {
     /// Takes connected inputs and opens their interrupt lines.
-    pub fn new(upper_limit: U, lower_limit: L, emergency_stop: E, dielectric: D) -> Self {
+    pub fn new(upper_limit: Input, lower_limit: Input, emergency_stop: Input, dielectric: Input) -> Self {
         // An open contact is a rising edge. A level that is open already is seen by the servo task before it may drive.
         change!(exti().rtsr(), clear 0, set LINES);
         change!(exti().imr(), clear 0, set LINES);
-        Inputs {
-            pins: SafetyPins {
-                upper_limit: Contact::normally_closed(upper_limit),
-                lower_limit: Contact::normally_closed(lower_limit),
-                emergency_stop: Contact::normally_closed(emergency_stop),
-                dielectric: Contact::normally_closed(dielectric),
-                bridge_fault: Contact::safe_at(FaultLine(()), PinState::High),
-            },
-        }
+        Inputs(SafetyPins {
+            upper_limit: Contact::normally_closed(upper_limit),
+            lower_limit: Contact::normally_closed(lower_limit),
+            emergency_stop: Contact::normally_closed(emergency_stop),
+            dielectric: Contact::normally_closed(dielectric),
+            bridge_fault: Contact::safe_at(FaultLine(()), PinState::High),
+        })
     }
 }
 
@@ -110,11 +106,11 @@ pub fn bridge_fault() {
     SEEN.fetch_or(BRIDGE, Relaxed);
 }
 
-impl<U: InputPin, L: InputPin, E: InputPin, D: InputPin> Safety for Inputs<U, L, E, D> {
+impl Safety for Inputs {
     /// Levels now, together with every condition that was unsafe for however short a time since the last call.
     fn read(&mut self) -> SafetyInputs {
         let seen = SEEN.swap(0, Relaxed);
-        let now = self.pins.read();
+        let now = self.0.read();
         SafetyInputs {
             upper_limit: now.upper_limit || seen & UPPER != 0,
             lower_limit: now.lower_limit || seen & LOWER != 0,

@@ -4,7 +4,6 @@
 //! so their phases never drift. The counters are preset so that a block of conversions is complete [`HEADSTART`] cycles
 //! before the tick: the gap task is done when the servo task begins.
 
-use super::pwm::Pwm;
 use super::{change, pac, power, put};
 use crate::board::{ADC, CORE_HZ, EDGE_MODULUS, GAP_SAMPLING, SAMPLE, SERVO, SUPERVISE};
 use crate::edges::TRIGGER_TO_END;
@@ -37,8 +36,8 @@ pub fn trigger(tim: &pac::TIM3, rcc: &pac::RCC) {
 ///
 /// The first trigger after the start must be the first of a block, so TIM1 starts just after the last trigger of the block
 /// that is not there.
-pub fn start(_pwm: &Pwm, trigger: &pac::TIM3, stamps: &pac::TIM8) {
-    // SAFETY: TIM1 belongs to `_pwm`, which nobody else has borrowed: nothing runs yet. Counter and enable only.
+pub fn start(trigger: &pac::TIM3, stamps: &pac::TIM8) {
+    // SAFETY: TIM1 belongs to the bridge, which nobody uses yet: interrupts are off. Counter and enable only.
     let tim1 = unsafe { &*pac::TIM1::ptr() };
     let begin = (LAST_TRIGGER + SAMPLE_CYCLES / 2) % SERVO.steps() as u32;
     put!(tim1.cnt(), begin);
