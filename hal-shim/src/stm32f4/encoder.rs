@@ -32,7 +32,7 @@ pub struct Lines {
 /// TIM5 in encoder mode: four counts a line, up toward the work, 32 bits.
 pub struct Timer(pac::TIM5);
 
-/// Configures pins, interrupt lines and timer. Interrupts are masked until [`serve`].
+/// Configures pins, interrupt lines and timer. Until the first [`serve`] the lines are masked, as after a storm.
 pub fn new(tim: pac::TIM5, a: PA0, b: PA1, index: PA2, rcc: &pac::RCC) -> (Lines, Timer) {
     power::TIM5.reset(rcc);
     pins::alternate::<Tim5Ch1, 'A', 0>(a);
@@ -49,7 +49,7 @@ pub fn new(tim: pac::TIM5, a: PA0, b: PA1, index: PA2, rcc: &pac::RCC) -> (Lines
     change!(exti().rtsr(), clear 0, set LINES);
     change!(exti().ftsr(), clear 0, set LINES);
     pins::input(index);
-    (Lines { masked: false }, Timer(tim))
+    (Lines { masked: true }, Timer(tim))
 }
 
 impl QuadratureLines for Lines {

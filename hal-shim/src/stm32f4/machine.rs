@@ -66,7 +66,7 @@ impl Machine {
             Board::new(pins::ports((device.GPIOA, device.GPIOB, device.GPIOC, device.GPIOD, device.GPIOE), rcc));
         let generator = Interface::new(device.DAC, board.allow_pulses, board.off_time, rcc);
         let tim1 = Pwm::new(device.TIM1, board.pwm, board.bridge_fault, rcc);
-        let bridge = pwm::bridge(tim1, board.forward, board.reverse).map_err(|_| StartError::Memory)?;
+        let bridge = pwm::bridge(tim1, board.forward, board.reverse).map_err(|_| StartError::Bridge)?;
         pins::output_low(board.led);
         pins::output_low(board.flush_valve);
 

@@ -21,6 +21,8 @@ pub enum StartError {
     Watchdog,
     /// The settings do not build into something that can run.
     Settings,
+    /// The bridge's outputs cannot be set.
+    Bridge,
     /// Core-coupled memory was taken already.
     Memory,
 }
