@@ -25,7 +25,7 @@ pub mod feed;
 pub mod gap;
 pub mod head;
 pub mod path;
-pub mod servo;
 pub mod remote;
+pub mod servo;
 pub mod settings;
 pub mod units;

@@ -25,6 +25,7 @@ use defmt_rtt as _;
 #[cfg(target_arch = "arm")]
 #[rtic::app(device = edm_hal_shim::stm32f4::pac, peripherals = true, dispatchers = [SPI3])]
 mod app {
+    use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
     use edm_hal_shim::board;
     use edm_hal_shim::bridge::{Drive, HBridge};
     use edm_hal_shim::clock::Clock;
@@ -35,9 +36,7 @@ mod app {
     use edm_hal_shim::roll::Roll;
     use edm_hal_shim::safety::{DriveSense, Safety};
     use edm_hal_shim::stm32f4::blocks::Blocks;
-    use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
     use edm_hal_shim::stm32f4::bxcan::{Data, Frame, Id, StandardId};
-    use edm_hal_shim::stm32f4::pac::Interrupt;
     use edm_hal_shim::stm32f4::can::{self, Receiver, Sender};
     use edm_hal_shim::stm32f4::cycles::Cycles;
     use edm_hal_shim::stm32f4::drive::DriveAdc;
@@ -45,6 +44,7 @@ mod app {
     use edm_hal_shim::stm32f4::gated::{self, Gated};
     use edm_hal_shim::stm32f4::generator::Interface;
     use edm_hal_shim::stm32f4::machine::Machine;
+    use edm_hal_shim::stm32f4::pac::Interrupt;
     use edm_hal_shim::stm32f4::pwm::{self, Bridge};
     use edm_hal_shim::stm32f4::safety::{self, Inputs};
     use edm_hal_shim::stm32f4::start::StartError;
@@ -53,7 +53,9 @@ mod app {
     use edm_hal_shim::stm32f4::{ccm, dying, flash, lines};
     use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, Shared as Published, TimerCount};
     use edm_servo_head::gap::{GapReading, GapSource, Quality, Voltage};
-    use edm_servo_head::head::{Change, Command, Fault, Head, Refused, State, Status, SupervisionLimits, Supervisor, TickInput};
+    use edm_servo_head::head::{
+        Change, Command, Fault, Head, Refused, State, Status, SupervisionLimits, Supervisor, TickInput,
+    };
     use edm_servo_head::settings::Settings;
     use edm_servo_head::{remote, units};
     use heapless::spsc::{Consumer, Producer, Queue};
@@ -82,7 +84,7 @@ mod app {
     static REFLEX: Limits = Limits::new(5, MS, 200);
     /// A frame came in since the last supervision.
     static HOST: AtomicBool = AtomicBool::new(false);
-    /// What the encoder interrupt publishes.
+    /// What the encoder interrupts count; slower tasks read it.
     static ENCODER: Published = Published::new();
 
     /// A command on its way to the servo task, with its number for the answer.
@@ -93,7 +95,7 @@ mod app {
     pub struct Decoder {
         lines: Lines,
         clock: Cycles,
-        quadrature: Quadrature,
+        quadrature: Quadrature<&'static Published>,
     }
 
     impl Decoder {
@@ -105,7 +107,6 @@ mod app {
                 Edge::Next => self.quadrature.edge(levels, self.clock.now()),
                 Edge::AfterStorm => self.quadrature.resume(levels),
             }
-            ENCODER.publish(&self.quadrature);
         }
     }
 
@@ -203,16 +204,13 @@ mod app {
 
         let settings = Settings::default();
         let Ok(active) = settings.build() else { dying::halt(StartError::Settings, Some(watchdog)) };
-        let Some(head) = ccm::place(|| Head::new(active.head)) else {
-            dying::halt(StartError::Memory, Some(watchdog))
-        };
+        let Some(head) = ccm::place(|| Head::new(active.head)) else { dying::halt(StartError::Memory, Some(watchdog)) };
         watchdog.feed();
         let (low, high) = reflex_window(&settings);
         thresholds.set_voltage(low, high);
         let source = Voltage::new(active.gap);
 
-        let quadrature = Quadrature::new(machine.lines.levels(), clock.now());
-        ENCODER.publish(&quadrature);
+        let quadrature = Quadrature::on(&ENCODER, machine.lines.levels(), clock.now());
         let axis = Axis {
             head,
             bridge: machine.bridge,
@@ -520,7 +518,7 @@ mod app {
             }
             if let Some(Report { status, shorts, pulse }) = cx.local.reports.dequeue() {
                 defmt::info!(
-                    "{} at {=i64} counts, gap {=f32} V ({}), {=u32} shorts, newest pulse {=[u16]}",
+                    "{} at {=i64} counts, gap {=f32} V ({}), {=u32} shorts, newest pulse {}",
                     status.state,
                     status.position,
                     status.gap.filtered.0,

@@ -88,13 +88,13 @@ impl Scale {
 }
 
 /// An axis with both counters on its lines and a clock.
-struct Machine {
+struct Machine<'a> {
     scale: Scale,
     place: i64,
     clock: Cell<u32>,
     register: Cell<u32>,
-    decoder: Quadrature,
-    shared: Shared,
+    decoder: Quadrature<&'a Shared>,
+    shared: &'a Shared,
 }
 
 #[derive(Clone, Copy)]
@@ -116,11 +116,9 @@ impl EncoderTimer for Timer16<'_> {
     }
 }
 
-impl Machine {
-    fn new(scale: Scale) -> Self {
-        let decoder = Quadrature::new(scale.levels(0), 0);
-        let shared = Shared::new();
-        shared.publish(&decoder);
+impl<'a> Machine<'a> {
+    fn new(shared: &'a Shared, scale: Scale) -> Self {
+        let decoder = Quadrature::on(shared, scale.levels(0), 0);
         Machine { scale, place: 0, clock: Cell::new(0), register: Cell::new(0), decoder, shared }
     }
 
@@ -138,7 +136,7 @@ impl Machine {
             self.register.set(self.counts() as u32);
             let levels = self.scale.levels(self.place);
             if levels != before && served() {
-                self.interrupt(levels);
+                self.decoder.edge(levels, self.clock.get());
             }
         }
     }
@@ -148,13 +146,8 @@ impl Machine {
         self.travel(count * EIGHTHS + EIGHTHS / 2 - self.place, 10, || true);
     }
 
-    fn interrupt(&mut self, levels: Levels) {
-        self.decoder.edge(levels, self.clock.get());
-        self.shared.publish(&self.decoder);
-    }
-
     fn snapshot(&self) -> Snapshot {
-        DecoderCount::new(&self.shared, Time(&self.clock)).snapshot()
+        DecoderCount::new(self.shared, Time(&self.clock)).snapshot()
     }
 
     fn raw(&self) -> RawCount {
@@ -165,7 +158,8 @@ impl Machine {
 #[test]
 fn no_count_is_lost_on_reversal() {
     // [R]: four counts a trip. A thousand trips over random parts of the stroke, turning anywhere within a count.
-    let mut machine = Machine::new(Scale::PLAIN);
+    let shared = Shared::new();
+    let mut machine = Machine::new(&shared, Scale::PLAIN);
     let mut position = Position::new(machine.raw());
     let mut random = Random(7);
     for _ in 0..1000 {
@@ -186,7 +180,8 @@ fn no_count_is_lost_on_reversal() {
 #[test]
 fn a_step_back_from_zero_is_a_step_back_for_both_counters() {
     // [R]: below zero the count became a huge positive one, and the loop drove the actuator to its stop.
-    let mut machine = Machine::new(Scale::PLAIN);
+    let shared = Shared::new();
+    let mut machine = Machine::new(&shared, Scale::PLAIN);
     let (register, clock) = (Cell::new(0), Cell::new(0));
     let mut timer = TimerCount::new(Timer16(&register), Time(&clock));
     let mut by_edges = Position::new(machine.raw());
@@ -206,7 +201,8 @@ fn a_step_back_from_zero_is_a_step_back_for_both_counters() {
 #[test]
 fn velocity_is_not_stuck_at_standstill_and_homing_does_not_kick_it() {
     // [R]: the frequency measured last stayed when the axis had stopped.
-    let mut machine = Machine::new(Scale::PLAIN);
+    let shared = Shared::new();
+    let mut machine = Machine::new(&shared, Scale::PLAIN);
     let mut velocity = Velocity::new(machine.raw(), Time::HZ);
     let mut position = Position::new(machine.raw());
     // 100 kcount/s: 210 clock ticks an eighth, 5 counts a servo tick.
@@ -230,7 +226,8 @@ fn velocity_is_not_stuck_at_standstill_and_homing_does_not_kick_it() {
 
 /// What supervision says 2 ms after `travel`, and the illegal transitions.
 fn supervised(travel: impl FnOnce(&mut Machine)) -> (Result<(), EncoderFault>, u32) {
-    let mut machine = Machine::new(Scale { mark_width: 0, ..Scale::PLAIN });
+    let shared = Shared::new();
+    let mut machine = Machine::new(&shared, Scale { mark_width: 0, ..Scale::PLAIN });
     let (register, clock) = (Cell::new(0), Cell::new(0));
     let mut timer = TimerCount::new(Timer16(&register), Time(&clock));
     let mut watch = Plausibility::new(PlausibilityLimits::default(), 0);
@@ -272,8 +269,8 @@ fn noise_on_both_lines_is_reported_by_its_rate_and_does_not_move_the_count() {
             for _ in 0..bursts {
                 // Both lines flip and come back: two illegal transitions.
                 let levels = machine.scale.levels(machine.place);
-                machine.interrupt(Levels { a: !levels.a, b: !levels.b, ..levels });
-                machine.interrupt(levels);
+                machine.decoder.edge(Levels { a: !levels.a, b: !levels.b, ..levels }, machine.clock.get());
+                machine.decoder.edge(levels, machine.clock.get());
             }
             assert_eq!(machine.raw().count, 300);
         });
@@ -283,7 +280,8 @@ fn noise_on_both_lines_is_reported_by_its_rate_and_does_not_move_the_count() {
 
 #[test]
 fn marks_watch_the_count_over_a_long_scale_and_show_what_was_lost_between_them() {
-    let mut machine = Machine::new(Scale::PLAIN);
+    let shared = Shared::new();
+    let mut machine = Machine::new(&shared, Scale::PLAIN);
     let mut check = MarkCheck::new(MarkSpacing::default());
     let mut position = Position::new(machine.raw());
     for target in [45_000, -25_000, 30_000, 15_000] {

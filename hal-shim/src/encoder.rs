@@ -27,8 +27,8 @@ pub trait QuadratureLines {
 pub struct RawCount {
     /// Edges counted since power-up, four per encoder line, positive toward the work, wrapping.
     pub count: u32,
-    /// Clock time of the newest counted edge. A counter that cannot time its edges reports the time of the first reading
-    /// that saw the change.
+    /// Clock time of the newest counted edge; no two edges have the same. A counter that cannot time its edges reports the
+    /// time of the first reading that saw the change.
     pub last_edge: u32,
     /// The newest counted edge went toward the work. A line crossed forth and back is no distance: with the direction the
     /// reader knows which line it was, and an axis that trembles over one line has no velocity.

@@ -12,15 +12,13 @@
 //!
 //! On a single-bank flash an erase stalls the processor for up to half a second. Writing therefore needs a [`Permit`].
 
-use crate::storage::{NorFlash, NorFlashError, NorFlashErrorKind};
+mod sector;
+
+use crate::storage::NorFlash;
 use core::fmt;
 use core::marker::PhantomData;
-use core::pin::pin;
-use core::task::{Context, Poll, Waker};
-use embedded_storage_async::nor_flash;
+use sector::{Denied, OneSector, Record, at_once, log};
 use sequential_storage::Error as LogError;
-use sequential_storage::cache::{Cache, Uncached};
-use sequential_storage::map::{MapConfig, MapStorage, SerializationError, Value};
 
 /// Longest image, bytes. Part of the stored format: a longer record is taken for damage, so it may grow but not shrink.
 pub const MAX_IMAGE: usize = 2048;
@@ -94,16 +92,15 @@ struct Found {
     format: u8,
     /// Place of the image in the buffer.
     len: usize,
-    /// Nothing in the way of appending.
-    sound: bool,
 }
 
 impl<F: NorFlash, P: Permit> Store<F, P> {
     /// Takes the two sectors that begin at offset `start` of the flash.
     pub fn new(flash: F, start: u32) -> Result<Self, StoreError<F::Error>> {
         const { assert!(F::ERASE_SIZE >= 2 * BUFFER && F::WRITE_SIZE <= 8) };
-        let end = start as usize + 2 * F::ERASE_SIZE;
-        if end > flash.capacity() || !(start as usize).is_multiple_of(F::ERASE_SIZE) {
+        let start_at = start as usize;
+        let fits = start_at.checked_add(2 * F::ERASE_SIZE).is_some_and(|end| end <= flash.capacity());
+        if !fits || !start_at.is_multiple_of(F::ERASE_SIZE) {
             return Err(StoreError::Region);
         }
         Ok(Store { flash, start, permit: PhantomData })
@@ -136,7 +133,7 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
             }
             sequence = found.sequence.wrapping_add(1);
             let record = Record { sequence, format: FORMAT, image };
-            if found.sound && self.append(found.sector, &record, buffer, permit)? {
+            if self.append(found.sector, &record, buffer, permit)? {
                 return Ok(());
             }
             sector = 1 - found.sector;
@@ -172,13 +169,9 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
             let mut view = OneSector::<F, P> { flash: &mut self.flash, base, end, last: 0, permit: None };
             let fetched = at_once(log(&mut view).fetch_item::<Record>(buffer, &()));
             return match fetched {
-                Ok(record) => Ok(record.map(|r| Found {
-                    sector,
-                    sequence: r.sequence,
-                    format: r.format,
-                    len: r.image.len(),
-                    sound: end == F::ERASE_SIZE as u32,
-                })),
+                Ok(record) => {
+                    Ok(record.map(|r| Found { sector, sequence: r.sequence, format: r.format, len: r.image.len() }))
+                }
                 // A header cut short that happens to promise more than was ever written. What lies before it is whole.
                 Err(LogError::BufferTooSmall(_)) if view.last < end => {
                     end = view.last;
@@ -218,121 +211,6 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
 impl Found {
     fn image<'b>(&self, buffer: &'b [u8; BUFFER]) -> Option<&'b [u8]> {
         buffer.get(Record::HEADER..Record::HEADER + self.len)
-    }
-}
-
-/// What the log holds. Every format begins with the sequence.
-struct Record<'a> {
-    sequence: u32,
-    format: u8,
-    image: &'a [u8],
-}
-
-impl Record<'_> {
-    const HEADER: usize = 5;
-}
-
-impl<'a> Value<'a> for Record<'a> {
-    fn serialize_into(&self, buffer: &mut [u8]) -> Result<usize, SerializationError> {
-        let len = Self::HEADER + self.image.len();
-        let (header, image) = buffer
-            .get_mut(..len)
-            .and_then(|b| b.split_first_chunk_mut::<5>())
-            .ok_or(SerializationError::BufferTooSmall)?;
-        let [a, b, c, d] = self.sequence.to_le_bytes();
-        *header = [a, b, c, d, self.format];
-        image.copy_from_slice(self.image);
-        Ok(len)
-    }
-
-    fn deserialize_from(buffer: &'a [u8]) -> Result<(Self, usize), SerializationError> {
-        let (&[a, b, c, d, format], image) =
-            buffer.split_first_chunk::<5>().ok_or(SerializationError::InvalidFormat)?;
-        Ok((Record { sequence: u32::from_le_bytes([a, b, c, d]), format, image }, buffer.len()))
-    }
-}
-
-/// The log of the sector that `view` shows.
-fn log<'v, 'f, F: NorFlash, P: Permit>(view: &'v mut OneSector<'f, F, P>) -> Log<'v, 'f, F, P> {
-    MapStorage::new(view, const { MapConfig::new(0..2 * F::ERASE_SIZE as u32) }, Cache::new_uncached())
-}
-
-type Log<'v, 'f, F, P> = MapStorage<(), &'v mut OneSector<'f, F, P>, Cache<Uncached, Uncached, Uncached>>;
-
-/// Runs a future that never waits: the flash beneath it answers at once. A single poll, so nothing can hang here.
-fn at_once<T, E>(future: impl Future<Output = Result<T, LogError<E>>>) -> Result<T, LogError<E>> {
-    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
-        Poll::Ready(result) => result,
-        Poll::Pending => Err(LogError::LogicBug {}),
-    }
-}
-
-/// One sector as sequential-storage sees it: page 0 of two, the other one blank and closed to it.
-struct OneSector<'f, F, P> {
-    flash: &'f mut F,
-    base: u32,
-    /// Reads from here on give blank cells.
-    end: u32,
-    /// Where the last read began.
-    last: u32,
-    /// `None` to read only.
-    permit: Option<&'f P>,
-}
-
-/// Why a view did not do as it was told.
-#[derive(Debug)]
-enum Denied<E> {
-    Flash(E),
-    NotPermitted,
-    /// Outside the sector, or an erase.
-    NotHere,
-}
-
-impl<E: fmt::Debug> NorFlashError for Denied<E> {
-    fn kind(&self) -> NorFlashErrorKind {
-        NorFlashErrorKind::Other
-    }
-}
-
-impl<F: NorFlash, P> nor_flash::ErrorType for OneSector<'_, F, P> {
-    type Error = Denied<F::Error>;
-}
-
-impl<F: NorFlash, P> nor_flash::ReadNorFlash for OneSector<'_, F, P> {
-    const READ_SIZE: usize = F::READ_SIZE;
-
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
-        self.last = offset;
-        if offset < self.end {
-            self.flash.read(self.base + offset, bytes).map_err(Denied::Flash)
-        } else {
-            bytes.fill(0xFF);
-            Ok(())
-        }
-    }
-
-    fn capacity(&self) -> usize {
-        2 * F::ERASE_SIZE
-    }
-}
-
-impl<F: NorFlash, P: Permit> nor_flash::NorFlash for OneSector<'_, F, P> {
-    const WRITE_SIZE: usize = F::WRITE_SIZE;
-    const ERASE_SIZE: usize = F::ERASE_SIZE;
-
-    async fn erase(&mut self, _from: u32, _to: u32) -> Result<(), Self::Error> {
-        Err(Denied::NotHere)
-    }
-
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
-        let permit = self.permit.ok_or(Denied::NotHere)?;
-        if offset >= F::ERASE_SIZE as u32 {
-            return Err(Denied::NotHere);
-        }
-        if !permit.holds() {
-            return Err(Denied::NotPermitted);
-        }
-        self.flash.write(self.base + offset, bytes).map_err(Denied::Flash)
     }
 }
 

@@ -31,46 +31,44 @@ pub struct Mark {
 /// seen high, then seen high one count nearer to the work, or the same backward.
 #[derive(Clone, Debug)]
 pub(super) struct MarkLatch {
-    /// The line has been high during this stay.
-    high: bool,
-    /// The same for the stay before, one count away.
-    high_before: Option<bool>,
-    /// This stay began by a step toward the work.
-    toward_work: bool,
-    mark: Mark,
+    /// [`HIGH`], [`HIGH_BEFORE`], [`UNKNOWN_BEFORE`].
+    line: u32,
 }
+
+/// The line has been high during this stay.
+const HIGH: u32 = 1;
+/// The line was high during the stay before, one count away.
+const HIGH_BEFORE: u32 = 2;
+/// There was no stay before that says anything.
+const UNKNOWN_BEFORE: u32 = 4;
 
 impl MarkLatch {
     pub(super) fn new(high: bool) -> Self {
-        MarkLatch { high, high_before: None, toward_work: false, mark: Mark::default() }
+        MarkLatch { line: UNKNOWN_BEFORE | u32::from(high) }
     }
 
     /// The stay goes on.
     #[inline]
     pub(super) fn stay(&mut self, high: bool) {
-        self.high |= high;
+        self.line |= u32::from(high);
     }
 
-    /// The stay at `count` ends with a step; `high` is the level after it.
+    /// The stay ends with a step, after which the line is `high`. True if [`MarkLatch::leave`] has to look at it: near a mark.
     #[inline]
-    pub(super) fn leave(&mut self, count: u32, toward_work: bool, high: bool) {
-        if self.high_before == Some(!self.high) && self.high == self.toward_work {
-            self.mark = Mark {
-                count: if self.high { count } else { count.wrapping_add(1) },
-                toward_work: self.high,
-                crossings: self.mark.crossings.wrapping_add(1),
-            };
+    pub(super) fn is_near(&self, high: bool) -> bool {
+        self.line | u32::from(high) != 0
+    }
+
+    /// The stay at `count`, which began by a step toward the work or away, ends with a step after which the line is `high`.
+    /// `Some` is the position of a mark that has been crossed, in the direction in which this stay began.
+    pub(super) fn leave(&mut self, count: u32, toward_work: bool, high: bool) -> Option<u32> {
+        let stays = self.line;
+        self.line = (stays & HIGH) << 1 | u32::from(high);
+        match (stays, toward_work) {
+            (HIGH, true) => Some(count),
+            (HIGH_BEFORE, false) => Some(count.wrapping_add(1)),
+            _ => None,
         }
-        *self = MarkLatch { high, high_before: Some(self.high), toward_work, mark: self.mark };
-    }
-
-    /// The count has stopped following the scale, and goes on from here.
-    pub(super) fn lose(&mut self, high: bool) {
-        *self = MarkLatch { mark: self.mark, ..MarkLatch::new(high) };
-    }
-
-    pub(super) fn mark(&self) -> Mark {
-        self.mark
     }
 }
 

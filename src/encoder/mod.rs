@@ -2,8 +2,9 @@
 //!
 //! ```text
 //! edges --> Quadrature --> Shared --> DecoderCount --+--> Position --> counts, signed 64 bit
-//! (interrupt)    |                                   +--> Velocity --> counts/s
-//!                +--> Mark --> MarkCheck             +--> Plausibility <-- TimerCount <-- timer in encoder mode
+//! (interrupt)                                        +--> Velocity --> counts/s
+//!                                                    +--> MarkCheck
+//!                                                    +--> Plausibility <-- TimerCount <-- timer in encoder mode
 //! ```
 //!
 //! Two counters watch the same lines. The decoder sees illegal transitions and times each edge, but an edge that is not
@@ -30,7 +31,7 @@ pub use handover::Handover;
 pub use index::{Mark, MarkCheck, MarkSpacing, WrongDistance};
 pub use plausibility::{EncoderFault, Plausibility, PlausibilityLimits};
 pub use position::Position;
-pub use quadrature::{Quadrature, Snapshot};
-pub use shared::{DecoderCount, Shared};
+pub use quadrature::Quadrature;
+pub use shared::{DecoderCount, Shared, Snapshot};
 pub use timer::TimerCount;
 pub use velocity::Velocity;

@@ -2,18 +2,18 @@
 //!
 //! One core; the interrupt may pre-empt a reader at any instruction and always finishes before the reader goes on; the
 //! reader never pre-empts the interrupt. So the writer is always consistent and only the reader has to notice that it was
-//! interrupted: it reads the version, the values and the clock, and the version again. If the version has moved, an edge
-//! came in between and it reads once more.
+//! interrupted. Counted edges have different times, so the time of the newest edge tells whether one came: the reader reads
+//! it, the other values and the clock, and the time of the newest edge again. If it has moved, it reads once more.
+//! (Illegal transitions do not move it. They stand alone, nothing has to match them.)
 //!
-//! Why a few attempts suffice: a read is about twenty instructions, 0.2 us at 168 MHz. One attempt fails however many edges
-//! came while it was interrupted, so two failures in a row take two separate interruptions that both bring an edge. Edges
-//! at the rated 300 kcount/s are 3.3 us apart, sixteen reads; tasks between interrupt and reader, which could hide several
-//! edges, start at most once a tick. That makes two failures, and the third attempt succeeds. If noise on the lines spoils
-//! [`ATTEMPTS`] attempts, the reader gets what the last one read: every value is one that the decoder published during
-//! the read, and only their pairing may be off, by the edges of one read.
+//! Why a few attempts suffice: an attempt takes about 60 cycles, 0.35 us at 168 MHz. It fails however many edges came while
+//! it was interrupted, so two failures in a row take two separate interruptions that both bring an edge. Edges at the rated
+//! 300 kcount/s are 3.3 us apart, nine attempts; tasks between interrupt and reader, which could hide several edges, start
+//! at most once a tick. That makes two failures, and the third attempt succeeds. If noise on the lines spoils all
+//! [`ATTEMPTS`], the reader gets what the last one read: each value is one that the decoder had during that attempt, and
+//! only their pairing may be off, by the edges of one attempt.
 
 use super::index::Mark;
-use super::quadrature::{Quadrature, Snapshot};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::{EdgeCounter, RawCount};
@@ -21,48 +21,57 @@ use edm_hal_shim::encoder::{EdgeCounter, RawCount};
 /// Attempts at a consistent reading.
 pub const ATTEMPTS: u32 = 4;
 
-/// The mailbox between one decoder and its readers.
+/// Everything a decoder knows at one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Snapshot {
+    /// Count and times.
+    pub raw: RawCount,
+    /// Illegal transitions since the start, wrapping.
+    pub illegal: u32,
+    /// Newest index mark.
+    pub mark: Mark,
+}
+
+/// State of one decoder, written by it alone and readable by slower tasks.
+///
+/// Loads and stores instead of atomic additions: there is one writer. The order of its stores does not matter, a reader sees
+/// all stores of an interrupt or none.
 #[derive(Debug, Default)]
 pub struct Shared {
-    version: AtomicU32,
-    count: AtomicU32,
-    last_edge: AtomicU32,
-    toward_work: AtomicU32,
-    illegal: AtomicU32,
+    pub(super) count: AtomicU32,
+    /// Newest step, 1 or -1; 0 before the first.
+    pub(super) newest_step: AtomicU32,
+    pub(super) last_edge: AtomicU32,
+    pub(super) illegal: AtomicU32,
     mark_count: AtomicU32,
-    mark_toward_work: AtomicU32,
+    /// Twice the crossings, and one if the newest went toward the work.
     mark_crossings: AtomicU32,
 }
 
 impl Shared {
-    /// Empty until the first [`Shared::publish`].
+    /// For a `static`.
     pub const fn new() -> Self {
         Shared {
-            version: AtomicU32::new(0),
             count: AtomicU32::new(0),
+            newest_step: AtomicU32::new(0),
             last_edge: AtomicU32::new(0),
-            toward_work: AtomicU32::new(0),
             illegal: AtomicU32::new(0),
             mark_count: AtomicU32::new(0),
-            mark_toward_work: AtomicU32::new(0),
             mark_crossings: AtomicU32::new(0),
         }
     }
 
-    /// Publishes the decoder's state: once at start, then from the edge interrupt alone.
-    #[inline]
-    pub fn publish(&self, decoder: &Quadrature) {
-        // Order does not matter here, the reader sees all of these stores or none. Load and store instead of an atomic
-        // addition: there is one writer.
-        let Snapshot { raw, illegal, mark } = decoder.snapshot(0);
-        self.version.store(self.version.load(Relaxed).wrapping_add(1), Relaxed);
-        self.count.store(raw.count, Relaxed);
-        self.last_edge.store(raw.last_edge, Relaxed);
-        self.toward_work.store(raw.toward_work.into(), Relaxed);
-        self.illegal.store(illegal, Relaxed);
-        self.mark_count.store(mark.count, Relaxed);
-        self.mark_toward_work.store(mark.toward_work.into(), Relaxed);
-        self.mark_crossings.store(mark.crossings, Relaxed);
+    /// The newest step went toward the work.
+    pub(super) fn toward_work(&self) -> bool {
+        self.newest_step.load(Relaxed) == 1
+    }
+
+    /// A mark has been crossed.
+    pub(super) fn cross(&self, count: u32, toward_work: bool) {
+        let crossings = (self.mark_crossings.load(Relaxed) >> 1).wrapping_add(1);
+        self.mark_count.store(count, Relaxed);
+        self.mark_crossings.store(crossings << 1 | u32::from(toward_work), Relaxed);
     }
 
     /// The newest state; `now` is asked for the time once per attempt, so that no edge lies between count and time.
@@ -83,22 +92,23 @@ impl Shared {
         };
         let mut snapshot = Snapshot::default();
         for _ in 0..ATTEMPTS {
-            let version = load(&self.version);
+            let last_edge = load(&self.last_edge);
+            let mark_crossings = load(&self.mark_crossings);
             snapshot = Snapshot {
-                raw: RawCount {
-                    count: load(&self.count),
-                    last_edge: load(&self.last_edge),
-                    toward_work: load(&self.toward_work) != 0,
-                    now: now(),
-                },
-                illegal: load(&self.illegal),
                 mark: Mark {
                     count: load(&self.mark_count),
-                    toward_work: load(&self.mark_toward_work) != 0,
-                    crossings: load(&self.mark_crossings),
+                    toward_work: mark_crossings & 1 != 0,
+                    crossings: mark_crossings >> 1,
+                },
+                illegal: load(&self.illegal),
+                raw: RawCount {
+                    count: load(&self.count),
+                    toward_work: load(&self.newest_step) == 1,
+                    last_edge,
+                    now: now(),
                 },
             };
-            if load(&self.version) == version {
+            if load(&self.last_edge) == last_edge {
                 break;
             }
         }
@@ -134,29 +144,27 @@ impl<C: Clock> EdgeCounter for DecoderCount<'_, C> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::encoder::Quadrature;
     use edm_hal_shim::encoder::Levels;
 
     /// Moves toward the work, an edge at each clock tick, so that every value belongs to one count alone.
-    struct Machine {
-        decoder: Quadrature,
+    struct Machine<'a> {
+        decoder: Quadrature<&'a Shared>,
         position: u32,
     }
 
-    impl Machine {
+    impl<'a> Machine<'a> {
         fn levels(position: u32) -> Levels {
             Levels { a: (position + 1) & 2 != 0, b: position & 2 != 0, index: position % 8 == 7 }
         }
 
-        fn new(shared: &Shared) -> Self {
-            let decoder = Quadrature::new(Self::levels(0), 0);
-            shared.publish(&decoder);
-            Machine { decoder, position: 0 }
+        fn new(shared: &'a Shared) -> Self {
+            Machine { decoder: Quadrature::on(shared, Self::levels(0), 0), position: 0 }
         }
 
-        fn edge(&mut self, shared: &Shared) {
+        fn edge(&mut self) {
             self.position += 1;
             self.decoder.edge(Self::levels(self.position), self.position);
-            shared.publish(&self.decoder);
         }
     }
 
@@ -170,8 +178,8 @@ mod tests {
             && mark == Mark { count: (crossings * 8).saturating_sub(1), toward_work: crossings > 0, crossings }
     }
 
-    /// Loads of one attempt: seven values between two of the version.
-    const LOADS: u32 = 9;
+    /// Loads of one attempt.
+    const LOADS: u32 = 7;
 
     #[test]
     fn a_reading_is_consistent_wherever_the_interrupt_comes() {
@@ -186,7 +194,7 @@ mod tests {
                         || 77,
                         || {
                             if loads == first || loads == LOADS + second {
-                                (0..edges).for_each(|_| machine.edge(&shared));
+                                (0..edges).for_each(|_| machine.edge());
                             }
                             loads += 1;
                         },
@@ -208,7 +216,7 @@ mod tests {
         let snapshot = shared.read_interrupted(
             || 0,
             || {
-                machine.edge(&shared);
+                machine.edge();
                 loads += 1;
             },
         );
@@ -226,7 +234,7 @@ mod tests {
         let snapshot = shared.read(|| {
             asked += 1;
             if asked == 1 {
-                machine.edge(&shared);
+                machine.edge();
             }
             machine.position
         });
@@ -244,7 +252,7 @@ mod tests {
         }
         let shared = Shared::new();
         let mut machine = Machine::new(&shared);
-        (0..8).for_each(|_| machine.edge(&shared));
+        (0..8).for_each(|_| machine.edge());
         let mut counter = DecoderCount::new(&shared, Stopped);
         assert_eq!(counter.read(), RawCount { count: 8, last_edge: 8, toward_work: true, now: 9 });
         assert_eq!(counter.snapshot().mark.count, 7);

@@ -3,6 +3,7 @@
 use super::check::Check;
 use super::machine::{Head, hazard};
 use super::{Fault, Reason, State};
+use crate::gap::OpenCircuit;
 use crate::path;
 use crate::units::{Fixed, Nanometres};
 use core::fmt;
@@ -150,7 +151,7 @@ impl Head {
         }
         self.refuse_hazard(false)?;
         self.upper_limit_excused = self.safety.upper_limit;
-        self.open_known = false;
+        self.open = OpenCircuit::new(self.config.seek.settle);
         self.work = None;
         self.axis.reset();
         self.restart_path();

@@ -4,7 +4,7 @@ use super::{check, supervise};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant};
-use crate::units::{Amps, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Volts};
+use crate::units::{Amps, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Seconds, Volts};
 
 /// How the gap error becomes a duty ([R] sections 6.6 and 6.7, in the order they were built).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,8 +35,8 @@ pub struct Seek {
     pub velocity: MicrometresPerSecond,
     /// The work is found when the gap voltage falls below this share of open circuit.
     pub threshold: f32,
-    /// Servo ticks at rest, to measure the open-circuit voltage.
-    pub settle: u32,
+    /// Time at rest, to measure the open-circuit voltage.
+    pub settle: Seconds,
     /// Lowest open-circuit voltage to accept.
     pub open_min: Volts,
 }

@@ -6,7 +6,7 @@ use super::reaction::{Motion, Reacting, Situation};
 use super::{Change, ChangeLog, Fault, Finding, Reason, Refused, Report, State, Status, TickInput, TickOutput};
 use crate::encoder::{MarkCheck, Plausibility, Position, Velocity};
 use crate::feed::{FeedLaw, Law, Limiter};
-use crate::gap::Quality;
+use crate::gap::{OpenCircuit, Quality};
 use crate::path::{AHEAD, AXES, BEHIND, Register};
 use crate::servo::{AxisLoop, CurrentGuard, Pid, Window};
 use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Fixed, MicrometresPerSecond, Volts};
@@ -44,7 +44,7 @@ pub struct Head {
     pub(super) in_state: u32,
     /// State that a retreat returns to, and the count where it began.
     pub(super) retreat: (State, i64),
-    pub(super) open_known: bool,
+    pub(super) open: OpenCircuit,
     /// Path coordinate where the work was found.
     pub(super) work: Option<Fixed>,
     /// The upper limit was open when the loop was closed: the head may leave it downward.
@@ -70,7 +70,7 @@ impl Head {
             checked: None,
             in_state: 0,
             retreat: (State::Eroding, 0),
-            open_known: false,
+            open: OpenCircuit::new(config.seek.settle),
             work: None,
             upper_limit_excused: false,
             safety: SafetyInputs::default(),
@@ -228,7 +228,7 @@ impl Head {
             State::Disabled => Motion::Coast,
             State::Commissioning => return self.run_check(),
             State::Ready | State::Done | State::HoldingPosition => along(0.0),
-            State::Seeking if !self.open_known => along(0.0),
+            State::Seeking if self.open.volts().is_none() => along(0.0),
             State::Seeking => along(self.config.seek.velocity.0),
             State::Eroding => self.erode(),
             State::Retreating => along(-self.config.retreat.velocity.0),
@@ -264,19 +264,17 @@ impl Head {
             return;
         }
         let gap = self.status.gap;
-        let valid = gap.quality == Quality::Valid;
-        if !self.open_known {
-            if self.in_state < self.config.seek.settle || !valid {
-                return;
-            }
-            if gap.filtered < self.config.seek.open_min {
-                self.raise(Fault::GapSignalInvalid);
-                return;
-            }
-            self.status.open_circuit = gap.filtered;
-            self.open_known = true;
+        let Some(open) = self.open.volts() else {
+            self.open.observe(&gap, true);
+            return;
+        };
+        self.status.open_circuit = open;
+        if open < self.config.seek.open_min {
+            self.raise(Fault::GapSignalInvalid);
+            return;
         }
-        if valid && gap.filtered.0 < self.status.open_circuit.0 * self.config.seek.threshold {
+        let valid = gap.quality == Quality::Valid;
+        if valid && gap.filtered.0 < open.0 * self.config.seek.threshold {
             self.work = self.work.or(Some(self.path.s()));
             self.law = self.config.law;
             self.single.reset();

@@ -1,18 +1,22 @@
 //! Settings -> what the ticks run, or the setting that stands in the way.
 
 use super::{Declared, LawName, SetpointUnit, SettingError, Settings};
+use crate::dsp::chain;
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{FixedRate, IncrementByError, Law, Limits, RateByError};
+use crate::gap::voltage;
 use crate::head::{Axis, CheckConfig, Config, Lift, Retreat, Seek, Setpoint, SupervisionLimits};
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
 use crate::units::{
-    Amps, CLOCK_HZ, CountsPerSecond, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres,
-    Newtons, Seconds, Volts,
+    Amps, CLOCK_HZ, CountsPerSecond, Fixed, Hertz, Micrometres, MicrometresPerSecond, MicrometresPerSecond2,
+    Nanometres, Newtons, Seconds, Volts,
 };
 
 /// What the ticks run.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Active {
+    /// For the gap source.
+    pub gap: voltage::Active,
     /// For the servo tick.
     pub head: Config,
 }
@@ -53,7 +57,28 @@ impl Settings {
         let axis = self.axis(nm_per_count, counts_per_um);
         let can_lift = self.axis_duty_limit > axis.plant.duty(axis.plant.weight()) * 1.2;
         conflict(!can_lift, "axis.duty_limit", "must be able to lift axis.mass_kg with a fifth to spare")?;
-        Ok(Active { head: self.head(axis) })
+        Ok(Active { gap: self.gap()?, head: self.head(axis) })
+    }
+
+    fn gap(&self) -> Result<voltage::Active, SettingError> {
+        let polarity = if self.gap_reversed { voltage::Polarity::Negative } else { voltage::Polarity::Positive };
+        let config = voltage::Config {
+            average: self.gap_average,
+            zero_code: self.gap_zero_code as u16,
+            volts_per_code: self.gap_volts_per_code,
+            polarity,
+            filter: chain::Config {
+                corner: Hertz(self.gap_corner),
+                mains: Hertz(self.gap_mains),
+                notch_q: self.gap_notch_q,
+                second_harmonic: self.gap_second_harmonic,
+            },
+            short: Volts(self.gap_short),
+            hold_limit: Seconds(self.gap_hold_ms * 1e-3),
+            ..voltage::Config::default()
+        };
+        let rule = "with the other gap settings it leaves the converter's range";
+        config.build().map_err(|_| SettingError::Conflict { field: "gap.zero_code", rule })
     }
 
     fn axis(&self, nm_per_count: i64, counts_per_um: f32) -> Axis {
@@ -142,7 +167,7 @@ impl Settings {
             seek: Seek {
                 velocity: MicrometresPerSecond(self.seek_velocity),
                 threshold: self.seek_threshold * 0.01,
-                settle: ticks(self.seek_settle_ms),
+                settle: Seconds(self.seek_settle_ms * 1e-3),
                 open_min: Volts(self.gap_open_min),
             },
             retreat: Retreat {

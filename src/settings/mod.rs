@@ -8,4 +8,4 @@ mod table;
 
 pub use build::Active;
 pub use declare::{Choice, Declared, Field, Kind, Setting, SettingError, Value};
-pub use table::{Average, LawName, SetpointUnit, Settings};
+pub use table::{LawName, SetpointUnit, Settings};

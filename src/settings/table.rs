@@ -1,16 +1,9 @@
 //! The settings of a head, one declaration each.
 
 use crate::declare;
+use crate::gap::voltage::Average;
 use crate::head::Structure;
 
-/// Shape of the gap-voltage average.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Average {
-    /// Every conversion, off-time included.
-    Plain,
-    /// On-time only, held through off-time.
-    Gated,
-}
 crate::choice!(Average { Plain = "plain", Gated = "gated" });
 
 /// How the gap setpoint is given.
@@ -61,6 +54,8 @@ declare! {
         gap_short: f32 = 20.0, (1.0, 200.0), "gap.short_v", "V", "assumed: half the burn voltage of [R]";
         /// Longest hold through off-time before the gate counts as missing.
         gap_hold_ms: f32 = 20.0, (1.0, 1000.0), "gap.hold_ms", "ms", "assumed: longer than the longest pulse period of [R], 1 ms";
+        /// Centre of the notch over the distance of its -3 dB corners.
+        gap_notch_q: f32 = 2.5, (0.5, 30.0), "gap.notch_q", "", "[R] section 6.5.3: corners of 40 and 60 Hz about 50";
         /// How the setpoint is given.
         gap_setpoint_unit: SetpointUnit = SetpointUnit::Volts, (), "gap.setpoint_unit", "", "[R] section 4.4";
         /// Gap voltage to keep.

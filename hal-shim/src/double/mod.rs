@@ -235,8 +235,8 @@ mod tests {
 
     #[test]
     fn a_flaky_counter_freezes() {
-        let script = Script::new(RawCount { count: 1, last_edge: 1, now: 1 });
-        script.then([RawCount { count: 2, last_edge: 2, now: 2 }]);
+        let script = Script::new(RawCount { count: 1, last_edge: 1, toward_work: true, now: 1 });
+        script.then([RawCount { count: 2, last_edge: 2, toward_work: true, now: 2 }]);
         let fails = Rc::new(Cell::new(false));
         let says = fails.clone();
         let mut counter = Flaky::new(script, move || says.get());

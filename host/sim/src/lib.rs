@@ -1,1 +1,3 @@
 //! Process model and native closed loop.
+pub mod machine;
+pub mod process;
