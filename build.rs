@@ -21,9 +21,14 @@ fn main() {
     }
 
     // The commit, as a number that fits a register; 0 outside a repository.
-    println!("cargo::rerun-if-changed=.git/HEAD");
-    let commit = Command::new("git").args(["rev-parse", "--short=8", "HEAD"]).output().ok();
-    let commit = commit.filter(|o| o.status.success()).and_then(|o| String::from_utf8(o.stdout).ok());
-    let commit = commit.as_deref().map_or("00000000", str::trim);
+    if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]) {
+        println!("cargo::rerun-if-changed={log}");
+    }
+    let commit = git(&["rev-parse", "--short=8", "HEAD"]).unwrap_or_default();
     println!("cargo::rustc-env=EDM_BUILD={}", commit.get(..8).unwrap_or("00000000"));
+}
+
+fn git(arguments: &[&str]) -> Option<String> {
+    let output = Command::new("git").args(arguments).output().ok().filter(|output| output.status.success())?;
+    String::from_utf8(output.stdout).ok().map(|text| text.trim().to_owned())
 }

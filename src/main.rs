@@ -383,11 +383,11 @@ mod app {
         let output = axis.head.tick(&input);
 
         let mut applied = Ok(());
-        if forced != axis.forced {
+        if forced.bridge_since(&axis.forced) {
             // Whatever was forced, the bridge starts from coasting.
-            axis.forced = forced;
             applied = axis.bridge.apply(Drive::Coast);
         }
+        axis.forced = forced;
         applied = applied.and(axis.bridge.apply(output.drive));
         if applied.is_err() {
             lines::stop();

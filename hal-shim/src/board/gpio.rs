@@ -77,6 +77,17 @@ ports! {
 }
 
 /// A pin that can carry a function.
+///
+/// ```
+/// # use edm_hal_shim::board::gpio::{Carries, PA8, PA9, Tim1Ch1};
+/// fn pwm<P: Carries<Tim1Ch1>>() {}
+/// pwm::<PA8>();
+/// ```
+/// ```compile_fail
+/// # use edm_hal_shim::board::gpio::{Carries, PA8, PA9, Tim1Ch1};
+/// # fn pwm<P: Carries<Tim1Ch1>>() {}
+/// pwm::<PA9>();
+/// ```
 pub trait Carries<F> {
     /// Number of the alternate function.
     const AF: u8;

@@ -112,7 +112,7 @@ impl fmt::Display for Table {
         for row in self.rows {
             // Display of a struct does not pad: the pin goes through a fixed width by hand.
             let space = if row.pin.number < 10 { " " } else { "" };
-            writeln!(f, "  {:<16} {}{space} {:<24} {}", row.signal, row.pin, row.function, row.outside)?;
+            writeln!(f, "  {:<17} {}{space} {:<17} {}", row.signal, row.pin, row.function, row.outside)?;
         }
         Ok(())
     }

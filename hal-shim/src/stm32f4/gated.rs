@@ -98,7 +98,9 @@ impl Gated {
         Ok((gated, thresholds))
     }
 
-    /// Starts DMA and converter together, so that current and voltage stay in their places.
+    /// Starts DMA and converter together, so that current and voltage stay in their places. Kept out of the reflex's way.
+    #[cold]
+    #[inline(never)]
     fn restart(&mut self) -> Result<(), StartError> {
         put!(self.adc.cr2(), 1);
         put!(self.adc.sr(), 0);
@@ -117,7 +119,7 @@ impl Gated {
             let now = DWT::cycle_count();
             match self.run.low(self.limits, lines::gate_is_open(), current, gate_edges(), now) {
                 Verdict::Pass => return,
-                Verdict::Kill => lines::inhibit(),
+                Verdict::Kill => lines::kill_pulse(),
                 Verdict::Retreat => {
                     lines::retract();
                     RETREATS.store(RETREATS.load(Relaxed).wrapping_add(1), Relaxed);

@@ -24,8 +24,10 @@ const FORCE_ON: u32 = 0b101 << 4 | PRELOAD;
 pub(super) const FORCE_OFF: u32 = 0b100 << 4;
 const PRELOAD: u32 = 1 << 3;
 
-/// How often something was forced; the lowest bit says what it was last: 0 off, 1 retract.
+/// How often the bridge was forced; the lowest bit says what it was last: 0 off, 1 retract.
 static FORCED: AtomicU32 = AtomicU32::new(0);
+/// How often a pulse was killed.
+static KILLED: AtomicU32 = AtomicU32::new(0);
 
 fn tim1() -> &'static pac::tim1::RegisterBlock {
     // SAFETY: the register block is there for ever. Only the mode of channel 1 is used through this reference; the module's
@@ -83,6 +85,13 @@ pub fn retract() {
     FORCED.store((FORCED.load(SeqCst) | 1).wrapping_add(2), SeqCst);
 }
 
+/// Ends the pulse. Pulses stay off until the end of a servo tick that began later. Only for the reflex.
+#[inline(always)]
+pub fn kill_pulse() {
+    inhibit();
+    KILLED.store(KILLED.load(SeqCst).wrapping_add(1), SeqCst);
+}
+
 /// Pulses off and bridge off for good: for a dying program, which never comes back to settle it.
 pub fn kill() {
     inhibit();
@@ -95,22 +104,32 @@ pub fn led(lit: bool) {
 }
 
 /// What was forced so far, as one moment saw it.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub struct Forced(u32);
+#[derive(Clone, Copy)]
+pub struct Forced {
+    bridge: u32,
+    pulses: u32,
+}
+
+impl Forced {
+    /// The bridge was forced between `earlier` and this.
+    pub fn bridge_since(&self, earlier: &Forced) -> bool {
+        self.bridge != earlier.bridge
+    }
+}
 
 /// What was forced up to now.
 pub fn forced() -> Forced {
-    Forced(FORCED.load(SeqCst))
+    Forced { bridge: FORCED.load(SeqCst), pulses: KILLED.load(SeqCst) }
 }
 
 /// Repeats what was forced since `seen`, after outputs decided before it may have been written.
 pub fn settle(seen: Forced) {
-    let mut seen = seen.0;
+    let mut bridge = seen.bridge;
     // Twice at the most: reflex or stop may come again while the first is repeated.
     for _ in 0..2 {
         let now = FORCED.load(SeqCst);
-        if now == seen {
-            return;
+        if now == bridge {
+            break;
         }
         inhibit();
         if now & 1 == 1 {
@@ -118,7 +137,10 @@ pub fn settle(seen: Forced) {
         } else {
             off()
         }
-        seen = now;
+        bridge = now;
+    }
+    if KILLED.load(SeqCst) != seen.pulses {
+        inhibit();
     }
 }
 

@@ -27,8 +27,9 @@ pub fn trigger(tim: &pac::TIM3, rcc: &pac::RCC) {
     power::TIM3.reset(rcc);
     put!(tim.psc(), u32::from(SAMPLE.prescaler));
     put!(tim.arr(), SAMPLE.reload);
-    put!(tim.cr2(), 0b010 << 4);
     put!(tim.egr(), 1);
+    // After the update that loaded the registers, which must not trigger a conversion.
+    put!(tim.cr2(), 0b010 << 4);
     put!(tim.smcr(), SLAVE);
 }
 
