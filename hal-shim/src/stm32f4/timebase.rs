@@ -1,7 +1,7 @@
 //! One start for tick, conversions and edge stamps.
 //!
 //! TIM1 (servo tick) starts TIM3 (trigger of ADC1) and TIM8 (edge stamps) by its enable; all three divide the same clock,
-//! so their phases never drift. The counters are preset so that a block of conversions is complete [`HEADSTART`] cycles
+//! so their phases never drift. The counters are preset so that a block of conversions is complete 6 us
 //! before the tick: the gap task is done when the servo task begins.
 
 use super::{change, pac, power, put};
