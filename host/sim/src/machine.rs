@@ -102,8 +102,8 @@ impl Machine {
         self.head.command(command).map_err(|refused| format!("{command:?} was refused: {refused}"))
     }
 
-    /// What the head wants of the world since the last tick.
-    pub fn output(&self) -> TickOutput {
-        self.output
+    /// Count of the edge decoder since power-up.
+    pub fn decoder_count(&self) -> i64 {
+        i64::from(self.decoder.snapshot(0).raw.count.cast_signed())
     }
 }
