@@ -105,13 +105,19 @@ def bridge(s, outs):
     s.part(elm.Schottky, (24.0, ey), (24.0, oy), "", "")
     s.text(23.6, (ey + oy) / 2 - 0.1, "½ D302", "right")
     s.dot(24.0, ey)
-    s.wire((ox, oy), (22.4, oy), (22.4, 8.6), (20.6, 8.6))
+    s.wire((ox, oy), (22.4, oy), (22.4, 8.6), (21.2, 8.6))
     s.dot(24.0, oy)
     s.dot(22.4, 10.4)
     s.part(elm.Resistor, (22.4, 10.4), (19.4, 10.4), "R306", "10 k", "split")
     s.wire((19.4, 10.4), (19.0, 10.4))
     s.rail(19.0, 10.4, "3V3")
-    s.flag(20.6, 8.6, "PB12 bridge fault (low), TIM1 BKIN", to="left")
+    s._add(logic.Buf().at((21.2, 8.6)).left())
+    s.text(20.2, 7.9, "U302B", "center", size=7.5)
+    s.wire((19.4, 8.6), (17.0, 8.6))
+    s.dot(17.8, 8.6)
+    s.part(elm.Resistor, (17.8, 8.6), (17.8, 6.8), "R311", "10 k")
+    s.ground(17.8, 6.8)
+    s.flag(17.0, 8.6, "PB12 bridge fault, low", to="left")
     px, py = pins["PROGCL A+B"]
     s.wire((px, py), (px, 8.2))
     s.ground(px, 8.2)
@@ -208,8 +214,8 @@ def meaning(s):
     s.note(
         0.8,
         2.7,
-        "U301 74LVC08, U302 74LVC32 on 3V3. D302 BAT54A: EN falls at once, rises after 8 µs (R305 C303).\n"
-        "A fault of U303 (5.6 A a bridge, or too hot) pulls OCD low: bridge off by D302, timer off by BKIN, task told.\n"
+        "U301 74LVC08, U302 74LVC32 on 3V3, U302B as a buffer; R311 at the processor: unplugged reads as fault. D302 BAT54A: EN falls at once, rises after 8 µs (R305 C303).\n"
+        "A fault of U303 (5.6 A a bridge, or too hot) pulls OCD low: bridge off by D302, PWM off by TIM1 BKIN.\n"
         "Charge pump D303, D304 1N4148, C304, C305, R307: as in the data sheet of the L6206.",
     )
 

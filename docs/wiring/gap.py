@@ -59,9 +59,9 @@ def divider(s):
     s.dot(32.6, out[1])
     s.dot(34.4, out[1])
     y = out[1]
-    s.part(elm.Resistor, (34.4, y), (38.0, y), "R215", "2.00 k", "split")
+    s.part(elm.Resistor, (34.4, y), (38.0, y), "R215", "1.00 k", "split")
     s.wire((38.0, y), (40.6, y))
-    s.part(elm.Capacitor, (39.0, y), (39.0, y - 2), "C203", "330 p")
+    s.part(elm.Capacitor, (39.0, y), (39.0, y - 2), "C203", "680 p")
     s.ground(39.0, y - 2)
     s.dot(39.0, y)
     s.flag(40.6, y, "PC0 gap V, fixed rate")
@@ -80,7 +80,7 @@ def divider(s):
         34.9,
         "code = 409.6 + (GAP+ − GAP−) / 0.1002 V    (3V3A = 3.30 V)\n"
         "−41 V = code 0,  0 V = 410,  100 V = 1408,  300 V = 3403,  369 V = 4095\n"
-        "corner at PC0 241 kHz, at PC1 482 kHz (0.33 µs)\n"
+        "corner at PC0 234 kHz (0.68 µs), at PC1 482 kHz (0.33 µs)\n"
         "U201 OPA2365 on 3V3A, 100 nF at its supply; D201, D202 BAV199",
     )
 
@@ -127,7 +127,7 @@ def comparators(s):
     s.wire((25.4, 11.7), (23.4, 11.7))
     s.part(elm.Capacitor, (23.4, 11.7), (23.4, 9.5), "C207", "10 n", "left")
     s.ground(23.4, 9.5)
-    for y, ref, name, pin, r in ((15.6, 14.1, "U202A", "PC7 above 70 %", 222), (10.6, 11.7, "U202B", "PC8 above 20 %", 224)):
+    for y, ref, name, pin, r in ((15.6, 14.1, "U202A", "PC8 above 70 %", 222), (10.6, 11.7, "U202B", "PC9 above 20 %", 224)):
         s.flag(30.6, y, "VGAP", to="left")
         s.part(elm.Resistor, (30.6, y), (33.4, y), f"R{r}", "1.00 k", "split")
         s.wire((33.4, y), (34.6, y))
@@ -196,7 +196,7 @@ def current(s):
     s.note(
         0.6,
         2.4,
-        "0 A = code 2048; 16.1 mA a code; ±33 A. GEN W: the generator lead that goes to the work. Positive: current from electrode to workpiece. Electrode negative: swap GAP+ and GAP−.\n"
+        "0 A = code 2048; 16.1 mA a code; ±33 A. GEN W: the generator lead that goes to the work. Positive: current from electrode to workpiece. Electrode negative: swap R226 and R227 at the shunt.\n"
         "U203 OPA2365 on 3V3A; U203B buffers VM from 10.0 k / 10.0 k with 100 nF. R226 and R227 take four-wire taps on the shunt; BAV199 clamps at both inputs as above.",
     )
 

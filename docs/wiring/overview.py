@@ -84,7 +84,7 @@ def power_loop(s):
     s.wire((17.8, 11.4), (22.4, 11.4), color=LIVE)
     s.flag(22.4, 11.4, "GAP−", color=LIVE)
     s.note(20.8, 14.9, "twisted pair, own terminals\nat holder and workpiece,\n5 turns through FB1")
-    s.note(16.4, 8.0, "E and W: as short, as close together as possible.\nElectrode negative: swap E and W, and GAP+ and GAP−.")
+    s.note(16.4, 8.7, "E and W: as short, as close together as possible.\nElectrode negative: swap the generator's output at its terminals,\nGAP+ with GAP−, and the taps of the shunt. The work stays earthed.")
 
 
 def supplies(s):
@@ -111,9 +111,10 @@ def processor(s):
         ("10  PC2", "gap I (2)"),
         ("11  PC3", "motor I (3)"),
         ("17  PA3", "bus voltage (3)"),
-        ("38  PC7", "gap above 70 % (2)"),
-        ("39  PC8", "gap above 20 % (2)"),
+        ("39  PC8", "gap above 70 % (2)"),
+        ("40  PC9", "gap above 20 % (2)"),
         ("37  PC6", "gate (4)"),
+        ("59  PB7", "gate (4)"),
         ("14  PA0", "encoder A (4)"),
         ("15  PA1", "encoder B (4)"),
         ("16  PA2", "index (4)"),
@@ -130,10 +131,10 @@ def processor(s):
         ("41  PA8", "PWM (3)"),
         ("34  PB13", "forward (3)"),
         ("26  PB0", "reverse (3)"),
-        ("40  PC9", "allow pulses (4)"),
+        ("38  PC7", "allow pulses (4)"),
         ("20  PA4", "off-time (4)"),
         ("35  PB14", "flush valve (4)"),
-        ("51  PC10", "status LED, 1 k"),
+        ("27  PB1", "status LED, 1 k"),
         ("61  PB8", "CAN RX (4)"),
         ("62  PB9", "CAN TX (4)"),
         ("46  PA13", "SWDIO"),
