@@ -156,9 +156,22 @@ def motor(s, outs):
     s.terminal(46.0, y1, "COIL+", "right", color=POWER)
     s.wire((x2, y2), (45.8, y2), color=POWER)
     s.terminal(46.0, y2, "COIL−", "right", color=POWER)
-    s.part(elm.Inductor2, (46.0, y1 - 0.2), (46.0, y2 + 0.2), "moving coil", "R 12.4 Ω\nL 3 mH (assumed)\nK 7.5 N/A", color=POWER)
-    s.note(35.4, y1 + 2.6, "COIL+ positive: force toward the work (down).\nTwisted pair, screened; screen to earth at the board end.")
-    pins = s.chip(37.0, 6.8, 4.6, 4.4, "U304\nINA240A1\ngain 20", left=[(3.3, "IN+"), (1.1, "IN−")], right=[(2.2, "OUT")])
+    s.part(
+        elm.Inductor2,
+        (46.0, y1 - 0.2),
+        (46.0, y2 + 0.2),
+        "moving coil",
+        "R 12.4 Ω\n" "L 3 mH (assumed)\n" "K 7.5 N/A",
+        color=POWER,
+    )
+    s.note(
+        35.4,
+        y1 + 2.6,
+        "COIL+ positive: force toward the work (down).\n" "Twisted pair, screened; screen to earth at the board end.",
+    )
+    pins = s.chip(
+        37.0, 6.8, 4.6, 4.4, "U304\n" "INA240A1\n" "gain 20", left=[(3.3, "IN+"), (1.1, "IN−")], right=[(2.2, "OUT")]
+    )
     s.wire((34.6, y1), (34.6, pins["IN+"][1]), pins["IN+"], color=POWER)
     s.dot(34.6, y1, color=POWER)
     s.wire((38.4, y1), (38.4, 16.0), (35.6, 16.0), (35.6, pins["IN−"][1]), pins["IN−"], color=POWER)
@@ -173,8 +186,7 @@ def motor(s, outs):
     s.note(
         36.4,
         6.3,
-        "U304 on 3V3A, REF1 to 3V3A, REF2 to 0 V, 100 nF.\n"
-        "code = 2048 + I / 2.01 mA, ±4.1 A; filter 34 kHz",
+        "U304 on 3V3A, REF1 to 3V3A, REF2 to 0 V, 100 nF.\n" "code = 2048 + I / 2.01 mA, ±4.1 A; filter 34 kHz",
     )
 
 
@@ -214,7 +226,8 @@ def meaning(s):
     s.note(
         0.8,
         2.7,
-        "U301 74LVC08, U302 74LVC32 on 3V3, U302B as a buffer; R311 at the processor: unplugged reads as fault. D302 BAT54A: EN falls at once, rises after 8 µs (R305 C303).\n"
+        "U301 74LVC08, U302 74LVC32 on 3V3, U302B as a buffer; R311 at the processor: unplugged reads as fault. "
+        "D302 BAT54A: EN falls at once, rises after 8 µs (R305 C303).\n"
         "A fault of U303 (5.6 A a bridge, or too hot) pulls OCD low: bridge off by D302, PWM off by TIM1 BKIN.\n"
         "Charge pump D303, D304 1N4148, C304, C305, R307: as in the data sheet of the L6206.",
     )

@@ -18,7 +18,7 @@ def divider(s):
     s.box(3.4, plus - 0.9, 1.2, minus - plus + 1.8)
     s.text(4.0, 27.5, "FB1", "center")
     s.note(2.9, 23.6, "FB1: both leads 5 turns\nthrough one ferrite core,\nat the terminals")
-    s.note(8.2, 28.3, "R201..R210: 100 k 0.1 % 25 ppm 1206, 200 V each.\nKeep 5 mm between this row and anything else.")
+    s.note(7.4, 28.3, "R201..R210: 100 k 0.1 % 25 ppm 1206, 200 V each.\nOthers here 0.1 %. Keep 5 mm around this row.")
     s.barrier(17.2, 32.2, 17.2, 22.6, "protective impedance\n2 × 500 k: 0.74 mA at 368 V", 11.2, 32.2)
     s.wire((16.9, minus), (28.0, minus), (28.0, 28.125), (28.4, 28.125))
     s.wire((16.9, plus), (28.0, plus), (28.0, 26.875), (28.4, 26.875))
@@ -127,7 +127,10 @@ def comparators(s):
     s.wire((25.4, 11.7), (23.4, 11.7))
     s.part(elm.Capacitor, (23.4, 11.7), (23.4, 9.5), "C207", "10 n", "left")
     s.ground(23.4, 9.5)
-    for y, ref, name, pin, r in ((15.6, 14.1, "U202A", "PC8 above 70 %", 222), (10.6, 11.7, "U202B", "PC9 above 20 %", 224)):
+    for y, ref, name, pin, r in (
+        (15.6, 14.1, "U202A", "PC8 above 70 %", 222),
+        (10.6, 11.7, "U202B", "PC9 above 20 %", 224),
+    ):
         s.flag(30.6, y, "VGAP", to="left")
         s.part(elm.Resistor, (30.6, y), (33.4, y), f"R{r}", "1.00 k", "split")
         s.wire((33.4, y), (34.6, y))
@@ -196,8 +199,10 @@ def current(s):
     s.note(
         0.6,
         2.4,
-        "0 A = code 2048; 16.1 mA a code; ±33 A. GEN W: the generator lead that goes to the work. Positive: current from electrode to workpiece. Electrode negative: swap R226 and R227 at the shunt.\n"
-        "U203 OPA2365 on 3V3A; U203B buffers VM from 10.0 k / 10.0 k with 100 nF. R226 and R227 take four-wire taps on the shunt; BAV199 clamps at both inputs as above.",
+        "0 A = code 2048; 16.1 mA a code; ±33 A. GEN W: the generator lead that goes to the work. "
+        "Positive: current from electrode to workpiece. Electrode negative: swap R226 and R227 at the shunt.\n"
+        "U203 OPA2365 on 3V3A; U203B buffers VM from 10.0 k / 10.0 k with 100 nF. R226..R229 0.1 %; "
+        "R226 and R227 take four-wire taps on the shunt; BAV199 clamps at both inputs as above.",
     )
 
 

@@ -1,7 +1,7 @@
 """Draws the wiring sheets of docs/wiring.md.
 
-    pip install -r docs/wiring/requirements.txt
-    python docs/wiring/make.py
+pip install -r docs/wiring/requirements.txt
+python docs/wiring/make.py
 """
 
 from pathlib import Path

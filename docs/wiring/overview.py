@@ -84,7 +84,13 @@ def power_loop(s):
     s.wire((17.8, 11.4), (22.4, 11.4), color=LIVE)
     s.flag(22.4, 11.4, "GAP−", color=LIVE)
     s.note(20.8, 14.9, "twisted pair, own terminals\nat holder and workpiece,\n5 turns through FB1")
-    s.note(16.4, 8.7, "E and W: as short, as close together as possible.\nElectrode negative: swap the generator's output at its terminals,\nGAP+ with GAP−, and the taps of the shunt. The work stays earthed.")
+    s.note(
+        16.4,
+        8.7,
+        "E and W: as short, as close together as possible.\n"
+        "Electrode negative: swap the generator's output at its terminals,\n"
+        "GAP+ with GAP−, and the taps of the shunt. The work stays earthed.",
+    )
 
 
 def supplies(s):

@@ -116,7 +116,13 @@ class Sheet:
         """Named net that leaves the drawing here; the point is where the wire ends."""
         w = 0.235 * len(text) + 0.7
         s = 1 if to == "right" else -1
-        outline = [(x, y), (x + 0.35 * s, y + 0.36), (x + w * s, y + 0.36), (x + w * s, y - 0.36), (x + 0.35 * s, y - 0.36)]
+        outline = [
+            (x, y),
+            (x + 0.35 * s, y + 0.36),
+            (x + w * s, y + 0.36),
+            (x + w * s, y - 0.36),
+            (x + 0.35 * s, y - 0.36),
+        ]
         self._shape(SegmentPoly(outline, color=color, fill="#f4f4f4"))
         self.text(x + (w / 2 + 0.12) * s, y, text, "center", color=color)
 
@@ -184,7 +190,12 @@ class Sheet:
         self.box(x, y, w, 2.6, fill="#ffffff")
         self.wire((x, y + 1.2), (x + w, y + 1.2))
         self.text(x + 0.4, y + 1.9, self.title, size=12)
-        self.text(x + 0.4, y + 0.6, f"EDM servo head, wiring, sheet {self.number} of {SHEETS} (A3). Values: docs/wiring.md", size=SMALL)
+        self.text(
+            x + 0.4,
+            y + 0.6,
+            f"EDM servo head, wiring, sheet {self.number} of {SHEETS} (A3). Values: docs/wiring.md",
+            size=SMALL,
+        )
 
     def legend(self, x, y):
         """Meaning of colours and symbols; top left corner at the point."""
@@ -207,7 +218,13 @@ class Sheet:
             elif what == "flag":
                 self._shape(
                     SegmentPoly(
-                        [(x + 0.3, yy), (x + 0.5, yy + 0.2), (x + 1.6, yy + 0.2), (x + 1.6, yy - 0.2), (x + 0.5, yy - 0.2)],
+                        [
+                            (x + 0.3, yy),
+                            (x + 0.5, yy + 0.2),
+                            (x + 1.6, yy + 0.2),
+                            (x + 1.6, yy - 0.2),
+                            (x + 0.5, yy - 0.2),
+                        ],
                         fill="#f4f4f4",
                     )
                 )
@@ -221,7 +238,9 @@ class Sheet:
         """Writes `stem`.svg, A3 wide, with a title that a screen reader finds."""
         svg = self.drawing.get_imagedata("svg").decode()
         mm = lambda units: f"{units * MM_PER_UNIT:.0f}mm"
-        svg = re.sub(r'height="[^"]*" width="[^"]*"', f'width="{mm(WIDTH + 0.25)}" height="{mm(HEIGHT + 0.25)}"', svg, count=1)
+        svg = re.sub(
+            r'height="[^"]*" width="[^"]*"', f'width="{mm(WIDTH + 0.25)}" height="{mm(HEIGHT + 0.25)}"', svg, count=1
+        )
         svg = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\.\d{2})\d+", r"\1", tag[0]), svg)
         head, body = svg.split(">", 1)
         white = '<rect x="-100%" y="-100%" width="300%" height="300%" fill="white"/>'

@@ -12,7 +12,15 @@ def encoder(s):
     lines = [("A", 8.0, "PA0 encoder A", 401), ("B", 5.2, "PA1 encoder B", 402), ("I", 2.4, "PA2 index", 403)]
     left = [(o + d, f"{n}{sign}") for n, o, _, _ in lines for d, sign in ((0, "+"), (-1.6, "−"))]
     u1 = s.chip(6.8, y, 4.8, 9.4, "U401\nAM26C32", left=left, right=[(o - 0.8, f"{n}Y") for n, o, _, _ in lines])
-    u2 = s.chip(13.8, y, 3.6, 9.4, "U402\n74LVC\n3G17", left=[(o - 0.8, f"{n}1") for n, o, _, _ in lines], right=[(o - 0.8, f"{n}2") for n, o, _, _ in lines])
+    u2 = s.chip(
+        13.8,
+        y,
+        3.6,
+        9.4,
+        "U402\n" "74LVC\n" "3G17",
+        left=[(o - 0.8, f"{n}1") for n, o, _, _ in lines],
+        right=[(o - 0.8, f"{n}2") for n, o, _, _ in lines],
+    )
     for n, offset, pin, r in lines:
         for sign in ("+", "−"):
             x, yy = u1[n + sign]
@@ -25,8 +33,10 @@ def encoder(s):
     s.note(
         0.8,
         24.3,
-        "U401 on 5 V, G high; U402 Schmitt buffers on 3V3 with 5 V inputs. Cable screened, screen to earth at the board end;\n"
-        "5 V and 0 V for the encoder in the same cable, fuse 0.5 A. A leads B by a quarter when moving toward the work.",
+        "U401 on 5 V, G high; U402 Schmitt buffers on 3V3 with 5 V inputs. "
+        "Cable screened, screen to earth at the board end;\n"
+        "5 V and 0 V for the encoder in the same cable, fuse 0.5 A. "
+        "A leads B by a quarter when moving toward the work.",
     )
 
 
@@ -34,7 +44,13 @@ def can(s):
     """Transceiver, choke, surge protection, split termination."""
     s.heading(26.6, 35.2, "CAN, up to 1 Mbit/s")
     u = s.chip(
-        33.0, 26.6, 4.2, 7.0, "U403\nSN65\nHVD230", left=[(5.6, "D"), (3.6, "R"), (1.6, "RS")], right=[(5.8, "CANH"), (1.2, "CANL")]
+        33.0,
+        26.6,
+        4.2,
+        7.0,
+        "U403\n" "SN65\n" "HVD230",
+        left=[(5.6, "D"), (3.6, "R"), (1.6, "RS")],
+        right=[(5.8, "CANH"), (1.2, "CANL")],
     )
     s.flag(*u["D"], "PB9 CAN TX", to="left")
     s.flag(*u["R"], "PB8 CAN RX", to="left")
@@ -61,7 +77,13 @@ def can(s):
     s.ground(47.6, middle - 0.3)
     for xx, yy in ((41.2, yh), (41.2, yl), (41.2, middle), (45.0, yh), (45.0, yl), (45.0, middle)):
         s.dot(xx, yy)
-    s.note(26.8, 25.7, "U403 on 3V3, 100 nF. R404, R405, C401 only at the two ends of the bus: 120 Ω between CANH and CANL at each, 60 Ω measured.\nD401 PESD1CAN or NUP2105L. Third core of the cable: 0 V.")
+    s.note(
+        26.8,
+        25.7,
+        "U403 on 3V3, 100 nF. R404, R405, C401 only at the two ends of the bus: "
+        "120 Ω between CANH and CANL at each, 60 Ω measured.\n"
+        "D401 PESD1CAN or NUP2105L. Third core of the cable: 0 V.",
+    )
 
 
 def generator(s):
@@ -74,30 +96,30 @@ def generator(s):
         5.0,
         7.8,
         "U404\nISO7721F",
-        left=[(6.8, "VCC1"), (4.8, "INA"), (1.6, "OUTB")],
-        right=[(6.8, "VCC2"), (4.8, "OUTA"), (1.6, "INB")],
+        left=[(6.8, "VCC1"), (4.8, "INB"), (1.6, "OUTA")],
+        right=[(6.8, "VCC2"), (4.8, "OUTB"), (1.6, "INA")],
     )
     s.barrier(10.5, 22.3, 10.5, y + 7.8, "insulation barrier", 10.8, 22.0)
     s.barrier(10.5, y, 10.5, 12.0, "creepage ≥ 8 mm", 10.8, 12.9)
     s.wire(u["VCC1"], (6.8, y + 6.8))
     s.rail(6.8, y + 6.8, "3V3")
-    s.wire(u["INA"], (6.0, y + 4.8))
+    s.wire(u["INB"], (6.0, y + 4.8))
     s.dot(6.6, y + 4.8)
     s.part(elm.Resistor, (6.6, y + 4.8), (6.6, y + 2.6), "R406", "10 k", "left")
     s.ground(6.6, y + 2.6)
     s.flag(6.0, y + 4.8, "PC7 allow pulses", to="left")
-    s.wire(u["OUTB"], (6.0, y + 1.6))
+    s.wire(u["OUTA"], (6.0, y + 1.6))
     s.flag(6.0, y + 1.6, "PC6, PB7 gate", to="left")
     s.wire(u["VCC2"], (14.6, y + 6.8))
     s.part(elm.Switch, (14.6, y + 6.8), (17.6, y + 6.8), "K0 13-14")
     s.wire((17.6, y + 6.8), (19.4, y + 6.8))
     s.terminal(19.6, y + 6.8, "generator +5 V", "right")
-    s.wire(u["OUTA"], (19.4, y + 4.8))
+    s.wire(u["OUTB"], (19.4, y + 4.8))
     s.terminal(19.6, y + 4.8, "enable, high = pulses", "right")
     s.dot(15.0, y + 4.8)
     s.part(elm.Resistor, (15.0, y + 4.8), (15.0, y + 2.8), "R407", "4.7 k")
     s.floating(15.0, y + 2.8)
-    s.wire(u["INB"], (16.0, y + 1.6))
+    s.wire(u["INA"], (16.0, y + 1.6))
     s.dot(15.0, y + 1.6)
     s.part(elm.Resistor, (15.0, y + 1.6), (15.0, y - 0.4), "R409", "10 k")
     s.floating(15.0, y - 0.4)
@@ -158,7 +180,14 @@ def contacts(s):
     ]
     for i, row in enumerate(rows):
         s.text(28.4, 16.6 - 0.7 * i, row)
-    s.note(41.6, 16.4, "Closed: pin low, safe. Open, broken wire, wire\nto earth or no 24 V: pin high, unsafe.\n5 mA through the contact. R412, R413 0.5 W;\nD402 1N4148; U407 on 3V3.")
+    s.note(
+        41.6,
+        16.4,
+        "Closed: pin low, safe. Open, broken wire, wire\n"
+        "to earth or no 24 V: pin high, unsafe.\n"
+        "5 mA through the contact. R412, R413 0.5 W;\n"
+        "D402 1N4148; U407 on 3V3.",
+    )
 
 
 def emergency_stop(s):
@@ -204,7 +233,13 @@ def small(s):
     s.part(elm.Resistor, (12.0, y), (12.0, y + 2.0), "R416", "1.00 k")
     s.rail(12.0, y + 2.0, "3V3")
     s.flag(12.6, y, "PA15 step")
-    s.note(11.3, 2.6, "PB10 direction, PA6 spark frequency:\nthe same. U408 on 5 V. Inverts: current\nthrough the LED reads low.")
+    s.note(
+        11.3,
+        2.6,
+        "PB10 direction, PA6 spark frequency:\n"
+        "the same. U408 on 5 V. Inverts: current\n"
+        "through the LED reads low.",
+    )
     s.heading(19.6, 6.4, "Flush valve")
     s.transistor(27.4, 3.7, "Q401")
     s.ground(27.4, 1.9)
