@@ -176,10 +176,8 @@ impl Head {
         let current = (f32::from(input.drive.motor_current) - mid_scale) * axis.amps_per_code.0;
         self.status.current = Amps(if axis.motor_reversed { -current } else { current });
         self.status.bus = Volts(f32::from(input.drive.bus_voltage) * axis.bus_per_code.0);
-        let per_volt = axis.plant.counts_per_m / axis.plant.force_constant;
-        let resistive = self.status.current.0 * axis.plant.resistance_ohm * per_volt;
-        self.status.resistive_velocity = CountsPerSecond(resistive);
-        self.status.emf_velocity = CountsPerSecond(self.status.duty * self.status.bus.0 * per_volt - resistive);
+        let Status { duty, bus, current, velocity, .. } = self.status;
+        self.status.back_emf.update(&axis.plant, duty, bus, current, velocity);
         counters.is_ok() && scale.is_ok()
     }
 

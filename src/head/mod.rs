@@ -22,6 +22,7 @@ pub use supervise::{Limits as SupervisionLimits, Supervisor};
 
 use crate::encoder::Snapshot;
 use crate::gap::GapReading;
+use crate::servo::BackEmf;
 use crate::units::{Amps, CountsPerSecond, Fixed, Volts};
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
@@ -87,10 +88,8 @@ pub struct Status {
     pub current: Amps,
     /// Bus voltage.
     pub bus: Volts,
-    /// Velocity that the back-EMF tells.
-    pub emf_velocity: CountsPerSecond,
-    /// What the winding's resistive drop amounts to as a velocity: the uncertainty of the above.
-    pub resistive_velocity: CountsPerSecond,
+    /// Second opinion on the velocity.
+    pub back_emf: BackEmf,
     /// Illegal encoder transitions since power-up, wrapping.
     pub illegal_transitions: u32,
     /// Absolute positions mean something.

@@ -2,7 +2,7 @@
 
 use super::{Fault, Status};
 use crate::gap::Quality;
-use crate::units::{Amps, CountsPerSecond, TICK_S, TICKS_PER_MS, Volts};
+use crate::units::{Amps, CountsPerSecond, TICKS_PER_MS, Volts};
 
 /// Limits of the supervision. Times are in ms, which is its period.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,9 +52,6 @@ pub struct Supervisor {
     gate: Lasting,
     host: Lasting,
     current: Lasting,
-    /// Velocity that the back-EMF tells, low-passed over 5 ms, counts/s.
-    emf_velocity: f32,
-    encoder_velocity: f32,
 }
 
 impl Supervisor {
@@ -95,14 +92,11 @@ impl Supervisor {
         .find_map(|(happens, fault)| happens.then_some(fault))
     }
 
-    /// Compares the encoder with the back-EMF: v = (duty * bus - R i) / K. An encoder that stands still while the winding
-    /// generates, or the reverse, is not believed. (The guided check finds that out for itself, under its own duty limit.)
+    /// An encoder that stands still while the winding generates, or the reverse, is not believed. (The guided check finds
+    /// that out for itself, under its own duty limit.)
     fn contradicts(&mut self, limits: &Limits, status: &Status, follows: bool) -> bool {
-        const SHARE: f32 = TICK_S * TICKS_PER_MS as f32 / 5e-3;
-        self.emf_velocity += SHARE * (status.emf_velocity.0 - self.emf_velocity);
-        self.encoder_velocity += SHARE * (status.velocity.0 - self.encoder_velocity);
-        let allowed = limits.velocity.0 + limits.resistance * status.resistive_velocity.0.abs();
-        let differs = (self.emf_velocity - self.encoder_velocity).abs() > allowed;
+        let allowed = limits.velocity.0 + limits.resistance * status.back_emf.resistive().0;
+        let differs = status.back_emf.difference().0.abs() > allowed;
         self.encoder.longer_than(limits.encoder_ms, follows && differs)
     }
 }

@@ -21,6 +21,8 @@ pub struct Plant {
     pub mass_kg: f32,
     /// Winding resistance, ohm.
     pub resistance_ohm: f32,
+    /// Winding inductance, H.
+    pub inductance_h: f32,
     /// Force constant, N/A; the back-EMF constant in V/(m/s) is the same number.
     pub force_constant: f32,
     /// Bus voltage the duty is a share of.
@@ -153,6 +155,7 @@ mod tests {
     const PLANT: Plant = Plant {
         mass_kg: 0.2,
         resistance_ohm: 12.4,
+        inductance_h: 3e-3,
         force_constant: 7.5,
         bus: Volts(48.0),
         counterbalance: Newtons(0.0),

@@ -5,10 +5,12 @@
 
 mod axis;
 mod current;
+mod emf;
 mod pid;
 
 pub use axis::{AxisLoop, Gains, Plant, Tuning};
 pub use current::{CurrentGuard, CurrentLimits};
+pub use emf::BackEmf;
 pub use pid::{Pid, PidGains};
 
 /// The duties allowed at this tick, both included; contains zero.

@@ -85,6 +85,7 @@ impl Settings {
         let plant = Plant {
             mass_kg: self.axis_mass,
             resistance_ohm: self.axis_resistance,
+            inductance_h: self.axis_inductance * 1e-3,
             force_constant: self.axis_force_constant,
             bus: Volts(self.axis_bus),
             counterbalance: Newtons(self.axis_counterbalance),

@@ -123,6 +123,8 @@ declare! {
         axis_mass: f32 = 0.2, (0.01, 20.0), "axis.mass_kg", "kg", "[R] section 6.1";
         /// Winding resistance.
         axis_resistance: f32 = 12.4, (0.1, 200.0), "axis.resistance_ohm", "ohm", "[R] section 7.2, measured";
+        /// Winding inductance.
+        axis_inductance: f32 = 3.0, (0.0, 100.0), "axis.inductance_mh", "mH", "assumed; not measured in [R]";
         /// Force constant; the back-EMF constant in V/(m/s) is the same number.
         axis_force_constant: f32 = 7.5, (0.1, 200.0), "axis.force_constant_n_a", "N/A", "[R] section 7.2: 7 N/A and 8 V/(m/s) measured";
         /// Bus voltage.

@@ -2,9 +2,9 @@
 //!
 //! | room | responsible for |
 //! | --- | --- |
-//! | [`process`] | machine and process: what the head's wires are connected to |
-//! | [`machine`] | the closed loop, tick by tick |
-//! | [`bore`](mod@bore) | a hole, from rest to depth or to the reason why not |
+//! | [`process`] | what the head's wires are connected to |
+//! | [`machine`] | the closed loop of head and process, tick by tick |
+//! | [`mod@bore`] | a hole from power-up to depth: what a host would do |
 //! | [`run`] | what passes between the command line and the machine |
 //! | [`scenario`] | named sets of values for process and head |
 //! | [`observe`] | one sample a tick, fanned out to figures, trace and plot |
@@ -13,6 +13,7 @@
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
 //! | [`output`] | files that appear complete or not at all |
 //! | [`cli`] | commands, checks, progress |
+//! | [`sweep`] | every scenario with many seeds, against the bounds |
 //! | [`bench`](mod@bench) | speed and memory, relative to a calibration loop |
 
 pub mod bench;
@@ -28,4 +29,5 @@ pub mod report;
 pub mod run;
 pub mod scenario;
 pub mod statistics;
+pub mod sweep;
 pub mod trace;

@@ -1,6 +1,6 @@
 //! The closed loop: the control core on the process model, tick by tick.
 
-use crate::process::{Parameters, Process};
+use crate::process::{Parameters, Process, Truth};
 use edm_hal_shim::encoder::RawCount;
 use edm_servo_head::encoder::Quadrature;
 use edm_servo_head::gap::{GapReading, GapSource, Surrogate, SurrogateConfig, Voltage};
@@ -16,7 +16,14 @@ enum Gap {
     /// The converter, as on the machine.
     Voltage(Voltage),
     /// The position, as in the dry loop of [R].
-    Surrogate(Box<(Surrogate, SurrogateConfig)>),
+    Surrogate(Box<Dry>),
+}
+
+/// The dry loop of [R].
+struct Dry {
+    source: Surrogate,
+    config: SurrogateConfig,
+    first_surface_um: f64,
 }
 
 /// Head, process and the wires between them.
@@ -64,16 +71,17 @@ impl Machine {
         };
         // The gap is right some way above the surface, so that the seek comes from an open gap.
         let right = Fixed::whole((surface_um - DRY_GAP_UM) as i64);
-        self.gap = Gap::Surrogate(Box::new((Surrogate::new(right, seed as u32), config)));
+        let source = Surrogate::new(right, seed as u32);
+        self.gap = Gap::Surrogate(Box::new(Dry { source, config, first_surface_um: surface_um }));
         self.process.mishaps.generator_dead = true;
     }
 
-    /// Where the imagined surface of the dry loop has got to, um; `None` with a real gap.
-    pub fn imagined_surface_um(&self) -> Option<f64> {
-        match &self.gap {
-            Gap::Voltage(_) => None,
-            Gap::Surrogate(dry) => Some(f64::from(dry.0.surface().0) + DRY_GAP_UM),
-        }
+    /// What really is; of the dry loop, what is imagined in its place.
+    pub fn truth(&self) -> Truth {
+        let truth = self.process.truth();
+        let Gap::Surrogate(dry) = &self.gap else { return truth };
+        let surface_um = f64::from(dry.source.surface().0) + DRY_GAP_UM;
+        Truth { surface_um, first_surface_um: dry.first_surface_um, gap_um: surface_um - truth.face_um, ..truth }
     }
 
     /// One servo tick: the process goes on for 50 us, then the head looks and decides. Gives a fault that supervision
@@ -89,8 +97,7 @@ impl Machine {
             Gap::Voltage(source) => source.update(Some(&sensors.block)),
             Gap::Surrogate(dry) => {
                 let position = Fixed::whole(self.head.status().position);
-                let (source, config) = dry.as_mut();
-                if self.output.pulses { source.update(config, position) } else { GapReading::default() }
+                if self.output.pulses { dry.source.update(&dry.config, position) } else { GapReading::default() }
             }
         };
         let input = TickInput {
@@ -114,8 +121,8 @@ impl Machine {
         self.head.command(command).map_err(|refused| format!("{command:?} was refused: {refused}"))
     }
 
-    /// What the head wants of the world since the last tick.
-    pub fn output(&self) -> TickOutput {
-        self.output
+    /// Count of the edge decoder since power-up.
+    pub fn decoder_count(&self) -> i64 {
+        i64::from(self.decoder.snapshot(0).raw.count.cast_signed())
     }
 }

@@ -4,7 +4,7 @@
 //! [`Progress`] now and then, and an [`Outcome`]. All values are the model's truth unless they say otherwise.
 
 use crate::bore::Setup;
-use crate::process::Pulses;
+pub use crate::process::Pulses;
 
 /// A run that was checked and may start.
 #[derive(Clone, Debug)]
@@ -15,7 +15,7 @@ pub struct Job {
     pub depth_mm: f64,
     /// Seed of everything random.
     pub seed: u64,
-    /// Drive the head from position, noise and imagined erosion instead of a gap signal (Roberts, sections 6.3 and 6.8).
+    /// Drive the head from position, noise and imagined erosion instead of a gap signal ([R] sections 6.3 and 6.8).
     pub surrogate: bool,
 }
 

@@ -12,6 +12,7 @@ pub use bore::{Bore, Run};
 pub use inputs::Inputs;
 
 use crate::bench::Bench;
+use crate::sweep::Sweep;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 use std::ffi::OsString;
@@ -53,6 +54,8 @@ enum Command {
     Settings,
     /// Measure speed and memory, relative to a calibration loop
     Bench(Bench),
+    /// Run every scenario with many seeds and check the bounds
+    Sweep(Sweep),
 }
 
 /// Reads the command line, does what it says, and gives the exit code.
@@ -67,6 +70,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
     };
     let done = match cli.command {
         Command::Bore(bore) => bore.execute(run),
+        Command::Sweep(sweep) => sweep.execute(),
         Command::Bench(bench) => bench.execute(run).map(|()| true),
         Command::Scenarios => tables::scenarios().map(|text| {
             say(&text);

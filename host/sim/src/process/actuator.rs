@@ -14,8 +14,8 @@ pub const STEPS: usize = 4;
 /// One step, s.
 pub const STEP_S: f64 = TICK_S as f64 / STEPS as f64;
 const GRAVITY: f64 = 9.80665;
-/// Stiffness and damping of the end stops, N/m and N s/m: hard rubber (assumed).
-const STOP: (f64, f64) = (2e6, 50.0);
+/// Stiffness and damping of the end stops, N/m and N s/m: steel on hard rubber (assumed).
+const STOP: (f64, f64) = (2e7, 200.0);
 /// With the bridge open the current dies through the diodes against the bus: much faster than L/R (assumed tenfold).
 const DIODES: f64 = 10.0;
 

@@ -22,7 +22,7 @@ use edm_hal_shim::encoder::Levels;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::settings::SettingError;
-use edm_servo_head::units::{ADC_FULL_SCALE, CLOCK_HZ, TICK_HZ, TICK_S};
+use edm_servo_head::units::{ADC_FULL_SCALE, CLOCK_HZ, TICK_HZ};
 use front_end::FrontEnd;
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -31,7 +31,7 @@ use spark::{Spark, Stretch};
 use std::f64::consts::PI;
 
 /// Servo tick, us.
-const TICK_US: f64 = TICK_S as f64 * 1e6;
+const TICK_US: f64 = 1e6 / TICK_HZ as f64;
 /// Servo tick in clock ticks.
 const TICK_CLOCK: u32 = CLOCK_HZ / TICK_HZ;
 /// Atmospheric pressure, Pa: no film pulls harder than this on the electrode's face.
@@ -154,10 +154,10 @@ impl Process {
         })
     }
 
-    /// Holds the gap at a width, whatever the axis does, without erosion: the open loop in which the shot floor is measured.
-    pub fn hold_gap(&mut self, um: f64) {
+    /// Holds gap and debris, whatever the axis does, without erosion: the open loop in which the shot floor is measured.
+    pub fn hold_gap(&mut self, um: f64, debris: f64) {
         self.held_gap_um = Some(um);
-        self.spark.frozen = true;
+        self.spark.freeze(debris);
     }
 
     /// Advances by one servo tick under the head's outputs and gives what its wires show at the end.
@@ -285,7 +285,7 @@ mod tests {
     fn the_same_seed_gives_the_same_run_and_another_seed_another() {
         let codes = |seed| {
             let mut process = Process::new(&Parameters::default(), seed).unwrap();
-            process.hold_gap(30.0);
+            process.hold_gap(30.0, 0.0);
             (0..1000).map(|_| process.advance(Drive::Coast, true).block).collect::<Vec<_>>()
         };
         assert_eq!(codes(1), codes(1));

@@ -26,6 +26,18 @@ pub struct Pulses {
     pub short: u64,
 }
 
+impl Pulses {
+    /// All of them.
+    pub fn total(&self) -> u64 {
+        self.open + self.spark + self.arc + self.short
+    }
+
+    /// Sparks and arcs.
+    pub fn discharges(&self) -> u64 {
+        self.spark + self.arc
+    }
+}
+
 /// A stretch of constant gap condition, in us since the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch {
@@ -79,8 +91,7 @@ pub struct Spark {
     pub forced_short: bool,
     /// The generator makes no pulses although it may.
     pub dead: bool,
-    /// Material and debris stay as they are.
-    pub frozen: bool,
+    frozen: bool,
     constants: Constants,
     ignition: Xoshiro256PlusPlus,
     arcs: Xoshiro256PlusPlus,
@@ -273,6 +284,12 @@ impl Spark {
         self.phase = phase;
         let initial = self.stretch.volts;
         self.stretch = Stretch { from, to, volts: volts * self.constants.sign, initial, gate };
+    }
+
+    /// Material and debris stay as they are from now on.
+    pub fn freeze(&mut self, debris: f64) {
+        self.debris = debris;
+        self.frozen = true;
     }
 
     /// Concentration of debris; 1 at the default working point.
