@@ -15,7 +15,7 @@ pub struct Job {
     pub depth_mm: f64,
     /// Seed of everything random.
     pub seed: u64,
-    /// Drive the head from position, noise and imagined erosion instead of a gap signal ([R] sections 6.3 and 6.8).
+    /// Drive the head from position, noise and imagined erosion instead of a gap signal (Roberts, sections 6.3 and 6.8).
     pub surrogate: bool,
 }
 
