@@ -14,6 +14,7 @@
 //! | [`path`] | segments and the register that shifts both ways |
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
+//! | [`remote`] | commands and reports as CAN frames |
 //! | [`settings`] | what a person sets, checked and built into what the ticks run |
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
@@ -24,6 +25,7 @@ pub mod feed;
 pub mod gap;
 pub mod head;
 pub mod path;
+pub mod remote;
 pub mod servo;
 pub mod settings;
 pub mod units;

@@ -106,6 +106,12 @@ impl<S: Borrow<Shared>> Quadrature<S> {
         }
     }
 
+    /// Goes on from the levels that are there, after edges that were deliberately not served: neither counted nor illegal.
+    pub fn resume(&mut self, levels: Levels) {
+        self.phase = phase(levels);
+        self.latch = MarkLatch::new(levels.index);
+    }
+
     /// Everything known at clock time `now`, which is not before the newest edge.
     pub fn snapshot(&self, now: u32) -> Snapshot {
         self.shared.borrow().read(|| now)
@@ -159,6 +165,16 @@ mod tests {
             assert_eq!(state(&decoder), (0, 0, 1));
             decoder.edge(at(start + 3), 2);
             assert_eq!(state(&decoder), (1, 2, 1));
+        }
+    }
+
+    #[test]
+    fn edges_not_served_on_purpose_are_neither_counted_nor_illegal() {
+        for missed in 0..4 {
+            let mut decoder = Quadrature::new(at(0), 0);
+            decoder.resume(at(missed));
+            decoder.edge(at(missed + 1), 3);
+            assert_eq!(state(&decoder), (1, 3, 0));
         }
     }
 

@@ -170,6 +170,10 @@ impl Head {
         let scale = tracking.marks.update(mark);
         self.status.illegal_transitions = input.encoder.illegal;
         self.status.gap = input.gap;
+        self.status.gap_setpoint = match self.config.setpoint {
+            Setpoint::Volts(volts) => volts,
+            Setpoint::ShareOfOpen(share) => Volts(self.status.open_circuit.0 * share),
+        };
         self.safety = input.safety;
 
         let mid_scale = f32::from(ADC_FULL_SCALE.div_ceil(2));
@@ -311,10 +315,6 @@ impl Head {
 
     fn erode(&mut self) -> Motion {
         let config = &self.config;
-        self.status.gap_setpoint = match config.setpoint {
-            Setpoint::Volts(volts) => volts,
-            Setpoint::ShareOfOpen(share) => Volts(self.status.open_circuit.0 * share),
-        };
         let full = Window::symmetric(config.axis.duty_limit);
         if self.path.at_end() && self.arrived() {
             self.enter(State::Done, Reason::PathEnd);

@@ -1,29 +1,30 @@
-//! A blind hole from power-up to depth: what a host would do, and what the model knows afterwards.
+//! A hole, from a head at rest to its depth or to the reason why not.
 
 use crate::machine::Machine;
-use crate::process::{Parameters, Process, Truth};
+use crate::process::{Parameters, Process};
 use crate::run::{FaultEvent, Job, Observer, Outcome, Progress, Sample};
 use crate::scenario::Scenario;
-use edm_hal_shim::bridge::Drive;
 use edm_servo_head::gap::{GapSource, Voltage};
-use edm_servo_head::head::{Command, Reason, State, Status};
+use edm_servo_head::head::{Command, Reason, State};
 use edm_servo_head::settings::{SettingError, Settings};
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use std::ops::RangeInclusive;
 
-/// Values for a run: the machine and the process as they are, and the head's settings.
+/// Values for a run.
 pub type Setup = Scenario<Parameters, Settings>;
 
-/// Ticks between two reports of progress.
+/// Rest before the head is switched on, ticks: the velocity estimate has seen the standstill.
+const REST: u32 = 100;
+/// Ticks between two reports of progress: 100 ms.
 const PROGRESS: u64 = TICK_HZ as u64 / 10;
-/// A run that gains no depth for so long is given up, s.
-const PATIENCE_S: f64 = 120.0;
-/// What counts as a gain, mm.
-const GAIN_MM: f64 = 1e-3;
-/// Eroding time that is left out of means, s: the feed law settles.
-const SETTLING_S: f64 = 2.0;
-/// Open-loop time in which the shot floor is measured, s.
-const FLOOR_S: f64 = 10.0;
+/// Ticks that a fault reaction is watched for: long enough for every reaction to come to rest.
+const AFTERMATH: u64 = TICK_HZ as u64 / 2;
+/// Slowest boring that is waited for, mm/min: a twentieth of the default scenario's. [`PATIENCE_S`] comes on top.
+const SLOWEST: f64 = 0.01;
+const PATIENCE_S: f64 = 60.0;
+/// Open loop in which the shot floor is measured, and the settling of filters and debris before it, ticks.
+const FLOOR: u32 = 5 * TICK_HZ;
+const FLOOR_SETTLE: u32 = 2 * TICK_HZ;
 
 /// Checks the values against each other.
 pub fn check(setup: &Setup) -> Result<(), SettingError> {
@@ -41,8 +42,8 @@ pub fn depth_range_mm(setup: &Setup) -> RangeInclusive<f64> {
     let p = &setup.process;
     let lowest = p.stroke.min(p.lower_limit).min(setup.head.axis_stroke * 1e-3);
     // In whole micrometres, so that the limit reads as a person would write it.
-    let um = (f64::from(lowest) - f64::from(p.surface)) * 1e3;
-    0.001..=(um + 0.001).floor() / 1e3
+    let whole = |mm: f64| (mm * 1000.0).floor() / 1000.0;
+    0.001..=whole(f64::from(lowest) - f64::from(p.surface) + 1e-6)
 }
 
 /// Bores a hole: one sample a servo tick to `observer`, progress every 100 ms of simulated time.
@@ -50,92 +51,96 @@ pub fn depth_range_mm(setup: &Setup) -> RangeInclusive<f64> {
 /// A fault of the head is an [`Outcome`]; an error means that the run could not be made.
 pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&Progress)) -> Result<Outcome, String> {
     let setup = &job.setup;
-    // The guided check is the subject of other runs; here it has passed.
+    // The virtual head's guided check counts as passed: it needs an axis without a workpiece.
     let settings = Settings { commissioned: true, ..setup.head };
+    let refused = |error| setup.refusal(error);
+    let first_surface_um = f64::from(setup.process.surface) * 1e3;
     let mut parameters = setup.process;
     if job.surrogate {
-        // The dry loop has no workpiece in its way: it lies at the very end of the stroke.
+        // The dry loop is run without a workpiece: it lies at the very end of the stroke.
         parameters.surface = parameters.stroke * 0.999;
     }
-    let mut machine = Machine::new(&parameters, &settings, job.seed).map_err(|error| setup.refusal(error))?;
+    let mut machine = Machine::new(&parameters, &settings, job.seed).map_err(refused)?;
     if job.surrogate {
-        machine.run_dry(&settings, f64::from(setup.process.surface) * 1e3, job.seed);
+        machine.run_dry(&settings, first_surface_um, job.seed);
     }
-    start(&mut machine, job)?;
-
-    let mut faults = Vec::new();
-    let mut means = Means::default();
-    let mut gained = (0.0, 0.0);
-    let stop_reason = loop {
+    for _ in 0..REST {
         machine.tick();
-        let truth = machine.truth();
-        let status = *machine.head.status();
-        observer.sample(&sample(&truth, &status, settings.encoder_count.into()));
-        means.take(&truth, &status);
+    }
+    // Home is where the head rests: not quite the stop's zero, because the stop gives way.
+    let home = machine.process.truth().count;
+    let home_um = home as f64 * f64::from(setup.process.count);
+    let target = Nanometres(((first_surface_um + job.depth_mm * 1e3 - home_um) * 1e3).round() as i64);
+    for command in [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(target), Command::Start] {
+        machine.command(command)?;
+    }
+
+    let limit = ((job.depth_mm / SLOWEST * 60.0 + PATIENCE_S) * f64::from(TICK_HZ)) as u64;
+    let mut faults: Vec<FaultEvent> = Vec::new();
+    let mut fault_tick = None;
+    let mut eroding = Means::default();
+    let mut tick = 0;
+    let state = loop {
+        machine.tick();
+        tick += 1;
+        let sample = sample(&machine, home_um);
+        observer.sample(&sample);
+        let state = machine.head.status().state;
         while let Some(change) = machine.head.next_change() {
             if let Reason::Fault(fault) = change.reason {
-                faults.push(FaultEvent { t_s: truth.t_s, fault: fault.name().into() });
+                faults.push(FaultEvent { t_s: sample.t_s, fault: fault.name().into() });
+                fault_tick.get_or_insert(tick);
             }
         }
-        let depth_mm = depth_mm(&truth);
-        if u64::from(status.tick).is_multiple_of(PROGRESS) {
-            progress(&Progress { sim_time_s: truth.t_s, depth_mm, state: status.state.name() });
+        if state == State::Eroding {
+            eroding.take(sample.gap_um, machine.process.truth().debris);
         }
-        if depth_mm > gained.1 + GAIN_MM || status.state == State::Seeking {
-            gained = (truth.t_s, depth_mm);
+        if tick % PROGRESS == 1 {
+            let depth_mm = (sample.position_um - first_surface_um) * 1e-3;
+            progress(&Progress { sim_time_s: sample.t_s, depth_mm, state: sample.state });
         }
-        match (status.state, status.fault) {
-            (State::Done, _) => break "depth reached".into(),
-            (State::Fault, Some(fault)) => break format!("fault: {}", fault.name()),
-            _ if truth.t_s - gained.0 > PATIENCE_S => break format!("no progress for {PATIENCE_S} s"),
-            _ => {}
+        let over = fault_tick.is_some_and(|from| tick - from >= AFTERMATH);
+        if state == State::Done || over || tick >= limit {
+            break state;
         }
     };
-    let truth = machine.truth();
-    let status = machine.head.status();
+
+    let truth = machine.process.truth();
+    let completed = state == State::Done && faults.is_empty();
+    let stop_reason = match faults.first() {
+        _ if completed => "depth reached".into(),
+        Some(event) => event.fault.clone(),
+        None => format!("depth not reached in {:.0} min", truth.t_s / 60.0),
+    };
+    let sparks = !job.surrogate && eroding.ticks > 0.0;
+    let shot_floor_rms_v = if sparks { Some(shot_floor(setup, job.seed, &eroding)?) } else { None };
     Ok(Outcome {
-        completed: status.state == State::Done,
+        completed,
         stop_reason,
-        depth_mm: depth_mm(&truth),
+        depth_mm: (truth.face_um - first_surface_um) * 1e-3,
         sim_time_s: truth.t_s,
-        shot_floor_rms_v: means
-            .gap()
-            .filter(|_| !job.surrogate)
-            .map(|gap| shot_floor(job, &settings, gap))
-            .transpose()?,
+        shot_floor_rms_v,
         pulses: truth.pulses,
-        lost_counts: machine.decoder_count().abs_diff(truth.count),
-        illegal_transitions: status.illegal_transitions.into(),
+        lost_counts: machine.head.status().position.abs_diff(truth.count - home),
+        illegal_transitions: machine.head.status().illegal_transitions.into(),
         faults,
     })
 }
 
-/// What a host does first: home where the head rests, enable, queue the move, start.
-fn start(machine: &mut Machine, job: &Job) -> Result<(), String> {
-    for _ in 0..TICK_HZ / 100 {
-        machine.tick();
-    }
-    let target_mm = f64::from(job.setup.process.surface) + job.depth_mm;
-    machine.command(Command::SetHome(Nanometres(0)))?;
-    machine.command(Command::Enable)?;
-    machine.command(Command::MoveTo(Nanometres((target_mm * 1e6).round() as i64)))?;
-    machine.command(Command::Start)
-}
-
-/// How far the electrode face is below the first surface.
-fn depth_mm(truth: &Truth) -> f64 {
-    (truth.face_um - truth.first_surface_um) * 1e-3
-}
-
-fn sample(truth: &Truth, status: &Status, count_um: f64) -> Sample {
-    let zero = truth.first_surface_um;
+fn sample(machine: &Machine, home_um: f64) -> Sample {
+    let truth = machine.process.truth();
+    let status = machine.head.status();
+    let (surface_um, gap_um) = match machine.imagined_surface_um() {
+        Some(surface_um) => (surface_um, surface_um - truth.position_um),
+        None => (truth.surface_um, truth.gap_um),
+    };
     Sample {
         t_s: truth.t_s,
-        position_um: truth.face_um - zero,
-        setpoint_um: f64::from(status.setpoint.to_f32()) * count_um - zero,
+        position_um: truth.face_um,
+        setpoint_um: home_um + f64::from(status.setpoint.to_f32()),
         velocity_um_s: truth.velocity_um_s,
-        surface_um: truth.surface_um - zero,
-        gap_um: truth.gap_um,
+        surface_um,
+        gap_um,
         gap_v: status.gap.block.0,
         filtered_v: status.gap.filtered.0,
         setpoint_v: status.gap_setpoint.0,
@@ -144,48 +149,37 @@ fn sample(truth: &Truth, status: &Status, count_um: f64) -> Sample {
     }
 }
 
-/// Mean gap and debris while eroding.
+/// Sums over the eroding ticks.
 #[derive(Default)]
 struct Means {
     ticks: f64,
     gap_um: f64,
     debris: f64,
-    eroding_s: f64,
 }
 
 impl Means {
-    fn take(&mut self, truth: &Truth, status: &Status) {
-        if status.state == State::Eroding {
-            self.eroding_s += 1.0 / f64::from(TICK_HZ);
-            if self.eroding_s > SETTLING_S {
-                self.ticks += 1.0;
-                self.gap_um += truth.gap_um;
-                self.debris += truth.debris;
-            }
-        }
-    }
-
-    fn gap(&self) -> Option<(f64, f64)> {
-        (self.ticks > 0.0).then(|| (self.gap_um / self.ticks, self.debris / self.ticks))
+    fn take(&mut self, gap_um: f64, debris: f64) {
+        self.ticks += 1.0;
+        self.gap_um += gap_um;
+        self.debris += debris;
     }
 }
 
-/// Scatter of the filtered gap voltage with the gap held still at the run's mean: chance alone, no control.
-fn shot_floor(job: &Job, settings: &Settings, (gap_um, debris): (f64, f64)) -> Result<f64, String> {
-    let refused = |error| job.setup.refusal(error);
-    let mut process = Process::new(&job.setup.process, job.seed).map_err(refused)?;
-    process.hold_gap(gap_um, debris);
-    let mut source = Voltage::new(settings.build().map_err(refused)?.gap);
-    let (mut sum, mut square, mut n) = (0.0, 0.0, 0.0);
-    let settled = TICK_HZ / 2;
-    for tick in 0..settled + (FLOOR_S * f64::from(TICK_HZ)) as u32 {
-        let volts = f64::from(source.update(Some(&process.advance(Drive::Coast, true).block)).filtered.0);
-        if tick >= settled {
-            sum += volts;
-            square += volts * volts;
-            n += 1.0;
+/// Scatter of the filtered gap voltage at a gap held still: what chance, noise and hum alone do, V rms.
+fn shot_floor(setup: &Setup, seed: u64, means: &Means) -> Result<f64, String> {
+    let refused = |error| setup.refusal(error);
+    let active = setup.head.build().map_err(refused)?;
+    let mut process = Process::new(&setup.process, seed).map_err(refused)?;
+    let mut source = Voltage::new(active.gap);
+    process.hold_gap(means.gap_um / means.ticks, means.debris / means.ticks);
+    let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
+    for tick in 0..FLOOR_SETTLE + FLOOR {
+        let sensors = process.advance(edm_hal_shim::bridge::Drive::Coast, true);
+        let volts = f64::from(source.update(Some(&sensors.block)).filtered.0);
+        if tick >= FLOOR_SETTLE {
+            (n, sum, squares) = (n + 1.0, sum + volts, squares + volts * volts);
         }
     }
-    let mean = sum / n;
-    Ok((square / n - mean * mean).max(0.0).sqrt())
+    let mean: f64 = sum / n;
+    Ok((squares / n - mean * mean).max(0.0).sqrt())
 }

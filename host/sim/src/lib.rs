@@ -2,9 +2,9 @@
 //!
 //! | room | responsible for |
 //! | --- | --- |
-//! | [`process`] | what the head's wires are connected to |
-//! | [`machine`] | the closed loop of head and process, tick by tick |
-//! | [`mod@bore`] | a hole from power-up to depth: what a host would do |
+//! | [`process`] | machine and process: what the head's wires are connected to |
+//! | [`machine`] | the closed loop, tick by tick |
+//! | [`bore`](mod@bore) | a hole, from rest to depth or to the reason why not |
 //! | [`run`] | what passes between the command line and the machine |
 //! | [`scenario`] | named sets of values for process and head |
 //! | [`observe`] | one sample a tick, fanned out to figures, trace and plot |

@@ -1,6 +1,6 @@
 //! The closed loop: the control core on the process model, tick by tick.
 
-use crate::process::{Parameters, Process, Truth};
+use crate::process::{Parameters, Process};
 use edm_hal_shim::encoder::RawCount;
 use edm_servo_head::encoder::Quadrature;
 use edm_servo_head::gap::{GapReading, GapSource, Surrogate, SurrogateConfig, Voltage};
@@ -16,14 +16,7 @@ enum Gap {
     /// The converter, as on the machine.
     Voltage(Voltage),
     /// The position, as in the dry loop of [R].
-    Surrogate(Box<Dry>),
-}
-
-/// The dry loop of [R].
-struct Dry {
-    source: Surrogate,
-    config: SurrogateConfig,
-    first_surface_um: f64,
+    Surrogate(Box<(Surrogate, SurrogateConfig)>),
 }
 
 /// Head, process and the wires between them.
@@ -71,17 +64,16 @@ impl Machine {
         };
         // The gap is right some way above the surface, so that the seek comes from an open gap.
         let right = Fixed::whole((surface_um - DRY_GAP_UM) as i64);
-        let source = Surrogate::new(right, seed as u32);
-        self.gap = Gap::Surrogate(Box::new(Dry { source, config, first_surface_um: surface_um }));
+        self.gap = Gap::Surrogate(Box::new((Surrogate::new(right, seed as u32), config)));
         self.process.mishaps.generator_dead = true;
     }
 
-    /// What really is; of the dry loop, what is imagined in its place.
-    pub fn truth(&self) -> Truth {
-        let truth = self.process.truth();
-        let Gap::Surrogate(dry) = &self.gap else { return truth };
-        let surface_um = f64::from(dry.source.surface().0) + DRY_GAP_UM;
-        Truth { surface_um, first_surface_um: dry.first_surface_um, gap_um: surface_um - truth.face_um, ..truth }
+    /// Where the imagined surface of the dry loop has got to, um; `None` with a real gap.
+    pub fn imagined_surface_um(&self) -> Option<f64> {
+        match &self.gap {
+            Gap::Voltage(_) => None,
+            Gap::Surrogate(dry) => Some(f64::from(dry.0.surface().0) + DRY_GAP_UM),
+        }
     }
 
     /// One servo tick: the process goes on for 50 us, then the head looks and decides. Gives a fault that supervision
@@ -97,7 +89,8 @@ impl Machine {
             Gap::Voltage(source) => source.update(Some(&sensors.block)),
             Gap::Surrogate(dry) => {
                 let position = Fixed::whole(self.head.status().position);
-                if self.output.pulses { dry.source.update(&dry.config, position) } else { GapReading::default() }
+                let (source, config) = dry.as_mut();
+                if self.output.pulses { source.update(config, position) } else { GapReading::default() }
             }
         };
         let input = TickInput {

@@ -4,7 +4,7 @@
 //! [`Progress`] now and then, and an [`Outcome`]. All values are the model's truth unless they say otherwise.
 
 use crate::bore::Setup;
-pub use crate::process::Pulses;
+use crate::process::Pulses;
 
 /// A run that was checked and may start.
 #[derive(Clone, Debug)]

@@ -1,14 +1,15 @@
 //! What a cargo alias cannot do: `cargo xtask docs` writes the files that are generated from declarations, and with
-//! `--check` only tells whether they are current.
+//! `--check` only tells whether they are current; `cargo xtask firmware` builds and checks the firmware of both boards.
 
 use clap::{Parser, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+mod firmware;
 mod settings_table;
 
 #[derive(Parser)]
-#[command(name = "cargo xtask", about = "Generated files of the EDM servo head")]
+#[command(name = "cargo xtask", about = "Generated files and firmware image of the EDM servo head")]
 struct Arguments {
     #[command(subcommand)]
     task: Task,
@@ -22,12 +23,17 @@ enum Task {
         #[arg(long)]
         check: bool,
     },
+    /// Builds the firmware for both boards, prints its sizes and checks that a chip would start it.
+    Firmware,
 }
 
 fn main() -> ExitCode {
-    let Task::Docs { check } = Arguments::parse().task;
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..");
-    match generate(&root.join("docs/settings.md"), &settings_table::render(), check) {
+    let result = match Arguments::parse().task {
+        Task::Docs { check } => generate(&root.join("docs/settings.md"), &settings_table::render(), check),
+        Task::Firmware => firmware::run(&root),
+    };
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
             eprintln!("{message}");

@@ -26,18 +26,6 @@ pub struct Pulses {
     pub short: u64,
 }
 
-impl Pulses {
-    /// All of them.
-    pub fn total(&self) -> u64 {
-        self.open + self.spark + self.arc + self.short
-    }
-
-    /// Sparks and arcs.
-    pub fn discharges(&self) -> u64 {
-        self.spark + self.arc
-    }
-}
-
 /// A stretch of constant gap condition, in us since the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch {

@@ -1,6 +1,6 @@
 use super::*;
 use crate::bore::Setup;
-use crate::run::Pulses;
+use crate::process::Pulses;
 use crate::statistics;
 
 fn job() -> Job {
