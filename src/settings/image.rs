@@ -116,11 +116,11 @@ impl Settings {
                 if u32::from_le_bytes([a, b, c, d]) == FINGERPRINT && image.len() == LENGTH =>
             {
                 let mut rest = values;
-                for field in Self::FIELDS {
+                for (index, field) in Self::FIELDS.iter().enumerate() {
                     let refused = ImageError::Value(SettingError::NotAllowed(field));
                     let (bytes, tail) = rest.split_at_checked(size(&field.kind)).ok_or(ImageError::Foreign)?;
                     let value = value(bytes, &field.kind).ok_or(refused)?;
-                    settings.set(field.key, value).map_err(ImageError::Value)?;
+                    settings.put(index, value).map_err(ImageError::Value)?;
                     rest = tail;
                 }
                 Ok(settings)
