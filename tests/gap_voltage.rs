@@ -4,7 +4,7 @@ use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_servo_head::dsp::chain;
 use edm_servo_head::dsp::decimate::Good;
 use edm_servo_head::gap::voltage::{Average, Config, Polarity};
-use edm_servo_head::gap::{GapReading, GapSource, Quality, Source, Voltage};
+use edm_servo_head::gap::{GapReading, GapSource, Quality, Voltage};
 use edm_servo_head::units::{Hertz, Seconds, Volts};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -30,15 +30,6 @@ fn run(source: &mut Voltage, block: Option<GapBlock>, ticks: usize) -> GapReadin
 #[track_caller]
 fn assert_near(got: Volts, volts: f32, within: f32) {
     assert!((got.0 - volts).abs() <= within, "{} V instead of {volts} V", got.0);
-}
-
-#[test]
-fn the_list_of_sources_reads_like_its_members() {
-    let mut listed = Source::Voltage(source(Config::default()));
-    let reading = listed.update(Some(&block(60.0, GapBlock::ALL)));
-    assert_eq!(reading, source(Config::default()).update(Some(&block(60.0, GapBlock::ALL))));
-    listed.reset_to(Volts(33.0));
-    assert_near(listed.update(None).filtered, 33.0, 1e-3);
 }
 
 #[test]
@@ -77,19 +68,6 @@ fn the_reading_starts_from_the_first_block_and_not_from_zero() {
     let first = source.update(Some(&block(100.0, GapBlock::ALL)));
     assert_near(first.filtered, 100.0, 0.1);
     assert_eq!(first.quality, Quality::Valid);
-}
-
-#[test]
-fn a_reset_takes_effect_at_once_stays_within_the_converter_and_ignores_what_is_no_number() {
-    let mut source = source(Config::default());
-    run(&mut source, Some(block(100.0, GapBlock::ALL)), 1000);
-    source.reset_to(Volts(f32::NAN));
-    assert_near(source.update(None).filtered, 100.0, 0.1);
-    source.reset_to(Volts(40.0));
-    assert_near(source.update(None).filtered, 40.0, 1e-3);
-    assert_near(source.update(Some(&block(40.0, 0))).block, 40.0, 1e-3);
-    source.reset_to(Volts(f32::INFINITY));
-    assert_near(source.update(None).filtered, 409.5, 0.01);
 }
 
 #[test]
@@ -245,7 +223,6 @@ fn a_setting_out_of_range_is_named() {
 enum Event {
     Block([u16; BLOCK], u32),
     Nothing,
-    Reset(f32),
     Retune(bool, bool, u16, f32, f32),
 }
 
@@ -253,7 +230,6 @@ fn event() -> impl Strategy<Value = Event> {
     prop_oneof![
         8 => (any::<[u16; BLOCK]>(), any::<u32>()).prop_map(|(codes, gate)| Event::Block(codes, gate)),
         1 => Just(Event::Nothing),
-        1 => any::<f32>().prop_map(Event::Reset),
         1 => (any::<bool>(), any::<bool>(), 1..4095_u16, 0.001_f32..=1.0, 20.0_f32..=2000.0)
             .prop_map(|(plain, negative, zero, scale, corner)| Event::Retune(plain, negative, zero, scale, corner)),
     ]
@@ -271,10 +247,6 @@ proptest! {
             let reading = match event {
                 Event::Block(codes, gate) => source.update(Some(&GapBlock { codes, gate })),
                 Event::Nothing => source.update(None),
-                Event::Reset(volts) => {
-                    source.reset_to(Volts(volts));
-                    source.update(None)
-                }
                 Event::Retune(plain, negative, zero_code, volts_per_code, corner) => {
                     let config = Config {
                         average: if plain { Average::Plain } else { Average::Gated },

@@ -29,11 +29,6 @@ pub(super) struct Gated {
 }
 
 impl Gated {
-    /// A gate that has seen `codes` for ever.
-    pub fn settled(codes: f32) -> Self {
-        Self { held: Some(codes), ..Self::default() }
-    }
-
     /// Takes the gated conversions of a block: their `tally`, the `gate` they were chosen by, and their sum above zero
     /// volts. Gives the average of the block, or `None` before the first on-time.
     #[inline]

@@ -4,7 +4,7 @@
 //! voltage and the open-circuit voltage, and falls as the gap closes because the ignition delay shortens; a short reads
 //! zero (Roberts). A source averages, filters and judges; it does not decide what the head does about it.
 //!
-//! Another source is another file, its `mod` line and one line in [`sources!`](self).
+//! Another source is another file that implements [`GapSource`], and its `mod` line.
 
 mod gated;
 mod open_circuit;
@@ -55,34 +55,4 @@ pub struct GapReading {
 pub trait GapSource {
     /// Takes the newest block (`None` when the front end had none) and gives the reading for this tick.
     fn update(&mut self, block: Option<&GapBlock>) -> GapReading;
-
-    /// Goes on as if the gap voltage had been `volts` for ever, so that enabling starts from the present voltage and not
-    /// from what the filters remember. Limited to what the converter can read; not a number changes nothing.
-    fn reset_to(&mut self, volts: Volts);
-}
-
-macro_rules! sources {
-    ($($(#[$doc:meta])* $source:ident),+ $(,)?) => {
-        /// The source in use.
-        #[derive(Clone, Copy, Debug, PartialEq)]
-        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-        pub enum Source {
-            $($(#[$doc])* $source($source),)+
-        }
-
-        impl GapSource for Source {
-            fn update(&mut self, block: Option<&GapBlock>) -> GapReading {
-                match self { $(Source::$source(source) => source.update(block),)+ }
-            }
-
-            fn reset_to(&mut self, volts: Volts) {
-                match self { $(Source::$source(source) => source.reset_to(volts),)+ }
-            }
-        }
-    };
-}
-
-sources! {
-    /// Mean gap voltage, plain or gated.
-    Voltage,
 }

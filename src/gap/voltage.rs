@@ -218,16 +218,4 @@ impl GapSource for Voltage {
         };
         GapReading { filtered, block: Volts(codes * active.scale), quality, short_ticks: self.short_ticks }
     }
-
-    fn reset_to(&mut self, volts: Volts) {
-        if volts.0.is_nan() {
-            return;
-        }
-        let limit = f32::from(ADC_FULL_SCALE);
-        let codes = (volts.0 / self.active.scale).clamp(-limit, limit);
-        self.filter = chain::State::settled(codes);
-        self.gated = Gated::settled(codes);
-        self.block = Some(codes);
-        self.short_ticks = 0;
-    }
 }

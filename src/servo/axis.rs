@@ -148,19 +148,21 @@ impl AxisLoop {
     }
 }
 
+/// The actuator of \[R\], without counterbalance.
+#[cfg(test)]
+pub(super) const PLANT: Plant = Plant {
+    mass_kg: 0.2,
+    resistance_ohm: 12.4,
+    inductance_h: 3e-3,
+    force_constant: 7.5,
+    bus: Volts(48.0),
+    counterbalance: Newtons(0.0),
+    counts_per_m: 1e6,
+};
+
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const PLANT: Plant = Plant {
-        mass_kg: 0.2,
-        resistance_ohm: 12.4,
-        inductance_h: 3e-3,
-        force_constant: 7.5,
-        bus: Volts(48.0),
-        counterbalance: Newtons(0.0),
-        counts_per_m: 1e6,
-    };
 
     #[test]
     fn without_counterbalance_the_holding_duty_lifts() {

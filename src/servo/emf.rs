@@ -47,17 +47,7 @@ impl BackEmf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::units::Newtons;
-
-    const PLANT: Plant = Plant {
-        mass_kg: 0.2,
-        resistance_ohm: 12.4,
-        inductance_h: 3e-3,
-        force_constant: 7.5,
-        bus: Volts(48.0),
-        counterbalance: Newtons(2.2),
-        counts_per_m: 1e6,
-    };
+    use crate::servo::axis::PLANT;
 
     /// Drives a winding that moves at `speed` (m/s) with a square wave of duty; the encoder says `seen`.
     fn after(speed: f32, seen: f32) -> BackEmf {

@@ -125,7 +125,9 @@ impl Settings {
             counterbalance: Newtons(self.axis_counterbalance),
             counts_per_m: counts_per_um * 1e6,
         };
-        let fastest = self.retreat_velocity.max(self.seek_velocity).max(self.feed_retreat_max) * 2.0;
+        // Twice the fastest motion, and never so little that a disturbance outruns the correction: 0.1 m/s.
+        let fastest = self.retreat_velocity.max(self.seek_velocity).max(self.feed_retreat_max);
+        let fastest = (fastest * 2.0).max(100_000.0);
         let tuning = Tuning {
             velocity_hz: self.servo_velocity_hz,
             position_hz: self.servo_position_hz,

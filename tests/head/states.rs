@@ -196,3 +196,27 @@ fn a_configuration_is_swapped_while_eroding_without_a_bump() {
     settings.axis_mass = 0.3;
     assert!(bench.head.configure(settings.build().unwrap().head).is_err(), "not the axis itself");
 }
+
+#[test]
+fn a_hot_winding_gets_its_continuous_current_only_and_a_cool_one_its_peak() {
+    let mut bench = Bench::with(|settings| settings.motor_thermal = 1.0);
+    bench.make_ready();
+    // 15 N take about 2 A: allowed for 1 s * ln(4 / 3), 0.29 s, at 1 A continuous; then the head gives way.
+    for step in 0..4000 {
+        bench.push = 15.0f64.min(f64::from(step) * 0.01);
+        bench.tick();
+    }
+    assert!(!bench.head.status().current_reduced && bench.head.status().current.0 < -1.8, "{:?}", bench.head.status());
+    bench.run_until(0.3, |bench| bench.head.status().current_reduced);
+    bench.run(0.005);
+    assert!(bench.head.status().current.0 > -1.1, "{:?}", bench.head.status().current);
+    // And never more than the peak, whatever the error asks for.
+    let mut bench = Bench::ready();
+    let mut most = 0.0f32;
+    for step in 0..4000 {
+        bench.push = f64::from(step) * 0.01;
+        bench.tick();
+        most = most.max(bench.head.status().current.0.abs());
+    }
+    assert!(most > 2.5 && most < 3.1, "{most}");
+}
