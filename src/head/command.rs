@@ -4,9 +4,10 @@ use super::check::Check;
 use super::machine::{Head, hazard};
 use super::{Fault, Reason, State};
 use crate::gap::OpenCircuit;
-use crate::path;
+use crate::path::{self, Path};
 use crate::units::{Fixed, Nanometres};
 use core::fmt;
+use core::ops::DerefMut;
 use edm_hal_shim::safety::SafetyInputs;
 
 /// A request from host, keyboard or test.
@@ -87,7 +88,7 @@ impl fmt::Display for Refused {
 
 impl core::error::Error for Refused {}
 
-impl Head {
+impl<P: DerefMut<Target = Path>> Head<P> {
     /// Carries out a command, or refuses it and changes nothing.
     pub fn command(&mut self, command: Command) -> Result<(), Refused> {
         let state = self.status.state;

@@ -1,6 +1,8 @@
 //! Leave to write flash: the processor stalls for up to half a second, so the head must neither drive nor spark meanwhile.
 
 use super::{Head, Refused, State};
+use crate::path::Path;
+use core::ops::DerefMut;
 use edm_hal_shim::store::Permit;
 
 /// Leave to store settings: while it is out, the bridge coasts, pulses are off and the head cannot be enabled.
@@ -25,7 +27,7 @@ impl Permit for Leave {
     }
 }
 
-impl Head {
+impl<P: DerefMut<Target = Path>> Head<P> {
     /// Gives leave to store settings, or says why not.
     pub fn give_leave(&mut self) -> Result<Leave, Refused> {
         if self.status.state != State::Disabled {

@@ -7,9 +7,10 @@ use super::{Change, ChangeLog, Fault, Finding, Reason, Refused, Report, State, S
 use crate::encoder::{MarkCheck, Plausibility, Position, Velocity};
 use crate::feed::{FeedLaw, Law, Limiter};
 use crate::gap::{OpenCircuit, Quality};
-use crate::path::{AHEAD, AXES, BEHIND, Register};
+use crate::path::Path;
 use crate::servo::{AxisLoop, CurrentGuard, Pid, Window};
 use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Fixed, MicrometresPerSecond, Volts};
+use core::ops::DerefMut;
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::safety::SafetyInputs;
@@ -23,15 +24,15 @@ pub(super) struct Tracking {
     marks: MarkCheck,
 }
 
-/// One head: path, loops, states.
+/// One head: path, loops, states. `P` owns the path, wherever there is room for it: a `Box<Path>`, or a `&'static mut Path`.
 #[derive(Debug)]
-pub struct Head {
+pub struct Head<P> {
     pub(super) config: Config,
     pub(super) status: Status,
     pub(super) changes: ChangeLog,
     /// `None` until the first tick has read the encoder.
     pub(super) tracking: Option<Tracking>,
-    pub(super) path: Register<AXES, { AHEAD + BEHIND + 1 }>,
+    pub(super) path: P,
     pub(super) law: Law,
     pub(super) limiter: Limiter,
     pub(super) axis: AxisLoop,
@@ -56,14 +57,16 @@ pub struct Head {
     pub(super) on_leave: bool,
 }
 
-impl Head {
-    /// A disabled head.
-    pub fn new(config: Config) -> Head {
+impl<P: DerefMut<Target = Path>> Head<P> {
+    /// A disabled head on an empty path.
+    pub fn new(config: Config, mut path: P) -> Head<P> {
+        path.scale([config.axis.counts_per_um]);
+        path.set_retreat(config.retreat.limit);
         Head {
             status: Status::default(),
             changes: ChangeLog::default(),
             tracking: None,
-            path: Register::new([config.axis.counts_per_um], config.retreat.limit),
+            path,
             law: config.law,
             limiter: Limiter::default(),
             axis: AxisLoop::default(),

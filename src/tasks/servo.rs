@@ -19,12 +19,13 @@ use edm_hal_shim::stm32f4::{gated, lines};
 use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{Change, Fault, Head, Refused, State, Status, Supervisor, TickInput, TickOutput};
+use edm_servo_head::path::Path;
 use edm_servo_head::remote;
 use heapless::spsc::{Consumer, Producer};
 
 /// The head with its inputs and outputs.
 pub struct Servo {
-    pub(super) head: &'static mut Head,
+    pub(super) head: Head<&'static mut Path>,
     pub(super) bridge: Bridge,
     pub(super) generator: Interface,
     pub(super) inputs: Inputs,

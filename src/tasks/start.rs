@@ -21,6 +21,7 @@ use edm_hal_shim::store::BUFFER;
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, TimerCount};
 use edm_servo_head::gap::{GapReading, Voltage};
 use edm_servo_head::head::{Head, Supervisor};
+use edm_servo_head::path::Path;
 use edm_servo_head::remote::Heartbeat;
 
 /// Every task with what it owns.
@@ -49,7 +50,7 @@ pub fn start(
     defmt::info!("build {=u32:08x}, {}", BUILD, machine.boot);
     let Machine { clock, mut thresholds, mut generator, .. } = machine;
     let (keeper, active) = Keeper::load(machine.flash, buffer)?;
-    let head = ccm::place(|| Head::new(active.head)).ok_or(StartError::Memory)?;
+    let path = ccm::place(|| Path::EMPTY).ok_or(StartError::Memory)?;
     thresholds.set(&active.reflex).map_err(|_| StartError::Settings)?;
     REFLEX.set(&active.reflex);
     generator.request_off_time(active.off_time_ns);
@@ -76,7 +77,7 @@ pub fn start(
     let (sending_in, sending) = queues.sending.split();
 
     let servo = Servo {
-        head,
+        head: Head::new(active.head, path),
         bridge: machine.bridge,
         generator,
         inputs: machine.inputs,

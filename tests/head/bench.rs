@@ -7,12 +7,13 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::Snapshot;
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{Change, Command, Fault, Head, State, Supervisor, TickInput, TickOutput};
+use edm_servo_head::path::Path;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{CLOCK_HZ, Nanometres, TICK_HZ, TICK_S, Volts};
 
 /// The bench, in SI units; um where it says so.
 pub struct Bench {
-    pub head: Head,
+    pub head: Head<Box<Path>>,
     pub supervisor: Supervisor,
     pub settings: Settings,
     pub output: TickOutput,
@@ -56,7 +57,7 @@ impl Bench {
         change(&mut settings);
         let active = settings.build().expect("the test's settings fit together");
         Bench {
-            head: Head::new(active.head),
+            head: Head::new(active.head, Box::new(Path::EMPTY)),
             supervisor: Supervisor::default(),
             settings,
             output: TickOutput::default(),
