@@ -1,7 +1,9 @@
 //! The task table that the firmware prints on a PC is the one in `main.rs`, and priorities there are what the critical
 //! section counts on.
 
-use edm_hal_shim::board::TASKS;
+use edm_hal_shim::board::{F405, TASKS};
+use std::fs;
+use std::path::{Path, PathBuf};
 
 const MAIN: &str = include_str!("../src/main.rs");
 
@@ -29,15 +31,65 @@ fn every_task_of_the_firmware_is_in_the_table() {
 }
 
 #[test]
-fn each_task_says_its_deadline() {
+fn each_task_says_its_deadline_its_cost_and_what_happens_when_it_is_late() {
     for task in TASKS.iter().filter(|task| task.priority > 0) {
         let function = MAIN.find(&format!("fn {}(", task.name)).unwrap();
         let comment = &MAIN[MAIN[..function].rfind("\n\n").unwrap()..function];
-        assert!(comment.contains("Deadline:") || comment.contains("As `"), "{}", task.name);
+        let says = |word| comment.contains(word) || comment.contains("As `");
+        assert!(says("Deadline:") && says("Cost:") && says("Late"), "{}", task.name);
     }
+}
+
+/// Every Rust source file of a folder.
+fn sources(folder: &Path) -> Vec<(PathBuf, String)> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(sources(&path));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push((path.clone(), fs::read_to_string(path).unwrap()));
+        }
+    }
+    found
 }
 
 #[test]
 fn nothing_but_the_registers_is_unsafe() {
-    assert!(!MAIN.contains("unsafe"));
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let registers = root.join("hal-shim/src/stm32f4");
+    for folder in ["src", "hal-shim/src", "host/sim", "host/xtask"] {
+        for (path, text) in sources(&root.join(folder)) {
+            let code = text.lines().map(|line| line.split("//").next().unwrap());
+            let found = code.filter(|line| line.contains("unsafe ") && !line.contains("forbid(")).count();
+            assert!(found == 0 || path.starts_with(&registers), "{}", path.display());
+        }
+    }
+}
+
+#[test]
+fn no_register_is_waited_for_without_a_bound() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for (path, text) in sources(&root.join("hal-shim/src/stm32f4")) {
+        let endless = text.lines().filter(|line| {
+            let line = line.trim_start();
+            line.starts_with("while ") || line.starts_with("loop ")
+        });
+        // The one that blinks for ever, with the pins off, when the head did not start.
+        let allowed = usize::from(path.ends_with("dying.rs"));
+        assert_eq!(endless.count(), allowed, "{}", path.display());
+    }
+}
+
+#[test]
+fn the_wiring_page_has_every_pin_with_its_function() {
+    let page = include_str!("../docs/wiring.md");
+    for row in F405::TABLE.rows {
+        let pin = row.pin.to_string();
+        let claims = row.function.split([',', ' ']).filter(|word| word.contains('_') || word.starts_with("EXTI"));
+        let claims: Vec<_> = claims.filter(|word| !word.starts_with("CAN")).collect();
+        let mentions =
+            |line: &str| line.starts_with('|') && line.contains(&pin) && claims.iter().all(|c| line.contains(c));
+        assert!(page.lines().any(mentions), "{} on {pin}: {claims:?}", row.signal);
+    }
 }

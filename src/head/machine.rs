@@ -184,6 +184,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             Setpoint::ShareOfOpen(share) => Volts(self.status.open_circuit.0 * share),
         };
         self.safety = input.safety;
+        self.status.safety = input.safety;
         self.reflex = input.reflex;
 
         let mid_scale = f32::from(ADC_FULL_SCALE.div_ceil(2));

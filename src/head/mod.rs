@@ -94,6 +94,8 @@ pub struct Status {
     pub bus: Volts,
     /// Second opinion on the velocity.
     pub back_emf: BackEmf,
+    /// Safety inputs of this tick.
+    pub safety: SafetyInputs,
     /// Illegal encoder transitions since power-up, wrapping.
     pub illegal_transitions: u32,
     /// Absolute positions mean something.

@@ -1,7 +1,7 @@
 //! What has no deadline: the watchdog's roll call, the log, the settings in flash.
 
 use super::keeper::Keeper;
-use super::{Granted, ROLL, Report, Returned};
+use super::{Checked, Granted, ROLL, Report, Returned};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::stm32f4::cycles::Cycles;
 use edm_hal_shim::stm32f4::watchdog::Watchdog;
@@ -15,6 +15,7 @@ pub struct Idle {
     pub(super) keeper: Keeper,
     pub(super) clock: Cycles,
     pub(super) changes: Consumer<'static, Change>,
+    pub(super) checked: Consumer<'static, Checked>,
     pub(super) reports: Consumer<'static, Report>,
     pub(super) granted: Consumer<'static, Granted>,
     pub(super) returned: Producer<'static, Returned>,
@@ -29,6 +30,11 @@ impl Idle {
         }
         while let Some(change) = self.changes.dequeue() {
             defmt::info!("{}", change);
+        }
+        match self.checked.dequeue() {
+            Some(Ok(report)) => defmt::info!("guided check passed: {}", report),
+            Some(Err(finding)) => defmt::warn!("guided check: {}", finding),
+            None => {}
         }
         if let Some(report) = self.reports.dequeue() {
             log(&report);
@@ -55,9 +61,16 @@ impl Idle {
 fn log(report: &Report) {
     let Report { status, shorts, pulse: [current, voltage], captures } = report;
     defmt::info!(
-        "{} at {=i64} counts, gap {=f32} V ({}), {=u32} shorts, newest pulse {=u16} {=u16}, {}",
+        "{} at {=i64} counts ({=u32} illegal), motor {=f32} A, bus {=f32} V, {}",
         status.state,
         status.position,
+        status.illegal_transitions,
+        status.current.0,
+        status.bus.0,
+        status.safety
+    );
+    defmt::info!(
+        "gap {=f32} V ({}), {=u32} shorts, newest pulse: current code {=u16}, voltage code {=u16}; {}",
         status.gap.filtered.0,
         status.gap.quality,
         *shorts,

@@ -19,7 +19,7 @@ use edm_hal_shim::roll::Roll;
 use edm_hal_shim::stm32f4::bxcan::Frame;
 use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::GapReading;
-use edm_servo_head::head::{Change, Fault, Leave, Refused, Status};
+use edm_servo_head::head::{self, Change, Fault, Finding, Leave, Refused, Status};
 use edm_servo_head::{remote, units};
 use heapless::spsc::Queue;
 
@@ -54,6 +54,8 @@ type Answer = (u8, Result<(), Refused>);
 /// Leave to store settings on its way to idle, and back with what came of it.
 type Granted = (u8, Leave);
 type Returned = (Leave, Answer);
+/// What the guided check found.
+type Checked = Result<head::Report, Finding>;
 
 /// What idle logs once a second.
 #[derive(Clone, Copy)]
@@ -74,6 +76,7 @@ pub struct Queues {
     granted: Queue<Granted, 2>,
     returned: Queue<Returned, 2>,
     changes: Queue<Change, 16>,
+    checked: Queue<Checked, 2>,
     reports: Queue<Report, 2>,
     published: Queue<Status, 2>,
     received: Queue<Frame, 32>,
@@ -92,6 +95,7 @@ impl Queues {
             granted: Queue::new(),
             returned: Queue::new(),
             changes: Queue::new(),
+            checked: Queue::new(),
             reports: Queue::new(),
             published: Queue::new(),
             received: Queue::new(),

@@ -3,7 +3,7 @@
 //! Reflex and stop may force the lines at any moment of it. What they had forced is read first; outputs that were decided
 //! without knowing are written, and then what was forced meanwhile is repeated ([`lines::settle`]).
 
-use super::{Answer, Granted, REFLEX, ROLL, Request, Returned, SERVO};
+use super::{Answer, Checked, Granted, REFLEX, ROLL, Request, Returned, SERVO};
 use edm_hal_shim::bridge::{Drive, HBridge};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::EdgeCounter;
@@ -18,7 +18,7 @@ use edm_hal_shim::stm32f4::safety::Inputs;
 use edm_hal_shim::stm32f4::{gated, lines};
 use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
 use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Change, Fault, Head, Refused, State, Status, Supervisor, TickInput, TickOutput};
+use edm_servo_head::head::{Change, Fault, Head, Reason, Refused, State, Status, Supervisor, TickInput, TickOutput};
 use edm_servo_head::path::Path;
 use edm_servo_head::remote;
 use heapless::spsc::{Consumer, Producer};
@@ -46,6 +46,7 @@ pub struct Servo {
     pub(super) returned: Consumer<'static, Returned>,
     pub(super) statuses: Producer<'static, Status>,
     pub(super) changes: Producer<'static, Change>,
+    pub(super) checked: Producer<'static, Checked>,
 }
 
 impl Servo {
@@ -69,6 +70,9 @@ impl Servo {
         }
         if let Some(change) = self.head.next_change() {
             let _ = self.changes.enqueue(change);
+            if let (Reason::CheckEnded, Some(result)) = (change.reason, self.head.check_result()) {
+                let _ = self.checked.enqueue(result);
+            }
         }
         ROLL.report(SERVO, self.clock.now());
     }

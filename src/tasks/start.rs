@@ -71,6 +71,7 @@ pub fn start(
     let (granted_in, granted) = queues.granted.split();
     let (returned_in, returned) = queues.returned.split();
     let (changes_in, changes) = queues.changes.split();
+    let (checked_in, checked) = queues.checked.split();
     let (reports_in, reports) = queues.reports.split();
     let (published_in, published) = queues.published.split();
     let (received_in, received) = queues.received.split();
@@ -97,6 +98,7 @@ pub fn start(
         returned,
         statuses: statuses_in,
         changes: changes_in,
+        checked: checked_in,
     };
     let supervise = Supervise {
         millisecond: machine.millisecond,
@@ -120,7 +122,7 @@ pub fn start(
     };
     let mut watchdog = watchdog.take().ok_or(StartError::Watchdog)?;
     watchdog.normal()?;
-    let idle = Idle { watchdog, keeper, clock, changes, reports, granted, returned: returned_in };
+    let idle = Idle { watchdog, keeper, clock, changes, checked, reports, granted, returned: returned_in };
     ROLL.start(clock.now());
     Ok(Tasks {
         reflex: machine.reflex,
