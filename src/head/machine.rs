@@ -242,7 +242,8 @@ impl Head {
                 }
             }
         };
-        (motion, state.pulses())
+        // The state of now: a path that ended in this tick has ended its pulses too.
+        (motion, self.status.state.pulses())
     }
 
     fn run_check(&mut self) -> (Motion, bool) {
