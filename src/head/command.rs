@@ -4,9 +4,10 @@ use super::check::Check;
 use super::machine::{Head, hazard};
 use super::{Fault, Reason, State};
 use crate::gap::OpenCircuit;
-use crate::path;
+use crate::path::{self, Path};
 use crate::units::{Fixed, Nanometres};
 use core::fmt;
+use core::ops::DerefMut;
 use edm_hal_shim::safety::SafetyInputs;
 
 /// A request from host, keyboard or test.
@@ -60,6 +61,10 @@ pub enum Refused {
     NoPath,
     /// The cause of this fault is still there.
     StillFaulty(Fault),
+    /// Settings are being stored.
+    Storing,
+    /// The settings could not be stored; the ones stored before are still there.
+    NotStored,
 }
 
 impl fmt::Display for Refused {
@@ -75,13 +80,15 @@ impl fmt::Display for Refused {
             Refused::QueueFull => f.write_str("the path queue is full"),
             Refused::NoPath => f.write_str("no move is queued"),
             Refused::StillFaulty(fault) => write!(f, "the cause is still there: {}", fault.name()),
+            Refused::Storing => f.write_str("settings are being stored"),
+            Refused::NotStored => f.write_str("the settings could not be stored"),
         }
     }
 }
 
 impl core::error::Error for Refused {}
 
-impl Head {
+impl<P: DerefMut<Target = Path>> Head<P> {
     /// Carries out a command, or refuses it and changes nothing.
     pub fn command(&mut self, command: Command) -> Result<(), Refused> {
         let state = self.status.state;
@@ -123,6 +130,7 @@ impl Head {
                 if state != State::Disabled {
                     return Err(Refused::State(state));
                 }
+                self.refuse_on_leave()?;
                 self.refuse_hazard(true)?;
                 self.checked = None;
                 self.check = Some(Check::new(self.status.position));
@@ -149,6 +157,7 @@ impl Head {
         if !self.config.commissioned {
             return Err(Refused::NotCommissioned);
         }
+        self.refuse_on_leave()?;
         self.refuse_hazard(false)?;
         self.upper_limit_excused = self.safety.upper_limit;
         self.open = OpenCircuit::new(self.config.seek.settle);

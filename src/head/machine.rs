@@ -7,9 +7,10 @@ use super::{Change, ChangeLog, Fault, Finding, Reason, Refused, Report, State, S
 use crate::encoder::{MarkCheck, Plausibility, Position, Velocity};
 use crate::feed::{FeedLaw, Law, Limiter};
 use crate::gap::{OpenCircuit, Quality};
-use crate::path::{AHEAD, AXES, BEHIND, Register};
+use crate::path::Path;
 use crate::servo::{AxisLoop, CurrentGuard, Pid, Window};
 use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Fixed, MicrometresPerSecond, Volts};
+use core::ops::DerefMut;
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::safety::SafetyInputs;
@@ -23,15 +24,15 @@ pub(super) struct Tracking {
     marks: MarkCheck,
 }
 
-/// One head: path, loops, states.
+/// One head: path, loops, states. `P` owns the path, wherever there is room for it: a `Box<Path>`, or a `&'static mut Path`.
 #[derive(Debug)]
-pub struct Head {
+pub struct Head<P> {
     pub(super) config: Config,
     pub(super) status: Status,
     pub(super) changes: ChangeLog,
     /// `None` until the first tick has read the encoder.
     pub(super) tracking: Option<Tracking>,
-    pub(super) path: Register<AXES, { AHEAD + BEHIND + 1 }>,
+    pub(super) path: P,
     pub(super) law: Law,
     pub(super) limiter: Limiter,
     pub(super) axis: AxisLoop,
@@ -50,16 +51,22 @@ pub struct Head {
     /// The upper limit was open when the loop was closed: the head may leave it downward.
     pub(super) upper_limit_excused: bool,
     pub(super) safety: SafetyInputs,
+    /// The reflex has begun a retreat.
+    reflex: bool,
+    /// A [`super::Leave`] is out.
+    pub(super) on_leave: bool,
 }
 
-impl Head {
-    /// A disabled head.
-    pub fn new(config: Config) -> Head {
+impl<P: DerefMut<Target = Path>> Head<P> {
+    /// A disabled head on an empty path.
+    pub fn new(config: Config, mut path: P) -> Head<P> {
+        path.scale([config.axis.counts_per_um]);
+        path.set_retreat(config.retreat.limit);
         Head {
             status: Status::default(),
             changes: ChangeLog::default(),
             tracking: None,
-            path: Register::new([config.axis.counts_per_um], config.retreat.limit),
+            path,
             law: config.law,
             limiter: Limiter::default(),
             axis: AxisLoop::default(),
@@ -74,6 +81,8 @@ impl Head {
             work: None,
             upper_limit_excused: false,
             safety: SafetyInputs::default(),
+            reflex: false,
+            on_leave: false,
             config,
         }
     }
@@ -175,6 +184,7 @@ impl Head {
             Setpoint::ShareOfOpen(share) => Volts(self.status.open_circuit.0 * share),
         };
         self.safety = input.safety;
+        self.reflex = input.reflex;
 
         let mid_scale = f32::from(ADC_FULL_SCALE.div_ceil(2));
         let current = (f32::from(input.drive.motor_current) - mid_scale) * axis.amps_per_code.0;
@@ -228,6 +238,8 @@ impl Head {
         let state = self.status.state;
         let motion = match state {
             State::Disabled => Motion::Coast,
+            // Whatever was raised: nothing moves while the processor may stall.
+            State::Fault if self.on_leave => Motion::Coast,
             State::Commissioning => return self.run_check(),
             State::Ready | State::Done | State::HoldingPosition => along(0.0),
             State::Seeking if self.open.volts().is_none() => along(0.0),
@@ -293,9 +305,9 @@ impl Head {
         self.status.position == setpoint.round()
     }
 
-    /// The fast path to a retreat: unfiltered, a set time of uninterrupted short.
+    /// The fast path to a retreat: the reflex has begun one, or the unfiltered gap was shorted for a set time.
     fn watch_short(&mut self, from: State) {
-        if self.status.gap.short_ticks >= self.config.retreat.trigger {
+        if self.reflex || self.status.gap.short_ticks >= self.config.retreat.trigger {
             self.retreat = (from, self.status.position);
             self.enter(State::Retreating, Reason::Short);
         }

@@ -17,3 +17,5 @@ pub use segment::Segment;
 
 /// Axes that one head drives.
 pub const AXES: usize = 1;
+/// The path of a head, with everything that it can retrace: 42 kB.
+pub type Path = Register<AXES, { AHEAD + BEHIND + 1 }>;

@@ -60,21 +60,25 @@ pub struct Register<const A: usize, const N: usize> {
 }
 
 impl<const A: usize, const N: usize> Register<A, N> {
-    /// A path that begins at the origin, with the counts per um of each axis and the retreat distance.
-    pub const fn new(counts_per_um: [f32; A], retreat: Fixed) -> Self {
-        Register {
-            segments: Deque::new(),
-            counts_per_um,
-            origin: [Fixed(0); A],
-            current: 0,
-            start: Fixed(0),
-            s: Fixed(0),
-            oldest: Fixed(0),
-            newest: Fixed(0),
-            furthest: Fixed(0),
-            mark: None,
-            retreat,
-        }
+    /// A path that begins at the origin, with no room for a retreat and no scale: [`Register::scale`] gives it one. Every bit
+    /// is 0, so that it can be written in place.
+    pub const EMPTY: Self = Register {
+        segments: Deque::new(),
+        counts_per_um: [0.0; A],
+        origin: [Fixed(0); A],
+        current: 0,
+        start: Fixed(0),
+        s: Fixed(0),
+        oldest: Fixed(0),
+        newest: Fixed(0),
+        furthest: Fixed(0),
+        mark: None,
+        retreat: Fixed(0),
+    };
+
+    /// Sets the counts per um of each axis, for lines that are appended from now on.
+    pub fn scale(&mut self, counts_per_um: [f32; A]) {
+        self.counts_per_um = counts_per_um;
     }
 
     /// Forgets everything and begins where the axes are, so that enabling makes no jump. `escape` is where a retreat
@@ -237,8 +241,15 @@ mod tests {
         Fixed::whole(x)
     }
 
+    fn small() -> Small {
+        let mut path = Small::EMPTY;
+        path.scale([1.0, 2.0]);
+        path.set_retreat(um(100_000));
+        path
+    }
+
     fn path(points: &[[i64; 2]]) -> Small {
-        let mut path = Small::new([1.0, 2.0], um(100_000));
+        let mut path = small();
         for point in points {
             path.push_line(point.map(um)).unwrap();
         }
@@ -354,8 +365,8 @@ mod tests {
             points in prop::collection::vec([-500i64..500, -500i64..500], 1..12),
             steps in prop::collection::vec(-(1i64 << 31)..(1i64 << 31), 1..200),
         ) {
-            let mut wandering = Small::new([1.0, 2.0], um(100_000));
-            let mut straight = Small::new([1.0, 2.0], um(100_000));
+            let mut wandering = small();
+            let mut straight = small();
             for point in &points {
                 let _ = wandering.push_line(point.map(um));
                 let _ = straight.push_line(point.map(um));

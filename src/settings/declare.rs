@@ -59,12 +59,20 @@ pub struct Field {
     pub key: &'static str,
     /// Unit, empty for a ratio, a flag or a choice.
     pub unit: &'static str,
-    /// What it does.
+    /// What it does; empty on the chip, as is the source.
     pub doc: &'static str,
     /// Where the default comes from: a publication, a data sheet, or "assumed".
     pub source: &'static str,
     /// What it may be.
     pub kind: Kind,
+}
+
+/// Its key alone: the log's reader has the table.
+#[cfg(feature = "defmt")]
+impl defmt::Format for Field {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "{=str}", self.key);
+    }
 }
 
 impl Field {
@@ -97,6 +105,7 @@ impl fmt::Display for Allowed<'_> {
 
 /// Why a value was refused. Nothing was changed.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SettingError {
     /// No setting has this key.
     UnknownKey,
@@ -123,6 +132,11 @@ impl fmt::Display for SettingError {
 
 impl core::error::Error for SettingError {}
 
+/// Text for people, which takes no flash on the chip.
+pub const fn prose(text: &'static str) -> &'static str {
+    if cfg!(target_os = "none") { "" } else { text }
+}
+
 /// A type that a setting can have.
 pub trait Setting: Copy {
     /// Takes a value if `kind` allows it.
@@ -132,6 +146,8 @@ pub trait Setting: Copy {
 }
 
 impl Setting for f32 {
+    // Once, not once a setting.
+    #[inline(never)]
     fn take(value: Value<'_>, kind: &Kind) -> Option<f32> {
         let (Value::Number(x), Kind::Number { min, max }) = (value, kind) else { return None };
         let x = x as f32;
@@ -143,6 +159,7 @@ impl Setting for f32 {
 }
 
 impl Setting for u32 {
+    #[inline(never)]
     fn take(value: Value<'_>, kind: &Kind) -> Option<u32> {
         let (Value::Number(x), Kind::Integer { min, max }) = (value, kind) else { return None };
         let whole = x as u32;
@@ -216,8 +233,13 @@ pub trait Declared: Sized {
     const FIELDS: &'static [Field];
     /// The value of the field at `index` of [`Declared::FIELDS`].
     fn get(&self, index: usize) -> Option<Value<'static>>;
+    /// Sets the field at `index`; a refused value changes nothing.
+    fn put(&mut self, index: usize, value: Value<'_>) -> Result<(), SettingError>;
     /// Sets the field called `key`; a refused value changes nothing.
-    fn set(&mut self, key: &str, value: Value<'_>) -> Result<(), SettingError>;
+    fn set(&mut self, key: &str, value: Value<'_>) -> Result<(), SettingError> {
+        let index = Self::FIELDS.iter().position(|field| field.key == key).ok_or(SettingError::UnknownKey)?;
+        self.put(index, value)
+    }
     /// Checks every field against its own limits, for values that did not come through [`Declared::set`].
     fn check(&self) -> Result<(), SettingError>;
 }
@@ -245,40 +267,37 @@ macro_rules! declare {
                 &[$($crate::settings::Field {
                     key: $key,
                     unit: $unit,
-                    doc: concat!($($doc),+),
-                    source: $source,
+                    doc: $crate::settings::prose(concat!($($doc),+)),
+                    source: $crate::settings::prose($source),
                     kind: $crate::setting_kind!($type, $limits),
                 },)+]
             };
 
             fn get(&self, index: usize) -> Option<$crate::settings::Value<'static>> {
-                let key = Self::FIELDS.get(index)?.key;
-                match key {
-                    $($key => Some($crate::settings::Setting::value(self.$name)),)+
-                    _ => None,
+                let mut at = 0;
+                $(if index == at {
+                    return Some($crate::settings::Setting::value(self.$name));
                 }
+                at += 1;)+
+                let _ = at;
+                None
             }
 
-            fn set(&mut self, key: &str, value: $crate::settings::Value<'_>) -> Result<(), $crate::settings::SettingError> {
-                let Some(field) = Self::FIELDS.iter().find(|field| field.key == key) else {
-                    return Err($crate::settings::SettingError::UnknownKey);
-                };
+            fn put(&mut self, index: usize, value: $crate::settings::Value<'_>) -> Result<(), $crate::settings::SettingError> {
+                let field = Self::FIELDS.get(index).ok_or($crate::settings::SettingError::UnknownKey)?;
                 let refused = $crate::settings::SettingError::NotAllowed(field);
-                match key {
-                    $($key => self.$name = <$type as $crate::settings::Setting>::take(value, &field.kind).ok_or(refused)?,)+
-                    _ => return Err($crate::settings::SettingError::UnknownKey),
+                let mut at = 0;
+                $(if index == at {
+                    self.$name = <$type as $crate::settings::Setting>::take(value, &field.kind).ok_or(refused)?;
                 }
+                at += 1;)+
+                let _ = at;
                 Ok(())
             }
 
             fn check(&self) -> Result<(), $crate::settings::SettingError> {
                 let mut copy = *self;
-                for (index, field) in Self::FIELDS.iter().enumerate() {
-                    if let Some(value) = self.get(index) {
-                        copy.set(field.key, value)?;
-                    }
-                }
-                Ok(())
+                (0..).map_while(|index| self.get(index)).enumerate().try_for_each(|(index, value)| copy.put(index, value))
             }
         }
     };

@@ -7,6 +7,7 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::Snapshot;
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{Command, Head, State, Supervisor, TickInput};
+use edm_servo_head::path::Path;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{Nanometres, Volts};
 use proptest::prelude::*;
@@ -71,7 +72,7 @@ proptest! {
         steps in prop::collection::vec((prop::collection::vec(command(), 0..3), input(), 1usize..60), 1..60),
     ) {
         let settings = Settings { commissioned: true, ..Settings::default() };
-        let mut head = Head::new(settings.build().unwrap().head);
+        let mut head = Head::new(settings.build().unwrap().head, Box::new(Path::EMPTY));
         let mut supervisor = Supervisor::default();
         let limit = (f32::from(Drive::FULL) * settings.axis_duty_limit) as i16 + 1;
         for (commands, input, ticks) in steps {

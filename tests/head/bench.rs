@@ -7,12 +7,13 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::Snapshot;
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{Change, Command, Fault, Head, State, Supervisor, TickInput, TickOutput};
+use edm_servo_head::path::Path;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{CLOCK_HZ, Nanometres, TICK_HZ, TICK_S, Volts};
 
 /// The bench, in SI units; um where it says so.
 pub struct Bench {
-    pub head: Head,
+    pub head: Head<Box<Path>>,
     pub supervisor: Supervisor,
     pub settings: Settings,
     pub output: TickOutput,
@@ -36,6 +37,8 @@ pub struct Bench {
     pub host_alive: bool,
     pub extra_amps: f64,
     pub stroke_m: f64,
+    /// The reflex begins a retreat before the next tick.
+    pub reflex: bool,
     count: i64,
     last_edge: u32,
     toward_work: bool,
@@ -54,7 +57,7 @@ impl Bench {
         change(&mut settings);
         let active = settings.build().expect("the test's settings fit together");
         Bench {
-            head: Head::new(active.head),
+            head: Head::new(active.head, Box::new(Path::EMPTY)),
             supervisor: Supervisor::default(),
             settings,
             output: TickOutput::default(),
@@ -73,6 +76,7 @@ impl Bench {
             host_alive: true,
             extra_amps: 0.0,
             stroke_m: 0.012,
+            reflex: false,
             count: 0,
             last_edge: 0,
             toward_work: true,
@@ -188,6 +192,7 @@ impl Bench {
                 motor_current: (2048.0 + self.amps() / 0.005).clamp(0.0, 4095.0) as u16,
                 bus_voltage: (self.bus / 0.02) as u16,
             },
+            reflex: std::mem::take(&mut self.reflex),
         };
         self.output = self.head.tick(&input);
         let state = self.state();

@@ -5,6 +5,7 @@ use edm_hal_shim::encoder::RawCount;
 use edm_servo_head::encoder::Quadrature;
 use edm_servo_head::gap::{GapReading, GapSource, Surrogate, SurrogateConfig, Voltage};
 use edm_servo_head::head::{Command, Fault, Head, Supervisor, TickInput, TickOutput};
+use edm_servo_head::path::Path;
 use edm_servo_head::settings::{SettingError, Settings};
 use edm_servo_head::units::{FRACTION_BITS, Fixed, MicrometresPerSecond, Volts};
 
@@ -24,7 +25,7 @@ pub struct Machine {
     /// The machine and the process.
     pub process: Process,
     /// The control core.
-    pub head: Head,
+    pub head: Head<Box<Path>>,
     /// A host gives life signs.
     pub host_alive: bool,
     supervisor: Supervisor,
@@ -41,7 +42,7 @@ impl Machine {
         let active = settings.build()?;
         let process = Process::new(parameters, seed)?;
         Ok(Machine {
-            head: Head::new(active.head),
+            head: Head::new(active.head, Box::new(Path::EMPTY)),
             host_alive: true,
             supervisor: Supervisor::default(),
             decoder: Quadrature::new(process.sensors().levels, process.sensors().now),
@@ -103,6 +104,7 @@ impl Machine {
             watch: Some(RawCount { count: sensors.timer_count, ..encoder.raw }),
             safety: sensors.safety,
             drive: sensors.drive,
+            reflex: false,
         };
         self.output = self.head.tick(&input);
         if !self.ticks.is_multiple_of(u64::from(Supervisor::PERIOD)) {

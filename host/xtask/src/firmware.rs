@@ -1,10 +1,11 @@
 //! `cargo firmware`: builds the image for each board, checks that a chip would start it, and says where the bytes go.
 //!
 //! Bytes of a *room* come from the line table of the debug information, which knows the source file of every instruction
-//! even after everything has been inlined into the tasks.
+//! even after everything has been inlined into the tasks. The largest *frame* is the most that one function takes of the
+//! stack at once, from the instructions that move the stack pointer.
 
 use gimli::{EndianSlice, RunTimeEndian};
-use object::{Object, ObjectSection, SectionKind};
+use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -15,6 +16,8 @@ const VECTORS: u64 = 0x0800_0000;
 const PROGRAM: u64 = 0x0800_C000;
 const FLASH_LIMIT: u64 = 96 * 1024;
 const RAM_LIMIT: u64 = 32 * 1024;
+/// A value that belongs into a static, not on the stack, shows as a larger frame.
+const FRAME_LIMIT: u32 = 4 * 1024;
 const FLASH: std::ops::Range<u64> = VECTORS..VECTORS + 1024 * 1024;
 const RAM: std::ops::Range<u64> = 0x2000_0000..0x2002_0000;
 const TARGET: &str = "thumbv7em-none-eabihf";
@@ -26,12 +29,11 @@ const BOARDS: [(&str, &str); 2] = [("board-f405", "STM32F405RG"), ("board-f407-d
 pub fn run(root: &Path) -> Result<(), String> {
     for (feature, name) in BOARDS {
         let elf = build(root, feature)?;
-        let elf = elf.canonicalize().unwrap_or(elf);
         let data = std::fs::read(&elf).map_err(|e| format!("{}: {e}", elf.display()))?;
         let image = Image::read(&data)?;
-        println!("{name}: {}", elf.display());
-        image.print();
+        println!("{name}: {}", shown(&elf).display());
         image.check()?;
+        image.print();
         println!();
     }
     Ok(())
@@ -66,6 +68,15 @@ struct Image {
     rooms: BTreeMap<String, u64>,
     flash: u64,
     ram: u64,
+    /// Largest frame, bytes.
+    frame: u32,
+}
+
+/// The path as someone in the current directory would type it.
+fn shown(path: &Path) -> PathBuf {
+    let absolute = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let here = std::env::current_dir().and_then(|here| here.canonicalize()).unwrap_or_default();
+    absolute.strip_prefix(&here).map(Path::to_owned).unwrap_or(absolute)
 }
 
 impl Image {
@@ -78,6 +89,7 @@ impl Image {
             rooms: rooms(&file).map_err(|e| format!("debug information: {e}"))?,
             flash: 0,
             ram: 0,
+            frame: largest_frame(&file),
         };
         for section in file.sections() {
             let (address, size) = (section.address(), section.size());
@@ -109,11 +121,13 @@ impl Image {
             println!("  {name:<14} {address:#010x} {size:>7}");
         }
         println!(
-            "  flash {:.1} of {} KiB, RAM {:.1} of {} KiB",
+            "  flash {:.1} of {} KiB, RAM {:.1} of {} KiB, largest frame {} of {} bytes, vector table in place",
             kib(self.flash),
             FLASH_LIMIT / 1024,
             kib(self.ram),
-            RAM_LIMIT / 1024
+            RAM_LIMIT / 1024,
+            self.frame,
+            FRAME_LIMIT
         );
         println!("  code by room:");
         let mut rooms: Vec<_> = self.rooms.iter().collect();
@@ -143,7 +157,10 @@ impl Image {
             }
         }
         if self.flash > FLASH_LIMIT || self.ram > RAM_LIMIT {
-            return Err("the image is larger than its limits".to_owned());
+            return Err(format!("flash {} or RAM {} bytes are over their limits", self.flash, self.ram));
+        }
+        if self.frame > FRAME_LIMIT {
+            return Err(format!("a function takes {} bytes of stack", self.frame));
         }
         Ok(())
     }
@@ -157,6 +174,50 @@ fn allocated<'d>(section: &impl ObjectSection<'d>) -> bool {
     let debug = matches!(section.kind(), SectionKind::Debug | SectionKind::DebugString | SectionKind::Metadata);
     !debug
         && (FLASH.contains(&section.address()) || RAM.contains(&section.address()) || section.name() == Ok(".ccmram"))
+}
+
+/// The largest frame of any function. Mapping symbols tell code (`$t`) from data (`$d`).
+fn largest_frame(file: &object::File) -> u32 {
+    let Some(text) = file.section_by_name(".text") else { return 0 };
+    let (start, bytes) = (text.address(), text.data().unwrap_or_default());
+    let mut marks: Vec<(u64, bool)> = file
+        .symbols()
+        .filter_map(|symbol| {
+            let name = symbol.name().ok()?;
+            let kind = name.split('.').next()?;
+            matches!(kind, "$t" | "$d").then_some((symbol.address(), kind == "$t"))
+        })
+        .collect();
+    marks.sort_unstable();
+    let ends = marks.iter().skip(1).map(|mark| mark.0).chain([start + bytes.len() as u64]);
+    let stretches = marks.iter().zip(ends).filter(|((_, code), _)| *code);
+    stretches
+        .filter_map(|((from, _), to)| bytes.get(from.checked_sub(start)? as usize..to.checked_sub(start)? as usize))
+        .map(frame)
+        .max()
+        .unwrap_or(0)
+}
+
+/// The largest immediate that is subtracted from the stack pointer in a stretch of Thumb code (ARMv7-M manual, A7.7.176).
+fn frame(code: &[u8]) -> u32 {
+    let mut halves = code.as_chunks::<2>().0.iter().map(|half| u32::from(u16::from_le_bytes(*half)));
+    let mut largest = 0;
+    while let Some(first) = halves.next() {
+        let taken = if first >> 11 < 0b11101 {
+            (first & 0xFF80 == 0xB080).then_some((first & 0x7F) * 4)
+        } else {
+            let second = halves.next().unwrap_or(0);
+            let twelve = (first >> 10 & 1) << 11 | (second >> 12 & 0b111) << 8 | second & 0xFF;
+            match (first & 0xFBFF, second & 0x8F00) {
+                // sub.w, with a rotated byte; frames are never made of the repeated patterns.
+                (0xF1AD, 0x0D00) if twelve >> 10 != 0 => Some((0x80 | twelve & 0x7F).rotate_right(twelve >> 7)),
+                (0xF1AD | 0xF2AD, 0x0D00) => Some(twelve),
+                _ => None,
+            }
+        };
+        largest = largest.max(taken.unwrap_or(0));
+    }
+    largest
 }
 
 /// Bytes of code by room, from the line table.
@@ -229,6 +290,7 @@ mod tests {
             rooms: BTreeMap::new(),
             flash: FLASH_LIMIT,
             ram: RAM_LIMIT,
+            frame: FRAME_LIMIT,
         }
     }
 
@@ -249,11 +311,25 @@ mod tests {
         refused(Image { vectors: Some((0x2002_0000, 0)), ..good() }, "reset vector");
         refused(Image { vectors: Some((0x2002_0000, 0x0800_C000)), ..good() }, "reset vector");
         refused(Image { entry: 0, ..good() }, "differ");
+        refused(Image { frame: FRAME_LIMIT + 1, ..good() }, "stack");
         refused(Image { flash: FLASH_LIMIT + 1, ..good() }, "limits");
         refused(Image { ram: RAM_LIMIT + 1, ..good() }, "limits");
         let mut image = good();
         image.sections.push((".text".to_owned(), PROGRAM - 4, 8));
         refused(image, "settings");
+    }
+
+    #[test]
+    fn frames_by_hand() {
+        let halves = |halves: &[u16]| frame(&halves.iter().flat_map(|half| half.to_le_bytes()).collect::<Vec<_>>());
+        // push {r4, lr}; sub sp, #16
+        assert_eq!(halves(&[0xB510, 0xB084]), 16);
+        // sub.w sp, sp, #44032, then subw sp, sp, #3184, then the first alone; add sp, #508 is none.
+        assert_eq!(halves(&[0xF5AD, 0x4D2C]), 44_032);
+        assert_eq!(halves(&[0xF6AD, 0x4D70]), 0xC70);
+        assert_eq!(halves(&[0xB07F]), 0);
+        // The second half of another instruction is no subtraction.
+        assert_eq!(halves(&[0xF04F, 0xB084]), 0);
     }
 
     #[test]
