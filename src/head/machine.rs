@@ -255,7 +255,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 }
             }
         };
-        (motion, state.pulses())
+        // The state of now: a path that ended in this tick has ended its pulses too.
+        (motion, self.status.state.pulses())
     }
 
     fn run_check(&mut self) -> (Motion, bool) {

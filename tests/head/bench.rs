@@ -195,6 +195,8 @@ impl Bench {
             reflex: std::mem::take(&mut self.reflex),
         };
         self.output = self.head.tick(&input);
+        let state = self.state();
+        assert!(!self.output.pulses || state.pulses() || state == State::Commissioning, "pulses while {state:?}");
         if self.ticks.is_multiple_of(u64::from(Supervisor::PERIOD)) {
             let limits = self.head.supervision();
             if let Some(fault) = self.supervisor.tick(&limits, self.head.status(), self.host_alive) {

@@ -1,21 +1,21 @@
 //! The converter that looks at the gap: noise, hum, gain error, saturation, 12 bits.
 
 use super::Parameters;
+use super::random::{Cause, Random};
 use super::spark::Stretch;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_servo_head::units::{ADC_FULL_SCALE, ADC_HZ};
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
-use rand_xoshiro::Xoshiro256PlusPlus;
+use std::array;
 use std::f64::consts::TAU;
 
 /// Time between conversions, us.
 const PERIOD_US: f64 = 1e6 / ADC_HZ as f64;
-/// A conversion closer to a gate edge than this does not count as gated: it would mix on-time and off-time.
+/// A conversion takes 15 cycles of 21 MHz, 0.71 us. One closer to a gate edge than this does not count as gated: it would
+/// mix on-time and off-time.
 const GUARD_US: f64 = 0.75;
-/// Noise comes from a table, entered at a random place each block: a tenth of the cost of drawing each value.
-const TABLE: usize = 1 << 14;
-/// Time in which the mains frequency drifts once up and down, s (assumed).
+/// Time in which the mains frequency drifts once up and down, evenly, s (assumed).
 const DRIFT_S: f64 = 20.0;
 
 /// State of the front end.
@@ -23,100 +23,92 @@ const DRIFT_S: f64 = 20.0;
 pub struct FrontEnd {
     per_volt: f64,
     zero: f64,
-    rise_us: f64,
     hum: f64,
     mains: f64,
     drift: f64,
     /// Phase of the hum, turns.
     phase: f64,
-    noise: Vec<f32>,
-    random: Xoshiro256PlusPlus,
+    /// Noise of a conversion, codes rms.
+    noise: f32,
+    random: Random,
     /// The converter gives this code whatever it sees.
     pub stuck: Option<u16>,
+    /// The wire of the gate signal is broken.
+    pub gate_lost: bool,
 }
 
 impl FrontEnd {
-    /// Front end with its own stream of randomness.
+    /// Front end whose mains starts at a phase of its own.
     pub fn new(p: &Parameters, seed: u64) -> FrontEnd {
-        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed.wrapping_mul(16).wrapping_add(4));
+        let mut random = Cause::FrontEnd.stream(seed);
         let per_volt = (1.0 + f64::from(p.gain_error) * 0.01) / f64::from(p.volts_per_code);
-        let sigma = f64::from(p.noise) * per_volt;
-        let noise = (0..TABLE)
-            .map(|_| {
-                let normal: f64 = StandardNormal.sample(&mut random);
-                (normal * sigma) as f32
-            })
-            .collect();
         FrontEnd {
             per_volt,
             zero: p.zero_code.into(),
-            rise_us: p.rise.into(),
-            hum: p.hum.into(),
+            hum: f64::from(p.hum) * per_volt,
             mains: p.mains.into(),
             drift: p.mains_drift.into(),
-            phase: random.random::<f64>(),
-            noise,
+            phase: random.random(),
+            noise: (f64::from(p.noise) * per_volt) as f32,
             random,
             stuck: None,
+            gate_lost: false,
         }
     }
 
-    /// Converts the block of a tick that begins at `from` (us), under the stretches that touch it.
+    /// Converts the block of a tick that begins at `from` (us), under the stretches that touch it, the oldest first.
     pub fn convert(&mut self, from: f64, stretches: &[Stretch]) -> GapBlock {
-        let seconds = from * 1e-6;
-        let mains = self.mains + self.drift * (TAU * seconds / DRIFT_S).sin();
+        let turn = (from * 1e-6 / DRIFT_S).fract();
+        let mains = self.mains + self.drift * (1.0 - 4.0 * (turn - 0.5).abs());
         self.phase = (self.phase + mains * PERIOD_US * 1e-6 * BLOCK as f64).fract();
-        let base = (self.zero + self.hum * self.per_volt * (TAU * self.phase).sin() + 0.5) as f32;
-        let start = self.random.random::<u32>() as usize % (TABLE - BLOCK);
-        let noise = self.noise.get(start..start + BLOCK).unwrap_or(&[]);
+        // Over a block the hum moves by 1.6 % of its amplitude: one value will do. The half rounds.
+        let base = (self.zero + self.hum * (TAU * self.phase).sin() + 0.5) as f32;
+        let noise: [f32; BLOCK] = array::from_fn(|_| StandardNormal.sample(&mut self.random));
 
         let mut block = GapBlock { codes: [0; BLOCK], gate: 0 };
-        let mut stretches = stretches.iter().peekable();
-        let mut current = stretches.next();
-        for (k, (code, noise)) in block.codes.iter_mut().zip(noise).enumerate() {
-            let at = from + (k as f64 + 0.5) * PERIOD_US;
-            while stretches.peek().is_some_and(|next| next.from <= at) {
-                current = stretches.next();
-            }
-            let Some(now) = current else { break };
-            let age = at - now.from;
-            let volts = if age > 8.0 * self.rise_us {
-                now.volts
-            } else {
-                now.volts + (now.initial - now.volts) * (-age / self.rise_us).exp()
-            };
-            let exact = base + (volts * self.per_volt) as f32 + noise;
-            *code = (exact as i32).clamp(0, i32::from(ADC_FULL_SCALE)) as u16;
-            let edge_before = age < GUARD_US && stretch_opens(now);
-            let edge_after = now.to - at < GUARD_US;
-            if now.gate && !edge_before && !(edge_after && stretches.peek().is_none_or(|next| !next.gate)) {
-                block.gate |= 1 << k;
+        let mut k = 0;
+        for (i, now) in stretches.iter().enumerate() {
+            let end = stretches.get(i + 1).map_or(f64::INFINITY, |next| next.from);
+            while let (Some(code), Some(noise)) = (block.codes.get_mut(k), noise.get(k)) {
+                let at = from + (k as f64 + 0.5) * PERIOD_US;
+                if at >= end {
+                    break;
+                }
+                let exact = base + (now.at(at) * self.per_volt) as f32 + self.noise * noise;
+                *code = exact.clamp(0.0, f32::from(ADC_FULL_SCALE)) as u16;
+                let gated = now.gate.0 + GUARD_US <= at && at + GUARD_US <= now.gate.1;
+                block.gate |= u32::from(gated) << k;
+                k += 1;
             }
         }
         if let Some(stuck) = self.stuck {
             block.codes = [stuck; BLOCK];
         }
+        if self.gate_lost {
+            block.gate = 0;
+        }
         block
     }
-}
-
-/// Whether a stretch begins with the gate's rising edge.
-fn stretch_opens(stretch: &Stretch) -> bool {
-    stretch.gate && stretch.initial == 0.0
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::FRAC_1_SQRT_2;
 
     fn steady(volts: f64) -> Stretch {
-        Stretch { from: -1e9, to: 1e18, volts, initial: volts, gate: true }
+        Stretch { from: -1e9, volts, initial: volts, rise: 0.2, gate: (-1e9, 1e18) }
     }
 
+    fn quiet() -> Parameters {
+        Parameters { noise: 0.0, hum: 0.0, ..Parameters::default() }
+    }
+
+    /// Mean and rms about it, V, as the head's defaults read the codes.
     fn moments(p: &Parameters, volts: f64) -> (f64, f64) {
         let mut front = FrontEnd::new(p, 3);
         let (mut sum, mut square, mut n) = (0.0, 0.0, 0.0);
-        for tick in 0..4000 {
+        for tick in 0..8000 {
             for code in front.convert(f64::from(tick) * 50.0, &[steady(volts)]).codes {
                 let v = (f64::from(code) - 410.0) * 0.1;
                 sum += v;
@@ -130,37 +122,96 @@ mod tests {
 
     #[test]
     fn it_reads_volts_with_half_a_volt_of_noise() {
-        let p = Parameters { hum: 0.0, ..Parameters::default() };
-        let (mean, rms) = moments(&p, 60.0);
+        let (mean, rms) = moments(&Parameters { noise: 0.5, ..quiet() }, 60.0);
         assert!((mean - 60.0).abs() < 0.01, "{mean}");
-        assert!((rms - 0.5).abs() < 0.01, "{rms}");
+        // The rounding to codes adds 0.1 V / sqrt(12).
+        assert!((rms - 0.5f64.hypot(0.0289)).abs() < 0.005, "{rms}");
     }
 
     #[test]
     fn hum_of_one_volt_adds_its_rms() {
-        let (_, rms) = moments(&Parameters { noise: 0.0, ..Parameters::default() }, 60.0);
-        assert!((rms - 0.5f64.sqrt()).abs() < 0.02, "{rms}");
+        let (_, rms) = moments(&Parameters { hum: 1.0, ..quiet() }, 60.0);
+        assert!((rms - FRAC_1_SQRT_2).abs() < 0.01, "{rms}");
     }
 
     #[test]
-    fn it_saturates_at_both_ends() {
-        for (volts, code) in [(-100.0, 0), (400.0, 4095)] {
-            let mut front = FrontEnd::new(&Parameters::default(), 1);
-            assert_eq!(front.convert(0.0, &[steady(volts)]).codes, [code; BLOCK]);
+    fn the_noise_of_one_conversion_tells_nothing_of_the_next() {
+        let mut front = FrontEnd::new(&Parameters { noise: 0.5, ..quiet() }, 3);
+        let codes: Vec<f64> = (0..4000)
+            .flat_map(|tick| front.convert(f64::from(tick) * 50.0, &[steady(60.0)]).codes)
+            .map(f64::from)
+            .collect();
+        for lag in [1, 2, 24, 25, 50] {
+            let pairs = codes.iter().zip(&codes[lag..]);
+            let correlation: f64 =
+                pairs.map(|(a, b)| (a - 1010.0) * (b - 1010.0)).sum::<f64>() / codes.len() as f64 / 25.0;
+            assert!(correlation.abs() < 0.015, "lag {lag}: {correlation}");
+        }
+    }
+
+    #[test]
+    fn the_mains_drifts_about_its_frequency_and_no_farther() {
+        let mut front = FrontEnd::new(&Parameters { hum: 20.0, mains_drift: 0.2, ..quiet() }, 3);
+        // Rising passages through zero in each quarter of the drift, against 50 Hz.
+        let mut crossings = Vec::new();
+        let mut before = u16::MAX;
+        for tick in 0..800_000 {
+            let code = front.convert(f64::from(tick) * 50.0, &[steady(0.0)]).codes[0];
+            if before < 410 && code >= 410 {
+                crossings.push(f64::from(tick) * 50e-6);
+            }
+            before = code;
+        }
+        let rates: Vec<f64> = crossings.windows(2).step_by(20).map(|pair| 1.0 / (pair[1] - pair[0])).collect();
+        let mean = crossings.len() as f64 / 40.0;
+        assert!((mean - 50.0).abs() < 0.05, "{mean}");
+        let (low, high) = rates.iter().fold((f64::MAX, 0.0f64), |(low, high), &rate| (low.min(rate), high.max(rate)));
+        assert!((49.6..49.9).contains(&low) && (50.1..50.4).contains(&high), "{low} {high}");
+    }
+
+    #[test]
+    fn a_gain_error_scales_what_is_read() {
+        for (percent, code) in [(0.0, 1010), (5.0, 1040), (-5.0, 980)] {
+            let mut front = FrontEnd::new(&Parameters { gain_error: percent, ..quiet() }, 1);
+            assert_eq!(front.convert(0.0, &[steady(60.0)]).codes[0], code);
+        }
+    }
+
+    #[test]
+    fn it_saturates_at_both_ends_and_not_before() {
+        for (volts, code) in [(-100.0, 0), (-41.0, 0), (-40.9, 1), (368.4, 4094), (368.5, 4095), (400.0, 4095)] {
+            let mut front = FrontEnd::new(&quiet(), 1);
+            assert_eq!(front.convert(0.0, &[steady(volts)]).codes, [code; BLOCK], "{volts}");
         }
     }
 
     #[test]
     fn only_conversions_well_inside_on_time_are_gated() {
-        let mut front = FrontEnd::new(&Parameters::default(), 1);
-        let stretches = [
-            Stretch { from: -100.0, to: 9.3, volts: 0.0, initial: 0.0, gate: false },
-            Stretch { from: 9.3, to: 20.0, volts: 100.0, initial: 0.0, gate: true },
-            Stretch { from: 20.0, to: 31.5, volts: 40.0, initial: 100.0, gate: true },
-            Stretch { from: 31.5, to: 1e9, volts: 0.0, initial: 40.0, gate: false },
-        ];
+        let mut front = FrontEnd::new(&quiet(), 1);
+        let off = |from: f64, initial| Stretch { from, volts: 0.0, initial, rise: 0.2, gate: (from, from) };
+        let on = |from, volts, initial| Stretch { from, volts, initial, rise: 0.2, gate: (9.3, 31.5) };
+        let stretches = [off(-100.0, 0.0), on(9.3, 100.0, 0.0), on(20.0, 40.0, 100.0), off(31.5, 40.0)];
         // Conversions at 1, 3, 5 ... us: 11 (k = 5) to 29 (k = 14); 31 (k = 15) is 0.5 us before the edge.
         let block = front.convert(0.0, &stretches);
         assert_eq!(block.gate, 0b111_1111_1110_0000);
+        assert_eq!((block.codes[4], block.codes[5], block.codes[14], block.codes[17]), (410, 1410, 810, 410));
+    }
+
+    #[test]
+    fn the_edge_of_a_pulse_is_an_exponential() {
+        let mut front = FrontEnd::new(&quiet(), 1);
+        let stretch = Stretch { from: 0.0, volts: 100.0, initial: 0.0, rise: 2.0, gate: (0.0, 1e9) };
+        let block = front.convert(0.0, &[stretch]);
+        for (k, at) in [(0, 1.0), (1, 3.0), (4, 9.0)] {
+            let volts = 100.0 * (1.0 - f64::exp(-at / 2.0));
+            assert!((f64::from(block.codes[k]) - 410.0 - volts * 10.0).abs() <= 0.5, "{k}");
+        }
+    }
+
+    #[test]
+    fn a_stuck_converter_and_a_lost_gate_show_nothing_of_the_gap() {
+        let mut front = FrontEnd::new(&Parameters::default(), 1);
+        (front.stuck, front.gate_lost) = (Some(1234), true);
+        assert_eq!(front.convert(0.0, &[steady(60.0)]), GapBlock { codes: [1234; BLOCK], gate: 0 });
     }
 }

@@ -1,14 +1,16 @@
 //! Process model: what the head's wires are connected to.
 //!
 //! Pulses are events in continuous time, mechanics run in steps of 12.5 us, conversions happen at their own instants. All
-//! randomness comes from one seed, in separate streams for ignition, arcs, bridges, front end and encoder, so that a
-//! change of one cause leaves the others as they were. Every parameter has its source in [`Parameters`].
+//! randomness comes from one seed, in a stream of its own for every cause. Every parameter has its source in
+//! [`Parameters`]; x is positive toward the work, gap = surface - electrode face.
 //!
 //! Everything here is simulated; nothing was fitted to a machine.
 
 mod actuator;
+mod debris;
 mod front_end;
 mod parameters;
+mod random;
 mod scale;
 mod spark;
 
@@ -16,7 +18,7 @@ pub use parameters::Parameters;
 pub use scale::Edge;
 pub use spark::Pulses;
 
-use actuator::{Actuator, Load, STEP_S, STEPS};
+use actuator::{Actuator, Load, STEPS};
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::Levels;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
@@ -24,10 +26,8 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::settings::SettingError;
 use edm_servo_head::units::{ADC_FULL_SCALE, CLOCK_HZ, TICK_HZ};
 use front_end::FrontEnd;
-use rand::SeedableRng;
-use rand_xoshiro::Xoshiro256PlusPlus;
 use scale::Scale;
-use spark::{Spark, Stretch};
+use spark::Spark;
 use std::f64::consts::PI;
 
 /// Servo tick, us.
@@ -83,14 +83,16 @@ pub struct Truth {
     pub pulses: Pulses,
     /// Electrode wear, um.
     pub wear_um: f64,
-    /// Debris concentration; 1 at the default working point.
+    /// Force between electrode and work, N.
+    pub contact_n: f64,
+    /// Debris concentration; 1 is about the default working point.
     pub debris: f64,
 }
 
 /// Wires to pull and contacts to open.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Mishaps {
-    /// Contacts opened besides those that the axis opens.
+    /// Contacts opened besides those that the axis opens. A bridge fault also opens the bridge.
     pub safety: SafetyInputs,
     /// Bus voltage instead of the set one.
     pub bus_v: Option<f64>,
@@ -100,6 +102,8 @@ pub struct Mishaps {
     pub encoder_dead: bool,
     /// The generator makes no pulses.
     pub generator_dead: bool,
+    /// The wire of the gate signal is broken; pulses go on.
+    pub gate_lost: bool,
     /// A wire across the gap.
     pub short: bool,
 }
@@ -112,13 +116,15 @@ pub struct Process {
     scale: Scale,
     spark: Spark,
     front: FrontEnd,
-    random: Xoshiro256PlusPlus,
     ticks: u64,
     held_gap_um: Option<f64>,
     sensors: Sensors,
-    stretches: Vec<Stretch>,
+    /// Squeeze-film damping times the cube of the gap, N s m^2.
     film: f64,
-    face_area: f64,
+    /// Most that the film can pull, N.
+    suction: f64,
+    /// Stiffness of a contact, N/m.
+    stiffness: f64,
     /// Wires to pull between two ticks.
     pub mishaps: Mishaps,
 }
@@ -127,13 +133,12 @@ impl Process {
     /// A head at rest at its upper stop above a fresh workpiece. The same seed gives the same run.
     pub fn new(p: &Parameters, seed: u64) -> Result<Process, SettingError> {
         p.validate()?;
-        let scale = Scale::new(p);
+        let scale = Scale::new(p, seed);
         let radius = f64::from(p.radius) * 1e-3;
         Ok(Process {
             actuator: Actuator::new(p),
             spark: Spark::new(p, seed),
             front: FrontEnd::new(p, seed),
-            random: Xoshiro256PlusPlus::seed_from_u64(seed.wrapping_mul(16).wrapping_add(5)),
             ticks: 0,
             held_gap_um: None,
             sensors: Sensors {
@@ -145,36 +150,36 @@ impl Process {
                 safety: SafetyInputs::default(),
                 drive: DriveCodes::default(),
             },
-            stretches: Vec::with_capacity(64),
             film: 3.0 * PI * f64::from(p.viscosity) * 1e-3 * radius.powi(4) / 2.0,
-            face_area: PI * radius * radius,
+            suction: ATMOSPHERE * PI * radius * radius,
+            stiffness: f64::from(p.contact) * 1e6,
             mishaps: Mishaps::default(),
             scale,
             p: *p,
         })
     }
 
-    /// Holds gap and debris, whatever the axis does, without erosion: the open loop in which the shot floor is measured.
+    /// Holds gap and debris, whatever the axis does, without erosion, arcs and bridges: the open loop in which the shot
+    /// floor is measured.
     pub fn hold_gap(&mut self, um: f64, debris: f64) {
         self.held_gap_um = Some(um);
-        self.spark.freeze(debris);
+        self.spark.hold(debris);
     }
 
     /// Advances by one servo tick under the head's outputs and gives what its wires show at the end.
     pub fn advance(&mut self, drive: Drive, pulses: bool) -> &Sensors {
         let from = self.ticks as f64 * TICK_US;
         self.front.stuck = self.mishaps.stuck_code;
+        self.front.gate_lost = self.mishaps.gate_lost;
         self.scale.dead = self.mishaps.encoder_dead;
         self.spark.dead = self.mishaps.generator_dead;
         self.spark.forced_short = self.mishaps.short;
 
         let before = self.gap_um();
-        self.move_axis(drive);
-        let after = self.gap_um();
-        let gap = self.held_gap_um.map_or((before, after), |held| (held, held));
-        self.stretches.clear();
-        self.spark.advance(from, from + TICK_US, gap, pulses, &mut self.stretches);
-        self.sensors.block = self.front.convert(from, &self.stretches);
+        self.move_axis(if self.mishaps.safety.bridge_fault { Drive::Coast } else { drive });
+        let gap = self.held_gap_um.map_or((before, self.gap_um()), |held| (held, held));
+        self.spark.advance(from, from + TICK_US, gap, pulses);
+        self.sensors.block = self.front.convert(from, &self.spark.stretches);
 
         self.ticks += 1;
         self.sensors.now = self.sensors.now.wrapping_add(TICK_CLOCK);
@@ -196,31 +201,25 @@ impl Process {
             let load = self.load(surface - from);
             self.actuator.step(drive, bus, load);
             let start = self.sensors.now.wrapping_add((step as f64 * ticks) as u32);
-            self.scale.travel(from, self.actuator.x, start, ticks, &mut self.random, &mut self.sensors.edges);
+            self.scale.travel(from, self.actuator.x, start, ticks, &mut self.sensors.edges);
         }
-        debug_assert!(self.actuator.v.abs() * STEP_S < 1e-3);
     }
 
     /// Contact and squeeze film: 3 pi mu R^4 v / (2 h^3), whose suction ends at the weight of the atmosphere.
     fn load(&self, gap: f64) -> Load {
-        if gap <= 0.0 {
-            return Load { force: gap * f64::from(self.p.contact) * 1e6, damping: CONTACT_DAMPING };
+        let hits = gap < 0.0 && self.actuator.v > 0.0;
+        Load {
+            force: gap.min(0.0) * self.stiffness,
+            damping: self.film / gap.max(THINNEST_FILM).powi(3) + if hits { CONTACT_DAMPING } else { 0.0 },
+            suction: self.suction,
         }
-        let damping = self.film / gap.max(THINNEST_FILM).powi(3);
-        let suction = -self.actuator.v * damping;
-        let most = ATMOSPHERE * self.face_area;
-        if suction > most { Load { force: most, damping: 0.0 } } else { Load { force: 0.0, damping } }
     }
 
     fn sense(&mut self) {
+        let bus = self.bus();
         let sensors = &mut self.sensors;
         sensors.levels = self.scale.levels();
-        let count = self.scale.count(self.actuator.x);
-        // The timer is on the same lines: dead for one is dead for both.
-        if !self.mishaps.encoder_dead {
-            let signed = if self.p.encoder_reversed { -count } else { count };
-            sensors.timer_count = signed as u32;
-        }
+        sensors.timer_count = self.scale.timer();
         let x_mm = self.actuator.x * 1e3;
         let opened = self.mishaps.safety;
         sensors.safety = SafetyInputs {
@@ -231,7 +230,7 @@ impl Process {
         let code = |value: f64, per_code: f32, zero: f64| {
             (zero + value / f64::from(per_code)).clamp(0.0, f64::from(ADC_FULL_SCALE)) as u16
         };
-        let bus = self.mishaps.bus_v.unwrap_or(self.p.bus.into());
+        // The sensor sits between bridge and coil, so it does not know which way round the coil is.
         let sign = if self.p.motor_reversed { -1.0 } else { 1.0 };
         sensors.drive = DriveCodes {
             motor_current: code(sign * self.actuator.i, self.p.amps_per_code, 2048.5),
@@ -263,83 +262,14 @@ impl Process {
             surface_um: self.surface_m() * 1e6,
             first_surface_um: f64::from(self.p.surface) * 1e3,
             gap_um: self.gap_um(),
-            count: self.scale.count(self.actuator.x),
+            count: self.scale.true_count(self.actuator.x),
             pulses: self.spark.pulses,
             wear_um: self.spark.wear_um,
-            debris: self.spark.debris(),
+            contact_n: self.stiffness * (-self.gap_um()).max(0.0) * 1e-6,
+            debris: self.spark.debris.concentration(),
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn run(process: &mut Process, drive: Drive, pulses: bool, seconds: f64) {
-        for _ in 0..(seconds * f64::from(TICK_HZ)) as u64 {
-            process.advance(drive, pulses);
-        }
-    }
-
-    #[test]
-    fn the_same_seed_gives_the_same_run_and_another_seed_another() {
-        let codes = |seed| {
-            let mut process = Process::new(&Parameters::default(), seed).unwrap();
-            process.hold_gap(30.0, 0.0);
-            (0..1000).map(|_| process.advance(Drive::Coast, true).block).collect::<Vec<_>>()
-        };
-        assert_eq!(codes(1), codes(1));
-        assert_ne!(codes(1), codes(2));
-    }
-
-    #[test]
-    fn the_resting_head_stays_at_its_stop_at_count_zero() {
-        let mut process = Process::new(&Parameters::default(), 1).unwrap();
-        run(&mut process, Drive::Coast, false, 1.0);
-        let truth = process.truth();
-        assert_eq!(truth.count, 0);
-        assert!(truth.position_um.abs() < 0.2, "{}", truth.position_um);
-        assert!(process.sensors().edges.is_empty());
-    }
-
-    #[test]
-    fn driven_onto_the_work_it_is_stopped_by_contact_and_shorts() {
-        let mut process = Process::new(&Parameters::default(), 1).unwrap();
-        run(&mut process, Drive::Duty(700), true, 2.0);
-        let truth = process.truth();
-        assert!((-3.0..0.0).contains(&truth.gap_um), "{}", truth.gap_um);
-        let shorts = truth.pulses.short;
-        run(&mut process, Drive::Duty(700), true, 0.1);
-        assert_eq!(process.truth().pulses.short - shorts, 500);
-    }
-
-    #[test]
-    fn a_thin_film_slows_the_approach_and_holds_back_the_retreat() {
-        let fall = |viscosity| {
-            let p =
-                Parameters { viscosity, friction: 0.0, surface: 0.02, counterbalance: 0.0, ..Parameters::default() };
-            let mut process = Process::new(&p, 1).unwrap();
-            run(&mut process, Drive::Coast, false, 0.0015);
-            process.truth().position_um
-        };
-        assert!(fall(100.0) < 0.8 * fall(0.1), "{} {}", fall(100.0), fall(0.1));
-    }
-
-    #[test]
-    fn the_codes_of_current_and_bus_read_what_flows() {
-        let mut process = Process::new(&Parameters::default(), 1).unwrap();
-        run(&mut process, Drive::Duty(-1000), false, 0.1);
-        let drive = process.sensors().drive;
-        // 4.8 V over 12.4 ohm against the stop: 0.387 A, 77 codes up.
-        assert!((2048 - 78..=2048 - 76).contains(&drive.motor_current), "{drive:?}");
-        assert_eq!(drive.bus_voltage, 2400);
-    }
-
-    #[test]
-    fn a_bad_parameter_is_refused() {
-        let p = Parameters { burn: 99.0, open: 50.0, ..Parameters::default() };
-        assert!(matches!(Process::new(&p, 1), Err(SettingError::Conflict { field: "generator.burn_v", .. })));
-        let p = Parameters { mass: f32::NAN, ..Parameters::default() };
-        assert!(matches!(Process::new(&p, 1), Err(SettingError::NotAllowed(field)) if field.key == "actuator.mass_kg"));
-    }
-}
+mod tests;

@@ -10,6 +10,8 @@ declare! {
         open: f32 = 100.0, (20.0, 300.0), "generator.open_v", "V", "[R] section 4.4";
         /// Burn voltage of a spark, almost independent of the gap.
         burn: f32 = 40.0, (10.0, 100.0), "generator.burn_v", "V", "systems page, [R]";
+        /// Scatter of the burn voltage from one discharge to the next.
+        burn_scatter: f32 = 1.0, (0.0, 20.0), "generator.burn_scatter_v", "V rms", "assumed; [R] section 6.5.1: it did not vary much";
         /// On-time.
         on: f32 = 160.0, (1.0, 5000.0), "generator.on_us", "us", "assumed: 5 kHz at 80 %, inside the 1 to 100 kHz of [R]";
         /// Off-time.
@@ -23,30 +25,38 @@ declare! {
 
         /// Median ignition delay as a multiple of 0.48 g^2 - 3.69 g + 14.05 us, g in um.
         ignition_scale: f32 = 0.1, (0.001, 10.0), "ignition.scale", "", "curve of a public wire-EDM model; scale assumed for a sinker";
+        /// Share by which debris of concentration 1 raises the rate of ignition.
+        ignition_debris: f32 = 0.2, (0.0, 10.0), "ignition.debris", "", "assumed";
         /// Gap beyond which no pulse ignites, however long it waits.
-        ignition_reach: f32 = 150.0, (1.0, 10_000.0), "ignition.reach_um", "um", "assumed: working gaps of [R] are 20 to 100 um";
-        /// Share by which debris of concentration 1 shortens the gap that a pulse sees.
-        ignition_debris: f32 = 0.1, (0.0, 2.0), "ignition.debris", "", "assumed";
+        ignition_reach: f32 = 150.0, (10.0, 10_000.0), "ignition.reach_um", "um", "assumed; [R] section 6.5.1 saw a range, [X] works to 80 um";
         /// Depth that a second of burning removes.
         removal: f32 = 6.25, (0.01, 1000.0), "erosion.um_per_burn_s", "um/s", "assumed so that 60 V gives the 0.2 mm/min of [R] section 4.2";
         /// Electrode wear over removed depth.
         wear: f32 = 0.05, (0.0, 100.0), "erosion.wear_percent", "%", "assumed: copper on steel, long pulses";
         /// Share of a spark's removal that an arc achieves.
-        arc_removal: f32 = 0.3, (0.0, 1.0), "erosion.arc_share", "", "assumed";
+        arc_removal: f32 = 0.1, (0.0, 1.0), "erosion.arc_share", "", "assumed";
         /// Burn voltage of an arc.
         arc_burn: f32 = 30.0, (5.0, 100.0), "arc.burn_v", "V", "assumed: lower than a spark's";
-        /// Chance of a pulse to arc, per unit of debris concentration.
-        arc_chance: f32 = 0.002, (0.0, 1.0), "arc.chance", "", "assumed";
-        /// Chance of a discharge to leave a bridge of debris, per unit of concentration.
-        bridge_chance: f32 = 2e-5, (0.0, 1.0), "short.chance", "", "assumed: one in ten seconds at 5 kHz";
+        /// Chance of an arc after a discharge without any off-time, per unit of debris concentration.
+        arc_chance: f32 = 0.015, (0.0, 1.0), "arc.chance", "", "assumed: 0.2 % of pulses at the default off-time";
+        /// Time constant with which the channel recovers in off-time.
+        arc_recovery: f32 = 20.0, (0.1, 1000.0), "arc.recovery_us", "us", "assumed";
+        /// Chance of an arc to be followed by another, at a concentration of 1 and above.
+        arc_repeats: f32 = 0.5, (0.0, 0.99), "arc.repeats", "", "assumed";
+        /// Chance of a pulse to find a new bridge of debris, per square of the concentration.
+        bridge_chance: f32 = 5e-5, (0.0, 1.0), "short.chance", "", "assumed: one in four seconds at 5 kHz";
         /// Mean time that a bridge lasts.
         bridge_ms: f32 = 5.0, (0.01, 10_000.0), "short.mean_ms", "ms", "assumed";
         /// Mean length by which the gap has to open to break a bridge.
-        bridge_um: f32 = 8.0, (0.1, 1000.0), "short.break_um", "um", "assumed";
-        /// Time constant of flushing at the surface; concentration 1 is what it leaves at the default working point.
-        flush: f32 = 1.0, (0.01, 100.0), "flush.time_s", "s", "assumed";
+        bridge_um: f32 = 20.0, (0.1, 1000.0), "short.break_um", "um", "assumed";
+        /// Height of surface peaks: gaps of this width touch in one pulse of three.
+        peaks: f32 = 3.0, (0.1, 50.0), "short.peak_um", "um", "assumed: roughness of both surfaces";
+        /// Time constant of flushing at the surface.
+        flush: f32 = 0.5, (0.01, 100.0), "flush.time_s", "s", "assumed";
         /// Depth at which flushing takes twice as long.
         flush_depth: f32 = 2.0, (0.01, 1000.0), "flush.depth_mm", "mm", "assumed";
+        /// Share of the dielectric squeezed out of a narrowing gap that clean dielectric replaces.
+        flush_exchange: f32 = 0.3, (0.0, 1.0), "flush.exchange", "", "assumed";
 
         /// Workpiece surface below the upper stop.
         surface: f32 = 2.0, (0.0, 1000.0), "workpiece.surface_mm", "mm", "assumed";
@@ -124,6 +134,7 @@ impl Parameters {
             (self.burn >= self.open, "generator.burn_v", "must be below generator.open_v"),
             (self.arc_burn > self.burn, "arc.burn_v", "must not be above generator.burn_v"),
             (self.surface >= self.stroke, "workpiece.surface_mm", "must lie inside actuator.stroke_mm"),
+            (self.marks * 1e3 < 4.0 * self.count, "scale.mark_mm", "must be at least four times scale.count_um"),
             (self.lower_limit <= self.upper_limit, "limit.lower_mm", "must be below limit.upper_mm"),
         ];
         let broken = rules.into_iter().find(|(broken, ..)| *broken);

@@ -1,9 +1,12 @@
 //! The encoder on its scale: edges of A, B and index with their times.
+//!
+//! Line A changes before every odd count, B before every even one, a quarter period behind A when moving toward the work
+//! [L]; a phase error shifts B. The index line is high for the one count in which a mark lies.
 
 use super::Parameters;
+use super::random::{Cause, Random};
 use edm_hal_shim::encoder::Levels;
 use rand::RngExt;
-use rand_xoshiro::Xoshiro256PlusPlus;
 
 /// An edge as the decoder gets it: clock time and levels after it.
 pub type Edge = (u32, Levels);
@@ -18,14 +21,16 @@ pub struct Scale {
     reversed: bool,
     /// The lines stand still whatever moves.
     pub dead: bool,
-    /// Line A changes at odd half-periods, B a quarter later; together they count this.
-    half_a: i64,
-    half_b: i64,
+    /// Half-periods of A and of B passed; together they are the count of the lines.
+    halves: (i64, i64),
+    /// Positions of the next edge on either side, m.
+    edges: (f64, f64),
+    random: Random,
 }
 
 impl Scale {
     /// Scale whose count 0 is centred on the upper stop.
-    pub fn new(p: &Parameters) -> Scale {
+    pub fn new(p: &Parameters, seed: u64) -> Scale {
         let per_metre = 1e6 / f64::from(p.count);
         let mut scale = Scale {
             per_metre,
@@ -34,65 +39,78 @@ impl Scale {
             loss: p.edge_loss.into(),
             reversed: p.encoder_reversed,
             dead: false,
-            half_a: 0,
-            half_b: 0,
+            halves: (0, 0),
+            edges: (0.0, 0.0),
+            random: Cause::Encoder.stream(seed),
         };
-        (scale.half_a, scale.half_b) = scale.halves(0.0);
+        scale.find(0.0);
         scale
     }
 
-    /// Half-periods of A and B passed at a position: A changes before odd counts, B before even ones.
-    fn halves(&self, x: f64) -> (i64, i64) {
+    /// Takes the lines to a position without an edge.
+    fn find(&mut self, x: f64) {
         let counts = x * self.per_metre + 0.5;
-        (((counts + 1.0) * 0.5).floor() as i64, ((counts - self.phase_error) * 0.5).floor() as i64)
+        self.halves = (((counts + 1.0) * 0.5).floor() as i64, ((counts - self.phase_error) * 0.5).floor() as i64);
+        self.look_around();
     }
 
-    /// The true count at a position.
-    pub fn count(&self, x: f64) -> i64 {
+    /// Position of the edge of A that begins half-period `half`, in counts; of B likewise.
+    fn edge_a(half: i64) -> f64 {
+        2.0 * half as f64 - 1.5
+    }
+
+    fn edge_b(&self, half: i64) -> f64 {
+        2.0 * half as f64 - 0.5 + self.phase_error
+    }
+
+    fn look_around(&mut self) {
+        let (a, b) = self.halves;
+        let below = Scale::edge_a(a).max(self.edge_b(b));
+        let above = Scale::edge_a(a + 1).min(self.edge_b(b + 1));
+        self.edges = (below / self.per_metre, above / self.per_metre);
+    }
+
+    /// The count at a position, without the mistakes of the lines.
+    pub fn true_count(&self, x: f64) -> i64 {
         (x * self.per_metre + 0.5).floor() as i64
+    }
+
+    /// Count of a timer in encoder mode on these lines; it started at their zero.
+    pub fn timer(&self) -> u32 {
+        let count = self.halves.0 + self.halves.1;
+        (if self.reversed { -count } else { count }) as u32
     }
 
     /// Levels of the lines now.
     pub fn levels(&self) -> Levels {
-        let (a, b) = (self.half_a & 1 == 1, self.half_b & 1 == 1);
-        let count = self.half_a + self.half_b;
-        let index = count.rem_euclid(self.marks) == 0;
+        let (a, b) = (self.halves.0 & 1 == 1, self.halves.1 & 1 == 1);
+        let index = (self.halves.0 + self.halves.1).rem_euclid(self.marks) == 0;
         if self.reversed { Levels { a: b, b: a, index } } else { Levels { a, b, index } }
     }
 
     /// Edges of a straight piece of motion that begins at clock time `start` and takes `ticks`.
-    pub fn travel(
-        &mut self,
-        from: f64,
-        to: f64,
-        start: u32,
-        ticks: f64,
-        random: &mut Xoshiro256PlusPlus,
-        edges: &mut Vec<Edge>,
-    ) {
-        if self.dead {
+    pub fn travel(&mut self, from: f64, to: f64, start: u32, ticks: f64, edges: &mut Vec<Edge>) {
+        if self.edges.0 <= to && to < self.edges.1 || self.dead {
             return;
         }
-        let (a, b) = self.halves(to);
-        let forward = to > from;
-        while (self.half_a, self.half_b) != (a, b) {
-            // Where each line changes next, in counts.
-            let ahead = i64::from(forward);
-            let next_a = 2.0 * (self.half_a + ahead) as f64 - 1.5;
-            let next_b = 2.0 * (self.half_b + ahead) as f64 - 0.5 + self.phase_error;
-            let first_a = match (self.half_a != a, self.half_b != b) {
-                (true, true) => (next_a < next_b) == forward,
-                (changes_a, _) => changes_a,
-            };
-            let place = if first_a { next_a } else { next_b };
-            let by = if forward { 1 } else { -1 };
-            if first_a {
-                self.half_a += by;
+        if !(self.edges.0..=self.edges.1).contains(&from) {
+            // The lines were dead on the way here.
+            self.find(from);
+        }
+        while to < self.edges.0 || self.edges.1 <= to {
+            let (a, b) = self.halves;
+            let place = if to >= self.edges.1 {
+                let a_first = Scale::edge_a(a + 1) < self.edge_b(b + 1);
+                self.halves = if a_first { (a + 1, b) } else { (a, b + 1) };
+                self.edges.1
             } else {
-                self.half_b += by;
-            }
-            let share = ((place / self.per_metre - from) / (to - from)).clamp(0.0, 1.0);
-            if self.loss == 0.0 || random.random::<f64>() >= self.loss {
+                let a_first = Scale::edge_a(a) > self.edge_b(b);
+                self.halves = if a_first { (a - 1, b) } else { (a, b - 1) };
+                self.edges.0
+            };
+            self.look_around();
+            let share = ((place - from) / (to - from)).clamp(0.0, 1.0);
+            if self.loss == 0.0 || self.random.random::<f64>() >= self.loss {
                 edges.push((start.wrapping_add((share * ticks) as u32), self.levels()));
             }
         }
@@ -103,52 +121,111 @@ impl Scale {
 mod tests {
     use super::*;
     use edm_servo_head::encoder::Quadrature;
-    use rand::SeedableRng;
 
-    fn walk(p: &Parameters, turns: &[f64]) -> (i64, i64, u32) {
-        let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
-        let mut scale = Scale::new(p);
+    const TICK: u32 = 8400;
+
+    struct Walk {
+        seen: i64,
+        illegal: u32,
+        scale: Scale,
+        x: f64,
+    }
+
+    impl Walk {
+        fn lag(&self) -> i64 {
+            self.scale.true_count(self.x) - self.seen
+        }
+    }
+
+    /// Straight pieces of one tick each, as a decoder sees them.
+    fn walk(p: &Parameters, turns: &[f64]) -> Walk {
+        let mut scale = Scale::new(p, 1);
         let mut decoder = Quadrature::new(scale.levels(), 0);
         let (mut x, mut now) = (0.0, 0u32);
         for &turn in turns {
             let mut edges = Vec::new();
-            scale.travel(x, turn, now, 8400.0, &mut random, &mut edges);
+            scale.travel(x, turn, now, f64::from(TICK), &mut edges);
             assert!(edges.is_sorted_by_key(|edge| edge.0));
+            assert!(edges.iter().all(|edge| (now..=now + TICK).contains(&edge.0)));
             for (time, levels) in edges {
                 decoder.edge(levels, time);
             }
             x = turn;
-            now += 8400;
+            now += TICK;
         }
-        let seen = decoder.snapshot(now);
-        (seen.raw.count as i32 as i64, scale.count(x), seen.illegal)
+        let state = decoder.snapshot(now);
+        Walk { seen: (state.raw.count as i32).into(), illegal: state.illegal, scale, x }
+    }
+
+    const TURNS: [f64; 8] = [30e-6, 28.3e-6, 55.9e-6, -40.2e-6, -40.7e-6, -40.2e-6, 3.49e-6, 3.51e-6];
+
+    #[test]
+    fn the_decoder_counts_what_the_scale_moves_and_so_does_the_timer() {
+        for n in 1..=TURNS.len() {
+            let walk = walk(&Parameters::default(), &TURNS[..n]);
+            assert_eq!((walk.lag(), walk.illegal), (0, 0));
+            assert_eq!(i64::from(walk.scale.timer() as i32), walk.seen);
+        }
     }
 
     #[test]
-    fn the_decoder_counts_what_the_scale_moves_also_with_a_phase_error() {
-        let turns = [30e-6, 28.3e-6, 55.9e-6, -40.2e-6, -40.7e-6, -40.2e-6, 3.49e-6, 3.51e-6];
-        for phase_error in [0.0, 0.4, -0.7] {
+    fn a_phase_error_shifts_every_other_edge_and_loses_none() {
+        for phase_error in [-0.9, -0.4, 0.4, 0.9] {
             let p = Parameters { phase_error, ..Parameters::default() };
-            for n in 1..=turns.len() {
-                let (seen, truth, illegal) = walk(&p, &turns[..n]);
-                assert!((seen - truth).abs() <= i64::from(phase_error != 0.0), "{seen} {truth}");
-                assert_eq!(illegal, 0);
+            for n in 1..=TURNS.len() {
+                let walk = walk(&p, &TURNS[..n]);
+                assert!(walk.lag().abs() <= 1);
+                assert_eq!(walk.illegal, 0);
             }
         }
+        let times = |phase_error| {
+            let mut edges = Vec::new();
+            let mut scale = Scale::new(&Parameters { phase_error, ..Parameters::default() }, 1);
+            scale.travel(0.0, 4e-6, 0, 400.0, &mut edges);
+            edges.iter().map(|edge| edge.0).collect::<Vec<_>>()
+        };
+        // Counts begin half a micrometre before their whole number.
+        for (time, expected) in times(0.0).into_iter().chain(times(0.5)).zip([50, 150, 250, 350, 50, 200, 250, 400]) {
+            assert!(time.abs_diff(expected) <= 1, "{time} {expected}");
+        }
     }
 
     #[test]
-    fn lost_edges_are_illegal_transitions() {
+    fn a_leads_b_toward_the_work_and_the_mark_is_one_count_wide() {
+        let mut edges = Vec::new();
+        let mut scale = Scale::new(&Parameters { marks: 0.1, ..Parameters::default() }, 1);
+        assert_eq!(scale.levels(), Levels { a: false, b: false, index: true });
+        scale.travel(0.0, 101e-6, 0, 1e6, &mut edges);
+        assert_eq!((edges[0].1.a, edges[0].1.b), (true, false));
+        let marks: Vec<_> = edges.iter().enumerate().filter(|(_, edge)| edge.1.index).map(|(k, _)| k + 1).collect();
+        assert_eq!(marks, [100]);
+    }
+
+    #[test]
+    fn lost_edges_are_illegal_transitions_and_lose_counts() {
         let p = Parameters { edge_loss: 0.1, ..Parameters::default() };
         let turns: Vec<f64> = (1..100).map(|k| f64::from(k) * 20e-6).collect();
-        let (_, _, illegal) = walk(&p, &turns);
-        assert!(illegal > 50, "{illegal}");
+        let walk = walk(&p, &turns);
+        // 1980 edges, a tenth lost; two in a row look like none.
+        assert!((120..240).contains(&walk.illegal), "{}", walk.illegal);
+        assert_ne!(walk.lag(), 0);
     }
 
     #[test]
     fn a_scale_wired_the_wrong_way_counts_down() {
-        let p = Parameters { encoder_reversed: true, ..Parameters::default() };
-        let (seen, truth, illegal) = walk(&p, &[25.2e-6]);
-        assert_eq!((seen, truth, illegal), (-25, 25, 0));
+        let walk = walk(&Parameters { encoder_reversed: true, ..Parameters::default() }, &[25.2e-6]);
+        assert_eq!((walk.seen, walk.scale.timer() as i32, walk.illegal), (-25, -25, 0));
+    }
+
+    #[test]
+    fn a_dead_encoder_stands_still_and_comes_back_where_the_head_is() {
+        let mut scale = Scale::new(&Parameters::default(), 1);
+        let mut edges = Vec::new();
+        scale.dead = true;
+        scale.travel(0.0, 50e-6, 0, 100.0, &mut edges);
+        assert_eq!((edges.len(), scale.timer()), (0, 0));
+        scale.dead = false;
+        scale.travel(50e-6, 53e-6, 0, 100.0, &mut edges);
+        assert_eq!((edges.len(), scale.timer()), (3, 53));
     }
 }

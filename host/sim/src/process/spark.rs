@@ -1,19 +1,35 @@
 //! Generator, gap and material: what each pulse becomes.
 //!
-//! A pulse begins with the generator's gate. If electrode and work touch, or a bridge of debris joins them, it is *short*.
-//! Otherwise it *arcs* at once with a chance that grows with debris, or waits an *ignition delay*, exponential with a mean
-//! that grows with the gap; ignited within the on-time it is a *spark*, else it stays *open*. Burning removes material.
+//! A pulse begins with the generator's gate. If electrode and work touch, or a *bridge* joins them, it is *short*: no
+//! voltage, no removal. It *arcs* when the channel of the last discharge has not recovered: no delay, lower voltage, little
+//! removal. Otherwise it waits an *ignition delay*; ignited within the on-time it is a *spark*, else it stays *open*.
 //!
-//! The median delay follows the curve of a public wire-EDM model, 0.48 g^2 - 3.69 g + 14.05 us (g in um; held constant below
-//! 3.84 um, where the curve turns), scaled for a sinker.
+//! - Ignition is a hazard that runs while the pulse waits, so a gap that moves meanwhile counts as it moves. Its median
+//!   delay follows the curve of a public wire-EDM model, 0.48 g^2 - 3.69 g + 14.05 us (g in um; held constant below
+//!   3.84 um, where the curve turns), scaled for a sinker (assumed). Debris raises the hazard; beyond a reach there is none:
+//!   [R] section 6.5.1 saw pulses stay open beyond a certain range.
+//! - Bridges of debris grow with the square of its concentration; peaks of the two surfaces touch with the chance of
+//!   heights that are normally distributed. A bridge ends with time, or when the gap has opened far enough (all assumed).
+//! - Arcs follow a discharge, the more the dirtier the gap and the shorter the off-time, and repeat while it stays dirty
+//!   (all assumed).
+//!
+//! The head's permission and the touch of the electrode act at the beginning of a servo tick, all else in continuous time.
 
 use super::Parameters;
-use rand::{RngExt, SeedableRng};
-use rand_distr::{Distribution, Exp1};
-use rand_xoshiro::Xoshiro256PlusPlus;
+use super::debris::Debris;
+use super::random::{Cause, Random};
+use rand::RngExt;
+use rand_distr::{Distribution, Exp1, StandardNormal};
 use std::f64::consts::LN_2;
 
-/// Pulses by what became of them.
+/// Voltage of a short, V: cable and contact (assumed).
+const SHORT_V: f64 = 1.0;
+/// Time constants of the edge after which a stretch counts as settled: 3e-4 of the step.
+const SETTLED: f64 = 8.0;
+/// Gaps of so many heights are never bridged by peaks: a chance of 1e-7.
+const PEAKS: f64 = 4.0;
+
+/// Pulses by what became of them. One that the head cuts off before it ignites is none of these.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pulses {
     /// Never ignited.
@@ -22,34 +38,58 @@ pub struct Pulses {
     pub spark: u64,
     /// Ignited at once at the spot of the last discharge.
     pub arc: u64,
-    /// Electrode and work touched, or debris bridged the gap.
+    /// Electrode and work touched, or a bridge joined them.
     pub short: u64,
 }
 
-/// A stretch of constant gap condition, in us since the start.
+impl Pulses {
+    /// All of them.
+    pub fn total(&self) -> u64 {
+        self.open + self.spark + self.arc + self.short
+    }
+
+    /// Sparks and arcs.
+    pub fn discharges(&self) -> u64 {
+        self.spark + self.arc
+    }
+}
+
+/// A stretch of constant gap condition; times in us since the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch {
     /// When it began.
     pub from: f64,
-    /// When it ends, as far as is known.
-    pub to: f64,
     /// Voltage it tends to, V.
     pub volts: f64,
     /// Voltage when it began, V.
     pub initial: f64,
-    /// Gate on.
-    pub gate: bool,
+    /// Time constant of the way from one to the other.
+    pub rise: f64,
+    /// When the generator's gate opened and will close, the same time twice while it is off.
+    pub gate: (f64, f64),
+}
+
+impl Stretch {
+    /// Gap voltage at a time inside the stretch, V.
+    pub fn at(&self, time: f64) -> f64 {
+        let age = time - self.from;
+        if age > SETTLED * self.rise {
+            self.volts
+        } else {
+            self.volts + (self.initial - self.volts) * (-age / self.rise).exp()
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
-    /// Gate off until the end of the stretch.
-    Off,
-    /// Gate on, not ignited; ignites at the end of the stretch or stays open until then.
-    Waiting { ignites: bool, end: f64 },
-    /// Burning until the end of the stretch.
-    Burning { arc: bool },
-    /// Short until the end of the stretch.
+    /// Gate off; the next pulse is due at a time.
+    Off { due: f64 },
+    /// Gate on, not ignited; `delay` of hazard is left at time `since`.
+    Waiting { delay: f64, since: f64 },
+    /// Burning since a time.
+    Burning { since: f64, removal: f64 },
+    /// Shorted.
     Shorted,
 }
 
@@ -62,60 +102,64 @@ struct Bridge {
 /// State of generator, gap and material.
 #[derive(Clone, Debug)]
 pub struct Spark {
+    c: Constants,
     phase: Phase,
-    stretch: Stretch,
+    /// When the gate opened and will close; the same time twice while it is off.
+    gate: (f64, f64),
+    /// Stretches that touch the last interval, in order; the last one goes on.
+    pub stretches: Vec<Stretch>,
     bridge: Option<Bridge>,
-    /// Concentration of debris; 1 at the default working point.
-    debris: f64,
+    /// What floats in the gap.
+    pub debris: Debris,
     /// Depth removed, um.
     pub removed_um: f64,
     /// Length the electrode lost, um.
     pub wear_um: f64,
     /// Classes so far.
     pub pulses: Pulses,
-    last_gap_um: f64,
+    /// The pulse before this one burned, and it was an arc.
+    last: (bool, bool),
     shorts_in_a_row: u32,
     /// A short from outside.
     pub forced_short: bool,
     /// The generator makes no pulses although it may.
     pub dead: bool,
-    frozen: bool,
-    constants: Constants,
-    ignition: Xoshiro256PlusPlus,
-    arcs: Xoshiro256PlusPlus,
-    bridges: Xoshiro256PlusPlus,
+    /// Chance ignition only: no removal, no bridges, no arcs.
+    held: bool,
+    ignition: Random,
+    arcs: Random,
+    bridges: Random,
+    burns: Random,
 }
 
+/// Parameters in um, us and V.
 #[derive(Clone, Debug)]
 struct Constants {
     open: f64,
     burn: f64,
+    scatter: f64,
     on: f64,
     off: f64,
+    rise: f64,
     suspend_after: u32,
     suspend: f64,
-    scale: f64,
+    ignition_scale: f64,
+    ignition_debris: f64,
     reach: f64,
-    debris_gap: f64,
     removal: f64,
     wear: f64,
     arc_removal: f64,
     arc_burn: f64,
     arc_chance: f64,
+    arc_repeats: f64,
     bridge_chance: f64,
     bridge_us: f64,
     bridge_um: f64,
-    flush_us: f64,
-    flush_depth_um: f64,
+    peaks: f64,
     sign: f64,
 }
 
-/// Voltage of a short, V: cable and contact (assumed).
-const SHORT_V: f64 = 1.0;
-/// Burn time a second at the default working point: two thirds of 160 us, 5000 times.
-const DEBRIS_PER_BURN: f64 = 1.0 / (2.0 / 3.0 * 160.0 * 5000.0);
-
-/// Mean ignition delay, us, at an effective gap in um.
+/// Mean ignition delay in a clean gap, us; the gap in um.
 pub fn mean_delay_us(scale: f64, gap_um: f64) -> f64 {
     let g = gap_um.max(3.69 / (2.0 * 0.48));
     scale * (0.48 * g * g - 3.69 * g + 14.05) / LN_2
@@ -124,251 +168,210 @@ pub fn mean_delay_us(scale: f64, gap_um: f64) -> f64 {
 impl Spark {
     /// Gate off, clean gap.
     pub fn new(p: &Parameters, seed: u64) -> Spark {
-        let stream = |n| Xoshiro256PlusPlus::seed_from_u64(seed.wrapping_mul(16).wrapping_add(n));
+        let off = f64::from(p.off);
+        // The channel recovers during the off-time.
+        let recovery = (-off / f64::from(p.arc_recovery)).exp();
+        let c = Constants {
+            open: p.open.into(),
+            burn: p.burn.into(),
+            scatter: p.burn_scatter.into(),
+            on: p.on.into(),
+            off,
+            rise: p.rise.into(),
+            suspend_after: p.suspend_after,
+            suspend: f64::from(p.suspend_ms) * 1e3,
+            ignition_scale: p.ignition_scale.into(),
+            ignition_debris: p.ignition_debris.into(),
+            reach: p.ignition_reach.into(),
+            removal: f64::from(p.removal) * 1e-6,
+            wear: f64::from(p.wear) * 0.01,
+            arc_removal: p.arc_removal.into(),
+            arc_burn: p.arc_burn.into(),
+            arc_chance: f64::from(p.arc_chance) * recovery,
+            arc_repeats: p.arc_repeats.into(),
+            bridge_chance: p.bridge_chance.into(),
+            bridge_us: f64::from(p.bridge_ms) * 1e3,
+            bridge_um: p.bridge_um.into(),
+            peaks: p.peaks.into(),
+            sign: if p.gap_reversed { -1.0 } else { 1.0 },
+        };
         Spark {
-            phase: Phase::Off,
-            stretch: Stretch { from: 0.0, to: 0.0, volts: 0.0, initial: 0.0, gate: false },
+            phase: Phase::Off { due: 0.0 },
+            gate: (0.0, 0.0),
+            stretches: vec![Stretch { from: 0.0, volts: 0.0, initial: 0.0, rise: c.rise, gate: (0.0, 0.0) }],
             bridge: None,
-            debris: 0.0,
+            debris: Debris::new(p),
             removed_um: 0.0,
             wear_um: 0.0,
             pulses: Pulses::default(),
-            last_gap_um: f64::INFINITY,
+            last: (false, false),
             shorts_in_a_row: 0,
             forced_short: false,
             dead: false,
-            frozen: false,
-            constants: Constants {
-                open: p.open.into(),
-                burn: p.burn.into(),
-                on: p.on.into(),
-                off: p.off.into(),
-                suspend_after: p.suspend_after,
-                suspend: f64::from(p.suspend_ms) * 1e3,
-                scale: p.ignition_scale.into(),
-                reach: p.ignition_reach.into(),
-                debris_gap: p.ignition_debris.into(),
-                removal: f64::from(p.removal) * 1e-6,
-                wear: f64::from(p.wear) * 0.01,
-                arc_removal: p.arc_removal.into(),
-                arc_burn: p.arc_burn.into(),
-                arc_chance: p.arc_chance.into(),
-                bridge_chance: p.bridge_chance.into(),
-                bridge_us: f64::from(p.bridge_ms) * 1e3,
-                bridge_um: p.bridge_um.into(),
-                flush_us: f64::from(p.flush) * 1e6,
-                flush_depth_um: f64::from(p.flush_depth) * 1e3,
-                sign: if p.gap_reversed { -1.0 } else { 1.0 },
-            },
-            ignition: stream(1),
-            arcs: stream(2),
-            bridges: stream(3),
+            held: false,
+            ignition: Cause::Ignition.stream(seed),
+            arcs: Cause::Arc.stream(seed),
+            bridges: Cause::Bridge.stream(seed),
+            burns: Cause::Burn.stream(seed),
+            c,
         }
     }
 
-    /// Advances from `from` to `to` (us), with the gap at either end in um, and gives every stretch that touches the
-    /// interval. `enabled` is the head's permission to pulse.
-    pub fn advance(&mut self, from: f64, to: f64, gap: (f64, f64), enabled: bool, stretches: &mut Vec<Stretch>) {
-        self.flush(to - from, gap.1);
-        stretches.push(self.stretch);
-        let slope = (gap.1 - gap.0) / (to - from);
-        while self.stretch.to < to {
-            let now = self.stretch.to.max(from);
-            self.next(now, gap.0 + slope * (now - from), enabled);
-            stretches.push(self.stretch);
-        }
+    /// From now on nothing but chance ignition at this concentration of debris: no removal, no bridges, no arcs.
+    pub fn hold(&mut self, debris: f64) {
+        self.debris.hold(debris);
+        self.held = true;
     }
 
-    /// Debris settles out, and is thinned by the dielectric that an opening gap draws in.
-    fn flush(&mut self, us: f64, gap_um: f64) {
-        if self.frozen {
+    /// Advances from `from` to `to` (us), with the gap at either end in um. `enabled` is the head's permission to pulse.
+    pub fn advance(&mut self, from: f64, to: f64, gap: (f64, f64), enabled: bool) {
+        self.stretches.drain(..self.stretches.len() - 1);
+        self.debris.flush(to - from, self.removed_um, gap.1);
+        let gap_um = 0.5 * (gap.0 + gap.1);
+        let touching = self.forced_short || gap_um <= 0.0;
+        let on = !matches!(self.phase, Phase::Off { .. });
+        if !enabled || self.dead {
+            if on {
+                self.end_pulse(from);
+            }
+            self.last = (false, false);
             return;
         }
-        let c = &self.constants;
-        let time = c.flush_us * (1.0 + self.removed_um / c.flush_depth_um);
-        self.debris -= self.debris * us / time;
-        let (before, after) = (self.last_gap_um.max(1.0), gap_um.max(1.0));
-        if after > before {
-            self.debris *= before / after;
+        if on && touching {
+            self.touch(from);
         }
-        self.last_gap_um = gap_um;
+        let hazard = self.hazard(gap_um);
+        let mut now = from;
+        while let Some(at) = self.next(now, to, hazard) {
+            now = at;
+            self.happen(at, gap_um, touching);
+        }
     }
 
-    fn next(&mut self, now: f64, gap_um: f64, enabled: bool) {
-        let c = &self.constants;
-        match self.phase {
-            Phase::Off if !enabled || self.dead => self.enter(Phase::Off, now, now + 50.0, 0.0, false),
-            Phase::Off => self.ignite(now, gap_um),
-            Phase::Waiting { ignites: true, end } => {
-                self.pulses.spark += 1;
-                let volts = c.burn;
-                self.enter(Phase::Burning { arc: false }, now, end, volts, true);
+    /// Ignitions per us of waiting.
+    fn hazard(&self, gap_um: f64) -> f64 {
+        if gap_um > self.c.reach {
+            return 0.0;
+        }
+        (1.0 + self.c.ignition_debris * self.debris.concentration()) / mean_delay_us(self.c.ignition_scale, gap_um)
+    }
+
+    /// Time of the next event before `to`; waiting goes on otherwise.
+    fn next(&mut self, now: f64, to: f64, hazard: f64) -> Option<f64> {
+        let closes = self.gate.1;
+        let at = match &mut self.phase {
+            Phase::Off { due } => due.max(now),
+            Phase::Burning { .. } | Phase::Shorted => closes,
+            Phase::Waiting { delay, since } => {
+                let at = (*since + *delay / hazard).min(closes);
+                if at >= to {
+                    *delay -= (to - *since) * hazard;
+                    *since = to;
+                }
+                at
             }
-            Phase::Waiting { ignites: false, .. } => {
+        };
+        (at < to).then_some(at)
+    }
+
+    fn happen(&mut self, now: f64, gap_um: f64, touching: bool) {
+        match self.phase {
+            Phase::Off { .. } => self.begin_pulse(now, gap_um, touching),
+            Phase::Waiting { .. } if now < self.gate.1 => {
+                self.pulses.spark += 1;
+                self.burn(now, false);
+            }
+            Phase::Waiting { .. } => {
                 self.pulses.open += 1;
                 self.end_pulse(now);
             }
-            Phase::Burning { arc } => {
-                self.remove(now - self.stretch.from, arc, gap_um, now);
-                self.end_pulse(now);
-            }
-            Phase::Shorted => {
-                self.pulses.short += 1;
-                self.end_pulse(now);
-            }
+            Phase::Burning { .. } | Phase::Shorted => self.end_pulse(now),
         }
     }
 
-    fn ignite(&mut self, now: f64, gap_um: f64) {
+    fn begin_pulse(&mut self, now: f64, gap_um: f64, touching: bool) {
+        self.gate = (now, now + self.c.on);
+        // Every pulse draws the same numbers, so that its fate does not shift the fate of later ones.
+        let delay: f64 = Exp1.sample(&mut self.ignition);
+        let (arc, bridge): (f64, f64) = (self.arcs.random(), self.bridges.random());
+        let (burned, arced) = std::mem::take(&mut self.last);
+
         self.bridge = self.bridge.filter(|bridge| now < bridge.until && gap_um < bridge.breaks_at_um);
-        let end = now + self.constants.on;
-        if gap_um <= 0.0 || self.bridge.is_some() || self.forced_short {
-            self.shorts_in_a_row += 1;
-            self.enter(Phase::Shorted, now, end, SHORT_V, true);
-            return;
+        if !self.held && self.bridge.is_none() {
+            let heights = gap_um / self.c.peaks;
+            let touch = if heights < PEAKS { (-heights * heights).exp() } else { 0.0 };
+            if bridge < self.c.bridge_chance * self.debris.concentration().powi(2) + touch {
+                self.bridge = Some(self.new_bridge(now, gap_um));
+            }
+        }
+        if touching || self.bridge.is_some() {
+            return self.touch(now);
         }
         self.shorts_in_a_row = 0;
-        let c = &self.constants;
-        if self.arcs.random::<f64>() < c.arc_chance * self.debris && gap_um < 100.0 {
+        let dirt = self.debris.concentration();
+        let chance = if arced { self.c.arc_repeats * dirt.min(1.0) } else { self.c.arc_chance * dirt };
+        if burned && !self.held && arc < chance {
             self.pulses.arc += 1;
-            let volts = c.arc_burn;
-            self.enter(Phase::Burning { arc: true }, now, end, volts, true);
-            return;
+            return self.burn(now, true);
         }
-        let seen = gap_um / (1.0 + c.debris_gap * self.debris);
-        let exponential: f64 = Exp1.sample(&mut self.ignition);
-        let at = now + exponential * mean_delay_us(c.scale, seen);
-        let ignites = at < end && seen < c.reach;
-        let volts = c.open;
-        self.enter(Phase::Waiting { ignites, end }, now, if ignites { at } else { end }, volts, true);
+        self.enter(Phase::Waiting { delay, since: now }, now, self.c.open);
+    }
+
+    fn new_bridge(&mut self, now: f64, gap_um: f64) -> Bridge {
+        let mut draw = || -> f64 { Exp1.sample(&mut self.bridges) };
+        Bridge { until: now + draw() * self.c.bridge_us, breaks_at_um: gap_um.max(0.0) + draw() * self.c.bridge_um }
+    }
+
+    /// The rest of this pulse is short.
+    fn touch(&mut self, now: f64) {
+        if let Phase::Burning { since, removal } = self.phase {
+            self.remove((now - since) * removal);
+        } else if self.phase != Phase::Shorted {
+            self.pulses.short += 1;
+            self.shorts_in_a_row += 1;
+        }
+        if self.phase != Phase::Shorted {
+            self.enter(Phase::Shorted, now, SHORT_V);
+        }
+    }
+
+    fn burn(&mut self, now: f64, arc: bool) {
+        let scatter: f64 = StandardNormal.sample(&mut self.burns);
+        let (volts, share) = if arc { (self.c.arc_burn, self.c.arc_removal) } else { (self.c.burn, 1.0) };
+        self.last = (true, arc);
+        let removal = self.c.removal * share;
+        self.enter(Phase::Burning { since: now, removal }, now, volts + self.c.scatter * scatter);
     }
 
     fn end_pulse(&mut self, now: f64) {
-        let c = &self.constants;
-        let suspended = c.suspend_after > 0 && self.shorts_in_a_row >= c.suspend_after;
-        let off = if suspended { c.suspend } else { c.off };
+        if let Phase::Burning { since, removal } = self.phase {
+            self.remove((now - since) * removal);
+        }
+        let suspended = self.c.suspend_after > 0 && self.shorts_in_a_row >= self.c.suspend_after;
+        let off = if suspended { self.c.suspend } else { self.c.off };
         if suspended {
             self.shorts_in_a_row = 0;
         }
-        self.enter(Phase::Off, now, now + off, 0.0, false);
+        self.gate = (now, now);
+        self.enter(Phase::Off { due: now + off }, now, 0.0);
     }
 
-    fn remove(&mut self, us: f64, arc: bool, gap_um: f64, now: f64) {
-        if self.frozen {
+    fn remove(&mut self, depth_um: f64) {
+        if self.held {
             return;
         }
-        let c = &self.constants;
-        let depth = us * c.removal * if arc { c.arc_removal } else { 1.0 };
-        self.removed_um += depth;
-        self.wear_um += depth * c.wear;
-        self.debris += us * DEBRIS_PER_BURN * 1e6 / c.flush_us;
-        if self.bridges.random::<f64>() < c.bridge_chance * self.debris {
-            let lasts: f64 = Exp1.sample(&mut self.bridges);
-            let breaks: f64 = Exp1.sample(&mut self.bridges);
-            self.bridge =
-                Some(Bridge { until: now + lasts * c.bridge_us, breaks_at_um: gap_um + breaks * c.bridge_um });
-        }
+        self.removed_um += depth_um;
+        self.wear_um += depth_um * self.c.wear;
+        self.debris.add(depth_um);
     }
 
-    fn enter(&mut self, phase: Phase, from: f64, to: f64, volts: f64, gate: bool) {
+    fn enter(&mut self, phase: Phase, now: f64, volts: f64) {
         self.phase = phase;
-        let initial = self.stretch.volts;
-        self.stretch = Stretch { from, to, volts: volts * self.constants.sign, initial, gate };
-    }
-
-    /// Material and debris stay as they are from now on.
-    pub fn freeze(&mut self, debris: f64) {
-        self.debris = debris;
-        self.frozen = true;
-    }
-
-    /// Concentration of debris; 1 at the default working point.
-    pub fn debris(&self) -> f64 {
-        self.debris
+        let initial = self.stretches.last().map_or(0.0, |last| last.at(now));
+        let (volts, rise) = (volts * self.c.sign, self.c.rise);
+        self.stretches.push(Stretch { from: now, volts, initial, rise, gate: self.gate });
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Mean gated voltage and burn share over `seconds` at a fixed gap.
-    fn at(p: &Parameters, gap: f64, seconds: f64) -> (f64, Spark) {
-        let mut spark = Spark::new(p, 1);
-        let (mut area, mut time) = (0.0, 0.0);
-        let mut stretches = Vec::new();
-        for tick in 0..(seconds * 20_000.0) as u64 {
-            let from = tick as f64 * 50.0;
-            stretches.clear();
-            spark.advance(from, from + 50.0, (gap, gap), true, &mut stretches);
-            for s in stretches.iter().filter(|s| s.gate) {
-                let (a, b) = (s.from.max(from), s.to.min(from + 50.0));
-                area += s.volts * (b - a).max(0.0);
-                time += (b - a).max(0.0);
-            }
-        }
-        (area / time, spark)
-    }
-
-    #[test]
-    fn the_mean_ignition_delay_follows_its_formula() {
-        let p = Parameters { arc_chance: 0.0, bridge_chance: 0.0, ignition_debris: 0.0, ..Parameters::default() };
-        // Sparks within the on-time: 1 - exp(-160 / mean).
-        let (_, spark) = at(&p, 40.0, 4.0);
-        let total = (spark.pulses.spark + spark.pulses.open) as f64;
-        let expected = 1.0 - (-160.0 / mean_delay_us(0.1, 40.0)).exp();
-        assert!((spark.pulses.spark as f64 / total - expected).abs() < 0.01);
-        assert_eq!((spark.pulses.arc, spark.pulses.short), (0, 0));
-    }
-
-    #[test]
-    fn the_gated_voltage_falls_as_the_gap_closes_between_burn_and_open() {
-        let p = Parameters::default();
-        let volts: Vec<f64> = [5.0, 15.0, 25.0, 35.0, 50.0, 90.0].iter().map(|&gap| at(&p, gap, 1.0).0).collect();
-        assert!(volts.is_sorted(), "{volts:?}");
-        assert!(volts[0] > 39.0 && volts[5] < 100.0 && volts[5] > 85.0, "{volts:?}");
-    }
-
-    #[test]
-    fn at_60_v_the_work_recedes_by_about_0_2_mm_a_minute() {
-        let p = Parameters::default();
-        let (volts, spark) = at(&p, 34.0, 10.0);
-        assert!((volts - 60.0).abs() < 4.0, "{volts}");
-        let mm_per_minute = spark.removed_um * 6.0 * 1e-3;
-        assert!((0.15..0.25).contains(&mm_per_minute), "{mm_per_minute}");
-        assert!((0.5..1.5).contains(&spark.debris()), "{}", spark.debris());
-    }
-
-    #[test]
-    fn a_closed_gap_shorts_every_pulse_and_removes_nothing() {
-        let (volts, spark) = at(&Parameters::default(), 0.0, 0.1);
-        assert!(volts < 2.0);
-        assert_eq!((spark.pulses.spark, spark.pulses.open, spark.removed_um), (0, 0, 0.0));
-    }
-
-    #[test]
-    fn beyond_its_reach_no_pulse_ignites_however_long() {
-        let p = Parameters { on: 5000.0, ..Parameters::default() };
-        assert!(at(&p, 149.0, 1.0).1.pulses.spark > 0);
-        assert_eq!(at(&p, 151.0, 1.0).1.pulses.spark, 0);
-    }
-
-    #[test]
-    fn a_generator_that_suspends_itself_pulses_less_after_shorts() {
-        let p = Parameters { suspend_after: 5, ..Parameters::default() };
-        let (_, spark) = at(&p, 0.0, 1.0);
-        // Five pulses of 200 us and 5 ms of rest, less the last off-time.
-        assert!((800..860).contains(&spark.pulses.short), "{}", spark.pulses.short);
-    }
-
-    #[test]
-    fn an_opening_gap_thins_the_debris_and_a_closing_one_does_not_thicken_it() {
-        let (_, mut spark) = at(&Parameters::default(), 30.0, 3.0);
-        let before = spark.debris();
-        spark.flush(1.0, 60.0);
-        assert!((spark.debris() / before - 0.5).abs() < 0.01);
-        let thin = spark.debris();
-        spark.flush(1.0, 30.0);
-        assert!((spark.debris() / thin - 1.0).abs() < 0.01);
-    }
-}
+mod tests;

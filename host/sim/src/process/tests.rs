@@ -1,0 +1,257 @@
+//! Statements about machine and process together.
+
+use super::*;
+use edm_servo_head::settings::{Declared, Settings};
+
+fn process(p: Parameters) -> Process {
+    Process::new(&p, 1).unwrap()
+}
+
+fn run(process: &mut Process, drive: Drive, pulses: bool, seconds: f64) {
+    for _ in 0..(seconds * f64::from(TICK_HZ)).round() as u64 {
+        process.advance(drive, pulses);
+    }
+}
+
+/// Neither friction nor weight: what is left is put there by the test.
+fn weightless() -> Parameters {
+    Parameters { friction: 0.0, counterbalance: 0.2 * 9.80665, ..Parameters::default() }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_run_and_another_seed_another() {
+    let codes = |seed| {
+        let mut process = Process::new(&Parameters::default(), seed).unwrap();
+        process.hold_gap(30.0, 0.0);
+        (0..1000).map(|_| process.advance(Drive::Coast, true).block).collect::<Vec<_>>()
+    };
+    assert_eq!(codes(1), codes(1));
+    assert_ne!(codes(1), codes(2));
+}
+
+#[test]
+fn what_one_cause_draws_leaves_the_others_as_they_were() {
+    let truth = |p: Parameters| {
+        let mut process = process(Parameters { surface: 0.05, ..p });
+        run(&mut process, Drive::Coast, true, 5.0);
+        process.truth()
+    };
+    let usual = truth(Parameters::default());
+    assert!(usual.pulses.spark > 10_000);
+    assert_eq!(truth(Parameters { noise: 3.0, hum: 0.0, burn_scatter: 0.0, ..Parameters::default() }), usual);
+    assert_ne!(truth(Parameters { ignition_scale: 0.11, ..Parameters::default() }), usual);
+}
+
+#[test]
+fn the_resting_head_stays_at_its_stop_at_count_zero_with_no_switch_open() {
+    let mut process = process(Parameters::default());
+    run(&mut process, Drive::Coast, false, 1.0);
+    let truth = process.truth();
+    assert_eq!(truth.count, 0);
+    assert!(truth.position_um.abs() < 0.2, "{}", truth.position_um);
+    assert!(process.sensors().edges.is_empty());
+    assert_eq!(process.sensors().safety, SafetyInputs::default());
+}
+
+#[test]
+fn a_head_left_alone_rises_to_its_upper_stop_when_friction_lets_it() {
+    let mut process = process(Parameters { friction: 0.1, ..Parameters::default() });
+    run(&mut process, Drive::Duty(200), false, 0.3);
+    assert!(process.truth().position_um > 1000.0);
+    run(&mut process, Drive::Coast, false, 2.0);
+    assert!(process.truth().position_um.abs() < 0.2, "{}", process.truth().position_um);
+}
+
+#[test]
+fn driven_onto_the_work_it_is_stopped_by_contact_and_shorts() {
+    let mut process = process(Parameters::default());
+    run(&mut process, Drive::Duty(700), true, 2.0);
+    let truth = process.truth();
+    // 2.03 N of coil and 0.24 N of counterbalance surplus, give or take 0.3 N of friction.
+    assert!((1.4..2.2).contains(&truth.contact_n), "{}", truth.contact_n);
+    assert!((truth.gap_um + truth.contact_n / 2.0).abs() < 1e-6);
+    let shorts = truth.pulses.short;
+    run(&mut process, Drive::Duty(700), true, 0.1);
+    assert_eq!(process.truth().pulses.short - shorts, 500);
+}
+
+#[test]
+fn a_squeezed_film_thins_as_its_formula_says() {
+    // 1 N on a film of 3 pi mu R^4 / (2 h^3): 1/h^2 grows by 4 F / (3 pi mu R^4) a second.
+    let p = Parameters {
+        counterbalance: 0.2 * 9.80665 - 1.0,
+        surface: 0.05,
+        viscosity: 100.0,
+        radius: 10.0,
+        ..weightless()
+    };
+    let mut process = process(p);
+    run(&mut process, Drive::Coast, false, 2.0);
+    let growth = 4.0 / (3.0 * PI * 0.1 * 1e-8);
+    let expected = 1e6 / (1.0 / (50e-6f64 * 50e-6) + growth * 2.0).sqrt();
+    let gap = process.truth().gap_um;
+    assert!((gap / expected - 1.0).abs() < 0.01, "{gap} {expected}");
+}
+
+#[test]
+fn the_atmosphere_limits_how_hard_the_film_holds_the_electrode_down() {
+    // The face has 314 mm^2: 31.8 N at most. The coil pulls up with 26 N, or 29 N and a weightless 6 N.
+    let lift = |counterbalance, duty| {
+        let p = Parameters { counterbalance, surface: 0.0, viscosity: 100.0, radius: 10.0, ..weightless() };
+        let mut process = process(Parameters { upper_limit: -1.0, ..p });
+        // Starts on the work; the stop above would carry the pull, so it first goes down with the work gone.
+        process.actuator.x = 1e-3;
+        process.spark.removed_um = 1003.0;
+        run(&mut process, Drive::Duty(duty), false, 0.01);
+        1000.0 - process.truth().position_um
+    };
+    assert!(lift(0.2 * 9.80665, -9000) < 5.0, "{}", lift(0.2 * 9.80665, -9000));
+    assert!(lift(0.2 * 9.80665 + 6.0, -10_000) > 100.0, "{}", lift(0.2 * 9.80665 + 6.0, -10_000));
+}
+
+#[test]
+fn limit_switches_open_on_their_side_of_their_place() {
+    let p = Parameters { upper_limit: 0.05, stroke: 12.0, lower_limit: 11.8, surface: 11.9, ..weightless() };
+    let mut process = process(p);
+    for (mm, upper, lower) in
+        [(0.0, true, false), (0.049, true, false), (0.051, false, false), (11.79, false, false), (11.81, false, true)]
+    {
+        process.actuator.x = mm * 1e-3;
+        let safety = process.advance(Drive::Brake, false).safety;
+        assert_eq!((safety.upper_limit, safety.lower_limit), (upper, lower), "{mm} mm");
+    }
+}
+
+#[test]
+fn the_codes_of_current_and_bus_read_what_flows() {
+    for (motor_reversed, duty) in [(false, -1000), (true, -1000)] {
+        let mut process = process(Parameters { motor_reversed, stroke: 2.5, ..Parameters::default() });
+        run(&mut process, Drive::Duty(duty), false, 0.5);
+        let drive = process.sensors().drive;
+        // -4.8 V over 12.4 ohm, against the upper stop or the work: 0.387 A, 77 codes.
+        assert!((2048 - 78..=2048 - 77).contains(&drive.motor_current), "{drive:?}");
+        assert_eq!(drive.bus_voltage, 2400);
+        assert_eq!(process.truth().position_um > 1000.0, motor_reversed);
+    }
+}
+
+#[test]
+fn edges_timer_and_truth_agree_wherever_the_head_goes() {
+    let mut process = process(Parameters::default());
+    let mut count = 0i64;
+    let mut last = process.sensors().levels;
+    for tick in 0..40_000u32 {
+        let duty = if tick / 1000 % 2 == 0 { 400 } else { -300 };
+        let began = process.sensors().now;
+        let sensors = process.advance(Drive::Duty(duty), true);
+        for &(time, levels) in &sensors.edges {
+            assert!(time.wrapping_sub(began) <= TICK_CLOCK);
+            // A leads B toward the work: B becomes what A was.
+            count += if last.a == levels.b { 1 } else { -1 };
+            assert!((last.a != levels.a) ^ (last.b != levels.b));
+            last = levels;
+        }
+        assert_eq!(sensors.timer_count as i32, count as i32);
+        assert_eq!(sensors.levels, last);
+        assert_eq!(process.truth().count, count);
+    }
+    assert!(process.truth().position_um > 100.0);
+}
+
+#[test]
+fn held_for_the_shot_floor_the_gap_stays_and_the_front_end_lives() {
+    let mut process = process(Parameters::default());
+    process.hold_gap(35.0, 1.0);
+    let mean = |process: &mut Process| {
+        let (mut sum, mut n) = (0.0, 0.0);
+        for _ in 0..60_000 {
+            let block = process.advance(Drive::Duty(3000), true).block;
+            for (k, code) in block.codes.iter().enumerate().filter(|(k, _)| block.gate >> k & 1 == 1) {
+                sum += (f64::from(*code) - 410.0) * 0.1;
+                n += 1.0;
+                assert!(k < BLOCK);
+            }
+        }
+        (sum / n, n / 60_000.0 / BLOCK as f64)
+    };
+    let ((first, gated), (second, _)) = (mean(&mut process), mean(&mut process));
+    assert!((first - second).abs() < 0.7 && (first - 60.0).abs() < 1.5, "{first} {second}");
+    // On-time is 80 %, and conversions come at odd microseconds after its edges: none is too close to one.
+    assert!((gated - 0.8).abs() < 0.001, "{gated}");
+    let truth = process.truth();
+    assert_eq!((truth.surface_um, truth.wear_um, truth.pulses.short), (2000.0, 0.0, 0));
+}
+
+#[test]
+fn without_pulses_the_front_end_sees_hum_and_noise_and_no_gate() {
+    let mut process = process(Parameters::default());
+    for _ in 0..4000 {
+        let block = process.advance(Drive::Coast, false).block;
+        assert_eq!(block.gate, 0);
+        // 1 V of hum and five times 0.5 V of noise.
+        assert!(block.codes.iter().all(|code| code.abs_diff(410) <= 35), "{:?}", block.codes);
+    }
+}
+
+#[test]
+fn every_mishap_shows_where_it_should() {
+    let mut process = process(Parameters { surface: 0.03, ..Parameters::default() });
+    run(&mut process, Drive::Coast, true, 0.01);
+    assert_ne!(process.sensors().block.gate, 0);
+
+    process.mishaps = Mishaps { gate_lost: true, stuck_code: Some(7), bus_v: Some(30.0), ..Mishaps::default() };
+    let sensors = process.advance(Drive::Coast, true);
+    assert_eq!(sensors.block, GapBlock { codes: [7; BLOCK], gate: 0 });
+    assert_eq!(sensors.drive.bus_voltage, 1500);
+
+    process.mishaps = Mishaps { short: true, ..Mishaps::default() };
+    let before = process.truth().pulses;
+    run(&mut process, Drive::Coast, true, 0.1);
+    let after = process.truth().pulses;
+    assert!((499..=501).contains(&(after.short - before.short)), "{before:?} {after:?}");
+    assert!(after.discharges() - before.discharges() <= 1);
+
+    process.mishaps = Mishaps { generator_dead: true, ..Mishaps::default() };
+    run(&mut process, Drive::Coast, true, 0.1);
+    assert_eq!(process.truth().pulses.total() - after.total(), 0);
+}
+
+#[test]
+fn a_dead_encoder_hides_the_motion_and_a_faulty_bridge_stops_it() {
+    let mut process = process(weightless());
+    process.mishaps.encoder_dead = true;
+    run(&mut process, Drive::Duty(500), false, 0.02);
+    assert_eq!((process.sensors().timer_count, process.sensors().edges.len()), (0, 0));
+    assert!(process.truth().position_um > 50.0);
+
+    process.mishaps =
+        Mishaps { safety: SafetyInputs { bridge_fault: true, ..SafetyInputs::default() }, ..Mishaps::default() };
+    run(&mut process, Drive::Duty(-10_000), false, 0.005);
+    assert!(process.sensors().safety.bridge_fault);
+    assert_eq!(process.sensors().drive.motor_current, 2048);
+    assert!(process.truth().velocity_um_s > 0.0);
+}
+
+#[test]
+fn a_bad_parameter_is_refused_by_name() {
+    let conflict = |p: Parameters| match Process::new(&p, 1) {
+        Err(SettingError::Conflict { field, .. }) => field,
+        other => panic!("{:?}", other.map(|_| ())),
+    };
+    let p = Parameters::default();
+    assert_eq!(conflict(Parameters { burn: 99.0, open: 50.0, ..p }), "generator.burn_v");
+    assert_eq!(conflict(Parameters { arc_burn: 41.0, ..p }), "arc.burn_v");
+    assert_eq!(conflict(Parameters { surface: 12.0, ..p }), "workpiece.surface_mm");
+    assert_eq!(conflict(Parameters { lower_limit: 0.5, upper_limit: 0.5, ..p }), "limit.lower_mm");
+    assert_eq!(conflict(Parameters { marks: 0.3, count: 100.0, ..p }), "scale.mark_mm");
+    let p = Parameters { mass: f32::NAN, ..p };
+    assert!(matches!(Process::new(&p, 1), Err(SettingError::NotAllowed(field)) if field.key == "actuator.mass_kg"));
+}
+
+#[test]
+fn no_parameter_has_the_name_of_a_setting_of_the_head() {
+    for field in Parameters::FIELDS {
+        assert!(Settings::FIELDS.iter().all(|other| other.key != field.key), "{}", field.key);
+        assert_eq!(Parameters::FIELDS.iter().filter(|other| other.key == field.key).count(), 1, "{}", field.key);
+    }
+}
