@@ -58,6 +58,11 @@ impl Settings {
         )?;
         conflict(self.motor_bus_min >= self.axis_bus, "motor.bus_min_v", "must be below axis.bus_v")?;
         conflict(self.lift_bus_dead >= self.motor_bus_min, "lift.bus_dead_v", "must be below motor.bus_min_v")?;
+        conflict(
+            self.generator_off_time_us > 0.0 && self.generator_off_time_us < 16.0,
+            "generator.off_time_us",
+            "must be 0 or at least 16: a smaller request means the generator's own off-time (docs/wiring.md)",
+        )?;
         let nm_per_count = (self.encoder_count * 1000.0 + 0.5) as i64;
         let counts_per_um = 1000.0 / nm_per_count as f32;
         let axis = self.axis(nm_per_count, counts_per_um);
@@ -305,6 +310,7 @@ mod tests {
     #[test]
     fn no_off_time_set_leaves_the_generators_own() {
         assert_eq!(built(|_| {}).unwrap().off_time_ns, None);
-        assert_eq!(built(|s| s.generator_off_time_us = 40.0).unwrap().off_time_ns, Some(40_000));
+        assert_eq!(built(|s| s.generator_off_time_us = 16.0).unwrap().off_time_ns, Some(16_000));
+        conflicts(built(|s| s.generator_off_time_us = 15.9), "generator.off_time_us");
     }
 }

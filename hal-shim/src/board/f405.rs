@@ -8,7 +8,7 @@ crate::board! {
         encoder_a: gpioa.pa0 PA0, "TIM5_CH1, EXTI0", "encoder A from the line receiver";
         encoder_b: gpioa.pa1 PA1, "TIM5_CH2, EXTI1", "encoder B from the line receiver";
         encoder_index: gpioa.pa2 PA2, "GPIO, EXTI2", "encoder index from the line receiver";
-        gap_voltage: gpioc.pc0 PC0, "ADC1_IN10", "gap voltage, divided and isolated, fixed rate";
+        gap_voltage: gpioc.pc0 PC0, "ADC1_IN10", "gap voltage, divided, fixed rate";
         gap_voltage_gated: gpioc.pc1 PC1, "ADC2_IN11", "the same node as gap_voltage, sampled in the pulse";
         gap_current: gpioc.pc2 PC2, "ADC2_IN12", "gap current from the shunt amplifier";
         motor_current: gpioc.pc3 PC3, "ADC3_IN13", "motor current amplifier, mid-scale is zero";
@@ -27,8 +27,8 @@ crate::board! {
         lower_limit: gpioc.pc12 PC12, "GPIO, EXTI12", "normally closed to ground; 4.7 k to 3.3 V";
         emergency_stop: gpioc.pc13 PC13, "GPIO, EXTI13", "normally closed to ground; 4.7 k to 3.3 V";
         dielectric: gpiob.pb15 PB15, "GPIO, EXTI15", "closed to ground while OK; 4.7 k to 3.3 V";
-        can_rx: gpiob.pb8 PB8, "CAN1_RX", "from the isolated transceiver";
-        can_tx: gpiob.pb9 PB9, "CAN1_TX", "to the isolated transceiver";
+        can_rx: gpiob.pb8 PB8, "CAN1_RX", "from the transceiver";
+        can_tx: gpiob.pb9 PB9, "CAN1_TX", "to the transceiver";
         led: gpiob.pb1 PB1, "GPIO out", "status LED, high is lit";
         step: gpioa.pa15 PA15, "TIM2_ETR", "reserved: steps of a host";
         step_direction: gpiob.pb10 PB10, "TIM2_CH3", "reserved: direction of a host";
