@@ -9,7 +9,7 @@ declare! {
         /// Open-circuit voltage.
         open: f32 = 100.0, (20.0, 300.0), "generator.open_v", "V", "[R] section 4.4";
         /// Burn voltage of a spark, almost independent of the gap.
-        burn: f32 = 40.0, (10.0, 100.0), "generator.burn_v", "V", "systems page, [R]";
+        burn: f32 = 40.0, (10.0, 100.0), "generator.burn_v", "V", "assumed; [R] section 4.4 erodes at mean voltages from 40 V up";
         /// Scatter of the burn voltage from one discharge to the next.
         burn_scatter: f32 = 1.0, (0.0, 20.0), "generator.burn_scatter_v", "V rms", "assumed; [R] section 6.5.1: it did not vary much";
         /// On-time.
@@ -112,7 +112,7 @@ declare! {
         /// Gain error.
         gain_error: f32 = 0.0, (-20.0, 20.0), "front_end.gain_error_percent", "%", "assumed: none";
         /// White noise of a conversion.
-        noise: f32 = 0.5, (0.0, 50.0), "front_end.noise_v", "V rms", "issue: 0.5 V rms";
+        noise: f32 = 0.5, (0.0, 50.0), "front_end.noise_v", "V rms", "assumed";
         /// Amplitude of mains hum.
         hum: f32 = 1.0, (0.0, 50.0), "front_end.hum_v", "V", "[R] section 6.5: seen, amplitude assumed";
         /// Mains frequency.
