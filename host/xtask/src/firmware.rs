@@ -261,7 +261,7 @@ fn rooms(file: &object::File) -> Result<BTreeMap<String, u64>, gimli::Error> {
 
 /// The room, or the library, that a source file belongs to.
 fn room(path: &str) -> String {
-    if let Some((_, library)) = path.split_once(".crates.io-") {
+    if let Some((_, library)) = path.split_once("/registry/src/") {
         let name = library.split('/').nth(1).unwrap_or("?");
         // Without the version.
         return name.rsplit_once('-').map_or(name, |(name, _)| name).to_owned();
