@@ -1,0 +1,1 @@
+//! The unmodified firmware on an emulated chip.
