@@ -1,1 +1,15 @@
-//! The unmodified firmware on an emulated chip.
+//! The unmodified firmware on an emulated chip: an ELF runs on a Cortex-M4F, its peripherals are those of [`edm_soc`].
+//!
+//! The processor's instructions are Unicorn's business; everything an application profile emulator does not have is done
+//! here: exception entry and return, sleeping, lazy saving of the FPU context, faults, time.
+//!
+//! Time. Each instruction is hooked and charged the nominal cycles of [`decode`]; the model of the chip is advanced to that
+//! time before the instruction that would see it. Nothing depends on the host's clock: identical inputs give identical runs.
+//!
+//! Unicorn is GPL-2.0; this package is therefore unpublished and outside the workspace's default members.
+
+pub mod decode;
+pub mod image;
+pub mod machine;
+pub mod rtt;
+pub mod still;

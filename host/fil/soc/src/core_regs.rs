@@ -211,7 +211,13 @@ impl CoreRegs {
         let pending = u32::from(self.nvic.candidate().unwrap_or(0)) << 12;
         let return_to_base = u32::from(active.count_ones() < 2) << 11;
         let set = |e: u8, bit: u32| ((self.nvic.pending() >> e & 1) as u32) << bit;
-        interrupt_pending | pending | return_to_base | set(exception::PEND_SV, 28) | set(exception::SYS_TICK, 26)
+        let running = u32::from(self.nvic.nesting().last().copied().unwrap_or(0));
+        running
+            | interrupt_pending
+            | pending
+            | return_to_base
+            | set(exception::PEND_SV, 28)
+            | set(exception::SYS_TICK, 26)
     }
 
     fn shcsr(&self) -> u32 {

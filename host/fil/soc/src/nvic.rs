@@ -45,6 +45,8 @@ pub struct Nvic {
     pub(crate) enabled: u128,
     pending: u128,
     active: u128,
+    /// Active exceptions, outermost first.
+    stack: Vec<Exception>,
     /// Levels of the interrupt lines, from bit 16.
     lines: u128,
     priority: [u8; EXCEPTIONS],
@@ -65,7 +67,16 @@ impl Nvic {
             | 1 << exception::SV_CALL
             | 1 << exception::PEND_SV
             | 1 << exception::SYS_TICK;
-        Self { enabled, pending: 0, active: 0, lines: 0, priority: [0; EXCEPTIONS], group: 0, best: None }
+        Self {
+            enabled,
+            pending: 0,
+            active: 0,
+            stack: Vec::new(),
+            lines: 0,
+            priority: [0; EXCEPTIONS],
+            group: 0,
+            best: None,
+        }
     }
 
     fn full_priority(&self, e: Exception) -> i16 {
@@ -134,6 +145,11 @@ impl Nvic {
         self.active
     }
 
+    /// Active exceptions in the order they were entered; the last one is running.
+    pub fn nesting(&self) -> &[Exception] {
+        &self.stack
+    }
+
     fn choose(&mut self) {
         let mut left = self.pending & self.enabled;
         self.best = None;
@@ -189,12 +205,14 @@ impl Nvic {
     pub fn enter(&mut self, e: Exception) {
         self.pending &= !(1 << e);
         self.active |= 1 << e;
+        self.stack.push(e);
         self.choose();
     }
 
     /// Exception return: `e` is no longer active.
     pub fn exit(&mut self, e: Exception) {
         self.active &= !(1 << e);
+        self.stack.retain(|a| *a != e);
         self.pending |= self.lines & 1 << e;
         self.choose();
     }

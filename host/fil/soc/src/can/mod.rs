@@ -42,7 +42,8 @@ enum Mail {
 pub struct Can {
     mcr: u32,
     mode: Mode,
-    /// When the mode asked for is acknowledged.
+    /// Mode asked for, and when it is acknowledged.
+    target: Mode,
     change_at: u64,
     msr: u32,
     tsr: u32,
@@ -76,6 +77,7 @@ impl Can {
         Self {
             mcr: 0x1_0002,
             mode: Mode::Sleep,
+            target: Mode::Sleep,
             change_at: NEVER,
             msr: 0,
             tsr: 0,
@@ -277,6 +279,10 @@ impl Can {
         } else {
             Mode::Normal
         };
+        if wanted == self.target {
+            return; // asking again does not start the wait anew
+        }
+        self.target = wanted;
         self.change_at = if wanted == self.mode {
             NEVER
         } else if wanted == Mode::Normal {
@@ -304,11 +310,7 @@ impl Can {
 
     fn change_mode(&mut self, now: u64) {
         let was = self.mode;
-        self.mode = match self.mcr & (mcr::INRQ | mcr::SLEEP) {
-            0 => Mode::Normal,
-            mcr::SLEEP => Mode::Sleep,
-            _ => Mode::Initialisation,
-        };
+        self.mode = self.target;
         // Leaving initialisation starts the recovery from bus-off (§32.7.6, ABOM off).
         if was == Mode::Initialisation && self.mode == Mode::Normal && self.bus_off {
             self.recovered_at = now + 128 * 11 * self.bit();

@@ -50,6 +50,7 @@ fn a_mode_is_acknowledged_later_than_asked_for() {
     assert_eq!(c.read(4, 10).unwrap() & 3, 1);
     c.write(0x1c, BTR, 10).unwrap();
     c.write(0, 0, 100).unwrap();
+    c.write(0, 0, 500).unwrap(); // asking again does not delay it
     assert_eq!(c.due(), 100 + 11 * 168);
 }
 

@@ -1,0 +1,249 @@
+//! What the engine's hooks share: the peripherals, the clock of the processor, decoded code, statistics.
+
+use super::half;
+use crate::decode::{Instruction, REFILL, decode};
+use edm_soc::{Exception, Masks, Soc, World};
+
+/// Why the hook stopped the engine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stop {
+    /// Something has to happen before the instruction at this address.
+    Poll(u32),
+    /// WFI; the address of the next instruction.
+    Sleep(u32),
+    /// An FPU instruction at this address while the FPU is off.
+    NoFpu(u32),
+    /// WFE or SEV at this address.
+    Event(u32),
+    /// The engine raised exception number ...
+    Raised(u32),
+}
+
+/// Counts since power-up.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Stats {
+    /// Instructions, those skipped in IT blocks included.
+    pub instructions: u64,
+    /// Half ticks spent asleep.
+    pub asleep: u64,
+    /// Entries by exception number.
+    pub entries: Vec<u64>,
+    /// Entries that were tail-chained.
+    pub tail_chained: u64,
+    /// Deepest nesting of exceptions.
+    pub nesting: usize,
+    /// Resets after power-up.
+    pub resets: u64,
+}
+
+/// A write into flash that the engine has done and the flash interface has not judged yet.
+struct FlashWrite {
+    address: u32,
+    size: u8,
+    value: u32,
+    old: u32,
+}
+
+pub struct Chip<W> {
+    pub soc: Soc<W>,
+    /// Time of the processor, half ticks.
+    pub half: u64,
+    /// Time at which the chip has to be looked at.
+    pub limit: u64,
+    until: u64,
+    half_per_cycle: u64,
+    code: Vec<Instruction>,
+    /// Last instruction, and where it ends.
+    pub last: u32,
+    last_instruction: Instruction,
+    next: u32,
+    pub stop: Option<Stop>,
+    pub sleeping: bool,
+    pub bad_address: u32,
+    flash_write: Option<FlashWrite>,
+    /// CONTROL.FPCA: the running code has an FPU context.
+    pub fpca: bool,
+    /// Address of FPU registers reserved on the stack and not saved yet (FPCCR.LSPACT).
+    pub lazy: Option<u32>,
+    pub stats: Stats,
+}
+
+impl<W: World> Chip<W> {
+    pub fn new(soc: Soc<W>) -> Self {
+        let flash = soc.memory.flash.bytes().len() / 2;
+        Self {
+            soc,
+            half: 0,
+            limit: 0,
+            until: 0,
+            half_per_cycle: 0,
+            code: vec![Instruction::default(); flash],
+            last: 0,
+            last_instruction: Instruction::default(),
+            next: 0,
+            stop: None,
+            sleeping: false,
+            bad_address: 0,
+            flash_write: None,
+            fpca: false,
+            lazy: None,
+            stats: Stats { entries: vec![0; 98], ..Stats::default() },
+        }
+    }
+
+    /// Processor state after reset.
+    pub fn restart(&mut self) {
+        (self.sleeping, self.fpca, self.lazy, self.limit) = (false, false, None, 0);
+        self.last_instruction = Instruction::default();
+    }
+
+    pub fn set_until(&mut self, until: u64) {
+        self.until = half(until);
+        self.limit = 0;
+    }
+
+    pub fn time_is_up(&self) -> bool {
+        self.half >= self.until
+    }
+
+    /// The instruction at `address`, decoded once.
+    pub fn instruction(&mut self, address: u32) -> Instruction {
+        let index = (address & 0x000f_ffff) as usize / 2;
+        let known = self.code[index];
+        if known.size != 0 && address >> 20 == 0x080 { known } else { self.decode(address, index) }
+    }
+
+    fn decode(&mut self, address: u32, index: usize) -> Instruction {
+        let memory = &self.soc.memory;
+        let half_word = |a: u32| {
+            let flash = a | if a >> 20 == 0 { 0x0800_0000 } else { 0 };
+            memory.flash.load(flash, 2).or_else(|| memory.sram.load(a, 2)).unwrap_or(0) as u16
+        };
+        let instruction =
+            Instruction { in_it: self.code[index].in_it, ..decode(half_word(address), half_word(address + 2)) };
+        if address >> 20 != 0x080 {
+            return instruction;
+        }
+        self.code[index] = instruction;
+        // Mark the members of the block an IT opens, so that they are known when they are met.
+        let mut at = address + 2;
+        for _ in 0..instruction.opens {
+            let member = (at & 0x000f_ffff) as usize / 2;
+            self.code[member].in_it = true;
+            self.code[member].size = 0;
+            at += u32::from(decode(half_word(at), 0).size);
+        }
+        instruction
+    }
+
+    /// Charges what lies between the last instruction and `address`: the penalty of a taken branch, or members of an IT
+    /// block whose condition failed, for which the engine calls no hook.
+    pub fn close_gap(&mut self, address: u32) {
+        if address == self.next {
+            return;
+        }
+        let from = self.next;
+        let it = self.last_instruction.in_it || self.last_instruction.opens > 0;
+        if it && address > from && address - from <= 16 {
+            let mut at = from;
+            let mut skipped = 0;
+            while at < address {
+                let i = self.instruction(at);
+                if !i.in_it {
+                    break;
+                }
+                skipped += 1;
+                at += u32::from(i.size);
+            }
+            if at == address {
+                self.stats.instructions += skipped;
+                self.half += skipped * self.half_per_cycle;
+                self.next = address;
+                return;
+            }
+        }
+        self.half += u64::from(REFILL) * self.half_per_cycle;
+        self.next = address;
+    }
+
+    /// Counts the instruction at `address`.
+    pub fn charge(&mut self, address: u32, instruction: Instruction) {
+        self.stats.instructions += 1;
+        self.half += u64::from(instruction.cycles) * self.half_per_cycle;
+        self.last = address;
+        self.last_instruction = instruction;
+        self.next = address.wrapping_add(instruction.size.into());
+    }
+
+    /// Lets `cycles` pass.
+    pub fn spend(&mut self, cycles: u64) {
+        self.half += cycles * self.half_per_cycle;
+    }
+
+    /// Execution goes on at `address` after an exception entry or return: no branch penalty beyond theirs.
+    pub fn jump(&mut self, address: u32) {
+        self.next = address & !1;
+        self.last_instruction = Instruction::default();
+        self.limit = 0;
+    }
+
+    /// Advances the peripherals to the processor's time. Returns whether the run loop has to look at them.
+    pub fn catch_up(&mut self) -> bool {
+        if let Some(w) = self.flash_write.take() {
+            // The engine has stored the value as if flash were RAM: put the old one back and let the interface decide.
+            self.soc.memory.flash.store(w.address, w.size.into(), w.old);
+            self.soc.program(w.address, w.size, w.value);
+        }
+        self.soc.advance(self.half / 2);
+        // Code is fetched from the flash that is busy.
+        if half(self.soc.stalled_until()) > self.half {
+            self.half = half(self.soc.stalled_until()).min(self.until.max(self.half));
+            self.soc.advance(self.half / 2);
+        }
+        self.half_per_cycle = self.soc.half_ticks_per_cycle();
+        self.limit = half(self.soc.next_event()).min(self.until);
+        self.soc.error().is_some() || self.soc.reset_request().is_some() || self.time_is_up()
+    }
+
+    /// The exception to enter now.
+    pub fn due_exception(&mut self, masks: Masks) -> Option<Exception> {
+        self.catch_up();
+        self.soc.preempting(masks)
+    }
+
+    /// Sleeps until an exception wakes the processor. Returns whether time is up instead.
+    pub fn sleep_until_woken(&mut self, masks: Masks) -> bool {
+        while self.sleeping {
+            if self.catch_up() {
+                return self.time_is_up();
+            }
+            if self.soc.nvic().wakes(masks) {
+                self.sleeping = false;
+                break;
+            }
+            let to = self.limit.max(self.half + 1);
+            self.stats.asleep += to - self.half;
+            self.half = to;
+        }
+        false
+    }
+
+    pub fn read(&mut self, address: u32, size: u8) -> u32 {
+        self.soc.advance(self.half / 2);
+        self.limit = 0;
+        // A refused access is kept by the model; the next instruction does not run.
+        self.soc.read(address, size).unwrap_or(0)
+    }
+
+    pub fn write(&mut self, address: u32, size: u8, value: u32) {
+        self.soc.advance(self.half / 2);
+        self.limit = 0;
+        let _ = self.soc.write(address, size, value);
+    }
+
+    pub fn flash_write(&mut self, address: u32, size: u8, value: u32) {
+        let old = self.soc.memory.flash.load(address, size.into()).unwrap_or(0);
+        self.flash_write = Some(FlashWrite { address, size, value, old });
+        self.limit = 0;
+    }
+}

@@ -1,0 +1,72 @@
+//! `edm-fil run ELF`: boots a firmware on the emulated chip in a world where nothing happens, and prints its log.
+
+use anyhow::{Context, Result};
+use clap::{Parser, Subcommand};
+use edm_fil::image::Image;
+use edm_fil::machine::Machine;
+use edm_fil::rtt::Rtt;
+use edm_fil::still::Still;
+use edm_soc::TICK_HZ;
+use std::path::PathBuf;
+use std::time::Instant;
+
+#[derive(Parser)]
+#[command(version, about)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Boot a firmware and print its log.
+    Run {
+        /// The ELF file.
+        elf: PathBuf,
+        /// Simulated time, seconds.
+        #[arg(long, default_value_t = 1.0)]
+        seconds: f64,
+        /// Crystal, Hz.
+        #[arg(long, default_value_t = 8_000_000)]
+        hse: u64,
+    },
+}
+
+fn main() -> Result<()> {
+    let Command::Run { elf, seconds, hse } = Arguments::parse().command;
+    let file = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    let image = Image::parse(file)?;
+    let mut rtt = Rtt::new(&image)?;
+    let mut machine = Machine::new(&image, Still::default(), hse)?;
+    let end = (seconds * TICK_HZ as f64) as u64;
+    let start = Instant::now();
+    let mut now = 0;
+    let mut result = Ok(());
+    while now < end && result.is_ok() {
+        now = (now + TICK_HZ / 1000).min(end);
+        result = machine.run_until(now);
+        for line in rtt.poll(&machine.soc().memory) {
+            println!("{:10.6} {line}", machine.soc().now() as f64 / TICK_HZ as f64);
+        }
+    }
+    let (wall, simulated) = (start.elapsed().as_secs_f64(), machine.soc().now() as f64 / TICK_HZ as f64);
+    let stats = machine.stats();
+    let awake = 1.0 - stats.asleep as f64 / 2.0 / TICK_HZ as f64 / simulated;
+    println!(
+        "{simulated:.3} s simulated in {wall:.3} s ({:.2} x real time), {:.1} M instructions ({:.0} MIPS), awake {:.1} %",
+        simulated / wall,
+        stats.instructions as f64 / 1e6,
+        stats.instructions as f64 / 1e6 / wall,
+        100.0 * awake
+    );
+    let entries: Vec<_> =
+        stats.entries.iter().enumerate().filter(|e| *e.1 > 0).map(|e| format!("{}:{}", e.0, e.1)).collect();
+    println!(
+        "exceptions {} (tail-chained {}, nesting {}), resets {}",
+        entries.join(" "),
+        stats.tail_chained,
+        stats.nesting,
+        stats.resets
+    );
+    result
+}
