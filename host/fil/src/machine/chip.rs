@@ -1,8 +1,12 @@
 //! What the engine's hooks share: the peripherals, the clock of the processor, decoded code, statistics.
 
 use super::half;
-use crate::decode::{Instruction, REFILL, decode};
+use crate::decode::{Class, Instruction, REFILL, decode};
 use edm_soc::{Exception, Masks, Soc, World};
+
+/// Half words of flash, and the upper bits of its addresses.
+const HALF_WORDS: usize = 0x8_0000;
+const FLASH: u32 = 0x080;
 
 /// Why the hook stopped the engine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,10 +56,9 @@ pub struct Chip<W> {
     pub limit: u64,
     until: u64,
     half_per_cycle: u64,
-    code: Vec<Instruction>,
+    code: Box<[Instruction; HALF_WORDS]>,
     /// Last instruction, and where it ends.
     pub last: u32,
-    last_instruction: Instruction,
     next: u32,
     pub stop: Option<Stop>,
     pub sleeping: bool,
@@ -70,16 +73,14 @@ pub struct Chip<W> {
 
 impl<W: World> Chip<W> {
     pub fn new(soc: Soc<W>) -> Self {
-        let flash = soc.memory.flash.bytes().len() / 2;
         Self {
             soc,
             half: 0,
             limit: 0,
             until: 0,
             half_per_cycle: 0,
-            code: vec![Instruction::default(); flash],
+            code: Box::new([Instruction::default(); HALF_WORDS]),
             last: 0,
-            last_instruction: Instruction::default(),
             next: 0,
             stop: None,
             sleeping: false,
@@ -94,7 +95,6 @@ impl<W: World> Chip<W> {
     /// Processor state after reset.
     pub fn restart(&mut self) {
         (self.sleeping, self.fpca, self.lazy, self.limit) = (false, false, None, 0);
-        self.last_instruction = Instruction::default();
     }
 
     pub fn set_until(&mut self, until: u64) {
@@ -106,11 +106,25 @@ impl<W: World> Chip<W> {
         self.half >= self.until
     }
 
+    /// The way of almost all instructions: decoded, in sequence, of no special class, nothing due. Returns whether it was
+    /// taken.
+    #[inline]
+    pub fn fast(&mut self, address: u32) -> bool {
+        let known = self.code[address as usize / 2 % HALF_WORDS];
+        let plain = known.size != 0 && known.class == Class::Plain && address >> 20 == FLASH;
+        let float = known.class == Class::Float && known.size != 0 && self.fpca;
+        if address != self.next || self.half >= self.limit || !(plain || float) {
+            return false;
+        }
+        self.charge(address, known);
+        true
+    }
+
     /// The instruction at `address`, decoded once.
     pub fn instruction(&mut self, address: u32) -> Instruction {
-        let index = (address & 0x000f_ffff) as usize / 2;
+        let index = address as usize / 2 % HALF_WORDS;
         let known = self.code[index];
-        if known.size != 0 && address >> 20 == 0x080 { known } else { self.decode(address, index) }
+        if known.size != 0 && address >> 20 == FLASH { known } else { self.decode(address, index) }
     }
 
     fn decode(&mut self, address: u32, index: usize) -> Instruction {
@@ -121,14 +135,14 @@ impl<W: World> Chip<W> {
         };
         let instruction =
             Instruction { in_it: self.code[index].in_it, ..decode(half_word(address), half_word(address + 2)) };
-        if address >> 20 != 0x080 {
+        if address >> 20 != FLASH {
             return instruction;
         }
         self.code[index] = instruction;
         // Mark the members of the block an IT opens, so that they are known when they are met.
         let mut at = address + 2;
         for _ in 0..instruction.opens {
-            let member = (at & 0x000f_ffff) as usize / 2;
+            let member = at as usize / 2 % HALF_WORDS;
             self.code[member].in_it = true;
             self.code[member].size = 0;
             at += u32::from(decode(half_word(at), 0).size);
@@ -143,8 +157,8 @@ impl<W: World> Chip<W> {
             return;
         }
         let from = self.next;
-        let it = self.last_instruction.in_it || self.last_instruction.opens > 0;
-        if it && address > from && address - from <= 16 {
+        let last = self.instruction(self.last);
+        if (last.in_it || last.opens > 0) && address > from && address - from <= 16 {
             let mut at = from;
             let mut skipped = 0;
             while at < address {
@@ -167,11 +181,11 @@ impl<W: World> Chip<W> {
     }
 
     /// Counts the instruction at `address`.
+    #[inline]
     pub fn charge(&mut self, address: u32, instruction: Instruction) {
         self.stats.instructions += 1;
         self.half += u64::from(instruction.cycles) * self.half_per_cycle;
         self.last = address;
-        self.last_instruction = instruction;
         self.next = address.wrapping_add(instruction.size.into());
     }
 
@@ -183,7 +197,6 @@ impl<W: World> Chip<W> {
     /// Execution goes on at `address` after an exception entry or return: no branch penalty beyond theirs.
     pub fn jump(&mut self, address: u32) {
         self.next = address & !1;
-        self.last_instruction = Instruction::default();
         self.limit = 0;
     }
 

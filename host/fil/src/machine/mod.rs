@@ -270,6 +270,14 @@ fn masks<W>(uc: &Unicorn<Chip<W>>) -> Result<Masks, uc_error> {
 /// Runs before each instruction: lets time pass, stops the engine when something has to happen first.
 fn before<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
     let chip = uc.get_data_mut();
+    if !chip.fast(address) {
+        slow(uc, address);
+    }
+}
+
+#[inline(never)]
+fn slow<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
+    let chip = uc.get_data_mut();
     let instruction = chip.instruction(address);
     chip.close_gap(address);
     // Never between the instructions of an IT block: the engine would lose their condition.
