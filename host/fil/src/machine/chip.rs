@@ -156,28 +156,19 @@ impl<W: World> Chip<W> {
         if address == self.next {
             return;
         }
-        let from = self.next;
-        let last = self.instruction(self.last);
-        if (last.in_it || last.opens > 0) && address > from && address - from <= 16 {
-            let mut at = from;
-            let mut skipped = 0;
-            while at < address {
-                let i = self.instruction(at);
-                if !i.in_it {
-                    break;
-                }
-                skipped += 1;
-                at += u32::from(i.size);
-            }
-            if at == address {
-                self.stats.instructions += skipped;
-                self.half += skipped * self.half_per_cycle;
-                self.next = address;
-                return;
-            }
+        let mut at = self.next;
+        let mut skipped = 0;
+        while at < address && self.instruction(at).in_it {
+            at += u32::from(self.instruction(at).size);
+            skipped += 1;
+        }
+        self.next = address;
+        if at == address {
+            self.stats.instructions += skipped;
+            self.half += skipped * self.half_per_cycle;
+            return;
         }
         self.half += u64::from(REFILL) * self.half_per_cycle;
-        self.next = address;
     }
 
     /// Counts the instruction at `address`.

@@ -280,8 +280,7 @@ fn slow<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
     let chip = uc.get_data_mut();
     let instruction = chip.instruction(address);
     chip.close_gap(address);
-    // Never between the instructions of an IT block: the engine would lose their condition.
-    if chip.half >= chip.limit && !instruction.in_it && poll(uc) {
+    if chip.half >= chip.limit && poll(uc) {
         uc.get_data_mut().stop = Some(Stop::Poll(address));
         let _ = uc.emu_stop();
         return;
