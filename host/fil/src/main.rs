@@ -8,6 +8,7 @@ use edm_fil::rtt::Rtt;
 use edm_fil::still::Still;
 use edm_soc::TICK_HZ;
 use std::path::PathBuf;
+use std::process::ExitCode;
 use std::time::Instant;
 
 #[derive(Parser)]
@@ -29,11 +30,25 @@ enum Command {
         /// Crystal, Hz.
         #[arg(long, default_value_t = 8_000_000)]
         hse: u64,
+        /// Charge thread mode so many times its cycles once the first interrupt has come: a polling idle loop then costs
+        /// less host time, interrupts keep their times.
+        #[arg(long, default_value_t = 1)]
+        stretch_idle: u64,
     },
 }
 
-fn main() -> Result<()> {
-    let Command::Run { elf, seconds, hse } = Arguments::parse().command;
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("error: {e:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<()> {
+    let Command::Run { elf, seconds, hse, stretch_idle } = Arguments::parse().command;
     let file = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
     let image = Image::parse(file)?;
     let mut rtt = Rtt::new(&image)?;
@@ -45,6 +60,9 @@ fn main() -> Result<()> {
     while now < end && result.is_ok() {
         now = (now + TICK_HZ / 1000).min(end);
         result = machine.run_until(now);
+        if machine.stats().entries.iter().any(|n| *n > 0) {
+            machine.stretch_idle(stretch_idle);
+        }
         for line in rtt.poll(&machine.soc().memory) {
             println!("{:10.6} {line}", machine.soc().now() as f64 / TICK_HZ as f64);
         }

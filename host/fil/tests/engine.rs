@@ -107,6 +107,19 @@ fn wait_for_interrupt_sleeps_until_systick() {
 }
 
 #[test]
+fn a_stretched_idle_does_less_work_and_interrupts_keep_their_number() {
+    let run = |factor| {
+        let mut run = Run::with(16, 0, MS);
+        run.machine.stretch_idle(factor);
+        run.machine.run_until(100 * MS).unwrap();
+        (run.machine.stats().entries[15], run.machine.stats().instructions)
+    };
+    let ((exact, work), (stretched, less)) = (run(1), run(20));
+    assert!(exact.abs_diff(stretched) <= 1 && (95..105).contains(&exact), "{exact} {stretched}");
+    assert!(less * 10 < work, "{less} {work}");
+}
+
+#[test]
 fn it_blocks_survive_interrupts_at_any_place() {
     let run = Run::of(5, 400 * MS);
     assert_eq!((run.result, run.machine.load(RESULT + 28).unwrap()), (Ok(()), 1));

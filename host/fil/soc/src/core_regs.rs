@@ -106,8 +106,13 @@ impl CoreRegs {
     /// DWT_CYCCNT.
     pub fn cycle_count(&self, now: u64) -> u32 {
         let on = self.demcr >> 24 & 1 == 1 && self.dwt_ctrl & 1 == 1;
-        let passed = if on { (now - self.cycles_at) * 2 / self.half_ticks } else { 0 };
+        let passed = if on { now.saturating_sub(self.cycles_at) * 2 / self.half_ticks } else { 0 };
         self.cycles.wrapping_add(passed as u32)
+    }
+
+    /// The processor has slept for `ticks`: its clock stood still, and with it the cycle counter (RM0090 §5.3.3).
+    pub fn slept(&mut self, ticks: u64) {
+        self.cycles_at += ticks;
     }
 
     /// Half ticks of one SysTick count: a processor cycle, or eight (RM0090 §12.1.2).
@@ -368,6 +373,15 @@ mod tests {
         assert_eq!(c.read(0xe000_1004, 700), Ok(200));
         c.write(0xe000_1004, 4, u32::MAX, 700).unwrap();
         assert_eq!(c.read(0xe000_1004, 702), Ok(1));
+    }
+
+    #[test]
+    fn the_cycle_counter_stands_still_in_sleep() {
+        let mut c = core();
+        c.write(0xe000_edfc, 4, 1 << 24, 0).unwrap();
+        c.write(0xe000_1000, 4, 1, 0).unwrap();
+        c.slept(300);
+        assert_eq!(c.read(0xe000_1004, 500), Ok(200));
     }
 
     #[test]

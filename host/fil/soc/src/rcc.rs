@@ -117,10 +117,11 @@ impl Rcc {
         self.settle(now);
         match offset {
             0x00 => {
-                if value & (1 << 19 | 1 << 26) != 0 {
-                    return Err(Fault::Unsupported("clock security system and PLLI2S are not modelled"));
+                if value & 1 << 26 != 0 {
+                    return Err(Fault::Unsupported("PLLI2S is not modelled"));
                 }
-                self.cr = value & 0x0105_00f9;
+                // The clock security system is accepted; the crystal of the model does not fail.
+                self.cr = value & 0x010d_00f9;
                 self.hsi.switch(value & 1 != 0, now, HSI_START);
                 self.hse.switch(value & 1 << 16 != 0, now, HSE_START);
                 self.pll.switch(value & 1 << 24 != 0, now, PLL_LOCK);

@@ -56,6 +56,9 @@ pub struct Chip<W> {
     pub limit: u64,
     until: u64,
     half_per_cycle: u64,
+    /// Factor on the time of thread mode, and whether thread mode is running.
+    pub stretch: u64,
+    pub thread: bool,
     code: Box<[Instruction; HALF_WORDS]>,
     /// Last instruction, and where it ends.
     pub last: u32,
@@ -79,6 +82,8 @@ impl<W: World> Chip<W> {
             limit: 0,
             until: 0,
             half_per_cycle: 0,
+            stretch: 1,
+            thread: true,
             code: Box::new([Instruction::default(); HALF_WORDS]),
             last: 0,
             next: 0,
@@ -95,6 +100,7 @@ impl<W: World> Chip<W> {
     /// Processor state after reset.
     pub fn restart(&mut self) {
         (self.sleeping, self.fpca, self.lazy, self.limit) = (false, false, None, 0);
+        self.thread = true;
     }
 
     pub fn set_until(&mut self, until: u64) {
@@ -175,7 +181,14 @@ impl<W: World> Chip<W> {
     #[inline]
     pub fn charge(&mut self, address: u32, instruction: Instruction) {
         self.stats.instructions += 1;
-        self.half += u64::from(instruction.cycles) * self.half_per_cycle;
+        let least = self.half + u64::from(instruction.cycles) * self.half_per_cycle;
+        self.half = if self.thread && self.stretch > 1 {
+            // Slower, but never past the next event: what interrupts see stays as it was.
+            let slow = self.half + u64::from(instruction.cycles) * self.half_per_cycle * self.stretch;
+            slow.min(self.limit).max(least)
+        } else {
+            least
+        };
         self.last = address;
         self.next = address.wrapping_add(instruction.size.into());
     }
@@ -227,6 +240,7 @@ impl<W: World> Chip<W> {
             }
             let to = self.limit.max(self.half + 1);
             self.stats.asleep += to - self.half;
+            self.soc.core().slept(to / 2 - self.half / 2);
             self.half = to;
         }
         false

@@ -75,6 +75,7 @@ impl<W: World> Machine<W> {
     fn take(&mut self, e: Exception, lr: u32) -> Result<()> {
         let chip = self.uc.get_data_mut();
         chip.soc.nvic().enter(e);
+        chip.thread = false;
         chip.stats.entries[usize::from(e)] += 1;
         chip.stats.nesting = chip.stats.nesting.max(chip.soc.nvic().nesting().len());
         let vtor = chip.soc.core().vtor;
@@ -150,6 +151,7 @@ impl<W: World> Machine<W> {
         self.set(R::PC, pc | 1)?;
         let chip = self.uc.get_data_mut();
         chip.fpca = extended;
+        chip.thread = chip.soc.nvic().nesting().is_empty();
         chip.jump(pc);
         // SLEEPONEXIT: back to sleep when thread mode is reached.
         chip.sleeping = chip.soc.nvic().nesting().is_empty() && chip.soc.core().scr & 2 != 0;

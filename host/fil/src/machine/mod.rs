@@ -160,6 +160,12 @@ impl<W: World + 'static> Machine<W> {
         &mut chip.soc
     }
 
+    /// Charges instructions of thread mode `factor` times their cycles, but never past the next event: an idle loop that
+    /// polls takes that much less work, interrupts keep their times. 1 is exact and the default.
+    pub fn stretch_idle(&mut self, factor: u64) {
+        self.uc.get_data_mut().stretch = factor.max(1);
+    }
+
     /// What has been counted since power-up.
     pub fn stats(&self) -> &Stats {
         &self.uc.get_data().stats

@@ -307,6 +307,12 @@ extern "C" fn reset() -> ! {
             )
         },
         15 => unsafe { asm!("bkpt") },
+        16 => {
+            systick(16_000);
+            loop {
+                put(0, at(0).wrapping_add(1));
+            }
+        }
         _ => (),
     }
     put(9, 1);

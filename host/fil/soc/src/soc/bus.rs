@@ -219,7 +219,7 @@ impl<W: World> Soc<W> {
         self.write(word, 4, set(v))
     }
 
-    fn read_word(&mut self, address: u32) -> Result<u32, Fault> {
+    pub(super) fn read_word(&mut self, address: u32) -> Result<u32, Fault> {
         let Some(&Entry(base, _, gate, block)) = find(address) else { return Err(Fault::Unmodelled) };
         if !self.rcc.enabled(gate) {
             return Err(Fault::ClockOff);

@@ -270,6 +270,22 @@ fn the_gate_resets_tim8_which_starts_blanking_whose_end_triggers_adc2() {
 }
 
 #[test]
+fn dma_stores_the_stamp_of_each_edge() {
+    let mut soc = running();
+    set(&mut soc, &[(GPIOC + 0x20, 3 << 24), (GPIOC, 2 << 12)]);
+    let s2 = DMA2 + 0x10 + 2 * 0x18;
+    set(&mut soc, &[(s2 + 4, 4), (s2 + 8, TIM8 + 0x34), (s2 + 12, 0x2000_2000)]);
+    set(&mut soc, &[(s2, 7 << 25 | 1 << 13 | 1 << 11 | 1 << 10 | 1 << 8 | 1)]);
+    set(&mut soc, &[(TIM8 + 0x18, 1), (TIM8 + 0x20, 0xb), (TIM8 + 0x0c, 1 << 9), (TIM8, 1)]);
+    for (after, up) in [(100, true), (50, false), (200, true)] {
+        level(&mut soc, after, Pin::new('C', 6), up);
+    }
+    let stamp = |i: u32| soc.memory.sram.load(0x2000_2000 + 2 * i, 2).unwrap();
+    assert_eq!([stamp(0), stamp(1), stamp(2)], [100, 150, 350]);
+    assert_eq!((get(&mut soc, s2 + 4), get(&mut soc, TIM8 + 0x10) & 2), (1, 0));
+}
+
+#[test]
 fn dma_into_core_coupled_memory_is_a_transfer_error() {
     let mut soc = running();
     let s0 = DMA2 + 0x10;

@@ -5,7 +5,6 @@ use super::{PORTS, Soc, slot};
 use crate::adc::{Adc, Trigger};
 use crate::dac::Dac;
 use crate::dma::Dma;
-use crate::error::Fault;
 use crate::gpio::Mode;
 use crate::pins::{self, Signal};
 use crate::rcc::Gate;
@@ -27,6 +26,24 @@ fn slaves(master: u8) -> &'static [(usize, u32)] {
 
 /// Streams of DMA2 and their channel that serve a converter (§10.3.3, table 43).
 const ADC_STREAMS: [[(usize, u32); 2]; 3] = [[(0, 0), (4, 0)], [(2, 1), (3, 1)], [(0, 2), (1, 2)]];
+
+/// Streams of DMA2 and their channel that serve request `source` of TIM1 or TIM8 (table 43).
+fn timer_streams(timer: u8, source: u8) -> &'static [(usize, u32)] {
+    match (timer, source) {
+        (1, 0) => &[(5, 6)],
+        (1, 1) => &[(1, 6), (3, 6), (6, 0)],
+        (1, 2) => &[(2, 6), (6, 0)],
+        (1, 3) => &[(6, 6), (6, 0)],
+        (1, 4) => &[(4, 6)],
+        (1, 6) => &[(0, 6), (4, 6)],
+        (8, 0) => &[(1, 7)],
+        (8, 1) => &[(2, 7), (2, 0)],
+        (8, 2) => &[(3, 7), (2, 0)],
+        (8, 3) => &[(4, 7), (2, 0)],
+        (8, 4 | 6) => &[(7, 7)],
+        _ => &[],
+    }
+}
 
 /// Interrupt of each DMA stream (§12.2, vector table).
 const DMA_LINES: [[u8; 8]; 2] = [[11, 12, 13, 14, 15, 16, 17, 47], [56, 57, 58, 59, 60, 68, 69, 70]];
@@ -58,6 +75,9 @@ impl<W: World> Soc<W> {
                 }
             }
             Event::Output(channel, level) => self.trigger_adcs(Trigger::Output(number, channel + 1), level),
+            Event::Dma(source) => {
+                self.serve_dma(timer_streams(number, source));
+            }
             Event::Waveform => {
                 for i in 0..self.timer_pins[n].len() {
                     let (port, pin, _) = self.timer_pins[n][i];
@@ -102,29 +122,29 @@ impl<W: World> Soc<W> {
 
     pub(super) fn fire_adc(&mut self, n: usize) {
         if self.adcs[n].fire(self.now, &mut self.world) {
-            self.serve_dma(n);
+            let stopped = self.serve_dma(&ADC_STREAMS[n]);
+            if stopped {
+                self.adcs[n].dma_complete();
+            }
         }
         self.refresh_adc(n);
     }
 
-    fn serve_dma(&mut self, adc: usize) {
-        let streams = ADC_STREAMS[adc];
+    /// One DMA transfer by the first of `streams` that is set up for it. Returns whether the stream has stopped with it.
+    fn serve_dma(&mut self, streams: &[(usize, u32)]) -> bool {
         let Some((stream, transfer)) = streams.iter().find_map(|&(s, c)| Some((s, self.dma[1].next(s, c)?))) else {
-            return;
+            return false;
         };
         let value = match transfer.from {
             0x4001_2000..0x4001_2300 => self.adcs[(transfer.from >> 8 & 3) as usize].read(transfer.from & 0xff).ok(),
+            0x4000_0000..0x6000_0000 => self.read_word(transfer.from).map_err(|f| self.fail(transfer.from, f)).ok(),
             from => self.memory.dma_load(from, transfer.size),
         };
-        if value.is_none() && transfer.from >> 28 == 4 {
-            self.fail(transfer.from, Fault::Unsupported("DMA from this peripheral is not modelled"));
-        }
         let moved = value.and_then(|v| self.memory.dma_store(transfer.to, transfer.size, v)).is_some();
-        if self.dma[1].done(stream, moved) {
-            self.adcs[adc].dma_complete();
-        }
+        let stopped = self.dma[1].done(stream, moved);
         let request = self.dma[1].request(stream);
         self.core.nvic.set_line(DMA_LINES[1][stream], request);
+        stopped
     }
 
     pub(super) fn refresh_adc(&mut self, n: usize) {

@@ -72,6 +72,7 @@ impl Timer {
             return;
         }
         self.sr |= sr::cc(c);
+        self.dma_if(c as u8 + 1, out);
         if c == 0 {
             self.trgo_if(3, out);
         }
@@ -124,6 +125,7 @@ impl Timer {
         if overflow || self.cr1 & cr1::URS == 0 {
             self.sr |= sr::UIF;
         }
+        self.dma_if(0, out);
         self.trgo_if(2, out);
         if before != (self.psc_now, self.arr_now, self.ccr_now) {
             out.push(Event::Waveform);

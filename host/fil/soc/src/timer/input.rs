@@ -123,7 +123,7 @@ impl Timer {
                 _ => continue,
             };
             if source == ti && self.channel_enabled(c) && self.active_edge(c, level) {
-                self.capture(c);
+                self.capture(c, out);
             }
         }
         if self.encoder() {
@@ -150,13 +150,14 @@ impl Timer {
         }
     }
 
-    pub(super) fn capture(&mut self, c: usize) {
+    pub(super) fn capture(&mut self, c: usize, out: &mut Vec<Event>) {
         if self.sr & sr::cc(c) != 0 {
             self.sr |= 1 << (9 + c);
         }
         self.sr |= sr::cc(c);
         self.ccr[c] = self.cnt;
         self.ccr_now[c] = self.cnt;
+        self.dma_if(c as u8 + 1, out);
     }
 
     /// Table of counting direction against encoder signals (§18.3.12).
@@ -215,5 +216,6 @@ impl Timer {
             _ => (),
         }
         self.sr |= sr::TIF;
+        self.dma_if(6, out);
     }
 }

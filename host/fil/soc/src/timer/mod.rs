@@ -2,7 +2,7 @@
 //! §20 basic). Counting is in [`count`], inputs in [`input`], outputs in [`output`].
 //!
 //! Counting up, edge-aligned; encoder modes count both ways. Centre-aligned and down counting, complementary outputs, DMA
-//! requests and gated mode are refused.
+//! requests of others than TIM1 and TIM8, and gated mode are refused.
 
 mod count;
 mod input;
@@ -58,6 +58,8 @@ pub enum Event {
     Trgo,
     /// The reference of an output channel (0..=3) that is enabled has risen or fallen.
     Output(u8, bool),
+    /// A DMA request: of the update (0), of channel 1..=4, or of the trigger (6), as DIER numbers them from bit 8.
+    Dma(u8),
     /// What the outputs drive their pins with may have changed.
     Waveform,
 }
@@ -241,8 +243,10 @@ impl Timer {
                 self.base = now;
                 self.smcr = value & 0xfff7;
             }
-            0x0c if value & 0x7f00 != 0 => return Err(Fault::Unsupported("timer DMA requests are not modelled")),
-            0x0c => self.dier = value & 0xff,
+            0x0c if value & 0x2000 != 0 || value & 0x5f00 != 0 && !self.kind.advanced => {
+                return Err(Fault::Unsupported("timer DMA requests are modelled for TIM1 and TIM8 only"));
+            }
+            0x0c => self.dier = value & 0x5fff,
             0x10 => self.sr &= value,
             0x14 => self.generate(value, now, out)?,
             0x18 | 0x1c => {
@@ -313,7 +317,7 @@ impl Timer {
         for c in 0..self.kind.channels {
             if value & sr::cc(c) != 0 {
                 if !self.is_output(c) {
-                    self.capture(c);
+                    self.capture(c, out);
                 }
                 self.sr |= sr::cc(c);
             }
@@ -362,6 +366,13 @@ impl Timer {
         self.settle(now, out);
         self.settle_inputs(now, out);
         self.references(out);
+    }
+
+    /// DMA request `source`, if DIER enables it.
+    fn dma_if(&self, source: u8, out: &mut Vec<Event>) {
+        if self.dier >> (8 + source) & 1 == 1 {
+            out.push(Event::Dma(source));
+        }
     }
 
     fn trgo_if(&self, mms: u32, out: &mut Vec<Event>) {

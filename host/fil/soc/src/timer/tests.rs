@@ -390,8 +390,9 @@ fn counters_have_16_bits_but_for_timers_2_and_5() {
 
 #[test]
 fn what_is_not_modelled_is_refused() {
+    assert!(Rig::new(3).t.write(DIER, 1 << 8, 0, &mut vec![]).is_err());
     let mut r = Rig::new(1);
-    for (offset, value) in [(CR1, 1 << 5), (CR1, 16), (DIER, 1 << 8), (CCER, 4), (SMCR, 5), (CCMR1, 1 | 4)] {
+    for (offset, value) in [(CR1, 1 << 5), (CR1, 16), (DIER, 1 << 13), (CCER, 4), (SMCR, 5), (CCMR1, 1 | 4)] {
         assert!(matches!(r.t.write(offset, value, 0, &mut r.out), Err(Fault::Unsupported(_))), "{offset:#x}");
     }
 }
@@ -401,4 +402,17 @@ fn a_timer_without_a_whole_number_of_ticks_to_its_clock_does_not_start() {
     let mut r = Rig::new(3);
     r.t.set_clock(None, 0, &mut r.out);
     assert!(r.t.write(CR1, 1, 0, &mut r.out).is_err());
+}
+
+#[test]
+fn enabled_captures_and_updates_ask_for_dma() {
+    let mut r = Rig::new(8);
+    r.set(0, &[(CCMR1, 1), (CCER, 0xb), (DIER, 1 << 9), (CR1, 1)]);
+    r.out.clear();
+    r.edge(10, 0, true);
+    r.edge(20, 0, false);
+    assert_eq!(r.out, [Event::Dma(1), Event::Dma(1)]);
+    r.out.clear();
+    r.set(30, &[(DIER, 1 << 8), (EGR, 1)]);
+    assert!(r.out.contains(&Event::Dma(0)) && !r.out.contains(&Event::Dma(1)));
 }
