@@ -6,7 +6,8 @@
 //! Time. Each instruction is hooked and charged the nominal cycles of [`decode`]; the model of the chip is advanced to that
 //! time before the instruction that would see it. Nothing depends on the host's clock: identical inputs give identical runs.
 //!
-//! Unicorn is GPL-2.0; this package is therefore unpublished and outside the workspace's default members.
+//! Unicorn is GPL-2.0 and so is a binary that contains it; this package is unpublished and outside the workspace's
+//! default members.
 
 pub mod decode;
 pub mod image;
