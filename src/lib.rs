@@ -14,8 +14,9 @@
 //! | [`path`] | segments and the register that shifts both ways |
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
+//! | [`remote`] | commands and reports as CAN frames |
 //! | [`settings`] | what a person sets, checked and built into what the ticks run |
-#![no_std]
+#![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
 pub mod dsp;
@@ -24,6 +25,7 @@ pub mod feed;
 pub mod gap;
 pub mod head;
 pub mod path;
+pub mod remote;
 pub mod servo;
 pub mod settings;
 pub mod units;

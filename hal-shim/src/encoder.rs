@@ -27,11 +27,22 @@ pub trait QuadratureLines {
 pub struct RawCount {
     /// Edges counted since power-up, four per encoder line, positive toward the work, wrapping.
     pub count: u32,
-    /// Clock time of the newest counted edge. A counter that cannot time its edges reports the time of the first reading
-    /// that saw the change.
+    /// Clock time of the newest counted edge; no two edges have the same. A counter that cannot time its edges reports the
+    /// time of the first reading that saw the change.
     pub last_edge: u32,
+    /// The newest counted edge went toward the work. A line crossed forth and back is no distance: with the direction the
+    /// reader knows which line it was, and an axis that trembles over one line has no velocity.
+    pub toward_work: bool,
     /// Clock time of this reading.
     pub now: u32,
+}
+
+/// Counter of a timer in encoder mode, four counts per encoder line, up toward the work.
+pub trait EncoderTimer {
+    /// Width of the counter: 16 or 32 bits. It wraps at its full width.
+    const BITS: u32;
+    /// Counter now.
+    fn counter(&self) -> u32;
 }
 
 /// Something that counts encoder edges: the edge-interrupt decoder, or a timer in encoder mode.

@@ -7,13 +7,21 @@
 //! reported, never replaced by zero.
 #![cfg_attr(not(any(test, feature = "double")), no_std)]
 
+pub mod board;
 pub mod bridge;
 pub mod can;
 pub mod clock;
 #[cfg(feature = "double")]
 pub mod double;
+pub mod edges;
 pub mod encoder;
 pub mod gap;
 pub mod generator;
+pub mod reflex;
+pub mod roll;
 pub mod safety;
+#[cfg(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc")))]
+pub mod stm32f4;
 pub mod storage;
+pub mod store;
+pub mod timing;

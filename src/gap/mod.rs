@@ -2,9 +2,21 @@
 //!
 //! *Gap voltage* is the voltage between electrode and workpiece. Under good sparking its mean lies between the burn
 //! voltage and the open-circuit voltage, and falls as the gap closes because the ignition delay shortens; a short reads
-//! zero [R]. A source averages, filters and judges; it does not decide what the head does about it.
+//! zero (Roberts). A source averages, filters and judges; it does not decide what the head does about it.
+//!
+//! Another source is another file, its `mod` line and one line in [`sources!`](self).
+
+mod gated;
+mod open_circuit;
+mod surrogate;
+pub mod voltage;
+
+pub use open_circuit::OpenCircuit;
+pub use surrogate::{Config as SurrogateConfig, Surrogate};
+pub use voltage::Voltage;
 
 use crate::units::Volts;
+use edm_hal_shim::gap::GapBlock;
 
 /// How far a reading can be trusted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,12 +46,43 @@ pub struct GapReading {
     /// How far to trust both.
     pub quality: Quality,
     /// Servo ticks for which every gated block was a short, without interruption; off-time neither adds nor ends a run
-    /// but counts as time once the run has begun. Unfiltered: this is the fast path to a retreat.
+    /// but counts as time once the run has begun, up to the hold limit: a generator that suspends its pulses after
+    /// shorts (Roberts) must not lengthen the run. Unfiltered: this is the fast path to a retreat.
     pub short_ticks: u32,
 }
 
 /// Turns blocks of conversions into readings; one file a source.
 pub trait GapSource {
     /// Takes the newest block (`None` when the front end had none) and gives the reading for this tick.
-    fn update(&mut self, block: Option<&edm_hal_shim::gap::GapBlock>) -> GapReading;
+    fn update(&mut self, block: Option<&GapBlock>) -> GapReading;
+
+    /// Goes on as if the gap voltage had been `volts` for ever, so that enabling starts from the present voltage and not
+    /// from what the filters remember. Limited to what the converter can read; not a number changes nothing.
+    fn reset_to(&mut self, volts: Volts);
+}
+
+macro_rules! sources {
+    ($($(#[$doc:meta])* $source:ident),+ $(,)?) => {
+        /// The source in use.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        pub enum Source {
+            $($(#[$doc])* $source($source),)+
+        }
+
+        impl GapSource for Source {
+            fn update(&mut self, block: Option<&GapBlock>) -> GapReading {
+                match self { $(Source::$source(source) => source.update(block),)+ }
+            }
+
+            fn reset_to(&mut self, volts: Volts) {
+                match self { $(Source::$source(source) => source.reset_to(volts),)+ }
+            }
+        }
+    };
+}
+
+sources! {
+    /// Mean gap voltage, plain or gated.
+    Voltage,
 }

@@ -1,6 +1,29 @@
 //! The machine: states, fault reactions, supervision; wires the rooms together.
+//!
+//! [`Head::tick`] is the servo task, 20 000 times a second. [`Supervisor::tick`] judges, once a millisecond, what no single
+//! tick can; its verdict comes back through [`Head::raise`]. Commands come in between ticks.
 
+mod check;
+mod command;
+mod config;
+mod fault;
+mod machine;
+mod reaction;
+mod state;
+mod supervise;
+
+pub use check::{Config as CheckConfig, Finding, Report};
+pub use command::{Command, Refused};
+pub use config::{Axis, Config, Lift, Retreat, Seek, Setpoint, Structure};
+pub use fault::{Fault, Reaction};
+pub use machine::Head;
+pub use state::{Change, ChangeLog, Reason, State};
+pub use supervise::{Limits as SupervisionLimits, Supervisor};
+
+use crate::encoder::Snapshot;
 use crate::gap::GapReading;
+use crate::servo::BackEmf;
+use crate::units::{Amps, CountsPerSecond, Fixed, Volts};
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
@@ -11,12 +34,10 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 pub struct TickInput {
     /// Newest gap reading.
     pub gap: GapReading,
-    /// Position counter that the loops use.
-    pub encoder: RawCount,
+    /// Edge decoder: the count that the loops use.
+    pub encoder: Snapshot,
     /// Second counter on the same lines, where both are wired.
     pub watch: Option<RawCount>,
-    /// Illegal transitions seen by the decoder since power-up, wrapping.
-    pub illegal_transitions: u32,
     /// Safety inputs.
     pub safety: SafetyInputs,
     /// Motor current and bus voltage.
@@ -31,4 +52,48 @@ pub struct TickOutput {
     pub drive: Drive,
     /// To the generator: pulses allowed.
     pub pulses: bool,
+}
+
+/// What the head knows after a tick: for supervision, hosts and reports.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Status {
+    /// Servo tick, wrapping.
+    pub tick: u32,
+    /// State.
+    pub state: State,
+    /// The fault whose reaction runs.
+    pub fault: Option<Fault>,
+    /// Measured position, counts.
+    pub position: i64,
+    /// Axis setpoint, counts.
+    pub setpoint: Fixed,
+    /// Setpoint less position, counts.
+    pub following: f32,
+    /// Measured velocity.
+    pub velocity: CountsPerSecond,
+    /// Path coordinate, um.
+    pub path: Fixed,
+    /// Gap reading of this tick.
+    pub gap: GapReading,
+    /// Gap voltage to keep.
+    pub gap_setpoint: Volts,
+    /// Open-circuit voltage measured when the seek began.
+    pub open_circuit: Volts,
+    /// Duty, positive toward the work.
+    pub duty: f32,
+    /// The duty is at its limit.
+    pub saturated: bool,
+    /// Motor current, positive toward the work.
+    pub current: Amps,
+    /// Bus voltage.
+    pub bus: Volts,
+    /// Second opinion on the velocity.
+    pub back_emf: BackEmf,
+    /// Illegal encoder transitions since power-up, wrapping.
+    pub illegal_transitions: u32,
+    /// Absolute positions mean something.
+    pub homed: bool,
+    /// The winding is hot: only its continuous current is allowed.
+    pub current_reduced: bool,
 }

@@ -1,1 +1,41 @@
-//! (room)
+//! Position and velocity loops of one axis, and what the winding may carry.
+//!
+//! The loops work in encoder counts and in *duty*, the signed share of the bus voltage, positive toward the work. Gains
+//! are built from the plant and two bandwidths (see [`Gains::build`]); [`AxisLoop`] is the state.
+
+mod axis;
+mod current;
+mod emf;
+mod pid;
+
+pub use axis::{AxisLoop, Gains, Plant, Tuning};
+pub use current::{CurrentGuard, CurrentLimits};
+pub use emf::BackEmf;
+pub use pid::{Pid, PidGains};
+
+/// The duties allowed at this tick, both included; contains zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Window {
+    /// Lowest duty, not positive.
+    pub low: f32,
+    /// Highest duty, not negative.
+    pub high: f32,
+}
+
+impl Window {
+    /// The same duty both ways.
+    pub fn symmetric(limit: f32) -> Window {
+        Window { low: -limit, high: limit }
+    }
+
+    /// What both windows allow.
+    pub fn and(self, other: Window) -> Window {
+        Window { low: self.low.max(other.low), high: self.high.min(other.high) }
+    }
+
+    /// The nearest allowed duty.
+    pub fn clamp(self, duty: f32) -> f32 {
+        duty.max(self.low).min(self.high)
+    }
+}

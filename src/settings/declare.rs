@@ -20,6 +20,8 @@ pub enum Value<'a> {
 impl fmt::Display for Value<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            // A value that came from an f32 reads as the f32 was written.
+            Value::Number(x) if f64::from(*x as f32) == *x => write!(f, "{}", *x as f32),
             Value::Number(x) => write!(f, "{x}"),
             Value::Flag(x) => write!(f, "{x}"),
             Value::Word(x) => write!(f, "\"{x}\""),

@@ -1,5 +1,11 @@
-//! Settings (what a person sets) -> [`build`] -> Active (what the ticks run).
+//! Settings (what a person sets) -> [`Settings::build`] -> [`Active`] (what the ticks run).
+//!
+//! A setting out of range, or at odds with another, never reaches a tick.
 
+mod build;
 mod declare;
+mod table;
 
+pub use build::Active;
 pub use declare::{Choice, Declared, Field, Kind, Setting, SettingError, Value};
+pub use table::{LawName, SetpointUnit, Settings};

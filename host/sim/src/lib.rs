@@ -1,1 +1,33 @@
-//! Process model and native closed loop.
+//! Process model and native closed loop: the control core bores a hole on a PC.
+//!
+//! | room | responsible for |
+//! | --- | --- |
+//! | [`process`] | machine and process: what the head's wires are connected to |
+//! | [`machine`] | the closed loop, tick by tick |
+//! | [`bore`](mod@bore) | a hole, from rest to depth or to the reason why not |
+//! | [`run`] | what passes between the command line and the machine |
+//! | [`scenario`] | named sets of values for process and head |
+//! | [`observe`] | one sample a tick, fanned out to figures, trace and plot |
+//! | [`statistics`] | the figures by which control is judged |
+//! | [`report`] | the run in JSON and in words |
+//! | [`trace`], [`plot`] | the run as a table and as a picture |
+//! | [`output`] | files that appear complete or not at all |
+//! | [`cli`] | commands, checks, progress |
+//! | [`sweep`] | every scenario with many seeds, against the bounds |
+//! | [`bench`](mod@bench) | speed and memory, relative to a calibration loop |
+
+pub mod bench;
+pub mod bore;
+pub mod cli;
+pub mod machine;
+pub mod observe;
+pub mod output;
+pub mod plot;
+pub mod process;
+pub mod progress;
+pub mod report;
+pub mod run;
+pub mod scenario;
+pub mod statistics;
+pub mod sweep;
+pub mod trace;

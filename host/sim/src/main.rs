@@ -1,2 +1,7 @@
 //! Command line of the simulation.
-fn main() {}
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    edm_sim::cli::main(std::env::args_os(), edm_sim::bore::bore)
+}

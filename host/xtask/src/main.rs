@@ -1,2 +1,54 @@
-//! What a cargo alias cannot do.
-fn main() {}
+//! What a cargo alias cannot do: `cargo xtask docs` writes the files that are generated from declarations, and with
+//! `--check` only tells whether they are current; `cargo xtask firmware` builds and checks the firmware of both boards.
+
+use clap::{Parser, Subcommand};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+mod firmware;
+mod settings_table;
+
+#[derive(Parser)]
+#[command(name = "cargo xtask", about = "Generated files and firmware image of the EDM servo head")]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Writes docs/settings.md from the settings' declarations.
+    Docs {
+        /// Write nothing; fail if a file is not current.
+        #[arg(long)]
+        check: bool,
+    },
+    /// Builds the firmware for both boards, prints its sizes and checks that a chip would start it.
+    Firmware,
+}
+
+fn main() -> ExitCode {
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let result = match Arguments::parse().task {
+        Task::Docs { check } => generate(&root.join("docs/settings.md"), &settings_table::render(), check),
+        Task::Firmware => firmware::run(&root),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("{message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn generate(path: &Path, text: &str, check: bool) -> Result<(), String> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    if !check {
+        return std::fs::write(path, text).map_err(|error| format!("{name}: {error}"));
+    }
+    match std::fs::read_to_string(path) {
+        Ok(present) if present == text => Ok(()),
+        _ => Err(format!("docs/{name} is not current: run `cargo xtask docs`")),
+    }
+}

@@ -1,0 +1,44 @@
+//! The STM32F407G-DISC1 evaluation board.
+//!
+//! Its own parts share pins with the head (UM1472, tables of pins and solder bridges). Open SB20, or the user button's
+//! pull-down loads encoder A. The audio codec is in reset while PD4 is low, which it is unless driven: its inputs on PA4,
+//! PC7 and PC12 then load nothing. PC0 and PC3, which are gap voltage and motor current on the 64-pin board, belong to the
+//! USB supply and the microphone here; hence other analogue pins. The board has no pulls for the head: they go on the
+//! wiring.
+
+crate::board! {
+    /// STM32F407G-DISC1 with its 8 MHz crystal.
+    pub struct Disc {
+        name: "STM32F407G-DISC1",
+        crystal_hz: 8_000_000,
+        encoder_a: gpioa.pa0 PA0, "TIM5_CH1, EXTI0", "encoder A from the line receiver; SB20 open";
+        encoder_b: gpioa.pa1 PA1, "TIM5_CH2, EXTI1", "encoder B from the line receiver";
+        encoder_index: gpioa.pa2 PA2, "GPIO, EXTI2", "encoder index from the line receiver";
+        gap_voltage: gpioc.pc5 PC5, "ADC1_IN15", "gap voltage, divided and isolated, fixed rate";
+        gap_voltage_gated: gpiob.pb1 PB1, "ADC2_IN9", "the same node as gap_voltage, sampled in the pulse";
+        gap_current: gpioc.pc4 PC4, "ADC2_IN14", "gap current from the shunt amplifier";
+        motor_current: gpioc.pc1 PC1, "ADC3_IN11", "motor current amplifier, mid-scale is zero";
+        bus_voltage: gpioa.pa3 PA3, "ADC3_IN3", "drive supply through a divider";
+        gate: gpioc.pc6 PC6, "TIM8_CH1", "generator gate, high in the on-time";
+        gate_start: gpiob.pb7 PB7, "TIM4_CH2", "the same line as gate: starts the blanking";
+        comparator_high: gpioc.pc8 PC8, "TIM8_CH3", "gap above about 70 % of open circuit";
+        comparator_low: gpioc.pc9 PC9, "TIM8_CH4", "gap above about 20 % of open circuit";
+        allow_pulses: gpioc.pc7 PC7, "GPIO out", "to the generator, high allows; 10 k to ground";
+        off_time: gpioa.pa4 PA4, "DAC_OUT1", "off-time request to the generator, 0 V is its own";
+        pwm: gpioa.pa8 PA8, "TIM1_CH1", "bridge enable; 10 k to ground";
+        forward: gpiob.pb13 PB13, "GPIO out", "bridge direction toward the work; 10 k to ground";
+        reverse: gpiob.pb0 PB0, "GPIO out", "bridge direction away from the work; 10 k to ground";
+        bridge_fault: gpiob.pb12 PB12, "TIM1_BKIN", "bridge fault, low is a fault; 10 k to ground";
+        upper_limit: gpioc.pc11 PC11, "GPIO, EXTI11", "normally closed to ground; 4.7 k to 3.3 V";
+        lower_limit: gpioc.pc12 PC12, "GPIO, EXTI12", "normally closed to ground; 4.7 k to 3.3 V";
+        emergency_stop: gpioc.pc13 PC13, "GPIO, EXTI13", "normally closed to ground; 4.7 k to 3.3 V";
+        dielectric: gpiob.pb15 PB15, "GPIO, EXTI15", "closed to ground while OK; 4.7 k to 3.3 V";
+        can_rx: gpiod.pd0 PD0, "CAN1_RX", "from the isolated transceiver";
+        can_tx: gpiod.pd1 PD1, "CAN1_TX", "to the isolated transceiver";
+        led: gpiod.pd13 PD13, "GPIO out", "LD3, orange, high is lit";
+        step: gpioa.pa15 PA15, "TIM2_ETR", "reserved: steps of a host";
+        step_direction: gpiob.pb11 PB11, "TIM2_CH4", "reserved: direction of a host";
+        spark_frequency: gpioa.pa6 PA6, "TIM13_CH1", "reserved: frequency-coded gap voltage";
+        flush_valve: gpiob.pb14 PB14, "GPIO out", "reserved: flushing valve; 10 k to ground";
+    }
+}

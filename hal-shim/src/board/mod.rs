@@ -1,0 +1,63 @@
+//! Boards: which pin carries which signal, and what of the chip is used for what.
+//!
+//! One table a board, made with [`board!`](crate::board!): it is at once the struct that owns the pins by type, the check that
+//! nothing is used twice, and the text that documents and the firmware on a PC print. The pins are the same types on the
+//! chip and on a PC, so that a clash fails to compile on both.
+//!
+//! *Pull*: the resistor on the board that holds a line while the chip is in reset or dead. Outputs that could drive the
+//! bridge or let pulses through are pulled to the harmless level; inputs are pulled to the unsafe reading, so that a
+//! broken wire stops the head.
+
+mod chip;
+mod disc;
+mod f405;
+pub mod gpio;
+mod table;
+
+pub use chip::{
+    ADC, ADC_HZ, APB1_HZ, APB2_HZ, BLANKING_CLOCK, CORE_HZ, DAC_STEPS, EDGE_MODULUS, GAP_SAMPLING, GATED_SAMPLING, PLL,
+    Pll, SAMPLE, SERVO, STREAMS, SUPERVISE, Stream, TASKS, TICK_HZ, TIMER1_HZ, TIMER2_HZ, TIMERS, Task, Timer, pll,
+    priority, write_chip,
+};
+pub use disc::Disc;
+pub use f405::F405;
+pub use table::{Pin, Row, Table};
+
+/// Declares a board: for each signal a pin, what it does there, and what is connected to it outside.
+///
+/// A pin used twice does not compile: the second use is the use of a moved value.
+#[macro_export]
+macro_rules! board {
+    ($(#[$outer:meta])* $vis:vis struct $Board:ident {
+        name: $name:literal,
+        crystal_hz: $crystal:literal,
+        $($signal:ident: $port:ident.$field:ident $Pin:ident, $function:literal, $outside:literal;)+
+    }) => {
+        $(#[$outer])*
+        #[allow(missing_docs, reason = "the table documents each signal")]
+        $vis struct $Board {
+            $(pub $signal: $crate::board::gpio::$port::$Pin,)+
+        }
+
+        impl $Board {
+            /// The table.
+            pub const TABLE: $crate::board::Table = $crate::board::Table {
+                name: $name,
+                crystal_hz: $crystal,
+                rows: &[$($crate::board::Row {
+                    signal: stringify!($signal),
+                    pin: $crate::board::Pin::parse(stringify!($Pin)),
+                    function: $function,
+                    outside: $outside,
+                },)+],
+            };
+
+            /// Takes the pins it uses from the ports; the others can never be configured.
+            pub fn new(ports: $crate::board::gpio::Ports) -> Self {
+                $Board { $($signal: ports.$port.$field,)+ }
+            }
+        }
+
+        const _: () = $Board::TABLE.check();
+    };
+}

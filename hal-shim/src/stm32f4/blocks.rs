@@ -1,0 +1,103 @@
+//! ADC1: the gap voltage at a fixed rate, in blocks of one tick, moved by DMA.
+
+use super::dma::{FULL, HALF, INTERRUPT_HALVES, Stream, URGENT};
+use super::gate::Edges;
+use super::start::{StartError, within};
+use super::{Board, pac, power, put};
+use crate::board::{ADC, GAP_SAMPLING};
+use crate::gap::{BLOCK, GapBlock, GapFrontEnd};
+use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
+
+static CODES: [AtomicU16; 2 * BLOCK] = [const { AtomicU16::new(0) }; 2 * BLOCK];
+
+/// Sampling time of a channel: its register and the bits in it (RM0090 13.13.4).
+pub(super) fn sampling(adc: &pac::adc1::RegisterBlock, channel: u32, smpr: u8) {
+    let bits = u32::from(smpr) << (3 * (channel % 10));
+    let mask = 0b111 << (3 * (channel % 10));
+    if channel < 10 {
+        super::change!(adc.smpr2(), clear mask, set bits);
+    } else {
+        super::change!(adc.smpr1(), clear mask, set bits);
+    }
+}
+
+/// Resets the three converters and sets their common clock. Before any of them.
+pub fn common(common: &pac::ADC_COMMON, rcc: &pac::RCC) {
+    power::ADC2.clock(rcc);
+    power::ADC3.clock(rcc);
+    power::ADC.reset(rcc);
+    put!(common.ccr(), u32::from(ADC.adcpre) << 16);
+}
+
+/// Switches a converter on and waits its stabilisation time, 3 us.
+pub(super) fn power_up(adc: &pac::adc1::RegisterBlock) {
+    super::change!(adc.cr2(), clear 0, set 1);
+    cortex_m::asm::delay(3 * 168);
+}
+
+/// Channel of an ADC from the table's words, such as ADC1_IN10.
+pub(super) const fn channel(signal: &str) -> u32 {
+    Board::TABLE.adc_channel(signal) as u32
+}
+
+/// The fixed-rate converter and the edge stamps that gate it.
+pub struct Blocks {
+    edges: Edges,
+    /// Blocks that were overwritten before they were read.
+    lost: u32,
+    _adc: pac::ADC1,
+    stream: Stream<0>,
+}
+
+impl Blocks {
+    /// Configures the converter; it waits for the trigger of the time base.
+    pub fn new(adc: pac::ADC1, mut stream: Stream<0>, edges: Edges) -> Result<Self, StartError> {
+        const CHANNEL: u32 = channel("gap_voltage");
+        sampling(&adc, CHANNEL, GAP_SAMPLING.smpr);
+        put!(adc.sqr3(), CHANNEL);
+        power_up(&adc);
+        stream.fill(0, INTERRUPT_HALVES | URGENT, adc.dr().as_ptr().cast_const(), &CODES)?;
+        // Rising edge of TIM3's trigger output; DMA for ever.
+        put!(adc.cr2(), 1 | 1 << 8 | 1 << 9 | 0b1000 << 24 | 0b01 << 28);
+        Ok(Blocks { edges, lost: 0, _adc: adc, stream })
+    }
+
+    /// Waits for the first block: nothing may drive before the gap can be seen.
+    pub fn first(&mut self) -> Result<(), StartError> {
+        // Two ticks of 8400 cycles; a poll takes more than four.
+        within(5000, || self.block().is_some(), StartError::NoConversions)
+    }
+
+    /// Blocks that were overwritten before they were read, wrapping.
+    pub fn lost(&self) -> u32 {
+        self.lost
+    }
+
+    /// The edge stamps.
+    pub fn edges(&self) -> &Edges {
+        &self.edges
+    }
+}
+
+impl GapFrontEnd for Blocks {
+    fn block(&mut self) -> Option<GapBlock> {
+        let flags = self.stream.flags() & (HALF | FULL);
+        self.stream.clear(flags);
+        let begin = match flags {
+            0 => return None,
+            HALF => 0,
+            FULL => BLOCK,
+            _ => {
+                // A whole block late: neither half is certain to be one block any more.
+                self.lost = self.lost.wrapping_add(1);
+                self.edges.forget();
+                return None;
+            }
+        };
+        let mut codes = [0; BLOCK];
+        for (code, converted) in codes.iter_mut().zip(CODES.iter().skip(begin)) {
+            *code = converted.load(Relaxed);
+        }
+        Some(GapBlock { codes, gate: self.edges.mask() })
+    }
+}

@@ -1,0 +1,33 @@
+//! Critical sections that never delay the reflex.
+//!
+//! Everything below the stop task is masked by BASEPRI; stop and reflex run on. They therefore must not log, lock or take
+//! a critical section themselves. PRIMASK is never set.
+
+use crate::board;
+use cortex_m::register::{basepri, basepri_max};
+
+/// Priority bits of the STM32F4.
+const BITS: u8 = 4;
+/// Hardware priority of the highest task that is masked: the one below stop.
+const CEILING: u8 = ((1 << BITS) - (board::priority("stop") - 1)) << (8 - BITS);
+
+struct Basepri;
+critical_section::set_impl!(Basepri);
+
+// SAFETY: `acquire` masks every interrupt that may use a critical section (those below stop), and `release` restores what
+// was masked before, so sections nest. BASEPRI of 0 means nothing is masked and BASEPRI_MAX only ever raises it.
+unsafe impl critical_section::Impl for Basepri {
+    unsafe fn acquire() -> critical_section::RawRestoreState {
+        let before = basepri::read();
+        basepri_max::write(CEILING);
+        // The new mask holds from the next instruction, and no access moves above it.
+        cortex_m::asm::isb();
+        before
+    }
+
+    unsafe fn release(before: critical_section::RawRestoreState) {
+        core::sync::atomic::compiler_fence(core::sync::atomic::Ordering::SeqCst);
+        // SAFETY: restores the value that `acquire` found.
+        unsafe { basepri::write(before) };
+    }
+}

@@ -1,0 +1,179 @@
+//! The two flash sectors that hold the settings.
+//!
+//! The flash is one bank: while it is written or erased the core stalls, for 16 us a word and up to half a second a sector
+//! (data sheet). So nothing is written unless [`permit`] was given: disabled, inhibited, and the watchdog told.
+
+use super::pac;
+use super::{change, put};
+use crate::storage::{ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use crate::store::Permit;
+use core::sync::atomic::{AtomicBool, Ordering::SeqCst};
+
+/// First of the two sectors; memory.x keeps the program out of them.
+const FIRST_SECTOR: u32 = 1;
+/// A sector, bytes.
+const SECTOR: u32 = 16 * 1024;
+const BASE: usize = 0x0800_0000 + (FIRST_SECTOR * SECTOR) as usize;
+const SIZE: usize = 2 * SECTOR as usize;
+
+const PG: u32 = 1;
+const SER: u32 = 1 << 1;
+/// Words of 32 bits.
+const PSIZE: u32 = 0b10 << 8;
+const START: u32 = 1 << 16;
+const LOCK: u32 = 1 << 31;
+/// Alignment, parallelism, sequence, protection, operation.
+const ERRORS: u32 = 0xF2;
+const BUSY: u32 = 1 << 16;
+/// Polls of a busy flash: each stalls until it answers, so that even an erase takes few.
+const POLLS: u32 = 1 << 24;
+
+static PERMITTED: AtomicBool = AtomicBool::new(false);
+
+/// Allows or forbids writing; given by the servo task while the head is disabled and the pulses are inhibited.
+pub fn permit(safe: bool) {
+    PERMITTED.store(safe, SeqCst);
+}
+
+/// The leave that [`permit`] gives, for the settings store.
+pub struct Permission(());
+
+/// The one permission; what it says changes with [`permit`].
+pub const PERMISSION: Permission = Permission(());
+
+impl Permit for Permission {
+    fn holds(&self) -> bool {
+        PERMITTED.load(SeqCst)
+    }
+}
+
+/// Why the flash refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
+pub enum FlashError {
+    /// The head is not disabled and inhibited.
+    NotPermitted,
+    /// Beyond the sectors.
+    OutOfBounds,
+    /// Not on a word or sector.
+    NotAligned,
+    /// The flash reports an error, with its status.
+    Failed(u32),
+    /// The flash stays busy.
+    Busy,
+}
+
+impl NorFlashError for FlashError {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            FlashError::OutOfBounds => NorFlashErrorKind::OutOfBounds,
+            FlashError::NotAligned => NorFlashErrorKind::NotAligned,
+            _ => NorFlashErrorKind::Other,
+        }
+    }
+}
+
+/// The two sectors.
+pub struct SettingsFlash(pac::FLASH);
+
+impl SettingsFlash {
+    /// Takes the flash interface, after the clocks have set its wait states.
+    pub fn new(flash: pac::FLASH) -> Self {
+        SettingsFlash(flash)
+    }
+
+    /// Address of `length` bytes at `offset`, both whole multiples of `unit`.
+    fn address(offset: u32, length: usize, unit: usize) -> Result<usize, FlashError> {
+        let offset = offset as usize;
+        if offset > SIZE || length > SIZE - offset {
+            return Err(FlashError::OutOfBounds);
+        }
+        if !offset.is_multiple_of(unit) || !length.is_multiple_of(unit) {
+            return Err(FlashError::NotAligned);
+        }
+        Ok(BASE + offset)
+    }
+
+    /// Unlocks, runs, locks.
+    fn unlocked(&mut self, run: impl FnOnce(&mut Self) -> Result<(), FlashError>) -> Result<(), FlashError> {
+        if !PERMITTED.load(SeqCst) {
+            return Err(FlashError::NotPermitted);
+        }
+        put!(self.0.keyr(), 0x4567_0123);
+        put!(self.0.keyr(), 0xCDEF_89AB);
+        put!(self.0.sr(), ERRORS);
+        let result = run(self);
+        put!(self.0.cr(), LOCK);
+        // What was read before may sit in the caches.
+        change!(self.0.acr(), clear 1 << 9 | 1 << 10, set 0);
+        change!(self.0.acr(), clear 0, set 1 << 11 | 1 << 12);
+        change!(self.0.acr(), clear 1 << 11 | 1 << 12, set 1 << 9 | 1 << 10);
+        result
+    }
+
+    fn wait(&self) -> Result<(), FlashError> {
+        for _ in 0..POLLS {
+            let status = self.0.sr().read().bits();
+            if status & BUSY == 0 {
+                return if status & ERRORS == 0 { Ok(()) } else { Err(FlashError::Failed(status)) };
+            }
+        }
+        Err(FlashError::Busy)
+    }
+}
+
+impl ErrorType for SettingsFlash {
+    type Error = FlashError;
+}
+
+impl ReadNorFlash for SettingsFlash {
+    const READ_SIZE: usize = 1;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
+        let address = Self::address(offset, bytes.len(), 1)?;
+        for (i, byte) in bytes.iter_mut().enumerate() {
+            // SAFETY: inside the two sectors (checked above), which are flash that nothing else refers to.
+            *byte = unsafe { core::ptr::with_exposed_provenance::<u8>(address + i).read_volatile() };
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        SIZE
+    }
+}
+
+impl NorFlash for SettingsFlash {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = SECTOR as usize;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
+        let length = to.checked_sub(from).ok_or(FlashError::OutOfBounds)? as usize;
+        Self::address(from, length, Self::ERASE_SIZE)?;
+        self.unlocked(|flash| {
+            for sector in from / SECTOR..to / SECTOR {
+                put!(flash.0.cr(), SER | PSIZE | (FIRST_SECTOR + sector) << 3);
+                put!(flash.0.cr(), SER | PSIZE | (FIRST_SECTOR + sector) << 3 | START);
+                flash.wait()?;
+            }
+            Ok(())
+        })
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        let address = Self::address(offset, bytes.len(), Self::WRITE_SIZE)?;
+        self.unlocked(|flash| {
+            put!(flash.0.cr(), PG | PSIZE);
+            let (words, _) = bytes.as_chunks::<4>();
+            for (i, word) in words.iter().enumerate() {
+                let to = core::ptr::with_exposed_provenance_mut::<u32>(address + 4 * i);
+                // SAFETY: inside the two sectors (checked above), aligned to a word, and unlocked for programming.
+                unsafe { to.write_volatile(u32::from_le_bytes(*word)) };
+                flash.wait()?;
+            }
+            Ok(())
+        })
+    }
+}
+
+// A word may be written again with further bits cleared (RM0090 3.6.3).
+impl MultiwriteNorFlash for SettingsFlash {}

@@ -1,0 +1,150 @@
+//! The lines that stop everything, written without asking anyone.
+//!
+//! [`stop`] and [`retract`] write registers that any priority may write at any moment: a port's set-reset register changes
+//! only the named pins in one store, and the PWM's mode register is theirs and the servo task's. What they did is counted;
+//! the servo task reads the count when its tick begins, and after it has written its own outputs it looks again: when the
+//! count has changed in between, it repeats what was forced ([`settle`]). So no lock is needed and a decision that
+//! was made before the short can never outlive it.
+
+use super::pins::{high, is_high, low};
+use super::{Board, pac, put};
+use crate::board::Pin;
+use core::sync::atomic::{AtomicU32, Ordering::SeqCst};
+
+const ALLOW: Pin = Board::TABLE.pin("allow_pulses");
+const FORWARD: Pin = Board::TABLE.pin("forward");
+const REVERSE: Pin = Board::TABLE.pin("reverse");
+const GATE: Pin = Board::TABLE.pin("gate");
+const BRIDGE_FAULT: Pin = Board::TABLE.pin("bridge_fault");
+const LED: Pin = Board::TABLE.pin("led");
+
+/// Modes of TIM1's channel 1 with its compare register preloaded (RM0090 17.4.7).
+pub(super) const PWM_MODE: u32 = 0b110 << 4 | PRELOAD;
+const FORCE_ON: u32 = 0b101 << 4 | PRELOAD;
+pub(super) const FORCE_OFF: u32 = 0b100 << 4;
+const PRELOAD: u32 = 1 << 3;
+
+/// How often the bridge was forced; the lowest bit says what it was last: 0 off, 1 retract.
+static FORCED: AtomicU32 = AtomicU32::new(0);
+/// How often a pulse was killed.
+static KILLED: AtomicU32 = AtomicU32::new(0);
+
+fn tim1() -> &'static pac::tim1::RegisterBlock {
+    // SAFETY: the register block is there for ever. Only the mode of channel 1 is used through this reference; the module's
+    // comment says why two writers of it agree.
+    unsafe { &*pac::TIM1::ptr() }
+}
+
+/// Pulses off.
+#[inline(always)]
+pub fn inhibit() {
+    low(ALLOW);
+}
+
+/// The generator's gate is open.
+#[inline(always)]
+pub fn gate_is_open() -> bool {
+    is_high(GATE)
+}
+
+/// The bridge's fault line; low is a fault.
+pub(super) fn bridge_fault_is_high() -> bool {
+    is_high(BRIDGE_FAULT)
+}
+
+#[inline(always)]
+fn off() {
+    put!(tim1().ccmr1_output(), FORCE_OFF);
+    low(FORWARD);
+    low(REVERSE);
+}
+
+#[inline(always)]
+fn up() {
+    put!(tim1().ccmr1_output(), FORCE_OFF);
+    low(FORWARD);
+    high(REVERSE);
+    put!(tim1().ccmr1_output(), FORCE_ON);
+}
+
+/// Pulses off and the bridge off, now. The servo task takes over with its next tick.
+#[inline(always)]
+pub fn stop() {
+    inhibit();
+    off();
+    FORCED.store((FORCED.load(SeqCst) | 1).wrapping_add(1), SeqCst);
+}
+
+/// Pulses off and full force away from the work, now. The servo task takes over with its next tick.
+///
+/// Only for the reflex: the highest priority, so that nothing comes between.
+#[inline(always)]
+pub fn retract() {
+    inhibit();
+    up();
+    FORCED.store((FORCED.load(SeqCst) | 1).wrapping_add(2), SeqCst);
+}
+
+/// Ends the pulse. Pulses stay off until the end of a servo tick that began later. Only for the reflex.
+#[inline(always)]
+pub fn kill_pulse() {
+    inhibit();
+    KILLED.store(KILLED.load(SeqCst).wrapping_add(1), SeqCst);
+}
+
+/// Pulses off and bridge off for good: for a dying program, which never comes back to settle it.
+pub fn kill() {
+    inhibit();
+    off();
+}
+
+/// Lights or darkens the status LED.
+pub fn led(lit: bool) {
+    if lit { high(LED) } else { low(LED) }
+}
+
+/// What was forced so far, as one moment saw it.
+#[derive(Clone, Copy)]
+pub struct Forced {
+    bridge: u32,
+    pulses: u32,
+}
+
+impl Forced {
+    /// The bridge was forced between `earlier` and this.
+    pub fn bridge_since(&self, earlier: &Forced) -> bool {
+        self.bridge != earlier.bridge
+    }
+}
+
+/// What was forced up to now.
+pub fn forced() -> Forced {
+    Forced { bridge: FORCED.load(SeqCst), pulses: KILLED.load(SeqCst) }
+}
+
+/// Repeats what was forced since `seen`, after outputs decided before it may have been written.
+pub fn settle(seen: Forced) {
+    let mut bridge = seen.bridge;
+    // Twice at the most: reflex or stop may come again while the first is repeated.
+    for _ in 0..2 {
+        let now = FORCED.load(SeqCst);
+        if now == bridge {
+            break;
+        }
+        inhibit();
+        if now & 1 == 1 {
+            up()
+        } else {
+            off()
+        }
+        bridge = now;
+    }
+    if KILLED.load(SeqCst) != seen.pulses {
+        inhibit();
+    }
+}
+
+/// Lets pulses through.
+pub(super) fn allow() {
+    high(ALLOW);
+}

@@ -1,0 +1,130 @@
+//! Everything of a board, started in the order that keeps it harmless, and handed out in parts.
+
+use super::blocks::{self, Blocks};
+use super::boot::{self, Boot};
+use super::can::{self, Receiver, Sender};
+use super::clocks;
+use super::cycles::Cycles;
+use super::drive::DriveAdc;
+use super::encoder::{self, Lines, Timer};
+use super::flash::SettingsFlash;
+use super::gate::Edges;
+use super::gated::{Gated, Thresholds};
+use super::generator::Interface;
+use super::pwm::{self, Bridge, Pwm};
+use super::safety::{self, Inputs};
+use super::start::StartError;
+use super::timebase::{self, Millisecond};
+use super::watchdog::Watchdog;
+use super::{Board, dma, pac, pins};
+use crate::board::APB1_HZ;
+use crate::board::gpio::{Tim4Ch2, Tim8Ch1, Tim8Ch3, Tim8Ch4};
+use crate::must;
+use crate::reflex::Limits;
+use crate::timing::can::{BitTiming, bit_timing};
+
+/// Bit timing of the bus: 1 Mbit/s.
+const BIT_TIMING: BitTiming = must!(bit_timing(APB1_HZ, 1_000_000));
+
+/// The parts of a running board; each goes to one task.
+#[allow(missing_docs, reason = "each part says what it is")]
+pub struct Machine {
+    pub boot: Boot,
+    pub clock: Cycles,
+    pub watchdog: Watchdog,
+    pub reflex: Gated,
+    pub thresholds: Thresholds,
+    pub lines: Lines,
+    pub timer: Timer,
+    pub blocks: Blocks,
+    pub bridge: Bridge,
+    pub generator: Interface,
+    pub inputs: Inputs,
+    pub drive: DriveAdc,
+    pub millisecond: Millisecond,
+    /// `None`, with the reason, when the controller does not answer: the head is then as good as without a host.
+    pub can: Result<(Sender, Receiver), StartError>,
+    pub flash: SettingsFlash,
+}
+
+impl Machine {
+    /// Starts the board as node `node`. Interrupts are off; the caller unmasks them when everything has its task.
+    ///
+    /// `watchdog` receives the watchdog as soon as it runs, so that the caller can feed it when the start fails.
+    pub fn start(
+        device: pac::Peripherals,
+        mut core: cortex_m::Peripherals,
+        build: u32,
+        node: u8,
+        limits: &'static Limits,
+        watchdog: &mut Option<Watchdog>,
+    ) -> Result<Machine, StartError> {
+        let rcc = &device.RCC;
+
+        // Harmless first: what could drive is driven low, from the internal oscillator.
+        let board =
+            Board::new(pins::ports((device.GPIOA, device.GPIOB, device.GPIOC, device.GPIOD, device.GPIOE), rcc));
+        let generator = Interface::new(device.DAC, board.allow_pulses, board.off_time, rcc);
+        let tim1 = Pwm::new(device.TIM1, board.pwm, board.bridge_fault, rcc);
+        let bridge = pwm::bridge(tim1, board.forward, board.reverse).map_err(|_| StartError::Bridge)?;
+        pins::output_low(board.led);
+        pins::output_low(board.flush_valve);
+
+        let boot = boot::begin(rcc, build);
+        *watchdog = Some(Watchdog::start(device.IWDG)?);
+        clocks::start(rcc, &device.FLASH)?;
+        let clock = Cycles::start(&mut core.DCB, &mut core.DWT);
+
+        safety::enable_lines(rcc);
+        let inputs = Inputs::new(
+            safety::contact(board.upper_limit),
+            safety::contact(board.lower_limit),
+            safety::contact(board.emergency_stop),
+            safety::contact(board.dielectric),
+        );
+        let (lines, timer) = encoder::new(device.TIM5, board.encoder_a, board.encoder_b, board.encoder_index, rcc);
+
+        pins::analog(board.gap_voltage);
+        pins::analog(board.gap_voltage_gated);
+        pins::analog(board.gap_current);
+        pins::analog(board.motor_current);
+        pins::analog(board.bus_voltage);
+        pins::alternate::<Tim8Ch1, _, _>(board.gate);
+        pins::alternate::<Tim8Ch3, _, _>(board.comparator_high);
+        pins::alternate::<Tim8Ch4, _, _>(board.comparator_low);
+        pins::alternate::<Tim4Ch2, _, _>(board.gate_start);
+        let streams = dma::streams(device.DMA2, rcc);
+        blocks::common(&device.ADC_COMMON, rcc);
+        let drive = DriveAdc::new(device.ADC3);
+        let edges = Edges::new(device.TIM8, (streams.s2, streams.s4, streams.s7), rcc)?;
+        let (reflex, thresholds) = Gated::new(device.ADC2, device.TIM4, streams.s3, limits, rcc)?;
+        let mut blocks = Blocks::new(device.ADC1, streams.s0, edges)?;
+        timebase::trigger(&device.TIM3, rcc);
+        timebase::start(&device.TIM3, blocks.edges().timer());
+        // Nothing may drive before the gap has been seen.
+        blocks.first()?;
+
+        let can = can::start(device.CAN1, board.can_rx, board.can_tx, BIT_TIMING, node, rcc);
+        let millisecond = Millisecond::new(device.TIM7, rcc);
+        let flash = SettingsFlash::new(device.FLASH);
+        let mut watching = watchdog.take().ok_or(StartError::Watchdog)?;
+        watching.normal()?;
+        Ok(Machine {
+            boot,
+            clock,
+            watchdog: watching,
+            reflex,
+            thresholds,
+            lines,
+            timer,
+            blocks,
+            bridge,
+            generator,
+            inputs,
+            drive,
+            millisecond,
+            can,
+            flash,
+        })
+    }
+}

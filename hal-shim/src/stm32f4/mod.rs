@@ -1,0 +1,71 @@
+//! The traits on an STM32F405/407, register by register. The only place with `unsafe`.
+//!
+//! Each part takes the pins and peripherals it needs by value, so that nothing is configured twice. What several
+//! priorities touch is atomic: reflex and stop share no lock with anyone.
+//!
+//! **Start-up order.** In reset, and with no CPU, every pin floats and the pulls on the board keep the bridge disabled and
+//! the pulses off. [`machine::Machine::start`] drives the same levels before anything else is configured. The PWM's main output
+//! stays off, and the pulses inhibited, until the servo task drives for the first time; it cannot before clocks, converters,
+//! timers and one whole block of conversions have been seen to work.
+
+pub mod blocks;
+pub mod boot;
+pub mod can;
+pub mod ccm;
+pub mod clocks;
+pub mod critical;
+pub mod cycles;
+pub mod dma;
+pub mod drive;
+pub mod dying;
+pub mod encoder;
+pub mod flash;
+pub mod gate;
+pub mod gated;
+pub mod generator;
+pub mod lines;
+pub mod machine;
+pub mod pins;
+pub mod power;
+pub mod pwm;
+pub mod safety;
+pub mod start;
+pub mod timebase;
+pub mod watchdog;
+
+pub use bxcan;
+#[cfg(not(feature = "board-f407-disc"))]
+pub use stm32f4::stm32f405 as pac;
+#[cfg(feature = "board-f407-disc")]
+pub use stm32f4::stm32f407 as pac;
+
+/// The board this image is for.
+#[cfg(not(feature = "board-f407-disc"))]
+pub type Board = crate::board::F405;
+/// The board this image is for.
+#[cfg(feature = "board-f407-disc")]
+pub type Board = crate::board::Disc;
+
+#[cfg(all(feature = "board-f405", feature = "board-f407-disc"))]
+compile_error!("one board a firmware image: use --no-default-features with board-f407-disc");
+
+/// Writes a whole register. Not for the address registers of a DMA stream.
+macro_rules! put {
+    ($register:expr, $bits:expr) => {{
+        let (register, bits) = (&$register, $bits);
+        // SAFETY: `bits` is unsafe because the reference manual, not the type, says which values are allowed; the value is
+        // one it allows, and no register but a DMA address can make the hardware touch memory.
+        unsafe { register.write(|w| w.bits(bits)) };
+    }};
+}
+pub(crate) use put;
+
+/// Sets and clears bits of a register that only its caller writes. Not for the address registers of a DMA stream.
+macro_rules! change {
+    ($register:expr, clear $clear:expr, set $set:expr) => {{
+        let (register, clear, set): (_, u32, u32) = (&$register, $clear, $set);
+        // SAFETY: as for `put`.
+        unsafe { register.modify(|r, w| w.bits(r.bits() & !clear | set)) };
+    }};
+}
+pub(crate) use change;

@@ -1,0 +1,121 @@
+//! TIM1: PWM of the bridge, and the servo tick.
+//!
+//! One period is one tick. A duty goes into the preload register and takes effect with the next update, exactly: the
+//! jitter of the servo task does not reach the output. Off takes effect at once. The break input switches the output off
+//! in hardware when the bridge reports a fault, and it stays off until [`arm`].
+
+use super::lines::{FORCE_OFF, PWM_MODE};
+use super::pins::{self, Output};
+use super::{change, pac, power, put};
+use crate::board::SERVO;
+use crate::board::gpio::{Carries, Pin, Tim1Bkin, Tim1Ch1};
+use crate::bridge::{BridgeFault, PwmBridge};
+use core::convert::Infallible;
+use embedded_hal::pwm::{ErrorType, SetDutyCycle};
+
+/// Main output enable.
+const MOE: u32 = 1 << 15;
+/// Break: enabled, active low, outputs driven to their idle level when off, no automatic return (RM0090 17.4.18).
+const BDTR: u32 = 1 << 12 | 1 << 11 | 1 << 10;
+/// Trigger output: counter enable (RM0090 17.4.2).
+const MMS_ENABLE: u32 = 0b001 << 4;
+
+/// PWM output of the bridge.
+pub struct Pwm {
+    tim: pac::TIM1,
+}
+
+impl Pwm {
+    /// Configures the timer with its output off, then connects the pins. It counts only when the time base starts it.
+    pub fn new<const P: char, const N: u8, const Q: char, const M: u8>(
+        tim: pac::TIM1,
+        output: Pin<P, N>,
+        fault: Pin<Q, M>,
+        rcc: &pac::RCC,
+    ) -> Self
+    where
+        Pin<P, N>: Carries<Tim1Ch1>,
+        Pin<Q, M>: Carries<Tim1Bkin>,
+    {
+        power::TIM1.reset(rcc);
+        put!(tim.psc(), u32::from(SERVO.prescaler));
+        put!(tim.arr(), SERVO.reload);
+        put!(tim.ccmr1_output(), FORCE_OFF);
+        put!(tim.ccer(), 1);
+        put!(tim.cr2(), MMS_ENABLE);
+        put!(tim.bdtr(), BDTR);
+        // Loads prescaler and reload; the update flag it leaves is cleared.
+        put!(tim.egr(), 1);
+        put!(tim.sr(), 0);
+        // Update interrupt: the servo tick. Break interrupt: the bridge's fault.
+        put!(tim.dier(), 1 | 1 << 7);
+        pins::alternate::<Tim1Bkin, Q, M>(fault);
+        pins::alternate::<Tim1Ch1, P, N>(output);
+        Pwm { tim }
+    }
+}
+
+impl ErrorType for Pwm {
+    type Error = Infallible;
+}
+
+impl SetDutyCycle for Pwm {
+    fn max_duty_cycle(&self) -> u16 {
+        SERVO.steps() as u16
+    }
+
+    #[inline]
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        put!(self.tim.ccr1(), u32::from(duty));
+        Ok(())
+    }
+
+    /// At once, and until a duty set afterwards takes effect with the next update.
+    #[inline]
+    fn set_duty_cycle_fully_off(&mut self) -> Result<(), Infallible> {
+        // Forced low without preload, so that 0 reaches the compare register itself and the output stays low when the
+        // mode returns.
+        put!(self.tim.ccmr1_output(), FORCE_OFF);
+        put!(self.tim.ccr1(), 0);
+        put!(self.tim.ccmr1_output(), PWM_MODE);
+        Ok(())
+    }
+}
+
+fn tim1() -> &'static pac::tim1::RegisterBlock {
+    // SAFETY: the register block is there for ever. Used through this reference: the flags, which are cleared by writing 0 to
+    // one alone, and the main output enable, which only the servo task sets and only the hardware clears.
+    unsafe { &*pac::TIM1::ptr() }
+}
+
+/// Acknowledges the servo tick.
+#[inline(always)]
+pub fn clear_tick() {
+    put!(tim1().sr(), !1);
+}
+
+/// Acknowledges the break.
+#[inline(always)]
+pub fn clear_break() {
+    put!(tim1().sr(), !(1 << 7));
+}
+
+/// Connects the output of the PWM; the hardware refuses while the bridge reports a fault. For the servo task.
+#[inline(always)]
+pub fn arm() {
+    if tim1().bdtr().read().bits() & MOE == 0 {
+        change!(tim1().bdtr(), clear 0, set MOE);
+    }
+}
+
+/// The bridge of a board: PWM and the two direction pins, coasting.
+pub type Bridge = PwmBridge<Pwm, Output, Output>;
+
+/// Makes the bridge. The direction pins are low before they become outputs.
+pub fn bridge<const P: char, const N: u8, const Q: char, const M: u8>(
+    pwm: Pwm,
+    forward: Pin<P, N>,
+    reverse: Pin<Q, M>,
+) -> Result<Bridge, BridgeFault> {
+    PwmBridge::new(pwm, pins::output_low(forward), pins::output_low(reverse))
+}

@@ -1,0 +1,122 @@
+//! Safety inputs: levels for the servo task, edges for the stop task.
+
+use super::pins::{self, Input};
+use super::{Board, change, lines, pac, power, put};
+use crate::board::gpio::Pin;
+use crate::safety::{Contact, Safety, SafetyInputs, SafetyPins};
+use core::convert::Infallible;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use embedded_hal::digital::{ErrorType, InputPin, PinState};
+
+const UPPER: u32 = 1 << Board::TABLE.pin("upper_limit").number;
+const LOWER: u32 = 1 << Board::TABLE.pin("lower_limit").number;
+const EMERGENCY: u32 = 1 << Board::TABLE.pin("emergency_stop").number;
+const DIELECTRIC: u32 = 1 << Board::TABLE.pin("dielectric").number;
+const LINES: u32 = UPPER | LOWER | EMERGENCY | DIELECTRIC;
+/// Not a line: the bridge's fault comes through the timer's break.
+const BRIDGE: u32 = 1 << 31;
+
+// One vector serves them all, and nothing else.
+const _: () = assert!(LINES & !0xFC00 == 0);
+
+/// Conditions that were seen unsafe since the servo task last asked, in the bits of their lines.
+static SEEN: AtomicU32 = AtomicU32::new(0);
+
+pub(super) fn exti() -> &'static pac::exti::RegisterBlock {
+    // SAFETY: the register block is there for ever. The mask and edge registers are changed at start-up, with interrupts
+    // off, and afterwards only by the encoder's storm guard; the pending register clears only bits written as 1.
+    unsafe { &*pac::EXTI::ptr() }
+}
+
+/// Connects an interrupt line to its pin on a port (RM0090 9.2.3). At start-up only.
+pub(super) fn connect(port: char, line: u32) {
+    // SAFETY: the register block is there for ever, and nothing else runs yet.
+    let syscfg = unsafe { &*pac::SYSCFG::ptr() };
+    let code = port as u32 - 'A' as u32;
+    let shift = 4 * (line % 4);
+    match line / 4 {
+        0 => change!(syscfg.exticr1(), clear 0xF << shift, set code << shift),
+        1 => change!(syscfg.exticr2(), clear 0xF << shift, set code << shift),
+        2 => change!(syscfg.exticr3(), clear 0xF << shift, set code << shift),
+        _ => change!(syscfg.exticr4(), clear 0xF << shift, set code << shift),
+    }
+}
+
+/// Clocks the line selector. Before anything is connected.
+pub fn enable_lines(rcc: &pac::RCC) {
+    power::SYSCFG.clock(rcc);
+}
+
+/// The bridge's fault line, which belongs to the timer's break input but can be read.
+pub struct FaultLine(());
+
+impl ErrorType for FaultLine {
+    type Error = Infallible;
+}
+
+impl InputPin for FaultLine {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(lines::bridge_fault_is_high())
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        Ok(!lines::bridge_fault_is_high())
+    }
+}
+
+/// The inputs of a board.
+pub struct Inputs(SafetyPins<Input, Input, Input, Input, FaultLine>);
+
+/// Connects a pin, which becomes an input, to its interrupt line.
+pub fn contact<const P: char, const N: u8>(pin: Pin<P, N>) -> Input {
+    connect(P, u32::from(N));
+    pins::input(pin)
+}
+
+impl Inputs {
+    /// Takes connected inputs and opens their interrupt lines.
+    pub fn new(upper_limit: Input, lower_limit: Input, emergency_stop: Input, dielectric: Input) -> Self {
+        // An open contact is a rising edge. A level that is open already is seen by the servo task before it may drive.
+        change!(exti().rtsr(), clear 0, set LINES);
+        change!(exti().imr(), clear 0, set LINES);
+        Inputs(SafetyPins {
+            upper_limit: Contact::normally_closed(upper_limit),
+            lower_limit: Contact::normally_closed(lower_limit),
+            emergency_stop: Contact::normally_closed(emergency_stop),
+            dielectric: Contact::normally_closed(dielectric),
+            bridge_fault: Contact::safe_at(FaultLine(()), PinState::High),
+        })
+    }
+}
+
+/// The stop task: the first edge stops. Atomics only.
+#[inline(always)]
+pub fn stop() {
+    lines::stop();
+    let pending = exti().pr().read().bits() & LINES;
+    put!(exti().pr(), pending);
+    SEEN.fetch_or(pending, Relaxed);
+}
+
+/// The bridge's fault task. The output is off already.
+#[inline(always)]
+pub fn bridge_fault() {
+    lines::stop();
+    super::pwm::clear_break();
+    SEEN.fetch_or(BRIDGE, Relaxed);
+}
+
+impl Safety for Inputs {
+    /// Levels now, together with every condition that was unsafe for however short a time since the last call.
+    fn read(&mut self) -> SafetyInputs {
+        let seen = SEEN.swap(0, Relaxed);
+        let now = self.0.read();
+        SafetyInputs {
+            upper_limit: now.upper_limit || seen & UPPER != 0,
+            lower_limit: now.lower_limit || seen & LOWER != 0,
+            emergency_stop: now.emergency_stop || seen & EMERGENCY != 0,
+            dielectric: now.dielectric || seen & DIELECTRIC != 0,
+            bridge_fault: now.bridge_fault || seen & BRIDGE != 0,
+        }
+    }
+}

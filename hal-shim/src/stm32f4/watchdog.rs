@@ -1,0 +1,59 @@
+//! The independent watchdog: its own oscillator, and no way to stop it.
+//!
+//! Halting the core in a debugger therefore resets it, on purpose: a halted core does not hold an axis.
+
+use super::start::{StartError, within};
+use super::{pac, put};
+
+/// Frequency of its oscillator at the slowest; 32 kHz typically, 47 kHz at the fastest (data sheet).
+const SLOWEST_HZ: u32 = 17_000;
+
+/// Time-out in normal operation, at the most: how long a dead core can leave the bridge driving.
+const NORMAL_MS: u32 = 30;
+/// Time-out while flash is erased, at the least, with the fastest oscillator: an erase of 16 KiB takes 0.5 s at most.
+const ERASE_MS: u32 = 1000;
+const FASTEST_HZ: u32 = 47_000;
+
+/// Prescaler / 4 and / 64 as codes of IWDG_PR, and their reloads.
+const NORMAL: (u16, u32) = (0, NORMAL_MS * SLOWEST_HZ / 4 / 1000);
+const ERASE: (u16, u32) = (4, ERASE_MS * FASTEST_HZ / 64 / 1000 + 1);
+const _: () = assert!(NORMAL.1 < 4096 && ERASE.1 < 4096);
+
+/// The watchdog.
+pub struct Watchdog(pac::IWDG);
+
+impl Watchdog {
+    /// Starts it: from here on a hang is a reset, even before there are clocks.
+    pub fn start(iwdg: pac::IWDG) -> Result<Self, StartError> {
+        put!(iwdg.kr(), 0xCCCC);
+        let mut watchdog = Watchdog(iwdg);
+        watchdog.set(ERASE)?;
+        Ok(watchdog)
+    }
+
+    /// Starts to watch closely: everything runs.
+    pub fn normal(&mut self) -> Result<(), StartError> {
+        self.set(NORMAL)
+    }
+
+    /// Makes room for an erase, during which nothing can feed it. Only while disabled and inhibited.
+    pub fn erase(&mut self) -> Result<(), StartError> {
+        self.set(ERASE)
+    }
+
+    fn set(&mut self, (prescaler, reload): (u16, u32)) -> Result<(), StartError> {
+        put!(self.0.kr(), 0x5555);
+        put!(self.0.pr(), prescaler);
+        put!(self.0.rlr(), reload as u16);
+        // Five cycles of the slow oscillator.
+        within(100_000, || self.0.sr().read().bits() & 0b11 == 0, StartError::Watchdog)?;
+        self.feed();
+        Ok(())
+    }
+
+    /// Another time-out.
+    #[inline]
+    pub fn feed(&mut self) {
+        put!(self.0.kr(), 0xAAAA);
+    }
+}

@@ -1,0 +1,240 @@
+//! Settings kept in two reserved flash sectors, through power cuts.
+//!
+//! An *image* is the stored form of the settings, opaque here. sequential-storage appends each image to a log in one sector,
+//! with checksums of length and content; a *sequence* number in front of it says which of two images is newer. When the
+//! sector is full, the other one is erased and the log goes on there. Erases alternate, so both sectors wear alike: one
+//! erase for every 16 KiB of images.
+//!
+//! The crate's own move between sectors is not used: it takes sector states from two marker words, and a sector whose erase
+//! was interrupted can show any markers. With the torn erases of the flash double it returned images older than the last
+//! one and, on the next save, lost all of them. Here the crate sees one sector at a time beside a blank one, may not
+//! erase, and every image is read back before it counts.
+//!
+//! On a single-bank flash an erase stalls the processor for up to half a second. Writing therefore needs a [`Permit`].
+
+mod sector;
+
+use crate::storage::NorFlash;
+use core::fmt;
+use core::marker::PhantomData;
+use sector::{Denied, OneSector, Record, at_once, log};
+use sequential_storage::Error as LogError;
+
+/// Longest image, bytes. Part of the stored format: a longer record is taken for damage, so it may grow but not shrink.
+pub const MAX_IMAGE: usize = 2048;
+/// Bytes a load or save works in.
+pub const BUFFER: usize = MAX_IMAGE + 8;
+/// Layout of a record: sequence, this number, image.
+const FORMAT: u8 = 1;
+
+/// Leave to write flash: the drive is disabled and pulses are inhibited.
+///
+/// The head implements this on a type that only its own state can make, and the firmware names that type in
+/// [`Store<F, P>`](Store): nothing else can then start a write.
+pub trait Permit {
+    /// Still disabled and inhibited. Asked before every operation on the flash; leave withdrawn in the middle of a save
+    /// ends it as a power cut would.
+    fn holds(&self) -> bool;
+}
+
+/// Why an image could not be loaded or saved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum StoreError<E> {
+    /// Not permitted, or no longer: the drive must be disabled and pulses inhibited.
+    Refused,
+    /// The image is longer than [`MAX_IMAGE`].
+    TooLong,
+    /// The newest image was stored in this unknown format.
+    Format(u8),
+    /// The sectors do not lie within the flash, or do not begin at an erase boundary.
+    Region,
+    /// The flash accepted the image but does not read it back: worn out. The image before is still there.
+    NotVerified,
+    /// The log did what it never should; nothing was erased.
+    Defect,
+    /// The flash failed.
+    Flash(E),
+}
+
+impl<E: fmt::Debug> fmt::Display for StoreError<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            StoreError::Refused => f.write_str("settings are stored only while disabled with pulses inhibited"),
+            StoreError::TooLong => write!(f, "image of settings is longer than {MAX_IMAGE} bytes"),
+            StoreError::Format(format) => {
+                write!(f, "stored settings have format {format}, this firmware reads {FORMAT}")
+            }
+            StoreError::Region => f.write_str("settings sectors do not fit the flash"),
+            StoreError::NotVerified => f.write_str("settings do not read back as written: flash worn out"),
+            StoreError::Defect => f.write_str("settings log is defective"),
+            StoreError::Flash(e) => write!(f, "flash failed: {e:?}"),
+        }
+    }
+}
+
+impl<E: fmt::Debug> core::error::Error for StoreError<E> {}
+
+/// Two sectors of `F` that hold settings, written only under a permit of type `P`.
+///
+/// `F` erases in the unit of one reserved sector, programs words of at most 8 bytes, and bounds every wait of its own.
+pub struct Store<F, P> {
+    flash: F,
+    start: u32,
+    permit: PhantomData<fn(&P)>,
+}
+
+/// The newest image of one sector.
+#[derive(Clone, Copy)]
+struct Found {
+    sector: u32,
+    sequence: u32,
+    format: u8,
+    /// Place of the image in the buffer.
+    len: usize,
+}
+
+impl<F: NorFlash, P: Permit> Store<F, P> {
+    /// Takes the two sectors that begin at offset `start` of the flash.
+    pub fn new(flash: F, start: u32) -> Result<Self, StoreError<F::Error>> {
+        const { assert!(F::ERASE_SIZE >= 2 * BUFFER && F::WRITE_SIZE <= 8) };
+        let start_at = start as usize;
+        let fits = start_at.checked_add(2 * F::ERASE_SIZE).is_some_and(|end| end <= flash.capacity());
+        if !fits || !start_at.is_multiple_of(F::ERASE_SIZE) {
+            return Err(StoreError::Region);
+        }
+        Ok(Store { flash, start, permit: PhantomData })
+    }
+
+    /// The image saved last, or `None` when there never was one. Reads only, at any time.
+    pub fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Option<&'b [u8]>, StoreError<F::Error>> {
+        match self.newest(buffer)? {
+            None => Ok(None),
+            Some(found) if found.format != FORMAT => Err(StoreError::Format(found.format)),
+            Some(found) => Ok(buffer.get(Record::HEADER..Record::HEADER + found.len)),
+        }
+    }
+
+    /// Saves an image. When this returns, `load` gives it back; cut short at any point, `load` gives it or the one before.
+    ///
+    /// An image that is the newest already is not written again.
+    pub fn save(&mut self, image: &[u8], buffer: &mut [u8; BUFFER], permit: &P) -> Result<(), StoreError<F::Error>> {
+        if image.len() > MAX_IMAGE {
+            return Err(StoreError::TooLong);
+        }
+        if !permit.holds() {
+            return Err(StoreError::Refused);
+        }
+        let newest = self.newest(buffer)?;
+        let (mut sector, mut sequence) = (0, 0);
+        if let Some(found) = newest {
+            if found.format == FORMAT && found.image(buffer) == Some(image) {
+                return Ok(());
+            }
+            sequence = found.sequence.wrapping_add(1);
+            let record = Record { sequence, format: FORMAT, image };
+            if self.append(found.sector, &record, buffer, permit)? {
+                return Ok(());
+            }
+            sector = 1 - found.sector;
+        }
+        // The other sector holds nothing newer. Erased even if it looks blank: an interrupted erase can look so, too.
+        if !permit.holds() {
+            return Err(StoreError::Refused);
+        }
+        let from = self.base(sector);
+        self.flash.erase(from, from + F::ERASE_SIZE as u32).map_err(StoreError::Flash)?;
+        let record = Record { sequence, format: FORMAT, image };
+        if self.append(sector, &record, buffer, permit)? { Ok(()) } else { Err(StoreError::NotVerified) }
+    }
+
+    fn base(&self, sector: u32) -> u32 {
+        self.start + sector * F::ERASE_SIZE as u32
+    }
+
+    /// The newer of the two sectors' newest images, left in the buffer.
+    fn newest(&mut self, buffer: &mut [u8; BUFFER]) -> Result<Option<Found>, StoreError<F::Error>> {
+        match (self.look(0, buffer)?, self.look(1, buffer)?) {
+            // The buffer holds what was looked at last.
+            (Some(a), b) if b.is_none_or(|b| a.sequence > b.sequence) => self.look(0, buffer),
+            (_, b) => Ok(b),
+        }
+    }
+
+    /// The newest image of one sector, left in the buffer.
+    fn look(&mut self, sector: u32, buffer: &mut [u8; BUFFER]) -> Result<Option<Found>, StoreError<F::Error>> {
+        let base = self.base(sector);
+        let mut end = F::ERASE_SIZE as u32;
+        loop {
+            let mut view = OneSector::<F, P> { flash: &mut self.flash, base, end, last: 0, permit: None };
+            let fetched = at_once(log(&mut view).fetch_item::<Record>(buffer, &()));
+            return match fetched {
+                Ok(record) => {
+                    Ok(record.map(|r| Found { sector, sequence: r.sequence, format: r.format, len: r.image.len() }))
+                }
+                // A header cut short that happens to promise more than was ever written. What lies before it is whole.
+                Err(LogError::BufferTooSmall(_)) if view.last < end => {
+                    end = view.last;
+                    continue;
+                }
+                Err(LogError::Storage { value: Denied::Flash(e) }) => Err(StoreError::Flash(e)),
+                Err(LogError::LogicBug { .. }) => Err(StoreError::Defect),
+                // The crate wanted to repair, or found nothing it understands.
+                Err(_) => Ok(None),
+            };
+        }
+    }
+
+    /// Appends a record to the log of a sector and reads it back; `false` when it is not there afterwards, as in a sector
+    /// that is full.
+    fn append(
+        &mut self,
+        sector: u32,
+        record: &Record,
+        buffer: &mut [u8; BUFFER],
+        permit: &P,
+    ) -> Result<bool, StoreError<F::Error>> {
+        let (base, end) = (self.base(sector), F::ERASE_SIZE as u32);
+        let mut view = OneSector { flash: &mut self.flash, base, end, last: 0, permit: Some(permit) };
+        match at_once(log(&mut view).store_item(buffer, &(), record)) {
+            Err(LogError::Storage { value: Denied::Flash(e) }) => return Err(StoreError::Flash(e)),
+            Err(LogError::Storage { value: Denied::NotPermitted }) => return Err(StoreError::Refused),
+            Err(LogError::LogicBug { .. }) => return Err(StoreError::Defect),
+            Err(_) => return Ok(false),
+            Ok(()) => {}
+        }
+        let found = self.look(sector, buffer)?;
+        Ok(found.is_some_and(|f| f.sequence == record.sequence && f.image(buffer) == Some(record.image)))
+    }
+}
+
+impl Found {
+    fn image<'b>(&self, buffer: &'b [u8; BUFFER]) -> Option<&'b [u8]> {
+        buffer.get(Record::HEADER..Record::HEADER + self.len)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::double::flash::TestFlash;
+
+    struct Leave;
+
+    impl Permit for Leave {
+        fn holds(&self) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn a_newer_format_is_named_not_decoded_and_can_be_replaced() {
+        let mut buffer = [0; BUFFER];
+        let mut store = Store::new(TestFlash::<2>::default(), 0).unwrap();
+        let record = Record { sequence: 9, format: FORMAT + 1, image: b"?" };
+        assert_eq!(store.append(0, &record, &mut buffer, &Leave), Ok(true));
+        assert_eq!(store.load(&mut buffer), Err(StoreError::Format(2)));
+        store.save(b"?", &mut buffer, &Leave).unwrap();
+        assert_eq!(store.load(&mut buffer), Ok(Some(&b"?"[..])));
+    }
+}

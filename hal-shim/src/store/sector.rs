@@ -1,0 +1,128 @@
+//! One sector as a log of sequential-storage: the record, the view of the sector, and its futures run at once.
+
+use super::Permit;
+use crate::storage::{NorFlash, NorFlashError, NorFlashErrorKind};
+use core::fmt;
+use core::pin::pin;
+use core::task::{Context, Poll, Waker};
+use embedded_storage_async::nor_flash;
+use sequential_storage::Error as LogError;
+use sequential_storage::cache::{Cache, Uncached};
+use sequential_storage::map::{MapConfig, MapStorage, SerializationError, Value};
+
+/// What the log holds. Every format begins with the sequence.
+pub(super) struct Record<'a> {
+    pub sequence: u32,
+    pub format: u8,
+    pub image: &'a [u8],
+}
+
+impl Record<'_> {
+    /// Bytes before the image.
+    pub const HEADER: usize = 5;
+}
+
+impl<'a> Value<'a> for Record<'a> {
+    fn serialize_into(&self, buffer: &mut [u8]) -> Result<usize, SerializationError> {
+        let len = Self::HEADER + self.image.len();
+        let (header, image) = buffer
+            .get_mut(..len)
+            .and_then(|b| b.split_first_chunk_mut::<5>())
+            .ok_or(SerializationError::BufferTooSmall)?;
+        let [a, b, c, d] = self.sequence.to_le_bytes();
+        *header = [a, b, c, d, self.format];
+        image.copy_from_slice(self.image);
+        Ok(len)
+    }
+
+    fn deserialize_from(buffer: &'a [u8]) -> Result<(Self, usize), SerializationError> {
+        let (&[a, b, c, d, format], image) =
+            buffer.split_first_chunk::<5>().ok_or(SerializationError::InvalidFormat)?;
+        Ok((Record { sequence: u32::from_le_bytes([a, b, c, d]), format, image }, buffer.len()))
+    }
+}
+
+/// The log of the sector that `view` shows.
+pub(super) fn log<'v, 'f, F: NorFlash, P: Permit>(view: &'v mut OneSector<'f, F, P>) -> Log<'v, 'f, F, P> {
+    MapStorage::new(view, const { MapConfig::new(0..2 * F::ERASE_SIZE as u32) }, Cache::new_uncached())
+}
+
+pub(super) type Log<'v, 'f, F, P> = MapStorage<(), &'v mut OneSector<'f, F, P>, Cache<Uncached, Uncached, Uncached>>;
+
+/// Runs a future that never waits: the flash beneath it answers at once. A single poll, so nothing can hang here.
+pub(super) fn at_once<T, E>(future: impl Future<Output = Result<T, LogError<E>>>) -> Result<T, LogError<E>> {
+    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(result) => result,
+        Poll::Pending => Err(LogError::LogicBug {}),
+    }
+}
+
+/// One sector as sequential-storage sees it: page 0 of two, the other one blank and closed to it.
+pub(super) struct OneSector<'f, F, P> {
+    pub flash: &'f mut F,
+    /// Where the sector begins in the flash.
+    pub base: u32,
+    /// Reads from here on give blank cells.
+    pub end: u32,
+    /// Where the last read began.
+    pub last: u32,
+    /// `None` to read only.
+    pub permit: Option<&'f P>,
+}
+
+/// Why a view did not do as it was told.
+#[derive(Debug)]
+pub(super) enum Denied<E> {
+    Flash(E),
+    NotPermitted,
+    /// Outside the sector, or an erase.
+    NotHere,
+}
+
+impl<E: fmt::Debug> NorFlashError for Denied<E> {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl<F: NorFlash, P> nor_flash::ErrorType for OneSector<'_, F, P> {
+    type Error = Denied<F::Error>;
+}
+
+impl<F: NorFlash, P> nor_flash::ReadNorFlash for OneSector<'_, F, P> {
+    const READ_SIZE: usize = F::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+        self.last = offset;
+        if offset < self.end {
+            self.flash.read(self.base + offset, bytes).map_err(Denied::Flash)
+        } else {
+            bytes.fill(0xFF);
+            Ok(())
+        }
+    }
+
+    fn capacity(&self) -> usize {
+        2 * F::ERASE_SIZE
+    }
+}
+
+impl<F: NorFlash, P: Permit> nor_flash::NorFlash for OneSector<'_, F, P> {
+    const WRITE_SIZE: usize = F::WRITE_SIZE;
+    const ERASE_SIZE: usize = F::ERASE_SIZE;
+
+    async fn erase(&mut self, _from: u32, _to: u32) -> Result<(), Self::Error> {
+        Err(Denied::NotHere)
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+        let permit = self.permit.ok_or(Denied::NotHere)?;
+        if offset >= F::ERASE_SIZE as u32 {
+            return Err(Denied::NotHere);
+        }
+        if !permit.holds() {
+            return Err(Denied::NotPermitted);
+        }
+        self.flash.write(self.base + offset, bytes).map_err(Denied::Flash)
+    }
+}

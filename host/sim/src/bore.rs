@@ -1,0 +1,185 @@
+//! A hole, from a head at rest to its depth or to the reason why not.
+
+use crate::machine::Machine;
+use crate::process::{Parameters, Process};
+use crate::run::{FaultEvent, Job, Observer, Outcome, Progress, Sample};
+use crate::scenario::Scenario;
+use edm_servo_head::gap::{GapSource, Voltage};
+use edm_servo_head::head::{Command, Reason, State};
+use edm_servo_head::settings::{SettingError, Settings};
+use edm_servo_head::units::{Nanometres, TICK_HZ};
+use std::ops::RangeInclusive;
+
+/// Values for a run.
+pub type Setup = Scenario<Parameters, Settings>;
+
+/// Rest before the head is switched on, ticks: the velocity estimate has seen the standstill.
+const REST: u32 = 100;
+/// Ticks between two reports of progress: 100 ms.
+const PROGRESS: u64 = TICK_HZ as u64 / 10;
+/// Ticks that a fault reaction is watched for: long enough for every reaction to come to rest.
+const AFTERMATH: u64 = TICK_HZ as u64 / 2;
+/// Slowest boring that is waited for, mm/min: a twentieth of the default scenario's. [`PATIENCE_S`] comes on top.
+const SLOWEST: f64 = 0.01;
+const PATIENCE_S: f64 = 60.0;
+/// Open loop in which the shot floor is measured, and the settling of filters and debris before it, ticks.
+const FLOOR: u32 = 5 * TICK_HZ;
+const FLOOR_SETTLE: u32 = 2 * TICK_HZ;
+
+/// Checks the values against each other.
+pub fn check(setup: &Setup) -> Result<(), SettingError> {
+    setup.process.validate()?;
+    setup.head.build()?;
+    if depth_range_mm(setup).is_empty() {
+        let rule = "must lie above actuator.stroke_mm, limit.lower_mm and axis.stroke_um, or there is nothing to bore";
+        return Err(SettingError::Conflict { field: "workpiece.surface_mm", rule });
+    }
+    Ok(())
+}
+
+/// Depths that can be bored, mm: from a micrometre to the lower end of the stroke, or to the lower limit switch.
+pub fn depth_range_mm(setup: &Setup) -> RangeInclusive<f64> {
+    let p = &setup.process;
+    let lowest = p.stroke.min(p.lower_limit).min(setup.head.axis_stroke * 1e-3);
+    // In whole micrometres, so that the limit reads as a person would write it.
+    let whole = |mm: f64| (mm * 1000.0).floor() / 1000.0;
+    0.001..=whole(f64::from(lowest) - f64::from(p.surface) + 1e-6)
+}
+
+/// Bores a hole: one sample a servo tick to `observer`, progress every 100 ms of simulated time.
+///
+/// A fault of the head is an [`Outcome`]; an error means that the run could not be made.
+pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&Progress)) -> Result<Outcome, String> {
+    let setup = &job.setup;
+    // The virtual head's guided check counts as passed: it needs an axis without a workpiece.
+    let settings = Settings { commissioned: true, ..setup.head };
+    let refused = |error| setup.refusal(error);
+    let first_surface_um = f64::from(setup.process.surface) * 1e3;
+    let mut parameters = setup.process;
+    if job.surrogate {
+        // The dry loop is run without a workpiece: it lies at the very end of the stroke.
+        parameters.surface = parameters.stroke * 0.999;
+    }
+    let mut machine = Machine::new(&parameters, &settings, job.seed).map_err(refused)?;
+    if job.surrogate {
+        machine.run_dry(&settings, first_surface_um, job.seed);
+    }
+    for _ in 0..REST {
+        machine.tick();
+    }
+    // Home is where the head rests: not quite the stop's zero, because the stop gives way.
+    let home = machine.process.truth().count;
+    let home_um = home as f64 * f64::from(setup.process.count);
+    let target = Nanometres(((first_surface_um + job.depth_mm * 1e3 - home_um) * 1e3).round() as i64);
+    for command in [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(target), Command::Start] {
+        machine.command(command)?;
+    }
+
+    let limit = ((job.depth_mm / SLOWEST * 60.0 + PATIENCE_S) * f64::from(TICK_HZ)) as u64;
+    let mut faults: Vec<FaultEvent> = Vec::new();
+    let mut fault_tick = None;
+    let mut eroding = Means::default();
+    let mut tick = 0;
+    let state = loop {
+        machine.tick();
+        tick += 1;
+        let sample = sample(&machine, home_um);
+        observer.sample(&sample);
+        let state = machine.head.status().state;
+        while let Some(change) = machine.head.next_change() {
+            if let Reason::Fault(fault) = change.reason {
+                faults.push(FaultEvent { t_s: sample.t_s, fault: fault.name().into() });
+                fault_tick.get_or_insert(tick);
+            }
+        }
+        if state == State::Eroding {
+            eroding.take(sample.gap_um, machine.process.truth().debris);
+        }
+        if tick % PROGRESS == 1 {
+            let depth_mm = (sample.position_um - first_surface_um) * 1e-3;
+            progress(&Progress { sim_time_s: sample.t_s, depth_mm, state: sample.state });
+        }
+        let over = fault_tick.is_some_and(|from| tick - from >= AFTERMATH);
+        if state == State::Done || over || tick >= limit {
+            break state;
+        }
+    };
+
+    let truth = machine.process.truth();
+    let completed = state == State::Done && faults.is_empty();
+    let stop_reason = match faults.first() {
+        _ if completed => "depth reached".into(),
+        Some(event) => event.fault.clone(),
+        None => format!("depth not reached in {:.0} min", truth.t_s / 60.0),
+    };
+    let sparks = !job.surrogate && eroding.ticks > 0.0;
+    let shot_floor_rms_v = if sparks { Some(shot_floor(setup, job.seed, &eroding)?) } else { None };
+    Ok(Outcome {
+        completed,
+        stop_reason,
+        depth_mm: (truth.face_um - first_surface_um) * 1e-3,
+        sim_time_s: truth.t_s,
+        shot_floor_rms_v,
+        pulses: truth.pulses,
+        lost_counts: machine.head.status().position.abs_diff(truth.count - home),
+        illegal_transitions: machine.head.status().illegal_transitions.into(),
+        faults,
+    })
+}
+
+fn sample(machine: &Machine, home_um: f64) -> Sample {
+    let truth = machine.process.truth();
+    let status = machine.head.status();
+    let (surface_um, gap_um) = match machine.imagined_surface_um() {
+        Some(surface_um) => (surface_um, surface_um - truth.position_um),
+        None => (truth.surface_um, truth.gap_um),
+    };
+    Sample {
+        t_s: truth.t_s,
+        position_um: truth.face_um,
+        setpoint_um: home_um + f64::from(status.setpoint.to_f32()),
+        velocity_um_s: truth.velocity_um_s,
+        surface_um,
+        gap_um,
+        gap_v: status.gap.block.0,
+        filtered_v: status.gap.filtered.0,
+        setpoint_v: status.gap_setpoint.0,
+        duty: status.duty,
+        state: status.state.name(),
+    }
+}
+
+/// Sums over the eroding ticks.
+#[derive(Default)]
+struct Means {
+    ticks: f64,
+    gap_um: f64,
+    debris: f64,
+}
+
+impl Means {
+    fn take(&mut self, gap_um: f64, debris: f64) {
+        self.ticks += 1.0;
+        self.gap_um += gap_um;
+        self.debris += debris;
+    }
+}
+
+/// Scatter of the filtered gap voltage at a gap held still: what chance, noise and hum alone do, V rms.
+fn shot_floor(setup: &Setup, seed: u64, means: &Means) -> Result<f64, String> {
+    let refused = |error| setup.refusal(error);
+    let active = setup.head.build().map_err(refused)?;
+    let mut process = Process::new(&setup.process, seed).map_err(refused)?;
+    let mut source = Voltage::new(active.gap);
+    process.hold_gap(means.gap_um / means.ticks, means.debris / means.ticks);
+    let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
+    for tick in 0..FLOOR_SETTLE + FLOOR {
+        let sensors = process.advance(edm_hal_shim::bridge::Drive::Coast, true);
+        let volts = f64::from(source.update(Some(&sensors.block)).filtered.0);
+        if tick >= FLOOR_SETTLE {
+            (n, sum, squares) = (n + 1.0, sum + volts, squares + volts * volts);
+        }
+    }
+    let mean: f64 = sum / n;
+    Ok((squares / n - mean * mean).max(0.0).sqrt())
+}

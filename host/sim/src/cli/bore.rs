@@ -1,0 +1,114 @@
+//! `edm-sim bore`: check, run, report.
+
+use super::{Failure, Inputs, say};
+use crate::observe::Recorder;
+use crate::output::Output;
+use crate::progress::Bar;
+use crate::report::{Report, Summary};
+use crate::run::{Job, Outcome, Progress};
+use clap::Args;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Makes a run: [`crate::bore::bore`], or in tests a machine with a known outcome.
+pub trait Run: Fn(&Job, &mut Recorder, &mut dyn FnMut(&Progress)) -> Result<Outcome, String> {}
+
+impl<F: Fn(&Job, &mut Recorder, &mut dyn FnMut(&Progress)) -> Result<Outcome, String>> Run for F {}
+
+/// Arguments of `edm-sim bore`.
+#[derive(Debug, Args)]
+pub struct Bore {
+    /// What is bored.
+    #[command(flatten)]
+    pub inputs: Inputs,
+    /// Write the report as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Write a table, one row a millisecond (t_s, position_um, setpoint_um, velocity_um_s, surface_um, gap_um, gap_v,
+    /// filtered_v, duty, state)
+    #[arg(long, value_name = "FILE.csv")]
+    pub trace: Option<PathBuf>,
+    /// Draw the run
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Print nothing but errors: no progress bar, no summary
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+struct Outputs {
+    json: Option<Output>,
+    trace: Option<Output>,
+    plot: Option<Output>,
+}
+
+impl Bore {
+    /// Runs and reports; true when the hole was bored.
+    pub fn execute(&self, run: impl Run) -> Result<bool, Failure> {
+        let job = self.inputs.job()?;
+        let outputs = self.claim().map_err(Failure::BadInput)?;
+        let mut recorder = Recorder::new(outputs.trace.as_ref(), outputs.plot.is_some()).map_err(Failure::Failed)?;
+
+        let bar = Bar::new(job.depth_mm, self.quiet);
+        let start = Instant::now();
+        let outcome = run(&job, &mut recorder, &mut |progress| bar.show(progress));
+        let wall_time_s = start.elapsed().as_secs_f64();
+        bar.finish();
+        let outcome = outcome.map_err(Failure::Failed)?;
+
+        let figures = recorder.statistics.figures();
+        let report = Report::new(&job, &outcome, &figures, wall_time_s);
+        if !self.quiet {
+            let title = &job.setup.title;
+            say(&format!("Simulated bore: {title} (scenario {}, seed {})\n\n", report.scenario, report.seed));
+            say(&Summary { report: &report, setpoint_v: figures.setpoint_v }.to_string());
+        }
+        self.write(outputs, recorder, &report, &job).map_err(Failure::Failed)?;
+        Ok(outcome.completed)
+    }
+
+    fn claim(&self) -> Result<Outputs, String> {
+        let claim = |option: &str, path: &Option<PathBuf>| {
+            path.as_deref().map(|path: &Path| Output::claim(option, path)).transpose()
+        };
+        let outputs = Outputs {
+            json: claim("--json", &self.json)?,
+            trace: claim("--trace", &self.trace)?,
+            plot: claim("--plot", &self.plot)?,
+        };
+        let all: Vec<&Output> = [&outputs.json, &outputs.trace, &outputs.plot].into_iter().flatten().collect();
+        for (i, output) in all.iter().enumerate() {
+            if output.replaces(Path::new(&self.inputs.scenario)) {
+                return Err(format!("{}: must not be the scenario file itself", output.label()));
+            }
+            if let Some(other) = all.iter().skip(i + 1).find(|other| output.collides(other)) {
+                return Err(format!("{} and {}: must be different files", output.label(), other.label()));
+            }
+        }
+        Ok(outputs)
+    }
+
+    fn write(&self, outputs: Outputs, recorder: Recorder, report: &Report, job: &Job) -> Result<(), String> {
+        let mut written = Vec::new();
+        if let Some(output) = outputs.json {
+            written.push(output.label().to_owned());
+            output.write(|file| {
+                serde_json::to_writer_pretty(&mut *file, report)?;
+                file.write_all(b"\n")
+            })?;
+        }
+        if let (Some(output), Some(trace)) = (outputs.trace, recorder.trace) {
+            written.push(output.label().to_owned());
+            trace.finish(output)?;
+        }
+        if let (Some(output), Some(picture)) = (outputs.plot, recorder.picture) {
+            written.push(output.label().to_owned());
+            let svg = picture.draw(report, &job.setup.title)?;
+            output.write(|file| file.write_all(svg.as_bytes()))?;
+        }
+        if !self.quiet && !written.is_empty() {
+            say(&format!("  {:<12} {}\n", "Written", written.join(", ")));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,51 @@
+//! What a run is made from: options that bore and bench share.
+
+use super::Failure;
+use crate::bore::{self, Setup};
+use crate::run::Job;
+use clap::Args;
+
+/// Options that say what is bored, in what, and how.
+#[derive(Debug, Args)]
+pub struct Inputs {
+    /// Depth of the hole, mm
+    #[arg(long, value_name = "MM", default_value = "0.5", allow_hyphen_values = true)]
+    pub depth_mm: String,
+    /// Scenario by name (`edm-sim scenarios` lists them), or a scenario file
+    #[arg(long, value_name = "FILE|NAME", default_value = "default")]
+    pub scenario: String,
+    /// Change one value after the scenario; may be repeated, the later holds (`edm-sim settings` lists the keys)
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Seed of everything random; the same seed gives the same run
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
+    pub seed: u64,
+    /// Run without sparks: position, noise and imagined erosion stand in for the gap signal
+    #[arg(long)]
+    pub surrogate: bool,
+}
+
+impl Inputs {
+    /// Loads and checks everything that a run depends on.
+    pub fn job(&self) -> Result<Job, Failure> {
+        self.checked().map_err(Failure::BadInput)
+    }
+
+    fn checked(&self) -> Result<Job, String> {
+        let mut setup = Setup::load(&self.scenario)?;
+        for assignment in &self.set {
+            setup.set(assignment).map_err(|message| format!("--set {message}"))?;
+        }
+        bore::check(&setup).map_err(|error| setup.refusal(error))?;
+        let range = bore::depth_range_mm(&setup);
+        let depth = self.depth_mm.trim().parse().ok().filter(|depth: &f64| range.contains(depth));
+        let depth_mm = depth.ok_or_else(|| {
+            format!("--depth-mm {}: must be a number from {} to {} mm", self.depth_mm, range.start(), range.end())
+        })?;
+        Ok(Job { setup, depth_mm, seed: self.seed, surrogate: self.surrogate })
+    }
+}
+
+fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| format!("must be a whole number from 0 to {}", u64::MAX))
+}

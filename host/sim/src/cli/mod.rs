@@ -1,0 +1,131 @@
+//! Commands, and the checks that come before anything runs.
+//!
+//! Bad input ends with one line on stderr that names option or key, value and what is allowed, exit code
+//! [`EXIT_BAD_INPUT`], and nothing written: the inputs are read, the values checked and the outputs claimed first. A run
+//! that does not reach its depth, or an output that fails in the end, is [`EXIT_FAILED`].
+
+mod bore;
+mod inputs;
+mod tables;
+
+pub use bore::{Bore, Run};
+pub use inputs::Inputs;
+
+use crate::bench::Bench;
+use crate::sweep::Sweep;
+use clap::error::ErrorKind;
+use clap::{Parser, Subcommand};
+use std::ffi::OsString;
+use std::io::Write;
+use std::process::ExitCode;
+
+/// Exit code when the hole was not bored or an output could not be written.
+pub const EXIT_FAILED: u8 = 1;
+/// Exit code for bad input.
+pub const EXIT_BAD_INPUT: u8 = 2;
+
+/// Why a command ended early.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Failure {
+    /// The person has to change something.
+    BadInput(String),
+    /// Something went wrong on the way.
+    Failed(String),
+}
+
+/// Simulated EDM servo head: the control core bores holes in a process model.
+#[derive(Debug, Parser)]
+#[command(name = "edm-sim", version, disable_help_subcommand = true)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Bore a blind hole
+    #[command(
+        after_help = "Exit code: 0 hole bored; 1 not bored, or an output failed; 2 bad input, nothing was written."
+    )]
+    Bore(Bore),
+    /// List the scenarios that come with the program
+    Scenarios,
+    /// List every setting with unit, default, range and source
+    Settings,
+    /// Measure speed and memory, relative to a calibration loop
+    Bench(Bench),
+    /// Run every scenario with many seeds and check the bounds
+    Sweep(Sweep),
+}
+
+/// Reads the command line, does what it says, and gives the exit code.
+pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCode {
+    let cli = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli,
+        Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
+            say(&error.to_string());
+            return ExitCode::SUCCESS;
+        }
+        Err(error) => return complain(&one_line(&error.to_string()), EXIT_BAD_INPUT),
+    };
+    let done = match cli.command {
+        Command::Bore(bore) => bore.execute(run),
+        Command::Sweep(sweep) => sweep.execute(),
+        Command::Bench(bench) => bench.execute(run).map(|()| true),
+        Command::Scenarios => tables::scenarios().map(|text| {
+            say(&text);
+            true
+        }),
+        Command::Settings => {
+            say(&tables::settings());
+            Ok(true)
+        }
+    };
+    match done {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(EXIT_FAILED),
+        Err(Failure::BadInput(message)) => complain(&message, EXIT_BAD_INPUT),
+        Err(Failure::Failed(message)) => complain(&message, EXIT_FAILED),
+    }
+}
+
+/// Prints to stdout. A reader that has gone (`| head`) is no error.
+pub(crate) fn say(text: &str) {
+    let _ = std::io::stdout().write_all(text.as_bytes());
+}
+
+fn complain(message: &str, code: u8) -> ExitCode {
+    eprintln!("edm-sim: {message}");
+    ExitCode::from(code)
+}
+
+/// What the argument parser says, without usage and hints on further lines.
+fn one_line(text: &str) -> String {
+    let body = text.split("\n\nUsage:").next().unwrap_or(text).split("\n\nFor more information").next().unwrap_or(text);
+    let lines = body.lines().map(str::trim).filter(|line| !line.is_empty());
+    let joined = lines.collect::<Vec<_>>().join(" ");
+    let message = joined.strip_prefix("error: ").unwrap_or(&joined);
+    format!("{}; see `edm-sim --help`", message.trim_end_matches('.'))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_sound() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn what_the_parser_says_fits_one_line() {
+        for arguments in
+            [&["edm-sim"][..], &["edm-sim", "bor"], &["edm-sim", "bore", "--sed", "1"], &["edm-sim", "bore", "x"]]
+        {
+            let error = Cli::try_parse_from(arguments).unwrap_err();
+            let line = one_line(&error.to_string());
+            assert!(!line.contains('\n') && !line.contains("Usage"), "{line}");
+        }
+    }
+}

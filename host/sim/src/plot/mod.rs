@@ -1,0 +1,132 @@
+//! The run as a picture: SVG, the whole run on the left, one second of eroding on the right.
+//!
+//! Four panels share the time: depth, gap voltage, gap, duty. Time that is not eroding is shaded. What is drawn is
+//! gathered while the run goes on, in memory that does not grow with it (`buckets`): a band from smallest to largest
+//! tick, so that nothing short is lost, and a line of means.
+
+mod buckets;
+mod panels;
+mod sheet;
+
+use crate::observe::{Millisecond, Phase};
+use crate::report::Report;
+use buckets::{Bucket, Buckets, Means};
+
+/// Columns of the whole run: about one a pixel.
+const COLUMNS: usize = 900;
+/// Length of the close-up, ms.
+const CLOSE_UP_MS: usize = 1000;
+/// Eroding before the first close-up, ms: past the start-up that the figures leave out too.
+const CLOSE_UP_FROM_MS: u64 = 2000;
+/// Window of the plotted means, ms.
+const MEAN_MS: u32 = crate::statistics::VOLTAGE_MS;
+
+/// What a picture is drawn from.
+#[derive(Debug)]
+pub struct Picture {
+    run: Buckets,
+    means: Means,
+    close_up: CloseUp,
+}
+
+impl Default for Picture {
+    fn default() -> Self {
+        Picture { run: Buckets::new(COLUMNS), means: Means::new(MEAN_MS, COLUMNS), close_up: CloseUp::default() }
+    }
+}
+
+impl Picture {
+    /// Takes the newest millisecond.
+    pub fn add(&mut self, ms: &Millisecond) {
+        self.run.add(&Bucket::from(ms));
+        self.means.add(ms.t_s, ms.gap_v.mean);
+        self.close_up.add(ms);
+    }
+
+    /// Draws the SVG.
+    pub fn draw(&self, report: &Report, title: &str) -> Result<String, String> {
+        sheet::draw(self, report, title).map_err(|error| format!("the plot could not be drawn: {error}"))
+    }
+}
+
+/// An undisturbed second of eroding. A later one replaces it each time the eroding before it has doubled, so that it ends
+/// up in the later half of the run without anybody knowing the length beforehand.
+#[derive(Debug, Default)]
+struct CloseUp {
+    eroding_ms: u64,
+    from_ms: u64,
+    running: Vec<Millisecond>,
+    kept: Vec<Millisecond>,
+}
+
+impl CloseUp {
+    fn add(&mut self, ms: &Millisecond) {
+        if ms.phase != Phase::Eroding {
+            self.running.clear();
+            return;
+        }
+        self.eroding_ms += 1;
+        if self.eroding_ms <= self.from_ms.max(CLOSE_UP_FROM_MS) {
+            return;
+        }
+        self.running.push(*ms);
+        if self.running.len() == CLOSE_UP_MS {
+            std::mem::swap(&mut self.running, &mut self.kept);
+            self.running.clear();
+            self.from_ms = 2 * self.eroding_ms;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::observe::Span;
+
+    fn ms(i: u32, phase: Phase) -> Millisecond {
+        let span = Span { mean: 1.0, min: 0.0, max: 2.0 };
+        Millisecond {
+            t_s: f64::from(i) / 1000.0,
+            phase,
+            position_um: span,
+            surface_um: 1.0,
+            gap_um: span,
+            gap_v: span,
+            filtered_v: span,
+            filtered_square: 1.0,
+            setpoint_v: 55.0,
+            duty: span,
+        }
+    }
+
+    fn close_up(length: u32, phase: impl Fn(u32) -> Phase) -> Option<(f64, usize)> {
+        let mut close_up = CloseUp::default();
+        for i in 0..length {
+            close_up.add(&ms(i, phase(i)));
+        }
+        Some((close_up.kept.first()?.t_s, close_up.kept.len()))
+    }
+
+    #[test]
+    fn the_close_up_is_a_whole_second_past_the_start_up() {
+        assert_eq!(close_up(2999, |_| Phase::Eroding), None);
+        assert_eq!(close_up(3000, |_| Phase::Eroding), Some((2.0, 1000)));
+    }
+
+    #[test]
+    fn the_close_up_moves_on_with_the_run() {
+        for length in [10_000, 50_000, 100_000] {
+            let (at, n) = close_up(length, |_| Phase::Eroding).unwrap();
+            assert_eq!(n, 1000);
+            assert!(at > 0.4 * f64::from(length) / 1000.0, "{at} s of {length} ms");
+        }
+    }
+
+    #[test]
+    fn the_close_up_is_undisturbed() {
+        let disturbed = |i: u32| if i.is_multiple_of(800) { Phase::Retreating } else { Phase::Eroding };
+        assert_eq!(close_up(20_000, disturbed), None);
+        let (at, _) = close_up(5000, |i| if i == 2500 { Phase::Retreating } else { Phase::Eroding }).unwrap();
+        assert_eq!(at, 2.501);
+    }
+}

@@ -1,0 +1,150 @@
+//! What the panels show: signals, colours, ranges.
+
+use super::Picture;
+use super::buckets::Bucket;
+use crate::observe::Span;
+use plotters::style::RGBColor;
+use std::ops::Range;
+
+const BLUE: RGBColor = RGBColor(0x1b, 0x5e, 0x9e);
+const BROWN: RGBColor = RGBColor(0x8a, 0x5a, 0x2b);
+const GREY: RGBColor = RGBColor(0x9a, 0xa5, 0xb1);
+const INK: RGBColor = RGBColor(0x24, 0x2c, 0x35);
+const ORANGE: RGBColor = RGBColor(0xe0, 0x6c, 0x00);
+const GREEN: RGBColor = RGBColor(0x1e, 0x80, 0x4b);
+const PURPLE: RGBColor = RGBColor(0x6d, 0x3f, 0xa0);
+
+/// A signal in a panel.
+#[derive(Debug)]
+pub(super) struct Curve {
+    pub label: String,
+    pub colour: RGBColor,
+    pub width: u32,
+    pub dashed: bool,
+    pub line: Vec<(f64, f64)>,
+    /// Time, smallest, largest.
+    pub band: Vec<(f64, f64, f64)>,
+}
+
+/// A diagram in the making.
+#[derive(Debug)]
+pub(super) struct Panel {
+    pub name: &'static str,
+    /// From bottom to top.
+    pub y: Range<f64>,
+    pub curves: Vec<Curve>,
+}
+
+fn line(label: &str, colour: RGBColor, width: u32, line: Vec<(f64, f64)>) -> Curve {
+    Curve { label: label.into(), colour, width, dashed: false, line, band: Vec::new() }
+}
+
+/// A line of means in a band from smallest to largest.
+fn banded(label: &str, colour: RGBColor, columns: &[Bucket], signal: impl Fn(&Bucket) -> Span) -> Curve {
+    Curve {
+        band: columns.iter().map(|c| (c.t_s, signal(c).min, signal(c).max)).collect(),
+        ..line(label, colour, 1, columns.iter().map(|c| (c.t_s, signal(c).mean)).collect())
+    }
+}
+
+fn of(columns: &[Bucket], signal: impl Fn(&Bucket) -> f64) -> Vec<(f64, f64)> {
+    columns.iter().map(|c| (c.t_s, signal(c))).collect()
+}
+
+/// From the smallest to the largest value with a margin; never empty.
+fn range(values: impl Iterator<Item = f64>) -> Range<f64> {
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for x in values.filter(|x| x.is_finite()) {
+        low = low.min(x);
+        high = high.max(x);
+    }
+    if low > high {
+        return 0.0..1.0;
+    }
+    let margin = ((high - low) * 0.06).max(high.abs().max(low.abs()) * 1e-3).max(1e-6);
+    low - margin..high + margin
+}
+
+/// Range of a signal while eroding, if it ever did: seeking from afar must not flatten the rest.
+fn working(columns: &[Bucket], signal: impl Fn(&Bucket) -> Span) -> Range<f64> {
+    let any = columns.iter().any(Bucket::eroding);
+    let chosen = columns.iter().filter(|c| c.eroding() || !any);
+    range(chosen.flat_map(|c| [signal(c).min, signal(c).max]))
+}
+
+/// Where the curves are drawn from.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct View<'a> {
+    pub picture: &'a Picture,
+    pub columns: &'a [Bucket],
+    /// The first surface, um.
+    pub first_surface_um: f64,
+}
+
+impl View<'_> {
+    /// The panels of the whole run.
+    pub fn whole(&self) -> [Panel; 4] {
+        let volts = self.columns.iter().flat_map(|c| [c.filtered_v.max, c.setpoint_v, 0.0]);
+        let gap = working(self.columns, |c| c.gap_um);
+        let duty = working(self.columns, |c| c.duty);
+        [
+            self.depth("Depth, mm", 1e-3),
+            Panel { name: "Gap voltage, V", y: range(volts), curves: self.voltages() },
+            self.gap(gap.start.min(0.0)..gap.end),
+            self.duty(duty),
+        ]
+    }
+
+    /// The panels of the close-up: nearer in every direction, and with the voltage as it was measured.
+    pub fn close_up(&self) -> [Panel; 4] {
+        let columns = self.columns;
+        let volts = columns.iter().flat_map(|c| [c.filtered_v.min, c.filtered_v.max, c.setpoint_v, c.gap_v.mean]);
+        let mut voltages = vec![line("measured", GREY, 1, of(columns, |c| c.gap_v.mean))];
+        voltages.extend(self.voltages());
+        [
+            self.depth("Depth, µm", 1.0),
+            Panel { name: "Gap voltage, V", y: range(volts), curves: voltages },
+            self.gap(working(columns, |c| c.gap_um)),
+            self.duty(working(columns, |c| c.duty)),
+        ]
+    }
+
+    /// Depth grows downward, as it does on the machine; below the surface is work.
+    fn depth(&self, name: &'static str, unit: f64) -> Panel {
+        let depth = |um: f64| (um - self.first_surface_um) * unit;
+        let electrode = |c: &Bucket| {
+            let Span { mean, min, max } = c.position_um;
+            Span { mean: depth(mean), min: depth(min), max: depth(max) }
+        };
+        let moves = working(self.columns, electrode);
+        let bottom = self.columns.iter().map(|c| depth(c.surface_um));
+        let Range { start: up, end: down } = range(bottom.chain([moves.start, moves.end]));
+        let surface = of(self.columns, |c| depth(c.surface_um));
+        let band = surface.iter().map(|(t, y)| (*t, *y, down)).collect();
+        let work = Curve { band, ..line("bottom of the hole", BROWN, 2, surface) };
+        let electrode = Curve { width: 2, ..banded("electrode", BLUE, self.columns, electrode) };
+        Panel { name, y: down..up, curves: vec![work, electrode] }
+    }
+
+    fn gap(&self, y: Range<f64>) -> Panel {
+        Panel { name: "Gap, µm", y, curves: vec![banded("gap", GREEN, self.columns, |c| c.gap_um)] }
+    }
+
+    fn duty(&self, y: Range<f64>) -> Panel {
+        Panel { name: "Duty (positive drives down)", y, curves: vec![banded("duty", PURPLE, self.columns, |c| c.duty)] }
+    }
+
+    fn voltages(&self) -> Vec<Curve> {
+        let within = |t: &f64| match (self.columns.first(), self.columns.last()) {
+            (Some(first), Some(last)) => (first.time().0..=last.time().1).contains(t),
+            _ => false,
+        };
+        let means = self.picture.means.all().iter().copied().filter(|(t, _)| within(t)).collect();
+        let label = format!("{} ms mean", self.picture.means.window_ms());
+        let mut wanted = line("wanted", INK, 2, of(self.columns, |c| c.setpoint_v));
+        // The head has no setpoint before it found the work.
+        wanted.line.retain(|(_, volts)| *volts > 0.0);
+        wanted.dashed = true;
+        vec![banded("filtered", BLUE, self.columns, |c| c.filtered_v), line(&label, ORANGE, 2, means), wanted]
+    }
+}

@@ -1,0 +1,45 @@
+//! Progress bar on stderr: there from the first moment, silent where nobody looks.
+
+use crate::run::Progress;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// Shows how deep the hole is.
+#[derive(Debug)]
+pub struct Bar {
+    bar: ProgressBar,
+    target_mm: f64,
+}
+
+impl Bar {
+    /// Draws an empty bar at once; draws nothing when `quiet` or when stderr is no terminal.
+    pub fn new(target_mm: f64, quiet: bool) -> Bar {
+        let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+        let style = ProgressStyle::with_template("  {wide_bar} {percent:>3} %  {msg}");
+        let bar = ProgressBar::with_draw_target(Some(steps(target_mm)), target);
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar.set_message("simulation starts");
+        bar.tick();
+        Bar { bar, target_mm }
+    }
+
+    /// Moves the bar; drawn 20 times a second at most.
+    pub fn show(&self, progress: &Progress) {
+        if self.bar.is_hidden() {
+            return;
+        }
+        let Progress { sim_time_s, depth_mm, state } = progress;
+        let target = self.target_mm;
+        self.bar.set_message(format!("{state}, {:.3} of {target} mm, {sim_time_s:.0} s simulated", depth_mm.max(0.0)));
+        self.bar.set_position(steps(*depth_mm));
+    }
+
+    /// Takes the bar away.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// Micrometres, the bar's steps.
+fn steps(mm: f64) -> u64 {
+    (mm * 1000.0).round() as u64
+}

@@ -1,0 +1,149 @@
+//! The run in JSON, and in words ([`Summary`]).
+//!
+//! Depth, gap, pulses and losses are the model's truth, not the firmware's belief. Control figures are judged as
+//! [`crate::statistics`] says; a figure for which nothing was judged is `null`.
+
+mod summary;
+
+pub use summary::Summary;
+
+use crate::run::{FaultEvent, Job, Outcome};
+use crate::statistics::Figures;
+use serde::Serialize;
+
+/// Name and version of the JSON; a key that goes or changes its meaning raises the number.
+pub const SCHEMA: &str = "edm-sim.bore/1";
+
+/// What a run was, in the order of the JSON.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// [`SCHEMA`].
+    pub schema: &'static str,
+    /// Scenario, and what was changed on the command line.
+    pub scenario: String,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Depth reached, and no fault.
+    pub completed: bool,
+    /// Why the run ended.
+    pub stop_reason: String,
+    /// Depth of the hole, mm.
+    pub depth_mm: Option<f64>,
+    /// Depth asked for, mm.
+    pub target_depth_mm: f64,
+    /// Simulated time, s.
+    pub sim_time_s: f64,
+    /// Time it took, s.
+    pub wall_time_s: f64,
+    /// Gap voltage.
+    pub gap_voltage_v: GapVoltage,
+    /// Gap.
+    pub gap_um: Gap,
+    /// Median over 0.5 s windows of the electrode's peak-to-peak, feed taken out, um.
+    pub position_pp_um_median: Option<f64>,
+    /// Strongest line of the electrode's motion between 5 and 50 Hz.
+    pub position_line_um: Line,
+    /// Share of pulses that never ignited; the four shares make 1.
+    pub open_ratio: Option<f64>,
+    /// Share of sparks.
+    pub spark_ratio: Option<f64>,
+    /// Share of arcs.
+    pub arc_ratio: Option<f64>,
+    /// Share of shorts.
+    pub short_ratio: Option<f64>,
+    /// Sparks and arcs.
+    pub discharges: u64,
+    /// Retreats of more than 5 um.
+    pub long_retreats: u64,
+    /// Encoder counts lost.
+    pub lost_counts: u64,
+    /// Illegal encoder transitions.
+    pub illegal_transitions: u64,
+    /// Faults in the order they were raised.
+    pub faults: Vec<FaultEvent>,
+}
+
+/// Gap voltage, V.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct GapVoltage {
+    /// Mean.
+    pub mean: Option<f64>,
+    /// Deviation of 100 ms means from the setpoint, rms.
+    pub rms_error_100ms: Option<f64>,
+    /// Scatter of the filtered voltage about its mean, rms.
+    pub filtered_rms: Option<f64>,
+    /// Scatter that chance alone gives at a gap held still, rms.
+    pub shot_floor_rms: Option<f64>,
+}
+
+/// Gap, um.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Gap {
+    /// Mean.
+    pub mean: Option<f64>,
+    /// Scatter about the mean, rms.
+    pub rms_error: Option<f64>,
+}
+
+/// A line in the spectrum of the electrode's motion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Line {
+    /// Amplitude (half of peak-to-peak), um.
+    pub amplitude: Option<f64>,
+    /// Frequency, Hz.
+    pub hz: Option<f64>,
+}
+
+impl Report {
+    /// Puts together what job, machine and figures know.
+    pub fn new(job: &Job, outcome: &Outcome, figures: &Figures, wall_time_s: f64) -> Report {
+        let pulses = &outcome.pulses;
+        let total = pulses.open + pulses.spark + pulses.arc + pulses.short;
+        let share = |pulses: u64| tidy(pulses as f64 / total as f64);
+        Report {
+            schema: SCHEMA,
+            scenario: job.label(),
+            seed: job.seed,
+            completed: outcome.completed,
+            stop_reason: outcome.stop_reason.clone(),
+            depth_mm: tidy(outcome.depth_mm),
+            target_depth_mm: job.depth_mm,
+            sim_time_s: rounded(outcome.sim_time_s),
+            wall_time_s: rounded(wall_time_s),
+            gap_voltage_v: GapVoltage {
+                mean: figures.gap_v_mean.and_then(tidy),
+                rms_error_100ms: figures.gap_v_rms_error.and_then(tidy),
+                filtered_rms: figures.filtered_v_rms.and_then(tidy),
+                shot_floor_rms: outcome.shot_floor_rms_v.and_then(tidy),
+            },
+            gap_um: Gap { mean: figures.gap_um_mean.and_then(tidy), rms_error: figures.gap_um_rms.and_then(tidy) },
+            position_pp_um_median: figures.position_pp_um.and_then(tidy),
+            position_line_um: Line {
+                amplitude: figures.line.and_then(|line| tidy(line.amplitude_um)),
+                hz: figures.line.and_then(|line| tidy(line.hz)),
+            },
+            open_ratio: share(pulses.open),
+            spark_ratio: share(pulses.spark),
+            arc_ratio: share(pulses.arc),
+            short_ratio: share(pulses.short),
+            discharges: pulses.spark + pulses.arc,
+            long_retreats: figures.long_retreats,
+            lost_counts: outcome.lost_counts,
+            illegal_transitions: outcome.illegal_transitions,
+            faults: outcome.faults.clone(),
+        }
+    }
+}
+
+/// Six decimals, the last of them a nanometre of depth.
+fn rounded(x: f64) -> f64 {
+    (x * 1e6).round() / 1e6
+}
+
+/// Rounded; what is no number is left out.
+fn tidy(x: f64) -> Option<f64> {
+    x.is_finite().then(|| rounded(x))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,174 @@
+//! The run in words that a machinist understands.
+
+use super::Report;
+use std::fmt;
+
+/// Electrode motion up to which a run is called steady, um: the bounds set for the default scenario; [R]'s own machine
+/// made 40 um peak-to-peak at 20 Hz.
+const STEADY_PP_UM: f64 = 15.0;
+const STEADY_LINE_UM: f64 = 3.0;
+
+/// A short table for a person.
+#[derive(Clone, Copy, Debug)]
+pub struct Summary<'a> {
+    /// What it tells of.
+    pub report: &'a Report,
+    /// Mean of the gap voltage to keep, V.
+    pub setpoint_v: Option<f64>,
+}
+
+impl fmt::Display for Summary<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let report = self.report;
+        let mut row = |name: &str, words: String| writeln!(f, "  {name:<12} {words}");
+        row("Hole", self.hole())?;
+        row("Time", self.time())?;
+        row("Gap voltage", self.voltage())?;
+        row("Gap", self.gap())?;
+        row("Stability", self.stability())?;
+        row("Sparks", self.sparks())?;
+        row("Encoder", self.encoder())?;
+        if report.faults.is_empty() {
+            row("Faults", "none".into())?;
+        }
+        for fault in &report.faults {
+            row("Fault", format!("{} at {}", fault.fault, duration(fault.t_s)))?;
+        }
+        Ok(())
+    }
+}
+
+impl Summary<'_> {
+    fn hole(&self) -> String {
+        let report = self.report;
+        let depth = report.depth_mm.map_or("of unknown depth".into(), |depth| format!("{depth:.3} mm deep"));
+        if report.completed {
+            format!("{depth} (simulated), {:.3} mm asked for", report.target_depth_mm)
+        } else {
+            format!("{depth} (simulated) of {:.3} mm, stopped: {}", report.target_depth_mm, report.stop_reason)
+        }
+    }
+
+    fn time(&self) -> String {
+        let report = self.report;
+        let rate = match report.depth_mm {
+            Some(depth) if report.sim_time_s > 0.0 => format!(", {:.2} mm/min", depth / report.sim_time_s * 60.0),
+            _ => String::new(),
+        };
+        let speed = report.sim_time_s / report.wall_time_s.max(1e-3);
+        let wall = report.wall_time_s;
+        format!(
+            "{} on the machine{rate}; computed in {wall:.1} s, {speed:.0} times as fast",
+            duration(report.sim_time_s)
+        )
+    }
+
+    fn voltage(&self) -> String {
+        let voltage = &self.report.gap_voltage_v;
+        match (voltage.mean, self.setpoint_v, voltage.rms_error_100ms) {
+            (Some(mean), Some(setpoint), Some(error)) => {
+                format!("{mean:.1} V on average, {setpoint:.1} V wanted; tenths of a second stray by {error:.1} V")
+            }
+            _ => "not judged: less than two seconds of undisturbed eroding".into(),
+        }
+    }
+
+    fn gap(&self) -> String {
+        match (self.report.gap_um.mean, self.report.gap_um.rms_error) {
+            (Some(mean), Some(error)) => format!("{mean:.0} um on average, varies by {error:.1} um"),
+            _ => "not judged".into(),
+        }
+    }
+
+    fn stability(&self) -> String {
+        let report = self.report;
+        let retreats = match report.long_retreats {
+            0 => "never backed off more than 5 um".into(),
+            1 => "backed off more than 5 um once".into(),
+            n => format!("backed off more than 5 um {n} times"),
+        };
+        let Some(swing) = report.position_pp_um_median else { return format!("not judged; {retreats}") };
+        let line = report.position_line_um;
+        let (vibrates, vibration) = match (line.amplitude, line.hz) {
+            (Some(um), Some(hz)) => {
+                (um > STEADY_LINE_UM, format!(", at most {um:.1} um of it at one pitch ({hz:.0} Hz)"))
+            }
+            _ => (false, String::new()),
+        };
+        let verdict = if vibrates || swing > STEADY_PP_UM { "restless" } else { "steady" };
+        format!("{verdict}: electrode swings {swing:.1} um within half a second{vibration}; {retreats}")
+    }
+
+    fn sparks(&self) -> String {
+        let report = self.report;
+        let (Some(open), Some(spark), Some(arc), Some(short)) =
+            (report.open_ratio, report.spark_ratio, report.arc_ratio, report.short_ratio)
+        else {
+            return "no pulses".into();
+        };
+        format!(
+            "{} discharges; of all pulses {} sparked, {} stayed open, {} shorted, {} arced",
+            grouped(report.discharges),
+            percent(spark),
+            percent(open),
+            percent(short),
+            percent(arc),
+        )
+    }
+
+    fn encoder(&self) -> String {
+        match (self.report.lost_counts, self.report.illegal_transitions) {
+            (0, 0) => "no count lost, no illegal transition".into(),
+            (lost, illegal) => format!("{lost} counts lost, {illegal} illegal transitions"),
+        }
+    }
+}
+
+/// "2 min 31 s", "12.3 s".
+fn duration(seconds: f64) -> String {
+    if seconds < 60.0 {
+        return format!("{seconds:.1} s");
+    }
+    let whole = seconds.round();
+    format!("{:.0} min {:02.0} s", (whole / 60.0).floor(), whole % 60.0)
+}
+
+/// "712 340".
+fn grouped(n: u64) -> String {
+    let digits = n.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(' ');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// Whole per cent, but never a zero for what did happen.
+fn percent(share: f64) -> String {
+    match share * 100.0 {
+        x if x > 0.0 && x < 0.1 => "< 0.1 %".into(),
+        x if x > 0.0 && x < 9.95 => format!("{x:.1} %"),
+        x => format!("{x:.0} %"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn durations_counts_and_shares_read_as_a_person_writes_them() {
+        assert_eq!(duration(0.0), "0.0 s");
+        assert_eq!(duration(59.9), "59.9 s");
+        assert_eq!(duration(151.2), "2 min 31 s");
+        assert_eq!(duration(119.7), "2 min 00 s");
+        assert_eq!([grouped(0), grouped(999), grouped(1000), grouped(1_234_567)], ["0", "999", "1 000", "1 234 567"]);
+        assert_eq!(
+            [percent(0.0), percent(0.0001), percent(0.0123), percent(0.62), percent(1.0)],
+            ["0 %", "< 0.1 %", "1.2 %", "62 %", "100 %"]
+        );
+    }
+}

@@ -1,0 +1,103 @@
+//! What passes between the command line and the machine.
+//!
+//! The command line hands over a [`Job`] that has been checked; the machine hands back one [`Sample`] a servo tick, a
+//! [`Progress`] now and then, and an [`Outcome`]. All values are the model's truth unless they say otherwise.
+
+use crate::bore::Setup;
+use crate::process::Pulses;
+
+/// A run that was checked and may start.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// Values of process and head.
+    pub setup: Setup,
+    /// Depth of the hole below the workpiece's first surface, mm.
+    pub depth_mm: f64,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Drive the head from position, noise and imagined erosion instead of a gap signal (Roberts, sections 6.3 and 6.8).
+    pub surrogate: bool,
+}
+
+impl Job {
+    /// Scenario and what was changed on the command line, for reports.
+    pub fn label(&self) -> String {
+        format!("{}{}", self.setup.name, if self.surrogate { ", surrogate" } else { "" })
+    }
+}
+
+/// The machine at one servo tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Simulated time since start, s.
+    pub t_s: f64,
+    /// Electrode face, positive toward the work, um.
+    pub position_um: f64,
+    /// Position the servo aims at, um.
+    pub setpoint_um: f64,
+    /// Velocity of the electrode, um/s.
+    pub velocity_um_s: f64,
+    /// Workpiece surface, positive down, um.
+    pub surface_um: f64,
+    /// Distance between both, um; negative while they are pressed together.
+    pub gap_um: f64,
+    /// Gap voltage of this tick's block, as the head measured it, V.
+    pub gap_v: f32,
+    /// Gap voltage after the head's filters, V.
+    pub filtered_v: f32,
+    /// Gap voltage the head tries to keep, V.
+    pub setpoint_v: f32,
+    /// Signed duty of the H-bridge, -1 to 1, positive toward the work.
+    pub duty: f32,
+    /// State of the head, by the name it has in reports.
+    pub state: &'static str,
+}
+
+/// Looks on, once a servo tick.
+pub trait Observer {
+    /// Takes the newest sample; its cost is paid 20 000 times in every simulated second.
+    fn sample(&mut self, sample: &Sample);
+}
+
+/// How far a run has come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Simulated time since start, s.
+    pub sim_time_s: f64,
+    /// Depth of the hole so far, mm.
+    pub depth_mm: f64,
+    /// State of the head.
+    pub state: &'static str,
+}
+
+/// A fault, when it was raised.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct FaultEvent {
+    /// Simulated time, s.
+    pub t_s: f64,
+    /// Name of the fault.
+    pub fault: String,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Depth reached, and no fault.
+    pub completed: bool,
+    /// Why the run ended, in a few words that can follow "stopped: ".
+    pub stop_reason: String,
+    /// Depth of the hole: where the electrode face ended up below the workpiece's first surface, mm.
+    pub depth_mm: f64,
+    /// Simulated time, s.
+    pub sim_time_s: f64,
+    /// Scatter of the filtered gap voltage that chance alone gives at a gap held still, V rms; `None` without pulses.
+    pub shot_floor_rms_v: Option<f64>,
+    /// What became of the pulses.
+    pub pulses: Pulses,
+    /// Encoder counts by which the head's position and the truth came apart.
+    pub lost_counts: u64,
+    /// Illegal encoder transitions the head saw.
+    pub illegal_transitions: u64,
+    /// Faults in the order they were raised.
+    pub faults: Vec<FaultEvent>,
+}

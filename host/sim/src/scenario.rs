@@ -1,0 +1,368 @@
+//! Scenarios: named sets of values for process and head.
+//!
+//! A scenario file is TOML: `title`, `description`, and the tables `[process]` and `[head]`, whose keys are those that
+//! `edm-sim settings` prints (`"generator.on_us" = 160`, quoted or as nested tables). What a file does not name keeps
+//! its default. Every refusal is one line that names file and line, key, value and what is allowed.
+
+use edm_servo_head::settings::{Declared, Field, Kind, SettingError, Value};
+use std::fs;
+use std::path::{MAIN_SEPARATOR, Path};
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// The scenarios that come with the program: name and text.
+pub const BUILT_IN: &[(&str, &str)] = &[
+    ("default", include_str!("../scenarios/default.toml")),
+    ("pulses-100khz", include_str!("../scenarios/pulses-100khz.toml")),
+    ("pulses-1khz", include_str!("../scenarios/pulses-1khz.toml")),
+    ("mass-0.1kg", include_str!("../scenarios/mass-0.1kg.toml")),
+    ("mass-0.4kg", include_str!("../scenarios/mass-0.4kg.toml")),
+    ("dirty-gap", include_str!("../scenarios/dirty-gap.toml")),
+    ("roberts-original", include_str!("../scenarios/roberts-original.toml")),
+];
+
+/// Values for a run, each within its own limits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scenario<P, H> {
+    /// Name, or file, and what was changed on the command line.
+    pub name: String,
+    /// One line for lists and headings.
+    pub title: String,
+    /// What it is for.
+    pub description: String,
+    /// Values of the process model.
+    pub process: P,
+    /// Settings of the head.
+    pub head: H,
+}
+
+impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
+    /// Loads a built-in scenario by name, or a file. `which` is a file if it says so by a separator or `.toml`, or if no
+    /// scenario has that name and the file exists.
+    pub fn load(which: &str) -> Result<Self, String> {
+        if let Some((_, text)) = BUILT_IN.iter().find(|(name, _)| *name == which) {
+            return Self::parse(which, text);
+        }
+        let path = Path::new(which);
+        if which.contains(['/', MAIN_SEPARATOR]) || which.ends_with(".toml") || path.exists() {
+            let text =
+                fs::read_to_string(path).map_err(|error| format!("--scenario {which}: cannot be read: {error}"))?;
+            return Self::parse(which, &text);
+        }
+        let names: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
+        Err(format!("--scenario {which}: no such scenario{}; there are {}", hint(which, &names), names.join(", ")))
+    }
+
+    /// Reads a scenario; `name` is what messages and reports call it.
+    pub fn parse(name: &str, text: &str) -> Result<Self, String> {
+        let at = |offset: usize| {
+            let line = text.get(..offset).unwrap_or(text).matches('\n').count() + 1;
+            format!("{name}:{line}")
+        };
+        let root = DeTable::parse(text).map_err(|error| {
+            let offset = error.span().map_or(0, |span| span.start);
+            format!("{}: not TOML: {}", at(offset), error.message().replace('\n', " "))
+        })?;
+        let mut scenario = Scenario {
+            name: name.into(),
+            title: String::new(),
+            description: String::new(),
+            process: P::default(),
+            head: H::default(),
+        };
+        for (key, value) in root.get_ref() {
+            let done = match (key.get_ref().as_ref(), value.get_ref()) {
+                ("title", DeValue::String(words)) => {
+                    scenario.title = words.trim().into();
+                    Ok(())
+                }
+                ("description", DeValue::String(words)) => {
+                    scenario.description = words.trim().into();
+                    Ok(())
+                }
+                ("title" | "description", _) => {
+                    Err((value.span().start, format!("{} must be a text in quotes", key.get_ref())))
+                }
+                ("process", DeValue::Table(table)) => fill(&mut scenario.process, H::FIELDS, "head", table, "", text),
+                ("head", DeValue::Table(table)) => fill(&mut scenario.head, P::FIELDS, "process", table, "", text),
+                ("process" | "head", _) => Err((value.span().start, format!("{} must be a table", key.get_ref()))),
+                (other, _) => {
+                    let known = ["title", "description", "process", "head"];
+                    let message =
+                        format!("{other}: no such entry{}; there are {}", hint(other, &known), known.join(", "));
+                    Err((key.span().start, message))
+                }
+            };
+            done.map_err(|(offset, message)| format!("{}: {message}", at(offset)))?;
+        }
+        for (key, words) in [("title", &scenario.title), ("description", &scenario.description)] {
+            if words.is_empty() {
+                return Err(format!("{name}: {key} is missing: it must be a text in quotes"));
+            }
+        }
+        Ok(scenario)
+    }
+
+    /// Applies `key=value` from the command line; of two for the same key the later one holds.
+    pub fn set(&mut self, assignment: &str) -> Result<(), String> {
+        let Some((key, word)) = assignment.split_once('=').map(|(key, word)| (key.trim(), word.trim())) else {
+            return Err(format!("{assignment}: must be key=value"));
+        };
+        if find::<P>(key).is_some() {
+            assign(&mut self.process, key, word, |field| from_word(field, word))?;
+        } else if find::<H>(key).is_some() {
+            assign(&mut self.head, key, word, |field| from_word(field, word))?;
+        } else {
+            return Err(unknown(key, word, P::FIELDS.iter().chain(H::FIELDS)));
+        }
+        self.name = format!("{}, {key}={word}", self.name);
+        Ok(())
+    }
+
+    /// Puts a refusal by the machine into words, with the value that is in the way.
+    pub fn refusal(&self, error: SettingError) -> String {
+        let SettingError::Conflict { field, rule } = error else { return error.to_string() };
+        let value = value_of(&self.process, field).or_else(|| value_of(&self.head, field));
+        value.map_or_else(|| error.to_string(), |value| format!("{field} = {value}: {rule}"))
+    }
+}
+
+/// A value as a person would type it: a number as short as its precision allows.
+pub fn typed(value: Value<'_>, field: &Field) -> String {
+    match (value, field.kind) {
+        (Value::Number(x), Kind::Number { .. }) => format!("{}", x as f32),
+        (Value::Word(word), _) => word.into(),
+        (value, _) => value.to_string(),
+    }
+}
+
+fn find<D: Declared>(key: &str) -> Option<&'static Field> {
+    D::FIELDS.iter().find(|field| field.key == key)
+}
+
+fn value_of<D: Declared>(values: &D, key: &str) -> Option<String> {
+    let index = D::FIELDS.iter().position(|field| field.key == key)?;
+    Some(typed(values.get(index)?, D::FIELDS.get(index)?))
+}
+
+/// Sets one field; `word` is the value as it was typed.
+fn assign<'a, D: Declared>(
+    values: &mut D,
+    key: &str,
+    word: &str,
+    value: impl FnOnce(&Field) -> Option<Value<'a>>,
+) -> Result<(), String> {
+    let Some(field) = find::<D>(key) else { return Err(unknown(key, word, D::FIELDS.iter())) };
+    let taken = value(field).is_some_and(|value| values.set(key, value).is_ok());
+    if taken { Ok(()) } else { Err(format!("{key} = {word}: must be {}", field.allowed())) }
+}
+
+/// Reads a table into `values`; dotted keys may be quoted or nested. An error carries its offset in the text.
+fn fill<D: Declared>(
+    values: &mut D,
+    others: &[Field],
+    other_table: &str,
+    table: &DeTable<'_>,
+    prefix: &str,
+    text: &str,
+) -> Result<(), (usize, String)> {
+    for (name, value) in table {
+        let key = if prefix.is_empty() { name.get_ref().to_string() } else { format!("{prefix}.{}", name.get_ref()) };
+        if let DeValue::Table(inner) = value.get_ref() {
+            fill(values, others, other_table, inner, &key, text)?;
+            continue;
+        }
+        let word = text.get(value.span()).and_then(|source| source.lines().next()).unwrap_or_default();
+        let done = if find::<D>(&key).is_none() && others.iter().any(|field| field.key == key) {
+            Err(format!("{key} = {word}: belongs in the table [{other_table}]"))
+        } else {
+            assign(values, &key, word, |_| from_toml(value))
+        };
+        done.map_err(|message| (name.span().start, message))?;
+    }
+    Ok(())
+}
+
+fn from_word<'a>(field: &Field, word: &'a str) -> Option<Value<'a>> {
+    match field.kind {
+        Kind::Number { .. } | Kind::Integer { .. } => word.parse().ok().map(Value::Number),
+        Kind::Flag => word.parse().ok().map(Value::Flag),
+        Kind::Choice(_) => Some(Value::Word(word)),
+    }
+}
+
+fn from_toml<'a>(value: &'a Spanned<DeValue<'_>>) -> Option<Value<'a>> {
+    match value.get_ref() {
+        DeValue::Integer(digits) => {
+            i64::from_str_radix(digits.as_str(), digits.radix()).ok().map(|whole| Value::Number(whole as f64))
+        }
+        DeValue::Float(digits) => digits.as_str().parse().ok().map(Value::Number),
+        DeValue::Boolean(flag) => Some(Value::Flag(*flag)),
+        DeValue::String(word) => Some(Value::Word(word)),
+        DeValue::Datetime(_) | DeValue::Array(_) | DeValue::Table(_) => None,
+    }
+}
+
+fn unknown<'a>(key: &str, word: &str, fields: impl Iterator<Item = &'a Field>) -> String {
+    let keys: Vec<&str> = fields.map(|field| field.key).collect();
+    format!("{key} = {word}: no such setting{}; `edm-sim settings` lists all", hint(key, &keys))
+}
+
+/// ", did you mean ...?" where a known name is near, or ends like what was typed.
+fn hint(typed: &str, known: &[&str]) -> String {
+    let by_end = || known.iter().find(|name| name.rsplit('.').next() == Some(typed)).copied();
+    let score = |name: &&str| strsim::normalized_damerau_levenshtein(typed, name);
+    let nearest = known.iter().copied().max_by(|a, b| score(a).total_cmp(&score(b))).filter(|name| score(name) >= 0.6);
+    nearest.or_else(by_end).map_or_else(String::new, |name| format!(", did you mean {name}?"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use edm_servo_head::{choice, declare};
+
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Law {
+        Slow,
+        Fast,
+    }
+    choice!(Law { Slow = "slow", Fast = "fast" });
+
+    declare! {
+        /// A process.
+        struct Process {
+            /// On-time.
+            on: f32 = 160.0, (1.0, 5000.0), "generator.on_us", "us", "assumed";
+            /// Pulses in a burst.
+            burst: u32 = 1, (1, 100), "generator.burst", "", "assumed";
+        }
+    }
+    declare! {
+        /// A head.
+        struct Head {
+            /// Gap voltage to keep.
+            setpoint: f32 = 55.0, (1.0, 300.0), "gap.setpoint_v", "V", "assumed";
+            /// Law.
+            law: Law = Law::Slow, (), "feed.law", "", "assumed";
+            /// Notch.
+            notch: bool = true, (), "gap.notch", "", "assumed";
+        }
+    }
+
+    fn parse(body: &str) -> Result<Scenario<Process, Head>, String> {
+        Scenario::parse("try.toml", &format!("title = \"T\"\ndescription = \"D\"\n{body}"))
+    }
+
+    #[test]
+    fn what_a_file_names_is_set_and_the_rest_keeps_its_default() {
+        let s = parse("[process]\n\"generator.on_us\" = 4\ngenerator.burst = 0x10\n[head]\n\"feed.law\" = \"fast\"")
+            .unwrap();
+        assert_eq!(s.process, Process { on: 4.0, burst: 16 });
+        assert_eq!(s.head, Head { law: Law::Fast, ..Head::default() });
+        assert_eq!((s.title.as_str(), s.description.as_str()), ("T", "D"));
+    }
+
+    #[test]
+    fn quoted_dotted_and_nested_keys_are_the_same_key() {
+        let quoted = parse("[head]\n\"gap.notch\" = false").unwrap();
+        assert_eq!(parse("[head]\ngap.notch = false").unwrap(), quoted);
+        assert_eq!(parse("[head.gap]\nnotch = false").unwrap(), quoted);
+    }
+
+    #[test]
+    fn a_refusal_names_file_line_key_value_and_range() {
+        for (body, message) in [
+            ("[head]\n\"gap.setpoint_v\" = 301", "try.toml:4: gap.setpoint_v = 301: must be a number from 1 to 300 V"),
+            ("[head]\n\"gap.setpoint_v\" = nan", "try.toml:4: gap.setpoint_v = nan: must be a number from 1 to 300 V"),
+            (
+                "[head]\n\"gap.setpoint_v\" = \"60\"",
+                "try.toml:4: gap.setpoint_v = \"60\": must be a number from 1 to 300 V",
+            ),
+            (
+                "[head]\n\"gap.setpoint_v\" = [60,\n61]",
+                "try.toml:4: gap.setpoint_v = [60,: must be a number from 1 to 300 V",
+            ),
+            ("[head]\n\"gap.notch\" = 1", "try.toml:4: gap.notch = 1: must be true or false"),
+            ("\n[head]\n\"feed.law\" = \"furious\"", "try.toml:5: feed.law = \"furious\": must be one of slow, fast"),
+            (
+                "[process]\n\"generator.burst\" = 1.5",
+                "try.toml:4: generator.burst = 1.5: must be a whole number from 1 to 100",
+            ),
+            (
+                "[process]\n\"generator.on\" = 1",
+                "try.toml:4: generator.on = 1: no such setting, did you mean generator.on_us?; `edm-sim settings` lists all",
+            ),
+            ("[process]\n\"gap.notch\" = true", "try.toml:4: gap.notch = true: belongs in the table [head]"),
+            ("process = 1", "try.toml:3: process must be a table"),
+            (
+                "[processs]",
+                "try.toml:3: processs: no such entry, did you mean process?; there are title, description, process, head",
+            ),
+        ] {
+            assert_eq!(parse(body).unwrap_err(), message);
+        }
+    }
+
+    #[test]
+    fn what_is_not_toml_or_has_no_title_is_refused_in_one_line() {
+        let error = parse("[head\n").unwrap_err();
+        assert!(error.starts_with("try.toml:3: not TOML: ") && !error.contains('\n'), "{error}");
+        let error = parse("[head]\n\"gap.notch\" = true\n\"gap.notch\" = true").unwrap_err();
+        assert!(error.starts_with("try.toml:5: not TOML: duplicate key"), "{error}");
+        let error = Scenario::<Process, Head>::parse("try.toml", "description = \"D\"").unwrap_err();
+        assert_eq!(error, "try.toml: title is missing: it must be a text in quotes");
+    }
+
+    #[test]
+    fn the_command_line_sets_both_tables_and_leaves_its_trace_in_the_name() {
+        let mut s = parse("").unwrap();
+        for assignment in ["generator.on_us=4", "feed.law=fast", "gap.notch = false", "generator.on_us=5"] {
+            s.set(assignment).unwrap();
+        }
+        assert_eq!((s.process.on, s.head.law, s.head.notch), (5.0, Law::Fast, false));
+        assert_eq!(s.name, "try.toml, generator.on_us=4, feed.law=fast, gap.notch=false, generator.on_us=5");
+    }
+
+    #[test]
+    fn a_bad_assignment_changes_nothing() {
+        let mut s = parse("").unwrap();
+        let before = s.clone();
+        for (assignment, message) in [
+            ("gap.setpoint_v=0.9", "gap.setpoint_v = 0.9: must be a number from 1 to 300 V"),
+            ("gap.setpoint_v=NaN", "gap.setpoint_v = NaN: must be a number from 1 to 300 V"),
+            ("gap.setpoint_v=inf", "gap.setpoint_v = inf: must be a number from 1 to 300 V"),
+            ("gap.setpoint_v=1e99", "gap.setpoint_v = 1e99: must be a number from 1 to 300 V"),
+            ("gap.setpoint_v=", "gap.setpoint_v = : must be a number from 1 to 300 V"),
+            ("generator.burst=-1", "generator.burst = -1: must be a whole number from 1 to 100"),
+            ("gap.notch=yes", "gap.notch = yes: must be true or false"),
+            ("feed.law=furious", "feed.law = furious: must be one of slow, fast"),
+            (
+                "setpoint_v=1",
+                "setpoint_v = 1: no such setting, did you mean gap.setpoint_v?; `edm-sim settings` lists all",
+            ),
+            ("x=1", "x = 1: no such setting; `edm-sim settings` lists all"),
+            ("gap.notch", "gap.notch: must be key=value"),
+        ] {
+            assert_eq!(s.set(assignment).unwrap_err(), message);
+            assert_eq!(s, before);
+        }
+    }
+
+    #[test]
+    fn a_conflict_is_reported_with_the_value_that_is_in_the_way() {
+        let s = parse("").unwrap();
+        let error = SettingError::Conflict { field: "gap.setpoint_v", rule: "must be below the open-circuit voltage" };
+        assert_eq!(s.refusal(error), "gap.setpoint_v = 55: must be below the open-circuit voltage");
+    }
+
+    #[test]
+    fn an_unknown_scenario_is_refused_with_the_names_there_are() {
+        let error = Scenario::<Process, Head>::load("defualt").unwrap_err();
+        assert!(
+            error.starts_with("--scenario defualt: no such scenario, did you mean default?; there are default, "),
+            "{error}"
+        );
+        let error = Scenario::<Process, Head>::load("nowhere/x.toml").unwrap_err();
+        assert!(error.starts_with("--scenario nowhere/x.toml: cannot be read: "), "{error}");
+    }
+}

@@ -1,0 +1,224 @@
+//! The figures by which control is judged.
+//!
+//! *Judged* is the time in which the feed law leads undisturbed: state eroding, later than [`START_MS`] after eroding
+//! first began, and at least [`SETTLE_MS`] after anything else (seek, retreat, fault) ended. Windows are laid back to
+//! back into judged time; one that a disturbance cuts short is dropped whole. All this is taken from milliseconds, so
+//! its cost does not show.
+//!
+//! Chance alone scatters the filtered voltage (docs/architecture.md, "Know the floor"): control is judged by means over
+//! [`VOLTAGE_MS`] and by position.
+
+mod lines;
+mod retreats;
+
+pub use lines::{Line, Lines};
+pub use retreats::Retreats;
+
+use crate::observe::{Millisecond, Phase};
+
+/// First eroding that is not judged, ms: the "first 2 s".
+pub const START_MS: u32 = 2000;
+/// Time after a disturbance that is not judged, ms: three time constants of the 40 to 60 Hz notch (16 ms each).
+pub const SETTLE_MS: u32 = 50;
+/// Window of the gap-voltage means, ms.
+pub const VOLTAGE_MS: u32 = 100;
+/// Window of the electrode's peak-to-peak, ms.
+pub const SWING_MS: usize = 500;
+
+/// Decides what is judged.
+#[derive(Debug, Default)]
+struct Judge {
+    eroding_ms: Option<u32>,
+    undisturbed_ms: u32,
+}
+
+impl Judge {
+    fn judged(&mut self, phase: Phase) -> bool {
+        let eroding = phase == Phase::Eroding;
+        if eroding || self.eroding_ms.is_some() {
+            self.eroding_ms = Some(self.eroding_ms.map_or(0, |ms| ms.saturating_add(1)));
+        }
+        self.undisturbed_ms = if eroding { self.undisturbed_ms.saturating_add(1) } else { 0 };
+        self.undisturbed_ms > SETTLE_MS && self.eroding_ms.is_some_and(|ms| ms >= START_MS)
+    }
+}
+
+/// Mean and scatter of a signal.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moments {
+    n: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Moments {
+    fn add(&mut self, x: f64) {
+        self.add_known(x, x * x);
+    }
+
+    fn add_known(&mut self, mean: f64, mean_square: f64) {
+        self.n += 1.0;
+        self.sum += mean;
+        self.squares += mean_square;
+    }
+
+    fn merge(&mut self, other: &Moments) {
+        self.n += other.n;
+        self.sum += other.sum;
+        self.squares += other.squares;
+    }
+
+    fn mean(&self) -> Option<f64> {
+        (self.n > 0.0).then(|| self.sum / self.n)
+    }
+
+    fn deviation(&self) -> Option<f64> {
+        let mean = self.mean()?;
+        Some((self.squares / self.n - mean * mean).max(0.0).sqrt())
+    }
+
+    fn rms(&self) -> Option<f64> {
+        (self.n > 0.0).then(|| (self.squares / self.n).sqrt())
+    }
+}
+
+/// Sums over one voltage window.
+#[derive(Clone, Copy, Debug, Default)]
+struct Window {
+    ms: u32,
+    gap_v: Moments,
+    error_v: Moments,
+    setpoint_v: Moments,
+    filtered_v: Moments,
+    gap_um: Moments,
+}
+
+/// Figures in the making.
+#[derive(Debug)]
+pub struct Statistics {
+    judge: Judge,
+    window: Window,
+    /// Whole windows: sums of what is judged tick by tick, and the error of each window's mean.
+    judged: Window,
+    window_errors: Moments,
+    swing: Vec<(f64, f64, f64)>,
+    swings: Vec<f64>,
+    lines: Lines,
+    retreats: Retreats,
+}
+
+/// Figures of a run; `None` where nothing was judged.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Figures {
+    /// Mean gap voltage, V.
+    pub gap_v_mean: Option<f64>,
+    /// Mean of the gap voltage to keep, V.
+    pub setpoint_v: Option<f64>,
+    /// Deviation of the 100 ms means from the setpoint, V rms.
+    pub gap_v_rms_error: Option<f64>,
+    /// Scatter of the filtered gap voltage about its mean, V rms.
+    pub filtered_v_rms: Option<f64>,
+    /// Mean gap, um.
+    pub gap_um_mean: Option<f64>,
+    /// Scatter of the gap about its mean, um rms.
+    pub gap_um_rms: Option<f64>,
+    /// Median over 0.5 s windows of the electrode's peak-to-peak, feed taken out, um.
+    pub position_pp_um: Option<f64>,
+    /// Strongest line of the electrode's motion between 5 and 50 Hz.
+    pub line: Option<Line>,
+    /// Retreats of more than 5 um.
+    pub long_retreats: u64,
+}
+
+impl Default for Statistics {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Statistics {
+    /// Nothing seen yet.
+    pub fn new() -> Statistics {
+        Statistics {
+            judge: Judge::default(),
+            window: Window::default(),
+            judged: Window::default(),
+            window_errors: Moments::default(),
+            swing: Vec::with_capacity(SWING_MS),
+            swings: Vec::new(),
+            lines: Lines::new(),
+            retreats: Retreats::default(),
+        }
+    }
+
+    /// Takes the newest millisecond.
+    pub fn add(&mut self, ms: &Millisecond) {
+        self.retreats.add(ms);
+        if self.judge.judged(ms.phase) {
+            self.voltage(ms);
+            self.position(ms);
+            self.lines.add(ms.position_um.mean);
+        } else {
+            self.window = Window::default();
+            self.swing.clear();
+            self.lines.interrupt();
+        }
+    }
+
+    fn voltage(&mut self, ms: &Millisecond) {
+        let window = &mut self.window;
+        window.ms += 1;
+        window.gap_v.add(ms.gap_v.mean);
+        window.error_v.add(ms.gap_v.mean - ms.setpoint_v);
+        window.setpoint_v.add(ms.setpoint_v);
+        window.filtered_v.add_known(ms.filtered_v.mean, ms.filtered_square);
+        window.gap_um.add(ms.gap_um.mean);
+        if window.ms == VOLTAGE_MS {
+            let window = std::mem::take(window);
+            self.window_errors.add(window.error_v.mean().unwrap_or_default());
+            self.judged.gap_v.merge(&window.gap_v);
+            self.judged.setpoint_v.merge(&window.setpoint_v);
+            self.judged.filtered_v.merge(&window.filtered_v);
+            self.judged.gap_um.merge(&window.gap_um);
+        }
+    }
+
+    fn position(&mut self, ms: &Millisecond) {
+        self.swing.push((ms.position_um.min, ms.position_um.mean, ms.position_um.max));
+        if self.swing.len() == SWING_MS {
+            let line = lines::trend(self.swing.iter().map(|(_, mean, _)| *mean));
+            let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+            for ((min, _, max), trend) in self.swing.iter().zip(line) {
+                low = low.min(min - trend);
+                high = high.max(max - trend);
+            }
+            self.swing.clear();
+            self.swings.push(high - low);
+        }
+    }
+
+    /// The figures so far.
+    pub fn figures(&self) -> Figures {
+        Figures {
+            gap_v_mean: self.judged.gap_v.mean(),
+            setpoint_v: self.judged.setpoint_v.mean(),
+            gap_v_rms_error: self.window_errors.rms(),
+            filtered_v_rms: self.judged.filtered_v.deviation(),
+            gap_um_mean: self.judged.gap_um.mean(),
+            gap_um_rms: self.judged.gap_um.deviation(),
+            position_pp_um: median(self.swings.clone()),
+            line: self.lines.strongest(),
+            long_retreats: self.retreats.count(),
+        }
+    }
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let upper = *values.get(values.len() / 2)?;
+    let lower = *values.get(values.len().saturating_sub(1) / 2)?;
+    Some((lower + upper) / 2.0)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,301 @@
+//! The command line as a person meets it: the real program, in a folder of its own.
+
+use edm_servo_head::settings::{Declared, Settings};
+use edm_sim::process::Parameters;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// A folder with a scenario that can be run, one that is broken, and something that must survive.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    let head = "title = \"T\"\ndescription = \"D\"\n";
+    write("good.toml", &format!("{head}[head]\n\"gap.setpoint_v\" = 55\n"));
+    write("broken.toml", &format!("{head}[head\n"));
+    write("unknown.toml", &format!("{head}[head]\n\"gap.setpoint\" = 55\n"));
+    write("range.toml", &format!("{head}[process]\n\n\"generator.on_us\" = nan\n"));
+    write("type.toml", &format!("{head}[head]\n\"gap.setpoint_v\" = true\n"));
+    write("conflict.toml", &format!("{head}[process]\n\"generator.burn_v\" = 90\n\"generator.open_v\" = 80\n"));
+    write("kept.json", "older");
+    fs::create_dir(folder.path().join("sub")).unwrap();
+    folder
+}
+
+fn run(folder: &Path, words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_edm-sim")).args(words).current_dir(folder).output().unwrap()
+}
+
+/// Every file with its content, every folder.
+fn listing(folder: &Path) -> BTreeMap<String, Option<Vec<u8>>> {
+    fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| {
+            let entry = entry.unwrap();
+            (entry.file_name().into_string().unwrap(), fs::read(entry.path()).ok())
+        })
+        .collect()
+}
+
+/// What a setting may be, as its declaration says.
+fn allowed(key: &str) -> String {
+    let mut fields = Parameters::FIELDS.iter().chain(Settings::FIELDS);
+    fields.find(|field| field.key == key).unwrap().allowed().to_string()
+}
+
+/// Runs with these words after `bore` and every output asked for: one line on stderr with all these parts, exit code 2,
+/// nothing on stdout, nothing written.
+fn refused(words: &[&str], parts: &[&str]) {
+    let folder = folder();
+    let before = listing(folder.path());
+    let mut all = vec!["bore"];
+    for (option, path) in [("--json", "r.json"), ("--trace", "r.csv"), ("--plot", "r.svg")] {
+        if !words.contains(&option) {
+            all.extend([option, path]);
+        }
+    }
+    all.extend(words);
+    let output = run(folder.path(), &all);
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{words:?}: {stderr}");
+    assert_eq!(stderr.trim_end().lines().count(), 1, "{words:?}: {stderr}");
+    for part in parts {
+        assert!(stderr.contains(part), "{words:?}: {part:?} is not in {stderr}");
+    }
+    assert!(output.stdout.is_empty());
+    assert_eq!(listing(folder.path()), before, "{words:?}");
+}
+
+#[test]
+fn a_value_out_of_range_of_the_wrong_type_or_not_a_number_is_refused() {
+    for (key, value) in [
+        ("gap.setpoint_v", "301"),
+        ("gap.setpoint_v", "0.99"),
+        ("gap.setpoint_v", "NaN"),
+        ("gap.setpoint_v", "-inf"),
+        ("gap.setpoint_v", "1e300"),
+        ("gap.setpoint_v", "sixty"),
+        ("gap.setpoint_v", ""),
+        ("gap.second_harmonic", "1"),
+        ("gap.average", "median"),
+        ("generator.on_us", "0"),
+        ("front_end.zero_code", "4096"),
+        ("front_end.zero_code", "1.5"),
+        ("front_end.zero_code", "-1"),
+    ] {
+        let assignment = format!("{key}={value}");
+        refused(&["--set", &assignment], &[&format!("--set {key} = {value}"), &allowed(key)]);
+    }
+}
+
+#[test]
+fn an_unknown_key_is_refused_with_the_nearest() {
+    refused(&["--set", "gap.setpont_v=60"], &["--set gap.setpont_v = 60", "did you mean gap.setpoint_v?"]);
+    refused(&["--set", "generator.on=160"], &["did you mean generator.on_us?"]);
+    refused(&["--set", "nonsense=160"], &["nonsense = 160", "no such setting", "edm-sim settings"]);
+    refused(&["--set", "gap.setpoint_v"], &["gap.setpoint_v", "must be key=value"]);
+}
+
+#[test]
+fn one_bad_value_among_good_ones_is_enough() {
+    refused(
+        &["--set", "gap.setpoint_v=50", "--set", "gap.corner_hz=5"],
+        &["gap.corner_hz = 5", &allowed("gap.corner_hz")],
+    );
+}
+
+#[test]
+fn values_that_do_not_fit_together_are_refused() {
+    refused(&["--set", "generator.burn_v=100"], &["generator.burn_v = 100", "must be below generator.open_v"]);
+    refused(&["--set", "gap.setpoint_v=80"], &["gap.setpoint_v = 80", "must be below gap.open_min_v"]);
+    refused(&["--set", "workpiece.surface_mm=11.9"], &["workpiece.surface_mm = 11.9", "limit.lower_mm"]);
+    refused(&["--scenario", "conflict.toml"], &["generator.burn_v = 90", "must be below generator.open_v"]);
+}
+
+#[test]
+fn a_depth_that_is_no_number_or_outside_the_stroke_is_refused() {
+    for depth in ["NaN", "inf", "-inf", "0", "-1", "0.0009", "9.801", "12", "deep", ""] {
+        refused(&["--depth-mm", depth], &[&format!("--depth-mm {depth}"), "must be a number from 0.001 to 9.8 mm"]);
+    }
+    // The range follows the machine that is asked for.
+    refused(&["--depth-mm", "5", "--set", "workpiece.surface_mm=7.5"], &["--depth-mm 5", "from 0.001 to 4.3 mm"]);
+}
+
+#[test]
+fn a_seed_that_is_no_whole_number_is_refused() {
+    for seed in ["x", "-1", "1.5", "18446744073709551616"] {
+        refused(&["--seed", seed], &["--seed", seed, "a whole number from 0 to 18446744073709551615"]);
+    }
+}
+
+#[test]
+fn a_scenario_that_is_missing_or_malformed_is_refused() {
+    refused(&["--scenario", "defualt"], &["--scenario defualt", "did you mean default?", "roberts-original"]);
+    refused(&["--scenario", "missing.toml"], &["--scenario missing.toml", "cannot be read"]);
+    refused(&["--scenario", "sub"], &["--scenario sub", "cannot be read"]);
+    refused(&["--scenario", "broken.toml"], &["broken.toml:3", "not TOML"]);
+    refused(&["--scenario", "unknown.toml"], &["unknown.toml:4", "gap.setpoint = 55", "did you mean gap.setpoint_v?"]);
+    refused(&["--scenario", "range.toml"], &["range.toml:5", "generator.on_us = nan", &allowed("generator.on_us")]);
+    refused(&["--scenario", "type.toml"], &["type.toml:4", "gap.setpoint_v = true", &allowed("gap.setpoint_v")]);
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_refused_before_anything_runs() {
+    for option in ["--json", "--trace", "--plot"] {
+        for path in ["nowhere/r.out", "sub", "kept.json/r.out", ".."] {
+            refused(&[option, path], &[&format!("{option} {path}"), "must be a file that can be written"]);
+        }
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_output_in_a_folder_without_leave_to_write_is_refused() {
+    refused(&["--json", "/proc/r.json"], &["--json /proc/r.json", "must be a file that can be written"]);
+}
+
+#[test]
+fn two_outputs_in_one_file_and_an_output_over_its_scenario_are_refused() {
+    refused(
+        &["--json", "sub/../same", "--plot", "same"],
+        &["--json sub/../same", "--plot same", "must be different files"],
+    );
+    refused(&["--json", "kept.json", "--trace", "./kept.json"], &["must be different files"]);
+    refused(
+        &["--scenario", "good.toml", "--json", "good.toml"],
+        &["--json good.toml", "must not be the scenario file"],
+    );
+}
+
+#[test]
+fn an_unknown_option_or_command_is_refused_in_one_line() {
+    refused(&["--depht-mm", "1"], &["--depht-mm"]);
+    refused(&["1"], &["'1'"]);
+    refused(&["--json", ""], &["--json"]);
+    for words in [&["boer"][..], &["settings", "x"], &["bench", "--runs", "0"], &[]] {
+        let output = run(folder().path(), words);
+        assert_eq!(output.status.code(), Some(2), "{words:?}");
+        assert_eq!(String::from_utf8(output.stderr).unwrap().trim_end().lines().count(), 1, "{words:?}");
+    }
+}
+
+#[test]
+fn a_bench_with_bad_input_is_refused_too() {
+    let folder = folder();
+    let before = listing(folder.path());
+    for words in [&["bench", "--json", "nowhere/b.json"][..], &["bench", "--json", "b.json", "--depth-mm", "99"]] {
+        assert_eq!(run(folder.path(), words).status.code(), Some(2), "{words:?}");
+    }
+    assert_eq!(listing(folder.path()), before);
+}
+
+/// A hole shallow enough for a test.
+const SHALLOW: [&str; 7] = ["bore", "--depth-mm", "0.01", "--set", "workpiece.surface_mm=0.3", "--json", "r.json"];
+
+fn report(folder: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(folder.join("r.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn a_bored_hole_leaves_its_outputs_and_a_summary() {
+    let folder = folder();
+    let words: Vec<&str> = SHALLOW.into_iter().chain(["--trace", "r.csv", "--plot", "kept.json"]).collect();
+    let output = run(folder.path(), &words);
+    let stdout = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{stdout}");
+    assert!(output.stderr.is_empty(), "no progress bar where nobody looks");
+    for words in ["Simulated bore", "mm deep (simulated), 0.010 mm asked for", "Gap voltage", "Faults       none"] {
+        assert!(stdout.contains(words), "{words} in {stdout}");
+    }
+    let report = report(folder.path());
+    assert_eq!(report["completed"], true);
+    assert_eq!(report["stop_reason"], "depth reached");
+    assert!((report["depth_mm"].as_f64().unwrap() - 0.01).abs() < 0.001, "{report}");
+    assert!(fs::read_to_string(folder.path().join("kept.json")).unwrap().starts_with("<svg"));
+    assert_eq!(listing(folder.path()).len(), listing(self::folder().path()).len() + 2);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_report_and_another_seed_another() {
+    let run_with = |seed: &str| {
+        let folder = folder();
+        let words: Vec<&str> = SHALLOW.into_iter().chain(["--quiet", "--seed", seed]).collect();
+        let output = run(folder.path(), &words);
+        assert!(output.stdout.is_empty() && output.stderr.is_empty());
+        let mut report = report(folder.path());
+        report["wall_time_s"] = Value::Null;
+        report["seed"] = Value::Null;
+        report
+    };
+    assert_eq!(run_with("7"), run_with("7"));
+    assert_ne!(run_with("7"), run_with("8"));
+}
+
+#[test]
+fn a_hole_that_is_not_bored_is_exit_code_1_and_says_why() {
+    let folder = folder();
+    let words: Vec<&str> = SHALLOW.into_iter().chain(["--set", "wiring.gap_reversed=true"]).collect();
+    let output = run(folder.path(), &words);
+    let stdout = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{stdout}");
+    assert!(stdout.contains("stopped: gap signal invalid"), "{stdout}");
+    let report = report(folder.path());
+    assert_eq!(report["completed"], false);
+    assert_eq!(report["faults"][0]["fault"], "gap signal invalid");
+}
+
+#[test]
+fn a_scenario_file_is_run_by_its_name() {
+    let folder = folder();
+    let words: Vec<&str> = SHALLOW.into_iter().chain(["--scenario", "good.toml"]).collect();
+    assert_eq!(run(folder.path(), &words).status.code(), Some(0));
+    assert_eq!(report(folder.path())["scenario"], "good.toml, workpiece.surface_mm=0.3");
+}
+
+#[test]
+fn the_dry_loop_bores_without_a_spark() {
+    let folder = folder();
+    let words: Vec<&str> = SHALLOW.into_iter().chain(["--surrogate"]).collect();
+    assert_eq!(run(folder.path(), &words).status.code(), Some(0));
+    let report = report(folder.path());
+    assert_eq!(report["discharges"], 0);
+    assert_eq!(report["spark_ratio"], Value::Null);
+    assert!((report["gap_um"]["mean"].as_f64().unwrap() - 40.0).abs() < 5.0, "{report}");
+}
+
+#[test]
+fn the_lists_name_every_scenario_and_every_setting() {
+    let folder = folder();
+    let list = |word: &str| {
+        let output = run(folder.path(), &[word]);
+        assert_eq!(output.status.code(), Some(0));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let scenarios = list("scenarios");
+    for name in ["default", "pulses-100khz", "pulses-1khz", "mass-0.1kg", "mass-0.4kg", "dirty-gap", "roberts-original"]
+    {
+        assert!(scenarios.lines().any(|line| line.starts_with(&format!("{name} "))), "{name}");
+    }
+    let settings = list("settings");
+    for field in Parameters::FIELDS.iter().chain(Settings::FIELDS) {
+        assert!(settings.lines().any(|line| line.starts_with(&format!("{} ", field.key))), "{}", field.key);
+    }
+}
+
+#[test]
+fn the_bench_measures_relative_to_its_calibration_loop() {
+    let folder = folder();
+    let words =
+        ["bench", "--runs", "1", "--depth-mm", "0.005", "--set", "workpiece.surface_mm=0.3", "--json", "b.json"];
+    let output = run(folder.path(), &words);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let bench: Value = serde_json::from_str(&fs::read_to_string(folder.path().join("b.json")).unwrap()).unwrap();
+    let median = &bench["median"];
+    let number = |key: &str| median[key].as_f64().unwrap();
+    assert!((number("relative_speed") / (number("real_time_factor") * number("calibration_s")) - 1.0).abs() < 1e-9);
+    assert!(bench["first_progress_s"].as_f64().unwrap() < 1.0);
+    assert_eq!(bench["runs"].as_array().unwrap().len(), 1);
+}

@@ -1,0 +1,267 @@
+//! `cargo firmware`: builds the image for each board, checks that a chip would start it, and says where the bytes go.
+//!
+//! Bytes of a *room* come from the line table of the debug information, which knows the source file of every instruction
+//! even after everything has been inlined into the tasks.
+
+use gimli::{EndianSlice, RunTimeEndian};
+use object::{Object, ObjectSection, SectionKind};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Where the chip looks for its vector table.
+const VECTORS: u64 = 0x0800_0000;
+/// Where the program may begin: the sectors in between hold the settings.
+const PROGRAM: u64 = 0x0800_C000;
+const FLASH_LIMIT: u64 = 96 * 1024;
+const RAM_LIMIT: u64 = 32 * 1024;
+const FLASH: std::ops::Range<u64> = VECTORS..VECTORS + 1024 * 1024;
+const RAM: std::ops::Range<u64> = 0x2000_0000..0x2002_0000;
+const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// Boards: feature of the firmware package, and name.
+const BOARDS: [(&str, &str); 2] = [("board-f405", "STM32F405RG"), ("board-f407-disc", "STM32F407G-DISC1")];
+
+/// Builds, checks and reports every board. The images are left in `firmware/` of the target directory, a name each.
+pub fn run(root: &Path) -> Result<(), String> {
+    for (feature, name) in BOARDS {
+        let elf = build(root, feature)?;
+        let elf = elf.canonicalize().unwrap_or(elf);
+        let data = std::fs::read(&elf).map_err(|e| format!("{}: {e}", elf.display()))?;
+        let image = Image::read(&data)?;
+        println!("{name}: {}", elf.display());
+        image.print();
+        image.check()?;
+        println!();
+    }
+    Ok(())
+}
+
+fn build(root: &Path, feature: &str) -> Result<PathBuf, String> {
+    let status = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+        .current_dir(root)
+        .args(["build", "--release", "-p", "edm-servo-head", "--bin", "edm-servo-head", "--target", TARGET])
+        .args(["--no-default-features", "--features", feature])
+        .status()
+        .map_err(|e| format!("cargo: {e}"))?;
+    if !status.success() {
+        return Err(format!("the firmware does not build with {feature}"));
+    }
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), PathBuf::from);
+    let folder = target.join("firmware");
+    let elf = folder.join(format!("edm-servo-head-{feature}.elf"));
+    std::fs::create_dir_all(&folder)
+        .and_then(|()| std::fs::copy(target.join(TARGET).join("release/edm-servo-head"), &elf))
+        .map_err(|e| format!("{}: {e}", elf.display()))?;
+    Ok(elf)
+}
+
+/// What is known of an image.
+struct Image {
+    /// Name, address and size of the sections that the chip sees.
+    sections: Vec<(String, u64, u64)>,
+    /// Initial stack pointer and reset vector.
+    vectors: Option<(u32, u32)>,
+    entry: u64,
+    rooms: BTreeMap<String, u64>,
+    flash: u64,
+    ram: u64,
+}
+
+impl Image {
+    fn read(data: &[u8]) -> Result<Image, String> {
+        let file = object::File::parse(data).map_err(|e| e.to_string())?;
+        let mut image = Image {
+            sections: Vec::new(),
+            vectors: None,
+            entry: file.entry(),
+            rooms: rooms(&file).map_err(|e| format!("debug information: {e}"))?,
+            flash: 0,
+            ram: 0,
+        };
+        for section in file.sections() {
+            let (address, size) = (section.address(), section.size());
+            if size == 0 || !allocated(&section) {
+                continue;
+            }
+            let name = section.name().unwrap_or("?").to_owned();
+            if name == ".vector_table" && address == VECTORS {
+                let bytes = section.data().map_err(|e| e.to_string())?;
+                image.vectors = bytes.first_chunk::<8>().map(|b| {
+                    let [a, b, c, d, e, f, g, h] = *b;
+                    (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]))
+                });
+            }
+            // Initial values of variables are in flash as well.
+            if FLASH.contains(&address) || name == ".data" {
+                image.flash += size;
+            }
+            if RAM.contains(&address) {
+                image.ram += size;
+            }
+            image.sections.push((name, address, size));
+        }
+        Ok(image)
+    }
+
+    fn print(&self) {
+        for (name, address, size) in &self.sections {
+            println!("  {name:<14} {address:#010x} {size:>7}");
+        }
+        println!(
+            "  flash {:.1} of {} KiB, RAM {:.1} of {} KiB",
+            kib(self.flash),
+            FLASH_LIMIT / 1024,
+            kib(self.ram),
+            RAM_LIMIT / 1024
+        );
+        println!("  code by room:");
+        let mut rooms: Vec<_> = self.rooms.iter().collect();
+        rooms.sort_by_key(|(_, size)| std::cmp::Reverse(**size));
+        for (room, size) in rooms {
+            println!("    {room:<28} {size:>6}");
+        }
+    }
+
+    /// What keeps a chip from starting this image, or us from shipping it.
+    fn check(&self) -> Result<(), String> {
+        let (stack, reset) =
+            self.vectors.ok_or("no vector table at 0x08000000: were the linker arguments replaced?")?;
+        let in_program = |address: u64| address >= PROGRAM && FLASH.contains(&address);
+        if !(RAM.contains(&u64::from(stack)) || u64::from(stack) == RAM.end) || stack % 8 != 0 {
+            return Err(format!("the initial stack pointer {stack:#010x} is not in RAM"));
+        }
+        if reset & 1 == 0 || !in_program(u64::from(reset & !1)) {
+            return Err(format!("the reset vector {reset:#010x} is no address of the program"));
+        }
+        if self.entry & !1 != u64::from(reset & !1) {
+            return Err(format!("entry {:#010x} and reset vector {reset:#010x} differ", self.entry));
+        }
+        for (name, address, _) in &self.sections {
+            if FLASH.contains(address) && name != ".vector_table" && *address < PROGRAM {
+                return Err(format!("section {name} lies in the sectors of the settings"));
+            }
+        }
+        if self.flash > FLASH_LIMIT || self.ram > RAM_LIMIT {
+            return Err("the image is larger than its limits".to_owned());
+        }
+        Ok(())
+    }
+}
+
+fn kib(bytes: u64) -> f64 {
+    bytes as f64 / 1024.0
+}
+
+fn allocated<'d>(section: &impl ObjectSection<'d>) -> bool {
+    let debug = matches!(section.kind(), SectionKind::Debug | SectionKind::DebugString | SectionKind::Metadata);
+    !debug
+        && (FLASH.contains(&section.address()) || RAM.contains(&section.address()) || section.name() == Ok(".ccmram"))
+}
+
+/// Bytes of code by room, from the line table.
+fn rooms(file: &object::File) -> Result<BTreeMap<String, u64>, gimli::Error> {
+    let endian = RunTimeEndian::Little;
+    let load = |id: gimli::SectionId| -> Result<EndianSlice<'_, RunTimeEndian>, gimli::Error> {
+        let data = file.section_by_name(id.name()).and_then(|section| section.data().ok());
+        Ok(EndianSlice::new(data.unwrap_or(&[]), endian))
+    };
+    let dwarf = gimli::Dwarf::load(load)?;
+    let mut sizes = BTreeMap::new();
+    let mut units = dwarf.units();
+    while let Some(header) = units.next()? {
+        let unit = dwarf.unit(header)?;
+        let Some(program) = unit.line_program.clone() else { continue };
+        let mut rows = program.rows();
+        let mut before: Option<(u64, String)> = None;
+        while let Some((header, row)) = rows.next_row()? {
+            if let Some((address, room)) = before.take()
+                && (PROGRAM..FLASH.end).contains(&address)
+            {
+                *sizes.entry(room).or_insert(0) += row.address().saturating_sub(address);
+            }
+            if row.end_sequence() {
+                continue;
+            }
+            // Each part is relative to the one before, unless it is absolute.
+            let mut path =
+                PathBuf::from(unit.comp_dir.map_or_else(String::new, |dir| dir.to_string_lossy().into_owned()));
+            if let Some(file) = row.file(header) {
+                if let Some(folder) = file.directory(header) {
+                    path.push(&*dwarf.attr_string(&unit, folder)?.to_string_lossy());
+                }
+                path.push(&*dwarf.attr_string(&unit, file.path_name())?.to_string_lossy());
+            }
+            before = Some((row.address(), room(&path.to_string_lossy())));
+        }
+    }
+    Ok(sizes)
+}
+
+/// The room, or the library, that a source file belongs to.
+fn room(path: &str) -> String {
+    if let Some((_, library)) = path.split_once(".crates.io-") {
+        let name = library.split('/').nth(1).unwrap_or("?");
+        // Without the version.
+        return name.rsplit_once('-').map_or(name, |(name, _)| name).to_owned();
+    }
+    if path.contains("/rustc/") || path.contains("/library/") {
+        return "core".to_owned();
+    }
+    if let Some((_, shim)) = path.split_once("hal-shim/src/") {
+        return format!("hal-shim/{}", shim.split('/').next().unwrap_or_default().trim_end_matches(".rs"));
+    }
+    match path.rsplit_once("src/") {
+        Some((_, file)) => format!("src/{}", file.split('/').next().unwrap_or_default().trim_end_matches(".rs")),
+        None => "?".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn good() -> Image {
+        Image {
+            sections: vec![(".vector_table".to_owned(), VECTORS, 392), (".text".to_owned(), PROGRAM, 60_000)],
+            vectors: Some((0x2002_0000, 0x0800_C001)),
+            entry: 0x0800_C001,
+            rooms: BTreeMap::new(),
+            flash: FLASH_LIMIT,
+            ram: RAM_LIMIT,
+        }
+    }
+
+    #[test]
+    fn an_image_at_its_limits_passes() {
+        assert_eq!(good().check(), Ok(()));
+    }
+
+    #[test]
+    fn whatever_a_chip_would_not_start_is_refused() {
+        let refused = |image: Image, word: &str| {
+            let error = image.check().expect_err(word);
+            assert!(error.contains(word), "{error}");
+        };
+        refused(Image { vectors: None, ..good() }, "vector table");
+        refused(Image { vectors: Some((0, 0x0800_C001)), ..good() }, "stack pointer");
+        refused(Image { vectors: Some((0x2002_0004, 0x0800_C001)), ..good() }, "stack pointer");
+        refused(Image { vectors: Some((0x2002_0000, 0)), ..good() }, "reset vector");
+        refused(Image { vectors: Some((0x2002_0000, 0x0800_C000)), ..good() }, "reset vector");
+        refused(Image { entry: 0, ..good() }, "differ");
+        refused(Image { flash: FLASH_LIMIT + 1, ..good() }, "limits");
+        refused(Image { ram: RAM_LIMIT + 1, ..good() }, "limits");
+        let mut image = good();
+        image.sections.push((".text".to_owned(), PROGRAM - 4, 8));
+        refused(image, "settings");
+    }
+
+    #[test]
+    fn a_source_file_belongs_to_its_room_or_library() {
+        assert_eq!(room("/home/me/head/src/path/register.rs"), "src/path");
+        assert_eq!(room("src/main.rs"), "src/main");
+        assert_eq!(room("/home/me/head/hal-shim/src/stm32f4/pwm.rs"), "hal-shim/stm32f4");
+        assert_eq!(room("/home/me/.cargo/registry/src/index.crates.io-1949/defmt-rtt-1.3.1/src/lib.rs"), "defmt-rtt");
+        assert_eq!(room("/rustc/0123/library/core/src/fmt/mod.rs"), "core");
+    }
+}

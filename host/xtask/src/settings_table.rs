@@ -1,0 +1,38 @@
+//! The settings as a page for people.
+
+use edm_servo_head::settings::{Declared, Settings};
+use std::fmt::Write;
+
+/// The page, as Markdown.
+pub fn render() -> String {
+    let mut page = String::from(
+        "# Settings of the head\n\n\
+         Generated from src/settings/table.rs by `cargo xtask docs`. Set one with `--set key=value` or under `[head]` in a\n\
+         scenario file. \"assumed\" means that no source gives the value; [R] is Roberts 2014, [L] Lemeni.\n",
+    );
+    let defaults = Settings::default();
+    let mut group = "";
+    for (index, field) in Settings::FIELDS.iter().enumerate() {
+        let (prefix, _) = field.key.split_once('.').unwrap_or((field.key, ""));
+        if prefix != group {
+            group = prefix;
+            let _ = write!(
+                page,
+                "\n## {group}\n\n| key | what it does | default | allowed | source |\n| --- | --- | --- | --- | --- |\n"
+            );
+        }
+        let default = defaults.get(index).map(|value| value.to_string().replace('"', "")).unwrap_or_default();
+        let unit = if field.unit.is_empty() { String::new() } else { format!(" {}", field.unit) };
+        let _ = writeln!(
+            page,
+            "| `{}` | {} | {}{} | {} | {} |",
+            field.key,
+            field.doc.trim(),
+            default,
+            unit,
+            field.allowed(),
+            field.source
+        );
+    }
+    page
+}

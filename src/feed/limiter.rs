@@ -1,0 +1,111 @@
+//! Limits that every motion along the path shares: acceleration, and what can still be stopped before an end.
+
+use crate::units::{Micrometres, MicrometresPerSecond, MicrometresPerSecond2, TICK_HZ, TICK_S};
+use micromath::F32Ext as Approximate;
+
+/// Limits of path velocity under a feed law.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Limits {
+    /// Toward the work.
+    pub feed: MicrometresPerSecond,
+    /// Away from it.
+    pub retreat: MicrometresPerSecond,
+}
+
+impl Limits {
+    /// The nearest allowed velocity.
+    pub fn clamp(&self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
+        MicrometresPerSecond(wanted.0.max(-self.retreat.0).min(self.feed.0))
+    }
+}
+
+/// Limits a path velocity and remembers what it let through.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Limiter {
+    velocity: f32,
+}
+
+impl Limiter {
+    /// Velocity for this tick. `ahead` and `behind` are the lengths left toward either end, not negative: the head can
+    /// always stop within them, v^2 <= 2 a d.
+    pub fn limit(
+        &mut self,
+        wanted: MicrometresPerSecond,
+        acceleration: MicrometresPerSecond2,
+        ahead: Micrometres,
+        behind: Micrometres,
+    ) -> MicrometresPerSecond {
+        let step = acceleration.0 * TICK_S;
+        let slewed = wanted.0.max(self.velocity - step).min(self.velocity + step);
+        let back = stoppable(acceleration, behind, -slewed);
+        let forth = stoppable(acceleration, ahead, slewed);
+        self.velocity = slewed.max(-back).min(forth);
+        MicrometresPerSecond(self.velocity)
+    }
+
+    /// Velocity let through last.
+    pub fn velocity(&self) -> MicrometresPerSecond {
+        MicrometresPerSecond(self.velocity)
+    }
+
+    /// Forgets the velocity: the head stands.
+    pub fn stop(&mut self) {
+        self.velocity = 0.0;
+    }
+}
+
+/// Largest speed that can be stopped within `distance`, a tick's travel included; `speed` itself when that is slow enough.
+///
+/// Half the square root's argument is given away, which covers micromath's 5 % and the slew that is still to come.
+fn stoppable(a: MicrometresPerSecond2, distance: Micrometres, speed: f32) -> f32 {
+    let distance = distance.0.max(0.0);
+    let square = a.0 * distance;
+    let stop = if speed <= 0.0 || speed * speed <= square { speed.max(0.0) } else { Approximate::sqrt(square) };
+    stop.min(distance * TICK_HZ as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ACCELERATION: MicrometresPerSecond2 = MicrometresPerSecond2(1e6);
+    const FAR: Micrometres = Micrometres(1e6);
+
+    #[test]
+    fn feed_and_retreat_have_limits_of_their_own() {
+        let limits = Limits { feed: MicrometresPerSecond(200.0), retreat: MicrometresPerSecond(1000.0) };
+        let clamp = |v| limits.clamp(MicrometresPerSecond(v)).0;
+        assert_eq!([clamp(199.0), clamp(201.0), clamp(-999.0), clamp(-1001.0)], [199.0, 200.0, -999.0, -1000.0]);
+    }
+
+    #[test]
+    fn velocity_changes_by_the_acceleration_and_no_more() {
+        let mut limiter = Limiter::default();
+        let first = limiter.limit(MicrometresPerSecond(-1000.0), ACCELERATION, FAR, FAR).0;
+        assert!((first + 50.0).abs() < 1e-3);
+        let second = limiter.limit(MicrometresPerSecond(1000.0), ACCELERATION, FAR, FAR).0;
+        assert!(second.abs() < 1e-3);
+    }
+
+    #[test]
+    fn the_head_stops_before_either_end_from_any_speed() {
+        for direction in [1.0f32, -1.0] {
+            let mut limiter = Limiter::default();
+            let mut left = 30.0f32;
+            let mut fastest = 0.0f32;
+            for _ in 0..200_000 {
+                let (ahead, behind) = if direction > 0.0 { (left, 1e6) } else { (1e6, left) };
+                let v = limiter
+                    .limit(MicrometresPerSecond(direction * 1e5), ACCELERATION, Micrometres(ahead), Micrometres(behind))
+                    .0;
+                left -= v * direction * TICK_S;
+                fastest = fastest.max(v.abs());
+                assert!(left >= -1e-6, "ran over the end by {left} um");
+            }
+            assert!(left < 0.5, "crept to a halt {left} um before the end");
+            assert!(fastest > 100.0);
+        }
+    }
+}

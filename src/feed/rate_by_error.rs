@@ -1,0 +1,41 @@
+//! Rate by error: a standard velocity at a standard error, in proportion, clamped ([R] section 6.7.2).
+
+use super::FeedLaw;
+use crate::units::{MicrometresPerSecond, Volts};
+
+/// Velocity in proportion to the gap error, up to a multiple of the standard one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RateByError {
+    /// um/s per volt: the standard velocity divided by the standard error.
+    per_volt: f32,
+    clamp: MicrometresPerSecond,
+}
+
+impl RateByError {
+    /// Law with `standard` velocity at an error of `at` (more than zero), clamped to `clamp` either way.
+    pub fn new(standard: MicrometresPerSecond, at: Volts, clamp: MicrometresPerSecond) -> Self {
+        RateByError { per_volt: standard.0 / at.0, clamp }
+    }
+}
+
+impl FeedLaw for RateByError {
+    fn velocity(&mut self, error: Volts) -> MicrometresPerSecond {
+        MicrometresPerSecond((error.0 * self.per_volt).max(-self.clamp.0).min(self.clamp.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_standard_error_gives_the_standard_velocity_and_the_clamp_holds_both_ways() {
+        let mut law = RateByError::new(MicrometresPerSecond(100.0), Volts(5.0), MicrometresPerSecond(400.0));
+        assert_eq!(law.velocity(Volts(5.0)).0, 100.0);
+        assert_eq!(law.velocity(Volts(-2.5)).0, -50.0);
+        assert_eq!(law.velocity(Volts(19.9)).0, 398.0);
+        assert_eq!(law.velocity(Volts(20.1)).0, 400.0);
+        assert_eq!(law.velocity(Volts(-60.0)).0, -400.0);
+    }
+}

@@ -1,0 +1,233 @@
+//! Mean gap voltage, plain or gated (Roberts section 6.5).
+//!
+//! Block of conversions -> mean above zero volts -> low-pass and notch -> volts. *Plain* averages every conversion, so
+//! off-time drags it down: at 50 % on-time and 100 V it cannot exceed 50 V. *Gated* averages on-time only
+//! (`gated.rs`). All of it runs in converter codes and is scaled to volts once, at the end.
+//!
+//! Shorts are judged block by block before the filters, which are 2 to 3 ms late. Only gated conversions are judged,
+//! because off-time reads 0 V as a short does. A machine whose gate is not wired reports every conversion as gated:
+//! its short run must be set longer than its off-time.
+
+use super::gated::{Gated, PER_BLOCK};
+use super::{GapReading, GapSource, Quality};
+use crate::dsp::decimate::{Good, Tally};
+use crate::dsp::{OutOfRange, chain, in_range};
+use crate::units::{ADC_FULL_SCALE, Seconds, Volts};
+use edm_hal_shim::gap::GapBlock;
+
+/// Which conversions the average is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Average {
+    /// All of them.
+    Plain,
+    /// Those taken in on-time.
+    Gated,
+}
+
+/// Which way the code moves when the generator applies voltage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Polarity {
+    /// Up.
+    Positive,
+    /// Down.
+    Negative,
+}
+
+/// What the source is built from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Config {
+    /// Which conversions are averaged.
+    pub average: Average,
+    /// Code at 0 V, one of the `good` ones.
+    pub zero_code: u16,
+    /// Volts per code, 0.001..=1.
+    pub volts_per_code: f32,
+    /// Which way the code moves.
+    pub polarity: Polarity,
+    /// Low-pass and notch.
+    pub filter: chain::Config,
+    /// A gated block whose mean is closer to 0 V than this is a short, 1..=300 V; below the burn voltage.
+    pub short: Volts,
+    /// Fewest gated conversions by which a block is judged a short or not, 1..=25. Voltage needs a few microseconds to
+    /// rise at the start of a pulse.
+    pub min_gated: u32,
+    /// Longest time without a gated block before the gate counts as missing, 0.001..=10 s.
+    pub hold_limit: Seconds,
+    /// A filtered voltage of the wrong sign and larger than this means swapped leads, 1..=300 V.
+    pub reversed: Volts,
+    /// Codes that are not clipped, within 0..=4095; from 0 on for a front end that reads 0 V as code 0.
+    pub good: Good,
+    /// Share of the averaged conversions that have to be clipped for the block to count as saturated, 0.04..=1.
+    pub clipped_share: f32,
+}
+
+/// Assumed: a divider that reads -41 to 368 V; half the burn voltage of Roberts, about 40 V, for the thresholds.
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            average: Average::Gated,
+            zero_code: 410,
+            volts_per_code: 0.1,
+            polarity: Polarity::Positive,
+            filter: chain::Config::default(),
+            short: Volts(20.0),
+            min_gated: 3,
+            hold_limit: Seconds(0.02),
+            reversed: Volts(20.0),
+            good: Good { lowest: 1, highest: ADC_FULL_SCALE - 1 },
+            clipped_share: 0.2,
+        }
+    }
+}
+
+impl Config {
+    /// Computes what the ticks need, or names the parameter that is out of range.
+    pub fn build(&self) -> Result<Active, OutOfRange> {
+        let highest = in_range("highest good code", self.good.highest.into(), 1.0, ADC_FULL_SCALE.into())?;
+        let lowest = in_range("lowest good code", self.good.lowest.into(), 0.0, highest)?;
+        in_range("code at 0 V", self.zero_code.into(), lowest, highest)?;
+        let volts_per_code = in_range("volts per code", self.volts_per_code, 0.001, 1.0)?;
+        let short = in_range("short threshold (V)", self.short.0, 1.0, 300.0)?;
+        Ok(Active {
+            average: self.average,
+            zero_code: self.zero_code,
+            scale: match self.polarity {
+                Polarity::Positive => volts_per_code,
+                Polarity::Negative => -volts_per_code,
+            },
+            filter: self.filter.build()?,
+            short: short / volts_per_code,
+            min_gated: in_range("fewest gated conversions", self.min_gated as f32, 1.0, 25.0)? as u32,
+            hold_limit: Seconds(in_range("hold limit (s)", self.hold_limit.0, 0.001, 10.0)?).ticks(),
+            reversed: Volts(-in_range("reversed threshold (V)", self.reversed.0, 1.0, 300.0)?),
+            good: self.good,
+            clipped_share: in_range("clipped share", self.clipped_share, 0.04, 1.0)?,
+        })
+    }
+}
+
+/// What the ticks run on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Active {
+    average: Average,
+    zero_code: u16,
+    /// Volts per code, negative where voltage moves the code down.
+    scale: f32,
+    filter: chain::Coefficients,
+    /// Codes.
+    short: f32,
+    min_gated: u32,
+    /// Ticks.
+    hold_limit: u32,
+    /// Negative.
+    reversed: Volts,
+    good: Good,
+    clipped_share: f32,
+}
+
+/// The source: [`Config::build`] makes what it runs on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Voltage {
+    active: Active,
+    filter: chain::State,
+    gated: Gated,
+    /// Newest average, codes above zero volts; `None` before the first.
+    block: Option<f32>,
+    /// Ticks since the newest block with enough gated conversions.
+    gateless_ticks: u32,
+    short_ticks: u32,
+}
+
+impl Voltage {
+    /// A source that has seen nothing yet; the first block it averages is where its filters start.
+    pub fn new(active: Active) -> Self {
+        Self {
+            active,
+            filter: chain::State::default(),
+            gated: Gated::default(),
+            block: None,
+            gateless_ticks: u32::MAX,
+            short_ticks: 0,
+        }
+    }
+
+    /// Goes on with other settings between two ticks. The reading stays where it is in volts and moves on from there.
+    pub fn retune(&mut self, active: Active) {
+        self.filter.retune(&self.active.filter, &active.filter);
+        let ratio = self.active.scale / active.scale;
+        self.filter.scale(ratio);
+        self.gated.scale(ratio);
+        self.block = self.block.map(|block| block * ratio);
+        self.active = active;
+    }
+
+    /// Averages a block; gives whether it is a short (`None`: too few gated conversions to tell) and whether it clipped.
+    #[inline]
+    fn take(&mut self, block: &GapBlock) -> (Option<bool>, bool) {
+        let active = &self.active;
+        let on = Tally::of(&block.codes, block.gate, active.good);
+        let above = on.above(active.zero_code);
+        let gated = self.gated.block(&on, block.gate, above);
+        let (sample, used) = match active.average {
+            Average::Gated => (gated, on),
+            Average::Plain => {
+                let all = Tally::of(&block.codes, GapBlock::ALL, active.good);
+                (Some(all.above(active.zero_code) as f32 * PER_BLOCK), all)
+            }
+        };
+        if let (None, Some(first)) = (self.block, sample) {
+            self.filter = chain::State::settled(first);
+        }
+        self.block = sample.or(self.block);
+        let short = (above.unsigned_abs() as f32) < active.short * on.count as f32;
+        let clipped = used.clipped > 0 && used.clipped as f32 >= active.clipped_share * used.count as f32;
+        ((on.count >= active.min_gated).then_some(short), clipped)
+    }
+
+    /// Counts the run of shorts and the time without a gate.
+    #[inline]
+    fn count(&mut self, short: Option<bool>) {
+        self.gateless_ticks = if short.is_some() { 0 } else { self.gateless_ticks.saturating_add(1) };
+        let lasts = short.unwrap_or(self.short_ticks > 0 && self.gateless_ticks <= self.active.hold_limit);
+        self.short_ticks = if lasts { self.short_ticks.saturating_add(1) } else { 0 };
+    }
+}
+
+impl GapSource for Voltage {
+    fn update(&mut self, block: Option<&GapBlock>) -> GapReading {
+        let (short, clipped) = block.map_or((None, false), |block| self.take(block));
+        self.count(short);
+        let active = &self.active;
+        let codes = self.block.unwrap_or(0.0);
+        let filtered = Volts(self.filter.tick(&active.filter, codes) * active.scale);
+        let quality = if block.is_none() {
+            Quality::Missing
+        } else if active.average == Average::Gated && self.gateless_ticks > active.hold_limit {
+            Quality::NoGate
+        } else if filtered < active.reversed {
+            Quality::Reversed
+        } else if clipped {
+            Quality::Saturated
+        } else {
+            Quality::Valid
+        };
+        GapReading { filtered, block: Volts(codes * active.scale), quality, short_ticks: self.short_ticks }
+    }
+
+    fn reset_to(&mut self, volts: Volts) {
+        if volts.0.is_nan() {
+            return;
+        }
+        let limit = f32::from(ADC_FULL_SCALE);
+        let codes = (volts.0 / self.active.scale).clamp(-limit, limit);
+        self.filter = chain::State::settled(codes);
+        self.gated = Gated::settled(codes);
+        self.block = Some(codes);
+        self.short_ticks = 0;
+    }
+}

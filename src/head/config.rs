@@ -1,0 +1,142 @@
+//! What the head's tick runs: built from the settings, swapped whole.
+
+use super::{check, supervise};
+use crate::encoder::{MarkSpacing, PlausibilityLimits};
+use crate::feed::{Law, Limits};
+use crate::servo::{CurrentLimits, Gains, PidGains, Plant};
+use crate::units::{Amps, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Seconds, Volts};
+
+/// How the gap error becomes a duty ([R] sections 6.6 and 6.7, in the order they were built).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Structure {
+    /// Gap error -> PID -> duty.
+    SingleLoop,
+    /// Gap error -> velocity -> velocity loop.
+    VelocityCascade,
+    /// Gap error -> path coordinate -> setpoint -> position and velocity loop.
+    Path,
+}
+
+/// The gap voltage to keep.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Setpoint {
+    /// So many volts.
+    Volts(Volts),
+    /// A share of the open-circuit voltage measured when the seek began.
+    ShareOfOpen(f32),
+}
+
+/// Approach until sparks begin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seek {
+    /// Path velocity.
+    pub velocity: MicrometresPerSecond,
+    /// The work is found when the gap voltage falls below this share of open circuit.
+    pub threshold: f32,
+    /// Time at rest, to measure the open-circuit voltage.
+    pub settle: Seconds,
+    /// Lowest open-circuit voltage to accept.
+    pub open_min: Volts,
+}
+
+/// Going back from a short.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Retreat {
+    /// Servo ticks of uninterrupted short before the retreat begins.
+    pub trigger: u32,
+    /// Path velocity, positive.
+    pub velocity: MicrometresPerSecond,
+    /// Counts to go back at least.
+    pub clearance: i64,
+    /// Length to go back at most; still shorted there means a persistent short.
+    pub limit: Fixed,
+    /// Servo ticks after which a short is persistent.
+    pub persistent: u32,
+    /// Safe height: length behind the point where the work was found.
+    pub safe: Fixed,
+    /// Length to retract off an open lower limit switch.
+    pub off_limit: Fixed,
+}
+
+/// What the head lifts with when it cannot or must not close the loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lift {
+    /// Duty that lifts: weight plus 20 %.
+    pub duty: f32,
+    /// Duty that holds afterwards: weight plus 10 %.
+    pub hold: f32,
+    /// Servo ticks of lifting at the most.
+    pub ticks: u32,
+    /// Largest force of a force-limited retract, as a duty on either side of the holding duty.
+    pub limited: f32,
+    /// Bus voltage below which lifting on stored energy ends.
+    pub bus_dead: Volts,
+}
+
+/// The axis as wired.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Axis {
+    /// The actuator.
+    pub plant: Plant,
+    /// Loop gains.
+    pub gains: Gains,
+    /// Encoder counts per um.
+    pub counts_per_um: f32,
+    /// nm per encoder count.
+    pub nm_per_count: i64,
+    /// What the scale's index marks promise.
+    pub marks: MarkSpacing,
+    /// When the encoder is not believed.
+    pub plausibility: PlausibilityLimits,
+    /// Rate of the clock that times the edges, Hz.
+    pub clock_hz: u32,
+    /// Encoder counts down when moving toward the work.
+    pub encoder_reversed: bool,
+    /// A positive duty moves away from the work.
+    pub motor_reversed: bool,
+    /// Largest duty either way.
+    pub duty_limit: f32,
+    /// What the winding may carry.
+    pub current: CurrentLimits,
+    /// Upper and lower end of the travel once homed.
+    pub travel: (Nanometres, Nanometres),
+    /// Length that an unhomed head may go back past the point of enabling.
+    pub escape: Micrometres,
+    /// Motor current per converter code about mid-scale.
+    pub amps_per_code: Amps,
+    /// Bus voltage per converter code.
+    pub bus_per_code: Volts,
+}
+
+/// Everything the head's tick runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Gap voltage to keep.
+    pub setpoint: Setpoint,
+    /// Shape of the loop.
+    pub structure: Structure,
+    /// Law that leads while eroding, unless the single loop does.
+    pub law: Law,
+    /// Gains of the single loop, duty per volt.
+    pub single: PidGains,
+    /// Limits of path velocity under a feed law.
+    pub limits: Limits,
+    /// Change of path velocity in every motion.
+    pub acceleration: MicrometresPerSecond2,
+    /// Approach.
+    pub seek: Seek,
+    /// Retreat.
+    pub retreat: Retreat,
+    /// Open-loop lift.
+    pub lift: Lift,
+    /// The axis.
+    pub axis: Axis,
+    /// Limits of the supervision.
+    pub supervise: supervise::Limits,
+    /// The guided check.
+    pub check: check::Config,
+    /// Whether the guided check has passed with these settings.
+    pub commissioned: bool,
+}

@@ -1,0 +1,119 @@
+//! Faults and what the head does about each: the table of docs/architecture.md.
+//!
+//! In every row the pulses go off at once and stay off until the fault is reset.
+
+macro_rules! faults {
+    ($($(#[$doc:meta])* $fault:ident = $name:literal => $reaction:ident),+ $(,)?) => {
+        /// What went wrong.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        #[repr(u8)]
+        pub enum Fault {
+            $($(#[$doc])* $fault,)+
+        }
+
+        impl Fault {
+            /// Every fault.
+            pub const ALL: &'static [Fault] = &[$(Fault::$fault),+];
+
+            /// Name in reports.
+            pub const fn name(self) -> &'static str {
+                match self { $(Fault::$fault => $name,)+ }
+            }
+
+            /// What the head does about it.
+            pub const fn reaction(self) -> Reaction {
+                match self { $(Fault::$fault => Reaction::$reaction,)+ }
+            }
+        }
+    };
+}
+
+faults! {
+    /// A short that retreating did not clear.
+    PersistentShort = "persistent short" => Retrace,
+    /// Discharges that stay at one spot.
+    PersistentArc = "persistent arc" => Retrace,
+    /// Converter silent or at the end of its range, voltage of the wrong sign, or no open-circuit voltage.
+    GapSignalInvalid = "gap signal invalid" => Retrace,
+    /// Pulses are allowed but the generator's gate does not move.
+    GateMissing = "gate missing" => Retrace,
+    /// Dielectric level, flow or temperature.
+    DielectricNotOk = "dielectric not OK" => Retrace,
+    /// No life sign from host or leader.
+    HostSilent = "host silent" => Retrace,
+    /// Lower limit switch open.
+    LowerLimit = "lower limit" => RetractOffLimit,
+    /// Upper limit switch open.
+    UpperLimit = "upper limit" => HoldBelow,
+    /// Both limit switches open: a broken wire.
+    BothLimits = "both limits open" => Hold,
+    /// Position and setpoint drifted apart.
+    FollowingError = "following error" => ForceLimitedRetract,
+    /// The encoder contradicts its second counter or the back-EMF.
+    EncoderLost = "encoder lost" => OpenLoopLift,
+    /// The axis runs away against the duty.
+    PolarityWrong = "polarity wrong" => OpenLoopLift,
+    /// Bus voltage too low to work with.
+    BusSag = "bus voltage sag" => LiftOnStored,
+    /// Emergency stop open.
+    EmergencyStop = "emergency stop" => EmergencyLift,
+    /// Motor current beyond its peak for longer than the loop needs to act.
+    OverCurrent = "over-current" => Coast,
+    /// The H-bridge reports a fault.
+    BridgeFault = "bridge fault" => Coast,
+}
+
+/// What the head does about a fault, mildest first: while one reaction runs, only a stronger one replaces it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Reaction {
+    /// Back along the path to the safe height, then hold.
+    Retrace,
+    /// Back along the path by at least the set clearance, then hold.
+    RetractOffLimit,
+    /// Decelerate and hold; never further up.
+    HoldBelow,
+    /// Stop and hold; released by hand.
+    Hold,
+    /// Integrators cleared, back along the path with limited force; becomes [`Reaction::OpenLoopLift`] when the following
+    /// error does not shrink.
+    ForceLimitedRetract,
+    /// Weight plus 20 % upward for a limited time, then weight plus 10 %.
+    OpenLoopLift,
+    /// Lift while the bus still carries, then coast.
+    LiftOnStored,
+    /// Lift for at most 300 ms, then coast.
+    EmergencyLift,
+    /// All switches open; the mechanics hold.
+    Coast,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_has_the_reaction_of_the_architecture_page() {
+        use Fault::*;
+        for (faults, reaction) in [
+            (
+                &[PersistentShort, PersistentArc, GapSignalInvalid, GateMissing, DielectricNotOk, HostSilent][..],
+                Reaction::Retrace,
+            ),
+            (&[LowerLimit], Reaction::RetractOffLimit),
+            (&[UpperLimit], Reaction::HoldBelow),
+            (&[BothLimits], Reaction::Hold),
+            (&[FollowingError], Reaction::ForceLimitedRetract),
+            (&[EncoderLost, PolarityWrong], Reaction::OpenLoopLift),
+            (&[BusSag], Reaction::LiftOnStored),
+            (&[EmergencyStop], Reaction::EmergencyLift),
+            (&[BridgeFault, OverCurrent], Reaction::Coast),
+        ] {
+            for fault in faults {
+                assert_eq!(fault.reaction(), reaction, "{}", fault.name());
+            }
+        }
+        assert_eq!(Fault::ALL.len(), 16);
+    }
+}

@@ -1,0 +1,144 @@
+//! States of the head, and why they change.
+
+use super::Fault;
+use heapless::Deque;
+
+/// State of the head.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum State {
+    /// Bridge coasts, pulses off. The mechanics lift or hold the head.
+    #[default]
+    Disabled,
+    /// The guided check runs: open loop under its own duty limit, pulses only for its gap step.
+    Commissioning,
+    /// Position held, pulses off, waiting for a move.
+    Ready,
+    /// Pulses on, going along the path until sparks begin.
+    Seeking,
+    /// Pulses on, the feed law leads.
+    Eroding,
+    /// Pulses on, going back along the path from a short.
+    Retreating,
+    /// End of the path reached; position held, pulses off.
+    Done,
+    /// Stopped by command; position held, pulses off.
+    HoldingPosition,
+    /// Pulses off and latched; the fault's reaction moves or holds the head.
+    Fault,
+}
+
+impl State {
+    /// Name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            State::Disabled => "disabled",
+            State::Commissioning => "commissioning",
+            State::Ready => "ready",
+            State::Seeking => "seeking",
+            State::Eroding => "eroding",
+            State::Retreating => "retreating",
+            State::Done => "done",
+            State::HoldingPosition => "holding_position",
+            State::Fault => "fault",
+        }
+    }
+
+    /// Whether the generator may pulse.
+    pub const fn pulses(self) -> bool {
+        matches!(self, State::Seeking | State::Eroding | State::Retreating)
+    }
+
+    /// Whether the position loop is closed and a following error means something.
+    pub const fn follows(self) -> bool {
+        !matches!(self, State::Disabled | State::Commissioning | State::Fault)
+    }
+}
+
+/// Why a state was left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Reason {
+    /// Commanded: enable.
+    Enabled,
+    /// Commanded: disable.
+    Disabled,
+    /// Commanded: start.
+    Started,
+    /// Commanded: hold.
+    Held,
+    /// Commanded: the guided check.
+    CheckStarted,
+    /// The guided check came to its end.
+    CheckEnded,
+    /// Gap voltage fell below the seek threshold.
+    WorkFound,
+    /// A short lasted for the set time.
+    Short,
+    /// The short is gone and the head is clear of it.
+    GapRecovered,
+    /// The end of the path.
+    PathEnd,
+    /// A fault.
+    Fault(Fault),
+    /// Commanded: fault reset.
+    FaultReset,
+}
+
+/// One change of state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Change {
+    /// Servo tick, wrapping.
+    pub tick: u32,
+    /// State left.
+    pub from: State,
+    /// State entered.
+    pub to: State,
+    /// Why.
+    pub reason: Reason,
+}
+
+/// Changes not yet read; the oldest give way, and are counted.
+#[derive(Debug, Default)]
+pub struct ChangeLog {
+    changes: Deque<Change, 16>,
+    lost: u32,
+}
+
+impl ChangeLog {
+    /// Adds a change.
+    pub fn push(&mut self, change: Change) {
+        if self.changes.is_full() {
+            self.changes.pop_front();
+            self.lost = self.lost.wrapping_add(1);
+        }
+        // There is room now.
+        let _ = self.changes.push_back(change);
+    }
+
+    /// Takes the oldest change.
+    pub fn pop(&mut self) -> Option<Change> {
+        self.changes.pop_front()
+    }
+
+    /// Changes that were never read.
+    pub fn lost(&self) -> u32 {
+        self.lost
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_log_keeps_the_newest_changes_and_counts_the_lost() {
+        let mut log = ChangeLog::default();
+        for tick in 0..20 {
+            log.push(Change { tick, from: State::Ready, to: State::Seeking, reason: Reason::Started });
+        }
+        assert_eq!(log.lost(), 4);
+        assert_eq!(log.pop().unwrap().tick, 4);
+    }
+}

@@ -1,0 +1,102 @@
+//! Supervision at 1 kHz: what no single tick can judge.
+
+use super::{Fault, Status};
+use crate::gap::Quality;
+use crate::units::{Amps, CountsPerSecond, TICKS_PER_MS, Volts};
+
+/// Limits of the supervision. Times are in ms, which is its period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Largest following error, counts.
+    pub following: f32,
+    /// For so long.
+    pub following_ms: u32,
+    /// Velocity against a saturated duty that means a wrong polarity.
+    pub runaway: CountsPerSecond,
+    /// Largest difference between encoder velocity and the one that the back-EMF tells.
+    pub velocity: CountsPerSecond,
+    /// Share of the winding's resistive drop by which the back-EMF may be wrong.
+    pub resistance: f32,
+    /// For so long.
+    pub encoder_ms: u32,
+    /// Bad gap reading for so long while pulses are allowed.
+    pub gap_ms: u32,
+    /// Silence of the host; 0 means that no host is expected.
+    pub host_ms: u32,
+    /// Bus voltage to work with.
+    pub bus_min: Volts,
+    /// Motor current that no loop should let happen.
+    pub current_max: Amps,
+    /// For so long.
+    pub current_ms: u32,
+}
+
+/// Counts milliseconds of one condition without interruption.
+#[derive(Clone, Copy, Debug, Default)]
+struct Lasting(u32);
+
+impl Lasting {
+    fn longer_than(&mut self, ms: u32, condition: bool) -> bool {
+        self.0 = if condition { self.0.saturating_add(1) } else { 0 };
+        self.0 > ms
+    }
+}
+
+/// State of the supervision.
+#[derive(Debug, Default)]
+pub struct Supervisor {
+    following: Lasting,
+    runaway: Lasting,
+    encoder: Lasting,
+    gap: Lasting,
+    gate: Lasting,
+    host: Lasting,
+    current: Lasting,
+}
+
+impl Supervisor {
+    /// Ticks between two calls of [`Supervisor::tick`].
+    pub const PERIOD: u32 = TICKS_PER_MS;
+
+    /// Judges the newest status; `host_alive` tells of a life sign since the last call. Gives the most urgent new fault.
+    pub fn tick(&mut self, limits: &Limits, status: &Status, host_alive: bool) -> Option<Fault> {
+        let follows = status.state.follows();
+        let quality = status.gap.quality;
+        let pulses = status.state.pulses();
+
+        let bus = follows && status.bus.0 < limits.bus_min.0;
+        let current = self.current.longer_than(limits.current_ms, status.current.0.abs() > limits.current_max.0);
+        let encoder = self.contradicts(limits, status, follows);
+        let against = status.saturated && status.duty * status.velocity.0 < -limits.runaway.0 * status.duty.abs();
+        let runaway = self.runaway.longer_than(limits.following_ms, follows && against);
+        let following =
+            self.following.longer_than(limits.following_ms, follows && status.following.abs() > limits.following);
+        let gap = self.gap.longer_than(
+            limits.gap_ms,
+            pulses && matches!(quality, Quality::Missing | Quality::Saturated | Quality::Reversed),
+        );
+        let gate = self.gate.longer_than(limits.gap_ms, pulses && quality == Quality::NoGate);
+        let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;
+
+        [
+            (current, Fault::OverCurrent),
+            (bus, Fault::BusSag),
+            (runaway, Fault::PolarityWrong),
+            (encoder, Fault::EncoderLost),
+            (following, Fault::FollowingError),
+            (gap, Fault::GapSignalInvalid),
+            (gate, Fault::GateMissing),
+            (silent, Fault::HostSilent),
+        ]
+        .into_iter()
+        .find_map(|(happens, fault)| happens.then_some(fault))
+    }
+
+    /// An encoder that stands still while the winding generates, or the reverse, is not believed. (The guided check finds
+    /// that out for itself, under its own duty limit.)
+    fn contradicts(&mut self, limits: &Limits, status: &Status, follows: bool) -> bool {
+        let allowed = limits.velocity.0 + limits.resistance * status.back_emf.resistive().0;
+        let differs = status.back_emf.difference().0.abs() > allowed;
+        self.encoder.longer_than(limits.encoder_ms, follows && differs)
+    }
+}

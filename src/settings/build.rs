@@ -1,0 +1,215 @@
+//! Settings -> what the ticks run, or the setting that stands in the way.
+
+use super::{Declared, LawName, SetpointUnit, SettingError, Settings};
+use crate::dsp::chain;
+use crate::encoder::{MarkSpacing, PlausibilityLimits};
+use crate::feed::{FixedRate, IncrementByError, Law, Limits, RateByError};
+use crate::gap::voltage;
+use crate::head::{Axis, CheckConfig, Config, Lift, Retreat, Seek, Setpoint, SupervisionLimits};
+use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
+use crate::units::{
+    Amps, CLOCK_HZ, CountsPerSecond, Fixed, Hertz, Micrometres, MicrometresPerSecond, MicrometresPerSecond2,
+    Nanometres, Newtons, Seconds, Volts,
+};
+
+/// What the ticks run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Active {
+    /// For the gap source.
+    pub gap: voltage::Active,
+    /// For the servo tick.
+    pub head: Config,
+}
+
+/// Servo ticks in so many milliseconds, at least one.
+fn ticks(ms: f32) -> u32 {
+    Seconds(ms * 1e-3).ticks().max(1)
+}
+
+fn um(length: f32) -> Fixed {
+    Fixed::whole(length as i64)
+}
+
+fn conflict(condition: bool, field: &'static str, rule: &'static str) -> Result<(), SettingError> {
+    if condition { Err(SettingError::Conflict { field, rule }) } else { Ok(()) }
+}
+
+impl Settings {
+    /// Checks every setting, alone and against the others, and computes what the ticks run.
+    pub fn build(&self) -> Result<Active, SettingError> {
+        self.check()?;
+        conflict(
+            self.gap_setpoint_unit == SetpointUnit::Volts && self.gap_setpoint >= self.gap_open_min,
+            "gap.setpoint_v",
+            "must be below gap.open_min_v, or the head would only ever feed",
+        )?;
+        conflict(self.gap_short >= self.gap_open_min, "gap.short_v", "must be below gap.open_min_v")?;
+        conflict(self.motor_continuous > self.motor_peak, "motor.continuous_a", "must not be above motor.peak_a")?;
+        conflict(
+            self.servo_position_hz * 2.0 > self.servo_velocity_hz,
+            "servo.position_hz",
+            "must be at most half of servo.velocity_hz, or the cascade rings",
+        )?;
+        conflict(self.motor_bus_min >= self.axis_bus, "motor.bus_min_v", "must be below axis.bus_v")?;
+        conflict(self.lift_bus_dead >= self.motor_bus_min, "lift.bus_dead_v", "must be below motor.bus_min_v")?;
+        let nm_per_count = (self.encoder_count * 1000.0 + 0.5) as i64;
+        let counts_per_um = 1000.0 / nm_per_count as f32;
+        let axis = self.axis(nm_per_count, counts_per_um);
+        let can_lift = self.axis_duty_limit > axis.plant.duty(axis.plant.weight()) * 1.2;
+        conflict(!can_lift, "axis.duty_limit", "must be able to lift axis.mass_kg with a fifth to spare")?;
+        Ok(Active { gap: self.gap()?, head: self.head(axis) })
+    }
+
+    fn gap(&self) -> Result<voltage::Active, SettingError> {
+        let polarity = if self.gap_reversed { voltage::Polarity::Negative } else { voltage::Polarity::Positive };
+        let config = voltage::Config {
+            average: self.gap_average,
+            zero_code: self.gap_zero_code as u16,
+            volts_per_code: self.gap_volts_per_code,
+            polarity,
+            filter: chain::Config {
+                corner: Hertz(self.gap_corner),
+                mains: Hertz(self.gap_mains),
+                notch_q: self.gap_notch_q,
+                second_harmonic: self.gap_second_harmonic,
+            },
+            short: Volts(self.gap_short),
+            hold_limit: Seconds(self.gap_hold_ms * 1e-3),
+            ..voltage::Config::default()
+        };
+        let rule = "with the other gap settings it leaves the converter's range";
+        config.build().map_err(|_| SettingError::Conflict { field: "gap.zero_code", rule })
+    }
+
+    fn axis(&self, nm_per_count: i64, counts_per_um: f32) -> Axis {
+        let plant = Plant {
+            mass_kg: self.axis_mass,
+            resistance_ohm: self.axis_resistance,
+            inductance_h: self.axis_inductance * 1e-3,
+            force_constant: self.axis_force_constant,
+            bus: Volts(self.axis_bus),
+            counterbalance: Newtons(self.axis_counterbalance),
+            counts_per_m: counts_per_um * 1e6,
+        };
+        let fastest = self.retreat_velocity.max(self.seek_velocity).max(self.feed_retreat_max) * 2.0;
+        let tuning = Tuning {
+            velocity_hz: self.servo_velocity_hz,
+            position_hz: self.servo_position_hz,
+            integral_time_s: self.servo_integral_ms * 1e-3,
+            velocity: CountsPerSecond(fastest * counts_per_um),
+        };
+        Axis {
+            plant,
+            gains: Gains::build(&plant, &tuning),
+            counts_per_um,
+            nm_per_count,
+            marks: MarkSpacing {
+                counts: (self.encoder_marks * counts_per_um) as u32,
+                tolerance: self.encoder_mark_tolerance,
+            },
+            plausibility: PlausibilityLimits {
+                difference: self.encoder_difference,
+                illegal: self.encoder_illegal,
+                ..PlausibilityLimits::default()
+            },
+            clock_hz: CLOCK_HZ,
+            encoder_reversed: self.encoder_reversed,
+            motor_reversed: self.motor_reversed,
+            duty_limit: self.axis_duty_limit,
+            current: CurrentLimits {
+                peak: Amps(self.motor_peak),
+                continuous: Amps(self.motor_continuous),
+                thermal: Seconds(self.motor_thermal),
+            },
+            travel: (Nanometres(0), Nanometres((self.axis_stroke * 1000.0) as i64)),
+            escape: Micrometres(self.axis_stroke),
+            amps_per_code: Amps(self.motor_amps_per_code),
+            bus_per_code: Volts(self.motor_bus_per_code),
+        }
+    }
+
+    fn law(&self) -> Law {
+        match self.law {
+            LawName::FixedRate => Law::FixedRate(FixedRate { rate: MicrometresPerSecond(self.fixed_rate) }),
+            LawName::RateByError => Law::RateByError(RateByError::new(
+                MicrometresPerSecond(self.standard_velocity),
+                Volts(self.standard_error),
+                MicrometresPerSecond(self.rate_clamp),
+            )),
+            LawName::IncrementByError => {
+                Law::IncrementByError(IncrementByError::new(self.feed_gain, ticks(self.feed_period_ms)))
+            }
+        }
+    }
+
+    fn head(&self, axis: Axis) -> Config {
+        let plant = &axis.plant;
+        let holding = axis.gains.holding();
+        let weight = plant.duty(plant.weight());
+        Config {
+            setpoint: match self.gap_setpoint_unit {
+                SetpointUnit::Volts => Setpoint::Volts(Volts(self.gap_setpoint)),
+                SetpointUnit::PercentOfOpen => Setpoint::ShareOfOpen(self.gap_setpoint_percent * 0.01),
+            },
+            structure: self.structure,
+            law: self.law(),
+            single: PidGains {
+                p: self.single_p,
+                i: self.single_i,
+                d: self.single_d,
+                integral_error: self.single_clip,
+                integral: self.axis_duty_limit,
+            },
+            limits: Limits {
+                feed: MicrometresPerSecond(self.feed_max),
+                retreat: MicrometresPerSecond(self.feed_retreat_max),
+            },
+            acceleration: MicrometresPerSecond2(self.acceleration * 1e6),
+            seek: Seek {
+                velocity: MicrometresPerSecond(self.seek_velocity),
+                threshold: self.seek_threshold * 0.01,
+                settle: Seconds(self.seek_settle_ms * 1e-3),
+                open_min: Volts(self.gap_open_min),
+            },
+            retreat: Retreat {
+                trigger: ticks(self.retreat_after_ms),
+                velocity: MicrometresPerSecond(self.retreat_velocity),
+                clearance: (self.retreat_clearance * axis.counts_per_um) as i64,
+                limit: um(self.retreat_limit),
+                persistent: ticks(self.retreat_persistent_ms),
+                safe: um(self.retreat_safe),
+                off_limit: um(self.retreat_off_limit),
+            },
+            lift: Lift {
+                duty: holding - 0.2 * weight,
+                hold: holding - 0.1 * weight,
+                ticks: ticks(self.lift_ms),
+                limited: plant.duty(Newtons(self.lift_force)),
+                bus_dead: Volts(self.lift_bus_dead),
+            },
+            supervise: SupervisionLimits {
+                following: self.following_limit * axis.counts_per_um,
+                following_ms: self.following_ms,
+                runaway: CountsPerSecond(self.runaway * 1000.0 * axis.counts_per_um),
+                velocity: CountsPerSecond(self.emf_velocity * 1000.0 * axis.counts_per_um),
+                resistance: self.emf_resistance * 0.01,
+                encoder_ms: self.encoder_ms,
+                gap_ms: self.gap_bad_ms,
+                host_ms: self.host_ms,
+                bus_min: Volts(self.motor_bus_min),
+                current_max: Amps(self.motor_peak * 1.25),
+                current_ms: 2,
+            },
+            check: CheckConfig {
+                duty: self.commission_duty,
+                motion: (50.0 * axis.counts_per_um) as i64,
+                stroke: (self.axis_stroke * axis.counts_per_um) as i64,
+                stroke_tolerance: (self.axis_stroke * axis.counts_per_um * self.commission_tolerance * 0.01) as i64,
+                velocity: CountsPerSecond(self.commission_velocity * 1000.0 * axis.counts_per_um),
+                open_min: Volts(self.gap_open_min),
+            },
+            commissioned: self.commissioned,
+            axis,
+        }
+    }
+}

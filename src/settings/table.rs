@@ -1,0 +1,206 @@
+//! The settings of a head, one declaration each.
+
+use crate::declare;
+use crate::gap::voltage::Average;
+use crate::head::Structure;
+
+crate::choice!(Average { Plain = "plain", Gated = "gated" });
+
+/// How the gap setpoint is given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SetpointUnit {
+    /// `gap.setpoint_v`.
+    Volts,
+    /// `gap.setpoint_percent` of the measured open-circuit voltage.
+    PercentOfOpen,
+}
+crate::choice!(SetpointUnit { Volts = "volts", PercentOfOpen = "percent_of_open" });
+
+/// Feed law by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LawName {
+    /// [`crate::feed::FixedRate`].
+    FixedRate,
+    /// [`crate::feed::RateByError`].
+    RateByError,
+    /// [`crate::feed::IncrementByError`].
+    IncrementByError,
+}
+crate::choice!(LawName {
+    FixedRate = "fixed_rate",
+    RateByError = "rate_by_error",
+    IncrementByError = "increment_by_error",
+});
+crate::choice!(Structure { SingleLoop = "single_loop", VelocityCascade = "velocity_cascade", Path = "path" });
+
+declare! {
+    /// What a person sets on a head: physical units, ranges, defaults.
+    pub struct Settings {
+        /// How the gap voltage is averaged.
+        gap_average: Average = Average::Gated, (), "gap.average", "", "[R] section 6.5.1, the gated average designed there";
+        /// Converter code of zero volts.
+        gap_zero_code: u32 = 410, (0, 4095), "gap.zero_code", "codes", "assumed: divider with offset, docs/wiring.md";
+        /// Gap voltage per converter code.
+        gap_volts_per_code: f32 = 0.1, (0.001, 1.0), "gap.volts_per_code", "V", "assumed: divider with offset, docs/wiring.md";
+        /// The gap leads are swapped.
+        gap_reversed: bool = false, (), "gap.reversed", "", "found by the guided check";
+        /// Corner of the low-pass; may be changed while eroding.
+        gap_corner: f32 = 200.0, (20.0, 2000.0), "gap.corner_hz", "Hz", "[R] section 6.5.3";
+        /// Mains frequency that the notch takes out.
+        gap_mains: f32 = 50.0, (45.0, 65.0), "gap.mains_hz", "Hz", "[R] section 6.5.3: 50; 60 elsewhere";
+        /// Notch the second harmonic as well.
+        gap_second_harmonic: bool = false, (), "gap.second_harmonic", "", "[R] section 6.5.3: tried there, left out";
+        /// Gap voltage below which a gated block is a short.
+        gap_short: f32 = 20.0, (1.0, 200.0), "gap.short_v", "V", "assumed: half the burn voltage of [R]";
+        /// Longest hold through off-time before the gate counts as missing.
+        gap_hold_ms: f32 = 20.0, (1.0, 1000.0), "gap.hold_ms", "ms", "assumed: longer than the longest pulse period of [R], 1 ms";
+        /// Centre of the notch over the distance of its -3 dB corners.
+        gap_notch_q: f32 = 2.5, (0.5, 30.0), "gap.notch_q", "", "[R] section 6.5.3: corners of 40 and 60 Hz about 50";
+        /// How the setpoint is given.
+        gap_setpoint_unit: SetpointUnit = SetpointUnit::Volts, (), "gap.setpoint_unit", "", "[R] section 4.4";
+        /// Gap voltage to keep.
+        gap_setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] section 4.4: 40 to 60 V while eroding steadily";
+        /// Gap voltage to keep, as a share of the measured open-circuit voltage.
+        gap_setpoint_percent: f32 = 60.0, (5.0, 95.0), "gap.setpoint_percent", "%", "[R] section 4.4";
+        /// Lowest open-circuit voltage to start with.
+        gap_open_min: f32 = 70.0, (1.0, 300.0), "gap.open_min_v", "V", "assumed: 100 V of [R] less 30 %";
+
+        /// How the gap error becomes a duty.
+        structure: Structure = Structure::Path, (), "feed.structure", "", "[R] sections 6.6 and 6.7, the last one built";
+        /// Feed law.
+        law: LawName = LawName::IncrementByError, (), "feed.law", "", "[R] section 6.7.3";
+        /// Path velocity of the law fixed_rate.
+        fixed_rate: f32 = 20.0, (0.1, 10_000.0), "feed.fixed_rate_um_s", "um/s", "assumed";
+        /// Standard velocity of the law rate_by_error.
+        standard_velocity: f32 = 100.0, (0.1, 10_000.0), "feed.standard_um_s", "um/s", "assumed";
+        /// Gap error at which rate_by_error gives its standard velocity.
+        standard_error: f32 = 5.0, (0.1, 300.0), "feed.standard_error_v", "V", "assumed";
+        /// Largest velocity of the law rate_by_error.
+        rate_clamp: f32 = 500.0, (0.1, 10_000.0), "feed.rate_clamp_um_s", "um/s", "assumed";
+        /// Path velocity per volt of gap error of the law increment_by_error.
+        feed_gain: f32 = 20.0, (0.01, 1000.0), "feed.gain_um_s_v", "um/s per V", "assumed: 4 Hz crossover at 1.1 V/um";
+        /// Period of the law increment_by_error.
+        feed_period_ms: f32 = 1.0, (0.05, 1000.0), "feed.period_ms", "ms", "[R] section 6.7.3";
+        /// Largest velocity toward the work under a feed law.
+        feed_max: f32 = 300.0, (0.1, 10_000.0), "feed.max_um_s", "um/s", "assumed";
+        /// Largest velocity away from the work under a feed law.
+        feed_retreat_max: f32 = 2000.0, (0.1, 100_000.0), "feed.retreat_max_um_s", "um/s", "assumed";
+        /// Acceleration along the path in every motion.
+        acceleration: f32 = 5.0, (0.01, 100.0), "feed.acceleration_m_s2", "m/s^2", "assumed: a tenth of what the actuator of [R] can do";
+
+        /// Proportional gain of the single loop, duty per volt of gap error.
+        single_p: f32 = 0.001, (0.0, 1.0), "single.p", "1/V", "assumed";
+        /// Integral gain of the single loop.
+        single_i: f32 = 0.0, (0.0, 10.0), "single.i", "1/(V s)", "assumed";
+        /// Derivative gain of the single loop.
+        single_d: f32 = 0.0, (0.0, 0.1), "single.d", "s/V", "[R] section 7.1.2 needs one";
+        /// Largest gap error that enters the integrator of the single loop.
+        single_clip: f32 = 20.0, (0.1, 300.0), "single.clip_v", "V", "[R] section 6.6.1";
+
+        /// Path velocity toward the work until sparks begin.
+        seek_velocity: f32 = 1000.0, (1.0, 50_000.0), "seek.velocity_um_s", "um/s", "assumed";
+        /// Share of the open-circuit voltage below which the work is found.
+        seek_threshold: f32 = 85.0, (10.0, 99.0), "seek.threshold_percent", "%", "assumed";
+        /// Time at rest with pulses on, to measure the open-circuit voltage.
+        seek_settle_ms: f32 = 100.0, (10.0, 10_000.0), "seek.settle_ms", "ms", "assumed: five times the settling of notch and low-pass";
+
+        /// Uninterrupted short after which the head retreats.
+        retreat_after_ms: f32 = 1.0, (0.05, 100.0), "retreat.after_ms", "ms", "docs/architecture.md: 5 pulses or 1 ms";
+        /// Path velocity of a retreat from a short or a fault.
+        retreat_velocity: f32 = 5000.0, (1.0, 200_000.0), "retreat.velocity_um_s", "um/s", "assumed";
+        /// Length to go back from a short at least.
+        retreat_clearance: f32 = 10.0, (0.0, 10_000.0), "retreat.clearance_um", "um", "assumed";
+        /// Length to go back from a short at most; still shorted there, the short is persistent.
+        retreat_limit: f32 = 2000.0, (1.0, 1_000_000.0), "retreat.limit_um", "um", "assumed";
+        /// Time after which a short is persistent.
+        retreat_persistent_ms: f32 = 1000.0, (1.0, 60_000.0), "retreat.persistent_ms", "ms", "assumed";
+        /// Safe height, behind the point where the work was found.
+        retreat_safe: f32 = 1000.0, (0.0, 1_000_000.0), "retreat.safe_um", "um", "assumed";
+        /// Length to retract off an open lower limit switch.
+        retreat_off_limit: f32 = 500.0, (500.0, 1_000_000.0), "retreat.off_limit_um", "um", "docs/architecture.md";
+
+        /// Moving mass with electrode.
+        axis_mass: f32 = 0.2, (0.01, 20.0), "axis.mass_kg", "kg", "[R] section 6.1";
+        /// Winding resistance.
+        axis_resistance: f32 = 12.4, (0.1, 200.0), "axis.resistance_ohm", "ohm", "[R] section 7.2, measured";
+        /// Winding inductance.
+        axis_inductance: f32 = 3.0, (0.0, 100.0), "axis.inductance_mh", "mH", "assumed; not measured in [R]";
+        /// Force constant; the back-EMF constant in V/(m/s) is the same number.
+        axis_force_constant: f32 = 7.5, (0.1, 200.0), "axis.force_constant_n_a", "N/A", "[R] section 7.2: 7 N/A and 8 V/(m/s) measured";
+        /// Bus voltage.
+        axis_bus: f32 = 48.0, (5.0, 60.0), "axis.bus_v", "V", "[R] section 6.1";
+        /// Lifting force of counterbalance or spring.
+        axis_counterbalance: f32 = 2.2, (0.0, 500.0), "axis.counterbalance_n", "N", "assumed: a little over the weight, docs/wiring.md";
+        /// Stroke between the stops.
+        axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.1";
+        /// Largest duty.
+        axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed";
+        /// A positive duty moves away from the work.
+        motor_reversed: bool = false, (), "motor.reversed", "", "found by the guided check";
+        /// Largest motor current.
+        motor_peak: f32 = 3.0, (0.1, 20.0), "motor.peak_a", "A", "assumed";
+        /// Motor current that may flow for ever.
+        motor_continuous: f32 = 1.0, (0.1, 20.0), "motor.continuous_a", "A", "assumed";
+        /// Thermal time constant of the winding.
+        motor_thermal: f32 = 20.0, (0.1, 1000.0), "motor.thermal_s", "s", "assumed";
+        /// Motor current per converter code about mid-scale.
+        motor_amps_per_code: f32 = 0.005, (0.0001, 0.1), "motor.amps_per_code", "A", "assumed: docs/wiring.md";
+        /// Bus voltage per converter code.
+        motor_bus_per_code: f32 = 0.02, (0.001, 0.1), "motor.bus_volts_per_code", "V", "assumed: docs/wiring.md";
+        /// Lowest bus voltage to work with.
+        motor_bus_min: f32 = 36.0, (3.0, 60.0), "motor.bus_min_v", "V", "assumed: three quarters of 48 V";
+
+        /// Length of one encoder count.
+        encoder_count: f32 = 1.0, (0.05, 100.0), "encoder.count_um", "um", "[R] section 6.1; 0.5 and 5 exist";
+        /// The encoder counts down when moving toward the work.
+        encoder_reversed: bool = false, (), "encoder.reversed", "", "found by the guided check";
+        /// Distance between index marks; a wrong one means that the encoder lost counts.
+        encoder_marks: f32 = 10_000.0, (100.0, 1_000_000.0), "encoder.mark_distance_um", "um", "[L] section 3: a mark every 10 mm";
+        /// Counts by which the distance between marks may differ.
+        encoder_mark_tolerance: u32 = 2, (0, 1000), "encoder.mark_tolerance", "counts", "assumed";
+        /// Lasting difference between edge decoder and timer that is still believed.
+        encoder_difference: u32 = 1, (0, 1000), "encoder.difference", "counts", "assumed: one lost edge pair, two counts, shows";
+        /// Illegal transitions in a second that are only counted.
+        encoder_illegal: u32 = 10, (0, 1_000_000), "encoder.illegal_per_s", "", "assumed";
+
+        /// Bandwidth of the velocity loop.
+        servo_velocity_hz: f32 = 160.0, (1.0, 500.0), "servo.velocity_hz", "Hz", "assumed: 70 degrees with L/R of 0.24 ms";
+        /// Bandwidth of the position loop.
+        servo_position_hz: f32 = 40.0, (0.5, 200.0), "servo.position_hz", "Hz", "assumed: a quarter of the velocity loop's";
+        /// Integral time of the velocity loop.
+        servo_integral_ms: f32 = 15.0, (1.0, 10_000.0), "servo.integral_ms", "ms", "assumed";
+
+        /// Largest following error.
+        following_limit: f32 = 200.0, (1.0, 100_000.0), "supervise.following_um", "um", "assumed";
+        /// Time that a following error, or a runaway, may last.
+        following_ms: u32 = 10, (1, 10_000), "supervise.following_ms", "ms", "assumed";
+        /// Velocity against a saturated duty that means a wrong polarity.
+        runaway: f32 = 50.0, (1.0, 1000.0), "supervise.runaway_mm_s", "mm/s", "assumed";
+        /// Difference between encoder velocity and back-EMF velocity that is not believed.
+        emf_velocity: f32 = 50.0, (1.0, 5000.0), "supervise.emf_mm_s", "mm/s", "assumed";
+        /// Error of the winding resistance that the comparison with the back-EMF forgives.
+        emf_resistance: f32 = 20.0, (0.0, 100.0), "supervise.emf_resistance_percent", "%", "assumed: copper from 20 to 70 degrees C";
+        /// Time that the encoder may contradict the back-EMF.
+        encoder_ms: u32 = 10, (1, 1000), "supervise.encoder_ms", "ms", "assumed";
+        /// Time that the gap signal may be bad.
+        gap_bad_ms: u32 = 20, (1, 1000), "supervise.gap_ms", "ms", "assumed";
+        /// Silence of the host; 0 where no host is expected.
+        host_ms: u32 = 500, (0, 60_000), "supervise.host_ms", "ms", "design notes: time-outs of 0.1 to 0.5 s are common";
+
+        /// Longest lift of a head without a closed loop.
+        lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md";
+        /// Force of a force-limited retract about the holding force.
+        lift_force: f32 = 3.0, (0.1, 100.0), "lift.limited_n", "N", "assumed";
+        /// Bus voltage below which lifting on stored energy ends.
+        lift_bus_dead: f32 = 15.0, (1.0, 60.0), "lift.bus_dead_v", "V", "assumed";
+
+        /// The guided check has passed with these settings.
+        commissioned: bool = false, (), "commission.passed", "", "set by the guided check";
+        /// Largest duty of the guided check.
+        commission_duty: f32 = 0.1, (0.001, 0.5), "commission.duty_limit", "", "assumed";
+        /// Velocity of the stroke measurement.
+        commission_velocity: f32 = 5.0, (0.1, 50.0), "commission.velocity_mm_s", "mm/s", "assumed";
+        /// Share of the stroke by which the measured one may differ.
+        commission_tolerance: f32 = 10.0, (0.1, 50.0), "commission.stroke_tolerance_percent", "%", "assumed";
+    }
+}

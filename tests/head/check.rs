@@ -1,0 +1,103 @@
+//! The guided check: what is wrong is named, and no loop is closed on a wrong sign.
+
+use crate::bench::Bench;
+use edm_servo_head::head::{Command, Finding, Refused, Report, State};
+
+/// Runs a check on a bench that was never commissioned, and gives its result and the largest duty it used.
+fn check(prepare: impl FnOnce(&mut Bench)) -> (Bench, Result<Report, Finding>, f64) {
+    let mut bench = Bench::with(|settings| settings.commissioned = false);
+    bench.surface_um = 1e6;
+    prepare(&mut bench);
+    bench.run(0.1);
+    assert_eq!(bench.head.command(Command::Enable), Err(Refused::NotCommissioned));
+    bench.command(Command::Commission);
+    let mut strongest = 0.0f64;
+    bench.run_until(30.0, |bench| {
+        strongest = strongest.max(bench.duty().abs());
+        bench.state() != State::Commissioning
+    });
+    assert!(bench.coasts() && !bench.output.pulses);
+    let result = bench.head.check_result().expect("a check that has ended has a result");
+    (bench, result, strongest)
+}
+
+#[test]
+fn a_head_wired_right_passes_within_the_duty_limit_and_may_be_enabled() {
+    let (mut bench, result, strongest) = check(|_| {});
+    let report = result.unwrap();
+    assert!(strongest <= 0.1, "{strongest}");
+    assert!((report.stroke - 12_000).abs() <= 2, "{report:?}");
+    assert_eq!(report.open.0, 100.0);
+    // 0.3 N of friction and 0.24 N of counterbalance surplus are 1.9 % of duty.
+    assert!((0.018..0.03).contains(&report.breakaway), "{report:?}");
+    bench.command(Command::Enable);
+}
+
+#[test]
+fn every_wrong_sign_is_named_and_refuses_the_loop() {
+    type Wrong = fn(&mut Bench);
+    let cases: [(Wrong, Finding); 4] = [
+        (|bench| bench.motor_sign = -1.0, Finding::MotorReversed),
+        (|bench| bench.encoder_sign = -1.0, Finding::EncoderReversed),
+        (|bench| bench.gap_sign = -1.0, Finding::GapReversed),
+        (
+            |bench| {
+                bench.motor_sign = -1.0;
+                bench.encoder_sign = -1.0;
+            },
+            Finding::MotorReversed,
+        ),
+    ];
+    for (wrong, finding) in cases {
+        let (mut bench, result, _) = check(wrong);
+        assert_eq!(result, Err(finding));
+        assert_eq!(bench.head.command(Command::Enable), Err(Refused::NotCommissioned));
+        assert!(bench.um() < 200.0, "it went {} um before it knew", bench.um());
+    }
+}
+
+#[test]
+fn signs_corrected_in_the_settings_pass() {
+    let mut bench = Bench::with(|settings| {
+        settings.commissioned = false;
+        settings.motor_reversed = true;
+        settings.encoder_reversed = true;
+    });
+    bench.surface_um = 1e6;
+    bench.motor_sign = -1.0;
+    bench.encoder_sign = -1.0;
+    bench.run(0.1);
+    bench.command(Command::Commission);
+    bench.run_until(30.0, |bench| bench.state() != State::Commissioning);
+    assert!(bench.head.check_result().unwrap().is_ok());
+}
+
+#[test]
+fn a_dead_encoder_a_dead_generator_and_a_short_stroke_are_named() {
+    let (_, result, _) = check(|bench| bench.encoder_dead = true);
+    assert_eq!(result, Err(Finding::NoMotion));
+    let (_, result, _) = check(|bench| bench.surface_um = 20.0);
+    assert_eq!(result, Err(Finding::NoOpenCircuit));
+    let (_, result, _) = check(|bench| bench.stroke_m = 0.006);
+    assert!(matches!(result, Err(Finding::Stroke(5_990..=6_010))), "{result:?}");
+}
+
+#[test]
+fn a_head_that_does_not_start_at_its_upper_stop_is_told_so() {
+    let (_, result, _) = check(|bench| bench.x = 0.003);
+    assert_eq!(result, Err(Finding::NotAtUpperStop));
+}
+
+#[test]
+fn an_emergency_stop_ends_the_check() {
+    let mut bench = Bench::with(|settings| settings.commissioned = false);
+    bench.run(0.1);
+    bench.command(Command::Commission);
+    bench.run(0.5);
+    bench.safety.emergency_stop = true;
+    bench.tick();
+    assert_eq!(bench.state(), State::Fault);
+    bench.run(1.0);
+    assert!(bench.coasts());
+    assert_eq!(bench.head.check_result(), None);
+}

@@ -1,0 +1,366 @@
+//! Every row of the fault table: pulses off at once and latched, and the motion that the row promises.
+
+use crate::bench::Bench;
+use edm_servo_head::gap::Quality;
+use edm_servo_head::head::{Command, Fault, Refused, State};
+use edm_servo_head::units::Nanometres;
+
+/// Runs until the head notices, at most `ms`, and checks that pulses are off from that tick on, for good.
+fn expect(bench: &mut Bench, fault: Fault, ms: u32) {
+    for tick in 0..=ms * 20 {
+        bench.tick();
+        if bench.fault().is_some() {
+            assert_eq!(bench.fault(), Some(fault), "after {tick} ticks");
+            assert_eq!(bench.state(), State::Fault);
+            // Supervision speaks after the tick: the next one acts.
+            bench.tick();
+            assert!(!bench.output.pulses);
+            return;
+        }
+    }
+    panic!("{} not noticed within {ms} ms: {:?}", fault.name(), bench.head.status());
+}
+
+fn stays_latched(bench: &mut Bench) {
+    for _ in 0..20_000 {
+        bench.tick();
+        assert!(!bench.output.pulses);
+        assert_eq!(bench.state(), State::Fault);
+    }
+}
+
+/// The row "retrace along the path to the safe height, hold".
+fn retraces(bench: &mut Bench) {
+    // The work was found 2 mm down at 42.5 um of gap (85 V); the safe height is 1 mm above that.
+    bench.run(1.0);
+    let held = bench.um();
+    assert!((held - (2000.0 - 42.5 - 1000.0)).abs() < 10.0, "held at {held} um");
+    stays_latched(bench);
+    assert!((bench.um() - held).abs() < 2.0);
+}
+
+#[test]
+fn a_persistent_short_retraces() {
+    let mut bench = Bench::eroding();
+    // The short comes along: a wire across the gap.
+    for _ in 0..40_000 {
+        bench.surface_um = bench.um() - 1.0;
+        bench.tick();
+        if bench.fault().is_some() {
+            break;
+        }
+    }
+    assert_eq!(bench.fault(), Some(Fault::PersistentShort));
+    let at = bench.um();
+    bench.run(0.5);
+    assert!(bench.um() <= at + 1.0);
+    stays_latched(&mut bench);
+}
+
+#[test]
+fn a_persistent_arc_retraces() {
+    let mut bench = Bench::eroding();
+    bench.head.raise(Fault::PersistentArc);
+    expect(&mut bench, Fault::PersistentArc, 0);
+    retraces(&mut bench);
+}
+
+#[test]
+fn a_gap_signal_that_cannot_be_right_retraces() {
+    for quality in [Quality::Missing, Quality::Saturated, Quality::Reversed] {
+        let mut bench = Bench::eroding();
+        bench.quality = quality;
+        bench.run(0.019);
+        assert_eq!(bench.state(), State::Eroding, "{quality:?} may last 20 ms");
+        expect(&mut bench, Fault::GapSignalInvalid, 3);
+        retraces(&mut bench);
+    }
+}
+
+#[test]
+fn a_missing_gate_retraces() {
+    let mut bench = Bench::eroding();
+    bench.quality = Quality::NoGate;
+    bench.run(0.019);
+    assert_eq!(bench.state(), State::Eroding);
+    expect(&mut bench, Fault::GateMissing, 3);
+    retraces(&mut bench);
+}
+
+#[test]
+fn no_open_circuit_voltage_is_an_invalid_gap_signal_before_anything_moves() {
+    let mut bench = Bench::ready();
+    bench.surface_um = bench.um() + 30.0;
+    bench.command(Command::MoveTo(Nanometres(4_000_000)));
+    bench.command(Command::Start);
+    expect(&mut bench, Fault::GapSignalInvalid, 200);
+    assert!(bench.um() < 1.0);
+}
+
+#[test]
+fn a_dielectric_that_is_not_ok_retraces_and_refuses_the_start() {
+    let mut bench = Bench::eroding();
+    bench.safety.dielectric = true;
+    expect(&mut bench, Fault::DielectricNotOk, 0);
+    retraces(&mut bench);
+    let refused = bench.head.command(Command::ResetFault);
+    assert_eq!(refused, Err(Refused::StillFaulty(Fault::DielectricNotOk)));
+}
+
+#[test]
+fn a_silent_host_retraces() {
+    let mut bench = Bench::eroding();
+    bench.host_alive = false;
+    bench.run(0.499);
+    assert_eq!(bench.state(), State::Eroding);
+    expect(&mut bench, Fault::HostSilent, 3);
+    retraces(&mut bench);
+}
+
+#[test]
+fn a_host_that_is_not_expected_may_be_silent() {
+    let mut bench = Bench::with(|settings| settings.host_ms = 0);
+    bench.make_ready();
+    bench.host_alive = false;
+    bench.run(2.0);
+    assert_eq!(bench.state(), State::Ready);
+}
+
+#[test]
+fn the_lower_limit_retracts_by_half_a_millimetre_and_holds() {
+    let mut bench = Bench::eroding();
+    let at = bench.um();
+    bench.safety.lower_limit = true;
+    expect(&mut bench, Fault::LowerLimit, 0);
+    bench.run(0.05);
+    bench.safety.lower_limit = false;
+    bench.run(1.0);
+    let gone = at - bench.um();
+    assert!((499.0..520.0).contains(&gone), "{gone} um");
+    stays_latched(&mut bench);
+}
+
+#[test]
+fn the_upper_limit_decelerates_and_holds_and_never_goes_further_up() {
+    let mut bench = Bench::eroding();
+    // A retrace is under way when the switch opens.
+    bench.head.raise(Fault::PersistentArc);
+    bench.run(0.1);
+    bench.safety.upper_limit = true;
+    let at = bench.um();
+    expect(&mut bench, Fault::UpperLimit, 0);
+    bench.run(1.0);
+    // v^2 / 2a at 5 mm/s and 5 m/s2 is 2.5 um, and the loop's own lag.
+    assert!(at - bench.um() < 40.0, "went on by {} um", at - bench.um());
+    let held = bench.um();
+    stays_latched(&mut bench);
+    assert!(bench.um() > held - 2.0);
+}
+
+#[test]
+fn a_head_that_rests_on_its_upper_limit_can_be_enabled_and_leaves_it_downward_only() {
+    let mut bench = Bench::new();
+    bench.x = 0.001;
+    bench.safety.upper_limit = true;
+    bench.make_ready();
+    bench.command(Command::MoveBy(Nanometres(500_000)));
+    bench.command(Command::Start);
+    bench.run_until(3.0, |bench| bench.um() > 1100.0);
+    bench.safety.upper_limit = false;
+    bench.run_until(3.0, |bench| bench.state() == State::Done);
+    bench.safety.upper_limit = true;
+    expect(&mut bench, Fault::UpperLimit, 0);
+}
+
+#[test]
+fn both_limits_open_is_a_wire_and_stops_where_it_is() {
+    let mut bench = Bench::eroding();
+    let at = bench.um();
+    bench.safety.upper_limit = true;
+    bench.safety.lower_limit = true;
+    expect(&mut bench, Fault::BothLimits, 0);
+    bench.run(1.0);
+    assert!((bench.um() - at).abs() < 3.0);
+    assert_eq!(bench.head.command(Command::ResetFault), Err(Refused::StillFaulty(Fault::BothLimits)));
+}
+
+#[test]
+fn a_following_error_retracts_with_limited_force() {
+    let mut bench = Bench::ready();
+    bench.command(Command::MoveTo(Nanometres(4_000_000)));
+    bench.command(Command::Start);
+    bench.run_until(5.0, |bench| bench.um() > 1500.0);
+    // Something holds the head back from below: it cannot follow the seek.
+    bench.run_until(2.0, |bench| {
+        let _ = bench;
+        true
+    });
+    let blocked_at = bench.um();
+    for _ in 0..40_000 {
+        bench.push = if bench.um() > blocked_at { -60.0 } else { 0.0 };
+        bench.tick();
+        if bench.fault().is_some() {
+            break;
+        }
+    }
+    assert_eq!(bench.fault(), Some(Fault::FollowingError));
+    bench.push = 0.0;
+    let mut strongest = 0.0f64;
+    for _ in 0..20_000 {
+        bench.tick();
+        strongest = strongest.max(bench.duty().abs());
+        assert!(!bench.output.pulses);
+    }
+    assert!(bench.um() < blocked_at - 100.0, "at {} um", bench.um());
+    // 3 N at 7.5 N/A is 0.4 A, 5 V, 10.3 % of 48 V, about the holding duty of 0.8 %.
+    assert!(strongest < 0.115, "{strongest}");
+}
+
+#[test]
+fn a_following_error_that_does_not_shrink_becomes_an_open_loop_lift() {
+    let mut bench = Bench::eroding();
+    // Dragged down with a little more than 3 A can hold (22.5 N), and much more than the limited force.
+    for step in 0..10_000 {
+        bench.push = 23.2f64.min(f64::from(step) * 0.01);
+        bench.tick();
+        if bench.fault().is_some() {
+            break;
+        }
+    }
+    assert_eq!(bench.fault(), Some(Fault::FollowingError));
+    bench.run(0.025);
+    let lift = bench.duty();
+    // Weight plus 20 % less counterbalance: 0.153 N up, 0.53 %.
+    assert!((lift - -0.00528).abs() < 0.0005, "{lift}");
+}
+
+#[test]
+fn a_dead_encoder_lifts_open_loop_and_then_holds() {
+    let mut bench = Bench::with(|settings| settings.following_limit = 5000.0);
+    bench.make_ready();
+    bench.surface_um = 9000.0;
+    bench.command(Command::MoveTo(Nanometres(9_000_000)));
+    bench.command(Command::Start);
+    bench.run_until(5.0, |bench| bench.um() > 1000.0);
+    bench.encoder_dead = true;
+    bench.run_until(0.5, |bench| bench.fault().is_some());
+    assert_eq!(bench.fault(), Some(Fault::EncoderLost));
+    bench.run(0.002);
+    assert!((bench.duty() - -0.00528).abs() < 0.0005, "weight plus 20 %: {}", bench.duty());
+    bench.run(0.31);
+    // Weight plus 10 %: 0.043 N down against the counterbalance.
+    assert!((bench.duty() - 0.00147).abs() < 0.0005, "weight plus 10 %: {}", bench.duty());
+    stays_latched(&mut bench);
+}
+
+#[test]
+fn a_dead_encoder_ends_in_a_lift_also_when_the_following_error_is_noticed_first() {
+    let mut bench = Bench::ready();
+    bench.command(Command::MoveTo(Nanometres(4_000_000)));
+    bench.command(Command::Start);
+    bench.run_until(5.0, |bench| bench.um() > 1000.0);
+    bench.encoder_dead = true;
+    let at = bench.um();
+    let mut lowest = at;
+    for _ in 0..20_000 {
+        bench.tick();
+        lowest = lowest.max(bench.um());
+    }
+    assert_eq!(bench.state(), State::Fault);
+    assert!(lowest - at < 6000.0, "ran {} um", lowest - at);
+    assert!(bench.um() < lowest - 500.0 || lowest < at + 500.0);
+}
+
+#[test]
+fn two_counters_that_disagree_for_good_are_a_lost_encoder() {
+    let mut bench = Bench::new();
+    bench.watch_offset = Some(0);
+    bench.make_ready();
+    bench.erode();
+    bench.watch_offset = Some(1);
+    bench.run(0.1);
+    assert_eq!(bench.state(), State::Eroding, "one count may be an edge in flight");
+    bench.watch_offset = Some(2);
+    expect(&mut bench, Fault::EncoderLost, 3);
+}
+
+#[test]
+fn a_wrong_polarity_is_noticed_before_the_head_has_run_far() {
+    let mut bench = Bench::ready();
+    bench.x = 0.006;
+    bench.run(0.001);
+    let at = bench.um();
+    bench.motor_sign = -1.0;
+    bench.push = 0.5;
+    bench.run_until(0.5, |bench| bench.fault().is_some());
+    let fault = bench.fault().unwrap();
+    assert!(matches!(fault, Fault::PolarityWrong | Fault::EncoderLost | Fault::FollowingError), "{}", fault.name());
+    assert!((bench.um() - at).abs() < 6000.0);
+    assert!(!bench.output.pulses);
+}
+
+#[test]
+fn a_sagging_bus_lifts_on_what_is_left_and_then_coasts() {
+    let mut bench = Bench::eroding();
+    bench.bus = 30.0;
+    expect(&mut bench, Fault::BusSag, 2);
+    assert!((bench.duty() - -0.00528).abs() < 0.0005);
+    bench.bus = 14.0;
+    bench.tick();
+    assert!(bench.coasts());
+    stays_latched(&mut bench);
+    assert_eq!(bench.head.command(Command::ResetFault), Err(Refused::StillFaulty(Fault::BusSag)));
+}
+
+#[test]
+fn an_emergency_stop_lifts_for_at_most_300_ms_and_coasts() {
+    let mut bench = Bench::eroding();
+    bench.safety.emergency_stop = true;
+    expect(&mut bench, Fault::EmergencyStop, 0);
+    assert!(bench.duty() < 0.0);
+    let lifted = (0..).find(|_| {
+        bench.tick();
+        bench.coasts()
+    });
+    assert!((5_990..=6_000).contains(&lifted.unwrap()), "{lifted:?} ticks");
+    stays_latched(&mut bench);
+    assert_eq!(bench.head.command(Command::ResetFault), Err(Refused::StillFaulty(Fault::EmergencyStop)));
+    bench.safety.emergency_stop = false;
+    bench.tick();
+    bench.command(Command::ResetFault);
+    assert_eq!(bench.state(), State::Disabled);
+}
+
+#[test]
+fn a_bridge_fault_coasts_in_the_same_tick() {
+    let mut bench = Bench::eroding();
+    bench.safety.bridge_fault = true;
+    bench.tick();
+    assert!(bench.coasts() && !bench.output.pulses);
+    assert_eq!(bench.fault(), Some(Fault::BridgeFault));
+    stays_latched(&mut bench);
+}
+
+#[test]
+fn a_current_beyond_the_peak_coasts() {
+    let mut bench = Bench::eroding();
+    bench.extra_amps = 3.5;
+    bench.run(0.05);
+    assert_ne!(bench.fault(), Some(Fault::OverCurrent), "3.75 A are allowed for 2 ms");
+    let mut bench = Bench::eroding();
+    bench.extra_amps = 4.0;
+    expect(&mut bench, Fault::OverCurrent, 5);
+    assert!(bench.coasts());
+}
+
+#[test]
+fn a_stronger_reaction_replaces_a_milder_one_and_not_the_reverse() {
+    let mut bench = Bench::eroding();
+    bench.head.raise(Fault::HostSilent);
+    bench.safety.lower_limit = true;
+    expect(&mut bench, Fault::LowerLimit, 0);
+    bench.head.raise(Fault::GateMissing);
+    assert_eq!(bench.fault(), Some(Fault::LowerLimit));
+    bench.safety.bridge_fault = true;
+    expect(&mut bench, Fault::BridgeFault, 0);
+}

@@ -1,0 +1,6 @@
+//! The head on a bench: states, faults, the guided check.
+
+mod bench;
+mod check;
+mod faults;
+mod states;

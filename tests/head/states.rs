@@ -1,0 +1,176 @@
+//! States of the head on the bench: what it does when asked, and what it refuses.
+
+use crate::bench::Bench;
+use edm_servo_head::head::Structure;
+use edm_servo_head::head::{Command, Reason, Refused, State};
+use edm_servo_head::settings::{LawName, SetpointUnit};
+use edm_servo_head::units::Nanometres;
+
+#[test]
+fn a_head_that_was_never_enabled_coasts_with_pulses_off() {
+    let mut bench = Bench::new();
+    bench.run(0.1);
+    assert!(bench.coasts() && !bench.output.pulses);
+    assert_eq!(bench.state(), State::Disabled);
+}
+
+#[test]
+fn there_is_no_jump_at_enable_wherever_the_head_stands() {
+    for um in [0.0, 137.4, 5_000.9, 11_999.0] {
+        let mut bench = Bench::new();
+        bench.x = um * 1e-6;
+        bench.run(0.05);
+        bench.command(Command::Enable);
+        let mut farthest = 0.0f64;
+        bench.run_until(1.0, |bench| {
+            farthest = farthest.max((bench.um() - um).abs());
+            bench.head.status().tick > 10_000
+        });
+        assert!(farthest < 1.5, "moved {farthest} um from {um}");
+    }
+}
+
+#[test]
+fn a_hole_is_sought_eroded_and_done_with_a_reason_for_every_change() {
+    let mut bench = Bench::ready();
+    bench.changes();
+    bench.command(Command::MoveTo(Nanometres(2_100_000)));
+    bench.command(Command::Start);
+    bench.run_until(10.0, |bench| bench.state() == State::Eroding);
+    bench.run(0.5);
+    let gap = bench.surface_um - bench.um();
+    assert!((gap - 30.0).abs() < 1.5, "60 V at 2 V/um is a gap of 30 um, not {gap}");
+    for _ in 0..1000 {
+        bench.surface_um += 0.2;
+        bench.run(0.01);
+    }
+    assert_eq!(bench.state(), State::Done);
+    assert!(!bench.output.pulses);
+    assert_eq!(bench.um().floor(), 2100.0);
+    let reasons: Vec<_> = bench.changes().iter().map(|change| (change.to, change.reason)).collect();
+    assert_eq!(
+        reasons,
+        [(State::Seeking, Reason::Started), (State::Eroding, Reason::WorkFound), (State::Done, Reason::PathEnd)]
+    );
+}
+
+#[test]
+fn a_short_retreats_along_the_path_within_its_time_and_comes_back() {
+    let mut bench = Bench::eroding();
+    bench.changes();
+    let before = bench.um();
+    bench.surface_um -= 35.0;
+    let ticks = (0..).find(|_| {
+        bench.tick();
+        bench.state() == State::Retreating
+    });
+    assert_eq!(ticks, Some(19), "20 ticks of short are 1 ms");
+    bench.run_until(0.1, |bench| bench.state() == State::Eroding);
+    assert!(bench.um() < before - 9.0, "from {before} to {}", bench.um());
+    let reasons: Vec<_> = bench.changes().iter().map(|change| change.reason).collect();
+    assert_eq!(reasons, [Reason::Short, Reason::GapRecovered]);
+    bench.run(1.0);
+    assert!((bench.surface_um - bench.um() - 30.0).abs() < 1.5);
+}
+
+#[test]
+fn the_setpoint_may_be_a_share_of_the_measured_open_circuit_voltage() {
+    let mut bench = Bench::with(|settings| {
+        settings.gap_setpoint_unit = SetpointUnit::PercentOfOpen;
+        settings.gap_setpoint_percent = 40.0;
+    });
+    bench.make_ready();
+    bench.erode();
+    assert_eq!(bench.head.status().gap_setpoint.0.round(), 40.0);
+    assert!((bench.surface_um - bench.um() - 20.0).abs() < 1.5);
+}
+
+#[test]
+fn every_structure_and_law_of_roberts_keeps_the_gap() {
+    let laws = [LawName::FixedRate, LawName::RateByError, LawName::IncrementByError];
+    for structure in [Structure::SingleLoop, Structure::VelocityCascade, Structure::Path] {
+        for law in laws {
+            let mut bench = Bench::with(|settings| {
+                settings.structure = structure;
+                settings.law = law;
+                settings.single_p = 0.000_5;
+                settings.single_d = 0.000_05;
+                settings.single_i = 0.001;
+            });
+            bench.make_ready();
+            bench.erode();
+            bench.run(2.0);
+            let gap = bench.surface_um - bench.um();
+            assert!((gap - 30.0).abs() < 3.0, "{structure:?} {law:?}: {gap} um");
+        }
+    }
+}
+
+#[test]
+fn hold_stops_with_pulses_off_and_start_goes_on() {
+    let mut bench = Bench::eroding();
+    bench.command(Command::Hold);
+    bench.run(0.2);
+    let held = bench.um();
+    bench.run(0.5);
+    assert!((bench.um() - held).abs() < 1.5 && !bench.output.pulses);
+    assert_eq!(bench.state(), State::HoldingPosition);
+    bench.command(Command::Start);
+    bench.run(0.5);
+    assert_eq!(bench.state(), State::Eroding);
+}
+
+#[test]
+fn what_cannot_be_done_is_refused_and_changes_nothing() {
+    let mut bench = Bench::new();
+    bench.run(0.01);
+    assert_eq!(bench.head.command(Command::Start), Err(Refused::State(State::Disabled)));
+    assert_eq!(bench.head.command(Command::MoveBy(Nanometres(1000))), Err(Refused::State(State::Disabled)));
+    bench.command(Command::Enable);
+    assert_eq!(bench.head.command(Command::Enable), Err(Refused::State(State::Ready)));
+    assert_eq!(bench.head.command(Command::Start), Err(Refused::NoPath));
+    assert_eq!(bench.head.command(Command::MoveTo(Nanometres(1000))), Err(Refused::NotHomed));
+    bench.command(Command::SetHome(Nanometres(0)));
+    let too_far = Nanometres(12_000_001);
+    let refused = bench.head.command(Command::MoveTo(too_far)).unwrap_err();
+    assert_eq!(
+        refused,
+        Refused::OutOfTravel { target: Nanometres(12_000_000), min: Nanometres(0), max: Nanometres(12_000_000) }
+    );
+    assert!(bench.head.command(Command::MoveTo(Nanometres(-1000))).is_err());
+    assert_eq!(bench.head.command(Command::MoveTo(Nanometres(0))), Err(Refused::NoLength));
+    bench.command(Command::MoveTo(Nanometres(12_000_000)));
+    assert!(bench.head.command(Command::MoveBy(Nanometres(1))).is_err());
+    assert_eq!(bench.state(), State::Ready);
+}
+
+#[test]
+fn incremental_moves_queue_from_the_end_of_the_queue() {
+    let mut bench = Bench::ready();
+    for _ in 0..256 {
+        bench.command(Command::MoveBy(Nanometres(10_000)));
+    }
+    bench.command(Command::MoveBy(Nanometres(10_000)));
+    assert_eq!(bench.head.command(Command::MoveBy(Nanometres(10_000))), Err(Refused::QueueFull));
+    bench.surface_um = 9000.0;
+    bench.command(Command::Start);
+    bench.run_until(10.0, |bench| bench.state() == State::Done);
+    assert_eq!(bench.um().floor(), 2570.0);
+}
+
+#[test]
+fn a_configuration_is_swapped_while_eroding_without_a_bump() {
+    let mut bench = Bench::eroding();
+    let before = bench.um();
+    let mut settings = bench.settings;
+    settings.feed_gain = 5.0;
+    bench.head.configure(settings.build().unwrap().head).unwrap();
+    let mut farthest = 0.0f64;
+    for _ in 0..2000 {
+        bench.tick();
+        farthest = farthest.max((bench.um() - before).abs());
+    }
+    assert!(farthest < 2.0);
+    settings.axis_mass = 0.3;
+    assert!(bench.head.configure(settings.build().unwrap().head).is_err(), "not the axis itself");
+}
