@@ -40,6 +40,21 @@ pub struct Stats {
     pub resets: u64,
 }
 
+/// A straight piece of code that the engine runs without asking: what it costs and what it needs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Block {
+    /// Bytes; zero: not known yet.
+    size: u16,
+    cycles: u16,
+    instructions: u16,
+    /// Uses the FPU.
+    pub float: bool,
+    /// Waits for an interrupt or an event.
+    pub waits: bool,
+    /// May change PRIMASK, FAULTMASK or BASEPRI.
+    pub masks: bool,
+}
+
 /// A write into flash that the engine has done and the flash interface has not judged yet.
 struct FlashWrite {
     address: u32,
@@ -60,6 +75,7 @@ pub struct Chip<W> {
     pub stretch: u64,
     pub thread: bool,
     code: Box<[Instruction; HALF_WORDS]>,
+    blocks: Vec<Block>,
     /// Last instruction, and where it ends.
     pub last: u32,
     next: u32,
@@ -67,6 +83,8 @@ pub struct Chip<W> {
     pub sleeping: bool,
     pub bad_address: u32,
     flash_write: Option<FlashWrite>,
+    /// The engine may write flash, because it just had to.
+    pub flash_open: bool,
     /// CONTROL.FPCA: the running code has an FPU context.
     pub fpca: bool,
     /// Address of FPU registers reserved on the stack and not saved yet (FPCCR.LSPACT).
@@ -85,12 +103,14 @@ impl<W: World> Chip<W> {
             stretch: 1,
             thread: true,
             code: Box::new([Instruction::default(); HALF_WORDS]),
+            blocks: vec![Block::default(); HALF_WORDS],
             last: 0,
             next: 0,
             stop: None,
             sleeping: false,
             bad_address: 0,
             flash_write: None,
+            flash_open: false,
             fpca: false,
             lazy: None,
             stats: Stats { entries: vec![0; 98], ..Stats::default() },
@@ -124,6 +144,52 @@ impl<W: World> Chip<W> {
         }
         self.charge(address, known);
         true
+    }
+
+    /// The way of almost all blocks: known, nothing due, no FPU context to make. Returns whether it was taken.
+    #[inline]
+    pub fn fast_block(&mut self, address: u32, size: u32) -> bool {
+        let known = self.blocks[address as usize / 2 % HALF_WORDS];
+        let plain = u32::from(known.size) == size && address >> 20 == FLASH && !(known.waits || known.masks);
+        if !plain || self.half >= self.limit || (known.float && !self.fpca) {
+            return false;
+        }
+        self.charge_block(address, known);
+        true
+    }
+
+    /// The block of `size` bytes at `address`, decoded once.
+    pub fn block(&mut self, address: u32, size: u32) -> Block {
+        let index = address as usize / 2 % HALF_WORDS;
+        let known = self.blocks[index];
+        if u32::from(known.size) == size && address >> 20 == FLASH {
+            return known;
+        }
+        let mut block = Block { size: size as u16, ..Block::default() };
+        let mut at = address;
+        while at < address.wrapping_add(size) {
+            let instruction = self.instruction(at);
+            block.cycles += u16::from(instruction.cycles);
+            block.instructions += 1;
+            block.float |= instruction.class == Class::Float;
+            block.waits |= matches!(instruction.class, Class::Wait | Class::Event);
+            block.masks |= instruction.class == Class::Masks;
+            at += u32::from(instruction.size);
+        }
+        if address >> 20 == FLASH {
+            self.blocks[index] = block;
+        }
+        block
+    }
+
+    /// Counts a whole block, and the branch that led to it.
+    #[inline]
+    pub fn charge_block(&mut self, address: u32, block: Block) {
+        let refill = if address == self.next { 0 } else { u64::from(REFILL) };
+        self.stats.instructions += u64::from(block.instructions);
+        self.pass(refill + u64::from(block.cycles));
+        self.last = address;
+        self.next = address.wrapping_add(block.size.into());
     }
 
     /// The instruction at `address`, decoded once.
@@ -181,16 +247,22 @@ impl<W: World> Chip<W> {
     #[inline]
     pub fn charge(&mut self, address: u32, instruction: Instruction) {
         self.stats.instructions += 1;
-        let least = self.half + u64::from(instruction.cycles) * self.half_per_cycle;
+        self.pass(instruction.cycles.into());
+        self.last = address;
+        self.next = address.wrapping_add(instruction.size.into());
+    }
+
+    /// Lets the cycles of executed code pass.
+    #[inline]
+    fn pass(&mut self, cycles: u64) {
+        let least = self.half + cycles * self.half_per_cycle;
         self.half = if self.thread && self.stretch > 1 {
             // Slower, but never past the next event: what interrupts see stays as it was.
-            let slow = self.half + u64::from(instruction.cycles) * self.half_per_cycle * self.stretch;
+            let slow = self.half + cycles * self.half_per_cycle * self.stretch;
             slow.min(self.limit).max(least)
         } else {
             least
         };
-        self.last = address;
-        self.next = address.wrapping_add(instruction.size.into());
     }
 
     /// Lets `cycles` pass.
@@ -206,12 +278,7 @@ impl<W: World> Chip<W> {
 
     /// Advances the peripherals to the processor's time. Returns whether the run loop has to look at them.
     pub fn catch_up(&mut self) -> bool {
-        if let Some(w) = self.flash_write.take() {
-            // The engine has stored the value as if flash were RAM: put the old one back and let the interface decide.
-            self.soc.memory.flash.store(w.address, w.size.into(), w.old);
-            self.soc.program(w.address, w.size, w.value);
-        }
-        self.soc.advance(self.half / 2);
+        self.settle();
         // Code is fetched from the flash that is busy.
         if half(self.soc.stalled_until()) > self.half {
             self.half = half(self.soc.stalled_until()).min(self.until.max(self.half));
@@ -219,7 +286,17 @@ impl<W: World> Chip<W> {
         }
         self.half_per_cycle = self.soc.half_ticks_per_cycle();
         self.limit = half(self.soc.next_event()).min(self.until);
-        self.soc.error().is_some() || self.soc.reset_request().is_some() || self.time_is_up()
+        self.flash_open || self.soc.error().is_some() || self.soc.reset_request().is_some() || self.time_is_up()
+    }
+
+    /// Brings the peripherals to the processor's time.
+    fn settle(&mut self) {
+        self.soc.advance(self.half / 2);
+        if let Some(w) = self.flash_write.take() {
+            // The engine has stored the value as if flash were RAM: put the old one back and let the interface decide.
+            self.soc.memory.flash.store(w.address, w.size.into(), w.old);
+            self.soc.program(w.address, w.size, w.value);
+        }
     }
 
     /// The exception to enter now.
@@ -247,14 +324,14 @@ impl<W: World> Chip<W> {
     }
 
     pub fn read(&mut self, address: u32, size: u8) -> u32 {
-        self.soc.advance(self.half / 2);
+        self.settle();
         self.limit = 0;
         // A refused access is kept by the model; the next instruction does not run.
         self.soc.read(address, size).unwrap_or(0)
     }
 
     pub fn write(&mut self, address: u32, size: u8, value: u32) {
-        self.soc.advance(self.half / 2);
+        self.settle();
         self.limit = 0;
         let _ = self.soc.write(address, size, value);
     }
@@ -262,6 +339,7 @@ impl<W: World> Chip<W> {
     pub fn flash_write(&mut self, address: u32, size: u8, value: u32) {
         let old = self.soc.memory.flash.load(address, size.into()).unwrap_or(0);
         self.flash_write = Some(FlashWrite { address, size, value, old });
+        self.flash_open = true;
         self.limit = 0;
     }
 }

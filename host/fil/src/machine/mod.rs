@@ -10,10 +10,14 @@ use crate::decode::Class;
 use crate::image::Image;
 use anyhow::{Result, anyhow, bail};
 use edm_soc::{Masks, NEVER, Region, Reset, Soc, World, exception};
-use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
+use std::ops::Range;
+use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, UcHookId, Unicorn, uc_error};
 
 /// Address at which the engine would stop by itself: none that can be reached.
 const NOWHERE: u64 = 0xffff_ffff_ffff;
+
+/// Flash, where code runs from.
+const FLASH: Range<u64> = 0x0800_0000..0x0810_0000;
 
 /// Windows of the address space that are peripherals: base and length, multiples of 4 KiB.
 const PERIPHERALS: [(u64, u64); 6] = [
@@ -28,6 +32,8 @@ const PERIPHERALS: [(u64, u64); 6] = [
 /// A chip that runs a firmware.
 pub struct Machine<W: World + 'static> {
     uc: Unicorn<'static, Chip<W>>,
+    /// The hook by which time passes.
+    pace: UcHookId,
 }
 
 /// Turns an engine error into one with words.
@@ -46,7 +52,8 @@ impl<W: World + 'static> Machine<W> {
         let mut uc =
             Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, Chip::new(soc)).map_err(engine("create"))?;
         uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(engine("processor model"))?;
-        let mut machine = Self { uc };
+        let pace = uc.add_code_hook(1, 0, |uc, address, _| before(uc, address as u32)).map_err(engine("code hook"))?;
+        let mut machine = Self { uc, pace };
         machine.map_memories()?;
         machine.map_peripherals()?;
         machine.add_hooks()?;
@@ -61,7 +68,7 @@ impl<W: World + 'static> Machine<W> {
         // Code runs from flash, also at its boot alias 0. CCM is data only (RM0090 section 2.3.1).
         let data = Prot::READ | Prot::WRITE;
         let maps = [
-            (flash, flash.0, Prot::ALL),
+            (flash, flash.0, Prot::READ | Prot::EXEC),
             (flash, 0, Prot::READ | Prot::EXEC),
             (sram, sram.0, Prot::ALL),
             (ccm, ccm.0, data),
@@ -89,25 +96,24 @@ impl<W: World + 'static> Machine<W> {
     }
 
     fn add_hooks(&mut self) -> Result<()> {
-        self.uc.add_code_hook(1, 0, |uc, address, _| before(uc, address as u32)).map_err(engine("code hook"))?;
         let interrupt = |uc: &mut Unicorn<Chip<W>>, number: u32| {
             uc.get_data_mut().stop = Some(Stop::Raised(number));
             // The engine is between instructions here; stopping is safe.
             let _ = uc.emu_stop();
         };
         self.uc.add_intr_hook(interrupt).map_err(engine("interrupt hook"))?;
-        let unmapped = |uc: &mut Unicorn<Chip<W>>, _: MemType, address: u64, _: usize, _: i64| {
+        // A hook on ordinary accesses would slow down all of them: flash is read-only to the engine, so that a store into
+        // it comes here.
+        let refused = |uc: &mut Unicorn<Chip<W>>, kind: MemType, address: u64, size: usize, value: i64| {
+            if kind == MemType::WRITE_PROT && FLASH.contains(&address) {
+                uc.get_data_mut().flash_write(address as u32, size as u8, value as u32);
+                return uc.mem_protect(FLASH.start, FLASH.end - FLASH.start, Prot::ALL).is_ok();
+            }
             uc.get_data_mut().bad_address = address as u32;
             false
         };
         let kinds = HookType::MEM_UNMAPPED | HookType::MEM_PROT;
-        self.uc.add_mem_hook(kinds, 1, 0, unmapped).map_err(engine("memory hook"))?;
-        let program = |uc: &mut Unicorn<Chip<W>>, _: MemType, address: u64, size: usize, value: i64| {
-            uc.get_data_mut().flash_write(address as u32, size as u8, value as u32);
-            true
-        };
-        let flash = (0x0800_0000, 0x080f_ffff);
-        self.uc.add_mem_hook(HookType::MEM_WRITE, flash.0, flash.1, program).map_err(engine("flash hook"))?;
+        self.uc.add_mem_hook(kinds, 1, 0, refused).map_err(engine("memory hook"))?;
         Ok(())
     }
 
@@ -166,6 +172,20 @@ impl<W: World + 'static> Machine<W> {
         self.uc.get_data_mut().stretch = factor.max(1);
     }
 
+    /// From now on time passes by blocks of code instead of instructions, which is several times faster. An interrupt then
+    /// comes up to a block late (a few dozen cycles), and what an instruction reads is as old as its block is long. WFI
+    /// and WFE are refused.
+    ///
+    /// # Errors
+    /// When the engine refuses.
+    pub fn step_by_blocks(&mut self) -> Result<()> {
+        self.uc.remove_hook(self.pace).map_err(engine("remove the code hook"))?;
+        let hook = |uc: &mut Unicorn<Chip<W>>, address: u64, size: u32| before_block(uc, address as u32, size);
+        self.pace = self.uc.add_block_hook(1, 0, hook).map_err(engine("block hook"))?;
+        // What was translated calls the old hook.
+        self.uc.ctl_flush_tb().map_err(engine("flush"))
+    }
+
     /// What has been counted since power-up.
     pub fn stats(&self) -> &Stats {
         &self.uc.get_data().stats
@@ -180,6 +200,10 @@ impl<W: World + 'static> Machine<W> {
         loop {
             if let Some(reset) = self.uc.get_data().soc.reset_request() {
                 self.reset(reset)?;
+            }
+            if std::mem::take(&mut self.uc.get_data_mut().flash_open) {
+                let len = FLASH.end - FLASH.start;
+                self.uc.mem_protect(FLASH.start, len, Prot::READ | Prot::EXEC).map_err(engine("protect flash"))?;
             }
             let masks = self.masks()?;
             if self.uc.get_data_mut().sleep_until_woken(masks) {
@@ -219,7 +243,9 @@ impl<W: World + 'static> Machine<W> {
                 self.set(R::PC, address | 1)?;
                 self.fault(exception::USAGE_FAULT, 1 << 19, None)
             }
-            (Some(Stop::Event(address)), _) => bail!("WFE or SEV at {address:#010x} is not modelled"),
+            (Some(Stop::Event(address)), _) => {
+                bail!("WFE, SEV, or WFI inside a block, at {address:#010x}: not modelled")
+            }
             (Some(Stop::Raised(8)), _) => self.leave(),
             (Some(Stop::Raised(2)), _) => {
                 self.uc.get_data_mut().soc.nvic().pend(exception::SV_CALL);
@@ -296,6 +322,37 @@ fn slow<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
         return;
     }
     uc.get_data_mut().charge(address, instruction);
+}
+
+/// Runs before each block instead.
+fn before_block<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32, size: u32) {
+    if !uc.get_data_mut().fast_block(address, size) {
+        slow_block(uc, address, size);
+    }
+}
+
+#[inline(never)]
+fn slow_block<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32, size: u32) {
+    let chip = uc.get_data_mut();
+    let block = chip.block(address, size);
+    if chip.half >= chip.limit && poll(uc) {
+        uc.get_data_mut().stop = Some(Stop::Poll(address));
+        let _ = uc.emu_stop();
+        return;
+    }
+    if block.waits {
+        uc.get_data_mut().stop = Some(Stop::Event(address));
+        let _ = uc.emu_stop();
+        return;
+    }
+    if block.float && special(uc, address, Class::Float) {
+        let _ = uc.emu_stop();
+        return;
+    }
+    let chip = uc.get_data_mut();
+    chip.charge_block(address, block);
+    // A mask may fall at its end.
+    chip.limit = if block.masks { 0 } else { chip.limit };
 }
 
 /// Advances the chip to now. Returns whether the engine has to stop.
