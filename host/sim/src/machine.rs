@@ -6,7 +6,7 @@ use edm_servo_head::encoder::Quadrature;
 use edm_servo_head::gap::{GapReading, GapSource, Surrogate, SurrogateConfig, Voltage};
 use edm_servo_head::head::{Command, Fault, Head, Supervisor, TickInput, TickOutput};
 use edm_servo_head::settings::{SettingError, Settings};
-use edm_servo_head::units::{Fixed, MicrometresPerSecond, Volts};
+use edm_servo_head::units::{FRACTION_BITS, Fixed, MicrometresPerSecond, Volts};
 
 /// Gap that counts as right in the dry loop, um.
 const DRY_GAP_UM: f64 = 40.0;
@@ -32,6 +32,7 @@ pub struct Machine {
     gap: Gap,
     output: TickOutput,
     ticks: u64,
+    count_um: f64,
 }
 
 impl Machine {
@@ -47,6 +48,7 @@ impl Machine {
             gap: Gap::Voltage(Voltage::new(active.gap)),
             output: TickOutput::default(),
             ticks: 0,
+            count_um: settings.encoder_count.into(),
             process,
         })
     }
@@ -54,6 +56,7 @@ impl Machine {
     /// Replaces the gap signal by position, noise and imagined erosion (Roberts, section 6.8): the dry loop. The imagined
     /// surface begins at `surface_um`; no real one should be in the way. The generator is off.
     pub fn run_dry(&mut self, settings: &Settings, surface_um: f64, seed: u64) {
+        // C of [R] section 6.8 as 0.2 mm/min, worse by half of that for 3 um of error; noise of 0.5, as in section 7.1.
         let config = SurrogateConfig {
             setpoint: Volts(settings.gap_setpoint),
             open: Volts(100.0),
@@ -88,7 +91,8 @@ impl Machine {
         let gap = match &mut self.gap {
             Gap::Voltage(source) => source.update(Some(&sensors.block)),
             Gap::Surrogate(dry) => {
-                let position = Fixed::whole(self.head.status().position);
+                let um = self.head.status().position as f64 * self.count_um;
+                let position = Fixed((um * f64::from(1u32 << FRACTION_BITS)) as i64);
                 let (source, config) = dry.as_mut();
                 if self.output.pulses { source.update(config, position) } else { GapReading::default() }
             }

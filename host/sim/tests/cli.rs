@@ -241,7 +241,7 @@ fn a_hole_that_is_not_bored_is_exit_code_1_and_says_why() {
     let output = run(folder.path(), &words);
     let stdout = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(1), "{stdout}");
-    assert!(stdout.contains("stopped: gap signal invalid"), "{stdout}");
+    assert!(stdout.contains("no hole (simulated) of 0.010 mm, stopped: gap signal invalid"), "{stdout}");
     let report = report(folder.path());
     assert_eq!(report["completed"], false);
     assert_eq!(report["faults"][0]["fault"], "gap signal invalid");

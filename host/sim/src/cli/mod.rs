@@ -66,6 +66,9 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
             say(&error.to_string());
             return ExitCode::SUCCESS;
         }
+        Err(error) if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            return complain("a command is missing; see `edm-sim --help`", EXIT_BAD_INPUT);
+        }
         Err(error) => return complain(&one_line(&error.to_string()), EXIT_BAD_INPUT),
     };
     let done = match cli.command {

@@ -23,6 +23,8 @@ declare! {
 
         /// Median ignition delay as a multiple of 0.48 g^2 - 3.69 g + 14.05 us, g in um.
         ignition_scale: f32 = 0.1, (0.001, 10.0), "ignition.scale", "", "curve of a public wire-EDM model; scale assumed for a sinker";
+        /// Gap beyond which no pulse ignites, however long it waits.
+        ignition_reach: f32 = 150.0, (1.0, 10_000.0), "ignition.reach_um", "um", "assumed: working gaps of [R] are 20 to 100 um";
         /// Share by which debris of concentration 1 shortens the gap that a pulse sees.
         ignition_debris: f32 = 0.1, (0.0, 2.0), "ignition.debris", "", "assumed";
         /// Depth that a second of burning removes.

@@ -95,6 +95,7 @@ struct Constants {
     suspend_after: u32,
     suspend: f64,
     scale: f64,
+    reach: f64,
     debris_gap: f64,
     removal: f64,
     wear: f64,
@@ -145,6 +146,7 @@ impl Spark {
                 suspend_after: p.suspend_after,
                 suspend: f64::from(p.suspend_ms) * 1e3,
                 scale: p.ignition_scale.into(),
+                reach: p.ignition_reach.into(),
                 debris_gap: p.ignition_debris.into(),
                 removal: f64::from(p.removal) * 1e-6,
                 wear: f64::from(p.wear) * 0.01,
@@ -236,7 +238,7 @@ impl Spark {
         let seen = gap_um / (1.0 + c.debris_gap * self.debris);
         let exponential: f64 = Exp1.sample(&mut self.ignition);
         let at = now + exponential * mean_delay_us(c.scale, seen);
-        let ignites = at < end;
+        let ignites = at < end && seen < c.reach;
         let volts = c.open;
         self.enter(Phase::Waiting { ignites, end }, now, if ignites { at } else { end }, volts, true);
     }
@@ -342,6 +344,13 @@ mod tests {
         let (volts, spark) = at(&Parameters::default(), 0.0, 0.1);
         assert!(volts < 2.0);
         assert_eq!((spark.pulses.spark, spark.pulses.open, spark.removed_um), (0, 0, 0.0));
+    }
+
+    #[test]
+    fn beyond_its_reach_no_pulse_ignites_however_long() {
+        let p = Parameters { on: 5000.0, ..Parameters::default() };
+        assert!(at(&p, 149.0, 1.0).1.pulses.spark > 0);
+        assert_eq!(at(&p, 151.0, 1.0).1.pulses.spark, 0);
     }
 
     #[test]

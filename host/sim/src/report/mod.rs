@@ -106,7 +106,8 @@ impl Report {
             seed: job.seed,
             completed: outcome.completed,
             stop_reason: outcome.stop_reason.clone(),
-            depth_mm: tidy(outcome.depth_mm),
+            // An electrode that stands above the work has made no hole.
+            depth_mm: tidy(outcome.depth_mm).map(|depth| depth.max(0.0)),
             target_depth_mm: job.depth_mm,
             sim_time_s: rounded(outcome.sim_time_s),
             wall_time_s: rounded(wall_time_s),

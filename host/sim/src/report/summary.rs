@@ -41,7 +41,11 @@ impl fmt::Display for Summary<'_> {
 impl Summary<'_> {
     fn hole(&self) -> String {
         let report = self.report;
-        let depth = report.depth_mm.map_or("of unknown depth".into(), |depth| format!("{depth:.3} mm deep"));
+        let depth = match report.depth_mm {
+            Some(depth) if depth > 0.0 => format!("{depth:.3} mm deep"),
+            Some(_) => "no hole".into(),
+            None => "of unknown depth".into(),
+        };
         if report.completed {
             format!("{depth} (simulated), {:.3} mm asked for", report.target_depth_mm)
         } else {
@@ -52,7 +56,9 @@ impl Summary<'_> {
     fn time(&self) -> String {
         let report = self.report;
         let rate = match report.depth_mm {
-            Some(depth) if report.sim_time_s > 0.0 => format!(", {:.2} mm/min", depth / report.sim_time_s * 60.0),
+            Some(depth) if depth > 0.0 && report.sim_time_s > 0.0 => {
+                format!(", {:.2} mm/min", depth / report.sim_time_s * 60.0)
+            }
             _ => String::new(),
         };
         let speed = report.sim_time_s / report.wall_time_s.max(1e-3);
