@@ -9,8 +9,10 @@
 //! Unicorn is GPL-2.0 and so is a binary that contains it; this package is unpublished and outside the workspace's
 //! default members.
 
+pub mod bench;
 pub mod decode;
 pub mod image;
+pub mod layout;
 pub mod machine;
 pub mod rtt;
 pub mod still;
