@@ -11,7 +11,23 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 /// also broken by time.
 pub const EDGE_COUNT: u32 = 256;
 
-/// What a person set, in the units of the reflex. Written by a slower task, read by the reflex.
+/// What a person set, in the units of the reflex.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Config {
+    /// Consecutive short pulses that start the retreat, at least 1.
+    pub run: u32,
+    /// Clock ticks of uninterrupted shorts that start the retreat.
+    pub ticks: u32,
+    /// Code of the gap current from which it counts as flowing.
+    pub current: u16,
+    /// Lowest and highest code of the gap voltage with which a pulse is no short.
+    pub voltage: (u16, u16),
+    /// Time constant with which the gap voltage rises in a pulse, ns.
+    pub tau_ns: u32,
+}
+
+/// What the reflex judges by. Written by a slower task, read by the reflex.
 pub struct Limits {
     /// Consecutive short pulses that start the retreat.
     run: AtomicU32,
@@ -24,26 +40,32 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Pulses are killed, nothing is forced until armed. `run` is at least 1.
-    pub const fn new(run: u32, ticks: u32, current: u16) -> Self {
+    /// Nothing is a short until [`Limits::set`], and nothing is forced until [`Limits::arm`].
+    pub const fn new() -> Self {
         Limits {
-            run: AtomicU32::new(run),
-            ticks: AtomicU32::new(ticks),
-            current: AtomicU32::new(current as u32),
+            run: AtomicU32::new(u32::MAX),
+            ticks: AtomicU32::new(u32::MAX),
+            current: AtomicU32::new(u32::MAX),
             armed: AtomicU32::new(0),
         }
     }
 
-    /// New values.
-    pub fn set(&self, run: u32, ticks: u32, current: u16) {
-        self.run.store(run, Relaxed);
-        self.ticks.store(ticks, Relaxed);
-        self.current.store(u32::from(current), Relaxed);
+    /// New values; from now on short pulses are killed.
+    pub fn set(&self, config: &Config) {
+        self.run.store(config.run, Relaxed);
+        self.ticks.store(config.ticks, Relaxed);
+        self.current.store(u32::from(config.current), Relaxed);
     }
 
     /// Whether a retreat may be forced: only while the head erodes.
     pub fn arm(&self, armed: bool) {
         self.armed.store(u32::from(armed), Relaxed);
+    }
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Limits::new()
     }
 }
 
@@ -110,8 +132,11 @@ mod tests {
     /// 100 us: pulses at 10 kHz.
     const PULSE: u32 = 16_800;
 
+    const CONFIG: Config = Config { run: 5, ticks: MS, current: 100, voltage: (0, 4095), tau_ns: 0 };
+
     fn limits() -> Limits {
-        let limits = Limits::new(5, MS, 100);
+        let limits = Limits::new();
+        limits.set(&CONFIG);
         limits.arm(true);
         limits
     }
@@ -171,9 +196,19 @@ mod tests {
         let limits = limits();
         limits.arm(false);
         assert_eq!(feed(&limits, PULSE, &[true; 20]), [Verdict::Kill; 20]);
-        limits.set(1, MS, 100);
+        limits.set(&Config { run: 1, ..CONFIG });
         limits.arm(true);
         assert_eq!(feed(&limits, PULSE, &[true; 2]), [Verdict::Retreat; 2]);
+    }
+
+    #[test]
+    fn nothing_is_a_short_before_the_limits_are_set() {
+        let limits = Limits::new();
+        limits.arm(true);
+        let mut run = Run::new();
+        assert_eq!(run.low(&limits, true, 4095, 0, 0), Verdict::Pass);
+        limits.set(&CONFIG);
+        assert_eq!(run.low(&limits, true, 4095, 0, 0), Verdict::Kill);
     }
 
     #[test]

@@ -60,6 +60,10 @@ pub enum Refused {
     NoPath,
     /// The cause of this fault is still there.
     StillFaulty(Fault),
+    /// Settings are being stored.
+    Storing,
+    /// The settings could not be stored; the ones stored before are still there.
+    NotStored,
 }
 
 impl fmt::Display for Refused {
@@ -75,6 +79,8 @@ impl fmt::Display for Refused {
             Refused::QueueFull => f.write_str("the path queue is full"),
             Refused::NoPath => f.write_str("no move is queued"),
             Refused::StillFaulty(fault) => write!(f, "the cause is still there: {}", fault.name()),
+            Refused::Storing => f.write_str("settings are being stored"),
+            Refused::NotStored => f.write_str("the settings could not be stored"),
         }
     }
 }
@@ -123,6 +129,7 @@ impl Head {
                 if state != State::Disabled {
                     return Err(Refused::State(state));
                 }
+                self.refuse_on_leave()?;
                 self.refuse_hazard(true)?;
                 self.checked = None;
                 self.check = Some(Check::new(self.status.position));
@@ -149,6 +156,7 @@ impl Head {
         if !self.config.commissioned {
             return Err(Refused::NotCommissioned);
         }
+        self.refuse_on_leave()?;
         self.refuse_hazard(false)?;
         self.upper_limit_excused = self.safety.upper_limit;
         self.open = OpenCircuit::new(self.config.seek.settle);

@@ -50,6 +50,10 @@ pub struct Head {
     /// The upper limit was open when the loop was closed: the head may leave it downward.
     pub(super) upper_limit_excused: bool,
     pub(super) safety: SafetyInputs,
+    /// The reflex has begun a retreat.
+    reflex: bool,
+    /// A [`super::Leave`] is out.
+    pub(super) on_leave: bool,
 }
 
 impl Head {
@@ -74,6 +78,8 @@ impl Head {
             work: None,
             upper_limit_excused: false,
             safety: SafetyInputs::default(),
+            reflex: false,
+            on_leave: false,
             config,
         }
     }
@@ -175,6 +181,7 @@ impl Head {
             Setpoint::ShareOfOpen(share) => Volts(self.status.open_circuit.0 * share),
         };
         self.safety = input.safety;
+        self.reflex = input.reflex;
 
         let mid_scale = f32::from(ADC_FULL_SCALE.div_ceil(2));
         let current = (f32::from(input.drive.motor_current) - mid_scale) * axis.amps_per_code.0;
@@ -228,6 +235,8 @@ impl Head {
         let state = self.status.state;
         let motion = match state {
             State::Disabled => Motion::Coast,
+            // Whatever was raised: nothing moves while the processor may stall.
+            State::Fault if self.on_leave => Motion::Coast,
             State::Commissioning => return self.run_check(),
             State::Ready | State::Done | State::HoldingPosition => along(0.0),
             State::Seeking if self.open.volts().is_none() => along(0.0),
@@ -292,9 +301,9 @@ impl Head {
         self.status.position == setpoint.round()
     }
 
-    /// The fast path to a retreat: unfiltered, a set time of uninterrupted short.
+    /// The fast path to a retreat: the reflex has begun one, or the unfiltered gap was shorted for a set time.
     fn watch_short(&mut self, from: State) {
-        if self.status.gap.short_ticks >= self.config.retreat.trigger {
+        if self.reflex || self.status.gap.short_ticks >= self.config.retreat.trigger {
             self.retreat = (from, self.status.position);
             self.enter(State::Retreating, Reason::Short);
         }

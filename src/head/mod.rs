@@ -7,6 +7,7 @@ mod check;
 mod command;
 mod config;
 mod fault;
+mod leave;
 mod machine;
 mod reaction;
 mod state;
@@ -16,6 +17,7 @@ pub use check::{Config as CheckConfig, Finding, Report};
 pub use command::{Command, Refused};
 pub use config::{Axis, Config, Lift, Retreat, Seek, Setpoint, Structure};
 pub use fault::{Fault, Reaction};
+pub use leave::Leave;
 pub use machine::Head;
 pub use state::{Change, ChangeLog, Reason, State};
 pub use supervise::{Limits as SupervisionLimits, Supervisor};
@@ -42,6 +44,8 @@ pub struct TickInput {
     pub safety: SafetyInputs,
     /// Motor current and bus voltage.
     pub drive: DriveCodes,
+    /// The reflex has begun a retreat since the tick before.
+    pub reflex: bool,
 }
 
 /// What the tick wants of the world until the next one.

@@ -26,11 +26,20 @@ pub const BOOT_UP: u8 = 0;
 /// Heartbeat content of a running node.
 pub const OPERATIONAL: u8 = 5;
 
-/// The command in a frame; `None` for a number that is no command.
-pub fn command(data: &[u8]) -> Option<Command> {
+/// What a host asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// A command to the head.
+    Command(Command),
+    /// Store the settings, with the result of the guided check.
+    Store,
+}
+
+/// The request in a frame; `None` for a number that is none.
+pub fn request(data: &[u8]) -> Option<Request> {
     let argument = || data.get(4..8).and_then(|bytes| bytes.try_into().ok()).map(i32::from_le_bytes);
     let length = || argument().map(|nm| Nanometres(nm.into()));
-    match data.first()? {
+    let command = match data.first()? {
         1 => Some(Command::Enable),
         2 => Some(Command::Disable),
         3 => length().map(Command::SetHome),
@@ -40,7 +49,27 @@ pub fn command(data: &[u8]) -> Option<Command> {
         7 => Some(Command::Hold),
         8 => Some(Command::Commission),
         9 => Some(Command::ResetFault),
+        10 => return Some(Request::Store),
         _ => None,
+    };
+    command.map(Request::Command)
+}
+
+/// The heartbeat: with the first report and then with every tenth.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Heartbeat {
+    started: bool,
+    reports: u8,
+}
+
+impl Heartbeat {
+    /// Content of the heartbeat that goes with this report, when one does.
+    pub fn with_report(&mut self) -> Option<u8> {
+        let due = self.reports == 0;
+        self.reports = if self.reports >= 9 { 0 } else { self.reports.wrapping_add(1) };
+        let content = if self.started { OPERATIONAL } else { BOOT_UP };
+        self.started = true;
+        due.then_some(content)
     }
 }
 
@@ -56,6 +85,8 @@ pub fn answer(number: u8, result: Result<(), Refused>) -> [u8; 2] {
         Err(Refused::QueueFull) => 6,
         Err(Refused::NoPath) => 7,
         Err(Refused::StillFaulty(_)) => 8,
+        Err(Refused::Storing) => 9,
+        Err(Refused::NotStored) => 10,
     };
     [number, code]
 }
@@ -97,16 +128,24 @@ mod tests {
         for (number, expected) in (1u8..).zip(all) {
             let mut data = [number, 0, 0, 0, 0, 0, 0, 0];
             data[4..].copy_from_slice(&(-1_000_000i32).to_le_bytes());
-            assert_eq!(command(&data), Some(expected));
+            assert_eq!(request(&data), Some(Request::Command(expected)));
         }
     }
 
     #[test]
     fn a_frame_that_is_no_command_gives_none() {
-        for data in [&[][..], &[0], &[10], &[4], &[4, 0, 0, 0, 1, 2, 3], &[255; 8]] {
-            assert_eq!(command(data), None, "{data:?}");
+        for data in [&[][..], &[0], &[11], &[4], &[4, 0, 0, 0, 1, 2, 3], &[255; 8]] {
+            assert_eq!(request(data), None, "{data:?}");
         }
-        assert_eq!(command(&[1]), Some(Command::Enable));
+        assert_eq!(request(&[1]), Some(Request::Command(Command::Enable)));
+        assert_eq!(request(&[10]), Some(Request::Store));
+    }
+
+    #[test]
+    fn the_first_heartbeat_says_boot_up_and_every_tenth_report_brings_another() {
+        let mut heartbeat = Heartbeat::default();
+        let sent: Vec<_> = (0..21).filter_map(|report| Some((report, heartbeat.with_report()?))).collect();
+        assert_eq!(sent, [(0, BOOT_UP), (10, OPERATIONAL), (20, OPERATIONAL)]);
     }
 
     #[test]

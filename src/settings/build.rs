@@ -8,15 +8,21 @@ use crate::gap::voltage;
 use crate::head::{Axis, CheckConfig, Config, Lift, Retreat, Seek, Setpoint, SupervisionLimits};
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
 use crate::units::{
-    Amps, CLOCK_HZ, CountsPerSecond, Fixed, Hertz, Micrometres, MicrometresPerSecond, MicrometresPerSecond2,
-    Nanometres, Newtons, Seconds, Volts,
+    ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, Fixed, Hertz, Micrometres, MicrometresPerSecond,
+    MicrometresPerSecond2, Nanometres, Newtons, Seconds, Volts,
 };
+use edm_hal_shim::reflex;
+use edm_hal_shim::timing::adc::Scale;
 
 /// What the ticks run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Active {
     /// For the gap source.
     pub gap: voltage::Active,
+    /// For the reflex.
+    pub reflex: reflex::Config,
+    /// Off-time requested of the generator, ns; `None` leaves its own.
+    pub off_time_ns: Option<u32>,
     /// For the servo tick.
     pub head: Config,
 }
@@ -57,7 +63,35 @@ impl Settings {
         let axis = self.axis(nm_per_count, counts_per_um);
         let can_lift = self.axis_duty_limit > axis.plant.duty(axis.plant.weight()) * 1.2;
         conflict(!can_lift, "axis.duty_limit", "must be able to lift axis.mass_kg with a fifth to spare")?;
-        Ok(Active { gap: self.gap()?, head: self.head(axis) })
+        let off_time_ns = (self.generator_off_time_us * 1000.0) as u32;
+        Ok(Active {
+            gap: self.gap()?,
+            reflex: self.reflex()?,
+            off_time_ns: (off_time_ns > 0).then_some(off_time_ns),
+            head: self.head(axis),
+        })
+    }
+
+    /// Thresholds of the reflex in converter codes and clock ticks.
+    fn reflex(&self) -> Result<reflex::Config, SettingError> {
+        // A converter spans 4096 codes; 1000 mV to the volt, mA to the ampere.
+        let scale = |zero: u32, per_code: f32| Scale { zero: zero as u16, span_mv: (per_code * 4_096_000.0) as u32 };
+        let volts = scale(self.gap_zero_code, self.gap_volts_per_code);
+        let short = (self.gap_short * 1000.0) as i32;
+        let voltage = if self.gap_reversed {
+            volts.high(-short).map(|high| (0, high))
+        } else {
+            volts.low(short).map(|low| (low, ADC_FULL_SCALE))
+        };
+        let amps = scale(self.gap_current_zero_code, self.gap_amps_per_code);
+        let refused = |field| SettingError::Conflict { field, rule: "lies outside the range of the converter" };
+        Ok(reflex::Config {
+            run: self.retreat_after_shorts,
+            ticks: (self.retreat_after_ms * (CLOCK_HZ / 1000) as f32) as u32,
+            current: amps.code((self.gap_short_amps * 1000.0) as i32).map_err(|_| refused("gap.short_a"))?,
+            voltage: voltage.map_err(|_| refused("gap.short_v"))?,
+            tau_ns: (self.gap_charging_us * 1000.0) as u32,
+        })
     }
 
     fn gap(&self) -> Result<voltage::Active, SettingError> {
@@ -211,5 +245,64 @@ impl Settings {
             commissioned: self.commissioned,
             axis,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use edm_hal_shim::board::{BLANKING_CLOCK, BLANKING_MOST};
+    use edm_hal_shim::timing::blanking;
+
+    fn built(change: impl FnOnce(&mut Settings)) -> Result<Active, SettingError> {
+        let mut settings = Settings::default();
+        change(&mut settings);
+        settings.build()
+    }
+
+    fn conflicts(result: Result<Active, SettingError>, key: &str) {
+        assert!(matches!(result, Err(SettingError::Conflict { field, .. }) if field == key), "{result:?}");
+    }
+
+    #[test]
+    fn the_reflex_by_hand() {
+        let reflex = built(|_| {}).unwrap().reflex;
+        // 20 V of 0.1 V above code 410; 1 A of 16.1 mA above mid-scale; 1 ms of 168 MHz.
+        assert_eq!(
+            reflex,
+            reflex::Config { run: 5, ticks: 168_000, current: 2048 + 62, voltage: (610, 4095), tau_ns: 500 }
+        );
+    }
+
+    #[test]
+    fn with_swapped_gap_leads_a_short_is_above() {
+        let swapped = |zero| move |s: &mut Settings| (s.gap_reversed, s.gap_zero_code) = (true, zero);
+        assert_eq!(built(swapped(3686)).unwrap().reflex.voltage, (0, 3486));
+        assert_eq!(built(swapped(200)).unwrap().reflex.voltage, (0, 0));
+        conflicts(built(swapped(199)), "gap.short_v");
+    }
+
+    #[test]
+    fn a_threshold_that_no_code_reaches_is_refused() {
+        let zero = |zero| move |s: &mut Settings| s.gap_zero_code = zero;
+        assert_eq!(built(zero(3894)).unwrap().reflex.voltage, (4094, 4095));
+        assert_eq!(built(zero(3895)).unwrap().reflex.voltage, (4095, 4095));
+        conflicts(built(zero(3896)), "gap.short_v");
+        let amps = |amps| move |s: &mut Settings| s.gap_short_amps = amps;
+        assert_eq!(built(amps(32.95)).unwrap().reflex.current, 4095);
+        conflicts(built(amps(33.0)), "gap.short_a");
+    }
+
+    #[test]
+    fn every_charging_time_that_may_be_set_fits_the_blanking_timer() {
+        let tau_ns = built(|s| s.gap_charging_us = 200.0).unwrap().reflex.tau_ns;
+        assert_eq!(blanking(tau_ns, BLANKING_CLOCK, BLANKING_MOST), Ok(3 * 200 * 84));
+        assert!(built(|s| s.gap_charging_us = 200.1).is_err());
+    }
+
+    #[test]
+    fn no_off_time_set_leaves_the_generators_own() {
+        assert_eq!(built(|_| {}).unwrap().off_time_ns, None);
+        assert_eq!(built(|s| s.generator_off_time_us = 40.0).unwrap().off_time_ns, Some(40_000));
     }
 }

@@ -67,6 +67,14 @@ pub struct Field {
     pub kind: Kind,
 }
 
+/// Its key alone: the log's reader has the table.
+#[cfg(feature = "defmt")]
+impl defmt::Format for Field {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "{=str}", self.key);
+    }
+}
+
 impl Field {
     /// The allowed values, in words.
     pub fn allowed(&self) -> impl fmt::Display + '_ {
@@ -97,6 +105,7 @@ impl fmt::Display for Allowed<'_> {
 
 /// Why a value was refused. Nothing was changed.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SettingError {
     /// No setting has this key.
     UnknownKey,

@@ -52,6 +52,14 @@ declare! {
         gap_second_harmonic: bool = false, (), "gap.second_harmonic", "", "[R] section 6.5.3: tried there, left out";
         /// Gap voltage below which a gated block is a short.
         gap_short: f32 = 20.0, (1.0, 200.0), "gap.short_v", "V", "assumed: half the burn voltage of [R]";
+        /// Converter code of no gap current.
+        gap_current_zero_code: u32 = 2048, (0, 4095), "gap.current_zero_code", "codes", "docs/wiring.md: mid-scale";
+        /// Gap current per converter code.
+        gap_amps_per_code: f32 = 0.0161, (0.0001, 1.0), "gap.amps_per_code", "A", "docs/wiring.md: 50 mV/A";
+        /// Gap current from which a low voltage inside a pulse is a short to the reflex.
+        gap_short_amps: f32 = 1.0, (0.05, 100.0), "gap.short_a", "A", "assumed: twice the zero error of docs/wiring.md";
+        /// Time constant with which the gap voltage rises in a pulse; the reflex looks after three of them, but not before 2 us.
+        gap_charging_us: f32 = 0.5, (0.0, 200.0), "gap.charging_us", "us", "assumed: transistor generator; R times C of an RC generator";
         /// Longest hold through off-time before the gate counts as missing.
         gap_hold_ms: f32 = 20.0, (1.0, 1000.0), "gap.hold_ms", "ms", "assumed: longer than the longest pulse period of [R], 1 ms";
         /// Centre of the notch over the distance of its -3 dB corners.
@@ -64,6 +72,9 @@ declare! {
         gap_setpoint_percent: f32 = 60.0, (5.0, 95.0), "gap.setpoint_percent", "%", "[R] section 4.4";
         /// Lowest open-circuit voltage to start with.
         gap_open_min: f32 = 70.0, (1.0, 300.0), "gap.open_min_v", "V", "assumed: 100 V of [R] less 30 %";
+
+        /// Off-time requested of the generator; 0 leaves its own.
+        generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: the generator is set at itself; range of docs/wiring.md";
 
         /// How the gap error becomes a duty.
         structure: Structure = Structure::Path, (), "feed.structure", "", "[R] sections 6.6 and 6.7, the last one built";
@@ -104,6 +115,8 @@ declare! {
         /// Time at rest with pulses on, to measure the open-circuit voltage.
         seek_settle_ms: f32 = 100.0, (10.0, 10_000.0), "seek.settle_ms", "ms", "assumed: five times the settling of notch and low-pass";
 
+        /// Consecutive short pulses after which the reflex retreats.
+        retreat_after_shorts: u32 = 5, (1, 1000), "retreat.after_shorts", "", "docs/architecture.md: 5 pulses or 1 ms";
         /// Uninterrupted short after which the head retreats.
         retreat_after_ms: f32 = 1.0, (0.05, 100.0), "retreat.after_ms", "ms", "docs/architecture.md: 5 pulses or 1 ms";
         /// Path velocity of a retreat from a short or a fault.

@@ -36,6 +36,8 @@ pub struct Bench {
     pub host_alive: bool,
     pub extra_amps: f64,
     pub stroke_m: f64,
+    /// The reflex begins a retreat before the next tick.
+    pub reflex: bool,
     count: i64,
     last_edge: u32,
     toward_work: bool,
@@ -73,6 +75,7 @@ impl Bench {
             host_alive: true,
             extra_amps: 0.0,
             stroke_m: 0.012,
+            reflex: false,
             count: 0,
             last_edge: 0,
             toward_work: true,
@@ -188,6 +191,7 @@ impl Bench {
                 motor_current: (2048.0 + self.amps() / 0.005).clamp(0.0, 4095.0) as u16,
                 bus_voltage: (self.bus / 0.02) as u16,
             },
+            reflex: std::mem::take(&mut self.reflex),
         };
         self.output = self.head.tick(&input);
         if self.ticks.is_multiple_of(u64::from(Supervisor::PERIOD)) {

@@ -4,4 +4,5 @@ mod any_input;
 mod bench;
 mod check;
 mod faults;
+mod leave;
 mod states;

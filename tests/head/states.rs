@@ -74,6 +74,28 @@ fn a_short_retreats_along_the_path_within_its_time_and_comes_back() {
 }
 
 #[test]
+fn a_retreat_that_the_reflex_began_goes_on_in_the_same_tick_and_comes_back() {
+    let mut bench = Bench::eroding();
+    bench.changes();
+    bench.reflex = true;
+    bench.tick();
+    assert_eq!(bench.state(), State::Retreating);
+    bench.run_until(0.1, |bench| bench.state() == State::Eroding);
+    let reasons: Vec<_> = bench.changes().iter().map(|change| change.reason).collect();
+    assert_eq!(reasons, [Reason::Short, Reason::GapRecovered]);
+}
+
+#[test]
+fn the_reflex_moves_no_head_that_does_not_erode() {
+    let mut bench = Bench::ready();
+    let at = bench.um();
+    bench.reflex = true;
+    bench.run(0.1);
+    assert_eq!(bench.state(), State::Ready);
+    assert!((bench.um() - at).abs() < 1.5);
+}
+
+#[test]
 fn the_setpoint_may_be_a_share_of_the_measured_open_circuit_voltage() {
     let mut bench = Bench::with(|settings| {
         settings.gap_setpoint_unit = SetpointUnit::PercentOfOpen;

@@ -66,6 +66,8 @@ pub const GAP_SAMPLING: adc::Sampling = must!(ADC.sampling(SOURCE_OHM, 1, ADC_HZ
 pub const GATED_SAMPLING: adc::Sampling = must!(ADC.sampling(SOURCE_OHM, 2, 100_000));
 /// Clock of the blanking timer, TIM4.
 pub const BLANKING_CLOCK: Timebase = must!(Timebase::new(TIMER1_HZ));
+/// Longest count of the blanking timer before its one pulse ends.
+pub const BLANKING_MOST: u32 = timer::MAX_RELOAD_16 - 1;
 /// Steps of the off-time output.
 pub const DAC_STEPS: u32 = 4096;
 

@@ -15,9 +15,9 @@ pub mod gpio;
 mod table;
 
 pub use chip::{
-    ADC, ADC_HZ, APB1_HZ, APB2_HZ, BLANKING_CLOCK, CORE_HZ, DAC_STEPS, EDGE_MODULUS, GAP_SAMPLING, GATED_SAMPLING, PLL,
-    Pll, SAMPLE, SERVO, STREAMS, SUPERVISE, Stream, TASKS, TICK_HZ, TIMER1_HZ, TIMER2_HZ, TIMERS, Task, Timer, pll,
-    priority, write_chip,
+    ADC, ADC_HZ, APB1_HZ, APB2_HZ, BLANKING_CLOCK, BLANKING_MOST, CORE_HZ, DAC_STEPS, EDGE_MODULUS, GAP_SAMPLING,
+    GATED_SAMPLING, PLL, Pll, SAMPLE, SERVO, STREAMS, SUPERVISE, Stream, TASKS, TICK_HZ, TIMER1_HZ, TIMER2_HZ, TIMERS,
+    Task, Timer, pll, priority, write_chip,
 };
 pub use disc::Disc;
 pub use f405::F405;

@@ -43,8 +43,6 @@ pub(super) const fn channel(signal: &str) -> u32 {
 /// The fixed-rate converter and the edge stamps that gate it.
 pub struct Blocks {
     edges: Edges,
-    /// Blocks that were overwritten before they were read.
-    lost: u32,
     _adc: pac::ADC1,
     stream: Stream<0>,
 }
@@ -59,18 +57,13 @@ impl Blocks {
         stream.fill(0, INTERRUPT_HALVES | URGENT, adc.dr().as_ptr().cast_const(), &CODES)?;
         // Rising edge of TIM3's trigger output; DMA for ever.
         put!(adc.cr2(), 1 | 1 << 8 | 1 << 9 | 0b1000 << 24 | 0b01 << 28);
-        Ok(Blocks { edges, lost: 0, _adc: adc, stream })
+        Ok(Blocks { edges, _adc: adc, stream })
     }
 
     /// Waits for the first block: nothing may drive before the gap can be seen.
     pub fn first(&mut self) -> Result<(), StartError> {
         // Two ticks of 8400 cycles; a poll takes more than four.
         within(5000, || self.block().is_some(), StartError::NoConversions)
-    }
-
-    /// Blocks that were overwritten before they were read, wrapping.
-    pub fn lost(&self) -> u32 {
-        self.lost
     }
 
     /// The edge stamps.
@@ -89,7 +82,6 @@ impl GapFrontEnd for Blocks {
             FULL => BLOCK,
             _ => {
                 // A whole block late: neither half is certain to be one block any more.
-                self.lost = self.lost.wrapping_add(1);
                 self.edges.forget();
                 return None;
             }

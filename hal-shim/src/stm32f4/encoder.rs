@@ -8,7 +8,7 @@ use super::safety::{connect, exti};
 use super::{Board, change, pac, power, put};
 use crate::board::gpio::{PA0, PA1, PA2, Tim5Ch1, Tim5Ch2};
 use crate::encoder::{EncoderTimer, Levels, QuadratureLines};
-use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 const A: u32 = Board::TABLE.pin("encoder_a").number as u32;
 const B: u32 = Board::TABLE.pin("encoder_b").number as u32;
@@ -23,11 +23,11 @@ pub const MOST_EDGES: u32 = 40;
 
 /// Edges since the last tick.
 static EDGES: AtomicU32 = AtomicU32::new(0);
+/// The next edge does not follow the one before: the lines were masked in between.
+static UNSERVED: AtomicBool = AtomicBool::new(true);
 
 /// The lines, as the edge interrupts see them.
-pub struct Lines {
-    masked: bool,
-}
+pub struct Lines(());
 
 /// TIM5 in encoder mode: four counts a line, up toward the work, 32 bits.
 pub struct Timer(pac::TIM5);
@@ -49,7 +49,7 @@ pub fn new(tim: pac::TIM5, a: PA0, b: PA1, index: PA2, rcc: &pac::RCC) -> (Lines
     change!(exti().rtsr(), clear 0, set LINES);
     change!(exti().ftsr(), clear 0, set LINES);
     pins::input(index);
-    (Lines { masked: true }, Timer(tim))
+    (Lines(()), Timer(tim))
 }
 
 impl QuadratureLines for Lines {
@@ -71,9 +71,9 @@ impl Lines {
         EDGES.store(edges, Relaxed);
         if edges >= MOST_EDGES {
             change!(exti().imr(), clear LINES, set 0);
-            self.masked = true;
-        } else if self.masked {
-            self.masked = false;
+            UNSERVED.store(true, Relaxed);
+        } else if UNSERVED.load(Relaxed) {
+            UNSERVED.store(false, Relaxed);
             return Edge::AfterStorm;
         }
         Edge::Next
@@ -99,6 +99,16 @@ pub enum Line {
     B = B,
     /// Index mark.
     Index = INDEX,
+}
+
+/// Edges may have been missed because the core stood still: masks the lines as a storm does, so that the next tick takes the
+/// timer's count.
+pub fn missed() {
+    // Encoder and servo task write the same registers.
+    critical_section::with(|_| {
+        change!(exti().imr(), clear LINES, set 0);
+        UNSERVED.store(true, Relaxed);
+    });
 }
 
 /// Serves edges from now on, once a tick: for the servo task. `true` when the lines had masked themselves.

@@ -1,13 +1,12 @@
 //! The two flash sectors that hold the settings.
 //!
 //! The flash is one bank: while it is written or erased the core stalls, for 16 us a word and up to half a second a sector
-//! (data sheet). So nothing is written unless [`permit`] was given: disabled, inhibited, and the watchdog told.
+//! (data sheet). So this goes to the settings store alone, which writes only under the head's leave
+//! ([`Permit`](crate::store::Permit)): disabled, inhibited, and the watchdog told.
 
 use super::pac;
 use super::{change, put};
 use crate::storage::{ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
-use crate::store::Permit;
-use core::sync::atomic::{AtomicBool, Ordering::SeqCst};
 
 /// First of the two sectors; memory.x keeps the program out of them.
 const FIRST_SECTOR: u32 = 1;
@@ -28,30 +27,9 @@ const BUSY: u32 = 1 << 16;
 /// Polls of a busy flash: each stalls until it answers, so that even an erase takes few.
 const POLLS: u32 = 1 << 24;
 
-static PERMITTED: AtomicBool = AtomicBool::new(false);
-
-/// Allows or forbids writing; given by the servo task while the head is disabled and the pulses are inhibited.
-pub fn permit(safe: bool) {
-    PERMITTED.store(safe, SeqCst);
-}
-
-/// The leave that [`permit`] gives, for the settings store.
-pub struct Permission(());
-
-/// The one permission; what it says changes with [`permit`].
-pub const PERMISSION: Permission = Permission(());
-
-impl Permit for Permission {
-    fn holds(&self) -> bool {
-        PERMITTED.load(SeqCst)
-    }
-}
-
 /// Why the flash refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
 pub enum FlashError {
-    /// The head is not disabled and inhibited.
-    NotPermitted,
     /// Beyond the sectors.
     OutOfBounds,
     /// Not on a word or sector.
@@ -95,9 +73,6 @@ impl SettingsFlash {
 
     /// Unlocks, runs, locks.
     fn unlocked(&mut self, run: impl FnOnce(&mut Self) -> Result<(), FlashError>) -> Result<(), FlashError> {
-        if !PERMITTED.load(SeqCst) {
-            return Err(FlashError::NotPermitted);
-        }
         put!(self.0.keyr(), 0x4567_0123);
         put!(self.0.keyr(), 0xCDEF_89AB);
         put!(self.0.sr(), ERRORS);

@@ -96,21 +96,33 @@ impl Edges {
     pub fn forget(&mut self) {
         (self.seen, self.recent) = (written::<2>(), 0);
     }
+}
 
-    /// For the log: edges of gate and comparators since start, modulo [`EDGE_COUNT`], and from the newest edge of the gate
-    /// to the newest of the high comparator, in cycles.
-    pub fn report(&self) -> [u32; 4] {
-        let newest = |ring: &Ring, written: u32| {
-            let index = written.wrapping_sub(1) % RING as u32;
-            ring.0.get(index as usize).map_or(0, |stamp| u32::from(stamp.load(Relaxed)))
-        };
-        [
-            written::<2>(),
-            written::<4>(),
-            written::<7>(),
-            age(newest(&HIGH, written::<4>()), newest(&GATE, written::<2>())),
-        ]
-    }
+/// What the timer has captured so far.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
+pub struct Captures {
+    /// Edges of the gate, modulo [`EDGE_COUNT`].
+    pub gate: u32,
+    /// Edges of the high comparator, modulo [`EDGE_COUNT`].
+    pub high: u32,
+    /// Rises of the low comparator, modulo [`EDGE_COUNT`].
+    pub low: u32,
+    /// From the newest edge of the gate before it to the newest edge of the high comparator, cycles of the core; right within
+    /// [`EDGE_MODULUS`]. After a rise of both it is the time in which the gap charged.
+    pub gate_to_high: u32,
+}
+
+/// The captures now. For a slower task's log.
+pub fn captures() -> Captures {
+    let (gate, high, low) = (written::<2>(), written::<4>(), written::<7>());
+    let stamp = |ring: &Ring, back: u32, written: u32| {
+        let index = written.wrapping_sub(back) % RING as u32;
+        ring.0.get(index as usize).map_or(0, |stamp| u32::from(stamp.load(Relaxed)))
+    };
+    let crossed = stamp(&HIGH, 1, high);
+    // Of the two newest edges of the gate, the one nearer before the crossing.
+    let gate_to_high = age(crossed, stamp(&GATE, 1, gate)).min(age(crossed, stamp(&GATE, 2, gate)));
+    Captures { gate, high, low, gate_to_high }
 }
 
 /// Edges of the gate so far, modulo [`EDGE_COUNT`]: for the reflex, which must not share a lock with the gap task.

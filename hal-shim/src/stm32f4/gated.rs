@@ -8,10 +8,10 @@ use super::dma::{self, Stream};
 use super::gate::gate_edges;
 use super::start::StartError;
 use super::{lines, pac, power, put};
-use crate::board::{BLANKING_CLOCK, GATED_SAMPLING};
+use crate::board::{BLANKING_CLOCK, BLANKING_MOST, GATED_SAMPLING};
 use crate::must;
-use crate::reflex::{Limits, Run, Verdict};
-use crate::timing::{Refused, blanking, timer};
+use crate::reflex::{Config, Limits, Run, Verdict};
+use crate::timing::{Refused, blanking};
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering::Relaxed};
 use cortex_m::peripheral::DWT;
 
@@ -30,8 +30,6 @@ const CR1: u32 = VOLTAGE | 1 << 6 | 1 << 8 | 1 << 9 | 1 << 23 | 1 << 26;
 const CR2: u32 = 1 | 1 << 8 | 1 << 9 | 0b1001 << 24 | 0b01 << 28;
 const AWD: u32 = 1;
 const OVR: u32 = 1 << 5;
-/// Longest count of TIM4 before its one pulse ends.
-const MOST: u32 = timer::MAX_RELOAD_16 - 1;
 
 /// What the reflex did, for slower tasks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -81,7 +79,7 @@ impl Gated {
         put!(tim.ccer(), 1 << 12);
         put!(tim.cr1(), 1 << 3);
         let mut thresholds = Thresholds { tim };
-        thresholds.write_blanking(must!(blanking(0, BLANKING_CLOCK, MOST)));
+        thresholds.write_blanking(must!(blanking(0, BLANKING_CLOCK, BLANKING_MOST)));
         put!(thresholds.tim.egr(), 1);
         put!(thresholds.tim.smcr(), 0b110 << 4 | 0b110);
 
@@ -135,9 +133,10 @@ impl Gated {
 }
 
 impl Thresholds {
-    /// Blanking for a charging time constant, ns: the longer of 2 us and three of them.
-    pub fn set_blanking(&mut self, tau_ns: u32) -> Result<(), Refused> {
-        self.write_blanking(blanking(tau_ns, BLANKING_CLOCK, MOST)?);
+    /// Blanking, the longer of 2 us and three time constants, and voltage thresholds. Refused, nothing has changed.
+    pub fn set(&mut self, config: &Config) -> Result<(), Refused> {
+        self.write_blanking(blanking(config.tau_ns, BLANKING_CLOCK, BLANKING_MOST)?);
+        self.write_voltage(config.voltage);
         Ok(())
     }
 
@@ -147,9 +146,7 @@ impl Thresholds {
         put!(self.tim.ccr4(), ticks);
     }
 
-    /// Codes of the gap voltage within which a pulse is no short: `low..=high`. For a gap wired the other way round the
-    /// short is above.
-    pub fn set_voltage(&mut self, low: u16, high: u16) {
+    fn write_voltage(&mut self, (low, high): (u16, u16)) {
         // SAFETY: the register block is there for ever; the two threshold registers are written here alone.
         let adc = unsafe { &*pac::ADC2::ptr() };
         put!(adc.ltr(), u32::from(low));

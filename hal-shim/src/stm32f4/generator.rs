@@ -1,41 +1,51 @@
 //! The pulse generator: inhibit line and off-time request.
 
-use super::pins;
-use super::{lines, pac, power, put};
+use super::pins::{self, Output};
+use super::{pac, power, put};
 use crate::board::DAC_STEPS;
 use crate::board::gpio::{PA4, Pin};
-use crate::generator::Generator;
+use crate::generator::{Generator, InhibitPin};
+use core::convert::Infallible;
+use embedded_hal::digital::PinState;
 
 /// Off-time at full scale of the output, ns: 200 us a full scale of 3.3 V (assumed; a property of the interface, see the
 /// wiring page).
 const FULL_SCALE_NS: u32 = 200_000;
 
 /// The generator's interface. Pulses are inhibited when it is made, as they were by the pull before.
-pub struct Interface(pac::DAC);
+pub struct Interface {
+    inhibit: InhibitPin<Output>,
+    dac: pac::DAC,
+}
 
 impl Interface {
     /// Takes the pins. The line that allows is low before it becomes an output.
-    pub fn new<const P: char, const N: u8>(dac: pac::DAC, allow: Pin<P, N>, off_time: PA4, rcc: &pac::RCC) -> Self {
-        pins::output_low(allow);
+    pub fn new<const P: char, const N: u8>(
+        dac: pac::DAC,
+        allow: Pin<P, N>,
+        off_time: PA4,
+        rcc: &pac::RCC,
+    ) -> Result<Self, Infallible> {
+        let inhibit = InhibitPin::new(pins::output_low(allow), PinState::High)?;
         power::DAC.reset(rcc);
         pins::analog(off_time);
         put!(dac.dhr12r(0), 0);
         put!(dac.cr(), 1);
-        Interface(dac)
+        Ok(Interface { inhibit, dac })
     }
 }
 
 impl Generator for Interface {
-    /// After allowing, [`lines::settle`] must follow: the reflex may have come in between.
+    /// After allowing, [`super::lines::settle`] must follow: the reflex may have come in between.
     #[inline]
     fn set_pulses(&mut self, enabled: bool) {
-        if enabled { lines::allow() } else { lines::inhibit() }
+        let Ok(()) = self.inhibit.set_pulses(enabled);
     }
 
     /// Longer than full scale requests full scale. 0 V is the generator's own setting.
     fn request_off_time(&mut self, off_ns: Option<u32>) {
         let ns = off_ns.unwrap_or(0).min(FULL_SCALE_NS);
         let code = (u64::from(ns) * u64::from(DAC_STEPS - 1) / u64::from(FULL_SCALE_NS)) as u32;
-        put!(self.0.dhr12r(0), code);
+        put!(self.dac.dhr12r(0), code);
     }
 }

@@ -143,8 +143,3 @@ pub fn settle(seen: Forced) {
         inhibit();
     }
 }
-
-/// Lets pulses through.
-pub(super) fn allow() {
-    high(ALLOW);
-}

@@ -31,7 +31,6 @@ const BIT_TIMING: BitTiming = must!(bit_timing(APB1_HZ, 1_000_000));
 pub struct Machine {
     pub boot: Boot,
     pub clock: Cycles,
-    pub watchdog: Watchdog,
     pub reflex: Gated,
     pub thresholds: Thresholds,
     pub lines: Lines,
@@ -50,7 +49,7 @@ pub struct Machine {
 impl Machine {
     /// Starts the board as node `node`. Interrupts are off; the caller unmasks them when everything has its task.
     ///
-    /// `watchdog` receives the watchdog as soon as it runs, so that the caller can feed it when the start fails.
+    /// `watchdog` receives the watchdog as soon as it runs, still patient, so that the caller can feed it when the start fails.
     pub fn start(
         device: pac::Peripherals,
         mut core: cortex_m::Peripherals,
@@ -64,7 +63,7 @@ impl Machine {
         // Harmless first: what could drive is driven low, from the internal oscillator.
         let board =
             Board::new(pins::ports((device.GPIOA, device.GPIOB, device.GPIOC, device.GPIOD, device.GPIOE), rcc));
-        let generator = Interface::new(device.DAC, board.allow_pulses, board.off_time, rcc);
+        let Ok(generator) = Interface::new(device.DAC, board.allow_pulses, board.off_time, rcc);
         let tim1 = Pwm::new(device.TIM1, board.pwm, board.bridge_fault, rcc);
         let bridge = pwm::bridge(tim1, board.forward, board.reverse).map_err(|_| StartError::Bridge)?;
         pins::output_low(board.led);
@@ -107,12 +106,9 @@ impl Machine {
         let can = can::start(device.CAN1, board.can_rx, board.can_tx, BIT_TIMING, node, rcc);
         let millisecond = Millisecond::new(device.TIM7, rcc);
         let flash = SettingsFlash::new(device.FLASH);
-        let mut watching = watchdog.take().ok_or(StartError::Watchdog)?;
-        watching.normal()?;
         Ok(Machine {
             boot,
             clock,
-            watchdog: watching,
             reflex,
             thresholds,
             lines,

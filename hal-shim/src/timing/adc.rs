@@ -101,7 +101,8 @@ impl AdcClock {
     }
 }
 
-/// How a voltage at the divider's input becomes a code: `code = zero + 4096 mv / span_mv`.
+/// How a voltage at the divider's input becomes a code: `code = zero + 4096 mv / span_mv`. For a current through a shunt
+/// read mA for mV.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Scale {

@@ -149,6 +149,7 @@ impl Machine {
             watch: Some(RawCount { count: sensors.timer_count, ..encoder.raw }),
             safety: sensors.safety,
             drive: sensors.drive,
+            reflex: false,
         };
         self.output = self.head.tick(&input);
         if !self.ticks.is_multiple_of(u64::from(Supervisor::PERIOD)) {

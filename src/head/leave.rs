@@ -1,0 +1,47 @@
+//! Leave to write flash: the processor stalls for up to half a second, so the head must neither drive nor spark meanwhile.
+
+use super::{Head, Refused, State};
+use edm_hal_shim::store::Permit;
+
+/// Leave to store settings: while it is out, the bridge coasts, pulses are off and the head cannot be enabled.
+///
+/// Only a disabled head gives it, once at a time, and wants it back.
+#[derive(Debug)]
+pub struct Leave {
+    commissioned: bool,
+}
+
+impl Leave {
+    /// Whether the guided check has passed: what is to be stored as `commission.passed`.
+    pub fn commissioned(&self) -> bool {
+        self.commissioned
+    }
+}
+
+impl Permit for Leave {
+    /// Always: the head keeps still until it has the leave back.
+    fn holds(&self) -> bool {
+        true
+    }
+}
+
+impl Head {
+    /// Gives leave to store settings, or says why not.
+    pub fn give_leave(&mut self) -> Result<Leave, Refused> {
+        if self.status.state != State::Disabled {
+            return Err(Refused::State(self.status.state));
+        }
+        self.refuse_on_leave()?;
+        self.on_leave = true;
+        Ok(Leave { commissioned: self.config.commissioned })
+    }
+
+    /// Takes the leave back.
+    pub fn end_leave(&mut self, _: Leave) {
+        self.on_leave = false;
+    }
+
+    pub(super) fn refuse_on_leave(&self) -> Result<(), Refused> {
+        if self.on_leave { Err(Refused::Storing) } else { Ok(()) }
+    }
+}
