@@ -226,9 +226,9 @@ impl Bench {
     }
 
     fn gap_current(&self, at: u64) -> u16 {
-        let flows = self.piece(at).is_some_and(|(piece, _)| {
-            piece.gate && piece.volts.abs() < BURNING * f64::from(self.parameters.open)
-        });
+        let flows = self
+            .piece(at)
+            .is_some_and(|(piece, _)| piece.gate && piece.volts.abs() < BURNING * f64::from(self.parameters.open));
         (MID_SCALE + if flows { DISCHARGE_A * CODES_PER_A } else { 0.0 }) as u16
     }
 }

@@ -54,6 +54,13 @@ impl Image {
         self.symbols.get(name).copied()
     }
 
+    /// Address of the symbol of `module` and `name` among the mangled names of Rust.
+    pub fn find(&self, module: &str, name: &str) -> Option<u32> {
+        let part = |name: &str| format!("{}{name}", name.len());
+        let wanted = part(module) + &part(name);
+        self.symbols.iter().find(|(symbol, _)| symbol.contains(&wanted)).map(|(_, address)| *address)
+    }
+
     /// The file as read.
     pub fn file(&self) -> &[u8] {
         &self.file

@@ -47,7 +47,8 @@ impl Layout {
                 }
                 match (entry.tag(), &inside) {
                     (gimli::DW_TAG_structure_type, None) => {
-                        let full = path.iter().filter(|p| !p.is_empty()).skip(1).cloned().collect::<Vec<_>>().join("::");
+                        let full =
+                            path.iter().filter(|p| !p.is_empty()).skip(1).cloned().collect::<Vec<_>>().join("::");
                         if wanted.contains(&full.as_str()) {
                             let size = entry.attr_value(gimli::DW_AT_byte_size).and_then(|v| v.udata_value());
                             types.entry(full.clone()).or_insert((size.unwrap_or(0), BTreeMap::new()));

@@ -10,9 +10,11 @@
 //! default members.
 
 pub mod bench;
+pub mod commission;
 pub mod decode;
 pub mod image;
 pub mod layout;
 pub mod machine;
+pub mod rig;
 pub mod rtt;
 pub mod still;

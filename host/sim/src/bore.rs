@@ -83,7 +83,7 @@ pub fn run(
         machine.tick()?;
     }
     // Home is where the head rests: not quite the stop's zero, because the stop gives way.
-    let home = machine.process().truth().count;
+    let home = machine.true_count();
     let home_um = home as f64 * f64::from(setup.process.count);
     let target = Nanometres(((first_surface_um + job.depth_mm * 1e3 - home_um) * 1e3).round() as i64);
     for command in [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(target), Command::Start] {
@@ -136,7 +136,7 @@ pub fn run(
         sim_time_s: truth.t_s,
         shot_floor_rms_v,
         pulses: truth.pulses,
-        lost_counts: machine.status().position.abs_diff(truth.count - home),
+        lost_counts: machine.status().position.abs_diff(machine.true_count() - home),
         illegal_transitions: machine.status().illegal_transitions.into(),
         faults,
     })

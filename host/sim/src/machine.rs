@@ -37,6 +37,10 @@ pub trait Rig {
     /// # Errors
     /// When it is refused.
     fn command(&mut self, command: Command) -> Result<(), String>;
+    /// The true count at the moment that the position of the status is of.
+    fn true_count(&self) -> i64 {
+        self.process().truth().count
+    }
     /// Where the imagined surface of the dry loop has got to, um; `None` with a real gap.
     fn imagined_surface_um(&self) -> Option<f64> {
         None

@@ -74,6 +74,9 @@ pub struct Chip<W> {
     /// Factor on the time of thread mode, and whether thread mode is running.
     pub stretch: u64,
     pub thread: bool,
+    /// Interrupts are masked, as of the last look; the masks may have changed since.
+    pub masked: bool,
+    pub masks_changed: bool,
     code: Box<[Instruction; HALF_WORDS]>,
     blocks: Vec<Block>,
     /// Last instruction, and where it ends.
@@ -102,6 +105,8 @@ impl<W: World> Chip<W> {
             half_per_cycle: 0,
             stretch: 1,
             thread: true,
+            masked: false,
+            masks_changed: false,
             code: Box::new([Instruction::default(); HALF_WORDS]),
             blocks: vec![Block::default(); HALF_WORDS],
             last: 0,
@@ -120,7 +125,7 @@ impl<W: World> Chip<W> {
     /// Processor state after reset.
     pub fn restart(&mut self) {
         (self.sleeping, self.fpca, self.lazy, self.limit) = (false, false, None, 0);
-        self.thread = true;
+        (self.thread, self.masked, self.masks_changed) = (true, false, false);
     }
 
     pub fn set_until(&mut self, until: u64) {
@@ -256,7 +261,7 @@ impl<W: World> Chip<W> {
     #[inline]
     fn pass(&mut self, cycles: u64) {
         let least = self.half + cycles * self.half_per_cycle;
-        self.half = if self.thread && self.stretch > 1 {
+        self.half = if self.thread && self.stretch > 1 && !self.masked {
             // Slower, but never past the next event: what interrupts see stays as it was.
             let slow = self.half + cycles * self.half_per_cycle * self.stretch;
             slow.min(self.limit).max(least)

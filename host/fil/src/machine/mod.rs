@@ -166,8 +166,14 @@ impl<W: World + 'static> Machine<W> {
         &mut chip.soc
     }
 
+    /// What surrounds the chip.
+    pub fn world(&self) -> &W {
+        &self.uc.get_data().soc.world
+    }
+
     /// Charges instructions of thread mode `factor` times their cycles, but never past the next event: an idle loop that
-    /// polls takes that much less work, interrupts keep their times. 1 is exact and the default.
+    /// polls takes that much less work, interrupts keep their times. Code that masks interrupts is charged as it is. 1 is exact
+    /// and the default.
     pub fn stretch_idle(&mut self, factor: u64) {
         self.uc.get_data_mut().stretch = factor.max(1);
     }
@@ -351,8 +357,9 @@ fn slow_block<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32, size: u32) {
     }
     let chip = uc.get_data_mut();
     chip.charge_block(address, block);
-    // A mask may fall at its end.
-    chip.limit = if block.masks { 0 } else { chip.limit };
+    if block.masks {
+        (chip.masks_changed, chip.limit) = (true, 0);
+    }
 }
 
 /// Advances the chip to now. Returns whether the engine has to stop.
@@ -361,6 +368,11 @@ fn poll<W: World>(uc: &mut Unicorn<Chip<W>>) -> bool {
     if chip.catch_up() {
         return true;
     }
+    if std::mem::take(&mut chip.masks_changed) {
+        let Ok(masks) = masks(uc) else { return true };
+        uc.get_data_mut().masked = masks.primask || masks.faultmask || masks.basepri != 0;
+    }
+    let chip = uc.get_data_mut();
     if chip.soc.preempting(Masks::default()).is_none() {
         return false;
     }
@@ -374,6 +386,7 @@ fn special<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32, class: Class) -> b
     match class {
         Class::Plain => false,
         Class::Masks => {
+            chip.masks_changed = true;
             chip.limit = 0;
             false
         }
