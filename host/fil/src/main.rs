@@ -24,6 +24,9 @@ struct Arguments {
     /// Print the firmware's log.
     #[arg(long)]
     log: bool,
+    /// Feed what the chip sees to the native core and stop at the first tick in which they differ.
+    #[arg(long)]
+    lockstep: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -59,7 +62,7 @@ fn main() -> ExitCode {
         Command::Run(run) => run.execute(&image).map(|()| true),
         Command::Bore(bore) => {
             let run = |job: &Job, recorder: &mut Recorder, progress: &mut dyn FnMut(&Progress)| {
-                edm_fil::rig::bore(&image, arguments.log, job, recorder, progress)
+                edm_fil::rig::bore(&image, arguments.log, arguments.lockstep, job, recorder, progress)
             };
             bore.execute(run).map_err(|failure| match failure {
                 Failure::BadInput(message) => anyhow::Error::new(BadInput(message)),

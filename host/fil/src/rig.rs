@@ -1,24 +1,22 @@
 //! The emulated head as a rig to bore with: the firmware on the model of the chip, the model of the chip on the bench, the
-//! host on the bus.
+//! host on the bus, and the native core beside it ([`crate::lockstep`]).
 
 use crate::bench::{Bench, WINDOW};
 use crate::commission::commission;
 use crate::image::Image;
-use crate::layout::Layout;
+use crate::lockstep::Twin;
 use crate::machine::Machine;
 use crate::rtt::Rtt;
-use anyhow::{Context, Result, anyhow, bail};
-use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Change, Command, Fault, Reason, State, Status};
+use crate::seen::Places;
+use anyhow::{Result, anyhow, bail};
+use edm_servo_head::head::{Change, Command, Reason, Status};
 use edm_servo_head::remote;
 use edm_servo_head::settings::Settings;
-use edm_servo_head::units::{Amps, CountsPerSecond, Fixed, Volts};
 use edm_sim::machine::Rig;
 use edm_sim::process::{Parameters, Process};
 use edm_sim::run::{Job, Observer, Outcome, Progress};
-use edm_soc::{Frame, Region, TICK_HZ};
+use edm_soc::{Frame, TICK_HZ};
 use std::collections::VecDeque;
-use std::mem::{offset_of, size_of};
 
 /// Crystal of the board, Hz.
 const CRYSTAL_HZ: u64 = 8_000_000;
@@ -33,22 +31,16 @@ const LIFE: u64 = 100;
 const SYNC: u16 = 0x080;
 /// Factor on the time of thread mode: a round of the idle loop costs host time and finds nothing.
 const STRETCH: u64 = 100;
+/// Exceptions of the servo task, TIM1_UP, and of the gap task, DMA2_STREAM0.
+const SERVO: usize = 16 + 25;
+const GAP: usize = 16 + 56;
+/// Where in a window its tick is looked at, ticks: in its middle, when the servo task is done and the gap task has not begun
+/// the next block.
+const LOOK: u64 = WINDOW / 2;
+/// Time that the first, late tick is given, ticks: 9 us.
+const FIRST: u64 = 1500;
 /// Counter of TIM1.
 const TIM1_CNT: u32 = 0x4001_0024;
-
-const STATES: [State; 9] = [
-    State::Disabled,
-    State::Commissioning,
-    State::Ready,
-    State::Seeking,
-    State::Eroding,
-    State::Retreating,
-    State::Done,
-    State::HoldingPosition,
-    State::Fault,
-];
-const QUALITIES: [Quality; 5] =
-    [Quality::Missing, Quality::Valid, Quality::NoGate, Quality::Saturated, Quality::Reversed];
 
 /// The firmware on the chip on the bench.
 pub struct Emulated {
@@ -56,7 +48,16 @@ pub struct Emulated {
     rtt: Rtt,
     /// Whether to print the firmware's log.
     pub log: bool,
-    head: u32,
+    /// Whether the native core has to come to the same at every tick.
+    lockstep: bool,
+    places: Places,
+    twin: Twin,
+    /// Commands under way, and the windows whose ticks carry them out.
+    commands: VecDeque<(u64, Command)>,
+    /// Where the present window is looked at.
+    end: u64,
+    /// Runs of the gap task so far.
+    blocks: u64,
     status: Status,
     /// True count at the beginning of the window, where the servo task reads the encoder.
     count: i64,
@@ -70,8 +71,15 @@ impl Emulated {
     ///
     /// # Errors
     /// When the firmware does not start, or is not built from the sources of this program.
-    pub fn start(image: &Image, parameters: &Parameters, settings: &Settings, seed: u64) -> Result<Self> {
-        let head = layout(image)?;
+    pub fn start(
+        image: &Image,
+        parameters: &Parameters,
+        settings: &Settings,
+        seed: u64,
+        lockstep: bool,
+    ) -> Result<Self> {
+        let places = Places::find(image)?;
+        let twin = Twin::new(settings).map_err(|e| anyhow!("{e}"))?;
         let bench = Bench::new(parameters, seed).map_err(|e| anyhow!(e))?;
         let mut machine = Machine::new(image, bench, CRYSTAL_HZ)?;
         commission(&machine.soc().memory.flash, settings)?;
@@ -79,7 +87,12 @@ impl Emulated {
             machine,
             rtt: Rtt::new(image)?,
             log: false,
-            head,
+            lockstep,
+            places,
+            twin,
+            commands: VecDeque::new(),
+            end: 0,
+            blocks: 0,
             status: Status::default(),
             count: 0,
             changes: VecDeque::new(),
@@ -92,13 +105,12 @@ impl Emulated {
 
     /// Runs until the servo interrupt has come, then lets the bench's windows begin with the periods of TIM1.
     fn boot(&mut self, parameters: &Parameters, seed: u64) -> Result<()> {
-        const SERVO: usize = 16 + 25;
+        // Finely: the first tick comes late, as soon as interrupts are let in, and the second at the next period.
         while self.machine.stats().entries[SERVO] == 0 {
-            let next = self.machine.soc().now() + WINDOW;
+            let next = self.machine.soc().now() + WINDOW / 64;
             if next > START {
-                for line in self.rtt.poll(&self.machine.soc().memory) {
-                    eprintln!("{line}");
-                }
+                self.log = true;
+                self.print_log();
                 bail!("the firmware does not reach its first servo tick");
             }
             self.machine.run_until(next)?;
@@ -110,9 +122,14 @@ impl Emulated {
         soc.world.mount(parameters, seed).map_err(|e| anyhow!(e))?;
         soc.world.align(period + WINDOW);
         soc.world_changed();
+        self.look_at_block()?;
         self.machine.step_by_blocks()?;
         self.machine.stretch_idle(STRETCH);
-        self.machine.run_until(period + WINDOW - 1)
+        let now = self.machine.soc().now();
+        self.machine.run_until(now + FIRST)?;
+        self.look()?;
+        self.end = period + LOOK;
+        Ok(())
     }
 
     /// One window; the head's status is then that of its tick.
@@ -125,8 +142,8 @@ impl Emulated {
             soc.world_changed();
         }
         self.count = soc.world.process.truth().count;
-        let end = soc.world.window() + WINDOW - 1;
-        self.machine.run_until(end)?;
+        self.end += WINDOW;
+        self.machine.run_until(self.end)?;
         let soc = self.machine.soc();
         while let Some((_, frame)) = soc.world.sent.pop_front() {
             if frame.id == u32::from(remote::ANSWER | NODE) {
@@ -136,21 +153,45 @@ impl Emulated {
         if self.windows.is_multiple_of(LIFE) {
             self.print_log();
         }
-        self.read_status()
+        self.look_at_block()?;
+        self.look()
     }
 
-    fn read_status(&mut self) -> Result<()> {
+    /// Reads what the tick of this window saw and came to, and lets the native core do the same.
+    fn look(&mut self) -> Result<()> {
         let before = self.status;
-        let memory = &self.machine.soc().memory.ccm;
-        let status = status(memory, self.head)?;
-        if status.tick == before.tick {
-            bail!("the servo task has missed its tick, {:.6} s after power-up", self.seconds());
+        let memory = &self.machine.soc().memory;
+        let (status, input) = (self.places.status(memory)?, self.places.input(memory)?);
+        if status.tick != before.tick.wrapping_add(1) {
+            let (now, was) = (status.tick, before.tick);
+            bail!("tick {now} follows {was}, {:.6} s after power-up: the servo task has missed one", self.seconds());
         }
         if let (None, Some(fault)) = (before.fault, status.fault) {
             let reason = Reason::Fault(fault);
             self.changes.push_back(Change { tick: status.tick, from: before.state, to: status.state, reason });
         }
+        let mut due = Vec::new();
+        while let Some((_, command)) = self.commands.pop_front_if(|c| c.0 <= self.windows) {
+            due.push(command);
+        }
+        if self.lockstep {
+            self.twin.tick(&due, &input, &status).map_err(|e| anyhow!("chip and native core differ: {e}"))?;
+        }
         self.status = status;
+        Ok(())
+    }
+
+    /// Gives the native core the newest block, if the gap task has run since the last one.
+    fn look_at_block(&mut self) -> Result<()> {
+        let blocks = self.machine.stats().entries[GAP];
+        if blocks != self.blocks {
+            let block = self.places.block(&self.machine.soc().memory)?;
+            self.twin.block(block.as_ref());
+        }
+        if blocks > self.blocks + 1 {
+            bail!("the gap task has run {} times in a tick", blocks - self.blocks);
+        }
+        self.blocks = blocks;
         Ok(())
     }
 
@@ -166,6 +207,17 @@ impl Emulated {
             let s = self.seconds();
             lines.iter().for_each(|line| println!("{s:10.6} {line}"));
         }
+    }
+
+    /// Ticks in which the native core, fed what the chip saw, came to the same bit for bit; the first difference ends
+    /// the run.
+    pub fn agreed(&self) -> u64 {
+        self.twin.ticks()
+    }
+
+    /// Machine and process, to pull wires between two ticks.
+    pub fn process_mut(&mut self) -> &mut Process {
+        &mut self.machine.soc().world.process
     }
 
     /// What the emulator has counted.
@@ -202,8 +254,10 @@ impl Rig for Emulated {
         let data = request(command);
         let soc = self.machine.soc();
         let now = soc.now();
-        soc.world.send(now + WINDOW / 4, Frame::new(remote::COMMAND | NODE, &data));
+        soc.world.send(now + WINDOW, Frame::new(remote::COMMAND | NODE, &data));
         soc.world_changed();
+        // It ends in the middle of the next window; the servo tick after that carries it out.
+        self.commands.push_back((self.windows + 2, command));
         for _ in 0..PATIENCE {
             self.tick()?;
             while let Some([number, result]) = self.answers.pop_front() {
@@ -241,6 +295,7 @@ fn request(command: Command) -> [u8; 8] {
 pub fn bore(
     image: &Image,
     log: bool,
+    lockstep: bool,
     job: &Job,
     observer: &mut impl Observer,
     progress: &mut dyn FnMut(&Progress),
@@ -250,79 +305,10 @@ pub fn bore(
     }
     // The guided check counts as passed, as in the native run: it needs an axis without a workpiece.
     let settings = Settings { commissioned: true, ..job.setup.head };
-    let mut rig = Emulated::start(image, &job.setup.process, &settings, job.seed).map_err(|e| format!("{e:#}"))?;
+    let mut rig =
+        Emulated::start(image, &job.setup.process, &settings, job.seed, lockstep).map_err(|e| format!("{e:#}"))?;
     rig.log = log;
     edm_sim::bore::run(job, &mut rig, observer, progress)
-}
-
-const HEAD: &str = "edm_servo_head::head::machine::Head";
-
-/// Address of the head's status in the chip, after checking that it looks as it does here.
-fn layout(image: &Image) -> Result<u32> {
-    let memory = image.find("ccm", "MEMORY").context("the ELF has no symbol of the head's memory")?;
-    let names = [HEAD, "edm_servo_head::head::Status", "edm_servo_head::gap::GapReading"];
-    let layout = Layout::read(image.file(), &names)?;
-    let [_, of_status, of_gap] = names;
-    macro_rules! here {
-        ($type:ty: $($field:ident),+) => { &[$((stringify!($field), offset_of!($type, $field))),+] };
-    }
-    let fields = here!(Status: tick, state, fault, position, setpoint, following, velocity, path, gap, gap_setpoint,
-        open_circuit, duty, saturated, current, bus, illegal_transitions, homed, current_reduced);
-    layout.same(of_status, size_of::<Status>(), fields)?;
-    let fields = here!(GapReading: filtered, block, quality, short_ticks);
-    layout.same(of_gap, size_of::<GapReading>(), fields)?;
-    Ok(memory + layout.offset(HEAD, "status")?)
-}
-
-/// The status at `at`, field by field.
-fn status(memory: &Region, at: u32) -> Result<Status> {
-    let load = |offset: usize, size| memory.load(at + offset as u32, size).context("the status is not in memory");
-    let byte = |offset| load(offset, 1).map(|b| b as usize);
-    let float = |offset| load(offset, 4).map(f32::from_bits);
-    let long = |offset: usize| {
-        let (low, high) = (load(offset, 4)?, load(offset + 4, 4)?);
-        anyhow::Ok((u64::from(high) << 32 | u64::from(low)).cast_signed())
-    };
-    macro_rules! of {
-        ($field:ident) => {
-            offset_of!(Status, $field)
-        };
-    }
-    let gap = of!(gap);
-    // A fault's number; none is the first number that no fault has.
-    let fault = match byte(of!(fault))? {
-        n if n == Fault::ALL.len() => None,
-        n => Some(*Fault::ALL.get(n).context("the status holds no fault")?),
-    };
-    Ok(Status {
-        tick: load(of!(tick), 4)?,
-        state: *STATES.get(byte(of!(state))?).context("the status holds no state")?,
-        fault,
-        position: long(of!(position))?,
-        setpoint: Fixed(long(of!(setpoint))?),
-        following: float(of!(following))?,
-        velocity: CountsPerSecond(float(of!(velocity))?),
-        path: Fixed(long(of!(path))?),
-        gap: GapReading {
-            filtered: Volts(float(gap + offset_of!(GapReading, filtered))?),
-            block: Volts(float(gap + offset_of!(GapReading, block))?),
-            quality: *QUALITIES
-                .get(byte(gap + offset_of!(GapReading, quality))?)
-                .context("the status holds no quality")?,
-            short_ticks: load(gap + offset_of!(GapReading, short_ticks), 4)?,
-        },
-        gap_setpoint: Volts(float(of!(gap_setpoint))?),
-        open_circuit: Volts(float(of!(open_circuit))?),
-        duty: float(of!(duty))?,
-        saturated: byte(of!(saturated))? != 0,
-        current: Amps(float(of!(current))?),
-        bus: Volts(float(of!(bus))?),
-        // Not read: nothing here looks at it.
-        back_emf: Default::default(),
-        illegal_transitions: load(of!(illegal_transitions), 4)?,
-        homed: byte(of!(homed))? != 0,
-        current_reduced: byte(of!(current_reduced))? != 0,
-    })
 }
 
 #[cfg(test)]
