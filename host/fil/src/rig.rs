@@ -34,9 +34,9 @@ const STRETCH: u64 = 100;
 /// Exceptions of the servo task, TIM1_UP, and of the gap task, DMA2_STREAM0.
 const SERVO: usize = 16 + 25;
 const GAP: usize = 16 + 56;
-/// Where in a window its tick is looked at, ticks: in its middle, when the servo task is done and the gap task has not begun
-/// the next block.
-const LOOK: u64 = WINDOW / 2;
+/// Where in a window its tick is looked at, ticks: just before the next block is complete (44 us), because a message to the
+/// log masks interrupts and may delay the servo task by half a window.
+const LOOK: u64 = 7300;
 /// Time that the first, late tick is given, ticks: 9 us.
 const FIRST: u64 = 1500;
 /// Counter of TIM1.
@@ -254,7 +254,7 @@ impl Rig for Emulated {
         let data = request(command);
         let soc = self.machine.soc();
         let now = soc.now();
-        soc.world.send(now + WINDOW, Frame::new(remote::COMMAND | NODE, &data));
+        soc.world.send(now + WINDOW / 2, Frame::new(remote::COMMAND | NODE, &data));
         soc.world_changed();
         // It ends in the middle of the next window; the servo tick after that carries it out.
         self.commands.push_back((self.windows + 2, command));
