@@ -260,11 +260,9 @@ impl Rig for Emulated {
         self.commands.push_back((self.windows + 2, command));
         for _ in 0..PATIENCE {
             self.tick()?;
-            while let Some([number, result]) = self.answers.pop_front() {
-                match result {
-                    0 if number == data[0] => return Ok(()),
-                    code => return Err(format!("{command:?} was refused with code {code}")),
-                }
+            if let Some([number, code]) = self.answers.pop_front() {
+                let done = number == data[0] && code == 0;
+                return if done { Ok(()) } else { Err(format!("{command:?} was refused with code {code}")) };
             }
         }
         Err(format!("{command:?}: no answer"))
