@@ -4,6 +4,7 @@
 //! without knowing are written, and then what was forced meanwhile is repeated ([`lines::settle`]).
 
 use super::{Answer, Checked, Granted, REFLEX, ROLL, Request, Returned, SERVO};
+use core::hint::black_box;
 use edm_hal_shim::bridge::{Drive, HBridge};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::EdgeCounter;
@@ -38,6 +39,8 @@ pub struct Servo {
     pub(super) forced: lines::Forced,
     pub(super) retreats: u32,
     pub(super) gap: GapReading,
+    /// What the newest tick saw: a debugger, or the emulated chip, may look at it.
+    pub(super) input: TickInput,
     pub(super) readings: Consumer<'static, GapReading>,
     pub(super) faults: Consumer<'static, Fault>,
     pub(super) requests: Consumer<'static, Request>,
@@ -55,13 +58,13 @@ impl Servo {
     pub fn tick(&mut self) {
         pwm::clear_tick();
         let forced = lines::forced();
-        let input = self.inputs();
+        self.input = self.inputs();
         while let Some(fault) = self.faults.dequeue() {
             self.head.raise(fault);
         }
         self.requests();
-        let output = self.head.tick(&input);
-        self.outputs(&output, forced, input.safety.bridge_fault);
+        let output = self.head.tick(black_box(&self.input));
+        self.outputs(&output, forced, self.input.safety.bridge_fault);
 
         let status = self.head.status();
         REFLEX.arm(status.state == State::Eroding);

@@ -20,7 +20,7 @@ use edm_hal_shim::stm32f4::{ccm, lines, pac};
 use edm_hal_shim::store::BUFFER;
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, TimerCount};
 use edm_servo_head::gap::{GapReading, Voltage};
-use edm_servo_head::head::{Head, Supervisor};
+use edm_servo_head::head::{Head, Supervisor, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::remote::Heartbeat;
 
@@ -90,6 +90,7 @@ pub fn start(
         forced: lines::forced(),
         retreats: 0,
         gap: GapReading::default(),
+        input: TickInput::default(),
         readings,
         faults,
         requests,
@@ -127,7 +128,13 @@ pub fn start(
     Ok(Tasks {
         reflex: machine.reflex,
         decoder: Decoder { lines: machine.lines, clock, quadrature },
-        gap: Gap { blocks: machine.blocks, source: Voltage::new(active.gap), clock, readings: readings_in },
+        gap: Gap {
+            blocks: machine.blocks,
+            source: Voltage::new(active.gap),
+            clock,
+            readings: readings_in,
+            block: None,
+        },
         servo,
         supervise,
         receive: Receive { receiver, received: received_in },

@@ -1,6 +1,6 @@
 //! A hole, from a head at rest to its depth or to the reason why not.
 
-use crate::machine::Machine;
+use crate::machine::{Machine, Rig};
 use crate::process::{Parameters, Process};
 use crate::run::{FaultEvent, Job, Observer, Outcome, Progress, Sample};
 use crate::scenario::Scenario;
@@ -64,11 +64,26 @@ pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&P
     if job.surrogate {
         machine.run_dry(&settings, first_surface_um, job.seed);
     }
+    run(job, &mut machine, observer, progress)
+}
+
+/// Bores a hole with a commissioned head at rest at its upper stop, whatever it runs on.
+///
+/// # Errors
+/// When the run cannot go on.
+pub fn run(
+    job: &Job,
+    machine: &mut impl Rig,
+    observer: &mut impl Observer,
+    progress: &mut dyn FnMut(&Progress),
+) -> Result<Outcome, String> {
+    let setup = &job.setup;
+    let first_surface_um = f64::from(setup.process.surface) * 1e3;
     for _ in 0..REST {
-        machine.tick();
+        machine.tick()?;
     }
     // Home is where the head rests: not quite the stop's zero, because the stop gives way.
-    let home = machine.process.truth().count;
+    let home = machine.true_count();
     let home_um = home as f64 * f64::from(setup.process.count);
     let target = Nanometres(((first_surface_um + job.depth_mm * 1e3 - home_um) * 1e3).round() as i64);
     for command in [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(target), Command::Start] {
@@ -81,19 +96,19 @@ pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&P
     let mut eroding = Means::default();
     let mut tick = 0;
     let state = loop {
-        machine.tick();
+        machine.tick()?;
         tick += 1;
-        let sample = sample(&machine, home_um);
+        let sample = sample(machine, home_um);
         observer.sample(&sample);
-        let state = machine.head.status().state;
-        while let Some(change) = machine.head.next_change() {
+        let state = machine.status().state;
+        while let Some(change) = machine.next_change() {
             if let Reason::Fault(fault) = change.reason {
                 faults.push(FaultEvent { t_s: sample.t_s, fault: fault.name().into() });
                 fault_tick.get_or_insert(tick);
             }
         }
         if state == State::Eroding {
-            eroding.take(sample.gap_um, machine.process.truth().debris);
+            eroding.take(sample.gap_um, machine.process().truth().debris);
         }
         if tick % PROGRESS == 1 {
             let depth_mm = (sample.position_um - first_surface_um) * 1e-3;
@@ -105,7 +120,7 @@ pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&P
         }
     };
 
-    let truth = machine.process.truth();
+    let truth = machine.process().truth();
     let completed = state == State::Done && faults.is_empty();
     let stop_reason = match faults.first() {
         _ if completed => "depth reached".into(),
@@ -121,15 +136,15 @@ pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&P
         sim_time_s: truth.t_s,
         shot_floor_rms_v,
         pulses: truth.pulses,
-        lost_counts: machine.head.status().position.abs_diff(truth.count - home),
-        illegal_transitions: machine.head.status().illegal_transitions.into(),
+        lost_counts: machine.status().position.abs_diff(machine.true_count() - home),
+        illegal_transitions: machine.status().illegal_transitions.into(),
         faults,
     })
 }
 
-fn sample(machine: &Machine, home_um: f64) -> Sample {
-    let truth = machine.process.truth();
-    let status = machine.head.status();
+fn sample(machine: &impl Rig, home_um: f64) -> Sample {
+    let truth = machine.process().truth();
+    let status = machine.status();
     let (surface_um, gap_um) = match machine.imagined_surface_um() {
         Some(surface_um) => (surface_um, surface_um - truth.position_um),
         None => (truth.surface_um, truth.gap_um),

@@ -4,7 +4,7 @@ use crate::process::{Parameters, Process};
 use edm_hal_shim::encoder::RawCount;
 use edm_servo_head::encoder::Quadrature;
 use edm_servo_head::gap::{GapReading, GapSource, Surrogate, SurrogateConfig, Voltage};
-use edm_servo_head::head::{Command, Fault, Head, Supervisor, TickInput, TickOutput};
+use edm_servo_head::head::{Change, Command, Fault, Head, Status, Supervisor, TickInput, TickOutput};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{SettingError, Settings};
 use edm_servo_head::units::{FRACTION_BITS, Fixed, MicrometresPerSecond, Volts};
@@ -18,6 +18,56 @@ enum Gap {
     Voltage(Voltage),
     /// The position, as in the dry loop of \[R\].
     Surrogate(Box<(Surrogate, SurrogateConfig)>),
+}
+
+/// A head with its process, wherever the head runs.
+pub trait Rig {
+    /// The machine and the process.
+    fn process(&self) -> &Process;
+    /// What the head knows after the last tick.
+    fn status(&self) -> &Status;
+    /// Oldest change of the head's state not read yet; those that end in a fault at least.
+    fn next_change(&mut self) -> Option<Change>;
+    /// One servo tick.
+    ///
+    /// # Errors
+    /// When the head cannot go on.
+    fn tick(&mut self) -> Result<(), String>;
+    /// Gives the head a command that must be accepted where the run stands.
+    ///
+    /// # Errors
+    /// When it is refused.
+    fn command(&mut self, command: Command) -> Result<(), String>;
+    /// The true count at the moment that the position of the status is of.
+    fn true_count(&self) -> i64 {
+        self.process().truth().count
+    }
+    /// Where the imagined surface of the dry loop has got to, um; `None` with a real gap.
+    fn imagined_surface_um(&self) -> Option<f64> {
+        None
+    }
+}
+
+impl Rig for Machine {
+    fn process(&self) -> &Process {
+        &self.process
+    }
+    fn status(&self) -> &Status {
+        self.head.status()
+    }
+    fn next_change(&mut self) -> Option<Change> {
+        self.head.next_change()
+    }
+    fn tick(&mut self) -> Result<(), String> {
+        Machine::tick(self);
+        Ok(())
+    }
+    fn command(&mut self, command: Command) -> Result<(), String> {
+        Machine::command(self, command)
+    }
+    fn imagined_surface_um(&self) -> Option<f64> {
+        Machine::imagined_surface_um(self)
+    }
 }
 
 /// Head, process and the wires between them.

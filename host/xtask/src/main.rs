@@ -1,10 +1,13 @@
 //! What a cargo alias cannot do: `cargo xtask docs` writes the files that are generated from declarations, and with
-//! `--check` only tells whether they are current; `cargo xtask firmware` builds and checks the firmware of both boards.
+//! `--check` only tells whether they are current; `cargo xtask firmware` builds and checks the firmware of both boards;
+//! `cargo fil` runs it on an emulated chip.
 
 use clap::{Parser, Subcommand};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+mod fil;
 mod firmware;
 mod settings_table;
 
@@ -25,6 +28,12 @@ enum Task {
     },
     /// Builds the firmware for both boards, prints its sizes and checks that a chip would start it.
     Firmware,
+    /// Runs a command of the emulated chip on the firmware as it is, which is built first: `cargo fil`.
+    Fil {
+        /// Command and options; `cargo fil --help` lists them.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<OsString>,
+    },
 }
 
 fn main() -> ExitCode {
@@ -32,6 +41,7 @@ fn main() -> ExitCode {
     let result = match Arguments::parse().task {
         Task::Docs { check } => generate(&root.join("docs/settings.md"), &settings_table::render(), check),
         Task::Firmware => firmware::run(&root),
+        Task::Fil { arguments } => return fil::run(&root, &arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -60,6 +60,29 @@ pub struct Sensors {
     pub drive: DriveCodes,
 }
 
+/// The gap between two changes, within or around a tick. Times are us since the tick began.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Piece {
+    /// When it began; negative: in a tick before.
+    pub from_us: f64,
+    /// Voltage when it began, V.
+    pub initial: f64,
+    /// Voltage it tends to, V.
+    pub volts: f64,
+    /// Time constant of that, us.
+    pub rise_us: f64,
+    /// Gate on.
+    pub gate: bool,
+}
+
+impl Piece {
+    /// Voltage at a time, V.
+    pub fn at(&self, us: f64) -> f64 {
+        let age = (us - self.from_us).max(0.0);
+        self.volts + (self.initial - self.volts) * (-age / self.rise_us).exp()
+    }
+}
+
 /// What really is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Truth {
@@ -249,6 +272,19 @@ impl Process {
     /// What the wires show now.
     pub fn sensors(&self) -> &Sensors {
         &self.sensors
+    }
+
+    /// The gap during the last tick, in order of time: for wires that a converter's block does not show.
+    pub fn pieces(&self) -> impl Iterator<Item = Piece> + '_ {
+        let began = self.ticks.saturating_sub(1) as f64 * TICK_US;
+        let gate_lost = self.mishaps.gate_lost;
+        self.spark.stretches.iter().map(move |s| Piece {
+            from_us: s.from - began,
+            initial: s.initial,
+            volts: s.volts,
+            rise_us: s.rise,
+            gate: s.gate.0 < s.gate.1 && !gate_lost,
+        })
     }
 
     /// What really is.

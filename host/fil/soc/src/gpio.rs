@@ -1,0 +1,162 @@
+//! General-purpose I/O port (RM0090 §8).
+
+use crate::error::Fault;
+use crate::world::Drive;
+
+/// What a pin is configured as (§8.4.1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    Input,
+    Output,
+    Alternate(u8),
+    Analog,
+}
+
+pub struct Gpio {
+    moder: u32,
+    otyper: u32,
+    ospeedr: u32,
+    pupdr: u32,
+    odr: u32,
+    afr: [u32; 2],
+    /// Pins driven from outside, and their levels.
+    driven: u16,
+    outside: u16,
+}
+
+impl Gpio {
+    /// Port `index` (0 = A) after reset: A and B have the debug pins set up (§8.4.1..4).
+    pub fn new(index: usize) -> Self {
+        let (moder, ospeedr, pupdr) = match index {
+            0 => (0xa800_0000, 0x0c00_0000, 0x6400_0000),
+            1 => (0x0000_0280, 0x0000_00c0, 0x0000_0100),
+            _ => (0, 0, 0),
+        };
+        Self { moder, otyper: 0, ospeedr, pupdr, odr: 0, afr: [0; 2], driven: 0, outside: 0 }
+    }
+
+    /// Registers back to their reset state; what the outside drives stays.
+    pub fn reset(&mut self, index: usize) {
+        *self = Self { driven: self.driven, outside: self.outside, ..Self::new(index) };
+    }
+
+    pub fn mode(&self, n: u8) -> Mode {
+        match self.moder >> (2 * n) & 3 {
+            0 => Mode::Input,
+            1 => Mode::Output,
+            2 => Mode::Alternate((self.afr[usize::from(n / 8)] >> (4 * (n % 8)) & 15) as u8),
+            _ => Mode::Analog,
+        }
+    }
+
+    /// What an output pin drives with; `None` when it is not a general-purpose output.
+    pub fn output(&self, n: u8) -> Option<Drive> {
+        (self.mode(n) == Mode::Output).then(|| {
+            let high = self.odr >> n & 1 == 1;
+            if high && self.otyper >> n & 1 == 1 { Drive::Released } else { Drive::Level(high) }
+        })
+    }
+
+    /// Level at the pin: what drives it, else its pull, else low. An analogue pin reads low (§8.3.12).
+    pub fn level(&self, n: u8) -> bool {
+        if let Some(Drive::Level(level)) = self.output(n) {
+            return level;
+        }
+        if self.mode(n) == Mode::Analog {
+            return false;
+        }
+        if self.driven >> n & 1 == 1 { self.outside >> n & 1 == 1 } else { self.pupdr >> (2 * n) & 3 == 1 }
+    }
+
+    /// All sixteen levels, as IDR reads.
+    pub fn levels(&self) -> u16 {
+        (0..16).fold(0, |v, n| v | u16::from(self.level(n)) << n)
+    }
+
+    /// The outside drives pin `n`, or lets go of it.
+    pub fn set_outside(&mut self, n: u8, level: Option<bool>) {
+        let bit = 1 << n;
+        self.driven = if level.is_some() { self.driven | bit } else { self.driven & !bit };
+        self.outside = if level == Some(true) { self.outside | bit } else { self.outside & !bit };
+    }
+
+    pub fn read(&self, offset: u32) -> Result<u32, Fault> {
+        Ok(match offset {
+            0x00 => self.moder,
+            0x04 => self.otyper,
+            0x08 => self.ospeedr,
+            0x0c => self.pupdr,
+            0x10 => self.levels().into(),
+            0x14 => self.odr,
+            0x18 => 0, // BSRR reads as zero (§8.4.7)
+            0x20 => self.afr[0],
+            0x24 => self.afr[1],
+            _ => return Err(Fault::Unmodelled),
+        })
+    }
+
+    pub fn write(&mut self, offset: u32, value: u32) -> Result<(), Fault> {
+        match offset {
+            0x00 => self.moder = value,
+            0x04 => self.otyper = value & 0xffff,
+            0x08 => self.ospeedr = value,
+            0x0c => self.pupdr = value,
+            0x14 => self.odr = value & 0xffff,
+            // Set wins over reset (§8.4.7).
+            0x18 => self.odr = self.odr & !(value >> 16) | value & 0xffff,
+            0x20 => self.afr[0] = value,
+            0x24 => self.afr[1] = value,
+            _ => return Err(Fault::Unmodelled),
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn debug_pins_come_up_as_alternate_functions_with_their_pulls() {
+        let a = Gpio::new(0);
+        assert_eq!(
+            (a.mode(13), a.mode(14), a.mode(15), a.mode(0)),
+            (Mode::Alternate(0), Mode::Alternate(0), Mode::Alternate(0), Mode::Input)
+        );
+        assert_eq!((a.level(13), a.level(14), a.level(15)), (true, false, true));
+    }
+
+    #[test]
+    fn set_wins_over_reset_in_bsrr() {
+        let mut g = Gpio::new(2);
+        g.write(0x18, 1 << 5 | 1 << 21).unwrap();
+        assert_eq!(g.read(0x14), Ok(1 << 5));
+        g.write(0x18, 1 << 21).unwrap();
+        assert_eq!(g.read(0x14), Ok(0));
+    }
+
+    #[test]
+    fn an_open_drain_pulls_low_and_lets_go() {
+        let mut g = Gpio::new(2);
+        g.write(0x04, 1 << 3).unwrap();
+        g.write(0x00, 1 << 6).unwrap();
+        assert_eq!(g.output(3), Some(Drive::Level(false)));
+        g.write(0x14, 1 << 3).unwrap();
+        assert_eq!(g.output(3), Some(Drive::Released));
+        g.set_outside(3, Some(true));
+        assert!(g.level(3));
+    }
+
+    #[test]
+    fn a_pin_let_go_follows_its_pull() {
+        let mut g = Gpio::new(2);
+        g.write(0x0c, 1 << 4 | 2 << 6).unwrap();
+        assert_eq!(g.levels(), 1 << 2);
+        g.set_outside(2, Some(false));
+        g.set_outside(3, Some(true));
+        assert_eq!(g.levels(), 1 << 3);
+        g.set_outside(2, None);
+        g.set_outside(3, None);
+        assert_eq!(g.levels(), 1 << 2);
+    }
+}

@@ -1,0 +1,303 @@
+//! The process model around the chip: what the wires of docs/wiring.md carry, at their own instants.
+//!
+//! The process goes on in *windows* of one servo tick that begin with the periods of the PWM, so that the duty of a window
+//! is exactly the one in force. A window is computed just after it has begun ([`SETTLE`]), under what the chip drives its
+//! pins with at that moment; a direction pin, or the line that allows pulses, that changes inside a window acts on the
+//! next one, up to 50 us late. Voltages, edges of gate, comparators and encoder come at their own times inside the window.
+//!
+//! Noise and hum of a conversion are those of the nearest conversion of the process model's own block.
+//!
+//! Assumed here, because the process model has no gap current: a discharge or a short carries [`DISCHARGE_A`].
+
+use edm_hal_shim::bridge::Drive as Bridge;
+use edm_hal_shim::gap::BLOCK;
+use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
+use edm_sim::process::{Parameters, Piece, Process};
+use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, TICK_HZ, World};
+use std::collections::VecDeque;
+
+/// Ticks of a window.
+pub const WINDOW: u64 = TICK_HZ / 20_000;
+/// From the beginning of a window to the moment at which it is computed: outputs that change with the period have changed.
+const SETTLE: u64 = 16;
+/// Current of a discharge, A, and its code per ampere about mid-scale (docs/wiring.md).
+const DISCHARGE_A: f64 = 10.0;
+const CODES_PER_A: f64 = 1000.0 / 16.1;
+const MID_SCALE: f64 = 2048.0;
+/// Share of the open-circuit voltage above which no current flows, and those of the comparators.
+const BURNING: f64 = 0.75;
+const HIGH: f64 = 0.7;
+const LOW: f64 = 0.2;
+
+const ENCODER: [Pin; 3] = [Pin::new('A', 0), Pin::new('A', 1), Pin::new('A', 2)];
+const GATE: [Pin; 2] = [Pin::new('C', 6), Pin::new('B', 7)];
+const COMPARATORS: [(Pin, f64); 2] = [(Pin::new('C', 8), HIGH), (Pin::new('C', 9), LOW)];
+const ALLOW: Pin = Pin::new('C', 7);
+const PWM: Pin = Pin::new('A', 8);
+const FORWARD: Pin = Pin::new('B', 13);
+const REVERSE: Pin = Pin::new('B', 0);
+const CONTACTS: [Pin; 4] = [Pin::new('C', 11), Pin::new('C', 12), Pin::new('C', 13), Pin::new('B', 15)];
+const BRIDGE_FAULT: Pin = Pin::new('B', 12);
+
+/// Process, wires and the host's end of the bus.
+pub struct Bench {
+    /// The machine and the process.
+    pub process: Process,
+    /// Frames the chip has sent, and when they ended.
+    pub sent: VecDeque<(u64, Frame)>,
+    parameters: Parameters,
+    window: u64,
+    changes: VecDeque<(u64, Change)>,
+    frames: VecDeque<(u64, Frame)>,
+    pieces: Vec<Piece>,
+    /// What the drive's sensors showed when the window began.
+    sensed: DriveCodes,
+    pwm: Drive,
+    forward: bool,
+    reverse: bool,
+    allowed: bool,
+    levels: [[Option<bool>; 16]; 3],
+}
+
+impl Bench {
+    /// A head at rest at its upper stop, wired to a chip without power.
+    ///
+    /// # Errors
+    /// When a parameter is refused.
+    pub fn new(parameters: &Parameters, seed: u64) -> Result<Self, String> {
+        let process = Process::new(parameters, seed).map_err(|e| e.to_string())?;
+        let mut bench = Self {
+            sensed: process.sensors().drive,
+            process,
+            sent: VecDeque::new(),
+            parameters: *parameters,
+            window: 0,
+            changes: VecDeque::new(),
+            frames: VecDeque::new(),
+            pieces: Vec::new(),
+            pwm: Drive::Released,
+            forward: false,
+            reverse: false,
+            allowed: false,
+            levels: [[None; 16]; 3],
+        };
+        bench.wire(0, 0);
+        Ok(bench)
+    }
+
+    /// Replaces the machine by one at rest at its upper stop, with the workpiece of `parameters`: the chip stays on.
+    ///
+    /// # Errors
+    /// When a parameter is refused.
+    pub fn mount(&mut self, parameters: &Parameters, seed: u64) -> Result<(), String> {
+        self.process = Process::new(parameters, seed).map_err(|e| e.to_string())?;
+        self.parameters = *parameters;
+        self.wire(self.window, self.window);
+        Ok(())
+    }
+
+    /// Lets windows begin at `tick` and every [`WINDOW`] after it; the present one ends then.
+    pub fn align(&mut self, tick: u64) {
+        self.window = tick;
+    }
+
+    /// Beginning of the next window.
+    pub fn window(&self) -> u64 {
+        self.window
+    }
+
+    /// The host sends `frame`; it ends at `at`, not before those sent earlier.
+    pub fn send(&mut self, at: u64, frame: Frame) {
+        let after = self.frames.back().map_or(0, |f| f.0 + 1);
+        self.frames.push_back((at.max(after), frame));
+    }
+
+    /// What the bridge does to the coil under the pins as they are.
+    fn bridge(&self) -> Bridge {
+        let (high, period) = match self.pwm {
+            Drive::Pwm { high, period } => (high, period.max(1)),
+            Drive::Level(true) => (1, 1),
+            Drive::Level(false) | Drive::Released => (0, 1),
+        };
+        let full = f64::from(Bridge::FULL);
+        let duty = (full * f64::from(high) / f64::from(period)).round() as i16;
+        match (self.forward, self.reverse) {
+            (true, false) => Bridge::Duty(duty),
+            (false, true) => Bridge::Duty(-duty),
+            (true, true) => Bridge::Brake,
+            (false, false) => Bridge::Coast,
+        }
+    }
+
+    /// Computes the window that begins now, and what its wires do.
+    fn advance(&mut self) {
+        let from = self.window;
+        self.window += WINDOW;
+        self.sensed = self.process.sensors().drive;
+        let before = self.process.sensors().now;
+        self.process.advance(self.bridge(), self.allowed);
+        self.pieces.clear();
+        self.pieces.extend(self.process.pieces());
+
+        let mut edges = std::mem::take(&mut self.changes).into_iter().collect::<Vec<_>>();
+        let encoder = self.process.sensors().edges.clone();
+        for (time, levels) in encoder {
+            let at = from + u64::from(time.wrapping_sub(before));
+            for (pin, level) in ENCODER.into_iter().zip([levels.a, levels.b, levels.index]) {
+                self.set(&mut edges, at, pin, level);
+            }
+        }
+        for i in 0..self.pieces.len() {
+            let piece = self.pieces[i];
+            let begins = from.saturating_add_signed(ticks(piece.from_us)).max(from);
+            for pin in GATE {
+                self.set(&mut edges, begins, pin, piece.gate);
+            }
+            let ends = self.pieces.get(i + 1).map_or(f64::INFINITY, |next| next.from_us);
+            for (pin, share) in COMPARATORS {
+                let (us, level) = crossing(&piece, share * f64::from(self.parameters.open));
+                if us < ends {
+                    let at = from.saturating_add_signed(ticks(us)).max(from);
+                    self.set(&mut edges, at, pin, level);
+                }
+            }
+        }
+        self.wire_into(&mut edges, self.window - 1);
+        for edge in &mut edges {
+            edge.0 = edge.0.max(from + SETTLE + 1);
+        }
+        edges.sort_by_key(|e| e.0);
+        self.changes = edges.into();
+    }
+
+    /// All levels that last until something moves.
+    fn wire(&mut self, at: u64, earliest: u64) {
+        let mut edges = Vec::new();
+        let levels = self.process.sensors().levels;
+        for (pin, level) in ENCODER.into_iter().zip([levels.a, levels.b, levels.index]) {
+            self.set(&mut edges, at, pin, level);
+        }
+        for pin in GATE.into_iter().chain(COMPARATORS.map(|c| c.0)) {
+            self.set(&mut edges, at, pin, false);
+        }
+        self.wire_into(&mut edges, at.max(earliest));
+        self.changes.extend(edges);
+        self.changes.make_contiguous().sort_by_key(|c| c.0);
+    }
+
+    /// Contacts: closed to ground while all is well. The bridge's fault output is low in a fault.
+    fn wire_into(&mut self, edges: &mut Vec<(u64, Change)>, at: u64) {
+        let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault } =
+            self.process.sensors().safety;
+        for (pin, open) in CONTACTS.into_iter().zip([upper_limit, lower_limit, emergency_stop, dielectric]) {
+            self.set(edges, at, pin, open);
+        }
+        self.set(edges, at, BRIDGE_FAULT, !bridge_fault);
+    }
+
+    fn set(&mut self, edges: &mut Vec<(u64, Change)>, at: u64, pin: Pin, level: bool) {
+        let last = &mut self.levels[usize::from(pin.port)][usize::from(pin.number)];
+        if *last != Some(level) {
+            *last = Some(level);
+            edges.push((at, Change::Level(pin, Some(level))));
+        }
+    }
+
+    /// The piece of the gap at `at`, and `at` in us since the window began.
+    fn piece(&self, at: u64) -> Option<(&Piece, f64)> {
+        let us = us(at as i64 - (self.window - WINDOW.min(self.window)) as i64);
+        let later = self.pieces.partition_point(|p| p.from_us <= us);
+        Some((self.pieces.get(later.saturating_sub(1))?, us))
+    }
+
+    fn gap_voltage(&self, at: u64) -> u16 {
+        let Some((piece, us)) = self.piece(at) else { return self.parameters.zero_code as u16 };
+        let p = &self.parameters;
+        let per_volt = (1.0 + f64::from(p.gain_error) * 0.01) / f64::from(p.volts_per_code);
+        // Noise and hum: what the nearest conversion of the model's block has beside its voltage.
+        let nearest = ((us / 2.0).max(0.0) as usize).min(BLOCK - 1);
+        let then = 2.0 * nearest as f64 + 1.0;
+        let at_then = self.pieces.partition_point(|p| p.from_us <= then).saturating_sub(1);
+        let code = f64::from(self.process.sensors().block.codes[nearest]);
+        if self.process.mishaps.stuck_code.is_some() {
+            return code as u16;
+        }
+        (code + (piece.at(us) - self.pieces[at_then].at(then)) * per_volt).round().clamp(0.0, 4095.0) as u16
+    }
+
+    fn gap_current(&self, at: u64) -> u16 {
+        let flows = self
+            .piece(at)
+            .is_some_and(|(piece, _)| piece.gate && piece.volts.abs() < BURNING * f64::from(self.parameters.open));
+        (MID_SCALE + if flows { DISCHARGE_A * CODES_PER_A } else { 0.0 }) as u16
+    }
+}
+
+/// When the voltage of a piece crosses `threshold`, and whether it is above from then on; if it never crosses, how it is
+/// when the piece begins.
+fn crossing(piece: &Piece, threshold: f64) -> (f64, bool) {
+    let (from, to) = (piece.initial.abs() > threshold, piece.volts.abs() > threshold);
+    if from == to {
+        return (piece.from_us, to);
+    }
+    let share = (piece.volts.abs() - piece.initial.abs()) / (piece.volts.abs() - threshold);
+    (piece.from_us + piece.rise_us * share.ln(), to)
+}
+
+fn ticks(us: f64) -> i64 {
+    (us * (TICK_HZ / 1_000_000) as f64).round() as i64
+}
+
+fn us(ticks: i64) -> f64 {
+    ticks as f64 / (TICK_HZ / 1_000_000) as f64
+}
+
+impl World for Bench {
+    fn sample(&mut self, adc: u8, channel: u8, at: u64) -> u16 {
+        match (adc, channel) {
+            (1, 10) | (2, 11) => self.gap_voltage(at),
+            (2, 12) => self.gap_current(at),
+            (3, 13) => self.sensed.motor_current,
+            (3, 3) => self.sensed.bus_voltage,
+            _ => 0,
+        }
+    }
+
+    fn next_change(&self) -> u64 {
+        let first = self.changes.front().map_or(NEVER, |c| c.0);
+        let frame = self.frames.front().map_or(NEVER, |f| f.0);
+        first.min(frame).min(self.window + SETTLE)
+    }
+
+    fn take_change(&mut self, at: u64) -> Option<Change> {
+        if let Some((_, change)) = self.changes.pop_front_if(|c| c.0 <= at) {
+            return Some(change);
+        }
+        if let Some((_, frame)) = self.frames.pop_front_if(|f| f.0 <= at) {
+            return Some(Change::Can(frame));
+        }
+        if self.window + SETTLE <= at {
+            self.advance();
+            return self.take_change(at);
+        }
+        None
+    }
+
+    fn drive(&mut self, _: u64, pin: Pin, drive: Drive) {
+        let high = drive == Drive::Level(true);
+        match pin {
+            PWM => self.pwm = drive,
+            FORWARD => self.forward = high,
+            REVERSE => self.reverse = high,
+            ALLOW => self.allowed = high,
+            _ => (),
+        }
+    }
+
+    fn can_sent(&mut self, at: u64, frame: Frame) -> CanReply {
+        self.sent.push_back((at, frame));
+        CanReply::Acknowledged
+    }
+
+    fn dac(&mut self, _: u64, _: u8, _: u16) {}
+}

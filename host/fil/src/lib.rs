@@ -1,0 +1,22 @@
+//! The unmodified firmware on an emulated chip: an ELF runs on a Cortex-M4F, its peripherals are those of [`edm_soc`].
+//!
+//! The processor's instructions are Unicorn's business; everything an application profile emulator does not have is done
+//! here: exception entry and return, sleeping, lazy saving of the FPU context, faults, time.
+//!
+//! Time. Each instruction is hooked and charged the nominal cycles of [`decode`]; the model of the chip is advanced to that
+//! time before the instruction that would see it. Nothing depends on the host's clock: identical inputs give identical runs.
+//!
+//! Unicorn is GPL-2.0 and so is a binary that contains it; this package is unpublished and outside the workspace's
+//! default members.
+
+pub mod bench;
+pub mod commission;
+pub mod decode;
+pub mod image;
+pub mod layout;
+pub mod lockstep;
+pub mod machine;
+pub mod rig;
+pub mod rtt;
+pub mod seen;
+pub mod still;

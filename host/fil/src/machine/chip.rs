@@ -1,0 +1,350 @@
+//! What the engine's hooks share: the peripherals, the clock of the processor, decoded code, statistics.
+
+use super::half;
+use crate::decode::{Class, Instruction, REFILL, decode};
+use edm_soc::{Exception, Masks, Soc, World};
+
+/// Half words of flash, and the upper bits of its addresses.
+const HALF_WORDS: usize = 0x8_0000;
+const FLASH: u32 = 0x080;
+
+/// Why the hook stopped the engine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stop {
+    /// Something has to happen before the instruction at this address.
+    Poll(u32),
+    /// WFI; the address of the next instruction.
+    Sleep(u32),
+    /// An FPU instruction at this address while the FPU is off.
+    NoFpu(u32),
+    /// WFE or SEV at this address.
+    Event(u32),
+    /// The engine raised exception number ...
+    Raised(u32),
+}
+
+/// Counts since power-up.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Stats {
+    /// Instructions, those skipped in IT blocks included.
+    pub instructions: u64,
+    /// Half ticks spent asleep.
+    pub asleep: u64,
+    /// Entries by exception number.
+    pub entries: Vec<u64>,
+    /// Entries that were tail-chained.
+    pub tail_chained: u64,
+    /// Deepest nesting of exceptions.
+    pub nesting: usize,
+    /// Resets after power-up.
+    pub resets: u64,
+}
+
+/// A straight piece of code that the engine runs without asking: what it costs and what it needs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Block {
+    /// Bytes; zero: not known yet.
+    size: u16,
+    cycles: u16,
+    instructions: u16,
+    /// Uses the FPU.
+    pub float: bool,
+    /// Waits for an interrupt or an event.
+    pub waits: bool,
+    /// May change PRIMASK, FAULTMASK or BASEPRI.
+    pub masks: bool,
+}
+
+/// A write into flash that the engine has done and the flash interface has not judged yet.
+struct FlashWrite {
+    address: u32,
+    size: u8,
+    value: u32,
+    old: u32,
+}
+
+pub struct Chip<W> {
+    pub soc: Soc<W>,
+    /// Time of the processor, half ticks.
+    pub half: u64,
+    /// Time at which the chip has to be looked at.
+    pub limit: u64,
+    until: u64,
+    half_per_cycle: u64,
+    /// Factor on the time of thread mode, and whether thread mode is running.
+    pub stretch: u64,
+    pub thread: bool,
+    /// Interrupts are masked, as of the last look; the masks may have changed since.
+    pub masked: bool,
+    pub masks_changed: bool,
+    code: Box<[Instruction; HALF_WORDS]>,
+    blocks: Vec<Block>,
+    /// Last instruction, and where it ends.
+    pub last: u32,
+    next: u32,
+    pub stop: Option<Stop>,
+    pub sleeping: bool,
+    pub bad_address: u32,
+    flash_write: Option<FlashWrite>,
+    /// The engine may write flash, because it just had to.
+    pub flash_open: bool,
+    /// CONTROL.FPCA: the running code has an FPU context.
+    pub fpca: bool,
+    /// Address of FPU registers reserved on the stack and not saved yet (FPCCR.LSPACT).
+    pub lazy: Option<u32>,
+    pub stats: Stats,
+}
+
+impl<W: World> Chip<W> {
+    pub fn new(soc: Soc<W>) -> Self {
+        Self {
+            soc,
+            half: 0,
+            limit: 0,
+            until: 0,
+            half_per_cycle: 0,
+            stretch: 1,
+            thread: true,
+            masked: false,
+            masks_changed: false,
+            code: Box::new([Instruction::default(); HALF_WORDS]),
+            blocks: vec![Block::default(); HALF_WORDS],
+            last: 0,
+            next: 0,
+            stop: None,
+            sleeping: false,
+            bad_address: 0,
+            flash_write: None,
+            flash_open: false,
+            fpca: false,
+            lazy: None,
+            stats: Stats { entries: vec![0; 98], ..Stats::default() },
+        }
+    }
+
+    /// Processor state after reset.
+    pub fn restart(&mut self) {
+        (self.sleeping, self.fpca, self.lazy, self.limit) = (false, false, None, 0);
+        (self.thread, self.masked, self.masks_changed) = (true, false, false);
+    }
+
+    pub fn set_until(&mut self, until: u64) {
+        self.until = half(until);
+        self.limit = 0;
+    }
+
+    pub fn time_is_up(&self) -> bool {
+        self.half >= self.until
+    }
+
+    /// The way of almost all instructions: decoded, in sequence, of no special class, nothing due. Returns whether it was
+    /// taken.
+    #[inline]
+    pub fn fast(&mut self, address: u32) -> bool {
+        let known = self.code[address as usize / 2 % HALF_WORDS];
+        let plain = known.size != 0 && known.class == Class::Plain && address >> 20 == FLASH;
+        let float = known.class == Class::Float && known.size != 0 && self.fpca;
+        if address != self.next || self.half >= self.limit || !(plain || float) {
+            return false;
+        }
+        self.charge(address, known);
+        true
+    }
+
+    /// The way of almost all blocks: known, nothing due, no FPU context to make. Returns whether it was taken.
+    #[inline]
+    pub fn fast_block(&mut self, address: u32, size: u32) -> bool {
+        let known = self.blocks[address as usize / 2 % HALF_WORDS];
+        let plain = u32::from(known.size) == size && address >> 20 == FLASH && !(known.waits || known.masks);
+        if !plain || self.half >= self.limit || (known.float && !self.fpca) {
+            return false;
+        }
+        self.charge_block(address, known);
+        true
+    }
+
+    /// The block of `size` bytes at `address`, decoded once.
+    pub fn block(&mut self, address: u32, size: u32) -> Block {
+        let index = address as usize / 2 % HALF_WORDS;
+        let known = self.blocks[index];
+        if u32::from(known.size) == size && address >> 20 == FLASH {
+            return known;
+        }
+        let mut block = Block { size: size as u16, ..Block::default() };
+        let mut at = address;
+        while at < address.wrapping_add(size) {
+            let instruction = self.instruction(at);
+            block.cycles += u16::from(instruction.cycles);
+            block.instructions += 1;
+            block.float |= instruction.class == Class::Float;
+            block.waits |= matches!(instruction.class, Class::Wait | Class::Event);
+            block.masks |= instruction.class == Class::Masks;
+            at += u32::from(instruction.size);
+        }
+        if address >> 20 == FLASH {
+            self.blocks[index] = block;
+        }
+        block
+    }
+
+    /// Counts a whole block, and the branch that led to it.
+    #[inline]
+    pub fn charge_block(&mut self, address: u32, block: Block) {
+        let refill = if address == self.next { 0 } else { u64::from(REFILL) };
+        self.stats.instructions += u64::from(block.instructions);
+        self.pass(refill + u64::from(block.cycles));
+        self.last = address;
+        self.next = address.wrapping_add(block.size.into());
+    }
+
+    /// The instruction at `address`, decoded once.
+    pub fn instruction(&mut self, address: u32) -> Instruction {
+        let index = address as usize / 2 % HALF_WORDS;
+        let known = self.code[index];
+        if known.size != 0 && address >> 20 == FLASH { known } else { self.decode(address, index) }
+    }
+
+    fn decode(&mut self, address: u32, index: usize) -> Instruction {
+        let memory = &self.soc.memory;
+        let half_word = |a: u32| {
+            let flash = a | if a >> 20 == 0 { 0x0800_0000 } else { 0 };
+            memory.flash.load(flash, 2).or_else(|| memory.sram.load(a, 2)).unwrap_or(0) as u16
+        };
+        let instruction =
+            Instruction { in_it: self.code[index].in_it, ..decode(half_word(address), half_word(address + 2)) };
+        if address >> 20 != FLASH {
+            return instruction;
+        }
+        self.code[index] = instruction;
+        // Mark the members of the block an IT opens, so that they are known when they are met.
+        let mut at = address + 2;
+        for _ in 0..instruction.opens {
+            let member = at as usize / 2 % HALF_WORDS;
+            self.code[member].in_it = true;
+            self.code[member].size = 0;
+            at += u32::from(decode(half_word(at), 0).size);
+        }
+        instruction
+    }
+
+    /// Charges what lies between the last instruction and `address`: the penalty of a taken branch, or members of an IT
+    /// block whose condition failed, for which the engine calls no hook.
+    pub fn close_gap(&mut self, address: u32) {
+        if address == self.next {
+            return;
+        }
+        let mut at = self.next;
+        let mut skipped = 0;
+        while at < address && self.instruction(at).in_it {
+            at += u32::from(self.instruction(at).size);
+            skipped += 1;
+        }
+        self.next = address;
+        if at == address {
+            self.stats.instructions += skipped;
+            self.half += skipped * self.half_per_cycle;
+            return;
+        }
+        self.half += u64::from(REFILL) * self.half_per_cycle;
+    }
+
+    /// Counts the instruction at `address`.
+    #[inline]
+    pub fn charge(&mut self, address: u32, instruction: Instruction) {
+        self.stats.instructions += 1;
+        self.pass(instruction.cycles.into());
+        self.last = address;
+        self.next = address.wrapping_add(instruction.size.into());
+    }
+
+    /// Lets the cycles of executed code pass.
+    #[inline]
+    fn pass(&mut self, cycles: u64) {
+        let least = self.half + cycles * self.half_per_cycle;
+        self.half = if self.thread && self.stretch > 1 && !self.masked {
+            // Slower, but never past the next event: what interrupts see stays as it was.
+            let slow = self.half + cycles * self.half_per_cycle * self.stretch;
+            slow.min(self.limit).max(least)
+        } else {
+            least
+        };
+    }
+
+    /// Lets `cycles` pass.
+    pub fn spend(&mut self, cycles: u64) {
+        self.half += cycles * self.half_per_cycle;
+    }
+
+    /// Execution goes on at `address` after an exception entry or return: no branch penalty beyond theirs.
+    pub fn jump(&mut self, address: u32) {
+        self.next = address & !1;
+        self.limit = 0;
+    }
+
+    /// Advances the peripherals to the processor's time. Returns whether the run loop has to look at them.
+    pub fn catch_up(&mut self) -> bool {
+        self.settle();
+        // Code is fetched from the flash that is busy.
+        if half(self.soc.stalled_until()) > self.half {
+            self.half = half(self.soc.stalled_until()).min(self.until.max(self.half));
+            self.soc.advance(self.half / 2);
+        }
+        self.half_per_cycle = self.soc.half_ticks_per_cycle();
+        self.limit = half(self.soc.next_event()).min(self.until);
+        self.flash_open || self.soc.error().is_some() || self.soc.reset_request().is_some() || self.time_is_up()
+    }
+
+    /// Brings the peripherals to the processor's time.
+    fn settle(&mut self) {
+        self.soc.advance(self.half / 2);
+        if let Some(w) = self.flash_write.take() {
+            // The engine has stored the value as if flash were RAM: put the old one back and let the interface decide.
+            self.soc.memory.flash.store(w.address, w.size.into(), w.old);
+            self.soc.program(w.address, w.size, w.value);
+        }
+    }
+
+    /// The exception to enter now.
+    pub fn due_exception(&mut self, masks: Masks) -> Option<Exception> {
+        self.catch_up();
+        self.soc.preempting(masks)
+    }
+
+    /// Sleeps until an exception wakes the processor. Returns whether time is up instead.
+    pub fn sleep_until_woken(&mut self, masks: Masks) -> bool {
+        while self.sleeping {
+            if self.catch_up() {
+                return self.time_is_up();
+            }
+            if self.soc.nvic().wakes(masks) {
+                self.sleeping = false;
+                break;
+            }
+            let to = self.limit.max(self.half + 1);
+            self.stats.asleep += to - self.half;
+            self.soc.core().slept(to / 2 - self.half / 2);
+            self.half = to;
+        }
+        false
+    }
+
+    pub fn read(&mut self, address: u32, size: u8) -> u32 {
+        self.settle();
+        self.limit = 0;
+        // A refused access is kept by the model; the next instruction does not run.
+        self.soc.read(address, size).unwrap_or(0)
+    }
+
+    pub fn write(&mut self, address: u32, size: u8, value: u32) {
+        self.settle();
+        self.limit = 0;
+        let _ = self.soc.write(address, size, value);
+    }
+
+    pub fn flash_write(&mut self, address: u32, size: u8, value: u32) {
+        let old = self.soc.memory.flash.load(address, size.into()).unwrap_or(0);
+        self.flash_write = Some(FlashWrite { address, size, value, old });
+        self.flash_open = true;
+        self.limit = 0;
+    }
+}

@@ -1,0 +1,419 @@
+//! Processor and chip together: the run loop.
+
+mod chip;
+mod exceptions;
+
+pub use chip::Stats;
+use chip::{Chip, Stop};
+
+use crate::decode::Class;
+use crate::image::Image;
+use anyhow::{Result, anyhow, bail};
+use edm_soc::{Masks, NEVER, Region, Reset, Soc, World, exception};
+use std::ops::Range;
+use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, UcHookId, Unicorn, uc_error};
+
+/// Address at which the engine would stop by itself: none that can be reached.
+const NOWHERE: u64 = 0xffff_ffff_ffff;
+
+/// Flash, where code runs from.
+const FLASH: Range<u64> = 0x0800_0000..0x0810_0000;
+
+/// Windows of the address space that are peripherals: base and length, multiples of 4 KiB.
+const PERIPHERALS: [(u64, u64); 6] = [
+    (0x1fff_7000, 0x1000),
+    (0x2200_0000, 0x40_0000),
+    (0x4000_0000, 0x8_0000),
+    (0x4200_0000, 0x100_0000),
+    (0x5000_0000, 0x6_1000),
+    (0xe000_0000, 0x10_0000),
+];
+
+/// A chip that runs a firmware.
+pub struct Machine<W: World + 'static> {
+    uc: Unicorn<'static, Chip<W>>,
+    /// The hook by which time passes.
+    pace: UcHookId,
+}
+
+/// Turns an engine error into one with words.
+fn engine(what: &str) -> impl FnOnce(uc_error) -> anyhow::Error + '_ {
+    move |e| anyhow!("engine: {what}: {e:?}")
+}
+
+impl<W: World + 'static> Machine<W> {
+    /// A chip at power-up, `image` in its flash, `world` around it, a crystal of `hse_hz`.
+    ///
+    /// # Errors
+    /// When the image does not fit or the engine cannot be set up.
+    pub fn new(image: &Image, world: W, hse_hz: u64) -> Result<Self> {
+        let soc = Soc::new(world, hse_hz);
+        image.load(&soc.memory)?;
+        let mut uc =
+            Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, Chip::new(soc)).map_err(engine("create"))?;
+        uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(engine("processor model"))?;
+        let pace = uc.add_code_hook(1, 0, |uc, address, _| before(uc, address as u32)).map_err(engine("code hook"))?;
+        let mut machine = Self { uc, pace };
+        machine.map_memories()?;
+        machine.map_peripherals()?;
+        machine.add_hooks()?;
+        machine.start()?;
+        Ok(machine)
+    }
+
+    fn map_memories(&mut self) -> Result<()> {
+        let memory = &self.uc.get_data().soc.memory;
+        let place = |r: &Region| (u64::from(r.base()), r.bytes().len() as u64, r.bytes().as_ptr() as usize);
+        let (flash, sram, ccm) = (place(&memory.flash), place(&memory.sram), place(&memory.ccm));
+        // Code runs from flash, also at its boot alias 0. CCM is data only (RM0090 section 2.3.1).
+        let data = Prot::READ | Prot::WRITE;
+        let maps = [
+            (flash, flash.0, Prot::READ | Prot::EXEC),
+            (flash, 0, Prot::READ | Prot::EXEC),
+            (sram, sram.0, Prot::ALL),
+            (ccm, ccm.0, data),
+        ];
+        for ((_, len, store), address, prot) in maps {
+            // SAFETY: the store is an allocation of `len` bytes of atomics that lives in the engine's own data, is never
+            // moved or freed before the engine, and is accessed by both only from this thread.
+            unsafe { self.uc.mem_map_ptr(address, len, prot, store as *mut _) }.map_err(engine("map memory"))?;
+        }
+        Ok(())
+    }
+
+    fn map_peripherals(&mut self) -> Result<()> {
+        for (base, len) in PERIPHERALS {
+            let address = move |offset: u64| (base + offset) as u32;
+            let read = move |uc: &mut Unicorn<'_, Chip<W>>, offset: u64, size: usize| {
+                u64::from(uc.get_data_mut().read(address(offset), size as u8))
+            };
+            let write = move |uc: &mut Unicorn<'_, Chip<W>>, offset: u64, size: usize, value: u64| {
+                uc.get_data_mut().write(address(offset), size as u8, value as u32);
+            };
+            self.uc.mmio_map(base, len, Some(read), Some(write)).map_err(engine("map peripherals"))?;
+        }
+        Ok(())
+    }
+
+    fn add_hooks(&mut self) -> Result<()> {
+        let interrupt = |uc: &mut Unicorn<Chip<W>>, number: u32| {
+            uc.get_data_mut().stop = Some(Stop::Raised(number));
+            // The engine is between instructions here; stopping is safe.
+            let _ = uc.emu_stop();
+        };
+        self.uc.add_intr_hook(interrupt).map_err(engine("interrupt hook"))?;
+        // A hook on ordinary accesses would slow down all of them: flash is read-only to the engine, so that a store into
+        // it comes here.
+        let refused = |uc: &mut Unicorn<Chip<W>>, kind: MemType, address: u64, size: usize, value: i64| {
+            if kind == MemType::WRITE_PROT && FLASH.contains(&address) {
+                uc.get_data_mut().flash_write(address as u32, size as u8, value as u32);
+                return uc.mem_protect(FLASH.start, FLASH.end - FLASH.start, Prot::ALL).is_ok();
+            }
+            uc.get_data_mut().bad_address = address as u32;
+            false
+        };
+        let kinds = HookType::MEM_UNMAPPED | HookType::MEM_PROT;
+        self.uc.add_mem_hook(kinds, 1, 0, refused).map_err(engine("memory hook"))?;
+        Ok(())
+    }
+
+    /// Takes stack pointer and start address from the vector table (ARMv7-M B1.5.5).
+    fn start(&mut self) -> Result<()> {
+        for r in [R::R0, R::R1, R::R2, R::R3, R::R4, R::R5, R::R6, R::R7, R::R8, R::R9, R::R10, R::R11, R::R12] {
+            self.set(r, 0)?;
+        }
+        self.set(R::CONTROL, 0)?;
+        for r in [R::PRIMASK, R::BASEPRI, R::FAULTMASK] {
+            self.set(r, 0)?;
+        }
+        self.set(R::XPSR, 1 << 24)?;
+        self.set(R::IPSR, 0)?;
+        let (sp, pc) = (self.load(0x0800_0000)?, self.load(0x0800_0004)?);
+        if pc & 1 == 0 {
+            bail!("the reset vector {pc:#010x} is no Thumb address");
+        }
+        self.set(R::SP, sp & !3)?;
+        self.set(R::LR, u32::MAX)?;
+        self.set(R::PC, pc)?;
+        self.uc.get_data_mut().restart();
+        Ok(())
+    }
+
+    fn get(&self, register: R) -> Result<u32> {
+        self.uc.reg_read(register).map(|v| v as u32).map_err(engine("read a register"))
+    }
+
+    fn set(&mut self, register: R, value: u32) -> Result<()> {
+        self.uc.reg_write(register, value.into()).map_err(engine("write a register"))
+    }
+
+    /// The word at `address`, as a debugger would read it.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn load(&self, address: u32) -> Result<u32> {
+        let m = &self.uc.get_data().soc.memory;
+        let value = m.flash.load(address, 4).or_else(|| m.sram.load(address, 4)).or_else(|| m.ccm.load(address, 4));
+        // VTOR is 0 after reset: the boot alias of flash.
+        let value = value.or_else(|| m.flash.load(address.wrapping_add(0x0800_0000), 4));
+        value.ok_or_else(|| anyhow!("no memory at {address:#010x}"))
+    }
+
+    /// The chip's peripherals and memories, and through them the world.
+    pub fn soc(&mut self) -> &mut Soc<W> {
+        let chip = self.uc.get_data_mut();
+        chip.limit = 0;
+        &mut chip.soc
+    }
+
+    /// What surrounds the chip.
+    pub fn world(&self) -> &W {
+        &self.uc.get_data().soc.world
+    }
+
+    /// Charges instructions of thread mode `factor` times their cycles, but never past the next event: an idle loop that
+    /// polls takes that much less work, interrupts keep their times. Code that masks interrupts is charged as it is. 1 is exact
+    /// and the default.
+    pub fn stretch_idle(&mut self, factor: u64) {
+        self.uc.get_data_mut().stretch = factor.max(1);
+    }
+
+    /// From now on time passes by blocks of code instead of instructions, which is several times faster. An interrupt then
+    /// comes up to a block late (a few dozen cycles), and what an instruction reads is as old as its block is long. WFI
+    /// and WFE are refused.
+    ///
+    /// # Errors
+    /// When the engine refuses.
+    pub fn step_by_blocks(&mut self) -> Result<()> {
+        self.uc.remove_hook(self.pace).map_err(engine("remove the code hook"))?;
+        let hook = |uc: &mut Unicorn<Chip<W>>, address: u64, size: u32| before_block(uc, address as u32, size);
+        self.pace = self.uc.add_block_hook(1, 0, hook).map_err(engine("block hook"))?;
+        // What was translated calls the old hook.
+        self.uc.ctl_flush_tb().map_err(engine("flush"))
+    }
+
+    /// What has been counted since power-up.
+    pub fn stats(&self) -> &Stats {
+        &self.uc.get_data().stats
+    }
+
+    /// Runs until tick `until` (to the end of the instruction that passes it).
+    ///
+    /// # Errors
+    /// What the model refuses, a processor lock-up, or a failure of the engine. All end the run for good.
+    pub fn run_until(&mut self, until: u64) -> Result<()> {
+        self.uc.get_data_mut().set_until(until);
+        loop {
+            if let Some(reset) = self.uc.get_data().soc.reset_request() {
+                self.reset(reset)?;
+            }
+            if std::mem::take(&mut self.uc.get_data_mut().flash_open) {
+                let len = FLASH.end - FLASH.start;
+                self.uc.mem_protect(FLASH.start, len, Prot::READ | Prot::EXEC).map_err(engine("protect flash"))?;
+            }
+            let masks = self.masks()?;
+            if self.uc.get_data_mut().sleep_until_woken(masks) {
+                return Ok(());
+            }
+            if let Some(e) = self.uc.get_data().soc.error() {
+                return Err(anyhow!(e).context(format!("at {:#010x}", self.get(R::PC)?)));
+            }
+            if let Some(e) = self.uc.get_data_mut().due_exception(masks) {
+                self.enter(e)?;
+            }
+            if self.uc.get_data().time_is_up() {
+                return Ok(());
+            }
+            self.execute()?;
+        }
+    }
+
+    /// Lets the engine run until something stops it, and deals with that.
+    fn execute(&mut self) -> Result<()> {
+        let pc = self.get(R::PC)?;
+        let result = self.uc.emu_start((pc | 1).into(), NOWHERE, 0, 0);
+        let at = self.uc.get_data().last;
+        match (self.uc.get_data_mut().stop.take(), result) {
+            (Some(Stop::Poll(address)), _) => {
+                let pc = self.get(R::PC)?;
+                if pc & !1 != address {
+                    bail!("engine: stopped at {pc:#010x} instead of before {address:#010x}");
+                }
+                Ok(())
+            }
+            (Some(Stop::Sleep(next)), _) => {
+                self.uc.get_data_mut().sleeping = true;
+                self.set(R::PC, next | 1)
+            }
+            (Some(Stop::NoFpu(address)), _) => {
+                self.set(R::PC, address | 1)?;
+                self.fault(exception::USAGE_FAULT, 1 << 19, None)
+            }
+            (Some(Stop::Event(address)), _) => {
+                bail!("WFE, SEV, or WFI inside a block, at {address:#010x}: not modelled")
+            }
+            (Some(Stop::Raised(8)), _) => self.leave(),
+            (Some(Stop::Raised(2)), _) => {
+                self.uc.get_data_mut().soc.nvic().pend(exception::SV_CALL);
+                Ok(())
+            }
+            // A breakpoint without a debugger is a HardFault (ARMv7-M C1.3).
+            (Some(Stop::Raised(7)), _) => {
+                self.set(R::PC, at | 1)?;
+                self.uc.get_data_mut().soc.core().hfsr |= 1 << 31;
+                self.enter_fault(exception::HARD_FAULT)
+            }
+            (Some(Stop::Raised(n)), _) => bail!("engine: unexpected exception {n} at {at:#010x}"),
+            (None, Err(uc_error::INSN_INVALID)) => {
+                self.set(R::PC, at | 1)?;
+                self.fault(exception::USAGE_FAULT, 1 << 16, None)
+            }
+            (None, Err(uc_error::FETCH_UNMAPPED | uc_error::FETCH_PROT)) => {
+                self.fault(exception::BUS_FAULT, 1 << 8, None)
+            }
+            (
+                None,
+                Err(uc_error::READ_UNMAPPED | uc_error::WRITE_UNMAPPED | uc_error::READ_PROT | uc_error::WRITE_PROT),
+            ) => {
+                let address = self.uc.get_data().bad_address;
+                self.set(R::PC, at | 1)?;
+                self.fault(exception::BUS_FAULT, 1 << 9 | 1 << 15, Some(address))
+            }
+            (None, Err(e)) => bail!("engine: {e:?} at {at:#010x}"),
+            // An exception return may also end the engine's run without a hook.
+            (None, Ok(())) if self.get(R::PC)? >> 8 == 0x00ff_ffff => self.leave(),
+            (None, Ok(())) => bail!("engine: stopped at {at:#010x} without a reason"),
+        }
+    }
+
+    fn reset(&mut self, cause: Reset) -> Result<()> {
+        self.uc.get_data_mut().soc.reset(cause);
+        self.uc.get_data_mut().stats.resets += 1;
+        self.start()
+    }
+
+    fn masks(&self) -> Result<Masks> {
+        masks(&self.uc).map_err(engine("read a register"))
+    }
+}
+
+fn masks<W>(uc: &Unicorn<Chip<W>>) -> Result<Masks, uc_error> {
+    Ok(Masks {
+        primask: uc.reg_read(R::PRIMASK)? & 1 == 1,
+        faultmask: uc.reg_read(R::FAULTMASK)? & 1 == 1,
+        basepri: uc.reg_read(R::BASEPRI)? as u8,
+    })
+}
+
+/// Runs before each instruction: lets time pass, stops the engine when something has to happen first.
+fn before<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
+    let chip = uc.get_data_mut();
+    if !chip.fast(address) {
+        slow(uc, address);
+    }
+}
+
+#[inline(never)]
+fn slow<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
+    let chip = uc.get_data_mut();
+    let instruction = chip.instruction(address);
+    chip.close_gap(address);
+    if chip.half >= chip.limit && poll(uc) {
+        uc.get_data_mut().stop = Some(Stop::Poll(address));
+        let _ = uc.emu_stop();
+        return;
+    }
+    if instruction.class != Class::Plain && special(uc, address, instruction.class) {
+        let _ = uc.emu_stop();
+        return;
+    }
+    uc.get_data_mut().charge(address, instruction);
+}
+
+/// Runs before each block instead.
+fn before_block<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32, size: u32) {
+    if !uc.get_data_mut().fast_block(address, size) {
+        slow_block(uc, address, size);
+    }
+}
+
+#[inline(never)]
+fn slow_block<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32, size: u32) {
+    let chip = uc.get_data_mut();
+    let block = chip.block(address, size);
+    if chip.half >= chip.limit && poll(uc) {
+        uc.get_data_mut().stop = Some(Stop::Poll(address));
+        let _ = uc.emu_stop();
+        return;
+    }
+    if block.waits {
+        uc.get_data_mut().stop = Some(Stop::Event(address));
+        let _ = uc.emu_stop();
+        return;
+    }
+    if block.float && special(uc, address, Class::Float) {
+        let _ = uc.emu_stop();
+        return;
+    }
+    let chip = uc.get_data_mut();
+    chip.charge_block(address, block);
+    if block.masks {
+        (chip.masks_changed, chip.limit) = (true, 0);
+    }
+}
+
+/// Advances the chip to now. Returns whether the engine has to stop.
+fn poll<W: World>(uc: &mut Unicorn<Chip<W>>) -> bool {
+    let chip = uc.get_data_mut();
+    if chip.catch_up() {
+        return true;
+    }
+    if std::mem::take(&mut chip.masks_changed) {
+        let Ok(masks) = masks(uc) else { return true };
+        uc.get_data_mut().masked = masks.primask || masks.faultmask || masks.basepri != 0;
+    }
+    let chip = uc.get_data_mut();
+    if chip.soc.preempting(Masks::default()).is_none() {
+        return false;
+    }
+    let Ok(masks) = masks(uc) else { return true };
+    uc.get_data_mut().soc.preempting(masks).is_some()
+}
+
+/// Instructions the engine does not do by itself. Returns whether it has to stop.
+fn special<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32, class: Class) -> bool {
+    let chip = uc.get_data_mut();
+    match class {
+        Class::Plain => false,
+        Class::Masks => {
+            chip.masks_changed = true;
+            chip.limit = 0;
+            false
+        }
+        Class::Wait => {
+            let instruction = chip.instruction(address);
+            chip.charge(address, instruction);
+            chip.stop = Some(Stop::Sleep(address + u32::from(instruction.size)));
+            true
+        }
+        Class::Event => {
+            chip.stop = Some(Stop::Event(address));
+            true
+        }
+        Class::Float if !chip.soc.core().fpu_on() => {
+            chip.stop = Some(Stop::NoFpu(address));
+            true
+        }
+        Class::Float => {
+            if !chip.fpca {
+                exceptions::new_float_context(uc);
+            }
+            false
+        }
+    }
+}
+
+/// Half ticks of a tick; a tick that never comes stays so.
+fn half(tick: u64) -> u64 {
+    if tick == NEVER { NEVER } else { 2 * tick }
+}

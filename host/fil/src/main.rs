@@ -1,0 +1,142 @@
+//! `cargo fil`: the firmware on an emulated chip.
+
+use anyhow::{Context, Result};
+use clap::{Args, Parser, Subcommand};
+use edm_fil::image::Image;
+use edm_fil::machine::Machine;
+use edm_fil::rtt::Rtt;
+use edm_fil::still::Still;
+use edm_sim::cli::{Bore, EXIT_BAD_INPUT, EXIT_FAILED, Failure};
+use edm_sim::observe::Recorder;
+use edm_sim::run::{Job, Progress};
+use edm_soc::TICK_HZ;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// The firmware of the EDM servo head on an emulated STM32F405.
+#[derive(Parser)]
+#[command(name = "edm-fil", version, about)]
+struct Arguments {
+    /// The firmware; `cargo fil` builds it and says where it is.
+    #[arg(long, value_name = "FILE")]
+    elf: PathBuf,
+    /// Print the firmware's log.
+    #[arg(long)]
+    log: bool,
+    /// Feed what the chip sees to the native core and stop at the first tick in which they differ.
+    #[arg(long)]
+    lockstep: bool,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Bore a blind hole, with the options of `cargo sim bore`.
+    Bore(Bore),
+    /// Boot and print the log, in a world where nothing happens.
+    Run(Run),
+}
+
+#[derive(Args)]
+struct Run {
+    /// Simulated time, seconds.
+    #[arg(long, default_value_t = 1.0)]
+    seconds: f64,
+    /// Crystal, Hz.
+    #[arg(long, default_value_t = 8_000_000)]
+    hse: u64,
+    /// Charge thread mode so many times its cycles once the first interrupt has come: a polling idle loop then costs
+    /// less host time, interrupts keep their times.
+    #[arg(long, default_value_t = 1)]
+    stretch_idle: u64,
+    /// Let time pass by blocks of code once the first interrupt has come: faster, a few dozen cycles less exact.
+    #[arg(long)]
+    blocks: bool,
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let done = image(&arguments.elf).and_then(|image| match &arguments.command {
+        Command::Run(run) => run.execute(&image).map(|()| true),
+        Command::Bore(bore) => {
+            let run = |job: &Job, recorder: &mut Recorder, progress: &mut dyn FnMut(&Progress)| {
+                edm_fil::rig::bore(&image, arguments.log, arguments.lockstep, job, recorder, progress)
+            };
+            bore.execute(run).map_err(|failure| match failure {
+                Failure::BadInput(message) => anyhow::Error::new(BadInput(message)),
+                Failure::Failed(message) => anyhow::anyhow!(message),
+            })
+        }
+    });
+    match done {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(EXIT_FAILED),
+        Err(error) => {
+            eprintln!("edm-fil: {error:#}");
+            ExitCode::from(if error.is::<BadInput>() { EXIT_BAD_INPUT } else { EXIT_FAILED })
+        }
+    }
+}
+
+/// The person has to change something.
+#[derive(Debug)]
+struct BadInput(String);
+
+impl std::fmt::Display for BadInput {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for BadInput {}
+
+fn image(elf: &Path) -> Result<Image> {
+    Image::parse(std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?)
+}
+
+impl Run {
+    fn execute(&self, image: &Image) -> Result<()> {
+        let Run { seconds, hse, stretch_idle, mut blocks } = *self;
+        let mut rtt = Rtt::new(image)?;
+        let mut machine = Machine::new(image, Still::default(), hse)?;
+        let end = (seconds * TICK_HZ as f64) as u64;
+        let start = Instant::now();
+        let mut now = 0;
+        let mut result = Ok(());
+        while now < end && result.is_ok() {
+            now = (now + TICK_HZ / 1000).min(end);
+            result = machine.run_until(now);
+            if machine.stats().entries.iter().any(|n| *n > 0) {
+                machine.stretch_idle(stretch_idle);
+                if std::mem::take(&mut blocks) {
+                    machine.step_by_blocks()?;
+                }
+            }
+            for line in rtt.poll(&machine.soc().memory) {
+                println!("{:10.6} {line}", machine.soc().now() as f64 / TICK_HZ as f64);
+            }
+        }
+        let (wall, simulated) = (start.elapsed().as_secs_f64(), machine.soc().now() as f64 / TICK_HZ as f64);
+        let stats = machine.stats();
+        let awake = 1.0 - stats.asleep as f64 / 2.0 / TICK_HZ as f64 / simulated;
+        println!(
+            "{simulated:.3} s simulated in {wall:.3} s ({:.2} x real time), {:.1} M instructions ({:.0} MIPS), awake {:.1} %",
+            simulated / wall,
+            stats.instructions as f64 / 1e6,
+            stats.instructions as f64 / 1e6 / wall,
+            100.0 * awake
+        );
+        let entries: Vec<_> =
+            stats.entries.iter().enumerate().filter(|e| *e.1 > 0).map(|e| format!("{}:{}", e.0, e.1)).collect();
+        println!(
+            "exceptions {} (tail-chained {}, nesting {}), resets {}",
+            entries.join(" "),
+            stats.tail_chained,
+            stats.nesting,
+            stats.resets
+        );
+        result
+    }
+}

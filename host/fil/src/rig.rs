@@ -1,0 +1,334 @@
+//! The emulated head as a rig to bore with: the firmware on the model of the chip, the model of the chip on the bench, the
+//! host on the bus, and the native core beside it ([`crate::lockstep`]).
+
+use crate::bench::{Bench, WINDOW};
+use crate::commission::commission;
+use crate::image::Image;
+use crate::lockstep::Twin;
+use crate::machine::Machine;
+use crate::rtt::Rtt;
+use crate::seen::Places;
+use anyhow::{Result, anyhow, bail};
+use edm_servo_head::head::{Change, Command, Reason, Status};
+use edm_servo_head::remote;
+use edm_servo_head::settings::Settings;
+use edm_sim::machine::Rig;
+use edm_sim::process::{Parameters, Process};
+use edm_sim::run::{Job, Observer, Outcome, Progress};
+use edm_soc::{Frame, TICK_HZ};
+use std::collections::VecDeque;
+
+/// Crystal of the board, Hz.
+const CRYSTAL_HZ: u64 = 8_000_000;
+/// The firmware's number on the bus.
+const NODE: u16 = 1;
+/// Longest start of the firmware, ticks: the first period of the PWM comes within.
+const START: u64 = TICK_HZ / 10;
+/// Windows that an answer may take: 50 ms.
+const PATIENCE: u32 = 1000;
+/// Windows between two life signs of the host, and their frame (SYNC of CiA 301).
+const LIFE: u64 = 100;
+const SYNC: u16 = 0x080;
+/// Factor on the time of thread mode: a round of the idle loop costs host time and finds nothing.
+const STRETCH: u64 = 100;
+/// Exceptions of the servo task, TIM1_UP, and of the gap task, DMA2_STREAM0.
+const SERVO: usize = 16 + 25;
+const GAP: usize = 16 + 56;
+/// Where in a window its tick is looked at, ticks: just before the next block is complete (44 us), because a message to the
+/// log masks interrupts and may delay the servo task by half a window.
+const LOOK: u64 = 7300;
+/// Time that the first, late tick is given, ticks: 9 us.
+const FIRST: u64 = 1500;
+/// Counter of TIM1.
+const TIM1_CNT: u32 = 0x4001_0024;
+
+/// The firmware on the chip on the bench.
+pub struct Emulated {
+    machine: Machine<Bench>,
+    rtt: Rtt,
+    /// Whether to print the firmware's log.
+    pub log: bool,
+    /// Whether the native core has to come to the same at every tick.
+    lockstep: bool,
+    places: Places,
+    twin: Twin,
+    /// Commands under way, and the windows whose ticks carry them out.
+    commands: VecDeque<(u64, Command)>,
+    /// Where the present window is looked at.
+    end: u64,
+    /// Runs of the gap task so far.
+    blocks: u64,
+    status: Status,
+    /// True count at the beginning of the window, where the servo task reads the encoder.
+    count: i64,
+    changes: VecDeque<Change>,
+    answers: VecDeque<[u8; 2]>,
+    windows: u64,
+}
+
+impl Emulated {
+    /// Powers up a board that was commissioned with `settings`, and waits until its servo ticks.
+    ///
+    /// # Errors
+    /// When the firmware does not start, or is not built from the sources of this program.
+    pub fn start(
+        image: &Image,
+        parameters: &Parameters,
+        settings: &Settings,
+        seed: u64,
+        lockstep: bool,
+    ) -> Result<Self> {
+        let places = Places::find(image)?;
+        let twin = Twin::new(settings).map_err(|e| anyhow!("{e}"))?;
+        let bench = Bench::new(parameters, seed).map_err(|e| anyhow!(e))?;
+        let mut machine = Machine::new(image, bench, CRYSTAL_HZ)?;
+        commission(&machine.soc().memory.flash, settings)?;
+        let mut rig = Self {
+            machine,
+            rtt: Rtt::new(image)?,
+            log: false,
+            lockstep,
+            places,
+            twin,
+            commands: VecDeque::new(),
+            end: 0,
+            blocks: 0,
+            status: Status::default(),
+            count: 0,
+            changes: VecDeque::new(),
+            answers: VecDeque::new(),
+            windows: 0,
+        };
+        rig.boot(parameters, seed)?;
+        Ok(rig)
+    }
+
+    /// Runs until the servo interrupt has come, then lets the bench's windows begin with the periods of TIM1.
+    fn boot(&mut self, parameters: &Parameters, seed: u64) -> Result<()> {
+        // Finely: the first tick comes late, as soon as interrupts are let in, and the second at the next period.
+        while self.machine.stats().entries[SERVO] == 0 {
+            let next = self.machine.soc().now() + WINDOW / 64;
+            if next > START {
+                self.log = true;
+                self.print_log();
+                bail!("the firmware does not reach its first servo tick");
+            }
+            self.machine.run_until(next)?;
+        }
+        let soc = self.machine.soc();
+        let count = soc.read(TIM1_CNT, 4)?;
+        let period = soc.now() - u64::from(count);
+        // The process starts anew, so that its time is that of a native run.
+        soc.world.mount(parameters, seed).map_err(|e| anyhow!(e))?;
+        soc.world.align(period + WINDOW);
+        soc.world_changed();
+        self.look_at_block()?;
+        self.machine.step_by_blocks()?;
+        self.machine.stretch_idle(STRETCH);
+        let now = self.machine.soc().now();
+        self.machine.run_until(now + FIRST)?;
+        self.look()?;
+        self.end = period + LOOK;
+        Ok(())
+    }
+
+    /// One window; the head's status is then that of its tick.
+    fn window(&mut self) -> Result<()> {
+        self.windows += 1;
+        let soc = self.machine.soc();
+        if self.windows.is_multiple_of(LIFE) {
+            let at = soc.now() + WINDOW / 2;
+            soc.world.send(at, Frame::new(SYNC, &[]));
+            soc.world_changed();
+        }
+        self.count = soc.world.process.truth().count;
+        self.end += WINDOW;
+        self.machine.run_until(self.end)?;
+        let soc = self.machine.soc();
+        while let Some((_, frame)) = soc.world.sent.pop_front() {
+            if frame.id == u32::from(remote::ANSWER | NODE) {
+                self.answers.push_back([frame.data[0], frame.data[1]]);
+            }
+        }
+        if self.windows.is_multiple_of(LIFE) {
+            self.print_log();
+        }
+        self.look_at_block()?;
+        self.look()
+    }
+
+    /// Reads what the tick of this window saw and came to, and lets the native core do the same.
+    fn look(&mut self) -> Result<()> {
+        let before = self.status;
+        let memory = &self.machine.soc().memory;
+        let (status, input) = (self.places.status(memory)?, self.places.input(memory)?);
+        if status.tick != before.tick.wrapping_add(1) {
+            let (now, was) = (status.tick, before.tick);
+            bail!("tick {now} follows {was}, {:.6} s after power-up: the servo task has missed one", self.seconds());
+        }
+        if let (None, Some(fault)) = (before.fault, status.fault) {
+            let reason = Reason::Fault(fault);
+            self.changes.push_back(Change { tick: status.tick, from: before.state, to: status.state, reason });
+        }
+        let mut due = Vec::new();
+        while let Some((_, command)) = self.commands.pop_front_if(|c| c.0 <= self.windows) {
+            due.push(command);
+        }
+        if self.lockstep {
+            self.twin.tick(&due, &input, &status).map_err(|e| anyhow!("chip and native core differ: {e}"))?;
+        }
+        self.status = status;
+        Ok(())
+    }
+
+    /// Gives the native core the newest block, if the gap task has run since the last one.
+    fn look_at_block(&mut self) -> Result<()> {
+        let blocks = self.machine.stats().entries[GAP];
+        if blocks != self.blocks {
+            let block = self.places.block(&self.machine.soc().memory)?;
+            self.twin.block(block.as_ref());
+        }
+        if blocks > self.blocks + 1 {
+            bail!("the gap task has run {} times in a tick", blocks - self.blocks);
+        }
+        self.blocks = blocks;
+        Ok(())
+    }
+
+    /// Time since power-up.
+    fn seconds(&mut self) -> f64 {
+        self.machine.soc().now() as f64 / TICK_HZ as f64
+    }
+
+    /// Prints what the firmware has logged since the last time, if that was asked for.
+    fn print_log(&mut self) {
+        let lines = self.rtt.poll(&self.machine.soc().memory);
+        if self.log {
+            let s = self.seconds();
+            lines.iter().for_each(|line| println!("{s:10.6} {line}"));
+        }
+    }
+
+    /// Ticks in which the native core, fed what the chip saw, came to the same bit for bit; the first difference ends
+    /// the run.
+    pub fn agreed(&self) -> u64 {
+        self.twin.ticks()
+    }
+
+    /// Machine and process, to pull wires between two ticks.
+    pub fn process_mut(&mut self) -> &mut Process {
+        &mut self.machine.soc().world.process
+    }
+
+    /// What the emulator has counted.
+    pub fn machine(&self) -> &Machine<Bench> {
+        &self.machine
+    }
+}
+
+impl Rig for Emulated {
+    fn process(&self) -> &Process {
+        &self.machine.world().process
+    }
+
+    fn status(&self) -> &Status {
+        &self.status
+    }
+
+    fn true_count(&self) -> i64 {
+        self.count
+    }
+
+    fn next_change(&mut self) -> Option<Change> {
+        self.changes.pop_front()
+    }
+
+    fn tick(&mut self) -> Result<(), String> {
+        self.window().map_err(|e| {
+            self.print_log();
+            format!("{e:#}")
+        })
+    }
+
+    fn command(&mut self, command: Command) -> Result<(), String> {
+        let data = request(command);
+        let soc = self.machine.soc();
+        let now = soc.now();
+        soc.world.send(now + WINDOW / 2, Frame::new(remote::COMMAND | NODE, &data));
+        soc.world_changed();
+        // It ends in the middle of the next window; the servo tick after that carries it out.
+        self.commands.push_back((self.windows + 2, command));
+        for _ in 0..PATIENCE {
+            self.tick()?;
+            if let Some([number, code]) = self.answers.pop_front() {
+                let done = number == data[0] && code == 0;
+                return if done { Ok(()) } else { Err(format!("{command:?} was refused with code {code}")) };
+            }
+        }
+        Err(format!("{command:?}: no answer"))
+    }
+}
+
+/// A command as the frame that [`remote::request`] understands.
+fn request(command: Command) -> [u8; 8] {
+    let (number, nm) = match command {
+        Command::Enable => (1, 0),
+        Command::Disable => (2, 0),
+        Command::SetHome(at) => (3, at.0),
+        Command::MoveTo(to) => (4, to.0),
+        Command::MoveBy(by) => (5, by.0),
+        Command::Start => (6, 0),
+        Command::Hold => (7, 0),
+        Command::Commission => (8, 0),
+        Command::ResetFault => (9, 0),
+    };
+    let [a, b, c, d] = (nm as i32).to_le_bytes();
+    [number, 0, 0, 0, a, b, c, d]
+}
+
+/// Bores a hole with the firmware in `image`: the counterpart of [`edm_sim::bore::bore`].
+///
+/// # Errors
+/// When the run cannot be made.
+pub fn bore(
+    image: &Image,
+    log: bool,
+    lockstep: bool,
+    job: &Job,
+    observer: &mut impl Observer,
+    progress: &mut dyn FnMut(&Progress),
+) -> Result<Outcome, String> {
+    if job.surrogate {
+        return Err("--surrogate: the dry loop has no gap signal for a converter; it runs with `cargo sim bore`".into());
+    }
+    // The guided check counts as passed, as in the native run: it needs an axis without a workpiece.
+    let settings = Settings { commissioned: true, ..job.setup.head };
+    let mut rig =
+        Emulated::start(image, &job.setup.process, &settings, job.seed, lockstep).map_err(|e| format!("{e:#}"))?;
+    rig.log = log;
+    edm_sim::bore::run(job, &mut rig, observer, progress)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use edm_servo_head::units::Nanometres;
+
+    #[test]
+    fn the_firmware_understands_every_command_of_the_host() {
+        let at = Nanometres(-1_234_567);
+        for command in [
+            Command::Enable,
+            Command::Disable,
+            Command::SetHome(at),
+            Command::MoveTo(at),
+            Command::MoveBy(at),
+            Command::Start,
+            Command::Hold,
+            Command::Commission,
+            Command::ResetFault,
+        ] {
+            assert_eq!(remote::request(&request(command)), Some(remote::Request::Command(command)));
+        }
+    }
+}

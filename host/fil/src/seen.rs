@@ -1,0 +1,255 @@
+//! What the firmware keeps of each tick, read from the chip's RAM as a debugger would: the newest block of conversions,
+//! the input of the servo tick, the head's status. Nothing is read before [`Places::find`] has compared every field's
+//! place with the one it has here.
+
+use crate::image::Image;
+use crate::layout::Layout;
+use anyhow::{Context, Result};
+use edm_hal_shim::encoder::RawCount;
+use edm_hal_shim::gap::{BLOCK, GapBlock};
+use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
+use edm_servo_head::encoder::{Mark, Snapshot};
+use edm_servo_head::gap::{GapReading, Quality};
+use edm_servo_head::head::{Fault, State, Status, TickInput};
+use edm_servo_head::units::{Amps, CountsPerSecond, Fixed, Volts};
+use edm_soc::{Memory, Region};
+use std::mem::{offset_of, size_of};
+
+const HEAD: &str = "edm_servo_head::head::machine::Head";
+const SERVO: &str = "edm_servo_head::tasks::servo::Servo";
+const GAP: &str = "edm_servo_head::tasks::gap::Gap";
+const BLOCKS: &str = "core::option::Option<edm_hal_shim::gap::GapBlock>";
+
+const STATES: [State; 9] = [
+    State::Disabled,
+    State::Commissioning,
+    State::Ready,
+    State::Seeking,
+    State::Eroding,
+    State::Retreating,
+    State::Done,
+    State::HoldingPosition,
+    State::Fault,
+];
+const QUALITIES: [Quality; 5] =
+    [Quality::Missing, Quality::Valid, Quality::NoGate, Quality::Saturated, Quality::Reversed];
+
+/// Addresses in a chip that runs a certain image.
+#[derive(Clone, Copy, Debug)]
+pub struct Places {
+    status: u32,
+    input: u32,
+    block: u32,
+}
+
+impl Places {
+    /// Looks the places up.
+    ///
+    /// # Errors
+    /// When the image was not built from these sources, or a type is laid out otherwise than here.
+    pub fn find(image: &Image) -> Result<Self> {
+        macro_rules! checked {
+            ($layout:ident, $($path:literal $type:ty: $($field:ident),*;)+) => {
+                $($layout.same($path, size_of::<$type>(), &[$((stringify!($field), offset_of!($type, $field))),*])?;)+
+            };
+        }
+        let wanted = [
+            HEAD,
+            SERVO,
+            GAP,
+            BLOCKS,
+            "edm_servo_head::head::Status",
+            "edm_servo_head::head::TickInput",
+            "edm_servo_head::gap::GapReading",
+            "edm_servo_head::encoder::shared::Snapshot",
+            "edm_servo_head::encoder::index::Mark",
+            "edm_hal_shim::encoder::RawCount",
+            "edm_hal_shim::gap::GapBlock",
+            "edm_hal_shim::safety::SafetyInputs",
+            "edm_hal_shim::safety::DriveCodes",
+        ];
+        let layout = Layout::read(image.file(), &wanted)?;
+        checked!(layout,
+            "edm_servo_head::head::Status" Status: tick, state, fault, position, setpoint, following, velocity, path, gap,
+                gap_setpoint, open_circuit, duty, saturated, current, bus, illegal_transitions, homed, current_reduced;
+            "edm_servo_head::head::TickInput" TickInput: gap, encoder, watch, safety, drive, reflex;
+            "edm_servo_head::gap::GapReading" GapReading: filtered, block, quality, short_ticks;
+            "edm_servo_head::encoder::shared::Snapshot" Snapshot: raw, illegal, mark;
+            "edm_servo_head::encoder::index::Mark" Mark: count, toward_work, crossings;
+            "edm_hal_shim::encoder::RawCount" RawCount: count, last_edge, toward_work, now;
+            "edm_hal_shim::gap::GapBlock" GapBlock: codes, gate;
+            "edm_hal_shim::safety::SafetyInputs" SafetyInputs: upper_limit, lower_limit, emergency_stop, dielectric,
+                bridge_fault;
+            "edm_hal_shim::safety::DriveCodes" DriveCodes: motor_current, bus_voltage;
+        );
+        layout.same(BLOCKS, size_of::<Option<GapBlock>>(), &[])?;
+        let symbol = |module, name| image.find(module, name).with_context(|| format!("the ELF has no symbol {name}"));
+        let servo = symbol("app", "__rtic_internal_local_resource_servo")?;
+        Ok(Self {
+            status: servo + layout.offset(SERVO, "head")? + layout.offset(HEAD, "status")?,
+            input: servo + layout.offset(SERVO, "input")?,
+            block: symbol("app", "__rtic_internal_local_resource_gap")? + layout.offset(GAP, "block")?,
+        })
+    }
+
+    /// The head's status after its newest tick, but for the back-EMF estimate.
+    ///
+    /// # Errors
+    /// When what is there cannot be a status.
+    pub fn status(&self, memory: &Memory) -> Result<Status> {
+        status(&View { region: &memory.sram, at: self.status })
+    }
+
+    /// What the newest tick saw.
+    ///
+    /// # Errors
+    /// When what is there cannot be an input.
+    pub fn input(&self, memory: &Memory) -> Result<TickInput> {
+        input(&View { region: &memory.sram, at: self.input })
+    }
+
+    /// The newest block of conversions; `None` when it was lost.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn block(&self, memory: &Memory) -> Result<Option<GapBlock>> {
+        let view = View { region: &memory.sram, at: self.block };
+        if view.word(0)? == 0 {
+            return Ok(None);
+        }
+        // The word before the block says whether there is one.
+        let block = view.inner(size_of::<Option<GapBlock>>() - size_of::<GapBlock>());
+        let mut codes = [0; BLOCK];
+        for (i, code) in codes.iter_mut().enumerate() {
+            *code = block.half(offset_of!(GapBlock, codes) + 2 * i)?;
+        }
+        Ok(Some(GapBlock { codes, gate: block.word(offset_of!(GapBlock, gate))? }))
+    }
+}
+
+/// A value in memory.
+struct View<'a> {
+    region: &'a Region,
+    at: u32,
+}
+
+impl View<'_> {
+    fn load(&self, offset: usize, size: usize) -> Result<u32> {
+        self.region.load(self.at + offset as u32, size).context("the firmware's data lie outside of memory")
+    }
+    fn inner(&self, offset: usize) -> View<'_> {
+        View { region: self.region, at: self.at + offset as u32 }
+    }
+    fn word(&self, offset: usize) -> Result<u32> {
+        self.load(offset, 4)
+    }
+    fn half(&self, offset: usize) -> Result<u16> {
+        self.load(offset, 2).map(|h| h as u16)
+    }
+    fn byte(&self, offset: usize) -> Result<usize> {
+        self.load(offset, 1).map(|b| b as usize)
+    }
+    fn flag(&self, offset: usize) -> Result<bool> {
+        self.byte(offset).map(|b| b != 0)
+    }
+    fn float(&self, offset: usize) -> Result<f32> {
+        self.word(offset).map(f32::from_bits)
+    }
+    fn long(&self, offset: usize) -> Result<i64> {
+        let (low, high) = (self.word(offset)?, self.word(offset + 4)?);
+        Ok((u64::from(high) << 32 | u64::from(low)).cast_signed())
+    }
+}
+
+macro_rules! at {
+    ($type:ty, $field:ident) => {
+        offset_of!($type, $field)
+    };
+}
+
+fn reading(view: &View) -> Result<GapReading> {
+    Ok(GapReading {
+        filtered: Volts(view.float(at!(GapReading, filtered))?),
+        block: Volts(view.float(at!(GapReading, block))?),
+        quality: *QUALITIES.get(view.byte(at!(GapReading, quality))?).context("a quality that is none")?,
+        short_ticks: view.word(at!(GapReading, short_ticks))?,
+    })
+}
+
+fn raw(view: &View) -> Result<RawCount> {
+    Ok(RawCount {
+        count: view.word(at!(RawCount, count))?,
+        last_edge: view.word(at!(RawCount, last_edge))?,
+        toward_work: view.flag(at!(RawCount, toward_work))?,
+        now: view.word(at!(RawCount, now))?,
+    })
+}
+
+fn input(view: &View) -> Result<TickInput> {
+    let encoder = view.inner(at!(TickInput, encoder));
+    let mark = encoder.inner(at!(Snapshot, mark));
+    let watch = view.inner(at!(TickInput, watch));
+    // No count: a direction that is neither.
+    let watched = watch.byte(at!(RawCount, toward_work))? < 2;
+    let safety = view.inner(at!(TickInput, safety));
+    let drive = view.inner(at!(TickInput, drive));
+    Ok(TickInput {
+        gap: reading(&view.inner(at!(TickInput, gap)))?,
+        encoder: Snapshot {
+            raw: raw(&encoder.inner(at!(Snapshot, raw)))?,
+            illegal: encoder.word(at!(Snapshot, illegal))?,
+            mark: Mark {
+                count: mark.word(at!(Mark, count))?,
+                toward_work: mark.flag(at!(Mark, toward_work))?,
+                crossings: mark.word(at!(Mark, crossings))?,
+            },
+        },
+        watch: if watched { Some(raw(&watch)?) } else { None },
+        safety: contacts(&safety)?,
+        drive: DriveCodes {
+            motor_current: drive.half(at!(DriveCodes, motor_current))?,
+            bus_voltage: drive.half(at!(DriveCodes, bus_voltage))?,
+        },
+        reflex: view.flag(at!(TickInput, reflex))?,
+    })
+}
+
+fn contacts(view: &View) -> Result<SafetyInputs> {
+    Ok(SafetyInputs {
+        upper_limit: view.flag(at!(SafetyInputs, upper_limit))?,
+        lower_limit: view.flag(at!(SafetyInputs, lower_limit))?,
+        emergency_stop: view.flag(at!(SafetyInputs, emergency_stop))?,
+        dielectric: view.flag(at!(SafetyInputs, dielectric))?,
+        bridge_fault: view.flag(at!(SafetyInputs, bridge_fault))?,
+    })
+}
+
+fn status(view: &View) -> Result<Status> {
+    // A fault's number; none is the first number that no fault has.
+    let fault = match view.byte(at!(Status, fault))? {
+        n if n == Fault::ALL.len() => None,
+        n => Some(*Fault::ALL.get(n).context("a fault that is none")?),
+    };
+    Ok(Status {
+        tick: view.word(at!(Status, tick))?,
+        state: *STATES.get(view.byte(at!(Status, state))?).context("a state that is none")?,
+        fault,
+        position: view.long(at!(Status, position))?,
+        setpoint: Fixed(view.long(at!(Status, setpoint))?),
+        following: view.float(at!(Status, following))?,
+        velocity: CountsPerSecond(view.float(at!(Status, velocity))?),
+        path: Fixed(view.long(at!(Status, path))?),
+        gap: reading(&view.inner(at!(Status, gap)))?,
+        gap_setpoint: Volts(view.float(at!(Status, gap_setpoint))?),
+        open_circuit: Volts(view.float(at!(Status, open_circuit))?),
+        duty: view.float(at!(Status, duty))?,
+        saturated: view.flag(at!(Status, saturated))?,
+        current: Amps(view.float(at!(Status, current))?),
+        bus: Volts(view.float(at!(Status, bus))?),
+        back_emf: Default::default(),
+        illegal_transitions: view.word(at!(Status, illegal_transitions))?,
+        safety: contacts(&view.inner(at!(Status, safety)))?,
+        homed: view.flag(at!(Status, homed))?,
+        current_reduced: view.flag(at!(Status, current_reduced))?,
+    })
+}

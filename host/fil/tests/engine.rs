@@ -1,0 +1,197 @@
+//! The processor around the engine: each test runs a scenario of `firmware/traps.rs`.
+
+use edm_fil::image::Image;
+use edm_fil::machine::Machine;
+use edm_fil::still::Still;
+use edm_soc::TICK_HZ;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+
+const RESULT: u32 = 0x2000_0000;
+const SCENARIO: u32 = 0x2000_00f0;
+const MS: u64 = TICK_HZ / 1000;
+
+/// Builds the test firmware once.
+fn firmware() -> &'static Path {
+    static ELF: OnceLock<PathBuf> = OnceLock::new();
+    ELF.get_or_init(|| {
+        let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/firmware");
+        let elf = Path::new(env!("CARGO_TARGET_TMPDIR")).join("traps.elf");
+        let status = Command::new("rustc")
+            .args(["--edition", "2024", "--target", "thumbv7em-none-eabihf", "-Copt-level=2", "-Cpanic=abort"])
+            .arg(format!("-Clink-arg=-T{}", sources.join("link.x").display()))
+            .arg("-o")
+            .args([&elf, &sources.join("traps.rs")])
+            .status()
+            .expect("rustc runs");
+        assert!(status.success(), "the test firmware does not build");
+        elf
+    })
+}
+
+struct Run {
+    machine: Machine<Still>,
+    result: Result<(), String>,
+}
+
+impl Run {
+    fn of(scenario: u32, time: u64) -> Self {
+        Self::with(scenario, 0, time)
+    }
+    fn with(scenario: u32, parameter: u32, time: u64) -> Self {
+        let image = Image::parse(std::fs::read(firmware()).unwrap()).unwrap();
+        let mut machine = Machine::new(&image, Still::default(), 8_000_000).unwrap();
+        let memory = &machine.soc().memory;
+        for word in (RESULT..SCENARIO).step_by(4) {
+            memory.sram.store(word, 4, 0);
+        }
+        memory.sram.store(SCENARIO, 4, scenario);
+        memory.sram.store(RESULT + 40, 4, parameter);
+        let result = machine.run_until(time).map_err(|e| format!("{e:#}"));
+        Self { machine, result }
+    }
+    fn word(&self, i: u32) -> u32 {
+        self.machine.load(RESULT + 4 * i).unwrap()
+    }
+    fn done(self) -> Self {
+        assert_eq!(self.result, Ok(()));
+        assert_eq!((self.word(9), self.word(15)), (1, 0), "the scenario did not reach its end");
+        self
+    }
+}
+
+#[test]
+fn an_fpu_instruction_before_the_fpu_is_enabled_is_a_hard_fault() {
+    let run = Run::of(0, MS);
+    // NOCP, escalated.
+    assert_eq!((run.word(2), run.word(3)), (1 << 19, 1 << 30));
+    assert_eq!(run.word(9), 0);
+}
+
+#[test]
+fn float_and_core_registers_survive_nested_interrupts_that_use_the_fpu() {
+    let run = Run::of(1, MS).done();
+    assert_eq!((run.word(0), run.word(1)), (0, 0x568));
+    assert_eq!(run.machine.stats().nesting, 2);
+}
+
+#[test]
+fn a_lazily_reserved_frame_is_filled_by_the_handler_that_needs_it() {
+    // The outer handler leaves the FPU alone, the inner one spoils it.
+    let run = Run::of(13, MS).done();
+    assert_eq!((run.word(0), run.word(1)), (0, 0x568));
+}
+
+#[test]
+fn a_masked_interrupt_runs_right_after_its_mask_falls() {
+    let run = Run::of(2, MS).done();
+    assert_eq!(run.word(1), 0x1582_3584);
+}
+
+#[test]
+fn pending_interrupts_are_chained_in_order_of_priority() {
+    let run = Run::of(3, MS).done();
+    assert_eq!(run.word(1), 0x6_5871);
+    assert_eq!((run.machine.stats().tail_chained, run.machine.stats().nesting), (2, 1));
+}
+
+#[test]
+fn wait_for_interrupt_sleeps_until_systick() {
+    // 16 000 cycles of the 16 MHz reset clock are 1 ms.
+    let run = Run::of(4, 12 * MS).done();
+    assert_eq!(run.word(6), 11);
+    let asleep = run.machine.stats().asleep as f64 / 2.0 / (12 * MS) as f64;
+    assert!(asleep > 0.98, "{asleep}");
+    assert_eq!(Run::of(4, 9 * MS).word(0), 0);
+}
+
+#[test]
+fn a_stretched_idle_does_less_work_and_interrupts_keep_their_number() {
+    let run = |factor| {
+        let mut run = Run::with(16, 0, MS);
+        run.machine.stretch_idle(factor);
+        run.machine.run_until(100 * MS).unwrap();
+        (run.machine.stats().entries[15], run.machine.stats().instructions)
+    };
+    let ((exact, work), (stretched, less)) = (run(1), run(20));
+    assert!(exact.abs_diff(stretched) <= 1 && (95..105).contains(&exact), "{exact} {stretched}");
+    assert!(less * 10 < work, "{less} {work}");
+}
+
+#[test]
+fn it_blocks_survive_interrupts_at_any_place() {
+    let run = Run::of(5, 400 * MS);
+    assert_eq!((run.result, run.machine.load(RESULT + 28).unwrap()), (Ok(()), 1));
+    assert_eq!(run.machine.load(RESULT).unwrap(), 0);
+    assert!(run.machine.stats().entries[15] > 10_000);
+}
+
+#[test]
+fn flash_takes_its_time_and_only_clears_bits() {
+    // A 128 KiB sector: one second.
+    let mut run = Run::of(6, 990 * MS);
+    assert_eq!(run.word(9), 0);
+    run.machine.run_until(1010 * MS).unwrap();
+    let run = run.done();
+    assert_eq!((run.word(0), run.word(3)), (u32::MAX, 0x1234_0000));
+    // Locked: nothing programmed, PGSERR.
+    assert_eq!((run.word(4), run.word(5)), (u32::MAX, 1 << 7));
+}
+
+#[test]
+fn a_load_from_nowhere_is_a_bus_fault_with_its_address() {
+    let run = Run::of(7, MS);
+    assert_eq!((run.word(2), run.word(3), run.word(4)), (1 << 9 | 1 << 15, 1 << 30, 0x6000_0000));
+}
+
+#[test]
+fn a_fault_in_the_fault_handler_is_a_lock_up() {
+    let error = Run::of(10, MS).result.unwrap_err();
+    assert!(error.contains("lock-up"), "{error}");
+}
+
+#[test]
+fn an_undefined_instruction_is_a_usage_fault() {
+    assert_eq!(Run::of(12, MS).word(2), 1 << 16);
+}
+
+#[test]
+fn a_software_reset_starts_over_and_keeps_ram() {
+    let run = Run::of(8, MS).done();
+    assert_eq!((run.word(8), run.machine.stats().resets), (3, 2));
+}
+
+#[test]
+fn an_unmodelled_register_ends_the_run_with_its_name() {
+    let error = Run::of(9, MS).result.unwrap_err();
+    assert!(error.contains("4-byte read of USART1 + 0x004"), "{error}");
+}
+
+#[test]
+fn a_supervisor_call_reaches_its_handler_and_comes_back() {
+    let run = Run::of(11, MS).done();
+    assert_eq!((run.word(0), run.word(1)), (42, 11));
+}
+
+#[test]
+fn skipped_instructions_of_an_it_block_are_counted() {
+    let instructions = |rounds| Run::with(14, rounds, 10 * MS).done().machine.stats().instructions;
+    assert_eq!(instructions(2000) - instructions(1000), 6 * 1000);
+}
+
+#[test]
+fn a_breakpoint_without_a_debugger_is_a_hard_fault() {
+    assert_eq!(Run::of(15, MS).word(3), 1 << 31);
+}
+
+#[test]
+fn identical_runs_are_identical() {
+    let run = || {
+        let mut run = Run::of(5, 50 * MS);
+        let memory = &run.machine.soc().memory;
+        let ram: Vec<_> = (0..0x2_0000).step_by(4).map(|a| memory.sram.load(0x2000_0000 + a, 4)).collect();
+        (ram, run.machine.stats().clone())
+    };
+    assert_eq!(run(), run());
+}
