@@ -16,6 +16,10 @@
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
 //! | [`remote`] | commands and reports as CAN frames |
 //! | [`settings`] | what a person sets, checked and built into what the ticks run |
+//!
+//! Sources, cited in the documentation by letter and section: \[R\] Roberts 2014, gap-voltage servo on a short-stroke linear
+//! actuator (thesis); \[L\] Lemeni, quadrature front end; \[X\] Xin et al. 2018, gap distance from the RC charging time;
+//! \[G\] Gao et al. 2024, feed-pulse collaborative control; \[A\] Amra 2013, distributed CAN modules of a machine tool.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 

@@ -78,7 +78,7 @@ struct Scale {
 const EIGHTHS: i64 = 8;
 
 impl Scale {
-    /// A mark every 10 000 counts [L], a count wide as a gated index output gives it; one of them at 40.
+    /// A mark every 10 000 counts \[L\], a count wide as a gated index output gives it; one of them at 40.
     const PLAIN: Scale = Scale { mark_begins: 40 * EIGHTHS, mark_width: EIGHTHS, mark_spacing: 10_000 * EIGHTHS };
 
     fn levels(self, place: i64) -> Levels {

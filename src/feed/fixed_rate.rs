@@ -1,4 +1,4 @@
-//! Fixed rate: full feed or full retreat by the sign of the error ([R] section 6.7.1).
+//! Fixed rate: full feed or full retreat by the sign of the error (\[R\] section 6.7.1).
 
 use super::FeedLaw;
 use crate::units::{MicrometresPerSecond, Volts};

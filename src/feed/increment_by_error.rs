@@ -1,4 +1,4 @@
-//! Increment by error: at a fixed period, an increment in proportion to the error ([R] section 6.7.3; the default).
+//! Increment by error: at a fixed period, an increment in proportion to the error (\[R\] section 6.7.3; the default).
 //!
 //! Each axis' share of the move is not this law's business: the path gives every axis its share of the one coordinate.
 

@@ -42,10 +42,10 @@ macro_rules! laws {
 }
 
 laws! {
-    /// Section 6.7.1 of [R].
+    /// Section 6.7.1 of \[R\].
     FixedRate,
-    /// Section 6.7.2 of [R].
+    /// Section 6.7.2 of \[R\].
     RateByError,
-    /// Section 6.7.3 of [R], the default.
+    /// Section 6.7.3 of \[R\], the default.
     IncrementByError,
 }

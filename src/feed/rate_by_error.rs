@@ -1,4 +1,4 @@
-//! Rate by error: a standard velocity at a standard error, in proportion, clamped ([R] section 6.7.2).
+//! Rate by error: a standard velocity at a standard error, in proportion, clamped (\[R\] section 6.7.2).
 
 use super::FeedLaw;
 use crate::units::{MicrometresPerSecond, Volts};

@@ -1,4 +1,4 @@
-//! Position as a surrogate for the gap ([R] sections 6.6.1, 6.7.3 and 6.8): the loop can be tried on the real actuator without a
+//! Position as a surrogate for the gap (\[R\] sections 6.6.1, 6.7.3 and 6.8): the loop can be tried on the real actuator without a
 //! spark.
 //!
 //! An imagined workpiece surface, WSH(t) = h0 + integral of max(0, C - k |gap error|) dt, moves away as it is "eroded",

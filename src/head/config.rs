@@ -6,7 +6,7 @@ use crate::feed::{Law, Limits};
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant};
 use crate::units::{Amps, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Seconds, Volts};
 
-/// How the gap error becomes a duty ([R] sections 6.6 and 6.7, in the order they were built).
+/// How the gap error becomes a duty (\[R\] sections 6.6 and 6.7, in the order they were built).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Structure {

@@ -24,7 +24,7 @@ pub enum Bound {
     Distance,
     /// Backward: the mark.
     Mark,
-    /// Either way: more joints in one step than [`JOINTS_PER_STEP`]; the rest follows in the next.
+    /// Either way: more joints in one step than a tick may take; the rest follows in the next.
     Joints,
 }
 

@@ -1,6 +1,6 @@
 //! The cascade of one axis: position error -> velocity -> duty.
 //!
-//! Plant, with x positive toward the work ([R] sections 6.1 and 7.2; K stands for both the force and the back-EMF
+//! Plant, with x positive toward the work (\[R\] sections 6.1 and 7.2; K stands for both the force and the back-EMF
 //! constant, equal in SI units): i = (v - K x') / (R + L s), m x'' = K i + m g - F_counterbalance - friction.
 //!
 //! Gains by pole placement on the current-fed mass: a duty of one gives the acceleration a = K V / (R m), so a velocity

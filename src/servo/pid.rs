@@ -2,7 +2,7 @@
 //!
 //! The integrator stops only while the output (or the integral itself) is at a limit *and* the error would push it
 //! further; an error of the other sign always brings it back. The error that enters the integrator is clipped as well
-//! ([R] section 6.6.1).
+//! (\[R\] section 6.6.1).
 
 use super::Window;
 use crate::units::{TICK_HZ, TICK_S};

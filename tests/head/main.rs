@@ -1,5 +1,6 @@
 //! The head on a bench: states, faults, the guided check.
 
+mod any_input;
 mod bench;
 mod check;
 mod faults;

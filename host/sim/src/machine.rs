@@ -15,7 +15,7 @@ const DRY_GAP_UM: f64 = 40.0;
 enum Gap {
     /// The converter, as on the machine.
     Voltage(Voltage),
-    /// The position, as in the dry loop of [R].
+    /// The position, as in the dry loop of \[R\].
     Surrogate(Box<(Surrogate, SurrogateConfig)>),
 }
 

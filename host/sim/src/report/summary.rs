@@ -3,7 +3,7 @@
 use super::Report;
 use std::fmt;
 
-/// Electrode motion up to which a run is called steady, um: the bounds set for the default scenario; [R]'s own machine
+/// Electrode motion up to which a run is called steady, um: the bounds set for the default scenario; \[R\]'s own machine
 /// made 40 um peak-to-peak at 20 Hz.
 const STEADY_PP_UM: f64 = 15.0;
 const STEADY_LINE_UM: f64 = 3.0;

@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// Samples in a segment, 1 ms each.
 const SEGMENT: usize = 1024;
 const BIN_HZ: f64 = 1000.0 / SEGMENT as f64;
-/// Band that is searched, Hz: [R]'s machine hunted at 5 Hz and swung at 17 to 20 Hz.
+/// Band that is searched, Hz: \[R\]'s machine hunted at 5 Hz and swung at 17 to 20 Hz.
 const BAND_HZ: std::ops::RangeInclusive<f64> = 5.0..=50.0;
 
 /// A line of the spectrum.

@@ -1,6 +1,6 @@
 //! Long retreats.
 //!
-//! [G] (eq. 9) counts a retreat as long when more than five consecutive retreat steps of 1 um follow each other in servo
+//! \[G\] (eq. 9) counts a retreat as long when more than five consecutive retreat steps of 1 um follow each other in servo
 //! cycles of 100 ms; a step forward or a hold ends the run. Here the electrode moves freely, so the same is read from its
 //! true position: a retreat begins at the deepest point, goes on as long as every [`STEP_UM`] more is reached within
 //! [`CYCLE_MS`] of the last, and ends with an advance of [`STEP_UM`] or with the pause. Smaller forward motion within it
@@ -11,9 +11,9 @@ use crate::observe::{Millisecond, Phase};
 
 /// Length beyond which a retreat is long, um.
 pub const LONG_UM: f64 = 5.0;
-/// One step of [G]: smaller motion is neither advance nor retreat, um.
+/// One step of \[G\]: smaller motion is neither advance nor retreat, um.
 const STEP_UM: f64 = 1.0;
-/// One servo cycle of [G], ms.
+/// One servo cycle of \[G\], ms.
 const CYCLE_MS: u32 = 100;
 
 /// Counts long retreats.
