@@ -9,8 +9,11 @@
 //! Unicorn is GPL-2.0 and so is a binary that contains it; this package is unpublished and outside the workspace's
 //! default members.
 
+pub mod cycles;
 pub mod decode;
 pub mod image;
 pub mod machine;
+pub mod rig;
 pub mod rtt;
+pub mod session;
 pub mod still;

@@ -1,13 +1,13 @@
 //! `edm-fil run ELF`: boots a firmware on the emulated chip in a world where nothing happens, and prints its log.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::{Parser, Subcommand};
 use edm_fil::image::Image;
 use edm_fil::machine::Machine;
 use edm_fil::rtt::Rtt;
 use edm_fil::still::Still;
 use edm_soc::TICK_HZ;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -35,7 +35,24 @@ enum Command {
         #[arg(long, default_value_t = 1)]
         stretch_idle: u64,
     },
+    /// Instructions and cycles of tasks and functions; writes docs/performance-cycles.md.
+    Cycles {
+        /// The ELF file.
+        elf: PathBuf,
+        /// Write the rows here as JSON.
+        #[arg(long)]
+        json: Option<PathBuf>,
+        /// Write no page; fail when a row has grown by more than 5 % over the committed one.
+        #[arg(long)]
+        check: bool,
+        /// Print so many functions of each task, the most expensive first.
+        #[arg(long, default_value_t = 0)]
+        hot: usize,
+    },
 }
+
+/// The committed page.
+const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/performance-cycles.md");
 
 fn main() -> ExitCode {
     match run() {
@@ -48,11 +65,48 @@ fn main() -> ExitCode {
 }
 
 fn run() -> Result<()> {
-    let Command::Run { elf, seconds, hse, stretch_idle } = Arguments::parse().command;
-    let file = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
-    let image = Image::parse(file)?;
-    let mut rtt = Rtt::new(&image)?;
-    let mut machine = Machine::new(&image, Still::default(), hse)?;
+    match Arguments::parse().command {
+        Command::Run { elf, seconds, hse, stretch_idle } => boot(&load(&elf)?, seconds, hse, stretch_idle),
+        Command::Cycles { elf, json, check, hot } => cycles(&load(&elf)?, json.as_deref(), check, hot),
+    }
+}
+
+fn load(elf: &Path) -> Result<Image> {
+    Image::parse(std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?)
+}
+
+fn cycles(image: &Image, json: Option<&Path>, check: bool, hot: usize) -> Result<()> {
+    let measured = edm_fil::cycles::report::measure(image)?;
+    let page = measured.markdown();
+    println!("{page}");
+    for (task, functions) in measured.hot.iter().filter(|_| hot > 0) {
+        println!("{task}:");
+        for (name, cycles) in functions.iter().take(hot) {
+            println!("  {cycles:8.1}  {name}");
+        }
+    }
+    for line in measured.over_budget() {
+        println!("over budget: {line}");
+    }
+    if let Some(path) = json {
+        let text = serde_json::to_string_pretty(&measured.rows)?;
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if !check {
+        return std::fs::write(PAGE, page).context("cannot write docs/performance-cycles.md");
+    }
+    let committed =
+        std::fs::read_to_string(PAGE).context("docs/performance-cycles.md is missing: run cargo fil cycles")?;
+    let regressions = measured.regressions(&committed);
+    if !regressions.is_empty() {
+        bail!("slower than committed:\n  {}", regressions.join("\n  "));
+    }
+    Ok(())
+}
+
+fn boot(image: &Image, seconds: f64, hse: u64, stretch_idle: u64) -> Result<()> {
+    let mut rtt = Rtt::new(image)?;
+    let mut machine = Machine::new(image, Still::default(), hse)?;
     let end = (seconds * TICK_HZ as f64) as u64;
     let start = Instant::now();
     let mut now = 0;

@@ -1,6 +1,7 @@
 //! What the engine's hooks share: the peripherals, the clock of the processor, decoded code, statistics.
 
 use super::half;
+use crate::cycles::Meter;
 use crate::decode::{Class, Instruction, REFILL, decode};
 use edm_soc::{Exception, Masks, Soc, World};
 
@@ -72,6 +73,8 @@ pub struct Chip<W> {
     /// Address of FPU registers reserved on the stack and not saved yet (FPCCR.LSPACT).
     pub lazy: Option<u32>,
     pub stats: Stats,
+    /// Cycle accounting, when it was asked for.
+    pub meter: Option<Box<Meter>>,
 }
 
 impl<W: World> Chip<W> {
@@ -94,6 +97,7 @@ impl<W: World> Chip<W> {
             fpca: false,
             lazy: None,
             stats: Stats { entries: vec![0; 98], ..Stats::default() },
+            meter: None,
         }
     }
 
@@ -119,7 +123,7 @@ impl<W: World> Chip<W> {
         let known = self.code[address as usize / 2 % HALF_WORDS];
         let plain = known.size != 0 && known.class == Class::Plain && address >> 20 == FLASH;
         let float = known.class == Class::Float && known.size != 0 && self.fpca;
-        if address != self.next || self.half >= self.limit || !(plain || float) {
+        if address != self.next || self.half >= self.limit || !(plain || float) || self.meter.is_some() {
             return false;
         }
         self.charge(address, known);
@@ -196,6 +200,14 @@ impl<W: World> Chip<W> {
     /// Lets `cycles` pass.
     pub fn spend(&mut self, cycles: u64) {
         self.half += cycles * self.half_per_cycle;
+    }
+
+    /// Lets the `cycles` pass that saving or restoring the FPU registers takes.
+    pub fn spend_float(&mut self, cycles: u64) {
+        self.spend(cycles);
+        if let Some(meter) = &mut self.meter {
+            meter.spend(cycles);
+        }
     }
 
     /// Execution goes on at `address` after an exception entry or return: no branch penalty beyond theirs.

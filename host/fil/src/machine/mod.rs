@@ -6,6 +6,7 @@ mod exceptions;
 pub use chip::Stats;
 use chip::{Chip, Stop};
 
+use crate::cycles::Meter;
 use crate::decode::Class;
 use crate::image::Image;
 use anyhow::{Result, anyhow, bail};
@@ -166,6 +167,27 @@ impl<W: World + 'static> Machine<W> {
         self.uc.get_data_mut().stretch = factor.max(1);
     }
 
+    /// Starts cycle accounting. It takes several times the host time.
+    ///
+    /// # Errors
+    /// When the disassembler or a hook cannot be set up.
+    pub fn start_meter(&mut self) -> Result<()> {
+        let read = |uc: &mut Unicorn<Chip<W>>, _: MemType, address: u64, _: usize, _: i64| {
+            if let Some(meter) = &mut uc.get_data_mut().meter {
+                meter.read(address as u32);
+            }
+            true
+        };
+        self.uc.add_mem_hook(HookType::MEM_READ, 0x0800_0000, 0x080f_ffff, read).map_err(engine("read hook"))?;
+        self.uc.get_data_mut().meter = Some(Box::new(Meter::new()?));
+        Ok(())
+    }
+
+    /// The cycle accounting, once started.
+    pub fn meter(&mut self) -> Option<&mut Meter> {
+        self.uc.get_data_mut().meter.as_deref_mut()
+    }
+
     /// What has been counted since power-up.
     pub fn stats(&self) -> &Stats {
         &self.uc.get_data().stats
@@ -295,7 +317,17 @@ fn slow<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
         let _ = uc.emu_stop();
         return;
     }
+    if uc.get_data().meter.is_some() {
+        measure(uc, address);
+    }
     uc.get_data_mut().charge(address, instruction);
+}
+
+fn measure<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
+    let Some(mut meter) = uc.get_data_mut().meter.take() else { return };
+    let register = |n: u8| uc.reg_read(R::R0 as i32 + i32::from(n)).unwrap_or(0) as u32;
+    meter.step(address, &uc.get_data().soc.memory.flash, register);
+    uc.get_data_mut().meter = Some(meter);
 }
 
 /// Advances the chip to now. Returns whether the engine has to stop.
