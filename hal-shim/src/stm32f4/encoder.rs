@@ -109,6 +109,9 @@ pub fn serve() -> bool {
         // No encoder interrupt can come in between: they are masked. Stop's lines are never masked.
         put!(exti().pr(), LINES);
         change!(exti().imr(), clear 0, set LINES);
+        // An edge of its own making: the decoder takes the levels now. Otherwise the next real edge would tell it that the
+        // storm is over and not be counted, perhaps long after both counters were found to agree.
+        put!(exti().swier(), 1 << A);
     }
     storm
 }

@@ -12,6 +12,7 @@
 pub mod cycles;
 pub mod decode;
 pub mod image;
+pub mod latency;
 pub mod machine;
 pub mod rig;
 pub mod rtt;

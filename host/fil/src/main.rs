@@ -49,6 +49,17 @@ enum Command {
         #[arg(long, default_value_t = 0)]
         hot: usize,
     },
+    /// Times from pin to pin, loads and lost counts, with the event at many places of a servo tick.
+    Latency {
+        /// The ELF file.
+        elf: PathBuf,
+        /// Write the result here as JSON.
+        #[arg(long)]
+        json: Option<PathBuf>,
+        /// Cycles from one offset to the next; 1 sweeps all 8400.
+        #[arg(long, default_value_t = 42, value_parser = clap::value_parser!(u64).range(1..=8400))]
+        step: u64,
+    },
 }
 
 /// The committed page.
@@ -68,6 +79,7 @@ fn run() -> Result<()> {
     match Arguments::parse().command {
         Command::Run { elf, seconds, hse, stretch_idle } => boot(&load(&elf)?, seconds, hse, stretch_idle),
         Command::Cycles { elf, json, check, hot } => cycles(&load(&elf)?, json.as_deref(), check, hot),
+        Command::Latency { elf, json, step } => latency(&load(&elf)?, json.as_deref(), step),
     }
 }
 
@@ -102,6 +114,17 @@ fn cycles(image: &Image, json: Option<&Path>, check: bool, hot: usize) -> Result
         bail!("slower than committed:\n  {}", regressions.join("\n  "));
     }
     Ok(())
+}
+
+fn latency(image: &Image, json: Option<&Path>, step: u64) -> Result<()> {
+    let text = serde_json::to_string_pretty(&edm_fil::latency::measure(image, step)?)?;
+    match json {
+        Some(path) => std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display())),
+        None => {
+            println!("{text}");
+            Ok(())
+        }
+    }
 }
 
 fn boot(image: &Image, seconds: f64, hse: u64, stretch_idle: u64) -> Result<()> {

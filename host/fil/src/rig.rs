@@ -16,8 +16,10 @@ const BUS: f64 = 48.0;
 const WEIGHT: f64 = 0.2 * 9.806_65 - 2.2;
 /// Friction, N s/m (assumed).
 const DAMPING: f64 = 2.0;
-/// Counts of vibration, peak to peak.
-const SWING: i64 = 8;
+/// Counts of vibration about the place of the axis.
+const SWING: i64 = 4;
+/// Between edges of an axis that does not vibrate, ticks of the chip.
+const REST: u64 = 300;
 /// The generator closes the gate so long after it is no longer allowed (assumed).
 const GATE_OFF: u64 = 17;
 
@@ -71,6 +73,7 @@ pub struct Short {
 /// The machine around the chip.
 pub struct Rig {
     behaviour: Behaviour,
+    disturbed: bool,
     changes: BTreeMap<(u64, u64), Change>,
     serial: u64,
     next_step: u64,
@@ -80,7 +83,7 @@ pub struct Rig {
     /// Surface of the work, m below the start.
     pub work: f64,
     count: i64,
-    vibration: i64,
+    direction: i64,
     next_edge: u64,
     pwm: Drive,
     forward: bool,
@@ -105,6 +108,7 @@ impl Rig {
     pub fn new(behaviour: Behaviour) -> Self {
         let mut rig = Self {
             behaviour,
+            disturbed: false,
             changes: BTreeMap::new(),
             serial: 0,
             next_step: 1,
@@ -112,8 +116,8 @@ impl Rig {
             v: 0.0,
             work: 80e-6,
             count: 0,
-            vibration: 0,
-            next_edge: u64::MAX,
+            direction: 1,
+            next_edge: NEVER,
             pwm: Drive::Released,
             forward: false,
             reverse: false,
@@ -148,9 +152,23 @@ impl Rig {
         self.change(at, Change::Level(pin, Some(level)));
     }
 
-    /// Starts vibrating.
-    pub fn vibrate(&mut self) {
-        self.next_edge = self.next_step;
+    /// Starts vibrating, and meeting shorts.
+    pub fn disturb(&mut self) {
+        self.disturbed = true;
+        if self.behaviour.edges_per_s > 0 {
+            self.next_edge = self.next_step;
+        }
+    }
+
+    /// Stops vibrating, and meeting shorts.
+    pub fn calm(&mut self) {
+        self.disturbed = false;
+        self.next_edge = NEVER;
+    }
+
+    /// The pulse under way meets a short.
+    fn shorted(&self) -> bool {
+        self.disturbed && self.behaviour.shorts && self.pulses % 2 == 1
     }
 
     /// Count of the encoder, positive toward the work.
@@ -159,8 +177,7 @@ impl Rig {
     }
 
     fn gap_volts(&self) -> f64 {
-        let shorted = self.behaviour.shorts && self.pulses % 2 == 1;
-        if !self.gate || shorted { 0.0 } else { ((self.work - self.x) * 2e6).clamp(0.0, 100.0) }
+        if !self.gate || self.shorted() { 0.0 } else { ((self.work - self.x) * 2e6).clamp(0.0, 100.0) }
     }
 
     fn duty(&self) -> f64 {
@@ -210,25 +227,21 @@ impl Rig {
         if self.x < 0.0 {
             (self.x, self.v) = (0.0, 0.0);
         }
-        let place = (self.x * 1e6).round() as i64 + self.vibration_offset();
-        let mut next = at + 40;
-        // The axis' own motion; vibration, if any, has its own places.
-        while self.count != place && next < at + STEP {
+        let place = (self.x * 1e6).round() as i64;
+        // At rest the axis makes its own edges; a vibrating one makes them all, at its rate, about its place.
+        let mut next = at + REST;
+        while self.next_edge == NEVER && self.count != place && next < at + STEP {
             self.edge(next, (place - self.count).signum());
-            next += 300;
+            next += REST;
         }
         while self.next_edge < at + STEP {
-            let rising = self.vibration.rem_euclid(2 * SWING) < SWING;
-            self.vibration += 1;
-            let edge = self.next_edge.max(next);
-            self.edge(edge, if rising { 1 } else { -1 });
+            let off = self.count - place;
+            if off.abs() >= SWING {
+                self.direction = -off.signum();
+            }
+            self.edge(self.next_edge, self.direction);
             self.next_edge += TICK_HZ / self.behaviour.edges_per_s.max(1);
         }
-    }
-
-    fn vibration_offset(&self) -> i64 {
-        let phase = self.vibration.rem_euclid(2 * SWING);
-        phase.min(2 * SWING - phase)
     }
 
     fn pulse(&mut self, at: u64) {
@@ -241,7 +254,7 @@ impl Rig {
                 self.pulses += 1;
                 self.gate_until = at + self.behaviour.pulse.1;
                 self.set_gate(at, true);
-                if self.behaviour.shorts && self.pulses % 2 == 1 {
+                if self.shorted() {
                     self.shorts.push(Short { opened: at, ..Short::default() });
                 }
             }

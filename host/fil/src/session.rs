@@ -2,7 +2,7 @@
 
 use crate::cycles::names;
 use crate::image::Image;
-use crate::machine::Machine;
+use crate::machine::{Alter, Machine};
 use crate::rig::{Behaviour, Rig};
 use crate::rtt::Rtt;
 use anyhow::{Context, Result, bail};
@@ -34,7 +34,18 @@ impl Session {
     /// # Errors
     /// When the firmware does not get there.
     pub fn ready(image: &Image, behaviour: Behaviour) -> Result<Self> {
-        let machine = Machine::new(image, Rig::new(behaviour), F405::TABLE.crystal_hz.into())?;
+        Self::altered(image, behaviour, None)
+    }
+
+    /// As [`Session::ready`], with a fault put into the firmware.
+    ///
+    /// # Errors
+    /// When the firmware does not get there.
+    pub fn altered(image: &Image, behaviour: Behaviour, alter: Option<Alter>) -> Result<Self> {
+        let mut machine = Machine::new(image, Rig::new(behaviour), F405::TABLE.crystal_hz.into())?;
+        if let Some(alter) = alter {
+            machine.alter_writes(alter);
+        }
         let mut session = Self { machine, rtt: Rtt::new(image)?, now: 0, log: Vec::new() };
         session.run(30 * MS)?;
         // The guided check takes minutes of simulation; it is not what is measured here. Its result is set as it would.

@@ -93,7 +93,7 @@ pub fn measure(image: &Image) -> Result<Measured> {
         session.erode()?;
         session.machine.start_meter()?;
         if vibrating {
-            session.machine.soc().world.vibrate();
+            session.machine.soc().world.disturb();
         }
         session.idle(SCENE)?;
         let Some(meter) = session.machine.meter() else { bail!("no meter") };

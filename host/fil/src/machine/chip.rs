@@ -41,6 +41,20 @@ pub struct Stats {
     pub resets: u64,
 }
 
+/// One run of an exception, times in half ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    /// Its number.
+    pub exception: Exception,
+    /// First instruction of the handler.
+    pub entered: u64,
+    /// End of its return, or of the chaining to the next; `None` while it runs.
+    pub left: Option<u64>,
+}
+
+/// Changes what the firmware writes: address, size, value.
+pub type Alter = Box<dyn FnMut(u32, u8, u32) -> u32>;
+
 /// A write into flash that the engine has done and the flash interface has not judged yet.
 struct FlashWrite {
     address: u32,
@@ -75,6 +89,11 @@ pub struct Chip<W> {
     pub stats: Stats,
     /// Cycle accounting, when it was asked for.
     pub meter: Option<Box<Meter>>,
+    /// Runs of exceptions, when they are recorded, and those that have not ended.
+    pub spans: Option<Vec<Span>>,
+    open: Vec<usize>,
+    /// A fault of the firmware, put in on its way to the registers.
+    pub alter: Option<Alter>,
 }
 
 impl<W: World> Chip<W> {
@@ -98,12 +117,16 @@ impl<W: World> Chip<W> {
             lazy: None,
             stats: Stats { entries: vec![0; 98], ..Stats::default() },
             meter: None,
+            spans: None,
+            open: Vec::new(),
+            alter: None,
         }
     }
 
     /// Processor state after reset.
     pub fn restart(&mut self) {
         (self.sleeping, self.fpca, self.lazy, self.limit) = (false, false, None, 0);
+        self.open.clear();
         self.thread = true;
     }
 
@@ -210,6 +233,29 @@ impl<W: World> Chip<W> {
         }
     }
 
+    /// Exception `e` is entered.
+    pub fn record_entry(&mut self, e: Exception) {
+        if let Some(meter) = &mut self.meter {
+            meter.enter(e);
+        }
+        if let Some(spans) = &mut self.spans {
+            self.open.push(spans.len());
+            spans.push(Span { exception: e, entered: self.half, left: None });
+        }
+    }
+
+    /// The running exception has returned.
+    pub fn record_exit(&mut self) {
+        if let Some(meter) = &mut self.meter {
+            meter.leave();
+        }
+        if let (Some(spans), Some(index)) = (&mut self.spans, self.open.pop())
+            && let Some(span) = spans.get_mut(index)
+        {
+            span.left = Some(self.half);
+        }
+    }
+
     /// Execution goes on at `address` after an exception entry or return: no branch penalty beyond theirs.
     pub fn jump(&mut self, address: u32) {
         self.next = address & !1;
@@ -268,6 +314,7 @@ impl<W: World> Chip<W> {
     pub fn write(&mut self, address: u32, size: u8, value: u32) {
         self.soc.advance(self.half / 2);
         self.limit = 0;
+        let value = self.alter.as_mut().map_or(value, |alter| alter(address, size, value));
         let _ = self.soc.write(address, size, value);
     }
 

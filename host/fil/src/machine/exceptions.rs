@@ -75,9 +75,7 @@ impl<W: World> Machine<W> {
     fn take(&mut self, e: Exception, lr: u32) -> Result<()> {
         let chip = self.uc.get_data_mut();
         chip.soc.nvic().enter(e);
-        if let Some(meter) = &mut chip.meter {
-            meter.enter(e);
-        }
+        chip.record_entry(e);
         chip.thread = false;
         chip.stats.entries[usize::from(e)] += 1;
         chip.stats.nesting = chip.stats.nesting.max(chip.soc.nvic().nesting().len());
@@ -116,9 +114,7 @@ impl<W: World> Machine<W> {
         if let Some(next) = chip.due_exception(masks) {
             chip.spend(TAIL);
             chip.stats.tail_chained += 1;
-            if let Some(meter) = &mut chip.meter {
-                meter.leave();
-            }
+            chip.record_exit();
             return self.take(next, exc_return);
         }
         self.unstack(exc_return)
@@ -156,9 +152,7 @@ impl<W: World> Machine<W> {
         self.set(R::SP, frame + size + if xpsr & 1 << 9 != 0 { 4 } else { 0 })?;
         self.set(R::PC, pc | 1)?;
         let chip = self.uc.get_data_mut();
-        if let Some(meter) = &mut chip.meter {
-            meter.leave();
-        }
+        chip.record_exit();
         chip.fpca = extended;
         chip.thread = chip.soc.nvic().nesting().is_empty();
         chip.jump(pc);

@@ -3,7 +3,7 @@
 mod chip;
 mod exceptions;
 
-pub use chip::Stats;
+pub use chip::{Alter, Span, Stats};
 use chip::{Chip, Stop};
 
 use crate::cycles::Meter;
@@ -181,6 +181,21 @@ impl<W: World + 'static> Machine<W> {
         self.uc.add_mem_hook(HookType::MEM_READ, 0x0800_0000, 0x080f_ffff, read).map_err(engine("read hook"))?;
         self.uc.get_data_mut().meter = Some(Box::new(Meter::new()?));
         Ok(())
+    }
+
+    /// Records each run of an exception from now on.
+    pub fn record_spans(&mut self) {
+        self.uc.get_data_mut().spans = Some(Vec::new());
+    }
+
+    /// The runs recorded so far, by time of entry.
+    pub fn spans(&self) -> &[Span] {
+        self.uc.get_data().spans.as_deref().unwrap_or(&[])
+    }
+
+    /// Lets `alter` change what the firmware writes into registers: to put a fault in and see that it is noticed.
+    pub fn alter_writes(&mut self, alter: Alter) {
+        self.uc.get_data_mut().alter = Some(alter);
     }
 
     /// The cycle accounting, once started.
