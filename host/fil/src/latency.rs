@@ -28,6 +28,8 @@ const TIM5_CNT: u32 = 0x4000_0c24;
 /// An open contact, and the rest before the next.
 const OPEN: u64 = 20 * TICK_HZ / 1_000_000;
 const REST: u64 = 4 * TICK;
+/// Openings in a row. Longer, the head finds that the encoder moves and the winding does not, and rightly stops.
+const STRETCH: usize = 400;
 
 /// A spread of times, us.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -119,7 +121,7 @@ pub fn measure(image: &Image, step: u64) -> Result<Latency> {
     let mut session = Session::ready(image, Behaviour { pulse, ..RATED_SCENE })?;
     stops(&mut session, step, &mut result)?;
     session.erode()?;
-    shorts(&mut session, image, &mut result)?;
+    shorts(&mut session, image, step, &mut result)?;
     fast(image, &mut result)?;
     Ok(result)
 }
@@ -127,20 +129,23 @@ pub fn measure(image: &Image, step: u64) -> Result<Latency> {
 /// Scene 2.
 fn stops(session: &mut Session, step: u64, result: &mut Latency) -> Result<()> {
     let mut opened = Vec::new();
-    let mut at = session.now() + us(100);
     session.machine.soc().world.outputs.clear();
-    session.machine.soc().world.disturb();
-    for _ in 0..result.samples {
-        let world = &mut session.machine.soc().world;
-        world.level(at, DIELECTRIC, true);
-        world.level(at + OPEN, DIELECTRIC, false);
-        opened.push(at);
-        at += REST + step;
+    for first in (0..result.samples).step_by(STRETCH) {
+        let mut at = (session.now() / TICK + 2) * TICK + first * step;
+        for _ in first..result.samples.min(first + STRETCH as u64) {
+            let world = &mut session.machine.soc().world;
+            world.level(at, DIELECTRIC, true);
+            world.level(at + OPEN, DIELECTRIC, false);
+            opened.push(at);
+            at += REST + step;
+        }
+        session.machine.soc().world.disturb();
+        session.machine.soc().world_changed();
+        let time = at - session.now();
+        session.idle(time)?;
+        session.machine.soc().world.calm();
+        session.idle(20 * MS)?;
     }
-    session.machine.soc().world_changed();
-    let time = at - session.now();
-    session.idle(time)?;
-    session.machine.soc().world.calm();
     let outputs = &session.machine.soc().world.outputs;
     // A duty of zero is off already.
     let off = |from: u64| {
@@ -154,7 +159,7 @@ fn stops(session: &mut Session, step: u64, result: &mut Latency) -> Result<()> {
 }
 
 /// Scene 1.
-fn shorts(session: &mut Session, image: &Image, result: &mut Latency) -> Result<()> {
+fn shorts(session: &mut Session, image: &Image, step: u64, result: &mut Latency) -> Result<()> {
     let world = &mut session.machine.soc().world;
     world.edges.clear();
     world.shorts.clear();
@@ -162,7 +167,8 @@ fn shorts(session: &mut Session, image: &Image, result: &mut Latency) -> Result<
     world.disturb();
     session.machine.record_spans();
     let start = session.now();
-    session.idle(result.samples * (TICK + TICK / 400))?;
+    // All offsets, and at least one of the messages that are logged every second.
+    session.idle((result.samples * (TICK + step)).max(TICK_HZ * 21 / 20))?;
     let end = session.now();
     session.machine.soc().world.calm();
     let spans = session.machine.spans().to_vec();
