@@ -11,7 +11,8 @@ use crate::cycles::names;
 use crate::image::Image;
 use crate::machine::Span;
 use crate::session::{MS, Session};
-use crate::synthetic::{Behaviour, DIELECTRIC, TICK};
+use crate::synthetic::{Behaviour, TICK};
+use crate::wires::DIELECTRIC;
 use anyhow::{Context, Result};
 use edm_soc::{Drive, Exception, TICK_HZ};
 use serde::Serialize;
@@ -215,8 +216,7 @@ fn fast(image: &Image, result: &mut Latency) -> Result<()> {
 /// # Errors
 /// When the counts are not where the debug information says.
 pub fn lost(session: &mut Session, image: &Image) -> Result<(u64, u64)> {
-    let name = "3app7ENCODER";
-    let shared = image.symbols().find(|s| s.0.contains(name)).context("no symbol of the decoder's state")?.1;
+    let shared = image.find("tasks", "ENCODER").context("no symbol of the decoder's state")?;
     let place = shared + names::offset(image, "Shared", &["count"])?;
     let mut least = (u64::MAX, u64::MAX);
     // An edge may be on its way: the smallest of several looks.

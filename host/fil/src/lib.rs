@@ -24,3 +24,4 @@ pub mod seen;
 pub mod session;
 pub mod still;
 pub mod synthetic;
+pub mod wires;

@@ -1,7 +1,7 @@
 //! A synthetic machine for measuring the firmware: an axis, a gap that conducts near the work, a generator, and edges on
 //! demand. Not the process model: what it does is known by hand, and each of its events can be placed to the tick.
 
-use edm_hal_shim::board::{F405, Pin as BoardPin};
+use crate::wires::*;
 use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, TICK_HZ, World};
 use std::collections::BTreeMap;
 
@@ -22,31 +22,6 @@ const SWING: i64 = 4;
 const REST: u64 = 300;
 /// The generator closes the gate so long after it is no longer allowed (assumed).
 const GATE_OFF: u64 = 17;
-
-const fn pin(signal: &str) -> Pin {
-    let BoardPin { port, number } = F405::TABLE.pin(signal);
-    Pin::new(port, number)
-}
-
-/// Pins by signal.
-pub const PWM: Pin = pin("pwm");
-/// Bridge direction toward the work.
-pub const FORWARD: Pin = pin("forward");
-/// Bridge direction away from the work.
-pub const REVERSE: Pin = pin("reverse");
-/// Pulses allowed.
-pub const ALLOW: Pin = pin("allow_pulses");
-/// Dielectric contact.
-pub const DIELECTRIC: Pin = pin("dielectric");
-const A: Pin = pin("encoder_a");
-const B: Pin = pin("encoder_b");
-const GATE: [Pin; 2] = [pin("gate"), pin("gate_start")];
-const COMPARATORS: [Pin; 2] = [pin("comparator_high"), pin("comparator_low")];
-const GAP: u8 = F405::TABLE.adc_channel("gap_voltage");
-const GATED: u8 = F405::TABLE.adc_channel("gap_voltage_gated");
-const CURRENT: u8 = F405::TABLE.adc_channel("gap_current");
-const MOTOR: u8 = F405::TABLE.adc_channel("motor_current");
-const SUPPLY: u8 = F405::TABLE.adc_channel("bus_voltage");
 
 /// How the rig behaves.
 #[derive(Clone, Copy, Debug)]
@@ -131,13 +106,10 @@ impl Rig {
             frames: Vec::new(),
             outputs: Vec::new(),
         };
-        for name in ["upper_limit", "lower_limit", "emergency_stop", "dielectric", "encoder_a", "encoder_b"] {
-            rig.level(0, pin_of(name), false);
-        }
-        for low in [pin("encoder_index"), GATE[0], GATE[1], COMPARATORS[0], COMPARATORS[1]] {
-            rig.level(0, low, false);
-        }
-        rig.level(0, pin("bridge_fault"), true);
+        let [a, b, index] = ENCODER;
+        let low = CONTACTS.into_iter().chain([a, b, index]).chain(GATE).chain(COMPARATORS);
+        low.for_each(|pin| rig.level(0, pin, false));
+        rig.level(0, BRIDGE_FAULT, true);
         rig
     }
 
@@ -197,10 +169,10 @@ impl Rig {
         let (old_a, old_b) = ((phase - by).rem_euclid(4), (phase - by).rem_euclid(4) >= 2);
         let old_a = old_a == 1 || old_a == 2;
         if a != old_a {
-            self.level(at, A, a);
+            self.level(at, ENCODER[0], a);
         }
         if b != old_b {
-            self.level(at, B, b);
+            self.level(at, ENCODER[1], b);
         }
         self.edges.push(at);
     }
@@ -266,11 +238,6 @@ impl Rig {
     }
 }
 
-/// [`pin`] for a loop over names.
-fn pin_of(signal: &str) -> Pin {
-    pin(signal)
-}
-
 impl World for Rig {
     fn sample(&mut self, adc: u8, channel: u8, at: u64) -> u16 {
         let volts = self.gap_volts();
@@ -282,9 +249,9 @@ impl World for Rig {
                 }
                 410.0 + volts * 10.0
             }
-            (2, CURRENT) if self.gate && volts < 85.0 => 1000.0,
-            (3, MOTOR) => 2048.0 + (self.duty() * BUS - FORCE * self.v) / OHM / 0.005,
-            (3, SUPPLY) => BUS / 0.02,
+            (2, GAP_CURRENT) => current_code(if self.gate && volts < 85.0 { DISCHARGE_A } else { 0.0 }),
+            (3, MOTOR_CURRENT) => 2048.0 + (self.duty() * BUS - FORCE * self.v) / OHM / 0.005,
+            (3, BUS_VOLTAGE) => BUS / 0.02,
             (_, 16) => 930.0,
             (_, 17) => 1502.0,
             _ => 0.0,
