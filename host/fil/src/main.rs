@@ -4,6 +4,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, Parser, Subcommand};
 use edm_fil::image::Image;
 use edm_fil::machine::Machine;
+use edm_fil::rig::Witness;
 use edm_fil::rtt::Rtt;
 use edm_fil::still::Still;
 use edm_sim::cli::{Bore, EXIT_BAD_INPUT, EXIT_FAILED, Failure};
@@ -37,10 +38,22 @@ enum Command {
     Bore(Bore),
     /// Boot and print the log, in a world where nothing happens.
     Run(Run),
+    /// Record what the chip sees while the head works, backs off and meets faults: for `cargo test` to replay natively.
+    Record(Record),
     /// Instructions and estimated cycles of tasks and functions; writes docs/performance-cycles.md.
     Cycles(Cycles),
     /// Times from pin to pin, loads and lost counts, with the event at many places of a servo tick.
     Latency(Latency),
+}
+
+#[derive(Args)]
+struct Record {
+    /// The recording.
+    #[arg(default_value = RECORDING)]
+    file: PathBuf,
+    /// Simulated time, seconds; the fault that is going on then is recorded to its end.
+    #[arg(long, default_value_t = 1.5)]
+    seconds: f64,
 }
 
 #[derive(Args)]
@@ -66,6 +79,8 @@ struct Latency {
     step: u64,
 }
 
+/// The committed recording.
+const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/recordings/day.edmr");
 /// The committed page.
 const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/performance-cycles.md");
 
@@ -90,6 +105,7 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let done = image(&arguments.elf).and_then(|image| match &arguments.command {
         Command::Run(run) => run.execute(&image).map(|()| true),
+        Command::Record(record) => record.execute(&image).map(|()| true),
         Command::Cycles(cycles) => cycles.execute(&image).map(|()| true),
         Command::Latency(latency) => latency.execute(&image).map(|()| true),
         Command::Bore(bore) => {
@@ -170,6 +186,17 @@ impl Run {
             stats.resets
         );
         result
+    }
+}
+
+impl Record {
+    fn execute(&self, image: &Image) -> Result<()> {
+        let witness = Witness::Recorder(Box::new(edm_sim::lockstep::Recorder::new(Vec::new())?));
+        let (witness, met) = edm_fil::exercise::run(image, self.seconds, witness)?;
+        let Witness::Recorder(recorder) = witness else { bail!("the recording is lost") };
+        let bytes = recorder.finish()?;
+        println!("{} ticks, {} retreats, faults {:?}: {} kB", met.ticks, met.retreats, met.faults, bytes.len() / 1000);
+        std::fs::write(&self.file, bytes).with_context(|| format!("cannot write {}", self.file.display()))
     }
 }
 
