@@ -30,7 +30,7 @@ const TIM5_CNT: u32 = 0x4000_0c24;
 const OPEN: u64 = 20 * TICK_HZ / 1_000_000;
 const REST: u64 = 4 * TICK;
 /// Openings in a row. Longer, the head finds that the encoder moves and the winding does not, and rightly stops.
-const STRETCH: usize = 400;
+const STRETCH: usize = 150;
 
 /// A spread of times, us.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
