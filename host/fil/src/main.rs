@@ -40,7 +40,7 @@ enum Command {
     Run(Run),
     /// Record what the chip sees while the head works, backs off and meets faults: for `cargo test` to replay natively.
     Record(Record),
-    /// Instructions and estimated cycles of tasks and functions; writes docs/performance-cycles.md.
+    /// Instructions and estimated cycles of tasks and functions; writes their section of docs/performance.md.
     Cycles(Cycles),
     /// Times from pin to pin, loads and lost counts, with the event at many places of a servo tick.
     Latency(Latency),
@@ -77,12 +77,18 @@ struct Latency {
     /// Cycles from one offset to the next; 1 sweeps all 8400.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=8400))]
     step: u64,
+    /// Fail when a bound is broken.
+    #[arg(long)]
+    check: bool,
 }
 
 /// The committed recording.
 const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/recordings/day.edmr");
-/// The committed page.
-const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/performance-cycles.md");
+/// The page of measurements.
+const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/performance.md");
+/// What encloses the section that is generated there.
+const BEGIN: &str = "<!-- cargo fil cycles writes this section -->\n";
+const END: &str = "<!-- end of what cargo fil cycles writes -->\n";
 
 #[derive(Args)]
 struct Run {
@@ -203,8 +209,8 @@ impl Record {
 impl Cycles {
     fn execute(&self, image: &Image) -> Result<()> {
         let measured = edm_fil::cycles::report::measure(image)?;
-        let page = measured.markdown();
-        println!("{page}");
+        let section = measured.markdown();
+        println!("{section}");
         for (task, functions) in measured.hot.iter().filter(|_| self.hot > 0) {
             println!("{task}:");
             for (name, cycles) in functions.iter().take(self.hot) {
@@ -217,13 +223,14 @@ impl Cycles {
         if let Some(path) = &self.json {
             write(path, &serde_json::to_string_pretty(&measured.rows)?)?;
         }
-        let page_path = Path::new(PAGE);
+        let path = Path::new(PAGE);
+        let page = std::fs::read_to_string(path).with_context(|| format!("cannot read {PAGE}"))?;
+        let sections = page.split_once(BEGIN).and_then(|(before, rest)| Some((before, rest.split_once(END)?)));
+        let (before, (committed, after)) = sections.context("docs/performance.md has lost the marks of the section")?;
         if !self.check {
-            return write(page_path, &page);
+            return write(path, &format!("{before}{BEGIN}{section}{END}{after}"));
         }
-        let committed = std::fs::read_to_string(page_path)
-            .context("docs/performance-cycles.md is missing: run cargo fil cycles")?;
-        let regressions = measured.regressions(&committed);
+        let regressions = measured.regressions(committed);
         if !regressions.is_empty() {
             bail!("slower than committed:\n  {}", regressions.join("\n  "));
         }
@@ -233,9 +240,18 @@ impl Cycles {
 
 impl Latency {
     fn execute(&self, image: &Image) -> Result<()> {
-        let text = serde_json::to_string_pretty(&edm_fil::latency::measure(image, self.step)?)?;
+        let latency = edm_fil::latency::measure(image, self.step)?;
+        let text = serde_json::to_string_pretty(&latency)?;
         println!("{text}");
-        self.json.as_ref().map_or(Ok(()), |path| write(path, &text))
+        if let Some(path) = &self.json {
+            write(path, &text)?;
+        }
+        let over = latency.over_bounds();
+        if self.check && !over.is_empty() {
+            bail!("out of bounds:\n  {}", over.join("\n  "));
+        }
+        over.iter().for_each(|line| println!("out of bounds: {line}"));
+        Ok(())
     }
 }
 
