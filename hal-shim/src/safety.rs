@@ -22,6 +22,15 @@ pub struct SafetyInputs {
     pub bridge_fault: bool,
 }
 
+impl SafetyInputs {
+    /// Any of the conditions.
+    #[inline]
+    pub fn any(&self) -> bool {
+        // Without short circuit: five loads in a row and no branch.
+        self.upper_limit | self.lower_limit | self.emergency_stop | self.dielectric | self.bridge_fault
+    }
+}
+
 /// Reads the safety inputs.
 pub trait Safety {
     /// Conditions now, without debounce: the first edge stops, debounce only delays re-arming.

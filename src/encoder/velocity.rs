@@ -28,7 +28,7 @@
 //! An interrupt that is served late by varying times adds that variation by 200 us at speed: 0.5 % for 1 us. Slower than one
 //! count in two seconds reads as up to 0.5 count/s after each edge, never as more.
 
-use crate::units::{CountsPerSecond, Seconds, TICK_HZ, within};
+use crate::units::{CountsPerSecond, Seconds, TICK_HZ};
 use edm_hal_shim::encoder::RawCount;
 
 /// Longest time without an edge that is not yet a standstill: 1 count/s is still a velocity.
@@ -88,6 +88,7 @@ impl Velocity {
 
     /// Takes this tick's reading and returns the velocity. Ticks may be late or left out; less than 2^31 clock ticks and
     /// counts must lie between two of them.
+    #[inline]
     pub fn tick(&mut self, reading: RawCount) -> CountsPerSecond {
         // Counted edges have different times.
         if reading.last_edge != self.last_edge {
@@ -97,9 +98,8 @@ impl Velocity {
             let age = reading.now.wrapping_sub(self.edges[self.newest % 4].time);
             if age >= self.standstill {
                 self.stand(reading.now);
-            } else {
-                let limit = self.hz / age.max(1) as f32;
-                self.value = within(self.value, -limit, limit);
+            } else if self.value.abs() * age as f32 > self.hz {
+                self.value = (self.hz / age as f32).copysign(self.value);
             }
         }
         CountsPerSecond(self.value)

@@ -12,7 +12,7 @@ use crate::units::{larger, smaller, within};
 
 pub use axis::{AxisLoop, Gains, Plant, Tuning};
 pub use current::{CurrentGuard, CurrentLimits};
-pub use emf::BackEmf;
+pub use emf::{BackEmf, Drawn};
 pub use pid::{Pid, PidGains};
 
 /// The duties allowed at this tick, both included; contains zero.
