@@ -179,6 +179,12 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.pace.next() == pace::ENCODER
     }
 
+    /// Whether the tick before was the last of its millisecond: the supervision wants the status.
+    #[inline]
+    pub fn closes_millisecond(&self) -> bool {
+        self.pace.next() == 0
+    }
+
     /// States that count ticks, and loops that have the gap voltage as their only setpoint.
     pub(super) fn plans_every_tick(&self) -> bool {
         match self.status.state {

@@ -112,6 +112,7 @@ pub fn missed() {
 }
 
 /// Serves edges from now on, once a tick: for the servo task. `true` when the lines had masked themselves.
+#[inline]
 pub fn serve() -> bool {
     EDGES.store(0, Relaxed);
     let storm = exti().imr().read().bits() & LINES != LINES;
@@ -129,6 +130,7 @@ pub fn serve() -> bool {
 impl EncoderTimer for Timer {
     const BITS: u32 = 32;
 
+    #[inline]
     fn counter(&self) -> u32 {
         self.0.cnt().read().bits()
     }

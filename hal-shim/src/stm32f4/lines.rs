@@ -112,17 +112,20 @@ pub struct Forced {
 
 impl Forced {
     /// The bridge was forced between `earlier` and this.
+    #[inline]
     pub fn bridge_since(&self, earlier: &Forced) -> bool {
         self.bridge != earlier.bridge
     }
 }
 
 /// What was forced up to now.
+#[inline]
 pub fn forced() -> Forced {
     Forced { bridge: FORCED.load(SeqCst), pulses: KILLED.load(SeqCst) }
 }
 
 /// Repeats what was forced since `seen`, after outputs decided before it may have been written.
+#[inline]
 pub fn settle(seen: Forced) {
     let mut bridge = seen.bridge;
     // Twice at the most: reflex or stop may come again while the first is repeated.
