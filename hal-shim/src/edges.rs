@@ -42,7 +42,7 @@ pub fn gate_mask(now: u32, open: bool, edges: impl Iterator<Item = u16>, end_pha
     let mut open = open;
     let mut newer = 0;
     let mut edges = edges.map(|stamp| age(now, u32::from(stamp)));
-    for _ in 0..=MOST_EDGES {
+    for _ in 0..MOST_EDGES + 1 {
         // A stretch of one level, from the edge of age `older` to the edge of age `newer`.
         let older = edges.next().unwrap_or(u32::MAX);
         if open {
@@ -62,7 +62,7 @@ pub fn gate_mask(now: u32, open: bool, edges: impl Iterator<Item = u16>, end_pha
 #[inline]
 fn inside(newer: u32, older: u32, end: u32) -> u32 {
     // Counted from the newest conversion: the first that ended before the newer edge, and how many began after the older.
-    let first = (newer + GUARD).saturating_sub(end).div_ceil(SPACING);
+    let first = ((newer + GUARD).saturating_sub(end) + (SPACING - 1)) / SPACING;
     let Some(after) = older.checked_sub(end + APERTURE + GUARD) else { return 0 };
     let past = (after / SPACING).min(BLOCK as u32 - 1) + 1;
     (GapBlock::ALL >> first) & (u32::MAX << (BLOCK as u32 - past))

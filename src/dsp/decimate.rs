@@ -25,28 +25,23 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Looks at the conversions whose bit in `chosen` is set (bit 0 is the oldest).
-    ///
-    /// Two codes at a time, each in a half of a word. No branch depends on a bit, and on a code only when one of the block is
-    /// clipped, so the time is constant but for that.
+    /// Looks at the conversions whose bit in `chosen` is set (bit 0 is the oldest), run by run: a generator's pulses make few.
     #[inline]
     pub fn of(codes: &[u16; BLOCK], chosen: u32, good: Good) -> Self {
-        let (lowest, highest) = (both(good.lowest, good.lowest), both(good.highest, good.highest));
-        let (pairs, last) = codes.as_chunks::<2>();
-        let last = last.first().map_or(good.lowest, |code| *code);
-        let (mut sum, mut outside) = (0, 0);
-        let mut chosen = chosen & GapBlock::ALL;
-        let count = chosen.count_ones();
-        let all = chosen;
-        for pair in pairs.iter().map(|[first, second]| both(*first, *second)).chain([both(last, good.lowest)]) {
-            // A code of 12 bits outside of the range sets the highest bit of its half in one of the differences. So does one of
-            // more bits: what follows is exact.
-            outside |= pair.wrapping_sub(lowest) | highest.wrapping_sub(pair);
-            let picked = pair & (all_if(chosen) & 0xFFFF | all_if(chosen >> 1) << 16);
-            sum += (picked & 0xFFFF) + (picked >> 16);
-            chosen >>= 2;
+        let mut left = chosen & GapBlock::ALL;
+        let count = left.count_ones();
+        let (lowest, range) = (u32::from(good.lowest), u32::from(good.highest.wrapping_sub(good.lowest)));
+        let (mut sum, mut clipped) = (0, 0);
+        while left != 0 {
+            let begin = left.trailing_zeros();
+            let end = begin + (!(left >> begin)).trailing_zeros();
+            for code in codes.get(begin as usize..end as usize).unwrap_or(&[]) {
+                let code = u32::from(*code);
+                sum += code;
+                clipped += u32::from(code.wrapping_sub(lowest) > range);
+            }
+            left &= u32::MAX << end;
         }
-        let clipped = if outside & 0x8000_8000 == 0 { 0 } else { clipped(codes, all, good) };
         Self { count, sum, clipped }
     }
 
@@ -55,26 +50,6 @@ impl Tally {
     pub fn above(&self, zero: u16) -> i32 {
         self.sum.wrapping_sub(self.count.wrapping_mul(u32::from(zero))) as i32
     }
-}
-
-/// Two codes in a word.
-#[inline(always)]
-fn both(first: u16, second: u16) -> u32 {
-    u32::from(first) | u32::from(second) << 16
-}
-
-/// All bits if the lowest is set.
-#[inline(always)]
-fn all_if(bits: u32) -> u32 {
-    (bits & 1).wrapping_neg()
-}
-
-/// How many of the chosen conversions are clipped.
-#[cold]
-#[inline(never)]
-fn clipped(codes: &[u16; BLOCK], chosen: u32, good: Good) -> u32 {
-    let is_clipped = |code: u16| code < good.lowest || code > good.highest;
-    (0..).zip(codes).map(|(i, code)| u32::from(is_clipped(*code)) & (chosen >> i) & 1).sum()
 }
 
 #[cfg(test)]
