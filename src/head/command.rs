@@ -193,7 +193,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let top = if self.status.homed { self.fixed(self.config.axis.travel.0) } else { here.minus(escape) };
         self.path.restart([here], [top.min(here)]);
         self.limiter.stop();
-        self.course = Course::new();
+        self.course = Course::new(self.status.tick);
         self.status.setpoint = here;
         self.urgent = true;
     }
