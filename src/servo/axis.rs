@@ -7,8 +7,8 @@
 //! bandwidth w takes w / a of duty per unit of velocity error. The winding's L/R (0.24 ms) and the tick bound w from above:
 //! 1000 rad/s leaves 70 degrees.
 
-use super::{Pid, PidGains, Window};
-use crate::units::{Amps, CountsPerSecond, Newtons, Volts, larger, smaller, within};
+use super::{Output, Pid, PidGains, Window};
+use crate::units::{Amps, CountsPerSecond, Newtons, Volts, larger, smaller, within_either};
 use core::f32::consts::TAU;
 
 /// Standard gravity, m/s^2.
@@ -124,6 +124,7 @@ pub struct AxisLoop {
 
 impl AxisLoop {
     /// Duty that follows a position: `error` in counts, `feed` the setpoint's own velocity, `velocity` the measured one.
+    #[inline]
     pub fn follow(
         &mut self,
         gains: &Gains,
@@ -131,13 +132,14 @@ impl AxisLoop {
         feed: CountsPerSecond,
         velocity: CountsPerSecond,
         window: Window,
-    ) -> f32 {
-        let correction = within(gains.position * error, -gains.velocity_limit, gains.velocity_limit);
+    ) -> Output {
+        let correction = within_either(gains.position * error, gains.velocity_limit);
         self.run(gains, CountsPerSecond(correction + feed.0), velocity, window)
     }
 
     /// Duty that keeps a velocity.
-    pub fn run(&mut self, gains: &Gains, wanted: CountsPerSecond, velocity: CountsPerSecond, window: Window) -> f32 {
+    #[inline]
+    pub fn run(&mut self, gains: &Gains, wanted: CountsPerSecond, velocity: CountsPerSecond, window: Window) -> Output {
         let offset = gains.holding + gains.back_emf * wanted.0;
         self.velocity.update(&gains.velocity, wanted.0 - velocity.0, offset, window)
     }

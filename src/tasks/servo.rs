@@ -3,8 +3,8 @@
 //! Reflex and stop may force the lines at any moment of it. What they had forced is read first; outputs that were decided
 //! without knowing are written, and then what was forced meanwhile is repeated ([`lines::settle`]).
 
-use super::{Answer, Checked, Granted, REFLEX, ROLL, Request, Returned, SERVO};
-use core::hint::black_box;
+use super::{Answer, Checked, Granted, READING, REFLEX, ROLL, Request, Returned, SERVO, WAITING};
+use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::bridge::{Drive, HBridge};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::EdgeCounter;
@@ -18,8 +18,7 @@ use edm_hal_shim::stm32f4::pwm::{self, Bridge};
 use edm_hal_shim::stm32f4::safety::Inputs;
 use edm_hal_shim::stm32f4::{gated, lines};
 use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
-use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Change, Fault, Head, Reason, Refused, State, Status, Supervisor, TickInput, TickOutput};
+use edm_servo_head::head::{Change, Fault, Head, Reason, Refused, State, Status, TickInput, TickOutput};
 use edm_servo_head::path::Path;
 use edm_servo_head::remote;
 use heapless::spsc::{Consumer, Producer};
@@ -38,12 +37,14 @@ pub struct Servo {
     /// What reflex and stop had forced, and the retreats of the reflex, at the tick before.
     pub(super) forced: lines::Forced,
     pub(super) retreats: u32,
-    pub(super) gap: GapReading,
-    /// What the newest tick saw: a debugger, or the emulated chip, may look at it.
+    /// State that the reflex knows.
+    pub(super) state: State,
+    /// What the newest tick saw, written in place: a debugger, or the emulated chip, may look at it.
     pub(super) input: TickInput,
+    /// Number of the gap reading in it.
+    pub(super) reading: u32,
     /// The newest fault that another task told of, and the tick that was told.
     pub(super) told: (Fault, u32),
-    pub(super) readings: Consumer<'static, GapReading>,
     pub(super) faults: Consumer<'static, Fault>,
     pub(super) requests: Consumer<'static, Request>,
     pub(super) answers: Producer<'static, Answer>,
@@ -60,50 +61,86 @@ impl Servo {
     pub fn tick(&mut self) {
         pwm::clear_tick();
         let forced = lines::forced();
-        self.input = self.inputs();
-        while let Some(fault) = self.faults.dequeue() {
-            self.told = (fault, self.head.status().tick.wrapping_add(1));
-            self.head.raise(fault);
+        if WAITING.load(Relaxed) {
+            // Who sets it has a lower priority: nothing can come in between.
+            WAITING.store(false, Relaxed);
+            self.requests();
         }
-        self.requests();
-        let output = self.head.tick(black_box(&self.input));
-        self.outputs(&output, forced, self.input.safety.bridge_fault);
+        self.inputs();
+        let output = self.head.tick(&self.input);
+        self.outputs(output, forced);
+        if self.head.status().state != self.state {
+            self.change_state(output.drive);
+        }
+        if self.head.closes_millisecond() {
+            self.tell(output.drive);
+        }
+        ROLL.report(SERVO, self.clock.now());
+    }
 
-        let status = self.head.status();
-        REFLEX.arm(status.state == State::Eroding);
-        if status.tick.is_multiple_of(Supervisor::PERIOD) {
-            let _ = self.statuses.enqueue(*status);
+    #[inline(always)]
+    fn inputs(&mut self) {
+        let storm = edges::serve();
+        if storm | self.handover.timer_leads() | self.head.looks_at_encoder() {
+            self.read_both(storm);
+        } else {
+            self.input.encoder.raw = self.handover.count(self.decoder.read());
         }
-        if let Some(change) = self.head.next_change() {
+        let input = &mut self.input;
+        READING.read(&mut self.reading, &mut input.gap);
+        let retreats = gated::retreats();
+        input.reflex = retreats != self.retreats;
+        self.retreats = retreats;
+        input.safety = self.inputs.read();
+        input.drive = self.drive.read();
+    }
+
+    /// The timer leads, or the two counters are compared.
+    #[cold]
+    #[inline(never)]
+    fn read_both(&mut self, storm: bool) {
+        let timer = self.timer.read();
+        self.input.encoder = self.handover.read(self.decoder.snapshot(), timer, storm);
+        self.input.watch = Some(timer);
+    }
+
+    /// The reflex may force a retreat only while the head erodes.
+    #[cold]
+    #[inline(never)]
+    fn change_state(&mut self, drive: Drive) {
+        self.state = self.head.status().state;
+        REFLEX.arm(self.state == State::Eroding);
+        self.arm(drive);
+    }
+
+    /// Connects the PWM, which a fault of the bridge disconnects, when the head drives.
+    fn arm(&mut self, drive: Drive) {
+        if drive != Drive::Coast && !self.input.safety.bridge_fault {
+            pwm::arm();
+        }
+    }
+
+    /// Once a millisecond: the status to the supervision, changes of state to the log.
+    #[cold]
+    #[inline(never)]
+    fn tell(&mut self, drive: Drive) {
+        let _ = self.statuses.enqueue(*self.head.status());
+        self.arm(drive);
+        while let Some(change) = self.head.next_change() {
             let _ = self.changes.enqueue(change);
             if let (Reason::CheckEnded, Some(result)) = (change.reason, self.head.check_result()) {
                 let _ = self.checked.enqueue(result);
             }
         }
-        ROLL.report(SERVO, self.clock.now());
     }
 
-    fn inputs(&mut self) -> TickInput {
-        let storm = edges::serve();
-        self.gap.quality = Quality::Missing;
-        while let Some(reading) = self.readings.dequeue() {
-            self.gap = reading;
-        }
-        let timer = self.timer.read();
-        let retreats = gated::counts().retreats;
-        let reflex = retreats != self.retreats;
-        self.retreats = retreats;
-        TickInput {
-            gap: self.gap,
-            encoder: self.handover.read(self.decoder.snapshot(), timer, storm),
-            watch: Some(timer),
-            safety: self.inputs.read(),
-            drive: self.drive.read(),
-            reflex,
-        }
-    }
-
+    #[cold]
+    #[inline(never)]
     fn requests(&mut self) {
+        while let Some(fault) = self.faults.dequeue() {
+            self.told = (fault, self.head.status().tick.wrapping_add(1));
+            self.head.raise(fault);
+        }
         while let Some((leave, answer)) = self.returned.dequeue() {
             self.head.end_leave(leave);
             let _ = self.answers.enqueue(answer);
@@ -129,20 +166,25 @@ impl Servo {
         })
     }
 
-    fn outputs(&mut self, output: &TickOutput, forced: lines::Forced, bridge_fault: bool) {
-        let mut applied = Ok(());
+    #[inline(always)]
+    fn outputs(&mut self, output: TickOutput, forced: lines::Forced) {
         if forced.bridge_since(&self.forced) {
-            // Whatever was forced, the bridge starts from coasting.
-            applied = self.bridge.apply(Drive::Coast);
+            self.restart_bridge(forced);
         }
-        self.forced = forced;
-        if applied.and(self.bridge.apply(output.drive)).is_err() {
+        if self.bridge.apply(output.drive).is_err() {
             lines::stop();
-        }
-        if output.drive != Drive::Coast && !bridge_fault {
-            pwm::arm();
         }
         self.generator.set_pulses(output.pulses);
         lines::settle(forced);
+    }
+
+    /// Whatever was forced, the bridge starts from coasting.
+    #[cold]
+    #[inline(never)]
+    fn restart_bridge(&mut self, forced: lines::Forced) {
+        self.forced = forced;
+        if self.bridge.apply(Drive::Coast).is_err() {
+            lines::stop();
+        }
     }
 }
