@@ -57,10 +57,6 @@ impl Twin {
     /// The first difference.
     pub fn tick(&mut self, commands: &[Command], input: &TickInput, there: &Status) -> Result<(), String> {
         self.ticks += 1;
-        let missing = GapReading { quality: Quality::Missing, ..input.gap };
-        if input.gap != missing {
-            self.compare("gap reading", &bits(&self.reading), &bits(&input.gap))?;
-        }
         if let (Some(fault), None) = (there.fault, self.head.status().fault)
             && SUPERVISED.contains(&fault)
         {
@@ -69,6 +65,11 @@ impl Twin {
         for command in commands {
             // A refusal shows in the status.
             let _ = self.head.command(*command);
+        }
+        // Between plans the firmware leaves the reading as it was.
+        let missing = GapReading { quality: Quality::Missing, ..input.gap };
+        if self.head.wants_gap() && input.gap != missing {
+            self.compare("gap reading", &bits(&self.reading), &bits(&input.gap))?;
         }
         self.head.tick(input);
         let here = *self.head.status();
