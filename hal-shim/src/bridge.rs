@@ -96,18 +96,15 @@ impl<P: SetDutyCycle, A: OutputPin, B: OutputPin> PwmBridge<P, A, B> {
 
     fn try_apply(&mut self, drive: Drive) -> Result<(), BridgeFault> {
         match drive {
-            Drive::Coast => {
-                // Written out even when coasting already: the safe state does not rely on memory.
-                self.side = Side::Unknown;
-                self.turn(Side::Coast)
-            }
+            // Written out even when coasting already: the safe state does not rely on memory.
+            Drive::Coast => self.change(Side::Coast),
             Drive::Brake => {
                 self.turn(Side::Brake)?;
                 self.pwm.set_duty_cycle_fully_on().map_err(|_| BridgeFault::Pwm)
             }
             // The direction stays, so that a duty passing through zero costs no direction change.
             Drive::Duty(0) if matches!(self.side, Side::Forward | Side::Reverse) => self.off(),
-            Drive::Duty(0) => self.try_apply(Drive::Coast),
+            Drive::Duty(0) => self.change(Side::Coast),
             Drive::Duty(duty) => {
                 self.turn(if duty > 0 { Side::Forward } else { Side::Reverse })?;
                 let duty = scale(duty, self.pwm.max_duty_cycle());
@@ -116,11 +113,15 @@ impl<P: SetDutyCycle, A: OutputPin, B: OutputPin> PwmBridge<P, A, B> {
         }
     }
 
-    /// Sets the direction inputs, PWM off first; the input that goes low does so before the other goes high.
+    #[inline]
     fn turn(&mut self, side: Side) -> Result<(), BridgeFault> {
-        if self.side == side {
-            return Ok(());
-        }
+        if self.side == side { Ok(()) } else { self.change(side) }
+    }
+
+    /// Sets the direction inputs, PWM off first; the input that goes low does so before the other goes high.
+    #[cold]
+    #[inline(never)]
+    fn change(&mut self, side: Side) -> Result<(), BridgeFault> {
         self.side = Side::Unknown;
         self.off()?;
         match side {

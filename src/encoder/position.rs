@@ -31,12 +31,6 @@ impl Position {
         self.counts
     }
 
-    /// Whether a reading brings nothing new, as most do while a head erodes.
-    #[inline]
-    pub fn is_at(&self, reading: RawCount) -> bool {
-        reading.count == self.raw
-    }
-
     /// Position at the newest reading.
     pub fn counts(&self) -> i64 {
         self.counts

@@ -11,10 +11,9 @@
 //! it is a step the wrong way, which only the second counter or the index marks can see. The rate at which the interrupt
 //! keeps this promise is the rated speed of the counter: 300 kcount/s, 3.3 us an edge, 560 cycles at 168 MHz.
 //!
-//! Cost: 44 cycles an edge away from index marks, 55 with reading the port and the clock and clearing the request, 79 with
-//! entry and exit (estimated from the instructions of the release build for Cortex-M4, flash warm, 2026-11-21). No loop, no
-//! lock, no division, the table in a register. The state that slower tasks read is kept in [`Shared`] and nowhere else, so
-//! there is nothing to copy.
+//! Cost: 22 cycles an edge away from index marks, 88 with reading the port and the clock, clearing the request, entry and exit
+//! (docs/performance-cycles.md). No loop, no lock, no division, the table in a register, and one word of state beside the
+//! count. The state that slower tasks read is kept in [`Shared`] and nowhere else, so there is nothing to copy.
 
 use super::index::MarkLatch;
 use super::shared::{Shared, Snapshot};
@@ -22,24 +21,27 @@ use core::borrow::Borrow;
 use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::encoder::Levels;
 
-/// Table entry of an illegal transition.
-const ILLEGAL: i32 = -2;
+/// What a transition is: two bits, of which the lower one says that it is a step of [`count`].
+const NONE: u32 = 0;
+const FORTH: u32 = 1;
+const ILLEGAL: u32 = 2;
+const BACK: u32 = 3;
 
-/// Step for each pair of phases: rows from 00, A, B, AB; columns to 00, A, B, AB.
+/// Each pair of phases: rows from 00, A, B, AB; columns to 00, A, B, AB.
 #[rustfmt::skip]
-const STEPS: [i32; 16] = [
-          0,       1,      -1, ILLEGAL,
-         -1,       0, ILLEGAL,       1,
-          1, ILLEGAL,       0,      -1,
-    ILLEGAL,      -1,       1,       0,
+const TRANSITIONS: [u32; 16] = [
+       NONE,   FORTH,    BACK, ILLEGAL,
+       BACK,    NONE, ILLEGAL,   FORTH,
+      FORTH, ILLEGAL,    NONE,    BACK,
+    ILLEGAL,    BACK,   FORTH,    NONE,
 ];
 
-/// [`STEPS`], two bits an entry: the values are all that two signed bits can hold.
-const PACKED_STEPS: u32 = {
+/// [`TRANSITIONS`], two bits an entry.
+const PACKED: u32 = {
     let mut word = 0;
     let mut entry = 0;
-    while entry < STEPS.len() {
-        word |= (STEPS[entry] as u32 & 0b11) << (2 * entry);
+    while entry < TRANSITIONS.len() {
+        word |= TRANSITIONS[entry] << (2 * entry);
         entry += 1;
     }
     word
@@ -52,11 +54,15 @@ fn phase(levels: Levels) -> u32 {
     u32::from(levels.a) | u32::from(levels.b) << 1
 }
 
-/// Step from the phase in a state to another.
-fn step(from: u32, to: u32) -> i32 {
+/// The transition from the phase in a state to another.
+fn transition(from: u32, to: u32) -> u32 {
     let entry = (from << PHASE_BITS | to) & 0xF;
-    // Up to the top and back down: the shift right carries the sign.
-    ((PACKED_STEPS >> (2 * entry)) << 30) as i32 >> 30
+    PACKED >> (2 * entry) & 0b11
+}
+
+/// Counts of a step: 1 forth, -1 back.
+fn count(step: u32) -> i32 {
+    2 - step.cast_signed()
 }
 
 /// Counts edges of A and B, and latches index marks.
@@ -88,35 +94,35 @@ impl<S: Borrow<Shared>> Quadrature<S> {
         let shared = self.0.borrow();
         let state = shared.state.load(Relaxed);
         let to = phase(levels);
-        let step = step(state, to);
-        let near_mark = state >> PHASE_BITS | u32::from(levels.index) != 0;
-        if step & 1 == 0 || near_mark {
-            return self.unusual(levels, now);
+        let transition = transition(state, to);
+        let index = u32::from(levels.index);
+        if transition & 1 == 0 || state >> PHASE_BITS | index != 0 {
+            return self.unusual(to, index, now);
         }
         shared.state.store(to, Relaxed);
-        shared.step(step, now);
+        shared.step(count(transition), now);
     }
 
     /// An edge near an index mark, the same levels again, or an illegal transition.
     #[cold]
     #[inline(never)]
-    fn unusual(&mut self, levels: Levels, now: u32) {
+    fn unusual(&mut self, to: u32, index: u32, now: u32) {
         let shared = self.0.borrow();
         let state = shared.state.load(Relaxed);
-        let to = phase(levels);
+        let high = index != 0;
         let mut latch = MarkLatch::of(state >> PHASE_BITS);
-        match step(state, to) {
-            0 => latch.stay(levels.index),
+        match transition(state, to) {
+            NONE => latch.stay(high),
             ILLEGAL => {
                 shared.illegal.store(shared.illegal.load(Relaxed).wrapping_add(1), Relaxed);
-                latch = MarkLatch::new(levels.index);
+                latch = MarkLatch::new(high);
             }
             step => {
                 let toward_work = shared.toward_work();
-                if let Some(mark) = latch.leave(shared.count.load(Relaxed), toward_work, levels.index) {
+                if let Some(mark) = latch.leave(shared.count.load(Relaxed), toward_work, high) {
                     shared.cross(mark, toward_work);
                 }
-                shared.step(step, now);
+                shared.step(count(step), now);
             }
         }
         shared.state.store(to | latch.line() << PHASE_BITS, Relaxed);

@@ -100,21 +100,27 @@ impl Velocity {
 
     /// Takes this tick's reading and returns the velocity. Ticks may be late or left out; less than 2^31 clock ticks and
     /// counts must lie between two of them.
+    #[inline]
     pub fn tick(&mut self, reading: RawCount) -> CountsPerSecond {
         if reading.last_edge != self.last_edge {
             self.last_edge = reading.last_edge;
-            self.value = self.measure(Edge::newest(reading));
-            // Up to this age |v| is less than one count by the time since the edge.
-            self.holds = ((self.hz / self.value.abs()) as u32).min(self.standstill);
+            self.edge(Edge::newest(reading));
         } else if !self.holds(reading) {
             let age = reading.now.wrapping_sub(self.time);
             if age >= self.standstill {
                 self.stand(reading.now);
             } else {
-                self.value = (self.hz / age.max(1) as f32).copysign(self.value);
+                self.value = (self.hz / age as f32).copysign(self.value);
             }
         }
         CountsPerSecond(self.value)
+    }
+
+    #[inline(never)]
+    fn edge(&mut self, edge: Edge) {
+        self.value = self.measure(edge);
+        // Up to this age |v| is less than one count by the time since the edge.
+        self.holds = ((self.hz / self.value.abs()) as u32).max(1).min(self.standstill);
     }
 
     /// Velocity at a new edge, counts/s.
@@ -129,6 +135,8 @@ impl Velocity {
     }
 
     /// At standstill the newest edge is as old as that takes, and the only one. A little later it is made so again.
+    #[cold]
+    #[inline(never)]
     fn stand(&mut self, now: u32) {
         let line = self.edges[self.newest % 4].line;
         self.time = now.wrapping_sub(self.standstill);

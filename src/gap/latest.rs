@@ -47,6 +47,12 @@ impl Latest {
         self.read_interrupted(seen, reading, || {});
     }
 
+    /// Short ticks of the newest reading.
+    #[inline]
+    pub fn short_ticks(&self) -> u32 {
+        self.short_ticks.load(Relaxed)
+    }
+
     #[inline(always)]
     fn read_interrupted(&self, seen: &mut u32, reading: &mut GapReading, mut interrupt: impl FnMut()) {
         let mut load = |value: &AtomicU32| {

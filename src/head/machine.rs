@@ -168,10 +168,11 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let busy = self.pace.begin();
         self.measure(input);
         let shorted = input.gap.short_ticks >= self.config.retreat.trigger;
-        if busy || self.urgent || input.reflex || shorted || input.safety.any() {
+        let more = busy || self.urgent || input.reflex || shorted || input.safety.any();
+        if more {
             self.do_more(busy, input);
         }
-        TickOutput { drive: self.follow(), pulses: self.course.pulses() }
+        TickOutput { drive: self.follow(), pulses: self.course.pulses(), more }
     }
 
     /// What most ticks do not do.
@@ -183,10 +184,9 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         plan |= input.gap.short_ticks >= self.config.retreat.trigger;
         if busy {
             let slot = self.pace.take();
-            match slot {
-                pace::DRIVE => self.look_at_drive(input),
-                pace::ENCODER => self.look_at_encoder(input),
-                _ => {}
+            if slot == pace::LOOK {
+                self.look_at_drive(input);
+                self.look_at_encoder(input);
             }
             plan |= pace::plans(slot);
         }
@@ -195,17 +195,24 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         }
     }
 
+    /// Whether the next tick may plan by itself: it then wants the newest gap reading. Other ticks look at its short ticks
+    /// alone; a plan out of its turn takes the reading as it was at most four ticks before.
+    #[inline]
+    pub fn wants_gap(&self) -> bool {
+        self.urgent || self.pace.is_due()
+    }
+
     /// Whether the next tick compares the two counters: it then wants a fresh reading of the watch, of illegal transitions and
     /// of index marks. Other ticks do not look at them.
     #[inline]
     pub fn looks_at_encoder(&self) -> bool {
-        self.pace.next() == pace::ENCODER
+        self.pace.next() == pace::LOOK
     }
 
-    /// Whether the tick before was the last of its millisecond: the supervision wants the status.
-    #[inline]
-    pub fn closes_millisecond(&self) -> bool {
-        self.pace.next() == 0
+    /// Whether the tick before was the one of its millisecond that looked at drive and encoder: the supervision wants the
+    /// status.
+    pub fn has_looked(&self) -> bool {
+        self.pace.has_looked()
     }
 
     /// States that count ticks, and loops that have the gap voltage as their only setpoint.

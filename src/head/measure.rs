@@ -6,7 +6,7 @@ use super::{Fault, TickInput};
 use crate::encoder::{MarkCheck, Plausibility, Position, Velocity};
 use crate::path::Path;
 use crate::servo::Drawn;
-use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Seconds, TICK_S, TICKS_PER_MS, Volts, rare};
+use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Seconds, TICK_S, TICKS_PER_MS, Volts};
 use core::mem::take;
 use core::ops::DerefMut;
 use edm_hal_shim::bridge::Drive;
@@ -14,7 +14,7 @@ use edm_hal_shim::encoder::RawCount;
 
 /// Code of no current.
 const MID_SCALE: i32 = ADC_FULL_SCALE.div_ceil(2) as i32;
-/// Time between two slices of a kind, and the share of a tick in it.
+/// Time between two looks, and the share of a tick in it.
 const MILLISECOND: Seconds = Seconds(TICKS_PER_MS as f32 * TICK_S);
 const PER_TICK: f32 = 1.0 / TICKS_PER_MS as f32;
 
@@ -25,11 +25,13 @@ pub(super) struct Tracking {
     velocity: Velocity,
     plausibility: Plausibility,
     marks: MarkCheck,
-    /// Count at the drive's slice before.
+    /// Count of the newest reading, as it came.
+    seen: u32,
+    /// Count at the look before.
     count: u32,
 }
 
-/// Sums over the ticks since the drive's slice before.
+/// Sums over the ticks since the look before.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Sums {
     /// Current codes above mid-scale, and their squares.
@@ -43,21 +45,12 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     /// Position, velocity, and the sums of what the drive draws.
     #[inline]
     pub(super) fn measure(&mut self, input: &TickInput) {
-        let raw = as_wired(&self.config.axis, input.encoder.raw);
-        match &mut self.tracking {
-            Some(tracking) => {
-                // In most ticks of an eroding head there is nothing new.
-                if !tracking.position.is_at(raw) {
-                    rare();
-                    self.status.position = tracking.position.update(raw);
-                    self.at = tracking.position.fixed();
-                }
-                if !tracking.velocity.holds(raw) {
-                    rare();
-                    self.status.velocity = tracking.velocity.tick(raw);
-                }
-            }
-            None => self.begin(input),
+        let raw = input.encoder.raw;
+        // In most ticks of an eroding head there is nothing new.
+        match self.tracking.as_mut().filter(|tracking| tracking.seen == raw.count) {
+            Some(tracking) if tracking.velocity.holds(raw) => {}
+            Some(tracking) => self.status.velocity = tracking.velocity.tick(raw),
+            None => self.track(input),
         }
         // Twelve bits: twenty squares stay within 32.
         let current = i32::from(input.drive.motor_current).wrapping_sub(MID_SCALE);
@@ -65,25 +58,27 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.sums.squares = self.sums.squares.wrapping_add(current.wrapping_mul(current).cast_unsigned());
     }
 
-    /// The first reading.
+    /// A new count, or the first.
     #[cold]
     #[inline(never)]
-    fn begin(&mut self, input: &TickInput) {
+    fn track(&mut self, input: &TickInput) {
         let axis = &self.config.axis;
         let raw = as_wired(axis, input.encoder.raw);
-        let position = Position::new(raw);
-        self.status.position = position.counts();
-        self.at = position.fixed();
-        self.tracking = Some(Tracking {
-            position,
+        let tracking = self.tracking.get_or_insert_with(|| Tracking {
+            position: Position::new(raw),
             velocity: Velocity::new(raw, axis.clock_hz),
             plausibility: Plausibility::new(axis.plausibility, input.encoder.illegal),
             marks: MarkCheck::new(axis.marks),
+            seen: 0,
             count: raw.count,
         });
+        tracking.seen = input.encoder.raw.count;
+        self.status.position = tracking.position.update(raw);
+        self.at = tracking.position.fixed();
+        self.status.velocity = tracking.velocity.tick(raw);
     }
 
-    /// Current, bus voltage, and what follows from them. (The first slice comes too early for its sums. The head coasts.)
+    /// Current, bus voltage, and what follows from them. (The first look comes too early for its sums. The head coasts.)
     pub(super) fn look_at_drive(&mut self, input: &TickInput) {
         let axis = &self.config.axis;
         let sign = if axis.motor_reversed { -1.0 } else { 1.0 };
@@ -130,7 +125,6 @@ impl<P: DerefMut<Target = Path>> Head<P> {
 #[inline]
 fn as_wired(axis: &Axis, raw: RawCount) -> RawCount {
     if axis.encoder_reversed {
-        rare();
         RawCount { count: raw.count.wrapping_neg(), toward_work: !raw.toward_work, ..raw }
     } else {
         raw

@@ -37,11 +37,12 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TickInput {
-    /// Newest gap reading.
+    /// Newest gap reading; between plans ([`Head::wants_gap`]) only its short ticks need be new.
     pub gap: GapReading,
-    /// Edge decoder: the count that the loops use.
+    /// Edge decoder: the count that the loops use. Marks and illegal transitions matter only where
+    /// [`Head::looks_at_encoder`] says so.
     pub encoder: Snapshot,
-    /// Second counter on the same lines, where both are wired.
+    /// Second counter on the same lines, where both are wired; matters there, too.
     pub watch: Option<RawCount>,
     /// Safety inputs.
     pub safety: SafetyInputs,
@@ -59,6 +60,8 @@ pub struct TickOutput {
     pub drive: Drive,
     /// To the generator: pulses allowed.
     pub pulses: bool,
+    /// The tick did more than its loop: only then can the state have changed, or [`Head::has_looked`] be true.
+    pub more: bool,
 }
 
 /// What the head knows after a tick: for supervision, hosts and reports.

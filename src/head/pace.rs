@@ -6,20 +6,16 @@
 //! | slot | besides the loop | why so rarely |
 //! | --- | --- | --- |
 //! | 0, 5, 10, 15 | *plan*: states, feed law, limits, path | the gap voltage is filtered to 200 Hz; 0.25 ms are 1.8 degrees at 20 Hz |
-//! | 1 | current: I2t, back-EMF | time constants of 20 ms and more, fed with the means of all ticks |
-//! | 2 | encoder: two counters, marks | deadline of tens of ms |
-//! | 19 | firmware: status to the supervision | its period |
+//! | 1 | *look*: I2t, back-EMF; encoder: two counters, marks | time constants of 20 ms and more, fed with the means of all ticks; deadlines of tens of ms |
+//! | 1, then | firmware: status to the supervision | its period |
 //!
 //! A plan is made out of its turn in the very tick in which something urgent shows: a short, a safety input, a fault, a
 //! command. States that count ticks or close a loop over the gap voltage plan in every tick.
 
 use crate::units::{PLAN_TICKS, TICKS_PER_MS};
 
-/// Slot of the drive's slice.
-pub(super) const DRIVE: u32 = 1;
-/// Slot of the encoder's slice.
-pub(super) const ENCODER: u32 = 2;
-const LAST: u32 = TICKS_PER_MS - 1;
+/// Slot of the look at drive and encoder.
+pub(super) const LOOK: u32 = 1;
 
 /// A bit for each slot with a plan.
 const PLANS: u32 = {
@@ -33,7 +29,7 @@ const PLANS: u32 = {
 };
 
 /// A bit for each slot in which there is more than the loop.
-const BUSY: u32 = PLANS | 1 << DRIVE | 1 << ENCODER | 1 << LAST;
+const BUSY: u32 = PLANS | 1 << LOOK;
 
 /// Counts down to the next slot in which there is more than the loop.
 #[derive(Clone, Copy, Debug)]
@@ -55,18 +51,28 @@ impl Pace {
         self.left == 0
     }
 
+    /// The tick to come is in the next busy slot.
+    #[inline]
+    pub fn is_due(&self) -> bool {
+        self.left == 1
+    }
+
     /// The next busy slot.
     #[inline]
     pub fn next(&self) -> u32 {
         self.slot
     }
 
+    /// The tick under way had the look.
+    pub fn has_looked(&self) -> bool {
+        (self.slot, self.left) == (PLAN_TICKS, PLAN_TICKS - LOOK)
+    }
+
     /// Gives the slot of this tick, and goes on to the next busy one.
     pub fn take(&mut self) -> u32 {
         let slot = self.slot;
-        // The last one is busy, so that only behind it there is none.
         let later = (BUSY >> (slot & 31)) >> 1;
-        self.left = if later == 0 { 1 } else { later.trailing_zeros() + 1 };
+        self.left = if later == 0 { TICKS_PER_MS.saturating_sub(slot) } else { later.trailing_zeros() + 1 };
         self.slot = if later == 0 { 0 } else { slot.wrapping_add(self.left) };
         slot
     }
@@ -83,26 +89,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_fifth_tick_plans_and_none_of_the_others_does_more_than_one_thing() {
+    fn every_fifth_tick_plans_and_one_other_looks() {
         let mut pace = Pace::new();
         let slots: Vec<_> = (0..40).map(|_| pace.begin().then(|| pace.take())).collect();
-        let busy = [0, 1, 2, 5, 10, 15, 19];
+        let busy = [0, 1, 5, 10, 15];
         for (tick, slot) in (0..).zip(slots) {
             assert_eq!(slot, busy.contains(&(tick % 20)).then_some(tick % 20), "tick {tick}");
         }
-        assert_eq!(busy.map(plans), [true, false, false, true, true, true, false]);
-        assert_eq!([DRIVE, ENCODER, LAST], [1, 2, 19]);
+        assert_eq!(busy.map(plans), [true, false, true, true, true]);
     }
 
     #[test]
-    fn the_tick_before_the_encoders_slice_and_the_one_after_the_last_know_what_comes() {
+    fn the_tick_before_the_look_knows_and_the_look_itself_does() {
         let mut pace = Pace::new();
         for tick in 0..100 {
-            assert_eq!(pace.next() == ENCODER, tick % 20 == ENCODER, "before tick {tick}");
+            assert_eq!(pace.next() == LOOK, tick % 20 == LOOK, "before tick {tick}");
             if pace.begin() {
                 pace.take();
             }
-            assert_eq!(pace.next() == 0, tick % 20 == LAST, "after tick {tick}");
+            assert_eq!(pace.has_looked(), tick % 20 == LOOK, "after tick {tick}");
         }
     }
 }

@@ -141,7 +141,7 @@ impl AxisLoop {
     #[inline]
     pub fn run(&mut self, gains: &Gains, wanted: CountsPerSecond, velocity: CountsPerSecond, window: Window) -> Output {
         let offset = gains.holding + gains.back_emf * wanted.0;
-        self.velocity.update(&gains.velocity, wanted.0 - velocity.0, offset, window)
+        self.velocity.update_pi(&gains.velocity, wanted.0 - velocity.0, offset, window)
     }
 
     /// Clears the integrator: at enable, and in the reaction to a following error.

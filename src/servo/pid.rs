@@ -50,15 +50,16 @@ pub struct Pid {
 
 impl Pid {
     /// Output for this tick: controller plus `offset`, inside `window`.
-    #[inline]
     pub fn update(&mut self, gains: &PidGains, error: f32, offset: f32, window: Window) -> Output {
-        let mut rest = gains.p * error + offset;
-        if gains.d.to_bits() != 0 {
-            rare();
-            let slope = self.last.map_or(0.0, |last| (error - last) * TICK_HZ as f32);
-            self.last = Some(error);
-            rest += gains.d * slope;
-        }
+        let slope = self.last.map_or(0.0, |last| (error - last) * TICK_HZ as f32);
+        self.last = Some(error);
+        self.update_pi(gains, error, offset + gains.d * slope, window)
+    }
+
+    /// As [`Pid::update`], without the derivative: what a velocity loop runs.
+    #[inline]
+    pub fn update_pi(&mut self, gains: &PidGains, error: f32, offset: f32, window: Window) -> Output {
+        let rest = gains.p * error + offset;
         let clipped = within_either(error, gains.integral_error);
         let integral = within_either(self.integral + gains.i * TICK_S * clipped, gains.integral);
         let free = rest + integral;
@@ -68,12 +69,17 @@ impl Pid {
             return Output { value: free, limited: false };
         }
         rare();
-        let pushes =
-            (free > window.high && integral > self.integral) || (free < window.low && integral < self.integral);
-        if !pushes {
+        let above = free >= window.high;
+        let end = if above { window.high } else { window.low };
+        let pushes = free != end && if above { integral > self.integral } else { integral < self.integral };
+        let wanted = if pushes {
+            rest + self.integral
+        } else {
             self.integral = integral;
-        }
-        Output::new(rest + self.integral, window)
+            free
+        };
+        let beyond = if above { wanted >= end } else { wanted <= end };
+        if beyond { Output { value: end, limited: true } } else { Output::new(wanted, window) }
     }
 
     /// Forgets integral and slope.

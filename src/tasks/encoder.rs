@@ -2,7 +2,7 @@
 
 use super::Published;
 use edm_hal_shim::clock::Clock;
-use edm_hal_shim::encoder::QuadratureLines;
+use edm_hal_shim::encoder::{Levels, QuadratureLines};
 use edm_hal_shim::stm32f4::cycles::Cycles;
 use edm_hal_shim::stm32f4::encoder::{Edge, Line, Lines};
 use edm_servo_head::encoder::Quadrature;
@@ -18,20 +18,20 @@ impl Decoder {
     /// An edge of one line.
     #[inline(always)]
     pub fn edge(&mut self, line: Line) {
-        if self.lines.acknowledge(line) {
-            self.quadrature.edge(self.lines.levels(), self.clock.now());
+        self.lines.acknowledge(line);
+        let (levels, now) = (self.lines.levels(), self.clock.now());
+        if self.lines.follows() {
+            self.quadrature.edge(levels, now);
         } else {
-            self.unusual();
+            self.unusual(levels, now);
         }
     }
 
     #[cold]
     #[inline(never)]
-    fn unusual(&mut self) {
-        let edge = self.lines.unusual();
-        let levels = self.lines.levels();
-        match edge {
-            Edge::Last => self.quadrature.edge(levels, self.clock.now()),
+    fn unusual(&mut self, levels: Levels, now: u32) {
+        match self.lines.unusual() {
+            Edge::Last => self.quadrature.edge(levels, now),
             Edge::AfterStorm => self.quadrature.resume(levels),
         }
     }

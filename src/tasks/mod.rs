@@ -43,7 +43,7 @@ const GAP: usize = 0;
 const SERVO: usize = 1;
 const SUPERVISE: usize = 2;
 const PROTOCOL: usize = 3;
-static ROLL: Roll<4> = Roll::new([MS, MS, 5 * MS, 50 * MS]);
+static ROLL: Roll<4> = Roll::new([MS, 3 * MS / 2, 5 * MS, 50 * MS]);
 /// What the reflex acts on.
 static REFLEX: Limits = Limits::new();
 /// What the encoder interrupts count; slower tasks read it.

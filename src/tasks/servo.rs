@@ -69,68 +69,71 @@ impl Servo {
         self.inputs();
         let output = self.head.tick(&self.input);
         self.outputs(output, forced);
-        if self.head.status().state != self.state {
-            self.change_state(output.drive);
-        }
-        if self.head.closes_millisecond() {
+        if output.more {
             self.tell(output.drive);
         }
-        ROLL.report(SERVO, self.clock.now());
     }
 
     #[inline(always)]
     fn inputs(&mut self) {
         let storm = edges::serve();
-        if storm | self.handover.timer_leads() | self.head.looks_at_encoder() {
-            self.read_both(storm);
+        if self.head.wants_gap() || storm || self.handover.timer_leads() {
+            self.read_more(storm);
         } else {
             self.input.encoder.raw = self.handover.count(self.decoder.read());
         }
         let input = &mut self.input;
-        READING.read(&mut self.reading, &mut input.gap);
+        input.gap.short_ticks = READING.short_ticks();
+        input.reflex = false;
         let retreats = gated::retreats();
-        input.reflex = retreats != self.retreats;
-        self.retreats = retreats;
+        if retreats != self.retreats {
+            self.retreats = retreats;
+            input.reflex = true;
+        }
         input.safety = self.inputs.read();
         input.drive = self.drive.read();
     }
 
-    /// The timer leads, or the two counters are compared.
+    /// For a plan the gap; for the look, or while the timer leads, both counters.
     #[cold]
     #[inline(never)]
-    fn read_both(&mut self, storm: bool) {
-        let timer = self.timer.read();
-        self.input.encoder = self.handover.read(self.decoder.snapshot(), timer, storm);
-        self.input.watch = Some(timer);
-    }
-
-    /// The reflex may force a retreat only while the head erodes.
-    #[cold]
-    #[inline(never)]
-    fn change_state(&mut self, drive: Drive) {
-        self.state = self.head.status().state;
-        REFLEX.arm(self.state == State::Eroding);
-        self.arm(drive);
-    }
-
-    /// Connects the PWM, which a fault of the bridge disconnects, when the head drives.
-    fn arm(&mut self, drive: Drive) {
-        if drive != Drive::Coast && !self.input.safety.bridge_fault {
-            pwm::arm();
+    fn read_more(&mut self, storm: bool) {
+        READING.read(&mut self.reading, &mut self.input.gap);
+        if storm || self.handover.timer_leads() || self.head.looks_at_encoder() {
+            let timer = self.timer.read();
+            self.input.encoder = self.handover.read(self.decoder.snapshot(), timer, storm);
+            self.input.watch = Some(timer);
+        } else {
+            self.input.encoder.raw = self.handover.count(self.decoder.read());
         }
     }
 
-    /// Once a millisecond: the status to the supervision, changes of state to the log.
+    /// Whom a change of state, or the look once a millisecond, concerns.
     #[cold]
     #[inline(never)]
     fn tell(&mut self, drive: Drive) {
-        let _ = self.statuses.enqueue(*self.head.status());
-        self.arm(drive);
+        let state = self.head.status().state;
+        let looked = self.head.has_looked();
+        if state != self.state {
+            self.state = state;
+            // A retreat may be forced only while the head erodes.
+            REFLEX.arm(state == State::Eroding);
+        } else if !looked {
+            return;
+        }
+        // The PWM, which a fault of the bridge disconnects.
+        if drive != Drive::Coast && !self.input.safety.bridge_fault {
+            pwm::arm();
+        }
         while let Some(change) = self.head.next_change() {
             let _ = self.changes.enqueue(change);
             if let (Reason::CheckEnded, Some(result)) = (change.reason, self.head.check_result()) {
                 let _ = self.checked.enqueue(result);
             }
+        }
+        if looked {
+            let _ = self.statuses.enqueue(*self.head.status());
+            ROLL.report(SERVO, self.clock.now());
         }
     }
 

@@ -8,7 +8,7 @@ use super::safety::{connect, exti};
 use super::{Board, change, pac, power, put};
 use crate::board::gpio::{PA0, PA1, PA2, Tim5Ch1, Tim5Ch2};
 use crate::encoder::{EncoderTimer, Levels, QuadratureLines};
-use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 const A: u32 = Board::TABLE.pin("encoder_a").number as u32;
 const B: u32 = Board::TABLE.pin("encoder_b").number as u32;
@@ -21,10 +21,10 @@ const _: () = assert!(A == 0 && B == 1 && INDEX == 2);
 /// Edges a tick that the interrupt serves: 800 kcount/s, at which it takes 40 % of the core.
 pub const MOST_EDGES: u32 = 40;
 
-/// Edges that may still come in this tick; [`UNSERVED`] when the next one does not follow the one before, because the lines
-/// were masked in between.
-static LEFT: AtomicU32 = AtomicU32::new(UNSERVED);
-const UNSERVED: u32 = 0;
+/// Edges that the interrupt still serves in this tick before the last one.
+static LEFT: AtomicU32 = AtomicU32::new(0);
+/// The next edge does not follow the one before: the lines were masked in between. Nothing is left then.
+static UNSERVED: AtomicBool = AtomicBool::new(true);
 
 /// The lines, as the edge interrupts see them.
 pub struct Lines(());
@@ -62,22 +62,27 @@ impl QuadratureLines for Lines {
 }
 
 impl Lines {
-    /// Acknowledges an edge of one line; call before reading the levels, so that an edge in between comes back. `true` when it
-    /// simply follows the one before; otherwise [`Lines::unusual`] says what it is.
+    /// Acknowledges an edge of one line; call before reading the levels, so that an edge in between comes back.
     #[inline(always)]
-    pub fn acknowledge(&mut self, line: Line) -> bool {
+    pub fn acknowledge(&mut self, line: Line) {
         put!(exti().pr(), 1 << line as u32);
-        let left = LEFT.load(Relaxed);
-        if left > 1 {
-            LEFT.store(left - 1, Relaxed);
+    }
+
+    /// Counts an edge. `true` when it simply follows the one before; otherwise [`Lines::unusual`] says what it is.
+    #[inline(always)]
+    pub fn follows(&mut self) -> bool {
+        let left = LEFT.load(Relaxed).checked_sub(1);
+        if let Some(left) = left {
+            LEFT.store(left, Relaxed);
         }
-        left > 1
+        left.is_some()
     }
 
     /// What an edge is that does not simply follow the one before. The last one of a tick masks the lines.
     pub fn unusual(&mut self) -> Edge {
-        if LEFT.load(Relaxed) == UNSERVED {
-            LEFT.store(MOST_EDGES, Relaxed);
+        if UNSERVED.load(Relaxed) {
+            UNSERVED.store(false, Relaxed);
+            LEFT.store(MOST_EDGES - 1, Relaxed);
             return Edge::AfterStorm;
         }
         change!(exti().imr(), clear LINES, set 0);
@@ -121,7 +126,7 @@ pub fn serve() -> bool {
     if storm {
         serve_again();
     } else {
-        LEFT.store(MOST_EDGES, Relaxed);
+        LEFT.store(MOST_EDGES - 1, Relaxed);
     }
     storm
 }
@@ -130,7 +135,8 @@ pub fn serve() -> bool {
 #[inline(never)]
 fn serve_again() {
     // No encoder interrupt can come in between: they are masked. Stop's lines are never masked.
-    LEFT.store(UNSERVED, Relaxed);
+    LEFT.store(0, Relaxed);
+    UNSERVED.store(true, Relaxed);
     put!(exti().pr(), LINES);
     change!(exti().imr(), clear 0, set LINES);
     // An edge of its own making: the decoder takes the levels now. Otherwise the next real edge would tell it that the storm is

@@ -6,7 +6,6 @@ use crate::board::gpio::{PA4, Pin};
 use crate::board::{DAC_STEPS, Pin as Place};
 use crate::generator::{Generator, InhibitPin};
 use core::convert::Infallible;
-use embedded_hal::digital::PinState;
 
 /// Off-time at full scale of the output, ns: 200 us a full scale of 3.3 V (assumed; a property of the interface, see the
 /// wiring page).
@@ -16,7 +15,7 @@ const ALLOW: Place = Board::TABLE.pin("allow_pulses");
 
 /// The generator's interface. Pulses are inhibited when it is made, as they were by the pull before.
 pub struct Interface {
-    inhibit: InhibitPin<Output<{ ALLOW.port }, { ALLOW.number }>>,
+    inhibit: InhibitPin<Output<{ ALLOW.port }, { ALLOW.number }>, true>,
     dac: pac::DAC,
 }
 
@@ -28,7 +27,7 @@ impl Interface {
         off_time: PA4,
         rcc: &pac::RCC,
     ) -> Result<Self, Infallible> {
-        let inhibit = InhibitPin::new(pins::output_low(allow), PinState::High)?;
+        let inhibit = InhibitPin::new(pins::output_low(allow))?;
         power::DAC.reset(rcc);
         pins::analog(off_time);
         put!(dac.dhr12r(0), 0);

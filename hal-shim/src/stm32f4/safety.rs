@@ -125,20 +125,22 @@ impl Safety for Inputs {
     /// Levels now, together with every condition that was unsafe for however short a time since the last call.
     #[inline]
     fn read(&mut self) -> SafetyInputs {
-        let now = self.0.read();
-        if SEEN.load(Relaxed) == 0 { now } else { with_seen(now) }
+        if SEEN.load(Relaxed) == 0 { self.0.read() } else { self.read_with_seen() }
     }
 }
 
-/// The levels `now` with what was seen before.
-#[cold]
-fn with_seen(now: SafetyInputs) -> SafetyInputs {
-    let seen = SEEN.swap(0, Relaxed);
-    SafetyInputs {
-        upper_limit: now.upper_limit || seen & UPPER != 0,
-        lower_limit: now.lower_limit || seen & LOWER != 0,
-        emergency_stop: now.emergency_stop || seen & EMERGENCY != 0,
-        dielectric: now.dielectric || seen & DIELECTRIC != 0,
-        bridge_fault: now.bridge_fault || seen & BRIDGE != 0,
+impl Inputs {
+    #[cold]
+    #[inline(never)]
+    fn read_with_seen(&mut self) -> SafetyInputs {
+        let seen = SEEN.swap(0, Relaxed);
+        let now = self.0.read();
+        SafetyInputs {
+            upper_limit: now.upper_limit || seen & UPPER != 0,
+            lower_limit: now.lower_limit || seen & LOWER != 0,
+            emergency_stop: now.emergency_stop || seen & EMERGENCY != 0,
+            dielectric: now.dielectric || seen & DIELECTRIC != 0,
+            bridge_fault: now.bridge_fault || seen & BRIDGE != 0,
+        }
     }
 }

@@ -73,16 +73,17 @@ impl Twin {
 
     fn tick(&mut self, input: &TickInput, there: &Status) -> Result<(), String> {
         self.ticks += 1;
-        let missing = GapReading { quality: Quality::Missing, ..input.gap };
-        if input.gap != missing {
-            self.compare("gap reading", &bits(&self.reading), &bits(&input.gap))?;
-        }
         for fault in self.faults.drain(..) {
             self.head.raise(fault);
         }
         for command in self.commands.drain(..) {
             // A refusal shows in the status.
             let _ = self.head.command(command);
+        }
+        // Between plans the firmware leaves the reading as it was.
+        let missing = GapReading { quality: Quality::Missing, ..input.gap };
+        if self.head.wants_gap() && input.gap != missing {
+            self.compare("gap reading", &bits(&self.reading), &bits(&input.gap))?;
         }
         self.head.tick(input);
         let here = *self.head.status();

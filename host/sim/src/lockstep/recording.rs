@@ -247,7 +247,7 @@ fn command_of(&[number, nm]: &[u64; 2]) -> Result<Command, Error> {
 }
 
 /// Numbers of a tick.
-const TICK: usize = 35;
+const TICK: usize = 38;
 
 /// What the replay needs of the input, and what [`Twin`] compares of the status.
 fn tick_numbers(input: &TickInput, status: &Status) -> [u64; TICK] {
@@ -260,7 +260,10 @@ fn tick_numbers(input: &TickInput, status: &Status) -> [u64; TICK] {
     };
     let watched = watch.unwrap_or_default();
     [
+        float(gap.filtered.0),
+        float(gap.block.0),
         gap.quality as u64,
+        gap.short_ticks.into(),
         raw.count.into(),
         raw.last_edge.into(),
         raw.toward_work.into(),
@@ -299,8 +302,8 @@ fn tick_numbers(input: &TickInput, status: &Status) -> [u64; TICK] {
 }
 
 fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Status), Error> {
-    let [quality, count, last_edge, toward_work, now, illegal, mark_at, mark_toward, crossings, watched, rest @ ..] =
-        numbers;
+    let [in_filtered, in_block, in_quality, in_shorts, count, last_edge, toward_work, now, rest @ ..] = numbers;
+    let [illegal, mark_at, mark_toward, crossings, watched, rest @ ..] = rest;
     let [w_count, w_edge, w_toward, w_now, contacts, motor_current, bus_voltage, reflex, rest @ ..] = rest;
     let [tick, state, fault, position, setpoint, following, velocity, path, rest @ ..] = rest;
     let [filtered, block, gap_quality, short_ticks, open, duty, saturated, current, bus] = rest;
@@ -314,15 +317,17 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Status), Error> {
         toward_work: flag(toward),
         now: word(now),
     };
-    let gap = GapReading {
-        filtered: Volts(float(filtered)),
-        block: Volts(float(block)),
-        quality: quality_of(gap_quality)?,
-        short_ticks: word(short_ticks),
+    let reading = |filtered, block, quality, short_ticks| {
+        Ok::<_, Error>(GapReading {
+            filtered: Volts(float(filtered)),
+            block: Volts(float(block)),
+            quality: quality_of(quality)?,
+            short_ticks: word(short_ticks),
+        })
     };
     let open_at = |i: u32| contacts >> i & 1 == 1;
     let input = TickInput {
-        gap: GapReading { quality: quality_of(quality)?, ..gap },
+        gap: reading(in_filtered, in_block, in_quality, in_shorts)?,
         encoder: Snapshot {
             raw: raw(count, last_edge, toward_work, now),
             illegal: word(illegal),
@@ -348,7 +353,7 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Status), Error> {
         following: float(following),
         velocity: CountsPerSecond(float(velocity)),
         path: Fixed(*path as i64),
-        gap,
+        gap: reading(filtered, block, gap_quality, short_ticks)?,
         open_circuit: Volts(float(open)),
         duty: float(duty),
         saturated: flag(saturated),
