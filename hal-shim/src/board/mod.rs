@@ -54,7 +54,7 @@ macro_rules! board {
 
             /// Takes the pins it uses from the ports; the others can never be configured.
             pub fn new(ports: $crate::board::gpio::Ports) -> Self {
-                $Board { $($signal: ports.$port.$field,)+ }
+                $Board { $($signal: $crate::board::gpio::input(ports.$port.$field),)+ }
             }
         }
 

@@ -2,8 +2,9 @@
 
 use super::dma::{FULL, HALF, INTERRUPT_HALVES, Stream, URGENT};
 use super::gate::Edges;
+use super::hal::rcc::{Enable, Reset};
 use super::start::{StartError, within};
-use super::{Board, pac, power, put};
+use super::{Board, pac, put};
 use crate::board::{ADC, GAP_SAMPLING};
 use crate::gap::{BLOCK, GapBlock, GapFrontEnd};
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
@@ -22,10 +23,12 @@ pub(super) fn sampling(adc: &pac::adc1::RegisterBlock, channel: u32, smpr: u8) {
 }
 
 /// Resets the three converters and sets their common clock. Before any of them.
-pub fn common(common: &pac::ADC_COMMON, rcc: &pac::RCC) {
-    power::ADC2.clock(rcc);
-    power::ADC3.clock(rcc);
-    power::ADC.reset(rcc);
+pub fn common(common: &pac::ADC_COMMON, rcc: &mut pac::RCC) {
+    pac::ADC1::enable(rcc);
+    pac::ADC2::enable(rcc);
+    pac::ADC3::enable(rcc);
+    // One reset serves all three.
+    pac::ADC1::reset(rcc);
     put!(common.ccr(), u32::from(ADC.adcpre) << 16);
 }
 

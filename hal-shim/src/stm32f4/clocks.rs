@@ -1,5 +1,7 @@
 //! Clock tree: crystal -> PLL -> 168 MHz core, 84 MHz APB2, 42 MHz APB1 (RM0090 7.2, flash 3.5.1).
 //!
+//! Not the library's: it waits for crystal and PLL for ever. A head without a crystal says so instead.
+//!
 //! The clock security system is on: when the crystal stops, the chip falls back to its internal oscillator and raises NMI,
 //! which ends in [`super::dying`].
 
