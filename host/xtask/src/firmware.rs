@@ -173,9 +173,10 @@ impl Image {
         if self.frame > FRAME_LIMIT {
             return Err(format!("a function takes {} bytes of stack", self.frame));
         }
-        // RTIC masks once, while it starts. Another one is a critical section that would delay the reflex.
-        if self.masks > 1 {
-            return Err(format!("PRIMASK is set in {} places, 1 allowed: whose critical section is it?", self.masks));
+        // RTIC masks while it starts, and a dying program for good. Another one is a critical section that would delay the
+        // reflex.
+        if self.masks > 2 {
+            return Err(format!("PRIMASK is set in {} places, 2 allowed: whose critical section is it?", self.masks));
         }
         Ok(())
     }
@@ -317,7 +318,7 @@ mod tests {
             flash: FLASH_LIMIT,
             ram: RAM_LIMIT,
             frame: FRAME_LIMIT,
-            masks: 1,
+            masks: 2,
         }
     }
 
@@ -339,7 +340,7 @@ mod tests {
         refused(Image { vectors: Some((0x2002_0000, 0x0800_C000)), ..good() }, "reset vector");
         refused(Image { entry: 0, ..good() }, "differ");
         refused(Image { frame: FRAME_LIMIT + 1, ..good() }, "stack");
-        refused(Image { masks: 2, ..good() }, "PRIMASK");
+        refused(Image { masks: 3, ..good() }, "PRIMASK");
         refused(Image { flash: FLASH_LIMIT + 1, ..good() }, "limits");
         refused(Image { ram: RAM_LIMIT + 1, ..good() }, "limits");
         let mut image = good();
