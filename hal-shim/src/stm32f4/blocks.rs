@@ -5,7 +5,7 @@ use super::gate::Edges;
 use super::hal::rcc::{Enable, Reset};
 use super::start::{StartError, within};
 use super::{Board, pac, put};
-use crate::board::{ADC, GAP_SAMPLING};
+use crate::board::{ADC, CORE_HZ, GAP_SAMPLING};
 use crate::gap::{BLOCK, GapBlock, GapFrontEnd};
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
@@ -35,7 +35,7 @@ pub fn common(common: &pac::ADC_COMMON, rcc: &mut pac::RCC) {
 /// Switches a converter on and waits its stabilisation time, 3 us.
 pub(super) fn power_up(adc: &pac::adc1::RegisterBlock) {
     super::change!(adc.cr2(), clear 0, set 1);
-    cortex_m::asm::delay(3 * 168);
+    cortex_m::asm::delay(3 * (CORE_HZ / 1_000_000));
 }
 
 /// Channel of an ADC from the table's words, such as ADC1_IN10.

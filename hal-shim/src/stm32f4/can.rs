@@ -33,14 +33,17 @@ pub fn start(
     rcc: &mut pac::RCC,
 ) -> Result<(Sender, Receiver), StartError> {
     let can = Can1::new(can, (transmit, receive), rcc);
-    // bxcan waits for these answers without a bound; here they are had before it asks.
+    // bxcan waits without a bound until the controller is initialising, then until it sleeps. Here it goes through both
+    // first: what it has just done it does again, and the watchdog, which runs by now, is the last bound.
     let registers = can1();
-    registers.mcr().modify(|_, w| w.sleep().clear_bit().inrq().set_bit());
-    let initialised = || {
-        let msr = registers.msr().read();
-        msr.inak().bit_is_set() && msr.slak().bit_is_clear()
-    };
-    within(100_000, initialised, StartError::CanInitialisation)?;
+    for initialise in [true, false, true] {
+        registers.mcr().modify(|_, w| w.sleep().bit(!initialise).inrq().bit(initialise));
+        let done = || {
+            let msr = registers.msr().read();
+            msr.inak().bit() == initialise && msr.slak().bit() != initialise
+        };
+        within(100_000, done, StartError::CanInitialisation)?;
+    }
 
     let mut can = bxcan::Can::builder(can).set_bit_timing(timing.btr()).leave_disabled();
     can.modify_filters().enable_bank(0, Fifo::Fifo0, listen(BROADCASTS[0], BROADCASTS[1]));
