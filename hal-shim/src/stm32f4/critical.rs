@@ -1,8 +1,8 @@
-//! Critical sections that delay neither reflex, stop nor encoder.
+//! Critical sections that delay neither reflex, stop, encoder, gap nor servo.
 //!
-//! Everything below the encoder tasks is masked by BASEPRI; encoder, stop and reflex run on. They therefore must not log,
-//! lock or take a critical section themselves. PRIMASK is never set. A log message is one section, 14 us for a long one (on
-//! the modelled chip): four edges at the rated speed.
+//! Everything below the servo task is masked by BASEPRI; the tasks from servo up run on. They therefore must not log, lock or
+//! take a critical section themselves. PRIMASK is never set. A log message is one section, 14 us for a long one (on the
+//! modelled chip): four edges at the rated speed, and a servo tick that would start late.
 //!
 //! cortex-m brings one of its own, made of PRIMASK; the package beside this file keeps it out.
 
@@ -11,13 +11,32 @@ use cortex_m::register::{basepri, basepri_max};
 
 /// Priority bits of the STM32F4.
 const BITS: u8 = 4;
-/// Hardware priority of the highest task that is masked: the one below the encoder.
-const CEILING: u8 = ((1 << BITS) - (board::priority("encoder_a") - 1)) << (8 - BITS);
+/// Hardware priority of the highest task that is masked: the one below the servo.
+const CEILING: u8 = hardware(board::priority("servo") - 1);
+/// Hardware priority of the encoder tasks.
+const ENCODER: u8 = hardware(board::priority("encoder_a"));
+
+/// A priority as BASEPRI takes it.
+const fn hardware(priority: u8) -> u8 {
+    ((1 << BITS) - priority) << (8 - BITS)
+}
+
+/// Runs `f` with everything masked but stop and reflex: a few cycles, for what encoder and servo task write as well.
+pub fn before_encoder<R>(f: impl FnOnce() -> R) -> R {
+    let before = basepri::read();
+    basepri_max::write(ENCODER);
+    cortex_m::asm::isb();
+    let result = f();
+    core::sync::atomic::compiler_fence(core::sync::atomic::Ordering::SeqCst);
+    // SAFETY: restores the value that was found.
+    unsafe { basepri::write(before) };
+    result
+}
 
 struct Basepri;
 critical_section::set_impl!(Basepri);
 
-// SAFETY: `acquire` masks every interrupt that may use a critical section (those below the encoder), and `release` restores what
+// SAFETY: `acquire` masks every interrupt that may use a critical section (those below the servo), and `release` restores what
 // was masked before, so sections nest. BASEPRI of 0 means nothing is masked and BASEPRI_MAX only ever raises it.
 unsafe impl critical_section::Impl for Basepri {
     unsafe fn acquire() -> critical_section::RawRestoreState {

@@ -7,7 +7,7 @@ use super::hal::gpio::alt::tim5::{Ch1, Ch2};
 use super::hal::gpio::{ExtiPin, Input, PushPull};
 use super::hal::syscfg::SysCfg;
 use super::safety::exti;
-use super::{Board, change, pac, put, reset};
+use super::{Board, change, critical, pac, put, reset};
 use crate::board::gpio::gpioa::{PA0, PA1, PA2};
 use crate::encoder::{EncoderTimer, Levels, QuadratureLines};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
@@ -106,7 +106,7 @@ pub enum Line {
 /// timer's count.
 pub fn missed() {
     // Encoder and servo task write the same registers.
-    critical_section::with(|_| {
+    critical::before_encoder(|| {
         change!(exti().imr(), clear LINES, set 0);
         UNSERVED.store(true, Relaxed);
     });
