@@ -19,7 +19,7 @@ def divider(s):
     s.text(4.0, 27.5, "FB1", "center")
     s.note(2.9, 23.6, "FB1: both leads 5 turns\nthrough one ferrite core,\nat the terminals")
     s.note(7.4, 28.3, "R201..R210: 100 k 0.1 % 25 ppm 1206, 200 V each.\nOthers here 0.1 %. Keep 5 mm around this row.")
-    s.barrier(17.2, 32.2, 17.2, 22.6, "protective impedance\n2 × 500 k: 0.74 mA at 368 V", 11.2, 32.2)
+    s.barrier(17.2, 32.2, 17.2, 22.6, "protective impedance\n2 × 500 k: 0.74 mA at 369 V", 11.2, 32.2)
     s.wire((16.9, minus), (28.0, minus), (28.0, 28.125), (28.4, 28.125))
     s.wire((16.9, plus), (28.0, plus), (28.0, 26.875), (28.4, 26.875))
     # Clamps: one low-leakage pair on each node.

@@ -59,7 +59,9 @@ class Sheet:
 
     def note(self, x, y, text):
         """Explanation, top left corner at the point."""
-        self.text(x, y, text, valign="top", size=SMALL, color="#333333")
+        for line in text.split("\n"):
+            self.text(x, y, line, valign="top", size=SMALL, color="#333333")
+            y -= 0.46
 
     def wire(self, *points, color="black", style="-", lw=None):
         self._shape(Segment(list(points), color=color, ls=style, lw=lw))

@@ -6,6 +6,7 @@
 //! Rules for every implementation: nothing blocks without a bound, nothing allocates, and a value that cannot be had is
 //! reported, never replaced by zero.
 #![cfg_attr(not(any(test, feature = "double")), no_std)]
+#![deny(unsafe_code)]
 
 pub mod board;
 pub mod bridge;
@@ -21,6 +22,7 @@ pub mod reflex;
 pub mod roll;
 pub mod safety;
 #[cfg(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc")))]
+#[allow(unsafe_code, reason = "registers, the two flash sectors and the core-coupled memory")]
 pub mod stm32f4;
 pub mod storage;
 pub mod store;

@@ -4,6 +4,7 @@
 //! (RM0090 7.2). Servo tick, gap conversions and edge stamps are divided from the same clock and started by one event, so
 //! their phases never drift: 25 conversions are one tick, and the edge timer wraps every seven ticks.
 
+use super::{Disc, F405};
 use crate::gap::BLOCK;
 use crate::must;
 use crate::timing::{Timebase, adc, can, timer};
@@ -43,11 +44,38 @@ pub const fn pll(crystal_hz: u32) -> Option<Pll> {
     Some(Pll { m: (crystal_hz / 2_000_000) as u8, n: (2 * CORE_HZ / 2_000_000) as u16, q: 7 })
 }
 
-/// PLL for the 8 MHz crystal of both boards.
-pub const PLL: Pll = match pll(8_000_000) {
+/// PLL for the crystal of both boards.
+pub const PLL: Pll = match pll(F405::TABLE.crystal_hz) {
     Some(pll) => pll,
     None => panic!("crystal: 4 to 26 MHz in steps of 2 MHz"),
 };
+const _: () = assert!(Disc::TABLE.crystal_hz == F405::TABLE.crystal_hz, "one PLL serves both boards");
+
+/// Wait states of the flash at 2.7 to 3.6 V: one for each 30 MHz begun after the first (RM0090 table 10).
+pub const FLASH_WAITS: u32 = CORE_HZ.div_ceil(30_000_000) - 1;
+
+/// Code of a bus's prescaler in RCC_CFGR (RM0090 7.3.3); `None` when the bus is no such division of the core clock.
+pub const fn bus_prescaler(bus_hz: u32) -> Option<u32> {
+    if bus_hz == 0 || !CORE_HZ.is_multiple_of(bus_hz) {
+        return None;
+    }
+    match CORE_HZ / bus_hz {
+        1 => Some(0b000),
+        2 => Some(0b100),
+        4 => Some(0b101),
+        8 => Some(0b110),
+        16 => Some(0b111),
+        _ => None,
+    }
+}
+
+/// Prescalers of both buses, in their places in RCC_CFGR.
+pub const BUS_PRESCALERS: u32 = match (bus_prescaler(APB1_HZ), bus_prescaler(APB2_HZ)) {
+    (Some(apb1), Some(apb2)) => apb1 << 10 | apb2 << 13,
+    _ => panic!("a bus is the core clock divided by 1, 2, 4, 8 or 16"),
+};
+// Fastest clocks of core and buses (data sheet, operating conditions).
+const _: () = assert!(CORE_HZ <= 168_000_000 && APB1_HZ <= 42_000_000 && APB2_HZ <= 84_000_000);
 
 /// Servo tick and PWM, TIM1: one period is one tick, so that a duty takes effect exactly one tick after it was decided.
 /// 8000 steps at least keep the duty finer than the 12 bits of the measurement.
@@ -252,6 +280,9 @@ mod tests {
         assert_eq!(pll(28_000_000), None);
         assert_eq!(pll(2_000_000), None);
         assert_eq!((TIMER1_HZ, TIMER2_HZ, ADC.hz), (84_000_000, 168_000_000, 21_000_000));
+        assert_eq!((FLASH_WAITS, BUS_PRESCALERS), (5, 0b100 << 13 | 0b101 << 10));
+        assert_eq!([168, 84, 42, 21].map(|mhz| bus_prescaler(mhz * MHZ)), [Some(0), Some(4), Some(5), Some(6)]);
+        assert_eq!([0, 7, 56, 336].map(|mhz| bus_prescaler(mhz * MHZ)), [None; 4]);
         assert_eq!((SERVO.reload, SAMPLE.reload, EDGE_MODULUS), (8399, 167, 58_800));
     }
 

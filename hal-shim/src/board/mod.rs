@@ -15,9 +15,9 @@ pub mod gpio;
 mod table;
 
 pub use chip::{
-    ADC, ADC_HZ, APB1_HZ, APB2_HZ, BLANKING_CLOCK, BLANKING_MOST, CORE_HZ, DAC_STEPS, EDGE_MODULUS, GAP_SAMPLING,
-    GATED_SAMPLING, PLL, Pll, SAMPLE, SERVO, STREAMS, SUPERVISE, Stream, TASKS, TICK_HZ, TIMER1_HZ, TIMER2_HZ, TIMERS,
-    Task, Timer, pll, priority, write_chip,
+    ADC, ADC_HZ, APB1_HZ, APB2_HZ, BLANKING_CLOCK, BLANKING_MOST, BUS_PRESCALERS, CORE_HZ, DAC_STEPS, EDGE_MODULUS,
+    FLASH_WAITS, GAP_SAMPLING, GATED_SAMPLING, PLL, Pll, SAMPLE, SERVO, STREAMS, SUPERVISE, Stream, TASKS, TICK_HZ,
+    TIMER1_HZ, TIMER2_HZ, TIMERS, Task, Timer, pll, priority, write_chip,
 };
 pub use disc::Disc;
 pub use f405::F405;
@@ -54,7 +54,7 @@ macro_rules! board {
 
             /// Takes the pins it uses from the ports; the others can never be configured.
             pub fn new(ports: $crate::board::gpio::Ports) -> Self {
-                $Board { $($signal: ports.$port.$field,)+ }
+                $Board { $($signal: $crate::board::gpio::input(ports.$port.$field),)+ }
             }
         }
 

@@ -2,9 +2,10 @@
 
 use super::dma::{FULL, HALF, INTERRUPT_HALVES, Stream, URGENT};
 use super::gate::Edges;
+use super::hal::rcc::{Enable, Reset};
 use super::start::{StartError, within};
-use super::{Board, pac, power, put};
-use crate::board::{ADC, GAP_SAMPLING};
+use super::{Board, pac, put};
+use crate::board::{ADC, CORE_HZ, GAP_SAMPLING};
 use crate::gap::{BLOCK, GapBlock, GapFrontEnd};
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
@@ -26,17 +27,19 @@ pub(super) fn sampling(adc: &pac::adc1::RegisterBlock, channel: u32, smpr: u8) {
 }
 
 /// Resets the three converters and sets their common clock. Before any of them.
-pub fn common(common: &pac::ADC_COMMON, rcc: &pac::RCC) {
-    power::ADC2.clock(rcc);
-    power::ADC3.clock(rcc);
-    power::ADC.reset(rcc);
+pub fn common(common: &pac::ADC_COMMON, rcc: &mut pac::RCC) {
+    pac::ADC1::enable(rcc);
+    pac::ADC2::enable(rcc);
+    pac::ADC3::enable(rcc);
+    // One reset serves all three.
+    pac::ADC1::reset(rcc);
     put!(common.ccr(), u32::from(ADC.adcpre) << 16);
 }
 
 /// Switches a converter on and waits its stabilisation time, 3 us.
 pub(super) fn power_up(adc: &pac::adc1::RegisterBlock) {
     super::change!(adc.cr2(), clear 0, set 1);
-    cortex_m::asm::delay(3 * 168);
+    cortex_m::asm::delay(3 * (CORE_HZ / 1_000_000));
 }
 
 /// Channel of an ADC from the table's words, such as ADC1_IN10.

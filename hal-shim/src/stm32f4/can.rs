@@ -1,31 +1,18 @@
 //! bxCAN: start without an endless wait, hardware filters, transmission without one.
 
-use super::pins;
+use super::hal::can::Can1;
+use super::hal::gpio::alt::can1::{Rx, Tx};
+use super::pac;
 use super::start::{StartError, within};
-use super::{pac, power};
-use crate::board::gpio::{Can1Rx, Can1Tx, Carries, Pin};
 use crate::timing::can::BitTiming;
 use bxcan::filter::{BankConfig, Mask16};
 use bxcan::{Fifo, Frame, Interrupts, OverrunError, Rx0, StandardId};
 
-/// The controller of CAN1.
-pub struct Controller(());
-
-// SAFETY: the address is that of CAN1's registers, and the one value of this type is made from the only CAN1.
-unsafe impl bxcan::Instance for Controller {
-    const REGISTERS: *mut bxcan::RegisterBlock = pac::CAN1::ptr() as *mut _;
-}
-
-// SAFETY: CAN1 owns the filter banks, of which CAN2, never used here, could be given some.
-unsafe impl bxcan::FilterOwner for Controller {
-    const NUM_FILTER_BANKS: u8 = 28;
-}
-
 /// What arrives.
-pub type Receiver = Rx0<Controller>;
+pub type Receiver = Rx0<Can1>;
 
 /// What leaves.
-pub struct Sender(bxcan::Tx<Controller>);
+pub struct Sender(bxcan::Tx<Can1>);
 
 /// The messages a CiA 301 node listens to, besides its own: network management, synchronisation and time stamp.
 const BROADCASTS: [u16; 3] = [0x000, 0x080, 0x100];
@@ -37,31 +24,28 @@ const LSS: u16 = 0x7E5;
 ///
 /// A bus without power or with a stuck level does not stop the start: the controller joins by itself when it sees eleven
 /// recessive bits.
-pub fn start<const P: char, const N: u8, const Q: char, const M: u8>(
+pub fn start(
     can: pac::CAN1,
-    receive: Pin<P, N>,
-    transmit: Pin<Q, M>,
+    receive: impl Into<Rx>,
+    transmit: impl Into<Tx>,
     timing: BitTiming,
     node: u8,
-    rcc: &pac::RCC,
-) -> Result<(Sender, Receiver), StartError>
-where
-    Pin<P, N>: Carries<Can1Rx>,
-    Pin<Q, M>: Carries<Can1Tx>,
-{
-    power::CAN1.reset(rcc);
-    pins::alternate::<Can1Rx, P, N>(receive);
-    pins::alternate::<Can1Tx, Q, M>(transmit);
-    let registers = can;
-    // bxcan waits for these answers without a bound; here they are had before it asks.
-    registers.mcr().modify(|_, w| w.sleep().clear_bit().inrq().set_bit());
-    let initialised = || {
-        let msr = registers.msr().read();
-        msr.inak().bit_is_set() && msr.slak().bit_is_clear()
-    };
-    within(100_000, initialised, StartError::CanInitialisation)?;
+    rcc: &mut pac::RCC,
+) -> Result<(Sender, Receiver), StartError> {
+    let can = Can1::new(can, (transmit, receive), rcc);
+    // bxcan waits without a bound until the controller is initialising, then until it sleeps. Here it goes through both
+    // first: what it has just done it does again, and the watchdog, which runs by now, is the last bound.
+    let registers = can1();
+    for initialise in [true, false, true] {
+        registers.mcr().modify(|_, w| w.sleep().bit(!initialise).inrq().bit(initialise));
+        let done = || {
+            let msr = registers.msr().read();
+            msr.inak().bit() == initialise && msr.slak().bit() != initialise
+        };
+        within(100_000, done, StartError::CanInitialisation)?;
+    }
 
-    let mut can = bxcan::Can::builder(Controller(())).set_bit_timing(timing.btr()).leave_disabled();
+    let mut can = bxcan::Can::builder(can).set_bit_timing(timing.btr()).leave_disabled();
     can.modify_filters().enable_bank(0, Fifo::Fifo0, listen(BROADCASTS[0], BROADCASTS[1]));
     can.modify_filters().enable_bank(1, Fifo::Fifo0, listen(BROADCASTS[2], LSS));
     can.modify_filters().enable_bank(2, Fifo::Fifo0, addressed(node));
@@ -70,6 +54,13 @@ where
     let _ = can.enable_non_blocking();
     let (sender, receiver, _) = can.split();
     Ok((Sender(sender), receiver))
+}
+
+/// Beside the library, which owns the controller and shows none of this.
+fn can1() -> &'static pac::can1::RegisterBlock {
+    // SAFETY: the register block is there for ever. Used through this reference: the mode before the library has the
+    // controller, and afterwards the transmit status, which is only read.
+    unsafe { &*pac::CAN1::ptr() }
 }
 
 fn id(raw: u16) -> StandardId {
@@ -91,8 +82,7 @@ impl Sender {
     /// Hands a frame to a free mailbox. `false` when none is free or a frame of the same identifier still waits; the
     /// interrupt of an empty mailbox says when to try again. Nothing that waits is ever displaced.
     pub fn send(&mut self, frame: &Frame) -> bool {
-        // SAFETY: the register block is there for ever; reading the status changes nothing.
-        let status = unsafe { &*pac::CAN1::ptr() }.tsr().read().bits();
+        let status = can1().tsr().read().bits();
         // With a free mailbox bxcan never has to abort one, which would wait for the bus.
         status >> 26 & 0b111 != 0 && self.0.transmit(frame).is_ok()
     }

@@ -1,15 +1,17 @@
 //! Clock tree: crystal -> PLL -> 168 MHz core, 84 MHz APB2, 42 MHz APB1 (RM0090 7.2, flash 3.5.1).
 //!
+//! Not the library's: it waits for crystal and PLL for ever. A head without a crystal says so instead.
+//!
 //! The clock security system is on: when the crystal stops, the chip falls back to its internal oscillator and raises NMI,
 //! which ends in [`super::dying`].
 
 use super::pac;
 use super::start::{StartError, within};
 use super::{change, put};
-use crate::board::PLL;
+use crate::board::{BUS_PRESCALERS, FLASH_WAITS, PLL};
 
-/// Wait states at 168 MHz and 3.3 V (RM0090 table 10), prefetch, instruction and data cache.
-const FLASH_ACR: u32 = 5 | 1 << 8 | 1 << 9 | 1 << 10;
+/// Wait states, prefetch, instruction and data cache.
+const FLASH_ACR: u32 = FLASH_WAITS | 1 << 8 | 1 << 9 | 1 << 10;
 /// A crystal takes a few ms; a poll takes at least four cycles of 16 MHz.
 const CRYSTAL_POLLS: u32 = 400_000;
 /// The PLL takes at most 300 us.
@@ -26,10 +28,10 @@ pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Result<(), StartError> {
     rcc.cr().modify(|_, w| w.pllon().set_bit());
     within(PLL_POLLS, || rcc.cr().read().pllrdy().bit_is_set(), StartError::Pll)?;
 
-    // Wait states before speed; AHB / 1, APB1 / 4, APB2 / 2 before the switch.
+    // Wait states before speed; AHB undivided and both buses divided before the switch.
     put!(flash.acr(), FLASH_ACR);
     within(100, || flash.acr().read().bits() & 0x7 == FLASH_ACR & 0x7, StartError::ClockSwitch)?;
-    change!(rcc.cfgr(), clear 0x0000_FCF0, set 0b101 << 10 | 0b100 << 13);
+    change!(rcc.cfgr(), clear 0x0000_FCF0, set BUS_PRESCALERS);
     change!(rcc.cfgr(), clear 0b11, set 0b10);
     within(1000, || rcc.cfgr().read().bits() >> 2 & 0b11 == 0b10, StartError::ClockSwitch)?;
     rcc.cr().modify(|_, w| w.csson().set_bit());

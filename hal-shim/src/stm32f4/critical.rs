@@ -3,6 +3,8 @@
 //! Everything below the servo task is masked by BASEPRI; the tasks from servo up run on. They therefore must not log, lock or
 //! take a critical section themselves. PRIMASK is never set. A log message is one section, 14 us for a long one (on the
 //! modelled chip): four edges at the rated speed, and a servo tick that would start late.
+//!
+//! cortex-m brings one of its own, made of PRIMASK; the package beside this file keeps it out.
 
 use crate::board;
 use cortex_m::register::{basepri, basepri_max};
@@ -23,12 +25,12 @@ unsafe impl critical_section::Impl for Basepri {
         basepri_max::write(CEILING);
         // The new mask holds from the next instruction, and no access moves above it.
         cortex_m::asm::isb();
-        before
+        before.into()
     }
 
     unsafe fn release(before: critical_section::RawRestoreState) {
         core::sync::atomic::compiler_fence(core::sync::atomic::Ordering::SeqCst);
         // SAFETY: restores the value that `acquire` found.
-        unsafe { basepri::write(before) };
+        unsafe { basepri::write(before as u8) };
     }
 }

@@ -1,8 +1,7 @@
 //! Streams of DMA2 that fill a ring for ever.
 
-use super::power;
 use super::start::{StartError, within};
-use super::{pac, put};
+use super::{pac, put, reset};
 use core::sync::atomic::AtomicU16;
 
 /// A stream that nobody uses yet. What uses it takes it by value.
@@ -19,8 +18,8 @@ pub struct Streams {
 }
 
 /// Resets the controller and hands out its streams.
-pub fn streams(_dma: pac::DMA2, rcc: &pac::RCC) -> Streams {
-    power::DMA2.reset(rcc);
+pub fn streams(_dma: pac::DMA2, rcc: &mut pac::RCC) -> Streams {
+    reset::<pac::DMA2>(rcc);
     Streams { s0: Stream(()), s2: Stream(()), s3: Stream(()), s4: Stream(()), s7: Stream(()) }
 }
 

@@ -1,4 +1,6 @@
 //! The last words: pins first, then the record, then the log, then a reset.
+//!
+//! From the first instruction on every interrupt is masked, by PRIMASK: nobody is left whom it could delay.
 
 use super::boot::{Death, died};
 use super::lines;

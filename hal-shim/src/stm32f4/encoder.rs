@@ -3,10 +3,12 @@
 //! *Storm*: more edges in one tick than the interrupt can serve and leave time for the loops. The interrupt then masks
 //! itself; the timer goes on counting, and the servo task opens the lines again with its next tick.
 
-use super::pins;
-use super::safety::{connect, exti};
-use super::{Board, change, pac, power, put};
-use crate::board::gpio::{PA0, PA1, PA2, Tim5Ch1, Tim5Ch2};
+use super::hal::gpio::alt::tim5::{Ch1, Ch2};
+use super::hal::gpio::{ExtiPin, Input, PushPull};
+use super::hal::syscfg::SysCfg;
+use super::safety::exti;
+use super::{Board, change, pac, put, reset};
+use crate::board::gpio::gpioa::{PA0, PA1, PA2};
 use crate::encoder::{EncoderTimer, Levels, QuadratureLines};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
@@ -33,22 +35,21 @@ pub struct Lines(());
 pub struct Timer(pac::TIM5);
 
 /// Configures pins, interrupt lines and timer. Until the first [`serve`] the lines are masked, as after a storm.
-pub fn new(tim: pac::TIM5, a: PA0, b: PA1, index: PA2, rcc: &pac::RCC) -> (Lines, Timer) {
-    power::TIM5.reset(rcc);
-    pins::alternate::<Tim5Ch1, 'A', 0>(a);
-    pins::alternate::<Tim5Ch2, 'A', 1>(b);
+pub fn new(tim: pac::TIM5, a: PA0, b: PA1, index: PA2, syscfg: &mut SysCfg, rcc: &mut pac::RCC) -> (Lines, Timer) {
+    reset::<pac::TIM5>(rcc);
+    let (mut a, mut b): (Ch1<PushPull>, Ch2<PushPull>) = (a.into(), b.into());
+    let mut index: PA2<Input> = index.into_floating_input();
+    a.make_interrupt_source(syscfg);
+    b.make_interrupt_source(syscfg);
+    index.make_interrupt_source(syscfg);
     // Both channels from their own pins, filtered over 4 samples (48 ns; an edge at 5 Mcount/s lasts 400 ns).
     put!(tim.ccmr1_input(), 0b0010 << 4 | 0b01 | 0b0010 << 12 | 0b01 << 8);
     put!(tim.arr(), u32::MAX);
     // Encoder mode 3: counts on every edge of both.
     put!(tim.smcr(), 0b011);
     put!(tim.cr1(), 1);
-    for line in [A, B, INDEX] {
-        connect('A', line);
-    }
     change!(exti().rtsr(), clear 0, set LINES);
     change!(exti().ftsr(), clear 0, set LINES);
-    pins::input(index);
     (Lines(()), Timer(tim))
 }
 

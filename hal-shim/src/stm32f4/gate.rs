@@ -4,9 +4,11 @@
 //! count; DMA moves it into a ring. No pulse costs the processor anything, at any pulse rate.
 
 use super::dma::{self, Stream};
+use super::hal::gpio::PushPull;
+use super::hal::gpio::alt::tim8::{Ch1, Ch3, Ch4};
 use super::start::StartError;
 use super::timebase::APERTURE_PHASE;
-use super::{lines, pac, power, put};
+use super::{lines, pac, put, reset};
 use crate::board::EDGE_MODULUS;
 use crate::edges::{age, gate_mask};
 use crate::reflex::EDGE_COUNT;
@@ -33,18 +35,20 @@ pub struct Edges {
     /// Edges of the gate up to the last block, and of the block before: their stamps are younger than the wrap.
     seen: u32,
     recent: u32,
+    _pins: (Ch1<PushPull>, Ch3<PushPull>, Ch4<PushPull>),
     _streams: (Stream<2>, Stream<4>, Stream<7>),
 }
 
 impl Edges {
-    /// Configures timer and rings; gate and comparators are connected to channels 1, 3 and 4. It counts only when the time
-    /// base starts it.
+    /// Configures timer, pins (gate, high and low comparator) and rings. It counts only when the time base starts it.
     pub fn new(
         tim: pac::TIM8,
+        pins: (impl Into<Ch1<PushPull>>, impl Into<Ch3<PushPull>>, impl Into<Ch4<PushPull>>),
         mut streams: (Stream<2>, Stream<4>, Stream<7>),
-        rcc: &pac::RCC,
+        rcc: &mut pac::RCC,
     ) -> Result<Self, StartError> {
-        power::TIM8.reset(rcc);
+        reset::<pac::TIM8>(rcc);
+        let pins = (pins.0.into(), pins.1.into(), pins.2.into());
         put!(tim.arr(), EDGE_MODULUS - 1);
         put!(tim.egr(), 1);
         // Channels 1, 3, 4: input from their own pin, filtered over 8 samples (48 ns); DMA at each capture. Both edges of
@@ -59,7 +63,7 @@ impl Edges {
         streams.0.fill(7, 0, from(0), &GATE.0)?;
         streams.1.fill(7, 0, from(2), &HIGH.0)?;
         streams.2.fill(7, 0, from(3), &LOW.0)?;
-        Ok(Edges { tim, seen: 0, recent: 0, _streams: streams })
+        Ok(Edges { tim, seen: 0, recent: 0, _pins: pins, _streams: streams })
     }
 
     /// The timer, for the time base to start.

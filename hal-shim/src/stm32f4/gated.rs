@@ -6,8 +6,10 @@
 use super::blocks::{channel, power_up, sampling};
 use super::dma::{self, Stream};
 use super::gate::gate_edges;
+use super::hal::gpio::PushPull;
+use super::hal::gpio::alt::tim4::Ch2;
 use super::start::StartError;
-use super::{lines, pac, power, put};
+use super::{lines, pac, put, reset};
 use crate::board::{BLANKING_CLOCK, BLANKING_MOST, GATED_SAMPLING};
 use crate::must;
 use crate::reflex::{Config, Limits, Run, Verdict};
@@ -58,24 +60,27 @@ pub struct Gated {
 /// Sets blanking and thresholds. Owned by a slower task; each register is written whole.
 pub struct Thresholds {
     tim: pac::TIM4,
+    _gate: Ch2<PushPull>,
 }
 
 impl Gated {
-    /// Configures timer, whose channel 2 is connected to the gate, and converter with the shortest blanking and a watchdog that never trips.
+    /// Configures timer, whose channel 2 is connected to the gate, and converter with the shortest blanking and a watchdog
+    /// that never trips.
     pub fn new(
         adc: pac::ADC2,
         tim: pac::TIM4,
+        gate: impl Into<Ch2<PushPull>>,
         stream: Stream<3>,
         limits: &'static Limits,
-        rcc: &pac::RCC,
+        rcc: &mut pac::RCC,
     ) -> Result<(Self, Thresholds), StartError> {
-        power::TIM4.reset(rcc);
+        reset::<pac::TIM4>(rcc);
         // Trigger mode from the filtered channel 2; one pulse; channel 4 rises when the count is reached (PWM mode 2).
         put!(tim.ccmr1_input(), 0b0011 << 12 | 0b01 << 8);
         put!(tim.ccmr2_output(), 0b111 << 12);
         put!(tim.ccer(), 1 << 12);
         put!(tim.cr1(), 1 << 3);
-        let mut thresholds = Thresholds { tim };
+        let mut thresholds = Thresholds { tim, _gate: gate.into() };
         thresholds.write_blanking(must!(blanking(0, BLANKING_CLOCK, BLANKING_MOST)));
         put!(thresholds.tim.egr(), 1);
         put!(thresholds.tim.smcr(), 0b110 << 4 | 0b110);

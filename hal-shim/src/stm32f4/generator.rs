@@ -1,8 +1,10 @@
 //! The pulse generator: inhibit line and off-time request.
 
-use super::pins::{self, Output};
-use super::{Board, pac, power, put};
-use crate::board::gpio::{PA4, Pin};
+use super::hal::dac::{C1, DacExt, DacOut, DacPin};
+use super::pins::Output;
+use super::{Board, pac};
+use crate::board::gpio::Pin;
+use crate::board::gpio::gpioa::PA4;
 use crate::board::{DAC_STEPS, Pin as Place};
 use crate::generator::{Generator, InhibitPin};
 use core::convert::Infallible;
@@ -16,7 +18,7 @@ const ALLOW: Place = Board::TABLE.pin("allow_pulses");
 /// The generator's interface. Pulses are inhibited when it is made, as they were by the pull before.
 pub struct Interface {
     inhibit: InhibitPin<Output<{ ALLOW.port }, { ALLOW.number }>, true>,
-    dac: pac::DAC,
+    dac: C1,
 }
 
 impl Interface {
@@ -25,13 +27,12 @@ impl Interface {
         dac: pac::DAC,
         allow: Pin<{ ALLOW.port }, { ALLOW.number }>,
         off_time: PA4,
-        rcc: &pac::RCC,
+        rcc: &mut pac::RCC,
     ) -> Result<Self, Infallible> {
-        let inhibit = InhibitPin::new(pins::output_low(allow))?;
-        power::DAC.reset(rcc);
-        pins::analog(off_time);
-        put!(dac.dhr12r(0), 0);
-        put!(dac.cr(), 1);
+        let inhibit = InhibitPin::new(allow.into_push_pull_output())?;
+        let mut dac = dac.constrain(off_time.into_analog(), rcc);
+        dac.set_value(0);
+        dac.enable();
         Ok(Interface { inhibit, dac })
     }
 }
@@ -46,7 +47,7 @@ impl Generator for Interface {
     /// Longer than full scale requests full scale. 0 V is the generator's own setting.
     fn request_off_time(&mut self, off_ns: Option<u32>) {
         let ns = off_ns.unwrap_or(0).min(FULL_SCALE_NS);
-        let code = (u64::from(ns) * u64::from(DAC_STEPS - 1) / u64::from(FULL_SCALE_NS)) as u32;
-        put!(self.dac.dhr12r(0), code);
+        let code = (u64::from(ns) * u64::from(DAC_STEPS - 1) / u64::from(FULL_SCALE_NS)) as u16;
+        self.dac.set_value(code);
     }
 }

@@ -7,7 +7,7 @@
 //! was made before the short can never outlive it.
 
 use super::pins::{high, is_high, low};
-use super::{Board, pac, put};
+use super::{Board, change, pac, put};
 use crate::board::Pin;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
@@ -44,6 +44,8 @@ impl Ordered {
         compiler_fence(SeqCst);
     }
 }
+/// Clock gates of GPIOA to GPIOE (RM0090 7.3.10).
+const PORTS: u32 = 0b1_1111;
 
 /// How often the bridge was forced; the lowest bit says what it was last: 0 off, 1 retract.
 static FORCED: Ordered = Ordered(AtomicU32::new(0));
@@ -114,7 +116,19 @@ pub fn kill_pulse() {
 }
 
 /// Pulses off and bridge off for good: for a dying program, which never comes back to settle it.
+///
+/// Right at any moment after reset. Nothing runs afterwards that could switch them on again: a task that is not the dying
+/// one would. And the ports are clocked first, or a write before [`super::pins::ports`] would be lost. TIM1 needs no such
+/// care: its pin is connected only when it runs.
+#[cold]
+#[inline(never)]
 pub fn kill() {
+    cortex_m::interrupt::disable();
+    // SAFETY: the register block is there for ever, and nobody else runs any more.
+    let gates = unsafe { &*pac::RCC::ptr() }.ahb1enr();
+    change!(gates, clear 0, set PORTS);
+    // The clock is there two cycles after the write; reading it back takes longer (RM0090 7.3.10).
+    gates.read();
     inhibit();
     off();
 }

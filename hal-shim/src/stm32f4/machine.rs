@@ -11,6 +11,7 @@ use super::flash::SettingsFlash;
 use super::gate::Edges;
 use super::gated::{Gated, Thresholds};
 use super::generator::Interface;
+use super::hal::syscfg::SysCfgExt;
 use super::pwm::{self, Bridge, Pwm};
 use super::safety::{self, Inputs};
 use super::start::StartError;
@@ -18,7 +19,6 @@ use super::timebase::{self, Millisecond};
 use super::watchdog::Watchdog;
 use super::{Board, dma, pac, pins};
 use crate::board::APB1_HZ;
-use crate::board::gpio::{Tim4Ch2, Tim8Ch1, Tim8Ch3, Tim8Ch4};
 use crate::must;
 use crate::reflex::Limits;
 use crate::timing::can::{BitTiming, bit_timing};
@@ -51,14 +51,14 @@ impl Machine {
     ///
     /// `watchdog` receives the watchdog as soon as it runs, still patient, so that the caller can feed it when the start fails.
     pub fn start(
-        device: pac::Peripherals,
+        mut device: pac::Peripherals,
         mut core: cortex_m::Peripherals,
         build: u32,
         node: u8,
         limits: &'static Limits,
         watchdog: &mut Option<Watchdog>,
     ) -> Result<Machine, StartError> {
-        let rcc = &device.RCC;
+        let rcc = &mut device.RCC;
 
         // Harmless first: what could drive is driven low, from the internal oscillator.
         let board =
@@ -66,37 +66,39 @@ impl Machine {
         let Ok(generator) = Interface::new(device.DAC, board.allow_pulses, board.off_time, rcc);
         let tim1 = Pwm::new(device.TIM1, board.pwm, board.bridge_fault, rcc);
         let bridge = pwm::bridge(tim1, board.forward, board.reverse).map_err(|_| StartError::Bridge)?;
-        pins::output_low(board.led);
-        pins::output_low(board.flush_valve);
+        board.led.into_push_pull_output();
+        board.flush_valve.into_push_pull_output();
 
         let boot = boot::begin(rcc, build);
         *watchdog = Some(Watchdog::start(device.IWDG)?);
         clocks::start(rcc, &device.FLASH)?;
         let clock = Cycles::start(&mut core.DCB, &mut core.DWT);
 
-        safety::enable_lines(rcc);
+        let mut syscfg = device.SYSCFG.constrain(rcc);
         let inputs = Inputs::new(
-            safety::contact(board.upper_limit),
-            safety::contact(board.lower_limit),
-            safety::contact(board.emergency_stop),
-            safety::contact(board.dielectric),
+            safety::contact(board.upper_limit, &mut syscfg),
+            safety::contact(board.lower_limit, &mut syscfg),
+            safety::contact(board.emergency_stop, &mut syscfg),
+            safety::contact(board.dielectric, &mut syscfg),
         );
-        let (lines, timer) = encoder::new(device.TIM5, board.encoder_a, board.encoder_b, board.encoder_index, rcc);
+        let (lines, timer) =
+            encoder::new(device.TIM5, board.encoder_a, board.encoder_b, board.encoder_index, &mut syscfg, rcc);
 
-        pins::analog(board.gap_voltage);
-        pins::analog(board.gap_voltage_gated);
-        pins::analog(board.gap_current);
-        pins::analog(board.motor_current);
-        pins::analog(board.bus_voltage);
-        pins::alternate::<Tim8Ch1, _, _>(board.gate);
-        pins::alternate::<Tim8Ch3, _, _>(board.comparator_high);
-        pins::alternate::<Tim8Ch4, _, _>(board.comparator_low);
-        pins::alternate::<Tim4Ch2, _, _>(board.gate_start);
+        board.gap_voltage.into_analog();
+        board.gap_voltage_gated.into_analog();
+        board.gap_current.into_analog();
+        board.motor_current.into_analog();
+        board.bus_voltage.into_analog();
         let streams = dma::streams(device.DMA2, rcc);
         blocks::common(&device.ADC_COMMON, rcc);
         let drive = DriveAdc::new(device.ADC3);
-        let edges = Edges::new(device.TIM8, (streams.s2, streams.s4, streams.s7), rcc)?;
-        let (reflex, thresholds) = Gated::new(device.ADC2, device.TIM4, streams.s3, limits, rcc)?;
+        let edges = Edges::new(
+            device.TIM8,
+            (board.gate, board.comparator_high, board.comparator_low),
+            (streams.s2, streams.s4, streams.s7),
+            rcc,
+        )?;
+        let (reflex, thresholds) = Gated::new(device.ADC2, device.TIM4, board.gate_start, streams.s3, limits, rcc)?;
         let mut blocks = Blocks::new(device.ADC1, streams.s0, edges)?;
         timebase::trigger(&device.TIM3, rcc);
         timebase::start(&device.TIM3, blocks.edges().timer());

@@ -1,4 +1,9 @@
-//! The traits on an STM32F405/407, register by register. The only place with `unsafe`.
+//! The traits on an STM32F405/407. The only place with `unsafe`.
+//!
+//! stm32f4xx-hal gives registers, pins and their functions, clock gates and resets, interrupt lines, DAC and CAN. Clock tree,
+//! DMA, flash and watchdog are written here, because the library waits for them without a bound or does not wait where it
+//! must; timers and converters, because their division is computed and checked at compile time and because they trigger one
+//! another, which the library does not offer.
 //!
 //! Each part takes the pins and peripherals it needs by value, so that nothing is configured twice. What several
 //! priorities touch is atomic: reflex and stop share no lock with anyone.
@@ -26,7 +31,6 @@ pub mod generator;
 pub mod lines;
 pub mod machine;
 pub mod pins;
-pub mod power;
 pub mod pwm;
 pub mod safety;
 pub mod start;
@@ -34,10 +38,10 @@ pub mod timebase;
 pub mod watchdog;
 
 pub use bxcan;
-#[cfg(not(feature = "board-f407-disc"))]
-pub use stm32f4::stm32f405 as pac;
-#[cfg(feature = "board-f407-disc")]
-pub use stm32f4::stm32f407 as pac;
+pub use stm32f4xx_hal as hal;
+pub use stm32f4xx_hal::pac;
+
+use hal::rcc::{Enable, Reset};
 
 /// The board this image is for.
 #[cfg(not(feature = "board-f407-disc"))]
@@ -48,6 +52,12 @@ pub type Board = crate::board::Disc;
 
 #[cfg(all(feature = "board-f405", feature = "board-f407-disc"))]
 compile_error!("one board a firmware image: use --no-default-features with board-f407-disc");
+
+/// Clocks a peripheral and puts its registers back to their reset values (RM0090 7.3).
+pub(crate) fn reset<P: Enable + Reset>(rcc: &mut pac::RCC) {
+    P::enable(rcc);
+    P::reset(rcc);
+}
 
 /// Writes a whole register. Not for the address registers of a DMA stream.
 macro_rules! put {

@@ -4,10 +4,12 @@
 //! jitter of the servo task does not reach the output. Off takes effect at once. The break input switches the output off
 //! in hardware when the bridge reports a fault, and it stays off until [`arm`].
 
+use super::hal::gpio::PushPull;
+use super::hal::gpio::alt::tim1::{Bkin, Ch1};
 use super::lines::{FORCE_OFF, PWM_MODE};
-use super::pins::{self, Output};
-use super::{Board, change, pac, power, put};
-use crate::board::gpio::{Carries, Pin, Tim1Bkin, Tim1Ch1};
+use super::pins::Output;
+use super::{Board, change, pac, put, reset};
+use crate::board::gpio::Pin;
 use crate::board::{Pin as Place, SERVO};
 use crate::bridge::{BridgeFault, PwmBridge};
 use core::convert::Infallible;
@@ -23,21 +25,13 @@ const MMS_ENABLE: u32 = 0b001 << 4;
 /// PWM output of the bridge.
 pub struct Pwm {
     tim: pac::TIM1,
+    _pins: (Ch1<PushPull>, Bkin),
 }
 
 impl Pwm {
     /// Configures the timer with its output off, then connects the pins. It counts only when the time base starts it.
-    pub fn new<const P: char, const N: u8, const Q: char, const M: u8>(
-        tim: pac::TIM1,
-        output: Pin<P, N>,
-        fault: Pin<Q, M>,
-        rcc: &pac::RCC,
-    ) -> Self
-    where
-        Pin<P, N>: Carries<Tim1Ch1>,
-        Pin<Q, M>: Carries<Tim1Bkin>,
-    {
-        power::TIM1.reset(rcc);
+    pub fn new(tim: pac::TIM1, output: impl Into<Ch1<PushPull>>, fault: impl Into<Bkin>, rcc: &mut pac::RCC) -> Self {
+        reset::<pac::TIM1>(rcc);
         put!(tim.psc(), u32::from(SERVO.prescaler));
         put!(tim.arr(), SERVO.reload);
         put!(tim.ccmr1_output(), FORCE_OFF);
@@ -49,9 +43,8 @@ impl Pwm {
         put!(tim.sr(), 0);
         // Update interrupt: the servo tick. Break interrupt: the bridge's fault.
         put!(tim.dier(), 1 | 1 << 7);
-        pins::alternate::<Tim1Bkin, Q, M>(fault);
-        pins::alternate::<Tim1Ch1, P, N>(output);
-        Pwm { tim }
+        let fault = fault.into();
+        Pwm { tim, _pins: (output.into(), fault) }
     }
 }
 
@@ -120,5 +113,5 @@ pub fn bridge(
     forward: Pin<{ FORWARD.port }, { FORWARD.number }>,
     reverse: Pin<{ REVERSE.port }, { REVERSE.number }>,
 ) -> Result<Bridge, BridgeFault> {
-    PwmBridge::new(pwm, pins::output_low(forward), pins::output_low(reverse))
+    PwmBridge::new(pwm, forward.into_push_pull_output(), reverse.into_push_pull_output())
 }

@@ -1,7 +1,9 @@
 //! Safety inputs: levels for the servo task, edges for the stop task.
 
-use super::pins::{self, Input};
-use super::{Board, change, lines, pac, power, put};
+use super::hal::gpio::ExtiPin;
+use super::hal::syscfg::SysCfg;
+use super::pins::Input;
+use super::{Board, change, lines, pac, put};
 use crate::board::Pin as Place;
 use crate::board::gpio::Pin;
 use crate::safety::{Contact, Safety, SafetyInputs, SafetyPins};
@@ -33,25 +35,6 @@ pub(super) fn exti() -> &'static pac::exti::RegisterBlock {
     unsafe { &*pac::EXTI::ptr() }
 }
 
-/// Connects an interrupt line to its pin on a port (RM0090 9.2.3). At start-up only.
-pub(super) fn connect(port: char, line: u32) {
-    // SAFETY: the register block is there for ever, and nothing else runs yet.
-    let syscfg = unsafe { &*pac::SYSCFG::ptr() };
-    let code = port as u32 - 'A' as u32;
-    let shift = 4 * (line % 4);
-    match line / 4 {
-        0 => change!(syscfg.exticr1(), clear 0xF << shift, set code << shift),
-        1 => change!(syscfg.exticr2(), clear 0xF << shift, set code << shift),
-        2 => change!(syscfg.exticr3(), clear 0xF << shift, set code << shift),
-        _ => change!(syscfg.exticr4(), clear 0xF << shift, set code << shift),
-    }
-}
-
-/// Clocks the line selector. Before anything is connected.
-pub fn enable_lines(rcc: &pac::RCC) {
-    power::SYSCFG.clock(rcc);
-}
-
 /// The bridge's fault line, which belongs to the timer's break input but can be read.
 pub struct FaultLine(());
 
@@ -78,9 +61,10 @@ type Dielectric = Input<{ DIELECTRIC_PIN.port }, { DIELECTRIC_PIN.number }>;
 pub struct Inputs(SafetyPins<UpperLimit, LowerLimit, EmergencyStop, Dielectric, FaultLine>);
 
 /// Connects a pin, which becomes an input, to its interrupt line.
-pub fn contact<const P: char, const N: u8>(pin: Pin<P, N>) -> Input<P, N> {
-    connect(P, u32::from(N));
-    pins::input(pin)
+pub fn contact<const P: char, const N: u8>(pin: Pin<P, N>, syscfg: &mut SysCfg) -> Input<P, N> {
+    let mut input = pin.into_floating_input();
+    input.make_interrupt_source(syscfg);
+    input
 }
 
 impl Inputs {

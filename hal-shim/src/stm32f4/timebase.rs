@@ -4,7 +4,7 @@
 //! so their phases never drift. The counters are preset so that a block of conversions is complete 6 us
 //! before the tick: the gap task is done when the servo task begins.
 
-use super::{change, pac, power, put};
+use super::{change, pac, put, reset};
 use crate::board::{ADC, CORE_HZ, EDGE_MODULUS, GAP_SAMPLING, SAMPLE, SERVO, SUPERVISE};
 use crate::edges::TRIGGER_TO_END;
 
@@ -23,8 +23,8 @@ pub const APERTURE_PHASE: u32 = LAST_TRIGGER + TRIGGER_TO_END;
 const SLAVE: u32 = 0b110;
 
 /// Configures TIM3. Its update is its trigger output, and triggers ADC1.
-pub fn trigger(tim: &pac::TIM3, rcc: &pac::RCC) {
-    power::TIM3.reset(rcc);
+pub fn trigger(tim: &pac::TIM3, rcc: &mut pac::RCC) {
+    reset::<pac::TIM3>(rcc);
     put!(tim.psc(), u32::from(SAMPLE.prescaler));
     put!(tim.arr(), SAMPLE.reload);
     put!(tim.egr(), 1);
@@ -53,8 +53,8 @@ pub struct Millisecond(pac::TIM7);
 
 impl Millisecond {
     /// Starts the timer and its interrupt.
-    pub fn new(tim: pac::TIM7, rcc: &pac::RCC) -> Self {
-        power::TIM7.reset(rcc);
+    pub fn new(tim: pac::TIM7, rcc: &mut pac::RCC) -> Self {
+        reset::<pac::TIM7>(rcc);
         put!(tim.psc(), u32::from(SUPERVISE.prescaler));
         put!(tim.arr(), SUPERVISE.reload);
         put!(tim.egr(), 1);

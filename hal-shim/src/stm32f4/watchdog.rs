@@ -1,5 +1,8 @@
 //! The independent watchdog: its own oscillator, and no way to stop it.
 //!
+//! Not the library's: it reloads at once, when the new time-out may not have arrived yet, and an erase that begins then ends
+//! in a reset; and it counts in steps of 8 ms.
+//!
 //! Halting the core in a debugger therefore resets it, on purpose: a halted core does not hold an axis.
 
 use super::start::{StartError, within};

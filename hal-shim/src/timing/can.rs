@@ -2,8 +2,9 @@
 //!
 //! A bit is 1 + TS1 + TS2 *time quanta* long; a quantum is BRP periods of the APB1 clock; the bus is sampled between the
 //! two segments (RM0090 32.7.7). SJW is how many quanta a bit may be stretched or cut to follow another node.
-//! CiA 301 recommends a sample point at 87.5 % for every rate. From 42 MHz that is exact at 125 and 250 kbit/s; 500 and
-//! 1000 kbit/s divide only into 7, 12, 14 or 21 quanta, and 12 of 14 (85.7 %) is nearest. The rate itself is always exact.
+//! CiA 301 recommends a sample point at 87.5 % for every rate. From 42 MHz that is exact at 125 and 250 kbit/s; 7/8
+//! needs a multiple of 8 quanta: a bit of 500 or 1000 kbit/s lasts 84 or 42 clock periods, which 8 does not divide, and 12
+//! of 14 quanta (85.7 %) is nearest. CiA 301 accepts 85 to 90 %. The rate itself is always exact.
 
 use super::Refused;
 
@@ -108,6 +109,28 @@ mod tests {
             assert_eq!(bit_timing(APB1, rate), Ok(timing), "{rate}");
             assert_eq!((timing.sample_point(), timing.btr()), (sample_point, btr), "{rate}");
             assert_eq!(timing.bit_rate(APB1), rate);
+        }
+    }
+
+    #[test]
+    fn at_42_mhz_no_division_comes_nearer_to_87_5_percent() {
+        for rate in BIT_RATES {
+            let granted = bit_timing(APB1, rate).unwrap();
+            let best = (8 * (1 + u32::from(granted.ts1))).abs_diff(7 * granted.quanta());
+            // Every setting of the register that gives the rate exactly.
+            let mut eighths = false;
+            for brp in 1..=1024u32 {
+                for (ts1, ts2) in (1..=16u32).flat_map(|ts1| (1..=8u32).map(move |ts2| (ts1, ts2))) {
+                    let quanta = 1 + ts1 + ts2;
+                    if quanta >= 8 && brp * quanta == APB1 / rate {
+                        let distance = (8 * (1 + ts1)).abs_diff(7 * quanta);
+                        assert!(distance * granted.quanta() >= best * quanta, "{rate}: {brp} {ts1} {ts2} is nearer");
+                        eighths |= quanta % 8 == 0;
+                    }
+                }
+            }
+            // The reason: a bit of 84 or 42 periods has no whole eighths.
+            assert_eq!(eighths, rate <= 250_000, "{rate}");
         }
     }
 

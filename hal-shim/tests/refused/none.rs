@@ -8,5 +8,5 @@ edm_hal_shim::board! {
 }
 
 fn main() {
-    Sound::new(edm_hal_shim::board::gpio::Ports::marker());
+    Sound::new(edm_hal_shim::board::gpio::Ports::default());
 }

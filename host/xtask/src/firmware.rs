@@ -77,6 +77,8 @@ struct Image {
     ram: u64,
     /// Largest frame, bytes.
     frame: u32,
+    /// Instructions that set PRIMASK.
+    masks: usize,
 }
 
 /// The path as someone in the current directory would type it.
@@ -89,6 +91,7 @@ fn shown(path: &Path) -> PathBuf {
 impl Image {
     fn read(data: &[u8]) -> Result<Image, String> {
         let file = object::File::parse(data).map_err(|e| e.to_string())?;
+        let code = code(&file);
         let mut image = Image {
             sections: Vec::new(),
             vectors: None,
@@ -96,7 +99,8 @@ impl Image {
             rooms: rooms(&file).map_err(|e| format!("debug information: {e}"))?,
             flash: 0,
             ram: 0,
-            frame: largest_frame(&file),
+            frame: code.iter().map(|code| frame(code)).max().unwrap_or(0),
+            masks: code.iter().map(|code| masks(code)).sum(),
         };
         for section in file.sections() {
             let (address, size) = (section.address(), section.size());
@@ -169,6 +173,11 @@ impl Image {
         if self.frame > FRAME_LIMIT {
             return Err(format!("a function takes {} bytes of stack", self.frame));
         }
+        // RTIC masks while it starts, and a dying program for good. Another one is a critical section that would delay the
+        // reflex.
+        if self.masks > 2 {
+            return Err(format!("PRIMASK is set in {} places, 2 allowed: whose critical section is it?", self.masks));
+        }
         Ok(())
     }
 }
@@ -183,9 +192,9 @@ fn allocated<'d>(section: &impl ObjectSection<'d>) -> bool {
         && (FLASH.contains(&section.address()) || RAM.contains(&section.address()) || section.name() == Ok(".ccmram"))
 }
 
-/// The largest frame of any function. Mapping symbols tell code (`$t`) from data (`$d`).
-fn largest_frame(file: &object::File) -> u32 {
-    let Some(text) = file.section_by_name(".text") else { return 0 };
+/// The stretches of code. Mapping symbols tell code (`$t`) from data (`$d`).
+fn code<'d>(file: &object::File<'d>) -> Vec<&'d [u8]> {
+    let Some(text) = file.section_by_name(".text") else { return Vec::new() };
     let (start, bytes) = (text.address(), text.data().unwrap_or_default());
     let mut marks: Vec<(u64, bool)> = file
         .symbols()
@@ -200,31 +209,42 @@ fn largest_frame(file: &object::File) -> u32 {
     let stretches = marks.iter().zip(ends).filter(|((_, code), _)| *code);
     stretches
         .filter_map(|((from, _), to)| bytes.get(from.checked_sub(start)? as usize..to.checked_sub(start)? as usize))
-        .map(frame)
-        .max()
-        .unwrap_or(0)
+        .collect()
+}
+
+/// The instructions of a stretch of Thumb code, each of one or two half-words (ARMv7-M manual, A5.1).
+fn instructions(code: &[u8]) -> impl Iterator<Item = (u32, Option<u32>)> {
+    let mut halves = code.as_chunks::<2>().0.iter().map(|half| u32::from(u16::from_le_bytes(*half)));
+    std::iter::from_fn(move || {
+        let first = halves.next()?;
+        Some((first, (first >> 11 >= 0b11101).then(|| halves.next().unwrap_or(0))))
+    })
+}
+
+/// How often a stretch of code sets PRIMASK: `cpsid i` or `msr primask` (ARMv7-M manual, B5.2.1 and B5.2.3).
+fn masks(code: &[u8]) -> usize {
+    let sets = |&(first, second): &(u32, Option<u32>)| match second {
+        None => first == 0xB672,
+        Some(second) => first & 0xFFF0 == 0xF380 && second == 0x8810,
+    };
+    instructions(code).filter(sets).count()
 }
 
 /// The largest immediate that is subtracted from the stack pointer in a stretch of Thumb code (ARMv7-M manual, A7.7.176).
 fn frame(code: &[u8]) -> u32 {
-    let mut halves = code.as_chunks::<2>().0.iter().map(|half| u32::from(u16::from_le_bytes(*half)));
-    let mut largest = 0;
-    while let Some(first) = halves.next() {
-        let taken = if first >> 11 < 0b11101 {
-            (first & 0xFF80 == 0xB080).then_some((first & 0x7F) * 4)
-        } else {
-            let second = halves.next().unwrap_or(0);
-            let twelve = (first >> 10 & 1) << 11 | (second >> 12 & 0b111) << 8 | second & 0xFF;
-            match (first & 0xFBFF, second & 0x8F00) {
-                // sub.w, with a rotated byte; frames are never made of the repeated patterns.
-                (0xF1AD, 0x0D00) if twelve >> 10 != 0 => Some((0x80 | twelve & 0x7F).rotate_right(twelve >> 7)),
-                (0xF1AD | 0xF2AD, 0x0D00) => Some(twelve),
-                _ => None,
-            }
+    let taken = |(first, second): (u32, Option<u32>)| {
+        let Some(second) = second else {
+            return (first & 0xFF80 == 0xB080).then_some((first & 0x7F) * 4);
         };
-        largest = largest.max(taken.unwrap_or(0));
-    }
-    largest
+        let twelve = (first >> 10 & 1) << 11 | (second >> 12 & 0b111) << 8 | second & 0xFF;
+        match (first & 0xFBFF, second & 0x8F00) {
+            // sub.w, with a rotated byte; frames are never made of the repeated patterns.
+            (0xF1AD, 0x0D00) if twelve >> 10 != 0 => Some((0x80 | twelve & 0x7F).rotate_right(twelve >> 7)),
+            (0xF1AD | 0xF2AD, 0x0D00) => Some(twelve),
+            _ => None,
+        }
+    };
+    instructions(code).filter_map(taken).max().unwrap_or(0)
 }
 
 /// Bytes of code by room, from the line table.
@@ -298,6 +318,7 @@ mod tests {
             flash: FLASH_LIMIT,
             ram: RAM_LIMIT,
             frame: FRAME_LIMIT,
+            masks: 2,
         }
     }
 
@@ -319,6 +340,7 @@ mod tests {
         refused(Image { vectors: Some((0x2002_0000, 0x0800_C000)), ..good() }, "reset vector");
         refused(Image { entry: 0, ..good() }, "differ");
         refused(Image { frame: FRAME_LIMIT + 1, ..good() }, "stack");
+        refused(Image { masks: 3, ..good() }, "PRIMASK");
         refused(Image { flash: FLASH_LIMIT + 1, ..good() }, "limits");
         refused(Image { ram: RAM_LIMIT + 1, ..good() }, "limits");
         let mut image = good();
@@ -326,9 +348,21 @@ mod tests {
         refused(image, "settings");
     }
 
+    fn bytes(halves: &[u16]) -> Vec<u8> {
+        halves.iter().flat_map(|half| half.to_le_bytes()).collect()
+    }
+
+    #[test]
+    fn masks_by_hand() {
+        // cpsid i; cpsie i; msr primask, r3; msr basepri, r3
+        assert_eq!(masks(&bytes(&[0xB672, 0xB662, 0xF383, 0x8810, 0xF383, 0x8811])), 2);
+        // The second half of another instruction masks nothing.
+        assert_eq!(masks(&bytes(&[0xF04F, 0xB672])), 0);
+    }
+
     #[test]
     fn frames_by_hand() {
-        let halves = |halves: &[u16]| frame(&halves.iter().flat_map(|half| half.to_le_bytes()).collect::<Vec<_>>());
+        let halves = |halves: &[u16]| frame(&bytes(halves));
         // push {r4, lr}; sub sp, #16
         assert_eq!(halves(&[0xB510, 0xB084]), 16);
         // sub.w sp, sp, #44032, then subw sp, sp, #3184, then the first alone; add sp, #508 is none.
