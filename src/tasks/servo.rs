@@ -9,7 +9,7 @@ use edm_hal_shim::bridge::{Drive, HBridge};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::EdgeCounter;
 use edm_hal_shim::generator::Generator;
-use edm_hal_shim::safety::{DriveSense, Safety};
+use edm_hal_shim::safety::{DriveSense, Safety, SafetyInputs};
 use edm_hal_shim::stm32f4::cycles::Cycles;
 use edm_hal_shim::stm32f4::drive::DriveAdc;
 use edm_hal_shim::stm32f4::encoder::{self as edges, Timer};
@@ -90,7 +90,14 @@ impl Servo {
             self.retreats = retreats;
             input.reflex = true;
         }
-        input.safety = self.inputs.read();
+        // Field by field: five flags on their way through the stack cost more than reading them.
+        let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault } = self.inputs.read();
+        let safety = &mut input.safety;
+        safety.upper_limit = upper_limit;
+        safety.lower_limit = lower_limit;
+        safety.emergency_stop = emergency_stop;
+        safety.dielectric = dielectric;
+        safety.bridge_fault = bridge_fault;
         input.drive = self.drive.read();
     }
 
