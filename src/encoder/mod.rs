@@ -9,7 +9,8 @@
 //!
 //! Two counters watch the same lines. The decoder sees illegal transitions and times each edge, but an edge that is not
 //! served in time is lost to it; the timer keeps up with any speed, but times nothing and notices nothing. Both are an
-//! [`EdgeCounter`](edm_hal_shim::encoder::EdgeCounter) and are compared every millisecond; [`Handover`] picks the one that leads.
+//! [`EdgeCounter`](edm_hal_shim::encoder::EdgeCounter) and are compared every millisecond; [`Handover`] picks the one that
+//! leads.
 //!
 //! A count is one edge of A or B, four per encoder line; positive is toward the work, where A leads B. Raw counts wrap at
 //! 32 bits and only their differences mean anything; [`Position`] alone says where the axis is.

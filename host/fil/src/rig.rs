@@ -34,9 +34,9 @@ const STRETCH: u64 = 100;
 /// Exceptions of the servo task, TIM1_UP, and of the gap task, DMA2_STREAM0.
 const SERVO: usize = 16 + 25;
 const GAP: usize = 16 + 56;
-/// Where in a window its tick is looked at, ticks: just before the next block is complete (44 us), because a message to the
-/// log masks interrupts and may delay the servo task by half a window.
-const LOOK: u64 = 7300;
+/// Where in a window its tick is looked at, ticks: when the longest has ended, and well before the next block is complete
+/// (44 us). Time that passes by blocks of code may overshoot this by a hundred ticks.
+const LOOK: u64 = 6000;
 /// Time that the first, late tick is given, ticks: 9 us.
 const FIRST: u64 = 1500;
 /// Counter of TIM1.
