@@ -46,6 +46,8 @@ impl Ordered {
 }
 /// Clock gates of GPIOA to GPIOE (RM0090 7.3.10).
 const PORTS: u32 = 0b1_1111;
+/// Clock gate of TIM1 (RM0090 7.3.14).
+const TIM1: u32 = 1;
 
 /// How often the bridge was forced; the lowest bit says what it was last: 0 off, 1 retract.
 static FORCED: Ordered = Ordered(AtomicU32::new(0));
@@ -118,17 +120,17 @@ pub fn kill_pulse() {
 /// Pulses off and bridge off for good: for a dying program, which never comes back to settle it.
 ///
 /// Right at any moment after reset. Nothing runs afterwards that could switch them on again: a task that is not the dying
-/// one would. And the ports are clocked first, or a write before [`super::pins::ports`] would be lost. TIM1 needs no such
-/// care: its pin is connected only when it runs.
+/// one would. And ports and timer are clocked first, or a write before they were started would be lost.
 #[cold]
 #[inline(never)]
 pub fn kill() {
     cortex_m::interrupt::disable();
     // SAFETY: the register block is there for ever, and nobody else runs any more.
-    let gates = unsafe { &*pac::RCC::ptr() }.ahb1enr();
-    change!(gates, clear 0, set PORTS);
-    // The clock is there two cycles after the write; reading it back takes longer (RM0090 7.3.10).
-    gates.read();
+    let rcc = unsafe { &*pac::RCC::ptr() };
+    change!(rcc.ahb1enr(), clear 0, set PORTS);
+    change!(rcc.apb2enr(), clear 0, set TIM1);
+    // The clocks are there two cycles after the write; reading back takes longer (RM0090 7.3.10, 7.3.14).
+    rcc.apb2enr().read();
     inhibit();
     off();
 }
