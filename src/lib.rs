@@ -14,6 +14,7 @@
 //! | [`path`] | segments and the register that shifts both ways |
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
+//! | [`canopen`] | the head as a CANopen node |
 //! | [`remote`] | commands and reports as CAN frames |
 //! | [`settings`] | what a person sets, checked and built into what the ticks run |
 //!
@@ -23,6 +24,7 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod canopen;
 pub mod dsp;
 pub mod encoder;
 pub mod feed;
