@@ -169,6 +169,8 @@ pub enum Event {
         /// Its node-ID.
         node: u8,
     },
+    /// SYNC has failed to come for one and a half periods of 1006h.
+    SyncLost,
     /// An RPDO with an event timer did not come in time.
     ReceiveTimeout {
         /// Which, from 0.
@@ -263,9 +265,9 @@ pub struct Description {
     pub sub: u8,
     /// What the object is.
     pub shape: Shape,
-    /// Name of the object: that of its first sub-index, for all of them. Empty on the chip.
+    /// Name of the object: the same for all its values, and for all PDOs of a direction. Empty on the chip.
     pub object: &'static str,
-    /// Name of this value. Empty on the chip.
+    /// Name of this value; the same for values that their sub-index tells apart. Empty on the chip.
     pub name: &'static str,
     /// Type of the value.
     pub kind: DataType,

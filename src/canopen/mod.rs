@@ -1,13 +1,34 @@
 //! A CANopen node (CiA 301 version 4.2) without input or output of its own: frames and the time go in, frames come out.
 //!
-//! The device implements [`Dictionary`]: its objects, read and written by place. The node answers for network management,
-//! SDO, PDO, SYNC, emergencies and heartbeats, and for the objects 1000h to 1FFFh that configure them.
+//! The device implements [`Dictionary`]: its objects, read and written by place. The [`Node`] answers for network
+//! management, SDO, PDO, SYNC, emergencies and heartbeats, and for the objects 1000h to 1FFFh that configure them. It keeps
+//! no statics: a process can run as many as it likes.
 
 mod abort;
+mod area;
+mod device;
 mod dictionary;
+mod emergency;
+mod frame;
+mod heartbeat;
+mod node;
+mod outbox;
+mod parameters;
+mod pdo;
+mod sdo;
+mod space;
+mod sync;
 
 pub use abort::Abort;
+pub use area::descriptions;
+pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
 pub use dictionary::{
     Access, DataType, DefaultValue, Description, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place,
     Request, Shape,
 };
+pub use frame::{Frame, NodeId, Time};
+pub use node::{ImageRefused, Node};
+pub use parameters::IMAGE;
+
+#[cfg(test)]
+mod tests;

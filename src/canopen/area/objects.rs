@@ -1,0 +1,301 @@
+//! The objects of the communication area, one row each (CiA 301 7.5.2).
+
+use crate::canopen::device::{Device, ENTRIES, PDOS};
+use crate::canopen::emergency::HISTORY;
+use crate::canopen::parameters::{CONSUMERS, Parameters};
+use crate::canopen::pdo::Direction::{self, Receive, Transmit};
+use crate::canopen::{Abort, Access, DataType, DefaultValue, Description, Mapping, Shape};
+use Access::{Const, ReadOnly, ReadWrite};
+use DataType::{Unsigned8, Unsigned16, Unsigned32, VisibleString};
+use Shape::{Array, Record, Variable};
+
+/// What a value is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::canopen) enum Item {
+    /// A constant: the highest sub-index, mostly.
+    Fixed(u8),
+    DeviceType,
+    ErrorRegister,
+    ErrorCount,
+    PastError,
+    SyncId,
+    Period,
+    Window,
+    Name,
+    Hardware,
+    Software,
+    Store,
+    Restore,
+    EmergencyId,
+    EmergencyInhibit,
+    Watched,
+    Heartbeat,
+    Vendor,
+    Product,
+    Revision,
+    Serial,
+    Overflow,
+    Behaviour,
+    /// Identifier of a service of this node.
+    Service(u16),
+    PdoId(Direction),
+    Transmission(Direction),
+    Inhibit,
+    Timer(Direction),
+    Start,
+    MapCount(Direction),
+    MapEntry(Direction),
+}
+
+/// Values that differ in index or sub-index alone.
+pub(in crate::canopen) struct Row {
+    /// First index, and how many follow on each other.
+    index: (u16, u16),
+    /// First sub-index, and how many.
+    sub: (u8, u8),
+    shape: Shape,
+    /// Names of object and value; the latter is numbered where there are several.
+    names: (&'static str, &'static str),
+    kind: DataType,
+    access: Access,
+    item: Item,
+}
+
+/// A value found by its address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::canopen) struct Found {
+    pub item: Item,
+    pub kind: DataType,
+    pub access: Access,
+    /// Which PDO, where the object belongs to one.
+    pub pdo: u16,
+    /// Sub-index.
+    pub sub: u8,
+}
+
+/// The chip has no use for names.
+const fn host(text: &'static str) -> &'static str {
+    if cfg!(target_os = "none") { "" } else { text }
+}
+
+const fn row(
+    index: u16,
+    sub: u8,
+    names: (&'static str, &'static str),
+    kind: DataType,
+    access: Access,
+    item: Item,
+) -> Row {
+    rows((index, 1), (sub, 1), Record, names, kind, access, item)
+}
+
+const fn variable(index: u16, name: &'static str, kind: DataType, access: Access, item: Item) -> Row {
+    rows((index, 1), (0, 1), Variable, (name, name), kind, access, item)
+}
+
+const fn rows(
+    index: (u16, u16),
+    sub: (u8, u8),
+    shape: Shape,
+    (object, name): (&'static str, &'static str),
+    kind: DataType,
+    access: Access,
+    item: Item,
+) -> Row {
+    Row { index, sub, shape, names: (host(object), host(name)), kind, access, item }
+}
+
+/// Highest sub-index of an object.
+const fn highest(index: u16, count: u16, shape: Shape, object: &'static str, value: u8) -> Row {
+    rows((index, count), (0, 1), shape, (object, "Highest sub-index supported"), Unsigned8, Const, Item::Fixed(value))
+}
+
+const fn pdo(first: u16, sub: u8, object: &'static str, name: &'static str, kind: DataType, item: Item) -> Row {
+    rows((first, PDOS as u16), (sub, 1), Record, (object, name), kind, ReadWrite, item)
+}
+
+const fn entries(first: u16, object: &'static str, item: Item) -> Row {
+    rows((first, PDOS as u16), (1, ENTRIES as u8), Record, (object, "Application object"), Unsigned32, ReadWrite, item)
+}
+
+const ERRORS: &str = "Pre-defined error field";
+const STORE: &str = "Store parameters";
+const RESTORE: &str = "Restore default parameters";
+const WATCHED: &str = "Consumer heartbeat time";
+const IDENTITY: &str = "Identity object";
+const BEHAVIOUR: &str = "Error behaviour object";
+const SERVER: &str = "SDO server parameter";
+const RPDO: &str = "RPDO communication parameter";
+const RPDO_MAP: &str = "RPDO mapping parameter";
+const TPDO: &str = "TPDO communication parameter";
+const TPDO_MAP: &str = "TPDO mapping parameter";
+const COUNT: &str = "Number of mapped application objects in PDO";
+const ID: &str = "COB-ID used by";
+const TYPE: &str = "Transmission type";
+
+/// Every value of the communication area, by rising address within an object.
+const TABLE: &[Row] = &[
+    variable(0x1000, "Device type", Unsigned32, Const, Item::DeviceType),
+    variable(0x1001, "Error register", Unsigned8, ReadOnly, Item::ErrorRegister),
+    rows((0x1003, 1), (0, 1), Array, (ERRORS, "Number of errors"), Unsigned8, ReadWrite, Item::ErrorCount),
+    rows(
+        (0x1003, 1),
+        (1, HISTORY as u8),
+        Array,
+        (ERRORS, "Standard error field"),
+        Unsigned32,
+        ReadOnly,
+        Item::PastError,
+    ),
+    variable(0x1005, "COB-ID SYNC message", Unsigned32, ReadWrite, Item::SyncId),
+    variable(0x1006, "Communication cycle period", Unsigned32, ReadWrite, Item::Period),
+    variable(0x1007, "Synchronous window length", Unsigned32, ReadWrite, Item::Window),
+    variable(0x1008, "Manufacturer device name", VisibleString, Const, Item::Name),
+    variable(0x1009, "Manufacturer hardware version", VisibleString, Const, Item::Hardware),
+    variable(0x100A, "Manufacturer software version", VisibleString, Const, Item::Software),
+    highest(0x1010, 1, Array, STORE, 3),
+    rows((0x1010, 1), (1, 1), Array, (STORE, "Save all parameters"), Unsigned32, ReadWrite, Item::Store),
+    rows((0x1010, 1), (2, 1), Array, (STORE, "Save communication parameters"), Unsigned32, ReadWrite, Item::Store),
+    rows((0x1010, 1), (3, 1), Array, (STORE, "Save application parameters"), Unsigned32, ReadWrite, Item::Store),
+    highest(0x1011, 1, Array, RESTORE, 3),
+    rows((0x1011, 1), (1, 1), Array, (RESTORE, "Restore all default parameters"), Unsigned32, ReadWrite, Item::Restore),
+    rows((0x1011, 1), (2, 1), Array, (RESTORE, "Restore communication defaults"), Unsigned32, ReadWrite, Item::Restore),
+    rows((0x1011, 1), (3, 1), Array, (RESTORE, "Restore application defaults"), Unsigned32, ReadWrite, Item::Restore),
+    variable(0x1014, "COB-ID EMCY", Unsigned32, ReadWrite, Item::EmergencyId),
+    variable(0x1015, "Inhibit time EMCY", Unsigned16, ReadWrite, Item::EmergencyInhibit),
+    highest(0x1016, 1, Array, WATCHED, CONSUMERS as u8),
+    rows((0x1016, 1), (1, CONSUMERS as u8), Array, (WATCHED, WATCHED), Unsigned32, ReadWrite, Item::Watched),
+    variable(0x1017, "Producer heartbeat time", Unsigned16, ReadWrite, Item::Heartbeat),
+    highest(0x1018, 1, Record, IDENTITY, 4),
+    row(0x1018, 1, (IDENTITY, "Vendor-ID"), Unsigned32, ReadOnly, Item::Vendor),
+    row(0x1018, 2, (IDENTITY, "Product code"), Unsigned32, ReadOnly, Item::Product),
+    row(0x1018, 3, (IDENTITY, "Revision number"), Unsigned32, ReadOnly, Item::Revision),
+    row(0x1018, 4, (IDENTITY, "Serial number"), Unsigned32, ReadOnly, Item::Serial),
+    variable(0x1019, "Synchronous counter overflow value", Unsigned8, ReadWrite, Item::Overflow),
+    highest(0x1029, 1, Array, BEHAVIOUR, 1),
+    rows((0x1029, 1), (1, 1), Array, (BEHAVIOUR, "Communication error"), Unsigned8, ReadWrite, Item::Behaviour),
+    highest(0x1200, 1, Record, SERVER, 2),
+    row(0x1200, 1, (SERVER, "COB-ID client to server"), Unsigned32, ReadOnly, Item::Service(0x600)),
+    row(0x1200, 2, (SERVER, "COB-ID server to client"), Unsigned32, ReadOnly, Item::Service(0x580)),
+    highest(0x1400, PDOS as u16, Record, RPDO, 5),
+    pdo(0x1400, 1, RPDO, ID, Unsigned32, Item::PdoId(Receive)),
+    pdo(0x1400, 2, RPDO, TYPE, Unsigned8, Item::Transmission(Receive)),
+    pdo(0x1400, 5, RPDO, "Event timer", Unsigned16, Item::Timer(Receive)),
+    pdo(0x1600, 0, RPDO_MAP, COUNT, Unsigned8, Item::MapCount(Receive)),
+    entries(0x1600, RPDO_MAP, Item::MapEntry(Receive)),
+    highest(0x1800, PDOS as u16, Record, TPDO, 6),
+    pdo(0x1800, 1, TPDO, ID, Unsigned32, Item::PdoId(Transmit)),
+    pdo(0x1800, 2, TPDO, TYPE, Unsigned8, Item::Transmission(Transmit)),
+    pdo(0x1800, 3, TPDO, "Inhibit time", Unsigned16, Item::Inhibit),
+    pdo(0x1800, 5, TPDO, "Event timer", Unsigned16, Item::Timer(Transmit)),
+    pdo(0x1800, 6, TPDO, "SYNC start value", Unsigned8, Item::Start),
+    pdo(0x1A00, 0, TPDO_MAP, COUNT, Unsigned8, Item::MapCount(Transmit)),
+    entries(0x1A00, TPDO_MAP, Item::MapEntry(Transmit)),
+];
+
+impl Row {
+    fn has(&self, index: u16) -> bool {
+        index.wrapping_sub(self.index.0) < self.index.1
+    }
+}
+
+/// Looks a value up.
+pub(in crate::canopen) fn find(index: u16, sub: u8) -> Result<Found, Abort> {
+    let mut missing = Abort::NoObject;
+    for row in TABLE.iter().filter(|row| row.has(index)) {
+        if sub.wrapping_sub(row.sub.0) < row.sub.1 {
+            let pdo = index.wrapping_sub(row.index.0);
+            return Ok(Found { item: row.item, kind: row.kind, access: row.access, pdo, sub });
+        }
+        missing = Abort::NoSubIndex;
+    }
+    Err(missing)
+}
+
+/// Every value of the communication area of a device, by rising index and sub-index, with its default.
+pub fn descriptions(device: &Device) -> impl Iterator<Item = Description> + '_ {
+    // Node 0: identifiers lack the node-ID.
+    let defaults = Parameters::new(device, 0);
+    (0x1000..0x2000).flat_map(move |index| {
+        let defaults = defaults.clone();
+        let rows = TABLE.iter().filter(move |row| row.has(index));
+        rows.flat_map(|row| (0..row.sub.1).map(move |nth| (row, row.sub.0.wrapping_add(nth)))).map(move |(row, sub)| {
+            let (object, name) = row.names;
+            let (item, pdo) = (row.item, index.wrapping_sub(row.index.0));
+            Description {
+                index,
+                sub,
+                shape: row.shape,
+                object,
+                name,
+                kind: row.kind,
+                access: row.access,
+                mapping: if item == Item::ErrorRegister { Mapping::Transmit } else { Mapping::No },
+                default: default(device, &defaults, item, pdo, sub),
+            }
+        })
+    })
+}
+
+fn default(device: &Device, defaults: &Parameters, item: Item, pdo: u16, sub: u8) -> DefaultValue {
+    let number = |value: u32| DefaultValue::Number(value.into());
+    match item {
+        Item::Name => DefaultValue::Text(device.name),
+        Item::Hardware => DefaultValue::Text(device.hardware),
+        Item::Software => DefaultValue::Text(device.software),
+        Item::DeviceType => number(device.device_type),
+        Item::Vendor => number(device.vendor),
+        Item::Product => number(device.product),
+        Item::Revision => number(device.revision),
+        Item::Serial | Item::PastError => DefaultValue::Unknown,
+        Item::Service(base) => DefaultValue::NodeId(base.into()),
+        Item::EmergencyId => DefaultValue::NodeId(defaults.emergency_id),
+        Item::PdoId(_) => DefaultValue::NodeId(defaults.get(item, pdo, sub).unwrap_or(0)),
+        Item::Fixed(value) => number(value.into()),
+        Item::ErrorRegister | Item::ErrorCount => number(0),
+        Item::Store | Item::Restore => number(1),
+        _ => number(defaults.get(item, pdo, sub).unwrap_or(0)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::canopen::tests::DEVICE;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn each_address_is_described_once_and_found_as_described() {
+        let all: Vec<_> = descriptions(&DEVICE).collect();
+        let addresses: BTreeSet<_> = all.iter().map(|d| (d.index, d.sub)).collect();
+        assert_eq!(addresses.len(), all.len());
+        assert!(all.iter().map(|d| (d.index, d.sub)).is_sorted());
+        for index in 0x1000..0x2000 {
+            for sub in 0..=255 {
+                let described = all.iter().find(|d| (d.index, d.sub) == (index, sub));
+                let found = find(index, sub).ok();
+                assert_eq!(described.map(|d| (d.kind, d.access)), found.map(|f| (f.kind, f.access)));
+            }
+        }
+        assert_eq!(find(0x1404, 0), Err(Abort::NoObject));
+        assert_eq!(find(0x1400, 3), Err(Abort::NoSubIndex));
+    }
+
+    #[test]
+    fn the_highest_sub_index_is_the_highest() {
+        for object in descriptions(&DEVICE).filter(|d| d.name == "Highest sub-index supported") {
+            let highest = descriptions(&DEVICE).filter(|d| d.index == object.index).map(|d| d.sub).max().unwrap();
+            assert_eq!(object.default, DefaultValue::Number(highest.into()), "{:x}", object.index);
+        }
+    }
+
+    #[test]
+    fn identifiers_follow_the_pre_defined_connection_set() {
+        let default = |index, sub| descriptions(&DEVICE).find(|d| (d.index, d.sub) == (index, sub)).unwrap().default;
+        assert_eq!(default(0x1400, 1), DefaultValue::NodeId(0x200));
+        assert_eq!(default(0x1403, 1), DefaultValue::NodeId(0x8000_0500));
+        assert_eq!(default(0x1800, 1), DefaultValue::NodeId(0x4000_0180));
+        assert_eq!(default(0x1014, 0), DefaultValue::NodeId(0x80));
+        assert_eq!(default(0x1005, 0), DefaultValue::Number(0x80));
+    }
+}

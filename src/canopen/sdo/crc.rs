@@ -1,0 +1,19 @@
+//! Checksum of block transfers: x^16 + x^12 + x^5 + 1, starting at 0 (CiA 301 7.2.4.3.16).
+
+/// Continues a checksum over more bytes.
+pub(super) fn crc(start: u16, data: &[u8]) -> u16 {
+    data.iter().fold(start, |crc, byte| {
+        (0..8).fold(crc ^ u16::from(*byte) << 8, |crc, _| if crc & 0x8000 == 0 { crc << 1 } else { crc << 1 ^ 0x1021 })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::crc;
+
+    #[test]
+    fn the_check_value_is_that_of_the_standard() {
+        assert_eq!(crc(0, b"123456789"), 0x31C3);
+        assert_eq!(crc(crc(0, b"1234"), b"56789"), 0x31C3);
+    }
+}
