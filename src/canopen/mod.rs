@@ -27,7 +27,7 @@ pub use dictionary::{
     Request, Shape,
 };
 pub use frame::{Frame, NodeId, Time};
-pub use node::{ImageRefused, Node};
+pub use node::{BootError, Node};
 pub use parameters::IMAGE;
 
 #[cfg(test)]

@@ -14,10 +14,15 @@ use super::{Abort, Dictionary, Event, Frame, NmtState, NodeId, Time};
 /// Identifier of network management.
 const NMT: u16 = 0;
 
-/// A stored form that was not loaded: of another version or node-ID, or with a value that cannot be.
+/// What a node could not boot with. It runs all the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ImageRefused;
+pub enum BootError {
+    /// The stored parameters: of another version or node-ID, or with a value that cannot be. The defaults are in force.
+    Stored,
+    /// The device's own defaults: they map what its dictionary does not have. Nothing is mapped.
+    Defaults,
+}
 
 /// A CANopen node.
 ///
@@ -42,23 +47,21 @@ impl Node {
     /// with the defaults. Boot-up leaves next, and the node is pre-operational.
     ///
     /// # Errors
-    /// What was stored was refused whole; the node has booted with its defaults.
-    pub fn boot(&mut self, stored: Option<&[u8]>, dictionary: &mut dyn Dictionary) -> Result<(), ImageRefused> {
+    /// The node has booted, but not with what was asked.
+    pub fn boot(&mut self, stored: Option<&[u8]>, dictionary: &mut dyn Dictionary) -> Result<(), BootError> {
         if self.area.state != NmtState::Initialising {
             return Ok(());
         }
         let defaults = Parameters::new(self.area.device, self.area.id.get());
-        let loaded = stored.map(|image| defaults.load(image, self.area.id).ok_or(ImageRefused)).transpose();
-        let result = loaded.and_then(|loaded| match loaded {
-            Some(loaded) => self.area.adopt(loaded, dictionary).map_err(|_| ImageRefused),
-            None => Err(ImageRefused),
+        let loaded = stored.map(|image| {
+            let loaded = defaults.load(image, self.area.id).ok_or(BootError::Stored)?;
+            self.area.adopt(loaded, dictionary).map_err(|_| BootError::Stored)
         });
-        let result = match (result, stored) {
-            (Ok(()), _) => Ok(()),
-            (Err(refused), stored) => {
-                let adopted = self.area.adopt(defaults, dictionary);
-                debug_assert!(adopted.is_ok(), "the device's own default mapping: {adopted:?}");
-                stored.map_or(Ok(()), |_| Err(refused))
+        let result = match loaded {
+            Some(Ok(())) => Ok(()),
+            None | Some(Err(_)) => {
+                let adopted = self.area.adopt(defaults, dictionary).map_err(|_| BootError::Defaults);
+                adopted.and(loaded.unwrap_or(Ok(())))
             }
         };
         self.booting = true;
