@@ -28,7 +28,11 @@ fn block_write(bench: &mut Bench, index: u16, value: &[u8], announced: Option<u3
     }
     let unused = (parts.len() * 7 - value.len()) as u8;
     let answer = bench.ask(segment(0xC1 | unused << 2, &crc(value).to_le_bytes()));
-    if answer[0] == 0x80 { Err(word(answer)) } else { Ok(assert_eq!(answer, segment(0xA1, &[]))) }
+    if answer[0] == 0x80 {
+        return Err(word(answer));
+    }
+    assert_eq!(answer, segment(0xA1, &[]));
+    Ok(())
 }
 
 /// Everything that comes until the node waits for us.

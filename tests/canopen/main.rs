@@ -11,3 +11,4 @@ mod process_data;
 mod sdo;
 mod services;
 mod store;
+mod watched;

@@ -113,7 +113,8 @@ fn more_or_less_than_announced_is_refused() {
     assert_eq!(bench.refusal(segment(0x01, &[1; 7])), 0x0607_0013);
     bench.ask(request(0x20, BYTES, 0, [0; 4]));
     for n in 0..36 {
-        assert_eq!(bench.ask(segment(n % 2 << 4, &[1; 7]))[0], 0x20 | n % 2 << 4);
+        let toggle = (n % 2) << 4;
+        assert_eq!(bench.ask(segment(toggle, &[1; 7]))[0], 0x20 | toggle);
     }
     assert_eq!(bench.refusal(segment(0x00, &[1; 7])), 0x0504_0005);
     assert_eq!(bench.machine.value(BYTES, 0), []);
