@@ -35,29 +35,18 @@ pub(super) enum Cause {
 }
 
 impl Cause {
-    /// Emergency error code (CiA 301 7.2.7.1, table 26).
-    const fn code(self) -> u16 {
-        match self {
-            Self::Short(_) => 0x8210,
-            Self::Long(_) => 0x8220,
-            Self::Late(_) => 0x8250,
-            Self::Heartbeat(_) => 0x8130,
-            Self::SyncLength => 0x8240,
-            Self::SyncLost => 0x8100,
-        }
-    }
-
-    /// Its bit among the causes, and the number that says which.
-    const fn place(self) -> (u32, u8) {
-        let (group, which) = match self {
-            Self::Short(pdo) => (0, pdo),
-            Self::Long(pdo) => (4, pdo),
-            Self::Late(pdo) => (8, pdo),
-            Self::Heartbeat(entry) => (12, entry),
-            Self::SyncLength => (16, 0),
-            Self::SyncLost => (17, 0),
+    /// Emergency error code (CiA 301 7.2.7.1, table 26), bit among the causes, and the number that says which.
+    #[inline(never)]
+    const fn facts(self) -> (u16, u32, u8) {
+        let (code, group, which) = match self {
+            Self::Short(pdo) => (0x8210, 0, pdo),
+            Self::Long(pdo) => (0x8220, 4, pdo),
+            Self::Late(pdo) => (0x8250, 8, pdo),
+            Self::Heartbeat(entry) => (0x8130, 12, entry),
+            Self::SyncLength => (0x8240, 16, 0),
+            Self::SyncLost => (0x8100, 17, 0),
         };
-        (1 << (group + (which & 3)), which)
+        (code, 1 << (group + (which & 3)), which)
     }
 }
 
@@ -73,6 +62,7 @@ pub(super) struct Emergency {
 
 impl Emergency {
     /// 1001h.
+    #[inline(never)]
     pub fn register(&self) -> u8 {
         let communication = if self.causes == 0 { 0 } else { COMMUNICATION };
         let register = self.device | communication;
@@ -95,17 +85,19 @@ impl Emergency {
     }
 
     /// A cause has appeared.
+    #[inline(never)]
     pub fn raise(&mut self, cause: Cause) {
-        let (bit, which) = cause.place();
+        let (code, bit, which) = cause.facts();
         if self.causes & bit == 0 {
             self.causes |= bit;
-            self.report(cause.code(), [which.wrapping_add(1), 0, 0, 0, 0]);
+            self.report(code, [which.wrapping_add(1), 0, 0, 0, 0]);
         }
     }
 
     /// A cause is gone.
+    #[inline(never)]
     pub fn clear(&mut self, cause: Cause) {
-        let (bit, _) = cause.place();
+        let (_, bit, _) = cause.facts();
         if self.causes & bit != 0 {
             self.causes &= !bit;
             self.queue(0, [0; 5]);
@@ -113,12 +105,14 @@ impl Emergency {
     }
 
     /// The device reports an error and the bits of the error register that go with it.
+    #[inline(never)]
     pub fn device(&mut self, code: u16, register: u8, detail: [u8; 5]) {
         self.device |= register | GENERIC;
         self.report(code, detail);
     }
 
     /// The device has no error any more.
+    #[inline(never)]
     pub fn device_well(&mut self) {
         if self.device != 0 {
             self.device = 0;
@@ -132,6 +126,7 @@ impl Emergency {
         self.waiting.clear();
     }
 
+    #[inline(never)]
     fn report(&mut self, code: u16, detail: [u8; 5]) {
         if self.history.is_full() {
             self.history.pop_back();
@@ -142,6 +137,7 @@ impl Emergency {
         self.queue(code, detail);
     }
 
+    #[inline(never)]
     fn queue(&mut self, code: u16, [a, b, c, d, e]: [u8; 5]) {
         let [low, high] = code.to_le_bytes();
         if self.waiting.is_full() {
@@ -152,6 +148,7 @@ impl Emergency {
     }
 
     /// Sends what waits, no faster than the inhibit time allows.
+    #[inline(never)]
     pub fn poll(&mut self, parameters: &Parameters, now: Time, out: &mut Outbox) {
         if parameters.emergency_id & INVALID != 0 {
             self.waiting.clear();
@@ -208,7 +205,7 @@ mod tests {
     fn every_cause_has_a_bit_of_its_own() {
         let numbered = [Cause::Short, Cause::Long, Cause::Late, Cause::Heartbeat];
         let all = numbered.iter().flat_map(|cause| (0..4).map(cause)).chain([Cause::SyncLength, Cause::SyncLost]);
-        let bits: std::vec::Vec<_> = all.map(|cause| cause.place().0).collect();
+        let bits: std::vec::Vec<_> = all.map(|cause| cause.facts().1).collect();
         assert!(bits.iter().all(|bit| bit.count_ones() == 1));
         assert_eq!(bits.iter().fold(0, |sum, bit| sum | bit).count_ones(), bits.len() as u32);
     }

@@ -4,6 +4,7 @@
 /// receives them leaves them out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(align(4))]
 pub struct Frame {
     id: u16,
     length: u8,
@@ -12,6 +13,7 @@ pub struct Frame {
 
 impl Frame {
     /// A frame; `None` when the identifier has more than 11 bits or the data more than 8 bytes.
+    #[inline(never)]
     pub fn new(id: u16, data: &[u8]) -> Option<Self> {
         let mut frame = Self { id, length: data.len() as u8, data: [0; 8] };
         frame.data.get_mut(..data.len())?.copy_from_slice(data);

@@ -15,6 +15,7 @@ mod node;
 mod outbox;
 mod parameters;
 mod pdo;
+mod rolled;
 mod sdo;
 mod space;
 mod sync;

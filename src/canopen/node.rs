@@ -2,10 +2,11 @@
 
 use super::area::Area;
 use super::device::Device;
-use super::emergency::Cause;
+use super::emergency::{Cause, Emergency};
 use super::heartbeat::{Change, HEARTBEAT};
 use super::parameters::{IMAGE, Parameters};
 use super::pdo::Taken;
+use super::rolled::rolled_mut;
 use super::sdo::{REQUEST, Server};
 use super::space::Space;
 use super::sync::{Pulse, Sync};
@@ -48,19 +49,21 @@ impl Node {
     ///
     /// # Errors
     /// The node has booted, but not with what was asked.
+    #[inline(never)]
     pub fn boot(&mut self, stored: Option<&[u8]>, dictionary: &mut dyn Dictionary) -> Result<(), BootError> {
         if self.area.state != NmtState::Initialising {
             return Ok(());
         }
         let defaults = Parameters::new(self.area.device, self.area.id.get());
         let loaded = stored.map(|image| {
-            let loaded = defaults.load(image, self.area.id).ok_or(BootError::Stored)?;
-            self.area.adopt(loaded, dictionary).map_err(|_| BootError::Stored)
+            let mut loaded = defaults;
+            loaded.load(image, self.area.id).ok_or(BootError::Stored)?;
+            self.area.adopt(&loaded, dictionary).map_err(|_| BootError::Stored)
         });
         let result = match loaded {
             Some(Ok(())) => Ok(()),
             None | Some(Err(_)) => {
-                let adopted = self.area.adopt(defaults, dictionary).map_err(|_| BootError::Defaults);
+                let adopted = self.area.adopt(&defaults, dictionary).map_err(|_| BootError::Defaults);
                 adopted.and(loaded.unwrap_or(Ok(())))
             }
         };
@@ -73,6 +76,7 @@ impl Node {
     }
 
     /// Takes a frame that came at `at`: the time stamp of its interrupt.
+    #[inline(never)]
     pub fn receive(&mut self, frame: &Frame, at: Time, dictionary: &mut dyn Dictionary) {
         let (state, id, data) = (self.area.state, frame.id(), frame.data());
         if state == NmtState::Initialising {
@@ -99,6 +103,7 @@ impl Node {
     }
 
     /// Does what time demands: heartbeats, event timers, time-outs, emergencies, segments of a long transfer.
+    #[inline(never)]
     pub fn poll(&mut self, now: Time, dictionary: &mut dyn Dictionary) {
         self.booting = self.booting && self.area.out.holds(self.area.id.cob(HEARTBEAT));
         if self.area.state == NmtState::Initialising || self.booting {
@@ -126,9 +131,10 @@ impl Node {
     }
 
     /// Applies the synchronous RPDOs that the last SYNC has made valid, if it came no later than `tick`; its time stamp.
+    #[inline(never)]
     pub fn synchronised(&mut self, tick: Time, dictionary: &mut dyn Dictionary) -> Option<Time> {
         let time = self.area.sync.due(tick)?;
-        self.area.receive.iter_mut().for_each(|pdo| pdo.apply(dictionary));
+        rolled_mut(&mut self.area.receive).iter_mut().for_each(|pdo| pdo.apply(dictionary));
         Some(time)
     }
 
@@ -169,11 +175,13 @@ impl Node {
     }
 
     /// The parameters of the communication area as they are to be stored.
+    #[inline(never)]
     pub fn image(&self) -> [u8; IMAGE] {
         self.area.parameters.image(self.area.id)
     }
 
     /// Network management (CiA 301 7.2.8.3.1): a command for this node or for all.
+    #[inline(never)]
     fn command(&mut self, data: &[u8], dictionary: &mut dyn Dictionary) {
         let &[command, node] = data else { return };
         if node != 0 && node != self.area.id.get() {
@@ -189,14 +197,13 @@ impl Node {
         }
     }
 
+    #[inline(never)]
     fn enter(&mut self, state: NmtState, dictionary: &mut dyn Dictionary) {
         if state == self.area.state {
             return;
         }
         self.area.state = state;
-        self.area.sync.restart();
-        self.area.receive.iter_mut().for_each(|pdo| pdo.restart());
-        self.area.transmit.iter_mut().for_each(|pdo| pdo.restart());
+        self.area.restart_process_data();
         if state == NmtState::Stopped {
             self.server.stop(&mut Space { area: &mut self.area, dictionary });
         }
@@ -206,17 +213,17 @@ impl Node {
         dictionary.event(Event::State(state));
     }
 
+    #[inline(never)]
     fn reset(&mut self, event: Event, dictionary: &mut dyn Dictionary) {
-        let mut fresh = Area::new(self.area.device, self.area.id, self.area.serial);
-        if event == Event::ResetCommunication {
-            fresh.emergency = self.area.emergency.clone();
-            fresh.emergency.restart();
+        self.area.restart();
+        if event == Event::ResetNode {
+            self.area.emergency = Emergency::default();
         }
-        self.area = fresh;
-        self.server = Server::default();
+        self.server.stop(&mut Space { area: &mut self.area, dictionary });
         dictionary.event(event);
     }
 
+    #[inline(never)]
     fn heartbeat(&mut self, change: Option<Change>, dictionary: &mut dyn Dictionary) {
         match change {
             Some(Change::Lost(entry, node)) => {
@@ -234,6 +241,7 @@ impl Node {
         }
     }
 
+    #[inline(never)]
     fn sync(&mut self, data: &[u8], now: Time, dictionary: &mut dyn Dictionary) {
         let area = &mut self.area;
         let Pulse::Good(counter) = Sync::judge(&area.parameters, data) else {
@@ -246,19 +254,20 @@ impl Node {
             return;
         }
         area.sync.came(now);
-        area.receive.iter_mut().for_each(|pdo| pdo.synchronise());
+        rolled_mut(&mut area.receive).iter_mut().for_each(|pdo| pdo.synchronise());
         let register = area.emergency.register();
-        for (pdo, parameters) in area.transmit.iter_mut().zip(&area.parameters.transmit) {
+        for (pdo, parameters) in rolled_mut(&mut area.transmit).iter_mut().zip(&area.parameters.transmit) {
             pdo.synchronise(parameters, counter, register, now, dictionary, &mut area.out);
         }
     }
 
+    #[inline(never)]
     fn process_data(&mut self, id: u16, data: &[u8], now: Time, dictionary: &mut dyn Dictionary) {
         let area = &mut self.area;
         let open = area.sync.window_open(&area.parameters, now);
-        for ((number, pdo), parameters) in (0..).zip(&mut area.receive).zip(&area.parameters.receive) {
+        for ((number, pdo), parameters) in (0..).zip(rolled_mut(&mut area.receive)).zip(&area.parameters.receive) {
             let taken = pdo.take(parameters, id, data, now, open, dictionary);
-            let state = |wrong, cause, emergency: &mut super::emergency::Emergency| {
+            let state = |wrong, cause, emergency: &mut Emergency| {
                 if wrong { emergency.raise(cause) } else { emergency.clear(cause) }
             };
             if taken != Taken::NotMine {
@@ -271,20 +280,21 @@ impl Node {
         }
     }
 
+    #[inline(never)]
     fn poll_process_data(&mut self, now: Time, dictionary: &mut dyn Dictionary) {
         let area = &mut self.area;
         if area.sync.lost(&area.parameters, now) {
             area.emergency.raise(Cause::SyncLost);
             dictionary.event(Event::SyncLost);
         }
-        for (pdo, receive) in (0..).zip(&mut area.receive) {
+        for (pdo, receive) in (0..).zip(rolled_mut(&mut area.receive)) {
             if receive.late(now) {
                 area.emergency.raise(Cause::Late(pdo));
                 dictionary.event(Event::ReceiveTimeout { pdo });
             }
         }
         let register = area.emergency.register();
-        for (pdo, parameters) in area.transmit.iter_mut().zip(&area.parameters.transmit) {
+        for (pdo, parameters) in rolled_mut(&mut area.transmit).iter_mut().zip(&area.parameters.transmit) {
             pdo.poll(parameters, register, now, dictionary, &mut area.out);
         }
     }

@@ -13,22 +13,39 @@ const LENGTH: usize = 16;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Outbox(Vec<Frame, LENGTH>);
 
+#[inline(never)]
+fn exchange(one: &mut Frame, other: &mut Frame) {
+    core::mem::swap(one, other);
+}
+
 impl Outbox {
+    /// Where frames of this and higher identifiers begin.
+    #[inline(never)]
+    fn from(&self, id: u16) -> usize {
+        self.0.iter().take_while(|queued| queued.id() < id).count()
+    }
+
+    fn first(&mut self, id: u16) -> Option<&mut Frame> {
+        let at = self.from(id);
+        self.0.get_mut(at).filter(|queued| queued.id() == id)
+    }
+
     /// Queues a frame; false when there is no room.
+    #[inline(never)]
     pub fn put(&mut self, frame: Frame) -> bool {
-        let at = self.0.iter().position(|queued| queued.id() > frame.id()).unwrap_or(self.0.len());
-        if self.0.push(frame).is_err() {
-            return false;
+        let at = self.from(frame.id().wrapping_add(1));
+        let free = self.0.push(Frame::default()).is_ok();
+        let mut moved = frame;
+        if let (Some(tail), true) = (self.0.get_mut(at..), free) {
+            tail.iter_mut().for_each(|place| exchange(place, &mut moved));
         }
-        if let Some(tail) = self.0.get_mut(at..) {
-            tail.rotate_right(1);
-        }
-        true
+        free
     }
 
     /// Queues a frame in place of one of the same identifier that has not left yet: a fresh sample for a stale one.
+    #[inline(never)]
     pub fn refresh(&mut self, frame: Frame) -> bool {
-        match self.0.iter_mut().find(|queued| queued.id() == frame.id()) {
+        match self.first(frame.id()) {
             Some(queued) => {
                 *queued = frame;
                 true
@@ -37,26 +54,35 @@ impl Outbox {
         }
     }
 
+    #[inline(never)]
+    fn remove(&mut self, at: usize) -> Option<Frame> {
+        let mut moved = self.0.pop()?;
+        let tail = self.0.get_mut(at..).unwrap_or(&mut []);
+        tail.iter_mut().rev().for_each(|place| exchange(place, &mut moved));
+        Some(moved)
+    }
+
     /// Takes the frame that goes first.
     pub fn take(&mut self) -> Option<Frame> {
-        let any = !self.0.is_empty();
-        self.0.rotate_left(usize::from(any));
-        self.0.pop()
+        self.remove(0)
     }
 
     /// Whether a frame of this identifier waits.
-    pub fn holds(&self, id: u16) -> bool {
-        self.0.iter().any(|queued| queued.id() == id)
+    pub fn holds(&mut self, id: u16) -> bool {
+        self.first(id).is_some()
+    }
+
+    /// Drops the frames of an identifier.
+    #[inline(never)]
+    pub fn discard(&mut self, id: u16) {
+        while self.holds(id) {
+            self.remove(self.from(id));
+        }
     }
 
     /// Frames that still fit.
     pub fn room(&self) -> usize {
         LENGTH.saturating_sub(self.0.len())
-    }
-
-    /// Drops the frames of an identifier.
-    pub fn discard(&mut self, id: u16) {
-        self.0.retain(|queued| queued.id() != id);
     }
 
     /// Drops all.

@@ -1,8 +1,9 @@
 //! The values of the communication area that a host can write: defaults, checks that need nothing else, stored form.
 
-use super::area::Item;
+use super::area::{Found, Item, STORED, stored};
 use super::device::{Device, ENTRIES, PDOS, PdoDefault};
 use super::pdo::Direction;
+use super::rolled::{rolled, rolled_mut};
 use super::{Abort, NodeId};
 
 /// Bit 31 of a COB-ID: not in use.
@@ -15,7 +16,7 @@ const EXTENDED: u32 = 0x3FFF_F800;
 pub(super) const CONSUMERS: usize = 4;
 
 /// Parameters of one PDO.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Pdo {
     pub id: u32,
     pub transmission: u8,
@@ -27,10 +28,15 @@ pub(super) struct Pdo {
 }
 
 impl Pdo {
+    const UNUSED: Self =
+        Self { id: 0, transmission: 0, inhibit: 0, timer: 0, start: 0, count: 0, entries: [0; ENTRIES] };
+
+    #[inline(never)]
     fn new(default: &PdoDefault, id: u32) -> Self {
         let mut entries = [0; ENTRIES];
-        for (entry, default) in entries.iter_mut().zip(default.entries) {
-            *entry = *default;
+        let count = default.entries.len().min(ENTRIES);
+        if let (Some(to), Some(from)) = (entries.get_mut(..count), default.entries.get(..count)) {
+            to.copy_from_slice(from);
         }
         Self {
             id: if default.valid { id } else { id | INVALID },
@@ -38,9 +44,14 @@ impl Pdo {
             inhibit: default.inhibit,
             timer: default.timer,
             start: 0,
-            count: default.entries.len().min(ENTRIES) as u8,
+            count: count as u8,
             entries,
         }
+    }
+
+    /// The entries that count.
+    pub fn mapped(&self) -> Result<&[u32], Abort> {
+        self.entries.get(..self.count.into()).ok_or(Abort::PdoLength)
     }
 
     pub fn valid(&self) -> bool {
@@ -48,8 +59,19 @@ impl Pdo {
     }
 }
 
+/// The PDOs of a direction: the pre-defined connection set spaces their identifiers by 100h.
+#[inline(never)]
+fn pdos(defaults: &[PdoDefault; PDOS], first: u32) -> [Pdo; PDOS] {
+    let mut pdos = [Pdo::UNUSED; PDOS];
+    let identifiers = (first..).step_by(0x100);
+    for ((pdo, default), id) in rolled_mut(&mut pdos).iter_mut().zip(rolled(defaults)).zip(identifiers) {
+        *pdo = Pdo::new(default, id);
+    }
+    pdos
+}
+
 /// Every value of the communication area that can be stored.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Parameters {
     pub sync_id: u32,
     pub period: u32,
@@ -64,8 +86,8 @@ pub(super) struct Parameters {
     pub transmit: [Pdo; PDOS],
 }
 
-/// A value of the stored form.
-enum Field<'a> {
+/// A value in its place.
+enum Slot<'a> {
     Byte(&'a mut u8),
     Half(&'a mut u16),
     Word(&'a mut u32),
@@ -73,10 +95,9 @@ enum Field<'a> {
 
 impl Parameters {
     /// The defaults of a device as node `id`; as node 0 identifiers lack the node-ID, as in an EDS.
+    #[inline(never)]
     pub fn new(device: &Device, id: u8) -> Self {
         let id = u32::from(id);
-        let [r0, r1, r2, r3] = &device.receive;
-        let [t0, t1, t2, t3] = &device.transmit;
         Self {
             sync_id: 0x80,
             period: 0,
@@ -87,43 +108,59 @@ impl Parameters {
             heartbeat: device.heartbeat,
             overflow: 0,
             behaviour: 0,
-            receive: [
-                Pdo::new(r0, 0x200 + id),
-                Pdo::new(r1, 0x300 + id),
-                Pdo::new(r2, 0x400 + id),
-                Pdo::new(r3, 0x500 + id),
-            ],
-            transmit: [
-                Pdo::new(t0, BIT_30 | (0x180 + id)),
-                Pdo::new(t1, BIT_30 | (0x280 + id)),
-                Pdo::new(t2, BIT_30 | (0x380 + id)),
-                Pdo::new(t3, BIT_30 | (0x480 + id)),
-            ],
+            receive: pdos(&device.receive, 0x200 + id),
+            transmit: pdos(&device.transmit, BIT_30 | (0x180 + id)),
         }
     }
 
-    /// A value by what it is; `None` for what is no parameter.
-    pub fn get(&self, item: Item, pdo: u16, sub: u8) -> Option<u32> {
-        let pdo = |direction| self.pdo(direction, pdo);
-        Some(match item {
-            Item::SyncId => self.sync_id,
-            Item::Period => self.period,
-            Item::Window => self.window,
-            Item::EmergencyId => self.emergency_id,
-            Item::EmergencyInhibit => self.emergency_inhibit.into(),
-            Item::Watched => *self.consumers.get(usize::from(sub).checked_sub(1)?)?,
-            Item::Heartbeat => self.heartbeat.into(),
-            Item::Overflow => self.overflow.into(),
-            Item::Behaviour => self.behaviour.into(),
-            Item::PdoId(direction) => pdo(direction)?.id,
-            Item::Transmission(direction) => pdo(direction)?.transmission.into(),
-            Item::Inhibit => pdo(Direction::Transmit)?.inhibit.into(),
-            Item::Timer(direction) => pdo(direction)?.timer.into(),
-            Item::Start => pdo(Direction::Transmit)?.start.into(),
-            Item::MapCount(direction) => pdo(direction)?.count.into(),
-            Item::MapEntry(direction) => *pdo(direction)?.entries.get(usize::from(sub).checked_sub(1)?)?,
-            _ => return None,
+    #[inline(never)]
+    fn slot(&mut self, found: Found) -> Option<Slot<'_>> {
+        let nth = usize::from(found.sub).checked_sub(1);
+        Some(match found.item {
+            Item::SyncId => Slot::Word(&mut self.sync_id),
+            Item::Period => Slot::Word(&mut self.period),
+            Item::Window => Slot::Word(&mut self.window),
+            Item::EmergencyId => Slot::Word(&mut self.emergency_id),
+            Item::EmergencyInhibit => Slot::Half(&mut self.emergency_inhibit),
+            Item::Watched => Slot::Word(self.consumers.get_mut(nth?)?),
+            Item::Heartbeat => Slot::Half(&mut self.heartbeat),
+            Item::Overflow => Slot::Byte(&mut self.overflow),
+            Item::Behaviour => Slot::Byte(&mut self.behaviour),
+            item => {
+                let pdo = self.pdo_mut(item.direction()?, found.pdo)?;
+                match item {
+                    Item::PdoId(_) => Slot::Word(&mut pdo.id),
+                    Item::Transmission(_) => Slot::Byte(&mut pdo.transmission),
+                    Item::Inhibit => Slot::Half(&mut pdo.inhibit),
+                    Item::Timer(_) => Slot::Half(&mut pdo.timer),
+                    Item::Start => Slot::Byte(&mut pdo.start),
+                    Item::MapCount(_) => Slot::Byte(&mut pdo.count),
+                    _ => Slot::Word(pdo.entries.get_mut(nth?)?),
+                }
+            }
         })
+    }
+
+    /// A value; 0 for what is no parameter.
+    #[inline(never)]
+    pub fn get(&mut self, found: Found) -> u32 {
+        match self.slot(found) {
+            Some(Slot::Byte(value)) => (*value).into(),
+            Some(Slot::Half(value)) => (*value).into(),
+            Some(Slot::Word(value)) => *value,
+            None => 0,
+        }
+    }
+
+    /// Takes over a value that was found good.
+    #[inline(never)]
+    pub fn set(&mut self, found: Found, new: u32) {
+        match self.slot(found) {
+            Some(Slot::Byte(value)) => *value = new as u8,
+            Some(Slot::Half(value)) => *value = new as u16,
+            Some(Slot::Word(value)) => *value = new,
+            None => {}
+        }
     }
 
     /// The parameters of a PDO, numbered from 0.
@@ -135,6 +172,7 @@ impl Parameters {
     }
 
     /// The same, to be changed.
+    #[inline(never)]
     pub fn pdo_mut(&mut self, direction: Direction, pdo: u16) -> Option<&mut Pdo> {
         match direction {
             Direction::Receive => self.receive.get_mut(usize::from(pdo)),
@@ -142,109 +180,88 @@ impl Parameters {
         }
     }
 
-    fn fields(&mut self, visit: &mut dyn FnMut(Field<'_>)) {
-        for word in [&mut self.sync_id, &mut self.period, &mut self.window, &mut self.emergency_id] {
-            visit(Field::Word(word));
-        }
-        visit(Field::Half(&mut self.emergency_inhibit));
-        self.consumers.iter_mut().for_each(|word| visit(Field::Word(word)));
-        visit(Field::Half(&mut self.heartbeat));
-        visit(Field::Byte(&mut self.overflow));
-        visit(Field::Byte(&mut self.behaviour));
-        for pdo in self.receive.iter_mut().chain(&mut self.transmit) {
-            visit(Field::Word(&mut pdo.id));
-            visit(Field::Byte(&mut pdo.transmission));
-            visit(Field::Half(&mut pdo.inhibit));
-            visit(Field::Half(&mut pdo.timer));
-            visit(Field::Byte(&mut pdo.start));
-            visit(Field::Byte(&mut pdo.count));
-            pdo.entries.iter_mut().for_each(|word| visit(Field::Word(word)));
-        }
-    }
-
-    /// The values in the order of their indices, little-endian, behind a version and the node-ID.
-    pub fn image(&self, id: NodeId) -> [u8; IMAGE] {
+    /// The values in the order of the table of objects, little-endian, behind a version and the node-ID.
+    #[inline(never)]
+    pub fn image(mut self, id: NodeId) -> [u8; IMAGE] {
         let mut image = [0; IMAGE];
-        let mut out = image.iter_mut();
-        let mut put = |bytes: &[u8]| out.by_ref().zip(bytes).for_each(|(out, byte)| *out = *byte);
-        put(&[VERSION, id.get()]);
-        self.clone().fields(&mut |field| match field {
-            Field::Byte(value) => put(&[*value]),
-            Field::Half(value) => put(&value.to_le_bytes()),
-            Field::Word(value) => put(&value.to_le_bytes()),
+        let [version, node, values @ ..] = &mut image;
+        (*version, *node) = (VERSION, id.get());
+        let mut rest = &mut values[..];
+        stored(&mut |found, size| {
+            let value = self.get(found).to_le_bytes();
+            let (out, behind) = core::mem::take(&mut rest).split_at_mut_checked(size)?;
+            out.copy_from_slice(value.get(..size)?);
+            rest = behind;
+            Some(())
         });
         image
     }
 
     /// Reads a stored form of the same version, length and node-ID whose values could have been written one by one, as
     /// far as that can be told without the device's objects.
-    pub fn load(&self, image: &[u8], id: NodeId) -> Option<Self> {
-        let image: &[u8; IMAGE] = image.try_into().ok()?;
-        let ([version, node], values) = image.split_first_chunk()?;
-        let mut bytes = values.iter().copied();
-        let mut next = || bytes.next().unwrap_or(0);
-        let mut loaded = self.clone();
-        loaded.fields(&mut |field| match field {
-            Field::Byte(value) => *value = next(),
-            Field::Half(value) => *value = u16::from_le_bytes([next(), next()]),
-            Field::Word(value) => *value = u32::from_le_bytes([next(), next(), next(), next()]),
-        });
-        (*version == VERSION && *node == id.get() && loaded.check().is_ok()).then_some(loaded)
-    }
-
-    fn check(&self) -> Result<(), Abort> {
-        identifier(self.sync_id)?;
-        identifier(self.emergency_id)?;
-        overflow(self.overflow.into())?;
-        behaviour(self.behaviour.into())?;
-        self.consumers.iter().try_for_each(|value| consumer(*value))?;
-        for pdo in self.receive.iter().chain(&self.transmit) {
-            identifier(pdo.id)?;
-            transmission(pdo.transmission.into())?;
-            start(pdo.start.into())?;
+    #[inline(never)]
+    pub fn load(&mut self, image: &[u8], id: NodeId) -> Option<()> {
+        let [version, node, values @ ..] = <&[u8; IMAGE]>::try_from(image).ok()?;
+        if *version != VERSION || *node != id.get() {
+            return None;
         }
-        Ok(())
+        let mut rest = &values[..];
+        stored(&mut |found, size| {
+            let (bytes, behind) = rest.split_at_checked(size)?;
+            let mut value = [0; 4];
+            value.get_mut(..size)?.copy_from_slice(bytes);
+            let value = u32::from_le_bytes(value);
+            validate(found.item, value).ok()?;
+            self.set(found, value);
+            rest = behind;
+            Some(())
+        })
     }
 }
 
 /// Version of the stored form.
 const VERSION: u8 = 1;
 /// Length of the stored form, bytes.
-pub const IMAGE: usize = 2 + 4 * 4 + 2 + 4 * CONSUMERS + 2 + 1 + 1 + 2 * PDOS * (4 + 1 + 2 + 2 + 1 + 1 + 4 * ENTRIES);
+pub const IMAGE: usize = 2 + STORED;
+
+/// Whether a value can be, whatever the others are.
+#[inline(never)]
+pub(super) fn validate(item: Item, value: u32) -> Result<(), Abort> {
+    match item {
+        // This node does not produce SYNC.
+        Item::SyncId if value & BIT_30 != 0 => Err(Abort::InvalidValue),
+        Item::SyncId | Item::EmergencyId | Item::PdoId(_) => identifier(value),
+        Item::Transmission(_) => transmission(value),
+        Item::Start => permitted(value <= 240),
+        Item::Overflow => overflow(value),
+        // Pre-operational, no change, stopped (CiA 301 7.5.2.32).
+        Item::Behaviour => permitted(value <= 2),
+        // Node-ID above the time (CiA 301 7.5.2.19).
+        Item::Watched => permitted(value >> 16 <= 127),
+        Item::MapCount(_) if value as usize > ENTRIES => Err(Abort::PdoLength),
+        _ => Ok(()),
+    }
+}
 
 fn permitted(ok: bool) -> Result<(), Abort> {
     if ok { Ok(()) } else { Err(Abort::InvalidValue) }
 }
 
 /// Identifiers that nobody may choose (CiA 301 7.3.5, table 41), and 29-bit ones, which this node does not have.
-pub(super) fn identifier(value: u32) -> Result<(), Abort> {
+#[inline(never)]
+fn identifier(value: u32) -> Result<(), Abort> {
     let reserved = matches!(value & 0x7FF, 0..=0x7F | 0x101..=0x180 | 0x581..=0x5FF | 0x601..=0x67F | 0x6E0..=0x6FF | 0x701..=0x7FF);
     permitted(value & EXTENDED == 0 && !reserved)
 }
 
 /// Transmission types without remote frames (CiA 301 7.5.2.35 and 7.5.2.37).
-pub(super) fn transmission(value: u32) -> Result<(), Abort> {
+fn transmission(value: u32) -> Result<(), Abort> {
     permitted(matches!(value, 0..=240 | 254 | 255))
 }
 
-/// SYNC start value (CiA 301 7.5.2.37).
-pub(super) fn start(value: u32) -> Result<(), Abort> {
-    permitted(value <= 240)
-}
-
 /// Synchronous counter overflow (CiA 301 7.5.2.22).
-pub(super) fn overflow(value: u32) -> Result<(), Abort> {
+fn overflow(value: u32) -> Result<(), Abort> {
     permitted(matches!(value, 0 | 2..=240))
-}
-
-/// Error behaviour: pre-operational, no change, stopped (CiA 301 7.5.2.32).
-pub(super) fn behaviour(value: u32) -> Result<(), Abort> {
-    permitted(value <= 2)
-}
-
-/// Consumer heartbeat time: ms below a node-ID (CiA 301 7.5.2.19).
-pub(super) fn consumer(value: u32) -> Result<(), Abort> {
-    permitted(value >> 16 <= 127)
 }
 
 #[cfg(test)]

@@ -31,6 +31,7 @@ pub(super) struct Space<'a> {
 }
 
 impl Space<'_> {
+    #[inline(never)]
     fn find(&self, address: Address) -> Result<Object, Abort> {
         match address.index {
             0..=0x0FFF => Err(Abort::NoObject),
@@ -46,12 +47,14 @@ impl Space<'_> {
     }
 
     /// Looks up what is to be read.
+    #[inline(never)]
     pub fn readable(&self, address: Address) -> Result<Object, Abort> {
         let object = self.find(address)?;
         if object.access.readable() { Ok(object) } else { Err(Abort::WriteOnly) }
     }
 
     /// Looks up what is to be written with `length` bytes, if that is known.
+    #[inline(never)]
     pub fn writable(&self, address: Address, length: Option<u32>) -> Result<Object, Abort> {
         let object = self.find(address)?;
         if !object.access.writable() {
@@ -64,7 +67,7 @@ impl Space<'_> {
         }
     }
 
-    pub fn read(&self, object: Object, out: &mut [u8]) -> Result<usize, Abort> {
+    pub fn read(&mut self, object: Object, out: &mut [u8]) -> Result<usize, Abort> {
         match object.at {
             At::Area(found) => self.area.read(found, out),
             At::Device(place) => self.dictionary.read(place, out),

@@ -4,15 +4,16 @@ mod objects;
 mod write;
 
 pub use objects::descriptions;
-pub(super) use objects::{Found, Item, find};
+pub(super) use objects::{Found, Item, STORED, find, stored};
 pub(super) use write::Written;
 
 use super::device::{Device, PDOS};
 use super::emergency::Emergency;
 use super::heartbeat::{Consumer, Producer};
 use super::outbox::Outbox;
-use super::parameters::{Parameters, Pdo};
+use super::parameters::Parameters;
 use super::pdo::{Direction, Map, Receive, Transmit};
+use super::rolled::{rolled, rolled_mut};
 use super::sync::Sync;
 use super::{Abort, Dictionary, NmtState, NodeId};
 
@@ -33,7 +34,26 @@ pub(super) struct Area {
     pub out: Outbox,
 }
 
+/// Every PDO.
+const ALL: [(Direction, u16); 2 * PDOS] = {
+    use Direction::{Receive, Transmit};
+    [(Receive, 0), (Receive, 1), (Receive, 2), (Receive, 3), (Transmit, 0), (Transmit, 1), (Transmit, 2), (Transmit, 3)]
+};
+
+#[inline(never)]
+fn resolve(
+    parameters: &Parameters,
+    direction: Direction,
+    number: u16,
+    dictionary: &dyn Dictionary,
+    map: &mut Map,
+) -> Result<(), Abort> {
+    let pdo = parameters.pdo(direction, number).ok_or(Abort::NoObject)?;
+    map.resolve(pdo.mapped()?, direction, dictionary)
+}
+
 impl Area {
+    #[inline(never)]
     pub fn new(device: &'static Device, id: NodeId, serial: u32) -> Self {
         Self {
             device,
@@ -55,28 +75,57 @@ impl Area {
     ///
     /// # Errors
     /// A mapping that the dictionary does not have; nothing has changed.
-    pub fn adopt(&mut self, parameters: Parameters, dictionary: &dyn Dictionary) -> Result<(), Abort> {
-        let map = |pdo: &Pdo, direction| {
-            Map::new(pdo.entries.get(..pdo.count.into()).ok_or(Abort::PdoLength)?, direction, dictionary)
-        };
-        let mut receive: [Receive; PDOS] = Default::default();
-        for (pdo, parameters) in receive.iter_mut().zip(&parameters.receive) {
-            pdo.map = map(parameters, Direction::Receive)?;
+    #[inline(never)]
+    pub fn adopt(&mut self, parameters: &Parameters, dictionary: &dyn Dictionary) -> Result<(), Abort> {
+        let mut scratch = Map::default();
+        for (direction, number) in rolled(&ALL) {
+            resolve(parameters, *direction, *number, dictionary, &mut scratch)?;
         }
-        let mut transmit: [Transmit; PDOS] = Default::default();
-        for (pdo, parameters) in transmit.iter_mut().zip(&parameters.transmit) {
-            pdo.map = map(parameters, Direction::Transmit)?;
+        for (direction, number) in rolled(&ALL) {
+            if let Some(map) = self.map(*direction, *number) {
+                resolve(parameters, *direction, *number, dictionary, map)?;
+            }
         }
-        (self.parameters, self.receive, self.transmit) = (parameters, receive, transmit);
+        self.parameters = *parameters;
         Ok(())
+    }
+
+    /// The resolved mapping of a PDO.
+    #[inline(never)]
+    pub fn map(&mut self, direction: Direction, number: u16) -> Option<&mut Map> {
+        let number = usize::from(number);
+        match direction {
+            Direction::Receive => self.receive.get_mut(number).map(|pdo| &mut pdo.map),
+            Direction::Transmit => self.transmit.get_mut(number).map(|pdo| &mut pdo.map),
+        }
+    }
+
+    /// Reset: what was under way is not. Errors of the device remain; parameters wait for [`adopt`](Self::adopt).
+    #[inline(never)]
+    pub fn restart(&mut self) {
+        self.state = NmtState::Initialising;
+        self.emergency.restart();
+        self.producer = Producer::default();
+        self.consumer = Consumer::default();
+        self.out.clear();
+        self.restart_process_data();
+    }
+
+    /// What SYNC and PDOs have brought is forgotten.
+    #[inline(never)]
+    pub fn restart_process_data(&mut self) {
+        self.sync.restart();
+        rolled_mut(&mut self.receive).iter_mut().for_each(|pdo| pdo.restart());
+        rolled_mut(&mut self.transmit).iter_mut().for_each(|pdo| pdo.restart());
     }
 
     /// Copies a value to the front of `out` and returns its length, bytes.
     ///
     /// # Errors
     /// [`Abort::NoData`] for an error that has not happened.
-    pub fn read(&self, found: Found, out: &mut [u8]) -> Result<usize, Abort> {
-        let Found { item, kind, pdo, sub, .. } = found;
+    #[inline(never)]
+    pub fn read(&mut self, found: Found, out: &mut [u8]) -> Result<usize, Abort> {
+        let Found { item, kind, sub, .. } = found;
         let text = match item {
             Item::Name => self.device.name,
             Item::Hardware => self.device.hardware,
@@ -96,7 +145,7 @@ impl Area {
             Item::Revision => self.device.revision,
             Item::Serial => self.serial,
             Item::Service(base) => self.id.cob(base).into(),
-            _ => self.parameters.get(item, pdo, sub).unwrap_or(0),
+            _ => self.parameters.get(found),
         };
         let number = number.to_le_bytes();
         let value = kind.size().map_or(Some(text.as_bytes()), |size| number.get(..size)).ok_or(Abort::General)?;

@@ -47,6 +47,21 @@ pub(in crate::canopen) enum Item {
     MapEntry(Direction),
 }
 
+impl Item {
+    /// Direction of the PDO that it belongs to.
+    pub fn direction(self) -> Option<Direction> {
+        match self {
+            Self::PdoId(direction)
+            | Self::Transmission(direction)
+            | Self::Timer(direction)
+            | Self::MapCount(direction)
+            | Self::MapEntry(direction) => Some(direction),
+            Self::Inhibit | Self::Start => Some(Transmit),
+            _ => None,
+        }
+    }
+}
+
 /// Values that differ in index or sub-index alone.
 pub(in crate::canopen) struct Row {
     /// First index, and how many follow on each other.
@@ -54,8 +69,7 @@ pub(in crate::canopen) struct Row {
     /// First sub-index, and how many.
     sub: (u8, u8),
     shape: Shape,
-    /// Names of object and value; the latter is numbered where there are several.
-    names: (&'static str, &'static str),
+    names: Names,
     kind: DataType,
     access: Access,
     item: Item,
@@ -73,9 +87,33 @@ pub(in crate::canopen) struct Found {
     pub sub: u8,
 }
 
-/// The chip has no use for names.
-const fn host(text: &'static str) -> &'static str {
-    if cfg!(target_os = "none") { "" } else { text }
+/// Names of object and value. The chip has no use for them.
+#[derive(Clone, Copy)]
+struct Names {
+    #[cfg(not(target_os = "none"))]
+    both: (&'static str, &'static str),
+}
+
+impl Names {
+    #[cfg(not(target_os = "none"))]
+    const fn new(both: (&'static str, &'static str)) -> Self {
+        Self { both }
+    }
+
+    #[cfg(not(target_os = "none"))]
+    const fn get(self) -> (&'static str, &'static str) {
+        self.both
+    }
+
+    #[cfg(target_os = "none")]
+    const fn new(_: (&'static str, &'static str)) -> Self {
+        Self {}
+    }
+
+    #[cfg(target_os = "none")]
+    const fn get(self) -> (&'static str, &'static str) {
+        ("", "")
+    }
 }
 
 const fn row(
@@ -97,12 +135,12 @@ const fn rows(
     index: (u16, u16),
     sub: (u8, u8),
     shape: Shape,
-    (object, name): (&'static str, &'static str),
+    names: (&'static str, &'static str),
     kind: DataType,
     access: Access,
     item: Item,
 ) -> Row {
-    Row { index, sub, shape, names: (host(object), host(name)), kind, access, item }
+    Row { index, sub, shape, names: Names::new(names), kind, access, item }
 }
 
 /// Highest sub-index of an object.
@@ -194,12 +232,22 @@ const TABLE: &[Row] = &[
 ];
 
 impl Row {
+    /// Length of a value that is stored, bytes.
+    const fn stored(&self) -> Option<usize> {
+        match (self.access, self.item) {
+            (_, Item::ErrorCount | Item::Store | Item::Restore) => None,
+            (ReadWrite, _) => self.kind.size(),
+            _ => None,
+        }
+    }
+
     fn has(&self, index: u16) -> bool {
         index.wrapping_sub(self.index.0) < self.index.1
     }
 }
 
 /// Looks a value up.
+#[inline(never)]
 pub(in crate::canopen) fn find(index: u16, sub: u8) -> Result<Found, Abort> {
     let mut missing = Abort::NoObject;
     for row in TABLE.iter().filter(|row| row.has(index)) {
@@ -212,16 +260,43 @@ pub(in crate::canopen) fn find(index: u16, sub: u8) -> Result<Found, Abort> {
     Err(missing)
 }
 
+/// Bytes of all values that are stored.
+pub(in crate::canopen) const STORED: usize = {
+    let (mut total, mut n) = (0, 0);
+    while n < TABLE.len() {
+        if let Some(size) = TABLE[n].stored() {
+            total += size * TABLE[n].index.1 as usize * TABLE[n].sub.1 as usize;
+        }
+        n += 1;
+    }
+    total
+};
+
+/// Visits every value that is stored, with its length in bytes, until one is refused.
+#[inline(never)]
+pub(in crate::canopen) fn stored(visit: &mut dyn FnMut(Found, usize) -> Option<()>) -> Option<()> {
+    for row in TABLE {
+        let Some(size) = row.stored() else { continue };
+        for pdo in 0..row.index.1 {
+            for nth in 0..row.sub.1 {
+                let sub = row.sub.0.wrapping_add(nth);
+                visit(Found { item: row.item, kind: row.kind, access: row.access, pdo, sub }, size)?;
+            }
+        }
+    }
+    Some(())
+}
+
 /// Every value of the communication area of a device, by rising index and sub-index, with its default.
 pub fn descriptions(device: &Device) -> impl Iterator<Item = Description> + '_ {
     // Node 0: identifiers lack the node-ID.
     let defaults = Parameters::new(device, 0);
     (0x1000..0x2000).flat_map(move |index| {
-        let defaults = defaults.clone();
         let rows = TABLE.iter().filter(move |row| row.has(index));
         rows.flat_map(|row| (0..row.sub.1).map(move |nth| (row, row.sub.0.wrapping_add(nth)))).map(move |(row, sub)| {
-            let (object, name) = row.names;
-            let (item, pdo) = (row.item, index.wrapping_sub(row.index.0));
+            let (object, name) = row.names.get();
+            let pdo = index.wrapping_sub(row.index.0);
+            let found = Found { item: row.item, kind: row.kind, access: row.access, pdo, sub };
             Description {
                 index,
                 sub,
@@ -230,16 +305,16 @@ pub fn descriptions(device: &Device) -> impl Iterator<Item = Description> + '_ {
                 name,
                 kind: row.kind,
                 access: row.access,
-                mapping: if item == Item::ErrorRegister { Mapping::Transmit } else { Mapping::No },
-                default: default(device, &defaults, item, pdo, sub),
+                mapping: if row.item == Item::ErrorRegister { Mapping::Transmit } else { Mapping::No },
+                default: default(device, defaults, found),
             }
         })
     })
 }
 
-fn default(device: &Device, defaults: &Parameters, item: Item, pdo: u16, sub: u8) -> DefaultValue {
+fn default(device: &Device, mut defaults: Parameters, found: Found) -> DefaultValue {
     let number = |value: u32| DefaultValue::Number(value.into());
-    match item {
+    match found.item {
         Item::Name => DefaultValue::Text(device.name),
         Item::Hardware => DefaultValue::Text(device.hardware),
         Item::Software => DefaultValue::Text(device.software),
@@ -250,11 +325,11 @@ fn default(device: &Device, defaults: &Parameters, item: Item, pdo: u16, sub: u8
         Item::Serial | Item::PastError => DefaultValue::Unknown,
         Item::Service(base) => DefaultValue::NodeId(base.into()),
         Item::EmergencyId => DefaultValue::NodeId(defaults.emergency_id),
-        Item::PdoId(_) => DefaultValue::NodeId(defaults.get(item, pdo, sub).unwrap_or(0)),
+        Item::PdoId(_) => DefaultValue::NodeId(defaults.get(found)),
         Item::Fixed(value) => number(value.into()),
         Item::ErrorRegister | Item::ErrorCount => number(0),
         Item::Store | Item::Restore => number(1),
-        _ => number(defaults.get(item, pdo, sub).unwrap_or(0)),
+        _ => number(defaults.get(found)),
     }
 }
 

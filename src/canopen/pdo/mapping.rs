@@ -2,32 +2,44 @@
 
 use super::Direction;
 use crate::canopen::device::ENTRIES;
+use crate::canopen::rolled::{rolled, rolled_mut};
 use crate::canopen::{Abort, DataType, Dictionary, Mapping, Place};
 
 /// Bytes in a PDO.
 const LENGTH: usize = 8;
 
-/// One mapped object.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What a mapped object is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Target {
     /// A dummy entry: bytes without meaning for us (CiA 301 7.4.7.1).
+    #[default]
     Dummy,
     /// 1001h.
     ErrorRegister,
     /// An object of the device.
-    Object(Place),
+    Object,
 }
 
-/// Mapped objects in their order, with their lengths in bytes.
+/// A mapped object; of no size: none.
+#[derive(Clone, Copy, Debug, Default)]
+struct Mapped {
+    place: Place,
+    target: Target,
+    size: u8,
+}
+
+/// Mapped objects in their order.
 #[derive(Clone, Debug, Default)]
 pub(in crate::canopen) struct Map {
-    targets: [Option<(Target, u8)>; ENTRIES],
+    mapped: [Mapped; ENTRIES],
     length: u8,
 }
 
 /// Looks up one entry.
-fn resolve(entry: u32, direction: Direction, dictionary: &dyn Dictionary) -> Result<(Target, u8), Abort> {
+#[inline(never)]
+fn resolve(entry: u32, direction: Direction, dictionary: &dyn Dictionary) -> Result<Mapped, Abort> {
     let (index, sub, bits) = ((entry >> 16) as u16, (entry >> 8) as u8, entry as u8);
+    let mut place = Place::default();
     let (kind, mappable, target) = match (index, sub) {
         (0x1001, 0) => (DataType::Unsigned8, direction == Direction::Transmit, Target::ErrorRegister),
         (0x1000..=0x1FFF, _) => return Err(Abort::NotMappable),
@@ -40,18 +52,15 @@ fn resolve(entry: u32, direction: Direction, dictionary: &dyn Dictionary) -> Res
                 (Mapping::Transmit | Mapping::Both, Direction::Transmit) => entry.access.readable(),
                 _ => false,
             };
-            (entry.kind, mappable && kind_fits(entry.kind), Target::Object(entry.place))
+            place = entry.place;
+            // A Boolean would be one bit, and what follows it no longer bytes.
+            (entry.kind, mappable && entry.kind != DataType::Boolean, Target::Object)
         }
     };
     match kind.size() {
-        Some(size) if mappable && usize::from(bits) == size * 8 => Ok((target, size as u8)),
+        Some(size) if mappable && usize::from(bits) == size * 8 => Ok(Mapped { place, target, size: size as u8 }),
         _ => Err(Abort::NotMappable),
     }
-}
-
-/// A Boolean would be one bit, and what follows it no longer bytes.
-fn kind_fits(kind: DataType) -> bool {
-    kind != DataType::Boolean
 }
 
 /// Static data types that can be mapped as dummy entries.
@@ -77,16 +86,23 @@ impl Map {
     /// Resolves entries.
     ///
     /// # Errors
-    /// An object that does not exist or cannot be mapped in this direction; [`Abort::PdoLength`] beyond 8 bytes.
-    pub fn new(entries: &[u32], direction: Direction, dictionary: &dyn Dictionary) -> Result<Self, Abort> {
+    /// An object that does not exist or cannot be mapped in this direction; [`Abort::PdoLength`] beyond 8 bytes. Nothing
+    /// has changed.
+    #[inline(never)]
+    pub fn resolve(&mut self, entries: &[u32], direction: Direction, dictionary: &dyn Dictionary) -> Result<(), Abort> {
         let mut map = Self::default();
-        let mut targets = map.targets.iter_mut();
-        for entry in entries {
-            let (target, size) = resolve(*entry, direction, dictionary)?;
-            map.length = map.length.saturating_add(size);
-            *targets.next().ok_or(Abort::PdoLength)? = Some((target, size));
+        if entries.len() > ENTRIES {
+            return Err(Abort::PdoLength);
         }
-        if usize::from(map.length) > LENGTH { Err(Abort::PdoLength) } else { Ok(map) }
+        for (place, entry) in rolled_mut(&mut map.mapped).iter_mut().zip(rolled(entries)) {
+            *place = resolve(*entry, direction, dictionary)?;
+            map.length = map.length.saturating_add(place.size);
+        }
+        if usize::from(map.length) > LENGTH {
+            return Err(Abort::PdoLength);
+        }
+        *self = map;
+        Ok(())
     }
 
     /// Bytes of the PDO.
@@ -95,26 +111,28 @@ impl Map {
     }
 
     /// Hands the bytes of a received PDO to their objects. What an object refuses is not taken; the others are.
+    #[inline(never)]
     pub fn deliver(&self, data: &[u8; LENGTH], dictionary: &mut dyn Dictionary) {
         let mut rest = &data[..];
-        for (target, size) in self.targets.iter().flatten() {
-            let Some((value, behind)) = rest.split_at_checked(usize::from(*size)) else { return };
-            if let Target::Object(place) = target {
-                let _ = dictionary.write(*place, value);
+        for mapped in rolled(&self.mapped).iter().take_while(|mapped| mapped.size != 0) {
+            let Some((value, behind)) = rest.split_at_checked(mapped.size.into()) else { return };
+            if mapped.target == Target::Object {
+                let _ = dictionary.write(mapped.place, value);
             }
             rest = behind;
         }
     }
 
     /// Collects the values of the mapped objects; `None` when one of them cannot be read.
+    #[inline(never)]
     pub fn collect(&self, register: u8, dictionary: &dyn Dictionary) -> Option<[u8; LENGTH]> {
         let mut data = [0; LENGTH];
         let mut rest = &mut data[..];
-        for (target, size) in self.targets.iter().flatten() {
-            let (out, behind) = rest.split_at_mut_checked(usize::from(*size))?;
+        for mapped in rolled(&self.mapped).iter().take_while(|mapped| mapped.size != 0) {
+            let (out, behind) = rest.split_at_mut_checked(mapped.size.into())?;
             let mut value = [register, 0, 0, 0, 0, 0, 0, 0];
-            if let Target::Object(place) = target {
-                dictionary.read(*place, &mut value).ok()?;
+            if mapped.target == Target::Object {
+                dictionary.read(mapped.place, &mut value).ok()?;
             }
             out.copy_from_slice(value.get(..out.len())?);
             rest = behind;

@@ -31,6 +31,7 @@ pub(in crate::canopen) struct Receive {
 
 impl Receive {
     /// Takes a frame that came at `now`. `open`: synchronous data are still in time (1007h).
+    #[inline(never)]
     pub fn take(
         &mut self,
         pdo: &Pdo,
@@ -60,11 +61,13 @@ impl Receive {
     }
 
     /// SYNC: what has come so far is valid from now on.
+    #[inline(never)]
     pub fn synchronise(&mut self) {
         self.synchronised = self.waiting.take().or(self.synchronised);
     }
 
     /// Applies what a SYNC has made valid.
+    #[inline(never)]
     pub fn apply(&mut self, dictionary: &mut dyn Dictionary) {
         if let Some(data) = self.synchronised.take() {
             self.map.deliver(&data, dictionary);
@@ -72,11 +75,13 @@ impl Receive {
     }
 
     /// True once when the PDO has not come within its event timer.
+    #[inline(never)]
     pub fn late(&mut self, now: Time) -> bool {
         self.expected.take_if(|time| now > *time).is_some()
     }
 
     /// Forgets what has come: the mapping, the identifier or the state has changed.
+    #[inline(never)]
     pub fn restart(&mut self) {
         (self.waiting, self.synchronised, self.expected) = (None, None, None);
     }

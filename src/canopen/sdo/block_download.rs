@@ -22,6 +22,7 @@ pub(super) struct BlockDownload {
 
 impl BlockDownload {
     /// Command byte `110x xcs0`: c checksum, s size given. Answer `101x xc00`.
+    #[inline(never)]
     pub fn initiate(request: [u8; 8], address: Address, space: &Space<'_>) -> Outcome {
         let [command, ..] = request;
         let announced = (command & 0x02 != 0).then_some(word(request));
@@ -39,6 +40,7 @@ impl BlockDownload {
         if self.complete { self.end(request, buffer, space) } else { self.segment(request, buffer) }
     }
 
+    #[inline(never)]
     fn segment(mut self, [command, data @ ..]: [u8; 8], buffer: &mut Buffer) -> Outcome {
         let (last, number) = (command & 0x80 != 0, command & 0x7F);
         if !(1..=BLOCK).contains(&number) {
@@ -62,6 +64,7 @@ impl BlockDownload {
         Ok(Step::Answer(answer, Transfer::BlockDownload(self)))
     }
 
+    #[inline(never)]
     fn end(self, [command, low, high, ..]: [u8; 8], buffer: &Buffer, space: &mut Space<'_>) -> Outcome {
         if command & 0xE1 != 0xC1 {
             return Err(Abort::Command);

@@ -45,7 +45,8 @@ fn block_size(size: u8) -> Result<u8, Abort> {
 impl BlockUpload {
     /// Command byte `101x xc00`, then segments per block and protocol switch threshold: a value of at most that length
     /// goes the ordinary way. Answer `110x xcs0` with the length.
-    pub fn initiate(request: [u8; 8], address: Address, buffer: &mut Buffer, space: &Space<'_>) -> Outcome {
+    #[inline(never)]
+    pub fn initiate(request: [u8; 8], address: Address, buffer: &mut Buffer, space: &mut Space<'_>) -> Outcome {
         let [_, _, _, _, block, threshold, ..] = request;
         let block = block_size(block)?;
         let source = Source::open(address, buffer, space)?;
@@ -57,6 +58,7 @@ impl BlockUpload {
     }
 
     /// The client's side: `1010 0011` start, `1010 0010` acknowledge, `1010 0001` end.
+    #[inline(never)]
     pub fn go_on(mut self, [command, acknowledged, block, ..]: [u8; 8]) -> Outcome {
         match (self.phase, command & 0xE3) {
             (Phase::Start, 0xA3) => self.phase = Phase::Segments,
@@ -83,6 +85,7 @@ impl BlockUpload {
     }
 
     /// Sends segments while there is room; true when one has left.
+    #[inline(never)]
     pub fn pump(&mut self, buffer: &Buffer, space: &mut Space<'_>) -> Result<bool, Abort> {
         let mut left = false;
         while self.phase == Phase::Segments && space.area.out.room() > RESERVE {

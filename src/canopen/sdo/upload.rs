@@ -13,7 +13,8 @@ pub(super) struct Source {
 
 impl Source {
     /// Copies a value into the buffer, unless it is a domain.
-    pub fn open(address: Address, buffer: &mut Buffer, space: &Space<'_>) -> Result<Self, Abort> {
+    #[inline(never)]
+    pub fn open(address: Address, buffer: &mut Buffer, space: &mut Space<'_>) -> Result<Self, Abort> {
         let object = space.readable(address)?;
         let length = match object.kind {
             DataType::Domain => space.stream_length(object)?,
@@ -23,6 +24,7 @@ impl Source {
     }
 
     /// Up to seven bytes from an offset on, and how many they are.
+    #[inline(never)]
     pub fn piece(&self, offset: u32, buffer: &Buffer, space: &Space<'_>) -> Result<([u8; 7], usize), Abort> {
         let length = self.length.saturating_sub(offset).min(7) as usize;
         let mut piece = [0; 7];
@@ -49,12 +51,13 @@ pub(super) struct Upload {
 
 impl Upload {
     /// Answers with the value when it has 1 to 4 bytes, else with its length. Command byte `010x nnes`.
-    pub fn initiate(address: Address, buffer: &mut Buffer, space: &Space<'_>) -> Outcome {
+    pub fn initiate(address: Address, buffer: &mut Buffer, space: &mut Space<'_>) -> Outcome {
         let source = Source::open(address, buffer, space)?;
         Self::from_source(source, address, buffer, space)
     }
 
     /// The same for a value that is open already.
+    #[inline(never)]
     pub fn from_source(source: Source, address: Address, buffer: &Buffer, space: &Space<'_>) -> Outcome {
         if matches!(source.length, 1..=4) {
             let ([a, b, c, d, ..], length) = source.piece(0, buffer, space)?;
@@ -66,6 +69,7 @@ impl Upload {
     }
 
     /// Request `011t xxxx`, answer `000t nnnc`: t toggle, n bytes without data, c last.
+    #[inline(never)]
     pub fn go_on(mut self, [command, ..]: [u8; 8], buffer: &Buffer, space: &Space<'_>) -> Outcome {
         if command >> 5 != 3 {
             return Err(Abort::Command);
