@@ -1,15 +1,13 @@
 //! Block download: a value to the device, answered once a block (CiA 301 7.2.4.3.9 to 7.2.4.3.11).
 
 use super::crc::crc;
-use super::{Address, BLOCK, Buffer, Object, Outcome, Step, Transfer, addressed, commit, segment, word};
+use super::{Address, BLOCK, Buffer, Outcome, Step, Transfer, addressed, commit, segment, word};
 use crate::canopen::Abort;
 use crate::canopen::space::Space;
 
 /// A block download under way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BlockDownload {
-    object: Object,
-    address: Address,
     announced: Option<u32>,
     checked: bool,
     /// Bytes received, the padding of the last segment among them.
@@ -23,25 +21,25 @@ pub(super) struct BlockDownload {
 impl BlockDownload {
     /// Command byte `110x xcs0`: c checksum, s size given. Answer `101x xc00`.
     #[inline(never)]
-    pub fn initiate(request: [u8; 8], address: Address, space: &Space<'_>) -> Outcome {
+    pub fn initiate(request: [u8; 8], address: Address, transfer: &mut Transfer, space: &Space<'_>) -> Outcome {
         let [command, ..] = request;
         let announced = (command & 0x02 != 0).then_some(word(request));
-        let object = space.writable(address, announced)?;
+        space.writable(address, announced)?;
         if announced.is_some_and(|announced| announced as usize > crate::canopen::LONGEST) {
             return Err(Abort::OutOfMemory);
         }
         let checked = command & 0x04 != 0;
-        let transfer = Self { object, address, announced, checked, received: 0, segment: 0, complete: false };
-        Ok(Step::Answer(addressed(0xA4, address, [BLOCK, 0, 0, 0]), Transfer::BlockDownload(transfer)))
+        *transfer = Transfer::BlockDownload(Self { announced, checked, received: 0, segment: 0, complete: false });
+        Ok(Step::Answer(addressed(0xA4, address, [BLOCK, 0, 0, 0])))
     }
 
     /// Segments, `cnnn nnnn`: c last, n number in the block. Then the end, `110n nn01`: n bytes without data.
-    pub fn go_on(self, request: [u8; 8], buffer: &mut Buffer, space: &mut Space<'_>) -> Outcome {
-        if self.complete { self.end(request, buffer, space) } else { self.segment(request, buffer) }
+    pub fn go_on(&mut self, request: [u8; 8], address: Address, buffer: &mut Buffer, space: &mut Space<'_>) -> Outcome {
+        if self.complete { self.end(request, address, buffer, space) } else { self.segment(request, buffer) }
     }
 
     #[inline(never)]
-    fn segment(mut self, [command, data @ ..]: [u8; 8], buffer: &mut Buffer) -> Outcome {
+    fn segment(&mut self, [command, data @ ..]: [u8; 8], buffer: &mut Buffer) -> Outcome {
         let (last, number) = (command & 0x80 != 0, command & 0x7F);
         if !(1..=BLOCK).contains(&number) {
             return Err(Abort::SequenceNumber);
@@ -57,15 +55,21 @@ impl BlockDownload {
             self.complete = last;
         }
         if !last && number < BLOCK {
-            return Ok(Step::Silent(Transfer::BlockDownload(self)));
+            return Ok(Step::Silent);
         }
         let answer = segment(0xA2, &[self.segment, BLOCK]);
         self.segment = 0;
-        Ok(Step::Answer(answer, Transfer::BlockDownload(self)))
+        Ok(Step::Answer(answer))
     }
 
     #[inline(never)]
-    fn end(self, [command, low, high, ..]: [u8; 8], buffer: &Buffer, space: &mut Space<'_>) -> Outcome {
+    fn end(
+        &self,
+        [command, low, high, ..]: [u8; 8],
+        address: Address,
+        buffer: &Buffer,
+        space: &mut Space<'_>,
+    ) -> Outcome {
         if command & 0xE1 != 0xC1 {
             return Err(Abort::Command);
         }
@@ -77,7 +81,7 @@ impl BlockDownload {
         match self.announced {
             Some(announced) if length > announced as usize => Err(Abort::LengthTooHigh),
             Some(announced) if length < announced as usize => Err(Abort::LengthTooLow),
-            _ => commit(self.object, self.address, data, segment(0xA1, &[]), space),
+            _ => commit(address, data, segment(0xA1, &[]), space),
         }
     }
 }

@@ -6,9 +6,6 @@ use super::{ANSWER, Address, Buffer, Outcome, Step, Transfer, addressed, segment
 use crate::canopen::space::Space;
 use crate::canopen::{Abort, Frame};
 
-/// Room left in the outbox for everything else.
-const RESERVE: usize = 6;
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     /// The client has to say "start".
@@ -46,20 +43,27 @@ impl BlockUpload {
     /// Command byte `101x xc00`, then segments per block and protocol switch threshold: a value of at most that length
     /// goes the ordinary way. Answer `110x xcs0` with the length.
     #[inline(never)]
-    pub fn initiate(request: [u8; 8], address: Address, buffer: &mut Buffer, space: &mut Space<'_>) -> Outcome {
+    pub fn initiate(
+        request: [u8; 8],
+        address: Address,
+        transfer: &mut Transfer,
+        buffer: &mut Buffer,
+        space: &mut Space<'_>,
+    ) -> Outcome {
         let [_, _, _, _, block, threshold, ..] = request;
         let block = block_size(block)?;
         let source = Source::open(address, buffer, space)?;
         if threshold != 0 && source.length <= threshold.into() {
-            return Upload::from_source(source, address, buffer, space);
+            return Upload::from_source(source, address, transfer, buffer, space);
         }
-        let transfer = Self { source, phase: Phase::Start, offset: 0, block, sent: 0, last: false, crc: 0, checked: 0 };
-        Ok(Step::Answer(addressed(0xC6, address, source.length.to_le_bytes()), Transfer::BlockUpload(transfer)))
+        let new = Self { source, phase: Phase::Start, offset: 0, block, sent: 0, last: false, crc: 0, checked: 0 };
+        *transfer = Transfer::BlockUpload(new);
+        Ok(Step::Answer(addressed(0xC6, address, source.length.to_le_bytes())))
     }
 
     /// The client's side: `1010 0011` start, `1010 0010` acknowledge, `1010 0001` end.
     #[inline(never)]
-    pub fn go_on(mut self, [command, acknowledged, block, ..]: [u8; 8]) -> Outcome {
+    pub fn go_on(&mut self, [command, acknowledged, block, ..]: [u8; 8]) -> Outcome {
         match (self.phase, command & 0xE3) {
             (Phase::Start, 0xA3) => self.phase = Phase::Segments,
             (Phase::Acknowledge, 0xA2) => {
@@ -72,40 +76,40 @@ impl BlockUpload {
                     let used = self.source.length.wrapping_sub(1) % 7 + 1;
                     let unused = if self.source.length == 0 { 7 } else { 7u8.saturating_sub(used as u8) };
                     let answer = segment(0xC1 | unused << 2, &self.crc.to_le_bytes());
-                    return Ok(Step::Answer(answer, Transfer::BlockUpload(self)));
+                    return Ok(Step::Answer(answer));
                 }
                 self.offset = self.offset.saturating_add(u32::from(acknowledged) * 7);
                 (self.block, self.sent, self.last) = (block_size(block)?, 0, false);
                 self.phase = Phase::Segments;
             }
-            (Phase::End, 0xA1) => return Ok(Step::Silent(Transfer::Idle)),
+            (Phase::End, 0xA1) => return Ok(Step::Over),
             _ => return Err(Abort::Command),
         }
-        Ok(Step::Silent(Transfer::BlockUpload(self)))
+        Ok(Step::Silent)
     }
 
-    /// Sends segments while there is room; true when one has left.
+    /// Whether segments are to be sent.
+    pub fn has_segments(&self) -> bool {
+        self.phase == Phase::Segments
+    }
+
+    /// Sends the next segment.
     #[inline(never)]
-    pub fn pump(&mut self, buffer: &Buffer, space: &mut Space<'_>) -> Result<bool, Abort> {
-        let mut left = false;
-        while self.phase == Phase::Segments && space.area.out.room() > RESERVE {
-            let offset = self.offset.saturating_add(u32::from(self.sent) * 7);
-            let (piece, length) = self.source.piece(offset, buffer, space)?;
-            let end = offset.saturating_add(length as u32);
-            if end > self.checked {
-                self.crc = crc(self.crc, piece.get(..length).unwrap_or(&[]));
-                self.checked = end;
-            }
-            self.sent = self.sent.saturating_add(1);
-            self.last = end >= self.source.length;
-            let command = if self.last { 0x80 | self.sent } else { self.sent };
-            let id = space.area.id.cob(ANSWER);
-            space.area.out.put(Frame::full(id, segment(command, &piece)));
-            if self.last || self.sent >= self.block {
-                self.phase = Phase::Acknowledge;
-            }
-            left = true;
+    pub fn send(&mut self, buffer: &Buffer, space: &mut Space<'_>) -> Result<(), Abort> {
+        let offset = self.offset.saturating_add(u32::from(self.sent) * 7);
+        let (piece, length) = self.source.piece(offset, buffer, space)?;
+        let end = offset.saturating_add(length as u32);
+        if end > self.checked {
+            self.crc = crc(self.crc, piece.get(..length).unwrap_or(&[]));
+            self.checked = end;
         }
-        Ok(left)
+        self.sent = self.sent.saturating_add(1);
+        self.last = end >= self.source.length;
+        let command = if self.last { 0x80 | self.sent } else { self.sent };
+        space.area.out.put(Frame::full(space.area.id.cob(ANSWER), segment(command, &piece)));
+        if self.last || self.sent >= self.block {
+            self.phase = Phase::Acknowledge;
+        }
+        Ok(())
     }
 }

@@ -30,6 +30,8 @@ pub(super) const ANSWER: u16 = 0x580;
 const TIMEOUT_US: u64 = 1_000_000;
 /// Segments in a block that we receive; see the module.
 const BLOCK: u8 = 31;
+/// Room that segments of a block upload leave in the outbox for everything else.
+const RESERVE: usize = 6;
 /// Command byte of an abort.
 const ABORT: u8 = 0x80;
 
@@ -46,12 +48,18 @@ enum Transfer {
     Device([u8; 8]),
 }
 
-/// What to do next.
+/// What to do next, unless the transfer is to be aborted.
 enum Step {
     /// Go on, with an answer.
-    Answer([u8; 8], Transfer),
+    Answer([u8; 8]),
     /// Go on in silence.
-    Silent(Transfer),
+    Silent,
+    /// The transfer is over, with an answer.
+    Last([u8; 8]),
+    /// The transfer is over.
+    Over,
+    /// The device will say how it ends; the answer if it ends well.
+    Device([u8; 8]),
 }
 
 type Outcome = Result<Step, Abort>;
@@ -130,7 +138,7 @@ impl Server {
     #[inline(never)]
     pub fn receive(&mut self, data: &[u8], now: Time, space: &mut Space<'_>) {
         let Ok(request) = <[u8; 8]>::try_from(data) else { return };
-        let [command, ..] = request;
+        let command = request[0];
         // Bits 4 to 0 mean nothing in an abort; within a block they are the number of a last segment.
         let in_block = matches!(self.transfer, Transfer::BlockDownload(_));
         if command == ABORT || (command >> 5 == ABORT >> 5 && !in_block) {
@@ -151,43 +159,51 @@ impl Server {
 
     #[inline(never)]
     fn initiate(&mut self, request: [u8; 8], space: &mut Space<'_>) -> Outcome {
-        let [command, ..] = request;
-        match command >> 5 {
-            1 => Download::initiate(request, self.address, &mut self.buffer, space),
-            2 => Upload::initiate(self.address, &mut self.buffer, space),
-            5 => BlockUpload::initiate(request, self.address, &mut self.buffer, space),
-            _ => BlockDownload::initiate(request, self.address, space),
+        let Self { transfer, address, buffer, .. } = self;
+        match request[0] >> 5 {
+            1 => Download::initiate(request, *address, transfer, buffer, space),
+            2 => Upload::initiate(*address, transfer, buffer, space),
+            5 => BlockUpload::initiate(request, *address, transfer, buffer, space),
+            _ => BlockDownload::initiate(request, *address, transfer, space),
         }
     }
 
     #[inline(never)]
     fn go_on(&mut self, request: [u8; 8], space: &mut Space<'_>) -> Outcome {
-        let buffer = &mut self.buffer;
-        match core::mem::take(&mut self.transfer) {
-            Transfer::Download(transfer) => transfer.go_on(request, buffer, space),
+        let Self { transfer, address, buffer, .. } = self;
+        match transfer {
+            Transfer::Download(transfer) => transfer.go_on(request, *address, buffer, space),
             Transfer::Upload(transfer) => transfer.go_on(request, buffer, space),
-            Transfer::BlockDownload(transfer) => transfer.go_on(request, buffer, space),
+            Transfer::BlockDownload(transfer) => transfer.go_on(request, *address, buffer, space),
             Transfer::BlockUpload(transfer) => transfer.go_on(request),
+            Transfer::Device(_) => Err(Abort::Command),
             Transfer::Idle => {
-                self.address = Address::default();
+                *address = Address::default();
                 Err(Abort::Command)
             }
-            Transfer::Device(_) => Err(Abort::Command),
         }
     }
 
     #[inline(never)]
     fn finish(&mut self, outcome: Outcome, space: &mut Space<'_>) {
-        let (answer, next) = match outcome {
-            Ok(Step::Answer(answer, next)) => (Some(answer), next),
-            Ok(Step::Silent(next)) => (None, next),
-            Err(abort) => (Some(addressed(ABORT, self.address, abort.code().to_le_bytes())), Transfer::Idle),
+        let (answer, over) = match outcome {
+            Ok(Step::Answer(answer)) => (answer, false),
+            Ok(Step::Last(answer)) => (answer, true),
+            Ok(Step::Silent) => return,
+            Ok(Step::Over) => {
+                self.transfer = Transfer::Idle;
+                return;
+            }
+            Ok(Step::Device(answer)) => {
+                self.transfer = Transfer::Device(answer);
+                return;
+            }
+            Err(abort) => (addressed(ABORT, self.address, abort.code().to_le_bytes()), true),
         };
-        self.transfer = next;
-        if let Some(answer) = answer {
-            let id = space.area.id.cob(ANSWER);
-            space.area.out.put(Frame::full(id, answer));
+        if over {
+            self.transfer = Transfer::Idle;
         }
+        space.area.out.put(Frame::full(space.area.id.cob(ANSWER), answer));
     }
 
     /// Ends the transfer under way without a word.
@@ -211,12 +227,13 @@ impl Server {
 
     #[inline(never)]
     fn pump(&mut self, now: Time, space: &mut Space<'_>) {
-        let Transfer::BlockUpload(transfer) = &mut self.transfer else { return };
-        match transfer.pump(&self.buffer, space) {
+        while let Transfer::BlockUpload(transfer) = &mut self.transfer
+            && transfer.has_segments()
+            && space.area.out.room() > RESERVE
+        {
             // While segments leave it is not the client that is silent.
-            Ok(true) => self.heard = now,
-            Ok(false) => {}
-            Err(abort) => {
+            self.heard = now;
+            if let Err(abort) = transfer.send(&self.buffer, space) {
                 self.stop(space);
                 self.finish(Err(abort), space);
             }
@@ -226,18 +243,18 @@ impl Server {
     /// The device has done what it was asked, or has not.
     pub fn answer(&mut self, result: Result<(), Abort>, space: &mut Space<'_>) {
         if let Transfer::Device(answer) = self.transfer {
-            self.finish(result.map(|()| Step::Answer(answer, Transfer::Idle)), space);
+            self.finish(result.map(|()| Step::Last(answer)), space);
         }
     }
 }
 
 /// Hands a complete value to its object; `answer` says so.
 #[inline(never)]
-fn commit(object: Object, address: Address, data: &[u8], answer: [u8; 8], space: &mut Space<'_>) -> Outcome {
+fn commit(address: Address, data: &[u8], answer: [u8; 8], space: &mut Space<'_>) -> Outcome {
     // Length again: it may have been unknown at the start.
-    let object = space.writable(address, Some(data.len() as u32)).map(|_| object)?;
+    let object = space.writable(address, Some(data.len() as u32))?;
     Ok(match space.write(object, data)? {
-        Written::Now => Step::Answer(answer, Transfer::Idle),
-        Written::Later => Step::Silent(Transfer::Device(answer)),
+        Written::Now => Step::Last(answer),
+        Written::Later => Step::Device(answer),
     })
 }

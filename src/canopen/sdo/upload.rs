@@ -51,26 +51,32 @@ pub(super) struct Upload {
 
 impl Upload {
     /// Answers with the value when it has 1 to 4 bytes, else with its length. Command byte `010x nnes`.
-    pub fn initiate(address: Address, buffer: &mut Buffer, space: &mut Space<'_>) -> Outcome {
+    pub fn initiate(address: Address, transfer: &mut Transfer, buffer: &mut Buffer, space: &mut Space<'_>) -> Outcome {
         let source = Source::open(address, buffer, space)?;
-        Self::from_source(source, address, buffer, space)
+        Self::from_source(source, address, transfer, buffer, space)
     }
 
     /// The same for a value that is open already.
     #[inline(never)]
-    pub fn from_source(source: Source, address: Address, buffer: &Buffer, space: &Space<'_>) -> Outcome {
+    pub fn from_source(
+        source: Source,
+        address: Address,
+        transfer: &mut Transfer,
+        buffer: &Buffer,
+        space: &Space<'_>,
+    ) -> Outcome {
         if matches!(source.length, 1..=4) {
             let ([a, b, c, d, ..], length) = source.piece(0, buffer, space)?;
             let unused = 4u8.saturating_sub(length as u8);
-            return Ok(Step::Answer(addressed(0x43 | unused << 2, address, [a, b, c, d]), Transfer::Idle));
+            return Ok(Step::Last(addressed(0x43 | unused << 2, address, [a, b, c, d])));
         }
-        let transfer = Transfer::Upload(Self { source, offset: 0, toggle: false });
-        Ok(Step::Answer(addressed(0x41, address, source.length.to_le_bytes()), transfer))
+        *transfer = Transfer::Upload(Self { source, offset: 0, toggle: false });
+        Ok(Step::Answer(addressed(0x41, address, source.length.to_le_bytes())))
     }
 
     /// Request `011t xxxx`, answer `000t nnnc`: t toggle, n bytes without data, c last.
     #[inline(never)]
-    pub fn go_on(mut self, [command, ..]: [u8; 8], buffer: &Buffer, space: &Space<'_>) -> Outcome {
+    pub fn go_on(&mut self, [command, ..]: [u8; 8], buffer: &Buffer, space: &Space<'_>) -> Outcome {
         if command >> 5 != 3 {
             return Err(Abort::Command);
         }
@@ -83,6 +89,6 @@ impl Upload {
         let unused = 7u8.saturating_sub(length as u8);
         let answer = segment(command & 0x10 | unused << 1 | u8::from(last), &piece);
         self.toggle = !self.toggle;
-        Ok(Step::Answer(answer, if last { Transfer::Idle } else { Transfer::Upload(self) }))
+        Ok(if last { Step::Last(answer) } else { Step::Answer(answer) })
     }
 }
