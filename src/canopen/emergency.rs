@@ -153,13 +153,19 @@ impl Emergency {
         if parameters.emergency_id & INVALID != 0 {
             self.waiting.clear();
         }
-        while let Some(content) = self.waiting.front() {
-            if now < self.allowed || !out.put(Frame::full(parameters.emergency_id as u16, *content)) {
-                return;
-            }
+        while self.send(parameters, now, out) {}
+    }
+
+    #[inline(never)]
+    fn send(&mut self, parameters: &Parameters, now: Time, out: &mut Outbox) -> bool {
+        let Some(content) = self.waiting.front() else { return false };
+        let frame = Frame::full(parameters.emergency_id as u16, *content);
+        let sent = now >= self.allowed && out.put(frame);
+        if sent {
             self.waiting.pop_front();
             self.allowed = now.after(u64::from(parameters.emergency_inhibit) * 100);
         }
+        sent
     }
 }
 

@@ -52,6 +52,19 @@ fn resolve(
     map.resolve(pdo.mapped()?, direction, dictionary)
 }
 
+/// Copies the first bytes of a value.
+#[inline(never)]
+fn copy(value: &[u8], length: usize, out: &mut [u8]) -> Result<usize, Abort> {
+    let (Some(from), Some(to)) = (value.get(..length), out.get_mut(..length)) else { return Err(Abort::OutOfMemory) };
+    to.copy_from_slice(from);
+    Ok(length)
+}
+
+#[inline(never)]
+fn idle<T: Default + Copy>() -> [T; PDOS] {
+    [T::default(); PDOS]
+}
+
 impl Area {
     #[inline(never)]
     pub fn new(device: &'static Device, id: NodeId, serial: u32) -> Self {
@@ -65,8 +78,8 @@ impl Area {
             producer: Producer::default(),
             consumer: Consumer::default(),
             sync: Sync::default(),
-            receive: Default::default(),
-            transmit: Default::default(),
+            receive: idle(),
+            transmit: idle(),
             out: Outbox::default(),
         }
     }
@@ -127,11 +140,14 @@ impl Area {
     pub fn read(&mut self, found: Found, out: &mut [u8]) -> Result<usize, Abort> {
         let Found { item, kind, sub, .. } = found;
         let text = match item {
-            Item::Name => self.device.name,
-            Item::Hardware => self.device.hardware,
-            Item::Software => self.device.software,
-            _ => "",
+            Item::Name => Some(self.device.name),
+            Item::Hardware => Some(self.device.hardware),
+            Item::Software => Some(self.device.software),
+            _ => None,
         };
+        if let Some(text) = text {
+            return copy(text.as_bytes(), text.len(), out);
+        }
         let number = match item {
             Item::Fixed(value) => value.into(),
             Item::DeviceType => self.device.device_type,
@@ -147,9 +163,6 @@ impl Area {
             Item::Service(base) => self.id.cob(base).into(),
             _ => self.parameters.get(found),
         };
-        let number = number.to_le_bytes();
-        let value = kind.size().map_or(Some(text.as_bytes()), |size| number.get(..size)).ok_or(Abort::General)?;
-        out.get_mut(..value.len()).ok_or(Abort::OutOfMemory)?.copy_from_slice(value);
-        Ok(value.len())
+        copy(&number.to_le_bytes(), kind.size().unwrap_or(0), out)
     }
 }

@@ -29,7 +29,7 @@ struct Mapped {
 }
 
 /// Mapped objects in their order.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(in crate::canopen) struct Map {
     mapped: [Mapped; ENTRIES],
     length: u8,

@@ -21,7 +21,7 @@ pub(in crate::canopen) enum Taken {
 ///
 /// A synchronous one waits twice: for the SYNC after it, and then for the tick that acts on that SYNC. What comes between
 /// the two belongs to the next SYNC.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(in crate::canopen) struct Receive {
     pub map: Map,
     waiting: Option<[u8; 8]>,

@@ -8,7 +8,7 @@ use crate::canopen::parameters::Pdo;
 use crate::canopen::{Dictionary, Frame, Time};
 
 /// One TPDO.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(in crate::canopen) struct Transmit {
     pub map: Map,
     /// Content and time of the last one; none after a restart.
