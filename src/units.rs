@@ -12,10 +12,39 @@ pub const TICK_S: f32 = 1.0 / TICK_HZ as f32;
 pub const ADC_HZ: u32 = TICK_HZ * edm_hal_shim::gap::BLOCK as u32;
 /// Ticks of the 1 kHz supervision.
 pub const TICKS_PER_MS: u32 = TICK_HZ / 1000;
+/// Ticks from one plan of the head's motion to the next at the most: 4 kHz (`head/machine.rs`).
+pub const PLAN_TICKS: u32 = 5;
 /// Rate of the clock that times encoder edges: the core clock, Hz.
 pub const CLOCK_HZ: u32 = 168_000_000;
 /// Full scale of a 12-bit conversion.
 pub const ADC_FULL_SCALE: u16 = 4095;
+
+/// The larger number; `b` when `a` is none.
+///
+/// The Cortex-M4 has no instruction for it, and `f32::max` calls a function of 20 cycles for what two instructions do.
+#[inline(always)]
+pub(crate) fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The smaller number; `b` when `a` is none. See [`larger`].
+#[inline(always)]
+pub(crate) fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// The number nearest to `x` from `low` to `high`; `low` when `x` is none.
+#[inline(always)]
+pub(crate) fn within(x: f32, low: f32, high: f32) -> f32 {
+    smaller(larger(x, low), high)
+}
+
+/// The number nearest to `x` from `-limit` to `limit`, which is not negative; `-limit` when `x` is none.
+#[inline(always)]
+pub(crate) fn within_either(x: f32, limit: f32) -> f32 {
+    // One comparison where nothing is clamped, which is the rule.
+    if x.abs() <= limit { x } else { within(x, -limit, limit) }
+}
 
 macro_rules! quantity {
     ($($(#[$doc:meta])* $name:ident),+ $(,)?) => {$(
@@ -89,9 +118,19 @@ impl Fixed {
         Fixed(i64::from((x * (1u32 << FRACTION_BITS) as f32) as i32))
     }
 
-    /// As a float: exact within +-1, then to 24 bits.
+    /// As a float: exact within +-1, then to 23 bits.
+    ///
+    /// The Cortex-M4 converts 32 bits in one instruction; 64 take a function of 40 cycles.
+    #[inline]
     pub fn to_f32(self) -> f32 {
-        self.0 as f32 * (1.0 / (1u32 << FRACTION_BITS) as f32)
+        const STEP: f32 = 1.0 / (1u32 << FRACTION_BITS) as f32;
+        const HIGH: f32 = (1u64 << (32 - FRACTION_BITS)) as f32;
+        let (high, low) = ((self.0 >> 32) as i32, self.0 as u32);
+        if high == low.cast_signed() >> 31 {
+            low.cast_signed() as f32 * STEP
+        } else {
+            high as f32 * HIGH + low as f32 * STEP
+        }
     }
 
     /// Sum; saturates.
@@ -102,6 +141,18 @@ impl Fixed {
     /// Difference; saturates.
     pub fn minus(self, other: Fixed) -> Fixed {
         Fixed(self.0.saturating_sub(other.0))
+    }
+
+    /// Sum of two that lie within [`Fixed::MAX_WHOLE`] and cannot overflow: a third of the cycles of [`Fixed::plus`].
+    #[inline]
+    pub(crate) fn near(self, by: Fixed) -> Fixed {
+        Fixed(self.0.wrapping_add(by.0))
+    }
+
+    /// Distance from `other`, which must lie as near, as a float. See [`Fixed::near`].
+    #[inline]
+    pub(crate) fn from(self, other: Fixed) -> f32 {
+        Fixed(self.0.wrapping_sub(other.0)).to_f32()
     }
 }
 

@@ -231,12 +231,12 @@ fn supervised(travel: impl FnOnce(&mut Machine)) -> (Result<(), EncoderFault>, u
     let (register, clock) = (Cell::new(0), Cell::new(0));
     let mut timer = TimerCount::new(Timer16(&register), Time(&clock));
     let mut watch = Plausibility::new(PlausibilityLimits::default(), 0);
-    assert_eq!(watch.tick(machine.raw(), Some(timer.read()), 0), Ok(()));
+    assert_eq!(watch.look(machine.raw(), Some(timer.read()), 0), Ok(()));
     travel(&mut machine);
     register.set(machine.register.get());
     let mut result = Ok(());
     for _ in 0..40 {
-        result = watch.tick(machine.raw(), Some(timer.read()), machine.snapshot().illegal);
+        result = watch.look(machine.raw(), Some(timer.read()), machine.snapshot().illegal);
     }
     (result, machine.snapshot().illegal)
 }

@@ -1,12 +1,12 @@
 //! Which conversions of a block lie inside the generator's on-time.
 //!
 //! The gate's edges are stamped by a timer that runs in phase with the conversions and stored by DMA, so that no pulse
-//! costs the processor anything. Once a block, [`gate_mask`] walks back through the newest stamps and sets the bit of every
-//! conversion whose whole aperture the gate was open. *Age*: clock cycles before the moment of reading. *Aperture*: the
+//! costs the processor anything. Once a block, [`gate_mask`] walks back through the newest stamps and sets, for each stretch of
+//! open gate, the bits of the conversions whose whole aperture lies in it. *Age*: clock cycles before the moment of reading. *Aperture*: the
 //! time in which a conversion samples its input.
 
 use crate::board::{ADC, CORE_HZ, EDGE_MODULUS, GAP_SAMPLING, SERVO};
-use crate::gap::BLOCK;
+use crate::gap::{BLOCK, GapBlock};
 use crate::timing::adc;
 
 /// Cycles from one conversion to the next.
@@ -32,30 +32,23 @@ pub const fn age(now: u32, stamp: u32) -> u32 {
 /// `now` is the edge timer at the moment of reading, `open` the gate then, `edges` the stamps of its edges, newest first,
 /// none older than [`EDGE_MODULUS`]; before the oldest of them the gate did not change. `end_phase` is the count of the
 /// edge timer, modulo one tick, at the end of a block's last aperture.
+#[inline]
 pub fn gate_mask(now: u32, open: bool, edges: impl Iterator<Item = u16>, end_phase: u32) -> u32 {
     let tick = SERVO.steps() as u32;
-    // Age of the newest end of a last aperture.
+    // Age of the newest end of a last aperture, and age at which the first of its block began.
     let end = (now % tick + tick - end_phase % tick) % tick;
+    let begin = end + SPACING * (BLOCK as u32 - 1) + APERTURE + GUARD;
     let mut mask = 0;
     let mut open = open;
     let mut newer = 0;
-    let mut conversion = BLOCK as u32;
     let mut edges = edges.map(|stamp| age(now, u32::from(stamp)));
-    for _ in 0..=MOST_EDGES {
+    for _ in 0..MOST_EDGES + 1 {
         // A stretch of one level, from the edge of age `older` to the edge of age `newer`.
         let older = edges.next().unwrap_or(u32::MAX);
-        while conversion > 0 {
-            let ended = end + SPACING * (BLOCK as u32 - conversion);
-            if ended >= older {
-                break;
-            }
-            let began = ended + APERTURE + GUARD;
-            conversion -= 1;
-            if open && ended >= newer + GUARD && began <= older {
-                mask |= 1 << conversion;
-            }
+        if open {
+            mask |= inside(newer, older, end);
         }
-        if conversion == 0 {
+        if older >= begin {
             break;
         }
         newer = older;
@@ -64,10 +57,20 @@ pub fn gate_mask(now: u32, open: bool, edges: impl Iterator<Item = u16>, end_pha
     mask
 }
 
+/// The conversions whose apertures lie between two edges, as a run of bits: `newer` is less than the age at which the first
+/// conversion of the block began, `end` the age at which the last one ended.
+#[inline]
+fn inside(newer: u32, older: u32, end: u32) -> u32 {
+    // Counted from the newest conversion: the first that ended before the newer edge, and how many began after the older.
+    let first = ((newer + GUARD).saturating_sub(end) + (SPACING - 1)) / SPACING;
+    let Some(after) = older.checked_sub(end + APERTURE + GUARD) else { return 0 };
+    let past = (after / SPACING).min(BLOCK as u32 - 1) + 1;
+    (GapBlock::ALL >> first) & (u32::MAX << (BLOCK as u32 - past))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::GapBlock;
     use proptest::prelude::*;
 
     /// Reading happens this long after the last aperture.

@@ -17,10 +17,12 @@ pub struct GapBlock {
 impl GapBlock {
     /// Every conversion of a block gated.
     pub const ALL: u32 = (1 << BLOCK) - 1;
+    /// A block of zeros.
+    pub const EMPTY: GapBlock = GapBlock { codes: [0; BLOCK], gate: 0 };
 }
 
 /// The converter that fills [`GapBlock`]s.
 pub trait GapFrontEnd {
-    /// The newest complete block, or `None` when none was completed since the last call.
-    fn block(&mut self) -> Option<GapBlock>;
+    /// Puts the newest complete block into `block`, or `None` when none was completed since the last call.
+    fn block(&mut self, block: &mut Option<GapBlock>);
 }

@@ -1,9 +1,9 @@
 //! Safety inputs and the drive's own measurements.
 //!
 //! Contacts are normally closed, to ground, against a pull-up: closed reads low and is safe, an open contact and a broken
-//! wire read high. [`Contact`] takes the other level for an input that works the other way round.
+//! wire read high. A [`Contact`] may also be safe at the other level.
 
-use embedded_hal::digital::{InputPin, PinState};
+use embedded_hal::digital::InputPin;
 
 /// Safety inputs as conditions, not levels: `true` is the unsafe reading. Normally closed contacts make a broken wire
 /// read as unsafe.
@@ -22,35 +22,44 @@ pub struct SafetyInputs {
     pub bridge_fault: bool,
 }
 
+impl SafetyInputs {
+    /// Any of the conditions.
+    #[inline]
+    pub fn any(&self) -> bool {
+        // Without short circuit: five loads in a row and no branch.
+        self.upper_limit | self.lower_limit | self.emergency_stop | self.dielectric | self.bridge_fault
+    }
+}
+
 /// Reads the safety inputs.
 pub trait Safety {
     /// Conditions now, without debounce: the first edge stops, debounce only delays re-arming.
     fn read(&mut self) -> SafetyInputs;
 }
 
-/// One safety input on a pin.
-pub struct Contact<P> {
-    pin: P,
-    safe: PinState,
-}
+/// One safety input on a pin, safe at one level; its pull must be to the other. The level is part of the type, so that
+/// reading it takes no decision.
+pub struct Contact<P, const SAFE_HIGH: bool = false>(P);
 
 impl<P: InputPin> Contact<P> {
     /// A normally closed contact to ground with a pull-up: low is safe.
     pub fn normally_closed(pin: P) -> Self {
-        Contact { pin, safe: PinState::Low }
+        Contact(pin)
     }
+}
 
-    /// An input that is safe at `safe`, such as the fault output of a bridge. Its pull must be to the other level.
-    pub fn safe_at(pin: P, safe: PinState) -> Self {
-        Contact { pin, safe }
+impl<P: InputPin> Contact<P, true> {
+    /// An input that is safe at high, such as the fault output of a bridge.
+    pub fn safe_at_high(pin: P) -> Self {
+        Contact(pin)
     }
+}
 
+impl<P: InputPin, const SAFE_HIGH: bool> Contact<P, SAFE_HIGH> {
     /// Not at its safe level, or not readable.
+    #[inline]
     pub fn is_unsafe(&mut self) -> bool {
-        let is_safe = match self.safe {
-            PinState::Low => self.pin.is_low(),
-            PinState::High => self.pin.is_high(),
-        };
+        let is_safe = if SAFE_HIGH { self.0.is_high() } else { self.0.is_low() };
         !is_safe.unwrap_or(false)
     }
 }
@@ -66,10 +75,11 @@ pub struct SafetyPins<U, L, E, D, B> {
     /// Dielectric OK.
     pub dielectric: Contact<D>,
     /// Fault output of the H-bridge.
-    pub bridge_fault: Contact<B>,
+    pub bridge_fault: Contact<B, true>,
 }
 
 impl<U: InputPin, L: InputPin, E: InputPin, D: InputPin, B: InputPin> Safety for SafetyPins<U, L, E, D, B> {
+    #[inline]
     fn read(&mut self) -> SafetyInputs {
         SafetyInputs {
             upper_limit: self.upper_limit.is_unsafe(),
@@ -131,7 +141,7 @@ mod tests {
             lower_limit: Contact::normally_closed(l),
             emergency_stop: Contact::normally_closed(e),
             dielectric: Contact::normally_closed(d),
-            bridge_fault: Contact::safe_at(b, PinState::High),
+            bridge_fault: Contact::safe_at_high(b),
         };
         let inputs = safety.read();
         pins.iter_mut().for_each(Pin::done);

@@ -24,6 +24,18 @@ impl Handover {
         Handover { offset: 0, timer_leads: false, candidate: None }
     }
 
+    /// Whether the timer is needed for the reading that the loops use.
+    #[inline]
+    pub fn timer_leads(&self) -> bool {
+        self.timer_leads
+    }
+
+    /// The reading that the loops use while the decoder leads.
+    #[inline]
+    pub fn count(&self, decoder: RawCount) -> RawCount {
+        RawCount { count: decoder.count.wrapping_add(self.offset), ..decoder }
+    }
+
     /// The reading that the loops use, from one reading of each counter; `storm` when the edge interrupt masked itself
     /// since the last one.
     pub fn read(&mut self, decoder: Snapshot, timer: RawCount, storm: bool) -> Snapshot {
@@ -79,6 +91,8 @@ mod tests {
         let reading = handover.read(decoder(155), timer(375), false);
         assert_eq!((reading.raw.count, reading.raw.last_edge), (375, 7));
         assert_eq!(handover.read(decoder(160), timer(380), false).raw.count, 380);
+        assert!(!handover.timer_leads());
+        assert_eq!(handover.count(decoder(165).raw).count, 385);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Whether the encoder can be believed: two counters compared, illegal transitions rationed.
 //!
-//! The edge decoder and the timer watch the same lines. They are read one after the other, and an edge may fall in between:
-//! such a difference is gone at the next tick. One that stays means that one of them has lost or made up counts, and no
+//! The edge decoder and the timer watch the same lines. They are compared once a millisecond, a *look*. They are read one after
+//! the other, and an edge may fall in between: such a difference is gone at the next look. One that stays means that one of them has lost or made up counts, and no
 //! one knows which: the position is no longer to be trusted.
 //!
 //! One illegal transition may be a disturbance; many say that the lines are broken, noisy or too fast. Where both counters
@@ -16,20 +16,20 @@ use edm_hal_shim::encoder::RawCount;
 pub struct PlausibilityLimits {
     /// Largest lasting difference between the counters, counts.
     pub difference: u32,
-    /// Ticks in a row that a larger difference may last.
-    pub difference_ticks: u32,
+    /// Looks in a row that a larger difference may last.
+    pub difference_looks: u32,
     /// Illegal transitions within a window that are only counted.
     pub illegal: u32,
-    /// Length of a window, ticks. Windows follow each other; nearly twice [`PlausibilityLimits::illegal`] across the border
+    /// Length of a window, looks. Windows follow each other; nearly twice [`PlausibilityLimits::illegal`] across the border
     /// of two pass.
-    pub illegal_ticks: u32,
+    pub illegal_looks: u32,
 }
 
 impl Default for PlausibilityLimits {
-    /// One count, so that one lost edge pair (two counts) shows; 1 ms, twenty chances for an edge in flight to land; ten
-    /// illegal transitions a second. Assumed.
+    /// One count, so that one lost edge pair (two counts) shows; two looks, so that edges in flight must have been there three
+    /// times in a row, 1 ms apart; ten illegal transitions a second. Assumed.
     fn default() -> Self {
-        PlausibilityLimits { difference: 1, difference_ticks: 20, illegal: 10, illegal_ticks: 20_000 }
+        PlausibilityLimits { difference: 1, difference_looks: 2, illegal: 10, illegal_looks: 1000 }
     }
 }
 
@@ -66,23 +66,23 @@ pub struct Plausibility {
     limits: PlausibilityLimits,
     /// Count in use less the other at the start.
     offset: Option<u32>,
-    apart_ticks: u32,
-    /// Illegal transitions at the newest tick, and how many of them in this window.
+    apart_looks: u32,
+    /// Illegal transitions at the newest look, and how many of them in this window.
     illegal: u32,
     illegal_seen: u32,
-    window_ticks: u32,
+    window_looks: u32,
 }
 
 impl Plausibility {
     /// `illegal` is the decoder's number of illegal transitions so far.
     pub fn new(limits: PlausibilityLimits, illegal: u32) -> Self {
-        Plausibility { limits, offset: None, apart_ticks: 0, illegal, illegal_seen: 0, window_ticks: 0 }
+        Plausibility { limits, offset: None, apart_looks: 0, illegal, illegal_seen: 0, window_looks: 0 }
     }
 
-    /// Takes this tick's readings: the counter in use, the other where it is wired, and the decoder's number of illegal
+    /// Takes a look's readings: the counter in use, the other where it is wired, and the decoder's number of illegal
     /// transitions. The counters are taken to agree at the first reading of both. `Err` for as long as it is so; a
     /// disagreement goes before illegal transitions.
-    pub fn tick(&mut self, used: RawCount, other: Option<RawCount>, illegal: u32) -> Result<(), EncoderFault> {
+    pub fn look(&mut self, used: RawCount, other: Option<RawCount>, illegal: u32) -> Result<(), EncoderFault> {
         let rate = self.count_illegal(illegal);
         if let Some(other) = other {
             self.compare(used.count, other.count)?;
@@ -94,11 +94,11 @@ impl Plausibility {
         let apart = used.wrapping_sub(other);
         let difference = apart.wrapping_sub(*self.offset.get_or_insert(apart)) as i32;
         if difference.unsigned_abs() <= self.limits.difference {
-            self.apart_ticks = 0;
+            self.apart_looks = 0;
             return Ok(());
         }
-        self.apart_ticks = self.apart_ticks.saturating_add(1);
-        if self.apart_ticks > self.limits.difference_ticks {
+        self.apart_looks = self.apart_looks.saturating_add(1);
+        if self.apart_looks > self.limits.difference_looks {
             Err(EncoderFault::Disagreement { difference })
         } else {
             Ok(())
@@ -106,11 +106,11 @@ impl Plausibility {
     }
 
     fn count_illegal(&mut self, illegal: u32) -> Result<(), EncoderFault> {
-        if self.window_ticks >= self.limits.illegal_ticks {
-            self.window_ticks = 0;
+        if self.window_looks >= self.limits.illegal_looks {
+            self.window_looks = 0;
             self.illegal_seen = 0;
         }
-        self.window_ticks = self.window_ticks.saturating_add(1);
+        self.window_looks = self.window_looks.saturating_add(1);
         let new = illegal.wrapping_sub(self.illegal);
         self.illegal = illegal;
         self.illegal_seen = self.illegal_seen.saturating_add(new);
@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     const LIMITS: PlausibilityLimits =
-        PlausibilityLimits { difference: 1, difference_ticks: 20, illegal: 10, illegal_ticks: 1000 };
+        PlausibilityLimits { difference: 1, difference_looks: 20, illegal: 10, illegal_looks: 1000 };
 
     fn at(count: u32) -> RawCount {
         RawCount { count, ..RawCount::default() }
@@ -135,7 +135,7 @@ mod tests {
         let mut watch = Plausibility::new(LIMITS, 0);
         for moved in 0..100_000u32 {
             let used = moved.wrapping_mul(250).wrapping_sub(17);
-            assert_eq!(watch.tick(at(used), Some(at(used.wrapping_add(123_456))), 0), Ok(()));
+            assert_eq!(watch.look(at(used), Some(at(used.wrapping_add(123_456))), 0), Ok(()));
         }
     }
 
@@ -144,14 +144,14 @@ mod tests {
         for difference in [2, -2, 1_000_000, -1_000_000] {
             let mut watch = Plausibility::new(LIMITS, 0);
             let used = 5u32.wrapping_add_signed(difference);
-            assert_eq!(watch.tick(at(5), Some(at(5)), 0), Ok(()));
-            for _ in 0..LIMITS.difference_ticks {
-                assert_eq!(watch.tick(at(used), Some(at(5)), 0), Ok(()));
+            assert_eq!(watch.look(at(5), Some(at(5)), 0), Ok(()));
+            for _ in 0..LIMITS.difference_looks {
+                assert_eq!(watch.look(at(used), Some(at(5)), 0), Ok(()));
             }
             for _ in 0..3 {
-                assert_eq!(watch.tick(at(used), Some(at(5)), 0), Err(EncoderFault::Disagreement { difference }));
+                assert_eq!(watch.look(at(used), Some(at(5)), 0), Err(EncoderFault::Disagreement { difference }));
             }
-            assert_eq!(watch.tick(at(5), Some(at(5)), 0), Ok(()));
+            assert_eq!(watch.look(at(5), Some(at(5)), 0), Ok(()));
         }
     }
 
@@ -159,17 +159,17 @@ mod tests {
     fn edges_in_flight_come_and_go() {
         let mut watch = Plausibility::new(LIMITS, 0);
         for tick in 0..10_000 {
-            let in_flight = if tick % (LIMITS.difference_ticks + 1) == 0 { 0 } else { 7 };
-            assert_eq!(watch.tick(at(tick * 15), Some(at(tick * 15 + in_flight)), 0), Ok(()), "tick {tick}");
+            let in_flight = if tick % (LIMITS.difference_looks + 1) == 0 { 0 } else { 7 };
+            assert_eq!(watch.look(at(tick * 15), Some(at(tick * 15 + in_flight)), 0), Ok(()), "tick {tick}");
         }
     }
 
     #[test]
     fn the_tolerated_difference_may_last_for_ever() {
         let mut watch = Plausibility::new(LIMITS, 0);
-        assert_eq!(watch.tick(at(0), Some(at(0)), 0), Ok(()));
+        assert_eq!(watch.look(at(0), Some(at(0)), 0), Ok(()));
         for _ in 0..10_000 {
-            assert_eq!(watch.tick(at(LIMITS.difference), Some(at(0)), 0), Ok(()));
+            assert_eq!(watch.look(at(LIMITS.difference), Some(at(0)), 0), Ok(()));
         }
     }
 
@@ -181,9 +181,9 @@ mod tests {
             let mut watch = Plausibility::new(LIMITS, start);
             for window in 0..3 {
                 let mut result = Ok(());
-                for tick in 0..LIMITS.illegal_ticks {
+                for tick in 0..LIMITS.illegal_looks {
                     let illegal = start.wrapping_add(window * per_window + (tick + 1).min(per_window));
-                    result = watch.tick(at(0), None, illegal);
+                    result = watch.look(at(0), None, illegal);
                 }
                 let seen = per_window;
                 assert_eq!(result, if reported { Err(EncoderFault::IllegalTransitions { seen }) } else { Ok(()) });
@@ -194,20 +194,20 @@ mod tests {
     #[test]
     fn an_illegal_transition_on_the_border_of_two_windows_is_counted() {
         let mut watch = Plausibility::new(LIMITS, 0);
-        for _ in 0..LIMITS.illegal_ticks {
-            assert_eq!(watch.tick(at(0), None, 0), Ok(()));
+        for _ in 0..LIMITS.illegal_looks {
+            assert_eq!(watch.look(at(0), None, 0), Ok(()));
         }
         let seen = LIMITS.illegal + 1;
-        assert_eq!(watch.tick(at(0), None, seen), Err(EncoderFault::IllegalTransitions { seen }));
+        assert_eq!(watch.look(at(0), None, seen), Err(EncoderFault::IllegalTransitions { seen }));
     }
 
     #[test]
     fn a_disagreement_goes_before_illegal_transitions() {
         let mut watch = Plausibility::new(LIMITS, 0);
-        assert_eq!(watch.tick(at(0), Some(at(0)), 0), Ok(()));
-        for _ in 0..LIMITS.difference_ticks {
-            assert_eq!(watch.tick(at(2), Some(at(0)), 11), Err(EncoderFault::IllegalTransitions { seen: 11 }));
+        assert_eq!(watch.look(at(0), Some(at(0)), 0), Ok(()));
+        for _ in 0..LIMITS.difference_looks {
+            assert_eq!(watch.look(at(2), Some(at(0)), 11), Err(EncoderFault::IllegalTransitions { seen: 11 }));
         }
-        assert_eq!(watch.tick(at(2), Some(at(0)), 11), Err(EncoderFault::Disagreement { difference: 2 }));
+        assert_eq!(watch.look(at(2), Some(at(0)), 11), Err(EncoderFault::Disagreement { difference: 2 }));
     }
 }

@@ -4,6 +4,7 @@
 //! 5 Mcount/s. \[R\] section 6.7.3: an unsigned count that fell below zero became a huge positive one and drove the actuator
 //! to its stop.
 
+use crate::units::Fixed;
 use edm_hal_shim::encoder::RawCount;
 
 /// Where the axis is, counts, positive toward the work.
@@ -12,24 +13,36 @@ use edm_hal_shim::encoder::RawCount;
 pub struct Position {
     raw: u32,
     counts: i64,
+    fixed: Fixed,
 }
 
 impl Position {
     /// Starts at the first reading: a counter that started at 0 and has since gone three back is at -3.
     pub fn new(first: RawCount) -> Self {
-        Position { raw: first.count, counts: i64::from(first.count as i32) }
+        let counts = i64::from(first.count as i32);
+        Position { raw: first.count, counts, fixed: Fixed::whole(counts) }
     }
 
     /// Takes a reading, at most 2^31 - 1 counts from the one before, and returns the position.
+    #[inline]
     pub fn update(&mut self, reading: RawCount) -> i64 {
-        self.counts = self.at(reading.count);
-        self.raw = reading.count;
+        // In most ticks of an eroding head there is no new edge.
+        if reading.count != self.raw {
+            self.set_position(self.at(reading.count));
+            self.raw = reading.count;
+        }
         self.counts
     }
 
     /// Position at the newest reading.
     pub fn counts(&self) -> i64 {
         self.counts
+    }
+
+    /// The same as a coordinate, which saturates.
+    #[inline]
+    pub fn fixed(&self) -> Fixed {
+        self.fixed
     }
 
     /// Position at a raw count less than 2^31 from the newest reading: where an index mark is.
@@ -41,6 +54,7 @@ impl Position {
     /// as the velocity, sees a step.
     pub fn set_position(&mut self, counts: i64) {
         self.counts = counts;
+        self.fixed = Fixed::whole(counts);
     }
 }
 

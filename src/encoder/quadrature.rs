@@ -81,32 +81,50 @@ impl<S: Borrow<Shared>> Quadrature<S> {
 
     /// Takes the levels after an edge of A, B or the index line, at clock time `now`. Levels that have not changed are
     /// neither counted nor illegal: an interrupt that comes late finds its edge already served.
-    #[inline]
+    #[inline(always)]
     pub fn edge(&mut self, levels: Levels, now: u32) {
         let to = phase(levels);
         let step = step(self.phase, to);
         self.phase = to;
+        if step & 1 == 0 {
+            return self.no_step(step, levels.index);
+        }
+        if self.latch.is_near(levels.index) {
+            self.latch_mark(levels.index);
+        }
         let shared = self.shared.borrow();
-        if step & 1 != 0 {
-            let count = shared.count.load(Relaxed);
-            if self.latch.is_near(levels.index) {
-                let toward_work = shared.toward_work();
-                if let Some(mark) = self.latch.leave(count, toward_work, levels.index) {
-                    shared.cross(mark, toward_work);
-                }
-            }
-            shared.count.store(count.wrapping_add_signed(step), Relaxed);
-            shared.newest_step.store(step as u32, Relaxed);
-            shared.last_edge.store(now, Relaxed);
-        } else if step == ILLEGAL {
-            shared.illegal.store(shared.illegal.load(Relaxed).wrapping_add(1), Relaxed);
-            self.latch = MarkLatch::new(levels.index);
+        shared.count.store(shared.count.load(Relaxed).wrapping_add_signed(step), Relaxed);
+        shared.newest_step.store(step as u32, Relaxed);
+        shared.last_edge.store(now, Relaxed);
+    }
+
+    /// The same levels again, or an illegal transition.
+    #[cold]
+    #[inline(never)]
+    fn no_step(&mut self, step: i32, index: bool) {
+        if step == ILLEGAL {
+            let illegal = &self.shared.borrow().illegal;
+            illegal.store(illegal.load(Relaxed).wrapping_add(1), Relaxed);
+            self.latch = MarkLatch::new(index);
         } else {
-            self.latch.stay(levels.index);
+            self.latch.stay(index);
+        }
+    }
+
+    /// The stay at the present count ends near a mark.
+    #[cold]
+    #[inline(never)]
+    fn latch_mark(&mut self, index: bool) {
+        let shared = self.shared.borrow();
+        let toward_work = shared.toward_work();
+        if let Some(mark) = self.latch.leave(shared.count.load(Relaxed), toward_work, index) {
+            shared.cross(mark, toward_work);
         }
     }
 
     /// Goes on from the levels that are there, after edges that were deliberately not served: neither counted nor illegal.
+    #[cold]
+    #[inline(never)]
     pub fn resume(&mut self, levels: Levels) {
         self.phase = phase(levels);
         self.latch = MarkLatch::new(levels.index);

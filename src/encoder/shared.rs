@@ -79,41 +79,67 @@ impl Shared {
         self.read_interrupted(now, || {})
     }
 
-    /// As [`Shared::read`]; `interrupt` runs wherever the edge interrupt could.
+    /// As [`Shared::read`], count and times alone: what every tick needs.
     #[inline]
+    pub fn read_count(&self, now: impl FnMut() -> u32) -> RawCount {
+        self.read_count_interrupted(now, || {})
+    }
+
+    /// As [`Shared::read`]; `interrupt` runs wherever the edge interrupt could.
     fn read_interrupted(&self, mut now: impl FnMut() -> u32, mut interrupt: impl FnMut()) -> Snapshot {
-        let mut load = |value: &AtomicU32| {
-            // The hardware keeps the order of loads for its own interrupts; the compiler has to be told.
-            compiler_fence(SeqCst);
-            let loaded = value.load(Relaxed);
-            interrupt();
-            compiler_fence(SeqCst);
-            loaded
-        };
         let mut snapshot = Snapshot::default();
         for _ in 0..ATTEMPTS {
-            let last_edge = load(&self.last_edge);
-            let mark_crossings = load(&self.mark_crossings);
+            let last_edge = load(&self.last_edge, &mut interrupt);
+            let mark_crossings = load(&self.mark_crossings, &mut interrupt);
             snapshot = Snapshot {
                 mark: Mark {
-                    count: load(&self.mark_count),
+                    count: load(&self.mark_count, &mut interrupt),
                     toward_work: mark_crossings & 1 != 0,
                     crossings: mark_crossings >> 1,
                 },
-                illegal: load(&self.illegal),
-                raw: RawCount {
-                    count: load(&self.count),
-                    toward_work: load(&self.newest_step) == 1,
-                    last_edge,
-                    now: now(),
-                },
+                illegal: load(&self.illegal, &mut interrupt),
+                raw: self.raw(last_edge, &mut now, &mut interrupt),
             };
-            if load(&self.last_edge) == last_edge {
+            if load(&self.last_edge, &mut interrupt) == last_edge {
                 break;
             }
         }
         snapshot
     }
+
+    /// As [`Shared::read_count`]; `interrupt` runs wherever the edge interrupt could.
+    #[inline]
+    fn read_count_interrupted(&self, mut now: impl FnMut() -> u32, mut interrupt: impl FnMut()) -> RawCount {
+        let mut raw = RawCount::default();
+        for _ in 0..ATTEMPTS {
+            let last_edge = load(&self.last_edge, &mut interrupt);
+            raw = self.raw(last_edge, &mut now, &mut interrupt);
+            if load(&self.last_edge, &mut interrupt) == last_edge {
+                break;
+            }
+        }
+        raw
+    }
+
+    #[inline(always)]
+    fn raw(&self, last_edge: u32, now: &mut impl FnMut() -> u32, interrupt: &mut impl FnMut()) -> RawCount {
+        RawCount {
+            count: load(&self.count, interrupt),
+            toward_work: load(&self.newest_step, interrupt) == 1,
+            last_edge,
+            now: now(),
+        }
+    }
+}
+
+/// Loads in the order of the program. The hardware keeps it for its own interrupts; the compiler has to be told.
+#[inline(always)]
+fn load(value: &AtomicU32, interrupt: &mut impl FnMut()) -> u32 {
+    compiler_fence(SeqCst);
+    let loaded = value.load(Relaxed);
+    interrupt();
+    compiler_fence(SeqCst);
+    loaded
 }
 
 /// The decoder as a counter that a slower task reads.
@@ -136,8 +162,9 @@ impl<'a, C: Clock> DecoderCount<'a, C> {
 }
 
 impl<C: Clock> EdgeCounter for DecoderCount<'_, C> {
+    #[inline]
     fn read(&mut self) -> RawCount {
-        self.snapshot().raw
+        self.shared.read_count(|| self.clock.now())
     }
 }
 
@@ -204,6 +231,29 @@ mod tests {
                     assert!(loads > LOADS || too_late, "the first attempt was good although edges came");
                     assert_eq!(snapshot.raw.now, 77);
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn so_is_a_reading_of_the_count_alone() {
+        const LOADS: u32 = 4;
+        for first in 0..LOADS {
+            for edges in 1..12 {
+                let shared = Shared::new();
+                let mut machine = Machine::new(&shared);
+                let mut loads = 0;
+                let raw = shared.read_count_interrupted(
+                    || 77,
+                    || {
+                        if loads == first {
+                            (0..edges).for_each(|_| machine.edge());
+                        }
+                        loads += 1;
+                    },
+                );
+                assert_eq!((raw.last_edge, raw.toward_work), (raw.count, raw.count > 0), "{first} {edges}");
+                assert_eq!(loads > LOADS, first < LOADS - 1);
             }
         }
     }

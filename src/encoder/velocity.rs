@@ -88,6 +88,7 @@ impl Velocity {
 
     /// Takes this tick's reading and returns the velocity. Ticks may be late or left out; less than 2^31 clock ticks and
     /// counts must lie between two of them.
+    #[inline]
     pub fn tick(&mut self, reading: RawCount) -> CountsPerSecond {
         // Counted edges have different times.
         if reading.last_edge != self.last_edge {
@@ -97,10 +98,8 @@ impl Velocity {
             let age = reading.now.wrapping_sub(self.edges[self.newest % 4].time);
             if age >= self.standstill {
                 self.stand(reading.now);
-            } else {
-                // Not `clamp`, which can panic.
-                let limit = self.hz / age.max(1) as f32;
-                self.value = self.value.min(limit).max(-limit);
+            } else if self.value.abs() * age as f32 > self.hz {
+                self.value = (self.hz / age as f32).copysign(self.value);
             }
         }
         CountsPerSecond(self.value)

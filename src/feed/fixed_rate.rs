@@ -12,7 +12,7 @@ pub struct FixedRate {
 }
 
 impl FeedLaw for FixedRate {
-    fn velocity(&mut self, error: Volts) -> MicrometresPerSecond {
+    fn velocity(&mut self, error: Volts, _: u32) -> MicrometresPerSecond {
         let rate = self.rate.0;
         MicrometresPerSecond(if error.0 > 0.0 {
             rate
@@ -31,8 +31,8 @@ mod tests {
     #[test]
     fn a_wide_gap_feeds_a_narrow_one_retreats_and_the_right_one_stays() {
         let mut law = FixedRate { rate: MicrometresPerSecond(50.0) };
-        assert_eq!(law.velocity(Volts(0.01)).0, 50.0);
-        assert_eq!(law.velocity(Volts(-40.0)).0, -50.0);
-        assert_eq!(law.velocity(Volts(0.0)).0, 0.0);
+        assert_eq!(law.velocity(Volts(0.01), 1).0, 50.0);
+        assert_eq!(law.velocity(Volts(-40.0), 1).0, -50.0);
+        assert_eq!(law.velocity(Volts(0.0), 1).0, 0.0);
     }
 }

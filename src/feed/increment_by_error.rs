@@ -25,12 +25,12 @@ impl IncrementByError {
 }
 
 impl FeedLaw for IncrementByError {
-    fn velocity(&mut self, error: Volts) -> MicrometresPerSecond {
+    fn velocity(&mut self, error: Volts, ticks: u32) -> MicrometresPerSecond {
+        self.left = self.left.saturating_sub(ticks);
         if self.left == 0 {
             self.left = self.period;
             self.velocity = error.0 * self.per_volt;
         }
-        self.left = self.left.saturating_sub(1);
         MicrometresPerSecond(self.velocity)
     }
 }
@@ -43,13 +43,20 @@ mod tests {
     fn the_increment_of_a_period_is_fixed_at_its_start() {
         let mut law = IncrementByError::new(20.0, 3);
         let errors = [2.0, 9.0, 9.0, -1.0, 9.0, 9.0, 0.5];
-        let velocities = errors.map(|error| law.velocity(Volts(error)).0);
+        let velocities = errors.map(|error| law.velocity(Volts(error), 1).0);
         assert_eq!(velocities, [40.0, 40.0, 40.0, -20.0, -20.0, -20.0, 10.0]);
+    }
+
+    #[test]
+    fn a_period_that_ends_between_two_calls_lasts_until_the_second() {
+        let mut law = IncrementByError::new(20.0, 7);
+        let velocities = [1.0, 2.0, 3.0, 4.0].map(|error| law.velocity(Volts(error), 5).0);
+        assert_eq!(velocities, [20.0, 20.0, 60.0, 60.0]);
     }
 
     #[test]
     fn a_period_of_one_tick_follows_every_error() {
         let mut law = IncrementByError::new(20.0, 1);
-        assert_eq!([1.0, -1.0, 0.0].map(|error| law.velocity(Volts(error)).0), [20.0, -20.0, 0.0]);
+        assert_eq!([1.0, -1.0, 0.0].map(|error| law.velocity(Volts(error), 1).0), [20.0, -20.0, 0.0]);
     }
 }

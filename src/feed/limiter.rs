@@ -1,6 +1,8 @@
 //! Limits that every motion along the path shares: acceleration, and what can still be stopped before an end.
 
-use crate::units::{Micrometres, MicrometresPerSecond, MicrometresPerSecond2, TICK_HZ, TICK_S};
+use crate::units::{
+    Micrometres, MicrometresPerSecond, MicrometresPerSecond2, PLAN_TICKS, TICK_HZ, TICK_S, larger, smaller, within,
+};
 use micromath::F32Ext as Approximate;
 
 /// Limits of path velocity under a feed law.
@@ -16,7 +18,7 @@ pub struct Limits {
 impl Limits {
     /// The nearest allowed velocity.
     pub fn clamp(&self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
-        MicrometresPerSecond(wanted.0.max(-self.retreat.0).min(self.feed.0))
+        MicrometresPerSecond(within(wanted.0, -self.retreat.0, self.feed.0))
     }
 }
 
@@ -28,20 +30,26 @@ pub struct Limiter {
 }
 
 impl Limiter {
-    /// Velocity for this tick. `ahead` and `behind` are the lengths left toward either end, not negative: the head can
-    /// always stop within them, v^2 <= 2 a d.
+    /// Velocity from now on; `ticks` have passed since the last call, and at most [`PLAN_TICKS`] will until the next.
+    /// `ahead` and `behind` give the lengths left toward either end: the head can always stop within them, v^2 <= 2 a d.
     pub fn limit(
         &mut self,
         wanted: MicrometresPerSecond,
         acceleration: MicrometresPerSecond2,
-        ahead: Micrometres,
-        behind: Micrometres,
+        ticks: u32,
+        ahead: impl FnOnce() -> Micrometres,
+        behind: impl FnOnce() -> Micrometres,
     ) -> MicrometresPerSecond {
-        let step = acceleration.0 * TICK_S;
-        let slewed = wanted.0.max(self.velocity - step).min(self.velocity + step);
-        let back = stoppable(acceleration, behind, -slewed);
-        let forth = stoppable(acceleration, ahead, slewed);
-        self.velocity = slewed.max(-back).min(forth);
+        let step = acceleration.0 * TICK_S * ticks as f32;
+        let slewed = within(wanted.0, self.velocity - step, self.velocity + step);
+        // Only the end that it moves toward matters.
+        self.velocity = if slewed > 0.0 {
+            stoppable(acceleration, ahead(), slewed)
+        } else if slewed < 0.0 {
+            -stoppable(acceleration, behind(), -slewed)
+        } else {
+            0.0
+        };
         MicrometresPerSecond(self.velocity)
     }
 
@@ -56,14 +64,14 @@ impl Limiter {
     }
 }
 
-/// Largest speed that can be stopped within `distance`, a tick's travel included; `speed` itself when that is slow enough.
+/// The largest speed up to `speed`, positive, that can be stopped within `distance`, the travel until the next plan included.
 ///
 /// Half the square root's argument is given away, which covers micromath's 5 % and the slew that is still to come.
 fn stoppable(a: MicrometresPerSecond2, distance: Micrometres, speed: f32) -> f32 {
-    let distance = distance.0.max(0.0);
+    let distance = larger(distance.0, 0.0);
     let square = a.0 * distance;
-    let stop = if speed <= 0.0 || speed * speed <= square { speed.max(0.0) } else { Approximate::sqrt(square) };
-    stop.min(distance * TICK_HZ as f32)
+    let stop = if speed * speed <= square { speed } else { Approximate::sqrt(square) };
+    smaller(stop, distance * (TICK_HZ / PLAN_TICKS) as f32)
 }
 
 #[cfg(test)]
@@ -71,7 +79,10 @@ mod tests {
     use super::*;
 
     const ACCELERATION: MicrometresPerSecond2 = MicrometresPerSecond2(1e6);
-    const FAR: Micrometres = Micrometres(1e6);
+
+    fn far() -> Micrometres {
+        Micrometres(1e6)
+    }
 
     #[test]
     fn feed_and_retreat_have_limits_of_their_own() {
@@ -83,24 +94,27 @@ mod tests {
     #[test]
     fn velocity_changes_by_the_acceleration_and_no_more() {
         let mut limiter = Limiter::default();
-        let first = limiter.limit(MicrometresPerSecond(-1000.0), ACCELERATION, FAR, FAR).0;
+        let first = limiter.limit(MicrometresPerSecond(-1000.0), ACCELERATION, 1, far, far).0;
         assert!((first + 50.0).abs() < 1e-3);
-        let second = limiter.limit(MicrometresPerSecond(1000.0), ACCELERATION, FAR, FAR).0;
+        let second = limiter.limit(MicrometresPerSecond(1000.0), ACCELERATION, 1, far, far).0;
         assert!(second.abs() < 1e-3);
     }
 
     #[test]
     fn the_head_stops_before_either_end_from_any_speed() {
-        for direction in [1.0f32, -1.0] {
+        for (direction, ticks) in [(1.0f32, 1), (-1.0, 1), (1.0, PLAN_TICKS), (-1.0, PLAN_TICKS)] {
             let mut limiter = Limiter::default();
             let mut left = 30.0f32;
             let mut fastest = 0.0f32;
             for _ in 0..200_000 {
-                let (ahead, behind) = if direction > 0.0 { (left, 1e6) } else { (1e6, left) };
-                let v = limiter
-                    .limit(MicrometresPerSecond(direction * 1e5), ACCELERATION, Micrometres(ahead), Micrometres(behind))
-                    .0;
-                left -= v * direction * TICK_S;
+                let near = || Micrometres(left);
+                let wanted = MicrometresPerSecond(direction * 1e5);
+                let v = if direction > 0.0 {
+                    limiter.limit(wanted, ACCELERATION, ticks, near, far).0
+                } else {
+                    limiter.limit(wanted, ACCELERATION, ticks, far, near).0
+                };
+                left -= v * direction * ticks as f32 * TICK_S;
                 fastest = fastest.max(v.abs());
                 assert!(left >= -1e-6, "ran over the end by {left} um");
             }

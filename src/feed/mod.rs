@@ -18,10 +18,10 @@ pub use rate_by_error::RateByError;
 
 use crate::units::{MicrometresPerSecond, Volts};
 
-/// Turns a gap error into a path velocity, once a servo tick.
+/// Turns a gap error into a path velocity, once every few servo ticks.
 pub trait FeedLaw {
-    /// Path velocity for this tick.
-    fn velocity(&mut self, error: Volts) -> MicrometresPerSecond;
+    /// Path velocity from now on; `ticks` have passed since the last call.
+    fn velocity(&mut self, error: Volts, ticks: u32) -> MicrometresPerSecond;
 }
 
 macro_rules! laws {
@@ -34,8 +34,8 @@ macro_rules! laws {
         }
 
         impl FeedLaw for Law {
-            fn velocity(&mut self, error: Volts) -> MicrometresPerSecond {
-                match self { $(Law::$law(law) => law.velocity(error),)+ }
+            fn velocity(&mut self, error: Volts, ticks: u32) -> MicrometresPerSecond {
+                match self { $(Law::$law(law) => law.velocity(error, ticks),)+ }
             }
         }
     };

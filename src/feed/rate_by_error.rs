@@ -1,7 +1,7 @@
 //! Rate by error: a standard velocity at a standard error, in proportion, clamped (\[R\] section 6.7.2).
 
 use super::FeedLaw;
-use crate::units::{MicrometresPerSecond, Volts};
+use crate::units::{MicrometresPerSecond, Volts, within};
 
 /// Velocity in proportion to the gap error, up to a multiple of the standard one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,8 +20,8 @@ impl RateByError {
 }
 
 impl FeedLaw for RateByError {
-    fn velocity(&mut self, error: Volts) -> MicrometresPerSecond {
-        MicrometresPerSecond((error.0 * self.per_volt).max(-self.clamp.0).min(self.clamp.0))
+    fn velocity(&mut self, error: Volts, _: u32) -> MicrometresPerSecond {
+        MicrometresPerSecond(within(error.0 * self.per_volt, -self.clamp.0, self.clamp.0))
     }
 }
 
@@ -32,10 +32,10 @@ mod tests {
     #[test]
     fn the_standard_error_gives_the_standard_velocity_and_the_clamp_holds_both_ways() {
         let mut law = RateByError::new(MicrometresPerSecond(100.0), Volts(5.0), MicrometresPerSecond(400.0));
-        assert_eq!(law.velocity(Volts(5.0)).0, 100.0);
-        assert_eq!(law.velocity(Volts(-2.5)).0, -50.0);
-        assert_eq!(law.velocity(Volts(19.9)).0, 398.0);
-        assert_eq!(law.velocity(Volts(20.1)).0, 400.0);
-        assert_eq!(law.velocity(Volts(-60.0)).0, -400.0);
+        assert_eq!(law.velocity(Volts(5.0), 1).0, 100.0);
+        assert_eq!(law.velocity(Volts(-2.5), 1).0, -50.0);
+        assert_eq!(law.velocity(Volts(19.9), 1).0, 398.0);
+        assert_eq!(law.velocity(Volts(20.1), 1).0, 400.0);
+        assert_eq!(law.velocity(Volts(-60.0), 1).0, -400.0);
     }
 }

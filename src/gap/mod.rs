@@ -7,10 +7,12 @@
 //! Another source is another file that implements [`GapSource`], and its `mod` line.
 
 mod gated;
+mod latest;
 mod open_circuit;
 mod surrogate;
 pub mod voltage;
 
+pub use latest::Latest;
 pub use open_circuit::OpenCircuit;
 pub use surrogate::{Config as SurrogateConfig, Surrogate};
 pub use voltage::Voltage;

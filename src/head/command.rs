@@ -1,6 +1,7 @@
 //! What a host may ask, and why it may be refused. A refused command changes nothing.
 
 use super::check::Check;
+use super::course::Course;
 use super::machine::{Head, hazard};
 use super::{Fault, Reason, State};
 use crate::gap::OpenCircuit;
@@ -192,6 +193,9 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let top = if self.status.homed { self.fixed(self.config.axis.travel.0) } else { here.minus(escape) };
         self.path.restart([here], [top.min(here)]);
         self.limiter.stop();
+        self.course = Course::new();
+        self.status.setpoint = here;
+        self.urgent = true;
     }
 
     fn set_home(&mut self, state: State, at: Nanometres) -> Result<(), Refused> {
@@ -206,6 +210,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let Some(tracking) = &mut self.tracking else { return Err(Refused::State(state)) };
         tracking.position.set_position(counts);
         self.status.position = counts;
+        self.at = tracking.position.fixed();
         self.status.homed = true;
         self.restart_path();
         Ok(())

@@ -1,28 +1,19 @@
 //! The servo tick.
 
 use super::check::Check;
-use super::config::{Axis, Config, Setpoint, Structure};
+use super::config::{Config, Setpoint, Structure};
+use super::course::Course;
+use super::measure::{Sums, Tracking};
+use super::pace::{self, Pace};
 use super::reaction::{Motion, Reacting, Situation};
 use super::{Change, ChangeLog, Fault, Finding, Reason, Refused, Report, State, Status, TickInput, TickOutput};
-use crate::encoder::{MarkCheck, Plausibility, Position, Velocity};
 use crate::feed::{FeedLaw, Law, Limiter};
 use crate::gap::{OpenCircuit, Quality};
 use crate::path::Path;
 use crate::servo::{AxisLoop, CurrentGuard, Pid, Window};
-use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Fixed, MicrometresPerSecond, Volts};
+use crate::units::{Fixed, MicrometresPerSecond, Volts};
 use core::ops::DerefMut;
-use edm_hal_shim::bridge::Drive;
-use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::safety::SafetyInputs;
-
-/// What follows the encoder.
-#[derive(Debug)]
-pub(super) struct Tracking {
-    pub(super) position: Position,
-    velocity: Velocity,
-    plausibility: Plausibility,
-    marks: MarkCheck,
-}
 
 /// One head: path, loops, states. `P` owns the path, wherever there is room for it: a `Box<Path>`, or a `&'static mut Path`.
 #[derive(Debug)]
@@ -38,11 +29,20 @@ pub struct Head<P> {
     pub(super) axis: AxisLoop,
     pub(super) single: Pid,
     pub(super) guard: CurrentGuard,
+    pace: Pace,
+    pub(super) course: Course,
+    pub(super) sums: Sums,
+    /// Where the axis is, as a coordinate.
+    pub(super) at: Fixed,
+    /// Plan in the next tick, whatever its slot.
+    pub(super) urgent: bool,
+    /// Ticks from the plan before to this one.
+    pub(super) planned: u32,
     pub(super) reacting: Option<Reacting>,
     pub(super) check: Option<Check>,
     pub(super) checked: Option<Result<Report, Finding>>,
-    /// Ticks in the present state.
-    pub(super) in_state: u32,
+    /// Tick in which the present state was entered.
+    entered: u32,
     /// State that a retreat returns to, and the count where it began.
     pub(super) retreat: (State, i64),
     pub(super) open: OpenCircuit,
@@ -72,10 +72,16 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             axis: AxisLoop::default(),
             single: Pid::default(),
             guard: CurrentGuard::default(),
+            pace: Pace::new(),
+            course: Course::new(),
+            sums: Sums::default(),
+            at: Fixed(0),
+            urgent: true,
+            planned: 1,
             reacting: None,
             check: None,
             checked: None,
-            in_state: 0,
+            entered: 0,
             retreat: (State::Eroding, 0),
             open: OpenCircuit::new(config.seek.settle),
             work: None,
@@ -118,6 +124,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         }
         self.path.set_retreat(config.retreat.limit);
         self.config = config;
+        self.urgent = true;
         Ok(())
     }
 
@@ -140,44 +147,56 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     pub(super) fn enter(&mut self, state: State, reason: Reason) {
         self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
         self.status.state = state;
-        self.in_state = 0;
+        self.entered = self.status.tick;
+        self.urgent = true;
         if state != State::Fault {
             self.path.set_retreat(self.config.retreat.limit);
         }
     }
 
     /// One servo tick.
+    #[inline]
     pub fn tick(&mut self, input: &TickInput) -> TickOutput {
         self.status.tick = self.status.tick.wrapping_add(1);
-        self.in_state = self.in_state.saturating_add(1);
-        let believed = self.measure(input);
-        if !believed && self.status.state.follows() {
-            self.raise(Fault::EncoderLost);
+        let slot = self.pace.begin();
+        self.measure(input);
+        match slot {
+            pace::DRIVE => self.look_at_drive(input),
+            pace::ENCODER => self.look_at_encoder(input),
+            _ => {}
         }
-        if let Some(fault) = self.unsafe_input() {
-            self.raise(fault);
+        let shorted = input.gap.short_ticks >= self.config.retreat.trigger;
+        if pace::plans(slot) | self.urgent | input.reflex | shorted | input.safety.any() {
+            self.plan(input);
         }
-        let (motion, pulses) = self.decide();
-        let drive = self.carry_out(motion);
-        TickOutput { drive, pulses }
+        TickOutput { drive: self.follow(), pulses: self.course.pulses() }
     }
 
-    /// Takes the inputs in; gives whether the encoder can be believed.
-    fn measure(&mut self, input: &TickInput) -> bool {
-        let axis = &self.config.axis;
-        let (raw, mark) = (as_wired(axis, input.encoder.raw), input.encoder.mark);
-        let tracking = self.tracking.get_or_insert_with(|| Tracking {
-            position: Position::new(raw),
-            velocity: Velocity::new(raw, axis.clock_hz),
-            plausibility: Plausibility::new(axis.plausibility, input.encoder.illegal),
-            marks: MarkCheck::new(axis.marks),
-        });
-        self.status.position = tracking.position.update(raw);
-        self.status.velocity = tracking.velocity.tick(raw);
-        let watch = input.watch.map(|watch| as_wired(axis, watch));
-        let counters = tracking.plausibility.tick(raw, watch, input.encoder.illegal);
-        let scale = tracking.marks.update(mark);
-        self.status.illegal_transitions = input.encoder.illegal;
+    /// Whether the next tick compares the two counters: it then wants a fresh reading of the watch, of illegal transitions and
+    /// of index marks. Other ticks do not look at them.
+    #[inline]
+    pub fn looks_at_encoder(&self) -> bool {
+        self.pace.next() == pace::ENCODER
+    }
+
+    /// Whether the tick before was the last of its millisecond: the supervision wants the status.
+    #[inline]
+    pub fn closes_millisecond(&self) -> bool {
+        self.pace.next() == 0
+    }
+
+    /// States that count ticks, and loops that have the gap voltage as their only setpoint.
+    pub(super) fn plans_every_tick(&self) -> bool {
+        match self.status.state {
+            State::Commissioning | State::Fault => true,
+            State::Seeking => self.open.volts().is_none(),
+            State::Eroding => self.config.structure != Structure::Path,
+            _ => false,
+        }
+    }
+
+    /// Takes in what a plan looks at.
+    pub(super) fn take_in(&mut self, input: &TickInput) {
         self.status.gap = input.gap;
         self.status.gap_setpoint = match self.config.setpoint {
             Setpoint::Volts(volts) => volts,
@@ -186,18 +205,10 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.safety = input.safety;
         self.status.safety = input.safety;
         self.reflex = input.reflex;
-
-        let mid_scale = f32::from(ADC_FULL_SCALE.div_ceil(2));
-        let current = (f32::from(input.drive.motor_current) - mid_scale) * axis.amps_per_code.0;
-        self.status.current = Amps(if axis.motor_reversed { -current } else { current });
-        self.status.bus = Volts(f32::from(input.drive.bus_voltage) * axis.bus_per_code.0);
-        let Status { duty, bus, current, velocity, .. } = self.status;
-        self.status.back_emf.update(&axis.plant, duty, bus, current, velocity);
-        counters.is_ok() && scale.is_ok()
     }
 
     /// The most urgent fault that the safety inputs show, as far as the present state cares.
-    fn unsafe_input(&self) -> Option<Fault> {
+    pub(super) fn unsafe_input(&self) -> Option<Fault> {
         let state = self.status.state;
         let checking = state == State::Commissioning;
         let safety = SafetyInputs {
@@ -226,7 +237,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     }
 
     /// State transitions, then the motion of the state and whether it needs pulses.
-    fn decide(&mut self) -> (Motion, bool) {
+    pub(super) fn decide(&mut self) -> (Motion, bool) {
         self.upper_limit_excused &= self.safety.upper_limit;
         let full = Window::symmetric(self.config.axis.duty_limit);
         let along = |velocity| Motion::Path(MicrometresPerSecond(velocity), full);
@@ -322,7 +333,10 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         if !shorted && clear {
             self.law = self.config.law;
             self.enter(back_to, Reason::GapRecovered);
-        } else if shorted && (self.in_state > self.config.retreat.persistent || self.path.behind().0 <= 0.0) {
+        } else if shorted
+            && (self.status.tick.wrapping_sub(self.entered) > self.config.retreat.persistent
+                || self.path.behind().0 <= 0.0)
+        {
             self.raise(Fault::PersistentShort);
         }
     }
@@ -345,88 +359,15 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 Motion::Duty(self.single.update(&config.single, error.0, config.axis.gains.holding(), window))
             }
             structure => {
-                let wanted = config.limits.clamp(self.law.velocity(error));
+                let wanted = config.limits.clamp(self.law.velocity(error, self.planned));
                 if structure == Structure::Path { Motion::Path(wanted, full) } else { Motion::Velocity(wanted) }
             }
         }
     }
 
-    fn current_window(&self) -> Window {
+    pub(super) fn current_window(&self) -> Window {
         let limit = self.guard.limit(&self.config.axis.current);
         self.config.axis.plant.current_window(limit, self.status.velocity)
-    }
-
-    fn carry_out(&mut self, motion: Motion) -> Drive {
-        self.guard.update(&self.config.axis.current, self.status.current);
-        self.status.current_reduced = self.guard.reduced();
-        let axis = self.config.axis;
-        let allowed = Window::symmetric(axis.duty_limit).and(self.current_window());
-        let (duty, window) = match motion {
-            Motion::Coast => {
-                self.limiter.stop();
-                self.axis.reset();
-                self.status.duty = 0.0;
-                self.status.saturated = false;
-                self.follow_axis();
-                return Drive::Coast;
-            }
-            Motion::Path(wanted, window) => {
-                let window = window.and(allowed);
-                let velocity = self.limited(wanted);
-                self.path.step(velocity.per_tick());
-                let [setpoint] = self.path.setpoint();
-                let [direction] = self.path.direction();
-                self.status.setpoint = setpoint;
-                self.status.following = setpoint.minus(Fixed::whole(self.status.position)).to_f32();
-                let feed = CountsPerSecond(velocity.0 * direction);
-                (self.axis.follow(&axis.gains, self.status.following, feed, self.status.velocity, window), window)
-            }
-            Motion::Velocity(wanted) => {
-                self.follow_axis();
-                let [direction] = self.path.direction();
-                let wanted = CountsPerSecond(self.limited(wanted).0 * direction);
-                (self.axis.run(&axis.gains, wanted, self.status.velocity, allowed), allowed)
-            }
-            Motion::Duty(duty) => {
-                self.limiter.stop();
-                self.follow_axis();
-                (duty, allowed)
-            }
-        };
-        self.status.duty = window.clamp(duty);
-        self.status.saturated = self.status.duty <= window.low || self.status.duty >= window.high;
-        self.status.path = self.path.s();
-        let signed = if axis.motor_reversed { -self.status.duty } else { self.status.duty };
-        Drive::Duty((signed * f32::from(Drive::FULL)) as i16)
-    }
-
-    /// Path velocity inside acceleration and stopping distance; an open upper limit is never run into.
-    fn limited(&mut self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
-        let wanted = if self.safety.upper_limit { MicrometresPerSecond(wanted.0.max(0.0)) } else { wanted };
-        self.limiter.limit(wanted, self.config.acceleration, self.path.ahead(), self.path.behind())
-    }
-
-    /// Without a position loop the path coordinate follows the axis, so that closing the loop makes no jump.
-    fn follow_axis(&mut self) {
-        let [setpoint] = self.path.setpoint();
-        let [direction] = self.path.direction();
-        let off = Fixed::whole(self.status.position).minus(setpoint).to_f32();
-        if direction != 0.0 {
-            self.path.step(Fixed::short(off / direction));
-        }
-        let [setpoint] = self.path.setpoint();
-        self.status.setpoint = setpoint;
-        self.status.following = 0.0;
-        self.status.path = self.path.s();
-    }
-}
-
-/// A count that grows toward the work, whichever way the encoder is wired.
-fn as_wired(axis: &Axis, raw: RawCount) -> RawCount {
-    if axis.encoder_reversed {
-        RawCount { count: raw.count.wrapping_neg(), toward_work: !raw.toward_work, ..raw }
-    } else {
-        raw
     }
 }
 

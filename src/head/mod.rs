@@ -6,9 +6,12 @@
 mod check;
 mod command;
 mod config;
+mod course;
 mod fault;
 mod leave;
 mod machine;
+mod measure;
+mod pace;
 mod reaction;
 mod state;
 mod supervise;

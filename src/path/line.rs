@@ -71,6 +71,11 @@ impl<const A: usize> Line<A> {
         setpoint
     }
 
+    /// Axis travel for a travel along the path, counts.
+    pub fn travel(&self, _distance: Fixed, by: Fixed) -> [Fixed; A] {
+        self.slope.map(|slope| times_slope(by, slope))
+    }
+
     /// Axis travel per path travel, counts per um.
     pub fn direction(&self, _distance: Fixed) -> [f32; A] {
         self.slope.map(|slope| slope as f32 * (1.0 / (1u32 << SLOPE_BITS) as f32))

@@ -179,6 +179,13 @@ impl<const A: usize, const N: usize> Register<A, N> {
         self.segments.get(self.current).map_or(self.origin, |segment| segment.at(self.s.minus(self.start)))
     }
 
+    /// Axis travel for a short travel along the path from the present coordinate, counts: what a setpoint goes on by between
+    /// two steps. A joint in between shows only at the next step.
+    pub fn travel(&self, by: Fixed) -> [Fixed; A] {
+        let from = self.s.minus(self.start);
+        self.segments.get(self.current).map_or([Fixed(0); A], |segment| segment.travel(from, by))
+    }
+
     /// Axis travel per path travel at the present coordinate, counts per um.
     pub fn direction(&self) -> [f32; A] {
         self.segments.get(self.current).map_or([0.0; A], |segment| segment.direction(self.s.minus(self.start)))

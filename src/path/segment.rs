@@ -31,6 +31,10 @@ macro_rules! segments {
             pub fn at(&self, distance: Fixed) -> [Fixed; A] {
                 match self { $(Segment::$kind(kind) => kind.at(distance),)+ }
             }
+            /// Axis travel for a short travel `by` along the path from a distance from the start, counts.
+            pub fn travel(&self, distance: Fixed, by: Fixed) -> [Fixed; A] {
+                match self { $(Segment::$kind(kind) => kind.travel(distance, by),)+ }
+            }
             /// Axis travel per path travel at a distance from the start, counts per um.
             pub fn direction(&self, distance: Fixed) -> [f32; A] {
                 match self { $(Segment::$kind(kind) => kind.direction(distance),)+ }

@@ -1,6 +1,6 @@
 //! What the winding may carry: a peak at any time, a continuous current on average (I2t).
 
-use crate::units::{Amps, Seconds, TICK_S};
+use crate::units::{Amps, Seconds};
 
 /// Ratings of the winding.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,10 +26,10 @@ pub struct CurrentGuard {
 }
 
 impl CurrentGuard {
-    /// Takes this tick's current.
-    pub fn update(&mut self, limits: &CurrentLimits, current: Amps) {
+    /// Takes the mean square of the current over a time that is short against the thermal one, A^2.
+    pub fn update(&mut self, limits: &CurrentLimits, mean_square: f32, over: Seconds) {
         let rated = limits.continuous.0 * limits.continuous.0;
-        self.mean_square += (current.0 * current.0 - self.mean_square) * (TICK_S / limits.thermal.0);
+        self.mean_square += (mean_square - self.mean_square) * (over.0 / limits.thermal.0);
         self.reduced = self.mean_square >= if self.reduced { 0.9 * rated } else { rated };
     }
 
@@ -47,15 +47,16 @@ impl CurrentGuard {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::units::TICK_HZ;
+    use crate::units::{TICK_HZ, TICK_S};
 
+    const TICK: Seconds = Seconds(TICK_S);
     const LIMITS: CurrentLimits = CurrentLimits { peak: Amps(3.0), continuous: Amps(1.0), thermal: Seconds(10.0) };
 
     fn seconds_until_reduced(current: f32) -> Option<f32> {
         let mut guard = CurrentGuard::default();
         (0..60 * TICK_HZ)
             .find(|_| {
-                guard.update(&LIMITS, Amps(current));
+                guard.update(&LIMITS, current * current, TICK);
                 guard.limit(&LIMITS) == LIMITS.continuous
             })
             .map(|tick| tick as f32 * TICK_S)
@@ -74,11 +75,11 @@ mod tests {
     fn a_reduced_winding_recovers_only_after_cooling_by_a_tenth() {
         let mut guard = CurrentGuard::default();
         while guard.limit(&LIMITS) == LIMITS.peak {
-            guard.update(&LIMITS, Amps(3.0));
+            guard.update(&LIMITS, 9.0, TICK);
         }
         let mut cooling = 0;
         while guard.limit(&LIMITS) == LIMITS.continuous {
-            guard.update(&LIMITS, Amps(0.0));
+            guard.update(&LIMITS, 0.0, TICK);
             cooling += 1;
         }
         // 10 s * ln(1 / 0.9) = 1.05 s.

@@ -5,7 +5,7 @@
 //! (\[R\] section 6.6.1).
 
 use super::Window;
-use crate::units::{TICK_HZ, TICK_S};
+use crate::units::{TICK_HZ, TICK_S, within_either};
 
 /// Gains, in output per unit of error.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,13 +33,22 @@ pub struct Pid {
 
 impl Pid {
     /// Output for this tick: controller plus `offset`, inside `window`.
+    #[inline]
     pub fn update(&mut self, gains: &PidGains, error: f32, offset: f32, window: Window) -> f32 {
-        let slope = self.last.map_or(0.0, |last| (error - last) * TICK_HZ as f32);
-        self.last = Some(error);
-        let clipped = error.max(-gains.integral_error).min(gains.integral_error);
-        let integral = (self.integral + gains.i * TICK_S * clipped).max(-gains.integral).min(gains.integral);
-        let rest = gains.p * error + gains.d * slope + offset;
+        let mut rest = gains.p * error + offset;
+        if gains.d != 0.0 {
+            let slope = self.last.map_or(0.0, |last| (error - last) * TICK_HZ as f32);
+            self.last = Some(error);
+            rest += gains.d * slope;
+        }
+        let clipped = within_either(error, gains.integral_error);
+        let integral = within_either(self.integral + gains.i * TICK_S * clipped, gains.integral);
         let free = rest + integral;
+        if free >= window.low && free <= window.high {
+            // The usual case, and the cheap one: nothing to clamp.
+            self.integral = integral;
+            return free;
+        }
         let pushes =
             (free > window.high && integral > self.integral) || (free < window.low && integral < self.integral);
         if !pushes {

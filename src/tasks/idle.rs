@@ -1,7 +1,8 @@
 //! What has no deadline: the watchdog's roll call, the log, the settings in flash.
 
 use super::keeper::Keeper;
-use super::{Checked, Granted, ROLL, Report, Returned};
+use super::{Checked, Granted, ROLL, Report, Returned, WAITING};
+use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::stm32f4::cycles::Cycles;
 use edm_hal_shim::stm32f4::watchdog::Watchdog;
@@ -55,6 +56,7 @@ impl Idle {
         ROLL.start(self.clock.now());
         // Never full: there is one leave.
         let _ = self.returned.enqueue((leave, (number, result.map_err(|_| Refused::NotStored))));
+        WAITING.store(true, Relaxed);
     }
 }
 

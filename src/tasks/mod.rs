@@ -13,12 +13,13 @@ pub mod servo;
 pub mod start;
 pub mod supervise;
 
+use core::sync::atomic::AtomicBool;
 use edm_hal_shim::board;
 use edm_hal_shim::reflex::Limits;
 use edm_hal_shim::roll::Roll;
 use edm_hal_shim::stm32f4::bxcan::Frame;
 use edm_servo_head::encoder::Shared as Published;
-use edm_servo_head::gap::GapReading;
+use edm_servo_head::gap::Latest;
 use edm_servo_head::head::{self, Change, Fault, Finding, Leave, Refused, Status};
 use edm_servo_head::{remote, units};
 use heapless::spsc::Queue;
@@ -47,6 +48,10 @@ static ROLL: Roll<4> = Roll::new([MS, MS, 5 * MS, 50 * MS]);
 static REFLEX: Limits = Limits::new();
 /// What the encoder interrupts count; slower tasks read it.
 static ENCODER: Published = Published::new();
+/// What the gap task found; the servo task reads it.
+static READING: Latest = Latest::new();
+/// Something waits in a queue of the servo task, which looks into none of them otherwise. Set after the queue was filled.
+static WAITING: AtomicBool = AtomicBool::new(false);
 
 /// A request on its way to the servo task, with its number for the answer.
 type Request = (u8, remote::Request);
@@ -68,7 +73,6 @@ pub struct Report {
 
 /// The queues; [`start::start`] gives each end to its task.
 pub struct Queues {
-    readings: Queue<GapReading, 4>,
     statuses: Queue<Status, 4>,
     faults: Queue<Fault, 8>,
     requests: Queue<Request, 8>,
@@ -87,7 +91,6 @@ impl Queues {
     /// Empty queues.
     pub const fn new() -> Self {
         Queues {
-            readings: Queue::new(),
             statuses: Queue::new(),
             faults: Queue::new(),
             requests: Queue::new(),

@@ -1,6 +1,7 @@
 //! The host's frames in and out: `remote` knows what they mean.
 
-use super::{Answer, NODE, PROTOCOL, ROLL, Request};
+use super::{Answer, NODE, PROTOCOL, ROLL, Request, WAITING};
+use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::stm32f4::bxcan::{Data, Frame, Id, StandardId};
 use edm_hal_shim::stm32f4::cycles::Cycles;
@@ -27,7 +28,7 @@ impl Protocol {
             let (Some(data), true) = (frame.data(), to_us) else { continue };
             let number = data.first().copied().unwrap_or(0);
             match remote::request(data) {
-                Some(request) if self.requests.enqueue((number, request)).is_ok() => {}
+                Some(request) if self.requests.enqueue((number, request)).is_ok() => WAITING.store(true, Relaxed),
                 _ => self.send(remote::ANSWER, &remote::unknown(number)),
             }
         }

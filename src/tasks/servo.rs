@@ -3,8 +3,8 @@
 //! Reflex and stop may force the lines at any moment of it. What they had forced is read first; outputs that were decided
 //! without knowing are written, and then what was forced meanwhile is repeated ([`lines::settle`]).
 
-use super::{Answer, Checked, Granted, REFLEX, ROLL, Request, Returned, SERVO};
-use core::hint::black_box;
+use super::{Answer, Checked, Granted, READING, REFLEX, ROLL, Request, Returned, SERVO, WAITING};
+use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::bridge::{Drive, HBridge};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::EdgeCounter;
@@ -18,8 +18,7 @@ use edm_hal_shim::stm32f4::pwm::{self, Bridge};
 use edm_hal_shim::stm32f4::safety::Inputs;
 use edm_hal_shim::stm32f4::{gated, lines};
 use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
-use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Change, Fault, Head, Reason, Refused, State, Status, Supervisor, TickInput, TickOutput};
+use edm_servo_head::head::{Change, Fault, Head, Reason, Refused, State, Status, TickInput, TickOutput};
 use edm_servo_head::path::Path;
 use edm_servo_head::remote;
 use heapless::spsc::{Consumer, Producer};
@@ -38,10 +37,10 @@ pub struct Servo {
     /// What reflex and stop had forced, and the retreats of the reflex, at the tick before.
     pub(super) forced: lines::Forced,
     pub(super) retreats: u32,
-    pub(super) gap: GapReading,
-    /// What the newest tick saw: a debugger, or the emulated chip, may look at it.
+    /// What the newest tick saw, written in place: a debugger, or the emulated chip, may look at it.
     pub(super) input: TickInput,
-    pub(super) readings: Consumer<'static, GapReading>,
+    /// Number of the gap reading in it.
+    pub(super) reading: u32,
     pub(super) faults: Consumer<'static, Fault>,
     pub(super) requests: Consumer<'static, Request>,
     pub(super) answers: Producer<'static, Answer>,
@@ -58,49 +57,59 @@ impl Servo {
     pub fn tick(&mut self) {
         pwm::clear_tick();
         let forced = lines::forced();
-        self.input = self.inputs();
-        while let Some(fault) = self.faults.dequeue() {
-            self.head.raise(fault);
+        self.inputs();
+        if WAITING.load(Relaxed) {
+            // Who sets it has a lower priority: nothing can come in between.
+            WAITING.store(false, Relaxed);
+            self.requests();
         }
-        self.requests();
-        let output = self.head.tick(black_box(&self.input));
-        self.outputs(&output, forced, self.input.safety.bridge_fault);
-
-        let status = self.head.status();
-        REFLEX.arm(status.state == State::Eroding);
-        if status.tick.is_multiple_of(Supervisor::PERIOD) {
-            let _ = self.statuses.enqueue(*status);
-        }
+        let output = self.head.tick(&self.input);
+        self.outputs(output, forced);
         if let Some(change) = self.head.next_change() {
-            let _ = self.changes.enqueue(change);
-            if let (Reason::CheckEnded, Some(result)) = (change.reason, self.head.check_result()) {
-                let _ = self.checked.enqueue(result);
-            }
+            self.tell(change);
+        }
+        if self.head.closes_millisecond() {
+            let _ = self.statuses.enqueue(*self.head.status());
         }
         ROLL.report(SERVO, self.clock.now());
     }
 
-    fn inputs(&mut self) -> TickInput {
+    #[inline(always)]
+    fn inputs(&mut self) {
+        let input = &mut self.input;
         let storm = edges::serve();
-        self.gap.quality = Quality::Missing;
-        while let Some(reading) = self.readings.dequeue() {
-            self.gap = reading;
+        if storm | self.handover.timer_leads() | self.head.looks_at_encoder() {
+            let timer = self.timer.read();
+            input.encoder = self.handover.read(self.decoder.snapshot(), timer, storm);
+            input.watch = Some(timer);
+        } else {
+            input.encoder.raw = self.handover.count(self.decoder.read());
         }
-        let timer = self.timer.read();
-        let retreats = gated::counts().retreats;
-        let reflex = retreats != self.retreats;
+        READING.read(&mut self.reading, &mut input.gap);
+        let retreats = gated::retreats();
+        input.reflex = retreats != self.retreats;
         self.retreats = retreats;
-        TickInput {
-            gap: self.gap,
-            encoder: self.handover.read(self.decoder.snapshot(), timer, storm),
-            watch: Some(timer),
-            safety: self.inputs.read(),
-            drive: self.drive.read(),
-            reflex,
+        input.safety = self.inputs.read();
+        input.drive = self.drive.read();
+    }
+
+    /// A change of state has an end in the log, and the reflex may force a retreat only while the head erodes.
+    #[cold]
+    #[inline(never)]
+    fn tell(&mut self, change: Change) {
+        REFLEX.arm(self.head.status().state == State::Eroding);
+        let _ = self.changes.enqueue(change);
+        if let (Reason::CheckEnded, Some(result)) = (change.reason, self.head.check_result()) {
+            let _ = self.checked.enqueue(result);
         }
     }
 
+    #[cold]
+    #[inline(never)]
     fn requests(&mut self) {
+        while let Some(fault) = self.faults.dequeue() {
+            self.head.raise(fault);
+        }
         while let Some((leave, answer)) = self.returned.dequeue() {
             self.head.end_leave(leave);
             let _ = self.answers.enqueue(answer);
@@ -126,7 +135,8 @@ impl Servo {
         })
     }
 
-    fn outputs(&mut self, output: &TickOutput, forced: lines::Forced, bridge_fault: bool) {
+    #[inline(always)]
+    fn outputs(&mut self, output: TickOutput, forced: lines::Forced) {
         let mut applied = Ok(());
         if forced.bridge_since(&self.forced) {
             // Whatever was forced, the bridge starts from coasting.
@@ -136,7 +146,7 @@ impl Servo {
         if applied.and(self.bridge.apply(output.drive)).is_err() {
             lines::stop();
         }
-        if output.drive != Drive::Coast && !bridge_fault {
+        if output.drive != Drive::Coast && !self.input.safety.bridge_fault {
             pwm::arm();
         }
         self.generator.set_pulses(output.pulses);

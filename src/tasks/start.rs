@@ -19,7 +19,7 @@ use edm_hal_shim::stm32f4::watchdog::Watchdog;
 use edm_hal_shim::stm32f4::{ccm, lines, pac};
 use edm_hal_shim::store::BUFFER;
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, TimerCount};
-use edm_servo_head::gap::{GapReading, Voltage};
+use edm_servo_head::gap::Voltage;
 use edm_servo_head::head::{Head, Supervisor, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::remote::Heartbeat;
@@ -63,7 +63,6 @@ pub fn start(
         }
     };
     let quadrature = Quadrature::on(&ENCODER, machine.lines.levels(), clock.now());
-    let (readings_in, readings) = queues.readings.split();
     let (statuses_in, statuses) = queues.statuses.split();
     let (faults_in, faults) = queues.faults.split();
     let (requests_in, requests) = queues.requests.split();
@@ -89,9 +88,8 @@ pub fn start(
         clock,
         forced: lines::forced(),
         retreats: 0,
-        gap: GapReading::default(),
         input: TickInput::default(),
-        readings,
+        reading: 0,
         faults,
         requests,
         answers: answers_in,
@@ -128,13 +126,7 @@ pub fn start(
     Ok(Tasks {
         reflex: machine.reflex,
         decoder: Decoder { lines: machine.lines, clock, quadrature },
-        gap: Gap {
-            blocks: machine.blocks,
-            source: Voltage::new(active.gap),
-            clock,
-            readings: readings_in,
-            block: None,
-        },
+        gap: Gap { blocks: machine.blocks, source: Voltage::new(active.gap), clock, block: None },
         servo,
         supervise,
         receive: Receive { receiver, received: received_in },

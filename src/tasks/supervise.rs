@@ -1,6 +1,6 @@
 //! Supervision, and the pace of everything slower.
 
-use super::{ROLL, Report, SUPERVISE};
+use super::{ROLL, Report, SUPERVISE, WAITING};
 use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::stm32f4::cycles::Cycles;
@@ -44,6 +44,7 @@ impl Supervise {
         while let Some(status) = self.statuses.dequeue() {
             if let Some(fault) = self.supervisor.tick(&self.limits, &status, HOST.swap(false, Relaxed)) {
                 let _ = self.faults.enqueue(fault);
+                WAITING.store(true, Relaxed);
             }
             // Lit while all is well, blinking with a fault.
             lines::led(status.fault.is_none() || (self.count / BLINK).is_multiple_of(2));
@@ -51,7 +52,7 @@ impl Supervise {
                 let _ = self.published.enqueue(status);
             }
             if self.count.is_multiple_of(LOG) {
-                let shorts = gated::counts().shorts;
+                let shorts = gated::shorts();
                 let report = Report { status, shorts, pulse: gated::newest(), captures: gate::captures() };
                 let _ = self.reports.enqueue(report);
             }

@@ -8,7 +8,11 @@ use crate::board::{ADC, GAP_SAMPLING};
 use crate::gap::{BLOCK, GapBlock, GapFrontEnd};
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
-static CODES: [AtomicU16; 2 * BLOCK] = [const { AtomicU16::new(0) }; 2 * BLOCK];
+/// Two blocks; the converter fills one while the other is read.
+static CODES: [[AtomicU16; BLOCK]; 2] = [const { [const { AtomicU16::new(0) }; BLOCK] }; 2];
+/// Conversions that are copied at once.
+const GROUP: usize = 5;
+const _: () = assert!(BLOCK.is_multiple_of(GROUP));
 
 /// Sampling time of a channel: its register and the bits in it (RM0090 13.13.4).
 pub(super) fn sampling(adc: &pac::adc1::RegisterBlock, channel: u32, smpr: u8) {
@@ -54,7 +58,7 @@ impl Blocks {
         sampling(&adc, CHANNEL, GAP_SAMPLING.smpr);
         put!(adc.sqr3(), CHANNEL);
         power_up(&adc);
-        stream.fill(0, INTERRUPT_HALVES | URGENT, adc.dr().as_ptr().cast_const(), &CODES)?;
+        stream.fill(0, INTERRUPT_HALVES | URGENT, adc.dr().as_ptr().cast_const(), CODES.as_flattened())?;
         // Rising edge of TIM3's trigger output; DMA for ever.
         put!(adc.cr2(), 1 | 1 << 8 | 1 << 9 | 0b1000 << 24 | 0b01 << 28);
         Ok(Blocks { edges, _adc: adc, stream })
@@ -63,7 +67,12 @@ impl Blocks {
     /// Waits for the first block: nothing may drive before the gap can be seen.
     pub fn first(&mut self) -> Result<(), StartError> {
         // Two ticks of 8400 cycles; a poll takes more than four.
-        within(5000, || self.block().is_some(), StartError::NoConversions)
+        let mut block = None;
+        let done = || {
+            self.block(&mut block);
+            block.is_some()
+        };
+        within(5000, done, StartError::NoConversions)
     }
 
     /// The edge stamps.
@@ -73,23 +82,27 @@ impl Blocks {
 }
 
 impl GapFrontEnd for Blocks {
-    fn block(&mut self) -> Option<GapBlock> {
+    #[inline]
+    fn block(&mut self, block: &mut Option<GapBlock>) {
         let flags = self.stream.flags() & (HALF | FULL);
         self.stream.clear(flags);
-        let begin = match flags {
-            0 => return None,
-            HALF => 0,
-            FULL => BLOCK,
+        let half = match flags {
+            0 => return *block = None,
+            HALF => &CODES[0],
+            FULL => &CODES[1],
             _ => {
                 // A whole block late: neither half is certain to be one block any more.
                 self.edges.forget();
-                return None;
+                return *block = None;
             }
         };
-        let mut codes = [0; BLOCK];
-        for (code, converted) in codes.iter_mut().zip(CODES.iter().skip(begin)) {
-            *code = converted.load(Relaxed);
+        let look = self.edges.look();
+        let block = block.get_or_insert(GapBlock::EMPTY);
+        for (codes, converted) in block.codes.chunks_exact_mut(GROUP).zip(half.chunks_exact(GROUP)) {
+            // Loads in a row take a cycle each.
+            let group: [u16; GROUP] = core::array::from_fn(|i| converted.get(i).map_or(0, |code| code.load(Relaxed)));
+            codes.copy_from_slice(&group);
         }
-        Some(GapBlock { codes, gate: self.edges.mask() })
+        block.gate = self.edges.mask(look);
     }
 }

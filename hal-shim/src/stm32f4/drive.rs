@@ -29,6 +29,7 @@ impl DriveAdc {
 
 impl DriveSense for DriveAdc {
     /// The pair that the last call started, done for almost a tick; starts the next.
+    #[inline]
     fn read(&mut self) -> DriveCodes {
         let code = |n: usize| self.0.jdr(n).read().bits() as u16;
         let codes = DriveCodes { motor_current: code(0), bus_voltage: code(1) };

@@ -8,7 +8,7 @@ use super::safety::{connect, exti};
 use super::{Board, change, pac, power, put};
 use crate::board::gpio::{PA0, PA1, PA2, Tim5Ch1, Tim5Ch2};
 use crate::encoder::{EncoderTimer, Levels, QuadratureLines};
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 const A: u32 = Board::TABLE.pin("encoder_a").number as u32;
 const B: u32 = Board::TABLE.pin("encoder_b").number as u32;
@@ -21,10 +21,10 @@ const _: () = assert!(A == 0 && B == 1 && INDEX == 2);
 /// Edges a tick that the interrupt serves: 800 kcount/s, at which it takes 40 % of the core.
 pub const MOST_EDGES: u32 = 40;
 
-/// Edges since the last tick.
-static EDGES: AtomicU32 = AtomicU32::new(0);
-/// The next edge does not follow the one before: the lines were masked in between.
-static UNSERVED: AtomicBool = AtomicBool::new(true);
+/// Edges that may still come in this tick; [`UNSERVED`] when the next one does not follow the one before, because the lines
+/// were masked in between.
+static LEFT: AtomicU32 = AtomicU32::new(UNSERVED);
+const UNSERVED: u32 = 0;
 
 /// The lines, as the edge interrupts see them.
 pub struct Lines(());
@@ -67,15 +67,23 @@ impl Lines {
     #[inline(always)]
     pub fn acknowledge(&mut self, line: Line) -> Edge {
         put!(exti().pr(), 1 << line as u32);
-        let edges = EDGES.load(Relaxed) + 1;
-        EDGES.store(edges, Relaxed);
-        if edges >= MOST_EDGES {
-            change!(exti().imr(), clear LINES, set 0);
-            UNSERVED.store(true, Relaxed);
-        } else if UNSERVED.load(Relaxed) {
-            UNSERVED.store(false, Relaxed);
+        let left = LEFT.load(Relaxed);
+        if left > 1 {
+            LEFT.store(left - 1, Relaxed);
+            return Edge::Next;
+        }
+        self.first_or_last(left)
+    }
+
+    /// The first edge after the lines were masked, or the last one before they are.
+    #[cold]
+    #[inline(never)]
+    fn first_or_last(&mut self, left: u32) -> Edge {
+        if left == UNSERVED {
+            LEFT.store(MOST_EDGES, Relaxed);
             return Edge::AfterStorm;
         }
+        change!(exti().imr(), clear LINES, set 0);
         Edge::Next
     }
 }
@@ -104,31 +112,39 @@ pub enum Line {
 /// Edges may have been missed because the core stood still: masks the lines as a storm does, so that the next tick takes the
 /// timer's count.
 pub fn missed() {
-    // Encoder and servo task write the same registers.
-    critical_section::with(|_| {
-        change!(exti().imr(), clear LINES, set 0);
-        UNSERVED.store(true, Relaxed);
-    });
+    // Encoder and servo task change the same lines in the same register. Whichever comes in between, the lines end up masked
+    // here, and that is what the next tick looks at.
+    change!(exti().imr(), clear LINES, set 0);
 }
 
-/// Serves edges from now on, once a tick: for the servo task. `true` when the lines had masked themselves.
+/// Serves edges from now on, once a tick: for the servo task. `true` when the lines had been masked.
+#[inline]
 pub fn serve() -> bool {
-    EDGES.store(0, Relaxed);
     let storm = exti().imr().read().bits() & LINES != LINES;
     if storm {
-        // No encoder interrupt can come in between: they are masked. Stop's lines are never masked.
-        put!(exti().pr(), LINES);
-        change!(exti().imr(), clear 0, set LINES);
-        // An edge of its own making: the decoder takes the levels now. Otherwise the next real edge would tell it that the
-        // storm is over and not be counted, perhaps long after both counters were found to agree.
-        put!(exti().swier(), 1 << A);
+        serve_again();
+    } else {
+        LEFT.store(MOST_EDGES, Relaxed);
     }
     storm
+}
+
+#[cold]
+#[inline(never)]
+fn serve_again() {
+    // No encoder interrupt can come in between: they are masked. Stop's lines are never masked.
+    LEFT.store(UNSERVED, Relaxed);
+    put!(exti().pr(), LINES);
+    change!(exti().imr(), clear 0, set LINES);
+    // An edge of its own making: the decoder takes the levels now. Otherwise the next real edge would tell it that the storm is
+    // over and not be counted, perhaps long after both counters were found to agree.
+    put!(exti().swier(), 1 << A);
 }
 
 impl EncoderTimer for Timer {
     const BITS: u32 = 32;
 
+    #[inline]
     fn counter(&self) -> u32 {
         self.0.cnt().read().bits()
     }

@@ -67,25 +67,31 @@ impl Edges {
         &self.tim
     }
 
+    /// The gate now. At the beginning of the work on a block; [`Edges::mask`] takes it at least [`SETTLED`] cycles later.
+    #[inline]
+    pub fn look(&self) -> Look {
+        Look { count: written::<2>(), open: lines::gate_is_open(), now: self.tim.cnt().read().bits() }
+    }
+
     /// Which conversions of the block just completed lie in the on-time. Once a block, after its last conversion and before
     /// the next block's.
-    pub fn mask(&mut self) -> u32 {
-        // The level belongs to the count only if no edge was on its way into the ring: look again a little later.
+    #[inline]
+    pub fn mask(&mut self, mut look: Look) -> u32 {
+        // The level belongs to the count only if no edge was on its way into the ring: it must still be so a little later.
         for _ in 0..3 {
-            let (count, open) = (written::<2>(), lines::gate_is_open());
-            let now = self.tim.cnt().read().bits();
-            // Longer than the input filter and a DMA transfer.
-            cortex_m::asm::delay(32);
+            let Look { count, open, now } = look;
             if (written::<2>(), lines::gate_is_open()) == (count, open) {
                 let new = count.wrapping_sub(self.seen) % RING as u32;
                 let young = new + self.recent;
                 (self.seen, self.recent) = (count, new);
-                let newest_first = (1..=young.min(RING as u32)).map(|back| {
+                let newest_first = (1..young.min(RING as u32) + 1).map(|back| {
                     let index = count.wrapping_sub(back) % RING as u32;
                     GATE.0.get(index as usize).map_or(0, |stamp| stamp.load(Relaxed))
                 });
                 return gate_mask(now, open, newest_first, APERTURE_PHASE);
             }
+            look = self.look();
+            cortex_m::asm::delay(SETTLED);
         }
         // A gate that never rests is no gate.
         (self.seen, self.recent) = (written::<2>(), 0);
@@ -96,6 +102,17 @@ impl Edges {
     pub fn forget(&mut self) {
         (self.seen, self.recent) = (written::<2>(), 0);
     }
+}
+
+/// Cycles in which an edge reaches the ring: longer than the input filter and a DMA transfer.
+const SETTLED: u32 = 32;
+
+/// The gate at a moment: edges so far, level, edge timer.
+#[derive(Clone, Copy)]
+pub struct Look {
+    count: u32,
+    open: bool,
+    now: u32,
 }
 
 /// What the timer has captured so far.

@@ -31,18 +31,15 @@ const CR2: u32 = 1 | 1 << 8 | 1 << 9 | 0b1001 << 24 | 0b01 << 28;
 const AWD: u32 = 1;
 const OVR: u32 = 1 << 5;
 
-/// What the reflex did, for slower tasks.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
-    /// Short pulses so far, wrapping.
-    pub shorts: u32,
-    /// Retreats begun so far, wrapping.
-    pub retreats: u32,
+/// Short pulses so far, wrapping. For slower tasks.
+pub fn shorts() -> u32 {
+    SHORTS.load(Relaxed)
 }
 
-/// What the reflex did so far.
-pub fn counts() -> Counts {
-    Counts { shorts: SHORTS.load(Relaxed), retreats: RETREATS.load(Relaxed) }
+/// Retreats that the reflex has begun so far, wrapping. For slower tasks.
+#[inline]
+pub fn retreats() -> u32 {
+    RETREATS.load(Relaxed)
 }
 
 /// Current and voltage of the newest pulse, converter codes.

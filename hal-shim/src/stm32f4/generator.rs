@@ -1,9 +1,9 @@
 //! The pulse generator: inhibit line and off-time request.
 
 use super::pins::{self, Output};
-use super::{pac, power, put};
-use crate::board::DAC_STEPS;
+use super::{Board, pac, power, put};
 use crate::board::gpio::{PA4, Pin};
+use crate::board::{DAC_STEPS, Pin as Place};
 use crate::generator::{Generator, InhibitPin};
 use core::convert::Infallible;
 use embedded_hal::digital::PinState;
@@ -12,17 +12,19 @@ use embedded_hal::digital::PinState;
 /// wiring page).
 const FULL_SCALE_NS: u32 = 200_000;
 
+const ALLOW: Place = Board::TABLE.pin("allow_pulses");
+
 /// The generator's interface. Pulses are inhibited when it is made, as they were by the pull before.
 pub struct Interface {
-    inhibit: InhibitPin<Output>,
+    inhibit: InhibitPin<Output<{ ALLOW.port }, { ALLOW.number }>>,
     dac: pac::DAC,
 }
 
 impl Interface {
     /// Takes the pins. The line that allows is low before it becomes an output.
-    pub fn new<const P: char, const N: u8>(
+    pub fn new(
         dac: pac::DAC,
-        allow: Pin<P, N>,
+        allow: Pin<{ ALLOW.port }, { ALLOW.number }>,
         off_time: PA4,
         rcc: &pac::RCC,
     ) -> Result<Self, Infallible> {

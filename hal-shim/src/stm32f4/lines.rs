@@ -9,7 +9,7 @@
 use super::pins::{high, is_high, low};
 use super::{Board, pac, put};
 use crate::board::Pin;
-use core::sync::atomic::{AtomicU32, Ordering::SeqCst};
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
 const ALLOW: Pin = Board::TABLE.pin("allow_pulses");
 const FORWARD: Pin = Board::TABLE.pin("forward");
@@ -24,10 +24,31 @@ const FORCE_ON: u32 = 0b101 << 4 | PRELOAD;
 pub(super) const FORCE_OFF: u32 = 0b100 << 4;
 const PRELOAD: u32 = 1 << 3;
 
+/// A count that tasks of different priorities share with register accesses in a certain order. One core keeps it for its own
+/// interrupts by itself; only the compiler has to be told, which a barrier instruction of four cycles would do as well.
+struct Ordered(AtomicU32);
+
+impl Ordered {
+    #[inline(always)]
+    fn load(&self) -> u32 {
+        compiler_fence(SeqCst);
+        let loaded = self.0.load(Relaxed);
+        compiler_fence(SeqCst);
+        loaded
+    }
+
+    #[inline(always)]
+    fn store(&self, count: u32) {
+        compiler_fence(SeqCst);
+        self.0.store(count, Relaxed);
+        compiler_fence(SeqCst);
+    }
+}
+
 /// How often the bridge was forced; the lowest bit says what it was last: 0 off, 1 retract.
-static FORCED: AtomicU32 = AtomicU32::new(0);
+static FORCED: Ordered = Ordered(AtomicU32::new(0));
 /// How often a pulse was killed.
-static KILLED: AtomicU32 = AtomicU32::new(0);
+static KILLED: Ordered = Ordered(AtomicU32::new(0));
 
 fn tim1() -> &'static pac::tim1::RegisterBlock {
     // SAFETY: the register block is there for ever. Only the mode of channel 1 is used through this reference; the module's
@@ -72,7 +93,7 @@ fn up() {
 pub fn stop() {
     inhibit();
     off();
-    FORCED.store((FORCED.load(SeqCst) | 1).wrapping_add(1), SeqCst);
+    FORCED.store((FORCED.load() | 1).wrapping_add(1));
 }
 
 /// Pulses off and full force away from the work, now. The servo task takes over with its next tick.
@@ -82,14 +103,14 @@ pub fn stop() {
 pub fn retract() {
     inhibit();
     up();
-    FORCED.store((FORCED.load(SeqCst) | 1).wrapping_add(2), SeqCst);
+    FORCED.store((FORCED.load() | 1).wrapping_add(2));
 }
 
 /// Ends the pulse. Pulses stay off until the end of a servo tick that began later. Only for the reflex.
 #[inline(always)]
 pub fn kill_pulse() {
     inhibit();
-    KILLED.store(KILLED.load(SeqCst).wrapping_add(1), SeqCst);
+    KILLED.store(KILLED.load().wrapping_add(1));
 }
 
 /// Pulses off and bridge off for good: for a dying program, which never comes back to settle it.
@@ -112,22 +133,25 @@ pub struct Forced {
 
 impl Forced {
     /// The bridge was forced between `earlier` and this.
+    #[inline]
     pub fn bridge_since(&self, earlier: &Forced) -> bool {
         self.bridge != earlier.bridge
     }
 }
 
 /// What was forced up to now.
+#[inline]
 pub fn forced() -> Forced {
-    Forced { bridge: FORCED.load(SeqCst), pulses: KILLED.load(SeqCst) }
+    Forced { bridge: FORCED.load(), pulses: KILLED.load() }
 }
 
 /// Repeats what was forced since `seen`, after outputs decided before it may have been written.
+#[inline]
 pub fn settle(seen: Forced) {
     let mut bridge = seen.bridge;
     // Twice at the most: reflex or stop may come again while the first is repeated.
     for _ in 0..2 {
-        let now = FORCED.load(SeqCst);
+        let now = FORCED.load();
         if now == bridge {
             break;
         }
@@ -139,7 +163,7 @@ pub fn settle(seen: Forced) {
         }
         bridge = now;
     }
-    if KILLED.load(SeqCst) != seen.pulses {
+    if KILLED.load() != seen.pulses {
         inhibit();
     }
 }

@@ -8,10 +8,10 @@ use crate::board::gpio::{Carries, Pin, Ports};
 use core::convert::Infallible;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 
-/// An input.
-pub struct Input(Place);
+/// An input. Which one is part of the type: reading it is a load from a constant address.
+pub struct Input<const P: char, const N: u8>(());
 /// A push-pull output.
-pub struct Output(Place);
+pub struct Output<const P: char, const N: u8>(());
 
 const INPUT: u32 = 0b00;
 const OUTPUT: u32 = 0b01;
@@ -66,16 +66,16 @@ pub fn analog<const P: char, const N: u8>(_pin: Pin<P, N>) {
 }
 
 /// Makes the pin an input, without a pull of its own: the board has one.
-pub fn input<const P: char, const N: u8>(_pin: Pin<P, N>) -> Input {
+pub fn input<const P: char, const N: u8>(_pin: Pin<P, N>) -> Input<P, N> {
     mode(Pin::<P, N>::PIN, INPUT);
-    Input(Pin::<P, N>::PIN)
+    Input(())
 }
 
 /// Makes the pin an output that is low before it drives.
-pub fn output_low<const P: char, const N: u8>(_pin: Pin<P, N>) -> Output {
+pub fn output_low<const P: char, const N: u8>(_pin: Pin<P, N>) -> Output<P, N> {
     low(Pin::<P, N>::PIN);
     mode(Pin::<P, N>::PIN, OUTPUT);
-    Output(Pin::<P, N>::PIN)
+    Output(())
 }
 
 #[inline(always)]
@@ -93,32 +93,36 @@ pub(super) fn is_high(pin: Place) -> bool {
     port(pin).idr().read().bits() >> pin.number & 1 == 1
 }
 
-impl ErrorType for Input {
+impl<const P: char, const N: u8> ErrorType for Input<P, N> {
     type Error = Infallible;
 }
 
-impl InputPin for Input {
+impl<const P: char, const N: u8> InputPin for Input<P, N> {
+    #[inline]
     fn is_high(&mut self) -> Result<bool, Infallible> {
-        Ok(is_high(self.0))
+        Ok(is_high(Pin::<P, N>::PIN))
     }
 
+    #[inline]
     fn is_low(&mut self) -> Result<bool, Infallible> {
         self.is_high().map(|high| !high)
     }
 }
 
-impl ErrorType for Output {
+impl<const P: char, const N: u8> ErrorType for Output<P, N> {
     type Error = Infallible;
 }
 
-impl OutputPin for Output {
+impl<const P: char, const N: u8> OutputPin for Output<P, N> {
+    #[inline]
     fn set_low(&mut self) -> Result<(), Infallible> {
-        low(self.0);
+        low(Pin::<P, N>::PIN);
         Ok(())
     }
 
+    #[inline]
     fn set_high(&mut self) -> Result<(), Infallible> {
-        high(self.0);
+        high(Pin::<P, N>::PIN);
         Ok(())
     }
 }

@@ -6,9 +6,9 @@
 
 use super::lines::{FORCE_OFF, PWM_MODE};
 use super::pins::{self, Output};
-use super::{change, pac, power, put};
-use crate::board::SERVO;
+use super::{Board, change, pac, power, put};
 use crate::board::gpio::{Carries, Pin, Tim1Bkin, Tim1Ch1};
+use crate::board::{Pin as Place, SERVO};
 use crate::bridge::{BridgeFault, PwmBridge};
 use core::convert::Infallible;
 use embedded_hal::pwm::{ErrorType, SetDutyCycle};
@@ -108,14 +108,17 @@ pub fn arm() {
     }
 }
 
+const FORWARD: Place = Board::TABLE.pin("forward");
+const REVERSE: Place = Board::TABLE.pin("reverse");
 /// The bridge of a board: PWM and the two direction pins, coasting.
-pub type Bridge = PwmBridge<Pwm, Output, Output>;
+pub type Bridge =
+    PwmBridge<Pwm, Output<{ FORWARD.port }, { FORWARD.number }>, Output<{ REVERSE.port }, { REVERSE.number }>>;
 
 /// Makes the bridge. The direction pins are low before they become outputs.
-pub fn bridge<const P: char, const N: u8, const Q: char, const M: u8>(
+pub fn bridge(
     pwm: Pwm,
-    forward: Pin<P, N>,
-    reverse: Pin<Q, M>,
+    forward: Pin<{ FORWARD.port }, { FORWARD.number }>,
+    reverse: Pin<{ REVERSE.port }, { REVERSE.number }>,
 ) -> Result<Bridge, BridgeFault> {
     PwmBridge::new(pwm, pins::output_low(forward), pins::output_low(reverse))
 }

@@ -2,16 +2,21 @@
 
 use super::pins::{self, Input};
 use super::{Board, change, lines, pac, power, put};
+use crate::board::Pin as Place;
 use crate::board::gpio::Pin;
 use crate::safety::{Contact, Safety, SafetyInputs, SafetyPins};
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
-use embedded_hal::digital::{ErrorType, InputPin, PinState};
+use embedded_hal::digital::{ErrorType, InputPin};
 
-const UPPER: u32 = 1 << Board::TABLE.pin("upper_limit").number;
-const LOWER: u32 = 1 << Board::TABLE.pin("lower_limit").number;
-const EMERGENCY: u32 = 1 << Board::TABLE.pin("emergency_stop").number;
-const DIELECTRIC: u32 = 1 << Board::TABLE.pin("dielectric").number;
+const UPPER_PIN: Place = Board::TABLE.pin("upper_limit");
+const LOWER_PIN: Place = Board::TABLE.pin("lower_limit");
+const EMERGENCY_PIN: Place = Board::TABLE.pin("emergency_stop");
+const DIELECTRIC_PIN: Place = Board::TABLE.pin("dielectric");
+const UPPER: u32 = 1 << UPPER_PIN.number;
+const LOWER: u32 = 1 << LOWER_PIN.number;
+const EMERGENCY: u32 = 1 << EMERGENCY_PIN.number;
+const DIELECTRIC: u32 = 1 << DIELECTRIC_PIN.number;
 const LINES: u32 = UPPER | LOWER | EMERGENCY | DIELECTRIC;
 /// Not a line: the bridge's fault comes through the timer's break.
 const BRIDGE: u32 = 1 << 31;
@@ -64,18 +69,28 @@ impl InputPin for FaultLine {
     }
 }
 
+type UpperLimit = Input<{ UPPER_PIN.port }, { UPPER_PIN.number }>;
+type LowerLimit = Input<{ LOWER_PIN.port }, { LOWER_PIN.number }>;
+type EmergencyStop = Input<{ EMERGENCY_PIN.port }, { EMERGENCY_PIN.number }>;
+type Dielectric = Input<{ DIELECTRIC_PIN.port }, { DIELECTRIC_PIN.number }>;
+
 /// The inputs of a board.
-pub struct Inputs(SafetyPins<Input, Input, Input, Input, FaultLine>);
+pub struct Inputs(SafetyPins<UpperLimit, LowerLimit, EmergencyStop, Dielectric, FaultLine>);
 
 /// Connects a pin, which becomes an input, to its interrupt line.
-pub fn contact<const P: char, const N: u8>(pin: Pin<P, N>) -> Input {
+pub fn contact<const P: char, const N: u8>(pin: Pin<P, N>) -> Input<P, N> {
     connect(P, u32::from(N));
     pins::input(pin)
 }
 
 impl Inputs {
     /// Takes connected inputs and opens their interrupt lines.
-    pub fn new(upper_limit: Input, lower_limit: Input, emergency_stop: Input, dielectric: Input) -> Self {
+    pub fn new(
+        upper_limit: UpperLimit,
+        lower_limit: LowerLimit,
+        emergency_stop: EmergencyStop,
+        dielectric: Dielectric,
+    ) -> Self {
         // An open contact is a rising edge. A level that is open already is seen by the servo task before it may drive.
         change!(exti().rtsr(), clear 0, set LINES);
         change!(exti().imr(), clear 0, set LINES);
@@ -84,7 +99,7 @@ impl Inputs {
             lower_limit: Contact::normally_closed(lower_limit),
             emergency_stop: Contact::normally_closed(emergency_stop),
             dielectric: Contact::normally_closed(dielectric),
-            bridge_fault: Contact::safe_at(FaultLine(()), PinState::High),
+            bridge_fault: Contact::safe_at_high(FaultLine(())),
         })
     }
 }
@@ -108,9 +123,13 @@ pub fn bridge_fault() {
 
 impl Safety for Inputs {
     /// Levels now, together with every condition that was unsafe for however short a time since the last call.
+    #[inline]
     fn read(&mut self) -> SafetyInputs {
-        let seen = SEEN.swap(0, Relaxed);
         let now = self.0.read();
+        if SEEN.load(Relaxed) == 0 {
+            return now;
+        }
+        let seen = SEEN.swap(0, Relaxed);
         SafetyInputs {
             upper_limit: now.upper_limit || seen & UPPER != 0,
             lower_limit: now.lower_limit || seen & LOWER != 0,

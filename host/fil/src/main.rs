@@ -1,6 +1,6 @@
 //! `cargo fil`: the firmware on an emulated chip.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::{Args, Parser, Subcommand};
 use edm_fil::image::Image;
 use edm_fil::machine::Machine;
@@ -37,7 +37,37 @@ enum Command {
     Bore(Bore),
     /// Boot and print the log, in a world where nothing happens.
     Run(Run),
+    /// Instructions and estimated cycles of tasks and functions; writes docs/performance-cycles.md.
+    Cycles(Cycles),
+    /// Times from pin to pin, loads and lost counts, with the event at many places of a servo tick.
+    Latency(Latency),
 }
+
+#[derive(Args)]
+struct Cycles {
+    /// Write the rows here as JSON.
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Write no page; fail when a row has grown by more than 5 % over the committed one.
+    #[arg(long)]
+    check: bool,
+    /// Print so many functions of each task, the most expensive first.
+    #[arg(long, default_value_t = 0)]
+    hot: usize,
+}
+
+#[derive(Args)]
+struct Latency {
+    /// Write the result here as JSON.
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Cycles from one offset to the next; 1 sweeps all 8400.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=8400))]
+    step: u64,
+}
+
+/// The committed page.
+const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/performance-cycles.md");
 
 #[derive(Args)]
 struct Run {
@@ -60,6 +90,8 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let done = image(&arguments.elf).and_then(|image| match &arguments.command {
         Command::Run(run) => run.execute(&image).map(|()| true),
+        Command::Cycles(cycles) => cycles.execute(&image).map(|()| true),
+        Command::Latency(latency) => latency.execute(&image).map(|()| true),
         Command::Bore(bore) => {
             let run = |job: &Job, recorder: &mut Recorder, progress: &mut dyn FnMut(&Progress)| {
                 edm_fil::rig::bore(&image, arguments.log, arguments.lockstep, job, recorder, progress)
@@ -139,4 +171,47 @@ impl Run {
         );
         result
     }
+}
+
+impl Cycles {
+    fn execute(&self, image: &Image) -> Result<()> {
+        let measured = edm_fil::cycles::report::measure(image)?;
+        let page = measured.markdown();
+        println!("{page}");
+        for (task, functions) in measured.hot.iter().filter(|_| self.hot > 0) {
+            println!("{task}:");
+            for (name, cycles) in functions.iter().take(self.hot) {
+                println!("  {cycles:8.1}  {name}");
+            }
+        }
+        for line in measured.over_budget() {
+            println!("over budget: {line}");
+        }
+        if let Some(path) = &self.json {
+            write(path, &serde_json::to_string_pretty(&measured.rows)?)?;
+        }
+        let page_path = Path::new(PAGE);
+        if !self.check {
+            return write(page_path, &page);
+        }
+        let committed = std::fs::read_to_string(page_path)
+            .context("docs/performance-cycles.md is missing: run cargo fil cycles")?;
+        let regressions = measured.regressions(&committed);
+        if !regressions.is_empty() {
+            bail!("slower than committed:\n  {}", regressions.join("\n  "));
+        }
+        Ok(())
+    }
+}
+
+impl Latency {
+    fn execute(&self, image: &Image) -> Result<()> {
+        let text = serde_json::to_string_pretty(&edm_fil::latency::measure(image, self.step)?)?;
+        println!("{text}");
+        self.json.as_ref().map_or(Ok(()), |path| write(path, &text))
+    }
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -1,0 +1,173 @@
+//! What the loop follows from one plan to the next.
+//!
+//! The path is stepped only by a plan, by the ticks that have gone since the one before. In between the setpoint goes on in a
+//! straight line, at the velocity of the plan and in the direction of the segment under way; the next plan sets it back on
+//! the path, from which it can have departed only at a joint, by the travel of four ticks at the most.
+
+use super::TickInput;
+use super::machine::Head;
+use super::reaction::Motion;
+use crate::path::Path;
+use crate::servo::Window;
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, larger};
+use core::ops::DerefMut;
+use edm_hal_shim::bridge::Drive;
+
+/// What is followed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Follow {
+    /// Nothing: the bridge is open.
+    #[default]
+    Nothing,
+    /// The setpoint.
+    Setpoint,
+    /// A velocity.
+    Velocity,
+    /// A duty.
+    Duty,
+}
+
+/// The plan as the ticks carry it out.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Course {
+    follow: Follow,
+    /// Pulses are allowed.
+    pulses: bool,
+    /// Duties allowed.
+    window: Window,
+    /// Velocity of the setpoint, or the one to keep.
+    velocity: CountsPerSecond,
+    duty: f32,
+    /// Travel in a tick, along the path and of the axis.
+    advance: Fixed,
+    travel: Fixed,
+    /// Ticks carried out.
+    ticks: u32,
+}
+
+impl Course {
+    /// The bridge is open.
+    pub fn new() -> Course {
+        Course {
+            follow: Follow::Nothing,
+            pulses: false,
+            window: Window::symmetric(0.0),
+            velocity: CountsPerSecond(0.0),
+            duty: 0.0,
+            advance: Fixed(0),
+            travel: Fixed(0),
+            ticks: 0,
+        }
+    }
+
+    /// Whether pulses are allowed.
+    #[inline]
+    pub fn pulses(&self) -> bool {
+        self.pulses
+    }
+}
+
+impl<P: DerefMut<Target = Path>> Head<P> {
+    /// Plans: brings the path to where the ticks have gone, decides, and sets the course for the ticks to come.
+    #[inline(never)]
+    pub(super) fn plan(&mut self, input: &TickInput) {
+        let ticks = core::mem::take(&mut self.course.ticks);
+        self.path.step(Fixed(self.course.advance.0.wrapping_mul(ticks.into())));
+        self.course.advance = Fixed(0);
+        self.planned = ticks.max(1);
+        self.urgent = false;
+        self.take_in(input);
+        if let Some(fault) = self.unsafe_input() {
+            self.raise(fault);
+        }
+        let (motion, pulses) = self.decide();
+        self.course.pulses = pulses;
+        self.set_course(motion);
+        self.status.path = self.path.s();
+        self.urgent = self.plans_every_tick();
+    }
+
+    fn set_course(&mut self, motion: Motion) {
+        let allowed = Window::symmetric(self.config.axis.duty_limit).and(self.current_window());
+        self.course.window = allowed;
+        self.course.follow = match motion {
+            Motion::Coast => {
+                self.limiter.stop();
+                self.axis.reset();
+                self.status.duty = 0.0;
+                self.status.saturated = false;
+                self.follow_axis();
+                Follow::Nothing
+            }
+            Motion::Path(wanted, window) => {
+                self.course.window = window.and(allowed);
+                let velocity = self.limited(wanted);
+                // One step of 2^-24 um more, so that the last one reaches the end, where the path holds it.
+                let more = i64::from(velocity.0 > 0.0) - i64::from(velocity.0 < 0.0);
+                self.course.advance = velocity.per_tick().near(Fixed(more));
+                let [travel] = self.path.travel(self.course.advance);
+                let [direction] = self.path.direction();
+                let [setpoint] = self.path.setpoint();
+                self.course.travel = travel;
+                self.course.velocity = CountsPerSecond(velocity.0 * direction);
+                self.status.setpoint = setpoint;
+                Follow::Setpoint
+            }
+            Motion::Velocity(wanted) => {
+                self.follow_axis();
+                let [direction] = self.path.direction();
+                self.course.velocity = CountsPerSecond(self.limited(wanted).0 * direction);
+                Follow::Velocity
+            }
+            Motion::Duty(duty) => {
+                self.limiter.stop();
+                self.follow_axis();
+                self.course.duty = allowed.clamp(duty);
+                Follow::Duty
+            }
+        };
+    }
+
+    /// Carries the course out for one tick.
+    #[inline]
+    pub(super) fn follow(&mut self) -> Drive {
+        let (course, gains) = (&mut self.course, &self.config.axis.gains);
+        let velocity = self.status.velocity;
+        course.ticks = course.ticks.wrapping_add(1);
+        let duty = match course.follow {
+            Follow::Nothing => return Drive::Coast,
+            Follow::Setpoint => {
+                self.status.setpoint = self.status.setpoint.near(course.travel);
+                self.status.following = self.status.setpoint.from(self.at);
+                self.axis.follow(gains, self.status.following, course.velocity, velocity, course.window)
+            }
+            Follow::Velocity => self.axis.run(gains, course.velocity, velocity, course.window),
+            Follow::Duty => course.duty,
+        };
+        self.status.duty = duty;
+        self.status.saturated = duty <= course.window.low || duty >= course.window.high;
+        let signed = if self.config.axis.motor_reversed { -duty } else { duty };
+        // A duty is a share: it fits.
+        Drive::Duty((signed * f32::from(Drive::FULL)) as i32 as i16)
+    }
+
+    /// Path velocity inside acceleration and stopping distance; an open upper limit is never run into.
+    fn limited(&mut self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
+        let wanted = if self.safety.upper_limit { MicrometresPerSecond(larger(wanted.0, 0.0)) } else { wanted };
+        let path = &*self.path;
+        self.limiter.limit(wanted, self.config.acceleration, self.planned, || path.ahead(), || path.behind())
+    }
+
+    /// Without a position loop the path coordinate follows the axis, so that closing the loop makes no jump.
+    fn follow_axis(&mut self) {
+        let [setpoint] = self.path.setpoint();
+        let [direction] = self.path.direction();
+        let off = self.at.minus(setpoint).to_f32();
+        if direction != 0.0 {
+            self.path.step(Fixed::short(off / direction));
+        }
+        let [setpoint] = self.path.setpoint();
+        self.status.setpoint = setpoint;
+        self.status.following = 0.0;
+    }
+}
