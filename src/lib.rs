@@ -12,6 +12,7 @@
 //! | [`gap`] | gap sources: converter codes to one [`gap::GapReading`] |
 //! | [`feed`] | feed laws: gap reading to path velocity |
 //! | [`path`] | segments and the register that shifts both ways |
+//! | [`motion`] | profiles and homing beside the path |
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
 //! | [`canopen`] | the head as a CANopen node |
@@ -30,6 +31,7 @@ pub mod encoder;
 pub mod feed;
 pub mod gap;
 pub mod head;
+pub mod motion;
 pub mod path;
 pub mod remote;
 pub mod servo;

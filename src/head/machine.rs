@@ -1,12 +1,14 @@
 //! The servo tick.
 
 use super::check::Check;
-use super::config::{Config, Setpoint, Structure};
+use super::config::{Axis, Config, Setpoint, Structure};
 use super::course::Course;
 use super::measure::{Sums, Tracking};
 use super::pace::{self, Pace};
+use super::positioning::Positioning;
 use super::reaction::{Motion, Reacting, Situation};
 use super::{Change, ChangeLog, Fault, Finding, Reason, Refused, Report, State, Status, TickInput, TickOutput};
+use crate::encoder::Mark;
 use crate::feed::{FeedLaw, Law, Limiter};
 use crate::gap::{OpenCircuit, Quality};
 use crate::path::Path;
@@ -38,6 +40,9 @@ pub struct Head<P> {
     pub(super) urgent: bool,
     /// Ticks from the plan before to this one.
     pub(super) planned: u32,
+    pub(super) positioning: Option<Positioning>,
+    /// Newest index mark.
+    pub(super) mark: Mark,
     pub(super) reacting: Option<Reacting>,
     pub(super) check: Option<Check>,
     pub(super) checked: Option<Result<Report, Finding>>,
@@ -78,6 +83,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             at: Fixed(0),
             urgent: true,
             planned: 1,
+            positioning: None,
+            mark: Mark::default(),
             reacting: None,
             check: None,
             checked: None,
@@ -116,7 +123,9 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     /// Swaps the configuration between two ticks. While a loop is closed the axis as wired must stay the same, and the
     /// loops keep their integrators: no bump.
     pub fn configure(&mut self, config: Config) -> Result<(), Refused> {
-        if self.status.state != State::Disabled && config.axis != self.config.axis {
+        // Gains and the duty limit may change under way: the loops' integrals are duties.
+        let live = Axis { gains: config.axis.gains, duty_limit: config.axis.duty_limit, ..self.config.axis };
+        if self.status.state != State::Disabled && config.axis != live {
             return Err(Refused::State(self.status.state));
         }
         if config.law != self.config.law {
@@ -135,6 +144,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         {
             return;
         }
+        self.end_positioning();
         self.reacting = Some(Reacting::new(fault, &self.situation()));
         self.check = None;
         self.status.fault = Some(fault);
@@ -148,7 +158,15 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
         self.status.state = state;
         self.entered = self.status.tick;
+        if !matches!(state, State::Positioning | State::Homing) {
+            self.end_positioning();
+        }
         self.urgent = true;
+        self.status.feed = MicrometresPerSecond(match state {
+            State::Seeking => self.config.seek.velocity.0,
+            State::Retreating => -self.config.retreat.velocity.0,
+            _ => 0.0,
+        });
         if state != State::Fault {
             self.path.set_retreat(self.config.retreat.limit);
         }
@@ -204,19 +222,20 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         };
         self.safety = input.safety;
         self.status.safety = input.safety;
+        self.mark = input.encoder.mark;
         self.reflex = input.reflex;
     }
 
     /// The most urgent fault that the safety inputs show, as far as the present state cares.
     pub(super) fn unsafe_input(&self) -> Option<Fault> {
         let state = self.status.state;
-        let checking = state == State::Commissioning;
+        let checking = matches!(state, State::Commissioning | State::Homing);
         let safety = SafetyInputs {
             upper_limit: self.safety.upper_limit && !self.upper_limit_excused,
             dielectric: self.safety.dielectric && state.pulses(),
             ..self.safety
         };
-        // The check drives from stop to stop: one open limit is where it turns round.
+        // The check drives from stop to stop, and homing looks for the switches: one open limit is where they turn round.
         match hazard(&safety) {
             _ if state == State::Disabled => None,
             Some(Fault::UpperLimit | Fault::LowerLimit) if checking => None,
@@ -254,6 +273,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             State::Fault if self.on_leave => Motion::Coast,
             State::Commissioning => return self.run_check(),
             State::Ready | State::Done | State::HoldingPosition => along(0.0),
+            State::Positioning | State::Homing => self.plan_positioning(),
             State::Seeking if self.open.volts().is_none() => along(0.0),
             State::Seeking => along(self.config.seek.velocity.0),
             State::Eroding => self.erode(),
@@ -360,9 +380,14 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             }
             structure => {
                 let wanted = config.limits.clamp(self.law.velocity(error, self.planned));
+                self.status.feed = wanted;
                 if structure == Structure::Path { Motion::Path(wanted, full) } else { Motion::Velocity(wanted) }
             }
         }
+    }
+
+    pub(super) fn full_window(&self) -> Window {
+        Window::symmetric(self.config.axis.duty_limit)
     }
 
     pub(super) fn current_window(&self) -> Window {

@@ -14,6 +14,10 @@ pub enum State {
     Commissioning,
     /// Position held, pulses off, waiting for a move.
     Ready,
+    /// Pulses off, moving beside the path: to a position, or along a host's set points.
+    Positioning,
+    /// Pulses off, looking for a reference; limit switches are what it may be looking for.
+    Homing,
     /// Pulses on, going along the path until sparks begin.
     Seeking,
     /// Pulses on, the feed law leads.
@@ -35,6 +39,8 @@ impl State {
             State::Disabled => "disabled",
             State::Commissioning => "commissioning",
             State::Ready => "ready",
+            State::Positioning => "positioning",
+            State::Homing => "homing",
             State::Seeking => "seeking",
             State::Eroding => "eroding",
             State::Retreating => "retreating",
@@ -67,6 +73,16 @@ pub enum Reason {
     Started,
     /// Commanded: hold.
     Held,
+    /// Commanded: a motion beside the path.
+    Positioned,
+    /// Its target is reached.
+    Arrived,
+    /// Commanded: homing.
+    HomingStarted,
+    /// The reference was found.
+    Homed,
+    /// There is no reference where it could be.
+    NotHomed,
     /// Commanded: the guided check.
     CheckStarted,
     /// The guided check came to its end.

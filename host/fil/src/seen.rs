@@ -20,10 +20,12 @@ const SERVO: &str = "edm_servo_head::tasks::servo::Servo";
 const GAP: &str = "edm_servo_head::tasks::gap::Gap";
 const BLOCKS: &str = "core::option::Option<edm_hal_shim::gap::GapBlock>";
 
-const STATES: [State; 9] = [
+const STATES: [State; 11] = [
     State::Disabled,
     State::Commissioning,
     State::Ready,
+    State::Positioning,
+    State::Homing,
     State::Seeking,
     State::Eroding,
     State::Retreating,
