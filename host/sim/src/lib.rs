@@ -6,6 +6,7 @@
 //! | [`machine`] | the closed loop, tick by tick |
 //! | [`bore`](mod@bore) | a hole, from rest to depth or to the reason why not |
 //! | [`run`] | what passes between the command line and the machine |
+//! | [`events`] | what goes wrong with the machine, and when |
 //! | [`scenario`] | named sets of values for process and head |
 //! | [`observe`] | one sample a tick, fanned out to figures, trace and plot |
 //! | [`statistics`] | the figures by which control is judged |
@@ -19,6 +20,7 @@
 pub mod bench;
 pub mod bore;
 pub mod cli;
+pub mod events;
 pub mod machine;
 pub mod observe;
 pub mod output;
