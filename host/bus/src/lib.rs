@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`frame`] | frames, and the bits they take on a wire |
 //! | [`hub`] | who gets what: every port all frames but its own; the bus is counted |
+//! | [`mailbox`] | a port for a program of this process |
 //! | [`slcan`], [`socketcand`] | the two text protocols, without input or output of their own |
 //! | [`client`] | one conversation: a reader, a writer, what waits in between |
 //! | [`tcp`], `pty` | clients by network and by serial port |
@@ -19,6 +20,7 @@ pub mod frame;
 pub mod hub;
 #[cfg(target_os = "linux")]
 pub mod kernel;
+pub mod mailbox;
 #[cfg(unix)]
 pub mod pty;
 pub mod slcan;

@@ -105,6 +105,14 @@ impl Timeline {
         Timeline { ahead, wires: Wires::default() }
     }
 
+    /// Adds an event that is due at once.
+    pub fn now(&mut self, signal: &str, value: Value<'_>) -> Result<(), EventError> {
+        let event = Event::new(0.0, signal, value)?;
+        // Nothing is due before it.
+        self.ahead.push(event);
+        Ok(())
+    }
+
     /// Lets happen what is due at this tick.
     pub fn advance(&mut self, tick: u64, mishaps: &mut Mishaps, bus_v: f64) {
         while let Some(event) = self.ahead.pop_if(|event| event.tick <= tick) {

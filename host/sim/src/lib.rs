@@ -13,6 +13,7 @@
 //! | [`report`] | the run in JSON and in words |
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
 //! | [`output`] | files that appear complete or not at all |
+//! | [`serve`] | virtual heads on a CAN bus, in real time |
 //! | [`cli`] | commands, checks, progress |
 //! | [`sweep`] | every scenario with many seeds, against the bounds |
 //! | [`bench`](mod@bench) | speed and memory, relative to a calibration loop |
@@ -30,6 +31,7 @@ pub mod progress;
 pub mod report;
 pub mod run;
 pub mod scenario;
+pub mod serve;
 pub mod statistics;
 pub mod sweep;
 pub mod trace;

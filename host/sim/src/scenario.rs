@@ -229,7 +229,8 @@ fn fill<D: Declared>(
     Ok(())
 }
 
-fn from_word<'a>(field: &Field, word: &'a str) -> Option<Value<'a>> {
+/// A value as it was typed, if it can be one of this field's kind.
+pub(crate) fn from_word<'a>(field: &Field, word: &'a str) -> Option<Value<'a>> {
     match field.kind {
         Kind::Number { .. } | Kind::Integer { .. } => word.parse().ok().map(Value::Number),
         Kind::Flag => word.parse().ok().map(Value::Flag),
@@ -255,7 +256,7 @@ fn unknown<'a>(key: &str, word: &str, fields: impl Iterator<Item = &'a Field>) -
 }
 
 /// ", did you mean ...?" where a known name is near, or ends like what was typed.
-fn hint(typed: &str, known: &[&str]) -> String {
+pub(crate) fn hint(typed: &str, known: &[&str]) -> String {
     let by_end = || known.iter().find(|name| name.rsplit('.').next() == Some(typed)).copied();
     let score = |name: &&str| strsim::normalized_damerau_levenshtein(typed, name);
     let nearest = known.iter().copied().max_by(|a, b| score(a).total_cmp(&score(b))).filter(|name| score(name) >= 0.6);

@@ -5,13 +5,14 @@
 //! that does not reach its depth, or an output that fails in the end, is [`EXIT_FAILED`].
 
 mod bore;
-mod inputs;
+pub(crate) mod inputs;
 mod tables;
 
 pub use bore::{Bore, Run};
 pub use inputs::Inputs;
 
 use crate::bench::Bench;
+use crate::serve::Serve;
 use crate::sweep::Sweep;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
@@ -48,6 +49,8 @@ enum Command {
         after_help = "Exit code: 0 hole bored; 1 not bored, or an output failed; 2 bad input, nothing was written."
     )]
     Bore(Bore),
+    /// Run virtual heads in real time, for CAN programs to connect to
+    Serve(Serve),
     /// List the scenarios that come with the program
     Scenarios,
     /// List every setting with unit, default, range and source
@@ -73,6 +76,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
     };
     let done = match cli.command {
         Command::Bore(bore) => bore.execute(run),
+        Command::Serve(serve) => serve.execute().map(|()| true),
         Command::Sweep(sweep) => sweep.execute(),
         Command::Bench(bench) => bench.execute(run).map(|()| true),
         Command::Scenarios => tables::scenarios().map(|text| {

@@ -18,13 +18,13 @@ pub use parameters::Parameters;
 pub use scale::Edge;
 pub use spark::Pulses;
 
-use crate::events::{Event, Timeline};
+use crate::events::{Event, EventError, Timeline};
 use actuator::{Actuator, Load, STEPS};
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::Levels;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
-use edm_servo_head::settings::SettingError;
+use edm_servo_head::settings::{SettingError, Value};
 use edm_servo_head::units::{ADC_FULL_SCALE, CLOCK_HZ, TICK_HZ};
 use front_end::FrontEnd;
 use scale::Scale;
@@ -188,6 +188,14 @@ impl Process {
     /// Lets these events happen, counted from the first tick, instead of those given before.
     pub fn schedule(&mut self, events: &[Event]) {
         self.timeline = Timeline::new(events);
+    }
+
+    /// Lets this happen at the beginning of the next tick, besides what is scheduled.
+    ///
+    /// # Errors
+    /// When there is no such signal, or it cannot have this value.
+    pub fn happen(&mut self, signal: &str, value: Value<'_>) -> Result<(), EventError> {
+        self.timeline.now(signal, value)
     }
 
     /// Holds gap and debris, whatever the axis does, without erosion, arcs and bridges: the open loop in which the shot
