@@ -6,6 +6,7 @@ use crate::bore;
 use crate::cli::Failure;
 use crate::cli::inputs::{seed, setup};
 use clap::Args;
+use std::path::PathBuf;
 
 /// Arguments of `edm-sim serve`.
 #[derive(Debug, Args)]
@@ -28,6 +29,9 @@ pub struct Serve {
     /// Seed of everything random; each further head has the next
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
     pub seed: u64,
+    /// Keep what hosts store in files of this folder; without it, it lasts as long as the program
+    #[arg(long, value_name = "FOLDER")]
+    pub store: Option<PathBuf>,
     /// Simulated seconds a second
     #[arg(long, value_name = "X", default_value = "1", value_parser = speed, allow_hyphen_values = true)]
     pub speed: f64,
@@ -62,7 +66,7 @@ impl Serve {
                 self.node_id
             ));
         }
-        Fleet::new(&setup, self.node_id, self.nodes, self.seed)
+        Fleet::new(&setup, self.node_id, self.nodes, self.seed, self.store.as_deref())
     }
 }
 

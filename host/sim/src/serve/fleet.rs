@@ -1,41 +1,45 @@
 //! The heads on the bus.
 
 use super::Plant;
+use super::head::Head;
+use super::store::Store;
 use crate::bore::Setup;
 use crate::events::{EventError, Wires};
-use crate::machine::Machine;
 use crate::scenario::{from_word, hint};
 use edm_bus::Frame;
-use edm_servo_head::settings::{Declared, Settings};
+use edm_servo_head::canopen::NodeId;
+use edm_servo_head::settings::Declared;
+use std::path::Path;
 
-/// Heads with rising node-IDs, each with a machine of its own.
+/// Heads with rising node-IDs.
 pub struct Fleet {
-    first: u8,
-    heads: Vec<Machine>,
+    heads: Vec<(NodeId, Head)>,
+    /// What the heads sent in the last tick, and which of them.
+    sent: Vec<(usize, Frame)>,
+    sending: Vec<Frame>,
 }
 
 impl Fleet {
-    /// Heads at rest at their upper stops.
+    /// Heads that have just been switched on: `count` of them from node-ID `first` on, each with the next seed.
     ///
     /// # Errors
-    /// When the values do not fit together.
-    pub fn new(setup: &Setup, first: u8, count: u8, seed: u64) -> Result<Fleet, String> {
-        // The virtual head's guided check counts as passed: it needs an axis without a workpiece.
-        let settings = Settings { commissioned: true, ..setup.head };
-        let head = |seed| {
-            let mut machine = Machine::new(&setup.process, &settings, seed).map_err(|error| setup.refusal(error))?;
-            machine.process.schedule(&setup.events);
-            Ok(machine)
-        };
-        let heads = (0..count).map(|index| head(seed.wrapping_add(index.into()))).collect::<Result<_, String>>()?;
-        Ok(Fleet { first, heads })
+    /// When the values do not fit together, or the folder of their stores cannot be made.
+    pub fn new(setup: &Setup, first: u8, count: u8, seed: u64, store: Option<&Path>) -> Result<Fleet, String> {
+        let ids = (first..).take(count.into()).filter_map(NodeId::new);
+        let head = |(id, seed): (NodeId, u64)| Ok((id, Head::new(setup, id, seed, Store::new(store, id.get())?)?));
+        let heads = ids.zip((0..).map(|index| seed.wrapping_add(index))).map(head).collect::<Result<_, String>>()?;
+        Ok(Fleet { heads, sent: Vec::new(), sending: Vec::new() })
     }
 }
 
 impl Plant for Fleet {
-    fn tick(&mut self, _came: &[Frame], _sent: &mut Vec<Frame>) -> Result<(), String> {
-        for head in &mut self.heads {
-            head.tick();
+    fn tick(&mut self, came: &[Frame], sent: &mut Vec<Frame>) -> Result<(), String> {
+        let before = std::mem::take(&mut self.sent);
+        for (at, (_, head)) in self.heads.iter_mut().enumerate() {
+            let others = before.iter().filter(|(sender, _)| *sender != at).map(|(_, frame)| frame);
+            head.tick(came.iter().chain(others), &mut self.sending);
+            self.sent.extend(self.sending.iter().map(|frame| (at, *frame)));
+            sent.append(&mut self.sending);
         }
         Ok(())
     }
@@ -48,20 +52,17 @@ impl Plant for Fleet {
         let Some((key, word)) = rest.split_once('=').map(|(key, word)| (key.trim(), word.trim())) else {
             return if line.is_empty() { Ok(()) } else { Err(format!("{line}: must be [NODE] SIGNAL=VALUE")) };
         };
-        let index = match node {
-            None => None,
-            Some(node) => {
-                let index = node.parse::<u8>().ok().and_then(|node| node.checked_sub(self.first)).map(usize::from);
-                Some(index.filter(|index| *index < self.heads.len()).ok_or(format!("{node}: no such node"))?)
-            }
-        };
+        let meant = |id: NodeId| node.is_none_or(|node| node.parse() == Ok(id.get()));
+        if let (Some(node), false) = (node, self.heads.iter().any(|(id, _)| meant(*id))) {
+            return Err(format!("{node}: no such node"));
+        }
         let keys: Vec<&str> = Wires::FIELDS.iter().map(|field| field.key).collect();
         let unknown = || format!("{key}: no such signal{}; `edm-sim settings` lists all", hint(key, &keys));
         let field = Wires::FIELDS.iter().find(|field| field.key == key).ok_or_else(unknown)?;
         let refused = || format!("{key} = {word}: must be {}", field.allowed());
         let value = from_word(field, word).ok_or_else(refused)?;
-        for (_, head) in self.heads.iter_mut().enumerate().filter(|(at, _)| index.is_none_or(|index| index == *at)) {
-            head.process.happen(key, value).map_err(|error| match error {
+        for (_, head) in self.heads.iter_mut().filter(|(id, _)| meant(*id)) {
+            head.machine().process.happen(key, value).map_err(|error| match error {
                 EventError::Signal => unknown(),
                 EventError::Time | EventError::Value(_) => refused(),
             })?;

@@ -10,8 +10,10 @@
 mod command;
 mod console;
 mod fleet;
+mod head;
 mod links;
 mod pace;
+mod store;
 
 pub use command::Serve;
 pub use links::{BIT_RATE, Links};
