@@ -70,3 +70,97 @@ impl Plant for Fleet {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use embedded_can::{Frame as _, StandardId};
+
+    fn fleet(first: u8, count: u8) -> Fleet {
+        Fleet::new(&Setup::load("default").unwrap(), first, count, 1, None).unwrap()
+    }
+
+    fn frame(id: u16, data: &[u8]) -> Frame {
+        Frame::new(StandardId::new(id).unwrap(), data).unwrap()
+    }
+
+    /// What is sent within so many milliseconds after these frames have come.
+    fn sent(fleet: &mut Fleet, came: &[Frame], ms: usize) -> Vec<Frame> {
+        let mut sent = Vec::new();
+        fleet.tick(came, &mut sent).unwrap();
+        for _ in 0..20 * ms {
+            fleet.tick(&[], &mut sent).unwrap();
+        }
+        sent
+    }
+
+    #[test]
+    fn every_head_boots_as_its_own_node() {
+        assert_eq!(sent(&mut fleet(126, 2), &[], 10)[..2], [frame(0x77E, &[0]), frame(0x77F, &[0])]);
+        assert_eq!(sent(&mut fleet(1, 0), &[], 10), []);
+    }
+
+    #[test]
+    fn an_sdo_is_answered_in_the_tick_that_takes_it() {
+        let mut fleet = fleet(5, 1);
+        sent(&mut fleet, &[], 10);
+        let mut answers = Vec::new();
+        fleet.tick(&[frame(0x605, &[0x40, 0x18, 0x10, 0, 0, 0, 0, 0])], &mut answers).unwrap();
+        assert_eq!(answers, [frame(0x585, &[0x4F, 0x18, 0x10, 0, 4, 0, 0, 0])]);
+    }
+
+    #[test]
+    fn heads_hear_each_other() {
+        let mut fleet = fleet(5, 2);
+        sent(&mut fleet, &[], 10);
+        // Node 6 watches node 5's heartbeat (1016h), which is switched off after a while: an emergency of node 6.
+        let watch = frame(0x606, &[0x23, 0x16, 0x10, 1, 0x64, 0, 5, 0]);
+        let beat = |ms: u8| frame(0x605, &[0x2B, 0x17, 0x10, 0, ms, 0, 0, 0]);
+        sent(&mut fleet, &[watch, beat(20)], 5);
+        let silent_for = |frames: &[Frame]| !frames.iter().any(|f| f.id() == StandardId::new(0x86).unwrap().into());
+        assert!(silent_for(&sent(&mut fleet, &[], 300)));
+        assert!(!silent_for(&sent(&mut fleet, &[beat(0)], 300)));
+    }
+
+    #[test]
+    fn frames_that_mean_nothing_to_a_node_do_nothing() {
+        let mut fleet = fleet(1, 1);
+        sent(&mut fleet, &[], 10);
+        let long =
+            Frame::new(embedded_can::ExtendedId::new(0x601).unwrap(), &[0x40, 0x18, 0x10, 0, 0, 0, 0, 0]).unwrap();
+        let remote = Frame::new_remote(StandardId::new(0x601).unwrap(), 8).unwrap();
+        assert_eq!(sent(&mut fleet, &[long, remote], 5), []);
+    }
+
+    #[test]
+    fn a_line_pulls_a_wire_at_every_head_or_at_one() {
+        let mut fleet = fleet(5, 2);
+        let open = |fleet: &mut Fleet| {
+            sent(fleet, &[], 1);
+            [0, 1].map(|at| fleet.heads[at].1.machine().process.sensors().safety.lower_limit)
+        };
+        fleet.line("limit.lower_open=true").unwrap();
+        assert_eq!(open(&mut fleet), [true, true]);
+        fleet.line("5 limit.lower_open = false").unwrap();
+        assert_eq!(open(&mut fleet), [false, true]);
+        fleet.line("").unwrap();
+    }
+
+    #[test]
+    fn a_line_that_means_nothing_is_refused_with_what_is_allowed() {
+        let mut fleet = fleet(5, 2);
+        for (line, message) in [
+            ("limit.lower_open", "limit.lower_open: must be [NODE] SIGNAL=VALUE"),
+            ("7 gap.short=true", "7: no such node"),
+            ("300 gap.short=true", "300: no such node"),
+            (
+                "limit.lower=true",
+                "limit.lower: no such signal, did you mean limit.lower_open?; `edm-sim settings` lists all",
+            ),
+            ("gap.short=yes", "gap.short = yes: must be true or false"),
+            ("bus.sag_v=61", "bus.sag_v = 61: must be a number from 0 to 60 V"),
+        ] {
+            assert_eq!(fleet.line(line).unwrap_err(), message);
+        }
+    }
+}
