@@ -1,12 +1,15 @@
-//! One virtual head: machine, control core, CANopen node.
+//! One virtual head: machine, control core, CANopen drive, and what it keeps when its power is cut.
+//!
+//! Frames and orders are dealt with in every servo tick, before the tick itself: a SYNC acts in the tick that it came
+//! before. What the drive does once a millisecond, it does here as well.
 
-use super::store::Store;
+use super::store::{Store, Stored};
 use crate::bore::Setup;
 use crate::machine::Machine;
 use edm_bus::Frame;
-use edm_servo_head::canopen::{
-    self, Abort, Device, Dictionary, Entry, Event, Group, Node, NodeId, PDOS, PdoDefault, Place, Request, Time,
-};
+use edm_servo_head::canopen::drive::{DEVICE, Drive, Identity, Order};
+use edm_servo_head::canopen::{self, Abort, Group, Node, NodeId, Time};
+use edm_servo_head::head::Reason;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::TICK_HZ;
 use embedded_can::{Frame as _, Id, StandardId};
@@ -14,51 +17,14 @@ use embedded_can::{Frame as _, Id, StandardId};
 const TICKS_PER_MS: u64 = TICK_HZ as u64 / 1000;
 const TICK_US: u64 = 1_000_000 / TICK_HZ as u64;
 
-const DEVICE: Device = Device {
-    device_type: 402,
-    name: "EDM servo head",
-    hardware: "virtual",
-    software: env!("CARGO_PKG_VERSION"),
-    vendor: 0,
-    product: 1,
-    revision: 1,
-    heartbeat: 1000,
-    receive: [PdoDefault::UNUSED; PDOS],
-    transmit: [PdoDefault::UNUSED; PDOS],
-};
-
-/// Interim: no objects.
-#[derive(Default)]
-struct Objects {
-    events: Vec<Event>,
-    requests: Vec<Request>,
-}
-
-impl Dictionary for Objects {
-    fn entry(&self, _: u16, _: u8) -> Result<Entry, Abort> {
-        Err(Abort::NoObject)
-    }
-    fn read(&self, _: Place, _: &mut [u8]) -> Result<usize, Abort> {
-        Err(Abort::Unsupported)
-    }
-    fn write(&mut self, _: Place, _: &[u8]) -> Result<(), Abort> {
-        Err(Abort::Unsupported)
-    }
-    fn request(&mut self, request: Request) -> Result<(), Abort> {
-        self.requests.push(request);
-        Ok(())
-    }
-    fn event(&mut self, event: Event) {
-        self.events.push(event);
-    }
-}
-
 /// A head on the bus.
 pub struct Head {
     machine: Machine,
+    drive: Drive,
     node: Node,
-    objects: Objects,
     store: Store,
+    /// Settings of the scenario, for a store that is empty.
+    settings: Settings,
     ticks: u64,
 }
 
@@ -70,46 +36,43 @@ impl Head {
     pub fn new(setup: &Setup, id: NodeId, seed: u64, store: Store) -> Result<Head, String> {
         // The virtual head's guided check counts as passed: it needs an axis without a workpiece.
         let settings = Settings { commissioned: true, ..setup.head };
-        let mut machine = Machine::new(&setup.process, &settings, seed).map_err(|error| setup.refusal(error))?;
+        let refusal = |error| setup.refusal(error);
+        let mut machine = Machine::new(&setup.process, &settings, seed).map_err(refusal)?;
         machine.process.schedule(&setup.events);
-        let mut head = Head {
-            machine,
-            node: Node::new(&DEVICE, id, id.get().into()),
-            objects: Objects::default(),
-            store,
-            ticks: 0,
-        };
-        head.boot();
+        let identity = Identity { reset_cause: 0, build: concat!("virtual ", env!("CARGO_PKG_VERSION")) };
+        let drive = Drive::new(settings, identity).map_err(refusal)?;
+        let node = Node::new(&DEVICE, id, id.get().into());
+        let mut head = Head { machine, drive, node, store, settings, ticks: 0 };
+        let stored = head.stored();
+        head.restart(&stored);
+        head.boot(&stored);
         Ok(head)
     }
 
-    fn boot(&mut self) {
-        let _ = self.node.boot(self.store.load().as_deref(), &mut self.objects);
+    /// The machine behind the head.
+    pub fn machine(&mut self) -> &mut Machine {
+        &mut self.machine
     }
 
-    /// One servo tick; frames that came since the last, and those to be sent.
+    /// One servo tick: takes the frames that have come since the last, appends those to be sent.
     pub fn tick<'a>(&mut self, came: impl Iterator<Item = &'a Frame>, sent: &mut Vec<Frame>) {
         let now = Time(self.ticks * TICK_US);
+        let whole = self.ticks.is_multiple_of(TICKS_PER_MS);
+        if whole {
+            self.observe();
+        }
         for frame in came.filter_map(from_bus) {
-            self.node.receive(&frame, now, &mut self.objects);
+            self.node.receive(&frame, now, &mut self.drive);
         }
-        self.node.synchronised(now, &mut self.objects);
-        if self.ticks.is_multiple_of(TICKS_PER_MS) {
-            self.node.poll(now, &mut self.objects);
+        self.node.synchronised(now, &mut self.drive);
+        if whole {
+            self.node.poll(now, &mut self.drive);
+            self.drive.poll(now, &mut self.node);
         }
-        for event in std::mem::take(&mut self.objects.events) {
-            if matches!(event, Event::ResetNode | Event::ResetCommunication) {
-                self.boot();
+        while let Some(order) = self.drive.take() {
+            if !self.carry_out(order) {
+                break;
             }
-        }
-        for request in std::mem::take(&mut self.objects.requests) {
-            let image = self.node.image();
-            let done = match request {
-                Request::Store(Group::All | Group::Communication) => self.store.save(&image),
-                Request::Restore(Group::All | Group::Communication) => self.store.clear(),
-                _ => Ok(()),
-            };
-            self.node.answer(done.map_err(|_| Abort::Hardware), &mut self.objects);
         }
         while let Some(frame) = self.node.take() {
             sent.extend(to_bus(&frame));
@@ -118,9 +81,103 @@ impl Head {
         self.ticks += 1;
     }
 
-    /// The machine behind the head.
-    pub fn machine(&mut self) -> &mut Machine {
-        &mut self.machine
+    fn observe(&mut self) {
+        self.drive.observe(self.machine.head.status());
+        while let Some(change) = self.machine.head.next_change() {
+            self.drive.changed(change);
+            if let (Reason::CheckEnded, Some(result)) = (change.reason, self.machine.head.check_result()) {
+                self.drive.checked(result);
+            }
+        }
+    }
+
+    /// Does what the drive wants done; false when that has to wait for another tick.
+    fn carry_out(&mut self, order: Order) -> bool {
+        match order {
+            Order::Command(command) => {
+                let result = self.machine.head.command(command);
+                self.drive.answered(command, result);
+            }
+            Order::Configure => {
+                if self.machine.configure(self.drive.active()).is_err() {
+                    self.drive.configure_again();
+                    return false;
+                }
+            }
+            Order::Raise(fault) => self.machine.head.raise(fault),
+            Order::Store(group) => {
+                let result = self.save(group);
+                self.node.answer(result, &mut self.drive);
+            }
+            Order::Restore(group) => {
+                let result = self.change(|stored| {
+                    if group != Group::Communication {
+                        stored.application = None;
+                    }
+                    if group != Group::Application {
+                        stored.communication = None;
+                    }
+                });
+                self.node.answer(result, &mut self.drive);
+            }
+            Order::ResetNode => {
+                let stored = self.stored();
+                self.restart(&stored);
+                self.boot(&stored);
+            }
+            Order::ResetCommunication => {
+                let stored = self.stored();
+                self.boot(&stored);
+            }
+        }
+        true
+    }
+
+    fn save(&mut self, group: Group) -> Result<(), Abort> {
+        let leave = self.machine.head.give_leave().map_err(|_| Abort::DeviceState)?;
+        let (application, communication) = (self.drive.image().to_vec(), self.node.image().to_vec());
+        let result = self.change(|stored| {
+            if group != Group::Communication {
+                stored.application = Some(application);
+            }
+            if group != Group::Application {
+                stored.communication = Some(communication);
+            }
+        });
+        self.machine.head.end_leave(leave);
+        result
+    }
+
+    fn change(&mut self, change: impl FnOnce(&mut Stored)) -> Result<(), Abort> {
+        let mut stored = self.stored();
+        change(&mut stored);
+        self.store.save(&stored).map_err(|error| {
+            self.complain(&error.to_string());
+            Abort::Hardware
+        })
+    }
+
+    fn stored(&self) -> Stored {
+        self.store.load().unwrap_or_else(|error| {
+            self.complain(&error.to_string());
+            Stored::default()
+        })
+    }
+
+    fn restart(&mut self, stored: &Stored) {
+        if let Err(error) = self.drive.restart(self.settings, stored.application.as_deref()) {
+            self.complain(&format!("the stored settings are refused: {error}"));
+        }
+    }
+
+    fn boot(&mut self, stored: &Stored) {
+        if let Err(error) = self.node.boot(stored.communication.as_deref(), &mut self.drive) {
+            self.complain(&format!("the stored communication parameters are refused: {error:?}"));
+        }
+    }
+
+    fn complain(&self, what: &str) {
+        eprintln!("node {}: {what}", self.node.id().get());
     }
 }
 
