@@ -105,8 +105,12 @@ impl Node {
     /// Does what time demands: heartbeats, event timers, time-outs, emergencies, segments of a long transfer.
     #[inline(never)]
     pub fn poll(&mut self, now: Time, dictionary: &mut dyn Dictionary) {
-        self.booting = self.booting && self.area.out.holds(self.area.id.cob(HEARTBEAT));
-        if self.area.state == NmtState::Initialising || self.booting {
+        let booting = self.booting && self.area.out.holds(self.area.id.cob(HEARTBEAT));
+        if core::mem::replace(&mut self.booting, booting) && !booting {
+            // Boot-up is the first heartbeat; the next comes a period later.
+            self.area.producer.sent(self.area.parameters.heartbeat, now);
+        }
+        if self.area.state == NmtState::Initialising || booting {
             return;
         }
         while let Some(change) = self.area.consumer.poll(&self.area.parameters, now) {

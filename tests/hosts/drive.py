@@ -13,6 +13,8 @@ from heads import eventually
 def eds(folder):
     """The description file, as the program writes it."""
     path = folder / "head.eds"
+    if "EDM_EDS" in os.environ:
+        return os.environ["EDM_EDS"]
     program = os.environ.get("EDM_SIM", "target/release/edm-sim")
     path.write_bytes(subprocess.run([program, "eds"], check=True, stdout=subprocess.PIPE).stdout)
     return str(path)
@@ -38,6 +40,8 @@ class Host:
         """Maps what the state machine needs, and goes operational."""
         drive = self.drive
         drive.nmt.state = "PRE-OPERATIONAL"
+        self.write(0x1017, 100)
+        drive.nmt.wait_for_heartbeat(5)
         drive.tpdo.read()
         drive.rpdo.read()
         for pdo in [*drive.tpdo.values(), *drive.rpdo.values()]:
@@ -49,10 +53,8 @@ class Host:
         self._map(drive.rpdo[2], [0x607A], 1)
         for pdo in [*drive.tpdo.values(), *drive.rpdo.values()]:
             pdo.save()
-        drive.nmt.state = "OPERATIONAL"
-        drive.nmt.wait_for_heartbeat(5)
         drive.setup_402_state_machine()
-        # python canopen reads PDOs only before the node is operational, and knows 6060h only once it is mapped.
+        drive.nmt.state = "OPERATIONAL"
         eventually("the first status", lambda: drive.statusword)
 
     def _map(self, pdo, objects, transmission, event_timer=None):

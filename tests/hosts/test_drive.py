@@ -1,5 +1,6 @@
 """A whole session with python canopen's BaseNode402, over each link."""
 
+import threading
 import time
 
 import canopen
@@ -75,9 +76,9 @@ def test_a_session_from_boot_up_to_a_hole(tmp_path, link):
     host.write(0x6067, 9)
 
     # Power cycle: what was stored is there, what was not is gone.
+    host.close()
     server.process.kill()
     server.process.wait()
-    host.close()
     server = Server(tmp_path, *store)
     host = Host(server, link, description)
     drive = host.drive
@@ -114,22 +115,37 @@ def test_two_masters_at_once_do_no_harm(tmp_path):
     first.set_up()
     first.enable()
     first.home()
-    # Both ask the one SDO server in turn, without waiting for each other: an answer for the one may end the other's
-    # transfer, but both get on, and neither changes what the other wrote.
-    right, wrong = 0, 0
-    for n in range(100):
-        for host, index in ((first, 0x6083), (second, 0x6084)):
-            try:
-                host.write(index, 1000 + n)
-                right += 1
-            except canopen.SdoError:
-                wrong += 1
-    assert right > 150 and first.drive.state == "OPERATION ENABLED", (right, wrong)
-    assert (first.read(0x6083), first.read(0x6084)) == (1099, 1099)
+    # Both use the one SDO server at the same time, and hear each other's answers: either may have to try again, but nothing
+    # wrong is written, and the drive goes on.
+    def busy(host, index):
+        for value in range(1000, 1100):
+            insist(host.write, index, value)
+
+    threads = [threading.Thread(target=busy, args=pair) for pair in ((first, 0x6083), (second, 0x6084))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+    time.sleep(0.1)
+    assert (insist(first.read, 0x6083), insist(first.read, 0x6084)) == (1099, 1099)
+    assert first.drive.state == "OPERATION ENABLED"
+    for index in (0x6083, 0x6084):
+        insist(first.write, index, 1_000_000)
     first.move(300)
+    assert first.emergencies == []
     for host in (first, second):
         host.close()
     server.stop()
+
+
+def insist(action, *values):
+    """Tries again when another master's answer came in between."""
+    for _ in range(50):
+        try:
+            return action(*values)
+        except (canopen.SdoCommunicationError, canopen.SdoAbortedError):
+            time.sleep(0.002)
+    raise AssertionError(f"{action.__name__}{values} never works")
 
 
 def test_the_description_loads_and_every_object_in_it_is_there(tmp_path):
@@ -142,10 +158,10 @@ def test_the_description_loads_and_every_object_in_it_is_there(tmp_path):
             if index < 0x20 or not variable.readable or variable.data_type == canopen.objectdictionary.DOMAIN:
                 continue
             try:
-                value = host.drive.sdo.upload(index, variable.subindex)
-                variable.decode_raw(value)
-            except (canopen.SdoError, ValueError) as error:
-                missing.append((hex(index), variable.subindex, variable.name, str(error)))
-    assert missing == []
+                variable.decode_raw(host.drive.sdo.upload(index, variable.subindex))
+            except (canopen.SdoCommunicationError, canopen.SdoAbortedError, ValueError) as error:
+                missing.append((index, variable.subindex, str(error)))
+    # No error has happened yet: the list of errors is empty.
+    assert [item for item in missing if item[0] != 0x1003] == []
     host.close()
     server.stop()

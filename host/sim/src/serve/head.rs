@@ -16,6 +16,9 @@ use embedded_can::{Frame as _, Id, StandardId};
 
 const TICKS_PER_MS: u64 = TICK_HZ as u64 / 1000;
 const TICK_US: u64 = 1_000_000 / TICK_HZ as u64;
+/// Ticks from a reset by the host to boot-up. Hosts begin to wait for it after they have sent the reset, and miss one that
+/// comes at once.
+const START_UP: u64 = 50 * TICKS_PER_MS;
 
 /// A head on the bus.
 pub struct Head {
@@ -26,6 +29,8 @@ pub struct Head {
     /// Settings of the scenario, for a store that is empty.
     settings: Settings,
     ticks: u64,
+    /// The node is reset, and boots at this tick.
+    boots: Option<u64>,
 }
 
 impl Head {
@@ -42,10 +47,9 @@ impl Head {
         let identity = Identity { reset_cause: 0, build: concat!("virtual ", env!("CARGO_PKG_VERSION")) };
         let drive = Drive::new(settings, identity).map_err(refusal)?;
         let node = Node::new(&DEVICE, id, id.get().into());
-        let mut head = Head { machine, drive, node, store, settings, ticks: 0 };
-        let stored = head.stored();
-        head.restart(&stored);
-        head.boot(&stored);
+        let mut head = Head { machine, drive, node, store, settings, ticks: 0, boots: None };
+        head.restart();
+        head.boot();
         Ok(head)
     }
 
@@ -60,6 +64,9 @@ impl Head {
         let whole = self.ticks.is_multiple_of(TICKS_PER_MS);
         if whole {
             self.observe();
+        }
+        if self.boots.take_if(|at| *at <= self.ticks).is_some() {
+            self.boot();
         }
         for frame in came.filter_map(from_bus) {
             self.node.receive(&frame, now, &mut self.drive);
@@ -121,14 +128,10 @@ impl Head {
                 self.node.answer(result, &mut self.drive);
             }
             Order::ResetNode => {
-                let stored = self.stored();
-                self.restart(&stored);
-                self.boot(&stored);
+                self.restart();
+                self.boots = Some(self.ticks + START_UP);
             }
-            Order::ResetCommunication => {
-                let stored = self.stored();
-                self.boot(&stored);
-            }
+            Order::ResetCommunication => self.boots = Some(self.ticks + START_UP),
         }
         true
     }
@@ -164,13 +167,15 @@ impl Head {
         })
     }
 
-    fn restart(&mut self, stored: &Stored) {
+    fn restart(&mut self) {
+        let stored = self.stored();
         if let Err(error) = self.drive.restart(self.settings, stored.application.as_deref()) {
             self.complain(&format!("the stored settings are refused: {error}"));
         }
     }
 
-    fn boot(&mut self, stored: &Stored) {
+    fn boot(&mut self) {
+        let stored = self.stored();
         if let Err(error) = self.node.boot(stored.communication.as_deref(), &mut self.drive) {
             self.complain(&format!("the stored communication parameters are refused: {error:?}"));
         }
