@@ -82,7 +82,9 @@ async fn the_states_of_network_management_show_in_the_heartbeat() {
     bus.nmt_start(1).await;
     state(&bus, NmtState::Operational).await;
     bus.nmt_reset_app(1).await;
-    // The default heartbeat of a head is there again after the reset.
+    // After a reset there is no heartbeat but boot-up, until one is set.
+    state(&bus, NmtState::Bootup).await;
+    bus.sdo_client(1).write_u16(0x1017, 0, 20).await.unwrap();
     state(&bus, NmtState::PreOperational).await;
 }
 
@@ -114,4 +116,47 @@ async fn parameters_are_saved_and_are_there_after_a_power_cut() {
     let server = Server::new(&["--store", folder]);
     assert_eq!(client(&server, 1).await.read_u16(0x1017, 0).await.unwrap(), 123);
     std::fs::remove_dir_all(&store).unwrap();
+}
+
+#[tokio::test]
+async fn a_head_is_enabled_homed_and_moved_by_sdo_alone() {
+    let server = Server::new(&[]);
+    let mut sdo = client(&server, 1).await;
+    for (control, status) in [(0x06, 0x21), (0x07, 0x23), (0x0F, 0x27)] {
+        sdo.write_u16(0x6040, 0, control).await.unwrap();
+        status_shows(&mut sdo, 0x6F, status).await;
+    }
+    // Homing where it is.
+    sdo.write_i8(0x6098, 0, 35).await.unwrap();
+    sdo.write_i8(0x6060, 0, 6).await.unwrap();
+    sdo.write_u16(0x6040, 0, 0x1F).await.unwrap();
+    status_shows(&mut sdo, 0x3400, 0x1400).await;
+    sdo.write_u16(0x6040, 0, 0x0F).await.unwrap();
+    // Profile position.
+    sdo.write_i8(0x6060, 0, 1).await.unwrap();
+    sdo.write_u32(0x6081, 0, 20_000).await.unwrap();
+    for target in [1200, -50, 400] {
+        sdo.write_i32(0x607A, 0, target).await.unwrap();
+        sdo.write_u16(0x6040, 0, 0x1F).await.unwrap();
+        status_shows(&mut sdo, 0x1000, 0x1000).await;
+        sdo.write_u16(0x6040, 0, 0x0F).await.unwrap();
+        status_shows(&mut sdo, 0x1400, 0x0400).await;
+        let position = sdo.read_i32(0x6064, 0).await.unwrap();
+        // Above home is the end of the travel: the target is cut off there.
+        assert!((position - target.max(0)).abs() <= 3, "{position} instead of {target}");
+    }
+    sdo.write_u16(0x6040, 0, 0).await.unwrap();
+    status_shows(&mut sdo, 0x4F, 0x40).await;
+}
+
+async fn status_shows(sdo: &mut SdoClient<slcan::Sender, slcan::Receiver>, mask: u16, pattern: u16) {
+    let mut word = 0;
+    for _ in 0..500 {
+        word = sdo.read_u16(0x6041, 0).await.unwrap();
+        if word & mask == pattern {
+            return;
+        }
+        sleep(Duration::from_millis(10)).await;
+    }
+    panic!("statusword {word:#06x} never shows {pattern:#06x}");
 }
