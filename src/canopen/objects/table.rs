@@ -159,18 +159,18 @@ objects! {
         2 BuildId: text, ro, no, U8, 0, "", live, "Build";
     }
     0x200A "Task timers" {
-        1 GapLast: u32, ro, no, U32, 0, "ns", live, "Gap task: last";
-        2 GapMost: u32, ro, no, U32, 0, "ns", live, "Gap task: longest";
-        3 GapLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Gap task: load";
-        4 ServoLast: u32, ro, no, U32, 0, "ns", live, "Servo tick: last";
-        5 ServoMost: u32, ro, no, U32, 0, "ns", live, "Servo tick: longest";
-        6 ServoLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Servo tick: load";
-        7 SupervisionLast: u32, ro, no, U32, 0, "ns", live, "Supervision: last";
-        8 SupervisionMost: u32, ro, no, U32, 0, "ns", live, "Supervision: longest";
-        9 SupervisionLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Supervision: load";
-        10 ProtocolLast: u32, ro, no, U32, 0, "ns", live, "Protocol: last";
-        11 ProtocolMost: u32, ro, no, U32, 0, "ns", live, "Protocol: longest";
-        12 ProtocolLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Protocol: load";
+        1 GapLast: u32, ro, no, U32, 0, "ns", live, "Gap task last";
+        2 GapMost: u32, ro, no, U32, 0, "ns", live, "Gap task longest";
+        3 GapLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Gap task load";
+        4 ServoLast: u32, ro, no, U32, 0, "ns", live, "Servo tick last";
+        5 ServoMost: u32, ro, no, U32, 0, "ns", live, "Servo tick longest";
+        6 ServoLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Servo tick load";
+        7 SupervisionLast: u32, ro, no, U32, 0, "ns", live, "Supervision last";
+        8 SupervisionMost: u32, ro, no, U32, 0, "ns", live, "Supervision longest";
+        9 SupervisionLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Supervision load";
+        10 ProtocolLast: u32, ro, no, U32, 0, "ns", live, "Protocol last";
+        11 ProtocolMost: u32, ro, no, U32, 0, "ns", live, "Protocol longest";
+        12 ProtocolLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Protocol load";
     }
     0x2010 "Scope" {
         1 ScopeSignal1: u32, rw, no, U32, 0, "", live, "Signal 1: index times 256 and sub-index of an object of up to 32 bits; 0 none";
