@@ -1,8 +1,9 @@
 //! The electronic data sheet (CiA 306-1): every object of the node and the drive, for masters.
 
+use super::area::is_stored;
 use super::drive::DEVICE;
 use super::objects::{Declaration, declarations};
-use super::{Access, DataType, DefaultValue, Description, Mapping, Shape, descriptions};
+use super::{Access, DataType, DefaultValue, Description, Mapping, Shape, descriptions, remarks};
 use core::fmt::{self, Display, Formatter, Write};
 
 /// File name that the data sheet gives itself.
@@ -10,13 +11,10 @@ pub const FILE: &str = "edm-servo-head.eds";
 
 /// Every object, the node's first, by rising index and sub-index.
 pub fn everything() -> impl Iterator<Item = Declaration> {
-    let node = descriptions(&DEVICE).map(|description| Declaration {
-        description,
-        unit: "",
-        range: None,
-        doc: "",
-        choices: &[],
-        stored: false,
+    let node = descriptions(&DEVICE).map(|description| {
+        let (unit, doc) = remarks::of(description.index, description.sub);
+        let stored = is_stored(description.index, description.sub);
+        Declaration { description, unit, range: None, doc, choices: &[], stored }
     });
     node.chain(declarations())
 }
@@ -116,7 +114,7 @@ fn object(out: &mut impl Write, declaration: &Declaration) -> fmt::Result {
     match d.default {
         DefaultValue::Number(value) => writeln!(out, "DefaultValue={value}")?,
         DefaultValue::NodeId(base) => writeln!(out, "DefaultValue=$NODEID+{base:#X}")?,
-        // Readers do not agree on how a float is written: some want its bits.
+        // lely wants the bits of a float in hexadecimal, python canopen its digits, and takes some bits for digits.
         DefaultValue::Real(value) => writeln!(out, "; default {value}")?,
         DefaultValue::Text(text) => writeln!(out, "DefaultValue={text}")?,
         DefaultValue::Unknown => {}
@@ -128,10 +126,14 @@ fn object(out: &mut impl Write, declaration: &Declaration) -> fmt::Result {
         }
     }
     writeln!(out, "PDOMapping={}", u8::from(d.mapping != Mapping::No))?;
+    // Comments: lely refuses every entry that the standard does not name, units among them.
     if !declaration.unit.is_empty() {
         writeln!(out, "; in {}", declaration.unit)?;
     }
-    Ok(())
+    if !declaration.doc.is_empty() {
+        writeln!(out, "; {}", declaration.doc.trim())?;
+    }
+    (0..).zip(declaration.choices).try_for_each(|(number, name): (u8, _)| writeln!(out, "; {number} {name}"))
 }
 
 fn access(d: &Description) -> &'static str {

@@ -21,6 +21,8 @@ pub mod objects;
 mod outbox;
 mod parameters;
 mod pdo;
+#[cfg(not(target_os = "none"))]
+mod remarks;
 mod rolled;
 mod sdo;
 mod space;

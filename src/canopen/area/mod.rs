@@ -4,6 +4,8 @@ mod objects;
 mod write;
 
 pub use objects::descriptions;
+#[cfg(not(target_os = "none"))]
+pub(super) use objects::is_stored;
 pub(super) use objects::{Found, Item, STORED, find, stored};
 pub(super) use write::Written;
 

@@ -287,6 +287,13 @@ pub(in crate::canopen) fn stored(visit: &mut dyn FnMut(Found, usize) -> Option<(
     Some(())
 }
 
+/// Whether 1010h stores a value.
+#[cfg(not(target_os = "none"))]
+pub(in crate::canopen) fn is_stored(index: u16, sub: u8) -> bool {
+    let of = |row: &&Row| row.has(index) && sub.wrapping_sub(row.sub.0) < row.sub.1;
+    TABLE.iter().find(of).is_some_and(|row| row.stored().is_some())
+}
+
 /// Every value of the communication area of a device, by rising index and sub-index, with its default.
 pub fn descriptions(device: &Device) -> impl Iterator<Item = Description> + '_ {
     // Node 0: identifiers lack the node-ID.

@@ -193,8 +193,8 @@ objects! {
     0x605C "Disable operation option code" { 0 DisableOption: i16, rw, no, (0, 1), 1, "", store, "Disable operation option code"; }
     0x605D "Halt option code" { 0 HaltOption: i16, rw, no, (1, 2), 1, "", store, "Halt option code"; }
     0x605E "Fault reaction option code" { 0 FaultOption: i16, rw, no, (-1, -1), -1, "", live, "Fault reaction option code"; }
-    0x6060 "Modes of operation" { 0 Mode: i8, rw, rx, (0, 8), 0, "", live, "Modes of operation"; }
-    0x6061 "Modes of operation display" { 0 ModeDisplay: i8, ro, tx, (0, 8), 0, "", live, "Modes of operation display"; }
+    0x6060 "Modes of operation" { 0 Mode: i8, rw, rx, (0, 8), 0, "", live, "Modes of operation: 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position"; }
+    0x6061 "Modes of operation display" { 0 ModeDisplay: i8, ro, tx, (0, 8), 0, "", live, "Modes of operation display: 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position"; }
     0x6062 "Position demand value" { 0 PositionDemand: i32, ro, tx, I32, 0, "counts", live, "Position demand value"; }
     0x6063 "Position actual internal value" { 0 PositionInternal: i32, ro, tx, I32, 0, "counts", live, "Position actual internal value"; }
     0x6064 "Position actual value" { 0 PositionActual: i32, ro, tx, I32, 0, "counts", live, "Position actual value"; }
