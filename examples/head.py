@@ -12,7 +12,7 @@ import time
 import canopen
 from canopen.profiles.p402 import BaseNode402
 
-EDS = pathlib.Path(__file__).parent.parent / "docs" / "edm-head.eds"
+EDS = pathlib.Path(__file__).parent.parent / "docs" / "edm-servo-head.eds"
 
 
 def options(description):

@@ -6,9 +6,13 @@
 
 mod abort;
 mod area;
+#[cfg(not(target_os = "none"))]
+pub mod dbc;
 mod device;
 mod dictionary;
 pub mod drive;
+#[cfg(not(target_os = "none"))]
+pub mod eds;
 mod emergency;
 mod frame;
 mod heartbeat;

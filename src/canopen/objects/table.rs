@@ -101,89 +101,89 @@ const RATE: (i64, i64) = (1, i32::MAX as i64);
 objects! {
     0x2000 "Head" {
         1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 positioning, 4 homing, 5 seeking, 6 eroding, 7 retreating, 8 done, 9 holding position, 10 fault";
-        2 HeadFault: u8, ro, tx, U8, 0, "", live, "Fault, from 1 in the order of docs/objects.md; 0 none";
-        3 HeadReason: u8, ro, tx, U8, 0, "", live, "Why the state changed last, from 1 in the order of docs/objects.md; 0 has not";
-        4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Why a command was refused last, from 1 in the order of docs/objects.md; 0 never";
-        5 HeadHomed: u8, ro, tx, (0, 1), 0, "", live, "Absolute positions mean something";
+        2 HeadFault: u8, ro, tx, U8, 0, "", live, "Fault: from 1 in the order of docs/objects.md; 0 none";
+        3 HeadReason: u8, ro, tx, U8, 0, "", live, "Reason: why the state changed last, as numbered in docs/objects.md; 0 it has not";
+        4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Refusal: why a command was refused last, as numbered in docs/objects.md; 0 never";
+        5 HeadHomed: u8, ro, tx, (0, 1), 0, "", live, "Homed: absolute positions mean something";
     }
     0x2001 "EDM control" {
         1 ErodeEnable: u8, rw, rx, (0, 1), 0, "", live, "Erode: 1 sends set points through the gap, 0 switches pulses off";
-        2 ErodeHold: u8, wo, rx, (0, 1), 0, "", live, "1 switches pulses off and holds the position";
-        3 Commission: u8, wo, no, (0, 1), 0, "", live, "1 starts the guided check, while disabled";
-        4 CheckResult: u8, ro, no, U8, 0, "", live, "Guided check: 0 none yet, 1 passed, from 2 a finding in the order of docs/objects.md";
+        2 ErodeHold: u8, wo, rx, (0, 1), 0, "", live, "Hold: 1 switches pulses off and holds the position";
+        3 Commission: u8, wo, no, (0, 1), 0, "", live, "Guided check: 1 starts it, while disabled";
+        4 CheckResult: u8, ro, no, U8, 0, "", live, "Guided check result: 0 none yet, 1 passed, from 2 a finding as numbered in docs/objects.md";
     }
     0x2002 "Refused setting" {
-        1 RefusedSetting: u32, ro, no, U32, 0, "", live, "Index times 256 and sub-index of the setting that stands in the way";
-        2 RefusedRule: text, ro, no, U8, 0, "", live, "What it has to satisfy";
+        1 RefusedSetting: u32, ro, no, U32, 0, "", live, "Setting: index times 256 and sub-index of the one that stands in the way";
+        2 RefusedRule: text, ro, no, U8, 0, "", live, "Rule: what it has to satisfy";
     }
     0x2003 "Stop conditions" {
-        1 StopTime: u32, rw, no, U32, 0, "ms", store, "Longest erosion; 0 unlimited";
-        2 StopRetreats: u16, rw, no, U16, 0, "", store, "Most long retreats in an erosion; 0 unlimited";
-        3 StoppedBy: u8, ro, tx, (0, 3), 0, "", live, "What ended the last erosion: 1 depth, 2 time, 3 long retreats, 0 something else";
+        1 StopTime: u32, rw, no, U32, 0, "ms", store, "Time limit: of an erosion; 0 unlimited";
+        2 StopRetreats: u16, rw, no, U16, 0, "", store, "Retreat limit: most long retreats in an erosion; 0 unlimited";
+        3 StoppedBy: u8, ro, tx, (0, 3), 0, "", live, "Stopped by: what ended the last erosion: 1 depth, 2 time, 3 long retreats, 0 something else";
     }
     0x2004 "Path queue" {
-        1 QueueAppend: i32, wo, rx, I32, 0, "counts", live, "Append a straight line to this position";
-        2 QueueAppendBy: i32, wo, rx, I32, 0, "counts", live, "Append a straight line by this length";
-        3 QueueClear: u8, wo, no, (0, 1), 0, "", live, "1 forgets the queue";
-        4 QueueSpace: u16, ro, tx, U16, 0, "", live, "Segments that still fit";
-        5 QueueSegment: u32, ro, tx, U32, 0, "", live, "Segment under way: appended since power-on, less those waiting";
+        1 QueueAppend: i32, wo, rx, I32, 0, "counts", live, "Append: a straight line to this position";
+        2 QueueAppendBy: i32, wo, rx, I32, 0, "counts", live, "Append by: a straight line of this length";
+        3 QueueClear: u8, wo, no, (0, 1), 0, "", live, "Clear: 1 forgets the queue";
+        4 QueueSpace: u16, ro, tx, U16, 0, "", live, "Space left: segments that still fit";
+        5 QueueSegment: u32, ro, tx, U32, 0, "", live, "Segment: number of the one under way, counted since power-on";
         6 PathCoordinate: i32, ro, tx, I32, 0, "um", live, "Path coordinate";
         7 PathFeed: i32, ro, tx, I32, 0, "um/s", live, "Signed feed: velocity along the path that the gap asks for";
     }
     0x2005 "Gap" {
-        1 GapVoltage: i16, ro, tx, I16, 0, "0.01 V", live, "Gap voltage after the filters";
-        2 GapBlock: i16, ro, tx, I16, 0, "0.01 V", live, "Gap voltage before the filters";
+        1 GapVoltage: i16, ro, tx, I16, 0, "0.01 V", live, "Voltage: after the filters";
+        2 GapBlock: i16, ro, tx, I16, 0, "0.01 V", live, "Block voltage: before the filters";
         3 GapQuality: u8, ro, tx, (0, 4), 0, "", live, "Quality: 0 missing, 1 valid, 2 no gate, 3 saturated, 4 reversed";
-        4 GapShort: u16, ro, tx, U16, 0, "50 us", live, "Uninterrupted short";
-        5 GapSetpoint: i16, ro, tx, I16, 0, "0.01 V", live, "Gap voltage to keep";
-        6 GapOpen: i16, ro, tx, I16, 0, "0.01 V", live, "Open-circuit voltage measured when the seek began";
+        4 GapShort: u16, ro, tx, U16, 0, "50 us", live, "Short: time without interruption";
+        5 GapSetpoint: i16, ro, tx, I16, 0, "0.01 V", live, "Setpoint: voltage to keep";
+        6 GapOpen: i16, ro, tx, I16, 0, "0.01 V", live, "Open-circuit voltage: measured when the seek began";
     }
     0x2006 "Erosion counters" {
-        1 Shorts: u32, ro, tx, U32, 0, "", live, "Retreats from a short since power-on";
-        2 LongRetreats: u32, ro, tx, U32, 0, "", live, "Retreats of more than 5 um since power-on";
-        3 ErodingTime: u32, ro, tx, U32, 0, "ms", live, "Time of the present or last erosion";
-        4 Deepest: i32, ro, tx, I32, 0, "counts", live, "Deepest position of it";
+        1 Shorts: u32, ro, tx, U32, 0, "", live, "Shorts: retreats from one since power-on";
+        2 LongRetreats: u32, ro, tx, U32, 0, "", live, "Long retreats: more than 5 um, since power-on";
+        3 ErodingTime: u32, ro, tx, U32, 0, "ms", live, "Eroding time: of the present or last erosion";
+        4 Deepest: i32, ro, tx, I32, 0, "counts", live, "Deepest position: of that erosion";
     }
     0x2007 "Drive" {
-        1 Duty: i16, ro, tx, (-10_000, 10_000), 0, "0.01 %", live, "Duty, positive toward the work";
+        1 Duty: i16, ro, tx, (-10_000, 10_000), 0, "0.01 %", live, "Duty: positive toward the work";
         2 Current: i16, ro, tx, I16, 0, "mA", live, "Motor current";
-        3 Saturated: u8, ro, tx, (0, 1), 0, "", live, "The duty is at its limit";
-        4 CurrentReduced: u8, ro, tx, (0, 1), 0, "", live, "The winding is hot: only its continuous current is allowed";
+        3 Saturated: u8, ro, tx, (0, 1), 0, "", live, "Saturated: the duty is at its limit";
+        4 CurrentReduced: u8, ro, tx, (0, 1), 0, "", live, "Current reduced: the winding is hot";
     }
     0x2008 "Encoder health" {
-        1 Illegal: u32, ro, tx, U32, 0, "", live, "Illegal transitions since power-on";
-        2 EmfDifference: i32, ro, tx, I32, 0, "counts/s", live, "Velocity of the encoder less that of the back-EMF";
+        1 Illegal: u32, ro, tx, U32, 0, "", live, "Illegal transitions: since power-on";
+        2 EmfDifference: i32, ro, tx, I32, 0, "counts/s", live, "Back-EMF difference: velocity by it less that of the encoder";
     }
     0x2009 "Build" {
-        1 ResetCause: u32, ro, no, U32, 0, "", live, "Cause of the last reset, as the chip names it";
+        1 ResetCause: u32, ro, no, U32, 0, "", live, "Reset cause: as the chip names it";
         2 BuildId: text, ro, no, U8, 0, "", live, "Build";
     }
     0x200A "Task timers" {
-        1 GapLast: u32, ro, no, U32, 0, "ns", live, "Gap task: last";
-        2 GapMost: u32, ro, no, U32, 0, "ns", live, "Gap task: longest";
-        3 GapLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Gap task: load";
-        4 ServoLast: u32, ro, no, U32, 0, "ns", live, "Servo tick: last";
-        5 ServoMost: u32, ro, no, U32, 0, "ns", live, "Servo tick: longest";
-        6 ServoLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Servo tick: load";
-        7 SupervisionLast: u32, ro, no, U32, 0, "ns", live, "Supervision: last";
-        8 SupervisionMost: u32, ro, no, U32, 0, "ns", live, "Supervision: longest";
-        9 SupervisionLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Supervision: load";
-        10 ProtocolLast: u32, ro, no, U32, 0, "ns", live, "Protocol: last";
-        11 ProtocolMost: u32, ro, no, U32, 0, "ns", live, "Protocol: longest";
-        12 ProtocolLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Protocol: load";
+        1 GapLast: u32, ro, no, U32, 0, "ns", live, "Gap task last";
+        2 GapMost: u32, ro, no, U32, 0, "ns", live, "Gap task longest";
+        3 GapLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Gap task load";
+        4 ServoLast: u32, ro, no, U32, 0, "ns", live, "Servo tick last";
+        5 ServoMost: u32, ro, no, U32, 0, "ns", live, "Servo tick longest";
+        6 ServoLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Servo tick load";
+        7 SupervisionLast: u32, ro, no, U32, 0, "ns", live, "Supervision last";
+        8 SupervisionMost: u32, ro, no, U32, 0, "ns", live, "Supervision longest";
+        9 SupervisionLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Supervision load";
+        10 ProtocolLast: u32, ro, no, U32, 0, "ns", live, "Protocol last";
+        11 ProtocolMost: u32, ro, no, U32, 0, "ns", live, "Protocol longest";
+        12 ProtocolLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Protocol load";
     }
     0x2010 "Scope" {
         1 ScopeSignal1: u32, rw, no, U32, 0, "", live, "Signal 1: index times 256 and sub-index of an object of up to 32 bits; 0 none";
         2 ScopeSignal2: u32, rw, no, U32, 0, "", live, "Signal 2";
         3 ScopeSignal3: u32, rw, no, U32, 0, "", live, "Signal 3";
         4 ScopeSignal4: u32, rw, no, U32, 0, "", live, "Signal 4";
-        5 ScopeDecimation: u16, rw, no, (1, 60_000), 1, "ms", live, "Time from one sample to the next";
+        5 ScopeDecimation: u16, rw, no, (1, 60_000), 1, "ms", live, "Decimation: time from one sample to the next";
         6 ScopeTrigger: u8, rw, no, (0, 3), 0, "", live, "Trigger: 0 at once, 1 signal 1 rises to the level, 2 falls to it, 3 first change of signal 1";
-        7 ScopeLevel: i32, rw, no, I32, 0, "", live, "Level of the trigger";
-        8 ScopeArm: u8, rw, no, (0, 1), 0, "", live, "1 arms, 0 stops";
+        7 ScopeLevel: i32, rw, no, I32, 0, "", live, "Trigger level";
+        8 ScopeArm: u8, rw, no, (0, 1), 0, "", live, "Arm: 1 arms, 0 stops";
         9 ScopeState: u8, ro, tx, (0, 3), 0, "", live, "State: 0 idle, 1 waits for the trigger, 2 records, 3 full";
-        10 ScopeCount: u16, ro, no, U16, 0, "", live, "Samples recorded";
-        11 ScopeData: domain, ro, no, U8, 0, "", live, "Samples: signals 1 to 4 as 32 bits each, little-endian";
+        10 ScopeCount: u16, ro, no, U16, 0, "", live, "Count: samples recorded";
+        11 ScopeData: domain, ro, no, U8, 0, "", live, "Data: samples of signals 1 to 4, 32 bits each, little-endian";
     }
     0x603F "Error code" { 0 ErrorCode: u16, ro, tx, U16, 0, "", live, "Error code"; }
     0x6040 "Controlword" { 0 Controlword: u16, rw, rx, U16, 0, "", live, "Controlword"; }

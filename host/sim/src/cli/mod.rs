@@ -5,6 +5,7 @@
 //! that does not reach its depth, or an output that fails in the end, is [`EXIT_FAILED`].
 
 mod bore;
+mod describe;
 pub(crate) mod inputs;
 mod tables;
 
@@ -55,6 +56,14 @@ enum Command {
     Scenarios,
     /// List every setting with unit, default, range and source
     Settings,
+    /// Write the CANopen data sheet (EDS) to the standard output
+    Eds,
+    /// Write the process data of a node as a DBC file to the standard output
+    Dbc {
+        /// Node-ID
+        #[arg(long, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=127))]
+        node_id: u8,
+    },
     /// Measure speed and memory, relative to a calibration loop
     Bench(Bench),
     /// Run every scenario with many seeds and check the bounds
@@ -83,6 +92,14 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
             say(&text);
             true
         }),
+        Command::Eds => {
+            say(&describe::eds());
+            Ok(true)
+        }
+        Command::Dbc { node_id } => {
+            say(&describe::dbc(node_id));
+            Ok(true)
+        }
         Command::Settings => {
             say(&tables::settings());
             Ok(true)

@@ -1,0 +1,6 @@
+//! A master commands the head over CANopen: node, drive, head and process model together.
+
+mod drive;
+mod edm;
+mod rig;
+mod settings;
