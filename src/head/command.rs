@@ -220,7 +220,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.path.restart([here], [top.min(here)]);
         self.work = None;
         self.limiter.stop();
-        self.course = Course::new();
+        self.course = Course::new(self.status.tick);
         self.status.setpoint = here;
         self.urgent = true;
     }
