@@ -284,6 +284,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         match self.status.state {
             State::Seeking => self.seek(),
             State::Eroding => self.watch_short(State::Eroding),
+            State::Guiding => self.watch_short(State::Guiding),
             State::Retreating => self.end_retreat(),
             _ => {}
         }
@@ -298,6 +299,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             State::Seeking if self.open.volts().is_none() => along(0.0),
             State::Seeking => along(self.config.seek.velocity.0),
             State::Eroding => self.erode(),
+            State::Guiding => self.guide(),
             State::Retreating => along(-self.config.retreat.velocity.0),
             State::Fault => {
                 let situation = self.situation();
@@ -382,6 +384,16 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         }
     }
 
+    /// Gap voltage above the setpoint. A reading that is not valid is no reason to move, and neither is a setpoint that is a
+    /// share of a voltage not measured yet; supervision decides how long a bad reading may last.
+    fn gap_error(&self) -> Volts {
+        let setpoint = self.status.gap_setpoint;
+        match self.status.gap.quality {
+            Quality::Valid if setpoint.0 > 0.0 => Volts(self.status.gap.filtered.0 - setpoint.0),
+            _ => Volts(0.0),
+        }
+    }
+
     fn erode(&mut self) -> Motion {
         let config = &self.config;
         let full = Window::symmetric(config.axis.duty_limit);
@@ -389,11 +401,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             self.enter(State::Done, Reason::PathEnd);
             return Motion::Path(MicrometresPerSecond(0.0), full);
         }
-        // A reading that is not valid is no reason to move; supervision decides how long that may last.
-        let error = match self.status.gap.quality {
-            Quality::Valid => Volts(self.status.gap.filtered.0 - self.status.gap_setpoint.0),
-            _ => Volts(0.0),
-        };
+        let error = self.gap_error();
+        let config = &self.config;
         match config.structure {
             Structure::SingleLoop => {
                 let window = full.and(self.current_window());
@@ -405,6 +414,13 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 if structure == Structure::Path { Motion::Path(wanted, full) } else { Motion::Velocity(wanted) }
             }
         }
+    }
+
+    /// Holds the end of the path, or returns to it from a retreat, and tells the feed that the gap asks for.
+    fn guide(&mut self) -> Motion {
+        let error = self.gap_error();
+        self.status.feed = self.config.limits.clamp(self.law.velocity(error, self.planned));
+        Motion::Path(self.config.retreat.velocity, self.full_window())
     }
 
     pub(super) fn full_window(&self) -> Window {

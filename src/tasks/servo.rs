@@ -107,7 +107,7 @@ impl Servo {
     #[inline(never)]
     fn change_state(&mut self, drive: Drive) {
         self.state = self.head.status().state;
-        REFLEX.arm(self.state == State::Eroding);
+        REFLEX.arm(matches!(self.state, State::Eroding | State::Guiding));
         self.arm(drive);
     }
 
