@@ -1,4 +1,4 @@
-"""Homes the head where it rests, bores a hole to a depth below the surface, and saves the parameters."""
+"""Homes the head at its upper stop, bores a hole to a depth below the surface, goes home, and saves the parameters."""
 
 import time
 
@@ -13,7 +13,7 @@ head = Head(network, args.node)
 counts_per_mm = head.counts_per_mm()
 
 head.enable()
-head.sdo[0x6098].raw = 35  # home is here
+head.sdo[0x6098].raw = 35  # home is where the head rests: the upper stop
 if not head.homing(timeout=10):
     raise SystemExit("not homed")
 print("homed")
@@ -37,7 +37,7 @@ while not head.statusword & 1 << 10:
     time.sleep(0.02)
 head.sdo[0x2001][1].raw = 0
 print(f"bored to {head.sdo[0x6064].raw / counts_per_mm - args.surface_mm:.3f} mm in {time.monotonic() - began:.0f} s")
-head.move((args.surface_mm - 1) * counts_per_mm)
+head.move(0)
 
 head.state = "SWITCH ON DISABLED"
 head.store(1)

@@ -19,9 +19,9 @@ args = parser.parse_args()
 network = connect(args)
 head = Head(network, args.node)
 head.enable()
-start = head.sdo[0x6064].raw
-head.move(max(start, 500))
-start = head.sdo[0x6064].raw
+rest = head.sdo[0x6064].raw
+start = rest + 500  # counts: away from the upper stop
+head.move(start)
 
 scope = head.sdo[0x2010]
 for sub, signal in enumerate((DEMAND, ACTUAL, DUTY, 0), start=1):
@@ -38,7 +38,7 @@ while scope[9].raw != 3:
 with scope[11].open("rb", block_transfer=True) as record:
     data = record.read()
 samples = [struct.unpack_from("<4i", data, at) for at in range(0, len(data), 16)]
-head.move(start)
+head.move(rest)
 head.state = "SWITCH ON DISABLED"
 network.disconnect()
 

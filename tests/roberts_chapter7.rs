@@ -71,10 +71,10 @@ fn error_at_the_end(controller: Loop, noise: f32, seconds: u32) -> f32 {
         let setpoint = 60.0 + 0.5 * tick as f32 * TICK_S;
         let error = setpoint + wobble - actuator.units();
         let volts = match &controller {
-            Loop::Position(gains) => pid.update(gains, error, 0.0, FREE),
+            Loop::Position(gains) => pid.update(gains, error, 0.0, FREE).value,
             Loop::Cascade(per_unit, gains) => {
                 let velocity = (actuator.velocity / METRES_PER_UNIT) as f32;
-                pid.update(gains, per_unit * error - velocity, 0.0, FREE)
+                pid.update(gains, per_unit * error - velocity, 0.0, FREE).value
             }
         };
         actuator.advance(f64::from(volts));

@@ -62,7 +62,7 @@ pub fn gate_mask(now: u32, open: bool, edges: impl Iterator<Item = u16>, end_pha
 #[inline]
 fn inside(newer: u32, older: u32, end: u32) -> u32 {
     // Counted from the newest conversion: the first that ended before the newer edge, and how many began after the older.
-    let first = ((newer + GUARD).saturating_sub(end) + (SPACING - 1)) / SPACING;
+    let first = (newer + GUARD).checked_sub(end + 1).map_or(0, |before| before / SPACING + 1);
     let Some(after) = older.checked_sub(end + APERTURE + GUARD) else { return 0 };
     let past = (after / SPACING).min(BLOCK as u32 - 1) + 1;
     (GapBlock::ALL >> first) & (u32::MAX << (BLOCK as u32 - past))

@@ -26,8 +26,10 @@ impl SafetyInputs {
     /// Any of the conditions.
     #[inline]
     pub fn any(&self) -> bool {
-        // Without short circuit: five loads in a row and no branch.
-        self.upper_limit | self.lower_limit | self.emergency_stop | self.dielectric | self.bridge_fault
+        // Without short circuits: five loads in a row and one branch.
+        let [a, b, c, d, e] =
+            [self.upper_limit, self.lower_limit, self.emergency_stop, self.dielectric, self.bridge_fault].map(u8::from);
+        a | b | c | d | e != 0
     }
 }
 

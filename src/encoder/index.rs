@@ -47,16 +47,19 @@ impl MarkLatch {
         MarkLatch { line: UNKNOWN_BEFORE | u32::from(high) }
     }
 
-    /// The stay goes on.
-    #[inline]
-    pub(super) fn stay(&mut self, high: bool) {
-        self.line |= u32::from(high);
+    /// The latch whose [`MarkLatch::line`] was `line`.
+    pub(super) fn of(line: u32) -> Self {
+        MarkLatch { line }
     }
 
-    /// The stay ends with a step, after which the line is `high`. True if [`MarkLatch::leave`] has to look at it: near a mark.
-    #[inline]
-    pub(super) fn is_near(&self, high: bool) -> bool {
-        self.line | u32::from(high) != 0
+    /// What it knows; 0 away from marks, where a step need not ask it while the line is low.
+    pub(super) fn line(&self) -> u32 {
+        self.line
+    }
+
+    /// The stay goes on.
+    pub(super) fn stay(&mut self, high: bool) {
+        self.line |= u32::from(high);
     }
 
     /// The stay at `count`, which began by a step toward the work or away, ends with a step after which the line is `high`.

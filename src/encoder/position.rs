@@ -26,12 +26,15 @@ impl Position {
     /// Takes a reading, at most 2^31 - 1 counts from the one before, and returns the position.
     #[inline]
     pub fn update(&mut self, reading: RawCount) -> i64 {
-        // In most ticks of an eroding head there is no new edge.
-        if reading.count != self.raw {
-            self.set_position(self.at(reading.count));
-            self.raw = reading.count;
-        }
+        self.set_position(self.at(reading.count));
+        self.raw = reading.count;
         self.counts
+    }
+
+    /// Whether a reading brings nothing new, as most do while a head erodes.
+    #[inline]
+    pub fn is_at(&self, reading: RawCount) -> bool {
+        reading.count == self.raw
     }
 
     /// Position at the newest reading.

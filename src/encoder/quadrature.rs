@@ -45,12 +45,16 @@ const PACKED_STEPS: u32 = {
     word
 };
 
+/// Bits of a phase; above them the state keeps what the latch knows of the index line, mostly nothing.
+const PHASE_BITS: u32 = 2;
+
 fn phase(levels: Levels) -> u32 {
     u32::from(levels.a) | u32::from(levels.b) << 1
 }
 
+/// Step from the phase in a state to another.
 fn step(from: u32, to: u32) -> i32 {
-    let entry = (from << 2 | to) & 0xF;
+    let entry = (from << PHASE_BITS | to) & 0xF;
     // Up to the top and back down: the shift right carries the sign.
     ((PACKED_STEPS >> (2 * entry)) << 30) as i32 >> 30
 }
@@ -59,11 +63,7 @@ fn step(from: u32, to: u32) -> i32 {
 ///
 /// `S` is where the state is: a [`Shared`] of its own, or a reference to one that slower tasks read too.
 #[derive(Debug)]
-pub struct Quadrature<S = Shared> {
-    shared: S,
-    phase: u32,
-    latch: MarkLatch,
-}
+pub struct Quadrature<S = Shared>(S);
 
 impl Quadrature {
     /// Starts at count 0 from the levels that are there; `now` stands in for the time of the newest edge until one comes.
@@ -76,63 +76,61 @@ impl<S: Borrow<Shared>> Quadrature<S> {
     /// As [`Quadrature::new`], with the state in `shared`, which was new until now and belongs to this decoder alone.
     pub fn on(shared: S, levels: Levels, now: u32) -> Self {
         shared.borrow().last_edge.store(now, Relaxed);
-        Quadrature { shared, phase: phase(levels), latch: MarkLatch::new(levels.index) }
+        let mut quadrature = Quadrature(shared);
+        quadrature.resume(levels);
+        quadrature
     }
 
     /// Takes the levels after an edge of A, B or the index line, at clock time `now`. Levels that have not changed are
     /// neither counted nor illegal: an interrupt that comes late finds its edge already served.
     #[inline(always)]
     pub fn edge(&mut self, levels: Levels, now: u32) {
+        let shared = self.0.borrow();
+        let state = shared.state.load(Relaxed);
         let to = phase(levels);
-        let step = step(self.phase, to);
-        self.phase = to;
-        if step & 1 == 0 {
-            return self.no_step(step, levels.index);
+        let step = step(state, to);
+        let near_mark = state >> PHASE_BITS | u32::from(levels.index) != 0;
+        if step & 1 == 0 || near_mark {
+            return self.unusual(levels, now);
         }
-        if self.latch.is_near(levels.index) {
-            self.latch_mark(levels.index);
-        }
-        let shared = self.shared.borrow();
-        shared.count.store(shared.count.load(Relaxed).wrapping_add_signed(step), Relaxed);
-        shared.newest_step.store(step as u32, Relaxed);
-        shared.last_edge.store(now, Relaxed);
+        shared.state.store(to, Relaxed);
+        shared.step(step, now);
     }
 
-    /// The same levels again, or an illegal transition.
+    /// An edge near an index mark, the same levels again, or an illegal transition.
     #[cold]
     #[inline(never)]
-    fn no_step(&mut self, step: i32, index: bool) {
-        if step == ILLEGAL {
-            let illegal = &self.shared.borrow().illegal;
-            illegal.store(illegal.load(Relaxed).wrapping_add(1), Relaxed);
-            self.latch = MarkLatch::new(index);
-        } else {
-            self.latch.stay(index);
+    fn unusual(&mut self, levels: Levels, now: u32) {
+        let shared = self.0.borrow();
+        let state = shared.state.load(Relaxed);
+        let to = phase(levels);
+        let mut latch = MarkLatch::of(state >> PHASE_BITS);
+        match step(state, to) {
+            0 => latch.stay(levels.index),
+            ILLEGAL => {
+                shared.illegal.store(shared.illegal.load(Relaxed).wrapping_add(1), Relaxed);
+                latch = MarkLatch::new(levels.index);
+            }
+            step => {
+                let toward_work = shared.toward_work();
+                if let Some(mark) = latch.leave(shared.count.load(Relaxed), toward_work, levels.index) {
+                    shared.cross(mark, toward_work);
+                }
+                shared.step(step, now);
+            }
         }
-    }
-
-    /// The stay at the present count ends near a mark.
-    #[cold]
-    #[inline(never)]
-    fn latch_mark(&mut self, index: bool) {
-        let shared = self.shared.borrow();
-        let toward_work = shared.toward_work();
-        if let Some(mark) = self.latch.leave(shared.count.load(Relaxed), toward_work, index) {
-            shared.cross(mark, toward_work);
-        }
+        shared.state.store(to | latch.line() << PHASE_BITS, Relaxed);
     }
 
     /// Goes on from the levels that are there, after edges that were deliberately not served: neither counted nor illegal.
-    #[cold]
-    #[inline(never)]
     pub fn resume(&mut self, levels: Levels) {
-        self.phase = phase(levels);
-        self.latch = MarkLatch::new(levels.index);
+        let line = MarkLatch::new(levels.index).line();
+        self.0.borrow().state.store(phase(levels) | line << PHASE_BITS, Relaxed);
     }
 
     /// Everything known at clock time `now`, which is not before the newest edge.
     pub fn snapshot(&self, now: u32) -> Snapshot {
-        self.shared.borrow().read(|| now)
+        self.0.borrow().read(|| now)
     }
 }
 

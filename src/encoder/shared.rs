@@ -14,6 +14,7 @@
 //! only their pairing may be off, by the edges of one attempt.
 
 use super::index::Mark;
+use crate::units::rare;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::{EdgeCounter, RawCount};
@@ -44,6 +45,8 @@ pub struct Shared {
     pub(super) newest_step: AtomicU32,
     pub(super) last_edge: AtomicU32,
     pub(super) illegal: AtomicU32,
+    /// Phase and index line, for the decoder alone.
+    pub(super) state: AtomicU32,
     mark_count: AtomicU32,
     /// Twice the crossings, and one if the newest went toward the work.
     mark_crossings: AtomicU32,
@@ -57,9 +60,18 @@ impl Shared {
             newest_step: AtomicU32::new(0),
             last_edge: AtomicU32::new(0),
             illegal: AtomicU32::new(0),
+            state: AtomicU32::new(0),
             mark_count: AtomicU32::new(0),
             mark_crossings: AtomicU32::new(0),
         }
+    }
+
+    /// A step of 1 or -1 at clock time `now`.
+    #[inline(always)]
+    pub(super) fn step(&self, step: i32, now: u32) {
+        self.count.store(self.count.load(Relaxed).wrapping_add_signed(step), Relaxed);
+        self.newest_step.store(step as u32, Relaxed);
+        self.last_edge.store(now, Relaxed);
     }
 
     /// The newest step went toward the work.
@@ -117,6 +129,7 @@ impl Shared {
             if load(&self.last_edge, &mut interrupt) == last_edge {
                 break;
             }
+            rare();
         }
         raw
     }

@@ -10,8 +10,8 @@
 //!   the encoder, whose unequal spacing cancels. Slower, it is the newest spacing, with no delay but that of the edge
 //!   itself. A counter that times by the tick may be off by one count of those that four ticks bring.
 //! - *No new edge*: the next line has not been reached, so |v| is less than one count by the time since the newest edge.
-//!   The value is held down to that, and is exactly 0 after [`STANDSTILL`]. The age of the newest edge is then kept there,
-//!   so the clock may wrap as often as it likes. \[R\] section 6.6.2: a period measurement waits for the next edge and stays
+//!   The value is held down to that, and is exactly 0 after [`STANDSTILL`]. The newest edge is then given that age, and again
+//!   every 8 ms, so the clock may wrap as often as it likes. \[R\] section 6.6.2: a period measurement waits for the next edge and stays
 //!   high when the axis has stopped.
 //! - *A reversal* crosses the same line twice: distance 0, velocity 0. An axis that trembles over one line has none,
 //!   however short the time between the edges.
@@ -64,6 +64,9 @@ pub struct Velocity {
     window: u32,
     standstill: u32,
     last_edge: u32,
+    /// Time of the newest edge kept, and the age up to which the value needs no look.
+    time: u32,
+    holds: u32,
     /// The edges kept, a ring.
     edges: [Edge; 4],
     newest: usize,
@@ -78,6 +81,8 @@ impl Velocity {
             window: clock_hz / TICK_HZ * WINDOW_TICKS,
             standstill: (clock_hz as f32 * STANDSTILL.0) as u32,
             last_edge: first.last_edge,
+            time: 0,
+            holds: 0,
             edges: [Edge::newest(first); 4],
             newest: 0,
             value: 0.0,
@@ -86,20 +91,27 @@ impl Velocity {
         velocity
     }
 
+    /// Whether a reading brings nothing new: no edge, and none is missing yet. [`Velocity::tick`] may then be left out.
+    #[inline]
+    pub fn holds(&self, reading: RawCount) -> bool {
+        // Counted edges have different times.
+        reading.last_edge == self.last_edge && reading.now.wrapping_sub(self.time) < self.holds
+    }
+
     /// Takes this tick's reading and returns the velocity. Ticks may be late or left out; less than 2^31 clock ticks and
     /// counts must lie between two of them.
-    #[inline]
     pub fn tick(&mut self, reading: RawCount) -> CountsPerSecond {
-        // Counted edges have different times.
         if reading.last_edge != self.last_edge {
             self.last_edge = reading.last_edge;
             self.value = self.measure(Edge::newest(reading));
-        } else {
-            let age = reading.now.wrapping_sub(self.edges[self.newest % 4].time);
+            // Up to this age |v| is less than one count by the time since the edge.
+            self.holds = ((self.hz / self.value.abs()) as u32).min(self.standstill);
+        } else if !self.holds(reading) {
+            let age = reading.now.wrapping_sub(self.time);
             if age >= self.standstill {
                 self.stand(reading.now);
-            } else if self.value.abs() * age as f32 > self.hz {
-                self.value = (self.hz / age as f32).copysign(self.value);
+            } else {
+                self.value = (self.hz / age.max(1) as f32).copysign(self.value);
             }
         }
         CountsPerSecond(self.value)
@@ -110,15 +122,18 @@ impl Velocity {
         let before = self.edges[self.newest % 4];
         self.newest = (self.newest + 1) % 4;
         let oldest = core::mem::replace(&mut self.edges[self.newest], edge);
+        self.time = edge.time;
         let reference = if edge.since(oldest) <= self.window { oldest } else { before };
         let lines = edge.line.wrapping_sub(reference.line) as i32;
         lines as f32 * self.hz / edge.since(reference).max(1) as f32
     }
 
-    /// At standstill the newest edge is as old as that takes, and the only one.
+    /// At standstill the newest edge is as old as that takes, and the only one. A little later it is made so again.
     fn stand(&mut self, now: u32) {
         let line = self.edges[self.newest % 4].line;
-        self.edges = [Edge { line, time: now.wrapping_sub(self.standstill) }; 4];
+        self.time = now.wrapping_sub(self.standstill);
+        self.edges = [Edge { line, time: self.time }; 4];
+        self.holds = self.standstill + self.standstill / 256;
         self.value = 0.0;
     }
 }

@@ -5,7 +5,7 @@
 //! says that they do not belong together. The writer comes once a tick, so the second attempt succeeds.
 
 use super::{GapReading, Quality};
-use crate::units::Volts;
+use crate::units::{Volts, rare};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
 /// A reading that one task writes and a slower one reads.
@@ -59,19 +59,26 @@ impl Latest {
         };
         let mut number = load(&self.number);
         if number == *seen {
+            rare();
             reading.quality = Quality::Missing;
             return;
         }
         for _ in 0..2 {
-            reading.filtered = Volts(f32::from_bits(load(&self.filtered)));
-            reading.block = Volts(f32::from_bits(load(&self.block)));
-            reading.quality = quality(load(&self.quality));
-            reading.short_ticks = load(&self.short_ticks);
+            let [filtered, block, grade, short_ticks] =
+                [&self.filtered, &self.block, &self.quality, &self.short_ticks].map(&mut load);
+            let after = load(&self.number);
+            *reading = GapReading {
+                filtered: Volts(f32::from_bits(filtered)),
+                block: Volts(f32::from_bits(block)),
+                quality: quality(grade),
+                short_ticks,
+            };
             *seen = number;
-            number = load(&self.number);
-            if number == *seen {
+            if after == number {
                 break;
             }
+            rare();
+            number = after;
         }
     }
 }

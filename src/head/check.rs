@@ -165,10 +165,10 @@ impl Check {
             Step::PushDown => config.duty * self.ramp(),
             Step::PushUp => -config.duty * self.ramp(),
             Step::Return => -config.duty,
-            Step::StrokeDown => self.axis.run(gains, config.velocity, velocity, Window::symmetric(config.duty)),
+            Step::StrokeDown => self.axis.run(gains, config.velocity, velocity, Window::symmetric(config.duty)).value,
             Step::StrokeUp => {
                 let up = CountsPerSecond(-config.velocity.0);
-                self.axis.run(gains, up, velocity, Window::symmetric(config.duty))
+                self.axis.run(gains, up, velocity, Window::symmetric(config.duty)).value
             }
             Step::Rest | Step::Gap => 0.0,
         };

@@ -38,6 +38,9 @@ pub enum Command {
     Brake(MicrometresPerSecond2),
     /// Pulses on; seek the work and erode along the queue.
     Start,
+    /// Pulses on; hold the position and tell the feed that the gap asks for: a host keeps the path. A short is retreated
+    /// from here, and returned from.
+    Guide,
     /// Pulses off; hold the position.
     Hold,
     /// Run the guided check of encoder, motor, gap and stroke.
@@ -143,6 +146,17 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 self.enter(State::Seeking, Reason::Started);
                 Ok(())
             }
+            Command::Guide => {
+                if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
+                    return Err(Refused::State(state));
+                }
+                self.refuse_hazard(true)?;
+                let [here] = self.path.setpoint();
+                self.restart_path_at(here);
+                self.law = self.config.law;
+                self.enter(State::Guiding, Reason::Started);
+                Ok(())
+            }
             Command::Hold => {
                 if !state.follows() {
                     return Err(Refused::State(state));
@@ -220,7 +234,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.path.restart([here], [top.min(here)]);
         self.work = None;
         self.limiter.stop();
-        self.course = Course::new();
+        self.course = Course::new(self.status.tick);
         self.status.setpoint = here;
         self.urgent = true;
     }

@@ -8,8 +8,8 @@ use super::TickInput;
 use super::machine::Head;
 use super::reaction::Motion;
 use crate::path::Path;
-use crate::servo::Window;
-use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, larger};
+use crate::servo::{Output, Window};
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, larger, rare};
 use core::ops::DerefMut;
 use edm_hal_shim::bridge::Drive;
 
@@ -41,13 +41,13 @@ pub(super) struct Course {
     /// Travel in a tick, along the path and of the axis.
     advance: Fixed,
     travel: Fixed,
-    /// Ticks carried out.
-    ticks: u32,
+    /// Tick of the plan.
+    since: u32,
 }
 
 impl Course {
-    /// The bridge is open.
-    pub fn new() -> Course {
+    /// The bridge is open, from tick `since` on.
+    pub fn new(since: u32) -> Course {
         Course {
             follow: Follow::Nothing,
             pulses: false,
@@ -56,7 +56,7 @@ impl Course {
             duty: 0.0,
             advance: Fixed(0),
             travel: Fixed(0),
-            ticks: 0,
+            since,
         }
     }
 
@@ -69,12 +69,12 @@ impl Course {
 
 impl<P: DerefMut<Target = Path>> Head<P> {
     /// Plans: brings the path to where the ticks have gone, decides, and sets the course for the ticks to come.
-    #[inline(never)]
     pub(super) fn plan(&mut self, input: &TickInput) {
-        let ticks = core::mem::take(&mut self.course.ticks);
+        let ticks = self.status.tick.wrapping_sub(self.course.since).clamp(1, PLAN_TICKS);
         self.path.step(Fixed(self.course.advance.0.wrapping_mul(ticks.into())));
         self.course.advance = Fixed(0);
-        self.planned = ticks.max(1);
+        self.course.since = self.status.tick;
+        self.planned = ticks;
         self.urgent = false;
         self.take_in(input);
         if let Some(fault) = self.unsafe_input() {
@@ -139,24 +139,26 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     /// Carries the course out for one tick.
     #[inline]
     pub(super) fn follow(&mut self) -> Drive {
-        let (course, gains) = (&mut self.course, &self.config.axis.gains);
+        let (course, gains) = (&self.course, &self.config.axis.gains);
         let velocity = self.status.velocity;
-        course.ticks = course.ticks.wrapping_add(1);
-        let duty = match course.follow {
-            Follow::Nothing => return Drive::Coast,
-            Follow::Setpoint => {
-                self.status.setpoint = self.status.setpoint.near(course.travel);
-                self.status.following = self.status.setpoint.from(self.at);
-                self.axis.follow(gains, self.status.following, course.velocity, velocity, course.window)
+        let duty = if course.follow == Follow::Setpoint {
+            self.status.setpoint = self.status.setpoint.near(course.travel);
+            self.status.following = self.status.setpoint.from(self.at);
+            self.axis.follow(gains, self.status.following, course.velocity, velocity, course.window)
+        } else {
+            rare();
+            match course.follow {
+                Follow::Nothing | Follow::Setpoint => return Drive::Coast,
+                Follow::Velocity => self.axis.run(gains, course.velocity, velocity, course.window),
+                Follow::Duty => Output::new(course.duty, course.window),
             }
-            Follow::Velocity => self.axis.run(gains, course.velocity, velocity, course.window),
-            Follow::Duty => course.duty,
         };
-        self.status.duty = duty;
-        self.status.saturated = duty <= course.window.low || duty >= course.window.high;
-        let signed = if self.config.axis.motor_reversed { -duty } else { duty };
+        self.status.duty = duty.value;
+        self.status.saturated = duty.limited;
         // A duty is a share: it fits.
-        Drive::Duty((signed * f32::from(Drive::FULL)) as i32 as i16)
+        let code = (duty.value * self.full) as i32;
+        self.sums.duty = self.sums.duty.wrapping_add(code);
+        Drive::Duty(code as i16)
     }
 
     /// Path velocity inside acceleration and stopping distance; an open upper limit is never run into.

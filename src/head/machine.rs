@@ -15,6 +15,7 @@ use crate::path::Path;
 use crate::servo::{AxisLoop, CurrentGuard, Pid, Window};
 use crate::units::{Fixed, MicrometresPerSecond, Volts};
 use core::ops::DerefMut;
+use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::safety::SafetyInputs;
 
 /// One head: path, loops, states. `P` owns the path, wherever there is room for it: a `Box<Path>`, or a `&'static mut Path`.
@@ -33,6 +34,8 @@ pub struct Head<P> {
     pub(super) guard: CurrentGuard,
     pace: Pace,
     pub(super) course: Course,
+    /// [`Drive::FULL`], negative for a reversed motor.
+    pub(super) full: f32,
     pub(super) sums: Sums,
     /// Where the axis is, as a coordinate.
     pub(super) at: Fixed,
@@ -78,7 +81,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             single: Pid::default(),
             guard: CurrentGuard::default(),
             pace: Pace::new(),
-            course: Course::new(),
+            course: Course::new(0),
+            full: full(&config),
             sums: Sums::default(),
             at: Fixed(0),
             urgent: true,
@@ -132,6 +136,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             self.law = config.law;
         }
         self.path.set_retreat(config.retreat.limit);
+        self.full = full(&config);
         self.config = config;
         self.urgent = true;
         Ok(())
@@ -176,18 +181,34 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     #[inline]
     pub fn tick(&mut self, input: &TickInput) -> TickOutput {
         self.status.tick = self.status.tick.wrapping_add(1);
-        let slot = self.pace.begin();
+        let busy = self.pace.begin();
         self.measure(input);
-        match slot {
-            pace::DRIVE => self.look_at_drive(input),
-            pace::ENCODER => self.look_at_encoder(input),
-            _ => {}
-        }
         let shorted = input.gap.short_ticks >= self.config.retreat.trigger;
-        if pace::plans(slot) | self.urgent | input.reflex | shorted | input.safety.any() {
-            self.plan(input);
+        if busy || self.urgent || input.reflex || shorted || input.safety.any() {
+            self.do_more(busy, input);
         }
         TickOutput { drive: self.follow(), pulses: self.course.pulses() }
+    }
+
+    /// What most ticks do not do.
+    #[cold]
+    #[inline(never)]
+    fn do_more(&mut self, busy: bool, input: &TickInput) {
+        // Whoever is not busy is here for something urgent.
+        let mut plan = !busy || input.reflex || input.safety.any();
+        plan |= input.gap.short_ticks >= self.config.retreat.trigger;
+        if busy {
+            let slot = self.pace.take();
+            match slot {
+                pace::DRIVE => self.look_at_drive(input),
+                pace::ENCODER => self.look_at_encoder(input),
+                _ => {}
+            }
+            plan |= pace::plans(slot);
+        }
+        if plan || self.urgent {
+            self.plan(input);
+        }
     }
 
     /// Whether the next tick compares the two counters: it then wants a fresh reading of the watch, of illegal transitions and
@@ -263,6 +284,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         match self.status.state {
             State::Seeking => self.seek(),
             State::Eroding => self.watch_short(State::Eroding),
+            State::Guiding => self.watch_short(State::Guiding),
             State::Retreating => self.end_retreat(),
             _ => {}
         }
@@ -277,6 +299,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             State::Seeking if self.open.volts().is_none() => along(0.0),
             State::Seeking => along(self.config.seek.velocity.0),
             State::Eroding => self.erode(),
+            State::Guiding => self.guide(),
             State::Retreating => along(-self.config.retreat.velocity.0),
             State::Fault => {
                 let situation = self.situation();
@@ -361,6 +384,16 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         }
     }
 
+    /// Gap voltage above the setpoint. A reading that is not valid is no reason to move, and neither is a setpoint that is a
+    /// share of a voltage not measured yet; supervision decides how long a bad reading may last.
+    fn gap_error(&self) -> Volts {
+        let setpoint = self.status.gap_setpoint;
+        match self.status.gap.quality {
+            Quality::Valid if setpoint.0 > 0.0 => Volts(self.status.gap.filtered.0 - setpoint.0),
+            _ => Volts(0.0),
+        }
+    }
+
     fn erode(&mut self) -> Motion {
         let config = &self.config;
         let full = Window::symmetric(config.axis.duty_limit);
@@ -368,15 +401,12 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             self.enter(State::Done, Reason::PathEnd);
             return Motion::Path(MicrometresPerSecond(0.0), full);
         }
-        // A reading that is not valid is no reason to move; supervision decides how long that may last.
-        let error = match self.status.gap.quality {
-            Quality::Valid => Volts(self.status.gap.filtered.0 - self.status.gap_setpoint.0),
-            _ => Volts(0.0),
-        };
+        let error = self.gap_error();
+        let config = &self.config;
         match config.structure {
             Structure::SingleLoop => {
                 let window = full.and(self.current_window());
-                Motion::Duty(self.single.update(&config.single, error.0, config.axis.gains.holding(), window))
+                Motion::Duty(self.single.update(&config.single, error.0, config.axis.gains.holding(), window).value)
             }
             structure => {
                 let wanted = config.limits.clamp(self.law.velocity(error, self.planned));
@@ -384,6 +414,13 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 if structure == Structure::Path { Motion::Path(wanted, full) } else { Motion::Velocity(wanted) }
             }
         }
+    }
+
+    /// Holds the end of the path, or returns to it from a retreat, and tells the feed that the gap asks for.
+    fn guide(&mut self) -> Motion {
+        let error = self.gap_error();
+        self.status.feed = self.config.limits.clamp(self.law.velocity(error, self.planned));
+        Motion::Path(self.config.retreat.velocity, self.full_window())
     }
 
     pub(super) fn full_window(&self) -> Window {
@@ -394,6 +431,11 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let limit = self.guard.limit(&self.config.axis.current);
         self.config.axis.plant.current_window(limit, self.status.velocity)
     }
+}
+
+fn full(config: &Config) -> f32 {
+    let full = f32::from(Drive::FULL);
+    if config.axis.motor_reversed { -full } else { full }
 }
 
 /// The most urgent fault that safety inputs show.

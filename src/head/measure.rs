@@ -6,15 +6,17 @@ use super::{Fault, TickInput};
 use crate::encoder::{MarkCheck, Plausibility, Position, Velocity};
 use crate::path::Path;
 use crate::servo::Drawn;
-use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Seconds, TICK_S, TICKS_PER_MS, Volts};
+use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Seconds, TICK_S, TICKS_PER_MS, Volts, rare};
 use core::mem::take;
 use core::ops::DerefMut;
+use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
 
 /// Code of no current.
 const MID_SCALE: i32 = ADC_FULL_SCALE.div_ceil(2) as i32;
-/// Time between two slices of a kind.
+/// Time between two slices of a kind, and the share of a tick in it.
 const MILLISECOND: Seconds = Seconds(TICKS_PER_MS as f32 * TICK_S);
+const PER_TICK: f32 = 1.0 / TICKS_PER_MS as f32;
 
 /// What follows the encoder.
 #[derive(Debug)]
@@ -33,63 +35,83 @@ pub(super) struct Sums {
     /// Current codes above mid-scale, and their squares.
     current: i32,
     squares: u32,
-    duty: f32,
-    ticks: u32,
+    /// Duties as given to the bridge.
+    pub(super) duty: i32,
 }
 
 impl<P: DerefMut<Target = Path>> Head<P> {
     /// Position, velocity, and the sums of what the drive draws.
     #[inline]
     pub(super) fn measure(&mut self, input: &TickInput) {
+        let raw = as_wired(&self.config.axis, input.encoder.raw);
+        match &mut self.tracking {
+            Some(tracking) => {
+                // In most ticks of an eroding head there is nothing new.
+                if !tracking.position.is_at(raw) {
+                    rare();
+                    self.status.position = tracking.position.update(raw);
+                    self.at = tracking.position.fixed();
+                }
+                if !tracking.velocity.holds(raw) {
+                    rare();
+                    self.status.velocity = tracking.velocity.tick(raw);
+                }
+            }
+            None => self.begin(input),
+        }
+        // Twelve bits: twenty squares stay within 32.
+        let current = i32::from(input.drive.motor_current).wrapping_sub(MID_SCALE);
+        self.sums.current = self.sums.current.wrapping_add(current);
+        self.sums.squares = self.sums.squares.wrapping_add(current.wrapping_mul(current).cast_unsigned());
+    }
+
+    /// The first reading.
+    #[cold]
+    #[inline(never)]
+    fn begin(&mut self, input: &TickInput) {
         let axis = &self.config.axis;
         let raw = as_wired(axis, input.encoder.raw);
-        let tracking = self.tracking.get_or_insert_with(|| Tracking {
-            position: Position::new(raw),
+        let position = Position::new(raw);
+        self.status.position = position.counts();
+        self.at = position.fixed();
+        self.tracking = Some(Tracking {
+            position,
             velocity: Velocity::new(raw, axis.clock_hz),
             plausibility: Plausibility::new(axis.plausibility, input.encoder.illegal),
             marks: MarkCheck::new(axis.marks),
             count: raw.count,
         });
-        self.status.position = tracking.position.update(raw);
-        self.at = tracking.position.fixed();
-        self.status.velocity = tracking.velocity.tick(raw);
-
-        // Twelve bits: twenty squares stay within 32.
-        let current = i32::from(input.drive.motor_current).wrapping_sub(MID_SCALE);
-        let sums = &mut self.sums;
-        sums.current = sums.current.wrapping_add(current);
-        sums.squares = sums.squares.wrapping_add(current.wrapping_mul(current).cast_unsigned());
-        sums.duty += self.status.duty;
-        sums.ticks = sums.ticks.wrapping_add(1);
     }
 
-    /// Current, bus voltage, and what follows from them.
-    #[inline(never)]
+    /// Current, bus voltage, and what follows from them. (The first slice comes too early for its sums. The head coasts.)
     pub(super) fn look_at_drive(&mut self, input: &TickInput) {
         let axis = &self.config.axis;
-        let amps = if axis.motor_reversed { -axis.amps_per_code.0 } else { axis.amps_per_code.0 };
+        let sign = if axis.motor_reversed { -1.0 } else { 1.0 };
+        let amps = sign * axis.amps_per_code.0;
         let sums = take(&mut self.sums);
-        let per_tick = 1.0 / sums.ticks.max(1) as f32;
-        let mean = Amps(sums.current as f32 * per_tick * amps);
         let end = Amps((i32::from(input.drive.motor_current) - MID_SCALE) as f32 * amps);
         self.status.current = end;
         self.status.bus = Volts(f32::from(input.drive.bus_voltage) * axis.bus_per_code.0);
 
-        self.guard.update(&axis.current, sums.squares as f32 * per_tick * (amps * amps), MILLISECOND);
+        self.guard.update(&axis.current, sums.squares as f32 * PER_TICK * (amps * amps), MILLISECOND);
         self.status.current_reduced = self.guard.reduced();
 
         let Some(tracking) = &mut self.tracking else { return };
         let count = as_wired(axis, input.encoder.raw).count;
         let moved = count.wrapping_sub(tracking.count).cast_signed();
         tracking.count = count;
-        let encoder = CountsPerSecond(moved as f32 * (1.0 / MILLISECOND.0));
-        let duty = sums.duty * per_tick;
-        let drawn = Drawn { over: MILLISECOND, duty, mean, end, bus: self.status.bus, encoder };
+        let drawn = Drawn {
+            over: MILLISECOND,
+            duty: sums.duty as f32 * PER_TICK * (sign / f32::from(Drive::FULL)),
+            mean: Amps(sums.current as f32 * PER_TICK * amps),
+            end,
+            bus: self.status.bus,
+            encoder: CountsPerSecond(moved as f32 * (1.0 / MILLISECOND.0)),
+        };
         self.status.back_emf.update(&axis.plant, &drawn);
     }
 
     /// Whether the encoder can be believed.
-    #[inline(never)]
     pub(super) fn look_at_encoder(&mut self, input: &TickInput) {
         let axis = &self.config.axis;
         let Some(tracking) = &mut self.tracking else { return };
@@ -108,6 +130,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
 #[inline]
 fn as_wired(axis: &Axis, raw: RawCount) -> RawCount {
     if axis.encoder_reversed {
+        rare();
         RawCount { count: raw.count.wrapping_neg(), toward_work: !raw.toward_work, ..raw }
     } else {
         raw

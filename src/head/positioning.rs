@@ -88,7 +88,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.may_position(state)?;
         self.within_travel(to)?;
         let task = Task::Go(self.fixed(to), self.ramp(pace));
-        self.begin(State::Positioning, task);
+        self.take_up(State::Positioning, task);
         Ok(())
     }
 
@@ -98,7 +98,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let (min, max) = self.config.axis.travel;
         let to = if self.status.homed { to.max(min).min(max) } else { to };
         let task = Task::Follow { to: self.fixed(to), left: ticks.saturating_add(LATE) };
-        self.begin(State::Positioning, task);
+        self.take_up(State::Positioning, task);
         Ok(())
     }
 
@@ -145,11 +145,11 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         );
         self.status.homing = HomingState::Runs;
         let task = Task::Home(homing, self.fixed(home.at));
-        self.begin(State::Homing, task);
+        self.take_up(State::Homing, task);
         Ok(())
     }
 
-    fn begin(&mut self, state: State, task: Task) {
+    fn take_up(&mut self, state: State, task: Task) {
         let profile = match &self.positioning {
             Some(positioning) => positioning.profile,
             None => {

@@ -14,10 +14,6 @@ pub enum State {
     Commissioning,
     /// Position held, pulses off, waiting for a move.
     Ready,
-    /// Pulses off, moving beside the path: to a position, or along a host's set points.
-    Positioning,
-    /// Pulses off, looking for a reference; limit switches are what it may be looking for.
-    Homing,
     /// Pulses on, going along the path until sparks begin.
     Seeking,
     /// Pulses on, the feed law leads.
@@ -30,6 +26,12 @@ pub enum State {
     HoldingPosition,
     /// Pulses off and latched; the fault's reaction moves or holds the head.
     Fault,
+    /// Pulses off, moving beside the path: to a position, or along a host's set points.
+    Positioning,
+    /// Pulses off, looking for a reference; limit switches are what it may be looking for.
+    Homing,
+    /// Pulses on, holding the position while a host that keeps the path follows the feed that the gap asks for.
+    Guiding,
 }
 
 impl State {
@@ -44,6 +46,7 @@ impl State {
             State::Seeking => "seeking",
             State::Eroding => "eroding",
             State::Retreating => "retreating",
+            State::Guiding => "guiding",
             State::Done => "done",
             State::HoldingPosition => "holding_position",
             State::Fault => "fault",
@@ -52,7 +55,7 @@ impl State {
 
     /// Whether the generator may pulse.
     pub const fn pulses(self) -> bool {
-        matches!(self, State::Seeking | State::Eroding | State::Retreating)
+        matches!(self, State::Seeking | State::Eroding | State::Retreating | State::Guiding)
     }
 
     /// Whether the position loop is closed and a following error means something.

@@ -7,7 +7,7 @@
 //! bandwidth w takes w / a of duty per unit of velocity error. The winding's L/R (0.24 ms) and the tick bound w from above:
 //! 1000 rad/s leaves 70 degrees.
 
-use super::{Pid, PidGains, Window};
+use super::{Output, Pid, PidGains, Window};
 use crate::units::{Amps, CountsPerSecond, Newtons, Volts, larger, smaller, within_either};
 use core::f32::consts::TAU;
 
@@ -137,14 +137,14 @@ impl AxisLoop {
         feed: CountsPerSecond,
         velocity: CountsPerSecond,
         window: Window,
-    ) -> f32 {
+    ) -> Output {
         let correction = within_either(gains.position * error, gains.velocity_limit);
         self.run(gains, CountsPerSecond(correction + feed.0), velocity, window)
     }
 
     /// Duty that keeps a velocity.
     #[inline]
-    pub fn run(&mut self, gains: &Gains, wanted: CountsPerSecond, velocity: CountsPerSecond, window: Window) -> f32 {
+    pub fn run(&mut self, gains: &Gains, wanted: CountsPerSecond, velocity: CountsPerSecond, window: Window) -> Output {
         let offset = gains.holding + gains.back_emf * wanted.0;
         self.velocity.update(&gains.velocity, wanted.0 - velocity.0, offset, window)
     }

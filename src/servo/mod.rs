@@ -13,7 +13,7 @@ use crate::units::{larger, smaller, within};
 pub use axis::{AxisLoop, Gains, Plant, Tuning};
 pub use current::{CurrentGuard, CurrentLimits};
 pub use emf::{BackEmf, Drawn};
-pub use pid::{Pid, PidGains};
+pub use pid::{Output, Pid, PidGains};
 
 /// The duties allowed at this tick, both included; contains zero.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,7 @@
 //! (\[R\] section 6.6.1).
 
 use super::Window;
-use crate::units::{TICK_HZ, TICK_S, within_either};
+use crate::units::{TICK_HZ, TICK_S, rare, within_either};
 
 /// Gains, in output per unit of error.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +23,23 @@ pub struct PidGains {
     pub integral: f32,
 }
 
+/// What a controller gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Output {
+    /// Inside the window.
+    pub value: f32,
+    /// At one of its ends.
+    pub limited: bool,
+}
+
+impl Output {
+    /// The nearest that a window allows.
+    pub fn new(wanted: f32, window: Window) -> Output {
+        let value = window.clamp(wanted);
+        Output { value, limited: value <= window.low || value >= window.high }
+    }
+}
+
 /// State of one controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -34,9 +51,10 @@ pub struct Pid {
 impl Pid {
     /// Output for this tick: controller plus `offset`, inside `window`.
     #[inline]
-    pub fn update(&mut self, gains: &PidGains, error: f32, offset: f32, window: Window) -> f32 {
+    pub fn update(&mut self, gains: &PidGains, error: f32, offset: f32, window: Window) -> Output {
         let mut rest = gains.p * error + offset;
-        if gains.d != 0.0 {
+        if gains.d.to_bits() != 0 {
+            rare();
             let slope = self.last.map_or(0.0, |last| (error - last) * TICK_HZ as f32);
             self.last = Some(error);
             rest += gains.d * slope;
@@ -44,17 +62,18 @@ impl Pid {
         let clipped = within_either(error, gains.integral_error);
         let integral = within_either(self.integral + gains.i * TICK_S * clipped, gains.integral);
         let free = rest + integral;
-        if free >= window.low && free <= window.high {
+        if free > window.low && free < window.high {
             // The usual case, and the cheap one: nothing to clamp.
             self.integral = integral;
-            return free;
+            return Output { value: free, limited: false };
         }
+        rare();
         let pushes =
             (free > window.high && integral > self.integral) || (free < window.low && integral < self.integral);
         if !pushes {
             self.integral = integral;
         }
-        window.clamp(rest + self.integral)
+        Output::new(rest + self.integral, window)
     }
 
     /// Forgets integral and slope.
@@ -103,11 +122,13 @@ mod tests {
             let mut pid = Pid::default();
             let window = Window::symmetric(2.0);
             for _ in 0..100_000 {
-                assert_eq!(pid.update(&GAINS, 3.0 * sign, 0.0, window), 2.0 * sign);
+                let output = pid.update(&GAINS, 3.0 * sign, 0.0, window);
+                assert_eq!(output, Output { value: 2.0 * sign, limited: true });
             }
             assert_eq!(pid.integral(), 0.0, "the proportional part alone saturates");
             // Released: the output follows at once, with nothing to unwind.
-            assert!(pid.update(&GAINS, 0.0, 0.0, window).abs() < 0.02);
+            let released = pid.update(&GAINS, 0.0, 0.0, window);
+            assert!(released.value.abs() < 0.02 && !released.limited);
             // And an error of the other sign still integrates while the output is saturated by the offset.
             pid.update(&GAINS, -sign, 10.0 * sign, window);
             assert!(pid.integral() * sign < 0.0);
@@ -125,7 +146,7 @@ mod tests {
     fn the_first_error_has_no_slope() {
         let mut pid = Pid::default();
         let gains = PidGains { d: 1.0, i: 0.0, ..GAINS };
-        assert_eq!(pid.update(&gains, 5.0, 0.0, WIDE), 5.0);
-        assert_eq!(pid.update(&gains, 5.001, 0.0, WIDE).round(), 25.0);
+        assert_eq!(pid.update(&gains, 5.0, 0.0, WIDE).value, 5.0);
+        assert_eq!(pid.update(&gains, 5.001, 0.0, WIDE).value.round(), 25.0);
     }
 }

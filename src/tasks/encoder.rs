@@ -18,10 +18,20 @@ impl Decoder {
     /// An edge of one line.
     #[inline(always)]
     pub fn edge(&mut self, line: Line) {
-        let edge = self.lines.acknowledge(line);
+        if self.lines.acknowledge(line) {
+            self.quadrature.edge(self.lines.levels(), self.clock.now());
+        } else {
+            self.unusual();
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn unusual(&mut self) {
+        let edge = self.lines.unusual();
         let levels = self.lines.levels();
         match edge {
-            Edge::Next => self.quadrature.edge(levels, self.clock.now()),
+            Edge::Last => self.quadrature.edge(levels, self.clock.now()),
             Edge::AfterStorm => self.quadrature.resume(levels),
         }
     }

@@ -37,6 +37,8 @@ pub struct Servo {
     /// What reflex and stop had forced, and the retreats of the reflex, at the tick before.
     pub(super) forced: lines::Forced,
     pub(super) retreats: u32,
+    /// State that the reflex knows.
+    pub(super) state: State,
     /// What the newest tick saw, written in place: a debugger, or the emulated chip, may look at it.
     pub(super) input: TickInput,
     /// Number of the gap reading in it.
@@ -57,34 +59,32 @@ impl Servo {
     pub fn tick(&mut self) {
         pwm::clear_tick();
         let forced = lines::forced();
-        self.inputs();
         if WAITING.load(Relaxed) {
             // Who sets it has a lower priority: nothing can come in between.
             WAITING.store(false, Relaxed);
             self.requests();
         }
+        self.inputs();
         let output = self.head.tick(&self.input);
         self.outputs(output, forced);
-        if let Some(change) = self.head.next_change() {
-            self.tell(change);
+        if self.head.status().state != self.state {
+            self.change_state(output.drive);
         }
         if self.head.closes_millisecond() {
-            let _ = self.statuses.enqueue(*self.head.status());
+            self.tell(output.drive);
         }
         ROLL.report(SERVO, self.clock.now());
     }
 
     #[inline(always)]
     fn inputs(&mut self) {
-        let input = &mut self.input;
         let storm = edges::serve();
         if storm | self.handover.timer_leads() | self.head.looks_at_encoder() {
-            let timer = self.timer.read();
-            input.encoder = self.handover.read(self.decoder.snapshot(), timer, storm);
-            input.watch = Some(timer);
+            self.read_both(storm);
         } else {
-            input.encoder.raw = self.handover.count(self.decoder.read());
+            self.input.encoder.raw = self.handover.count(self.decoder.read());
         }
+        let input = &mut self.input;
         READING.read(&mut self.reading, &mut input.gap);
         let retreats = gated::retreats();
         input.reflex = retreats != self.retreats;
@@ -93,14 +93,42 @@ impl Servo {
         input.drive = self.drive.read();
     }
 
-    /// A change of state has an end in the log, and the reflex may force a retreat only while the head erodes.
+    /// The timer leads, or the two counters are compared.
     #[cold]
     #[inline(never)]
-    fn tell(&mut self, change: Change) {
-        REFLEX.arm(self.head.status().state == State::Eroding);
-        let _ = self.changes.enqueue(change);
-        if let (Reason::CheckEnded, Some(result)) = (change.reason, self.head.check_result()) {
-            let _ = self.checked.enqueue(result);
+    fn read_both(&mut self, storm: bool) {
+        let timer = self.timer.read();
+        self.input.encoder = self.handover.read(self.decoder.snapshot(), timer, storm);
+        self.input.watch = Some(timer);
+    }
+
+    /// The reflex may force a retreat only while the head erodes.
+    #[cold]
+    #[inline(never)]
+    fn change_state(&mut self, drive: Drive) {
+        self.state = self.head.status().state;
+        REFLEX.arm(matches!(self.state, State::Eroding | State::Guiding));
+        self.arm(drive);
+    }
+
+    /// Connects the PWM, which a fault of the bridge disconnects, when the head drives.
+    fn arm(&mut self, drive: Drive) {
+        if drive != Drive::Coast && !self.input.safety.bridge_fault {
+            pwm::arm();
+        }
+    }
+
+    /// Once a millisecond: the status to the supervision, changes of state to the log.
+    #[cold]
+    #[inline(never)]
+    fn tell(&mut self, drive: Drive) {
+        let _ = self.statuses.enqueue(*self.head.status());
+        self.arm(drive);
+        while let Some(change) = self.head.next_change() {
+            let _ = self.changes.enqueue(change);
+            if let (Reason::CheckEnded, Some(result)) = (change.reason, self.head.check_result()) {
+                let _ = self.checked.enqueue(result);
+            }
         }
     }
 
@@ -137,19 +165,23 @@ impl Servo {
 
     #[inline(always)]
     fn outputs(&mut self, output: TickOutput, forced: lines::Forced) {
-        let mut applied = Ok(());
         if forced.bridge_since(&self.forced) {
-            // Whatever was forced, the bridge starts from coasting.
-            applied = self.bridge.apply(Drive::Coast);
+            self.restart_bridge(forced);
         }
-        self.forced = forced;
-        if applied.and(self.bridge.apply(output.drive)).is_err() {
+        if self.bridge.apply(output.drive).is_err() {
             lines::stop();
-        }
-        if output.drive != Drive::Coast && !self.input.safety.bridge_fault {
-            pwm::arm();
         }
         self.generator.set_pulses(output.pulses);
         lines::settle(forced);
+    }
+
+    /// Whatever was forced, the bridge starts from coasting.
+    #[cold]
+    #[inline(never)]
+    fn restart_bridge(&mut self, forced: lines::Forced) {
+        self.forced = forced;
+        if self.bridge.apply(Drive::Coast).is_err() {
+            lines::stop();
+        }
     }
 }

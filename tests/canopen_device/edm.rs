@@ -102,3 +102,38 @@ fn the_scope_records_a_step_response() {
     rig.until(300, |rig| rig.read(0x2010, 9) == 3);
     assert_eq!(rig.read(0x2010, 10), 256);
 }
+
+#[test]
+fn cyclic_and_interpolated_set_points_become_path_while_eroding() {
+    for mode in [8, 7] {
+        let mut rig = Rig::ready();
+        rig.mode(mode);
+        rig.write(0x2001, 1, &[1]);
+        rig.control(0x1F);
+        let here = rig.position() as i32;
+        let (index, sub) = if mode == 8 { (0x607A, 0) } else { (0x60C1, 1) };
+        for n in 1..=4 {
+            rig.write32(index, sub, here + n * 100);
+        }
+        rig.run(3);
+        assert!(rig.machine.head.status().state.pulses(), "mode {mode}");
+        assert_eq!(rig.read(0x2004, 4), 253, "mode {mode}: one under way, three wait");
+        rig.until(2000, |rig| rig.machine.head.status().state == State::Done);
+        assert!((rig.position() as i32 - here - 400).abs() <= 1, "mode {mode}");
+    }
+}
+
+#[test]
+fn a_host_that_keeps_the_path_reads_the_signed_feed() {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    rig.write(0x2001, 1, &[2]);
+    rig.run(200);
+    assert_eq!(rig.machine.head.status().state, State::Guiding);
+    assert!(rig.read(0x2004, 7).cast_signed() > 0, "two millimetres above the work");
+    let (_, frame) = rig.sent.iter().rev().find(|(_, frame)| frame.id() == 0x385).unwrap();
+    assert!(i32::from_le_bytes(frame.data()[..4].try_into().unwrap()) > 0);
+    rig.write(0x2001, 1, &[0]);
+    rig.run(2);
+    assert_eq!(rig.machine.head.status().state, State::HoldingPosition);
+}

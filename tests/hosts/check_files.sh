@@ -4,4 +4,4 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 . tests/hosts/venv.sh
-"$venv/bin/python" -m pytest -p no:cacheprovider tests/hosts/test_files.py "$@"
+PYTHONDONTWRITEBYTECODE=1 "$venv/bin/python" -m pytest -p no:cacheprovider tests/hosts/test_files.py "$@"

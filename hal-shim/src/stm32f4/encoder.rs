@@ -62,38 +62,35 @@ impl QuadratureLines for Lines {
 }
 
 impl Lines {
-    /// Acknowledges an edge of one line; call before reading the levels, so that an edge in between comes back. What it
-    /// gives says how to take the levels.
+    /// Acknowledges an edge of one line; call before reading the levels, so that an edge in between comes back. `true` when it
+    /// simply follows the one before; otherwise [`Lines::unusual`] says what it is.
     #[inline(always)]
-    pub fn acknowledge(&mut self, line: Line) -> Edge {
+    pub fn acknowledge(&mut self, line: Line) -> bool {
         put!(exti().pr(), 1 << line as u32);
         let left = LEFT.load(Relaxed);
         if left > 1 {
             LEFT.store(left - 1, Relaxed);
-            return Edge::Next;
         }
-        self.first_or_last(left)
+        left > 1
     }
 
-    /// The first edge after the lines were masked, or the last one before they are.
-    #[cold]
-    #[inline(never)]
-    fn first_or_last(&mut self, left: u32) -> Edge {
-        if left == UNSERVED {
+    /// What an edge is that does not simply follow the one before. The last one of a tick masks the lines.
+    pub fn unusual(&mut self) -> Edge {
+        if LEFT.load(Relaxed) == UNSERVED {
             LEFT.store(MOST_EDGES, Relaxed);
             return Edge::AfterStorm;
         }
         change!(exti().imr(), clear LINES, set 0);
-        Edge::Next
+        Edge::Last
     }
 }
 
-/// What an edge follows.
+/// An edge that does not simply follow the one before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Edge {
-    /// The edge before.
-    Next,
-    /// Edges that were not served.
+    /// The last one that is served in this tick. It follows the one before.
+    Last,
+    /// It follows edges that were not served.
     AfterStorm,
 }
 

@@ -125,7 +125,7 @@ pub fn led(lit: bool) {
 }
 
 /// What was forced so far, as one moment saw it.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Forced {
     bridge: u32,
     pulses: u32,
@@ -148,6 +148,14 @@ pub fn forced() -> Forced {
 /// Repeats what was forced since `seen`, after outputs decided before it may have been written.
 #[inline]
 pub fn settle(seen: Forced) {
+    if forced() != seen {
+        repeat(seen);
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn repeat(seen: Forced) {
     let mut bridge = seen.bridge;
     // Twice at the most: reflex or stop may come again while the first is repeated.
     for _ in 0..2 {

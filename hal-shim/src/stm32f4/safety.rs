@@ -126,16 +126,19 @@ impl Safety for Inputs {
     #[inline]
     fn read(&mut self) -> SafetyInputs {
         let now = self.0.read();
-        if SEEN.load(Relaxed) == 0 {
-            return now;
-        }
-        let seen = SEEN.swap(0, Relaxed);
-        SafetyInputs {
-            upper_limit: now.upper_limit || seen & UPPER != 0,
-            lower_limit: now.lower_limit || seen & LOWER != 0,
-            emergency_stop: now.emergency_stop || seen & EMERGENCY != 0,
-            dielectric: now.dielectric || seen & DIELECTRIC != 0,
-            bridge_fault: now.bridge_fault || seen & BRIDGE != 0,
-        }
+        if SEEN.load(Relaxed) == 0 { now } else { with_seen(now) }
+    }
+}
+
+/// The levels `now` with what was seen before.
+#[cold]
+fn with_seen(now: SafetyInputs) -> SafetyInputs {
+    let seen = SEEN.swap(0, Relaxed);
+    SafetyInputs {
+        upper_limit: now.upper_limit || seen & UPPER != 0,
+        lower_limit: now.lower_limit || seen & LOWER != 0,
+        emergency_stop: now.emergency_stop || seen & EMERGENCY != 0,
+        dielectric: now.dielectric || seen & DIELECTRIC != 0,
+        bridge_fault: now.bridge_fault || seen & BRIDGE != 0,
     }
 }

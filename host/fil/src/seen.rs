@@ -20,18 +20,19 @@ const SERVO: &str = "edm_servo_head::tasks::servo::Servo";
 const GAP: &str = "edm_servo_head::tasks::gap::Gap";
 const BLOCKS: &str = "core::option::Option<edm_hal_shim::gap::GapBlock>";
 
-const STATES: [State; 11] = [
+const STATES: [State; 12] = [
     State::Disabled,
     State::Commissioning,
     State::Ready,
-    State::Positioning,
-    State::Homing,
     State::Seeking,
     State::Eroding,
     State::Retreating,
     State::Done,
     State::HoldingPosition,
     State::Fault,
+    State::Positioning,
+    State::Homing,
+    State::Guiding,
 ];
 const QUALITIES: [Quality; 5] =
     [Quality::Missing, Quality::Valid, Quality::NoGate, Quality::Saturated, Quality::Reversed];

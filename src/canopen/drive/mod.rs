@@ -161,6 +161,8 @@ pub struct Drive {
     /// Newest set point of cyclic synchronous position: only the newest counts.
     follow: Option<Command>,
     configure: bool,
+    /// The head does not run the newest settings.
+    stale: bool,
     /// Commands taken and not answered.
     in_flight: u8,
     /// The status is newer than every command.
@@ -212,6 +214,7 @@ impl Drive {
             orders: Deque::new(),
             follow: None,
             configure: false,
+            stale: false,
             in_flight: 0,
             fresh: false,
             state: State::SwitchOnDisabled,
@@ -300,7 +303,7 @@ impl Drive {
 
     /// The head has refused [`Order::Configure`], in a state that does not allow it: it is ordered again when disabled.
     pub fn configure_again(&mut self) {
-        self.configure = self.status.state == head::State::Disabled;
+        self.stale = true;
     }
 
     /// Result of a command.
@@ -347,6 +350,9 @@ impl Drive {
     pub fn observe(&mut self, status: &Status) {
         self.status = *status;
         self.fresh = self.in_flight == 0 && self.orders.is_empty() && self.follow.is_none();
+        if self.stale && status.state == head::State::Disabled {
+            (self.stale, self.configure) = (false, true);
+        }
         self.watch_erosion();
         self.watch_fault();
         if self.fresh {
@@ -436,8 +442,9 @@ impl Drive {
         }
     }
 
+    /// Set points become path.
     fn erodes(&self) -> bool {
-        self.value(Item::ErodeEnable) != 0
+        self.value(Item::ErodeEnable) == 1
     }
 
     /// A written value.

@@ -281,13 +281,12 @@ impl Drive {
 
     /// 2001h:1 has been written.
     pub(super) fn erode_written(&mut self) {
-        if !self.erodes() {
-            if self.status.state.pulses() || !self.fresh {
-                self.command(Command::Hold);
-            }
-        } else if self.acts() {
-            self.command(Command::Start);
-        }
+        match self.value(Item::ErodeEnable) {
+            0 if self.status.state.pulses() || !self.fresh => self.command(Command::Hold),
+            1 if self.acts() => self.command(Command::Start),
+            2 if self.acts() => self.command(Command::Guide),
+            _ => false,
+        };
     }
 
     /// Interpolated position: the next set point, when it is due.

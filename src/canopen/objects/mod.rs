@@ -9,7 +9,10 @@ mod table;
 pub use settings::{FIRST as FIRST_SETTING, address as setting_address};
 pub use table::Item;
 
-use super::{Abort, Access, DataType, DefaultValue, Description, Entry, Mapping, Place, Shape};
+use super::{Abort, Access, DataType, Entry, Mapping, Place};
+#[cfg(not(target_os = "none"))]
+use super::{DefaultValue, Description, Shape};
+#[cfg(not(target_os = "none"))]
 use settings::{GROUPS, Group};
 use table::TABLE;
 
@@ -25,13 +28,14 @@ pub struct Row {
     store: bool,
     range: (i64, i64),
     default: i64,
+    #[cfg(not(target_os = "none"))]
     names: Names,
 }
 
 /// Names of object and value, and unit. The chip has no use for them.
+#[cfg(not(target_os = "none"))]
 #[derive(Clone, Copy, Debug)]
 struct Names {
-    #[cfg(not(target_os = "none"))]
     all: (&'static str, &'static str, &'static str),
 }
 
@@ -49,14 +53,21 @@ impl Row {
         store: bool,
         names: (&'static str, &'static str, &'static str),
     ) -> Row {
-        #[cfg(not(target_os = "none"))]
-        let names = Names { all: names };
         #[cfg(target_os = "none")]
-        let names = {
-            let _ = names;
-            Names {}
-        };
-        Row { index, sub, item, kind, access, mapping, store, range, default, names }
+        let _ = names;
+        Row {
+            index,
+            sub,
+            item,
+            kind,
+            access,
+            mapping,
+            store,
+            range,
+            default,
+            #[cfg(not(target_os = "none"))]
+            names: Names { all: names },
+        }
     }
 
     /// What the object is.

@@ -7,7 +7,6 @@
 mod bore;
 mod describe;
 pub(crate) mod inputs;
-mod inputs;
 mod tables;
 
 pub use bore::{Bore, Run};

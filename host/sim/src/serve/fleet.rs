@@ -74,6 +74,7 @@ impl Plant for Fleet {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use edm_servo_head::head::State;
     use embedded_can::{Frame as _, StandardId};
 
     fn fleet(first: u8, count: u8) -> Fleet {
@@ -130,6 +131,67 @@ mod tests {
             Frame::new(embedded_can::ExtendedId::new(0x601).unwrap(), &[0x40, 0x18, 0x10, 0, 0, 0, 0, 0]).unwrap();
         let remote = Frame::new_remote(StandardId::new(0x601).unwrap(), 8).unwrap();
         assert_eq!(sent(&mut fleet, &[long, remote], 5), []);
+    }
+
+    fn enabled(fleet: &mut Fleet) {
+        // Operational; cyclic synchronous position; TPDO 1 synchronous as well, RPDO 2 with every SYNC.
+        let write = |index: u16, sub: u8, size: u8, value: u32| {
+            let [a, b] = index.to_le_bytes();
+            let [v, w, x, y] = value.to_le_bytes();
+            frame(0x601, &[0x23 | (4 - size) << 2, a, b, sub, v, w, x, y])
+        };
+        let setup = [
+            write(0x1800, 2, 1, 1),
+            write(0x1801, 2, 1, 1),
+            write(0x1401, 2, 1, 1),
+            write(0x60C2, 1, 1, 1),
+            write(0x6060, 0, 1, 8),
+            frame(0x000, &[1, 0]),
+        ];
+        for frame in setup {
+            sent(fleet, &[frame], 2);
+        }
+        for word in [6, 7, 15] {
+            sent(fleet, &[frame(0x201, &[word, 0])], 20);
+        }
+        assert_eq!(fleet.heads[0].1.machine().head.status().state, State::Ready);
+    }
+
+    #[test]
+    fn a_set_point_and_two_answers_every_millisecond_get_through_a_bus_that_is_95_percent_foreign() {
+        let mut fleet = fleet(1, 1);
+        sent(&mut fleet, &[], 100);
+        enabled(&mut fleet);
+        let mut foreign = edm_bus::filler::Frames::default();
+        let (mut bits, mut answers, mut out) = (0.0, [0, 0], Vec::new());
+        const MS: i32 = 1000;
+        for ms in 0..MS {
+            // A slow wave of 0.1 mm, down from where the head rests.
+            let target = (50.0 - 50.0 * (f64::from(ms) * 0.0063).cos()) as i32;
+            for tick in 0..20 {
+                // 1 Mbit/s: 50 bits a tick.
+                let mut came = Vec::new();
+                while bits < f64::from(ms * 20 + tick + 1) * 50.0 * 0.95 {
+                    came.extend(foreign.next().inspect(|frame| bits += f64::from(frame.bits())));
+                }
+                if tick == 7 {
+                    came.push(frame(0x301, &target.to_le_bytes()));
+                    came.push(frame(0x080, &[]));
+                }
+                fleet.tick(&came, &mut out).unwrap();
+                if tick == 7 {
+                    let sent = |id: u16| out.iter().any(|f: &Frame| f.id() == StandardId::new(id).unwrap().into());
+                    answers[0] += i32::from(sent(0x181));
+                    answers[1] += i32::from(sent(0x281));
+                    out.clear();
+                }
+            }
+            let status = fleet.heads[0].1.machine().head.status();
+            assert_eq!(status.state, State::Positioning, "{ms}");
+            assert!((status.setpoint.to_f32() - target as f32).abs() < 3.0, "{ms}: {status:?}");
+            assert!(status.following.abs() < 20.0, "{ms}: {status:?}");
+        }
+        assert_eq!(answers, [MS, MS], "both answers to every SYNC, in its own tick");
     }
 
     #[test]
