@@ -207,9 +207,7 @@ impl Node {
         if state == NmtState::Stopped {
             self.server.stop(&mut Space { area: &mut self.area, dictionary });
         }
-        if !self.booting {
-            self.area.producer.now();
-        }
+        self.area.producer.now();
         dictionary.event(Event::State(state));
     }
 
