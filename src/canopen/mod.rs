@@ -12,6 +12,7 @@
 
 mod abort;
 mod area;
+mod description;
 mod device;
 mod dictionary;
 mod emergency;
@@ -28,11 +29,9 @@ mod sync;
 
 pub use abort::Abort;
 pub use area::descriptions;
+pub use description::{DefaultValue, Description, Shape};
 pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
-pub use dictionary::{
-    Access, DataType, DefaultValue, Description, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place,
-    Request, Shape,
-};
+pub use dictionary::{Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place, Request};
 pub use frame::{Frame, NodeId, Time};
 pub use node::{BootError, Node};
 pub use parameters::IMAGE;
