@@ -28,7 +28,7 @@
 //! An interrupt that is served late by varying times adds that variation by 200 us at speed: 0.5 % for 1 us. Slower than one
 //! count in two seconds reads as up to 0.5 count/s after each edge, never as more.
 
-use crate::units::{CountsPerSecond, Seconds, TICK_HZ};
+use crate::units::{CountsPerSecond, Seconds, TICK_HZ, within};
 use edm_hal_shim::encoder::RawCount;
 
 /// Longest time without an edge that is not yet a standstill: 1 count/s is still a velocity.
@@ -98,9 +98,8 @@ impl Velocity {
             if age >= self.standstill {
                 self.stand(reading.now);
             } else {
-                // Not `clamp`, which can panic.
                 let limit = self.hz / age.max(1) as f32;
-                self.value = self.value.min(limit).max(-limit);
+                self.value = within(self.value, -limit, limit);
             }
         }
         CountsPerSecond(self.value)

@@ -1,6 +1,8 @@
 //! Limits that every motion along the path shares: acceleration, and what can still be stopped before an end.
 
-use crate::units::{Micrometres, MicrometresPerSecond, MicrometresPerSecond2, TICK_HZ, TICK_S};
+use crate::units::{
+    Micrometres, MicrometresPerSecond, MicrometresPerSecond2, TICK_HZ, TICK_S, larger, smaller, within,
+};
 use micromath::F32Ext as Approximate;
 
 /// Limits of path velocity under a feed law.
@@ -16,7 +18,7 @@ pub struct Limits {
 impl Limits {
     /// The nearest allowed velocity.
     pub fn clamp(&self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
-        MicrometresPerSecond(wanted.0.max(-self.retreat.0).min(self.feed.0))
+        MicrometresPerSecond(within(wanted.0, -self.retreat.0, self.feed.0))
     }
 }
 
@@ -38,10 +40,10 @@ impl Limiter {
         behind: Micrometres,
     ) -> MicrometresPerSecond {
         let step = acceleration.0 * TICK_S;
-        let slewed = wanted.0.max(self.velocity - step).min(self.velocity + step);
+        let slewed = within(wanted.0, self.velocity - step, self.velocity + step);
         let back = stoppable(acceleration, behind, -slewed);
         let forth = stoppable(acceleration, ahead, slewed);
-        self.velocity = slewed.max(-back).min(forth);
+        self.velocity = within(slewed, -back, forth);
         MicrometresPerSecond(self.velocity)
     }
 
@@ -60,10 +62,10 @@ impl Limiter {
 ///
 /// Half the square root's argument is given away, which covers micromath's 5 % and the slew that is still to come.
 fn stoppable(a: MicrometresPerSecond2, distance: Micrometres, speed: f32) -> f32 {
-    let distance = distance.0.max(0.0);
+    let distance = larger(distance.0, 0.0);
     let square = a.0 * distance;
-    let stop = if speed <= 0.0 || speed * speed <= square { speed.max(0.0) } else { Approximate::sqrt(square) };
-    stop.min(distance * TICK_HZ as f32)
+    let stop = if speed <= 0.0 || speed * speed <= square { larger(speed, 0.0) } else { Approximate::sqrt(square) };
+    smaller(stop, distance * TICK_HZ as f32)
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Rate by error: a standard velocity at a standard error, in proportion, clamped (\[R\] section 6.7.2).
 
 use super::FeedLaw;
-use crate::units::{MicrometresPerSecond, Volts};
+use crate::units::{MicrometresPerSecond, Volts, within};
 
 /// Velocity in proportion to the gap error, up to a multiple of the standard one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,7 +21,7 @@ impl RateByError {
 
 impl FeedLaw for RateByError {
     fn velocity(&mut self, error: Volts) -> MicrometresPerSecond {
-        MicrometresPerSecond((error.0 * self.per_volt).max(-self.clamp.0).min(self.clamp.0))
+        MicrometresPerSecond(within(error.0 * self.per_volt, -self.clamp.0, self.clamp.0))
     }
 }
 

@@ -9,7 +9,7 @@ use crate::feed::{FeedLaw, Law, Limiter};
 use crate::gap::{OpenCircuit, Quality};
 use crate::path::Path;
 use crate::servo::{AxisLoop, CurrentGuard, Pid, Window};
-use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Fixed, MicrometresPerSecond, Volts};
+use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Fixed, MicrometresPerSecond, Volts, larger};
 use core::ops::DerefMut;
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
@@ -131,6 +131,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.reacting = Some(Reacting::new(fault, &self.situation()));
         self.check = None;
         self.status.fault = Some(fault);
+        // What was counted since cannot be trusted, nor the place where zero was.
+        self.status.homed &= fault != Fault::EncoderLost;
         self.axis.reset();
         // A reaction may retrace further than a working retreat.
         self.path.set_retreat(Fixed(i64::MAX));
@@ -402,7 +404,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
 
     /// Path velocity inside acceleration and stopping distance; an open upper limit is never run into.
     fn limited(&mut self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
-        let wanted = if self.safety.upper_limit { MicrometresPerSecond(wanted.0.max(0.0)) } else { wanted };
+        let wanted = if self.safety.upper_limit { MicrometresPerSecond(larger(wanted.0, 0.0)) } else { wanted };
         self.limiter.limit(wanted, self.config.acceleration, self.path.ahead(), self.path.behind())
     }
 

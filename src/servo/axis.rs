@@ -8,7 +8,7 @@
 //! 1000 rad/s leaves 70 degrees.
 
 use super::{Pid, PidGains, Window};
-use crate::units::{Amps, CountsPerSecond, Newtons, Volts};
+use crate::units::{Amps, CountsPerSecond, Newtons, Volts, larger, smaller, within};
 use core::f32::consts::TAU;
 
 /// Standard gravity, m/s^2.
@@ -58,7 +58,7 @@ impl Plant {
     pub fn current_window(&self, limit: Amps, velocity: CountsPerSecond) -> Window {
         let emf = self.back_emf() * velocity.0;
         let share = limit.0 * self.resistance_ohm / self.bus.0;
-        Window { low: (emf - share).min(0.0), high: (emf + share).max(0.0) }
+        Window { low: smaller(emf - share, 0.0), high: larger(emf + share, 0.0) }
     }
 }
 
@@ -132,7 +132,7 @@ impl AxisLoop {
         velocity: CountsPerSecond,
         window: Window,
     ) -> f32 {
-        let correction = (gains.position * error).max(-gains.velocity_limit).min(gains.velocity_limit);
+        let correction = within(gains.position * error, -gains.velocity_limit, gains.velocity_limit);
         self.run(gains, CountsPerSecond(correction + feed.0), velocity, window)
     }
 

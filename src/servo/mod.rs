@@ -8,6 +8,8 @@ mod current;
 mod emf;
 mod pid;
 
+use crate::units::{larger, smaller, within};
+
 pub use axis::{AxisLoop, Gains, Plant, Tuning};
 pub use current::{CurrentGuard, CurrentLimits};
 pub use emf::BackEmf;
@@ -31,11 +33,11 @@ impl Window {
 
     /// What both windows allow.
     pub fn and(self, other: Window) -> Window {
-        Window { low: self.low.max(other.low), high: self.high.min(other.high) }
+        Window { low: larger(self.low, other.low), high: smaller(self.high, other.high) }
     }
 
     /// The nearest allowed duty.
     pub fn clamp(self, duty: f32) -> f32 {
-        duty.max(self.low).min(self.high)
+        within(duty, self.low, self.high)
     }
 }

@@ -5,7 +5,7 @@
 //! (\[R\] section 6.6.1).
 
 use super::Window;
-use crate::units::{TICK_HZ, TICK_S};
+use crate::units::{TICK_HZ, TICK_S, within};
 
 /// Gains, in output per unit of error.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,8 +36,8 @@ impl Pid {
     pub fn update(&mut self, gains: &PidGains, error: f32, offset: f32, window: Window) -> f32 {
         let slope = self.last.map_or(0.0, |last| (error - last) * TICK_HZ as f32);
         self.last = Some(error);
-        let clipped = error.max(-gains.integral_error).min(gains.integral_error);
-        let integral = (self.integral + gains.i * TICK_S * clipped).max(-gains.integral).min(gains.integral);
+        let clipped = within(error, -gains.integral_error, gains.integral_error);
+        let integral = within(self.integral + gains.i * TICK_S * clipped, -gains.integral, gains.integral);
         let rest = gains.p * error + gains.d * slope + offset;
         let free = rest + integral;
         let pushes =

@@ -41,6 +41,8 @@ pub struct Servo {
     pub(super) gap: GapReading,
     /// What the newest tick saw: a debugger, or the emulated chip, may look at it.
     pub(super) input: TickInput,
+    /// The newest fault that another task told of, and the tick that was told.
+    pub(super) told: (Fault, u32),
     pub(super) readings: Consumer<'static, GapReading>,
     pub(super) faults: Consumer<'static, Fault>,
     pub(super) requests: Consumer<'static, Request>,
@@ -60,6 +62,7 @@ impl Servo {
         let forced = lines::forced();
         self.input = self.inputs();
         while let Some(fault) = self.faults.dequeue() {
+            self.told = (fault, self.head.status().tick.wrapping_add(1));
             self.head.raise(fault);
         }
         self.requests();

@@ -20,7 +20,7 @@ use edm_hal_shim::stm32f4::{ccm, lines, pac};
 use edm_hal_shim::store::BUFFER;
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, TimerCount};
 use edm_servo_head::gap::{GapReading, Voltage};
-use edm_servo_head::head::{Head, Supervisor, TickInput};
+use edm_servo_head::head::{Fault, Head, Supervisor, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::remote::Heartbeat;
 
@@ -91,6 +91,7 @@ pub fn start(
         retreats: 0,
         gap: GapReading::default(),
         input: TickInput::default(),
+        told: (Fault::HostSilent, 0),
         readings,
         faults,
         requests,

@@ -1,7 +1,7 @@
 //! The process model around the chip: what the wires of docs/wiring.md carry, at their own instants.
 //!
 //! The process goes on in *windows* of one servo tick that begin with the periods of the PWM, so that the duty of a window
-//! is exactly the one in force. A window is computed just after it has begun ([`SETTLE`]), under what the chip drives its
+//! is exactly the one in force. A window is computed just after it has begun (16 cycles), under what the chip drives its
 //! pins with at that moment; a direction pin, or the line that allows pulses, that changes inside a window acts on the
 //! next one, up to 50 us late. Voltages, edges of gate, comparators and encoder come at their own times inside the window.
 //!
@@ -9,6 +9,7 @@
 //!
 //! Assumed here, because the process model has no gap current: a discharge or a short carries [`DISCHARGE_A`].
 
+use crate::wires::*;
 use edm_hal_shim::bridge::Drive as Bridge;
 use edm_hal_shim::gap::BLOCK;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
@@ -20,24 +21,12 @@ use std::collections::VecDeque;
 pub const WINDOW: u64 = TICK_HZ / 20_000;
 /// From the beginning of a window to the moment at which it is computed: outputs that change with the period have changed.
 const SETTLE: u64 = 16;
-/// Current of a discharge, A, and its code per ampere about mid-scale (docs/wiring.md).
-const DISCHARGE_A: f64 = 10.0;
-const CODES_PER_A: f64 = 1000.0 / 16.1;
-const MID_SCALE: f64 = 2048.0;
 /// Share of the open-circuit voltage above which no current flows, and those of the comparators.
 const BURNING: f64 = 0.75;
 const HIGH: f64 = 0.7;
 const LOW: f64 = 0.2;
 
-const ENCODER: [Pin; 3] = [Pin::new('A', 0), Pin::new('A', 1), Pin::new('A', 2)];
-const GATE: [Pin; 2] = [Pin::new('C', 6), Pin::new('B', 7)];
-const COMPARATORS: [(Pin, f64); 2] = [(Pin::new('C', 8), HIGH), (Pin::new('C', 9), LOW)];
-const ALLOW: Pin = Pin::new('C', 7);
-const PWM: Pin = Pin::new('A', 8);
-const FORWARD: Pin = Pin::new('B', 13);
-const REVERSE: Pin = Pin::new('B', 0);
-const CONTACTS: [Pin; 4] = [Pin::new('C', 11), Pin::new('C', 12), Pin::new('C', 13), Pin::new('B', 15)];
-const BRIDGE_FAULT: Pin = Pin::new('B', 12);
+const THRESHOLDS: [f64; 2] = [HIGH, LOW];
 
 /// Process, wires and the host's end of the bus.
 pub struct Bench {
@@ -154,7 +143,7 @@ impl Bench {
                 self.set(&mut edges, begins, pin, piece.gate);
             }
             let ends = self.pieces.get(i + 1).map_or(f64::INFINITY, |next| next.from_us);
-            for (pin, share) in COMPARATORS {
+            for (pin, share) in COMPARATORS.into_iter().zip(THRESHOLDS) {
                 let (us, level) = crossing(&piece, share * f64::from(self.parameters.open));
                 if us < ends {
                     let at = from.saturating_add_signed(ticks(us)).max(from);
@@ -177,7 +166,7 @@ impl Bench {
         for (pin, level) in ENCODER.into_iter().zip([levels.a, levels.b, levels.index]) {
             self.set(&mut edges, at, pin, level);
         }
-        for pin in GATE.into_iter().chain(COMPARATORS.map(|c| c.0)) {
+        for pin in GATE.into_iter().chain(COMPARATORS) {
             self.set(&mut edges, at, pin, false);
         }
         self.wire_into(&mut edges, at.max(earliest));
@@ -229,7 +218,7 @@ impl Bench {
         let flows = self
             .piece(at)
             .is_some_and(|(piece, _)| piece.gate && piece.volts.abs() < BURNING * f64::from(self.parameters.open));
-        (MID_SCALE + if flows { DISCHARGE_A * CODES_PER_A } else { 0.0 }) as u16
+        current_code(if flows { DISCHARGE_A } else { 0.0 }) as u16
     }
 }
 
@@ -255,10 +244,10 @@ fn us(ticks: i64) -> f64 {
 impl World for Bench {
     fn sample(&mut self, adc: u8, channel: u8, at: u64) -> u16 {
         match (adc, channel) {
-            (1, 10) | (2, 11) => self.gap_voltage(at),
-            (2, 12) => self.gap_current(at),
-            (3, 13) => self.sensed.motor_current,
-            (3, 3) => self.sensed.bus_voltage,
+            (1, GAP) | (2, GATED) => self.gap_voltage(at),
+            (2, GAP_CURRENT) => self.gap_current(at),
+            (3, MOTOR_CURRENT) => self.sensed.motor_current,
+            (3, BUS_VOLTAGE) => self.sensed.bus_voltage,
             _ => 0,
         }
     }

@@ -61,6 +61,19 @@ impl Image {
         self.symbols.iter().find(|(symbol, _)| symbol.contains(&wanted)).map(|(_, address)| *address)
     }
 
+    /// Every symbol with its address.
+    pub fn symbols(&self) -> impl Iterator<Item = (&str, u32)> {
+        self.symbols.iter().map(|(name, address)| (name.as_str(), *address))
+    }
+
+    /// The word at `address`, as it is loaded.
+    pub fn word(&self, address: u32) -> Option<u32> {
+        self.segments.iter().find_map(|(start, data)| {
+            let offset = address.checked_sub(*start)? as usize;
+            Some(u32::from_le_bytes(data.get(offset..offset + 4)?.try_into().ok()?))
+        })
+    }
+
     /// The file as read.
     pub fn file(&self) -> &[u8] {
         &self.file

@@ -11,12 +11,17 @@
 
 pub mod bench;
 pub mod commission;
+pub mod cycles;
 pub mod decode;
+pub mod exercise;
 pub mod image;
+pub mod latency;
 pub mod layout;
-pub mod lockstep;
 pub mod machine;
 pub mod rig;
 pub mod rtt;
 pub mod seen;
+pub mod session;
 pub mod still;
+pub mod synthetic;
+pub mod wires;

@@ -1,9 +1,10 @@
 //! `cargo fil`: the firmware on an emulated chip.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::{Args, Parser, Subcommand};
 use edm_fil::image::Image;
 use edm_fil::machine::Machine;
+use edm_fil::rig::Witness;
 use edm_fil::rtt::Rtt;
 use edm_fil::still::Still;
 use edm_sim::cli::{Bore, EXIT_BAD_INPUT, EXIT_FAILED, Failure};
@@ -37,7 +38,57 @@ enum Command {
     Bore(Bore),
     /// Boot and print the log, in a world where nothing happens.
     Run(Run),
+    /// Record what the chip sees while the head works, backs off and meets faults: for `cargo test` to replay natively.
+    Record(Record),
+    /// Instructions and estimated cycles of tasks and functions; writes their section of docs/performance.md.
+    Cycles(Cycles),
+    /// Times from pin to pin, loads and lost counts, with the event at many places of a servo tick.
+    Latency(Latency),
 }
+
+#[derive(Args)]
+struct Record {
+    /// The recording.
+    #[arg(default_value = RECORDING)]
+    file: PathBuf,
+    /// Simulated time, seconds; the fault that is going on then is recorded to its end.
+    #[arg(long, default_value_t = 1.5)]
+    seconds: f64,
+}
+
+#[derive(Args)]
+struct Cycles {
+    /// Write the rows here as JSON.
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Write no page; fail when a row has grown by more than 5 % over the committed one.
+    #[arg(long)]
+    check: bool,
+    /// Print so many functions of each task, the most expensive first.
+    #[arg(long, default_value_t = 0)]
+    hot: usize,
+}
+
+#[derive(Args)]
+struct Latency {
+    /// Write the result here as JSON.
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Cycles from one offset to the next; 1 sweeps all 8400.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=8400))]
+    step: u64,
+    /// Fail when a bound is broken.
+    #[arg(long)]
+    check: bool,
+}
+
+/// The committed recording.
+const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/recordings/day.edmr");
+/// The page of measurements.
+const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/performance.md");
+/// What encloses the section that is generated there.
+const BEGIN: &str = "<!-- cargo fil cycles writes this section -->\n";
+const END: &str = "<!-- end of what cargo fil cycles writes -->\n";
 
 #[derive(Args)]
 struct Run {
@@ -60,6 +111,9 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let done = image(&arguments.elf).and_then(|image| match &arguments.command {
         Command::Run(run) => run.execute(&image).map(|()| true),
+        Command::Record(record) => record.execute(&image).map(|()| true),
+        Command::Cycles(cycles) => cycles.execute(&image).map(|()| true),
+        Command::Latency(latency) => latency.execute(&image).map(|()| true),
         Command::Bore(bore) => {
             let run = |job: &Job, recorder: &mut Recorder, progress: &mut dyn FnMut(&Progress)| {
                 edm_fil::rig::bore(&image, arguments.log, arguments.lockstep, job, recorder, progress)
@@ -139,4 +193,68 @@ impl Run {
         );
         result
     }
+}
+
+impl Record {
+    fn execute(&self, image: &Image) -> Result<()> {
+        let witness = Witness::Recorder(Box::new(edm_sim::lockstep::Recorder::new(Vec::new())?));
+        let (witness, met) = edm_fil::exercise::run(image, self.seconds, witness)?;
+        let Witness::Recorder(recorder) = witness else { bail!("the recording is lost") };
+        let bytes = recorder.finish()?;
+        println!("{} ticks, {} retreats, faults {:?}: {} kB", met.ticks, met.retreats, met.faults, bytes.len() / 1000);
+        std::fs::write(&self.file, bytes).with_context(|| format!("cannot write {}", self.file.display()))
+    }
+}
+
+impl Cycles {
+    fn execute(&self, image: &Image) -> Result<()> {
+        let measured = edm_fil::cycles::report::measure(image)?;
+        let section = measured.markdown();
+        println!("{section}");
+        for (task, functions) in measured.hot.iter().filter(|_| self.hot > 0) {
+            println!("{task}:");
+            for (name, cycles) in functions.iter().take(self.hot) {
+                println!("  {cycles:8.1}  {name}");
+            }
+        }
+        for line in measured.over_budget() {
+            println!("over budget: {line}");
+        }
+        if let Some(path) = &self.json {
+            write(path, &serde_json::to_string_pretty(&measured.rows)?)?;
+        }
+        let path = Path::new(PAGE);
+        let page = std::fs::read_to_string(path).with_context(|| format!("cannot read {PAGE}"))?;
+        let sections = page.split_once(BEGIN).and_then(|(before, rest)| Some((before, rest.split_once(END)?)));
+        let (before, (committed, after)) = sections.context("docs/performance.md has lost the marks of the section")?;
+        if !self.check {
+            return write(path, &format!("{before}{BEGIN}{section}{END}{after}"));
+        }
+        let regressions = measured.regressions(committed);
+        if !regressions.is_empty() {
+            bail!("slower than committed:\n  {}", regressions.join("\n  "));
+        }
+        Ok(())
+    }
+}
+
+impl Latency {
+    fn execute(&self, image: &Image) -> Result<()> {
+        let latency = edm_fil::latency::measure(image, self.step)?;
+        let text = serde_json::to_string_pretty(&latency)?;
+        println!("{text}");
+        if let Some(path) = &self.json {
+            write(path, &text)?;
+        }
+        let over = latency.over_bounds();
+        if self.check && !over.is_empty() {
+            bail!("out of bounds:\n  {}", over.join("\n  "));
+        }
+        over.iter().for_each(|line| println!("out of bounds: {line}"));
+        Ok(())
+    }
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`process`] | machine and process: what the head's wires are connected to |
 //! | [`machine`] | the closed loop, tick by tick |
+//! | [`lockstep`] | the native core fed what the chip saw, live or from a recording |
 //! | [`bore`](mod@bore) | a hole, from rest to depth or to the reason why not |
 //! | [`run`] | what passes between the command line and the machine |
 //! | [`scenario`] | named sets of values for process and head |
@@ -19,6 +20,7 @@
 pub mod bench;
 pub mod bore;
 pub mod cli;
+pub mod lockstep;
 pub mod machine;
 pub mod observe;
 pub mod output;

@@ -1,6 +1,7 @@
 //! What the engine's hooks share: the peripherals, the clock of the processor, decoded code, statistics.
 
 use super::half;
+use crate::cycles::Meter;
 use crate::decode::{Class, Instruction, REFILL, decode};
 use edm_soc::{Exception, Masks, Soc, World};
 
@@ -55,6 +56,20 @@ pub struct Block {
     pub masks: bool,
 }
 
+/// One run of an exception, times in half ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    /// Its number.
+    pub exception: Exception,
+    /// First instruction of the handler.
+    pub entered: u64,
+    /// End of its return, or of the chaining to the next; `None` while it runs.
+    pub left: Option<u64>,
+}
+
+/// Changes what the firmware writes: address, size, value.
+pub type Alter = Box<dyn FnMut(u32, u8, u32) -> u32>;
+
 /// A write into flash that the engine has done and the flash interface has not judged yet.
 struct FlashWrite {
     address: u32,
@@ -93,6 +108,13 @@ pub struct Chip<W> {
     /// Address of FPU registers reserved on the stack and not saved yet (FPCCR.LSPACT).
     pub lazy: Option<u32>,
     pub stats: Stats,
+    /// Cycle accounting, when it was asked for.
+    pub meter: Option<Box<Meter>>,
+    /// Runs of exceptions, when they are recorded, and those that have not ended.
+    pub spans: Option<Vec<Span>>,
+    open: Vec<usize>,
+    /// A fault of the firmware, put in on its way to the registers.
+    pub alter: Option<Alter>,
 }
 
 impl<W: World> Chip<W> {
@@ -119,12 +141,17 @@ impl<W: World> Chip<W> {
             fpca: false,
             lazy: None,
             stats: Stats { entries: vec![0; 98], ..Stats::default() },
+            meter: None,
+            spans: None,
+            open: Vec::new(),
+            alter: None,
         }
     }
 
     /// Processor state after reset.
     pub fn restart(&mut self) {
         (self.sleeping, self.fpca, self.lazy, self.limit) = (false, false, None, 0);
+        self.open.clear();
         (self.thread, self.masked, self.masks_changed) = (true, false, false);
     }
 
@@ -144,7 +171,7 @@ impl<W: World> Chip<W> {
         let known = self.code[address as usize / 2 % HALF_WORDS];
         let plain = known.size != 0 && known.class == Class::Plain && address >> 20 == FLASH;
         let float = known.class == Class::Float && known.size != 0 && self.fpca;
-        if address != self.next || self.half >= self.limit || !(plain || float) {
+        if address != self.next || self.half >= self.limit || !(plain || float) || self.meter.is_some() {
             return false;
         }
         self.charge(address, known);
@@ -275,6 +302,37 @@ impl<W: World> Chip<W> {
         self.half += cycles * self.half_per_cycle;
     }
 
+    /// Lets the `cycles` pass that saving or restoring the FPU registers takes.
+    pub fn spend_float(&mut self, cycles: u64) {
+        self.spend(cycles);
+        if let Some(meter) = &mut self.meter {
+            meter.spend(cycles);
+        }
+    }
+
+    /// Exception `e` is entered.
+    pub fn record_entry(&mut self, e: Exception) {
+        if let Some(meter) = &mut self.meter {
+            meter.enter(e);
+        }
+        if let Some(spans) = &mut self.spans {
+            self.open.push(spans.len());
+            spans.push(Span { exception: e, entered: self.half, left: None });
+        }
+    }
+
+    /// The running exception has returned.
+    pub fn record_exit(&mut self) {
+        if let Some(meter) = &mut self.meter {
+            meter.leave();
+        }
+        if let (Some(spans), Some(index)) = (&mut self.spans, self.open.pop())
+            && let Some(span) = spans.get_mut(index)
+        {
+            span.left = Some(self.half);
+        }
+    }
+
     /// Execution goes on at `address` after an exception entry or return: no branch penalty beyond theirs.
     pub fn jump(&mut self, address: u32) {
         self.next = address & !1;
@@ -338,6 +396,7 @@ impl<W: World> Chip<W> {
     pub fn write(&mut self, address: u32, size: u8, value: u32) {
         self.settle();
         self.limit = 0;
+        let value = self.alter.as_mut().map_or(value, |alter| alter(address, size, value));
         let _ = self.soc.write(address, size, value);
     }
 

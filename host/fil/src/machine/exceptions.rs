@@ -64,7 +64,7 @@ impl<W: World> Machine<W> {
             chip.fpca = false;
             chip.lazy = Some(frame + FRAME);
             if chip.soc.core().fpccr >> 30 & 1 == 0 {
-                chip.spend(FLOAT);
+                chip.spend_float(FLOAT);
                 save_float(&mut self.uc);
             }
         }
@@ -75,6 +75,7 @@ impl<W: World> Machine<W> {
     fn take(&mut self, e: Exception, lr: u32) -> Result<()> {
         let chip = self.uc.get_data_mut();
         chip.soc.nvic().enter(e);
+        chip.record_entry(e);
         chip.thread = false;
         chip.stats.entries[usize::from(e)] += 1;
         chip.stats.nesting = chip.stats.nesting.max(chip.soc.nvic().nesting().len());
@@ -113,6 +114,7 @@ impl<W: World> Machine<W> {
         if let Some(next) = chip.due_exception(masks) {
             chip.spend(TAIL);
             chip.stats.tail_chained += 1;
+            chip.record_exit();
             return self.take(next, exc_return);
         }
         self.unstack(exc_return)
@@ -132,7 +134,7 @@ impl<W: World> Machine<W> {
         if extended {
             // Registers nobody has touched were never saved and need no restoring.
             if self.uc.get_data_mut().lazy.take().is_none() {
-                self.uc.get_data_mut().spend(FLOAT);
+                self.uc.get_data_mut().spend_float(FLOAT);
                 for i in 0..16 {
                     let value = self.load(frame + FRAME + 4 * i)?;
                     self.uc
@@ -150,6 +152,7 @@ impl<W: World> Machine<W> {
         self.set(R::SP, frame + size + if xpsr & 1 << 9 != 0 { 4 } else { 0 })?;
         self.set(R::PC, pc | 1)?;
         let chip = self.uc.get_data_mut();
+        chip.record_exit();
         chip.fpca = extended;
         chip.thread = chip.soc.nvic().nesting().is_empty();
         chip.jump(pc);
@@ -204,7 +207,7 @@ fn save_float<W: World>(uc: &mut Unicorn<Chip<W>>) {
 /// First FPU instruction since the exception entry: saves what is still in the registers, starts a context of its own.
 pub(super) fn new_float_context<W: World>(uc: &mut Unicorn<Chip<W>>) {
     if uc.get_data().lazy.is_some() {
-        uc.get_data_mut().spend(FLOAT);
+        uc.get_data_mut().spend_float(FLOAT);
         save_float(uc);
     }
     let core = uc.get_data_mut().soc.core();

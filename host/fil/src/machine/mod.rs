@@ -3,9 +3,10 @@
 mod chip;
 mod exceptions;
 
-pub use chip::Stats;
+pub use chip::{Alter, Span, Stats};
 use chip::{Chip, Stop};
 
+use crate::cycles::Meter;
 use crate::decode::Class;
 use crate::image::Image;
 use anyhow::{Result, anyhow, bail};
@@ -180,7 +181,7 @@ impl<W: World + 'static> Machine<W> {
 
     /// From now on time passes by blocks of code instead of instructions, which is several times faster. An interrupt then
     /// comes up to a block late (a few dozen cycles), and what an instruction reads is as old as its block is long. WFI
-    /// and WFE are refused.
+    /// and WFE are refused, and nothing is metered.
     ///
     /// # Errors
     /// When the engine refuses.
@@ -190,6 +191,42 @@ impl<W: World + 'static> Machine<W> {
         self.pace = self.uc.add_block_hook(1, 0, hook).map_err(engine("block hook"))?;
         // What was translated calls the old hook.
         self.uc.ctl_flush_tb().map_err(engine("flush"))
+    }
+
+    /// Starts cycle accounting. It takes several times the host time.
+    ///
+    /// # Errors
+    /// When the disassembler or a hook cannot be set up.
+    pub fn start_meter(&mut self) -> Result<()> {
+        let read = |uc: &mut Unicorn<Chip<W>>, _: MemType, address: u64, _: usize, _: i64| {
+            if let Some(meter) = &mut uc.get_data_mut().meter {
+                meter.read(address as u32);
+            }
+            true
+        };
+        self.uc.add_mem_hook(HookType::MEM_READ, 0x0800_0000, 0x080f_ffff, read).map_err(engine("read hook"))?;
+        self.uc.get_data_mut().meter = Some(Box::new(Meter::new()?));
+        Ok(())
+    }
+
+    /// Records each run of an exception from now on.
+    pub fn record_spans(&mut self) {
+        self.uc.get_data_mut().spans = Some(Vec::new());
+    }
+
+    /// The runs recorded so far, by time of entry.
+    pub fn spans(&self) -> &[Span] {
+        self.uc.get_data().spans.as_deref().unwrap_or(&[])
+    }
+
+    /// Lets `alter` change what the firmware writes into registers: to put a fault in and see that it is noticed.
+    pub fn alter_writes(&mut self, alter: Alter) {
+        self.uc.get_data_mut().alter = Some(alter);
+    }
+
+    /// The cycle accounting, once started.
+    pub fn meter(&mut self) -> Option<&mut Meter> {
+        self.uc.get_data_mut().meter.as_deref_mut()
     }
 
     /// What has been counted since power-up.
@@ -318,7 +355,8 @@ fn slow<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
     let chip = uc.get_data_mut();
     let instruction = chip.instruction(address);
     chip.close_gap(address);
-    if chip.half >= chip.limit && poll(uc) {
+    // Inside an IT block the engine forgets a request to stop: what is due waits for the first instruction behind it.
+    if !instruction.in_it && chip.half >= chip.limit && poll(uc) {
         uc.get_data_mut().stop = Some(Stop::Poll(address));
         let _ = uc.emu_stop();
         return;
@@ -326,6 +364,9 @@ fn slow<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
     if instruction.class != Class::Plain && special(uc, address, instruction.class) {
         let _ = uc.emu_stop();
         return;
+    }
+    if uc.get_data().meter.is_some() {
+        measure(uc, address);
     }
     uc.get_data_mut().charge(address, instruction);
 }
@@ -360,6 +401,13 @@ fn slow_block<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32, size: u32) {
     if block.masks {
         (chip.masks_changed, chip.limit) = (true, 0);
     }
+}
+
+fn measure<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
+    let Some(mut meter) = uc.get_data_mut().meter.take() else { return };
+    let register = |n: u8| uc.reg_read(R::R0 as i32 + i32::from(n)).unwrap_or(0) as u32;
+    meter.step(address, &uc.get_data().soc.memory.flash, register);
+    uc.get_data_mut().meter = Some(meter);
 }
 
 /// Advances the chip to now. Returns whether the engine has to stop.
