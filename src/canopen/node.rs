@@ -69,8 +69,9 @@ impl Node {
         };
         self.booting = true;
         self.area.out.clear();
-        let boot_up = Frame::new(self.area.id.cob(HEARTBEAT), &[NmtState::Initialising as u8]);
-        boot_up.map(|frame| self.area.out.put(frame));
+        if let Some(boot_up) = Frame::new(self.area.id.cob(HEARTBEAT), &[NmtState::Initialising as u8]) {
+            self.area.out.put(boot_up);
+        }
         self.enter(NmtState::PreOperational, dictionary);
         result
     }
@@ -211,9 +212,7 @@ impl Node {
         if state == NmtState::Stopped {
             self.server.stop(&mut Space { area: &mut self.area, dictionary });
         }
-        if !self.booting {
-            self.area.producer.now();
-        }
+        self.area.producer.now();
         dictionary.event(Event::State(state));
     }
 

@@ -45,7 +45,7 @@ pub enum Command {
     Hold,
     /// Run the guided check of encoder, motor, gap and stroke.
     Commission,
-    /// Acknowledge a fault whose cause is gone.
+    /// Acknowledge a fault whose cause is gone. After a lost encoder the head has no home any more.
     ResetFault,
 }
 
@@ -180,6 +180,10 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                     return Err(Refused::State(state));
                 }
                 self.refuse_hazard(true)?;
+                if self.status.fault == Some(Fault::EncoderLost) {
+                    // The counters have parted; they are taken to agree from here on.
+                    self.tracking = None;
+                }
                 self.reacting = None;
                 self.status.fault = None;
                 self.enter(State::Disabled, Reason::FaultReset);

@@ -153,6 +153,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.reacting = Some(Reacting::new(fault, &self.situation()));
         self.check = None;
         self.status.fault = Some(fault);
+        // What was counted since cannot be trusted, nor the place where zero was.
+        self.status.homed &= fault != Fault::EncoderLost;
         self.axis.reset();
         // A reaction may retrace further than a working retreat.
         self.path.set_retreat(Fixed(i64::MAX));

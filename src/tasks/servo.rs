@@ -43,6 +43,8 @@ pub struct Servo {
     pub(super) input: TickInput,
     /// Number of the gap reading in it.
     pub(super) reading: u32,
+    /// The newest fault that another task told of, and the tick that was told.
+    pub(super) told: (Fault, u32),
     pub(super) faults: Consumer<'static, Fault>,
     pub(super) requests: Consumer<'static, Request>,
     pub(super) answers: Producer<'static, Answer>,
@@ -136,6 +138,7 @@ impl Servo {
     #[inline(never)]
     fn requests(&mut self) {
         while let Some(fault) = self.faults.dequeue() {
+            self.told = (fault, self.head.status().tick.wrapping_add(1));
             self.head.raise(fault);
         }
         while let Some((leave, answer)) = self.returned.dequeue() {

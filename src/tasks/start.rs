@@ -20,7 +20,7 @@ use edm_hal_shim::stm32f4::{ccm, lines, pac};
 use edm_hal_shim::store::BUFFER;
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, TimerCount};
 use edm_servo_head::gap::Voltage;
-use edm_servo_head::head::{Head, State, Supervisor, TickInput};
+use edm_servo_head::head::{Fault, Head, State, Supervisor, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::remote::Heartbeat;
 
@@ -91,6 +91,7 @@ pub fn start(
         state: State::Disabled,
         input: TickInput::default(),
         reading: 0,
+        told: (Fault::HostSilent, 0),
         faults,
         requests,
         answers: answers_in,

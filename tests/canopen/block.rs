@@ -2,7 +2,7 @@
 
 use crate::bench::{Bench, ID, crc, request, segment, word};
 use crate::machine::*;
-use edm_servo_head::canopen::LONGEST;
+use edm_servo_head::canopen::{Frame, LONGEST, Time};
 
 /// Writes a value by blocks; the abort code if it is refused.
 fn block_write(bench: &mut Bench, index: u16, value: &[u8], announced: Option<u32>, checked: bool) -> Result<(), u32> {
@@ -182,6 +182,17 @@ fn a_client_can_abort_within_a_block_of_either_direction() {
     assert!(!bench.sdo(segment(0xA3, &[])).is_empty());
     bench.sdo(request(0x80, SCOPE, 0, [0; 4]));
     assert_eq!(bench.pass_for(2_000_000, 0x580 + ID), [[0; 8]; 0]);
+}
+
+#[test]
+fn segments_that_wait_for_the_bus_go_with_their_transfer() {
+    for next in [request(0x80, SCOPE, 0, [0; 4]), request(0x40, RANGED, 0, [0; 4])] {
+        let mut bench = Bench::new();
+        bench.ask(request(0xA4, SCOPE, 0, [127, 0, 0, 0]));
+        let start = Frame::new(0x600 + ID, &segment(0xA3, &[])).unwrap();
+        bench.node.receive(&start, Time(bench.now), &mut bench.machine);
+        assert!(bench.sdo(next).iter().all(|answer| answer[0] == 0x43));
+    }
 }
 
 #[test]

@@ -6,9 +6,9 @@ use edm_servo_head::canopen::{
 
 /// U32, read-write, 10 to 1000.
 pub const RANGED: u16 = 0x2000;
-/// U16, read-only.
+/// U16, read-only, by its mapping also RPDO.
 pub const READ_ONLY: u16 = 0x2001;
-/// U8, write-only.
+/// U8, write-only, by its mapping also TPDO.
 pub const WRITE_ONLY: u16 = 0x2002;
 /// VISIBLE_STRING, read-write, at most 100 bytes.
 pub const NAME: u16 = 0x2003;
@@ -80,8 +80,8 @@ const OBJECTS: [(u16, u8, DataType, Access, Mapping); 22] = {
     use Mapping::{Both, No, Receive, Transmit};
     [
         (RANGED, 0, Unsigned32, ReadWrite, Both),
-        (READ_ONLY, 0, Unsigned16, ReadOnly, Transmit),
-        (WRITE_ONLY, 0, Unsigned8, WriteOnly, Receive),
+        (READ_ONLY, 0, Unsigned16, ReadOnly, Both),
+        (WRITE_ONLY, 0, Unsigned8, WriteOnly, Both),
         (NAME, 0, VisibleString, ReadWrite, No),
         (SCOPE, 0, Domain, ReadOnly, No),
         (LONG, 0, Integer64, ReadWrite, Both),

@@ -102,6 +102,7 @@ fn an_identifier_in_use_can_only_be_put_out_of_use() {
     for pdo in [0x1400, 0x1800] {
         let id = bench.number(pdo, 1);
         assert_eq!(bench.set(pdo, 1, 4, id + 1), Err(0x0800_0022));
+        assert_eq!(bench.set(pdo, 1, 4, id + 0x100), Err(0x0800_0022));
         assert_eq!(bench.set(pdo, 1, 4, id), Ok(()));
         assert_eq!(bench.set(pdo, 1, 4, id | INVALID), Ok(()));
         assert_eq!(bench.set(pdo, 1, 4, 0x185), Ok(()));

@@ -1,6 +1,6 @@
 //! Network management and heartbeats (CiA 301 7.2.8, 7.3.2, 1016h, 1017h, 1029h).
 
-use crate::bench::{Bench, ID};
+use crate::bench::{Bench, ID, request, segment};
 use crate::machine::*;
 use edm_servo_head::canopen::{Event, Frame, NmtState};
 
@@ -103,7 +103,9 @@ fn a_pre_operational_node_knows_no_process_data() {
 fn the_heartbeat_comes_at_its_period_and_with_each_change_of_state() {
     let mut bench = Bench::new();
     bench.set(0x1017, 0, 2, 100).unwrap();
+    let start = bench.now;
     let beats: Vec<_> = bench.pass(1_000_000).into_iter().map(|(time, frame)| (time, frame.data()[0])).collect();
+    assert_eq!(beats[0].0, start + 1_000);
     assert_eq!(beats.len(), 10);
     assert!(beats.windows(2).all(|pair| pair[1].0 - pair[0].0 == 100_000 && pair[1].1 == 127));
     bench.pass(50_000);
@@ -146,6 +148,41 @@ fn the_error_behaviour_says_what_a_lost_heartbeat_does_to_the_state() {
     let mut bench = Bench::new();
     assert_eq!(bench.set(0x1029, 1, 1, 3), Err(0x0609_0030));
     assert_eq!(bench.number(0x1029, 1), 0);
+}
+
+#[test]
+fn a_stopped_node_stays_stopped_whatever_falls_silent() {
+    let mut bench = watching(0);
+    bench.send(0, &[2, 0]);
+    bench.pass(1_000);
+    assert_eq!(bench.machine.events.last(), Some(&Event::HeartbeatLost { node: 5 }));
+    assert_eq!(bench.node.state(), NmtState::Stopped);
+}
+
+#[test]
+fn a_reset_ends_watching_and_its_errors() {
+    let mut bench = watching(0);
+    let image = bench.node.image();
+    for lost in [false, true] {
+        bench.send(0x705, &[5]);
+        bench.pass(if lost { 101_000 } else { 50_000 });
+        assert_eq!(bench.number(0x1001, 0), if lost { 0x11 } else { 0 });
+        bench.send(0, &[130, 0]);
+        bench.node.boot(Some(&image), &mut bench.machine).unwrap();
+        bench.machine.events.clear();
+        bench.pass(1_000_000);
+        assert_eq!((bench.machine.events.len(), bench.number(0x1001, 0)), (0, 0));
+    }
+}
+
+#[test]
+fn a_reset_ends_a_transfer() {
+    let mut bench = Bench::new();
+    bench.ask(request(0x21, BYTES, 0, [14, 0, 0, 0]));
+    bench.send(0, &[130, 0]);
+    bench.node.boot(None, &mut bench.machine).unwrap();
+    bench.frames();
+    assert_eq!(bench.refusal(segment(0x00, &[1; 7])), 0x0504_0001);
 }
 
 #[test]

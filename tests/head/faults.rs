@@ -285,6 +285,27 @@ fn two_counters_that_disagree_for_good_are_a_lost_encoder() {
 }
 
 #[test]
+fn a_head_that_lost_its_encoder_has_lost_its_home_and_works_again_once_it_has_a_new_one() {
+    let mut bench = Bench::with(|_| ());
+    bench.watch_offset = Some(0);
+    bench.make_ready();
+    bench.erode();
+    bench.watch_offset = Some(2);
+    expect(&mut bench, Fault::EncoderLost, 3);
+    assert!(!bench.head.status().homed);
+    bench.run(1.0);
+    // The counters stay apart: nobody knows which is right, so neither is zero.
+    bench.command(Command::ResetFault);
+    bench.run(0.1);
+    bench.command(Command::Enable);
+    bench.run(0.1);
+    assert_eq!(bench.state(), State::Ready);
+    assert_eq!(bench.head.command(Command::MoveTo(Nanometres(1_000_000))), Err(Refused::NotHomed));
+    bench.command(Command::SetHome(Nanometres(0)));
+    bench.command(Command::MoveTo(Nanometres(1_000_000)));
+}
+
+#[test]
 fn a_wrong_polarity_is_noticed_before_the_head_has_run_far() {
     let mut bench = Bench::ready();
     bench.x = 0.006;

@@ -1,21 +1,21 @@
-//! Critical sections that delay none of the tasks with a deadline below a millisecond.
+//! Critical sections that delay neither reflex, stop, encoder, gap nor servo.
 //!
-//! Everything below the servo task is masked by BASEPRI; servo, gap, encoder, stop and reflex run on. They therefore must not
-//! log, lock or take a critical section themselves. PRIMASK is never set. A log message is one section, 14 us for a long one
-//! (on the modelled chip): the servo tick would begin that much later.
+//! Everything below the servo task is masked by BASEPRI; the tasks from servo up run on. They therefore must not log, lock or
+//! take a critical section themselves. PRIMASK is never set. A log message is one section, 14 us for a long one (on the
+//! modelled chip): four edges at the rated speed, and a servo tick that would start late.
 
 use crate::board;
 use cortex_m::register::{basepri, basepri_max};
 
 /// Priority bits of the STM32F4.
 const BITS: u8 = 4;
-/// Hardware priority of the highest task that is masked: the one below the servo task.
+/// Hardware priority of the highest task that is masked: the one below the servo.
 const CEILING: u8 = ((1 << BITS) - (board::priority("servo") - 1)) << (8 - BITS);
 
 struct Basepri;
 critical_section::set_impl!(Basepri);
 
-// SAFETY: `acquire` masks every interrupt that may use a critical section (those below the servo task), and `release` restores what
+// SAFETY: `acquire` masks every interrupt that may use a critical section (those below the servo), and `release` restores what
 // was masked before, so sections nest. BASEPRI of 0 means nothing is masked and BASEPRI_MAX only ever raises it.
 unsafe impl critical_section::Impl for Basepri {
     unsafe fn acquire() -> critical_section::RawRestoreState {

@@ -1,7 +1,7 @@
 //! The process model around the chip: what the wires of docs/wiring.md carry, at their own instants.
 //!
 //! The process goes on in *windows* of one servo tick that begin with the periods of the PWM, so that the duty of a window
-//! is exactly the one in force. A window is computed just after it has begun ([`SETTLE`]), under what the chip drives its
+//! is exactly the one in force. A window is computed just after it has begun (16 cycles), under what the chip drives its
 //! pins with at that moment; a direction pin, or the line that allows pulses, that changes inside a window acts on the
 //! next one, up to 50 us late. Voltages, edges of gate, comparators and encoder come at their own times inside the window.
 //!

@@ -30,7 +30,7 @@ const TIM5_CNT: u32 = 0x4000_0c24;
 const OPEN: u64 = 20 * TICK_HZ / 1_000_000;
 const REST: u64 = 4 * TICK;
 /// Openings in a row. Longer, the head finds that the encoder moves and the winding does not, and rightly stops.
-const STRETCH: usize = 400;
+const STRETCH: usize = 150;
 
 /// A spread of times, us.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -101,6 +101,40 @@ pub struct Latency {
     pub encoder: Encoder,
     /// Offsets swept.
     pub samples: u64,
+}
+
+impl Latency {
+    /// What is beyond its bound.
+    pub fn over_bounds(&self) -> Vec<String> {
+        let us = [
+            ("short sampled to pin", self.short_to_pin_us.worst, 2.5),
+            ("stop to pin", self.stop_to_pin_us.worst, 5.0),
+            ("tick start jitter", self.tick_start_jitter_us.worst, 5.0),
+            ("output jitter", self.output_jitter_us.worst, 0.0),
+        ];
+        let mut list: Vec<_> = us
+            .iter()
+            .filter(|(_, worst, bound)| worst > bound)
+            .map(|(what, worst, bound)| format!("{what}: {worst:.2} us, at most {bound}"))
+            .collect();
+        let Encoder { edges_per_s_isr, lost_isr, edges_per_s_timer, lost_timer } = self.encoder;
+        let none = [
+            ("overruns", self.overruns),
+            ("shorts missed", self.missed_shorts),
+            ("counts lost by interrupt", lost_isr),
+            ("counts lost by timer", lost_timer),
+        ];
+        list.extend(none.iter().filter(|n| n.1 > 0).map(|(what, n)| format!("{what}: {n}, at most 0")));
+        // The rig's rate is its own: a thousandth less is still the rate that was asked for.
+        let rates = [("interrupt", edges_per_s_isr, RATED), ("timer", edges_per_s_timer, TIMER)];
+        list.extend(
+            rates
+                .iter()
+                .filter(|r| r.1 * 1000 < r.2 * 999)
+                .map(|(by, n, at)| format!("by {by}: {n} counts/s, at least {at}")),
+        );
+        list
+    }
 }
 
 /// Microseconds as ticks of the chip.

@@ -4,6 +4,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, Parser, Subcommand};
 use edm_fil::image::Image;
 use edm_fil::machine::Machine;
+use edm_fil::rig::Witness;
 use edm_fil::rtt::Rtt;
 use edm_fil::still::Still;
 use edm_sim::cli::{Bore, EXIT_BAD_INPUT, EXIT_FAILED, Failure};
@@ -37,10 +38,22 @@ enum Command {
     Bore(Bore),
     /// Boot and print the log, in a world where nothing happens.
     Run(Run),
-    /// Instructions and estimated cycles of tasks and functions; writes docs/performance-cycles.md.
+    /// Record what the chip sees while the head works, backs off and meets faults: for `cargo test` to replay natively.
+    Record(Record),
+    /// Instructions and estimated cycles of tasks and functions; writes their section of docs/performance.md.
     Cycles(Cycles),
     /// Times from pin to pin, loads and lost counts, with the event at many places of a servo tick.
     Latency(Latency),
+}
+
+#[derive(Args)]
+struct Record {
+    /// The recording.
+    #[arg(default_value = RECORDING)]
+    file: PathBuf,
+    /// Simulated time, seconds; the fault that is going on then is recorded to its end.
+    #[arg(long, default_value_t = 1.5)]
+    seconds: f64,
 }
 
 #[derive(Args)]
@@ -64,10 +77,18 @@ struct Latency {
     /// Cycles from one offset to the next; 1 sweeps all 8400.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=8400))]
     step: u64,
+    /// Fail when a bound is broken.
+    #[arg(long)]
+    check: bool,
 }
 
-/// The committed page.
-const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/performance-cycles.md");
+/// The committed recording.
+const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/recordings/day.edmr");
+/// The page of measurements.
+const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/performance.md");
+/// What encloses the section that is generated there.
+const BEGIN: &str = "<!-- cargo fil cycles writes this section -->\n";
+const END: &str = "<!-- end of what cargo fil cycles writes -->\n";
 
 #[derive(Args)]
 struct Run {
@@ -90,6 +111,7 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let done = image(&arguments.elf).and_then(|image| match &arguments.command {
         Command::Run(run) => run.execute(&image).map(|()| true),
+        Command::Record(record) => record.execute(&image).map(|()| true),
         Command::Cycles(cycles) => cycles.execute(&image).map(|()| true),
         Command::Latency(latency) => latency.execute(&image).map(|()| true),
         Command::Bore(bore) => {
@@ -173,11 +195,22 @@ impl Run {
     }
 }
 
+impl Record {
+    fn execute(&self, image: &Image) -> Result<()> {
+        let witness = Witness::Recorder(Box::new(edm_sim::lockstep::Recorder::new(Vec::new())?));
+        let (witness, met) = edm_fil::exercise::run(image, self.seconds, witness)?;
+        let Witness::Recorder(recorder) = witness else { bail!("the recording is lost") };
+        let bytes = recorder.finish()?;
+        println!("{} ticks, {} retreats, faults {:?}: {} kB", met.ticks, met.retreats, met.faults, bytes.len() / 1000);
+        std::fs::write(&self.file, bytes).with_context(|| format!("cannot write {}", self.file.display()))
+    }
+}
+
 impl Cycles {
     fn execute(&self, image: &Image) -> Result<()> {
         let measured = edm_fil::cycles::report::measure(image)?;
-        let page = measured.markdown();
-        println!("{page}");
+        let section = measured.markdown();
+        println!("{section}");
         for (task, functions) in measured.hot.iter().filter(|_| self.hot > 0) {
             println!("{task}:");
             for (name, cycles) in functions.iter().take(self.hot) {
@@ -190,13 +223,14 @@ impl Cycles {
         if let Some(path) = &self.json {
             write(path, &serde_json::to_string_pretty(&measured.rows)?)?;
         }
-        let page_path = Path::new(PAGE);
+        let path = Path::new(PAGE);
+        let page = std::fs::read_to_string(path).with_context(|| format!("cannot read {PAGE}"))?;
+        let sections = page.split_once(BEGIN).and_then(|(before, rest)| Some((before, rest.split_once(END)?)));
+        let (before, (committed, after)) = sections.context("docs/performance.md has lost the marks of the section")?;
         if !self.check {
-            return write(page_path, &page);
+            return write(path, &format!("{before}{BEGIN}{section}{END}{after}"));
         }
-        let committed = std::fs::read_to_string(page_path)
-            .context("docs/performance-cycles.md is missing: run cargo fil cycles")?;
-        let regressions = measured.regressions(&committed);
+        let regressions = measured.regressions(committed);
         if !regressions.is_empty() {
             bail!("slower than committed:\n  {}", regressions.join("\n  "));
         }
@@ -206,9 +240,18 @@ impl Cycles {
 
 impl Latency {
     fn execute(&self, image: &Image) -> Result<()> {
-        let text = serde_json::to_string_pretty(&edm_fil::latency::measure(image, self.step)?)?;
+        let latency = edm_fil::latency::measure(image, self.step)?;
+        let text = serde_json::to_string_pretty(&latency)?;
         println!("{text}");
-        self.json.as_ref().map_or(Ok(()), |path| write(path, &text))
+        if let Some(path) = &self.json {
+            write(path, &text)?;
+        }
+        let over = latency.over_bounds();
+        if self.check && !over.is_empty() {
+            bail!("out of bounds:\n  {}", over.join("\n  "));
+        }
+        over.iter().for_each(|line| println!("out of bounds: {line}"));
+        Ok(())
     }
 }
 

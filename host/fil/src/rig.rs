@@ -1,10 +1,9 @@
 //! The emulated head as a rig to bore with: the firmware on the model of the chip, the model of the chip on the bench, the
-//! host on the bus, and the native core beside it ([`crate::lockstep`]).
+//! host on the bus, and whoever compares or records what the chip sees ([`edm_sim::lockstep`]).
 
 use crate::bench::{Bench, WINDOW};
 use crate::commission::commission;
 use crate::image::Image;
-use crate::lockstep::Twin;
 use crate::machine::Machine;
 use crate::rtt::Rtt;
 use crate::seen::Places;
@@ -12,6 +11,7 @@ use anyhow::{Result, anyhow, bail};
 use edm_servo_head::head::{Change, Command, Reason, Status};
 use edm_servo_head::remote;
 use edm_servo_head::settings::Settings;
+use edm_sim::lockstep::{Event, Recorder, Twin};
 use edm_sim::machine::Rig;
 use edm_sim::process::{Parameters, Process};
 use edm_sim::run::{Job, Observer, Outcome, Progress};
@@ -42,16 +42,44 @@ const FIRST: u64 = 1500;
 /// Counter of TIM1.
 const TIM1_CNT: u32 = 0x4001_0024;
 
+/// Who is told what the chip saw.
+pub enum Witness {
+    /// Nobody.
+    None,
+    /// The native core, which has to come to the same at every tick.
+    Twin(Box<Twin>),
+    /// A recording.
+    Recorder(Box<Recorder<Vec<u8>>>),
+}
+
+impl Witness {
+    /// A native core with the settings of the board.
+    ///
+    /// # Errors
+    /// When the settings contradict each other.
+    pub fn twin(settings: &Settings) -> Result<Self> {
+        Ok(Witness::Twin(Box::new(Twin::new(settings).map_err(|e| anyhow!("{e}"))?)))
+    }
+
+    fn event(&mut self, event: &Event) -> Result<()> {
+        match self {
+            Witness::None => Ok(()),
+            Witness::Twin(twin) => twin.event(event).map_err(|e| anyhow!("chip and native core differ: {e}")),
+            Witness::Recorder(recorder) => Ok(recorder.event(event)?),
+        }
+    }
+}
+
 /// The firmware on the chip on the bench.
 pub struct Emulated {
     machine: Machine<Bench>,
     rtt: Rtt,
     /// Whether to print the firmware's log.
     pub log: bool,
-    /// Whether the native core has to come to the same at every tick.
-    lockstep: bool,
+    /// Whether the host gives signs of life.
+    pub host_alive: bool,
     places: Places,
-    twin: Twin,
+    witness: Witness,
     /// Commands under way, and the windows whose ticks carry them out.
     commands: VecDeque<(u64, Command)>,
     /// Where the present window is looked at.
@@ -76,10 +104,9 @@ impl Emulated {
         parameters: &Parameters,
         settings: &Settings,
         seed: u64,
-        lockstep: bool,
+        witness: Witness,
     ) -> Result<Self> {
         let places = Places::find(image)?;
-        let twin = Twin::new(settings).map_err(|e| anyhow!("{e}"))?;
         let bench = Bench::new(parameters, seed).map_err(|e| anyhow!(e))?;
         let mut machine = Machine::new(image, bench, CRYSTAL_HZ)?;
         commission(&machine.soc().memory.flash, settings)?;
@@ -87,9 +114,9 @@ impl Emulated {
             machine,
             rtt: Rtt::new(image)?,
             log: false,
-            lockstep,
+            host_alive: true,
             places,
-            twin,
+            witness,
             commands: VecDeque::new(),
             end: 0,
             blocks: 0,
@@ -136,7 +163,7 @@ impl Emulated {
     fn window(&mut self) -> Result<()> {
         self.windows += 1;
         let soc = self.machine.soc();
-        if self.windows.is_multiple_of(LIFE) {
+        if self.host_alive && self.windows.is_multiple_of(LIFE) {
             let at = soc.now() + WINDOW / 2;
             soc.world.send(at, Frame::new(SYNC, &[]));
             soc.world_changed();
@@ -157,11 +184,12 @@ impl Emulated {
         self.look()
     }
 
-    /// Reads what the tick of this window saw and came to, and lets the native core do the same.
+    /// Reads what the tick of this window saw and came to.
     fn look(&mut self) -> Result<()> {
         let before = self.status;
         let memory = &self.machine.soc().memory;
         let (status, input) = (self.places.status(memory)?, self.places.input(memory)?);
+        let told = self.places.told(memory, status.tick)?;
         if status.tick != before.tick.wrapping_add(1) {
             let (now, was) = (status.tick, before.tick);
             bail!("tick {now} follows {was}, {:.6} s after power-up: the servo task has missed one", self.seconds());
@@ -170,23 +198,23 @@ impl Emulated {
             let reason = Reason::Fault(fault);
             self.changes.push_back(Change { tick: status.tick, from: before.state, to: status.state, reason });
         }
-        let mut due = Vec::new();
         while let Some((_, command)) = self.commands.pop_front_if(|c| c.0 <= self.windows) {
-            due.push(command);
+            self.witness.event(&Event::Command(command))?;
         }
-        if self.lockstep {
-            self.twin.tick(&due, &input, &status).map_err(|e| anyhow!("chip and native core differ: {e}"))?;
+        if let Some(fault) = told {
+            self.witness.event(&Event::Told(fault))?;
         }
+        self.witness.event(&Event::Tick(input, status))?;
         self.status = status;
         Ok(())
     }
 
-    /// Gives the native core the newest block, if the gap task has run since the last one.
+    /// Tells the witness of the newest block, if the gap task has run since the last one.
     fn look_at_block(&mut self) -> Result<()> {
         let blocks = self.machine.stats().entries[GAP];
         if blocks != self.blocks {
             let block = self.places.block(&self.machine.soc().memory)?;
-            self.twin.block(block.as_ref());
+            self.witness.event(&Event::Block(block))?;
         }
         if blocks > self.blocks + 1 {
             bail!("the gap task has run {} times in a tick", blocks - self.blocks);
@@ -209,10 +237,9 @@ impl Emulated {
         }
     }
 
-    /// Ticks in which the native core, fed what the chip saw, came to the same bit for bit; the first difference ends
-    /// the run.
-    pub fn agreed(&self) -> u64 {
-        self.twin.ticks()
+    /// Gives the witness back.
+    pub fn into_witness(self) -> Witness {
+        self.witness
     }
 
     /// Machine and process, to pull wires between two ticks.
@@ -303,8 +330,10 @@ pub fn bore(
     }
     // The guided check counts as passed, as in the native run: it needs an axis without a workpiece.
     let settings = Settings { commissioned: true, ..job.setup.head };
-    let mut rig =
-        Emulated::start(image, &job.setup.process, &settings, job.seed, lockstep).map_err(|e| format!("{e:#}"))?;
+    let witness = if lockstep { Witness::twin(&settings) } else { Ok(Witness::None) };
+    let mut rig = witness
+        .and_then(|witness| Emulated::start(image, &job.setup.process, &settings, job.seed, witness))
+        .map_err(|e| format!("{e:#}"))?;
     rig.log = log;
     edm_sim::bore::run(job, &mut rig, observer, progress)
 }

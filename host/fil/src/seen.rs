@@ -9,39 +9,25 @@ use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
-use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Fault, State, Status, TickInput};
+use edm_servo_head::gap::GapReading;
+use edm_servo_head::head::{Fault, Status, TickInput};
 use edm_servo_head::units::{Amps, CountsPerSecond, Fixed, Volts};
+use edm_sim::lockstep::{QUALITIES, STATES};
 use edm_soc::{Memory, Region};
 use std::mem::{offset_of, size_of};
 
 const HEAD: &str = "edm_servo_head::head::machine::Head";
 const SERVO: &str = "edm_servo_head::tasks::servo::Servo";
 const GAP: &str = "edm_servo_head::tasks::gap::Gap";
+const TOLD: &str = "(edm_servo_head::head::fault::Fault, u32)";
 const BLOCKS: &str = "core::option::Option<edm_hal_shim::gap::GapBlock>";
-
-const STATES: [State; 12] = [
-    State::Disabled,
-    State::Commissioning,
-    State::Ready,
-    State::Seeking,
-    State::Eroding,
-    State::Retreating,
-    State::Done,
-    State::HoldingPosition,
-    State::Fault,
-    State::Positioning,
-    State::Homing,
-    State::Guiding,
-];
-const QUALITIES: [Quality; 5] =
-    [Quality::Missing, Quality::Valid, Quality::NoGate, Quality::Saturated, Quality::Reversed];
 
 /// Addresses in a chip that runs a certain image.
 #[derive(Clone, Copy, Debug)]
 pub struct Places {
     status: u32,
     input: u32,
+    told: (u32, u32),
     block: u32,
 }
 
@@ -61,6 +47,7 @@ impl Places {
             SERVO,
             GAP,
             BLOCKS,
+            TOLD,
             "edm_servo_head::head::Status",
             "edm_servo_head::head::TickInput",
             "edm_servo_head::gap::GapReading",
@@ -88,9 +75,11 @@ impl Places {
         layout.same(BLOCKS, size_of::<Option<GapBlock>>(), &[])?;
         let symbol = |module, name| image.find(module, name).with_context(|| format!("the ELF has no symbol {name}"));
         let servo = symbol("app", "__rtic_internal_local_resource_servo")?;
+        let told = servo + layout.offset(SERVO, "told")?;
         Ok(Self {
             status: servo + layout.offset(SERVO, "head")? + layout.offset(HEAD, "status")?,
             input: servo + layout.offset(SERVO, "input")?,
+            told: (told + layout.offset(TOLD, "__0")?, told + layout.offset(TOLD, "__1")?),
             block: symbol("app", "__rtic_internal_local_resource_gap")? + layout.offset(GAP, "block")?,
         })
     }
@@ -109,6 +98,18 @@ impl Places {
     /// When what is there cannot be an input.
     pub fn input(&self, memory: &Memory) -> Result<TickInput> {
         input(&View { region: &memory.sram, at: self.input })
+    }
+
+    /// The fault that another task told tick `tick` of.
+    ///
+    /// # Errors
+    /// When what is there cannot be a fault.
+    pub fn told(&self, memory: &Memory, tick: u32) -> Result<Option<Fault>> {
+        let at = |at| View { region: &memory.sram, at };
+        let (fault, told) = self.told;
+        let fault = at(fault).byte(0)?;
+        let fault = *Fault::ALL.get(fault).context("a fault that is none")?;
+        Ok((at(told).word(0)? == tick).then_some(fault))
     }
 
     /// The newest block of conversions; `None` when it was lost.
@@ -254,5 +255,6 @@ fn status(view: &View) -> Result<Status> {
         safety: contacts(&view.inner(at!(Status, safety)))?,
         homed: view.flag(at!(Status, homed))?,
         current_reduced: view.flag(at!(Status, current_reduced))?,
+        ..Status::default()
     })
 }

@@ -48,6 +48,7 @@ impl Run {
         }
         memory.sram.store(SCENARIO, 4, scenario);
         memory.sram.store(RESULT + 40, 4, parameter);
+        machine.record_spans();
         let result = machine.run_until(time).map_err(|e| format!("{e:#}"));
         Self { machine, result }
     }
@@ -125,6 +126,10 @@ fn it_blocks_survive_interrupts_at_any_place() {
     assert_eq!((run.result, run.machine.load(RESULT + 28).unwrap()), (Ok(()), 1));
     assert_eq!(run.machine.load(RESULT).unwrap(), 0);
     assert!(run.machine.stats().entries[15] > 10_000);
+    // SysTick every 62 cycles of 16 MHz; the rest of a block, an instruction and a late one before are at most a dozen.
+    let entered: Vec<_> = run.machine.spans().iter().map(|s| s.entered * 16_000_000 / TICK_HZ / 2).collect();
+    let longest = entered.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap();
+    assert!(longest <= 62 + 12, "{longest} cycles");
 }
 
 #[test]

@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`process`] | machine and process: what the head's wires are connected to |
 //! | [`machine`] | the closed loop, tick by tick |
+//! | [`lockstep`] | the native core fed what the chip saw, live or from a recording |
 //! | [`bore`](mod@bore) | a hole, from rest to depth or to the reason why not |
 //! | [`run`] | what passes between the command line and the machine |
 //! | [`events`] | what goes wrong with the machine, and when |
@@ -22,6 +23,7 @@ pub mod bench;
 pub mod bore;
 pub mod cli;
 pub mod events;
+pub mod lockstep;
 pub mod machine;
 pub mod observe;
 pub mod output;

@@ -31,6 +31,7 @@ enum Task {
     /// Builds the firmware for both boards, prints its sizes and checks that a chip would start it.
     Firmware,
     /// Runs a command of the emulated chip on the firmware as it is, which is built first: `cargo fil`.
+    #[command(disable_help_flag = true)]
     Fil {
         /// Command and options; `cargo fil --help` lists them.
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]

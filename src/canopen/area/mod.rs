@@ -1,9 +1,10 @@
 //! The communication area, 1000h to 1FFFh: the node's own objects, and the state behind them.
 
+mod describe;
 mod objects;
 mod write;
 
-pub use objects::descriptions;
+pub use describe::descriptions;
 #[cfg(not(target_os = "none"))]
 pub(super) use objects::is_stored;
 pub(super) use objects::{Found, Item, STORED, find, stored};

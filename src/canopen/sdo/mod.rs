@@ -74,8 +74,8 @@ impl Buffer {
     }
 
     fn put(&mut self, offset: usize, data: &[u8]) -> Result<(), Abort> {
-        let end = offset.saturating_add(data.len());
-        self.0.get_mut(offset..end).ok_or(Abort::OutOfMemory)?.copy_from_slice(data);
+        let place = self.0.get_mut(offset..).and_then(|rest| rest.get_mut(..data.len()));
+        place.ok_or(Abort::OutOfMemory)?.copy_from_slice(data);
         Ok(())
     }
 }

@@ -34,8 +34,8 @@ impl Source {
                 space.stream(self.object, offset, out)?;
             }
         } else {
-            let start = offset as usize;
-            out.copy_from_slice(buffer.0.get(start..start.saturating_add(length)).ok_or(Abort::General)?);
+            let value = buffer.0.get(offset as usize..).and_then(|rest| rest.get(..length));
+            out.copy_from_slice(value.ok_or(Abort::General)?);
         }
         Ok((piece, length))
     }

@@ -355,7 +355,8 @@ fn slow<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
     let chip = uc.get_data_mut();
     let instruction = chip.instruction(address);
     chip.close_gap(address);
-    if chip.half >= chip.limit && poll(uc) {
+    // Inside an IT block the engine forgets a request to stop: what is due waits for the first instruction behind it.
+    if !instruction.in_it && chip.half >= chip.limit && poll(uc) {
         uc.get_data_mut().stop = Some(Stop::Poll(address));
         let _ = uc.emu_stop();
         return;

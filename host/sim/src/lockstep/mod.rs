@@ -2,8 +2,12 @@
 //!
 //! What the chip saw is taken upstream of everything that computes with floats: the converter's codes with the gate, the
 //! encoder's counts and times, contacts, drive codes, the reflex, and the host's commands in the tick in which the servo
-//! task carries them out. A fault of the supervision is taken over when the chip has it, because supervision runs beside
-//! the ticks; a fault that a tick finds by itself must be found here, too.
+//! task carries them out. A fault of the supervision, which runs beside the ticks, is told the native core in the tick that
+//! the chip was told in; a fault that a tick finds by itself must be found here, too.
+
+mod recording;
+
+pub use recording::{Error, QUALITIES, Recorder, STATES, replay};
 
 use edm_hal_shim::gap::GapBlock;
 use edm_servo_head::gap::{GapReading, GapSource, Quality, Voltage};
@@ -11,22 +15,26 @@ use edm_servo_head::head::{Command, Fault, Head, Status, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{SettingError, Settings};
 
-/// Faults that only the supervision raises.
-const SUPERVISED: [Fault; 7] = [
-    Fault::OverCurrent,
-    Fault::BusSag,
-    Fault::PolarityWrong,
-    Fault::FollowingError,
-    Fault::GapSignalInvalid,
-    Fault::GateMissing,
-    Fault::HostSilent,
-];
+/// What the chip saw, and what it came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// A block of conversions was completed, or lost.
+    Block(Option<GapBlock>),
+    /// The host's command that the next tick carries out.
+    Command(Command),
+    /// A fault that another task tells the next tick of.
+    Told(Fault),
+    /// One servo tick.
+    Tick(TickInput, Status),
+}
 
 /// The native core.
 pub struct Twin {
     source: Voltage,
     head: Head<Box<Path>>,
     reading: GapReading,
+    faults: Vec<Fault>,
+    commands: Vec<Command>,
     ticks: u64,
 }
 
@@ -42,33 +50,39 @@ impl Twin {
             source: Voltage::new(active.gap),
             head: Head::new(active.head, Box::new(Path::EMPTY)),
             reading,
+            faults: Vec::new(),
+            commands: Vec::new(),
             ticks: 0,
         })
     }
 
-    /// A block was completed.
-    pub fn block(&mut self, block: Option<&GapBlock>) {
-        self.reading = self.source.update(block);
-    }
-
-    /// One servo tick of the chip: what it saw, what it was told before, what it came to.
+    /// What happened next on the chip.
     ///
     /// # Errors
     /// The first difference.
-    pub fn tick(&mut self, commands: &[Command], input: &TickInput, there: &Status) -> Result<(), String> {
+    pub fn event(&mut self, event: &Event) -> Result<(), String> {
+        match event {
+            Event::Block(block) => self.reading = self.source.update(block.as_ref()),
+            // In the tick that follows, faults first.
+            Event::Told(fault) => self.faults.push(*fault),
+            Event::Command(command) => self.commands.push(*command),
+            Event::Tick(input, status) => return self.tick(input, status),
+        }
+        Ok(())
+    }
+
+    fn tick(&mut self, input: &TickInput, there: &Status) -> Result<(), String> {
         self.ticks += 1;
         let missing = GapReading { quality: Quality::Missing, ..input.gap };
         if input.gap != missing {
             self.compare("gap reading", &bits(&self.reading), &bits(&input.gap))?;
         }
-        if let (Some(fault), None) = (there.fault, self.head.status().fault)
-            && SUPERVISED.contains(&fault)
-        {
+        for fault in self.faults.drain(..) {
             self.head.raise(fault);
         }
-        for command in commands {
+        for command in self.commands.drain(..) {
             // A refusal shows in the status.
-            let _ = self.head.command(*command);
+            let _ = self.head.command(command);
         }
         self.head.tick(input);
         let here = *self.head.status();

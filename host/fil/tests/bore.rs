@@ -1,0 +1,60 @@
+//! The hole that the firmware bores on the chip, beside the one that the native core bores.
+
+mod common;
+
+use edm_fil::image::Image;
+use edm_sim::bore::{self, Setup};
+use edm_sim::run::{Job, Observer, Outcome, Sample};
+
+/// Means while eroding.
+#[derive(Default, Debug, PartialEq)]
+struct Means {
+    ticks: f64,
+    volts: f64,
+    gap: f64,
+}
+
+impl Observer for Means {
+    fn sample(&mut self, sample: &Sample) {
+        if sample.state == "eroding" {
+            self.ticks += 1.0;
+            self.volts += (f64::from(sample.filtered_v) - self.volts) / self.ticks;
+            self.gap += (sample.gap_um - self.gap) / self.ticks;
+        }
+    }
+}
+
+fn job(depth_mm: f64) -> Job {
+    Job { setup: Setup::load("default").unwrap(), depth_mm, seed: 1, surrogate: false }
+}
+
+fn chip(depth_mm: f64) -> (Outcome, Means) {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let mut means = Means::default();
+    let outcome = edm_fil::rig::bore(&image, false, false, &job(depth_mm), &mut means, &mut |_| {}).unwrap();
+    (outcome, means)
+}
+
+#[test]
+fn the_chip_bores_the_hole_of_the_native_core_within_the_stated_statistics() {
+    let (there, chip_means) = chip(0.1);
+    let mut means = Means::default();
+    let here = bore::bore(&job(0.1), &mut means, &mut |_| {}).unwrap();
+    assert!(there.completed && here.completed, "{} {}", there.stop_reason, here.stop_reason);
+    assert_eq!((there.lost_counts, there.illegal_transitions, &there.faults), (0, 0, &Vec::new()));
+    let near = |what: &str, chip: f64, native: f64, bound: f64| {
+        assert!((chip - native).abs() <= bound, "{what}: {chip} on the chip, {native} natively");
+    };
+    // docs/emulated-chip.md states these.
+    near("depth, mm", there.depth_mm, here.depth_mm, 0.001);
+    near("time, relative", there.sim_time_s / here.sim_time_s, 1.0, 0.05);
+    near("mean gap voltage, V", chip_means.volts, means.volts, 0.5);
+    near("mean gap, um", chip_means.gap, means.gap, 0.5);
+    let sparks = |o: &Outcome| o.pulses.spark as f64 / (o.pulses.spark + o.pulses.open) as f64;
+    near("share of sparks", sparks(&there), sparks(&here), 0.01);
+}
+
+#[test]
+fn the_same_seed_bores_the_same_hole() {
+    assert_eq!(chip(0.003), chip(0.003));
+}

@@ -1,0 +1,429 @@
+//! A run of the chip in a file: every [`Event`] as whole numbers, each the difference to the same number of the event of its
+//! kind before, in variable length (LEB128, zigzag), deflated.
+//!
+//! The file begins with [`MAGIC`]. It belongs to the firmware that made it: where the core's arithmetic or the defaults of
+//! its settings change, it has to be recorded anew.
+
+use super::{Event, Twin};
+use edm_hal_shim::encoder::RawCount;
+use edm_hal_shim::gap::{BLOCK, GapBlock};
+use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
+use edm_servo_head::encoder::{Mark, Snapshot};
+use edm_servo_head::gap::{GapReading, Quality};
+use edm_servo_head::head::{Command, Fault, State, Status, TickInput};
+use edm_servo_head::settings::Settings;
+use edm_servo_head::units::{Amps, CountsPerSecond, Fixed, Nanometres, Volts};
+use flate2::Compression;
+use flate2::read::DeflateDecoder;
+use flate2::write::DeflateEncoder;
+use std::io::{self, Read, Write};
+
+/// First bytes of a recording, the last of them its version.
+const MAGIC: [u8; 5] = *b"EDMR\x01";
+/// States by number.
+pub const STATES: [State; 12] = [
+    State::Disabled,
+    State::Commissioning,
+    State::Ready,
+    State::Seeking,
+    State::Eroding,
+    State::Retreating,
+    State::Done,
+    State::HoldingPosition,
+    State::Fault,
+    State::Positioning,
+    State::Homing,
+    State::Guiding,
+];
+/// Qualities of a reading by number.
+pub const QUALITIES: [Quality; 5] =
+    [Quality::Missing, Quality::Valid, Quality::NoGate, Quality::Saturated, Quality::Reversed];
+
+/// Why a recording cannot be replayed.
+#[derive(Debug)]
+pub enum Error {
+    /// It cannot be read.
+    Io(io::Error),
+    /// It is not a recording, or of another version.
+    Foreign,
+    /// A number that its field cannot have.
+    Damaged(&'static str),
+    /// The native core comes to something else than the chip did.
+    Differs(String),
+}
+
+impl std::fmt::Display for Error {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Error::Io(error) => write!(f, "the recording cannot be read: {error}"),
+            Error::Foreign => f.write_str("not a recording of this version"),
+            Error::Damaged(what) => write!(f, "the recording is damaged: no such {what}"),
+            Error::Differs(what) => write!(f, "native core and recorded chip differ: {what}"),
+        }
+    }
+}
+
+impl std::error::Error for Error {}
+
+impl From<io::Error> for Error {
+    fn from(error: io::Error) -> Self {
+        Error::Io(error)
+    }
+}
+
+/// Numbers of the newest event of each kind.
+struct Last {
+    block: [u64; BLOCK + 1],
+    command: [u64; 2],
+    tick: [u64; TICK],
+}
+
+impl Last {
+    const NONE: Last = Last { block: [0; BLOCK + 1], command: [0; 2], tick: [0; TICK] };
+}
+
+/// Writes a recording.
+pub struct Recorder<W: Write> {
+    to: DeflateEncoder<W>,
+    last: Last,
+}
+
+impl<W: Write> Recorder<W> {
+    /// Begins a recording.
+    ///
+    /// # Errors
+    /// What the writer refuses.
+    pub fn new(mut to: W) -> io::Result<Self> {
+        to.write_all(&MAGIC)?;
+        Ok(Self { to: DeflateEncoder::new(to, Compression::best()), last: Last::NONE })
+    }
+
+    /// Adds what happened next.
+    ///
+    /// # Errors
+    /// What the writer refuses.
+    pub fn event(&mut self, event: &Event) -> io::Result<()> {
+        let Self { to, last } = self;
+        match event {
+            Event::Block(None) => to.write_all(&[0]),
+            Event::Block(Some(block)) => put(to, 1, &mut last.block, block_numbers(block)),
+            Event::Command(command) => put(to, 2, &mut last.command, command_numbers(*command)?),
+            Event::Told(fault) => to.write_all(&[4, *fault as u8]),
+            Event::Tick(input, status) => put(to, 3, &mut last.tick, tick_numbers(input, status)),
+        }
+    }
+
+    /// Ends the recording.
+    ///
+    /// # Errors
+    /// What the writer refuses.
+    pub fn finish(self) -> io::Result<W> {
+        self.to.finish()
+    }
+}
+
+/// Replays a recording of a commissioned head with default settings through the native core. Gives the ticks that agreed.
+///
+/// # Errors
+/// When it cannot be read, or at the first difference.
+pub fn replay(mut from: impl Read) -> Result<u64, Error> {
+    let mut magic = [0; MAGIC.len()];
+    from.read_exact(&mut magic)?;
+    if magic != MAGIC {
+        return Err(Error::Foreign);
+    }
+    let settings = Settings { commissioned: true, ..Settings::default() };
+    let mut twin = Twin::new(&settings).map_err(|e| Error::Differs(e.to_string()))?;
+    let mut from = io::BufReader::new(DeflateDecoder::new(from));
+    let mut last = Last::NONE;
+    loop {
+        let mut kind = [0];
+        if from.read(&mut kind)? == 0 {
+            return Ok(twin.ticks());
+        }
+        let event = match kind {
+            [0] => Event::Block(None),
+            [1] => Event::Block(Some(block_of(&get(&mut from, &mut last.block)?))),
+            [2] => Event::Command(command_of(&get(&mut from, &mut last.command)?)?),
+            [3] => {
+                let (input, status) = tick_of(&get(&mut from, &mut last.tick)?)?;
+                Event::Tick(input, status)
+            }
+            [4] => {
+                let mut fault = [0];
+                from.read_exact(&mut fault)?;
+                let [fault] = fault;
+                Event::Told(*Fault::ALL.get(usize::from(fault)).ok_or(Error::Damaged("fault"))?)
+            }
+            _ => return Err(Error::Damaged("event")),
+        };
+        twin.event(&event).map_err(Error::Differs)?;
+    }
+}
+
+fn put<const N: usize>(to: &mut impl Write, kind: u8, last: &mut [u64; N], numbers: [u64; N]) -> io::Result<()> {
+    let mut bytes = vec![kind];
+    for (last, number) in last.iter_mut().zip(numbers) {
+        let difference = number.wrapping_sub(*last) as i64;
+        let mut rest = (difference << 1 ^ difference >> 63) as u64;
+        while rest >= 0x80 {
+            bytes.push(rest as u8 | 0x80);
+            rest >>= 7;
+        }
+        bytes.push(rest as u8);
+        *last = number;
+    }
+    to.write_all(&bytes)
+}
+
+fn get<const N: usize>(from: &mut impl Read, last: &mut [u64; N]) -> Result<[u64; N], Error> {
+    for last in last.iter_mut() {
+        let (mut rest, mut shift) = (0u64, 0);
+        loop {
+            let mut byte = [0];
+            from.read_exact(&mut byte)?;
+            rest |= u64::from(byte[0] & 0x7f) << shift;
+            shift += 7;
+            if byte[0] < 0x80 {
+                break;
+            }
+            if shift > 63 {
+                return Err(Error::Damaged("number"));
+            }
+        }
+        let difference = (rest >> 1) as i64 ^ -((rest & 1) as i64);
+        *last = last.wrapping_add(difference as u64);
+    }
+    Ok(*last)
+}
+
+/// Neighbouring codes are alike: each as its distance to the one before.
+fn block_numbers(block: &GapBlock) -> [u64; BLOCK + 1] {
+    let mut numbers = [u64::from(block.gate); BLOCK + 1];
+    let mut before = 0;
+    for (number, code) in numbers.iter_mut().zip(block.codes) {
+        *number = u64::from(code).wrapping_sub(before);
+        before = code.into();
+    }
+    numbers
+}
+
+fn block_of(numbers: &[u64; BLOCK + 1]) -> GapBlock {
+    let mut codes = [0; BLOCK];
+    let mut before = 0u64;
+    for (code, number) in codes.iter_mut().zip(numbers) {
+        before = before.wrapping_add(*number);
+        *code = before as u16;
+    }
+    GapBlock { codes, gate: numbers[BLOCK] as u32 }
+}
+
+/// Commands that a recording of the chip can hold: the motions beside the path cannot reach it yet.
+fn command_numbers(command: Command) -> io::Result<[u64; 2]> {
+    let (number, nm) = match command {
+        Command::Enable => (1, 0),
+        Command::Disable => (2, 0),
+        Command::SetHome(at) => (3, at.0),
+        Command::MoveTo(to) => (4, to.0),
+        Command::MoveBy(by) => (5, by.0),
+        Command::Start => (6, 0),
+        Command::Hold => (7, 0),
+        Command::Commission => (8, 0),
+        Command::ResetFault => (9, 0),
+        Command::ClearPath => (10, 0),
+        Command::Guide => (11, 0),
+        Command::Position(..) | Command::Follow(..) | Command::Home(_) | Command::Brake(_) => {
+            return Err(io::Error::other(format!("{command:?} has no form in a recording")));
+        }
+    };
+    Ok([number, nm as u64])
+}
+
+fn command_of(&[number, nm]: &[u64; 2]) -> Result<Command, Error> {
+    let nm = Nanometres(nm as i64);
+    Ok(match number {
+        1 => Command::Enable,
+        2 => Command::Disable,
+        3 => Command::SetHome(nm),
+        4 => Command::MoveTo(nm),
+        5 => Command::MoveBy(nm),
+        6 => Command::Start,
+        7 => Command::Hold,
+        8 => Command::Commission,
+        9 => Command::ResetFault,
+        10 => Command::ClearPath,
+        11 => Command::Guide,
+        _ => return Err(Error::Damaged("command")),
+    })
+}
+
+/// Numbers of a tick.
+const TICK: usize = 35;
+
+/// What the replay needs of the input, and what [`Twin`] compares of the status.
+fn tick_numbers(input: &TickInput, status: &Status) -> [u64; TICK] {
+    let TickInput { gap, encoder, watch, safety, drive, reflex } = input;
+    let Snapshot { raw, illegal, mark } = encoder;
+    let float = |x: f32| u64::from(x.to_bits());
+    let bits = |s: &SafetyInputs| {
+        let all = [s.upper_limit, s.lower_limit, s.emergency_stop, s.dielectric, s.bridge_fault];
+        all.iter().rev().fold(0, |bits, open| bits << 1 | u64::from(*open))
+    };
+    let watched = watch.unwrap_or_default();
+    [
+        gap.quality as u64,
+        raw.count.into(),
+        raw.last_edge.into(),
+        raw.toward_work.into(),
+        raw.now.into(),
+        (*illegal).into(),
+        mark.count.into(),
+        mark.toward_work.into(),
+        mark.crossings.into(),
+        watch.is_some().into(),
+        watched.count.into(),
+        watched.last_edge.into(),
+        watched.toward_work.into(),
+        watched.now.into(),
+        bits(safety),
+        drive.motor_current.into(),
+        drive.bus_voltage.into(),
+        (*reflex).into(),
+        status.tick.into(),
+        status.state as u64,
+        status.fault.map_or(Fault::ALL.len() as u64, |fault| fault as u64),
+        status.position as u64,
+        status.setpoint.0 as u64,
+        float(status.following),
+        float(status.velocity.0),
+        status.path.0 as u64,
+        float(status.gap.filtered.0),
+        float(status.gap.block.0),
+        status.gap.quality as u64,
+        status.gap.short_ticks.into(),
+        float(status.open_circuit.0),
+        float(status.duty),
+        status.saturated.into(),
+        float(status.current.0),
+        float(status.bus.0),
+    ]
+}
+
+fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Status), Error> {
+    let [quality, count, last_edge, toward_work, now, illegal, mark_at, mark_toward, crossings, watched, rest @ ..] =
+        numbers;
+    let [w_count, w_edge, w_toward, w_now, contacts, motor_current, bus_voltage, reflex, rest @ ..] = rest;
+    let [tick, state, fault, position, setpoint, following, velocity, path, rest @ ..] = rest;
+    let [filtered, block, gap_quality, short_ticks, open, duty, saturated, current, bus] = rest;
+    let word = |x: &u64| *x as u32;
+    let float = |x: &u64| f32::from_bits(*x as u32);
+    let flag = |x: &u64| *x != 0;
+    let quality_of = |x: &u64| QUALITIES.get(*x as usize).copied().ok_or(Error::Damaged("quality of the gap reading"));
+    let raw = |count, edge, toward, now| RawCount {
+        count: word(count),
+        last_edge: word(edge),
+        toward_work: flag(toward),
+        now: word(now),
+    };
+    let gap = GapReading {
+        filtered: Volts(float(filtered)),
+        block: Volts(float(block)),
+        quality: quality_of(gap_quality)?,
+        short_ticks: word(short_ticks),
+    };
+    let open_at = |i: u32| contacts >> i & 1 == 1;
+    let input = TickInput {
+        gap: GapReading { quality: quality_of(quality)?, ..gap },
+        encoder: Snapshot {
+            raw: raw(count, last_edge, toward_work, now),
+            illegal: word(illegal),
+            mark: Mark { count: word(mark_at), toward_work: flag(mark_toward), crossings: word(crossings) },
+        },
+        watch: flag(watched).then(|| raw(w_count, w_edge, w_toward, w_now)),
+        safety: SafetyInputs {
+            upper_limit: open_at(0),
+            lower_limit: open_at(1),
+            emergency_stop: open_at(2),
+            dielectric: open_at(3),
+            bridge_fault: open_at(4),
+        },
+        drive: DriveCodes { motor_current: *motor_current as u16, bus_voltage: *bus_voltage as u16 },
+        reflex: flag(reflex),
+    };
+    let status = Status {
+        tick: word(tick),
+        state: *STATES.get(*state as usize).ok_or(Error::Damaged("state"))?,
+        fault: Fault::ALL.get(*fault as usize).copied(),
+        position: *position as i64,
+        setpoint: Fixed(*setpoint as i64),
+        following: float(following),
+        velocity: CountsPerSecond(float(velocity)),
+        path: Fixed(*path as i64),
+        gap,
+        open_circuit: Volts(float(open)),
+        duty: float(duty),
+        saturated: flag(saturated),
+        current: Amps(float(current)),
+        bus: Volts(float(bus)),
+        ..Status::default()
+    };
+    Ok((input, status))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use edm_servo_head::head::Head;
+    use edm_servo_head::path::Path;
+
+    fn status() -> Status {
+        Status { tick: 7, fault: Some(Fault::BusSag), position: -3, duty: -0.25, ..Status::default() }
+    }
+
+    #[test]
+    fn numbers_come_back() {
+        let block = GapBlock { codes: core::array::from_fn(|i| (i * 160) as u16 ^ 0x0aa5), gate: 0x01ff_fffe };
+        assert_eq!(block_of(&block_numbers(&block)), block);
+        for command in [Command::MoveBy(Nanometres(-1_234_567)), Command::SetHome(Nanometres(5)), Command::Start] {
+            assert_eq!(command_of(&command_numbers(command).unwrap()).unwrap(), command);
+        }
+        let input = TickInput {
+            watch: Some(RawCount { count: u32::MAX, last_edge: 3, toward_work: true, now: 9 }),
+            safety: SafetyInputs { lower_limit: true, bridge_fault: true, ..SafetyInputs::default() },
+            reflex: true,
+            ..TickInput::default()
+        };
+        assert_eq!(tick_of(&tick_numbers(&input, &status())).unwrap(), (input, status()));
+    }
+
+    #[test]
+    fn a_file_that_is_none_or_ends_early_is_refused() {
+        assert!(matches!(replay(&b"EDMR\x02..."[..]), Err(Error::Foreign)));
+        assert!(matches!(replay(&b"ED"[..]), Err(Error::Io(_))));
+        let mut recorder = Recorder::new(Vec::new()).unwrap();
+        recorder.event(&Event::Tick(TickInput::default(), status())).unwrap();
+        let mut whole = recorder.finish().unwrap();
+        whole.truncate(whole.len() - 5);
+        assert!(matches!(replay(&whole[..]), Err(Error::Io(_))));
+    }
+
+    /// Replays the first tick of a head at rest, with the recorded outcome spoilt.
+    fn first_tick(spoil: impl Fn(&mut Status)) -> Result<u64, Error> {
+        let settings = Settings { commissioned: true, ..Settings::default() };
+        let mut head = Head::new(settings.build().unwrap().head, Box::new(Path::EMPTY));
+        let input = TickInput { drive: DriveCodes { motor_current: 2048, bus_voltage: 2400 }, ..TickInput::default() };
+        head.tick(&input);
+        let mut status = *head.status();
+        spoil(&mut status);
+        let mut recorder = Recorder::new(Vec::new()).unwrap();
+        recorder.event(&Event::Tick(input, status)).unwrap();
+        replay(&recorder.finish().unwrap()[..])
+    }
+
+    #[test]
+    fn a_difference_of_one_bit_is_found() {
+        assert_eq!(first_tick(|_| ()).unwrap(), 1);
+        let spoilt = first_tick(|status| status.duty = f32::from_bits(status.duty.to_bits() ^ 1));
+        assert!(matches!(spoilt, Err(Error::Differs(what)) if what.contains("duty")));
+    }
+}
