@@ -12,8 +12,10 @@
 //! | [`gap`] | gap sources: converter codes to one [`gap::GapReading`] |
 //! | [`feed`] | feed laws: gap reading to path velocity |
 //! | [`path`] | segments and the register that shifts both ways |
+//! | [`motion`] | profiles and homing beside the path |
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
+//! | [`canopen`] | the head as a CANopen node |
 //! | [`remote`] | commands and reports as CAN frames |
 //! | [`settings`] | what a person sets, checked and built into what the ticks run |
 //!
@@ -23,11 +25,13 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod canopen;
 pub mod dsp;
 pub mod encoder;
 pub mod feed;
 pub mod gap;
 pub mod head;
+pub mod motion;
 pub mod path;
 pub mod remote;
 pub mod servo;

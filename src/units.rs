@@ -77,6 +77,8 @@ quantity! {
     MicrometresPerSecond2,
     /// Encoder velocity, counts/s.
     CountsPerSecond,
+    /// Encoder acceleration, counts/s^2.
+    CountsPerSecond2,
     /// Frequency, Hz.
     Hertz,
     /// Duration, s.

@@ -3,16 +3,17 @@
 use super::check::Check;
 use super::course::Course;
 use super::machine::{Head, hazard};
+use super::positioning::{Home, Pace};
 use super::{Fault, Reason, State};
 use crate::gap::OpenCircuit;
 use crate::path::{self, Path};
-use crate::units::{Fixed, Nanometres};
+use crate::units::{Fixed, MicrometresPerSecond2, Nanometres};
 use core::fmt;
 use core::ops::DerefMut;
 use edm_hal_shim::safety::SafetyInputs;
 
 /// A request from host, keyboard or test.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Command {
     /// Close the loop where the head is.
@@ -25,8 +26,21 @@ pub enum Command {
     MoveTo(Nanometres),
     /// Queue a straight move by a distance, from the end of the queue.
     MoveBy(Nanometres),
+    /// Forget the queue; the path begins anew where the axis is.
+    ClearPath,
+    /// Move to a position on a profile, pulses off. A new target may be given on the way.
+    Position(Nanometres, Pace),
+    /// Reach a host's next set point in so many servo ticks, pulses off.
+    Follow(Nanometres, u32),
+    /// Look for a reference.
+    Home(Home),
+    /// Come to rest with this deceleration, pulses off, and hold.
+    Brake(MicrometresPerSecond2),
     /// Pulses on; seek the work and erode along the queue.
     Start,
+    /// Pulses on; hold the position and tell the feed that the gap asks for: a host keeps the path. A short is retreated
+    /// from here, and returned from.
+    Guide,
     /// Pulses off; hold the position.
     Hold,
     /// Run the guided check of encoder, motor, gap and stroke.
@@ -109,6 +123,18 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 let [end] = self.path.end();
                 self.queue(state, end.plus(self.fixed(by)))
             }
+            Command::ClearPath => {
+                if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
+                    return Err(Refused::State(state));
+                }
+                let [here] = self.path.setpoint();
+                self.restart_path_at(here);
+                Ok(())
+            }
+            Command::Position(to, pace) => self.position(state, to, &pace),
+            Command::Follow(to, ticks) => self.follow_to(state, to, ticks),
+            Command::Home(home) => self.home(state, &home),
+            Command::Brake(deceleration) => self.brake(state, deceleration),
             Command::Start => {
                 if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
                     return Err(Refused::State(state));
@@ -118,6 +144,17 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 }
                 self.refuse_hazard(true)?;
                 self.enter(State::Seeking, Reason::Started);
+                Ok(())
+            }
+            Command::Guide => {
+                if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
+                    return Err(Refused::State(state));
+                }
+                self.refuse_hazard(true)?;
+                let [here] = self.path.setpoint();
+                self.restart_path_at(here);
+                self.law = self.config.law;
+                self.enter(State::Guiding, Reason::Started);
                 Ok(())
             }
             Command::Hold => {
@@ -166,7 +203,6 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.refuse_hazard(false)?;
         self.upper_limit_excused = self.safety.upper_limit;
         self.open = OpenCircuit::new(self.config.seek.settle);
-        self.work = None;
         self.axis.reset();
         self.restart_path();
         self.enter(State::Ready, Reason::Enabled);
@@ -192,10 +228,15 @@ impl<P: DerefMut<Target = Path>> Head<P> {
 
     /// The path begins where the axis is; a retreat past the beginning leads straight up.
     fn restart_path(&mut self) {
-        let here = Fixed::whole(self.status.position);
+        self.restart_path_at(Fixed::whole(self.status.position));
+    }
+
+    /// The path begins at a set point.
+    pub(super) fn restart_path_at(&mut self, here: Fixed) {
         let escape = Fixed::whole((self.config.axis.escape.0 * self.config.axis.counts_per_um) as i64);
         let top = if self.status.homed { self.fixed(self.config.axis.travel.0) } else { here.minus(escape) };
         self.path.restart([here], [top.min(here)]);
+        self.work = None;
         self.limiter.stop();
         self.course = Course::new(self.status.tick);
         self.status.setpoint = here;
@@ -221,7 +262,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     }
 
     fn queue(&mut self, state: State, to: Fixed) -> Result<(), Refused> {
-        if !state.follows() {
+        if !state.follows() || matches!(state, State::Positioning | State::Homing) {
             return Err(Refused::State(state));
         }
         let (min, max) = self.config.axis.travel;
@@ -237,7 +278,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     }
 
     /// A length in counts, fractions included.
-    fn fixed(&self, length: Nanometres) -> Fixed {
+    pub(super) fn fixed(&self, length: Nanometres) -> Fixed {
         let limit = Fixed::MAX_WHOLE;
         let scaled = Fixed::whole(length.0.clamp(-limit, limit));
         Fixed(scaled.0.checked_div(self.config.axis.nm_per_count).unwrap_or(0))

@@ -84,6 +84,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.course.pulses = pulses;
         self.set_course(motion);
         self.status.path = self.path.s();
+        self.status.waiting = self.path.waiting() as u16;
         self.urgent = self.plans_every_tick();
     }
 
@@ -111,6 +112,13 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 self.course.travel = travel;
                 self.course.velocity = CountsPerSecond(velocity.0 * direction);
                 self.status.setpoint = setpoint;
+                Follow::Setpoint
+            }
+            Motion::Axis(leg) => {
+                self.limiter.stop();
+                self.course.travel = leg.travel;
+                self.course.velocity = leg.velocity;
+                self.status.setpoint = leg.from;
                 Follow::Setpoint
             }
             Motion::Velocity(wanted) => {

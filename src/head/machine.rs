@@ -1,12 +1,14 @@
 //! The servo tick.
 
 use super::check::Check;
-use super::config::{Config, Setpoint, Structure};
+use super::config::{Axis, Config, Setpoint, Structure};
 use super::course::Course;
 use super::measure::{Sums, Tracking};
 use super::pace::{self, Pace};
+use super::positioning::Positioning;
 use super::reaction::{Motion, Reacting, Situation};
 use super::{Change, ChangeLog, Fault, Finding, Reason, Refused, Report, State, Status, TickInput, TickOutput};
+use crate::encoder::Mark;
 use crate::feed::{FeedLaw, Law, Limiter};
 use crate::gap::{OpenCircuit, Quality};
 use crate::path::Path;
@@ -41,6 +43,9 @@ pub struct Head<P> {
     pub(super) urgent: bool,
     /// Ticks from the plan before to this one.
     pub(super) planned: u32,
+    pub(super) positioning: Option<Positioning>,
+    /// Newest index mark.
+    pub(super) mark: Mark,
     pub(super) reacting: Option<Reacting>,
     pub(super) check: Option<Check>,
     pub(super) checked: Option<Result<Report, Finding>>,
@@ -82,6 +87,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             at: Fixed(0),
             urgent: true,
             planned: 1,
+            positioning: None,
+            mark: Mark::default(),
             reacting: None,
             check: None,
             checked: None,
@@ -120,7 +127,9 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     /// Swaps the configuration between two ticks. While a loop is closed the axis as wired must stay the same, and the
     /// loops keep their integrators: no bump.
     pub fn configure(&mut self, config: Config) -> Result<(), Refused> {
-        if self.status.state != State::Disabled && config.axis != self.config.axis {
+        // Gains and the duty limit may change under way: the loops' integrals are duties.
+        let live = Axis { gains: config.axis.gains, duty_limit: config.axis.duty_limit, ..self.config.axis };
+        if self.status.state != State::Disabled && config.axis != live {
             return Err(Refused::State(self.status.state));
         }
         if config.law != self.config.law {
@@ -140,6 +149,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         {
             return;
         }
+        self.end_positioning();
         self.reacting = Some(Reacting::new(fault, &self.situation()));
         self.check = None;
         self.status.fault = Some(fault);
@@ -155,7 +165,15 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
         self.status.state = state;
         self.entered = self.status.tick;
+        if !matches!(state, State::Positioning | State::Homing) {
+            self.end_positioning();
+        }
         self.urgent = true;
+        self.status.feed = MicrometresPerSecond(match state {
+            State::Seeking => self.config.seek.velocity.0,
+            State::Retreating => -self.config.retreat.velocity.0,
+            _ => 0.0,
+        });
         if state != State::Fault {
             self.path.set_retreat(self.config.retreat.limit);
         }
@@ -234,19 +252,20 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         };
         self.safety = input.safety;
         self.status.safety = input.safety;
+        self.mark = input.encoder.mark;
         self.reflex = input.reflex;
     }
 
     /// The most urgent fault that the safety inputs show, as far as the present state cares.
     pub(super) fn unsafe_input(&self) -> Option<Fault> {
         let state = self.status.state;
-        let checking = state == State::Commissioning;
+        let checking = matches!(state, State::Commissioning | State::Homing);
         let safety = SafetyInputs {
             upper_limit: self.safety.upper_limit && !self.upper_limit_excused,
             dielectric: self.safety.dielectric && state.pulses(),
             ..self.safety
         };
-        // The check drives from stop to stop: one open limit is where it turns round.
+        // The check drives from stop to stop, and homing looks for the switches: one open limit is where they turn round.
         match hazard(&safety) {
             _ if state == State::Disabled => None,
             Some(Fault::UpperLimit | Fault::LowerLimit) if checking => None,
@@ -274,6 +293,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         match self.status.state {
             State::Seeking => self.seek(),
             State::Eroding => self.watch_short(State::Eroding),
+            State::Guiding => self.watch_short(State::Guiding),
             State::Retreating => self.end_retreat(),
             _ => {}
         }
@@ -284,9 +304,11 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             State::Fault if self.on_leave => Motion::Coast,
             State::Commissioning => return self.run_check(),
             State::Ready | State::Done | State::HoldingPosition => along(0.0),
+            State::Positioning | State::Homing => self.plan_positioning(),
             State::Seeking if self.open.volts().is_none() => along(0.0),
             State::Seeking => along(self.config.seek.velocity.0),
             State::Eroding => self.erode(),
+            State::Guiding => self.guide(),
             State::Retreating => along(-self.config.retreat.velocity.0),
             State::Fault => {
                 let situation = self.situation();
@@ -371,6 +393,16 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         }
     }
 
+    /// Gap voltage above the setpoint. A reading that is not valid is no reason to move, and neither is a setpoint that is a
+    /// share of a voltage not measured yet; supervision decides how long a bad reading may last.
+    fn gap_error(&self) -> Volts {
+        let setpoint = self.status.gap_setpoint;
+        match self.status.gap.quality {
+            Quality::Valid if setpoint.0 > 0.0 => Volts(self.status.gap.filtered.0 - setpoint.0),
+            _ => Volts(0.0),
+        }
+    }
+
     fn erode(&mut self) -> Motion {
         let config = &self.config;
         let full = Window::symmetric(config.axis.duty_limit);
@@ -378,11 +410,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             self.enter(State::Done, Reason::PathEnd);
             return Motion::Path(MicrometresPerSecond(0.0), full);
         }
-        // A reading that is not valid is no reason to move; supervision decides how long that may last.
-        let error = match self.status.gap.quality {
-            Quality::Valid => Volts(self.status.gap.filtered.0 - self.status.gap_setpoint.0),
-            _ => Volts(0.0),
-        };
+        let error = self.gap_error();
+        let config = &self.config;
         match config.structure {
             Structure::SingleLoop => {
                 let window = full.and(self.current_window());
@@ -390,9 +419,21 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             }
             structure => {
                 let wanted = config.limits.clamp(self.law.velocity(error, self.planned));
+                self.status.feed = wanted;
                 if structure == Structure::Path { Motion::Path(wanted, full) } else { Motion::Velocity(wanted) }
             }
         }
+    }
+
+    /// Holds the end of the path, or returns to it from a retreat, and tells the feed that the gap asks for.
+    fn guide(&mut self) -> Motion {
+        let error = self.gap_error();
+        self.status.feed = self.config.limits.clamp(self.law.velocity(error, self.planned));
+        Motion::Path(self.config.retreat.velocity, self.full_window())
+    }
+
+    pub(super) fn full_window(&self) -> Window {
+        Window::symmetric(self.config.axis.duty_limit)
     }
 
     pub(super) fn current_window(&self) -> Window {

@@ -12,6 +12,7 @@ mod leave;
 mod machine;
 mod measure;
 mod pace;
+mod positioning;
 mod reaction;
 mod state;
 mod supervise;
@@ -22,13 +23,14 @@ pub use config::{Axis, Config, Lift, Retreat, Seek, Setpoint, Structure};
 pub use fault::{Fault, Reaction};
 pub use leave::Leave;
 pub use machine::Head;
+pub use positioning::{Home, HomingState, Pace};
 pub use state::{Change, ChangeLog, Reason, State};
 pub use supervise::{Limits as SupervisionLimits, Supervisor};
 
 use crate::encoder::Snapshot;
 use crate::gap::GapReading;
 use crate::servo::BackEmf;
-use crate::units::{Amps, CountsPerSecond, Fixed, Volts};
+use crate::units::{Amps, CountsPerSecond, Fixed, MicrometresPerSecond, Volts};
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
@@ -106,6 +108,12 @@ pub struct Status {
     pub illegal_transitions: u32,
     /// Absolute positions mean something.
     pub homed: bool,
+    /// How homing stands.
+    pub homing: HomingState,
+    /// Velocity along the path that the state or its feed law asks for, within the law's limits.
+    pub feed: MicrometresPerSecond,
+    /// Segments waiting behind the one under way.
+    pub waiting: u16,
     /// The winding is hot: only its continuous current is allowed.
     pub current_reduced: bool,
 }

@@ -2,6 +2,7 @@
 
 use super::config::{Config, Lift};
 use super::{Fault, Reaction};
+use crate::motion::Leg;
 use crate::servo::Window;
 use crate::units::{Fixed, MicrometresPerSecond, TICK_S, Volts};
 
@@ -12,6 +13,8 @@ pub(super) enum Motion {
     Coast,
     /// Along the path at a velocity, with the duty inside a window.
     Path(MicrometresPerSecond, Window),
+    /// Beside the path.
+    Axis(Leg),
     /// Velocity loop alone.
     Velocity(MicrometresPerSecond),
     /// Open loop, or a loop closed elsewhere.

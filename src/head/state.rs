@@ -26,6 +26,12 @@ pub enum State {
     HoldingPosition,
     /// Pulses off and latched; the fault's reaction moves or holds the head.
     Fault,
+    /// Pulses off, moving beside the path: to a position, or along a host's set points.
+    Positioning,
+    /// Pulses off, looking for a reference; limit switches are what it may be looking for.
+    Homing,
+    /// Pulses on, holding the position while a host that keeps the path follows the feed that the gap asks for.
+    Guiding,
 }
 
 impl State {
@@ -35,9 +41,12 @@ impl State {
             State::Disabled => "disabled",
             State::Commissioning => "commissioning",
             State::Ready => "ready",
+            State::Positioning => "positioning",
+            State::Homing => "homing",
             State::Seeking => "seeking",
             State::Eroding => "eroding",
             State::Retreating => "retreating",
+            State::Guiding => "guiding",
             State::Done => "done",
             State::HoldingPosition => "holding_position",
             State::Fault => "fault",
@@ -46,7 +55,7 @@ impl State {
 
     /// Whether the generator may pulse.
     pub const fn pulses(self) -> bool {
-        matches!(self, State::Seeking | State::Eroding | State::Retreating)
+        matches!(self, State::Seeking | State::Eroding | State::Retreating | State::Guiding)
     }
 
     /// Whether the position loop is closed and a following error means something.
@@ -67,6 +76,16 @@ pub enum Reason {
     Started,
     /// Commanded: hold.
     Held,
+    /// Commanded: a motion beside the path.
+    Positioned,
+    /// Its target is reached.
+    Arrived,
+    /// Commanded: homing.
+    HomingStarted,
+    /// The reference was found.
+    Homed,
+    /// There is no reference where it could be.
+    NotHomed,
     /// Commanded: the guided check.
     CheckStarted,
     /// The guided check came to its end.

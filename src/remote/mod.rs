@@ -27,7 +27,7 @@ pub const BOOT_UP: u8 = 0;
 pub const OPERATIONAL: u8 = 5;
 
 /// What a host asks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Request {
     /// A command to the head.
     Command(Command),

@@ -109,6 +109,11 @@ impl Gains {
         }
     }
 
+    /// Largest velocity that is asked of the loop.
+    pub fn velocity_limit(&self) -> CountsPerSecond {
+        CountsPerSecond(self.velocity_limit)
+    }
+
     /// Duty that holds the net weight.
     pub fn holding(&self) -> f32 {
         self.holding

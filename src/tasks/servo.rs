@@ -123,8 +123,8 @@ impl Servo {
         let looked = self.head.has_looked();
         if state != self.state {
             self.state = state;
-            // A retreat may be forced only while the head erodes.
-            REFLEX.arm(state == State::Eroding);
+            // A retreat may be forced only while the head erodes, or a CNC does with it.
+            REFLEX.arm(matches!(state, State::Eroding | State::Guiding));
         } else if !looked {
             return;
         }

@@ -5,4 +5,5 @@ mod bench;
 mod check;
 mod faults;
 mod leave;
+mod positioning;
 mod states;

@@ -2,9 +2,9 @@
 
 use crate::bench::Bench;
 use edm_servo_head::head::Structure;
-use edm_servo_head::head::{Command, Reason, Refused, State};
+use edm_servo_head::head::{Command, Pace, Reason, Refused, State};
 use edm_servo_head::settings::{LawName, SetpointUnit};
-use edm_servo_head::units::Nanometres;
+use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 
 #[test]
 fn a_head_that_was_never_enabled_coasts_with_pulses_off() {
@@ -219,4 +219,34 @@ fn a_hot_winding_gets_its_continuous_current_only_and_a_cool_one_its_peak() {
         most = most.max(bench.head.status().current.0.abs());
     }
     assert!(most > 2.5 && most < 3.1, "{most}");
+}
+
+#[test]
+fn a_guiding_head_holds_its_place_tells_the_feed_and_comes_back_from_a_short() {
+    let mut bench = Bench::ready();
+    bench.command(Command::Position(
+        Nanometres(1_900_000),
+        Pace {
+            velocity: MicrometresPerSecond(20_000.0),
+            acceleration: MicrometresPerSecond2(1e6),
+            deceleration: MicrometresPerSecond2(1e6),
+        },
+    ));
+    bench.run_until(1.0, |bench| bench.state() == State::Ready);
+    bench.command(Command::Guide);
+    bench.run(0.1);
+    assert!(bench.output.pulses && (bench.um() - 1900.5).abs() < 1.5);
+    assert!(bench.head.status().feed.0 > 0.0, "an open gap feeds");
+    // The host moves the work: 20 um of gap are 40 V, below the 60 V to be kept.
+    bench.surface_um = 1920.0;
+    bench.run(0.1);
+    assert!(bench.head.status().feed.0 < 0.0, "a narrow gap retreats");
+    assert!((bench.um() - 1900.5).abs() < 1.5);
+    bench.surface_um = 1899.0;
+    bench.run_until(0.1, |bench| bench.state() == State::Retreating);
+    bench.run_until(0.1, |bench| bench.um() < 1890.0);
+    bench.surface_um = 1930.0;
+    bench.run_until(0.1, |bench| bench.state() == State::Guiding);
+    bench.run(0.1);
+    assert!((bench.um() - 1900.5).abs() < 1.5, "back at {} um", bench.um());
 }

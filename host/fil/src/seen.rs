@@ -255,5 +255,6 @@ fn status(view: &View) -> Result<Status> {
         safety: contacts(&view.inner(at!(Status, safety)))?,
         homed: view.flag(at!(Status, homed))?,
         current_reduced: view.flag(at!(Status, current_reduced))?,
+        ..Status::default()
     })
 }

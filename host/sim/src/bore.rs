@@ -61,6 +61,7 @@ pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&P
         parameters.surface = parameters.stroke * 0.999;
     }
     let mut machine = Machine::new(&parameters, &settings, job.seed).map_err(refused)?;
+    machine.process.schedule(&setup.events);
     if job.surrogate {
         machine.run_dry(&settings, first_surface_um, job.seed);
     }

@@ -7,12 +7,14 @@
 //! | [`lockstep`] | the native core fed what the chip saw, live or from a recording |
 //! | [`bore`](mod@bore) | a hole, from rest to depth or to the reason why not |
 //! | [`run`] | what passes between the command line and the machine |
+//! | [`events`] | what goes wrong with the machine, and when |
 //! | [`scenario`] | named sets of values for process and head |
 //! | [`observe`] | one sample a tick, fanned out to figures, trace and plot |
 //! | [`statistics`] | the figures by which control is judged |
 //! | [`report`] | the run in JSON and in words |
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
 //! | [`output`] | files that appear complete or not at all |
+//! | [`serve`] | virtual heads on a CAN bus, in real time |
 //! | [`cli`] | commands, checks, progress |
 //! | [`sweep`] | every scenario with many seeds, against the bounds |
 //! | [`bench`](mod@bench) | speed and memory, relative to a calibration loop |
@@ -20,6 +22,7 @@
 pub mod bench;
 pub mod bore;
 pub mod cli;
+pub mod events;
 pub mod lockstep;
 pub mod machine;
 pub mod observe;
@@ -30,6 +33,7 @@ pub mod progress;
 pub mod report;
 pub mod run;
 pub mod scenario;
+pub mod serve;
 pub mod statistics;
 pub mod sweep;
 pub mod trace;

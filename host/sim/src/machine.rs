@@ -4,9 +4,9 @@ use crate::process::{Parameters, Process};
 use edm_hal_shim::encoder::RawCount;
 use edm_servo_head::encoder::Quadrature;
 use edm_servo_head::gap::{GapReading, GapSource, Surrogate, SurrogateConfig, Voltage};
-use edm_servo_head::head::{Change, Command, Fault, Head, Status, Supervisor, TickInput, TickOutput};
+use edm_servo_head::head::{Change, Command, Fault, Head, Refused, Status, Supervisor, TickInput, TickOutput};
 use edm_servo_head::path::Path;
-use edm_servo_head::settings::{SettingError, Settings};
+use edm_servo_head::settings::{Active, SettingError, Settings};
 use edm_servo_head::units::{FRACTION_BITS, Fixed, MicrometresPerSecond, Volts};
 
 /// Gap that counts as right in the dry loop, um.
@@ -168,6 +168,18 @@ impl Machine {
     /// Gives the head a command that must be accepted where the run stands.
     pub fn command(&mut self, command: Command) -> Result<(), String> {
         self.head.command(command).map_err(|refused| format!("{command:?} was refused: {refused}"))
+    }
+
+    /// Runs other settings from the next tick on.
+    ///
+    /// # Errors
+    /// When they change the axis as wired while a loop is closed.
+    pub fn configure(&mut self, active: &Active) -> Result<(), Refused> {
+        self.head.configure(active.head)?;
+        if let Gap::Voltage(source) = &mut self.gap {
+            source.retune(active.gap);
+        }
+        Ok(())
     }
 
     /// Count of the edge decoder since power-up.

@@ -2,8 +2,9 @@
 //!
 //! A scenario file is TOML: `title`, `description`, and the tables `[process]` and `[head]`, whose keys are those that
 //! `edm-sim settings` prints (`"generator.on_us" = 160`, quoted or as nested tables). What a file does not name keeps
-//! its default. Every refusal is one line that names file and line, key, value and what is allowed.
+//! its default. Every `[[event]]` has a time `at_s`, a `signal` out of the same list and the `value` that it takes then. Every refusal is one line that names file and line, key, value and what is allowed.
 
+use crate::events::{AT, Event, EventError, Wires};
 use edm_servo_head::settings::{Declared, Field, Kind, SettingError, Value};
 use std::fs;
 use std::path::{MAIN_SEPARATOR, Path};
@@ -34,6 +35,8 @@ pub struct Scenario<P, H> {
     pub process: P,
     /// Settings of the head.
     pub head: H,
+    /// What goes wrong, and when.
+    pub events: Vec<Event>,
 }
 
 impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
@@ -69,6 +72,7 @@ impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
             description: String::new(),
             process: P::default(),
             head: H::default(),
+            events: Vec::new(),
         };
         for (key, value) in root.get_ref() {
             let done = match (key.get_ref().as_ref(), value.get_ref()) {
@@ -86,8 +90,13 @@ impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
                 ("process", DeValue::Table(table)) => fill(&mut scenario.process, H::FIELDS, "head", table, "", text),
                 ("head", DeValue::Table(table)) => fill(&mut scenario.head, P::FIELDS, "process", table, "", text),
                 ("process" | "head", _) => Err((value.span().start, format!("{} must be a table", key.get_ref()))),
+                ("event", DeValue::Array(events)) => {
+                    let read = events.iter().map(|value| event(value, text));
+                    read.collect::<Result<_, _>>().map(|events| scenario.events = events)
+                }
+                ("event", _) => Err((value.span().start, "event must be tables: [[event]]".into())),
                 (other, _) => {
-                    let known = ["title", "description", "process", "head"];
+                    let known = ["title", "description", "process", "head", "event"];
                     let message =
                         format!("{other}: no such entry{}; there are {}", hint(other, &known), known.join(", "));
                     Err((key.span().start, message))
@@ -157,6 +166,43 @@ fn assign<'a, D: Declared>(
     if taken { Ok(()) } else { Err(format!("{key} = {word}: must be {}", field.allowed())) }
 }
 
+/// Reads an `[[event]]`. An error carries its offset in the text.
+fn event(value: &Spanned<DeValue<'_>>, text: &str) -> Result<Event, (usize, String)> {
+    const ENTRIES: [&str; 3] = ["at_s", "signal", "value"];
+    let DeValue::Table(table) = value.get_ref() else {
+        return Err((value.span().start, "event must be tables: [[event]]".into()));
+    };
+    if let Some((key, _)) = table.iter().find(|(key, _)| !ENTRIES.contains(&key.get_ref().as_ref())) {
+        let name = key.get_ref();
+        let message = format!("{name}: no such entry{}; an event has {}", hint(name, &ENTRIES), ENTRIES.join(", "));
+        return Err((key.span().start, message));
+    }
+    let entry = |name: &str| {
+        let found = table.iter().find(|(key, _)| key.get_ref() == name);
+        let (_, found) = found.ok_or((value.span().start, format!("event: {name} is missing")))?;
+        let word = text.get(found.span()).and_then(|source| source.lines().next()).unwrap_or_default();
+        Ok((found, word))
+    };
+    let ((at, at_word), (signal, signal_word), (value, word)) = (entry("at_s")?, entry("signal")?, entry("value")?);
+    let refused = |at: &Spanned<DeValue<'_>>, message| Err((at.span().start, message));
+    let no_time = || refused(at, format!("at_s = {at_word}: must be {}", AT.allowed()));
+    let Some(Value::Number(at_s)) = from_toml(at) else { return no_time() };
+    let name = signal.get_ref().as_str().unwrap_or_default();
+    // Not a value of any kind: refused in the words of the signal.
+    let no_value = Value::Word("");
+    match Event::new(at_s, name, from_toml(value).unwrap_or(no_value)) {
+        Ok(event) => Ok(event),
+        Err(EventError::Time) => no_time(),
+        Err(EventError::Signal) => {
+            let keys: Vec<&str> = Wires::FIELDS.iter().map(|field| field.key).collect();
+            let message =
+                format!("signal = {signal_word}: no such signal{}; `edm-sim settings` lists all", hint(name, &keys));
+            refused(signal, message)
+        }
+        Err(EventError::Value(field)) => refused(value, format!("value = {word}: {name} must be {}", field.allowed())),
+    }
+}
+
 /// Reads a table into `values`; dotted keys may be quoted or nested. An error carries its offset in the text.
 fn fill<D: Declared>(
     values: &mut D,
@@ -183,7 +229,8 @@ fn fill<D: Declared>(
     Ok(())
 }
 
-fn from_word<'a>(field: &Field, word: &'a str) -> Option<Value<'a>> {
+/// A value as it was typed, if it can be one of this field's kind.
+pub(crate) fn from_word<'a>(field: &Field, word: &'a str) -> Option<Value<'a>> {
     match field.kind {
         Kind::Number { .. } | Kind::Integer { .. } => word.parse().ok().map(Value::Number),
         Kind::Flag => word.parse().ok().map(Value::Flag),
@@ -209,7 +256,7 @@ fn unknown<'a>(key: &str, word: &str, fields: impl Iterator<Item = &'a Field>) -
 }
 
 /// ", did you mean ...?" where a known name is near, or ends like what was typed.
-fn hint(typed: &str, known: &[&str]) -> String {
+pub(crate) fn hint(typed: &str, known: &[&str]) -> String {
     let by_end = || known.iter().find(|name| name.rsplit('.').next() == Some(typed)).copied();
     let score = |name: &&str| strsim::normalized_damerau_levenshtein(typed, name);
     let nearest = known.iter().copied().max_by(|a, b| score(a).total_cmp(&score(b))).filter(|name| score(name) >= 0.6);
@@ -296,11 +343,54 @@ mod tests {
             ("process = 1", "try.toml:3: process must be a table"),
             (
                 "[processs]",
-                "try.toml:3: processs: no such entry, did you mean process?; there are title, description, process, head",
+                "try.toml:3: processs: no such entry, did you mean process?; there are title, description, process, head, event",
             ),
         ] {
             assert_eq!(parse(body).unwrap_err(), message);
         }
+    }
+
+    #[test]
+    fn events_are_read_in_the_order_of_the_file() {
+        let s = parse(
+            "[[event]]\nat_s = 3\nsignal = \"gap.short\"\nvalue = true\n[[event]]\nsignal = \"bus.sag_v\"\nvalue = 20\nat_s = 1.5",
+        )
+        .unwrap();
+        let event = |at_s, signal, value| Event::new(at_s, signal, value).unwrap();
+        let expected = [event(3.0, "gap.short", Value::Flag(true)), event(1.5, "bus.sag_v", Value::Number(20.0))];
+        assert_eq!(s.events, expected);
+        assert_eq!(parse("").unwrap().events, []);
+    }
+
+    #[test]
+    fn an_event_that_cannot_be_is_refused_with_its_line_and_what_is_allowed() {
+        for (event, message) in [
+            ("at_s = -1\nsignal = \"gap.short\"\nvalue = true", "4: at_s = -1: must be a number from 0 to 100000 s"),
+            (
+                "at_s = true\nsignal = \"gap.short\"\nvalue = true",
+                "4: at_s = true: must be a number from 0 to 100000 s",
+            ),
+            (
+                "at_s = 1\nsignal = \"limit.uper_open\"\nvalue = true",
+                "5: signal = \"limit.uper_open\": no such signal, did you mean limit.upper_open?; `edm-sim settings` lists all",
+            ),
+            ("at_s = 1\nsignal = 3\nvalue = true", "5: signal = 3: no such signal; `edm-sim settings` lists all"),
+            ("at_s = 1\nsignal = \"gap.short\"\nvalue = 1", "6: value = 1: gap.short must be true or false"),
+            (
+                "at_s = 1\nsignal = \"bus.sag_v\"\nvalue = 61",
+                "6: value = 61: bus.sag_v must be a number from 0 to 60 V",
+            ),
+            (
+                "at_s = 1\nsignal = \"bus.sag_v\"\nvalue = [1]",
+                "6: value = [1]: bus.sag_v must be a number from 0 to 60 V",
+            ),
+            ("at_s = 1\nvalue = true", "3: event: signal is missing"),
+            ("at = 1", "4: at: no such entry; an event has at_s, signal, value"),
+        ] {
+            assert_eq!(parse(&format!("[[event]]\n{event}")).unwrap_err(), format!("try.toml:{message}"));
+        }
+        assert_eq!(parse("event = 1").unwrap_err(), "try.toml:3: event must be tables: [[event]]");
+        assert_eq!(parse("event = [1]").unwrap_err(), "try.toml:3: event must be tables: [[event]]");
     }
 
     #[test]

@@ -3,12 +3,14 @@
 //! `cargo fil` runs it on an emulated chip.
 
 use clap::{Parser, Subcommand};
+use edm_servo_head::canopen::{NodeId, dbc, eds};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 mod fil;
 mod firmware;
+mod object_table;
 mod settings_table;
 
 #[derive(Parser)]
@@ -20,7 +22,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
-    /// Writes docs/settings.md from the settings' declarations.
+    /// Writes what is generated from declarations: docs/settings.md, docs/objects.md, and the EDS and DBC files beside them.
     Docs {
         /// Write nothing; fail if a file is not current.
         #[arg(long)]
@@ -40,7 +42,9 @@ enum Task {
 fn main() -> ExitCode {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..");
     let result = match Arguments::parse().task {
-        Task::Docs { check } => generate(&root.join("docs/settings.md"), &settings_table::render(), check),
+        Task::Docs { check } => {
+            documents().iter().try_for_each(|(name, text)| generate(&root.join("docs").join(name), text, check))
+        }
         Task::Firmware => firmware::run(&root),
         Task::Fil { arguments } => return fil::run(&root, &arguments),
     };
@@ -53,6 +57,22 @@ fn main() -> ExitCode {
     }
 }
 
+/// The files in docs/ that follow from declarations.
+fn documents() -> [(&'static str, String); 4] {
+    let (mut sheet, mut frames) = (String::new(), String::new());
+    // A string takes everything.
+    let _ = eds::write(&mut sheet);
+    if let Some(node) = NodeId::new(1) {
+        let _ = dbc::write(&mut frames, node);
+    }
+    [
+        ("settings.md", settings_table::render()),
+        ("objects.md", object_table::render()),
+        (eds::FILE, sheet),
+        ("edm-servo-head.dbc", frames),
+    ]
+}
+
 fn generate(path: &Path, text: &str, check: bool) -> Result<(), String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if !check {
@@ -61,5 +81,18 @@ fn generate(path: &Path, text: &str, check: bool) -> Result<(), String> {
     match std::fs::read_to_string(path) {
         Ok(present) if present == text => Ok(()),
         _ => Err(format!("docs/{name} is not current: run `cargo xtask docs`")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_generated_is_committed() {
+        let docs = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../docs");
+        for (name, text) in documents() {
+            assert_eq!(generate(&docs.join(name), &text, true), Ok(()));
+        }
     }
 }

@@ -32,10 +32,7 @@ impl Inputs {
     }
 
     fn checked(&self) -> Result<Job, String> {
-        let mut setup = Setup::load(&self.scenario)?;
-        for assignment in &self.set {
-            setup.set(assignment).map_err(|message| format!("--set {message}"))?;
-        }
+        let setup = setup(&self.scenario, &self.set)?;
         bore::check(&setup).map_err(|error| setup.refusal(error))?;
         let range = bore::depth_range_mm(&setup);
         let depth = self.depth_mm.trim().parse().ok().filter(|depth: &f64| range.contains(depth));
@@ -46,6 +43,15 @@ impl Inputs {
     }
 }
 
-fn seed(text: &str) -> Result<u64, String> {
+/// Loads a scenario and applies the assignments of the command line.
+pub(crate) fn setup(scenario: &str, assignments: &[String]) -> Result<Setup, String> {
+    let mut setup = Setup::load(scenario)?;
+    for assignment in assignments {
+        setup.set(assignment).map_err(|message| format!("--set {message}"))?;
+    }
+    Ok(setup)
+}
+
+pub(crate) fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("must be a whole number from 0 to {}", u64::MAX))
 }

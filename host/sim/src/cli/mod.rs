@@ -5,13 +5,15 @@
 //! that does not reach its depth, or an output that fails in the end, is [`EXIT_FAILED`].
 
 mod bore;
-mod inputs;
+mod describe;
+pub(crate) mod inputs;
 mod tables;
 
 pub use bore::{Bore, Run};
 pub use inputs::Inputs;
 
 use crate::bench::Bench;
+use crate::serve::Serve;
 use crate::sweep::Sweep;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
@@ -48,10 +50,20 @@ enum Command {
         after_help = "Exit code: 0 hole bored; 1 not bored, or an output failed; 2 bad input, nothing was written."
     )]
     Bore(Bore),
+    /// Run virtual heads in real time, for CAN programs to connect to
+    Serve(Serve),
     /// List the scenarios that come with the program
     Scenarios,
     /// List every setting with unit, default, range and source
     Settings,
+    /// Write the CANopen data sheet (EDS) to the standard output
+    Eds,
+    /// Write the process data of a node as a DBC file to the standard output
+    Dbc {
+        /// Node-ID
+        #[arg(long, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=127))]
+        node_id: u8,
+    },
     /// Measure speed and memory, relative to a calibration loop
     Bench(Bench),
     /// Run every scenario with many seeds and check the bounds
@@ -73,12 +85,21 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
     };
     let done = match cli.command {
         Command::Bore(bore) => bore.execute(run),
+        Command::Serve(serve) => serve.execute().map(|()| true),
         Command::Sweep(sweep) => sweep.execute(),
         Command::Bench(bench) => bench.execute(run).map(|()| true),
         Command::Scenarios => tables::scenarios().map(|text| {
             say(&text);
             true
         }),
+        Command::Eds => {
+            say(&describe::eds());
+            Ok(true)
+        }
+        Command::Dbc { node_id } => {
+            say(&describe::dbc(node_id));
+            Ok(true)
+        }
         Command::Settings => {
             say(&tables::settings());
             Ok(true)

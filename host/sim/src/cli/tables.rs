@@ -2,6 +2,7 @@
 
 use super::Failure;
 use crate::bore::Setup;
+use crate::events::{AT, Wires};
 use crate::process::Parameters;
 use crate::scenario::{BUILT_IN, typed};
 use edm_servo_head::settings::{Declared, Field, Kind, Settings};
@@ -22,8 +23,11 @@ pub fn scenarios() -> Result<String, Failure> {
 /// Every key with unit, default, range, meaning and source; one line each, so that `grep` finds it whole.
 pub fn settings() -> String {
     let mut rows = vec![["KEY", "DEFAULT", "UNIT", "ALLOWED", "MEANING (SOURCE)"].map(String::from)];
-    for (table, fields) in [("process", rows_of::<Parameters>()), ("head", rows_of::<Settings>())] {
-        rows.push([format!("[{table}]"), String::new(), String::new(), String::new(), String::new()]);
+    let mut events = rows_of::<Wires>();
+    events.insert(0, row(&AT, String::new()));
+    let tables = [("[process]", rows_of::<Parameters>()), ("[head]", rows_of::<Settings>()), ("[[event]]", events)];
+    for (table, fields) in tables {
+        rows.push([table.into(), String::new(), String::new(), String::new(), String::new()]);
         rows.extend(fields);
     }
     let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or_default();
@@ -37,12 +41,13 @@ pub fn settings() -> String {
 
 fn rows_of<D: Declared + Default>() -> Vec<[String; 5]> {
     let defaults = D::default();
-    let row = |(index, field): (usize, &Field)| {
-        let value = defaults.get(index).map(|value| typed(value, field)).unwrap_or_default();
-        let meaning = field.doc.split_whitespace().collect::<Vec<_>>().join(" ");
-        [field.key.into(), value, field.unit.into(), allowed(field), format!("{meaning} ({})", field.source)]
-    };
-    D::FIELDS.iter().enumerate().map(row).collect()
+    let default = |(index, field)| (field, defaults.get(index).map(|value| typed(value, field)).unwrap_or_default());
+    D::FIELDS.iter().enumerate().map(default).map(|(field, value)| row(field, value)).collect()
+}
+
+fn row(field: &Field, value: String) -> [String; 5] {
+    let meaning = field.doc.split_whitespace().collect::<Vec<_>>().join(" ");
+    [field.key.into(), value, field.unit.into(), allowed(field), format!("{meaning} ({})", field.source)]
 }
 
 fn allowed(field: &Field) -> String {
@@ -62,7 +67,7 @@ mod tests {
     #[test]
     fn no_key_is_declared_twice() {
         let mut seen = BTreeSet::new();
-        for field in Parameters::FIELDS.iter().chain(Settings::FIELDS) {
+        for field in Parameters::FIELDS.iter().chain(Settings::FIELDS).chain(Wires::FIELDS) {
             assert!(seen.insert(field.key), "{}", field.key);
         }
     }
@@ -76,7 +81,7 @@ mod tests {
     #[test]
     fn every_setting_has_one_line_with_all_that_is_known_of_it() {
         let table = settings();
-        for field in Parameters::FIELDS.iter().chain(Settings::FIELDS) {
+        for field in Parameters::FIELDS.iter().chain(Settings::FIELDS).chain(Wires::FIELDS) {
             let lines: Vec<&str> = table.lines().filter(|line| line.split(' ').next() == Some(field.key)).collect();
             assert_eq!(lines.len(), 1, "{}", field.key);
             for part in [field.unit, &allowed(field), field.source] {

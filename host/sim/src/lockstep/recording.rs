@@ -21,7 +21,7 @@ use std::io::{self, Read, Write};
 /// First bytes of a recording, the last of them its version.
 const MAGIC: [u8; 5] = *b"EDMR\x01";
 /// States by number.
-pub const STATES: [State; 9] = [
+pub const STATES: [State; 12] = [
     State::Disabled,
     State::Commissioning,
     State::Ready,
@@ -31,6 +31,9 @@ pub const STATES: [State; 9] = [
     State::Done,
     State::HoldingPosition,
     State::Fault,
+    State::Positioning,
+    State::Homing,
+    State::Guiding,
 ];
 /// Qualities of a reading by number.
 pub const QUALITIES: [Quality; 5] =
@@ -104,7 +107,7 @@ impl<W: Write> Recorder<W> {
         match event {
             Event::Block(None) => to.write_all(&[0]),
             Event::Block(Some(block)) => put(to, 1, &mut last.block, block_numbers(block)),
-            Event::Command(command) => put(to, 2, &mut last.command, command_numbers(*command)),
+            Event::Command(command) => put(to, 2, &mut last.command, command_numbers(*command)?),
             Event::Told(fault) => to.write_all(&[4, *fault as u8]),
             Event::Tick(input, status) => put(to, 3, &mut last.tick, tick_numbers(input, status)),
         }
@@ -215,7 +218,8 @@ fn block_of(numbers: &[u64; BLOCK + 1]) -> GapBlock {
     GapBlock { codes, gate: numbers[BLOCK] as u32 }
 }
 
-fn command_numbers(command: Command) -> [u64; 2] {
+/// Commands that a recording of the chip can hold: the motions beside the path cannot reach it yet.
+fn command_numbers(command: Command) -> io::Result<[u64; 2]> {
     let (number, nm) = match command {
         Command::Enable => (1, 0),
         Command::Disable => (2, 0),
@@ -226,8 +230,13 @@ fn command_numbers(command: Command) -> [u64; 2] {
         Command::Hold => (7, 0),
         Command::Commission => (8, 0),
         Command::ResetFault => (9, 0),
+        Command::ClearPath => (10, 0),
+        Command::Guide => (11, 0),
+        Command::Position(..) | Command::Follow(..) | Command::Home(_) | Command::Brake(_) => {
+            return Err(io::Error::other(format!("{command:?} has no form in a recording")));
+        }
     };
-    [number, nm as u64]
+    Ok([number, nm as u64])
 }
 
 fn command_of(&[number, nm]: &[u64; 2]) -> Result<Command, Error> {
@@ -242,6 +251,8 @@ fn command_of(&[number, nm]: &[u64; 2]) -> Result<Command, Error> {
         7 => Command::Hold,
         8 => Command::Commission,
         9 => Command::ResetFault,
+        10 => Command::ClearPath,
+        11 => Command::Guide,
         _ => return Err(Error::Damaged("command")),
     })
 }
@@ -379,7 +390,7 @@ mod tests {
         let block = GapBlock { codes: core::array::from_fn(|i| (i * 160) as u16 ^ 0x0aa5), gate: 0x01ff_fffe };
         assert_eq!(block_of(&block_numbers(&block)), block);
         for command in [Command::MoveBy(Nanometres(-1_234_567)), Command::SetHome(Nanometres(5)), Command::Start] {
-            assert_eq!(command_of(&command_numbers(command)).unwrap(), command);
+            assert_eq!(command_of(&command_numbers(command).unwrap()).unwrap(), command);
         }
         let input = TickInput {
             watch: Some(RawCount { count: u32::MAX, last_edge: 3, toward_work: true, now: 9 }),

@@ -18,12 +18,13 @@ pub use parameters::Parameters;
 pub use scale::Edge;
 pub use spark::Pulses;
 
+use crate::events::{Event, EventError, Timeline};
 use actuator::{Actuator, Load, STEPS};
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::Levels;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
-use edm_servo_head::settings::SettingError;
+use edm_servo_head::settings::{SettingError, Value};
 use edm_servo_head::units::{ADC_FULL_SCALE, CLOCK_HZ, TICK_HZ};
 use front_end::FrontEnd;
 use scale::Scale;
@@ -148,6 +149,7 @@ pub struct Process {
     suction: f64,
     /// Stiffness of a contact, N/m.
     stiffness: f64,
+    timeline: Timeline,
     /// Wires to pull between two ticks.
     pub mishaps: Mishaps,
 }
@@ -176,10 +178,24 @@ impl Process {
             film: 3.0 * PI * f64::from(p.viscosity) * 1e-3 * radius.powi(4) / 2.0,
             suction: ATMOSPHERE * PI * radius * radius,
             stiffness: f64::from(p.contact) * 1e6,
+            timeline: Timeline::default(),
             mishaps: Mishaps::default(),
             scale,
             p: *p,
         })
+    }
+
+    /// Lets these events happen, counted from the first tick, instead of those given before.
+    pub fn schedule(&mut self, events: &[Event]) {
+        self.timeline = Timeline::new(events);
+    }
+
+    /// Lets this happen at the beginning of the next tick, besides what is scheduled.
+    ///
+    /// # Errors
+    /// When there is no such signal, or it cannot have this value.
+    pub fn happen(&mut self, signal: &str, value: Value<'_>) -> Result<(), EventError> {
+        self.timeline.now(signal, value)
     }
 
     /// Holds gap and debris, whatever the axis does, without erosion, arcs and bridges: the open loop in which the shot
@@ -192,6 +208,7 @@ impl Process {
     /// Advances by one servo tick under the head's outputs and gives what its wires show at the end.
     pub fn advance(&mut self, drive: Drive, pulses: bool) -> &Sensors {
         let from = self.ticks as f64 * TICK_US;
+        self.timeline.advance(self.ticks, &mut self.mishaps, self.p.bus.into());
         self.front.stuck = self.mishaps.stuck_code;
         self.front.gate_lost = self.mishaps.gate_lost;
         self.scale.dead = self.mishaps.encoder_dead;

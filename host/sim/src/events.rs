@@ -1,0 +1,226 @@
+//! Events: what goes wrong with the machine, and when.
+//!
+//! A scenario file says `[[event]]` with `at_s`, `signal` and `value`; the signals are declared in [`Wires`], and are listed
+//! by `edm-sim settings`. Their defaults are those of a sound machine; an event with the default mends what another broke.
+
+use crate::process::Mishaps;
+use edm_servo_head::declare;
+use edm_servo_head::settings::{Declared, Field, Kind, SettingError, Value};
+use edm_servo_head::units::TICK_HZ;
+
+declare! {
+    /// Wires and contacts of the machine.
+    pub struct Wires {
+        /// The upper limit switch, or its wire, is open.
+        upper_limit: bool = false, (), "limit.upper_open", "", "the head holds";
+        /// The lower limit switch, or its wire, is open.
+        lower_limit: bool = false, (), "limit.lower_open", "", "the head retracts by 0.5 mm at least";
+        /// The emergency stop is open.
+        emergency_stop: bool = false, (), "stop.open", "", "the head lifts for 300 ms at most, then coasts";
+        /// Level, flow or temperature of the dielectric is not right.
+        dielectric: bool = false, (), "dielectric.lost", "", "the head retraces to its safe height";
+        /// The H-bridge reports a fault and opens.
+        bridge_fault: bool = false, (), "bridge.fault", "", "the head coasts";
+        /// What is missing of the bus voltage.
+        sag: f32 = 0.0, (0.0, 60.0), "bus.sag_v", "V", "the head lifts on stored energy";
+        /// Encoder lines A and B are cut.
+        encoder: bool = false, (), "encoder.cut", "", "the head lifts without its encoder";
+        /// The gap converter is at the end of its range.
+        saturated: bool = false, (), "gap.saturated", "", "the head retraces to its safe height";
+        /// A wire lies across the gap.
+        short: bool = false, (), "gap.short", "", "the head retraces to its safe height when retreating does not help";
+        /// The generator makes no pulses.
+        generator: bool = false, (), "generator.off", "", "the gate is missing: the head retraces to its safe height";
+        /// The wire of the generator's gate is cut; pulses go on.
+        gate: bool = false, (), "gate.cut", "", "the head retraces to its safe height";
+    }
+}
+
+/// When an event may happen.
+pub const AT: Field = Field {
+    key: "at_s",
+    unit: "s",
+    doc: "Time since the machine was switched on.",
+    source: "in steps of a servo tick, 50 us",
+    kind: Kind::Number { min: 0.0, max: 100_000.0 },
+};
+
+/// Largest code of the converter.
+const END_OF_RANGE: u16 = 4095;
+
+/// Something happens to a wire.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Event {
+    /// Servo ticks since the machine was switched on.
+    tick: u64,
+    /// Index in [`Wires::FIELDS`].
+    signal: usize,
+    value: Value<'static>,
+}
+
+/// Why there is no such event.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum EventError {
+    /// Not a time within the limits of [`AT`].
+    Time,
+    /// No signal has this name.
+    Signal,
+    /// Not a value that the signal can have.
+    Value(&'static Field),
+}
+
+impl Event {
+    /// An event `at_s` seconds after the machine was switched on.
+    ///
+    /// # Errors
+    /// Which of the three is not possible.
+    pub fn new(at_s: f64, signal: &str, value: Value<'_>) -> Result<Event, EventError> {
+        let Kind::Number { min, max } = AT.kind else { return Err(EventError::Time) };
+        if !(f64::from(min)..=f64::from(max)).contains(&at_s) {
+            return Err(EventError::Time);
+        }
+        let index = Wires::FIELDS.iter().position(|field| field.key == signal).ok_or(EventError::Signal)?;
+        let field = Wires::FIELDS.get(index).ok_or(EventError::Signal)?;
+        let mut tried = Wires::default();
+        tried.put(index, value).map_err(|_| EventError::Value(field))?;
+        let value = tried.get(index).ok_or(EventError::Value(field))?;
+        Ok(Event { tick: (at_s * f64::from(TICK_HZ)).round() as u64, signal: index, value })
+    }
+}
+
+/// The events of a run, and how the wires are.
+#[derive(Clone, Debug, Default)]
+pub struct Timeline {
+    /// Latest first.
+    ahead: Vec<Event>,
+    wires: Wires,
+}
+
+impl Timeline {
+    /// Events in any order; of two in the same tick the later of the list holds.
+    pub fn new(events: &[Event]) -> Timeline {
+        let mut ahead = events.to_vec();
+        ahead.sort_by_key(|event| event.tick);
+        ahead.reverse();
+        Timeline { ahead, wires: Wires::default() }
+    }
+
+    /// Adds an event that is due at once.
+    pub fn now(&mut self, signal: &str, value: Value<'_>) -> Result<(), EventError> {
+        let event = Event::new(0.0, signal, value)?;
+        // Nothing is due before it.
+        self.ahead.push(event);
+        Ok(())
+    }
+
+    /// Lets happen what is due at this tick.
+    pub fn advance(&mut self, tick: u64, mishaps: &mut Mishaps, bus_v: f64) {
+        while let Some(event) = self.ahead.pop_if(|event| event.tick <= tick) {
+            let mut wires = self.wires;
+            // An event was checked when it was made.
+            let _: Result<(), SettingError> = wires.put(event.signal, event.value);
+            self.wires.become_these(&wires, mishaps, bus_v);
+            self.wires = wires;
+        }
+    }
+}
+
+impl Wires {
+    /// Pulls or mends the wires that differ; the others stay as somebody else may have left them.
+    fn become_these(&self, to: &Wires, mishaps: &mut Mishaps, bus_v: f64) {
+        let safety = &mut mishaps.safety;
+        for (was, is, wire) in [
+            (self.upper_limit, to.upper_limit, &mut safety.upper_limit),
+            (self.lower_limit, to.lower_limit, &mut safety.lower_limit),
+            (self.emergency_stop, to.emergency_stop, &mut safety.emergency_stop),
+            (self.dielectric, to.dielectric, &mut safety.dielectric),
+            (self.bridge_fault, to.bridge_fault, &mut safety.bridge_fault),
+            (self.encoder, to.encoder, &mut mishaps.encoder_dead),
+            (self.short, to.short, &mut mishaps.short),
+            (self.generator, to.generator, &mut mishaps.generator_dead),
+            (self.gate, to.gate, &mut mishaps.gate_lost),
+        ] {
+            if was != is {
+                *wire = is;
+            }
+        }
+        if self.sag != to.sag {
+            mishaps.bus_v = (to.sag > 0.0).then(|| (bus_v - f64::from(to.sag)).max(0.0));
+        }
+        if self.saturated != to.saturated {
+            mishaps.stuck_code = to.saturated.then_some(END_OF_RANGE);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn event(at_s: f64, signal: &str, value: Value<'_>) -> Event {
+        Event::new(at_s, signal, value).unwrap()
+    }
+
+    #[test]
+    fn an_event_happens_in_its_tick_and_not_before() {
+        let mut timeline = Timeline::new(&[
+            event(0.2, "limit.upper_open", Value::Flag(false)),
+            event(0.1, "limit.upper_open", Value::Flag(true)),
+        ]);
+        let mut mishaps = Mishaps::default();
+        for (tick, open) in [(0, false), (1999, false), (2000, true), (3999, true), (4000, false), (9999, false)] {
+            timeline.advance(tick, &mut mishaps, 48.0);
+            assert_eq!(mishaps.safety.upper_limit, open, "{tick}");
+        }
+    }
+
+    #[test]
+    fn every_signal_does_something_and_its_default_mends_it() {
+        for field in Wires::FIELDS {
+            let (value, default) = match field.kind {
+                Kind::Flag => (Value::Flag(true), Value::Flag(false)),
+                _ => (Value::Number(20.0), Value::Number(0.0)),
+            };
+            let mut timeline = Timeline::new(&[event(0.1, field.key, default), event(0.0, field.key, value)]);
+            let mut mishaps = Mishaps::default();
+            timeline.advance(0, &mut mishaps, 48.0);
+            assert_ne!(mishaps, Mishaps::default(), "{}", field.key);
+            timeline.advance(2000, &mut mishaps, 48.0);
+            assert_eq!(mishaps, Mishaps::default(), "{}", field.key);
+        }
+    }
+
+    #[test]
+    fn a_sagging_bus_keeps_the_rest_but_never_turns_over() {
+        for (sag, left) in [(20.0, 28.0), (60.0, 0.0)] {
+            let mut mishaps = Mishaps::default();
+            Timeline::new(&[event(0.0, "bus.sag_v", Value::Number(sag))]).advance(0, &mut mishaps, 48.0);
+            assert_eq!(mishaps.bus_v, Some(left));
+        }
+    }
+
+    #[test]
+    fn a_wire_that_somebody_else_has_cut_stays_cut() {
+        let mut mishaps = Mishaps { generator_dead: true, ..Mishaps::default() };
+        Timeline::new(&[event(0.0, "gap.short", Value::Flag(true))]).advance(0, &mut mishaps, 48.0);
+        assert!(mishaps.generator_dead && mishaps.short);
+    }
+
+    #[test]
+    fn what_cannot_happen_is_no_event() {
+        let no = |at_s, signal, value| Event::new(at_s, signal, value).unwrap_err();
+        for at_s in [-0.001, 100_000.1, f64::NAN, f64::INFINITY] {
+            assert_eq!(no(at_s, "gap.short", Value::Flag(true)), EventError::Time);
+        }
+        assert_eq!(no(0.0, "gap.shorts", Value::Flag(true)), EventError::Signal);
+        assert!(
+            matches!(no(0.0, "gap.short", Value::Number(1.0)), EventError::Value(field) if field.key == "gap.short")
+        );
+        for volts in [-0.1, 60.1, f64::NAN] {
+            assert!(matches!(no(0.0, "bus.sag_v", Value::Number(volts)), EventError::Value(_)), "{volts}");
+        }
+        for at_s in [0.0, 100_000.0] {
+            event(at_s, "bus.sag_v", Value::Number(60.0));
+        }
+    }
+}

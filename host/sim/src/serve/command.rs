@@ -1,0 +1,76 @@
+//! The options of `edm-sim serve`.
+
+use super::Links;
+use super::fleet::Fleet;
+use crate::bore;
+use crate::cli::Failure;
+use crate::cli::inputs::{seed, setup};
+use clap::Args;
+use std::path::PathBuf;
+
+/// Arguments of `edm-sim serve`.
+#[derive(Debug, Args)]
+pub struct Serve {
+    /// Ways onto the bus.
+    #[command(flatten)]
+    pub links: Links,
+    /// Heads on the bus; 0 for a bus without any
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(0..=127))]
+    pub nodes: u8,
+    /// Node-ID of the first head; the others follow
+    #[arg(long, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=127))]
+    pub node_id: u8,
+    /// Scenario by name (`edm-sim scenarios` lists them), or a scenario file
+    #[arg(long, value_name = "FILE|NAME", default_value = "default")]
+    pub scenario: String,
+    /// Change one value after the scenario; may be repeated, the later holds (`edm-sim settings` lists the keys)
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Seed of everything random; each further head has the next
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
+    pub seed: u64,
+    /// Keep what hosts store in files of this folder; without it, it lasts as long as the program
+    #[arg(long, value_name = "FOLDER")]
+    pub store: Option<PathBuf>,
+    /// Simulated seconds a second
+    #[arg(long, value_name = "X", default_value = "1", value_parser = speed, allow_hyphen_values = true)]
+    pub speed: f64,
+}
+
+impl Serve {
+    /// Serves until it is stopped.
+    ///
+    /// # Errors
+    /// When an option is refused, a way onto the bus cannot be opened, or the simulation cannot go on.
+    pub fn execute(&self) -> Result<(), Failure> {
+        let fleet = self.fleet().map_err(Failure::BadInput)?;
+        let heads = match (self.nodes, self.node_id) {
+            (0, _) => "A bus without heads".into(),
+            (1, id) => format!("Virtual head, node {id}"),
+            (n, id) => format!("{n} virtual heads, nodes {id} to {}", u16::from(id) + u16::from(n) - 1),
+        };
+        let title =
+            format!("{heads} (scenario {}, {} x real time; everything is simulated)", self.scenario, self.speed);
+        super::run(&title, &self.links, self.speed, &mut { fleet })
+    }
+
+    fn fleet(&self) -> Result<Fleet, String> {
+        let setup = setup(&self.scenario, &self.set)?;
+        bore::check(&setup).map_err(|error| setup.refusal(error))?;
+        let last = u16::from(self.node_id) + u16::from(self.nodes);
+        if last > 128 {
+            return Err(format!(
+                "--nodes {}: must be at most {} from --node-id {} on, because node-IDs end at 127",
+                self.nodes,
+                128 - u16::from(self.node_id),
+                self.node_id
+            ));
+        }
+        Fleet::new(&setup, self.node_id, self.nodes, self.seed, self.store.as_deref())
+    }
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse().ok().filter(|speed| (0.01..=100.0).contains(speed));
+    speed.ok_or_else(|| "must be a number from 0.01 to 100".into())
+}

@@ -1,0 +1,228 @@
+//! The heads on the bus.
+
+use super::Plant;
+use super::head::Head;
+use super::store::Store;
+use crate::bore::Setup;
+use crate::events::{EventError, Wires};
+use crate::scenario::{from_word, hint};
+use edm_bus::Frame;
+use edm_servo_head::canopen::NodeId;
+use edm_servo_head::settings::Declared;
+use std::path::Path;
+
+/// Heads with rising node-IDs.
+pub struct Fleet {
+    heads: Vec<(NodeId, Head)>,
+    /// What the heads sent in the last tick, and which of them.
+    sent: Vec<(usize, Frame)>,
+    sending: Vec<Frame>,
+}
+
+impl Fleet {
+    /// Heads that have just been switched on: `count` of them from node-ID `first` on, each with the next seed.
+    ///
+    /// # Errors
+    /// When the values do not fit together, or the folder of their stores cannot be made.
+    pub fn new(setup: &Setup, first: u8, count: u8, seed: u64, store: Option<&Path>) -> Result<Fleet, String> {
+        let ids = (first..).take(count.into()).filter_map(NodeId::new);
+        let head = |(id, seed): (NodeId, u64)| Ok((id, Head::new(setup, id, seed, Store::new(store, id.get())?)?));
+        let heads = ids.zip((0..).map(|index| seed.wrapping_add(index))).map(head).collect::<Result<_, String>>()?;
+        Ok(Fleet { heads, sent: Vec::new(), sending: Vec::new() })
+    }
+}
+
+impl Plant for Fleet {
+    fn tick(&mut self, came: &[Frame], sent: &mut Vec<Frame>) -> Result<(), String> {
+        let before = std::mem::take(&mut self.sent);
+        for (at, (_, head)) in self.heads.iter_mut().enumerate() {
+            let others = before.iter().filter(|(sender, _)| *sender != at).map(|(_, frame)| frame);
+            head.tick(came.iter().chain(others), &mut self.sending);
+            self.sent.extend(self.sending.iter().map(|frame| (at, *frame)));
+            sent.append(&mut self.sending);
+        }
+        Ok(())
+    }
+
+    fn line(&mut self, line: &str) -> Result<(), String> {
+        let (node, rest) = match line.split_once(' ') {
+            Some((word, rest)) if word.bytes().all(|byte| byte.is_ascii_digit()) => (Some(word), rest.trim()),
+            _ => (None, line),
+        };
+        let Some((key, word)) = rest.split_once('=').map(|(key, word)| (key.trim(), word.trim())) else {
+            return if line.is_empty() { Ok(()) } else { Err(format!("{line}: must be [NODE] SIGNAL=VALUE")) };
+        };
+        let meant = |id: NodeId| node.is_none_or(|node| node.parse() == Ok(id.get()));
+        if let (Some(node), false) = (node, self.heads.iter().any(|(id, _)| meant(*id))) {
+            return Err(format!("{node}: no such node"));
+        }
+        let keys: Vec<&str> = Wires::FIELDS.iter().map(|field| field.key).collect();
+        let unknown = || format!("{key}: no such signal{}; `edm-sim settings` lists all", hint(key, &keys));
+        let field = Wires::FIELDS.iter().find(|field| field.key == key).ok_or_else(unknown)?;
+        let refused = || format!("{key} = {word}: must be {}", field.allowed());
+        let value = from_word(field, word).ok_or_else(refused)?;
+        for (_, head) in self.heads.iter_mut().filter(|(id, _)| meant(*id)) {
+            head.machine().process.happen(key, value).map_err(|error| match error {
+                EventError::Signal => unknown(),
+                EventError::Time | EventError::Value(_) => refused(),
+            })?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use edm_servo_head::head::State;
+    use embedded_can::{Frame as _, StandardId};
+
+    fn fleet(first: u8, count: u8) -> Fleet {
+        Fleet::new(&Setup::load("default").unwrap(), first, count, 1, None).unwrap()
+    }
+
+    fn frame(id: u16, data: &[u8]) -> Frame {
+        Frame::new(StandardId::new(id).unwrap(), data).unwrap()
+    }
+
+    /// What is sent within so many milliseconds after these frames have come.
+    fn sent(fleet: &mut Fleet, came: &[Frame], ms: usize) -> Vec<Frame> {
+        let mut sent = Vec::new();
+        fleet.tick(came, &mut sent).unwrap();
+        for _ in 0..20 * ms {
+            fleet.tick(&[], &mut sent).unwrap();
+        }
+        sent
+    }
+
+    #[test]
+    fn every_head_boots_as_its_own_node() {
+        assert_eq!(sent(&mut fleet(126, 2), &[], 10)[..2], [frame(0x77E, &[0]), frame(0x77F, &[0])]);
+        assert_eq!(sent(&mut fleet(1, 0), &[], 10), []);
+    }
+
+    #[test]
+    fn an_sdo_is_answered_in_the_tick_that_takes_it() {
+        let mut fleet = fleet(5, 1);
+        sent(&mut fleet, &[], 10);
+        let mut answers = Vec::new();
+        fleet.tick(&[frame(0x605, &[0x40, 0x18, 0x10, 0, 0, 0, 0, 0])], &mut answers).unwrap();
+        assert_eq!(answers, [frame(0x585, &[0x4F, 0x18, 0x10, 0, 4, 0, 0, 0])]);
+    }
+
+    #[test]
+    fn heads_hear_each_other() {
+        let mut fleet = fleet(5, 2);
+        sent(&mut fleet, &[], 10);
+        // Node 6 watches node 5's heartbeat (1016h), which is switched off after a while: an emergency of node 6.
+        let watch = frame(0x606, &[0x23, 0x16, 0x10, 1, 0x64, 0, 5, 0]);
+        let beat = |ms: u8| frame(0x605, &[0x2B, 0x17, 0x10, 0, ms, 0, 0, 0]);
+        sent(&mut fleet, &[watch, beat(20)], 5);
+        let silent_for = |frames: &[Frame]| !frames.iter().any(|f| f.id() == StandardId::new(0x86).unwrap().into());
+        assert!(silent_for(&sent(&mut fleet, &[], 300)));
+        assert!(!silent_for(&sent(&mut fleet, &[beat(0)], 300)));
+    }
+
+    #[test]
+    fn frames_that_mean_nothing_to_a_node_do_nothing() {
+        let mut fleet = fleet(1, 1);
+        sent(&mut fleet, &[], 10);
+        let long =
+            Frame::new(embedded_can::ExtendedId::new(0x601).unwrap(), &[0x40, 0x18, 0x10, 0, 0, 0, 0, 0]).unwrap();
+        let remote = Frame::new_remote(StandardId::new(0x601).unwrap(), 8).unwrap();
+        assert_eq!(sent(&mut fleet, &[long, remote], 5), []);
+    }
+
+    fn enabled(fleet: &mut Fleet) {
+        // Operational; cyclic synchronous position; TPDO 1 synchronous as well, RPDO 2 with every SYNC.
+        let write = |index: u16, sub: u8, size: u8, value: u32| {
+            let [a, b] = index.to_le_bytes();
+            let [v, w, x, y] = value.to_le_bytes();
+            frame(0x601, &[0x23 | (4 - size) << 2, a, b, sub, v, w, x, y])
+        };
+        let setup = [
+            write(0x1800, 2, 1, 1),
+            write(0x1801, 2, 1, 1),
+            write(0x1401, 2, 1, 1),
+            write(0x60C2, 1, 1, 1),
+            write(0x6060, 0, 1, 8),
+            frame(0x000, &[1, 0]),
+        ];
+        for frame in setup {
+            sent(fleet, &[frame], 2);
+        }
+        for word in [6, 7, 15] {
+            sent(fleet, &[frame(0x201, &[word, 0])], 20);
+        }
+        assert_eq!(fleet.heads[0].1.machine().head.status().state, State::Ready);
+    }
+
+    #[test]
+    fn a_set_point_and_two_answers_every_millisecond_get_through_a_bus_that_is_95_percent_foreign() {
+        let mut fleet = fleet(1, 1);
+        sent(&mut fleet, &[], 100);
+        enabled(&mut fleet);
+        let mut foreign = edm_bus::filler::Frames::default();
+        let (mut bits, mut answers, mut out) = (0.0, [0, 0], Vec::new());
+        const MS: i32 = 1000;
+        for ms in 0..MS {
+            // A slow wave of 0.1 mm, down from where the head rests.
+            let target = (50.0 - 50.0 * (f64::from(ms) * 0.0063).cos()) as i32;
+            for tick in 0..20 {
+                // 1 Mbit/s: 50 bits a tick.
+                let mut came = Vec::new();
+                while bits < f64::from(ms * 20 + tick + 1) * 50.0 * 0.95 {
+                    came.extend(foreign.next().inspect(|frame| bits += f64::from(frame.bits())));
+                }
+                if tick == 7 {
+                    came.push(frame(0x301, &target.to_le_bytes()));
+                    came.push(frame(0x080, &[]));
+                }
+                fleet.tick(&came, &mut out).unwrap();
+                if tick == 7 {
+                    let sent = |id: u16| out.iter().any(|f: &Frame| f.id() == StandardId::new(id).unwrap().into());
+                    answers[0] += i32::from(sent(0x181));
+                    answers[1] += i32::from(sent(0x281));
+                    out.clear();
+                }
+            }
+            let status = fleet.heads[0].1.machine().head.status();
+            assert_eq!(status.state, State::Positioning, "{ms}");
+            assert!((status.setpoint.to_f32() - target as f32).abs() < 3.0, "{ms}: {status:?}");
+            assert!(status.following.abs() < 20.0, "{ms}: {status:?}");
+        }
+        assert_eq!(answers, [MS, MS], "both answers to every SYNC, in its own tick");
+    }
+
+    #[test]
+    fn a_line_pulls_a_wire_at_every_head_or_at_one() {
+        let mut fleet = fleet(5, 2);
+        let open = |fleet: &mut Fleet| {
+            sent(fleet, &[], 1);
+            [0, 1].map(|at| fleet.heads[at].1.machine().process.sensors().safety.lower_limit)
+        };
+        fleet.line("limit.lower_open=true").unwrap();
+        assert_eq!(open(&mut fleet), [true, true]);
+        fleet.line("5 limit.lower_open = false").unwrap();
+        assert_eq!(open(&mut fleet), [false, true]);
+        fleet.line("").unwrap();
+    }
+
+    #[test]
+    fn a_line_that_means_nothing_is_refused_with_what_is_allowed() {
+        let mut fleet = fleet(5, 2);
+        for (line, message) in [
+            ("limit.lower_open", "limit.lower_open: must be [NODE] SIGNAL=VALUE"),
+            ("7 gap.short=true", "7: no such node"),
+            ("300 gap.short=true", "300: no such node"),
+            (
+                "limit.lower=true",
+                "limit.lower: no such signal, did you mean limit.lower_open?; `edm-sim settings` lists all",
+            ),
+            ("gap.short=yes", "gap.short = yes: must be true or false"),
+            ("bus.sag_v=61", "bus.sag_v = 61: must be a number from 0 to 60 V"),
+        ] {
+            assert_eq!(fleet.line(line).unwrap_err(), message);
+        }
+    }
+}

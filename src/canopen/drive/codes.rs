@@ -1,0 +1,130 @@
+//! Numbers for what the head says in words: error codes of faults, reasons, refusals, findings.
+
+use crate::head::{Fault, Finding, Reason, Refused};
+
+/// Bits of the error register (CiA 301 7.5.2.2).
+mod register {
+    pub const GENERIC: u8 = 1 << 0;
+    pub const CURRENT: u8 = 1 << 1;
+    pub const VOLTAGE: u8 = 1 << 2;
+    pub const COMMUNICATION: u8 = 1 << 4;
+    pub const PROFILE: u8 = 1 << 5;
+    pub const MANUFACTURER: u8 = 1 << 7;
+}
+
+/// Error code (CiA 301 table 26, IEC 61800-7-201 table of error codes; FF00h on: the process) and the bits of the error
+/// register.
+pub const fn error_code(fault: Fault) -> (u16, u8) {
+    use register::{COMMUNICATION, CURRENT, GENERIC, MANUFACTURER, PROFILE, VOLTAGE};
+    let (code, bits) = match fault {
+        Fault::PersistentShort => (0xFF01, MANUFACTURER),
+        Fault::PersistentArc => (0xFF02, MANUFACTURER),
+        Fault::GapSignalInvalid => (0xFF03, MANUFACTURER),
+        Fault::GateMissing => (0xFF04, MANUFACTURER),
+        Fault::DielectricNotOk => (0xFF05, MANUFACTURER),
+        // Life guard or heartbeat.
+        Fault::HostSilent => (0x8130, COMMUNICATION),
+        // Reference limit.
+        Fault::LowerLimit | Fault::UpperLimit => (0x8612, PROFILE),
+        Fault::BothLimits => (0xFF06, MANUFACTURER),
+        // Following error.
+        Fault::FollowingError => (0x8611, PROFILE),
+        // Incremental sensor 1.
+        Fault::EncoderLost => (0x7305, PROFILE),
+        // Motor error or commutation malfunction.
+        Fault::PolarityWrong => (0x7122, PROFILE),
+        // DC link under-voltage.
+        Fault::BusSag => (0x3220, VOLTAGE),
+        // External error.
+        Fault::EmergencyStop => (0x9000, 0),
+        // Continuous over-current, output side.
+        Fault::OverCurrent => (0x2310, CURRENT),
+        // Power section.
+        Fault::BridgeFault => (0x5400, CURRENT),
+    };
+    (code, bits | GENERIC)
+}
+
+/// 2000h:2.
+pub const fn fault(fault: Fault) -> u8 {
+    (fault as u8).wrapping_add(1)
+}
+
+macro_rules! numbered {
+    ($(#[$doc:meta])* $function:ident($type:ty) $names:ident { $($pattern:pat => $number:literal $name:literal,)+ }) => {
+        $(#[$doc])*
+        pub const fn $function(value: $type) -> u8 {
+            match value { $($pattern => $number,)+ }
+        }
+
+        /// What the numbers mean.
+        #[cfg(not(target_os = "none"))]
+        pub const $names: &[(u8, &str)] = &[$(($number, $name),)+];
+    };
+}
+
+numbered! {
+    /// 2000h:3.
+    reason(Reason) REASONS {
+        Reason::Enabled => 1 "enabled",
+        Reason::Disabled => 2 "disabled",
+        Reason::Started => 3 "started",
+        Reason::Held => 4 "held",
+        Reason::CheckStarted => 5 "guided check started",
+        Reason::CheckEnded => 6 "guided check ended",
+        Reason::WorkFound => 7 "work found",
+        Reason::Short => 8 "short",
+        Reason::GapRecovered => 9 "gap recovered",
+        Reason::PathEnd => 10 "end of the path",
+        Reason::Fault(_) => 11 "fault",
+        Reason::FaultReset => 12 "fault reset",
+        Reason::Positioned => 13 "move begun",
+        Reason::Arrived => 14 "target reached",
+        Reason::HomingStarted => 15 "homing started",
+        Reason::Homed => 16 "homed",
+        Reason::NotHomed => 17 "no reference found",
+    }
+}
+
+numbered! {
+    /// 2000h:4.
+    refused(Refused) REFUSALS {
+        Refused::State(_) => 1 "not in this state",
+        Refused::NotCommissioned => 2 "the guided check has not passed",
+        Refused::NotHomed => 3 "not homed",
+        Refused::OutOfTravel { .. } => 4 "outside the travel",
+        Refused::NoLength => 5 "the move has no length",
+        Refused::QueueFull => 6 "queue full",
+        Refused::NoPath => 7 "nothing queued",
+        Refused::StillFaulty(_) => 8 "the cause of a fault is still there",
+        Refused::Storing => 9 "settings are being stored",
+        Refused::NotStored => 10 "settings could not be stored",
+    }
+}
+
+numbered! {
+    /// 2001h:4.
+    finding(Finding) FINDINGS {
+        Finding::NotAtRest => 2 "not at rest",
+        Finding::NoMotion => 3 "no motion",
+        Finding::MotorReversed => 4 "motor reversed",
+        Finding::EncoderReversed => 5 "encoder reversed",
+        Finding::NotAtUpperStop => 6 "not at the upper stop",
+        Finding::GapReversed => 7 "gap leads swapped",
+        Finding::NoOpenCircuit => 8 "no open-circuit voltage",
+        Finding::Stroke(_) => 9 "stroke differs from the setting",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_has_a_code_and_the_generic_bit() {
+        for fault in Fault::ALL {
+            let (code, bits) = error_code(*fault);
+            assert!(code != 0 && bits & 1 == 1, "{}", fault.name());
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! How controlword and head move the state machine.
+
+use super::state::{Request, State, control, status};
+use super::{Drive, Order, halts, rises};
+use crate::canopen::objects::Item;
+use crate::head::{self, Command};
+
+/// Longest reaction or braking that is waited for, ms.
+const PATIENCE: u16 = 1000;
+/// Shortest time that a fault's reaction shows, ms.
+const REACTION: u16 = 20;
+
+impl Drive {
+    /// A controlword has come.
+    pub(super) fn control_word(&mut self, word: u16) {
+        let before = core::mem::replace(&mut self.control, word);
+        if self.state == State::Fault && rises(before, word, control::RESET) {
+            self.command(Command::ResetFault);
+        }
+        if matches!(self.state, State::Fault | State::FaultReactionActive) {
+            return;
+        }
+        self.transition(Request::of(word));
+        self.mode_word(before, word);
+    }
+
+    fn transition(&mut self, request: Request) {
+        use State::{OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};
+        match (self.state, request) {
+            (SwitchOnDisabled, Request::Shutdown) => self.state = ReadyToSwitchOn,
+            (ReadyToSwitchOn, Request::SwitchOn) => self.state = SwitchedOn,
+            (ReadyToSwitchOn | SwitchedOn, Request::EnableOperation) => {
+                self.state = SwitchedOn;
+                if !self.enabling {
+                    self.enabling = self.command(Command::Enable);
+                }
+            }
+            (SwitchedOn, Request::Shutdown) => self.leave(ReadyToSwitchOn, 0),
+            (ReadyToSwitchOn | SwitchedOn, Request::DisableVoltage | Request::QuickStop) => {
+                self.leave(SwitchOnDisabled, 0);
+            }
+            (OperationEnabled, Request::Shutdown) => {
+                self.leave(ReadyToSwitchOn, self.value(Item::ShutdownOption));
+            }
+            (OperationEnabled, Request::SwitchOn) => self.leave(SwitchedOn, self.value(Item::DisableOption)),
+            (OperationEnabled | QuickStopActive, Request::DisableVoltage) => self.leave(SwitchOnDisabled, 0),
+            (OperationEnabled, Request::QuickStop) => self.quick_stop(),
+            // Transition 16, where the option code says that the quick stop stays.
+            (QuickStopActive, Request::EnableOperation) if self.value(Item::QuickStopOption) >= 5 => {
+                self.state = OperationEnabled;
+                self.enter_mode();
+            }
+            // Back to the mode before the axis has stopped for another state.
+            (OperationEnabled, Request::EnableOperation) => self.leaving = None,
+            _ => {}
+        }
+    }
+
+    fn quick_stop(&mut self) {
+        let option = self.value(Item::QuickStopOption);
+        self.state = State::QuickStopActive;
+        self.elapsed = 0;
+        match option {
+            0 => self.leave(State::SwitchOnDisabled, 0),
+            1 | 5 => self.brake(Item::ProfileDeceleration),
+            _ => self.brake(Item::QuickStopDeceleration),
+        }
+        if matches!(option, 1 | 2) {
+            self.leaving = Some(State::SwitchOnDisabled);
+        }
+    }
+
+    /// Leaves operation: at once with option 0, else when the axis has come to rest.
+    fn leave(&mut self, to: State, option: i32) {
+        self.set_points.forget();
+        if option == 0 {
+            if self.enabling || matches!(self.state, State::OperationEnabled | State::QuickStopActive) {
+                self.command(Command::Disable);
+            }
+            self.enabling = false;
+            self.state = to;
+            self.leaving = None;
+        } else {
+            self.brake(Item::ProfileDeceleration);
+            self.elapsed = 0;
+            self.leaving = Some(to);
+        }
+    }
+
+    /// Comes to rest on the ramp of an object.
+    pub(super) fn brake(&mut self, deceleration: Item) {
+        self.set_points.forget();
+        self.follow = None;
+        let deceleration = self.acceleration(deceleration);
+        self.command(Command::Brake(deceleration));
+    }
+
+    /// A fault of the head becomes one of the drive, and goes with it.
+    pub(super) fn watch_fault(&mut self) {
+        if self.status.state == head::State::Fault {
+            self.alarm = self.status.fault;
+            match self.state {
+                State::Fault => {}
+                State::FaultReactionActive => {
+                    self.elapsed = self.elapsed.saturating_add(1);
+                    let over = self.elapsed >= REACTION && self.standing();
+                    if over || self.elapsed >= PATIENCE {
+                        self.state = State::Fault;
+                    }
+                }
+                _ => {
+                    self.state = State::FaultReactionActive;
+                    self.elapsed = 0;
+                    self.enabling = false;
+                    self.leaving = None;
+                    self.set_points.forget();
+                    self.follow = None;
+                    self.set(Item::ErodeEnable, 0);
+                }
+            }
+        } else if matches!(self.state, State::Fault | State::FaultReactionActive) && self.fresh {
+            self.alarm = None;
+            self.state = State::SwitchOnDisabled;
+        }
+    }
+
+    /// Follows the head, whose status is newer than every command.
+    pub(super) fn follow_head(&mut self) {
+        let closed = self.status.state.follows();
+        if self.enabling {
+            self.enabling = false;
+            if closed {
+                self.state = State::OperationEnabled;
+                self.enter_mode();
+            }
+        }
+        if let Some(to) = self.leaving {
+            self.elapsed = self.elapsed.saturating_add(1);
+            if self.standing() || self.elapsed >= PATIENCE {
+                self.leaving = None;
+                self.command(Command::Disable);
+                self.state = to;
+            }
+        } else if !closed && matches!(self.state, State::OperationEnabled | State::QuickStopActive) {
+            self.state = State::SwitchOnDisabled;
+        }
+    }
+
+    /// The statusword.
+    pub(super) fn status_bits(&self) -> u16 {
+        let mut word = self.state as u16 | status::REMOTE;
+        if self.status.bus >= self.active.head.supervise.bus_min {
+            word |= status::VOLTAGE;
+        }
+        if self.status.current_reduced {
+            word |= status::WARNING;
+        }
+        if self.status.saturated || self.set_points.limited {
+            word |= status::LIMITED;
+        }
+        word | self.mode_bits()
+    }
+
+    /// Whether the mode acts.
+    pub(super) fn acts(&self) -> bool {
+        self.state == State::OperationEnabled && self.leaving.is_none()
+    }
+
+    /// Whether the mode acts and is not halted.
+    pub(super) fn moves(&self) -> bool {
+        self.acts() && !halts(self.control)
+    }
+
+    /// The deceleration of halt.
+    pub(super) fn halt(&mut self) {
+        let ramp =
+            if self.value(Item::HaltOption) == 2 { Item::QuickStopDeceleration } else { Item::ProfileDeceleration };
+        self.brake(ramp);
+    }
+
+    /// Starts the guided check.
+    pub(super) fn commission(&mut self) -> bool {
+        let free = self.status.state == head::State::Disabled && !self.enabling;
+        free && self.order(Order::Command(Command::Commission))
+    }
+}

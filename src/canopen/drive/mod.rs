@@ -1,0 +1,523 @@
+//! The drive: a head as a CiA 402 device (IEC 61800-7-201) with EDM objects, behind a [`Node`].
+//!
+//! The drive keeps what the profile needs (state machine, modes, the values that a host writes) and nothing that the head
+//! knows already: actual values come from the newest [`Status`], settings are a [`Settings`], and whatever is to happen is
+//! an [`Order`]. It waits for nobody, so the same code runs in the protocol task of the chip, where orders and status go
+//! through queues, and beside the head on a PC. Every millisecond, in this sequence:
+//!
+//! ```text
+//! drive.observe(status)                    newest status of the head; changed(change) for each change of state,
+//!                                          checked(result) when a guided check has ended
+//! drive.answered(command, result)          for each command carried out since, if that was not done at once
+//! node.receive(frame, at, &mut drive)      for each frame that came
+//! node.synchronised(tick, &mut drive)      before orders are taken: set points of the last SYNC
+//! node.poll(now, &mut drive)
+//! drive.poll(now, &mut node)               emergencies, interpolation
+//! while let Some(order) = drive.take()     see [`Order`]
+//! while let Some(frame) = node.take()      to the bus
+//! ```
+//!
+//! [`DEVICE`] is what the node is made with. The head's supervision is told that the host is alive: a silent host shows in
+//! 1016h, SYNC or the event timer of an RPDO, and the drive raises the fault.
+
+mod codes;
+mod machine;
+mod modes;
+mod scope;
+mod state;
+mod stored;
+mod values;
+
+pub use state::State;
+pub use stored::IMAGE as DRIVE_IMAGE;
+
+#[cfg(not(target_os = "none"))]
+pub use codes::{FINDINGS, REASONS, REFUSALS};
+
+use super::objects::{COUNT, Item, rows};
+use super::{Device, Event, Group, NmtState, Node, PDOS, PdoDefault, Time, mapped};
+use crate::head::{self, Change, Command, Fault, Finding, HomingState, Reason, Refused, Report, Status};
+use crate::path::AHEAD;
+use crate::settings::{Active, SettingError, Settings};
+use crate::units::Fixed;
+use heapless::Deque;
+use modes::{Mode, SetPoints};
+use scope::{Scope, Trigger};
+use state::control;
+
+/// The head as a CANopen device: servo drive (402), with what it maps at first.
+///
+/// TPDO1 repeats every 50 ms and tells of a change at once. TPDO3 is for a CNC that keeps the path itself: signed feed and
+/// gap voltage.
+pub const DEVICE: Device = Device {
+    // Profile 402, servo drive.
+    device_type: 0x0002_0192,
+    name: "EDM servo head",
+    hardware: "STM32F405",
+    software: env!("CARGO_PKG_VERSION"),
+    // Nobody's: no vendor-ID has been given to this project.
+    vendor: 0,
+    product: 1,
+    revision: 0x0000_0001,
+    heartbeat: 0,
+    receive: [
+        PdoDefault { valid: true, entries: &[mapped(0x6040, 0, 16)], ..PdoDefault::UNUSED },
+        PdoDefault { valid: true, entries: &[mapped(0x607A, 0, 32)], ..PdoDefault::UNUSED },
+        PdoDefault { valid: true, entries: &[mapped(0x60FF, 0, 32)], ..PdoDefault::UNUSED },
+        PdoDefault { entries: &[mapped(0x60C1, 1, 32)], ..PdoDefault::UNUSED },
+    ],
+    transmit: [
+        PdoDefault {
+            valid: true,
+            timer: 50,
+            entries: &[mapped(0x6041, 0, 16), mapped(0x6061, 0, 8)],
+            ..PdoDefault::UNUSED
+        },
+        PdoDefault {
+            valid: true,
+            transmission: 1,
+            entries: &[mapped(0x6064, 0, 32), mapped(0x606C, 0, 32)],
+            ..PdoDefault::UNUSED
+        },
+        PdoDefault {
+            valid: true,
+            inhibit: 20,
+            timer: 100,
+            entries: &[mapped(0x2004, 7, 32), mapped(0x2005, 1, 16), mapped(0x2000, 1, 8), mapped(0x2000, 3, 8)],
+            ..PdoDefault::UNUSED
+        },
+        PdoDefault {
+            inhibit: 20,
+            timer: 100,
+            entries: &[mapped(0x2004, 6, 32), mapped(0x2006, 1, 32)],
+            ..PdoDefault::UNUSED
+        },
+    ],
+};
+const _: () = assert!(DEVICE.transmit.len() == PDOS);
+
+/// What the drive wants done, in the order of [`Drive::take`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Order {
+    /// A command to the head; its result goes to [`Drive::answered`].
+    Command(Command),
+    /// Give head, gap source, reflex and generator what [`Drive::active`] says now; if the head refuses, call
+    /// [`Drive::configure_again`].
+    Configure,
+    /// Raise this fault.
+    Raise(Fault),
+    /// Store: [`Drive::image`] for the application, [`Node::image`] for the communication. Under a
+    /// [`Leave`](crate::head::Leave). Then [`Node::answer`].
+    Store(Group),
+    /// Forget what is stored, from the next reset on. Then [`Node::answer`].
+    Restore(Group),
+    /// The host has reset the node: [`Drive::restart`] with what is stored, then [`Node::boot`].
+    ResetNode,
+    /// The host has reset communication: [`Node::boot`].
+    ResetCommunication,
+}
+
+/// What the drive cannot know by itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Identity {
+    /// Cause of the last reset, as the chip names it: 2009h:1.
+    pub reset_cause: u32,
+    /// Build: 2009h:2.
+    pub build: &'static str,
+}
+
+/// Times of a task, for 200Ah.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TaskTimer {
+    /// Newest run, ns.
+    pub last: u32,
+    /// Longest run, ns.
+    pub most: u32,
+    /// Load, 0.01 %.
+    pub load: u16,
+}
+
+/// Tasks of [`Drive::set_timers`]: gap, servo, supervision, protocol.
+pub const TASKS: usize = 4;
+
+/// Orders that can wait.
+const ORDERS: usize = 16;
+/// A retreat from a short of more than this is a long one: [G], long-distance retreats.
+const LONG_RETREAT: Fixed = Fixed(5 << crate::units::FRACTION_BITS);
+/// Velocity below which an axis counts as standing, counts/s.
+const STANDING: f32 = 1000.0;
+
+/// A head as a CiA 402 drive. See the [module](self).
+#[derive(Debug)]
+pub struct Drive {
+    settings: Settings,
+    active: Active,
+    identity: Identity,
+    timers: [TaskTimer; TASKS],
+    status: Status,
+    values: [i32; COUNT],
+    orders: Deque<Order, ORDERS>,
+    /// Newest set point of cyclic synchronous position: only the newest counts.
+    follow: Option<Command>,
+    configure: bool,
+    /// The head does not run the newest settings.
+    stale: bool,
+    /// Commands taken and not answered.
+    in_flight: u8,
+    /// The status is newer than every command.
+    fresh: bool,
+
+    state: State,
+    /// The loop has been ordered closed.
+    enabling: bool,
+    /// State to go to once the axis stands.
+    leaving: Option<State>,
+    control: u16,
+    /// Milliseconds in a fault's reaction, or of braking.
+    elapsed: u16,
+    alarm: Option<Fault>,
+    told: Option<Fault>,
+
+    mode: Mode,
+    set_points: SetPoints,
+
+    /// Path coordinate at which the retreat under way began; none once it was counted as long.
+    retreat: Option<Fixed>,
+    retreating: bool,
+    eroding: bool,
+    /// Long retreats before this erosion.
+    retreats_before: u32,
+    appended: u32,
+    reason: u8,
+    refusal: u8,
+    finding: u8,
+    stopped_by: u8,
+    wrong: Option<(u16, u8, &'static str)>,
+    scope: Scope,
+}
+
+impl Drive {
+    /// A drive for a disabled head that runs `settings`.
+    ///
+    /// # Errors
+    /// The setting that stands in the way.
+    pub fn new(settings: Settings, identity: Identity) -> Result<Drive, SettingError> {
+        let active = settings.build()?;
+        let mut drive = Drive {
+            settings,
+            active,
+            identity,
+            timers: [TaskTimer::default(); TASKS],
+            status: Status::default(),
+            values: [0; COUNT],
+            orders: Deque::new(),
+            follow: None,
+            configure: false,
+            stale: false,
+            in_flight: 0,
+            fresh: false,
+            state: State::SwitchOnDisabled,
+            enabling: false,
+            leaving: None,
+            control: 0,
+            elapsed: 0,
+            alarm: None,
+            told: None,
+            mode: Mode::None,
+            set_points: SetPoints::default(),
+            retreat: None,
+            retreating: false,
+            eroding: false,
+            retreats_before: 0,
+            appended: 0,
+            reason: 0,
+            refusal: 0,
+            finding: 0,
+            stopped_by: 0,
+            wrong: None,
+            scope: Scope::new(),
+        };
+        drive.load_defaults();
+        Ok(drive)
+    }
+
+    /// Values of power-on, from what is stored or else the defaults and `settings`. The head is disabled.
+    ///
+    /// # Errors
+    /// What is stored is not fit to run; the defaults do.
+    pub fn restart(&mut self, settings: Settings, stored: Option<&[u8]>) -> Result<(), SettingError> {
+        self.orders.clear();
+        self.follow = None;
+        self.set_points = SetPoints::default();
+        (self.control, self.leaving, self.enabling, self.mode) = (0, None, false, Mode::None);
+        self.load_defaults();
+        let result = match stored {
+            Some(image) => self.load(image),
+            None => self.adopt(settings),
+        };
+        self.order(Order::Command(Command::Disable));
+        self.configure = true;
+        if self.state != State::Fault {
+            self.state = State::SwitchOnDisabled;
+        }
+        result
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// What the ticks are to run.
+    pub fn active(&self) -> &Active {
+        &self.active
+    }
+
+    /// State of the drive.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The statusword, 6041h.
+    pub fn statusword(&self) -> u16 {
+        self.status_bits()
+    }
+
+    /// Takes the times of the tasks, for 200Ah.
+    pub fn set_timers(&mut self, timers: [TaskTimer; TASKS]) {
+        self.timers = timers;
+    }
+
+    /// Takes the next order.
+    pub fn take(&mut self) -> Option<Order> {
+        if core::mem::take(&mut self.configure) {
+            return Some(Order::Configure);
+        }
+        let order = self.orders.pop_front().or_else(|| self.follow.take().map(Order::Command));
+        if let Some(Order::Command(_)) = order {
+            self.in_flight = self.in_flight.saturating_add(1);
+        }
+        order
+    }
+
+    /// The head has refused [`Order::Configure`], in a state that does not allow it: it is ordered again when disabled.
+    pub fn configure_again(&mut self) {
+        self.stale = true;
+    }
+
+    /// Result of a command.
+    pub fn answered(&mut self, command: Command, result: Result<(), Refused>) {
+        self.in_flight = self.in_flight.saturating_sub(1);
+        match (command, result) {
+            (Command::MoveTo(_) | Command::MoveBy(_), Ok(())) => self.appended = self.appended.wrapping_add(1),
+            // The head erodes already, or nothing is queued yet: the drive asks whenever it may be so.
+            (Command::Start, Err(Refused::State(_) | Refused::NoPath)) | (_, Ok(())) => {}
+            (command, Err(refused)) => {
+                self.refusal = codes::refused(refused);
+                self.enabling &= command != Command::Enable;
+                if matches!(command, Command::Home(_)) {
+                    self.set_points.refused_homing();
+                }
+            }
+        }
+    }
+
+    /// A change of the head's state.
+    pub fn changed(&mut self, change: Change) {
+        self.reason = codes::reason(change.reason);
+        match change.reason {
+            Reason::Short => {
+                let count = self.value(Item::Shorts).wrapping_add(1);
+                self.set(Item::Shorts, count);
+            }
+            Reason::PathEnd => self.stopped_by = 1,
+            _ => {}
+        }
+    }
+
+    /// Result of a guided check.
+    pub fn checked(&mut self, result: Result<Report, Finding>) {
+        self.settings.commissioned = result.is_ok();
+        self.active.head.commissioned = result.is_ok();
+        self.finding = match result {
+            Ok(_) => 1,
+            Err(finding) => codes::finding(finding),
+        };
+    }
+
+    /// Takes the newest status, once a millisecond.
+    pub fn observe(&mut self, status: &Status) {
+        self.status = *status;
+        self.fresh = self.in_flight == 0 && self.orders.is_empty() && self.follow.is_none();
+        if self.stale && status.state == head::State::Disabled {
+            (self.stale, self.configure) = (false, true);
+        }
+        self.watch_erosion();
+        self.watch_fault();
+        if self.fresh {
+            self.follow_head();
+        }
+        self.watch_mode();
+        self.record();
+    }
+
+    /// Emergencies and interpolation, once a millisecond.
+    pub fn poll(&mut self, now: Time, node: &mut Node) {
+        self.interpolate(now);
+        if self.alarm == self.told {
+            return;
+        }
+        self.told = self.alarm;
+        match self.alarm {
+            Some(fault) => {
+                let (code, register) = codes::error_code(fault);
+                node.emergency(code, register, [codes::fault(fault), self.reason, 0, 0, 0]);
+            }
+            None => node.emergency_over(),
+        }
+    }
+
+    fn watch_erosion(&mut self) {
+        let (state, path) = (self.status.state, self.status.path);
+        match (state == head::State::Retreating, self.retreating, self.retreat) {
+            (true, false, _) => self.retreat = Some(path),
+            (true, true, Some(from)) if from.minus(path) > LONG_RETREAT => {
+                let count = self.value(Item::LongRetreats).wrapping_add(1);
+                self.set(Item::LongRetreats, count);
+                self.retreat = None;
+            }
+            _ => {}
+        }
+        self.retreating = state == head::State::Retreating;
+        let eroding = state.pulses();
+        if eroding && !self.eroding {
+            self.set(Item::ErodingTime, 0);
+            self.set(Item::Deepest, i32::MIN);
+            (self.stopped_by, self.retreats_before) = (0, self.value(Item::LongRetreats) as u32);
+        }
+        self.eroding = eroding;
+        if !eroding {
+            return;
+        }
+        let time = self.value(Item::ErodingTime).wrapping_add(1);
+        self.set(Item::ErodingTime, time);
+        self.set(Item::Deepest, self.value(Item::Deepest).max(self.position()));
+        let retreats = (self.value(Item::LongRetreats) as u32).wrapping_sub(self.retreats_before);
+        let (longest, most) = (self.value(Item::StopTime) as u32, self.value(Item::StopRetreats) as u32);
+        let ends = if longest > 0 && time as u32 >= longest {
+            2
+        } else if most > 0 && retreats > most {
+            3
+        } else {
+            0
+        };
+        if ends > 0 && self.stopped_by == 0 {
+            self.stopped_by = ends;
+            self.hold();
+        }
+    }
+
+    fn record(&mut self) {
+        let signals = [Item::ScopeSignal1, Item::ScopeSignal2, Item::ScopeSignal3, Item::ScopeSignal4];
+        let signals = signals.map(|item| self.signal(self.value(item) as u32));
+        let trigger = Trigger { kind: self.value(Item::ScopeTrigger), level: self.value(Item::ScopeLevel) };
+        self.scope.sample(signals, trigger, self.value(Item::ScopeDecimation) as u16);
+    }
+
+    fn order(&mut self, order: Order) -> bool {
+        self.fresh = false;
+        self.orders.push_back(order).is_ok()
+    }
+
+    fn command(&mut self, command: Command) -> bool {
+        self.order(Order::Command(command))
+    }
+
+    /// Pulses off, position held; set points are no longer eroded.
+    fn hold(&mut self) {
+        self.set(Item::ErodeEnable, 0);
+        if self.status.state.pulses() || !self.fresh {
+            self.command(Command::Hold);
+        }
+    }
+
+    /// Set points become path.
+    fn erodes(&self) -> bool {
+        self.value(Item::ErodeEnable) == 1
+    }
+
+    /// A written value.
+    fn value(&self, item: Item) -> i32 {
+        self.values.get(item as usize).copied().unwrap_or(0)
+    }
+
+    fn set(&mut self, item: Item, value: i32) {
+        if let Some(slot) = self.values.get_mut(item as usize) {
+            *slot = value;
+        }
+    }
+
+    fn load_defaults(&mut self) {
+        let counters = [Item::Shorts, Item::LongRetreats, Item::ErodingTime, Item::Deepest];
+        for (slot, row) in self.values.iter_mut().zip(rows()) {
+            if !counters.contains(&row.item()) {
+                *slot = row.default() as i32;
+            }
+        }
+    }
+
+    /// Position, counts; saturates.
+    fn position(&self) -> i32 {
+        clamp32(self.status.position)
+    }
+
+    fn standing(&self) -> bool {
+        !matches!(self.status.state, head::State::Positioning | head::State::Homing)
+            && self.status.velocity.0.abs() < STANDING
+    }
+
+    fn queue_space(&self) -> u16 {
+        (AHEAD as u16).saturating_sub(self.status.waiting)
+    }
+
+    fn is_homing(&self) -> bool {
+        self.status.homing == HomingState::Runs
+    }
+
+    fn host_lost(&mut self) {
+        if self.status.state.follows() {
+            self.order(Order::Raise(Fault::HostSilent));
+        }
+    }
+
+    fn happened(&mut self, event: Event) {
+        match event {
+            Event::State(NmtState::Stopped)
+            | Event::HeartbeatLost { .. }
+            | Event::SyncLost
+            | Event::ReceiveTimeout { .. } => self.host_lost(),
+            Event::State(_) => {}
+            Event::ResetNode => {
+                self.order(Order::ResetNode);
+            }
+            Event::ResetCommunication => {
+                self.order(Order::ResetCommunication);
+            }
+        }
+    }
+}
+
+fn clamp32(x: i64) -> i32 {
+    x.clamp(i32::MIN.into(), i32::MAX.into()) as i32
+}
+
+/// Whether a bit has risen.
+fn rises(before: u16, now: u16, bit: u16) -> bool {
+    now & !before & bit != 0
+}
+
+/// Whether the controlword halts.
+fn halts(word: u16) -> bool {
+    word & control::HALT != 0
+}

@@ -1,0 +1,448 @@
+//! The modes: how set points become commands, and what bits 10, 12 and 13 of the statusword mean.
+//!
+//! Erosion is no mode of its own: while 2001h:1 is set, the set points of profile position, cyclic synchronous position and
+//! interpolated position become segments of the path, along which the gap leads.
+
+use super::state::{control, status};
+use super::{Drive, STANDING, clamp32, halts, rises};
+use crate::canopen::objects::Item;
+use crate::canopen::{Abort, Time};
+use crate::head::{self, Command, Home, HomingState, Pace};
+use crate::motion::Method;
+use crate::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
+use heapless::Deque;
+
+/// Set points that interpolated position can buffer: 60C4h:1.
+const BUFFER: usize = 32;
+
+/// Mode of operation. The number is that of 6060h.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
+pub enum Mode {
+    /// None.
+    #[default]
+    None = 0,
+    /// Profile position.
+    ProfilePosition = 1,
+    /// Profile velocity.
+    ProfileVelocity = 3,
+    /// Homing.
+    Homing = 6,
+    /// Interpolated position.
+    Interpolated = 7,
+    /// Cyclic synchronous position.
+    CyclicPosition = 8,
+}
+
+impl Mode {
+    fn from_number(number: i64) -> Option<Mode> {
+        Some(match number {
+            0 => Mode::None,
+            1 => Mode::ProfilePosition,
+            3 => Mode::ProfileVelocity,
+            6 => Mode::Homing,
+            7 => Mode::Interpolated,
+            8 => Mode::CyclicPosition,
+            _ => return None,
+        })
+    }
+}
+
+/// Set points on their way.
+#[derive(Clone, Debug, Default)]
+pub struct SetPoints {
+    /// Target under way, or reached.
+    target: Option<i32>,
+    /// Target to go to next.
+    next: Option<i32>,
+    /// Set-point acknowledge.
+    acknowledged: bool,
+    /// The head has not yet come to the target under way.
+    moving: bool,
+    /// Milliseconds within the window.
+    within: u16,
+    /// Homing was asked for and refused.
+    homing_refused: bool,
+    /// Homing was asked for in this mode.
+    homing_asked: bool,
+    /// A set point was cut off at a limit.
+    pub(super) limited: bool,
+    buffer: Deque<i32, BUFFER>,
+    /// When the next set point is due.
+    due: Option<Time>,
+}
+
+impl SetPoints {
+    /// The head has been told to do something else.
+    pub fn forget(&mut self) {
+        self.next = None;
+        self.moving = false;
+        self.buffer.clear();
+        self.due = None;
+    }
+
+    /// The head will not home.
+    pub fn refused_homing(&mut self) {
+        self.homing_refused = true;
+    }
+
+    /// Set points waiting.
+    pub fn waiting(&self) -> u16 {
+        self.buffer.len() as u16
+    }
+}
+
+impl Drive {
+    /// 6060h.
+    pub(super) fn set_mode(&mut self, number: i64) -> Result<(), Abort> {
+        let mode = Mode::from_number(number).ok_or(Abort::InvalidValue)?;
+        if mode != self.mode {
+            if self.acts() && self.mode != Mode::None {
+                self.halt();
+            }
+            self.mode = mode;
+            self.set_points = SetPoints::default();
+            self.enter_mode();
+        }
+        Ok(())
+    }
+
+    /// The mode begins to act, or goes on.
+    pub(super) fn enter_mode(&mut self) {
+        self.set_points.forget();
+        if !self.moves() {
+            return;
+        }
+        match self.mode {
+            Mode::ProfileVelocity => self.run(),
+            // A host that has said nothing yet wants no motion.
+            Mode::CyclicPosition => self.set(Item::TargetPosition, self.position()),
+            _ => {}
+        }
+    }
+
+    /// The bits of the controlword that belong to the mode.
+    pub(super) fn mode_word(&mut self, before: u16, word: u16) {
+        if !self.acts() {
+            return;
+        }
+        let starts = rises(before, word, control::START);
+        let ends = rises(word, before, control::START);
+        if rises(before, word, control::HALT) {
+            // The target stays, to be gone on with.
+            let target = self.set_points.target;
+            self.halt();
+            self.set_points.target = target;
+            return;
+        }
+        if rises(word, before, control::HALT) {
+            match (self.mode, self.set_points.target) {
+                (Mode::ProfilePosition, Some(target)) if !starts => self.go(target),
+                (Mode::ProfileVelocity, _) => self.run(),
+                _ => {}
+            }
+        }
+        match self.mode {
+            Mode::ProfilePosition if starts => self.new_set_point(word),
+            Mode::ProfilePosition if word & control::START == 0 => {
+                self.set_points.acknowledged &= self.set_points.next.is_some();
+            }
+            Mode::Homing if starts => self.home(),
+            Mode::Homing if ends && self.is_homing() => self.brake(Item::ProfileDeceleration),
+            Mode::Interpolated if starts && self.erodes() => {
+                self.command(Command::Start);
+            }
+            Mode::Interpolated if ends => self.halt(),
+            _ => {}
+        }
+    }
+
+    /// Profile position: a new set-point.
+    fn new_set_point(&mut self, word: u16) {
+        if self.set_points.next.is_some() {
+            return;
+        }
+        let given = self.value(Item::TargetPosition);
+        let target = if word & control::RELATIVE != 0 {
+            let from = self.set_points.target.unwrap_or(self.position());
+            from.saturating_add(given)
+        } else {
+            given
+        };
+        self.set_points.acknowledged = true;
+        if self.set_points.moving && word & control::IMMEDIATELY == 0 && !self.erodes() {
+            self.set_points.next = Some(target);
+        } else if !halts(word) {
+            self.go(target);
+        } else {
+            self.set_points.target = Some(target);
+        }
+    }
+
+    /// Goes to a target.
+    fn go(&mut self, target: i32) {
+        let target = self.within_limits(target);
+        self.set_points.target = Some(target);
+        self.set_points.within = 0;
+        let sent = if self.erodes() {
+            self.erode_to(target)
+        } else {
+            let pace = self.pace(self.value(Item::ProfileVelocity));
+            self.command(Command::Position(self.nanometres(target), pace))
+        };
+        self.set_points.moving = sent;
+    }
+
+    /// Appends to the path, and goes along it.
+    fn erode_to(&mut self, target: i32) -> bool {
+        self.command(Command::MoveTo(self.nanometres(target))) && self.command(Command::Start)
+    }
+
+    /// Profile velocity: toward the limit of its direction.
+    fn run(&mut self) {
+        let velocity = self.value(Item::TargetVelocity);
+        self.set_points.within = 0;
+        if velocity == 0 {
+            self.brake(Item::ProfileDeceleration);
+            return;
+        }
+        let (low, high) = self.limits();
+        let target = if velocity > 0 { high } else { low };
+        let pace = self.pace(velocity.saturating_abs());
+        self.command(Command::Position(self.nanometres(target), pace));
+    }
+
+    /// Homing starts.
+    fn home(&mut self) {
+        self.set_points.homing_asked = true;
+        self.set_points.homing_refused = false;
+        let Some(method) = Method::from_number(self.value(Item::HomingMethod) as i8) else {
+            self.set_points.homing_refused = true;
+            return;
+        };
+        let home = Home {
+            method,
+            fast: self.velocity(self.value(Item::HomingFast)),
+            slow: self.velocity(self.value(Item::HomingSlow)),
+            acceleration: self.acceleration(Item::HomingAcceleration),
+            at: self.nanometres(self.value(Item::HomeOffset).saturating_neg()),
+        };
+        // A new reference begins where the axis is at rest.
+        self.command(Command::Home(home));
+    }
+
+    /// 607Ah has been written.
+    pub(super) fn target_written(&mut self, target: i32) -> Result<(), Abort> {
+        if self.mode != Mode::CyclicPosition || !self.moves() {
+            return Ok(());
+        }
+        let target = self.within_limits(target);
+        self.set_points.target = Some(target);
+        if self.erodes() {
+            return if self.erode_to(target) { Ok(()) } else { Err(Abort::DeviceState) };
+        }
+        self.follow_to(target);
+        Ok(())
+    }
+
+    fn follow_to(&mut self, target: i32) {
+        self.fresh = false;
+        self.follow = Some(Command::Follow(self.nanometres(target), self.period()));
+    }
+
+    /// 60FFh has been written.
+    pub(super) fn velocity_written(&mut self, before: i32) {
+        if self.mode == Mode::ProfileVelocity && self.moves() && before != self.value(Item::TargetVelocity) {
+            self.run();
+        }
+    }
+
+    /// 60C1h:1 has been written.
+    pub(super) fn data_written(&mut self, target: i32) -> Result<(), Abort> {
+        if self.mode != Mode::Interpolated {
+            return Ok(());
+        }
+        let target = self.within_limits(target);
+        if self.erodes() && self.acts() {
+            let sent = self.queue_space() > 0 && self.command(Command::MoveTo(self.nanometres(target)));
+            if sent && self.control & control::START != 0 {
+                self.command(Command::Start);
+            }
+            return if sent { Ok(()) } else { Err(Abort::DeviceState) };
+        }
+        self.set_points.buffer.push_back(target).map_err(|_| Abort::DeviceState)
+    }
+
+    /// Forgets the buffered set points.
+    pub(super) fn clear_buffer(&mut self) {
+        self.set_points.buffer.clear();
+    }
+
+    /// 2001h:1 has been written.
+    pub(super) fn erode_written(&mut self) {
+        match self.value(Item::ErodeEnable) {
+            0 if self.status.state.pulses() || !self.fresh => self.command(Command::Hold),
+            1 if self.acts() => self.command(Command::Start),
+            2 if self.acts() => self.command(Command::Guide),
+            _ => false,
+        };
+    }
+
+    /// Interpolated position: the next set point, when it is due.
+    pub(super) fn interpolate(&mut self, now: Time) {
+        let active = self.mode == Mode::Interpolated && self.moves() && self.control & control::START != 0;
+        if !active || self.erodes() {
+            self.set_points.due = None;
+            return;
+        }
+        let due = *self.set_points.due.get_or_insert(now);
+        if now < due {
+            return;
+        }
+        if let Some(target) = self.set_points.buffer.pop_front() {
+            let period = u64::from(self.period()).saturating_mul(1_000_000 / u64::from(TICK_HZ));
+            self.set_points.due = Some(Time(due.0.saturating_add(period)));
+            self.set_points.target = Some(target);
+            self.follow_to(target);
+        } else {
+            self.set_points.due = None;
+        }
+    }
+
+    /// What the status says of the set points, once a millisecond.
+    pub(super) fn watch_mode(&mut self) {
+        let busy =
+            self.status.state.pulses() || matches!(self.status.state, head::State::Positioning | head::State::Homing);
+        if self.fresh && !busy && self.set_points.moving {
+            self.set_points.moving = false;
+            if let Some(next) = self.set_points.next.take() {
+                self.go(next);
+                self.set_points.acknowledged = self.control & control::START != 0;
+            }
+        }
+        let (inside, time) = match self.mode {
+            Mode::ProfileVelocity => {
+                let off = self.status.velocity.0 - self.value(Item::TargetVelocity) as f32;
+                (off.abs() <= self.value(Item::VelocityWindow) as f32, Item::VelocityTime)
+            }
+            _ => {
+                let target = self.set_points.target.unwrap_or(self.position());
+                let off = i64::from(self.position()).saturating_sub(target.into()).saturating_abs();
+                let inside = off <= i64::from(self.value(Item::PositionWindow) as u32);
+                (inside && !self.set_points.moving && self.fresh, Item::PositionTime)
+            }
+        };
+        self.set_points.within = if inside { self.set_points.within.saturating_add(1) } else { 0 };
+        if self.set_points.within > self.value(time) as u16 {
+            // Stays so until the window is left.
+            self.set_points.within = u16::MAX;
+        }
+    }
+
+    /// Bits 10, 12 and 13 of the statusword.
+    pub(super) fn mode_bits(&self) -> u16 {
+        let bit = |bit: u16, set: bool| if set { bit } else { 0 };
+        if !self.acts() && self.state != super::State::QuickStopActive {
+            return 0;
+        }
+        let set_points = &self.set_points;
+        let still = self.status.velocity.0.abs() < STANDING;
+        let reached = if halts(self.control) { still } else { set_points.within == u16::MAX };
+        let following = self.status.following.abs() > self.active.head.supervise.following;
+        match self.mode {
+            Mode::None => 0,
+            Mode::ProfilePosition => {
+                bit(status::REACHED, reached)
+                    | bit(status::MODE_12, set_points.acknowledged)
+                    | bit(status::MODE_13, following)
+            }
+            Mode::ProfileVelocity => {
+                let zero = self.status.velocity.0.abs() < self.value(Item::VelocityThreshold) as f32;
+                bit(status::REACHED, reached) | bit(status::MODE_12, zero)
+            }
+            Mode::Homing => self.homing_bits(still),
+            Mode::Interpolated => {
+                let active = self.moves() && self.control & control::START != 0;
+                let reached = reached && set_points.buffer.is_empty();
+                bit(status::REACHED, reached) | bit(status::MODE_12, active)
+            }
+            Mode::CyclicPosition => bit(status::MODE_12, self.moves()) | bit(status::MODE_13, following),
+        }
+    }
+
+    /// In progress 0; interrupted or not started 10; attained 10 and 12; failed 10 and 13.
+    fn homing_bits(&self, still: bool) -> u16 {
+        if !self.set_points.homing_asked {
+            let known = if self.status.homed { status::MODE_12 } else { 0 };
+            return status::REACHED | known;
+        }
+        if self.set_points.homing_refused {
+            return status::REACHED | status::MODE_13;
+        }
+        match self.status.homing {
+            _ if !self.fresh => 0,
+            HomingState::Runs => 0,
+            HomingState::Done if still => status::REACHED | status::MODE_12,
+            HomingState::Done => status::MODE_12,
+            HomingState::Failed if still => status::REACHED | status::MODE_13,
+            HomingState::Failed => status::MODE_13,
+            HomingState::No => status::REACHED,
+        }
+    }
+
+    /// Mode that acts: 6061h.
+    pub(super) fn mode_number(&self) -> i64 {
+        self.mode as i64
+    }
+
+    /// Software limits and travel, counts.
+    fn limits(&self) -> (i32, i32) {
+        let (min, max) = (self.value(Item::LimitMin), self.value(Item::LimitMax));
+        if !self.status.homed {
+            return (min, max);
+        }
+        let axis = &self.active.head.axis;
+        let counts = |nm: Nanometres| clamp32(nm.0.checked_div(axis.nm_per_count).unwrap_or(0));
+        (min.max(counts(axis.travel.0)), max.min(counts(axis.travel.1)))
+    }
+
+    fn within_limits(&mut self, target: i32) -> i32 {
+        let (min, max) = self.limits();
+        let inside = target.max(min).min(max);
+        self.set_points.limited = inside != target;
+        inside
+    }
+
+    /// The cycle of 60C2h, servo ticks.
+    fn period(&self) -> u32 {
+        let (units, exponent) = (self.value(Item::IpPeriod) as u32, self.value(Item::IpExponent));
+        let divisor = 10u32.saturating_pow(exponent.unsigned_abs());
+        units.saturating_mul(TICK_HZ).checked_div(divisor).unwrap_or(0).max(1)
+    }
+
+    pub(super) fn nanometres(&self, counts: i32) -> Nanometres {
+        Nanometres(i64::from(counts).saturating_mul(self.active.head.axis.nm_per_count))
+    }
+
+    fn um_per_count(&self) -> f32 {
+        self.active.head.axis.nm_per_count as f32 * 1e-3
+    }
+
+    fn velocity(&self, counts: i32) -> MicrometresPerSecond {
+        MicrometresPerSecond(counts as f32 * self.um_per_count())
+    }
+
+    /// An acceleration, or a deceleration, of an object.
+    pub(super) fn acceleration(&self, item: Item) -> MicrometresPerSecond2 {
+        MicrometresPerSecond2(self.value(item) as f32 * self.um_per_count())
+    }
+
+    fn pace(&self, velocity: i32) -> Pace {
+        Pace {
+            velocity: self.velocity(velocity),
+            acceleration: self.acceleration(Item::ProfileAcceleration),
+            deceleration: self.acceleration(Item::ProfileDeceleration),
+        }
+    }
+}

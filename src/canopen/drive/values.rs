@@ -1,0 +1,343 @@
+//! The drive as a dictionary: what an object reads, and what a write does.
+
+use super::state::State;
+use super::{Drive, Order, TaskTimer, clamp32, codes};
+use crate::canopen::objects::{Found, Item, Row, entry, rows, setting_address};
+use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, Place, Request};
+use crate::head::{self, Command};
+use crate::settings::{Declared, Kind, SettingError, Settings, Value};
+use crate::units::Volts;
+
+impl Dictionary for Drive {
+    fn entry(&self, index: u16, sub: u8) -> Result<Entry, Abort> {
+        entry(index, sub)
+    }
+
+    fn read(&self, place: Place, out: &mut [u8]) -> Result<usize, Abort> {
+        match Found::at(place) {
+            Found::Highest(sub) => copy(&[sub], out),
+            Found::Setting(field) => self.read_setting(field, out),
+            Found::Row(number) => {
+                let row = rows().get(usize::from(number)).ok_or(Abort::NoObject)?;
+                match row.item() {
+                    Item::RefusedRule => copy(self.wrong.map_or("", |(_, _, rule)| rule).as_bytes(), out),
+                    Item::BuildId => copy(self.identity.build.as_bytes(), out),
+                    item => {
+                        let bytes = self.number(item).to_le_bytes();
+                        let size = row.kind().size().unwrap_or(0);
+                        copy(bytes.get(..size).unwrap_or(&[]), out)
+                    }
+                }
+            }
+        }
+    }
+
+    fn write(&mut self, place: Place, data: &[u8]) -> Result<(), Abort> {
+        match Found::at(place) {
+            Found::Highest(_) => Err(Abort::ReadOnly),
+            Found::Setting(field) => self.write_setting(field, data),
+            Found::Row(number) => {
+                let row = rows().get(usize::from(number)).ok_or(Abort::NoObject)?;
+                let mut bytes = [0; 4];
+                bytes.get_mut(..data.len()).ok_or(Abort::LengthTooHigh)?.copy_from_slice(data);
+                let value = row.narrowed(u32::from_le_bytes(bytes));
+                row.check(value)?;
+                self.write_row(row.item(), value)
+            }
+        }
+    }
+
+    fn stream_length(&self, _: Place) -> Result<u32, Abort> {
+        Ok(self.scope.length())
+    }
+
+    fn stream(&self, _: Place, offset: u32, out: &mut [u8]) -> Result<(), Abort> {
+        self.scope.copy(offset, out);
+        Ok(())
+    }
+
+    fn request(&mut self, request: Request) -> Result<(), Abort> {
+        // Flash stalls the processor: only while nothing moves.
+        if self.status.state != head::State::Disabled || self.enabling {
+            return Err(Abort::DeviceState);
+        }
+        let order = match request {
+            Request::Store(group) => Order::Store(group),
+            Request::Restore(group) => Order::Restore(group),
+        };
+        if self.order(order) { Ok(()) } else { Err(Abort::DeviceState) }
+    }
+
+    fn event(&mut self, event: Event) {
+        self.happened(event);
+    }
+}
+
+impl Row {
+    /// The bytes of a value as the number that they are.
+    fn narrowed(&self, raw: u32) -> i64 {
+        match self.kind() {
+            DataType::Integer8 => i64::from(raw as i8),
+            DataType::Integer16 => i64::from(raw as i16),
+            DataType::Integer32 => i64::from(raw.cast_signed()),
+            _ => raw.into(),
+        }
+    }
+
+    /// A kept value as the number that it is.
+    pub(super) fn widened(&self, kept: i32) -> i64 {
+        match self.kind() {
+            DataType::Unsigned32 => kept.cast_unsigned().into(),
+            _ => kept.into(),
+        }
+    }
+}
+
+impl Drive {
+    /// The number that an object reads.
+    fn number(&self, item: Item) -> i64 {
+        let status = &self.status;
+        let axis = &self.active.head.axis;
+        let centivolts = |volts: Volts| i64::from((volts.0 * 100.0) as i16);
+        let [gap, servo, supervision, protocol] = &self.timers;
+        let last = |timer: &TaskTimer| i64::from(timer.last);
+        let most = |timer: &TaskTimer| i64::from(timer.most);
+        let load = |timer: &TaskTimer| i64::from(timer.load);
+        // Below an axis of many counts to the millimetre: 10^6 nm over the nm of a count.
+        match item {
+            Item::HeadState => status.state as i64,
+            Item::HeadFault => status.fault.map_or(0, codes::fault).into(),
+            Item::HeadReason => self.reason.into(),
+            Item::HeadRefusal => self.refusal.into(),
+            Item::HeadHomed => status.homed.into(),
+            Item::CheckResult => self.finding.into(),
+            Item::RefusedSetting => self.wrong.map_or(0, |(index, sub, _)| i64::from(index) << 8 | i64::from(sub)),
+            Item::StoppedBy => self.stopped_by.into(),
+            Item::QueueSpace => self.queue_space().into(),
+            Item::QueueSegment => self.appended.saturating_sub(status.waiting.into()).into(),
+            Item::PathCoordinate => clamp32(status.path.round()).into(),
+            Item::PathFeed => i64::from(status.feed.0 as i32),
+            Item::GapVoltage => centivolts(status.gap.filtered),
+            Item::GapBlock => centivolts(status.gap.block),
+            Item::GapQuality => status.gap.quality as i64,
+            Item::GapShort => status.gap.short_ticks.min(u16::MAX.into()).into(),
+            Item::GapSetpoint => centivolts(status.gap_setpoint),
+            Item::GapOpen => centivolts(status.open_circuit),
+            Item::Duty => i64::from((status.duty * 10_000.0) as i16),
+            Item::Current => i64::from((status.current.0 * 1000.0) as i16),
+            Item::Saturated => status.saturated.into(),
+            Item::CurrentReduced => status.current_reduced.into(),
+            Item::Illegal => status.illegal_transitions.into(),
+            Item::EmfDifference => i64::from(status.back_emf.difference().0 as i32),
+            Item::ResetCause => self.identity.reset_cause.into(),
+            Item::GapLast => last(gap),
+            Item::GapMost => most(gap),
+            Item::GapLoad => load(gap),
+            Item::ServoLast => last(servo),
+            Item::ServoMost => most(servo),
+            Item::ServoLoad => load(servo),
+            Item::SupervisionLast => last(supervision),
+            Item::SupervisionMost => most(supervision),
+            Item::SupervisionLoad => load(supervision),
+            Item::ProtocolLast => last(protocol),
+            Item::ProtocolMost => most(protocol),
+            Item::ProtocolLoad => load(protocol),
+            Item::ScopeState => self.scope.phase() as i64,
+            Item::ScopeCount => self.scope.count().into(),
+            Item::ErrorCode => match self.state {
+                State::Fault | State::FaultReactionActive => {
+                    self.alarm.map_or(0, |fault| codes::error_code(fault).0).into()
+                }
+                _ => 0,
+            },
+            Item::Controlword => self.control.into(),
+            Item::Statusword => self.status_bits().into(),
+            Item::ModeDisplay => self.mode_number(),
+            Item::PositionDemand | Item::DemandInternal => clamp32(status.setpoint.round()).into(),
+            Item::PositionInternal | Item::PositionActual => self.position().into(),
+            Item::FollowingWindow => i64::from((self.settings.following_limit * axis.counts_per_um) as u32),
+            Item::FollowingTime => self.settings.following_ms.into(),
+            Item::VelocityDemand => i64::from((status.feed.0 * axis.counts_per_um) as i32),
+            Item::VelocityActual => i64::from(status.velocity.0 as i32),
+            Item::BusVoltage => i64::from((status.bus.0 * 1000.0) as u32),
+            Item::MaxVelocity => i64::from(axis.gains.velocity_limit().0 as u32),
+            Item::EncoderRevolutions | Item::FeedRevolutions => axis.nm_per_count,
+            Item::IpPosition => self.set_points.waiting().into(),
+            Item::FollowingError => i64::from(status.following as i32),
+            Item::DigitalInputs => {
+                let safety = &status.safety;
+                i64::from(safety.upper_limit)
+                    | i64::from(safety.lower_limit) << 1
+                    | i64::from(safety.emergency_stop) << 16
+                    | i64::from(safety.dielectric) << 17
+                    | i64::from(safety.bridge_fault) << 18
+            }
+            item => rows().get(item as usize).map_or(0, |row| row.widened(self.value(item))),
+        }
+    }
+
+    /// A value within its range has come.
+    fn write_row(&mut self, item: Item, value: i64) -> Result<(), Abort> {
+        let done = |taken: bool| if taken { Ok(()) } else { Err(Abort::DeviceState) };
+        let number = value as i32;
+        let before = self.value(item);
+        match item {
+            Item::Controlword => self.control_word(value as u16),
+            Item::Mode => self.set_mode(value)?,
+            Item::QuickStopOption if matches!(value, 3 | 4) => return Err(Abort::InvalidValue),
+            Item::HomingMethod if crate::motion::Method::from_number(value as i8).is_none() => {
+                return Err(Abort::InvalidValue);
+            }
+            Item::LimitMin if number > self.value(Item::LimitMax) => return Err(Abort::Incompatible),
+            Item::LimitMax if number < self.value(Item::LimitMin) => return Err(Abort::Incompatible),
+            Item::TargetPosition => self.target_written(number)?,
+            Item::IpData => self.data_written(number)?,
+            Item::IpClear if value == 0 => self.clear_buffer(),
+            Item::FollowingWindow => {
+                let um = value as f32 / self.active.head.axis.counts_per_um;
+                return self.write_key("supervise.following_um", Value::Number(um.into()));
+            }
+            Item::FollowingTime => {
+                return self.write_key("supervise.following_ms", Value::Number(value as f64));
+            }
+            Item::ErodeHold if value == 1 => self.hold(),
+            Item::Commission if value == 1 => return done(self.commission()),
+            Item::QueueAppend => {
+                return done(self.queues() && self.command(Command::MoveTo(self.nanometres(number))));
+            }
+            Item::QueueAppendBy => {
+                return done(self.queues() && self.command(Command::MoveBy(self.nanometres(number))));
+            }
+            Item::QueueClear if value == 1 => {
+                return done(!self.status.state.pulses() && self.acts() && self.command(Command::ClearPath));
+            }
+            Item::ScopeSignal1 | Item::ScopeSignal2 | Item::ScopeSignal3 | Item::ScopeSignal4 if value != 0 => {
+                signal_entry(value as u32)?;
+            }
+            Item::ScopeArm if value == 1 => self.scope.arm(),
+            Item::ScopeArm => self.scope.stop(),
+            _ => {}
+        }
+        self.set(item, number);
+        match item {
+            Item::TargetVelocity => self.velocity_written(before),
+            Item::ErodeEnable => self.erode_written(),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Whether a segment may be appended now.
+    fn queues(&self) -> bool {
+        self.acts() && self.queue_space() > 0 && self.status.homed
+    }
+
+    /// A signal of the scope: a value of up to 32 bits, sign extended.
+    pub(super) fn signal(&self, address: u32) -> i32 {
+        let Ok(entry) = signal_entry(address) else { return 0 };
+        let mut bytes = [0; 8];
+        if self.read(entry.place, &mut bytes).is_err() {
+            return 0;
+        }
+        let [a, b, c, d, ..] = bytes;
+        let raw = u32::from_le_bytes([a, b, c, d]);
+        match entry.kind {
+            DataType::Integer8 => (raw as i8).into(),
+            DataType::Integer16 => (raw as i16).into(),
+            _ => raw.cast_signed(),
+        }
+    }
+
+    fn read_setting(&self, field: u16, out: &mut [u8]) -> Result<usize, Abort> {
+        let at = usize::from(field);
+        let (Some(declared), Some(value)) = (Settings::FIELDS.get(at), self.settings.get(at)) else {
+            return Err(Abort::NoSubIndex);
+        };
+        match (value, declared.kind) {
+            (Value::Number(x), Kind::Number { .. }) => copy(&(x as f32).to_le_bytes(), out),
+            (Value::Number(x), _) => copy(&(x as u32).to_le_bytes(), out),
+            (Value::Flag(x), _) => copy(&[x.into()], out),
+            (Value::Word(word), Kind::Choice(names)) => {
+                let number = names.iter().position(|name| *name == word).ok_or(Abort::General)?;
+                copy(&[number as u8], out)
+            }
+            _ => Err(Abort::General),
+        }
+    }
+
+    fn write_setting(&mut self, field: u16, data: &[u8]) -> Result<(), Abort> {
+        let declared = Settings::FIELDS.get(usize::from(field)).ok_or(Abort::NoSubIndex)?;
+        let word = |data: &[u8]| data.try_into().map_err(|_| Abort::Length);
+        let value = match declared.kind {
+            Kind::Number { .. } => Value::Number(f32::from_le_bytes(word(data)?).into()),
+            Kind::Integer { .. } => Value::Number(u32::from_le_bytes(word(data)?).into()),
+            Kind::Flag => match data {
+                [0] => Value::Flag(false),
+                [1] => Value::Flag(true),
+                _ => return Err(Abort::ValueTooHigh),
+            },
+            Kind::Choice(names) => {
+                let number = data.first().copied().ok_or(Abort::Length)?;
+                Value::Word(names.get(usize::from(number)).copied().ok_or(Abort::ValueTooHigh)?)
+            }
+        };
+        self.write_key(declared.key, value)
+    }
+
+    /// Sets a setting, if it can be with the others and in this state.
+    fn write_key(&mut self, key: &'static str, value: Value<'_>) -> Result<(), Abort> {
+        let mut pending = self.settings;
+        pending.set(key, value).map_err(|error| out_of_range(&error, value))?;
+        let wired = |settings: &Settings| (settings.gap_reversed, settings.motor_reversed, settings.encoder_reversed);
+        let mut active = match pending.build() {
+            Ok(active) => active,
+            Err(error) => {
+                let (field, rule) = match error {
+                    SettingError::Conflict { field, rule } => (field, rule),
+                    SettingError::NotAllowed(field) => (field.key, "is out of its range"),
+                    SettingError::UnknownKey => (key, ""),
+                };
+                let (index, sub) = setting_address(field).unwrap_or((0, 0));
+                self.wrong = Some((index, sub, rule));
+                return Err(Abort::Incompatible);
+            }
+        };
+        let (old, new) = (&self.active.head.axis, &mut active.head.axis);
+        let same = head::Axis { gains: new.gains, duty_limit: new.duty_limit, ..*old } == *new;
+        if !same && (self.status.state != head::State::Disabled || self.enabling) {
+            return Err(Abort::DeviceState);
+        }
+        // The guided check has to look again at what it has passed.
+        if !same && old.plant != new.plant || wired(&pending) != wired(&self.settings) {
+            pending.commissioned = false;
+            active.head.commissioned = false;
+        }
+        self.settings = pending;
+        self.active = active;
+        self.configure = true;
+        self.wrong = None;
+        Ok(())
+    }
+}
+
+fn out_of_range(error: &SettingError, value: Value<'_>) -> Abort {
+    let SettingError::NotAllowed(field) = error else { return Abort::NoSubIndex };
+    match (field.kind, value) {
+        (Kind::Number { max, .. }, Value::Number(x)) if x > f64::from(max) => Abort::ValueTooHigh,
+        (Kind::Number { min, .. }, Value::Number(x)) if x < f64::from(min) => Abort::ValueTooLow,
+        (Kind::Integer { max, .. }, Value::Number(x)) if x > f64::from(max) => Abort::ValueTooHigh,
+        (Kind::Integer { min, .. }, Value::Number(x)) if x < f64::from(min) => Abort::ValueTooLow,
+        _ => Abort::InvalidValue,
+    }
+}
+
+fn signal_entry(address: u32) -> Result<Entry, Abort> {
+    let entry = entry((address >> 8) as u16, address as u8).map_err(|_| Abort::InvalidValue)?;
+    let fits = entry.kind.size().is_some_and(|size| size <= 4) && entry.access.readable();
+    if fits { Ok(entry) } else { Err(Abort::InvalidValue) }
+}
+
+fn copy(bytes: &[u8], out: &mut [u8]) -> Result<usize, Abort> {
+    out.get_mut(..bytes.len()).ok_or(Abort::General)?.copy_from_slice(bytes);
+    Ok(bytes.len())
+}

@@ -1,0 +1,338 @@
+//! The objects of the drive: one declaration each, from which dictionary, EDS, DBC and docs/objects.md follow.
+//!
+//! Profile and EDM objects are declared in `table.rs`; settings are objects by their own declaration in
+//! src/settings/table.rs: each group is a record from 2100h on, in the order of declaration.
+
+mod settings;
+mod table;
+
+pub use settings::{FIRST as FIRST_SETTING, address as setting_address};
+pub use table::Item;
+
+use super::{Abort, Access, DataType, Entry, Mapping, Place};
+#[cfg(not(target_os = "none"))]
+use super::{DefaultValue, Description, Shape};
+#[cfg(not(target_os = "none"))]
+use settings::{GROUPS, Group};
+use table::TABLE;
+
+/// One object of `table.rs`.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    index: u16,
+    sub: u8,
+    item: Item,
+    kind: DataType,
+    access: Access,
+    mapping: Mapping,
+    store: bool,
+    range: (i64, i64),
+    default: i64,
+    #[cfg(not(target_os = "none"))]
+    names: Names,
+}
+
+/// Names of object and value, and unit. The chip has no use for them.
+#[cfg(not(target_os = "none"))]
+#[derive(Clone, Copy, Debug)]
+struct Names {
+    all: (&'static str, &'static str, &'static str),
+}
+
+impl Row {
+    #[expect(clippy::too_many_arguments, reason = "one a column of the table")]
+    const fn new(
+        index: u16,
+        sub: u8,
+        item: Item,
+        kind: DataType,
+        access: Access,
+        mapping: Mapping,
+        range: (i64, i64),
+        default: i64,
+        store: bool,
+        names: (&'static str, &'static str, &'static str),
+    ) -> Row {
+        #[cfg(target_os = "none")]
+        let _ = names;
+        Row {
+            index,
+            sub,
+            item,
+            kind,
+            access,
+            mapping,
+            store,
+            range,
+            default,
+            #[cfg(not(target_os = "none"))]
+            names: Names { all: names },
+        }
+    }
+
+    /// What the object is.
+    pub fn item(&self) -> Item {
+        self.item
+    }
+
+    /// Type of its value.
+    pub fn kind(&self) -> DataType {
+        self.kind
+    }
+
+    /// Whether 1010h stores it.
+    pub fn is_stored(&self) -> bool {
+        self.store
+    }
+
+    /// Value before anybody writes one.
+    pub fn default(&self) -> i64 {
+        self.default
+    }
+
+    /// Smallest and largest value, both included.
+    pub fn range(&self) -> (i64, i64) {
+        self.range
+    }
+
+    /// Checks a value against the range.
+    ///
+    /// # Errors
+    /// [`Abort::ValueTooHigh`], [`Abort::ValueTooLow`].
+    pub fn check(&self, value: i64) -> Result<(), Abort> {
+        let (min, max) = self.range;
+        if value > max {
+            Err(Abort::ValueTooHigh)
+        } else if value < min {
+            Err(Abort::ValueTooLow)
+        } else {
+            Ok(())
+        }
+    }
+}
+
+/// Objects of `table.rs`.
+pub const COUNT: usize = TABLE.len();
+
+/// The rows, in the order of [`Item`].
+pub fn rows() -> &'static [Row] {
+    TABLE
+}
+
+/// What a [`Place`] of the drive holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Found {
+    /// A row of the table.
+    Row(u16),
+    /// A setting, by its place among the settings.
+    Setting(u16),
+    /// The highest sub-index of an object.
+    Highest(u8),
+}
+
+const SETTING: u16 = 0x8000;
+const HIGHEST: u16 = 0x4000;
+
+impl Found {
+    fn place(self) -> Place {
+        Place(match self {
+            Found::Row(row) => row,
+            Found::Setting(field) => SETTING | field,
+            Found::Highest(sub) => HIGHEST | sub as u16,
+        })
+    }
+
+    /// What is at a place.
+    pub fn at(place: Place) -> Found {
+        match place.0 {
+            place if place & SETTING != 0 => Found::Setting(place & !SETTING),
+            place if place & HIGHEST != 0 => Found::Highest(place as u8),
+            place => Found::Row(place),
+        }
+    }
+}
+
+/// Looks an object up.
+///
+/// # Errors
+/// [`Abort::NoObject`], [`Abort::NoSubIndex`].
+pub fn entry(index: u16, sub: u8) -> Result<Entry, Abort> {
+    if let Some(group) = settings::group(index) {
+        let (kind, access, found) = match sub {
+            0 => (DataType::Unsigned8, Access::Const, Found::Highest(group.count)),
+            sub => {
+                let field = group.field(sub).ok_or(Abort::NoSubIndex)?;
+                let (kind, access) = settings::kind(field).ok_or(Abort::NoSubIndex)?;
+                (kind, access, Found::Setting(field))
+            }
+        };
+        return Ok(Entry { kind, access, mapping: Mapping::No, place: found.place() });
+    }
+    let mut highest = None;
+    for (number, row) in (0u16..).zip(TABLE) {
+        if row.index == index {
+            if row.sub == sub {
+                let place = Found::Row(number).place();
+                return Ok(Entry { kind: row.kind, access: row.access, mapping: row.mapping, place });
+            }
+            highest = Some(row.sub);
+        }
+    }
+    match (highest, sub) {
+        (None, _) => Err(Abort::NoObject),
+        (Some(highest), 0) if highest > 0 => Ok(Entry {
+            kind: DataType::Unsigned8,
+            access: Access::Const,
+            mapping: Mapping::No,
+            place: Found::Highest(highest).place(),
+        }),
+        _ => Err(Abort::NoSubIndex),
+    }
+}
+
+/// An object with all that its declaration says, for description files and documents.
+#[cfg(not(target_os = "none"))]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Declaration {
+    /// As the node describes its own.
+    pub description: Description,
+    /// Unit; empty for none.
+    pub unit: &'static str,
+    /// Smallest and largest value of a number; `None` for text, domain and flags.
+    pub range: Option<(f64, f64)>,
+    /// What it does, where the name does not say it.
+    pub doc: &'static str,
+    /// Names of a choice, from 0.
+    pub choices: &'static [&'static str],
+    /// Stored by 1010h.
+    pub stored: bool,
+}
+
+/// Every object of the drive by rising index and sub-index, the highest sub-indices included.
+#[cfg(not(target_os = "none"))]
+pub fn declarations() -> impl Iterator<Item = Declaration> {
+    let settings = GROUPS.iter().flat_map(Group::declarations);
+    let (edm, profile) = TABLE.split_at(TABLE.iter().position(|row| row.index >= settings::FIRST).unwrap_or(COUNT));
+    table(edm).chain(settings).chain(table(profile))
+}
+
+#[cfg(not(target_os = "none"))]
+fn table(rows: &'static [Row]) -> impl Iterator<Item = Declaration> {
+    rows.iter().enumerate().flat_map(move |(at, row)| {
+        let first = at == 0 || rows.get(at.wrapping_sub(1)).is_some_and(|before| before.index != row.index);
+        let highest = rows.iter().filter(|other| other.index == row.index).map(|other| other.sub).max().unwrap_or(0);
+        let head = (first && row.sub > 0).then(|| highest_sub(row.index, row.names.all.0, highest));
+        head.into_iter().chain(core::iter::once(row.declaration()))
+    })
+}
+
+#[cfg(not(target_os = "none"))]
+fn highest_sub(index: u16, object: &'static str, highest: u8) -> Declaration {
+    Declaration {
+        description: Description {
+            index,
+            sub: 0,
+            shape: Shape::Record,
+            object,
+            name: "Highest sub-index supported",
+            kind: DataType::Unsigned8,
+            access: Access::Const,
+            mapping: Mapping::No,
+            default: DefaultValue::Number(highest.into()),
+        },
+        unit: "",
+        range: None,
+        doc: "",
+        choices: &[],
+        stored: false,
+    }
+}
+
+#[cfg(not(target_os = "none"))]
+impl Row {
+    fn declaration(&self) -> Declaration {
+        let (object, text, unit) = self.names.all;
+        // A name for description files, and what follows it for people.
+        let (name, doc) = text.split_once(": ").unwrap_or((text, ""));
+        let number = !matches!(self.kind, DataType::VisibleString | DataType::Domain);
+        Declaration {
+            description: Description {
+                index: self.index,
+                sub: self.sub,
+                shape: if self.sub == 0 { Shape::Variable } else { Shape::Record },
+                object,
+                name,
+                kind: self.kind,
+                access: self.access,
+                mapping: self.mapping,
+                default: if number && (self.access.writable() || self.default != 0) {
+                    DefaultValue::Number(self.default)
+                } else {
+                    DefaultValue::Unknown
+                },
+            },
+            unit,
+            range: number.then_some((self.range.0 as f64, self.range.1 as f64)),
+            doc,
+            choices: &[],
+            stored: self.store,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    #[test]
+    fn rows_rise_and_stand_where_their_item_says() {
+        for (number, row) in TABLE.iter().enumerate() {
+            assert_eq!(row.item as usize, number, "{row:?}");
+        }
+        let addresses: Vec<_> = declarations().map(|d| (d.description.index, d.description.sub)).collect();
+        assert!(addresses.windows(2).all(|pair| pair[0] < pair[1]), "{addresses:x?}");
+    }
+
+    #[test]
+    fn every_default_lies_in_its_range_and_every_range_in_its_type() {
+        for row in TABLE {
+            if row.access == Access::ReadWrite {
+                assert_eq!(row.check(row.default), Ok(()), "{row:?}");
+            }
+            let bits = row.kind.size().map_or(0, |size| size * 8);
+            let signed = matches!(row.kind, DataType::Integer8 | DataType::Integer16 | DataType::Integer32);
+            if bits > 0 {
+                let (low, high) =
+                    if signed { (-(1i64 << (bits - 1)), (1i64 << (bits - 1)) - 1) } else { (0, (1i64 << bits) - 1) };
+                assert!(row.range.0 >= low && row.range.1 <= high && row.range.0 <= row.range.1, "{row:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_declared_is_found_and_nothing_else() {
+        for declaration in declarations() {
+            let d = declaration.description;
+            let found = entry(d.index, d.sub).unwrap();
+            assert_eq!(
+                (found.kind, found.access, found.mapping),
+                (d.kind, d.access, d.mapping),
+                "{:x}:{}",
+                d.index,
+                d.sub
+            );
+        }
+        assert_eq!(entry(0x6040, 1), Err(Abort::NoSubIndex));
+        assert_eq!(entry(0x607D, 3), Err(Abort::NoSubIndex));
+        assert_eq!(entry(0x5FFF, 0), Err(Abort::NoObject));
+        assert_eq!(entry(0x20FF, 0), Err(Abort::NoObject));
+    }
+
+    #[test]
+    fn only_what_can_be_in_a_pdo_is_mapped() {
+        for row in TABLE.iter().filter(|row| row.mapping != Mapping::No) {
+            assert!(row.kind.size().is_some_and(|size| size <= 4), "{row:?}");
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! Settings as objects: each group of src/settings/table.rs is a record, its settings the sub-indices from 1 on.
+
+use crate::canopen::{Access, DataType};
+use crate::settings::{Declared, Field, Kind, Settings};
+
+/// Index of the first group.
+pub const FIRST: u16 = 0x2100;
+
+const FIELDS: &[Field] = Settings::FIELDS;
+
+/// Settings with the same prefix.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Group {
+    /// Its place among the groups.
+    pub number: u16,
+    /// Place of its first setting among the settings.
+    first: u16,
+    /// Settings in it.
+    pub count: u8,
+}
+
+/// Whether two keys have the same prefix.
+const fn same_group(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut at = 0;
+    while at < a.len() && at < b.len() {
+        if a[at] != b[at] {
+            return false;
+        }
+        if a[at] == b'.' {
+            return true;
+        }
+        at += 1;
+    }
+    false
+}
+
+/// Whether a group begins at a setting.
+const fn begins(at: usize) -> bool {
+    at == 0 || !same_group(FIELDS[at - 1].key, FIELDS[at].key)
+}
+
+const NUMBER: usize = {
+    let (mut number, mut at) = (0, 0);
+    while at < FIELDS.len() {
+        number += begins(at) as usize;
+        at += 1;
+    }
+    number
+};
+
+/// The groups in their order.
+pub(super) static GROUPS: [Group; NUMBER] = {
+    let mut groups = [Group { number: 0, first: 0, count: 0 }; NUMBER];
+    let (mut next, mut at) = (0, 0);
+    while at < FIELDS.len() {
+        if begins(at) {
+            groups[next] = Group { number: next as u16, first: at as u16, count: 0 };
+            next += 1;
+        }
+        groups[next - 1].count += 1;
+        at += 1;
+    }
+    groups
+};
+
+impl Group {
+    /// The place among the settings of what is at a sub-index from 1 on.
+    pub fn field(&self, sub: u8) -> Option<u16> {
+        let nth = sub.checked_sub(1)?;
+        (nth < self.count).then_some(self.first.wrapping_add(nth.into()))
+    }
+}
+
+/// The group at an index.
+pub(super) fn group(index: u16) -> Option<&'static Group> {
+    GROUPS.get(usize::from(index.checked_sub(FIRST)?))
+}
+
+/// Type and access of a setting. The guided check alone says that it has passed.
+pub(super) fn kind(field: u16) -> Option<(DataType, Access)> {
+    let field = FIELDS.get(usize::from(field))?;
+    let kind = match field.kind {
+        Kind::Number { .. } => DataType::Real32,
+        Kind::Integer { .. } => DataType::Unsigned32,
+        Kind::Flag => DataType::Boolean,
+        Kind::Choice(_) => DataType::Unsigned8,
+    };
+    let access = if field.key == "commission.passed" { Access::ReadOnly } else { Access::ReadWrite };
+    Some((kind, access))
+}
+
+/// Index and sub-index of the setting called `key`.
+pub fn address(key: &str) -> Option<(u16, u8)> {
+    let at = FIELDS.iter().position(|field| field.key == key)? as u16;
+    let group = GROUPS.iter().rev().find(|group| group.first <= at)?;
+    let sub = at.wrapping_sub(group.first).wrapping_add(1);
+    Some((FIRST.wrapping_add(group.number), sub as u8))
+}
+
+#[cfg(not(target_os = "none"))]
+mod declared {
+    use super::super::{Declaration, highest_sub};
+    use super::{FIELDS, FIRST, Group, kind};
+    use crate::canopen::{DefaultValue, Description, Mapping, Shape};
+    use crate::settings::{Declared, Kind, Settings, Value};
+
+    impl Group {
+        /// Name: the prefix of its settings.
+        fn name(&self) -> &'static str {
+            let key = FIELDS.get(usize::from(self.first)).map_or("", |field| field.key);
+            key.split('.').next().unwrap_or(key)
+        }
+
+        /// The record with its settings.
+        pub fn declarations(&'static self) -> impl Iterator<Item = Declaration> {
+            let index = FIRST.wrapping_add(self.number);
+            let head = highest_sub(index, self.name(), self.count);
+            core::iter::once(head).chain((1..=self.count).filter_map(move |sub| self.declaration(index, sub)))
+        }
+
+        fn declaration(&self, index: u16, sub: u8) -> Option<Declaration> {
+            let at = self.field(sub)?;
+            let field = FIELDS.get(usize::from(at))?;
+            let (kind, access) = kind(at)?;
+            let default = match (Settings::default().get(at.into())?, field.kind) {
+                (Value::Number(x), Kind::Number { .. }) => DefaultValue::Real(x as f32),
+                (Value::Number(x), _) => DefaultValue::Number(x as i64),
+                (Value::Flag(x), _) => DefaultValue::Number(x.into()),
+                (Value::Word(word), Kind::Choice(names)) => {
+                    DefaultValue::Number(names.iter().position(|name| *name == word)? as i64)
+                }
+                _ => return None,
+            };
+            let (range, choices) = match field.kind {
+                Kind::Number { min, max } => (Some((min.into(), max.into())), &[][..]),
+                Kind::Integer { min, max } => (Some((min.into(), max.into())), &[][..]),
+                Kind::Flag => (None, &[][..]),
+                Kind::Choice(names) => (Some((0.0, names.len().saturating_sub(1) as f64)), names),
+            };
+            let name = field.key.split_once('.').map_or(field.key, |(_, name)| name);
+            let description = Description {
+                index,
+                sub,
+                shape: Shape::Record,
+                object: self.name(),
+                name,
+                kind,
+                access,
+                mapping: Mapping::No,
+                default,
+            };
+            Some(Declaration { description, unit: field.unit, range, doc: field.doc, choices, stored: true })
+        }
+    }
+}

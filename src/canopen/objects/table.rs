@@ -1,0 +1,259 @@
+//! Every object of the drive that is not a setting, one declaration each.
+//!
+//! Positions are encoder counts, positive toward the work; velocities counts/s, accelerations counts/s^2. `*` in the access
+//! column of docs/objects.md marks what 1010h stores.
+
+use super::Row;
+
+macro_rules! objects {
+    ($($index:literal $object:literal {
+        $($sub:literal $item:ident: $kind:ident, $access:ident, $mapping:ident, $range:expr, $default:expr, $unit:literal, $store:ident, $name:literal;)+
+    })+) => {
+        /// What an object is.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[repr(u8)]
+        pub enum Item {
+            $($(#[doc = $name] $item,)+)+
+        }
+
+        /// The rows, by rising index and sub-index.
+        pub(super) const TABLE: &[Row] = &[$($(
+            Row::new($index, $sub, Item::$item, kind!($kind), access!($access), mapping!($mapping), $range, $default, store!($store), ($object, $name, $unit)),
+        )+)+];
+    };
+}
+
+macro_rules! kind {
+    (u8) => {
+        crate::canopen::DataType::Unsigned8
+    };
+    (u16) => {
+        crate::canopen::DataType::Unsigned16
+    };
+    (u32) => {
+        crate::canopen::DataType::Unsigned32
+    };
+    (i8) => {
+        crate::canopen::DataType::Integer8
+    };
+    (i16) => {
+        crate::canopen::DataType::Integer16
+    };
+    (i32) => {
+        crate::canopen::DataType::Integer32
+    };
+    (text) => {
+        crate::canopen::DataType::VisibleString
+    };
+    (domain) => {
+        crate::canopen::DataType::Domain
+    };
+}
+
+macro_rules! access {
+    (ro) => {
+        crate::canopen::Access::ReadOnly
+    };
+    (rw) => {
+        crate::canopen::Access::ReadWrite
+    };
+    (wo) => {
+        crate::canopen::Access::WriteOnly
+    };
+}
+
+macro_rules! mapping {
+    (no) => {
+        crate::canopen::Mapping::No
+    };
+    (rx) => {
+        crate::canopen::Mapping::Receive
+    };
+    (tx) => {
+        crate::canopen::Mapping::Transmit
+    };
+    (both) => {
+        crate::canopen::Mapping::Both
+    };
+}
+
+macro_rules! store {
+    (store) => {
+        true
+    };
+    (live) => {
+        false
+    };
+}
+
+/// The whole range of 32 bits with a sign.
+const I32: (i64, i64) = (i32::MIN as i64, i32::MAX as i64);
+/// The whole range of 32 bits.
+const U32: (i64, i64) = (0, u32::MAX as i64);
+/// The whole range of 16 bits.
+const U16: (i64, i64) = (0, u16::MAX as i64);
+/// The whole range of a byte.
+const U8: (i64, i64) = (0, u8::MAX as i64);
+const I16: (i64, i64) = (i16::MIN as i64, i16::MAX as i64);
+/// A ramp or a velocity of nothing would never end.
+const RATE: (i64, i64) = (1, i32::MAX as i64);
+
+objects! {
+    0x2000 "Head" {
+        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding";
+        2 HeadFault: u8, ro, tx, U8, 0, "", live, "Fault: from 1 in the order of docs/objects.md; 0 none";
+        3 HeadReason: u8, ro, tx, U8, 0, "", live, "Reason: why the state changed last, as numbered in docs/objects.md; 0 it has not";
+        4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Refusal: why a command was refused last, as numbered in docs/objects.md; 0 never";
+        5 HeadHomed: u8, ro, tx, (0, 1), 0, "", live, "Homed: absolute positions mean something";
+    }
+    0x2001 "EDM control" {
+        1 ErodeEnable: u8, rw, rx, (0, 2), 0, "", live, "Erode: 1 set points become path, along which the gap leads; 2 the host keeps the path and follows the signed feed of 2004h:7, the head holds; 0 pulses off";
+        2 ErodeHold: u8, wo, rx, (0, 1), 0, "", live, "Hold: 1 switches pulses off and holds the position";
+        3 Commission: u8, wo, no, (0, 1), 0, "", live, "Guided check: 1 starts it, while disabled";
+        4 CheckResult: u8, ro, no, U8, 0, "", live, "Guided check result: 0 none yet, 1 passed, from 2 a finding as numbered in docs/objects.md";
+    }
+    0x2002 "Refused setting" {
+        1 RefusedSetting: u32, ro, no, U32, 0, "", live, "Setting: index times 256 and sub-index of the one that stands in the way";
+        2 RefusedRule: text, ro, no, U8, 0, "", live, "Rule: what it has to satisfy";
+    }
+    0x2003 "Stop conditions" {
+        1 StopTime: u32, rw, no, U32, 0, "ms", store, "Time limit: of an erosion; 0 unlimited";
+        2 StopRetreats: u16, rw, no, U16, 0, "", store, "Retreat limit: most long retreats in an erosion; 0 unlimited";
+        3 StoppedBy: u8, ro, tx, (0, 3), 0, "", live, "Stopped by: what ended the last erosion: 1 depth, 2 time, 3 long retreats, 0 something else";
+    }
+    0x2004 "Path queue" {
+        1 QueueAppend: i32, wo, rx, I32, 0, "counts", live, "Append: a straight line to this position";
+        2 QueueAppendBy: i32, wo, rx, I32, 0, "counts", live, "Append by: a straight line of this length";
+        3 QueueClear: u8, wo, no, (0, 1), 0, "", live, "Clear: 1 forgets the queue";
+        4 QueueSpace: u16, ro, tx, U16, 0, "", live, "Space left: segments that still fit";
+        5 QueueSegment: u32, ro, tx, U32, 0, "", live, "Segment: number of the one under way, counted since power-on";
+        6 PathCoordinate: i32, ro, tx, I32, 0, "um", live, "Path coordinate";
+        7 PathFeed: i32, ro, tx, I32, 0, "um/s", live, "Signed feed: velocity along the path that the gap asks for";
+    }
+    0x2005 "Gap" {
+        1 GapVoltage: i16, ro, tx, I16, 0, "0.01 V", live, "Voltage: after the filters";
+        2 GapBlock: i16, ro, tx, I16, 0, "0.01 V", live, "Block voltage: before the filters";
+        3 GapQuality: u8, ro, tx, (0, 4), 0, "", live, "Quality: 0 missing, 1 valid, 2 no gate, 3 saturated, 4 reversed";
+        4 GapShort: u16, ro, tx, U16, 0, "50 us", live, "Short: time without interruption";
+        5 GapSetpoint: i16, ro, tx, I16, 0, "0.01 V", live, "Setpoint: voltage to keep";
+        6 GapOpen: i16, ro, tx, I16, 0, "0.01 V", live, "Open-circuit voltage: measured when the seek began";
+    }
+    0x2006 "Erosion counters" {
+        1 Shorts: u32, ro, tx, U32, 0, "", live, "Shorts: retreats from one since power-on";
+        2 LongRetreats: u32, ro, tx, U32, 0, "", live, "Long retreats: more than 5 um, since power-on";
+        3 ErodingTime: u32, ro, tx, U32, 0, "ms", live, "Eroding time: of the present or last erosion";
+        4 Deepest: i32, ro, tx, I32, 0, "counts", live, "Deepest position: of that erosion";
+    }
+    0x2007 "Drive" {
+        1 Duty: i16, ro, tx, (-10_000, 10_000), 0, "0.01 %", live, "Duty: positive toward the work";
+        2 Current: i16, ro, tx, I16, 0, "mA", live, "Motor current";
+        3 Saturated: u8, ro, tx, (0, 1), 0, "", live, "Saturated: the duty is at its limit";
+        4 CurrentReduced: u8, ro, tx, (0, 1), 0, "", live, "Current reduced: the winding is hot";
+    }
+    0x2008 "Encoder health" {
+        1 Illegal: u32, ro, tx, U32, 0, "", live, "Illegal transitions: since power-on";
+        2 EmfDifference: i32, ro, tx, I32, 0, "counts/s", live, "Back-EMF difference: velocity by it less that of the encoder";
+    }
+    0x2009 "Build" {
+        1 ResetCause: u32, ro, no, U32, 0, "", live, "Reset cause: as the chip names it";
+        2 BuildId: text, ro, no, U8, 0, "", live, "Build";
+    }
+    0x200A "Task timers" {
+        1 GapLast: u32, ro, no, U32, 0, "ns", live, "Gap task last";
+        2 GapMost: u32, ro, no, U32, 0, "ns", live, "Gap task longest";
+        3 GapLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Gap task load";
+        4 ServoLast: u32, ro, no, U32, 0, "ns", live, "Servo tick last";
+        5 ServoMost: u32, ro, no, U32, 0, "ns", live, "Servo tick longest";
+        6 ServoLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Servo tick load";
+        7 SupervisionLast: u32, ro, no, U32, 0, "ns", live, "Supervision last";
+        8 SupervisionMost: u32, ro, no, U32, 0, "ns", live, "Supervision longest";
+        9 SupervisionLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Supervision load";
+        10 ProtocolLast: u32, ro, no, U32, 0, "ns", live, "Protocol last";
+        11 ProtocolMost: u32, ro, no, U32, 0, "ns", live, "Protocol longest";
+        12 ProtocolLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Protocol load";
+    }
+    0x2010 "Scope" {
+        1 ScopeSignal1: u32, rw, no, U32, 0, "", live, "Signal 1: index times 256 and sub-index of an object of up to 32 bits; 0 none";
+        2 ScopeSignal2: u32, rw, no, U32, 0, "", live, "Signal 2";
+        3 ScopeSignal3: u32, rw, no, U32, 0, "", live, "Signal 3";
+        4 ScopeSignal4: u32, rw, no, U32, 0, "", live, "Signal 4";
+        5 ScopeDecimation: u16, rw, no, (1, 60_000), 1, "ms", live, "Decimation: time from one sample to the next";
+        6 ScopeTrigger: u8, rw, no, (0, 3), 0, "", live, "Trigger: 0 at once, 1 signal 1 rises to the level, 2 falls to it, 3 first change of signal 1";
+        7 ScopeLevel: i32, rw, no, I32, 0, "", live, "Trigger level";
+        8 ScopeArm: u8, rw, no, (0, 1), 0, "", live, "Arm: 1 arms, 0 stops";
+        9 ScopeState: u8, ro, tx, (0, 3), 0, "", live, "State: 0 idle, 1 waits for the trigger, 2 records, 3 full";
+        10 ScopeCount: u16, ro, no, U16, 0, "", live, "Count: samples recorded";
+        11 ScopeData: domain, ro, no, U8, 0, "", live, "Data: samples of signals 1 to 4, 32 bits each, little-endian";
+    }
+    0x603F "Error code" { 0 ErrorCode: u16, ro, tx, U16, 0, "", live, "Error code"; }
+    0x6040 "Controlword" { 0 Controlword: u16, rw, rx, U16, 0, "", live, "Controlword"; }
+    0x6041 "Statusword" { 0 Statusword: u16, ro, tx, U16, 0, "", live, "Statusword"; }
+    0x605A "Quick stop option code" { 0 QuickStopOption: i16, rw, no, (0, 6), 6, "", store, "Quick stop option code"; }
+    0x605B "Shutdown option code" { 0 ShutdownOption: i16, rw, no, (0, 1), 1, "", store, "Shutdown option code"; }
+    0x605C "Disable operation option code" { 0 DisableOption: i16, rw, no, (0, 1), 1, "", store, "Disable operation option code"; }
+    0x605D "Halt option code" { 0 HaltOption: i16, rw, no, (1, 2), 1, "", store, "Halt option code"; }
+    0x605E "Fault reaction option code" { 0 FaultOption: i16, rw, no, (-1, -1), -1, "", live, "Fault reaction option code"; }
+    0x6060 "Modes of operation" { 0 Mode: i8, rw, rx, (0, 8), 0, "", live, "Modes of operation: 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position"; }
+    0x6061 "Modes of operation display" { 0 ModeDisplay: i8, ro, tx, (0, 8), 0, "", live, "Modes of operation display: 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position"; }
+    0x6062 "Position demand value" { 0 PositionDemand: i32, ro, tx, I32, 0, "counts", live, "Position demand value"; }
+    0x6063 "Position actual internal value" { 0 PositionInternal: i32, ro, tx, I32, 0, "counts", live, "Position actual internal value"; }
+    0x6064 "Position actual value" { 0 PositionActual: i32, ro, tx, I32, 0, "counts", live, "Position actual value"; }
+    0x6065 "Following error window" { 0 FollowingWindow: u32, rw, no, U32, 200, "counts", live, "Following error window"; }
+    0x6066 "Following error time out" { 0 FollowingTime: u16, rw, no, U16, 10, "ms", live, "Following error time out"; }
+    0x6067 "Position window" { 0 PositionWindow: u32, rw, no, U32, 2, "counts", store, "Position window"; }
+    0x6068 "Position window time" { 0 PositionTime: u16, rw, no, U16, 5, "ms", store, "Position window time"; }
+    0x606B "Velocity demand value" { 0 VelocityDemand: i32, ro, tx, I32, 0, "counts/s", live, "Velocity demand value"; }
+    0x606C "Velocity actual value" { 0 VelocityActual: i32, ro, tx, I32, 0, "counts/s", live, "Velocity actual value"; }
+    0x606D "Velocity window" { 0 VelocityWindow: u16, rw, no, U16, 1000, "counts/s", store, "Velocity window"; }
+    0x606E "Velocity window time" { 0 VelocityTime: u16, rw, no, U16, 5, "ms", store, "Velocity window time"; }
+    0x606F "Velocity threshold" { 0 VelocityThreshold: u16, rw, no, U16, 1000, "counts/s", store, "Velocity threshold"; }
+    0x6079 "DC link circuit voltage" { 0 BusVoltage: u32, ro, tx, U32, 0, "mV", live, "DC link circuit voltage"; }
+    0x607A "Target position" { 0 TargetPosition: i32, rw, rx, I32, 0, "counts", live, "Target position"; }
+    0x607C "Home offset" { 0 HomeOffset: i32, rw, no, I32, 0, "counts", store, "Home offset: the place found gets the position of minus this"; }
+    0x607D "Software position limit" {
+        1 LimitMin: i32, rw, no, I32, -2_147_483_648, "counts", store, "Min position limit";
+        2 LimitMax: i32, rw, no, I32, 2_147_483_647, "counts", store, "Max position limit";
+    }
+    0x607F "Max profile velocity" { 0 MaxVelocity: u32, ro, no, U32, 100_000, "counts/s", live, "Max profile velocity"; }
+    0x6081 "Profile velocity" { 0 ProfileVelocity: u32, rw, rx, RATE, 10_000, "counts/s", store, "Profile velocity"; }
+    0x6083 "Profile acceleration" { 0 ProfileAcceleration: u32, rw, rx, RATE, 1_000_000, "counts/s^2", store, "Profile acceleration"; }
+    0x6084 "Profile deceleration" { 0 ProfileDeceleration: u32, rw, rx, RATE, 1_000_000, "counts/s^2", store, "Profile deceleration"; }
+    0x6085 "Quick stop deceleration" { 0 QuickStopDeceleration: u32, rw, rx, RATE, 5_000_000, "counts/s^2", store, "Quick stop deceleration"; }
+    0x6086 "Motion profile type" { 0 ProfileType: i16, rw, no, (0, 0), 0, "", live, "Motion profile type"; }
+    0x608F "Position encoder resolution" {
+        1 EncoderIncrements: u32, ro, no, U32, 1_000_000, "counts", live, "Encoder increments";
+        2 EncoderRevolutions: u32, ro, no, U32, 1000, "mm", live, "Motor revolutions: a revolution is a millimetre";
+    }
+    0x6091 "Gear ratio" {
+        1 GearMotor: u32, ro, no, U32, 1, "", live, "Motor revolutions";
+        2 GearShaft: u32, ro, no, U32, 1, "", live, "Shaft revolutions";
+    }
+    0x6092 "Feed constant" {
+        1 FeedCounts: u32, ro, no, U32, 1_000_000, "counts", live, "Feed";
+        2 FeedRevolutions: u32, ro, no, U32, 1000, "mm", live, "Shaft revolutions";
+    }
+    0x6098 "Homing method" { 0 HomingMethod: i8, rw, no, (0, 37), 35, "", store, "Homing method"; }
+    0x6099 "Homing speeds" {
+        1 HomingFast: u32, rw, no, RATE, 5000, "counts/s", store, "Speed during search for switch";
+        2 HomingSlow: u32, rw, no, RATE, 1000, "counts/s", store, "Speed during search for zero";
+    }
+    0x609A "Homing acceleration" { 0 HomingAcceleration: u32, rw, no, RATE, 1_000_000, "counts/s^2", store, "Homing acceleration"; }
+    0x60C1 "Interpolation data record" { 1 IpData: i32, rw, rx, I32, 0, "counts", live, "Set point"; }
+    0x60C2 "Interpolation time period" {
+        1 IpPeriod: u8, rw, no, (1, 255), 1, "", store, "Interpolation time units";
+        2 IpExponent: i8, rw, no, (-4, 0), -3, "", store, "Interpolation time index: power of ten, s";
+    }
+    0x60C4 "Interpolation data configuration" {
+        1 IpMost: u32, ro, no, U32, 32, "", live, "Maximum buffer size";
+        2 IpSize: u32, rw, no, (32, 32), 32, "", live, "Actual buffer size";
+        3 IpOrganisation: u8, rw, no, (0, 0), 0, "", live, "Buffer organisation: first in, first out";
+        4 IpPosition: u16, ro, tx, U16, 0, "", live, "Buffer position: set points waiting";
+        5 IpRecord: u8, rw, no, (4, 4), 4, "", live, "Size of data record";
+        6 IpClear: u8, wo, no, (0, 1), 0, "", live, "Buffer clear: 0 forgets all set points";
+    }
+    0x60F4 "Following error actual value" { 0 FollowingError: i32, ro, tx, I32, 0, "counts", live, "Following error actual value"; }
+    0x60FC "Position demand internal value" { 0 DemandInternal: i32, ro, tx, I32, 0, "counts", live, "Position demand internal value"; }
+    0x60FD "Digital inputs" { 0 DigitalInputs: u32, ro, tx, U32, 0, "", live, "Digital inputs: 0 upper limit, 1 lower limit; 16 emergency stop, 17 dielectric, 18 bridge fault"; }
+    0x60FF "Target velocity" { 0 TargetVelocity: i32, rw, rx, I32, 0, "counts/s", live, "Target velocity"; }
+    0x6502 "Supported drive modes" { 0 SupportedModes: u32, ro, no, U32, 0xE5, "", live, "Supported drive modes"; }
+}

@@ -1,0 +1,218 @@
+//! A set point within limits of velocity and acceleration.
+//!
+//! From the distance d to the target follows the velocity that can still be stopped, d = v^2 / 2a + v T: braking, and the
+//! travel of one more plan of length T before it begins. Followed from plan to plan it never brakes harder than a.
+
+use crate::units::{
+    CountsPerSecond, CountsPerSecond2, Fixed, PLAN_TICKS, TICK_HZ, TICK_S, larger, smaller, within_either,
+};
+
+/// Time from one plan to the next at the most, s.
+const PLAN_S: f32 = PLAN_TICKS as f32 * TICK_S;
+/// Distance from the target, counts, at which a profile that can stop is there.
+const THERE: f32 = 1.0 / 1024.0;
+
+/// Share by which braking may exceed its limit: what rounding has left undone must be made good before the target.
+const SLACK: f32 = 1.02;
+
+/// Limits of a profile, positive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Ramp {
+    /// Velocity.
+    pub velocity: CountsPerSecond,
+    /// Acceleration.
+    pub acceleration: CountsPerSecond2,
+    /// Deceleration.
+    pub deceleration: CountsPerSecond2,
+}
+
+/// What the loop follows until the next plan.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Leg {
+    /// Set point at the plan, counts.
+    pub from: Fixed,
+    /// Travel in a tick, counts.
+    pub travel: Fixed,
+    /// The same as a velocity.
+    pub velocity: CountsPerSecond,
+}
+
+/// A moving set point.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Profile {
+    leg: Leg,
+}
+
+impl Profile {
+    /// At rest.
+    pub fn at(position: Fixed) -> Profile {
+        Profile { leg: Leg { from: position, ..Leg::default() } }
+    }
+
+    /// The set point at the newest plan, counts.
+    pub fn position(&self) -> Fixed {
+        self.leg.from
+    }
+
+    /// Whether the set point stands.
+    pub fn stands(&self) -> bool {
+        self.leg.travel == Fixed(0)
+    }
+
+    /// The axis has been given other coordinates: `by` is added to all of them.
+    pub fn shift(&mut self, by: Fixed) {
+        self.leg.from = self.leg.from.plus(by);
+    }
+
+    /// Plans on to a target; `ticks` have passed since the plan before.
+    pub fn toward(&mut self, target: Fixed, ramp: &Ramp, ticks: u32) -> Leg {
+        self.advance(ticks);
+        let distance = target.minus(self.leg.from).to_f32();
+        let brake = ramp.deceleration.0;
+        let reserve = brake * PLAN_S;
+        let square = 2.0 * brake * distance.abs();
+        let stoppable = square / (libm::sqrtf(reserve * reserve + square) + reserve);
+        if distance.abs() < THERE && self.leg.velocity.0.abs() <= reserve {
+            self.leg = Leg { from: target, ..Leg::default() };
+            return self.leg;
+        }
+        let wanted = smaller(stoppable, ramp.velocity.0).copysign(distance);
+        self.change(wanted, ramp.acceleration.0, brake * SLACK, ticks)
+    }
+
+    /// Plans on to a stop.
+    pub fn stop(&mut self, deceleration: CountsPerSecond2, ticks: u32) -> Leg {
+        self.advance(ticks);
+        self.change(0.0, deceleration.0, deceleration.0, ticks)
+    }
+
+    /// Plans on to reach `target` in `left` ticks, no faster than `limit`.
+    pub fn reach(&mut self, target: Fixed, left: u32, limit: CountsPerSecond, ticks: u32) -> Leg {
+        self.advance(ticks);
+        let distance = target.minus(self.leg.from);
+        let travel = distance.0.checked_div(left.max(PLAN_TICKS).into()).unwrap_or(0);
+        let velocity = within_either(Fixed(travel).to_f32() * TICK_HZ as f32, limit.0);
+        self.set(velocity)
+    }
+
+    fn advance(&mut self, ticks: u32) {
+        self.leg.from = Fixed(self.leg.from.0.wrapping_add(self.leg.travel.0.wrapping_mul(ticks.into())));
+    }
+
+    fn change(&mut self, wanted: f32, acceleration: f32, deceleration: f32, ticks: u32) -> Leg {
+        let now = self.leg.velocity.0;
+        let slows = wanted.abs() < now.abs() || wanted * now < 0.0;
+        let step = if slows { deceleration } else { acceleration } * TICK_S * ticks as f32;
+        self.set(if wanted > now { smaller(now + step, wanted) } else { larger(now - step, wanted) })
+    }
+
+    fn set(&mut self, velocity: f32) -> Leg {
+        self.leg.velocity = CountsPerSecond(velocity);
+        self.leg.travel = Fixed::short(velocity * TICK_S);
+        self.leg
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn ramp(velocity: f32, acceleration: f32, deceleration: f32) -> Ramp {
+        Ramp {
+            velocity: CountsPerSecond(velocity),
+            acceleration: CountsPerSecond2(acceleration),
+            deceleration: CountsPerSecond2(deceleration),
+        }
+    }
+
+    /// Plans every five ticks until the profile stands; gives the plans, the farthest point and the hardest braking.
+    fn run(profile: &mut Profile, target: i64, ramp: &Ramp) -> (u32, f32, f32) {
+        let (mut farthest, mut hardest) = (profile.position().to_f32(), 0.0f32);
+        for plan in 1..2_000_000 {
+            let before = profile.leg.velocity.0;
+            let leg = profile.toward(Fixed::whole(target), ramp, PLAN_TICKS);
+            hardest = hardest.max((leg.velocity.0 - before).abs() / PLAN_S);
+            farthest = farthest.max(leg.from.to_f32());
+            assert!(leg.velocity.0.abs() <= ramp.velocity.0 * 1.0001);
+            if profile.stands() && leg.from == Fixed::whole(target) {
+                return (plan, farthest, hardest);
+            }
+        }
+        panic!("never stands: {profile:?}");
+    }
+
+    proptest! {
+        #[test]
+        fn every_move_ends_on_its_target_without_overshoot_or_hard_braking(
+            target in 1i64..200_000, velocity in 10.0f32..200_000.0, up in 1e4f32..1e7, down in 1e4f32..1e7,
+        ) {
+            // A minute at the most.
+            prop_assume!((target as f32) < 60.0 * velocity);
+            let mut profile = Profile::at(Fixed(0));
+            let ramp = ramp(velocity, up, down);
+            let (plans, farthest, hardest) = run(&mut profile, target, &ramp);
+            prop_assert_eq!(profile.position(), Fixed::whole(target));
+            prop_assert!(farthest <= target as f32 * 1.000001 + 0.1, "{} past {}", farthest, target);
+            prop_assert!(hardest <= up.max(down) * 1.03 + 1.0);
+            // No faster than the trapezoid, and not much slower.
+            let (distance, peak) = (target as f32, velocity.min((2.0 * target as f32 * up * down / (up + down)).sqrt()));
+            let ideal = distance / peak + peak / (2.0 * up) + peak / (2.0 * down);
+            let took = plans as f32 * PLAN_S;
+            prop_assert!(took > ideal * 0.98 && took < ideal * 1.05 + 40.0 * PLAN_S, "{} s, ideally {}", took, ideal);
+        }
+    }
+
+    #[test]
+    fn a_target_changed_behind_the_axis_turns_it_round() {
+        let mut profile = Profile::at(Fixed(0));
+        let ramp = ramp(10_000.0, 1e6, 1e6);
+        for _ in 0..200 {
+            profile.toward(Fixed::whole(10_000), &ramp, PLAN_TICKS);
+        }
+        let (_, farthest, hardest) = run(&mut profile, 0, &ramp);
+        // 10 mm/s at 1 m/s^2 stops within 50 um.
+        assert!(farthest > 400.0 && farthest < 600.0, "{farthest}");
+        assert!(hardest < 1.03e6, "{hardest}");
+        assert_eq!(profile.position(), Fixed(0));
+    }
+
+    #[test]
+    fn set_points_are_reached_in_their_time_and_without_a_step_of_velocity() {
+        let mut profile = Profile::at(Fixed(0));
+        let (mut slowest, mut fastest) = (f32::INFINITY, 0.0f32);
+        for cycle in 1..=100i64 {
+            for plan in 0..4 {
+                let left = 25 - plan * PLAN_TICKS;
+                let leg = profile.reach(Fixed::whole(cycle * 10), left, CountsPerSecond(1e6), PLAN_TICKS);
+                if cycle > 10 {
+                    (slowest, fastest) = (slowest.min(leg.velocity.0), fastest.max(leg.velocity.0));
+                }
+            }
+        }
+        assert!(slowest > 9_990.0 && fastest < 10_010.0, "{slowest} to {fastest} counts/s for 10 counts in 1 ms");
+    }
+
+    #[test]
+    fn a_set_point_out_of_reach_is_approached_at_the_limit() {
+        let mut profile = Profile::at(Fixed(0));
+        let leg = profile.reach(Fixed::whole(100_000), 20, CountsPerSecond(5e4), PLAN_TICKS);
+        assert_eq!(leg.velocity.0, 5e4);
+        let leg = profile.reach(Fixed::whole(-100_000), 20, CountsPerSecond(5e4), PLAN_TICKS);
+        assert_eq!(leg.velocity.0, -5e4);
+    }
+
+    #[test]
+    fn a_stop_brakes_as_asked_and_stands() {
+        let mut profile = Profile::at(Fixed(0));
+        let ramp = ramp(10_000.0, 1e6, 1e6);
+        for _ in 0..200 {
+            profile.toward(Fixed::whole(1_000_000), &ramp, PLAN_TICKS);
+        }
+        let plans = (0..1000).take_while(|_| profile.stop(CountsPerSecond2(1e6), PLAN_TICKS).velocity.0 > 0.0).count();
+        // 10 ms of 0.25 ms each.
+        assert!((39..=40).contains(&plans), "{plans}");
+        assert!(profile.stands());
+    }
+}

@@ -1,0 +1,139 @@
+//! Erosion over the bus.
+
+use crate::rig::Rig;
+use edm_servo_head::head::State;
+
+#[test]
+fn a_hole_is_bored_by_a_set_point_of_profile_position() {
+    let mut rig = Rig::ready();
+    let surface = rig.machine.process.truth().surface_um;
+    let depth = surface as i32 + 30 - (rig.machine.process.truth().position_um as i32 - rig.position() as i32);
+    rig.mode(1);
+    rig.write(0x2001, 1, &[1]);
+    rig.write32(0x607A, 0, depth);
+    rig.control(0x1F);
+    assert_eq!(rig.status() & 0x1400, 0x1000);
+    rig.until(20_000, |rig| rig.machine.head.status().state == State::Eroding);
+    let feed = rig.read(0x2004, 7).cast_signed();
+    assert!(feed.abs() <= 2000, "{feed}");
+    rig.until(120_000, |rig| rig.status() & 0x0400 != 0);
+    assert_eq!(rig.machine.head.status().state, State::Done);
+    assert_eq!(rig.read(0x2003, 3), 1, "ended by depth");
+    assert!((rig.position() as i32 - depth).abs() <= 1);
+    assert!(rig.read(0x2006, 3) > 1000, "ms of erosion");
+    // Up again, without pulses.
+    rig.write(0x2001, 1, &[0]);
+    rig.write32(0x607A, 0, 500);
+    rig.control(0x0F);
+    rig.control(0x1F);
+    rig.until(2000, |rig| rig.status() & 0x0400 != 0);
+    assert!((rig.position() - 500).abs() <= 2);
+}
+
+#[test]
+fn erosion_is_aborted_by_its_enable_and_stopped_by_its_conditions() {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    rig.write(0x2001, 1, &[1]);
+    rig.write32(0x607A, 0, 4000);
+    rig.control(0x1F);
+    rig.until(20_000, |rig| rig.machine.head.status().state == State::Eroding);
+    rig.write(0x2001, 1, &[0]);
+    rig.run(2);
+    assert_eq!(rig.machine.head.status().state, State::HoldingPosition);
+    rig.write(0x2003, 1, &500u32.to_le_bytes());
+    rig.write(0x2001, 1, &[1]);
+    rig.run(5);
+    assert!(rig.machine.head.status().state.pulses());
+    rig.until(600, |rig| rig.machine.head.status().state == State::HoldingPosition);
+    assert_eq!(rig.read(0x2003, 3), 2, "ended by time");
+}
+
+#[test]
+fn a_path_is_queued_and_its_place_is_told() {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    let space = rig.read(0x2004, 4);
+    let here = rig.position() as i32;
+    for n in 1..=3 {
+        rig.write32(0x2004, 1, here + n * 100);
+    }
+    rig.run(2);
+    // The first is under way, two wait.
+    assert_eq!((rig.read(0x2004, 4), rig.read(0x2004, 5)), (space - 2, 1));
+    rig.write(0x2004, 3, &[1]);
+    rig.run(2);
+    assert_eq!(rig.read(0x2004, 4), space);
+    assert_eq!(rig.try_write(0x2004, 3, &[2]), Err(0x0609_0031));
+}
+
+#[test]
+fn gap_set_points_are_shown_and_gains_change_while_eroding() {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    rig.write(0x2001, 1, &[1]);
+    rig.write32(0x607A, 0, 4000);
+    rig.control(0x1F);
+    rig.until(20_000, |rig| rig.machine.head.status().state == State::Eroding);
+    let setpoint = edm_servo_head::canopen::objects::setting_address("gap.setpoint_v").unwrap();
+    rig.write(setpoint.0, setpoint.1, &50.0f32.to_le_bytes());
+    rig.run(2);
+    assert_eq!(rig.read(0x2005, 5) as u16, 5000);
+    let gain = edm_servo_head::canopen::objects::setting_address("servo.velocity_hz").unwrap();
+    rig.write(gain.0, gain.1, &140.0f32.to_le_bytes());
+    rig.run(200);
+    assert!(rig.machine.head.status().state.pulses());
+    let mass = edm_servo_head::canopen::objects::setting_address("axis.mass_kg").unwrap();
+    assert_eq!(rig.try_write(mass.0, mass.1, &0.3f32.to_le_bytes()), Err(0x0800_0022));
+}
+
+#[test]
+fn the_scope_records_a_step_response() {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    rig.write(0x2010, 1, &0x0060_6400u32.to_le_bytes());
+    rig.write(0x2010, 2, &0x0060_6200u32.to_le_bytes());
+    rig.write(0x2010, 6, &[3]);
+    assert_eq!(rig.try_write(0x2010, 3, &0x0012_3400u32.to_le_bytes()), Err(0x0609_0030));
+    rig.write(0x2010, 8, &[1]);
+    rig.run(5);
+    assert_eq!(rig.read(0x2010, 9), 1);
+    rig.move_to(1000, 1000);
+    rig.until(300, |rig| rig.read(0x2010, 9) == 3);
+    assert_eq!(rig.read(0x2010, 10), 256);
+}
+
+#[test]
+fn cyclic_and_interpolated_set_points_become_path_while_eroding() {
+    for mode in [8, 7] {
+        let mut rig = Rig::ready();
+        rig.mode(mode);
+        rig.write(0x2001, 1, &[1]);
+        rig.control(0x1F);
+        let here = rig.position() as i32;
+        let (index, sub) = if mode == 8 { (0x607A, 0) } else { (0x60C1, 1) };
+        for n in 1..=4 {
+            rig.write32(index, sub, here + n * 100);
+        }
+        rig.run(3);
+        assert!(rig.machine.head.status().state.pulses(), "mode {mode}");
+        assert_eq!(rig.read(0x2004, 4), 253, "mode {mode}: one under way, three wait");
+        rig.until(2000, |rig| rig.machine.head.status().state == State::Done);
+        assert!((rig.position() as i32 - here - 400).abs() <= 1, "mode {mode}");
+    }
+}
+
+#[test]
+fn a_host_that_keeps_the_path_reads_the_signed_feed() {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    rig.write(0x2001, 1, &[2]);
+    rig.run(200);
+    assert_eq!(rig.machine.head.status().state, State::Guiding);
+    assert!(rig.read(0x2004, 7).cast_signed() > 0, "two millimetres above the work");
+    let (_, frame) = rig.sent.iter().rev().find(|(_, frame)| frame.id() == 0x385).unwrap();
+    assert!(i32::from_le_bytes(frame.data()[..4].try_into().unwrap()) > 0);
+    rig.write(0x2001, 1, &[0]);
+    rig.run(2);
+    assert_eq!(rig.machine.head.status().state, State::HoldingPosition);
+}

@@ -1,0 +1,7 @@
+//! A master commands the head over CANopen: node, drive, head and process model together.
+
+mod drive;
+mod dump;
+mod edm;
+mod rig;
+mod settings;

@@ -1,0 +1,217 @@
+//! A node on a bus of its own: node, drive, head and process model, a millisecond at a time, and a master that speaks
+//! expedited SDO.
+
+use edm_servo_head::canopen::drive::{DEVICE, Drive, Identity, Order};
+use edm_servo_head::canopen::{Frame, Node, NodeId, Time};
+use edm_servo_head::head::{Reason, State};
+use edm_servo_head::settings::Settings;
+use edm_servo_head::units::TICKS_PER_MS;
+use edm_sim::machine::Machine;
+use edm_sim::process::Parameters;
+
+const ID: u8 = 5;
+
+pub struct Rig {
+    pub node: Node,
+    pub drive: Drive,
+    pub machine: Machine,
+    /// What has been stored: application and communication.
+    pub stored: Option<(Vec<u8>, Vec<u8>)>,
+    /// Frames that the node has sent, with the millisecond.
+    pub sent: Vec<(u64, Frame)>,
+    pub ms: u64,
+    pub states: Vec<State>,
+}
+
+impl Rig {
+    pub fn new(change: impl FnOnce(&mut Settings, &mut Parameters)) -> Rig {
+        let mut settings = Settings { commissioned: true, ..Settings::default() };
+        let mut parameters = Parameters::default();
+        change(&mut settings, &mut parameters);
+        let mut drive = Drive::new(settings, Identity { reset_cause: 7, build: "test" }).unwrap();
+        let mut node = Node::new(&DEVICE, NodeId::new(ID).unwrap(), 1234);
+        node.boot(None, &mut drive).unwrap();
+        let machine = Machine::new(&parameters, &settings, 1).unwrap();
+        let mut rig = Rig { node, drive, machine, stored: None, sent: Vec::new(), ms: 0, states: Vec::new() };
+        rig.run(20);
+        rig
+    }
+
+    /// Operational, homed at the upper limit, enabled in no mode.
+    pub fn ready() -> Rig {
+        let mut rig = Rig::new(|_, _| {});
+        rig.send(0, &[1, ID]);
+        rig.enable();
+        rig.write(0x6098, 0, &[35]);
+        rig.write(0x6060, 0, &[6]);
+        rig.control(0x0F);
+        rig.control(0x1F);
+        rig.until(100, |rig| rig.status() & 0x3400 == 0x1400);
+        rig.control(0x0F);
+        rig
+    }
+
+    /// One millisecond.
+    pub fn step(&mut self) {
+        let now = Time(self.ms * 1000);
+        self.drive.observe(self.machine.head.status());
+        while let Some(change) = self.machine.head.next_change() {
+            self.states.push(change.to);
+            self.drive.changed(change);
+            if let (Reason::CheckEnded, Some(result)) = (change.reason, self.machine.head.check_result()) {
+                self.drive.checked(result);
+            }
+        }
+        self.node.synchronised(now, &mut self.drive);
+        self.node.poll(now, &mut self.drive);
+        self.drive.poll(now, &mut self.node);
+        self.orders();
+        while let Some(frame) = self.node.take() {
+            self.sent.push((self.ms, frame));
+        }
+        for _ in 0..TICKS_PER_MS {
+            self.machine.tick();
+        }
+        self.ms += 1;
+    }
+
+    fn orders(&mut self) {
+        while let Some(order) = self.drive.take() {
+            match order {
+                Order::Command(command) => {
+                    let result = self.machine.head.command(command);
+                    self.drive.answered(command, result);
+                }
+                Order::Configure => {
+                    if self.machine.configure(self.drive.active()).is_err() {
+                        self.drive.configure_again();
+                    }
+                }
+                Order::Raise(fault) => self.machine.head.raise(fault),
+                Order::Store(_) => {
+                    let leave = self.machine.head.give_leave().unwrap();
+                    self.stored = Some((self.drive.image().to_vec(), self.node.image().to_vec()));
+                    self.machine.head.end_leave(leave);
+                    self.node.answer(Ok(()), &mut self.drive);
+                }
+                Order::Restore(_) => {
+                    self.stored = None;
+                    self.node.answer(Ok(()), &mut self.drive);
+                }
+                Order::ResetNode => {
+                    let defaults = Settings { commissioned: true, ..Settings::default() };
+                    let stored = self.stored.as_ref().map(|(drive, _)| &drive[..]);
+                    self.drive.restart(defaults, stored).unwrap();
+                    let stored = self.stored.as_ref().map(|(_, node)| &node[..]);
+                    self.node.boot(stored, &mut self.drive).unwrap();
+                }
+                Order::ResetCommunication => {
+                    let stored = self.stored.as_ref().map(|(_, node)| &node[..]);
+                    self.node.boot(stored, &mut self.drive).unwrap();
+                }
+            }
+        }
+    }
+
+    pub fn run(&mut self, ms: u64) {
+        for _ in 0..ms {
+            self.step();
+        }
+    }
+
+    pub fn until(&mut self, ms: u64, mut done: impl FnMut(&mut Rig) -> bool) {
+        for _ in 0..ms {
+            self.step();
+            if done(self) {
+                return;
+            }
+        }
+        panic!("not within {ms} ms: statusword {:#06x}, {:?}", self.drive.statusword(), self.machine.head.status());
+    }
+
+    pub fn send(&mut self, id: u16, data: &[u8]) {
+        self.node.receive(&Frame::new(id, data).unwrap(), Time(self.ms * 1000), &mut self.drive);
+    }
+
+    fn exchange(&mut self, request: [u8; 8]) -> [u8; 8] {
+        self.send(0x600 + u16::from(ID), &request);
+        for _ in 0..10 {
+            let seen = self.sent.len();
+            self.step();
+            let answer = self.sent[seen..].iter().find(|(_, frame)| frame.id() == 0x580 + u16::from(ID));
+            if let Some((_, frame)) = answer {
+                return frame.data().try_into().unwrap();
+            }
+        }
+        panic!("no answer to {request:x?}");
+    }
+
+    pub fn try_write(&mut self, index: u16, sub: u8, value: &[u8]) -> Result<(), u32> {
+        let [low, high] = index.to_le_bytes();
+        let mut request = [0x23 | ((4 - value.len() as u8) << 2), low, high, sub, 0, 0, 0, 0];
+        request[4..4 + value.len()].copy_from_slice(value);
+        let answer = self.exchange(request);
+        if answer[0] == 0x60 { Ok(()) } else { Err(u32::from_le_bytes(answer[4..].try_into().unwrap())) }
+    }
+
+    pub fn write(&mut self, index: u16, sub: u8, value: &[u8]) {
+        if let Err(abort) = self.try_write(index, sub, value) {
+            panic!("{index:04x}:{sub:02x} refused: {abort:#010x}");
+        }
+    }
+
+    pub fn write32(&mut self, index: u16, sub: u8, value: i32) {
+        self.write(index, sub, &value.to_le_bytes());
+    }
+
+    pub fn try_read(&mut self, index: u16, sub: u8) -> Result<u32, u32> {
+        let [low, high] = index.to_le_bytes();
+        let answer = self.exchange([0x40, low, high, sub, 0, 0, 0, 0]);
+        let number = u32::from_le_bytes(answer[4..].try_into().unwrap());
+        if answer[0] & 0xE3 == 0x43 { Ok(number) } else { Err(number) }
+    }
+
+    pub fn read(&mut self, index: u16, sub: u8) -> u32 {
+        self.try_read(index, sub).unwrap_or_else(|abort| panic!("{index:04x}:{sub:02x}: {abort:#010x}"))
+    }
+
+    pub fn read_real(&mut self, (index, sub): (u16, u8)) -> f32 {
+        f32::from_bits(self.read(index, sub))
+    }
+
+    pub fn control(&mut self, word: u16) {
+        self.write(0x6040, 0, &word.to_le_bytes());
+        self.run(2);
+    }
+
+    pub fn enable(&mut self) {
+        for word in [0x06, 0x07, 0x0F] {
+            self.control(word);
+        }
+        self.until(5, |rig| rig.status() & 0x6F == 0x27);
+    }
+
+    /// The statusword.
+    pub fn status(&self) -> u16 {
+        self.drive.statusword()
+    }
+
+    pub fn mode(&mut self, mode: u8) {
+        self.write(0x6060, 0, &[mode]);
+        assert_eq!(self.read(0x6061, 0), u32::from(mode));
+    }
+
+    pub fn position(&self) -> i64 {
+        self.machine.head.status().position
+    }
+
+    /// A profile position move, waited for.
+    pub fn move_to(&mut self, target: i32, ms: u64) {
+        self.write32(0x607A, 0, target);
+        self.control(0x0F);
+        self.control(0x1F);
+        assert_ne!(self.status() & 0x1000, 0, "acknowledged");
+        self.until(ms, |rig| rig.status() & 0x0400 != 0);
+        self.control(0x0F);
+    }
+}

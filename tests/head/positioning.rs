@@ -1,0 +1,207 @@
+//! Motion beside the path on the bench: profiles, set points, homing.
+
+use crate::bench::Bench;
+use edm_servo_head::head::{Command, Fault, Home, HomingState, Pace, Reason, Refused, State};
+use edm_servo_head::motion::Method;
+use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
+
+const PACE: Pace = Pace {
+    velocity: MicrometresPerSecond(20_000.0),
+    acceleration: MicrometresPerSecond2(1e6),
+    deceleration: MicrometresPerSecond2(1e6),
+};
+
+fn um(um: i64) -> Nanometres {
+    Nanometres(um * 1000)
+}
+
+fn home(method: Method, at_um: i64) -> Command {
+    Command::Home(Home {
+        method,
+        fast: MicrometresPerSecond(10_000.0),
+        slow: MicrometresPerSecond(1_000.0),
+        acceleration: MicrometresPerSecond2(1e6),
+        at: um(at_um),
+    })
+}
+
+#[test]
+fn a_move_keeps_its_velocity_and_ends_on_its_count() {
+    let mut bench = Bench::ready();
+    bench.changes();
+    bench.command(Command::Position(um(1500), PACE));
+    let mut fastest = 0.0f64;
+    bench.run_until(0.2, |bench| {
+        fastest = fastest.max(bench.v);
+        bench.state() == State::Ready
+    });
+    assert!((0.0195..0.0225).contains(&fastest), "{fastest} m/s");
+    bench.run(0.05);
+    assert_eq!(bench.um().floor(), 1500.0);
+    let reasons: Vec<Reason> = bench.changes().iter().map(|change| change.reason).collect();
+    assert_eq!(reasons, [Reason::Positioned, Reason::Arrived]);
+}
+
+#[test]
+fn a_target_may_change_on_the_way() {
+    let mut bench = Bench::ready();
+    bench.command(Command::Position(um(5000), PACE));
+    bench.run(0.1);
+    bench.command(Command::Position(um(500), PACE));
+    bench.run_until(1.0, |bench| bench.state() == State::Ready);
+    bench.run(0.05);
+    assert_eq!(bench.um().floor(), 500.0);
+}
+
+#[test]
+fn set_points_of_a_host_are_followed_to_the_count() {
+    let mut bench = Bench::ready();
+    let mut worst = 0.0f32;
+    // 10 mm/s, a set point each millisecond.
+    for ms in 1..=300i64 {
+        bench.command(Command::Follow(um(ms * 10), 20));
+        bench.run(0.001);
+        if ms > 100 {
+            worst = worst.max(bench.head.status().following.abs());
+        }
+    }
+    assert!(worst < 10.0, "{worst} counts behind");
+    bench.run(0.05);
+    assert!((bench.um() - 3000.5).abs() < 1.5, "{}", bench.um());
+    assert_eq!(bench.state(), State::Positioning);
+    bench.command(Command::Brake(MicrometresPerSecond2(1e6)));
+    bench.run(0.001);
+    assert_eq!(bench.state(), State::Ready);
+}
+
+#[test]
+fn braking_ends_a_move_within_the_length_it_needs() {
+    let mut bench = Bench::ready();
+    bench.command(Command::Position(um(5000), PACE));
+    bench.run(0.1);
+    let before = bench.um();
+    bench.command(Command::Brake(MicrometresPerSecond2(2e6)));
+    bench.run_until(0.1, |bench| bench.state() == State::Ready);
+    bench.run(0.05);
+    // 20 mm/s at 2 m/s^2: 100 um.
+    let length = bench.um() - before;
+    assert!((80.0..125.0).contains(&length), "{length} um");
+}
+
+#[test]
+fn only_a_head_that_holds_its_position_can_be_moved_beside_the_path() {
+    let mut bench = Bench::new();
+    bench.run(0.01);
+    let refused = bench.head.command(Command::Position(um(1), PACE));
+    assert_eq!(refused, Err(Refused::State(State::Disabled)));
+    let mut bench = Bench::eroding();
+    let refused = bench.head.command(Command::Position(um(1), PACE));
+    assert_eq!(refused, Err(Refused::State(State::Eroding)));
+    let mut bench = Bench::ready();
+    let refused = bench.head.command(Command::Position(um(12_001), PACE));
+    assert!(matches!(refused, Err(Refused::OutOfTravel { .. })));
+    bench.command(Command::Position(um(12_000), PACE));
+    assert_eq!(bench.head.command(Command::MoveTo(um(100))), Err(Refused::State(State::Positioning)));
+}
+
+#[test]
+fn eroding_begins_where_a_move_has_ended() {
+    let mut bench = Bench::ready();
+    bench.command(Command::Position(um(1900), PACE));
+    bench.run_until(1.0, |bench| bench.state() == State::Ready);
+    bench.erode();
+}
+
+#[test]
+fn a_fault_on_the_way_leads_back_from_where_the_head_is() {
+    let mut bench = Bench::ready();
+    bench.command(Command::Position(um(8000), PACE));
+    bench.run_until(1.0, |bench| bench.um() > 5000.0);
+    bench.head.raise(Fault::HostSilent);
+    let mut lowest = f64::INFINITY;
+    bench.run_until(2.0, |bench| {
+        lowest = lowest.min(bench.um());
+        bench.head.status().tick % TICK_HZ == 0
+    });
+    // The safe height is 1 mm above.
+    assert!((lowest - 4000.0).abs() < 60.0, "{lowest}");
+}
+
+#[test]
+fn homing_on_a_limit_switch_is_no_fault_and_sets_its_position() {
+    let mut bench = Bench::new();
+    bench.x = 0.003;
+    bench.run(0.05);
+    bench.command(Command::Enable);
+    bench.command(home(Method::UpperLimit, 100));
+    let mut opened = false;
+    for _ in 0..4 * TICK_HZ {
+        bench.safety.upper_limit = bench.um() < 200.0;
+        opened |= bench.safety.upper_limit;
+        bench.tick();
+        assert_eq!(bench.fault(), None);
+        if bench.head.status().homing != HomingState::Runs {
+            break;
+        }
+    }
+    assert!(opened);
+    assert_eq!(bench.head.status().homing, HomingState::Done);
+    assert!(bench.head.status().homed);
+    bench.run(0.05);
+    // The edge at 200 um is position 100.
+    let position = bench.head.status().position as f64;
+    assert!((bench.um() - 200.0 - (position - 100.0)).abs() < 2.5, "{} um reads {position}", bench.um());
+    assert_eq!(bench.state(), State::Ready);
+}
+
+#[test]
+fn homing_where_the_head_stands() {
+    let mut bench = Bench::new();
+    bench.x = 0.003;
+    bench.run(0.05);
+    bench.command(Command::Enable);
+    bench.command(home(Method::Here, 2000));
+    bench.run(0.05);
+    assert_eq!(bench.head.status().position, 2000);
+    assert_eq!(bench.head.status().homing, HomingState::Done);
+    assert!((bench.um() - 3000.0).abs() < 1.5);
+}
+
+#[test]
+fn homing_that_finds_nothing_fails_and_holds() {
+    let mut bench = Bench::new();
+    bench.stroke_m = 0.05;
+    bench.x = 0.045;
+    bench.run(0.05);
+    bench.command(Command::Enable);
+    bench.command(home(Method::UpperLimit, 0));
+    bench.run_until(5.0, |bench| bench.state() == State::Ready);
+    assert_eq!(bench.head.status().homing, HomingState::Failed);
+    assert!(!bench.head.status().homed);
+    // A stroke and a fifth, 14.4 mm, and the way to stop.
+    assert!((bench.um() - (45_000.0 - 14_400.0)).abs() < 100.0, "{}", bench.um());
+}
+
+#[test]
+fn a_limit_switch_while_positioning_is_still_a_fault() {
+    let mut bench = Bench::ready();
+    bench.command(Command::Position(um(8000), PACE));
+    bench.run_until(1.0, |bench| bench.um() > 5000.0);
+    bench.safety.lower_limit = true;
+    bench.run(0.001);
+    assert_eq!(bench.fault(), Some(Fault::LowerLimit));
+}
+
+#[test]
+fn gains_may_change_while_eroding_and_the_plant_may_not() {
+    let mut bench = Bench::eroding();
+    let before = bench.um();
+    let mut settings = bench.settings;
+    settings.servo_velocity_hz = 120.0;
+    settings.axis_duty_limit = 0.8;
+    bench.head.configure(settings.build().unwrap().head).unwrap();
+    bench.run(0.2);
+    assert!((bench.um() - before).abs() < 3.0, "moved {} um", bench.um() - before);
+    settings.axis_mass = 0.3;
+    assert_eq!(bench.head.configure(settings.build().unwrap().head), Err(Refused::State(State::Eroding)));
+}

@@ -1,0 +1,67 @@
+"""A server of virtual heads, started for a test and stopped with it, and programs that connect to it."""
+
+import os
+import re
+import subprocess
+import threading
+import time
+
+import can
+
+LINKS = ["slcan-tcp", "slcan-pty", "socketcand"]
+
+
+class Server:
+    """`edm-sim serve` with all ways onto its bus."""
+
+    def __init__(self, folder, *options):
+        self.pty = str(folder / "can")
+        words = [os.environ.get("EDM_SIM", "target/release/edm-sim"), "serve"]
+        words += ["--slcan-tcp", "127.0.0.1:0", "--socketcand", "127.0.0.1:0", "--slcan-pty", self.pty, *options]
+        self.process = subprocess.Popen(
+            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        self.complaints = []
+        self.said = ""
+        listener = threading.Thread(target=lambda: self.complaints.extend(self.process.stderr), daemon=True)
+        listener.start()
+        for line in self.process.stdout:
+            self.said += line
+            if "stops it" in line:
+                break
+        else:
+            listener.join(10)
+            raise RuntimeError("it did not start: " + "".join(self.complaints))
+        self.tcp = re.search(r"socket://\S+", self.said)[0]
+        self.socketcand = re.search(r"socketcand +(\S+):(\d+)", self.said).groups()
+
+    def bus(self, link):
+        """A program on the bus, by one of LINKS."""
+        if link == "slcan-tcp":
+            return can.Bus(interface="slcan", channel=self.tcp, bitrate=1_000_000, sleep_after_open=0)
+        if link == "slcan-pty":
+            return can.Bus(interface="slcan", channel=self.pty, bitrate=1_000_000, sleep_after_open=0)
+        host, port = self.socketcand
+        return can.Bus(interface="socketcand", channel="can0", host=host, port=int(port), tcp_tune=True)
+
+    def tell(self, line):
+        """Pulls or mends a wire: `limit.lower_open=true`."""
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+
+    def stop(self):
+        """Closes its input; what it said last."""
+        if self.process.poll() is None:
+            self.process.stdin.close()
+        last = self.process.stdout.read()
+        assert self.process.wait(10) == 0, "".join(self.complaints)
+        return last
+
+
+def eventually(what, done, seconds=5.0):
+    """Waits until `done` gives something, and gives it back."""
+    end = time.monotonic() + seconds
+    while not (found := done()):
+        assert time.monotonic() < end, f"not within {seconds} s: {what}"
+        time.sleep(0.001)
+    return found

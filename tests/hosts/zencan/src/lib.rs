@@ -1,0 +1,1 @@
+//! Nothing of its own: the tests drive a virtual head with zencan-client.
