@@ -27,7 +27,7 @@ use defmt_rtt as _;
 mod tasks;
 
 #[cfg(target_arch = "arm")]
-#[rtic::app(device = edm_hal_shim::stm32f4::pac, peripherals = true, dispatchers = [SPI3])]
+#[rtic::app(device = edm_hal_shim::stm32f4::pac, peripherals = true, dispatchers = [])]
 mod app {
     use crate::tasks::can::{Receive, Transmit};
     use crate::tasks::encoder::Decoder;
@@ -40,14 +40,15 @@ mod app {
     use crate::tasks::{Queues, start::Tasks};
     use edm_hal_shim::stm32f4::encoder::Line;
     use edm_hal_shim::stm32f4::gated::Gated;
-    use edm_hal_shim::stm32f4::pac::Interrupt;
     use edm_hal_shim::stm32f4::{dying, safety};
     use edm_hal_shim::store::BUFFER;
+    use edm_servo_head::canopen::drive::{BLANK, Record};
 
     #[shared]
     struct Shared {
         #[lock_free]
         decoder: Decoder,
+        protocol: Protocol,
     }
 
     #[local]
@@ -58,18 +59,17 @@ mod app {
         supervise: Supervise,
         receive: Receive,
         transmit: Transmit,
-        protocol: Protocol,
         idle: Idle,
     }
 
     /// Starts everything, disabled and inhibited. When something does not start, the LED blinks, the log says what, and the
     /// pins stay harmless.
-    #[init(local = [queues: Queues = Queues::new(), buffer: [u8; BUFFER] = [0; BUFFER]])]
+    #[init(local = [queues: Queues = Queues::new(), buffer: [u8; BUFFER] = [0; BUFFER], record: Record = BLANK])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let mut watchdog = None;
-        match start::start(cx.device, cx.core, cx.local.queues, cx.local.buffer, &mut watchdog) {
+        match start::start(cx.device, cx.core, cx.local.queues, cx.local.buffer, cx.local.record, &mut watchdog) {
             Ok(Tasks { reflex, decoder, gap, servo, supervise, receive, transmit, protocol, idle }) => {
-                (Shared { decoder }, Local { reflex, gap, servo, supervise, receive, transmit, protocol, idle })
+                (Shared { decoder, protocol }, Local { reflex, gap, servo, supervise, receive, transmit, idle })
             }
             Err(error) => dying::halt(error, watchdog),
         }
@@ -130,21 +130,16 @@ mod app {
         cx.local.servo.tick();
     }
 
-    /// Deadline: 1 ms. Judges what no single tick can; wakes the protocol. Cost: 5 us, 1000 times a second. Late: a fault is
-    /// found later.
+    /// Deadline: 1 ms. Judges what no single tick can. Cost: 5 us, 1000 times a second. Late: a fault is found later.
     #[task(binds = TIM7, priority = 3, local = [supervise])]
     fn supervise(cx: supervise::Context) {
-        if cx.local.supervise.tick() {
-            // Running already is as good.
-            let _ = protocol::spawn();
-        }
+        cx.local.supervise.tick();
     }
 
     /// Deadline: one frame, 111 us. Cost: 2 us a frame. Late by three frames: the hardware drops one and says so.
     #[task(binds = CAN1_RX0, priority = 2, local = [receive])]
     fn can_receive(cx: can_receive::Context) {
         cx.local.receive.frames();
-        let _ = protocol::spawn();
     }
 
     /// Deadline: one frame, 111 us. Feeds the mailboxes; also pended by the protocol. Cost: 2 us a frame. Late: the bus idles.
@@ -153,19 +148,21 @@ mod app {
         cx.local.transmit.frames();
     }
 
-    /// Deadline: 1 ms. Commands in, answers, reports and heartbeat out. Cost: 10 us, 100 times a second. Late: the host waits.
-    #[task(priority = 1, local = [protocol])]
-    async fn protocol(cx: protocol::Context) {
-        cx.local.protocol.run();
-        rtic::pend(Interrupt::CAN1_TX);
+    /// Deadline: 1 ms. CANopen node and drive; pended by the servo tick once a millisecond, by every frame, and by an empty
+    /// queue to the controller. The vector is that of a peripheral not in use: unlike a software task it runs again when it
+    /// is asked to while it runs. Cost: 30 us, 1000 times a second, and 10 us a frame. Late: the host waits.
+    #[task(binds = SPI3, priority = 1, shared = [protocol])]
+    fn protocol(mut cx: protocol::Context) {
+        cx.shared.protocol.lock(|protocol| protocol.run());
+        rtic::pend(edm_hal_shim::stm32f4::pac::Interrupt::CAN1_TX);
     }
 
     /// No deadline. Logs, stores settings, and feeds the watchdog while everybody reports. It never sleeps: the cycle counter,
     /// which times the edges, would stop with the core.
-    #[idle(local = [idle])]
-    fn idle(cx: idle::Context) -> ! {
+    #[idle(local = [idle], shared = [protocol])]
+    fn idle(mut cx: idle::Context) -> ! {
         loop {
-            cx.local.idle.round();
+            cx.local.idle.round(&mut cx.shared.protocol);
         }
     }
 }

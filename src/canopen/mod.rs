@@ -41,7 +41,7 @@ pub use description::{DefaultValue, Description, Shape};
 pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
 pub use dictionary::{Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place, Request};
 pub use frame::{Frame, NodeId, Time};
-pub use node::{BootError, Node};
+pub use node::{BootError, IDENTIFIERS, Node};
 pub use parameters::IMAGE;
 
 #[cfg(test)]

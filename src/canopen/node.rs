@@ -1,12 +1,12 @@
 //! The node: frames and time in, frames out.
 
 use super::area::Area;
-use super::device::Device;
+use super::device::{Device, PDOS};
 use super::emergency::{Cause, Emergency};
-use super::heartbeat::{Change, HEARTBEAT};
-use super::parameters::{IMAGE, Parameters};
+use super::heartbeat::{self, Change, HEARTBEAT};
+use super::parameters::{CONSUMERS, IMAGE, Parameters};
 use super::pdo::Taken;
-use super::rolled::rolled_mut;
+use super::rolled::{rolled, rolled_mut};
 use super::sdo::{REQUEST, Server};
 use super::space::Space;
 use super::sync::{Pulse, Sync};
@@ -14,6 +14,8 @@ use super::{Abort, Dictionary, Event, Frame, NmtState, NodeId, Time};
 
 /// Identifier of network management.
 const NMT: u16 = 0;
+/// Identifiers that a node listens to at the most.
+pub const IDENTIFIERS: usize = 3 + PDOS + CONSUMERS;
 
 /// What a node could not boot with. It runs all the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -167,6 +169,22 @@ impl Node {
     /// State of network management.
     pub fn state(&self) -> NmtState {
         self.area.state
+    }
+
+    /// The identifiers that mean something to this node, for the filters of the controller: network management, SYNC, SDO
+    /// requests, RPDOs, heartbeats that are watched. What is not in use is network management once more.
+    #[inline(never)]
+    pub fn identifiers(&self) -> [u16; IDENTIFIERS] {
+        let parameters = &self.area.parameters;
+        let receive = rolled(&parameters.receive).iter().filter(|pdo| pdo.valid()).map(|pdo| pdo.id as u16 & 0x7FF);
+        let watched = rolled(&parameters.consumers).iter().filter_map(|value| heartbeat::entry(*value));
+        let heartbeats = watched.map(|(node, _)| HEARTBEAT | u16::from(node & 0x7F));
+        let mut identifiers = [NMT; IDENTIFIERS];
+        let own = [parameters.sync_id as u16 & 0x7FF, self.area.id.cob(REQUEST)];
+        for (slot, id) in identifiers.iter_mut().skip(1).zip(own.into_iter().chain(receive).chain(heartbeats)) {
+            *slot = id;
+        }
+        identifiers
     }
 
     /// Node-ID.

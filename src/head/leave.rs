@@ -9,16 +9,7 @@ use edm_hal_shim::store::Permit;
 ///
 /// Only a disabled head gives it, once at a time, and wants it back.
 #[derive(Debug)]
-pub struct Leave {
-    commissioned: bool,
-}
-
-impl Leave {
-    /// Whether the guided check has passed: what is to be stored as `commission.passed`.
-    pub fn commissioned(&self) -> bool {
-        self.commissioned
-    }
-}
+pub struct Leave(());
 
 impl Permit for Leave {
     /// Always: the head keeps still until it has the leave back.
@@ -35,7 +26,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         }
         self.refuse_on_leave()?;
         self.on_leave = true;
-        Ok(Leave { commissioned: self.config.commissioned })
+        Ok(Leave(()))
     }
 
     /// Takes the leave back.

@@ -227,10 +227,9 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.pace.next() == pace::LOOK
     }
 
-    /// Whether the tick before was the one of its millisecond that looked at drive and encoder: the supervision wants the
-    /// status.
-    pub fn has_looked(&self) -> bool {
-        self.pace.has_looked()
+    /// Whether the tick before was the one of its millisecond whose status supervision and host want.
+    pub fn tells(&self) -> bool {
+        self.pace.tells()
     }
 
     /// States that count ticks, and loops that have the gap voltage as their only setpoint.

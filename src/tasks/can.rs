@@ -1,15 +1,21 @@
 //! Frames between the controller and the protocol's queues.
 
 use super::supervise::host_is_alive;
-use edm_hal_shim::stm32f4::bxcan::Frame;
+use super::{BACKLOG, PROTOCOL_VECTOR};
+use core::sync::atomic::Ordering::Relaxed;
+use edm_hal_shim::clock::Clock;
+use edm_hal_shim::stm32f4::bxcan::{self, Data, Id, StandardId};
 use edm_hal_shim::stm32f4::can::{Receiver, Sender, next};
+use edm_hal_shim::stm32f4::cycles::Cycles;
+use edm_servo_head::canopen::Frame;
 use heapless::spsc::{Consumer, Producer};
 
 /// What arrives.
 pub struct Receive {
     /// `None` when the controller did not start.
     pub(super) receiver: Option<Receiver>,
-    pub(super) received: Producer<'static, Frame>,
+    pub(super) clock: Cycles,
+    pub(super) received: Producer<'static, (Frame, u32)>,
 }
 
 /// What leaves.
@@ -22,18 +28,22 @@ pub struct Transmit {
 impl Receive {
     /// Empties the controller: three frames at the most, and what arrives meanwhile.
     pub fn frames(&mut self) {
+        let now = self.clock.now();
         let Some(receiver) = &mut self.receiver else { return };
         while let Some(frame) = next(receiver) {
             match frame {
                 Ok(frame) => {
                     host_is_alive();
-                    if self.received.enqueue(frame).is_err() {
+                    if let Some(frame) = from_bus(&frame)
+                        && self.received.enqueue((frame, now)).is_err()
+                    {
                         defmt::warn!("CAN: queue full, frame dropped");
                     }
                 }
                 Err(_) => defmt::warn!("CAN: overrun"),
             }
         }
+        rtic::pend(PROTOCOL_VECTOR);
     }
 }
 
@@ -43,10 +53,25 @@ impl Transmit {
         let Some(sender) = &mut self.sender else { return };
         sender.clear();
         while let Some(frame) = self.sending.peek() {
-            if !sender.send(frame) {
-                break;
+            if to_bus(frame).is_some_and(|frame| !sender.send(&frame)) {
+                return;
             }
             self.sending.dequeue();
         }
+        if BACKLOG.load(Relaxed) {
+            BACKLOG.store(false, Relaxed);
+            rtic::pend(PROTOCOL_VECTOR);
+        }
     }
+}
+
+fn from_bus(frame: &bxcan::Frame) -> Option<Frame> {
+    match (frame.id(), frame.data()) {
+        (Id::Standard(id), Some(data)) => Frame::new(id.as_raw(), data),
+        _ => None,
+    }
+}
+
+fn to_bus(frame: &Frame) -> Option<bxcan::Frame> {
+    Some(bxcan::Frame::new_data(StandardId::new(frame.id())?, Data::new(frame.data())?))
 }

@@ -1,61 +1,74 @@
-//! What has no deadline: the watchdog's roll call, the log, the settings in flash.
+//! What has no deadline: the watchdog's roll call, the log, what is kept in flash, the resets of a host.
 
 use super::keeper::Keeper;
-use super::{Checked, Granted, ROLL, Report, Returned, WAITING};
+use super::protocol::Protocol;
+use super::{Chore, MS, ROLL, Report, Reset, WAITING};
 use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::stm32f4::cycles::Cycles;
 use edm_hal_shim::stm32f4::watchdog::Watchdog;
 use edm_hal_shim::stm32f4::{dying, encoder};
-use edm_servo_head::head::{Change, Refused};
+use edm_servo_head::head::Leave;
 use heapless::spsc::{Consumer, Producer};
+use rtic::Mutex;
+
+/// Cycles from a reset by the host to boot-up. Hosts begin to wait for it after they have sent the reset, and miss one that
+/// comes at once.
+const START_UP: u32 = 50 * MS;
 
 /// What idle owns.
 pub struct Idle {
     pub(super) watchdog: Watchdog,
     pub(super) keeper: Keeper,
     pub(super) clock: Cycles,
-    pub(super) changes: Consumer<'static, Change>,
-    pub(super) checked: Consumer<'static, Checked>,
+    /// The host has reset the node, at this count.
+    pub(super) reset: Option<u32>,
     pub(super) reports: Consumer<'static, Report>,
-    pub(super) granted: Consumer<'static, Granted>,
-    pub(super) returned: Producer<'static, Returned>,
+    pub(super) granted: Consumer<'static, (Chore, Leave)>,
+    pub(super) returned: Producer<'static, Leave>,
+    pub(super) resets: Consumer<'static, Reset>,
 }
 
 impl Idle {
     /// One round.
-    pub fn round(&mut self) {
+    pub fn round(&mut self, protocol: &mut impl Mutex<T = Protocol>) {
         match ROLL.missing(self.clock.now()) {
             None => self.watchdog.feed(),
             Some(task) => dying::silent(task),
         }
-        while let Some(change) = self.changes.dequeue() {
-            defmt::info!("{}", change);
-        }
-        match self.checked.dequeue() {
-            Some(Ok(report)) => defmt::info!("guided check passed: {}", report),
-            Some(Err(finding)) => defmt::warn!("guided check: {}", finding),
-            None => {}
-        }
         if let Some(report) = self.reports.dequeue() {
             log(&report);
         }
-        if let Some(granted) = self.granted.dequeue() {
-            self.store(granted);
+        if let Some((chore, leave)) = self.granted.dequeue() {
+            self.change(chore, leave, protocol);
+        }
+        if let Some(reset) = self.resets.dequeue() {
+            self.reset = Some(self.clock.now());
+            if let Reset::Node = reset {
+                let kept = self.keeper.load();
+                if let Err(error) = protocol.lock(|protocol| protocol.restart(&kept)) {
+                    defmt::error!("settings: the stored ones are refused, {}", error);
+                }
+            }
+        }
+        let now = self.clock.now();
+        if self.reset.take_if(|since| now.wrapping_sub(*since) >= START_UP).is_some() {
+            let kept = self.keeper.load();
+            if let Err(error) = protocol.lock(|protocol| protocol.boot(&kept)) {
+                defmt::error!("communication: the stored parameters are refused, {}", error);
+            }
         }
     }
 
-    fn store(&mut self, (number, leave): Granted) {
-        let result = self.keeper.save(&leave, &mut self.watchdog);
-        match &result {
-            Ok(()) => defmt::info!("settings: stored"),
-            Err(error) => defmt::error!("settings: not stored, {}", error),
-        }
+    fn change(&mut self, chore: Chore, leave: Leave, protocol: &mut impl Mutex<T = Protocol>) {
+        let compose = |kept: &mut _| protocol.lock(|protocol| protocol.keep(chore, kept));
+        let result = self.keeper.change(&leave, &mut self.watchdog, compose);
         // Nobody could report or decode an edge while the flash was erased.
         encoder::missed();
         ROLL.start(self.clock.now());
+        protocol.lock(|protocol| protocol.done(result));
         // Never full: there is one leave.
-        let _ = self.returned.enqueue((leave, (number, result.map_err(|_| Refused::NotStored))));
+        let _ = self.returned.enqueue(leave);
         WAITING.store(true, Relaxed);
     }
 }

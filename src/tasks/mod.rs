@@ -12,16 +12,18 @@ pub mod protocol;
 pub mod servo;
 pub mod start;
 pub mod supervise;
+pub mod timers;
 
 use core::sync::atomic::AtomicBool;
 use edm_hal_shim::board;
 use edm_hal_shim::reflex::Limits;
 use edm_hal_shim::roll::Roll;
-use edm_hal_shim::stm32f4::bxcan::Frame;
+use edm_hal_shim::stm32f4::pac::Interrupt;
+use edm_servo_head::canopen::{Frame, Group, NodeId};
 use edm_servo_head::encoder::Shared as Published;
-use edm_servo_head::gap::Latest;
-use edm_servo_head::head::{self, Change, Fault, Finding, Leave, Refused, Status};
-use edm_servo_head::{remote, units};
+use edm_servo_head::gap::{Latest, voltage};
+use edm_servo_head::head::{self, Change, Command, Config, Fault, Finding, Leave, Refused, Status, SupervisionLimits};
+use edm_servo_head::units;
 use heapless::spsc::Queue;
 
 // The rates of the hardware are those that the core was made for.
@@ -29,9 +31,11 @@ const _: () = assert!(board::TICK_HZ == units::TICK_HZ && board::ADC_HZ == units
 const _: () = assert!(board::CORE_HZ == units::CLOCK_HZ);
 
 /// Number of this head on the bus.
-const NODE: u8 = 1;
-/// Commit of this build.
-const BUILD: u32 = match u32::from_str_radix(env!("EDM_BUILD"), 16) {
+const NODE: NodeId = NodeId::new(1).unwrap();
+/// Commit of this build, eight hexadecimal digits.
+const BUILD: &str = env!("EDM_BUILD");
+/// The same as a number.
+const BUILD_NUMBER: u32 = match u32::from_str_radix(BUILD, 16) {
     Ok(build) => build,
     Err(_) => 0,
 };
@@ -52,13 +56,50 @@ static ENCODER: Published = Published::new();
 static READING: Latest = Latest::new();
 /// Something waits in a queue of the servo task, which looks into none of them otherwise. Set after the queue was filled.
 static WAITING: AtomicBool = AtomicBool::new(false);
+/// Frames did not fit the queue to the controller: the protocol wants to run when it is empty.
+static BACKLOG: AtomicBool = AtomicBool::new(false);
 
-/// A request on its way to the servo task, with its number for the answer.
-type Request = (u8, remote::Request);
-type Answer = (u8, Result<(), Refused>);
-/// Leave to store settings on its way to idle, and back with what came of it.
-type Granted = (u8, Leave);
-type Returned = (Leave, Answer);
+/// The vector that runs the protocol task; its peripheral is not in use.
+pub const PROTOCOL_VECTOR: Interrupt = Interrupt::SPI3;
+
+/// On its way from the protocol to the servo task.
+enum Request {
+    Command(Command),
+    Raise(Fault),
+    /// Leave to change what is kept.
+    Leave(Chore),
+}
+
+/// What came of a request.
+enum Answer {
+    /// A command, and the tick that knew of it first.
+    Command(Command, Result<(), Refused>, u32),
+    /// The servo runs the newest configuration, or may not.
+    Configured(bool),
+    /// No leave: the drive is not disabled.
+    NoLeave,
+}
+
+/// What idle does with what is kept, under leave.
+#[derive(Clone, Copy)]
+pub enum Chore {
+    Store(Group),
+    Restore(Group),
+}
+
+/// What a host resets.
+#[derive(Clone, Copy)]
+pub enum Reset {
+    Node,
+    Communication,
+}
+
+/// What the servo task runs.
+struct Configuration {
+    head: Config,
+    off_time_ns: Option<u32>,
+}
+
 /// What the guided check found.
 type Checked = Result<head::Report, Finding>;
 
@@ -74,17 +115,22 @@ pub struct Report {
 /// The queues; [`start::start`] gives each end to its task.
 pub struct Queues {
     statuses: Queue<Status, 4>,
+    published: Queue<Status, 4>,
     faults: Queue<Fault, 8>,
     requests: Queue<Request, 8>,
-    answers: Queue<Answer, 8>,
-    granted: Queue<Granted, 2>,
-    returned: Queue<Returned, 2>,
+    answers: Queue<Answer, 16>,
+    configurations: Queue<Configuration, 2>,
+    gaps: Queue<voltage::Active, 2>,
+    limits: Queue<SupervisionLimits, 2>,
+    granted: Queue<(Chore, Leave), 2>,
+    returned: Queue<Leave, 2>,
+    resets: Queue<Reset, 4>,
     changes: Queue<Change, 16>,
     checked: Queue<Checked, 2>,
     reports: Queue<Report, 2>,
-    published: Queue<Status, 2>,
-    received: Queue<Frame, 32>,
-    sending: Queue<Frame, 32>,
+    /// With the count of the clock at their interrupt.
+    received: Queue<(Frame, u32), 32>,
+    sending: Queue<Frame, 8>,
 }
 
 impl Queues {
@@ -92,15 +138,19 @@ impl Queues {
     pub const fn new() -> Self {
         Queues {
             statuses: Queue::new(),
+            published: Queue::new(),
             faults: Queue::new(),
             requests: Queue::new(),
             answers: Queue::new(),
+            configurations: Queue::new(),
+            gaps: Queue::new(),
+            limits: Queue::new(),
             granted: Queue::new(),
             returned: Queue::new(),
+            resets: Queue::new(),
             changes: Queue::new(),
             checked: Queue::new(),
             reports: Queue::new(),
-            published: Queue::new(),
             received: Queue::new(),
             sending: Queue::new(),
         }

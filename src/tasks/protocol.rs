@@ -1,54 +1,214 @@
-//! The host's frames in and out: `remote` knows what they mean.
+//! The head as a CANopen device: frames in and out, orders to the other tasks, and what they have done.
 
-use super::{Answer, NODE, PROTOCOL, ROLL, Request, WAITING};
+use super::timers::{self, Timers};
+use super::{
+    Answer, BACKLOG, Checked, Chore, Configuration, PROTOCOL, REFLEX, ROLL, Request, Reset, WAITING,
+};
 use core::sync::atomic::Ordering::Relaxed;
+use edm_hal_shim::board::CORE_HZ;
 use edm_hal_shim::clock::Clock;
-use edm_hal_shim::stm32f4::bxcan::{Data, Frame, Id, StandardId};
+use edm_hal_shim::stm32f4::can::{self, Filters};
 use edm_hal_shim::stm32f4::cycles::Cycles;
-use edm_servo_head::head::Status;
-use edm_servo_head::remote::{self, Heartbeat};
+use edm_hal_shim::stm32f4::gated::Thresholds;
+use edm_servo_head::canopen::drive::{Drive, Kept, Order};
+use edm_servo_head::canopen::{Abort, BootError, Frame, IDENTIFIERS, Node, Time};
+use edm_servo_head::gap::voltage;
+use edm_servo_head::head::{Change, Status, SupervisionLimits};
+use edm_servo_head::settings::{SettingError, Settings};
 use heapless::spsc::{Consumer, Producer};
 
-/// Queues of the protocol.
+/// Cycles of a microsecond.
+const US: u32 = CORE_HZ / 1_000_000;
+
+/// Node and drive, with the queues to everybody else.
 pub struct Protocol {
     pub(super) clock: Cycles,
-    pub(super) heartbeat: Heartbeat,
-    pub(super) received: Consumer<'static, Frame>,
+    pub(super) uptime: Uptime,
+    pub(super) node: Node,
+    pub(super) drive: Drive,
+    /// `None` when the controller did not start.
+    pub(super) filters: Option<Filters>,
+    pub(super) thresholds: Thresholds,
+    pub(super) timers: Timers,
+    /// The tick that knew of the newest command first: an older status is not news.
+    pub(super) known: u32,
+    pub(super) received: Consumer<'static, (Frame, u32)>,
+    pub(super) sending: Producer<'static, Frame>,
+    pub(super) published: Consumer<'static, Status>,
+    pub(super) changes: Consumer<'static, Change>,
+    pub(super) checked: Consumer<'static, Checked>,
     pub(super) requests: Producer<'static, Request>,
     pub(super) answers: Consumer<'static, Answer>,
-    pub(super) published: Consumer<'static, Status>,
-    pub(super) sending: Producer<'static, Frame>,
+    pub(super) configurations: Producer<'static, Configuration>,
+    pub(super) gaps: Producer<'static, voltage::Active>,
+    pub(super) limits: Producer<'static, SupervisionLimits>,
+    pub(super) resets: Producer<'static, Reset>,
 }
 
 impl Protocol {
-    /// Requests in, answers, reports and heartbeat out.
+    /// Everything that has come since the last run; the servo task begins one every millisecond, a frame one at once.
     pub fn run(&mut self) {
-        while let Some(frame) = self.received.dequeue() {
-            let to_us = StandardId::new(remote::COMMAND | u16::from(NODE)).map(Id::Standard) == Some(frame.id());
-            let (Some(data), true) = (frame.data(), to_us) else { continue };
-            let number = data.first().copied().unwrap_or(0);
-            match remote::request(data) {
-                Some(request) if self.requests.enqueue((number, request)).is_ok() => WAITING.store(true, Relaxed),
-                _ => self.send(remote::ANSWER, &remote::unknown(number)),
+        let begin = self.clock.now();
+        let now = self.uptime.advance(begin);
+        let whole = self.news(begin);
+        while let Some((frame, stamp)) = self.received.dequeue() {
+            self.node.receive(&frame, self.uptime.at(stamp), &mut self.drive);
+        }
+        self.node.synchronised(now, &mut self.drive);
+        if whole {
+            self.node.poll(now, &mut self.drive);
+            self.drive.poll(now, &mut self.node);
+        }
+        self.orders();
+        self.send();
+        if let (Some(filters), true) = (&mut self.filters, whole) {
+            let mut identifiers = [0; can::IDENTIFIERS];
+            for (slot, identifier) in identifiers.iter_mut().zip(self.node.identifiers()) {
+                *slot = identifier;
             }
+            filters.listen(identifiers);
         }
-        while let Some((number, result)) = self.answers.dequeue() {
-            self.send(remote::ANSWER, &remote::answer(number, result));
-        }
-        while let Some(status) = self.published.dequeue() {
-            self.send(remote::REPORT, &remote::report(&status));
-            if let Some(content) = self.heartbeat.with_report() {
-                self.send(remote::HEARTBEAT, &[content]);
-            }
-        }
-        ROLL.report(PROTOCOL, self.clock.now());
+        let end = self.clock.now();
+        timers::ran(PROTOCOL, end.wrapping_sub(begin));
+        ROLL.report(PROTOCOL, end);
     }
 
-    fn send(&mut self, identifier: u16, data: &[u8]) {
-        let id = StandardId::new(identifier | u16::from(NODE));
-        if let (Some(id), Some(data)) = (id, Data::new(data)) {
-            // A full queue means that nobody listens.
-            let _ = self.sending.enqueue(Frame::new_data(id, data));
+    /// What the servo task tells; whether it has told of a millisecond.
+    fn news(&mut self, now: u32) -> bool {
+        while let Some(answer) = self.answers.dequeue() {
+            match answer {
+                Answer::Command(command, result, tick) => {
+                    self.known = tick;
+                    self.drive.answered(command, result);
+                }
+                Answer::Configured(true) => self.configure_the_others(),
+                Answer::Configured(false) => self.drive.configure_again(),
+                Answer::NoLeave => self.node.answer(Err(Abort::DeviceState), &mut self.drive),
+            }
         }
+        let mut whole = false;
+        while let Some(status) = self.published.dequeue() {
+            whole = true;
+            if status.tick.wrapping_sub(self.known) as i32 >= 0 {
+                self.drive.observe(&status);
+            }
+        }
+        while let Some(change) = self.changes.dequeue() {
+            defmt::info!("{}", change);
+            self.drive.changed(change);
+        }
+        while let Some(result) = self.checked.dequeue() {
+            match &result {
+                Ok(report) => defmt::info!("guided check passed: {}", report),
+                Err(finding) => defmt::warn!("guided check: {}", finding),
+            }
+            self.drive.checked(result);
+        }
+        if whole {
+            self.drive.set_timers(self.timers.read(now));
+        }
+        whole
+    }
+
+    /// What runs with the head's configuration beside the head.
+    fn configure_the_others(&mut self) {
+        let active = self.drive.active();
+        // A queue that is full holds a configuration that nobody has taken up yet: told again with the next one.
+        let _ = self.gaps.enqueue(active.gap);
+        let _ = self.limits.enqueue(active.head.supervise);
+        REFLEX.set(&active.reflex);
+        if self.thresholds.set(&active.reflex).is_err() {
+            defmt::error!("reflex: thresholds refused");
+        }
+    }
+
+    /// Hands the drive's orders on, as long as there is room for any.
+    fn orders(&mut self) {
+        while self.requests.ready() && self.configurations.ready() && self.resets.ready() {
+            let Some(order) = self.drive.take() else { return };
+            let request = match order {
+                Order::Configure => {
+                    let active = self.drive.active();
+                    let _ = self.configurations.enqueue(Configuration { head: active.head, off_time_ns: active.off_time_ns });
+                    WAITING.store(true, Relaxed);
+                    continue;
+                }
+                Order::ResetNode => {
+                    let _ = self.resets.enqueue(Reset::Node);
+                    continue;
+                }
+                Order::ResetCommunication => {
+                    let _ = self.resets.enqueue(Reset::Communication);
+                    continue;
+                }
+                Order::Command(command) => Request::Command(command),
+                Order::Raise(fault) => Request::Raise(fault),
+                Order::Store(group) => Request::Leave(Chore::Store(group)),
+                Order::Restore(group) => Request::Leave(Chore::Restore(group)),
+            };
+            let _ = self.requests.enqueue(request);
+            WAITING.store(true, Relaxed);
+        }
+    }
+
+    fn send(&mut self) {
+        while self.sending.ready() {
+            let Some(frame) = self.node.take() else { return };
+            let _ = self.sending.enqueue(frame);
+        }
+        BACKLOG.store(true, Relaxed);
+    }
+
+    /// Changes what is kept as the host wants it.
+    pub fn keep(&self, chore: Chore, kept: &mut Kept) {
+        match chore {
+            Chore::Store(group) => kept.keep(group, &self.drive, &self.node),
+            Chore::Restore(group) => kept.forget(group),
+        }
+    }
+
+    /// A chore is done.
+    pub fn done(&mut self, result: Result<(), Abort>) {
+        self.node.answer(result, &mut self.drive);
+    }
+
+    /// The drive begins anew with what is kept.
+    pub fn restart(&mut self, kept: &Kept) -> Result<(), SettingError> {
+        self.drive.restart(Settings::default(), kept.application())
+    }
+
+    /// The node begins anew with what is kept.
+    pub fn boot(&mut self, kept: &Kept) -> Result<(), BootError> {
+        self.node.boot(kept.communication(), &mut self.drive)
+    }
+}
+
+const _: () = assert!(IDENTIFIERS <= can::IDENTIFIERS);
+
+/// The cycle counter, which wraps after 25 s, as a time that does not.
+pub struct Uptime {
+    /// Newest count taken in, and its time.
+    count: u32,
+    us: u64,
+}
+
+impl Uptime {
+    /// Time begins at this count.
+    pub const fn new(count: u32) -> Self {
+        Uptime { count, us: 0 }
+    }
+
+    /// Goes on to a count that is newer by less than 25 s.
+    fn advance(&mut self, count: u32) -> Time {
+        let us = count.wrapping_sub(self.count) / US;
+        self.count = self.count.wrapping_add(us.wrapping_mul(US));
+        self.us = self.us.wrapping_add(u64::from(us));
+        Time(self.us)
+    }
+
+    /// The time of a count within 12 s of the newest one.
+    fn at(&self, count: u32) -> Time {
+        let us = count.wrapping_sub(self.count) as i32 / US as i32;
+        Time(self.us.saturating_add_signed(us.into()))
     }
 }

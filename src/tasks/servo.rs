@@ -3,7 +3,9 @@
 //! Reflex and stop may force the lines at any moment of it. What they had forced is read first; outputs that were decided
 //! without knowing are written, and then what was forced meanwhile is repeated ([`lines::settle`]).
 
-use super::{Answer, Checked, Granted, READING, REFLEX, ROLL, Request, Returned, SERVO, WAITING};
+use super::{
+    Answer, Checked, Chore, Configuration, PROTOCOL_VECTOR, READING, REFLEX, ROLL, Request, SERVO, WAITING, timers,
+};
 use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::bridge::{Drive, HBridge};
 use edm_hal_shim::clock::Clock;
@@ -18,10 +20,14 @@ use edm_hal_shim::stm32f4::pwm::{self, Bridge};
 use edm_hal_shim::stm32f4::safety::Inputs;
 use edm_hal_shim::stm32f4::{gated, lines};
 use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
-use edm_servo_head::head::{Change, Fault, Head, Reason, Refused, State, Status, TickInput, TickOutput};
+use edm_servo_head::head::{Change, Command, Fault, Head, Leave, Reason, State, Status, TickInput, TickOutput};
 use edm_servo_head::path::Path;
-use edm_servo_head::remote;
+use edm_servo_head::units::TICKS_PER_MS;
+use heapless::Vec;
 use heapless::spsc::{Consumer, Producer};
+
+/// Commands that a tick can have.
+const MOST: usize = 8;
 
 /// The head with its inputs and outputs.
 pub struct Servo {
@@ -45,12 +51,18 @@ pub struct Servo {
     pub(super) reading: u32,
     /// The newest fault that another task told of, and the tick that was told.
     pub(super) told: (Fault, u32),
+    /// The newest commands, and the tick that carried them out: for a debugger, too.
+    pub(super) commands: (Vec<Command, MOST>, u32),
+    /// Cycles of the ticks of this millisecond that were timed, and how many were.
+    pub(super) timed: (u32, u32),
     pub(super) faults: Consumer<'static, Fault>,
     pub(super) requests: Consumer<'static, Request>,
     pub(super) answers: Producer<'static, Answer>,
-    pub(super) granted: Producer<'static, Granted>,
-    pub(super) returned: Consumer<'static, Returned>,
+    pub(super) configurations: Consumer<'static, Configuration>,
+    pub(super) granted: Producer<'static, (Chore, Leave)>,
+    pub(super) returned: Consumer<'static, Leave>,
     pub(super) statuses: Producer<'static, Status>,
+    pub(super) published: Producer<'static, Status>,
     pub(super) changes: Producer<'static, Change>,
     pub(super) checked: Producer<'static, Checked>,
 }
@@ -119,14 +131,15 @@ impl Servo {
     #[cold]
     #[inline(never)]
     fn tell(&mut self, drive: Drive) {
+        let loop_only = pwm::since_tick();
         let state = self.head.status().state;
-        let looked = self.head.has_looked();
+        let tells = self.head.tells();
         if state != self.state {
             self.state = state;
             // A retreat may be forced only while the head erodes, or a CNC does with it.
             REFLEX.arm(matches!(state, State::Eroding | State::Guiding));
-        } else if !looked {
-            return;
+        } else if !tells {
+            return self.time(loop_only);
         }
         // The PWM, which a fault of the bridge disconnects.
         if drive != Drive::Coast && !self.input.safety.bridge_fault {
@@ -138,42 +151,80 @@ impl Servo {
                 let _ = self.checked.enqueue(result);
             }
         }
-        if looked {
+        if tells {
             let _ = self.statuses.enqueue(*self.head.status());
+            let _ = self.published.enqueue(*self.head.status());
+            rtic::pend(PROTOCOL_VECTOR);
             ROLL.report(SERVO, self.clock.now());
         }
+        let now = pwm::since_tick();
+        self.time(now);
+        if tells {
+            let (sum, count) = core::mem::take(&mut self.timed);
+            let others = TICKS_PER_MS.saturating_sub(count).wrapping_mul(loop_only);
+            timers::add(SERVO, sum.wrapping_add(others));
+        }
+    }
+
+    /// A tick has taken so many cycles.
+    fn time(&mut self, cycles: u32) {
+        timers::newest(SERVO, cycles);
+        let (sum, count) = &mut self.timed;
+        (*sum, *count) = (sum.wrapping_add(cycles), count.wrapping_add(1));
     }
 
     #[cold]
     #[inline(never)]
     fn requests(&mut self) {
         while let Some(fault) = self.faults.dequeue() {
-            self.told = (fault, self.head.status().tick.wrapping_add(1));
-            self.head.raise(fault);
+            self.raise(fault);
         }
-        while let Some((leave, answer)) = self.returned.dequeue() {
+        if let Some(Configuration { head, off_time_ns }) = self.configurations.dequeue() {
+            let taken = self.head.configure(head).is_ok();
+            if taken {
+                self.generator.request_off_time(off_time_ns);
+            }
+            let _ = self.answers.enqueue(Answer::Configured(taken));
+        }
+        while let Some(leave) = self.returned.dequeue() {
             self.head.end_leave(leave);
-            let _ = self.answers.enqueue(answer);
         }
-        while let Some((number, request)) = self.requests.dequeue() {
-            let result = match request {
-                remote::Request::Command(command) => self.head.command(command),
-                remote::Request::Store => match self.store(number) {
-                    // Idle answers when it has stored.
-                    Ok(()) => continue,
-                    refused => refused,
-                },
-            };
-            let _ = self.answers.enqueue((number, result));
+        while let Some(request) = self.requests.dequeue() {
+            match request {
+                Request::Command(command) => self.command(command),
+                Request::Raise(fault) => self.raise(fault),
+                Request::Leave(chore) => self.give_leave(chore),
+            }
         }
     }
 
-    fn store(&mut self, number: u8) -> Result<(), Refused> {
-        let leave = self.head.give_leave()?;
-        self.granted.enqueue((number, leave)).map_err(|(_, leave)| {
-            self.head.end_leave(leave);
-            Refused::Storing
-        })
+    /// Number of the tick that begins.
+    fn number(&self) -> u32 {
+        self.head.status().tick.wrapping_add(1)
+    }
+
+    fn raise(&mut self, fault: Fault) {
+        self.told = (fault, self.number());
+        self.head.raise(fault);
+    }
+
+    fn command(&mut self, command: Command) {
+        let tick = self.number();
+        if self.commands.1 != tick {
+            self.commands.0.clear();
+            self.commands.1 = tick;
+        }
+        let _ = self.commands.0.push(command);
+        let result = self.head.command(command);
+        let _ = self.answers.enqueue(Answer::Command(command, result, tick));
+    }
+
+    fn give_leave(&mut self, chore: Chore) {
+        match self.head.give_leave() {
+            // Idle goes on. There is one leave, and room for it.
+            Ok(leave) => drop(self.granted.enqueue((chore, leave))),
+            Err(_) => drop(self.answers.enqueue(Answer::NoLeave)),
+        }
     }
 
     #[inline(always)]

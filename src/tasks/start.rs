@@ -5,10 +5,11 @@ use super::encoder::Decoder;
 use super::gap::Gap;
 use super::idle::Idle;
 use super::keeper::Keeper;
-use super::protocol::Protocol;
+use super::protocol::{Protocol, Uptime};
 use super::servo::Servo;
 use super::supervise::Supervise;
-use super::{BUILD, ENCODER, NODE, Queues, REFLEX, ROLL};
+use super::timers::Timers;
+use super::{BUILD, BUILD_NUMBER, ENCODER, NODE, Queues, REFLEX, ROLL};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::QuadratureLines;
 use edm_hal_shim::generator::Generator;
@@ -16,13 +17,16 @@ use edm_hal_shim::stm32f4::gated::Gated;
 use edm_hal_shim::stm32f4::machine::Machine;
 use edm_hal_shim::stm32f4::start::StartError;
 use edm_hal_shim::stm32f4::watchdog::Watchdog;
-use edm_hal_shim::stm32f4::{ccm, lines, pac};
+use edm_hal_shim::stm32f4::{boot, ccm, lines, pac};
 use edm_hal_shim::store::BUFFER;
+use edm_servo_head::canopen::drive::{DEVICE, Drive, Identity, Record};
+use edm_servo_head::canopen::Node;
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, TimerCount};
 use edm_servo_head::gap::Voltage;
 use edm_servo_head::head::{Fault, Head, State, Supervisor, TickInput};
 use edm_servo_head::path::Path;
-use edm_servo_head::remote::Heartbeat;
+use edm_servo_head::settings::Settings;
+use heapless::Vec;
 
 /// Every task with what it owns.
 #[allow(missing_docs, reason = "each is the task of its name")]
@@ -44,22 +48,34 @@ pub fn start(
     core: cortex_m::Peripherals,
     queues: &'static mut Queues,
     buffer: &'static mut [u8; BUFFER],
+    record: &'static mut Record,
     watchdog: &mut Option<Watchdog>,
 ) -> Result<Tasks, StartError> {
-    let machine = Machine::start(device, core, BUILD, NODE, &REFLEX, watchdog)?;
-    defmt::info!("build {=u32:08x}, {}", BUILD, machine.boot);
+    let machine = Machine::start(device, core, BUILD_NUMBER, &REFLEX, watchdog)?;
+    defmt::info!("build {=str}, {}", BUILD, machine.boot);
     let Machine { clock, mut thresholds, mut generator, .. } = machine;
-    let (keeper, active) = Keeper::load(machine.flash, buffer)?;
+    let mut keeper = Keeper::new(machine.flash, buffer)?;
+    let kept = keeper.load();
+    let identity = Identity { reset_cause: machine.boot.cause as u32, build: BUILD };
+    let mut drive = Drive::new(Settings::default(), identity, record).map_err(|_| StartError::Settings)?;
+    if let Err(error) = drive.restart(Settings::default(), kept.application()) {
+        defmt::error!("settings: the stored ones are refused, {}", error);
+    }
+    let mut node = Node::new(&DEVICE, NODE, boot::serial_number());
+    if let Err(error) = node.boot(kept.communication(), &mut drive) {
+        defmt::error!("communication: the stored parameters are refused, {}", error);
+    }
+    let active = drive.active().clone();
     let path = ccm::place(|| Path::EMPTY).ok_or(StartError::Memory)?;
     thresholds.set(&active.reflex).map_err(|_| StartError::Settings)?;
     REFLEX.set(&active.reflex);
     generator.request_off_time(active.off_time_ns);
 
-    let (sender, receiver) = match machine.can {
-        Ok((sender, receiver)) => (Some(sender), Some(receiver)),
+    let (sender, receiver, filters) = match machine.can {
+        Ok((sender, receiver, filters)) => (Some(sender), Some(receiver), Some(filters)),
         Err(error) => {
             defmt::error!("CAN: {}", error);
-            (None, None)
+            (None, None, None)
         }
     };
     let quadrature = Quadrature::on(&ENCODER, machine.lines.levels(), clock.now());
@@ -73,6 +89,10 @@ pub fn start(
     let (checked_in, checked) = queues.checked.split();
     let (reports_in, reports) = queues.reports.split();
     let (published_in, published) = queues.published.split();
+    let (configurations_in, configurations) = queues.configurations.split();
+    let (gaps_in, gaps) = queues.gaps.split();
+    let (limits_in, limits) = queues.limits.split();
+    let (resets_in, resets) = queues.resets.split();
     let (received_in, received) = queues.received.split();
     let (sending_in, sending) = queues.sending.split();
 
@@ -92,12 +112,16 @@ pub fn start(
         input: TickInput::default(),
         reading: 0,
         told: (Fault::HostSilent, 0),
+        commands: (Vec::new(), 0),
+        timed: (0, 0),
         faults,
         requests,
         answers: answers_in,
+        configurations,
         granted: granted_in,
         returned,
         statuses: statuses_in,
+        published: published_in,
         changes: changes_in,
         checked: checked_in,
     };
@@ -108,30 +132,42 @@ pub fn start(
         clock,
         count: 0,
         statuses,
+        settings: limits,
         faults: faults_in,
-        published: published_in,
         reports: reports_in,
     };
     let protocol = Protocol {
         clock,
-        heartbeat: Heartbeat::default(),
+        uptime: Uptime::new(clock.now()),
+        node,
+        drive,
+        filters,
+        thresholds,
+        timers: Timers::new(clock.now()),
+        known: 0,
         received,
+        sending: sending_in,
+        published,
+        changes,
+        checked,
         requests: requests_in,
         answers,
-        published,
-        sending: sending_in,
+        configurations: configurations_in,
+        gaps: gaps_in,
+        limits: limits_in,
+        resets: resets_in,
     };
     let mut watchdog = watchdog.take().ok_or(StartError::Watchdog)?;
     watchdog.normal()?;
-    let idle = Idle { watchdog, keeper, clock, changes, checked, reports, granted, returned: returned_in };
+    let idle = Idle { watchdog, keeper, clock, reset: None, reports, granted, returned: returned_in, resets };
     ROLL.start(clock.now());
     Ok(Tasks {
         reflex: machine.reflex,
         decoder: Decoder { lines: machine.lines, clock, quadrature },
-        gap: Gap { blocks: machine.blocks, source: Voltage::new(active.gap), clock, block: None },
+        gap: Gap { blocks: machine.blocks, source: Voltage::new(active.gap), clock, block: None, settings: gaps },
         servo,
         supervise,
-        receive: Receive { receiver, received: received_in },
+        receive: Receive { receiver, clock, received: received_in },
         transmit: Transmit { sender, sending },
         protocol,
         idle,

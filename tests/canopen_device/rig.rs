@@ -1,7 +1,7 @@
 //! A node on a bus of its own: node, drive, head and process model, a millisecond at a time, and a master that speaks
 //! expedited SDO.
 
-use edm_servo_head::canopen::drive::{DEVICE, Drive, Identity, Order};
+use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Kept, Order};
 use edm_servo_head::canopen::{Frame, Node, NodeId, Time};
 use edm_servo_head::head::{Reason, State};
 use edm_servo_head::settings::Settings;
@@ -15,8 +15,8 @@ pub struct Rig {
     pub node: Node,
     pub drive: Drive,
     pub machine: Machine,
-    /// What has been stored: application and communication.
-    pub stored: Option<(Vec<u8>, Vec<u8>)>,
+    /// What has been stored.
+    pub kept: Kept,
     /// Frames that the node has sent, with the millisecond.
     pub sent: Vec<(u64, Frame)>,
     pub ms: u64,
@@ -28,11 +28,12 @@ impl Rig {
         let mut settings = Settings { commissioned: true, ..Settings::default() };
         let mut parameters = Parameters::default();
         change(&mut settings, &mut parameters);
-        let mut drive = Drive::new(settings, Identity { reset_cause: 7, build: "test" }).unwrap();
+        let record = Box::leak(Box::new(BLANK));
+        let mut drive = Drive::new(settings, Identity { reset_cause: 7, build: "test" }, record).unwrap();
         let mut node = Node::new(&DEVICE, NodeId::new(ID).unwrap(), 1234);
         node.boot(None, &mut drive).unwrap();
         let machine = Machine::new(&parameters, &settings, 1).unwrap();
-        let mut rig = Rig { node, drive, machine, stored: None, sent: Vec::new(), ms: 0, states: Vec::new() };
+        let mut rig = Rig { node, drive, machine, kept: Kept::NOTHING, sent: Vec::new(), ms: 0, states: Vec::new() };
         rig.run(20);
         rig
     }
@@ -88,26 +89,23 @@ impl Rig {
                     }
                 }
                 Order::Raise(fault) => self.machine.head.raise(fault),
-                Order::Store(_) => {
+                Order::Store(group) => {
                     let leave = self.machine.head.give_leave().unwrap();
-                    self.stored = Some((self.drive.image().to_vec(), self.node.image().to_vec()));
+                    self.kept.keep(group, &self.drive, &self.node);
                     self.machine.head.end_leave(leave);
                     self.node.answer(Ok(()), &mut self.drive);
                 }
-                Order::Restore(_) => {
-                    self.stored = None;
+                Order::Restore(group) => {
+                    self.kept.forget(group);
                     self.node.answer(Ok(()), &mut self.drive);
                 }
                 Order::ResetNode => {
                     let defaults = Settings { commissioned: true, ..Settings::default() };
-                    let stored = self.stored.as_ref().map(|(drive, _)| &drive[..]);
-                    self.drive.restart(defaults, stored).unwrap();
-                    let stored = self.stored.as_ref().map(|(_, node)| &node[..]);
-                    self.node.boot(stored, &mut self.drive).unwrap();
+                    self.drive.restart(defaults, self.kept.application()).unwrap();
+                    self.node.boot(self.kept.communication(), &mut self.drive).unwrap();
                 }
                 Order::ResetCommunication => {
-                    let stored = self.stored.as_ref().map(|(_, node)| &node[..]);
-                    self.node.boot(stored, &mut self.drive).unwrap();
+                    self.node.boot(self.kept.communication(), &mut self.drive).unwrap();
                 }
             }
         }

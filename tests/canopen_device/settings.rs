@@ -66,7 +66,7 @@ fn what_is_stored_survives_a_reset_and_what_is_not_does_not() {
 fn nothing_is_stored_while_the_drive_is_enabled() {
     let mut rig = Rig::ready();
     assert_eq!(rig.try_write(0x1010, 1, b"save"), Err(0x0800_0022));
-    assert_eq!(rig.stored, None);
+    assert_eq!(rig.kept, Kept::NOTHING);
 }
 
 #[test]

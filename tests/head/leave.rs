@@ -45,12 +45,3 @@ fn whatever_fault_is_raised_meanwhile_nothing_moves() {
         bench.head.end_leave(leave);
     }
 }
-
-#[test]
-fn the_leave_says_whether_the_guided_check_has_passed() {
-    for commissioned in [true, false] {
-        let mut bench = Bench::with(|settings| settings.commissioned = commissioned);
-        bench.run(0.01);
-        assert_eq!(bench.head.give_leave().unwrap().commissioned(), commissioned);
-    }
-}

@@ -1,5 +1,6 @@
 //! Why the chip started, and what the run before it was doing: kept in RAM that no start-up code touches.
 
+use super::hal::signature::Uid;
 use super::pac;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -42,6 +43,15 @@ fn set(word: Word, value: u32) {
 fn sound() -> bool {
     let sum = record()[..Word::Check as usize].iter().fold(!0, |sum: u32, w| sum.rotate_left(5) ^ w.load(Relaxed));
     get(Word::Magic) == MAGIC && get(Word::Check) == sum
+}
+
+/// A number for this chip, from its unique device ID (RM0090 39.1): place on the wafer, wafer and lot, mixed.
+pub fn serial_number() -> u32 {
+    let uid = Uid::get();
+    let place = u32::from(uid.x()) << 16 | u32::from(uid.y());
+    uid.lot_num().bytes().fold(place ^ u32::from(uid.waf_num()) << 8, |number, byte| {
+        number.rotate_left(5) ^ u32::from(byte)
+    })
 }
 
 /// What reset the chip (RM0090 7.3.21).

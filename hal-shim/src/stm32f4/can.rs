@@ -2,10 +2,10 @@
 
 use super::hal::can::Can1;
 use super::hal::gpio::alt::can1::{Rx, Tx};
-use super::pac;
+use super::{pac, put};
 use super::start::{StartError, within};
 use crate::timing::can::BitTiming;
-use bxcan::filter::{BankConfig, Mask16};
+use bxcan::filter::{BankConfig, ListEntry16};
 use bxcan::{Fifo, Frame, Interrupts, OverrunError, Rx0, StandardId};
 
 /// What arrives.
@@ -14,13 +14,21 @@ pub type Receiver = Rx0<Can1>;
 /// What leaves.
 pub struct Sender(bxcan::Tx<Can1>);
 
-/// The messages a CiA 301 node listens to, besides its own: network management, synchronisation and time stamp.
-const BROADCASTS: [u16; 3] = [0x000, 0x080, 0x100];
-/// Layer setting services, CiA 305.
-const LSS: u16 = 0x7E5;
+/// Identifiers of a filter bank (RM0090 32.7.4: 16 bits, list).
+const PER_BANK: usize = 4;
+/// Filter banks in use at a time. There are twice as many, so that the next choice is complete before the last one ends.
+const BANKS: usize = 3;
+/// Identifiers that can be listened to.
+pub const IDENTIFIERS: usize = PER_BANK * BANKS;
 
-/// Starts the controller on a bus of this timing, as node `node` (1 to 127): it receives broadcasts, layer setting and
-/// what is addressed to the node; everything else is dropped in hardware.
+/// What arrives: the hardware drops everything else.
+pub struct Filters {
+    /// The first of the banks in force, if any is.
+    first: Option<usize>,
+    identifiers: [u16; IDENTIFIERS],
+}
+
+/// Starts the controller on a bus of this timing. It listens to nobody until [`Filters::listen`].
 ///
 /// A bus without power or with a stuck level does not stop the start: the controller joins by itself when it sees eleven
 /// recessive bits.
@@ -29,9 +37,8 @@ pub fn start(
     receive: impl Into<Rx>,
     transmit: impl Into<Tx>,
     timing: BitTiming,
-    node: u8,
     rcc: &mut pac::RCC,
-) -> Result<(Sender, Receiver), StartError> {
+) -> Result<(Sender, Receiver, Filters), StartError> {
     let can = Can1::new(can, (transmit, receive), rcc);
     // bxcan waits without a bound until the controller is initialising, then until it sleeps. Here it goes through both
     // first: what it has just done it does again, and the watchdog, which runs by now, is the last bound.
@@ -46,36 +53,62 @@ pub fn start(
     }
 
     let mut can = bxcan::Can::builder(can).set_bit_timing(timing.btr()).leave_disabled();
-    can.modify_filters().enable_bank(0, Fifo::Fifo0, listen(BROADCASTS[0], BROADCASTS[1]));
-    can.modify_filters().enable_bank(1, Fifo::Fifo0, listen(BROADCASTS[2], LSS));
-    can.modify_filters().enable_bank(2, Fifo::Fifo0, addressed(node));
+    {
+        // Mode, width and queue of a bank can be set only now; which identifiers, at any time while it is not active.
+        let nobody = ListEntry16::data_frames_with_id(StandardId::ZERO);
+        let mut filters = can.modify_filters();
+        for bank in 0..2 * BANKS as u8 {
+            filters.enable_bank(bank, Fifo::Fifo0, BankConfig::List16([nobody; PER_BANK]));
+        }
+    }
+    activate(0);
     can.enable_interrupts(Interrupts::FIFO0_MESSAGE_PENDING | Interrupts::TRANSMIT_MAILBOX_EMPTY);
     // Wakes in the background, with automatic recovery from bus-off.
     let _ = can.enable_non_blocking();
     let (sender, receiver, _) = can.split();
-    Ok((Sender(sender), receiver))
+    Ok((Sender(sender), receiver, Filters { first: None, identifiers: [0; IDENTIFIERS] }))
 }
 
-/// Beside the library, which owns the controller and shows none of this.
+/// Beside the library, which owns the controller and shows none of this: mode, status and filters.
 fn can1() -> &'static pac::can1::RegisterBlock {
     // SAFETY: the register block is there for ever. Used through this reference: the mode before the library has the
-    // controller, and afterwards the transmit status, which is only read.
+    // controller, afterwards the transmit status, which is only read, and the filters, which only [`Filters`] writes then.
     unsafe { &*pac::CAN1::ptr() }
 }
 
-fn id(raw: u16) -> StandardId {
-    StandardId::new(raw).unwrap_or(StandardId::ZERO)
+/// Lets these banks filter, a bit each.
+fn activate(banks: u32) {
+    put!(can1().fa1r(), banks);
 }
 
-fn listen(first: u16, second: u16) -> BankConfig {
-    let exact = |raw| Mask16::frames_with_std_id(id(raw), StandardId::MAX);
-    BankConfig::Mask16([exact(first), exact(second)])
+impl Filters {
+    /// Listens to data frames of these identifiers from now on, and to nothing else. No frame is lost over the change: the
+    /// banks that are idle take the new choice, then both sets are in force, then the new one alone.
+    pub fn listen(&mut self, identifiers: [u16; IDENTIFIERS]) {
+        if identifiers == self.identifiers && self.first.is_some() {
+            return;
+        }
+        self.identifiers = identifiers;
+        let next = if self.first == Some(0) { BANKS } else { 0 };
+        for (bank, four) in (next..).zip(identifiers.chunks_exact(PER_BANK)) {
+            let bank = can1().fb(bank);
+            if let [a, b, c, d] = four {
+                put!(bank.fr1(), entry(*a) | entry(*b) << 16);
+                put!(bank.fr2(), entry(*c) | entry(*d) << 16);
+            }
+        }
+        let banks = |first: usize| ((1 << BANKS) - 1) << first;
+        if self.first.is_some() {
+            activate(banks(0) | banks(BANKS));
+        }
+        activate(banks(next));
+        self.first = Some(next);
+    }
 }
 
-/// Every function code, this node.
-fn addressed(node: u8) -> BankConfig {
-    let own = Mask16::frames_with_std_id(id(u16::from(node & 0x7F)), id(0x7F));
-    BankConfig::Mask16([own, own])
+/// Half a filter register in 16-bit list mode: identifier, no remote frame, not extended (RM0090 figure 342).
+fn entry(identifier: u16) -> u32 {
+    u32::from(identifier & 0x7FF) << 5
 }
 
 impl Sender {

@@ -2,7 +2,7 @@
 
 use super::blocks::{self, Blocks};
 use super::boot::{self, Boot};
-use super::can::{self, Receiver, Sender};
+use super::can::{self, Filters, Receiver, Sender};
 use super::clocks;
 use super::cycles::Cycles;
 use super::drive::DriveAdc;
@@ -42,19 +42,18 @@ pub struct Machine {
     pub drive: DriveAdc,
     pub millisecond: Millisecond,
     /// `None`, with the reason, when the controller does not answer: the head is then as good as without a host.
-    pub can: Result<(Sender, Receiver), StartError>,
+    pub can: Result<(Sender, Receiver, Filters), StartError>,
     pub flash: SettingsFlash,
 }
 
 impl Machine {
-    /// Starts the board as node `node`. Interrupts are off; the caller unmasks them when everything has its task.
+    /// Starts the board. Interrupts are off; the caller unmasks them when everything has its task.
     ///
     /// `watchdog` receives the watchdog as soon as it runs, still patient, so that the caller can feed it when the start fails.
     pub fn start(
         mut device: pac::Peripherals,
         mut core: cortex_m::Peripherals,
         build: u32,
-        node: u8,
         limits: &'static Limits,
         watchdog: &mut Option<Watchdog>,
     ) -> Result<Machine, StartError> {
@@ -105,7 +104,7 @@ impl Machine {
         // Nothing may drive before the gap has been seen.
         blocks.first()?;
 
-        let can = can::start(device.CAN1, board.can_rx, board.can_tx, BIT_TIMING, node, rcc);
+        let can = can::start(device.CAN1, board.can_rx, board.can_tx, BIT_TIMING, rcc);
         let millisecond = Millisecond::new(device.TIM7, rcc);
         let flash = SettingsFlash::new(device.FLASH);
         Ok(Machine {

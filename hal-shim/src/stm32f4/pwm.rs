@@ -87,6 +87,12 @@ pub fn clear_tick() {
     put!(tim1().sr(), !1);
 }
 
+/// Cycles since the period began, and with it the servo tick was due.
+#[inline(always)]
+pub fn since_tick() -> u32 {
+    tim1().cnt().read().bits()
+}
+
 /// Acknowledges the break.
 #[inline(always)]
 pub fn clear_break() {

@@ -21,6 +21,7 @@
 //! 1016h, SYNC or the event timer of an RPDO, and the drive raises the fault.
 
 mod codes;
+mod kept;
 mod machine;
 mod modes;
 mod scope;
@@ -28,6 +29,8 @@ mod state;
 mod stored;
 mod values;
 
+pub use kept::Kept;
+pub use scope::{BLANK, Record};
 pub use state::State;
 pub use stored::IMAGE as DRIVE_IMAGE;
 
@@ -198,11 +201,11 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// A drive for a disabled head that runs `settings`.
+    /// A drive for a disabled head that runs `settings`; its scope writes to `record`.
     ///
     /// # Errors
     /// The setting that stands in the way.
-    pub fn new(settings: Settings, identity: Identity) -> Result<Drive, SettingError> {
+    pub fn new(settings: Settings, identity: Identity, record: &'static mut Record) -> Result<Drive, SettingError> {
         let active = settings.build()?;
         let mut drive = Drive {
             settings,
@@ -236,7 +239,7 @@ impl Drive {
             finding: 0,
             stopped_by: 0,
             wrong: None,
-            scope: Scope::new(),
+            scope: Scope::new(record),
         };
         drive.load_defaults();
         Ok(drive)

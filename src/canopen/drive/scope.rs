@@ -30,10 +30,15 @@ pub struct Trigger {
     pub level: i32,
 }
 
-/// The record.
+/// Memory for a record, 4 KiB: too large to be built on a stack and moved from there.
+pub type Record = [[i32; SIGNALS]; SAMPLES];
+/// A record with nothing in it.
+pub const BLANK: Record = [[0; SIGNALS]; SAMPLES];
+
+/// The scope, with its record.
 #[derive(Debug)]
 pub struct Scope {
-    samples: [[i32; SIGNALS]; SAMPLES],
+    samples: &'static mut Record,
     count: u16,
     phase: Phase,
     /// Calls until the next sample.
@@ -43,8 +48,8 @@ pub struct Scope {
 
 impl Scope {
     /// Idle and empty.
-    pub const fn new() -> Scope {
-        Scope { samples: [[0; SIGNALS]; SAMPLES], count: 0, phase: Phase::Idle, wait: 0, last: None }
+    pub const fn new(samples: &'static mut Record) -> Scope {
+        Scope { samples, count: 0, phase: Phase::Idle, wait: 0, last: None }
     }
 
     /// Begins anew.
@@ -121,10 +126,15 @@ impl Scope {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::boxed::Box;
+
+    fn scope() -> Scope {
+        Scope::new(Box::leak(Box::new(BLANK)))
+    }
 
     #[test]
     fn a_record_begins_at_its_trigger_and_ends_when_full() {
-        let mut scope = Scope::new();
+        let mut scope = scope();
         let trigger = Trigger { kind: 1, level: 10 };
         scope.sample([20, 0, 0, 0], trigger, 1);
         assert_eq!((scope.phase(), scope.count()), (Phase::Idle, 0));
@@ -145,7 +155,7 @@ mod tests {
 
     #[test]
     fn decimation_skips() {
-        let mut scope = Scope::new();
+        let mut scope = scope();
         scope.arm();
         for value in 0..10 {
             scope.sample([value, 0, 0, 0], Trigger { kind: 0, level: 0 }, 4);

@@ -3,12 +3,12 @@
 //! Frames and orders are dealt with in every servo tick, before the tick itself: a SYNC acts in the tick that it came
 //! before. What the drive does once a millisecond, it does here as well.
 
-use super::store::{Store, Stored};
+use super::store::Store;
 use crate::bore::Setup;
 use crate::machine::Machine;
 use edm_bus::Frame;
-use edm_servo_head::canopen::drive::{DEVICE, Drive, Identity, Order};
-use edm_servo_head::canopen::{self, Abort, Group, Node, NodeId, Time};
+use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Kept, Order};
+use edm_servo_head::canopen::{self, Abort, Node, NodeId, Time};
 use edm_servo_head::head::Reason;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::TICK_HZ;
@@ -45,7 +45,9 @@ impl Head {
         let mut machine = Machine::new(&setup.process, &settings, seed).map_err(refusal)?;
         machine.process.schedule(&setup.events);
         let identity = Identity { reset_cause: 0, build: concat!("virtual ", env!("CARGO_PKG_VERSION")) };
-        let drive = Drive::new(settings, identity).map_err(refusal)?;
+        // For as long as the program runs, as on the chip.
+        let record = Box::leak(Box::new(BLANK));
+        let drive = Drive::new(settings, identity, record).map_err(refusal)?;
         let node = Node::new(&DEVICE, id, id.get().into());
         let mut head = Head { machine, drive, node, store, settings, ticks: 0, boots: None };
         head.restart();
@@ -113,18 +115,11 @@ impl Head {
             }
             Order::Raise(fault) => self.machine.head.raise(fault),
             Order::Store(group) => {
-                let result = self.save(group);
+                let result = self.change(|kept, drive, node| kept.keep(group, drive, node));
                 self.node.answer(result, &mut self.drive);
             }
             Order::Restore(group) => {
-                let result = self.change(|stored| {
-                    if group != Group::Communication {
-                        stored.application = None;
-                    }
-                    if group != Group::Application {
-                        stored.communication = None;
-                    }
-                });
+                let result = self.change(|kept, _, _| kept.forget(group));
                 self.node.answer(result, &mut self.drive);
             }
             Order::ResetNode => {
@@ -136,47 +131,35 @@ impl Head {
         true
     }
 
-    fn save(&mut self, group: Group) -> Result<(), Abort> {
+    fn change(&mut self, change: impl FnOnce(&mut Kept, &Drive, &Node)) -> Result<(), Abort> {
         let leave = self.machine.head.give_leave().map_err(|_| Abort::DeviceState)?;
-        let (application, communication) = (self.drive.image().to_vec(), self.node.image().to_vec());
-        let result = self.change(|stored| {
-            if group != Group::Communication {
-                stored.application = Some(application);
-            }
-            if group != Group::Application {
-                stored.communication = Some(communication);
-            }
+        let mut kept = self.kept();
+        change(&mut kept, &self.drive, &self.node);
+        let result = self.store.save(&kept).map_err(|error| {
+            self.complain(&error.to_string());
+            Abort::Hardware
         });
         self.machine.head.end_leave(leave);
         result
     }
 
-    fn change(&mut self, change: impl FnOnce(&mut Stored)) -> Result<(), Abort> {
-        let mut stored = self.stored();
-        change(&mut stored);
-        self.store.save(&stored).map_err(|error| {
-            self.complain(&error.to_string());
-            Abort::Hardware
-        })
-    }
-
-    fn stored(&self) -> Stored {
+    fn kept(&self) -> Kept {
         self.store.load().unwrap_or_else(|error| {
             self.complain(&error.to_string());
-            Stored::default()
+            Kept::NOTHING
         })
     }
 
     fn restart(&mut self) {
-        let stored = self.stored();
-        if let Err(error) = self.drive.restart(self.settings, stored.application.as_deref()) {
+        let kept = self.kept();
+        if let Err(error) = self.drive.restart(self.settings, kept.application()) {
             self.complain(&format!("the stored settings are refused: {error}"));
         }
     }
 
     fn boot(&mut self) {
-        let stored = self.stored();
-        if let Err(error) = self.node.boot(stored.communication.as_deref(), &mut self.drive) {
+        let kept = self.kept();
+        if let Err(error) = self.node.boot(kept.communication(), &mut self.drive) {
             self.complain(&format!("the stored communication parameters are refused: {error:?}"));
         }
     }
