@@ -48,7 +48,7 @@ pub fn cargo() -> Command {
 pub fn build(root: &Path, feature: &str, quiet: bool) -> Result<PathBuf, String> {
     let status = cargo()
         .current_dir(root)
-        .args(["build", "--release", "-p", "edm-servo-head", "--bin", "edm-servo-head", "--target", TARGET])
+        .args(["build", "--profile", "firmware", "-p", "edm-servo-head", "--bin", "edm-servo-head", "--target", TARGET])
         .args(["--no-default-features", "--features", feature])
         .args(quiet.then_some("--quiet"))
         .status()
@@ -60,7 +60,7 @@ pub fn build(root: &Path, feature: &str, quiet: bool) -> Result<PathBuf, String>
     let folder = target.join("firmware");
     let elf = folder.join(format!("edm-servo-head-{feature}.elf"));
     std::fs::create_dir_all(&folder)
-        .and_then(|()| std::fs::copy(target.join(TARGET).join("release/edm-servo-head"), &elf))
+        .and_then(|()| std::fs::copy(target.join(TARGET).join("firmware/edm-servo-head"), &elf))
         .map_err(|e| format!("{}: {e}", elf.display()))?;
     Ok(elf)
 }
