@@ -6,7 +6,7 @@
 mod settings;
 mod table;
 
-pub use settings::{FIRST as FIRST_SETTING, address as setting_address};
+pub use settings::{FIRST as FIRST_SETTING, address as setting_address, kind as setting_kind, place as setting_place};
 pub use table::Item;
 
 use super::{Abort, Access, DataType, Entry, Mapping, Place};

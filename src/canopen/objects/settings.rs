@@ -78,7 +78,7 @@ pub(super) fn group(index: u16) -> Option<&'static Group> {
 }
 
 /// Type and access of a setting. The guided check alone says that it has passed.
-pub(super) fn kind(field: u16) -> Option<(DataType, Access)> {
+pub fn kind(field: u16) -> Option<(DataType, Access)> {
     let field = FIELDS.get(usize::from(field))?;
     let kind = match field.kind {
         Kind::Number { .. } => DataType::Real32,
@@ -88,6 +88,24 @@ pub(super) fn kind(field: u16) -> Option<(DataType, Access)> {
     };
     let access = if field.key == "commission.passed" { Access::ReadOnly } else { Access::ReadWrite };
     Some((kind, access))
+}
+
+/// Place among the settings of the one called `key`. For constants: an unknown one does not compile.
+pub const fn place(key: &str) -> u16 {
+    let mut at = 0;
+    while !same(FIELDS[at].key, key) {
+        at += 1;
+    }
+    at as u16
+}
+
+const fn same(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut at = 0;
+    while at < a.len() && at < b.len() && a[at] == b[at] {
+        at += 1;
+    }
+    at == a.len() && at == b.len()
 }
 
 /// Index and sub-index of the setting called `key`.
