@@ -322,9 +322,8 @@ macro_rules! declare {
         }
 
         impl Default for $struct {
-            #[inline(never)]
             fn default() -> Self {
-                Self { $($name: $default,)+ }
+                const { Self { $($name: $default,)+ } }
             }
         }
 
