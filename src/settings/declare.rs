@@ -89,10 +89,18 @@ impl Kind {
     }
 }
 
+/// How an error names a setting: by its key.
+#[cfg(not(target_os = "none"))]
+pub type Name = &'static str;
+/// How an error names a setting: by its place in the table, from 0, for keys would take flash.
+#[cfg(target_os = "none")]
+pub type Name = usize;
+
 /// What is known of one setting. What is for people alone takes no flash on the chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Field {
     /// Name in files, on the command line and in documents.
+    #[cfg(not(target_os = "none"))]
     pub key: &'static str,
     /// Unit, empty for a ratio, a flag or a choice.
     #[cfg(not(target_os = "none"))]
@@ -108,10 +116,22 @@ pub struct Field {
 }
 
 /// Its key alone: the log's reader has the table.
-#[cfg(feature = "defmt")]
+#[cfg(all(feature = "defmt", not(target_os = "none")))]
 impl defmt::Format for Field {
     fn format(&self, f: defmt::Formatter<'_>) {
         defmt::write!(f, "{=str}", self.key);
+    }
+}
+
+/// What it may be: that tells which one it is.
+#[cfg(all(feature = "defmt", target_os = "none"))]
+impl defmt::Format for Field {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        match self.kind {
+            Kind::Number { min, max } => defmt::write!(f, "{=f32} to {=f32}", min, max),
+            Kind::Integer { min, max } => defmt::write!(f, "{=u32} to {=u32}", min, max),
+            Kind::Flag | Kind::Choice(_) => defmt::write!(f, "a choice"),
+        }
     }
 }
 
@@ -157,7 +177,7 @@ pub enum SettingError {
     /// Allowed by itself, but not together with another setting.
     Conflict {
         /// The setting that has to change.
-        field: &'static str,
+        field: Name,
         /// What it has to satisfy.
         rule: &'static str,
     },
@@ -261,6 +281,8 @@ macro_rules! setting_kind {
 pub trait Declared: Sized {
     /// The table, in the order of declaration.
     const FIELDS: &'static [Field];
+    /// The keys in that order, for constants: what else asks for them takes them to the chip.
+    const KEYS: &'static [&'static str];
     /// The word of the field at `index` of [`Declared::FIELDS`].
     fn word(&self, index: usize) -> Option<u32>;
     /// Sets the field at `index`; a refused word changes nothing.
@@ -275,12 +297,31 @@ pub trait Declared: Sized {
         self.put_word(index, field.kind.word(value).ok_or(SettingError::NotAllowed(field))?)
     }
     /// Sets the field called `key`; a refused value changes nothing.
+    #[cfg(not(target_os = "none"))]
     fn set(&mut self, key: &str, value: Value<'_>) -> Result<(), SettingError> {
         let index = Self::FIELDS.iter().position(|field| field.key == key).ok_or(SettingError::UnknownKey)?;
         self.put(index, value)
     }
     /// Checks every field against its own limits, for values that did not come through [`Declared::set`].
     fn check(&self) -> Result<(), SettingError>;
+}
+
+/// Place of the key among `keys`, in a constant: there an unknown one does not compile.
+pub const fn place(keys: &[&str], key: &str) -> usize {
+    let mut at = 0;
+    while !same(keys[at], key) {
+        at += 1;
+    }
+    at
+}
+
+const fn same(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut at = 0;
+    while at < a.len() && at < b.len() && a[at] == b[at] {
+        at += 1;
+    }
+    at == a.len() && at == b.len()
 }
 
 /// Checks words against the limits of their fields.
@@ -328,8 +369,10 @@ macro_rules! declare {
         }
 
         impl $crate::settings::Declared for $struct {
+            const KEYS: &'static [&'static str] = &[$($key),+];
             const FIELDS: &'static [$crate::settings::Field] = {
                 &[$($crate::settings::Field {
+                    #[cfg(not(target_os = "none"))]
                     key: $key,
                     #[cfg(not(target_os = "none"))]
                     unit: $unit,

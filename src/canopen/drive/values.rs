@@ -2,11 +2,23 @@
 
 use super::state::State;
 use super::{Drive, Order, TaskTimer, clamp32, codes};
-use crate::canopen::objects::{Found, Item, Row, entry, rows, setting_address, setting_kind, setting_place as place};
+use crate::canopen::objects::{Found, Item, Row, entry, rows, setting_address_at, setting_kind};
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, Place, Request};
 use crate::head::{self, Command};
-use crate::settings::{Declared, Kind, SettingError, Settings};
+use crate::settings::{Declared, Kind, Name, SettingError, Settings, place};
 use crate::units::Volts;
+
+/// Settings that the profile has its own objects for.
+const FOLLOWING_WINDOW: u16 = place(Settings::KEYS, "supervise.following_um") as u16;
+const FOLLOWING_TIME: u16 = place(Settings::KEYS, "supervise.following_ms") as u16;
+
+/// Index and sub-index of a setting that an error names.
+fn address_of(name: Name) -> Option<(u16, u8)> {
+    #[cfg(not(target_os = "none"))]
+    return crate::canopen::objects::setting_address(name);
+    #[cfg(target_os = "none")]
+    setting_address_at(name)
+}
 
 impl Dictionary for Drive {
     fn entry(&self, index: u16, sub: u8) -> Result<Entry, Abort> {
@@ -195,10 +207,10 @@ impl Drive {
             Item::IpClear if value == 0 => self.clear_buffer(),
             Item::FollowingWindow => {
                 let um = value as f32 / self.active.head.axis.counts_per_um;
-                return self.write_word(const { place("supervise.following_um") }, um.to_bits());
+                return self.write_word(FOLLOWING_WINDOW, um.to_bits());
             }
             Item::FollowingTime => {
-                return self.write_word(const { place("supervise.following_ms") }, value as u32);
+                return self.write_word(FOLLOWING_TIME, value as u32);
             }
             Item::ErodeHold if value == 1 => self.hold(),
             Item::Commission if value == 1 => return done(self.commission()),
@@ -268,12 +280,11 @@ impl Drive {
         let mut active = match pending.build() {
             Ok(active) => active,
             Err(error) => {
-                let (field, rule) = match error {
-                    SettingError::Conflict { field, rule } => (field, rule),
-                    SettingError::NotAllowed(field) => (field.key, "is out of its range"),
-                    SettingError::UnknownKey => ("", ""),
+                let (address, rule) = match error {
+                    SettingError::Conflict { field, rule } => (address_of(field), rule),
+                    _ => (setting_address_at(field.into()), "is out of its range"),
                 };
-                let (index, sub) = setting_address(field).unwrap_or((0, 0));
+                let (index, sub) = address.unwrap_or((0, 0));
                 self.wrong = Some((index, sub, rule));
                 return Err(Abort::Incompatible);
             }
