@@ -278,6 +278,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     }
 
     /// A length in counts, fractions included.
+    #[inline(never)]
     pub(super) fn fixed(&self, length: Nanometres) -> Fixed {
         let limit = Fixed::MAX_WHOLE;
         let scaled = Fixed::whole(length.0.clamp(-limit, limit));

@@ -68,14 +68,9 @@ impl Blocks {
     }
 
     /// Waits for the first block: nothing may drive before the gap can be seen.
-    pub fn first(&mut self) -> Result<(), StartError> {
+    pub fn first(&self) -> Result<(), StartError> {
         // Two ticks of 8400 cycles; a poll takes more than four.
-        let mut block = None;
-        let done = || {
-            self.block(&mut block);
-            block.is_some()
-        };
-        within(5000, done, StartError::NoConversions)
+        within(5000, || self.stream.flags() & (HALF | FULL) != 0, StartError::NoConversions)
     }
 
     /// The edge stamps.

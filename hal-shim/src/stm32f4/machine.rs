@@ -98,7 +98,7 @@ impl Machine {
             rcc,
         )?;
         let (reflex, thresholds) = Gated::new(device.ADC2, device.TIM4, board.gate_start, streams.s3, limits, rcc)?;
-        let mut blocks = Blocks::new(device.ADC1, streams.s0, edges)?;
+        let blocks = Blocks::new(device.ADC1, streams.s0, edges)?;
         timebase::trigger(&device.TIM3, rcc);
         timebase::start(&device.TIM3, blocks.edges().timer());
         // Nothing may drive before the gap has been seen.

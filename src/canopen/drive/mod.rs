@@ -429,11 +429,14 @@ impl Drive {
         self.scope.sample(signals, trigger, self.value(Item::ScopeDecimation) as u16);
     }
 
+    // Once, not at each of its many callers; so are others below.
+    #[inline(never)]
     fn order(&mut self, order: Order) -> bool {
         self.fresh = false;
         self.orders.push_back(order).is_ok()
     }
 
+    #[inline(never)]
     fn command(&mut self, command: Command) -> bool {
         self.order(Order::Command(command))
     }
