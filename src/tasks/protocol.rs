@@ -1,9 +1,7 @@
 //! The head as a CANopen device: frames in and out, orders to the other tasks, and what they have done.
 
 use super::timers::{self, Timers};
-use super::{
-    Answer, BACKLOG, Checked, Chore, Configuration, PROTOCOL, REFLEX, ROLL, Request, Reset, WAITING,
-};
+use super::{Answer, BACKLOG, Checked, Chore, Configuration, PROTOCOL, REFLEX, ROLL, Request, Reset, WAITING};
 use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::board::CORE_HZ;
 use edm_hal_shim::clock::Clock;
@@ -129,7 +127,9 @@ impl Protocol {
             let request = match order {
                 Order::Configure => {
                     let active = self.drive.active();
-                    let _ = self.configurations.enqueue(Configuration { head: active.head, off_time_ns: active.off_time_ns });
+                    let _ = self
+                        .configurations
+                        .enqueue(Configuration { head: active.head, off_time_ns: active.off_time_ns });
                     WAITING.store(true, Relaxed);
                     continue;
                 }

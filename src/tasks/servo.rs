@@ -23,11 +23,32 @@ use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
 use edm_servo_head::head::{Change, Command, Fault, Head, Leave, Reason, State, Status, TickInput, TickOutput};
 use edm_servo_head::path::Path;
 use edm_servo_head::units::TICKS_PER_MS;
-use heapless::Vec;
 use heapless::spsc::{Consumer, Producer};
 
-/// Commands that a tick can have.
+/// Commands that a tick can have: the length of their queue.
 const MOST: usize = 8;
+
+/// The newest commands, and the tick that carried them out: a debugger, or the emulated chip, may look at it.
+pub struct Carried {
+    commands: [Command; MOST],
+    count: usize,
+    tick: u32,
+}
+
+impl Carried {
+    /// None yet.
+    pub const NONE: Carried = Carried { commands: [Command::Enable; MOST], count: 0, tick: 0 };
+
+    fn push(&mut self, command: Command, tick: u32) {
+        if self.tick != tick {
+            (self.tick, self.count) = (tick, 0);
+        }
+        if let Some(slot) = self.commands.get_mut(self.count) {
+            *slot = command;
+            self.count = self.count.wrapping_add(1);
+        }
+    }
+}
 
 /// The head with its inputs and outputs.
 pub struct Servo {
@@ -51,8 +72,7 @@ pub struct Servo {
     pub(super) reading: u32,
     /// The newest fault that another task told of, and the tick that was told.
     pub(super) told: (Fault, u32),
-    /// The newest commands, and the tick that carried them out: for a debugger, too.
-    pub(super) commands: (Vec<Command, MOST>, u32),
+    pub(super) carried: Carried,
     /// Cycles of the ticks of this millisecond that were timed, and how many were.
     pub(super) timed: (u32, u32),
     pub(super) faults: Consumer<'static, Fault>,
@@ -210,11 +230,7 @@ impl Servo {
 
     fn command(&mut self, command: Command) {
         let tick = self.number();
-        if self.commands.1 != tick {
-            self.commands.0.clear();
-            self.commands.1 = tick;
-        }
-        let _ = self.commands.0.push(command);
+        self.carried.push(command, tick);
         let result = self.head.command(command);
         let _ = self.answers.enqueue(Answer::Command(command, result, tick));
     }

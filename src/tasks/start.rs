@@ -6,7 +6,7 @@ use super::gap::Gap;
 use super::idle::Idle;
 use super::keeper::Keeper;
 use super::protocol::{Protocol, Uptime};
-use super::servo::Servo;
+use super::servo::{Carried, Servo};
 use super::supervise::Supervise;
 use super::timers::Timers;
 use super::{BUILD, BUILD_NUMBER, ENCODER, NODE, Queues, REFLEX, ROLL};
@@ -19,14 +19,13 @@ use edm_hal_shim::stm32f4::start::StartError;
 use edm_hal_shim::stm32f4::watchdog::Watchdog;
 use edm_hal_shim::stm32f4::{boot, ccm, lines, pac};
 use edm_hal_shim::store::BUFFER;
-use edm_servo_head::canopen::drive::{DEVICE, Drive, Identity, Record};
 use edm_servo_head::canopen::Node;
+use edm_servo_head::canopen::drive::{DEVICE, Drive, Identity, Record};
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, TimerCount};
 use edm_servo_head::gap::Voltage;
 use edm_servo_head::head::{Fault, Head, State, Supervisor, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::Settings;
-use heapless::Vec;
 
 /// Every task with what it owns.
 #[allow(missing_docs, reason = "each is the task of its name")]
@@ -65,6 +64,8 @@ pub fn start(
     if let Err(error) = node.boot(kept.communication(), &mut drive) {
         defmt::error!("communication: the stored parameters are refused, {}", error);
     }
+    // The first order is to configure the head, which begins with it below.
+    let _ = drive.take();
     let active = drive.active().clone();
     let path = ccm::place(|| Path::EMPTY).ok_or(StartError::Memory)?;
     thresholds.set(&active.reflex).map_err(|_| StartError::Settings)?;
@@ -112,7 +113,7 @@ pub fn start(
         input: TickInput::default(),
         reading: 0,
         told: (Fault::HostSilent, 0),
-        commands: (Vec::new(), 0),
+        carried: Carried::NONE,
         timed: (0, 0),
         faults,
         requests,

@@ -49,9 +49,9 @@ fn sound() -> bool {
 pub fn serial_number() -> u32 {
     let uid = Uid::get();
     let place = u32::from(uid.x()) << 16 | u32::from(uid.y());
-    uid.lot_num().bytes().fold(place ^ u32::from(uid.waf_num()) << 8, |number, byte| {
-        number.rotate_left(5) ^ u32::from(byte)
-    })
+    uid.lot_num()
+        .bytes()
+        .fold(place ^ u32::from(uid.waf_num()) << 8, |number, byte| number.rotate_left(5) ^ u32::from(byte))
 }
 
 /// What reset the chip (RM0090 7.3.21).

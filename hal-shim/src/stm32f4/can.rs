@@ -2,8 +2,8 @@
 
 use super::hal::can::Can1;
 use super::hal::gpio::alt::can1::{Rx, Tx};
-use super::{pac, put};
 use super::start::{StartError, within};
+use super::{pac, put};
 use crate::timing::can::BitTiming;
 use bxcan::filter::{BankConfig, ListEntry16};
 use bxcan::{Fifo, Frame, Interrupts, OverrunError, Rx0, StandardId};
