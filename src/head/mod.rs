@@ -110,7 +110,8 @@ pub struct Status {
     pub homed: bool,
     /// How homing stands.
     pub homing: HomingState,
-    /// Velocity along the path that the state or its feed law asks for, within the law's limits.
+    /// Velocity along the path that the state or its feed law asks for, within the law's limits; beside the path, that of
+    /// the set point.
     pub feed: MicrometresPerSecond,
     /// Segments waiting behind the one under way.
     pub waiting: u16,
