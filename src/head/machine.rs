@@ -227,9 +227,10 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.pace.next() == pace::LOOK
     }
 
-    /// Whether the tick before was the one of its millisecond whose status supervision and host want.
-    pub fn tells(&self) -> bool {
-        self.pace.tells()
+    /// Whether the tick before was the one of its millisecond that looked at drive and encoder: supervision and host want
+    /// the status.
+    pub fn has_looked(&self) -> bool {
+        self.pace.has_looked()
     }
 
     /// States that count ticks, and loops that have the gap voltage as their only setpoint.

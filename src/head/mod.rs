@@ -62,7 +62,7 @@ pub struct TickOutput {
     pub drive: Drive,
     /// To the generator: pulses allowed.
     pub pulses: bool,
-    /// The tick did more than its loop: only then can the state have changed, or [`Head::tells`] be true.
+    /// The tick did more than its loop: only then can the state have changed, or [`Head::has_looked`] be true.
     pub more: bool,
 }
 

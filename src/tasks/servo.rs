@@ -11,7 +11,7 @@ use edm_hal_shim::bridge::{Drive, HBridge};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::EdgeCounter;
 use edm_hal_shim::generator::Generator;
-use edm_hal_shim::safety::{DriveSense, Safety, SafetyInputs};
+use edm_hal_shim::safety::{DriveSense, Safety};
 use edm_hal_shim::stm32f4::cycles::Cycles;
 use edm_hal_shim::stm32f4::drive::DriveAdc;
 use edm_hal_shim::stm32f4::encoder::{self as edges, Timer};
@@ -68,13 +68,15 @@ pub struct Servo {
     pub(super) state: State,
     /// What the newest tick saw, written in place: a debugger, or the emulated chip, may look at it.
     pub(super) input: TickInput,
+    /// No safety input in it is unsafe.
+    pub(super) quiet: bool,
     /// Number of the gap reading in it.
     pub(super) reading: u32,
     /// The newest fault that another task told of, and the tick that was told.
     pub(super) told: (Fault, u32),
     pub(super) carried: Carried,
-    /// Cycles of the ticks of this millisecond that were timed, and how many were.
-    pub(super) timed: (u32, u32),
+    /// Ticks of this millisecond that were timed.
+    pub(super) timed: u32,
     pub(super) faults: Consumer<'static, Fault>,
     pub(super) requests: Consumer<'static, Request>,
     pub(super) answers: Producer<'static, Answer>,
@@ -122,15 +124,18 @@ impl Servo {
             self.retreats = retreats;
             input.reflex = true;
         }
-        // Field by field: five flags on their way through the stack cost more than reading them.
-        let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault } = self.inputs.read();
-        let safety = &mut input.safety;
-        safety.upper_limit = upper_limit;
-        safety.lower_limit = lower_limit;
-        safety.emergency_stop = emergency_stop;
-        safety.dielectric = dielectric;
-        safety.bridge_fault = bridge_fault;
         input.drive = self.drive.read();
+        if !(self.inputs.are_quiet() && self.quiet) {
+            self.safety();
+        }
+    }
+
+    /// A safety input is unsafe, or was in the tick before.
+    #[cold]
+    #[inline(never)]
+    fn safety(&mut self) {
+        self.input.safety = self.inputs.read();
+        self.quiet = !self.input.safety.any();
     }
 
     /// For a plan the gap; for the look, or while the timer leads, both counters.
@@ -151,15 +156,14 @@ impl Servo {
     #[cold]
     #[inline(never)]
     fn tell(&mut self, drive: Drive) {
-        let loop_only = pwm::since_tick();
         let state = self.head.status().state;
-        let tells = self.head.tells();
+        let looked = self.head.has_looked();
         if state != self.state {
             self.state = state;
             // A retreat may be forced only while the head erodes, or a CNC does with it.
             REFLEX.arm(matches!(state, State::Eroding | State::Guiding));
-        } else if !tells {
-            return self.time(loop_only);
+        } else if !looked {
+            return self.time();
         }
         // The PWM, which a fault of the bridge disconnects.
         if drive != Drive::Coast && !self.input.safety.bridge_fault {
@@ -171,26 +175,23 @@ impl Servo {
                 let _ = self.checked.enqueue(result);
             }
         }
-        if tells {
+        if looked {
             let _ = self.statuses.enqueue(*self.head.status());
             let _ = self.published.enqueue(*self.head.status());
             rtic::pend(PROTOCOL_VECTOR);
             ROLL.report(SERVO, self.clock.now());
         }
-        let now = pwm::since_tick();
-        self.time(now);
-        if tells {
-            let (sum, count) = core::mem::take(&mut self.timed);
-            let others = TICKS_PER_MS.saturating_sub(count).wrapping_mul(loop_only);
-            timers::add(SERVO, sum.wrapping_add(others));
+        self.time();
+        if looked {
+            let others = TICKS_PER_MS.saturating_sub(core::mem::take(&mut self.timed));
+            timers::add(SERVO, others.wrapping_mul(timers::LOOP));
         }
     }
 
-    /// A tick has taken so many cycles.
-    fn time(&mut self, cycles: u32) {
-        timers::newest(SERVO, cycles);
-        let (sum, count) = &mut self.timed;
-        (*sum, *count) = (sum.wrapping_add(cycles), count.wrapping_add(1));
+    /// A tick ends that has done more than its loop.
+    fn time(&mut self) {
+        timers::ran(SERVO, pwm::since_tick());
+        self.timed = self.timed.wrapping_add(1);
     }
 
     #[cold]

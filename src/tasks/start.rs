@@ -1,7 +1,7 @@
 //! From reset to running tasks: the board, the settings, the head, the queues.
 
 use super::can::{Receive, Transmit};
-use super::encoder::Decoder;
+use super::encoder::{self, Decoder};
 use super::gap::Gap;
 use super::idle::Idle;
 use super::keeper::Keeper;
@@ -79,7 +79,7 @@ pub fn start(
             (None, None, None)
         }
     };
-    let quadrature = Quadrature::on(&ENCODER, machine.lines.levels(), clock.now());
+    let quadrature = Quadrature::on(encoder::Shared, machine.lines.levels(), clock.now());
     let (statuses_in, statuses) = queues.statuses.split();
     let (faults_in, faults) = queues.faults.split();
     let (requests_in, requests) = queues.requests.split();
@@ -111,10 +111,11 @@ pub fn start(
         retreats: 0,
         state: State::Disabled,
         input: TickInput::default(),
+        quiet: false,
         reading: 0,
         told: (Fault::HostSilent, 0),
         carried: Carried::NONE,
-        timed: (0, 0),
+        timed: 0,
         faults,
         requests,
         answers: answers_in,

@@ -52,6 +52,7 @@ impl Session {
         let mut session = Self { machine, rtt: Rtt::new(image)?, now: 0, taken: 0, log: Vec::new() };
         session.run(30 * MS)?;
         host::begin(&mut session)?;
+        session.command(Command::SetHome(Nanometres(0)))?;
         session.command(Command::Enable)?;
         let state = session.state()?;
         ensure!(state == State::Ready as u32, "the head is in state {state} instead of ready: {:?}", session.log);
