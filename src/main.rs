@@ -29,6 +29,7 @@ mod tasks;
 #[cfg(target_arch = "arm")]
 #[rtic::app(device = edm_hal_shim::stm32f4::pac, peripherals = true, dispatchers = [])]
 mod app {
+    use crate::tasks::Queues;
     use crate::tasks::can::{Receive, Transmit};
     use crate::tasks::encoder::Decoder;
     use crate::tasks::gap::Gap;
@@ -36,13 +37,12 @@ mod app {
     use crate::tasks::protocol::Protocol;
     use crate::tasks::servo::Servo;
     use crate::tasks::start;
+    use crate::tasks::start::{Slots, Tasks};
     use crate::tasks::supervise::Supervise;
-    use crate::tasks::{Queues, start::Tasks};
     use edm_hal_shim::stm32f4::encoder::Line;
     use edm_hal_shim::stm32f4::gated::Gated;
     use edm_hal_shim::stm32f4::{dying, safety};
     use edm_hal_shim::store::BUFFER;
-    use edm_servo_head::canopen::drive::{BLANK, Record};
 
     #[shared]
     struct Shared {
@@ -64,10 +64,10 @@ mod app {
 
     /// Starts everything, disabled and inhibited. When something does not start, the LED blinks, the log says what, and the
     /// pins stay harmless.
-    #[init(local = [queues: Queues = Queues::new(), buffer: [u8; BUFFER] = [0; BUFFER], record: Record = BLANK])]
+    #[init(local = [queues: Queues = Queues::new(), buffer: [u8; BUFFER] = [0; BUFFER], slots: Slots = Slots::new()])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let mut watchdog = None;
-        match start::start(cx.device, cx.core, cx.local.queues, cx.local.buffer, cx.local.record, &mut watchdog) {
+        match start::start(cx.device, cx.core, cx.local.queues, cx.local.buffer, cx.local.slots, &mut watchdog) {
             Ok(Tasks { reflex, decoder, gap, servo, supervise, receive, transmit, protocol, idle }) => {
                 (Shared { decoder, protocol }, Local { reflex, gap, servo, supervise, receive, transmit, idle })
             }

@@ -25,5 +25,5 @@ pub mod safety;
 #[allow(unsafe_code, reason = "registers, the two flash sectors and the core-coupled memory")]
 pub mod stm32f4;
 pub mod storage;
-pub mod store;
+pub use edm_store as store;
 pub mod timing;

@@ -13,7 +13,7 @@ pub const LONGEST: usize = 252;
 
 /// Static data types (CiA 301 7.4.7.1, table 44). The number is the type's own index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u16)]
+#[repr(u8)]
 pub enum DataType {
     /// One byte, 0 or 1. Never mapped: in a PDO it would be a single bit.
     Boolean = 0x01,

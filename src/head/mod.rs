@@ -46,8 +46,8 @@ pub struct TickInput {
     pub encoder: Snapshot,
     /// Second counter on the same lines, where both are wired; matters there, too.
     pub watch: Option<RawCount>,
-    /// Safety inputs.
-    pub safety: SafetyInputs,
+    /// Safety inputs, if any of them is unsafe.
+    pub safety: Option<SafetyInputs>,
     /// Motor current and bus voltage.
     pub drive: DriveCodes,
     /// The reflex has begun a retreat since the tick before.

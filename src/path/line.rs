@@ -21,28 +21,18 @@ pub struct Line<const A: usize> {
 
 impl<const A: usize> Line<A> {
     /// Line between two points in counts, with the counts per um of each axis. `None` when it is shorter than the
-    /// coordinate resolves, longer than [`Fixed::MAX_WHOLE`] um, or an axis has more than 31 counts to a um.
+    /// coordinate resolves, longer than [`Fixed::MAX_WHOLE`] um, or an axis has more than 31 counts to a um, or one that
+    /// moves alone fewer than 2^-16.
     pub fn new(from: [Fixed; A], to: [Fixed; A], counts_per_um: [f32; A]) -> Option<Line<A>> {
-        const ONE: f64 = (1u64 << FRACTION_BITS) as f64;
-        let mut square = 0.0;
-        for ((from, to), scale) in from.iter().zip(&to).zip(&counts_per_um) {
-            let um = to.minus(*from).0 as f64 / ONE / f64::from(*scale);
-            square += um * um;
-        }
-        let length = libm::sqrt(square);
-        if !(length * ONE >= 1.0 && length <= Fixed::MAX_WHOLE as f64) {
-            return None;
-        }
-        let mut slope = [0; A];
-        for (slope, (from, to)) in slope.iter_mut().zip(from.iter().zip(&to)) {
-            let counts = to.minus(*from).0 as f64 / ONE;
-            let ratio = libm::round(counts / length * (1u64 << SLOPE_BITS) as f64);
-            if libm::fabs(ratio) >= f64::from(i32::MAX) {
-                return None;
+        let (length, slope) = match (&from[..], &to[..], &counts_per_um[..]) {
+            // An axis alone needs no root, and f64 is soft on the chip.
+            ([from], [to], [scale]) => {
+                let (length, slope) = alone(to.minus(*from), *scale)?;
+                (length, [slope; A])
             }
-            *slope = ratio as i32;
-        }
-        Some(Line { from, to, length: Fixed((length * ONE) as i64), slope })
+            _ => several(&from, &to, &counts_per_um)?,
+        };
+        Some(Line { from, to, length, slope })
     }
 
     /// Length, um.
@@ -80,6 +70,48 @@ impl<const A: usize> Line<A> {
     pub fn direction(&self, _distance: Fixed) -> [f32; A] {
         self.slope.map(|slope| slope as f32 * (1.0 / (1u32 << SLOPE_BITS) as f32))
     }
+}
+
+/// Length and slope of a travel of one axis: the counts over the scale, rounded down, and the scale with its sign.
+fn alone(travel: Fixed, counts_per_um: f32) -> Option<(Fixed, i32)> {
+    // The scale is a whole number of 24 bits over a power of two. Other exponents make slopes that do not fit.
+    let bits = counts_per_um.to_bits();
+    let whole = u64::from(bits & 0x7F_FFFF | 0x80_0000);
+    let places = 150u32.checked_sub(bits >> 23 & 0xFF).filter(|places| matches!(places, 19..=39))?;
+    let travelled = travel.0.unsigned_abs();
+    let (high, rest) = (travelled.checked_div(whole)?, travelled.checked_rem(whole)?);
+    // `rest` has 24 bits.
+    let low = (rest << places).checked_div(whole)?;
+    let length = i64::try_from(high.checked_mul(1 << places)?.checked_add(low)?).ok()?;
+    if !(1..=Fixed::MAX_WHOLE << FRACTION_BITS).contains(&length) {
+        return None;
+    }
+    let slope = ((whole << SLOPE_BITS).wrapping_add(1 << (places - 1)) >> places) as i32;
+    Some((Fixed(length), if travel.0 < 0 { slope.saturating_neg() } else { slope }))
+}
+
+/// Length and slopes of a travel of several axes.
+fn several<const A: usize>(from: &[Fixed; A], to: &[Fixed; A], counts_per_um: &[f32; A]) -> Option<(Fixed, [i32; A])> {
+    const ONE: f64 = (1u64 << FRACTION_BITS) as f64;
+    let mut square = 0.0;
+    for ((from, to), scale) in from.iter().zip(to).zip(counts_per_um) {
+        let um = to.minus(*from).0 as f64 / ONE / f64::from(*scale);
+        square += um * um;
+    }
+    let length = libm::sqrt(square);
+    if !(length * ONE >= 1.0 && length <= Fixed::MAX_WHOLE as f64) {
+        return None;
+    }
+    let mut slope = [0; A];
+    for (slope, (from, to)) in slope.iter_mut().zip(from.iter().zip(to)) {
+        let counts = to.minus(*from).0 as f64 / ONE;
+        let ratio = libm::round(counts / length * (1u64 << SLOPE_BITS) as f64);
+        if libm::fabs(ratio) >= f64::from(i32::MAX) {
+            return None;
+        }
+        *slope = ratio as i32;
+    }
+    Some((Fixed((length * ONE) as i64), slope))
 }
 
 /// `x * slope` without a 128-bit product: the high word's part is whole, so only the low word's is rounded down.
@@ -125,6 +157,19 @@ mod tests {
     }
 
     proptest! {
+        /// An axis alone takes the way of several, to the last place of each.
+        #[test]
+        fn one_axis_agrees_with_several(counts in -(1i64 << 44)..(1i64 << 44), nm_per_count in 50u32..=100_000) {
+            let (to, scale) = (Fixed(counts), 1000.0 / nm_per_count as f32);
+            let one = alone(to, scale);
+            let several = several(&[Fixed(0)], &[to], &[scale]);
+            if let (Some((a, slope)), Some((b, [expected]))) = (one, several) {
+                prop_assert!((a.0 - b.0).abs() <= 1 && (slope - expected).abs() <= 1, "{a:?} {slope}, {b:?} {expected}");
+            } else {
+                prop_assert!(one.is_none() && several.is_none());
+            }
+        }
+
         /// The ratio between axes holds at every point to a ten-thousandth of a count per 10 mm.
         #[test]
         fn the_ratio_between_axes_is_exact(x in -12_000i64..12_000, y in -12_000i64..12_000, part in 0.0f64..=1.0) {

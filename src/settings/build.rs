@@ -1,6 +1,8 @@
 //! Settings -> what the ticks run, or the setting that stands in the way.
 
-use super::{Declared, LawName, SetpointUnit, SettingError, Settings};
+#[cfg(target_os = "none")]
+use super::place;
+use super::{Declared, LawName, Name, SetpointUnit, SettingError, Settings};
 use crate::dsp::chain;
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{FixedRate, IncrementByError, Law, Limits, RateByError};
@@ -36,7 +38,14 @@ fn um(length: f32) -> Fixed {
     Fixed::whole(length as i64)
 }
 
-fn conflict(condition: bool, field: &'static str, rule: &'static str) -> Result<(), SettingError> {
+/// How errors name the setting of a key.
+const fn name(key: &'static str) -> Name {
+    #[cfg(target_os = "none")]
+    let key = place(Settings::KEYS, key);
+    key
+}
+
+fn conflict(condition: bool, field: Name, rule: &'static str) -> Result<(), SettingError> {
     if condition { Err(SettingError::Conflict { field, rule }) } else { Ok(()) }
 }
 
@@ -46,28 +55,40 @@ impl Settings {
         self.check()?;
         conflict(
             self.gap_setpoint_unit == SetpointUnit::Volts && self.gap_setpoint >= self.gap_open_min,
-            "gap.setpoint_v",
+            const { name("gap.setpoint_v") },
             "must be below gap.open_min_v, or the head would only ever feed",
         )?;
-        conflict(self.gap_short >= self.gap_open_min, "gap.short_v", "must be below gap.open_min_v")?;
-        conflict(self.motor_continuous > self.motor_peak, "motor.continuous_a", "must not be above motor.peak_a")?;
+        conflict(self.gap_short >= self.gap_open_min, const { name("gap.short_v") }, "must be below gap.open_min_v")?;
+        conflict(
+            self.motor_continuous > self.motor_peak,
+            const { name("motor.continuous_a") },
+            "must not be above motor.peak_a",
+        )?;
         conflict(
             self.servo_position_hz * 2.0 > self.servo_velocity_hz,
-            "servo.position_hz",
+            const { name("servo.position_hz") },
             "must be at most half of servo.velocity_hz, or the cascade rings",
         )?;
-        conflict(self.motor_bus_min >= self.axis_bus, "motor.bus_min_v", "must be below axis.bus_v")?;
-        conflict(self.lift_bus_dead >= self.motor_bus_min, "lift.bus_dead_v", "must be below motor.bus_min_v")?;
+        conflict(self.motor_bus_min >= self.axis_bus, const { name("motor.bus_min_v") }, "must be below axis.bus_v")?;
+        conflict(
+            self.lift_bus_dead >= self.motor_bus_min,
+            const { name("lift.bus_dead_v") },
+            "must be below motor.bus_min_v",
+        )?;
         conflict(
             self.generator_off_time_us > 0.0 && self.generator_off_time_us < 16.0,
-            "generator.off_time_us",
+            const { name("generator.off_time_us") },
             "must be 0 or at least 16: a smaller request means the generator's own off-time (docs/wiring.md)",
         )?;
         let nm_per_count = (self.encoder_count * 1000.0 + 0.5) as i64;
         let counts_per_um = 1000.0 / nm_per_count as f32;
         let axis = self.axis(nm_per_count, counts_per_um);
         let can_lift = self.axis_duty_limit > axis.plant.duty(axis.plant.weight()) * 1.2;
-        conflict(!can_lift, "axis.duty_limit", "must be able to lift axis.mass_kg with a fifth to spare")?;
+        conflict(
+            !can_lift,
+            const { name("axis.duty_limit") },
+            "must be able to lift axis.mass_kg with a fifth to spare",
+        )?;
         let off_time_ns = (self.generator_off_time_us * 1000.0) as u32;
         Ok(Active {
             gap: self.gap()?,
@@ -93,8 +114,10 @@ impl Settings {
         Ok(reflex::Config {
             run: self.retreat_after_shorts,
             ticks: (self.retreat_after_ms * (CLOCK_HZ / 1000) as f32) as u32,
-            current: amps.code((self.gap_short_amps * 1000.0) as i32).map_err(|_| refused("gap.short_a"))?,
-            voltage: voltage.map_err(|_| refused("gap.short_v"))?,
+            current: amps
+                .code((self.gap_short_amps * 1000.0) as i32)
+                .map_err(|_| refused(const { name("gap.short_a") }))?,
+            voltage: voltage.map_err(|_| refused(const { name("gap.short_v") }))?,
             tau_ns: (self.gap_charging_us * 1000.0) as u32,
         })
     }
@@ -117,7 +140,7 @@ impl Settings {
             ..voltage::Config::default()
         };
         let rule = "with the other gap settings it leaves the converter's range";
-        config.build().map_err(|_| SettingError::Conflict { field: "gap.zero_code", rule })
+        config.build().map_err(|_| SettingError::Conflict { field: const { name("gap.zero_code") }, rule })
     }
 
     fn axis(&self, nm_per_count: i64, counts_per_um: f32) -> Axis {

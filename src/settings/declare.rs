@@ -4,6 +4,7 @@
 //! description files, and access by key that refuses what is out of range. The process model of `host/sim` declares its
 //! parameters the same way.
 
+#[cfg(not(target_os = "none"))]
 use core::fmt;
 
 /// A value on its way in or out, before it is checked.
@@ -17,6 +18,7 @@ pub enum Value<'a> {
     Word(&'a str),
 }
 
+#[cfg(not(target_os = "none"))]
 impl fmt::Display for Value<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -52,29 +54,88 @@ pub enum Kind {
     Choice(&'static [&'static str]),
 }
 
-/// What is known of one setting.
+impl Kind {
+    /// Whether a word is a value that the setting may have.
+    pub fn admits(&self, word: u32) -> bool {
+        match self {
+            Kind::Number { min, max } => (*min..=*max).contains(&f32::from_bits(word)),
+            Kind::Integer { min, max } => (*min..=*max).contains(&word),
+            Kind::Flag => word <= 1,
+            Kind::Choice(names) => (word as usize) < names.len(),
+        }
+    }
+
+    /// The value that a word stands for; `None` for a choice that does not exist.
+    fn value(&self, word: u32) -> Option<Value<'static>> {
+        match self {
+            Kind::Number { .. } => Some(Value::Number(f32::from_bits(word).into())),
+            Kind::Integer { .. } => Some(Value::Number(word.into())),
+            Kind::Flag => Some(Value::Flag(word != 0)),
+            Kind::Choice(names) => names.get(word as usize).map(|name| Value::Word(name)),
+        }
+    }
+
+    /// The word that stands for a value, if a setting of this kind can have such a value.
+    fn word(&self, value: Value<'_>) -> Option<u32> {
+        match (self, value) {
+            (Kind::Number { .. }, Value::Number(x)) => Some((x as f32).to_bits()),
+            (Kind::Integer { .. }, Value::Number(x)) => Some(x as u32).filter(|whole| f64::from(*whole) == x),
+            (Kind::Flag, Value::Flag(x)) => Some(x.into()),
+            (Kind::Choice(names), Value::Word(word)) => {
+                names.iter().position(|name| *name == word).map(|place| place as u32)
+            }
+            _ => None,
+        }
+    }
+}
+
+/// How an error names a setting: by its key.
+#[cfg(not(target_os = "none"))]
+pub type Name = &'static str;
+/// How an error names a setting: by its place in the table, from 0, for keys would take flash.
+#[cfg(target_os = "none")]
+pub type Name = usize;
+
+/// What is known of one setting. What is for people alone takes no flash on the chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Field {
     /// Name in files, on the command line and in documents.
+    #[cfg(not(target_os = "none"))]
     pub key: &'static str,
     /// Unit, empty for a ratio, a flag or a choice.
+    #[cfg(not(target_os = "none"))]
     pub unit: &'static str,
-    /// What it does; empty on the chip, as is the source.
+    /// What it does.
+    #[cfg(not(target_os = "none"))]
     pub doc: &'static str,
     /// Where the default comes from: a publication, a data sheet, or "assumed".
+    #[cfg(not(target_os = "none"))]
     pub source: &'static str,
     /// What it may be.
     pub kind: Kind,
 }
 
 /// Its key alone: the log's reader has the table.
-#[cfg(feature = "defmt")]
+#[cfg(all(feature = "defmt", not(target_os = "none")))]
 impl defmt::Format for Field {
     fn format(&self, f: defmt::Formatter<'_>) {
         defmt::write!(f, "{=str}", self.key);
     }
 }
 
+/// What it may be: that tells which one it is.
+#[cfg(all(feature = "defmt", target_os = "none"))]
+impl defmt::Format for Field {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        match self.kind {
+            Kind::Number { min, max } => defmt::write!(f, "{=f32} to {=f32}", min, max),
+            Kind::Integer { min, max } => defmt::write!(f, "{=u32} to {=u32}", min, max),
+            Kind::Flag | Kind::Choice(_) => defmt::write!(f, "a choice"),
+        }
+    }
+}
+
+#[cfg(not(target_os = "none"))]
 impl Field {
     /// The allowed values, in words.
     pub fn allowed(&self) -> impl fmt::Display + '_ {
@@ -82,8 +143,10 @@ impl Field {
     }
 }
 
+#[cfg(not(target_os = "none"))]
 struct Allowed<'a>(&'a Field);
 
+#[cfg(not(target_os = "none"))]
 impl fmt::Display for Allowed<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let unit = self.0.unit;
@@ -114,12 +177,13 @@ pub enum SettingError {
     /// Allowed by itself, but not together with another setting.
     Conflict {
         /// The setting that has to change.
-        field: &'static str,
+        field: Name,
         /// What it has to satisfy.
         rule: &'static str,
     },
 }
 
+#[cfg(not(target_os = "none"))]
 impl fmt::Display for SettingError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -130,52 +194,41 @@ impl fmt::Display for SettingError {
     }
 }
 
+#[cfg(not(target_os = "none"))]
 impl core::error::Error for SettingError {}
 
-/// Text for people, which takes no flash on the chip.
-pub const fn prose(text: &'static str) -> &'static str {
-    if cfg!(target_os = "none") { "" } else { text }
-}
-
-/// A type that a setting can have.
+/// A type that a setting can have: what there is of it fits a *word*, which is how settings are stored and sent.
 pub trait Setting: Copy {
-    /// Takes a value if `kind` allows it.
-    fn take(value: Value<'_>, kind: &Kind) -> Option<Self>;
-    /// Gives the value back.
-    fn value(self) -> Value<'static>;
+    /// The word: bits of an f32, a whole number, 0 or 1 of a flag, place of a choice among its names.
+    fn word(self) -> u32;
+    /// The value of a word that [`Kind::admits`]; of another one, any value.
+    fn from_word(word: u32) -> Self;
 }
 
 impl Setting for f32 {
-    // Once, not once a setting.
-    #[inline(never)]
-    fn take(value: Value<'_>, kind: &Kind) -> Option<f32> {
-        let (Value::Number(x), Kind::Number { min, max }) = (value, kind) else { return None };
-        let x = x as f32;
-        (*min..=*max).contains(&x).then_some(x)
+    fn word(self) -> u32 {
+        self.to_bits()
     }
-    fn value(self) -> Value<'static> {
-        Value::Number(f64::from(self))
+    fn from_word(word: u32) -> f32 {
+        f32::from_bits(word)
     }
 }
 
 impl Setting for u32 {
-    #[inline(never)]
-    fn take(value: Value<'_>, kind: &Kind) -> Option<u32> {
-        let (Value::Number(x), Kind::Integer { min, max }) = (value, kind) else { return None };
-        let whole = x as u32;
-        (f64::from(whole) == x && (*min..=*max).contains(&whole)).then_some(whole)
+    fn word(self) -> u32 {
+        self
     }
-    fn value(self) -> Value<'static> {
-        Value::Number(f64::from(self))
+    fn from_word(word: u32) -> u32 {
+        word
     }
 }
 
 impl Setting for bool {
-    fn take(value: Value<'_>, _: &Kind) -> Option<bool> {
-        if let Value::Flag(x) = value { Some(x) } else { None }
+    fn word(self) -> u32 {
+        self.into()
     }
-    fn value(self) -> Value<'static> {
-        Value::Flag(self)
+    fn from_word(word: u32) -> bool {
+        word != 0
     }
 }
 
@@ -188,22 +241,19 @@ pub trait Choice: Setting + PartialEq + 'static {
 /// Makes an enum a [`Choice`]: `choice!(Law { FixedRate = "fixed_rate", ... })`.
 #[macro_export]
 macro_rules! choice {
-    ($type:ident { $($variant:ident = $name:literal),+ $(,)? }) => {
+    ($type:ident { $first:ident = $first_name:literal $(, $variant:ident = $name:literal)* $(,)? }) => {
         impl $crate::settings::Choice for $type {
-            const NAMES: &'static [&'static str] = &[$($name),+];
+            const NAMES: &'static [&'static str] = &[$first_name $(, $name)*];
         }
 
         impl $crate::settings::Setting for $type {
-            fn take(value: $crate::settings::Value<'_>, _: &$crate::settings::Kind) -> Option<Self> {
-                match value {
-                    $($crate::settings::Value::Word($name) => Some($type::$variant),)+
-                    _ => None,
-                }
+            fn word(self) -> u32 {
+                let all = [$type::$first $(, $type::$variant)*];
+                all.iter().position(|one| *one == self).unwrap_or(0) as u32
             }
-            fn value(self) -> $crate::settings::Value<'static> {
-                match self {
-                    $($type::$variant => $crate::settings::Value::Word($name),)+
-                }
+            fn from_word(word: u32) -> Self {
+                let all = [$type::$first $(, $type::$variant)*];
+                all.get(word as usize).copied().unwrap_or($type::$first)
             }
         }
     };
@@ -227,21 +277,59 @@ macro_rules! setting_kind {
     };
 }
 
-/// Access by key to a struct made with [`declare!`](crate::declare).
+/// Access by place and by key to a struct made with [`declare!`](crate::declare).
 pub trait Declared: Sized {
     /// The table, in the order of declaration.
     const FIELDS: &'static [Field];
-    /// The value of the field at `index` of [`Declared::FIELDS`].
-    fn get(&self, index: usize) -> Option<Value<'static>>;
+    /// The keys in that order, for constants: what else asks for them takes them to the chip.
+    const KEYS: &'static [&'static str];
+    /// The word of the field at `index` of [`Declared::FIELDS`].
+    fn word(&self, index: usize) -> Option<u32>;
+    /// Sets the field at `index`; a refused word changes nothing.
+    fn put_word(&mut self, index: usize, word: u32) -> Result<(), SettingError>;
+    /// The value of the field at `index`.
+    fn get(&self, index: usize) -> Option<Value<'static>> {
+        Self::FIELDS.get(index)?.kind.value(self.word(index)?)
+    }
     /// Sets the field at `index`; a refused value changes nothing.
-    fn put(&mut self, index: usize, value: Value<'_>) -> Result<(), SettingError>;
+    fn put(&mut self, index: usize, value: Value<'_>) -> Result<(), SettingError> {
+        let field = Self::FIELDS.get(index).ok_or(SettingError::UnknownKey)?;
+        self.put_word(index, field.kind.word(value).ok_or(SettingError::NotAllowed(field))?)
+    }
     /// Sets the field called `key`; a refused value changes nothing.
+    #[cfg(not(target_os = "none"))]
     fn set(&mut self, key: &str, value: Value<'_>) -> Result<(), SettingError> {
         let index = Self::FIELDS.iter().position(|field| field.key == key).ok_or(SettingError::UnknownKey)?;
         self.put(index, value)
     }
     /// Checks every field against its own limits, for values that did not come through [`Declared::set`].
     fn check(&self) -> Result<(), SettingError>;
+}
+
+/// Place of the key among `keys`, in a constant: there an unknown one does not compile.
+pub const fn place(keys: &[&str], key: &str) -> usize {
+    let mut at = 0;
+    while !same(keys[at], key) {
+        at += 1;
+    }
+    at
+}
+
+const fn same(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut at = 0;
+    while at < a.len() && at < b.len() && a[at] == b[at] {
+        at += 1;
+    }
+    at == a.len() && at == b.len()
+}
+
+/// Checks words against the limits of their fields.
+pub fn check(fields: &'static [Field], words: &[u32]) -> Result<(), SettingError> {
+    match fields.iter().zip(words).find(|(field, word)| !field.kind.admits(**word)) {
+        Some((field, _)) => Err(SettingError::NotAllowed(field)),
+        None => Ok(()),
+    }
 }
 
 /// Declares a struct of settings: `/// doc`, `name: type = default, limits, "key", "unit", "source";`.
@@ -256,48 +344,65 @@ macro_rules! declare {
             $($(#[doc = $doc])+ pub $name: $type,)+
         }
 
+        impl $struct {
+            /// How many there are.
+            $vis const COUNT: usize = <Self as $crate::settings::Declared>::FIELDS.len();
+
+            /// Every value as a word, in the order of declaration.
+            #[inline(never)]
+            $vis fn words(&self) -> [u32; Self::COUNT] {
+                [$($crate::settings::Setting::word(self.$name),)+]
+            }
+
+            /// The values of words that were checked.
+            #[inline(never)]
+            $vis fn from_words(words: &[u32; Self::COUNT]) -> Self {
+                let [$($name,)+] = *words;
+                Self { $($name: $crate::settings::Setting::from_word($name),)+ }
+            }
+        }
+
         impl Default for $struct {
             fn default() -> Self {
-                Self { $($name: $default,)+ }
+                const { Self { $($name: $default,)+ } }
             }
         }
 
         impl $crate::settings::Declared for $struct {
+            const KEYS: &'static [&'static str] = &[$($key),+];
             const FIELDS: &'static [$crate::settings::Field] = {
                 &[$($crate::settings::Field {
+                    #[cfg(not(target_os = "none"))]
                     key: $key,
+                    #[cfg(not(target_os = "none"))]
                     unit: $unit,
-                    doc: $crate::settings::prose(concat!($($doc),+)),
-                    source: $crate::settings::prose($source),
+                    #[cfg(not(target_os = "none"))]
+                    doc: concat!($($doc),+),
+                    #[cfg(not(target_os = "none"))]
+                    source: $source,
                     kind: $crate::setting_kind!($type, $limits),
                 },)+]
             };
 
-            fn get(&self, index: usize) -> Option<$crate::settings::Value<'static>> {
-                let mut at = 0;
-                $(if index == at {
-                    return Some($crate::settings::Setting::value(self.$name));
-                }
-                at += 1;)+
-                let _ = at;
-                None
+            fn word(&self, index: usize) -> Option<u32> {
+                self.words().get(index).copied()
             }
 
-            fn put(&mut self, index: usize, value: $crate::settings::Value<'_>) -> Result<(), $crate::settings::SettingError> {
-                let field = Self::FIELDS.get(index).ok_or($crate::settings::SettingError::UnknownKey)?;
-                let refused = $crate::settings::SettingError::NotAllowed(field);
-                let mut at = 0;
-                $(if index == at {
-                    self.$name = <$type as $crate::settings::Setting>::take(value, &field.kind).ok_or(refused)?;
+            fn put_word(&mut self, index: usize, word: u32) -> Result<(), $crate::settings::SettingError> {
+                let mut words = self.words();
+                let (Some(field), Some(slot)) = (Self::FIELDS.get(index), words.get_mut(index)) else {
+                    return Err($crate::settings::SettingError::UnknownKey);
+                };
+                if !field.kind.admits(word) {
+                    return Err($crate::settings::SettingError::NotAllowed(field));
                 }
-                at += 1;)+
-                let _ = at;
+                *slot = word;
+                *self = Self::from_words(&words);
                 Ok(())
             }
 
             fn check(&self) -> Result<(), $crate::settings::SettingError> {
-                let mut copy = *self;
-                (0..).map_while(|index| self.get(index)).enumerate().try_for_each(|(index, value)| copy.put(index, value))
+                $crate::settings::check(Self::FIELDS, &self.words())
             }
         }
     };

@@ -10,7 +10,7 @@
 //! An image of another fingerprint belongs to another firmware and is refused whole: half a set of settings, the rest
 //! defaults, would be a machine that nobody has commissioned. Checksums are the store's affair.
 
-use super::{Declared, Field, Kind, SettingError, Settings, Value};
+use super::{Declared, Field, Kind, SettingError, Settings, check};
 
 /// Version of the layout.
 const VERSION: u8 = 1;
@@ -20,7 +20,7 @@ const HEAD: usize = 5;
 pub const LENGTH: usize = length(Settings::FIELDS);
 const _: () = assert!(LENGTH <= edm_hal_shim::store::MAX_IMAGE);
 /// Fingerprint of the settings of this firmware.
-const FINGERPRINT: u32 = fingerprint(Settings::FIELDS);
+const FINGERPRINT: u32 = fingerprint(Settings::KEYS, Settings::FIELDS);
 
 /// Why an image was refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,11 +52,11 @@ const fn length(fields: &[Field]) -> usize {
 }
 
 /// FNV-1a over what gives the bytes their meaning.
-const fn fingerprint(fields: &[Field]) -> u32 {
+const fn fingerprint(keys: &[&str], fields: &[Field]) -> u32 {
     let mut hash = 0x811C_9DC5;
     let mut i = 0;
     while i < fields.len() {
-        hash = mix(hash, fields[i].key);
+        hash = mix(hash, keys[i]);
         hash = match fields[i].kind {
             Kind::Number { .. } => mix(hash, "number"),
             Kind::Integer { .. } => mix(hash, "integer"),
@@ -93,37 +93,28 @@ impl Settings {
         let mut image = [0; LENGTH];
         let [a, b, c, d] = FINGERPRINT.to_le_bytes();
         let mut rest = put(&mut image, &[VERSION, a, b, c, d]);
-        for (index, field) in Self::FIELDS.iter().enumerate() {
-            rest = match (self.get(index), field.kind) {
-                (Some(Value::Number(x)), Kind::Number { .. }) => put(rest, &(x as f32).to_le_bytes()),
-                (Some(Value::Number(x)), _) => put(rest, &(x as u32).to_le_bytes()),
-                (Some(Value::Flag(x)), _) => put(rest, &[x.into()]),
-                (Some(Value::Word(word)), Kind::Choice(names)) => {
-                    put(rest, &[names.iter().position(|name| *name == word).unwrap_or(usize::MAX) as u8])
-                }
-                // Every index has a value of its kind.
-                _ => rest,
-            };
+        for (field, word) in Self::FIELDS.iter().zip(self.words()) {
+            let bytes = word.to_le_bytes();
+            rest = put(rest, bytes.get(..size(&field.kind)).unwrap_or(&[]));
         }
         image
     }
 
     /// The settings of an image, each value checked against its own limits; [`Settings::build`] checks them together.
     pub fn from_image(image: &[u8]) -> Result<Settings, ImageError> {
-        let mut settings = Settings::default();
         match image.split_first_chunk::<HEAD>() {
             Some((&[VERSION, a, b, c, d], values))
                 if u32::from_le_bytes([a, b, c, d]) == FINGERPRINT && image.len() == LENGTH =>
             {
                 let mut rest = values;
-                for (index, field) in Self::FIELDS.iter().enumerate() {
-                    let refused = ImageError::Value(SettingError::NotAllowed(field));
+                let mut words = [0; Self::COUNT];
+                for (field, slot) in Self::FIELDS.iter().zip(&mut words) {
                     let (bytes, tail) = rest.split_at_checked(size(&field.kind)).ok_or(ImageError::Foreign)?;
-                    let value = value(bytes, &field.kind).ok_or(refused)?;
-                    settings.put(index, value).map_err(ImageError::Value)?;
+                    *slot = bytes.iter().rev().fold(0, |word, byte| word << 8 | u32::from(*byte));
                     rest = tail;
                 }
-                Ok(settings)
+                check(Self::FIELDS, &words).map_err(ImageError::Value)?;
+                Ok(Settings::from_words(&words))
             }
             Some(([VERSION, ..], _)) => Err(ImageError::Foreign),
             _ => Err(ImageError::Version(image.first().copied().unwrap_or(0))),
@@ -140,19 +131,10 @@ fn put<'a>(room: &'a mut [u8], bytes: &[u8]) -> &'a mut [u8] {
     behind
 }
 
-fn value(bytes: &[u8], kind: &Kind) -> Option<Value<'static>> {
-    match (kind, bytes) {
-        (Kind::Number { .. }, _) => Some(Value::Number(f32::from_le_bytes(bytes.try_into().ok()?).into())),
-        (Kind::Integer { .. }, _) => Some(Value::Number(u32::from_le_bytes(bytes.try_into().ok()?).into())),
-        (Kind::Flag, [flag @ (0 | 1)]) => Some(Value::Flag(*flag == 1)),
-        (Kind::Choice(names), [place]) => names.get(usize::from(*place)).map(|name| Value::Word(name)),
-        _ => None,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::Value;
 
     /// A value that the field may have and `settings` has not.
     fn other(settings: &Settings, index: usize) -> Value<'static> {
@@ -237,10 +219,11 @@ mod tests {
             [field("a", number), field("b", Kind::Choice(&["xy", "z"]))],
             [field("a", number), field("c", Kind::Choice(&["x", "yz"]))],
         ];
+        let fingerprint = |fields: [Field; 2]| fingerprint(&fields.map(|field| field.key), &fields);
         for other in others {
-            assert_ne!(fingerprint(&base), fingerprint(&other));
+            assert_ne!(fingerprint(base), fingerprint(other));
         }
         let wider = [field("a", Kind::Number { min: -9.0, max: 9.0 }), field("b", Kind::Choice(&["x", "yz"]))];
-        assert_eq!(fingerprint(&base), fingerprint(&wider), "a range is checked by value");
+        assert_eq!(fingerprint(base), fingerprint(wider), "a range is checked by value");
     }
 }

@@ -22,8 +22,8 @@ const US: u32 = CORE_HZ / 1_000_000;
 pub struct Protocol {
     pub(super) clock: Cycles,
     pub(super) uptime: Uptime,
-    pub(super) node: Node,
-    pub(super) drive: Drive,
+    pub(super) node: &'static mut Node,
+    pub(super) drive: &'static mut Drive,
     /// `None` when the controller did not start.
     pub(super) filters: Option<Filters>,
     pub(super) thresholds: Thresholds,
@@ -50,12 +50,12 @@ impl Protocol {
         let now = self.uptime.advance(begin);
         let whole = self.news(begin);
         while let Some((frame, stamp)) = self.received.dequeue() {
-            self.node.receive(&frame, self.uptime.at(stamp), &mut self.drive);
+            self.node.receive(&frame, self.uptime.at(stamp), self.drive);
         }
-        self.node.synchronised(now, &mut self.drive);
+        self.node.synchronised(now, self.drive);
         if whole {
-            self.node.poll(now, &mut self.drive);
-            self.drive.poll(now, &mut self.node);
+            self.node.poll(now, self.drive);
+            self.drive.poll(now, self.node);
         }
         self.orders();
         self.send();
@@ -81,7 +81,7 @@ impl Protocol {
                 }
                 Answer::Configured(true) => self.configure_the_others(),
                 Answer::Configured(false) => self.drive.configure_again(),
-                Answer::NoLeave => self.node.answer(Err(Abort::DeviceState), &mut self.drive),
+                Answer::NoLeave => self.node.answer(Err(Abort::DeviceState), self.drive),
             }
         }
         let mut whole = false;
@@ -162,14 +162,14 @@ impl Protocol {
     /// Changes what is kept as the host wants it.
     pub fn keep(&self, chore: Chore, kept: &mut Kept) {
         match chore {
-            Chore::Store(group) => kept.keep(group, &self.drive, &self.node),
+            Chore::Store(group) => kept.keep(group, self.drive, self.node),
             Chore::Restore(group) => kept.forget(group),
         }
     }
 
     /// A chore is done.
     pub fn done(&mut self, result: Result<(), Abort>) {
-        self.node.answer(result, &mut self.drive);
+        self.node.answer(result, self.drive);
     }
 
     /// The drive begins anew with what is kept.
@@ -179,7 +179,7 @@ impl Protocol {
 
     /// The node begins anew with what is kept.
     pub fn boot(&mut self, kept: &Kept) -> Result<(), BootError> {
-        self.node.boot(kept.communication(), &mut self.drive)
+        self.node.boot(kept.communication(), self.drive)
     }
 }
 

@@ -68,8 +68,6 @@ pub struct Servo {
     pub(super) state: State,
     /// What the newest tick saw, written in place: a debugger, or the emulated chip, may look at it.
     pub(super) input: TickInput,
-    /// No safety input in it is unsafe.
-    pub(super) quiet: bool,
     /// Number of the gap reading in it.
     pub(super) reading: u32,
     /// The newest fault that another task told of, and the tick that was told.
@@ -125,7 +123,7 @@ impl Servo {
             input.reflex = true;
         }
         input.drive = self.drive.read();
-        if !(self.inputs.are_quiet() && self.quiet) {
+        if !self.inputs.are_quiet() || self.input.safety.is_some() {
             self.safety();
         }
     }
@@ -134,8 +132,7 @@ impl Servo {
     #[cold]
     #[inline(never)]
     fn safety(&mut self) {
-        self.input.safety = self.inputs.read();
-        self.quiet = !self.input.safety.any();
+        self.input.safety = self.inputs.read().unsafe_ones();
     }
 
     /// For a plan the gap; for the look, or while the timer leads, both counters.
@@ -166,7 +163,7 @@ impl Servo {
             return self.time();
         }
         // The PWM, which a fault of the bridge disconnects.
-        if drive != Drive::Coast && !self.input.safety.bridge_fault {
+        if drive != Drive::Coast && !self.input.safety.is_some_and(|safety| safety.bridge_fault) {
             pwm::arm();
         }
         while let Some(change) = self.head.next_change() {

@@ -10,6 +10,7 @@ use super::servo::{Carried, Servo};
 use super::supervise::Supervise;
 use super::timers::Timers;
 use super::{BUILD, BUILD_NUMBER, ENCODER, NODE, Queues, REFLEX, ROLL};
+use core::mem::MaybeUninit;
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::QuadratureLines;
 use edm_hal_shim::generator::Generator;
@@ -20,12 +21,12 @@ use edm_hal_shim::stm32f4::watchdog::Watchdog;
 use edm_hal_shim::stm32f4::{boot, ccm, lines, pac};
 use edm_hal_shim::store::BUFFER;
 use edm_servo_head::canopen::Node;
-use edm_servo_head::canopen::drive::{DEVICE, Drive, Identity, Record};
+use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Record};
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, TimerCount};
 use edm_servo_head::gap::Voltage;
 use edm_servo_head::head::{Fault, Head, State, Supervisor, TickInput};
 use edm_servo_head::path::Path;
-use edm_servo_head::settings::Settings;
+use edm_servo_head::settings::{SettingError, Settings};
 
 /// Every task with what it owns.
 #[allow(missing_docs, reason = "each is the task of its name")]
@@ -41,29 +42,64 @@ pub struct Tasks {
     pub idle: Idle,
 }
 
+/// Memory for what is too large to be moved about the stack.
+pub struct Slots {
+    node: MaybeUninit<Node>,
+    drive: MaybeUninit<Result<Drive, SettingError>>,
+    record: Record,
+}
+
+impl Slots {
+    /// Nothing is in them.
+    pub const fn new() -> Slots {
+        Slots { node: MaybeUninit::uninit(), drive: MaybeUninit::uninit(), record: BLANK }
+    }
+}
+
+#[inline(never)]
+fn place_node(slot: &'static mut MaybeUninit<Node>) -> &'static mut Node {
+    slot.write(Node::new(&DEVICE, NODE, boot::serial_number()))
+}
+
+#[inline(never)]
+fn place_drive(
+    slot: &'static mut MaybeUninit<Result<Drive, SettingError>>,
+    identity: Identity,
+    record: &'static mut Record,
+) -> Result<&'static mut Drive, StartError> {
+    let drive = slot.write(Drive::new(Settings::default(), identity, record));
+    drive.as_mut().map_err(|_| StartError::Settings)
+}
+
+/// Node and drive begin with what is kept.
+#[inline(never)]
+fn restore(keeper: &mut Keeper, node: &mut Node, drive: &mut Drive) {
+    let kept = keeper.load();
+    if let Err(error) = drive.restart(Settings::default(), kept.application()) {
+        defmt::error!("settings: the stored ones are refused, {}", error);
+    }
+    if let Err(error) = node.boot(kept.communication(), drive) {
+        defmt::error!("communication: the stored parameters are refused, {}", error);
+    }
+}
+
 /// Starts the board, then the head, disabled and inhibited. `watchdog` keeps the watchdog when something does not start.
 pub fn start(
     device: pac::Peripherals,
     core: cortex_m::Peripherals,
     queues: &'static mut Queues,
     buffer: &'static mut [u8; BUFFER],
-    record: &'static mut Record,
+    slots: &'static mut Slots,
     watchdog: &mut Option<Watchdog>,
 ) -> Result<Tasks, StartError> {
     let machine = Machine::start(device, core, BUILD_NUMBER, &REFLEX, watchdog)?;
     defmt::info!("build {=str}, {}", BUILD, machine.boot);
     let Machine { clock, mut thresholds, mut generator, .. } = machine;
     let mut keeper = Keeper::new(machine.flash, buffer)?;
-    let kept = keeper.load();
     let identity = Identity { reset_cause: machine.boot.cause as u32, build: BUILD };
-    let mut drive = Drive::new(Settings::default(), identity, record).map_err(|_| StartError::Settings)?;
-    if let Err(error) = drive.restart(Settings::default(), kept.application()) {
-        defmt::error!("settings: the stored ones are refused, {}", error);
-    }
-    let mut node = Node::new(&DEVICE, NODE, boot::serial_number());
-    if let Err(error) = node.boot(kept.communication(), &mut drive) {
-        defmt::error!("communication: the stored parameters are refused, {}", error);
-    }
+    let node = place_node(&mut slots.node);
+    let drive = place_drive(&mut slots.drive, identity, &mut slots.record)?;
+    restore(&mut keeper, node, drive);
     // The first order is to configure the head, which begins with it below.
     let _ = drive.take();
     let active = drive.active().clone();
@@ -111,7 +147,6 @@ pub fn start(
         retreats: 0,
         state: State::Disabled,
         input: TickInput::default(),
-        quiet: false,
         reading: 0,
         told: (Fault::HostSilent, 0),
         carried: Carried::NONE,

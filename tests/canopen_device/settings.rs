@@ -1,6 +1,7 @@
 //! Settings as objects: ranges, conflicts, storage.
 
 use crate::rig::Rig;
+use edm_servo_head::canopen::drive::Kept;
 use edm_servo_head::canopen::objects::setting_address;
 
 fn address(key: &str) -> (u16, u8) {

@@ -312,6 +312,9 @@ fn input(view: &View) -> Result<TickInput> {
     // No count: a direction that is neither.
     let watched = watch.byte(at!(RawCount, toward_work))? < 2;
     let safety = view.inner(at!(TickInput, safety));
+    // None: one of the flags is neither true nor false.
+    let flags = 0..size_of::<SafetyInputs>();
+    let there = flags.map(|i| safety.byte(i)).collect::<Result<Vec<_>>>()?.iter().all(|flag| *flag < 2);
     let drive = view.inner(at!(TickInput, drive));
     Ok(TickInput {
         gap: reading(&view.inner(at!(TickInput, gap)))?,
@@ -325,7 +328,7 @@ fn input(view: &View) -> Result<TickInput> {
             },
         },
         watch: if watched { Some(raw(&watch)?) } else { None },
-        safety: contacts(&safety)?,
+        safety: if there { Some(contacts(&safety)?) } else { None },
         drive: DriveCodes {
             motor_current: drive.half(at!(DriveCodes, motor_current))?,
             bus_voltage: drive.half(at!(DriveCodes, bus_voltage))?,

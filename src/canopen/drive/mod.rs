@@ -205,6 +205,7 @@ impl Drive {
     ///
     /// # Errors
     /// The setting that stands in the way.
+    #[inline(never)]
     pub fn new(settings: Settings, identity: Identity, record: &'static mut Record) -> Result<Drive, SettingError> {
         let active = settings.build()?;
         let mut drive = Drive {
@@ -469,7 +470,7 @@ impl Drive {
         let counters = [Item::Shorts, Item::LongRetreats, Item::ErodingTime, Item::Deepest];
         for (slot, row) in self.values.iter_mut().zip(rows()) {
             if !counters.contains(&row.item()) {
-                *slot = row.default() as i32;
+                *slot = row.default();
             }
         }
     }

@@ -2,11 +2,23 @@
 
 use super::state::State;
 use super::{Drive, Order, TaskTimer, clamp32, codes};
-use crate::canopen::objects::{Found, Item, Row, entry, rows, setting_address};
+use crate::canopen::objects::{Found, Item, Row, entry, rows, setting_address_at, setting_kind};
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, Place, Request};
 use crate::head::{self, Command};
-use crate::settings::{Declared, Kind, SettingError, Settings, Value};
+use crate::settings::{Declared, Kind, Name, SettingError, Settings, place};
 use crate::units::Volts;
+
+/// Settings that the profile has its own objects for.
+const FOLLOWING_WINDOW: u16 = place(Settings::KEYS, "supervise.following_um") as u16;
+const FOLLOWING_TIME: u16 = place(Settings::KEYS, "supervise.following_ms") as u16;
+
+/// Index and sub-index of a setting that an error names.
+fn address_of(name: Name) -> Option<(u16, u8)> {
+    #[cfg(not(target_os = "none"))]
+    return crate::canopen::objects::setting_address(name);
+    #[cfg(target_os = "none")]
+    setting_address_at(name)
+}
 
 impl Dictionary for Drive {
     fn entry(&self, index: u16, sub: u8) -> Result<Entry, Abort> {
@@ -195,10 +207,10 @@ impl Drive {
             Item::IpClear if value == 0 => self.clear_buffer(),
             Item::FollowingWindow => {
                 let um = value as f32 / self.active.head.axis.counts_per_um;
-                return self.write_key("supervise.following_um", Value::Number(um.into()));
+                return self.write_word(FOLLOWING_WINDOW, um.to_bits());
             }
             Item::FollowingTime => {
-                return self.write_key("supervise.following_ms", Value::Number(value as f64));
+                return self.write_word(FOLLOWING_TIME, value as u32);
             }
             Item::ErodeHold if value == 1 => self.hold(),
             Item::Commission if value == 1 => return done(self.commission()),
@@ -249,55 +261,30 @@ impl Drive {
     }
 
     fn read_setting(&self, field: u16, out: &mut [u8]) -> Result<usize, Abort> {
-        let at = usize::from(field);
-        let (Some(declared), Some(value)) = (Settings::FIELDS.get(at), self.settings.get(at)) else {
-            return Err(Abort::NoSubIndex);
-        };
-        match (value, declared.kind) {
-            (Value::Number(x), Kind::Number { .. }) => copy(&(x as f32).to_le_bytes(), out),
-            (Value::Number(x), _) => copy(&(x as u32).to_le_bytes(), out),
-            (Value::Flag(x), _) => copy(&[x.into()], out),
-            (Value::Word(word), Kind::Choice(names)) => {
-                let number = names.iter().position(|name| *name == word).ok_or(Abort::General)?;
-                copy(&[number as u8], out)
-            }
-            _ => Err(Abort::General),
-        }
+        let word = self.settings.word(field.into()).ok_or(Abort::NoSubIndex)?.to_le_bytes();
+        let size = setting_kind(field).and_then(|(kind, _)| kind.size()).ok_or(Abort::NoSubIndex)?;
+        copy(word.get(..size).unwrap_or(&[]), out)
     }
 
     fn write_setting(&mut self, field: u16, data: &[u8]) -> Result<(), Abort> {
-        let declared = Settings::FIELDS.get(usize::from(field)).ok_or(Abort::NoSubIndex)?;
-        let word = |data: &[u8]| data.try_into().map_err(|_| Abort::Length);
-        let value = match declared.kind {
-            Kind::Number { .. } => Value::Number(f32::from_le_bytes(word(data)?).into()),
-            Kind::Integer { .. } => Value::Number(u32::from_le_bytes(word(data)?).into()),
-            Kind::Flag => match data {
-                [0] => Value::Flag(false),
-                [1] => Value::Flag(true),
-                _ => return Err(Abort::ValueTooHigh),
-            },
-            Kind::Choice(names) => {
-                let number = data.first().copied().ok_or(Abort::Length)?;
-                Value::Word(names.get(usize::from(number)).copied().ok_or(Abort::ValueTooHigh)?)
-            }
-        };
-        self.write_key(declared.key, value)
+        let mut word = [0; 4];
+        word.get_mut(..data.len()).ok_or(Abort::Length)?.copy_from_slice(data);
+        self.write_word(field, u32::from_le_bytes(word))
     }
 
     /// Sets a setting, if it can be with the others and in this state.
-    fn write_key(&mut self, key: &'static str, value: Value<'_>) -> Result<(), Abort> {
+    fn write_word(&mut self, field: u16, word: u32) -> Result<(), Abort> {
         let mut pending = self.settings;
-        pending.set(key, value).map_err(|error| out_of_range(&error, value))?;
+        pending.put_word(field.into(), word).map_err(|error| out_of_range(&error, word))?;
         let wired = |settings: &Settings| (settings.gap_reversed, settings.motor_reversed, settings.encoder_reversed);
         let mut active = match pending.build() {
             Ok(active) => active,
             Err(error) => {
-                let (field, rule) = match error {
-                    SettingError::Conflict { field, rule } => (field, rule),
-                    SettingError::NotAllowed(field) => (field.key, "is out of its range"),
-                    SettingError::UnknownKey => (key, ""),
+                let (address, rule) = match error {
+                    SettingError::Conflict { field, rule } => (address_of(field), rule),
+                    _ => (setting_address_at(field.into()), "is out of its range"),
                 };
-                let (index, sub) = setting_address(field).unwrap_or((0, 0));
+                let (index, sub) = address.unwrap_or((0, 0));
                 self.wrong = Some((index, sub, rule));
                 return Err(Abort::Incompatible);
             }
@@ -320,14 +307,15 @@ impl Drive {
     }
 }
 
-fn out_of_range(error: &SettingError, value: Value<'_>) -> Abort {
+fn out_of_range(error: &SettingError, word: u32) -> Abort {
     let SettingError::NotAllowed(field) = error else { return Abort::NoSubIndex };
-    match (field.kind, value) {
-        (Kind::Number { max, .. }, Value::Number(x)) if x > f64::from(max) => Abort::ValueTooHigh,
-        (Kind::Number { min, .. }, Value::Number(x)) if x < f64::from(min) => Abort::ValueTooLow,
-        (Kind::Integer { max, .. }, Value::Number(x)) if x > f64::from(max) => Abort::ValueTooHigh,
-        (Kind::Integer { min, .. }, Value::Number(x)) if x < f64::from(min) => Abort::ValueTooLow,
-        _ => Abort::InvalidValue,
+    let number = f32::from_bits(word);
+    match field.kind {
+        Kind::Number { max, .. } if number > max => Abort::ValueTooHigh,
+        Kind::Number { min, .. } if number < min => Abort::ValueTooLow,
+        Kind::Number { .. } => Abort::InvalidValue,
+        Kind::Integer { min, .. } if word < min => Abort::ValueTooLow,
+        _ => Abort::ValueTooHigh,
     }
 }
 

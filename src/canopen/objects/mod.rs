@@ -6,7 +6,9 @@
 mod settings;
 mod table;
 
-pub use settings::{FIRST as FIRST_SETTING, address as setting_address};
+#[cfg(not(target_os = "none"))]
+pub use settings::address as setting_address;
+pub use settings::{FIRST as FIRST_SETTING, address_at as setting_address_at, kind as setting_kind};
 pub use table::Item;
 
 use super::{Abort, Access, DataType, Entry, Mapping, Place};
@@ -26,8 +28,9 @@ pub struct Row {
     access: Access,
     mapping: Mapping,
     store: bool,
-    range: (i64, i64),
-    default: i64,
+    /// Shared with the rows of the same range.
+    range: &'static (i64, i64),
+    default: i32,
     #[cfg(not(target_os = "none"))]
     names: Names,
 }
@@ -48,8 +51,8 @@ impl Row {
         kind: DataType,
         access: Access,
         mapping: Mapping,
-        range: (i64, i64),
-        default: i64,
+        range: &'static (i64, i64),
+        default: i32,
         store: bool,
         names: (&'static str, &'static str, &'static str),
     ) -> Row {
@@ -86,13 +89,13 @@ impl Row {
     }
 
     /// Value before anybody writes one.
-    pub fn default(&self) -> i64 {
+    pub fn default(&self) -> i32 {
         self.default
     }
 
     /// Smallest and largest value, both included.
     pub fn range(&self) -> (i64, i64) {
-        self.range
+        *self.range
     }
 
     /// Checks a value against the range.
@@ -100,7 +103,7 @@ impl Row {
     /// # Errors
     /// [`Abort::ValueTooHigh`], [`Abort::ValueTooLow`].
     pub fn check(&self, value: i64) -> Result<(), Abort> {
-        let (min, max) = self.range;
+        let (min, max) = *self.range;
         if value > max {
             Err(Abort::ValueTooHigh)
         } else if value < min {
@@ -266,7 +269,7 @@ impl Row {
                 access: self.access,
                 mapping: self.mapping,
                 default: if number && (self.access.writable() || self.default != 0) {
-                    DefaultValue::Number(self.default)
+                    DefaultValue::Number(self.default.into())
                 } else {
                     DefaultValue::Unknown
                 },
@@ -298,7 +301,7 @@ mod tests {
     fn every_default_lies_in_its_range_and_every_range_in_its_type() {
         for row in TABLE {
             if row.access == Access::ReadWrite {
-                assert_eq!(row.check(row.default), Ok(()), "{row:?}");
+                assert_eq!(row.check(row.default.into()), Ok(()), "{row:?}");
             }
             let bits = row.kind.size().map_or(0, |size| size * 8);
             let signed = matches!(row.kind, DataType::Integer8 | DataType::Integer16 | DataType::Integer32);

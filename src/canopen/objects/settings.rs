@@ -1,12 +1,15 @@
 //! Settings as objects: each group of src/settings/table.rs is a record, its settings the sub-indices from 1 on.
 
 use crate::canopen::{Access, DataType};
-use crate::settings::{Declared, Field, Kind, Settings};
+use crate::settings::{Declared, Field, Kind, Settings, place};
 
 /// Index of the first group.
 pub const FIRST: u16 = 0x2100;
 
 const FIELDS: &[Field] = Settings::FIELDS;
+const KEYS: &[&str] = Settings::KEYS;
+/// The guided check alone says that it has passed.
+const PASSED: u16 = place(KEYS, "commission.passed") as u16;
 
 /// Settings with the same prefix.
 #[derive(Clone, Copy, Debug)]
@@ -37,7 +40,7 @@ const fn same_group(a: &str, b: &str) -> bool {
 
 /// Whether a group begins at a setting.
 const fn begins(at: usize) -> bool {
-    at == 0 || !same_group(FIELDS[at - 1].key, FIELDS[at].key)
+    at == 0 || !same_group(KEYS[at - 1], KEYS[at])
 }
 
 const NUMBER: usize = {
@@ -77,25 +80,30 @@ pub(super) fn group(index: u16) -> Option<&'static Group> {
     GROUPS.get(usize::from(index.checked_sub(FIRST)?))
 }
 
-/// Type and access of a setting. The guided check alone says that it has passed.
-pub(super) fn kind(field: u16) -> Option<(DataType, Access)> {
-    let field = FIELDS.get(usize::from(field))?;
-    let kind = match field.kind {
+/// Type and access of a setting.
+pub fn kind(field: u16) -> Option<(DataType, Access)> {
+    let kind = match FIELDS.get(usize::from(field))?.kind {
         Kind::Number { .. } => DataType::Real32,
         Kind::Integer { .. } => DataType::Unsigned32,
         Kind::Flag => DataType::Boolean,
         Kind::Choice(_) => DataType::Unsigned8,
     };
-    let access = if field.key == "commission.passed" { Access::ReadOnly } else { Access::ReadWrite };
+    let access = if field == PASSED { Access::ReadOnly } else { Access::ReadWrite };
     Some((kind, access))
 }
 
-/// Index and sub-index of the setting called `key`.
-pub fn address(key: &str) -> Option<(u16, u8)> {
-    let at = FIELDS.iter().position(|field| field.key == key)? as u16;
+/// Index and sub-index of the setting at a place.
+pub fn address_at(place: usize) -> Option<(u16, u8)> {
+    let at = place as u16;
     let group = GROUPS.iter().rev().find(|group| group.first <= at)?;
     let sub = at.wrapping_sub(group.first).wrapping_add(1);
     Some((FIRST.wrapping_add(group.number), sub as u8))
+}
+
+/// Index and sub-index of the setting called `key`.
+#[cfg(not(target_os = "none"))]
+pub fn address(key: &str) -> Option<(u16, u8)> {
+    address_at(FIELDS.iter().position(|field| field.key == key)?)
 }
 
 #[cfg(not(target_os = "none"))]

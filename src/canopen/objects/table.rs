@@ -18,7 +18,7 @@ macro_rules! objects {
 
         /// The rows, by rising index and sub-index.
         pub(super) const TABLE: &[Row] = &[$($(
-            Row::new($index, $sub, Item::$item, kind!($kind), access!($access), mapping!($mapping), $range, $default, store!($store), ($object, $name, $unit)),
+            Row::new($index, $sub, Item::$item, kind!($kind), access!($access), mapping!($mapping), &$range, $default, store!($store), ($object, $name, $unit)),
         )+)+];
     };
 }

@@ -315,7 +315,7 @@ fn tick_numbers(input: &TickInput, status: &Status) -> [u64; TICK] {
         watched.last_edge.into(),
         watched.toward_work.into(),
         watched.now.into(),
-        bits(safety),
+        bits(&safety.unwrap_or_default()),
         drive.motor_current.into(),
         drive.bus_voltage.into(),
         (*reflex).into(),
@@ -378,7 +378,8 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Status), Error> {
             emergency_stop: open_at(2),
             dielectric: open_at(3),
             bridge_fault: open_at(4),
-        },
+        }
+        .unsafe_ones(),
         drive: DriveCodes { motor_current: *motor_current as u16, bus_voltage: *bus_voltage as u16 },
         reflex: flag(reflex),
     };
@@ -421,7 +422,7 @@ mod tests {
         }
         let input = TickInput {
             watch: Some(RawCount { count: u32::MAX, last_edge: 3, toward_work: true, now: 9 }),
-            safety: SafetyInputs { lower_limit: true, bridge_fault: true, ..SafetyInputs::default() },
+            safety: Some(SafetyInputs { lower_limit: true, bridge_fault: true, ..SafetyInputs::default() }),
             reflex: true,
             ..TickInput::default()
         };

@@ -1,11 +1,11 @@
 //! One sector as a log of sequential-storage: the record, the view of the sector, and its futures run at once.
+//!
+//! None of it is generic: it is compiled once, here, and for size.
 
-use super::Permit;
-use crate::storage::{NorFlash, NorFlashError, NorFlashErrorKind};
-use core::fmt;
+use super::{Cells, Permit, SECTOR, WORD};
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
-use embedded_storage_async::nor_flash;
+use embedded_storage_async::nor_flash::{self, NorFlashError, NorFlashErrorKind};
 use sequential_storage::Error as LogError;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage, SerializationError, Value};
@@ -43,11 +43,11 @@ impl<'a> Value<'a> for Record<'a> {
 }
 
 /// The log of the sector that `view` shows.
-pub(super) fn log<'v, 'f, F: NorFlash, P: Permit>(view: &'v mut OneSector<'f, F, P>) -> Log<'v, 'f, F, P> {
-    MapStorage::new(view, const { MapConfig::new(0..2 * F::ERASE_SIZE as u32) }, Cache::new_uncached())
+pub(super) fn log<'v, 'f>(view: &'v mut OneSector<'f>) -> Log<'v, 'f> {
+    MapStorage::new(view, const { MapConfig::new(0..2 * SECTOR) }, Cache::new_uncached())
 }
 
-pub(super) type Log<'v, 'f, F, P> = MapStorage<(), &'v mut OneSector<'f, F, P>, Cache<Uncached, Uncached, Uncached>>;
+pub(super) type Log<'v, 'f> = MapStorage<(), &'v mut OneSector<'f>, Cache<Uncached, Uncached, Uncached>>;
 
 /// Runs a future that never waits: the flash beneath it answers at once. A single poll, so nothing can hang here.
 pub(super) fn at_once<T, E>(future: impl Future<Output = Result<T, LogError<E>>>) -> Result<T, LogError<E>> {
@@ -58,8 +58,8 @@ pub(super) fn at_once<T, E>(future: impl Future<Output = Result<T, LogError<E>>>
 }
 
 /// One sector as sequential-storage sees it: page 0 of two, the other one blank and closed to it.
-pub(super) struct OneSector<'f, F, P> {
-    pub flash: &'f mut F,
+pub(super) struct OneSector<'f> {
+    pub cells: &'f mut dyn Cells,
     /// Where the sector begins in the flash.
     pub base: u32,
     /// Reads from here on give blank cells.
@@ -67,35 +67,35 @@ pub(super) struct OneSector<'f, F, P> {
     /// Where the last read began.
     pub last: u32,
     /// `None` to read only.
-    pub permit: Option<&'f P>,
+    pub permit: Option<&'f dyn Permit>,
 }
 
 /// Why a view did not do as it was told.
 #[derive(Debug)]
-pub(super) enum Denied<E> {
-    Flash(E),
+pub(super) enum Denied {
+    Flash,
     NotPermitted,
     /// Outside the sector, or an erase.
     NotHere,
 }
 
-impl<E: fmt::Debug> NorFlashError for Denied<E> {
+impl NorFlashError for Denied {
     fn kind(&self) -> NorFlashErrorKind {
         NorFlashErrorKind::Other
     }
 }
 
-impl<F: NorFlash, P> nor_flash::ErrorType for OneSector<'_, F, P> {
-    type Error = Denied<F::Error>;
+impl nor_flash::ErrorType for OneSector<'_> {
+    type Error = Denied;
 }
 
-impl<F: NorFlash, P> nor_flash::ReadNorFlash for OneSector<'_, F, P> {
-    const READ_SIZE: usize = F::READ_SIZE;
+impl nor_flash::ReadNorFlash for OneSector<'_> {
+    const READ_SIZE: usize = 1;
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Denied> {
         self.last = offset;
         if offset < self.end {
-            self.flash.read(self.base + offset, bytes).map_err(Denied::Flash)
+            self.cells.read(self.base + offset, bytes).map_err(|_| Denied::Flash)
         } else {
             bytes.fill(0xFF);
             Ok(())
@@ -103,26 +103,26 @@ impl<F: NorFlash, P> nor_flash::ReadNorFlash for OneSector<'_, F, P> {
     }
 
     fn capacity(&self) -> usize {
-        2 * F::ERASE_SIZE
+        2 * SECTOR as usize
     }
 }
 
-impl<F: NorFlash, P: Permit> nor_flash::NorFlash for OneSector<'_, F, P> {
-    const WRITE_SIZE: usize = F::WRITE_SIZE;
-    const ERASE_SIZE: usize = F::ERASE_SIZE;
+impl nor_flash::NorFlash for OneSector<'_> {
+    const WRITE_SIZE: usize = WORD;
+    const ERASE_SIZE: usize = SECTOR as usize;
 
-    async fn erase(&mut self, _from: u32, _to: u32) -> Result<(), Self::Error> {
+    async fn erase(&mut self, _from: u32, _to: u32) -> Result<(), Denied> {
         Err(Denied::NotHere)
     }
 
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Denied> {
         let permit = self.permit.ok_or(Denied::NotHere)?;
-        if offset >= F::ERASE_SIZE as u32 {
+        if offset >= SECTOR {
             return Err(Denied::NotHere);
         }
         if !permit.holds() {
             return Err(Denied::NotPermitted);
         }
-        self.flash.write(self.base + offset, bytes).map_err(Denied::Flash)
+        self.cells.write(self.base + offset, bytes).map_err(|_| Denied::Flash)
     }
 }

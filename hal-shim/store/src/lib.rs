@@ -12,11 +12,14 @@
 //!
 //! On a single-bank flash an erase stalls the processor for up to half a second. Writing therefore needs a [`Permit`].
 
+#![no_std]
+#![forbid(unsafe_code)]
+
 mod sector;
 
-use crate::storage::NorFlash;
 use core::fmt;
 use core::marker::PhantomData;
+use embedded_storage::nor_flash::NorFlash;
 use sector::{Denied, OneSector, Record, at_once, log};
 use sequential_storage::Error as LogError;
 
@@ -24,6 +27,10 @@ use sequential_storage::Error as LogError;
 pub const MAX_IMAGE: usize = 2048;
 /// Bytes a load or save works in.
 pub const BUFFER: usize = MAX_IMAGE + 8;
+/// Bytes of a sector, the least that is erased.
+const SECTOR: u32 = 16 * 1024;
+/// Bytes that are programmed at once.
+const WORD: usize = 4;
 /// Layout of a record: sequence, this number, image.
 const FORMAT: u8 = 1;
 
@@ -57,6 +64,21 @@ pub enum StoreError<E> {
     Flash(E),
 }
 
+impl StoreError<Failed> {
+    /// The same, with what the flash said.
+    fn with<E>(self, said: Option<E>) -> StoreError<E> {
+        match self {
+            StoreError::Refused => StoreError::Refused,
+            StoreError::TooLong => StoreError::TooLong,
+            StoreError::Format(format) => StoreError::Format(format),
+            StoreError::Region => StoreError::Region,
+            StoreError::NotVerified => StoreError::NotVerified,
+            StoreError::Defect => StoreError::Defect,
+            StoreError::Flash(Failed) => said.map_or(StoreError::Defect, StoreError::Flash),
+        }
+    }
+}
+
 impl<E: fmt::Debug> fmt::Display for StoreError<E> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -77,11 +99,54 @@ impl<E: fmt::Debug> core::error::Error for StoreError<E> {}
 
 /// Two sectors of `F` that hold settings, written only under a permit of type `P`.
 ///
-/// `F` erases in the unit of one reserved sector, programs words of at most 8 bytes, and bounds every wait of its own.
+/// `F` erases in sectors of 16 KiB, programs words of 4 bytes, reads any, and bounds every wait of its own.
 pub struct Store<F, P> {
     flash: F,
     start: u32,
     permit: PhantomData<fn(&P)>,
+}
+
+/// A flash has failed; [`Heard`] keeps what it said.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Failed;
+
+/// What the log needs of a flash.
+trait Cells {
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed>;
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed>;
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed>;
+}
+
+/// A flash whose last error is kept.
+struct Heard<'f, F: NorFlash> {
+    flash: &'f mut F,
+    said: Option<F::Error>,
+}
+
+impl<F: NorFlash> Heard<'_, F> {
+    fn keep(&mut self, result: Result<(), F::Error>) -> Result<(), Failed> {
+        result.map_err(|error| {
+            self.said = Some(error);
+            Failed
+        })
+    }
+}
+
+impl<F: NorFlash> Cells for Heard<'_, F> {
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
+        let result = self.flash.read(offset, bytes);
+        self.keep(result)
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
+        let result = self.flash.write(offset, bytes);
+        self.keep(result)
+    }
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
+        let result = self.flash.erase(from, to);
+        self.keep(result)
+    }
 }
 
 /// The newest image of one sector.
@@ -97,7 +162,8 @@ struct Found {
 impl<F: NorFlash, P: Permit> Store<F, P> {
     /// Takes the two sectors that begin at offset `start` of the flash.
     pub fn new(flash: F, start: u32) -> Result<Self, StoreError<F::Error>> {
-        const { assert!(F::ERASE_SIZE >= 2 * BUFFER && F::WRITE_SIZE <= 8) };
+        const { assert!(F::ERASE_SIZE == SECTOR as usize && F::WRITE_SIZE == WORD && F::READ_SIZE == 1) };
+        const { assert!(F::ERASE_SIZE >= 2 * BUFFER) };
         let start_at = start as usize;
         let fits = start_at.checked_add(2 * F::ERASE_SIZE).is_some_and(|end| end <= flash.capacity());
         if !fits || !start_at.is_multiple_of(F::ERASE_SIZE) {
@@ -108,6 +174,30 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
 
     /// The image saved last, or `None` when there never was one. Reads only, at any time.
     pub fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Option<&'b [u8]>, StoreError<F::Error>> {
+        let mut heard = Heard { flash: &mut self.flash, said: None };
+        let result = Sectors { cells: &mut heard, start: self.start }.load(buffer);
+        result.map_err(|error| error.with(heard.said))
+    }
+
+    /// Saves an image. When this returns, `load` gives it back; cut short at any point, `load` gives it or the one before.
+    ///
+    /// An image that is the newest already is not written again.
+    pub fn save(&mut self, image: &[u8], buffer: &mut [u8; BUFFER], permit: &P) -> Result<(), StoreError<F::Error>> {
+        let mut heard = Heard { flash: &mut self.flash, said: None };
+        let result = Sectors { cells: &mut heard, start: self.start }.save(image, buffer, permit);
+        result.map_err(|error| error.with(heard.said))
+    }
+}
+
+/// The two sectors of a flash of any kind.
+struct Sectors<'f> {
+    cells: &'f mut dyn Cells,
+    start: u32,
+}
+
+impl Sectors<'_> {
+    #[inline(never)]
+    fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Option<&'b [u8]>, StoreError<Failed>> {
         match self.newest(buffer)? {
             None => Ok(None),
             Some(found) if found.format != FORMAT => Err(StoreError::Format(found.format)),
@@ -115,10 +205,8 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
         }
     }
 
-    /// Saves an image. When this returns, `load` gives it back; cut short at any point, `load` gives it or the one before.
-    ///
-    /// An image that is the newest already is not written again.
-    pub fn save(&mut self, image: &[u8], buffer: &mut [u8; BUFFER], permit: &P) -> Result<(), StoreError<F::Error>> {
+    #[inline(never)]
+    fn save(&mut self, image: &[u8], buffer: &mut [u8; BUFFER], permit: &dyn Permit) -> Result<(), StoreError<Failed>> {
         if image.len() > MAX_IMAGE {
             return Err(StoreError::TooLong);
         }
@@ -143,17 +231,17 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
             return Err(StoreError::Refused);
         }
         let from = self.base(sector);
-        self.flash.erase(from, from + F::ERASE_SIZE as u32).map_err(StoreError::Flash)?;
+        self.cells.erase(from, from + SECTOR).map_err(StoreError::Flash)?;
         let record = Record { sequence, format: FORMAT, image };
         if self.append(sector, &record, buffer, permit)? { Ok(()) } else { Err(StoreError::NotVerified) }
     }
 
     fn base(&self, sector: u32) -> u32 {
-        self.start + sector * F::ERASE_SIZE as u32
+        self.start + sector * SECTOR
     }
 
     /// The newer of the two sectors' newest images, left in the buffer.
-    fn newest(&mut self, buffer: &mut [u8; BUFFER]) -> Result<Option<Found>, StoreError<F::Error>> {
+    fn newest(&mut self, buffer: &mut [u8; BUFFER]) -> Result<Option<Found>, StoreError<Failed>> {
         match (self.look(0, buffer)?, self.look(1, buffer)?) {
             // The buffer holds what was looked at last.
             (Some(a), b) if b.is_none_or(|b| a.sequence > b.sequence) => self.look(0, buffer),
@@ -162,11 +250,11 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
     }
 
     /// The newest image of one sector, left in the buffer.
-    fn look(&mut self, sector: u32, buffer: &mut [u8; BUFFER]) -> Result<Option<Found>, StoreError<F::Error>> {
+    fn look(&mut self, sector: u32, buffer: &mut [u8; BUFFER]) -> Result<Option<Found>, StoreError<Failed>> {
         let base = self.base(sector);
-        let mut end = F::ERASE_SIZE as u32;
+        let mut end = SECTOR;
         loop {
-            let mut view = OneSector::<F, P> { flash: &mut self.flash, base, end, last: 0, permit: None };
+            let mut view = OneSector { cells: self.cells, base, end, last: 0, permit: None };
             let fetched = at_once(log(&mut view).fetch_item::<Record>(buffer, &()));
             return match fetched {
                 Ok(record) => {
@@ -177,7 +265,7 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
                     end = view.last;
                     continue;
                 }
-                Err(LogError::Storage { value: Denied::Flash(e) }) => Err(StoreError::Flash(e)),
+                Err(LogError::Storage { value: Denied::Flash }) => Err(StoreError::Flash(Failed)),
                 Err(LogError::LogicBug { .. }) => Err(StoreError::Defect),
                 // The crate wanted to repair, or found nothing it understands.
                 Err(_) => Ok(None),
@@ -192,12 +280,12 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
         sector: u32,
         record: &Record,
         buffer: &mut [u8; BUFFER],
-        permit: &P,
-    ) -> Result<bool, StoreError<F::Error>> {
-        let (base, end) = (self.base(sector), F::ERASE_SIZE as u32);
-        let mut view = OneSector { flash: &mut self.flash, base, end, last: 0, permit: Some(permit) };
+        permit: &dyn Permit,
+    ) -> Result<bool, StoreError<Failed>> {
+        let (base, end) = (self.base(sector), SECTOR);
+        let mut view = OneSector { cells: self.cells, base, end, last: 0, permit: Some(permit) };
         match at_once(log(&mut view).store_item(buffer, &(), record)) {
-            Err(LogError::Storage { value: Denied::Flash(e) }) => return Err(StoreError::Flash(e)),
+            Err(LogError::Storage { value: Denied::Flash }) => return Err(StoreError::Flash(Failed)),
             Err(LogError::Storage { value: Denied::NotPermitted }) => return Err(StoreError::Refused),
             Err(LogError::LogicBug { .. }) => return Err(StoreError::Defect),
             Err(_) => return Ok(false),
@@ -217,7 +305,7 @@ impl Found {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::double::flash::TestFlash;
+    use edm_hal_shim::double::flash::TestFlash;
 
     struct Leave;
 
@@ -232,7 +320,9 @@ mod tests {
         let mut buffer = [0; BUFFER];
         let mut store = Store::new(TestFlash::<2>::default(), 0).unwrap();
         let record = Record { sequence: 9, format: FORMAT + 1, image: b"?" };
-        assert_eq!(store.append(0, &record, &mut buffer, &Leave), Ok(true));
+        let mut heard = Heard { flash: &mut store.flash, said: None };
+        let mut sectors = Sectors { cells: &mut heard, start: 0 };
+        assert_eq!(sectors.append(0, &record, &mut buffer, &Leave), Ok(true));
         assert_eq!(store.load(&mut buffer), Err(StoreError::Format(2)));
         store.save(b"?", &mut buffer, &Leave).unwrap();
         assert_eq!(store.load(&mut buffer), Ok(Some(&b"?"[..])));
