@@ -23,13 +23,9 @@ pub struct SafetyInputs {
 }
 
 impl SafetyInputs {
-    /// Any of the conditions.
-    #[inline]
-    pub fn any(&self) -> bool {
-        // Without short circuits, and four of the five in one load.
-        let [a, b, c, d, e] =
-            [self.upper_limit, self.lower_limit, self.emergency_stop, self.dielectric, self.bridge_fault].map(u8::from);
-        u32::from_le_bytes([a, b, c, d]) | u32::from(e) != 0
+    /// Themselves, if any of the conditions is unsafe.
+    pub fn unsafe_ones(self) -> Option<SafetyInputs> {
+        (self != SafetyInputs::default()).then_some(self)
     }
 }
 

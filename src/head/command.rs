@@ -161,6 +161,9 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 if !state.follows() {
                     return Err(Refused::State(state));
                 }
+                if self.positioning.is_some() {
+                    return self.brake(state, self.config.acceleration);
+                }
                 self.enter(State::HoldingPosition, Reason::Held);
                 Ok(())
             }

@@ -7,6 +7,7 @@
 use super::TickInput;
 use super::machine::Head;
 use super::reaction::Motion;
+use crate::motion::Leg;
 use crate::path::Path;
 use crate::servo::{Output, Window};
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, larger, rare};
@@ -65,6 +66,15 @@ impl Course {
     pub fn pulses(&self) -> bool {
         self.pulses
     }
+
+    /// What the set point does since the plan, where it was at `from`.
+    pub fn leg(&self, from: Fixed) -> Leg {
+        if self.follow == Follow::Setpoint {
+            Leg { from, travel: self.travel, velocity: self.velocity }
+        } else {
+            Leg { from, ..Leg::default() }
+        }
+    }
 }
 
 impl<P: DerefMut<Target = Path>> Head<P> {
@@ -118,6 +128,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 self.limiter.stop();
                 self.course.travel = leg.travel;
                 self.course.velocity = leg.velocity;
+                self.status.feed = MicrometresPerSecond(leg.velocity.0 / self.config.axis.counts_per_um);
                 self.status.setpoint = leg.from;
                 Follow::Setpoint
             }

@@ -186,7 +186,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let busy = self.pace.begin();
         self.measure(input);
         let shorted = input.gap.short_ticks >= self.config.retreat.trigger;
-        let more = busy || self.urgent || input.reflex || shorted || input.safety.any();
+        let more = busy || self.urgent || input.reflex || shorted || input.safety.is_some();
         if more {
             self.do_more(busy, input);
         }
@@ -198,7 +198,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     #[inline(never)]
     fn do_more(&mut self, busy: bool, input: &TickInput) {
         // Whoever is not busy is here for something urgent.
-        let mut plan = !busy || input.reflex || input.safety.any();
+        let mut plan = !busy || input.reflex || input.safety.is_some();
         plan |= input.gap.short_ticks >= self.config.retreat.trigger;
         if busy {
             let slot = self.pace.take();
@@ -227,9 +227,10 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.pace.next() == pace::LOOK
     }
 
-    /// Whether the tick before was the one of its millisecond whose status supervision and host want.
-    pub fn tells(&self) -> bool {
-        self.pace.tells()
+    /// Whether the tick before was the one of its millisecond that looked at drive and encoder: supervision and host want
+    /// the status.
+    pub fn has_looked(&self) -> bool {
+        self.pace.has_looked()
     }
 
     /// States that count ticks, and loops that have the gap voltage as their only setpoint.
@@ -249,8 +250,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             Setpoint::Volts(volts) => volts,
             Setpoint::ShareOfOpen(share) => Volts(self.status.open_circuit.0 * share),
         };
-        self.safety = input.safety;
-        self.status.safety = input.safety;
+        self.safety = input.safety.unwrap_or_default();
+        self.status.safety = self.safety;
         self.mark = input.encoder.mark;
         self.reflex = input.reflex;
     }

@@ -46,8 +46,8 @@ pub struct TickInput {
     pub encoder: Snapshot,
     /// Second counter on the same lines, where both are wired; matters there, too.
     pub watch: Option<RawCount>,
-    /// Safety inputs.
-    pub safety: SafetyInputs,
+    /// Safety inputs, if any of them is unsafe.
+    pub safety: Option<SafetyInputs>,
     /// Motor current and bus voltage.
     pub drive: DriveCodes,
     /// The reflex has begun a retreat since the tick before.
@@ -62,7 +62,7 @@ pub struct TickOutput {
     pub drive: Drive,
     /// To the generator: pulses allowed.
     pub pulses: bool,
-    /// The tick did more than its loop: only then can the state have changed, or [`Head::tells`] be true.
+    /// The tick did more than its loop: only then can the state have changed, or [`Head::has_looked`] be true.
     pub more: bool,
 }
 
@@ -110,7 +110,8 @@ pub struct Status {
     pub homed: bool,
     /// How homing stands.
     pub homing: HomingState,
-    /// Velocity along the path that the state or its feed law asks for, within the law's limits.
+    /// Velocity along the path that the state or its feed law asks for, within the law's limits; beside the path, that of
+    /// the set point.
     pub feed: MicrometresPerSecond,
     /// Segments waiting behind the one under way.
     pub waiting: u16,

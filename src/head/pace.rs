@@ -7,7 +7,7 @@
 //! | --- | --- | --- |
 //! | 0, 5, 10, 15 | *plan*: states, feed law, limits, path | the gap voltage is filtered to 200 Hz; 0.25 ms are 1.8 degrees at 20 Hz |
 //! | 1 | *look*: I2t, back-EMF; encoder: two counters, marks | time constants of 20 ms and more, fed with the means of all ticks; deadlines of tens of ms |
-//! | 2 | *telling*: the firmware gives the status to supervision and host | their period |
+//! | 1, then | firmware: status to the supervision | its period |
 //!
 //! A plan is made out of its turn in the very tick in which something urgent shows: a short, a safety input, a fault, a
 //! command. States that count ticks or close a loop over the gap voltage plan in every tick.
@@ -16,8 +16,6 @@ use crate::units::{PLAN_TICKS, TICKS_PER_MS};
 
 /// Slot of the look at drive and encoder.
 pub(super) const LOOK: u32 = 1;
-/// Slot in which the status is told.
-const TELL: u32 = 2;
 
 /// A bit for each slot with a plan.
 const PLANS: u32 = {
@@ -31,7 +29,7 @@ const PLANS: u32 = {
 };
 
 /// A bit for each slot in which there is more than the loop.
-const BUSY: u32 = PLANS | 1 << LOOK | 1 << TELL;
+const BUSY: u32 = PLANS | 1 << LOOK;
 
 /// Counts down to the next slot in which there is more than the loop.
 #[derive(Clone, Copy, Debug)]
@@ -65,9 +63,9 @@ impl Pace {
         self.slot
     }
 
-    /// The tick under way is the one that tells.
-    pub fn tells(&self) -> bool {
-        (self.slot, self.left) == (PLAN_TICKS, PLAN_TICKS - TELL)
+    /// The tick under way had the look.
+    pub fn has_looked(&self) -> bool {
+        (self.slot, self.left) == (PLAN_TICKS, PLAN_TICKS - LOOK)
     }
 
     /// Gives the slot of this tick, and goes on to the next busy one.
@@ -91,25 +89,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_fifth_tick_plans_and_two_others_look_and_tell() {
+    fn every_fifth_tick_plans_and_one_other_looks() {
         let mut pace = Pace::new();
         let slots: Vec<_> = (0..40).map(|_| pace.begin().then(|| pace.take())).collect();
-        let busy = [0, 1, 2, 5, 10, 15];
+        let busy = [0, 1, 5, 10, 15];
         for (tick, slot) in (0..).zip(slots) {
             assert_eq!(slot, busy.contains(&(tick % 20)).then_some(tick % 20), "tick {tick}");
         }
-        assert_eq!(busy.map(plans), [true, false, false, true, true, true]);
+        assert_eq!(busy.map(plans), [true, false, true, true, true]);
     }
 
     #[test]
-    fn the_tick_before_the_look_knows_and_the_telling_itself_does() {
+    fn the_tick_before_the_look_knows_and_the_look_itself_does() {
         let mut pace = Pace::new();
         for tick in 0..100 {
             assert_eq!(pace.next() == LOOK, tick % 20 == LOOK, "before tick {tick}");
             if pace.begin() {
                 pace.take();
             }
-            assert_eq!(pace.tells(), tick % 20 == TELL, "after tick {tick}");
+            assert_eq!(pace.has_looked(), tick % 20 == LOOK, "after tick {tick}");
         }
     }
 }

@@ -153,8 +153,9 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let profile = match &self.positioning {
             Some(positioning) => positioning.profile,
             None => {
-                let [here] = self.path.setpoint();
-                Profile::at(here)
+                // The path may still be coming to rest.
+                let [from] = self.path.setpoint();
+                Profile::along(self.course.leg(from))
             }
         };
         self.positioning = Some(Positioning { profile, task });

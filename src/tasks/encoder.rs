@@ -1,17 +1,28 @@
 //! The edge decoder.
 
-use super::Published;
+use super::{ENCODER, Published};
+use core::borrow::Borrow;
 use edm_hal_shim::clock::Clock;
-use edm_hal_shim::encoder::{Levels, QuadratureLines};
+use edm_hal_shim::encoder::QuadratureLines;
 use edm_hal_shim::stm32f4::cycles::Cycles;
 use edm_hal_shim::stm32f4::encoder::{Edge, Line, Lines};
 use edm_servo_head::encoder::Quadrature;
+
+/// The published count: a place that the compiler knows, where a reference would have to be loaded at every edge.
+pub struct Shared;
+
+impl Borrow<Published> for Shared {
+    #[inline(always)]
+    fn borrow(&self) -> &Published {
+        &ENCODER
+    }
+}
 
 /// Decoder and lines. The three encoder interrupts have one priority, so they share it without a lock.
 pub struct Decoder {
     pub(super) lines: Lines,
     pub(super) clock: Cycles,
-    pub(super) quadrature: Quadrature<&'static Published>,
+    pub(super) quadrature: Quadrature<Shared>,
 }
 
 impl Decoder {
@@ -19,17 +30,17 @@ impl Decoder {
     #[inline(always)]
     pub fn edge(&mut self, line: Line) {
         self.lines.acknowledge(line);
-        let (levels, now) = (self.lines.levels(), self.clock.now());
         if self.lines.follows() {
-            self.quadrature.edge(levels, now);
+            self.quadrature.edge(self.lines.levels(), self.clock.now());
         } else {
-            self.unusual(levels, now);
+            self.unusual();
         }
     }
 
     #[cold]
     #[inline(never)]
-    fn unusual(&mut self, levels: Levels, now: u32) {
+    fn unusual(&mut self) {
+        let (levels, now) = (self.lines.levels(), self.clock.now());
         match self.lines.unusual() {
             Edge::Last => self.quadrature.edge(levels, now),
             Edge::AfterStorm => self.quadrature.resume(levels),

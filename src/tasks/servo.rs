@@ -11,7 +11,7 @@ use edm_hal_shim::bridge::{Drive, HBridge};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::EdgeCounter;
 use edm_hal_shim::generator::Generator;
-use edm_hal_shim::safety::{DriveSense, Safety, SafetyInputs};
+use edm_hal_shim::safety::{DriveSense, Safety};
 use edm_hal_shim::stm32f4::cycles::Cycles;
 use edm_hal_shim::stm32f4::drive::DriveAdc;
 use edm_hal_shim::stm32f4::encoder::{self as edges, Timer};
@@ -23,11 +23,32 @@ use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
 use edm_servo_head::head::{Change, Command, Fault, Head, Leave, Reason, State, Status, TickInput, TickOutput};
 use edm_servo_head::path::Path;
 use edm_servo_head::units::TICKS_PER_MS;
-use heapless::Vec;
 use heapless::spsc::{Consumer, Producer};
 
-/// Commands that a tick can have.
+/// Commands that a tick can have: the length of their queue.
 const MOST: usize = 8;
+
+/// The newest commands, and the tick that carried them out: a debugger, or the emulated chip, may look at it.
+pub struct Carried {
+    commands: [Command; MOST],
+    count: usize,
+    tick: u32,
+}
+
+impl Carried {
+    /// None yet.
+    pub const NONE: Carried = Carried { commands: [Command::Enable; MOST], count: 0, tick: 0 };
+
+    fn push(&mut self, command: Command, tick: u32) {
+        if self.tick != tick {
+            (self.tick, self.count) = (tick, 0);
+        }
+        if let Some(slot) = self.commands.get_mut(self.count) {
+            *slot = command;
+            self.count = self.count.wrapping_add(1);
+        }
+    }
+}
 
 /// The head with its inputs and outputs.
 pub struct Servo {
@@ -51,10 +72,9 @@ pub struct Servo {
     pub(super) reading: u32,
     /// The newest fault that another task told of, and the tick that was told.
     pub(super) told: (Fault, u32),
-    /// The newest commands, and the tick that carried them out: for a debugger, too.
-    pub(super) commands: (Vec<Command, MOST>, u32),
-    /// Cycles of the ticks of this millisecond that were timed, and how many were.
-    pub(super) timed: (u32, u32),
+    pub(super) carried: Carried,
+    /// Ticks of this millisecond that were timed.
+    pub(super) timed: u32,
     pub(super) faults: Consumer<'static, Fault>,
     pub(super) requests: Consumer<'static, Request>,
     pub(super) answers: Producer<'static, Answer>,
@@ -102,15 +122,17 @@ impl Servo {
             self.retreats = retreats;
             input.reflex = true;
         }
-        // Field by field: five flags on their way through the stack cost more than reading them.
-        let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault } = self.inputs.read();
-        let safety = &mut input.safety;
-        safety.upper_limit = upper_limit;
-        safety.lower_limit = lower_limit;
-        safety.emergency_stop = emergency_stop;
-        safety.dielectric = dielectric;
-        safety.bridge_fault = bridge_fault;
         input.drive = self.drive.read();
+        if !self.inputs.are_quiet() || self.input.safety.is_some() {
+            self.safety();
+        }
+    }
+
+    /// A safety input is unsafe, or was in the tick before.
+    #[cold]
+    #[inline(never)]
+    fn safety(&mut self) {
+        self.input.safety = self.inputs.read().unsafe_ones();
     }
 
     /// For a plan the gap; for the look, or while the timer leads, both counters.
@@ -131,18 +153,17 @@ impl Servo {
     #[cold]
     #[inline(never)]
     fn tell(&mut self, drive: Drive) {
-        let loop_only = pwm::since_tick();
         let state = self.head.status().state;
-        let tells = self.head.tells();
+        let looked = self.head.has_looked();
         if state != self.state {
             self.state = state;
             // A retreat may be forced only while the head erodes, or a CNC does with it.
             REFLEX.arm(matches!(state, State::Eroding | State::Guiding));
-        } else if !tells {
-            return self.time(loop_only);
+        } else if !looked {
+            return self.time();
         }
         // The PWM, which a fault of the bridge disconnects.
-        if drive != Drive::Coast && !self.input.safety.bridge_fault {
+        if drive != Drive::Coast && !self.input.safety.is_some_and(|safety| safety.bridge_fault) {
             pwm::arm();
         }
         while let Some(change) = self.head.next_change() {
@@ -151,26 +172,23 @@ impl Servo {
                 let _ = self.checked.enqueue(result);
             }
         }
-        if tells {
+        if looked {
             let _ = self.statuses.enqueue(*self.head.status());
             let _ = self.published.enqueue(*self.head.status());
             rtic::pend(PROTOCOL_VECTOR);
             ROLL.report(SERVO, self.clock.now());
         }
-        let now = pwm::since_tick();
-        self.time(now);
-        if tells {
-            let (sum, count) = core::mem::take(&mut self.timed);
-            let others = TICKS_PER_MS.saturating_sub(count).wrapping_mul(loop_only);
-            timers::add(SERVO, sum.wrapping_add(others));
+        self.time();
+        if looked {
+            let others = TICKS_PER_MS.saturating_sub(core::mem::take(&mut self.timed));
+            timers::add(SERVO, others.wrapping_mul(timers::LOOP));
         }
     }
 
-    /// A tick has taken so many cycles.
-    fn time(&mut self, cycles: u32) {
-        timers::newest(SERVO, cycles);
-        let (sum, count) = &mut self.timed;
-        (*sum, *count) = (sum.wrapping_add(cycles), count.wrapping_add(1));
+    /// A tick ends that has done more than its loop.
+    fn time(&mut self) {
+        timers::ran(SERVO, pwm::since_tick());
+        self.timed = self.timed.wrapping_add(1);
     }
 
     #[cold]
@@ -210,11 +228,7 @@ impl Servo {
 
     fn command(&mut self, command: Command) {
         let tick = self.number();
-        if self.commands.1 != tick {
-            self.commands.0.clear();
-            self.commands.1 = tick;
-        }
-        let _ = self.commands.0.push(command);
+        self.carried.push(command, tick);
         let result = self.head.command(command);
         let _ = self.answers.enqueue(Answer::Command(command, result, tick));
     }

@@ -1,12 +1,12 @@
 //! From reset to running tasks: the board, the settings, the head, the queues.
 
 use super::can::{Receive, Transmit};
-use super::encoder::Decoder;
+use super::encoder::{self, Decoder};
 use super::gap::Gap;
 use super::idle::Idle;
 use super::keeper::Keeper;
 use super::protocol::{Protocol, Uptime};
-use super::servo::Servo;
+use super::servo::{Carried, Servo};
 use super::supervise::Supervise;
 use super::timers::Timers;
 use super::{BUILD, BUILD_NUMBER, ENCODER, NODE, Queues, REFLEX, ROLL};
@@ -27,7 +27,6 @@ use edm_servo_head::gap::Voltage;
 use edm_servo_head::head::{Fault, Head, State, Supervisor, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{SettingError, Settings};
-use heapless::Vec;
 
 /// Every task with what it owns.
 #[allow(missing_docs, reason = "each is the task of its name")]
@@ -101,6 +100,8 @@ pub fn start(
     let node = place_node(&mut slots.node);
     let drive = place_drive(&mut slots.drive, identity, &mut slots.record)?;
     restore(&mut keeper, node, drive);
+    // The first order is to configure the head, which begins with it below.
+    let _ = drive.take();
     let active = drive.active().clone();
     let path = ccm::place(|| Path::EMPTY).ok_or(StartError::Memory)?;
     thresholds.set(&active.reflex).map_err(|_| StartError::Settings)?;
@@ -114,7 +115,7 @@ pub fn start(
             (None, None, None)
         }
     };
-    let quadrature = Quadrature::on(&ENCODER, machine.lines.levels(), clock.now());
+    let quadrature = Quadrature::on(encoder::Shared, machine.lines.levels(), clock.now());
     let (statuses_in, statuses) = queues.statuses.split();
     let (faults_in, faults) = queues.faults.split();
     let (requests_in, requests) = queues.requests.split();
@@ -148,8 +149,8 @@ pub fn start(
         input: TickInput::default(),
         reading: 0,
         told: (Fault::HostSilent, 0),
-        commands: (Vec::new(), 0),
-        timed: (0, 0),
+        carried: Carried::NONE,
+        timed: 0,
         faults,
         requests,
         answers: answers_in,

@@ -1,8 +1,8 @@
 //! How long the tasks take, for the host (200Ah): newest and longest run, and the share of the processor.
 //!
 //! A run lasts from its beginning to its end, whoever interrupts it; that of the servo task begins when it was due, with the
-//! period of the PWM. The servo task times the six ticks of a millisecond that do more than their loop; the others are taken
-//! to last as long as the one in which the status is told does up to there.
+//! period of the PWM. The ticks of the servo task that do no more than their loop, fifteen of twenty, are not timed: a
+//! measurement is a fiftieth of such a tick. In its load each of them counts as [`LOOP`].
 
 use super::{GAP, PROTOCOL, SERVO, SUPERVISE};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -21,15 +21,13 @@ static TIMES: [Times; TASKS] =
     [const { Times { last: AtomicU32::new(0), most: AtomicU32::new(0), sum: AtomicU32::new(0) } }; TASKS];
 const _: () = assert!(GAP == 0 && SERVO == 1 && SUPERVISE == 2 && PROTOCOL == 3);
 
+/// Cycles of a servo tick that does no more than its loop: its budget, of which it uses nearly all (docs/performance.md).
+pub const LOOP: u32 = 450;
+
 /// A task has run for so many cycles.
 #[inline]
 pub fn ran(task: usize, cycles: u32) {
     add(task, cycles);
-    newest(task, cycles);
-}
-
-/// The newest run of a task has taken so many cycles; [`add`] adds them to its load.
-pub fn newest(task: usize, cycles: u32) {
     if let Some(times) = TIMES.get(task) {
         times.last.store(cycles, Relaxed);
         if cycles > times.most.load(Relaxed) {
@@ -38,7 +36,8 @@ pub fn newest(task: usize, cycles: u32) {
     }
 }
 
-/// Runs of a task have taken so many cycles.
+/// Runs of a task that were not timed have taken so many cycles.
+#[inline]
 pub fn add(task: usize, cycles: u32) {
     if let Some(times) = TIMES.get(task) {
         times.sum.store(times.sum.load(Relaxed).wrapping_add(cycles), Relaxed);

@@ -117,6 +117,8 @@ fn profile_velocity_keeps_a_velocity_and_stops_at_the_limit() {
     rig.run(100);
     let travel = rig.position() - from;
     assert!((travel - 500).abs() < 15, "{travel} counts in 0.1 s");
+    let demanded = rig.read(0x606B, 0) as i32;
+    assert!((demanded - 5000).abs() <= 1, "{demanded} counts/s demanded");
     rig.run(400);
     assert!((rig.position() - 1500).abs() <= 2);
     rig.write32(0x60FF, 0, -5000);

@@ -42,7 +42,7 @@ prop_compose! {
         TickInput {
             gap: GapReading { filtered, block, quality, short_ticks },
             encoder: Snapshot { raw: RawCount { count, last_edge, toward_work, now }, illegal, ..Snapshot::default() },
-            safety: SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault },
+            safety: SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault }.unsafe_ones(),
             drive: DriveCodes { motor_current, bus_voltage },
             ..TickInput::default()
         }

@@ -187,7 +187,7 @@ impl Bench {
             gap: self.gap(),
             encoder: Snapshot { raw, ..Snapshot::default() },
             watch,
-            safety: self.safety,
+            safety: self.safety.unsafe_ones(),
             drive: DriveCodes {
                 motor_current: (2048.0 + self.amps() / 0.005).clamp(0.0, 4095.0) as u16,
                 bus_voltage: (self.bus / 0.02) as u16,

@@ -53,6 +53,58 @@ fn a_target_may_change_on_the_way() {
     assert_eq!(bench.um().floor(), 500.0);
 }
 
+/// The demanded velocity, um/s, and the greatest change of it from one tick to the next while running for `seconds`.
+fn demand(bench: &mut Bench, seconds: f64) -> (f32, f32) {
+    let mut before = bench.head.status().feed.0;
+    let mut hardest = 0.0f32;
+    for _ in 0..(seconds * f64::from(TICK_HZ)) as u32 {
+        bench.run(1.0 / f64::from(TICK_HZ));
+        let now = bench.head.status().feed.0;
+        hardest = hardest.max((now - before).abs());
+        before = now;
+    }
+    (before, hardest)
+}
+
+#[test]
+fn a_move_begins_with_the_velocity_that_the_one_before_has() {
+    let mut bench = Bench::ready();
+    bench.command(Command::Position(um(5000), PACE));
+    let (mut before, _) = demand(&mut bench, 0.1);
+    assert_eq!(before, 20_000.0);
+    // The head's own acceleration brakes a hold: 5 m/s^2.
+    for (command, acceleration) in [
+        (Command::Position(um(500), PACE), -1e6),
+        (Command::Brake(PACE.deceleration), -1e6),
+        (Command::Position(um(5000), PACE), 1e6),
+        (Command::Hold, -5e6),
+        (Command::Position(um(5000), PACE), 1e6),
+        (Command::Position(um(1000), PACE), -1e6f32),
+    ] {
+        bench.command(command);
+        let (now, hardest) = demand(&mut bench, 0.001);
+        // A plan lasts 0.25 ms at the most, and 1 ms ends up to one plan after the newest.
+        assert!(hardest <= acceleration.abs() * 0.25e-3 * 1.001, "{hardest} um/s after {command:?}");
+        let share = (now - before) / (acceleration * 1e-3);
+        assert!((0.7..1.01).contains(&share), "{before} to {now} um/s after {command:?}");
+        before = now;
+    }
+    assert!(demand(&mut bench, 0.8).1 <= 250.3);
+    assert_eq!((bench.um().floor(), bench.state()), (1000.0, State::Ready));
+}
+
+#[test]
+fn hold_brings_a_move_to_rest_on_a_ramp() {
+    let mut bench = Bench::ready();
+    bench.command(Command::Position(um(5000), PACE));
+    bench.run(0.1);
+    bench.command(Command::Hold);
+    bench.run(0.0005);
+    assert_eq!(bench.state(), State::Positioning);
+    bench.run_until(0.5, |bench| bench.state() == State::Ready);
+    assert_eq!(bench.head.status().feed.0, 0.0);
+}
+
 #[test]
 fn set_points_of_a_host_are_followed_to_the_count() {
     let mut bench = Bench::ready();

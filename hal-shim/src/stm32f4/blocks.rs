@@ -11,7 +11,7 @@ use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
 /// Two blocks; the converter fills one while the other is read.
 static CODES: [[AtomicU16; BLOCK]; 2] = [const { [const { AtomicU16::new(0) }; BLOCK] }; 2];
-/// Conversions that are copied at once.
+/// Conversions that are copied at once: written out, because an image made for size keeps a loop a loop.
 const GROUP: usize = 5;
 const _: () = assert!(BLOCK.is_multiple_of(GROUP));
 
@@ -98,8 +98,10 @@ impl GapFrontEnd for Blocks {
         let block = block.get_or_insert(GapBlock::EMPTY);
         for (codes, converted) in block.codes.chunks_exact_mut(GROUP).zip(half.chunks_exact(GROUP)) {
             // Loads in a row take a cycle each.
-            let group: [u16; GROUP] = core::array::from_fn(|i| converted.get(i).map_or(0, |code| code.load(Relaxed)));
-            codes.copy_from_slice(&group);
+            if let ([a, b, c, d, e], [v, w, x, y, z]) = (codes, converted) {
+                let group = [v.load(Relaxed), w.load(Relaxed), x.load(Relaxed), y.load(Relaxed), z.load(Relaxed)];
+                [*a, *b, *c, *d, *e] = group;
+            }
         }
         block.gate = self.edges.mask(look);
     }

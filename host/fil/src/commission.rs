@@ -4,6 +4,8 @@
 use anyhow::{Result, anyhow};
 use edm_hal_shim::storage::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use edm_hal_shim::store::{BUFFER, Permit, Store};
+use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Kept};
+use edm_servo_head::canopen::{Group, Node, NodeId};
 use edm_servo_head::settings::Settings;
 use edm_soc::Region;
 
@@ -61,6 +63,16 @@ impl NorFlash for Sectors<'_> {
     }
 }
 
+/// What a host has stored with 1010h:3 on a head with these settings.
+fn kept(settings: &Settings) -> Result<Kept> {
+    let record = Box::leak(Box::new(BLANK));
+    let drive = Drive::new(*settings, Identity::default(), record).map_err(|e| anyhow!("settings: {e}"))?;
+    let node = Node::new(&DEVICE, NodeId::new(1).ok_or_else(|| anyhow!("no node 1"))?, 0);
+    let mut kept = Kept::NOTHING;
+    kept.keep(Group::Application, &drive, &node);
+    Ok(kept)
+}
+
 /// Stores settings in a flash.
 ///
 /// # Errors
@@ -68,12 +80,13 @@ impl NorFlash for Sectors<'_> {
 pub fn commission(flash: &Region, settings: &Settings) -> Result<()> {
     let failed = |e| anyhow!("settings: {e}");
     let mut store = Store::<_, Off>::new(Sectors(flash), 0).map_err(failed)?;
-    store.save(&settings.image(), &mut [0; BUFFER], &Off).map_err(failed)
+    store.save(kept(settings)?.bytes(), &mut [0; BUFFER], &Off).map_err(failed)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use edm_servo_head::settings::IMAGE_LENGTH as LENGTH;
     use edm_soc::Memory;
 
     #[test]
@@ -84,6 +97,9 @@ mod tests {
         let mut store = Store::<_, Off>::new(Sectors(&memory.flash), 0).unwrap();
         let mut buffer = [0; BUFFER];
         let image = store.load(&mut buffer).unwrap().expect("an image");
-        assert_eq!(Settings::from_image(image), Ok(settings));
+        let kept = Kept::from_bytes(image).unwrap();
+        let application = kept.application().expect("settings");
+        assert_eq!(Settings::from_image(&application[..LENGTH]), Ok(settings));
+        assert_eq!(kept.communication(), None);
     }
 }

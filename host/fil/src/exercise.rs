@@ -1,6 +1,7 @@
 //! A hard day of a head: it seeks, erodes, meets a short, backs off, comes back, and then something breaks. Once that is
 //! mended the next thing breaks. What the chip sees meanwhile goes to a [`Witness`].
 
+use crate::host;
 use crate::image::Image;
 use crate::rig::{Emulated, Witness};
 use anyhow::{Result, anyhow, bail, ensure};
@@ -56,6 +57,7 @@ pub fn run(image: &Image, seconds: f64, witness: Witness) -> Result<(Witness, Me
     let rig = Emulated::start(image, &parameters, &settings, 1, witness)?;
     let mut day = Day { rig, met: Met::default() };
     day.rest(0.01)?;
+    host::begin(&mut day.rig)?;
     day.command(Command::SetHome(Nanometres(0)))?;
     let end = (seconds * f64::from(TICK_HZ)) as u64;
     for (what, fault) in BREAKS.into_iter().cycle() {

@@ -11,9 +11,10 @@ use std::collections::BTreeMap;
 
 type Slice<'a> = EndianSlice<'a, LittleEndian>;
 
-/// Size and fields of the types that were asked for.
+/// Size and fields of the types that were asked for, and the numbers of the variants among them.
 pub struct Layout {
     types: BTreeMap<String, (u64, BTreeMap<String, u64>)>,
+    variants: BTreeMap<String, u64>,
 }
 
 impl Layout {
@@ -29,6 +30,7 @@ impl Layout {
         };
         let dwarf = gimli::Dwarf::load(section)?;
         let mut types = BTreeMap::new();
+        let mut variants = BTreeMap::new();
         let mut units = dwarf.units();
         while let Some(header) = units.next()? {
             let unit = dwarf.unit(header)?;
@@ -36,6 +38,7 @@ impl Layout {
             // Names of the entries that enclose the present one.
             let mut path: Vec<String> = Vec::new();
             let mut inside: Option<(String, usize)> = None;
+            let mut number = None;
             while let Some(entry) = entries.next_dfs()? {
                 let depth = entry.depth().max(0) as usize;
                 path.truncate(depth);
@@ -45,10 +48,16 @@ impl Layout {
                 if inside.as_ref().is_some_and(|(_, d)| depth <= *d) {
                     inside = None;
                 }
+                let full = || path.iter().filter(|p| !p.is_empty()).skip(1).cloned().collect::<Vec<_>>().join("::");
                 match (entry.tag(), &inside) {
+                    (gimli::DW_TAG_variant, _) => {
+                        number = entry.attr_value(gimli::DW_AT_discr_value).and_then(|v| v.udata_value());
+                    }
+                    (gimli::DW_TAG_member, None) if number.is_some() => {
+                        variants.extend(number.take().map(|number| (full(), number)));
+                    }
                     (gimli::DW_TAG_structure_type, None) => {
-                        let full =
-                            path.iter().filter(|p| !p.is_empty()).skip(1).cloned().collect::<Vec<_>>().join("::");
+                        let full = full();
                         // A generic type is in the image once: what it is generic over does not matter.
                         let bare = full.split('<').next().unwrap_or_default().to_owned();
                         let full = if wanted.contains(&bare.as_str()) { bare } else { full };
@@ -71,7 +80,7 @@ impl Layout {
         for wanted in wanted {
             types.get(*wanted).with_context(|| format!("the ELF has no debug information of {wanted}"))?;
         }
-        Ok(Self { types })
+        Ok(Self { types, variants })
     }
 
     /// Place of a field.
@@ -81,6 +90,14 @@ impl Layout {
     pub fn offset(&self, of: &str, field: &str) -> Result<u32> {
         let at = self.types.get(of).and_then(|(_, fields)| fields.get(field));
         Ok(*at.with_context(|| format!("{of} has no field {field}"))? as u32)
+    }
+
+    /// Number of a variant, by the path of its own type: the first word of a value of the enumeration.
+    ///
+    /// # Errors
+    /// When there is no such variant.
+    pub fn variant(&self, path: &str) -> Result<u32> {
+        Ok(*self.variants.get(path).with_context(|| format!("the ELF has no variant {path}"))? as u32)
     }
 
     /// Checks that a type has the size and the fields that it has here.

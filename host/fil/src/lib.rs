@@ -14,6 +14,7 @@ pub mod commission;
 pub mod cycles;
 pub mod decode;
 pub mod exercise;
+pub mod host;
 pub mod image;
 pub mod latency;
 pub mod layout;

@@ -3,13 +3,13 @@
 
 use crate::bench::{Bench, WINDOW};
 use crate::commission::commission;
+use crate::host::{self, Bus};
 use crate::image::Image;
 use crate::machine::Machine;
 use crate::rtt::Rtt;
 use crate::seen::Places;
 use anyhow::{Result, anyhow, bail};
 use edm_servo_head::head::{Change, Command, Reason, Status};
-use edm_servo_head::remote;
 use edm_servo_head::settings::Settings;
 use edm_sim::lockstep::{Event, Recorder, Twin};
 use edm_sim::machine::Rig;
@@ -20,15 +20,13 @@ use std::collections::VecDeque;
 
 /// Crystal of the board, Hz.
 const CRYSTAL_HZ: u64 = 8_000_000;
-/// The firmware's number on the bus.
-const NODE: u16 = 1;
 /// Longest start of the firmware, ticks: the first period of the PWM comes within.
 const START: u64 = TICK_HZ / 10;
-/// Windows that an answer may take: 50 ms.
-const PATIENCE: u32 = 1000;
-/// Windows between two life signs of the host, and their frame (SYNC of CiA 301).
-const LIFE: u64 = 100;
-const SYNC: u16 = 0x080;
+/// Windows between two heartbeats of the host, and windows of a millisecond.
+const LIFE: u64 = 2000;
+const MS: u64 = 20;
+/// Windows between two looks at the firmware's log.
+const LOG: u64 = 100;
 /// Factor on the time of thread mode: a round of the idle loop costs host time and finds nothing.
 const STRETCH: u64 = 100;
 /// Exceptions of the servo task, TIM1_UP, and of the gap task, DMA2_STREAM0.
@@ -80,8 +78,6 @@ pub struct Emulated {
     pub host_alive: bool,
     places: Places,
     witness: Witness,
-    /// Commands under way, and the windows whose ticks carry them out.
-    commands: VecDeque<(u64, Command)>,
     /// Where the present window is looked at.
     end: u64,
     /// Runs of the gap task so far.
@@ -90,7 +86,7 @@ pub struct Emulated {
     /// True count at the beginning of the window, where the servo task reads the encoder.
     count: i64,
     changes: VecDeque<Change>,
-    answers: VecDeque<[u8; 2]>,
+    came: VecDeque<Frame>,
     windows: u64,
 }
 
@@ -117,13 +113,12 @@ impl Emulated {
             host_alive: true,
             places,
             witness,
-            commands: VecDeque::new(),
             end: 0,
             blocks: 0,
             status: Status::default(),
             count: 0,
             changes: VecDeque::new(),
-            answers: VecDeque::new(),
+            came: VecDeque::new(),
             windows: 0,
         };
         rig.boot(parameters, seed)?;
@@ -173,19 +168,15 @@ impl Emulated {
         let soc = self.machine.soc();
         if self.host_alive && self.windows.is_multiple_of(LIFE) {
             let at = soc.now() + WINDOW / 2;
-            soc.world.send(at, Frame::new(SYNC, &[]));
+            soc.world.send(at, host::heartbeat());
             soc.world_changed();
         }
         self.count = soc.world.process.truth().count;
         self.end += WINDOW;
         self.machine.run_until(self.end)?;
         let soc = self.machine.soc();
-        while let Some((_, frame)) = soc.world.sent.pop_front() {
-            if frame.id == u32::from(remote::ANSWER | NODE) {
-                self.answers.push_back([frame.data[0], frame.data[1]]);
-            }
-        }
-        if self.windows.is_multiple_of(LIFE) {
+        self.came.extend(soc.world.sent.drain(..).map(|(_, frame)| frame));
+        if self.windows.is_multiple_of(LOG) {
             self.print_log();
         }
         self.look_at_block()?;
@@ -206,7 +197,7 @@ impl Emulated {
             let reason = Reason::Fault(fault);
             self.changes.push_back(Change { tick: status.tick, from: before.state, to: status.state, reason });
         }
-        while let Some((_, command)) = self.commands.pop_front_if(|c| c.0 <= self.windows) {
+        for command in self.places.commands(memory, status.tick)? {
             self.witness.event(&Event::Command(command))?;
         }
         if let Some(fault) = told {
@@ -288,39 +279,25 @@ impl Rig for Emulated {
     }
 
     fn command(&mut self, command: Command) -> Result<(), String> {
-        let data = request(command);
-        let soc = self.machine.soc();
-        let now = soc.now();
-        soc.world.send(now + WINDOW / 2, Frame::new(remote::COMMAND | NODE, &data));
-        soc.world_changed();
-        // It ends in the middle of the next window; the servo tick after that carries it out.
-        self.commands.push_back((self.windows + 2, command));
-        for _ in 0..PATIENCE {
-            self.tick()?;
-            if let Some([number, code]) = self.answers.pop_front() {
-                let done = number == data[0] && code == 0;
-                return if done { Ok(()) } else { Err(format!("{command:?} was refused with code {code}")) };
-            }
-        }
-        Err(format!("{command:?}: no answer"))
+        host::command(self, command).map_err(|e| format!("{e:#}"))
     }
 }
 
-/// A command as the frame that [`remote::request`] understands.
-fn request(command: Command) -> [u8; 8] {
-    let (number, nm) = match command {
-        Command::Enable => (1, 0),
-        Command::Disable => (2, 0),
-        Command::SetHome(at) => (3, at.0),
-        Command::MoveTo(to) => (4, to.0),
-        Command::MoveBy(by) => (5, by.0),
-        Command::Start => (6, 0),
-        Command::Hold => (7, 0),
-        Command::Commission => (8, 0),
-        Command::ResetFault => (9, 0),
-    };
-    let [a, b, c, d] = (nm as i32).to_le_bytes();
-    [number, 0, 0, 0, a, b, c, d]
+impl Bus for Emulated {
+    fn send(&mut self, frame: Frame) {
+        let soc = self.machine.soc();
+        let at = soc.now() + WINDOW / 2;
+        soc.world.send(at, frame);
+        soc.world_changed();
+    }
+
+    fn pass(&mut self) -> Result<()> {
+        (0..MS).try_for_each(|_| self.window())
+    }
+
+    fn take(&mut self) -> Option<Frame> {
+        self.came.pop_front()
+    }
 }
 
 /// Bores a hole with the firmware in `image`: the counterpart of [`edm_sim::bore::bore`].
@@ -345,29 +322,6 @@ pub fn bore(
         .and_then(|witness| Emulated::start(image, &job.setup.process, &settings, job.seed, witness))
         .map_err(|e| format!("{e:#}"))?;
     rig.log = log;
+    host::begin(&mut rig).map_err(|e| format!("{e:#}"))?;
     edm_sim::bore::run(job, &mut rig, observer, progress)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use edm_servo_head::units::Nanometres;
-
-    #[test]
-    fn the_firmware_understands_every_command_of_the_host() {
-        let at = Nanometres(-1_234_567);
-        for command in [
-            Command::Enable,
-            Command::Disable,
-            Command::SetHome(at),
-            Command::MoveTo(at),
-            Command::MoveBy(at),
-            Command::Start,
-            Command::Hold,
-            Command::Commission,
-            Command::ResetFault,
-        ] {
-            assert_eq!(remote::request(&request(command)), Some(remote::Request::Command(command)));
-        }
-    }
 }

@@ -10,8 +10,11 @@ use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
-use edm_servo_head::head::{Fault, Status, TickInput};
-use edm_servo_head::units::{Amps, CountsPerSecond, Fixed, Volts};
+use edm_servo_head::head::{Command, Fault, Home, Pace, Status, TickInput};
+use edm_servo_head::motion::Method;
+use edm_servo_head::units::{
+    Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Volts,
+};
 use edm_sim::lockstep::{QUALITIES, STATES};
 use edm_soc::{Memory, Region};
 use std::mem::{offset_of, size_of};
@@ -22,9 +25,48 @@ const GAP: &str = "edm_servo_head::tasks::gap::Gap";
 const TOLD: &str = "(edm_servo_head::head::fault::Fault, u32)";
 const BLOCKS: &str = "core::option::Option<edm_hal_shim::gap::GapBlock>";
 
+const CARRIED: &str = "edm_servo_head::tasks::servo::Carried";
+const COMMAND: &str = "edm_servo_head::head::command::Command";
+/// Variants of [`Command`], and the number of fields that each has.
+const VARIANTS: [(&str, usize); 15] = [
+    ("Enable", 0),
+    ("Disable", 0),
+    ("SetHome", 1),
+    ("MoveTo", 1),
+    ("MoveBy", 1),
+    ("ClearPath", 0),
+    ("Position", 2),
+    ("Follow", 2),
+    ("Home", 1),
+    ("Brake", 1),
+    ("Start", 0),
+    ("Guide", 0),
+    ("Hold", 0),
+    ("Commission", 0),
+    ("ResetFault", 0),
+];
+
+/// A variant of [`Command`] as the firmware's compiler lays it out.
+#[derive(Clone, Debug)]
+struct Variant {
+    name: &'static str,
+    number: u32,
+    /// Places of its fields.
+    fields: [usize; 2],
+}
+
+macro_rules! at {
+    ($type:ty, $field:ident) => {
+        offset_of!($type, $field)
+    };
+}
+
 /// Addresses in a chip that runs a certain image.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Places {
+    variants: Vec<Variant>,
+    /// Commands, how many, and their tick.
+    carried: (u32, u32, u32),
     status: u32,
     input: u32,
     told: (u32, u32),
@@ -42,8 +84,12 @@ impl Places {
                 $($layout.same($path, size_of::<$type>(), &[$((stringify!($field), offset_of!($type, $field))),*])?;)+
             };
         }
-        let wanted = [
+        let payloads = VARIANTS.map(|(name, _)| format!("{COMMAND}::{name}"));
+        let mut wanted = vec![
             HEAD,
+            CARRIED,
+            "edm_servo_head::head::positioning::Pace",
+            "edm_servo_head::head::positioning::Home",
             SERVO,
             GAP,
             BLOCKS,
@@ -58,6 +104,7 @@ impl Places {
             "edm_hal_shim::safety::SafetyInputs",
             "edm_hal_shim::safety::DriveCodes",
         ];
+        wanted.extend(payloads.iter().map(String::as_str));
         let layout = Layout::read(image.file(), &wanted)?;
         checked!(layout,
             "edm_servo_head::head::Status" Status: tick, state, fault, position, setpoint, following, velocity, path, gap,
@@ -71,12 +118,30 @@ impl Places {
             "edm_hal_shim::safety::SafetyInputs" SafetyInputs: upper_limit, lower_limit, emergency_stop, dielectric,
                 bridge_fault;
             "edm_hal_shim::safety::DriveCodes" DriveCodes: motor_current, bus_voltage;
+            "edm_servo_head::head::positioning::Pace" Pace: velocity, acceleration, deceleration;
+            "edm_servo_head::head::positioning::Home" Home: method, fast, slow, acceleration, at;
         );
         layout.same(BLOCKS, size_of::<Option<GapBlock>>(), &[])?;
         let symbol = |module, name| image.find(module, name).with_context(|| format!("the ELF has no symbol {name}"));
         let servo = symbol("app", "__rtic_internal_local_resource_servo")?;
         let told = servo + layout.offset(SERVO, "told")?;
+        let carried = servo + layout.offset(SERVO, "carried")?;
+        let mut variants = Vec::new();
+        for (payload, (name, count)) in payloads.iter().zip(VARIANTS) {
+            layout.same(payload, size_of::<Command>(), &[])?;
+            let mut fields = [0; 2];
+            for (i, place) in fields.iter_mut().enumerate().take(count) {
+                *place = layout.offset(payload, &format!("__{i}"))? as usize;
+            }
+            variants.push(Variant { name, number: layout.variant(payload)?, fields });
+        }
         Ok(Self {
+            variants,
+            carried: (
+                carried + layout.offset(CARRIED, "commands")?,
+                carried + layout.offset(CARRIED, "count")?,
+                carried + layout.offset(CARRIED, "tick")?,
+            ),
             status: servo + layout.offset(SERVO, "head")? + layout.offset(HEAD, "status")?,
             input: servo + layout.offset(SERVO, "input")?,
             told: (told + layout.offset(TOLD, "__0")?, told + layout.offset(TOLD, "__1")?),
@@ -110,6 +175,63 @@ impl Places {
         let fault = at(fault).byte(0)?;
         let fault = *Fault::ALL.get(fault).context("a fault that is none")?;
         Ok((at(told).word(0)? == tick).then_some(fault))
+    }
+
+    /// The commands that tick `tick` carried out.
+    ///
+    /// # Errors
+    /// When what is there cannot be commands.
+    pub fn commands(&self, memory: &Memory, tick: u32) -> Result<Vec<Command>> {
+        let at = |at| View { region: &memory.sram, at };
+        let (commands, count, carried) = self.carried;
+        if at(carried).word(0)? != tick {
+            return Ok(Vec::new());
+        }
+        let count = at(count).word(0)? as usize;
+        (0..count).map(|i| self.command(&at(commands).inner(i * size_of::<Command>()))).collect()
+    }
+
+    fn command(&self, view: &View) -> Result<Command> {
+        let number = view.word(0)?;
+        let variant =
+            self.variants.iter().find(|variant| variant.number == number).context("a command that is none")?;
+        let [first, second] = variant.fields;
+        let nm = || view.long(first).map(Nanometres);
+        Ok(match variant.name {
+            "Enable" => Command::Enable,
+            "Disable" => Command::Disable,
+            "SetHome" => Command::SetHome(nm()?),
+            "MoveTo" => Command::MoveTo(nm()?),
+            "MoveBy" => Command::MoveBy(nm()?),
+            "ClearPath" => Command::ClearPath,
+            "Position" => {
+                let pace = view.inner(second);
+                let pace = Pace {
+                    velocity: MicrometresPerSecond(pace.float(at!(Pace, velocity))?),
+                    acceleration: MicrometresPerSecond2(pace.float(at!(Pace, acceleration))?),
+                    deceleration: MicrometresPerSecond2(pace.float(at!(Pace, deceleration))?),
+                };
+                Command::Position(nm()?, pace)
+            }
+            "Follow" => Command::Follow(nm()?, view.word(second)?),
+            "Home" => {
+                let home = view.inner(first);
+                Command::Home(Home {
+                    method: Method::from_number(home.byte(at!(Home, method))? as i8)
+                        .context("a method that is none")?,
+                    fast: MicrometresPerSecond(home.float(at!(Home, fast))?),
+                    slow: MicrometresPerSecond(home.float(at!(Home, slow))?),
+                    acceleration: MicrometresPerSecond2(home.float(at!(Home, acceleration))?),
+                    at: Nanometres(home.long(at!(Home, at))?),
+                })
+            }
+            "Brake" => Command::Brake(MicrometresPerSecond2(view.float(first)?)),
+            "Start" => Command::Start,
+            "Guide" => Command::Guide,
+            "Hold" => Command::Hold,
+            "Commission" => Command::Commission,
+            _ => Command::ResetFault,
+        })
     }
 
     /// The newest block of conversions; `None` when it was lost.
@@ -165,12 +287,6 @@ impl View<'_> {
     }
 }
 
-macro_rules! at {
-    ($type:ty, $field:ident) => {
-        offset_of!($type, $field)
-    };
-}
-
 fn reading(view: &View) -> Result<GapReading> {
     Ok(GapReading {
         filtered: Volts(view.float(at!(GapReading, filtered))?),
@@ -196,6 +312,9 @@ fn input(view: &View) -> Result<TickInput> {
     // No count: a direction that is neither.
     let watched = watch.byte(at!(RawCount, toward_work))? < 2;
     let safety = view.inner(at!(TickInput, safety));
+    // None: one of the flags is neither true nor false.
+    let flags = 0..size_of::<SafetyInputs>();
+    let there = flags.map(|i| safety.byte(i)).collect::<Result<Vec<_>>>()?.iter().all(|flag| *flag < 2);
     let drive = view.inner(at!(TickInput, drive));
     Ok(TickInput {
         gap: reading(&view.inner(at!(TickInput, gap)))?,
@@ -209,7 +328,7 @@ fn input(view: &View) -> Result<TickInput> {
             },
         },
         watch: if watched { Some(raw(&watch)?) } else { None },
-        safety: contacts(&safety)?,
+        safety: if there { Some(contacts(&safety)?) } else { None },
         drive: DriveCodes {
             motor_current: drive.half(at!(DriveCodes, motor_current))?,
             bus_voltage: drive.half(at!(DriveCodes, bus_voltage))?,

@@ -1,21 +1,20 @@
 //! The real firmware on the rig, led to where it is to be measured.
 
 use crate::commission::commission;
+use crate::host::{self, Bus};
 use crate::image::Image;
 use crate::machine::{Alter, Machine};
 use crate::rtt::Rtt;
 use crate::synthetic::{Behaviour, Rig};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use edm_hal_shim::board::F405;
+use edm_servo_head::head::{Command, State};
 use edm_servo_head::settings::Settings;
+use edm_servo_head::units::Nanometres;
 use edm_soc::{Change, Frame, TICK_HZ};
 
 /// Ticks of the chip in a millisecond.
 pub const MS: u64 = TICK_HZ / 1000;
-
-/// States in the order of the firmware's report.
-const READY: u8 = 2;
-const ERODING: u8 = 4;
 
 /// A run.
 pub struct Session {
@@ -23,6 +22,8 @@ pub struct Session {
     pub machine: Machine<Rig>,
     rtt: Rtt,
     now: u64,
+    /// Frames of the head taken so far.
+    taken: usize,
     /// What the firmware has logged.
     pub log: Vec<String>,
 }
@@ -48,10 +49,13 @@ impl Session {
         // The guided check takes minutes of simulation; it is not what is measured here.
         let settings = Settings { commissioned: true, ..Settings::default() };
         commission(&machine.soc().memory.flash, &settings)?;
-        let mut session = Self { machine, rtt: Rtt::new(image)?, now: 0, log: Vec::new() };
+        let mut session = Self { machine, rtt: Rtt::new(image)?, now: 0, taken: 0, log: Vec::new() };
         session.run(30 * MS)?;
-        session.command(&[1])?;
-        session.expect(READY)?;
+        host::begin(&mut session)?;
+        session.command(Command::SetHome(Nanometres(0)))?;
+        session.command(Command::Enable)?;
+        let state = session.state()?;
+        ensure!(state == State::Ready as u32, "the head is in state {state} instead of ready: {:?}", session.log);
         Ok(session)
     }
 
@@ -60,38 +64,27 @@ impl Session {
     /// # Errors
     /// When it does not.
     pub fn erode(&mut self) -> Result<()> {
-        // By 1 mm, then start.
-        self.command(&[5, 0, 0, 0, 0x40, 0x42, 0x0f, 0])?;
-        self.command(&[6])?;
+        self.command(Command::MoveBy(Nanometres(1_000_000)))?;
+        self.command(Command::Start)?;
         for _ in 0..40 {
             self.idle(10 * MS)?;
-            if self.state() == Some(ERODING) {
+            if self.state()? == State::Eroding as u32 {
                 return Ok(());
             }
         }
-        let reports: Vec<_> =
-            self.machine.soc().world.frames.iter().rev().filter(|f| f.1.id == 0x181).take(3).collect();
-        bail!("the head does not erode: {:?}, newest reports {reports:?}", self.log)
+        bail!("the head does not erode: state {}, {:?}", self.state()?, self.log)
     }
 
-    fn expect(&mut self, state: u8) -> Result<()> {
-        if self.state() != Some(state) {
-            bail!("the head is in state {:?} instead of {state}: {:?}", self.state(), self.log);
-        }
-        Ok(())
+    /// State of the head, 2000h:1.
+    ///
+    /// # Errors
+    /// When the head does not answer.
+    pub fn state(&mut self) -> Result<u32> {
+        host::read(self, 0x2000, 1)
     }
 
-    /// State in the newest report.
-    pub fn state(&mut self) -> Option<u8> {
-        let frames = &self.machine.soc().world.frames;
-        frames.iter().rev().find(|f| f.1.id == 0x181).map(|f| f.1.data[0])
-    }
-
-    fn command(&mut self, data: &[u8]) -> Result<()> {
-        let at = self.now + 10;
-        let frame = Frame::new(0x201, data);
-        self.machine.soc().world.change(at, Change::Can(frame));
-        self.idle(25 * MS)
+    fn command(&mut self, command: Command) -> Result<()> {
+        host::command(self, command).with_context(|| format!("log: {:?}", self.log))
     }
 
     /// Lets `time` pass, with the host's sign of life.
@@ -101,9 +94,8 @@ impl Session {
     pub fn idle(&mut self, time: u64) -> Result<()> {
         let end = self.now + time;
         while self.now < end {
-            let frame = Frame::new(0x201, &[0]);
             let at = self.now + 5 * MS / 2;
-            self.machine.soc().world.change(at, Change::Can(frame));
+            self.machine.soc().world.change(at, Change::Can(host::heartbeat()));
             self.run((end - self.now).min(50 * MS))?;
         }
         Ok(())
@@ -119,5 +111,23 @@ impl Session {
     /// Present time, ticks of the chip.
     pub fn now(&self) -> u64 {
         self.now
+    }
+}
+
+impl Bus for Session {
+    fn send(&mut self, frame: Frame) {
+        let at = self.now + 10;
+        self.machine.soc().world.change(at, Change::Can(frame));
+    }
+
+    fn pass(&mut self) -> Result<()> {
+        self.run(MS)
+    }
+
+    fn take(&mut self) -> Option<Frame> {
+        let frames = &self.machine.soc().world.frames;
+        let frame = frames.get(self.taken).map(|(_, frame)| *frame);
+        self.taken += usize::from(frame.is_some());
+        frame
     }
 }

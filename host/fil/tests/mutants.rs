@@ -35,7 +35,7 @@ fn run(file: &[u8], alter: Option<Alter>, prepare: impl FnOnce(&mut Session)) ->
     session.machine.soc().world.calm();
     let (isr, timer) = lost(&mut session, &image)?;
     anyhow::ensure!((isr, timer) == (0, 0), "counts lost: {isr} by interrupt, {timer} by timer");
-    anyhow::ensure!(session.state() == Some(4), "no longer eroding: {:?}", session.log);
+    anyhow::ensure!(session.state()? == 4, "no longer eroding: {:?}", session.log);
     let shorts = &session.machine.soc().world.shorts;
     anyhow::ensure!(shorts.len() > 200, "{} shorts met", shorts.len());
     for short in shorts.iter().filter(|s| s.sampled.is_some()) {

@@ -152,7 +152,7 @@ impl Machine {
             gap,
             encoder,
             watch: Some(RawCount { count: sensors.timer_count, ..encoder.raw }),
-            safety: sensors.safety,
+            safety: sensors.safety.unsafe_ones(),
             drive: sensors.drive,
             reflex: false,
         };

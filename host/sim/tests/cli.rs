@@ -299,3 +299,21 @@ fn the_bench_measures_relative_to_its_calibration_loop() {
     assert!(bench["first_progress_s"].as_f64().unwrap() < 1.0);
     assert_eq!(bench["runs"].as_array().unwrap().len(), 1);
 }
+
+#[test]
+fn descriptions_go_to_the_file_of_out_and_are_what_the_standard_output_gets() {
+    let folder = folder();
+    for words in [&["eds"][..], &["dbc", "--node-id", "7"]] {
+        let shown = run(folder.path(), words);
+        assert!(shown.status.success() && !shown.stdout.is_empty());
+        let written = run(folder.path(), &[words, &["--out", "described"]].concat());
+        assert!(written.status.success() && written.stdout.is_empty());
+        assert_eq!(fs::read(folder.path().join("described")).unwrap(), shown.stdout);
+        let before = listing(folder.path());
+        let refused = run(folder.path(), &[words, &["--out", "sub"]].concat());
+        assert_eq!(refused.status.code(), Some(2));
+        let said = String::from_utf8(refused.stderr).unwrap();
+        assert!(said.lines().count() == 1 && said.contains("--out sub: must be a file"), "{said}");
+        assert!(refused.stdout.is_empty() && listing(folder.path()) == before);
+    }
+}

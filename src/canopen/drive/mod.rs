@@ -423,6 +423,10 @@ impl Drive {
     }
 
     fn record(&mut self) {
+        // Whoever looks up four objects for nothing does it a thousand times a second.
+        if !self.scope.runs() {
+            return;
+        }
         let signals = [Item::ScopeSignal1, Item::ScopeSignal2, Item::ScopeSignal3, Item::ScopeSignal4];
         let signals = signals.map(|item| self.signal(self.value(item) as u32));
         let trigger = Trigger { kind: self.value(Item::ScopeTrigger), level: self.value(Item::ScopeLevel) };

@@ -102,6 +102,11 @@ impl Scope {
         self.phase
     }
 
+    /// Whether it takes samples.
+    pub fn runs(&self) -> bool {
+        matches!(self.phase, Phase::Waits | Phase::Records)
+    }
+
     /// Samples recorded.
     pub fn count(&self) -> u16 {
         self.count

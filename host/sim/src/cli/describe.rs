@@ -1,6 +1,19 @@
 //! Description files for masters and loggers: `edm-sim eds`, `edm-sim dbc`.
 
+use super::{Failure, say};
+use crate::output::Output;
 use edm_servo_head::canopen::{NodeId, dbc, eds};
+use std::path::Path;
+
+/// Writes a description to the file of `--out`, or to the standard output.
+pub fn give(text: &str, out: Option<&Path>) -> Result<(), Failure> {
+    let Some(path) = out else {
+        say(text);
+        return Ok(());
+    };
+    let output = Output::claim("--out", path).map_err(Failure::BadInput)?;
+    output.write(|file| file.write_all(text.as_bytes())).map_err(Failure::Failed)
+}
 
 /// The data sheet.
 pub fn eds() -> String {

@@ -19,6 +19,7 @@ use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 use std::ffi::OsString;
 use std::io::Write;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Exit code when the hole was not bored or an output could not be written.
@@ -56,10 +57,17 @@ enum Command {
     Scenarios,
     /// List every setting with unit, default, range and source
     Settings,
-    /// Write the CANopen data sheet (EDS) to the standard output
-    Eds,
-    /// Write the process data of a node as a DBC file to the standard output
+    /// Write the CANopen data sheet (EDS)
+    Eds {
+        /// Write to a file instead of the standard output
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
+    /// Write the process data of a node as a DBC file
     Dbc {
+        /// Write to a file instead of the standard output
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
         /// Node-ID
         #[arg(long, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=127))]
         node_id: u8,
@@ -92,14 +100,8 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
             say(&text);
             true
         }),
-        Command::Eds => {
-            say(&describe::eds());
-            Ok(true)
-        }
-        Command::Dbc { node_id } => {
-            say(&describe::dbc(node_id));
-            Ok(true)
-        }
+        Command::Eds { out } => describe::give(&describe::eds(), out.as_deref()).map(|()| true),
+        Command::Dbc { out, node_id } => describe::give(&describe::dbc(node_id), out.as_deref()).map(|()| true),
         Command::Settings => {
             say(&tables::settings());
             Ok(true)

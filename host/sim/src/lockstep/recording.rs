@@ -10,9 +10,12 @@ use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Command, Fault, State, Status, TickInput};
+use edm_servo_head::head::{Command, Fault, Home, Pace, State, Status, TickInput};
+use edm_servo_head::motion::Method;
 use edm_servo_head::settings::Settings;
-use edm_servo_head::units::{Amps, CountsPerSecond, Fixed, Nanometres, Volts};
+use edm_servo_head::units::{
+    Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Volts,
+};
 use flate2::Compression;
 use flate2::read::DeflateDecoder;
 use flate2::write::DeflateEncoder;
@@ -74,12 +77,12 @@ impl From<io::Error> for Error {
 /// Numbers of the newest event of each kind.
 struct Last {
     block: [u64; BLOCK + 1],
-    command: [u64; 2],
+    command: [u64; COMMAND],
     tick: [u64; TICK],
 }
 
 impl Last {
-    const NONE: Last = Last { block: [0; BLOCK + 1], command: [0; 2], tick: [0; TICK] };
+    const NONE: Last = Last { block: [0; BLOCK + 1], command: [0; COMMAND], tick: [0; TICK] };
 }
 
 /// Writes a recording.
@@ -107,7 +110,7 @@ impl<W: Write> Recorder<W> {
         match event {
             Event::Block(None) => to.write_all(&[0]),
             Event::Block(Some(block)) => put(to, 1, &mut last.block, block_numbers(block)),
-            Event::Command(command) => put(to, 2, &mut last.command, command_numbers(*command)?),
+            Event::Command(command) => put(to, 2, &mut last.command, command_numbers(*command)),
             Event::Told(fault) => to.write_all(&[4, *fault as u8]),
             Event::Tick(input, status) => put(to, 3, &mut last.tick, tick_numbers(input, status)),
         }
@@ -218,8 +221,11 @@ fn block_of(numbers: &[u64; BLOCK + 1]) -> GapBlock {
     GapBlock { codes, gate: numbers[BLOCK] as u32 }
 }
 
-/// Commands that a recording of the chip can hold: the motions beside the path cannot reach it yet.
-fn command_numbers(command: Command) -> io::Result<[u64; 2]> {
+/// Numbers of a command.
+const COMMAND: usize = 6;
+
+fn command_numbers(command: Command) -> [u64; COMMAND] {
+    let float = |x: f32| u64::from(x.to_bits());
     let (number, nm) = match command {
         Command::Enable => (1, 0),
         Command::Disable => (2, 0),
@@ -232,15 +238,21 @@ fn command_numbers(command: Command) -> io::Result<[u64; 2]> {
         Command::ResetFault => (9, 0),
         Command::ClearPath => (10, 0),
         Command::Guide => (11, 0),
-        Command::Position(..) | Command::Follow(..) | Command::Home(_) | Command::Brake(_) => {
-            return Err(io::Error::other(format!("{command:?} has no form in a recording")));
+        Command::Position(to, Pace { velocity, acceleration, deceleration }) => {
+            return [12, to.0 as u64, float(velocity.0), float(acceleration.0), float(deceleration.0), 0];
         }
+        Command::Follow(to, ticks) => return [13, to.0 as u64, ticks.into(), 0, 0, 0],
+        Command::Home(Home { method, fast, slow, acceleration, at }) => {
+            return [14, at.0 as u64, float(fast.0), float(slow.0), float(acceleration.0), method as u64];
+        }
+        Command::Brake(deceleration) => return [15, 0, float(deceleration.0), 0, 0, 0],
     };
-    Ok([number, nm as u64])
+    [number, nm as u64, 0, 0, 0, 0]
 }
 
-fn command_of(&[number, nm]: &[u64; 2]) -> Result<Command, Error> {
+fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Error> {
     let nm = Nanometres(nm as i64);
+    let float = |x: u64| f32::from_bits(x as u32);
     Ok(match number {
         1 => Command::Enable,
         2 => Command::Disable,
@@ -253,6 +265,21 @@ fn command_of(&[number, nm]: &[u64; 2]) -> Result<Command, Error> {
         9 => Command::ResetFault,
         10 => Command::ClearPath,
         11 => Command::Guide,
+        12 => {
+            let [velocity, acceleration, deceleration] = [a, b, c].map(float);
+            let velocity = MicrometresPerSecond(velocity);
+            let acceleration = MicrometresPerSecond2(acceleration);
+            Command::Position(nm, Pace { velocity, acceleration, deceleration: MicrometresPerSecond2(deceleration) })
+        }
+        13 => Command::Follow(nm, a as u32),
+        14 => Command::Home(Home {
+            method: Method::from_number(d as i8).ok_or(Error::Damaged("homing method"))?,
+            fast: MicrometresPerSecond(float(a)),
+            slow: MicrometresPerSecond(float(b)),
+            acceleration: MicrometresPerSecond2(float(c)),
+            at: nm,
+        }),
+        15 => Command::Brake(MicrometresPerSecond2(float(a))),
         _ => return Err(Error::Damaged("command")),
     })
 }
@@ -288,7 +315,7 @@ fn tick_numbers(input: &TickInput, status: &Status) -> [u64; TICK] {
         watched.last_edge.into(),
         watched.toward_work.into(),
         watched.now.into(),
-        bits(safety),
+        bits(&safety.unwrap_or_default()),
         drive.motor_current.into(),
         drive.bus_voltage.into(),
         (*reflex).into(),
@@ -351,7 +378,8 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Status), Error> {
             emergency_stop: open_at(2),
             dielectric: open_at(3),
             bridge_fault: open_at(4),
-        },
+        }
+        .unsafe_ones(),
         drive: DriveCodes { motor_current: *motor_current as u16, bus_voltage: *bus_voltage as u16 },
         reflex: flag(reflex),
     };
@@ -394,7 +422,7 @@ mod tests {
         }
         let input = TickInput {
             watch: Some(RawCount { count: u32::MAX, last_edge: 3, toward_work: true, now: 9 }),
-            safety: SafetyInputs { lower_limit: true, bridge_fault: true, ..SafetyInputs::default() },
+            safety: Some(SafetyInputs { lower_limit: true, bridge_fault: true, ..SafetyInputs::default() }),
             reflex: true,
             ..TickInput::default()
         };

@@ -1,0 +1,168 @@
+//! The host at the other end of the bus: an ordinary CANopen master, as far as a head needs one.
+
+use anyhow::{Result, bail, ensure};
+use edm_servo_head::head::Command;
+use edm_servo_head::units::Nanometres;
+use edm_soc::Frame;
+
+/// The firmware's number on the bus.
+pub const NODE: u16 = 1;
+/// Identifiers of the pre-defined connection set (CiA 301 7.3.5).
+const REQUEST: u16 = 0x600 + NODE;
+const ANSWER: u32 = 0x580 + NODE as u32;
+/// The number that the host's heartbeats carry.
+pub const HOST: u16 = 100;
+/// Milliseconds that an answer, or a change of state, may take.
+const PATIENCE: u32 = 50;
+
+/// A bus with a head on it.
+pub trait Bus {
+    /// Sends a frame.
+    fn send(&mut self, frame: Frame);
+    /// Lets a millisecond pass.
+    ///
+    /// # Errors
+    /// When the head cannot go on.
+    fn pass(&mut self) -> Result<()>;
+    /// The oldest frame of the head that has not been taken.
+    fn take(&mut self) -> Option<Frame>;
+}
+
+/// The answer to an SDO request: its eight bytes.
+fn ask(bus: &mut impl Bus, request: [u8; 8]) -> Result<[u8; 8]> {
+    while bus.take().is_some() {}
+    bus.send(Frame::new(REQUEST, &request));
+    let [_, low, high, sub, ..] = request;
+    let index = u16::from_le_bytes([low, high]);
+    for _ in 0..PATIENCE {
+        bus.pass()?;
+        while let Some(frame) = bus.take() {
+            if frame.id == ANSWER && frame.data[1..4] == request[1..4] {
+                let code = u32::from_le_bytes([frame.data[4], frame.data[5], frame.data[6], frame.data[7]]);
+                ensure!(frame.data[0] != 0x80, "{index:04X}h:{sub} is refused with {code:08X}h");
+                return Ok(frame.data);
+            }
+        }
+    }
+    bail!("{index:04X}h:{sub}: no answer within {PATIENCE} ms")
+}
+
+/// Writes an object of `size` bytes.
+///
+/// # Errors
+/// When the head refuses or does not answer.
+pub fn write(bus: &mut impl Bus, index: u16, sub: u8, value: u32, size: u8) -> Result<()> {
+    let [low, high] = index.to_le_bytes();
+    let [a, b, c, d] = value.to_le_bytes();
+    ask(bus, [0x23 | (4 - size) << 2, low, high, sub, a, b, c, d]).map(|_| ())
+}
+
+/// Reads an object of up to four bytes.
+///
+/// # Errors
+/// When the head refuses or does not answer.
+pub fn read(bus: &mut impl Bus, index: u16, sub: u8) -> Result<u32> {
+    let [low, high] = index.to_le_bytes();
+    let [_, _, _, _, a, b, c, d] = ask(bus, [0x40, low, high, sub, 0, 0, 0, 0])?;
+    Ok(u32::from_le_bytes([a, b, c, d]))
+}
+
+/// Waits for the node's boot-up, puts it into operation and lets it watch the host's heartbeats.
+///
+/// # Errors
+/// When the head refuses or does not answer.
+pub fn begin(bus: &mut impl Bus) -> Result<()> {
+    let boot_up = |frame: Frame| frame.id == 0x700 + u32::from(NODE) && frame.data[0] == 0;
+    let mut left = PATIENCE;
+    while !std::iter::from_fn(|| bus.take()).any(boot_up) {
+        ensure!(left > 0, "no boot-up within {PATIENCE} ms");
+        left -= 1;
+        bus.pass()?;
+    }
+    write(bus, 0x1016, 1, u32::from(HOST) << 16 | 400, 4)?;
+    bus.send(Frame::new(0, &[1, NODE as u8]));
+    bus.pass()
+}
+
+/// A heartbeat of the host.
+pub fn heartbeat() -> Frame {
+    Frame::new(0x700 + HOST, &[5])
+}
+
+/// Has the head do what a command says, by way of its objects.
+///
+/// # Errors
+/// When it is refused.
+pub fn command(bus: &mut impl Bus, command: Command) -> Result<()> {
+    let refused = |code: u32| format!("{command:?} was refused with code {code}");
+    let before = read(bus, 0x2000, 4)?;
+    match command {
+        Command::Enable => enable(bus)?,
+        Command::Disable => control(bus, 0, 0x4F, 0x40)?,
+        Command::SetHome(at) => home_here(bus, at)?,
+        Command::MoveTo(to) => {
+            let to = counts(bus, to)?;
+            write(bus, 0x2004, 1, to, 4)?;
+        }
+        Command::MoveBy(by) => {
+            let by = counts(bus, by)?;
+            write(bus, 0x2004, 2, by, 4)?;
+        }
+        Command::Start => write(bus, 0x2001, 1, 1, 1)?,
+        Command::Hold => write(bus, 0x2001, 2, 1, 1)?,
+        Command::Commission => write(bus, 0x2001, 3, 1, 1)?,
+        Command::ResetFault => {
+            write(bus, 0x6040, 0, 0, 2)?;
+            control(bus, 0x80, 0x4F, 0x40)?;
+        }
+        other => bail!("{other:?} is not in this host's repertoire"),
+    }
+    // The servo task has carried it out by now, and has told.
+    for _ in 0..3 {
+        bus.pass()?;
+    }
+    let after = read(bus, 0x2000, 4)?;
+    ensure!(after == before || after == 0, refused(after));
+    Ok(())
+}
+
+/// A position or a length, counts.
+fn counts(bus: &mut impl Bus, length: Nanometres) -> Result<u32> {
+    let per_count = i64::from(read(bus, 0x608F, 2)?.max(1)) * 1_000_000 / i64::from(read(bus, 0x608F, 1)?.max(1));
+    Ok((length.0 / per_count.max(1)) as i32 as u32)
+}
+
+/// Writes a controlword and waits for a state of the drive.
+fn control(bus: &mut impl Bus, word: u32, mask: u32, state: u32) -> Result<()> {
+    write(bus, 0x6040, 0, word, 2)?;
+    let mut status = 0;
+    for _ in 0..PATIENCE {
+        status = read(bus, 0x6041, 0)?;
+        if status & mask == state {
+            return Ok(());
+        }
+    }
+    bail!("statusword {status:04X}h after controlword {word:04X}h: {state:04X}h was expected under {mask:04X}h")
+}
+
+fn enable(bus: &mut impl Bus) -> Result<()> {
+    control(bus, 6, 0x6F, 0x21)?;
+    control(bus, 7, 0x6F, 0x23)?;
+    control(bus, 0xF, 0x6F, 0x27)
+}
+
+/// Homing method 35; the drive is left as it was.
+fn home_here(bus: &mut impl Bus, at: Nanometres) -> Result<()> {
+    let enabled = read(bus, 0x6041, 0)? & 0x6F == 0x27;
+    let offset = counts(bus, Nanometres(-at.0))?;
+    write(bus, 0x607C, 0, offset, 4)?;
+    write(bus, 0x6098, 0, 35, 1)?;
+    if !enabled {
+        enable(bus)?;
+    }
+    write(bus, 0x6060, 0, 6, 1)?;
+    control(bus, 0x1F, 0x3400, 0x1400)?;
+    write(bus, 0x6060, 0, 0, 1)?;
+    control(bus, 0xF, 0x6F, 0x27)?;
+    if enabled { Ok(()) } else { control(bus, 0, 0x4F, 0x40) }
+}
