@@ -16,7 +16,6 @@
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
 //! | [`canopen`] | the head as a CANopen node |
-//! | [`remote`] | commands and reports as CAN frames |
 //! | [`settings`] | what a person sets, checked and built into what the ticks run |
 //!
 //! Sources, cited in the documentation by letter and section: \[R\] Roberts 2014, gap-voltage servo on a short-stroke linear
@@ -33,7 +32,6 @@ pub mod gap;
 pub mod head;
 pub mod motion;
 pub mod path;
-pub mod remote;
 pub mod servo;
 pub mod settings;
 pub mod units;

@@ -94,9 +94,14 @@ impl<S: Borrow<Shared>> Quadrature<S> {
         let shared = self.0.borrow();
         let state = shared.state.load(Relaxed);
         let to = phase(levels);
-        let transition = transition(state, to);
         let index = u32::from(levels.index);
-        if transition & 1 == 0 || state >> PHASE_BITS | index != 0 {
+        // The index line and what the latch knows of it lie above the two phases: beyond the table.
+        let entry = index << (2 * PHASE_BITS) | state << PHASE_BITS | to;
+        if entry >= TRANSITIONS.len() as u32 {
+            return self.unusual(to, index, now);
+        }
+        let transition = PACKED >> (2 * entry) & 0b11;
+        if transition & 1 == 0 {
             return self.unusual(to, index, now);
         }
         shared.state.store(to, Relaxed);

@@ -197,8 +197,8 @@ declare! {
         encoder_ms: u32 = 10, (1, 1000), "supervise.encoder_ms", "ms", "assumed";
         /// Time that the gap signal may be bad.
         gap_bad_ms: u32 = 20, (1, 1000), "supervise.gap_ms", "ms", "assumed";
-        /// Silence of the host; 0 where no host is expected.
-        host_ms: u32 = 500, (0, 60_000), "supervise.host_ms", "ms", "design notes: time-outs of 0.1 to 0.5 s are common";
+        /// Longest silence of the bus while the loop is closed; 0 does not watch. 1016h watches one host by its heartbeats.
+        host_ms: u32 = 0, (0, 60_000), "supervise.host_ms", "ms", "CiA 301 7.2.8: guarding is off until a host asks for it";
 
         /// Longest lift of a head without a closed loop.
         lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md";

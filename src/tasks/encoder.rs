@@ -30,8 +30,10 @@ impl Decoder {
     #[inline(always)]
     pub fn edge(&mut self, line: Line) {
         self.lines.acknowledge(line);
+        // Loads in a row take a cycle each.
+        let (levels, now) = (self.lines.levels(), self.clock.now());
         if self.lines.follows() {
-            self.quadrature.edge(self.lines.levels(), self.clock.now());
+            self.quadrature.edge(levels, now);
         } else {
             self.unusual();
         }

@@ -109,7 +109,9 @@ fn a_dielectric_that_is_not_ok_retraces_and_refuses_the_start() {
 
 #[test]
 fn a_silent_host_retraces() {
-    let mut bench = Bench::eroding();
+    let mut bench = Bench::with(|settings| settings.host_ms = 500);
+    bench.make_ready();
+    bench.erode();
     bench.host_alive = false;
     bench.run(0.499);
     assert_eq!(bench.state(), State::Eroding);
@@ -119,7 +121,7 @@ fn a_silent_host_retraces() {
 
 #[test]
 fn a_host_that_is_not_expected_may_be_silent() {
-    let mut bench = Bench::with(|settings| settings.host_ms = 0);
+    let mut bench = Bench::with(|_| {});
     bench.make_ready();
     bench.host_alive = false;
     bench.run(2.0);

@@ -71,6 +71,8 @@ impl Head {
             self.boot();
         }
         for frame in came.filter_map(from_bus) {
+            // What the filters of a controller would let through.
+            self.machine.host_alive |= self.node.identifiers().contains(&frame.id());
             self.node.receive(&frame, now, &mut self.drive);
         }
         self.node.synchronised(now, &mut self.drive);
@@ -88,6 +90,9 @@ impl Head {
         }
         self.machine.tick();
         self.ticks += 1;
+        if self.ticks.is_multiple_of(TICKS_PER_MS) {
+            self.machine.host_alive = false;
+        }
     }
 
     fn observe(&mut self) {
