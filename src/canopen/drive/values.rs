@@ -293,7 +293,7 @@ impl Drive {
             }
         };
         let (old, new) = (&self.active.head.axis, &mut active.head.axis);
-        let same = head::Axis { gains: new.gains, duty_limit: new.duty_limit, ..*old } == *new;
+        let same = old.is_wired_as(new);
         if !same && (self.status.state != head::State::Disabled || self.enabling) {
             return Err(Abort::DeviceState);
         }
