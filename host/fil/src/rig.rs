@@ -193,6 +193,9 @@ impl Emulated {
         if self.windows.is_multiple_of(LOG) {
             self.print_log();
         }
+        // A round of idle that changes the flash takes its time.
+        let busy = self.places.on_leave(&self.machine.soc().memory)?;
+        self.machine.stretch_idle(if busy { 1 } else { STRETCH });
         self.look_at_block()?;
         self.look()
     }
