@@ -65,6 +65,7 @@ pub struct Time(pub u64);
 
 impl Time {
     /// This much later, us.
+    #[inline(never)]
     pub(super) const fn after(self, us: u64) -> Self {
         Self(self.0.saturating_add(us))
     }

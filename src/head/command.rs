@@ -214,6 +214,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
 
     /// A head may leave its upper limit downward, so that one alone is no reason to refuse; the dielectric matters only
     /// where pulses follow.
+    #[inline(never)]
     fn refuse_hazard(&self, pulses: bool) -> Result<(), Refused> {
         let only_upper = self.safety.upper_limit && !self.safety.lower_limit;
         let safety = SafetyInputs {

@@ -110,6 +110,14 @@ pub struct Axis {
     pub bus_per_code: Volts,
 }
 
+impl Axis {
+    /// Whether a loop may stay closed from this one to another: all but gains and limit of the duty is the same.
+    #[inline(never)]
+    pub fn is_wired_as(&self, other: &Axis) -> bool {
+        Axis { gains: other.gains, duty_limit: other.duty_limit, ..*self } == *other
+    }
+}
+
 /// Everything the head's tick runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {

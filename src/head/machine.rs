@@ -1,7 +1,7 @@
 //! The servo tick.
 
 use super::check::Check;
-use super::config::{Axis, Config, Setpoint, Structure};
+use super::config::{Config, Setpoint, Structure};
 use super::course::Course;
 use super::measure::{Sums, Tracking};
 use super::pace::{self, Pace};
@@ -128,8 +128,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     /// loops keep their integrators: no bump.
     pub fn configure(&mut self, config: Config) -> Result<(), Refused> {
         // Gains and the duty limit may change under way: the loops' integrals are duties.
-        let live = Axis { gains: config.axis.gains, duty_limit: config.axis.duty_limit, ..self.config.axis };
-        if self.status.state != State::Disabled && config.axis != live {
+        if self.status.state != State::Disabled && !self.config.axis.is_wired_as(&config.axis) {
             return Err(Refused::State(self.status.state));
         }
         if config.law != self.config.law {

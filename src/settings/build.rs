@@ -30,10 +30,12 @@ pub struct Active {
 }
 
 /// Servo ticks in so many milliseconds, at least one.
+#[inline(never)]
 fn ticks(ms: f32) -> u32 {
     Seconds(ms * 1e-3).ticks().max(1)
 }
 
+#[inline(never)]
 fn um(length: f32) -> Fixed {
     Fixed::whole(length as i64)
 }

@@ -246,10 +246,19 @@ macro_rules! choice {
             const NAMES: &'static [&'static str] = &[$first_name $(, $name)*];
         }
 
+        // The names are in the order of the enum.
+        const _: () = {
+            let all = [$type::$first $(, $type::$variant)*];
+            let mut at = 0;
+            while at < all.len() {
+                assert!(all[at] as usize == at);
+                at += 1;
+            }
+        };
+
         impl $crate::settings::Setting for $type {
             fn word(self) -> u32 {
-                let all = [$type::$first $(, $type::$variant)*];
-                all.iter().position(|one| *one == self).unwrap_or(0) as u32
+                self as u32
             }
             fn from_word(word: u32) -> Self {
                 let all = [$type::$first $(, $type::$variant)*];
@@ -351,14 +360,17 @@ macro_rules! declare {
             /// Every value as a word, in the order of declaration.
             #[inline(never)]
             $vis fn words(&self) -> [u32; Self::COUNT] {
-                [$($crate::settings::Setting::word(self.$name),)+]
+                let mut words = [0; Self::COUNT];
+                let [$($name,)+] = &mut words;
+                $(*$name = $crate::settings::Setting::word(self.$name);)+
+                words
             }
 
-            /// The values of words that were checked.
+            /// Takes the values of words that were checked. One by one: made at once they would all wait in registers.
             #[inline(never)]
-            $vis fn from_words(words: &[u32; Self::COUNT]) -> Self {
-                let [$($name,)+] = *words;
-                Self { $($name: $crate::settings::Setting::from_word($name),)+ }
+            $vis fn take_words(&mut self, words: &[u32; Self::COUNT]) {
+                let [$($name,)+] = words;
+                $(self.$name = $crate::settings::Setting::from_word(*$name);)+
             }
         }
 
@@ -397,7 +409,7 @@ macro_rules! declare {
                     return Err($crate::settings::SettingError::NotAllowed(field));
                 }
                 *slot = word;
-                *self = Self::from_words(&words);
+                self.take_words(&words);
                 Ok(())
             }
 

@@ -114,7 +114,9 @@ impl Settings {
                     rest = tail;
                 }
                 check(Self::FIELDS, &words).map_err(ImageError::Value)?;
-                Ok(Settings::from_words(&words))
+                let mut settings = Settings::default();
+                settings.take_words(&words);
+                Ok(settings)
             }
             Some(([VERSION, ..], _)) => Err(ImageError::Foreign),
             _ => Err(ImageError::Version(image.first().copied().unwrap_or(0))),

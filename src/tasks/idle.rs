@@ -1,7 +1,7 @@
 //! What has no deadline: the watchdog's roll call, the log, what is kept in flash, the resets of a host.
 
 use super::keeper::Keeper;
-use super::protocol::Protocol;
+use super::protocol::{Protocol, log_refused_parameters, log_refused_settings};
 use super::{Chore, MS, ROLL, Report, Reset, WAITING};
 use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::clock::Clock;
@@ -46,17 +46,13 @@ impl Idle {
             self.reset = Some(self.clock.now());
             if let Reset::Node = reset {
                 let kept = self.keeper.load();
-                if let Err(error) = protocol.lock(|protocol| protocol.restart(&kept)) {
-                    defmt::error!("settings: the stored ones are refused, {}", error);
-                }
+                log_refused_settings(protocol.lock(|protocol| protocol.restart(&kept)));
             }
         }
         let now = self.clock.now();
         if self.reset.take_if(|since| now.wrapping_sub(*since) >= START_UP).is_some() {
             let kept = self.keeper.load();
-            if let Err(error) = protocol.lock(|protocol| protocol.boot(&kept)) {
-                defmt::error!("communication: the stored parameters are refused, {}", error);
-            }
+            log_refused_parameters(protocol.lock(|protocol| protocol.boot(&kept)));
         }
     }
 

@@ -183,6 +183,22 @@ impl Protocol {
     }
 }
 
+/// Logs why the stored settings do not run.
+#[inline(never)]
+pub fn log_refused_settings(result: Result<(), SettingError>) {
+    if let Err(error) = result {
+        defmt::error!("settings: the stored ones are refused, {}", error);
+    }
+}
+
+/// Logs why the stored communication parameters are not in use.
+#[inline(never)]
+pub fn log_refused_parameters(result: Result<(), BootError>) {
+    if let Err(error) = result {
+        defmt::error!("communication: the stored parameters are refused, {}", error);
+    }
+}
+
 const _: () = assert!(IDENTIFIERS <= can::IDENTIFIERS);
 
 /// The cycle counter, which wraps after 25 s, as a time that does not.

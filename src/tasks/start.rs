@@ -5,7 +5,7 @@ use super::encoder::{self, Decoder};
 use super::gap::Gap;
 use super::idle::Idle;
 use super::keeper::Keeper;
-use super::protocol::{Protocol, Uptime};
+use super::protocol::{Protocol, Uptime, log_refused_parameters, log_refused_settings};
 use super::servo::{Carried, Servo};
 use super::supervise::Supervise;
 use super::timers::Timers;
@@ -75,12 +75,8 @@ fn place_drive(
 #[inline(never)]
 fn restore(keeper: &mut Keeper, node: &mut Node, drive: &mut Drive) {
     let kept = keeper.load();
-    if let Err(error) = drive.restart(Settings::default(), kept.application()) {
-        defmt::error!("settings: the stored ones are refused, {}", error);
-    }
-    if let Err(error) = node.boot(kept.communication(), drive) {
-        defmt::error!("communication: the stored parameters are refused, {}", error);
-    }
+    log_refused_settings(drive.restart(Settings::default(), kept.application()));
+    log_refused_parameters(node.boot(kept.communication(), drive));
 }
 
 /// Starts the board, then the head, disabled and inhibited. `watchdog` keeps the watchdog when something does not start.

@@ -1,20 +1,18 @@
 """A head as python canopen sees it: the network, the drive, what both tests and examples do with them."""
 
-import os
 import subprocess
 import time
 
 import canopen
 from canopen.profiles.p402 import BaseNode402
 
-from heads import eventually
+from heads import PROGRAMS, eventually
 
 
 def eds(folder):
     """The description file, as the program writes it."""
     path = folder / "head.eds"
-    program = os.environ.get("EDM_SIM", "target/release/edm-sim")
-    path.write_bytes(subprocess.run([program, "eds"], check=True, stdout=subprocess.PIPE).stdout)
+    path.write_bytes(subprocess.run([*PROGRAMS["virtual"], "eds"], check=True, stdout=subprocess.PIPE).stdout)
     return str(path)
 
 

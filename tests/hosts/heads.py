@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import subprocess
 import threading
 import time
@@ -9,14 +10,19 @@ import time
 import can
 
 LINKS = ["slcan-tcp", "slcan-pty", "socketcand"]
+# What serves: virtual heads, or the firmware on the emulated chip.
+PROGRAMS = {
+    "virtual": shlex.split(os.environ.get("EDM_SIM", "target/release/edm-sim")),
+    "chip": shlex.split(os.environ.get("EDM_CHIP", "cargo fil")),
+}
 
 
 class Server:
-    """`edm-sim serve` with all ways onto its bus."""
+    """A head, or several, with all ways onto its bus."""
 
-    def __init__(self, folder, *options):
+    def __init__(self, folder, *options, program="virtual"):
         self.pty = str(folder / "can")
-        words = [os.environ.get("EDM_SIM", "target/release/edm-sim"), "serve"]
+        words = [*PROGRAMS[program], "serve"]
         words += ["--slcan-tcp", "127.0.0.1:0", "--socketcand", "127.0.0.1:0", "--slcan-pty", self.pty, *options]
         self.process = subprocess.Popen(
             words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -7,17 +7,18 @@ import canopen
 import pytest
 
 from drive import Host, eds
-from heads import LINKS, Server, eventually
+from heads import LINKS, PROGRAMS, Server, eventually
 
 # Default scenario: a count is 1 um, the work lies 2 mm below the resting head.
 WORK = 2000
 
 
+@pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("link", LINKS)
-def test_a_session_from_boot_up_to_a_hole(tmp_path, link):
+def test_a_session_from_boot_up_to_a_hole(tmp_path, link, program):
     description = eds(tmp_path)
     store = ["--store", str(tmp_path / "store")]
-    server = Server(tmp_path, *store)
+    server = Server(tmp_path, *store, program=program)
     host = Host(server, link, description)
     drive = host.drive
 
@@ -79,7 +80,7 @@ def test_a_session_from_boot_up_to_a_hole(tmp_path, link):
     host.close()
     server.process.kill()
     server.process.wait()
-    server = Server(tmp_path, *store)
+    server = Server(tmp_path, *store, program=program)
     host = Host(server, link, description)
     drive = host.drive
     host.boot()

@@ -95,9 +95,9 @@ impl Bench {
         self.window
     }
 
-    /// The host sends `frame`; it ends at `at`, not before those sent earlier.
+    /// The host sends `frame`; it ends at `at`, or as soon as it can follow those sent earlier on a bus of 1 Mbit/s.
     pub fn send(&mut self, at: u64, frame: Frame) {
-        let after = self.frames.back().map_or(0, |f| f.0 + 1);
+        let after = self.frames.back().map_or(0, |f| f.0 + frame.bits() * (TICK_HZ / 1_000_000));
         self.frames.push_back((at.max(after), frame));
     }
 

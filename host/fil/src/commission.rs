@@ -10,8 +10,10 @@ use edm_servo_head::settings::Settings;
 use edm_soc::Region;
 
 /// Sectors 1 and 2 (RM0090 table 5), which memory.x keeps free for the settings.
-const BASE: u32 = 0x0800_4000;
+pub const BASE: u32 = 0x0800_4000;
 const SECTOR: usize = 16 * 1024;
+/// Bytes of both.
+pub const LENGTH: usize = 2 * SECTOR;
 
 /// A board that is not running.
 struct Off;
@@ -45,7 +47,7 @@ impl ReadNorFlash for Sectors<'_> {
     }
 
     fn capacity(&self) -> usize {
-        2 * SECTOR
+        LENGTH
     }
 }
 
@@ -86,7 +88,7 @@ pub fn commission(flash: &Region, settings: &Settings) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use edm_servo_head::settings::IMAGE_LENGTH as LENGTH;
+    use edm_servo_head::settings::IMAGE_LENGTH;
     use edm_soc::Memory;
 
     #[test]
@@ -99,7 +101,7 @@ mod tests {
         let image = store.load(&mut buffer).unwrap().expect("an image");
         let kept = Kept::from_bytes(image).unwrap();
         let application = kept.application().expect("settings");
-        assert_eq!(Settings::from_image(&application[..LENGTH]), Ok(settings));
+        assert_eq!(Settings::from_image(&application[..IMAGE_LENGTH]), Ok(settings));
         assert_eq!(kept.communication(), None);
     }
 }

@@ -22,6 +22,7 @@ pub mod machine;
 pub mod rig;
 pub mod rtt;
 pub mod seen;
+pub mod serve;
 pub mod session;
 pub mod still;
 pub mod synthetic;

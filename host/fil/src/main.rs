@@ -36,6 +36,8 @@ struct Arguments {
 enum Command {
     /// Bore a blind hole, with the options of `cargo sim bore`.
     Bore(Bore),
+    /// The head on a CAN bus of this computer, with the options of `cargo sim serve`.
+    Serve(edm_sim::serve::Serve),
     /// Boot and print the log, in a world where nothing happens.
     Run(Run),
     /// Record what the chip sees while the head works, backs off and meets faults: for `cargo test` to replay natively.
@@ -114,14 +116,12 @@ fn main() -> ExitCode {
         Command::Record(record) => record.execute(&image).map(|()| true),
         Command::Cycles(cycles) => cycles.execute(&image).map(|()| true),
         Command::Latency(latency) => latency.execute(&image).map(|()| true),
+        Command::Serve(serve) => edm_fil::serve::serve(&image, arguments.log, serve).map(|()| true).map_err(failed),
         Command::Bore(bore) => {
             let run = |job: &Job, recorder: &mut Recorder, progress: &mut dyn FnMut(&Progress)| {
                 edm_fil::rig::bore(&image, arguments.log, arguments.lockstep, job, recorder, progress)
             };
-            bore.execute(run).map_err(|failure| match failure {
-                Failure::BadInput(message) => anyhow::Error::new(BadInput(message)),
-                Failure::Failed(message) => anyhow::anyhow!(message),
-            })
+            bore.execute(run).map_err(failed)
         }
     });
     match done {
@@ -131,6 +131,13 @@ fn main() -> ExitCode {
             eprintln!("edm-fil: {error:#}");
             ExitCode::from(if error.is::<BadInput>() { EXIT_BAD_INPUT } else { EXIT_FAILED })
         }
+    }
+}
+
+fn failed(failure: Failure) -> anyhow::Error {
+    match failure {
+        Failure::BadInput(message) => anyhow::Error::new(BadInput(message)),
+        Failure::Failed(message) => anyhow::anyhow!(message),
     }
 }
 

@@ -9,13 +9,13 @@ use crate::machine::Machine;
 use crate::rtt::Rtt;
 use crate::seen::Places;
 use anyhow::{Result, anyhow, bail};
-use edm_servo_head::head::{Change, Command, Reason, Status};
+use edm_servo_head::head::{Change, Command, Reason, State, Status};
 use edm_servo_head::settings::Settings;
 use edm_sim::lockstep::{Event, Recorder, Twin};
 use edm_sim::machine::Rig;
 use edm_sim::process::{Parameters, Process};
 use edm_sim::run::{Job, Observer, Outcome, Progress};
-use edm_soc::{Frame, TICK_HZ};
+use edm_soc::{Frame, Region, TICK_HZ};
 use std::collections::VecDeque;
 
 /// Crystal of the board, Hz.
@@ -102,10 +102,24 @@ impl Emulated {
         seed: u64,
         witness: Witness,
     ) -> Result<Self> {
+        Self::power_up(image, parameters, seed, witness, |flash| commission(flash, settings))
+    }
+
+    /// Powers up a board whose flash `prepare` has written, and waits until its servo ticks.
+    ///
+    /// # Errors
+    /// As [`Emulated::start`].
+    pub fn power_up(
+        image: &Image,
+        parameters: &Parameters,
+        seed: u64,
+        witness: Witness,
+        prepare: impl FnOnce(&Region) -> Result<()>,
+    ) -> Result<Self> {
         let places = Places::find(image)?;
         let bench = Bench::new(parameters, seed).map_err(|e| anyhow!(e))?;
         let mut machine = Machine::new(image, bench, CRYSTAL_HZ)?;
-        commission(&machine.soc().memory.flash, settings)?;
+        prepare(&machine.soc().memory.flash)?;
         let mut rig = Self {
             machine,
             rtt: Rtt::new(image)?,
@@ -189,6 +203,12 @@ impl Emulated {
         let memory = &self.machine.soc().memory;
         let (status, input) = (self.places.status(memory)?, self.places.input(memory)?);
         let told = self.places.told(memory, status.tick)?;
+        let stores = before.state == State::Disabled && status.state == State::Disabled;
+        if status.tick != before.tick.wrapping_add(1) && matches!(self.witness, Witness::None) && stores {
+            // The processor stalls while the flash is erased, and only a disabled head is allowed to.
+            self.status = status;
+            return Ok(());
+        }
         if status.tick != before.tick.wrapping_add(1) {
             let (now, was) = (status.tick, before.tick);
             bail!("tick {now} follows {was}, {:.6} s after power-up: the servo task has missed one", self.seconds());
@@ -246,6 +266,11 @@ impl Emulated {
     /// Machine and process, to pull wires between two ticks.
     pub fn process_mut(&mut self) -> &mut Process {
         &mut self.machine.soc().world.process
+    }
+
+    /// The chip's flash.
+    pub fn flash(&mut self) -> &Region {
+        &self.machine.soc().memory.flash
     }
 
     /// What the emulator has counted.
@@ -322,6 +347,7 @@ pub fn bore(
         .and_then(|witness| Emulated::start(image, &job.setup.process, &settings, job.seed, witness))
         .map_err(|e| format!("{e:#}"))?;
     rig.log = log;
+    rig.process_mut().schedule(&job.setup.events);
     host::begin(&mut rig).map_err(|e| format!("{e:#}"))?;
     edm_sim::bore::run(job, &mut rig, observer, progress)
 }

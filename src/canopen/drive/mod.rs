@@ -519,6 +519,7 @@ impl Drive {
     }
 }
 
+#[inline(never)]
 fn clamp32(x: i64) -> i32 {
     x.clamp(i32::MIN.into(), i32::MAX.into()) as i32
 }

@@ -69,8 +69,11 @@ impl Dictionary for Drive {
     }
 
     fn request(&mut self, request: Request) -> Result<(), Abort> {
-        // Flash stalls the processor: only while nothing moves.
-        if self.status.state != head::State::Disabled || self.enabling {
+        // Flash stalls the processor: only while nothing moves. A head that has just been told to disable gives leave in its
+        // turn, or does not.
+        let closed =
+            matches!(self.state, State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive);
+        if closed || self.enabling || self.fresh && self.status.state != head::State::Disabled {
             return Err(Abort::DeviceState);
         }
         let order = match request {
@@ -290,7 +293,7 @@ impl Drive {
             }
         };
         let (old, new) = (&self.active.head.axis, &mut active.head.axis);
-        let same = head::Axis { gains: new.gains, duty_limit: new.duty_limit, ..*old } == *new;
+        let same = old.is_wired_as(new);
         if !same && (self.status.state != head::State::Disabled || self.enabling) {
             return Err(Abort::DeviceState);
         }

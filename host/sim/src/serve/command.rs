@@ -2,7 +2,7 @@
 
 use super::Links;
 use super::fleet::Fleet;
-use crate::bore;
+use crate::bore::{self, Setup};
 use crate::cli::Failure;
 use crate::cli::inputs::{seed, setup};
 use clap::Args;
@@ -54,9 +54,18 @@ impl Serve {
         super::run(&title, &self.links, self.speed, &mut { fleet })
     }
 
-    fn fleet(&self) -> Result<Fleet, String> {
+    /// Scenario and assignments, checked.
+    ///
+    /// # Errors
+    /// What is wrong with them.
+    pub fn setup(&self) -> Result<Setup, String> {
         let setup = setup(&self.scenario, &self.set)?;
         bore::check(&setup).map_err(|error| setup.refusal(error))?;
+        Ok(setup)
+    }
+
+    fn fleet(&self) -> Result<Fleet, String> {
+        let setup = self.setup()?;
         let last = u16::from(self.node_id) + u16::from(self.nodes);
         if last > 128 {
             return Err(format!(

@@ -5,6 +5,7 @@ use super::head::Head;
 use super::store::Store;
 use crate::bore::Setup;
 use crate::events::{EventError, Wires};
+use crate::process::Process;
 use crate::scenario::{from_word, hint};
 use edm_bus::Frame;
 use edm_servo_head::canopen::NodeId;
@@ -49,26 +50,38 @@ impl Plant for Fleet {
             Some((word, rest)) if word.bytes().all(|byte| byte.is_ascii_digit()) => (Some(word), rest.trim()),
             _ => (None, line),
         };
-        let Some((key, word)) = rest.split_once('=').map(|(key, word)| (key.trim(), word.trim())) else {
-            return if line.is_empty() { Ok(()) } else { Err(format!("{line}: must be [NODE] SIGNAL=VALUE")) };
-        };
+        if line.is_empty() {
+            return Ok(());
+        }
         let meant = |id: NodeId| node.is_none_or(|node| node.parse() == Ok(id.get()));
         if let (Some(node), false) = (node, self.heads.iter().any(|(id, _)| meant(*id))) {
             return Err(format!("{node}: no such node"));
         }
-        let keys: Vec<&str> = Wires::FIELDS.iter().map(|field| field.key).collect();
-        let unknown = || format!("{key}: no such signal{}; `edm-sim settings` lists all", hint(key, &keys));
-        let field = Wires::FIELDS.iter().find(|field| field.key == key).ok_or_else(unknown)?;
-        let refused = || format!("{key} = {word}: must be {}", field.allowed());
-        let value = from_word(field, word).ok_or_else(refused)?;
-        for (_, head) in self.heads.iter_mut().filter(|(id, _)| meant(*id)) {
-            head.machine().process.happen(key, value).map_err(|error| match error {
-                EventError::Signal => unknown(),
-                EventError::Time | EventError::Value(_) => refused(),
-            })?;
-        }
-        Ok(())
+        let heads = self.heads.iter_mut().filter(|(id, _)| meant(*id));
+        pull(rest, heads.map(|(_, head)| &mut head.machine().process))
     }
+}
+
+/// Pulls or mends a wire of some machines: `SIGNAL=VALUE`.
+///
+/// # Errors
+/// What is wrong with it; nothing has happened then.
+pub fn pull<'a>(text: &str, machines: impl Iterator<Item = &'a mut Process>) -> Result<(), String> {
+    let Some((key, word)) = text.split_once('=').map(|(key, word)| (key.trim(), word.trim())) else {
+        return Err(format!("{text}: must be [NODE] SIGNAL=VALUE"));
+    };
+    let keys: Vec<&str> = Wires::FIELDS.iter().map(|field| field.key).collect();
+    let unknown = || format!("{key}: no such signal{}; `edm-sim settings` lists all", hint(key, &keys));
+    let field = Wires::FIELDS.iter().find(|field| field.key == key).ok_or_else(unknown)?;
+    let refused = || format!("{key} = {word}: must be {}", field.allowed());
+    let value = from_word(field, word).ok_or_else(refused)?;
+    for process in machines {
+        process.happen(key, value).map_err(|error| match error {
+            EventError::Signal => unknown(),
+            EventError::Time | EventError::Value(_) => refused(),
+        })?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ mod pace;
 mod store;
 
 pub use command::Serve;
+pub use fleet::pull;
 pub use links::{BIT_RATE, Links};
 
 use crate::cli::{Failure, say};
