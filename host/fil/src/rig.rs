@@ -77,6 +77,9 @@ pub struct Emulated {
     /// Whether the host gives signs of life.
     pub host_alive: bool,
     places: Places,
+    /// Idle changes the flash; it has done so since somebody asked.
+    stores: bool,
+    stored: bool,
     witness: Witness,
     /// Where the present window is looked at.
     end: u64,
@@ -126,6 +129,8 @@ impl Emulated {
             log: false,
             host_alive: true,
             places,
+            stores: false,
+            stored: false,
             witness,
             end: 0,
             blocks: 0,
@@ -193,6 +198,11 @@ impl Emulated {
         if self.windows.is_multiple_of(LOG) {
             self.print_log();
         }
+        // A round of idle that changes the flash takes its time.
+        let busy = self.places.on_leave(&self.machine.soc().memory)?;
+        self.machine.stretch_idle(if busy { 1 } else { STRETCH });
+        self.stored |= self.stores && !busy;
+        self.stores = busy;
         self.look_at_block()?;
         self.look()
     }
@@ -266,6 +276,11 @@ impl Emulated {
     /// Machine and process, to pull wires between two ticks.
     pub fn process_mut(&mut self) -> &mut Process {
         &mut self.machine.soc().world.process
+    }
+
+    /// Whether the firmware has changed its flash since the last call.
+    pub fn has_stored(&mut self) -> bool {
+        std::mem::take(&mut self.stored)
     }
 
     /// The chip's flash.

@@ -68,6 +68,7 @@ pub struct Places {
     /// Commands, how many, and their tick.
     carried: (u32, u32, u32),
     status: u32,
+    on_leave: u32,
     input: u32,
     told: (u32, u32),
     block: u32,
@@ -143,6 +144,7 @@ impl Places {
                 carried + layout.offset(CARRIED, "tick")?,
             ),
             status: servo + layout.offset(SERVO, "head")? + layout.offset(HEAD, "status")?,
+            on_leave: servo + layout.offset(SERVO, "head")? + layout.offset(HEAD, "on_leave")?,
             input: servo + layout.offset(SERVO, "input")?,
             told: (told + layout.offset(TOLD, "__0")?, told + layout.offset(TOLD, "__1")?),
             block: symbol("app", "__rtic_internal_local_resource_gap")? + layout.offset(GAP, "block")?,
@@ -155,6 +157,14 @@ impl Places {
     /// When what is there cannot be a status.
     pub fn status(&self, memory: &Memory) -> Result<Status> {
         status(&View { region: &memory.sram, at: self.status })
+    }
+
+    /// Whether idle changes the flash.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn on_leave(&self, memory: &Memory) -> Result<bool> {
+        View { region: &memory.sram, at: self.on_leave }.flag(0)
     }
 
     /// What the newest tick saw.

@@ -11,7 +11,6 @@ use crate::rig::{Emulated, Witness};
 use anyhow::{Context, Result, ensure};
 use edm_bus::Frame;
 use edm_servo_head::settings::Settings;
-use edm_servo_head::units::TICK_HZ;
 use edm_sim::cli::Failure;
 use edm_sim::machine::Rig as _;
 use edm_sim::serve::{Plant, Serve, pull};
@@ -19,16 +18,10 @@ use edm_soc::Region;
 use embedded_can::{ExtendedId, Frame as _, Id, StandardId};
 use std::path::{Path, PathBuf};
 
-/// Servo ticks between two looks at the flash.
-const LOOK: u64 = TICK_HZ as u64 / 10;
-
 /// The chip on the bus.
 struct Chip {
     rig: Emulated,
     store: Option<PathBuf>,
-    /// What the file holds.
-    kept: Vec<u8>,
-    ticks: u64,
 }
 
 /// Serves until it is stopped.
@@ -57,7 +50,7 @@ pub fn serve(image: &Image, log: bool, options: &Serve) -> Result<(), Failure> {
     rig.log = log;
     rig.host_alive = false;
     rig.process_mut().schedule(&setup.events);
-    let mut chip = Chip { rig, store, kept: Vec::new(), ticks: 0 };
+    let mut chip = Chip { rig, store };
     chip.keep().map_err(failed)?;
     let title = format!(
         "Emulated head, node {NODE}: the firmware on a modelled chip (scenario {}, {} x real time; everything is simulated)",
@@ -73,21 +66,17 @@ fn file(folder: &Path) -> Result<PathBuf> {
 }
 
 impl Chip {
-    /// Writes what the firmware has stored to the file, if that has changed.
+    /// Writes what the firmware has stored to the file.
     fn keep(&mut self) -> Result<()> {
         let Some(store) = &self.store else { return Ok(()) };
         let flash = self.rig.flash();
         let byte = |address| flash.load(address, 1).map(|byte| byte as u8);
         let now: Option<Vec<u8>> = (commission::BASE..).take(commission::LENGTH).map(byte).collect();
         let now = now.context("there is no such flash")?;
-        if now != self.kept {
-            let new = store.with_extension("new");
-            std::fs::write(&new, &now)
-                .and_then(|()| std::fs::rename(&new, store))
-                .with_context(|| format!("{}: cannot be written", store.display()))?;
-            self.kept = now;
-        }
-        Ok(())
+        let new = store.with_extension("new");
+        std::fs::write(&new, &now)
+            .and_then(|()| std::fs::rename(&new, store))
+            .with_context(|| format!("{}: cannot be written", store.display()))
     }
 }
 
@@ -100,8 +89,7 @@ impl Plant for Chip {
         while let Some(frame) = self.rig.take() {
             sent.extend(from_chip(&frame));
         }
-        self.ticks += 1;
-        if self.ticks.is_multiple_of(LOOK) {
+        if self.rig.has_stored() {
             self.keep().map_err(|error| format!("{error:#}"))?;
         }
         Ok(())

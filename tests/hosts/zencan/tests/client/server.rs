@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 
-/// `edm-sim serve` with slcan by network.
+/// `edm-sim serve` or `edm-fil serve`, as EDM_SIM says, with slcan by network.
 pub struct Server {
     process: Child,
     /// Where it listens.
@@ -14,7 +14,9 @@ impl Server {
     /// Starts it with these options besides.
     pub fn new(options: &[&str]) -> Server {
         let program = std::env::var("EDM_SIM").expect("EDM_SIM names the program; tests/hosts/run sets it");
-        let mut process = Command::new(program)
+        let mut words = program.split_whitespace();
+        let mut process = Command::new(words.next().expect("EDM_SIM names a program"))
+            .args(words)
             .args(["serve", "--slcan-tcp", "127.0.0.1:0"])
             .args(options)
             .stdin(Stdio::piped())
