@@ -11,11 +11,19 @@ network = connect(args)
 head = Head(network, args.node)
 for word in args.settings:
     key, _, value = word.partition("=")
-    setting = head.setting(key)
+    try:
+        setting = head.setting(key)
+    except (KeyError, ValueError):
+        print(f"{key}: no such setting; docs/settings.md lists all")
+        continue
     before = setting.raw
     if value:
         try:
-            setting.raw = type(before)(value)
+            # Yes and no are 1 and 0, one of several words its number: docs/objects.md.
+            setting.raw = bool(int(value)) if isinstance(before, bool) else type(before)(value)
+        except ValueError:
+            print(f"{key} = {value}: must be a number")
+            continue
         except canopen.SdoAbortedError as error:
             print(f"{key} = {value}: refused: {error}")
             continue

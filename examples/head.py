@@ -71,7 +71,11 @@ class Head(BaseNode402):
         """Closes the loop, after a fault as well if its cause has gone."""
         if self.is_faulted():
             self.reset_from_fault()
-        self.state = "OPERATION ENABLED"
+        try:
+            self.state = "OPERATION ENABLED"
+        except RuntimeError:
+            refusal = self.sdo[0x2000][4].raw
+            raise SystemExit(f"not enabled: refusal {refusal} of docs/objects.md (2000h:4)") from None
 
     def start_move(self, counts):
         """Profile position: gives a new set point, and waits until it is taken."""

@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 const MAIN: &str = include_str!("../src/main.rs");
 
 /// Priority and binding in the task attribute before `fn name(`.
-fn attribute(name: &str) -> (u8, Option<&'static str>) {
+fn attribute(name: &str) -> (u8, &'static str) {
     let function = MAIN.find(&format!("fn {name}(")).unwrap_or_else(|| panic!("no task {name}"));
     let start = MAIN[..function].rfind("#[task(").unwrap();
     let attribute = &MAIN[start..function];
-    let after = |key: &str| attribute.split_once(key).map(|(_, rest)| rest.split([',', ')']).next().unwrap().trim());
-    (after("priority =").unwrap().parse().unwrap(), after("binds ="))
+    let after = |key: &str| attribute.split_once(key).unwrap().1.split([',', ')']).next().unwrap().trim();
+    (after("priority =").parse().unwrap(), after("binds ="))
 }
 
 #[test]
@@ -21,7 +21,7 @@ fn every_task_has_the_priority_and_the_source_of_the_table() {
     for task in TASKS.iter().filter(|task| task.priority > 0) {
         let (priority, binds) = attribute(task.name);
         assert_eq!(priority, task.priority, "{}", task.name);
-        assert_eq!(binds.unwrap_or("software"), task.source, "{}", task.name);
+        assert_eq!(binds, task.source, "{}", task.name);
     }
 }
 
@@ -73,7 +73,8 @@ fn no_register_is_waited_for_without_a_bound() {
     for (path, text) in sources(&root.join("hal-shim/src/stm32f4")) {
         let endless = text.lines().filter(|line| {
             let line = line.trim_start();
-            line.starts_with("while ") || line.starts_with("loop ")
+            // A constant counts, for want of an iterator; nothing else does.
+            (line.starts_with("while ") || line.starts_with("loop ")) && !line.starts_with("while i < ")
         });
         // The one that blinks for ever, with the pins off, when the head did not start.
         let allowed = usize::from(path.ends_with("dying.rs"));

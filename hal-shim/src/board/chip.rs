@@ -200,7 +200,7 @@ pub const TASKS: &[Task] = &[
     Task { name: "supervise", priority: 3, source: "TIM7", deadline: "1 ms" },
     Task { name: "can_receive", priority: 2, source: "CAN1_RX0", deadline: "111 us, one frame" },
     Task { name: "can_transmit", priority: 2, source: "CAN1_TX", deadline: "111 us, one frame" },
-    Task { name: "protocol", priority: 1, source: "software", deadline: "1 ms" },
+    Task { name: "protocol", priority: 1, source: "SPI3", deadline: "1 ms" },
     Task { name: "idle", priority: 0, source: "-", deadline: "none" },
 ];
 

@@ -118,6 +118,15 @@ fn a_line_that_is_wrong_is_answered_and_nothing_stops() {
 }
 
 #[test]
+fn lines_typed_before_the_end_are_all_answered() {
+    let mut server = Server::new(&[]);
+    (2..102).for_each(|node| server.tell(&format!("{node} gap.short=true")));
+    let (_, complained) = server.stop();
+    let answers: Vec<String> = (2..102).map(|node| format!("{node}: no such node")).collect();
+    assert_eq!(complained.lines().collect::<Vec<_>>(), answers);
+}
+
+#[test]
 fn three_heads_share_the_bus_with_a_load_and_five_times_the_speed() {
     let server = Server::new(&["--nodes", "3", "--speed", "5", "--load", "50"]);
     let mut client = server.client();

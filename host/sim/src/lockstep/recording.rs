@@ -418,7 +418,7 @@ mod tests {
         let block = GapBlock { codes: core::array::from_fn(|i| (i * 160) as u16 ^ 0x0aa5), gate: 0x01ff_fffe };
         assert_eq!(block_of(&block_numbers(&block)), block);
         for command in [Command::MoveBy(Nanometres(-1_234_567)), Command::SetHome(Nanometres(5)), Command::Start] {
-            assert_eq!(command_of(&command_numbers(command).unwrap()).unwrap(), command);
+            assert_eq!(command_of(&command_numbers(command)).unwrap(), command);
         }
         let input = TickInput {
             watch: Some(RawCount { count: u32::MAX, last_edge: 3, toward_work: true, now: 9 }),

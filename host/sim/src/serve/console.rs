@@ -25,7 +25,7 @@ impl Console {
         let halt = {
             let (stop, mailbox) = (stop.clone(), mailbox.clone());
             move || {
-                stop.store(true, Ordering::Relaxed);
+                stop.store(true, Ordering::Release);
                 mailbox.ring();
             }
         };
@@ -47,9 +47,9 @@ impl Console {
         Ok(Console { lines, stop })
     }
 
-    /// Whether to stop.
+    /// Whether to stop; [`Console::line`] then gives whatever was typed before that.
     pub fn stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.stop.load(Ordering::Acquire)
     }
 
     /// The oldest line that has not been read.

@@ -60,9 +60,14 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
     let mut pace = Pace::new(start, speed);
     let (mut came, mut sent) = (Vec::new(), Vec::new());
     let (mut ticks, mut lost_s, mut complained) = (0u64, 0.0, None::<Instant>);
-    while !console.stopped() {
+    loop {
+        // Asked before the lines are read: those typed before the end are still obeyed.
+        let stopped = console.stopped();
         while let Some(line) = console.line() {
             plant.line(line.trim()).unwrap_or_else(|message| eprintln!("{message}"));
+        }
+        if stopped {
+            break;
         }
         let due = pace.due(Instant::now());
         for _ in 0..due.ticks {
