@@ -48,13 +48,13 @@ impl Protocol {
     pub fn run(&mut self) {
         let begin = self.clock.now();
         let now = self.uptime.advance(begin);
+        self.frames();
         let whole = self.news(begin);
-        while let Some((frame, stamp)) = self.received.dequeue() {
-            self.node.receive(&frame, self.uptime.at(stamp), self.drive);
-        }
-        self.node.synchronised(now, self.drive);
         if whole {
+            // A SYNC does not wait until all of this is done.
+            self.frames();
             self.node.poll(now, self.drive);
+            self.frames();
             self.drive.poll(now, self.node);
         }
         self.orders();
@@ -69,6 +69,18 @@ impl Protocol {
         let end = self.clock.now();
         timers::ran(PROTOCOL, end.wrapping_sub(begin));
         ROLL.report(PROTOCOL, end);
+    }
+
+    /// Frames that have come. The set points of a SYNC go on at once.
+    #[inline(never)]
+    fn frames(&mut self) {
+        while let Some((frame, stamp)) = self.received.dequeue() {
+            let at = self.uptime.at(stamp);
+            self.node.receive(&frame, at, self.drive);
+            if self.node.synchronised(at, self.drive).is_some() {
+                self.orders();
+            }
+        }
     }
 
     /// What the servo task tells; whether it has told of a millisecond.

@@ -96,9 +96,12 @@ impl Bench {
     }
 
     /// The host sends `frame`; it ends at `at`, or as soon as it can follow those sent earlier on a bus of 1 Mbit/s.
-    pub fn send(&mut self, at: u64, frame: Frame) {
+    /// Gives the time at which it ends.
+    pub fn send(&mut self, at: u64, frame: Frame) -> u64 {
         let after = self.frames.back().map_or(0, |f| f.0 + frame.bits() * (TICK_HZ / 1_000_000));
-        self.frames.push_back((at.max(after), frame));
+        let end = at.max(after);
+        self.frames.push_back((end, frame));
+        end
     }
 
     /// What the bridge does to the coil under the pins as they are.

@@ -72,6 +72,17 @@ pub fn read(bus: &mut impl Bus, index: u16, sub: u8) -> Result<u32> {
 /// # Errors
 /// When the head refuses or does not answer.
 pub fn begin(bus: &mut impl Bus) -> Result<()> {
+    await_boot_up(bus)?;
+    write(bus, 0x1016, 1, u32::from(HOST) << 16 | 400, 4)?;
+    bus.send(Frame::new(0, &[1, NODE as u8]));
+    bus.pass()
+}
+
+/// Waits for the node's boot-up: it listens to nobody before.
+///
+/// # Errors
+/// When it does not come.
+pub fn await_boot_up(bus: &mut impl Bus) -> Result<()> {
     let boot_up = |frame: Frame| frame.id == 0x700 + u32::from(NODE) && frame.data[0] == 0;
     let mut left = PATIENCE;
     while !std::iter::from_fn(|| bus.take()).any(boot_up) {
@@ -79,9 +90,7 @@ pub fn begin(bus: &mut impl Bus) -> Result<()> {
         left -= 1;
         bus.pass()?;
     }
-    write(bus, 0x1016, 1, u32::from(HOST) << 16 | 400, 4)?;
-    bus.send(Frame::new(0, &[1, NODE as u8]));
-    bus.pass()
+    Ok(())
 }
 
 /// A heartbeat of the host.

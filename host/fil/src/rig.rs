@@ -89,7 +89,10 @@ pub struct Emulated {
     /// True count at the beginning of the window, where the servo task reads the encoder.
     count: i64,
     changes: VecDeque<Change>,
-    came: VecDeque<Frame>,
+    /// Frames of the head, and when they ended.
+    came: VecDeque<(u64, Frame)>,
+    /// Commands that the newest tick carried out.
+    carried: Vec<Command>,
     windows: u64,
 }
 
@@ -138,6 +141,7 @@ impl Emulated {
             count: 0,
             changes: VecDeque::new(),
             came: VecDeque::new(),
+            carried: Vec::new(),
             windows: 0,
         };
         rig.boot(parameters, seed)?;
@@ -194,7 +198,7 @@ impl Emulated {
         self.end += WINDOW;
         self.machine.run_until(self.end)?;
         let soc = self.machine.soc();
-        self.came.extend(soc.world.sent.drain(..).map(|(_, frame)| frame));
+        self.came.extend(soc.world.sent.drain(..));
         if self.windows.is_multiple_of(LOG) {
             self.print_log();
         }
@@ -227,8 +231,9 @@ impl Emulated {
             let reason = Reason::Fault(fault);
             self.changes.push_back(Change { tick: status.tick, from: before.state, to: status.state, reason });
         }
-        for command in self.places.commands(memory, status.tick)? {
-            self.witness.event(&Event::Command(command))?;
+        self.carried = self.places.commands(memory, status.tick)?;
+        for command in &self.carried {
+            self.witness.event(&Event::Command(*command))?;
         }
         if let Some(fault) = told {
             self.witness.event(&Event::Told(fault))?;
@@ -278,6 +283,25 @@ impl Emulated {
         &mut self.machine.soc().world.process
     }
 
+    /// Sends a frame that ends so long from now, or as soon as the bus is free; gives the time of its end.
+    pub fn send_at(&mut self, after: u64, frame: Frame) -> u64 {
+        let soc = self.machine.soc();
+        let at = soc.now() + after;
+        let end = soc.world.send(at, frame);
+        soc.world_changed();
+        end
+    }
+
+    /// The oldest frame of the head that has not been taken, and when it ended.
+    pub fn take_timed(&mut self) -> Option<(u64, Frame)> {
+        self.came.pop_front()
+    }
+
+    /// Commands that the newest tick carried out, and when that tick began.
+    pub fn carried(&self) -> (u64, &[Command]) {
+        (self.end - LOOK, &self.carried)
+    }
+
     /// Whether the firmware has changed its flash since the last call.
     pub fn has_stored(&mut self) -> bool {
         std::mem::take(&mut self.stored)
@@ -325,10 +349,7 @@ impl Rig for Emulated {
 
 impl Bus for Emulated {
     fn send(&mut self, frame: Frame) {
-        let soc = self.machine.soc();
-        let at = soc.now() + WINDOW / 2;
-        soc.world.send(at, frame);
-        soc.world_changed();
+        self.send_at(WINDOW / 2, frame);
     }
 
     fn pass(&mut self) -> Result<()> {
@@ -336,7 +357,7 @@ impl Bus for Emulated {
     }
 
     fn take(&mut self) -> Option<Frame> {
-        self.came.pop_front()
+        self.came.pop_front().map(|(_, frame)| frame)
     }
 }
 

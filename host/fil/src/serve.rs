@@ -5,7 +5,7 @@
 //! the program and to start it again. Erasing and programming take their time on the chip; the file is replaced whole.
 
 use crate::commission::{self, commission};
-use crate::host::{Bus as _, NODE};
+use crate::host::{Bus as _, NODE, await_boot_up};
 use crate::image::Image;
 use crate::rig::{Emulated, Witness};
 use anyhow::{Context, Result, ensure};
@@ -49,6 +49,7 @@ pub fn serve(image: &Image, log: bool, options: &Serve) -> Result<(), Failure> {
     let mut rig = Emulated::power_up(image, &setup.process, options.seed, Witness::None, prepare).map_err(failed)?;
     rig.log = log;
     rig.host_alive = false;
+    await_boot_up(&mut rig).map_err(failed)?;
     rig.process_mut().schedule(&setup.events);
     let mut chip = Chip { rig, store };
     chip.keep().map_err(failed)?;

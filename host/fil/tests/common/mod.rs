@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// Builds the release firmware once and gives its ELF file.
+/// Builds the firmware once and gives its ELF file.
 pub fn firmware() -> &'static [u8] {
     static FILE: OnceLock<Vec<u8>> = OnceLock::new();
     FILE.get_or_init(|| {
@@ -15,7 +15,8 @@ pub fn firmware() -> &'static [u8] {
             .args([
                 "build",
                 "--quiet",
-                "--release",
+                "--profile",
+                "firmware",
                 "-p",
                 "edm-servo-head",
                 "--bin",
@@ -27,6 +28,6 @@ pub fn firmware() -> &'static [u8] {
             .expect("cargo runs");
         assert!(status.success(), "the firmware does not build");
         let directory = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), PathBuf::from);
-        std::fs::read(directory.join(target).join("release/edm-servo-head")).expect("the firmware was built")
+        std::fs::read(directory.join(target).join("firmware/edm-servo-head")).expect("the firmware was built")
     })
 }

@@ -1,0 +1,142 @@
+//! The release image on a busy bus of 1 Mbit/s. Times are those of the modelled chip; the model lets frames of both directions
+//! pass each other, so what waits for a real bus comes on top.
+
+mod common;
+
+use anyhow::{Result, anyhow, bail, ensure};
+use edm_fil::bench::WINDOW;
+use edm_fil::host::{self, Bus as _};
+use edm_fil::image::Image;
+use edm_fil::rig::{Emulated, Witness};
+use edm_servo_head::head::Command;
+use edm_servo_head::settings::Settings;
+use edm_servo_head::units::Nanometres;
+use edm_sim::machine::Rig as _;
+use edm_sim::process::Parameters;
+use edm_soc::{Frame, TICK_HZ};
+
+const US: u64 = TICK_HZ / 1_000_000;
+const MS: u64 = 1000 * US;
+/// Set points streamed.
+const POINTS: usize = 500;
+/// Foreign frames of eight bytes in a millisecond, with SYNC, one RPDO and two TPDOs 95 % of the bus.
+const FOREIGN: u32 = 5;
+
+/// From the end of a SYNC to its set points in the servo's queue: the protocol's own time, and that of the tasks above it.
+const LATENCY: u64 = 65 * US;
+
+/// Homed, enabled, in operation; TPDO 1 and 2 and RPDO 2 with every SYNC.
+fn cyclic(image: &Image) -> Result<Emulated> {
+    let settings = Settings { commissioned: true, ..Settings::default() };
+    let mut rig = Emulated::start(image, &Parameters::default(), &settings, 1, Witness::None)?;
+    host::begin(&mut rig)?;
+    for (index, value) in [(0x1800, 1), (0x1801, 1), (0x1401, 1)] {
+        host::write(&mut rig, index, 2, value, 1)?;
+    }
+    host::command(&mut rig, Command::SetHome(Nanometres(0)))?;
+    host::write(&mut rig, 0x6060, 0, 8, 1)?;
+    host::command(&mut rig, Command::Enable)?;
+    Ok(rig)
+}
+
+/// One RPDO and two TPDOs a millisecond on a bus that foreign frames `foreign` fill: none of ours is lost, and every set point
+/// is in force in the first tick that begins [`LATENCY`] after its SYNC, or before.
+fn streams(rig: &mut Emulated, foreign: u16) -> Result<()> {
+    while rig.take_timed().is_some() {}
+    let (mut synced, mut carried, mut sent) = (Vec::new(), Vec::new(), [0; 2]);
+    // The last frames are under way when their millisecond has gone.
+    for n in 0..POINTS as u64 + 2 {
+        if n < POINTS as u64 {
+            // The phase of the SYNC goes once through the millisecond.
+            let phase = n * MS / POINTS as u64;
+            let target = (n / 4) as i32;
+            rig.send_at(phase, Frame::new(0x301, &target.to_le_bytes()));
+            synced.push((rig.send_at(0, Frame::new(0x80, &[])), target));
+            for i in 0..FOREIGN {
+                rig.send_at(0, Frame::new(foreign + (i % 4) as u16, &[i as u8; 8]));
+            }
+        }
+        for _ in 0..MS / WINDOW {
+            rig.tick().map_err(|e| anyhow!(e))?;
+            let (begin, commands) = rig.carried();
+            for command in commands {
+                if let Command::Follow(to, _) = command {
+                    carried.push((begin, (to.0 / 1000) as i32));
+                }
+            }
+        }
+        while let Some((_, frame)) = rig.take_timed() {
+            for (count, id) in sent.iter_mut().zip([0x181, 0x281]) {
+                *count += usize::from(frame.id == id);
+            }
+        }
+    }
+    ensure!(sent == [POINTS, POINTS], "TPDOs sent: {sent:?} of {POINTS}");
+    ensure!(carried.len() == POINTS, "{} of {POINTS} set points carried out", carried.len());
+    let mut longest = 0;
+    for ((end, wanted), (begin, target)) in synced.iter().zip(&carried) {
+        ensure!(target == wanted, "{target} instead of {wanted}");
+        longest = longest.max(begin.saturating_sub(*end));
+    }
+    println!("from SYNC to the tick that follows it: {:.1} us at the most", longest as f64 / US as f64);
+    ensure!(longest <= WINDOW + LATENCY, "{longest} cycles from a SYNC to the tick that takes it");
+    Ok(())
+}
+
+#[test]
+fn a_cyclic_master_loses_nothing_on_a_bus_that_others_fill() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let mut rig = cyclic(&image).unwrap();
+    // Nobody's identifiers: the filters keep them out.
+    streams(&mut rig, 0x310).unwrap();
+}
+
+#[test]
+fn nor_when_every_foreign_frame_passes_the_filters() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let mut rig = cyclic(&image).unwrap();
+    // The node watches the heartbeats of four others, and the foreign frames have their identifiers.
+    for n in 0..4 {
+        host::write(&mut rig, 0x1016, 1 + n, (0x20 + u32::from(n)) << 16 | 1000, 4).unwrap();
+    }
+    rig.pass().unwrap();
+    streams(&mut rig, 0x720).unwrap();
+}
+
+/// The first frame with this identifier that `wanted` takes, and when it ended; waits for 5 ms.
+fn answer(rig: &mut Emulated, id: u32, wanted: impl Fn(&Frame) -> bool) -> Result<u64> {
+    for _ in 0..5 * MS / WINDOW {
+        rig.tick().map_err(|e| anyhow!(e))?;
+        while let Some((end, frame)) = rig.take_timed() {
+            if frame.id == id && wanted(&frame) {
+                return Ok(end);
+            }
+        }
+    }
+    bail!("no {id:x}h within 5 ms")
+}
+
+#[test]
+fn an_sdo_is_answered_within_a_millisecond_and_a_transition_shows_within_two() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let settings = Settings { commissioned: true, ..Settings::default() };
+    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, Witness::None).unwrap();
+    host::begin(&mut rig).unwrap();
+    let mut longest = [0; 2];
+    for n in 0..200 {
+        let asked = rig.send_at(n * 37 * US % MS, Frame::new(0x601, &[0x40, 0x41, 0x60, 0, 0, 0, 0, 0]));
+        let answered = answer(&mut rig, 0x581, |_| true).unwrap();
+        longest[0] = longest[0].max(answered - asked);
+    }
+    for n in 0..40 {
+        for (word, state) in [(6u16, 0x21), (7, 0x23), (0xF, 0x27), (0, 0x40)] {
+            let told = rig.send_at(n * 41 * US % MS, Frame::new(0x201, &word.to_le_bytes()));
+            let mask = if state == 0x40 { 0x4F } else { 0x6F };
+            let shown = answer(&mut rig, 0x181, |frame| frame.data[0] & mask == state).unwrap();
+            longest[1] = longest[1].max(shown - told);
+        }
+    }
+    let [sdo, transition] = longest.map(|cycles| cycles as f64 / US as f64);
+    println!("SDO answered within {sdo:.0} us, transition shown within {transition:.0} us, both with their frames");
+    assert!(sdo <= 1000.0 && transition <= 2000.0, "{sdo} us, {transition} us");
+}
