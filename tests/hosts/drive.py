@@ -24,8 +24,9 @@ class Host:
         self.network.connect()
         self.drive = BaseNode402(node, description)
         self.network.add_node(self.drive)
-        # A loaded computer simulates more slowly than the time goes by.
-        self.drive.sdo.RESPONSE_TIMEOUT = 2
+        if server.program == "chip":
+            # A loaded computer emulates more slowly than the time goes by.
+            self.drive.sdo.RESPONSE_TIMEOUT = 2
         self.emergencies = []
         self.drive.emcy.add_callback(lambda error: self.emergencies.append(error.code))
 

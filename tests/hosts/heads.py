@@ -21,6 +21,7 @@ class Server:
     """A head, or several, with all ways onto its bus."""
 
     def __init__(self, folder, *options, program="virtual"):
+        self.program = program
         self.pty = str(folder / "can")
         words = [*PROGRAMS[program], "serve"]
         words += ["--slcan-tcp", "127.0.0.1:0", "--socketcand", "127.0.0.1:0", "--slcan-pty", self.pty, *options]

@@ -149,8 +149,9 @@ def insist(action, *values):
     raise AssertionError(f"{action.__name__}{values} never works")
 
 
-def test_the_description_loads_and_every_object_in_it_is_there(tmp_path):
-    server = Server(tmp_path)
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_the_description_loads_and_every_object_in_it_is_there(tmp_path, program):
+    server = Server(tmp_path, program=program)
     host = Host(server, "socketcand", eds(tmp_path))
     missing = []
     for index, entry in host.drive.object_dictionary.items():
