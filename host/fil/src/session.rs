@@ -51,7 +51,9 @@ impl Session {
         commission(&machine.soc().memory.flash, &settings)?;
         let mut session = Self { machine, rtt: Rtt::new(image)?, now: 0, taken: 0, log: Vec::new() };
         session.run(30 * MS)?;
-        host::begin(&mut session)?;
+        if let Err(error) = host::begin(&mut session) {
+            bail!("{error:#}; log: {:?}", session.log);
+        }
         session.command(Command::SetHome(Nanometres(0)))?;
         session.command(Command::Enable)?;
         let state = session.state()?;
