@@ -54,11 +54,14 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
     let mailbox = Arc::new(Mailbox::default());
     let port = hub.attach(mailbox.clone());
     let console = Console::new(&mailbox).map_err(Failure::Failed)?;
+    let (mut came, mut sent) = (Vec::new(), Vec::new());
+    // Power-on: who connects when the title is there meets heads that have booted, and a boot-up it hears answers its reset.
+    plant.tick(&[], &mut sent).map_err(Failure::Failed)?;
+    sent.drain(..).for_each(|frame| port.send(&frame));
     say(&format!("{title}\n\n  {}\n\nCtrl-C stops it.\n", open.lines.join("\n  ")));
 
     let start = Instant::now();
     let mut pace = Pace::new(start, speed);
-    let (mut came, mut sent) = (Vec::new(), Vec::new());
     let (mut ticks, mut lost_s, mut complained) = (0u64, 0.0, None::<Instant>);
     loop {
         // Asked before the lines are read: those typed before the end are still obeyed.
