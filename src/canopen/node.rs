@@ -10,7 +10,7 @@ use super::rolled::{rolled, rolled_mut};
 use super::sdo::{REQUEST, Server};
 use super::space::Space;
 use super::sync::{Pulse, Sync};
-use super::{Abort, Dictionary, Event, Frame, NmtState, NodeId, Time};
+use super::{Abort, Dictionary, Event, Frame, NmtState, NodeId, Place, Time};
 
 /// Identifier of network management.
 const NMT: u16 = 0;
@@ -145,6 +145,22 @@ impl Node {
         Some(time)
     }
 
+    /// What the next SYNC will write to the object at `place`, if it changes no other object; little end first. For who can
+    /// act on a SYNC before this node has heard of it.
+    #[inline(never)]
+    pub fn ahead(&self, place: Place, dictionary: &dyn Dictionary) -> Option<[u8; 4]> {
+        let mut value = None;
+        for pdo in rolled(&self.area.receive) {
+            pdo.ahead(place, dictionary, &mut value)?;
+        }
+        value
+    }
+
+    /// Bytes of a SYNC: 1 with a counter.
+    pub fn sync_length(&self) -> u8 {
+        Sync::length(&self.area.parameters)
+    }
+
     /// The frame to be sent next. Call it when there is room for it.
     pub fn take(&mut self) -> Option<Frame> {
         self.area.out.take()
@@ -171,7 +187,7 @@ impl Node {
         self.area.state
     }
 
-    /// The identifiers that mean something to this node, for the filters of the controller: network management, SYNC, SDO
+    /// The identifiers that mean something to this node, for the filters of the controller: SYNC, network management, SDO
     /// requests, RPDOs, heartbeats that are watched. What is not in use is network management once more.
     #[inline(never)]
     pub fn identifiers(&self) -> [u16; IDENTIFIERS] {
@@ -180,8 +196,8 @@ impl Node {
         let watched = rolled(&parameters.consumers).iter().filter_map(|value| heartbeat::entry(*value));
         let heartbeats = watched.map(|(node, _)| HEARTBEAT | u16::from(node & 0x7F));
         let mut identifiers = [NMT; IDENTIFIERS];
-        let own = [parameters.sync_id as u16 & 0x7FF, self.area.id.cob(REQUEST)];
-        for (slot, id) in identifiers.iter_mut().skip(1).zip(own.into_iter().chain(receive).chain(heartbeats)) {
+        let own = [parameters.sync_id as u16 & 0x7FF, NMT, self.area.id.cob(REQUEST)];
+        for (slot, id) in identifiers.iter_mut().zip(own.into_iter().chain(receive).chain(heartbeats)) {
             *slot = id;
         }
         identifiers

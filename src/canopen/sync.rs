@@ -26,12 +26,17 @@ impl Sync {
         parameters.sync_id & 0x7FF == u32::from(id)
     }
 
+    /// Bytes of a SYNC.
+    pub fn length(parameters: &Parameters) -> u8 {
+        u8::from(parameters.overflow != 0)
+    }
+
     /// Judges a SYNC.
     pub fn judge(parameters: &Parameters, data: &[u8]) -> Pulse {
-        match (parameters.overflow, data) {
-            (0, []) => Pulse::Good(None),
-            (1.., [counter]) => Pulse::Good(Some(*counter)),
-            _ => Pulse::Length,
+        if data.len() == usize::from(Self::length(parameters)) {
+            Pulse::Good(data.first().copied())
+        } else {
+            Pulse::Length
         }
     }
 

@@ -1,11 +1,11 @@
 //! Frames between the controller and the protocol's queues.
 
 use super::supervise::host_is_alive;
-use super::{BACKLOG, PROTOCOL_VECTOR};
+use super::{Arrival, BACKLOG, PROTOCOL_VECTOR, SYNC_LENGTH, SYNCS};
 use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::stm32f4::bxcan::{self, Data, Id, StandardId};
-use edm_hal_shim::stm32f4::can::{Receiver, Sender, next};
+use edm_hal_shim::stm32f4::can::{Inbox, Receiver, Sender, sync_waits};
 use edm_hal_shim::stm32f4::cycles::Cycles;
 use edm_servo_head::canopen::Frame;
 use heapless::spsc::{Consumer, Producer};
@@ -15,7 +15,7 @@ pub struct Receive {
     /// `None` when the controller did not start.
     pub(super) receiver: Option<Receiver>,
     pub(super) clock: Cycles,
-    pub(super) received: Producer<'static, (Frame, u32)>,
+    pub(super) received: Producer<'static, Arrival>,
 }
 
 /// What leaves.
@@ -26,21 +26,31 @@ pub struct Transmit {
 }
 
 impl Receive {
-    /// Empties the controller: three frames at the most, and what arrives meanwhile.
-    pub fn frames(&mut self) {
-        let now = self.clock.now();
+    /// Empties a FIFO of the controller: three frames at the most, and what arrives meanwhile.
+    #[inline(never)]
+    pub fn frames(&mut self, from: Inbox) {
+        let stamp = self.clock.now();
         let Some(receiver) = &mut self.receiver else { return };
-        while let Some(frame) = next(receiver) {
-            match frame {
-                Ok(frame) => {
+        loop {
+            if from == Inbox::Sync {
+                // Counted before it leaves: the servo task, which may come in between, sees it in the controller or in the
+                // count.
+                let Some(length) = sync_waits() else { break };
+                if length == SYNC_LENGTH.load(Relaxed) {
+                    SYNCS.store(SYNCS.load(Relaxed).wrapping_add(1), Relaxed);
+                }
+            }
+            match receiver.next(from) {
+                Some(Ok(frame)) => {
                     host_is_alive();
                     if let Some(frame) = from_bus(&frame)
-                        && self.received.enqueue((frame, now)).is_err()
+                        && self.received.enqueue(Arrival { frame, stamp, syncs: SYNCS.load(Relaxed) }).is_err()
                     {
                         defmt::warn!("CAN: queue full, frame dropped");
                     }
                 }
-                Err(_) => defmt::warn!("CAN: overrun"),
+                Some(Err(_)) => defmt::warn!("CAN: overrun"),
+                None => break,
             }
         }
         rtic::pend(PROTOCOL_VECTOR);

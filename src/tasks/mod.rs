@@ -14,11 +14,12 @@ pub mod start;
 pub mod supervise;
 pub mod timers;
 
-use core::sync::atomic::AtomicBool;
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32};
 use edm_hal_shim::board;
 use edm_hal_shim::reflex::Limits;
 use edm_hal_shim::roll::Roll;
 use edm_hal_shim::stm32f4::pac::Interrupt;
+use edm_servo_head::canopen::drive::SetPoint;
 use edm_servo_head::canopen::{Frame, Group, NodeId};
 use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::{Latest, voltage};
@@ -56,6 +57,10 @@ static ENCODER: Published = Published::new();
 static READING: Latest = Latest::new();
 /// Something waits in a queue of the servo task, which looks into none of them otherwise. Set after the queue was filled.
 static WAITING: AtomicBool = AtomicBool::new(false);
+/// SYNCs that have come, wrapping.
+static SYNCS: AtomicU32 = AtomicU32::new(0);
+/// Bytes of a SYNC as the node is configured: any other is none.
+static SYNC_LENGTH: AtomicU8 = AtomicU8::new(0);
 /// Frames did not fit the queue to the controller: the protocol wants to run when it is empty.
 static BACKLOG: AtomicBool = AtomicBool::new(false);
 
@@ -65,9 +70,20 @@ pub const PROTOCOL_VECTOR: Interrupt = Interrupt::SPI3;
 /// On its way from the protocol to the servo task.
 enum Request {
     Command(Command),
+    /// What the next SYNC releases, and how many had come before this was decided.
+    AtSync(Option<SetPoint>, u32),
     Raise(Fault),
     /// Leave to change what is kept.
     Leave(Chore),
+}
+
+/// A frame that has come.
+struct Arrival {
+    frame: Frame,
+    /// Count of the clock at its interrupt.
+    stamp: u32,
+    /// SYNCs until then, itself included.
+    syncs: u32,
 }
 
 /// What came of a request.
@@ -128,8 +144,7 @@ pub struct Queues {
     changes: Queue<Change, 16>,
     checked: Queue<Checked, 2>,
     reports: Queue<Report, 2>,
-    /// With the count of the clock at their interrupt.
-    received: Queue<(Frame, u32), 32>,
+    received: Queue<Arrival, 32>,
     sending: Queue<Frame, 8>,
 }
 

@@ -1,7 +1,10 @@
 //! The head as a CANopen device: frames in and out, orders to the other tasks, and what they have done.
 
 use super::timers::{self, Timers};
-use super::{Answer, BACKLOG, Checked, Chore, Configuration, PROTOCOL, REFLEX, ROLL, Request, Reset, WAITING};
+use super::{
+    Answer, Arrival, BACKLOG, Checked, Chore, Configuration, PROTOCOL, REFLEX, ROLL, Request, Reset, SYNC_LENGTH,
+    WAITING,
+};
 use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::board::CORE_HZ;
 use edm_hal_shim::clock::Clock;
@@ -30,7 +33,9 @@ pub struct Protocol {
     pub(super) timers: Timers,
     /// The tick that knew of the newest command first: an older status is not news.
     pub(super) known: u32,
-    pub(super) received: Consumer<'static, (Frame, u32)>,
+    /// SYNCs until the newest frame that was dealt with.
+    pub(super) syncs: u32,
+    pub(super) received: Consumer<'static, Arrival>,
     pub(super) sending: Producer<'static, Frame>,
     pub(super) published: Consumer<'static, Status>,
     pub(super) changes: Consumer<'static, Change>,
@@ -71,15 +76,17 @@ impl Protocol {
         ROLL.report(PROTOCOL, end);
     }
 
-    /// Frames that have come. The set points of a SYNC go on at once.
+    /// Frames that have come. What they order goes on at once.
     #[inline(never)]
     fn frames(&mut self) {
-        while let Some((frame, stamp)) = self.received.dequeue() {
+        while let Some(Arrival { frame, stamp, syncs }) = self.received.dequeue() {
+            self.syncs = syncs;
             let at = self.uptime.at(stamp);
             self.node.receive(&frame, at, self.drive);
             if self.node.synchronised(at, self.drive).is_some() {
-                self.orders();
+                self.drive.synchronised();
             }
+            self.orders();
         }
     }
 
@@ -132,10 +139,17 @@ impl Protocol {
         }
     }
 
-    /// Hands the drive's orders on, as long as there is room for any.
+    /// Hands the drive's orders on, as long as there is room for any, and then what it will order at the next SYNC.
+    #[inline(never)]
     fn orders(&mut self) {
         while self.requests.ready() && self.configurations.ready() && self.resets.ready() {
-            let Some(order) = self.drive.take() else { return };
+            let Some(order) = self.drive.take() else {
+                SYNC_LENGTH.store(self.node.sync_length(), Relaxed);
+                if self.drive.foresee(self.node) {
+                    self.request(Request::AtSync(self.drive.foreseen(), self.syncs));
+                }
+                return;
+            };
             let request = match order {
                 Order::Configure => {
                     let active = self.drive.active();
@@ -158,9 +172,13 @@ impl Protocol {
                 Order::Store(group) => Request::Leave(Chore::Store(group)),
                 Order::Restore(group) => Request::Leave(Chore::Restore(group)),
             };
-            let _ = self.requests.enqueue(request);
-            WAITING.store(true, Relaxed);
+            self.request(request);
         }
+    }
+
+    fn request(&mut self, request: Request) {
+        let _ = self.requests.enqueue(request);
+        WAITING.store(true, Relaxed);
     }
 
     fn send(&mut self) {

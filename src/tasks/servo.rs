@@ -4,7 +4,8 @@
 //! without knowing are written, and then what was forced meanwhile is repeated ([`lines::settle`]).
 
 use super::{
-    Answer, Checked, Chore, Configuration, PROTOCOL_VECTOR, READING, REFLEX, ROLL, Request, SERVO, WAITING, timers,
+    Answer, Checked, Chore, Configuration, PROTOCOL_VECTOR, READING, REFLEX, ROLL, Request, SERVO, SYNC_LENGTH, SYNCS,
+    WAITING, timers,
 };
 use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::bridge::{Drive, HBridge};
@@ -18,7 +19,8 @@ use edm_hal_shim::stm32f4::encoder::{self as edges, Timer};
 use edm_hal_shim::stm32f4::generator::Interface;
 use edm_hal_shim::stm32f4::pwm::{self, Bridge};
 use edm_hal_shim::stm32f4::safety::Inputs;
-use edm_hal_shim::stm32f4::{gated, lines};
+use edm_hal_shim::stm32f4::{can, gated, lines};
+use edm_servo_head::canopen::drive::SetPoint;
 use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
 use edm_servo_head::head::{Change, Command, Fault, Head, Leave, Reason, State, Status, TickInput, TickOutput};
 use edm_servo_head::path::Path;
@@ -73,6 +75,8 @@ pub struct Servo {
     /// The newest fault that another task told of, and the tick that was told.
     pub(super) told: (Fault, u32),
     pub(super) carried: Carried,
+    /// What the next SYNC releases, and how many had come before.
+    pub(super) at_sync: Option<(SetPoint, u32)>,
     /// Ticks of this millisecond that were timed.
     pub(super) timed: u32,
     pub(super) faults: Consumer<'static, Fault>,
@@ -93,6 +97,10 @@ impl Servo {
     pub fn tick(&mut self) {
         pwm::clear_tick();
         let forced = lines::forced();
+        // Before the requests, which may have come after that SYNC.
+        if self.at_sync.is_some() {
+            self.synchronise();
+        }
         if WAITING.load(Relaxed) {
             // Who sets it has a lower priority: nothing can come in between.
             WAITING.store(false, Relaxed);
@@ -210,9 +218,23 @@ impl Servo {
         while let Some(request) = self.requests.dequeue() {
             match request {
                 Request::Command(command) => self.command(command),
+                Request::AtSync(point, syncs) => {
+                    self.at_sync = point.map(|point| (point, syncs));
+                    self.synchronise();
+                }
                 Request::Raise(fault) => self.raise(fault),
                 Request::Leave(chore) => self.give_leave(chore),
             }
+        }
+    }
+
+    /// Carries out what waits for a SYNC if that has come: counted, or still in the controller.
+    #[cold]
+    #[inline(never)]
+    fn synchronise(&mut self) {
+        let came = |syncs| SYNCS.load(Relaxed) != syncs || can::sync_waits() == Some(SYNC_LENGTH.load(Relaxed));
+        if let Some((point, _)) = self.at_sync.take_if(|(_, syncs)| came(*syncs)) {
+            self.command(point.command());
         }
     }
 
@@ -226,6 +248,7 @@ impl Servo {
         self.head.raise(fault);
     }
 
+    #[inline(never)]
     fn command(&mut self, command: Command) {
         let tick = self.number();
         self.carried.push(command, tick);

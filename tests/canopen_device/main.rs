@@ -3,5 +3,6 @@
 mod drive;
 mod dump;
 mod edm;
+mod foreseen;
 mod rig;
 mod settings;

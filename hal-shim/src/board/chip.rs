@@ -199,6 +199,7 @@ pub const TASKS: &[Task] = &[
     Task { name: "servo", priority: 4, source: "TIM1_UP_TIM10", deadline: "50 us, one period" },
     Task { name: "supervise", priority: 3, source: "TIM7", deadline: "1 ms" },
     Task { name: "can_receive", priority: 2, source: "CAN1_RX0", deadline: "111 us, one frame" },
+    Task { name: "can_sync", priority: 2, source: "CAN1_RX1", deadline: "47 us, the shortest frame" },
     Task { name: "can_transmit", priority: 2, source: "CAN1_TX", deadline: "111 us, one frame" },
     Task { name: "protocol", priority: 1, source: "SPI3", deadline: "1 ms" },
     Task { name: "idle", priority: 0, source: "-", deadline: "none" },

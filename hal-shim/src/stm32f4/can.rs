@@ -1,4 +1,6 @@
 //! bxCAN: start without an endless wait, hardware filters, transmission without one.
+//!
+//! SYNC has the second receive FIFO for itself: whether one has come shows before any interrupt has dealt with it.
 
 use super::hal::can::Can1;
 use super::hal::gpio::alt::can1::{Rx, Tx};
@@ -6,20 +8,33 @@ use super::start::{StartError, within};
 use super::{pac, put};
 use crate::timing::can::BitTiming;
 use bxcan::filter::{BankConfig, ListEntry16};
-use bxcan::{Fifo, Frame, Interrupts, OverrunError, Rx0, StandardId};
+use bxcan::{Fifo, Frame, Interrupts, OverrunError, Rx0, Rx1, StandardId};
 
 /// What arrives.
-pub type Receiver = Rx0<Can1>;
+pub struct Receiver {
+    others: Rx0<Can1>,
+    sync: Rx1<Can1>,
+}
+
+/// The FIFO that a frame is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Inbox {
+    /// SYNC.
+    Sync,
+    /// Everything else.
+    Others,
+}
 
 /// What leaves.
 pub struct Sender(bxcan::Tx<Can1>);
 
 /// Identifiers of a filter bank (RM0090 32.7.4: 16 bits, list).
 const PER_BANK: usize = 4;
-/// Filter banks in use at a time. There are twice as many, so that the next choice is complete before the last one ends.
-const BANKS: usize = 3;
-/// Identifiers that can be listened to.
-pub const IDENTIFIERS: usize = PER_BANK * BANKS;
+/// Filter banks in use at a time, the first of them for SYNC. There are twice as many, so that the next choice is complete
+/// before the last one ends.
+const BANKS: usize = 4;
+/// Identifiers that can be listened to, the first of them that of SYNC.
+pub const IDENTIFIERS: usize = 1 + PER_BANK * (BANKS - 1);
 
 /// What arrives: the hardware drops everything else.
 pub struct Filters {
@@ -57,22 +72,26 @@ pub fn start(
         // Mode, width and queue of a bank can be set only now; which identifiers, at any time while it is not active.
         let nobody = ListEntry16::data_frames_with_id(StandardId::ZERO);
         let mut filters = can.modify_filters();
-        for bank in 0..2 * BANKS as u8 {
-            filters.enable_bank(bank, Fifo::Fifo0, BankConfig::List16([nobody; PER_BANK]));
+        for bank in 0..2 * BANKS {
+            let fifo = if bank.is_multiple_of(BANKS) { Fifo::Fifo1 } else { Fifo::Fifo0 };
+            filters.enable_bank(bank as u8, fifo, BankConfig::List16([nobody; PER_BANK]));
         }
     }
     activate(0);
-    can.enable_interrupts(Interrupts::FIFO0_MESSAGE_PENDING | Interrupts::TRANSMIT_MAILBOX_EMPTY);
+    can.enable_interrupts(
+        Interrupts::FIFO0_MESSAGE_PENDING | Interrupts::FIFO1_MESSAGE_PENDING | Interrupts::TRANSMIT_MAILBOX_EMPTY,
+    );
     // Wakes in the background, with automatic recovery from bus-off.
     let _ = can.enable_non_blocking();
-    let (sender, receiver, _) = can.split();
-    Ok((Sender(sender), receiver, Filters { first: None, identifiers: [0; IDENTIFIERS] }))
+    let (sender, others, sync) = can.split();
+    Ok((Sender(sender), Receiver { others, sync }, Filters { first: None, identifiers: [0; IDENTIFIERS] }))
 }
 
 /// Beside the library, which owns the controller and shows none of this: mode, status and filters.
 fn can1() -> &'static pac::can1::RegisterBlock {
     // SAFETY: the register block is there for ever. Used through this reference: the mode before the library has the
-    // controller, afterwards the transmit status, which is only read, and the filters, which only [`Filters`] writes then.
+    // controller, afterwards transmit status and second FIFO, which are only read, and the filters, which only [`Filters`]
+    // writes then.
     unsafe { &*pac::CAN1::ptr() }
 }
 
@@ -82,20 +101,19 @@ fn activate(banks: u32) {
 }
 
 impl Filters {
-    /// Listens to data frames of these identifiers from now on, and to nothing else. No frame is lost over the change: the
-    /// banks that are idle take the new choice, then both sets are in force, then the new one alone.
+    /// Listens to data frames of these identifiers from now on, that of SYNC first, and to nothing else. No frame is lost
+    /// over the change: the banks that are idle take the new choice, then both sets are in force, then the new one alone.
     pub fn listen(&mut self, identifiers: [u16; IDENTIFIERS]) {
         if identifiers == self.identifiers && self.first.is_some() {
             return;
         }
         self.identifiers = identifiers;
         let next = if self.first == Some(0) { BANKS } else { 0 };
-        for (bank, four) in (next..).zip(identifiers.chunks_exact(PER_BANK)) {
-            let bank = can1().fb(bank);
-            if let [a, b, c, d] = four {
-                put!(bank.fr1(), entry(*a) | entry(*b) << 16);
-                put!(bank.fr2(), entry(*c) | entry(*d) << 16);
-            }
+        let [sync, others @ ..] = identifiers;
+        let choice = core::iter::once([sync; PER_BANK]).chain(others.as_chunks().0.iter().copied());
+        for (bank, [a, b, c, d]) in can1().fb_iter().skip(next).zip(choice) {
+            put!(bank.fr1(), entry(a) | entry(b) << 16);
+            put!(bank.fr2(), entry(c) | entry(d) << 16);
         }
         let banks = |first: usize| ((1 << BANKS) - 1) << first;
         if self.first.is_some() {
@@ -126,11 +144,24 @@ impl Sender {
     }
 }
 
-/// The next frame that arrived; `Err` once when the hardware had to drop some.
-pub fn next(receiver: &mut Receiver) -> Option<Result<Frame, OverrunError>> {
-    match receiver.receive() {
-        Ok(frame) => Some(Ok(frame)),
-        Err(nb::Error::Other(overrun)) => Some(Err(overrun)),
-        Err(nb::Error::WouldBlock) => None,
+impl Receiver {
+    /// The next frame that arrived; `Err` once when the hardware had to drop some.
+    pub fn next(&mut self, from: Inbox) -> Option<Result<Frame, OverrunError>> {
+        let received = match from {
+            Inbox::Others => self.others.receive(),
+            Inbox::Sync => self.sync.receive(),
+        };
+        match received {
+            Ok(frame) => Some(Ok(frame)),
+            Err(nb::Error::Other(overrun)) => Some(Err(overrun)),
+            Err(nb::Error::WouldBlock) => None,
+        }
     }
+}
+
+/// Length of the SYNC that has come and that nobody has taken yet.
+#[inline(always)]
+pub fn sync_waits() -> Option<u8> {
+    let can = can1();
+    (can.rf1r().read().fmp().bits() != 0).then(|| can.rx(1).rdtr().read().dlc().bits())
 }

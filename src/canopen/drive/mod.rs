@@ -17,6 +17,9 @@
 //! while let Some(frame) = node.take()      to the bus
 //! ```
 //!
+//! Where ticks do not wait for the drive, as on the chip, the head holds ready what [`Drive::foresee`] tells it, acts on a
+//! SYNC by itself, and [`Drive::synchronised`] follows [`Node::synchronised`].
+//!
 //! [`DEVICE`] is what the node is made with. The head's supervision is told that the host is alive: a silent host shows in
 //! 1016h, SYNC or the event timer of an RPDO, and the drive raises the fault.
 
@@ -42,7 +45,7 @@ use super::{Device, Event, Group, NmtState, Node, PDOS, PdoDefault, Time, mapped
 use crate::head::{self, Change, Command, Fault, Finding, HomingState, Reason, Refused, Report, Status};
 use crate::path::AHEAD;
 use crate::settings::{Active, SettingError, Settings};
-use crate::units::Fixed;
+use crate::units::{Fixed, Nanometres};
 use heapless::Deque;
 use modes::{Mode, SetPoints};
 use scope::{Scope, Trigger};
@@ -121,6 +124,22 @@ pub enum Order {
     ResetCommunication,
 }
 
+/// A set point of a stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SetPoint {
+    /// Where.
+    pub to: Nanometres,
+    /// Servo ticks to reach it in.
+    pub ticks: u32,
+}
+
+impl SetPoint {
+    /// What the head is told.
+    pub const fn command(self) -> Command {
+        Command::Follow(self.to, self.ticks)
+    }
+}
+
 /// What the drive cannot know by itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Identity {
@@ -161,12 +180,14 @@ pub struct Drive {
     status: Status,
     values: [i32; COUNT],
     orders: Deque<Order, ORDERS>,
-    /// Newest set point of cyclic synchronous position: only the newest counts.
-    follow: Option<Command>,
+    /// Newest set point of a stream: only the newest counts, and nothing waits for its answer.
+    follow: Option<SetPoint>,
+    /// What the head follows by itself from the next SYNC on.
+    foreseen: Option<SetPoint>,
     configure: bool,
     /// The head does not run the newest settings.
     stale: bool,
-    /// Commands taken and not answered.
+    /// Commands taken and not answered, set points of a stream apart.
     in_flight: u8,
     /// The status is newer than every command.
     fresh: bool,
@@ -217,6 +238,7 @@ impl Drive {
             values: [0; COUNT],
             orders: Deque::new(),
             follow: None,
+            foreseen: None,
             configure: false,
             stale: false,
             in_flight: 0,
@@ -298,11 +320,30 @@ impl Drive {
         if core::mem::take(&mut self.configure) {
             return Some(Order::Configure);
         }
-        let order = self.orders.pop_front().or_else(|| self.follow.take().map(Order::Command));
+        let order = self.orders.pop_front();
         if let Some(Order::Command(_)) = order {
             self.in_flight = self.in_flight.saturating_add(1);
         }
-        order
+        order.or_else(|| self.follow.take().map(|point| Order::Command(point.command())))
+    }
+
+    /// For a head that hears of a SYNC before this drive does: whether the set point that it is to follow from then on,
+    /// [`foreseen`](Self::foreseen), is another one now. Asked when orders have been taken; then each SYNC is told to
+    /// [`synchronised`](Self::synchronised).
+    pub fn foresee(&mut self, node: &Node) -> bool {
+        let next = self.set_point_at_sync(node);
+        core::mem::replace(&mut self.foreseen, next) != next
+    }
+
+    /// The set point that the next SYNC is to release, in the cyclic mode and if the SYNC changes nothing else.
+    pub fn foreseen(&self) -> Option<SetPoint> {
+        self.foreseen
+    }
+
+    /// Synchronous RPDOs were applied, after the SYNC has released what was foreseen: it is not ordered once more.
+    pub fn synchronised(&mut self) {
+        let done = self.foreseen.take();
+        self.follow.take_if(|point| done == Some(*point));
     }
 
     /// The head has refused [`Order::Configure`], in a state that does not allow it: it is ordered again when disabled.
@@ -312,7 +353,9 @@ impl Drive {
 
     /// Result of a command.
     pub fn answered(&mut self, command: Command, result: Result<(), Refused>) {
-        self.in_flight = self.in_flight.saturating_sub(1);
+        if !matches!(command, Command::Follow(..)) {
+            self.in_flight = self.in_flight.saturating_sub(1);
+        }
         match (command, result) {
             (Command::MoveTo(_) | Command::MoveBy(_), Ok(())) => self.appended = self.appended.wrapping_add(1),
             // The head erodes already, or nothing is queued yet: the drive asks whenever it may be so.

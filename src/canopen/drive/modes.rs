@@ -4,9 +4,9 @@
 //! interpolated position become segments of the path, along which the gap leads.
 
 use super::state::{control, status};
-use super::{Drive, STANDING, clamp32, halts, rises};
-use crate::canopen::objects::Item;
-use crate::canopen::{Abort, Time};
+use super::{Drive, STANDING, SetPoint, clamp32, halts, rises};
+use crate::canopen::objects::{Found, Item};
+use crate::canopen::{Abort, Node, Time};
 use crate::head::{self, Command, Home, HomingState, Pace};
 use crate::motion::Method;
 use crate::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
@@ -249,7 +249,21 @@ impl Drive {
 
     fn follow_to(&mut self, target: i32) {
         self.fresh = false;
-        self.follow = Some(Command::Follow(self.nanometres(target), self.period()));
+        self.follow = Some(self.following(target));
+    }
+
+    fn following(&self, target: i32) -> SetPoint {
+        SetPoint { to: self.nanometres(target), ticks: self.period() }
+    }
+
+    /// What the next SYNC makes of 607Ah.
+    pub(super) fn set_point_at_sync(&self, node: &Node) -> Option<SetPoint> {
+        const TARGET: Found = Found::Row(Item::TargetPosition as u16);
+        if self.mode != Mode::CyclicPosition || !self.moves() || self.erodes() {
+            return None;
+        }
+        let target = i32::from_le_bytes(node.ahead(TARGET.place(), self)?);
+        Some(self.following(self.clamped(target)))
     }
 
     /// 60FFh has been written.
@@ -410,10 +424,14 @@ impl Drive {
 
     #[inline(never)]
     fn within_limits(&mut self, target: i32) -> i32 {
-        let (min, max) = self.limits();
-        let inside = target.max(min).min(max);
+        let inside = self.clamped(target);
         self.set_points.limited = inside != target;
         inside
+    }
+
+    fn clamped(&self, target: i32) -> i32 {
+        let (min, max) = self.limits();
+        target.max(min).min(max)
     }
 
     /// The cycle of 60C2h, servo ticks.

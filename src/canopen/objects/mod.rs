@@ -137,7 +137,8 @@ const SETTING: u16 = 0x8000;
 const HIGHEST: u16 = 0x4000;
 
 impl Found {
-    fn place(self) -> Place {
+    /// Where it is.
+    pub fn place(self) -> Place {
         Place(match self {
             Found::Row(row) => row,
             Found::Setting(field) => SETTING | field,

@@ -123,6 +123,32 @@ impl Map {
         }
     }
 
+    /// Finds the bytes for `place`; `None` when those for another object are not its value already.
+    #[inline(never)]
+    pub fn ahead(
+        &self,
+        data: &[u8; LENGTH],
+        place: Place,
+        dictionary: &dyn Dictionary,
+        value: &mut Option<[u8; 4]>,
+    ) -> Option<()> {
+        let mut rest = &data[..];
+        for mapped in rolled(&self.mapped).iter().take_while(|mapped| mapped.size != 0) {
+            let (bytes, behind) = rest.split_at_checked(mapped.size.into())?;
+            if mapped.target == Target::Object && mapped.place == place {
+                value.insert([0; 4]).get_mut(..bytes.len())?.copy_from_slice(bytes);
+            } else if mapped.target == Target::Object {
+                let mut present = [0; LENGTH];
+                let length = dictionary.read(mapped.place, &mut present).ok()?;
+                if present.get(..length)? != bytes {
+                    return None;
+                }
+            }
+            rest = behind;
+        }
+        Some(())
+    }
+
     /// Collects the values of the mapped objects; `None` when one of them cannot be read.
     #[inline(never)]
     pub fn collect(&self, register: u8, dictionary: &dyn Dictionary) -> Option<[u8; LENGTH]> {

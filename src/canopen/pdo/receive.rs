@@ -2,7 +2,7 @@
 
 use super::{Map, SYNCHRONOUS};
 use crate::canopen::parameters::Pdo;
-use crate::canopen::{Dictionary, Time};
+use crate::canopen::{Dictionary, Place, Time};
 
 /// What became of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,6 +58,15 @@ impl Receive {
             self.waiting = Some(content);
         }
         if data.len() > self.map.length() { Taken::Long } else { Taken::Exact }
+    }
+
+    /// Sees what the next SYNC would deliver to `place`; `None` when it would change another object.
+    #[inline(never)]
+    pub fn ahead(&self, place: Place, dictionary: &dyn Dictionary, value: &mut Option<[u8; 4]>) -> Option<()> {
+        match &self.waiting {
+            Some(data) => self.map.ahead(data, place, dictionary, value),
+            None => Some(()),
+        }
     }
 
     /// SYNC: what has come so far is valid from now on.

@@ -1,0 +1,149 @@
+//! What the drive tells a head that hears of a SYNC before it does.
+
+use crate::rig::Rig;
+use edm_servo_head::canopen::Time;
+use edm_servo_head::canopen::drive::{Order, SetPoint};
+use edm_servo_head::head::Command;
+use edm_servo_head::units::Nanometres;
+
+/// Follows the set points of RPDO2, in force with SYNC.
+fn cyclic() -> Rig {
+    let mut rig = Rig::ready();
+    rig.write(0x1401, 2, &[1]);
+    rig.mode(8);
+    while rig.drive.take().is_some() {}
+    assert!(!rig.drive.foresee(&rig.node), "nothing has come");
+    rig
+}
+
+fn set_point(rig: &mut Rig, target: i32) {
+    rig.send(0x305, &target.to_le_bytes());
+}
+
+fn point(target: i64) -> Option<SetPoint> {
+    Some(SetPoint { to: Nanometres(target * 1000), ticks: 20 })
+}
+
+/// SYNC as the chip deals with it; what is then ordered.
+fn sync(rig: &mut Rig) -> Option<Order> {
+    let now = Time(rig.ms * 1000);
+    rig.send(0x80, &[]);
+    if rig.node.synchronised(now, &mut rig.drive).is_some() {
+        rig.drive.synchronised();
+    }
+    rig.drive.take()
+}
+
+#[test]
+fn a_set_point_is_foreseen_when_its_rpdo_has_come_and_not_ordered_once_more() {
+    let mut rig = cyclic();
+    for target in [1700, 1710, 1710] {
+        set_point(&mut rig, target);
+        assert!(rig.drive.foresee(&rig.node));
+        assert_eq!(rig.drive.foreseen(), point(target.into()));
+        assert!(!rig.drive.foresee(&rig.node), "told once");
+        assert_eq!(rig.drive.take(), None, "SYNC has not come");
+        assert_eq!(sync(&mut rig), None, "the head has done it");
+        assert!(!rig.drive.foresee(&rig.node));
+    }
+    assert_eq!(sync(&mut rig), None, "nothing new has come");
+    // Only the newest counts.
+    set_point(&mut rig, 1500);
+    set_point(&mut rig, 1600);
+    assert!(rig.drive.foresee(&rig.node));
+    assert_eq!(rig.drive.foreseen(), point(1600));
+}
+
+#[test]
+fn it_is_cut_off_at_the_limits_as_it_would_be_later() {
+    let mut rig = cyclic();
+    rig.write32(0x607D, 2, 1500);
+    set_point(&mut rig, 1600);
+    assert!(rig.drive.foresee(&rig.node));
+    assert_eq!(rig.drive.foreseen(), point(1500));
+    assert_eq!(sync(&mut rig), None);
+}
+
+#[test]
+fn what_has_changed_before_sync_is_ordered_as_it_is_then() {
+    let mut rig = cyclic();
+    set_point(&mut rig, 1700);
+    assert!(rig.drive.foresee(&rig.node));
+    // A cycle of 2 ms from now on, and nobody has looked once more.
+    rig.write(0x60C2, 1, &[2]);
+    let ordered = sync(&mut rig);
+    assert_eq!(ordered, Some(Order::Command(Command::Follow(Nanometres(1_700_000), 40))));
+}
+
+#[test]
+fn it_is_taken_back_when_the_set_point_no_longer_holds() {
+    let takes_back: [fn(&mut Rig); 4] = [
+        |rig| rig.control(0x010F),
+        |rig| rig.write(0x6060, 0, &[1]),
+        |rig| rig.send(0, &[128, 5]),
+        |rig| rig.write(0x2001, 1, &[1]),
+    ];
+    for (n, take_back) in takes_back.into_iter().enumerate() {
+        let mut rig = cyclic();
+        set_point(&mut rig, 1700);
+        assert!(rig.drive.foresee(&rig.node));
+        take_back(&mut rig);
+        while rig.drive.take().is_some() {}
+        assert!(rig.drive.foresee(&rig.node), "{n}");
+        assert_eq!(rig.drive.foreseen(), None, "{n}");
+    }
+}
+
+#[test]
+fn a_sync_that_changes_something_else_as_well_waits_for_the_drive() {
+    let mut rig = cyclic();
+    rig.send(0, &[128, 5]);
+    rig.write32(0x1401, 1, i32::MIN | 0x305);
+    rig.write(0x1601, 0, &[0]);
+    rig.write32(0x1601, 1, 0x6040_0010);
+    rig.write32(0x1601, 2, 0x607A_0020);
+    rig.write(0x1601, 0, &[2]);
+    rig.write32(0x1401, 1, 0x305);
+    rig.send(0, &[1, 5]);
+    let content = |word: u16, target: i32| [&word.to_le_bytes()[..], &target.to_le_bytes()].concat();
+    // The controlword stays.
+    rig.send(0x305, &content(0x000F, 1700));
+    assert!(rig.drive.foresee(&rig.node));
+    assert_eq!(rig.drive.foreseen(), point(1700));
+    assert_eq!(sync(&mut rig), None);
+    // It halts.
+    rig.send(0x305, &content(0x010F, 1710));
+    assert!(!rig.drive.foresee(&rig.node));
+    assert_eq!(rig.drive.foreseen(), None);
+    assert!(matches!(sync(&mut rig), Some(Order::Command(Command::Brake(_)))));
+    assert_eq!(rig.drive.take(), None, "it stays halted");
+    // It goes on.
+    rig.send(0x305, &content(0x000F, 1720));
+    assert!(!rig.drive.foresee(&rig.node));
+    assert_eq!(sync(&mut rig), point(1720).map(|point| Order::Command(point.command())));
+}
+
+#[test]
+fn a_set_point_by_sdo_is_ordered_though_the_same_is_foreseen() {
+    let mut rig = cyclic();
+    set_point(&mut rig, 1700);
+    assert!(rig.drive.foresee(&rig.node));
+    // Up to the millisecond of the answer, which hands orders on, nothing has come of SYNC.
+    rig.write32(0x607A, 0, 1700);
+    assert!(!rig.drive.foresee(&rig.node));
+    assert_eq!(rig.machine.head.status().state, edm_servo_head::head::State::Positioning);
+}
+
+#[test]
+fn a_sync_of_the_wrong_length_releases_nothing() {
+    let mut rig = cyclic();
+    assert_eq!(rig.node.sync_length(), 0);
+    set_point(&mut rig, 1700);
+    assert!(rig.drive.foresee(&rig.node));
+    rig.send(0x80, &[1]);
+    assert_eq!(rig.node.synchronised(Time(rig.ms * 1000), &mut rig.drive), None);
+    assert_eq!(rig.drive.foreseen(), point(1700), "it still waits");
+    rig.send(0, &[128, 5]);
+    rig.write(0x1019, 0, &[10]);
+    assert_eq!(rig.node.sync_length(), 1);
+}
