@@ -26,9 +26,10 @@ const EDGES: [Exception; 2] = [22, 23];
 const SERVO: Exception = 41;
 /// Count register of TIM5.
 const TIM5_CNT: u32 = 0x4000_0c24;
-/// An open contact, and the rest before the next.
+/// An open contact, and the rest before the next: in ticks prime to the twenty of a millisecond, or every look at the winding
+/// could fall into the same moment.
 const OPEN: u64 = 20 * TICK_HZ / 1_000_000;
-const REST: u64 = 4 * TICK;
+const REST: u64 = 7 * TICK;
 /// Openings in a row. Longer, the head finds that the encoder moves and the winding does not, and rightly stops.
 const STRETCH: usize = 150;
 

@@ -86,7 +86,7 @@ fn a_wrong_adc_trigger() {
 
 #[test]
 fn a_wrong_can_filter() {
-    let alter = |address, _, value: u32| if CAN_FILTERS.contains(&address) { value ^ 0x20 } else { value };
+    let alter = |address, _, value: u32| if CAN_FILTERS.contains(&address) { value ^ 0x20_0020 } else { value };
     let found = check(common::firmware(), Some(Box::new(alter))).expect("the fault was not noticed");
     // The head does not hear what it is told.
     assert_says(&found, "1016h:1: no answer");
