@@ -5,6 +5,8 @@ use edm_servo_head::canopen::Time;
 use edm_servo_head::canopen::drive::{Order, SetPoint};
 use edm_servo_head::head::Command;
 use edm_servo_head::units::Nanometres;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 
 /// Follows the set points of RPDO2, in force with SYNC.
 fn cyclic() -> Rig {
@@ -146,4 +148,86 @@ fn a_sync_of_the_wrong_length_releases_nothing() {
     rig.send(0, &[128, 5]);
     rig.write(0x1019, 0, &[10]);
     assert_eq!(rig.node.sync_length(), 1);
+}
+
+/// A frame as a host of a stream may send it, and now and then another.
+fn frame(random: &mut Xoshiro256PlusPlus, target: &mut i32) -> (u16, Vec<u8>) {
+    let mut pick = |bound: u32| random.random_range(0..bound) as usize;
+    let write = |index: u16, sub: u8, value: i32, bytes: u8| {
+        let [low, high] = index.to_le_bytes();
+        let head = [0x23 | (4 - bytes) << 2, low, high, sub];
+        (0x605, [head, value.to_le_bytes()].concat())
+    };
+    match pick(64) {
+        0..20 => {
+            *target += pick(21) as i32 - 10;
+            (0x305, target.to_le_bytes().to_vec())
+        }
+        20..44 => (0x80, if pick(20) == 0 { vec![1] } else { vec![] }),
+        44..54 => {
+            let word = [0x0F, 0x0F, 0x0F, 0x0F, 0x07, 0x1F, 0x010F, 0x02][pick(8)];
+            (0x205, u16::to_le_bytes(word).to_vec())
+        }
+        54 => write(0x607A, 0, *target + pick(3) as i32, 4),
+        55 => write(0x6060, 0, [8, 8, 8, 1, 7, 0][pick(6)], 1),
+        56 => write(0x60C2, 1, 1 + pick(3) as i32, 1),
+        57 => write(0x607D, 1 + pick(2) as u8, *target + pick(101) as i32 - 50, 4),
+        58 => write(0x607D, 2, 10_000, 4),
+        59 => write(0x2001, 1, [0, 0, 0, 1][pick(4)], 1),
+        60 => write(0x1400, 2, [255, 1][pick(2)], 1),
+        61 => write(0x1401, 2, [1, 1, 1, 255, 0, 240][pick(6)], 1),
+        62 => (0, vec![128, 5]),
+        _ => (0, vec![1, 5]),
+    }
+}
+
+#[test]
+fn whatever_a_host_sends_what_is_released_is_what_would_be_ordered() {
+    let mut released = [0; 2];
+    for seed in 0..20 {
+        let random = &mut Xoshiro256PlusPlus::seed_from_u64(seed);
+        let (mut plain, mut early) = (cyclic(), cyclic());
+        let mut target = plain.position() as i32;
+        for n in 0..5000 {
+            let (id, data) = frame(random, &mut target);
+            for rig in [&mut plain, &mut early] {
+                rig.send(id, &data);
+            }
+            let foreseen = early.drive.foreseen();
+            let now = Time(plain.ms * 1000);
+            let synchronised = plain.node.synchronised(now, &mut plain.drive);
+            assert_eq!(synchronised, early.node.synchronised(now, &mut early.drive));
+            let mut orders = [Vec::new(), Vec::new()];
+            if synchronised.is_some() {
+                early.drive.synchronised();
+                orders[1].extend(foreseen.map(|point| Order::Command(point.command())));
+                released[usize::from(foreseen.is_some())] += 1;
+            }
+            for (rig, orders) in [&mut plain, &mut early].into_iter().zip(&mut orders) {
+                orders.extend(core::iter::from_fn(|| rig.drive.take()));
+                orders.iter().for_each(|order| rig.carry_out(*order));
+            }
+            assert_eq!(orders[0], orders[1], "seed {seed}, frame {n}: {id:03x}h {data:x?}, foreseen {foreseen:?}");
+            early.drive.foresee(&early.node);
+            if random.random_range(0..4) == 0 {
+                plain.step();
+                early.step();
+                early.drive.foresee(&early.node);
+            }
+            // What a fault or a wrong step of the state machine has ended begins anew.
+            if n % 100 == 99 {
+                for rig in [&mut plain, &mut early] {
+                    // The answers to the frames before.
+                    rig.run(2);
+                    rig.send(0, &[1, 5]);
+                    rig.write(0x6060, 0, &[8]);
+                    for word in [0x80u16, 0x06, 0x07, 0x0F] {
+                        rig.control(word);
+                    }
+                }
+                early.drive.foresee(&early.node);
+            }
+        }
+    }
+    assert!(released.iter().all(|count| *count > 1000), "without and with a set point: {released:?}");
 }

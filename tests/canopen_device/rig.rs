@@ -78,35 +78,40 @@ impl Rig {
 
     fn orders(&mut self) {
         while let Some(order) = self.drive.take() {
-            match order {
-                Order::Command(command) => {
-                    let result = self.machine.head.command(command);
-                    self.drive.answered(command, result);
+            self.carry_out(order);
+        }
+    }
+
+    /// Does what the drive wants done.
+    pub fn carry_out(&mut self, order: Order) {
+        match order {
+            Order::Command(command) => {
+                let result = self.machine.head.command(command);
+                self.drive.answered(command, result);
+            }
+            Order::Configure => {
+                if self.machine.configure(self.drive.active()).is_err() {
+                    self.drive.configure_again();
                 }
-                Order::Configure => {
-                    if self.machine.configure(self.drive.active()).is_err() {
-                        self.drive.configure_again();
-                    }
-                }
-                Order::Raise(fault) => self.machine.head.raise(fault),
-                Order::Store(group) => {
-                    let leave = self.machine.head.give_leave().unwrap();
-                    self.kept.keep(group, &self.drive, &self.node);
-                    self.machine.head.end_leave(leave);
-                    self.node.answer(Ok(()), &mut self.drive);
-                }
-                Order::Restore(group) => {
-                    self.kept.forget(group);
-                    self.node.answer(Ok(()), &mut self.drive);
-                }
-                Order::ResetNode => {
-                    let defaults = Settings { commissioned: true, ..Settings::default() };
-                    self.drive.restart(defaults, self.kept.application()).unwrap();
-                    self.node.boot(self.kept.communication(), &mut self.drive).unwrap();
-                }
-                Order::ResetCommunication => {
-                    self.node.boot(self.kept.communication(), &mut self.drive).unwrap();
-                }
+            }
+            Order::Raise(fault) => self.machine.head.raise(fault),
+            Order::Store(group) => {
+                let leave = self.machine.head.give_leave().unwrap();
+                self.kept.keep(group, &self.drive, &self.node);
+                self.machine.head.end_leave(leave);
+                self.node.answer(Ok(()), &mut self.drive);
+            }
+            Order::Restore(group) => {
+                self.kept.forget(group);
+                self.node.answer(Ok(()), &mut self.drive);
+            }
+            Order::ResetNode => {
+                let defaults = Settings { commissioned: true, ..Settings::default() };
+                self.drive.restart(defaults, self.kept.application()).unwrap();
+                self.node.boot(self.kept.communication(), &mut self.drive).unwrap();
+            }
+            Order::ResetCommunication => {
+                self.node.boot(self.kept.communication(), &mut self.drive).unwrap();
             }
         }
     }
