@@ -32,6 +32,12 @@ pub(super) enum Cause {
     SyncLength,
     /// No SYNC for one and a half periods of 1006h.
     SyncLost,
+    /// Frames came faster than they were taken.
+    Overrun,
+    /// The controller has become error passive.
+    Passive,
+    /// The controller had to leave the bus.
+    BusOff,
 }
 
 impl Cause {
@@ -45,10 +51,27 @@ impl Cause {
             Self::Heartbeat(entry) => (0x8130, 12, entry),
             Self::SyncLength => (0x8240, 16, 0),
             Self::SyncLost => (0x8100, 17, 0),
+            Self::Overrun => (0x8110, 18, 0),
+            Self::Passive => (0x8120, 19, 0),
+            Self::BusOff => (0x8140, 20, 0),
         };
         (code, 1 << (group + (which & 3)), which)
     }
 }
+
+/// Error codes of the node's own emergencies, and what they mean.
+#[cfg(not(target_os = "none"))]
+pub const ERRORS: &[(u16, &str)] = &[
+    (Cause::SyncLost.facts().0, "no SYNC for one and a half periods of 1006h"),
+    (Cause::Overrun.facts().0, "frames lost: they came faster than they were taken"),
+    (Cause::Passive.facts().0, "error passive: nobody acknowledges, or the wire is bad"),
+    (Cause::Heartbeat(0).facts().0, "a node of 1016h has fallen silent or restarted"),
+    (Cause::BusOff.facts().0, "the controller had to leave the bus"),
+    (Cause::Short(0).facts().0, "an RPDO was shorter than its mapping and not applied"),
+    (Cause::Long(0).facts().0, "an RPDO was longer than its mapping; its first bytes were applied"),
+    (Cause::SyncLength.facts().0, "SYNC with a counter or without, contrary to 1019h"),
+    (Cause::Late(0).facts().0, "an RPDO did not come within its event timer"),
+];
 
 /// Errors present, past and not yet told.
 #[derive(Clone, Debug, Default)]
@@ -102,6 +125,11 @@ impl Emergency {
             self.causes &= !bit;
             self.queue(0, [0; 5]);
         }
+    }
+
+    /// Whether a cause is there.
+    pub fn set(&mut self, cause: Cause, present: bool) {
+        if present { self.raise(cause) } else { self.clear(cause) }
     }
 
     /// The device reports an error and the bits of the error register that go with it.

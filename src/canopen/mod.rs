@@ -40,8 +40,10 @@ pub use area::descriptions;
 pub use description::{DefaultValue, Description, Shape};
 pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
 pub use dictionary::{Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place, Request};
+#[cfg(not(target_os = "none"))]
+pub use emergency::ERRORS;
 pub use frame::{Frame, NodeId, Time};
-pub use node::{BootError, IDENTIFIERS, Node};
+pub use node::{BootError, Controller, IDENTIFIERS, Node};
 pub use parameters::IMAGE;
 
 #[cfg(test)]

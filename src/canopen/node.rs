@@ -27,6 +27,17 @@ pub enum BootError {
     Defaults,
 }
 
+/// The controller of the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Controller {
+    /// Frames were lost since it was asked last.
+    pub overrun: bool,
+    /// It is error passive: nobody acknowledges, or the wire is bad.
+    pub passive: bool,
+    /// It has left the bus, and comes back by itself.
+    pub bus_off: bool,
+}
+
 /// A CANopen node.
 ///
 /// Nothing in it waits. Whoever owns it calls [`receive`](Self::receive) with each frame, [`poll`](Self::poll) once a
@@ -38,12 +49,14 @@ pub struct Node {
     server: Server,
     /// Boot-up has not left yet: nothing may overtake it.
     booting: bool,
+    /// A frame has come since the start.
+    met: bool,
 }
 
 impl Node {
     /// A node that waits to be booted. `serial`: 1018h:4.
     pub fn new(device: &'static Device, id: NodeId, serial: u32) -> Self {
-        Self { area: Area::new(device, id, serial), server: Server::default(), booting: false }
+        Self { area: Area::new(device, id, serial), server: Server::default(), booting: false, met: false }
     }
 
     /// Boots a node that waits for it: with the stored parameters of the communication area, if there are any, and else
@@ -85,6 +98,7 @@ impl Node {
         if state == NmtState::Initialising {
             return;
         }
+        self.met = true;
         if id == NMT {
             return self.command(data, dictionary);
         }
@@ -180,6 +194,18 @@ impl Node {
     /// The device has no error any more.
     pub fn emergency_over(&mut self) {
         self.area.emergency.device_well();
+    }
+
+    /// How the controller of the bus is, once a millisecond if there is one. Until somebody has been heard the node may be
+    /// alone, which is no error.
+    #[inline(never)]
+    pub fn controller(&mut self, controller: Controller) {
+        if self.met {
+            let emergency = &mut self.area.emergency;
+            emergency.set(Cause::Overrun, controller.overrun);
+            emergency.set(Cause::Passive, controller.passive);
+            emergency.set(Cause::BusOff, controller.bus_off);
+        }
     }
 
     /// State of network management.
@@ -304,12 +330,9 @@ impl Node {
         let open = area.sync.window_open(&area.parameters, now);
         for ((number, pdo), parameters) in (0..).zip(rolled_mut(&mut area.receive)).zip(&area.parameters.receive) {
             let taken = pdo.take(parameters, id, data, now, open, dictionary);
-            let state = |wrong, cause, emergency: &mut Emergency| {
-                if wrong { emergency.raise(cause) } else { emergency.clear(cause) }
-            };
             if taken != Taken::NotMine {
-                state(taken == Taken::Short, Cause::Short(number), &mut area.emergency);
-                state(taken == Taken::Long, Cause::Long(number), &mut area.emergency);
+                area.emergency.set(Cause::Short(number), taken == Taken::Short);
+                area.emergency.set(Cause::Long(number), taken == Taken::Long);
             }
             if matches!(taken, Taken::Long | Taken::Exact) {
                 area.emergency.clear(Cause::Late(number));

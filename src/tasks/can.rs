@@ -1,7 +1,7 @@
 //! Frames between the controller and the protocol's queues.
 
 use super::supervise::host_is_alive;
-use super::{Arrival, BACKLOG, PROTOCOL_VECTOR, SYNC_LENGTH, SYNCS};
+use super::{Arrival, BACKLOG, LOST, PROTOCOL_VECTOR, SYNC_LENGTH, SYNCS};
 use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::stm32f4::bxcan::{self, Data, Id, StandardId};
@@ -46,10 +46,10 @@ impl Receive {
                     if let Some(frame) = from_bus(&frame)
                         && self.received.enqueue(Arrival { frame, stamp, syncs: SYNCS.load(Relaxed) }).is_err()
                     {
-                        defmt::warn!("CAN: queue full, frame dropped");
+                        LOST.store(true, Relaxed);
                     }
                 }
-                Some(Err(_)) => defmt::warn!("CAN: overrun"),
+                Some(Err(_)) => LOST.store(true, Relaxed),
                 None => break,
             }
         }

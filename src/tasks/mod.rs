@@ -61,6 +61,8 @@ static WAITING: AtomicBool = AtomicBool::new(false);
 static SYNCS: AtomicU32 = AtomicU32::new(0);
 /// Bytes of a SYNC as the node is configured: any other is none.
 static SYNC_LENGTH: AtomicU8 = AtomicU8::new(0);
+/// Frames that came were lost.
+static LOST: AtomicBool = AtomicBool::new(false);
 /// Frames did not fit the queue to the controller: the protocol wants to run when it is empty.
 static BACKLOG: AtomicBool = AtomicBool::new(false);
 

@@ -2,7 +2,7 @@
 
 use super::timers::{self, Timers};
 use super::{
-    Answer, Arrival, BACKLOG, Checked, Chore, Configuration, PROTOCOL, REFLEX, ROLL, Request, Reset, SYNC_LENGTH,
+    Answer, Arrival, BACKLOG, Checked, Chore, Configuration, LOST, PROTOCOL, REFLEX, ROLL, Request, Reset, SYNC_LENGTH,
     WAITING,
 };
 use core::sync::atomic::Ordering::Relaxed;
@@ -12,7 +12,7 @@ use edm_hal_shim::stm32f4::can::{self, Filters};
 use edm_hal_shim::stm32f4::cycles::Cycles;
 use edm_hal_shim::stm32f4::gated::Thresholds;
 use edm_servo_head::canopen::drive::{Drive, Kept, Order};
-use edm_servo_head::canopen::{Abort, BootError, Frame, IDENTIFIERS, Node, Time};
+use edm_servo_head::canopen::{Abort, BootError, Controller, Frame, IDENTIFIERS, Node, Time};
 use edm_servo_head::gap::voltage;
 use edm_servo_head::head::{Change, Status, SupervisionLimits};
 use edm_servo_head::settings::{SettingError, Settings};
@@ -64,16 +64,28 @@ impl Protocol {
         }
         self.orders();
         self.send();
-        if let (Some(filters), true) = (&mut self.filters, whole) {
-            let mut identifiers = [0; can::IDENTIFIERS];
-            for (slot, identifier) in identifiers.iter_mut().zip(self.node.identifiers()) {
-                *slot = identifier;
-            }
-            filters.listen(identifiers);
+        if whole {
+            self.controller();
         }
         let end = self.clock.now();
         timers::ran(PROTOCOL, end.wrapping_sub(begin));
         ROLL.report(PROTOCOL, end);
+    }
+
+    /// What the controller is to listen to, and how it is.
+    fn controller(&mut self) {
+        let Some(filters) = &mut self.filters else { return };
+        let mut identifiers = [0; can::IDENTIFIERS];
+        for (slot, identifier) in identifiers.iter_mut().zip(self.node.identifiers()) {
+            *slot = identifier;
+        }
+        filters.listen(identifiers);
+        let overrun = LOST.swap(false, Relaxed);
+        if overrun {
+            defmt::warn!("CAN: frames lost");
+        }
+        let (passive, bus_off) = can::trouble();
+        self.node.controller(Controller { overrun, passive, bus_off });
     }
 
     /// Frames that have come. What they order goes on at once.

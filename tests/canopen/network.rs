@@ -2,7 +2,7 @@
 
 use crate::bench::{Bench, ID, request, segment};
 use crate::machine::*;
-use edm_servo_head::canopen::{Event, Frame, NmtState};
+use edm_servo_head::canopen::{Controller, Event, Frame, NmtState};
 
 const BOOT_UP: &[u8] = &[0];
 
@@ -138,6 +138,26 @@ fn a_lost_heartbeat_is_an_emergency_an_event_and_the_end_of_operation() {
     assert_eq!(bench.pass_for(1_000, 0x80 + ID), [[0; 8]]);
     assert_eq!(bench.number(0x1001, 0), 0);
     assert_eq!(bench.number(0x1003, 1), 0x0002_8130);
+}
+
+#[test]
+fn trouble_of_the_controller_is_an_emergency_unless_the_node_is_alone() {
+    let mut alone = Bench::new();
+    let passive = Controller { passive: true, ..Controller::default() };
+    alone.node.controller(passive);
+    assert_eq!(alone.pass_for(1_000, 0x80 + ID), [[0u8; 8]; 0]);
+    let mut bench = Bench::operational();
+    for (trouble, code) in [
+        (Controller { overrun: true, ..Controller::default() }, 0x10),
+        (passive, 0x20),
+        (Controller { bus_off: true, ..Controller::default() }, 0x40),
+    ] {
+        bench.node.controller(trouble);
+        bench.node.controller(trouble);
+        assert_eq!(bench.pass_for(1_000, 0x80 + ID), [[code, 0x81, 0x11, 1, 0, 0, 0, 0]]);
+        bench.node.controller(Controller::default());
+        assert_eq!(bench.pass_for(1_000, 0x80 + ID), [[0; 8]]);
+    }
 }
 
 #[test]

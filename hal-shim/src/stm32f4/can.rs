@@ -90,8 +90,8 @@ pub fn start(
 /// Beside the library, which owns the controller and shows none of this: mode, status and filters.
 fn can1() -> &'static pac::can1::RegisterBlock {
     // SAFETY: the register block is there for ever. Used through this reference: the mode before the library has the
-    // controller, afterwards transmit status and second FIFO, which are only read, and the filters, which only [`Filters`]
-    // writes then.
+    // controller, afterwards transmit status, errors and second FIFO, which are only read, and the filters, which only
+    // [`Filters`] writes then.
     unsafe { &*pac::CAN1::ptr() }
 }
 
@@ -157,6 +157,12 @@ impl Receiver {
             Err(nb::Error::WouldBlock) => None,
         }
     }
+}
+
+/// Whether the controller is error passive, and whether it is off the bus.
+pub fn trouble() -> (bool, bool) {
+    let errors = can1().esr().read();
+    (errors.epvf().bit(), errors.boff().bit())
 }
 
 /// Length of the SYNC that has come and that nobody has taken yet.

@@ -34,6 +34,8 @@ pub struct Bench {
     pub process: Process,
     /// Frames the chip has sent, and when they ended.
     pub sent: VecDeque<(u64, Frame)>,
+    /// What becomes of the frames that it sends.
+    pub reply: CanReply,
     parameters: Parameters,
     window: u64,
     changes: VecDeque<(u64, Change)>,
@@ -59,6 +61,7 @@ impl Bench {
             sensed: process.sensors().drive,
             process,
             sent: VecDeque::new(),
+            reply: CanReply::Acknowledged,
             parameters: *parameters,
             window: 0,
             changes: VecDeque::new(),
@@ -287,8 +290,10 @@ impl World for Bench {
     }
 
     fn can_sent(&mut self, at: u64, frame: Frame) -> CanReply {
-        self.sent.push_back((at, frame));
-        CanReply::Acknowledged
+        if self.reply == CanReply::Acknowledged {
+            self.sent.push_back((at, frame));
+        }
+        self.reply
     }
 
     fn dac(&mut self, _: u64, _: u8, _: u16) {}

@@ -15,7 +15,7 @@ use edm_sim::lockstep::{Event, Recorder, Twin};
 use edm_sim::machine::Rig;
 use edm_sim::process::{Parameters, Process};
 use edm_sim::run::{Job, Observer, Outcome, Progress};
-use edm_soc::{Frame, Region, TICK_HZ};
+use edm_soc::{CanReply, Frame, Region, TICK_HZ};
 use std::collections::VecDeque;
 
 /// Crystal of the board, Hz.
@@ -290,6 +290,11 @@ impl Emulated {
         let end = soc.world.send(at, frame);
         soc.world_changed();
         end
+    }
+
+    /// What becomes of the head's frames from now on.
+    pub fn reply(&mut self, reply: CanReply) {
+        self.machine.soc().world.reply = reply;
     }
 
     /// The oldest frame of the head that has not been taken, and when it ended.

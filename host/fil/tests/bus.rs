@@ -13,7 +13,7 @@ use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
 use edm_sim::process::Parameters;
-use edm_soc::{Frame, TICK_HZ};
+use edm_soc::{CanReply, Frame, TICK_HZ};
 
 const US: u64 = TICK_HZ / 1_000_000;
 const MS: u64 = 1000 * US;
@@ -139,4 +139,39 @@ fn an_sdo_is_answered_within_a_millisecond_and_a_transition_shows_within_two() {
     let [sdo, transition] = longest.map(|cycles| cycles as f64 / US as f64);
     println!("SDO answered within {sdo:.0} us, transition shown within {transition:.0} us, both with their frames");
     assert!(sdo <= 1000.0 && transition <= 2000.0, "{sdo} us, {transition} us");
+}
+
+/// The emergencies that come within so many milliseconds: code and error register.
+fn emergencies(rig: &mut Emulated, ms: u64) -> Vec<(u16, u8)> {
+    let mut codes = Vec::new();
+    for _ in 0..ms * MS / WINDOW {
+        rig.tick().unwrap();
+        while let Some((_, frame)) = rig.take_timed() {
+            if frame.id == 0x81 {
+                codes.push((u16::from_le_bytes([frame.data[0], frame.data[1]]), frame.data[2]));
+            }
+        }
+    }
+    codes
+}
+
+#[test]
+fn a_bus_that_fails_is_an_emergency_when_it_is_back() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let settings = Settings { commissioned: true, ..Settings::default() };
+    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, Witness::None).unwrap();
+    host::begin(&mut rig).unwrap();
+    assert_eq!(emergencies(&mut rig, 100), []);
+    // Nobody acknowledges: error passive at the sixteenth attempt.
+    rig.reply(CanReply::NoAcknowledge);
+    assert_eq!(emergencies(&mut rig, 100), []);
+    rig.reply(CanReply::Acknowledged);
+    assert_eq!(emergencies(&mut rig, 100), [(0x8120, 0x11), (0, 0)]);
+    // A wire to earth: off the bus, and back every 1.4 ms.
+    rig.reply(CanReply::BitError);
+    assert_eq!(emergencies(&mut rig, 100), []);
+    rig.reply(CanReply::Acknowledged);
+    let told = emergencies(&mut rig, 100);
+    assert!(told.contains(&(0x8140, 0x11)) && told.last() == Some(&(0, 0)), "{told:x?}");
+    assert_eq!(host::read(&mut rig, 0x1001, 0).unwrap(), 0);
 }

@@ -1,8 +1,8 @@
 //! The objects as a page for people.
 
-use edm_servo_head::canopen::drive::{DEVICE, FINDINGS, REASONS, REFUSALS};
+use edm_servo_head::canopen::drive::{DEVICE, FINDINGS, REASONS, REFUSALS, error_code};
 use edm_servo_head::canopen::objects::Declaration;
-use edm_servo_head::canopen::{Access, DefaultValue, Device, Mapping, PdoDefault, eds};
+use edm_servo_head::canopen::{Access, DefaultValue, Device, ERRORS, Mapping, PdoDefault, eds};
 use edm_servo_head::head::Fault;
 use std::fmt::Write;
 
@@ -28,6 +28,7 @@ pub fn render() -> String {
         table(&mut page, title, from, to);
     }
     pdos(&mut page);
+    errors(&mut page);
     numbers(&mut page);
     page
 }
@@ -115,6 +116,23 @@ fn pdos(page: &mut String) {
     page.extend(rows('T', &HEAD.transmit));
 }
 
+/// Faults and the node's own errors.
+fn errors(page: &mut String) {
+    page.push_str(
+        "\n## Faults, 2000h:2\n\nAn emergency and 603Fh carry the error code, 1001h the bits of the error register; 0000h: it is over. The emergency has the number behind them, then that of the reason.\n\n| number | error code | 1001h | means |\n| --- | --- | --- | --- |\n",
+    );
+    for (number, fault) in (1..).zip(Fault::ALL) {
+        let (code, register) = error_code(*fault);
+        let _ = writeln!(page, "| {number} | {code:04X}h | {register:02X}h | {} |", fault.name());
+    }
+    page.push_str(
+        "\n## Errors of communication\n\nThe same in emergencies; the drive goes on, unless [the host has it watched](hosts.md#when-the-host-falls-silent). Bit 4 of 1001h. The byte behind it in the emergency: which PDO or entry, from 1.\n\n| error code | means |\n| --- | --- |\n",
+    );
+    for (code, name) in ERRORS {
+        let _ = writeln!(page, "| {code:04X}h | {name} |");
+    }
+}
+
 fn numbers(page: &mut String) {
     let mut list = |title: &str, rows: &mut dyn Iterator<Item = (u8, &str)>| {
         let _ = write!(page, "\n## {title}\n\n| number | means |\n| --- | --- |\n");
@@ -122,7 +140,6 @@ fn numbers(page: &mut String) {
             let _ = writeln!(page, "| {number} | {name} |");
         }
     };
-    list("Faults, 2000h:2", &mut (1..).zip(Fault::ALL.iter().map(|fault| fault.name())));
     list("Reasons, 2000h:3", &mut REASONS.iter().copied());
     list("Refusals, 2000h:4", &mut REFUSALS.iter().copied());
     list("Guided check, 2001h:4", &mut FINDINGS.iter().copied());

@@ -38,7 +38,7 @@ pub use state::State;
 pub use stored::IMAGE as DRIVE_IMAGE;
 
 #[cfg(not(target_os = "none"))]
-pub use codes::{FINDINGS, REASONS, REFUSALS};
+pub use codes::{FINDINGS, REASONS, REFUSALS, error_code};
 
 use super::objects::{COUNT, Item, rows};
 use super::{Device, Event, Group, NmtState, Node, PDOS, PdoDefault, Time, mapped};
