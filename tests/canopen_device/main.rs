@@ -3,6 +3,7 @@
 mod drive;
 mod dump;
 mod edm;
+mod flood;
 mod foreseen;
 mod rig;
 mod settings;
