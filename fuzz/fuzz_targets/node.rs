@@ -2,7 +2,6 @@
 //! write. The same watch as in `tests/canopen`, here guided by coverage.
 #![no_main]
 
-#[allow(dead_code, reason = "shared with tests that use more of it")]
 #[path = "../../tests/canopen/machine.rs"]
 mod machine;
 #[path = "../../tests/canopen/watched.rs"]

@@ -49,6 +49,9 @@ pub struct Slots {
     record: Record,
 }
 
+/// Node and drive with their values.
+const _: () = assert!(size_of::<Slots>() - size_of::<Record>() <= 4096);
+
 impl Slots {
     /// Nothing is in them.
     pub const fn new() -> Slots {

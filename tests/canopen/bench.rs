@@ -1,6 +1,6 @@
 //! One node with its machine on a bus, and a host that speaks SDO.
 
-use crate::machine::{DEVICE, Machine};
+use crate::machine::{DEVICE, Machine, place, scope};
 use edm_servo_head::canopen::{Frame, Node, NodeId, Time};
 
 /// Node-ID of the bench.
@@ -185,5 +185,18 @@ impl Bench {
     /// Writes a number of the length that the object has.
     pub fn set(&mut self, index: u16, sub: u8, bytes: usize, value: u32) -> Result<(), u32> {
         self.write(index, sub, &value.to_le_bytes()[..bytes])
+    }
+}
+
+/// What a test, and nobody else, does to the device.
+impl Machine {
+    /// Changes a value from inside.
+    pub fn set(&mut self, index: u16, value: &[u8]) {
+        self.values[place(index, 0)] = value.to_vec();
+    }
+
+    /// The content of the domain.
+    pub fn scope(&self) -> Vec<u8> {
+        (0..self.scope_length).map(scope).collect()
     }
 }

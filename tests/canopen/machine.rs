@@ -104,7 +104,8 @@ const OBJECTS: [(u16, u8, DataType, Access, Mapping); 22] = {
     ]
 };
 
-fn place(index: u16, sub: u8) -> usize {
+/// Where [`Machine::values`] has an object.
+pub fn place(index: u16, sub: u8) -> usize {
     OBJECTS.iter().position(|object| (object.0, object.1) == (index, sub)).unwrap()
 }
 
@@ -129,19 +130,10 @@ impl Machine {
     pub fn value(&self, index: u16, sub: u8) -> &[u8] {
         &self.values[place(index, sub)]
     }
-
-    /// Changes a value from inside.
-    pub fn set(&mut self, index: u16, value: &[u8]) {
-        self.values[place(index, 0)] = value.to_vec();
-    }
-
-    /// The content of the domain.
-    pub fn scope(&self) -> Vec<u8> {
-        (0..self.scope_length).map(scope).collect()
-    }
 }
 
-fn scope(n: u32) -> u8 {
+/// A byte of the domain.
+pub fn scope(n: u32) -> u8 {
     (n % 251) as u8
 }
 

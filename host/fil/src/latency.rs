@@ -219,7 +219,7 @@ fn shorts(session: &mut Session, image: &Image, step: u64, result: &mut Latency)
     result.physical_short_to_pin_us = from(|s| Some(s.opened));
     result.encoder_isr_us = Spread::of(served(&world.edges, &spans));
     let ticks: Vec<_> = spans.iter().filter(|s| s.exception == SERVO).collect();
-    result.tick_start_jitter_us = jitter(ticks.iter().map(|s| s.entered / 2));
+    result.tick_start_jitter_us = ticks_begin(&spans);
     result.overruns =
         ticks.iter().filter(|s| s.left.is_some_and(|left| left / 2 - s.entered / 2 > TICK)).count() as u64;
     // Changes of duty, not those forced by a task.
@@ -265,6 +265,11 @@ pub fn lost(session: &mut Session, image: &Image) -> Result<(u64, u64)> {
         least = (least.0.min(isr), least.1.min(timer));
     }
     Ok(least)
+}
+
+/// By how much servo ticks begin later than the earliest, within their period.
+pub fn ticks_begin(spans: &[Span]) -> Spread {
+    jitter(spans.iter().filter(|s| s.exception == SERVO).map(|s| s.entered / 2))
 }
 
 fn jitter(times: impl Iterator<Item = u64>) -> Spread {

@@ -317,6 +317,11 @@ impl Emulated {
         &self.machine.soc().memory.flash
     }
 
+    /// Records from now on when each interrupt is served.
+    pub fn record_spans(&mut self) {
+        self.machine.record_spans();
+    }
+
     /// What the emulator has counted.
     pub fn machine(&self) -> &Machine<Bench> {
         &self.machine

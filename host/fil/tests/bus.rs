@@ -7,6 +7,7 @@ use anyhow::{Result, anyhow, bail, ensure};
 use edm_fil::bench::WINDOW;
 use edm_fil::host::{self, Bus as _};
 use edm_fil::image::Image;
+use edm_fil::latency::ticks_begin;
 use edm_fil::rig::{Emulated, Witness};
 use edm_servo_head::head::Command;
 use edm_servo_head::settings::Settings;
@@ -22,11 +23,18 @@ const POINTS: usize = 500;
 /// Foreign frames of eight bytes in a millisecond, with SYNC, one RPDO and two TPDOs 95 % of the bus.
 const FOREIGN: u32 = 5;
 
-/// Homed, enabled, in operation; TPDO 1 and 2 and RPDO 2 with every SYNC.
-fn cyclic(image: &Image) -> Result<Emulated> {
+/// A chip that has booted, and is operational.
+fn started() -> Result<Emulated> {
+    let image = Image::parse(common::firmware().to_vec())?;
     let settings = Settings { commissioned: true, ..Settings::default() };
-    let mut rig = Emulated::start(image, &Parameters::default(), &settings, 1, Witness::None)?;
+    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, Witness::None)?;
     host::begin(&mut rig)?;
+    Ok(rig)
+}
+
+/// Homed, enabled, in operation; TPDO 1 and 2 and RPDO 2 with every SYNC.
+fn cyclic() -> Result<Emulated> {
+    let mut rig = started()?;
     for (index, value) in [(0x1800, 1), (0x1801, 1), (0x1401, 1)] {
         host::write(&mut rig, index, 2, value, 1)?;
     }
@@ -36,11 +44,12 @@ fn cyclic(image: &Image) -> Result<Emulated> {
     Ok(rig)
 }
 
-/// One RPDO and two TPDOs a millisecond on a bus that foreign frames `foreign` fill: none of ours is lost, and every set point,
+/// One RPDO and two TPDOs a millisecond on a bus that foreign frames `foreign` fill: none of ours is lost, no tick is moved, and every set point,
 /// although its RPDO ends where SYNC begins,
 /// is in force in the first tick that begins after its SYNC.
 fn streams(rig: &mut Emulated, foreign: u16) -> Result<()> {
     while rig.take_timed().is_some() {}
+    rig.record_spans();
     let (mut synced, mut carried, mut ticks, mut sent) = (Vec::new(), Vec::new(), Vec::new(), [0; 2]);
     // The last frames are under way when their millisecond has gone.
     for n in 0..POINTS as u64 + 2 {
@@ -80,21 +89,22 @@ fn streams(rig: &mut Emulated, foreign: u16) -> Result<()> {
         longest = longest.max(begin.saturating_sub(*end));
     }
     println!("from SYNC to the tick that takes it: {:.1} us at the most", longest as f64 / US as f64);
+    let spread = ticks_begin(rig.machine().spans()).worst;
+    println!("ticks begin within {spread:.1} us");
+    ensure!(spread <= 5.0, "ticks are moved by {spread:.1} us");
     Ok(())
 }
 
 #[test]
 fn a_cyclic_master_loses_nothing_on_a_bus_that_others_fill() {
-    let image = Image::parse(common::firmware().to_vec()).unwrap();
-    let mut rig = cyclic(&image).unwrap();
+    let mut rig = cyclic().unwrap();
     // Nobody's identifiers: the filters keep them out.
     streams(&mut rig, 0x310).unwrap();
 }
 
 #[test]
 fn nor_when_every_foreign_frame_passes_the_filters() {
-    let image = Image::parse(common::firmware().to_vec()).unwrap();
-    let mut rig = cyclic(&image).unwrap();
+    let mut rig = cyclic().unwrap();
     // The node watches the heartbeats of four others, and the foreign frames have their identifiers.
     for n in 0..4 {
         host::write(&mut rig, 0x1016, 1 + n, (0x20 + u32::from(n)) << 16 | 1000, 4).unwrap();
@@ -118,10 +128,7 @@ fn answer(rig: &mut Emulated, id: u32, wanted: impl Fn(&Frame) -> bool) -> Resul
 
 #[test]
 fn an_sdo_is_answered_within_a_millisecond_and_a_transition_shows_within_two() {
-    let image = Image::parse(common::firmware().to_vec()).unwrap();
-    let settings = Settings { commissioned: true, ..Settings::default() };
-    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, Witness::None).unwrap();
-    host::begin(&mut rig).unwrap();
+    let mut rig = started().unwrap();
     let mut longest = [0; 2];
     for n in 0..1000 {
         let asked = rig.send_at(n * 37 * US % MS, Frame::new(0x601, &[0x40, 0x41, 0x60, 0, 0, 0, 0, 0]));
@@ -157,10 +164,7 @@ fn emergencies(rig: &mut Emulated, ms: u64) -> Vec<(u16, u8)> {
 
 #[test]
 fn a_bus_that_fails_is_an_emergency_when_it_is_back() {
-    let image = Image::parse(common::firmware().to_vec()).unwrap();
-    let settings = Settings { commissioned: true, ..Settings::default() };
-    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, Witness::None).unwrap();
-    host::begin(&mut rig).unwrap();
+    let mut rig = started().unwrap();
     assert_eq!(emergencies(&mut rig, 100), []);
     // Nobody acknowledges: error passive at the sixteenth attempt.
     rig.reply(CanReply::NoAcknowledge);
