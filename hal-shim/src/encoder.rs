@@ -50,3 +50,43 @@ pub trait EdgeCounter {
     /// Count and times, consistent with each other.
     fn read(&mut self) -> RawCount;
 }
+
+/// One of the encoder's interrupt lines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Line {
+    /// Channel A.
+    A,
+    /// Channel B.
+    B,
+    /// Index mark.
+    Index,
+}
+
+/// An edge that does not simply follow the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Edge {
+    /// The last one that is served in this tick. It follows the one before.
+    Last,
+    /// It follows edges that were not served.
+    AfterStorm,
+}
+
+/// The interrupt lines of an encoder, for the task that serves its edges. Above a rate that leaves no time for the loops they
+/// mask themselves: a *storm*.
+pub trait EdgeLines: QuadratureLines {
+    /// Acknowledges an edge of one line; call before reading the levels, so that an edge in between comes back.
+    fn acknowledge(&mut self, line: Line);
+    /// Counts an edge. `true` when it simply follows the one before; otherwise [`EdgeLines::unusual`] says what it is.
+    fn follows(&mut self) -> bool;
+    /// What an edge is that does not simply follow the one before. The last one of a tick masks the lines.
+    fn unusual(&mut self) -> Edge;
+}
+
+/// The same lines, for slower tasks.
+pub trait EdgeGuard: Clone {
+    /// Serves edges from now on, once a tick: for the servo task. `true` when the lines had been masked.
+    fn serve(&mut self) -> bool;
+    /// Edges may have been missed because the core stood still: the next tick takes the count of the second counter.
+    fn missed(&mut self);
+}

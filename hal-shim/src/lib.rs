@@ -26,4 +26,6 @@ pub mod safety;
 pub mod stm32f4;
 pub mod storage;
 pub use edm_store as store;
+pub mod tick;
 pub mod timing;
+pub mod watchdog;

@@ -124,6 +124,33 @@ impl Run {
     }
 }
 
+/// The lines that reflex and stop force at any moment, seen from the servo task.
+pub trait ForcedLines {
+    /// What was forced up to a moment.
+    type Mark: Copy;
+    /// What was forced up to now.
+    fn forced(&self) -> Self::Mark;
+    /// Whether the bridge was forced between two marks.
+    fn bridge_forced(&self, earlier: Self::Mark, later: Self::Mark) -> bool;
+    /// Repeats what was forced since `seen`, after outputs decided before it may have been written.
+    fn settle(&mut self, seen: Self::Mark);
+    /// Pulses off and bridge off, now.
+    fn stop(&mut self);
+    /// Retreats that the reflex has begun so far, wrapping.
+    fn retreats(&self) -> u32;
+}
+
+/// Where the reflex gets blanking and voltage thresholds.
+pub trait Thresholds {
+    /// Why values were refused.
+    type Error;
+    /// Blanking and voltage thresholds.
+    ///
+    /// # Errors
+    /// Refused, nothing has changed.
+    fn set(&mut self, config: &Config) -> Result<(), Self::Error>;
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

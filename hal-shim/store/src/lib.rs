@@ -189,6 +189,34 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
     }
 }
 
+/// Where one image is kept.
+pub trait Storage<P> {
+    /// Why it could not be loaded or saved.
+    type Error;
+    /// The image saved last, or `None` when there never was one. Reads only, at any time.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Option<&'b [u8]>, Self::Error>;
+    /// Saves an image instead of the one before. Cut short at any point, `load` gives it or the one before.
+    ///
+    /// # Errors
+    /// When it was not saved; the one before is still there.
+    fn save(&mut self, image: &[u8], buffer: &mut [u8; BUFFER], permit: &P) -> Result<(), Self::Error>;
+}
+
+impl<F: NorFlash, P: Permit> Storage<P> for Store<F, P> {
+    type Error = StoreError<F::Error>;
+
+    fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Option<&'b [u8]>, Self::Error> {
+        Store::load(self, buffer)
+    }
+
+    fn save(&mut self, image: &[u8], buffer: &mut [u8; BUFFER], permit: &P) -> Result<(), Self::Error> {
+        Store::save(self, image, buffer, permit)
+    }
+}
+
 /// The two sectors of a flash of any kind.
 struct Sectors<'f> {
     cells: &'f mut dyn Cells,

@@ -1,31 +1,18 @@
 //! The edge decoder.
 
-use super::{ENCODER, Published};
-use core::borrow::Borrow;
+use crate::Board;
 use edm_hal_shim::clock::Clock;
-use edm_hal_shim::encoder::QuadratureLines;
-use edm_hal_shim::stm32f4::cycles::Cycles;
-use edm_hal_shim::stm32f4::encoder::{Edge, Line, Lines};
+use edm_hal_shim::encoder::{Edge, EdgeLines, Line, QuadratureLines};
 use edm_servo_head::encoder::Quadrature;
 
-/// The published count: a place that the compiler knows, where a reference would have to be loaded at every edge.
-pub struct Shared;
-
-impl Borrow<Published> for Shared {
-    #[inline(always)]
-    fn borrow(&self) -> &Published {
-        &ENCODER
-    }
-}
-
 /// Decoder and lines. The three encoder interrupts have one priority, so they share it without a lock.
-pub struct Decoder {
-    pub(super) lines: Lines,
-    pub(super) clock: Cycles,
-    pub(super) quadrature: Quadrature<Shared>,
+pub struct Decoder<B: Board> {
+    pub(crate) lines: B::Lines,
+    pub(crate) clock: B::Clock,
+    pub(crate) quadrature: Quadrature<B::Published>,
 }
 
-impl Decoder {
+impl<B: Board> Decoder<B> {
     /// An edge of one line.
     #[inline(always)]
     pub fn edge(&mut self, line: Line) {

@@ -4,43 +4,47 @@
 //! period of the PWM. The ticks of the servo task that do no more than their loop, fifteen of twenty, are not timed: a
 //! measurement is a fiftieth of such a tick. In its load each of them counts as [`LOOP`].
 
-use super::{GAP, PROTOCOL, SERVO, SUPERVISE};
-use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use edm_crossing::atomic::Word;
 use edm_hal_shim::board::CORE_HZ;
 use edm_servo_head::canopen::drive::{TASKS, TaskTimer};
 
-/// Times of one task, cycles; only the task itself writes.
-struct Times {
-    last: AtomicU32,
-    most: AtomicU32,
+/// Times of one task, clock cycles; only the task itself writes.
+pub struct Times {
+    last: Word,
+    most: Word,
     /// Over all runs, wrapping.
-    sum: AtomicU32,
+    sum: Word,
 }
-
-static TIMES: [Times; TASKS] =
-    [const { Times { last: AtomicU32::new(0), most: AtomicU32::new(0), sum: AtomicU32::new(0) } }; TASKS];
-const _: () = assert!(GAP == 0 && SERVO == 1 && SUPERVISE == 2 && PROTOCOL == 3);
 
 /// Cycles of a servo tick that does no more than its loop: its budget, of which it uses nearly all (docs/performance.md).
 pub const LOOP: u32 = 450;
 
-/// A task has run for so many cycles.
-#[inline]
-pub fn ran(task: usize, cycles: u32) {
-    add(task, cycles);
-    if let Some(times) = TIMES.get(task) {
-        times.last.store(cycles, Relaxed);
-        if cycles > times.most.load(Relaxed) {
-            times.most.store(cycles, Relaxed);
+impl Times {
+    /// Nothing has run.
+    pub const fn new() -> Self {
+        Times { last: Word::new(0), most: Word::new(0), sum: Word::new(0) }
+    }
+
+    /// The task has run for so many cycles.
+    #[inline]
+    pub fn ran(&self, cycles: u32) {
+        self.add(cycles);
+        self.last.store(cycles);
+        if cycles > self.most.load() {
+            self.most.store(cycles);
         }
+    }
+
+    /// Runs that were not timed have taken so many cycles.
+    #[inline]
+    pub fn add(&self, cycles: u32) {
+        self.sum.store(self.sum.load().wrapping_add(cycles));
     }
 }
 
-/// Runs of a task that were not timed have taken so many cycles.
-#[inline]
-pub fn add(task: usize, cycles: u32) {
-    if let Some(times) = TIMES.get(task) {
-        times.sum.store(times.sum.load(Relaxed).wrapping_add(cycles), Relaxed);
+impl Default for Times {
+    fn default() -> Self {
+        Times::new()
     }
 }
 
@@ -58,20 +62,20 @@ impl Timers {
     }
 
     /// The times of now.
-    pub fn read(&mut self, now: u32) -> [TaskTimer; TASKS] {
+    pub fn read(&mut self, all: &[Times; TASKS], now: u32) -> [TaskTimer; TASKS] {
         let elapsed = now.wrapping_sub(self.since);
         if elapsed >= CORE_HZ {
             self.since = now;
-            for ((load, before), times) in self.loads.iter_mut().zip(&mut self.sums).zip(&TIMES) {
-                let sum = times.sum.load(Relaxed);
+            for ((load, before), times) in self.loads.iter_mut().zip(&mut self.sums).zip(all) {
+                let sum = times.sum.load();
                 let share = sum.wrapping_sub(*before) as f32 / elapsed as f32;
                 *before = sum;
                 *load = (share * 10_000.0) as u16;
             }
         }
         let mut timers = [TaskTimer::default(); TASKS];
-        for ((timer, times), load) in timers.iter_mut().zip(&TIMES).zip(&self.loads) {
-            *timer = TaskTimer { last: ns(times.last.load(Relaxed)), most: ns(times.most.load(Relaxed)), load: *load };
+        for ((timer, times), load) in timers.iter_mut().zip(all).zip(&self.loads) {
+            *timer = TaskTimer { last: ns(times.last.load()), most: ns(times.most.load()), load: *load };
         }
         timers
     }

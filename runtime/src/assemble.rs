@@ -1,0 +1,281 @@
+//! From the parts of a board to the tasks of a head: every end of every crossing goes to its task.
+
+use crate::Board;
+use crate::can::{Receive, Transmit};
+use crate::crossings::{Arrival, Crossings, Reset, ServoConfig, Signals, StorageJob};
+use crate::encoder::Decoder;
+use crate::gap::Gap;
+use crate::idle::Idle;
+use crate::keeper::Keeper;
+use crate::protocol::{Configuring, Protocol, Uptime};
+use crate::servo::{Carried, Servo};
+use crate::supervise::Supervise;
+use crate::timers::Timers;
+use edm_crossing::latest::Reader;
+use edm_crossing::ring::{Receiver, Sender};
+use edm_hal_shim::clock::Clock;
+use edm_hal_shim::encoder::QuadratureLines;
+use edm_hal_shim::generator::Generator;
+use edm_hal_shim::reflex::{ForcedLines, Thresholds};
+use edm_servo_head::canopen::drive::Drive;
+use edm_servo_head::canopen::{Frame, Node};
+use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, Shared as Published, TimerCount};
+use edm_servo_head::gap::GapReading;
+use edm_servo_head::head::{Fault, Head, Leave, State, Status, Supervisor, TickInput};
+use edm_servo_head::path::Path;
+use edm_servo_head::settings::{Active, Settings};
+
+pub use crate::protocol::HostEnds;
+
+/// The parts of a board that runs; each goes to one task.
+#[allow(missing_docs, reason = "each is the part of its type")]
+pub struct Parts<B: Board> {
+    pub clock: B::Clock,
+    pub caller: B::Caller,
+    /// Where the decoder publishes, twice: as its task knows it and as its readers do.
+    pub published: (B::Published, &'static Published),
+    pub lines: B::Lines,
+    pub guard: B::Guard,
+    pub timer: B::Timer,
+    pub blocks: B::FrontEnd,
+    pub source: B::Source,
+    pub bridge: B::Bridge,
+    pub generator: B::Generator,
+    pub inputs: B::Inputs,
+    pub drive: B::Drive,
+    pub forced: B::Forced,
+    pub tick: B::Tick,
+    pub millisecond: B::Millisecond,
+    pub thresholds: B::Thresholds,
+    /// `None` when the controller did not start.
+    pub can: Option<(B::Inboxes, B::Mailboxes, B::Filters)>,
+    pub sync: B::Sync,
+}
+
+/// Every task with what it owns, but for protocol and idle: those need what is stored, [`Host::protocol`] and [`IdleEnds::idle`].
+#[allow(missing_docs, reason = "each is the task of its name")]
+pub struct Tasks<B: Board> {
+    pub decoder: Decoder<B>,
+    pub gap: Gap<B>,
+    pub servo: Servo<B>,
+    pub supervise: Supervise<B>,
+    pub receive: Receive<B>,
+    pub transmit: Transmit<B>,
+    pub host: Host<B>,
+    pub idle: IdleEnds<B>,
+}
+
+/// What the protocol is made of, or whoever stands in its place.
+pub struct Host<B: Board> {
+    clock: B::Clock,
+    caller: B::Caller,
+    signals: &'static Signals,
+    filters: Option<B::Filters>,
+    thresholds: B::Thresholds,
+    received: Receiver<'static, Arrival, 32>,
+    sending: Sender<'static, Frame, 8>,
+    resets: Sender<'static, Reset, 4>,
+    /// By which the head is commanded.
+    pub ends: HostEnds,
+}
+
+/// What idle is made of.
+pub struct IdleEnds<B: Board> {
+    clock: B::Clock,
+    caller: B::Caller,
+    guard: B::Guard,
+    signals: &'static Signals,
+    report: Reader<'static, Status>,
+    granted: Receiver<'static, (StorageJob, Leave), 1>,
+    returned: Sender<'static, Leave, 1>,
+    resets: Receiver<'static, Reset, 4>,
+}
+
+/// Tasks over the parts of a board: a disabled head that runs `active` on an empty path. Reflex and generator are told at once.
+///
+/// # Errors
+/// When the thresholds of the reflex are refused.
+pub fn assemble<B: Board>(
+    parts: Parts<B>,
+    crossings: &'static mut Crossings,
+    signals: &'static Signals,
+    active: &Active,
+    path: &'static mut Path,
+) -> Result<Tasks<B>, <B::Thresholds as Thresholds>::Error> {
+    let Parts { clock, caller, mut thresholds, mut generator, .. } = parts;
+    thresholds.set(&active.reflex)?;
+    signals.reflex.set(&active.reflex);
+    generator.request_off_time(active.off_time_ns);
+
+    let (reading_in, reading) = crossings.reading.split(GapReading::default());
+    let (judged_in, judged) = crossings.judged.split(Status::default());
+    let (published_in, published) = crossings.published.split(Status::default());
+    let (servo_in, servo) =
+        crossings.servo.split(ServoConfig { head: active.head, off_time_ns: active.off_time_ns });
+    let (gap_in, gap) = crossings.gap.split(active.gap);
+    let (limits_in, limits) = crossings.limits.split(active.head.supervise);
+    let (report_in, report) = crossings.report.split(Status::default());
+    let (faults_in, faults) = crossings.faults.split();
+    let (requests_in, requests) = crossings.requests.split();
+    let (answers_in, answers) = crossings.answers.split();
+    let (granted_in, granted) = crossings.granted.split();
+    let (returned_in, returned) = crossings.returned.split();
+    let (resets_in, resets) = crossings.resets.split();
+    let (changes_in, changes) = crossings.changes.split();
+    let (checked_in, checked) = crossings.checked.split();
+    let (received_in, received) = crossings.received.split();
+    let (sending_in, sending) = crossings.sending.split();
+
+    let (inboxes, mailboxes, filters) = match parts.can {
+        Some((inboxes, mailboxes, filters)) => (Some(inboxes), Some(mailboxes), Some(filters)),
+        None => (None, None, None),
+    };
+    let (decoder, count) = parts.published;
+    let quadrature = Quadrature::on(decoder, parts.lines.levels(), clock.now());
+    let forced = parts.forced.forced();
+    let retreats = parts.forced.retreats();
+    signals.roll.start(clock.now());
+    Ok(Tasks {
+        decoder: Decoder { lines: parts.lines, clock, quadrature },
+        gap: Gap {
+            blocks: parts.blocks,
+            source: parts.source,
+            clock,
+            caller,
+            signals,
+            block: None,
+            reading: reading_in,
+            settings: gap,
+        },
+        servo: Servo {
+            head: Head::new(active.head, path),
+            bridge: parts.bridge,
+            generator,
+            inputs: parts.inputs,
+            drive: parts.drive,
+            lines: parts.forced,
+            guard: parts.guard.clone(),
+            tick: parts.tick,
+            sync: parts.sync.clone(),
+            decoder: DecoderCount::new(count, clock),
+            timer: TimerCount::new(parts.timer, clock),
+            handover: Handover::new(),
+            clock,
+            caller,
+            signals,
+            forced,
+            retreats,
+            state: State::Disabled,
+            input: TickInput::default(),
+            told: (Fault::HostSilent, 0),
+            carried: Carried::NONE,
+            at_sync: None,
+            timed: 0,
+            reading,
+            faults,
+            requests,
+            answers: answers_in,
+            config: servo,
+            granted: granted_in,
+            returned,
+            judged: judged_in,
+            published: published_in,
+            changes: changes_in,
+            checked: checked_in,
+        },
+        supervise: Supervise {
+            millisecond: parts.millisecond,
+            supervisor: Supervisor::default(),
+            clock,
+            caller,
+            signals,
+            count: 0,
+            statuses: judged,
+            limits,
+            faults: faults_in,
+            report: report_in,
+        },
+        receive: Receive { inboxes, sync: parts.sync, clock, caller, signals, received: received_in },
+        transmit: Transmit { mailboxes, caller, signals, sending },
+        host: Host {
+            clock,
+            caller,
+            signals,
+            filters,
+            thresholds,
+            received,
+            sending: sending_in,
+            resets: resets_in,
+            ends: HostEnds {
+                requests: requests_in,
+                answers,
+                servo: servo_in,
+                gap: gap_in,
+                limits: limits_in,
+                published,
+                changes,
+                checked,
+            },
+        },
+        idle: IdleEnds {
+            clock,
+            caller,
+            guard: parts.guard,
+            signals,
+            report,
+            granted,
+            returned: returned_in,
+            resets,
+        },
+    })
+}
+
+impl<B: Board> Host<B> {
+    /// The protocol of a node and a drive that have begun with what is stored. `defaults` are the settings of a head that has
+    /// nothing stored.
+    pub fn protocol(self, node: &'static mut Node, drive: &'static mut Drive, defaults: Settings) -> Protocol<B> {
+        let now = self.clock.now();
+        Protocol {
+            clock: self.clock,
+            caller: self.caller,
+            signals: self.signals,
+            uptime: Uptime::new(now, B::Clock::HZ),
+            node,
+            drive,
+            defaults,
+            filters: self.filters,
+            thresholds: self.thresholds,
+            timers: Timers::new(now),
+            configuring: Configuring::Done,
+            held: None,
+            outstanding: 0,
+            lost: 0,
+            overruns: 0,
+            known: 0,
+            syncs: 0,
+            ends: self.ends,
+            received: self.received,
+            sending: self.sending,
+            resets: self.resets,
+        }
+    }
+}
+
+impl<B: Board> IdleEnds<B> {
+    /// Idle, with the watchdog running closely.
+    pub fn idle(self, watchdog: B::Watchdog, keeper: Keeper<B>) -> Idle<B> {
+        Idle {
+            watchdog,
+            keeper,
+            guard: self.guard,
+            clock: self.clock,
+            caller: self.caller,
+            signals: self.signals,
+            reset: None,
+            report: self.report,
+            granted: self.granted,
+            returned: self.returned,
+            resets: self.resets,
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! What a board has to offer: one implementation for each contract of hal-shim.
+
+use crate::Note;
+use core::borrow::Borrow;
+use edm_hal_shim::bridge::HBridge;
+use edm_hal_shim::can::{Filters, Inboxes, Mailboxes, SyncInbox};
+use edm_hal_shim::clock::Clock;
+use edm_hal_shim::encoder::{EdgeGuard, EdgeLines, EncoderTimer};
+use edm_hal_shim::gap::GapFrontEnd;
+use edm_hal_shim::generator::Generator;
+use edm_hal_shim::reflex::{ForcedLines, Thresholds};
+use edm_hal_shim::safety::{DriveSense, Safety};
+use edm_hal_shim::store::Storage;
+use edm_hal_shim::tick::{Period, ServoTimer};
+use edm_hal_shim::watchdog::Watchdog;
+use edm_servo_head::encoder::Shared as Published;
+use edm_servo_head::gap::GapSource;
+use edm_servo_head::gap::voltage;
+use edm_servo_head::head::Leave;
+
+/// What the reflex has seen of the pulses: for the log.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Pulse {
+    /// Short pulses so far, wrapping.
+    pub shorts: u32,
+    /// Converter codes of the newest pulse: gap current, gap voltage.
+    pub codes: [u16; 2],
+}
+
+/// A gap source that other settings can be given under way.
+pub trait Tunable: GapSource {
+    /// Runs other settings from the next block on, without a bump.
+    fn retune(&mut self, active: &voltage::Active);
+}
+
+impl Tunable for voltage::Voltage {
+    fn retune(&mut self, active: &voltage::Active) {
+        voltage::Voltage::retune(self, *active);
+    }
+}
+
+/// A board, by the types of its parts. Each contract is that of the trait.
+pub trait Board {
+    /// Time, the same for all.
+    type Clock: Clock + Copy;
+    /// Where the encoder's count is published: a place that the compiler knows, where there is one.
+    type Published: Borrow<Published>;
+    /// Interrupt lines of the encoder, for its task.
+    type Lines: EdgeLines;
+    /// The same lines, for the servo task.
+    type Guard: EdgeGuard;
+    /// Second counter on them.
+    type Timer: EncoderTimer;
+    /// Converter of the gap voltage.
+    type FrontEnd: GapFrontEnd;
+    /// What makes readings of its blocks.
+    type Source: Tunable;
+    /// H-bridge.
+    type Bridge: HBridge;
+    /// Pulse generator.
+    type Generator: Generator;
+    /// Safety inputs.
+    type Inputs: Safety;
+    /// Motor current and bus voltage.
+    type Drive: DriveSense;
+    /// What reflex and stop force.
+    type Forced: ForcedLines;
+    /// Timer of the servo tick, which is that of the PWM.
+    type Tick: ServoTimer;
+    /// Timer of the supervision.
+    type Millisecond: Period;
+    /// Thresholds of the reflex.
+    type Thresholds: Thresholds;
+    /// Frames that came.
+    type Inboxes: Inboxes;
+    /// The inbox of SYNC, for the servo task.
+    type Sync: SyncInbox;
+    /// Frames that go.
+    type Mailboxes: Mailboxes;
+    /// What the controller listens to.
+    type Filters: Filters;
+    /// Watchdog.
+    type Watchdog: Watchdog;
+    /// What is kept when the power is cut.
+    type Storage: Storage<Leave>;
+    /// Whoever calls the tasks.
+    type Caller: Caller;
+}
+
+/// Whoever calls the tasks, and hears what is to be logged. A task that is asked for while it runs, runs once more.
+pub trait Caller: Copy {
+    /// The protocol has something to do.
+    fn protocol(&self);
+    /// Frames wait to be sent.
+    fn transmit(&self);
+    /// The supervision has other limits to take.
+    fn supervise(&self);
+    /// For the log. Never called by the servo task or any above it.
+    fn note(&self, note: &Note);
+    /// Lights or darkens the status light.
+    fn light(&self, lit: bool);
+    /// What the reflex has seen so far.
+    fn pulse(&self) -> Pulse;
+}

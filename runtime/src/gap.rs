@@ -1,0 +1,49 @@
+//! Blocks of conversions become gap readings.
+
+use crate::Board;
+use crate::board::{Caller, Tunable};
+use crate::crossings::{GAP, Signals};
+use edm_crossing::latest::{Reader, Writer};
+use edm_hal_shim::clock::Clock;
+use edm_hal_shim::gap::{GapBlock, GapFrontEnd};
+use edm_servo_head::gap::{GapReading, GapSource, voltage};
+
+/// Front end and source.
+pub struct Gap<B: Board> {
+    pub(crate) blocks: B::FrontEnd,
+    pub(crate) source: B::Source,
+    pub(crate) clock: B::Clock,
+    pub(crate) caller: B::Caller,
+    pub(crate) signals: &'static Signals,
+    /// The newest block, written in place: a debugger, or the emulated chip, may look at it.
+    pub(crate) block: Option<GapBlock>,
+    pub(crate) reading: Writer<'static, GapReading>,
+    pub(crate) settings: Reader<'static, voltage::Active>,
+}
+
+impl<B: Board> Gap<B> {
+    /// A block is complete.
+    #[inline(always)]
+    pub fn block(&mut self) {
+        let begin = self.clock.now();
+        self.blocks.block(&mut self.block);
+        let reading = self.source.update(self.block.as_ref());
+        self.reading.write(|slot| *slot = reading);
+        if self.settings.is_fresh() {
+            self.retune();
+        }
+        let end = self.clock.now();
+        self.signals.times[GAP].ran(end.wrapping_sub(begin));
+        self.signals.roll.report(GAP, end);
+    }
+
+    /// Other settings, once the reading is out.
+    #[cold]
+    #[inline(never)]
+    fn retune(&mut self) {
+        self.settings.refresh();
+        self.source.retune(self.settings.get());
+        self.settings.accept();
+        self.caller.protocol();
+    }
+}

@@ -1,0 +1,79 @@
+//! What has no deadline: the watchdog's roll call, the log, what is kept in flash, the resets of a host.
+
+use crate::Board;
+use crate::board::Caller;
+use crate::crossings::{MS, Reset, Signals, StorageJob};
+use crate::keeper::Keeper;
+use crate::note::Note;
+use crate::protocol::Protocol;
+use edm_crossing::latest::Reader;
+use edm_crossing::ring::{Receiver, Sender};
+use edm_hal_shim::clock::Clock;
+use edm_hal_shim::encoder::EdgeGuard;
+use edm_hal_shim::watchdog::Watchdog;
+use edm_servo_head::head::{Leave, Status};
+use rtic_core::Mutex;
+
+/// Cycles from a reset by the host to boot-up. Hosts begin to wait for it after they have sent the reset, and miss one that
+/// comes at once.
+const START_UP: u32 = 50 * MS;
+
+/// What idle owns.
+pub struct Idle<B: Board> {
+    pub(crate) watchdog: B::Watchdog,
+    pub(crate) keeper: Keeper<B>,
+    pub(crate) guard: B::Guard,
+    pub(crate) clock: B::Clock,
+    pub(crate) caller: B::Caller,
+    pub(crate) signals: &'static Signals,
+    /// The host has reset the node, at this count.
+    pub(crate) reset: Option<u32>,
+    pub(crate) report: Reader<'static, Status>,
+    pub(crate) granted: Receiver<'static, (StorageJob, Leave), 1>,
+    pub(crate) returned: Sender<'static, Leave, 1>,
+    pub(crate) resets: Receiver<'static, Reset, 4>,
+}
+
+impl<B: Board> Idle<B> {
+    /// One round.
+    pub fn round(&mut self, protocol: &mut impl Mutex<T = Protocol<B>>) {
+        match self.signals.roll.missing(self.clock.now()) {
+            None => self.watchdog.feed(),
+            Some(task) => self.watchdog.silent(task),
+        }
+        if self.report.refresh() {
+            self.caller.note(&Note::Status(*self.report.get()));
+            self.caller.note(&Note::Pulses(self.caller.pulse()));
+        }
+        if let Some((job, leave)) = self.granted.receive() {
+            self.change(job, leave, protocol);
+        }
+        if let Some(reset) = self.resets.receive() {
+            self.reset = Some(self.clock.now());
+            if let Reset::Node = reset {
+                let kept = self.keeper.load();
+                if let Err(error) = protocol.lock(|protocol| protocol.restart(&kept)) {
+                    self.caller.note(&Note::SettingsRefused(error));
+                }
+            }
+        }
+        let now = self.clock.now();
+        if self.reset.take_if(|since| now.wrapping_sub(*since) >= START_UP).is_some() {
+            let kept = self.keeper.load();
+            if let Err(error) = protocol.lock(|protocol| protocol.boot(&kept)) {
+                self.caller.note(&Note::ParametersRefused(error));
+            }
+        }
+    }
+
+    fn change(&mut self, job: StorageJob, leave: Leave, protocol: &mut impl Mutex<T = Protocol<B>>) {
+        let compose = |kept: &mut _| protocol.lock(|protocol| protocol.keep(job, kept));
+        let result = self.keeper.change(&leave, &mut self.watchdog, compose);
+        // Nobody could report or decode an edge while the flash was erased.
+        self.guard.missed();
+        self.signals.roll.start(self.clock.now());
+        protocol.lock(|protocol| protocol.done(result));
+        self.returned.send(leave);
+        self.signals.waiting.set();
+    }
+}

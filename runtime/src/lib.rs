@@ -1,0 +1,38 @@
+//! The tasks of a head, and all that crosses between them.
+//!
+//! A *task* is what one interrupt runs, at one priority; a file here is a task with everything it owns. It runs over a
+//! [`Board`], which names one implementation for each trait of hal-shim: the chip's registers in the firmware, the process model
+//! on a PC. So what is compiled for the chip and what a test runs is one source: control core, tasks, queues.
+//!
+//! A *crossing* is a value that passes from one priority to another. All of them are declared in [`crossings`], and there are
+//! three kinds (`edm_crossing`):
+//!
+//! - *latest wins*: what is configured, and what is known of the head; never refused, and the writer is told which generation
+//!   runs;
+//! - *counted ring*: events; one that does not fit is counted, and the count is an object and an emergency;
+//! - *atomics*: flags, counts, words.
+//!
+//! Who calls a task, when, and what may come in between is not decided here: RTIC on the chip by the priorities of
+//! `edm_hal_shim::board::TASKS`, a scheduler on a PC by the same table. There, every operation of a crossing is a place
+//! where a test may let a task of higher priority come in between.
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod assemble;
+pub mod board;
+pub mod can;
+pub mod crossings;
+pub mod encoder;
+pub mod gap;
+pub mod idle;
+pub mod keeper;
+pub mod note;
+pub mod protocol;
+pub mod servo;
+pub mod supervise;
+pub mod timers;
+
+pub use assemble::{HostEnds, Parts, Tasks, assemble};
+pub use board::Board;
+pub use crossings::{Crossings, Signals};
+pub use note::Note;

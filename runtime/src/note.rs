@@ -1,0 +1,39 @@
+//! What a head has to say to whoever looks after it, beside the objects that a host reads: the log of the chip, or the console
+//! of a PC.
+
+use crate::board::Pulse;
+use edm_servo_head::canopen::BootError;
+use edm_servo_head::head::{Change, Finding, Report, Status};
+use edm_servo_head::settings::SettingError;
+
+/// Something worth a line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Note {
+    /// The head has changed its state.
+    Changed(Change),
+    /// The guided check has ended.
+    Checked(Result<Report, Finding>),
+    /// The thresholds of the reflex were refused; the old ones are in force.
+    ThresholdsRefused,
+    /// Frames that came, or events between tasks, were lost: so many since power-up.
+    Lost(u32),
+    /// Nothing was ever stored.
+    NothingStored,
+    /// What is stored cannot be read: the defaults run.
+    StoreUnreadable,
+    /// What is stored is of another firmware: the defaults run.
+    StoreForeign,
+    /// The stored settings contradict each other: the defaults run.
+    SettingsRefused(SettingError),
+    /// The stored communication parameters do not fit: the defaults are in use.
+    ParametersRefused(BootError),
+    /// Settings were stored.
+    Stored,
+    /// Settings could not be stored; the ones before are still there.
+    NotStored,
+    /// How the head is, once a second.
+    Status(Status),
+    /// What the reflex has seen, once a second.
+    Pulses(Pulse),
+}

@@ -1,0 +1,359 @@
+//! The head as a CANopen device: frames in and out, orders to the other tasks, and what they have done.
+//!
+//! A host's write to a setting is answered when every task runs it: the servo task first, because the head may refuse it, then
+//! gap task, supervision and reflex. Until then the host waits, some 0.1 ms, and a further configuration waits with it.
+
+use crate::Board;
+use crate::Note;
+use crate::board::Caller;
+use crate::crossings::{
+    ANSWERS, Answer, Arrival, Checked, PROTOCOL, REQUESTS, Request, Reset, ServoConfig, Signals, StorageJob,
+};
+use crate::timers::Timers;
+use edm_crossing::latest::{Reader, Writer};
+use edm_crossing::ring::{Receiver, Sender};
+use edm_hal_shim::can::{Filters, Trouble};
+use edm_hal_shim::clock::Clock;
+use edm_hal_shim::reflex::Thresholds;
+use edm_servo_head::canopen::drive::{Drive, Generations, Kept, Order};
+use edm_servo_head::canopen::{Abort, BootError, Controller, Frame, Node, Time};
+use edm_servo_head::gap::voltage;
+use edm_servo_head::head::{Change, Status, SupervisionLimits};
+use edm_servo_head::settings::{SettingError, Settings};
+
+/// How far the newest configuration has got.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Configuring {
+    /// It runs everywhere, or was refused.
+    Done,
+    /// The servo task has been asked.
+    Servo,
+    /// The head runs it; gap task and supervision have been told.
+    Others,
+}
+
+/// Node and drive, with the crossings to everybody else.
+pub struct Protocol<B: Board> {
+    pub(crate) clock: B::Clock,
+    pub(crate) caller: B::Caller,
+    pub(crate) signals: &'static Signals,
+    pub(crate) uptime: Uptime,
+    pub(crate) node: &'static mut Node,
+    pub(crate) drive: &'static mut Drive,
+    /// Settings of a head that has nothing stored.
+    pub(crate) defaults: Settings,
+    /// `None` when the controller did not start.
+    pub(crate) filters: Option<B::Filters>,
+    pub(crate) thresholds: B::Thresholds,
+    pub(crate) timers: Timers,
+    pub(crate) configuring: Configuring,
+    /// An order that has to wait for the configuration under way.
+    pub(crate) held: Option<Order>,
+    /// Requests sent and not answered.
+    pub(crate) outstanding: usize,
+    /// Frames and events lost, as told last.
+    pub(crate) lost: u32,
+    /// Frames that the controller had dropped, as told last.
+    pub(crate) overruns: u32,
+    /// The tick that knew of the newest command first: an older status is not news.
+    pub(crate) known: u32,
+    /// SYNCs until the newest frame that was dealt with.
+    pub(crate) syncs: u32,
+    pub(crate) ends: HostEnds,
+    pub(crate) received: Receiver<'static, Arrival, 32>,
+    pub(crate) sending: Sender<'static, Frame, 8>,
+    pub(crate) resets: Sender<'static, Reset, 4>,
+}
+
+/// The ends of the crossings by which a head is commanded: the protocol's, or those of whoever stands in its place.
+pub struct HostEnds {
+    /// Requests to the servo task.
+    pub requests: Sender<'static, Request, REQUESTS>,
+    /// What came of them.
+    pub answers: Receiver<'static, Answer, ANSWERS>,
+    /// What the servo task is to run.
+    pub servo: Writer<'static, ServoConfig>,
+    /// What the gap task is to run.
+    pub gap: Writer<'static, voltage::Active>,
+    /// What the supervision is to judge by.
+    pub limits: Writer<'static, SupervisionLimits>,
+    /// How the head is, every millisecond.
+    pub published: Reader<'static, Status>,
+    /// Changes of its state.
+    pub changes: Receiver<'static, Change, 16>,
+    /// Results of guided checks.
+    pub checked: Receiver<'static, Checked, 2>,
+}
+
+impl<B: Board> Protocol<B> {
+    /// Everything that has come since the last run; the servo task begins one every millisecond, a frame or an answer one at
+    /// once.
+    pub fn run(&mut self) {
+        let begin = self.clock.now();
+        let now = self.uptime.advance(begin);
+        self.frames();
+        let whole = self.news(begin);
+        if whole {
+            // A SYNC does not wait until all of this is done.
+            self.frames();
+            self.node.poll(now, self.drive);
+            self.frames();
+            self.drive.poll(now, self.node);
+        }
+        self.orders();
+        self.send();
+        if whole {
+            self.controller();
+        }
+        let end = self.clock.now();
+        self.signals.times[PROTOCOL].ran(end.wrapping_sub(begin));
+        self.signals.roll.report(PROTOCOL, end);
+    }
+
+    /// The node.
+    pub fn node(&self) -> &Node {
+        self.node
+    }
+
+    /// The drive.
+    pub fn drive(&self) -> &Drive {
+        self.drive
+    }
+
+    /// What the controller is to listen to, and how it is.
+    fn controller(&mut self) {
+        let Some(filters) = &mut self.filters else { return };
+        let [sync, others @ ..] = self.node.identifiers();
+        filters.listen(sync, &others);
+        let overruns = self.signals.overruns.read().wrapping_add(self.received.lost());
+        let overrun = overruns != core::mem::replace(&mut self.overruns, overruns);
+        let Trouble { passive, bus_off } = filters.trouble();
+        self.node.controller(Controller { overrun, passive, bus_off });
+        self.tell_of_losses(overruns);
+    }
+
+    /// Frames and events that did not fit a ring.
+    fn tell_of_losses(&mut self, overruns: u32) {
+        let events = self.ends.changes.lost().wrapping_add(self.ends.checked.lost());
+        let events = events.wrapping_add(self.ends.answers.lost());
+        self.drive.set_lost(overruns, events);
+        let lost = overruns.wrapping_add(events);
+        if lost != core::mem::replace(&mut self.lost, lost) {
+            self.caller.note(&Note::Lost(lost));
+        }
+    }
+
+    /// Frames that have come. What they order goes on at once.
+    #[inline(never)]
+    fn frames(&mut self) {
+        while let Some(Arrival { frame, stamp, syncs }) = self.received.receive() {
+            self.syncs = syncs;
+            let at = self.uptime.at(stamp);
+            self.node.receive(&frame, at, self.drive);
+            if self.node.synchronised(at, self.drive).is_some() {
+                self.drive.synchronised();
+            }
+            self.orders();
+        }
+    }
+
+    /// What the servo task tells; whether it has told of a millisecond.
+    fn news(&mut self, now: u32) -> bool {
+        while let Some(answer) = self.ends.answers.receive() {
+            if !matches!(answer, Answer::AtSync(..)) {
+                self.outstanding = self.outstanding.saturating_sub(1);
+            }
+            match answer {
+                Answer::Command(command, result, tick) | Answer::AtSync(command, result, tick) => {
+                    self.known = tick;
+                    self.drive.answered(command, result);
+                }
+                Answer::Configured => self.judged(),
+                Answer::NoLeave => self.node.answer(Err(Abort::DeviceState), self.drive),
+                Answer::Done => {}
+            }
+        }
+        if self.configuring == Configuring::Others {
+            self.taken();
+        }
+        let whole = self.ends.published.refresh();
+        if whole {
+            let status = self.ends.published.get();
+            if status.tick.wrapping_sub(self.known) as i32 >= 0 {
+                self.drive.observe(status);
+            }
+        }
+        while let Some(change) = self.ends.changes.receive() {
+            self.caller.note(&Note::Changed(change));
+            self.drive.changed(change);
+        }
+        while let Some(result) = self.ends.checked.receive() {
+            self.caller.note(&Note::Checked(result));
+            self.drive.checked(result);
+        }
+        if whole {
+            self.drive.set_timers(self.timers.read(&self.signals.times, now));
+        }
+        whole
+    }
+
+    /// Asks the servo task to run what the drive says now.
+    fn configure(&mut self) {
+        let active = self.drive.active();
+        self.ends.servo.write(|slot| *slot = ServoConfig { head: active.head, off_time_ns: active.off_time_ns });
+        self.configuring = Configuring::Servo;
+        self.request(Request::Configure);
+    }
+
+    /// The servo task has judged the newest configuration.
+    fn judged(&mut self) {
+        let verdict = self.ends.servo.verdict();
+        if verdict.generation != self.ends.servo.generation() {
+            return;
+        }
+        if !verdict.accepted {
+            self.configuring = Configuring::Done;
+            self.drive.refused_configuration();
+            self.node.answer(Err(Abort::DeviceState), self.drive);
+            self.generations();
+            return;
+        }
+        self.configuring = Configuring::Others;
+        let active = self.drive.active();
+        self.ends.gap.write(|slot| *slot = active.gap);
+        self.ends.limits.write(|slot| *slot = active.head.supervise);
+        self.signals.reflex.set(&active.reflex);
+        if self.thresholds.set(&active.reflex).is_err() {
+            self.caller.note(&Note::ThresholdsRefused);
+        }
+        self.caller.supervise();
+    }
+
+    /// Whether gap task and supervision run the newest configuration, too.
+    fn taken(&mut self) {
+        let gap = self.ends.gap.verdict().generation == self.ends.gap.generation();
+        let supervision = self.ends.limits.verdict().generation == self.ends.limits.generation();
+        if gap && supervision {
+            self.configuring = Configuring::Done;
+            self.drive.runs_configuration();
+            self.node.answer(Ok(()), self.drive);
+        }
+        self.generations();
+    }
+
+    /// Which configuration each task runs, for the host.
+    fn generations(&mut self) {
+        self.drive.set_generations(Generations {
+            newest: self.ends.servo.generation(),
+            servo: self.ends.servo.verdict().generation,
+            gap: self.ends.gap.verdict().generation,
+            supervision: self.ends.limits.verdict().generation,
+        });
+    }
+
+    /// Hands the drive's orders on, as long as there is room for any, and then what it will order at the next SYNC.
+    #[inline(never)]
+    fn orders(&mut self) {
+        while self.outstanding < REQUESTS && self.resets.room() > 0 {
+            let Some(order) = self.held.take().or_else(|| self.drive.take()) else {
+                self.signals.sync_length.store(self.node.sync_length().into());
+                if self.drive.foresee(self.node) {
+                    self.request(Request::AtSync(self.drive.foreseen(), self.syncs));
+                }
+                return;
+            };
+            match order {
+                Order::Configure if self.configuring != Configuring::Done => {
+                    self.held = Some(order);
+                    return;
+                }
+                Order::Configure => self.configure(),
+                Order::ResetNode => self.resets.send(Reset::Node),
+                Order::ResetCommunication => self.resets.send(Reset::Communication),
+                Order::Command(command) => self.request(Request::Command(command)),
+                Order::Raise(fault) => self.request(Request::Raise(fault)),
+                Order::Store(group) => self.request(Request::Leave(StorageJob::Store(group))),
+                Order::Restore(group) => self.request(Request::Leave(StorageJob::Restore(group))),
+            }
+        }
+    }
+
+    fn request(&mut self, request: Request) {
+        self.outstanding = self.outstanding.saturating_add(1);
+        self.ends.requests.send(request);
+        self.signals.waiting.set();
+    }
+
+    fn send(&mut self) {
+        while self.sending.room() > 0 {
+            let Some(frame) = self.node.take() else {
+                self.caller.transmit();
+                return;
+            };
+            self.sending.send(frame);
+        }
+        self.signals.backlog.set();
+        self.caller.transmit();
+    }
+
+    /// Changes what is kept as the host wants it.
+    pub fn keep(&self, job: StorageJob, kept: &mut Kept) {
+        match job {
+            StorageJob::Store(group) => kept.keep(group, self.drive, self.node),
+            StorageJob::Restore(group) => kept.forget(group),
+        }
+    }
+
+    /// A storage job is done.
+    pub fn done(&mut self, result: Result<(), Abort>) {
+        self.node.answer(result, self.drive);
+    }
+
+    /// The drive begins anew with what is kept.
+    ///
+    /// # Errors
+    /// What is kept is not fit to run; the defaults do.
+    pub fn restart(&mut self, kept: &Kept) -> Result<(), SettingError> {
+        self.held = None;
+        self.drive.restart(self.defaults, kept.application())
+    }
+
+    /// The node begins anew with what is kept.
+    ///
+    /// # Errors
+    /// What is kept does not fit; the defaults are in use.
+    pub fn boot(&mut self, kept: &Kept) -> Result<(), BootError> {
+        self.node.boot(kept.communication(), self.drive)
+    }
+}
+
+/// The clock, which wraps after 25 s, as a time that does not.
+pub struct Uptime {
+    /// Newest count taken in, and its time.
+    count: u32,
+    us: u64,
+    /// Counts of a microsecond.
+    per_us: u32,
+}
+
+impl Uptime {
+    /// Time begins at this count of a clock of `hz`, whole MHz.
+    pub const fn new(count: u32, hz: u32) -> Self {
+        let per_us = hz / 1_000_000;
+        Uptime { count, us: 0, per_us: if per_us == 0 { 1 } else { per_us } }
+    }
+
+    /// Goes on to a count that is newer by less than 25 s.
+    fn advance(&mut self, count: u32) -> Time {
+        let us = count.wrapping_sub(self.count).checked_div(self.per_us).unwrap_or(0);
+        self.count = self.count.wrapping_add(us.wrapping_mul(self.per_us));
+        self.us = self.us.wrapping_add(u64::from(us));
+        Time(self.us)
+    }
+
+    /// The time of a count within 12 s of the newest one.
+    fn at(&self, count: u32) -> Time {
+        let us = (count.wrapping_sub(self.count) as i32).checked_div(self.per_us as i32).unwrap_or(0);
+        Time(self.us.saturating_add_signed(us.into()))
+    }
+}
