@@ -178,6 +178,15 @@ pub enum Event {
     },
 }
 
+/// A write that was not refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Written {
+    /// In force.
+    Now,
+    /// The device is on it; [`Node::answer`](super::Node::answer) says how it ends.
+    Later,
+}
+
 /// The device's objects.
 ///
 /// The node checks access and, where the type has one, the length. All else is the dictionary's to refuse; a refused
@@ -196,11 +205,12 @@ pub trait Dictionary {
     /// Any; the host is told.
     fn read(&self, place: Place, out: &mut [u8]) -> Result<usize, Abort>;
 
-    /// Takes a value over, whole or not at all.
+    /// Takes a value over, whole or not at all. [`Written::Later`] when it is not in force yet: the host's SDO is answered by
+    /// [`Node::answer`](super::Node::answer).
     ///
     /// # Errors
     /// Any; the host is told, unless the value came by PDO.
-    fn write(&mut self, place: Place, data: &[u8]) -> Result<(), Abort>;
+    fn write(&mut self, place: Place, data: &[u8]) -> Result<Written, Abort>;
 
     /// Length of a domain, bytes, at the start of a transfer.
     ///

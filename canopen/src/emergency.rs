@@ -38,6 +38,8 @@ pub(super) enum Cause {
     Passive,
     /// The controller had to leave the bus.
     BusOff,
+    /// Events inside the device were lost.
+    Events,
 }
 
 impl Cause {
@@ -54,6 +56,7 @@ impl Cause {
             Self::Overrun => (0x8110, 18, 0),
             Self::Passive => (0x8120, 19, 0),
             Self::BusOff => (0x8140, 20, 0),
+            Self::Events => (0x6100, 21, 0),
         };
         (code, 1 << (group + (which & 3)), which)
     }
@@ -62,6 +65,7 @@ impl Cause {
 /// Error codes of the node's own emergencies, and what they mean.
 #[cfg(not(target_os = "none"))]
 pub const ERRORS: &[(u16, &str)] = &[
+    (Cause::Events.facts().0, "events inside the device were lost: they came faster than they were taken"),
     (Cause::SyncLost.facts().0, "no SYNC for one and a half periods of 1006h"),
     (Cause::Overrun.facts().0, "frames lost: they came faster than they were taken"),
     (Cause::Passive.facts().0, "error passive: nobody acknowledges, or the wire is bad"),

@@ -36,7 +36,9 @@ pub use area::descriptions;
 pub use area::is_stored;
 pub use description::{DefaultValue, Description, Shape};
 pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
-pub use dictionary::{Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place, Request};
+pub use dictionary::{
+    Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place, Request, Written,
+};
 #[cfg(not(target_os = "none"))]
 pub use emergency::ERRORS;
 pub use frame::{Frame, NodeId, Time};

@@ -32,6 +32,8 @@ pub enum BootError {
 pub struct Controller {
     /// Frames were lost since it was asked last.
     pub overrun: bool,
+    /// Events between tasks of the device were lost since it was asked last.
+    pub events: bool,
     /// It is error passive: nobody acknowledges, or the wire is bad.
     pub passive: bool,
     /// It has left the bus, and comes back by itself.
@@ -83,6 +85,7 @@ impl Node {
             }
         };
         self.booting = true;
+        self.server.restart(&mut Space { area: &mut self.area, dictionary });
         self.area.out.clear();
         if let Some(boot_up) = Frame::new(self.area.id.cob(HEARTBEAT), &[NmtState::Initialising as u8]) {
             self.area.out.put(boot_up);
@@ -203,6 +206,7 @@ impl Node {
         if self.met {
             let emergency = &mut self.area.emergency;
             emergency.set(Cause::Overrun, controller.overrun);
+            emergency.set(Cause::Events, controller.events);
             emergency.set(Cause::Passive, controller.passive);
             emergency.set(Cause::BusOff, controller.bus_off);
         }

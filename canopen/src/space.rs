@@ -1,7 +1,7 @@
 //! One address space: the node's own objects and those of the device.
 
-use super::area::{Area, Found, Written, find};
-use super::{Abort, Access, DataType, Dictionary, Place};
+use super::area::{Area, Found, find};
+use super::{Abort, Access, DataType, Dictionary, Place, Written};
 
 /// Index and sub-index.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,7 +78,7 @@ impl Space<'_> {
     pub fn write(&mut self, object: Object, data: &[u8]) -> Result<Written, Abort> {
         match object.at {
             At::Area(found) => self.area.write(found, data, self.dictionary),
-            At::Device(place) => self.dictionary.write(place, data).map(|()| Written::Now),
+            At::Device(place) => self.dictionary.write(place, data),
         }
     }
 

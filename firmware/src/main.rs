@@ -1,8 +1,7 @@
 //! The firmware: which task does what, at which priority, by when.
 //!
-//! On the chip this is an RTIC 2 application. Tasks own their state; what crosses a priority crosses through an atomic or a
-//! single-producer queue, and the three highest take no lock at all. What a task does is in `tasks`; the core computes, and
-//! `edm_hal_shim::stm32f4` knows the registers. What each task costs in the worst case is in docs/performance.md; the costs
+//! On the chip this is an RTIC 2 application. What a task does, and what crosses from one to another, is in `edm_runtime`, which
+//! a PC runs as well; the three highest take no lock at all. The core computes, and `edm_hal_shim::stm32f4` knows the registers. What each task costs in the worst case is in docs/performance.md; the costs
 //! named here are estimates.
 //!
 //! On a PC the same binary prints what it is: pin maps of both boards, clocks, timers, DMA streams, CAN bit timing, tasks.
@@ -24,52 +23,53 @@ fn main() {
 use defmt_rtt as _;
 
 #[cfg(target_arch = "arm")]
-mod tasks;
+mod chip;
+#[cfg(target_arch = "arm")]
+mod start;
 
 #[cfg(target_arch = "arm")]
 #[rtic::app(device = edm_hal_shim::stm32f4::pac, peripherals = true, dispatchers = [])]
 mod app {
-    use crate::tasks::Queues;
-    use crate::tasks::can::{Receive, Transmit};
-    use crate::tasks::encoder::Decoder;
-    use crate::tasks::gap::Gap;
-    use crate::tasks::idle::Idle;
-    use crate::tasks::protocol::Protocol;
-    use crate::tasks::servo::Servo;
-    use crate::tasks::start;
-    use crate::tasks::start::{Slots, Tasks};
-    use crate::tasks::supervise::Supervise;
-    use edm_hal_shim::stm32f4::can::Inbox;
-    use edm_hal_shim::stm32f4::encoder::Line;
+    use crate::chip::Chip;
+    use crate::start;
+    use crate::start::{Slots, Tasks};
+    use edm_hal_shim::can::Inbox;
+    use edm_hal_shim::encoder::Line;
     use edm_hal_shim::stm32f4::gated::Gated;
     use edm_hal_shim::stm32f4::{dying, safety};
-    use edm_hal_shim::store::BUFFER;
+    use edm_runtime::can::{Receive, Transmit};
+    use edm_runtime::encoder::Decoder;
+    use edm_runtime::gap::Gap;
+    use edm_runtime::idle::Idle;
+    use edm_runtime::protocol::Protocol;
+    use edm_runtime::servo::Servo;
+    use edm_runtime::supervise::Supervise;
 
     #[shared]
     struct Shared {
         #[lock_free]
-        decoder: Decoder,
+        decoder: Decoder<Chip>,
         #[lock_free]
-        receive: Receive,
-        protocol: Protocol,
+        receive: Receive<Chip>,
+        protocol: Protocol<Chip>,
     }
 
     #[local]
     struct Local {
         reflex: Gated,
-        gap: Gap,
-        servo: Servo,
-        supervise: Supervise,
-        transmit: Transmit,
-        idle: Idle,
+        gap: Gap<Chip>,
+        servo: Servo<Chip>,
+        supervise: Supervise<Chip>,
+        transmit: Transmit<Chip>,
+        idle: Idle<Chip>,
     }
 
     /// Starts everything, disabled and inhibited. When something does not start, the LED blinks, the log says what, and the
     /// pins stay harmless.
-    #[init(local = [queues: Queues = Queues::new(), buffer: [u8; BUFFER] = [0; BUFFER], slots: Slots = Slots::new()])]
+    #[init(local = [slots: Slots = Slots::new()])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let mut watchdog = None;
-        match start::start(cx.device, cx.core, cx.local.queues, cx.local.buffer, cx.local.slots, &mut watchdog) {
+        match start::start(cx.device, cx.core, cx.local.slots, &mut watchdog) {
             Ok(Tasks { reflex, decoder, gap, servo, supervise, receive, transmit, protocol, idle }) => {
                 (Shared { decoder, receive, protocol }, Local { reflex, gap, servo, supervise, transmit, idle })
             }
@@ -164,7 +164,6 @@ mod app {
     #[task(binds = SPI3, priority = 1, shared = [protocol])]
     fn protocol(mut cx: protocol::Context) {
         cx.shared.protocol.lock(|protocol| protocol.run());
-        rtic::pend(edm_hal_shim::stm32f4::pac::Interrupt::CAN1_TX);
     }
 
     /// No deadline. Logs, stores settings, and feeds the watchdog while everybody reports. It never sleeps: the cycle counter,

@@ -110,8 +110,7 @@ pub fn assemble<B: Board>(
     let (reading_in, reading) = crossings.reading.split(GapReading::default());
     let (judged_in, judged) = crossings.judged.split(Status::default());
     let (published_in, published) = crossings.published.split(Status::default());
-    let (servo_in, servo) =
-        crossings.servo.split(ServoConfig { head: active.head, off_time_ns: active.off_time_ns });
+    let (servo_in, servo) = crossings.servo.split(ServoConfig { head: active.head, off_time_ns: active.off_time_ns });
     let (gap_in, gap) = crossings.gap.split(active.gap);
     let (limits_in, limits) = crossings.limits.split(active.head.supervise);
     let (report_in, report) = crossings.report.split(Status::default());
@@ -217,16 +216,7 @@ pub fn assemble<B: Board>(
                 checked,
             },
         },
-        idle: IdleEnds {
-            clock,
-            caller,
-            guard: parts.guard,
-            signals,
-            report,
-            granted,
-            returned: returned_in,
-            resets,
-        },
+        idle: IdleEnds { clock, caller, guard: parts.guard, signals, report, granted, returned: returned_in, resets },
     })
 }
 
@@ -249,8 +239,7 @@ impl<B: Board> Host<B> {
             configuring: Configuring::Done,
             held: None,
             outstanding: 0,
-            lost: 0,
-            overruns: 0,
+            lost: [0; 2],
             known: 0,
             syncs: 0,
             ends: self.ends,

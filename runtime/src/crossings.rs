@@ -12,7 +12,9 @@ use edm_hal_shim::roll::Roll;
 use edm_servo_head::canopen::drive::{SetPoint, TASKS};
 use edm_servo_head::canopen::{Frame, Group};
 use edm_servo_head::gap::{GapReading, voltage};
-use edm_servo_head::head::{Change, Command, Config, Fault, Finding, Leave, Refused, Report, Status, SupervisionLimits};
+use edm_servo_head::head::{
+    Change, Command, Config, Fault, Finding, Leave, Refused, Report, Status, SupervisionLimits,
+};
 use edm_servo_head::units;
 
 // The rates of the hardware are those that the core was made for.
@@ -49,6 +51,8 @@ pub struct Signals {
     pub sync_length: Word,
     /// Frames that the controller had to drop.
     pub overruns: Counter,
+    /// Faults of the supervision that did not fit their ring.
+    pub lost_faults: Word,
     /// Frames did not fit the ring to the controller: the protocol wants to run when it is empty.
     pub backlog: Flag,
     /// A frame came in since the last supervision.
@@ -65,12 +69,13 @@ impl Signals {
     /// Of a head that has not started.
     pub const fn new() -> Self {
         Signals {
-            waiting: Flag::new(false),
+            waiting: Flag::new(),
             syncs: Counter::new(),
             sync_length: Word::new(0),
             overruns: Counter::new(),
-            backlog: Flag::new(false),
-            host: Flag::new(false),
+            lost_faults: Word::new(0),
+            backlog: Flag::new(),
+            host: Flag::new(),
             reflex: Limits::new(),
             roll: Roll::new(SILENCE),
             times: [const { crate::timers::Times::new() }; TASKS],

@@ -16,8 +16,13 @@ pub enum Note {
     Checked(Result<Report, Finding>),
     /// The thresholds of the reflex were refused; the old ones are in force.
     ThresholdsRefused,
-    /// Frames that came, or events between tasks, were lost: so many since power-up.
-    Lost(u32),
+    /// Something was lost because it came faster than it was taken: so many since power-up.
+    Lost {
+        /// Frames.
+        frames: u32,
+        /// Events between tasks.
+        events: u32,
+    },
     /// Nothing was ever stored.
     NothingStored,
     /// What is stored cannot be read: the defaults run.

@@ -52,9 +52,7 @@ pub struct Protocol<B: Board> {
     /// Requests sent and not answered.
     pub(crate) outstanding: usize,
     /// Frames and events lost, as told last.
-    pub(crate) lost: u32,
-    /// Frames that the controller had dropped, as told last.
-    pub(crate) overruns: u32,
+    pub(crate) lost: [u32; 2],
     /// The tick that knew of the newest command first: an older status is not news.
     pub(crate) known: u32,
     /// SYNCs until the newest frame that was dealt with.
@@ -125,21 +123,17 @@ impl<B: Board> Protocol<B> {
         let Some(filters) = &mut self.filters else { return };
         let [sync, others @ ..] = self.node.identifiers();
         filters.listen(sync, &others);
-        let overruns = self.signals.overruns.read().wrapping_add(self.received.lost());
-        let overrun = overruns != core::mem::replace(&mut self.overruns, overruns);
+        let frames = self.signals.overruns.read().wrapping_add(self.received.lost());
+        let ends = &self.ends;
+        let events = [ends.changes.lost(), ends.checked.lost(), ends.answers.lost(), self.signals.lost_faults.load()];
+        let lost = [frames, events.into_iter().fold(0, u32::wrapping_add)];
+        let before = core::mem::replace(&mut self.lost, lost);
+        let [overrun, events] = [lost[0] != before[0], lost[1] != before[1]];
         let Trouble { passive, bus_off } = filters.trouble();
-        self.node.controller(Controller { overrun, passive, bus_off });
-        self.tell_of_losses(overruns);
-    }
-
-    /// Frames and events that did not fit a ring.
-    fn tell_of_losses(&mut self, overruns: u32) {
-        let events = self.ends.changes.lost().wrapping_add(self.ends.checked.lost());
-        let events = events.wrapping_add(self.ends.answers.lost());
-        self.drive.set_lost(overruns, events);
-        let lost = overruns.wrapping_add(events);
-        if lost != core::mem::replace(&mut self.lost, lost) {
-            self.caller.note(&Note::Lost(lost));
+        self.node.controller(Controller { overrun, events, passive, bus_off });
+        if lost != before {
+            self.drive.set_lost(lost);
+            self.caller.note(&Note::Lost { frames: lost[0], events: lost[1] });
         }
     }
 

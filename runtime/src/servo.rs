@@ -20,7 +20,9 @@ use edm_hal_shim::tick::ServoTimer;
 use edm_servo_head::canopen::drive::SetPoint;
 use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
 use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Change, Command, Fault, Head, Leave, Reason, Refused, State, Status, TickInput, TickOutput};
+use edm_servo_head::head::{
+    Change, Command, Fault, Head, Leave, Reason, Refused, State, Status, TickInput, TickOutput,
+};
 use edm_servo_head::path::Path;
 use edm_servo_head::units::TICKS_PER_MS;
 
@@ -213,6 +215,7 @@ impl<B: Board> Servo<B> {
         while let Some(fault) = self.faults.receive() {
             self.raise(fault);
         }
+        self.signals.lost_faults.store(self.faults.lost());
         while let Some(leave) = self.returned.receive() {
             self.head.end_leave(leave);
         }

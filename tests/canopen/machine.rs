@@ -156,7 +156,7 @@ impl Dictionary for Machine {
         Ok(value.len())
     }
 
-    fn write(&mut self, place: Place, data: &[u8]) -> Result<(), Abort> {
+    fn write(&mut self, place: Place, data: &[u8]) -> Result<Written, Abort> {
         let (index, _, kind, access, _) = OBJECTS[usize::from(place.0)];
         assert!(access.writable() && kind.size().is_none_or(|size| size == data.len()), "{index:x} {data:?}");
         assert!(data.len() <= LONGEST);

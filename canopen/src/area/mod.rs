@@ -8,7 +8,6 @@ pub use describe::descriptions;
 #[cfg(not(target_os = "none"))]
 pub use objects::is_stored;
 pub(super) use objects::{Found, Item, STORED, find, stored};
-pub(super) use write::Written;
 
 use super::device::{Device, PDOS};
 use super::emergency::Emergency;

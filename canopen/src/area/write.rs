@@ -6,16 +6,7 @@ use crate::heartbeat::entry;
 use crate::parameters::{INVALID, Pdo, validate};
 use crate::pdo::{Direction, Map};
 use crate::rolled::rolled;
-use crate::{Abort, Dictionary, Group, Request};
-
-/// A write that was not refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Written {
-    /// Done.
-    Now,
-    /// The device is on it; the answer comes through [`Node::answer`](crate::Node::answer).
-    Later,
-}
+use crate::{Abort, Dictionary, Group, Request, Written};
 
 /// "save", first letter first on the bus (CiA 301 7.5.2.13).
 const SAVE: u32 = u32::from_le_bytes(*b"save");

@@ -13,13 +13,13 @@ mod crc;
 mod download;
 mod upload;
 
-use super::area::Written;
 use super::dictionary::LONGEST;
 use super::space::{Address, Object, Space};
-use super::{Abort, Frame, Time};
+use super::{Abort, Frame, Time, Written};
 use block_download::BlockDownload;
 use block_upload::BlockUpload;
 use download::Download;
+use heapless::Deque;
 use upload::Upload;
 
 /// Base of the identifiers of requests.
@@ -34,6 +34,9 @@ const BLOCK: u8 = 31;
 const RESERVE: usize = 6;
 /// Command byte of an abort.
 const ABORT: u8 = 0x80;
+/// Requests that can wait while the device works on one. A client sends the next when the last was answered; one that does not
+/// wait loses nothing either.
+const WAITING: usize = 8;
 
 /// What is under way.
 #[derive(Clone, Debug, Default)]
@@ -44,8 +47,8 @@ enum Transfer {
     Upload(Upload),
     BlockDownload(BlockDownload),
     BlockUpload(BlockUpload),
-    /// The device works on a request; the answer if it succeeds.
-    Device([u8; 8]),
+    /// The device works on a request; the answer if it succeeds, unless nobody waits for it any more.
+    Device(Option<[u8; 8]>),
 }
 
 /// What to do next, unless the transfer is to be aborted.
@@ -87,12 +90,13 @@ pub(super) struct Server {
     address: Address,
     buffer: Buffer,
     heard: Time,
+    waiting: Deque<[u8; 8], WAITING>,
 }
 
 impl Default for Server {
     fn default() -> Self {
-        let (transfer, address, heard) = Default::default();
-        Self { transfer, address, buffer: Buffer([0; LONGEST]), heard }
+        let (transfer, address, heard, waiting) = Default::default();
+        Self { transfer, address, buffer: Buffer([0; LONGEST]), heard, waiting }
     }
 }
 
@@ -138,6 +142,18 @@ impl Server {
     #[inline(never)]
     pub fn receive(&mut self, data: &[u8], now: Time, space: &mut Space<'_>) {
         let Ok(request) = <[u8; 8]>::try_from(data) else { return };
+        if matches!(self.transfer, Transfer::Device(_)) && request[0] != ABORT {
+            if self.waiting.push_back(request).is_err() {
+                let refused = addressed(ABORT, address(request), Abort::OutOfMemory.code().to_le_bytes());
+                space.area.out.put(Frame::full(space.area.id.cob(ANSWER), refused));
+            }
+            return;
+        }
+        self.take(request, now, space);
+    }
+
+    #[inline(never)]
+    fn take(&mut self, request: [u8; 8], now: Time, space: &mut Space<'_>) {
         let command = request[0];
         // Bits 4 to 0 mean nothing in an abort; within a block they are the number of a last segment.
         let in_block = matches!(self.transfer, Transfer::BlockDownload(_));
@@ -195,7 +211,7 @@ impl Server {
                 return;
             }
             Ok(Step::Device(answer)) => {
-                self.transfer = Transfer::Device(answer);
+                self.transfer = Transfer::Device(Some(answer));
                 return;
             }
             Err(abort) => (addressed(ABORT, self.address, abort.code().to_le_bytes()), true),
@@ -206,12 +222,21 @@ impl Server {
         space.area.out.put(Frame::full(space.area.id.cob(ANSWER), answer));
     }
 
-    /// Ends the transfer under way without a word.
+    /// Ends the transfer under way without a word. What the device works on goes on; nobody hears how it ends.
     #[inline(never)]
     pub fn stop(&mut self, space: &mut Space<'_>) {
-        if matches!(core::mem::take(&mut self.transfer), Transfer::BlockUpload(_)) {
-            space.area.out.discard(space.area.id.cob(ANSWER));
+        self.waiting.clear();
+        match core::mem::take(&mut self.transfer) {
+            Transfer::BlockUpload(_) => space.area.out.discard(space.area.id.cob(ANSWER)),
+            Transfer::Device(_) => self.transfer = Transfer::Device(None),
+            _ => {}
         }
+    }
+
+    /// A device that has begun anew works on nothing.
+    pub fn restart(&mut self, space: &mut Space<'_>) {
+        self.stop(space);
+        self.transfer = Transfer::Idle;
     }
 
     /// Sends segments of a block upload while there is room, and gives up a client that has fallen silent.
@@ -242,8 +267,16 @@ impl Server {
 
     /// The device has done what it was asked, or has not.
     pub fn answer(&mut self, result: Result<(), Abort>, space: &mut Space<'_>) {
-        if let Transfer::Device(answer) = self.transfer {
+        let Transfer::Device(answer) = self.transfer else { return };
+        self.transfer = Transfer::Idle;
+        if let Some(answer) = answer {
             self.finish(result.map(|()| Step::Last(answer)), space);
+        }
+        let now = self.heard;
+        while !matches!(self.transfer, Transfer::Device(_))
+            && let Some(request) = self.waiting.pop_front()
+        {
+            self.take(request, now, space);
         }
     }
 }

@@ -6,6 +6,7 @@ use super::hal::can::Can1;
 use super::hal::gpio::alt::can1::{Rx, Tx};
 use super::start::{StartError, within};
 use super::{pac, put};
+use crate::can::{self, Inbox, Inboxes, Mailboxes, Overrun, SyncInbox, Trouble};
 use crate::timing::can::BitTiming;
 use bxcan::filter::{BankConfig, ListEntry16};
 use bxcan::{Fifo, Frame, Interrupts, OverrunError, Rx0, Rx1, StandardId};
@@ -14,15 +15,6 @@ use bxcan::{Fifo, Frame, Interrupts, OverrunError, Rx0, Rx1, StandardId};
 pub struct Receiver {
     others: Rx0<Can1>,
     sync: Rx1<Can1>,
-}
-
-/// The FIFO that a frame is in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Inbox {
-    /// SYNC.
-    Sync,
-    /// Everything else.
-    Others,
 }
 
 /// What leaves.
@@ -53,7 +45,7 @@ pub fn start(
     transmit: impl Into<Tx>,
     timing: BitTiming,
     rcc: &mut pac::RCC,
-) -> Result<(Sender, Receiver, Filters), StartError> {
+) -> Result<(Receiver, Sender, Filters), StartError> {
     let can = Can1::new(can, (transmit, receive), rcc);
     // bxcan waits without a bound until the controller is initialising, then until it sleeps. Here it goes through both
     // first: what it has just done it does again, and the watchdog, which runs by now, is the last bound.
@@ -84,7 +76,7 @@ pub fn start(
     // Wakes in the background, with automatic recovery from bus-off.
     let _ = can.enable_non_blocking();
     let (sender, others, sync) = can.split();
-    Ok((Sender(sender), Receiver { others, sync }, Filters { first: None, identifiers: [0; IDENTIFIERS] }))
+    Ok((Receiver { others, sync }, Sender(sender), Filters { first: None, identifiers: [0; IDENTIFIERS] }))
 }
 
 /// Beside the library, which owns the controller and shows none of this: mode, status and filters.
@@ -100,10 +92,14 @@ fn activate(banks: u32) {
     put!(can1().fa1r(), banks);
 }
 
-impl Filters {
-    /// Listens to data frames of these identifiers from now on, that of SYNC first, and to nothing else. No frame is lost
-    /// over the change: the banks that are idle take the new choice, then both sets are in force, then the new one alone.
-    pub fn listen(&mut self, identifiers: [u16; IDENTIFIERS]) {
+impl can::Filters for Filters {
+    /// The banks that are idle take the new choice, then both sets are in force, then the new one alone.
+    fn listen(&mut self, sync: u16, others: &[u16]) {
+        // What is not in use is network management once more.
+        let mut identifiers = [0; IDENTIFIERS];
+        for (slot, identifier) in identifiers.iter_mut().zip(core::iter::once(&sync).chain(others)) {
+            *slot = *identifier;
+        }
         if identifiers == self.identifiers && self.first.is_some() {
             return;
         }
@@ -122,6 +118,11 @@ impl Filters {
         activate(banks(next));
         self.first = Some(next);
     }
+
+    fn trouble(&self) -> Trouble {
+        let errors = can1().esr().read();
+        Trouble { passive: errors.epvf().bit(), bus_off: errors.boff().bit() }
+    }
 }
 
 /// Half a filter register in 16-bit list mode: identifier, no remote frame, not extended (RM0090 figure 342).
@@ -129,45 +130,44 @@ fn entry(identifier: u16) -> u32 {
     u32::from(identifier & 0x7FF) << 5
 }
 
-impl Sender {
-    /// Hands a frame to a free mailbox. `false` when none is free or a frame of the same identifier still waits; the
-    /// interrupt of an empty mailbox says when to try again. Nothing that waits is ever displaced.
-    pub fn send(&mut self, frame: &Frame) -> bool {
+impl Mailboxes for Sender {
+    type Frame = Frame;
+
+    fn send(&mut self, frame: &Frame) -> bool {
         let status = can1().tsr().read().bits();
         // With a free mailbox bxcan never has to abort one, which would wait for the bus.
         status >> 26 & 0b111 != 0 && self.0.transmit(frame).is_ok()
     }
 
-    /// Acknowledges the interrupt of an empty mailbox.
-    pub fn clear(&mut self) {
+    fn acknowledge(&mut self) {
         self.0.clear_interrupt_flags();
     }
 }
 
-impl Receiver {
-    /// The next frame that arrived; `Err` once when the hardware had to drop some.
-    pub fn next(&mut self, from: Inbox) -> Option<Result<Frame, OverrunError>> {
+impl Inboxes for Receiver {
+    type Frame = Frame;
+
+    fn next(&mut self, from: Inbox) -> Option<Result<Frame, Overrun>> {
         let received = match from {
             Inbox::Others => self.others.receive(),
             Inbox::Sync => self.sync.receive(),
         };
         match received {
             Ok(frame) => Some(Ok(frame)),
-            Err(nb::Error::Other(overrun)) => Some(Err(overrun)),
+            Err(nb::Error::Other(OverrunError { .. })) => Some(Err(Overrun)),
             Err(nb::Error::WouldBlock) => None,
         }
     }
 }
 
-/// Whether the controller is error passive, and whether it is off the bus.
-pub fn trouble() -> (bool, bool) {
-    let errors = can1().esr().read();
-    (errors.epvf().bit(), errors.boff().bit())
-}
+/// The FIFO of SYNC, as the servo task sees it.
+#[derive(Clone)]
+pub struct SyncWaits(pub(super) ());
 
-/// Length of the SYNC that has come and that nobody has taken yet.
-#[inline(always)]
-pub fn sync_waits() -> Option<u8> {
-    let can = can1();
-    (can.rf1r().read().fmp().bits() != 0).then(|| can.rx(1).rdtr().read().dlc().bits())
+impl SyncInbox for SyncWaits {
+    #[inline(always)]
+    fn waits(&self) -> Option<u8> {
+        let can = can1();
+        (can.rf1r().read().fmp().bits() != 0).then(|| can.rx(1).rdtr().read().dlc().bits())
+    }
 }

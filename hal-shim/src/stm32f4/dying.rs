@@ -6,6 +6,7 @@ use super::boot::{Death, died};
 use super::lines;
 use super::start::StartError;
 use super::watchdog::Watchdog;
+use crate::watchdog::Watchdog as _;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use cortex_m::peripheral::SCB;

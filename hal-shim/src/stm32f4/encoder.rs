@@ -9,7 +9,7 @@ use super::hal::syscfg::SysCfg;
 use super::safety::exti;
 use super::{Board, change, pac, put, reset};
 use crate::board::gpio::gpioa::{PA0, PA1, PA2};
-use crate::encoder::{EncoderTimer, Levels, QuadratureLines};
+use crate::encoder::{Edge, EdgeGuard, EdgeLines, EncoderTimer, Levels, Line, QuadratureLines};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 const A: u32 = Board::TABLE.pin("encoder_a").number as u32;
@@ -34,8 +34,15 @@ pub struct Lines(());
 /// TIM5 in encoder mode: four counts a line, up toward the work, 32 bits.
 pub struct Timer(pac::TIM5);
 
-/// Configures pins, interrupt lines and timer. Until the first [`serve`] the lines are masked, as after a storm.
-pub fn new(tim: pac::TIM5, a: PA0, b: PA1, index: PA2, syscfg: &mut SysCfg, rcc: &mut pac::RCC) -> (Lines, Timer) {
+/// Configures pins, interrupt lines and timer. Until the first [`EdgeGuard::serve`] the lines are masked, as after a storm.
+pub fn new(
+    tim: pac::TIM5,
+    a: PA0,
+    b: PA1,
+    index: PA2,
+    syscfg: &mut SysCfg,
+    rcc: &mut pac::RCC,
+) -> (Lines, Guard, Timer) {
     reset::<pac::TIM5>(rcc);
     let (mut a, mut b): (Ch1<PushPull>, Ch2<PushPull>) = (a.into(), b.into());
     let mut index: PA2<Input> = index.into_floating_input();
@@ -50,7 +57,7 @@ pub fn new(tim: pac::TIM5, a: PA0, b: PA1, index: PA2, syscfg: &mut SysCfg, rcc:
     put!(tim.cr1(), 1);
     change!(exti().rtsr(), clear 0, set LINES);
     change!(exti().ftsr(), clear 0, set LINES);
-    (Lines(()), Timer(tim))
+    (Lines(()), Guard(()), Timer(tim))
 }
 
 impl QuadratureLines for Lines {
@@ -62,16 +69,14 @@ impl QuadratureLines for Lines {
     }
 }
 
-impl Lines {
-    /// Acknowledges an edge of one line; call before reading the levels, so that an edge in between comes back.
+impl EdgeLines for Lines {
     #[inline(always)]
-    pub fn acknowledge(&mut self, line: Line) {
+    fn acknowledge(&mut self, line: Line) {
         put!(exti().pr(), 1 << line as u32);
     }
 
-    /// Counts an edge. `true` when it simply follows the one before; otherwise [`Lines::unusual`] says what it is.
     #[inline(always)]
-    pub fn follows(&mut self) -> bool {
+    fn follows(&mut self) -> bool {
         let left = LEFT.load(Relaxed).checked_sub(1);
         if let Some(left) = left {
             LEFT.store(left, Relaxed);
@@ -79,8 +84,7 @@ impl Lines {
         left.is_some()
     }
 
-    /// What an edge is that does not simply follow the one before. The last one of a tick masks the lines.
-    pub fn unusual(&mut self) -> Edge {
+    fn unusual(&mut self) -> Edge {
         if UNSERVED.load(Relaxed) {
             UNSERVED.store(false, Relaxed);
             LEFT.store(MOST_EDGES - 1, Relaxed);
@@ -91,45 +95,31 @@ impl Lines {
     }
 }
 
-/// An edge that does not simply follow the one before.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Edge {
-    /// The last one that is served in this tick. It follows the one before.
-    Last,
-    /// It follows edges that were not served.
-    AfterStorm,
-}
+// A line's number is that of its pin.
+const _: () = assert!(Line::A as u32 == A && Line::B as u32 == B && Line::Index as u32 == INDEX);
 
-/// One of the encoder's interrupt lines.
-#[derive(Clone, Copy)]
-#[repr(u32)]
-pub enum Line {
-    /// Channel A.
-    A = A,
-    /// Channel B.
-    B = B,
-    /// Index mark.
-    Index = INDEX,
-}
+/// The lines, as slower tasks see them.
+#[derive(Clone)]
+pub struct Guard(());
 
-/// Edges may have been missed because the core stood still: masks the lines as a storm does, so that the next tick takes the
-/// timer's count.
-pub fn missed() {
-    // Encoder and servo task change the same lines in the same register. Whichever comes in between, the lines end up masked
-    // here, and that is what the next tick looks at.
-    change!(exti().imr(), clear LINES, set 0);
-}
-
-/// Serves edges from now on, once a tick: for the servo task. `true` when the lines had been masked.
-#[inline]
-pub fn serve() -> bool {
-    let storm = exti().imr().read().bits() & LINES != LINES;
-    if storm {
-        serve_again();
-    } else {
-        LEFT.store(MOST_EDGES - 1, Relaxed);
+impl EdgeGuard for Guard {
+    #[inline(always)]
+    fn serve(&mut self) -> bool {
+        let storm = exti().imr().read().bits() & LINES != LINES;
+        if storm {
+            serve_again();
+        } else {
+            LEFT.store(MOST_EDGES - 1, Relaxed);
+        }
+        storm
     }
-    storm
+
+    /// Masks the lines as a storm does.
+    fn missed(&mut self) {
+        // Encoder and servo task change the same lines in the same register. Whichever comes in between, the lines end up
+        // masked here, and that is what the next tick looks at.
+        change!(exti().imr(), clear LINES, set 0);
+    }
 }
 
 #[cold]

@@ -12,7 +12,7 @@ use super::start::StartError;
 use super::{lines, pac, put, reset};
 use crate::board::{BLANKING_CLOCK, BLANKING_MOST, GATED_SAMPLING};
 use crate::must;
-use crate::reflex::{Config, Limits, Run, Verdict};
+use crate::reflex::{self, Config, Limits, Run, Verdict};
 use crate::timing::{Refused, blanking};
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering::Relaxed};
 use cortex_m::peripheral::DWT;
@@ -134,14 +134,18 @@ impl Gated {
     }
 }
 
-impl Thresholds {
-    /// Blanking, the longer of 2 us and three time constants, and voltage thresholds. Refused, nothing has changed.
-    pub fn set(&mut self, config: &Config) -> Result<(), Refused> {
+impl reflex::Thresholds for Thresholds {
+    type Error = Refused;
+
+    /// Blanking is the longer of 2 us and three time constants.
+    fn set(&mut self, config: &Config) -> Result<(), Refused> {
         self.write_blanking(blanking(config.tau_ns, BLANKING_CLOCK, BLANKING_MOST)?);
         self.write_voltage(config.voltage);
         Ok(())
     }
+}
 
+impl Thresholds {
     fn write_blanking(&mut self, ticks: u32) {
         // The one pulse ends a count later; both registers are free of preload and the counter rests between pulses.
         put!(self.tim.arr(), ticks + 1);

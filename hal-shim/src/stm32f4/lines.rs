@@ -3,12 +3,14 @@
 //! [`stop`] and [`retract`] write registers that any priority may write at any moment: a port's set-reset register changes
 //! only the named pins in one store, and the PWM's mode register is theirs and the servo task's. What they did is counted;
 //! the servo task reads the count when its tick begins, and after it has written its own outputs it looks again: when the
-//! count has changed in between, it repeats what was forced ([`settle`]). So no lock is needed and a decision that
+//! count has changed in between, it repeats what was forced ([`ForcedLines::settle`]). So no lock is needed and a decision that
 //! was made before the short can never outlive it.
 
+use super::gated::retreats;
 use super::pins::{high, is_high, low};
 use super::{Board, change, pac, put};
 use crate::board::Pin;
+use crate::reflex::ForcedLines;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
 const ALLOW: Pin = Board::TABLE.pin("allow_pulses");
@@ -147,25 +149,36 @@ pub struct Forced {
     pulses: u32,
 }
 
-impl Forced {
-    /// The bridge was forced between `earlier` and this.
-    #[inline]
-    pub fn bridge_since(&self, earlier: &Forced) -> bool {
-        self.bridge != earlier.bridge
+/// The lines, as the servo task sees them.
+pub struct ServoLines(pub(super) ());
+
+impl ForcedLines for ServoLines {
+    type Mark = Forced;
+
+    #[inline(always)]
+    fn forced(&self) -> Forced {
+        Forced { bridge: FORCED.load(), pulses: KILLED.load() }
     }
-}
 
-/// What was forced up to now.
-#[inline]
-pub fn forced() -> Forced {
-    Forced { bridge: FORCED.load(), pulses: KILLED.load() }
-}
+    #[inline(always)]
+    fn bridge_forced(&self, earlier: Forced, later: Forced) -> bool {
+        earlier.bridge != later.bridge
+    }
 
-/// Repeats what was forced since `seen`, after outputs decided before it may have been written.
-#[inline]
-pub fn settle(seen: Forced) {
-    if forced() != seen {
-        repeat(seen);
+    #[inline(always)]
+    fn settle(&mut self, seen: Forced) {
+        if self.forced() != seen {
+            repeat(seen);
+        }
+    }
+
+    fn stop(&mut self) {
+        stop();
+    }
+
+    #[inline(always)]
+    fn retreats(&self) -> u32 {
+        retreats()
     }
 }
 

@@ -2,17 +2,18 @@
 
 use super::blocks::{self, Blocks};
 use super::boot::{self, Boot};
-use super::can::{self, Filters, Receiver, Sender};
+use super::can::{self, Filters, Receiver, Sender, SyncWaits};
 use super::clocks;
 use super::cycles::Cycles;
 use super::drive::DriveAdc;
-use super::encoder::{self, Lines, Timer};
+use super::encoder::{self, Guard, Lines, Timer};
 use super::flash::SettingsFlash;
 use super::gate::Edges;
 use super::gated::{Gated, Thresholds};
 use super::generator::Interface;
 use super::hal::syscfg::SysCfgExt;
-use super::pwm::{self, Bridge, Pwm};
+use super::lines::ServoLines;
+use super::pwm::{self, Bridge, Pwm, Tick};
 use super::safety::{self, Inputs};
 use super::start::StartError;
 use super::timebase::{self, Millisecond};
@@ -34,15 +35,19 @@ pub struct Machine {
     pub reflex: Gated,
     pub thresholds: Thresholds,
     pub lines: Lines,
+    pub guard: Guard,
     pub timer: Timer,
     pub blocks: Blocks,
     pub bridge: Bridge,
     pub generator: Interface,
     pub inputs: Inputs,
     pub drive: DriveAdc,
+    pub forced: ServoLines,
+    pub tick: Tick,
     pub millisecond: Millisecond,
     /// `None`, with the reason, when the controller does not answer: the head is then as good as without a host.
-    pub can: Result<(Sender, Receiver, Filters), StartError>,
+    pub can: Result<(Receiver, Sender, Filters), StartError>,
+    pub sync: SyncWaits,
     pub flash: SettingsFlash,
 }
 
@@ -80,7 +85,7 @@ impl Machine {
             safety::contact(board.emergency_stop, &mut syscfg),
             safety::contact(board.dielectric, &mut syscfg),
         );
-        let (lines, timer) =
+        let (lines, guard, timer) =
             encoder::new(device.TIM5, board.encoder_a, board.encoder_b, board.encoder_index, &mut syscfg, rcc);
 
         board.gap_voltage.into_analog();
@@ -113,14 +118,18 @@ impl Machine {
             reflex,
             thresholds,
             lines,
+            guard,
             timer,
             blocks,
             bridge,
             generator,
             inputs,
             drive,
+            forced: ServoLines(()),
+            tick: Tick(()),
             millisecond,
             can,
+            sync: SyncWaits(()),
             flash,
         })
     }

@@ -2,7 +2,7 @@
 //!
 //! One period is one tick. A duty goes into the preload register and takes effect with the next update, exactly: the
 //! jitter of the servo task does not reach the output. Off takes effect at once. The break input switches the output off
-//! in hardware when the bridge reports a fault, and it stays off until [`arm`].
+//! in hardware when the bridge reports a fault, and it stays off until [`ServoTimer::arm`].
 
 use super::hal::gpio::PushPull;
 use super::hal::gpio::alt::tim1::{Bkin, Ch1};
@@ -12,6 +12,7 @@ use super::{Board, change, pac, put, reset};
 use crate::board::gpio::Pin;
 use crate::board::{Pin as Place, SERVO};
 use crate::bridge::{BridgeFault, PwmBridge};
+use crate::tick::ServoTimer;
 use core::convert::Infallible;
 use embedded_hal::pwm::{ErrorType, SetDutyCycle};
 
@@ -81,30 +82,32 @@ fn tim1() -> &'static pac::tim1::RegisterBlock {
     unsafe { &*pac::TIM1::ptr() }
 }
 
-/// Acknowledges the servo tick.
-#[inline(always)]
-pub fn clear_tick() {
-    put!(tim1().sr(), !1);
-}
+/// The servo tick, for its task.
+pub struct Tick(pub(super) ());
 
-/// Cycles since the period began, and with it the servo tick was due.
-#[inline(always)]
-pub fn since_tick() -> u32 {
-    tim1().cnt().read().bits()
+impl ServoTimer for Tick {
+    #[inline(always)]
+    fn acknowledge(&mut self) {
+        put!(tim1().sr(), !1);
+    }
+
+    #[inline(always)]
+    fn since_due(&self) -> u32 {
+        tim1().cnt().read().bits()
+    }
+
+    #[inline(always)]
+    fn arm(&mut self) {
+        if tim1().bdtr().read().bits() & MOE == 0 {
+            change!(tim1().bdtr(), clear 0, set MOE);
+        }
+    }
 }
 
 /// Acknowledges the break.
 #[inline(always)]
 pub fn clear_break() {
     put!(tim1().sr(), !(1 << 7));
-}
-
-/// Connects the output of the PWM; the hardware refuses while the bridge reports a fault. For the servo task.
-#[inline(always)]
-pub fn arm() {
-    if tim1().bdtr().read().bits() & MOE == 0 {
-        change!(tim1().bdtr(), clear 0, set MOE);
-    }
 }
 
 const FORWARD: Place = Board::TABLE.pin("forward");

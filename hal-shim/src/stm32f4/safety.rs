@@ -140,16 +140,16 @@ impl Safety for Inputs {
     fn read(&mut self) -> SafetyInputs {
         if SEEN.load(Relaxed) == 0 { self.0.read() } else { self.read_with_seen() }
     }
-}
 
-impl Inputs {
-    /// Nothing is unsafe now, nor was since the last [`Safety::read`]: what nearly every tick finds, in two loads.
+    /// In two loads.
     #[inline(always)]
-    pub fn are_quiet(&self) -> bool {
+    fn are_quiet(&mut self) -> bool {
         let open = open::<'A'>() | open::<'B'>() | open::<'C'>() | open::<'D'>() | open::<'E'>();
         SEEN.load(Relaxed) | open == 0
     }
+}
 
+impl Inputs {
     #[cold]
     #[inline(never)]
     fn read_with_seen(&mut self) -> SafetyInputs {

@@ -7,6 +7,7 @@
 use super::{change, pac, put, reset};
 use crate::board::{ADC, CORE_HZ, EDGE_MODULUS, GAP_SAMPLING, SAMPLE, SERVO, SUPERVISE};
 use crate::edges::TRIGGER_TO_END;
+use crate::tick::Period;
 
 /// Cycles from the end of a block's last conversion to the servo tick: 6 us, the deadline of the gap task.
 const HEADSTART: u32 = 3 * SAMPLE_CYCLES;
@@ -63,9 +64,12 @@ impl Millisecond {
         put!(tim.cr1(), 1);
         Millisecond(tim)
     }
+}
 
-    /// Acknowledges the interrupt.
-    pub fn clear(&mut self) {
+impl Period for Millisecond {
+    fn begins(&mut self) -> bool {
+        let begins = self.0.sr().read().bits() & 1 != 0;
         put!(self.0.sr(), 0);
+        begins
     }
 }

@@ -6,7 +6,8 @@
 //! Halting the core in a debugger therefore resets it, on purpose: a halted core does not hold an axis.
 
 use super::start::{StartError, within};
-use super::{pac, put};
+use super::{dying, pac, put};
+use crate::watchdog::{self, Stuck, Watchdog as _};
 
 /// Frequency of its oscillator at the slowest; 32 kHz typically, 47 kHz at the fastest (data sheet).
 const SLOWEST_HZ: u32 = 17_000;
@@ -34,16 +35,6 @@ impl Watchdog {
         Ok(watchdog)
     }
 
-    /// Starts to watch closely: everything runs.
-    pub fn normal(&mut self) -> Result<(), StartError> {
-        self.set(NORMAL)
-    }
-
-    /// Makes room for an erase, during which nothing can feed it. Only while disabled and inhibited.
-    pub fn erase(&mut self) -> Result<(), StartError> {
-        self.set(ERASE)
-    }
-
     fn set(&mut self, (prescaler, reload): (u16, u32)) -> Result<(), StartError> {
         put!(self.0.kr(), 0x5555);
         put!(self.0.pr(), prescaler);
@@ -53,10 +44,23 @@ impl Watchdog {
         self.feed();
         Ok(())
     }
+}
 
-    /// Another time-out.
+impl watchdog::Watchdog for Watchdog {
     #[inline]
-    pub fn feed(&mut self) {
+    fn feed(&mut self) {
         put!(self.0.kr(), 0xAAAA);
+    }
+
+    fn erase(&mut self) -> Result<(), Stuck> {
+        self.set(ERASE).map_err(|_| Stuck)
+    }
+
+    fn normal(&mut self) -> Result<(), Stuck> {
+        self.set(NORMAL).map_err(|_| Stuck)
+    }
+
+    fn silent(&mut self, task: usize) {
+        dying::silent(task)
     }
 }

@@ -48,7 +48,7 @@ pub fn cargo() -> Command {
 pub fn build(root: &Path, feature: &str, quiet: bool) -> Result<PathBuf, String> {
     let status = cargo()
         .current_dir(root)
-        .args(["build", "--profile", "firmware", "-p", "edm-servo-head", "--bin", "edm-servo-head", "--target", TARGET])
+        .args(["build", "--profile", "firmware", "-p", "edm-firmware", "--bin", "edm-servo-head", "--target", TARGET])
         .args(["--no-default-features", "--features", feature])
         .args(quiet.then_some("--quiet"))
         .status()

@@ -108,8 +108,9 @@ const _: () = assert!(DEVICE.transmit.len() == PDOS);
 pub enum Order {
     /// A command to the head; its result goes to [`Drive::answered`].
     Command(Command),
-    /// Give head, gap source, reflex and generator what [`Drive::active`] says now; if the head refuses, call
-    /// [`Drive::configure_again`].
+    /// Give head, gap source, supervision, reflex and generator what [`Drive::active`] says now, then call
+    /// [`Drive::runs_configuration`], or [`Drive::refused_configuration`] if the head refuses; in either case
+    /// [`Node::answer`]: a host may wait for it.
     Configure,
     /// Raise this fault.
     Raise(Fault),
@@ -160,6 +161,19 @@ pub struct TaskTimer {
     pub load: u16,
 }
 
+/// Which configuration each task runs; they count up from 0, that of the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Generations {
+    /// The newest.
+    pub newest: u32,
+    /// That of the servo task, which was accepted or refused last.
+    pub servo: u32,
+    /// That of the gap task.
+    pub gap: u32,
+    /// That of the supervision.
+    pub supervision: u32,
+}
+
 /// Tasks of [`Drive::set_timers`]: gap, servo, supervision, protocol.
 pub const TASKS: usize = 4;
 
@@ -184,7 +198,13 @@ pub struct Drive {
     follow: Option<SetPoint>,
     /// What the head follows by itself from the next SYNC on.
     foreseen: Option<SetPoint>,
-    configure: bool,
+    /// Settings that the head runs; those of [`Drive::settings`] are on their way to it.
+    running: Settings,
+    generations: Generations,
+    /// Frames, and events between tasks, that were lost.
+    lost: [u32; 2],
+    /// The settings come from a reset and are not a host's write, which could be taken back.
+    restarting: bool,
     /// The head does not run the newest settings.
     stale: bool,
     /// Commands taken and not answered, set points of a stream apart.
@@ -239,7 +259,10 @@ impl Drive {
             orders: Deque::new(),
             follow: None,
             foreseen: None,
-            configure: false,
+            running: settings,
+            generations: Generations::default(),
+            lost: [0; 2],
+            restarting: false,
             stale: false,
             in_flight: 0,
             fresh: false,
@@ -278,16 +301,23 @@ impl Drive {
         self.set_points = SetPoints::default();
         (self.control, self.leaving, self.enabling, self.mode) = (0, None, false, Mode::None);
         self.load_defaults();
+        self.restarting = true;
+        // Before the settings, which a head that is not disabled may refuse.
+        self.order(Order::Command(Command::Disable));
         let result = match stored {
             Some(image) => self.load(image),
             None => self.adopt(settings),
         };
-        self.order(Order::Command(Command::Disable));
-        self.configure = true;
         if self.state != State::Fault {
             self.state = State::SwitchOnDisabled;
         }
         result
+    }
+
+    /// The head begins with what [`Drive::active`] says, disabled: what [`Drive::restart`] has ordered is done.
+    pub fn started(&mut self) {
+        self.orders.clear();
+        self.runs_configuration();
     }
 
     /// The settings.
@@ -317,9 +347,6 @@ impl Drive {
 
     /// Takes the next order.
     pub fn take(&mut self) -> Option<Order> {
-        if core::mem::take(&mut self.configure) {
-            return Some(Order::Configure);
-        }
         let order = self.orders.pop_front();
         if let Some(Order::Command(_)) = order {
             self.in_flight = self.in_flight.saturating_add(1);
@@ -346,9 +373,30 @@ impl Drive {
         self.follow.take_if(|point| done == Some(*point));
     }
 
-    /// The head has refused [`Order::Configure`], in a state that does not allow it: it is ordered again when disabled.
-    pub fn configure_again(&mut self) {
-        self.stale = true;
+    /// Every task runs what [`Drive::active`] said at [`Order::Configure`].
+    pub fn runs_configuration(&mut self) {
+        self.running = self.settings;
+        (self.restarting, self.stale) = (false, false);
+    }
+
+    /// The head has refused [`Order::Configure`], in a state that does not allow it. The settings are again those that run; if
+    /// they were not a host's but come from a reset, they are ordered again when the head is disabled.
+    pub fn refused_configuration(&mut self) {
+        if self.restarting {
+            self.stale = true;
+        } else if let Ok(active) = self.running.build() {
+            (self.settings, self.active) = (self.running, active);
+        }
+    }
+
+    /// Which configuration each task runs, for 200Ch.
+    pub fn set_generations(&mut self, generations: Generations) {
+        self.generations = generations;
+    }
+
+    /// Frames, and events between tasks, that were lost since power-up, for 200Dh.
+    pub fn set_lost(&mut self, lost: [u32; 2]) {
+        self.lost = lost;
     }
 
     /// Result of a command.
@@ -386,6 +434,7 @@ impl Drive {
     /// Result of a guided check.
     pub fn checked(&mut self, result: Result<Report, Finding>) {
         self.settings.commissioned = result.is_ok();
+        self.running.commissioned = result.is_ok();
         self.active.head.commissioned = result.is_ok();
         self.finding = match result {
             Ok(_) => 1,
@@ -398,7 +447,7 @@ impl Drive {
         self.status = *status;
         self.fresh = self.in_flight == 0 && self.orders.is_empty() && self.follow.is_none();
         if self.stale && status.state == head::State::Disabled {
-            (self.stale, self.configure) = (false, true);
+            self.stale = !self.order(Order::Configure);
         }
         self.watch_erosion();
         self.watch_fault();

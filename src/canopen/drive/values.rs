@@ -3,7 +3,7 @@
 use super::state::State;
 use super::{Drive, Order, TaskTimer, clamp32, codes};
 use crate::canopen::objects::{Found, Item, Row, entry, rows, setting_address_at, setting_kind};
-use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, Place, Request};
+use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, Place, Request, Written};
 use crate::head::{self, Command};
 use crate::settings::{Declared, Kind, Name, SettingError, Settings, place};
 use crate::units::Volts;
@@ -44,7 +44,7 @@ impl Dictionary for Drive {
         }
     }
 
-    fn write(&mut self, place: Place, data: &[u8]) -> Result<(), Abort> {
+    fn write(&mut self, place: Place, data: &[u8]) -> Result<Written, Abort> {
         match Found::at(place) {
             Found::Highest(_) => Err(Abort::ReadOnly),
             Found::Setting(field) => self.write_setting(field, data),
@@ -157,6 +157,12 @@ impl Drive {
             Item::ProtocolLast => last(protocol),
             Item::ProtocolMost => most(protocol),
             Item::ProtocolLoad => load(protocol),
+            Item::GenerationNewest => self.generations.newest.into(),
+            Item::GenerationServo => self.generations.servo.into(),
+            Item::GenerationGap => self.generations.gap.into(),
+            Item::GenerationSupervision => self.generations.supervision.into(),
+            Item::LostFrames => self.lost[0].into(),
+            Item::LostEvents => self.lost[1].into(),
             Item::ScopeState => self.scope.phase() as i64,
             Item::ScopeCount => self.scope.count().into(),
             Item::ErrorCode => match self.state {
@@ -192,8 +198,8 @@ impl Drive {
     }
 
     /// A value within its range has come.
-    fn write_row(&mut self, item: Item, value: i64) -> Result<(), Abort> {
-        let done = |taken: bool| if taken { Ok(()) } else { Err(Abort::DeviceState) };
+    fn write_row(&mut self, item: Item, value: i64) -> Result<Written, Abort> {
+        let done = |taken: bool| if taken { Ok(Written::Now) } else { Err(Abort::DeviceState) };
         let number = value as i32;
         let before = self.value(item);
         match item {
@@ -239,7 +245,7 @@ impl Drive {
             Item::ErodeEnable => self.erode_written(),
             _ => {}
         }
-        Ok(())
+        Ok(Written::Now)
     }
 
     /// Whether a segment may be appended now.
@@ -269,14 +275,14 @@ impl Drive {
         copy(word.get(..size).unwrap_or(&[]), out)
     }
 
-    fn write_setting(&mut self, field: u16, data: &[u8]) -> Result<(), Abort> {
+    fn write_setting(&mut self, field: u16, data: &[u8]) -> Result<Written, Abort> {
         let mut word = [0; 4];
         word.get_mut(..data.len()).ok_or(Abort::Length)?.copy_from_slice(data);
         self.write_word(field, u32::from_le_bytes(word))
     }
 
     /// Sets a setting, if it can be with the others and in this state.
-    fn write_word(&mut self, field: u16, word: u32) -> Result<(), Abort> {
+    fn write_word(&mut self, field: u16, word: u32) -> Result<Written, Abort> {
         let mut pending = self.settings;
         pending.put_word(field.into(), word).map_err(|error| out_of_range(&error, word))?;
         let wired = |settings: &Settings| (settings.gap_reversed, settings.motor_reversed, settings.encoder_reversed);
@@ -294,7 +300,7 @@ impl Drive {
         };
         let (old, new) = (&self.active.head.axis, &mut active.head.axis);
         let same = old.is_wired_as(new);
-        if !same && (self.status.state != head::State::Disabled || self.enabling) {
+        if self.stale || !same && (self.status.state != head::State::Disabled || self.enabling) {
             return Err(Abort::DeviceState);
         }
         // The guided check has to look again at what it has passed.
@@ -302,11 +308,14 @@ impl Drive {
             pending.commissioned = false;
             active.head.commissioned = false;
         }
+        // One at a time: the next is held until this one runs, and this one can be taken back.
+        if !self.order(Order::Configure) {
+            return Err(Abort::DeviceState);
+        }
         self.settings = pending;
         self.active = active;
-        self.configure = true;
         self.wrong = None;
-        Ok(())
+        Ok(Written::Later)
     }
 }
 

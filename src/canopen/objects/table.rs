@@ -172,6 +172,16 @@ objects! {
         11 ProtocolMost: u32, ro, no, U32, 0, "ns", live, "Protocol longest";
         12 ProtocolLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Protocol load";
     }
+    0x200C "Configuration" {
+        1 GenerationNewest: u32, ro, tx, U32, 0, "", live, "Newest: changes of settings since power-on";
+        2 GenerationServo: u32, ro, tx, U32, 0, "", live, "Servo tick: the one that it runs";
+        3 GenerationGap: u32, ro, tx, U32, 0, "", live, "Gap task: the one that it runs, counted from those that the servo tick has accepted";
+        4 GenerationSupervision: u32, ro, tx, U32, 0, "", live, "Supervision: the one that it runs, counted in the same way";
+    }
+    0x200D "Lost" {
+        1 LostFrames: u32, ro, tx, U32, 0, "", live, "Frames: that came faster than they were taken, since power-on";
+        2 LostEvents: u32, ro, tx, U32, 0, "", live, "Events: between tasks that came faster than they were taken, since power-on";
+    }
     0x2010 "Scope" {
         1 ScopeSignal1: u32, rw, no, U32, 0, "", live, "Signal 1: index times 256 and sub-index of an object of up to 32 bits; 0 none";
         2 ScopeSignal2: u32, rw, no, U32, 0, "", live, "Signal 2";

@@ -1,0 +1,98 @@
+//! The chip as a [`Board`], and RTIC as the caller of its tasks.
+
+use core::borrow::Borrow;
+use edm_hal_shim::stm32f4::pac::Interrupt;
+use edm_hal_shim::stm32f4::{
+    blocks, can, cycles, drive, encoder, flash, gate, gated, generator, lines, pwm, safety, timebase, watchdog,
+};
+use edm_hal_shim::store::Store;
+use edm_runtime::board::{Board, Caller, Pulse};
+use edm_runtime::{Note, Signals};
+use edm_servo_head::encoder::Shared as Published;
+use edm_servo_head::gap::Voltage;
+use edm_servo_head::head::Leave;
+
+/// The vector that runs the protocol task; its peripheral is not in use.
+pub const PROTOCOL: Interrupt = Interrupt::SPI3;
+
+/// Atomics of the tasks.
+pub static SIGNALS: Signals = Signals::new();
+/// What the encoder interrupts count.
+pub static ENCODER: Published = Published::new();
+
+/// The published count: a place that the compiler knows, where a reference would have to be loaded at every edge.
+pub struct Count;
+
+impl Borrow<Published> for Count {
+    #[inline(always)]
+    fn borrow(&self) -> &Published {
+        &ENCODER
+    }
+}
+
+/// The STM32F405 or F407 of a board.
+pub struct Chip;
+
+impl Board for Chip {
+    type Clock = cycles::Cycles;
+    type Published = Count;
+    type Lines = encoder::Lines;
+    type Guard = encoder::Guard;
+    type Timer = encoder::Timer;
+    type FrontEnd = blocks::Blocks;
+    type Source = Voltage;
+    type Bridge = pwm::Bridge;
+    type Generator = generator::Interface;
+    type Inputs = safety::Inputs;
+    type Drive = drive::DriveAdc;
+    type Forced = lines::ServoLines;
+    type Tick = pwm::Tick;
+    type Millisecond = timebase::Millisecond;
+    type Thresholds = gated::Thresholds;
+    type Inboxes = can::Receiver;
+    type Sync = can::SyncWaits;
+    type Mailboxes = can::Sender;
+    type Filters = can::Filters;
+    type Watchdog = watchdog::Watchdog;
+    type Storage = Store<flash::SettingsFlash, Leave>;
+    type Caller = Rtic;
+}
+
+/// Calls tasks by pending their vectors, and logs by defmt.
+#[derive(Clone, Copy)]
+pub struct Rtic;
+
+impl Caller for Rtic {
+    fn protocol(&self) {
+        rtic::pend(PROTOCOL);
+    }
+
+    fn transmit(&self) {
+        rtic::pend(Interrupt::CAN1_TX);
+    }
+
+    fn supervise(&self) {
+        rtic::pend(Interrupt::TIM7);
+    }
+
+    fn note(&self, note: &Note) {
+        match note {
+            Note::Lost { .. } | Note::NotStored | Note::Checked(Err(_)) => defmt::warn!("{}", note),
+            Note::ThresholdsRefused
+            | Note::StoreUnreadable
+            | Note::StoreForeign
+            | Note::SettingsRefused(_)
+            | Note::ParametersRefused(_) => defmt::error!("{}", note),
+            Note::Pulses(_) => defmt::info!("{}; {}", note, gate::captures()),
+            _ => defmt::info!("{}", note),
+        }
+    }
+
+    fn light(&self, lit: bool) {
+        lines::led(lit);
+    }
+
+    fn pulse(&self) -> Pulse {
+        Pulse { shorts: gated::shorts(), codes: gated::newest() }
+    }
+}
