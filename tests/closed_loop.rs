@@ -54,7 +54,7 @@ fn eroding(seed: u64) -> Machine {
         machine.command(command).unwrap();
     }
     run(&mut machine, 3.5);
-    assert_eq!(machine.head.status().state, State::Eroding);
+    assert_eq!(machine.status().state, State::Eroding);
     machine
 }
 
@@ -78,7 +78,7 @@ fn a_mishap_is_noticed_in_time_and_moves_the_head_away_from_the_work() {
         let before = machine.process.truth();
         machine.process.mishaps = mishaps;
         run(&mut machine, within);
-        assert_eq!(machine.head.status().fault, Some(fault));
+        assert_eq!(machine.status().fault, Some(fault));
         run(&mut machine, 1.0);
         let after = machine.process.truth();
         assert!(after.position_um < before.position_um + 1.0, "{}", fault.name());
@@ -98,7 +98,7 @@ fn an_encoder_that_dies_while_eroding_is_noticed_mostly_before_the_electrode_ram
             machine.tick();
             deepest = deepest.min(machine.process.truth().gap_um);
         }
-        assert_eq!(machine.head.status().state, State::Fault, "seed {seed}");
+        assert_eq!(machine.status().state, State::Fault, "seed {seed}");
         deepest
     };
     // When it dies matters: the worst of many seeds pressed 26 um. Contact gives way by half a micrometre a newton, so the
@@ -116,11 +116,11 @@ fn check(parameters: Parameters) -> Result<(), Finding> {
     machine.command(Command::Commission).unwrap();
     for _ in 0..30 * TICK_HZ {
         machine.tick();
-        if let Some(result) = machine.head.check_result() {
+        if let Some(result) = machine.next_check() {
             return result.map(drop);
         }
     }
-    panic!("the check does not end: {:?}", machine.head.status());
+    panic!("the check does not end: {:?}", machine.status());
 }
 
 #[test]

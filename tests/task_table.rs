@@ -5,7 +5,7 @@ use edm_hal_shim::board::{F405, TASKS};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const MAIN: &str = include_str!("../src/main.rs");
+const MAIN: &str = include_str!("../firmware/src/main.rs");
 
 /// Priority and binding in the task attribute before `fn name(`.
 fn attribute(name: &str) -> (u8, &'static str) {

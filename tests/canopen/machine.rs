@@ -1,7 +1,8 @@
 //! A device with one object of each kind.
 
 use edm_servo_head::canopen::{
-    Abort, Access, DataType, Device, Dictionary, Entry, Event, LONGEST, Mapping, PdoDefault, Place, Request, mapped,
+    Abort, Access, DataType, Device, Dictionary, Entry, Event, LONGEST, Mapping, PdoDefault, Place, Request, Written,
+    mapped,
 };
 
 /// U32, read-write, 10 to 1000.
@@ -175,7 +176,7 @@ impl Dictionary for Machine {
         value.clear();
         value.extend_from_slice(data);
         self.written += 1;
-        Ok(())
+        Ok(Written::Now)
     }
 
     fn stream_length(&self, _place: Place) -> Result<u32, Abort> {

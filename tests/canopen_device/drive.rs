@@ -11,12 +11,12 @@ fn a_master_enables_step_by_step_and_each_step_shows() {
         rig.control(word);
         rig.until(100, |rig| rig.status() & mask == shown);
     }
-    assert_eq!(rig.machine.head.status().state, State::Disabled);
+    assert_eq!(rig.machine.status().state, State::Disabled);
     rig.control(0x0F);
     rig.until(5, |rig| rig.status() & 0x6F == 0x27);
     rig.control(0x00);
     assert_eq!(rig.status() & 0x4F, 0x40);
-    assert_eq!(rig.machine.head.status().state, State::Disabled);
+    assert_eq!(rig.machine.status().state, State::Disabled);
 }
 
 #[test]
@@ -239,13 +239,13 @@ fn a_quick_stop_brakes_and_stays_until_it_is_left() {
     assert_eq!(rig.status() & 0x6F, 0x07);
     // 10 mm/s at 5 m/s^2.
     assert!((rig.position() - before) < 40, "{} um on", rig.position() - before);
-    assert_eq!(rig.machine.head.status().state, State::Ready);
+    assert_eq!(rig.machine.status().state, State::Ready);
     rig.control(0x0F);
     assert_eq!(rig.status() & 0x6F, 0x27);
     rig.write(0x605A, 0, &2i16.to_le_bytes());
     rig.control(0x02);
     rig.until(100, |rig| rig.status() & 0x4F == 0x40);
-    assert_eq!(rig.machine.head.status().state, State::Disabled);
+    assert_eq!(rig.machine.status().state, State::Disabled);
 }
 
 #[test]

@@ -13,11 +13,11 @@ fn a_hole_is_bored_by_a_set_point_of_profile_position() {
     rig.write32(0x607A, 0, depth);
     rig.control(0x1F);
     assert_eq!(rig.status() & 0x1400, 0x1000);
-    rig.until(20_000, |rig| rig.machine.head.status().state == State::Eroding);
+    rig.until(20_000, |rig| rig.machine.status().state == State::Eroding);
     let feed = rig.read(0x2004, 7).cast_signed();
     assert!(feed.abs() <= 2000, "{feed}");
     rig.until(120_000, |rig| rig.status() & 0x0400 != 0);
-    assert_eq!(rig.machine.head.status().state, State::Done);
+    assert_eq!(rig.machine.status().state, State::Done);
     assert_eq!(rig.read(0x2003, 3), 1, "ended by depth");
     assert!((rig.position() as i32 - depth).abs() <= 1);
     assert!(rig.read(0x2006, 3) > 1000, "ms of erosion");
@@ -37,15 +37,15 @@ fn erosion_is_aborted_by_its_enable_and_stopped_by_its_conditions() {
     rig.write(0x2001, 1, &[1]);
     rig.write32(0x607A, 0, 4000);
     rig.control(0x1F);
-    rig.until(20_000, |rig| rig.machine.head.status().state == State::Eroding);
+    rig.until(20_000, |rig| rig.machine.status().state == State::Eroding);
     rig.write(0x2001, 1, &[0]);
     rig.run(2);
-    assert_eq!(rig.machine.head.status().state, State::HoldingPosition);
+    assert_eq!(rig.machine.status().state, State::HoldingPosition);
     rig.write(0x2003, 1, &500u32.to_le_bytes());
     rig.write(0x2001, 1, &[1]);
     rig.run(5);
-    assert!(rig.machine.head.status().state.pulses());
-    rig.until(600, |rig| rig.machine.head.status().state == State::HoldingPosition);
+    assert!(rig.machine.status().state.pulses());
+    rig.until(600, |rig| rig.machine.status().state == State::HoldingPosition);
     assert_eq!(rig.read(0x2003, 3), 2, "ended by time");
 }
 
@@ -74,7 +74,7 @@ fn gap_set_points_are_shown_and_gains_change_while_eroding() {
     rig.write(0x2001, 1, &[1]);
     rig.write32(0x607A, 0, 4000);
     rig.control(0x1F);
-    rig.until(20_000, |rig| rig.machine.head.status().state == State::Eroding);
+    rig.until(20_000, |rig| rig.machine.status().state == State::Eroding);
     let setpoint = edm_servo_head::canopen::objects::setting_address("gap.setpoint_v").unwrap();
     rig.write(setpoint.0, setpoint.1, &50.0f32.to_le_bytes());
     rig.run(2);
@@ -82,7 +82,7 @@ fn gap_set_points_are_shown_and_gains_change_while_eroding() {
     let gain = edm_servo_head::canopen::objects::setting_address("servo.velocity_hz").unwrap();
     rig.write(gain.0, gain.1, &140.0f32.to_le_bytes());
     rig.run(200);
-    assert!(rig.machine.head.status().state.pulses());
+    assert!(rig.machine.status().state.pulses());
     let mass = edm_servo_head::canopen::objects::setting_address("axis.mass_kg").unwrap();
     assert_eq!(rig.try_write(mass.0, mass.1, &0.3f32.to_le_bytes()), Err(0x0800_0022));
 }
@@ -116,9 +116,9 @@ fn cyclic_and_interpolated_set_points_become_path_while_eroding() {
             rig.write32(index, sub, here + n * 100);
         }
         rig.run(3);
-        assert!(rig.machine.head.status().state.pulses(), "mode {mode}");
+        assert!(rig.machine.status().state.pulses(), "mode {mode}");
         assert_eq!(rig.read(0x2004, 4), 253, "mode {mode}: one under way, three wait");
-        rig.until(2000, |rig| rig.machine.head.status().state == State::Done);
+        rig.until(2000, |rig| rig.machine.status().state == State::Done);
         assert!((rig.position() as i32 - here - 400).abs() <= 1, "mode {mode}");
     }
 }
@@ -129,11 +129,11 @@ fn a_host_that_keeps_the_path_reads_the_signed_feed() {
     rig.mode(1);
     rig.write(0x2001, 1, &[2]);
     rig.run(200);
-    assert_eq!(rig.machine.head.status().state, State::Guiding);
+    assert_eq!(rig.machine.status().state, State::Guiding);
     assert!(rig.read(0x2004, 7).cast_signed() > 0, "two millimetres above the work");
     let (_, frame) = rig.sent.iter().rev().find(|(_, frame)| frame.id() == 0x385).unwrap();
     assert!(i32::from_le_bytes(frame.data()[..4].try_into().unwrap()) > 0);
     rig.write(0x2001, 1, &[0]);
     rig.run(2);
-    assert_eq!(rig.machine.head.status().state, State::HoldingPosition);
+    assert_eq!(rig.machine.status().state, State::HoldingPosition);
 }

@@ -133,7 +133,7 @@ fn a_set_point_by_sdo_is_ordered_though_the_same_is_foreseen() {
     // Up to the millisecond of the answer, which hands orders on, nothing has come of SYNC.
     rig.write32(0x607A, 0, 1700);
     assert!(!rig.drive.foresee(&rig.node));
-    assert_eq!(rig.machine.head.status().state, edm_servo_head::head::State::Positioning);
+    assert_eq!(rig.machine.status().state, edm_servo_head::head::State::Positioning);
 }
 
 #[test]

@@ -2,8 +2,8 @@
 //! expedited SDO.
 
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Kept, Order};
-use edm_servo_head::canopen::{Frame, Node, NodeId, Time};
-use edm_servo_head::head::{Reason, State};
+use edm_servo_head::canopen::{Abort, Frame, Node, NodeId, Time};
+use edm_servo_head::head::State;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::TICKS_PER_MS;
 use edm_sim::machine::Machine;
@@ -55,13 +55,13 @@ impl Rig {
     /// One millisecond.
     pub fn step(&mut self) {
         let now = Time(self.ms * 1000);
-        self.drive.observe(self.machine.head.status());
-        while let Some(change) = self.machine.head.next_change() {
+        self.drive.observe(self.machine.status());
+        while let Some(change) = self.machine.next_change() {
             self.states.push(change.to);
             self.drive.changed(change);
-            if let (Reason::CheckEnded, Some(result)) = (change.reason, self.machine.head.check_result()) {
-                self.drive.checked(result);
-            }
+        }
+        while let Some(result) = self.machine.next_check() {
+            self.drive.checked(result);
         }
         self.node.synchronised(now, &mut self.drive);
         self.node.poll(now, &mut self.drive);
@@ -86,19 +86,21 @@ impl Rig {
     pub fn carry_out(&mut self, order: Order) {
         match order {
             Order::Command(command) => {
-                let result = self.machine.head.command(command);
+                let result = self.machine.command(command);
                 self.drive.answered(command, result);
             }
             Order::Configure => {
-                if self.machine.configure(self.drive.active()).is_err() {
-                    self.drive.configure_again();
+                let result = self.machine.configure(self.drive.active());
+                match result {
+                    Ok(()) => self.drive.runs_configuration(),
+                    Err(_) => self.drive.refused_configuration(),
                 }
+                self.node.answer(result.map_err(|_| Abort::DeviceState), &mut self.drive);
             }
-            Order::Raise(fault) => self.machine.head.raise(fault),
+            Order::Raise(fault) => self.machine.raise(fault),
             Order::Store(group) => {
-                let leave = self.machine.head.give_leave().unwrap();
+                assert_eq!(self.machine.status().state, State::Disabled);
                 self.kept.keep(group, &self.drive, &self.node);
-                self.machine.head.end_leave(leave);
                 self.node.answer(Ok(()), &mut self.drive);
             }
             Order::Restore(group) => {
@@ -129,7 +131,7 @@ impl Rig {
                 return;
             }
         }
-        panic!("not within {ms} ms: statusword {:#06x}, {:?}", self.drive.statusword(), self.machine.head.status());
+        panic!("not within {ms} ms: statusword {:#06x}, {:?}", self.drive.statusword(), self.machine.status());
     }
 
     pub fn send(&mut self, id: u16, data: &[u8]) {
@@ -205,7 +207,7 @@ impl Rig {
     }
 
     pub fn position(&self) -> i64 {
-        self.machine.head.status().position
+        self.machine.status().position
     }
 
     /// A profile position move, waited for.

@@ -14,12 +14,15 @@
 //! | [`report`] | the run in JSON and in words |
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
 //! | [`output`] | files that appear complete or not at all |
+//! | [`store`] | what a virtual head keeps when its power is cut |
 //! | [`serve`] | virtual heads on a CAN bus, in real time |
 //! | [`cli`] | commands, checks, progress |
 //! | [`sweep`] | every scenario with many seeds, against the bounds |
+//! | [`board`] | the process model on the traits that the tasks of a head are written over |
 //! | [`bench`](mod@bench) | speed and memory, relative to a calibration loop |
 
 pub mod bench;
+pub mod board;
 pub mod bore;
 pub mod cli;
 pub mod events;
@@ -35,5 +38,6 @@ pub mod run;
 pub mod scenario;
 pub mod serve;
 pub mod statistics;
+pub mod store;
 pub mod sweep;
 pub mod trace;

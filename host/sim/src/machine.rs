@@ -1,24 +1,32 @@
-//! The closed loop: the control core on the process model, tick by tick.
+//! The closed loop on a PC: the tasks of a head on the process model, tick by tick.
+//!
+//! [`Core`] is what every head has: process, encoder, gap and servo task, supervision. They are called by priority at their
+//! times, as RTIC calls them on the chip: in each period of the PWM the edges of the encoder, the block of conversions, the
+//! tick; every millisecond the supervision. What commands the head is the protocol of a virtual head ([`crate::serve`]), or,
+//! in a [`Machine`], whoever holds it.
 
+use crate::board::{Dry, Part, Pc, Ports, Source};
 use crate::process::{Parameters, Process};
-use edm_hal_shim::encoder::RawCount;
-use edm_servo_head::encoder::Quadrature;
-use edm_servo_head::gap::{GapReading, GapSource, Surrogate, SurrogateConfig, Voltage};
-use edm_servo_head::head::{Change, Command, Fault, Head, Refused, Status, Supervisor, TickInput, TickOutput};
+use edm_hal_shim::encoder::Line;
+use edm_runtime::assemble::{Host, IdleEnds};
+use edm_runtime::can::{Receive, Transmit};
+use edm_runtime::crossings::{Answer, Request, ServoConfig};
+use edm_runtime::encoder::Decoder;
+use edm_runtime::gap::Gap;
+use edm_runtime::servo::Servo;
+use edm_runtime::supervise::Supervise;
+use edm_runtime::{Crossings, HostEnds, Parts, Signals, Tasks, assemble};
+use edm_servo_head::encoder::Shared as Published;
+use edm_servo_head::gap::{Surrogate, SurrogateConfig, Voltage};
+use edm_servo_head::head::{Change, Command, Fault, Finding, Refused, Report, Status, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{Active, SettingError, Settings};
-use edm_servo_head::units::{FRACTION_BITS, Fixed, MicrometresPerSecond, Volts};
+use edm_servo_head::units::{Fixed, MicrometresPerSecond, TICKS_PER_MS, Volts};
 
 /// Gap that counts as right in the dry loop, um.
 const DRY_GAP_UM: f64 = 40.0;
-
-/// Where the head's gap reading comes from.
-enum Gap {
-    /// The converter, as on the machine.
-    Voltage(Voltage),
-    /// The position, as in the dry loop of \[R\].
-    Surrogate(Box<(Surrogate, SurrogateConfig)>),
-}
+/// Tick of a millisecond behind which the supervision runs: the head has told of itself in it.
+const SUPERVISED: u32 = 2;
 
 /// A head with its process, wherever the head runs.
 pub trait Rig {
@@ -33,7 +41,7 @@ pub trait Rig {
     /// # Errors
     /// When the head cannot go on.
     fn tick(&mut self) -> Result<(), String>;
-    /// Gives the head a command that must be accepted where the run stands.
+    /// Gives the head a command that must be accepted where the run stands. Ticks may pass.
     ///
     /// # Errors
     /// When it is refused.
@@ -53,55 +61,167 @@ impl Rig for Machine {
         &self.process
     }
     fn status(&self) -> &Status {
-        self.head.status()
+        Machine::status(self)
     }
     fn next_change(&mut self) -> Option<Change> {
-        self.head.next_change()
+        Machine::next_change(self)
     }
     fn tick(&mut self) -> Result<(), String> {
         Machine::tick(self);
         Ok(())
     }
     fn command(&mut self, command: Command) -> Result<(), String> {
-        Machine::command(self, command)
+        Machine::command(self, command).map_err(|refused| format!("{command:?} was refused: {refused}"))
     }
     fn imagined_surface_um(&self) -> Option<f64> {
         Machine::imagined_surface_um(self)
     }
 }
 
-/// Head, process and the wires between them.
+/// The tasks that every head has, above those that command it.
+pub struct Core {
+    /// What the tasks see and set.
+    pub ports: &'static Ports,
+    signals: &'static Signals,
+    decoder: Decoder<Pc>,
+    gap: Gap<Pc>,
+    servo: Servo<Pc>,
+    supervise: Supervise<Pc>,
+    ticks: u32,
+}
+
+/// The tasks by which a head is commanded, before anybody has chosen them.
+pub struct Others {
+    /// Of the protocol, or of whoever stands in its place.
+    pub host: Host<Pc>,
+    /// Of idle.
+    pub idle: IdleEnds<Pc>,
+    /// Frames that come.
+    pub receive: Receive<Pc>,
+    /// Frames that go.
+    pub transmit: Transmit<Pc>,
+}
+
+impl Core {
+    /// The tasks of a disabled head whose wires show what `process` does. What they share is there for as long as the program
+    /// runs, as on the chip.
+    pub fn new(active: &Active, process: &Process) -> (Core, Others) {
+        Core::on(Ports::leak(), active, process)
+    }
+
+    /// The same over these ports.
+    pub fn on(ports: &'static Ports, active: &Active, process: &Process) -> (Core, Others) {
+        let signals: &'static Signals = Box::leak(Box::default());
+        let crossings: &'static mut Crossings = Box::leak(Box::default());
+        let path: &'static mut Path = Box::leak(Box::new(Path::EMPTY));
+        let published: &'static Published = Box::leak(Box::default());
+        show(ports, process);
+        let part = Part(ports);
+        let parts = Parts {
+            clock: part,
+            caller: part,
+            published: (published, published),
+            lines: part,
+            guard: part,
+            timer: part,
+            blocks: part,
+            source: Source { voltage: Voltage::new(active.gap), ports },
+            bridge: part,
+            generator: part,
+            inputs: part,
+            drive: part,
+            forced: part,
+            tick: part,
+            millisecond: part,
+            thresholds: part,
+            can: Some((part, part, part)),
+            sync: part,
+        };
+        let Ok(tasks) = assemble(parts, crossings, signals, active, path);
+        let Tasks { decoder, gap, servo, supervise, receive, transmit, host, idle } = tasks;
+        (Core { ports, signals, decoder, gap, servo, supervise, ticks: 0 }, Others { host, idle, receive, transmit })
+    }
+
+    /// One period of the PWM: the process goes on for 50 us, then encoder, gap and servo task run on what it shows, and every
+    /// millisecond the supervision. Whether this was its turn.
+    pub fn tick(&mut self, process: &mut Process) -> bool {
+        self.period(process);
+        let supervised = self.ticks % TICKS_PER_MS == SUPERVISED;
+        if supervised {
+            self.ports.period.set(true);
+        }
+        if supervised || self.ports.wanted(crate::board::SUPERVISE) {
+            self.supervise.tick();
+        }
+        supervised
+    }
+
+    /// The same without the supervision.
+    fn period(&mut self, process: &mut Process) {
+        let ports = self.ports;
+        self.ticks = self.ticks.wrapping_add(1);
+        let sensors = process.advance(ports.drive.get(), ports.pulses.get());
+        for &(time, levels) in &sensors.edges {
+            ports.now.set(time);
+            ports.levels.set(levels);
+            // Which line it is does not matter to a PC: its lines need no acknowledgement.
+            self.decoder.edge(Line::A);
+        }
+        show(ports, process);
+        self.gap.block();
+        self.servo.tick();
+        ports.position.set(self.status().position);
+    }
+
+    /// What the head knows after the last tick.
+    pub fn status(&self) -> &Status {
+        self.servo.head().status()
+    }
+
+    /// What the head saw in the last tick.
+    pub fn input(&self) -> &TickInput {
+        self.servo.input()
+    }
+
+    /// A host has given a life sign.
+    pub fn host_is_alive(&self) {
+        self.signals.host.set();
+    }
+}
+
+/// Puts what the wires of a process show on the ports.
+fn show(ports: &Ports, process: &Process) {
+    let sensors = process.sensors();
+    ports.now.set(sensors.now);
+    ports.levels.set(sensors.levels);
+    ports.timer.set(sensors.timer_count);
+    ports.block.set(Some(sensors.block));
+    ports.safety.set(sensors.safety);
+    ports.codes.set(sensors.drive);
+}
+
+/// Head, process and the wires between them; whoever holds it commands the head.
 pub struct Machine {
     /// The machine and the process.
     pub process: Process,
-    /// The control core.
-    pub head: Head<Box<Path>>,
     /// A host gives life signs.
     pub host_alive: bool,
-    supervisor: Supervisor,
-    decoder: Quadrature,
-    gap: Gap,
-    output: TickOutput,
-    ticks: u64,
+    core: Core,
+    ends: HostEnds,
     count_um: f64,
 }
 
 impl Machine {
     /// A head at rest at its upper stop, disabled.
+    ///
+    /// # Errors
+    /// When the values do not fit together.
     pub fn new(parameters: &Parameters, settings: &Settings, seed: u64) -> Result<Machine, SettingError> {
         let active = settings.build()?;
         let process = Process::new(parameters, seed)?;
-        Ok(Machine {
-            head: Head::new(active.head, Box::new(Path::EMPTY)),
-            host_alive: true,
-            supervisor: Supervisor::default(),
-            decoder: Quadrature::new(process.sensors().levels, process.sensors().now),
-            gap: Gap::Voltage(Voltage::new(active.gap)),
-            output: TickOutput::default(),
-            ticks: 0,
-            count_um: settings.encoder_count.into(),
-            process,
-        })
+        let (core, others) = Core::new(&active, &process);
+        let ends = others.host.ends;
+        Ok(Machine { process, host_alive: true, core, ends, count_um: settings.encoder_count.into() })
     }
 
     /// Replaces the gap signal by position, noise and imagined erosion (Roberts, section 6.8): the dry loop. The imagined
@@ -118,72 +238,86 @@ impl Machine {
         };
         // The gap is right some way above the surface, so that the seek comes from an open gap.
         let right = Fixed::whole((surface_um - DRY_GAP_UM) as i64);
-        self.gap = Gap::Surrogate(Box::new((Surrogate::new(right, seed as u32), config)));
+        let source = Surrogate::new(right, seed as u32);
+        *self.core.ports.dry.borrow_mut() = Some(Dry { source, config, count_um: self.count_um });
         self.process.mishaps.generator_dead = true;
     }
 
     /// Where the imagined surface of the dry loop has got to, um; `None` with a real gap.
     pub fn imagined_surface_um(&self) -> Option<f64> {
-        match &self.gap {
-            Gap::Voltage(_) => None,
-            Gap::Surrogate(dry) => Some(f64::from(dry.0.surface().0) + DRY_GAP_UM),
+        let dry = self.core.ports.dry.borrow();
+        dry.as_ref().map(|dry| f64::from(dry.source.surface().0) + DRY_GAP_UM)
+    }
+
+    /// One servo tick: the process goes on for 50 us, then the head looks and decides.
+    pub fn tick(&mut self) {
+        if self.host_alive {
+            self.core.host_is_alive();
+        }
+        self.core.tick(&mut self.process);
+    }
+
+    /// What the head knows after the last tick.
+    pub fn status(&self) -> &Status {
+        self.core.status()
+    }
+
+    /// What the head saw in the last tick.
+    pub fn input(&self) -> &TickInput {
+        self.core.input()
+    }
+
+    /// Oldest change of the head's state not read yet.
+    pub fn next_change(&mut self) -> Option<Change> {
+        self.ends.changes.receive()
+    }
+
+    /// Oldest result of a guided check not read yet.
+    pub fn next_check(&mut self) -> Option<Result<Report, Finding>> {
+        self.ends.checked.receive()
+    }
+
+    /// Lets the head carry out a command in the next tick, which this is.
+    ///
+    /// # Errors
+    /// Why it was refused.
+    pub fn command(&mut self, command: Command) -> Result<(), Refused> {
+        match self.request(Request::Command(command)) {
+            Answer::Command(_, result, _) => result,
+            answer => unreachable!("{answer:?} to a command"),
         }
     }
 
-    /// One servo tick: the process goes on for 50 us, then the head looks and decides. Gives a fault that supervision
-    /// found.
-    pub fn tick(&mut self) -> Option<Fault> {
-        self.ticks += 1;
-        let sensors = self.process.advance(self.output.drive, self.output.pulses);
-        for &(time, levels) in &sensors.edges {
-            self.decoder.edge(levels, time);
-        }
-        let encoder = self.decoder.snapshot(sensors.now);
-        let gap = match &mut self.gap {
-            Gap::Voltage(source) => source.update(Some(&sensors.block)),
-            Gap::Surrogate(dry) => {
-                let um = self.head.status().position as f64 * self.count_um;
-                let position = Fixed((um * f64::from(1u32 << FRACTION_BITS)) as i64);
-                let (source, config) = dry.as_mut();
-                if self.output.pulses { source.update(config, position) } else { GapReading::default() }
-            }
-        };
-        let input = TickInput {
-            gap,
-            encoder,
-            watch: Some(RawCount { count: sensors.timer_count, ..encoder.raw }),
-            safety: sensors.safety.unsafe_ones(),
-            drive: sensors.drive,
-            reflex: false,
-        };
-        self.output = self.head.tick(&input);
-        if !self.ticks.is_multiple_of(u64::from(Supervisor::PERIOD)) {
-            return None;
-        }
-        let fault = self.supervisor.tick(&self.head.supervision(), self.head.status(), self.host_alive)?;
-        self.head.raise(fault);
-        Some(fault)
+    /// Lets the head know of a fault in the next tick, which this is.
+    pub fn raise(&mut self, fault: Fault) {
+        self.request(Request::Raise(fault));
     }
 
-    /// Gives the head a command that must be accepted where the run stands.
-    pub fn command(&mut self, command: Command) -> Result<(), String> {
-        self.head.command(command).map_err(|refused| format!("{command:?} was refused: {refused}"))
-    }
-
-    /// Runs other settings from the next tick on.
+    /// Runs other settings from the next tick on, which this is.
     ///
     /// # Errors
     /// When they change the axis as wired while a loop is closed.
     pub fn configure(&mut self, active: &Active) -> Result<(), Refused> {
-        self.head.configure(active.head)?;
-        if let Gap::Voltage(source) = &mut self.gap {
-            source.retune(active.gap);
+        self.ends.servo.write(|slot| *slot = ServoConfig { head: active.head, off_time_ns: active.off_time_ns });
+        let state = self.status().state;
+        self.request(Request::Configure);
+        if !self.ends.servo.verdict().accepted {
+            return Err(Refused::State(state));
         }
+        self.ends.gap.write(|slot| *slot = active.gap);
+        self.ends.limits.write(|slot| *slot = active.head.supervise);
+        self.core.ports.wants[crate::board::SUPERVISE].set(true);
         Ok(())
     }
 
-    /// Count of the edge decoder since power-up.
-    pub fn decoder_count(&self) -> i64 {
-        i64::from(self.decoder.snapshot(0).raw.count.cast_signed())
+    /// Sends a request, which the next tick takes, and gives its answer.
+    fn request(&mut self, request: Request) -> Answer {
+        self.ends.requests.send(request);
+        self.core.signals.waiting.set();
+        self.tick();
+        match self.ends.answers.receive() {
+            Some(answer) => answer,
+            None => unreachable!("a tick answers every request"),
+        }
     }
 }

@@ -31,7 +31,7 @@ fn eroding(events: &[Event]) -> Machine {
         machine.command(command).unwrap();
     }
     run(&mut machine, AT_S - 0.01);
-    assert_eq!((machine.head.status().state, machine.head.status().fault), (State::Eroding, None));
+    assert_eq!((machine.status().state, machine.status().fault), (State::Eroding, None));
     machine
 }
 
@@ -71,7 +71,7 @@ fn every_signal_brings_its_fault_and_nothing_is_rammed() {
     assert_eq!(faults.len(), Wires::FIELDS.len());
     for (signal, fault) in faults {
         let (machine, before, after) = after(signal);
-        assert_eq!(machine.head.status().fault, Some(fault), "{signal}");
+        assert_eq!(machine.status().fault, Some(fault), "{signal}");
         assert!(after.position_um < before.position_um + 2.0, "{signal}: {before:?} {after:?}");
         assert!(after.contact_n < 10.0, "{signal}: {after:?}");
     }
@@ -102,7 +102,7 @@ fn the_head_goes_where_the_fault_table_says() {
 fn a_fault_whose_cause_has_gone_can_be_reset_and_the_hole_goes_on() {
     let mut machine = eroding(&[event(AT_S, "dielectric.lost", true), event(AT_S + 1.0, "dielectric.lost", false)]);
     run(&mut machine, 0.9);
-    assert!(machine.head.command(Command::ResetFault).is_err(), "the cause is still there");
+    assert!(machine.command(Command::ResetFault).is_err(), "the cause is still there");
     run(&mut machine, 0.2);
     let deep = machine.process.truth().surface_um;
     let target = Command::MoveTo(Nanometres(3_000_000));
@@ -110,7 +110,7 @@ fn a_fault_whose_cause_has_gone_can_be_reset_and_the_hole_goes_on() {
         machine.command(command).unwrap();
     }
     run(&mut machine, 5.0);
-    assert_eq!(machine.head.status().state, State::Eroding);
+    assert_eq!(machine.status().state, State::Eroding);
     assert!(machine.process.truth().surface_um > deep);
 }
 

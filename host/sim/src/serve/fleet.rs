@@ -2,11 +2,11 @@
 
 use super::Plant;
 use super::head::Head;
-use super::store::Store;
 use crate::bore::Setup;
 use crate::events::{EventError, Wires};
 use crate::process::Process;
 use crate::scenario::{from_word, hint};
+use crate::store::Store;
 use edm_bus::Frame;
 use edm_servo_head::canopen::NodeId;
 use edm_servo_head::settings::Declared;
@@ -58,7 +58,7 @@ impl Plant for Fleet {
             return Err(format!("{node}: no such node"));
         }
         let heads = self.heads.iter_mut().filter(|(id, _)| meant(*id));
-        pull(rest, heads.map(|(_, head)| &mut head.machine().process))
+        pull(rest, heads.map(|(_, head)| &mut head.process))
     }
 }
 
@@ -167,7 +167,7 @@ mod tests {
         for word in [6, 7, 15] {
             sent(fleet, &[frame(0x201, &[word, 0])], 20);
         }
-        assert_eq!(fleet.heads[0].1.machine().head.status().state, State::Ready);
+        assert_eq!(fleet.heads[0].1.status().state, State::Ready);
     }
 
     #[test]
@@ -199,7 +199,7 @@ mod tests {
                     out.clear();
                 }
             }
-            let status = fleet.heads[0].1.machine().head.status();
+            let status = fleet.heads[0].1.status();
             assert_eq!(status.state, State::Positioning, "{ms}");
             assert!((status.setpoint.to_f32() - target as f32).abs() < 3.0, "{ms}: {status:?}");
             assert!(status.following.abs() < 20.0, "{ms}: {status:?}");
@@ -212,7 +212,7 @@ mod tests {
         let mut fleet = fleet(5, 2);
         let open = |fleet: &mut Fleet| {
             sent(fleet, &[], 1);
-            [0, 1].map(|at| fleet.heads[at].1.machine().process.sensors().safety.lower_limit)
+            [0, 1].map(|at| fleet.heads[at].1.process.sensors().safety.lower_limit)
         };
         fleet.line("limit.lower_open=true").unwrap();
         assert_eq!(open(&mut fleet), [true, true]);

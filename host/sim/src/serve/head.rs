@@ -1,36 +1,48 @@
-//! One virtual head: machine, control core, CANopen drive, and what it keeps when its power is cut.
+//! One virtual head: the tasks of a head on the process model, those of the bus included, and what it keeps when its power is
+//! cut.
 //!
-//! Frames and orders are dealt with in every servo tick, before the tick itself: a SYNC acts in the tick that it came
-//! before. What the drive does once a millisecond, it does here as well.
+//! The frames of a tick come before it: the interrupts of the controller take them, the protocol deals with them, and what it
+//! orders is carried out in the tick that follows. What a task asks for runs as soon as no task of higher priority has
+//! anything to do.
 
-use super::store::Store;
+use crate::board::{PROTOCOL, Part, Pc, Ports, TRANSMIT};
 use crate::bore::Setup;
-use crate::machine::Machine;
+use crate::machine::{Core, Others};
+use crate::process::Process;
+use crate::store::Store;
 use edm_bus::Frame;
-use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Kept, Order};
-use edm_servo_head::canopen::{self, Abort, Node, NodeId, Time};
-use edm_servo_head::head::Reason;
-use edm_servo_head::settings::Settings;
-use edm_servo_head::units::TICK_HZ;
-use embedded_can::{Frame as _, Id, StandardId};
-
-const TICKS_PER_MS: u64 = TICK_HZ as u64 / 1000;
-const TICK_US: u64 = 1_000_000 / TICK_HZ as u64;
-/// Ticks from a reset by the host to boot-up. Hosts begin to wait for it after they have sent the reset, and miss one that
-/// comes at once.
-const START_UP: u64 = 50 * TICKS_PER_MS;
+use edm_hal_shim::store::BUFFER;
+use edm_runtime::Note;
+use edm_runtime::can::{Receive, Transmit};
+use edm_runtime::idle::Idle;
+use edm_runtime::keeper::Keeper;
+use edm_runtime::protocol::Protocol;
+use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity};
+use edm_servo_head::canopen::{Node, NodeId};
+use edm_servo_head::head::Status;
+use edm_servo_head::settings::{SettingError, Settings};
+use rtic_core::Mutex;
 
 /// A head on the bus.
 pub struct Head {
-    machine: Machine,
-    drive: Drive,
-    node: Node,
-    store: Store,
-    /// Settings of the scenario, for a store that is empty.
-    settings: Settings,
-    ticks: u64,
-    /// The node is reset, and boots at this tick.
-    boots: Option<u64>,
+    /// The machine and the process.
+    pub process: Process,
+    core: Core,
+    receive: Receive<Pc>,
+    transmit: Transmit<Pc>,
+    protocol: Alone<Protocol<Pc>>,
+    idle: Idle<Pc>,
+    id: NodeId,
+}
+
+/// What tasks share, where no task comes in between.
+struct Alone<T>(T);
+
+impl<T> Mutex for Alone<T> {
+    type T = T;
+    fn lock<R>(&mut self, f: impl FnOnce(&mut T) -> R) -> R {
+        f(&mut self.0)
+    }
 }
 
 impl Head {
@@ -41,145 +53,96 @@ impl Head {
     pub fn new(setup: &Setup, id: NodeId, seed: u64, store: Store) -> Result<Head, String> {
         // The virtual head's guided check counts as passed: it needs an axis without a workpiece.
         let settings = Settings { commissioned: true, ..setup.head };
-        let refusal = |error| setup.refusal(error);
-        let mut machine = Machine::new(&setup.process, &settings, seed).map_err(refusal)?;
-        machine.process.schedule(&setup.events);
-        let identity = Identity { reset_cause: 0, build: concat!("virtual ", env!("CARGO_PKG_VERSION")) };
-        // For as long as the program runs, as on the chip.
-        let record = Box::leak(Box::new(BLANK));
-        let drive = Drive::new(settings, identity, record).map_err(refusal)?;
-        let node = Node::new(&DEVICE, id, id.get().into());
-        let mut head = Head { machine, drive, node, store, settings, ticks: 0, boots: None };
-        head.restart();
-        head.boot();
+        let mut process = Process::new(&setup.process, seed).map_err(|error| setup.refusal(error))?;
+        process.schedule(&setup.events);
+        let head = Head::of(process, settings, id, store).map_err(|error| setup.refusal(error))?;
+        head.complain();
         Ok(head)
     }
 
-    /// The machine behind the head.
-    pub fn machine(&mut self) -> &mut Machine {
-        &mut self.machine
+    /// A head on this process, that runs these settings when nothing is stored.
+    ///
+    /// # Errors
+    /// When the settings do not fit together.
+    pub fn of(process: Process, settings: Settings, id: NodeId, store: Store) -> Result<Head, SettingError> {
+        // For as long as the program runs, as on the chip.
+        let record = Box::leak(Box::new(BLANK));
+        let identity = Identity { reset_cause: 0, build: concat!("virtual ", env!("CARGO_PKG_VERSION")) };
+        let drive = Box::leak(Box::new(Drive::new(settings, identity, record)?));
+        let node = Box::leak(Box::new(Node::new(&DEVICE, id, id.get().into())));
+        // The head begins with what the drive says then, which is what was stored if that can be.
+        let ports = Ports::leak();
+        let mut keeper = Keeper::new(store, Box::leak(Box::new([0; BUFFER])), Part(ports));
+        let kept = keeper.load();
+        let refused = drive.restart(settings, kept.application()).err().map(Note::SettingsRefused);
+        let unfit = node.boot(kept.communication(), drive).err().map(Note::ParametersRefused);
+        drive.started();
+        let (core, others) = Core::on(ports, drive.active(), &process);
+        ports.notes.borrow_mut().extend(refused.into_iter().chain(unfit));
+        let [sync, others_of_node @ ..] = node.identifiers();
+        edm_hal_shim::can::Filters::listen(&mut Part(ports), sync, &others_of_node);
+        let Others { host, idle, receive, transmit } = others;
+        let protocol = Alone(host.protocol(node, drive, settings));
+        let idle = idle.idle(Part(ports), keeper);
+        Ok(Head { process, core, receive, transmit, protocol, idle, id })
+    }
+
+    /// What the head knows after the last tick.
+    pub fn status(&self) -> &Status {
+        self.core.status()
+    }
+
+    /// The protocol.
+    pub fn protocol(&self) -> &Protocol<Pc> {
+        &self.protocol.0
     }
 
     /// One servo tick: takes the frames that have come since the last, appends those to be sent.
     pub fn tick<'a>(&mut self, came: impl Iterator<Item = &'a Frame>, sent: &mut Vec<Frame>) {
-        let now = Time(self.ticks * TICK_US);
-        let whole = self.ticks.is_multiple_of(TICKS_PER_MS);
-        if whole {
-            self.observe();
-        }
-        if self.boots.take_if(|at| *at <= self.ticks).is_some() {
-            self.boot();
-        }
-        for frame in came.filter_map(from_bus) {
-            // What the filters of a controller would let through.
-            self.machine.host_alive |= self.node.identifiers().contains(&frame.id());
-            self.node.receive(&frame, now, &mut self.drive);
-        }
-        self.node.synchronised(now, &mut self.drive);
-        if whole {
-            self.node.poll(now, &mut self.drive);
-            self.drive.poll(now, &mut self.node);
-        }
-        while let Some(order) = self.drive.take() {
-            if !self.carry_out(order) {
-                break;
+        for frame in came {
+            if let Some(inbox) = self.core.ports.arrives(frame) {
+                self.receive.frames(inbox);
             }
+            self.wanted();
         }
-        while let Some(frame) = self.node.take() {
-            sent.extend(to_bus(&frame));
+        let supervised = self.core.tick(&mut self.process);
+        self.wanted();
+        if supervised {
+            self.idle.round(&mut self.protocol);
+            self.wanted();
+            self.complain();
         }
-        self.machine.tick();
-        self.ticks += 1;
-        if self.ticks.is_multiple_of(TICKS_PER_MS) {
-            self.machine.host_alive = false;
-        }
+        sent.extend(self.core.ports.outbox.borrow_mut().drain(..));
     }
 
-    fn observe(&mut self) {
-        self.drive.observe(self.machine.head.status());
-        while let Some(change) = self.machine.head.next_change() {
-            self.drive.changed(change);
-            if let (Reason::CheckEnded, Some(result)) = (change.reason, self.machine.head.check_result()) {
-                self.drive.checked(result);
+    /// Runs what was asked for: transmission before the protocol, by their priorities.
+    fn wanted(&mut self) {
+        loop {
+            if self.core.ports.wanted(TRANSMIT) {
+                self.transmit.frames();
+            } else if self.core.ports.wanted(PROTOCOL) {
+                self.protocol.0.run();
+            } else {
+                return;
             }
         }
     }
 
-    /// Does what the drive wants done; false when that has to wait for another tick.
-    fn carry_out(&mut self, order: Order) -> bool {
-        match order {
-            Order::Command(command) => {
-                let result = self.machine.head.command(command);
-                self.drive.answered(command, result);
-            }
-            Order::Configure => {
-                if self.machine.configure(self.drive.active()).is_err() {
-                    self.drive.configure_again();
-                    return false;
+    /// Says what went wrong.
+    fn complain(&self) {
+        for note in self.core.ports.notes.borrow_mut().drain(..) {
+            let what = match note {
+                Note::StoreUnreadable => "what is stored cannot be read, and is not used".into(),
+                Note::StoreForeign => "what is stored is damaged or of another firmware, and is not used".into(),
+                Note::SettingsRefused(error) => format!("the stored settings are refused: {error}"),
+                Note::ParametersRefused(error) => {
+                    format!("the stored communication parameters are refused: {error:?}")
                 }
-            }
-            Order::Raise(fault) => self.machine.head.raise(fault),
-            Order::Store(group) => {
-                let result = self.change(|kept, drive, node| kept.keep(group, drive, node));
-                self.node.answer(result, &mut self.drive);
-            }
-            Order::Restore(group) => {
-                let result = self.change(|kept, _, _| kept.forget(group));
-                self.node.answer(result, &mut self.drive);
-            }
-            Order::ResetNode => {
-                self.restart();
-                self.boots = Some(self.ticks + START_UP);
-            }
-            Order::ResetCommunication => self.boots = Some(self.ticks + START_UP),
-        }
-        true
-    }
-
-    fn change(&mut self, change: impl FnOnce(&mut Kept, &Drive, &Node)) -> Result<(), Abort> {
-        let leave = self.machine.head.give_leave().map_err(|_| Abort::DeviceState)?;
-        let mut kept = self.kept();
-        change(&mut kept, &self.drive, &self.node);
-        let result = self.store.save(&kept).map_err(|error| {
-            self.complain(&error.to_string());
-            Abort::Hardware
-        });
-        self.machine.head.end_leave(leave);
-        result
-    }
-
-    fn kept(&self) -> Kept {
-        self.store.load().unwrap_or_else(|error| {
-            self.complain(&error.to_string());
-            Kept::NOTHING
-        })
-    }
-
-    fn restart(&mut self) {
-        let kept = self.kept();
-        if let Err(error) = self.drive.restart(self.settings, kept.application()) {
-            self.complain(&format!("the stored settings are refused: {error}"));
+                Note::NotStored => "nothing was stored".into(),
+                Note::Lost { frames, events } => format!("lost since the start: {frames} frames, {events} events"),
+                _ => continue,
+            };
+            eprintln!("node {}: {what}", self.id.get());
         }
     }
-
-    fn boot(&mut self) {
-        let kept = self.kept();
-        if let Err(error) = self.node.boot(kept.communication(), &mut self.drive) {
-            self.complain(&format!("the stored communication parameters are refused: {error:?}"));
-        }
-    }
-
-    fn complain(&self, what: &str) {
-        eprintln!("node {}: {what}", self.node.id().get());
-    }
-}
-
-/// Remote frames and 29-bit identifiers mean nothing to a node.
-fn from_bus(frame: &Frame) -> Option<canopen::Frame> {
-    let Id::Standard(id) = frame.id() else { return None };
-    if frame.is_remote_frame() { None } else { canopen::Frame::new(id.as_raw(), frame.data()) }
-}
-
-fn to_bus(frame: &canopen::Frame) -> Option<Frame> {
-    Frame::new(StandardId::new(frame.id())?, frame.data())
 }

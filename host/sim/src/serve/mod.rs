@@ -10,10 +10,9 @@
 mod command;
 mod console;
 mod fleet;
-mod head;
+pub mod head;
 mod links;
 mod pace;
-mod store;
 
 pub use command::Serve;
 pub use fleet::pull;

@@ -1,0 +1,353 @@
+//! A PC as a board: the process model on the traits that the tasks of a head are written over.
+//!
+//! All parts of a board look at one set of [`Ports`]: what the wires of the process show, and what the head has put on its own.
+//! Nothing in them moves by itself; whoever calls the tasks ([`crate::machine`]) fills the ports before, and takes from them
+//! afterwards.
+
+use crate::store::Store;
+use edm_bus::Frame;
+use edm_hal_shim::bridge::{Drive, HBridge};
+use edm_hal_shim::can::{Filters, Inbox, Inboxes, Mailboxes, Overrun, SyncInbox, Trouble};
+use edm_hal_shim::clock::Clock;
+use edm_hal_shim::encoder::{Edge, EdgeGuard, EdgeLines, EncoderTimer, Levels, Line, QuadratureLines};
+use edm_hal_shim::gap::{GapBlock, GapFrontEnd};
+use edm_hal_shim::generator::Generator;
+use edm_hal_shim::reflex::{Config, ForcedLines, Thresholds};
+use edm_hal_shim::safety::{DriveCodes, DriveSense, Safety, SafetyInputs};
+use edm_hal_shim::tick::{Period, ServoTimer};
+use edm_hal_shim::watchdog::{Stuck, Watchdog};
+use edm_runtime::Note;
+use edm_runtime::board::{Board, Caller, Pulse, Tunable};
+use edm_servo_head::encoder::Shared as Published;
+use edm_servo_head::gap::{GapReading, GapSource, Surrogate, SurrogateConfig, Voltage, voltage};
+use edm_servo_head::units::{CLOCK_HZ, FRACTION_BITS, Fixed};
+use embedded_can::Frame as _;
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+
+/// The dry loop of \[R\]: position, noise and imagined erosion in the place of a gap signal.
+pub struct Dry {
+    /// What makes readings of positions.
+    pub source: Surrogate,
+    /// How.
+    pub config: SurrogateConfig,
+    /// Length of an encoder count, um.
+    pub count_um: f64,
+}
+
+/// What the tasks of a head see and set.
+#[derive(Default)]
+pub struct Ports {
+    /// Clock.
+    pub now: Cell<u32>,
+    /// Encoder lines.
+    pub levels: Cell<Levels>,
+    /// Second counter on them.
+    pub timer: Cell<u32>,
+    /// Newest block of conversions.
+    pub block: Cell<Option<GapBlock>>,
+    /// Safety inputs.
+    pub safety: Cell<SafetyInputs>,
+    /// Motor current and bus voltage.
+    pub codes: Cell<DriveCodes>,
+    /// What the bridge was told.
+    pub drive: Cell<Drive>,
+    /// Pulses allowed.
+    pub pulses: Cell<bool>,
+    /// Measured position, counts, for the dry loop.
+    pub position: Cell<i64>,
+    /// In the place of the gap signal.
+    pub dry: RefCell<Option<Dry>>,
+    /// A period of the supervision has begun.
+    pub period: Cell<bool>,
+    /// Frames that came: SYNC, everything else.
+    pub inboxes: [RefCell<VecDeque<Frame>>; 2],
+    /// Frames that the head has sent.
+    pub outbox: RefCell<VecDeque<Frame>>,
+    /// Frames that the controller had to drop since it was asked last.
+    pub overrun: Cell<bool>,
+    /// Identifiers that the controller lets through, that of SYNC first.
+    pub listens: RefCell<Vec<u16>>,
+    /// Tasks asked for: protocol, transmission, supervision.
+    pub wants: [Cell<bool>; 3],
+    /// What was noted.
+    pub notes: RefCell<Vec<Note>>,
+    /// A task that has fallen silent.
+    pub silent: Cell<Option<usize>>,
+}
+
+/// Place of the protocol in [`Ports::wants`].
+pub const PROTOCOL: usize = 0;
+/// Place of the transmission.
+pub const TRANSMIT: usize = 1;
+/// Place of the supervision.
+pub const SUPERVISE: usize = 2;
+/// Frames that an inbox of the controller holds.
+const DEPTH: usize = 3;
+
+impl Ports {
+    /// Ports for as long as the program runs, as those of a chip are there for ever.
+    pub fn leak() -> &'static Ports {
+        Box::leak(Box::default())
+    }
+
+    /// Whether a task was asked for since the last call.
+    pub fn wanted(&self, task: usize) -> bool {
+        self.wants[task].take()
+    }
+
+    /// A frame has come in. What nobody listens to does not pass; what does not fit is lost.
+    pub fn arrives(&self, frame: &Frame) -> Option<Inbox> {
+        let embedded_can::Id::Standard(id) = frame.id() else { return None };
+        let listens = self.listens.borrow();
+        let place = listens.iter().position(|other| *other == id.as_raw())?;
+        let inbox = if place == 0 && frame.is_data_frame() { Inbox::Sync } else { Inbox::Others };
+        let mut frames = self.inboxes[inbox as usize].borrow_mut();
+        if frames.len() == DEPTH {
+            self.overrun.set(true);
+        } else {
+            frames.push_back(*frame);
+        }
+        Some(inbox)
+    }
+}
+
+/// A part of the board.
+#[derive(Clone, Copy)]
+pub struct Part(pub &'static Ports);
+
+/// A PC.
+pub struct Pc;
+
+impl Board for Pc {
+    type Clock = Part;
+    type Published = &'static Published;
+    type Lines = Part;
+    type Guard = Part;
+    type Timer = Part;
+    type FrontEnd = Part;
+    type Source = Source;
+    type Bridge = Part;
+    type Generator = Part;
+    type Inputs = Part;
+    type Drive = Part;
+    type Forced = Part;
+    type Tick = Part;
+    type Millisecond = Part;
+    type Thresholds = Part;
+    type Inboxes = Part;
+    type Sync = Part;
+    type Mailboxes = Part;
+    type Filters = Part;
+    type Watchdog = Part;
+    type Storage = Store;
+    type Caller = Part;
+}
+
+impl Clock for Part {
+    const HZ: u32 = CLOCK_HZ;
+    fn now(&self) -> u32 {
+        self.0.now.get()
+    }
+}
+
+impl QuadratureLines for Part {
+    fn levels(&self) -> Levels {
+        self.0.levels.get()
+    }
+}
+
+/// A PC serves every edge in its time.
+impl EdgeLines for Part {
+    fn acknowledge(&mut self, _: Line) {}
+    fn follows(&mut self) -> bool {
+        true
+    }
+    fn unusual(&mut self) -> Edge {
+        Edge::Last
+    }
+}
+
+impl EdgeGuard for Part {
+    fn serve(&mut self) -> bool {
+        false
+    }
+    fn missed(&mut self) {}
+}
+
+impl EncoderTimer for Part {
+    const BITS: u32 = 32;
+    fn counter(&self) -> u32 {
+        self.0.timer.get()
+    }
+}
+
+impl GapFrontEnd for Part {
+    fn block(&mut self, block: &mut Option<GapBlock>) {
+        *block = self.0.block.take();
+    }
+}
+
+/// The gap source of a head on a PC: that of every head, or the dry loop.
+pub struct Source {
+    /// That of every head.
+    pub voltage: Voltage,
+    /// Where the dry loop is.
+    pub ports: &'static Ports,
+}
+
+impl GapSource for Source {
+    fn update(&mut self, block: Option<&GapBlock>) -> GapReading {
+        match &mut *self.ports.dry.borrow_mut() {
+            None => self.voltage.update(block),
+            Some(_) if !self.ports.pulses.get() => GapReading::default(),
+            Some(Dry { source, config, count_um }) => {
+                let um = self.ports.position.get() as f64 * *count_um;
+                source.update(config, Fixed((um * f64::from(1u32 << FRACTION_BITS)) as i64))
+            }
+        }
+    }
+}
+
+impl Tunable for Source {
+    fn retune(&mut self, active: &voltage::Active) {
+        Tunable::retune(&mut self.voltage, active);
+    }
+}
+
+impl HBridge for Part {
+    type Error = core::convert::Infallible;
+    fn apply(&mut self, drive: Drive) -> Result<(), Self::Error> {
+        self.0.drive.set(drive);
+        Ok(())
+    }
+}
+
+impl Generator for Part {
+    fn set_pulses(&mut self, enabled: bool) {
+        self.0.pulses.set(enabled);
+    }
+    fn request_off_time(&mut self, _: Option<u32>) {}
+}
+
+impl Safety for Part {
+    fn read(&mut self) -> SafetyInputs {
+        self.0.safety.get()
+    }
+}
+
+impl DriveSense for Part {
+    fn read(&mut self) -> DriveCodes {
+        self.0.codes.get()
+    }
+}
+
+/// There is no reflex beside the ticks: a short is found by the gap task, a safety input by the servo task.
+impl ForcedLines for Part {
+    type Mark = ();
+    fn forced(&self) {}
+    fn bridge_forced(&self, (): (), (): ()) -> bool {
+        false
+    }
+    fn settle(&mut self, (): ()) {}
+    fn stop(&mut self) {
+        self.0.drive.set(Drive::Coast);
+        self.0.pulses.set(false);
+    }
+    fn retreats(&self) -> u32 {
+        0
+    }
+}
+
+impl ServoTimer for Part {
+    fn acknowledge(&mut self) {}
+    fn since_due(&self) -> u32 {
+        0
+    }
+    fn arm(&mut self) {}
+}
+
+impl Period for Part {
+    fn begins(&mut self) -> bool {
+        self.0.period.take()
+    }
+}
+
+impl Thresholds for Part {
+    type Error = core::convert::Infallible;
+    fn set(&mut self, _: &Config) -> Result<(), Self::Error> {
+        Ok(())
+    }
+}
+
+impl Inboxes for Part {
+    type Frame = Frame;
+    fn next(&mut self, from: Inbox) -> Option<Result<Frame, Overrun>> {
+        if self.0.overrun.take() {
+            return Some(Err(Overrun));
+        }
+        self.0.inboxes[from as usize].borrow_mut().pop_front().map(Ok)
+    }
+}
+
+impl SyncInbox for Part {
+    fn waits(&self) -> Option<u8> {
+        self.0.inboxes[Inbox::Sync as usize].borrow().front().map(|frame| frame.dlc() as u8)
+    }
+}
+
+impl Mailboxes for Part {
+    type Frame = Frame;
+    fn send(&mut self, frame: &Frame) -> bool {
+        self.0.outbox.borrow_mut().push_back(*frame);
+        true
+    }
+    fn acknowledge(&mut self) {}
+}
+
+impl Filters for Part {
+    fn listen(&mut self, sync: u16, others: &[u16]) {
+        let mut listens = self.0.listens.borrow_mut();
+        listens.clear();
+        listens.push(sync);
+        listens.extend(others);
+    }
+    fn trouble(&self) -> Trouble {
+        Trouble::default()
+    }
+}
+
+impl Watchdog for Part {
+    fn feed(&mut self) {}
+    fn erase(&mut self) -> Result<(), Stuck> {
+        Ok(())
+    }
+    fn normal(&mut self) -> Result<(), Stuck> {
+        Ok(())
+    }
+    fn silent(&mut self, task: usize) {
+        self.0.silent.set(Some(task));
+    }
+}
+
+impl Caller for Part {
+    fn protocol(&self) {
+        self.0.wants[PROTOCOL].set(true);
+    }
+    fn transmit(&self) {
+        self.0.wants[TRANSMIT].set(true);
+    }
+    fn supervise(&self) {
+        self.0.wants[SUPERVISE].set(true);
+    }
+    fn note(&self, note: &Note) {
+        // How the head is, every second: a PC has the status itself.
+        if !matches!(note, Note::Status(_) | Note::Pulses(_)) {
+            self.0.notes.borrow_mut().push(*note);
+        }
+    }
+    fn light(&self, _: bool) {}
+    fn pulse(&self) -> Pulse {
+        Pulse::default()
+    }
+}
