@@ -183,8 +183,12 @@ pub enum Event {
 pub enum Written {
     /// In force.
     Now,
-    /// The device is on it; [`Node::answer`](super::Node::answer) says how it ends.
+    /// On its way; [`Node::written`](super::Node::written) says whether it has come into force. Requests that come until then
+    /// wait.
     Later,
+    /// The device is on it, which may take long; [`Node::answer`](super::Node::answer) says how it ends. Of the node's own
+    /// objects: a dictionary does not give it.
+    Requested,
 }
 
 /// The device's objects.
@@ -206,7 +210,7 @@ pub trait Dictionary {
     fn read(&self, place: Place, out: &mut [u8]) -> Result<usize, Abort>;
 
     /// Takes a value over, whole or not at all. [`Written::Later`] when it is not in force yet: the host's SDO is answered by
-    /// [`Node::answer`](super::Node::answer).
+    /// [`Node::written`](super::Node::written).
     ///
     /// # Errors
     /// Any; the host is told, unless the value came by PDO.

@@ -188,6 +188,11 @@ impl Node {
         self.server.answer(result, &mut Space { area: &mut self.area, dictionary });
     }
 
+    /// The value written last, [`Written::Later`](super::Written::Later), is in force or was refused. Too late is no harm.
+    pub fn written(&mut self, result: Result<(), Abort>, dictionary: &mut dyn Dictionary) {
+        self.server.written(result, &mut Space { area: &mut self.area, dictionary });
+    }
+
     /// Reports an error of the device: code (CiA 301 table 26, CiA 402 table 4), bits of the error register, five bytes of
     /// detail. It lasts until [`emergency_over`](Self::emergency_over).
     pub fn emergency(&mut self, code: u16, register: u8, detail: [u8; 5]) {

@@ -208,7 +208,7 @@ impl<B: Board> Protocol<B> {
         if !verdict.accepted {
             self.configuring = Configuring::Done;
             self.drive.refused_configuration();
-            self.node.answer(Err(Abort::DeviceState), self.drive);
+            self.node.written(Err(Abort::DeviceState), self.drive);
             self.generations();
             return;
         }
@@ -230,7 +230,7 @@ impl<B: Board> Protocol<B> {
         if gap && supervision {
             self.configuring = Configuring::Done;
             self.drive.runs_configuration();
-            self.node.answer(Ok(()), self.drive);
+            self.node.written(Ok(()), self.drive);
         }
         self.generations();
     }

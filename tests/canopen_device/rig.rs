@@ -95,7 +95,7 @@ impl Rig {
                     Ok(()) => self.drive.runs_configuration(),
                     Err(_) => self.drive.refused_configuration(),
                 }
-                self.node.answer(result.map_err(|_| Abort::DeviceState), &mut self.drive);
+                self.node.written(result.map_err(|_| Abort::DeviceState), &mut self.drive);
             }
             Order::Raise(fault) => self.machine.raise(fault),
             Order::Store(group) => {

@@ -117,5 +117,5 @@ fn request(found: Found, value: u32, dictionary: &mut dyn Dictionary) -> Result<
         _ => return Err(Abort::NotStored),
     };
     dictionary.request(request)?;
-    Ok(Written::Later)
+    Ok(Written::Requested)
 }

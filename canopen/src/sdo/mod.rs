@@ -34,8 +34,8 @@ const BLOCK: u8 = 31;
 const RESERVE: usize = 6;
 /// Command byte of an abort.
 const ABORT: u8 = 0x80;
-/// Requests that can wait while the device works on one. A client sends the next when the last was answered; one that does not
-/// wait loses nothing either.
+/// Requests that can wait while a value is brought into force. A client sends the next when the last was answered; one that
+/// does not wait loses nothing either.
 const WAITING: usize = 8;
 
 /// What is under way.
@@ -47,8 +47,11 @@ enum Transfer {
     Upload(Upload),
     BlockDownload(BlockDownload),
     BlockUpload(BlockUpload),
-    /// The device works on a request; the answer if it succeeds, unless nobody waits for it any more.
-    Device(Option<[u8; 8]>),
+    /// The device works on a request, which may take long; the answer if it succeeds.
+    Device([u8; 8]),
+    /// The device brings a value into force, which takes a moment; the answer if it succeeds, unless nobody waits for it any
+    /// more.
+    Write(Option<[u8; 8]>),
 }
 
 /// What to do next, unless the transfer is to be aborted.
@@ -61,8 +64,10 @@ enum Step {
     Last([u8; 8]),
     /// The transfer is over.
     Over,
-    /// The device will say how it ends; the answer if it ends well.
+    /// The device will say how its request ends; the answer if it ends well.
     Device([u8; 8]),
+    /// The device will say whether the value is in force; the answer if it is.
+    Write([u8; 8]),
 }
 
 type Outcome = Result<Step, Abort>;
@@ -91,12 +96,14 @@ pub(super) struct Server {
     buffer: Buffer,
     heard: Time,
     waiting: Deque<[u8; 8], WAITING>,
+    /// Requests to the device whose client has given up, or has asked for something else: their ends concern nobody.
+    given_up: u8,
 }
 
 impl Default for Server {
     fn default() -> Self {
-        let (transfer, address, heard, waiting) = Default::default();
-        Self { transfer, address, buffer: Buffer([0; LONGEST]), heard, waiting }
+        let (transfer, address, heard, waiting, given_up) = Default::default();
+        Self { transfer, address, buffer: Buffer([0; LONGEST]), heard, waiting, given_up }
     }
 }
 
@@ -142,7 +149,7 @@ impl Server {
     #[inline(never)]
     pub fn receive(&mut self, data: &[u8], now: Time, space: &mut Space<'_>) {
         let Ok(request) = <[u8; 8]>::try_from(data) else { return };
-        if matches!(self.transfer, Transfer::Device(_)) && request[0] != ABORT {
+        if matches!(self.transfer, Transfer::Write(_)) && request[0] != ABORT {
             if self.waiting.push_back(request).is_err() {
                 let refused = addressed(ABORT, address(request), Abort::OutOfMemory.code().to_le_bytes());
                 space.area.out.put(Frame::full(space.area.id.cob(ANSWER), refused));
@@ -192,7 +199,7 @@ impl Server {
             Transfer::Upload(transfer) => transfer.go_on(request, buffer, space),
             Transfer::BlockDownload(transfer) => transfer.go_on(request, *address, buffer, space),
             Transfer::BlockUpload(transfer) => transfer.go_on(request),
-            Transfer::Device(_) => Err(Abort::Command),
+            Transfer::Device(_) | Transfer::Write(_) => Err(Abort::Command),
             Transfer::Idle => {
                 *address = Address::default();
                 Err(Abort::Command)
@@ -211,7 +218,11 @@ impl Server {
                 return;
             }
             Ok(Step::Device(answer)) => {
-                self.transfer = Transfer::Device(Some(answer));
+                self.transfer = Transfer::Device(answer);
+                return;
+            }
+            Ok(Step::Write(answer)) => {
+                self.transfer = Transfer::Write(Some(answer));
                 return;
             }
             Err(abort) => (addressed(ABORT, self.address, abort.code().to_le_bytes()), true),
@@ -228,7 +239,8 @@ impl Server {
         self.waiting.clear();
         match core::mem::take(&mut self.transfer) {
             Transfer::BlockUpload(_) => space.area.out.discard(space.area.id.cob(ANSWER)),
-            Transfer::Device(_) => self.transfer = Transfer::Device(None),
+            Transfer::Device(_) => self.given_up = self.given_up.saturating_add(1),
+            Transfer::Write(_) => self.transfer = Transfer::Write(None),
             _ => {}
         }
     }
@@ -236,13 +248,13 @@ impl Server {
     /// A device that has begun anew works on nothing.
     pub fn restart(&mut self, space: &mut Space<'_>) {
         self.stop(space);
-        self.transfer = Transfer::Idle;
+        (self.transfer, self.given_up) = (Transfer::Idle, 0);
     }
 
     /// Sends segments of a block upload while there is room, and gives up a client that has fallen silent.
     #[inline(never)]
     pub fn poll(&mut self, now: Time, space: &mut Space<'_>) {
-        let waits = !matches!(self.transfer, Transfer::Idle | Transfer::Device(_));
+        let waits = !matches!(self.transfer, Transfer::Idle | Transfer::Device(_) | Transfer::Write(_));
         if waits && now > self.heard.after(TIMEOUT_US) {
             self.stop(space);
             self.finish(Err(Abort::TimedOut), space);
@@ -267,13 +279,22 @@ impl Server {
 
     /// The device has done what it was asked, or has not.
     pub fn answer(&mut self, result: Result<(), Abort>, space: &mut Space<'_>) {
-        let Transfer::Device(answer) = self.transfer else { return };
+        if self.given_up > 0 {
+            self.given_up = self.given_up.saturating_sub(1);
+        } else if let Transfer::Device(answer) = self.transfer {
+            self.finish(result.map(|()| Step::Last(answer)), space);
+        }
+    }
+
+    /// The value written last is in force, or was refused. What came meanwhile is dealt with.
+    pub fn written(&mut self, result: Result<(), Abort>, space: &mut Space<'_>) {
+        let Transfer::Write(answer) = self.transfer else { return };
         self.transfer = Transfer::Idle;
         if let Some(answer) = answer {
             self.finish(result.map(|()| Step::Last(answer)), space);
         }
         let now = self.heard;
-        while !matches!(self.transfer, Transfer::Device(_))
+        while !matches!(self.transfer, Transfer::Write(_))
             && let Some(request) = self.waiting.pop_front()
         {
             self.take(request, now, space);
@@ -288,6 +309,7 @@ fn commit(address: Address, data: &[u8], answer: [u8; 8], space: &mut Space<'_>)
     let object = space.writable(address, Some(data.len() as u32))?;
     Ok(match space.write(object, data)? {
         Written::Now => Step::Last(answer),
-        Written::Later => Step::Device(answer),
+        Written::Later => Step::Write(answer),
+        Written::Requested => Step::Device(answer),
     })
 }

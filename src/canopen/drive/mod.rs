@@ -110,7 +110,7 @@ pub enum Order {
     Command(Command),
     /// Give head, gap source, supervision, reflex and generator what [`Drive::active`] says now, then call
     /// [`Drive::runs_configuration`], or [`Drive::refused_configuration`] if the head refuses; in either case
-    /// [`Node::answer`]: a host may wait for it.
+    /// [`Node::written`]: a host may wait for it.
     Configure,
     /// Raise this fault.
     Raise(Fault),
