@@ -1,0 +1,74 @@
+//! The atomics and the cell that everything here is made of: those of `core`, or those of loom, which tries every order.
+
+#[cfg(loom)]
+pub use loom::cell::UnsafeCell as Cell;
+#[cfg(loom)]
+pub use loom::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize};
+
+#[cfg(not(loom))]
+pub use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize};
+
+use core::mem::MaybeUninit;
+
+/// A `core::cell::UnsafeCell` with the interface of loom's, which watches who is inside.
+#[cfg(not(loom))]
+pub struct Cell<T>(core::cell::UnsafeCell<T>);
+
+#[cfg(not(loom))]
+impl<T> Cell<T> {
+    pub const fn new(value: T) -> Cell<T> {
+        Cell(core::cell::UnsafeCell::new(value))
+    }
+
+    #[inline(always)]
+    pub fn with<R>(&self, look: impl FnOnce(*const T) -> R) -> R {
+        look(self.0.get())
+    }
+
+    #[inline(always)]
+    pub fn with_mut<R>(&self, change: impl FnOnce(*mut T) -> R) -> R {
+        change(self.0.get())
+    }
+}
+
+/// Cells with nothing in them yet.
+#[cfg(not(loom))]
+pub const fn vacant<T, const N: usize>() -> [Cell<MaybeUninit<T>>; N] {
+    [const { Cell::new(MaybeUninit::uninit()) }; N]
+}
+
+/// Cells with nothing in them yet.
+#[cfg(loom)]
+pub fn vacant<T, const N: usize>() -> [Cell<MaybeUninit<T>>; N] {
+    core::array::from_fn(|_| Cell::new(MaybeUninit::uninit()))
+}
+
+/// The value of an atomic that only the caller's side writes.
+///
+/// loom checks that nobody else does. For it this is no access, because a load right before a store of the same thread keeps
+/// loom 0.7 from trying the loads of the other thread behind that store (tokio-rs/loom issues 166 and 392).
+macro_rules! own {
+    ($atomic:expr) => {{
+        #[cfg(not(loom))]
+        let value = $atomic.load(core::sync::atomic::Ordering::Relaxed);
+        #[cfg(loom)]
+        // SAFETY: no other thread writes to it; loom would say so.
+        let value = unsafe { $atomic.unsync_load() };
+        value
+    }};
+}
+
+/// A `const fn`; under loom, whose atomics know which run of a model they belong to, an ordinary one.
+macro_rules! const_unless_loom {
+    ($(#[$meta:meta])* pub const fn $($rest:tt)*) => {
+        #[cfg(not(loom))]
+        $(#[$meta])*
+        pub const fn $($rest)*
+
+        #[cfg(loom)]
+        $(#[$meta])*
+        pub fn $($rest)*
+    };
+}
+
+pub(crate) use {const_unless_loom, own};
