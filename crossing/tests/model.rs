@@ -1,9 +1,10 @@
 //! Every order of the steps of two threads, as far as the memory model of C11 allows (loom).
 //!
-//! `RUSTFLAGS="--cfg loom" cargo test -p edm-crossing --release --test model`
+//! `RUSTFLAGS="--cfg loom" cargo test -p edm-crossing --test model`
 //!
 //! loom watches every access to the values: one that is not ordered after the other side's ends the model, so a torn value
-//! does not have to be looked for. What is asserted here comes on top of that.
+//! does not have to be looked for. What is asserted here comes on top of that. Each model also names all outcomes that there
+//! are, and has to meet each of them: one that is hardly explored proves nothing.
 
 #![cfg(loom)]
 
@@ -11,6 +12,23 @@ use edm_crossing::{Counter, Flag, Latest, Receiver, Ring, Sender, Word};
 use loom::cell::UnsafeCell;
 use loom::sync::Arc;
 use loom::thread;
+use std::collections::BTreeSet;
+use std::fmt::Debug;
+use std::sync::Mutex;
+
+/// Runs a model in every order. The outcomes of the runs are these, no more and no less.
+fn every_order<O>(outcomes: impl IntoIterator<Item = O>, run: impl Fn() -> O + Send + Sync + 'static)
+where
+    O: Ord + Debug + Send + 'static,
+{
+    let met = std::sync::Arc::new(Mutex::new(BTreeSet::new()));
+    let meet = met.clone();
+    loom::model(move || {
+        let outcome = run();
+        meet.lock().unwrap().insert(outcome);
+    });
+    assert_eq!(*met.lock().unwrap(), outcomes.into_iter().collect());
+}
 
 /// For the rest of the program, as a static on the chip.
 fn forever<T>(value: T) -> &'static mut T {
@@ -22,10 +40,12 @@ type Pair = (u32, u32);
 
 #[test]
 fn a_reader_sees_whole_values_and_never_an_older_one() {
-    loom::model(|| {
+    const WRITES: u32 = 4;
+    let never_back = (0..=WRITES).flat_map(|a| (a..=WRITES).flat_map(move |b| (b..=WRITES).map(move |c| [a, b, c])));
+    every_order(never_back, || {
         let (mut writer, mut reader) = forever(Latest::<Pair>::new()).split((0, 0));
         let writing = thread::spawn(move || {
-            for value in 1..=5 {
+            for value in 1..=WRITES {
                 let generation = writer.write(|pair| {
                     assert_eq!(pair.0, pair.1);
                     *pair = (value, value);
@@ -33,24 +53,25 @@ fn a_reader_sees_whole_values_and_never_an_older_one() {
                 assert_eq!(generation, value);
             }
         });
-        let mut seen = 0;
-        for _ in 0..4 {
+        let mut before = 0;
+        let seen = [(); 3].map(|()| {
             let changed = reader.refresh();
             assert_eq!(*reader.get(), (reader.generation(), reader.generation()));
-            assert_eq!(changed, reader.generation() > seen);
-            assert!(reader.generation() >= seen);
-            seen = reader.generation();
-        }
+            assert_eq!(changed, reader.generation() > before);
+            before = reader.generation();
+            before
+        });
         writing.join().unwrap();
         reader.refresh();
-        assert_eq!(*reader.get(), (5, 5), "the last write is seen");
+        assert_eq!(*reader.get(), (WRITES, WRITES), "the last write is seen");
         assert!(!reader.is_fresh() && !reader.refresh());
+        seen
     });
 }
 
 #[test]
 fn a_value_stays_put_while_newer_ones_are_written() {
-    loom::model(|| {
+    every_order(0..=4, || {
         let (mut writer, mut reader) = forever(Latest::<Pair>::new()).split((0, 0));
         let writing = thread::spawn(move || {
             for value in 1..=4 {
@@ -58,39 +79,42 @@ fn a_value_stays_put_while_newer_ones_are_written() {
             }
         });
         reader.refresh();
-        let before = *reader.get();
+        let taken = *reader.get();
         thread::yield_now();
-        assert_eq!(*reader.get(), before);
+        assert_eq!(*reader.get(), taken);
         writing.join().unwrap();
-        assert_eq!(*reader.get(), before);
+        assert_eq!(*reader.get(), taken);
+        taken.0
     });
 }
 
 #[test]
 fn what_is_fresh_is_taken() {
-    loom::model(|| {
+    every_order([false, true], || {
         let (mut writer, mut reader) = forever(Latest::<Pair>::new()).split((0, 0));
         let writing = thread::spawn(move || {
-            for value in 1..=2 {
+            for value in 1..=3 {
                 writer.write(|pair| *pair = (value, value));
             }
         });
-        if reader.is_fresh() {
+        let fresh = reader.is_fresh();
+        if fresh {
             assert!(reader.is_fresh());
             assert!(reader.refresh());
         }
         writing.join().unwrap();
+        fresh
     });
 }
 
 #[test]
 fn a_verdict_is_of_a_generation_that_was_published_and_what_it_stands_for_has_happened() {
-    loom::model(|| {
+    every_order(0..=2, || {
         let in_force = Arc::new(UnsafeCell::new(0));
         let (mut writer, mut reader) = forever(Latest::<u32>::new()).split(0);
         let runs = in_force.clone();
         let reading = thread::spawn(move || {
-            for _ in 0..3 {
+            for _ in 0..2 {
                 if reader.refresh() {
                     // Odd ones are refused.
                     if *reader.get() % 2 == 0 {
@@ -102,89 +126,108 @@ fn a_verdict_is_of_a_generation_that_was_published_and_what_it_stands_for_has_ha
                 }
             }
         });
-        let mut before = writer.verdict();
-        assert!(before.generation > 0 || before.accepted);
-        for value in 1..=4 {
+        let mut before = 0;
+        for value in 1..=2 {
             writer.write(|slot| *slot = value);
             let verdict = writer.verdict();
-            assert!(verdict.generation <= writer.generation());
-            assert!(verdict.generation >= before.generation);
+            assert!((before..=value).contains(&verdict.generation));
             assert_eq!(verdict.accepted, verdict.generation % 2 == 0);
-            before = verdict;
+            before = verdict.generation;
         }
-        if before.accepted && before.generation == 4 {
-            // Not a race: loom would say so.
-            assert_eq!(in_force.with(|runs| unsafe { *runs }), 4);
+        if before == 2 {
+            // loom would say if this could come too early.
+            assert_eq!(in_force.with(|runs| unsafe { *runs }), 2);
         }
         reading.join().unwrap();
+        before
     });
 }
 
-/// Sends `sent` numbers through a ring of N while the other thread receives; whatever order, the books are right.
+/// Sends `sent` numbers through a ring of N while the other thread tries `attempts` times to receive; the books are right.
 fn books_are_right<const N: usize>(sent: u32, attempts: u32) {
-    loom::model(move || {
-        // loom counts these, so that one that was overwritten, doubled or forgotten is found.
+    let unavoidable = sent.saturating_sub(N as u32 + attempts);
+    every_order(unavoidable..=sent - N as u32, move || {
+        // loom counts these, so that one that is overwritten, doubled or forgotten is found.
         let (mut sender, mut receiver): (Sender<'_, Arc<u32>, N>, _) = forever(Ring::new()).split();
+        // Begin where the places are about to start anew.
+        for _ in 0..2 * N - 1 {
+            sender.send(Arc::new(sent));
+            assert!(receiver.receive().is_some());
+        }
         let sending = thread::spawn(move || {
             for event in 0..sent {
                 sender.send(Arc::new(event));
             }
         });
         let mut received = vec![];
-        let mut lost = 0;
         for _ in 0..attempts {
             take(&mut receiver, &mut received);
-            assert!(receiver.lost() >= lost);
-            lost = receiver.lost();
         }
         sending.join().unwrap();
         while take(&mut receiver, &mut received) {}
-        {
-            use std::sync::atomic::*;
-            static C: AtomicU32 = AtomicU32::new(0);
-            eprintln!("iter {} N {N} got {received:?}", C.fetch_add(1, Ordering::Relaxed));
-        }
         assert!(received.is_sorted_by(|a, b| a < b), "{received:?} is not in order");
         assert_eq!(received.len() as u32 + receiver.lost(), sent);
-        assert!(received.len() >= N.min(sent as usize), "the first N fit");
+        receiver.lost()
     });
 }
 
 fn take<const N: usize>(receiver: &mut Receiver<'_, Arc<u32>, N>, received: &mut Vec<u32>) -> bool {
-    let Some(seen) = receiver.peek().map(|event| **event) else {
+    let Some(event) = receiver.receive() else {
         return false;
     };
-    let event = receiver.receive().expect("what was seen is there");
-    assert_eq!(*event, seen);
-    received.push(seen);
+    received.push(*event);
     true
 }
 
 #[test]
 fn a_ring_of_one_loses_nothing_uncounted() {
-    books_are_right::<1>(5, 4);
+    books_are_right::<1>(4, 3);
 }
 
 #[test]
 fn a_ring_of_two_loses_nothing_uncounted() {
-    books_are_right::<2>(7, 4);
+    books_are_right::<2>(5, 3);
 }
 
 #[test]
 fn a_ring_of_three_loses_nothing_uncounted() {
-    books_are_right::<3>(9, 4);
+    books_are_right::<3>(5, 2);
+}
+
+#[test]
+fn the_count_of_lost_events_never_goes_back() {
+    every_order([[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]], || {
+        let (mut sender, receiver): (Sender<'_, u32, 1>, _) = forever(Ring::new()).split();
+        let sending = thread::spawn(move || (0..3).for_each(|event| sender.send(event)));
+        let lost = [receiver.lost(), receiver.lost()];
+        sending.join().unwrap();
+        assert_eq!(receiver.lost(), 2);
+        lost
+    });
+}
+
+#[test]
+fn what_is_peeked_at_stays_and_is_received_next() {
+    every_order([None, Some(0)], || {
+        let (mut sender, mut receiver): (Sender<'_, u32, 1>, _) = forever(Ring::new()).split();
+        let sending = thread::spawn(move || (0..3).for_each(|event| sender.send(event)));
+        let seen = receiver.peek().copied();
+        if seen.is_some() {
+            assert_eq!(receiver.peek().copied(), seen);
+            assert_eq!(receiver.receive(), seen);
+        }
+        sending.join().unwrap();
+        seen
+    });
 }
 
 #[test]
 fn who_asks_for_room_loses_nothing() {
-    loom::model(|| {
+    every_order(2..=4, || {
         let (mut sender, mut receiver): (Sender<'_, u32, 2>, _) = forever(Ring::new()).split();
         let receiving = thread::spawn(move || {
-            let mut received = 0;
-            for _ in 0..3 {
-                received += receiver.receive().is_some() as u32;
-            }
-            (receiver, received)
+            let received = [(); 2].map(|()| receiver.receive().is_some() as u32);
+            (receiver, received.iter().sum::<u32>())
         });
         let mut sent = 0;
         for _ in 0..2 {
@@ -199,12 +242,13 @@ fn who_asks_for_room_loses_nothing() {
         }
         assert!(sender.is_empty() && sender.room() == 2);
         assert_eq!((received, receiver.lost()), (sent, 0));
+        sent
     });
 }
 
 #[test]
 fn what_was_written_before_a_flag_was_set_is_seen_by_who_takes_it() {
-    loom::model(|| {
+    every_order([false, true], || {
         let flag = Arc::new(Flag::new());
         let message = Arc::new(UnsafeCell::new(0));
         let (set, written) = (flag.clone(), message.clone());
@@ -219,64 +263,64 @@ fn what_was_written_before_a_flag_was_set_is_seen_by_who_takes_it() {
         setting.join().unwrap();
         assert_eq!(flag.take(), !early, "once");
         assert!(!flag.is_set());
+        early
     });
 }
 
 // That the last of several events is never missed is shown in preempted.rs: loom 0.7 lets a load that follows the last set
-// still see what an earlier `take` left, though that `take` read an earlier set and C11 puts it before the last one.
+// still see what an earlier `take` left, though that `take` read an earlier set, which C11 puts before the last one
+// (tokio-rs/loom issue 282).
 
 #[test]
 fn two_may_set_a_flag() {
-    loom::model(|| {
+    every_order([false, true], || {
         let flag = Arc::new(Flag::new());
-        let setting: Vec<_> = (0..2)
-            .map(|_| {
-                let flag = flag.clone();
-                thread::spawn(move || flag.set())
-            })
-            .collect();
+        let setting = [(); 2].map(|()| {
+            let flag = flag.clone();
+            thread::spawn(move || flag.set())
+        });
         let early = flag.take();
         for thread in setting {
             thread.join().unwrap();
         }
         assert!(flag.take() || early);
         assert!(!flag.take());
+        early
     });
 }
 
 #[test]
 fn a_counter_of_one_writer_counts_all_and_never_back() {
-    loom::model(|| {
+    let never_back = (0..=3).flat_map(|early| (early..=3).map(move |later| (early, later)));
+    every_order(never_back, || {
         let counter = Arc::new(Counter::new());
         let counts = counter.clone();
-        let counting = thread::spawn(move || {
-            for _ in 0..3 {
-                counts.increment();
-            }
-        });
+        let counting = thread::spawn(move || (0..3).for_each(|_| counts.increment()));
         let early = counter.read();
         let later = counter.read();
-        assert!(early <= later && later <= 3);
         counting.join().unwrap();
         assert_eq!(counter.read(), 3);
+        (early, later)
     });
 }
 
 #[test]
 fn what_passes_by_swaps_passes_once() {
-    loom::model(|| {
+    let all = [[0, 0], [1, 0], [0, 1], [2, 0], [0, 2], [1, 2]];
+    every_order(all, || {
         let word = Arc::new(Word::new(0));
         let put = word.clone();
         let putting = thread::spawn(move || put.swap(1) + put.swap(2));
-        let mut taken = word.swap(0) + word.swap(0);
-        taken += putting.join().unwrap();
-        assert_eq!(taken + word.load(), 3);
+        let taken = [word.swap(0), word.swap(0)];
+        let overwritten = putting.join().unwrap();
+        assert_eq!(taken[0] + taken[1] + overwritten + word.load(), 3);
+        taken
     });
 }
 
 #[test]
 fn what_was_written_before_a_word_was_stored_is_seen_by_who_loads_it() {
-    loom::model(|| {
+    every_order([0, 1], || {
         let word = Arc::new(Word::new(0));
         let message = Arc::new(UnsafeCell::new(0));
         let (stored, written) = (word.clone(), message.clone());
@@ -284,9 +328,11 @@ fn what_was_written_before_a_word_was_stored_is_seen_by_who_loads_it() {
             written.with_mut(|message| unsafe { *message = 7 });
             stored.store(1);
         });
-        if word.load() == 1 {
+        let value = word.load();
+        if value == 1 {
             assert_eq!(message.with(|message| unsafe { *message }), 7);
         }
         storing.join().unwrap();
+        value
     });
 }
