@@ -11,7 +11,7 @@
 //! them for being equal.
 
 use crate::preempt::point;
-use crate::sync::{AtomicU8, AtomicU32, Cell, const_unless_loom};
+use crate::sync::{AtomicU8, AtomicU32, UnsafeCell, const_unless_loom};
 use core::sync::atomic::Ordering::{AcqRel, Acquire, Relaxed, Release};
 
 /// Generations before they begin anew, less one.
@@ -36,7 +36,7 @@ struct Shared {
 /// A value of which one side at a time is the owner.
 struct Slot<T> {
     index: u8,
-    held: Cell<Held<T>>,
+    held: UnsafeCell<Held<T>>,
 }
 
 struct Held<T> {
@@ -110,7 +110,7 @@ impl<T> Default for Latest<T> {
 
 impl<T> Slot<T> {
     fn new(index: u8, value: T) -> Slot<T> {
-        Slot { index, held: Cell::new(Held { value, generation: 0 }) }
+        Slot { index, held: UnsafeCell::new(Held { value, generation: 0 }) }
     }
 
     /// The slot that was in the middle.

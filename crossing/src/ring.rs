@@ -7,14 +7,14 @@
 //! reads next. Equal places are an empty ring, places that are N apart a full one, so all N slots are used.
 
 use crate::preempt::point;
-use crate::sync::{AtomicU32, AtomicUsize, Cell, const_unless_loom, own, vacant};
+use crate::sync::{AtomicU32, AtomicUsize, UnsafeCell, const_unless_loom, own, vacant};
 use core::mem::MaybeUninit;
 use core::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 
-/// Room for N events. All zero at first, so that a static one takes no flash.
+/// Room for N events; with a power of two a place is turned into a slot by one instruction. All zero at first, so that a static one takes no flash.
 pub struct Ring<T, const N: usize> {
     /// Filled from `front` to before `back`, vacant elsewhere.
-    slots: [Cell<MaybeUninit<T>>; N],
+    slots: [UnsafeCell<MaybeUninit<T>>; N],
     /// The place that the receiver reads next; the receiver's.
     front: AtomicUsize,
     /// The place that the sender writes next; the sender's.
@@ -55,7 +55,7 @@ impl<T, const N: usize> Ring<T, N> {
 
     /// The slot of a place; the remainder is less than N, and N is not 0.
     #[inline(always)]
-    fn slot(&self, place: usize) -> &Cell<MaybeUninit<T>> {
+    fn slot(&self, place: usize) -> &UnsafeCell<MaybeUninit<T>> {
         &self.slots[place % N]
     }
 
@@ -101,8 +101,9 @@ impl<T, const N: usize> Sender<'_, T, N> {
                 let slot = unsafe { &mut *slot };
                 slot.write(event);
             });
+            // A hook that panics here leaves the event unsent, and never dropped.
             point();
-            // The event goes with it.
+            // Release: the event goes with it.
             ring.back.store(Ring::<T, N>::behind(back), Release);
         }
         point();

@@ -1,7 +1,7 @@
 //! The atomics and the cell that everything here is made of: those of `core`, or those of loom, which tries every order.
 
 #[cfg(loom)]
-pub use loom::cell::UnsafeCell as Cell;
+pub use loom::cell::UnsafeCell;
 #[cfg(loom)]
 pub use loom::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize};
 
@@ -12,12 +12,12 @@ use core::mem::MaybeUninit;
 
 /// A `core::cell::UnsafeCell` with the interface of loom's, which watches who is inside.
 #[cfg(not(loom))]
-pub struct Cell<T>(core::cell::UnsafeCell<T>);
+pub struct UnsafeCell<T>(core::cell::UnsafeCell<T>);
 
 #[cfg(not(loom))]
-impl<T> Cell<T> {
-    pub const fn new(value: T) -> Cell<T> {
-        Cell(core::cell::UnsafeCell::new(value))
+impl<T> UnsafeCell<T> {
+    pub const fn new(value: T) -> UnsafeCell<T> {
+        UnsafeCell(core::cell::UnsafeCell::new(value))
     }
 
     #[inline(always)]
@@ -33,14 +33,14 @@ impl<T> Cell<T> {
 
 /// Cells with nothing in them yet.
 #[cfg(not(loom))]
-pub const fn vacant<T, const N: usize>() -> [Cell<MaybeUninit<T>>; N] {
-    [const { Cell::new(MaybeUninit::uninit()) }; N]
+pub const fn vacant<T, const N: usize>() -> [UnsafeCell<MaybeUninit<T>>; N] {
+    [const { UnsafeCell::new(MaybeUninit::uninit()) }; N]
 }
 
 /// Cells with nothing in them yet.
 #[cfg(loom)]
-pub fn vacant<T, const N: usize>() -> [Cell<MaybeUninit<T>>; N] {
-    core::array::from_fn(|_| Cell::new(MaybeUninit::uninit()))
+pub fn vacant<T, const N: usize>() -> [UnsafeCell<MaybeUninit<T>>; N] {
+    core::array::from_fn(|_| UnsafeCell::new(MaybeUninit::uninit()))
 }
 
 /// The value of an atomic that only the caller's side writes.

@@ -35,6 +35,26 @@ fn forever<T>(value: T) -> &'static mut T {
     Box::leak(Box::new(value))
 }
 
+/// Data beside an atomic. loom ends the model where an access is not ordered after the other side's.
+#[derive(Clone)]
+struct Message(Arc<UnsafeCell<u32>>);
+
+impl Message {
+    fn new() -> Message {
+        Message(Arc::new(UnsafeCell::new(0)))
+    }
+
+    fn write(&self, value: u32) {
+        // SAFETY: loom has ended the model by now if another thread could be in there.
+        self.0.with_mut(|message| unsafe { *message = value });
+    }
+
+    fn read(&self) -> u32 {
+        // SAFETY: as for writing.
+        self.0.with(|message| unsafe { *message })
+    }
+}
+
 /// Both halves of a value say the same, unless it is torn.
 type Pair = (u32, u32);
 
@@ -110,7 +130,7 @@ fn what_is_fresh_is_taken() {
 #[test]
 fn a_verdict_is_of_a_generation_that_was_published_and_what_it_stands_for_has_happened() {
     every_order(0..=2, || {
-        let in_force = Arc::new(UnsafeCell::new(0));
+        let in_force = Message::new();
         let (mut writer, mut reader) = forever(Latest::<u32>::new()).split(0);
         let runs = in_force.clone();
         let reading = thread::spawn(move || {
@@ -118,7 +138,7 @@ fn a_verdict_is_of_a_generation_that_was_published_and_what_it_stands_for_has_ha
                 if reader.refresh() {
                     // Odd ones are refused.
                     if *reader.get() % 2 == 0 {
-                        runs.with_mut(|runs| unsafe { *runs = *reader.get() });
+                        runs.write(*reader.get());
                         reader.accept();
                     } else {
                         reader.refuse();
@@ -135,8 +155,7 @@ fn a_verdict_is_of_a_generation_that_was_published_and_what_it_stands_for_has_ha
             before = verdict.generation;
         }
         if before == 2 {
-            // loom would say if this could come too early.
-            assert_eq!(in_force.with(|runs| unsafe { *runs }), 2);
+            assert_eq!(in_force.read(), 2);
         }
         reading.join().unwrap();
         before
@@ -246,22 +265,43 @@ fn who_asks_for_room_loses_nothing() {
     });
 }
 
+/// Writes a message, then stores; who loads what was stored reads the message.
+fn carries_a_message<A: Send + Sync + 'static>(new: fn() -> A, store: fn(&A), load: fn(&A) -> bool) {
+    every_order([false, true], move || {
+        let (atomic, message) = (Arc::new(new()), Message::new());
+        let (stored, written) = (atomic.clone(), message.clone());
+        let storing = thread::spawn(move || {
+            written.write(7);
+            store(&stored);
+        });
+        let early = load(&atomic);
+        if early {
+            assert_eq!(message.read(), 7);
+        }
+        storing.join().unwrap();
+        early
+    });
+}
+
 #[test]
-fn what_was_written_before_a_flag_was_set_is_seen_by_who_takes_it() {
+fn what_was_written_before_an_atomic_was_stored_is_seen_by_who_loads_it() {
+    carries_a_message(Flag::new, Flag::set, Flag::is_set);
+    carries_a_message(Flag::new, Flag::set, Flag::take);
+    carries_a_message(Counter::new, Counter::increment, |counter| counter.read() == 1);
+    carries_a_message(Word::default, |word| word.store(1), |word| word.load() == 1);
+    carries_a_message(Word::default, |word| assert_eq!(word.swap(1), 0), |word| word.load() == 1);
+    carries_a_message(Word::default, |word| word.store(1), |word| word.swap(2) == 1);
+}
+
+#[test]
+fn what_one_has_set_another_takes_once() {
     every_order([false, true], || {
         let flag = Arc::new(Flag::new());
-        let message = Arc::new(UnsafeCell::new(0));
-        let (set, written) = (flag.clone(), message.clone());
-        let setting = thread::spawn(move || {
-            written.with_mut(|message| unsafe { *message = 7 });
-            set.set();
-        });
+        let set = flag.clone();
+        let setting = thread::spawn(move || set.set());
         let early = flag.take();
-        if early {
-            assert_eq!(message.with(|message| unsafe { *message }), 7);
-        }
         setting.join().unwrap();
-        assert_eq!(flag.take(), !early, "once");
+        assert_eq!(flag.take(), !early);
         assert!(!flag.is_set());
         early
     });
@@ -315,24 +355,5 @@ fn what_passes_by_swaps_passes_once() {
         let overwritten = putting.join().unwrap();
         assert_eq!(taken[0] + taken[1] + overwritten + word.load(), 3);
         taken
-    });
-}
-
-#[test]
-fn what_was_written_before_a_word_was_stored_is_seen_by_who_loads_it() {
-    every_order([0, 1], || {
-        let word = Arc::new(Word::new(0));
-        let message = Arc::new(UnsafeCell::new(0));
-        let (stored, written) = (word.clone(), message.clone());
-        let storing = thread::spawn(move || {
-            written.with_mut(|message| unsafe { *message = 7 });
-            stored.store(1);
-        });
-        let value = word.load();
-        if value == 1 {
-            assert_eq!(message.with(|message| unsafe { *message }), 7);
-        }
-        storing.join().unwrap();
-        value
     });
 }
