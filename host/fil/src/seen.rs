@@ -20,12 +20,12 @@ use edm_soc::{Memory, Region};
 use std::mem::{offset_of, size_of};
 
 const HEAD: &str = "edm_servo_head::head::machine::Head";
-const SERVO: &str = "edm_servo_head::tasks::servo::Servo";
-const GAP: &str = "edm_servo_head::tasks::gap::Gap";
+const SERVO: &str = "edm_runtime::servo::Servo";
+const GAP: &str = "edm_runtime::gap::Gap";
 const TOLD: &str = "(edm_servo_head::head::fault::Fault, u32)";
 const BLOCKS: &str = "core::option::Option<edm_hal_shim::gap::GapBlock>";
 
-const CARRIED: &str = "edm_servo_head::tasks::servo::Carried";
+const CARRIED: &str = "edm_runtime::servo::Carried";
 const COMMAND: &str = "edm_servo_head::head::command::Command";
 /// Variants of [`Command`], and the number of fields that each has.
 const VARIANTS: [(&str, usize); 15] = [

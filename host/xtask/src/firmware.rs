@@ -14,7 +14,7 @@ use std::process::Command;
 const VECTORS: u64 = 0x0800_0000;
 /// Where the program may begin: the sectors in between hold the settings.
 const PROGRAM: u64 = 0x0800_C000;
-const FLASH_LIMIT: u64 = 96 * 1024;
+const FLASH_LIMIT: u64 = 384 * 1024;
 const RAM_LIMIT: u64 = 32 * 1024;
 /// A value that belongs into a static, not on the stack, shows as a larger frame.
 const FRAME_LIMIT: u32 = 4 * 1024;
@@ -302,8 +302,10 @@ fn room(path: &str) -> String {
     if path.contains("hal-shim/store/src/") {
         return "hal-shim/store".to_owned();
     }
-    if path.contains("canopen/src/") {
-        return "canopen".to_owned();
+    for package in ["canopen", "crossing", "firmware", "runtime"] {
+        if path.contains(&format!("{package}/src/")) {
+            return package.to_owned();
+        }
     }
     match path.rsplit_once("src/") {
         Some((_, file)) => format!("src/{}", file.split('/').next().unwrap_or_default().trim_end_matches(".rs")),
