@@ -5,8 +5,64 @@ pub use loom::cell::UnsafeCell;
 #[cfg(loom)]
 pub use loom::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize};
 
-#[cfg(not(loom))]
+#[cfg(all(not(loom), not(target_os = "none")))]
 pub use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize};
+#[cfg(all(not(loom), target_os = "none"))]
+pub use one_core::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize};
+
+/// The same for one core and its interrupts. The core keeps the order of its own accesses for its own interrupts, so that only
+/// the compiler has to be told; the barrier instruction that an order costs between cores, four cycles at each access, would
+/// buy nothing.
+#[cfg(all(not(loom), target_os = "none"))]
+mod one_core {
+    use core::sync::atomic::Ordering::{Relaxed, SeqCst};
+    use core::sync::atomic::{self, Ordering, compiler_fence};
+
+    macro_rules! one_core {
+        ($($atomic:ident: $value:ty),+) => {$(
+            pub struct $atomic(atomic::$atomic);
+
+            impl $atomic {
+                pub const fn new(value: $value) -> Self {
+                    Self(atomic::$atomic::new(value))
+                }
+
+                #[inline(always)]
+                pub fn load(&self, _: Ordering) -> $value {
+                    compiler_fence(SeqCst);
+                    let value = self.0.load(Relaxed);
+                    compiler_fence(SeqCst);
+                    value
+                }
+
+                #[inline(always)]
+                pub fn store(&self, value: $value, _: Ordering) {
+                    compiler_fence(SeqCst);
+                    self.0.store(value, Relaxed);
+                    compiler_fence(SeqCst);
+                }
+            }
+        )+};
+    }
+
+    one_core!(AtomicBool: bool, AtomicU8: u8, AtomicU32: u32, AtomicUsize: usize);
+
+    macro_rules! swap {
+        ($($atomic:ident: $value:ty),+) => {$(
+            impl $atomic {
+                #[inline(always)]
+                pub fn swap(&self, value: $value, _: Ordering) -> $value {
+                    compiler_fence(SeqCst);
+                    let before = self.0.swap(value, Relaxed);
+                    compiler_fence(SeqCst);
+                    before
+                }
+            }
+        )+};
+    }
+
+    swap!(AtomicBool: bool, AtomicU8: u8, AtomicU32: u32);
+}
 
 use core::mem::MaybeUninit;
 

@@ -25,6 +25,8 @@ pub struct Config {
     pub voltage: (u16, u16),
     /// Time constant with which the gap voltage rises in a pulse, ns.
     pub tau_ns: u32,
+    /// A positive duty moves away from the work: so does the retreat of the reflex.
+    pub motor_reversed: bool,
 }
 
 /// What the reflex judges by. Written by a slower task, read by the reflex.
@@ -140,11 +142,11 @@ pub trait ForcedLines {
     fn retreats(&self) -> u32;
 }
 
-/// Where the reflex gets blanking and voltage thresholds.
+/// Where the reflex gets what is not in [`Limits`].
 pub trait Thresholds {
     /// Why values were refused.
     type Error;
-    /// Blanking and voltage thresholds.
+    /// Blanking, voltage thresholds, and which way away from the work is.
     ///
     /// # Errors
     /// Refused, nothing has changed.
@@ -159,7 +161,8 @@ mod tests {
     /// 100 us: pulses at 10 kHz.
     const PULSE: u32 = 16_800;
 
-    const CONFIG: Config = Config { run: 5, ticks: MS, current: 100, voltage: (0, 4095), tau_ns: 0 };
+    const CONFIG: Config =
+        Config { run: 5, ticks: MS, current: 100, voltage: (0, 4095), tau_ns: 0, motor_reversed: false };
 
     fn limits() -> Limits {
         let limits = Limits::new();

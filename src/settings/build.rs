@@ -121,6 +121,7 @@ impl Settings {
                 .map_err(|_| refused(const { name("gap.short_a") }))?,
             voltage: voltage.map_err(|_| refused(const { name("gap.short_v") }))?,
             tau_ns: (self.gap_charging_us * 1000.0) as u32,
+            motor_reversed: self.motor_reversed,
         })
     }
 
@@ -302,7 +303,14 @@ mod tests {
         // 20 V of 0.1 V above code 410; 1 A of 16.1 mA above mid-scale; 1 ms of 168 MHz.
         assert_eq!(
             reflex,
-            reflex::Config { run: 5, ticks: 168_000, current: 2048 + 62, voltage: (610, 4095), tau_ns: 500 }
+            reflex::Config {
+                run: 5,
+                ticks: 168_000,
+                current: 2048 + 62,
+                voltage: (610, 4095),
+                tau_ns: 500,
+                motor_reversed: false
+            }
         );
     }
 

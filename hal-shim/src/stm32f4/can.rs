@@ -6,16 +6,19 @@ use super::hal::can::Can1;
 use super::hal::gpio::alt::can1::{Rx, Tx};
 use super::start::{StartError, within};
 use super::{pac, put};
-use crate::can::{self, Inbox, Inboxes, Mailboxes, Overrun, SyncInbox, Trouble};
+use crate::can::{self, FifoWords, Inbox, Inboxes, Mailboxes, Overrun, Received, SyncInbox, Trouble};
 use crate::timing::can::BitTiming;
 use bxcan::filter::{BankConfig, ListEntry16};
-use bxcan::{Fifo, Frame, Interrupts, OverrunError, Rx0, Rx1, StandardId};
+use bxcan::{Fifo, Frame, Interrupts, StandardId};
 
-/// What arrives.
-pub struct Receiver {
-    others: Rx0<Can1>,
-    sync: Rx1<Can1>,
-}
+/// What arrives. The FIFOs are read here and not by bxcan, which cuts the data by the length code as it came (0.8): one of 9 to
+/// 15, which is legal, would end the program.
+pub struct Receiver(());
+
+/// RFxR: frames that wait, overrun, release of the oldest (RM0090 32.9.2).
+const PENDING: u32 = 0b11;
+const OVERRUN: u32 = 1 << 4;
+const RELEASE: u32 = 1 << 5;
 
 /// What leaves.
 pub struct Sender(bxcan::Tx<Can1>);
@@ -75,8 +78,8 @@ pub fn start(
     );
     // Wakes in the background, with automatic recovery from bus-off.
     let _ = can.enable_non_blocking();
-    let (sender, others, sync) = can.split();
-    Ok((Receiver { others, sync }, Sender(sender), Filters { first: None, identifiers: [0; IDENTIFIERS] }))
+    let (sender, ..) = can.split();
+    Ok((Receiver(()), Sender(sender), Filters { first: None, identifiers: [0; IDENTIFIERS] }))
 }
 
 /// Beside the library, which owns the controller and shows none of this: mode, status and filters.
@@ -145,18 +148,29 @@ impl Mailboxes for Sender {
 }
 
 impl Inboxes for Receiver {
-    type Frame = Frame;
+    type Frame = Received;
 
-    fn next(&mut self, from: Inbox) -> Option<Result<Frame, Overrun>> {
-        let received = match from {
-            Inbox::Others => self.others.receive(),
-            Inbox::Sync => self.sync.receive(),
+    fn next(&mut self, from: Inbox) -> Option<Result<Received, Overrun>> {
+        let fifo = match from {
+            Inbox::Others => 0,
+            Inbox::Sync => 1,
         };
-        match received {
-            Ok(frame) => Some(Ok(frame)),
-            Err(nb::Error::Other(OverrunError { .. })) => Some(Err(Overrun)),
-            Err(nb::Error::WouldBlock) => None,
+        let status = can1().rfr(fifo).read().bits();
+        if status & OVERRUN != 0 {
+            put!(can1().rfr(fifo), OVERRUN);
+            return Some(Err(Overrun));
         }
+        if status & PENDING == 0 {
+            return None;
+        }
+        let mailbox = can1().rx(fifo);
+        let words = FifoWords {
+            identifier: mailbox.rir().read().bits(),
+            control: mailbox.rdtr().read().bits(),
+            data: [mailbox.rdlr().read().bits(), mailbox.rdhr().read().bits()],
+        };
+        put!(can1().rfr(fifo), RELEASE);
+        Some(Ok(words.frame()))
     }
 }
 

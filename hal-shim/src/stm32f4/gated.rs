@@ -141,6 +141,7 @@ impl reflex::Thresholds for Thresholds {
     fn set(&mut self, config: &Config) -> Result<(), Refused> {
         self.write_blanking(blanking(config.tau_ns, BLANKING_CLOCK, BLANKING_MOST)?);
         self.write_voltage(config.voltage);
+        lines::set_reversed(config.motor_reversed);
         Ok(())
     }
 }

@@ -11,7 +11,7 @@ use super::pins::{high, is_high, low};
 use super::{Board, change, pac, put};
 use crate::board::Pin;
 use crate::reflex::ForcedLines;
-use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
 const ALLOW: Pin = Board::TABLE.pin("allow_pulses");
 const FORWARD: Pin = Board::TABLE.pin("forward");
@@ -53,6 +53,8 @@ const TIM1: u32 = 1;
 
 /// How often the bridge was forced; the lowest bit says what it was last: 0 off, 1 retract.
 static FORCED: Ordered = Ordered(AtomicU32::new(0));
+/// A positive duty moves away from the work.
+static REVERSED: AtomicBool = AtomicBool::new(false);
 /// How often a pulse was killed.
 static KILLED: Ordered = Ordered(AtomicU32::new(0));
 
@@ -89,9 +91,19 @@ fn off() {
 #[inline(always)]
 fn up() {
     put!(tim1().ccmr1_output(), FORCE_OFF);
-    low(FORWARD);
-    high(REVERSE);
+    if REVERSED.load(Relaxed) {
+        low(REVERSE);
+        high(FORWARD);
+    } else {
+        low(FORWARD);
+        high(REVERSE);
+    }
     put!(tim1().ccmr1_output(), FORCE_ON);
+}
+
+/// Which way [`retract`] drives: for a motor that a positive duty moves away from the work. Only while nothing drives.
+pub(super) fn set_reversed(reversed: bool) {
+    REVERSED.store(reversed, Relaxed);
 }
 
 /// Pulses off and the bridge off, now. The servo task takes over with its next tick.

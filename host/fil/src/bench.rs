@@ -43,6 +43,8 @@ pub struct Bench {
     pieces: Vec<Piece>,
     /// What the drive's sensors showed when the window began.
     sensed: DriveCodes,
+    /// What the bridge did when its PWM was forced on, which the reflex alone does.
+    pub forced: Vec<Bridge>,
     pwm: Drive,
     forward: bool,
     reverse: bool,
@@ -67,6 +69,7 @@ impl Bench {
             changes: VecDeque::new(),
             frames: VecDeque::new(),
             pieces: Vec::new(),
+            forced: Vec::new(),
             pwm: Drive::Released,
             forward: false,
             reverse: false,
@@ -281,7 +284,12 @@ impl World for Bench {
     fn drive(&mut self, _: u64, pin: Pin, drive: Drive) {
         let high = drive == Drive::Level(true);
         match pin {
-            PWM => self.pwm = drive,
+            PWM => {
+                self.pwm = drive;
+                if high {
+                    self.forced.push(self.bridge());
+                }
+            }
             FORWARD => self.forward = high,
             REVERSE => self.reverse = high,
             ALLOW => self.allowed = high,

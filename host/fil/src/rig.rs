@@ -9,6 +9,7 @@ use crate::machine::Machine;
 use crate::rtt::Rtt;
 use crate::seen::Places;
 use anyhow::{Result, anyhow, bail};
+use edm_hal_shim::bridge::Drive;
 use edm_servo_head::head::{Change, Command, Reason, State, Status};
 use edm_servo_head::settings::Settings;
 use edm_sim::lockstep::{Event, Recorder, Twin};
@@ -315,6 +316,11 @@ impl Emulated {
     /// The chip's flash.
     pub fn flash(&mut self) -> &Region {
         &self.machine.soc().memory.flash
+    }
+
+    /// What the reflex has forced the bridge to.
+    pub fn forced(&mut self) -> &mut Vec<Drive> {
+        &mut self.machine.soc().world.forced
     }
 
     /// Records from now on when each interrupt is served.

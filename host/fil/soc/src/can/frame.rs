@@ -9,9 +9,9 @@ pub struct Frame {
     pub extended: bool,
     /// Remote request: no data.
     pub remote: bool,
-    /// Data length code, 0..=8.
+    /// Data length code, 0..=15 as on the wire: 9 to 15 mean eight bytes (ISO 11898-1), and the controller hands them on.
     pub length: u8,
-    /// Data; bytes beyond `length` are zero.
+    /// Data; bytes beyond are zero.
     pub data: [u8; 8],
 }
 

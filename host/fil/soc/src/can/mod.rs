@@ -334,9 +334,9 @@ impl Can {
     fn outgoing(&self, m: usize) -> Frame {
         let [tir, tdtr, low, high] = self.mail[m];
         let extended = tir & 4 != 0;
-        let length = (tdtr & 15).min(8) as u8;
+        let length = (tdtr & 15) as u8;
         let mut data = (u64::from(high) << 32 | u64::from(low)).to_le_bytes();
-        data[usize::from(length)..].fill(0);
+        data[usize::from(length.min(8))..].fill(0);
         let id = if extended { tir >> 3 } else { tir >> 21 };
         Frame { id, extended, remote: tir & 2 != 0, length, data }
     }
