@@ -59,18 +59,17 @@ impl Cause {
     }
 }
 
-/// Error codes of the node's own emergencies, and what they mean.
-#[cfg(not(target_os = "none"))]
-pub const ERRORS: &[(u16, &str)] = &[
-    (Cause::SyncLost.facts().0, "no SYNC for one and a half periods of 1006h"),
-    (Cause::Overrun.facts().0, "frames lost: they came faster than they were taken"),
-    (Cause::Passive.facts().0, "error passive: nobody acknowledges, or the wire is bad"),
-    (Cause::Heartbeat(0).facts().0, "a node of 1016h has fallen silent or restarted"),
-    (Cause::BusOff.facts().0, "the controller had to leave the bus"),
-    (Cause::Short(0).facts().0, "an RPDO was shorter than its mapping and not applied"),
-    (Cause::Long(0).facts().0, "an RPDO was longer than its mapping; its first bytes were applied"),
-    (Cause::SyncLength.facts().0, "SYNC with a counter or without, contrary to 1019h"),
-    (Cause::Late(0).facts().0, "an RPDO did not come within its event timer"),
+/// Error codes of the node's own emergencies.
+pub const ERRORS: &[u16] = &[
+    Cause::SyncLost.facts().0,
+    Cause::Overrun.facts().0,
+    Cause::Passive.facts().0,
+    Cause::Heartbeat(0).facts().0,
+    Cause::BusOff.facts().0,
+    Cause::Short(0).facts().0,
+    Cause::Long(0).facts().0,
+    Cause::SyncLength.facts().0,
+    Cause::Late(0).facts().0,
 ];
 
 /// Errors present, past and not yet told.

@@ -1,13 +1,11 @@
 //! The communication area, 1000h to 1FFFh: the node's own objects, and the state behind them.
 
-mod describe;
 mod objects;
+mod own;
 mod write;
 
-pub use describe::descriptions;
-#[cfg(not(target_os = "none"))]
-pub use objects::is_stored;
 pub(super) use objects::{Found, Item, STORED, find, stored};
+pub use own::{DefaultValue, OwnObject, own_objects};
 pub(super) use write::Written;
 
 use super::device::{Device, PDOS};
