@@ -42,7 +42,6 @@ pub(super) enum Cause {
 
 impl Cause {
     /// Emergency error code (CiA 301 7.2.7.1, table 26), bit among the causes, and the number that says which.
-    #[inline(never)]
     const fn facts(self) -> (u16, u32, u8) {
         let (code, group, which) = match self {
             Self::Short(pdo) => (0x8210, 0, pdo),
@@ -84,7 +83,6 @@ pub(super) struct Emergency {
 
 impl Emergency {
     /// 1001h.
-    #[inline(never)]
     pub fn register(&self) -> u8 {
         let communication = if self.causes == 0 { 0 } else { COMMUNICATION };
         let register = self.device | communication;
@@ -107,7 +105,6 @@ impl Emergency {
     }
 
     /// A cause has appeared.
-    #[inline(never)]
     pub fn raise(&mut self, cause: Cause) {
         let (code, bit, which) = cause.facts();
         if self.causes & bit == 0 {
@@ -117,7 +114,6 @@ impl Emergency {
     }
 
     /// A cause is gone.
-    #[inline(never)]
     pub fn clear(&mut self, cause: Cause) {
         let (_, bit, _) = cause.facts();
         if self.causes & bit != 0 {
@@ -132,14 +128,12 @@ impl Emergency {
     }
 
     /// The device reports an error and the bits of the error register that go with it.
-    #[inline(never)]
     pub fn device(&mut self, code: u16, register: u8, detail: [u8; 5]) {
         self.device |= register | GENERIC;
         self.report(code, detail);
     }
 
     /// The device has no error any more.
-    #[inline(never)]
     pub fn device_well(&mut self) {
         if self.device != 0 {
             self.device = 0;
@@ -153,7 +147,6 @@ impl Emergency {
         self.waiting.clear();
     }
 
-    #[inline(never)]
     fn report(&mut self, code: u16, detail: [u8; 5]) {
         if self.history.is_full() {
             self.history.pop_back();
@@ -164,7 +157,6 @@ impl Emergency {
         self.queue(code, detail);
     }
 
-    #[inline(never)]
     fn queue(&mut self, code: u16, [a, b, c, d, e]: [u8; 5]) {
         let [low, high] = code.to_le_bytes();
         if self.waiting.is_full() {
@@ -175,7 +167,6 @@ impl Emergency {
     }
 
     /// Sends what waits, no faster than the inhibit time allows.
-    #[inline(never)]
     pub fn poll(&mut self, parameters: &Parameters, now: Time, out: &mut Outbox) {
         if parameters.emergency_id & INVALID != 0 {
             self.waiting.clear();
@@ -183,7 +174,6 @@ impl Emergency {
         while self.send(parameters, now, out) {}
     }
 
-    #[inline(never)]
     fn send(&mut self, parameters: &Parameters, now: Time, out: &mut Outbox) -> bool {
         let Some(content) = self.waiting.front() else { return false };
         let frame = Frame::full(parameters.emergency_id as u16, *content);

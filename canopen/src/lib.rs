@@ -24,7 +24,6 @@ mod node;
 mod outbox;
 mod parameters;
 mod pdo;
-mod rolled;
 mod sdo;
 mod space;
 mod sync;

@@ -173,7 +173,6 @@ impl Row {
 }
 
 /// Looks a value up.
-#[inline(never)]
 pub(crate) fn find(index: u16, sub: u8) -> Result<Found, Abort> {
     let mut missing = Abort::NoObject;
     for row in TABLE.iter().filter(|row| row.has(index)) {
@@ -199,7 +198,6 @@ pub(crate) const STORED: usize = {
 };
 
 /// Visits every value that is stored, with its length in bytes, until one is refused.
-#[inline(never)]
 pub(crate) fn stored(visit: &mut dyn FnMut(Found, usize) -> Option<()>) -> Option<()> {
     for row in TABLE {
         let Some(size) = row.stored() else { continue };

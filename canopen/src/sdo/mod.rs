@@ -107,14 +107,12 @@ fn word([_, _, _, _, a, b, c, d]: [u8; 8]) -> u32 {
 }
 
 /// An answer with an address.
-#[inline(never)]
 fn addressed(command: u8, address: Address, [a, b, c, d]: [u8; 4]) -> [u8; 8] {
     let [low, high] = address.index.to_le_bytes();
     [command, low, high, address.sub, a, b, c, d]
 }
 
 /// An answer with up to seven bytes.
-#[inline(never)]
 fn segment(command: u8, data: &[u8]) -> [u8; 8] {
     let mut answer = [command, 0, 0, 0, 0, 0, 0, 0];
     for (to, from) in answer.iter_mut().skip(1).zip(data) {
@@ -135,7 +133,6 @@ fn initiates(command: u8) -> bool {
 
 impl Server {
     /// Takes a request. One that is not 8 bytes long is none (CiA 301 7.2.4.3).
-    #[inline(never)]
     pub fn receive(&mut self, data: &[u8], now: Time, space: &mut Space<'_>) {
         let Ok(request) = <[u8; 8]>::try_from(data) else { return };
         let command = request[0];
@@ -157,7 +154,6 @@ impl Server {
         self.pump(now, space);
     }
 
-    #[inline(never)]
     fn initiate(&mut self, request: [u8; 8], space: &mut Space<'_>) -> Outcome {
         let Self { transfer, address, buffer, .. } = self;
         match request[0] >> 5 {
@@ -168,7 +164,6 @@ impl Server {
         }
     }
 
-    #[inline(never)]
     fn go_on(&mut self, request: [u8; 8], space: &mut Space<'_>) -> Outcome {
         let Self { transfer, address, buffer, .. } = self;
         match transfer {
@@ -184,7 +179,6 @@ impl Server {
         }
     }
 
-    #[inline(never)]
     fn finish(&mut self, outcome: Outcome, space: &mut Space<'_>) {
         let (answer, over) = match outcome {
             Ok(Step::Answer(answer)) => (answer, false),
@@ -207,7 +201,6 @@ impl Server {
     }
 
     /// Ends the transfer under way without a word.
-    #[inline(never)]
     pub fn stop(&mut self, space: &mut Space<'_>) {
         if matches!(core::mem::take(&mut self.transfer), Transfer::BlockUpload(_)) {
             space.area.out.discard(space.area.id.cob(ANSWER));
@@ -215,7 +208,6 @@ impl Server {
     }
 
     /// Sends segments of a block upload while there is room, and gives up a client that has fallen silent.
-    #[inline(never)]
     pub fn poll(&mut self, now: Time, space: &mut Space<'_>) {
         let waits = !matches!(self.transfer, Transfer::Idle | Transfer::Device(_));
         if waits && now > self.heard.after(TIMEOUT_US) {
@@ -225,7 +217,6 @@ impl Server {
         self.pump(now, space);
     }
 
-    #[inline(never)]
     fn pump(&mut self, now: Time, space: &mut Space<'_>) {
         while let Transfer::BlockUpload(transfer) = &mut self.transfer
             && transfer.has_segments()
@@ -249,7 +240,6 @@ impl Server {
 }
 
 /// Hands a complete value to its object; `answer` says so.
-#[inline(never)]
 fn commit(address: Address, data: &[u8], answer: [u8; 8], space: &mut Space<'_>) -> Outcome {
     // Length again: it may have been unknown at the start.
     let object = space.writable(address, Some(data.len() as u32))?;
