@@ -7,9 +7,9 @@
 mod settings;
 mod table;
 
-#[cfg(not(target_os = "none"))]
-pub use settings::address as setting_address;
-pub use settings::{FIRST as FIRST_SETTING, address_at as setting_address_at, kind as setting_kind};
+pub use settings::{
+    FIRST as FIRST_SETTING, address as setting_address, address_at as setting_address_at, kind as setting_kind,
+};
 pub use table::Item;
 
 use super::{Abort, Access, DataType, Entry, Mapping, Place};

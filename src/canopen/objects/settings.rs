@@ -101,7 +101,6 @@ pub fn address_at(place: usize) -> Option<(u16, u8)> {
 }
 
 /// Index and sub-index of the setting called `key`.
-#[cfg(not(target_os = "none"))]
 pub fn address(key: &str) -> Option<(u16, u8)> {
     address_at(FIELDS.iter().position(|field| field.key == key)?)
 }
