@@ -133,7 +133,6 @@ pub fn serve() -> bool {
 }
 
 #[cold]
-#[inline(never)]
 fn serve_again() {
     // No encoder interrupt can come in between: they are masked. Stop's lines are never masked.
     LEFT.store(0, Relaxed);
