@@ -27,7 +27,6 @@ pub struct Transmit {
 
 impl Receive {
     /// Empties a FIFO of the controller: three frames at the most, and what arrives meanwhile.
-    #[inline(never)]
     pub fn frames(&mut self, from: Inbox) {
         let stamp = self.clock.now();
         let Some(receiver) = &mut self.receiver else { return };

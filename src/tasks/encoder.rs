@@ -40,7 +40,6 @@ impl Decoder {
     }
 
     #[cold]
-    #[inline(never)]
     fn unusual(&mut self) {
         let (levels, now) = (self.lines.levels(), self.clock.now());
         match self.lines.unusual() {

@@ -35,7 +35,6 @@ impl Gap {
 
     /// Other settings, once the reading is out.
     #[cold]
-    #[inline(never)]
     fn retune(&mut self) {
         if let Some(active) = self.settings.dequeue() {
             self.source.retune(active);

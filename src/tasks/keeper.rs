@@ -25,7 +25,6 @@ impl Keeper {
 
     /// What was stored last. When it cannot be read the log says so, and nothing is: the defaults run, which no guided check
     /// has passed.
-    #[inline(never)]
     pub fn load(&mut self) -> Kept {
         match self.store.load(self.buffer) {
             Ok(Some(image)) => Kept::from_bytes(image).unwrap_or_else(|| {
@@ -44,7 +43,6 @@ impl Keeper {
     }
 
     /// Does a chore; `compose` changes what is kept. The processor may stall for half a second.
-    #[inline(never)]
     pub fn change(
         &mut self,
         leave: &Leave,

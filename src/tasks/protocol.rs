@@ -89,7 +89,6 @@ impl Protocol {
     }
 
     /// Frames that have come. What they order goes on at once.
-    #[inline(never)]
     fn frames(&mut self) {
         while let Some(Arrival { frame, stamp, syncs }) = self.received.dequeue() {
             self.syncs = syncs;
@@ -152,7 +151,6 @@ impl Protocol {
     }
 
     /// Hands the drive's orders on, as long as there is room for any, and then what it will order at the next SYNC.
-    #[inline(never)]
     fn orders(&mut self) {
         while self.requests.ready() && self.configurations.ready() && self.resets.ready() {
             let Some(order) = self.drive.take() else {
@@ -226,7 +224,6 @@ impl Protocol {
 }
 
 /// Logs why the stored settings do not run.
-#[inline(never)]
 pub fn log_refused_settings(result: Result<(), SettingError>) {
     if let Err(error) = result {
         defmt::error!("settings: the stored ones are refused, {}", error);
@@ -234,7 +231,6 @@ pub fn log_refused_settings(result: Result<(), SettingError>) {
 }
 
 /// Logs why the stored communication parameters are not in use.
-#[inline(never)]
 pub fn log_refused_parameters(result: Result<(), BootError>) {
     if let Err(error) = result {
         defmt::error!("communication: the stored parameters are refused, {}", error);

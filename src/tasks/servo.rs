@@ -138,14 +138,12 @@ impl Servo {
 
     /// A safety input is unsafe, or was in the tick before.
     #[cold]
-    #[inline(never)]
     fn safety(&mut self) {
         self.input.safety = self.inputs.read().unsafe_ones();
     }
 
     /// For a plan the gap; for the look, or while the timer leads, both counters.
     #[cold]
-    #[inline(never)]
     fn read_more(&mut self, storm: bool) {
         READING.read(&mut self.reading, &mut self.input.gap);
         if storm || self.handover.timer_leads() || self.head.looks_at_encoder() {
@@ -159,7 +157,6 @@ impl Servo {
 
     /// Whom a change of state, or the look once a millisecond, concerns.
     #[cold]
-    #[inline(never)]
     fn tell(&mut self, drive: Drive) {
         let state = self.head.status().state;
         let looked = self.head.has_looked();
@@ -200,7 +197,6 @@ impl Servo {
     }
 
     #[cold]
-    #[inline(never)]
     fn requests(&mut self) {
         while let Some(fault) = self.faults.dequeue() {
             self.raise(fault);
@@ -230,7 +226,6 @@ impl Servo {
 
     /// Carries out what waits for a SYNC if that has come: counted, or still in the controller.
     #[cold]
-    #[inline(never)]
     fn synchronise(&mut self) {
         let came = |syncs| SYNCS.load(Relaxed) != syncs || can::sync_waits() == Some(SYNC_LENGTH.load(Relaxed));
         if let Some((point, _)) = self.at_sync.take_if(|(_, syncs)| came(*syncs)) {
@@ -248,7 +243,6 @@ impl Servo {
         self.head.raise(fault);
     }
 
-    #[inline(never)]
     fn command(&mut self, command: Command) {
         let tick = self.number();
         self.carried.push(command, tick);
@@ -278,7 +272,6 @@ impl Servo {
 
     /// Whatever was forced, the bridge starts from coasting.
     #[cold]
-    #[inline(never)]
     fn restart_bridge(&mut self, forced: lines::Forced) {
         self.forced = forced;
         if self.bridge.apply(Drive::Coast).is_err() {

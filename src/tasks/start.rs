@@ -59,6 +59,9 @@ impl Slots {
     }
 }
 
+// Node, drive and what was stored are kilobytes: functions of their own keep them out of the frame of `start`, beneath which
+// everything else runs.
+
 #[inline(never)]
 fn place_node(slot: &'static mut MaybeUninit<Node>) -> &'static mut Node {
     slot.write(Node::new(&DEVICE, NODE, boot::serial_number()))
