@@ -44,7 +44,6 @@ pub(super) enum Cause {
 
 impl Cause {
     /// Emergency error code (CiA 301 7.2.7.1, table 26), bit among the causes, and the number that says which.
-    #[inline(never)]
     const fn facts(self) -> (u16, u32, u8) {
         let (code, group, which) = match self {
             Self::Short(pdo) => (0x8210, 0, pdo),
@@ -62,19 +61,18 @@ impl Cause {
     }
 }
 
-/// Error codes of the node's own emergencies, and what they mean.
-#[cfg(not(target_os = "none"))]
-pub const ERRORS: &[(u16, &str)] = &[
-    (Cause::Events.facts().0, "events inside the device were lost: they came faster than they were taken"),
-    (Cause::SyncLost.facts().0, "no SYNC for one and a half periods of 1006h"),
-    (Cause::Overrun.facts().0, "frames lost: they came faster than they were taken"),
-    (Cause::Passive.facts().0, "error passive: nobody acknowledges, or the wire is bad"),
-    (Cause::Heartbeat(0).facts().0, "a node of 1016h has fallen silent or restarted"),
-    (Cause::BusOff.facts().0, "the controller had to leave the bus"),
-    (Cause::Short(0).facts().0, "an RPDO was shorter than its mapping and not applied"),
-    (Cause::Long(0).facts().0, "an RPDO was longer than its mapping; its first bytes were applied"),
-    (Cause::SyncLength.facts().0, "SYNC with a counter or without, contrary to 1019h"),
-    (Cause::Late(0).facts().0, "an RPDO did not come within its event timer"),
+/// Error codes of the node's own emergencies.
+pub const ERRORS: &[u16] = &[
+    Cause::Events.facts().0,
+    Cause::SyncLost.facts().0,
+    Cause::Overrun.facts().0,
+    Cause::Passive.facts().0,
+    Cause::Heartbeat(0).facts().0,
+    Cause::BusOff.facts().0,
+    Cause::Short(0).facts().0,
+    Cause::Long(0).facts().0,
+    Cause::SyncLength.facts().0,
+    Cause::Late(0).facts().0,
 ];
 
 /// Errors present, past and not yet told.
@@ -89,7 +87,6 @@ pub(super) struct Emergency {
 
 impl Emergency {
     /// 1001h.
-    #[inline(never)]
     pub fn register(&self) -> u8 {
         let communication = if self.causes == 0 { 0 } else { COMMUNICATION };
         let register = self.device | communication;
@@ -112,7 +109,6 @@ impl Emergency {
     }
 
     /// A cause has appeared.
-    #[inline(never)]
     pub fn raise(&mut self, cause: Cause) {
         let (code, bit, which) = cause.facts();
         if self.causes & bit == 0 {
@@ -122,7 +118,6 @@ impl Emergency {
     }
 
     /// A cause is gone.
-    #[inline(never)]
     pub fn clear(&mut self, cause: Cause) {
         let (_, bit, _) = cause.facts();
         if self.causes & bit != 0 {
@@ -137,14 +132,12 @@ impl Emergency {
     }
 
     /// The device reports an error and the bits of the error register that go with it.
-    #[inline(never)]
     pub fn device(&mut self, code: u16, register: u8, detail: [u8; 5]) {
         self.device |= register | GENERIC;
         self.report(code, detail);
     }
 
     /// The device has no error any more.
-    #[inline(never)]
     pub fn device_well(&mut self) {
         if self.device != 0 {
             self.device = 0;
@@ -158,7 +151,6 @@ impl Emergency {
         self.waiting.clear();
     }
 
-    #[inline(never)]
     fn report(&mut self, code: u16, detail: [u8; 5]) {
         if self.history.is_full() {
             self.history.pop_back();
@@ -169,7 +161,6 @@ impl Emergency {
         self.queue(code, detail);
     }
 
-    #[inline(never)]
     fn queue(&mut self, code: u16, [a, b, c, d, e]: [u8; 5]) {
         let [low, high] = code.to_le_bytes();
         if self.waiting.is_full() {
@@ -180,7 +171,6 @@ impl Emergency {
     }
 
     /// Sends what waits, no faster than the inhibit time allows.
-    #[inline(never)]
     pub fn poll(&mut self, parameters: &Parameters, now: Time, out: &mut Outbox) {
         if parameters.emergency_id & INVALID != 0 {
             self.waiting.clear();
@@ -188,7 +178,6 @@ impl Emergency {
         while self.send(parameters, now, out) {}
     }
 
-    #[inline(never)]
     fn send(&mut self, parameters: &Parameters, now: Time, out: &mut Outbox) -> bool {
         let Some(content) = self.waiting.front() else { return false };
         let frame = Frame::full(parameters.emergency_id as u16, *content);

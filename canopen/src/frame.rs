@@ -13,7 +13,6 @@ pub struct Frame {
 
 impl Frame {
     /// A frame; `None` when the identifier has more than 11 bits or the data more than 8 bytes.
-    #[inline(never)]
     pub fn new(id: u16, data: &[u8]) -> Option<Self> {
         let mut frame = Self { id, length: data.len() as u8, data: [0; 8] };
         frame.data.get_mut(..data.len())?.copy_from_slice(data);
@@ -65,7 +64,6 @@ pub struct Time(pub u64);
 
 impl Time {
     /// This much later, us.
-    #[inline(never)]
     pub(super) const fn after(self, us: u64) -> Self {
         Self(self.0.saturating_add(us))
     }

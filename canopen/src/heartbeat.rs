@@ -1,7 +1,6 @@
 //! Heartbeats: our own (1017h), and those of the nodes that we watch (1016h) (CiA 301 7.2.8.3.2).
 
 use super::parameters::{CONSUMERS, Parameters};
-use super::rolled::rolled_mut;
 use super::{Frame, NmtState, NodeId, Time};
 
 /// Base of the identifiers of heartbeats and boot-up.
@@ -20,7 +19,6 @@ impl Producer {
     }
 
     /// The heartbeat that is due.
-    #[inline(never)]
     pub fn poll(&self, period_ms: u16, id: NodeId, state: NmtState, now: Time) -> Option<Frame> {
         (period_ms != 0 && now >= self.next).then(|| Frame::new(id.cob(HEARTBEAT), &[state as u8])).flatten()
     }
@@ -74,9 +72,8 @@ impl Consumer {
     }
 
     /// A node was heard.
-    #[inline(never)]
     pub fn heard(&mut self, parameters: &Parameters, node: u8, state: u8, now: Time) -> Option<Change> {
-        let mut entries = (0..).zip(rolled_mut(&mut self.0)).zip(&parameters.consumers);
+        let mut entries = (0..).zip(&mut self.0).zip(&parameters.consumers);
         let ((at, watched), time) = entries.find_map(|(watched, value)| match entry(*value) {
             Some((watching, time)) if watching == node => Some((watched, time)),
             _ => None,
@@ -92,9 +89,8 @@ impl Consumer {
     }
 
     /// The next node that has been silent for too long.
-    #[inline(never)]
     pub fn poll(&mut self, parameters: &Parameters, now: Time) -> Option<Change> {
-        for ((at, watched), value) in (0..).zip(rolled_mut(&mut self.0)).zip(&parameters.consumers) {
+        for ((at, watched), value) in (0..).zip(&mut self.0).zip(&parameters.consumers) {
             if let (Watched::Until(time), Some((node, _))) = (*watched, entry(*value))
                 && now > time
             {

@@ -15,7 +15,6 @@
 
 mod abort;
 mod area;
-mod description;
 mod device;
 mod dictionary;
 mod emergency;
@@ -25,21 +24,16 @@ mod node;
 mod outbox;
 mod parameters;
 mod pdo;
-mod rolled;
 mod sdo;
 mod space;
 mod sync;
 
 pub use abort::Abort;
-pub use area::descriptions;
-#[cfg(not(target_os = "none"))]
-pub use area::is_stored;
-pub use description::{DefaultValue, Description, Shape};
+pub use area::{DefaultValue, OwnObject, own_objects};
 pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
 pub use dictionary::{
     Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place, Request, Written,
 };
-#[cfg(not(target_os = "none"))]
 pub use emergency::ERRORS;
 pub use frame::{Frame, NodeId, Time};
 pub use node::{BootError, Controller, IDENTIFIERS, Node};

@@ -6,7 +6,6 @@ use super::emergency::{Cause, Emergency};
 use super::heartbeat::{self, Change, HEARTBEAT};
 use super::parameters::{CONSUMERS, IMAGE, Parameters};
 use super::pdo::Taken;
-use super::rolled::{rolled, rolled_mut};
 use super::sdo::{REQUEST, Server};
 use super::space::Space;
 use super::sync::{Pulse, Sync};
@@ -66,7 +65,6 @@ impl Node {
     ///
     /// # Errors
     /// The node has booted, but not with what was asked.
-    #[inline(never)]
     pub fn boot(&mut self, stored: Option<&[u8]>, dictionary: &mut dyn Dictionary) -> Result<(), BootError> {
         if self.area.state != NmtState::Initialising {
             return Ok(());
@@ -95,7 +93,6 @@ impl Node {
     }
 
     /// Takes a frame that came at `at`: the time stamp of its interrupt.
-    #[inline(never)]
     pub fn receive(&mut self, frame: &Frame, at: Time, dictionary: &mut dyn Dictionary) {
         let (state, id, data) = (self.area.state, frame.id(), frame.data());
         if state == NmtState::Initialising {
@@ -123,7 +120,6 @@ impl Node {
     }
 
     /// Does what time demands: heartbeats, event timers, time-outs, emergencies, segments of a long transfer.
-    #[inline(never)]
     pub fn poll(&mut self, now: Time, dictionary: &mut dyn Dictionary) {
         let booting = self.booting && self.area.out.holds(self.area.id.cob(HEARTBEAT));
         if core::mem::replace(&mut self.booting, booting) && !booting {
@@ -155,19 +151,17 @@ impl Node {
     }
 
     /// Applies the synchronous RPDOs that the last SYNC has made valid, if it came no later than `tick`; its time stamp.
-    #[inline(never)]
     pub fn synchronised(&mut self, tick: Time, dictionary: &mut dyn Dictionary) -> Option<Time> {
         let time = self.area.sync.due(tick)?;
-        rolled_mut(&mut self.area.receive).iter_mut().for_each(|pdo| pdo.apply(dictionary));
+        self.area.receive.iter_mut().for_each(|pdo| pdo.apply(dictionary));
         Some(time)
     }
 
     /// What the next SYNC will write to the object at `place`, if it changes no other object; little end first. For who can
     /// act on a SYNC before this node has heard of it.
-    #[inline(never)]
     pub fn ahead(&self, place: Place, dictionary: &dyn Dictionary) -> Option<[u8; 4]> {
         let mut value = None;
-        for pdo in rolled(&self.area.receive) {
+        for pdo in &self.area.receive {
             pdo.ahead(place, dictionary, &mut value)?;
         }
         value
@@ -206,7 +200,6 @@ impl Node {
 
     /// How the controller of the bus is, once a millisecond if there is one. Until somebody has been heard the node may be
     /// alone, which is no error.
-    #[inline(never)]
     pub fn controller(&mut self, controller: Controller) {
         if self.met {
             let emergency = &mut self.area.emergency;
@@ -224,11 +217,10 @@ impl Node {
 
     /// The identifiers that mean something to this node, for the filters of the controller: SYNC, network management, SDO
     /// requests, RPDOs, heartbeats that are watched. What is not in use is network management once more.
-    #[inline(never)]
     pub fn identifiers(&self) -> [u16; IDENTIFIERS] {
         let parameters = &self.area.parameters;
-        let receive = rolled(&parameters.receive).iter().filter(|pdo| pdo.valid()).map(|pdo| pdo.id as u16 & 0x7FF);
-        let watched = rolled(&parameters.consumers).iter().filter_map(|value| heartbeat::entry(*value));
+        let receive = parameters.receive.iter().filter(|pdo| pdo.valid()).map(|pdo| pdo.id as u16 & 0x7FF);
+        let watched = parameters.consumers.iter().filter_map(|value| heartbeat::entry(*value));
         let heartbeats = watched.map(|(node, _)| HEARTBEAT | u16::from(node & 0x7F));
         let mut identifiers = [NMT; IDENTIFIERS];
         let own = [parameters.sync_id as u16 & 0x7FF, NMT, self.area.id.cob(REQUEST)];
@@ -249,13 +241,11 @@ impl Node {
     }
 
     /// The parameters of the communication area as they are to be stored.
-    #[inline(never)]
     pub fn image(&self) -> [u8; IMAGE] {
         self.area.parameters.image(self.area.id)
     }
 
     /// Network management (CiA 301 7.2.8.3.1): a command for this node or for all.
-    #[inline(never)]
     fn command(&mut self, data: &[u8], dictionary: &mut dyn Dictionary) {
         let &[command, node] = data else { return };
         if node != 0 && node != self.area.id.get() {
@@ -271,7 +261,6 @@ impl Node {
         }
     }
 
-    #[inline(never)]
     fn enter(&mut self, state: NmtState, dictionary: &mut dyn Dictionary) {
         if state == self.area.state {
             return;
@@ -285,7 +274,6 @@ impl Node {
         dictionary.event(Event::State(state));
     }
 
-    #[inline(never)]
     fn reset(&mut self, event: Event, dictionary: &mut dyn Dictionary) {
         self.area.restart();
         if event == Event::ResetNode {
@@ -295,7 +283,6 @@ impl Node {
         dictionary.event(event);
     }
 
-    #[inline(never)]
     fn heartbeat(&mut self, change: Option<Change>, dictionary: &mut dyn Dictionary) {
         match change {
             Some(Change::Lost(entry, node)) => {
@@ -313,7 +300,6 @@ impl Node {
         }
     }
 
-    #[inline(never)]
     fn sync(&mut self, data: &[u8], now: Time, dictionary: &mut dyn Dictionary) {
         let area = &mut self.area;
         let Pulse::Good(counter) = Sync::judge(&area.parameters, data) else {
@@ -326,18 +312,17 @@ impl Node {
             return;
         }
         area.sync.came(now);
-        rolled_mut(&mut area.receive).iter_mut().for_each(|pdo| pdo.synchronise());
+        area.receive.iter_mut().for_each(|pdo| pdo.synchronise());
         let register = area.emergency.register();
-        for (pdo, parameters) in rolled_mut(&mut area.transmit).iter_mut().zip(&area.parameters.transmit) {
+        for (pdo, parameters) in area.transmit.iter_mut().zip(&area.parameters.transmit) {
             pdo.synchronise(parameters, counter, register, now, dictionary, &mut area.out);
         }
     }
 
-    #[inline(never)]
     fn process_data(&mut self, id: u16, data: &[u8], now: Time, dictionary: &mut dyn Dictionary) {
         let area = &mut self.area;
         let open = area.sync.window_open(&area.parameters, now);
-        for ((number, pdo), parameters) in (0..).zip(rolled_mut(&mut area.receive)).zip(&area.parameters.receive) {
+        for ((number, pdo), parameters) in (0..).zip(&mut area.receive).zip(&area.parameters.receive) {
             let taken = pdo.take(parameters, id, data, now, open, dictionary);
             if taken != Taken::NotMine {
                 area.emergency.set(Cause::Short(number), taken == Taken::Short);
@@ -349,21 +334,20 @@ impl Node {
         }
     }
 
-    #[inline(never)]
     fn poll_process_data(&mut self, now: Time, dictionary: &mut dyn Dictionary) {
         let area = &mut self.area;
         if area.sync.lost(&area.parameters, now) {
             area.emergency.raise(Cause::SyncLost);
             dictionary.event(Event::SyncLost);
         }
-        for (pdo, receive) in (0..).zip(rolled_mut(&mut area.receive)) {
+        for (pdo, receive) in (0..).zip(&mut area.receive) {
             if receive.late(now) {
                 area.emergency.raise(Cause::Late(pdo));
                 dictionary.event(Event::ReceiveTimeout { pdo });
             }
         }
         let register = area.emergency.register();
-        for (pdo, parameters) in rolled_mut(&mut area.transmit).iter_mut().zip(&area.parameters.transmit) {
+        for (pdo, parameters) in area.transmit.iter_mut().zip(&area.parameters.transmit) {
             pdo.poll(parameters, register, now, dictionary, &mut area.out);
         }
     }

@@ -1,6 +1,7 @@
 //! Frames that wait to be sent, in the order in which the bus would choose.
 
 use super::Frame;
+use core::mem::swap;
 use heapless::Vec;
 
 /// Frames that can wait.
@@ -13,14 +14,8 @@ const LENGTH: usize = 16;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Outbox(Vec<Frame, LENGTH>);
 
-#[inline(never)]
-fn exchange(one: &mut Frame, other: &mut Frame) {
-    core::mem::swap(one, other);
-}
-
 impl Outbox {
     /// Where frames of this and higher identifiers begin.
-    #[inline(never)]
     fn from(&self, id: u16) -> usize {
         self.0.iter().take_while(|queued| queued.id() < id).count()
     }
@@ -31,19 +26,17 @@ impl Outbox {
     }
 
     /// Queues a frame; false when there is no room.
-    #[inline(never)]
     pub fn put(&mut self, frame: Frame) -> bool {
         let at = self.from(frame.id().wrapping_add(1));
         let free = self.0.push(Frame::default()).is_ok();
         let mut moved = frame;
         if let (Some(tail), true) = (self.0.get_mut(at..), free) {
-            tail.iter_mut().for_each(|place| exchange(place, &mut moved));
+            tail.iter_mut().for_each(|place| swap(place, &mut moved));
         }
         free
     }
 
     /// Queues a frame in place of one of the same identifier that has not left yet: a fresh sample for a stale one.
-    #[inline(never)]
     pub fn refresh(&mut self, frame: Frame) -> bool {
         match self.first(frame.id()) {
             Some(queued) => {
@@ -54,11 +47,10 @@ impl Outbox {
         }
     }
 
-    #[inline(never)]
     fn remove(&mut self, at: usize) -> Option<Frame> {
         let mut moved = self.0.pop()?;
         let tail = self.0.get_mut(at..).unwrap_or(&mut []);
-        tail.iter_mut().rev().for_each(|place| exchange(place, &mut moved));
+        tail.iter_mut().rev().for_each(|place| swap(place, &mut moved));
         Some(moved)
     }
 
@@ -73,7 +65,6 @@ impl Outbox {
     }
 
     /// Drops the frames of an identifier.
-    #[inline(never)]
     pub fn discard(&mut self, id: u16) {
         while self.holds(id) {
             self.remove(self.from(id));

@@ -3,7 +3,6 @@
 use super::area::{Found, Item, STORED, stored};
 use super::device::{Device, ENTRIES, PDOS, PdoDefault};
 use super::pdo::Direction;
-use super::rolled::{rolled, rolled_mut};
 use super::{Abort, NodeId};
 
 /// Bit 31 of a COB-ID: not in use.
@@ -31,7 +30,6 @@ impl Pdo {
     const UNUSED: Self =
         Self { id: 0, transmission: 0, inhibit: 0, timer: 0, start: 0, count: 0, entries: [0; ENTRIES] };
 
-    #[inline(never)]
     fn new(default: &PdoDefault, id: u32) -> Self {
         let mut entries = [0; ENTRIES];
         let count = default.entries.len().min(ENTRIES);
@@ -60,11 +58,10 @@ impl Pdo {
 }
 
 /// The PDOs of a direction: the pre-defined connection set spaces their identifiers by 100h.
-#[inline(never)]
 fn pdos(defaults: &[PdoDefault; PDOS], first: u32) -> [Pdo; PDOS] {
     let mut pdos = [Pdo::UNUSED; PDOS];
     let identifiers = (first..).step_by(0x100);
-    for ((pdo, default), id) in rolled_mut(&mut pdos).iter_mut().zip(rolled(defaults)).zip(identifiers) {
+    for ((pdo, default), id) in pdos.iter_mut().zip(defaults).zip(identifiers) {
         *pdo = Pdo::new(default, id);
     }
     pdos
@@ -95,7 +92,6 @@ enum Slot<'a> {
 
 impl Parameters {
     /// The defaults of a device as node `id`; as node 0 identifiers lack the node-ID, as in an EDS.
-    #[inline(never)]
     pub fn new(device: &Device, id: u8) -> Self {
         let id = u32::from(id);
         Self {
@@ -113,7 +109,6 @@ impl Parameters {
         }
     }
 
-    #[inline(never)]
     fn slot(&mut self, found: Found) -> Option<Slot<'_>> {
         let nth = usize::from(found.sub).checked_sub(1);
         Some(match found.item {
@@ -142,7 +137,6 @@ impl Parameters {
     }
 
     /// A value; 0 for what is no parameter.
-    #[inline(never)]
     pub fn get(&mut self, found: Found) -> u32 {
         match self.slot(found) {
             Some(Slot::Byte(value)) => (*value).into(),
@@ -153,7 +147,6 @@ impl Parameters {
     }
 
     /// Takes over a value that was found good.
-    #[inline(never)]
     pub fn set(&mut self, found: Found, new: u32) {
         match self.slot(found) {
             Some(Slot::Byte(value)) => *value = new as u8,
@@ -172,7 +165,6 @@ impl Parameters {
     }
 
     /// The same, to be changed.
-    #[inline(never)]
     pub fn pdo_mut(&mut self, direction: Direction, pdo: u16) -> Option<&mut Pdo> {
         match direction {
             Direction::Receive => self.receive.get_mut(usize::from(pdo)),
@@ -181,7 +173,6 @@ impl Parameters {
     }
 
     /// The values in the order of the table of objects, little-endian, behind a version and the node-ID.
-    #[inline(never)]
     pub fn image(mut self, id: NodeId) -> [u8; IMAGE] {
         let mut image = [0; IMAGE];
         let [version, node, values @ ..] = &mut image;
@@ -199,7 +190,6 @@ impl Parameters {
 
     /// Reads a stored form of the same version, length and node-ID whose values could have been written one by one, as
     /// far as that can be told without the device's objects.
-    #[inline(never)]
     pub fn load(&mut self, image: &[u8], id: NodeId) -> Option<()> {
         let [version, node, values @ ..] = <&[u8; IMAGE]>::try_from(image).ok()?;
         if *version != VERSION || *node != id.get() {
@@ -225,7 +215,6 @@ const VERSION: u8 = 1;
 pub const IMAGE: usize = 2 + STORED;
 
 /// Whether a value can be, whatever the others are.
-#[inline(never)]
 pub(super) fn validate(item: Item, value: u32) -> Result<(), Abort> {
     match item {
         // This node does not produce SYNC.
@@ -248,7 +237,6 @@ fn permitted(ok: bool) -> Result<(), Abort> {
 }
 
 /// Identifiers that nobody may choose (CiA 301 7.3.5, table 41), and 29-bit ones, which this node does not have.
-#[inline(never)]
 fn identifier(value: u32) -> Result<(), Abort> {
     let reserved = matches!(value & 0x7FF, 0..=0x7F | 0x101..=0x180 | 0x581..=0x5FF | 0x601..=0x67F | 0x6E0..=0x6FF | 0x701..=0x7FF);
     permitted(value & EXTENDED == 0 && !reserved)

@@ -31,7 +31,6 @@ pub(super) struct Space<'a> {
 }
 
 impl Space<'_> {
-    #[inline(never)]
     fn find(&self, address: Address) -> Result<Object, Abort> {
         match address.index {
             0..=0x0FFF => Err(Abort::NoObject),
@@ -47,14 +46,12 @@ impl Space<'_> {
     }
 
     /// Looks up what is to be read.
-    #[inline(never)]
     pub fn readable(&self, address: Address) -> Result<Object, Abort> {
         let object = self.find(address)?;
         if object.access.readable() { Ok(object) } else { Err(Abort::WriteOnly) }
     }
 
     /// Looks up what is to be written with `length` bytes, if that is known.
-    #[inline(never)]
     pub fn writable(&self, address: Address, length: Option<u32>) -> Result<Object, Abort> {
         let object = self.find(address)?;
         if !object.access.writable() {

@@ -57,7 +57,6 @@ impl Sync {
     }
 
     /// True once when SYNC has failed to come for one and a half periods.
-    #[inline(never)]
     pub fn lost(&mut self, parameters: &Parameters, now: Time) -> bool {
         let period = u64::from(parameters.period);
         let lost = self.last.is_some_and(|last| now > last.after(period + period / 2));

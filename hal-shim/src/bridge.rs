@@ -120,7 +120,6 @@ impl<P: SetDutyCycle, A: OutputPin, B: OutputPin> PwmBridge<P, A, B> {
 
     /// Sets the direction inputs, PWM off first; the input that goes low does so before the other goes high.
     #[cold]
-    #[inline(never)]
     fn change(&mut self, side: Side) -> Result<(), BridgeFault> {
         self.side = Side::Unknown;
         self.off()?;

@@ -27,7 +27,6 @@ impl<B: Board> Decoder<B> {
     }
 
     #[cold]
-    #[inline(never)]
     fn unusual(&mut self) {
         let (levels, now) = (self.lines.levels(), self.clock.now());
         match self.lines.unusual() {

@@ -39,7 +39,6 @@ impl<B: Board> Gap<B> {
 
     /// Other settings, once the reading is out.
     #[cold]
-    #[inline(never)]
     fn retune(&mut self) {
         self.settings.refresh();
         self.source.retune(self.settings.get());

@@ -25,7 +25,6 @@ impl<B: Board> Keeper<B> {
 
     /// What was stored last. When it cannot be read the log says so, and nothing is: the defaults run, which no guided check
     /// has passed.
-    #[inline(never)]
     pub fn load(&mut self) -> Kept {
         let (kept, note) = match self.storage.load(self.buffer) {
             Ok(Some(image)) => match Kept::from_bytes(image) {
@@ -43,7 +42,6 @@ impl<B: Board> Keeper<B> {
     ///
     /// # Errors
     /// [`Abort::Hardware`]: nothing was stored; what was before is still there.
-    #[inline(never)]
     pub fn change(
         &mut self,
         leave: &Leave,

@@ -138,7 +138,6 @@ impl<B: Board> Protocol<B> {
     }
 
     /// Frames that have come. What they order goes on at once.
-    #[inline(never)]
     fn frames(&mut self) {
         while let Some(Arrival { frame, stamp, syncs }) = self.received.receive() {
             self.syncs = syncs;
@@ -246,7 +245,6 @@ impl<B: Board> Protocol<B> {
     }
 
     /// Hands the drive's orders on, as long as there is room for any, and then what it will order at the next SYNC.
-    #[inline(never)]
     fn orders(&mut self) {
         while self.outstanding < REQUESTS && self.resets.room() > 0 {
             let Some(order) = self.held.take().or_else(|| self.drive.take()) else {

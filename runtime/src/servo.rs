@@ -152,14 +152,12 @@ impl<B: Board> Servo<B> {
 
     /// A safety input is unsafe, or was in the tick before.
     #[cold]
-    #[inline(never)]
     fn safety(&mut self) {
         self.input.safety = self.inputs.read().unsafe_ones();
     }
 
     /// For the look, or while the timer leads: both counters.
     #[cold]
-    #[inline(never)]
     fn compare_counters(&mut self, storm: bool) {
         let timer = self.timer.read();
         self.input.encoder = self.handover.read(self.decoder.snapshot(), timer, storm);
@@ -168,7 +166,6 @@ impl<B: Board> Servo<B> {
 
     /// Whom a change of state, or the look once a millisecond, concerns.
     #[cold]
-    #[inline(never)]
     fn tell(&mut self, drive: Drive) {
         let state = self.head.status().state;
         let looked = self.head.has_looked();
@@ -210,7 +207,6 @@ impl<B: Board> Servo<B> {
     }
 
     #[cold]
-    #[inline(never)]
     fn requests(&mut self) {
         while let Some(fault) = self.faults.receive() {
             self.raise(fault);
@@ -258,7 +254,6 @@ impl<B: Board> Servo<B> {
 
     /// Carries out what waits for a SYNC if that has come: counted, or still in the controller.
     #[cold]
-    #[inline(never)]
     fn synchronise(&mut self) {
         let (signals, sync) = (self.signals, &self.sync);
         let came = |syncs| {
@@ -280,7 +275,6 @@ impl<B: Board> Servo<B> {
         self.head.raise(fault);
     }
 
-    #[inline(never)]
     fn carry_out(&mut self, command: Command) -> (Result<(), Refused>, u32) {
         let tick = self.number();
         self.carried.push(command, tick);
@@ -312,7 +306,6 @@ impl<B: Board> Servo<B> {
 
     /// Whatever was forced, the bridge starts from coasting.
     #[cold]
-    #[inline(never)]
     fn restart_bridge(&mut self, forced: Forced<B>) {
         self.forced = forced;
         if self.bridge.apply(Drive::Coast).is_err() {

@@ -116,6 +116,7 @@ impl Velocity {
         CountsPerSecond(self.value)
     }
 
+    // Not in line: a tick without an edge, as most at rest, is two or three cycles shorter.
     #[inline(never)]
     fn edge(&mut self, edge: Edge) {
         self.value = self.measure(edge);
@@ -136,7 +137,6 @@ impl Velocity {
 
     /// At standstill the newest edge is as old as that takes, and the only one. A little later it is made so again.
     #[cold]
-    #[inline(never)]
     fn stand(&mut self, now: u32) {
         let line = self.edges[self.newest % 4].line;
         self.time = now.wrapping_sub(self.standstill);

@@ -214,7 +214,6 @@ impl<P: DerefMut<Target = Path>> Head<P> {
 
     /// A head may leave its upper limit downward, so that one alone is no reason to refuse; the dielectric matters only
     /// where pulses follow.
-    #[inline(never)]
     fn refuse_hazard(&self, pulses: bool) -> Result<(), Refused> {
         let only_upper = self.safety.upper_limit && !self.safety.lower_limit;
         let safety = SafetyInputs {
@@ -282,7 +281,6 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     }
 
     /// A length in counts, fractions included.
-    #[inline(never)]
     pub(super) fn fixed(&self, length: Nanometres) -> Fixed {
         let limit = Fixed::MAX_WHOLE;
         let scaled = Fixed::whole(length.0.clamp(-limit, limit));

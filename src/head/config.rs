@@ -112,7 +112,6 @@ pub struct Axis {
 
 impl Axis {
     /// Whether a loop may stay closed from this one to another: all but gains and limit of the duty is the same.
-    #[inline(never)]
     pub fn is_wired_as(&self, other: &Axis) -> bool {
         Axis { gains: other.gains, duty_limit: other.duty_limit, ..*self } == *other
     }

@@ -194,7 +194,6 @@ impl<P: DerefMut<Target = Path>> Head<P> {
 
     /// What most ticks do not do.
     #[cold]
-    #[inline(never)]
     fn do_more(&mut self, busy: bool, input: &TickInput) {
         // Whoever is not busy is here for something urgent.
         let mut plan = !busy || input.reflex || input.safety.is_some();

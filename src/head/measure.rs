@@ -60,7 +60,6 @@ impl<P: DerefMut<Target = Path>> Head<P> {
 
     /// A new count, or the first.
     #[cold]
-    #[inline(never)]
     fn track(&mut self, input: &TickInput) {
         let axis = &self.config.axis;
         let raw = as_wired(axis, input.encoder.raw);

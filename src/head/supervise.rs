@@ -36,7 +36,6 @@ pub struct Limits {
 struct Lasting(u32);
 
 impl Lasting {
-    #[inline(never)]
     fn longer_than(&mut self, ms: u32, condition: bool) -> bool {
         self.0 = if condition { self.0.saturating_add(1) } else { 0 };
         self.0 > ms

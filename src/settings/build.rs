@@ -1,8 +1,6 @@
 //! Settings -> what the ticks run, or the setting that stands in the way.
 
-#[cfg(target_os = "none")]
-use super::place;
-use super::{Declared, LawName, Name, SetpointUnit, SettingError, Settings};
+use super::{Declared, LawName, SetpointUnit, SettingError, Settings, place};
 use crate::dsp::chain;
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{FixedRate, IncrementByError, Law, Limits, RateByError};
@@ -30,24 +28,21 @@ pub struct Active {
 }
 
 /// Servo ticks in so many milliseconds, at least one.
-#[inline(never)]
 fn ticks(ms: f32) -> u32 {
     Seconds(ms * 1e-3).ticks().max(1)
 }
 
-#[inline(never)]
 fn um(length: f32) -> Fixed {
     Fixed::whole(length as i64)
 }
 
-/// How errors name the setting of a key.
-const fn name(key: &'static str) -> Name {
-    #[cfg(target_os = "none")]
-    let key = place(Settings::KEYS, key);
+/// A key, in a constant: there one that no setting has does not compile.
+const fn name(key: &'static str) -> &'static str {
+    place(Settings::KEYS, key);
     key
 }
 
-fn conflict(condition: bool, field: Name, rule: &'static str) -> Result<(), SettingError> {
+fn conflict(condition: bool, field: &'static str, rule: &'static str) -> Result<(), SettingError> {
     if condition { Err(SettingError::Conflict { field, rule }) } else { Ok(()) }
 }
 

@@ -89,18 +89,10 @@ impl Kind {
     }
 }
 
-/// How an error names a setting: by its key.
-#[cfg(not(target_os = "none"))]
-pub type Name = &'static str;
-/// How an error names a setting: by its place in the table, from 0, for keys would take flash.
-#[cfg(target_os = "none")]
-pub type Name = usize;
-
-/// What is known of one setting. What is for people alone takes no flash on the chip.
+/// What is known of one setting. What only documents say is not on the chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Field {
-    /// Name in files, on the command line and in documents.
-    #[cfg(not(target_os = "none"))]
+    /// Name in files, on the command line, in documents and in logs.
     pub key: &'static str,
     /// Unit, empty for a ratio, a flag or a choice.
     #[cfg(not(target_os = "none"))]
@@ -116,22 +108,10 @@ pub struct Field {
 }
 
 /// Its key alone: the log's reader has the table.
-#[cfg(all(feature = "defmt", not(target_os = "none")))]
+#[cfg(feature = "defmt")]
 impl defmt::Format for Field {
     fn format(&self, f: defmt::Formatter<'_>) {
         defmt::write!(f, "{=str}", self.key);
-    }
-}
-
-/// What it may be: that tells which one it is.
-#[cfg(all(feature = "defmt", target_os = "none"))]
-impl defmt::Format for Field {
-    fn format(&self, f: defmt::Formatter<'_>) {
-        match self.kind {
-            Kind::Number { min, max } => defmt::write!(f, "{=f32} to {=f32}", min, max),
-            Kind::Integer { min, max } => defmt::write!(f, "{=u32} to {=u32}", min, max),
-            Kind::Flag | Kind::Choice(_) => defmt::write!(f, "a choice"),
-        }
     }
 }
 
@@ -177,7 +157,7 @@ pub enum SettingError {
     /// Allowed by itself, but not together with another setting.
     Conflict {
         /// The setting that has to change.
-        field: Name,
+        field: &'static str,
         /// What it has to satisfy.
         rule: &'static str,
     },
@@ -290,7 +270,7 @@ macro_rules! setting_kind {
 pub trait Declared: Sized {
     /// The table, in the order of declaration.
     const FIELDS: &'static [Field];
-    /// The keys in that order, for constants: what else asks for them takes them to the chip.
+    /// The keys in that order, for constants.
     const KEYS: &'static [&'static str];
     /// The word of the field at `index` of [`Declared::FIELDS`].
     fn word(&self, index: usize) -> Option<u32>;
@@ -306,7 +286,6 @@ pub trait Declared: Sized {
         self.put_word(index, field.kind.word(value).ok_or(SettingError::NotAllowed(field))?)
     }
     /// Sets the field called `key`; a refused value changes nothing.
-    #[cfg(not(target_os = "none"))]
     fn set(&mut self, key: &str, value: Value<'_>) -> Result<(), SettingError> {
         let index = Self::FIELDS.iter().position(|field| field.key == key).ok_or(SettingError::UnknownKey)?;
         self.put(index, value)
@@ -358,7 +337,6 @@ macro_rules! declare {
             $vis const COUNT: usize = <Self as $crate::settings::Declared>::FIELDS.len();
 
             /// Every value as a word, in the order of declaration.
-            #[inline(never)]
             $vis fn words(&self) -> [u32; Self::COUNT] {
                 let mut words = [0; Self::COUNT];
                 let [$($name,)+] = &mut words;
@@ -367,7 +345,6 @@ macro_rules! declare {
             }
 
             /// Takes the values of words that were checked. One by one: made at once they would all wait in registers.
-            #[inline(never)]
             $vis fn take_words(&mut self, words: &[u32; Self::COUNT]) {
                 let [$($name,)+] = words;
                 $(self.$name = $crate::settings::Setting::from_word(*$name);)+
@@ -384,7 +361,6 @@ macro_rules! declare {
             const KEYS: &'static [&'static str] = &[$($key),+];
             const FIELDS: &'static [$crate::settings::Field] = {
                 &[$($crate::settings::Field {
-                    #[cfg(not(target_os = "none"))]
                     key: $key,
                     #[cfg(not(target_os = "none"))]
                     unit: $unit,

@@ -2,12 +2,12 @@
 
 use crate::bench::{Bench, ID};
 use crate::machine::*;
-use edm_servo_head::canopen::{Access, DefaultValue, descriptions};
+use edm_servo_head::canopen::{Access, DefaultValue, own_objects};
 
 #[test]
 fn every_described_object_reads_as_its_default() {
     let mut bench = Bench::new();
-    for object in descriptions(&DEVICE) {
+    for object in own_objects(&DEVICE) {
         assert_ne!(object.access, Access::WriteOnly);
         let value = bench.read(object.index, object.sub);
         match object.default {
@@ -31,7 +31,7 @@ fn every_described_object_reads_as_its_default() {
 #[test]
 fn every_writable_object_takes_its_own_value_back() {
     let mut bench = Bench::new();
-    for object in descriptions(&DEVICE).filter(|object| object.access == Access::ReadWrite) {
+    for object in own_objects(&DEVICE).filter(|object| object.access == Access::ReadWrite) {
         let value = bench.read(object.index, object.sub).unwrap();
         let in_use = matches!(object.index, 0x1600 | 0x1601 | 0x1A00 | 0x1A01 | 0x1800 | 0x1801);
         let expected = match (object.index, object.sub) {
@@ -49,7 +49,7 @@ fn every_writable_object_takes_its_own_value_back() {
 #[test]
 fn what_is_read_only_stays_so() {
     let mut bench = Bench::new();
-    for object in descriptions(&DEVICE).filter(|object| !object.access.writable()) {
+    for object in own_objects(&DEVICE).filter(|object| !object.access.writable()) {
         let value = vec![0; object.kind.size().unwrap_or(5)];
         assert_eq!(bench.write(object.index, object.sub, &value), Err(0x0601_0002), "{:x}", object.index);
     }

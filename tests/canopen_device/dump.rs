@@ -1,14 +1,14 @@
 //! The dictionary as a master finds it is the one that the data sheet describes.
 
 use crate::rig::Rig;
-use edm_servo_head::canopen::{DefaultValue, eds};
+use edm_describe::everything;
+use edm_servo_head::canopen::DefaultValue;
 
 #[test]
 fn every_object_of_the_data_sheet_answers_as_it_says() {
     let mut rig = Rig::new(|_, _| {});
     let (mut numbers, mut refused) = (0, 0);
-    for declaration in eds::everything() {
-        let d = declaration.description;
+    for d in everything() {
         let place = format!("{:04x}:{:02x}", d.index, d.sub);
         if !d.access.readable() {
             assert_eq!(rig.try_read(d.index, d.sub), Err(0x0601_0001), "{place}");
@@ -45,8 +45,7 @@ fn every_object_of_the_data_sheet_answers_as_it_says() {
 #[test]
 fn what_the_data_sheet_does_not_have_is_not_there() {
     let mut rig = Rig::new(|_, _| {});
-    let places: std::collections::BTreeSet<(u16, u8)> =
-        eds::everything().map(|declaration| (declaration.description.index, declaration.description.sub)).collect();
+    let places: std::collections::BTreeSet<(u16, u8)> = everything().map(|d| (d.index, d.sub)).collect();
     for index in (0x1FF0..0x2120).chain(0x6030..0x6110).chain(0x6500..0x6510) {
         let highest = places.range((index, 0)..=(index, 255)).last().map(|(_, sub)| *sub);
         let (sub, abort) = highest.map_or((0, 0x0602_0000), |highest| (highest + 1, 0x0609_0011));

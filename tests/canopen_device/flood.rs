@@ -2,7 +2,7 @@
 //! within its declared range.
 
 use crate::rig::Rig;
-use edm_servo_head::canopen::objects::{Declaration, declarations};
+use edm_describe::{Declaration, everything};
 use edm_servo_head::canopen::{Access, DataType, Dictionary, Mapping};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -20,11 +20,11 @@ struct Host {
 
 impl Host {
     fn new(seed: u64) -> Self {
-        let writable = |d: &Declaration| matches!(d.description.access, Access::ReadWrite | Access::WriteOnly);
+        let writable = |d: &Declaration| matches!(d.access, Access::ReadWrite | Access::WriteOnly);
         Self {
             random: Xoshiro256PlusPlus::seed_from_u64(seed),
-            writable: declarations().filter(writable).collect(),
-            mappable: declarations().filter(|d| d.description.mapping != Mapping::No).collect(),
+            writable: drive().filter(writable).collect(),
+            mappable: drive().filter(|d| d.mapping != Mapping::No).collect(),
         }
     }
 
@@ -50,9 +50,9 @@ impl Host {
             0..14 => {
                 let at = self.below(self.writable.len() as u32) as usize;
                 let object = self.writable[at];
-                let size = object.description.kind.size().unwrap_or(4).clamp(1, 4) as u8;
-                let [low, high] = object.description.index.to_le_bytes();
-                let head = [0x23 | (4 - size) << 2, low, high, object.description.sub];
+                let size = object.kind.size().unwrap_or(4).clamp(1, 4) as u8;
+                let [low, high] = object.index.to_le_bytes();
+                let head = [0x23 | (4 - size) << 2, low, high, object.sub];
                 (0x600 + ID, [head, self.value(&object).to_le_bytes()].concat())
             }
             14 => (0x600 + ID, self.random.random::<[u8; 8]>().to_vec()),
@@ -73,7 +73,7 @@ impl Host {
             _ => {
                 // Into a mapping that is not in use, if it is not.
                 let at = self.below(self.mappable.len() as u32) as usize;
-                let d = self.mappable[at].description;
+                let d = self.mappable[at];
                 let entry = u32::from(d.index) << 16 | u32::from(d.sub) << 8 | (8 * d.kind.size().unwrap_or(0) as u32);
                 let index = [0x1600u16, 0x1A00][self.below(2) as usize] + self.below(4) as u16;
                 let [low, high] = index.to_le_bytes();
@@ -83,13 +83,18 @@ impl Host {
     }
 }
 
+/// The objects behind the node's own.
+fn drive() -> impl Iterator<Item = Declaration> {
+    everything().filter(|d| d.index >= 0x2000)
+}
+
 /// What an object of the drive reads as a number.
 fn number(rig: &Rig, d: &Declaration) -> Option<f64> {
-    let entry = rig.drive.entry(d.description.index, d.description.sub).unwrap();
+    let entry = rig.drive.entry(d.index, d.sub).unwrap();
     let mut bytes = [0; 252];
     let length = rig.drive.read(entry.place, &mut bytes).unwrap();
     let raw = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
-    Some(match d.description.kind {
+    Some(match d.kind {
         DataType::Integer8 => f64::from(raw as i8),
         DataType::Integer16 => f64::from(raw as i16),
         DataType::Integer32 => f64::from(raw as i32),

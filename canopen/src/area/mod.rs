@@ -1,13 +1,11 @@
 //! The communication area, 1000h to 1FFFh: the node's own objects, and the state behind them.
 
-mod describe;
 mod objects;
+mod own;
 mod write;
 
-pub use describe::descriptions;
-#[cfg(not(target_os = "none"))]
-pub use objects::is_stored;
 pub(super) use objects::{Found, Item, STORED, find, stored};
+pub use own::{DefaultValue, OwnObject, own_objects};
 
 use super::device::{Device, PDOS};
 use super::emergency::Emergency;
@@ -15,7 +13,6 @@ use super::heartbeat::{Consumer, Producer};
 use super::outbox::Outbox;
 use super::parameters::Parameters;
 use super::pdo::{Direction, Map, Receive, Transmit};
-use super::rolled::{rolled, rolled_mut};
 use super::sync::Sync;
 use super::{Abort, Dictionary, NmtState, NodeId};
 
@@ -42,7 +39,6 @@ const ALL: [(Direction, u16); 2 * PDOS] = {
     [(Receive, 0), (Receive, 1), (Receive, 2), (Receive, 3), (Transmit, 0), (Transmit, 1), (Transmit, 2), (Transmit, 3)]
 };
 
-#[inline(never)]
 fn resolve(
     parameters: &Parameters,
     direction: Direction,
@@ -55,20 +51,13 @@ fn resolve(
 }
 
 /// Copies the first bytes of a value.
-#[inline(never)]
 fn copy(value: &[u8], length: usize, out: &mut [u8]) -> Result<usize, Abort> {
     let (Some(from), Some(to)) = (value.get(..length), out.get_mut(..length)) else { return Err(Abort::OutOfMemory) };
     to.copy_from_slice(from);
     Ok(length)
 }
 
-#[inline(never)]
-fn idle<T: Default + Copy>() -> [T; PDOS] {
-    [T::default(); PDOS]
-}
-
 impl Area {
-    #[inline(never)]
     pub fn new(device: &'static Device, id: NodeId, serial: u32) -> Self {
         Self {
             device,
@@ -80,8 +69,8 @@ impl Area {
             producer: Producer::default(),
             consumer: Consumer::default(),
             sync: Sync::default(),
-            receive: idle(),
-            transmit: idle(),
+            receive: Default::default(),
+            transmit: Default::default(),
             out: Outbox::default(),
         }
     }
@@ -90,13 +79,12 @@ impl Area {
     ///
     /// # Errors
     /// A mapping that the dictionary does not have; nothing has changed.
-    #[inline(never)]
     pub fn adopt(&mut self, parameters: &Parameters, dictionary: &dyn Dictionary) -> Result<(), Abort> {
         let mut scratch = Map::default();
-        for (direction, number) in rolled(&ALL) {
+        for (direction, number) in &ALL {
             resolve(parameters, *direction, *number, dictionary, &mut scratch)?;
         }
-        for (direction, number) in rolled(&ALL) {
+        for (direction, number) in &ALL {
             if let Some(map) = self.map(*direction, *number) {
                 resolve(parameters, *direction, *number, dictionary, map)?;
             }
@@ -106,7 +94,6 @@ impl Area {
     }
 
     /// The resolved mapping of a PDO.
-    #[inline(never)]
     pub fn map(&mut self, direction: Direction, number: u16) -> Option<&mut Map> {
         let number = usize::from(number);
         match direction {
@@ -116,7 +103,6 @@ impl Area {
     }
 
     /// Reset: what was under way is not. Errors of the device remain; parameters wait for [`adopt`](Self::adopt).
-    #[inline(never)]
     pub fn restart(&mut self) {
         self.state = NmtState::Initialising;
         self.emergency.restart();
@@ -127,18 +113,16 @@ impl Area {
     }
 
     /// What SYNC and PDOs have brought is forgotten.
-    #[inline(never)]
     pub fn restart_process_data(&mut self) {
         self.sync.restart();
-        rolled_mut(&mut self.receive).iter_mut().for_each(|pdo| pdo.restart());
-        rolled_mut(&mut self.transmit).iter_mut().for_each(|pdo| pdo.restart());
+        self.receive.iter_mut().for_each(|pdo| pdo.restart());
+        self.transmit.iter_mut().for_each(|pdo| pdo.restart());
     }
 
     /// Copies a value to the front of `out` and returns its length, bytes.
     ///
     /// # Errors
     /// [`Abort::NoData`] for an error that has not happened.
-    #[inline(never)]
     pub fn read(&mut self, found: Found, out: &mut [u8]) -> Result<usize, Abort> {
         let Found { item, kind, sub, .. } = found;
         let text = match item {

@@ -5,7 +5,6 @@ use crate::emergency::Cause;
 use crate::heartbeat::entry;
 use crate::parameters::{INVALID, Pdo, validate};
 use crate::pdo::{Direction, Map};
-use crate::rolled::rolled;
 use crate::{Abort, Dictionary, Group, Request, Written};
 
 /// "save", first letter first on the bus (CiA 301 7.5.2.13).
@@ -26,7 +25,6 @@ impl Area {
     ///
     /// # Errors
     /// Nothing has changed.
-    #[inline(never)]
     pub fn write(&mut self, found: Found, data: &[u8], dictionary: &mut dyn Dictionary) -> Result<Written, Abort> {
         let mut bytes = [0; 4];
         bytes.get_mut(..data.len()).ok_or(Abort::LengthTooHigh)?.copy_from_slice(data);
@@ -46,7 +44,6 @@ impl Area {
     }
 
     /// Whether a value can be together with the others, now. A mapping is resolved when it is.
-    #[inline(never)]
     fn permit(&mut self, found: Found, value: u32, dictionary: &dyn Dictionary) -> Result<(), Abort> {
         let old = self.parameters.get(found);
         let own = &mut self.parameters;
@@ -63,7 +60,7 @@ impl Area {
                 let twice = |(sub, other): (u8, &u32)| {
                     sub != found.sub && entry(*other).zip(entry(value)).is_some_and(|(a, b)| a.0 == b.0)
                 };
-                if (1..).zip(rolled(&own.consumers)).any(twice) { Err(Abort::Incompatible) } else { Ok(()) }
+                if (1..).zip(&own.consumers).any(twice) { Err(Abort::Incompatible) } else { Ok(()) }
             }
             (Item::Inhibit | Item::Start | Item::MapCount(_) | Item::MapEntry(_), Some((_, pdo))) if pdo.valid() => {
                 Err(Abort::DeviceState)
@@ -80,7 +77,6 @@ impl Area {
     }
 
     /// What was under way by an old parameter is not.
-    #[inline(never)]
     fn changed(&mut self, found: Found) {
         let which = usize::from(found.pdo);
         match (found.item, found.item.direction()) {
@@ -109,7 +105,6 @@ impl Area {
     }
 }
 
-#[inline(never)]
 fn request(found: Found, value: u32, dictionary: &mut dyn Dictionary) -> Result<Written, Abort> {
     let request = match (found.item, value) {
         (Item::Store, SAVE) => Request::Store(group(found.sub)),

@@ -2,7 +2,6 @@
 
 use super::Direction;
 use crate::device::ENTRIES;
-use crate::rolled::{rolled, rolled_mut};
 use crate::{Abort, DataType, Dictionary, Mapping, Place};
 
 /// Bytes in a PDO.
@@ -36,7 +35,6 @@ pub(crate) struct Map {
 }
 
 /// Looks up one entry.
-#[inline(never)]
 fn resolve(entry: u32, direction: Direction, dictionary: &dyn Dictionary) -> Result<Mapped, Abort> {
     let (index, sub, bits) = ((entry >> 16) as u16, (entry >> 8) as u8, entry as u8);
     let mut place = Place::default();
@@ -88,13 +86,12 @@ impl Map {
     /// # Errors
     /// An object that does not exist or cannot be mapped in this direction; [`Abort::PdoLength`] beyond 8 bytes. Nothing
     /// has changed.
-    #[inline(never)]
     pub fn resolve(&mut self, entries: &[u32], direction: Direction, dictionary: &dyn Dictionary) -> Result<(), Abort> {
         let mut map = Self::default();
         if entries.len() > ENTRIES {
             return Err(Abort::PdoLength);
         }
-        for (place, entry) in rolled_mut(&mut map.mapped).iter_mut().zip(rolled(entries)) {
+        for (place, entry) in map.mapped.iter_mut().zip(entries) {
             *place = resolve(*entry, direction, dictionary)?;
             map.length = map.length.saturating_add(place.size);
         }
@@ -111,10 +108,9 @@ impl Map {
     }
 
     /// Hands the bytes of a received PDO to their objects. What an object refuses is not taken; the others are.
-    #[inline(never)]
     pub fn deliver(&self, data: &[u8; LENGTH], dictionary: &mut dyn Dictionary) {
         let mut rest = &data[..];
-        for mapped in rolled(&self.mapped).iter().take_while(|mapped| mapped.size != 0) {
+        for mapped in self.mapped.iter().take_while(|mapped| mapped.size != 0) {
             let Some((value, behind)) = rest.split_at_checked(mapped.size.into()) else { return };
             if mapped.target == Target::Object {
                 let _ = dictionary.write(mapped.place, value);
@@ -124,7 +120,6 @@ impl Map {
     }
 
     /// Finds the bytes for `place`; `None` when those for another object are not its value already.
-    #[inline(never)]
     pub fn ahead(
         &self,
         data: &[u8; LENGTH],
@@ -133,7 +128,7 @@ impl Map {
         value: &mut Option<[u8; 4]>,
     ) -> Option<()> {
         let mut rest = &data[..];
-        for mapped in rolled(&self.mapped).iter().take_while(|mapped| mapped.size != 0) {
+        for mapped in self.mapped.iter().take_while(|mapped| mapped.size != 0) {
             let (bytes, behind) = rest.split_at_checked(mapped.size.into())?;
             if mapped.target == Target::Object && mapped.place == place {
                 value.insert([0; 4]).get_mut(..bytes.len())?.copy_from_slice(bytes);
@@ -150,11 +145,10 @@ impl Map {
     }
 
     /// Collects the values of the mapped objects; `None` when one of them cannot be read.
-    #[inline(never)]
     pub fn collect(&self, register: u8, dictionary: &dyn Dictionary) -> Option<[u8; LENGTH]> {
         let mut data = [0; LENGTH];
         let mut rest = &mut data[..];
-        for mapped in rolled(&self.mapped).iter().take_while(|mapped| mapped.size != 0) {
+        for mapped in self.mapped.iter().take_while(|mapped| mapped.size != 0) {
             let (out, behind) = rest.split_at_mut_checked(mapped.size.into())?;
             let mut value = [register, 0, 0, 0, 0, 0, 0, 0];
             if mapped.target == Target::Object {

@@ -31,7 +31,6 @@ pub(crate) struct Receive {
 
 impl Receive {
     /// Takes a frame that came at `now`. `open`: synchronous data are still in time (1007h).
-    #[inline(never)]
     pub fn take(
         &mut self,
         pdo: &Pdo,
@@ -61,7 +60,6 @@ impl Receive {
     }
 
     /// Sees what the next SYNC would deliver to `place`; `None` when it would change another object.
-    #[inline(never)]
     pub fn ahead(&self, place: Place, dictionary: &dyn Dictionary, value: &mut Option<[u8; 4]>) -> Option<()> {
         match &self.waiting {
             Some(data) => self.map.ahead(data, place, dictionary, value),
@@ -70,13 +68,11 @@ impl Receive {
     }
 
     /// SYNC: what has come so far is valid from now on.
-    #[inline(never)]
     pub fn synchronise(&mut self) {
         self.synchronised = self.waiting.take().or(self.synchronised);
     }
 
     /// Applies what a SYNC has made valid.
-    #[inline(never)]
     pub fn apply(&mut self, dictionary: &mut dyn Dictionary) {
         if let Some(data) = self.synchronised.take() {
             self.map.deliver(&data, dictionary);
@@ -84,13 +80,11 @@ impl Receive {
     }
 
     /// True once when the PDO has not come within its event timer.
-    #[inline(never)]
     pub fn late(&mut self, now: Time) -> bool {
         self.expected.take_if(|time| now > *time).is_some()
     }
 
     /// Forgets what has come: the mapping, the identifier or the state has changed.
-    #[inline(never)]
     pub fn restart(&mut self) {
         (self.waiting, self.synchronised, self.expected) = (None, None, None);
     }

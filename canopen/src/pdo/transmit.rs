@@ -19,7 +19,6 @@ pub(crate) struct Transmit {
 
 impl Transmit {
     /// Sends an event-driven PDO that is due.
-    #[inline(never)]
     pub fn poll(&mut self, pdo: &Pdo, register: u8, now: Time, dictionary: &dyn Dictionary, out: &mut Outbox) {
         if !pdo.valid() || pdo.transmission <= SYNCHRONOUS {
             return;
@@ -36,7 +35,6 @@ impl Transmit {
     }
 
     /// SYNC: sends a synchronous PDO whose turn it is.
-    #[inline(never)]
     pub fn synchronise(
         &mut self,
         pdo: &Pdo,
@@ -58,7 +56,6 @@ impl Transmit {
 
     /// Whether this SYNC is one of ours: every one for type 0, every n-th for type n. The one whose counter is the start
     /// value counts as the first; without counter or start value the first one does (CiA 301 7.5.2.37).
-    #[inline(never)]
     fn turn(&mut self, pdo: &Pdo, counter: Option<u8>) -> bool {
         let early = pdo.start != 0 && counter.is_some_and(|counter| counter != pdo.start);
         let counted = match self.counted {
@@ -70,7 +67,6 @@ impl Transmit {
         turn
     }
 
-    #[inline(never)]
     fn send(&mut self, pdo: &Pdo, content: [u8; 8], now: Time, out: &mut Outbox) {
         let frame = content.get(..self.map.length()).and_then(|data| Frame::new(pdo.id as u16 & 0x7FF, data));
         if frame.is_some_and(|frame| out.refresh(frame)) {
@@ -79,7 +75,6 @@ impl Transmit {
     }
 
     /// The next one is an event: the mapping, the identifier or the state has changed.
-    #[inline(never)]
     pub fn restart(&mut self) {
         (self.sent, self.counted) = (None, None);
     }

@@ -20,7 +20,6 @@ pub(super) struct BlockDownload {
 
 impl BlockDownload {
     /// Command byte `110x xcs0`: c checksum, s size given. Answer `101x xc00`.
-    #[inline(never)]
     pub fn initiate(request: [u8; 8], address: Address, transfer: &mut Transfer, space: &Space<'_>) -> Outcome {
         let [command, ..] = request;
         let announced = (command & 0x02 != 0).then_some(word(request));
@@ -38,7 +37,6 @@ impl BlockDownload {
         if self.complete { self.end(request, address, buffer, space) } else { self.segment(request, buffer) }
     }
 
-    #[inline(never)]
     fn segment(&mut self, [command, data @ ..]: [u8; 8], buffer: &mut Buffer) -> Outcome {
         let (last, number) = (command & 0x80 != 0, command & 0x7F);
         if !(1..=BLOCK).contains(&number) {
@@ -62,7 +60,6 @@ impl BlockDownload {
         Ok(Step::Answer(answer))
     }
 
-    #[inline(never)]
     fn end(
         &self,
         [command, low, high, ..]: [u8; 8],

@@ -42,7 +42,6 @@ fn block_size(size: u8) -> Result<u8, Abort> {
 impl BlockUpload {
     /// Command byte `101x xc00`, then segments per block and protocol switch threshold: a value of at most that length
     /// goes the ordinary way. Answer `110x xcs0` with the length.
-    #[inline(never)]
     pub fn initiate(
         request: [u8; 8],
         address: Address,
@@ -62,7 +61,6 @@ impl BlockUpload {
     }
 
     /// The client's side: `1010 0011` start, `1010 0010` acknowledge, `1010 0001` end.
-    #[inline(never)]
     pub fn go_on(&mut self, [command, acknowledged, block, ..]: [u8; 8]) -> Outcome {
         match (self.phase, command & 0xE3) {
             (Phase::Start, 0xA3) => self.phase = Phase::Segments,
@@ -94,7 +92,6 @@ impl BlockUpload {
     }
 
     /// Sends the next segment.
-    #[inline(never)]
     pub fn send(&mut self, buffer: &Buffer, space: &mut Space<'_>) -> Result<(), Abort> {
         let offset = self.offset.saturating_add(u32::from(self.sent) * 7);
         let (piece, length) = self.source.piece(offset, buffer, space)?;

@@ -1,13 +1,11 @@
 //! Checksum of block transfers: x^16 + x^12 + x^5 + 1, starting at 0 (CiA 301 7.2.4.3.16).
 
 /// Continues a checksum over more bytes.
-#[inline(never)]
 pub(super) fn crc(start: u16, data: &[u8]) -> u16 {
     data.iter().fold(start, |crc, byte| step(crc, *byte))
 }
 
 /// Eight steps of the polynomial at once, without a table.
-#[inline(never)]
 fn step(crc: u16, byte: u8) -> u16 {
     let x = crc >> 8 ^ u16::from(byte);
     let x = x ^ x >> 4;

@@ -14,7 +14,6 @@ pub(super) struct Download {
 
 impl Download {
     /// Command byte `001x nnes`: e expedited, s size given, n bytes without data.
-    #[inline(never)]
     pub fn initiate(
         request: [u8; 8],
         address: Address,
@@ -40,7 +39,6 @@ impl Download {
     }
 
     /// Command byte `000t nnnc`: t toggle, n bytes without data, c last.
-    #[inline(never)]
     pub fn go_on(&mut self, request: [u8; 8], address: Address, buffer: &mut Buffer, space: &mut Space<'_>) -> Outcome {
         let [command, data @ ..] = request;
         if command >> 5 != 0 {

@@ -118,14 +118,12 @@ fn word([_, _, _, _, a, b, c, d]: [u8; 8]) -> u32 {
 }
 
 /// An answer with an address.
-#[inline(never)]
 fn addressed(command: u8, address: Address, [a, b, c, d]: [u8; 4]) -> [u8; 8] {
     let [low, high] = address.index.to_le_bytes();
     [command, low, high, address.sub, a, b, c, d]
 }
 
 /// An answer with up to seven bytes.
-#[inline(never)]
 fn segment(command: u8, data: &[u8]) -> [u8; 8] {
     let mut answer = [command, 0, 0, 0, 0, 0, 0, 0];
     for (to, from) in answer.iter_mut().skip(1).zip(data) {
@@ -146,7 +144,6 @@ fn initiates(command: u8) -> bool {
 
 impl Server {
     /// Takes a request. One that is not 8 bytes long is none (CiA 301 7.2.4.3).
-    #[inline(never)]
     pub fn receive(&mut self, data: &[u8], now: Time, space: &mut Space<'_>) {
         let Ok(request) = <[u8; 8]>::try_from(data) else { return };
         if matches!(self.transfer, Transfer::Write(_)) && request[0] != ABORT {
@@ -159,7 +156,6 @@ impl Server {
         self.take(request, now, space);
     }
 
-    #[inline(never)]
     fn take(&mut self, request: [u8; 8], now: Time, space: &mut Space<'_>) {
         let command = request[0];
         // Bits 4 to 0 mean nothing in an abort; within a block they are the number of a last segment.
@@ -180,7 +176,6 @@ impl Server {
         self.pump(now, space);
     }
 
-    #[inline(never)]
     fn initiate(&mut self, request: [u8; 8], space: &mut Space<'_>) -> Outcome {
         let Self { transfer, address, buffer, .. } = self;
         match request[0] >> 5 {
@@ -191,7 +186,6 @@ impl Server {
         }
     }
 
-    #[inline(never)]
     fn go_on(&mut self, request: [u8; 8], space: &mut Space<'_>) -> Outcome {
         let Self { transfer, address, buffer, .. } = self;
         match transfer {
@@ -207,7 +201,6 @@ impl Server {
         }
     }
 
-    #[inline(never)]
     fn finish(&mut self, outcome: Outcome, space: &mut Space<'_>) {
         let (answer, over) = match outcome {
             Ok(Step::Answer(answer)) => (answer, false),
@@ -234,7 +227,6 @@ impl Server {
     }
 
     /// Ends the transfer under way without a word. What the device works on goes on; nobody hears how it ends.
-    #[inline(never)]
     pub fn stop(&mut self, space: &mut Space<'_>) {
         self.waiting.clear();
         match core::mem::take(&mut self.transfer) {
@@ -252,7 +244,6 @@ impl Server {
     }
 
     /// Sends segments of a block upload while there is room, and gives up a client that has fallen silent.
-    #[inline(never)]
     pub fn poll(&mut self, now: Time, space: &mut Space<'_>) {
         let waits = !matches!(self.transfer, Transfer::Idle | Transfer::Device(_) | Transfer::Write(_));
         if waits && now > self.heard.after(TIMEOUT_US) {
@@ -262,7 +253,6 @@ impl Server {
         self.pump(now, space);
     }
 
-    #[inline(never)]
     fn pump(&mut self, now: Time, space: &mut Space<'_>) {
         while let Transfer::BlockUpload(transfer) = &mut self.transfer
             && transfer.has_segments()
@@ -303,7 +293,6 @@ impl Server {
 }
 
 /// Hands a complete value to its object; `answer` says so.
-#[inline(never)]
 fn commit(address: Address, data: &[u8], answer: [u8; 8], space: &mut Space<'_>) -> Outcome {
     // Length again: it may have been unknown at the start.
     let object = space.writable(address, Some(data.len() as u32))?;

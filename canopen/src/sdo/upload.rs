@@ -13,7 +13,6 @@ pub(super) struct Source {
 
 impl Source {
     /// Copies a value into the buffer, unless it is a domain.
-    #[inline(never)]
     pub fn open(address: Address, buffer: &mut Buffer, space: &mut Space<'_>) -> Result<Self, Abort> {
         let object = space.readable(address)?;
         let length = match object.kind {
@@ -24,7 +23,6 @@ impl Source {
     }
 
     /// Up to seven bytes from an offset on, and how many they are.
-    #[inline(never)]
     pub fn piece(&self, offset: u32, buffer: &Buffer, space: &Space<'_>) -> Result<([u8; 7], usize), Abort> {
         let length = self.length.saturating_sub(offset).min(7) as usize;
         let mut piece = [0; 7];
@@ -57,7 +55,6 @@ impl Upload {
     }
 
     /// The same for a value that is open already.
-    #[inline(never)]
     pub fn from_source(
         source: Source,
         address: Address,
@@ -75,7 +72,6 @@ impl Upload {
     }
 
     /// Request `011t xxxx`, answer `000t nnnc`: t toggle, n bytes without data, c last.
-    #[inline(never)]
     pub fn go_on(&mut self, [command, ..]: [u8; 8], buffer: &Buffer, space: &Space<'_>) -> Outcome {
         if command >> 5 != 3 {
             return Err(Abort::Command);

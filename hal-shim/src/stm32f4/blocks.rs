@@ -11,9 +11,6 @@ use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
 /// Two blocks; the converter fills one while the other is read.
 static CODES: [[AtomicU16; BLOCK]; 2] = [const { [const { AtomicU16::new(0) }; BLOCK] }; 2];
-/// Conversions that are copied at once: written out, because an image made for size keeps a loop a loop.
-const GROUP: usize = 5;
-const _: () = assert!(BLOCK.is_multiple_of(GROUP));
 
 /// Sampling time of a channel: its register and the bits in it (RM0090 13.13.4).
 pub(super) fn sampling(adc: &pac::adc1::RegisterBlock, channel: u32, smpr: u8) {
@@ -96,12 +93,8 @@ impl GapFrontEnd for Blocks {
         };
         let look = self.edges.look();
         let block = block.get_or_insert(GapBlock::EMPTY);
-        for (codes, converted) in block.codes.chunks_exact_mut(GROUP).zip(half.chunks_exact(GROUP)) {
-            // Loads in a row take a cycle each.
-            if let ([a, b, c, d, e], [v, w, x, y, z]) = (codes, converted) {
-                let group = [v.load(Relaxed), w.load(Relaxed), x.load(Relaxed), y.load(Relaxed), z.load(Relaxed)];
-                [*a, *b, *c, *d, *e] = group;
-            }
+        for (code, converted) in block.codes.iter_mut().zip(half) {
+            *code = converted.load(Relaxed);
         }
         block.gate = self.edges.mask(look);
     }

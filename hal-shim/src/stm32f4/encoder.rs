@@ -123,7 +123,6 @@ impl EdgeGuard for Guard {
 }
 
 #[cold]
-#[inline(never)]
 fn serve_again() {
     // No encoder interrupt can come in between: they are masked. Stop's lines are never masked.
     LEFT.store(0, Relaxed);

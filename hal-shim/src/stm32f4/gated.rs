@@ -100,7 +100,6 @@ impl Gated {
 
     /// Starts DMA and converter together, so that current and voltage stay in their places. Kept out of the reflex's way.
     #[cold]
-    #[inline(never)]
     fn restart(&mut self) -> Result<(), StartError> {
         put!(self.adc.cr2(), 1);
         put!(self.adc.sr(), 0);

@@ -135,6 +135,7 @@ pub fn kill_pulse() {
 ///
 /// Right at any moment after reset. Nothing runs afterwards that could switch them on again: a task that is not the dying
 /// one would. And ports and timer are clocked first, or a write before they were started would be lost.
+// One place that masks: `cargo firmware` counts them.
 #[cold]
 #[inline(never)]
 pub fn kill() {
@@ -195,7 +196,6 @@ impl ForcedLines for ServoLines {
 }
 
 #[cold]
-#[inline(never)]
 fn repeat(seen: Forced) {
     let mut bridge = seen.bridge;
     // Twice at the most: reflex or stop may come again while the first is repeated.

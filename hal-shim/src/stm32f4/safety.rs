@@ -151,7 +151,6 @@ impl Safety for Inputs {
 
 impl Inputs {
     #[cold]
-    #[inline(never)]
     fn read_with_seen(&mut self) -> SafetyInputs {
         let seen = SEEN.swap(0, Relaxed);
         let now = self.0.read();

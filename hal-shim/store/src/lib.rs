@@ -224,7 +224,6 @@ struct Sectors<'f> {
 }
 
 impl Sectors<'_> {
-    #[inline(never)]
     fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Option<&'b [u8]>, StoreError<Failed>> {
         match self.newest(buffer)? {
             None => Ok(None),
@@ -233,7 +232,6 @@ impl Sectors<'_> {
         }
     }
 
-    #[inline(never)]
     fn save(&mut self, image: &[u8], buffer: &mut [u8; BUFFER], permit: &dyn Permit) -> Result<(), StoreError<Failed>> {
         if image.len() > MAX_IMAGE {
             return Err(StoreError::TooLong);

@@ -3,7 +3,8 @@
 //! `cargo fil` runs it on an emulated chip.
 
 use clap::{Parser, Subcommand};
-use edm_servo_head::canopen::{NodeId, dbc, eds};
+use edm_describe::{dbc, eds};
+use edm_servo_head::canopen::NodeId;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -1,8 +1,8 @@
 //! The objects as a page for people.
 
+use edm_describe::{Declaration, errors, everything};
 use edm_servo_head::canopen::drive::{DEVICE, FINDINGS, REASONS, REFUSALS, error_code};
-use edm_servo_head::canopen::objects::Declaration;
-use edm_servo_head::canopen::{Access, DefaultValue, Device, ERRORS, Mapping, PdoDefault, eds};
+use edm_servo_head::canopen::{Access, DefaultValue, Device, Mapping, PdoDefault};
 use edm_servo_head::head::Fault;
 use std::fmt::Write;
 
@@ -28,7 +28,7 @@ pub fn render() -> String {
         table(&mut page, title, from, to);
     }
     pdos(&mut page);
-    errors(&mut page);
+    communication_errors(&mut page);
     numbers(&mut page);
     page
 }
@@ -37,23 +37,21 @@ fn table(page: &mut String, title: &str, from: u16, to: u16) {
     let _ = write!(page, "\n## {title}\n\n");
     page.push_str("| object | name | type | access | PDO | default | allowed | unit | what it does |\n");
     page.push_str("| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
-    for declaration in eds::everything() {
-        let d = &declaration.description;
+    for d in everything() {
         // Every record has one, and each PDO is like the first.
         let like_others = matches!(d.index, 0x1401..=0x15FF | 0x1601..=0x17FF | 0x1801..=0x19FF | 0x1A01..=0x1BFF);
         if d.index < from || d.index > to || d.name.starts_with("Highest sub-index") || like_others {
             continue;
         }
-        row(page, &declaration);
+        row(page, &d);
     }
 }
 
-fn row(page: &mut String, declaration: &Declaration) {
-    let d = &declaration.description;
+fn row(page: &mut String, d: &Declaration) {
     let place = if d.sub == 0 { format!("{:04X}h", d.index) } else { format!("{:04X}h:{}", d.index, d.sub) };
     let name = if d.object == d.name { d.name.to_owned() } else { format!("{}: {}", d.object, d.name) };
     let kind = format!("{:?}", d.kind).to_uppercase();
-    let star = if declaration.stored { "*" } else { "" };
+    let star = if d.stored { "*" } else { "" };
     let access = match d.access {
         Access::Const => "const",
         Access::ReadOnly => "ro",
@@ -73,17 +71,17 @@ fn row(page: &mut String, declaration: &Declaration) {
         DefaultValue::Text(text) => text.to_owned(),
         DefaultValue::Unknown => String::new(),
     };
-    let allowed = match (declaration.choices, declaration.range) {
+    let allowed = match (d.choices, d.range) {
         ([], Some((low, high))) if d.access != Access::ReadOnly => format!("{} to {}", low as f32, high as f32),
         ([], _) => String::new(),
         (names, _) => names.iter().enumerate().map(|(n, name)| format!("{n} {name}")).collect::<Vec<_>>().join(", "),
     };
-    let allowed = match declaration.range {
+    let allowed = match d.range {
         // The whole range of the type goes without saying.
         Some((low, high)) if d.kind.size().is_some_and(|size| high - low >= 2f64.powi(size as i32 * 8) - 1.0) => {
             String::new()
         }
-        Some((low, high)) if declaration.choices.is_empty() && low.fract() == 0.0 && high.fract() == 0.0 => {
+        Some((low, high)) if d.choices.is_empty() && low.fract() == 0.0 && high.fract() == 0.0 => {
             if d.access == Access::ReadOnly { String::new() } else { format!("{low} to {high}") }
         }
         _ => allowed,
@@ -91,8 +89,8 @@ fn row(page: &mut String, declaration: &Declaration) {
     let _ = writeln!(
         page,
         "| {place} | {name} | {kind} | {access}{star} | {pdo} | {default} | {allowed} | {} | {} |",
-        declaration.unit,
-        declaration.doc.trim()
+        d.unit,
+        d.doc.trim()
     );
 }
 
@@ -117,7 +115,7 @@ fn pdos(page: &mut String) {
 }
 
 /// Faults and the node's own errors.
-fn errors(page: &mut String) {
+fn communication_errors(page: &mut String) {
     page.push_str(
         "\n## Faults, 2000h:2\n\nAn emergency and 603Fh carry the error code, 1001h the bits of the error register; 0000h: it is over. The emergency has the number behind them, then that of the reason.\n\n| number | error code | 1001h | means |\n| --- | --- | --- | --- |\n",
     );
@@ -128,7 +126,7 @@ fn errors(page: &mut String) {
     page.push_str(
         "\n## Errors of communication\n\nThe same in emergencies; the drive goes on, unless [the host has it watched](hosts.md#when-the-host-falls-silent). Bit 4 of 1001h. The byte behind it in the emergency: which PDO or entry, from 1.\n\n| error code | means |\n| --- | --- |\n",
     );
-    for (code, name) in ERRORS {
+    for (code, name) in errors() {
         let _ = writeln!(page, "| {code:04X}h | {name} |");
     }
 }

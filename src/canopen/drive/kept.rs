@@ -26,7 +26,6 @@ impl Kept {
     pub const NOTHING: Kept = Kept([0; Self::LENGTH]);
 
     /// What was read back; `None` when it has another length or unknown parts.
-    #[inline(never)]
     pub fn from_bytes(bytes: &[u8]) -> Option<Kept> {
         let kept = Kept(*<&[u8; Self::LENGTH]>::try_from(bytes).ok()?);
         (kept.there() & !(APPLICATION | COMMUNICATION) == 0).then_some(kept)
@@ -48,7 +47,6 @@ impl Kept {
     }
 
     /// Keeps what a group of objects is now.
-    #[inline(never)]
     pub fn keep(&mut self, group: Group, drive: &Drive, node: &Node) {
         let [there, images @ ..] = &mut self.0;
         *there |= parts(group);

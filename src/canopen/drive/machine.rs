@@ -71,7 +71,6 @@ impl Drive {
     }
 
     /// Leaves operation: at once with option 0, else when the axis has come to rest.
-    #[inline(never)]
     fn leave(&mut self, to: State, option: i32) {
         self.set_points.forget();
         if option == 0 {
@@ -89,7 +88,6 @@ impl Drive {
     }
 
     /// Comes to rest on the ramp of an object.
-    #[inline(never)]
     pub(super) fn brake(&mut self, deceleration: Item) {
         self.set_points.forget();
         self.follow = None;
@@ -174,7 +172,6 @@ impl Drive {
     }
 
     /// The deceleration of halt.
-    #[inline(never)]
     pub(super) fn halt(&mut self) {
         let ramp =
             if self.value(Item::HaltOption) == 2 { Item::QuickStopDeceleration } else { Item::ProfileDeceleration };

@@ -246,6 +246,7 @@ impl Drive {
     ///
     /// # Errors
     /// The setting that stands in the way.
+    // A drive on the stack, in a frame of its own: the caller's holds another.
     #[inline(never)]
     pub fn new(settings: Settings, identity: Identity, record: &'static mut Record) -> Result<Drive, SettingError> {
         let active = settings.build()?;
@@ -525,14 +526,11 @@ impl Drive {
         self.scope.sample(signals, trigger, self.value(Item::ScopeDecimation) as u16);
     }
 
-    // Once, not at each of its many callers; so are others below.
-    #[inline(never)]
     fn order(&mut self, order: Order) -> bool {
         self.fresh = false;
         self.orders.push_back(order).is_ok()
     }
 
-    #[inline(never)]
     fn command(&mut self, command: Command) -> bool {
         self.order(Order::Command(command))
     }
@@ -611,7 +609,6 @@ impl Drive {
     }
 }
 
-#[inline(never)]
 fn clamp32(x: i64) -> i32 {
     x.clamp(i32::MIN.into(), i32::MAX.into()) as i32
 }

@@ -195,7 +195,6 @@ impl Drive {
     }
 
     /// Appends to the path, and goes along it.
-    #[inline(never)]
     fn erode_to(&mut self, target: i32) -> bool {
         self.command(Command::MoveTo(self.nanometres(target))) && self.command(Command::Start)
     }
@@ -422,7 +421,6 @@ impl Drive {
         (min.max(counts(axis.travel.0)), max.min(counts(axis.travel.1)))
     }
 
-    #[inline(never)]
     fn within_limits(&mut self, target: i32) -> i32 {
         let inside = self.clamped(target);
         self.set_points.limited = inside != target;
@@ -441,7 +439,6 @@ impl Drive {
         units.saturating_mul(TICK_HZ).checked_div(divisor).unwrap_or(0).max(1)
     }
 
-    #[inline(never)]
     pub(super) fn nanometres(&self, counts: i32) -> Nanometres {
         Nanometres(i64::from(counts).saturating_mul(self.active.head.axis.nm_per_count))
     }
@@ -455,12 +452,10 @@ impl Drive {
     }
 
     /// An acceleration, or a deceleration, of an object.
-    #[inline(never)]
     pub(super) fn acceleration(&self, item: Item) -> MicrometresPerSecond2 {
         MicrometresPerSecond2(self.value(item) as f32 * self.um_per_count())
     }
 
-    #[inline(never)]
     fn pace(&self, velocity: i32) -> Pace {
         Pace {
             velocity: self.velocity(velocity),

@@ -2,23 +2,15 @@
 
 use super::state::State;
 use super::{Drive, Order, TaskTimer, clamp32, codes};
-use crate::canopen::objects::{Found, Item, Row, entry, rows, setting_address_at, setting_kind};
+use crate::canopen::objects::{Found, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, Place, Request, Written};
 use crate::head::{self, Command};
-use crate::settings::{Declared, Kind, Name, SettingError, Settings, place};
+use crate::settings::{Declared, Kind, SettingError, Settings, place};
 use crate::units::Volts;
 
 /// Settings that the profile has its own objects for.
 const FOLLOWING_WINDOW: u16 = place(Settings::KEYS, "supervise.following_um") as u16;
 const FOLLOWING_TIME: u16 = place(Settings::KEYS, "supervise.following_ms") as u16;
-
-/// Index and sub-index of a setting that an error names.
-fn address_of(name: Name) -> Option<(u16, u8)> {
-    #[cfg(not(target_os = "none"))]
-    return crate::canopen::objects::setting_address(name);
-    #[cfg(target_os = "none")]
-    setting_address_at(name)
-}
 
 impl Dictionary for Drive {
     fn entry(&self, index: u16, sub: u8) -> Result<Entry, Abort> {
@@ -290,7 +282,7 @@ impl Drive {
             Ok(active) => active,
             Err(error) => {
                 let (address, rule) = match error {
-                    SettingError::Conflict { field, rule } => (address_of(field), rule),
+                    SettingError::Conflict { field, rule } => (setting_address(field), rule),
                     _ => (setting_address_at(field.into()), "is out of its range"),
                 };
                 let (index, sub) = address.unwrap_or((0, 0));

@@ -1,4 +1,5 @@
-//! The objects of the drive: one declaration each, from which dictionary, EDS, DBC and docs/objects.md follow.
+//! The objects of the drive: one declaration each, from which the dictionary follows and, in host/describe, EDS, DBC
+//! and docs/objects.md.
 //!
 //! Profile and EDM objects are declared in `table.rs`; settings are objects by their own declaration in
 //! src/settings/table.rs: each group is a record from 2100h on, in the order of declaration.
@@ -6,16 +7,12 @@
 mod settings;
 mod table;
 
-#[cfg(not(target_os = "none"))]
-pub use settings::address as setting_address;
-pub use settings::{FIRST as FIRST_SETTING, address_at as setting_address_at, kind as setting_kind};
+pub use settings::{
+    FIRST as FIRST_SETTING, address as setting_address, address_at as setting_address_at, kind as setting_kind,
+};
 pub use table::Item;
 
 use super::{Abort, Access, DataType, Entry, Mapping, Place};
-#[cfg(not(target_os = "none"))]
-use super::{DefaultValue, Description, Shape};
-#[cfg(not(target_os = "none"))]
-use settings::{GROUPS, Group};
 use table::TABLE;
 
 /// One object of `table.rs`.
@@ -32,14 +29,7 @@ pub struct Row {
     range: &'static (i64, i64),
     default: i32,
     #[cfg(not(target_os = "none"))]
-    names: Names,
-}
-
-/// Names of object and value, and unit. The chip has no use for them.
-#[cfg(not(target_os = "none"))]
-#[derive(Clone, Copy, Debug)]
-struct Names {
-    all: (&'static str, &'static str, &'static str),
+    texts: (&'static str, &'static str, &'static str),
 }
 
 impl Row {
@@ -54,10 +44,10 @@ impl Row {
         range: &'static (i64, i64),
         default: i32,
         store: bool,
-        names: (&'static str, &'static str, &'static str),
+        texts: (&'static str, &'static str, &'static str),
     ) -> Row {
         #[cfg(target_os = "none")]
-        let _ = names;
+        let _ = texts;
         Row {
             index,
             sub,
@@ -69,8 +59,19 @@ impl Row {
             range,
             default,
             #[cfg(not(target_os = "none"))]
-            names: Names { all: names },
+            texts,
         }
+    }
+
+    /// Index and sub-index.
+    pub fn address(&self) -> (u16, u8) {
+        (self.index, self.sub)
+    }
+
+    /// Name of the object; name of the value, and behind a colon what it does; unit. The chip has no use for them.
+    #[cfg(not(target_os = "none"))]
+    pub fn texts(&self) -> (&'static str, &'static str, &'static str) {
+        self.texts
     }
 
     /// What the object is.
@@ -81,6 +82,16 @@ impl Row {
     /// Type of its value.
     pub fn kind(&self) -> DataType {
         self.kind
+    }
+
+    /// What a host may do with it.
+    pub fn access(&self) -> Access {
+        self.access
+    }
+
+    /// Which PDOs may carry it.
+    pub fn mapping(&self) -> Mapping {
+        self.mapping
     }
 
     /// Whether 1010h stores it.
@@ -194,108 +205,16 @@ pub fn entry(index: u16, sub: u8) -> Result<Entry, Abort> {
     }
 }
 
-/// An object with all that its declaration says, for description files and documents.
-#[cfg(not(target_os = "none"))]
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Declaration {
-    /// As the node describes its own.
-    pub description: Description,
-    /// Unit; empty for none.
-    pub unit: &'static str,
-    /// Smallest and largest value of a number; `None` for text, domain and flags.
-    pub range: Option<(f64, f64)>,
-    /// What it does, where the name does not say it.
-    pub doc: &'static str,
-    /// Names of a choice, from 0.
-    pub choices: &'static [&'static str],
-    /// Stored by 1010h.
-    pub stored: bool,
-}
-
-/// Every object of the drive by rising index and sub-index, the highest sub-indices included.
-#[cfg(not(target_os = "none"))]
-pub fn declarations() -> impl Iterator<Item = Declaration> {
-    let settings = GROUPS.iter().flat_map(Group::declarations);
-    let (edm, profile) = TABLE.split_at(TABLE.iter().position(|row| row.index >= settings::FIRST).unwrap_or(COUNT));
-    table(edm).chain(settings).chain(table(profile))
-}
-
-#[cfg(not(target_os = "none"))]
-fn table(rows: &'static [Row]) -> impl Iterator<Item = Declaration> {
-    rows.iter().enumerate().flat_map(move |(at, row)| {
-        let first = at == 0 || rows.get(at.wrapping_sub(1)).is_some_and(|before| before.index != row.index);
-        let highest = rows.iter().filter(|other| other.index == row.index).map(|other| other.sub).max().unwrap_or(0);
-        let head = (first && row.sub > 0).then(|| highest_sub(row.index, row.names.all.0, highest));
-        head.into_iter().chain(core::iter::once(row.declaration()))
-    })
-}
-
-#[cfg(not(target_os = "none"))]
-fn highest_sub(index: u16, object: &'static str, highest: u8) -> Declaration {
-    Declaration {
-        description: Description {
-            index,
-            sub: 0,
-            shape: Shape::Record,
-            object,
-            name: "Highest sub-index supported",
-            kind: DataType::Unsigned8,
-            access: Access::Const,
-            mapping: Mapping::No,
-            default: DefaultValue::Number(highest.into()),
-        },
-        unit: "",
-        range: None,
-        doc: "",
-        choices: &[],
-        stored: false,
-    }
-}
-
-#[cfg(not(target_os = "none"))]
-impl Row {
-    fn declaration(&self) -> Declaration {
-        let (object, text, unit) = self.names.all;
-        // A name for description files, and what follows it for people.
-        let (name, doc) = text.split_once(": ").unwrap_or((text, ""));
-        let number = !matches!(self.kind, DataType::VisibleString | DataType::Domain);
-        Declaration {
-            description: Description {
-                index: self.index,
-                sub: self.sub,
-                shape: if self.sub == 0 { Shape::Variable } else { Shape::Record },
-                object,
-                name,
-                kind: self.kind,
-                access: self.access,
-                mapping: self.mapping,
-                default: if number && (self.access.writable() || self.default != 0) {
-                    DefaultValue::Number(self.default.into())
-                } else {
-                    DefaultValue::Unknown
-                },
-            },
-            unit,
-            range: number.then_some((self.range.0 as f64, self.range.1 as f64)),
-            doc,
-            choices: &[],
-            stored: self.store,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::vec::Vec;
 
     #[test]
     fn rows_rise_and_stand_where_their_item_says() {
         for (number, row) in TABLE.iter().enumerate() {
             assert_eq!(row.item as usize, number, "{row:?}");
         }
-        let addresses: Vec<_> = declarations().map(|d| (d.description.index, d.description.sub)).collect();
-        assert!(addresses.windows(2).all(|pair| pair[0] < pair[1]), "{addresses:x?}");
+        assert!(TABLE.windows(2).all(|pair| pair[0].address() < pair[1].address()));
     }
 
     #[test]
@@ -315,18 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_declared_is_found_and_nothing_else() {
-        for declaration in declarations() {
-            let d = declaration.description;
-            let found = entry(d.index, d.sub).unwrap();
-            assert_eq!(
-                (found.kind, found.access, found.mapping),
-                (d.kind, d.access, d.mapping),
-                "{:x}:{}",
-                d.index,
-                d.sub
-            );
-        }
+    fn what_is_not_declared_is_not_there() {
         assert_eq!(entry(0x6040, 1), Err(Abort::NoSubIndex));
         assert_eq!(entry(0x607D, 3), Err(Abort::NoSubIndex));
         assert_eq!(entry(0x5FFF, 0), Err(Abort::NoObject));

@@ -101,64 +101,6 @@ pub fn address_at(place: usize) -> Option<(u16, u8)> {
 }
 
 /// Index and sub-index of the setting called `key`.
-#[cfg(not(target_os = "none"))]
 pub fn address(key: &str) -> Option<(u16, u8)> {
     address_at(FIELDS.iter().position(|field| field.key == key)?)
-}
-
-#[cfg(not(target_os = "none"))]
-mod declared {
-    use super::super::{Declaration, highest_sub};
-    use super::{FIELDS, FIRST, Group, kind};
-    use crate::canopen::{DefaultValue, Description, Mapping, Shape};
-    use crate::settings::{Declared, Kind, Settings, Value};
-
-    impl Group {
-        /// Name: the prefix of its settings.
-        fn name(&self) -> &'static str {
-            let key = FIELDS.get(usize::from(self.first)).map_or("", |field| field.key);
-            key.split('.').next().unwrap_or(key)
-        }
-
-        /// The record with its settings.
-        pub fn declarations(&'static self) -> impl Iterator<Item = Declaration> {
-            let index = FIRST.wrapping_add(self.number);
-            let head = highest_sub(index, self.name(), self.count);
-            core::iter::once(head).chain((1..=self.count).filter_map(move |sub| self.declaration(index, sub)))
-        }
-
-        fn declaration(&self, index: u16, sub: u8) -> Option<Declaration> {
-            let at = self.field(sub)?;
-            let field = FIELDS.get(usize::from(at))?;
-            let (kind, access) = kind(at)?;
-            let default = match (Settings::default().get(at.into())?, field.kind) {
-                (Value::Number(x), Kind::Number { .. }) => DefaultValue::Real(x as f32),
-                (Value::Number(x), _) => DefaultValue::Number(x as i64),
-                (Value::Flag(x), _) => DefaultValue::Number(x.into()),
-                (Value::Word(word), Kind::Choice(names)) => {
-                    DefaultValue::Number(names.iter().position(|name| *name == word)? as i64)
-                }
-                _ => return None,
-            };
-            let (range, choices) = match field.kind {
-                Kind::Number { min, max } => (Some((min.into(), max.into())), &[][..]),
-                Kind::Integer { min, max } => (Some((min.into(), max.into())), &[][..]),
-                Kind::Flag => (None, &[][..]),
-                Kind::Choice(names) => (Some((0.0, names.len().saturating_sub(1) as f64)), names),
-            };
-            let name = field.key.split_once('.').map_or(field.key, |(_, name)| name);
-            let description = Description {
-                index,
-                sub,
-                shape: Shape::Record,
-                object: self.name(),
-                name,
-                kind,
-                access,
-                mapping: Mapping::No,
-                default,
-            };
-            Some(Declaration { description, unit: field.unit, range, doc: field.doc, choices, stored: true })
-        }
-    }
 }

@@ -2,7 +2,8 @@
 
 use super::{Failure, say};
 use crate::output::Output;
-use edm_servo_head::canopen::{NodeId, dbc, eds};
+use edm_describe::{dbc, eds};
+use edm_servo_head::canopen::NodeId;
 use std::path::Path;
 
 /// Writes a description to the file of `--out`, or to the standard output.

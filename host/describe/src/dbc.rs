@@ -1,11 +1,11 @@
 //! What is on the bus as a DBC file, for loggers: the PDOs as they are mapped at first, network management, SYNC,
 //! emergency, SDO and heartbeat.
 
-use super::drive::{DEVICE, REASONS};
-use super::eds::{everything, scaled};
-use super::objects::Declaration;
-use super::{DataType, NodeId, PdoDefault};
-use core::fmt::{self, Display, Formatter, Write};
+use crate::eds::scaled;
+use crate::{Declaration, everything};
+use edm_canopen::{DataType, Device, NodeId, PdoDefault};
+use edm_servo_head::canopen::drive::{DEVICE, REASONS};
+use std::fmt::{self, Display, Formatter, Write};
 
 /// A service other than a PDO.
 struct Service {
@@ -101,7 +101,7 @@ pub fn write(out: &mut impl Write, node: NodeId) -> fmt::Result {
 /// Names of the values of a signal, if all of them have one.
 fn values(out: &mut impl Write, id: u32, declaration: &Declaration) -> fmt::Result {
     let name = SignalName(declaration);
-    if (declaration.description.index, declaration.description.sub) == REASON {
+    if (declaration.index, declaration.sub) == REASON {
         write!(out, "VAL_ {id} {name} 0 \"none\"")?;
         REASONS.iter().try_for_each(|(number, text)| write!(out, " {number} \"{text}\""))?;
         return writeln!(out, " ;");
@@ -122,7 +122,7 @@ const REASON: (u16, u8) = (0x2000, 3);
 
 /// Identifier less the node, letter, number from 1, and the PDO.
 fn pdos() -> [(u32, char, u32, &'static PdoDefault); 8] {
-    static DEFAULTS: super::Device = DEVICE;
+    static DEFAULTS: Device = DEVICE;
     let [r1, r2, r3, r4] = &DEFAULTS.receive;
     let [t1, t2, t3, t4] = &DEFAULTS.transmit;
     [
@@ -146,7 +146,7 @@ fn message(out: &mut impl Write, id: u32, base: u32, letter: char, number: u32, 
     for entry in pdo.entries {
         let length = entry & 0xFF;
         if let Some(declaration) = find(*entry) {
-            let kind = declaration.description.kind;
+            let kind = declaration.kind;
             let sign =
                 if matches!(kind, DataType::Integer8 | DataType::Integer16 | DataType::Integer32) { '-' } else { '+' };
             let (factor, unit) = scaled(declaration.unit);
@@ -168,7 +168,7 @@ fn message(out: &mut impl Write, id: u32, base: u32, letter: char, number: u32, 
 /// The object of an entry of a mapping.
 fn find(entry: u32) -> Option<Declaration> {
     let (index, sub) = ((entry >> 16) as u16, (entry >> 8) as u8);
-    everything().find(|d| d.description.index == index && d.description.sub == sub)
+    everything().find(|d| d.index == index && d.sub == sub)
 }
 
 /// A node of the bus; the host has no number.
@@ -185,10 +185,10 @@ struct SignalName<'a>(&'a Declaration);
 
 impl Display for SignalName<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let d = &self.0.description;
+        let d = self.0;
         let value = if d.sub == 0 { "" } else { d.name };
         let mut word_begins = true;
-        for letter in d.object.chars().chain(core::iter::once(' ')).chain(value.chars()) {
+        for letter in d.object.chars().chain(std::iter::once(' ')).chain(value.chars()) {
             if !letter.is_ascii_alphanumeric() {
                 word_begins = true;
                 continue;
@@ -203,7 +203,6 @@ impl Display for SignalName<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::string::String;
 
     #[test]
     fn every_mapped_object_is_a_signal() {

@@ -1,22 +1,12 @@
 //! The electronic data sheet (CiA 306-1): every object of the node and the drive, for masters.
 
-use super::drive::DEVICE;
-use super::objects::{Declaration, declarations};
-use super::{Access, DataType, DefaultValue, Description, Mapping, Shape, descriptions, is_stored, remarks};
-use core::fmt::{self, Display, Formatter, Write};
+use crate::{Declaration, Shape, everything};
+use edm_canopen::{Access, DataType, DefaultValue, Mapping};
+use edm_servo_head::canopen::drive::DEVICE;
+use std::fmt::{self, Display, Formatter, Write};
 
 /// File name that the data sheet gives itself.
 pub const FILE: &str = "edm-servo-head.eds";
-
-/// Every object, the node's first, by rising index and sub-index.
-pub fn everything() -> impl Iterator<Item = Declaration> {
-    let node = descriptions(&DEVICE).map(|description| {
-        let (unit, doc) = remarks::of(description.index, description.sub);
-        let stored = is_stored(description.index, description.sub);
-        Declaration { description, unit, range: None, doc, choices: &[], stored }
-    });
-    node.chain(declarations())
-}
 
 /// Objects that every device has.
 const MANDATORY: [u16; 3] = [0x1000, 0x1001, 0x1018];
@@ -80,9 +70,7 @@ pub fn write(out: &mut impl Write) -> fmt::Result {
 
 fn indices() -> impl Iterator<Item = u16> {
     let mut last = None;
-    everything()
-        .map(|declaration| declaration.description.index)
-        .filter(move |index| last.replace(*index) != Some(*index))
+    everything().map(|declaration| declaration.index).filter(move |index| last.replace(*index) != Some(*index))
 }
 
 fn list(out: &mut impl Write, name: &str, section: Section) -> fmt::Result {
@@ -91,11 +79,10 @@ fn list(out: &mut impl Write, name: &str, section: Section) -> fmt::Result {
     (1..).zip(members()).try_for_each(|(number, index)| writeln!(out, "{number}={index:#06X}"))
 }
 
-fn object(out: &mut impl Write, declaration: &Declaration) -> fmt::Result {
-    let d = &declaration.description;
+fn object(out: &mut impl Write, d: &Declaration) -> fmt::Result {
     let first = d.shape != Shape::Variable && d.sub == 0;
     if first {
-        let count = everything().filter(|other| other.description.index == d.index).count();
+        let count = everything().filter(|other| other.index == d.index).count();
         writeln!(
             out,
             "\n[{:04X}]\nParameterName={}\nObjectType={:#X}\nSubNumber={count}",
@@ -118,7 +105,7 @@ fn object(out: &mut impl Write, declaration: &Declaration) -> fmt::Result {
         DefaultValue::Text(text) => writeln!(out, "DefaultValue={text}")?,
         DefaultValue::Unknown => {}
     }
-    if let Some((low, high)) = declaration.range {
+    if let Some((low, high)) = d.range {
         match d.kind {
             DataType::Real32 => writeln!(out, "; from {} to {}", low as f32, high as f32)?,
             _ => writeln!(out, "LowLimit={low}\nHighLimit={high}")?,
@@ -126,16 +113,16 @@ fn object(out: &mut impl Write, declaration: &Declaration) -> fmt::Result {
     }
     writeln!(out, "PDOMapping={}", u8::from(d.mapping != Mapping::No))?;
     // Comments: lely refuses every entry that the standard does not name, units among them.
-    if !declaration.unit.is_empty() {
-        writeln!(out, "; in {}", declaration.unit)?;
+    if !d.unit.is_empty() {
+        writeln!(out, "; in {}", d.unit)?;
     }
-    if !declaration.doc.is_empty() {
-        writeln!(out, "; {}", declaration.doc.trim())?;
+    if !d.doc.is_empty() {
+        writeln!(out, "; {}", d.doc.trim())?;
     }
-    (0..).zip(declaration.choices).try_for_each(|(number, name): (u8, _)| writeln!(out, "; {number} {name}"))
+    (0..).zip(d.choices).try_for_each(|(number, name): (u8, _)| writeln!(out, "; {number} {name}"))
 }
 
-fn access(d: &Description) -> &'static str {
+fn access(d: &Declaration) -> &'static str {
     match (d.access, d.mapping) {
         (Access::Const, _) => "const",
         (Access::ReadOnly, _) => "ro",
@@ -155,11 +142,11 @@ pub fn scaled(unit: &'static str) -> (&'static str, &'static str) {
 }
 
 /// Name of an object; PDOs are numbered.
-pub fn object_name(d: &Description) -> impl Display + '_ {
+pub fn object_name(d: &Declaration) -> impl Display + '_ {
     ObjectName(d)
 }
 
-struct ObjectName<'a>(&'a Description);
+struct ObjectName<'a>(&'a Declaration);
 
 impl Display for ObjectName<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
@@ -172,7 +159,7 @@ impl Display for ObjectName<'_> {
 }
 
 /// Name of a value; values that only their sub-index tells apart are numbered.
-struct Name<'a>(&'a Description);
+struct Name<'a>(&'a Declaration);
 
 impl Display for Name<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
@@ -181,7 +168,7 @@ impl Display for Name<'_> {
             return write!(f, "{}", object_name(d));
         }
         f.write_str(d.name)?;
-        let twins = everything().filter(|other| other.description.index == d.index && other.description.name == d.name);
+        let twins = everything().filter(|other| other.index == d.index && other.name == d.name);
         if twins.count() > 1 { write!(f, " {}", d.sub) } else { Ok(()) }
     }
 }
@@ -190,19 +177,17 @@ impl Display for Name<'_> {
 mod tests {
     use super::*;
     use std::collections::BTreeSet;
-    use std::string::String;
 
     #[test]
     fn every_object_has_its_section_once() {
         let mut sheet = String::new();
         write(&mut sheet).unwrap();
-        let sections: std::vec::Vec<_> = sheet.lines().filter(|line| line.starts_with('[')).collect();
+        let sections: Vec<_> = sheet.lines().filter(|line| line.starts_with('[')).collect();
         assert_eq!(sections.iter().collect::<BTreeSet<_>>().len(), sections.len());
-        for declaration in everything() {
-            let d = declaration.description;
+        for d in everything() {
             let section = match d.shape {
-                Shape::Variable => std::format!("[{:04X}]", d.index),
-                _ => std::format!("[{:04X}sub{:X}]", d.index, d.sub),
+                Shape::Variable => format!("[{:04X}]", d.index),
+                _ => format!("[{:04X}sub{:X}]", d.index, d.sub),
             };
             assert!(sections.contains(&section.as_str()), "{section}");
         }

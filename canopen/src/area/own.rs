@@ -1,30 +1,61 @@
-//! The communication area as description files have it.
+//! The communication area as others are told of it: by address, type, access and default, without a word.
 
 use super::objects::{Found, Item, TABLE};
 use crate::device::Device;
 use crate::parameters::Parameters;
-use crate::{DefaultValue, Description, Mapping};
+use crate::{Access, DataType, Mapping};
 
-/// Every value of the communication area of a device, by rising index and sub-index, with its default.
-pub fn descriptions(device: &Device) -> impl Iterator<Item = Description> + '_ {
+/// A default value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DefaultValue {
+    /// A whole number.
+    Number(i64),
+    /// The node-ID and this.
+    NodeId(u32),
+    /// A float.
+    Real(f32),
+    /// A text.
+    Text(&'static str),
+    /// None that is known beforehand.
+    Unknown,
+}
+
+/// One of the node's own values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OwnObject {
+    /// Index.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+    /// Type of the value.
+    pub kind: DataType,
+    /// What a host may do with it.
+    pub access: Access,
+    /// Which PDOs may carry it.
+    pub mapping: Mapping,
+    /// Its default.
+    pub default: DefaultValue,
+    /// Whether 1010h stores it.
+    pub stored: bool,
+}
+
+/// Every value of the communication area of a device, by rising index and sub-index.
+pub fn own_objects(device: &Device) -> impl Iterator<Item = OwnObject> + '_ {
     // Node 0: identifiers lack the node-ID.
     let defaults = Parameters::new(device, 0);
     (0x1000..0x2000).flat_map(move |index| {
         let rows = TABLE.iter().filter(move |row| row.has(index));
         rows.flat_map(|row| (0..row.sub.1).map(move |nth| (row, row.sub.0.wrapping_add(nth)))).map(move |(row, sub)| {
-            let (object, name) = row.names.get();
             let pdo = index.wrapping_sub(row.index.0);
             let found = Found { item: row.item, kind: row.kind, access: row.access, pdo, sub };
-            Description {
+            OwnObject {
                 index,
                 sub,
-                shape: row.shape,
-                object,
-                name,
                 kind: row.kind,
                 access: row.access,
                 mapping: if row.item == Item::ErrorRegister { Mapping::Transmit } else { Mapping::No },
                 default: default(device, defaults, found),
+                stored: row.stored().is_some(),
             }
         })
     })
@@ -60,16 +91,16 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
-    fn each_address_is_described_once_and_found_as_described() {
-        let all: Vec<_> = descriptions(&DEVICE).collect();
+    fn each_address_is_listed_once_and_found_as_listed() {
+        let all: Vec<_> = own_objects(&DEVICE).collect();
         let addresses: BTreeSet<_> = all.iter().map(|d| (d.index, d.sub)).collect();
         assert_eq!(addresses.len(), all.len());
         assert!(all.iter().map(|d| (d.index, d.sub)).is_sorted());
         for index in 0x1000..0x2000 {
             for sub in 0..=255 {
-                let described = all.iter().find(|d| (d.index, d.sub) == (index, sub));
+                let listed = all.iter().find(|d| (d.index, d.sub) == (index, sub));
                 let found = find(index, sub).ok();
-                assert_eq!(described.map(|d| (d.kind, d.access)), found.map(|f| (f.kind, f.access)));
+                assert_eq!(listed.map(|d| (d.kind, d.access)), found.map(|f| (f.kind, f.access)));
             }
         }
         assert_eq!(find(0x1404, 0), Err(Abort::NoObject));
@@ -77,16 +108,8 @@ mod tests {
     }
 
     #[test]
-    fn the_highest_sub_index_is_the_highest() {
-        for object in descriptions(&DEVICE).filter(|d| d.name == "Highest sub-index supported") {
-            let highest = descriptions(&DEVICE).filter(|d| d.index == object.index).map(|d| d.sub).max().unwrap();
-            assert_eq!(object.default, DefaultValue::Number(highest.into()), "{:x}", object.index);
-        }
-    }
-
-    #[test]
     fn identifiers_follow_the_pre_defined_connection_set() {
-        let default = |index, sub| descriptions(&DEVICE).find(|d| (d.index, d.sub) == (index, sub)).unwrap().default;
+        let default = |index, sub| own_objects(&DEVICE).find(|d| (d.index, d.sub) == (index, sub)).unwrap().default;
         assert_eq!(default(0x1400, 1), DefaultValue::NodeId(0x200));
         assert_eq!(default(0x1403, 1), DefaultValue::NodeId(0x8000_0500));
         assert_eq!(default(0x1800, 1), DefaultValue::NodeId(0x4000_0180));
