@@ -8,6 +8,6 @@ mod image;
 mod table;
 
 pub use build::Active;
-pub use declare::{Choice, Declared, Field, Kind, Name, Setting, SettingError, Value, check, place};
+pub use declare::{Choice, Declared, Field, Kind, Name, Setting, SettingError, Value, check, distinct, place};
 pub use image::{ImageError, LENGTH as IMAGE_LENGTH};
 pub use table::{LawName, SetpointUnit, Settings};

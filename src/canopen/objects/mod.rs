@@ -1,21 +1,21 @@
 //! The objects of the drive: one declaration each, from which dictionary, EDS, DBC and docs/objects.md follow.
 //!
 //! Profile and EDM objects are declared in `table.rs`; settings are objects by their own declaration in
-//! src/settings/table.rs: each group is a record from 2100h on, in the order of declaration.
+//! src/settings/table.rs: each group is a record from 2100h on. Addresses stand in the declarations and never move:
+//! docs/released-objects.csv has all that were released, and a test compares.
 
 mod settings;
 mod table;
 
 #[cfg(not(target_os = "none"))]
 pub use settings::address as setting_address;
-pub use settings::{FIRST as FIRST_SETTING, address_at as setting_address_at, kind as setting_kind};
+pub use settings::{address_at as setting_address_at, kind as setting_kind, setting_at};
 pub use table::Item;
 
 use super::{Abort, Access, DataType, Entry, Mapping, Place};
 #[cfg(not(target_os = "none"))]
 use super::{DefaultValue, Description, Shape};
 #[cfg(not(target_os = "none"))]
-use settings::{GROUPS, Group};
 use table::TABLE;
 
 /// One object of `table.rs`.
@@ -114,6 +114,23 @@ impl Row {
     }
 }
 
+// Rows rise, so none is there twice, and none is where settings are.
+const _: () = {
+    let mut at = 0;
+    while at < COUNT {
+        let row = &TABLE[at];
+        assert!(row.index < settings::FIRST || row.index > settings::LAST, "2100h to 5FFFh are for settings");
+        if at > 0 {
+            let before = &TABLE[at - 1];
+            assert!(
+                before.index < row.index || before.index == row.index && before.sub < row.sub,
+                "objects are declared by rising index and sub-index, each once"
+            );
+        }
+        at += 1;
+    }
+};
+
 /// Objects of `table.rs`.
 pub const COUNT: usize = TABLE.len();
 
@@ -161,11 +178,12 @@ impl Found {
 /// # Errors
 /// [`Abort::NoObject`], [`Abort::NoSubIndex`].
 pub fn entry(index: u16, sub: u8) -> Result<Entry, Abort> {
-    if let Some(group) = settings::group(index) {
+    if (settings::FIRST..=settings::LAST).contains(&index) {
+        let highest = settings::highest(index).ok_or(Abort::NoObject)?;
         let (kind, access, found) = match sub {
-            0 => (DataType::Unsigned8, Access::Const, Found::Highest(group.count)),
+            0 => (DataType::Unsigned8, Access::Const, Found::Highest(highest)),
             sub => {
-                let field = group.field(sub).ok_or(Abort::NoSubIndex)?;
+                let field = settings::setting_at(index, sub).ok_or(Abort::NoSubIndex)?;
                 let (kind, access) = settings::kind(field).ok_or(Abort::NoSubIndex)?;
                 (kind, access, Found::Setting(field))
             }
@@ -215,9 +233,8 @@ pub struct Declaration {
 /// Every object of the drive by rising index and sub-index, the highest sub-indices included.
 #[cfg(not(target_os = "none"))]
 pub fn declarations() -> impl Iterator<Item = Declaration> {
-    let settings = GROUPS.iter().flat_map(Group::declarations);
     let (edm, profile) = TABLE.split_at(TABLE.iter().position(|row| row.index >= settings::FIRST).unwrap_or(COUNT));
-    table(edm).chain(settings).chain(table(profile))
+    table(edm).chain(settings::declarations()).chain(table(profile))
 }
 
 #[cfg(not(target_os = "none"))]
