@@ -28,9 +28,11 @@ mod pdo;
 mod rolled;
 mod sdo;
 mod space;
+mod stored;
 mod sync;
 
 pub use abort::Abort;
+pub use area::STORED;
 pub use area::descriptions;
 #[cfg(not(target_os = "none"))]
 pub use area::is_stored;
@@ -41,7 +43,7 @@ pub use dictionary::{Access, DataType, Dictionary, Entry, Event, Group, LONGEST,
 pub use emergency::ERRORS;
 pub use frame::{Frame, NodeId, Time};
 pub use node::{BootError, Controller, IDENTIFIERS, Node};
-pub use parameters::IMAGE;
+pub use stored::{Listed, Record, Restored};
 
 #[cfg(test)]
 mod tests;

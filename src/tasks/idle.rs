@@ -1,7 +1,7 @@
 //! What has no deadline: the watchdog's roll call, the log, what is kept in flash, the resets of a host.
 
 use super::keeper::Keeper;
-use super::protocol::{Protocol, log_refused_parameters, log_refused_settings};
+use super::protocol::{Protocol, log_boot, log_report};
 use super::{Chore, MS, ROLL, Report, Reset, WAITING};
 use core::sync::atomic::Ordering::Relaxed;
 use edm_hal_shim::clock::Clock;
@@ -45,19 +45,19 @@ impl Idle {
         if let Some(reset) = self.resets.dequeue() {
             self.reset = Some(self.clock.now());
             if let Reset::Node = reset {
-                let kept = self.keeper.load();
-                log_refused_settings(protocol.lock(|protocol| protocol.restart(&kept)));
+                let image = self.keeper.load();
+                log_report(&protocol.lock(|protocol| protocol.restart(image)));
             }
         }
         let now = self.clock.now();
         if self.reset.take_if(|since| now.wrapping_sub(*since) >= START_UP).is_some() {
-            let kept = self.keeper.load();
-            log_refused_parameters(protocol.lock(|protocol| protocol.boot(&kept)));
+            let image = self.keeper.load();
+            log_boot(protocol.lock(|protocol| protocol.boot(image)));
         }
     }
 
     fn change(&mut self, chore: Chore, leave: Leave, protocol: &mut impl Mutex<T = Protocol>) {
-        let compose = |kept: &mut _| protocol.lock(|protocol| protocol.keep(chore, kept));
+        let compose = |image: &mut _| protocol.lock(|protocol| protocol.keep(chore, image));
         let result = self.keeper.change(&leave, &mut self.watchdog, compose);
         // Nobody could report or decode an edge while the flash was erased.
         encoder::missed();

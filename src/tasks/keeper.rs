@@ -3,44 +3,38 @@
 use edm_hal_shim::stm32f4::flash::SettingsFlash;
 use edm_hal_shim::stm32f4::start::StartError;
 use edm_hal_shim::stm32f4::watchdog::Watchdog;
-use edm_hal_shim::store::{BUFFER, MAX_IMAGE, Store};
+use edm_hal_shim::store::{BUFFER, Loaded, Store};
 use edm_servo_head::canopen::Abort;
-use edm_servo_head::canopen::drive::Kept;
 use edm_servo_head::head::Leave;
-
-const _: () = assert!(Kept::LENGTH <= MAX_IMAGE);
+use edm_servo_head::stored::{Full, StoredImage};
 
 /// Keeps what a host stores.
 pub struct Keeper {
     store: Store<SettingsFlash, Leave>,
     buffer: &'static mut [u8; BUFFER],
+    image: &'static mut StoredImage,
 }
 
 impl Keeper {
     /// The keeper of this flash.
-    pub fn new(flash: SettingsFlash, buffer: &'static mut [u8; BUFFER]) -> Result<Keeper, StartError> {
+    pub fn new(
+        flash: SettingsFlash,
+        buffer: &'static mut [u8; BUFFER],
+        image: &'static mut StoredImage,
+    ) -> Result<Keeper, StartError> {
         let store = Store::new(flash, 0).map_err(|_| StartError::Settings)?;
-        Ok(Keeper { store, buffer })
+        Ok(Keeper { store, buffer, image })
     }
 
-    /// What was stored last. When it cannot be read the log says so, and nothing is: the defaults run, which no guided check
-    /// has passed.
+    /// What was stored last, or what is left of it.
     #[inline(never)]
-    pub fn load(&mut self) -> Kept {
-        match self.store.load(self.buffer) {
-            Ok(Some(image)) => Kept::from_bytes(image).unwrap_or_else(|| {
-                defmt::error!("settings: the stored ones are of another firmware");
-                Kept::NOTHING
-            }),
-            Ok(None) => {
-                defmt::info!("settings: none stored");
-                Kept::NOTHING
-            }
-            Err(error) => {
-                defmt::error!("settings: {}", error);
-                Kept::NOTHING
-            }
-        }
+    pub fn load(&mut self) -> &StoredImage {
+        let found = self.store.load(self.buffer).unwrap_or_else(|error| {
+            defmt::error!("settings: {}", error);
+            Loaded::Damaged
+        });
+        self.image.load(found);
+        self.image
     }
 
     /// Does a chore; `compose` changes what is kept. The processor may stall for half a second.
@@ -49,12 +43,12 @@ impl Keeper {
         &mut self,
         leave: &Leave,
         watchdog: &mut Watchdog,
-        compose: impl FnOnce(&mut Kept),
+        compose: impl FnOnce(&mut StoredImage) -> Result<(), Full>,
     ) -> Result<(), Abort> {
-        let mut kept = self.load();
-        compose(&mut kept);
+        self.load();
+        compose(self.image).map_err(|_| Abort::OutOfMemory)?;
         watchdog.erase().map_err(|_| Abort::Hardware)?;
-        let result = self.store.save(kept.bytes(), self.buffer, leave);
+        let result = self.store.save(self.image.bytes(), self.buffer, leave);
         // Before anything else: it must not stay slow. Its own oscillator answers, or it is dead and cannot bite anyway.
         let watched = watchdog.normal();
         match &result {

@@ -11,11 +11,12 @@ use edm_hal_shim::clock::Clock;
 use edm_hal_shim::stm32f4::can::{self, Filters};
 use edm_hal_shim::stm32f4::cycles::Cycles;
 use edm_hal_shim::stm32f4::gated::Thresholds;
-use edm_servo_head::canopen::drive::{Drive, Kept, Order};
+use edm_servo_head::canopen::drive::{Drive, Order};
 use edm_servo_head::canopen::{Abort, BootError, Controller, Frame, IDENTIFIERS, Node, Time};
 use edm_servo_head::gap::voltage;
 use edm_servo_head::head::{Change, Status, SupervisionLimits};
-use edm_servo_head::settings::{SettingError, Settings};
+use edm_servo_head::settings::Settings;
+use edm_servo_head::stored::{Full, LoadReport, StoredImage};
 use heapless::spsc::{Consumer, Producer};
 
 /// Cycles of a microsecond.
@@ -202,42 +203,46 @@ impl Protocol {
     }
 
     /// Changes what is kept as the host wants it.
-    pub fn keep(&self, chore: Chore, kept: &mut Kept) {
+    pub fn keep(&self, chore: Chore, image: &mut StoredImage) -> Result<(), Full> {
         match chore {
-            Chore::Store(group) => kept.keep(group, self.drive, self.node),
-            Chore::Restore(group) => kept.forget(group),
+            Chore::Store(group) => image.keep(group, self.drive, self.node),
+            Chore::Restore(group) => {
+                image.forget(group);
+                Ok(())
+            }
         }
     }
 
     /// A chore is done.
     pub fn done(&mut self, result: Result<(), Abort>) {
-        self.node.answer(result, self.drive);
+        self.drive.kept(self.node, result);
     }
 
     /// The drive begins anew with what is kept.
-    pub fn restart(&mut self, kept: &Kept) -> Result<(), SettingError> {
-        self.drive.restart(Settings::default(), kept.application())
+    pub fn restart(&mut self, image: &StoredImage) -> LoadReport {
+        self.drive.restart(Settings::default(), image)
     }
 
     /// The node begins anew with what is kept.
-    pub fn boot(&mut self, kept: &Kept) -> Result<(), BootError> {
-        self.node.boot(kept.communication(), self.drive)
+    pub fn boot(&mut self, image: &StoredImage) -> Result<LoadReport, BootError> {
+        self.drive.boot(self.node, image)
     }
 }
 
-/// Logs why the stored settings do not run.
+/// Logs what of the stored image is not in force.
 #[inline(never)]
-pub fn log_refused_settings(result: Result<(), SettingError>) {
-    if let Err(error) = result {
-        defmt::error!("settings: the stored ones are refused, {}", error);
+pub fn log_report(report: &LoadReport) {
+    if !report.is_whole() {
+        defmt::error!("settings: {}", report);
     }
 }
 
-/// Logs why the stored communication parameters are not in use.
+/// Logs what of the stored communication parameters is not in force.
 #[inline(never)]
-pub fn log_refused_parameters(result: Result<(), BootError>) {
-    if let Err(error) = result {
-        defmt::error!("communication: the stored parameters are refused, {}", error);
+pub fn log_boot(result: Result<LoadReport, BootError>) {
+    match result {
+        Ok(report) => log_report(&report),
+        Err(error) => defmt::error!("communication: {}", error),
     }
 }
 

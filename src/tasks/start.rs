@@ -5,7 +5,7 @@ use super::encoder::{self, Decoder};
 use super::gap::Gap;
 use super::idle::Idle;
 use super::keeper::Keeper;
-use super::protocol::{Protocol, Uptime, log_refused_parameters, log_refused_settings};
+use super::protocol::{Protocol, Uptime, log_boot, log_report};
 use super::servo::{Carried, Servo};
 use super::supervise::Supervise;
 use super::timers::Timers;
@@ -27,6 +27,7 @@ use edm_servo_head::gap::Voltage;
 use edm_servo_head::head::{Fault, Head, State, Supervisor, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{SettingError, Settings};
+use edm_servo_head::stored::StoredImage;
 
 /// Every task with what it owns.
 #[allow(missing_docs, reason = "each is the task of its name")]
@@ -47,15 +48,16 @@ pub struct Slots {
     node: MaybeUninit<Node>,
     drive: MaybeUninit<Result<Drive, SettingError>>,
     record: Record,
+    image: StoredImage,
 }
 
 /// Node and drive with their values.
-const _: () = assert!(size_of::<Slots>() - size_of::<Record>() <= 4096);
+const _: () = assert!(size_of::<Slots>() - size_of::<Record>() - size_of::<StoredImage>() <= 4096);
 
 impl Slots {
     /// Nothing is in them.
     pub const fn new() -> Slots {
-        Slots { node: MaybeUninit::uninit(), drive: MaybeUninit::uninit(), record: BLANK }
+        Slots { node: MaybeUninit::uninit(), drive: MaybeUninit::uninit(), record: BLANK, image: StoredImage::NOTHING }
     }
 }
 
@@ -77,9 +79,9 @@ fn place_drive(
 /// Node and drive begin with what is kept.
 #[inline(never)]
 fn restore(keeper: &mut Keeper, node: &mut Node, drive: &mut Drive) {
-    let kept = keeper.load();
-    log_refused_settings(drive.restart(Settings::default(), kept.application()));
-    log_refused_parameters(node.boot(kept.communication(), drive));
+    let image = keeper.load();
+    log_report(&drive.restart(Settings::default(), image));
+    log_boot(drive.boot(node, image));
 }
 
 /// Starts the board, then the head, disabled and inhibited. `watchdog` keeps the watchdog when something does not start.
@@ -94,7 +96,7 @@ pub fn start(
     let machine = Machine::start(device, core, BUILD_NUMBER, &REFLEX, watchdog)?;
     defmt::info!("build {=str}, {}", BUILD, machine.boot);
     let Machine { clock, mut thresholds, mut generator, .. } = machine;
-    let mut keeper = Keeper::new(machine.flash, buffer)?;
+    let mut keeper = Keeper::new(machine.flash, buffer, &mut slots.image)?;
     let identity = Identity { reset_cause: machine.boot.cause as u32, build: BUILD };
     let node = place_node(&mut slots.node);
     let drive = place_drive(&mut slots.drive, identity, &mut slots.record)?;

@@ -5,9 +5,10 @@ mod objects;
 mod write;
 
 pub use describe::descriptions;
+pub use objects::STORED;
 #[cfg(not(target_os = "none"))]
 pub use objects::is_stored;
-pub(super) use objects::{Found, Item, STORED, find, stored};
+pub(super) use objects::{Found, Item, find, stored, stored_at};
 pub(super) use write::Written;
 
 use super::device::{Device, PDOS};
@@ -38,7 +39,7 @@ pub(super) struct Area {
 }
 
 /// Every PDO.
-const ALL: [(Direction, u16); 2 * PDOS] = {
+pub(super) const ALL: [(Direction, u16); 2 * PDOS] = {
     use Direction::{Receive, Transmit};
     [(Receive, 0), (Receive, 1), (Receive, 2), (Receive, 3), (Transmit, 0), (Transmit, 1), (Transmit, 2), (Transmit, 3)]
 };
@@ -85,6 +86,12 @@ impl Area {
             transmit: idle(),
             out: Outbox::default(),
         }
+    }
+
+    /// Whether the mapping of a PDO, as parameters have it, is in the dictionary.
+    #[inline(never)]
+    pub fn maps(&self, parameters: &Parameters, direction: Direction, pdo: u16, dictionary: &dyn Dictionary) -> bool {
+        resolve(parameters, direction, pdo, dictionary, &mut Map::default()).is_ok()
     }
 
     /// Takes parameters over, with what they map.

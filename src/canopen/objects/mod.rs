@@ -15,7 +15,6 @@ pub use table::Item;
 use super::{Abort, Access, DataType, Entry, Mapping, Place};
 #[cfg(not(target_os = "none"))]
 use super::{DefaultValue, Description, Shape};
-#[cfg(not(target_os = "none"))]
 use table::TABLE;
 
 /// One object of `table.rs`.
@@ -71,6 +70,11 @@ impl Row {
             #[cfg(not(target_os = "none"))]
             names: Names { all: names },
         }
+    }
+
+    /// Index and sub-index.
+    pub fn address(&self) -> (u16, u8) {
+        (self.index, self.sub)
     }
 
     /// What the object is.

@@ -7,10 +7,12 @@ use super::store::Store;
 use crate::bore::Setup;
 use crate::machine::Machine;
 use edm_bus::Frame;
-use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Kept, Order};
+use edm_hal_shim::store::Loaded;
+use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Order};
 use edm_servo_head::canopen::{self, Abort, Node, NodeId, Time};
 use edm_servo_head::head::Reason;
 use edm_servo_head::settings::Settings;
+use edm_servo_head::stored::{Full, LoadReport, StoredImage};
 use edm_servo_head::units::TICK_HZ;
 use embedded_can::{Frame as _, Id, StandardId};
 
@@ -26,6 +28,8 @@ pub struct Head {
     drive: Drive,
     node: Node,
     store: Store,
+    /// What is stored, while it is read or written.
+    image: Box<StoredImage>,
     /// Settings of the scenario, for a store that is empty.
     settings: Settings,
     ticks: u64,
@@ -49,7 +53,8 @@ impl Head {
         let record = Box::leak(Box::new(BLANK));
         let drive = Drive::new(settings, identity, record).map_err(refusal)?;
         let node = Node::new(&DEVICE, id, id.get().into());
-        let mut head = Head { machine, drive, node, store, settings, ticks: 0, boots: None };
+        let image = Box::default();
+        let mut head = Head { machine, drive, node, store, image, settings, ticks: 0, boots: None };
         head.restart();
         head.boot();
         Ok(head)
@@ -120,12 +125,15 @@ impl Head {
             }
             Order::Raise(fault) => self.machine.head.raise(fault),
             Order::Store(group) => {
-                let result = self.change(|kept, drive, node| kept.keep(group, drive, node));
-                self.node.answer(result, &mut self.drive);
+                let result = self.change(|image, drive, node| image.keep(group, drive, node));
+                self.drive.kept(&mut self.node, result);
             }
             Order::Restore(group) => {
-                let result = self.change(|kept, _, _| kept.forget(group));
-                self.node.answer(result, &mut self.drive);
+                let result = self.change(|image, _, _| {
+                    image.forget(group);
+                    Ok(())
+                });
+                self.drive.kept(&mut self.node, result);
             }
             Order::ResetNode => {
                 self.restart();
@@ -136,36 +144,55 @@ impl Head {
         true
     }
 
-    fn change(&mut self, change: impl FnOnce(&mut Kept, &Drive, &Node)) -> Result<(), Abort> {
+    fn change(
+        &mut self,
+        change: impl FnOnce(&mut StoredImage, &Drive, &Node) -> Result<(), Full>,
+    ) -> Result<(), Abort> {
         let leave = self.machine.head.give_leave().map_err(|_| Abort::DeviceState)?;
-        let mut kept = self.kept();
-        change(&mut kept, &self.drive, &self.node);
-        let result = self.store.save(&kept).map_err(|error| {
-            self.complain(&error.to_string());
-            Abort::Hardware
+        self.read();
+        let changed = change(&mut self.image, &self.drive, &self.node).map_err(|_| Abort::OutOfMemory);
+        let result = changed.and_then(|()| {
+            self.store.save(self.image.bytes()).map_err(|error| {
+                self.complain(&error.to_string());
+                Abort::Hardware
+            })
         });
         self.machine.head.end_leave(leave);
         result
     }
 
-    fn kept(&self) -> Kept {
-        self.store.load().unwrap_or_else(|error| {
-            self.complain(&error.to_string());
-            Kept::NOTHING
-        })
+    /// Reads what is stored.
+    fn read(&mut self) {
+        let stored = self.store.load();
+        let found = match &stored {
+            Ok(Some(image)) => Loaded::Newest(image),
+            Ok(None) => Loaded::Nothing,
+            Err(error) => {
+                self.complain(&error.to_string());
+                Loaded::Damaged
+            }
+        };
+        self.image.load(found);
     }
 
     fn restart(&mut self) {
-        let kept = self.kept();
-        if let Err(error) = self.drive.restart(self.settings, kept.application()) {
-            self.complain(&format!("the stored settings are refused: {error}"));
-        }
+        self.read();
+        let report = self.drive.restart(self.settings, &self.image);
+        self.tell(report);
     }
 
     fn boot(&mut self) {
-        let kept = self.kept();
-        if let Err(error) = self.node.boot(kept.communication(), &mut self.drive) {
-            self.complain(&format!("the stored communication parameters are refused: {error:?}"));
+        self.read();
+        match self.drive.boot(&mut self.node, &self.image) {
+            Ok(report) => self.tell(report),
+            Err(error) => self.complain(&format!("communication: {error:?}")),
+        }
+    }
+
+    /// Says what of the stored image is not in force.
+    fn tell(&self, report: LoadReport) {
+        if !report.is_whole() {
+            self.complain(&report.to_string());
         }
     }
 
@@ -182,4 +209,79 @@ fn from_bus(frame: &Frame) -> Option<canopen::Frame> {
 
 fn to_bus(frame: &canopen::Frame) -> Option<Frame> {
     Frame::new(StandardId::new(frame.id())?, frame.data())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use edm_servo_head::canopen::Group;
+    use edm_servo_head::settings::Declared;
+    use edm_servo_head::stored::Outcome;
+    use std::fs;
+    use std::path::Path;
+
+    /// A head that has just been switched on, with what is stored in a folder.
+    fn switched_on(folder: &Path) -> Head {
+        let store = Store::new(Some(folder), 5).unwrap();
+        Head::new(&Setup::load("default").unwrap(), NodeId::new(5).unwrap(), 1, store).unwrap()
+    }
+
+    /// Where a folder has what its head has stored: everything.
+    fn stored_in(folder: &Path) -> std::path::PathBuf {
+        let mut head = switched_on(folder);
+        assert_eq!(head.drive.loaded(), LoadReport::default());
+        head.change(|image, drive, node| image.keep(Group::All, drive, node)).unwrap();
+        folder.join("node-5.stored")
+    }
+
+    #[test]
+    fn a_file_has_the_bytes_that_a_chip_has_in_its_flash() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = fs::read(stored_in(folder.path())).unwrap();
+        let head = switched_on(folder.path());
+        assert_eq!(head.drive.loaded().outcome, Outcome::Newest);
+        let mut image = StoredImage::NOTHING;
+        image.keep(Group::All, &head.drive, &head.node).unwrap();
+        assert_eq!(image.bytes(), file);
+    }
+
+    #[test]
+    fn whichever_bit_of_the_file_flips_the_defaults_are_in_force_and_no_guided_check_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = stored_in(folder.path());
+        let good = fs::read(&path).unwrap();
+        let mut head = switched_on(folder.path());
+        for bit in 0..8 * good.len() {
+            let mut bad = good.clone();
+            bad[bit / 8] ^= 1 << (bit % 8);
+            fs::write(&path, &bad).unwrap();
+            head.read();
+            assert_eq!(head.image.outcome(), Outcome::Damaged, "bit {bit}");
+        }
+        let head = switched_on(folder.path());
+        assert_eq!(head.drive.loaded().outcome, Outcome::Damaged);
+        assert!(!head.drive.settings().commissioned);
+        fs::write(&path, &good).unwrap();
+        assert!(switched_on(folder.path()).drive.settings().commissioned);
+    }
+
+    #[test]
+    fn a_file_of_0_1_0_is_in_force_with_every_setting() {
+        let folder = tempfile::tempdir().unwrap();
+        let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/0.1.0");
+        fs::copy(fixtures.join("node-5-changed.stored"), folder.path().join("node-5.stored")).unwrap();
+        let head = switched_on(folder.path());
+        assert_eq!(head.drive.loaded().outcome, Outcome::Newest);
+        let list = fs::read_to_string(fixtures.join("node-5-changed.csv")).unwrap();
+        let mut compared = 0;
+        for (place, (index, sub)) in Settings::ADDRESSES.iter().enumerate() {
+            let Some(line) = list.lines().find(|line| line.starts_with(&format!("0x{index:04X},{sub},"))) else {
+                continue;
+            };
+            let word = u32::from_str_radix(line.rsplit(',').next().unwrap(), 16).unwrap();
+            assert_eq!(head.drive.settings().word(place), Some(word), "{line}");
+            compared += 1;
+        }
+        assert_eq!(compared, 84);
+    }
 }
