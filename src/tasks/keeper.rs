@@ -6,7 +6,7 @@ use edm_hal_shim::stm32f4::watchdog::Watchdog;
 use edm_hal_shim::store::{BUFFER, Loaded, Store};
 use edm_servo_head::canopen::Abort;
 use edm_servo_head::head::Leave;
-use edm_servo_head::stored::{Full, StoredImage};
+use edm_servo_head::stored::{Full, Outcome, StoredImage};
 
 /// Keeps what a host stores.
 pub struct Keeper {
@@ -33,7 +33,9 @@ impl Keeper {
             defmt::error!("settings: {}", error);
             Loaded::Damaged
         });
-        self.image.load(found);
+        if self.image.load(found) == Outcome::Nothing {
+            defmt::info!("settings: none stored");
+        }
         self.image
     }
 
