@@ -247,6 +247,25 @@ fn an_older_image_is_in_force_but_not_its_guided_check() {
 }
 
 #[test]
+fn an_older_image_of_which_a_part_is_stored_anew_has_not_passed_its_guided_check_either() {
+    let (stored, head) = (configured().stored(), configured());
+    let changes: [fn(&mut StoredImage, &Head); 2] = [
+        |image, head| image.keep(Group::Communication, &head.drive, &head.node).unwrap(),
+        |image, _| image.forget(Group::Communication),
+    ];
+    for change in changes {
+        for (found, passed) in [(Loaded::Newest(stored.bytes()), true), (Loaded::Older(stored.bytes()), false)] {
+            let mut image = StoredImage::NOTHING;
+            image.load(found);
+            change(&mut image, &head);
+            let (head, report) = Head::new(ID, &image_of(&records(&image)));
+            assert_eq!((report.is_whole(), head.commissioned()), (true, passed));
+            assert_eq!(head.drive.settings().gap_setpoint, 47.5);
+        }
+    }
+}
+
+#[test]
 fn an_unknown_address_is_skipped_and_named_and_all_else_is_in_force() {
     // Not there; there but not stored; there, of the communication area.
     let strange = [(0x2102, 99), (0x5FFF, 1), (0x2001, 1), (0x1018, 3)];

@@ -106,7 +106,7 @@ impl core::fmt::Display for LoadReport {
 pub struct Full;
 
 /// What is stored, maybe nothing. Large: it lives in one place and is loaded there.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct StoredImage {
     outcome: Outcome,
     /// The image, valid up to its checksum.
@@ -120,6 +120,14 @@ impl Default for StoredImage {
         Self::NOTHING
     }
 }
+
+impl PartialEq for StoredImage {
+    fn eq(&self, other: &Self) -> bool {
+        self.outcome == other.outcome && self.node() == other.node() && self.records().eq(other.records())
+    }
+}
+
+impl Eq for StoredImage {}
 
 impl StoredImage {
     /// Nothing was ever stored.
@@ -208,6 +216,18 @@ impl StoredImage {
         self.bytes.get_mut(place..place + RECORD).ok_or(Full)?.copy_from_slice(&to_bytes(record));
         self.count += 1;
         Ok(())
+    }
+
+    /// Gives records of an address another value. What there is then is to be [sealed](Self::seal).
+    pub(crate) fn change(&mut self, (index, sub): (u16, u8), value: u32) {
+        let end = HEAD + RECORD * self.count;
+        let records = self.bytes.get_mut(HEAD..end).unwrap_or_default().as_chunks_mut::<RECORD>().0;
+        for bytes in records {
+            let record = from_bytes(*bytes);
+            if (record.index, record.sub) == (index, sub) {
+                *bytes = to_bytes(Record { value, ..record });
+            }
+        }
     }
 
     /// Whose the records of the communication area are.

@@ -23,7 +23,8 @@ use crate::stored::{Full, LoadReport, Outcome, Putting, ROOM, StoredImage};
 
 /// Settings whose groups, and settings which themselves, the guided check is about.
 const CHECKED_GROUPS: [u16; 3] = [group("axis.mass_kg"), group("motor.reversed"), group("encoder.count_um")];
-const CHECKED: [usize; 2] = [place(Settings::KEYS, "gap.reversed"), place(Settings::KEYS, "commission.passed")];
+const CHECKED: [usize; 2] = [place(Settings::KEYS, "gap.reversed"), PASSED];
+const PASSED: usize = place(Settings::KEYS, "commission.passed");
 
 /// Index of the group of a setting.
 const fn group(key: &str) -> u16 {
@@ -80,6 +81,7 @@ impl StoredImage {
     #[inline(never)]
     pub fn keep(&mut self, group: Group, drive: &Drive, node: &Node) -> Result<(), Full> {
         let (application, communication) = parts(group);
+        self.distrust();
         self.remove(application, communication);
         let mut putting = Putting::into(self);
         if application {
@@ -99,8 +101,17 @@ impl StoredImage {
     /// Forgets a group of objects.
     pub fn forget(&mut self, group: Group) {
         let (application, communication) = parts(group);
+        self.distrust();
         self.remove(application, communication);
         self.seal();
+    }
+
+    /// What is about to become the newest image says no longer that it has been an older one: its guided check does not count
+    /// from then on either.
+    fn distrust(&mut self) {
+        if self.outcome() == Outcome::Older {
+            self.change(Settings::ADDRESSES[PASSED], 0);
+        }
     }
 }
 
