@@ -15,6 +15,7 @@
 //! | [`motion`] | profiles and homing beside the path |
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
+//! | [`stored`] | what outlives the power: one image, a list of objects with their values |
 //! | [`canopen`] | the head as a CANopen device: drive and objects behind the node of [`edm_canopen`] |
 //! | [`settings`] | what a person sets, checked and built into what the ticks run |
 //!
@@ -34,4 +35,5 @@ pub mod motion;
 pub mod path;
 pub mod servo;
 pub mod settings;
+pub mod stored;
 pub mod units;

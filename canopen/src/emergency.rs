@@ -137,10 +137,10 @@ impl Emergency {
         self.report(code, detail);
     }
 
-    /// The device has no error any more.
-    pub fn device_well(&mut self) {
+    /// An error of the device is gone; what remains has these bits of the error register, 0 for nothing.
+    pub fn device_well(&mut self, remaining: u8) {
         if self.device != 0 {
-            self.device = 0;
+            self.device = if remaining == 0 { 0 } else { remaining | GENERIC };
             self.queue(0, [0; 5]);
         }
     }
@@ -224,7 +224,11 @@ mod tests {
         assert_eq!(emergency.register(), 0x15);
         emergency.clear(Cause::SyncLength);
         assert_eq!(emergency.register(), 0x05);
-        emergency.device_well();
+        emergency.device(0x6320, 1 << 5, [0; 5]);
+        assert_eq!(emergency.register(), 0x25);
+        emergency.device_well(1 << 5);
+        assert_eq!(emergency.register(), 0x21);
+        emergency.device_well(0);
         assert_eq!(emergency.register(), 0);
     }
 

@@ -26,10 +26,11 @@ mod parameters;
 mod pdo;
 mod sdo;
 mod space;
+mod stored;
 mod sync;
 
 pub use abort::Abort;
-pub use area::{DefaultValue, OwnObject, own_objects};
+pub use area::{DefaultValue, OwnObject, STORED, own_objects};
 pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
 pub use dictionary::{
     Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place, Request, Written,
@@ -37,7 +38,7 @@ pub use dictionary::{
 pub use emergency::ERRORS;
 pub use frame::{Frame, NodeId, Time};
 pub use node::{BootError, Controller, IDENTIFIERS, Node};
-pub use parameters::IMAGE;
+pub use stored::{Listed, Record, Restored};
 
 #[cfg(test)]
 mod tests;

@@ -1,15 +1,15 @@
 //! The node: frames and time in, frames out.
 
-use super::area::Area;
+use super::area::{ALL, Area};
 use super::device::{Device, PDOS};
 use super::emergency::{Cause, Emergency};
 use super::heartbeat::{self, Change, HEARTBEAT};
-use super::parameters::{CONSUMERS, IMAGE, Parameters};
-use super::pdo::Taken;
+use super::parameters::{CONSUMERS, INVALID, Parameters};
+use super::pdo::{Direction, Taken};
 use super::sdo::{REQUEST, Server};
 use super::space::Space;
 use super::sync::{Pulse, Sync};
-use super::{Abort, Dictionary, Event, Frame, NmtState, NodeId, Place, Time};
+use super::{Abort, Dictionary, Event, Frame, NmtState, NodeId, Place, Record, Restored, Time};
 
 /// Identifier of network management.
 const NMT: u16 = 0;
@@ -20,8 +20,6 @@ pub const IDENTIFIERS: usize = 3 + PDOS + CONSUMERS;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BootError {
-    /// The stored parameters: of another version or node-ID, or with a value that cannot be. The defaults are in force.
-    Stored,
     /// The device's own defaults: they map what its dictionary does not have. Nothing is mapped.
     Defaults,
 }
@@ -61,27 +59,26 @@ impl Node {
     }
 
     /// Boots a node that waits for it: with the stored parameters of the communication area, if there are any, and else
-    /// with the defaults. Boot-up leaves next, and the node is pre-operational.
+    /// with the defaults. Boot-up leaves next, and the node is pre-operational. Stored identifiers contain the node-ID: the
+    /// parameters are those of this node, or not to be given.
+    ///
+    /// A value that cannot be gives way to its default. A PDO that has lost a value so, or maps what the dictionary does not
+    /// have, is put out of use: bytes would go where the host does not mean them to.
     ///
     /// # Errors
     /// The node has booted, but not with what was asked.
-    pub fn boot(&mut self, stored: Option<&[u8]>, dictionary: &mut dyn Dictionary) -> Result<(), BootError> {
+    pub fn boot(
+        &mut self,
+        stored: Option<&mut dyn Iterator<Item = Record>>,
+        dictionary: &mut dyn Dictionary,
+    ) -> Result<Restored, BootError> {
         if self.area.state != NmtState::Initialising {
-            return Ok(());
+            return Ok(Restored::default());
         }
         let defaults = Parameters::new(self.area.device, self.area.id.get());
-        let loaded = stored.map(|image| {
-            let mut loaded = defaults;
-            loaded.load(image, self.area.id).ok_or(BootError::Stored)?;
-            self.area.adopt(&loaded, dictionary).map_err(|_| BootError::Stored)
-        });
-        let result = match loaded {
-            Some(Ok(())) => Ok(()),
-            None | Some(Err(_)) => {
-                let adopted = self.area.adopt(&defaults, dictionary).map_err(|_| BootError::Defaults);
-                adopted.and(loaded.unwrap_or(Ok(())))
-            }
-        };
+        let mut parameters = defaults;
+        let restored = stored.map(|values| self.restored(&mut parameters, values, dictionary)).unwrap_or_default();
+        let adopted = self.area.adopt(&parameters, dictionary).map_err(|_| BootError::Defaults);
         self.booting = true;
         self.server.restart(&mut Space { area: &mut self.area, dictionary });
         self.area.out.clear();
@@ -89,7 +86,29 @@ impl Node {
             self.area.out.put(boot_up);
         }
         self.enter(NmtState::PreOperational, dictionary);
-        result
+        adopted.map(|()| restored)
+    }
+
+    /// Puts stored values in the place of defaults.
+    fn restored(
+        &self,
+        parameters: &mut Parameters,
+        values: &mut dyn Iterator<Item = Record>,
+        dictionary: &dyn Dictionary,
+    ) -> Restored {
+        let mut spoiled = [false; 2 * PDOS];
+        let mut restored = parameters.load(values, &mut spoiled);
+        for ((direction, number), spoiled) in ALL.iter().copied().zip(spoiled) {
+            let maps = self.area.maps(parameters, direction, number, dictionary);
+            if !maps {
+                let first = if direction == Direction::Receive { 0x1600 } else { 0x1A00 };
+                restored.defaulted.add(first + number, 0);
+            }
+            if let Some(pdo) = parameters.pdo_mut(direction, number).filter(|_| spoiled || !maps) {
+                (pdo.id, pdo.count) = (pdo.id | INVALID, 0);
+            }
+        }
+        restored
     }
 
     /// Takes a frame that came at `at`: the time stamp of its interrupt.
@@ -193,9 +212,9 @@ impl Node {
         self.area.emergency.device(code, register, detail);
     }
 
-    /// The device has no error any more.
-    pub fn emergency_over(&mut self) {
-        self.area.emergency.device_well();
+    /// An error of the device is gone. `register`: bits of the error register for those that remain, 0 for none.
+    pub fn emergency_over(&mut self, register: u8) {
+        self.area.emergency.device_well(register);
     }
 
     /// How the controller of the bus is, once a millisecond if there is one. Until somebody has been heard the node may be
@@ -240,9 +259,9 @@ impl Node {
         self.area.parameters.period
     }
 
-    /// The parameters of the communication area as they are to be stored.
-    pub fn image(&self) -> [u8; IMAGE] {
-        self.area.parameters.image(self.area.id)
+    /// Visits the parameters of the communication area that are to be stored.
+    pub fn parameters(&self, visit: &mut dyn FnMut(Record)) {
+        self.area.parameters.store(visit);
     }
 
     /// Network management (CiA 301 7.2.8.3.1): a command for this node or for all.

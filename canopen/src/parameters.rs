@@ -1,9 +1,10 @@
-//! The values of the communication area that a host can write: defaults, checks that need nothing else, stored form.
+//! The values of the communication area that a host can write: defaults, checks that need nothing else, storing.
 
-use super::area::{Found, Item, STORED, stored};
+use super::area::{Found, Item, STORED, stored, stored_at};
 use super::device::{Device, ENTRIES, PDOS, PdoDefault};
+use super::heartbeat::entry;
 use super::pdo::Direction;
-use super::{Abort, NodeId};
+use super::{Abort, Record, Restored};
 
 /// Bit 31 of a COB-ID: not in use.
 pub(super) const INVALID: u32 = 1 << 31;
@@ -172,47 +173,54 @@ impl Parameters {
         }
     }
 
-    /// The values in the order of the table of objects, little-endian, behind a version and the node-ID.
-    pub fn image(mut self, id: NodeId) -> [u8; IMAGE] {
-        let mut image = [0; IMAGE];
-        let [version, node, values @ ..] = &mut image;
-        (*version, *node) = (VERSION, id.get());
-        let mut rest = &mut values[..];
-        stored(&mut |found, size| {
-            let value = self.get(found).to_le_bytes();
-            let (out, behind) = core::mem::take(&mut rest).split_at_mut_checked(size)?;
-            out.copy_from_slice(value.get(..size)?);
-            rest = behind;
-            Some(())
+    /// Visits every value that is stored.
+    pub fn store(mut self, visit: &mut dyn FnMut(Record)) {
+        stored(&mut |index, found| {
+            visit(Record::new(index, found.sub, found.kind, self.get(found)));
         });
-        image
     }
 
-    /// Reads a stored form of the same version, length and node-ID whose values could have been written one by one, as
-    /// far as that can be told without the device's objects.
-    pub fn load(&mut self, image: &[u8], id: NodeId) -> Option<()> {
-        let [version, node, values @ ..] = <&[u8; IMAGE]>::try_from(image).ok()?;
-        if *version != VERSION || *node != id.get() {
-            return None;
+    /// Takes stored values that could have been written one by one, as far as that can be told without the device's
+    /// objects. The rest is in what is returned; `spoiled` tells which PDOs, in the order of [`ALL`](super::area::ALL), have
+    /// lost a value.
+    pub fn load(&mut self, values: &mut dyn Iterator<Item = Record>, spoiled: &mut [bool; 2 * PDOS]) -> Restored {
+        let mut restored = Restored::default();
+        let mut seen = [false; STORED];
+        for record in values {
+            let Record { index, sub, .. } = record;
+            let Some((nth, found)) = stored_at(index, sub) else {
+                restored.skipped.add(index, sub);
+                continue;
+            };
+            let good = |value: &u32| validate(found.item, *value).is_ok() && !self.watches_twice(found, *value);
+            match record.value(found.kind).filter(good) {
+                Some(value) => self.set(found, value),
+                None => {
+                    restored.defaulted.add(index, sub);
+                    let first = if found.item.direction() == Some(Direction::Transmit) { PDOS } else { 0 };
+                    let slot = found.item.direction().and_then(|_| spoiled.get_mut(first + usize::from(found.pdo)));
+                    slot.into_iter().for_each(|lost| *lost = true);
+                }
+            }
+            seen.get_mut(nth).into_iter().for_each(|seen| *seen = true);
         }
-        let mut rest = &values[..];
-        stored(&mut |found, size| {
-            let (bytes, behind) = rest.split_at_checked(size)?;
-            let mut value = [0; 4];
-            value.get_mut(..size)?.copy_from_slice(bytes);
-            let value = u32::from_le_bytes(value);
-            validate(found.item, value).ok()?;
-            self.set(found, value);
-            rest = behind;
-            Some(())
-        })
+        let mut seen = seen.iter();
+        stored(&mut |index, found| {
+            if seen.next() == Some(&false) {
+                restored.defaulted.add(index, found.sub);
+            }
+        });
+        restored
+    }
+
+    /// Whether a value of 1016h watches a node that another entry watches already (CiA 301 7.5.2.19).
+    pub fn watches_twice(&self, found: Found, value: u32) -> bool {
+        let same = |(sub, other): (u8, &u32)| {
+            sub != found.sub && entry(*other).zip(entry(value)).is_some_and(|(a, b)| a.0 == b.0)
+        };
+        found.item == Item::Watched && (1..).zip(&self.consumers).any(same)
     }
 }
-
-/// Version of the stored form.
-const VERSION: u8 = 1;
-/// Length of the stored form, bytes.
-pub const IMAGE: usize = 2 + STORED;
 
 /// Whether a value can be, whatever the others are.
 pub(super) fn validate(item: Item, value: u32) -> Result<(), Abort> {

@@ -78,11 +78,10 @@ impl Caller for Rtic {
     fn note(&self, note: &Note) {
         match note {
             Note::Lost { .. } | Note::NotStored | Note::Checked(Err(_)) => defmt::warn!("{}", note),
-            Note::ThresholdsRefused
-            | Note::StoreUnreadable
-            | Note::StoreForeign
-            | Note::SettingsRefused(_)
-            | Note::ParametersRefused(_) => defmt::error!("{}", note),
+            Note::Loaded(report) if report.is_whole() => {}
+            Note::ThresholdsRefused | Note::StoreUnreadable | Note::Loaded(_) | Note::BootRefused(_) => {
+                defmt::error!("{}", note);
+            }
             Note::Pulses(_) => defmt::info!("{}; {}", note, gate::captures()),
             _ => defmt::info!("{}", note),
         }

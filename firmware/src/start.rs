@@ -24,6 +24,7 @@ use edm_servo_head::canopen::{Node, NodeId};
 use edm_servo_head::gap::Voltage;
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{SettingError, Settings};
+use edm_servo_head::stored::StoredImage;
 
 /// Number of this head on the bus.
 const NODE: NodeId = NodeId::new(1).unwrap();
@@ -56,6 +57,7 @@ pub struct Slots {
     node: MaybeUninit<Node>,
     drive: MaybeUninit<Result<Drive, SettingError>>,
     record: Record,
+    image: StoredImage,
 }
 
 impl Slots {
@@ -67,6 +69,7 @@ impl Slots {
             node: MaybeUninit::uninit(),
             drive: MaybeUninit::uninit(),
             record: BLANK,
+            image: StoredImage::NOTHING,
         }
     }
 }
@@ -90,13 +93,9 @@ fn place_drive(
 /// Node and drive begin with what is kept.
 #[inline(never)]
 fn restore(keeper: &mut Keeper<Chip>, node: &mut Node, drive: &mut Drive) {
-    let kept = keeper.load();
-    if let Err(error) = drive.restart(Settings::default(), kept.application()) {
-        Rtic.note(&Note::SettingsRefused(error));
-    }
-    if let Err(error) = node.boot(kept.communication(), drive) {
-        Rtic.note(&Note::ParametersRefused(error));
-    }
+    let image = keeper.load();
+    Rtic.note(&Note::Loaded(drive.restart(Settings::default(), image)));
+    Rtic.note(&Note::booted(drive.boot(node, image)));
 }
 
 /// Starts the board, then the head, disabled and inhibited. `watchdog` keeps the watchdog when something does not start.
@@ -109,7 +108,7 @@ pub fn start(
     let machine = Machine::start(device, core, BUILD_NUMBER, &SIGNALS.reflex, watchdog)?;
     defmt::info!("build {=str}, {}", BUILD, machine.boot);
     let store = Store::new(machine.flash, 0).map_err(|_| StartError::Settings)?;
-    let mut keeper = Keeper::new(store, &mut slots.buffer, Rtic);
+    let mut keeper = Keeper::new(store, &mut slots.buffer, &mut slots.image, Rtic);
     let identity = Identity { reset_cause: machine.boot.cause as u32, build: BUILD };
     let node = place_node(&mut slots.node);
     let drive = place_drive(&mut slots.drive, identity, &mut slots.record)?;

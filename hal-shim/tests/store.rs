@@ -2,7 +2,7 @@
 
 use edm_hal_shim::double::flash::{FlashFault, SECTOR, TestFlash};
 use edm_hal_shim::storage::{ErrorType, NorFlash, ReadNorFlash};
-use edm_hal_shim::store::{BUFFER, MAX_IMAGE, Permit, Store, StoreError};
+use edm_hal_shim::store::{BUFFER, Loaded, MAX_IMAGE, Permit, Store, StoreError};
 use proptest::prelude::*;
 use std::cell::Cell;
 use std::rc::Rc;
@@ -42,7 +42,17 @@ fn save(flash: &mut Flash, image: &[u8]) -> Result<()> {
 }
 
 fn load(flash: &mut Flash) -> Result<Option<Vec<u8>>> {
-    Ok(store(flash).load(&mut [0; BUFFER])?.map(<[u8]>::to_vec))
+    Ok(store(flash).load(&mut [0; BUFFER])?.image().map(<[u8]>::to_vec))
+}
+
+/// Whether what is loaded is said to be the image that was saved last.
+fn is_newest(flash: &mut Flash) -> bool {
+    matches!(store(flash).load(&mut [0; BUFFER]), Ok(Loaded::Newest(_)))
+}
+
+/// Whether what is loaded is said to be an older image.
+fn is_older(flash: &mut Flash) -> bool {
+    matches!(store(flash).load(&mut [0; BUFFER]), Ok(Loaded::Older(_)))
 }
 
 /// The n-th image: of its own length and content.
@@ -54,7 +64,7 @@ fn image(n: u32) -> Vec<u8> {
         x ^= x << 17;
         x
     };
-    let len = 600 + next() as usize % (MAX_IMAGE - 600);
+    let len = 600 + next() as usize % 1448;
     let mut image = n.to_le_bytes().to_vec();
     image.resize_with(len, || next() as u8);
     image
@@ -74,14 +84,15 @@ fn reads(flash: &mut Flash, n: u32) -> bool {
 #[test]
 fn a_new_flash_holds_nothing_and_then_what_was_saved_last() {
     let mut flash = Flash::default();
-    assert_eq!(load(&mut flash), Ok(None));
+    assert_eq!(store(&mut flash).load(&mut [0; BUFFER]), Ok(Loaded::Nothing));
     for n in 1..=60 {
         save(&mut flash, &image(n)).unwrap();
-        assert!(reads(&mut flash, n), "{n}");
+        assert!(reads(&mut flash, n) && is_newest(&mut flash), "{n}");
     }
     for image in [&[][..], &[0], &[0xFF; 7], &[0; MAX_IMAGE], &[0xFF; MAX_IMAGE]] {
         save(&mut flash, image).unwrap();
         assert_eq!(load(&mut flash), Ok(Some(image.to_vec())));
+        assert!(is_newest(&mut flash));
     }
 }
 
@@ -106,14 +117,18 @@ fn a_power_cut_at_every_operation_leaves_the_new_image_or_the_old() {
                 cut.power_up();
                 let loaded = load(&mut cut).unwrap();
                 if loaded == Some(image(n)) {
+                    assert!(is_newest(&mut cut), "image {n}, operation {at}, seed {seed}");
                     new += 1;
                 } else {
+                    // A word of the header was written: the image that was not finished is noticed.
+                    let begun = !erases && at > 0 && n > 1;
+                    assert!(!begun || is_older(&mut cut), "image {n}, operation {at}, seed {seed}");
                     assert_eq!(loaded, (n > 1).then(|| image(n - 1)), "image {n}, operation {at}, seed {seed}");
                     old += 1;
                 }
                 // And the store goes on working.
                 save(&mut cut, &image(1000)).unwrap();
-                assert!(reads(&mut cut, 1000), "image {n}, operation {at}, seed {seed}");
+                assert!(reads(&mut cut, 1000) && is_newest(&mut cut), "image {n}, operation {at}, seed {seed}");
             }
         }
         flash = whole;
@@ -184,11 +199,16 @@ fn leave_withdrawn_in_the_middle_ends_a_save_like_a_power_cut() {
 }
 
 #[test]
-fn an_image_of_2048_bytes_is_the_longest() {
+fn an_image_of_6144_bytes_is_the_longest_and_two_fit_a_sector() {
     let mut flash = after(1);
     assert_eq!(save(&mut flash, &[0; MAX_IMAGE + 1]), Err(StoreError::TooLong));
     assert!(reads(&mut flash, 1));
-    assert_eq!(save(&mut flash, &[0; MAX_IMAGE]), Ok(()));
+    assert_eq!(MAX_IMAGE, 6144);
+    let mut flash = Flash::default();
+    for (byte, erases) in [(0, [1, 0]), (1, [1, 0]), (2, [1, 1]), (3, [1, 1]), (4, [2, 1])] {
+        assert_eq!(save(&mut flash, &[byte; MAX_IMAGE]), Ok(()));
+        assert_eq!(flash.erases()[1..], erases, "{byte}");
+    }
 }
 
 #[test]
@@ -218,17 +238,64 @@ fn both_sectors_wear_alike_and_the_neighbour_not_at_all() {
 }
 
 #[test]
-fn a_damaged_image_is_passed_over_for_the_one_before() {
+fn a_damaged_image_is_passed_over_for_the_one_before_and_that_is_said() {
     let flash = after(4);
     let newest = image(4);
     for byte in [0, 1, newest.len() / 2, newest.len() - 1] {
         let mut flash = flash.clone();
         let at = find(flash.cells(), &newest);
         flash.cells()[at + byte] ^= 0x10;
-        assert!(reads(&mut flash, 3), "byte {byte}");
+        assert!(reads(&mut flash, 3) && is_older(&mut flash), "byte {byte}");
+        // Also when it is what is stored already.
+        save(&mut flash, &image(3)).unwrap();
+        assert!(reads(&mut flash, 3) && is_newest(&mut flash), "byte {byte}");
         save(&mut flash, &image(5)).unwrap();
-        assert!(reads(&mut flash, 5));
+        assert!(reads(&mut flash, 5) && is_newest(&mut flash), "byte {byte}");
     }
+}
+
+#[test]
+fn whichever_bit_of_the_newest_image_flips_the_one_before_is_given_and_called_older() {
+    let mut whole = Flash::default();
+    save(&mut whole, &image(1)).unwrap();
+    let newest = [0x5A; 41];
+    save(&mut whole, &newest).unwrap();
+    // Checksum, length and its check, sequence, format, image. Zeros behind it, to the next word, mean nothing.
+    let at = find(whole.cells(), &newest);
+    let record = at - 13..at + newest.len();
+    for bit in 8 * record.start..8 * record.end {
+        let mut flash = whole.clone();
+        flash.cells()[bit / 8] ^= 1 << (bit % 8);
+        assert!(reads(&mut flash, 1) && is_older(&mut flash), "byte {} of the record", bit / 8 - record.start);
+    }
+    for bit in 8 * record.end..8 * record.end.next_multiple_of(4) {
+        let mut flash = whole.clone();
+        flash.cells()[bit / 8] ^= 1 << (bit % 8);
+        assert_eq!(store(&mut flash).load(&mut [0; BUFFER]), Ok(Loaded::Newest(&newest)));
+    }
+}
+
+#[test]
+fn an_image_that_is_damaged_where_its_sector_begins_is_noticed_in_the_other_one() {
+    // The save that goes to the second sector for the first time.
+    let n = (2..60).find(|&n| after(n).erases()[2] == 1).unwrap();
+    let mut flash = after(n);
+    assert!(is_newest(&mut flash));
+    let at = find(flash.cells(), &image(n));
+    flash.cells()[at + 9] ^= 1;
+    assert!(reads(&mut flash, n - 1) && is_older(&mut flash));
+    save(&mut flash, &image(n + 1)).unwrap();
+    assert!(reads(&mut flash, n + 1) && is_newest(&mut flash));
+}
+
+#[test]
+fn a_single_image_that_is_damaged_is_not_nothing() {
+    let mut flash = after(1);
+    let at = find(flash.cells(), &image(1));
+    flash.cells()[at + 9] ^= 1;
+    assert_eq!(store(&mut flash).load(&mut [0; BUFFER]), Ok(Loaded::Damaged));
+    save(&mut flash, &image(2)).unwrap();
+    assert!(reads(&mut flash, 2) && is_newest(&mut flash));
 }
 
 #[test]
@@ -241,7 +308,7 @@ fn a_header_that_promises_too_much_hides_nothing_that_was_stored() {
         let [l, h] = length.to_le_bytes();
         let [cl, ch] = length_check([l, h]).to_le_bytes();
         flash.write(end, &[0x12, 0x34, 0x56, 0x78, l, h, cl, ch]).unwrap();
-        assert!(reads(&mut flash, 3), "{length}");
+        assert!(reads(&mut flash, 3) && is_older(&mut flash), "{length}");
         for n in 4..30 {
             save(&mut flash, &image(n)).unwrap();
             assert!(reads(&mut flash, n), "{length}");
@@ -340,12 +407,12 @@ fn a_worn_out_flash_is_reported_and_keeps_the_last_image() {
         });
         assert_eq!(fault, Some(StoreError::NotVerified));
         assert!(last > 5);
-        assert_eq!(store.load(&mut buffer), Ok(Some(&image(last)[..])));
+        assert_eq!(store.load(&mut buffer).map(Loaded::image), Ok(Some(&image(last)[..])));
     }
     // Both sectors.
     let (mut store, leave) = chip(START);
     assert_eq!(store.save(&image(1), &mut buffer, &leave), Err(StoreError::NotVerified));
-    assert_eq!(store.load(&mut buffer), Ok(None));
+    assert_eq!(store.load(&mut buffer), Ok(Loaded::Nothing));
 }
 
 fn find(cells: &[u8], bytes: &[u8]) -> usize {
@@ -369,6 +436,7 @@ proptest! {
                 stored = n;
             }
             prop_assert!(reads(&mut flash, stored), "image {n}, acknowledged {acknowledged}");
+            prop_assert!(!acknowledged || is_newest(&mut flash), "image {n}");
         }
     }
 }

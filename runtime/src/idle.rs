@@ -51,23 +51,20 @@ impl<B: Board> Idle<B> {
         if let Some(reset) = self.resets.receive() {
             self.reset = Some(self.clock.now());
             if let Reset::Node = reset {
-                let kept = self.keeper.load();
-                if let Err(error) = protocol.lock(|protocol| protocol.restart(&kept)) {
-                    self.caller.note(&Note::SettingsRefused(error));
-                }
+                let image = self.keeper.load();
+                let report = protocol.lock(|protocol| protocol.restart(image));
+                self.caller.note(&Note::Loaded(report));
             }
         }
         let now = self.clock.now();
         if self.reset.take_if(|since| now.wrapping_sub(*since) >= START_UP).is_some() {
-            let kept = self.keeper.load();
-            if let Err(error) = protocol.lock(|protocol| protocol.boot(&kept)) {
-                self.caller.note(&Note::ParametersRefused(error));
-            }
+            let image = self.keeper.load();
+            self.caller.note(&Note::booted(protocol.lock(|protocol| protocol.boot(image))));
         }
     }
 
     fn change(&mut self, job: StorageJob, leave: Leave, protocol: &mut impl Mutex<T = Protocol<B>>) {
-        let compose = |kept: &mut _| protocol.lock(|protocol| protocol.keep(job, kept));
+        let compose = |image: &mut _| protocol.lock(|protocol| protocol.keep(job, image));
         let result = self.keeper.change(&leave, &mut self.watchdog, compose);
         // Nobody could report or decode an edge while the flash was erased.
         self.guard.missed();

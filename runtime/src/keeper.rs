@@ -2,56 +2,60 @@
 
 use crate::board::{Board, Caller};
 use crate::note::Note;
-use edm_hal_shim::store::{BUFFER, MAX_IMAGE, Storage};
+use edm_hal_shim::store::{BUFFER, Loaded, Storage};
 use edm_hal_shim::watchdog::Watchdog;
 use edm_servo_head::canopen::Abort;
-use edm_servo_head::canopen::drive::Kept;
 use edm_servo_head::head::Leave;
-
-const _: () = assert!(Kept::LENGTH <= MAX_IMAGE);
+use edm_servo_head::stored::{Full, Outcome, StoredImage};
 
 /// Keeps what a host stores.
 pub struct Keeper<B: Board> {
     storage: B::Storage,
     buffer: &'static mut [u8; BUFFER],
+    image: &'static mut StoredImage,
     caller: B::Caller,
 }
 
 impl<B: Board> Keeper<B> {
-    /// The keeper of this storage.
-    pub fn new(storage: B::Storage, buffer: &'static mut [u8; BUFFER], caller: B::Caller) -> Keeper<B> {
-        Keeper { storage, buffer, caller }
+    /// The keeper of this storage; buffer and image are where it works.
+    pub fn new(
+        storage: B::Storage,
+        buffer: &'static mut [u8; BUFFER],
+        image: &'static mut StoredImage,
+        caller: B::Caller,
+    ) -> Keeper<B> {
+        Keeper { storage, buffer, image, caller }
     }
 
-    /// What was stored last. When it cannot be read the log says so, and nothing is: the defaults run, which no guided check
-    /// has passed.
-    pub fn load(&mut self) -> Kept {
-        let (kept, note) = match self.storage.load(self.buffer) {
-            Ok(Some(image)) => match Kept::from_bytes(image) {
-                Some(kept) => return kept,
-                None => (Kept::NOTHING, Note::StoreForeign),
-            },
-            Ok(None) => (Kept::NOTHING, Note::NothingStored),
-            Err(_) => (Kept::NOTHING, Note::StoreUnreadable),
+    /// What was stored last, or what is left of it.
+    pub fn load(&mut self) -> &StoredImage {
+        let found = match self.storage.load(self.buffer) {
+            Ok(found) => found,
+            Err(_) => {
+                self.caller.note(&Note::StoreUnreadable);
+                Loaded::Damaged
+            }
         };
-        self.caller.note(&note);
-        kept
+        if self.image.load(found) == Outcome::Nothing {
+            self.caller.note(&Note::NothingStored);
+        }
+        self.image
     }
 
     /// Does a storage job; `compose` changes what is kept. The processor may stall for half a second.
     ///
     /// # Errors
-    /// [`Abort::Hardware`]: nothing was stored; what was before is still there.
+    /// [`Abort::Hardware`], [`Abort::OutOfMemory`]: nothing was stored; what was before is still there.
     pub fn change(
         &mut self,
         leave: &Leave,
         watchdog: &mut B::Watchdog,
-        compose: impl FnOnce(&mut Kept),
+        compose: impl FnOnce(&mut StoredImage) -> Result<(), Full>,
     ) -> Result<(), Abort> {
-        let mut kept = self.load();
-        compose(&mut kept);
+        self.load();
+        compose(self.image).map_err(|_| Abort::OutOfMemory)?;
         watchdog.erase().map_err(|_| Abort::Hardware)?;
-        let result = self.storage.save(kept.bytes(), self.buffer, leave);
+        let result = self.storage.save(self.image.bytes(), self.buffer, leave);
         // Before anything else: it must not stay slow. Its own oscillator answers, or it is dead and cannot bite anyway.
         let watched = watchdog.normal();
         self.caller.note(if result.is_ok() { &Note::Stored } else { &Note::NotStored });

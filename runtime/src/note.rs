@@ -4,7 +4,7 @@
 use crate::board::Pulse;
 use edm_servo_head::canopen::BootError;
 use edm_servo_head::head::{Change, Finding, Report, Status};
-use edm_servo_head::settings::SettingError;
+use edm_servo_head::stored::LoadReport;
 
 /// Something worth a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,12 +27,10 @@ pub enum Note {
     NothingStored,
     /// What is stored cannot be read: the defaults run.
     StoreUnreadable,
-    /// What is stored is of another firmware: the defaults run.
-    StoreForeign,
-    /// The stored settings contradict each other: the defaults run.
-    SettingsRefused(SettingError),
-    /// The stored communication parameters do not fit: the defaults are in use.
-    ParametersRefused(BootError),
+    /// What became of what was stored.
+    Loaded(LoadReport),
+    /// The node could not boot with what it was to.
+    BootRefused(BootError),
     /// Settings were stored.
     Stored,
     /// Settings could not be stored; the ones before are still there.
@@ -41,4 +39,14 @@ pub enum Note {
     Status(Status),
     /// What the reflex has seen, once a second.
     Pulses(Pulse),
+}
+
+impl Note {
+    /// How a node has booted.
+    pub fn booted(result: Result<LoadReport, BootError>) -> Note {
+        match result {
+            Ok(report) => Note::Loaded(report),
+            Err(error) => Note::BootRefused(error),
+        }
+    }
 }

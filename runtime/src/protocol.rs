@@ -15,11 +15,12 @@ use edm_crossing::ring::{Receiver, Sender};
 use edm_hal_shim::can::{Filters, Trouble};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::reflex::Thresholds;
-use edm_servo_head::canopen::drive::{Drive, Generations, Kept, Order};
+use edm_servo_head::canopen::drive::{Drive, Generations, Order};
 use edm_servo_head::canopen::{Abort, BootError, Controller, Frame, Node, Time};
 use edm_servo_head::gap::voltage;
 use edm_servo_head::head::{Change, Status, SupervisionLimits};
-use edm_servo_head::settings::{SettingError, Settings};
+use edm_servo_head::settings::Settings;
+use edm_servo_head::stored::{Full, LoadReport, StoredImage};
 
 /// How far the newest configuration has got.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -289,33 +290,36 @@ impl<B: Board> Protocol<B> {
     }
 
     /// Changes what is kept as the host wants it.
-    pub fn keep(&self, job: StorageJob, kept: &mut Kept) {
+    ///
+    /// # Errors
+    /// There is no room for it.
+    pub fn keep(&self, job: StorageJob, image: &mut StoredImage) -> Result<(), Full> {
         match job {
-            StorageJob::Store(group) => kept.keep(group, self.drive, self.node),
-            StorageJob::Restore(group) => kept.forget(group),
+            StorageJob::Store(group) => image.keep(group, self.drive, self.node),
+            StorageJob::Restore(group) => {
+                image.forget(group);
+                Ok(())
+            }
         }
     }
 
     /// A storage job is done.
     pub fn done(&mut self, result: Result<(), Abort>) {
-        self.node.answer(result, self.drive);
+        self.drive.kept(self.node, result);
     }
 
     /// The drive begins anew with what is kept.
-    ///
-    /// # Errors
-    /// What is kept is not fit to run; the defaults do.
-    pub fn restart(&mut self, kept: &Kept) -> Result<(), SettingError> {
+    pub fn restart(&mut self, image: &StoredImage) -> LoadReport {
         self.held = None;
-        self.drive.restart(self.defaults, kept.application())
+        self.drive.restart(self.defaults, image)
     }
 
     /// The node begins anew with what is kept.
     ///
     /// # Errors
-    /// What is kept does not fit; the defaults are in use.
-    pub fn boot(&mut self, kept: &Kept) -> Result<(), BootError> {
-        self.node.boot(kept.communication(), self.drive)
+    /// As [`Node::boot`].
+    pub fn boot(&mut self, image: &StoredImage) -> Result<LoadReport, BootError> {
+        self.drive.boot(self.node, image)
     }
 }
 

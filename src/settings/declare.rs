@@ -272,6 +272,8 @@ pub trait Declared: Sized {
     const FIELDS: &'static [Field];
     /// The keys in that order, for constants.
     const KEYS: &'static [&'static str];
+    /// Index and sub-index of each as an object, in that order; empty for a struct whose fields are none.
+    const ADDRESSES: &'static [(u16, u8)];
     /// The word of the field at `index` of [`Declared::FIELDS`].
     fn word(&self, index: usize) -> Option<u32>;
     /// Sets the field at `index`; a refused word changes nothing.
@@ -312,6 +314,22 @@ const fn same(a: &str, b: &str) -> bool {
     at == a.len() && at == b.len()
 }
 
+/// Whether no address is there twice.
+pub const fn distinct(addresses: &[(u16, u8)]) -> bool {
+    let mut at = 1;
+    while at < addresses.len() {
+        let mut before = 0;
+        while before < at {
+            if addresses[before].0 == addresses[at].0 && addresses[before].1 == addresses[at].1 {
+                return false;
+            }
+            before += 1;
+        }
+        at += 1;
+    }
+    true
+}
+
 /// Checks words against the limits of their fields.
 pub fn check(fields: &'static [Field], words: &[u32]) -> Result<(), SettingError> {
     match fields.iter().zip(words).find(|(field, word)| !field.kind.admits(**word)) {
@@ -320,17 +338,50 @@ pub fn check(fields: &'static [Field], words: &[u32]) -> Result<(), SettingError
     }
 }
 
-/// Declares a struct of settings: `/// doc`, `name: type = default, limits, "key", "unit", "source";`.
+/// Declares a struct of settings: `/// doc`, `index:sub name: type = default, limits, "key", "unit", "source";`. Index and
+/// sub-index are those of the object that a setting is, and stand in front of all fields or of none.
+///
+/// ```
+/// edm_servo_head::declare! {
+///     /// Of a press.
+///     struct Press {
+///         /// Force to keep.
+///         0x2100:2 force: f32 = 10.0, (0.0, 90.0), "press.force_n", "N", "assumed";
+///         /// Length of its stroke.
+///         0x2100:1 stroke: f32 = 10.0, (0.0, 50.0), "press.stroke_mm", "mm", "assumed";
+///     }
+/// }
+/// ```
+///
+/// An address that is there twice does not compile:
+///
+/// ```compile_fail,E0080
+/// edm_servo_head::declare! {
+///     /// Of a press.
+///     struct Press {
+///         /// Force to keep.
+///         0x2100:1 force: f32 = 10.0, (0.0, 90.0), "press.force_n", "N", "assumed";
+///         /// Length of its stroke.
+///         0x2100:1 stroke: f32 = 10.0, (0.0, 50.0), "press.stroke_mm", "mm", "assumed";
+///     }
+/// }
+/// ```
 #[macro_export]
 macro_rules! declare {
     ($(#[$outer:meta])* $vis:vis struct $struct:ident {
-        $($(#[doc = $doc:literal])+ $name:ident: $type:ident = $default:expr, $limits:tt, $key:literal, $unit:literal, $source:literal;)+
+        $($(#[doc = $doc:literal])+ $($index:literal : $sub:literal)? $name:ident: $type:ident = $default:expr, $limits:tt, $key:literal, $unit:literal, $source:literal;)+
     }) => {
         $(#[$outer])*
         #[derive(Clone, Copy, Debug, PartialEq)]
         $vis struct $struct {
             $($(#[doc = $doc])+ pub $name: $type,)+
         }
+
+        const _: () = {
+            let addresses = <$struct as $crate::settings::Declared>::ADDRESSES;
+            assert!($crate::settings::distinct(addresses), "two settings have the same index and sub-index");
+            assert!(addresses.is_empty() || addresses.len() == $struct::COUNT, "a setting has no index and sub-index");
+        };
 
         impl $struct {
             /// How many there are.
@@ -359,6 +410,7 @@ macro_rules! declare {
 
         impl $crate::settings::Declared for $struct {
             const KEYS: &'static [&'static str] = &[$($key),+];
+            const ADDRESSES: &'static [(u16, u8)] = &[$($(($index, $sub),)?)+];
             const FIELDS: &'static [$crate::settings::Field] = {
                 &[$($crate::settings::Field {
                     key: $key,
@@ -411,14 +463,37 @@ mod tests {
         /// A sample.
         struct Sample {
             /// Gap voltage to keep.
-            setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] ch. 2";
+            0x2100:2 setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] ch. 2";
             /// Blocks in a run.
-            run: u32 = 5, (1, 100), "gap.run", "", "assumed";
+            0x2100:1 run: u32 = 5, (1, 100), "gap.run", "", "assumed";
             /// Whether to dance.
-            dance: bool = false, (), "dance", "", "assumed";
+            0x2101:1 dance: bool = false, (), "dance", "", "assumed";
             /// Which colour.
-            colour: Colour = Colour::Red, (), "colour", "", "assumed";
+            0x2101:2 colour: Colour = Colour::Red, (), "colour", "", "assumed";
         }
+    }
+
+    declare! {
+        /// Fields that are no objects.
+        struct Plain {
+            /// A length.
+            length: f32 = 1.0, (0.0, 2.0), "length", "m", "assumed";
+        }
+    }
+
+    #[test]
+    fn addresses_are_those_of_the_declaration_whatever_its_order() {
+        assert_eq!(Sample::ADDRESSES, [(0x2100, 2), (0x2100, 1), (0x2101, 1), (0x2101, 2)]);
+        assert!(Plain::ADDRESSES.is_empty());
+        assert_eq!(Plain::default().length, 1.0);
+    }
+
+    #[test]
+    fn an_address_that_is_there_twice_is_found_wherever_it_stands() {
+        assert!(distinct(&[]) && distinct(&[(1, 1)]) && distinct(&[(1, 1), (1, 2), (2, 1)]));
+        assert!(!distinct(&[(1, 1), (1, 1)]));
+        assert!(!distinct(&[(1, 1), (1, 2), (2, 1), (1, 2)]));
+        assert!(!distinct(&[(2, 1), (1, 2), (2, 1)]));
     }
 
     #[test]

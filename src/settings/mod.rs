@@ -1,13 +1,11 @@
 //! Settings (what a person sets) -> [`Settings::build`] -> [`Active`] (what the ticks run).
 //!
-//! A setting out of range, or at odds with another, never reaches a tick. [`Settings::image`] is what is stored.
+//! A setting out of range, or at odds with another, never reaches a tick. Each is stored by its address: [`crate::stored`].
 
 mod build;
 mod declare;
-mod image;
 mod table;
 
 pub use build::Active;
-pub use declare::{Choice, Declared, Field, Kind, Setting, SettingError, Value, check, place};
-pub use image::{ImageError, LENGTH as IMAGE_LENGTH};
+pub use declare::{Choice, Declared, Field, Kind, Setting, SettingError, Value, check, distinct, place};
 pub use table::{LawName, SetpointUnit, Settings};

@@ -1,4 +1,8 @@
 //! The settings of a head, one declaration each.
+//!
+//! Index and sub-index of a setting as an object stand in front of its name: once released they never change, and are in
+//! `docs/released-objects.csv`. The order of declaration means nothing to a host or to what is stored. A new setting gets the
+//! next free sub-index of its group (a group is an index), and a line at the end of that list.
 
 use crate::declare;
 use crate::gap::voltage::Average;
@@ -37,183 +41,183 @@ declare! {
     /// What a person sets on a head: physical units, ranges, defaults.
     pub struct Settings {
         /// How the gap voltage is averaged.
-        gap_average: Average = Average::Gated, (), "gap.average", "", "[R] section 6.5.1, the gated average designed there";
+        0x2100:1 gap_average: Average = Average::Gated, (), "gap.average", "", "[R] section 6.5.1, the gated average designed there";
         /// Converter code of zero volts.
-        gap_zero_code: u32 = 410, (0, 4095), "gap.zero_code", "codes", "assumed: divider with offset, docs/wiring.md";
+        0x2100:2 gap_zero_code: u32 = 410, (0, 4095), "gap.zero_code", "codes", "assumed: divider with offset, docs/wiring.md";
         /// Gap voltage per converter code.
-        gap_volts_per_code: f32 = 0.1, (0.001, 1.0), "gap.volts_per_code", "V", "assumed: divider with offset, docs/wiring.md";
+        0x2100:3 gap_volts_per_code: f32 = 0.1, (0.001, 1.0), "gap.volts_per_code", "V", "assumed: divider with offset, docs/wiring.md";
         /// The gap leads are swapped.
-        gap_reversed: bool = false, (), "gap.reversed", "", "found by the guided check";
+        0x2100:4 gap_reversed: bool = false, (), "gap.reversed", "", "found by the guided check";
         /// Corner of the low-pass; may be changed while eroding.
-        gap_corner: f32 = 200.0, (20.0, 2000.0), "gap.corner_hz", "Hz", "[R] section 6.5.3";
+        0x2100:5 gap_corner: f32 = 200.0, (20.0, 2000.0), "gap.corner_hz", "Hz", "[R] section 6.5.3";
         /// Mains frequency that the notch takes out.
-        gap_mains: f32 = 50.0, (45.0, 65.0), "gap.mains_hz", "Hz", "[R] section 6.5.3: 50; 60 elsewhere";
+        0x2100:6 gap_mains: f32 = 50.0, (45.0, 65.0), "gap.mains_hz", "Hz", "[R] section 6.5.3: 50; 60 elsewhere";
         /// Notch the second harmonic as well.
-        gap_second_harmonic: bool = false, (), "gap.second_harmonic", "", "[R] section 6.5.3: tried there, left out";
+        0x2100:7 gap_second_harmonic: bool = false, (), "gap.second_harmonic", "", "[R] section 6.5.3: tried there, left out";
         /// Gap voltage below which a gated block is a short.
-        gap_short: f32 = 20.0, (1.0, 200.0), "gap.short_v", "V", "assumed: half the burn voltage of [R]";
+        0x2100:8 gap_short: f32 = 20.0, (1.0, 200.0), "gap.short_v", "V", "assumed: half the burn voltage of [R]";
         /// Converter code of no gap current.
-        gap_current_zero_code: u32 = 2048, (0, 4095), "gap.current_zero_code", "codes", "docs/wiring.md: mid-scale";
+        0x2100:9 gap_current_zero_code: u32 = 2048, (0, 4095), "gap.current_zero_code", "codes", "docs/wiring.md: mid-scale";
         /// Gap current per converter code.
-        gap_amps_per_code: f32 = 0.0161, (0.0001, 1.0), "gap.amps_per_code", "A", "docs/wiring.md: 50 mV/A";
+        0x2100:10 gap_amps_per_code: f32 = 0.0161, (0.0001, 1.0), "gap.amps_per_code", "A", "docs/wiring.md: 50 mV/A";
         /// Gap current from which a low voltage inside a pulse is a short to the reflex.
-        gap_short_amps: f32 = 1.0, (0.05, 100.0), "gap.short_a", "A", "assumed: twice the zero error of docs/wiring.md";
+        0x2100:11 gap_short_amps: f32 = 1.0, (0.05, 100.0), "gap.short_a", "A", "assumed: twice the zero error of docs/wiring.md";
         /// Time constant with which the gap voltage rises in a pulse; the reflex looks after three of them, but not before 2 us.
-        gap_charging_us: f32 = 0.5, (0.0, 200.0), "gap.charging_us", "us", "assumed: transistor generator; R times C of an RC generator";
+        0x2100:12 gap_charging_us: f32 = 0.5, (0.0, 200.0), "gap.charging_us", "us", "assumed: transistor generator; R times C of an RC generator";
         /// Longest hold through off-time before the gate counts as missing.
-        gap_hold_ms: f32 = 20.0, (1.0, 1000.0), "gap.hold_ms", "ms", "assumed: longer than the longest pulse period of [R], 1 ms";
+        0x2100:13 gap_hold_ms: f32 = 20.0, (1.0, 1000.0), "gap.hold_ms", "ms", "assumed: longer than the longest pulse period of [R], 1 ms";
         /// Centre of the notch over the distance of its -3 dB corners.
-        gap_notch_q: f32 = 2.5, (0.5, 30.0), "gap.notch_q", "", "[R] section 6.5.3: corners of 40 and 60 Hz about 50";
+        0x2100:14 gap_notch_q: f32 = 2.5, (0.5, 30.0), "gap.notch_q", "", "[R] section 6.5.3: corners of 40 and 60 Hz about 50";
         /// How the setpoint is given.
-        gap_setpoint_unit: SetpointUnit = SetpointUnit::Volts, (), "gap.setpoint_unit", "", "[R] section 4.4";
+        0x2100:15 gap_setpoint_unit: SetpointUnit = SetpointUnit::Volts, (), "gap.setpoint_unit", "", "[R] section 4.4";
         /// Gap voltage to keep.
-        gap_setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] section 4.4: 40 to 60 V while eroding steadily";
+        0x2100:16 gap_setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] section 4.4: 40 to 60 V while eroding steadily";
         /// Gap voltage to keep, as a share of the measured open-circuit voltage.
-        gap_setpoint_percent: f32 = 60.0, (5.0, 95.0), "gap.setpoint_percent", "%", "[R] section 4.4";
+        0x2100:17 gap_setpoint_percent: f32 = 60.0, (5.0, 95.0), "gap.setpoint_percent", "%", "[R] section 4.4";
         /// Lowest open-circuit voltage to start with.
-        gap_open_min: f32 = 70.0, (1.0, 300.0), "gap.open_min_v", "V", "assumed: 100 V of [R] less 30 %";
+        0x2100:18 gap_open_min: f32 = 70.0, (1.0, 300.0), "gap.open_min_v", "V", "assumed: 100 V of [R] less 30 %";
 
         /// Off-time requested of the generator; 0 leaves its own.
-        generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: the generator is set at itself; range of docs/wiring.md";
+        0x2101:1 generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: the generator is set at itself; range of docs/wiring.md";
 
         /// How the gap error becomes a duty.
-        structure: Structure = Structure::Path, (), "feed.structure", "", "[R] sections 6.6 and 6.7, the last one built";
+        0x2102:1 structure: Structure = Structure::Path, (), "feed.structure", "", "[R] sections 6.6 and 6.7, the last one built";
         /// Feed law.
-        law: LawName = LawName::IncrementByError, (), "feed.law", "", "[R] section 6.7.3";
+        0x2102:2 law: LawName = LawName::IncrementByError, (), "feed.law", "", "[R] section 6.7.3";
         /// Path velocity of the law fixed_rate.
-        fixed_rate: f32 = 20.0, (0.1, 10_000.0), "feed.fixed_rate_um_s", "um/s", "assumed";
+        0x2102:3 fixed_rate: f32 = 20.0, (0.1, 10_000.0), "feed.fixed_rate_um_s", "um/s", "assumed";
         /// Standard velocity of the law rate_by_error.
-        standard_velocity: f32 = 100.0, (0.1, 10_000.0), "feed.standard_um_s", "um/s", "assumed";
+        0x2102:4 standard_velocity: f32 = 100.0, (0.1, 10_000.0), "feed.standard_um_s", "um/s", "assumed";
         /// Gap error at which rate_by_error gives its standard velocity.
-        standard_error: f32 = 5.0, (0.1, 300.0), "feed.standard_error_v", "V", "assumed";
+        0x2102:5 standard_error: f32 = 5.0, (0.1, 300.0), "feed.standard_error_v", "V", "assumed";
         /// Largest velocity of the law rate_by_error.
-        rate_clamp: f32 = 500.0, (0.1, 10_000.0), "feed.rate_clamp_um_s", "um/s", "assumed";
+        0x2102:6 rate_clamp: f32 = 500.0, (0.1, 10_000.0), "feed.rate_clamp_um_s", "um/s", "assumed";
         /// Path velocity per volt of gap error of the law increment_by_error.
-        feed_gain: f32 = 20.0, (0.01, 1000.0), "feed.gain_um_s_v", "um/s per V", "assumed: 4 Hz crossover at 1.1 V/um";
+        0x2102:7 feed_gain: f32 = 20.0, (0.01, 1000.0), "feed.gain_um_s_v", "um/s per V", "assumed: 4 Hz crossover at 1.1 V/um";
         /// Period of the law increment_by_error.
-        feed_period_ms: f32 = 1.0, (0.05, 1000.0), "feed.period_ms", "ms", "[R] section 6.7.3";
+        0x2102:8 feed_period_ms: f32 = 1.0, (0.05, 1000.0), "feed.period_ms", "ms", "[R] section 6.7.3";
         /// Largest velocity toward the work under a feed law.
-        feed_max: f32 = 300.0, (0.1, 10_000.0), "feed.max_um_s", "um/s", "assumed";
+        0x2102:9 feed_max: f32 = 300.0, (0.1, 10_000.0), "feed.max_um_s", "um/s", "assumed";
         /// Largest velocity away from the work under a feed law.
-        feed_retreat_max: f32 = 2000.0, (0.1, 100_000.0), "feed.retreat_max_um_s", "um/s", "assumed";
+        0x2102:10 feed_retreat_max: f32 = 2000.0, (0.1, 100_000.0), "feed.retreat_max_um_s", "um/s", "assumed";
         /// Acceleration along the path in every motion.
-        acceleration: f32 = 5.0, (0.01, 100.0), "feed.acceleration_m_s2", "m/s^2", "assumed: a tenth of what the actuator of [R] can do";
+        0x2102:11 acceleration: f32 = 5.0, (0.01, 100.0), "feed.acceleration_m_s2", "m/s^2", "assumed: a tenth of what the actuator of [R] can do";
 
         /// Proportional gain of the single loop, duty per volt of gap error.
-        single_p: f32 = 0.001, (0.0, 1.0), "single.p", "1/V", "assumed";
+        0x2103:1 single_p: f32 = 0.001, (0.0, 1.0), "single.p", "1/V", "assumed";
         /// Integral gain of the single loop.
-        single_i: f32 = 0.0, (0.0, 10.0), "single.i", "1/(V s)", "assumed";
+        0x2103:2 single_i: f32 = 0.0, (0.0, 10.0), "single.i", "1/(V s)", "assumed";
         /// Derivative gain of the single loop.
-        single_d: f32 = 0.0, (0.0, 0.1), "single.d", "s/V", "[R] section 7.1.2 needs one";
+        0x2103:3 single_d: f32 = 0.0, (0.0, 0.1), "single.d", "s/V", "[R] section 7.1.2 needs one";
         /// Largest gap error that enters the integrator of the single loop.
-        single_clip: f32 = 20.0, (0.1, 300.0), "single.clip_v", "V", "[R] section 6.6.1";
+        0x2103:4 single_clip: f32 = 20.0, (0.1, 300.0), "single.clip_v", "V", "[R] section 6.6.1";
 
         /// Path velocity toward the work until sparks begin.
-        seek_velocity: f32 = 1000.0, (1.0, 50_000.0), "seek.velocity_um_s", "um/s", "assumed";
+        0x2104:1 seek_velocity: f32 = 1000.0, (1.0, 50_000.0), "seek.velocity_um_s", "um/s", "assumed";
         /// Share of the open-circuit voltage below which the work is found.
-        seek_threshold: f32 = 85.0, (10.0, 99.0), "seek.threshold_percent", "%", "assumed";
+        0x2104:2 seek_threshold: f32 = 85.0, (10.0, 99.0), "seek.threshold_percent", "%", "assumed";
         /// Time at rest with pulses on, to measure the open-circuit voltage.
-        seek_settle_ms: f32 = 100.0, (10.0, 10_000.0), "seek.settle_ms", "ms", "assumed: five times the settling of notch and low-pass";
+        0x2104:3 seek_settle_ms: f32 = 100.0, (10.0, 10_000.0), "seek.settle_ms", "ms", "assumed: five times the settling of notch and low-pass";
 
         /// Consecutive short pulses after which the reflex retreats.
-        retreat_after_shorts: u32 = 5, (1, 1000), "retreat.after_shorts", "", "docs/architecture.md: 5 pulses or 1 ms";
+        0x2105:1 retreat_after_shorts: u32 = 5, (1, 1000), "retreat.after_shorts", "", "docs/architecture.md: 5 pulses or 1 ms";
         /// Uninterrupted short after which the head retreats.
-        retreat_after_ms: f32 = 1.0, (0.05, 100.0), "retreat.after_ms", "ms", "docs/architecture.md: 5 pulses or 1 ms";
+        0x2105:2 retreat_after_ms: f32 = 1.0, (0.05, 100.0), "retreat.after_ms", "ms", "docs/architecture.md: 5 pulses or 1 ms";
         /// Path velocity of a retreat from a short or a fault.
-        retreat_velocity: f32 = 5000.0, (1.0, 200_000.0), "retreat.velocity_um_s", "um/s", "assumed";
+        0x2105:3 retreat_velocity: f32 = 5000.0, (1.0, 200_000.0), "retreat.velocity_um_s", "um/s", "assumed";
         /// Length to go back from a short at least.
-        retreat_clearance: f32 = 10.0, (0.0, 10_000.0), "retreat.clearance_um", "um", "assumed";
+        0x2105:4 retreat_clearance: f32 = 10.0, (0.0, 10_000.0), "retreat.clearance_um", "um", "assumed";
         /// Length to go back from a short at most; still shorted there, the short is persistent.
-        retreat_limit: f32 = 2000.0, (1.0, 1_000_000.0), "retreat.limit_um", "um", "assumed";
+        0x2105:5 retreat_limit: f32 = 2000.0, (1.0, 1_000_000.0), "retreat.limit_um", "um", "assumed";
         /// Time after which a short is persistent.
-        retreat_persistent_ms: f32 = 1000.0, (1.0, 60_000.0), "retreat.persistent_ms", "ms", "assumed";
+        0x2105:6 retreat_persistent_ms: f32 = 1000.0, (1.0, 60_000.0), "retreat.persistent_ms", "ms", "assumed";
         /// Safe height, behind the point where the work was found.
-        retreat_safe: f32 = 1000.0, (0.0, 1_000_000.0), "retreat.safe_um", "um", "assumed";
+        0x2105:7 retreat_safe: f32 = 1000.0, (0.0, 1_000_000.0), "retreat.safe_um", "um", "assumed";
         /// Length to retract off an open lower limit switch.
-        retreat_off_limit: f32 = 500.0, (500.0, 1_000_000.0), "retreat.off_limit_um", "um", "docs/architecture.md";
+        0x2105:8 retreat_off_limit: f32 = 500.0, (500.0, 1_000_000.0), "retreat.off_limit_um", "um", "docs/architecture.md";
 
         /// Moving mass with electrode.
-        axis_mass: f32 = 0.2, (0.01, 20.0), "axis.mass_kg", "kg", "[R] section 6.1";
+        0x2106:1 axis_mass: f32 = 0.2, (0.01, 20.0), "axis.mass_kg", "kg", "[R] section 6.1";
         /// Winding resistance.
-        axis_resistance: f32 = 12.4, (0.1, 200.0), "axis.resistance_ohm", "ohm", "[R] section 7.2, measured";
+        0x2106:2 axis_resistance: f32 = 12.4, (0.1, 200.0), "axis.resistance_ohm", "ohm", "[R] section 7.2, measured";
         /// Winding inductance.
-        axis_inductance: f32 = 3.0, (0.0, 100.0), "axis.inductance_mh", "mH", "assumed; not measured in [R]";
+        0x2106:3 axis_inductance: f32 = 3.0, (0.0, 100.0), "axis.inductance_mh", "mH", "assumed; not measured in [R]";
         /// Force constant; the back-EMF constant in V/(m/s) is the same number.
-        axis_force_constant: f32 = 7.5, (0.1, 200.0), "axis.force_constant_n_a", "N/A", "[R] section 7.2: 7 N/A and 8 V/(m/s) measured";
+        0x2106:4 axis_force_constant: f32 = 7.5, (0.1, 200.0), "axis.force_constant_n_a", "N/A", "[R] section 7.2: 7 N/A and 8 V/(m/s) measured";
         /// Bus voltage.
-        axis_bus: f32 = 48.0, (5.0, 60.0), "axis.bus_v", "V", "[R] section 6.1";
+        0x2106:5 axis_bus: f32 = 48.0, (5.0, 60.0), "axis.bus_v", "V", "[R] section 6.1";
         /// Lifting force of counterbalance or spring.
-        axis_counterbalance: f32 = 2.2, (0.0, 500.0), "axis.counterbalance_n", "N", "assumed: a little over the weight, docs/wiring.md";
+        0x2106:6 axis_counterbalance: f32 = 2.2, (0.0, 500.0), "axis.counterbalance_n", "N", "assumed: a little over the weight, docs/wiring.md";
         /// Stroke between the stops.
-        axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.1";
+        0x2106:7 axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.1";
         /// Largest duty.
-        axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed";
+        0x2106:8 axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed";
         /// A positive duty moves away from the work.
-        motor_reversed: bool = false, (), "motor.reversed", "", "found by the guided check";
+        0x2107:1 motor_reversed: bool = false, (), "motor.reversed", "", "found by the guided check";
         /// Largest motor current.
-        motor_peak: f32 = 3.0, (0.1, 20.0), "motor.peak_a", "A", "assumed";
+        0x2107:2 motor_peak: f32 = 3.0, (0.1, 20.0), "motor.peak_a", "A", "assumed";
         /// Motor current that may flow for ever.
-        motor_continuous: f32 = 1.0, (0.1, 20.0), "motor.continuous_a", "A", "assumed";
+        0x2107:3 motor_continuous: f32 = 1.0, (0.1, 20.0), "motor.continuous_a", "A", "assumed";
         /// Thermal time constant of the winding.
-        motor_thermal: f32 = 20.0, (0.1, 1000.0), "motor.thermal_s", "s", "assumed";
+        0x2107:4 motor_thermal: f32 = 20.0, (0.1, 1000.0), "motor.thermal_s", "s", "assumed";
         /// Motor current per converter code about mid-scale.
-        motor_amps_per_code: f32 = 0.005, (0.0001, 0.1), "motor.amps_per_code", "A", "assumed: docs/wiring.md";
+        0x2107:5 motor_amps_per_code: f32 = 0.005, (0.0001, 0.1), "motor.amps_per_code", "A", "assumed: docs/wiring.md";
         /// Bus voltage per converter code.
-        motor_bus_per_code: f32 = 0.02, (0.001, 0.1), "motor.bus_volts_per_code", "V", "assumed: docs/wiring.md";
+        0x2107:6 motor_bus_per_code: f32 = 0.02, (0.001, 0.1), "motor.bus_volts_per_code", "V", "assumed: docs/wiring.md";
         /// Lowest bus voltage to work with.
-        motor_bus_min: f32 = 36.0, (3.0, 60.0), "motor.bus_min_v", "V", "assumed: three quarters of 48 V";
+        0x2107:7 motor_bus_min: f32 = 36.0, (3.0, 60.0), "motor.bus_min_v", "V", "assumed: three quarters of 48 V";
 
         /// Length of one encoder count.
-        encoder_count: f32 = 1.0, (0.05, 100.0), "encoder.count_um", "um", "[R] section 6.1; 0.5 and 5 exist";
+        0x2108:1 encoder_count: f32 = 1.0, (0.05, 100.0), "encoder.count_um", "um", "[R] section 6.1; 0.5 and 5 exist";
         /// The encoder counts down when moving toward the work.
-        encoder_reversed: bool = false, (), "encoder.reversed", "", "found by the guided check";
+        0x2108:2 encoder_reversed: bool = false, (), "encoder.reversed", "", "found by the guided check";
         /// Distance between index marks; a wrong one means that the encoder lost counts.
-        encoder_marks: f32 = 10_000.0, (100.0, 1_000_000.0), "encoder.mark_distance_um", "um", "[L] section 3: a mark every 10 mm";
+        0x2108:3 encoder_marks: f32 = 10_000.0, (100.0, 1_000_000.0), "encoder.mark_distance_um", "um", "[L] section 3: a mark every 10 mm";
         /// Counts by which the distance between marks may differ.
-        encoder_mark_tolerance: u32 = 2, (0, 1000), "encoder.mark_tolerance", "counts", "assumed";
+        0x2108:4 encoder_mark_tolerance: u32 = 2, (0, 1000), "encoder.mark_tolerance", "counts", "assumed";
         /// Lasting difference between edge decoder and timer that is still believed.
-        encoder_difference: u32 = 1, (0, 1000), "encoder.difference", "counts", "assumed: one lost edge pair, two counts, shows";
+        0x2108:5 encoder_difference: u32 = 1, (0, 1000), "encoder.difference", "counts", "assumed: one lost edge pair, two counts, shows";
         /// Illegal transitions in a second that are only counted.
-        encoder_illegal: u32 = 10, (0, 1_000_000), "encoder.illegal_per_s", "", "assumed";
+        0x2108:6 encoder_illegal: u32 = 10, (0, 1_000_000), "encoder.illegal_per_s", "", "assumed";
 
         /// Bandwidth of the velocity loop.
-        servo_velocity_hz: f32 = 160.0, (1.0, 500.0), "servo.velocity_hz", "Hz", "assumed: 70 degrees with L/R of 0.24 ms";
+        0x2109:1 servo_velocity_hz: f32 = 160.0, (1.0, 500.0), "servo.velocity_hz", "Hz", "assumed: 70 degrees with L/R of 0.24 ms";
         /// Bandwidth of the position loop.
-        servo_position_hz: f32 = 40.0, (0.5, 200.0), "servo.position_hz", "Hz", "assumed: a quarter of the velocity loop's";
+        0x2109:2 servo_position_hz: f32 = 40.0, (0.5, 200.0), "servo.position_hz", "Hz", "assumed: a quarter of the velocity loop's";
         /// Integral time of the velocity loop.
-        servo_integral_ms: f32 = 15.0, (1.0, 10_000.0), "servo.integral_ms", "ms", "assumed";
+        0x2109:3 servo_integral_ms: f32 = 15.0, (1.0, 10_000.0), "servo.integral_ms", "ms", "assumed";
 
         /// Largest following error.
-        following_limit: f32 = 200.0, (1.0, 100_000.0), "supervise.following_um", "um", "assumed";
+        0x210A:1 following_limit: f32 = 200.0, (1.0, 100_000.0), "supervise.following_um", "um", "assumed";
         /// Time that a following error, or a runaway, may last.
-        following_ms: u32 = 10, (1, 10_000), "supervise.following_ms", "ms", "assumed";
+        0x210A:2 following_ms: u32 = 10, (1, 10_000), "supervise.following_ms", "ms", "assumed";
         /// Velocity against a saturated duty that means a wrong polarity.
-        runaway: f32 = 50.0, (1.0, 1000.0), "supervise.runaway_mm_s", "mm/s", "assumed";
+        0x210A:3 runaway: f32 = 50.0, (1.0, 1000.0), "supervise.runaway_mm_s", "mm/s", "assumed";
         /// Difference between encoder velocity and back-EMF velocity that is not believed.
-        emf_velocity: f32 = 50.0, (1.0, 5000.0), "supervise.emf_mm_s", "mm/s", "assumed";
+        0x210A:4 emf_velocity: f32 = 50.0, (1.0, 5000.0), "supervise.emf_mm_s", "mm/s", "assumed";
         /// Error of the winding resistance that the comparison with the back-EMF forgives.
-        emf_resistance: f32 = 20.0, (0.0, 100.0), "supervise.emf_resistance_percent", "%", "assumed: copper from 20 to 70 degrees C";
+        0x210A:5 emf_resistance: f32 = 20.0, (0.0, 100.0), "supervise.emf_resistance_percent", "%", "assumed: copper from 20 to 70 degrees C";
         /// Time that the encoder may contradict the back-EMF.
-        encoder_ms: u32 = 10, (1, 1000), "supervise.encoder_ms", "ms", "assumed";
+        0x210A:6 encoder_ms: u32 = 10, (1, 1000), "supervise.encoder_ms", "ms", "assumed";
         /// Time that the gap signal may be bad.
-        gap_bad_ms: u32 = 20, (1, 1000), "supervise.gap_ms", "ms", "assumed";
+        0x210A:7 gap_bad_ms: u32 = 20, (1, 1000), "supervise.gap_ms", "ms", "assumed";
         /// Longest silence of the bus while the loop is closed; 0 does not watch. 1016h watches one host by its heartbeats.
-        host_ms: u32 = 0, (0, 60_000), "supervise.host_ms", "ms", "CiA 301 7.2.8: guarding is off until a host asks for it";
+        0x210A:8 host_ms: u32 = 0, (0, 60_000), "supervise.host_ms", "ms", "CiA 301 7.2.8: guarding is off until a host asks for it";
 
         /// Longest lift of a head without a closed loop.
-        lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md";
+        0x210B:1 lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md";
         /// Force of a force-limited retract about the holding force.
-        lift_force: f32 = 3.0, (0.1, 100.0), "lift.limited_n", "N", "assumed";
+        0x210B:2 lift_force: f32 = 3.0, (0.1, 100.0), "lift.limited_n", "N", "assumed";
         /// Bus voltage below which lifting on stored energy ends.
-        lift_bus_dead: f32 = 15.0, (1.0, 60.0), "lift.bus_dead_v", "V", "assumed";
+        0x210B:3 lift_bus_dead: f32 = 15.0, (1.0, 60.0), "lift.bus_dead_v", "V", "assumed";
 
         /// The guided check has passed with these settings.
-        commissioned: bool = false, (), "commission.passed", "", "set by the guided check";
+        0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by the guided check";
         /// Largest duty of the guided check.
-        commission_duty: f32 = 0.1, (0.001, 0.5), "commission.duty_limit", "", "assumed";
+        0x210C:2 commission_duty: f32 = 0.1, (0.001, 0.5), "commission.duty_limit", "", "assumed";
         /// Velocity of the stroke measurement.
-        commission_velocity: f32 = 5.0, (0.1, 50.0), "commission.velocity_mm_s", "mm/s", "assumed";
+        0x210C:3 commission_velocity: f32 = 5.0, (0.1, 50.0), "commission.velocity_mm_s", "mm/s", "assumed";
         /// Share of the stroke by which the measured one may differ.
-        commission_tolerance: f32 = 10.0, (0.1, 50.0), "commission.stroke_tolerance_percent", "%", "assumed";
+        0x210C:4 commission_tolerance: f32 = 10.0, (0.1, 50.0), "commission.stroke_tolerance_percent", "%", "assumed";
     }
 }

@@ -1,7 +1,7 @@
 //! One node with its machine on a bus, and a host that speaks SDO.
 
 use crate::machine::{DEVICE, Machine, place, scope};
-use edm_servo_head::canopen::{Frame, Node, NodeId, Time};
+use edm_servo_head::canopen::{Frame, Node, NodeId, Restored, Time};
 
 /// Node-ID of the bench.
 pub const ID: u16 = 0x20;
@@ -49,7 +49,7 @@ impl Bench {
     /// Switched on, boot-up taken off the bus.
     pub fn new() -> Self {
         let mut bench = Self::silent();
-        assert_eq!(bench.node.boot(None, &mut bench.machine), Ok(()));
+        assert_eq!(bench.node.boot(None, &mut bench.machine), Ok(Restored::default()));
         assert_eq!(bench.frames(), [Frame::new(0x700 + ID, &[0]).unwrap()]);
         bench
     }

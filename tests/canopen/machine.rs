@@ -1,8 +1,8 @@
 //! A device with one object of each kind.
 
 use edm_servo_head::canopen::{
-    Abort, Access, DataType, Device, Dictionary, Entry, Event, LONGEST, Mapping, PdoDefault, Place, Request, Written,
-    mapped,
+    Abort, Access, DataType, Device, Dictionary, Entry, Event, LONGEST, Mapping, Node, PdoDefault, Place, Record,
+    Request, Written, mapped,
 };
 
 /// U32, read-write, 10 to 1000.
@@ -131,6 +131,13 @@ impl Machine {
     pub fn value(&self, index: u16, sub: u8) -> &[u8] {
         &self.values[place(index, sub)]
     }
+}
+
+/// The communication parameters of a node, as they are stored.
+pub fn parameters(node: &Node) -> Vec<Record> {
+    let mut all = vec![];
+    node.parameters(&mut |record| all.push(record));
+    all
 }
 
 /// A byte of the domain.

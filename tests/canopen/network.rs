@@ -2,7 +2,7 @@
 
 use crate::bench::{Bench, ID, request, segment};
 use crate::machine::*;
-use edm_servo_head::canopen::{Controller, Event, Frame, NmtState};
+use edm_servo_head::canopen::{Controller, Event, Frame, NmtState, Restored};
 
 const BOOT_UP: &[u8] = &[0];
 
@@ -10,11 +10,11 @@ const BOOT_UP: &[u8] = &[0];
 fn a_node_boots_up_once_and_is_then_pre_operational() {
     let mut bench = Bench::silent();
     assert_eq!(bench.pass(5_000_000), []);
-    assert_eq!(bench.node.boot(None, &mut bench.machine), Ok(()));
+    assert_eq!(bench.node.boot(None, &mut bench.machine), Ok(Restored::default()));
     assert_eq!(bench.frames(), [Frame::new(0x700 + ID, BOOT_UP).unwrap()]);
     assert_eq!(bench.node.state(), NmtState::PreOperational);
     assert_eq!(bench.pass(5_000_000), []);
-    assert_eq!(bench.node.boot(None, &mut bench.machine), Ok(()));
+    assert_eq!(bench.node.boot(None, &mut bench.machine), Ok(Restored::default()));
     assert_eq!(bench.frames(), []);
 }
 
@@ -184,13 +184,13 @@ fn a_stopped_node_stays_stopped_whatever_falls_silent() {
 #[test]
 fn a_reset_ends_watching_and_its_errors() {
     let mut bench = watching(0);
-    let image = bench.node.image();
+    let stored = parameters(&bench.node);
     for lost in [false, true] {
         bench.send(0x705, &[5]);
         bench.pass(if lost { 101_000 } else { 50_000 });
         assert_eq!(bench.number(0x1001, 0), if lost { 0x11 } else { 0 });
         bench.send(0, &[130, 0]);
-        bench.node.boot(Some(&image), &mut bench.machine).unwrap();
+        bench.node.boot(Some(&mut stored.iter().copied()), &mut bench.machine).unwrap();
         bench.machine.events.clear();
         bench.pass(1_000_000);
         assert_eq!((bench.machine.events.len(), bench.number(0x1001, 0)), (0, 0));

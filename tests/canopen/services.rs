@@ -89,7 +89,7 @@ fn the_inhibit_time_spaces_emergencies() {
     bench.set(0x1015, 0, 2, 100).unwrap();
     bench.node.emergency(0x3210, 4, [0; 5]);
     bench.node.emergency(0x2310, 2, [0; 5]);
-    bench.node.emergency_over();
+    bench.node.emergency_over(0);
     let sent = bench.pass(100_000);
     let codes: Vec<_> = sent.iter().map(|(_, frame)| (frame.data()[..3]).to_vec()).collect();
     assert_eq!(codes, [[0x10, 0x32, 5], [0x10, 0x23, 7], [0, 0, 0]]);

@@ -1,8 +1,8 @@
-//! Store and restore (CiA 301 7.5.2.13, 7.5.2.14), and the stored form of the communication area.
+//! Store and restore (CiA 301 7.5.2.13, 7.5.2.14), and booting with stored parameters.
 
-use crate::bench::{Bench, ID, crc, request, segment};
+use crate::bench::{Bench, crc, request, segment};
 use crate::machine::*;
-use edm_servo_head::canopen::{Abort, BootError, Group, IMAGE, Node, NodeId, Request};
+use edm_servo_head::canopen::{Abort, DataType, Group, Listed, Node, Record, Request, Restored, STORED};
 
 const SAVE: [u8; 4] = *b"save";
 const LOAD: [u8; 4] = *b"load";
@@ -89,49 +89,116 @@ fn configured() -> Bench {
     bench
 }
 
-#[test]
-fn what_was_stored_is_there_after_a_reset() {
-    let mut bench = configured();
-    let image = bench.node.image();
+/// A node that has booted with these parameters, and what became of them.
+fn booted(stored: &[Record]) -> (Bench, Restored) {
+    let mut bench = Bench::new();
     bench.send(0, &[130, 0]);
-    bench.node.boot(Some(&image), &mut bench.machine).unwrap();
-    bench.frames();
-    assert_eq!(bench.node.image(), image);
-    assert_eq!(bench.number(0x1A02, 2), 0x6041_0010);
-    assert_eq!(bench.number(0x1802, 1), 0x4000_03A0);
-    assert_eq!(bench.number(0x1016, 3), 9 << 16 | 500);
+    let restored = bench.node.boot(Some(&mut stored.iter().copied()), &mut bench.machine).unwrap();
+    bench.pass(1_000);
+    (bench, restored)
+}
+
+fn listed(addresses: &[(u16, u8)]) -> Listed {
+    let mut listed = Listed::default();
+    addresses.iter().for_each(|(index, sub)| listed.add(*index, *sub));
+    listed
+}
+
+/// The parameters of [`configured`] with another value at one address.
+fn with(index: u16, sub: u8, value: u32) -> Vec<Record> {
+    let mut stored = parameters(&configured().node);
+    stored.iter_mut().find(|r| (r.index, r.sub) == (index, sub)).unwrap().value = value;
+    stored
 }
 
 #[test]
-fn a_foreign_or_damaged_image_is_refused_whole() {
-    let good = configured().node.image();
-    let refused = |image: &[u8], id: u8| {
-        let mut machine = Machine::new();
-        let mut node = Node::new(&DEVICE, NodeId::new(id).unwrap(), 0);
-        let result = node.boot(Some(image), &mut machine);
-        let mut fresh = Node::new(&DEVICE, NodeId::new(id).unwrap(), 0);
-        fresh.boot(None, &mut machine).unwrap();
-        assert_eq!(result.is_err(), node.image() == fresh.image());
-        result == Err(BootError::Stored)
-    };
-    assert!(!refused(&good, ID as u8));
-    assert!(refused(&good, ID as u8 + 1));
-    assert!(refused(&good[..IMAGE - 1], ID as u8));
-    assert!(refused(&[], ID as u8));
-    for (at, byte) in [
-        (0, 2),    // version
-        (2, 0x7F), // SYNC at a reserved identifier
-        (3, 0xFF),
-    ] {
-        let mut bad = good;
-        bad[at] = byte;
-        assert!(refused(&bad, ID as u8), "{at}");
+fn what_was_stored_is_there_after_a_reset_in_whatever_order_it_is_given() {
+    let stored = parameters(&configured().node);
+    assert_eq!(stored.len(), STORED);
+    let reversed: Vec<_> = stored.iter().rev().copied().collect();
+    for given in [&stored, &reversed] {
+        let (mut bench, restored) = booted(given);
+        assert_eq!(restored, Restored::default());
+        assert_eq!(parameters(&bench.node), stored);
+        assert_eq!(bench.number(0x1A02, 2), 0x6041_0010);
+        assert_eq!(bench.number(0x1802, 1), 0x4000_03A0);
+        assert_eq!(bench.number(0x1016, 3), 9 << 16 | 500);
     }
-    // A mapping of an object that does not exist.
-    let at = good.windows(4).position(|bytes| bytes == 0x6041_0010u32.to_le_bytes()).unwrap();
-    let mut bad = good;
-    bad[at + 3] = 0x5F;
-    assert!(refused(&bad, ID as u8));
+}
+
+#[test]
+fn a_value_that_is_not_stored_is_the_default_and_named() {
+    let stored = parameters(&configured().node);
+    let defaults = parameters(&Bench::new().node);
+    for (nth, left_out) in stored.iter().enumerate() {
+        let mut given = stored.clone();
+        given.remove(nth);
+        let (bench, restored) = booted(&given);
+        let address = (left_out.index, left_out.sub);
+        assert_eq!((restored.skipped, restored.defaulted.first), (listed(&[]), Some(address)));
+        assert_eq!(parameters(&bench.node)[nth].value & !(1 << 31), defaults[nth].value & !(1 << 31), "{left_out:x?}");
+    }
+    let (bench, restored) = booted(&[]);
+    assert_eq!((restored.defaulted.count, parameters(&bench.node)), (STORED as u16, defaults));
+}
+
+#[test]
+fn a_value_of_an_object_that_is_not_there_or_not_stored_is_skipped_and_named() {
+    let stored = parameters(&configured().node);
+    let strange = [(0x1018, 3), (0x1404, 1), (0x1010, 1), (0x1FFF, 0), (0x1017, 1)];
+    let records = strange.map(|(index, sub)| Record::new(index, sub, DataType::Unsigned32, 1));
+    let (bench, restored) = booted(&[&records[..], &stored].concat());
+    assert_eq!(restored, Restored { skipped: listed(&strange), defaulted: listed(&[]) });
+    assert_eq!(parameters(&bench.node), stored);
+}
+
+#[test]
+fn a_value_that_cannot_be_is_the_default_and_named() {
+    for (index, sub, value, default) in [
+        (0x1005, 0, 0x7F, 0x80),
+        (0x1019, 0, 1, 0),
+        (0x1029, 1, 3, 0),
+        (0x1016, 2, 200 << 16 | 500, 0),
+        // A byte has no more than 8 bits.
+        (0x1029, 1, 0x101, 0),
+    ] {
+        let (mut bench, restored) = booted(&with(index, sub, value));
+        assert_eq!(restored.defaulted, listed(&[(index, sub)]));
+        assert_eq!(bench.number(index, sub), default, "{index:x}:{sub}");
+    }
+    // Another type than that of the object.
+    let mut stored = parameters(&configured().node);
+    let heartbeat = stored.iter_mut().find(|r| r.index == 0x1017).unwrap();
+    heartbeat.kind = DataType::Unsigned32.code() as u8;
+    let (mut bench, restored) = booted(&stored);
+    assert_eq!(restored.defaulted, listed(&[(0x1017, 0)]));
+    assert_eq!(bench.number(0x1017, 0), u32::from(DEVICE.heartbeat));
+}
+
+#[test]
+fn no_node_is_watched_twice_whatever_is_stored() {
+    let (mut bench, restored) = booted(&with(0x1016, 4, 9 << 16 | 100));
+    assert_eq!(restored.defaulted, listed(&[(0x1016, 4)]));
+    assert_eq!((bench.number(0x1016, 3), bench.number(0x1016, 4)), (9 << 16 | 500, 0));
+}
+
+#[test]
+fn a_pdo_that_has_lost_a_value_or_maps_what_is_not_there_is_put_out_of_use() {
+    // An identifier and a type that cannot be, an object that does not exist, more entries than there are.
+    for (index, sub, value, named) in [
+        (0x1802, 1, 0x7FF, (0x1802, 1)),
+        (0x1802, 2, 250, (0x1802, 2)),
+        (0x1A02, 2, 0x5F41_0010, (0x1A02, 0)),
+        (0x1A02, 0, 9, (0x1A02, 0)),
+    ] {
+        let (mut bench, restored) = booted(&with(index, sub, value));
+        assert_eq!(restored.defaulted, listed(&[named]), "{index:x}:{sub}");
+        assert_eq!(bench.number(0x1802, 1) >> 31, 1, "{index:x}:{sub}");
+        assert_eq!(bench.number(0x1A02, 0), 0);
+        // The others are as they were stored.
+        assert_eq!(bench.number(0x1801, 1) >> 31, 0);
+        assert_eq!(bench.number(0x1400, 5), 77);
+    }
 }
 
 #[test]

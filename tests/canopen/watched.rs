@@ -1,7 +1,7 @@
 //! A node that is watched while it is told anything at all.
 
-use crate::machine::{DEVICE, Machine};
-use edm_servo_head::canopen::{Abort, Frame, IMAGE, NmtState, Node, NodeId, Time};
+use crate::machine::{DEVICE, Machine, parameters};
+use edm_servo_head::canopen::{Abort, Frame, NmtState, Node, NodeId, Record, Time};
 
 /// Node-ID.
 pub const ID: u16 = 0x20;
@@ -22,7 +22,7 @@ pub struct Watched {
     pub node: Node,
     pub machine: Machine,
     pub now: u64,
-    image: [u8; IMAGE],
+    image: Vec<Record>,
     may_change: bool,
     steps: u32,
     written: u32,
@@ -51,7 +51,7 @@ impl Watched {
         let (mut machine, now) = (Machine::new(), 0);
         let mut node = Node::new(&DEVICE, NodeId::new(ID as u8).unwrap(), 7);
         node.boot(None, &mut machine).unwrap();
-        let image = node.image();
+        let image = parameters(&node);
         Self {
             node,
             machine,
@@ -145,7 +145,7 @@ impl Watched {
         self.may_change |= may == May::Anything;
         self.steps = self.steps.wrapping_add(1);
         if refused || self.steps.is_multiple_of(8) {
-            let image = self.node.image();
+            let image = parameters(&self.node);
             assert!(self.may_change || image == self.image, "a parameter has changed: {data:x?}");
             (self.image, self.may_change) = (image, false);
         }

@@ -1,10 +1,11 @@
 //! A node on a bus of its own: node, drive, head and process model, a millisecond at a time, and a master that speaks
 //! expedited SDO.
 
-use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Kept, Order};
+use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Order};
 use edm_servo_head::canopen::{Abort, Frame, Node, NodeId, Time};
 use edm_servo_head::head::State;
 use edm_servo_head::settings::Settings;
+use edm_servo_head::stored::StoredImage;
 use edm_servo_head::units::TICKS_PER_MS;
 use edm_sim::machine::Machine;
 use edm_sim::process::Parameters;
@@ -16,7 +17,7 @@ pub struct Rig {
     pub drive: Drive,
     pub machine: Machine,
     /// What has been stored.
-    pub kept: Kept,
+    pub image: StoredImage,
     /// Frames that the node has sent, with the millisecond.
     pub sent: Vec<(u64, Frame)>,
     pub ms: u64,
@@ -33,7 +34,8 @@ impl Rig {
         let mut node = Node::new(&DEVICE, NodeId::new(ID).unwrap(), 1234);
         node.boot(None, &mut drive).unwrap();
         let machine = Machine::new(&parameters, &settings, 1).unwrap();
-        let mut rig = Rig { node, drive, machine, kept: Kept::NOTHING, sent: Vec::new(), ms: 0, states: Vec::new() };
+        let mut rig =
+            Rig { node, drive, machine, image: StoredImage::NOTHING, sent: Vec::new(), ms: 0, states: Vec::new() };
         rig.run(20);
         rig
     }
@@ -100,20 +102,20 @@ impl Rig {
             Order::Raise(fault) => self.machine.raise(fault),
             Order::Store(group) => {
                 assert_eq!(self.machine.status().state, State::Disabled);
-                self.kept.keep(group, &self.drive, &self.node);
-                self.node.answer(Ok(()), &mut self.drive);
+                self.image.keep(group, &self.drive, &self.node).unwrap();
+                self.drive.kept(&mut self.node, Ok(()));
             }
             Order::Restore(group) => {
-                self.kept.forget(group);
-                self.node.answer(Ok(()), &mut self.drive);
+                self.image.forget(group);
+                self.drive.kept(&mut self.node, Ok(()));
             }
             Order::ResetNode => {
                 let defaults = Settings { commissioned: true, ..Settings::default() };
-                self.drive.restart(defaults, self.kept.application()).unwrap();
-                self.node.boot(self.kept.communication(), &mut self.drive).unwrap();
+                self.drive.restart(defaults, &self.image);
+                self.drive.boot(&mut self.node, &self.image).unwrap();
             }
             Order::ResetCommunication => {
-                self.node.boot(self.kept.communication(), &mut self.drive).unwrap();
+                self.drive.boot(&mut self.node, &self.image).unwrap();
             }
         }
     }

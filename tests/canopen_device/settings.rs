@@ -1,8 +1,10 @@
 //! Settings as objects: ranges, conflicts, storage.
 
 use crate::rig::Rig;
-use edm_servo_head::canopen::drive::Kept;
+use edm_hal_shim::store::Loaded;
 use edm_servo_head::canopen::objects::setting_address;
+use edm_servo_head::head::Fault;
+use edm_servo_head::stored::StoredImage;
 
 fn address(key: &str) -> (u16, u8) {
     setting_address(key).unwrap()
@@ -67,7 +69,7 @@ fn what_is_stored_survives_a_reset_and_what_is_not_does_not() {
 fn nothing_is_stored_while_the_drive_is_enabled() {
     let mut rig = Rig::ready();
     assert_eq!(rig.try_write(0x1010, 1, b"save"), Err(0x0800_0022));
-    assert_eq!(rig.kept, Kept::NOTHING);
+    assert_eq!(rig.image, StoredImage::NOTHING);
 }
 
 #[test]
@@ -84,4 +86,137 @@ fn another_mass_asks_for_another_guided_check() {
     rig.run(5);
     assert_eq!(rig.status() & 0x6F, 0x23);
     assert_eq!(rig.read(0x2000, 4), 2, "the guided check has not passed");
+}
+
+/// A rig with something stored, which is then found as `found` says, and reset.
+fn reset_with(found: fn(&[u8]) -> Loaded<'_>) -> Rig {
+    let mut rig = Rig::new(|_, _| {});
+    let gain = address("feed.gain_um_s_v");
+    rig.write(gain.0, gain.1, &12.5f32.to_le_bytes());
+    rig.write(0x1010, 1, b"save");
+    let stored = rig.image.bytes().to_vec();
+    rig.image.load(found(&stored));
+    reset(&mut rig);
+    rig
+}
+
+fn reset(rig: &mut Rig) {
+    rig.sent.clear();
+    rig.send(0, &[129, 5]);
+    rig.run(5);
+}
+
+/// Error code, error register and detail of the emergencies since the last reset.
+fn emergencies(rig: &Rig) -> Vec<(u16, u8, [u8; 5])> {
+    let frames = rig.sent.iter().filter(|(_, frame)| frame.id() == 0x85);
+    let content = |data: &[u8]| (u16::from_le_bytes([data[0], data[1]]), data[2], data[3..].try_into().unwrap());
+    frames.map(|(_, frame)| content(frame.data())).collect()
+}
+
+const WARNING: u16 = 1 << 7;
+
+#[test]
+fn what_was_stored_and_is_in_force_is_no_news() {
+    let mut rig = reset_with(|stored| Loaded::Newest(stored));
+    assert_eq!((rig.read(0x200B, 1), rig.status() & WARNING), (1, 0));
+    assert_eq!((rig.read(0x200B, 2), rig.read(0x200B, 4), rig.read(0x1001, 0)), (0, 0, 0));
+    assert_eq!(emergencies(&rig), []);
+}
+
+#[test]
+fn an_older_image_is_an_emergency_an_object_and_a_warning() {
+    let mut rig = reset_with(|stored| Loaded::Older(stored));
+    assert_eq!(emergencies(&rig), [(0x6310, 0x21, [2, 0, 0, 0, 0])]);
+    assert_eq!((rig.read(0x200B, 1), rig.status() & WARNING), (2, WARNING));
+    assert_eq!((rig.read(0x1001, 0), rig.read(0x1003, 1) & 0xFFFF), (0x21, 0x6310));
+    assert_eq!(rig.read_real(address("feed.gain_um_s_v")), 12.5);
+    let passed = address("commission.passed");
+    assert_eq!(rig.read(passed.0, passed.1) & 0xFF, 0);
+}
+
+#[test]
+fn damage_is_an_emergency_an_object_and_a_warning_and_the_defaults_are_in_force() {
+    let cases: [fn(&[u8]) -> Loaded<'_>; 2] = [|_| Loaded::Damaged, |stored| Loaded::Newest(&stored[1..])];
+    for found in cases {
+        let mut rig = reset_with(found);
+        assert_eq!(emergencies(&rig), [(0x6310, 0x21, [3, 0, 0, 0, 0])]);
+        assert_eq!((rig.read(0x200B, 1), rig.status() & WARNING), (3, WARNING));
+        assert_eq!(rig.read_real(address("feed.gain_um_s_v")), 20.0);
+    }
+}
+
+/// A rig whose stored image has, in the place of the gain, a record of an object that is not there.
+fn reset_without_gain() -> Rig {
+    let (index, sub) = address("feed.gain_um_s_v");
+    let mut rig = Rig::new(|_, _| {});
+    rig.write(0x1010, 1, b"save");
+    let mut stored = rig.image.bytes().to_vec();
+    let [low, high] = index.to_le_bytes();
+    let at = (4..stored.len()).step_by(8).find(|&at| stored[at..at + 3] == [low, high, sub]).unwrap();
+    stored[at + 2] = 0xF0;
+    let end = stored.len() - 4;
+    let check = !stored[..end].iter().fold(!0u32, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 })
+    });
+    stored[end..].copy_from_slice(&check.to_le_bytes());
+    rig.image.load(Loaded::Newest(&stored));
+    reset(&mut rig);
+    rig
+}
+
+#[test]
+fn a_value_that_gave_way_to_its_default_is_named_in_the_emergency_and_in_200bh() {
+    let mut rig = reset_without_gain();
+    let (index, sub) = address("feed.gain_um_s_v");
+    let [low, high] = index.to_le_bytes();
+    assert_eq!(emergencies(&rig), [(0x6320, 0x21, [1, sub, low, high, 1])]);
+    assert_eq!((rig.read(0x200B, 1), rig.status() & WARNING), (1, WARNING));
+    assert_eq!((rig.read(0x200B, 2), rig.read(0x200B, 3)), (1, u32::from(index) << 8 | 0xF0));
+    assert_eq!((rig.read(0x200B, 4), rig.read(0x200B, 5)), (1, u32::from(index) << 8 | u32::from(sub)));
+    let passed = address("commission.passed");
+    assert_eq!(rig.read(passed.0, passed.1) & 0xFF, 1, "a gain is not what the guided check is about");
+}
+
+#[test]
+fn a_fault_reset_takes_note_of_it_until_the_next_loading() {
+    let mut rig = reset_without_gain();
+    rig.sent.clear();
+    rig.control(0x80);
+    assert_eq!((rig.status() & WARNING, rig.read(0x1001, 0)), (0, 0));
+    assert_eq!(emergencies(&rig), [(0, 0, [0; 5])]);
+    assert_eq!(rig.read(0x200B, 4), 1, "it is still so");
+    reset(&mut rig);
+    assert_eq!((emergencies(&rig).len(), rig.status() & WARNING), (1, WARNING));
+}
+
+#[test]
+fn storing_anew_ends_it() {
+    for sub in [1, 3] {
+        let mut rig = reset_without_gain();
+        rig.sent.clear();
+        rig.write(0x1010, sub, b"save");
+        rig.run(2);
+        assert_eq!((rig.status() & WARNING, rig.read(0x1001, 0)), (0, 0));
+        assert_eq!(emergencies(&rig), [(0, 0, [0; 5])]);
+        reset(&mut rig);
+        assert_eq!((emergencies(&rig), rig.status() & WARNING), (vec![], 0));
+        assert_eq!((rig.read(0x200B, 1), rig.read(0x200B, 2), rig.read(0x200B, 4)), (1, 0, 0));
+    }
+}
+
+#[test]
+fn a_fault_comes_and_goes_beside_a_loss_that_stays() {
+    let mut rig = reset_without_gain();
+    rig.enable();
+    rig.sent.clear();
+    rig.machine.raise(Fault::HostSilent);
+    rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
+    // A communication error, beside the profile's.
+    assert_eq!(emergencies(&rig).iter().map(|e| (e.0, e.1)).collect::<Vec<_>>(), [(0x8130, 0x31)]);
+    rig.sent.clear();
+    // The reset of the fault takes note of the loss as well.
+    rig.control(0x80);
+    rig.run(20);
+    assert_eq!((rig.status() & (WARNING | 0x4F), rig.read(0x1001, 0)), (0x40, 0));
+    assert_eq!(emergencies(&rig).last(), Some(&(0, 0, [0; 5])));
 }

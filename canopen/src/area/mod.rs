@@ -4,7 +4,8 @@ mod objects;
 mod own;
 mod write;
 
-pub(super) use objects::{Found, Item, STORED, find, stored};
+pub use objects::STORED;
+pub(super) use objects::{Found, Item, find, stored, stored_at};
 pub use own::{DefaultValue, OwnObject, own_objects};
 
 use super::device::{Device, PDOS};
@@ -34,7 +35,7 @@ pub(super) struct Area {
 }
 
 /// Every PDO.
-const ALL: [(Direction, u16); 2 * PDOS] = {
+pub(super) const ALL: [(Direction, u16); 2 * PDOS] = {
     use Direction::{Receive, Transmit};
     [(Receive, 0), (Receive, 1), (Receive, 2), (Receive, 3), (Transmit, 0), (Transmit, 1), (Transmit, 2), (Transmit, 3)]
 };
@@ -73,6 +74,11 @@ impl Area {
             transmit: Default::default(),
             out: Outbox::default(),
         }
+    }
+
+    /// Whether the mapping of a PDO, as parameters have it, is in the dictionary.
+    pub fn maps(&self, parameters: &Parameters, direction: Direction, pdo: u16, dictionary: &dyn Dictionary) -> bool {
+        resolve(parameters, direction, pdo, dictionary, &mut Map::default()).is_ok()
     }
 
     /// Takes parameters over, with what they map.

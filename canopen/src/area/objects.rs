@@ -158,13 +158,14 @@ pub(super) const TABLE: &[Row] = &[
 ];
 
 impl Row {
-    /// Length of a value that is stored, bytes.
-    pub const fn stored(&self) -> Option<usize> {
-        match (self.access, self.item) {
-            (_, Item::ErrorCount | Item::Store | Item::Restore) => None,
-            (ReadWrite, _) => self.kind.size(),
-            _ => None,
-        }
+    /// Whether its values are stored.
+    pub const fn is_stored(&self) -> bool {
+        matches!(self.access, ReadWrite) && !matches!(self.item, Item::ErrorCount | Item::Store | Item::Restore)
+    }
+
+    /// Values in it.
+    const fn values(&self) -> usize {
+        self.index.1 as usize * self.sub.1 as usize
     }
 
     pub fn has(&self, index: u16) -> bool {
@@ -185,28 +186,43 @@ pub(crate) fn find(index: u16, sub: u8) -> Result<Found, Abort> {
     Err(missing)
 }
 
-/// Bytes of all values that are stored.
-pub(crate) const STORED: usize = {
+/// Values of the communication area that are stored.
+pub const STORED: usize = {
     let (mut total, mut n) = (0, 0);
     while n < TABLE.len() {
-        if let Some(size) = TABLE[n].stored() {
-            total += size * TABLE[n].index.1 as usize * TABLE[n].sub.1 as usize;
+        if TABLE[n].is_stored() {
+            // A stored value is a word at the most.
+            assert!(matches!(TABLE[n].kind.size(), Some(1..=4)));
+            total += TABLE[n].values();
         }
         n += 1;
     }
     total
 };
 
-/// Visits every value that is stored, with its length in bytes, until one is refused.
-pub(crate) fn stored(visit: &mut dyn FnMut(Found, usize) -> Option<()>) -> Option<()> {
-    for row in TABLE {
-        let Some(size) = row.stored() else { continue };
+/// Visits every value that is stored, with its index.
+pub(crate) fn stored(visit: &mut dyn FnMut(u16, Found)) {
+    for row in TABLE.iter().filter(|row| row.is_stored()) {
         for pdo in 0..row.index.1 {
             for nth in 0..row.sub.1 {
                 let sub = row.sub.0.wrapping_add(nth);
-                visit(Found { item: row.item, kind: row.kind, access: row.access, pdo, sub }, size)?;
+                let found = Found { item: row.item, kind: row.kind, access: row.access, pdo, sub };
+                visit(row.index.0.wrapping_add(pdo), found);
             }
         }
     }
-    Some(())
+}
+
+/// A value that is stored, and the how manieth it is to [`stored`].
+pub(crate) fn stored_at(index: u16, sub: u8) -> Option<(usize, Found)> {
+    let mut before = 0;
+    for row in TABLE.iter().filter(|row| row.is_stored()) {
+        let (pdo, nth) = (index.wrapping_sub(row.index.0), sub.wrapping_sub(row.sub.0));
+        if pdo < row.index.1 && nth < row.sub.1 {
+            let found = Found { item: row.item, kind: row.kind, access: row.access, pdo, sub };
+            return Some((before + usize::from(pdo) * usize::from(row.sub.1) + usize::from(nth), found));
+        }
+        before += row.values();
+    }
+    None
 }

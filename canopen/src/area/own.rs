@@ -55,7 +55,7 @@ pub fn own_objects(device: &Device) -> impl Iterator<Item = OwnObject> + '_ {
                 access: row.access,
                 mapping: if row.item == Item::ErrorRegister { Mapping::Transmit } else { Mapping::No },
                 default: default(device, defaults, found),
-                stored: row.stored().is_some(),
+                stored: row.is_stored(),
             }
         })
     })

@@ -2,7 +2,6 @@
 
 use super::{Area, Found, Item};
 use crate::emergency::Cause;
-use crate::heartbeat::entry;
 use crate::parameters::{INVALID, Pdo, validate};
 use crate::pdo::{Direction, Map};
 use crate::{Abort, Dictionary, Group, Request, Written};
@@ -56,12 +55,7 @@ impl Area {
             }
             // CiA 301 7.5.2.22.
             (Item::Overflow, _) if own.period != 0 => Err(Abort::DeviceState),
-            (Item::Watched, _) => {
-                let twice = |(sub, other): (u8, &u32)| {
-                    sub != found.sub && entry(*other).zip(entry(value)).is_some_and(|(a, b)| a.0 == b.0)
-                };
-                if (1..).zip(&own.consumers).any(twice) { Err(Abort::Incompatible) } else { Ok(()) }
-            }
+            (Item::Watched, _) if own.watches_twice(found, value) => Err(Abort::Incompatible),
             (Item::Inhibit | Item::Start | Item::MapCount(_) | Item::MapEntry(_), Some((_, pdo))) if pdo.valid() => {
                 Err(Abort::DeviceState)
             }

@@ -5,6 +5,10 @@
 //! sector is full, the other one is erased and the log goes on there. Erases alternate, so both sectors wear alike: one
 //! erase for every 16 KiB of images.
 //!
+//! What is newer than the image that can be read, because its cells are damaged or because the power went while it was
+//! written, is noticed, and [`Loaded`] says so: behind the newest image a sector is blank, and a sector that was begun after
+//! it was erased before.
+//!
 //! The crate's own move between sectors is not used: it takes sector states from two marker words, and a sector whose erase
 //! was interrupted can show any markers. With the torn erases of the flash double it returned images older than the last
 //! one and, on the next save, lost all of them. Here the crate sees one sector at a time beside a blank one, may not
@@ -23,8 +27,9 @@ use embedded_storage::nor_flash::NorFlash;
 use sector::{Denied, OneSector, Record, at_once, log};
 use sequential_storage::Error as LogError;
 
-/// Longest image, bytes. Part of the stored format: a longer record is taken for damage, so it may grow but not shrink.
-pub const MAX_IMAGE: usize = 2048;
+/// Longest image, bytes; a sector holds two of them. Part of the stored format: a longer record is taken for damage, so it
+/// may grow but not shrink.
+pub const MAX_IMAGE: usize = 6144;
 /// Bytes a load or save works in.
 pub const BUFFER: usize = MAX_IMAGE + 8;
 /// Bytes of a sector, the least that is erased.
@@ -33,6 +38,34 @@ const SECTOR: u32 = 16 * 1024;
 const WORD: usize = 4;
 /// Layout of a record: sequence, this number, image.
 const FORMAT: u8 = 1;
+/// Bytes of the mark with which a log begins, and of the one with which it ends.
+const MARK: u32 = WORD as u32;
+/// Bytes that are looked at together.
+const PIECE: usize = 64;
+
+/// What there is to load.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Loaded<'b> {
+    /// Nothing was ever saved.
+    Nothing,
+    /// The image that was saved last.
+    Newest(&'b [u8]),
+    /// An older image: what was written after it is damaged, or was not finished.
+    Older(&'b [u8]),
+    /// Something was saved, and none of it can be read.
+    Damaged,
+}
+
+impl<'b> Loaded<'b> {
+    /// The image, if there is one.
+    pub fn image(self) -> Option<&'b [u8]> {
+        match self {
+            Loaded::Newest(image) | Loaded::Older(image) => Some(image),
+            Loaded::Nothing | Loaded::Damaged => None,
+        }
+    }
+}
 
 /// Leave to write flash: the drive is disabled and pulses are inhibited.
 ///
@@ -172,8 +205,11 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
         Ok(Store { flash, start, permit: PhantomData })
     }
 
-    /// The image saved last, or `None` when there never was one. Reads only, at any time.
-    pub fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Option<&'b [u8]>, StoreError<F::Error>> {
+    /// The image saved last, or what is left of it. Reads only, at any time.
+    ///
+    /// # Errors
+    /// [`StoreError::Format`], [`StoreError::Flash`].
+    pub fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Loaded<'b>, StoreError<F::Error>> {
         let mut heard = Heard { flash: &mut self.flash, said: None };
         let result = Sectors { cells: &mut heard, start: self.start }.load(buffer);
         result.map_err(|error| error.with(heard.said))
@@ -181,7 +217,7 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
 
     /// Saves an image. When this returns, `load` gives it back; cut short at any point, `load` gives it or the one before.
     ///
-    /// An image that is the newest already is not written again.
+    /// An image that is the newest already, with nothing damaged behind it, is not written again.
     pub fn save(&mut self, image: &[u8], buffer: &mut [u8; BUFFER], permit: &P) -> Result<(), StoreError<F::Error>> {
         let mut heard = Heard { flash: &mut self.flash, said: None };
         let result = Sectors { cells: &mut heard, start: self.start }.save(image, buffer, permit);
@@ -193,11 +229,11 @@ impl<F: NorFlash, P: Permit> Store<F, P> {
 pub trait Storage<P> {
     /// Why it could not be loaded or saved.
     type Error;
-    /// The image saved last, or `None` when there never was one. Reads only, at any time.
+    /// The image saved last, or what is left of it. Reads only, at any time.
     ///
     /// # Errors
     /// When it cannot be read.
-    fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Option<&'b [u8]>, Self::Error>;
+    fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Loaded<'b>, Self::Error>;
     /// Saves an image instead of the one before. Cut short at any point, `load` gives it or the one before.
     ///
     /// # Errors
@@ -208,7 +244,7 @@ pub trait Storage<P> {
 impl<F: NorFlash, P: Permit> Storage<P> for Store<F, P> {
     type Error = StoreError<F::Error>;
 
-    fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Option<&'b [u8]>, Self::Error> {
+    fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Loaded<'b>, Self::Error> {
         Store::load(self, buffer)
     }
 
@@ -224,12 +260,17 @@ struct Sectors<'f> {
 }
 
 impl Sectors<'_> {
-    fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Option<&'b [u8]>, StoreError<Failed>> {
-        match self.newest(buffer)? {
-            None => Ok(None),
-            Some(found) if found.format != FORMAT => Err(StoreError::Format(found.format)),
-            Some(found) => Ok(buffer.get(Record::HEADER..Record::HEADER + found.len)),
+    fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Loaded<'b>, StoreError<Failed>> {
+        let (found, more) = self.newest(buffer)?;
+        if let Some(found) = found.filter(|found| found.format != FORMAT) {
+            return Err(StoreError::Format(found.format));
         }
+        Ok(match (found.and_then(|found| found.image(buffer)), more) {
+            (Some(image), false) => Loaded::Newest(image),
+            (Some(image), true) => Loaded::Older(image),
+            (None, false) => Loaded::Nothing,
+            (None, true) => Loaded::Damaged,
+        })
     }
 
     fn save(&mut self, image: &[u8], buffer: &mut [u8; BUFFER], permit: &dyn Permit) -> Result<(), StoreError<Failed>> {
@@ -239,10 +280,10 @@ impl Sectors<'_> {
         if !permit.holds() {
             return Err(StoreError::Refused);
         }
-        let newest = self.newest(buffer)?;
+        let (newest, more) = self.newest(buffer)?;
         let (mut sector, mut sequence) = (0, 0);
         if let Some(found) = newest {
-            if found.format == FORMAT && found.image(buffer) == Some(image) {
+            if found.format == FORMAT && !more && found.image(buffer) == Some(image) {
                 return Ok(());
             }
             sequence = found.sequence.wrapping_add(1);
@@ -266,13 +307,62 @@ impl Sectors<'_> {
         self.start + sector * SECTOR
     }
 
-    /// The newer of the two sectors' newest images, left in the buffer.
-    fn newest(&mut self, buffer: &mut [u8; BUFFER]) -> Result<Option<Found>, StoreError<Failed>> {
-        match (self.look(0, buffer)?, self.look(1, buffer)?) {
+    /// The newer of the two sectors' newest images, left in the buffer, and whether something was written after it.
+    fn newest(&mut self, buffer: &mut [u8; BUFFER]) -> Result<(Option<Found>, bool), StoreError<Failed>> {
+        let (a, b) = (self.look(0, buffer)?, self.look(1, buffer)?);
+        let found = match (a, b) {
             // The buffer holds what was looked at last.
-            (Some(a), b) if b.is_none_or(|b| a.sequence > b.sequence) => self.look(0, buffer),
-            (_, b) => Ok(b),
+            (Some(a), b) if b.is_none_or(|b| a.sequence > b.sequence) => self.look(0, buffer)?,
+            (_, b) => b,
+        };
+        let more = match found {
+            Some(found) => {
+                // Older images in the other sector were there first; without any, what is there came later.
+                let alone = a.is_none() || b.is_none();
+                !self.ends_with(&found, buffer)? || alone && self.written(1 - found.sector)?.is_some()
+            }
+            None => self.written(0)?.is_some() || self.written(1)?.is_some(),
+        };
+        Ok((found, more))
+    }
+
+    /// Offset of the last byte in the log of a sector that is not blank.
+    fn written(&mut self, sector: u32) -> Result<Option<u32>, StoreError<Failed>> {
+        let mut end = SECTOR - MARK;
+        while end > MARK {
+            let from = end.saturating_sub(PIECE as u32).max(MARK);
+            let mut piece = [0xFF; PIECE];
+            let piece = piece.get_mut(..(end - from) as usize).unwrap_or_default();
+            self.cells.read(self.base(sector) + from, piece).map_err(StoreError::Flash)?;
+            if let Some(last) = piece.iter().rposition(|byte| *byte != 0xFF) {
+                return Ok(Some(from + last as u32));
+            }
+            end = from;
         }
+        Ok(None)
+    }
+
+    /// Whether the log of a sector ends with an image that was found there.
+    fn ends_with(&mut self, found: &Found, buffer: &[u8; BUFFER]) -> Result<bool, StoreError<Failed>> {
+        let Some(last) = self.written(found.sector)? else { return Ok(false) };
+        let record = buffer.get(..Record::HEADER + found.len).unwrap_or_default();
+        // A record begins with a word, and ends with zeros up to the next one. Bytes like blank cells do not show at its end.
+        let shows = match record.len().is_multiple_of(WORD) {
+            true => record.iter().rposition(|byte| *byte != 0xFF).unwrap_or(0),
+            false => record.len(),
+        };
+        let begin = (last / MARK).checked_sub((shows / WORD) as u32).map(|word| word * MARK);
+        let Some(mut at) = begin.filter(|at| at + record.len() as u32 <= SECTOR - MARK) else { return Ok(false) };
+        for expected in record.chunks(PIECE) {
+            let mut piece = [0; PIECE];
+            let piece = piece.get_mut(..expected.len()).unwrap_or_default();
+            self.cells.read(self.base(found.sector) + at, piece).map_err(StoreError::Flash)?;
+            if piece != expected {
+                return Ok(false);
+            }
+            at += PIECE as u32;
+        }
+        Ok(true)
     }
 
     /// The newest image of one sector, left in the buffer.
@@ -351,6 +441,6 @@ mod tests {
         assert_eq!(sectors.append(0, &record, &mut buffer, &Leave), Ok(true));
         assert_eq!(store.load(&mut buffer), Err(StoreError::Format(2)));
         store.save(b"?", &mut buffer, &Leave).unwrap();
-        assert_eq!(store.load(&mut buffer), Ok(Some(&b"?"[..])));
+        assert_eq!(store.load(&mut buffer), Ok(Loaded::Newest(b"?")));
     }
 }

@@ -4,9 +4,10 @@
 use anyhow::{Result, anyhow};
 use edm_hal_shim::storage::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use edm_hal_shim::store::{BUFFER, Permit, Store};
-use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Kept};
+use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity};
 use edm_servo_head::canopen::{Group, Node, NodeId};
 use edm_servo_head::settings::Settings;
+use edm_servo_head::stored::StoredImage;
 use edm_soc::Region;
 
 /// Sectors 1 and 2 (RM0090 table 5), which memory.x keeps free for the settings.
@@ -66,13 +67,13 @@ impl NorFlash for Sectors<'_> {
 }
 
 /// What a host has stored with 1010h:3 on a head with these settings.
-fn kept(settings: &Settings) -> Result<Kept> {
+fn image(settings: &Settings) -> Result<StoredImage> {
     let record = Box::leak(Box::new(BLANK));
     let drive = Drive::new(*settings, Identity::default(), record).map_err(|e| anyhow!("settings: {e}"))?;
     let node = Node::new(&DEVICE, NodeId::new(1).ok_or_else(|| anyhow!("no node 1"))?, 0);
-    let mut kept = Kept::NOTHING;
-    kept.keep(Group::Application, &drive, &node);
-    Ok(kept)
+    let mut image = StoredImage::NOTHING;
+    image.keep(Group::Application, &drive, &node).map_err(|_| anyhow!("settings: no room"))?;
+    Ok(image)
 }
 
 /// Stores settings in a flash.
@@ -82,13 +83,13 @@ fn kept(settings: &Settings) -> Result<Kept> {
 pub fn commission(flash: &Region, settings: &Settings) -> Result<()> {
     let failed = |e| anyhow!("settings: {e}");
     let mut store = Store::<_, Off>::new(Sectors(flash), 0).map_err(failed)?;
-    store.save(kept(settings)?.bytes(), &mut [0; BUFFER], &Off).map_err(failed)
+    store.save(image(settings)?.bytes(), &mut [0; BUFFER], &Off).map_err(failed)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use edm_servo_head::settings::IMAGE_LENGTH;
+    use edm_servo_head::stored::Outcome;
     use edm_soc::Memory;
 
     #[test]
@@ -98,10 +99,12 @@ mod tests {
         commission(&memory.flash, &settings).unwrap();
         let mut store = Store::<_, Off>::new(Sectors(&memory.flash), 0).unwrap();
         let mut buffer = [0; BUFFER];
-        let image = store.load(&mut buffer).unwrap().expect("an image");
-        let kept = Kept::from_bytes(image).unwrap();
-        let application = kept.application().expect("settings");
-        assert_eq!(Settings::from_image(&application[..IMAGE_LENGTH]), Ok(settings));
-        assert_eq!(kept.communication(), None);
+        let mut image = StoredImage::NOTHING;
+        assert_eq!(image.load(store.load(&mut buffer).unwrap()), Outcome::Newest);
+        assert_eq!(image.communication().count(), 0);
+        let record = Box::leak(Box::new(BLANK));
+        let mut drive = Drive::new(Settings::default(), Identity::default(), record).unwrap();
+        assert!(drive.restart(Settings::default(), &image).is_whole());
+        assert_eq!(*drive.settings(), settings);
     }
 }

@@ -1,6 +1,7 @@
-//! What a virtual head keeps when its power is cut: a file that is replaced whole or not at all.
+//! What a virtual head keeps when its power is cut: a file that is replaced whole or not at all. Its bytes are those that a
+//! chip has in its flash ([`edm_servo_head::stored`]), checksum included.
 
-use edm_hal_shim::store::{BUFFER, Storage};
+use edm_hal_shim::store::{BUFFER, Loaded, Storage};
 use edm_servo_head::head::Leave;
 use std::fs;
 use std::io::{ErrorKind, Write};
@@ -41,11 +42,11 @@ impl Store {
 impl Storage<Leave> for Store {
     type Error = String;
 
-    fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Option<&'b [u8]>, String> {
-        let Some(image) = self.read()? else { return Ok(None) };
+    fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Loaded<'b>, String> {
+        let Some(image) = self.read()? else { return Ok(Loaded::Nothing) };
         let place = buffer.get_mut(..image.len()).ok_or("longer than an image can be")?;
         place.copy_from_slice(&image);
-        Ok(Some(place))
+        Ok(Loaded::Newest(place))
     }
 
     fn save(&mut self, image: &[u8], _: &mut [u8; BUFFER], _: &Leave) -> Result<(), String> {
@@ -78,7 +79,7 @@ mod tests {
     }
 
     fn load(store: &mut Store) -> Result<Option<Vec<u8>>, String> {
-        store.load(&mut [0; BUFFER]).map(|image| image.map(<[u8]>::to_vec))
+        store.load(&mut [0; BUFFER]).map(|loaded| loaded.image().map(<[u8]>::to_vec))
     }
 
     #[test]

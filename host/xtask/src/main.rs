@@ -1,6 +1,6 @@
-//! What a cargo alias cannot do: `cargo xtask docs` writes the files that are generated from declarations, and with
-//! `--check` only tells whether they are current; `cargo xtask firmware` builds and checks the firmware of both boards;
-//! `cargo fil` runs it on an emulated chip.
+//! What a cargo alias cannot do: `cargo xtask docs` writes the files that are generated from declarations, or with `--check`
+//! only tells whether they are current, and checks the list of released objects against its history; `cargo xtask firmware`
+//! builds and checks the firmware of both boards; `cargo fil` runs it on an emulated chip.
 
 use clap::{Parser, Subcommand};
 use edm_describe::{dbc, eds};
@@ -12,6 +12,7 @@ use std::process::ExitCode;
 mod fil;
 mod firmware;
 mod object_table;
+mod released;
 mod settings_table;
 
 #[derive(Parser)]
@@ -24,6 +25,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Task {
     /// Writes what is generated from declarations: docs/settings.md, docs/objects.md, and the EDS and DBC files beside them.
+    /// Checks that docs/released-objects.csv keeps every line that was ever released.
     Docs {
         /// Write nothing; fail if a file is not current.
         #[arg(long)]
@@ -43,9 +45,10 @@ enum Task {
 fn main() -> ExitCode {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..");
     let result = match Arguments::parse().task {
-        Task::Docs { check } => {
-            documents().iter().try_for_each(|(name, text)| generate(&root.join("docs").join(name), text, check))
-        }
+        Task::Docs { check } => documents()
+            .iter()
+            .try_for_each(|(name, text)| generate(&root.join("docs").join(name), text, check))
+            .and_then(|()| released::check(&root).map(|said| println!("{said}"))),
         Task::Firmware => firmware::run(&root),
         Task::Fil { arguments } => return fil::run(&root, &arguments),
     };

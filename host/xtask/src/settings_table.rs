@@ -7,25 +7,25 @@ use std::fmt::Write;
 pub fn render() -> String {
     let mut page = String::from(
         "# Settings of the head\n\n\
-         Generated from src/settings/table.rs by `cargo xtask docs`. Set one with `--set key=value` or under `[head]` in a\n\
-         scenario file. \"assumed\" means that no source gives the value; [R] is Roberts 2014, [L] Lemeni.\n",
+         Generated from src/settings/table.rs by `cargo xtask docs`. Set one with `--set key=value`, under `[head]` in a\n\
+         scenario file, or by its object. \"assumed\" means that no source gives the value; [R] is Roberts 2014, [L] Lemeni.\n",
     );
     let defaults = Settings::default();
     let mut group = "";
-    for (index, field) in Settings::FIELDS.iter().enumerate() {
+    for (place, (field, (index, sub))) in Settings::FIELDS.iter().zip(Settings::ADDRESSES).enumerate() {
         let (prefix, _) = field.key.split_once('.').unwrap_or((field.key, ""));
         if prefix != group {
             group = prefix;
             let _ = write!(
                 page,
-                "\n## {group}\n\n| key | what it does | default | allowed | source |\n| --- | --- | --- | --- | --- |\n"
+                "\n## {group}\n\n| key | object | what it does | default | allowed | source |\n| --- | --- | --- | --- | --- | --- |\n"
             );
         }
-        let default = defaults.get(index).map(|value| value.to_string().replace('"', "")).unwrap_or_default();
+        let default = defaults.get(place).map(|value| value.to_string().replace('"', "")).unwrap_or_default();
         let unit = if field.unit.is_empty() { String::new() } else { format!(" {}", field.unit) };
         let _ = writeln!(
             page,
-            "| `{}` | {} | {}{} | {} | {} |",
+            "| `{}` | {index:04X}h:{sub} | {} | {}{} | {} | {} |",
             field.key,
             field.doc.trim(),
             default,

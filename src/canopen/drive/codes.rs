@@ -1,6 +1,7 @@
 //! Numbers for what the head says in words: error codes of faults, reasons, refusals, findings.
 
 use crate::head::{Fault, Finding, Reason, Refused};
+use crate::stored::Outcome;
 
 /// Bits of the error register (CiA 301 7.5.2.2).
 mod register {
@@ -44,6 +45,32 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
     };
     (code, bits | GENERIC)
 }
+
+/// Loss of parameters, and parameter error (IEC 61800-7-201, table of error codes).
+const LOSS: (u16, u8) = (0x6310, register::GENERIC | register::PROFILE);
+const DEFAULTED: (u16, u8) = (0x6320, register::GENERIC | register::PROFILE);
+
+/// Error code and bits of the error register for what was lost of what is stored. `defaulted`: single values.
+pub const fn loss(outcome: Outcome, defaulted: bool) -> Option<(u16, u8)> {
+    match outcome {
+        Outcome::Older | Outcome::Damaged | Outcome::Unknown => Some(LOSS),
+        Outcome::Nothing | Outcome::Newest if defaulted => Some(DEFAULTED),
+        Outcome::Nothing | Outcome::Newest => None,
+    }
+}
+
+/// Error codes of what was lost, bits of the error register, and what they mean.
+#[cfg(not(target_os = "none"))]
+pub const LOSSES: &[((u16, u8), &str)] = &[
+    (
+        LOSS,
+        "an older image or the defaults are in force: what was stored last is damaged, unfinished, or of an unknown version",
+    ),
+    (
+        DEFAULTED,
+        "defaults are in force in the place of stored values that are missing, out of range, or at odds with others",
+    ),
+];
 
 /// 2000h:2.
 pub const fn fault(fault: Fault) -> u8 {

@@ -14,6 +14,10 @@ impl Drive {
     /// A controlword has come.
     pub(super) fn control_word(&mut self, word: u16) {
         let before = core::mem::replace(&mut self.control, word);
+        if rises(before, word, control::RESET) {
+            // Taken note of, in any state: the next loading tells it again.
+            self.loss = None;
+        }
         if self.state == State::Fault && rises(before, word, control::RESET) {
             self.command(Command::ResetFault);
         }
@@ -152,7 +156,7 @@ impl Drive {
         if self.status.bus >= self.active.head.supervise.bus_min {
             word |= status::VOLTAGE;
         }
-        if self.status.current_reduced {
+        if self.status.current_reduced || self.loss.is_some() {
             word |= status::WARNING;
         }
         if self.status.saturated || self.set_points.limited {

@@ -24,7 +24,6 @@
 //! 1016h, SYNC or the event timer of an RPDO, and the drive raises the fault.
 
 mod codes;
-mod kept;
 mod machine;
 mod modes;
 mod scope;
@@ -32,24 +31,24 @@ mod state;
 mod stored;
 mod values;
 
-pub use kept::Kept;
 pub use scope::{BLANK, Record};
 pub use state::State;
-pub use stored::IMAGE as DRIVE_IMAGE;
 
 #[cfg(not(target_os = "none"))]
-pub use codes::{FINDINGS, REASONS, REFUSALS, error_code};
+pub use codes::{FINDINGS, LOSSES, REASONS, REFUSALS, error_code};
 
 use super::objects::{COUNT, Item, rows};
 use super::{Device, Event, Group, NmtState, Node, PDOS, PdoDefault, Time, mapped};
 use crate::head::{self, Change, Command, Fault, Finding, HomingState, Reason, Refused, Report, Status};
 use crate::path::AHEAD;
 use crate::settings::{Active, SettingError, Settings};
+use crate::stored::{LoadReport, StoredImage};
 use crate::units::{Fixed, Nanometres};
 use heapless::Deque;
 use modes::{Mode, SetPoints};
 use scope::{Scope, Trigger};
 use state::control;
+use stored::{Loading, Loss};
 
 /// The head as a CANopen device: servo drive (402), with what it maps at first.
 ///
@@ -114,14 +113,13 @@ pub enum Order {
     Configure,
     /// Raise this fault.
     Raise(Fault),
-    /// Store: [`Drive::image`] for the application, [`Node::image`] for the communication. Under a
-    /// [`Leave`](crate::head::Leave). Then [`Node::answer`].
+    /// Store: [`StoredImage::keep`], under a [`Leave`](crate::head::Leave). Then [`Drive::kept`].
     Store(Group),
-    /// Forget what is stored, from the next reset on. Then [`Node::answer`].
+    /// Forget what is stored, from the next reset on: [`StoredImage::forget`]. Then [`Drive::kept`].
     Restore(Group),
-    /// The host has reset the node: [`Drive::restart`] with what is stored, then [`Node::boot`].
+    /// The host has reset the node: [`Drive::restart`] with what is stored, then [`Drive::boot`].
     ResetNode,
-    /// The host has reset communication: [`Node::boot`].
+    /// The host has reset communication: [`Drive::boot`].
     ResetCommunication,
 }
 
@@ -221,7 +219,11 @@ pub struct Drive {
     /// Milliseconds in a fault's reaction, or of braking.
     elapsed: u16,
     alarm: Option<Fault>,
-    told: Option<Fault>,
+    /// What was lost of what is stored, until somebody has taken note.
+    loss: Option<Loss>,
+    /// What the node has told of both.
+    told: (Option<Fault>, Option<Loss>),
+    loading: Loading,
 
     mode: Mode,
     set_points: SetPoints,
@@ -273,7 +275,9 @@ impl Drive {
             control: 0,
             elapsed: 0,
             alarm: None,
-            told: None,
+            loss: None,
+            told: (None, None),
+            loading: Loading::default(),
             mode: Mode::None,
             set_points: SetPoints::default(),
             retreat: None,
@@ -292,11 +296,10 @@ impl Drive {
         Ok(drive)
     }
 
-    /// Values of power-on, from what is stored or else the defaults and `settings`. The head is disabled.
-    ///
-    /// # Errors
-    /// What is stored is not fit to run; the defaults do.
-    pub fn restart(&mut self, settings: Settings, stored: Option<&[u8]>) -> Result<(), SettingError> {
+    /// Values of power-on, from what is stored and, where nothing is, the defaults and `settings`. The head is disabled. What
+    /// of it could not be taken over is told: by what is returned, by 200Bh, and if defaults are in force or an older image,
+    /// by an emergency and the warning bit, until the host stores anew or resets faults.
+    pub fn restart(&mut self, settings: Settings, stored: &StoredImage) -> LoadReport {
         self.orders.clear();
         self.follow = None;
         self.set_points = SetPoints::default();
@@ -305,14 +308,11 @@ impl Drive {
         self.restarting = true;
         // Before the settings, which a head that is not disabled may refuse.
         self.order(Order::Command(Command::Disable));
-        let result = match stored {
-            Some(image) => self.load(image),
-            None => self.adopt(settings),
-        };
+        let report = self.load(settings, stored);
         if self.state != State::Fault {
             self.state = State::SwitchOnDisabled;
         }
-        result
+        report
     }
 
     /// The head begins with what [`Drive::active`] says, disabled: what [`Drive::restart`] has ordered is done.
@@ -462,16 +462,33 @@ impl Drive {
     /// Emergencies and interpolation, once a millisecond.
     pub fn poll(&mut self, now: Time, node: &mut Node) {
         self.interpolate(now);
-        if self.alarm == self.told {
-            return;
-        }
-        self.told = self.alarm;
-        match self.alarm {
-            Some(fault) => {
-                let (code, register) = codes::error_code(fault);
-                node.emergency(code, register, [codes::fault(fault), self.reason, 0, 0, 0]);
+        self.tell(node);
+    }
+
+    /// Emergencies for what has come, and for what is gone.
+    fn tell(&mut self, node: &mut Node) {
+        let now = (self.alarm, self.loss);
+        let before = core::mem::replace(&mut self.told, now);
+        let (mut register, mut gone) = (0, false);
+        if let Some(fault) = self.alarm {
+            let (code, bits) = codes::error_code(fault);
+            if before.0 != self.alarm {
+                node.emergency(code, bits, [codes::fault(fault), self.reason, 0, 0, 0]);
             }
-            None => node.emergency_over(),
+            register |= bits;
+        } else {
+            gone |= before.0.is_some();
+        }
+        if let Some(Loss { code: (code, bits), detail }) = self.loss {
+            if before.1 != self.loss {
+                node.emergency(code, bits, detail);
+            }
+            register |= bits;
+        } else {
+            gone |= before.1.is_some();
+        }
+        if gone {
+            node.emergency_over(register);
         }
     }
 

@@ -1,47 +1,256 @@
-//! What 1010h stores of the drive: the settings as they store themselves, and behind them the values of the profile that
-//! the table marks as stored, in its order.
+//! What 1010h stores of drive and node, and how they begin with what was stored.
+//!
+//! The list of records is a [`StoredImage`]. Settings and the values of the profile that the table marks as stored are the
+//! drive's; the communication parameters are the node's. On loading:
+//!
+//! | a record | then |
+//! | --- | --- |
+//! | of an object that is not there or not stored | is passed over, and named |
+//! | with another type than its object, or out of its range | gives way to the default, and is named |
+//! | at odds with others ([`Settings::build`]) | gives way to the default, and is named |
+//! | that is missing | the default is in force, and is named |
+//! | of a PDO, and the value gave way, or the mapping is not to be had | the PDO is put out of use ([`Node::boot`]) |
+//! | of the communication area, stored as another node-ID | gives way to the default, and is named |
+//!
+//! A guided check counts no longer when a setting of axis, motor, encoder or polarity is not the stored one, and when an
+//! older image or none at all could be read: nobody knows what the newest said of the wiring.
 
-use super::{Drive, Order};
-use crate::canopen::objects::{Item, rows};
-use crate::settings::{self, SettingError, Settings};
+use super::{Drive, Order, codes};
+use crate::canopen::objects::{COUNT, Found, Item, Row, entry, rows, setting_address_at, setting_kind};
+use crate::canopen::{Abort, BootError, Group, Listed, Node, Record, Restored, STORED};
+use crate::settings::{Declared, SettingError, Settings, place};
+use crate::stored::{Full, LoadReport, Outcome, Putting, ROOM, StoredImage};
 
-/// Values that are stored.
-const STORED: usize = 4 * 64;
-/// Length of the image, bytes.
-pub const IMAGE: usize = settings::IMAGE_LENGTH + 1 + STORED;
-/// Version of the part behind the settings.
-const VERSION: u8 = 1;
+/// Settings whose groups, and settings which themselves, the guided check is about.
+const CHECKED_GROUPS: [u16; 3] = [group("axis.mass_kg"), group("motor.reversed"), group("encoder.count_um")];
+const CHECKED: [usize; 2] = [place(Settings::KEYS, "gap.reversed"), PASSED];
+const PASSED: usize = place(Settings::KEYS, "commission.passed");
 
-impl Drive {
-    /// What is to be stored, and its length: [`IMAGE`] at the most.
-    pub fn image(&self) -> [u8; IMAGE] {
-        let mut image = [0; IMAGE];
-        let (front, rest) = image.split_at_mut(settings::IMAGE_LENGTH);
-        front.copy_from_slice(&self.settings.image());
-        if let Some((version, values)) = rest.split_first_mut() {
-            *version = VERSION;
-            let stored = rows().iter().filter(|row| row.is_stored());
-            for (slot, row) in values.chunks_exact_mut(4).zip(stored) {
-                slot.copy_from_slice(&self.value(row.item()).to_le_bytes());
-            }
+/// Index of the group of a setting.
+const fn group(key: &str) -> u16 {
+    Settings::ADDRESSES[place(Settings::KEYS, key)].0
+}
+
+// Whatever can be stored at all has room, and in 500 settings more.
+const _: () = assert!(Settings::COUNT + COUNT + STORED <= ROOM);
+const _: () = assert!(500 + COUNT + STORED <= ROOM);
+
+/// What the drive has to tell of what was stored, until somebody has taken note of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Loss {
+    /// Error code of the emergency, and bits of the error register.
+    pub code: (u16, u8),
+    /// Outcome; sub-index and index of the first value that gave way to its default; how many, up to 255.
+    pub detail: [u8; 5],
+}
+
+/// What became of what was stored.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Loading {
+    outcome: Outcome,
+    application: Restored,
+    communication: Restored,
+}
+
+impl Loading {
+    /// 200Bh.
+    pub fn report(&self) -> LoadReport {
+        let Loading { outcome, application, communication } = *self;
+        LoadReport {
+            outcome,
+            skipped: application.skipped.and(communication.skipped),
+            defaulted: application.defaulted.and(communication.defaulted),
         }
-        image
     }
 
-    /// Takes over what was stored, whole or not at all.
-    pub(super) fn load(&mut self, image: &[u8]) -> Result<(), SettingError> {
-        let (front, rest) = image.split_at_checked(settings::IMAGE_LENGTH).unwrap_or((image, &[]));
-        let settings = Settings::from_image(front).map_err(|_| SettingError::UnknownKey)?;
-        self.adopt(settings)?;
-        let Some((&VERSION, values)) = rest.split_first() else { return Ok(()) };
-        let stored = rows().iter().filter(|row| row.is_stored());
-        for (bytes, row) in values.chunks_exact(4).zip(stored) {
-            let value = bytes.try_into().map_or(0, i32::from_le_bytes);
-            if row.check(row.widened(value)).is_ok() && row.item() != Item::Mode {
-                self.set(row.item(), value);
+    /// What is to be told of it.
+    fn loss(&self) -> Option<Loss> {
+        let LoadReport { outcome, defaulted, .. } = self.report();
+        let code = codes::loss(outcome, !defaulted.is_empty())?;
+        let (index, sub) = defaulted.first.unwrap_or_default();
+        let [low, high] = index.to_le_bytes();
+        Some(Loss { code, detail: [outcome as u8, sub, low, high, defaulted.count.min(255) as u8] })
+    }
+}
+
+impl StoredImage {
+    /// Keeps what a group of objects is now, instead of what was kept of it.
+    ///
+    /// # Errors
+    /// There is no room beside records of another program; this is then not to be stored.
+    pub fn keep(&mut self, group: Group, drive: &Drive, node: &Node) -> Result<(), Full> {
+        let (application, communication) = parts(group);
+        self.distrust();
+        self.remove(application, communication);
+        let mut putting = Putting::into(self);
+        if application {
+            drive.store(&mut putting);
+        }
+        if communication {
+            node.parameters(&mut |record| putting.put(record));
+        }
+        putting.end()?;
+        if communication {
+            self.belongs_to(node.id());
+        }
+        self.seal();
+        Ok(())
+    }
+
+    /// Forgets a group of objects.
+    pub fn forget(&mut self, group: Group) {
+        let (application, communication) = parts(group);
+        self.distrust();
+        self.remove(application, communication);
+        self.seal();
+    }
+
+    /// What is about to become the newest image says no longer that it has been an older one: its guided check does not count
+    /// from then on either.
+    fn distrust(&mut self) {
+        if self.outcome() == Outcome::Older {
+            self.change(Settings::ADDRESSES[PASSED], 0);
+        }
+    }
+}
+
+/// Whether application and communication records belong to a group.
+fn parts(group: Group) -> (bool, bool) {
+    match group {
+        Group::All => (true, true),
+        Group::Application => (true, false),
+        Group::Communication => (false, true),
+    }
+}
+
+impl Drive {
+    /// What became of what was stored.
+    pub fn loaded(&self) -> LoadReport {
+        self.loading.report()
+    }
+
+    /// Boots a node that waits for it, with the communication parameters that are stored. After [`Drive::restart`], if that
+    /// is due.
+    ///
+    /// # Errors
+    /// As [`Node::boot`]; otherwise what became of the stored parameters.
+    pub fn boot(&mut self, node: &mut Node, image: &StoredImage) -> Result<LoadReport, BootError> {
+        let mut foreign = Listed::default();
+        let any = image.communication().next().is_some();
+        let restored = if any && image.node() == Some(node.id()) {
+            node.boot(Some(&mut image.communication()), self)?
+        } else {
+            image.communication().for_each(|record| foreign.add(record.index, record.sub));
+            node.boot(None, self)?
+        };
+        let communication = Restored { defaulted: foreign.and(restored.defaulted), ..restored };
+        self.loading = Loading { outcome: image.outcome(), communication, ..self.loading };
+        self.note();
+        Ok(LoadReport { outcome: image.outcome(), skipped: communication.skipped, defaulted: communication.defaulted })
+    }
+
+    /// Ends a store or restore that the drive has ordered; the host is answered. What was lost on loading is so no longer.
+    pub fn kept(&mut self, node: &mut Node, result: Result<(), Abort>) {
+        if result.is_ok() {
+            self.loss = None;
+        }
+        node.answer(result, self);
+    }
+
+    /// Takes over what was stored; `settings` are the defaults.
+    pub(super) fn load(&mut self, settings: Settings, image: &StoredImage) -> LoadReport {
+        let mut restored = Restored::default();
+        let mut doubtful = image.outcome().is_loss();
+        let mut settings = match image.application().next() {
+            Some(_) => self.restored(settings, image, &mut restored, &mut doubtful),
+            None => settings,
+        };
+        settings.commissioned &= !doubtful;
+        // They were built before; the defaults of the declaration are, by a test.
+        if self.adopt(settings).is_err() && self.adopt(Settings::default()).is_err() {
+            self.settings.commissioned = false;
+        }
+        self.loading = Loading { outcome: image.outcome(), application: restored, communication: Restored::default() };
+        self.note();
+        LoadReport { outcome: image.outcome(), skipped: restored.skipped, defaulted: restored.defaulted }
+    }
+
+    /// What is to be told now.
+    fn note(&mut self) {
+        self.loss = self.loading.loss();
+        if self.loss.is_some() {
+            // Once more, though it be the same.
+            self.told.1 = None;
+        }
+    }
+
+    /// Puts stored values in the place of defaults. `doubtful`: the guided check has to look again.
+    fn restored(
+        &mut self,
+        base: Settings,
+        image: &StoredImage,
+        restored: &mut Restored,
+        doubtful: &mut bool,
+    ) -> Settings {
+        let defaults = base.words();
+        let mut words = defaults;
+        let (mut seen, mut seen_rows) = ([false; Settings::COUNT], [false; COUNT]);
+        for record in image.application() {
+            let Record { index, sub, .. } = record;
+            let good = match entry(index, sub).map(|entry| Found::at(entry.place)) {
+                Ok(Found::Setting(field)) => {
+                    mark(&mut seen, field.into());
+                    let word = stored_word(field, record);
+                    if let (Some(word), Some(slot)) = (word, words.get_mut(usize::from(field))) {
+                        *slot = word;
+                    }
+                    *doubtful |= word.is_none() && is_checked(field.into());
+                    word.is_some()
+                }
+                Ok(Found::Row(number)) if rows().get(usize::from(number)).is_some_and(Row::is_stored) => {
+                    mark(&mut seen_rows, number.into());
+                    self.load_row(number, record).is_some()
+                }
+                _ => {
+                    restored.skipped.add(index, sub);
+                    continue;
+                }
+            };
+            if !good {
+                restored.defaulted.add(index, sub);
             }
         }
-        Ok(())
+        for (place, _) in seen.iter().enumerate().filter(|(_, seen)| !**seen) {
+            give_way(place, restored, doubtful);
+        }
+        for (row, _) in rows().iter().zip(seen_rows).filter(|(row, seen)| row.is_stored() && !seen) {
+            let (index, sub) = row.address();
+            restored.defaulted.add(index, sub);
+        }
+        fitting(base, words, &defaults, restored, doubtful)
+    }
+
+    /// Takes a stored value of the profile.
+    fn load_row(&mut self, number: u16, record: Record) -> Option<()> {
+        let row = rows().get(usize::from(number))?;
+        let value = row.narrowed(record.value(row.kind())?);
+        row.check(value).ok()?;
+        self.permits(row.item(), value).ok()?;
+        self.set(row.item(), value as i32);
+        Some(())
+    }
+
+    /// Puts what is to be stored.
+    fn store(&self, putting: &mut Putting<'_>) {
+        for (place, word) in self.settings.words().into_iter().enumerate() {
+            if let (Some((index, sub)), Some((kind, _))) = (setting_address_at(place), setting_kind(place as u16)) {
+                putting.put(Record::new(index, sub, kind, word));
+            }
+        }
+        for row in rows().iter().filter(|row| row.is_stored()) {
+            let (index, sub) = row.address();
+            putting.put(Record::new(index, sub, row.kind(), self.value(row.item()).cast_unsigned()));
+        }
     }
 
     /// Runs other settings, if they fit together.
@@ -51,4 +260,73 @@ impl Drive {
         self.order(Order::Configure);
         Ok(())
     }
+
+    /// Whether a value within the range of its object is one that it can have beside the others.
+    pub(super) fn permits(&self, item: Item, value: i64) -> Result<(), Abort> {
+        let number = value as i32;
+        match item {
+            Item::QuickStopOption if matches!(value, 3 | 4) => Err(Abort::InvalidValue),
+            Item::HomingMethod if crate::motion::Method::from_number(value as i8).is_none() => Err(Abort::InvalidValue),
+            Item::LimitMin if number > self.value(Item::LimitMax) => Err(Abort::Incompatible),
+            Item::LimitMax if number < self.value(Item::LimitMin) => Err(Abort::Incompatible),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The settings of words that fit together: what does not gives way to its default.
+fn fitting(
+    base: Settings,
+    mut words: [u32; Settings::COUNT],
+    defaults: &[u32; Settings::COUNT],
+    restored: &mut Restored,
+    doubtful: &mut bool,
+) -> Settings {
+    let mut settings = base;
+    for _ in 0..Settings::COUNT {
+        settings.take_words(&words);
+        let at = match settings.build() {
+            Ok(_) => return settings,
+            Err(SettingError::Conflict { field, .. }) => place_of(field),
+            Err(_) => None,
+        };
+        let slot = at.and_then(|at| Some((at, words.get_mut(at)?, *defaults.get(at)?)));
+        let Some((at, word, default)) = slot.filter(|(_, word, default)| **word != *default) else { break };
+        *word = default;
+        give_way(at, restored, doubtful);
+    }
+    // Its default is at odds with what others are.
+    for (place, _) in words.iter().zip(defaults).enumerate().filter(|(_, (word, default))| word != default) {
+        give_way(place, restored, doubtful);
+    }
+    *doubtful = true;
+    base
+}
+
+/// A setting takes its default.
+fn give_way(place: usize, restored: &mut Restored, doubtful: &mut bool) {
+    let (index, sub) = setting_address_at(place).unwrap_or_default();
+    restored.defaulted.add(index, sub);
+    *doubtful |= is_checked(place);
+}
+
+/// The stored word of a setting, if it can have it.
+fn stored_word(field: u16, record: Record) -> Option<u32> {
+    let (kind, _) = setting_kind(field)?;
+    let word = record.value(kind)?;
+    Settings::FIELDS.get(usize::from(field))?.kind.admits(word).then_some(word)
+}
+
+/// Whether the guided check is about a setting.
+fn is_checked(place: usize) -> bool {
+    CHECKED.contains(&place) || setting_address_at(place).is_some_and(|(index, _)| CHECKED_GROUPS.contains(&index))
+}
+
+fn mark(seen: &mut [bool], place: usize) {
+    seen.get_mut(place).into_iter().for_each(|seen| *seen = true);
+}
+
+/// Place of a setting that an error names.
+fn place_of(key: &str) -> Option<usize> {
+    Settings::KEYS.iter().position(|other| *other == key)
 }

@@ -82,7 +82,7 @@ impl Dictionary for Drive {
 
 impl Row {
     /// The bytes of a value as the number that they are.
-    fn narrowed(&self, raw: u32) -> i64 {
+    pub(super) fn narrowed(&self, raw: u32) -> i64 {
         match self.kind() {
             DataType::Integer8 => i64::from(raw as i8),
             DataType::Integer16 => i64::from(raw as i16),
@@ -92,7 +92,7 @@ impl Row {
     }
 
     /// A kept value as the number that it is.
-    pub(super) fn widened(&self, kept: i32) -> i64 {
+    fn widened(&self, kept: i32) -> i64 {
         match self.kind() {
             DataType::Unsigned32 => kept.cast_unsigned().into(),
             _ => kept.into(),
@@ -118,7 +118,7 @@ impl Drive {
             Item::HeadRefusal => self.refusal.into(),
             Item::HeadHomed => status.homed.into(),
             Item::CheckResult => self.finding.into(),
-            Item::RefusedSetting => self.wrong.map_or(0, |(index, sub, _)| i64::from(index) << 8 | i64::from(sub)),
+            Item::RefusedSetting => number_of(self.wrong.map(|(index, sub, _)| (index, sub))),
             Item::StoppedBy => self.stopped_by.into(),
             Item::QueueSpace => self.queue_space().into(),
             Item::QueueSegment => self.appended.saturating_sub(status.waiting.into()).into(),
@@ -149,6 +149,11 @@ impl Drive {
             Item::ProtocolLast => last(protocol),
             Item::ProtocolMost => most(protocol),
             Item::ProtocolLoad => load(protocol),
+            Item::StoredOutcome => self.loaded().outcome as i64,
+            Item::StoredSkipped => self.loaded().skipped.count.into(),
+            Item::StoredSkippedFirst => number_of(self.loaded().skipped.first),
+            Item::StoredDefaulted => self.loaded().defaulted.count.into(),
+            Item::StoredDefaultedFirst => number_of(self.loaded().defaulted.first),
             Item::GenerationNewest => self.generations.newest.into(),
             Item::GenerationServo => self.generations.servo.into(),
             Item::GenerationGap => self.generations.gap.into(),
@@ -194,15 +199,10 @@ impl Drive {
         let done = |taken: bool| if taken { Ok(Written::Now) } else { Err(Abort::DeviceState) };
         let number = value as i32;
         let before = self.value(item);
+        self.permits(item, value)?;
         match item {
             Item::Controlword => self.control_word(value as u16),
             Item::Mode => self.set_mode(value)?,
-            Item::QuickStopOption if matches!(value, 3 | 4) => return Err(Abort::InvalidValue),
-            Item::HomingMethod if crate::motion::Method::from_number(value as i8).is_none() => {
-                return Err(Abort::InvalidValue);
-            }
-            Item::LimitMin if number > self.value(Item::LimitMax) => return Err(Abort::Incompatible),
-            Item::LimitMax if number < self.value(Item::LimitMin) => return Err(Abort::Incompatible),
             Item::TargetPosition => self.target_written(number)?,
             Item::IpData => self.data_written(number)?,
             Item::IpClear if value == 0 => self.clear_buffer(),
@@ -309,6 +309,11 @@ impl Drive {
         self.wrong = None;
         Ok(Written::Later)
     }
+}
+
+/// An address as a number; 0 for none.
+fn number_of(address: Option<(u16, u8)>) -> i64 {
+    address.map_or(0, |(index, sub)| i64::from(index) << 8 | i64::from(sub))
 }
 
 fn out_of_range(error: &SettingError, word: u32) -> Abort {

@@ -1,26 +1,60 @@
-//! Settings as objects: each group of src/settings/table.rs is a record, its settings the sub-indices from 1 on.
+//! Settings as objects: each group of src/settings/table.rs is a record, at the index and sub-indices that stand there.
 
 use crate::canopen::{Access, DataType};
 use crate::settings::{Declared, Field, Kind, Settings, place};
 
-/// Index of the first group.
+/// Lowest index of a group.
 pub const FIRST: u16 = 0x2100;
+/// Highest index of a group: where manufacturer-specific objects end (CiA 301 7.4.1).
+pub(super) const LAST: u16 = 0x5FFF;
 
 const FIELDS: &[Field] = Settings::FIELDS;
 const KEYS: &[&str] = Settings::KEYS;
 /// The guided check alone says that it has passed.
 const PASSED: u16 = place(KEYS, "commission.passed") as u16;
 
-/// Settings with the same prefix.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Group {
-    /// Its place among the groups.
-    pub number: u16,
-    /// Place of its first setting among the settings.
-    first: u16,
-    /// Settings in it.
-    pub count: u8,
+/// Index and sub-index of each setting, by its place.
+const ADDRESSES: &[(u16, u8)] = Settings::ADDRESSES;
+const COUNT: usize = ADDRESSES.len();
+
+/// Places of the settings by rising address.
+static ORDER: [u16; COUNT] = {
+    let mut order = [0; COUNT];
+    let mut place = 0;
+    while place < COUNT {
+        let mut at = place;
+        while at > 0 && precedes(ADDRESSES[place], ADDRESSES[order[at - 1] as usize]) {
+            order[at] = order[at - 1];
+            at -= 1;
+        }
+        order[at] = place as u16;
+        place += 1;
+    }
+    order
+};
+
+const fn precedes(a: (u16, u8), b: (u16, u8)) -> bool {
+    a.0 < b.0 || a.0 == b.0 && a.1 < b.1
 }
+
+// That no address is there twice is checked by the declaration.
+const _: () = {
+    let mut at = 0;
+    while at < COUNT {
+        let (index, sub) = ADDRESSES[at];
+        assert!(FIRST <= index && index <= LAST, "settings are objects from 2100h to 5FFFh");
+        assert!(1 <= sub && sub <= 254, "a setting has a sub-index from 1 to 254");
+        let mut before = 0;
+        while before < at {
+            assert!(
+                ADDRESSES[before].0 != index || same_group(KEYS[before], KEYS[at]),
+                "settings of one index have keys of one group"
+            );
+            before += 1;
+        }
+        at += 1;
+    }
+};
 
 /// Whether two keys have the same prefix.
 const fn same_group(a: &str, b: &str) -> bool {
@@ -38,46 +72,16 @@ const fn same_group(a: &str, b: &str) -> bool {
     false
 }
 
-/// Whether a group begins at a setting.
-const fn begins(at: usize) -> bool {
-    at == 0 || !same_group(KEYS[at - 1], KEYS[at])
+/// The place of the setting at an address.
+pub fn setting_at(index: u16, sub: u8) -> Option<u16> {
+    let at = ORDER.binary_search_by_key(&Some((index, sub)), |place| address_at((*place).into())).ok()?;
+    ORDER.get(at).copied()
 }
 
-const NUMBER: usize = {
-    let (mut number, mut at) = (0, 0);
-    while at < FIELDS.len() {
-        number += begins(at) as usize;
-        at += 1;
-    }
-    number
-};
-
-/// The groups in their order.
-pub(super) static GROUPS: [Group; NUMBER] = {
-    let mut groups = [Group { number: 0, first: 0, count: 0 }; NUMBER];
-    let (mut next, mut at) = (0, 0);
-    while at < FIELDS.len() {
-        if begins(at) {
-            groups[next] = Group { number: next as u16, first: at as u16, count: 0 };
-            next += 1;
-        }
-        groups[next - 1].count += 1;
-        at += 1;
-    }
-    groups
-};
-
-impl Group {
-    /// The place among the settings of what is at a sub-index from 1 on.
-    pub fn field(&self, sub: u8) -> Option<u16> {
-        let nth = sub.checked_sub(1)?;
-        (nth < self.count).then_some(self.first.wrapping_add(nth.into()))
-    }
-}
-
-/// The group at an index.
-pub(super) fn group(index: u16) -> Option<&'static Group> {
-    GROUPS.get(usize::from(index.checked_sub(FIRST)?))
+/// The highest sub-index of a group of settings.
+pub(super) fn highest(index: u16) -> Option<u8> {
+    let of_group = |place: &u16| address_at((*place).into()).filter(|address| address.0 == index);
+    ORDER.iter().rev().find_map(of_group).map(|(_, sub)| sub)
 }
 
 /// Type and access of a setting.
@@ -94,10 +98,7 @@ pub fn kind(field: u16) -> Option<(DataType, Access)> {
 
 /// Index and sub-index of the setting at a place.
 pub fn address_at(place: usize) -> Option<(u16, u8)> {
-    let at = place as u16;
-    let group = GROUPS.iter().rev().find(|group| group.first <= at)?;
-    let sub = at.wrapping_sub(group.first).wrapping_add(1);
-    Some((FIRST.wrapping_add(group.number), sub as u8))
+    ADDRESSES.get(place).copied()
 }
 
 /// Index and sub-index of the setting called `key`.

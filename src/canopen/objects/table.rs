@@ -172,6 +172,13 @@ objects! {
         11 ProtocolMost: u32, ro, no, U32, 0, "ns", live, "Protocol longest";
         12 ProtocolLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Protocol load";
     }
+    0x200B "Stored image" {
+        1 StoredOutcome: u8, ro, tx, (0, 4), 0, "", live, "Outcome: of loading it at the last reset: 0 nothing was stored, 1 what was stored last is in force, 2 an older one is, the last one is damaged or was not finished, 3 defaults, it is damaged, 4 defaults, it is of an unknown version";
+        2 StoredSkipped: u16, ro, no, U16, 0, "", live, "Skipped: values of objects that this program does not have";
+        3 StoredSkippedFirst: u32, ro, no, U32, 0, "", live, "First skipped: index times 256 and sub-index; 0 none";
+        4 StoredDefaulted: u16, ro, no, U16, 0, "", live, "Defaulted: values that were missing, out of range, or at odds with others; their defaults are in force";
+        5 StoredDefaultedFirst: u32, ro, no, U32, 0, "", live, "First defaulted: index times 256 and sub-index; 0 none";
+    }
     0x200C "Configuration" {
         1 GenerationNewest: u32, ro, tx, U32, 0, "", live, "Newest: changes of settings since power-on";
         2 GenerationServo: u32, ro, tx, U32, 0, "", live, "Servo tick: the one that it runs";

@@ -13,6 +13,7 @@ use crate::store::Store;
 use edm_bus::Frame;
 use edm_hal_shim::store::BUFFER;
 use edm_runtime::Note;
+use edm_runtime::board::Caller;
 use edm_runtime::can::{Receive, Transmit};
 use edm_runtime::idle::Idle;
 use edm_runtime::keeper::Keeper;
@@ -72,13 +73,13 @@ impl Head {
         let node = Box::leak(Box::new(Node::new(&DEVICE, id, id.get().into())));
         // The head begins with what the drive says then, which is what was stored if that can be.
         let ports = Ports::leak();
-        let mut keeper = Keeper::new(store, Box::leak(Box::new([0; BUFFER])), Part(ports));
-        let kept = keeper.load();
-        let refused = drive.restart(settings, kept.application()).err().map(Note::SettingsRefused);
-        let unfit = node.boot(kept.communication(), drive).err().map(Note::ParametersRefused);
+        let (buffer, image) = (Box::leak(Box::new([0; BUFFER])), Box::leak(Box::default()));
+        let mut keeper = Keeper::new(store, buffer, image, Part(ports));
+        let image = keeper.load();
+        Part(ports).note(&Note::Loaded(drive.restart(settings, image)));
+        Part(ports).note(&Note::booted(drive.boot(node, image)));
         drive.started();
         let (core, others) = Core::on(ports, drive.active(), &process);
-        ports.notes.borrow_mut().extend(refused.into_iter().chain(unfit));
         let [sync, others_of_node @ ..] = node.identifiers();
         edm_hal_shim::can::Filters::listen(&mut Part(ports), sync, &others_of_node);
         let Others { host, idle, receive, transmit } = others;
@@ -133,16 +134,99 @@ impl Head {
         for note in self.core.ports.notes.borrow_mut().drain(..) {
             let what = match note {
                 Note::StoreUnreadable => "what is stored cannot be read, and is not used".into(),
-                Note::StoreForeign => "what is stored is damaged or of another firmware, and is not used".into(),
-                Note::SettingsRefused(error) => format!("the stored settings are refused: {error}"),
-                Note::ParametersRefused(error) => {
-                    format!("the stored communication parameters are refused: {error:?}")
-                }
+                Note::Loaded(report) if !report.is_whole() => report.to_string(),
+                Note::BootRefused(error) => format!("communication: {error:?}"),
                 Note::NotStored => "nothing was stored".into(),
                 Note::Lost { frames, events } => format!("lost since the start: {frames} frames, {events} events"),
                 _ => continue,
             };
             eprintln!("node {}: {what}", self.id.get());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use edm_hal_shim::store::Storage as _;
+    use edm_servo_head::canopen::Group;
+    use edm_servo_head::settings::Declared;
+    use edm_servo_head::stored::{LoadReport, Outcome, StoredImage};
+    use embedded_can::{Frame as _, StandardId};
+    use std::fs;
+    use std::path::Path;
+
+    /// A head that has just been switched on, with what is stored in a folder.
+    fn switched_on(folder: &Path) -> Head {
+        let store = Store::new(Some(folder), 5).unwrap();
+        Head::new(&Setup::load("default").unwrap(), NodeId::new(5).unwrap(), 1, store).unwrap()
+    }
+
+    /// Where a folder has what its head has stored: everything.
+    fn stored_in(folder: &Path) -> std::path::PathBuf {
+        let mut head = switched_on(folder);
+        assert_eq!(head.protocol().drive().loaded(), LoadReport::default());
+        let save = [0x23, 0x10, 0x10, 1, b's', b'a', b'v', b'e'];
+        let frame = Frame::new(StandardId::new(0x605).unwrap(), &save).unwrap();
+        let mut sent = Vec::new();
+        head.tick([frame].iter(), &mut sent);
+        for _ in 0..200 {
+            head.tick([].iter(), &mut sent);
+        }
+        let answer = sent.iter().find(|frame| frame.id() == StandardId::new(0x585).unwrap().into());
+        assert_eq!(answer.map(|frame| frame.data()[0]), Some(0x60), "{sent:?}");
+        folder.join("node-5.stored")
+    }
+
+    #[test]
+    fn a_file_has_the_bytes_that_a_chip_has_in_its_flash() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = fs::read(stored_in(folder.path())).unwrap();
+        let head = switched_on(folder.path());
+        assert_eq!(head.protocol().drive().loaded().outcome, Outcome::Newest);
+        let mut image = StoredImage::NOTHING;
+        image.keep(Group::All, head.protocol().drive(), head.protocol().node()).unwrap();
+        assert_eq!(image.bytes(), file);
+    }
+
+    #[test]
+    fn whichever_bit_of_the_file_flips_the_defaults_are_in_force_and_no_guided_check_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = stored_in(folder.path());
+        let good = fs::read(&path).unwrap();
+        let mut store = Store::new(Some(folder.path()), 5).unwrap();
+        let mut image = StoredImage::NOTHING;
+        for bit in 0..8 * good.len() {
+            let mut bad = good.clone();
+            bad[bit / 8] ^= 1 << (bit % 8);
+            fs::write(&path, &bad).unwrap();
+            let outcome = image.load(store.load(&mut [0; BUFFER]).unwrap());
+            assert_eq!(outcome, Outcome::Damaged, "bit {bit}");
+        }
+        let head = switched_on(folder.path());
+        assert_eq!(head.protocol().drive().loaded().outcome, Outcome::Damaged);
+        assert!(!head.protocol().drive().settings().commissioned);
+        fs::write(&path, &good).unwrap();
+        assert!(switched_on(folder.path()).protocol().drive().settings().commissioned);
+    }
+
+    #[test]
+    fn a_file_of_0_1_0_is_in_force_with_every_setting() {
+        let folder = tempfile::tempdir().unwrap();
+        let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/0.1.0");
+        fs::copy(fixtures.join("node-5-changed.stored"), folder.path().join("node-5.stored")).unwrap();
+        let head = switched_on(folder.path());
+        assert_eq!(head.protocol().drive().loaded().outcome, Outcome::Newest);
+        let list = fs::read_to_string(fixtures.join("node-5-changed.csv")).unwrap();
+        let mut compared = 0;
+        for (place, (index, sub)) in Settings::ADDRESSES.iter().enumerate() {
+            let Some(line) = list.lines().find(|line| line.starts_with(&format!("0x{index:04X},{sub},"))) else {
+                continue;
+            };
+            let word = u32::from_str_radix(line.rsplit(',').next().unwrap(), 16).unwrap();
+            assert_eq!(head.protocol().drive().settings().word(place), Some(word), "{line}");
+            compared += 1;
+        }
+        assert_eq!(compared, 84);
     }
 }
