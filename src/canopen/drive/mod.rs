@@ -419,7 +419,9 @@ impl Drive {
         match self.alarm {
             Some(fault) => {
                 let (code, register) = codes::error_code(fault);
-                node.emergency(code, register, [codes::fault(fault), self.reason, 0, 0, 0]);
+                // A second fault that escalates the first is told of as well, and which one it began with.
+                let first = self.status.first.map_or(0, codes::fault);
+                node.emergency(code, register, [codes::fault(fault), self.reason, first, 0, 0]);
             }
             None => node.emergency_over(),
         }
