@@ -15,7 +15,7 @@
 //! | [`motion`] | profiles and homing beside the path |
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
-//! | [`canopen`] | the head as a CANopen node |
+//! | [`canopen`] | the head as a CANopen device: drive and objects behind the node of [`edm_canopen`] |
 //! | [`settings`] | what a person sets, checked and built into what the ticks run |
 //!
 //! Sources, cited in the documentation by letter and section: \[R\] Roberts 2014, gap-voltage servo on a short-stroke linear

@@ -1,9 +1,8 @@
 //! The electronic data sheet (CiA 306-1): every object of the node and the drive, for masters.
 
-use super::area::is_stored;
 use super::drive::DEVICE;
 use super::objects::{Declaration, declarations};
-use super::{Access, DataType, DefaultValue, Description, Mapping, Shape, descriptions, remarks};
+use super::{Access, DataType, DefaultValue, Description, Mapping, Shape, descriptions, is_stored, remarks};
 use core::fmt::{self, Display, Formatter, Write};
 
 /// File name that the data sheet gives itself.
@@ -46,7 +45,7 @@ impl Section {
 pub fn write(out: &mut impl Write) -> fmt::Result {
     write!(
         out,
-        "; Generated from the declarations in src/canopen and src/settings: cargo sim eds.\n\
+        "; Generated from the declarations in canopen/src, src/canopen and src/settings: cargo sim eds.\n\
          [FileInfo]\nFileName={FILE}\nFileVersion=1\nFileRevision=0\nEDSVersion=4.0\n\
          Description=Servo head for electrical discharge machining\n\
          CreationTime=12:00AM\nCreationDate=11-21-2026\nCreatedBy=cargo sim eds\n\

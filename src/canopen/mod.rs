@@ -1,50 +1,16 @@
-//! A CANopen node (CiA 301 version 4.2) without input or output of its own: frames and the time go in, frames come out.
+//! The head as a CANopen device: the CiA 402 drive and the EDM objects behind a node by CiA 301.
 //!
-//! The device implements [`Dictionary`]: its objects, read and written by place. The [`Node`] answers for network
-//! management, SDO, PDO, SYNC, emergencies and heartbeats, and for the objects 1000h to 1FFFh that configure them. It keeps
-//! no statics: a process can run as many as it likes.
-//!
-//! Terms are those of the standard: an *object* has an index and sub-indices; an *SDO* reads or writes one of them; a *PDO*
-//! carries the values of several, as its *mapping* says, and is called RPDO toward the device and TPDO from it.
-//!
-//! It is a node of its own because none to be had has event and inhibit timers, a heartbeat consumer, writes that are checked
-//! before they are taken, and no statics. What it does with each object is in `docs/canopen.md`.
+//! The node is the package [`edm_canopen`], which knows nothing of this head; all that it exports is found here as well.
+//! Here are the [`drive`], which is the [`Dictionary`] behind it, the declarations of its [`objects`], and the files that
+//! describe the whole device to others, EDS and DBC.
 
-mod abort;
-mod area;
 #[cfg(not(target_os = "none"))]
 pub mod dbc;
-mod description;
-mod device;
-mod dictionary;
 pub mod drive;
 #[cfg(not(target_os = "none"))]
 pub mod eds;
-mod emergency;
-mod frame;
-mod heartbeat;
-mod node;
 pub mod objects;
-mod outbox;
-mod parameters;
-mod pdo;
 #[cfg(not(target_os = "none"))]
 mod remarks;
-mod rolled;
-mod sdo;
-mod space;
-mod sync;
 
-pub use abort::Abort;
-pub use area::descriptions;
-pub use description::{DefaultValue, Description, Shape};
-pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
-pub use dictionary::{Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place, Request};
-#[cfg(not(target_os = "none"))]
-pub use emergency::ERRORS;
-pub use frame::{Frame, NodeId, Time};
-pub use node::{BootError, Controller, IDENTIFIERS, Node};
-pub use parameters::IMAGE;
-
-#[cfg(test)]
-mod tests;
+pub use edm_canopen::*;

@@ -302,6 +302,9 @@ fn room(path: &str) -> String {
     if path.contains("hal-shim/store/src/") {
         return "hal-shim/store".to_owned();
     }
+    if path.contains("canopen/src/") {
+        return "canopen".to_owned();
+    }
     match path.rsplit_once("src/") {
         Some((_, file)) => format!("src/{}", file.split('/').next().unwrap_or_default().trim_end_matches(".rs")),
         None => "?".to_owned(),
@@ -382,6 +385,8 @@ mod tests {
         assert_eq!(room("src/main.rs"), "src/main");
         assert_eq!(room("/home/me/head/hal-shim/src/stm32f4/pwm.rs"), "hal-shim/stm32f4");
         assert_eq!(room("/home/me/head/hal-shim/store/src/sector.rs"), "hal-shim/store");
+        assert_eq!(room("/home/me/head/canopen/src/sdo/crc.rs"), "canopen");
+        assert_eq!(room("/home/me/head/src/canopen/eds.rs"), "src/canopen");
         assert_eq!(room("/home/me/.cargo/registry/src/a-registry-1949/defmt-rtt-1.3.1/src/lib.rs"), "defmt-rtt");
         assert_eq!(room("/rustc/0123/library/core/src/fmt/mod.rs"), "core");
     }

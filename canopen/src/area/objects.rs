@@ -1,17 +1,17 @@
 //! The objects of the communication area, one row each (CiA 301 7.5.2).
 
-use crate::canopen::device::{ENTRIES, PDOS};
-use crate::canopen::emergency::HISTORY;
-use crate::canopen::parameters::CONSUMERS;
-use crate::canopen::pdo::Direction::{self, Receive, Transmit};
-use crate::canopen::{Abort, Access, DataType, Shape};
+use crate::device::{ENTRIES, PDOS};
+use crate::emergency::HISTORY;
+use crate::parameters::CONSUMERS;
+use crate::pdo::Direction::{self, Receive, Transmit};
+use crate::{Abort, Access, DataType, Shape};
 use Access::{Const, ReadOnly, ReadWrite};
 use DataType::{Unsigned8, Unsigned16, Unsigned32, VisibleString};
 use Shape::{Array, Record, Variable};
 
 /// What a value is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::canopen) enum Item {
+pub(crate) enum Item {
     /// A constant: the highest sub-index, mostly.
     Fixed(u8),
     DeviceType,
@@ -77,7 +77,7 @@ pub(super) struct Row {
 
 /// A value found by its address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::canopen) struct Found {
+pub(crate) struct Found {
     pub item: Item,
     pub kind: DataType,
     pub access: Access,
@@ -248,7 +248,7 @@ impl Row {
 
 /// Looks a value up.
 #[inline(never)]
-pub(in crate::canopen) fn find(index: u16, sub: u8) -> Result<Found, Abort> {
+pub(crate) fn find(index: u16, sub: u8) -> Result<Found, Abort> {
     let mut missing = Abort::NoObject;
     for row in TABLE.iter().filter(|row| row.has(index)) {
         if sub.wrapping_sub(row.sub.0) < row.sub.1 {
@@ -261,7 +261,7 @@ pub(in crate::canopen) fn find(index: u16, sub: u8) -> Result<Found, Abort> {
 }
 
 /// Bytes of all values that are stored.
-pub(in crate::canopen) const STORED: usize = {
+pub(crate) const STORED: usize = {
     let (mut total, mut n) = (0, 0);
     while n < TABLE.len() {
         if let Some(size) = TABLE[n].stored() {
@@ -274,7 +274,7 @@ pub(in crate::canopen) const STORED: usize = {
 
 /// Visits every value that is stored, with its length in bytes, until one is refused.
 #[inline(never)]
-pub(in crate::canopen) fn stored(visit: &mut dyn FnMut(Found, usize) -> Option<()>) -> Option<()> {
+pub(crate) fn stored(visit: &mut dyn FnMut(Found, usize) -> Option<()>) -> Option<()> {
     for row in TABLE {
         let Some(size) = row.stored() else { continue };
         for pdo in 0..row.index.1 {
@@ -289,7 +289,7 @@ pub(in crate::canopen) fn stored(visit: &mut dyn FnMut(Found, usize) -> Option<(
 
 /// Whether 1010h stores a value.
 #[cfg(not(target_os = "none"))]
-pub(in crate::canopen) fn is_stored(index: u16, sub: u8) -> bool {
+pub fn is_stored(index: u16, sub: u8) -> bool {
     let of = |row: &&Row| row.has(index) && sub.wrapping_sub(row.sub.0) < row.sub.1;
     TABLE.iter().find(of).is_some_and(|row| row.stored().is_some())
 }

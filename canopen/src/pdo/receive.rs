@@ -1,12 +1,12 @@
 //! RPDO: set points from the bus (CiA 301 7.2.2.3, 1400h, 1600h).
 
 use super::{Map, SYNCHRONOUS};
-use crate::canopen::parameters::Pdo;
-use crate::canopen::{Dictionary, Place, Time};
+use crate::parameters::Pdo;
+use crate::{Dictionary, Place, Time};
 
 /// What became of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::canopen) enum Taken {
+pub(crate) enum Taken {
     /// Another's identifier, or not in use.
     NotMine,
     /// Shorter than the mapping: not processed.
@@ -22,7 +22,7 @@ pub(in crate::canopen) enum Taken {
 /// A synchronous one waits twice: for the SYNC after it, and then for the tick that acts on that SYNC. What comes between
 /// the two belongs to the next SYNC.
 #[derive(Clone, Copy, Debug, Default)]
-pub(in crate::canopen) struct Receive {
+pub(crate) struct Receive {
     pub map: Map,
     waiting: Option<[u8; 8]>,
     synchronised: Option<[u8; 8]>,

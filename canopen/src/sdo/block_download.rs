@@ -2,8 +2,8 @@
 
 use super::crc::crc;
 use super::{Address, BLOCK, Buffer, Outcome, Step, Transfer, addressed, commit, segment, word};
-use crate::canopen::Abort;
-use crate::canopen::space::Space;
+use crate::Abort;
+use crate::space::Space;
 
 /// A block download under way.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +25,7 @@ impl BlockDownload {
         let [command, ..] = request;
         let announced = (command & 0x02 != 0).then_some(word(request));
         space.writable(address, announced)?;
-        if announced.is_some_and(|announced| announced as usize > crate::canopen::LONGEST) {
+        if announced.is_some_and(|announced| announced as usize > crate::LONGEST) {
             return Err(Abort::OutOfMemory);
         }
         let checked = command & 0x04 != 0;

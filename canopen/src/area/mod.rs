@@ -6,7 +6,7 @@ mod write;
 
 pub use describe::descriptions;
 #[cfg(not(target_os = "none"))]
-pub(super) use objects::is_stored;
+pub use objects::is_stored;
 pub(super) use objects::{Found, Item, STORED, find, stored};
 pub(super) use write::Written;
 

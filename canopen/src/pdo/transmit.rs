@@ -3,13 +3,13 @@
 //! An *event* is a change of any mapped value, the end of the event timer, or the entry into operational.
 
 use super::{Map, SYNCHRONOUS};
-use crate::canopen::outbox::Outbox;
-use crate::canopen::parameters::Pdo;
-use crate::canopen::{Dictionary, Frame, Time};
+use crate::outbox::Outbox;
+use crate::parameters::Pdo;
+use crate::{Dictionary, Frame, Time};
 
 /// One TPDO.
 #[derive(Clone, Copy, Debug, Default)]
-pub(in crate::canopen) struct Transmit {
+pub(crate) struct Transmit {
     pub map: Map,
     /// Content and time of the last one; none after a restart.
     sent: Option<([u8; 8], Time)>,

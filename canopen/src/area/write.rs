@@ -1,19 +1,19 @@
 //! What a host may write into the communication area, and when.
 
 use super::{Area, Found, Item};
-use crate::canopen::emergency::Cause;
-use crate::canopen::heartbeat::entry;
-use crate::canopen::parameters::{INVALID, Pdo, validate};
-use crate::canopen::pdo::{Direction, Map};
-use crate::canopen::rolled::rolled;
-use crate::canopen::{Abort, Dictionary, Group, Request};
+use crate::emergency::Cause;
+use crate::heartbeat::entry;
+use crate::parameters::{INVALID, Pdo, validate};
+use crate::pdo::{Direction, Map};
+use crate::rolled::rolled;
+use crate::{Abort, Dictionary, Group, Request};
 
 /// A write that was not refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::canopen) enum Written {
+pub(crate) enum Written {
     /// Done.
     Now,
-    /// The device is on it; the answer comes through [`Node::answer`](crate::canopen::Node::answer).
+    /// The device is on it; the answer comes through [`Node::answer`](crate::Node::answer).
     Later,
 }
 

@@ -109,7 +109,7 @@ impl Consumer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::canopen::tests::DEVICE;
+    use crate::tests::DEVICE;
 
     const OPERATIONAL: u8 = NmtState::Operational as u8;
 

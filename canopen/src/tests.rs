@@ -1,4 +1,4 @@
-//! A device for the unit tests of this room.
+//! A device for the unit tests of this package.
 
 use super::{Device, PdoDefault};
 

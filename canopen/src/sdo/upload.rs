@@ -1,8 +1,8 @@
 //! Expedited and segmented upload: a value from the device (CiA 301 7.2.4.3.6, 7.2.4.3.7).
 
 use super::{Address, Buffer, Object, Outcome, Step, Transfer, addressed, segment};
-use crate::canopen::space::Space;
-use crate::canopen::{Abort, DataType};
+use crate::space::Space;
+use crate::{Abort, DataType};
 
 /// A value on its way out, from the buffer or, a domain, from its object.
 #[derive(Clone, Copy, Debug)]

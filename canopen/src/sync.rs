@@ -77,7 +77,7 @@ impl Sync {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::canopen::tests::DEVICE;
+    use crate::tests::DEVICE;
 
     #[test]
     fn the_counter_is_there_if_and_only_if_1019h_says_so() {

@@ -1,8 +1,8 @@
 //! Expedited and segmented download: a value to the device (CiA 301 7.2.4.3.3, 7.2.4.3.4).
 
 use super::{Address, Buffer, Outcome, Step, Transfer, addressed, commit, segment, word};
-use crate::canopen::Abort;
-use crate::canopen::space::Space;
+use crate::Abort;
+use crate::space::Space;
 
 /// A segmented download under way.
 #[derive(Clone, Copy, Debug)]

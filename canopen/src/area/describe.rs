@@ -1,9 +1,9 @@
 //! The communication area as description files have it.
 
 use super::objects::{Found, Item, TABLE};
-use crate::canopen::device::Device;
-use crate::canopen::parameters::Parameters;
-use crate::canopen::{DefaultValue, Description, Mapping};
+use crate::device::Device;
+use crate::parameters::Parameters;
+use crate::{DefaultValue, Description, Mapping};
 
 /// Every value of the communication area of a device, by rising index and sub-index, with its default.
 pub fn descriptions(device: &Device) -> impl Iterator<Item = Description> + '_ {
@@ -55,8 +55,8 @@ fn default(device: &Device, mut defaults: Parameters, found: Found) -> DefaultVa
 mod tests {
     use super::super::objects::find;
     use super::*;
-    use crate::canopen::Abort;
-    use crate::canopen::tests::DEVICE;
+    use crate::Abort;
+    use crate::tests::DEVICE;
     use std::collections::BTreeSet;
 
     #[test]

@@ -3,8 +3,8 @@
 use super::crc::crc;
 use super::upload::{Source, Upload};
 use super::{ANSWER, Address, Buffer, Outcome, Step, Transfer, addressed, segment};
-use crate::canopen::space::Space;
-use crate::canopen::{Abort, Frame};
+use crate::space::Space;
+use crate::{Abort, Frame};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {

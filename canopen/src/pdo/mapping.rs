@@ -1,9 +1,9 @@
 //! What a PDO carries: the entries of 1600h or 1A00h, resolved once into places.
 
 use super::Direction;
-use crate::canopen::device::ENTRIES;
-use crate::canopen::rolled::{rolled, rolled_mut};
-use crate::canopen::{Abort, DataType, Dictionary, Mapping, Place};
+use crate::device::ENTRIES;
+use crate::rolled::{rolled, rolled_mut};
+use crate::{Abort, DataType, Dictionary, Mapping, Place};
 
 /// Bytes in a PDO.
 const LENGTH: usize = 8;
@@ -30,7 +30,7 @@ struct Mapped {
 
 /// Mapped objects in their order.
 #[derive(Clone, Copy, Debug, Default)]
-pub(in crate::canopen) struct Map {
+pub(crate) struct Map {
     mapped: [Mapped; ENTRIES],
     length: u8,
 }
@@ -64,7 +64,7 @@ fn resolve(entry: u32, direction: Direction, dictionary: &dyn Dictionary) -> Res
 }
 
 /// Static data types that can be mapped as dummy entries.
-pub(in crate::canopen) fn dummy(index: u16, sub: u8) -> Result<DataType, Abort> {
+pub(crate) fn dummy(index: u16, sub: u8) -> Result<DataType, Abort> {
     let kind = match index {
         0x02 => DataType::Integer8,
         0x03 => DataType::Integer16,

@@ -200,7 +200,7 @@ impl Emergency {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::canopen::tests::DEVICE;
+    use crate::tests::DEVICE;
 
     fn sent(emergency: &mut Emergency, parameters: &Parameters, now: u64) -> std::vec::Vec<std::vec::Vec<u8>> {
         let mut out = Outbox::default();

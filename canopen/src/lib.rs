@@ -1,0 +1,47 @@
+//! A CANopen node (CiA 301 version 4.2) without input or output of its own: frames and the time go in, frames come out.
+//!
+//! The device implements [`Dictionary`]: its objects, read and written by place. The [`Node`] answers for network
+//! management, SDO, PDO, SYNC, emergencies and heartbeats, and for the objects 1000h to 1FFFh that configure them. It keeps
+//! no statics: a process can run as many as it likes. Of the device behind it the node knows no more than [`Device`] and
+//! [`Dictionary`] say.
+//!
+//! Terms are those of the standard: an *object* has an index and sub-indices; an *SDO* reads or writes one of them; a *PDO*
+//! carries the values of several, as its *mapping* says, and is called RPDO toward the device and TPDO from it.
+//!
+//! It is a node of its own because none to be had has event and inhibit timers, a heartbeat consumer, writes that are checked
+//! before they are taken, and no statics. What it does with each object is in `docs/canopen.md`.
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+
+mod abort;
+mod area;
+mod description;
+mod device;
+mod dictionary;
+mod emergency;
+mod frame;
+mod heartbeat;
+mod node;
+mod outbox;
+mod parameters;
+mod pdo;
+mod rolled;
+mod sdo;
+mod space;
+mod sync;
+
+pub use abort::Abort;
+pub use area::descriptions;
+#[cfg(not(target_os = "none"))]
+pub use area::is_stored;
+pub use description::{DefaultValue, Description, Shape};
+pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
+pub use dictionary::{Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place, Request};
+#[cfg(not(target_os = "none"))]
+pub use emergency::ERRORS;
+pub use frame::{Frame, NodeId, Time};
+pub use node::{BootError, Controller, IDENTIFIERS, Node};
+pub use parameters::IMAGE;
+
+#[cfg(test)]
+mod tests;
