@@ -34,7 +34,7 @@ pub enum Command {
     Position(Nanometres, Pace),
     /// Reach a host's next set point in so many servo ticks, pulses off.
     Follow(Nanometres, u32),
-    /// Look for a reference.
+    /// Look for a reference. Not while pulses are on, nor with a path to go.
     Home(Home),
     /// Come to rest with this deceleration, pulses off, and hold.
     Brake(MicrometresPerSecond2),
@@ -85,6 +85,8 @@ pub enum Refused {
     NotStored,
     /// A fault has cast doubt on the encoder: it has to prove itself first, which it does when the head is enabled.
     Doubted(Fault),
+    /// A path is under way or queued: where it has got to is no reference.
+    PathActive,
 }
 
 impl fmt::Display for Refused {
@@ -102,6 +104,7 @@ impl fmt::Display for Refused {
             Refused::StillFaulty(fault) => write!(f, "the cause is still there: {}", fault.name()),
             Refused::Storing => f.write_str("settings are being stored"),
             Refused::NotStored => f.write_str("the settings could not be stored"),
+            Refused::PathActive => f.write_str("a path is under way or queued: clear it first"),
             Refused::Doubted(fault) => write!(f, "after {} the head has to be enabled first", fault.name()),
         }
     }

@@ -101,6 +101,7 @@ numbered! {
         Refused::Storing => 9 "settings are being stored",
         Refused::NotStored => 10 "settings could not be stored",
         Refused::Doubted(_) => 11 "after a fault of the encoder the head has to be enabled first",
+        Refused::PathActive => 12 "a path is under way or queued",
     }
 }
 
