@@ -12,6 +12,8 @@ import time
 import canopen
 from canopen.profiles.p402 import BaseNode402
 
+# States of 2000h:1.
+DISABLED, FAULT = 0, 8
 EDS = pathlib.Path(__file__).parent.parent / "docs" / "edm-servo-head.eds"
 
 
@@ -37,7 +39,53 @@ def connect(args):
 
 
 class Head(BaseNode402):
-    """A head that is operational, with its state machine in TPDO 1 and RPDO 1."""
+    """A head that is operational, with its state machine in TPDO 1 and RPDO 1.
+
+    In a `with` it is left switched off, however the block ends: at its end, by an error, by Ctrl-C.
+    """
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, trace):
+        try:
+            self.switch_off()
+        finally:
+            self.network.disconnect()
+
+    def switch_off(self):
+        """Pulses off, hold, open the loop; says whether it is so. A second Ctrl-C does not keep it from trying all of it."""
+        failed = []
+
+        def insist(what, action):
+            for _ in range(3):
+                try:
+                    return action()
+                except (Exception, KeyboardInterrupt) as error:
+                    last = error
+                    time.sleep(0.05)
+            failed.append(f"{what}: {last!r}")
+
+        def off():
+            # Disable voltage: whatever the drive is doing, and without asking it.
+            self.sdo[0x6040].raw = 0
+            end = time.monotonic() + 2
+            while self.sdo[0x2000][1].raw not in (DISABLED, FAULT):
+                if time.monotonic() > end:
+                    raise RuntimeError(f"the head is in state {self.sdo[0x2000][1].raw} (2000h:1)")
+                time.sleep(0.01)
+
+        def hold():
+            self.sdo[0x2001][2].raw = 1
+
+        insist("hold", hold)
+        insist("disable", off)
+        if failed:
+            raise SystemExit("the head may still be on, stop it by hand: " + "; ".join(failed))
+        if self.sdo[0x2000][1].raw == FAULT:
+            print(f"the head is in fault {self.sdo[0x603F].raw:#06x}: pulses are off, its reaction holds it")
+        else:
+            print("the head is disabled, pulses are off")
 
     def __init__(self, network, node):
         super().__init__(node, str(EDS))

@@ -17,30 +17,28 @@ parser.add_argument("--step", type=int, default=100, help="counts [%(default)s]"
 parser.add_argument("--plot", default="step.svg", help="picture [%(default)s]")
 args = parser.parse_args()
 network = connect(args)
-head = Head(network, args.node)
-head.enable()
-rest = head.sdo[0x6064].raw
-start = rest + 500  # counts: away from the upper stop
-head.move(start)
+with Head(network, args.node) as head:
+    head.enable()
+    rest = head.sdo[0x6064].raw
+    start = rest + 500  # counts: away from the upper stop
+    head.move(start)
 
-scope = head.sdo[0x2010]
-for sub, signal in enumerate((DEMAND, ACTUAL, DUTY, 0), start=1):
-    scope[sub].raw = signal
-scope[5].raw = 1  # ms from sample to sample
-scope[6].raw = 3  # begins with the first change of the demand
-scope[8].raw = 1
-head.start_move(start + args.step)
-end = time.monotonic() + 5
-while scope[9].raw != 3:
-    if time.monotonic() > end:
-        raise SystemExit("the scope did not fill up")
-    time.sleep(0.05)
-with scope[11].open("rb", block_transfer=True) as record:
-    data = record.read()
-samples = [struct.unpack_from("<4i", data, at) for at in range(0, len(data), 16)]
-head.move(rest)
-head.state = "SWITCH ON DISABLED"
-network.disconnect()
+    scope = head.sdo[0x2010]
+    for sub, signal in enumerate((DEMAND, ACTUAL, DUTY, 0), start=1):
+        scope[sub].raw = signal
+    scope[5].raw = 1  # ms from sample to sample
+    scope[6].raw = 3  # begins with the first change of the demand
+    scope[8].raw = 1
+    head.start_move(start + args.step)
+    end = time.monotonic() + 5
+    while scope[9].raw != 3:
+        if time.monotonic() > end:
+            raise SystemExit("the scope did not fill up")
+        time.sleep(0.05)
+    with scope[11].open("rb", block_transfer=True) as record:
+        data = record.read()
+    samples = [struct.unpack_from("<4i", data, at) for at in range(0, len(data), 16)]
+    head.move(rest)
 
 demand, actual, duty, _ = zip(*samples)
 moved = [value - start for value in actual]

@@ -10,9 +10,9 @@
 //! A line whose address is there already takes the place of the one before, and its name begins with `narrowed:` and says why:
 //! a safety ceiling may come down. Then 1018h:3 goes up by one (docs/canopen.md).
 
+use edm_describe::{Declaration, Shape, everything};
 use edm_servo_head::canopen::drive::DEVICE;
-use edm_servo_head::canopen::objects::Declaration;
-use edm_servo_head::canopen::{Access, DataType, Shape, eds};
+use edm_servo_head::canopen::{Access, DataType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
@@ -84,8 +84,8 @@ fn promised(list: &str) -> Result<(BTreeMap<Address, Object>, usize), String> {
 /// What the code declares.
 fn declared() -> BTreeMap<Address, Object> {
     let mut objects = BTreeMap::new();
-    for declaration in eds::everything() {
-        let d = &declaration.description;
+    for declaration in everything() {
+        let d = &declaration;
         if d.shape != Shape::Variable {
             let kind = if d.shape == Shape::Array { "ARRAY" } else { "RECORD" };
             objects.entry((d.index, None)).or_insert_with(|| Object {
@@ -104,7 +104,7 @@ fn declared() -> BTreeMap<Address, Object> {
 }
 
 fn value(declaration: &Declaration) -> Object {
-    let d = &declaration.description;
+    let d = declaration;
     let access = match d.access {
         Access::Const => "const",
         Access::ReadOnly => "ro",

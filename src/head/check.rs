@@ -176,6 +176,11 @@ impl Check {
         (wish, self.judge(config, moved, duty, gap))
     }
 
+    /// Whether it runs a velocity loop: the strokes do.
+    pub fn closes_loop(&self) -> bool {
+        matches!(self.step, Step::StrokeDown | Step::StrokeUp)
+    }
+
     fn ramp(&self) -> f32 {
         (self.ticks as f32 * (1.0 / RAMP as f32)).min(1.0)
     }

@@ -4,6 +4,7 @@ use super::check::Check;
 use super::course::Course;
 use super::machine::{Head, hazard};
 use super::positioning::{Home, Pace};
+use super::proof::{Goal, Proof};
 use super::{Fault, Reason, State};
 use crate::gap::OpenCircuit;
 use crate::path::{self, Path};
@@ -16,7 +17,8 @@ use edm_hal_shim::safety::SafetyInputs;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Command {
-    /// Close the loop where the head is.
+    /// Close the loop where the head is. After a lost encoder, a wrong polarity or a following error the encoder has to prove
+    /// itself first, by a small move.
     Enable,
     /// Open the loop; the mechanics hold.
     Disable,
@@ -32,7 +34,7 @@ pub enum Command {
     Position(Nanometres, Pace),
     /// Reach a host's next set point in so many servo ticks, pulses off.
     Follow(Nanometres, u32),
-    /// Look for a reference.
+    /// Look for a reference. Not while pulses are on, nor with a path to go.
     Home(Home),
     /// Come to rest with this deceleration, pulses off, and hold.
     Brake(MicrometresPerSecond2),
@@ -45,7 +47,8 @@ pub enum Command {
     Hold,
     /// Run the guided check of encoder, motor, gap and stroke.
     Commission,
-    /// Acknowledge a fault whose cause is gone. After a lost encoder the head has no home any more.
+    /// Acknowledge a fault whose cause is gone. After a lost encoder the head has no home any more; what casts doubt on the
+    /// encoder is not gone before it has proved itself.
     ResetFault,
 }
 
@@ -80,6 +83,10 @@ pub enum Refused {
     Storing,
     /// The settings could not be stored; the ones stored before are still there.
     NotStored,
+    /// A fault has cast doubt on the encoder: it has to prove itself first, which it does when the head is enabled.
+    Doubted(Fault),
+    /// A path is under way or queued: where it has got to is no reference.
+    PathActive,
 }
 
 impl fmt::Display for Refused {
@@ -97,6 +104,8 @@ impl fmt::Display for Refused {
             Refused::StillFaulty(fault) => write!(f, "the cause is still there: {}", fault.name()),
             Refused::Storing => f.write_str("settings are being stored"),
             Refused::NotStored => f.write_str("the settings could not be stored"),
+            Refused::PathActive => f.write_str("a path is under way or queued: clear it first"),
+            Refused::Doubted(fault) => write!(f, "after {} the head has to be enabled first", fault.name()),
         }
     }
 }
@@ -173,9 +182,11 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 }
                 self.refuse_on_leave()?;
                 self.refuse_hazard(true)?;
-                self.checked = None;
-                self.check = Some(Check::new(self.status.position));
-                self.enter(State::Commissioning, Reason::CheckStarted);
+                if self.doubt.is_some() {
+                    self.begin_proof(Goal::Check);
+                } else {
+                    self.begin_check();
+                }
                 Ok(())
             }
             Command::ResetFault => {
@@ -183,12 +194,13 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                     return Err(Refused::State(state));
                 }
                 self.refuse_hazard(true)?;
-                if self.status.fault == Some(Fault::EncoderLost) {
+                if self.doubt == Some(Fault::EncoderLost) {
                     // The counters have parted; they are taken to agree from here on.
                     self.tracking = None;
                 }
                 self.reacting = None;
                 self.status.fault = None;
+                self.status.first = None;
                 self.enter(State::Disabled, Reason::FaultReset);
                 Ok(())
             }
@@ -204,12 +216,32 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         }
         self.refuse_on_leave()?;
         self.refuse_hazard(false)?;
+        if self.doubt.is_some() {
+            self.begin_proof(Goal::Ready);
+        } else {
+            self.axis.reset();
+            self.restart_path();
+            self.close_loop();
+        }
+        Ok(())
+    }
+
+    /// The loop is closed where the path begins.
+    pub(super) fn close_loop(&mut self) {
         self.upper_limit_excused = self.safety.upper_limit;
         self.open = OpenCircuit::new(self.config.seek.settle);
-        self.axis.reset();
-        self.restart_path();
         self.enter(State::Ready, Reason::Enabled);
-        Ok(())
+    }
+
+    pub(super) fn begin_check(&mut self) {
+        self.checked = None;
+        self.check = Some(Check::new(self.status.position));
+        self.enter(State::Commissioning, Reason::CheckStarted);
+    }
+
+    fn begin_proof(&mut self, goal: Goal) {
+        self.proof = Some(Proof::new(&self.config, self.status.position, goal, self.descents));
+        self.enter(State::Proving, Reason::ProofStarted);
     }
 
     /// A head may leave its upper limit downward, so that one alone is no reason to refuse; the dielectric matters only
@@ -230,7 +262,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     }
 
     /// The path begins where the axis is; a retreat past the beginning leads straight up.
-    fn restart_path(&mut self) {
+    pub(super) fn restart_path(&mut self) {
         self.restart_path_at(Fixed::whole(self.status.position));
     }
 
@@ -249,6 +281,9 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     fn set_home(&mut self, state: State, at: Nanometres) -> Result<(), Refused> {
         if !matches!(state, State::Disabled | State::Ready) {
             return Err(Refused::State(state));
+        }
+        if let Some(fault) = self.doubt {
+            return Err(Refused::Doubted(fault));
         }
         let (min, max) = self.config.axis.travel;
         if at < min || at > max {

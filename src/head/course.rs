@@ -5,6 +5,7 @@
 //! the path, from which it can have departed only at a joint, by the travel of four ticks at the most.
 
 use super::TickInput;
+use super::check::Check;
 use super::machine::Head;
 use super::reaction::Motion;
 use crate::motion::Leg;
@@ -101,6 +102,12 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     fn set_course(&mut self, motion: Motion) {
         let allowed = Window::symmetric(self.config.axis.duty_limit).and(self.current_window());
         self.course.window = allowed;
+        self.status.closed = match motion {
+            Motion::Coast => false,
+            Motion::Path(..) | Motion::Axis(_) | Motion::Velocity(_) => true,
+            // The single loop, closed over the gap; the strokes of the guided check.
+            Motion::Duty(_) => self.status.state.follows() || self.check.as_ref().is_some_and(Check::closes_loop),
+        };
         self.course.follow = match motion {
             Motion::Coast => {
                 self.limiter.stop();

@@ -1,6 +1,10 @@
 //! Faults and what the head does about each: the table of docs/architecture.md.
 //!
 //! In every row the pulses go off at once and stay off until the fault is reset.
+//!
+//! A reaction that closes the loop is supervised like any other motion, and a second fault escalates it: from a retrace, a
+//! retract or a hold to the force-limited retract or the open-loop lift, from a lift to coasting. Nothing escalates to a
+//! motion that relies on more than the one before.
 
 macro_rules! faults {
     ($($(#[$doc:meta])* $fault:ident = $name:literal => $reaction:ident),+ $(,)?) => {
@@ -62,6 +66,13 @@ faults! {
     OverCurrent = "over-current" => Coast,
     /// The H-bridge reports a fault.
     BridgeFault = "bridge fault" => Coast,
+}
+
+impl Fault {
+    /// Whether it casts doubt on the encoder: no loop is closed over it again before it has proved itself.
+    pub const fn doubts_encoder(self) -> bool {
+        matches!(self, Fault::EncoderLost | Fault::PolarityWrong | Fault::FollowingError)
+    }
 }
 
 /// What the head does about a fault, mildest first: while one reaction runs, only a stronger one replaces it.

@@ -6,8 +6,11 @@ use super::course::Course;
 use super::measure::{Sums, Tracking};
 use super::pace::{self, Pace};
 use super::positioning::Positioning;
+use super::proof::{Goal, Outcome, Proof};
 use super::reaction::{Motion, Reacting, Situation};
-use super::{Change, ChangeLog, Fault, Finding, Reason, Refused, Report, State, Status, TickInput, TickOutput};
+use super::{
+    Change, ChangeLog, Fault, Finding, Reaction, Reason, Refused, Report, State, Status, TickInput, TickOutput,
+};
 use crate::encoder::Mark;
 use crate::feed::{FeedLaw, Law, Limiter};
 use crate::gap::{OpenCircuit, Quality};
@@ -47,6 +50,11 @@ pub struct Head<P> {
     /// Newest index mark.
     pub(super) mark: Mark,
     pub(super) reacting: Option<Reacting>,
+    /// The fault that has cast doubt on the encoder, until it has proved itself.
+    pub(super) doubt: Option<Fault>,
+    pub(super) proof: Option<Proof>,
+    /// Times that a proof has pushed the head downward in vain.
+    pub(super) descents: u32,
     pub(super) check: Option<Check>,
     pub(super) checked: Option<Result<Report, Finding>>,
     /// Tick in which the present state was entered.
@@ -90,6 +98,9 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             positioning: None,
             mark: Mark::default(),
             reacting: None,
+            doubt: None,
+            proof: None,
+            descents: 0,
             check: None,
             checked: None,
             entered: 0,
@@ -141,17 +152,31 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         Ok(())
     }
 
-    /// A fault found elsewhere: supervision, reflex, a classifier. Pulses go off with this call's return.
+    /// A fault found elsewhere: supervision, reflex, a classifier. Pulses go off with this call's return. While another one's
+    /// reaction runs, only one that escalates it is taken.
     pub fn raise(&mut self, fault: Fault) {
-        if let Some(reacting) = &self.reacting
-            && !reacting.yields_to(fault)
-        {
-            return;
+        let reaction = match &self.reacting {
+            Some(reacting) => reacting.escalates(fault),
+            // Over an encoder in doubt no loop is closed.
+            None if self.doubt.is_some() => Some(fault.reaction().max(Reaction::OpenLoopLift)),
+            None => Some(fault.reaction()),
+        };
+        if let Some(reaction) = reaction {
+            self.react_with(fault, reaction);
         }
+    }
+
+    /// Takes up a reaction to a fault, whatever was done before.
+    fn react_with(&mut self, fault: Fault, reaction: Reaction) {
         self.end_positioning();
-        self.reacting = Some(Reacting::new(fault, &self.situation()));
+        self.reacting = Some(Reacting::new(fault, reaction, &self.situation()));
         self.check = None;
+        self.proof = None;
         self.status.fault = Some(fault);
+        self.status.first = self.status.first.or(Some(fault));
+        if fault.doubts_encoder() && self.doubt != Some(Fault::EncoderLost) {
+            self.doubt = Some(fault);
+        }
         // What was counted since cannot be trusted, nor the place where zero was.
         self.status.homed &= fault != Fault::EncoderLost;
         self.axis.reset();
@@ -234,7 +259,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     /// States that count ticks, and loops that have the gap voltage as their only setpoint.
     pub(super) fn plans_every_tick(&self) -> bool {
         match self.status.state {
-            State::Commissioning | State::Fault => true,
+            State::Commissioning | State::Fault | State::Proving => true,
             State::Seeking => self.open.volts().is_none(),
             State::Eroding => self.config.structure != Structure::Path,
             _ => false,
@@ -258,8 +283,10 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     pub(super) fn unsafe_input(&self) -> Option<Fault> {
         let state = self.status.state;
         let checking = matches!(state, State::Commissioning | State::Homing);
+        // The proof may push the head up to its switch, and then begins there.
+        let excused = self.upper_limit_excused || state == State::Proving;
         let safety = SafetyInputs {
-            upper_limit: self.safety.upper_limit && !self.upper_limit_excused,
+            upper_limit: self.safety.upper_limit && !excused,
             dielectric: self.safety.dielectric && state.pulses(),
             ..self.safety
         };
@@ -273,10 +300,19 @@ impl<P: DerefMut<Target = Path>> Head<P> {
 
     pub(super) fn situation(&self) -> Situation {
         let safe = self.work.unwrap_or(Fixed(0)).minus(self.config.retreat.safe);
+        let axis = &self.config.axis;
+        let (top, _) = axis.travel;
+        let margin = (self.config.retreat.off_limit.to_f32() * axis.counts_per_um) as i64;
+        let at_top = self.status.homed && self.status.position <= self.fixed(top).round().saturating_add(margin);
         Situation {
             path: self.path.s(),
             safe,
             following: self.status.following,
+            position: self.status.position,
+            velocity: self.status.velocity,
+            duty: self.status.duty,
+            saturated: self.status.saturated,
+            top: at_top || self.safety.upper_limit,
             upper_limit: self.safety.upper_limit,
             current_reduced: self.guard.reduced(),
             bus: self.status.bus,
@@ -301,6 +337,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             // Whatever was raised: nothing moves while the processor may stall.
             State::Fault if self.on_leave => Motion::Coast,
             State::Commissioning => return self.run_check(),
+            State::Proving => self.run_proof(),
             State::Ready | State::Done | State::HoldingPosition => along(0.0),
             State::Positioning | State::Homing => self.plan_positioning(),
             State::Seeking if self.open.volts().is_none() => along(0.0),
@@ -308,16 +345,59 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             State::Eroding => self.erode(),
             State::Guiding => self.guide(),
             State::Retreating => along(-self.config.retreat.velocity.0),
-            State::Fault => {
-                let situation = self.situation();
-                match &mut self.reacting {
-                    Some(reacting) => reacting.tick(&self.config, &situation),
-                    None => Motion::Coast,
-                }
-            }
+            State::Fault => self.react(),
         };
         // The state of now: a path that ended in this tick has ended its pulses too.
         (motion, self.status.state.pulses())
+    }
+
+    /// The motion of the reaction under way; that of a second fault in the tick in which it shows.
+    fn react(&mut self) -> Motion {
+        let situation = self.situation();
+        let motion = |head: &mut Self| head.reacting.as_mut().map(|reacting| reacting.tick(&head.config, &situation));
+        match motion(self) {
+            None => Motion::Coast,
+            Some(Ok(motion)) => motion,
+            Some(Err(second)) => {
+                self.raise(second);
+                motion(self).and_then(Result::ok).unwrap_or(Motion::Coast)
+            }
+        }
+    }
+
+    fn run_proof(&mut self) -> Motion {
+        let Some(proof) = &mut self.proof else { return Motion::Coast };
+        match proof.tick(&self.config, self.status.position, self.safety.upper_limit) {
+            Outcome::Push(duty) => Motion::Duty(duty),
+            Outcome::Hold => {
+                if !self.status.closed {
+                    self.axis.reset();
+                    self.restart_path();
+                }
+                Motion::Path(MicrometresPerSecond(0.0), self.full_window())
+            }
+            Outcome::Proved(goal) => {
+                self.doubt = None;
+                self.proof = None;
+                self.descents = 0;
+                match goal {
+                    Goal::Ready => self.close_loop(),
+                    Goal::Check => self.begin_check(),
+                }
+                Motion::Path(MicrometresPerSecond(0.0), self.full_window())
+            }
+            // The lift is a push of the same sign: where that goes the wrong way there is none.
+            Outcome::Failed(Fault::PolarityWrong) => {
+                self.react_with(Fault::PolarityWrong, Reaction::Coast);
+                Motion::Coast
+            }
+            Outcome::Failed(fault) => {
+                let descended = proof.is_descending() && !self.safety.upper_limit;
+                self.descents = self.descents.saturating_add(descended.into());
+                self.raise(fault);
+                self.react()
+            }
+        }
     }
 
     fn run_check(&mut self) -> (Motion, bool) {

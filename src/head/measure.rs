@@ -2,7 +2,7 @@
 
 use super::config::Axis;
 use super::machine::Head;
-use super::{Fault, TickInput};
+use super::{Fault, State, TickInput};
 use crate::encoder::{MarkCheck, Plausibility, Position, Velocity};
 use crate::path::Path;
 use crate::servo::Drawn;
@@ -114,7 +114,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let watch = input.watch.map(|watch| as_wired(axis, watch));
         let counters = tracking.plausibility.look(as_wired(axis, input.encoder.raw), watch, illegal);
         let scale = tracking.marks.update(input.encoder.mark);
-        if (counters.is_err() || scale.is_err()) && self.status.state.follows() {
+        let judged = self.status.closed || self.status.state == State::Proving;
+        if (counters.is_err() || scale.is_err()) && judged {
             self.raise(Fault::EncoderLost);
         }
     }

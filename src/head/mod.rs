@@ -13,6 +13,7 @@ mod machine;
 mod measure;
 mod pace;
 mod positioning;
+mod proof;
 mod reaction;
 mod state;
 mod supervise;
@@ -74,8 +75,12 @@ pub struct Status {
     pub tick: u32,
     /// State.
     pub state: State,
-    /// The fault whose reaction runs.
+    /// The fault whose reaction runs: the newest that was more urgent than the one before.
     pub fault: Option<Fault>,
+    /// The fault that this began with. It is another one than `fault` when a second fault has escalated the reaction.
+    pub first: Option<Fault>,
+    /// The loop is closed over the encoder, in whatever state: the supervision has to judge it.
+    pub closed: bool,
     /// Measured position, counts.
     pub position: i64,
     /// Axis setpoint, counts.

@@ -127,6 +127,10 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     /// Looks for a reference.
     pub(super) fn home(&mut self, state: State, home: &Home) -> Result<(), Refused> {
         self.may_position(state)?;
+        // The bottom of a hole that is to be gone on with is no place for a home. A motion beside the path ends the path.
+        if state != State::Positioning && !self.path.at_end() {
+            return Err(Refused::PathActive);
+        }
         let (min, max) = self.config.axis.travel;
         if home.at < min || home.at > max {
             return Err(Refused::OutOfTravel { target: home.at, min, max });

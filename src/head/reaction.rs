@@ -1,10 +1,15 @@
 //! How a fault's reaction moves the head, tick by tick.
+//!
+//! No reaction presses toward the work. A reaction that closes the loop may push down only to brake a head that the encoder
+//! shows rising; otherwise its duty ends at the holding duty, with which nothing accelerates the head. So an encoder that dies
+//! under a reaction, and then reads the same count for ever, cannot drive the electrode into the work: the integrator
+//! winds up against that end. It may drive the head upward until the supervision, or [`Reacting::tick`] itself, contradicts it.
 
 use super::config::{Config, Lift};
 use super::{Fault, Reaction};
 use crate::motion::Leg;
 use crate::servo::Window;
-use crate::units::{Fixed, MicrometresPerSecond, TICK_S, Volts};
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, TICK_S, Volts, larger, smaller};
 
 /// What the head is to do in a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,6 +35,15 @@ pub(super) struct Situation {
     pub safe: Fixed,
     /// Setpoint less position, counts.
     pub following: f32,
+    /// Measured position, counts.
+    pub position: i64,
+    /// Measured velocity.
+    pub velocity: CountsPerSecond,
+    /// Duty of the tick before, and whether it was at a limit.
+    pub duty: f32,
+    pub saturated: bool,
+    /// The head stands where it can rise no further: at its upper limit switch, or at the upper end of its travel.
+    pub top: bool,
     /// Upper limit switch open.
     pub upper_limit: bool,
     /// The winding is hot.
@@ -45,52 +59,75 @@ pub(super) struct Reacting {
     reaction: Reaction,
     ticks: u32,
     path: Fixed,
+    /// Smallest following error of a force-limited retract so far, and ticks since then.
     following: f32,
+    grown: u32,
     lifted: bool,
+    /// Position, ticks for which it has been the same while holding, and whether the head has once come to rest.
+    position: i64,
+    still: u32,
+    rests: bool,
 }
 
 /// Time in which a force-limited retract has to shrink the following error.
-const SHRINK: u32 = (20e-3 / TICK_S) as u32;
+const SHRINK: u32 = ticks(20e-3);
+/// Standstill after which a head rests, and for which it may withstand the limited force.
+const REST: u32 = ticks(100e-3);
+/// Time for which the supervision may still speak of what it saw before this reaction.
+const STALE: u32 = ticks(5e-3);
+/// A head that the encoder shows rising faster than this may be braked, counts/s. Below, an edge is a millisecond old: a dead
+/// encoder shows its last velocity no longer.
+const RISING: f32 = -1000.0;
+
+const fn ticks(seconds: f32) -> u32 {
+    (seconds / TICK_S) as u32
+}
 
 impl Reacting {
-    pub fn new(fault: Fault, situation: &Situation) -> Reacting {
+    pub fn new(fault: Fault, reaction: Reaction, situation: &Situation) -> Reacting {
         Reacting {
             fault,
-            reaction: fault.reaction(),
+            reaction,
             ticks: 0,
             path: situation.path,
-            following: situation.following,
+            following: situation.following.abs(),
+            grown: 0,
             lifted: false,
+            position: situation.position,
+            still: 0,
+            rests: false,
         }
     }
 
-    /// Whether `fault` is urgent enough to take over.
-    pub fn yields_to(&self, fault: Fault) -> bool {
-        fault.reaction() > self.reaction
+    /// The reaction that another fault escalates this one to, if it is urgent enough.
+    pub fn escalates(&self, fault: Fault) -> Option<Reaction> {
+        let lifts = matches!(self.reaction, Reaction::OpenLoopLift | Reaction::LiftOnStored | Reaction::EmergencyLift);
+        match fault {
+            _ if fault.reaction() > self.reaction => Some(fault.reaction()),
+            // The lift itself goes the wrong way.
+            Fault::PolarityWrong if lifts && self.ticks > STALE => Some(Reaction::Coast),
+            _ => None,
+        }
     }
 
-    /// Motion for this tick.
-    pub fn tick(&mut self, config: &Config, now: &Situation) -> Motion {
+    /// Motion for this tick, or a second fault that shows in how the head answers to this reaction.
+    pub fn tick(&mut self, config: &Config, now: &Situation) -> Result<Motion, Fault> {
         self.ticks = self.ticks.saturating_add(1);
-        let full = Window::symmetric(config.axis.duty_limit);
         let up = MicrometresPerSecond(-config.retreat.velocity.0);
-        let hold = Motion::Path(MicrometresPerSecond(0.0), full);
-        match self.reaction {
+        let full = upward(config, now, config.axis.duty_limit);
+        Ok(match self.reaction {
             Reaction::Retrace if now.path > now.safe => Motion::Path(up, full),
             Reaction::RetractOffLimit if now.path > self.path.minus(config.retreat.off_limit) => Motion::Path(up, full),
-            Reaction::Retrace | Reaction::RetractOffLimit | Reaction::HoldBelow | Reaction::Hold => hold,
+            Reaction::Retrace | Reaction::RetractOffLimit | Reaction::HoldBelow | Reaction::Hold => {
+                self.hold(config, now, full)?
+            }
             Reaction::ForceLimitedRetract => {
-                if self.ticks == SHRINK && now.following.abs() >= self.following.abs() {
+                if self.grows(config, now) {
                     self.reaction = Reaction::OpenLoopLift;
                     self.ticks = 0;
                 }
-                let holding = config.axis.gains.holding();
-                let limited = Window {
-                    low: (holding - config.lift.limited).min(0.0),
-                    high: (holding + config.lift.limited).max(0.0),
-                };
-                let clear = now.path <= now.safe;
-                Motion::Path(if clear { MicrometresPerSecond(0.0) } else { up }, full.and(limited))
+                let limited = upward(config, now, config.lift.limited);
+                if now.path <= now.safe { self.hold(config, now, limited)? } else { Motion::Path(up, limited) }
             }
             Reaction::OpenLoopLift => Motion::Duty(self.lift(&config.lift, now, config.lift.hold)),
             Reaction::LiftOnStored | Reaction::EmergencyLift => {
@@ -99,7 +136,36 @@ impl Reacting {
                 if self.lifted || dead { Motion::Coast } else { Motion::Duty(duty) }
             }
             Reaction::Coast => Motion::Coast,
+        })
+    }
+
+    /// Holds: with what it takes until the head has come to rest, then with limited force and with no more than the current
+    /// that may flow for ever. A head that withstands that force without moving by a count has a dead encoder, unless it has
+    /// come to its upper end.
+    fn hold(&mut self, config: &Config, now: &Situation, window: Window) -> Result<Motion, Fault> {
+        self.still = if now.position == self.position { self.still.saturating_add(1) } else { 0 };
+        self.position = now.position;
+        let rest = MicrometresPerSecond(0.0);
+        if !self.rests {
+            self.rests = self.still > REST;
+            self.still = if self.rests { 0 } else { self.still };
+            return Ok(Motion::Path(rest, window));
         }
+        let continuous = config.axis.plant.current_window(config.axis.current.continuous, now.velocity);
+        let window = upward(config, now, config.lift.limited).and(continuous);
+        let pushed = now.saturated && now.duty < config.axis.gains.holding() && !now.top;
+        if pushed && self.still > REST { Err(Fault::EncoderLost) } else { Ok(Motion::Path(rest, window)) }
+    }
+
+    /// The following error has been too large, and has not become smaller, for too long.
+    fn grows(&mut self, config: &Config, now: &Situation) -> bool {
+        let following = now.following.abs();
+        self.grown = self.grown.saturating_add(1);
+        if following < self.following {
+            self.following = following;
+            self.grown = 0;
+        }
+        following > config.supervise.following && self.grown >= SHRINK
     }
 
     /// Lifts for a limited time, not into an open upper limit and not with a hot winding; then gives `afterwards`.
@@ -107,4 +173,11 @@ impl Reacting {
         self.lifted |= self.ticks > lift.ticks || now.upper_limit || now.current_reduced;
         if self.lifted { afterwards } else { lift.duty }
     }
+}
+
+/// Duties from `force` above the holding duty to the holding duty itself: nothing presses toward the work. A rise may be braked.
+fn upward(config: &Config, now: &Situation, force: f32) -> Window {
+    let (holding, limit) = (config.axis.gains.holding(), config.axis.duty_limit);
+    let high = if now.velocity.0 < RISING { limit } else { smaller(holding, limit) };
+    Window { low: smaller(larger(holding - force, -limit), high), high }
 }

@@ -32,6 +32,9 @@ pub enum State {
     Homing,
     /// Pulses on, holding the position while a host that keeps the path follows the feed that the gap asks for.
     Guiding,
+    /// Pulses off, open loop with limited force: an encoder that a fault has cast doubt on proves itself before a loop is
+    /// closed over it.
+    Proving,
 }
 
 impl State {
@@ -47,6 +50,7 @@ impl State {
             State::Eroding => "eroding",
             State::Retreating => "retreating",
             State::Guiding => "guiding",
+            State::Proving => "proving",
             State::Done => "done",
             State::HoldingPosition => "holding_position",
             State::Fault => "fault",
@@ -58,9 +62,10 @@ impl State {
         matches!(self, State::Seeking | State::Eroding | State::Retreating | State::Guiding)
     }
 
-    /// Whether the position loop is closed and a following error means something.
+    /// Whether the head works in a closed loop: what a host may move and has to keep watch over. A fault's reaction may have
+    /// closed one as well: [`Status::closed`](super::Status::closed).
     pub const fn follows(self) -> bool {
-        !matches!(self, State::Disabled | State::Commissioning | State::Fault)
+        !matches!(self, State::Disabled | State::Commissioning | State::Fault | State::Proving)
     }
 }
 
@@ -86,6 +91,8 @@ pub enum Reason {
     Homed,
     /// There is no reference where it could be.
     NotHomed,
+    /// Commanded: enable, or the guided check, of a head whose encoder has to prove itself first.
+    ProofStarted,
     /// Commanded: the guided check.
     CheckStarted,
     /// The guided check came to its end.

@@ -1,6 +1,9 @@
 //! Supervision at 1 kHz: what no single tick can judge.
+//!
+//! Whatever closes a loop over the encoder is judged alike, in every state: work, a motion beside the path, the strokes of the
+//! guided check, and the reaction to another fault.
 
-use super::{Fault, Status};
+use super::{Fault, State, Status};
 use crate::gap::Quality;
 use crate::units::{Amps, CountsPerSecond, TICKS_PER_MS, Volts};
 
@@ -61,16 +64,19 @@ impl Supervisor {
     /// Judges the newest status; `host_alive` tells of a life sign since the last call. Gives the most urgent new fault.
     pub fn tick(&mut self, limits: &Limits, status: &Status, host_alive: bool) -> Option<Fault> {
         let follows = status.state.follows();
+        let closed = status.closed;
         let quality = status.gap.quality;
         let pulses = status.state.pulses();
 
-        let bus = follows && status.bus.0 < limits.bus_min.0;
+        let bus = closed && status.bus.0 < limits.bus_min.0;
         let current = self.current.longer_than(limits.current_ms, status.current.0.abs() > limits.current_max.0);
-        let encoder = self.contradicts(limits, status, follows);
+        let encoder = self.contradicts(limits, status);
         let against = status.saturated && status.duty * status.velocity.0 < -limits.runaway.0 * status.duty.abs();
-        let runaway = self.runaway.longer_than(limits.following_ms, follows && against);
-        let following =
-            self.following.longer_than(limits.following_ms, follows && status.following.abs() > limits.following);
+        // An open-loop lift that goes down: the polarity is wrong as well.
+        let lifts = status.state == State::Fault && !closed && status.duty < 0.0;
+        let sinks = lifts && status.velocity.0 > limits.runaway.0;
+        let runaway = self.runaway.longer_than(limits.following_ms, closed && against || sinks);
+        let following = self.following.longer_than(limits.following_ms, closed && off(limits, status));
         let gap = self.gap.longer_than(
             limits.gap_ms,
             pulses && matches!(quality, Quality::Missing | Quality::Saturated | Quality::Reversed),
@@ -92,11 +98,17 @@ impl Supervisor {
         .find_map(|(happens, fault)| happens.then_some(fault))
     }
 
-    /// An encoder that stands still while the winding generates, or the reverse, is not believed. (The guided check finds
-    /// that out for itself, under its own duty limit.)
-    fn contradicts(&mut self, limits: &Limits, status: &Status, follows: bool) -> bool {
+    /// An encoder that stands still while the winding generates, or the reverse, is not believed.
+    fn contradicts(&mut self, limits: &Limits, status: &Status) -> bool {
         let allowed = limits.velocity.0 + limits.resistance * status.back_emf.resistive().0;
         let differs = status.back_emf.difference().0.abs() > allowed;
-        self.encoder.longer_than(limits.encoder_ms, follows && differs)
+        self.encoder.longer_than(limits.encoder_ms, status.closed && differs)
     }
+}
+
+/// The axis is too far from its setpoint. A fault's reaction does not push a head down that has risen by itself: there only
+/// one that is too far down counts.
+fn off(limits: &Limits, status: &Status) -> bool {
+    let following = if status.state == State::Fault { -status.following } else { status.following.abs() };
+    following > limits.following
 }

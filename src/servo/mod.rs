@@ -15,13 +15,14 @@ pub use current::{CurrentGuard, CurrentLimits};
 pub use emf::{BackEmf, Drawn};
 pub use pid::{Output, Pid, PidGains};
 
-/// The duties allowed at this tick, both included; contains zero.
+/// The duties allowed at this tick, both included. It contains zero, but for a fault's reaction: that never holds with less
+/// than the weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Window {
-    /// Lowest duty, not positive.
+    /// Lowest duty.
     pub low: f32,
-    /// Highest duty, not negative.
+    /// Highest duty, not below the lowest.
     pub high: f32,
 }
 

@@ -1,7 +1,7 @@
 //! The drive by its profile: state machine, modes, faults.
 
 use crate::rig::Rig;
-use edm_servo_head::head::State;
+use edm_servo_head::head::{Fault, State};
 
 #[test]
 fn a_master_enables_step_by_step_and_each_step_shows() {
@@ -309,4 +309,62 @@ fn negative_and_unknown_modes_are_refused() {
     assert_eq!(rig.try_write(0x6060, 0, &[9]), Err(0x0609_0031));
     assert_eq!(rig.try_write(0x6060, 0, &[4]), Err(0x0609_0030));
     assert_eq!(rig.read(0x6502, 0), 0xE5);
+}
+
+#[test]
+fn a_second_fault_has_an_emergency_of_its_own_that_names_the_first() {
+    let mut rig = Rig::ready();
+    rig.machine.raise(Fault::HostSilent);
+    rig.run(100);
+    assert_eq!((rig.read(0x2000, 2), rig.read(0x2000, 6)), (6, 6));
+    rig.machine.raise(Fault::EncoderLost);
+    rig.run(10);
+    assert_eq!((rig.read(0x2000, 2), rig.read(0x2000, 6), rig.read(0x603F, 0)), (11, 6, 0x7305));
+    let emergencies: Vec<_> = rig.sent.iter().filter(|(_, frame)| frame.id() == 0x85).collect();
+    let codes: Vec<_> = emergencies.iter().map(|(_, frame)| (frame.data()[..2].to_vec(), frame.data()[5])).collect();
+    assert_eq!(codes, [(vec![0x30, 0x81], 6), (vec![0x05, 0x73], 6)]);
+}
+
+#[test]
+fn an_ordinary_master_enables_a_head_whose_encoder_has_to_prove_itself() {
+    let mut rig = Rig::ready();
+    for dead in [false, true, false] {
+        rig.machine.raise(Fault::EncoderLost);
+        rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
+        rig.machine.process.mishaps.encoder_dead = dead;
+        rig.control(0x00);
+        rig.control(0x80);
+        rig.until(5, |rig| rig.status() & 0x4F == 0x40);
+        for word in [0x06, 0x07, 0x0F] {
+            rig.control(word);
+        }
+        assert_eq!((rig.status() & 0x6F, rig.machine.status().state), (0x23, State::Proving), "not yet");
+        if dead {
+            rig.until(100, |rig| matches!(rig.status() & 0x4F, 0x0F | 0x08));
+            assert_eq!(rig.machine.status().fault, Some(Fault::EncoderLost));
+            rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
+            rig.machine.process.mishaps.encoder_dead = false;
+            rig.control(0x00);
+            rig.control(0x80);
+            rig.until(5, |rig| rig.status() & 0x4F == 0x40);
+            for word in [0x06, 0x07, 0x0F] {
+                rig.control(word);
+            }
+        }
+        rig.until(100, |rig| rig.status() & 0x6F == 0x27);
+    }
+}
+
+#[test]
+fn a_head_that_proves_its_encoder_can_be_switched_off_meanwhile() {
+    let mut rig = Rig::ready();
+    rig.machine.raise(Fault::EncoderLost);
+    rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
+    for word in [0x00, 0x80, 0x06, 0x07, 0x0F] {
+        rig.control(word);
+    }
+    assert_eq!(rig.machine.status().state, State::Proving);
+    rig.control(0x00);
+    rig.run(5);
+    assert_eq!((rig.status() & 0x4F, rig.machine.status().state), (0x40, State::Disabled));
 }

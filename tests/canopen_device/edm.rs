@@ -137,3 +137,47 @@ fn a_host_that_keeps_the_path_reads_the_signed_feed() {
     rig.run(2);
     assert_eq!(rig.machine.status().state, State::HoldingPosition);
 }
+
+#[test]
+fn nothing_makes_the_bottom_of_a_hole_a_home() {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    rig.write(0x2001, 1, &[1]);
+    rig.write32(0x607A, 0, 4000);
+    rig.control(0x1F);
+    rig.until(20_000, |rig| rig.machine.status().state == State::Eroding);
+    // Not even the mode: erosion goes on.
+    assert_eq!(rig.try_write(0x6060, 0, &[6]), Err(0x0800_0022));
+    rig.run(10);
+    assert_eq!((rig.read(0x6061, 0), rig.machine.status().state), (1, State::Eroding));
+    // Stopped half-way, the path still waits: homing is refused, and says so.
+    rig.write(0x2001, 1, &[0]);
+    rig.control(0x0F);
+    rig.mode(6);
+    let before = rig.position();
+    rig.control(0x1F);
+    rig.run(20);
+    assert_eq!(rig.status() & 0x3400, 0x2400, "homing error");
+    assert_eq!(rig.read(0x2000, 4), 12);
+    assert!((rig.position() - before).abs() < 5);
+    // Without the path it may be told that this is home.
+    rig.control(0x0F);
+    rig.write(0x2004, 3, &[1]);
+    rig.control(0x1F);
+    rig.until(100, |rig| rig.status() & 0x3400 == 0x1400);
+    assert!(rig.position().abs() < 5);
+}
+
+#[test]
+fn homing_that_has_been_chosen_before_is_refused_while_eroding() {
+    let mut rig = Rig::ready();
+    rig.write32(0x2004, 1, 4000);
+    rig.write(0x2001, 1, &[1]);
+    rig.until(20_000, |rig| rig.machine.status().state == State::Eroding);
+    let before = rig.position();
+    rig.control(0x1F);
+    rig.run(20);
+    assert_eq!(rig.machine.status().state, State::Eroding);
+    assert_eq!(rig.status() & 0x3000, 0x2000, "homing error");
+    assert!((rig.position() - before).abs() < 100);
+}

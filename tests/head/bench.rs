@@ -119,6 +119,13 @@ impl Bench {
         assert_eq!(self.state(), State::Eroding);
     }
 
+    /// Puts a head that is switched off somewhere else, and waits until its estimates have forgotten the jump.
+    pub fn put(&mut self, x: f64) {
+        (self.x, self.v) = (x, 0.0);
+        self.run(0.4);
+        (self.x, self.v) = (x, 0.0);
+    }
+
     pub fn command(&mut self, command: Command) {
         self.head.command(command).unwrap_or_else(|refused| panic!("{command:?}: {refused}"));
     }
@@ -189,7 +196,8 @@ impl Bench {
             watch,
             safety: self.safety.unsafe_ones(),
             drive: DriveCodes {
-                motor_current: (2048.0 + self.amps() / 0.005).clamp(0.0, 4095.0) as u16,
+                // The sensor sits between bridge and coil: it does not know which way round the coil is.
+                motor_current: (2048.0 + self.motor_sign * self.amps() / 0.005).clamp(0.0, 4095.0) as u16,
                 bus_voltage: (self.bus / 0.02) as u16,
             },
             reflex: std::mem::take(&mut self.reflex),

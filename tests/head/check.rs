@@ -1,7 +1,7 @@
 //! The guided check: what is wrong is named, and no loop is closed on a wrong sign.
 
 use crate::bench::Bench;
-use edm_servo_head::head::{Command, Finding, Refused, Report, State};
+use edm_servo_head::head::{Command, Fault, Finding, Refused, Report, State};
 
 /// Runs a check on a bench that was never commissioned, and gives its result and the largest duty it used.
 fn check(prepare: impl FnOnce(&mut Bench)) -> (Bench, Result<Report, Finding>, f64) {
@@ -54,6 +54,20 @@ fn every_wrong_sign_is_named_and_refuses_the_loop() {
         assert_eq!(bench.head.command(Command::Enable), Err(Refused::NotCommissioned));
         assert!(bench.um() < 200.0, "it went {} um before it knew", bench.um());
     }
+}
+
+#[test]
+fn an_encoder_that_dies_in_a_stroke_is_lost_before_the_head_has_run_to_the_other_end() {
+    let mut bench = Bench::with(|settings| settings.commissioned = false);
+    bench.surface_um = 20_000.0;
+    bench.run(0.01);
+    bench.command(Command::Commission);
+    bench.run_until(10.0, |bench| bench.um() > 2000.0);
+    bench.encoder_dead = true;
+    bench.run_until(0.2, |bench| bench.state() == State::Fault);
+    assert_eq!(bench.fault(), Some(Fault::EncoderLost));
+    bench.run(0.5);
+    assert!(bench.um() < 11_999.0, "at {} um", bench.um());
 }
 
 #[test]

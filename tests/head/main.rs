@@ -6,4 +6,5 @@ mod check;
 mod faults;
 mod leave;
 mod positioning;
+mod proof;
 mod states;

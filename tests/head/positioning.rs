@@ -257,3 +257,24 @@ fn gains_may_change_while_eroding_and_the_plant_may_not() {
     settings.axis_mass = 0.3;
     assert_eq!(bench.head.configure(settings.build().unwrap().head), Err(Refused::State(State::Eroding)));
 }
+
+#[test]
+fn homing_is_refused_while_eroding_and_while_a_path_waits() {
+    let home = |bench: &mut Bench| {
+        let velocity = MicrometresPerSecond(1000.0);
+        let acceleration = MicrometresPerSecond2(1e6);
+        let home = Home { method: Method::Here, fast: velocity, slow: velocity, acceleration, at: Nanometres(0) };
+        bench.head.command(Command::Home(home))
+    };
+    let mut bench = Bench::eroding();
+    let at = bench.head.status().position;
+    assert_eq!(home(&mut bench), Err(Refused::State(State::Eroding)));
+    bench.command(Command::Hold);
+    bench.run(0.1);
+    assert_eq!(home(&mut bench), Err(Refused::PathActive));
+    assert!((bench.head.status().position - at).abs() < 100);
+    bench.command(Command::ClearPath);
+    assert_eq!(home(&mut bench), Ok(()));
+    bench.run_until(0.1, |bench| bench.state() == State::Ready);
+    assert!(bench.head.status().position.abs() < 5);
+}

@@ -110,6 +110,7 @@ numbered! {
         Reason::HomingStarted => 15 "homing started",
         Reason::Homed => 16 "homed",
         Reason::NotHomed => 17 "no reference found",
+        Reason::ProofStarted => 18 "the encoder proves itself",
     }
 }
 
@@ -126,6 +127,8 @@ numbered! {
         Refused::StillFaulty(_) => 8 "the cause of a fault is still there",
         Refused::Storing => 9 "settings are being stored",
         Refused::NotStored => 10 "settings could not be stored",
+        Refused::Doubted(_) => 11 "after a fault of the encoder the head has to be enabled first",
+        Refused::PathActive => 12 "a path is under way or queued",
     }
 }
 

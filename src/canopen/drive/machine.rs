@@ -131,7 +131,8 @@ impl Drive {
     /// Follows the head, whose status is newer than every command.
     pub(super) fn follow_head(&mut self) {
         let closed = self.status.state.follows();
-        if self.enabling {
+        // While the encoder proves itself nothing is decided yet.
+        if self.enabling && self.status.state != head::State::Proving {
             self.enabling = false;
             if closed {
                 self.state = State::OperationEnabled;

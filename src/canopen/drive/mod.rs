@@ -473,7 +473,9 @@ impl Drive {
         if let Some(fault) = self.alarm {
             let (code, bits) = codes::error_code(fault);
             if before.0 != self.alarm {
-                node.emergency(code, bits, [codes::fault(fault), self.reason, 0, 0, 0]);
+                // A second fault that escalates the first is told of as well, and which one it began with.
+                let first = self.status.first.map_or(0, codes::fault);
+                node.emergency(code, bits, [codes::fault(fault), self.reason, first, 0, 0]);
             }
             register |= bits;
         } else {

@@ -4,10 +4,10 @@
 //! interpolated position become segments of the path, along which the gap leads.
 
 use super::state::{control, status};
-use super::{Drive, STANDING, SetPoint, clamp32, halts, rises};
+use super::{Drive, STANDING, SetPoint, clamp32, codes, halts, rises};
 use crate::canopen::objects::{Found, Item};
 use crate::canopen::{Abort, Node, Time};
-use crate::head::{self, Command, Home, HomingState, Pace};
+use crate::head::{self, Command, Home, HomingState, Pace, Refused};
 use crate::motion::Method;
 use crate::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
 use heapless::Deque;
@@ -97,6 +97,9 @@ impl Drive {
     /// 6060h.
     pub(super) fn set_mode(&mut self, number: i64) -> Result<(), Abort> {
         let mode = Mode::from_number(number).ok_or(Abort::InvalidValue)?;
+        if mode == Mode::Homing && self.refuses_homing().is_some() {
+            return Err(Abort::DeviceState);
+        }
         if mode != self.mode {
             if self.acts() && self.mode != Mode::None {
                 self.halt();
@@ -213,10 +216,23 @@ impl Drive {
         self.command(Command::Position(self.nanometres(target), pace));
     }
 
+    /// Why no reference may be looked for, as far as the drive knows: set points become path, or pulses are on.
+    fn refuses_homing(&self) -> Option<Refused> {
+        if self.status.state.pulses() {
+            return Some(Refused::State(self.status.state));
+        }
+        (self.value(Item::ErodeEnable) != 0).then_some(Refused::PathActive)
+    }
+
     /// Homing starts.
     fn home(&mut self) {
         self.set_points.homing_asked = true;
         self.set_points.homing_refused = false;
+        if let Some(refused) = self.refuses_homing() {
+            self.refusal = codes::refused(refused);
+            self.set_points.homing_refused = true;
+            return;
+        }
         let Some(method) = Method::from_number(self.value(Item::HomingMethod) as i8) else {
             self.set_points.homing_refused = true;
             return;

@@ -114,6 +114,7 @@ impl Drive {
         match item {
             Item::HeadState => status.state as i64,
             Item::HeadFault => status.fault.map_or(0, codes::fault).into(),
+            Item::HeadFirst => status.first.map_or(0, codes::fault).into(),
             Item::HeadReason => self.reason.into(),
             Item::HeadRefusal => self.refusal.into(),
             Item::HeadHomed => status.homed.into(),

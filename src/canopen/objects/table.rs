@@ -100,11 +100,12 @@ const RATE: (i64, i64) = (1, i32::MAX as i64);
 
 objects! {
     0x2000 "Head" {
-        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding";
+        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving";
         2 HeadFault: u8, ro, tx, U8, 0, "", live, "Fault: from 1 in the order of docs/objects.md; 0 none";
         3 HeadReason: u8, ro, tx, U8, 0, "", live, "Reason: why the state changed last, as numbered in docs/objects.md; 0 it has not";
         4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Refusal: why a command was refused last, as numbered in docs/objects.md; 0 never";
         5 HeadHomed: u8, ro, tx, (0, 1), 0, "", live, "Homed: absolute positions mean something";
+        6 HeadFirst: u8, ro, tx, U8, 0, "", live, "First fault: the one it began with; another one than the fault when a second has escalated the reaction";
     }
     0x2001 "EDM control" {
         1 ErodeEnable: u8, rw, rx, (0, 2), 0, "", live, "Erode: 1 set points become path, along which the gap leads; 2 the host keeps the path and follows the signed feed of 2004h:7, the head holds; 0 pulses off";

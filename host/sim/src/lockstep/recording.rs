@@ -24,7 +24,7 @@ use std::io::{self, Read, Write};
 /// First bytes of a recording, the last of them its version.
 const MAGIC: [u8; 5] = *b"EDMR\x01";
 /// States by number.
-pub const STATES: [State; 12] = [
+pub const STATES: [State; 13] = [
     State::Disabled,
     State::Commissioning,
     State::Ready,
@@ -37,6 +37,7 @@ pub const STATES: [State; 12] = [
     State::Positioning,
     State::Homing,
     State::Guiding,
+    State::Proving,
 ];
 /// Qualities of a reading by number.
 pub const QUALITIES: [Quality; 5] =

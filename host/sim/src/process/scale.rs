@@ -23,6 +23,8 @@ pub struct Scale {
     pub dead: bool,
     /// Half-periods of A and of B passed; together they are the count of the lines.
     halves: (i64, i64),
+    /// Counts that went by while the lines were dead: no counter on them has seen these.
+    missed: i64,
     /// Positions of the next edge on either side, m.
     edges: (f64, f64),
     random: Random,
@@ -40,6 +42,7 @@ impl Scale {
             reversed: p.encoder_reversed,
             dead: false,
             halves: (0, 0),
+            missed: 0,
             edges: (0.0, 0.0),
             random: Cause::Encoder.stream(seed),
         };
@@ -77,7 +80,7 @@ impl Scale {
 
     /// Count of a timer in encoder mode on these lines; it started at their zero.
     pub fn timer(&self) -> u32 {
-        let count = self.halves.0 + self.halves.1;
+        let count = self.halves.0 + self.halves.1 - self.missed;
         (if self.reversed { -count } else { count }) as u32
     }
 
@@ -94,8 +97,16 @@ impl Scale {
             return;
         }
         if !(self.edges.0..=self.edges.1).contains(&from) {
-            // The lines were dead on the way here.
+            // The lines were dead on the way here. Now they jump: by one edge either way, or by both lines at once, which is
+            // no count to either counter.
+            let before = self.halves.0 + self.halves.1;
             self.find(from);
+            let jump = self.halves.0 + self.halves.1 - before;
+            let seen = [0, 1, 0, -1][jump.rem_euclid(4) as usize];
+            self.missed += jump - seen;
+            if jump % 4 != 0 {
+                edges.push((start, self.levels()));
+            }
         }
         while to < self.edges.0 || self.edges.1 <= to {
             let (a, b) = self.halves;
@@ -218,14 +229,22 @@ mod tests {
     }
 
     #[test]
-    fn a_dead_encoder_stands_still_and_comes_back_where_the_head_is() {
-        let mut scale = Scale::new(&Parameters::default(), 1);
-        let mut edges = Vec::new();
-        scale.dead = true;
-        scale.travel(0.0, 50e-6, 0, 100.0, &mut edges);
-        assert_eq!((edges.len(), scale.timer()), (0, 0));
-        scale.dead = false;
-        scale.travel(50e-6, 53e-6, 0, 100.0, &mut edges);
-        assert_eq!((edges.len(), scale.timer()), (3, 53));
+    fn a_dead_encoder_stands_still_and_both_counters_go_on_from_there() {
+        for (missed, jumped) in [(48, 0), (49, 1), (50, 0), (51, -1)] {
+            let mut scale = Scale::new(&Parameters::default(), 1);
+            let decoder = &mut Quadrature::new(scale.levels(), 0);
+            let mut edges = Vec::new();
+            let resumed = f64::from(missed) * 1e-6;
+            scale.dead = true;
+            scale.travel(0.0, resumed, 0, 100.0, &mut edges);
+            assert_eq!((edges.len(), scale.timer()), (0, 0));
+            scale.dead = false;
+            scale.travel(resumed, resumed + 3e-6, 0, 100.0, &mut edges);
+            for (time, levels) in edges {
+                decoder.edge(levels, time);
+            }
+            assert_eq!(scale.timer().cast_signed(), 3 + jumped);
+            assert_eq!(decoder.snapshot(0).raw.count, scale.timer());
+        }
     }
 }

@@ -1,0 +1,65 @@
+"""However an example ends, it leaves the head switched off, and says so."""
+
+import pathlib
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from drive import Host, eds
+from heads import Server
+
+BORE = pathlib.Path(__file__).parents[2] / "examples" / "bore.py"
+# States of 2000h:1.
+DISABLED, FAULT = 0, 8
+
+
+def boring(server):
+    """The example that bores, once it erodes."""
+    words = [sys.executable, "-u", BORE, "--channel", server.tcp, "--depth-mm", "0.5"]
+    example = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    for line in example.stdout:
+        # It tells every two seconds how deep it is.
+        if line.endswith(" V\n"):
+            return example
+    raise AssertionError(example.stderr.read())
+
+
+def ended(example):
+    """What it has said since, on both ways."""
+    said, complained = example.communicate(timeout=60)
+    assert example.returncode != 0
+    return said + complained
+
+
+def interrupt(example, _):
+    example.send_signal(signal.SIGINT)
+
+
+def break_bridge(_, server):
+    server.tell("bridge.fault=true")
+
+
+@pytest.mark.parametrize(
+    ("end", "state", "says"),
+    [(interrupt, DISABLED, "the head is disabled, pulses are off"), (break_bridge, FAULT, "the head is in fault 0x5400")],
+)
+def test_an_example_that_is_stopped_while_it_erodes_switches_the_head_off(tmp_path, end, state, says):
+    server = Server(tmp_path)
+    example = boring(server)
+    end(example, server)
+    assert says in ended(example)
+    host = Host(server, "socketcand", eds(tmp_path))
+    assert host.drive.sdo[0x2000][1].raw == state
+    host.close()
+    server.stop()
+
+
+def test_an_example_that_cannot_switch_the_head_off_says_so(tmp_path):
+    server = Server(tmp_path)
+    example = boring(server)
+    server.process.kill()
+    server.process.wait()
+    interrupt(example, server)
+    assert "the head may still be on" in ended(example)
