@@ -14,7 +14,7 @@
 //! means is the affair of drive and node: which values they pass over or replace by defaults, their [`LoadReport`] says.
 //!
 //! Every version has its checksum at the end, so that a version of the future is told from damage. Images of 0.1.0 had
-//! another layout, and are [translated](legacy).
+//! another layout, and are translated (`legacy.rs`).
 
 mod legacy;
 

@@ -15,7 +15,7 @@ const VECTORS: u64 = 0x0800_0000;
 /// Where the program may begin: the sectors in between hold the settings.
 const PROGRAM: u64 = 0x0800_C000;
 const FLASH_LIMIT: u64 = 384 * 1024;
-const RAM_LIMIT: u64 = 32 * 1024;
+const RAM_LIMIT: u64 = 64 * 1024;
 /// A value that belongs into a static, not on the stack, shows as a larger frame.
 const FRAME_LIMIT: u32 = 4 * 1024;
 const FLASH: std::ops::Range<u64> = VECTORS..VECTORS + 1024 * 1024;
