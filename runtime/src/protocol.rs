@@ -47,8 +47,6 @@ pub struct Protocol<B: Board> {
     pub(crate) thresholds: B::Thresholds,
     pub(crate) timers: Timers,
     pub(crate) configuring: Configuring,
-    /// An order that has to wait for the configuration under way.
-    pub(crate) held: Option<Order>,
     /// Requests sent and not answered.
     pub(crate) outstanding: usize,
     /// Frames and events lost, as told last.
@@ -196,6 +194,7 @@ impl<B: Board> Protocol<B> {
         let active = self.drive.active();
         self.ends.servo.write(|slot| *slot = ServoConfig { head: active.head, off_time_ns: active.off_time_ns });
         self.configuring = Configuring::Servo;
+        self.generations();
         self.request(Request::Configure);
     }
 
@@ -235,11 +234,14 @@ impl<B: Board> Protocol<B> {
         self.generations();
     }
 
-    /// Which configuration each task runs, for the host.
+    /// Which configuration each task runs, for the host. Those that the servo task has refused do not count: gap task and
+    /// supervision are never told of them.
     fn generations(&mut self) {
+        let servo = self.ends.gap.generation();
+        let waits = self.configuring == Configuring::Servo || self.drive.is_stale();
         self.drive.set_generations(Generations {
-            newest: self.ends.servo.generation(),
-            servo: self.ends.servo.verdict().generation,
+            newest: servo.wrapping_add(waits.into()),
+            servo,
             gap: self.ends.gap.verdict().generation,
             supervision: self.ends.limits.verdict().generation,
         });
@@ -249,7 +251,7 @@ impl<B: Board> Protocol<B> {
     #[inline(never)]
     fn orders(&mut self) {
         while self.outstanding < REQUESTS && self.resets.room() > 0 {
-            let Some(order) = self.held.take().or_else(|| self.drive.take()) else {
+            let Some(order) = self.drive.take() else {
                 self.signals.sync_length.store(self.node.sync_length().into());
                 if self.drive.foresee(self.node) {
                     self.request(Request::AtSync(self.drive.foreseen(), self.syncs));
@@ -257,10 +259,6 @@ impl<B: Board> Protocol<B> {
                 return;
             };
             match order {
-                Order::Configure if self.configuring != Configuring::Done => {
-                    self.held = Some(order);
-                    return;
-                }
                 Order::Configure => self.configure(),
                 Order::ResetNode => self.resets.send(Reset::Node),
                 Order::ResetCommunication => self.resets.send(Reset::Communication),
@@ -303,13 +301,14 @@ impl<B: Board> Protocol<B> {
         self.node.answer(result, self.drive);
     }
 
-    /// The drive begins anew with what is kept.
+    /// The drive begins anew with what is kept; `None` while a configuration is on its way to the tasks, which takes less
+    /// than a millisecond: what comes back then would be taken for the new one.
     ///
     /// # Errors
     /// What is kept is not fit to run; the defaults do.
-    pub fn restart(&mut self, kept: &Kept) -> Result<(), SettingError> {
-        self.held = None;
-        self.drive.restart(self.defaults, kept.application())
+    pub fn restart(&mut self, kept: &Kept) -> Option<Result<(), SettingError>> {
+        let settled = self.configuring == Configuring::Done;
+        settled.then(|| self.drive.restart(self.defaults, kept.application()))
     }
 
     /// The node begins anew with what is kept.

@@ -109,6 +109,11 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         &self.status
     }
 
+    /// What the ticks run.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
     /// Limits that the supervision judges by.
     pub fn supervision(&self) -> super::SupervisionLimits {
         self.config.supervise

@@ -1,7 +1,7 @@
 //! What 1010h stores of the drive: the settings as they store themselves, and behind them the values of the profile that
 //! the table marks as stored, in its order.
 
-use super::{Drive, Order};
+use super::Drive;
 use crate::canopen::objects::{Item, rows};
 use crate::settings::{self, SettingError, Settings};
 
@@ -48,7 +48,7 @@ impl Drive {
     pub(super) fn adopt(&mut self, settings: Settings) -> Result<(), SettingError> {
         self.active = settings.build()?;
         self.settings = settings;
-        self.order(Order::Configure);
+        self.configure();
         Ok(())
     }
 }

@@ -1,0 +1,1 @@
+//! What is lost is counted, shown and told.

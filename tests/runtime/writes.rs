@@ -1,0 +1,1 @@
+//! Writes that came too fast, or too late.
