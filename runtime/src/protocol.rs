@@ -123,8 +123,9 @@ impl<B: Board> Protocol<B> {
         filters.listen(sync, &others);
         let frames = self.signals.overruns.read().wrapping_add(self.received.lost());
         let ends = &self.ends;
-        let events = [ends.changes.lost(), ends.checked.lost(), ends.answers.lost(), self.signals.lost_faults.load()];
-        let lost = [frames, events.into_iter().fold(0, u32::wrapping_add)];
+        let rings = [ends.changes.lost(), ends.checked.lost(), ends.answers.lost()];
+        let before_them = [self.signals.lost_faults.load(), self.signals.lost_changes.load()];
+        let lost = [frames, rings.into_iter().chain(before_them).fold(0, u32::wrapping_add)];
         let before = core::mem::replace(&mut self.lost, lost);
         let [overrun, events] = [lost[0] != before[0], lost[1] != before[1]];
         let Trouble { passive, bus_off } = filters.trouble();

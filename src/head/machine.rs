@@ -124,6 +124,11 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.changes.pop()
     }
 
+    /// Changes of state that were never read, because they came faster.
+    pub fn lost_changes(&self) -> u32 {
+        self.changes.lost()
+    }
+
     /// Result of the last guided check.
     pub fn check_result(&self) -> Option<Result<Report, Finding>> {
         self.checked

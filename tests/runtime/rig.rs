@@ -31,9 +31,13 @@ pub struct Host {
     pub emergencies: Vec<u16>,
     /// The node has booted so often.
     pub boots: u32,
-    /// Longest time from a request that was put on a free bus to the end of its answer, periods.
+    /// When the newest request was sent, if nothing was in its way.
+    begin: Option<u64>,
+    /// Longest time from such a request to the end of its answer, periods.
     pub longest: u64,
     before: Tally,
+    /// Lost when requests were given up last.
+    lost: u64,
 }
 
 pub fn frame(id: u16, data: &[u8]) -> Frame {
@@ -78,8 +82,10 @@ impl Host {
             answers: Vec::new(),
             emergencies: Vec::new(),
             boots: 0,
+            begin: None,
             longest: 0,
             before: preempt::tally(),
+            lost: 0,
         };
         host.run(10 * MS);
         host.send(0, &[1, ID]);
@@ -93,54 +99,58 @@ impl Host {
         self.listen();
     }
 
-    /// Takes what the head has sent; the period in which its newest answer ended.
-    fn listen(&mut self) -> Option<u64> {
-        let mut newest = None;
+    /// Takes what the head has sent.
+    fn listen(&mut self) {
         for (period, frame) in self.head.take() {
             let Id::Standard(id) = frame.id() else { panic!("{frame:?}") };
             let bytes = frame.data();
-            if std::env::var("EDM_TRACE").is_ok() {
-                eprintln!("{period:>8} < {:03x} {bytes:02x?}", id.as_raw());
-            }
             match id.as_raw() - u16::from(ID) {
                 0x580 => {
                     let number = u32::from_le_bytes(bytes[4..8].try_into().unwrap());
                     self.answers.push(if bytes[0] == 0x80 { Err(number) } else { Ok(number) });
                     self.answered += 1;
-                    newest = Some(period);
+                    if let Some(begin) = self.begin.take() {
+                        self.longest = self.longest.max(period - begin);
+                    }
                 }
                 0x080 => self.emergencies.push(u16::from_le_bytes([bytes[0], bytes[1]])),
                 0x700 if bytes == [0] => self.boots += 1,
                 _ => {}
             }
         }
-        newest
     }
 
     pub fn send(&mut self, id: u16, data: &[u8]) {
-        if std::env::var("EDM_TRACE").is_ok() {
-            eprintln!("{:>8} > {id:03x} {data:02x?}", self.head.periods());
-        }
         self.head.send(&frame(id, data));
     }
 
     /// A request that is not waited for.
     pub fn ask(&mut self, request: [u8; 8]) {
+        let alone = self.head.coming() == 0 && self.asked == self.answered;
+        self.begin = alone.then(|| self.head.periods());
         self.send(0x600 + u16::from(ID), &request);
         self.asked += 1;
     }
 
-    /// Waits for everything that was asked; false if it did not all come.
-    pub fn hear(&mut self) -> bool {
+    /// Waits until everything that was asked is answered, but for as many requests as frames were lost meanwhile.
+    #[track_caller]
+    pub fn hear(&mut self) {
         let begin = self.head.periods();
         while self.answered < self.asked {
             if !self.head.until_sent(begin + PATIENCE) {
-                return false;
+                let lost = self.lost();
+                let missing = self.asked - self.answered;
+                assert!(missing <= lost - self.lost, "{missing} not answered: {:?}", self.head.status());
+                (self.asked, self.lost) = (self.answered, lost);
             }
             self.listen();
         }
         assert_eq!(self.answered, self.asked, "more answers than requests");
-        true
+    }
+
+    /// Frames and events that were lost, by a count that is not the head's.
+    fn lost(&self) -> u64 {
+        preempt::tally().lost - self.before.lost + self.head.overruns().1
     }
 
     /// The answers since the last call.
@@ -148,18 +158,38 @@ impl Host {
         std::mem::take(&mut self.answers)
     }
 
-    /// A request, waited for.
+    /// A request, waited for, and once more if its frame was lost.
+    #[track_caller]
     pub fn exchange(&mut self, request: [u8; 8]) -> Answer {
-        assert!(self.hear(), "earlier requests were not answered");
-        self.answers.clear();
-        let free = self.head.coming() == 0;
-        let begin = self.head.periods();
-        self.ask(request);
-        assert!(self.hear(), "no answer to {request:02x?} within {} ms", PATIENCE / MS);
-        if free {
-            self.longest = self.longest.max(self.head.periods() - begin);
+        self.hear();
+        loop {
+            self.answers.clear();
+            self.ask(request);
+            self.hear();
+            if let Some(answer) = self.answers.pop() {
+                return answer;
+            }
         }
-        self.answers.pop().unwrap()
+    }
+
+    /// Reads objects, eight requests at a time.
+    #[track_caller]
+    fn read_all(&mut self, addresses: &[(u16, u8)]) -> Vec<u32> {
+        let mut values = Vec::new();
+        for addresses in addresses.chunks(8) {
+            self.hear();
+            self.answers.clear();
+            addresses.iter().for_each(|&(index, sub)| self.ask(upload(index, sub)));
+            self.hear();
+            let answers = self.answers();
+            if answers.len() == addresses.len() {
+                values.extend(answers.into_iter().map(|answer| answer.unwrap()));
+            } else {
+                // A frame was lost, whichever.
+                values.extend(addresses.iter().map(|&(index, sub)| self.read(index, sub)));
+            }
+        }
+        values
     }
 
     pub fn read(&mut self, index: u16, sub: u8) -> u32 {
@@ -173,17 +203,18 @@ impl Host {
 
     /// Reads settings through the dictionary into `known`.
     pub fn learn(&mut self, known: &mut Settings, places: impl IntoIterator<Item = usize>) {
-        for place in places {
-            let (index, sub) = setting_address_at(place).unwrap();
-            let size = setting_kind(place as u16).unwrap().0.size().unwrap();
-            let word = self.read(index, sub) & (u64::MAX >> (64 - 8 * size)) as u32;
-            known.put_word(place, word).unwrap();
+        let places: Vec<usize> = places.into_iter().collect();
+        let addresses: Vec<_> = places.iter().map(|place| setting_address_at(*place).unwrap()).collect();
+        for (place, word) in places.iter().zip(self.read_all(&addresses)) {
+            let size = setting_kind(*place as u16).unwrap().0.size().unwrap();
+            known.put_word(*place, word & (u64::MAX >> (64 - 8 * size)) as u32).unwrap();
         }
     }
 
     /// The generations: the newest, those of servo task, gap task, supervision.
     pub fn generations(&mut self) -> [u32; 4] {
-        [1, 2, 3, 4].map(|sub| self.read(0x200C, sub))
+        let values = self.read_all(&[1, 2, 3, 4].map(|sub| (0x200C, sub)));
+        values.try_into().unwrap()
     }
 
     /// Every task runs these settings.
@@ -201,18 +232,33 @@ impl Host {
     /// Whatever was sent through a ring was received, or lost and shown in 200Dh; frames and events lost.
     #[track_caller]
     pub fn expect_counted(&mut self) -> [u32; 2] {
-        let shown = [1, 2].map(|sub| self.read(0x200D, sub));
+        let shown: [u32; 2] = self.read_all(&[1, 2].map(|sub| (0x200D, sub))).try_into().unwrap();
         self.head.set_habits(Habits::PROMPT);
         self.run(2);
         let tally = preempt::tally();
-        let [sent, received, lost] = [
-            tally.sent - self.before.sent,
-            tally.received - self.before.received,
-            tally.lost - self.before.lost,
-        ];
+        let [sent, received] = [tally.sent - self.before.sent, tally.received - self.before.received];
+        let lost = tally.lost - self.before.lost;
         assert_eq!(sent, received + lost, "sent, received and lost");
-        assert_eq!(u64::from(shown[0]) + u64::from(shown[1]), lost + self.head.overruns(), "lost, and shown in 200Dh");
+        assert_eq!(u64::from(shown[0]) + u64::from(shown[1]), lost + self.head.overruns().0, "lost, and shown in 200Dh");
         shown
+    }
+
+    /// Resets node or communication (129, 130), waits for boot-up and goes operational.
+    #[track_caller]
+    pub fn reset(&mut self, command: u8) {
+        let boots = self.boots;
+        self.send(0, &[command, ID]);
+        for _ in 0..200 {
+            self.run(MS);
+            if self.boots > boots {
+                break;
+            }
+        }
+        assert_eq!(self.boots, boots + 1, "boot-up");
+        // What was asked before is not answered any more.
+        self.asked = self.answered;
+        self.send(0, &[1, 0]);
+        self.run(2 * MS);
     }
 
     /// Controlwords up to operation enabled.

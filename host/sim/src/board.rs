@@ -70,8 +70,10 @@ pub struct Ports {
     pub outbox: RefCell<VecDeque<Frame>>,
     /// The controller had to drop a frame since it was asked last.
     pub overrun: Cell<bool>,
-    /// Frames that it had to drop.
+    /// Times that it had to, between two times that it was asked: that is all that a controller knows.
     pub overruns: Cell<u64>,
+    /// Frames that it had to drop, of which it knows nothing.
+    pub dropped: Cell<u64>,
     /// Places for frames to be sent that are free; `None` for any number of them.
     pub mailboxes: Cell<Option<usize>>,
     /// Identifiers that the controller lets through, that of SYNC first.
@@ -112,8 +114,10 @@ impl Ports {
         let inbox = if place == 0 && frame.is_data_frame() { Inbox::Sync } else { Inbox::Others };
         let mut frames = self.inboxes[inbox as usize].borrow_mut();
         if frames.len() == DEPTH {
-            self.overrun.set(true);
-            self.overruns.set(self.overruns.get() + 1);
+            self.dropped.set(self.dropped.get() + 1);
+            if !self.overrun.replace(true) {
+                self.overruns.set(self.overruns.get() + 1);
+            }
         } else {
             frames.push_back(*frame);
         }

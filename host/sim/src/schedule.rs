@@ -142,8 +142,8 @@ struct Inner {
     /// Frames on their way to the head, and what is left of the first, us.
     coming: RefCell<VecDeque<Frame>>,
     coming_us: Cell<i64>,
-    /// What is left of the first frame in the mailboxes, us.
-    going_us: Cell<i64>,
+    /// What is left of the first frame in the mailboxes, us; `None` when it has not begun.
+    going_us: Cell<Option<i64>>,
     /// Frames that the head has sent, with the period in which they ended.
     sent: RefCell<Vec<(u64, Frame)>>,
 }
@@ -174,7 +174,7 @@ impl Scheduler {
             round: Cell::new(0),
             coming: RefCell::default(),
             coming_us: Cell::new(0),
-            going_us: Cell::new(0),
+            going_us: Cell::new(None),
             sent: RefCell::default(),
         }))
     }
@@ -262,9 +262,10 @@ impl Scheduler {
         }
     }
 
-    /// Frames that the controller has dropped because its places were full. Its own count, not the head's.
-    pub fn overruns(&self) -> u64 {
-        self.0.ports.overruns.get()
+    /// Times that the controller had to drop frames because its places were full, as far as it can tell them apart, and the
+    /// frames. Counts of its own, not the head's.
+    pub fn overruns(&self) -> (u64, u64) {
+        (self.0.ports.overruns.get(), self.0.ports.dropped.get())
     }
 }
 
@@ -351,17 +352,13 @@ impl Inner {
             self.coming_us.set(self.coming_us.get() + next);
         }
         let mut outbox = self.ports.outbox.borrow_mut();
-        if outbox.is_empty() {
-            self.going_us.set(0);
-            return;
-        }
-        self.going_us.set(self.going_us.get() + PERIOD_US);
-        while let Some(frame) = outbox.front()
-            && self.going_us.get() >= i64::from(frame.bits())
-        {
-            self.going_us.set(self.going_us.get() - i64::from(frame.bits()));
+        let Some(frame) = outbox.front() else { return };
+        let left = self.going_us.get().unwrap_or_else(|| frame.bits().into()) - PERIOD_US;
+        self.going_us.set(Some(left));
+        if left <= 0 {
             self.sent.borrow_mut().push((self.periods.get(), *frame));
             outbox.pop_front();
+            self.going_us.set(outbox.front().map(|frame| left + i64::from(frame.bits())));
             self.ports.mailboxes.set(Some(MAILBOXES - outbox.len()));
             self.ports.wants[TRANSMIT].set(true);
         }
@@ -393,8 +390,9 @@ impl Inner {
                     Task::Receive | Task::Sync | Task::Transmit => habits.can,
                     Task::Protocol => habits.protocol,
                 };
-                // Mostly at once: otherwise nothing but the latest would ever be seen.
-                let late = if self.below(2) == 0 { 0 } else { self.below(u64::from(most) + 1) };
+                // Soon more often than late: otherwise hardly anything would ever come in time.
+                let most = u64::from(most) + 1;
+                let late = self.below(most).min(self.below(most));
                 self.release[number].set(Some(now + late));
                 now + late
             });
