@@ -151,3 +151,58 @@ fn settings_of_a_reset_wait_until_the_head_is_disabled_and_show_that() {
     host.expect_runs(&known);
     assert_ne!(known.word(at), Some(other.to_bits()));
 }
+
+#[test]
+fn a_write_that_is_overtaken_by_a_reset_leaves_nothing_behind() {
+    for seed in 0..100 {
+        let mut host = Host::new(|_| {}, seed);
+        let at = place("axis.stroke_um");
+        host.exchange(setting(at, 11_000.0f32.to_bits())).unwrap();
+        host.head.set_habits(Habits::PROMPT);
+        host.enable();
+        host.head.process().mishaps.safety.emergency_stop = true;
+        host.run(5 * MS);
+        host.head.set_habits(Habits { supervise: 40, idle: 0, ..Habits::BUSY });
+        host.ask(setting(place("supervise.host_ms"), 70));
+        host.reset(129);
+        // The head refuses another stroke until its fault is over.
+        host.head.process().mishaps.safety.emergency_stop = false;
+        host.run(2 * MS);
+        host.write(0x6040, 0, 2, 0x80);
+        host.run(5 * MS);
+        let mut known = Settings::default();
+        host.learn(&mut known, 0..Settings::COUNT);
+        assert_eq!(known.axis_stroke, 12_000.0, "seed {seed}");
+        assert_eq!(known.host_ms, 0, "seed {seed}");
+        host.expect_runs(&known);
+    }
+}
+
+#[test]
+fn what_the_guided_check_has_found_holds_whatever_is_written_meanwhile() {
+    let mut found = 0;
+    for seed in 0..20 {
+        let mut host = Host::new(|_| {}, seed);
+        host.write(0x2001, 3, 1, 1);
+        let mut ended = false;
+        for n in 0.. {
+            let answer = host.exchange(setting(place("retreat.persistent_ms"), (500.0 + (n % 9) as f32).to_bits()));
+            // For the millisecond in which every task is told what the check has found.
+            found += u32::from(answer == Err(Abort::DeviceState.code()));
+            assert!(answer.is_ok() || answer == Err(Abort::DeviceState.code()), "{answer:x?}");
+            if host.head.status().state != State::Commissioning {
+                if ended {
+                    break;
+                }
+                ended = true;
+            }
+            assert!(n < 20_000, "seed {seed}: the check does not end");
+        }
+        host.run(5 * MS);
+        let mut known = Settings::default();
+        host.learn(&mut known, 0..Settings::COUNT);
+        host.expect_runs(&known);
+        assert_eq!(host.read(0x2001, 4) & 0xFF == 1, known.commissioned, "seed {seed}");
+    }
+    assert!(found > 0, "no write was on its way when the check ended");
+}
