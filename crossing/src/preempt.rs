@@ -5,16 +5,33 @@
 //! therefore shows everything that interrupts can do.
 
 #[cfg(feature = "preempt")]
-pub use hooked::{point, with};
+pub use hooked::{Tally, point, tally, with};
+#[cfg(feature = "preempt")]
+pub(crate) use hooked::{lost, received, sent};
 
 /// A place where a task of higher priority may come in. Nothing without the feature `preempt`.
 #[cfg(not(feature = "preempt"))]
 #[inline(always)]
 pub fn point() {}
 
+/// An event goes into a ring. Nothing without the feature `preempt`, like the two below.
+#[cfg(not(feature = "preempt"))]
+#[inline(always)]
+pub(crate) fn sent() {}
+
+/// An event did not fit.
+#[cfg(not(feature = "preempt"))]
+#[inline(always)]
+pub(crate) fn lost() {}
+
+/// An event was taken.
+#[cfg(not(feature = "preempt"))]
+#[inline(always)]
+pub(crate) fn received() {}
+
 #[cfg(feature = "preempt")]
 mod hooked {
-    use std::cell::RefCell;
+    use std::cell::{Cell, RefCell};
     use std::rc::Rc;
     use std::thread_local;
 
@@ -22,6 +39,38 @@ mod hooked {
 
     thread_local! {
         static HOOK: RefCell<Option<Hook>> = const { RefCell::new(None) };
+        static TALLY: Cell<Tally> = const { Cell::new(Tally { sent: 0, received: 0, lost: 0 }) };
+    }
+
+    /// What has gone through all rings of a thread, by a count of its own: for tests of what the rings' owners count.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub struct Tally {
+        /// Events that somebody wanted to send.
+        pub sent: u64,
+        /// Events that were received.
+        pub received: u64,
+        /// Events that did not fit.
+        pub lost: u64,
+    }
+
+    /// What has gone through the rings of this thread since it began.
+    pub fn tally() -> Tally {
+        TALLY.get()
+    }
+
+    pub(crate) fn sent() {
+        let tally = TALLY.get();
+        TALLY.set(Tally { sent: tally.sent + 1, ..tally });
+    }
+
+    pub(crate) fn received() {
+        let tally = TALLY.get();
+        TALLY.set(Tally { received: tally.received + 1, ..tally });
+    }
+
+    pub(crate) fn lost() {
+        let tally = TALLY.get();
+        TALLY.set(Tally { lost: tally.lost + 1, ..tally });
     }
 
     /// A place where a task of higher priority may come in: calls the hook of this thread, if there is one.

@@ -6,7 +6,7 @@
 //! Two *places* count through the ring twice before they begin anew: where the sender writes next, and where the receiver
 //! reads next. Equal places are an empty ring, places that are N apart a full one, so all N slots are used.
 
-use crate::preempt::point;
+use crate::preempt::{self, point};
 use crate::sync::{AtomicU32, AtomicUsize, UnsafeCell, const_unless_loom, own, vacant};
 use core::mem::MaybeUninit;
 use core::sync::atomic::Ordering::{Acquire, Relaxed, Release};
@@ -89,9 +89,11 @@ impl<T, const N: usize> Sender<'_, T, N> {
     /// Sends an event. When the ring is full it is dropped and counted.
     #[inline]
     pub fn send(&mut self, event: T) {
+        preempt::sent();
         let room = self.room();
         let ring = self.ring;
         if room == 0 {
+            preempt::lost();
             ring.lost.store(own!(ring.lost).wrapping_add(1), Relaxed);
         } else {
             let back = own!(ring.back);
@@ -141,6 +143,7 @@ impl<T, const N: usize> Receiver<'_, T, N> {
         // No point in between: a hook that panics would leave the event here and there, and the sender cannot tell reading
         // from what was before it. Release: the slot is no longer read.
         ring.front.store(Ring::<T, N>::behind(front), Release);
+        preempt::received();
         point();
         Some(event)
     }

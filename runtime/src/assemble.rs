@@ -237,7 +237,6 @@ impl<B: Board> Host<B> {
             thresholds: self.thresholds,
             timers: Timers::new(now),
             configuring: Configuring::Done,
-            held: None,
             outstanding: 0,
             lost: [0; 2],
             known: 0,

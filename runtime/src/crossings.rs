@@ -51,8 +51,10 @@ pub struct Signals {
     pub sync_length: Word,
     /// Frames that the controller had to drop.
     pub overruns: Counter,
-    /// Faults of the supervision that did not fit their ring.
+    /// Faults of the supervision that did not fit their ring, and changes of state that did not fit the head's own log.
     pub lost_faults: Word,
+    /// See [`lost_faults`](Signals::lost_faults).
+    pub lost_changes: Word,
     /// Frames did not fit the ring to the controller: the protocol wants to run when it is empty.
     pub backlog: Flag,
     /// A frame came in since the last supervision.
@@ -74,6 +76,7 @@ impl Signals {
             sync_length: Word::new(0),
             overruns: Counter::new(),
             lost_faults: Word::new(0),
+            lost_changes: Word::new(0),
             backlog: Flag::new(),
             host: Flag::new(),
             reflex: Limits::new(),

@@ -37,6 +37,11 @@ impl<B: Board> Gap<B> {
         self.signals.roll.report(GAP, end);
     }
 
+    /// What makes readings of the blocks.
+    pub fn source(&self) -> &B::Source {
+        &self.source
+    }
+
     /// Other settings, once the reading is out.
     #[cold]
     fn retune(&mut self) {

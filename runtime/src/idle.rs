@@ -48,13 +48,21 @@ impl<B: Board> Idle<B> {
         if let Some((job, leave)) = self.granted.receive() {
             self.change(job, leave, protocol);
         }
-        if let Some(reset) = self.resets.receive() {
-            self.reset = Some(self.clock.now());
-            if let Reset::Node = reset {
+        let begun = match self.resets.peek() {
+            None => false,
+            Some(Reset::Communication) => true,
+            Some(Reset::Node) => {
                 let image = self.keeper.load();
                 let report = protocol.lock(|protocol| protocol.restart(image));
-                self.caller.note(&Note::Loaded(report));
+                if let Some(report) = report {
+                    self.caller.note(&Note::Loaded(report));
+                }
+                report.is_some()
             }
+        };
+        if begun {
+            self.resets.receive();
+            self.reset = Some(self.clock.now());
         }
         let now = self.clock.now();
         if self.reset.take_if(|since| now.wrapping_sub(*since) >= START_UP).is_some() {

@@ -48,8 +48,6 @@ pub struct Protocol<B: Board> {
     pub(crate) thresholds: B::Thresholds,
     pub(crate) timers: Timers,
     pub(crate) configuring: Configuring,
-    /// An order that has to wait for the configuration under way.
-    pub(crate) held: Option<Order>,
     /// Requests sent and not answered.
     pub(crate) outstanding: usize,
     /// Frames and events lost, as told last.
@@ -126,8 +124,9 @@ impl<B: Board> Protocol<B> {
         filters.listen(sync, &others);
         let frames = self.signals.overruns.read().wrapping_add(self.received.lost());
         let ends = &self.ends;
-        let events = [ends.changes.lost(), ends.checked.lost(), ends.answers.lost(), self.signals.lost_faults.load()];
-        let lost = [frames, events.into_iter().fold(0, u32::wrapping_add)];
+        let rings = [ends.changes.lost(), ends.checked.lost(), ends.answers.lost()];
+        let before_them = [self.signals.lost_faults.load(), self.signals.lost_changes.load()];
+        let lost = [frames, rings.into_iter().chain(before_them).fold(0, u32::wrapping_add)];
         let before = core::mem::replace(&mut self.lost, lost);
         let [overrun, events] = [lost[0] != before[0], lost[1] != before[1]];
         let Trouble { passive, bus_off } = filters.trouble();
@@ -196,6 +195,7 @@ impl<B: Board> Protocol<B> {
         let active = self.drive.active();
         self.ends.servo.write(|slot| *slot = ServoConfig { head: active.head, off_time_ns: active.off_time_ns });
         self.configuring = Configuring::Servo;
+        self.generations();
         self.request(Request::Configure);
     }
 
@@ -235,11 +235,14 @@ impl<B: Board> Protocol<B> {
         self.generations();
     }
 
-    /// Which configuration each task runs, for the host.
+    /// Which configuration each task runs, for the host. Those that the servo task has refused do not count: gap task and
+    /// supervision are never told of them.
     fn generations(&mut self) {
+        let servo = self.ends.gap.generation();
+        let waits = self.configuring == Configuring::Servo || self.drive.is_stale();
         self.drive.set_generations(Generations {
-            newest: self.ends.servo.generation(),
-            servo: self.ends.servo.verdict().generation,
+            newest: servo.wrapping_add(waits.into()),
+            servo,
             gap: self.ends.gap.verdict().generation,
             supervision: self.ends.limits.verdict().generation,
         });
@@ -248,7 +251,7 @@ impl<B: Board> Protocol<B> {
     /// Hands the drive's orders on, as long as there is room for any, and then what it will order at the next SYNC.
     fn orders(&mut self) {
         while self.outstanding < REQUESTS && self.resets.room() > 0 {
-            let Some(order) = self.held.take().or_else(|| self.drive.take()) else {
+            let Some(order) = self.drive.take() else {
                 self.signals.sync_length.store(self.node.sync_length().into());
                 if self.drive.foresee(self.node) {
                     self.request(Request::AtSync(self.drive.foreseen(), self.syncs));
@@ -256,10 +259,6 @@ impl<B: Board> Protocol<B> {
                 return;
             };
             match order {
-                Order::Configure if self.configuring != Configuring::Done => {
-                    self.held = Some(order);
-                    return;
-                }
                 Order::Configure => self.configure(),
                 Order::ResetNode => self.resets.send(Reset::Node),
                 Order::ResetCommunication => self.resets.send(Reset::Communication),
@@ -308,10 +307,11 @@ impl<B: Board> Protocol<B> {
         self.drive.kept(self.node, result);
     }
 
-    /// The drive begins anew with what is kept.
-    pub fn restart(&mut self, image: &StoredImage) -> LoadReport {
-        self.held = None;
-        self.drive.restart(self.defaults, image)
+    /// The drive begins anew with what is kept; `None` while a configuration is on its way to the tasks, which takes less
+    /// than a millisecond: what comes back then would be taken for the new one.
+    pub fn restart(&mut self, image: &StoredImage) -> Option<LoadReport> {
+        let settled = self.configuring == Configuring::Done;
+        settled.then(|| self.drive.restart(self.defaults, image))
     }
 
     /// The node begins anew with what is kept.

@@ -186,6 +186,7 @@ impl<B: Board> Servo<B> {
                 self.checked.send(result);
             }
         }
+        self.signals.lost_changes.store(self.head.lost_changes());
         if looked {
             let status = self.head.status();
             self.judged.write(|slot| *slot = *status);

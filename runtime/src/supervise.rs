@@ -48,6 +48,11 @@ impl<B: Board> Supervise<B> {
         self.signals.roll.report(SUPERVISE, end);
     }
 
+    /// What it judges by.
+    pub fn limits(&self) -> &SupervisionLimits {
+        self.limits.get()
+    }
+
     fn judge(&mut self) {
         let status = self.statuses.get();
         if let Some(fault) = self.supervisor.tick(self.limits.get(), status, self.signals.host.take()) {

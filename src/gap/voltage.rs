@@ -166,6 +166,11 @@ impl Voltage {
         self.active = active;
     }
 
+    /// What it runs on.
+    pub fn active(&self) -> &Active {
+        &self.active
+    }
+
     /// Averages a block; gives whether it is a short (`None`: too few gated conversions to tell) and whether it clipped.
     #[inline]
     fn take(&mut self, block: &GapBlock) -> (Option<bool>, bool) {

@@ -120,6 +120,11 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         &self.status
     }
 
+    /// What the ticks run.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
     /// Limits that the supervision judges by.
     pub fn supervision(&self) -> super::SupervisionLimits {
         self.config.supervise
@@ -128,6 +133,11 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     /// Oldest change of state not read yet.
     pub fn next_change(&mut self) -> Option<Change> {
         self.changes.pop()
+    }
+
+    /// Changes of state that were never read, because they came faster.
+    pub fn lost_changes(&self) -> u32 {
+        self.changes.lost()
     }
 
     /// Result of the last guided check.

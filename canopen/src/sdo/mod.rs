@@ -165,7 +165,7 @@ impl Server {
             return;
         }
         let outcome = if initiates(command) {
-            self.stop(space);
+            self.leave(space);
             self.address = address(request);
             self.initiate(request, space)
         } else {
@@ -226,9 +226,14 @@ impl Server {
         space.area.out.put(Frame::full(space.area.id.cob(ANSWER), answer));
     }
 
-    /// Ends the transfer under way without a word. What the device works on goes on; nobody hears how it ends.
+    /// Ends the transfer under way without a word, and forgets the requests that wait.
     pub fn stop(&mut self, space: &mut Space<'_>) {
         self.waiting.clear();
+        self.leave(space);
+    }
+
+    /// Ends the transfer under way without a word. What the device works on goes on; nobody hears how it ends.
+    fn leave(&mut self, space: &mut Space<'_>) {
         match core::mem::take(&mut self.transfer) {
             Transfer::BlockUpload(_) => space.area.out.discard(space.area.id.cob(ANSWER)),
             Transfer::Device(_) => self.given_up = self.given_up.saturating_add(1),
@@ -261,7 +266,7 @@ impl Server {
             // While segments leave it is not the client that is silent.
             self.heard = now;
             if let Err(abort) = transfer.send(&self.buffer, space) {
-                self.stop(space);
+                self.leave(space);
                 self.finish(Err(abort), space);
             }
         }

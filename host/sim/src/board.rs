@@ -54,6 +54,10 @@ pub struct Ports {
     pub drive: Cell<Drive>,
     /// Pulses allowed.
     pub pulses: Cell<bool>,
+    /// Off-time requested of the generator, ns.
+    pub off_time_ns: Cell<Option<u32>>,
+    /// What the reflex was told.
+    pub thresholds: Cell<Option<Config>>,
     /// Measured position, counts, for the dry loop.
     pub position: Cell<i64>,
     /// In the place of the gap signal.
@@ -64,8 +68,14 @@ pub struct Ports {
     pub inboxes: [RefCell<VecDeque<Frame>>; 2],
     /// Frames that the head has sent.
     pub outbox: RefCell<VecDeque<Frame>>,
-    /// Frames that the controller had to drop since it was asked last.
+    /// The controller had to drop a frame since it was asked last.
     pub overrun: Cell<bool>,
+    /// Times that it had to, between two times that it was asked: that is all that a controller knows.
+    pub overruns: Cell<u64>,
+    /// Frames that it had to drop, of which it knows nothing.
+    pub dropped: Cell<u64>,
+    /// Places for frames to be sent that are free; `None` for any number of them.
+    pub mailboxes: Cell<Option<usize>>,
     /// Identifiers that the controller lets through, that of SYNC first.
     pub listens: RefCell<Vec<u16>>,
     /// Tasks asked for: protocol, transmission, supervision.
@@ -104,7 +114,10 @@ impl Ports {
         let inbox = if place == 0 && frame.is_data_frame() { Inbox::Sync } else { Inbox::Others };
         let mut frames = self.inboxes[inbox as usize].borrow_mut();
         if frames.len() == DEPTH {
-            self.overrun.set(true);
+            self.dropped.set(self.dropped.get() + 1);
+            if !self.overrun.replace(true) {
+                self.overruns.set(self.overruns.get() + 1);
+            }
         } else {
             frames.push_back(*frame);
         }
@@ -227,7 +240,9 @@ impl Generator for Part {
     fn set_pulses(&mut self, enabled: bool) {
         self.0.pulses.set(enabled);
     }
-    fn request_off_time(&mut self, _: Option<u32>) {}
+    fn request_off_time(&mut self, ns: Option<u32>) {
+        self.0.off_time_ns.set(ns);
+    }
 }
 
 impl Safety for Part {
@@ -275,7 +290,8 @@ impl Period for Part {
 
 impl Thresholds for Part {
     type Error = core::convert::Infallible;
-    fn set(&mut self, _: &Config) -> Result<(), Self::Error> {
+    fn set(&mut self, config: &Config) -> Result<(), Self::Error> {
+        self.0.thresholds.set(Some(*config));
         Ok(())
     }
 }
@@ -299,6 +315,10 @@ impl SyncInbox for Part {
 impl Mailboxes for Part {
     type Frame = Frame;
     fn send(&mut self, frame: &Frame) -> bool {
+        match self.0.mailboxes.get() {
+            Some(0) => return false,
+            free => self.0.mailboxes.set(free.map(|free| free - 1)),
+        }
         self.0.outbox.borrow_mut().push_back(*frame);
         true
     }

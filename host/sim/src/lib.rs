@@ -15,6 +15,7 @@
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
 //! | [`output`] | files that appear complete or not at all |
 //! | [`store`] | what a virtual head keeps when its power is cut |
+//! | `schedule` | a virtual head whose tasks preempt each other as a seed wants it (feature `preempt`) |
 //! | [`serve`] | virtual heads on a CAN bus, in real time |
 //! | [`cli`] | commands, checks, progress |
 //! | [`sweep`] | every scenario with many seeds, against the bounds |
@@ -36,6 +37,8 @@ pub mod progress;
 pub mod report;
 pub mod run;
 pub mod scenario;
+#[cfg(feature = "preempt")]
+pub mod schedule;
 pub mod serve;
 pub mod statistics;
 pub mod store;

@@ -26,7 +26,7 @@ use edm_servo_head::units::{Fixed, MicrometresPerSecond, TICKS_PER_MS, Volts};
 /// Gap that counts as right in the dry loop, um.
 const DRY_GAP_UM: f64 = 40.0;
 /// Tick of a millisecond behind which the supervision runs: the head has told of itself in it.
-const SUPERVISED: u32 = 2;
+pub(crate) const SUPERVISED: u32 = 2;
 
 /// A head with its process, wherever the head runs.
 pub trait Rig {
@@ -82,12 +82,12 @@ impl Rig for Machine {
 pub struct Core {
     /// What the tasks see and set.
     pub ports: &'static Ports,
-    signals: &'static Signals,
-    decoder: Decoder<Pc>,
-    gap: Gap<Pc>,
-    servo: Servo<Pc>,
-    supervise: Supervise<Pc>,
-    ticks: u32,
+    pub(crate) signals: &'static Signals,
+    pub(crate) decoder: Decoder<Pc>,
+    pub(crate) gap: Gap<Pc>,
+    pub(crate) servo: Servo<Pc>,
+    pub(crate) supervise: Supervise<Pc>,
+    pub(crate) ticks: u32,
 }
 
 /// The tasks by which a head is commanded, before anybody has chosen them.
@@ -190,7 +190,7 @@ impl Core {
 }
 
 /// Puts what the wires of a process show on the ports.
-fn show(ports: &Ports, process: &Process) {
+pub(crate) fn show(ports: &Ports, process: &Process) {
     let sensors = process.sensors();
     ports.now.set(sensors.now);
     ports.levels.set(sensors.levels);

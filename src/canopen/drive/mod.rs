@@ -203,7 +203,9 @@ pub struct Drive {
     lost: [u32; 2],
     /// The settings come from a reset and are not a host's write, which could be taken back.
     restarting: bool,
-    /// The head does not run the newest settings.
+    /// A configuration was ordered and has not come back: there is no other until then.
+    configuring: bool,
+    /// The head does not run the newest settings: they are ordered when it is disabled.
     stale: bool,
     /// Commands taken and not answered, set points of a stream apart.
     in_flight: u8,
@@ -266,6 +268,7 @@ impl Drive {
             generations: Generations::default(),
             lost: [0; 2],
             restarting: false,
+            configuring: false,
             stale: false,
             in_flight: 0,
             fresh: false,
@@ -305,7 +308,7 @@ impl Drive {
         self.set_points = SetPoints::default();
         (self.control, self.leaving, self.enabling, self.mode) = (0, None, false, Mode::None);
         self.load_defaults();
-        self.restarting = true;
+        (self.restarting, self.stale) = (true, false);
         // Before the settings, which a head that is not disabled may refuse.
         self.order(Order::Command(Command::Disable));
         let report = self.load(settings, stored);
@@ -377,17 +380,23 @@ impl Drive {
     /// Every task runs what [`Drive::active`] said at [`Order::Configure`].
     pub fn runs_configuration(&mut self) {
         self.running = self.settings;
-        (self.restarting, self.stale) = (false, false);
+        (self.restarting, self.configuring) = (false, false);
     }
 
     /// The head has refused [`Order::Configure`], in a state that does not allow it. The settings are again those that run; if
     /// they were not a host's but come from a reset, they are ordered again when the head is disabled.
     pub fn refused_configuration(&mut self) {
+        self.configuring = false;
         if self.restarting {
             self.stale = true;
         } else if let Ok(active) = self.running.build() {
             (self.settings, self.active) = (self.running, active);
         }
+    }
+
+    /// The settings wait until the head is disabled; no task runs them.
+    pub fn is_stale(&self) -> bool {
+        self.stale
     }
 
     /// Which configuration each task runs, for 200Ch.
@@ -437,6 +446,8 @@ impl Drive {
         self.settings.commissioned = result.is_ok();
         self.running.commissioned = result.is_ok();
         self.active.head.commissioned = result.is_ok();
+        // One that is on its way says what was known when it was ordered, and overtakes what the check has found.
+        self.stale |= self.configuring;
         self.finding = match result {
             Ok(_) => 1,
             Err(finding) => codes::finding(finding),
@@ -447,8 +458,8 @@ impl Drive {
     pub fn observe(&mut self, status: &Status) {
         self.status = *status;
         self.fresh = self.in_flight == 0 && self.orders.is_empty() && self.follow.is_none();
-        if self.stale && status.state == head::State::Disabled {
-            self.stale = !self.order(Order::Configure);
+        if self.stale && !self.configuring && status.state == head::State::Disabled {
+            self.stale = !self.configure();
         }
         self.watch_erosion();
         self.watch_fault();
@@ -548,6 +559,13 @@ impl Drive {
     fn order(&mut self, order: Order) -> bool {
         self.fresh = false;
         self.orders.push_back(order).is_ok()
+    }
+
+    /// Lets all tasks run the newest settings.
+    fn configure(&mut self) -> bool {
+        let ordered = self.order(Order::Configure);
+        self.configuring |= ordered;
+        ordered
     }
 
     fn command(&mut self, command: Command) -> bool {

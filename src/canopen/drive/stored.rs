@@ -15,7 +15,7 @@
 //! A guided check counts no longer when a setting of axis, motor, encoder or polarity is not the stored one, and when an
 //! older image or none at all could be read: nobody knows what the newest said of the wiring.
 
-use super::{Drive, Order, codes};
+use super::{Drive, codes};
 use crate::canopen::objects::{COUNT, Found, Item, Row, entry, rows, setting_address_at, setting_kind};
 use crate::canopen::{Abort, BootError, Group, Listed, Node, Record, Restored, STORED};
 use crate::settings::{Declared, SettingError, Settings, place};
@@ -257,7 +257,7 @@ impl Drive {
     pub(super) fn adopt(&mut self, settings: Settings) -> Result<(), SettingError> {
         self.active = settings.build()?;
         self.settings = settings;
-        self.order(Order::Configure);
+        self.configure();
         Ok(())
     }
 

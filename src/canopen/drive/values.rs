@@ -293,7 +293,7 @@ impl Drive {
         };
         let (old, new) = (&self.active.head.axis, &mut active.head.axis);
         let same = old.is_wired_as(new);
-        if self.stale || !same && (self.status.state != head::State::Disabled || self.enabling) {
+        if self.stale || self.configuring || !same && (self.status.state != head::State::Disabled || self.enabling) {
             return Err(Abort::DeviceState);
         }
         // The guided check has to look again at what it has passed.
@@ -301,8 +301,8 @@ impl Drive {
             pending.commissioned = false;
             active.head.commissioned = false;
         }
-        // One at a time: the next is held until this one runs, and this one can be taken back.
-        if !self.order(Order::Configure) {
+        // One at a time: this one can be taken back.
+        if !self.configure() {
             return Err(Abort::DeviceState);
         }
         self.settings = pending;

@@ -181,10 +181,10 @@ objects! {
         5 StoredDefaultedFirst: u32, ro, no, U32, 0, "", live, "First defaulted: index times 256 and sub-index; 0 none";
     }
     0x200C "Configuration" {
-        1 GenerationNewest: u32, ro, tx, U32, 0, "", live, "Newest: changes of settings since power-on";
+        1 GenerationNewest: u32, ro, tx, U32, 0, "", live, "Newest: changes of settings since power-on, those that were refused left out; another than the ones below while the tasks do not run it";
         2 GenerationServo: u32, ro, tx, U32, 0, "", live, "Servo tick: the one that it runs";
-        3 GenerationGap: u32, ro, tx, U32, 0, "", live, "Gap task: the one that it runs, counted from those that the servo tick has accepted";
-        4 GenerationSupervision: u32, ro, tx, U32, 0, "", live, "Supervision: the one that it runs, counted in the same way";
+        3 GenerationGap: u32, ro, tx, U32, 0, "", live, "Gap task: the one that it runs";
+        4 GenerationSupervision: u32, ro, tx, U32, 0, "", live, "Supervision: the one that it runs";
     }
     0x200D "Lost" {
         1 LostFrames: u32, ro, tx, U32, 0, "", live, "Frames: that came faster than they were taken, since power-on";

@@ -28,16 +28,16 @@ use rtic_core::Mutex;
 pub struct Head {
     /// The machine and the process.
     pub process: Process,
-    core: Core,
-    receive: Receive<Pc>,
-    transmit: Transmit<Pc>,
-    protocol: Alone<Protocol<Pc>>,
-    idle: Idle<Pc>,
+    pub(crate) core: Core,
+    pub(crate) receive: Receive<Pc>,
+    pub(crate) transmit: Transmit<Pc>,
+    pub(crate) protocol: Alone<Protocol<Pc>>,
+    pub(crate) idle: Idle<Pc>,
     id: NodeId,
 }
 
 /// What tasks share, where no task comes in between.
-struct Alone<T>(T);
+pub(crate) struct Alone<T>(pub T);
 
 impl<T> Mutex for Alone<T> {
     type T = T;

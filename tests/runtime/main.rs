@@ -1,0 +1,7 @@
+//! What crosses between the tasks of a head, under a scheduler that lets every lower task come late and be interrupted at
+//! each crossing (`edm_sim::schedule`): the dictionary reads what runs, every request is answered, nothing is lost uncounted.
+
+mod bursts;
+mod losses;
+mod rig;
+mod writes;
