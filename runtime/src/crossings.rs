@@ -45,6 +45,8 @@ pub const ANSWERS: usize = 2 * REQUESTS + 1;
 pub struct Signals {
     /// Something waits for the servo task, which looks into none of its rings otherwise. Set after the ring was filled.
     pub waiting: Flag,
+    /// Servo ticks of uninterrupted short: of the gap reading, what every tick looks at.
+    pub short_ticks: Word,
     /// SYNCs that have come.
     pub syncs: Counter,
     /// Bytes of a SYNC as the node is configured: any other is none.
@@ -72,6 +74,7 @@ impl Signals {
     pub const fn new() -> Self {
         Signals {
             waiting: Flag::new(),
+            short_ticks: Word::new(0),
             syncs: Counter::new(),
             sync_length: Word::new(0),
             overruns: Counter::new(),

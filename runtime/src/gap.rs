@@ -29,6 +29,7 @@ impl<B: Board> Gap<B> {
         self.blocks.block(&mut self.block);
         let reading = self.source.update(self.block.as_ref());
         self.reading.write(|slot| *slot = reading);
+        self.signals.short_ticks.store(reading.short_ticks);
         if self.settings.is_fresh() {
             self.retune();
         }

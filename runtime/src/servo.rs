@@ -135,15 +135,17 @@ impl<B: Board> Servo<B> {
         } else {
             self.input.encoder.raw = self.handover.count(self.decoder.read());
         }
-        let input = &mut self.input;
-        if self.reading.refresh() {
-            input.gap = *self.reading.get();
-        } else {
-            input.gap.quality = Quality::Missing;
+        if self.head.wants_gap() {
+            self.take_reading();
         }
+        let input = &mut self.input;
+        input.gap.short_ticks = self.signals.short_ticks.load();
+        input.reflex = false;
         let retreats = self.lines.retreats();
-        input.reflex = retreats != self.retreats;
-        self.retreats = retreats;
+        if retreats != self.retreats {
+            self.retreats = retreats;
+            input.reflex = true;
+        }
         input.drive = self.drive.read();
         if !self.inputs.are_quiet() || self.input.safety.is_some() {
             self.safety();
@@ -154,6 +156,16 @@ impl<B: Board> Servo<B> {
     #[cold]
     fn safety(&mut self) {
         self.input.safety = self.inputs.read().unsafe_ones();
+    }
+
+    /// For a plan: the newest gap reading, or the one before, marked as missing.
+    #[cold]
+    fn take_reading(&mut self) {
+        if self.reading.refresh() {
+            self.input.gap = *self.reading.get();
+        } else {
+            self.input.gap.quality = Quality::Missing;
+        }
     }
 
     /// For the look, or while the timer leads: both counters.

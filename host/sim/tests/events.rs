@@ -30,7 +30,8 @@ fn eroding(events: &[Event]) -> Machine {
     for command in [Command::SetHome(Nanometres(0)), Command::Enable, target, Command::Start] {
         machine.command(command).unwrap();
     }
-    run(&mut machine, AT_S - 0.01);
+    // Each command has taken a tick.
+    run(&mut machine, AT_S - 0.01 - 4.0 / f64::from(TICK_HZ));
     assert_eq!((machine.status().state, machine.status().fault), (State::Eroding, None));
     machine
 }
