@@ -202,6 +202,10 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         if !matches!(state, State::Positioning | State::Homing) {
             self.end_positioning();
         }
+        if state == State::Disabled {
+            // Broken off, or at their end.
+            (self.check, self.proof) = (None, None);
+        }
         self.urgent = true;
         self.status.feed = MicrometresPerSecond(match state {
             State::Seeking => self.config.seek.velocity.0,
