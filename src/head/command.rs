@@ -47,8 +47,8 @@ pub enum Command {
     Hold,
     /// Run the guided check of encoder, motor, gap and stroke.
     Commission,
-    /// Acknowledge a fault whose cause is gone. After a lost encoder the head has no home any more; what casts doubt on the
-    /// encoder is not gone before it has proved itself.
+    /// Acknowledge a fault whose cause is gone. A head that was lifted without its encoder has no home any more; what casts
+    /// doubt on the encoder is not gone before it has proved itself.
     ResetFault,
 }
 

@@ -184,11 +184,13 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.proof = None;
         self.status.fault = Some(fault);
         self.status.first = self.status.first.or(Some(fault));
-        if fault.doubts_encoder() && self.doubt != Some(Fault::EncoderLost) {
-            self.doubt = Some(fault);
+        if fault.doubts_encoder() {
+            // What the head moves without its counts is counted by nobody, or wrongly.
+            let blind = fault == Fault::EncoderLost || reaction >= Reaction::OpenLoopLift;
+            let lost = blind || self.doubt == Some(Fault::EncoderLost);
+            self.doubt = Some(if lost { Fault::EncoderLost } else { fault });
+            self.status.homed &= !lost;
         }
-        // What was counted since cannot be trusted, nor the place where zero was.
-        self.status.homed &= fault != Fault::EncoderLost;
         self.axis.reset();
         // A reaction may retrace further than a working retreat.
         self.path.set_retreat(Fixed(i64::MAX));
@@ -372,8 +374,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         match motion(self) {
             None => Motion::Coast,
             Some(Ok(motion)) => motion,
-            Some(Err(second)) => {
-                self.raise(second);
+            Some(Err((fault, reaction))) => {
+                self.react_with(fault, reaction);
                 motion(self).and_then(Result::ok).unwrap_or(Motion::Coast)
             }
         }

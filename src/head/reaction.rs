@@ -110,8 +110,8 @@ impl Reacting {
         }
     }
 
-    /// Motion for this tick, or a second fault that shows in how the head answers to this reaction.
-    pub fn tick(&mut self, config: &Config, now: &Situation) -> Result<Motion, Fault> {
+    /// Motion for this tick; or what shows in how the head answers to this reaction, and the reaction to that.
+    pub fn tick(&mut self, config: &Config, now: &Situation) -> Result<Motion, (Fault, Reaction)> {
         self.ticks = self.ticks.saturating_add(1);
         let up = MicrometresPerSecond(-config.retreat.velocity.0);
         let full = upward(config, now, config.axis.duty_limit);
@@ -123,8 +123,7 @@ impl Reacting {
             }
             Reaction::ForceLimitedRetract => {
                 if self.grows(config, now) {
-                    self.reaction = Reaction::OpenLoopLift;
-                    self.ticks = 0;
+                    return Err((self.fault, Reaction::OpenLoopLift));
                 }
                 let limited = upward(config, now, config.lift.limited);
                 if now.path <= now.safe { self.hold(config, now, limited)? } else { Motion::Path(up, limited) }
@@ -142,7 +141,7 @@ impl Reacting {
     /// Holds: with what it takes until the head has come to rest, then with limited force and with no more than the current
     /// that may flow for ever. A head that withstands that force without moving by a count has a dead encoder, unless it has
     /// come to its upper end.
-    fn hold(&mut self, config: &Config, now: &Situation, window: Window) -> Result<Motion, Fault> {
+    fn hold(&mut self, config: &Config, now: &Situation, window: Window) -> Result<Motion, (Fault, Reaction)> {
         self.still = if now.position == self.position { self.still.saturating_add(1) } else { 0 };
         self.position = now.position;
         let rest = MicrometresPerSecond(0.0);
@@ -154,7 +153,11 @@ impl Reacting {
         let continuous = config.axis.plant.current_window(config.axis.current.continuous, now.velocity);
         let window = upward(config, now, config.lift.limited).and(continuous);
         let pushed = now.saturated && now.duty < config.axis.gains.holding() && !now.top;
-        if pushed && self.still > REST { Err(Fault::EncoderLost) } else { Ok(Motion::Path(rest, window)) }
+        if pushed && self.still > REST {
+            Err((Fault::EncoderLost, Reaction::OpenLoopLift))
+        } else {
+            Ok(Motion::Path(rest, window))
+        }
     }
 
     /// The following error has been too large, and has not become smaller, for too long.

@@ -231,8 +231,10 @@ fn a_following_error_while_a_fault_holds_becomes_a_force_limited_retract_and_the
     bench.push = 3.4;
     bench.run_until(0.5, |bench| bench.fault() == Some(Fault::FollowingError));
     assert_eq!(bench.head.status().first, Some(Fault::HostSilent));
+    assert!(bench.head.status().homed);
     bench.run(0.025);
     assert!((bench.duty() - -0.00528).abs() < 0.0005, "{}", bench.duty());
+    assert!(!bench.head.status().homed, "what is lifted without its counts has lost its home");
 }
 
 #[test]
