@@ -2,8 +2,8 @@
 
 use crate::rig::{Host, ID, MS, place, setting};
 use edm_servo_head::canopen::Abort;
-use edm_servo_head::settings::{Declared, Settings};
 use edm_servo_head::head::State;
+use edm_servo_head::settings::{Declared, Settings};
 use edm_sim::schedule::Habits;
 
 /// The protocol gets no turn for long, whatever comes.

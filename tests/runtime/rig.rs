@@ -239,7 +239,11 @@ impl Host {
         let [sent, received] = [tally.sent - self.before.sent, tally.received - self.before.received];
         let lost = tally.lost - self.before.lost;
         assert_eq!(sent, received + lost, "sent, received and lost");
-        assert_eq!(u64::from(shown[0]) + u64::from(shown[1]), lost + self.head.overruns().0, "lost, and shown in 200Dh");
+        assert_eq!(
+            u64::from(shown[0]) + u64::from(shown[1]),
+            lost + self.head.overruns().0,
+            "lost, and shown in 200Dh"
+        );
         shown
     }
 
