@@ -7,7 +7,7 @@
 
 use crate::board::{PROTOCOL, Part, Pc, Ports, TRANSMIT};
 use crate::bore::Setup;
-use crate::machine::{Core, Others};
+use crate::machine::{Core, Others, show};
 use crate::process::Process;
 use crate::store::Store;
 use edm_bus::Frame;
@@ -77,7 +77,8 @@ impl Head {
         let refused = drive.restart(settings, kept.application()).err().map(Note::SettingsRefused);
         let unfit = node.boot(kept.communication(), drive).err().map(Note::ParametersRefused);
         drive.started();
-        let (core, others) = Core::on(ports, drive.active(), &process);
+        show(ports, &process);
+        let (core, others) = Core::on(ports, drive.active());
         ports.notes.borrow_mut().extend(refused.into_iter().chain(unfit));
         let [sync, others_of_node @ ..] = node.identifiers();
         edm_hal_shim::can::Filters::listen(&mut Part(ports), sync, &others_of_node);
