@@ -7,7 +7,7 @@ use crate::host::{self, Bus};
 use crate::image::Image;
 use crate::machine::Machine;
 use crate::rtt::Rtt;
-use crate::seen::Places;
+use crate::seen::{Places, Runs};
 use anyhow::{Result, anyhow, bail};
 use edm_servo_head::head::{Change, Command, Reason, State, Status};
 use edm_servo_head::settings::Settings;
@@ -305,6 +305,14 @@ impl Emulated {
     /// Commands that the newest tick carried out, and when that tick began.
     pub fn carried(&self) -> (u64, &[Command]) {
         (self.end - LOOK, &self.carried)
+    }
+
+    /// What the tasks run, read from their memory.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn runs(&mut self) -> Result<Runs> {
+        self.places.runs(&self.machine.soc().memory)
     }
 
     /// Whether the firmware has changed its flash since the last call.

@@ -18,7 +18,7 @@ pub fn firmware() -> &'static [u8] {
                 "--profile",
                 "firmware",
                 "-p",
-                "edm-servo-head",
+                "edm-firmware",
                 "--bin",
                 "edm-servo-head",
                 "--target",

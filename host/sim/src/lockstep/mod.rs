@@ -157,3 +157,72 @@ impl Twin {
 fn bits(reading: &GapReading) -> (u32, u32, Quality, u32) {
     (reading.filtered.0.to_bits(), reading.block.0.to_bits(), reading.quality, reading.short_ticks)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::process::{Parameters, Process};
+    use edm_servo_head::head::State;
+
+    /// What a head sees that is enabled, and whose bus voltage sags: the supervision finds that.
+    fn day(seed: u64) -> Vec<Event> {
+        let settings = Settings { commissioned: true, ..Settings::default() };
+        let mut process = Process::new(&Parameters::default(), seed).unwrap();
+        let (mut core, others) = Core::new(&settings.build().unwrap(), &process);
+        let mut ends = others.host.ends;
+        let mut events = Vec::new();
+        for period in 0..10_000 {
+            if period == 1000 {
+                ends.requests.send(Request::Command(Command::Enable));
+                core.signals.waiting.set();
+                events.push(Event::Command(Command::Enable));
+            }
+            process.mishaps.bus_v = (period > 5000).then_some(20.0);
+            core.host_is_alive();
+            core.tick(&mut process);
+            let (fault, tick) = core.servo.told();
+            events.push(Event::Block(Some(process.sensors().block)));
+            if tick == core.status().tick {
+                events.push(Event::Told(fault));
+            }
+            events.push(Event::Tick(*core.input(), *core.status()));
+            while ends.answers.receive().is_some() {}
+        }
+        assert_eq!((core.status().state, core.status().fault), (State::Fault, Some(Fault::BusSag)));
+        events
+    }
+
+    fn replay(events: &[Event]) -> Result<u64, String> {
+        let mut twin = Twin::new(&Settings { commissioned: true, ..Settings::default() }).unwrap();
+        events.iter().try_for_each(|event| twin.event(event))?;
+        Ok(twin.ticks())
+    }
+
+    fn told(events: &[Event]) -> usize {
+        events.iter().position(|event| matches!(event, Event::Told(_))).unwrap()
+    }
+
+    #[test]
+    fn a_fault_of_the_supervision_is_found_here_too() {
+        for seed in 0..10 {
+            let events = day(seed);
+            assert_eq!(events[told(&events)], Event::Told(Fault::BusSag));
+            assert_eq!(replay(&events), Ok(10_000), "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn a_fault_that_the_supervision_finds_on_one_side_alone_is_a_difference() {
+        let events = day(1);
+        let at = told(&events);
+        let without: Vec<_> = events.iter().filter(|event| !matches!(event, Event::Told(_))).copied().collect();
+        assert!(replay(&without).is_err());
+        let mut another = events.clone();
+        another[at] = Event::Told(Fault::FollowingError);
+        assert!(replay(&another).unwrap_err().contains("fault told"));
+        // A millisecond before its time: two events a period.
+        let mut early = without;
+        early.insert(at - 40, Event::Told(Fault::BusSag));
+        assert!(replay(&early).unwrap_err().contains("fault told"));
+    }
+}
