@@ -94,6 +94,11 @@ impl Master {
         panic!("{} requests were not answered", self.asked);
     }
 
+    /// A frame that is no request.
+    fn also(&mut self, after: u64, id: u16, data: &[u8]) {
+        self.rig.send_at(after, Frame::new(id, data));
+    }
+
     fn burst(&mut self) -> BTreeSet<usize> {
         let mut touched = BTreeSet::new();
         let waits = self.below(2) == 0;
@@ -109,9 +114,9 @@ impl Master {
             let after = if waits { WINDOW / 2 } else { FRAME * u64::from(n) };
             self.rig.send_at(after, Frame::new(0x601, &[0x23 | (4 - size) << 2, low, high, sub, a, b, c, d]));
             match self.below(8) {
-                0 => drop(self.rig.send_at(after, Frame::new(0x201, &[[6, 7, 15, 0][self.below(4) as usize], 0]))),
-                1 => drop(self.rig.send_at(after, Frame::new(0x80, &[]))),
-                2 => drop(self.rig.send_at(after, Frame::new(0, &[1, 1]))),
+                0 => self.also(after, 0x201, &[[6, 7, 15, 0][n as usize % 4], 0]),
+                1 => self.also(after, 0x80, &[]),
+                2 => self.also(after, 0, &[1, 1]),
                 _ => {}
             }
             if waits {
