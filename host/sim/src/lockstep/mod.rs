@@ -6,7 +6,7 @@
 //!
 //! A fault that a tick finds by itself must be found here, and so must one of the supervision, in the same millisecond. It
 //! judges the status of each look once, at a moment that is not recorded: here when the chip was told of a fault, or else
-//! before the next look. What the protocol raises, a host that is silent, is told as a request.
+//! before the next look. The tick of that look may interrupt it before it has told, and then the tick behind is told. What the protocol raises, a host that is silent, is told as a request.
 
 mod recording;
 
@@ -40,6 +40,8 @@ pub struct Twin {
     ends: HostEnds,
     /// The supervision has judged the newest look.
     judged: bool,
+    /// It was interrupted before it told of a fault.
+    interrupted: bool,
     /// The newest fault that the next tick is told of.
     told: Option<Fault>,
     ticks: u64,
@@ -52,7 +54,7 @@ impl Twin {
     /// When the settings contradict each other.
     pub fn new(settings: &Settings) -> Result<Self, SettingError> {
         let (core, others) = Core::on(Ports::leak(), &settings.build()?);
-        Ok(Self { core, ends: others.host.ends, judged: true, told: None, ticks: 0 })
+        Ok(Self { core, ends: others.host.ends, judged: true, interrupted: false, told: None, ticks: 0 })
     }
 
     /// What happened next on the chip.
@@ -69,7 +71,7 @@ impl Twin {
                 self.told = Some(*fault);
                 if *fault == Fault::HostSilent {
                     self.request(Request::Raise(*fault));
-                } else {
+                } else if !self.interrupted {
                     self.judge();
                 }
             }
@@ -110,12 +112,22 @@ impl Twin {
 
     fn tick(&mut self, input: &TickInput, there: &Status) -> Result<(), String> {
         self.ticks += 1;
+        let waiting = &self.core.signals.waiting;
+        self.interrupted = false;
         if self.core.servo.head().looks_at_encoder() {
+            let others = waiting.is_set();
             self.judge();
+            self.interrupted = waiting.is_set() && !others && self.told.is_none();
+        }
+        if self.interrupted {
+            waiting.clear();
         }
         self.show(input);
         let wants_gap = self.core.servo.head().wants_gap();
         self.core.servo.tick();
+        if self.interrupted {
+            waiting.set();
+        }
         self.judged &= !self.core.servo.head().has_looked();
         while self.ends.answers.receive().is_some() {}
         while self.ends.changes.receive().is_some() {}
