@@ -86,6 +86,8 @@ pub struct Emulated {
     /// Runs of the gap task so far.
     blocks: u64,
     status: Status,
+    /// Tick of the status that the supervision has judged last.
+    judged: u32,
     /// True count at the beginning of the window, where the servo task reads the encoder.
     count: i64,
     changes: VecDeque<Change>,
@@ -138,6 +140,7 @@ impl Emulated {
             end: 0,
             blocks: 0,
             status: Status::default(),
+            judged: 0,
             count: 0,
             changes: VecDeque::new(),
             came: VecDeque::new(),
@@ -217,6 +220,7 @@ impl Emulated {
         let memory = &self.machine.soc().memory;
         let (status, input) = (self.places.status(memory)?, self.places.input(memory)?);
         let told = self.places.told(memory, status.tick)?;
+        let judged = self.places.judged(memory)?;
         let stores = before.state == State::Disabled && status.state == State::Disabled;
         if status.tick != before.tick.wrapping_add(1) && matches!(self.witness, Witness::None) && stores {
             // The processor stalls while the flash is erased, and only a disabled head is allowed to.
@@ -238,7 +242,16 @@ impl Emulated {
         if let Some(fault) = told {
             self.witness.event(&Event::Told(fault))?;
         }
+        // It may have judged the status of this tick, or the one before it.
+        let supervised = judged != self.judged;
+        if supervised && judged != status.tick {
+            self.witness.event(&Event::Supervised)?;
+        }
         self.witness.event(&Event::Tick(input, status))?;
+        if supervised && judged == status.tick {
+            self.witness.event(&Event::Supervised)?;
+        }
+        self.judged = judged;
         self.status = status;
         Ok(())
     }

@@ -33,6 +33,8 @@ const SOURCE: &str = "edm_servo_head::gap::voltage::Voltage";
 const ACTIVE: &str = "edm_servo_head::gap::voltage::Active";
 const READER: &str = "edm_crossing::latest::Reader";
 const SLOT: &str = "edm_crossing::latest::Slot<edm_servo_head::head::supervise::Limits>";
+const STATUS_SLOT: &str = "edm_crossing::latest::Slot<edm_servo_head::head::Status>";
+const STATUS_HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::Status>";
 const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::Limits>";
 const COMMAND: &str = "edm_servo_head::head::command::Command";
 /// Variants of [`Command`], and the number of fields that each has.
@@ -96,6 +98,8 @@ pub struct Places {
     /// Where the slot is whose limits the supervision judges by, and how far behind its beginning they are.
     limits: (u32, u32),
     short: u32,
+    /// Where the slot is whose status the supervision has judged, and how far behind its beginning the tick is.
+    judged: (u32, u32),
 }
 
 impl Places {
@@ -127,6 +131,8 @@ impl Places {
             READER,
             SLOT,
             HELD,
+            STATUS_SLOT,
+            STATUS_HELD,
             "edm_servo_head::head::Status",
             "edm_servo_head::head::TickInput",
             "edm_servo_head::gap::GapReading",
@@ -196,6 +202,14 @@ impl Places {
                 + layout.offset(GAP, "source")?
                 + layout.offset(SOURCE, "active")?
                 + layout.offset(ACTIVE, "short")?,
+            judged: (
+                symbol("app", "__rtic_internal_local_resource_supervise")?
+                    + layout.offset(SUPERVISE, "statuses")?
+                    + layout.offset(READER, "taken")?,
+                layout.offset(STATUS_SLOT, "held")?
+                    + layout.offset(STATUS_HELD, "value")?
+                    + offset_of!(Status, tick) as u32,
+            ),
         })
     }
 
@@ -220,6 +234,16 @@ impl Places {
             supervision: limits(&at(slot + behind))?,
             short: at(self.short).float(0)?,
         })
+    }
+
+    /// Tick of the status that the supervision has judged last.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn judged(&self, memory: &Memory) -> Result<u32> {
+        let at = |at| View { region: &memory.sram, at };
+        let (slot, behind) = self.judged;
+        at(at(slot).word(0)? + behind).word(0)
     }
 
     /// Whether idle changes the flash.

@@ -4,9 +4,9 @@
 //! everything that computes with floats: the converter's codes with the gate, the encoder's counts and times, contacts,
 //! drive codes, the reflex. Commands go through the crossings, in the tick in which the chip's servo task carried them out.
 //!
-//! A fault that a tick finds by itself must be found here, and so must one of the supervision, in the same millisecond. It
-//! judges the status of each look once, at a moment that is not recorded: here when the chip was told of a fault, or else
-//! before the next look. The tick of that look may interrupt it before it has told, and then the tick behind is told. What the protocol raises, a host that is silent, is told as a request.
+//! A fault that a tick finds by itself must be found here, and so must one of the supervision, which judges here when it did
+//! there. A tick may interrupt it between judging and telling, and then the tick behind is told. What the protocol raises, a
+//! host that is silent, is told as a request.
 
 mod recording;
 
@@ -28,6 +28,8 @@ pub enum Event {
     Block(Option<GapBlock>),
     /// The host's command that the next tick carries out.
     Command(Command),
+    /// The supervision has judged the newest status.
+    Supervised,
     /// A fault that another task tells the next tick of.
     Told(Fault),
     /// One servo tick.
@@ -38,10 +40,8 @@ pub enum Event {
 pub struct Twin {
     core: Core,
     ends: HostEnds,
-    /// The supervision has judged the newest look.
-    judged: bool,
-    /// It was interrupted before it told of a fault.
-    interrupted: bool,
+    /// The supervision has found a fault, and nothing else waits for the servo task.
+    found: bool,
     /// The newest fault that the next tick is told of.
     told: Option<Fault>,
     ticks: u64,
@@ -54,7 +54,7 @@ impl Twin {
     /// When the settings contradict each other.
     pub fn new(settings: &Settings) -> Result<Self, SettingError> {
         let (core, others) = Core::on(Ports::leak(), &settings.build()?);
-        Ok(Self { core, ends: others.host.ends, judged: true, interrupted: false, told: None, ticks: 0 })
+        Ok(Self { core, ends: others.host.ends, found: false, told: None, ticks: 0 })
     }
 
     /// What happened next on the chip.
@@ -71,10 +71,9 @@ impl Twin {
                 self.told = Some(*fault);
                 if *fault == Fault::HostSilent {
                     self.request(Request::Raise(*fault));
-                } else if !self.interrupted {
-                    self.judge();
                 }
             }
+            Event::Supervised => self.judge(),
             Event::Command(command) => self.request(Request::Command(*command)),
             Event::Tick(input, status) => return self.tick(input, status),
         }
@@ -84,16 +83,17 @@ impl Twin {
     fn request(&mut self, request: Request) {
         self.ends.requests.send(request);
         self.core.signals.waiting.set();
+        self.found = false;
     }
 
-    /// The supervision's millisecond, once to each look.
+    /// The supervision's millisecond.
     fn judge(&mut self) {
-        if !std::mem::replace(&mut self.judged, true) {
-            // Whether a host is silent is not recorded.
-            self.core.host_is_alive();
-            self.core.ports.period.set(true);
-            self.core.supervise.tick();
-        }
+        let others = self.core.signals.waiting.is_set();
+        // Whether a host is silent is not recorded.
+        self.core.host_is_alive();
+        self.core.ports.period.set(true);
+        self.core.supervise.tick();
+        self.found = self.core.signals.waiting.is_set() && !others;
     }
 
     /// Shows what the chip saw.
@@ -113,22 +113,16 @@ impl Twin {
     fn tick(&mut self, input: &TickInput, there: &Status) -> Result<(), String> {
         self.ticks += 1;
         let waiting = &self.core.signals.waiting;
-        self.interrupted = false;
-        if self.core.servo.head().looks_at_encoder() {
-            let others = waiting.is_set();
-            self.judge();
-            self.interrupted = waiting.is_set() && !others && self.told.is_none();
-        }
-        if self.interrupted {
+        let interrupted = std::mem::take(&mut self.found) && self.told.is_none();
+        if interrupted {
             waiting.clear();
         }
         self.show(input);
         let wants_gap = self.core.servo.head().wants_gap();
         self.core.servo.tick();
-        if self.interrupted {
+        if interrupted {
             waiting.set();
         }
-        self.judged &= !self.core.servo.head().has_looked();
         while self.ends.answers.receive().is_some() {}
         while self.ends.changes.receive().is_some() {}
         while self.ends.checked.receive().is_some() {}
@@ -191,13 +185,16 @@ mod tests {
             }
             process.mishaps.bus_v = (period > 5000).then_some(20.0);
             core.host_is_alive();
-            core.tick(&mut process);
+            let supervised = core.tick(&mut process);
             let (fault, tick) = core.servo.told();
             events.push(Event::Block(Some(process.sensors().block)));
             if tick == core.status().tick {
                 events.push(Event::Told(fault));
             }
             events.push(Event::Tick(*core.input(), *core.status()));
+            if supervised {
+                events.push(Event::Supervised);
+            }
             while ends.answers.receive().is_some() {}
         }
         assert_eq!((core.status().state, core.status().fault), (State::Fault, Some(Fault::BusSag)));
@@ -232,9 +229,9 @@ mod tests {
         let mut another = events.clone();
         another[at] = Event::Told(Fault::FollowingError);
         assert!(replay(&another).unwrap_err().contains("fault told"));
-        // A millisecond before its time: two events a period.
+        // A millisecond before its time: two events a period, and one a millisecond.
         let mut early = without;
-        early.insert(at - 40, Event::Told(Fault::BusSag));
+        early.insert(at - 41, Event::Told(Fault::BusSag));
         assert!(replay(&early).unwrap_err().contains("fault told"));
     }
 }
