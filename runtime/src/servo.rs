@@ -105,6 +105,11 @@ impl<B: Board> Servo<B> {
         &self.input
     }
 
+    /// The newest fault that another task told of, and the tick that was told.
+    pub fn told(&self) -> (Fault, u32) {
+        self.told
+    }
+
     /// One tick.
     #[inline(always)]
     pub fn tick(&mut self) {

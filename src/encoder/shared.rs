@@ -86,6 +86,17 @@ impl Shared {
         self.mark_crossings.store(crossings << 1 | u32::from(toward_work), Relaxed);
     }
 
+    /// Shows what another decoder has shown, for a replay; the one that this belongs to does not count meanwhile.
+    #[cfg(not(target_os = "none"))]
+    pub fn replay(&self, Snapshot { raw, illegal, mark }: &Snapshot) {
+        self.count.store(raw.count, Relaxed);
+        self.newest_step.store(if raw.toward_work { 1 } else { u32::MAX }, Relaxed);
+        self.last_edge.store(raw.last_edge, Relaxed);
+        self.illegal.store(*illegal, Relaxed);
+        self.mark_count.store(mark.count, Relaxed);
+        self.mark_crossings.store(mark.crossings << 1 | u32::from(mark.toward_work), Relaxed);
+    }
+
     /// The newest state; `now` is asked for the time once per attempt, so that no edge lies between count and time.
     pub fn read(&self, now: impl FnMut() -> u32) -> Snapshot {
         self.read_interrupted(now, || {})

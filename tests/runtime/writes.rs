@@ -6,12 +6,13 @@ use edm_servo_head::head::{Fault, State};
 use edm_servo_head::settings::{Declared, Settings};
 use edm_sim::schedule::Habits;
 
-/// A host that watches over nothing, at a head in operation enabled.
+/// A head in operation enabled.
 fn enabled(seed: u64) -> Host {
     let mut host = Host::new(|_| {}, seed);
     host.head.set_habits(Habits::PROMPT);
     host.enable();
-    host.head.set_habits(Habits::BUSY);
+    // The supervision comes as late as it may: its period.
+    host.head.set_habits(Habits { supervise: MS as u32, ..Habits::BUSY });
     host
 }
 

@@ -7,7 +7,7 @@ use crate::host::{self, Bus};
 use crate::image::Image;
 use crate::machine::Machine;
 use crate::rtt::Rtt;
-use crate::seen::Places;
+use crate::seen::{Places, Runs};
 use anyhow::{Result, anyhow, bail};
 use edm_hal_shim::bridge::Drive;
 use edm_servo_head::head::{Change, Command, Reason, State, Status};
@@ -87,6 +87,8 @@ pub struct Emulated {
     /// Runs of the gap task so far.
     blocks: u64,
     status: Status,
+    /// Tick of the status that the supervision has judged last.
+    judged: u32,
     /// True count at the beginning of the window, where the servo task reads the encoder.
     count: i64,
     changes: VecDeque<Change>,
@@ -139,6 +141,7 @@ impl Emulated {
             end: 0,
             blocks: 0,
             status: Status::default(),
+            judged: 0,
             count: 0,
             changes: VecDeque::new(),
             came: VecDeque::new(),
@@ -218,6 +221,7 @@ impl Emulated {
         let memory = &self.machine.soc().memory;
         let (status, input) = (self.places.status(memory)?, self.places.input(memory)?);
         let told = self.places.told(memory, status.tick)?;
+        let judged = self.places.judged(memory)?;
         let stores = before.state == State::Disabled && status.state == State::Disabled;
         if status.tick != before.tick.wrapping_add(1) && matches!(self.witness, Witness::None) && stores {
             // The processor stalls while the flash is erased, and only a disabled head is allowed to.
@@ -239,7 +243,16 @@ impl Emulated {
         if let Some(fault) = told {
             self.witness.event(&Event::Told(fault))?;
         }
+        // It may have judged the status of this tick, or the one before it.
+        let supervised = judged != self.judged;
+        if supervised && judged != status.tick {
+            self.witness.event(&Event::Supervised)?;
+        }
         self.witness.event(&Event::Tick(input, status))?;
+        if supervised && judged == status.tick {
+            self.witness.event(&Event::Supervised)?;
+        }
+        self.judged = judged;
         self.status = status;
         Ok(())
     }
@@ -306,6 +319,14 @@ impl Emulated {
     /// Commands that the newest tick carried out, and when that tick began.
     pub fn carried(&self) -> (u64, &[Command]) {
         (self.end - LOOK, &self.carried)
+    }
+
+    /// What the tasks run, read from their memory.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn runs(&mut self) -> Result<Runs> {
+        self.places.runs(&self.machine.soc().memory)
     }
 
     /// Whether the firmware has changed its flash since the last call.

@@ -10,7 +10,7 @@ use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
-use edm_servo_head::head::{Command, Fault, Home, Pace, Status, TickInput};
+use edm_servo_head::head::{Command, Fault, Home, Pace, Status, SupervisionLimits, TickInput};
 use edm_servo_head::motion::Method;
 use edm_servo_head::units::{
     Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Volts,
@@ -26,6 +26,16 @@ const TOLD: &str = "(edm_servo_head::head::fault::Fault, u32)";
 const BLOCKS: &str = "core::option::Option<edm_hal_shim::gap::GapBlock>";
 
 const CARRIED: &str = "edm_runtime::servo::Carried";
+const SUPERVISE: &str = "edm_runtime::supervise::Supervise";
+const CONFIG: &str = "edm_servo_head::head::config::Config";
+const LIMITS: &str = "edm_servo_head::head::supervise::Limits";
+const SOURCE: &str = "edm_servo_head::gap::voltage::Voltage";
+const ACTIVE: &str = "edm_servo_head::gap::voltage::Active";
+const READER: &str = "edm_crossing::latest::Reader";
+const SLOT: &str = "edm_crossing::latest::Slot<edm_servo_head::head::supervise::Limits>";
+const STATUS_SLOT: &str = "edm_crossing::latest::Slot<edm_servo_head::head::Status>";
+const STATUS_HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::Status>";
+const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::Limits>";
 const COMMAND: &str = "edm_servo_head::head::command::Command";
 /// Variants of [`Command`], and the number of fields that each has.
 const VARIANTS: [(&str, usize); 15] = [
@@ -61,6 +71,17 @@ macro_rules! at {
     };
 }
 
+/// Of what the tasks run, as much as is looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Runs {
+    /// Limits in the servo task's configuration.
+    pub servo: SupervisionLimits,
+    /// Limits that the supervision judges by.
+    pub supervision: SupervisionLimits,
+    /// Codes below which the gap task takes a block for a short.
+    pub short: f32,
+}
+
 /// Addresses in a chip that runs a certain image.
 #[derive(Clone, Debug)]
 pub struct Places {
@@ -72,6 +93,13 @@ pub struct Places {
     input: u32,
     told: (u32, u32),
     block: u32,
+    /// Limits in the servo task's configuration.
+    servo_limits: u32,
+    /// Where the slot is whose limits the supervision judges by, and how far behind its beginning they are.
+    limits: (u32, u32),
+    short: u32,
+    /// Where the slot is whose status the supervision has judged, and how far behind its beginning the tick is.
+    judged: (u32, u32),
 }
 
 impl Places {
@@ -95,6 +123,16 @@ impl Places {
             GAP,
             BLOCKS,
             TOLD,
+            SUPERVISE,
+            CONFIG,
+            LIMITS,
+            SOURCE,
+            ACTIVE,
+            READER,
+            SLOT,
+            HELD,
+            STATUS_SLOT,
+            STATUS_HELD,
             "edm_servo_head::head::Status",
             "edm_servo_head::head::TickInput",
             "edm_servo_head::gap::GapReading",
@@ -119,6 +157,8 @@ impl Places {
             "edm_hal_shim::safety::SafetyInputs" SafetyInputs: upper_limit, lower_limit, emergency_stop, dielectric,
                 bridge_fault;
             "edm_hal_shim::safety::DriveCodes" DriveCodes: motor_current, bus_voltage;
+            "edm_servo_head::head::supervise::Limits" SupervisionLimits: following, following_ms, runaway, velocity, resistance,
+                encoder_ms, gap_ms, host_ms, bus_min, current_max, current_ms;
             "edm_servo_head::head::positioning::Pace" Pace: velocity, acceleration, deceleration;
             "edm_servo_head::head::positioning::Home" Home: method, fast, slow, acceleration, at;
         );
@@ -148,6 +188,28 @@ impl Places {
             input: servo + layout.offset(SERVO, "input")?,
             told: (told + layout.offset(TOLD, "__0")?, told + layout.offset(TOLD, "__1")?),
             block: symbol("app", "__rtic_internal_local_resource_gap")? + layout.offset(GAP, "block")?,
+            servo_limits: servo
+                + layout.offset(SERVO, "head")?
+                + layout.offset(HEAD, "config")?
+                + layout.offset(CONFIG, "supervise")?,
+            limits: (
+                symbol("app", "__rtic_internal_local_resource_supervise")?
+                    + layout.offset(SUPERVISE, "limits")?
+                    + layout.offset(READER, "taken")?,
+                layout.offset(SLOT, "held")? + layout.offset(HELD, "value")?,
+            ),
+            short: symbol("app", "__rtic_internal_local_resource_gap")?
+                + layout.offset(GAP, "source")?
+                + layout.offset(SOURCE, "active")?
+                + layout.offset(ACTIVE, "short")?,
+            judged: (
+                symbol("app", "__rtic_internal_local_resource_supervise")?
+                    + layout.offset(SUPERVISE, "statuses")?
+                    + layout.offset(READER, "taken")?,
+                layout.offset(STATUS_SLOT, "held")?
+                    + layout.offset(STATUS_HELD, "value")?
+                    + offset_of!(Status, tick) as u32,
+            ),
         })
     }
 
@@ -157,6 +219,31 @@ impl Places {
     /// When what is there cannot be a status.
     pub fn status(&self, memory: &Memory) -> Result<Status> {
         status(&View { region: &memory.sram, at: self.status })
+    }
+
+    /// What the tasks run.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn runs(&self, memory: &Memory) -> Result<Runs> {
+        let at = |at| View { region: &memory.sram, at };
+        let (slot, behind) = self.limits;
+        let slot = at(slot).word(0)?;
+        Ok(Runs {
+            servo: limits(&at(self.servo_limits))?,
+            supervision: limits(&at(slot + behind))?,
+            short: at(self.short).float(0)?,
+        })
+    }
+
+    /// Tick of the status that the supervision has judged last.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn judged(&self, memory: &Memory) -> Result<u32> {
+        let at = |at| View { region: &memory.sram, at };
+        let (slot, behind) = self.judged;
+        at(at(slot).word(0)? + behind).word(0)
     }
 
     /// Whether idle changes the flash.
@@ -295,6 +382,22 @@ impl View<'_> {
         let (low, high) = (self.word(offset)?, self.word(offset + 4)?);
         Ok((u64::from(high) << 32 | u64::from(low)).cast_signed())
     }
+}
+
+fn limits(view: &View) -> Result<SupervisionLimits> {
+    Ok(SupervisionLimits {
+        following: view.float(at!(SupervisionLimits, following))?,
+        following_ms: view.word(at!(SupervisionLimits, following_ms))?,
+        runaway: CountsPerSecond(view.float(at!(SupervisionLimits, runaway))?),
+        velocity: CountsPerSecond(view.float(at!(SupervisionLimits, velocity))?),
+        resistance: view.float(at!(SupervisionLimits, resistance))?,
+        encoder_ms: view.word(at!(SupervisionLimits, encoder_ms))?,
+        gap_ms: view.word(at!(SupervisionLimits, gap_ms))?,
+        host_ms: view.word(at!(SupervisionLimits, host_ms))?,
+        bus_min: Volts(view.float(at!(SupervisionLimits, bus_min))?),
+        current_max: Amps(view.float(at!(SupervisionLimits, current_max))?),
+        current_ms: view.word(at!(SupervisionLimits, current_ms))?,
+    })
 }
 
 fn reading(view: &View) -> Result<GapReading> {

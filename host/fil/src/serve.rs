@@ -119,7 +119,7 @@ fn from_chip(frame: &edm_soc::Frame) -> Option<Frame> {
         false => StandardId::new(frame.id as u16)?.into(),
         true => ExtendedId::new(frame.id)?.into(),
     };
-    let length = usize::from(frame.length);
+    let length = usize::from(frame.length).min(8);
     if frame.remote { Frame::new_remote(id, length) } else { Frame::new(id, frame.data.get(..length)?) }
 }
 

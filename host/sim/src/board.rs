@@ -44,10 +44,16 @@ pub struct Ports {
     pub levels: Cell<Levels>,
     /// Second counter on them.
     pub timer: Cell<u32>,
+    /// When that is read, if not now.
+    pub timer_read_at: Cell<Option<u32>>,
+    /// The time that whoever has read it finds.
+    reads_at: Cell<Option<u32>>,
     /// Newest block of conversions.
     pub block: Cell<Option<GapBlock>>,
     /// Safety inputs.
     pub safety: Cell<SafetyInputs>,
+    /// Retreats that a reflex has begun; a PC has none, but may stand in for a chip.
+    pub retreats: Cell<u32>,
     /// Motor current and bus voltage.
     pub codes: Cell<DriveCodes>,
     /// What the bridge was told.
@@ -160,7 +166,7 @@ impl Board for Pc {
 impl Clock for Part {
     const HZ: u32 = CLOCK_HZ;
     fn now(&self) -> u32 {
-        self.0.now.get()
+        self.0.reads_at.take().unwrap_or(self.0.now.get())
     }
 }
 
@@ -191,6 +197,8 @@ impl EdgeGuard for Part {
 impl EncoderTimer for Part {
     const BITS: u32 = 32;
     fn counter(&self) -> u32 {
+        // Whoever reads it asks for the time next.
+        self.0.reads_at.set(self.0.timer_read_at.get());
         self.0.timer.get()
     }
 }
@@ -270,7 +278,7 @@ impl ForcedLines for Part {
         self.0.pulses.set(false);
     }
     fn retreats(&self) -> u32 {
-        0
+        self.0.retreats.get()
     }
 }
 

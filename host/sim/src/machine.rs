@@ -83,6 +83,8 @@ pub struct Core {
     /// What the tasks see and set.
     pub ports: &'static Ports,
     pub(crate) signals: &'static Signals,
+    /// Where the decoder says what it has counted.
+    pub(crate) published: &'static Published,
     pub(crate) decoder: Decoder<Pc>,
     pub(crate) gap: Gap<Pc>,
     pub(crate) servo: Servo<Pc>,
@@ -106,16 +108,17 @@ impl Core {
     /// The tasks of a disabled head whose wires show what `process` does. What they share is there for as long as the program
     /// runs, as on the chip.
     pub fn new(active: &Active, process: &Process) -> (Core, Others) {
-        Core::on(Ports::leak(), active, process)
+        let ports = Ports::leak();
+        show(ports, process);
+        Core::on(ports, active)
     }
 
-    /// The same over these ports.
-    pub fn on(ports: &'static Ports, active: &Active, process: &Process) -> (Core, Others) {
+    /// The same over ports that show something already.
+    pub fn on(ports: &'static Ports, active: &Active) -> (Core, Others) {
         let signals: &'static Signals = Box::leak(Box::default());
         let crossings: &'static mut Crossings = Box::leak(Box::default());
         let path: &'static mut Path = Box::leak(Box::new(Path::EMPTY));
         let published: &'static Published = Box::leak(Box::default());
-        show(ports, process);
         let part = Part(ports);
         let parts = Parts {
             clock: part,
@@ -139,7 +142,8 @@ impl Core {
         };
         let Ok(tasks) = assemble(parts, crossings, signals, active, path);
         let Tasks { decoder, gap, servo, supervise, receive, transmit, host, idle } = tasks;
-        (Core { ports, signals, decoder, gap, servo, supervise, ticks: 0 }, Others { host, idle, receive, transmit })
+        let core = Core { ports, signals, published, decoder, gap, servo, supervise, ticks: 0 };
+        (core, Others { host, idle, receive, transmit })
     }
 
     /// One period of the PWM: the process goes on for 50 us, then encoder, gap and servo task run on what it shows, and every

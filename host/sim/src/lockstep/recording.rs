@@ -22,7 +22,7 @@ use flate2::write::DeflateEncoder;
 use std::io::{self, Read, Write};
 
 /// First bytes of a recording, the last of them its version.
-const MAGIC: [u8; 5] = *b"EDMR\x01";
+const MAGIC: [u8; 5] = *b"EDMR\x02";
 /// States by number.
 pub const STATES: [State; 13] = [
     State::Disabled,
@@ -113,6 +113,7 @@ impl<W: Write> Recorder<W> {
             Event::Block(Some(block)) => put(to, 1, &mut last.block, block_numbers(block)),
             Event::Command(command) => put(to, 2, &mut last.command, command_numbers(*command)),
             Event::Told(fault) => to.write_all(&[4, *fault as u8]),
+            Event::Supervised => to.write_all(&[5]),
             Event::Tick(input, status) => put(to, 3, &mut last.tick, tick_numbers(input, status)),
         }
     }
@@ -159,6 +160,7 @@ pub fn replay(mut from: impl Read) -> Result<u64, Error> {
                 let [fault] = fault;
                 Event::Told(*Fault::ALL.get(usize::from(fault)).ok_or(Error::Damaged("fault"))?)
             }
+            [5] => Event::Supervised,
             _ => return Err(Error::Damaged("event")),
         };
         twin.event(&event).map_err(Error::Differs)?;
@@ -432,7 +434,7 @@ mod tests {
 
     #[test]
     fn a_file_that_is_none_or_ends_early_is_refused() {
-        assert!(matches!(replay(&b"EDMR\x02..."[..]), Err(Error::Foreign)));
+        assert!(matches!(replay(&b"EDMR\x01..."[..]), Err(Error::Foreign)));
         assert!(matches!(replay(&b"ED"[..]), Err(Error::Io(_))));
         let mut recorder = Recorder::new(Vec::new()).unwrap();
         recorder.event(&Event::Tick(TickInput::default(), status())).unwrap();

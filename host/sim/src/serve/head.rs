@@ -7,7 +7,7 @@
 
 use crate::board::{PROTOCOL, Part, Pc, Ports, TRANSMIT};
 use crate::bore::Setup;
-use crate::machine::{Core, Others};
+use crate::machine::{Core, Others, show};
 use crate::process::Process;
 use crate::store::Store;
 use edm_bus::Frame;
@@ -79,7 +79,8 @@ impl Head {
         Part(ports).note(&Note::Loaded(drive.restart(settings, image)));
         Part(ports).note(&Note::booted(drive.boot(node, image)));
         drive.started();
-        let (core, others) = Core::on(ports, drive.active(), &process);
+        show(ports, &process);
+        let (core, others) = Core::on(ports, drive.active());
         let [sync, others_of_node @ ..] = node.identifiers();
         edm_hal_shim::can::Filters::listen(&mut Part(ports), sync, &others_of_node);
         let Others { host, idle, receive, transmit } = others;
