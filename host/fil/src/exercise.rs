@@ -114,16 +114,29 @@ impl Day {
             self.rest(0.5)?;
             self.command(Command::ResetFault)?;
             self.rest(0.05)?;
-            self.command(Command::SetHome(Nanometres(0)))?;
+            self.first(Command::SetHome(Nanometres(0)))?;
             self.seek()?;
         }
         self.until(State::Eroding, 10.0)?;
         self.rest(0.2)
     }
 
+    /// The first command that enables the head behind a fault. An encoder in doubt proves itself by a move up, which a head at
+    /// its upper stop cannot make: that is a fault, and the next proof goes down.
+    fn first(&mut self, command: Command) -> Result<()> {
+        let Err(error) = self.command(command) else { return Ok(()) };
+        ensure!(self.rig.status().fault == Some(Fault::EncoderLost), "{error:#}: {:?}", self.rig.status());
+        self.met.faults.push(Fault::EncoderLost);
+        self.rest(0.5)?;
+        self.command(Command::ResetFault)?;
+        self.rest(0.05)?;
+        self.command(command)
+    }
+
     /// From rest to the work, or to a fault.
     fn seek(&mut self) -> Result<()> {
-        for command in [Command::Enable, Command::MoveTo(TARGET), Command::Start] {
+        self.first(Command::Enable)?;
+        for command in [Command::MoveTo(TARGET), Command::Start] {
             self.command(command)?;
         }
         while self.tick()? == State::Seeking {}
@@ -168,7 +181,7 @@ impl Day {
         self.rest(0.05)?;
         if fault == Fault::EncoderLost {
             // It was lifted meanwhile without being counted.
-            self.command(Command::SetHome(Nanometres(0)))?;
+            self.first(Command::SetHome(Nanometres(0)))?;
         }
         Ok(())
     }
