@@ -79,7 +79,11 @@ impl Caller for Rtic {
         match note {
             Note::Lost { .. } | Note::NotStored | Note::Checked(Err(_)) => defmt::warn!("{}", note),
             Note::Loaded(report) if report.is_whole() => {}
-            Note::ThresholdsRefused | Note::StoreUnreadable | Note::Loaded(_) | Note::BootRefused(_) => {
+            Note::WatchdogStuck
+            | Note::ThresholdsRefused
+            | Note::StoreUnreadable
+            | Note::Loaded(_)
+            | Note::BootRefused(_) => {
                 defmt::error!("{}", note);
             }
             Note::Pulses(_) => defmt::info!("{}; {}", note, gate::captures()),

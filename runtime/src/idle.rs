@@ -52,7 +52,7 @@ impl<B: Board> Idle<B> {
             None => false,
             Some(Reset::Communication) => true,
             Some(Reset::Node) => {
-                let image = self.keeper.load();
+                let image = self.keeper.load_watched(&mut self.watchdog);
                 let report = protocol.lock(|protocol| protocol.restart(image));
                 if let Some(report) = report {
                     self.caller.note(&Note::Loaded(report));
@@ -66,7 +66,7 @@ impl<B: Board> Idle<B> {
         }
         let now = self.clock.now();
         if self.reset.take_if(|since| now.wrapping_sub(*since) >= START_UP).is_some() {
-            let image = self.keeper.load();
+            let image = self.keeper.load_watched(&mut self.watchdog);
             self.caller.note(&Note::booted(protocol.lock(|protocol| protocol.boot(image))));
         }
     }

@@ -42,6 +42,17 @@ impl<B: Board> Keeper<B> {
         self.image
     }
 
+    /// The same for a head that runs: reading takes some milliseconds, in which nothing feeds the watchdog, and the closest watch
+    /// allows eleven.
+    pub fn load_watched(&mut self, watchdog: &mut B::Watchdog) -> &StoredImage {
+        let patient = watchdog.erase();
+        self.load();
+        if patient.and(watchdog.normal()).is_err() {
+            self.caller.note(&Note::WatchdogStuck);
+        }
+        self.image
+    }
+
     /// Does a storage job; `compose` changes what is kept. The processor may stall for half a second.
     ///
     /// # Errors

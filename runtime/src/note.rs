@@ -14,6 +14,8 @@ pub enum Note {
     Changed(Change),
     /// The guided check has ended.
     Checked(Result<Report, Finding>),
+    /// The watchdog did not take another time-out.
+    WatchdogStuck,
     /// The thresholds of the reflex were refused; the old ones are in force.
     ThresholdsRefused,
     /// Something was lost because it came faster than it was taken: so many since power-up.

@@ -22,6 +22,7 @@ use crate::cli::{Failure, say};
 use console::Console;
 use edm_bus::mailbox::Mailbox;
 use edm_bus::{Frame, Hub};
+use edm_servo_head::units::TICKS_PER_MS;
 use pace::Pace;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -55,7 +56,9 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
     let console = Console::new(&mailbox).map_err(Failure::Failed)?;
     let (mut came, mut sent) = (Vec::new(), Vec::new());
     // Power-on: who connects when the title is there meets heads that have booted, and a boot-up it hears answers its reset.
-    plant.tick(&[], &mut sent).map_err(Failure::Failed)?;
+    for _ in 0..TICKS_PER_MS {
+        plant.tick(&[], &mut sent).map_err(Failure::Failed)?;
+    }
     sent.drain(..).for_each(|frame| port.send(&frame));
     say(&format!("{title}\n\n  {}\n\nCtrl-C stops it.\n", open.lines.join("\n  ")));
 
