@@ -12,7 +12,7 @@
 //! | [`gap`] | gap sources: converter codes to one [`gap::GapReading`] |
 //! | [`feed`] | feed laws: gap reading to path velocity |
 //! | [`path`] | segments and the register that shifts both ways |
-//! | [`motion`] | profiles and homing beside the path |
+//! | [`motion`] | profiles and homing: axis positioning |
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
 //! | [`stored`] | what outlives the power: one image, a list of objects with their values |

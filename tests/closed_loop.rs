@@ -1,4 +1,4 @@
-//! The whole core against the process model: holes, mishaps, and the guided check on a machine with friction, noise and
+//! The whole core against the process model: holes, fault_inputs, and commissioning on a machine with friction, noise and
 //! stops.
 
 use edm_servo_head::head::{Command, Fault, Finding, State};
@@ -6,7 +6,7 @@ use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use edm_sim::bore::{self, Setup};
 use edm_sim::machine::Machine;
-use edm_sim::process::{Mishaps, Parameters};
+use edm_sim::process::{FaultInputs, Parameters};
 use edm_sim::run::{Job, Observer, Outcome, Sample};
 
 struct Nobody;
@@ -65,18 +65,18 @@ fn run(machine: &mut Machine, seconds: f64) {
 }
 
 #[test]
-fn a_mishap_is_noticed_in_time_and_moves_the_head_away_from_the_work() {
-    let stuck = Mishaps { stuck_code: Some(4095), ..Mishaps::default() };
+fn a_fault_of_the_machine_is_noticed_in_time_and_moves_the_head_away_from_the_work() {
+    let stuck = FaultInputs { stuck_code: Some(4095), ..FaultInputs::default() };
     let cases = [
-        (Mishaps { generator_dead: true, ..Mishaps::default() }, Fault::GateMissing, 0.05),
+        (FaultInputs { generator_dead: true, ..FaultInputs::default() }, Fault::GateMissing, 0.05),
         (stuck, Fault::GapSignalInvalid, 0.03),
-        (Mishaps { short: true, ..Mishaps::default() }, Fault::PersistentShort, 1.1),
-        (Mishaps { bus_v: Some(30.0), ..Mishaps::default() }, Fault::BusSag, 0.002),
+        (FaultInputs { short: true, ..FaultInputs::default() }, Fault::PersistentShort, 1.1),
+        (FaultInputs { bus_v: Some(30.0), ..FaultInputs::default() }, Fault::BusSag, 0.002),
     ];
-    for (mishaps, fault, within) in cases {
+    for (fault_inputs, fault, within) in cases {
         let mut machine = eroding(1);
         let before = machine.process.truth();
-        machine.process.mishaps = mishaps;
+        machine.process.fault_inputs = fault_inputs;
         run(&mut machine, within);
         assert_eq!(machine.status().fault, Some(fault));
         run(&mut machine, 1.0);
@@ -92,7 +92,7 @@ fn a_mishap_is_noticed_in_time_and_moves_the_head_away_from_the_work() {
 fn an_encoder_that_dies_while_eroding_is_noticed_mostly_before_the_electrode_rams_the_work() {
     let deepest = |seed| {
         let mut machine = eroding(seed);
-        machine.process.mishaps.encoder_dead = true;
+        machine.process.fault_inputs.encoder_dead = true;
         let mut deepest = f64::INFINITY;
         for _ in 0..3 * TICK_HZ {
             machine.tick();
@@ -124,7 +124,7 @@ fn check(parameters: Parameters) -> Result<(), Finding> {
 }
 
 #[test]
-fn the_guided_check_passes_a_right_machine_and_names_each_wrong_wire() {
+fn the_commissioning_passes_a_right_machine_and_names_each_wrong_wire() {
     assert_eq!(check(Parameters::default()), Ok(()));
     let wrong = |change: fn(&mut Parameters)| {
         let mut parameters = Parameters::default();

@@ -58,7 +58,7 @@ impl Head {
     }
 }
 
-/// A head that has passed its guided check, with another value here and there.
+/// A head that has passed its commissioning, with another value here and there.
 fn configured() -> Head {
     let settings = Settings { commissioned: true, gap_setpoint: 47.5, axis_mass: 0.31, ..Settings::default() };
     let mut drive = Drive::new(settings, Identity::default(), Box::leak(Box::new(BLANK))).unwrap();
@@ -217,7 +217,7 @@ fn whichever_bit_flips_the_image_is_damaged_and_so_is_one_that_is_cut_or_has_mor
 }
 
 #[test]
-fn of_a_damaged_or_unknown_image_nothing_is_in_force_and_no_guided_check_counts() {
+fn of_a_damaged_or_unknown_image_nothing_is_in_force_and_no_commissioning_counts() {
     let all = records(&configured().stored());
     let good = bytes(0x14, ID, &all);
     for (found, outcome) in [
@@ -237,7 +237,7 @@ fn of_a_damaged_or_unknown_image_nothing_is_in_force_and_no_guided_check_counts(
 }
 
 #[test]
-fn an_older_image_is_in_force_but_not_its_guided_check() {
+fn an_older_image_is_in_force_but_not_its_commissioning() {
     let mut image = StoredImage::NOTHING;
     let stored = configured().stored();
     assert_eq!(image.load(Loaded::Older(stored.bytes())), Outcome::Older);
@@ -247,7 +247,7 @@ fn an_older_image_is_in_force_but_not_its_guided_check() {
 }
 
 #[test]
-fn an_older_image_of_which_a_part_is_stored_anew_has_not_passed_its_guided_check_either() {
+fn an_older_image_of_which_a_part_is_stored_anew_has_not_passed_its_commissioning_either() {
     let (stored, head) = (configured().stored(), configured());
     let changes: [fn(&mut StoredImage, &Head); 2] = [
         |image, head| image.keep(Group::Communication, &head.drive, &head.node).unwrap(),
@@ -349,7 +349,7 @@ fn settings_that_their_defaults_cannot_reconcile_are_all_defaults() {
 }
 
 #[test]
-fn a_guided_check_does_not_outlive_the_settings_that_it_has_passed() {
+fn commissioning_does_not_outlive_the_settings_that_it_has_passed() {
     for (key, counts) in [
         ("axis.mass_kg", false),
         ("motor.reversed", false),

@@ -1,7 +1,7 @@
 //! The border between the node and the device behind it: objects by index and sub-index.
 //!
-//! The node owns the communication area, 1000h to 1FFFh, and the dummy entries of static data types; every other address
-//! it asks of the [`Dictionary`]. An address is looked up once, as an [`Entry`]; what the entry calls its [`Place`] then
+//! The node owns the communication objects, 1000h to 1FFFh, and the dummy entries of static data types; every other address
+//! it asks of the [`Dictionary`]. An address is looked up once, as an [`Entry`]; what the entry calls its [`ObjectHandle`] then
 //! reads and writes without a search. PDOs keep the places of what they map.
 //!
 //! Values cross this border as bytes in transfer order: little-endian (CiA 301 7.1.3).
@@ -101,7 +101,7 @@ pub enum Mapping {
 
 /// Where a dictionary keeps an object: a number that means something to it alone, and stays the same while it lives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Place(pub u16);
+pub struct ObjectHandle(pub u16);
 
 /// What is known of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -113,7 +113,7 @@ pub struct Entry {
     /// Which PDOs may carry it.
     pub mapping: Mapping,
     /// Where it is.
-    pub place: Place,
+    pub place: ObjectHandle,
 }
 
 /// Parameters by origin (sub-indices of 1010h and 1011h, CiA 301 7.5.2.13).
@@ -122,7 +122,7 @@ pub struct Entry {
 pub enum Group {
     /// Every parameter: sub-index 1.
     All,
-    /// The communication area: sub-index 2.
+    /// The communication objects: sub-index 2.
     Communication,
     /// Profile and manufacturer: sub-index 3.
     Application,
@@ -207,20 +207,20 @@ pub trait Dictionary {
     ///
     /// # Errors
     /// Any; the host is told.
-    fn read(&self, place: Place, out: &mut [u8]) -> Result<usize, Abort>;
+    fn read(&self, place: ObjectHandle, out: &mut [u8]) -> Result<usize, Abort>;
 
     /// Takes a value over, whole or not at all. [`Written::Later`] when it is not in force yet: the host's SDO is answered by
     /// [`Node::written`](super::Node::written).
     ///
     /// # Errors
     /// Any; the host is told, unless the value came by PDO.
-    fn write(&mut self, place: Place, data: &[u8]) -> Result<Written, Abort>;
+    fn write(&mut self, place: ObjectHandle, data: &[u8]) -> Result<Written, Abort>;
 
     /// Length of a domain, bytes, at the start of a transfer.
     ///
     /// # Errors
     /// Any; a device without domains has no other answer.
-    fn stream_length(&self, _place: Place) -> Result<u32, Abort> {
+    fn stream_length(&self, _place: ObjectHandle) -> Result<u32, Abort> {
         Err(Abort::Unsupported)
     }
 
@@ -229,7 +229,7 @@ pub trait Dictionary {
     ///
     /// # Errors
     /// Any, also in the middle of a transfer: [`Abort::DeviceState`] when the content is no longer what it was at the start.
-    fn stream(&self, _place: Place, _offset: u32, _out: &mut [u8]) -> Result<(), Abort> {
+    fn stream(&self, _place: ObjectHandle, _offset: u32, _out: &mut [u8]) -> Result<(), Abort> {
         Err(Abort::Unsupported)
     }
 

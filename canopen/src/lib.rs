@@ -14,7 +14,7 @@
 #![forbid(unsafe_code)]
 
 mod abort;
-mod area;
+mod communication;
 mod device;
 mod dictionary;
 mod emergency;
@@ -30,10 +30,10 @@ mod stored;
 mod sync;
 
 pub use abort::Abort;
-pub use area::{DefaultValue, OwnObject, STORED, own_objects};
+pub use communication::{DefaultValue, OwnObject, STORED, own_objects};
 pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
 pub use dictionary::{
-    Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, Place, Request, Written,
+    Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, ObjectHandle, Request, Written,
 };
 pub use emergency::ERRORS;
 pub use frame::{Frame, NodeId, Time};

@@ -1,6 +1,6 @@
 //! The node: frames and time in, frames out.
 
-use super::area::{ALL, Area};
+use super::communication::{ALL, CommunicationObjects};
 use super::device::{Device, PDOS};
 use super::emergency::{Cause, Emergency};
 use super::heartbeat::{self, Change, HEARTBEAT};
@@ -9,7 +9,7 @@ use super::pdo::{Direction, Taken};
 use super::sdo::{REQUEST, Server};
 use super::space::Space;
 use super::sync::{Pulse, Sync};
-use super::{Abort, Dictionary, Event, Frame, NmtState, NodeId, Place, Record, Restored, Time};
+use super::{Abort, Dictionary, Event, Frame, NmtState, NodeId, ObjectHandle, Record, Restored, Time};
 
 /// Identifier of network management.
 const NMT: u16 = 0;
@@ -44,7 +44,7 @@ pub struct Controller {
 /// [`take`](Self::take) yields. After a reset, and at the start, [`boot`](Self::boot) lets it go on.
 #[derive(Clone, Debug)]
 pub struct Node {
-    area: Area,
+    objects: CommunicationObjects,
     server: Server,
     /// Boot-up has not left yet: nothing may overtake it.
     booting: bool,
@@ -55,10 +55,15 @@ pub struct Node {
 impl Node {
     /// A node that waits to be booted. `serial`: 1018h:4.
     pub fn new(device: &'static Device, id: NodeId, serial: u32) -> Self {
-        Self { area: Area::new(device, id, serial), server: Server::default(), booting: false, met: false }
+        Self {
+            objects: CommunicationObjects::new(device, id, serial),
+            server: Server::default(),
+            booting: false,
+            met: false,
+        }
     }
 
-    /// Boots a node that waits for it: with the stored parameters of the communication area, if there are any, and else
+    /// Boots a node that waits for it: with the stored parameters of the communication objects, if there are any, and else
     /// with the defaults. Boot-up leaves next, and the node is pre-operational. Stored identifiers contain the node-ID: the
     /// parameters are those of this node, or not to be given.
     ///
@@ -72,18 +77,18 @@ impl Node {
         stored: Option<&mut dyn Iterator<Item = Record>>,
         dictionary: &mut dyn Dictionary,
     ) -> Result<Restored, BootError> {
-        if self.area.state != NmtState::Initialising {
+        if self.objects.state != NmtState::Initialising {
             return Ok(Restored::default());
         }
-        let defaults = Parameters::new(self.area.device, self.area.id.get());
+        let defaults = Parameters::new(self.objects.device, self.objects.id.get());
         let mut parameters = defaults;
         let restored = stored.map(|values| self.restored(&mut parameters, values, dictionary)).unwrap_or_default();
-        let adopted = self.area.adopt(&parameters, dictionary).map_err(|_| BootError::Defaults);
+        let adopted = self.objects.adopt(&parameters, dictionary).map_err(|_| BootError::Defaults);
         self.booting = true;
-        self.server.restart(&mut Space { area: &mut self.area, dictionary });
-        self.area.out.clear();
-        if let Some(boot_up) = Frame::new(self.area.id.cob(HEARTBEAT), &[NmtState::Initialising as u8]) {
-            self.area.out.put(boot_up);
+        self.server.restart(&mut Space { objects: &mut self.objects, dictionary });
+        self.objects.out.clear();
+        if let Some(boot_up) = Frame::new(self.objects.id.cob(HEARTBEAT), &[NmtState::Initialising as u8]) {
+            self.objects.out.put(boot_up);
         }
         self.enter(NmtState::PreOperational, dictionary);
         adopted.map(|()| restored)
@@ -99,7 +104,7 @@ impl Node {
         let mut spoiled = [false; 2 * PDOS];
         let mut restored = parameters.load(values, &mut spoiled);
         for ((direction, number), spoiled) in ALL.iter().copied().zip(spoiled) {
-            let maps = self.area.maps(parameters, direction, number, dictionary);
+            let maps = self.objects.maps(parameters, direction, number, dictionary);
             if !maps {
                 let first = if direction == Direction::Receive { 0x1600 } else { 0x1A00 };
                 restored.defaulted.add(first + number, 0);
@@ -113,7 +118,7 @@ impl Node {
 
     /// Takes a frame that came at `at`: the time stamp of its interrupt.
     pub fn receive(&mut self, frame: &Frame, at: Time, dictionary: &mut dyn Dictionary) {
-        let (state, id, data) = (self.area.state, frame.id(), frame.data());
+        let (state, id, data) = (self.objects.state, frame.id(), frame.data());
         if state == NmtState::Initialising {
             return;
         }
@@ -123,16 +128,16 @@ impl Node {
         }
         if let (HEARTBEAT, [content]) = (id & !0x7F, data) {
             let node = (id & 0x7F) as u8;
-            let change = self.area.consumer.heard(&self.area.parameters, node, content & 0x7F, at);
+            let change = self.objects.consumer.heard(&self.objects.parameters, node, content & 0x7F, at);
             return self.heartbeat(change, dictionary);
         }
         if state == NmtState::Stopped {
             return;
         }
-        if Sync::is_mine(&self.area.parameters, id) {
+        if Sync::is_mine(&self.objects.parameters, id) {
             self.sync(data, at, dictionary);
-        } else if id == self.area.id.cob(REQUEST) {
-            self.server.receive(data, at, &mut Space { area: &mut self.area, dictionary });
+        } else if id == self.objects.id.cob(REQUEST) {
+            self.server.receive(data, at, &mut Space { objects: &mut self.objects, dictionary });
         } else if state == NmtState::Operational {
             self.process_data(id, data, at, dictionary);
         }
@@ -140,47 +145,47 @@ impl Node {
 
     /// Does what time demands: heartbeats, event timers, time-outs, emergencies, segments of a long transfer.
     pub fn poll(&mut self, now: Time, dictionary: &mut dyn Dictionary) {
-        let booting = self.booting && self.area.out.holds(self.area.id.cob(HEARTBEAT));
+        let booting = self.booting && self.objects.out.holds(self.objects.id.cob(HEARTBEAT));
         if core::mem::replace(&mut self.booting, booting) && !booting {
             // Boot-up is the first heartbeat; the next comes a period later.
-            self.area.producer.sent(self.area.parameters.heartbeat, now);
+            self.objects.producer.sent(self.objects.parameters.heartbeat, now);
         }
-        if self.area.state == NmtState::Initialising || booting {
+        if self.objects.state == NmtState::Initialising || booting {
             return;
         }
-        while let Some(change) = self.area.consumer.poll(&self.area.parameters, now) {
+        while let Some(change) = self.objects.consumer.poll(&self.objects.parameters, now) {
             self.heartbeat(Some(change), dictionary);
         }
-        let area = &mut self.area;
-        let period = area.parameters.heartbeat;
-        if let Some(frame) = area.producer.poll(period, area.id, area.state, now)
-            && area.out.refresh(frame)
+        let objects = &mut self.objects;
+        let period = objects.parameters.heartbeat;
+        if let Some(frame) = objects.producer.poll(period, objects.id, objects.state, now)
+            && objects.out.refresh(frame)
         {
-            area.producer.sent(period, now);
+            objects.producer.sent(period, now);
         }
-        if area.state == NmtState::Stopped {
+        if objects.state == NmtState::Stopped {
             return;
         }
-        if area.state == NmtState::Operational {
+        if objects.state == NmtState::Operational {
             self.poll_process_data(now, dictionary);
         }
-        let area = &mut self.area;
-        area.emergency.poll(&area.parameters, now, &mut area.out);
-        self.server.poll(now, &mut Space { area, dictionary });
+        let objects = &mut self.objects;
+        objects.emergency.poll(&objects.parameters, now, &mut objects.out);
+        self.server.poll(now, &mut Space { objects, dictionary });
     }
 
     /// Applies the synchronous RPDOs that the last SYNC has made valid, if it came no later than `tick`; its time stamp.
     pub fn synchronised(&mut self, tick: Time, dictionary: &mut dyn Dictionary) -> Option<Time> {
-        let time = self.area.sync.due(tick)?;
-        self.area.receive.iter_mut().for_each(|pdo| pdo.apply(dictionary));
+        let time = self.objects.sync.due(tick)?;
+        self.objects.receive.iter_mut().for_each(|pdo| pdo.apply(dictionary));
         Some(time)
     }
 
     /// What the next SYNC will write to the object at `place`, if it changes no other object; little end first. For who can
     /// act on a SYNC before this node has heard of it.
-    pub fn ahead(&self, place: Place, dictionary: &dyn Dictionary) -> Option<[u8; 4]> {
+    pub fn ahead(&self, place: ObjectHandle, dictionary: &dyn Dictionary) -> Option<[u8; 4]> {
         let mut value = None;
-        for pdo in &self.area.receive {
+        for pdo in &self.objects.receive {
             pdo.ahead(place, dictionary, &mut value)?;
         }
         value
@@ -188,40 +193,40 @@ impl Node {
 
     /// Bytes of a SYNC: 1 with a counter.
     pub fn sync_length(&self) -> u8 {
-        Sync::length(&self.area.parameters)
+        Sync::length(&self.objects.parameters)
     }
 
     /// The frame to be sent next. Call it when there is room for it.
     pub fn take(&mut self) -> Option<Frame> {
-        self.area.out.take()
+        self.objects.out.take()
     }
 
     /// Ends a [`Request`](super::Request). Too late is no harm: the host has given up, or has asked for something else.
     pub fn answer(&mut self, result: Result<(), Abort>, dictionary: &mut dyn Dictionary) {
-        self.server.answer(result, &mut Space { area: &mut self.area, dictionary });
+        self.server.answer(result, &mut Space { objects: &mut self.objects, dictionary });
     }
 
     /// The value written last, [`Written::Later`](super::Written::Later), is in force or was refused. Too late is no harm.
     pub fn written(&mut self, result: Result<(), Abort>, dictionary: &mut dyn Dictionary) {
-        self.server.written(result, &mut Space { area: &mut self.area, dictionary });
+        self.server.written(result, &mut Space { objects: &mut self.objects, dictionary });
     }
 
     /// Reports an error of the device: code (CiA 301 table 26, CiA 402 table 4), bits of the error register, five bytes of
     /// detail. It lasts until [`emergency_over`](Self::emergency_over).
     pub fn emergency(&mut self, code: u16, register: u8, detail: [u8; 5]) {
-        self.area.emergency.device(code, register, detail);
+        self.objects.emergency.device(code, register, detail);
     }
 
     /// An error of the device is gone. `register`: bits of the error register for those that remain, 0 for none.
     pub fn emergency_over(&mut self, register: u8) {
-        self.area.emergency.device_well(register);
+        self.objects.emergency.device_well(register);
     }
 
     /// How the controller of the bus is, once a millisecond if there is one. Until somebody has been heard the node may be
     /// alone, which is no error.
     pub fn controller(&mut self, controller: Controller) {
         if self.met {
-            let emergency = &mut self.area.emergency;
+            let emergency = &mut self.objects.emergency;
             emergency.set(Cause::Overrun, controller.overrun);
             emergency.set(Cause::Events, controller.events);
             emergency.set(Cause::Passive, controller.passive);
@@ -231,18 +236,18 @@ impl Node {
 
     /// State of network management.
     pub fn state(&self) -> NmtState {
-        self.area.state
+        self.objects.state
     }
 
     /// The identifiers that mean something to this node, for the filters of the controller: SYNC, network management, SDO
     /// requests, RPDOs, heartbeats that are watched. What is not in use is network management once more.
     pub fn identifiers(&self) -> [u16; IDENTIFIERS] {
-        let parameters = &self.area.parameters;
+        let parameters = &self.objects.parameters;
         let receive = parameters.receive.iter().filter(|pdo| pdo.valid()).map(|pdo| pdo.id as u16 & 0x7FF);
         let watched = parameters.consumers.iter().filter_map(|value| heartbeat::entry(*value));
         let heartbeats = watched.map(|(node, _)| HEARTBEAT | u16::from(node & 0x7F));
         let mut identifiers = [NMT; IDENTIFIERS];
-        let own = [parameters.sync_id as u16 & 0x7FF, NMT, self.area.id.cob(REQUEST)];
+        let own = [parameters.sync_id as u16 & 0x7FF, NMT, self.objects.id.cob(REQUEST)];
         for (slot, id) in identifiers.iter_mut().zip(own.into_iter().chain(receive).chain(heartbeats)) {
             *slot = id;
         }
@@ -251,23 +256,23 @@ impl Node {
 
     /// Node-ID.
     pub fn id(&self) -> NodeId {
-        self.area.id
+        self.objects.id
     }
 
     /// Period of SYNC that the host has announced in 1006h, us; 0: none.
     pub fn sync_period_us(&self) -> u32 {
-        self.area.parameters.period
+        self.objects.parameters.period
     }
 
-    /// Visits the parameters of the communication area that are to be stored.
+    /// Visits the parameters of the communication objects that are to be stored.
     pub fn parameters(&self, visit: &mut dyn FnMut(Record)) {
-        self.area.parameters.store(visit);
+        self.objects.parameters.store(visit);
     }
 
     /// Network management (CiA 301 7.2.8.3.1): a command for this node or for all.
     fn command(&mut self, data: &[u8], dictionary: &mut dyn Dictionary) {
         let &[command, node] = data else { return };
-        if node != 0 && node != self.area.id.get() {
+        if node != 0 && node != self.objects.id.get() {
             return;
         }
         match command {
@@ -281,93 +286,95 @@ impl Node {
     }
 
     fn enter(&mut self, state: NmtState, dictionary: &mut dyn Dictionary) {
-        if state == self.area.state {
+        if state == self.objects.state {
             return;
         }
-        self.area.state = state;
-        self.area.restart_process_data();
+        self.objects.state = state;
+        self.objects.restart_process_data();
         if state == NmtState::Stopped {
-            self.server.stop(&mut Space { area: &mut self.area, dictionary });
+            self.server.stop(&mut Space { objects: &mut self.objects, dictionary });
         }
-        self.area.producer.now();
+        self.objects.producer.now();
         dictionary.event(Event::State(state));
     }
 
     fn reset(&mut self, event: Event, dictionary: &mut dyn Dictionary) {
-        self.area.restart();
+        self.objects.restart();
         if event == Event::ResetNode {
-            self.area.emergency = Emergency::default();
+            self.objects.emergency = Emergency::default();
         }
-        self.server.stop(&mut Space { area: &mut self.area, dictionary });
+        self.server.stop(&mut Space { objects: &mut self.objects, dictionary });
         dictionary.event(event);
     }
 
     fn heartbeat(&mut self, change: Option<Change>, dictionary: &mut dyn Dictionary) {
         match change {
             Some(Change::Lost(entry, node)) => {
-                self.area.emergency.raise(Cause::Heartbeat(entry));
+                self.objects.emergency.raise(Cause::Heartbeat(entry));
                 dictionary.event(Event::HeartbeatLost { node });
                 // Error behaviour, 1029h:1 (CiA 301 7.5.2.32).
-                match self.area.parameters.behaviour {
-                    0 if self.area.state == NmtState::Operational => self.enter(NmtState::PreOperational, dictionary),
+                match self.objects.parameters.behaviour {
+                    0 if self.objects.state == NmtState::Operational => {
+                        self.enter(NmtState::PreOperational, dictionary)
+                    }
                     2 => self.enter(NmtState::Stopped, dictionary),
                     _ => {}
                 }
             }
-            Some(Change::Back(entry)) => self.area.emergency.clear(Cause::Heartbeat(entry)),
+            Some(Change::Back(entry)) => self.objects.emergency.clear(Cause::Heartbeat(entry)),
             None => {}
         }
     }
 
     fn sync(&mut self, data: &[u8], now: Time, dictionary: &mut dyn Dictionary) {
-        let area = &mut self.area;
-        let Pulse::Good(counter) = Sync::judge(&area.parameters, data) else {
-            area.emergency.raise(Cause::SyncLength);
+        let objects = &mut self.objects;
+        let Pulse::Good(counter) = Sync::judge(&objects.parameters, data) else {
+            objects.emergency.raise(Cause::SyncLength);
             return;
         };
-        area.emergency.clear(Cause::SyncLength);
-        area.emergency.clear(Cause::SyncLost);
-        if area.state != NmtState::Operational {
+        objects.emergency.clear(Cause::SyncLength);
+        objects.emergency.clear(Cause::SyncLost);
+        if objects.state != NmtState::Operational {
             return;
         }
-        area.sync.came(now);
-        area.receive.iter_mut().for_each(|pdo| pdo.synchronise());
-        let register = area.emergency.register();
-        for (pdo, parameters) in area.transmit.iter_mut().zip(&area.parameters.transmit) {
-            pdo.synchronise(parameters, counter, register, now, dictionary, &mut area.out);
+        objects.sync.came(now);
+        objects.receive.iter_mut().for_each(|pdo| pdo.synchronise());
+        let register = objects.emergency.register();
+        for (pdo, parameters) in objects.transmit.iter_mut().zip(&objects.parameters.transmit) {
+            pdo.synchronise(parameters, counter, register, now, dictionary, &mut objects.out);
         }
     }
 
     fn process_data(&mut self, id: u16, data: &[u8], now: Time, dictionary: &mut dyn Dictionary) {
-        let area = &mut self.area;
-        let open = area.sync.window_open(&area.parameters, now);
-        for ((number, pdo), parameters) in (0..).zip(&mut area.receive).zip(&area.parameters.receive) {
+        let objects = &mut self.objects;
+        let open = objects.sync.window_open(&objects.parameters, now);
+        for ((number, pdo), parameters) in (0..).zip(&mut objects.receive).zip(&objects.parameters.receive) {
             let taken = pdo.take(parameters, id, data, now, open, dictionary);
             if taken != Taken::NotMine {
-                area.emergency.set(Cause::Short(number), taken == Taken::Short);
-                area.emergency.set(Cause::Long(number), taken == Taken::Long);
+                objects.emergency.set(Cause::Short(number), taken == Taken::Short);
+                objects.emergency.set(Cause::Long(number), taken == Taken::Long);
             }
             if matches!(taken, Taken::Long | Taken::Exact) {
-                area.emergency.clear(Cause::Late(number));
+                objects.emergency.clear(Cause::Late(number));
             }
         }
     }
 
     fn poll_process_data(&mut self, now: Time, dictionary: &mut dyn Dictionary) {
-        let area = &mut self.area;
-        if area.sync.lost(&area.parameters, now) {
-            area.emergency.raise(Cause::SyncLost);
+        let objects = &mut self.objects;
+        if objects.sync.lost(&objects.parameters, now) {
+            objects.emergency.raise(Cause::SyncLost);
             dictionary.event(Event::SyncLost);
         }
-        for (pdo, receive) in (0..).zip(&mut area.receive) {
+        for (pdo, receive) in (0..).zip(&mut objects.receive) {
             if receive.late(now) {
-                area.emergency.raise(Cause::Late(pdo));
+                objects.emergency.raise(Cause::Late(pdo));
                 dictionary.event(Event::ReceiveTimeout { pdo });
             }
         }
-        let register = area.emergency.register();
-        for (pdo, parameters) in area.transmit.iter_mut().zip(&area.parameters.transmit) {
-            pdo.poll(parameters, register, now, dictionary, &mut area.out);
+        let register = objects.emergency.register();
+        for (pdo, parameters) in objects.transmit.iter_mut().zip(&objects.parameters.transmit) {
+            pdo.poll(parameters, register, now, dictionary, &mut objects.out);
         }
     }
 }

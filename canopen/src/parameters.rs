@@ -1,6 +1,6 @@
-//! The values of the communication area that a host can write: defaults, checks that need nothing else, storing.
+//! The values of the communication objects that a host can write: defaults, checks that need nothing else, storing.
 
-use super::area::{Found, Item, STORED, stored, stored_at};
+use super::communication::{CommunicationObject, Item, STORED, stored, stored_at};
 use super::device::{Device, ENTRIES, PDOS, PdoDefault};
 use super::heartbeat::entry;
 use super::pdo::Direction;
@@ -68,7 +68,7 @@ fn pdos(defaults: &[PdoDefault; PDOS], first: u32) -> [Pdo; PDOS] {
     pdos
 }
 
-/// Every value of the communication area that can be stored.
+/// Every value of the communication objects that can be stored.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Parameters {
     pub sync_id: u32,
@@ -110,9 +110,9 @@ impl Parameters {
         }
     }
 
-    fn slot(&mut self, found: Found) -> Option<Slot<'_>> {
-        let nth = usize::from(found.sub).checked_sub(1);
-        Some(match found.item {
+    fn slot(&mut self, object: CommunicationObject) -> Option<Slot<'_>> {
+        let nth = usize::from(object.sub).checked_sub(1);
+        Some(match object.item {
             Item::SyncId => Slot::Word(&mut self.sync_id),
             Item::Period => Slot::Word(&mut self.period),
             Item::Window => Slot::Word(&mut self.window),
@@ -123,7 +123,7 @@ impl Parameters {
             Item::Overflow => Slot::Byte(&mut self.overflow),
             Item::Behaviour => Slot::Byte(&mut self.behaviour),
             item => {
-                let pdo = self.pdo_mut(item.direction()?, found.pdo)?;
+                let pdo = self.pdo_mut(item.direction()?, object.pdo)?;
                 match item {
                     Item::PdoId(_) => Slot::Word(&mut pdo.id),
                     Item::Transmission(_) => Slot::Byte(&mut pdo.transmission),
@@ -138,8 +138,8 @@ impl Parameters {
     }
 
     /// A value; 0 for what is no parameter.
-    pub fn get(&mut self, found: Found) -> u32 {
-        match self.slot(found) {
+    pub fn get(&mut self, object: CommunicationObject) -> u32 {
+        match self.slot(object) {
             Some(Slot::Byte(value)) => (*value).into(),
             Some(Slot::Half(value)) => (*value).into(),
             Some(Slot::Word(value)) => *value,
@@ -147,9 +147,9 @@ impl Parameters {
         }
     }
 
-    /// Takes over a value that was found good.
-    pub fn set(&mut self, found: Found, new: u32) {
-        match self.slot(found) {
+    /// Takes over a value that was object good.
+    pub fn set(&mut self, object: CommunicationObject, new: u32) {
+        match self.slot(object) {
             Some(Slot::Byte(value)) => *value = new as u8,
             Some(Slot::Half(value)) => *value = new as u16,
             Some(Slot::Word(value)) => *value = new,
@@ -175,50 +175,50 @@ impl Parameters {
 
     /// Visits every value that is stored.
     pub fn store(mut self, visit: &mut dyn FnMut(Record)) {
-        stored(&mut |index, found| {
-            visit(Record::new(index, found.sub, found.kind, self.get(found)));
+        stored(&mut |index, object| {
+            visit(Record::new(index, object.sub, object.kind, self.get(object)));
         });
     }
 
     /// Takes stored values that could have been written one by one, as far as that can be told without the device's
-    /// objects. The rest is in what is returned; `spoiled` tells which PDOs, in the order of [`ALL`](super::area::ALL), have
+    /// objects. The rest is in what is returned; `spoiled` tells which PDOs, in the order of [`ALL`](super::communication::ALL), have
     /// lost a value.
     pub fn load(&mut self, values: &mut dyn Iterator<Item = Record>, spoiled: &mut [bool; 2 * PDOS]) -> Restored {
         let mut restored = Restored::default();
         let mut seen = [false; STORED];
         for record in values {
             let Record { index, sub, .. } = record;
-            let Some((nth, found)) = stored_at(index, sub) else {
+            let Some((nth, object)) = stored_at(index, sub) else {
                 restored.skipped.add(index, sub);
                 continue;
             };
-            let good = |value: &u32| validate(found.item, *value).is_ok() && !self.watches_twice(found, *value);
-            match record.value(found.kind).filter(good) {
-                Some(value) => self.set(found, value),
+            let good = |value: &u32| validate(object.item, *value).is_ok() && !self.watches_twice(object, *value);
+            match record.value(object.kind).filter(good) {
+                Some(value) => self.set(object, value),
                 None => {
                     restored.defaulted.add(index, sub);
-                    let first = if found.item.direction() == Some(Direction::Transmit) { PDOS } else { 0 };
-                    let slot = found.item.direction().and_then(|_| spoiled.get_mut(first + usize::from(found.pdo)));
+                    let first = if object.item.direction() == Some(Direction::Transmit) { PDOS } else { 0 };
+                    let slot = object.item.direction().and_then(|_| spoiled.get_mut(first + usize::from(object.pdo)));
                     slot.into_iter().for_each(|lost| *lost = true);
                 }
             }
             seen.get_mut(nth).into_iter().for_each(|seen| *seen = true);
         }
         let mut seen = seen.iter();
-        stored(&mut |index, found| {
+        stored(&mut |index, object| {
             if seen.next() == Some(&false) {
-                restored.defaulted.add(index, found.sub);
+                restored.defaulted.add(index, object.sub);
             }
         });
         restored
     }
 
     /// Whether a value of 1016h watches a node that another entry watches already (CiA 301 7.5.2.19).
-    pub fn watches_twice(&self, found: Found, value: u32) -> bool {
+    pub fn watches_twice(&self, object: CommunicationObject, value: u32) -> bool {
         let same = |(sub, other): (u8, &u32)| {
-            sub != found.sub && entry(*other).zip(entry(value)).is_some_and(|(a, b)| a.0 == b.0)
+            sub != object.sub && entry(*other).zip(entry(value)).is_some_and(|(a, b)| a.0 == b.0)
         };
-        found.item == Item::Watched && (1..).zip(&self.consumers).any(same)
+        object.item == Item::Watched && (1..).zip(&self.consumers).any(same)
     }
 }
 

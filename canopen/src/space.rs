@@ -1,7 +1,7 @@
 //! One address space: the node's own objects and those of the device.
 
-use super::area::{Area, Found, find};
-use super::{Abort, Access, DataType, Dictionary, Place, Written};
+use super::communication::{CommunicationObject, CommunicationObjects, find};
+use super::{Abort, Access, DataType, Dictionary, ObjectHandle, Written};
 
 /// Index and sub-index.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -20,13 +20,13 @@ pub(super) struct Object {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum At {
-    Area(Found),
-    Device(Place),
+    Own(CommunicationObject),
+    Device(ObjectHandle),
 }
 
 /// Everything that an SDO can reach.
 pub(super) struct Space<'a> {
-    pub area: &'a mut Area,
+    pub objects: &'a mut CommunicationObjects,
     pub dictionary: &'a mut dyn Dictionary,
 }
 
@@ -35,8 +35,8 @@ impl Space<'_> {
         match address.index {
             0..=0x0FFF => Err(Abort::NoObject),
             0x1000..=0x1FFF => {
-                let found = find(address.index, address.sub)?;
-                Ok(Object { kind: found.kind, access: found.access, at: At::Area(found) })
+                let object = find(address.index, address.sub)?;
+                Ok(Object { kind: object.kind, access: object.access, at: At::Own(object) })
             }
             _ => {
                 let entry = self.dictionary.entry(address.index, address.sub)?;
@@ -66,7 +66,7 @@ impl Space<'_> {
 
     pub fn read(&mut self, object: Object, out: &mut [u8]) -> Result<usize, Abort> {
         match object.at {
-            At::Area(found) => self.area.read(found, out),
+            At::Own(object) => self.objects.read(object, out),
             At::Device(place) => self.dictionary.read(place, out),
         }
     }
@@ -74,21 +74,21 @@ impl Space<'_> {
     /// Writes a value whose length was checked.
     pub fn write(&mut self, object: Object, data: &[u8]) -> Result<Written, Abort> {
         match object.at {
-            At::Area(found) => self.area.write(found, data, self.dictionary),
+            At::Own(object) => self.objects.write(object, data, self.dictionary),
             At::Device(place) => self.dictionary.write(place, data),
         }
     }
 
     pub fn stream_length(&self, object: Object) -> Result<u32, Abort> {
         match object.at {
-            At::Area(_) => Err(Abort::Unsupported),
+            At::Own(_) => Err(Abort::Unsupported),
             At::Device(place) => self.dictionary.stream_length(place),
         }
     }
 
     pub fn stream(&self, object: Object, offset: u32, out: &mut [u8]) -> Result<(), Abort> {
         match object.at {
-            At::Area(_) => Err(Abort::Unsupported),
+            At::Own(_) => Err(Abort::Unsupported),
             At::Device(place) => self.dictionary.stream(place, offset, out),
         }
     }

@@ -10,7 +10,7 @@ use edm_runtime::board::{Board, Caller, Pulse};
 use edm_runtime::{Note, Signals};
 use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::Voltage;
-use edm_servo_head::head::Leave;
+use edm_servo_head::head::WritePermit;
 
 /// The vector that runs the protocol task; its peripheral is not in use.
 pub const PROTOCOL: Interrupt = Interrupt::SPI3;
@@ -54,7 +54,7 @@ impl Board for Chip {
     type Mailboxes = can::Sender;
     type Filters = can::Filters;
     type Watchdog = watchdog::Watchdog;
-    type Storage = Store<flash::SettingsFlash, Leave>;
+    type Storage = Store<flash::SettingsFlash, WritePermit>;
     type Caller = Rtic;
 }
 

@@ -36,7 +36,7 @@ mod app {
     use edm_hal_shim::can::Inbox;
     use edm_hal_shim::encoder::Line;
     use edm_hal_shim::stm32f4::gated::Gated;
-    use edm_hal_shim::stm32f4::{dying, safety};
+    use edm_hal_shim::stm32f4::{panic_handler, safety};
     use edm_runtime::can::{Receive, Transmit};
     use edm_runtime::encoder::Decoder;
     use edm_runtime::gap::Gap;
@@ -73,7 +73,7 @@ mod app {
             Ok(Tasks { reflex, decoder, gap, servo, supervise, receive, transmit, protocol, idle }) => {
                 (Shared { decoder, receive, protocol }, Local { reflex, gap, servo, supervise, transmit, idle })
             }
-            Err(error) => dying::halt(error, watchdog),
+            Err(error) => panic_handler::halt(error, watchdog),
         }
     }
 

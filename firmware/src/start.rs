@@ -14,7 +14,7 @@ use edm_runtime::can::{Receive, Transmit};
 use edm_runtime::encoder::Decoder;
 use edm_runtime::gap::Gap;
 use edm_runtime::idle::Idle;
-use edm_runtime::keeper::Keeper;
+use edm_runtime::image_store::ImageStore;
 use edm_runtime::protocol::Protocol;
 use edm_runtime::servo::Servo;
 use edm_runtime::supervise::Supervise;
@@ -90,10 +90,10 @@ fn place_drive(
     drive.as_mut().map_err(|_| StartError::Settings)
 }
 
-/// Node and drive begin with what is kept.
+/// Node and drive begin with what is stored.
 #[inline(never)]
-fn restore(keeper: &mut Keeper<Chip>, node: &mut Node, drive: &mut Drive) {
-    let image = keeper.load();
+fn restore(image_store: &mut ImageStore<Chip>, node: &mut Node, drive: &mut Drive) {
+    let image = image_store.load();
     Rtic.note(&Note::Loaded(drive.restart(Settings::default(), image)));
     Rtic.note(&Note::booted(drive.boot(node, image)));
 }
@@ -108,11 +108,11 @@ pub fn start(
     let machine = Machine::start(device, core, BUILD_NUMBER, &SIGNALS.reflex, watchdog)?;
     defmt::info!("build {=str}, {}", BUILD, machine.boot);
     let store = Store::new(machine.flash, 0).map_err(|_| StartError::Settings)?;
-    let mut keeper = Keeper::new(store, &mut slots.buffer, &mut slots.image, Rtic);
+    let mut image_store = ImageStore::new(store, &mut slots.buffer, &mut slots.image, Rtic);
     let identity = Identity { reset_cause: machine.boot.cause as u32, build: BUILD };
     let node = place_node(&mut slots.node);
     let drive = place_drive(&mut slots.drive, identity, &mut slots.record)?;
-    restore(&mut keeper, node, drive);
+    restore(&mut image_store, node, drive);
     // What it orders at the start is how the head begins below.
     drive.started();
     let path: &'static mut Path = ccm::place(|| Path::EMPTY).ok_or(StartError::Memory)?;
@@ -150,6 +150,6 @@ pub fn start(
         receive: tasks.receive,
         transmit: tasks.transmit,
         protocol: tasks.host.protocol(node, drive, Settings::default()),
-        idle: tasks.idle.idle(watchdog, keeper),
+        idle: tasks.idle.idle(watchdog, image_store),
     })
 }

@@ -19,12 +19,12 @@ pub mod encoder;
 pub mod gap;
 pub mod generator;
 pub mod reflex;
-pub mod roll;
 pub mod safety;
 #[cfg(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc")))]
 #[allow(unsafe_code, reason = "registers, the two flash sectors and the core-coupled memory")]
 pub mod stm32f4;
 pub mod storage;
+pub mod task_watchdog;
 pub use edm_store as store;
 pub mod tick;
 pub mod timing;

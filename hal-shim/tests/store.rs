@@ -13,19 +13,19 @@ type Result<T> = std::result::Result<T, StoreError<FlashFault>>;
 /// Where the two sectors begin: the first sector of the flash is somebody else's.
 const START: u32 = SECTOR as u32;
 
-/// Leave for a number of operations.
-struct Leave(Cell<u32>);
+/// WritePermit for a number of operations.
+struct WritePermit(Cell<u32>);
 
-impl Leave {
+impl WritePermit {
     fn for_operations(n: u32) -> Self {
-        Leave(Cell::new(n))
+        WritePermit(Cell::new(n))
     }
     fn always() -> Self {
-        Leave::for_operations(u32::MAX)
+        WritePermit::for_operations(u32::MAX)
     }
 }
 
-impl Permit for Leave {
+impl Permit for WritePermit {
     fn holds(&self) -> bool {
         let left = self.0.get();
         self.0.set(left.saturating_sub(1));
@@ -33,12 +33,12 @@ impl Permit for Leave {
     }
 }
 
-fn store(flash: &mut Flash) -> Store<&mut Flash, Leave> {
+fn store(flash: &mut Flash) -> Store<&mut Flash, WritePermit> {
     Store::new(flash, START).unwrap()
 }
 
 fn save(flash: &mut Flash, image: &[u8]) -> Result<()> {
-    store(flash).save(image, &mut [0; BUFFER], &Leave::always())
+    store(flash).save(image, &mut [0; BUFFER], &WritePermit::always())
 }
 
 fn load(flash: &mut Flash) -> Result<Option<Vec<u8>>> {
@@ -173,7 +173,7 @@ fn before_erase(before: &Flash, n: u32) -> u32 {
 fn nothing_is_written_without_a_permit() {
     let mut flash = after(3);
     let before = flash.clone().cells().to_vec();
-    let result = store(&mut flash).save(&image(4), &mut [0; BUFFER], &Leave::for_operations(0));
+    let result = store(&mut flash).save(&image(4), &mut [0; BUFFER], &WritePermit::for_operations(0));
     assert_eq!(result, Err(StoreError::Refused));
     assert_eq!(flash.cells(), before);
     assert!(reads(&mut flash, 3));
@@ -185,9 +185,9 @@ fn leave_withdrawn_in_the_middle_ends_a_save_like_a_power_cut() {
     let turn = (2..60).find(|&n| after(n).erases()[2] == 1).unwrap();
     for n in [turn - 1, turn] {
         let before = after(n - 1);
-        let done = (0..20).find(|&leave| {
+        let done = (0..20).find(|&permit| {
             let mut flash = before.clone();
-            let result = store(&mut flash).save(&image(n), &mut [0; BUFFER], &Leave::for_operations(leave));
+            let result = store(&mut flash).save(&image(n), &mut [0; BUFFER], &WritePermit::for_operations(permit));
             assert!(reads(&mut flash, n - 1) || reads(&mut flash, n));
             save(&mut flash, &image(n)).unwrap();
             assert!(reads(&mut flash, n));
@@ -330,7 +330,7 @@ fn length_check(bytes: [u8; 2]) -> u16 {
 
 #[test]
 fn sectors_outside_the_flash_or_off_its_grid_are_refused() {
-    let region = |start: usize| Store::<_, Leave>::new(Flash::default(), start as u32).map(|_| ());
+    let region = |start: usize| Store::<_, WritePermit>::new(Flash::default(), start as u32).map(|_| ());
     assert_eq!(region(0), Ok(()));
     assert_eq!(region(SECTOR), Ok(()));
     assert_eq!(region(2 * SECTOR), Err(StoreError::Region));
@@ -338,7 +338,7 @@ fn sectors_outside_the_flash_or_off_its_grid_are_refused() {
 }
 
 /// A flash that is worn out from some offset on, where it takes words and keeps none of them, and that panics when it is
-/// written or erased without leave having been asked just before.
+/// written or erased without permit having been asked just before.
 struct Chip {
     flash: Flash,
     worn_from: u32,
@@ -378,19 +378,19 @@ impl NorFlash for Chip {
     const WRITE_SIZE: usize = 4;
     const ERASE_SIZE: usize = SECTOR;
     fn erase(&mut self, from: u32, to: u32) -> std::result::Result<(), FlashFault> {
-        assert!(self.asked.take(), "erase without leave");
+        assert!(self.asked.take(), "erase without permit");
         self.flash.erase(from, to)
     }
     fn write(&mut self, offset: u32, bytes: &[u8]) -> std::result::Result<(), FlashFault> {
-        assert!(self.asked.take(), "write without leave");
+        assert!(self.asked.take(), "write without permit");
         if offset >= self.worn_from { Ok(()) } else { self.flash.write(offset, bytes) }
     }
 }
 
 #[test]
 fn leave_is_asked_before_every_operation() {
-    let (mut store, leave) = chip(u32::MAX);
-    (1..40).for_each(|n| store.save(&image(n), &mut [0; BUFFER], &leave).unwrap());
+    let (mut store, permit) = chip(u32::MAX);
+    (1..40).for_each(|n| store.save(&image(n), &mut [0; BUFFER], &permit).unwrap());
 }
 
 #[test]
@@ -398,10 +398,10 @@ fn a_worn_out_flash_is_reported_and_keeps_the_last_image() {
     let mut buffer = [0; BUFFER];
     // The second sector is worn, all of it or beyond its first word: images go to the first as long as there is room.
     for worn_from in [2 * START, 2 * START + 4] {
-        let (mut store, leave) = chip(worn_from);
+        let (mut store, permit) = chip(worn_from);
         let mut last = 0;
         let fault = (1..100).find_map(|n| {
-            let result = store.save(&image(n), &mut buffer, &leave);
+            let result = store.save(&image(n), &mut buffer, &permit);
             last = if result.is_ok() { n } else { last };
             result.err()
         });
@@ -410,8 +410,8 @@ fn a_worn_out_flash_is_reported_and_keeps_the_last_image() {
         assert_eq!(store.load(&mut buffer).map(Loaded::image), Ok(Some(&image(last)[..])));
     }
     // Both sectors.
-    let (mut store, leave) = chip(START);
-    assert_eq!(store.save(&image(1), &mut buffer, &leave), Err(StoreError::NotVerified));
+    let (mut store, permit) = chip(START);
+    assert_eq!(store.save(&image(1), &mut buffer, &permit), Err(StoreError::NotVerified));
     assert_eq!(store.load(&mut buffer), Ok(Loaded::Nothing));
 }
 

@@ -6,7 +6,7 @@ use crate::crossings::{Arrival, Crossings, Reset, ServoConfig, Signals, StorageJ
 use crate::encoder::Decoder;
 use crate::gap::Gap;
 use crate::idle::Idle;
-use crate::keeper::Keeper;
+use crate::image_store::ImageStore;
 use crate::protocol::{Configuring, Protocol, Uptime};
 use crate::servo::{Carried, Servo};
 use crate::supervise::Supervise;
@@ -21,7 +21,7 @@ use edm_servo_head::canopen::drive::Drive;
 use edm_servo_head::canopen::{Frame, Node};
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, Shared as Published, TimerCount};
 use edm_servo_head::gap::GapReading;
-use edm_servo_head::head::{Fault, Head, Leave, State, Status, Supervisor, TickInput};
+use edm_servo_head::head::{Fault, Head, State, Status, Supervisor, TickInput, WritePermit};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{Active, Settings};
 
@@ -86,8 +86,8 @@ pub struct IdleEnds<B: Board> {
     guard: B::Guard,
     signals: &'static Signals,
     report: Reader<'static, Status>,
-    granted: Receiver<'static, (StorageJob, Leave), 1>,
-    returned: Sender<'static, Leave, 1>,
+    granted: Receiver<'static, (StorageJob, WritePermit), 1>,
+    returned: Sender<'static, WritePermit, 1>,
     resets: Receiver<'static, Reset, 4>,
 }
 
@@ -133,7 +133,7 @@ pub fn assemble<B: Board>(
     let quadrature = Quadrature::on(decoder, parts.lines.levels(), clock.now());
     let forced = parts.forced.forced();
     let retreats = parts.forced.retreats();
-    signals.roll.start(clock.now());
+    signals.task_watchdog.start(clock.now());
     Ok(Tasks {
         decoder: Decoder { lines: parts.lines, clock, quadrature },
         gap: Gap {
@@ -168,7 +168,7 @@ pub fn assemble<B: Board>(
             input: TickInput::default(),
             told: (Fault::HostSilent, 0),
             carried: Carried::NONE,
-            at_sync: None,
+            sync_preview: None,
             timed: 0,
             reading,
             faults,
@@ -251,10 +251,10 @@ impl<B: Board> Host<B> {
 
 impl<B: Board> IdleEnds<B> {
     /// Idle, with the watchdog running closely.
-    pub fn idle(self, watchdog: B::Watchdog, keeper: Keeper<B>) -> Idle<B> {
+    pub fn idle(self, watchdog: B::Watchdog, image_store: ImageStore<B>) -> Idle<B> {
         Idle {
             watchdog,
-            keeper,
+            image_store,
             guard: self.guard,
             clock: self.clock,
             caller: self.caller,

@@ -16,7 +16,7 @@ use edm_hal_shim::watchdog::Watchdog;
 use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::GapSource;
 use edm_servo_head::gap::voltage;
-use edm_servo_head::head::Leave;
+use edm_servo_head::head::WritePermit;
 
 /// What the reflex has seen of the pulses: for the log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -82,8 +82,8 @@ pub trait Board {
     type Filters: Filters;
     /// Watchdog.
     type Watchdog: Watchdog;
-    /// What is kept when the power is cut.
-    type Storage: Storage<Leave>;
+    /// What is stored when the power is cut.
+    type Storage: Storage<WritePermit>;
     /// Whoever calls the tasks.
     type Caller: Caller;
 }

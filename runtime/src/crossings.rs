@@ -8,12 +8,12 @@ use edm_crossing::latest::Latest;
 use edm_crossing::ring::Ring;
 use edm_hal_shim::board;
 use edm_hal_shim::reflex::Limits;
-use edm_hal_shim::roll::Roll;
+use edm_hal_shim::task_watchdog::TaskWatchdog;
 use edm_servo_head::canopen::drive::{SetPoint, TASKS};
 use edm_servo_head::canopen::{Frame, Group};
 use edm_servo_head::gap::{GapReading, voltage};
 use edm_servo_head::head::{
-    Change, Command, Config, Fault, Finding, Leave, Refused, Report, Status, SupervisionLimits,
+    Change, Command, Config, Fault, Finding, Refused, Report, Status, SupervisionLimits, WritePermit,
 };
 use edm_servo_head::units;
 
@@ -64,7 +64,7 @@ pub struct Signals {
     /// What the reflex acts on.
     pub reflex: Limits,
     /// Whether every task still runs.
-    pub roll: Roll<TASKS>,
+    pub task_watchdog: TaskWatchdog<TASKS>,
     /// How long the tasks take.
     pub times: [crate::timers::Times; TASKS],
 }
@@ -83,7 +83,7 @@ impl Signals {
             backlog: Flag::new(),
             host: Flag::new(),
             reflex: Limits::new(),
-            roll: Roll::new(SILENCE),
+            task_watchdog: TaskWatchdog::new(SILENCE),
             times: [const { crate::timers::Times::new() }; TASKS],
         }
     }
@@ -103,11 +103,11 @@ pub enum Request {
     /// The newest configuration is to run.
     Configure,
     /// What the next SYNC releases, and how many had come before this was decided.
-    AtSync(Option<SetPoint>, u32),
+    SyncPreview(Option<SetPoint>, u32),
     /// Raise a fault.
     Raise(Fault),
-    /// Leave to change what is kept.
-    Leave(StorageJob),
+    /// A permit to write flash, for a storage job.
+    PermitWrite(StorageJob),
 }
 
 /// What came of a request.
@@ -116,11 +116,11 @@ pub enum Answer {
     /// A command, and the tick that knew of it first.
     Command(Command, Result<(), Refused>, u32),
     /// The same for what a SYNC has released. Beside the answer to the request that left it there.
-    AtSync(Command, Result<(), Refused>, u32),
+    SyncPreview(Command, Result<(), Refused>, u32),
     /// The servo task has judged the newest configuration: its crossing says how.
     Configured,
-    /// No leave: the drive is not disabled.
-    NoLeave,
+    /// No permit: the drive is not disabled.
+    NoPermit,
     /// The request is done.
     Done,
 }
@@ -136,7 +136,7 @@ pub struct Arrival {
     pub syncs: u32,
 }
 
-/// What idle does with what is kept, under leave.
+/// What idle does with what is stored, under a permit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StorageJob {
     /// Stores a group of objects.
@@ -163,7 +163,7 @@ pub struct ServoConfig {
     pub off_time_ns: Option<u32>,
 }
 
-/// What the guided check found.
+/// What commissioning found.
 pub type Checked = Result<Report, Finding>;
 
 /// The crossings that are more than a word.
@@ -188,10 +188,10 @@ pub struct Crossings {
     pub(crate) requests: Ring<Request, REQUESTS>,
     /// Servo task to protocol.
     pub(crate) answers: Ring<Answer, ANSWERS>,
-    /// Servo task to idle: there is one leave.
-    pub(crate) granted: Ring<(StorageJob, Leave), 1>,
+    /// Servo task to idle: there is one permit.
+    pub(crate) granted: Ring<(StorageJob, WritePermit), 1>,
     /// Idle to servo task.
-    pub(crate) returned: Ring<Leave, 1>,
+    pub(crate) returned: Ring<WritePermit, 1>,
     /// Protocol to idle.
     pub(crate) resets: Ring<Reset, 4>,
     /// Servo task to protocol.

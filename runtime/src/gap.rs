@@ -35,7 +35,7 @@ impl<B: Board> Gap<B> {
         }
         let end = self.clock.now();
         self.signals.times[GAP].ran(end.wrapping_sub(begin));
-        self.signals.roll.report(GAP, end);
+        self.signals.task_watchdog.report(GAP, end);
     }
 
     /// What makes readings of the blocks.

@@ -1,9 +1,9 @@
-//! What has no deadline: the watchdog's roll call, the log, what is kept in flash, the resets of a host.
+//! What has no deadline: the task watchdog, the log, what is stored in flash, the resets of a host.
 
 use crate::Board;
 use crate::board::Caller;
 use crate::crossings::{MS, Reset, Signals, StorageJob};
-use crate::keeper::Keeper;
+use crate::image_store::ImageStore;
 use crate::note::Note;
 use crate::protocol::Protocol;
 use edm_crossing::latest::Reader;
@@ -11,7 +11,7 @@ use edm_crossing::ring::{Receiver, Sender};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::EdgeGuard;
 use edm_hal_shim::watchdog::Watchdog;
-use edm_servo_head::head::{Leave, Status};
+use edm_servo_head::head::{Status, WritePermit};
 use rtic_core::Mutex;
 
 /// Cycles from a reset by the host to boot-up. Hosts begin to wait for it after they have sent the reset, and miss one that
@@ -21,7 +21,7 @@ const START_UP: u32 = 50 * MS;
 /// What idle owns.
 pub struct Idle<B: Board> {
     pub(crate) watchdog: B::Watchdog,
-    pub(crate) keeper: Keeper<B>,
+    pub(crate) image_store: ImageStore<B>,
     pub(crate) guard: B::Guard,
     pub(crate) clock: B::Clock,
     pub(crate) caller: B::Caller,
@@ -29,15 +29,15 @@ pub struct Idle<B: Board> {
     /// The host has reset the node, at this count.
     pub(crate) reset: Option<u32>,
     pub(crate) report: Reader<'static, Status>,
-    pub(crate) granted: Receiver<'static, (StorageJob, Leave), 1>,
-    pub(crate) returned: Sender<'static, Leave, 1>,
+    pub(crate) granted: Receiver<'static, (StorageJob, WritePermit), 1>,
+    pub(crate) returned: Sender<'static, WritePermit, 1>,
     pub(crate) resets: Receiver<'static, Reset, 4>,
 }
 
 impl<B: Board> Idle<B> {
     /// One round.
     pub fn round(&mut self, protocol: &mut impl Mutex<T = Protocol<B>>) {
-        match self.signals.roll.missing(self.clock.now()) {
+        match self.signals.task_watchdog.missing(self.clock.now()) {
             None => self.watchdog.feed(),
             Some(task) => self.watchdog.silent(task),
         }
@@ -45,14 +45,14 @@ impl<B: Board> Idle<B> {
             self.caller.note(&Note::Status(*self.report.get()));
             self.caller.note(&Note::Pulses(self.caller.pulse()));
         }
-        if let Some((job, leave)) = self.granted.receive() {
-            self.change(job, leave, protocol);
+        if let Some((job, permit)) = self.granted.receive() {
+            self.change(job, permit, protocol);
         }
         let begun = match self.resets.peek() {
             None => false,
             Some(Reset::Communication) => true,
             Some(Reset::Node) => {
-                let image = self.keeper.load_watched(&mut self.watchdog);
+                let image = self.image_store.load_watched(&mut self.watchdog);
                 let report = protocol.lock(|protocol| protocol.restart(image));
                 if let Some(report) = report {
                     self.caller.note(&Note::Loaded(report));
@@ -66,19 +66,19 @@ impl<B: Board> Idle<B> {
         }
         let now = self.clock.now();
         if self.reset.take_if(|since| now.wrapping_sub(*since) >= START_UP).is_some() {
-            let image = self.keeper.load_watched(&mut self.watchdog);
+            let image = self.image_store.load_watched(&mut self.watchdog);
             self.caller.note(&Note::booted(protocol.lock(|protocol| protocol.boot(image))));
         }
     }
 
-    fn change(&mut self, job: StorageJob, leave: Leave, protocol: &mut impl Mutex<T = Protocol<B>>) {
+    fn change(&mut self, job: StorageJob, permit: WritePermit, protocol: &mut impl Mutex<T = Protocol<B>>) {
         let compose = |image: &mut _| protocol.lock(|protocol| protocol.keep(job, image));
-        let result = self.keeper.change(&leave, &mut self.watchdog, compose);
+        let result = self.image_store.change(&permit, &mut self.watchdog, compose);
         // Nobody could report or decode an edge while the flash was erased.
         self.guard.missed();
-        self.signals.roll.start(self.clock.now());
+        self.signals.task_watchdog.start(self.clock.now());
         protocol.lock(|protocol| protocol.done(result));
-        self.returned.send(leave);
+        self.returned.send(permit);
         self.signals.waiting.set();
     }
 }

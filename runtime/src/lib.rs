@@ -25,7 +25,7 @@ pub mod crossings;
 pub mod encoder;
 pub mod gap;
 pub mod idle;
-pub mod keeper;
+pub mod image_store;
 pub mod note;
 pub mod protocol;
 pub mod servo;

@@ -12,7 +12,7 @@ use edm_servo_head::stored::LoadReport;
 pub enum Note {
     /// The head has changed its state.
     Changed(Change),
-    /// The guided check has ended.
+    /// Commissioning has ended.
     Checked(Result<Report, Finding>),
     /// The watchdog did not take another time-out.
     WatchdogStuck,

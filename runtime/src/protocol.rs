@@ -78,7 +78,7 @@ pub struct HostEnds {
     pub published: Reader<'static, Status>,
     /// Changes of its state.
     pub changes: Receiver<'static, Change, 16>,
-    /// Results of guided checks.
+    /// Results of commissionings.
     pub checked: Receiver<'static, Checked, 2>,
 }
 
@@ -104,7 +104,7 @@ impl<B: Board> Protocol<B> {
         }
         let end = self.clock.now();
         self.signals.times[PROTOCOL].ran(end.wrapping_sub(begin));
-        self.signals.roll.report(PROTOCOL, end);
+        self.signals.task_watchdog.report(PROTOCOL, end);
     }
 
     /// The node.
@@ -153,16 +153,16 @@ impl<B: Board> Protocol<B> {
     /// What the servo task tells; whether it has told of a millisecond.
     fn news(&mut self, now: u32) -> bool {
         while let Some(answer) = self.ends.answers.receive() {
-            if !matches!(answer, Answer::AtSync(..)) {
+            if !matches!(answer, Answer::SyncPreview(..)) {
                 self.outstanding = self.outstanding.saturating_sub(1);
             }
             match answer {
-                Answer::Command(command, result, tick) | Answer::AtSync(command, result, tick) => {
+                Answer::Command(command, result, tick) | Answer::SyncPreview(command, result, tick) => {
                     self.known = tick;
                     self.drive.answered(command, result);
                 }
                 Answer::Configured => self.judged(),
-                Answer::NoLeave => self.node.answer(Err(Abort::DeviceState), self.drive),
+                Answer::NoPermit => self.node.answer(Err(Abort::DeviceState), self.drive),
                 Answer::Done => {}
             }
         }
@@ -253,8 +253,8 @@ impl<B: Board> Protocol<B> {
         while self.outstanding < REQUESTS && self.resets.room() > 0 {
             let Some(order) = self.drive.take() else {
                 self.signals.sync_length.store(self.node.sync_length().into());
-                if self.drive.foresee(self.node) {
-                    self.request(Request::AtSync(self.drive.foreseen(), self.syncs));
+                if self.drive.preview_sync(self.node) {
+                    self.request(Request::SyncPreview(self.drive.sync_preview(), self.syncs));
                 }
                 return;
             };
@@ -264,8 +264,8 @@ impl<B: Board> Protocol<B> {
                 Order::ResetCommunication => self.resets.send(Reset::Communication),
                 Order::Command(command) => self.request(Request::Command(command)),
                 Order::Raise(fault) => self.request(Request::Raise(fault)),
-                Order::Store(group) => self.request(Request::Leave(StorageJob::Store(group))),
-                Order::Restore(group) => self.request(Request::Leave(StorageJob::Restore(group))),
+                Order::Store(group) => self.request(Request::PermitWrite(StorageJob::Store(group))),
+                Order::Restore(group) => self.request(Request::PermitWrite(StorageJob::Restore(group))),
             }
         }
     }
@@ -288,7 +288,7 @@ impl<B: Board> Protocol<B> {
         self.caller.transmit();
     }
 
-    /// Changes what is kept as the host wants it.
+    /// Changes what is stored as the host wants it.
     ///
     /// # Errors
     /// There is no room for it.
@@ -304,17 +304,17 @@ impl<B: Board> Protocol<B> {
 
     /// A storage job is done.
     pub fn done(&mut self, result: Result<(), Abort>) {
-        self.drive.kept(self.node, result);
+        self.drive.stored(self.node, result);
     }
 
-    /// The drive begins anew with what is kept; `None` while a configuration is on its way to the tasks, which takes less
+    /// The drive begins anew with what is stored; `None` while a configuration is on its way to the tasks, which takes less
     /// than a millisecond: what comes back then would be taken for the new one.
     pub fn restart(&mut self, image: &StoredImage) -> Option<LoadReport> {
         let settled = self.configuring == Configuring::Done;
         settled.then(|| self.drive.restart(self.defaults, image))
     }
 
-    /// The node begins anew with what is kept.
+    /// The node begins anew with what is stored.
     ///
     /// # Errors
     /// As [`Node::boot`].

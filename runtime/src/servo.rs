@@ -21,7 +21,7 @@ use edm_servo_head::canopen::drive::SetPoint;
 use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{
-    Change, Command, Fault, Head, Leave, Reason, Refused, State, Status, TickInput, TickOutput,
+    Change, Command, Fault, Head, Reason, Refused, State, Status, TickInput, TickOutput, WritePermit,
 };
 use edm_servo_head::path::Path;
 use edm_servo_head::units::TICKS_PER_MS;
@@ -78,7 +78,7 @@ pub struct Servo<B: Board> {
     pub(crate) told: (Fault, u32),
     pub(crate) carried: Carried,
     /// What the next SYNC releases, and how many had come before.
-    pub(crate) at_sync: Option<(SetPoint, u32)>,
+    pub(crate) sync_preview: Option<(SetPoint, u32)>,
     /// Ticks of this millisecond that were timed.
     pub(crate) timed: u32,
     pub(crate) reading: Reader<'static, GapReading>,
@@ -86,8 +86,8 @@ pub struct Servo<B: Board> {
     pub(crate) requests: Receiver<'static, Request, REQUESTS>,
     pub(crate) answers: Sender<'static, Answer, ANSWERS>,
     pub(crate) config: Reader<'static, ServoConfig>,
-    pub(crate) granted: Sender<'static, (StorageJob, Leave), 1>,
-    pub(crate) returned: Receiver<'static, Leave, 1>,
+    pub(crate) granted: Sender<'static, (StorageJob, WritePermit), 1>,
+    pub(crate) returned: Receiver<'static, WritePermit, 1>,
     pub(crate) judged: Writer<'static, Status>,
     pub(crate) published: Writer<'static, Status>,
     pub(crate) changes: Sender<'static, Change, 16>,
@@ -116,7 +116,7 @@ impl<B: Board> Servo<B> {
         self.tick.acknowledge();
         let forced = self.lines.forced();
         // Before the requests, which may have come after that SYNC.
-        if self.at_sync.is_some() {
+        if self.sync_preview.is_some() {
             self.synchronise();
         }
         // Who sets it has a lower priority: nothing can come in between.
@@ -199,7 +199,7 @@ impl<B: Board> Servo<B> {
         }
         while let Some(change) = self.head.next_change() {
             self.changes.send(change);
-            if let (Reason::CheckEnded, Some(result)) = (change.reason, self.head.check_result()) {
+            if let (Reason::CommissioningEnded, Some(result)) = (change.reason, self.head.commissioning_result()) {
                 self.checked.send(result);
             }
         }
@@ -209,7 +209,7 @@ impl<B: Board> Servo<B> {
             self.judged.write(|slot| *slot = *status);
             self.published.write(|slot| *slot = *status);
             self.caller.protocol();
-            self.signals.roll.report(SERVO, self.clock.now());
+            self.signals.task_watchdog.report(SERVO, self.clock.now());
         }
         self.time();
         if looked {
@@ -230,8 +230,8 @@ impl<B: Board> Servo<B> {
             self.raise(fault);
         }
         self.signals.lost_faults.store(self.faults.lost());
-        while let Some(leave) = self.returned.receive() {
-            self.head.end_leave(leave);
+        while let Some(permit) = self.returned.receive() {
+            self.head.end_write(permit);
         }
         while let Some(request) = self.requests.receive() {
             let answer = match request {
@@ -240,8 +240,8 @@ impl<B: Board> Servo<B> {
                     Answer::Command(command, result, tick)
                 }
                 Request::Configure => self.configure(),
-                Request::AtSync(point, syncs) => {
-                    self.at_sync = point.map(|point| (point, syncs));
+                Request::SyncPreview(point, syncs) => {
+                    self.sync_preview = point.map(|point| (point, syncs));
                     self.synchronise();
                     Answer::Done
                 }
@@ -249,7 +249,7 @@ impl<B: Board> Servo<B> {
                     self.raise(fault);
                     Answer::Done
                 }
-                Request::Leave(job) => self.give_leave(job),
+                Request::PermitWrite(job) => self.permit_write(job),
             };
             self.answers.send(answer);
         }
@@ -277,9 +277,9 @@ impl<B: Board> Servo<B> {
         let came = |syncs| {
             signals.syncs.read() != syncs || sync.waits().is_some_and(|n| u32::from(n) == signals.sync_length.load())
         };
-        if let Some((point, _)) = self.at_sync.take_if(|(_, syncs)| came(*syncs)) {
+        if let Some((point, _)) = self.sync_preview.take_if(|(_, syncs)| came(*syncs)) {
             let (result, tick) = self.carry_out(point.command());
-            self.answers.send(Answer::AtSync(point.command(), result, tick));
+            self.answers.send(Answer::SyncPreview(point.command(), result, tick));
         }
     }
 
@@ -299,14 +299,14 @@ impl<B: Board> Servo<B> {
         (self.head.command(command), tick)
     }
 
-    fn give_leave(&mut self, job: StorageJob) -> Answer {
-        match self.head.give_leave() {
-            // Idle goes on. There is one leave, and room for it.
-            Ok(leave) => {
-                self.granted.send((job, leave));
+    fn permit_write(&mut self, job: StorageJob) -> Answer {
+        match self.head.permit_write() {
+            // Idle goes on. There is one permit, and room for it.
+            Ok(permit) => {
+                self.granted.send((job, permit));
                 Answer::Done
             }
-            Err(_) => Answer::NoLeave,
+            Err(_) => Answer::NoPermit,
         }
     }
 

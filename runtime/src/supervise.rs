@@ -45,7 +45,7 @@ impl<B: Board> Supervise<B> {
         }
         let end = self.clock.now();
         self.signals.times[SUPERVISE].ran(end.wrapping_sub(begin));
-        self.signals.roll.report(SUPERVISE, end);
+        self.signals.task_watchdog.report(SUPERVISE, end);
     }
 
     /// What it judges by.

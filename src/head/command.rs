@@ -1,10 +1,10 @@
 //! What a host may ask, and why it may be refused. A refused command changes nothing.
 
-use super::check::Check;
-use super::course::Course;
+use super::commissioning::Commissioning;
 use super::machine::{Head, hazard};
-use super::positioning::{Home, Pace};
+use super::positioning::{Home, MotionLimits};
 use super::proof::{Goal, Proof};
+use super::trajectory::Trajectory;
 use super::{Fault, Reason, State};
 use crate::gap::OpenCircuit;
 use crate::path::{self, Path};
@@ -31,7 +31,7 @@ pub enum Command {
     /// Forget the queue; the path begins anew where the axis is.
     ClearPath,
     /// Move to a position on a profile, pulses off. A new target may be given on the way.
-    Position(Nanometres, Pace),
+    Position(Nanometres, MotionLimits),
     /// Reach a host's next set point in so many servo ticks, pulses off.
     Follow(Nanometres, u32),
     /// Look for a reference. Not while pulses are on, nor with a path to go.
@@ -45,7 +45,7 @@ pub enum Command {
     Guide,
     /// Pulses off; hold the position.
     Hold,
-    /// Run the guided check of encoder, motor, gap and stroke.
+    /// Commission: check encoder, motor, gap and stroke.
     Commission,
     /// Acknowledge a fault whose cause is gone. A head that was lifted without its encoder has no home any more; what casts
     /// doubt on the encoder is not gone before it has proved itself.
@@ -58,7 +58,7 @@ pub enum Command {
 pub enum Refused {
     /// Not in this state.
     State(State),
-    /// The guided check has not passed since the settings it depends on were changed.
+    /// Commissioning has not passed since the settings it depends on were changed.
     NotCommissioned,
     /// An absolute move needs a home.
     NotHomed,
@@ -93,7 +93,7 @@ impl fmt::Display for Refused {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Refused::State(state) => write!(f, "not possible while {}", state.name()),
-            Refused::NotCommissioned => f.write_str("the guided check (commission) has not passed yet"),
+            Refused::NotCommissioned => f.write_str("commissioning (commission) has not passed yet"),
             Refused::NotHomed => f.write_str("an absolute move needs a homed axis"),
             Refused::OutOfTravel { target, min, max } => {
                 write!(f, "target {} um is outside the travel of {} to {} um", target.um().0, min.um().0, max.um().0)
@@ -140,7 +140,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 self.restart_path_at(here);
                 Ok(())
             }
-            Command::Position(to, pace) => self.position(state, to, &pace),
+            Command::Position(to, limits) => self.position(state, to, &limits),
             Command::Follow(to, ticks) => self.follow_to(state, to, ticks),
             Command::Home(home) => self.home(state, &home),
             Command::Brake(deceleration) => self.brake(state, deceleration),
@@ -180,12 +180,12 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 if state != State::Disabled {
                     return Err(Refused::State(state));
                 }
-                self.refuse_on_leave()?;
+                self.refuse_while_storing()?;
                 self.refuse_hazard(true)?;
                 if self.doubt.is_some() {
-                    self.begin_proof(Goal::Check);
+                    self.begin_proof(Goal::Commissioning);
                 } else {
-                    self.begin_check();
+                    self.begin_commissioning();
                 }
                 Ok(())
             }
@@ -214,7 +214,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         if !self.config.commissioned {
             return Err(Refused::NotCommissioned);
         }
-        self.refuse_on_leave()?;
+        self.refuse_while_storing()?;
         self.refuse_hazard(false)?;
         if self.doubt.is_some() {
             self.begin_proof(Goal::Ready);
@@ -233,10 +233,10 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.enter(State::Ready, Reason::Enabled);
     }
 
-    pub(super) fn begin_check(&mut self) {
+    pub(super) fn begin_commissioning(&mut self) {
         self.checked = None;
-        self.check = Some(Check::new(self.status.position));
-        self.enter(State::Commissioning, Reason::CheckStarted);
+        self.commissioning = Some(Commissioning::new(self.status.position));
+        self.enter(State::Commissioning, Reason::CommissioningStarted);
     }
 
     fn begin_proof(&mut self, goal: Goal) {
@@ -273,7 +273,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.path.restart([here], [top.min(here)]);
         self.work = None;
         self.limiter.stop();
-        self.course = Course::new(self.status.tick);
+        self.trajectory = Trajectory::new(self.status.tick);
         self.status.setpoint = here;
         self.urgent = true;
     }

@@ -1,6 +1,6 @@
 //! What the head's tick runs: built from the settings, swapped whole.
 
-use super::{check, supervise};
+use super::{commissioning, supervise};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant};
@@ -142,8 +142,8 @@ pub struct Config {
     pub axis: Axis,
     /// Limits of the supervision.
     pub supervise: supervise::Limits,
-    /// The guided check.
-    pub check: check::Config,
-    /// Whether the guided check has passed with these settings.
+    /// Commissioning.
+    pub commissioning: commissioning::Config,
+    /// Whether commissioning has passed with these settings.
     pub commissioned: bool,
 }

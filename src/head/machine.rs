@@ -1,13 +1,13 @@
 //! The servo tick.
 
-use super::check::Check;
+use super::commissioning::Commissioning;
 use super::config::{Config, Setpoint, Structure};
-use super::course::Course;
 use super::measure::{Sums, Tracking};
-use super::pace::{self, Pace};
 use super::positioning::Positioning;
 use super::proof::{Goal, Outcome, Proof};
 use super::reaction::{Motion, Reacting, Situation};
+use super::schedule::{self, Schedule};
+use super::trajectory::Trajectory;
 use super::{
     Change, ChangeLog, Fault, Finding, Reaction, Reason, Refused, Report, State, Status, TickInput, TickOutput,
 };
@@ -35,8 +35,8 @@ pub struct Head<P> {
     pub(super) axis: AxisLoop,
     pub(super) single: Pid,
     pub(super) guard: CurrentGuard,
-    pace: Pace,
-    pub(super) course: Course,
+    schedule: Schedule,
+    pub(super) trajectory: Trajectory,
     /// [`Drive::FULL`], negative for a reversed motor.
     pub(super) full: f32,
     pub(super) sums: Sums,
@@ -55,7 +55,7 @@ pub struct Head<P> {
     pub(super) proof: Option<Proof>,
     /// Times that a proof has pushed the head downward in vain.
     pub(super) descents: u32,
-    pub(super) check: Option<Check>,
+    pub(super) commissioning: Option<Commissioning>,
     pub(super) checked: Option<Result<Report, Finding>>,
     /// Tick in which the present state was entered.
     entered: u32,
@@ -69,8 +69,8 @@ pub struct Head<P> {
     pub(super) safety: SafetyInputs,
     /// The reflex has begun a retreat.
     reflex: bool,
-    /// A [`super::Leave`] is out.
-    pub(super) on_leave: bool,
+    /// A [`super::WritePermit`] is out.
+    pub(super) write_permitted: bool,
 }
 
 impl<P: DerefMut<Target = Path>> Head<P> {
@@ -88,8 +88,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             axis: AxisLoop::default(),
             single: Pid::default(),
             guard: CurrentGuard::default(),
-            pace: Pace::new(),
-            course: Course::new(0),
+            schedule: Schedule::new(),
+            trajectory: Trajectory::new(0),
             full: full(&config),
             sums: Sums::default(),
             at: Fixed(0),
@@ -101,7 +101,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             doubt: None,
             proof: None,
             descents: 0,
-            check: None,
+            commissioning: None,
             checked: None,
             entered: 0,
             retreat: (State::Eroding, 0),
@@ -110,7 +110,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             upper_limit_excused: false,
             safety: SafetyInputs::default(),
             reflex: false,
-            on_leave: false,
+            write_permitted: false,
             config,
         }
     }
@@ -140,8 +140,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.changes.lost()
     }
 
-    /// Result of the last guided check.
-    pub fn check_result(&self) -> Option<Result<Report, Finding>> {
+    /// Result of the last commissioning.
+    pub fn commissioning_result(&self) -> Option<Result<Report, Finding>> {
         self.checked
     }
 
@@ -180,7 +180,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     fn react_with(&mut self, fault: Fault, reaction: Reaction) {
         self.end_positioning();
         self.reacting = Some(Reacting::new(fault, reaction, &self.situation()));
-        self.check = None;
+        self.commissioning = None;
         self.proof = None;
         self.status.fault = Some(fault);
         self.status.first = self.status.first.or(Some(fault));
@@ -206,7 +206,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         }
         if state == State::Disabled {
             // Broken off, or at their end.
-            (self.check, self.proof) = (None, None);
+            (self.commissioning, self.proof) = (None, None);
         }
         self.urgent = true;
         self.status.feed = MicrometresPerSecond(match state {
@@ -223,14 +223,14 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     #[inline]
     pub fn tick(&mut self, input: &TickInput) -> TickOutput {
         self.status.tick = self.status.tick.wrapping_add(1);
-        let busy = self.pace.begin();
+        let busy = self.schedule.begin();
         self.measure(input);
         let shorted = input.gap.short_ticks >= self.config.retreat.trigger;
         let more = busy || self.urgent || input.reflex || shorted || input.safety.is_some();
         if more {
             self.do_more(busy, input);
         }
-        TickOutput { drive: self.follow(), pulses: self.course.pulses(), more }
+        TickOutput { drive: self.follow(), pulses: self.trajectory.pulses(), more }
     }
 
     /// What most ticks do not do.
@@ -240,12 +240,12 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let mut plan = !busy || input.reflex || input.safety.is_some();
         plan |= input.gap.short_ticks >= self.config.retreat.trigger;
         if busy {
-            let slot = self.pace.take();
-            if slot == pace::LOOK {
+            let slot = self.schedule.take();
+            if slot == schedule::LOOK {
                 self.look_at_drive(input);
                 self.look_at_encoder(input);
             }
-            plan |= pace::plans(slot);
+            plan |= schedule::plans(slot);
         }
         if plan || self.urgent {
             self.plan(input);
@@ -256,20 +256,20 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     /// alone; a plan out of its turn takes the reading as it was at most four ticks before.
     #[inline]
     pub fn wants_gap(&self) -> bool {
-        self.urgent || self.pace.is_due()
+        self.urgent || self.schedule.is_due()
     }
 
     /// Whether the next tick compares the two counters: it then wants a fresh reading of the watch, of illegal transitions and
     /// of index marks. Other ticks do not look at them.
     #[inline]
     pub fn looks_at_encoder(&self) -> bool {
-        self.pace.next() == pace::LOOK
+        self.schedule.next() == schedule::LOOK
     }
 
     /// Whether the tick before was the one of its millisecond that looked at drive and encoder: supervision and host want
     /// the status.
     pub fn has_looked(&self) -> bool {
-        self.pace.has_looked()
+        self.schedule.has_looked()
     }
 
     /// States that count ticks, and loops that have the gap voltage as their only setpoint.
@@ -351,8 +351,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let motion = match state {
             State::Disabled => Motion::Coast,
             // Whatever was raised: nothing moves while the processor may stall.
-            State::Fault if self.on_leave => Motion::Coast,
-            State::Commissioning => return self.run_check(),
+            State::Fault if self.write_permitted => Motion::Coast,
+            State::Commissioning => return self.run_commissioning(),
             State::Proving => self.run_proof(),
             State::Ready | State::Done | State::HoldingPosition => along(0.0),
             State::Positioning | State::Homing => self.plan_positioning(),
@@ -398,7 +398,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 self.descents = 0;
                 match goal {
                     Goal::Ready => self.close_loop(),
-                    Goal::Check => self.begin_check(),
+                    Goal::Commissioning => self.begin_commissioning(),
                 }
                 Motion::Path(MicrometresPerSecond(0.0), self.full_window())
             }
@@ -416,16 +416,21 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         }
     }
 
-    fn run_check(&mut self) -> (Motion, bool) {
-        let Some(check) = &mut self.check else { return (Motion::Coast, false) };
+    fn run_commissioning(&mut self) -> (Motion, bool) {
+        let Some(check) = &mut self.commissioning else { return (Motion::Coast, false) };
         let status = &self.status;
-        let (wish, result) =
-            check.tick(&self.config.check, &self.config.axis.gains, status.position, status.velocity, &status.gap);
+        let (wish, result) = check.tick(
+            &self.config.commissioning,
+            &self.config.axis.gains,
+            status.position,
+            status.velocity,
+            &status.gap,
+        );
         if let Some(result) = result {
             self.config.commissioned = result.is_ok();
             self.checked = Some(result);
-            self.check = None;
-            self.enter(State::Disabled, Reason::CheckEnded);
+            self.commissioning = None;
+            self.enter(State::Disabled, Reason::CommissioningEnded);
             return (Motion::Coast, false);
         }
         (Motion::Duty(wish.duty), wish.pulses)

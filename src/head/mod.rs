@@ -3,28 +3,28 @@
 //! [`Head::tick`] is the servo task, 20 000 times a second. [`Supervisor::tick`] judges, once a millisecond, what no single
 //! tick can; its verdict comes back through [`Head::raise`]. Commands come in between ticks.
 
-mod check;
 mod command;
+mod commissioning;
 mod config;
-mod course;
 mod fault;
-mod leave;
 mod machine;
 mod measure;
-mod pace;
+mod permit;
 mod positioning;
 mod proof;
 mod reaction;
+mod schedule;
 mod state;
 mod supervise;
+mod trajectory;
 
-pub use check::{Config as CheckConfig, Finding, Report};
 pub use command::{Command, Refused};
+pub use commissioning::{Config as CommissioningConfig, Finding, Report};
 pub use config::{Axis, Config, Lift, Retreat, Seek, Setpoint, Structure};
 pub use fault::{Fault, Reaction};
-pub use leave::Leave;
 pub use machine::Head;
-pub use positioning::{Home, HomingState, Pace};
+pub use permit::WritePermit;
+pub use positioning::{Home, HomingState, MotionLimits};
 pub use state::{Change, ChangeLog, Reason, State};
 pub use supervise::{Limits as SupervisionLimits, Supervisor};
 
@@ -115,7 +115,7 @@ pub struct Status {
     pub homed: bool,
     /// How homing stands.
     pub homing: HomingState,
-    /// Velocity along the path that the state or its feed law asks for, within the law's limits; beside the path, that of
+    /// Velocity along the path that the state or its feed law asks for, within the law's limits; while positioning, that of
     /// the set point.
     pub feed: MicrometresPerSecond,
     /// Segments waiting behind the one under way.

@@ -1,4 +1,4 @@
-//! Motion beside the path, pulses off: to a position, along a host's set points, to a reference.
+//! Axis positioning, pulses off: to a position, along a host's set points, to a reference.
 //!
 //! The loop then follows a profile instead of the path; when it comes to rest the path begins anew where it stands. An open
 //! limit switch stops motion toward it, here as everywhere; while homing, it is what is looked for and no fault.
@@ -8,15 +8,15 @@ use super::machine::Head;
 use super::reaction::Motion;
 use super::{Reason, State};
 use crate::encoder::Mark;
-use crate::motion::{Homing, Leg, Method, Outcome, Profile, Ramp, Seen};
+use crate::motion::{Homing, Method, Outcome, Profile, Ramp, Seen, TrajectorySegment};
 use crate::path::Path;
 use crate::units::{CountsPerSecond, CountsPerSecond2, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 use core::ops::DerefMut;
 
-/// Limits of a motion beside the path, positive.
+/// Limits of axis positioning, positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Pace {
+pub struct MotionLimits {
     /// Velocity.
     pub velocity: MicrometresPerSecond,
     /// Acceleration.
@@ -56,7 +56,7 @@ pub enum HomingState {
     Failed,
 }
 
-/// What moves the axis beside the path.
+/// What positions the axis.
 #[derive(Debug)]
 pub(super) struct Positioning {
     profile: Profile,
@@ -75,7 +75,7 @@ enum Task {
 const LATE: u32 = 5;
 
 impl<P: DerefMut<Target = Path>> Head<P> {
-    /// Whether the axis may be moved beside the path.
+    /// Whether the axis may be positioned.
     fn may_position(&self, state: State) -> Result<(), Refused> {
         match state {
             State::Ready | State::HoldingPosition | State::Done | State::Positioning => Ok(()),
@@ -83,11 +83,11 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         }
     }
 
-    /// Moves to a position on a profile, from whatever motion beside the path is under way.
-    pub(super) fn position(&mut self, state: State, to: Nanometres, pace: &Pace) -> Result<(), Refused> {
+    /// Moves to a position on a profile, from whatever positioning is under way.
+    pub(super) fn position(&mut self, state: State, to: Nanometres, limits: &MotionLimits) -> Result<(), Refused> {
         self.may_position(state)?;
         self.within_travel(to)?;
-        let task = Task::Go(self.fixed(to), self.ramp(pace));
+        let task = Task::Go(self.fixed(to), self.ramp(limits));
         self.take_up(State::Positioning, task);
         Ok(())
     }
@@ -127,7 +127,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     /// Looks for a reference.
     pub(super) fn home(&mut self, state: State, home: &Home) -> Result<(), Refused> {
         self.may_position(state)?;
-        // The bottom of a hole that is to be gone on with is no place for a home. A motion beside the path ends the path.
+        // The bottom of a hole that is to be gone on with is no place for a home. axis positioning ends the path.
         if state != State::Positioning && !self.path.at_end() {
             return Err(Refused::PathActive);
         }
@@ -159,7 +159,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             None => {
                 // The path may still be coming to rest.
                 let [from] = self.path.setpoint();
-                Profile::along(self.course.leg(from))
+                Profile::along(self.trajectory.segment(from))
             }
         };
         self.positioning = Some(Positioning { profile, task });
@@ -170,7 +170,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         }
     }
 
-    /// Plans the motion beside the path.
+    /// Plans the axis positioning.
     pub(super) fn plan_positioning(&mut self) -> Motion {
         let Some(mut positioning) = self.positioning.take() else {
             self.enter(State::Ready, Reason::Arrived);
@@ -180,29 +180,29 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let limit = self.config.axis.gains.velocity_limit();
         let profile = &mut positioning.profile;
         let mut end = None;
-        let leg = match &mut positioning.task {
+        let segment = match &mut positioning.task {
             Task::Go(to, ramp) => {
-                let leg = profile.toward(*to, ramp, ticks);
-                if profile.stands() && leg.from == *to {
+                let segment = profile.toward(*to, ramp, ticks);
+                if profile.stands() && segment.from == *to {
                     end = Some(Reason::Arrived);
                 }
-                leg
+                segment
             }
             Task::Follow { to, left } => {
                 *left = left.saturating_sub(ticks);
                 profile.reach(*to, *left, limit, ticks)
             }
             Task::Brake(deceleration) => {
-                let leg = profile.stop(*deceleration, ticks);
+                let segment = profile.stop(*deceleration, ticks);
                 if profile.stands() {
                     end = Some(Reason::Held);
                 }
-                leg
+                segment
             }
             Task::Home(homing, at) => {
                 let seen = self.seen(self.mark);
                 match homing.plan(profile, &seen, ticks) {
-                    Outcome::Moves(leg) => leg,
+                    Outcome::Moves(segment) => segment,
                     Outcome::Found(found) => {
                         let homed = self.declare(found, *at, profile);
                         self.status.homing = if homed { HomingState::Done } else { HomingState::Failed };
@@ -218,13 +218,13 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             }
         };
         let homes = matches!(positioning.task, Task::Home(..));
-        let blocked = !homes && self.safety.upper_limit && leg.velocity.0 < 0.0;
-        let leg = if blocked {
-            *profile = Profile::at(leg.from);
+        let blocked = !homes && self.safety.upper_limit && segment.velocity.0 < 0.0;
+        let segment = if blocked {
+            *profile = Profile::at(segment.from);
             end = Some(Reason::Held);
             rest(profile)
         } else {
-            leg
+            segment
         };
         self.positioning = Some(positioning);
         if let Some(reason) = end {
@@ -234,10 +234,10 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             }
             self.enter(State::Ready, reason);
         }
-        Motion::Axis(leg)
+        Motion::Axis(segment)
     }
 
-    /// Ends motion beside the path: the path begins where the set point is.
+    /// Ends axis positioning: the path begins where the set point is.
     pub(super) fn end_positioning(&mut self) {
         if let Some(positioning) = self.positioning.take() {
             if self.status.homing == HomingState::Runs {
@@ -295,15 +295,15 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         CountsPerSecond2((acceleration.0 * self.config.axis.counts_per_um).max(1.0))
     }
 
-    fn ramp(&self, pace: &Pace) -> Ramp {
+    fn ramp(&self, limits: &MotionLimits) -> Ramp {
         Ramp {
-            velocity: self.counts(pace.velocity),
-            acceleration: self.counts2(pace.acceleration),
-            deceleration: self.counts2(pace.deceleration),
+            velocity: self.counts(limits.velocity),
+            acceleration: self.counts2(limits.acceleration),
+            deceleration: self.counts2(limits.deceleration),
         }
     }
 }
 
-fn rest(profile: &Profile) -> Leg {
-    Leg { from: profile.position(), ..Leg::default() }
+fn rest(profile: &Profile) -> TrajectorySegment {
+    TrajectorySegment { from: profile.position(), ..TrajectorySegment::default() }
 }

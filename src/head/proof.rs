@@ -1,7 +1,7 @@
 //! The proof of an encoder: a small move under open-loop limited force, before any loop is closed over it.
 //!
 //! After a lost encoder, a wrong polarity or a following error the fault may be reset, but nobody knows yet whether the
-//! encoder counts, nor which way. So the next [`Command::Enable`](super::Command::Enable), or guided check, begins with
+//! encoder counts, nor which way. So the next [`Command::Enable`](super::Command::Enable), or commissioning, begins with
 //!
 //! 1. a push *upward* that grows from nothing to half of `lift.limited_n`. It ends as soon as the head has risen by
 //!    [`DISTANCE_UM`], two whole periods of the encoder at least (one dead line of A and B counts back and forth, but never
@@ -38,8 +38,8 @@ const COMPARED: u32 = (5e-3 / TICK_S) as u32;
 pub(super) enum Goal {
     /// The loop is closed.
     Ready,
-    /// The guided check.
-    Check,
+    /// Commissioning.
+    Commissioning,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

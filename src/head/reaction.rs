@@ -7,7 +7,7 @@
 
 use super::config::{Config, Lift};
 use super::{Fault, Reaction};
-use crate::motion::Leg;
+use crate::motion::TrajectorySegment;
 use crate::servo::Window;
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, TICK_S, Volts, larger, smaller};
 
@@ -19,7 +19,7 @@ pub(super) enum Motion {
     /// Along the path at a velocity, with the duty inside a window.
     Path(MicrometresPerSecond, Window),
     /// Beside the path.
-    Axis(Leg),
+    Axis(TrajectorySegment),
     /// Velocity loop alone.
     Velocity(MicrometresPerSecond),
     /// Open loop, or a loop closed elsewhere.

@@ -10,7 +10,7 @@ pub enum State {
     /// Bridge coasts, pulses off. The mechanics lift or hold the head.
     #[default]
     Disabled,
-    /// The guided check runs: open loop under its own duty limit, pulses only for its gap step.
+    /// Commissioning runs: open loop under its own duty limit, pulses only for its gap step.
     Commissioning,
     /// Position held, pulses off, waiting for a move.
     Ready,
@@ -26,7 +26,7 @@ pub enum State {
     HoldingPosition,
     /// Pulses off and latched; the fault's reaction moves or holds the head.
     Fault,
-    /// Pulses off, moving beside the path: to a position, or along a host's set points.
+    /// Pulses off, positioning the axis: to a position, or along a host's set points.
     Positioning,
     /// Pulses off, looking for a reference; limit switches are what it may be looking for.
     Homing,
@@ -81,7 +81,7 @@ pub enum Reason {
     Started,
     /// Commanded: hold.
     Held,
-    /// Commanded: a motion beside the path.
+    /// Commanded: axis positioning.
     Positioned,
     /// Its target is reached.
     Arrived,
@@ -91,12 +91,12 @@ pub enum Reason {
     Homed,
     /// There is no reference where it could be.
     NotHomed,
-    /// Commanded: enable, or the guided check, of a head whose encoder has to prove itself first.
+    /// Commanded: enable, or commissioning, of a head whose encoder has to prove itself first.
     ProofStarted,
-    /// Commanded: the guided check.
-    CheckStarted,
-    /// The guided check came to its end.
-    CheckEnded,
+    /// Commanded: commissioning.
+    CommissioningStarted,
+    /// Commissioning came to its end.
+    CommissioningEnded,
     /// Gap voltage fell below the seek threshold.
     WorkFound,
     /// A short lasted for the set time.

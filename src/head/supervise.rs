@@ -1,7 +1,7 @@
 //! Supervision at 1 kHz: what no single tick can judge.
 //!
-//! Whatever closes a loop over the encoder is judged alike, in every state: work, a motion beside the path, the strokes of the
-//! guided check, and the reaction to another fault.
+//! Whatever closes a loop over the encoder is judged alike, in every state: work, axis positioning, the strokes of the
+//! commissioning, and the reaction to another fault.
 
 use super::{Fault, State, Status};
 use crate::gap::Quality;

@@ -3,7 +3,7 @@
 //! The negative limit is the upper one, the positive limit the lower one; they are where the head turns round here, not
 //! faults. *Fast* is the velocity toward a switch, *slow* the one toward the edge of a switch or an index mark.
 
-use super::{Leg, Profile, Ramp};
+use super::{Profile, Ramp, TrajectorySegment};
 use crate::encoder::Mark;
 use crate::units::{CountsPerSecond, CountsPerSecond2, Fixed};
 
@@ -62,7 +62,7 @@ pub struct Seen {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outcome {
     /// It moves.
-    Moves(Leg),
+    Moves(TrajectorySegment),
     /// The axis stands; the place that was looked for is at this position.
     Found(i64),
     /// The axis stands; there is no such place within the distance.
@@ -130,9 +130,9 @@ impl Homing {
                 _ => (up, self.slow),
             },
             Step::Rest(found) => {
-                let leg = profile.stop(self.acceleration, ticks);
+                let segment = profile.stop(self.acceleration, ticks);
                 return match (profile.stands(), found) {
-                    (false, _) => Outcome::Moves(leg),
+                    (false, _) => Outcome::Moves(segment),
                     (true, Some(position)) => Outcome::Found(position),
                     (true, None) => Outcome::Missed,
                 };
@@ -211,7 +211,7 @@ mod tests {
         let mut profile = Profile::at(Fixed::whole(from));
         for _ in 0..1_000_000 {
             match homing.plan(&mut profile, &axis.seen(), PLAN_TICKS) {
-                Outcome::Moves(leg) => axis.go(leg.from.round()),
+                Outcome::Moves(segment) => axis.go(segment.from.round()),
                 end => return end,
             }
         }

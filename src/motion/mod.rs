@@ -1,7 +1,7 @@
-//! Motion of the axis beside the path: to a position, along a host's set points, to a reference mark.
+//! Axis positioning: to a position, along a host's set points, to a reference mark.
 //!
 //! A *profile* is a set point that keeps within velocity, acceleration and deceleration; its target may change while it
-//! moves. A *leg* is what the loop follows from one plan to the next: the set point now, and its travel in a tick. *Homing*
+//! moves. A *segment* is what the loop follows from one plan to the next: the set point now, and its travel in a tick. *Homing*
 //! looks for a limit switch or an index mark and says where the axis stood then. All of it is in encoder counts, positive
 //! toward the work, and knows neither the loop nor the path.
 
@@ -9,4 +9,4 @@ mod homing;
 mod profile;
 
 pub use homing::{Homing, Method, Outcome, Seen};
-pub use profile::{Leg, Profile, Ramp};
+pub use profile::{Profile, Ramp, TrajectorySegment};

@@ -29,7 +29,7 @@ pub struct Ramp {
 
 /// What the loop follows until the next plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Leg {
+pub struct TrajectorySegment {
     /// Set point at the plan, counts.
     pub from: Fixed,
     /// Travel in a tick, counts.
@@ -41,73 +41,73 @@ pub struct Leg {
 /// A moving set point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Profile {
-    leg: Leg,
+    segment: TrajectorySegment,
 }
 
 impl Profile {
     /// At rest.
     pub fn at(position: Fixed) -> Profile {
-        Profile { leg: Leg { from: position, ..Leg::default() } }
+        Profile { segment: TrajectorySegment { from: position, ..TrajectorySegment::default() } }
     }
 
-    /// Moving along: the leg followed until now.
-    pub fn along(leg: Leg) -> Profile {
-        Profile { leg }
+    /// Moving along: the segment followed until now.
+    pub fn along(segment: TrajectorySegment) -> Profile {
+        Profile { segment }
     }
 
     /// The set point at the newest plan, counts.
     pub fn position(&self) -> Fixed {
-        self.leg.from
+        self.segment.from
     }
 
     /// Whether the set point stands.
     pub fn stands(&self) -> bool {
-        self.leg.travel == Fixed(0)
+        self.segment.travel == Fixed(0)
     }
 
     /// The axis has been given other coordinates: `by` is added to all of them.
     pub fn shift(&mut self, by: Fixed) {
-        self.leg.from = self.leg.from.plus(by);
+        self.segment.from = self.segment.from.plus(by);
     }
 
     /// Plans on to a target; `ticks` have passed since the plan before.
-    pub fn toward(&mut self, target: Fixed, ramp: &Ramp, ticks: u32) -> Leg {
+    pub fn toward(&mut self, target: Fixed, ramp: &Ramp, ticks: u32) -> TrajectorySegment {
         self.advance(ticks);
-        let distance = target.minus(self.leg.from).to_f32();
+        let distance = target.minus(self.segment.from).to_f32();
         let brake = ramp.deceleration.0 * COUNTED_ON;
         let reserve = brake * PLAN_S;
         let square = 2.0 * brake * distance.abs();
         let stoppable = square / (libm::sqrtf(reserve * reserve + square) + reserve);
-        let stops = self.stands() || self.leg.velocity.0.abs() <= ramp.deceleration.0 * TICK_S * ticks as f32;
+        let stops = self.stands() || self.segment.velocity.0.abs() <= ramp.deceleration.0 * TICK_S * ticks as f32;
         if distance.abs() < THERE && stops {
-            self.leg = Leg { from: target, ..Leg::default() };
-            return self.leg;
+            self.segment = TrajectorySegment { from: target, ..TrajectorySegment::default() };
+            return self.segment;
         }
         let wanted = smaller(stoppable, ramp.velocity.0).copysign(distance);
         self.change(wanted, ramp.acceleration.0, ramp.deceleration.0, ticks)
     }
 
     /// Plans on to a stop.
-    pub fn stop(&mut self, deceleration: CountsPerSecond2, ticks: u32) -> Leg {
+    pub fn stop(&mut self, deceleration: CountsPerSecond2, ticks: u32) -> TrajectorySegment {
         self.advance(ticks);
         self.change(0.0, deceleration.0, deceleration.0, ticks)
     }
 
     /// Plans on to reach `target` in `left` ticks, no faster than `limit`.
-    pub fn reach(&mut self, target: Fixed, left: u32, limit: CountsPerSecond, ticks: u32) -> Leg {
+    pub fn reach(&mut self, target: Fixed, left: u32, limit: CountsPerSecond, ticks: u32) -> TrajectorySegment {
         self.advance(ticks);
-        let distance = target.minus(self.leg.from);
+        let distance = target.minus(self.segment.from);
         let travel = distance.0.checked_div(left.max(PLAN_TICKS).into()).unwrap_or(0);
         let velocity = within_either(Fixed(travel).to_f32() * TICK_HZ as f32, limit.0);
         self.set(velocity)
     }
 
     fn advance(&mut self, ticks: u32) {
-        self.leg.from = Fixed(self.leg.from.0.wrapping_add(self.leg.travel.0.wrapping_mul(ticks.into())));
+        self.segment.from = Fixed(self.segment.from.0.wrapping_add(self.segment.travel.0.wrapping_mul(ticks.into())));
     }
 
-    fn change(&mut self, wanted: f32, acceleration: f32, deceleration: f32, ticks: u32) -> Leg {
-        let now = self.leg.velocity.0;
+    fn change(&mut self, wanted: f32, acceleration: f32, deceleration: f32, ticks: u32) -> TrajectorySegment {
+        let now = self.segment.velocity.0;
         // The way round leads through standstill: beyond it the acceleration holds.
         let turns = wanted * now < 0.0;
         let wanted = if turns { 0.0 } else { wanted };
@@ -116,10 +116,10 @@ impl Profile {
         self.set(if wanted > now { smaller(now + step, wanted) } else { larger(now - step, wanted) })
     }
 
-    fn set(&mut self, velocity: f32) -> Leg {
-        self.leg.velocity = CountsPerSecond(velocity);
-        self.leg.travel = Fixed::short(velocity * TICK_S);
-        self.leg
+    fn set(&mut self, velocity: f32) -> TrajectorySegment {
+        self.segment.velocity = CountsPerSecond(velocity);
+        self.segment.travel = Fixed::short(velocity * TICK_S);
+        self.segment
     }
 }
 
@@ -140,12 +140,12 @@ mod tests {
     fn run(profile: &mut Profile, target: i64, ramp: &Ramp) -> (u32, f32, f32) {
         let (mut farthest, mut hardest) = (profile.position().to_f32(), 0.0f32);
         for plan in 1..2_000_000 {
-            let before = profile.leg.velocity.0;
-            let leg = profile.toward(Fixed::whole(target), ramp, PLAN_TICKS);
-            hardest = hardest.max((leg.velocity.0 - before).abs() / PLAN_S);
-            farthest = farthest.max(leg.from.to_f32());
-            assert!(leg.velocity.0.abs() <= larger(ramp.velocity.0, before.abs()) * 1.0001);
-            if profile.stands() && leg.from == Fixed::whole(target) {
+            let before = profile.segment.velocity.0;
+            let segment = profile.toward(Fixed::whole(target), ramp, PLAN_TICKS);
+            hardest = hardest.max((segment.velocity.0 - before).abs() / PLAN_S);
+            farthest = farthest.max(segment.from.to_f32());
+            assert!(segment.velocity.0.abs() <= larger(ramp.velocity.0, before.abs()) * 1.0001);
+            if profile.stands() && segment.from == Fixed::whole(target) {
                 return (plan, farthest, hardest);
             }
         }
@@ -184,22 +184,22 @@ mod tests {
             for (number, (target, velocity, up, down, plans)) in moves.into_iter().enumerate() {
                 let ramp = ramp(velocity, up, down);
                 last = (target, ramp);
-                let begun = profile.leg;
+                let begun = profile.segment;
                 let (mut low, mut high) = (begun.from.to_f32(), begun.from.to_f32());
                 for plan in 0..plans {
                     // What changes is planned at once, in the middle of a plan.
                     let ticks = if plan == 0 { 1 + number as u32 % PLAN_TICKS } else { PLAN_TICKS };
-                    let before = profile.leg.velocity.0;
-                    let leg = if stops >> number & 1 == 1 {
+                    let before = profile.segment.velocity.0;
+                    let segment = if stops >> number & 1 == 1 {
                         profile.stop(ramp.deceleration, ticks)
                     } else {
                         profile.toward(Fixed::whole(target), &ramp, ticks)
                     };
-                    let (now, time) = (leg.velocity.0, ticks as f32 * TICK_S);
+                    let (now, time) = (segment.velocity.0, ticks as f32 * TICK_S);
                     let allowed = if now.abs() > before.abs() { up } else { down };
                     prop_assert!((now - before).abs() <= allowed * time * 1.001 + 0.01, "{} to {}", before, now);
                     prop_assert!(now * before >= 0.0, "{} to {} without standing", before, now);
-                    (low, high) = (low.min(leg.from.to_f32()), high.max(leg.from.to_f32()));
+                    (low, high) = (low.min(segment.from.to_f32()), high.max(segment.from.to_f32()));
                 }
                 // Past start and target only by what stopping takes: v^2 / 2a, and two plans.
                 let stop = begun.velocity.0 * begun.velocity.0 / (2.0 * down) + 2.0 * begun.velocity.0.abs() * PLAN_S + 1.0;
@@ -233,9 +233,9 @@ mod tests {
         for cycle in 1..=100i64 {
             for plan in 0..4 {
                 let left = 25 - plan * PLAN_TICKS;
-                let leg = profile.reach(Fixed::whole(cycle * 10), left, CountsPerSecond(1e6), PLAN_TICKS);
+                let segment = profile.reach(Fixed::whole(cycle * 10), left, CountsPerSecond(1e6), PLAN_TICKS);
                 if cycle > 10 {
-                    (slowest, fastest) = (slowest.min(leg.velocity.0), fastest.max(leg.velocity.0));
+                    (slowest, fastest) = (slowest.min(segment.velocity.0), fastest.max(segment.velocity.0));
                 }
             }
         }
@@ -245,10 +245,10 @@ mod tests {
     #[test]
     fn a_set_point_out_of_reach_is_approached_at_the_limit() {
         let mut profile = Profile::at(Fixed(0));
-        let leg = profile.reach(Fixed::whole(100_000), 20, CountsPerSecond(5e4), PLAN_TICKS);
-        assert_eq!(leg.velocity.0, 5e4);
-        let leg = profile.reach(Fixed::whole(-100_000), 20, CountsPerSecond(5e4), PLAN_TICKS);
-        assert_eq!(leg.velocity.0, -5e4);
+        let segment = profile.reach(Fixed::whole(100_000), 20, CountsPerSecond(5e4), PLAN_TICKS);
+        assert_eq!(segment.velocity.0, 5e4);
+        let segment = profile.reach(Fixed::whole(-100_000), 20, CountsPerSecond(5e4), PLAN_TICKS);
+        assert_eq!(segment.velocity.0, -5e4);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use crate::dsp::chain;
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{FixedRate, IncrementByError, Law, Limits, RateByError};
 use crate::gap::voltage;
-use crate::head::{Axis, CheckConfig, Config, Lift, Retreat, Seek, Setpoint, SupervisionLimits};
+use crate::head::{Axis, CommissioningConfig, Config, Lift, Retreat, Seek, Setpoint, SupervisionLimits};
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
 use crate::units::{
     ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, Fixed, Hertz, Micrometres, MicrometresPerSecond,
@@ -262,7 +262,7 @@ impl Settings {
                 current_max: Amps(self.motor_peak * 1.25),
                 current_ms: 2,
             },
-            check: CheckConfig {
+            commissioning: CommissioningConfig {
                 duty: self.commission_duty,
                 motion: (50.0 * axis.counts_per_um) as i64,
                 stroke: (self.axis_stroke * axis.counts_per_um) as i64,

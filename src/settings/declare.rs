@@ -296,7 +296,7 @@ pub trait Declared: Sized {
     fn check(&self) -> Result<(), SettingError>;
 }
 
-/// Place of the key among `keys`, in a constant: there an unknown one does not compile.
+/// ObjectHandle of the key among `keys`, in a constant: there an unknown one does not compile.
 pub const fn place(keys: &[&str], key: &str) -> usize {
     let mut at = 0;
     while !same(keys[at], key) {

@@ -47,7 +47,7 @@ declare! {
         /// Gap voltage per converter code.
         0x2100:3 gap_volts_per_code: f32 = 0.1, (0.001, 1.0), "gap.volts_per_code", "V", "assumed: divider with offset, docs/wiring.md";
         /// The gap leads are swapped.
-        0x2100:4 gap_reversed: bool = false, (), "gap.reversed", "", "found by the guided check";
+        0x2100:4 gap_reversed: bool = false, (), "gap.reversed", "", "found by commissioning";
         /// Corner of the low-pass; may be changed while eroding.
         0x2100:5 gap_corner: f32 = 200.0, (20.0, 2000.0), "gap.corner_hz", "Hz", "[R] section 6.5.3";
         /// Mains frequency that the notch takes out.
@@ -153,7 +153,7 @@ declare! {
         /// Largest duty.
         0x2106:8 axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed";
         /// A positive duty moves away from the work.
-        0x2107:1 motor_reversed: bool = false, (), "motor.reversed", "", "found by the guided check";
+        0x2107:1 motor_reversed: bool = false, (), "motor.reversed", "", "found by commissioning";
         /// Largest motor current.
         0x2107:2 motor_peak: f32 = 3.0, (0.1, 20.0), "motor.peak_a", "A", "assumed";
         /// Motor current that may flow for ever.
@@ -170,7 +170,7 @@ declare! {
         /// Length of one encoder count.
         0x2108:1 encoder_count: f32 = 1.0, (0.05, 100.0), "encoder.count_um", "um", "[R] section 6.1; 0.5 and 5 exist";
         /// The encoder counts down when moving toward the work.
-        0x2108:2 encoder_reversed: bool = false, (), "encoder.reversed", "", "found by the guided check";
+        0x2108:2 encoder_reversed: bool = false, (), "encoder.reversed", "", "found by commissioning";
         /// Distance between index marks; a wrong one means that the encoder lost counts.
         0x2108:3 encoder_marks: f32 = 10_000.0, (100.0, 1_000_000.0), "encoder.mark_distance_um", "um", "[L] section 3: a mark every 10 mm";
         /// Counts by which the distance between marks may differ.
@@ -211,9 +211,9 @@ declare! {
         /// Bus voltage below which lifting on stored energy ends.
         0x210B:3 lift_bus_dead: f32 = 15.0, (1.0, 60.0), "lift.bus_dead_v", "V", "assumed";
 
-        /// The guided check has passed with these settings.
-        0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by the guided check";
-        /// Largest duty of the guided check.
+        /// Commissioning has passed with these settings.
+        0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by commissioning";
+        /// Largest duty of commissioning.
         0x210C:2 commission_duty: f32 = 0.1, (0.001, 0.5), "commission.duty_limit", "", "assumed";
         /// Velocity of the stroke measurement.
         0x210C:3 commission_velocity: f32 = 5.0, (0.1, 50.0), "commission.velocity_mm_s", "mm/s", "assumed";

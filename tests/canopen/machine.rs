@@ -1,8 +1,8 @@
 //! A device with one object of each kind.
 
 use edm_servo_head::canopen::{
-    Abort, Access, DataType, Device, Dictionary, Entry, Event, LONGEST, Mapping, Node, PdoDefault, Place, Record,
-    Request, Written, mapped,
+    Abort, Access, DataType, Device, Dictionary, Entry, Event, LONGEST, Mapping, Node, ObjectHandle, PdoDefault,
+    Record, Request, Written, mapped,
 };
 
 /// U32, read-write, 10 to 1000.
@@ -154,17 +154,17 @@ impl Dictionary for Machine {
             return Err(if any { Abort::NoSubIndex } else { Abort::NoObject });
         };
         let (.., kind, access, mapping) = OBJECTS[at];
-        Ok(Entry { kind, access, mapping, place: Place(at as u16) })
+        Ok(Entry { kind, access, mapping, place: ObjectHandle(at as u16) })
     }
 
-    fn read(&self, place: Place, out: &mut [u8]) -> Result<usize, Abort> {
+    fn read(&self, place: ObjectHandle, out: &mut [u8]) -> Result<usize, Abort> {
         let value = &self.values[usize::from(place.0)];
         assert!(out.len() >= value.len());
         out[..value.len()].copy_from_slice(value);
         Ok(value.len())
     }
 
-    fn write(&mut self, place: Place, data: &[u8]) -> Result<Written, Abort> {
+    fn write(&mut self, place: ObjectHandle, data: &[u8]) -> Result<Written, Abort> {
         let (index, _, kind, access, _) = OBJECTS[usize::from(place.0)];
         assert!(access.writable() && kind.size().is_none_or(|size| size == data.len()), "{index:x} {data:?}");
         assert!(data.len() <= LONGEST);
@@ -186,11 +186,11 @@ impl Dictionary for Machine {
         Ok(Written::Now)
     }
 
-    fn stream_length(&self, _place: Place) -> Result<u32, Abort> {
+    fn stream_length(&self, _place: ObjectHandle) -> Result<u32, Abort> {
         if self.enabled { Err(Abort::DeviceState) } else { Ok(self.scope_length) }
     }
 
-    fn stream(&self, _place: Place, offset: u32, out: &mut [u8]) -> Result<(), Abort> {
+    fn stream(&self, _place: ObjectHandle, offset: u32, out: &mut [u8]) -> Result<(), Abort> {
         let end = offset + out.len() as u32;
         assert!(!out.is_empty() && end <= self.scope_length);
         if end > self.scope_broken_from {

@@ -144,10 +144,10 @@ fn homing_on_the_limit_switch_is_no_fault() {
     let mut edge = 0.0;
     rig.until(5000, |rig| {
         let open = rig.machine.process.truth().position_um < 500.0;
-        if rig.machine.process.mishaps.safety.upper_limit && !open {
+        if rig.machine.process.fault_inputs.safety.upper_limit && !open {
             edge = rig.machine.process.truth().position_um;
         }
-        rig.machine.process.mishaps.safety.upper_limit = open;
+        rig.machine.process.fault_inputs.safety.upper_limit = open;
         assert_ne!(rig.status() & 0x4F, 0x08, "a home switch is no fault");
         rig.status() & 0x2400 != 0
     });
@@ -252,7 +252,7 @@ fn a_quick_stop_brakes_and_stays_until_it_is_left() {
 fn a_fault_shows_its_code_and_is_reset_by_a_rising_edge_once_its_cause_is_gone() {
     let mut rig = Rig::ready();
     rig.mode(1);
-    rig.machine.process.mishaps.safety.emergency_stop = true;
+    rig.machine.process.fault_inputs.safety.emergency_stop = true;
     rig.run(3);
     assert!(matches!(rig.status() & 0x4F, 0x0F | 0x08));
     rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
@@ -262,7 +262,7 @@ fn a_fault_shows_its_code_and_is_reset_by_a_rising_edge_once_its_cause_is_gone()
     assert_eq!(emergencies.last().unwrap().1.data()[..2], [0x00, 0x90]);
     rig.control(0x80);
     assert_eq!(rig.status() & 0x4F, 0x08, "the cause is still there");
-    rig.machine.process.mishaps.safety.emergency_stop = false;
+    rig.machine.process.fault_inputs.safety.emergency_stop = false;
     rig.run(5);
     assert_eq!(rig.status() & 0x4F, 0x08, "no new edge");
     rig.control(0x00);
@@ -331,7 +331,7 @@ fn an_ordinary_master_enables_a_head_whose_encoder_has_to_prove_itself() {
     for dead in [false, true, false] {
         rig.machine.raise(Fault::EncoderLost);
         rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
-        rig.machine.process.mishaps.encoder_dead = dead;
+        rig.machine.process.fault_inputs.encoder_dead = dead;
         rig.control(0x00);
         rig.control(0x80);
         rig.until(5, |rig| rig.status() & 0x4F == 0x40);
@@ -343,7 +343,7 @@ fn an_ordinary_master_enables_a_head_whose_encoder_has_to_prove_itself() {
             rig.until(100, |rig| matches!(rig.status() & 0x4F, 0x0F | 0x08));
             assert_eq!(rig.machine.status().fault, Some(Fault::EncoderLost));
             rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
-            rig.machine.process.mishaps.encoder_dead = false;
+            rig.machine.process.fault_inputs.encoder_dead = false;
             rig.control(0x00);
             rig.control(0x80);
             rig.until(5, |rig| rig.status() & 0x4F == 0x40);

@@ -32,7 +32,7 @@ fn every_object_of_the_data_sheet_answers_as_it_says() {
             DefaultValue::Text(_) => None,
         };
         let value = value.unwrap_or_else(|abort| panic!("{place}: {abort:#010x}"));
-        // The rig's head has passed its guided check.
+        // The rig's head has passed its commissioning.
         let passed = d.object == "commission" && d.name == "passed";
         if let (Some(expected), false) = (expected, passed) {
             assert_eq!(value & mask, expected, "{place}");

@@ -115,7 +115,7 @@ fn any_frames_leave_every_value_in_its_range() {
         for _ in 0..FRAMES {
             let (id, data) = host.frame();
             rig.send(id, &data);
-            rig.drive.foresee(&rig.node);
+            rig.drive.preview_sync(&rig.node);
             if host.below(3) == 0 {
                 rig.step();
                 operated += u32::from(rig.status() & 0x6F == 0x27);

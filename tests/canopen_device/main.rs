@@ -4,6 +4,6 @@ mod drive;
 mod dump;
 mod edm;
 mod flood;
-mod foreseen;
 mod rig;
 mod settings;
+mod sync_preview;

@@ -103,11 +103,11 @@ impl Rig {
             Order::Store(group) => {
                 assert_eq!(self.machine.status().state, State::Disabled);
                 self.image.keep(group, &self.drive, &self.node).unwrap();
-                self.drive.kept(&mut self.node, Ok(()));
+                self.drive.stored(&mut self.node, Ok(()));
             }
             Order::Restore(group) => {
                 self.image.forget(group);
-                self.drive.kept(&mut self.node, Ok(()));
+                self.drive.stored(&mut self.node, Ok(()));
             }
             Order::ResetNode => {
                 let defaults = Settings { commissioned: true, ..Settings::default() };

@@ -73,7 +73,7 @@ fn nothing_is_stored_while_the_drive_is_enabled() {
 }
 
 #[test]
-fn another_mass_asks_for_another_guided_check() {
+fn another_mass_asks_for_commissioning_again() {
     let mut rig = Rig::new(|_, _| {});
     let mass = address("axis.mass_kg");
     let passed = address("commission.passed");
@@ -85,7 +85,7 @@ fn another_mass_asks_for_another_guided_check() {
     }
     rig.run(5);
     assert_eq!(rig.status() & 0x6F, 0x23);
-    assert_eq!(rig.read(0x2000, 4), 2, "the guided check has not passed");
+    assert_eq!(rig.read(0x2000, 4), 2, "commissioning has not passed");
 }
 
 /// A rig with something stored, which is then found as `found` says, and reset.
@@ -174,7 +174,7 @@ fn a_value_that_gave_way_to_its_default_is_named_in_the_emergency_and_in_200bh()
     assert_eq!((rig.read(0x200B, 2), rig.read(0x200B, 3)), (1, u32::from(index) << 8 | 0xF0));
     assert_eq!((rig.read(0x200B, 4), rig.read(0x200B, 5)), (1, u32::from(index) << 8 | u32::from(sub)));
     let passed = address("commission.passed");
-    assert_eq!(rig.read(passed.0, passed.1) & 0xFF, 1, "a gain is not what the guided check is about");
+    assert_eq!(rig.read(passed.0, passed.1) & 0xFF, 1, "a gain is not what commissioning is about");
 }
 
 #[test]

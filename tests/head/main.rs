@@ -1,10 +1,10 @@
-//! The head on a bench: states, faults, the guided check.
+//! The head on a bench: states, faults, commissioning.
 
 mod any_input;
 mod bench;
-mod check;
+mod commissioning;
 mod faults;
-mod leave;
+mod permit;
 mod positioning;
 mod proof;
 mod states;

@@ -1,11 +1,11 @@
-//! Motion beside the path on the bench: profiles, set points, homing.
+//! Axis positioning on the bench: profiles, set points, homing.
 
 use crate::bench::Bench;
-use edm_servo_head::head::{Command, Fault, Home, HomingState, Pace, Reason, Refused, State};
+use edm_servo_head::head::{Command, Fault, Home, HomingState, MotionLimits, Reason, Refused, State};
 use edm_servo_head::motion::Method;
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
 
-const PACE: Pace = Pace {
+const LIMITS: MotionLimits = MotionLimits {
     velocity: MicrometresPerSecond(20_000.0),
     acceleration: MicrometresPerSecond2(1e6),
     deceleration: MicrometresPerSecond2(1e6),
@@ -29,7 +29,7 @@ fn home(method: Method, at_um: i64) -> Command {
 fn a_move_keeps_its_velocity_and_ends_on_its_count() {
     let mut bench = Bench::ready();
     bench.changes();
-    bench.command(Command::Position(um(1500), PACE));
+    bench.command(Command::Position(um(1500), LIMITS));
     let mut fastest = 0.0f64;
     bench.run_until(0.2, |bench| {
         fastest = fastest.max(bench.v);
@@ -45,9 +45,9 @@ fn a_move_keeps_its_velocity_and_ends_on_its_count() {
 #[test]
 fn a_target_may_change_on_the_way() {
     let mut bench = Bench::ready();
-    bench.command(Command::Position(um(5000), PACE));
+    bench.command(Command::Position(um(5000), LIMITS));
     bench.run(0.1);
-    bench.command(Command::Position(um(500), PACE));
+    bench.command(Command::Position(um(500), LIMITS));
     bench.run_until(1.0, |bench| bench.state() == State::Ready);
     bench.run(0.05);
     assert_eq!(bench.um().floor(), 500.0);
@@ -69,17 +69,17 @@ fn demand(bench: &mut Bench, seconds: f64) -> (f32, f32) {
 #[test]
 fn a_move_begins_with_the_velocity_that_the_one_before_has() {
     let mut bench = Bench::ready();
-    bench.command(Command::Position(um(5000), PACE));
+    bench.command(Command::Position(um(5000), LIMITS));
     let (mut before, _) = demand(&mut bench, 0.1);
     assert_eq!(before, 20_000.0);
     // The head's own acceleration brakes a hold: 5 m/s^2.
     for (command, acceleration) in [
-        (Command::Position(um(500), PACE), -1e6),
-        (Command::Brake(PACE.deceleration), -1e6),
-        (Command::Position(um(5000), PACE), 1e6),
+        (Command::Position(um(500), LIMITS), -1e6),
+        (Command::Brake(LIMITS.deceleration), -1e6),
+        (Command::Position(um(5000), LIMITS), 1e6),
         (Command::Hold, -5e6),
-        (Command::Position(um(5000), PACE), 1e6),
-        (Command::Position(um(1000), PACE), -1e6f32),
+        (Command::Position(um(5000), LIMITS), 1e6),
+        (Command::Position(um(1000), LIMITS), -1e6f32),
     ] {
         bench.command(command);
         let (now, hardest) = demand(&mut bench, 0.001);
@@ -96,7 +96,7 @@ fn a_move_begins_with_the_velocity_that_the_one_before_has() {
 #[test]
 fn hold_brings_a_move_to_rest_on_a_ramp() {
     let mut bench = Bench::ready();
-    bench.command(Command::Position(um(5000), PACE));
+    bench.command(Command::Position(um(5000), LIMITS));
     bench.run(0.1);
     bench.command(Command::Hold);
     bench.run(0.0005);
@@ -129,7 +129,7 @@ fn set_points_of_a_host_are_followed_to_the_count() {
 #[test]
 fn braking_ends_a_move_within_the_length_it_needs() {
     let mut bench = Bench::ready();
-    bench.command(Command::Position(um(5000), PACE));
+    bench.command(Command::Position(um(5000), LIMITS));
     bench.run(0.1);
     let before = bench.um();
     bench.command(Command::Brake(MicrometresPerSecond2(2e6)));
@@ -144,22 +144,22 @@ fn braking_ends_a_move_within_the_length_it_needs() {
 fn only_a_head_that_holds_its_position_can_be_moved_beside_the_path() {
     let mut bench = Bench::new();
     bench.run(0.01);
-    let refused = bench.head.command(Command::Position(um(1), PACE));
+    let refused = bench.head.command(Command::Position(um(1), LIMITS));
     assert_eq!(refused, Err(Refused::State(State::Disabled)));
     let mut bench = Bench::eroding();
-    let refused = bench.head.command(Command::Position(um(1), PACE));
+    let refused = bench.head.command(Command::Position(um(1), LIMITS));
     assert_eq!(refused, Err(Refused::State(State::Eroding)));
     let mut bench = Bench::ready();
-    let refused = bench.head.command(Command::Position(um(12_001), PACE));
+    let refused = bench.head.command(Command::Position(um(12_001), LIMITS));
     assert!(matches!(refused, Err(Refused::OutOfTravel { .. })));
-    bench.command(Command::Position(um(12_000), PACE));
+    bench.command(Command::Position(um(12_000), LIMITS));
     assert_eq!(bench.head.command(Command::MoveTo(um(100))), Err(Refused::State(State::Positioning)));
 }
 
 #[test]
 fn eroding_begins_where_a_move_has_ended() {
     let mut bench = Bench::ready();
-    bench.command(Command::Position(um(1900), PACE));
+    bench.command(Command::Position(um(1900), LIMITS));
     bench.run_until(1.0, |bench| bench.state() == State::Ready);
     bench.erode();
 }
@@ -167,7 +167,7 @@ fn eroding_begins_where_a_move_has_ended() {
 #[test]
 fn a_fault_on_the_way_leads_back_from_where_the_head_is() {
     let mut bench = Bench::ready();
-    bench.command(Command::Position(um(8000), PACE));
+    bench.command(Command::Position(um(8000), LIMITS));
     bench.run_until(1.0, |bench| bench.um() > 5000.0);
     bench.head.raise(Fault::HostSilent);
     let mut lowest = f64::INFINITY;
@@ -237,7 +237,7 @@ fn homing_that_finds_nothing_fails_and_holds() {
 #[test]
 fn a_limit_switch_while_positioning_is_still_a_fault() {
     let mut bench = Bench::ready();
-    bench.command(Command::Position(um(8000), PACE));
+    bench.command(Command::Position(um(8000), LIMITS));
     bench.run_until(1.0, |bench| bench.um() > 5000.0);
     bench.safety.lower_limit = true;
     bench.run(0.001);

@@ -1,7 +1,7 @@
 //! The proof of an encoder that a fault has cast doubt on, and second faults.
 
 use crate::bench::Bench;
-use edm_servo_head::head::{Command, Fault, Home, Pace, Reason, Refused, State};
+use edm_servo_head::head::{Command, Fault, Home, MotionLimits, Reason, Refused, State};
 use edm_servo_head::motion::Method;
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 
@@ -96,7 +96,7 @@ fn a_head_in_doubt_accepts_nothing_else() {
     let mut bench = after(Fault::EncoderLost);
     let doubted = Err(Refused::Doubted(Fault::EncoderLost));
     assert_eq!(bench.head.command(Command::SetHome(Nanometres(0))), doubted);
-    let pace = Pace {
+    let limits = MotionLimits {
         velocity: MicrometresPerSecond(1000.0),
         acceleration: MicrometresPerSecond2(1e6),
         deceleration: MicrometresPerSecond2(1e6),
@@ -114,7 +114,7 @@ fn a_head_in_doubt_accepts_nothing_else() {
         Command::Hold,
         Command::ClearPath,
         Command::MoveBy(Nanometres(1000)),
-        Command::Position(Nanometres(0), pace),
+        Command::Position(Nanometres(0), limits),
         Command::Follow(Nanometres(0), 20),
         Command::Home(home),
         Command::Brake(MicrometresPerSecond2(1e6)),
@@ -177,7 +177,7 @@ fn a_head_at_its_upper_stop_or_on_its_upper_limit_proves_itself_downward() {
 }
 
 #[test]
-fn the_guided_check_of_a_head_in_doubt_begins_with_the_proof() {
+fn the_commissioning_of_a_head_in_doubt_begins_with_the_proof() {
     let mut bench = after(Fault::PolarityWrong);
     bench.encoder_dead = true;
     bench.command(Command::Commission);
@@ -191,7 +191,11 @@ fn the_guided_check_of_a_head_in_doubt_begins_with_the_proof() {
     bench.command(Command::Commission);
     bench.run_until(PROOF_S, |bench| bench.state() == State::Commissioning);
     bench.run_until(30.0, |bench| bench.state() == State::Disabled);
-    assert!(bench.head.check_result().is_some_and(|result| result.is_ok()), "{:?}", bench.head.check_result());
+    assert!(
+        bench.head.commissioning_result().is_some_and(|result| result.is_ok()),
+        "{:?}",
+        bench.head.commissioning_result()
+    );
 }
 
 /// A head that holds at its safe height after a fault.

@@ -2,7 +2,7 @@
 
 use crate::bench::Bench;
 use edm_servo_head::head::Structure;
-use edm_servo_head::head::{Command, Pace, Reason, Refused, State};
+use edm_servo_head::head::{Command, MotionLimits, Reason, Refused, State};
 use edm_servo_head::settings::{LawName, SetpointUnit};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 
@@ -226,7 +226,7 @@ fn a_guiding_head_holds_its_place_tells_the_feed_and_comes_back_from_a_short() {
     let mut bench = Bench::ready();
     bench.command(Command::Position(
         Nanometres(1_900_000),
-        Pace {
+        MotionLimits {
             velocity: MicrometresPerSecond(20_000.0),
             acceleration: MicrometresPerSecond2(1e6),
             deceleration: MicrometresPerSecond2(1e6),

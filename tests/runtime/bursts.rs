@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 
 /// Bursts that a head lives for: random settings do not keep it fit for work.
 const LIFE: u32 = 100;
-/// Keys of what is wired, which opens the guided check again.
+/// Keys of what is wired, which opens commissioning again.
 const WIRED: [&str; 3] = ["gap.", "motor.", "encoder."];
 
 /// What has happened in all the bursts.
@@ -25,7 +25,7 @@ struct Seen {
     stale: u64,
     /// Frames, events.
     lost: [u64; 2],
-    /// Bursts that ended with the loop closed, in a fault, in a guided check.
+    /// Bursts that ended with the loop closed, in a fault, in commissioning.
     closed: u32,
     faults: u32,
     checks: u32,
@@ -113,7 +113,7 @@ impl Master {
     fn write(&mut self) {
         let at = loop {
             let at = self.below(Settings::COUNT as u32) as usize;
-            // Rarely what would open the guided check again.
+            // Rarely what would open commissioning again.
             let key = Settings::FIELDS[at].key;
             if !WIRED.iter().any(|prefix| key.starts_with(prefix)) || self.below(16) == 0 {
                 break at;

@@ -80,9 +80,9 @@ fn changes_of_state_beyond_what_the_protocol_can_keep_are_counted_and_an_emergen
         assert_eq!(host.head.status().state, State::Guiding);
         host.head.set_habits(STARVED);
         for _ in 0..60 {
-            host.head.process().mishaps.short = true;
+            host.head.process().fault_inputs.short = true;
             host.run(3 * MS);
-            host.head.process().mishaps.short = false;
+            host.head.process().fault_inputs.short = false;
             host.run(12 * MS);
         }
         assert!(host.head.status().state.pulses(), "{:?}", host.head.status());

@@ -2,7 +2,7 @@
 
 use super::Direction;
 use crate::device::ENTRIES;
-use crate::{Abort, DataType, Dictionary, Mapping, Place};
+use crate::{Abort, DataType, Dictionary, Mapping, ObjectHandle};
 
 /// Bytes in a PDO.
 const LENGTH: usize = 8;
@@ -22,7 +22,7 @@ enum Target {
 /// A mapped object; of no size: none.
 #[derive(Clone, Copy, Debug, Default)]
 struct Mapped {
-    place: Place,
+    place: ObjectHandle,
     target: Target,
     size: u8,
 }
@@ -37,7 +37,7 @@ pub(crate) struct Map {
 /// Looks up one entry.
 fn resolve(entry: u32, direction: Direction, dictionary: &dyn Dictionary) -> Result<Mapped, Abort> {
     let (index, sub, bits) = ((entry >> 16) as u16, (entry >> 8) as u8, entry as u8);
-    let mut place = Place::default();
+    let mut place = ObjectHandle::default();
     let (kind, mappable, target) = match (index, sub) {
         (0x1001, 0) => (DataType::Unsigned8, direction == Direction::Transmit, Target::ErrorRegister),
         (0x1000..=0x1FFF, _) => return Err(Abort::NotMappable),
@@ -123,7 +123,7 @@ impl Map {
     pub fn ahead(
         &self,
         data: &[u8; LENGTH],
-        place: Place,
+        place: ObjectHandle,
         dictionary: &dyn Dictionary,
         value: &mut Option<[u8; 4]>,
     ) -> Option<()> {

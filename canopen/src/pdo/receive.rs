@@ -2,7 +2,7 @@
 
 use super::{Map, SYNCHRONOUS};
 use crate::parameters::Pdo;
-use crate::{Dictionary, Place, Time};
+use crate::{Dictionary, ObjectHandle, Time};
 
 /// What became of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +60,7 @@ impl Receive {
     }
 
     /// Sees what the next SYNC would deliver to `place`; `None` when it would change another object.
-    pub fn ahead(&self, place: Place, dictionary: &dyn Dictionary, value: &mut Option<[u8; 4]>) -> Option<()> {
+    pub fn ahead(&self, place: ObjectHandle, dictionary: &dyn Dictionary, value: &mut Option<[u8; 4]>) -> Option<()> {
         match &self.waiting {
             Some(data) => self.map.ahead(data, place, dictionary, value),
             None => Some(()),

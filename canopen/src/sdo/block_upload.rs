@@ -103,7 +103,7 @@ impl BlockUpload {
         self.sent = self.sent.saturating_add(1);
         self.last = end >= self.source.length;
         let command = if self.last { 0x80 | self.sent } else { self.sent };
-        space.area.out.put(Frame::full(space.area.id.cob(ANSWER), segment(command, &piece)));
+        space.objects.out.put(Frame::full(space.objects.id.cob(ANSWER), segment(command, &piece)));
         if self.last || self.sent >= self.block {
             self.phase = Phase::Acknowledge;
         }

@@ -149,7 +149,7 @@ impl Server {
         if matches!(self.transfer, Transfer::Write(_)) && request[0] != ABORT {
             if self.waiting.push_back(request).is_err() {
                 let refused = addressed(ABORT, address(request), Abort::OutOfMemory.code().to_le_bytes());
-                space.area.out.put(Frame::full(space.area.id.cob(ANSWER), refused));
+                space.objects.out.put(Frame::full(space.objects.id.cob(ANSWER), refused));
             }
             return;
         }
@@ -223,7 +223,7 @@ impl Server {
         if over {
             self.transfer = Transfer::Idle;
         }
-        space.area.out.put(Frame::full(space.area.id.cob(ANSWER), answer));
+        space.objects.out.put(Frame::full(space.objects.id.cob(ANSWER), answer));
     }
 
     /// Ends the transfer under way without a word, and forgets the requests that wait.
@@ -235,7 +235,7 @@ impl Server {
     /// Ends the transfer under way without a word. What the device works on goes on; nobody hears how it ends.
     fn leave(&mut self, space: &mut Space<'_>) {
         match core::mem::take(&mut self.transfer) {
-            Transfer::BlockUpload(_) => space.area.out.discard(space.area.id.cob(ANSWER)),
+            Transfer::BlockUpload(_) => space.objects.out.discard(space.objects.id.cob(ANSWER)),
             Transfer::Device(_) => self.given_up = self.given_up.saturating_add(1),
             Transfer::Write(_) => self.transfer = Transfer::Write(None),
             _ => {}
@@ -261,7 +261,7 @@ impl Server {
     fn pump(&mut self, now: Time, space: &mut Space<'_>) {
         while let Transfer::BlockUpload(transfer) = &mut self.transfer
             && transfer.has_segments()
-            && space.area.out.room() > RESERVE
+            && space.objects.out.room() > RESERVE
         {
             // While segments leave it is not the client that is silent.
             self.heard = now;

@@ -81,7 +81,7 @@ pub enum Death {
     HardFault,
     /// An interrupt without a handler, or the crystal's failure (NMI); detail: its number.
     Unexpected,
-    /// The roll call missed a task; detail: which.
+    /// The task watchdog missed a task; detail: which.
     Silent,
 }
 

@@ -1,7 +1,7 @@
 //! The two flash sectors that hold the settings.
 //!
 //! The flash is one bank: while it is written or erased the core stalls, for 16 us a word and up to half a second a sector
-//! (data sheet). So this goes to the settings store alone, which writes only under the head's leave
+//! (data sheet). So this goes to the settings store alone, which writes only under the permit of the head
 //! ([`Permit`](crate::store::Permit)): disabled, inhibited, and the watchdog told. Not the library's: it waits for a busy
 //! flash for ever.
 

@@ -131,9 +131,9 @@ pub fn kill_pulse() {
     KILLED.store(KILLED.load().wrapping_add(1));
 }
 
-/// Pulses off and bridge off for good: for a dying program, which never comes back to settle it.
+/// Pulses off and bridge off for good: for a panic, which never comes back to settle it.
 ///
-/// Right at any moment after reset. Nothing runs afterwards that could switch them on again: a task that is not the dying
+/// Right at any moment after reset. Nothing runs afterwards that could switch them on again: a task that is not the panicking
 /// one would. And ports and timer are clocked first, or a write before they were started would be lost.
 // One place that masks: `cargo firmware` counts them.
 #[cold]

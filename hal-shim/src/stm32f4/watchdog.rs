@@ -6,7 +6,7 @@
 //! Halting the core in a debugger therefore resets it, on purpose: a halted core does not hold an axis.
 
 use super::start::{StartError, within};
-use super::{dying, pac, put};
+use super::{pac, panic_handler, put};
 use crate::watchdog::{self, Stuck, Watchdog as _};
 
 /// Frequency of its oscillator at the slowest; 32 kHz typically, 47 kHz at the fastest (data sheet).
@@ -61,6 +61,6 @@ impl watchdog::Watchdog for Watchdog {
     }
 
     fn silent(&mut self, task: usize) {
-        dying::silent(task)
+        panic_handler::silent(task)
     }
 }

@@ -67,7 +67,7 @@ impl<'b> Loaded<'b> {
     }
 }
 
-/// Leave to write flash: the drive is disabled and pulses are inhibited.
+/// WritePermit to write flash: the drive is disabled and pulses are inhibited.
 ///
 /// The head implements this on a type that only its own state can make, and the firmware names that type in
 /// [`Store<F, P>`](Store): nothing else can then start a write.
@@ -188,7 +188,7 @@ struct Found {
     sector: u32,
     sequence: u32,
     format: u8,
-    /// Place of the image in the buffer.
+    /// ObjectHandle of the image in the buffer.
     len: usize,
 }
 
@@ -423,9 +423,9 @@ mod tests {
     use super::*;
     use edm_hal_shim::double::flash::TestFlash;
 
-    struct Leave;
+    struct WritePermit;
 
-    impl Permit for Leave {
+    impl Permit for WritePermit {
         fn holds(&self) -> bool {
             true
         }
@@ -438,9 +438,9 @@ mod tests {
         let record = Record { sequence: 9, format: FORMAT + 1, image: b"?" };
         let mut heard = Heard { flash: &mut store.flash, said: None };
         let mut sectors = Sectors { cells: &mut heard, start: 0 };
-        assert_eq!(sectors.append(0, &record, &mut buffer, &Leave), Ok(true));
+        assert_eq!(sectors.append(0, &record, &mut buffer, &WritePermit), Ok(true));
         assert_eq!(store.load(&mut buffer), Err(StoreError::Format(2)));
-        store.save(b"?", &mut buffer, &Leave).unwrap();
+        store.save(b"?", &mut buffer, &WritePermit).unwrap();
         assert_eq!(store.load(&mut buffer), Ok(Loaded::Newest(b"?")));
     }
 }

@@ -217,7 +217,7 @@ impl Bench {
         let then = 2.0 * nearest as f64 + 1.0;
         let at_then = self.pieces.partition_point(|p| p.from_us <= then).saturating_sub(1);
         let code = f64::from(self.process.sensors().block.codes[nearest]);
-        if self.process.mishaps.stuck_code.is_some() {
+        if self.process.fault_inputs.stuck_code.is_some() {
             return code as u16;
         }
         (code + (piece.at(us) - self.pieces[at_then].at(then)) * per_volt).round().clamp(0.0, 4095.0) as u16

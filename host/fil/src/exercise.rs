@@ -10,7 +10,7 @@ use edm_servo_head::head::{Command, Fault, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use edm_sim::machine::Rig as _;
-use edm_sim::process::{Mishaps, Parameters};
+use edm_sim::process::{FaultInputs, Parameters};
 
 /// What breaks, and what the head has to call it.
 const BREAKS: [(&str, Fault); 10] = [
@@ -25,7 +25,7 @@ const BREAKS: [(&str, Fault); 10] = [
     ("bridge fault", Fault::BridgeFault),
     ("emergency stop", Fault::EmergencyStop),
 ];
-/// Place of the work below the upper stop, mm: near, so that little time goes into seeking.
+/// ObjectHandle of the work below the upper stop, mm: near, so that little time goes into seeking.
 const SURFACE_MM: f32 = 0.3;
 /// Where the path leads.
 const TARGET: Nanometres = Nanometres(2_000_000);
@@ -100,8 +100,8 @@ impl Day {
         self.rig.command(command).map_err(|e| anyhow!(e))
     }
 
-    fn mishaps(&mut self) -> &mut Mishaps {
-        &mut self.rig.process_mut().mishaps
+    fn fault_inputs(&mut self) -> &mut FaultInputs {
+        &mut self.rig.process_mut().fault_inputs
     }
 
     fn work(&mut self) -> Result<()> {
@@ -145,26 +145,26 @@ impl Day {
 
     /// A short that backing off clears.
     fn short(&mut self) -> Result<()> {
-        self.mishaps().short = true;
+        self.fault_inputs().short = true;
         self.until(State::Retreating, 0.1)?;
         self.met.retreats += 1;
-        self.mishaps().short = false;
+        self.fault_inputs().short = false;
         self.until(State::Eroding, 3.0)
     }
 
     fn break_down(&mut self, what: &str, fault: Fault) -> Result<()> {
         let open = SafetyInputs::default();
-        *self.mishaps() = match fault {
-            Fault::PersistentShort => Mishaps { short: true, ..Mishaps::default() },
-            Fault::GateMissing => Mishaps { generator_dead: true, ..Mishaps::default() },
-            Fault::GapSignalInvalid => Mishaps { stuck_code: Some(4095), ..Mishaps::default() },
-            Fault::BusSag => Mishaps { bus_v: Some(30.0), ..Mishaps::default() },
-            Fault::EncoderLost => Mishaps { encoder_dead: true, ..Mishaps::default() },
+        *self.fault_inputs() = match fault {
+            Fault::PersistentShort => FaultInputs { short: true, ..FaultInputs::default() },
+            Fault::GateMissing => FaultInputs { generator_dead: true, ..FaultInputs::default() },
+            Fault::GapSignalInvalid => FaultInputs { stuck_code: Some(4095), ..FaultInputs::default() },
+            Fault::BusSag => FaultInputs { bus_v: Some(30.0), ..FaultInputs::default() },
+            Fault::EncoderLost => FaultInputs { encoder_dead: true, ..FaultInputs::default() },
             Fault::DielectricNotOk => contact(SafetyInputs { dielectric: true, ..open }),
             Fault::LowerLimit => contact(SafetyInputs { lower_limit: true, ..open }),
             Fault::BridgeFault => contact(SafetyInputs { bridge_fault: true, ..open }),
             Fault::EmergencyStop => contact(SafetyInputs { emergency_stop: true, ..open }),
-            _ => Mishaps::default(),
+            _ => FaultInputs::default(),
         };
         self.rig.host_alive = fault != Fault::HostSilent;
         self.until(State::Fault, 3.0)?;
@@ -174,7 +174,7 @@ impl Day {
         ensure!(met == fault || alike, "{what}: {met:?} instead of {fault:?}");
         self.met.faults.push(met);
         self.rest(0.3)?;
-        *self.mishaps() = Mishaps::default();
+        *self.fault_inputs() = FaultInputs::default();
         self.rig.host_alive = true;
         self.rest(0.2)?;
         self.command(Command::ResetFault)?;
@@ -187,6 +187,6 @@ impl Day {
     }
 }
 
-fn contact(safety: SafetyInputs) -> Mishaps {
-    Mishaps { safety, ..Mishaps::default() }
+fn contact(safety: SafetyInputs) -> FaultInputs {
+    FaultInputs { safety, ..FaultInputs::default() }
 }

@@ -83,7 +83,7 @@ impl Layout {
         Ok(Self { types, variants })
     }
 
-    /// Place of a field.
+    /// ObjectHandle of a field.
     ///
     /// # Errors
     /// When there is no such field.

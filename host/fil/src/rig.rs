@@ -207,7 +207,7 @@ impl Emulated {
             self.print_log();
         }
         // A round of idle that changes the flash takes its time.
-        let busy = self.places.on_leave(&self.machine.soc().memory)?;
+        let busy = self.places.write_permitted(&self.machine.soc().memory)?;
         self.machine.stretch_idle(if busy { 1 } else { STRETCH });
         self.stored |= self.stores && !busy;
         self.stores = busy;
@@ -413,7 +413,7 @@ pub fn bore(
     if job.surrogate {
         return Err("--surrogate: the dry loop has no gap signal for a converter; it runs with `cargo sim bore`".into());
     }
-    // The guided check counts as passed, as in the native run: it needs an axis without a workpiece.
+    // Commissioning counts as passed, as in the native run: it needs an axis without a workpiece.
     let settings = Settings { commissioned: true, ..job.setup.head };
     let witness = if lockstep { Witness::twin(&settings) } else { Ok(Witness::None) };
     let mut rig = witness

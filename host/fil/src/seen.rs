@@ -10,7 +10,7 @@ use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
-use edm_servo_head::head::{Command, Fault, Home, Pace, Status, SupervisionLimits, TickInput};
+use edm_servo_head::head::{Command, Fault, Home, MotionLimits, Status, SupervisionLimits, TickInput};
 use edm_servo_head::motion::Method;
 use edm_servo_head::units::{
     Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Volts,
@@ -89,7 +89,7 @@ pub struct Places {
     /// Commands, how many, and their tick.
     carried: (u32, u32, u32),
     status: u32,
-    on_leave: u32,
+    write_permitted: u32,
     input: u32,
     told: (u32, u32),
     block: u32,
@@ -117,7 +117,7 @@ impl Places {
         let mut wanted = vec![
             HEAD,
             CARRIED,
-            "edm_servo_head::head::positioning::Pace",
+            "edm_servo_head::head::positioning::MotionLimits",
             "edm_servo_head::head::positioning::Home",
             SERVO,
             GAP,
@@ -159,7 +159,7 @@ impl Places {
             "edm_hal_shim::safety::DriveCodes" DriveCodes: motor_current, bus_voltage;
             "edm_servo_head::head::supervise::Limits" SupervisionLimits: following, following_ms, runaway, velocity, resistance,
                 encoder_ms, gap_ms, host_ms, bus_min, current_max, current_ms;
-            "edm_servo_head::head::positioning::Pace" Pace: velocity, acceleration, deceleration;
+            "edm_servo_head::head::positioning::MotionLimits" MotionLimits: velocity, acceleration, deceleration;
             "edm_servo_head::head::positioning::Home" Home: method, fast, slow, acceleration, at;
         );
         layout.same(BLOCKS, size_of::<Option<GapBlock>>(), &[])?;
@@ -184,7 +184,7 @@ impl Places {
                 carried + layout.offset(CARRIED, "tick")?,
             ),
             status: servo + layout.offset(SERVO, "head")? + layout.offset(HEAD, "status")?,
-            on_leave: servo + layout.offset(SERVO, "head")? + layout.offset(HEAD, "on_leave")?,
+            write_permitted: servo + layout.offset(SERVO, "head")? + layout.offset(HEAD, "write_permitted")?,
             input: servo + layout.offset(SERVO, "input")?,
             told: (told + layout.offset(TOLD, "__0")?, told + layout.offset(TOLD, "__1")?),
             block: symbol("app", "__rtic_internal_local_resource_gap")? + layout.offset(GAP, "block")?,
@@ -250,8 +250,8 @@ impl Places {
     ///
     /// # Errors
     /// When there is no memory.
-    pub fn on_leave(&self, memory: &Memory) -> Result<bool> {
-        View { region: &memory.sram, at: self.on_leave }.flag(0)
+    pub fn write_permitted(&self, memory: &Memory) -> Result<bool> {
+        View { region: &memory.sram, at: self.write_permitted }.flag(0)
     }
 
     /// What the newest tick saw.
@@ -302,13 +302,13 @@ impl Places {
             "MoveBy" => Command::MoveBy(nm()?),
             "ClearPath" => Command::ClearPath,
             "Position" => {
-                let pace = view.inner(second);
-                let pace = Pace {
-                    velocity: MicrometresPerSecond(pace.float(at!(Pace, velocity))?),
-                    acceleration: MicrometresPerSecond2(pace.float(at!(Pace, acceleration))?),
-                    deceleration: MicrometresPerSecond2(pace.float(at!(Pace, deceleration))?),
+                let limits = view.inner(second);
+                let limits = MotionLimits {
+                    velocity: MicrometresPerSecond(limits.float(at!(MotionLimits, velocity))?),
+                    acceleration: MicrometresPerSecond2(limits.float(at!(MotionLimits, acceleration))?),
+                    deceleration: MicrometresPerSecond2(limits.float(at!(MotionLimits, deceleration))?),
                 };
-                Command::Position(nm()?, pace)
+                Command::Position(nm()?, limits)
             }
             "Follow" => Command::Follow(nm()?, view.word(second)?),
             "Home" => {

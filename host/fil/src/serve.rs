@@ -34,7 +34,7 @@ pub fn serve(image: &Image, log: bool, options: &Serve) -> Result<(), Failure> {
         return Err(Failure::BadInput(message));
     }
     let setup = options.setup().map_err(Failure::BadInput)?;
-    // The guided check counts as passed: it needs an axis without a workpiece.
+    // Commissioning counts as passed: it needs an axis without a workpiece.
     let settings = Settings { commissioned: true, ..setup.head };
     let failed = |error: anyhow::Error| Failure::Failed(format!("{error:#}"));
     let store = options.store.as_deref().map(file).transpose().map_err(failed)?;

@@ -46,7 +46,7 @@ impl Session {
         if let Some(alter) = alter {
             machine.alter_writes(alter);
         }
-        // The guided check takes minutes of simulation; it is not what is measured here.
+        // Commissioning takes minutes of simulation; it is not what is measured here.
         let settings = Settings { commissioned: true, ..Settings::default() };
         commission(&machine.soc().memory.flash, &settings)?;
         let mut session = Self { machine, rtt: Rtt::new(image)?, now: 0, taken: 0, log: Vec::new() };

@@ -33,7 +33,7 @@ fn forced(reversed: bool) -> Vec<Drive> {
     }
     assert_eq!(rig.status().state, State::Eroding);
     rig.forced().clear();
-    rig.process_mut().mishaps.short = true;
+    rig.process_mut().fault_inputs.short = true;
     for _ in 0..200 {
         rig.tick().unwrap();
     }

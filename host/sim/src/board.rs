@@ -92,11 +92,11 @@ pub struct Ports {
     pub silent: Cell<Option<usize>>,
 }
 
-/// Place of the protocol in [`Ports::wants`].
+/// ObjectHandle of the protocol in [`Ports::wants`].
 pub const PROTOCOL: usize = 0;
-/// Place of the transmission.
+/// ObjectHandle of the transmission.
 pub const TRANSMIT: usize = 1;
-/// Place of the supervision.
+/// ObjectHandle of the supervision.
 pub const SUPERVISE: usize = 2;
 /// Frames that an inbox of the controller holds.
 const DEPTH: usize = 3;

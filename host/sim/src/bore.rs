@@ -51,7 +51,7 @@ pub fn depth_range_mm(setup: &Setup) -> RangeInclusive<f64> {
 /// A fault of the head is an [`Outcome`]; an error means that the run could not be made.
 pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&Progress)) -> Result<Outcome, String> {
     let setup = &job.setup;
-    // The virtual head's guided check counts as passed: it needs an axis without a workpiece.
+    // The virtual head's commissioning counts as passed: it needs an axis without a workpiece.
     let settings = Settings { commissioned: true, ..setup.head };
     let refused = |error| setup.refusal(error);
     let first_surface_um = f64::from(setup.process.surface) * 1e3;

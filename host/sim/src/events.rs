@@ -3,7 +3,7 @@
 //! A scenario file says `[[event]]` with `at_s`, `signal` and `value`; the signals are declared in [`Wires`], and are listed
 //! by `edm-sim settings`. Their defaults are those of a sound machine; an event with the default mends what another broke.
 
-use crate::process::Mishaps;
+use crate::process::FaultInputs;
 use edm_servo_head::declare;
 use edm_servo_head::settings::{Declared, Field, Kind, SettingError, Value};
 use edm_servo_head::units::TICK_HZ;
@@ -114,12 +114,12 @@ impl Timeline {
     }
 
     /// Lets happen what is due at this tick.
-    pub fn advance(&mut self, tick: u64, mishaps: &mut Mishaps, bus_v: f64) {
+    pub fn advance(&mut self, tick: u64, fault_inputs: &mut FaultInputs, bus_v: f64) {
         while let Some(event) = self.ahead.pop_if(|event| event.tick <= tick) {
             let mut wires = self.wires;
             // An event was checked when it was made.
             let _: Result<(), SettingError> = wires.put(event.signal, event.value);
-            self.wires.become_these(&wires, mishaps, bus_v);
+            self.wires.become_these(&wires, fault_inputs, bus_v);
             self.wires = wires;
         }
     }
@@ -127,28 +127,28 @@ impl Timeline {
 
 impl Wires {
     /// Pulls or mends the wires that differ; the others stay as somebody else may have left them.
-    fn become_these(&self, to: &Wires, mishaps: &mut Mishaps, bus_v: f64) {
-        let safety = &mut mishaps.safety;
+    fn become_these(&self, to: &Wires, fault_inputs: &mut FaultInputs, bus_v: f64) {
+        let safety = &mut fault_inputs.safety;
         for (was, is, wire) in [
             (self.upper_limit, to.upper_limit, &mut safety.upper_limit),
             (self.lower_limit, to.lower_limit, &mut safety.lower_limit),
             (self.emergency_stop, to.emergency_stop, &mut safety.emergency_stop),
             (self.dielectric, to.dielectric, &mut safety.dielectric),
             (self.bridge_fault, to.bridge_fault, &mut safety.bridge_fault),
-            (self.encoder, to.encoder, &mut mishaps.encoder_dead),
-            (self.short, to.short, &mut mishaps.short),
-            (self.generator, to.generator, &mut mishaps.generator_dead),
-            (self.gate, to.gate, &mut mishaps.gate_lost),
+            (self.encoder, to.encoder, &mut fault_inputs.encoder_dead),
+            (self.short, to.short, &mut fault_inputs.short),
+            (self.generator, to.generator, &mut fault_inputs.generator_dead),
+            (self.gate, to.gate, &mut fault_inputs.gate_lost),
         ] {
             if was != is {
                 *wire = is;
             }
         }
         if self.sag != to.sag {
-            mishaps.bus_v = (to.sag > 0.0).then(|| (bus_v - f64::from(to.sag)).max(0.0));
+            fault_inputs.bus_v = (to.sag > 0.0).then(|| (bus_v - f64::from(to.sag)).max(0.0));
         }
         if self.saturated != to.saturated {
-            mishaps.stuck_code = to.saturated.then_some(END_OF_RANGE);
+            fault_inputs.stuck_code = to.saturated.then_some(END_OF_RANGE);
         }
     }
 }
@@ -167,10 +167,10 @@ mod tests {
             event(0.2, "limit.upper_open", Value::Flag(false)),
             event(0.1, "limit.upper_open", Value::Flag(true)),
         ]);
-        let mut mishaps = Mishaps::default();
+        let mut fault_inputs = FaultInputs::default();
         for (tick, open) in [(0, false), (1999, false), (2000, true), (3999, true), (4000, false), (9999, false)] {
-            timeline.advance(tick, &mut mishaps, 48.0);
-            assert_eq!(mishaps.safety.upper_limit, open, "{tick}");
+            timeline.advance(tick, &mut fault_inputs, 48.0);
+            assert_eq!(fault_inputs.safety.upper_limit, open, "{tick}");
         }
     }
 
@@ -182,28 +182,28 @@ mod tests {
                 _ => (Value::Number(20.0), Value::Number(0.0)),
             };
             let mut timeline = Timeline::new(&[event(0.1, field.key, default), event(0.0, field.key, value)]);
-            let mut mishaps = Mishaps::default();
-            timeline.advance(0, &mut mishaps, 48.0);
-            assert_ne!(mishaps, Mishaps::default(), "{}", field.key);
-            timeline.advance(2000, &mut mishaps, 48.0);
-            assert_eq!(mishaps, Mishaps::default(), "{}", field.key);
+            let mut fault_inputs = FaultInputs::default();
+            timeline.advance(0, &mut fault_inputs, 48.0);
+            assert_ne!(fault_inputs, FaultInputs::default(), "{}", field.key);
+            timeline.advance(2000, &mut fault_inputs, 48.0);
+            assert_eq!(fault_inputs, FaultInputs::default(), "{}", field.key);
         }
     }
 
     #[test]
     fn a_sagging_bus_keeps_the_rest_but_never_turns_over() {
         for (sag, left) in [(20.0, 28.0), (60.0, 0.0)] {
-            let mut mishaps = Mishaps::default();
-            Timeline::new(&[event(0.0, "bus.sag_v", Value::Number(sag))]).advance(0, &mut mishaps, 48.0);
-            assert_eq!(mishaps.bus_v, Some(left));
+            let mut fault_inputs = FaultInputs::default();
+            Timeline::new(&[event(0.0, "bus.sag_v", Value::Number(sag))]).advance(0, &mut fault_inputs, 48.0);
+            assert_eq!(fault_inputs.bus_v, Some(left));
         }
     }
 
     #[test]
     fn a_wire_that_somebody_else_has_cut_stays_cut() {
-        let mut mishaps = Mishaps { generator_dead: true, ..Mishaps::default() };
-        Timeline::new(&[event(0.0, "gap.short", Value::Flag(true))]).advance(0, &mut mishaps, 48.0);
-        assert!(mishaps.generator_dead && mishaps.short);
+        let mut fault_inputs = FaultInputs { generator_dead: true, ..FaultInputs::default() };
+        Timeline::new(&[event(0.0, "gap.short", Value::Flag(true))]).advance(0, &mut fault_inputs, 48.0);
+        assert!(fault_inputs.generator_dead && fault_inputs.short);
     }
 
     #[test]

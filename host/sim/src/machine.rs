@@ -244,7 +244,7 @@ impl Machine {
         let right = Fixed::whole((surface_um - DRY_GAP_UM) as i64);
         let source = Surrogate::new(right, seed as u32);
         *self.core.ports.dry.borrow_mut() = Some(Dry { source, config, count_um: self.count_um });
-        self.process.mishaps.generator_dead = true;
+        self.process.fault_inputs.generator_dead = true;
     }
 
     /// Where the imagined surface of the dry loop has got to, um; `None` with a real gap.
@@ -276,7 +276,7 @@ impl Machine {
         self.ends.changes.receive()
     }
 
-    /// Oldest result of a guided check not read yet.
+    /// Oldest result of commissioning not read yet.
     pub fn next_check(&mut self) -> Option<Result<Report, Finding>> {
         self.ends.checked.receive()
     }

@@ -2,7 +2,7 @@
 //! chip has in its flash ([`edm_servo_head::stored`]), checksum included.
 
 use edm_hal_shim::store::{BUFFER, Loaded, Storage};
-use edm_servo_head::head::Leave;
+use edm_servo_head::head::WritePermit;
 use std::fs;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ impl Store {
     }
 }
 
-impl Storage<Leave> for Store {
+impl Storage<WritePermit> for Store {
     type Error = String;
 
     fn load<'b>(&mut self, buffer: &'b mut [u8; BUFFER]) -> Result<Loaded<'b>, String> {
@@ -49,7 +49,7 @@ impl Storage<Leave> for Store {
         Ok(Loaded::Newest(place))
     }
 
-    fn save(&mut self, image: &[u8], _: &mut [u8; BUFFER], _: &Leave) -> Result<(), String> {
+    fn save(&mut self, image: &[u8], _: &mut [u8; BUFFER], _: &WritePermit) -> Result<(), String> {
         let path = match self {
             Store::Memory(kept) => {
                 *kept = Some(image.to_vec());
@@ -74,8 +74,8 @@ mod tests {
 
     fn save(store: &mut Store, image: &[u8]) -> Result<(), String> {
         let active = Settings::default().build().unwrap();
-        let leave = Head::new(active.head, Box::new(Register::EMPTY)).give_leave().unwrap();
-        store.save(image, &mut [0; BUFFER], &leave)
+        let permit = Head::new(active.head, Box::new(Register::EMPTY)).permit_write().unwrap();
+        store.save(image, &mut [0; BUFFER], &permit)
     }
 
     fn load(store: &mut Store) -> Result<Option<Vec<u8>>, String> {

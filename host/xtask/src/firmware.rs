@@ -173,7 +173,7 @@ impl Image {
         if self.frame > FRAME_LIMIT {
             return Err(format!("a function takes {} bytes of stack", self.frame));
         }
-        // RTIC masks while it starts, and a dying program for good. Another one is a critical section that would delay the
+        // RTIC masks while it starts, and a panic for good. Another one is a critical section that would delay the
         // reflex.
         if self.masks > 2 {
             return Err(format!("PRIMASK is set in {} places, 2 allowed: whose critical section is it?", self.masks));

@@ -146,5 +146,5 @@ fn numbers(page: &mut String) {
     };
     list("Reasons, 2000h:3", &mut REASONS.iter().copied());
     list("Refusals, 2000h:4", &mut REFUSALS.iter().copied());
-    list("Guided check, 2001h:4", &mut FINDINGS.iter().copied());
+    list("Commissioning, 2001h:4", &mut FINDINGS.iter().copied());
 }

@@ -97,8 +97,8 @@ numbered! {
         Reason::Disabled => 2 "disabled",
         Reason::Started => 3 "started",
         Reason::Held => 4 "held",
-        Reason::CheckStarted => 5 "guided check started",
-        Reason::CheckEnded => 6 "guided check ended",
+        Reason::CommissioningStarted => 5 "commissioning started",
+        Reason::CommissioningEnded => 6 "commissioning ended",
         Reason::WorkFound => 7 "work found",
         Reason::Short => 8 "short",
         Reason::GapRecovered => 9 "gap recovered",
@@ -118,7 +118,7 @@ numbered! {
     /// 2000h:4.
     refused(Refused) REFUSALS {
         Refused::State(_) => 1 "not in this state",
-        Refused::NotCommissioned => 2 "the guided check has not passed",
+        Refused::NotCommissioned => 2 "commissioning has not passed",
         Refused::NotHomed => 3 "not homed",
         Refused::OutOfTravel { .. } => 4 "outside the travel",
         Refused::NoLength => 5 "the move has no length",

@@ -183,7 +183,7 @@ impl Drive {
         self.brake(ramp);
     }
 
-    /// Starts the guided check.
+    /// Starts commissioning.
     pub(super) fn commission(&mut self) -> bool {
         let free = self.status.state == head::State::Disabled && !self.enabling;
         free && self.order(Order::Command(Command::Commission))

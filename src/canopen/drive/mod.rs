@@ -7,7 +7,7 @@
 //!
 //! ```text
 //! drive.observe(status)                    newest status of the head; changed(change) for each change of state,
-//!                                          checked(result) when a guided check has ended
+//!                                          checked(result) when commissioning has ended
 //! drive.answered(command, result)          for each command carried out since, if that was not done at once
 //! node.receive(frame, at, &mut drive)      for each frame that came
 //! node.synchronised(tick, &mut drive)      before orders are taken: set points of the last SYNC
@@ -17,7 +17,7 @@
 //! while let Some(frame) = node.take()      to the bus
 //! ```
 //!
-//! Where ticks do not wait for the drive, as on the chip, the head holds ready what [`Drive::foresee`] tells it, acts on a
+//! Where ticks do not wait for the drive, as on the chip, the head holds ready what [`Drive::preview_sync`] tells it, acts on a
 //! SYNC by itself, and [`Drive::synchronised`] follows [`Node::synchronised`].
 //!
 //! [`DEVICE`] is what the node is made with. The head's supervision is told that the host is alive: a silent host shows in
@@ -113,9 +113,9 @@ pub enum Order {
     Configure,
     /// Raise this fault.
     Raise(Fault),
-    /// Store: [`StoredImage::keep`], under a [`Leave`](crate::head::Leave). Then [`Drive::kept`].
+    /// Store: [`StoredImage::keep`], under a [`WritePermit`](crate::head::WritePermit). Then [`Drive::stored`].
     Store(Group),
-    /// Forget what is stored, from the next reset on: [`StoredImage::forget`]. Then [`Drive::kept`].
+    /// Forget what is stored, from the next reset on: [`StoredImage::forget`]. Then [`Drive::stored`].
     Restore(Group),
     /// The host has reset the node: [`Drive::restart`] with what is stored, then [`Drive::boot`].
     ResetNode,
@@ -195,7 +195,7 @@ pub struct Drive {
     /// Newest set point of a stream: only the newest counts, and nothing waits for its answer.
     follow: Option<SetPoint>,
     /// What the head follows by itself from the next SYNC on.
-    foreseen: Option<SetPoint>,
+    sync_preview: Option<SetPoint>,
     /// Settings that the head runs; those of [`Drive::settings`] are on their way to it.
     running: Settings,
     generations: Generations,
@@ -263,7 +263,7 @@ impl Drive {
             values: [0; COUNT],
             orders: Deque::new(),
             follow: None,
-            foreseen: None,
+            sync_preview: None,
             running: settings,
             generations: Generations::default(),
             lost: [0; 2],
@@ -359,21 +359,21 @@ impl Drive {
     }
 
     /// For a head that hears of a SYNC before this drive does: whether the set point that it is to follow from then on,
-    /// [`foreseen`](Self::foreseen), is another one now. Asked when orders have been taken; then each SYNC is told to
+    /// [`sync_preview`](Self::sync_preview), is another one now. Asked when orders have been taken; then each SYNC is told to
     /// [`synchronised`](Self::synchronised).
-    pub fn foresee(&mut self, node: &Node) -> bool {
+    pub fn preview_sync(&mut self, node: &Node) -> bool {
         let next = self.set_point_at_sync(node);
-        core::mem::replace(&mut self.foreseen, next) != next
+        core::mem::replace(&mut self.sync_preview, next) != next
     }
 
     /// The set point that the next SYNC is to release, in the cyclic mode and if the SYNC changes nothing else.
-    pub fn foreseen(&self) -> Option<SetPoint> {
-        self.foreseen
+    pub fn sync_preview(&self) -> Option<SetPoint> {
+        self.sync_preview
     }
 
-    /// Synchronous RPDOs were applied, after the SYNC has released what was foreseen: it is not ordered once more.
+    /// Synchronous RPDOs were applied, after the SYNC has released what was sync_preview: it is not ordered once more.
     pub fn synchronised(&mut self) {
-        let done = self.foreseen.take();
+        let done = self.sync_preview.take();
         self.follow.take_if(|point| done == Some(*point));
     }
 
@@ -441,7 +441,7 @@ impl Drive {
         }
     }
 
-    /// Result of a guided check.
+    /// Result of commissioning.
     pub fn checked(&mut self, result: Result<Report, Finding>) {
         self.settings.commissioned = result.is_ok();
         self.running.commissioned = result.is_ok();

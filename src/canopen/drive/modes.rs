@@ -5,9 +5,9 @@
 
 use super::state::{control, status};
 use super::{Drive, STANDING, SetPoint, clamp32, codes, halts, rises};
-use crate::canopen::objects::{Found, Item};
+use crate::canopen::objects::{Decoded, Item};
 use crate::canopen::{Abort, Node, Time};
-use crate::head::{self, Command, Home, HomingState, Pace, Refused};
+use crate::head::{self, Command, Home, HomingState, MotionLimits, Refused};
 use crate::motion::Method;
 use crate::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
 use heapless::Deque;
@@ -191,8 +191,8 @@ impl Drive {
         let sent = if self.erodes() {
             self.erode_to(target)
         } else {
-            let pace = self.pace(self.value(Item::ProfileVelocity));
-            self.command(Command::Position(self.nanometres(target), pace))
+            let limits = self.motion_limits(self.value(Item::ProfileVelocity));
+            self.command(Command::Position(self.nanometres(target), limits))
         };
         self.set_points.moving = sent;
     }
@@ -212,8 +212,8 @@ impl Drive {
         }
         let (low, high) = self.limits();
         let target = if velocity > 0 { high } else { low };
-        let pace = self.pace(velocity.saturating_abs());
-        self.command(Command::Position(self.nanometres(target), pace));
+        let limits = self.motion_limits(velocity.saturating_abs());
+        self.command(Command::Position(self.nanometres(target), limits));
     }
 
     /// Why no reference may be looked for, as far as the drive knows: set points become path, or pulses are on.
@@ -273,7 +273,7 @@ impl Drive {
 
     /// What the next SYNC makes of 607Ah.
     pub(super) fn set_point_at_sync(&self, node: &Node) -> Option<SetPoint> {
-        const TARGET: Found = Found::Row(Item::TargetPosition as u16);
+        const TARGET: Decoded = Decoded::Row(Item::TargetPosition as u16);
         if self.mode != Mode::CyclicPosition || !self.moves() || self.erodes() {
             return None;
         }
@@ -472,8 +472,8 @@ impl Drive {
         MicrometresPerSecond2(self.value(item) as f32 * self.um_per_count())
     }
 
-    fn pace(&self, velocity: i32) -> Pace {
-        Pace {
+    fn motion_limits(&self, velocity: i32) -> MotionLimits {
+        MotionLimits {
             velocity: self.velocity(velocity),
             acceleration: self.acceleration(Item::ProfileAcceleration),
             deceleration: self.acceleration(Item::ProfileDeceleration),

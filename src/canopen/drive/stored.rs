@@ -12,16 +12,16 @@
 //! | of a PDO, and the value gave way, or the mapping is not to be had | the PDO is put out of use ([`Node::boot`]) |
 //! | of the communication area, stored as another node-ID | gives way to the default, and is named |
 //!
-//! A guided check counts no longer when a setting of axis, motor, encoder or polarity is not the stored one, and when an
+//! commissioning counts no longer when a setting of axis, motor, encoder or polarity is not the stored one, and when an
 //! older image or none at all could be read: nobody knows what the newest said of the wiring.
 
 use super::{Drive, codes};
-use crate::canopen::objects::{COUNT, Found, Item, Row, entry, rows, setting_address_at, setting_kind};
+use crate::canopen::objects::{COUNT, Decoded, Item, Row, entry, rows, setting_address_at, setting_kind};
 use crate::canopen::{Abort, BootError, Group, Listed, Node, Record, Restored, STORED};
 use crate::settings::{Declared, SettingError, Settings, place};
 use crate::stored::{Full, LoadReport, Outcome, Putting, ROOM, StoredImage};
 
-/// Settings whose groups, and settings which themselves, the guided check is about.
+/// Settings whose groups, and settings which themselves, commissioning is about.
 const CHECKED_GROUPS: [u16; 3] = [group("axis.mass_kg"), group("motor.reversed"), group("encoder.count_um")];
 const CHECKED: [usize; 2] = [place(Settings::KEYS, "gap.reversed"), PASSED];
 const PASSED: usize = place(Settings::KEYS, "commission.passed");
@@ -105,7 +105,7 @@ impl StoredImage {
         self.seal();
     }
 
-    /// What is about to become the newest image says no longer that it has been an older one: its guided check does not count
+    /// What is about to become the newest image says no longer that it has been an older one: its commissioning does not count
     /// from then on either.
     fn distrust(&mut self) {
         if self.outcome() == Outcome::Older {
@@ -150,7 +150,7 @@ impl Drive {
     }
 
     /// Ends a store or restore that the drive has ordered; the host is answered. What was lost on loading is so no longer.
-    pub fn kept(&mut self, node: &mut Node, result: Result<(), Abort>) {
+    pub fn stored(&mut self, node: &mut Node, result: Result<(), Abort>) {
         if result.is_ok() {
             self.loss = None;
         }
@@ -184,7 +184,7 @@ impl Drive {
         }
     }
 
-    /// Puts stored values in the place of defaults. `doubtful`: the guided check has to look again.
+    /// Puts stored values in the place of defaults. `doubtful`: commissioning has to look again.
     fn restored(
         &mut self,
         base: Settings,
@@ -197,8 +197,8 @@ impl Drive {
         let (mut seen, mut seen_rows) = ([false; Settings::COUNT], [false; COUNT]);
         for record in image.application() {
             let Record { index, sub, .. } = record;
-            let good = match entry(index, sub).map(|entry| Found::at(entry.place)) {
-                Ok(Found::Setting(field)) => {
+            let good = match entry(index, sub).map(|entry| Decoded::at(entry.place)) {
+                Ok(Decoded::Setting(field)) => {
                     mark(&mut seen, field.into());
                     let word = stored_word(field, record);
                     if let (Some(word), Some(slot)) = (word, words.get_mut(usize::from(field))) {
@@ -207,7 +207,7 @@ impl Drive {
                     *doubtful |= word.is_none() && is_checked(field.into());
                     word.is_some()
                 }
-                Ok(Found::Row(number)) if rows().get(usize::from(number)).is_some_and(Row::is_stored) => {
+                Ok(Decoded::Row(number)) if rows().get(usize::from(number)).is_some_and(Row::is_stored) => {
                     mark(&mut seen_rows, number.into());
                     self.load_row(number, record).is_some()
                 }
@@ -317,7 +317,7 @@ fn stored_word(field: u16, record: Record) -> Option<u32> {
     Settings::FIELDS.get(usize::from(field))?.kind.admits(word).then_some(word)
 }
 
-/// Whether the guided check is about a setting.
+/// Whether commissioning is about a setting.
 fn is_checked(place: usize) -> bool {
     CHECKED.contains(&place) || setting_address_at(place).is_some_and(|(index, _)| CHECKED_GROUPS.contains(&index))
 }
@@ -326,7 +326,7 @@ fn mark(seen: &mut [bool], place: usize) {
     seen.get_mut(place).into_iter().for_each(|seen| *seen = true);
 }
 
-/// Place of a setting that an error names.
+/// ObjectHandle of a setting that an error names.
 fn place_of(key: &str) -> Option<usize> {
     Settings::KEYS.iter().position(|other| *other == key)
 }

@@ -2,8 +2,8 @@
 
 use super::state::State;
 use super::{Drive, Order, TaskTimer, clamp32, codes};
-use crate::canopen::objects::{Found, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
-use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, Place, Request, Written};
+use crate::canopen::objects::{Decoded, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
+use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Written};
 use crate::head::{self, Command};
 use crate::settings::{Declared, Kind, SettingError, Settings, place};
 use crate::units::Volts;
@@ -17,11 +17,11 @@ impl Dictionary for Drive {
         entry(index, sub)
     }
 
-    fn read(&self, place: Place, out: &mut [u8]) -> Result<usize, Abort> {
-        match Found::at(place) {
-            Found::Highest(sub) => copy(&[sub], out),
-            Found::Setting(field) => self.read_setting(field, out),
-            Found::Row(number) => {
+    fn read(&self, place: ObjectHandle, out: &mut [u8]) -> Result<usize, Abort> {
+        match Decoded::at(place) {
+            Decoded::Highest(sub) => copy(&[sub], out),
+            Decoded::Setting(field) => self.read_setting(field, out),
+            Decoded::Row(number) => {
                 let row = rows().get(usize::from(number)).ok_or(Abort::NoObject)?;
                 match row.item() {
                     Item::RefusedRule => copy(self.wrong.map_or("", |(_, _, rule)| rule).as_bytes(), out),
@@ -36,11 +36,11 @@ impl Dictionary for Drive {
         }
     }
 
-    fn write(&mut self, place: Place, data: &[u8]) -> Result<Written, Abort> {
-        match Found::at(place) {
-            Found::Highest(_) => Err(Abort::ReadOnly),
-            Found::Setting(field) => self.write_setting(field, data),
-            Found::Row(number) => {
+    fn write(&mut self, place: ObjectHandle, data: &[u8]) -> Result<Written, Abort> {
+        match Decoded::at(place) {
+            Decoded::Highest(_) => Err(Abort::ReadOnly),
+            Decoded::Setting(field) => self.write_setting(field, data),
+            Decoded::Row(number) => {
                 let row = rows().get(usize::from(number)).ok_or(Abort::NoObject)?;
                 let mut bytes = [0; 4];
                 bytes.get_mut(..data.len()).ok_or(Abort::LengthTooHigh)?.copy_from_slice(data);
@@ -51,17 +51,17 @@ impl Dictionary for Drive {
         }
     }
 
-    fn stream_length(&self, _: Place) -> Result<u32, Abort> {
+    fn stream_length(&self, _: ObjectHandle) -> Result<u32, Abort> {
         Ok(self.scope.length())
     }
 
-    fn stream(&self, _: Place, offset: u32, out: &mut [u8]) -> Result<(), Abort> {
+    fn stream(&self, _: ObjectHandle, offset: u32, out: &mut [u8]) -> Result<(), Abort> {
         self.scope.copy(offset, out);
         Ok(())
     }
 
     fn request(&mut self, request: Request) -> Result<(), Abort> {
-        // Flash stalls the processor: only while nothing moves. A head that has just been told to disable gives leave in its
+        // Flash stalls the processor: only while nothing moves. A head that has just been told to disable gives the permit in its
         // turn, or does not.
         let closed =
             matches!(self.state, State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive);
@@ -296,7 +296,7 @@ impl Drive {
         if self.stale || self.configuring || !same && (self.status.state != head::State::Disabled || self.enabling) {
             return Err(Abort::DeviceState);
         }
-        // The guided check has to look again at what it has passed.
+        // Commissioning has to look again at what it has passed.
         if !same && old.plant != new.plant || wired(&pending) != wired(&self.settings) {
             pending.commissioned = false;
             active.head.commissioned = false;

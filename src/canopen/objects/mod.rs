@@ -11,7 +11,7 @@ mod table;
 pub use settings::{address as setting_address, address_at as setting_address_at, kind as setting_kind, setting_at};
 pub use table::Item;
 
-use super::{Abort, Access, DataType, Entry, Mapping, Place};
+use super::{Abort, Access, DataType, Entry, Mapping, ObjectHandle};
 use table::TABLE;
 
 /// One object of `table.rs`.
@@ -149,9 +149,9 @@ pub fn rows() -> &'static [Row] {
     TABLE
 }
 
-/// What a [`Place`] of the drive holds.
+/// What a [`ObjectHandle`] of the drive holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Found {
+pub enum Decoded {
     /// A row of the table.
     Row(u16),
     /// A setting, by its place among the settings.
@@ -163,22 +163,22 @@ pub enum Found {
 const SETTING: u16 = 0x8000;
 const HIGHEST: u16 = 0x4000;
 
-impl Found {
+impl Decoded {
     /// Where it is.
-    pub fn place(self) -> Place {
-        Place(match self {
-            Found::Row(row) => row,
-            Found::Setting(field) => SETTING | field,
-            Found::Highest(sub) => HIGHEST | sub as u16,
+    pub fn place(self) -> ObjectHandle {
+        ObjectHandle(match self {
+            Decoded::Row(row) => row,
+            Decoded::Setting(field) => SETTING | field,
+            Decoded::Highest(sub) => HIGHEST | sub as u16,
         })
     }
 
     /// What is at a place.
-    pub fn at(place: Place) -> Found {
+    pub fn at(place: ObjectHandle) -> Decoded {
         match place.0 {
-            place if place & SETTING != 0 => Found::Setting(place & !SETTING),
-            place if place & HIGHEST != 0 => Found::Highest(place as u8),
-            place => Found::Row(place),
+            place if place & SETTING != 0 => Decoded::Setting(place & !SETTING),
+            place if place & HIGHEST != 0 => Decoded::Highest(place as u8),
+            place => Decoded::Row(place),
         }
     }
 }
@@ -191,11 +191,11 @@ pub fn entry(index: u16, sub: u8) -> Result<Entry, Abort> {
     if (settings::FIRST..=settings::LAST).contains(&index) {
         let highest = settings::highest(index).ok_or(Abort::NoObject)?;
         let (kind, access, found) = match sub {
-            0 => (DataType::Unsigned8, Access::Const, Found::Highest(highest)),
+            0 => (DataType::Unsigned8, Access::Const, Decoded::Highest(highest)),
             sub => {
                 let field = settings::setting_at(index, sub).ok_or(Abort::NoSubIndex)?;
                 let (kind, access) = settings::kind(field).ok_or(Abort::NoSubIndex)?;
-                (kind, access, Found::Setting(field))
+                (kind, access, Decoded::Setting(field))
             }
         };
         return Ok(Entry { kind, access, mapping: Mapping::No, place: found.place() });
@@ -204,7 +204,7 @@ pub fn entry(index: u16, sub: u8) -> Result<Entry, Abort> {
     for (number, row) in (0u16..).zip(TABLE) {
         if row.index == index {
             if row.sub == sub {
-                let place = Found::Row(number).place();
+                let place = Decoded::Row(number).place();
                 return Ok(Entry { kind: row.kind, access: row.access, mapping: row.mapping, place });
             }
             highest = Some(row.sub);
@@ -216,7 +216,7 @@ pub fn entry(index: u16, sub: u8) -> Result<Entry, Abort> {
             kind: DataType::Unsigned8,
             access: Access::Const,
             mapping: Mapping::No,
-            place: Found::Highest(highest).place(),
+            place: Decoded::Highest(highest).place(),
         }),
         _ => Err(Abort::NoSubIndex),
     }

@@ -10,7 +10,7 @@ pub(super) const LAST: u16 = 0x5FFF;
 
 const FIELDS: &[Field] = Settings::FIELDS;
 const KEYS: &[&str] = Settings::KEYS;
-/// The guided check alone says that it has passed.
+/// Commissioning alone says that it has passed.
 const PASSED: u16 = place(KEYS, "commission.passed") as u16;
 
 /// Index and sub-index of each setting, by its place.

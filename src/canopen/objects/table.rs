@@ -110,8 +110,8 @@ objects! {
     0x2001 "EDM control" {
         1 ErodeEnable: u8, rw, rx, (0, 2), 0, "", live, "Erode: 1 set points become path, along which the gap leads; 2 the host keeps the path and follows the signed feed of 2004h:7, the head holds; 0 pulses off";
         2 ErodeHold: u8, wo, rx, (0, 1), 0, "", live, "Hold: 1 switches pulses off and holds the position";
-        3 Commission: u8, wo, no, (0, 1), 0, "", live, "Guided check: 1 starts it, while disabled";
-        4 CheckResult: u8, ro, no, U8, 0, "", live, "Guided check result: 0 none yet, 1 passed, from 2 a finding as numbered in docs/objects.md";
+        3 Commission: u8, wo, no, (0, 1), 0, "", live, "Commissioning: 1 starts it, while disabled";
+        4 CheckResult: u8, ro, no, U8, 0, "", live, "Commissioning result: 0 none yet, 1 passed, from 2 a finding as numbered in docs/objects.md";
     }
     0x2002 "Refused setting" {
         1 RefusedSetting: u32, ro, no, U32, 0, "", live, "Setting: index times 256 and sub-index of the one that stands in the way";

@@ -41,7 +41,7 @@ pub struct Dma {
     streams: [Stream; 8],
 }
 
-/// Place of a stream's flags in LISR or HISR.
+/// ObjectHandle of a stream's flags in LISR or HISR.
 const SHIFT: [u32; 4] = [0, 6, 16, 22];
 
 impl Dma {

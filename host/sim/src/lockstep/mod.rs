@@ -183,7 +183,7 @@ mod tests {
                 core.signals.waiting.set();
                 events.push(Event::Command(Command::Enable));
             }
-            process.mishaps.bus_v = (period > 5000).then_some(20.0);
+            process.fault_inputs.bus_v = (period > 5000).then_some(20.0);
             core.host_is_alive();
             let supervised = core.tick(&mut process);
             let (fault, tick) = core.servo.told();

@@ -10,7 +10,7 @@ use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Command, Fault, Home, Pace, State, Status, TickInput};
+use edm_servo_head::head::{Command, Fault, Home, MotionLimits, State, Status, TickInput};
 use edm_servo_head::motion::Method;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{
@@ -241,7 +241,7 @@ fn command_numbers(command: Command) -> [u64; COMMAND] {
         Command::ResetFault => (9, 0),
         Command::ClearPath => (10, 0),
         Command::Guide => (11, 0),
-        Command::Position(to, Pace { velocity, acceleration, deceleration }) => {
+        Command::Position(to, MotionLimits { velocity, acceleration, deceleration }) => {
             return [12, to.0 as u64, float(velocity.0), float(acceleration.0), float(deceleration.0), 0];
         }
         Command::Follow(to, ticks) => return [13, to.0 as u64, ticks.into(), 0, 0, 0],
@@ -272,7 +272,10 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
             let [velocity, acceleration, deceleration] = [a, b, c].map(float);
             let velocity = MicrometresPerSecond(velocity);
             let acceleration = MicrometresPerSecond2(acceleration);
-            Command::Position(nm, Pace { velocity, acceleration, deceleration: MicrometresPerSecond2(deceleration) })
+            Command::Position(
+                nm,
+                MotionLimits { velocity, acceleration, deceleration: MicrometresPerSecond2(deceleration) },
+            )
         }
         13 => Command::Follow(nm, a as u32),
         14 => Command::Home(Home {

@@ -115,7 +115,7 @@ pub struct Truth {
 
 /// Wires to pull and contacts to open.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Mishaps {
+pub struct FaultInputs {
     /// Contacts opened besides those that the axis opens. A bridge fault also opens the bridge.
     pub safety: SafetyInputs,
     /// Bus voltage instead of the set one.
@@ -151,7 +151,7 @@ pub struct Process {
     stiffness: f64,
     timeline: Timeline,
     /// Wires to pull between two ticks.
-    pub mishaps: Mishaps,
+    pub fault_inputs: FaultInputs,
 }
 
 impl Process {
@@ -179,7 +179,7 @@ impl Process {
             suction: ATMOSPHERE * PI * radius * radius,
             stiffness: f64::from(p.contact) * 1e6,
             timeline: Timeline::default(),
-            mishaps: Mishaps::default(),
+            fault_inputs: FaultInputs::default(),
             scale,
             p: *p,
         })
@@ -208,15 +208,15 @@ impl Process {
     /// Advances by one servo tick under the head's outputs and gives what its wires show at the end.
     pub fn advance(&mut self, drive: Drive, pulses: bool) -> &Sensors {
         let from = self.ticks as f64 * TICK_US;
-        self.timeline.advance(self.ticks, &mut self.mishaps, self.p.bus.into());
-        self.front.stuck = self.mishaps.stuck_code;
-        self.front.gate_lost = self.mishaps.gate_lost;
-        self.scale.dead = self.mishaps.encoder_dead;
-        self.spark.dead = self.mishaps.generator_dead;
-        self.spark.forced_short = self.mishaps.short;
+        self.timeline.advance(self.ticks, &mut self.fault_inputs, self.p.bus.into());
+        self.front.stuck = self.fault_inputs.stuck_code;
+        self.front.gate_lost = self.fault_inputs.gate_lost;
+        self.scale.dead = self.fault_inputs.encoder_dead;
+        self.spark.dead = self.fault_inputs.generator_dead;
+        self.spark.forced_short = self.fault_inputs.short;
 
         let before = self.gap_um();
-        self.move_axis(if self.mishaps.safety.bridge_fault { Drive::Coast } else { drive });
+        self.move_axis(if self.fault_inputs.safety.bridge_fault { Drive::Coast } else { drive });
         let gap = self.held_gap_um.map_or((before, self.gap_um()), |held| (held, held));
         self.spark.advance(from, from + TICK_US, gap, pulses);
         self.sensors.block = self.front.convert(from, &self.spark.stretches);
@@ -228,7 +228,7 @@ impl Process {
     }
 
     fn bus(&self) -> f64 {
-        self.mishaps.bus_v.unwrap_or(self.p.bus.into())
+        self.fault_inputs.bus_v.unwrap_or(self.p.bus.into())
     }
 
     fn move_axis(&mut self, drive: Drive) {
@@ -261,7 +261,7 @@ impl Process {
         sensors.levels = self.scale.levels();
         sensors.timer_count = self.scale.timer();
         let x_mm = self.actuator.x * 1e3;
-        let opened = self.mishaps.safety;
+        let opened = self.fault_inputs.safety;
         sensors.safety = SafetyInputs {
             upper_limit: opened.upper_limit || x_mm < self.p.upper_limit.into(),
             lower_limit: opened.lower_limit || x_mm > self.p.lower_limit.into(),
@@ -294,7 +294,7 @@ impl Process {
     /// The gap during the last tick, in order of time: for wires that a converter's block does not show.
     pub fn pieces(&self) -> impl Iterator<Item = Piece> + '_ {
         let began = self.ticks.saturating_sub(1) as f64 * TICK_US;
-        let gate_lost = self.mishaps.gate_lost;
+        let gate_lost = self.fault_inputs.gate_lost;
         self.spark.stretches.iter().map(move |s| Piece {
             from_us: s.from - began,
             initial: s.initial,

@@ -90,11 +90,11 @@ declare! {
         /// Lower limit switch; it opens below this position.
         lower_limit: f32 = 11.8, (0.0, 1000.0), "limit.lower_mm", "mm", "assumed";
         /// The motor is connected the wrong way round.
-        motor_reversed: bool = false, (), "wiring.motor_reversed", "", "for the guided check";
+        motor_reversed: bool = false, (), "wiring.motor_reversed", "", "for commissioning";
         /// The encoder is connected the wrong way round.
-        encoder_reversed: bool = false, (), "wiring.encoder_reversed", "", "for the guided check";
+        encoder_reversed: bool = false, (), "wiring.encoder_reversed", "", "for commissioning";
         /// The gap leads are swapped.
-        gap_reversed: bool = false, (), "wiring.gap_reversed", "", "for the guided check";
+        gap_reversed: bool = false, (), "wiring.gap_reversed", "", "for commissioning";
 
         /// Length of one encoder count.
         count: f32 = 1.0, (0.05, 100.0), "scale.count_um", "um", "[R] section 6.1; 0.5 and 5 exist";

@@ -194,24 +194,25 @@ fn without_pulses_the_front_end_sees_hum_and_noise_and_no_gate() {
 }
 
 #[test]
-fn every_mishap_shows_where_it_should() {
+fn every_fault_input_shows_where_it_should() {
     let mut process = process(Parameters { surface: 0.03, ..Parameters::default() });
     run(&mut process, Drive::Coast, true, 0.01);
     assert_ne!(process.sensors().block.gate, 0);
 
-    process.mishaps = Mishaps { gate_lost: true, stuck_code: Some(7), bus_v: Some(30.0), ..Mishaps::default() };
+    process.fault_inputs =
+        FaultInputs { gate_lost: true, stuck_code: Some(7), bus_v: Some(30.0), ..FaultInputs::default() };
     let sensors = process.advance(Drive::Coast, true);
     assert_eq!(sensors.block, GapBlock { codes: [7; BLOCK], gate: 0 });
     assert_eq!(sensors.drive.bus_voltage, 1500);
 
-    process.mishaps = Mishaps { short: true, ..Mishaps::default() };
+    process.fault_inputs = FaultInputs { short: true, ..FaultInputs::default() };
     let before = process.truth().pulses;
     run(&mut process, Drive::Coast, true, 0.1);
     let after = process.truth().pulses;
     assert!((499..=501).contains(&(after.short - before.short)), "{before:?} {after:?}");
     assert!(after.discharges() - before.discharges() <= 1);
 
-    process.mishaps = Mishaps { generator_dead: true, ..Mishaps::default() };
+    process.fault_inputs = FaultInputs { generator_dead: true, ..FaultInputs::default() };
     run(&mut process, Drive::Coast, true, 0.1);
     assert_eq!(process.truth().pulses.total() - after.total(), 0);
 }
@@ -219,13 +220,15 @@ fn every_mishap_shows_where_it_should() {
 #[test]
 fn a_dead_encoder_hides_the_motion_and_a_faulty_bridge_stops_it() {
     let mut process = process(weightless());
-    process.mishaps.encoder_dead = true;
+    process.fault_inputs.encoder_dead = true;
     run(&mut process, Drive::Duty(500), false, 0.02);
     assert_eq!((process.sensors().timer_count, process.sensors().edges.len()), (0, 0));
     assert!(process.truth().position_um > 50.0);
 
-    process.mishaps =
-        Mishaps { safety: SafetyInputs { bridge_fault: true, ..SafetyInputs::default() }, ..Mishaps::default() };
+    process.fault_inputs = FaultInputs {
+        safety: SafetyInputs { bridge_fault: true, ..SafetyInputs::default() },
+        ..FaultInputs::default()
+    };
     run(&mut process, Drive::Duty(-10_000), false, 0.005);
     assert!(process.sensors().safety.bridge_fault);
     assert_eq!(process.sensors().drive.motor_current, 2048);

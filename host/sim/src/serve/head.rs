@@ -16,7 +16,7 @@ use edm_runtime::Note;
 use edm_runtime::board::Caller;
 use edm_runtime::can::{Receive, Transmit};
 use edm_runtime::idle::Idle;
-use edm_runtime::keeper::Keeper;
+use edm_runtime::image_store::ImageStore;
 use edm_runtime::protocol::Protocol;
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity};
 use edm_servo_head::canopen::{Node, NodeId};
@@ -52,7 +52,7 @@ impl Head {
     /// # Errors
     /// When the values do not fit together.
     pub fn new(setup: &Setup, id: NodeId, seed: u64, store: Store) -> Result<Head, String> {
-        // The virtual head's guided check counts as passed: it needs an axis without a workpiece.
+        // The virtual head's commissioning counts as passed: it needs an axis without a workpiece.
         let settings = Settings { commissioned: true, ..setup.head };
         let mut process = Process::new(&setup.process, seed).map_err(|error| setup.refusal(error))?;
         process.schedule(&setup.events);
@@ -74,8 +74,8 @@ impl Head {
         // The head begins with what the drive says then, which is what was stored if that can be.
         let ports = Ports::leak();
         let (buffer, image) = (Box::leak(Box::new([0; BUFFER])), Box::leak(Box::default()));
-        let mut keeper = Keeper::new(store, buffer, image, Part(ports));
-        let image = keeper.load();
+        let mut image_store = ImageStore::new(store, buffer, image, Part(ports));
+        let image = image_store.load();
         Part(ports).note(&Note::Loaded(drive.restart(settings, image)));
         Part(ports).note(&Note::booted(drive.boot(node, image)));
         drive.started();
@@ -85,7 +85,7 @@ impl Head {
         edm_hal_shim::can::Filters::listen(&mut Part(ports), sync, &others_of_node);
         let Others { host, idle, receive, transmit } = others;
         let protocol = Alone(host.protocol(node, drive, settings));
-        let idle = idle.idle(Part(ports), keeper);
+        let idle = idle.idle(Part(ports), image_store);
         Ok(Head { process, core, receive, transmit, protocol, idle, id })
     }
 
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn whichever_bit_of_the_file_flips_the_defaults_are_in_force_and_no_guided_check_counts() {
+    fn whichever_bit_of_the_file_flips_the_defaults_are_in_force_and_no_commissioning_counts() {
         let folder = tempfile::tempdir().unwrap();
         let path = stored_in(folder.path());
         let good = fs::read(&path).unwrap();

@@ -12,7 +12,7 @@ mod console;
 mod fleet;
 pub mod head;
 mod links;
-mod pace;
+mod real_time;
 
 pub use command::Serve;
 pub use fleet::pull;
@@ -23,7 +23,7 @@ use console::Console;
 use edm_bus::mailbox::Mailbox;
 use edm_bus::{Frame, Hub};
 use edm_servo_head::units::TICKS_PER_MS;
-use pace::Pace;
+use real_time::RealTime;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -63,7 +63,7 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
     say(&format!("{title}\n\n  {}\n\nCtrl-C stops it.\n", open.lines.join("\n  ")));
 
     let start = Instant::now();
-    let mut pace = Pace::new(start, speed);
+    let mut real_time = RealTime::new(start, speed);
     let (mut ticks, mut lost_s, mut complained) = (0u64, 0.0, None::<Instant>);
     loop {
         // Asked before the lines are read: those typed before the end are still obeyed.
@@ -74,7 +74,7 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
         if stopped {
             break;
         }
-        let due = pace.due(Instant::now());
+        let due = real_time.due(Instant::now());
         for _ in 0..due.ticks {
             mailbox.take(&mut came);
             plant.tick(&came, &mut sent).map_err(Failure::Failed)?;
@@ -89,7 +89,7 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
                 "too slow: {lost_s:.1} s of simulated time lost so far; fewer nodes or a lower --speed would help"
             );
         }
-        mailbox.wait(pace.next(Instant::now()));
+        mailbox.wait(real_time.next(Instant::now()));
     }
     let real_s = start.elapsed().as_secs_f64();
     let traffic = hub.traffic();

@@ -1,4 +1,4 @@
-//! The objects of the communication area, one row each (CiA 301 7.5.2).
+//! The objects of the communication objects, one row each (CiA 301 7.5.2).
 
 use crate::device::{ENTRIES, PDOS};
 use crate::emergency::HISTORY;
@@ -72,9 +72,9 @@ pub(super) struct Row {
     pub item: Item,
 }
 
-/// A value found by its address.
+/// A value object by its address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Found {
+pub(crate) struct CommunicationObject {
     pub item: Item,
     pub kind: DataType,
     pub access: Access,
@@ -109,7 +109,7 @@ const fn entries(first: u16, item: Item) -> Row {
     rows((first, PDOS as u16), (1, ENTRIES as u8), Unsigned32, ReadWrite, item)
 }
 
-/// Every value of the communication area, by rising address within an object.
+/// Every value of the communication objects, by rising address within an object.
 pub(super) const TABLE: &[Row] = &[
     variable(0x1000, Unsigned32, Const, Item::DeviceType),
     variable(0x1001, Unsigned8, ReadOnly, Item::ErrorRegister),
@@ -174,19 +174,19 @@ impl Row {
 }
 
 /// Looks a value up.
-pub(crate) fn find(index: u16, sub: u8) -> Result<Found, Abort> {
+pub(crate) fn find(index: u16, sub: u8) -> Result<CommunicationObject, Abort> {
     let mut missing = Abort::NoObject;
     for row in TABLE.iter().filter(|row| row.has(index)) {
         if sub.wrapping_sub(row.sub.0) < row.sub.1 {
             let pdo = index.wrapping_sub(row.index.0);
-            return Ok(Found { item: row.item, kind: row.kind, access: row.access, pdo, sub });
+            return Ok(CommunicationObject { item: row.item, kind: row.kind, access: row.access, pdo, sub });
         }
         missing = Abort::NoSubIndex;
     }
     Err(missing)
 }
 
-/// Values of the communication area that are stored.
+/// Values of the communication objects that are stored.
 pub const STORED: usize = {
     let (mut total, mut n) = (0, 0);
     while n < TABLE.len() {
@@ -201,26 +201,26 @@ pub const STORED: usize = {
 };
 
 /// Visits every value that is stored, with its index.
-pub(crate) fn stored(visit: &mut dyn FnMut(u16, Found)) {
+pub(crate) fn stored(visit: &mut dyn FnMut(u16, CommunicationObject)) {
     for row in TABLE.iter().filter(|row| row.is_stored()) {
         for pdo in 0..row.index.1 {
             for nth in 0..row.sub.1 {
                 let sub = row.sub.0.wrapping_add(nth);
-                let found = Found { item: row.item, kind: row.kind, access: row.access, pdo, sub };
-                visit(row.index.0.wrapping_add(pdo), found);
+                let object = CommunicationObject { item: row.item, kind: row.kind, access: row.access, pdo, sub };
+                visit(row.index.0.wrapping_add(pdo), object);
             }
         }
     }
 }
 
 /// A value that is stored, and the how manieth it is to [`stored`].
-pub(crate) fn stored_at(index: u16, sub: u8) -> Option<(usize, Found)> {
+pub(crate) fn stored_at(index: u16, sub: u8) -> Option<(usize, CommunicationObject)> {
     let mut before = 0;
     for row in TABLE.iter().filter(|row| row.is_stored()) {
         let (pdo, nth) = (index.wrapping_sub(row.index.0), sub.wrapping_sub(row.sub.0));
         if pdo < row.index.1 && nth < row.sub.1 {
-            let found = Found { item: row.item, kind: row.kind, access: row.access, pdo, sub };
-            return Some((before + usize::from(pdo) * usize::from(row.sub.1) + usize::from(nth), found));
+            let object = CommunicationObject { item: row.item, kind: row.kind, access: row.access, pdo, sub };
+            return Some((before + usize::from(pdo) * usize::from(row.sub.1) + usize::from(nth), object));
         }
         before += row.values();
     }

@@ -10,7 +10,7 @@ const PATIENCE: Duration = Duration::from_millis(200);
 
 /// Which servo tick is due.
 #[derive(Clone, Copy, Debug)]
-pub struct Pace {
+pub struct RealTime {
     start: Instant,
     speed: f64,
     done: u64,
@@ -25,10 +25,10 @@ pub struct Due {
     pub lost_s: f64,
 }
 
-impl Pace {
+impl RealTime {
     /// Starts now. `speed`: simulated seconds a second.
-    pub fn new(start: Instant, speed: f64) -> Pace {
-        Pace { start, speed, done: 0 }
+    pub fn new(start: Instant, speed: f64) -> RealTime {
+        RealTime { start, speed, done: 0 }
     }
 
     /// The ticks since the last call. A lag beyond 0.2 s of real time is given up: time stands still for that long.
@@ -61,10 +61,10 @@ mod tests {
     fn a_second_has_its_ticks_however_often_one_looks() {
         for (speed, ticks) in [(1.0, 20_000), (0.1, 2000), (10.0, 200_000)] {
             let start = Instant::now();
-            let mut pace = Pace::new(start, speed);
+            let mut real_time = RealTime::new(start, speed);
             let mut sum = 0;
             for us in (0..=1_000_000).step_by(777).chain([1_000_000]) {
-                let due = pace.due(start + Duration::from_micros(us));
+                let due = real_time.due(start + Duration::from_micros(us));
                 assert_eq!(due.lost_s, 0.0);
                 sum += due.ticks;
             }
@@ -75,10 +75,10 @@ mod tests {
     #[test]
     fn a_lag_is_caught_up_to_a_fifth_of_a_second_and_then_given_up() {
         let start = Instant::now();
-        let mut pace = Pace::new(start, 2.0);
-        assert_eq!(pace.due(start + Duration::from_millis(200)), Due { ticks: 8000, lost_s: 0.0 });
+        let mut real_time = RealTime::new(start, 2.0);
+        assert_eq!(real_time.due(start + Duration::from_millis(200)), Due { ticks: 8000, lost_s: 0.0 });
         let late = start + Duration::from_millis(700);
-        assert_eq!(pace.due(late), Due { ticks: 8000, lost_s: 0.6 });
-        assert_eq!(pace.due(late + Duration::from_millis(1)), Due { ticks: 40, lost_s: 0.0 });
+        assert_eq!(real_time.due(late), Due { ticks: 8000, lost_s: 0.6 });
+        assert_eq!(real_time.due(late + Duration::from_millis(1)), Due { ticks: 40, lost_s: 0.0 });
     }
 }

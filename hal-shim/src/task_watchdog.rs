@@ -1,20 +1,20 @@
-//! Roll call: the watchdog is fed only while every task keeps reporting.
+//! TaskWatchdog call: the watchdog is fed only while every task keeps reporting.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// Tasks, each with the longest silence allowed to it.
-pub struct Roll<const N: usize> {
+pub struct TaskWatchdog<const N: usize> {
     windows: [u32; N],
     last: [AtomicU32; N],
 }
 
-impl<const N: usize> Roll<N> {
+impl<const N: usize> TaskWatchdog<N> {
     /// `windows` in clock ticks, below 2^31.
     pub const fn new(windows: [u32; N]) -> Self {
-        Roll { windows, last: [const { AtomicU32::new(0) }; N] }
+        TaskWatchdog { windows, last: [const { AtomicU32::new(0) }; N] }
     }
 
-    /// Everybody is taken to have reported now: the start of the roll call.
+    /// Everybody is taken to have reported now: the task watchdog starts.
     pub fn start(&self, now: u32) {
         self.last.iter().for_each(|last| last.store(now, Relaxed));
     }
@@ -42,31 +42,31 @@ mod tests {
 
     #[test]
     fn one_silent_task_is_named_and_both_sides_of_its_window_hold() {
-        let roll = Roll::new([100, 1000]);
-        roll.start(0);
-        assert_eq!(roll.missing(100), None);
-        assert_eq!(roll.missing(101), Some(0));
-        roll.report(0, 1000);
-        assert_eq!(roll.missing(1000), None);
-        roll.report(0, 1001);
-        assert_eq!(roll.missing(1001), Some(1));
+        let watchdog = TaskWatchdog::new([100, 1000]);
+        watchdog.start(0);
+        assert_eq!(watchdog.missing(100), None);
+        assert_eq!(watchdog.missing(101), Some(0));
+        watchdog.report(0, 1000);
+        assert_eq!(watchdog.missing(1000), None);
+        watchdog.report(0, 1001);
+        assert_eq!(watchdog.missing(1001), Some(1));
     }
 
     #[test]
     fn the_clock_may_wrap_and_a_report_may_be_newer_than_the_check() {
-        let roll = Roll::new([100]);
-        roll.start(u32::MAX - 49);
-        assert_eq!(roll.missing(50), None);
-        assert_eq!(roll.missing(51), Some(0));
-        roll.report(0, 60);
-        assert_eq!(roll.missing(55), None);
+        let watchdog = TaskWatchdog::new([100]);
+        watchdog.start(u32::MAX - 49);
+        assert_eq!(watchdog.missing(50), None);
+        assert_eq!(watchdog.missing(51), Some(0));
+        watchdog.report(0, 60);
+        assert_eq!(watchdog.missing(55), None);
     }
 
     #[test]
     fn a_report_of_nobody_changes_nothing() {
-        let roll = Roll::new([100]);
-        roll.start(0);
-        roll.report(1, 500);
-        assert_eq!(roll.missing(500), Some(0));
+        let watchdog = TaskWatchdog::new([100]);
+        watchdog.start(0);
+        watchdog.report(1, 500);
+        assert_eq!(watchdog.missing(500), Some(0));
     }
 }

@@ -33,18 +33,18 @@ const BUSY: u32 = PLANS | 1 << LOOK;
 
 /// Counts down to the next slot in which there is more than the loop.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pace {
+pub(super) struct Schedule {
     left: u32,
     slot: u32,
 }
 
-impl Pace {
+impl Schedule {
     /// The first tick is in slot 0.
-    pub fn new() -> Pace {
-        Pace { left: 1, slot: 0 }
+    pub fn new() -> Schedule {
+        Schedule { left: 1, slot: 0 }
     }
 
-    /// A tick begins; whether its slot is the next busy one. [`Pace::take`] must follow if it is.
+    /// A tick begins; whether its slot is the next busy one. [`Schedule::take`] must follow if it is.
     #[inline]
     pub fn begin(&mut self) -> bool {
         self.left = self.left.wrapping_sub(1);
@@ -90,8 +90,8 @@ mod tests {
 
     #[test]
     fn every_fifth_tick_plans_and_one_other_looks() {
-        let mut pace = Pace::new();
-        let slots: Vec<_> = (0..40).map(|_| pace.begin().then(|| pace.take())).collect();
+        let mut schedule = Schedule::new();
+        let slots: Vec<_> = (0..40).map(|_| schedule.begin().then(|| schedule.take())).collect();
         let busy = [0, 1, 5, 10, 15];
         for (tick, slot) in (0..).zip(slots) {
             assert_eq!(slot, busy.contains(&(tick % 20)).then_some(tick % 20), "tick {tick}");
@@ -101,13 +101,13 @@ mod tests {
 
     #[test]
     fn the_tick_before_the_look_knows_and_the_look_itself_does() {
-        let mut pace = Pace::new();
+        let mut schedule = Schedule::new();
         for tick in 0..100 {
-            assert_eq!(pace.next() == LOOK, tick % 20 == LOOK, "before tick {tick}");
-            if pace.begin() {
-                pace.take();
+            assert_eq!(schedule.next() == LOOK, tick % 20 == LOOK, "before tick {tick}");
+            if schedule.begin() {
+                schedule.take();
             }
-            assert_eq!(pace.has_looked(), tick % 20 == LOOK, "after tick {tick}");
+            assert_eq!(schedule.has_looked(), tick % 20 == LOOK, "after tick {tick}");
         }
     }
 }

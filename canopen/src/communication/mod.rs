@@ -1,11 +1,11 @@
-//! The communication area, 1000h to 1FFFh: the node's own objects, and the state behind them.
+//! The communication objects, 1000h to 1FFFh: the node's own objects, and the state behind them.
 
 mod objects;
 mod own;
 mod write;
 
 pub use objects::STORED;
-pub(super) use objects::{Found, Item, find, stored, stored_at};
+pub(super) use objects::{CommunicationObject, Item, find, stored, stored_at};
 pub use own::{DefaultValue, OwnObject, own_objects};
 
 use super::device::{Device, PDOS};
@@ -19,7 +19,7 @@ use super::{Abort, Dictionary, NmtState, NodeId};
 
 /// Everything of a node but its SDO server.
 #[derive(Clone, Debug)]
-pub(super) struct Area {
+pub(super) struct CommunicationObjects {
     pub device: &'static Device,
     pub serial: u32,
     pub id: NodeId,
@@ -58,7 +58,7 @@ fn copy(value: &[u8], length: usize, out: &mut [u8]) -> Result<usize, Abort> {
     Ok(length)
 }
 
-impl Area {
+impl CommunicationObjects {
     pub fn new(device: &'static Device, id: NodeId, serial: u32) -> Self {
         Self {
             device,
@@ -129,8 +129,8 @@ impl Area {
     ///
     /// # Errors
     /// [`Abort::NoData`] for an error that has not happened.
-    pub fn read(&mut self, found: Found, out: &mut [u8]) -> Result<usize, Abort> {
-        let Found { item, kind, sub, .. } = found;
+    pub fn read(&mut self, object: CommunicationObject, out: &mut [u8]) -> Result<usize, Abort> {
+        let CommunicationObject { item, kind, sub, .. } = object;
         let text = match item {
             Item::Name => Some(self.device.name),
             Item::Hardware => Some(self.device.hardware),
@@ -153,7 +153,7 @@ impl Area {
             Item::Revision => self.device.revision,
             Item::Serial => self.serial,
             Item::Service(base) => self.id.cob(base).into(),
-            _ => self.parameters.get(found),
+            _ => self.parameters.get(object),
         };
         copy(&number.to_le_bytes(), kind.size().unwrap_or(0), out)
     }

@@ -5,10 +5,10 @@
 //! the path, from which it can have departed only at a joint, by the travel of four ticks at the most.
 
 use super::TickInput;
-use super::check::Check;
+use super::commissioning::Commissioning;
 use super::machine::Head;
 use super::reaction::Motion;
-use crate::motion::Leg;
+use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::{Output, Window};
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, larger, rare};
@@ -31,7 +31,7 @@ enum Follow {
 
 /// The plan as the ticks carry it out.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Course {
+pub(super) struct Trajectory {
     follow: Follow,
     /// Pulses are allowed.
     pulses: bool,
@@ -47,10 +47,10 @@ pub(super) struct Course {
     since: u32,
 }
 
-impl Course {
+impl Trajectory {
     /// The bridge is open, from tick `since` on.
-    pub fn new(since: u32) -> Course {
-        Course {
+    pub fn new(since: u32) -> Trajectory {
+        Trajectory {
             follow: Follow::Nothing,
             pulses: false,
             window: Window::symmetric(0.0),
@@ -69,22 +69,22 @@ impl Course {
     }
 
     /// What the set point does since the plan, where it was at `from`.
-    pub fn leg(&self, from: Fixed) -> Leg {
+    pub fn segment(&self, from: Fixed) -> TrajectorySegment {
         if self.follow == Follow::Setpoint {
-            Leg { from, travel: self.travel, velocity: self.velocity }
+            TrajectorySegment { from, travel: self.travel, velocity: self.velocity }
         } else {
-            Leg { from, ..Leg::default() }
+            TrajectorySegment { from, ..TrajectorySegment::default() }
         }
     }
 }
 
 impl<P: DerefMut<Target = Path>> Head<P> {
-    /// Plans: brings the path to where the ticks have gone, decides, and sets the course for the ticks to come.
+    /// Plans: brings the path to where the ticks have gone, decides, and sets the trajectory for the ticks to come.
     pub(super) fn plan(&mut self, input: &TickInput) {
-        let ticks = self.status.tick.wrapping_sub(self.course.since).clamp(1, PLAN_TICKS);
-        self.path.step(Fixed(self.course.advance.0.wrapping_mul(ticks.into())));
-        self.course.advance = Fixed(0);
-        self.course.since = self.status.tick;
+        let ticks = self.status.tick.wrapping_sub(self.trajectory.since).clamp(1, PLAN_TICKS);
+        self.path.step(Fixed(self.trajectory.advance.0.wrapping_mul(ticks.into())));
+        self.trajectory.advance = Fixed(0);
+        self.trajectory.since = self.status.tick;
         self.planned = ticks;
         self.urgent = false;
         self.take_in(input);
@@ -92,23 +92,25 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             self.raise(fault);
         }
         let (motion, pulses) = self.decide();
-        self.course.pulses = pulses;
-        self.set_course(motion);
+        self.trajectory.pulses = pulses;
+        self.set_trajectory(motion);
         self.status.path = self.path.s();
         self.status.waiting = self.path.waiting() as u16;
         self.urgent = self.plans_every_tick();
     }
 
-    fn set_course(&mut self, motion: Motion) {
+    fn set_trajectory(&mut self, motion: Motion) {
         let allowed = Window::symmetric(self.config.axis.duty_limit).and(self.current_window());
-        self.course.window = allowed;
+        self.trajectory.window = allowed;
         self.status.closed = match motion {
             Motion::Coast => false,
             Motion::Path(..) | Motion::Axis(_) | Motion::Velocity(_) => true,
-            // The single loop, closed over the gap; the strokes of the guided check.
-            Motion::Duty(_) => self.status.state.follows() || self.check.as_ref().is_some_and(Check::closes_loop),
+            // The single loop, closed over the gap; the strokes of commissioning.
+            Motion::Duty(_) => {
+                self.status.state.follows() || self.commissioning.as_ref().is_some_and(Commissioning::closes_loop)
+            }
         };
-        self.course.follow = match motion {
+        self.trajectory.follow = match motion {
             Motion::Coast => {
                 self.limiter.stop();
                 self.axis.reset();
@@ -118,57 +120,57 @@ impl<P: DerefMut<Target = Path>> Head<P> {
                 Follow::Nothing
             }
             Motion::Path(wanted, window) => {
-                self.course.window = window.and(allowed);
+                self.trajectory.window = window.and(allowed);
                 let velocity = self.limited(wanted);
                 // One step of 2^-24 um more, so that the last one reaches the end, where the path holds it.
                 let more = i64::from(velocity.0 > 0.0) - i64::from(velocity.0 < 0.0);
-                self.course.advance = velocity.per_tick().near(Fixed(more));
-                let [travel] = self.path.travel(self.course.advance);
+                self.trajectory.advance = velocity.per_tick().near(Fixed(more));
+                let [travel] = self.path.travel(self.trajectory.advance);
                 let [direction] = self.path.direction();
                 let [setpoint] = self.path.setpoint();
-                self.course.travel = travel;
-                self.course.velocity = CountsPerSecond(velocity.0 * direction);
+                self.trajectory.travel = travel;
+                self.trajectory.velocity = CountsPerSecond(velocity.0 * direction);
                 self.status.setpoint = setpoint;
                 Follow::Setpoint
             }
-            Motion::Axis(leg) => {
+            Motion::Axis(segment) => {
                 self.limiter.stop();
-                self.course.travel = leg.travel;
-                self.course.velocity = leg.velocity;
-                self.status.feed = MicrometresPerSecond(leg.velocity.0 / self.config.axis.counts_per_um);
-                self.status.setpoint = leg.from;
+                self.trajectory.travel = segment.travel;
+                self.trajectory.velocity = segment.velocity;
+                self.status.feed = MicrometresPerSecond(segment.velocity.0 / self.config.axis.counts_per_um);
+                self.status.setpoint = segment.from;
                 Follow::Setpoint
             }
             Motion::Velocity(wanted) => {
                 self.follow_axis();
                 let [direction] = self.path.direction();
-                self.course.velocity = CountsPerSecond(self.limited(wanted).0 * direction);
+                self.trajectory.velocity = CountsPerSecond(self.limited(wanted).0 * direction);
                 Follow::Velocity
             }
             Motion::Duty(duty) => {
                 self.limiter.stop();
                 self.follow_axis();
-                self.course.duty = allowed.clamp(duty);
+                self.trajectory.duty = allowed.clamp(duty);
                 Follow::Duty
             }
         };
     }
 
-    /// Carries the course out for one tick.
+    /// Carries the trajectory out for one tick.
     #[inline]
     pub(super) fn follow(&mut self) -> Drive {
-        let (course, gains) = (&self.course, &self.config.axis.gains);
+        let (trajectory, gains) = (&self.trajectory, &self.config.axis.gains);
         let velocity = self.status.velocity;
-        let duty = if course.follow == Follow::Setpoint {
-            self.status.setpoint = self.status.setpoint.near(course.travel);
+        let duty = if trajectory.follow == Follow::Setpoint {
+            self.status.setpoint = self.status.setpoint.near(trajectory.travel);
             self.status.following = self.status.setpoint.from(self.at);
-            self.axis.follow(gains, self.status.following, course.velocity, velocity, course.window)
+            self.axis.follow(gains, self.status.following, trajectory.velocity, velocity, trajectory.window)
         } else {
             rare();
-            match course.follow {
+            match trajectory.follow {
                 Follow::Nothing | Follow::Setpoint => return Drive::Coast,
-                Follow::Velocity => self.axis.run(gains, course.velocity, velocity, course.window),
-                Follow::Duty => Output::new(course.duty, course.window),
+                Follow::Velocity => self.axis.run(gains, trajectory.velocity, velocity, trajectory.window),
+                Follow::Duty => Output::new(trajectory.duty, trajectory.window),
             }
         };
         self.status.duty = duty.value;

@@ -1,4 +1,4 @@
-//! The guided check: what is wrong is named, and no loop is closed on a wrong sign.
+//! Commissioning: what is wrong is named, and no loop is closed on a wrong sign.
 
 use crate::bench::Bench;
 use edm_servo_head::head::{Command, Fault, Finding, Refused, Report, State};
@@ -17,7 +17,7 @@ fn check(prepare: impl FnOnce(&mut Bench)) -> (Bench, Result<Report, Finding>, f
         bench.state() != State::Commissioning
     });
     assert!(bench.coasts() && !bench.output.pulses);
-    let result = bench.head.check_result().expect("a check that has ended has a result");
+    let result = bench.head.commissioning_result().expect("a check that has ended has a result");
     (bench, result, strongest)
 }
 
@@ -83,7 +83,7 @@ fn signs_corrected_in_the_settings_pass() {
     bench.run(0.1);
     bench.command(Command::Commission);
     bench.run_until(30.0, |bench| bench.state() != State::Commissioning);
-    assert!(bench.head.check_result().unwrap().is_ok());
+    assert!(bench.head.commissioning_result().unwrap().is_ok());
 }
 
 #[test]
@@ -113,5 +113,5 @@ fn an_emergency_stop_ends_the_check() {
     assert_eq!(bench.state(), State::Fault);
     bench.run(1.0);
     assert!(bench.coasts());
-    assert_eq!(bench.head.check_result(), None);
+    assert_eq!(bench.head.commissioning_result(), None);
 }

@@ -1,30 +1,30 @@
-//! What is kept when the power is cut.
+//! What is stored when the power is cut.
 
 use crate::board::{Board, Caller};
 use crate::note::Note;
 use edm_hal_shim::store::{BUFFER, Loaded, Storage};
 use edm_hal_shim::watchdog::Watchdog;
 use edm_servo_head::canopen::Abort;
-use edm_servo_head::head::Leave;
+use edm_servo_head::head::WritePermit;
 use edm_servo_head::stored::{Full, Outcome, StoredImage};
 
 /// Keeps what a host stores.
-pub struct Keeper<B: Board> {
+pub struct ImageStore<B: Board> {
     storage: B::Storage,
     buffer: &'static mut [u8; BUFFER],
     image: &'static mut StoredImage,
     caller: B::Caller,
 }
 
-impl<B: Board> Keeper<B> {
-    /// The keeper of this storage; buffer and image are where it works.
+impl<B: Board> ImageStore<B> {
+    /// The image_store of this storage; buffer and image are where it works.
     pub fn new(
         storage: B::Storage,
         buffer: &'static mut [u8; BUFFER],
         image: &'static mut StoredImage,
         caller: B::Caller,
-    ) -> Keeper<B> {
-        Keeper { storage, buffer, image, caller }
+    ) -> ImageStore<B> {
+        ImageStore { storage, buffer, image, caller }
     }
 
     /// What was stored last, or what is left of it.
@@ -53,20 +53,20 @@ impl<B: Board> Keeper<B> {
         self.image
     }
 
-    /// Does a storage job; `compose` changes what is kept. The processor may stall for half a second.
+    /// Does a storage job; `compose` changes what is stored. The processor may stall for half a second.
     ///
     /// # Errors
     /// [`Abort::Hardware`], [`Abort::OutOfMemory`]: nothing was stored; what was before is still there.
     pub fn change(
         &mut self,
-        leave: &Leave,
+        permit: &WritePermit,
         watchdog: &mut B::Watchdog,
         compose: impl FnOnce(&mut StoredImage) -> Result<(), Full>,
     ) -> Result<(), Abort> {
         self.load();
         compose(self.image).map_err(|_| Abort::OutOfMemory)?;
         watchdog.erase().map_err(|_| Abort::Hardware)?;
-        let result = self.storage.save(self.image.bytes(), self.buffer, leave);
+        let result = self.storage.save(self.image.bytes(), self.buffer, permit);
         // Before anything else: it must not stay slow. Its own oscillator answers, or it is dead and cannot bite anyway.
         let watched = watchdog.normal();
         self.caller.note(if result.is_ok() { &Note::Stored } else { &Note::NotStored });

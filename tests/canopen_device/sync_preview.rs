@@ -14,7 +14,7 @@ fn cyclic() -> Rig {
     rig.write(0x1401, 2, &[1]);
     rig.mode(8);
     while rig.drive.take().is_some() {}
-    assert!(!rig.drive.foresee(&rig.node), "nothing has come");
+    assert!(!rig.drive.preview_sync(&rig.node), "nothing has come");
     rig
 }
 
@@ -41,19 +41,19 @@ fn a_set_point_is_foreseen_when_its_rpdo_has_come_and_not_ordered_once_more() {
     let mut rig = cyclic();
     for target in [1700, 1710, 1710] {
         set_point(&mut rig, target);
-        assert!(rig.drive.foresee(&rig.node));
-        assert_eq!(rig.drive.foreseen(), point(target.into()));
-        assert!(!rig.drive.foresee(&rig.node), "told once");
+        assert!(rig.drive.preview_sync(&rig.node));
+        assert_eq!(rig.drive.sync_preview(), point(target.into()));
+        assert!(!rig.drive.preview_sync(&rig.node), "told once");
         assert_eq!(rig.drive.take(), None, "SYNC has not come");
         assert_eq!(sync(&mut rig), None, "the head has done it");
-        assert!(!rig.drive.foresee(&rig.node));
+        assert!(!rig.drive.preview_sync(&rig.node));
     }
     assert_eq!(sync(&mut rig), None, "nothing new has come");
     // Only the newest counts.
     set_point(&mut rig, 1500);
     set_point(&mut rig, 1600);
-    assert!(rig.drive.foresee(&rig.node));
-    assert_eq!(rig.drive.foreseen(), point(1600));
+    assert!(rig.drive.preview_sync(&rig.node));
+    assert_eq!(rig.drive.sync_preview(), point(1600));
 }
 
 #[test]
@@ -61,8 +61,8 @@ fn it_is_cut_off_at_the_limits_as_it_would_be_later() {
     let mut rig = cyclic();
     rig.write32(0x607D, 2, 1500);
     set_point(&mut rig, 1600);
-    assert!(rig.drive.foresee(&rig.node));
-    assert_eq!(rig.drive.foreseen(), point(1500));
+    assert!(rig.drive.preview_sync(&rig.node));
+    assert_eq!(rig.drive.sync_preview(), point(1500));
     assert_eq!(sync(&mut rig), None);
 }
 
@@ -70,7 +70,7 @@ fn it_is_cut_off_at_the_limits_as_it_would_be_later() {
 fn what_has_changed_before_sync_is_ordered_as_it_is_then() {
     let mut rig = cyclic();
     set_point(&mut rig, 1700);
-    assert!(rig.drive.foresee(&rig.node));
+    assert!(rig.drive.preview_sync(&rig.node));
     // A cycle of 2 ms from now on, and nobody has looked once more.
     rig.write(0x60C2, 1, &[2]);
     let ordered = sync(&mut rig);
@@ -88,11 +88,11 @@ fn it_is_taken_back_when_the_set_point_no_longer_holds() {
     for (n, take_back) in takes_back.into_iter().enumerate() {
         let mut rig = cyclic();
         set_point(&mut rig, 1700);
-        assert!(rig.drive.foresee(&rig.node));
+        assert!(rig.drive.preview_sync(&rig.node));
         take_back(&mut rig);
         while rig.drive.take().is_some() {}
-        assert!(rig.drive.foresee(&rig.node), "{n}");
-        assert_eq!(rig.drive.foreseen(), None, "{n}");
+        assert!(rig.drive.preview_sync(&rig.node), "{n}");
+        assert_eq!(rig.drive.sync_preview(), None, "{n}");
     }
 }
 
@@ -110,18 +110,18 @@ fn a_sync_that_changes_something_else_as_well_waits_for_the_drive() {
     let content = |word: u16, target: i32| [&word.to_le_bytes()[..], &target.to_le_bytes()].concat();
     // The controlword stays.
     rig.send(0x305, &content(0x000F, 1700));
-    assert!(rig.drive.foresee(&rig.node));
-    assert_eq!(rig.drive.foreseen(), point(1700));
+    assert!(rig.drive.preview_sync(&rig.node));
+    assert_eq!(rig.drive.sync_preview(), point(1700));
     assert_eq!(sync(&mut rig), None);
     // It halts.
     rig.send(0x305, &content(0x010F, 1710));
-    assert!(!rig.drive.foresee(&rig.node));
-    assert_eq!(rig.drive.foreseen(), None);
+    assert!(!rig.drive.preview_sync(&rig.node));
+    assert_eq!(rig.drive.sync_preview(), None);
     assert!(matches!(sync(&mut rig), Some(Order::Command(Command::Brake(_)))));
     assert_eq!(rig.drive.take(), None, "it stays halted");
     // It goes on.
     rig.send(0x305, &content(0x000F, 1720));
-    assert!(!rig.drive.foresee(&rig.node));
+    assert!(!rig.drive.preview_sync(&rig.node));
     assert_eq!(sync(&mut rig), point(1720).map(|point| Order::Command(point.command())));
 }
 
@@ -129,10 +129,10 @@ fn a_sync_that_changes_something_else_as_well_waits_for_the_drive() {
 fn a_set_point_by_sdo_is_ordered_though_the_same_is_foreseen() {
     let mut rig = cyclic();
     set_point(&mut rig, 1700);
-    assert!(rig.drive.foresee(&rig.node));
+    assert!(rig.drive.preview_sync(&rig.node));
     // Up to the millisecond of the answer, which hands orders on, nothing has come of SYNC.
     rig.write32(0x607A, 0, 1700);
-    assert!(!rig.drive.foresee(&rig.node));
+    assert!(!rig.drive.preview_sync(&rig.node));
     assert_eq!(rig.machine.status().state, edm_servo_head::head::State::Positioning);
 }
 
@@ -141,10 +141,10 @@ fn a_sync_of_the_wrong_length_releases_nothing() {
     let mut rig = cyclic();
     assert_eq!(rig.node.sync_length(), 0);
     set_point(&mut rig, 1700);
-    assert!(rig.drive.foresee(&rig.node));
+    assert!(rig.drive.preview_sync(&rig.node));
     rig.send(0x80, &[1]);
     assert_eq!(rig.node.synchronised(Time(rig.ms * 1000), &mut rig.drive), None);
-    assert_eq!(rig.drive.foreseen(), point(1700), "it still waits");
+    assert_eq!(rig.drive.sync_preview(), point(1700), "it still waits");
     rig.send(0, &[128, 5]);
     rig.write(0x1019, 0, &[10]);
     assert_eq!(rig.node.sync_length(), 1);
@@ -193,26 +193,29 @@ fn whatever_a_host_sends_what_is_released_is_what_would_be_ordered() {
             for rig in [&mut plain, &mut early] {
                 rig.send(id, &data);
             }
-            let foreseen = early.drive.foreseen();
+            let sync_preview = early.drive.sync_preview();
             let now = Time(plain.ms * 1000);
             let synchronised = plain.node.synchronised(now, &mut plain.drive);
             assert_eq!(synchronised, early.node.synchronised(now, &mut early.drive));
             let mut orders = [Vec::new(), Vec::new()];
             if synchronised.is_some() {
                 early.drive.synchronised();
-                orders[1].extend(foreseen.map(|point| Order::Command(point.command())));
-                released[usize::from(foreseen.is_some())] += 1;
+                orders[1].extend(sync_preview.map(|point| Order::Command(point.command())));
+                released[usize::from(sync_preview.is_some())] += 1;
             }
             for (rig, orders) in [&mut plain, &mut early].into_iter().zip(&mut orders) {
                 orders.extend(core::iter::from_fn(|| rig.drive.take()));
                 orders.iter().for_each(|order| rig.carry_out(*order));
             }
-            assert_eq!(orders[0], orders[1], "seed {seed}, frame {n}: {id:03x}h {data:x?}, foreseen {foreseen:?}");
-            early.drive.foresee(&early.node);
+            assert_eq!(
+                orders[0], orders[1],
+                "seed {seed}, frame {n}: {id:03x}h {data:x?}, sync_preview {sync_preview:?}"
+            );
+            early.drive.preview_sync(&early.node);
             if random.random_range(0..4) == 0 {
                 plain.step();
                 early.step();
-                early.drive.foresee(&early.node);
+                early.drive.preview_sync(&early.node);
             }
             // What a fault or a wrong step of the state machine has ended begins anew.
             if n % 100 == 99 {
@@ -225,7 +228,7 @@ fn whatever_a_host_sends_what_is_released_is_what_would_be_ordered() {
                         rig.control(word);
                     }
                 }
-                early.drive.foresee(&early.node);
+                early.drive.preview_sync(&early.node);
             }
         }
     }

@@ -1,6 +1,6 @@
-//! What a host may write into the communication area, and when.
+//! What a host may write into the communication objects, and when.
 
-use super::{Area, Found, Item};
+use super::{CommunicationObject, CommunicationObjects, Item};
 use crate::emergency::Cause;
 use crate::parameters::{INVALID, Pdo, validate};
 use crate::pdo::{Direction, Map};
@@ -19,34 +19,39 @@ fn group(sub: u8) -> Group {
     }
 }
 
-impl Area {
+impl CommunicationObjects {
     /// Writes a value of the right length.
     ///
     /// # Errors
     /// Nothing has changed.
-    pub fn write(&mut self, found: Found, data: &[u8], dictionary: &mut dyn Dictionary) -> Result<Written, Abort> {
+    pub fn write(
+        &mut self,
+        object: CommunicationObject,
+        data: &[u8],
+        dictionary: &mut dyn Dictionary,
+    ) -> Result<Written, Abort> {
         let mut bytes = [0; 4];
         bytes.get_mut(..data.len()).ok_or(Abort::LengthTooHigh)?.copy_from_slice(data);
         let value = u32::from_le_bytes(bytes);
-        match found.item {
-            Item::Store | Item::Restore => return request(found, value, dictionary),
+        match object.item {
+            Item::Store | Item::Restore => return request(object, value, dictionary),
             Item::ErrorCount if value == 0 => self.emergency.forget(),
             Item::ErrorCount => return Err(Abort::InvalidValue),
             item => {
                 validate(item, value)?;
-                self.permit(found, value, dictionary)?;
-                self.parameters.set(found, value);
-                self.changed(found);
+                self.permit(object, value, dictionary)?;
+                self.parameters.set(object, value);
+                self.changed(object);
             }
         }
         Ok(Written::Now)
     }
 
     /// Whether a value can be together with the others, now. A mapping is resolved when it is.
-    fn permit(&mut self, found: Found, value: u32, dictionary: &dyn Dictionary) -> Result<(), Abort> {
-        let old = self.parameters.get(found);
+    fn permit(&mut self, object: CommunicationObject, value: u32, dictionary: &dyn Dictionary) -> Result<(), Abort> {
+        let old = self.parameters.get(object);
         let own = &mut self.parameters;
-        let (item, number) = (found.item, found.pdo);
+        let (item, number) = (object.item, object.pdo);
         let pdo = item.direction().and_then(|direction| Some((direction, own.pdo(direction, number)?)));
         match (item, pdo) {
             // An identifier in use may only be put out of use (CiA 301 7.5.2.17, 7.5.2.35).
@@ -55,7 +60,7 @@ impl Area {
             }
             // CiA 301 7.5.2.22.
             (Item::Overflow, _) if own.period != 0 => Err(Abort::DeviceState),
-            (Item::Watched, _) if own.watches_twice(found, value) => Err(Abort::Incompatible),
+            (Item::Watched, _) if own.watches_twice(object, value) => Err(Abort::Incompatible),
             (Item::Inhibit | Item::Start | Item::MapCount(_) | Item::MapEntry(_), Some((_, pdo))) if pdo.valid() => {
                 Err(Abort::DeviceState)
             }
@@ -71,15 +76,15 @@ impl Area {
     }
 
     /// What was under way by an old parameter is not.
-    fn changed(&mut self, found: Found) {
-        let which = usize::from(found.pdo);
-        match (found.item, found.item.direction()) {
+    fn changed(&mut self, object: CommunicationObject) {
+        let which = usize::from(object.pdo);
+        match (object.item, object.item.direction()) {
             (Item::SyncId | Item::Period, _) => {
                 self.sync.restart();
                 self.emergency.clear(Cause::SyncLost);
             }
             (Item::Watched, _) => {
-                let at = found.sub.saturating_sub(1);
+                let at = object.sub.saturating_sub(1);
                 self.consumer.restart(at.into());
                 self.emergency.clear(Cause::Heartbeat(at));
             }
@@ -91,7 +96,7 @@ impl Area {
             (_, Some(Direction::Receive)) => {
                 self.receive.get_mut(which).into_iter().for_each(|pdo| pdo.restart());
                 for cause in [Cause::Short, Cause::Long, Cause::Late] {
-                    self.emergency.clear(cause(found.pdo as u8));
+                    self.emergency.clear(cause(object.pdo as u8));
                 }
             }
             _ => {}
@@ -99,10 +104,10 @@ impl Area {
     }
 }
 
-fn request(found: Found, value: u32, dictionary: &mut dyn Dictionary) -> Result<Written, Abort> {
-    let request = match (found.item, value) {
-        (Item::Store, SAVE) => Request::Store(group(found.sub)),
-        (Item::Restore, LOAD) => Request::Restore(group(found.sub)),
+fn request(object: CommunicationObject, value: u32, dictionary: &mut dyn Dictionary) -> Result<Written, Abort> {
+    let request = match (object.item, value) {
+        (Item::Store, SAVE) => Request::Store(group(object.sub)),
+        (Item::Restore, LOAD) => Request::Restore(group(object.sub)),
         _ => return Err(Abort::NotStored),
     };
     dictionary.request(request)?;

@@ -1,6 +1,6 @@
-//! The communication area as others are told of it: by address, type, access and default, without a word.
+//! The communication objects as others are told of it: by address, type, access and default, without a word.
 
-use super::objects::{Found, Item, TABLE};
+use super::objects::{CommunicationObject, Item, TABLE};
 use crate::device::Device;
 use crate::parameters::Parameters;
 use crate::{Access, DataType, Mapping};
@@ -39,7 +39,7 @@ pub struct OwnObject {
     pub stored: bool,
 }
 
-/// Every value of the communication area of a device, by rising index and sub-index.
+/// Every value of the communication objects of a device, by rising index and sub-index.
 pub fn own_objects(device: &Device) -> impl Iterator<Item = OwnObject> + '_ {
     // Node 0: identifiers lack the node-ID.
     let defaults = Parameters::new(device, 0);
@@ -47,23 +47,23 @@ pub fn own_objects(device: &Device) -> impl Iterator<Item = OwnObject> + '_ {
         let rows = TABLE.iter().filter(move |row| row.has(index));
         rows.flat_map(|row| (0..row.sub.1).map(move |nth| (row, row.sub.0.wrapping_add(nth)))).map(move |(row, sub)| {
             let pdo = index.wrapping_sub(row.index.0);
-            let found = Found { item: row.item, kind: row.kind, access: row.access, pdo, sub };
+            let object = CommunicationObject { item: row.item, kind: row.kind, access: row.access, pdo, sub };
             OwnObject {
                 index,
                 sub,
                 kind: row.kind,
                 access: row.access,
                 mapping: if row.item == Item::ErrorRegister { Mapping::Transmit } else { Mapping::No },
-                default: default(device, defaults, found),
+                default: default(device, defaults, object),
                 stored: row.is_stored(),
             }
         })
     })
 }
 
-fn default(device: &Device, mut defaults: Parameters, found: Found) -> DefaultValue {
+fn default(device: &Device, mut defaults: Parameters, object: CommunicationObject) -> DefaultValue {
     let number = |value: u32| DefaultValue::Number(value.into());
-    match found.item {
+    match object.item {
         Item::Name => DefaultValue::Text(device.name),
         Item::Hardware => DefaultValue::Text(device.hardware),
         Item::Software => DefaultValue::Text(device.software),
@@ -74,11 +74,11 @@ fn default(device: &Device, mut defaults: Parameters, found: Found) -> DefaultVa
         Item::Serial | Item::PastError => DefaultValue::Unknown,
         Item::Service(base) => DefaultValue::NodeId(base.into()),
         Item::EmergencyId => DefaultValue::NodeId(defaults.emergency_id),
-        Item::PdoId(_) => DefaultValue::NodeId(defaults.get(found)),
+        Item::PdoId(_) => DefaultValue::NodeId(defaults.get(object)),
         Item::Fixed(value) => number(value.into()),
         Item::ErrorRegister | Item::ErrorCount => number(0),
         Item::Store | Item::Restore => number(1),
-        _ => number(defaults.get(found)),
+        _ => number(defaults.get(object)),
     }
 }
 
@@ -99,8 +99,8 @@ mod tests {
         for index in 0x1000..0x2000 {
             for sub in 0..=255 {
                 let listed = all.iter().find(|d| (d.index, d.sub) == (index, sub));
-                let found = find(index, sub).ok();
-                assert_eq!(listed.map(|d| (d.kind, d.access)), found.map(|f| (f.kind, f.access)));
+                let object = find(index, sub).ok();
+                assert_eq!(listed.map(|d| (d.kind, d.access)), object.map(|f| (f.kind, f.access)));
             }
         }
         assert_eq!(find(0x1404, 0), Err(Abort::NoObject));

@@ -1,4 +1,4 @@
-//! The guided check: encoder direction, motor polarity, gap polarity and stroke, before any loop is closed.
+//! Commissioning: encoder direction, motor polarity, gap polarity and stroke, before any loop is closed.
 //!
 //! It starts with the head at rest at its upper stop (where counterbalance or spring hold it) and no workpiece below. The
 //! stop is what makes the signs certain: from there the head can only move toward the work, so
@@ -107,7 +107,7 @@ pub struct Wish {
 
 /// A check under way.
 #[derive(Clone, Copy, Debug)]
-pub struct Check {
+pub struct Commissioning {
     step: Step,
     ticks: u32,
     start: i64,
@@ -131,10 +131,10 @@ const fn ticks(seconds: f32) -> u32 {
     (seconds / TICK_S) as u32
 }
 
-impl Check {
+impl Commissioning {
     /// Begins where the head is.
-    pub fn new(count: i64) -> Check {
-        Check {
+    pub fn new(count: i64) -> Commissioning {
+        Commissioning {
             step: Step::Rest,
             ticks: 0,
             start: count,
