@@ -2,16 +2,16 @@
 
 use crate::Board;
 use crate::can::{Receive, Transmit};
-use crate::crossings::{Arrival, Crossings, Reset, ServoConfig, Signals, StorageJob};
+use crate::crossings::{Arrival, Crossings, HeadConfig, Reset, ServoConfig, Signals, StorageJob};
 use crate::encoder::Decoder;
 use crate::gap::Gap;
 use crate::idle::Idle;
 use crate::image_store::ImageStore;
+use crate::plan::{Carried, Plans};
 use crate::protocol::{Configuring, Protocol, Uptime};
-use crate::servo::{Carried, Servo};
+use crate::servo::Servo;
 use crate::supervise::Supervise;
 use crate::timers::Timers;
-use edm_crossing::latest::Reader;
 use edm_crossing::ring::{Receiver, Sender};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::QuadratureLines;
@@ -20,10 +20,13 @@ use edm_hal_shim::reflex::{ForcedLines, Thresholds};
 use edm_servo_head::canopen::drive::Drive;
 use edm_servo_head::canopen::{Frame, Node};
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, Shared as Published, TimerCount};
-use edm_servo_head::gap::GapReading;
-use edm_servo_head::head::{Fault, Head, State, Status, Supervisor, TickInput, WritePermit};
+use edm_servo_head::gap::{GapReading, Quality};
+use edm_servo_head::head::{
+    Counters, Estimate, Follower, Judged, Measured, Plan, Planner, State, Status, Supervisor, TickInput, WritePermit,
+};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{Active, Settings};
+use edm_servo_head::units::TICKS_PER_MS;
 
 pub use crate::protocol::HostEnds;
 
@@ -58,6 +61,7 @@ pub struct Tasks<B: Board> {
     pub decoder: Decoder<B>,
     pub gap: Gap<B>,
     pub servo: Servo<B>,
+    pub plan: Plans<B>,
     pub supervise: Supervise<B>,
     pub receive: Receive<B>,
     pub transmit: Transmit<B>,
@@ -85,7 +89,6 @@ pub struct IdleEnds<B: Board> {
     caller: B::Caller,
     guard: B::Guard,
     signals: &'static Signals,
-    report: Reader<'static, Status>,
     granted: Receiver<'static, (StorageJob, WritePermit), 1>,
     returned: Sender<'static, WritePermit, 1>,
     resets: Receiver<'static, Reset, 4>,
@@ -108,12 +111,17 @@ pub fn assemble<B: Board>(
     generator.request_off_time(active.off_time_ns);
 
     let (reading_in, reading) = crossings.reading.split(GapReading::default());
-    let (judged_in, judged) = crossings.judged.split(Status::default());
+    let (estimates_in, estimates) = crossings.estimates.split(Estimate::default());
+    let (plans_in, plans) = crossings.plans.split(Plan::DISABLED);
+    let (measured_in, measured) = crossings.measured.split((Measured::default(), Counters::default()));
+    let (judged_in, judged) = crossings.judged.split(Judged::default());
     let (published_in, published) = crossings.published.split(Status::default());
-    let (servo_in, servo) = crossings.servo.split(ServoConfig { head: active.head, off_time_ns: active.off_time_ns });
+    let off_time_ns = active.off_time_ns;
+    let (head_in, head) = crossings.head.split(HeadConfig { head: active.head, off_time_ns });
+    let (servo_in, servo) = crossings.servo.split(ServoConfig { follow: active.head.follow(), off_time_ns });
+    let (previews_in, previews) = crossings.previews.split((None, 0));
     let (gap_in, gap) = crossings.gap.split(active.gap);
-    let (limits_in, limits) = crossings.limits.split(active.head.supervise);
-    let (report_in, report) = crossings.report.split(Status::default());
+    let (supervision_in, supervision) = crossings.supervision.split(active.head.supervision());
     let (faults_in, faults) = crossings.faults.split();
     let (requests_in, requests) = crossings.requests.split();
     let (answers_in, answers) = crossings.answers.split();
@@ -121,7 +129,7 @@ pub fn assemble<B: Board>(
     let (returned_in, returned) = crossings.returned.split();
     let (resets_in, resets) = crossings.resets.split();
     let (changes_in, changes) = crossings.changes.split();
-    let (checked_in, checked) = crossings.checked.split();
+    let (commissioned_in, commissioned) = crossings.commissioned.split();
     let (received_in, received) = crossings.received.split();
     let (sending_in, sending) = crossings.sending.split();
 
@@ -147,7 +155,7 @@ pub fn assemble<B: Board>(
             settings: gap,
         },
         servo: Servo {
-            head: Head::new(active.head, path),
+            follower: Follower::new(active.head.follow()),
             bridge: parts.bridge,
             generator,
             inputs: parts.inputs,
@@ -166,21 +174,38 @@ pub fn assemble<B: Board>(
             retreats,
             state: State::Disabled,
             input: TickInput::default(),
-            told: (Fault::HostSilent, 0),
-            carried: Carried::NONE,
-            sync_preview: None,
-            timed: 0,
+            counters: Counters::default(),
+            fresh: false,
+            quality: Quality::Missing,
+            once: false,
+            millisecond: TICKS_PER_MS,
+            preview: None,
             reading,
             faults,
+            config: servo,
+            previews,
+            plans,
+            estimates: estimates_in,
+            measured: measured_in,
+        },
+        plan: Plans {
+            planner: Planner::new(active.head, path),
+            clock,
+            caller,
+            signals,
+            carried: Carried::NONE,
+            estimates,
+            judged,
+            plans: plans_in,
             requests,
             answers: answers_in,
-            config: servo,
+            config: head,
+            servo: servo_in,
             granted: granted_in,
             returned,
-            judged: judged_in,
             published: published_in,
             changes: changes_in,
-            checked: checked_in,
+            commissioned: commissioned_in,
         },
         supervise: Supervise {
             millisecond: parts.millisecond,
@@ -189,10 +214,10 @@ pub fn assemble<B: Board>(
             caller,
             signals,
             count: 0,
-            statuses: judged,
-            limits,
+            measured,
+            config: supervision,
             faults: faults_in,
-            report: report_in,
+            judged: judged_in,
         },
         receive: Receive { inboxes, sync: parts.sync, clock, caller, signals, received: received_in },
         transmit: Transmit { mailboxes, caller, signals, sending },
@@ -208,15 +233,16 @@ pub fn assemble<B: Board>(
             ends: HostEnds {
                 requests: requests_in,
                 answers,
-                servo: servo_in,
+                head: head_in,
+                previews: previews_in,
                 gap: gap_in,
-                limits: limits_in,
+                supervision: supervision_in,
                 published,
                 changes,
-                checked,
+                commissioned,
             },
         },
-        idle: IdleEnds { clock, caller, guard: parts.guard, signals, report, granted, returned: returned_in, resets },
+        idle: IdleEnds { clock, caller, guard: parts.guard, signals, granted, returned: returned_in, resets },
     })
 }
 
@@ -260,7 +286,6 @@ impl<B: Board> IdleEnds<B> {
             caller: self.caller,
             signals: self.signals,
             reset: None,
-            report: self.report,
             granted: self.granted,
             returned: self.returned,
             resets: self.resets,

@@ -90,6 +90,8 @@ pub trait Board {
 
 /// Whoever calls the tasks, and hears what is to be logged. A task that is asked for while it runs, runs once more.
 pub trait Caller: Copy {
+    /// The planner has an estimate to plan on.
+    fn plan(&self);
     /// The protocol has something to do.
     fn protocol(&self);
     /// Frames wait to be sent.

@@ -9,11 +9,12 @@ use edm_crossing::ring::Ring;
 use edm_hal_shim::board;
 use edm_hal_shim::reflex::Limits;
 use edm_hal_shim::task_watchdog::TaskWatchdog;
-use edm_servo_head::canopen::drive::{SetPoint, TASKS};
+use edm_servo_head::canopen::drive::TASKS;
 use edm_servo_head::canopen::{Frame, Group};
 use edm_servo_head::gap::{GapReading, voltage};
 use edm_servo_head::head::{
-    Change, Command, Config, Fault, Finding, Refused, Report, Status, SupervisionLimits, WritePermit,
+    Change, Command, Config, Counters, Estimate, Fault, Finding, FollowConfig, Judged, Measured, Plan, Refused, Report,
+    SetPoint, Status, SupervisionConfig, WritePermit,
 };
 use edm_servo_head::units;
 
@@ -32,19 +33,25 @@ pub const SERVO: usize = 1;
 pub const SUPERVISE: usize = 2;
 /// See [`GAP`].
 pub const PROTOCOL: usize = 3;
+/// See [`GAP`].
+pub const PLAN: usize = 4;
 /// How long each may be silent.
-const SILENCE: [u32; TASKS] = [MS, 3 * MS / 2, 5 * MS, 50 * MS];
+const SILENCE: [u32; TASKS] = [MS, 3 * MS / 2, 5 * MS, 50 * MS, 3 * MS];
 
-/// Requests to the servo task that may be under way: sent, and not answered.
+/// Requests to the planner that may be under way: sent, and not answered.
 pub const REQUESTS: usize = 8;
-/// Answers that can wait: one to each request, one to each set point that a request left for a SYNC, and one to the set point
-/// that an earlier request left.
-pub const ANSWERS: usize = 2 * REQUESTS + 1;
+/// Answers that can wait: one to each request, and as many to set points that SYNCs have released.
+pub const ANSWERS: usize = 2 * REQUESTS;
 
 /// What crosses as a flag, a count or a word.
 pub struct Signals {
-    /// Something waits for the servo task, which looks into none of its rings otherwise. Set after the ring was filled.
+    /// Something waits for the servo task or the planner; the servo task looks into none of its crossings otherwise, and asks
+    /// for a plan then. Set after the crossing was filled.
     pub waiting: Flag,
+    /// A millisecond has begun: the protocol does what it does in each.
+    pub millisecond: Flag,
+    /// A second has begun: the log is told how the head is.
+    pub second: Flag,
     /// Servo ticks of uninterrupted short: of the gap reading, what every tick looks at.
     pub short_ticks: Word,
     /// SYNCs that have come.
@@ -74,6 +81,8 @@ impl Signals {
     pub const fn new() -> Self {
         Signals {
             waiting: Flag::new(),
+            millisecond: Flag::new(),
+            second: Flag::new(),
             short_ticks: Word::new(0),
             syncs: Counter::new(),
             sync_length: Word::new(0),
@@ -95,15 +104,13 @@ impl Default for Signals {
     }
 }
 
-/// From the protocol to the servo task.
+/// From the protocol to the planner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Request {
     /// A command to the head.
     Command(Command),
     /// The newest configuration is to run.
     Configure,
-    /// What the next SYNC releases, and how many had come before this was decided.
-    SyncPreview(Option<SetPoint>, u32),
     /// Raise a fault.
     Raise(Fault),
     /// A permit to write flash, for a storage job.
@@ -115,9 +122,9 @@ pub enum Request {
 pub enum Answer {
     /// A command, and the tick that knew of it first.
     Command(Command, Result<(), Refused>, u32),
-    /// The same for what a SYNC has released. Beside the answer to the request that left it there.
+    /// The same for what a SYNC has released.
     SyncPreview(Command, Result<(), Refused>, u32),
-    /// The servo task has judged the newest configuration: its crossing says how.
+    /// The planner has judged the newest configuration: its crossing says how.
     Configured,
     /// No permit: the drive is not disabled.
     NoPermit,
@@ -154,50 +161,70 @@ pub enum Reset {
     Communication,
 }
 
-/// What the servo task runs.
+/// What the planner is to run, and through it the servo task.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ServoConfig {
+pub struct HeadConfig {
     /// The head.
     pub head: Config,
     /// Off-time requested of the generator, ns.
     pub off_time_ns: Option<u32>,
 }
 
+/// What the next SYNC releases, and how many had come before this was decided.
+pub type Preview = (Option<SetPoint>, u32);
+
+/// What the servo task runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ServoConfig {
+    /// The follower.
+    pub follow: FollowConfig,
+    /// Off-time requested of the generator, ns.
+    pub off_time_ns: Option<u32>,
+}
+
 /// What commissioning found.
-pub type Checked = Result<Report, Finding>;
+pub type Commissioned = Result<Report, Finding>;
 
 /// The crossings that are more than a word.
 pub struct Crossings {
     /// Gap task to servo task.
     pub(crate) reading: Latest<GapReading>,
+    /// Servo task to planner.
+    pub(crate) estimates: Latest<Estimate>,
+    /// Planner to servo task.
+    pub(crate) plans: Latest<Plan>,
     /// Servo task to supervision.
-    pub(crate) judged: Latest<Status>,
-    /// Servo task to protocol.
+    pub(crate) measured: Latest<(Measured, Counters)>,
+    /// Supervision to planner.
+    pub(crate) judged: Latest<Judged>,
+    /// Planner to protocol.
     pub(crate) published: Latest<Status>,
-    /// Protocol to servo task.
+    /// Protocol to planner.
+    pub(crate) head: Latest<HeadConfig>,
+    /// Planner to servo task.
     pub(crate) servo: Latest<ServoConfig>,
+    /// Protocol to servo task.
+    pub(crate) previews: Latest<Preview>,
     /// Protocol to gap task.
     pub(crate) gap: Latest<voltage::Active>,
     /// Protocol to supervision.
-    pub(crate) limits: Latest<SupervisionLimits>,
-    /// Supervision to idle, once a second.
-    pub(crate) report: Latest<Status>,
+    pub(crate) supervision: Latest<SupervisionConfig>,
     /// Supervision to servo task.
     pub(crate) faults: Ring<Fault, 8>,
-    /// Protocol to servo task.
+    /// Protocol to planner.
     pub(crate) requests: Ring<Request, REQUESTS>,
-    /// Servo task to protocol.
+    /// Planner to protocol.
     pub(crate) answers: Ring<Answer, ANSWERS>,
-    /// Servo task to idle: there is one permit.
+    /// Planner to idle: there is one permit.
     pub(crate) granted: Ring<(StorageJob, WritePermit), 1>,
-    /// Idle to servo task.
+    /// Idle to planner.
     pub(crate) returned: Ring<WritePermit, 1>,
     /// Protocol to idle.
     pub(crate) resets: Ring<Reset, 4>,
-    /// Servo task to protocol.
+    /// Planner to protocol.
     pub(crate) changes: Ring<Change, 16>,
-    /// Servo task to protocol.
-    pub(crate) checked: Ring<Checked, 2>,
+    /// Planner to protocol.
+    pub(crate) commissioned: Ring<Commissioned, 2>,
     /// Receive interrupts to protocol.
     pub(crate) received: Ring<Arrival, 32>,
     /// Protocol to transmit interrupt.
@@ -209,12 +236,16 @@ impl Crossings {
     pub const fn new() -> Self {
         Crossings {
             reading: Latest::new(),
+            estimates: Latest::new(),
+            plans: Latest::new(),
+            measured: Latest::new(),
             judged: Latest::new(),
             published: Latest::new(),
+            head: Latest::new(),
             servo: Latest::new(),
+            previews: Latest::new(),
             gap: Latest::new(),
-            limits: Latest::new(),
-            report: Latest::new(),
+            supervision: Latest::new(),
             faults: Ring::new(),
             requests: Ring::new(),
             answers: Ring::new(),
@@ -222,7 +253,7 @@ impl Crossings {
             returned: Ring::new(),
             resets: Ring::new(),
             changes: Ring::new(),
-            checked: Ring::new(),
+            commissioned: Ring::new(),
             received: Ring::new(),
             sending: Ring::new(),
         }

@@ -6,12 +6,11 @@ use crate::crossings::{MS, Reset, Signals, StorageJob};
 use crate::image_store::ImageStore;
 use crate::note::Note;
 use crate::protocol::Protocol;
-use edm_crossing::latest::Reader;
 use edm_crossing::ring::{Receiver, Sender};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::EdgeGuard;
 use edm_hal_shim::watchdog::Watchdog;
-use edm_servo_head::head::{Status, WritePermit};
+use edm_servo_head::head::WritePermit;
 use rtic_core::Mutex;
 
 /// Cycles from a reset by the host to boot-up. Hosts begin to wait for it after they have sent the reset, and miss one that
@@ -28,7 +27,6 @@ pub struct Idle<B: Board> {
     pub(crate) signals: &'static Signals,
     /// The host has reset the node, at this count.
     pub(crate) reset: Option<u32>,
-    pub(crate) report: Reader<'static, Status>,
     pub(crate) granted: Receiver<'static, (StorageJob, WritePermit), 1>,
     pub(crate) returned: Sender<'static, WritePermit, 1>,
     pub(crate) resets: Receiver<'static, Reset, 4>,
@@ -41,8 +39,9 @@ impl<B: Board> Idle<B> {
             None => self.watchdog.feed(),
             Some(task) => self.watchdog.silent(task),
         }
-        if self.report.refresh() {
-            self.caller.note(&Note::Status(*self.report.get()));
+        if self.signals.second.take() {
+            let status = protocol.lock(|protocol| *protocol.status());
+            self.caller.note(&Note::Status(status));
             self.caller.note(&Note::Pulses(self.caller.pulse()));
         }
         if let Some((job, permit)) = self.granted.receive() {

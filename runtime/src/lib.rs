@@ -27,6 +27,7 @@ pub mod gap;
 pub mod idle;
 pub mod image_store;
 pub mod note;
+pub mod plan;
 pub mod protocol;
 pub mod servo;
 pub mod supervise;

@@ -1,13 +1,14 @@
 //! The head as a CANopen device: frames in and out, orders to the other tasks, and what they have done.
 //!
-//! A host's write to a setting is answered when every task runs it: the servo task first, because the head may refuse it, then
+//! A host's write to a setting is answered when every task runs it: the planner first, because it may refuse it, then
 //! gap task, supervision and reflex. Until then the host waits, some 0.1 ms, and a further configuration waits with it.
 
 use crate::Board;
 use crate::Note;
 use crate::board::Caller;
 use crate::crossings::{
-    ANSWERS, Answer, Arrival, Checked, PROTOCOL, REQUESTS, Request, Reset, ServoConfig, Signals, StorageJob,
+    ANSWERS, Answer, Arrival, Commissioned, HeadConfig, PROTOCOL, Preview, REQUESTS, Request, Reset, Signals,
+    StorageJob,
 };
 use crate::timers::Timers;
 use edm_crossing::latest::{Reader, Writer};
@@ -18,7 +19,7 @@ use edm_hal_shim::reflex::Thresholds;
 use edm_servo_head::canopen::drive::{Drive, Generations, Order};
 use edm_servo_head::canopen::{Abort, BootError, Controller, Frame, Node, Time};
 use edm_servo_head::gap::voltage;
-use edm_servo_head::head::{Change, Status, SupervisionLimits};
+use edm_servo_head::head::{Change, SetPoint, Status, SupervisionConfig};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::stored::{Full, LoadReport, StoredImage};
 
@@ -27,8 +28,8 @@ use edm_servo_head::stored::{Full, LoadReport, StoredImage};
 pub(crate) enum Configuring {
     /// It runs everywhere, or was refused.
     Done,
-    /// The servo task has been asked.
-    Servo,
+    /// The planner has been asked.
+    Head,
     /// The head runs it; gap task and supervision have been told.
     Others,
 }
@@ -64,22 +65,24 @@ pub struct Protocol<B: Board> {
 
 /// The ends of the crossings by which a head is commanded: the protocol's, or those of whoever stands in its place.
 pub struct HostEnds {
-    /// Requests to the servo task.
+    /// Requests to the planner.
     pub requests: Sender<'static, Request, REQUESTS>,
     /// What came of them.
     pub answers: Receiver<'static, Answer, ANSWERS>,
-    /// What the servo task is to run.
-    pub servo: Writer<'static, ServoConfig>,
+    /// What the planner is to run.
+    pub head: Writer<'static, HeadConfig>,
+    /// What the next SYNC releases.
+    pub previews: Writer<'static, Preview>,
     /// What the gap task is to run.
     pub gap: Writer<'static, voltage::Active>,
     /// What the supervision is to judge by.
-    pub limits: Writer<'static, SupervisionLimits>,
-    /// How the head is, every millisecond.
+    pub supervision: Writer<'static, SupervisionConfig>,
+    /// How the head is, after every plan.
     pub published: Reader<'static, Status>,
     /// Changes of its state.
     pub changes: Receiver<'static, Change, 16>,
     /// Results of commissionings.
-    pub checked: Receiver<'static, Checked, 2>,
+    pub commissioned: Receiver<'static, Commissioned, 2>,
 }
 
 impl<B: Board> Protocol<B> {
@@ -112,6 +115,11 @@ impl<B: Board> Protocol<B> {
         self.node
     }
 
+    /// How the head is.
+    pub fn status(&self) -> &Status {
+        self.ends.published.get()
+    }
+
     /// The drive.
     pub fn drive(&self) -> &Drive {
         self.drive
@@ -124,7 +132,7 @@ impl<B: Board> Protocol<B> {
         filters.listen(sync, &others);
         let frames = self.signals.overruns.read().wrapping_add(self.received.lost());
         let ends = &self.ends;
-        let rings = [ends.changes.lost(), ends.checked.lost(), ends.answers.lost()];
+        let rings = [ends.changes.lost(), ends.commissioned.lost(), ends.answers.lost()];
         let before_them = [self.signals.lost_faults.load(), self.signals.lost_changes.load()];
         let lost = [frames, rings.into_iter().chain(before_them).fold(0, u32::wrapping_add)];
         let before = core::mem::replace(&mut self.lost, lost);
@@ -150,7 +158,7 @@ impl<B: Board> Protocol<B> {
         }
     }
 
-    /// What the servo task tells; whether it has told of a millisecond.
+    /// What planner and servo task tell; whether a millisecond has begun.
     fn news(&mut self, now: u32) -> bool {
         while let Some(answer) = self.ends.answers.receive() {
             if !matches!(answer, Answer::SyncPreview(..)) {
@@ -169,8 +177,8 @@ impl<B: Board> Protocol<B> {
         if self.configuring == Configuring::Others {
             self.taken();
         }
-        let whole = self.ends.published.refresh();
-        if whole {
+        let whole = self.signals.millisecond.take();
+        if self.ends.published.refresh() {
             let status = self.ends.published.get();
             if status.tick.wrapping_sub(self.known) as i32 >= 0 {
                 self.drive.observe(status);
@@ -180,7 +188,7 @@ impl<B: Board> Protocol<B> {
             self.caller.note(&Note::Changed(change));
             self.drive.changed(change);
         }
-        while let Some(result) = self.ends.checked.receive() {
+        while let Some(result) = self.ends.commissioned.receive() {
             self.caller.note(&Note::Checked(result));
             self.drive.checked(result);
         }
@@ -190,19 +198,19 @@ impl<B: Board> Protocol<B> {
         whole
     }
 
-    /// Asks the servo task to run what the drive says now.
+    /// Asks the planner to run what the drive says now.
     fn configure(&mut self) {
         let active = self.drive.active();
-        self.ends.servo.write(|slot| *slot = ServoConfig { head: active.head, off_time_ns: active.off_time_ns });
-        self.configuring = Configuring::Servo;
+        self.ends.head.write(|slot| *slot = HeadConfig { head: active.head, off_time_ns: active.off_time_ns });
+        self.configuring = Configuring::Head;
         self.generations();
         self.request(Request::Configure);
     }
 
-    /// The servo task has judged the newest configuration.
+    /// The planner has judged the newest configuration.
     fn judged(&mut self) {
-        let verdict = self.ends.servo.verdict();
-        if verdict.generation != self.ends.servo.generation() {
+        let verdict = self.ends.head.verdict();
+        if verdict.generation != self.ends.head.generation() {
             return;
         }
         if !verdict.accepted {
@@ -215,7 +223,7 @@ impl<B: Board> Protocol<B> {
         self.configuring = Configuring::Others;
         let active = self.drive.active();
         self.ends.gap.write(|slot| *slot = active.gap);
-        self.ends.limits.write(|slot| *slot = active.head.supervise);
+        self.ends.supervision.write(|slot| *slot = active.head.supervision());
         self.signals.reflex.set(&active.reflex);
         if self.thresholds.set(&active.reflex).is_err() {
             self.caller.note(&Note::ThresholdsRefused);
@@ -226,7 +234,7 @@ impl<B: Board> Protocol<B> {
     /// Whether gap task and supervision run the newest configuration, too.
     fn taken(&mut self) {
         let gap = self.ends.gap.verdict().generation == self.ends.gap.generation();
-        let supervision = self.ends.limits.verdict().generation == self.ends.limits.generation();
+        let supervision = self.ends.supervision.verdict().generation == self.ends.supervision.generation();
         if gap && supervision {
             self.configuring = Configuring::Done;
             self.drive.runs_configuration();
@@ -235,16 +243,16 @@ impl<B: Board> Protocol<B> {
         self.generations();
     }
 
-    /// Which configuration each task runs, for the host. Those that the servo task has refused do not count: gap task and
+    /// Which configuration each task runs, for the host. Those that the planner has refused do not count: gap task and
     /// supervision are never told of them.
     fn generations(&mut self) {
         let servo = self.ends.gap.generation();
-        let waits = self.configuring == Configuring::Servo || self.drive.is_stale();
+        let waits = self.configuring == Configuring::Head || self.drive.is_stale();
         self.drive.set_generations(Generations {
             newest: servo.wrapping_add(waits.into()),
             servo,
             gap: self.ends.gap.verdict().generation,
-            supervision: self.ends.limits.verdict().generation,
+            supervision: self.ends.supervision.verdict().generation,
         });
     }
 
@@ -254,7 +262,7 @@ impl<B: Board> Protocol<B> {
             let Some(order) = self.drive.take() else {
                 self.signals.sync_length.store(self.node.sync_length().into());
                 if self.drive.preview_sync(self.node) {
-                    self.request(Request::SyncPreview(self.drive.sync_preview(), self.syncs));
+                    self.preview();
                 }
                 return;
             };
@@ -273,6 +281,18 @@ impl<B: Board> Protocol<B> {
     fn request(&mut self, request: Request) {
         self.outstanding = self.outstanding.saturating_add(1);
         self.ends.requests.send(request);
+        self.signals.waiting.set();
+    }
+
+    /// What the next SYNC releases now.
+    fn preview(&mut self) {
+        let axis = &self.drive.active().head.axis;
+        let point = self.drive.sync_preview().map(|point| SetPoint {
+            to: point.to,
+            counts: axis.counts(point.to),
+            ticks: point.ticks,
+        });
+        self.ends.previews.write(|preview| *preview = (point, self.syncs));
         self.signals.waiting.set();
     }
 

@@ -7,7 +7,7 @@ use edm_crossing::latest::{Reader, Writer};
 use edm_crossing::ring::Sender;
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::tick::Period;
-use edm_servo_head::head::{Fault, Status, SupervisionLimits, Supervisor};
+use edm_servo_head::head::{Counters, Fault, Judged, Measured, State, SupervisionConfig, Supervisor};
 
 /// Milliseconds between two reports to the log.
 const LOG: u32 = 1000;
@@ -22,25 +22,25 @@ pub struct Supervise<B: Board> {
     pub(crate) caller: B::Caller,
     pub(crate) signals: &'static Signals,
     pub(crate) count: u32,
-    pub(crate) statuses: Reader<'static, Status>,
-    pub(crate) limits: Reader<'static, SupervisionLimits>,
+    pub(crate) measured: Reader<'static, (Measured, Counters)>,
+    pub(crate) config: Reader<'static, SupervisionConfig>,
     pub(crate) faults: Sender<'static, Fault, 8>,
-    pub(crate) report: Writer<'static, Status>,
+    pub(crate) judged: Writer<'static, Judged>,
 }
 
 impl<B: Board> Supervise<B> {
     /// One millisecond, or other limits to take at once.
     pub fn tick(&mut self) {
         let begin = self.clock.now();
-        if self.limits.refresh() {
-            self.limits.accept();
+        if self.config.refresh() {
+            self.config.accept();
             self.caller.protocol();
         }
         if !self.millisecond.begins() {
             return;
         }
         self.count = self.count.wrapping_add(1);
-        if self.statuses.refresh() {
+        if self.measured.refresh() {
             self.judge();
         }
         let end = self.clock.now();
@@ -48,21 +48,30 @@ impl<B: Board> Supervise<B> {
         self.signals.task_watchdog.report(SUPERVISE, end);
     }
 
-    /// What it judges by.
-    pub fn limits(&self) -> &SupervisionLimits {
-        self.limits.get()
+    /// What it looks at and judges by.
+    pub fn config(&self) -> &SupervisionConfig {
+        self.config.get()
+    }
+
+    /// What it has looked at.
+    pub fn measured(&self) -> &(Measured, Counters) {
+        self.measured.get()
     }
 
     fn judge(&mut self) {
-        let status = self.statuses.get();
-        if let Some(fault) = self.supervisor.tick(self.limits.get(), status, self.signals.host.take()) {
+        let (measured, counters) = self.measured.get();
+        let alive = self.signals.host.take();
+        let fault = self.supervisor.tick(self.config.get(), measured, counters, alive);
+        let supervisor = &self.supervisor;
+        self.judged.write(|judged| *judged = *supervisor.judged());
+        if let Some(fault) = fault {
             self.faults.send(fault);
             self.signals.waiting.set();
         }
         // Lit while all is well, blinking with a fault.
-        self.caller.light(status.fault.is_none() || (self.count / BLINK).is_multiple_of(2));
+        self.caller.light(measured.state != State::Fault || (self.count / BLINK).is_multiple_of(2));
         if self.count.is_multiple_of(LOG) {
-            self.report.write(|slot| *slot = *status);
+            self.signals.second.set();
         }
     }
 }

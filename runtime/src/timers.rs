@@ -1,8 +1,7 @@
 //! How long the tasks take, for the host (200Ah): newest and longest run, and the share of the processor.
 //!
 //! A run lasts from its beginning to its end, whoever interrupts it; that of the servo task begins when it was due, with the
-//! period of the PWM. The ticks of the servo task that do no more than their loop, fifteen of twenty, are not timed: a
-//! measurement is a fiftieth of such a tick. In its load each of them counts as [`LOOP`].
+//! period of the PWM.
 
 use edm_crossing::atomic::Word;
 use edm_hal_shim::board::CORE_HZ;
@@ -16,9 +15,6 @@ pub struct Times {
     sum: Word,
 }
 
-/// Cycles of a servo tick that does no more than its loop: its budget, of which it uses nearly all (docs/performance.md).
-pub const LOOP: u32 = 450;
-
 impl Times {
     /// Nothing has run.
     pub const fn new() -> Self {
@@ -28,17 +24,11 @@ impl Times {
     /// The task has run for so many cycles.
     #[inline]
     pub fn ran(&self, cycles: u32) {
-        self.add(cycles);
+        self.sum.store(self.sum.load().wrapping_add(cycles));
         self.last.store(cycles);
         if cycles > self.most.load() {
             self.most.store(cycles);
         }
-    }
-
-    /// Runs that were not timed have taken so many cycles.
-    #[inline]
-    pub fn add(&self, cycles: u32) {
-        self.sum.store(self.sum.load().wrapping_add(cycles));
     }
 }
 

@@ -5,7 +5,7 @@
 //! counts; it leads again when two readings in a row agree on the new offset, so that an edge between the readings of the
 //! two counters cannot become a permanent error.
 
-use super::Snapshot;
+use super::{Mark, Snapshot};
 use edm_hal_shim::encoder::RawCount;
 
 /// Which counter leads.
@@ -36,6 +36,12 @@ impl Handover {
         RawCount { count: decoder.count.wrapping_add(self.offset), ..decoder }
     }
 
+    /// A mark of the decoder in the frame of the readings.
+    #[inline]
+    pub fn mark(&self, mark: Mark) -> Mark {
+        Mark { count: mark.count.wrapping_add(self.offset), ..mark }
+    }
+
     /// The reading that the loops use, from one reading of each counter; `storm` when the edge interrupt masked itself
     /// since the last one.
     pub fn read(&mut self, decoder: Snapshot, timer: RawCount, storm: bool) -> Snapshot {
@@ -51,7 +57,7 @@ impl Handover {
             self.candidate = Some(offset);
         }
         let mut snapshot = decoder;
-        snapshot.mark.count = snapshot.mark.count.wrapping_add(self.offset);
+        snapshot.mark = self.mark(snapshot.mark);
         if self.timer_leads {
             snapshot.raw = timer;
         } else {

@@ -108,6 +108,21 @@ impl Shared {
         self.read_count_interrupted(now, || {})
     }
 
+    /// The newest index mark. It is at the most as many attempts old as marks were crossed meanwhile: marks are far apart.
+    #[inline]
+    pub fn read_mark(&self) -> Mark {
+        let mut mark = Mark::default();
+        for _ in 0..ATTEMPTS {
+            let crossings = load(&self.mark_crossings, &mut || {});
+            let count = load(&self.mark_count, &mut || {});
+            mark = Mark { count, toward_work: crossings & 1 != 0, crossings: crossings >> 1 };
+            if load(&self.mark_crossings, &mut || {}) == crossings {
+                break;
+            }
+        }
+        mark
+    }
+
     /// As [`Shared::read`]; `interrupt` runs wherever the edge interrupt could.
     fn read_interrupted(&self, mut now: impl FnMut() -> u32, mut interrupt: impl FnMut()) -> Snapshot {
         let mut snapshot = Snapshot::default();
@@ -177,6 +192,11 @@ impl<'a, C: Clock> DecoderCount<'a, C> {
     /// `clock` must be the one that times the edges.
     pub fn new(shared: &'a Shared, clock: C) -> Self {
         DecoderCount { shared, clock }
+    }
+
+    /// The newest index mark.
+    pub fn mark(&self) -> Mark {
+        self.shared.read_mark()
     }
 
     /// Count and times, illegal transitions and newest mark, all of one instant.

@@ -53,9 +53,9 @@ impl Limiter {
         MicrometresPerSecond(self.velocity)
     }
 
-    /// Velocity let through last.
-    pub fn velocity(&self) -> MicrometresPerSecond {
-        MicrometresPerSecond(self.velocity)
+    /// The head goes at this velocity, whatever was let through last.
+    pub fn go_on_from(&mut self, velocity: MicrometresPerSecond) {
+        self.velocity = velocity.0;
     }
 
     /// Forgets the velocity: the head stands.

@@ -7,12 +7,10 @@
 //! Another source is another file that implements [`GapSource`], and its `mod` line.
 
 mod gated;
-mod latest;
 mod open_circuit;
 mod surrogate;
 pub mod voltage;
 
-pub use latest::Latest;
 pub use open_circuit::OpenCircuit;
 pub use surrogate::{Config as SurrogateConfig, Surrogate};
 pub use voltage::Voltage;
@@ -45,7 +43,9 @@ pub struct GapReading {
     pub filtered: Volts,
     /// Gap voltage of this block before the filters (held through off-time by a gated source).
     pub block: Volts,
-    /// How far to trust both.
+    /// Mean of the blocks of the last whole millisecond: what a reader slower than the blocks is told, whatever the pulses.
+    pub mean: Volts,
+    /// How far to trust them.
     pub quality: Quality,
     /// Servo ticks for which every gated block was a short, without interruption; off-time neither adds nor ends a run
     /// but counts as time once the run has begun, up to the hold limit: a generator that suspends its pulses after

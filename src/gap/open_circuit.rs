@@ -21,12 +21,13 @@ impl OpenCircuit {
         Self { settle_ticks: settle.ticks(), open_ticks: 0, volts: None }
     }
 
-    /// Takes the reading of a tick; `open` says that pulses are on and the electrode is too far away to spark.
-    pub fn observe(&mut self, reading: &GapReading, open: bool) {
+    /// Takes a reading, `ticks` after the one before; `open` says that pulses are on and the electrode is too far away to
+    /// spark.
+    pub fn observe(&mut self, reading: &GapReading, open: bool, ticks: u32) {
         if !open || reading.quality != Quality::Valid {
             self.open_ticks = 0;
         } else if self.open_ticks < self.settle_ticks {
-            self.open_ticks += 1;
+            self.open_ticks = self.open_ticks.saturating_add(ticks);
         } else {
             self.volts = Some(reading.filtered);
         }
@@ -50,27 +51,27 @@ mod tests {
     fn it_is_read_only_after_the_gap_has_been_open_without_interruption() {
         let mut open = OpenCircuit::new(Seconds(0.01));
         for _ in 0..150 {
-            open.observe(&valid(111.0), true);
+            open.observe(&valid(111.0), true, 1);
         }
-        open.observe(&valid(111.0), false);
+        open.observe(&valid(111.0), false, 1);
         for _ in 0..200 {
-            open.observe(&valid(105.0), true);
+            open.observe(&valid(105.0), true, 1);
         }
         assert_eq!(open.volts(), None);
-        open.observe(&valid(100.0), true);
+        open.observe(&valid(100.0), true, 1);
         assert_eq!(open.volts(), Some(Volts(100.0)));
     }
 
     #[test]
     fn sparks_and_bad_readings_leave_the_measurement_alone() {
         let mut open = OpenCircuit::new(Seconds(0.0));
-        open.observe(&valid(100.0), true);
-        open.observe(&valid(55.0), false);
+        open.observe(&valid(100.0), true, 1);
+        open.observe(&valid(55.0), false, 1);
         for quality in [Quality::Missing, Quality::NoGate, Quality::Saturated, Quality::Reversed] {
-            open.observe(&GapReading { quality, ..valid(7.0) }, true);
+            open.observe(&GapReading { quality, ..valid(7.0) }, true, 1);
         }
         assert_eq!(open.volts(), Some(Volts(100.0)));
-        open.observe(&valid(98.0), true);
+        open.observe(&valid(98.0), true, 1);
         assert_eq!(open.volts(), Some(Volts(98.0)));
     }
 }

@@ -12,7 +12,7 @@ use super::gated::{Gated, PER_BLOCK};
 use super::{GapReading, GapSource, Quality};
 use crate::dsp::decimate::{Good, Tally};
 use crate::dsp::{OutOfRange, chain, in_range};
-use crate::units::{ADC_FULL_SCALE, Seconds, Volts};
+use crate::units::{ADC_FULL_SCALE, Seconds, TICKS_PER_MS, Volts};
 use edm_hal_shim::gap::GapBlock;
 
 /// Which conversions the average is made of.
@@ -141,6 +141,9 @@ pub struct Voltage {
     /// Ticks since the newest block with enough gated conversions.
     gateless_ticks: u32,
     short_ticks: u32,
+    /// Sum of so many blocks of this millisecond, codes above zero volts, and the mean of the one before.
+    sum: (f32, u32),
+    mean: f32,
 }
 
 impl Voltage {
@@ -153,6 +156,8 @@ impl Voltage {
             block: None,
             gateless_ticks: u32::MAX,
             short_ticks: 0,
+            sum: (0.0, 0),
+            mean: 0.0,
         }
     }
 
@@ -163,6 +168,8 @@ impl Voltage {
         self.filter.scale(ratio);
         self.gated.scale(ratio);
         self.block = self.block.map(|block| block * ratio);
+        self.sum.0 *= ratio;
+        self.mean *= ratio;
         self.active = active;
     }
 
@@ -209,6 +216,11 @@ impl GapSource for Voltage {
         self.count(short);
         let active = &self.active;
         let codes = self.block.unwrap_or(0.0);
+        self.sum = (self.sum.0 + codes, self.sum.1.wrapping_add(1));
+        if self.sum.1 >= TICKS_PER_MS {
+            self.mean = self.sum.0 * (1.0 / TICKS_PER_MS as f32);
+            self.sum = (0.0, 0);
+        }
         let filtered = Volts(self.filter.tick(&active.filter, codes) * active.scale);
         let quality = if block.is_none() {
             Quality::Missing
@@ -221,6 +233,7 @@ impl GapSource for Voltage {
         } else {
             Quality::Valid
         };
-        GapReading { filtered, block: Volts(codes * active.scale), quality, short_ticks: self.short_ticks }
+        let (block, mean) = (Volts(codes * active.scale), Volts(self.mean * active.scale));
+        GapReading { filtered, block, mean, quality, short_ticks: self.short_ticks }
     }
 }

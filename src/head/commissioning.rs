@@ -10,14 +10,14 @@
 //! 4. with pulses on, the open gap shows its voltage with the right sign;
 //! 5. the whole stroke is driven at a slow velocity, down to the lower stop and back, and measured.
 //!
-//! Every duty stays under the check's own limit, and every step has a time limit.
+//! Every duty stays under commissioning's own limit, and every step has a time limit.
 
 use crate::gap::{GapReading, Quality};
-use crate::servo::{AxisLoop, Gains, Window};
+use crate::servo::Window;
 use crate::units::{CountsPerSecond, TICK_S, Volts};
 use core::fmt;
 
-/// Limits of the check.
+/// Limits of commissioning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
     /// Largest duty, either way.
@@ -34,7 +34,7 @@ pub struct Config {
     pub open_min: Volts,
 }
 
-/// What the check found wrong.
+/// What commissioning found wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Finding {
@@ -73,7 +73,7 @@ impl fmt::Display for Finding {
     }
 }
 
-/// What a passed check measured.
+/// What was measured when nothing was wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Report {
@@ -96,16 +96,18 @@ enum Step {
     StrokeUp,
 }
 
-/// What the check wants at this tick.
+/// What commissioning wants until the next plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wish {
+pub enum Wish {
     /// Duty, positive toward the work.
-    pub duty: f32,
-    /// Whether the gap step needs pulses.
-    pub pulses: bool,
+    Duty(f32),
+    /// Pulses, with no duty.
+    Pulses,
+    /// A velocity, with duties inside a window.
+    Stroke(CountsPerSecond, Window),
 }
 
-/// A check under way.
+/// Commissioning under way.
 #[derive(Clone, Copy, Debug)]
 pub struct Commissioning {
     step: Step,
@@ -114,7 +116,6 @@ pub struct Commissioning {
     still: u32,
     last: i64,
     lowest: i64,
-    axis: AxisLoop,
     report: Report,
 }
 
@@ -141,38 +142,35 @@ impl Commissioning {
             still: 0,
             last: count,
             lowest: count,
-            axis: AxisLoop::default(),
             report: Report { breakaway: 0.0, open: Volts(0.0), stroke: 0 },
         }
     }
 
-    /// One servo tick: what to do, and the result once there is one.
-    pub fn tick(
+    /// Goes on, `ticks` after the plan before: what to do, and the result once there is one.
+    pub fn plan(
         &mut self,
         config: &Config,
-        gains: &Gains,
         count: i64,
-        velocity: CountsPerSecond,
         gap: &GapReading,
+        ticks: u32,
     ) -> (Wish, Option<Result<Report, Finding>>) {
-        self.ticks = self.ticks.saturating_add(1);
-        self.still = if count.abs_diff(self.last) <= 1 { self.still.saturating_add(1) } else { 0 };
+        self.ticks = self.ticks.saturating_add(ticks);
+        self.still = if count.abs_diff(self.last) <= 1 { self.still.saturating_add(ticks) } else { 0 };
         if self.still == 0 {
             self.last = count;
         }
         let moved = count.saturating_sub(self.start);
-        let duty = match self.step {
-            Step::PushDown => config.duty * self.ramp(),
-            Step::PushUp => -config.duty * self.ramp(),
-            Step::Return => -config.duty,
-            Step::StrokeDown => self.axis.run(gains, config.velocity, velocity, Window::symmetric(config.duty)).value,
-            Step::StrokeUp => {
-                let up = CountsPerSecond(-config.velocity.0);
-                self.axis.run(gains, up, velocity, Window::symmetric(config.duty)).value
-            }
-            Step::Rest | Step::Gap => 0.0,
+        let window = Window::symmetric(config.duty);
+        let wish = match self.step {
+            Step::PushDown => Wish::Duty(config.duty * self.ramp()),
+            Step::PushUp => Wish::Duty(-config.duty * self.ramp()),
+            Step::Return => Wish::Duty(-config.duty),
+            Step::StrokeDown => Wish::Stroke(config.velocity, window),
+            Step::StrokeUp => Wish::Stroke(CountsPerSecond(-config.velocity.0), window),
+            Step::Gap => Wish::Pulses,
+            Step::Rest => Wish::Duty(0.0),
         };
-        let wish = Wish { duty, pulses: self.step == Step::Gap };
+        let duty = if let Wish::Duty(duty) = wish { duty } else { 0.0 };
         (wish, self.judge(config, moved, duty, gap))
     }
 
@@ -213,7 +211,6 @@ impl Commissioning {
             }
             Step::StrokeDown if stopped || self.ticks > stroke_ticks => {
                 self.lowest = moved;
-                self.axis.reset();
                 self.enter(Step::StrokeUp);
             }
             Step::StrokeUp if stopped || self.ticks > stroke_ticks => {

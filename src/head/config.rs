@@ -1,5 +1,6 @@
 //! What the head's tick runs: built from the settings, swapped whole.
 
+use super::follow::FollowConfig;
 use super::{commissioning, supervise};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
@@ -26,6 +27,16 @@ pub enum Setpoint {
     Volts(Volts),
     /// A share of the open-circuit voltage measured when the seek began.
     ShareOfOpen(f32),
+}
+
+impl Setpoint {
+    /// In volts, where the open circuit is known; none of a voltage not measured yet.
+    pub fn volts(&self, open_circuit: Volts) -> Volts {
+        match self {
+            Setpoint::Volts(volts) => *volts,
+            Setpoint::ShareOfOpen(share) => Volts(open_circuit.0 * share),
+        }
+    }
 }
 
 /// Approach until sparks begin.
@@ -90,8 +101,6 @@ pub struct Axis {
     pub marks: MarkSpacing,
     /// When the encoder is not believed.
     pub plausibility: PlausibilityLimits,
-    /// Rate of the clock that times the edges, Hz.
-    pub clock_hz: u32,
     /// Encoder counts down when moving toward the work.
     pub encoder_reversed: bool,
     /// A positive duty moves away from the work.
@@ -111,6 +120,13 @@ pub struct Axis {
 }
 
 impl Axis {
+    /// A length in counts, fractions included.
+    pub fn counts(&self, length: Nanometres) -> Fixed {
+        let limit = Fixed::MAX_WHOLE;
+        let scaled = Fixed::whole(length.0.clamp(-limit, limit));
+        Fixed(scaled.0.checked_div(self.nm_per_count).unwrap_or(0))
+    }
+
     /// Whether a loop may stay closed from this one to another: all but gains and limit of the duty is the same.
     pub fn is_wired_as(&self, other: &Axis) -> bool {
         Axis { gains: other.gains, duty_limit: other.duty_limit, ..*self } == *other
@@ -146,4 +162,33 @@ pub struct Config {
     pub commissioning: commissioning::Config,
     /// Whether commissioning has passed with these settings.
     pub commissioned: bool,
+}
+
+impl Config {
+    /// What the follower runs.
+    pub fn follow(&self) -> FollowConfig {
+        FollowConfig {
+            gains: self.axis.gains,
+            single: self.single,
+            encoder_reversed: self.axis.encoder_reversed,
+            motor_reversed: self.axis.motor_reversed,
+            trigger: self.retreat.trigger,
+        }
+    }
+
+    /// What the supervision looks at and judges by.
+    pub fn supervision(&self) -> supervise::Config {
+        let axis = &self.axis;
+        supervise::Config {
+            limits: self.supervise,
+            plant: axis.plant,
+            current: axis.current,
+            plausibility: axis.plausibility,
+            marks: axis.marks,
+            encoder_reversed: axis.encoder_reversed,
+            motor_reversed: axis.motor_reversed,
+            amps_per_code: axis.amps_per_code,
+            bus_per_code: axis.bus_per_code,
+        }
+    }
 }

@@ -66,6 +66,8 @@ faults! {
     OverCurrent = "over-current" => Coast,
     /// The H-bridge reports a fault.
     BridgeFault = "bridge fault" => Coast,
+    /// The plan task did not keep up with the servo for a millisecond.
+    PlanLate = "plan late" => Coast,
 }
 
 impl Fault {
@@ -119,12 +121,12 @@ mod tests {
             (&[EncoderLost, PolarityWrong], Reaction::OpenLoopLift),
             (&[BusSag], Reaction::LiftOnStored),
             (&[EmergencyStop], Reaction::EmergencyLift),
-            (&[BridgeFault, OverCurrent], Reaction::Coast),
+            (&[BridgeFault, OverCurrent, PlanLate], Reaction::Coast),
         ] {
             for fault in faults {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 16);
+        assert_eq!(Fault::ALL.len(), 17);
     }
 }

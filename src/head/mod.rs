@@ -1,73 +1,59 @@
-//! The machine: states, fault reactions, supervision; wires the rooms together.
+//! The machine: estimate, plan, follow; states, fault reactions, supervision.
 //!
-//! [`Head::tick`] is the servo task, 20 000 times a second. [`Supervisor::tick`] judges, once a millisecond, what no single
-//! tick can; its verdict comes back through [`Head::raise`]. Commands come in between ticks.
+//! ```text
+//!               encoder, drive                    gap reading, commands
+//!                    |                                    |
+//! servo tick   estimate -> follow -> duty     plan task: states, law, limits, path
+//! 20 kHz           |          ^               4 kHz       |         ^
+//!                  |          +---- plan, two ticks later-+         |
+//!                  +--------------- estimate of a tick -------------+
+//! ```
+//!
+//! Each has a state of its own and sees of the others only what is handed over: [`Estimate`] down, [`Plan`] up, [`Measured`] to
+//! the [`Supervisor`], which looks at drive and encoder once a millisecond, judges what no single tick can, and tells of
+//! [`Judged`] values and faults. On chip and PC each runs in its task; [`Head`] composes them for one thread.
 
 mod command;
 mod commissioning;
+mod compose;
 mod config;
+mod estimate;
 mod fault;
-mod machine;
-mod measure;
+mod follow;
 mod permit;
+mod planner;
 mod positioning;
 mod proof;
 mod reaction;
-mod schedule;
+mod route;
 mod state;
 mod supervise;
-mod trajectory;
 
 pub use command::{Command, Refused};
 pub use commissioning::{Config as CommissioningConfig, Finding, Report};
+pub use compose::{Head, Inputs};
 pub use config::{Axis, Config, Lift, Retreat, Seek, Setpoint, Structure};
+pub use estimate::{Estimator, Sums};
 pub use fault::{Fault, Reaction};
-pub use machine::Head;
+pub use follow::{
+    Concerns, Estimate, Follow, FollowConfig, Follower, LEAD, Measured, Plan, SetPoint, TickInput, TickOutput,
+    Trajectory,
+};
 pub use permit::WritePermit;
+pub use planner::Planner;
 pub use positioning::{Home, HomingState, MotionLimits};
 pub use state::{Change, ChangeLog, Reason, State};
-pub use supervise::{Limits as SupervisionLimits, Supervisor};
+pub use supervise::{Config as SupervisionConfig, Counters, Judged, Limits as SupervisionLimits, Supervisor};
 
-use crate::encoder::Snapshot;
 use crate::gap::GapReading;
 use crate::servo::BackEmf;
-use crate::units::{Amps, CountsPerSecond, Fixed, MicrometresPerSecond, Volts};
-use edm_hal_shim::bridge::Drive;
-use edm_hal_shim::encoder::RawCount;
-use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
+use crate::units::{Amps, CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, Volts};
+use edm_hal_shim::safety::SafetyInputs;
 
-/// Everything the servo tick sees of the world.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct TickInput {
-    /// Newest gap reading; between plans ([`Head::wants_gap`]) only its short ticks need be new.
-    pub gap: GapReading,
-    /// Edge decoder: the count that the loops use. Marks and illegal transitions matter only where
-    /// [`Head::looks_at_encoder`] says so.
-    pub encoder: Snapshot,
-    /// Second counter on the same lines, where both are wired; matters there, too.
-    pub watch: Option<RawCount>,
-    /// Safety inputs, if any of them is unsafe.
-    pub safety: Option<SafetyInputs>,
-    /// Motor current and bus voltage.
-    pub drive: DriveCodes,
-    /// The reflex has begun a retreat since the tick before.
-    pub reflex: bool,
-}
+/// Ticks that a plan counts since the one before at the most: a head that was stalled goes on from where it is.
+const TICKS_MOST: u32 = 2 * PLAN_TICKS;
 
-/// What the tick wants of the world until the next one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct TickOutput {
-    /// To the H-bridge.
-    pub drive: Drive,
-    /// To the generator: pulses allowed.
-    pub pulses: bool,
-    /// The tick did more than its loop: only then can the state have changed, or [`Head::has_looked`] be true.
-    pub more: bool,
-}
-
-/// What the head knows after a tick: for supervision, hosts and reports.
+/// What the head knows after a plan: for hosts and reports.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Status {
@@ -91,7 +77,7 @@ pub struct Status {
     pub velocity: CountsPerSecond,
     /// Path coordinate, um.
     pub path: Fixed,
-    /// Gap reading of this tick.
+    /// Newest gap reading.
     pub gap: GapReading,
     /// Gap voltage to keep.
     pub gap_setpoint: Volts,
@@ -107,7 +93,7 @@ pub struct Status {
     pub bus: Volts,
     /// Second opinion on the velocity.
     pub back_emf: BackEmf,
-    /// Safety inputs of this tick.
+    /// Safety inputs.
     pub safety: SafetyInputs,
     /// Illegal encoder transitions since power-up, wrapping.
     pub illegal_transitions: u32,
@@ -122,4 +108,6 @@ pub struct Status {
     pub waiting: u16,
     /// The winding is hot: only its continuous current is allowed.
     pub current_reduced: bool,
+    /// Plans that were late since power-up, wrapping.
+    pub late_plans: u32,
 }

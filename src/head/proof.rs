@@ -19,8 +19,8 @@
 //! so T = sqrt(48 m D / F), and half as long again is allowed. A head with a dead encoder and no friction at all then moves
 //! by F T^2 / (6 m) = 18 D, 0.36 mm: upward first, and back by as much.
 
-use super::Fault;
 use super::config::Config;
+use super::fault::Fault;
 use crate::units::{Newtons, TICK_S, larger};
 
 /// Move that proves an encoder, um; two periods (eight counts) where those are longer.
@@ -99,9 +99,9 @@ impl Proof {
         }
     }
 
-    /// One tick.
-    pub fn tick(&mut self, config: &Config, position: i64, upper_limit: bool) -> Outcome {
-        self.ticks = self.ticks.saturating_add(1);
+    /// Goes on, `ticks` after the plan before.
+    pub fn plan(&mut self, config: &Config, position: i64, upper_limit: bool, ticks: u32) -> Outcome {
+        self.ticks = self.ticks.saturating_add(ticks);
         let moved = position.saturating_sub(self.start);
         let holding = config.axis.gains.holding();
         let push = self.force * self.ticks as f32 / larger(self.growth as f32, 1.0);
@@ -151,7 +151,7 @@ mod tests {
         let (mut x, mut v) = (0.0f32, 0.0f32);
         loop {
             let count = if counts { (x * plant.counts_per_m).floor() as i64 } else { 0 };
-            match proof.tick(&config, count, false) {
+            match proof.plan(&config, count, false, 1) {
                 Outcome::Push(duty) if proof.step == Step::Up => {
                     let force = (duty - holding) * per_duty;
                     let free = v + force / plant.mass_kg * TICK_S;
@@ -197,7 +197,7 @@ mod tests {
         let config = Settings::default().build().unwrap().head;
         let mut proof = Proof::new(&config, 0, Goal::Ready, 0);
         let outcome =
-            (0..).map(|tick| proof.tick(&config, -(tick & 1), false)).find(|o| !matches!(o, Outcome::Push(_)));
+            (0..).map(|tick| proof.plan(&config, -(tick & 1), false, 1)).find(|o| !matches!(o, Outcome::Push(_)));
         assert_eq!(outcome, Some(Outcome::Failed(Fault::EncoderLost)));
     }
 }

@@ -1,29 +1,35 @@
-//! How a fault's reaction moves the head, tick by tick.
+//! How a fault's reaction moves the head, plan by plan.
 //!
 //! No reaction presses toward the work. A reaction that closes the loop may push down only to brake a head that the encoder
 //! shows rising; otherwise its duty ends at the holding duty, with which nothing accelerates the head. So an encoder that dies
 //! under a reaction, and then reads the same count for ever, cannot drive the electrode into the work: the integrator
-//! winds up against that end. It may drive the head upward until the supervision, or [`Reacting::tick`] itself, contradicts it.
+//! winds up against that end. It may drive the head upward until the supervision, or [`Reacting::plan`] itself, contradicts it.
 
 use super::config::{Config, Lift};
-use super::{Fault, Reaction};
+use super::fault::{Fault, Reaction};
 use crate::motion::TrajectorySegment;
 use crate::servo::Window;
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, TICK_S, Volts, larger, smaller};
 
-/// What the head is to do in a tick.
+/// What the head is to do until the next plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Motion {
     /// Bridge open.
     Coast,
     /// Along the path at a velocity, with the duty inside a window.
     Path(MicrometresPerSecond, Window),
+    /// The same, and nothing presses toward the work.
+    Upward(MicrometresPerSecond, Window),
     /// Beside the path.
     Axis(TrajectorySegment),
     /// Velocity loop alone.
     Velocity(MicrometresPerSecond),
-    /// Open loop, or a loop closed elsewhere.
+    /// Velocity loop beside the path, with the duty inside a window.
+    Stroke(CountsPerSecond, Window),
+    /// Open loop.
     Duty(f32),
+    /// The loop closed over the gap voltage itself.
+    Gap(Volts),
 }
 
 /// What a reaction has to know.
@@ -55,7 +61,7 @@ pub(super) struct Situation {
 /// A reaction under way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reacting {
-    pub fault: Fault,
+    fault: Fault,
     reaction: Reaction,
     ticks: u32,
     path: Fixed,
@@ -75,9 +81,6 @@ const SHRINK: u32 = ticks(20e-3);
 const REST: u32 = ticks(100e-3);
 /// Time for which the supervision may still speak of what it saw before this reaction.
 const STALE: u32 = ticks(5e-3);
-/// A head that the encoder shows rising faster than this may be braked, counts/s. Below, an edge is a millisecond old: a dead
-/// encoder shows its last velocity no longer.
-const RISING: f32 = -1000.0;
 
 const fn ticks(seconds: f32) -> u32 {
     (seconds / TICK_S) as u32
@@ -99,6 +102,11 @@ impl Reacting {
         }
     }
 
+    /// What is done about it.
+    pub fn reaction(&self) -> Reaction {
+        self.reaction
+    }
+
     /// The reaction that another fault escalates this one to, if it is urgent enough.
     pub fn escalates(&self, fault: Fault) -> Option<Reaction> {
         let lifts = matches!(self.reaction, Reaction::OpenLoopLift | Reaction::LiftOnStored | Reaction::EmergencyLift);
@@ -110,23 +118,25 @@ impl Reacting {
         }
     }
 
-    /// Motion for this tick; or what shows in how the head answers to this reaction, and the reaction to that.
-    pub fn tick(&mut self, config: &Config, now: &Situation) -> Result<Motion, (Fault, Reaction)> {
-        self.ticks = self.ticks.saturating_add(1);
+    /// Motion until the next plan, `ticks` after the one before; or what shows in how the head answers to this reaction, and the reaction to that.
+    pub fn plan(&mut self, config: &Config, now: &Situation, ticks: u32) -> Result<Motion, (Fault, Reaction)> {
+        self.ticks = self.ticks.saturating_add(ticks);
         let up = MicrometresPerSecond(-config.retreat.velocity.0);
-        let full = upward(config, now, config.axis.duty_limit);
+        let full = upward(config, config.axis.duty_limit);
         Ok(match self.reaction {
-            Reaction::Retrace if now.path > now.safe => Motion::Path(up, full),
-            Reaction::RetractOffLimit if now.path > self.path.minus(config.retreat.off_limit) => Motion::Path(up, full),
+            Reaction::Retrace if now.path > now.safe => Motion::Upward(up, full),
+            Reaction::RetractOffLimit if now.path > self.path.minus(config.retreat.off_limit) => {
+                Motion::Upward(up, full)
+            }
             Reaction::Retrace | Reaction::RetractOffLimit | Reaction::HoldBelow | Reaction::Hold => {
-                self.hold(config, now, full)?
+                self.hold(config, now, full, ticks)?
             }
             Reaction::ForceLimitedRetract => {
-                if self.grows(config, now) {
+                if self.grows(config, now, ticks) {
                     return Err((self.fault, Reaction::OpenLoopLift));
                 }
-                let limited = upward(config, now, config.lift.limited);
-                if now.path <= now.safe { self.hold(config, now, limited)? } else { Motion::Path(up, limited) }
+                let limited = upward(config, config.lift.limited);
+                if now.path <= now.safe { self.hold(config, now, limited, ticks)? } else { Motion::Upward(up, limited) }
             }
             Reaction::OpenLoopLift => Motion::Duty(self.lift(&config.lift, now, config.lift.hold)),
             Reaction::LiftOnStored | Reaction::EmergencyLift => {
@@ -141,29 +151,35 @@ impl Reacting {
     /// Holds: with what it takes until the head has come to rest, then with limited force and with no more than the current
     /// that may flow for ever. A head that withstands that force without moving by a count has a dead encoder, unless it has
     /// come to its upper end.
-    fn hold(&mut self, config: &Config, now: &Situation, window: Window) -> Result<Motion, (Fault, Reaction)> {
-        self.still = if now.position == self.position { self.still.saturating_add(1) } else { 0 };
+    fn hold(
+        &mut self,
+        config: &Config,
+        now: &Situation,
+        window: Window,
+        ticks: u32,
+    ) -> Result<Motion, (Fault, Reaction)> {
+        self.still = if now.position == self.position { self.still.saturating_add(ticks) } else { 0 };
         self.position = now.position;
         let rest = MicrometresPerSecond(0.0);
         if !self.rests {
             self.rests = self.still > REST;
             self.still = if self.rests { 0 } else { self.still };
-            return Ok(Motion::Path(rest, window));
+            return Ok(Motion::Upward(rest, window));
         }
         let continuous = config.axis.plant.current_window(config.axis.current.continuous, now.velocity);
-        let window = upward(config, now, config.lift.limited).and(continuous);
+        let window = upward(config, config.lift.limited).and(continuous);
         let pushed = now.saturated && now.duty < config.axis.gains.holding() && !now.top;
         if pushed && self.still > REST {
             Err((Fault::EncoderLost, Reaction::OpenLoopLift))
         } else {
-            Ok(Motion::Path(rest, window))
+            Ok(Motion::Upward(rest, window))
         }
     }
 
     /// The following error has been too large, and has not become smaller, for too long.
-    fn grows(&mut self, config: &Config, now: &Situation) -> bool {
+    fn grows(&mut self, config: &Config, now: &Situation, ticks: u32) -> bool {
         let following = now.following.abs();
-        self.grown = self.grown.saturating_add(1);
+        self.grown = self.grown.saturating_add(ticks);
         if following < self.following {
             self.following = following;
             self.grown = 0;
@@ -178,9 +194,8 @@ impl Reacting {
     }
 }
 
-/// Duties from `force` above the holding duty to the holding duty itself: nothing presses toward the work. A rise may be braked.
-fn upward(config: &Config, now: &Situation, force: f32) -> Window {
+/// Duties from `force` above the holding duty on. The follower ends them at the holding duty, but for the braking of a rise.
+pub(super) fn upward(config: &Config, force: f32) -> Window {
     let (holding, limit) = (config.axis.gains.holding(), config.axis.duty_limit);
-    let high = if now.velocity.0 < RISING { limit } else { smaller(holding, limit) };
-    Window { low: smaller(larger(holding - force, -limit), high), high }
+    Window { low: smaller(larger(holding - force, -limit), smaller(holding, limit)), high: limit }
 }

@@ -1,6 +1,6 @@
 //! States of the head, and why they change.
 
-use super::Fault;
+use super::fault::Fault;
 use heapless::Deque;
 
 /// State of the head.

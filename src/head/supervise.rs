@@ -1,11 +1,19 @@
 //! Supervision at 1 kHz: what no single tick can judge.
 //!
-//! Whatever closes a loop over the encoder is judged alike, in every state: work, axis positioning, the strokes of the
-//! commissioning, and the reaction to another fault.
+//! It *looks* first: at what the drive has drawn (current, bus voltage, heat of the winding, back-EMF) and at whether the
+//! encoder can be believed (its two counters, illegal transitions, the distance of index marks). Then it judges. Whatever closes
+//! a loop over the encoder is judged alike, in every state: work, axis positioning, the strokes of commissioning, and the
+//! reaction to another fault.
 
-use super::{Fault, State, Status};
+use super::estimate::{Sums, as_wired};
+use super::fault::Fault;
+use super::follow::Measured;
+use super::state::State;
+use crate::encoder::{MarkCheck, MarkSpacing, Plausibility, PlausibilityLimits, Snapshot};
 use crate::gap::Quality;
+use crate::servo::{BackEmf, CurrentGuard, CurrentLimits, Plant};
 use crate::units::{Amps, CountsPerSecond, TICKS_PER_MS, Volts};
+use edm_hal_shim::encoder::RawCount;
 
 /// Limits of the supervision. Times are in ms, which is its period.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,9 +53,76 @@ impl Lasting {
     }
 }
 
+/// What the supervision looks at and judges by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Limits.
+    pub limits: Limits,
+    /// The actuator.
+    pub plant: Plant,
+    /// What the winding may carry.
+    pub current: CurrentLimits,
+    /// When the encoder is not believed.
+    pub plausibility: PlausibilityLimits,
+    /// What the scale's index marks promise.
+    pub marks: MarkSpacing,
+    /// The encoder counts down toward the work.
+    pub encoder_reversed: bool,
+    /// A positive duty moves away from the work.
+    pub motor_reversed: bool,
+    /// Motor current per converter code about mid-scale.
+    pub amps_per_code: Amps,
+    /// Bus voltage per converter code.
+    pub bus_per_code: Volts,
+}
+
+/// Both counters at one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Counters {
+    /// The count that the loops use, with illegal transitions and marks.
+    pub used: Snapshot,
+    /// The second counter on the same lines, where both are wired.
+    pub watch: Option<RawCount>,
+}
+
+/// What was looked at: for the planner, hosts and reports.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Judged {
+    /// Motor current, positive toward the work.
+    pub current: Amps,
+    /// Bus voltage.
+    pub bus: Volts,
+    /// Second opinion on the velocity.
+    pub back_emf: BackEmf,
+    /// The winding is hot: only its continuous current is allowed.
+    pub reduced: bool,
+    /// Illegal encoder transitions since power-up, wrapping.
+    pub illegal: u32,
+}
+
+/// What follows the encoder.
+#[derive(Debug)]
+struct Belief {
+    plausibility: Plausibility,
+    marks: MarkCheck,
+    /// Count at the look before.
+    count: u32,
+    /// Times that it was to be believed anew, when this began.
+    trusts: u32,
+    /// Wired like this then.
+    reversed: bool,
+}
+
 /// State of the supervision.
 #[derive(Debug, Default)]
 pub struct Supervisor {
+    judged: Judged,
+    guard: CurrentGuard,
+    sums: Sums,
+    /// `None` until the encoder has been read.
+    belief: Option<Belief>,
     following: Lasting,
     runaway: Lasting,
     encoder: Lasting,
@@ -61,27 +136,31 @@ impl Supervisor {
     /// Ticks between two calls of [`Supervisor::tick`].
     pub const PERIOD: u32 = TICKS_PER_MS;
 
-    /// Judges the newest status; `host_alive` tells of a life sign since the last call. Gives the most urgent new fault.
-    pub fn tick(&mut self, limits: &Limits, status: &Status, host_alive: bool) -> Option<Fault> {
-        let follows = status.state.follows();
-        let closed = status.closed;
-        let quality = status.gap.quality;
-        let pulses = status.state.pulses();
+    /// What was looked at last.
+    pub fn judged(&self) -> &Judged {
+        &self.judged
+    }
 
-        let bus = closed && status.bus.0 < limits.bus_min.0;
-        let current = self.current.longer_than(limits.current_ms, status.current.0.abs() > limits.current_max.0);
-        let encoder = self.contradicts(limits, status);
-        let against = status.saturated && status.duty * status.velocity.0 < -limits.runaway.0 * status.duty.abs();
+    /// Looks, and judges; `host_alive` tells of a life sign since the last call. Gives the most urgent new fault.
+    pub fn tick(&mut self, config: &Config, now: &Measured, counters: &Counters, host_alive: bool) -> Option<Fault> {
+        let implausible = self.look(config, now, counters);
+        let limits = &config.limits;
+        let follows = now.state.follows();
+        let closed = now.closed;
+        let judged = &self.judged;
+
+        let bus = closed && judged.bus.0 < limits.bus_min.0;
+        let current = self.current.longer_than(limits.current_ms, judged.current.0.abs() > limits.current_max.0);
+        let encoder = self.contradicts(limits, closed) || implausible && (closed || now.state == State::Proving);
+        let against = now.saturated && now.duty * now.velocity.0 < -limits.runaway.0 * now.duty.abs();
         // An open-loop lift that goes down: the polarity is wrong as well.
-        let lifts = status.state == State::Fault && !closed && status.duty < 0.0;
-        let sinks = lifts && status.velocity.0 > limits.runaway.0;
+        let lifts = now.state == State::Fault && !closed && now.duty < 0.0;
+        let sinks = lifts && now.velocity.0 > limits.runaway.0;
         let runaway = self.runaway.longer_than(limits.following_ms, closed && against || sinks);
-        let following = self.following.longer_than(limits.following_ms, closed && off(limits, status));
-        let gap = self.gap.longer_than(
-            limits.gap_ms,
-            pulses && matches!(quality, Quality::Missing | Quality::Saturated | Quality::Reversed),
-        );
-        let gate = self.gate.longer_than(limits.gap_ms, pulses && quality == Quality::NoGate);
+        let following = self.following.longer_than(limits.following_ms, closed && off(limits, now));
+        let bad = matches!(now.quality, Quality::Missing | Quality::Saturated | Quality::Reversed);
+        let gap = self.gap.longer_than(limits.gap_ms, now.pulses && bad);
+        let gate = self.gate.longer_than(limits.gap_ms, now.pulses && now.quality == Quality::NoGate);
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;
 
         [
@@ -98,17 +177,53 @@ impl Supervisor {
         .find_map(|(happens, fault)| happens.then_some(fault))
     }
 
+    /// Looks at drive and encoder; whether the encoder is not to be believed.
+    fn look(&mut self, config: &Config, now: &Measured, counters: &Counters) -> bool {
+        let reversed = config.encoder_reversed;
+        let used = as_wired(reversed, counters.used.raw);
+        let illegal = counters.used.illegal;
+        let begins = |belief: &Belief| belief.trusts != now.trusts || belief.reversed != reversed;
+        if self.belief.as_ref().is_none_or(begins) {
+            self.belief = Some(Belief {
+                plausibility: Plausibility::new(config.plausibility, illegal),
+                marks: MarkCheck::new(config.marks),
+                count: used.count,
+                trusts: now.trusts,
+                reversed,
+            });
+        }
+        let Some(belief) = &mut self.belief else { return false };
+        let moved = used.count.wrapping_sub(belief.count).cast_signed();
+        belief.count = used.count;
+
+        let sign = if config.motor_reversed { -1.0 } else { 1.0 };
+        let bus = Volts(f32::from(now.bus) * config.bus_per_code.0);
+        let (drawn, squares) = now.sums.since(&self.sums, sign * config.amps_per_code.0, sign, bus, moved);
+        self.sums = now.sums;
+        self.guard.update(&config.current, squares, drawn.over);
+        self.judged.back_emf.update(&config.plant, &drawn);
+        self.judged.current = drawn.end;
+        self.judged.bus = bus;
+        self.judged.reduced = self.guard.reduced();
+        self.judged.illegal = illegal;
+
+        let watch = counters.watch.map(|watch| as_wired(reversed, watch));
+        let apart = belief.plausibility.look(used, watch, illegal).is_err();
+        apart | belief.marks.update(counters.used.mark).is_err()
+    }
+
     /// An encoder that stands still while the winding generates, or the reverse, is not believed.
-    fn contradicts(&mut self, limits: &Limits, status: &Status) -> bool {
-        let allowed = limits.velocity.0 + limits.resistance * status.back_emf.resistive().0;
-        let differs = status.back_emf.difference().0.abs() > allowed;
-        self.encoder.longer_than(limits.encoder_ms, status.closed && differs)
+    fn contradicts(&mut self, limits: &Limits, closed: bool) -> bool {
+        let back_emf = &self.judged.back_emf;
+        let allowed = limits.velocity.0 + limits.resistance * back_emf.resistive().0;
+        let differs = back_emf.difference().0.abs() > allowed;
+        self.encoder.longer_than(limits.encoder_ms, closed && differs)
     }
 }
 
 /// The axis is too far from its setpoint. A fault's reaction does not push a head down that has risen by itself: there only
 /// one that is too far down counts.
-fn off(limits: &Limits, status: &Status) -> bool {
-    let following = if status.state == State::Fault { -status.following } else { status.following.abs() };
+fn off(limits: &Limits, now: &Measured) -> bool {
+    let following = if now.state == State::Fault { -now.following } else { now.following.abs() };
     following > limits.following
 }

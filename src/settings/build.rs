@@ -174,7 +174,6 @@ impl Settings {
                 illegal: self.encoder_illegal,
                 ..PlausibilityLimits::default()
             },
-            clock_hz: CLOCK_HZ,
             encoder_reversed: self.encoder_reversed,
             motor_reversed: self.motor_reversed,
             duty_limit: self.axis_duty_limit,

@@ -6,7 +6,7 @@ use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::Snapshot;
 use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Command, Head, State, Supervisor, TickInput};
+use edm_servo_head::head::{Command, Head, Inputs, State};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{Nanometres, Volts};
@@ -37,14 +37,15 @@ prop_compose! {
         toward_work in any::<bool>(), illegal in prop_oneof![9 => Just(0), 1 => any::<u32>()],
         safety in [unlikely(), unlikely(), unlikely(), unlikely(), unlikely()],
         motor_current in 0u16..4096, bus_voltage in prop_oneof![20 => Just(2400u16), 1 => any::<u16>()],
-    ) -> TickInput {
+    ) -> Inputs {
         let [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault] = safety;
-        TickInput {
-            gap: GapReading { filtered, block, quality, short_ticks },
+        Inputs {
+            gap: GapReading { filtered, block, mean: block, quality, short_ticks },
             encoder: Snapshot { raw: RawCount { count, last_edge, toward_work, now }, illegal, ..Snapshot::default() },
             safety: SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault }.unsafe_ones(),
             drive: DriveCodes { motor_current, bus_voltage },
-            ..TickInput::default()
+            host_alive: true,
+            ..Inputs::default()
         }
     }
 }
@@ -73,7 +74,6 @@ proptest! {
     ) {
         let settings = Settings { commissioned: true, ..Settings::default() };
         let mut head = Head::new(settings.build().unwrap().head, Box::new(Path::EMPTY));
-        let mut supervisor = Supervisor::default();
         let limit = (f32::from(Drive::FULL) * settings.axis_duty_limit) as i16 + 1;
         for (commands, input, ticks) in steps {
             for command in commands {
@@ -81,15 +81,12 @@ proptest! {
             }
             for _ in 0..ticks {
                 let output = head.tick(&input);
-                let state = head.status().state;
+                let state = head.in_force().state;
                 prop_assert!(!output.pulses || state.pulses() || state == State::Commissioning);
                 if let Drive::Duty(duty) = output.drive {
                     prop_assert!(duty.abs() <= limit, "{duty}");
                     prop_assert!(state != State::Disabled);
                 }
-            }
-            if let Some(fault) = supervisor.tick(&head.supervision(), head.status(), true) {
-                head.raise(fault);
             }
         }
     }

@@ -6,7 +6,7 @@ use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::Snapshot;
 use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Change, Command, Fault, Head, State, Supervisor, TickInput, TickOutput};
+use edm_servo_head::head::{Change, Command, Fault, Head, Inputs, LEAD, State, TickOutput};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{CLOCK_HZ, Nanometres, TICK_HZ, TICK_S, Volts};
@@ -14,7 +14,6 @@ use edm_servo_head::units::{CLOCK_HZ, Nanometres, TICK_HZ, TICK_S, Volts};
 /// The bench, in SI units; um where it says so.
 pub struct Bench {
     pub head: Head<Box<Path>>,
-    pub supervisor: Supervisor,
     pub settings: Settings,
     pub output: TickOutput,
     /// Position of the head, m, positive toward the work.
@@ -58,7 +57,6 @@ impl Bench {
         let active = settings.build().expect("the test's settings fit together");
         Bench {
             head: Head::new(active.head, Box::new(Path::EMPTY)),
-            supervisor: Supervisor::default(),
             settings,
             output: TickOutput::default(),
             x: 0.0,
@@ -167,6 +165,8 @@ impl Bench {
         for _ in 0..(seconds * f64::from(TICK_HZ)) as u64 {
             self.tick();
             if done(self) {
+                // What has been decided comes into force.
+                (0..LEAD).for_each(|_| self.tick());
                 return;
             }
         }
@@ -190,7 +190,7 @@ impl Bench {
             now: self.now,
         };
         let watch = self.watch_offset.map(|off| RawCount { count: raw.count.wrapping_add_signed(off), ..raw });
-        let input = TickInput {
+        let inputs = Inputs {
             gap: self.gap(),
             encoder: Snapshot { raw, ..Snapshot::default() },
             watch,
@@ -201,16 +201,11 @@ impl Bench {
                 bus_voltage: (self.bus / 0.02) as u16,
             },
             reflex: std::mem::take(&mut self.reflex),
+            host_alive: self.host_alive,
         };
-        self.output = self.head.tick(&input);
-        let state = self.state();
+        self.output = self.head.tick(&inputs);
+        let state = self.head.in_force().state;
         assert!(!self.output.pulses || state.pulses() || state == State::Commissioning, "pulses while {state:?}");
-        if self.ticks.is_multiple_of(u64::from(Supervisor::PERIOD)) {
-            let limits = self.head.supervision();
-            if let Some(fault) = self.supervisor.tick(&limits, self.head.status(), self.host_alive) {
-                self.head.raise(fault);
-            }
-        }
     }
 
     fn amps(&self) -> f64 {
@@ -245,6 +240,6 @@ impl Bench {
             other => other,
         };
         let volts = Volts((volts * self.gap_sign) as f32);
-        GapReading { filtered: volts, block: volts, quality, short_ticks: self.short_ticks }
+        GapReading { filtered: volts, block: volts, mean: volts, quality, short_ticks: self.short_ticks }
     }
 }

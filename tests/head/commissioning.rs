@@ -16,6 +16,7 @@ fn check(prepare: impl FnOnce(&mut Bench)) -> (Bench, Result<Report, Finding>, f
         strongest = strongest.max(bench.duty().abs());
         bench.state() != State::Commissioning
     });
+    bench.run(0.001);
     assert!(bench.coasts() && !bench.output.pulses);
     let result = bench.head.commissioning_result().expect("a check that has ended has a result");
     (bench, result, strongest)

@@ -225,7 +225,7 @@ impl Host {
         assert_eq!(running.head, active.head, "servo task");
         assert_eq!(running.off_time_ns, active.off_time_ns, "generator");
         assert_eq!(running.gap, active.gap, "gap task");
-        assert_eq!(running.limits, active.head.supervise, "supervision");
+        assert_eq!(running.supervision, active.head.supervision(), "supervision");
         assert_eq!(running.reflex, active.reflex, "reflex");
     }
 

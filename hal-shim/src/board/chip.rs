@@ -189,14 +189,15 @@ pub struct Task {
 
 /// The task table, highest priority first.
 pub const TASKS: &[Task] = &[
-    Task { name: "reflex", priority: 8, source: "ADC", deadline: "2.5 us from the sample to the pin" },
-    Task { name: "stop", priority: 7, source: "EXTI15_10", deadline: "5 us" },
-    Task { name: "bridge_fault", priority: 7, source: "TIM1_BRK_TIM9", deadline: "5 us; the break itself is hardware" },
-    Task { name: "encoder_a", priority: 6, source: "EXTI0", deadline: "3.3 us, one edge at 300 kcount/s" },
-    Task { name: "encoder_b", priority: 6, source: "EXTI1", deadline: "3.3 us, one edge at 300 kcount/s" },
-    Task { name: "encoder_index", priority: 6, source: "EXTI2", deadline: "3.3 us, one edge at 300 kcount/s" },
-    Task { name: "gap", priority: 5, source: "DMA2_STREAM0", deadline: "6 us, before the servo tick" },
-    Task { name: "servo", priority: 4, source: "TIM1_UP_TIM10", deadline: "50 us, one period" },
+    Task { name: "reflex", priority: 9, source: "ADC", deadline: "2.5 us from the sample to the pin" },
+    Task { name: "stop", priority: 8, source: "EXTI15_10", deadline: "5 us" },
+    Task { name: "bridge_fault", priority: 8, source: "TIM1_BRK_TIM9", deadline: "5 us; the break itself is hardware" },
+    Task { name: "encoder_a", priority: 7, source: "EXTI0", deadline: "3.3 us, one edge at 300 kcount/s" },
+    Task { name: "encoder_b", priority: 7, source: "EXTI1", deadline: "3.3 us, one edge at 300 kcount/s" },
+    Task { name: "encoder_index", priority: 7, source: "EXTI2", deadline: "3.3 us, one edge at 300 kcount/s" },
+    Task { name: "gap", priority: 6, source: "DMA2_STREAM0", deadline: "6 us, before the servo tick" },
+    Task { name: "servo", priority: 5, source: "TIM1_UP_TIM10", deadline: "50 us, one period" },
+    Task { name: "plan", priority: 4, source: "SPI2", deadline: "100 us, the second tick after its estimate" },
     Task { name: "supervise", priority: 3, source: "TIM7", deadline: "1 ms" },
     Task { name: "can_receive", priority: 2, source: "CAN1_RX0", deadline: "111 us, one frame" },
     Task { name: "can_sync", priority: 2, source: "CAN1_RX1", deadline: "47 us, the shortest frame" },

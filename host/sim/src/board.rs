@@ -84,20 +84,24 @@ pub struct Ports {
     pub mailboxes: Cell<Option<usize>>,
     /// Identifiers that the controller lets through, that of SYNC first.
     pub listens: RefCell<Vec<u16>>,
-    /// Tasks asked for: protocol, transmission, supervision.
-    pub wants: [Cell<bool>; 3],
+    /// Newest gap reading, for whoever looks on.
+    pub reading: Cell<GapReading>,
+    /// Tasks asked for: protocol, transmission, supervision, plan.
+    pub wants: [Cell<bool>; 4],
     /// What was noted.
     pub notes: RefCell<Vec<Note>>,
     /// A task that has fallen silent.
     pub silent: Cell<Option<usize>>,
 }
 
-/// ObjectHandle of the protocol in [`Ports::wants`].
+/// Number of the protocol in [`Ports::wants`].
 pub const PROTOCOL: usize = 0;
-/// ObjectHandle of the transmission.
+/// Of the transmission.
 pub const TRANSMIT: usize = 1;
-/// ObjectHandle of the supervision.
+/// Of the supervision.
 pub const SUPERVISE: usize = 2;
+/// Of the plan.
+pub const PLAN: usize = 3;
 /// Frames that an inbox of the controller holds.
 const DEPTH: usize = 3;
 
@@ -219,14 +223,16 @@ pub struct Source {
 
 impl GapSource for Source {
     fn update(&mut self, block: Option<&GapBlock>) -> GapReading {
-        match &mut *self.ports.dry.borrow_mut() {
+        let reading = match &mut *self.ports.dry.borrow_mut() {
             None => self.voltage.update(block),
             Some(_) if !self.ports.pulses.get() => GapReading::default(),
             Some(Dry { source, config, count_um }) => {
                 let um = self.ports.position.get() as f64 * *count_um;
                 source.update(config, Fixed((um * f64::from(1u32 << FRACTION_BITS)) as i64))
             }
-        }
+        };
+        self.ports.reading.set(reading);
+        reading
     }
 }
 
@@ -359,6 +365,9 @@ impl Watchdog for Part {
 }
 
 impl Caller for Part {
+    fn plan(&self) {
+        self.0.wants[PLAN].set(true);
+    }
     fn protocol(&self) {
         self.0.wants[PROTOCOL].set(true);
     }

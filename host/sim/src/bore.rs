@@ -157,7 +157,7 @@ fn sample(machine: &impl Rig, home_um: f64) -> Sample {
         velocity_um_s: truth.velocity_um_s,
         surface_um,
         gap_um,
-        gap_v: status.gap.block.0,
+        gap_v: machine.gap_block().0,
         filtered_v: status.gap.filtered.0,
         setpoint_v: status.gap_setpoint.0,
         duty: status.duty,

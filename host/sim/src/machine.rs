@@ -2,17 +2,18 @@
 //!
 //! [`Core`] is what every head has: process, encoder, gap and servo task, supervision. They are called by priority at their
 //! times, as RTIC calls them on the chip: in each period of the PWM the edges of the encoder, the block of conversions, the
-//! tick; every millisecond the supervision. What commands the head is the protocol of a virtual head ([`crate::serve`]), or,
+//! tick, and the plan when it asks for one; every millisecond the supervision. What commands the head is the protocol of a virtual head ([`crate::serve`]), or,
 //! in a [`Machine`], whoever holds it.
 
-use crate::board::{Dry, Part, Pc, Ports, Source};
+use crate::board::{Dry, PLAN, Part, Pc, Ports, Source};
 use crate::process::{Parameters, Process};
 use edm_hal_shim::encoder::Line;
 use edm_runtime::assemble::{Host, IdleEnds};
 use edm_runtime::can::{Receive, Transmit};
-use edm_runtime::crossings::{Answer, Request, ServoConfig};
+use edm_runtime::crossings::{Answer, HeadConfig, Request};
 use edm_runtime::encoder::Decoder;
 use edm_runtime::gap::Gap;
+use edm_runtime::plan::Plans;
 use edm_runtime::servo::Servo;
 use edm_runtime::supervise::Supervise;
 use edm_runtime::{Crossings, HostEnds, Parts, Signals, Tasks, assemble};
@@ -21,7 +22,7 @@ use edm_servo_head::gap::{Surrogate, SurrogateConfig, Voltage};
 use edm_servo_head::head::{Change, Command, Fault, Finding, Refused, Report, Status, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{Active, SettingError, Settings};
-use edm_servo_head::units::{Fixed, MicrometresPerSecond, TICKS_PER_MS, Volts};
+use edm_servo_head::units::{Fixed, MicrometresPerSecond, PLAN_TICKS, TICKS_PER_MS, Volts};
 
 /// Gap that counts as right in the dry loop, um.
 const DRY_GAP_UM: f64 = 40.0;
@@ -50,6 +51,10 @@ pub trait Rig {
     fn true_count(&self) -> i64 {
         self.process().truth().count
     }
+    /// Gap voltage of the newest block, before the filters.
+    fn gap_block(&self) -> Volts {
+        self.status().gap.block
+    }
     /// Where the imagined surface of the dry loop has got to, um; `None` with a real gap.
     fn imagined_surface_um(&self) -> Option<f64> {
         None
@@ -73,6 +78,9 @@ impl Rig for Machine {
     fn command(&mut self, command: Command) -> Result<(), String> {
         Machine::command(self, command).map_err(|refused| format!("{command:?} was refused: {refused}"))
     }
+    fn gap_block(&self) -> Volts {
+        self.core.ports.reading.get().block
+    }
     fn imagined_surface_um(&self) -> Option<f64> {
         Machine::imagined_surface_um(self)
     }
@@ -88,8 +96,10 @@ pub struct Core {
     pub(crate) decoder: Decoder<Pc>,
     pub(crate) gap: Gap<Pc>,
     pub(crate) servo: Servo<Pc>,
+    pub(crate) plan: Plans<Pc>,
     pub(crate) supervise: Supervise<Pc>,
     pub(crate) ticks: u32,
+    status: Status,
 }
 
 /// The tasks by which a head is commanded, before anybody has chosen them.
@@ -141,8 +151,9 @@ impl Core {
             sync: part,
         };
         let Ok(tasks) = assemble(parts, crossings, signals, active, path);
-        let Tasks { decoder, gap, servo, supervise, receive, transmit, host, idle } = tasks;
-        let core = Core { ports, signals, published, decoder, gap, servo, supervise, ticks: 0 };
+        let Tasks { decoder, gap, servo, plan, supervise, receive, transmit, host, idle } = tasks;
+        let status = Status::default();
+        let core = Core { ports, signals, published, decoder, gap, servo, plan, supervise, ticks: 0, status };
         (core, Others { host, idle, receive, transmit })
     }
 
@@ -174,12 +185,21 @@ impl Core {
         show(ports, process);
         self.gap.block();
         self.servo.tick();
-        ports.position.set(self.status().position);
+        self.follow_up();
+    }
+
+    /// The plan, if the tick has asked for one; and what is known then.
+    pub(crate) fn follow_up(&mut self) {
+        if self.ports.wanted(PLAN) {
+            self.plan.run();
+        }
+        self.status = status(&self.servo, &self.plan);
+        self.ports.position.set(self.status.position);
     }
 
     /// What the head knows after the last tick.
     pub fn status(&self) -> &Status {
-        self.servo.head().status()
+        &self.status
     }
 
     /// What the head saw in the last tick.
@@ -191,6 +211,13 @@ impl Core {
     pub fn host_is_alive(&self) {
         self.signals.host.set();
     }
+}
+
+/// What planner and follower of a head know.
+pub(crate) fn status(servo: &Servo<Pc>, plan: &Plans<Pc>) -> Status {
+    let mut status = *plan.planner().status();
+    servo.follower().tell(&mut status);
+    status
 }
 
 /// Puts what the wires of a process show on the ports.
@@ -278,10 +305,10 @@ impl Machine {
 
     /// Oldest result of commissioning not read yet.
     pub fn next_check(&mut self) -> Option<Result<Report, Finding>> {
-        self.ends.checked.receive()
+        self.ends.commissioned.receive()
     }
 
-    /// Lets the head carry out a command in the next tick, which this is.
+    /// Lets the head carry out a command with its next plan, which this waits for.
     ///
     /// # Errors
     /// Why it was refused.
@@ -292,36 +319,38 @@ impl Machine {
         }
     }
 
-    /// Lets the head know of a fault in the next tick, which this is.
+    /// Lets the head know of a fault with its next plan, which this waits for.
     pub fn raise(&mut self, fault: Fault) {
         self.request(Request::Raise(fault));
     }
 
-    /// Runs other settings from the next tick on, which this is.
+    /// Runs other settings from the next plan on, which this waits for.
     ///
     /// # Errors
     /// When they change the axis as wired while a loop is closed.
     pub fn configure(&mut self, active: &Active) -> Result<(), Refused> {
-        self.ends.servo.write(|slot| *slot = ServoConfig { head: active.head, off_time_ns: active.off_time_ns });
+        self.ends.head.write(|slot| *slot = HeadConfig { head: active.head, off_time_ns: active.off_time_ns });
         let state = self.status().state;
         self.request(Request::Configure);
-        if !self.ends.servo.verdict().accepted {
+        if !self.ends.head.verdict().accepted {
             return Err(Refused::State(state));
         }
         self.ends.gap.write(|slot| *slot = active.gap);
-        self.ends.limits.write(|slot| *slot = active.head.supervise);
+        self.ends.supervision.write(|slot| *slot = active.head.supervision());
         self.core.ports.wants[crate::board::SUPERVISE].set(true);
         Ok(())
     }
 
-    /// Sends a request, which the next tick takes, and gives its answer.
+    /// Sends a request, which the next plan takes, and gives its answer.
     fn request(&mut self, request: Request) -> Answer {
         self.ends.requests.send(request);
         self.core.signals.waiting.set();
-        self.tick();
-        match self.ends.answers.receive() {
-            Some(answer) => answer,
-            None => unreachable!("a tick answers every request"),
+        for _ in 0..PLAN_TICKS {
+            self.tick();
+            if let Some(answer) = self.ends.answers.receive() {
+                return answer;
+            }
         }
+        unreachable!("a plan answers every request")
     }
 }

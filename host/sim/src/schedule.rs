@@ -16,8 +16,8 @@
 //! - Time within a task: the clock stands between two periods.
 //! - The two directions of the bus do not wait for each other.
 
-use crate::board::{PROTOCOL, Pc, Ports, SUPERVISE, TRANSMIT};
-use crate::machine::{Core, SUPERVISED, show};
+use crate::board::{PLAN, PROTOCOL, Pc, Ports, SUPERVISE, TRANSMIT};
+use crate::machine::{Core, SUPERVISED, show, status};
 use crate::process::Process;
 use crate::serve::head::Head;
 use edm_bus::Frame;
@@ -30,11 +30,12 @@ use edm_runtime::can::{Receive, Transmit};
 use edm_runtime::encoder::Decoder;
 use edm_runtime::gap::Gap;
 use edm_runtime::idle::Idle;
+use edm_runtime::plan::Plans;
 use edm_runtime::protocol::Protocol;
 use edm_runtime::servo::Servo;
 use edm_runtime::supervise::Supervise;
 use edm_servo_head::gap::voltage;
-use edm_servo_head::head::{Config, Status, SupervisionLimits};
+use edm_servo_head::head::{Config, LEAD, Status, SupervisionConfig};
 use edm_servo_head::units::TICKS_PER_MS;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -52,11 +53,13 @@ const MAILBOXES: usize = 3;
 const ENCODER: u8 = priority("encoder_a");
 const GAP: u8 = priority("gap");
 const SERVO: u8 = priority("servo");
+const PLANS: u8 = priority("plan");
 const IDLE: u8 = priority("idle");
 
 /// A task below the servo task: it runs when it was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Task {
+    Plan,
     Supervise,
     Receive,
     Sync,
@@ -65,7 +68,8 @@ enum Task {
 }
 
 /// Those tasks with their priorities, highest first.
-const TASKS: [(Task, u8); 5] = [
+const TASKS: [(Task, u8); 6] = [
+    (Task::Plan, PLANS),
     (Task::Supervise, priority("supervise")),
     (Task::Receive, priority("can_receive")),
     (Task::Sync, priority("can_sync")),
@@ -76,6 +80,10 @@ const TASKS: [(Task, u8); 5] = [
 /// How late tasks come, and how often they interrupt each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Habits {
+    /// Periods by which the plan comes late at the most; it is in time all the same unless `late_plans`.
+    pub plan: u32,
+    /// The plan may miss its tick.
+    pub late_plans: bool,
     /// Periods by which the supervision comes late at the most.
     pub supervise: u32,
     /// The same for the three tasks of the controller.
@@ -92,23 +100,25 @@ pub struct Habits {
 
 impl Habits {
     /// Nobody comes late, and nobody interrupts: for what is not under test.
-    pub const PROMPT: Habits = Habits { supervise: 0, can: 0, protocol: 0, idle: 0, points: 0, periods: 0 };
+    pub const PROMPT: Habits =
+        Habits { plan: 0, late_plans: false, supervise: 0, can: 0, protocol: 0, idle: 0, points: 0, periods: 0 };
     /// Within what the chip can be asked: the controller's three places are emptied in time, the protocol runs within a
     /// millisecond.
-    pub const BUSY: Habits = Habits { supervise: 10, can: 3, protocol: 12, idle: 40, points: 96, periods: 24 };
+    pub const BUSY: Habits =
+        Habits { plan: 1, late_plans: false, supervise: 10, can: 3, protocol: 12, idle: 40, points: 96, periods: 24 };
 }
 
 /// What the tasks run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Running {
-    /// The servo task.
+    /// The planner.
     pub head: Config,
     /// The generator: off-time requested, ns.
     pub off_time_ns: Option<u32>,
     /// The gap task.
     pub gap: voltage::Active,
     /// The supervision.
-    pub limits: SupervisionLimits,
+    pub supervision: SupervisionConfig,
     /// The reflex.
     pub reflex: reflex::Config,
 }
@@ -122,6 +132,7 @@ struct Inner {
     decoder: RefCell<Decoder<Pc>>,
     gap: RefCell<Gap<Pc>>,
     servo: RefCell<Servo<Pc>>,
+    plan: RefCell<Plans<Pc>>,
     supervise: RefCell<Supervise<Pc>>,
     receive: RefCell<Receive<Pc>>,
     transmit: RefCell<Transmit<Pc>>,
@@ -131,6 +142,9 @@ struct Inner {
     habits: Cell<Habits>,
     /// Priority of what runs.
     running: Cell<u8>,
+    /// Period in which the plan that was asked for comes into force, and that of the one under way.
+    due: Cell<Option<u64>>,
+    planning: Cell<Option<u64>>,
     /// Periods so far.
     periods: Cell<u64>,
     /// For each of [`TASKS`] that was asked for: the period in which it may run.
@@ -152,7 +166,7 @@ impl Scheduler {
     /// The tasks of a head, from now on under this seed.
     pub fn of(head: Head, seed: u64) -> Scheduler {
         let Head { process, core, receive, transmit, protocol, idle, .. } = head;
-        let Core { ports, decoder, gap, servo, supervise, ticks, .. } = core;
+        let Core { ports, decoder, gap, servo, plan, supervise, ticks, .. } = core;
         ports.mailboxes.set(Some(MAILBOXES));
         Scheduler(Rc::new(Inner {
             ports,
@@ -160,6 +174,9 @@ impl Scheduler {
             decoder: RefCell::new(decoder),
             gap: RefCell::new(gap),
             servo: RefCell::new(servo),
+            plan: RefCell::new(plan),
+            due: Cell::new(None),
+            planning: Cell::new(None),
             supervise: RefCell::new(supervise),
             receive: RefCell::new(receive),
             transmit: RefCell::new(transmit),
@@ -242,7 +259,7 @@ impl Scheduler {
 
     /// What the head knows after its newest tick.
     pub fn status(&self) -> Status {
-        *self.0.servo.borrow().head().status()
+        status(&self.0.servo.borrow(), &self.0.plan.borrow())
     }
 
     /// Looks at the protocol.
@@ -254,10 +271,10 @@ impl Scheduler {
     pub fn running(&self) -> Running {
         let ports = self.0.ports;
         Running {
-            head: *self.0.servo.borrow().head().config(),
+            head: *self.0.plan.borrow().planner().config(),
             off_time_ns: ports.off_time_ns.get(),
             gap: *self.0.gap.borrow().source().voltage.active(),
-            limits: *self.0.supervise.borrow().limits(),
+            supervision: *self.0.supervise.borrow().config(),
             reflex: ports.thresholds.get().expect("the reflex was told at the start"),
         }
     }
@@ -296,15 +313,25 @@ impl Inner {
         }
         if running >= SERVO {
             self.late_edge();
-        } else if whole < habits.periods {
+        } else if whole < habits.periods && !(running == PLANS && self.is_due()) {
             self.period();
         } else if let Some(task) = self.next() {
             self.run(task);
         }
     }
 
+    /// Whether the next period needs a plan that is not there.
+    fn is_due(&self) -> bool {
+        let next = self.periods.get() + 1;
+        let due = [&self.due, &self.planning].iter().any(|due| due.get().is_some_and(|due| next >= due));
+        due && !self.habits.get().late_plans
+    }
+
     /// One period of the PWM: the process, the edges of the encoder, the block, the tick.
     fn period(&self) {
+        if self.running.get() < PLANS && self.is_due() {
+            self.run(0);
+        }
         let ports = self.ports;
         self.bus();
         let periods = self.periods.get() + 1;
@@ -325,7 +352,10 @@ impl Inner {
         self.at(GAP, || self.gap.borrow_mut().block());
         self.at(SERVO, || self.servo.borrow_mut().tick());
         self.late_edge();
-        ports.position.set(self.servo.borrow().head().status().position);
+        ports.position.set(self.servo.borrow().follower().position());
+        if ports.wants[PLAN].get() && self.due.get().is_none() {
+            self.due.set(Some(periods + u64::from(LEAD)));
+        }
         if periods % u64::from(TICKS_PER_MS) == u64::from(SUPERVISED) {
             ports.period.set(true);
             ports.wants[SUPERVISE].set(true);
@@ -368,6 +398,7 @@ impl Inner {
     fn asked(&self, task: Task) -> bool {
         let waits = |inbox: Inbox| !self.ports.inboxes[inbox as usize].borrow().is_empty();
         match task {
+            Task::Plan => self.ports.wants[PLAN].get(),
             Task::Supervise => self.ports.wants[SUPERVISE].get(),
             Task::Receive => waits(Inbox::Others),
             Task::Sync => waits(Inbox::Sync),
@@ -386,6 +417,7 @@ impl Inner {
             }
             let release = self.release[number].get().unwrap_or_else(|| {
                 let most = match task {
+                    Task::Plan => habits.plan,
                     Task::Supervise => habits.supervise,
                     Task::Receive | Task::Sync | Task::Transmit => habits.can,
                     Task::Protocol => habits.protocol,
@@ -406,6 +438,12 @@ impl Inner {
         self.release[number].set(None);
         // Whoever asks from here on asks for one run more.
         self.at(priority, || match task {
+            Task::Plan => {
+                self.ports.wants[PLAN].set(false);
+                self.planning.set(self.due.take());
+                self.plan.borrow_mut().run();
+                self.planning.set(None);
+            }
             Task::Supervise => {
                 self.ports.wants[SUPERVISE].set(false);
                 self.supervise.borrow_mut().tick();

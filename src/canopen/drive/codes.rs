@@ -42,6 +42,7 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
         Fault::OverCurrent => (0x2310, CURRENT),
         // Power section.
         Fault::BridgeFault => (0x5400, CURRENT),
+        Fault::PlanLate => (0xFF07, MANUFACTURER),
     };
     (code, bits | GENERIC)
 }
@@ -126,7 +127,6 @@ numbered! {
         Refused::NoPath => 7 "nothing queued",
         Refused::StillFaulty(_) => 8 "the cause of a fault is still there",
         Refused::Storing => 9 "settings are being stored",
-        Refused::NotStored => 10 "settings could not be stored",
         Refused::Doubted(_) => 11 "after a fault of the encoder the head has to be enabled first",
         Refused::PathActive => 12 "a path is under way or queued",
     }

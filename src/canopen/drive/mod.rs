@@ -172,8 +172,8 @@ pub struct Generations {
     pub supervision: u32,
 }
 
-/// Tasks of [`Drive::set_timers`]: gap, servo, supervision, protocol.
-pub const TASKS: usize = 4;
+/// Tasks of [`Drive::set_timers`]: gap, servo, supervision, protocol, plan.
+pub const TASKS: usize = 5;
 
 /// Orders that can wait.
 const ORDERS: usize = 16;

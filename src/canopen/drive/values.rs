@@ -106,7 +106,7 @@ impl Drive {
         let status = &self.status;
         let axis = &self.active.head.axis;
         let centivolts = |volts: Volts| i64::from((volts.0 * 100.0) as i16);
-        let [gap, servo, supervision, protocol] = &self.timers;
+        let [gap, servo, supervision, protocol, plan] = &self.timers;
         let last = |timer: &TaskTimer| i64::from(timer.last);
         let most = |timer: &TaskTimer| i64::from(timer.most);
         let load = |timer: &TaskTimer| i64::from(timer.load);
@@ -126,7 +126,7 @@ impl Drive {
             Item::PathCoordinate => clamp32(status.path.round()).into(),
             Item::PathFeed => i64::from(status.feed.0 as i32),
             Item::GapVoltage => centivolts(status.gap.filtered),
-            Item::GapBlock => centivolts(status.gap.block),
+            Item::GapBlock => centivolts(status.gap.mean),
             Item::GapQuality => status.gap.quality as i64,
             Item::GapShort => status.gap.short_ticks.min(u16::MAX.into()).into(),
             Item::GapSetpoint => centivolts(status.gap_setpoint),
@@ -150,6 +150,9 @@ impl Drive {
             Item::ProtocolLast => last(protocol),
             Item::ProtocolMost => most(protocol),
             Item::ProtocolLoad => load(protocol),
+            Item::PlanLast => last(plan),
+            Item::PlanMost => most(plan),
+            Item::PlanLoad => load(plan),
             Item::StoredOutcome => self.loaded().outcome as i64,
             Item::StoredSkipped => self.loaded().skipped.count.into(),
             Item::StoredSkippedFirst => number_of(self.loaded().skipped.first),

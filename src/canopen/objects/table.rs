@@ -172,6 +172,9 @@ objects! {
         10 ProtocolLast: u32, ro, no, U32, 0, "ns", live, "Protocol last";
         11 ProtocolMost: u32, ro, no, U32, 0, "ns", live, "Protocol longest";
         12 ProtocolLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Protocol load";
+        13 PlanLast: u32, ro, no, U32, 0, "ns", live, "Plan last";
+        14 PlanMost: u32, ro, no, U32, 0, "ns", live, "Plan longest";
+        15 PlanLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Plan load";
     }
     0x200B "Stored image" {
         1 StoredOutcome: u8, ro, tx, (0, 4), 0, "", live, "Outcome: of loading it at the last reset: 0 nothing was stored, 1 what was stored last is in force, 2 an older one is, the last one is damaged or was not finished, 3 defaults, it is damaged, 4 defaults, it is of an unknown version";

@@ -1,24 +1,25 @@
 //! The native tasks beside the firmware's: they are fed what the chip saw, and must come to the same, bit for bit.
 //!
-//! They are those of the runtime (gap, servo, supervision), over ports that show what the chip saw at its own, upstream of
+//! They are those of the runtime (gap, servo, plan, supervision), over ports that show what the chip saw at its own, upstream of
 //! everything that computes with floats: the converter's codes with the gate, the encoder's counts and times, contacts,
-//! drive codes, the reflex. Commands go through the crossings, in the tick in which the chip's servo task carried them out.
+//! drive codes, the reflex. Commands go through the crossings, to the plan in which the chip's carried them out.
 //!
-//! A fault that a tick finds by itself must be found here, and so must one of the supervision, which judges here when it did
-//! there. A tick may interrupt it between judging and telling, and then the tick behind is told. What the protocol raises, a
-//! host that is silent, is told as a request.
+//! A fault that a tick finds by itself must be found here, and so must one of the supervision, which judges here when it has
+//! there. A tick may interrupt it between telling and coming to its end: then it judges here before that tick. What the protocol
+//! raises, a host that is silent, is told as a request.
 
 mod recording;
 
 pub use recording::{Error, QUALITIES, Recorder, STATES, replay};
 
-use crate::board::Ports;
+use crate::board::{PLAN, Ports};
 use crate::machine::Core;
 use edm_hal_shim::gap::GapBlock;
 use edm_runtime::HostEnds;
 use edm_runtime::crossings::Request;
+use edm_servo_head::encoder::Snapshot;
 use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Command, Fault, Status, TickInput};
+use edm_servo_head::head::{Command, Counters, Fault, Status, TickInput};
 use edm_servo_head::settings::{SettingError, Settings};
 
 /// What the chip saw, and what it came to.
@@ -26,24 +27,26 @@ use edm_servo_head::settings::{SettingError, Settings};
 pub enum Event {
     /// A block of conversions was completed, or lost.
     Block(Option<GapBlock>),
-    /// The host's command that the next tick carries out.
+    /// The host's command that the next plan carries out.
     Command(Command),
-    /// The supervision has judged the newest status.
+    /// The fault that the protocol raises with the next plan.
+    Raised(Fault),
+    /// A plan was made; what is known then.
+    Plan(Status),
+    /// The supervision has judged what was measured last.
     Supervised,
-    /// A fault that another task tells the next tick of.
-    Told(Fault),
-    /// One servo tick.
-    Tick(TickInput, Status),
+    /// One servo tick: what it saw, both counters as read last, and what the follower knows then.
+    Tick(TickInput, Counters, Status),
 }
 
 /// The native tasks.
 pub struct Twin {
     core: Core,
     ends: HostEnds,
-    /// The supervision has found a fault, and nothing else waits for the servo task.
+    /// The supervision has found a fault that no tick was told of yet.
     found: bool,
-    /// The newest fault that the next tick is told of.
-    told: Option<Fault>,
+    /// It has judged before its time.
+    early: bool,
     ticks: u64,
 }
 
@@ -54,7 +57,7 @@ impl Twin {
     /// When the settings contradict each other.
     pub fn new(settings: &Settings) -> Result<Self, SettingError> {
         let (core, others) = Core::on(Ports::leak(), &settings.build()?);
-        Ok(Self { core, ends: others.host.ends, found: false, told: None, ticks: 0 })
+        Ok(Self { core, ends: others.host.ends, found: false, early: false, ticks: 0 })
     }
 
     /// What happened next on the chip.
@@ -67,41 +70,36 @@ impl Twin {
                 self.core.ports.block.set(*block);
                 self.core.gap.block();
             }
-            Event::Told(fault) => {
-                self.told = Some(*fault);
-                if *fault == Fault::HostSilent {
-                    self.request(Request::Raise(*fault));
-                }
-            }
+            Event::Command(command) => self.ends.requests.send(Request::Command(*command)),
+            Event::Raised(fault) => self.ends.requests.send(Request::Raise(*fault)),
+            Event::Plan(status) => return self.plan(status),
+            Event::Supervised if std::mem::take(&mut self.early) => {}
             Event::Supervised => self.judge(),
-            Event::Command(command) => self.request(Request::Command(*command)),
-            Event::Tick(input, status) => return self.tick(input, status),
+            Event::Tick(input, counters, status) => return self.tick(input, counters, status),
         }
         Ok(())
     }
 
-    fn request(&mut self, request: Request) {
-        self.ends.requests.send(request);
-        self.core.signals.waiting.set();
-        self.found = false;
-    }
-
     /// The supervision's millisecond.
     fn judge(&mut self) {
-        let others = self.core.signals.waiting.is_set();
+        let waited = self.core.signals.waiting.is_set();
+        self.core.signals.waiting.clear();
         // Whether a host is silent is not recorded.
         self.core.host_is_alive();
         self.core.ports.period.set(true);
         self.core.supervise.tick();
-        self.found = self.core.signals.waiting.is_set() && !others;
+        self.found |= self.core.signals.waiting.is_set();
+        if waited {
+            self.core.signals.waiting.set();
+        }
     }
 
     /// Shows what the chip saw.
-    fn show(&self, input: &TickInput) {
+    fn show(&self, input: &TickInput, counters: &Counters) {
         let ports = self.core.ports;
-        self.core.published.replay(&input.encoder);
-        ports.now.set(input.encoder.raw.now);
-        if let Some(watch) = input.watch {
+        self.core.published.replay(&Snapshot { raw: input.encoder, ..counters.used });
+        ports.now.set(input.encoder.now);
+        if let Some(watch) = counters.watch {
             ports.timer.set(watch.count);
             ports.timer_read_at.set(Some(watch.now));
         }
@@ -110,41 +108,60 @@ impl Twin {
         ports.retreats.set(ports.retreats.get().wrapping_add(input.reflex.into()));
     }
 
-    fn tick(&mut self, input: &TickInput, there: &Status) -> Result<(), String> {
+    fn tick(&mut self, input: &TickInput, counters: &Counters, there: &Status) -> Result<(), String> {
         self.ticks += 1;
+        if input.told.is_some() && !self.found {
+            self.judge();
+            self.early = true;
+        }
+        self.found &= input.told.is_none();
+        self.show(input, counters);
+        if let Some(point) = input.set_point {
+            // One that has come already releases it.
+            self.ends.previews.write(|preview| *preview = (Some(point), u32::MAX));
+        }
         let waiting = &self.core.signals.waiting;
-        let interrupted = std::mem::take(&mut self.found) && self.told.is_none();
-        if interrupted {
+        let waited = waiting.is_set();
+        if input.asked {
+            waiting.set();
+        } else {
             waiting.clear();
         }
-        self.show(input);
-        let wants_gap = self.core.servo.head().wants_gap();
         self.core.servo.tick();
-        if interrupted {
-            waiting.set();
+        if waited && !input.asked {
+            self.core.signals.waiting.set();
         }
-        while self.ends.answers.receive().is_some() {}
-        while self.ends.changes.receive().is_some() {}
-        while self.ends.checked.receive().is_some() {}
-
-        let (fault, tick) = self.core.servo.told();
-        self.compare("fault told", &(tick == there.tick).then_some(fault), &self.told)?;
-        self.told = None;
-        // Between plans the firmware leaves the reading as it was.
-        let missing = GapReading { quality: Quality::Missing, ..input.gap };
-        if wants_gap && input.gap != missing {
-            self.compare("gap reading", &bits(&self.core.input().gap), &bits(&input.gap))?;
-        }
-        let here = *self.core.status();
-        self.compare("state", &(here.tick, here.state, here.fault), &(there.tick, there.state, there.fault))?;
-        self.compare("setpoint", &(here.setpoint, here.path), &(there.setpoint, there.path))?;
-        self.compare("gap", &bits(&here.gap), &bits(&there.gap))?;
+        let seen = self.core.servo.input();
+        self.compare("fault told", &seen.told, &input.told)?;
+        self.compare("short", &seen.short_ticks, &input.short_ticks)?;
+        let mut here = Status::default();
+        self.core.servo.follower().tell(&mut here);
+        self.compare("tick", &here.tick, &there.tick)?;
         let motion = |s: &Status| (s.position, s.velocity.0.to_bits(), s.following.to_bits(), s.saturated);
         self.compare("motion", &motion(&here), &motion(there))?;
-        let drive = |s: &Status| (s.current.0.to_bits(), s.bus.0.to_bits(), s.open_circuit.0.to_bits());
-        self.compare("drive", &drive(&here), &drive(there))?;
+        self.compare("setpoint", &(here.setpoint, here.path), &(there.setpoint, there.path))?;
         self.compare("duty", &here.duty.to_bits(), &there.duty.to_bits())
             .map_err(|e| format!("{e}; {input:?}; natively {here:?}; on the chip {there:?}"))
+    }
+
+    fn plan(&mut self, there: &Status) -> Result<(), String> {
+        if !self.core.ports.wanted(PLAN) {
+            return Err(format!("tick {}: a plan was made on the chip, and asked for by nobody natively", self.ticks));
+        }
+        self.core.plan.run();
+        while self.ends.answers.receive().is_some() {}
+        while self.ends.changes.receive().is_some() {}
+        while self.ends.commissioned.receive().is_some() {}
+        let here = *self.core.plan.planner().status();
+        self.compare("state", &(here.tick, here.state, here.fault), &(there.tick, there.state, there.fault))?;
+        self.compare("gap", &bits(&here.gap), &bits(&there.gap))?;
+        self.compare(
+            "planned",
+            &(here.position, here.setpoint, here.path),
+            &(there.position, there.setpoint, there.path),
+        )?;
+        let drive = |s: &Status| (s.current.0.to_bits(), s.bus.0.to_bits(), s.open_circuit.0.to_bits());
+        self.compare("drive", &drive(&here), &drive(there))
     }
 
     /// Ticks compared.
@@ -176,22 +193,26 @@ mod tests {
         let mut process = Process::new(&Parameters::default(), seed).unwrap();
         let (mut core, others) = Core::new(&settings.build().unwrap(), &process);
         let mut ends = others.host.ends;
-        let mut events = Vec::new();
+        let (mut events, mut enabled) = (Vec::new(), None);
         for period in 0..10_000 {
             if period == 1000 {
                 ends.requests.send(Request::Command(Command::Enable));
                 core.signals.waiting.set();
-                events.push(Event::Command(Command::Enable));
+                enabled = Some(Command::Enable);
             }
             process.fault_inputs.bus_v = (period > 5000).then_some(20.0);
             core.host_is_alive();
+            let planned = core.plan.planner().status().tick;
             let supervised = core.tick(&mut process);
-            let (fault, tick) = core.servo.told();
             events.push(Event::Block(Some(process.sensors().block)));
-            if tick == core.status().tick {
-                events.push(Event::Told(fault));
+            events.push(Event::Tick(*core.input(), *core.servo.counters(), *core.status()));
+            let status = core.plan.planner().status();
+            if status.tick != planned {
+                if let Some(command) = enabled.take() {
+                    events.push(Event::Command(command));
+                }
+                events.push(Event::Plan(*status));
             }
-            events.push(Event::Tick(*core.input(), *core.status()));
             if supervised {
                 events.push(Event::Supervised);
             }
@@ -207,15 +228,17 @@ mod tests {
         Ok(twin.ticks())
     }
 
-    fn told(events: &[Event]) -> usize {
-        events.iter().position(|event| matches!(event, Event::Told(_))).unwrap()
+    fn told(events: &mut [Event]) -> &mut TickInput {
+        let mut ticks =
+            events.iter_mut().filter_map(|event| if let Event::Tick(input, ..) = event { Some(input) } else { None });
+        ticks.find(|input| input.told.is_some()).unwrap()
     }
 
     #[test]
     fn a_fault_of_the_supervision_is_found_here_too() {
         for seed in 0..10 {
-            let events = day(seed);
-            assert_eq!(events[told(&events)], Event::Told(Fault::BusSag));
+            let mut events = day(seed);
+            assert_eq!(told(&mut events).told, Some(Fault::BusSag));
             assert_eq!(replay(&events), Ok(10_000), "seed {seed}");
         }
     }
@@ -223,15 +246,25 @@ mod tests {
     #[test]
     fn a_fault_that_the_supervision_finds_on_one_side_alone_is_a_difference() {
         let events = day(1);
-        let at = told(&events);
-        let without: Vec<_> = events.iter().filter(|event| !matches!(event, Event::Told(_))).copied().collect();
-        assert!(replay(&without).is_err());
-        let mut another = events.clone();
-        another[at] = Event::Told(Fault::FollowingError);
-        assert!(replay(&another).unwrap_err().contains("fault told"));
-        // A millisecond before its time: two events a period, and one a millisecond.
-        let mut early = without;
-        early.insert(at - 41, Event::Told(Fault::BusSag));
+        for spoilt in [None, Some(Fault::FollowingError)] {
+            let mut another = events.clone();
+            told(&mut another).told = spoilt;
+            assert!(replay(&another).unwrap_err().contains("fault told"), "{spoilt:?}");
+        }
+        // Long before its time.
+        let mut early = events.clone();
+        let tick = |event: &&mut Event| matches!(event, Event::Tick(..));
+        let Some(Event::Tick(input, ..)) = early.iter_mut().filter(tick).nth(3000) else { unreachable!() };
+        (input.told, input.asked) = (Some(Fault::BusSag), true);
         assert!(replay(&early).unwrap_err().contains("fault told"));
+    }
+
+    #[test]
+    fn a_plan_that_the_chip_did_not_make_is_a_difference() {
+        let mut events = day(2);
+        let at = events.iter().rposition(|event| matches!(event, Event::Plan(_))).unwrap();
+        let extra = events[at];
+        events.insert(at + 1, extra);
+        assert!(replay(&events).unwrap_err().contains("asked for by nobody"));
     }
 }

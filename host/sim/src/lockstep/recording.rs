@@ -10,7 +10,7 @@ use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Command, Fault, Home, MotionLimits, State, Status, TickInput};
+use edm_servo_head::head::{Command, Counters, Fault, Home, MotionLimits, SetPoint, State, Status, TickInput};
 use edm_servo_head::motion::Method;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{
@@ -22,7 +22,7 @@ use flate2::write::DeflateEncoder;
 use std::io::{self, Read, Write};
 
 /// First bytes of a recording, the last of them its version.
-const MAGIC: [u8; 5] = *b"EDMR\x02";
+const MAGIC: [u8; 5] = *b"EDMR\x03";
 /// States by number.
 pub const STATES: [State; 13] = [
     State::Disabled,
@@ -80,10 +80,11 @@ struct Last {
     block: [u64; BLOCK + 1],
     command: [u64; COMMAND],
     tick: [u64; TICK],
+    plan: [u64; PLAN],
 }
 
 impl Last {
-    const NONE: Last = Last { block: [0; BLOCK + 1], command: [0; COMMAND], tick: [0; TICK] };
+    const NONE: Last = Last { block: [0; BLOCK + 1], command: [0; COMMAND], tick: [0; TICK], plan: [0; PLAN] };
 }
 
 /// Writes a recording.
@@ -112,9 +113,10 @@ impl<W: Write> Recorder<W> {
             Event::Block(None) => to.write_all(&[0]),
             Event::Block(Some(block)) => put(to, 1, &mut last.block, block_numbers(block)),
             Event::Command(command) => put(to, 2, &mut last.command, command_numbers(*command)),
-            Event::Told(fault) => to.write_all(&[4, *fault as u8]),
+            Event::Raised(fault) => to.write_all(&[4, *fault as u8]),
             Event::Supervised => to.write_all(&[5]),
-            Event::Tick(input, status) => put(to, 3, &mut last.tick, tick_numbers(input, status)),
+            Event::Tick(input, counters, status) => put(to, 3, &mut last.tick, tick_numbers(input, counters, status)),
+            Event::Plan(status) => put(to, 6, &mut last.plan, plan_numbers(status)),
         }
     }
 
@@ -151,16 +153,17 @@ pub fn replay(mut from: impl Read) -> Result<u64, Error> {
             [1] => Event::Block(Some(block_of(&get(&mut from, &mut last.block)?))),
             [2] => Event::Command(command_of(&get(&mut from, &mut last.command)?)?),
             [3] => {
-                let (input, status) = tick_of(&get(&mut from, &mut last.tick)?)?;
-                Event::Tick(input, status)
+                let (input, counters, status) = tick_of(&get(&mut from, &mut last.tick)?)?;
+                Event::Tick(input, counters, status)
             }
             [4] => {
                 let mut fault = [0];
                 from.read_exact(&mut fault)?;
                 let [fault] = fault;
-                Event::Told(*Fault::ALL.get(usize::from(fault)).ok_or(Error::Damaged("fault"))?)
+                Event::Raised(*Fault::ALL.get(usize::from(fault)).ok_or(Error::Damaged("fault"))?)
             }
             [5] => Event::Supervised,
+            [6] => Event::Plan(plan_of(&get(&mut from, &mut last.plan)?)?),
             _ => return Err(Error::Damaged("event")),
         };
         twin.event(&event).map_err(Error::Differs)?;
@@ -290,133 +293,182 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
     })
 }
 
-/// Numbers of a tick.
-const TICK: usize = 38;
+/// Numbers of a tick, and of a plan.
+const TICK: usize = 32;
+const PLAN: usize = 14;
 
-/// What the replay needs of the input, and what [`Twin`] compares of the status.
-fn tick_numbers(input: &TickInput, status: &Status) -> [u64; TICK] {
-    let TickInput { gap, encoder, watch, safety, drive, reflex } = input;
-    let Snapshot { raw, illegal, mark } = encoder;
-    let float = |x: f32| u64::from(x.to_bits());
-    let bits = |s: &SafetyInputs| {
-        let all = [s.upper_limit, s.lower_limit, s.emergency_stop, s.dielectric, s.bridge_fault];
-        all.iter().rev().fold(0, |bits, open| bits << 1 | u64::from(*open))
-    };
-    let watched = watch.unwrap_or_default();
+fn float(x: f32) -> u64 {
+    x.to_bits().into()
+}
+
+fn from_float(x: u64) -> f32 {
+    f32::from_bits(x as u32)
+}
+
+/// No fault: the first number that none has.
+fn fault_number(fault: Option<Fault>) -> u64 {
+    fault.map_or(Fault::ALL.len() as u64, |fault| fault as u64)
+}
+
+/// What the replay needs of the input, and what [`Twin`] compares of the follower.
+fn tick_numbers(input: &TickInput, counters: &Counters, status: &Status) -> [u64; TICK] {
+    let TickInput { encoder: raw, short_ticks, gap: _, drive, safety, reflex, told, set_point, asked } = input;
+    let Snapshot { illegal, mark, .. } = &counters.used;
+    let contacts = safety.unwrap_or_default();
+    let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault } = contacts;
+    let flags = [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, *reflex, *asked];
+    let watched = counters.watch.unwrap_or_default();
+    let point = set_point.unwrap_or_default();
     [
-        float(gap.filtered.0),
-        float(gap.block.0),
-        gap.quality as u64,
-        gap.short_ticks.into(),
         raw.count.into(),
         raw.last_edge.into(),
         raw.toward_work.into(),
         raw.now.into(),
+        (*short_ticks).into(),
+        drive.motor_current.into(),
+        drive.bus_voltage.into(),
+        flags.iter().rev().fold(0, |bits, flag| bits << 1 | u64::from(*flag)),
+        fault_number(*told),
+        set_point.is_some().into(),
+        point.to.0 as u64,
+        point.counts.0 as u64,
+        point.ticks.into(),
+        counters.used.raw.count.into(),
+        counters.used.raw.now.into(),
         (*illegal).into(),
         mark.count.into(),
         mark.toward_work.into(),
         mark.crossings.into(),
-        watch.is_some().into(),
+        counters.watch.is_some().into(),
         watched.count.into(),
         watched.last_edge.into(),
         watched.toward_work.into(),
         watched.now.into(),
-        bits(&safety.unwrap_or_default()),
-        drive.motor_current.into(),
-        drive.bus_voltage.into(),
-        (*reflex).into(),
         status.tick.into(),
-        status.state as u64,
-        status.fault.map_or(Fault::ALL.len() as u64, |fault| fault as u64),
         status.position as u64,
+        float(status.velocity.0),
         status.setpoint.0 as u64,
         float(status.following),
-        float(status.velocity.0),
+        status.path.0 as u64,
+        float(status.duty),
+        status.saturated.into(),
+    ]
+}
+
+fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error> {
+    let [count, last_edge, toward_work, now, short_ticks, motor_current, bus_voltage, flags, told, rest @ ..] =
+        *numbers;
+    let [pointed, to, counts, ticks, used, used_at, illegal, mark_at, mark_toward, crossings, rest @ ..] = rest;
+    let [watched, w_count, w_edge, w_toward, w_now, tick, position, velocity, setpoint, following, rest @ ..] = rest;
+    let [path, duty, saturated] = rest;
+    let raw = |count, edge, toward, now| RawCount {
+        count: count as u32,
+        last_edge: edge as u32,
+        toward_work: toward != 0,
+        now: now as u32,
+    };
+    let flag = |i: u32| flags >> i & 1 == 1;
+    let input = TickInput {
+        encoder: raw(count, last_edge, toward_work, now),
+        short_ticks: short_ticks as u32,
+        gap: None,
+        drive: DriveCodes { motor_current: motor_current as u16, bus_voltage: bus_voltage as u16 },
+        safety: SafetyInputs {
+            upper_limit: flag(0),
+            lower_limit: flag(1),
+            emergency_stop: flag(2),
+            dielectric: flag(3),
+            bridge_fault: flag(4),
+        }
+        .unsafe_ones(),
+        reflex: flag(5),
+        told: Fault::ALL.get(told as usize).copied(),
+        set_point: (pointed != 0).then_some(SetPoint {
+            to: Nanometres(to as i64),
+            counts: Fixed(counts as i64),
+            ticks: ticks as u32,
+        }),
+        asked: flag(6),
+    };
+    let counters = Counters {
+        used: Snapshot {
+            raw: RawCount { count: used as u32, now: used_at as u32, ..RawCount::default() },
+            illegal: illegal as u32,
+            mark: Mark { count: mark_at as u32, toward_work: mark_toward != 0, crossings: crossings as u32 },
+        },
+        watch: (watched != 0).then(|| raw(w_count, w_edge, w_toward, w_now)),
+    };
+    let status = Status {
+        tick: tick as u32,
+        position: position as i64,
+        velocity: CountsPerSecond(from_float(velocity)),
+        setpoint: Fixed(setpoint as i64),
+        following: from_float(following),
+        path: Fixed(path as i64),
+        duty: from_float(duty),
+        saturated: saturated != 0,
+        ..Status::default()
+    };
+    Ok((input, counters, status))
+}
+
+/// What [`Twin`] compares of a plan.
+fn plan_numbers(status: &Status) -> [u64; PLAN] {
+    [
+        status.tick.into(),
+        status.state as u64,
+        fault_number(status.fault),
+        status.position as u64,
+        status.setpoint.0 as u64,
         status.path.0 as u64,
         float(status.gap.filtered.0),
         float(status.gap.block.0),
         status.gap.quality as u64,
         status.gap.short_ticks.into(),
         float(status.open_circuit.0),
-        float(status.duty),
-        status.saturated.into(),
         float(status.current.0),
         float(status.bus.0),
+        float(status.gap.mean.0),
     ]
 }
 
-fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Status), Error> {
-    let [in_filtered, in_block, in_quality, in_shorts, count, last_edge, toward_work, now, rest @ ..] = numbers;
-    let [illegal, mark_at, mark_toward, crossings, watched, rest @ ..] = rest;
-    let [w_count, w_edge, w_toward, w_now, contacts, motor_current, bus_voltage, reflex, rest @ ..] = rest;
-    let [tick, state, fault, position, setpoint, following, velocity, path, rest @ ..] = rest;
-    let [filtered, block, gap_quality, short_ticks, open, duty, saturated, current, bus] = rest;
-    let word = |x: &u64| *x as u32;
-    let float = |x: &u64| f32::from_bits(*x as u32);
-    let flag = |x: &u64| *x != 0;
-    let quality_of = |x: &u64| QUALITIES.get(*x as usize).copied().ok_or(Error::Damaged("quality of the gap reading"));
-    let raw = |count, edge, toward, now| RawCount {
-        count: word(count),
-        last_edge: word(edge),
-        toward_work: flag(toward),
-        now: word(now),
-    };
-    let reading = |filtered, block, quality, short_ticks| {
-        Ok::<_, Error>(GapReading {
-            filtered: Volts(float(filtered)),
-            block: Volts(float(block)),
-            quality: quality_of(quality)?,
-            short_ticks: word(short_ticks),
-        })
-    };
-    let open_at = |i: u32| contacts >> i & 1 == 1;
-    let input = TickInput {
-        gap: reading(in_filtered, in_block, in_quality, in_shorts)?,
-        encoder: Snapshot {
-            raw: raw(count, last_edge, toward_work, now),
-            illegal: word(illegal),
-            mark: Mark { count: word(mark_at), toward_work: flag(mark_toward), crossings: word(crossings) },
+fn plan_of(numbers: &[u64; PLAN]) -> Result<Status, Error> {
+    let [tick, state, fault, position, setpoint, path, filtered, block, quality, shorts, open, current, bus, mean] =
+        *numbers;
+    Ok(Status {
+        tick: tick as u32,
+        state: *STATES.get(state as usize).ok_or(Error::Damaged("state"))?,
+        fault: Fault::ALL.get(fault as usize).copied(),
+        position: position as i64,
+        setpoint: Fixed(setpoint as i64),
+        path: Fixed(path as i64),
+        gap: GapReading {
+            filtered: Volts(from_float(filtered)),
+            block: Volts(from_float(block)),
+            mean: Volts(from_float(mean)),
+            quality: *QUALITIES.get(quality as usize).ok_or(Error::Damaged("quality of the gap reading"))?,
+            short_ticks: shorts as u32,
         },
-        watch: flag(watched).then(|| raw(w_count, w_edge, w_toward, w_now)),
-        safety: SafetyInputs {
-            upper_limit: open_at(0),
-            lower_limit: open_at(1),
-            emergency_stop: open_at(2),
-            dielectric: open_at(3),
-            bridge_fault: open_at(4),
-        }
-        .unsafe_ones(),
-        drive: DriveCodes { motor_current: *motor_current as u16, bus_voltage: *bus_voltage as u16 },
-        reflex: flag(reflex),
-    };
-    let status = Status {
-        tick: word(tick),
-        state: *STATES.get(*state as usize).ok_or(Error::Damaged("state"))?,
-        fault: Fault::ALL.get(*fault as usize).copied(),
-        position: *position as i64,
-        setpoint: Fixed(*setpoint as i64),
-        following: float(following),
-        velocity: CountsPerSecond(float(velocity)),
-        path: Fixed(*path as i64),
-        gap: reading(filtered, block, gap_quality, short_ticks)?,
-        open_circuit: Volts(float(open)),
-        duty: float(duty),
-        saturated: flag(saturated),
-        current: Amps(float(current)),
-        bus: Volts(float(bus)),
+        open_circuit: Volts(from_float(open)),
+        current: Amps(from_float(current)),
+        bus: Volts(from_float(bus)),
         ..Status::default()
-    };
-    Ok((input, status))
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use edm_servo_head::head::Head;
+    use edm_servo_head::head::{Head, Inputs};
     use edm_servo_head::path::Path;
 
     fn status() -> Status {
         Status { tick: 7, fault: Some(Fault::BusSag), position: -3, duty: -0.25, ..Status::default() }
+    }
+
+    fn planned() -> Status {
+        let gap = GapReading { mean: Volts(60.5), quality: Quality::Valid, ..GapReading::default() };
+        Status { tick: 9, state: State::Eroding, gap, path: Fixed(-5), ..Status::default() }
     }
 
     #[test]
@@ -426,13 +478,20 @@ mod tests {
         for command in [Command::MoveBy(Nanometres(-1_234_567)), Command::SetHome(Nanometres(5)), Command::Start] {
             assert_eq!(command_of(&command_numbers(command)).unwrap(), command);
         }
-        let input = TickInput {
+        let counters = Counters {
             watch: Some(RawCount { count: u32::MAX, last_edge: 3, toward_work: true, now: 9 }),
+            ..Counters::default()
+        };
+        let input = TickInput {
+            told: Some(Fault::BusSag),
+            set_point: Some(SetPoint { to: Nanometres(-7), counts: Fixed(-9), ticks: 20 }),
             safety: Some(SafetyInputs { lower_limit: true, bridge_fault: true, ..SafetyInputs::default() }),
             reflex: true,
             ..TickInput::default()
         };
-        assert_eq!(tick_of(&tick_numbers(&input, &status())).unwrap(), (input, status()));
+        let followed = Status { fault: None, ..status() };
+        assert_eq!(tick_of(&tick_numbers(&input, &counters, &followed)).unwrap(), (input, counters, followed));
+        assert_eq!(plan_of(&plan_numbers(&planned())).unwrap(), planned());
     }
 
     #[test]
@@ -440,7 +499,7 @@ mod tests {
         assert!(matches!(replay(&b"EDMR\x01..."[..]), Err(Error::Foreign)));
         assert!(matches!(replay(&b"ED"[..]), Err(Error::Io(_))));
         let mut recorder = Recorder::new(Vec::new()).unwrap();
-        recorder.event(&Event::Tick(TickInput::default(), status())).unwrap();
+        recorder.event(&Event::Tick(TickInput::default(), Counters::default(), status())).unwrap();
         let mut whole = recorder.finish().unwrap();
         whole.truncate(whole.len() - 5);
         assert!(matches!(replay(&whole[..]), Err(Error::Io(_))));
@@ -450,12 +509,13 @@ mod tests {
     fn first_tick(spoil: impl Fn(&mut Status)) -> Result<u64, Error> {
         let settings = Settings { commissioned: true, ..Settings::default() };
         let mut head = Head::new(settings.build().unwrap().head, Box::new(Path::EMPTY));
-        let input = TickInput { drive: DriveCodes { motor_current: 2048, bus_voltage: 2400 }, ..TickInput::default() };
-        head.tick(&input);
+        let drive = DriveCodes { motor_current: 2048, bus_voltage: 2400 };
+        head.tick(&Inputs { drive, ..Inputs::default() });
+        let input = TickInput { drive, ..TickInput::default() };
         let mut status = *head.status();
         spoil(&mut status);
         let mut recorder = Recorder::new(Vec::new()).unwrap();
-        recorder.event(&Event::Tick(input, status)).unwrap();
+        recorder.event(&Event::Tick(input, Counters::default(), status)).unwrap();
         replay(&recorder.finish().unwrap()[..])
     }
 

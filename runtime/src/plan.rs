@@ -1,0 +1,155 @@
+//! The plan task: below the servo tick, which asks for it with an estimate.
+
+use crate::Board;
+use crate::board::Caller;
+use crate::crossings::{
+    ANSWERS, Answer, Commissioned, HeadConfig, PLAN, REQUESTS, Request, ServoConfig, Signals, StorageJob,
+};
+use edm_crossing::latest::{Reader, Writer};
+use edm_crossing::ring::{Receiver, Sender};
+use edm_hal_shim::clock::Clock;
+use edm_servo_head::head::{Change, Command, Estimate, Judged, Plan, Planner, Reason, Refused, Status, WritePermit};
+use edm_servo_head::path::Path;
+
+/// The newest commands, and the tick whose estimate they were carried out on: a debugger, or the emulated chip, may look at it.
+pub struct Carried {
+    commands: [Command; REQUESTS],
+    count: usize,
+    tick: u32,
+}
+
+impl Carried {
+    /// None yet.
+    pub const NONE: Carried = Carried { commands: [Command::Enable; REQUESTS], count: 0, tick: 0 };
+
+    fn push(&mut self, command: Command, tick: u32) {
+        if self.tick != tick {
+            (self.tick, self.count) = (tick, 0);
+        }
+        if let Some(slot) = self.commands.get_mut(self.count) {
+            *slot = command;
+            self.count = self.count.wrapping_add(1);
+        }
+    }
+}
+
+/// The planner with what it is asked and what it tells.
+pub struct Plans<B: Board> {
+    pub(crate) planner: Planner<&'static mut Path>,
+    pub(crate) clock: B::Clock,
+    pub(crate) caller: B::Caller,
+    pub(crate) signals: &'static Signals,
+    pub(crate) carried: Carried,
+    pub(crate) estimates: Reader<'static, Estimate>,
+    pub(crate) judged: Reader<'static, Judged>,
+    pub(crate) plans: Writer<'static, Plan>,
+    pub(crate) requests: Receiver<'static, Request, REQUESTS>,
+    pub(crate) answers: Sender<'static, Answer, ANSWERS>,
+    pub(crate) config: Reader<'static, HeadConfig>,
+    pub(crate) servo: Writer<'static, ServoConfig>,
+    pub(crate) granted: Sender<'static, (StorageJob, WritePermit), 1>,
+    pub(crate) returned: Receiver<'static, WritePermit, 1>,
+    pub(crate) published: Writer<'static, Status>,
+    pub(crate) changes: Sender<'static, Change, 16>,
+    pub(crate) commissioned: Sender<'static, Commissioned, 2>,
+}
+
+impl<B: Board> Plans<B> {
+    /// Plans, if there is an estimate to plan on.
+    pub fn run(&mut self) {
+        let begin = self.clock.now();
+        if !self.estimates.refresh() {
+            return;
+        }
+        self.judged.refresh();
+        self.planner.begin(self.estimates.get(), self.judged.get());
+        let mut answered = self.set_point();
+        while let Some(permit) = self.returned.receive() {
+            self.planner.end_write(permit);
+        }
+        while let Some(request) = self.requests.receive() {
+            let answer = self.carry_out(request);
+            self.answers.send(answer);
+            answered = true;
+        }
+        let planner = &mut self.planner;
+        self.plans.write(|plan| planner.plan(plan));
+        self.published.write(|status| *status = *planner.status());
+        while let Some(change) = planner.next_change() {
+            self.changes.send(change);
+            if let (Reason::CommissioningEnded, Some(result)) = (change.reason, planner.commissioning_result()) {
+                self.commissioned.send(result);
+            }
+        }
+        self.signals.lost_changes.store(planner.lost_changes());
+        if answered {
+            self.caller.protocol();
+        }
+        let end = self.clock.now();
+        self.signals.times[PLAN].ran(end.wrapping_sub(begin));
+        self.signals.task_watchdog.report(PLAN, end);
+    }
+
+    /// The planner, as it is after the newest plan.
+    pub fn planner(&self) -> &Planner<&'static mut Path> {
+        &self.planner
+    }
+
+    /// What the newest plan was made of.
+    pub fn estimate(&self) -> &Estimate {
+        self.estimates.get()
+    }
+
+    /// A SYNC has released a set point, which the servo task follows since.
+    fn set_point(&mut self) -> bool {
+        let Some(point) = self.estimates.get().set_point else { return false };
+        let command = Command::Follow(point.to, point.ticks);
+        let result = self.command(command);
+        self.answers.send(Answer::SyncPreview(command, result, self.tick()));
+        true
+    }
+
+    fn tick(&self) -> u32 {
+        self.estimates.get().tick
+    }
+
+    fn command(&mut self, command: Command) -> Result<(), Refused> {
+        self.carried.push(command, self.estimates.get().tick);
+        self.planner.command(command)
+    }
+
+    fn carry_out(&mut self, request: Request) -> Answer {
+        match request {
+            Request::Command(command) => Answer::Command(command, self.command(command), self.tick()),
+            Request::Configure => self.configure(),
+            Request::Raise(fault) => {
+                self.planner.raise(fault);
+                Answer::Done
+            }
+            Request::PermitWrite(job) => match self.planner.permit_write() {
+                // Idle goes on. There is one permit, and room for it.
+                Ok(permit) => {
+                    self.granted.send((job, permit));
+                    Answer::Done
+                }
+                Err(_) => Answer::NoPermit,
+            },
+        }
+    }
+
+    /// The newest configuration runs from this plan on, or is refused.
+    fn configure(&mut self) -> Answer {
+        if self.config.refresh() {
+            let HeadConfig { head, off_time_ns } = *self.config.get();
+            if self.planner.configure(head).is_ok() {
+                let follow = self.planner.follow_config();
+                self.servo.write(|slot| *slot = ServoConfig { follow, off_time_ns });
+                self.signals.waiting.set();
+                self.config.accept();
+            } else {
+                self.config.refuse();
+            }
+        }
+        Answer::Configured
+    }
+}

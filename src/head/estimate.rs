@@ -1,0 +1,158 @@
+//! Estimate: what every servo tick knows of the axis.
+//!
+//! Position and velocity from the encoder, and sums of what the drive draws. Nothing here decides.
+
+use crate::encoder::{Position, Velocity};
+use crate::servo::Drawn;
+use crate::units::{ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, Fixed, TICK_S, Volts, rare};
+use edm_hal_shim::bridge::Drive;
+use edm_hal_shim::encoder::RawCount;
+use edm_hal_shim::safety::DriveCodes;
+
+/// Code of no current.
+const MID_SCALE: i32 = ADC_FULL_SCALE.div_ceil(2) as i32;
+
+/// What has been drawn since the start. All of it wraps: differences over less than 25 s are right.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Sums {
+    /// Ticks.
+    pub ticks: u32,
+    /// Current codes above mid-scale.
+    pub current: i32,
+    /// Their squares. Twelve bits: those of a tick stay within 22, of a millisecond within 27.
+    pub squares: u32,
+    /// Duties as given to the bridge.
+    pub duty: i32,
+    /// Newest current code above mid-scale.
+    pub newest: i32,
+}
+
+impl Sums {
+    /// What was drawn since `before`; `amps` to a code, positive toward the work, as the duty is where `sign` is 1.
+    pub fn since(&self, before: &Sums, amps: f32, sign: f32, bus: Volts, moved: i32) -> (Drawn, f32) {
+        let ticks = self.ticks.wrapping_sub(before.ticks).max(1) as f32;
+        let (share, time) = (1.0 / ticks, ticks * TICK_S);
+        let squares = self.squares.wrapping_sub(before.squares) as f32;
+        let drawn = Drawn {
+            over: crate::units::Seconds(time),
+            duty: self.duty.wrapping_sub(before.duty) as f32 * share * (sign / f32::from(Drive::FULL)),
+            mean: Amps(self.current.wrapping_sub(before.current) as f32 * share * amps),
+            end: Amps(self.newest as f32 * amps),
+            bus,
+            encoder: CountsPerSecond(moved as f32 / time),
+        };
+        (drawn, squares * share * (amps * amps))
+    }
+}
+
+/// Position, velocity, and what the drive draws.
+#[derive(Debug)]
+pub struct Estimator {
+    /// Count of the newest reading, as it came.
+    seen: u32,
+    /// The encoder counts down toward the work.
+    reversed: bool,
+    started: bool,
+    position: Position,
+    velocity: Velocity,
+    /// Newest velocity.
+    now: CountsPerSecond,
+    sums: Sums,
+}
+
+impl Estimator {
+    /// Of an encoder that has not been read.
+    pub fn new(reversed: bool) -> Estimator {
+        let none = RawCount::default();
+        let (position, velocity) = (Position::new(none), Velocity::new(none, CLOCK_HZ));
+        let now = CountsPerSecond(0.0);
+        Estimator { seen: 0, reversed, started: false, position, velocity, now, sums: Sums::default() }
+    }
+
+    /// The encoder is wired like this.
+    pub fn wire(&mut self, reversed: bool) {
+        if reversed != self.reversed {
+            *self = Estimator { sums: self.sums, ..Estimator::new(reversed) };
+        }
+    }
+
+    /// One tick.
+    #[inline]
+    pub fn tick(&mut self, raw: RawCount, drive: DriveCodes) {
+        // In most ticks of an eroding head there is nothing new.
+        if raw.count != self.seen || !self.velocity.holds(raw) {
+            rare();
+            self.take(raw);
+        }
+        let current = i32::from(drive.motor_current).wrapping_sub(MID_SCALE);
+        self.sums.ticks = self.sums.ticks.wrapping_add(1);
+        self.sums.newest = current;
+        self.sums.current = self.sums.current.wrapping_add(current);
+        self.sums.squares = self.sums.squares.wrapping_add(current.wrapping_mul(current).cast_unsigned());
+    }
+
+    /// A new count, or a velocity that time has changed.
+    #[inline(never)]
+    fn take(&mut self, raw: RawCount) {
+        self.seen = raw.count;
+        let wired = as_wired(self.reversed, raw);
+        if !self.started {
+            self.started = true;
+            self.position = Position::new(wired);
+            self.velocity = Velocity::new(wired, CLOCK_HZ);
+        }
+        self.position.update(wired);
+        self.now = self.velocity.tick(wired);
+    }
+
+    /// The bridge was given this duty.
+    #[inline]
+    pub fn gave(&mut self, duty: i32) {
+        self.sums.duty = self.sums.duty.wrapping_add(duty);
+    }
+
+    /// Whether the encoder has been read.
+    pub fn is_started(&self) -> bool {
+        self.started
+    }
+
+    /// Position, counts.
+    #[inline]
+    pub fn position(&self) -> i64 {
+        self.position.counts()
+    }
+
+    /// The same as a coordinate.
+    #[inline]
+    pub fn at(&self) -> Fixed {
+        self.position.fixed()
+    }
+
+    /// Velocity.
+    #[inline]
+    pub fn velocity(&self) -> CountsPerSecond {
+        self.now
+    }
+
+    /// Position at another raw count, as it came: where an index mark is.
+    pub fn position_at(&self, count: u32) -> i64 {
+        self.position.at(if self.reversed { count.wrapping_neg() } else { count })
+    }
+
+    /// The axis is given other coordinates: `by` is added to all of them.
+    pub fn shift(&mut self, by: i64) {
+        self.position.set_position(self.position.counts().saturating_add(by));
+    }
+
+    /// What has been drawn.
+    pub fn sums(&self) -> &Sums {
+        &self.sums
+    }
+}
+
+/// A count that grows toward the work, whichever way the encoder is wired.
+#[inline]
+pub(super) fn as_wired(reversed: bool, raw: RawCount) -> RawCount {
+    if reversed { RawCount { count: raw.count.wrapping_neg(), toward_work: !raw.toward_work, ..raw } } else { raw }
+}

@@ -1,0 +1,326 @@
+//! What a host may ask of a planner.
+
+use super::Planner;
+use crate::gap::OpenCircuit;
+use crate::head::command::{Command, Refused};
+use crate::head::commissioning::Commissioning;
+use crate::head::fault::Fault;
+use crate::head::follow::{Concerns, LEAD, SET_POINT_LATE};
+use crate::head::permit::WritePermit;
+use crate::head::positioning::{Home, HomingState, MotionLimits, Task};
+use crate::head::proof::{Goal, Proof};
+use crate::head::state::{Reason, State};
+use crate::motion::{Homing, Ramp};
+use crate::path::{self, Path};
+use crate::units::{CountsPerSecond, CountsPerSecond2, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
+use core::ops::DerefMut;
+
+impl<P: DerefMut<Target = Path>> Planner<P> {
+    /// Carries out a command, or refuses it and changes nothing.
+    pub fn command(&mut self, command: Command) -> Result<(), Refused> {
+        let state = self.status.state;
+        match command {
+            Command::Enable => self.enable(state),
+            Command::Disable => {
+                if state == State::Fault {
+                    return Err(Refused::State(state));
+                }
+                self.enter(State::Disabled, Reason::Disabled);
+                Ok(())
+            }
+            Command::SetHome(at) => self.set_home(state, at),
+            Command::MoveTo(_) if !self.status.homed => Err(Refused::NotHomed),
+            Command::MoveTo(to) => self.queue(state, self.config.axis.counts(to)),
+            Command::MoveBy(by) => {
+                let end = self.route.end();
+                self.queue(state, end.plus(self.config.axis.counts(by)))
+            }
+            Command::ClearPath => {
+                if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
+                    return Err(Refused::State(state));
+                }
+                let here = self.segment().from;
+                self.restart_path_at(here);
+                Ok(())
+            }
+            Command::Position(to, limits) => self.position(state, to, &limits),
+            Command::Follow(to, ticks) => self.follow_to(state, to, ticks),
+            Command::Home(home) => self.home(state, &home),
+            Command::Brake(deceleration) => self.brake(state, deceleration),
+            Command::Start => {
+                if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
+                    return Err(Refused::State(state));
+                }
+                if self.route.at_end() {
+                    return Err(Refused::NoPath);
+                }
+                self.refuse_hazard(true)?;
+                self.enter(State::Seeking, Reason::Started);
+                Ok(())
+            }
+            Command::Guide => {
+                if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
+                    return Err(Refused::State(state));
+                }
+                self.refuse_hazard(true)?;
+                let here = self.segment().from;
+                self.restart_path_at(here);
+                self.law = self.config.law;
+                self.enter(State::Guiding, Reason::Started);
+                Ok(())
+            }
+            Command::Hold => {
+                if !state.follows() {
+                    return Err(Refused::State(state));
+                }
+                if self.positioning.is_some() {
+                    return self.brake(state, self.config.acceleration);
+                }
+                self.enter(State::HoldingPosition, Reason::Held);
+                Ok(())
+            }
+            Command::Commission => {
+                if state != State::Disabled {
+                    return Err(Refused::State(state));
+                }
+                self.refuse_while_storing()?;
+                self.refuse_hazard(true)?;
+                if self.doubt.is_some() {
+                    self.begin_proof(Goal::Commissioning);
+                } else {
+                    self.begin_commissioning();
+                }
+                Ok(())
+            }
+            Command::ResetFault => {
+                if state != State::Fault {
+                    return Err(Refused::State(state));
+                }
+                self.refuse_hazard(true)?;
+                if self.doubt == Some(Fault::EncoderLost) {
+                    // The counters have parted; they are taken to agree from here on.
+                    self.trusts = self.trusts.wrapping_add(1);
+                }
+                self.reacting = None;
+                self.status.fault = None;
+                self.status.first = None;
+                self.enter(State::Disabled, Reason::FaultReset);
+                Ok(())
+            }
+        }
+    }
+
+    fn enable(&mut self, state: State) -> Result<(), Refused> {
+        if state != State::Disabled {
+            return Err(Refused::State(state));
+        }
+        if !self.config.commissioned {
+            return Err(Refused::NotCommissioned);
+        }
+        self.refuse_while_storing()?;
+        self.refuse_hazard(false)?;
+        if self.doubt.is_some() {
+            self.begin_proof(Goal::Ready);
+        } else {
+            self.reset_loop();
+            self.restart_path();
+            self.close_loop();
+        }
+        Ok(())
+    }
+
+    /// The loop is closed where the path begins.
+    pub(super) fn close_loop(&mut self) {
+        self.upper_limit_excused = self.now.safety.upper_limit;
+        self.open = OpenCircuit::new(self.config.seek.settle);
+        self.enter(State::Ready, Reason::Enabled);
+    }
+
+    pub(super) fn begin_commissioning(&mut self) {
+        self.commissioned = None;
+        self.commissioning = Some(Commissioning::new(self.status.position));
+        self.enter(State::Commissioning, Reason::CommissioningStarted);
+    }
+
+    fn begin_proof(&mut self, goal: Goal) {
+        self.proof = Some(Proof::new(&self.config, self.status.position, goal, self.descents));
+        self.enter(State::Proving, Reason::ProofStarted);
+    }
+
+    /// A head may leave its upper limit downward, so that one alone is no reason to refuse; the dielectric matters only
+    /// where pulses follow.
+    fn refuse_hazard(&self, pulses: bool) -> Result<(), Refused> {
+        let only_upper = self.now.safety.upper_limit && !self.now.safety.lower_limit;
+        let concerns = Concerns { any: true, limits: true, upper: !only_upper, dielectric: pulses };
+        let sagging = self.status.bus < self.config.supervise.bus_min;
+        match concerns.hazard(&self.now.safety) {
+            Some(fault) => Err(Refused::StillFaulty(fault)),
+            None if sagging => Err(Refused::StillFaulty(Fault::BusSag)),
+            None => Ok(()),
+        }
+    }
+
+    fn set_home(&mut self, state: State, at: Nanometres) -> Result<(), Refused> {
+        if !matches!(state, State::Disabled | State::Ready) {
+            return Err(Refused::State(state));
+        }
+        if let Some(fault) = self.doubt {
+            return Err(Refused::Doubted(fault));
+        }
+        let (min, max) = self.config.axis.travel;
+        if at < min || at > max {
+            return Err(Refused::OutOfTravel { target: at, min, max });
+        }
+        self.move_origin(self.config.axis.counts(at).round());
+        self.status.homed = true;
+        self.restart_path();
+        Ok(())
+    }
+
+    fn queue(&mut self, state: State, to: Fixed) -> Result<(), Refused> {
+        if !state.follows() || matches!(state, State::Positioning | State::Homing) {
+            return Err(Refused::State(state));
+        }
+        let (min, max) = self.config.axis.travel;
+        let outside = to < self.config.axis.counts(min) || to > self.config.axis.counts(max);
+        if self.status.homed && outside {
+            let target = Nanometres(to.round().saturating_mul(self.config.axis.nm_per_count));
+            return Err(Refused::OutOfTravel { target, min, max });
+        }
+        self.route.push_line(to).map_err(|refused| match refused {
+            path::Refused::QueueFull => Refused::QueueFull,
+            path::Refused::NoLength => Refused::NoLength,
+        })
+    }
+
+    /// Gives the permit to write flash, or says why not.
+    ///
+    /// # Errors
+    /// Unless the head is disabled, and while a permit is out.
+    pub fn permit_write(&mut self) -> Result<WritePermit, Refused> {
+        if self.status.state != State::Disabled {
+            return Err(Refused::State(self.status.state));
+        }
+        self.refuse_while_storing()?;
+        self.write_permitted = true;
+        Ok(WritePermit::new())
+    }
+
+    /// Takes the permit back.
+    pub fn end_write(&mut self, _: WritePermit) {
+        self.write_permitted = false;
+    }
+
+    fn refuse_while_storing(&self) -> Result<(), Refused> {
+        if self.write_permitted { Err(Refused::Storing) } else { Ok(()) }
+    }
+
+    /// Whether the axis may be positioned.
+    pub(super) fn may_position(&self, state: State) -> Result<(), Refused> {
+        match state {
+            State::Ready | State::HoldingPosition | State::Done | State::Positioning => Ok(()),
+            state => Err(Refused::State(state)),
+        }
+    }
+
+    /// Moves to a position on a profile, from whatever positioning is under way.
+    fn position(&mut self, state: State, to: Nanometres, limits: &MotionLimits) -> Result<(), Refused> {
+        self.may_position(state)?;
+        self.within_travel(to)?;
+        let task = Task::Go(self.config.axis.counts(to), self.ramp(limits));
+        self.take_up(State::Positioning, task);
+        Ok(())
+    }
+
+    /// Reaches a set point in so many ticks. Beyond the travel it is held at its end.
+    fn follow_to(&mut self, state: State, to: Nanometres, ticks: u32) -> Result<(), Refused> {
+        self.may_position(state)?;
+        let (min, max) = self.config.axis.travel;
+        let to = if self.status.homed { to.max(min).min(max) } else { to };
+        // From this estimate on; what has gone since the one before is taken off in the plan.
+        let left = ticks.saturating_add(SET_POINT_LATE).saturating_add(self.ticks).saturating_sub(LEAD);
+        let task = Task::Follow { to: self.config.axis.counts(to), left };
+        self.take_up(State::Positioning, task);
+        Ok(())
+    }
+
+    /// Comes to rest on a ramp; what moves along the path stops by the acceleration of the path.
+    fn brake(&mut self, state: State, deceleration: MicrometresPerSecond2) -> Result<(), Refused> {
+        let deceleration = self.counts2(deceleration);
+        match (&mut self.positioning, state) {
+            (Some(task), State::Positioning | State::Homing) => {
+                *task = Task::Brake(deceleration);
+                if state == State::Homing {
+                    self.status.homing = HomingState::No;
+                    self.enter(State::Positioning, Reason::Held);
+                }
+                Ok(())
+            }
+            _ if state.follows() => {
+                if state.pulses() {
+                    self.enter(State::HoldingPosition, Reason::Held);
+                }
+                Ok(())
+            }
+            _ => Err(Refused::State(state)),
+        }
+    }
+
+    /// Looks for a reference.
+    fn home(&mut self, state: State, home: &Home) -> Result<(), Refused> {
+        self.may_position(state)?;
+        // The bottom of a hole that is to be gone on with is no place for a home. Axis positioning ends the path.
+        if state != State::Positioning && !self.route.at_end() {
+            return Err(Refused::PathActive);
+        }
+        let axis = &self.config.axis;
+        let (min, max) = axis.travel;
+        if home.at < min || home.at > max {
+            return Err(Refused::OutOfTravel { target: home.at, min, max });
+        }
+        // A stroke and a fifth.
+        let stroke = axis.counts(Nanometres(max.0.saturating_sub(min.0))).round();
+        let distance = stroke.saturating_add(stroke.wrapping_div(5));
+        let acceleration = self.counts2(home.acceleration);
+        let (fast, slow) = (self.velocity(home.fast), self.velocity(home.slow));
+        let homing = Homing::new(home.method, fast, slow, acceleration, distance, &self.seen());
+        self.status.homing = HomingState::Runs;
+        let task = Task::Home(homing, self.config.axis.counts(home.at));
+        self.take_up(State::Homing, task);
+        Ok(())
+    }
+
+    fn take_up(&mut self, state: State, task: Task) {
+        self.positioning = Some(task);
+        if self.status.state != state {
+            let reason = if state == State::Homing { Reason::HomingStarted } else { Reason::Positioned };
+            self.enter(state, reason);
+        }
+    }
+
+    fn within_travel(&self, to: Nanometres) -> Result<(), Refused> {
+        let (min, max) = self.config.axis.travel;
+        if self.status.homed && (to < min || to > max) {
+            return Err(Refused::OutOfTravel { target: to, min, max });
+        }
+        Ok(())
+    }
+
+    fn velocity(&self, velocity: MicrometresPerSecond) -> CountsPerSecond {
+        let limit = self.config.axis.gains.velocity_limit().0;
+        CountsPerSecond((velocity.0 * self.config.axis.counts_per_um).abs().min(limit))
+    }
+
+    fn counts2(&self, acceleration: MicrometresPerSecond2) -> CountsPerSecond2 {
+        // A ramp of nothing would never end.
+        CountsPerSecond2((acceleration.0 * self.config.axis.counts_per_um).max(1.0))
+    }
+
+    fn ramp(&self, limits: &MotionLimits) -> Ramp {
+        Ramp {
+            velocity: self.velocity(limits.velocity),
+            acceleration: self.counts2(limits.acceleration),
+            deceleration: self.counts2(limits.deceleration),
+        }
+    }
+}

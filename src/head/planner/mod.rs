@@ -1,0 +1,378 @@
+//! Plan: states, fault reactions, feed law, limits, the path ahead.
+//!
+//! The [`Planner`] runs below the servo tick, some 4000 times a second, on the [`Estimate`] of one tick, and makes the [`Plan`]
+//! that comes into force [`LEAD`](super::LEAD) ticks later. It sees nothing else of the world but what the supervision has
+//! looked at ([`Judged`]). Commands come in between [`begin`](Planner::begin) and [`plan`](Planner::plan).
+
+mod commands;
+mod motion;
+mod states;
+
+use super::commissioning::{Commissioning, Finding, Report};
+use super::config::Config;
+use super::fault::{Fault, Reaction};
+use super::follow::{Concerns, Estimate, Follow, FollowConfig, Plan, Trajectory};
+use super::positioning::{HomingState, Task};
+use super::proof::Proof;
+use super::reaction::{Reacting, Situation, upward};
+use super::route::{Bounds, Route};
+use super::state::{Change, ChangeLog, Reason, State};
+use super::supervise::{Config as SupervisionConfig, Judged};
+use super::{Refused, Status};
+use crate::feed::Law;
+use crate::gap::OpenCircuit;
+use crate::motion::TrajectorySegment;
+use crate::path::Path;
+use crate::servo::Window;
+use crate::units::{Fixed, MicrometresPerSecond};
+use core::ops::DerefMut;
+
+/// The part of a head that decides. `P` owns the path: a `Box<Path>`, or a `&'static mut Path`.
+#[derive(Debug)]
+pub struct Planner<P> {
+    config: Config,
+    status: Status,
+    changes: ChangeLog,
+    route: Route<P>,
+    now: Estimate,
+    judged: Judged,
+    /// Ticks since the estimate before.
+    ticks: u32,
+    /// Position less the count since the start.
+    offset: i64,
+    resets: u32,
+    trusts: u32,
+    law: Law,
+    open: OpenCircuit,
+    /// State that a retreat returns to, and the count where it began.
+    retreat: (State, i64),
+    positioning: Option<Task>,
+    reacting: Option<Reacting>,
+    /// The fault that has cast doubt on the encoder, until it has proved itself.
+    doubt: Option<Fault>,
+    proof: Option<Proof>,
+    /// Times that a proof has pushed the head downward in vain.
+    descents: u32,
+    commissioning: Option<Commissioning>,
+    commissioned: Option<Result<Report, Finding>>,
+    /// Tick in which the present state was entered.
+    entered: u32,
+    /// The upper limit was open when the loop was closed: the head may leave it downward.
+    upper_limit_excused: bool,
+    /// A [`super::WritePermit`] is out.
+    write_permitted: bool,
+}
+
+impl<P: DerefMut<Target = Path>> Planner<P> {
+    /// A disabled head on an empty path.
+    pub fn new(config: Config, path: P) -> Planner<P> {
+        Planner {
+            status: Status::default(),
+            changes: ChangeLog::default(),
+            route: Route::new(path, config.axis.counts_per_um, config.retreat.limit),
+            now: Estimate::default(),
+            judged: Judged::default(),
+            ticks: 1,
+            offset: 0,
+            resets: 0,
+            trusts: 0,
+            law: config.law,
+            open: OpenCircuit::new(config.seek.settle),
+            retreat: (State::Eroding, 0),
+            positioning: None,
+            reacting: None,
+            doubt: None,
+            proof: None,
+            descents: 0,
+            commissioning: None,
+            commissioned: None,
+            entered: 0,
+            upper_limit_excused: false,
+            write_permitted: false,
+            config,
+        }
+    }
+
+    /// What is known after the newest plan.
+    pub fn status(&self) -> &Status {
+        &self.status
+    }
+
+    /// What is run.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// What the follower has to run for it.
+    pub fn follow_config(&self) -> FollowConfig {
+        self.config.follow()
+    }
+
+    /// What the supervision has to judge by.
+    pub fn supervision(&self) -> SupervisionConfig {
+        self.config.supervision()
+    }
+
+    /// Oldest change of state not read yet.
+    pub fn next_change(&mut self) -> Option<Change> {
+        self.changes.pop()
+    }
+
+    /// Changes of state that were never read, because they came faster.
+    pub fn lost_changes(&self) -> u32 {
+        self.changes.lost()
+    }
+
+    /// Result of the last commissioning.
+    pub fn commissioning_result(&self) -> Option<Result<Report, Finding>> {
+        self.commissioned
+    }
+
+    /// Swaps the configuration between two plans. While a loop is closed the axis as wired must stay the same.
+    ///
+    /// # Errors
+    /// While a loop may be closed, and the axis is wired otherwise.
+    pub fn configure(&mut self, config: Config) -> Result<(), Refused> {
+        if self.status.state != State::Disabled && !self.config.axis.is_wired_as(&config.axis) {
+            return Err(Refused::State(self.status.state));
+        }
+        if config.law != self.config.law {
+            self.law = config.law;
+        }
+        if self.status.state != State::Fault {
+            self.route.set_retreat(config.retreat.limit);
+        }
+        self.config = config;
+        Ok(())
+    }
+
+    /// Takes in the estimate of a tick, and what it tells of.
+    pub fn begin(&mut self, now: &Estimate, judged: &Judged) {
+        self.ticks = now.tick.wrapping_sub(self.now.tick).clamp(1, super::TICKS_MOST);
+        self.now = *now;
+        self.judged = *judged;
+        self.route.reconcile(now);
+        self.take_in();
+        if let Some(fault) = now.told {
+            self.raise(fault);
+        }
+        if let Some(fault) = self.concerns().hazard(&self.now.safety) {
+            self.raise(fault);
+        }
+    }
+
+    /// Decides, and writes the plan.
+    pub fn plan(&mut self, plan: &mut Plan) {
+        let (motion, pulses) = self.decide();
+        let trajectory = self.trajectory(motion);
+        let retreats = matches!(self.status.state, State::Seeking | State::Eroding | State::Guiding);
+        *plan = Plan {
+            generation: self.now.generation,
+            trajectory,
+            path: self.route.s(),
+            setpoint: self.status.setpoint,
+            offset: self.offset,
+            paths: self.route.begun(),
+            resets: self.resets,
+            trusts: self.trusts,
+            state: self.status.state,
+            closed: self.status.closed,
+            pulses,
+            marks: matches!(self.status.state, State::Homing),
+            set_points: self.may_position(self.status.state).is_ok(),
+            concerns: self.concerns(),
+            reaction: self.reacting.as_ref().map(Reacting::reaction),
+            doubted: self.doubt.is_some(),
+            retreat: if retreats { Some(self.ready_retreat()) } else { None },
+            stop: self.ready_stop(&trajectory),
+            limited: self.ready_window(self.config.lift.limited),
+            lift: self.ready_lift(),
+        };
+        self.status.path = self.route.s();
+        self.status.waiting = self.route.waiting();
+    }
+
+    /// What the estimate says, for whom it concerns.
+    fn take_in(&mut self) {
+        let (now, judged, status) = (&self.now, &self.judged, &mut self.status);
+        let offset = self.offset.wrapping_sub(now.offset);
+        status.tick = now.tick;
+        status.position = now.position.wrapping_add(offset);
+        status.setpoint = now.setpoint.plus(Fixed::whole(offset));
+        status.following = now.following;
+        status.velocity = now.velocity;
+        status.duty = now.duty;
+        status.saturated = now.saturated;
+        status.gap = now.gap;
+        status.safety = now.safety;
+        status.late_plans = now.late;
+        status.current = judged.current;
+        status.bus = judged.bus;
+        status.back_emf = judged.back_emf;
+        status.illegal_transitions = judged.illegal;
+        status.current_reduced = judged.reduced;
+        status.gap_setpoint = self.config.setpoint.volts(status.open_circuit);
+    }
+
+    /// What is followed when the plan comes into force, if nothing is decided.
+    fn segment(&self) -> TrajectorySegment {
+        if self.route.begun() != self.now.paths {
+            return TrajectorySegment { from: self.route.setpoint(), ..TrajectorySegment::default() };
+        }
+        let offset = Fixed::whole(self.offset.wrapping_sub(self.now.offset));
+        TrajectorySegment { from: self.now.segment.from.plus(offset), ..self.now.segment }
+    }
+
+    /// A fault found elsewhere: supervision, protocol. While another one's reaction runs, only one that escalates it is taken.
+    pub fn raise(&mut self, fault: Fault) {
+        let reaction = match &self.reacting {
+            Some(reacting) => reacting.escalates(fault),
+            // Over an encoder in doubt no loop is closed.
+            None if self.doubt.is_some() => Some(fault.reaction().max(Reaction::OpenLoopLift)),
+            None => Some(fault.reaction()),
+        };
+        if let Some(reaction) = reaction {
+            self.react_with(fault, reaction);
+        }
+    }
+
+    /// Takes up a reaction to a fault, whatever was done before.
+    fn react_with(&mut self, fault: Fault, reaction: Reaction) {
+        self.end_positioning();
+        self.reacting = Some(Reacting::new(fault, reaction, &self.situation()));
+        self.commissioning = None;
+        self.proof = None;
+        self.status.fault = Some(fault);
+        self.status.first = self.status.first.or(Some(fault));
+        if fault.doubts_encoder() {
+            // What the head moves without its counts is counted by nobody, or wrongly.
+            let blind = fault == Fault::EncoderLost || reaction >= Reaction::OpenLoopLift;
+            let lost = blind || self.doubt == Some(Fault::EncoderLost);
+            self.doubt = Some(if lost { Fault::EncoderLost } else { fault });
+            self.status.homed &= !lost;
+        }
+        self.reset_loop();
+        // A reaction may retrace further than a working retreat.
+        self.route.set_retreat(Fixed(i64::MAX));
+        self.enter(State::Fault, Reason::Fault(fault));
+    }
+
+    fn reset_loop(&mut self) {
+        self.resets = self.resets.wrapping_add(1);
+    }
+
+    fn enter(&mut self, state: State, reason: Reason) {
+        self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
+        self.status.state = state;
+        self.entered = self.status.tick;
+        if !matches!(state, State::Positioning | State::Homing) {
+            self.end_positioning();
+        }
+        if state == State::Disabled {
+            // Broken off, or at their end.
+            (self.commissioning, self.proof) = (None, None);
+        }
+        self.status.feed = MicrometresPerSecond(match state {
+            State::Seeking => self.config.seek.velocity.0,
+            State::Retreating => -self.config.retreat.velocity.0,
+            _ => 0.0,
+        });
+        if state != State::Fault {
+            self.route.set_retreat(self.config.retreat.limit);
+        }
+    }
+
+    /// Ends axis positioning: the path begins where the set point is.
+    fn end_positioning(&mut self) {
+        if self.positioning.take().is_some() {
+            if self.status.homing == HomingState::Runs {
+                self.status.homing = HomingState::No;
+            }
+            let here = self.segment().from;
+            self.restart_path_at(here);
+        }
+    }
+
+    /// The path begins where the axis is; a retreat past the beginning leads straight up.
+    fn restart_path(&mut self) {
+        self.restart_path_at(Fixed::whole(self.status.position));
+    }
+
+    /// The path begins at a set point.
+    fn restart_path_at(&mut self, here: Fixed) {
+        let axis = &self.config.axis;
+        let escape = Fixed::whole((axis.escape.0 * axis.counts_per_um) as i64);
+        let top = if self.status.homed { axis.counts(axis.travel.0) } else { here.minus(escape) };
+        self.route.restart(here, top);
+        self.status.setpoint = here;
+    }
+
+    fn situation(&self) -> Situation {
+        let axis = &self.config.axis;
+        let (top, _) = axis.travel;
+        let margin = (self.config.retreat.off_limit.to_f32() * axis.counts_per_um) as i64;
+        let at_top = self.status.homed && self.status.position <= axis.counts(top).round().saturating_add(margin);
+        Situation {
+            path: self.route.s(),
+            safe: self.route.work().minus(self.config.retreat.safe),
+            following: self.status.following,
+            position: self.status.position,
+            velocity: self.status.velocity,
+            duty: self.status.duty,
+            saturated: self.status.saturated,
+            top: at_top || self.now.safety.upper_limit,
+            upper_limit: self.now.safety.upper_limit,
+            current_reduced: self.status.current_reduced,
+            bus: self.status.bus,
+        }
+    }
+
+    /// Which safety inputs are a hazard in the present state.
+    fn concerns(&self) -> Concerns {
+        let state = self.status.state;
+        Concerns {
+            any: state != State::Disabled,
+            // Commissioning drives from stop to stop, and homing looks for the switches: one open limit is where they turn.
+            limits: !matches!(state, State::Commissioning | State::Homing),
+            // The proof may push the head up to its switch, and then begins there.
+            upper: !self.upper_limit_excused && state != State::Proving,
+            dielectric: state.pulses(),
+        }
+    }
+
+    fn bounds(&self) -> Bounds {
+        Bounds { acceleration: self.config.acceleration, upper_limit: self.now.safety.upper_limit, ticks: self.ticks }
+    }
+
+    fn ready_retreat(&self) -> Trajectory {
+        let up = MicrometresPerSecond(-self.config.retreat.velocity.0);
+        self.route.ready(up, &self.bounds(), self.full_window().and(self.current_window()))
+    }
+
+    /// For two ticks: what is open stays open, what is positioned goes on, what follows the path slows down.
+    fn ready_stop(&self, trajectory: &Trajectory) -> Trajectory {
+        let window = self.ready_window(self.config.axis.duty_limit);
+        match trajectory.follow {
+            Follow::Setpoint if self.positioning.is_none() => {
+                let stop = self.route.ready(MicrometresPerSecond(0.0), &self.bounds(), window);
+                Trajectory { upward: true, ..stop }
+            }
+            Follow::Setpoint => Trajectory { window, upward: true, ..*trajectory },
+            _ => Trajectory::COAST,
+        }
+    }
+
+    /// Duties of a fault's reaction with so much force.
+    fn ready_window(&self, force: f32) -> Window {
+        upward(&self.config, force).and(self.current_window())
+    }
+
+    fn ready_lift(&self) -> Trajectory {
+        let barred = self.status.current_reduced || self.now.safety.upper_limit;
+        if barred || self.status.state == State::Disabled {
+            Trajectory::COAST
+        } else {
+            Trajectory::duty(self.config.lift.duty, self.full_window())
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! From the motion that a state wants to the trajectory that the ticks follow.
+
+use super::super::reaction::Motion;
+use super::Planner;
+use crate::head::commissioning::Commissioning;
+use crate::head::follow::Trajectory;
+use crate::path::Path;
+use crate::servo::Window;
+use crate::units::{Fixed, MicrometresPerSecond};
+use core::ops::DerefMut;
+
+impl<P: DerefMut<Target = Path>> Planner<P> {
+    pub(super) fn trajectory(&mut self, motion: Motion) -> Trajectory {
+        let allowed = self.full_window().and(self.current_window());
+        self.status.closed = match motion {
+            Motion::Coast => false,
+            Motion::Path(..) | Motion::Upward(..) | Motion::Axis(_) | Motion::Velocity(_) => true,
+            Motion::Gap(_) => true,
+            Motion::Duty(_) => false,
+            // The strokes of commissioning.
+            Motion::Stroke(..) => self.commissioning.as_ref().is_some_and(Commissioning::closes_loop),
+        };
+        match motion {
+            Motion::Coast => {
+                self.follow_axis();
+                Trajectory::COAST
+            }
+            Motion::Path(wanted, window) => {
+                let trajectory = self.route.along(wanted, &self.bounds(), window.and(allowed));
+                self.status.setpoint = self.route.setpoint();
+                trajectory
+            }
+            Motion::Upward(wanted, window) => {
+                let trajectory = self.route.along(wanted, &self.bounds(), window.and(allowed));
+                self.status.setpoint = self.route.setpoint();
+                Trajectory { upward: true, ..trajectory }
+            }
+            Motion::Axis(segment) => {
+                self.route.stop();
+                self.status.feed = MicrometresPerSecond(segment.velocity.0 / self.config.axis.counts_per_um);
+                self.status.setpoint = segment.from;
+                Trajectory::axis(&segment, allowed)
+            }
+            Motion::Velocity(wanted) => {
+                self.follow_axis();
+                self.route.velocity(wanted, &self.bounds(), allowed)
+            }
+            Motion::Stroke(velocity, window) => {
+                self.follow_axis();
+                Trajectory::velocity(velocity, window.and(self.full_window()))
+            }
+            Motion::Gap(volts) => {
+                self.follow_axis();
+                self.route.stop();
+                Trajectory::gap(volts, allowed)
+            }
+            Motion::Duty(duty) => {
+                self.follow_axis();
+                Trajectory::duty(duty, allowed)
+            }
+        }
+    }
+
+    /// Without a position loop path and set point follow the axis.
+    fn follow_axis(&mut self) {
+        let at = Fixed::whole(self.status.position);
+        self.route.follow_axis(at);
+        self.status.setpoint = self.route.setpoint();
+        self.status.following = 0.0;
+    }
+
+    pub(super) fn full_window(&self) -> Window {
+        Window::symmetric(self.config.axis.duty_limit)
+    }
+
+    pub(super) fn current_window(&self) -> Window {
+        let current = &self.config.axis.current;
+        let limit = if self.judged.reduced { current.continuous } else { current.peak };
+        self.config.axis.plant.current_window(limit, self.status.velocity)
+    }
+}

@@ -1,0 +1,284 @@
+//! What each state does, and when it is left.
+
+use super::super::positioning::{self, HomingState, Step, Task};
+use super::super::reaction::Motion;
+use super::Planner;
+use crate::encoder::Mark;
+use crate::feed::FeedLaw;
+use crate::gap::Quality;
+use crate::head::commissioning::Wish;
+use crate::head::config::Structure;
+use crate::head::fault::{Fault, Reaction};
+use crate::head::proof::{Goal, Outcome};
+use crate::head::state::{Reason, State};
+use crate::motion::{Seen, TrajectorySegment};
+use crate::path::Path;
+use crate::units::{Fixed, MicrometresPerSecond, Volts};
+use core::ops::DerefMut;
+
+/// At rest.
+const REST: MicrometresPerSecond = MicrometresPerSecond(0.0);
+
+impl<P: DerefMut<Target = Path>> Planner<P> {
+    /// State transitions, then the motion of the state and whether it needs pulses.
+    pub(super) fn decide(&mut self) -> (Motion, bool) {
+        self.upper_limit_excused &= self.now.safety.upper_limit;
+        match self.status.state {
+            State::Seeking => self.seek(),
+            State::Eroding => self.watch_short(State::Eroding),
+            State::Guiding => self.watch_short(State::Guiding),
+            State::Retreating => self.end_retreat(),
+            _ => {}
+        }
+        let motion = match self.status.state {
+            State::Disabled => Motion::Coast,
+            // Whatever was raised: nothing moves while the processor may stall.
+            State::Fault if self.write_permitted => Motion::Coast,
+            State::Commissioning => return self.run_commissioning(),
+            State::Proving => self.run_proof(),
+            State::Ready | State::Done | State::HoldingPosition => self.along(REST),
+            State::Positioning | State::Homing => self.position_axis(),
+            State::Seeking if self.open.volts().is_none() => self.along(REST),
+            State::Seeking => self.along(self.config.seek.velocity),
+            State::Eroding => self.erode(),
+            State::Guiding => self.guide(),
+            State::Retreating => self.along(MicrometresPerSecond(-self.config.retreat.velocity.0)),
+            State::Fault => self.react(),
+        };
+        // The state of now: a path that ended in this plan has ended its pulses too.
+        (motion, self.status.state.pulses())
+    }
+
+    fn along(&self, velocity: MicrometresPerSecond) -> Motion {
+        Motion::Path(velocity, self.full_window())
+    }
+
+    /// The motion of the reaction under way; that of a second fault in the plan in which it shows.
+    fn react(&mut self) -> Motion {
+        let (situation, ticks) = (self.situation(), self.ticks);
+        let motion = |planner: &mut Self| {
+            planner.reacting.as_mut().map(|reacting| reacting.plan(&planner.config, &situation, ticks))
+        };
+        match motion(self) {
+            None => Motion::Coast,
+            Some(Ok(motion)) => motion,
+            Some(Err((fault, reaction))) => {
+                self.react_with(fault, reaction);
+                motion(self).and_then(Result::ok).unwrap_or(Motion::Coast)
+            }
+        }
+    }
+
+    fn run_proof(&mut self) -> Motion {
+        let Some(proof) = &mut self.proof else { return Motion::Coast };
+        match proof.plan(&self.config, self.status.position, self.now.safety.upper_limit, self.ticks) {
+            Outcome::Push(duty) => Motion::Duty(duty),
+            Outcome::Hold => {
+                if !self.status.closed {
+                    self.reset_loop();
+                    self.restart_path();
+                }
+                self.along(REST)
+            }
+            Outcome::Proved(goal) => {
+                self.doubt = None;
+                self.proof = None;
+                self.descents = 0;
+                match goal {
+                    Goal::Ready => self.close_loop(),
+                    Goal::Commissioning => self.begin_commissioning(),
+                }
+                self.along(REST)
+            }
+            // The lift is a push of the same sign: where that goes the wrong way there is none.
+            Outcome::Failed(Fault::PolarityWrong) => {
+                self.react_with(Fault::PolarityWrong, Reaction::Coast);
+                Motion::Coast
+            }
+            Outcome::Failed(fault) => {
+                let descended = proof.is_descending() && !self.now.safety.upper_limit;
+                self.descents = self.descents.saturating_add(descended.into());
+                self.raise(fault);
+                self.react()
+            }
+        }
+    }
+
+    fn run_commissioning(&mut self) -> (Motion, bool) {
+        let Some(commissioning) = &mut self.commissioning else { return (Motion::Coast, false) };
+        let status = &self.status;
+        let (wish, result) = commissioning.plan(&self.config.commissioning, status.position, &status.gap, self.ticks);
+        if let Some(result) = result {
+            self.config.commissioned = result.is_ok();
+            self.commissioned = Some(result);
+            self.commissioning = None;
+            self.enter(State::Disabled, Reason::CommissioningEnded);
+            return (Motion::Coast, false);
+        }
+        match wish {
+            Wish::Duty(duty) => (Motion::Duty(duty), false),
+            Wish::Pulses => (Motion::Duty(0.0), true),
+            Wish::Stroke(velocity, window) => (Motion::Stroke(velocity, window), false),
+        }
+    }
+
+    fn seek(&mut self) {
+        self.watch_short(State::Seeking);
+        if self.status.state != State::Seeking {
+            return;
+        }
+        let gap = self.status.gap;
+        let Some(open) = self.open.volts() else {
+            self.open.observe(&gap, true, self.ticks);
+            return;
+        };
+        self.status.open_circuit = open;
+        if open < self.config.seek.open_min {
+            self.raise(Fault::GapSignalInvalid);
+            return;
+        }
+        let valid = gap.quality == Quality::Valid;
+        if valid && gap.filtered.0 < open.0 * self.config.seek.threshold {
+            self.route.found_work();
+            self.law = self.config.law;
+            if self.config.structure == Structure::SingleLoop {
+                self.reset_loop();
+            }
+            self.enter(State::Eroding, Reason::WorkFound);
+        } else if self.route.at_end() && self.arrived() {
+            self.enter(State::Done, Reason::PathEnd);
+        }
+    }
+
+    /// The axis is on the count that the path asks for.
+    fn arrived(&self) -> bool {
+        self.status.position == self.route.setpoint().round()
+    }
+
+    /// The fast path to a retreat: the reflex has begun one, or the unfiltered gap was shorted for a set time.
+    fn watch_short(&mut self, from: State) {
+        if self.now.short || self.status.gap.short_ticks >= self.config.retreat.trigger {
+            self.retreat = (from, self.status.position);
+            self.enter(State::Retreating, Reason::Short);
+        }
+    }
+
+    fn end_retreat(&mut self) {
+        let (back_to, began) = self.retreat;
+        let gone = began.saturating_sub(self.status.position);
+        let shorted = self.status.gap.short_ticks > 0;
+        let clear = gone >= self.config.retreat.clearance || self.route.at_beginning();
+        if !shorted && clear {
+            self.law = self.config.law;
+            self.enter(back_to, Reason::GapRecovered);
+        } else if shorted
+            && (self.status.tick.wrapping_sub(self.entered) > self.config.retreat.persistent
+                || self.route.at_beginning())
+        {
+            self.raise(Fault::PersistentShort);
+        }
+    }
+
+    /// Gap voltage above the setpoint. A reading that is not valid is no reason to move, and neither is a setpoint that is a
+    /// share of a voltage not measured yet; supervision decides how long a bad reading may last.
+    fn gap_error(&self) -> Volts {
+        let setpoint = self.status.gap_setpoint;
+        match self.status.gap.quality {
+            Quality::Valid if setpoint.0 > 0.0 => Volts(self.status.gap.filtered.0 - setpoint.0),
+            _ => Volts(0.0),
+        }
+    }
+
+    fn erode(&mut self) -> Motion {
+        if self.route.at_end() && self.arrived() {
+            self.enter(State::Done, Reason::PathEnd);
+            return self.along(REST);
+        }
+        let error = self.gap_error();
+        match self.config.structure {
+            // In every tick, and not in every plan.
+            Structure::SingleLoop => Motion::Gap(self.status.gap_setpoint),
+            structure => {
+                let wanted = self.config.limits.clamp(self.law.velocity(error, self.ticks));
+                self.status.feed = wanted;
+                if structure == Structure::Path { self.along(wanted) } else { Motion::Velocity(wanted) }
+            }
+        }
+    }
+
+    /// Holds the end of the path, or returns to it from a retreat, and tells the feed that the gap asks for.
+    fn guide(&mut self) -> Motion {
+        let error = self.gap_error();
+        self.status.feed = self.config.limits.clamp(self.law.velocity(error, self.ticks));
+        self.along(self.config.retreat.velocity)
+    }
+
+    /// Goes on with axis positioning.
+    fn position_axis(&mut self) -> Motion {
+        let from = self.segment();
+        let seen = self.seen();
+        let limit = self.config.axis.gains.velocity_limit();
+        let Some(task) = &mut self.positioning else {
+            self.enter(State::Ready, Reason::Arrived);
+            return self.along(REST);
+        };
+        let homes = matches!(task, Task::Home(..));
+        let reason = match positioning::plan(task, &from, &seen, limit, self.ticks) {
+            Step::Moves(segment) => return Motion::Axis(segment),
+            Step::Ends(reason) => {
+                if homes {
+                    self.status.homing = HomingState::Failed;
+                }
+                reason
+            }
+            Step::Found(found, at) => {
+                let homed = self.declare(found, at);
+                self.status.homing = if homed { HomingState::Done } else { HomingState::Failed };
+                if homed { Reason::Homed } else { Reason::NotHomed }
+            }
+        };
+        if homes {
+            // It may have come to rest beyond the edge of the switch.
+            self.upper_limit_excused = self.now.safety.upper_limit;
+        }
+        self.enter(State::Ready, reason);
+        Motion::Axis(TrajectorySegment { from: self.segment().from, ..TrajectorySegment::default() })
+    }
+
+    /// Gives the place `found` the position `at`; false where that would put the axis outside its travel.
+    fn declare(&mut self, found: i64, at: Fixed) -> bool {
+        let shift = at.round().saturating_sub(found);
+        let position = self.status.position.saturating_add(shift);
+        let axis = &self.config.axis;
+        let (min, max) = axis.travel;
+        // The edge of a switch at the end of the travel: the axis may stand a little beyond it.
+        let margin = (self.config.retreat.off_limit.to_f32() * axis.counts_per_um) as i64;
+        let inside = position >= axis.counts(min).round().saturating_sub(margin)
+            && position <= axis.counts(max).round().saturating_add(margin);
+        if inside {
+            let here = self.segment().from.plus(Fixed::whole(shift));
+            self.move_origin(position);
+            self.restart_path_at(here);
+            self.status.homed = true;
+        }
+        inside
+    }
+
+    /// The axis is at this position from now on.
+    pub(super) fn move_origin(&mut self, position: i64) {
+        self.offset = self.offset.saturating_add(position.saturating_sub(self.status.position));
+        self.status.position = position;
+    }
+
+    pub(super) fn seen(&self) -> Seen {
+        let offset = self.offset.wrapping_sub(self.now.offset);
+        let Mark { count, toward_work, crossings } = self.now.mark;
+        Seen {
+            position: self.status.position,
+            upper: self.now.safety.upper_limit,
+            lower: self.now.safety.lower_limit,
+            mark: Mark { count, toward_work, crossings },
+            marked: self.now.marked.wrapping_add(offset),
+        }
+    }
+}

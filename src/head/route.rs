@@ -1,0 +1,163 @@
+//! The way along the path: where the plan in force will have got to, and how fast it may go on from there.
+
+use super::follow::{Estimate, Follow, Trajectory};
+use crate::feed::Limiter;
+use crate::path::{Path, Refused};
+use crate::servo::Window;
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, PLAN_TICKS, larger};
+use core::ops::DerefMut;
+
+/// The path with its limits. `P` owns it, wherever there is room for it.
+#[derive(Debug)]
+pub(super) struct Route<P> {
+    path: P,
+    limiter: Limiter,
+    /// Times that the path has begun anew.
+    begun: u32,
+    /// Path coordinate where the work was found.
+    work: Option<Fixed>,
+}
+
+/// What bounds a motion along the path.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds {
+    pub acceleration: MicrometresPerSecond2,
+    /// Upward motion is blocked.
+    pub upper_limit: bool,
+    /// Ticks since the plan before.
+    pub ticks: u32,
+}
+
+impl<P: DerefMut<Target = Path>> Route<P> {
+    pub fn new(mut path: P, counts_per_um: f32, retreat: Fixed) -> Route<P> {
+        path.scale([counts_per_um]);
+        path.set_retreat(retreat);
+        Route { path, limiter: Limiter::default(), begun: 0, work: None }
+    }
+
+    /// Goes to where the follower will be when this plan comes into force.
+    pub fn reconcile(&mut self, now: &Estimate) {
+        if now.paths == self.begun {
+            let off = now.path_then.minus(self.path.s());
+            self.path.step(off);
+            self.limiter.go_on_from(now.along);
+        }
+    }
+
+    /// Times that the path has begun anew.
+    pub fn begun(&self) -> u32 {
+        self.begun
+    }
+
+    /// Begins anew at a set point; a retreat past the beginning leads to `top`.
+    pub fn restart(&mut self, here: Fixed, top: Fixed) {
+        self.path.restart([here], [top.min(here)]);
+        self.begun = self.begun.wrapping_add(1);
+        self.limiter.stop();
+        self.work = None;
+    }
+
+    /// Appends a straight line.
+    pub fn push_line(&mut self, to: Fixed) -> Result<(), Refused> {
+        self.path.push_line([to])
+    }
+
+    /// How far a retreat may go behind the furthest point.
+    pub fn set_retreat(&mut self, retreat: Fixed) {
+        self.path.set_retreat(retreat);
+    }
+
+    /// The work has been found here, unless it was found before.
+    pub fn found_work(&mut self) {
+        self.work = self.work.or(Some(self.path.s()));
+    }
+
+    /// Path coordinate of the work; of the beginning before it was found.
+    pub fn work(&self) -> Fixed {
+        self.work.unwrap_or(Fixed(0))
+    }
+
+    /// Path coordinate, um.
+    pub fn s(&self) -> Fixed {
+        self.path.s()
+    }
+
+    /// Set point there, counts.
+    pub fn setpoint(&self) -> Fixed {
+        let [setpoint] = self.path.setpoint();
+        setpoint
+    }
+
+    /// Where the last segment ends, counts.
+    pub fn end(&self) -> Fixed {
+        let [end] = self.path.end();
+        end
+    }
+
+    pub fn at_end(&self) -> bool {
+        self.path.at_end()
+    }
+
+    /// Nothing is left to retrace.
+    pub fn at_beginning(&self) -> bool {
+        self.path.behind().0 <= 0.0
+    }
+
+    pub fn waiting(&self) -> u16 {
+        self.path.waiting() as u16
+    }
+
+    /// A velocity along the path, inside acceleration and stopping distance.
+    pub fn along(&mut self, wanted: MicrometresPerSecond, bounds: &Bounds, window: Window) -> Trajectory {
+        let along = self.limited(wanted, bounds);
+        self.trajectory(along, window)
+    }
+
+    /// The same for later, if it comes to that: nothing is remembered of it.
+    pub fn ready(&self, wanted: MicrometresPerSecond, bounds: &Bounds, window: Window) -> Trajectory {
+        let mut limiter = self.limiter;
+        let along = limit(&mut limiter, &self.path, wanted, &Bounds { ticks: PLAN_TICKS, ..*bounds });
+        self.trajectory(along, window)
+    }
+
+    /// A velocity of the axis as the path has it at this place, without a position loop.
+    pub fn velocity(&mut self, wanted: MicrometresPerSecond, bounds: &Bounds, window: Window) -> Trajectory {
+        let [direction] = self.path.direction();
+        let along = self.limited(wanted, bounds);
+        Trajectory { along, ..Trajectory::velocity(CountsPerSecond(along.0 * direction), window) }
+    }
+
+    /// The head stands, or goes beside the path.
+    pub fn stop(&mut self) {
+        self.limiter.stop();
+    }
+
+    /// Without a position loop the path coordinate follows the axis, so that closing the loop makes no jump.
+    pub fn follow_axis(&mut self, at: Fixed) {
+        let [direction] = self.path.direction();
+        let off = at.minus(self.setpoint()).to_f32();
+        if direction != 0.0 {
+            self.path.step(Fixed::short(off / direction));
+        }
+    }
+
+    fn limited(&mut self, wanted: MicrometresPerSecond, bounds: &Bounds) -> MicrometresPerSecond {
+        limit(&mut self.limiter, &self.path, wanted, bounds)
+    }
+
+    fn trajectory(&self, along: MicrometresPerSecond, window: Window) -> Trajectory {
+        // One step of 2^-24 um more, so that the last one reaches the end, where the path holds it.
+        let more = i64::from(along.0 > 0.0) - i64::from(along.0 < 0.0);
+        let advance = along.per_tick().near(Fixed(more));
+        let [travel] = self.path.travel(advance);
+        let [direction] = self.path.direction();
+        let velocity = CountsPerSecond(along.0 * direction);
+        Trajectory { follow: Follow::Setpoint, window, velocity, along, advance, travel, ..Trajectory::COAST }
+    }
+}
+
+/// An open upper limit is never run into.
+fn limit(limiter: &mut Limiter, path: &Path, wanted: MicrometresPerSecond, bounds: &Bounds) -> MicrometresPerSecond {
+    let wanted = if bounds.upper_limit { MicrometresPerSecond(larger(wanted.0, 0.0)) } else { wanted };
+    limiter.limit(wanted, bounds.acceleration, bounds.ticks, || path.ahead(), || path.behind())
+}
