@@ -12,7 +12,9 @@ use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::Voltage;
 use edm_servo_head::head::WritePermit;
 
-/// The vector that runs the protocol task; its peripheral is not in use.
+/// The vector that runs the plan task; its peripheral is not in use.
+pub const PLAN: Interrupt = Interrupt::SPI2;
+/// The same for the protocol task.
 pub const PROTOCOL: Interrupt = Interrupt::SPI3;
 
 /// Atomics of the tasks.
@@ -63,6 +65,10 @@ impl Board for Chip {
 pub struct Rtic;
 
 impl Caller for Rtic {
+    fn plan(&self) {
+        rtic::pend(PLAN);
+    }
+
     fn protocol(&self) {
         rtic::pend(PROTOCOL);
     }

@@ -41,6 +41,7 @@ mod app {
     use edm_runtime::encoder::Decoder;
     use edm_runtime::gap::Gap;
     use edm_runtime::idle::Idle;
+    use edm_runtime::plan::Plans;
     use edm_runtime::protocol::Protocol;
     use edm_runtime::servo::Servo;
     use edm_runtime::supervise::Supervise;
@@ -59,6 +60,7 @@ mod app {
         reflex: Gated,
         gap: Gap<Chip>,
         servo: Servo<Chip>,
+        plan: Plans<Chip>,
         supervise: Supervise<Chip>,
         transmit: Transmit<Chip>,
         idle: Idle<Chip>,
@@ -70,8 +72,8 @@ mod app {
     fn init(cx: init::Context) -> (Shared, Local) {
         let mut watchdog = None;
         match start::start(cx.device, cx.core, cx.local.slots, &mut watchdog) {
-            Ok(Tasks { reflex, decoder, gap, servo, supervise, receive, transmit, protocol, idle }) => {
-                (Shared { decoder, receive, protocol }, Local { reflex, gap, servo, supervise, transmit, idle })
+            Ok(Tasks { reflex, decoder, gap, servo, plan, supervise, receive, transmit, protocol, idle }) => {
+                (Shared { decoder, receive, protocol }, Local { reflex, gap, servo, plan, supervise, transmit, idle })
             }
             Err(error) => panic_handler::halt(error, watchdog),
         }
@@ -79,7 +81,7 @@ mod app {
 
     /// Deadline: 2.5 us from the sample to the pin. A short pulse is killed; a run of them forces the retreat. Atomics only;
     /// never logs. Cost: 1 us, at each short pulse. Late: the short lasts longer.
-    #[task(binds = ADC, priority = 8, local = [reflex])]
+    #[task(binds = ADC, priority = 9, local = [reflex])]
     fn reflex(cx: reflex::Context) {
         cx.local.reflex.reflex();
     }
@@ -87,32 +89,32 @@ mod app {
     /// Deadline: 5 us from the edge to the pins. The first edge of a limit switch, of the emergency stop or of the dielectric
     /// stops; the servo task then does what the fault asks for. Atomics only. Cost: 0.5 us, at each edge. Late: the axis
     /// travels on, 3 um in 5 us at 0.6 m/s.
-    #[task(binds = EXTI15_10, priority = 7)]
+    #[task(binds = EXTI15_10, priority = 8)]
     fn stop(_: stop::Context) {
         safety::stop();
     }
 
     /// Deadline: 5 us. Atomics only. Cost: 0.5 us, at each fault. Late: nothing, the hardware has switched the bridge off.
-    #[task(binds = TIM1_BRK_TIM9, priority = 7)]
+    #[task(binds = TIM1_BRK_TIM9, priority = 8)]
     fn bridge_fault(_: bridge_fault::Context) {
         safety::bridge_fault();
     }
 
     /// Deadline: one edge spacing, 3.3 us at 300 kcount/s. Atomics only. Cost: 0.5 us, at each edge. Late: the transition reads
     /// as illegal and is counted; far above the rate the lines mask themselves and the timer leads.
-    #[task(binds = EXTI0, priority = 6, shared = [decoder])]
+    #[task(binds = EXTI0, priority = 7, shared = [decoder])]
     fn encoder_a(cx: encoder_a::Context) {
         cx.shared.decoder.edge(Line::A);
     }
 
     /// As `encoder_a`.
-    #[task(binds = EXTI1, priority = 6, shared = [decoder])]
+    #[task(binds = EXTI1, priority = 7, shared = [decoder])]
     fn encoder_b(cx: encoder_b::Context) {
         cx.shared.decoder.edge(Line::B);
     }
 
     /// As `encoder_a`.
-    #[task(binds = EXTI2, priority = 6, shared = [decoder])]
+    #[task(binds = EXTI2, priority = 7, shared = [decoder])]
     fn encoder_index(cx: encoder_index::Context) {
         cx.shared.decoder.edge(Line::Index);
     }
@@ -120,17 +122,25 @@ mod app {
     /// Deadline: the servo tick, 6 us after the block. Averages and filters the block. Cost: 6.2 us, 20 000 times a second,
     /// so that the tick waits for it a little.
     /// Late: the tick waits for it.
-    #[task(binds = DMA2_STREAM0, priority = 5, local = [gap])]
+    #[task(binds = DMA2_STREAM0, priority = 6, local = [gap])]
     fn gap(cx: gap::Context) {
         cx.local.gap.block();
     }
 
-    /// Deadline: the next tick, 50 us. Position, velocity, cascade, duty; every fifth time feed law and path. Outputs take
-    /// effect with the next update of the timer, exactly. Neither logs nor locks. Cost: 2.6 us, at worst 10.7 us, 20 000 times
-    /// a second. Late by a whole tick: the duty of the tick before holds on.
-    #[task(binds = TIM1_UP_TIM10, priority = 4, local = [servo])]
+    /// Deadline: the next tick, 50 us. Position, velocity, cascade, duty, and what is urgent. Outputs take effect with the next
+    /// update of the timer, exactly. Neither logs nor locks. Cost: 3 us, at worst 6 us, 20 000 times a second. Late by a whole
+    /// tick: the duty of the tick before holds on.
+    #[task(binds = TIM1_UP_TIM10, priority = 5, local = [servo])]
     fn servo(cx: servo::Context) {
         cx.local.servo.tick();
+    }
+
+    /// Deadline: 100 us, the second tick after the one that asks for it. States, feed law, limits, path. The vector is that of a
+    /// peripheral not in use. Cost: 12 us, 4000 times a second. Late: the trajectory goes on in a straight line; late for a
+    /// millisecond, the head coasts.
+    #[task(binds = SPI2, priority = 4, local = [plan])]
+    fn plan(cx: plan::Context) {
+        cx.local.plan.run();
     }
 
     /// Deadline: 1 ms. Judges what no single tick can. Cost: 2.5 us, 1000 times a second. Late: a fault is found later.

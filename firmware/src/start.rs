@@ -15,6 +15,7 @@ use edm_runtime::encoder::Decoder;
 use edm_runtime::gap::Gap;
 use edm_runtime::idle::Idle;
 use edm_runtime::image_store::ImageStore;
+use edm_runtime::plan::Plans;
 use edm_runtime::protocol::Protocol;
 use edm_runtime::servo::Servo;
 use edm_runtime::supervise::Supervise;
@@ -43,6 +44,7 @@ pub struct Tasks {
     pub decoder: Decoder<Chip>,
     pub gap: Gap<Chip>,
     pub servo: Servo<Chip>,
+    pub plan: Plans<Chip>,
     pub supervise: Supervise<Chip>,
     pub receive: Receive<Chip>,
     pub transmit: Transmit<Chip>,
@@ -146,6 +148,7 @@ pub fn start(
         decoder: tasks.decoder,
         gap: tasks.gap,
         servo: tasks.servo,
+        plan: tasks.plan,
         supervise: tasks.supervise,
         receive: tasks.receive,
         transmit: tasks.transmit,

@@ -22,7 +22,8 @@ use edm_servo_head::canopen::{Frame, Node};
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, Shared as Published, TimerCount};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{
-    Counters, Estimate, Follower, Judged, Measured, Plan, Planner, State, Status, Supervisor, TickInput, WritePermit,
+    Counters, Estimate, Fault, Follower, Judged, Measured, Plan, Planner, State, Status, Supervisor, TickInput,
+    WritePermit,
 };
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{Active, Settings};
@@ -194,6 +195,9 @@ pub fn assemble<B: Board>(
             caller,
             signals,
             carried: Carried::NONE,
+            raised: (Fault::HostSilent, 0),
+            begun: 0,
+            made: 0,
             estimates,
             judged,
             plans: plans_in,
@@ -214,6 +218,7 @@ pub fn assemble<B: Board>(
             caller,
             signals,
             count: 0,
+            judged_tick: 0,
             measured,
             config: supervision,
             faults: faults_in,

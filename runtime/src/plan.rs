@@ -8,7 +8,9 @@ use crate::crossings::{
 use edm_crossing::latest::{Reader, Writer};
 use edm_crossing::ring::{Receiver, Sender};
 use edm_hal_shim::clock::Clock;
-use edm_servo_head::head::{Change, Command, Estimate, Judged, Plan, Planner, Reason, Refused, Status, WritePermit};
+use edm_servo_head::head::{
+    Change, Command, Estimate, Fault, Judged, Plan, Planner, Reason, Refused, Status, WritePermit,
+};
 use edm_servo_head::path::Path;
 
 /// The newest commands, and the tick whose estimate they were carried out on: a debugger, or the emulated chip, may look at it.
@@ -40,6 +42,11 @@ pub struct Plans<B: Board> {
     pub(crate) caller: B::Caller,
     pub(crate) signals: &'static Signals,
     pub(crate) carried: Carried,
+    /// The newest fault that the protocol has raised, and the tick of the estimate; for a debugger, as those below.
+    pub(crate) raised: (Fault, u32),
+    /// Ticks of the estimates that the newest plan was begun and that it was made on.
+    pub(crate) begun: u32,
+    pub(crate) made: u32,
     pub(crate) estimates: Reader<'static, Estimate>,
     pub(crate) judged: Reader<'static, Judged>,
     pub(crate) plans: Writer<'static, Plan>,
@@ -62,6 +69,7 @@ impl<B: Board> Plans<B> {
             return;
         }
         self.judged.refresh();
+        self.begun = self.tick();
         self.planner.begin(self.estimates.get(), self.judged.get());
         let mut answered = self.set_point();
         while let Some(permit) = self.returned.receive() {
@@ -85,6 +93,7 @@ impl<B: Board> Plans<B> {
         if answered {
             self.caller.protocol();
         }
+        self.made = self.begun;
         let end = self.clock.now();
         self.signals.times[PLAN].ran(end.wrapping_sub(begin));
         self.signals.task_watchdog.report(PLAN, end);
@@ -104,7 +113,7 @@ impl<B: Board> Plans<B> {
     fn set_point(&mut self) -> bool {
         let Some(point) = self.estimates.get().set_point else { return false };
         let command = Command::Follow(point.to, point.ticks);
-        let result = self.command(command);
+        let result = self.planner.command(command);
         self.answers.send(Answer::SyncPreview(command, result, self.tick()));
         true
     }
@@ -123,6 +132,7 @@ impl<B: Board> Plans<B> {
             Request::Command(command) => Answer::Command(command, self.command(command), self.tick()),
             Request::Configure => self.configure(),
             Request::Raise(fault) => {
+                self.raised = (fault, self.tick());
                 self.planner.raise(fault);
                 Answer::Done
             }

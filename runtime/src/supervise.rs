@@ -22,6 +22,8 @@ pub struct Supervise<B: Board> {
     pub(crate) caller: B::Caller,
     pub(crate) signals: &'static Signals,
     pub(crate) count: u32,
+    /// Tick whose measurement was judged last: for a debugger.
+    pub(crate) judged_tick: u32,
     pub(crate) measured: Reader<'static, (Measured, Counters)>,
     pub(crate) config: Reader<'static, SupervisionConfig>,
     pub(crate) faults: Sender<'static, Fault, 8>,
@@ -62,8 +64,6 @@ impl<B: Board> Supervise<B> {
         let (measured, counters) = self.measured.get();
         let alive = self.signals.host.take();
         let fault = self.supervisor.tick(self.config.get(), measured, counters, alive);
-        let supervisor = &self.supervisor;
-        self.judged.write(|judged| *judged = *supervisor.judged());
         if let Some(fault) = fault {
             self.faults.send(fault);
             self.signals.waiting.set();
@@ -73,5 +73,8 @@ impl<B: Board> Supervise<B> {
         if self.count.is_multiple_of(LOG) {
             self.signals.second.set();
         }
+        let supervisor = &self.supervisor;
+        self.judged.write(|judged| *judged = *supervisor.judged());
+        self.judged_tick = self.measured.get().0.tick;
     }
 }

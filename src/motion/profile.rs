@@ -29,6 +29,7 @@ pub struct Ramp {
 
 /// What the loop follows until the next plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TrajectorySegment {
     /// Set point at the plan, counts.
     pub from: Fixed,

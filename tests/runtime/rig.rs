@@ -5,6 +5,7 @@ use edm_crossing::preempt::{self, Tally};
 use edm_servo_head::canopen::NodeId;
 use edm_servo_head::canopen::objects::{setting_address_at, setting_kind};
 use edm_servo_head::settings::{Declared, Settings};
+use edm_servo_head::units::{PLAN_TICKS, TICKS_PER_MS};
 use edm_sim::process::{Parameters, Process};
 use edm_sim::schedule::{Habits, Scheduler};
 use edm_sim::serve::head::Head;
@@ -235,13 +236,17 @@ impl Host {
         let shown: [u32; 2] = self.read_all(&[1, 2].map(|sub| (0x200D, sub))).try_into().unwrap();
         self.head.set_habits(Habits::PROMPT);
         self.run(2);
-        // The supervision tells of what lasts once a millisecond: what it has just sent is taken in the next tick.
+        // The supervision tells of what lasts once a millisecond: what it has just sent is taken in the next tick. What is asked of
+        // the planner waits for its next estimate, and changes of state wait for the protocol's millisecond.
         let counted = |rig: &Self| {
             let (tally, before) = (preempt::tally(), &rig.before);
             (tally.sent - before.sent, tally.received - before.received, tally.lost - before.lost)
         };
-        let (sent, received, lost) = counted(self);
-        if sent != received + lost {
+        for _ in 0..TICKS_PER_MS + PLAN_TICKS {
+            let (sent, received, lost) = counted(self);
+            if sent == received + lost {
+                break;
+            }
             self.run(1);
         }
         let (sent, received, lost) = counted(self);

@@ -87,14 +87,17 @@ pub struct Emulated {
     /// Runs of the gap task so far.
     blocks: u64,
     status: Status,
-    /// Tick of the status that the supervision has judged last.
+    /// Tick that the supervision has judged last, and that of the estimate of the newest plan.
     judged: u32,
+    made: u32,
+    /// Ticks that have to wait for a plan which was begun before them.
+    held: Vec<Event>,
     /// True count at the beginning of the window, where the servo task reads the encoder.
     count: i64,
     changes: VecDeque<Change>,
     /// Frames of the head, and when they ended.
     came: VecDeque<(u64, Frame)>,
-    /// Commands that the newest tick carried out.
+    /// Commands that the newest plan carried out.
     carried: Vec<Command>,
     windows: u64,
 }
@@ -142,6 +145,8 @@ impl Emulated {
             blocks: 0,
             status: Status::default(),
             judged: 0,
+            made: 0,
+            held: Vec::new(),
             count: 0,
             changes: VecDeque::new(),
             came: VecDeque::new(),
@@ -219,8 +224,13 @@ impl Emulated {
     fn look(&mut self) -> Result<()> {
         let before = self.status;
         let memory = &self.machine.soc().memory;
-        let (status, input) = (self.places.status(memory)?, self.places.input(memory)?);
-        let told = self.places.told(memory, status.tick)?;
+        let planned = self.places.planned(memory)?;
+        let mut status = planned;
+        self.places.followed(memory, &mut status)?;
+        let (input, counters) = (self.places.input(memory)?, self.places.counters(memory)?);
+        let (begun, made) = self.places.plans(memory)?;
+        let raised = self.places.raised(memory, made)?;
+        let commands = self.places.commands(memory, made)?;
         let judged = self.places.judged(memory)?;
         let stores = before.state == State::Disabled && status.state == State::Disabled;
         if status.tick != before.tick.wrapping_add(1) && matches!(self.witness, Witness::None) && stores {
@@ -236,25 +246,42 @@ impl Emulated {
             let reason = Reason::Fault(fault);
             self.changes.push_back(Change { tick: status.tick, from: before.state, to: status.state, reason });
         }
-        self.carried = self.places.commands(memory, status.tick)?;
-        for command in &self.carried {
-            self.witness.event(&Event::Command(*command))?;
+        let mut plan = Vec::new();
+        self.carried.clear();
+        if made != self.made {
+            self.carried = commands;
+            plan.extend(self.carried.iter().map(|command| Event::Command(*command)));
+            plan.extend(raised.map(Event::Raised));
+            plan.push(Event::Plan(planned));
         }
-        if let Some(fault) = told {
-            self.witness.event(&Event::Told(fault))?;
+        let supervised = (judged != self.judged).then_some(Event::Supervised);
+        let tick = Event::Tick(input, counters, status);
+        // What a task does is told when it has come to its end: before this tick, if it was about one before it.
+        if made != status.tick {
+            self.tell(plan.drain(..))?;
+            let held = std::mem::take(&mut self.held);
+            self.tell(held.into_iter())?;
         }
-        // It may have judged the status of this tick, or the one before it.
-        let supervised = judged != self.judged;
-        if supervised && judged != status.tick {
-            self.witness.event(&Event::Supervised)?;
+        if judged != status.tick {
+            self.tell(supervised.into_iter())?;
         }
-        self.witness.event(&Event::Tick(input, status))?;
-        if supervised && judged == status.tick {
-            self.witness.event(&Event::Supervised)?;
+        if begun != made && begun != status.tick {
+            self.held.push(tick);
+        } else {
+            self.tell(std::iter::once(tick))?;
+            self.tell(plan.into_iter())?;
         }
+        if judged == status.tick {
+            self.tell(supervised.into_iter())?;
+        }
+        self.made = made;
         self.judged = judged;
         self.status = status;
         Ok(())
+    }
+
+    fn tell(&mut self, mut events: impl Iterator<Item = Event>) -> Result<()> {
+        events.try_for_each(|event| self.witness.event(&event))
     }
 
     /// Tells the witness of the newest block, if the gap task has run since the last one.

@@ -10,7 +10,9 @@ use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
-use edm_servo_head::head::{Command, Fault, Home, MotionLimits, Status, SupervisionLimits, TickInput};
+use edm_servo_head::head::{
+    Command, Counters, Fault, Home, MotionLimits, SetPoint, Status, SupervisionLimits, TickInput,
+};
 use edm_servo_head::motion::Method;
 use edm_servo_head::units::{
     Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Volts,
@@ -19,23 +21,26 @@ use edm_sim::lockstep::{QUALITIES, STATES};
 use edm_soc::{Memory, Region};
 use std::mem::{offset_of, size_of};
 
-const HEAD: &str = "edm_servo_head::head::machine::Head";
+const PLANNER: &str = "edm_servo_head::head::planner::Planner";
+const FOLLOWER: &str = "edm_servo_head::head::follow::Follower";
+const ESTIMATOR: &str = "edm_servo_head::head::estimate::Estimator";
+const POSITION: &str = "edm_servo_head::encoder::position::Position";
+const PLANS: &str = "edm_runtime::plan::Plans";
 const SERVO: &str = "edm_runtime::servo::Servo";
 const GAP: &str = "edm_runtime::gap::Gap";
-const TOLD: &str = "(edm_servo_head::head::fault::Fault, u32)";
+const RAISED: &str = "(edm_servo_head::head::fault::Fault, u32)";
 const BLOCKS: &str = "core::option::Option<edm_hal_shim::gap::GapBlock>";
 
-const CARRIED: &str = "edm_runtime::servo::Carried";
+const CARRIED: &str = "edm_runtime::plan::Carried";
 const SUPERVISE: &str = "edm_runtime::supervise::Supervise";
 const CONFIG: &str = "edm_servo_head::head::config::Config";
 const LIMITS: &str = "edm_servo_head::head::supervise::Limits";
 const SOURCE: &str = "edm_servo_head::gap::voltage::Voltage";
 const ACTIVE: &str = "edm_servo_head::gap::voltage::Active";
 const READER: &str = "edm_crossing::latest::Reader";
-const SLOT: &str = "edm_crossing::latest::Slot<edm_servo_head::head::supervise::Limits>";
-const STATUS_SLOT: &str = "edm_crossing::latest::Slot<edm_servo_head::head::Status>";
-const STATUS_HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::Status>";
-const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::Limits>";
+const SLOT: &str = "edm_crossing::latest::Slot<edm_servo_head::head::supervise::Config>";
+const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::Config>";
+const SUPERVISION: &str = "edm_servo_head::head::supervise::Config";
 const COMMAND: &str = "edm_servo_head::head::command::Command";
 /// Variants of [`Command`], and the number of fields that each has.
 const VARIANTS: [(&str, usize); 15] = [
@@ -74,8 +79,8 @@ macro_rules! at {
 /// Of what the tasks run, as much as is looked at.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Runs {
-    /// Limits in the servo task's configuration.
-    pub servo: SupervisionLimits,
+    /// Limits in the planner's configuration.
+    pub head: SupervisionLimits,
     /// Limits that the supervision judges by.
     pub supervision: SupervisionLimits,
     /// Codes below which the gap task takes a block for a short.
@@ -91,15 +96,32 @@ pub struct Places {
     status: u32,
     write_permitted: u32,
     input: u32,
-    told: (u32, u32),
+    counters: u32,
+    followed: Followed,
+    raised: (u32, u32),
+    /// Ticks of the plans begun and made.
+    plans: (u32, u32),
     block: u32,
-    /// Limits in the servo task's configuration.
-    servo_limits: u32,
+    /// Limits in the planner's configuration.
+    head_limits: u32,
     /// Where the slot is whose limits the supervision judges by, and how far behind its beginning they are.
     limits: (u32, u32),
     short: u32,
-    /// Where the slot is whose status the supervision has judged, and how far behind its beginning the tick is.
-    judged: (u32, u32),
+    /// Tick that the supervision has judged.
+    judged: u32,
+}
+
+/// Of the follower.
+#[derive(Clone, Debug)]
+struct Followed {
+    tick: u32,
+    path: u32,
+    setpoint: u32,
+    following: u32,
+    duty: u32,
+    saturated: u32,
+    position: u32,
+    velocity: u32,
 }
 
 impl Places {
@@ -115,14 +137,18 @@ impl Places {
         }
         let payloads = VARIANTS.map(|(name, _)| format!("{COMMAND}::{name}"));
         let mut wanted = vec![
-            HEAD,
+            PLANNER,
+            FOLLOWER,
+            ESTIMATOR,
+            POSITION,
+            PLANS,
             CARRIED,
             "edm_servo_head::head::positioning::MotionLimits",
             "edm_servo_head::head::positioning::Home",
             SERVO,
             GAP,
             BLOCKS,
-            TOLD,
+            RAISED,
             SUPERVISE,
             CONFIG,
             LIMITS,
@@ -131,10 +157,11 @@ impl Places {
             READER,
             SLOT,
             HELD,
-            STATUS_SLOT,
-            STATUS_HELD,
+            SUPERVISION,
             "edm_servo_head::head::Status",
-            "edm_servo_head::head::TickInput",
+            "edm_servo_head::head::follow::TickInput",
+            "edm_servo_head::head::follow::SetPoint",
+            "edm_servo_head::head::supervise::Counters",
             "edm_servo_head::gap::GapReading",
             "edm_servo_head::encoder::shared::Snapshot",
             "edm_servo_head::encoder::index::Mark",
@@ -148,8 +175,11 @@ impl Places {
         checked!(layout,
             "edm_servo_head::head::Status" Status: tick, state, fault, position, setpoint, following, velocity, path, gap,
                 gap_setpoint, open_circuit, duty, saturated, current, bus, illegal_transitions, homed, current_reduced;
-            "edm_servo_head::head::TickInput" TickInput: gap, encoder, watch, safety, drive, reflex;
-            "edm_servo_head::gap::GapReading" GapReading: filtered, block, quality, short_ticks;
+            "edm_servo_head::head::follow::TickInput" TickInput: encoder, short_ticks, drive, safety, reflex, told, set_point,
+                asked;
+            "edm_servo_head::head::follow::SetPoint" SetPoint: to, counts, ticks;
+            "edm_servo_head::head::supervise::Counters" Counters: used, watch;
+            "edm_servo_head::gap::GapReading" GapReading: filtered, block, mean, quality, short_ticks;
             "edm_servo_head::encoder::shared::Snapshot" Snapshot: raw, illegal, mark;
             "edm_servo_head::encoder::index::Mark" Mark: count, toward_work, crossings;
             "edm_hal_shim::encoder::RawCount" RawCount: count, last_edge, toward_work, now;
@@ -165,8 +195,14 @@ impl Places {
         layout.same(BLOCKS, size_of::<Option<GapBlock>>(), &[])?;
         let symbol = |module, name| image.find(module, name).with_context(|| format!("the ELF has no symbol {name}"));
         let servo = symbol("app", "__rtic_internal_local_resource_servo")?;
-        let told = servo + layout.offset(SERVO, "told")?;
-        let carried = servo + layout.offset(SERVO, "carried")?;
+        let plan = symbol("app", "__rtic_internal_local_resource_plan")?;
+        let supervise = symbol("app", "__rtic_internal_local_resource_supervise")?;
+        let planner = plan + layout.offset(PLANS, "planner")?;
+        let raised = plan + layout.offset(PLANS, "raised")?;
+        let carried = plan + layout.offset(PLANS, "carried")?;
+        let follower = servo + layout.offset(SERVO, "follower")?;
+        let estimator = follower + layout.offset(FOLLOWER, "estimator")?;
+        let followed = |field| layout.offset(FOLLOWER, field).map(|at| follower + at);
         let mut variants = Vec::new();
         for (payload, (name, count)) in payloads.iter().zip(VARIANTS) {
             layout.same(payload, size_of::<Command>(), &[])?;
@@ -183,42 +219,77 @@ impl Places {
                 carried + layout.offset(CARRIED, "count")?,
                 carried + layout.offset(CARRIED, "tick")?,
             ),
-            status: servo + layout.offset(SERVO, "head")? + layout.offset(HEAD, "status")?,
-            write_permitted: servo + layout.offset(SERVO, "head")? + layout.offset(HEAD, "write_permitted")?,
+            status: planner + layout.offset(PLANNER, "status")?,
+            write_permitted: planner + layout.offset(PLANNER, "write_permitted")?,
             input: servo + layout.offset(SERVO, "input")?,
-            told: (told + layout.offset(TOLD, "__0")?, told + layout.offset(TOLD, "__1")?),
+            counters: servo + layout.offset(SERVO, "counters")?,
+            followed: Followed {
+                tick: followed("tick")?,
+                path: followed("path")?,
+                setpoint: followed("setpoint")?,
+                following: followed("following")?,
+                duty: followed("duty")?,
+                saturated: followed("saturated")?,
+                position: estimator + layout.offset(ESTIMATOR, "position")? + layout.offset(POSITION, "counts")?,
+                velocity: estimator + layout.offset(ESTIMATOR, "now")?,
+            },
+            raised: (raised + layout.offset(RAISED, "__0")?, raised + layout.offset(RAISED, "__1")?),
+            plans: (plan + layout.offset(PLANS, "begun")?, plan + layout.offset(PLANS, "made")?),
             block: symbol("app", "__rtic_internal_local_resource_gap")? + layout.offset(GAP, "block")?,
-            servo_limits: servo
-                + layout.offset(SERVO, "head")?
-                + layout.offset(HEAD, "config")?
-                + layout.offset(CONFIG, "supervise")?,
+            head_limits: planner + layout.offset(PLANNER, "config")? + layout.offset(CONFIG, "supervise")?,
             limits: (
-                symbol("app", "__rtic_internal_local_resource_supervise")?
-                    + layout.offset(SUPERVISE, "limits")?
-                    + layout.offset(READER, "taken")?,
-                layout.offset(SLOT, "held")? + layout.offset(HELD, "value")?,
+                supervise + layout.offset(SUPERVISE, "config")? + layout.offset(READER, "taken")?,
+                layout.offset(SLOT, "held")? + layout.offset(HELD, "value")? + layout.offset(SUPERVISION, "limits")?,
             ),
             short: symbol("app", "__rtic_internal_local_resource_gap")?
                 + layout.offset(GAP, "source")?
                 + layout.offset(SOURCE, "active")?
                 + layout.offset(ACTIVE, "short")?,
-            judged: (
-                symbol("app", "__rtic_internal_local_resource_supervise")?
-                    + layout.offset(SUPERVISE, "statuses")?
-                    + layout.offset(READER, "taken")?,
-                layout.offset(STATUS_SLOT, "held")?
-                    + layout.offset(STATUS_HELD, "value")?
-                    + offset_of!(Status, tick) as u32,
-            ),
+            judged: supervise + layout.offset(SUPERVISE, "judged_tick")?,
         })
     }
 
-    /// The head's status after its newest tick, but for the back-EMF estimate.
+    /// What the planner knew after its newest plan, but for the back-EMF estimate.
     ///
     /// # Errors
     /// When what is there cannot be a status.
-    pub fn status(&self, memory: &Memory) -> Result<Status> {
+    pub fn planned(&self, memory: &Memory) -> Result<Status> {
         status(&View { region: &memory.sram, at: self.status })
+    }
+
+    /// Writes over it what the follower knows after its newest tick.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn followed(&self, memory: &Memory, status: &mut Status) -> Result<()> {
+        let at = |at| View { region: &memory.sram, at };
+        let places = &self.followed;
+        status.tick = at(places.tick).word(0)?;
+        status.path = Fixed(at(places.path).long(0)?);
+        status.setpoint = Fixed(at(places.setpoint).long(0)?);
+        status.following = at(places.following).float(0)?;
+        status.duty = at(places.duty).float(0)?;
+        status.saturated = at(places.saturated).flag(0)?;
+        status.position = at(places.position).long(0)?;
+        status.velocity = CountsPerSecond(at(places.velocity).float(0)?);
+        Ok(())
+    }
+
+    /// Ticks of the estimates that the newest plan was begun and that it was made on.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn plans(&self, memory: &Memory) -> Result<(u32, u32)> {
+        let at = |at| View { region: &memory.sram, at };
+        Ok((at(self.plans.0).word(0)?, at(self.plans.1).word(0)?))
+    }
+
+    /// Both counters, as the servo task has read them last.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn counters(&self, memory: &Memory) -> Result<Counters> {
+        counters(&View { region: &memory.sram, at: self.counters })
     }
 
     /// What the tasks run.
@@ -230,20 +301,18 @@ impl Places {
         let (slot, behind) = self.limits;
         let slot = at(slot).word(0)?;
         Ok(Runs {
-            servo: limits(&at(self.servo_limits))?,
+            head: limits(&at(self.head_limits))?,
             supervision: limits(&at(slot + behind))?,
             short: at(self.short).float(0)?,
         })
     }
 
-    /// Tick of the status that the supervision has judged last.
+    /// Tick that the supervision has judged last.
     ///
     /// # Errors
     /// When there is no memory.
     pub fn judged(&self, memory: &Memory) -> Result<u32> {
-        let at = |at| View { region: &memory.sram, at };
-        let (slot, behind) = self.judged;
-        at(at(slot).word(0)? + behind).word(0)
+        View { region: &memory.sram, at: self.judged }.word(0)
     }
 
     /// Whether idle changes the flash.
@@ -262,19 +331,19 @@ impl Places {
         input(&View { region: &memory.sram, at: self.input })
     }
 
-    /// The fault that another task told tick `tick` of.
+    /// The fault that the protocol raised with the plan on the estimate of tick `tick`.
     ///
     /// # Errors
     /// When what is there cannot be a fault.
-    pub fn told(&self, memory: &Memory, tick: u32) -> Result<Option<Fault>> {
+    pub fn raised(&self, memory: &Memory, tick: u32) -> Result<Option<Fault>> {
         let at = |at| View { region: &memory.sram, at };
-        let (fault, told) = self.told;
+        let (fault, raised) = self.raised;
         let fault = at(fault).byte(0)?;
         let fault = *Fault::ALL.get(fault).context("a fault that is none")?;
-        Ok((at(told).word(0)? == tick).then_some(fault))
+        Ok((at(raised).word(0)? == tick).then_some(fault))
     }
 
-    /// The commands that tick `tick` carried out.
+    /// The commands that the plan on the estimate of tick `tick` carried out.
     ///
     /// # Errors
     /// When what is there cannot be commands.
@@ -404,6 +473,7 @@ fn reading(view: &View) -> Result<GapReading> {
     Ok(GapReading {
         filtered: Volts(view.float(at!(GapReading, filtered))?),
         block: Volts(view.float(at!(GapReading, block))?),
+        mean: Volts(view.float(at!(GapReading, mean))?),
         quality: *QUALITIES.get(view.byte(at!(GapReading, quality))?).context("a quality that is none")?,
         short_ticks: view.word(at!(GapReading, short_ticks))?,
     })
@@ -418,22 +488,58 @@ fn raw(view: &View) -> Result<RawCount> {
     })
 }
 
+/// A fault's number; none is the first number that no fault has.
+fn fault(view: &View) -> Result<Option<Fault>> {
+    match view.byte(0)? {
+        n if n == Fault::ALL.len() => Ok(None),
+        n => Ok(Some(*Fault::ALL.get(n).context("a fault that is none")?)),
+    }
+}
+
 fn input(view: &View) -> Result<TickInput> {
-    let encoder = view.inner(at!(TickInput, encoder));
-    let mark = encoder.inner(at!(Snapshot, mark));
-    let watch = view.inner(at!(TickInput, watch));
-    // No count: a direction that is neither.
-    let watched = watch.byte(at!(RawCount, toward_work))? < 2;
     let safety = view.inner(at!(TickInput, safety));
     // None: one of the flags is neither true nor false.
     let flags = 0..size_of::<SafetyInputs>();
     let there = flags.map(|i| safety.byte(i)).collect::<Result<Vec<_>>>()?.iter().all(|flag| *flag < 2);
     let drive = view.inner(at!(TickInput, drive));
+    // The word before the set point says whether there is one.
+    let point = view.inner(at!(TickInput, set_point));
+    let pointed = point.word(0)? != 0;
+    let point = point.inner(size_of::<Option<SetPoint>>() - size_of::<SetPoint>());
     Ok(TickInput {
-        gap: reading(&view.inner(at!(TickInput, gap)))?,
-        encoder: Snapshot {
-            raw: raw(&encoder.inner(at!(Snapshot, raw)))?,
-            illegal: encoder.word(at!(Snapshot, illegal))?,
+        encoder: raw(&view.inner(at!(TickInput, encoder)))?,
+        short_ticks: view.word(at!(TickInput, short_ticks))?,
+        gap: None,
+        safety: if there { Some(contacts(&safety)?) } else { None },
+        drive: DriveCodes {
+            motor_current: drive.half(at!(DriveCodes, motor_current))?,
+            bus_voltage: drive.half(at!(DriveCodes, bus_voltage))?,
+        },
+        reflex: view.flag(at!(TickInput, reflex))?,
+        told: fault(&view.inner(at!(TickInput, told)))?,
+        set_point: if pointed { Some(set_point(&point)?) } else { None },
+        asked: view.flag(at!(TickInput, asked))?,
+    })
+}
+
+fn set_point(view: &View) -> Result<SetPoint> {
+    Ok(SetPoint {
+        to: Nanometres(view.long(at!(SetPoint, to))?),
+        counts: Fixed(view.long(at!(SetPoint, counts))?),
+        ticks: view.word(at!(SetPoint, ticks))?,
+    })
+}
+
+fn counters(view: &View) -> Result<Counters> {
+    let used = view.inner(at!(Counters, used));
+    let mark = used.inner(at!(Snapshot, mark));
+    let watch = view.inner(at!(Counters, watch));
+    // No count: a direction that is neither.
+    let watched = watch.byte(at!(RawCount, toward_work))? < 2;
+    Ok(Counters {
+        used: Snapshot {
+            raw: raw(&used.inner(at!(Snapshot, raw)))?,
+            illegal: used.word(at!(Snapshot, illegal))?,
             mark: Mark {
                 count: mark.word(at!(Mark, count))?,
                 toward_work: mark.flag(at!(Mark, toward_work))?,
@@ -441,12 +547,6 @@ fn input(view: &View) -> Result<TickInput> {
             },
         },
         watch: if watched { Some(raw(&watch)?) } else { None },
-        safety: if there { Some(contacts(&safety)?) } else { None },
-        drive: DriveCodes {
-            motor_current: drive.half(at!(DriveCodes, motor_current))?,
-            bus_voltage: drive.half(at!(DriveCodes, bus_voltage))?,
-        },
-        reflex: view.flag(at!(TickInput, reflex))?,
     })
 }
 
@@ -461,11 +561,7 @@ fn contacts(view: &View) -> Result<SafetyInputs> {
 }
 
 fn status(view: &View) -> Result<Status> {
-    // A fault's number; none is the first number that no fault has.
-    let fault = match view.byte(at!(Status, fault))? {
-        n if n == Fault::ALL.len() => None,
-        n => Some(*Fault::ALL.get(n).context("a fault that is none")?),
-    };
+    let fault = fault(&view.inner(at!(Status, fault)))?;
     Ok(Status {
         tick: view.word(at!(Status, tick))?,
         state: *STATES.get(view.byte(at!(Status, state))?).context("a state that is none")?,

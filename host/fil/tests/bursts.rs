@@ -139,7 +139,7 @@ impl Master {
         assert_eq!(generations, [generations[0]; 4]);
         let runs = self.rig.runs().unwrap();
         let limits = self.known.build().unwrap().head.supervise;
-        assert_eq!(runs.servo, limits, "servo task");
+        assert_eq!(runs.head, limits, "planner");
         assert_eq!(runs.supervision, limits, "supervision");
         let short = self.known.gap_short / self.known.gap_volts_per_code;
         assert_eq!(runs.short, short, "gap task");
