@@ -198,6 +198,7 @@ pub fn assemble<B: Board>(
             raised: (Fault::HostSilent, 0),
             begun: 0,
             made: 0,
+            looked: 0,
             estimates,
             judged,
             plans: plans_in,

@@ -47,6 +47,8 @@ pub struct Plans<B: Board> {
     /// Ticks of the estimates that the newest plan was begun and that it was made on.
     pub(crate) begun: u32,
     pub(crate) made: u32,
+    /// Tick of what the supervision had judged then.
+    pub(crate) looked: u32,
     pub(crate) estimates: Reader<'static, Estimate>,
     pub(crate) judged: Reader<'static, Judged>,
     pub(crate) plans: Writer<'static, Plan>,
@@ -70,6 +72,7 @@ impl<B: Board> Plans<B> {
         }
         self.judged.refresh();
         self.begun = self.tick();
+        self.looked = self.judged.get().tick;
         self.planner.begin(self.estimates.get(), self.judged.get());
         let mut answered = self.set_point();
         while let Some(permit) = self.returned.receive() {

@@ -90,6 +90,8 @@ pub struct Counters {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Judged {
+    /// Tick of what was measured.
+    pub tick: u32,
     /// Motor current, positive toward the work.
     pub current: Amps,
     /// Bus voltage.
@@ -203,6 +205,7 @@ impl Supervisor {
         self.guard.update(&config.current, squares, drawn.over);
         self.judged.back_emf.update(&config.plant, &drawn);
         self.judged.current = drawn.end;
+        self.judged.tick = now.tick;
         self.judged.bus = bus;
         self.judged.reduced = self.guard.reduced();
         self.judged.illegal = illegal;

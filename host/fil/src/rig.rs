@@ -189,6 +189,8 @@ impl Emulated {
         self.machine.stretch_idle(STRETCH);
         let now = self.machine.soc().now();
         self.machine.run_until(now + FIRST)?;
+        // The first tick comes late: the next block was there before it handed its estimate over.
+        self.look_at_block()?;
         self.look()?;
         self.end = period + LOOK;
         Ok(())
@@ -228,7 +230,7 @@ impl Emulated {
         let mut status = planned;
         self.places.followed(memory, &mut status)?;
         let (input, counters) = (self.places.input(memory)?, self.places.counters(memory)?);
-        let (begun, made) = self.places.plans(memory)?;
+        let [begun, made, looked] = self.places.plans(memory)?;
         let raised = self.places.raised(memory, made)?;
         let commands = self.places.commands(memory, made)?;
         let judged = self.places.judged(memory)?;
@@ -254,26 +256,32 @@ impl Emulated {
             plan.extend(raised.map(Event::Raised));
             plan.push(Event::Plan(planned));
         }
-        let supervised = (judged != self.judged).then_some(Event::Supervised);
-        let tick = Event::Tick(input, counters, status);
         // What a task does is told when it has come to its end: before this tick, if it was about one before it.
-        if made != status.tick {
-            self.tell(plan.drain(..))?;
-            let held = std::mem::take(&mut self.held);
-            self.tell(held.into_iter())?;
+        let mut before = std::mem::take(&mut self.held);
+        let mut after = Vec::new();
+        before.splice(..0, if made == status.tick { Vec::new() } else { plan.clone() });
+        if made == status.tick {
+            after = plan;
         }
-        if judged != status.tick {
-            self.tell(supervised.into_iter())?;
+        if judged != self.judged {
+            // The plan may have come in between.
+            let planned = made != self.made && looked != judged;
+            match (judged == status.tick, made == status.tick && planned) {
+                (_, true) => after.push(Event::Supervised),
+                (true, false) => after.insert(0, Event::Supervised),
+                (false, false) if planned || made == self.made => before.push(Event::Supervised),
+                (false, false) => before.insert(0, Event::Supervised),
+            }
         }
-        if begun != made && begun != status.tick {
+        let tick = Event::Tick(input, counters, status);
+        let waits = begun != made && begun != status.tick;
+        self.tell(before.into_iter())?;
+        if waits {
             self.held.push(tick);
         } else {
             self.tell(std::iter::once(tick))?;
-            self.tell(plan.into_iter())?;
         }
-        if judged == status.tick {
-            self.tell(supervised.into_iter())?;
-        }
+        self.tell(after.into_iter())?;
         self.made = made;
         self.judged = judged;
         self.status = status;

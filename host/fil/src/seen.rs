@@ -99,8 +99,8 @@ pub struct Places {
     counters: u32,
     followed: Followed,
     raised: (u32, u32),
-    /// Ticks of the plans begun and made.
-    plans: (u32, u32),
+    /// Ticks of the plans begun and made, and of what the supervision had judged when it was begun.
+    plans: [u32; 3],
     block: u32,
     /// Limits in the planner's configuration.
     head_limits: u32,
@@ -234,7 +234,11 @@ impl Places {
                 velocity: estimator + layout.offset(ESTIMATOR, "now")?,
             },
             raised: (raised + layout.offset(RAISED, "__0")?, raised + layout.offset(RAISED, "__1")?),
-            plans: (plan + layout.offset(PLANS, "begun")?, plan + layout.offset(PLANS, "made")?),
+            plans: [
+                plan + layout.offset(PLANS, "begun")?,
+                plan + layout.offset(PLANS, "made")?,
+                plan + layout.offset(PLANS, "looked")?,
+            ],
             block: symbol("app", "__rtic_internal_local_resource_gap")? + layout.offset(GAP, "block")?,
             head_limits: planner + layout.offset(PLANNER, "config")? + layout.offset(CONFIG, "supervise")?,
             limits: (
@@ -275,13 +279,14 @@ impl Places {
         Ok(())
     }
 
-    /// Ticks of the estimates that the newest plan was begun and that it was made on.
+    /// Ticks of the estimates that the newest plan was begun and that it was made on, and of what the supervision had judged
+    /// when it was begun.
     ///
     /// # Errors
     /// When there is no memory.
-    pub fn plans(&self, memory: &Memory) -> Result<(u32, u32)> {
-        let at = |at| View { region: &memory.sram, at };
-        Ok((at(self.plans.0).word(0)?, at(self.plans.1).word(0)?))
+    pub fn plans(&self, memory: &Memory) -> Result<[u32; 3]> {
+        let [begun, made, looked] = self.plans.map(|at| View { region: &memory.sram, at }.word(0));
+        Ok([begun?, made?, looked?])
     }
 
     /// Both counters, as the servo task has read them last.
