@@ -1,7 +1,7 @@
 //! A hole, from a head at rest to its depth or to the reason why not.
 
 use crate::machine::{Machine, Rig};
-use crate::process::{Parameters, Process};
+use crate::process::{Parameters, Process, Truth};
 use crate::run::{FaultEvent, Job, Observer, Outcome, Progress, Sample};
 use crate::scenario::Scenario;
 use edm_servo_head::gap::{GapSource, Voltage};
@@ -99,7 +99,8 @@ pub fn run(
     let state = loop {
         machine.tick()?;
         tick += 1;
-        let sample = sample(machine, home_um);
+        let truth = machine.process().truth();
+        let sample = sample(machine, &truth, home_um);
         observer.sample(&sample);
         let state = machine.status().state;
         while let Some(change) = machine.next_change() {
@@ -109,7 +110,7 @@ pub fn run(
             }
         }
         if state == State::Eroding {
-            eroding.take(sample.gap_um, machine.process().truth().debris);
+            eroding.take(sample.gap_um, truth.debris);
         }
         if tick % PROGRESS == 1 {
             let depth_mm = (sample.position_um - first_surface_um) * 1e-3;
@@ -143,8 +144,7 @@ pub fn run(
     })
 }
 
-fn sample(machine: &impl Rig, home_um: f64) -> Sample {
-    let truth = machine.process().truth();
+fn sample(machine: &impl Rig, truth: &Truth, home_um: f64) -> Sample {
     let status = machine.status();
     let (surface_um, gap_um) = match machine.imagined_surface_um() {
         Some(surface_um) => (surface_um, surface_um - truth.position_um),

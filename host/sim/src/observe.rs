@@ -53,10 +53,15 @@ pub struct Span {
 impl Span {
     const NONE: Span = Span { mean: 0.0, min: f64::INFINITY, max: f64::NEG_INFINITY };
 
+    /// Takes a tick; until the last of them the mean is a sum.
     fn add(&mut self, x: f64) {
-        self.mean += x / f64::from(TICKS_PER_MS);
-        self.min = self.min.min(x);
-        self.max = self.max.max(x);
+        self.mean += x;
+        if x < self.min {
+            self.min = x;
+        }
+        if x > self.max {
+            self.max = x;
+        }
     }
 }
 
@@ -109,9 +114,19 @@ impl Millisecond {
         self.gap_um.add(sample.gap_um);
         self.gap_v.add(f64::from(sample.gap_v));
         self.filtered_v.add(filtered);
-        self.filtered_square += filtered * filtered / f64::from(TICKS_PER_MS);
+        self.filtered_square += filtered * filtered;
         self.setpoint_v = f64::from(sample.setpoint_v);
         self.duty.add(f64::from(sample.duty));
+    }
+
+    /// Makes means of the sums.
+    fn finish(mut self) -> Millisecond {
+        let spans = [&mut self.position_um, &mut self.gap_um, &mut self.gap_v, &mut self.filtered_v, &mut self.duty];
+        for span in spans {
+            span.mean /= f64::from(TICKS_PER_MS);
+        }
+        self.filtered_square /= f64::from(TICKS_PER_MS);
+        self
     }
 }
 
@@ -139,7 +154,7 @@ impl Gatherer {
             return None;
         }
         self.ticks = 0;
-        self.running.take()
+        self.running.take().map(Millisecond::finish)
     }
 }
 
