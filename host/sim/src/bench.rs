@@ -5,9 +5,10 @@
 //! The *relative speed* is the number of seconds simulated while one pass takes its time: it can be compared between
 //! machines and between versions. Changing the loop makes older figures worthless: raise [`SCHEMA`] with it.
 
-use crate::cli::{Failure, Inputs, Run};
-use crate::observe::Recorder;
+use crate::inputs::Inputs;
+use crate::observe::{Recorder, Run};
 use crate::output::Output;
+use crate::terminal::{Failure, say};
 use clap::Args;
 use serde::Serialize;
 use std::fmt;
@@ -111,7 +112,7 @@ impl Bench {
             first_progress_s,
             peak_memory_mb: peak_memory_mb(),
         };
-        crate::cli::say(&measurement.to_string());
+        say(&measurement.to_string());
         let write = |output: Output| {
             output.write(|file| {
                 serde_json::to_writer_pretty(&mut *file, &measurement)?;

@@ -1,17 +1,15 @@
 //! A hole, from a head at rest to its depth or to the reason why not.
 
 use crate::machine::{Machine, Rig};
-use crate::process::{Parameters, Process, Truth};
+use crate::process::{Process, Truth};
 use crate::run::{FaultEvent, Job, Observer, Outcome, Progress, Sample};
-use crate::scenario::Scenario;
 use edm_servo_head::gap::{GapSource, Voltage};
 use edm_servo_head::head::{Command, Reason, State};
 use edm_servo_head::settings::{SettingError, Settings};
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use std::ops::RangeInclusive;
 
-/// Values for a run.
-pub type Setup = Scenario<Parameters, Settings>;
+pub use crate::run::Setup;
 
 /// Rest before the head is switched on, ticks: the velocity estimate has seen the standstill.
 const REST: u32 = 100;

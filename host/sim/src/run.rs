@@ -3,8 +3,12 @@
 //! The command line hands over a [`Job`] that has been checked; the machine hands back one [`Sample`] a servo tick, a
 //! [`Progress`] now and then, and an [`Outcome`]. All values are the model's truth unless they say otherwise.
 
-use crate::bore::Setup;
-use crate::process::Pulses;
+use crate::process::{Parameters, Pulses};
+use crate::scenario::Scenario;
+use edm_servo_head::settings::Settings;
+
+/// Values for a run.
+pub type Setup = Scenario<Parameters, Settings>;
 
 /// A run that was checked and may start.
 #[derive(Clone, Debug)]

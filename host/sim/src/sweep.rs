@@ -1,11 +1,11 @@
 //! `edm-sim sweep`: every scenario with many seeds, against the bounds that the head has to keep.
 
 use crate::bore;
-use crate::cli::Failure;
 use crate::observe::Recorder;
 use crate::report::Report;
-use crate::run::Job;
+use crate::run::{Job, Setup};
 use crate::scenario::BUILT_IN;
+use crate::terminal::{Failure, say};
 use clap::Args;
 use std::fmt::Write;
 use std::sync::Mutex;
@@ -34,7 +34,7 @@ impl Sweep {
     pub fn execute(&self) -> Result<bool, Failure> {
         let mut jobs = Vec::new();
         for (name, _) in BUILT_IN.iter().filter(|(name, _)| self.scenario.as_deref().is_none_or(|only| only == *name)) {
-            let setup = bore::Setup::load(name).map_err(Failure::BadInput)?;
+            let setup = Setup::load(name).map_err(Failure::BadInput)?;
             let range = bore::depth_range_mm(&setup);
             if !range.contains(&self.depth_mm) {
                 let allowed = format!("must be a number from {} to {} mm", range.start(), range.end());
@@ -49,7 +49,7 @@ impl Sweep {
         }
         let reports = run_all(&jobs).map_err(Failure::Failed)?;
         let (table, broken) = judge(&reports);
-        crate::cli::say(&table);
+        say(&table);
         Ok(broken == 0)
     }
 }

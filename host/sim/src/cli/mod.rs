@@ -6,35 +6,21 @@
 
 mod bore;
 mod describe;
-pub(crate) mod inputs;
 mod tables;
 
-pub use bore::{Bore, Run};
-pub use inputs::Inputs;
+pub use crate::terminal::{EXIT_BAD_INPUT, EXIT_FAILED, Failure};
+pub use bore::Bore;
 
 use crate::bench::Bench;
+use crate::observe::Run;
 use crate::serve::Serve;
 use crate::sweep::Sweep;
+use crate::terminal::say;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 use std::ffi::OsString;
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
-
-/// Exit code when the hole was not bored or an output could not be written.
-pub const EXIT_FAILED: u8 = 1;
-/// Exit code for bad input.
-pub const EXIT_BAD_INPUT: u8 = 2;
-
-/// Why a command ended early.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Failure {
-    /// The person has to change something.
-    BadInput(String),
-    /// Something went wrong on the way.
-    Failed(String),
-}
 
 /// Simulated EDM servo head: the control core bores holes in a process model.
 #[derive(Debug, Parser)]
@@ -113,11 +99,6 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Err(Failure::BadInput(message)) => complain(&message, EXIT_BAD_INPUT),
         Err(Failure::Failed(message)) => complain(&message, EXIT_FAILED),
     }
-}
-
-/// Prints to stdout. A reader that has gone (`| head`) is no error.
-pub(crate) fn say(text: &str) {
-    let _ = std::io::stdout().write_all(text.as_bytes());
 }
 
 fn complain(message: &str, code: u8) -> ExitCode {

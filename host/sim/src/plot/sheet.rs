@@ -3,7 +3,7 @@
 use super::Picture;
 use super::buckets::{Bucket, SHADED};
 use super::panels::{Curve, Panel, View};
-use crate::observe::Phase;
+use crate::millisecond::Phase;
 use crate::report::Report;
 use plotters::coord::Shift;
 use plotters::prelude::*;

@@ -15,6 +15,7 @@ mod random;
 mod scale;
 mod spark;
 
+pub use crate::events::FaultInputs;
 pub use parameters::Parameters;
 pub use scale::Edge;
 pub use spark::Pulses;
@@ -112,25 +113,6 @@ pub struct Truth {
     pub contact_n: f64,
     /// Debris concentration; 1 is about the default working point.
     pub debris: f64,
-}
-
-/// Wires to pull and contacts to open.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct FaultInputs {
-    /// Contacts opened besides those that the axis opens. A bridge fault also opens the bridge.
-    pub safety: SafetyInputs,
-    /// Bus voltage instead of the set one.
-    pub bus_v: Option<f64>,
-    /// Converter code whatever the gap does.
-    pub stuck_code: Option<u16>,
-    /// The encoder lines stand still.
-    pub encoder_dead: bool,
-    /// The generator makes no pulses.
-    pub generator_dead: bool,
-    /// The wire of the gate signal is broken; pulses go on.
-    pub gate_lost: bool,
-    /// A wire across the gap.
-    pub short: bool,
 }
 
 /// The machine and the process.

@@ -1,6 +1,6 @@
 use super::*;
-use crate::bore::Setup;
 use crate::process::Pulses;
+use crate::run::Setup;
 use crate::statistics;
 
 fn job() -> Job {

@@ -14,7 +14,7 @@ mod retreats;
 pub use lines::{Line, Lines};
 pub use retreats::Retreats;
 
-use crate::observe::{Millisecond, Phase};
+use crate::millisecond::{Millisecond, Phase};
 
 /// First eroding that is not judged, ms: the "first 2 s".
 pub const START_MS: u32 = 2000;

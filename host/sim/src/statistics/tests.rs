@@ -1,5 +1,5 @@
 use super::*;
-use crate::observe::Span;
+use crate::millisecond::Span;
 use std::f64::consts::TAU;
 
 fn span(x: f64) -> Span {
