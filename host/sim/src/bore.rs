@@ -133,6 +133,7 @@ pub fn run(
         completed,
         stop_reason,
         depth_mm: (truth.face_um - first_surface_um) * 1e-3,
+        hole_depth_mm: (machine.imagined_surface_um().unwrap_or(truth.surface_um) - first_surface_um) * 1e-3,
         sim_time_s: truth.t_s,
         shot_floor_rms_v,
         pulses: truth.pulses,

@@ -4,7 +4,11 @@
 //! else works on whole milliseconds.
 
 use crate::run::Sample;
-use edm_servo_head::units::TICKS_PER_MS;
+use edm_servo_head::units::{TICK_HZ, TICKS_PER_MS};
+use std::f64::consts::{PI, SQRT_2};
+
+/// Motion faster than this is vibration, Hz; slower motion is searched for lines.
+pub const VIBRATION_HZ: f64 = 50.0;
 
 /// What the head was about, the more disturbing the higher.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -84,6 +88,8 @@ pub struct Millisecond {
     pub setpoint_v: f64,
     /// Duty.
     pub duty: Span,
+    /// Mean square of the electrode's velocity above [`VIBRATION_HZ`], um^2/s^2.
+    pub vibration_square: f64,
 }
 
 impl Millisecond {
@@ -99,10 +105,11 @@ impl Millisecond {
             filtered_square: 0.0,
             setpoint_v: 0.0,
             duty: Span::NONE,
+            vibration_square: 0.0,
         }
     }
 
-    fn add(&mut self, sample: &Sample, phase: Phase) {
+    fn add(&mut self, sample: &Sample, phase: Phase, vibration: f64) {
         let filtered = f64::from(sample.filtered_v);
         self.phase = self.phase.max(phase);
         self.position_um.add(sample.position_um);
@@ -113,6 +120,7 @@ impl Millisecond {
         self.filtered_square += filtered * filtered;
         self.setpoint_v = f64::from(sample.setpoint_v);
         self.duty.add(f64::from(sample.duty));
+        self.vibration_square += vibration * vibration;
     }
 
     /// Makes means of the sums.
@@ -122,7 +130,36 @@ impl Millisecond {
             span.mean /= f64::from(TICKS_PER_MS);
         }
         self.filtered_square /= f64::from(TICKS_PER_MS);
+        self.vibration_square /= f64::from(TICKS_PER_MS);
         self
+    }
+}
+
+/// Takes from a velocity what is slower than [`VIBRATION_HZ`]: a Butterworth high-pass of second order.
+#[derive(Debug)]
+struct HighPass {
+    /// Of the two samples before.
+    feedback: [f64; 2],
+    gain: f64,
+    /// What the next samples get of those before them.
+    state: [f64; 2],
+}
+
+impl Default for HighPass {
+    fn default() -> Self {
+        // Bilinear transform of s^2 / (s^2 + sqrt(2) s + 1).
+        let k = (PI * VIBRATION_HZ / f64::from(TICK_HZ)).tan();
+        let gain = 1.0 / (1.0 + SQRT_2 * k + k * k);
+        HighPass { feedback: [2.0 * (k * k - 1.0) * gain, (1.0 - SQRT_2 * k + k * k) * gain], gain, state: [0.0; 2] }
+    }
+}
+
+impl HighPass {
+    fn next(&mut self, x: f64) -> f64 {
+        let [a1, a2] = self.feedback;
+        let y = self.gain * x + self.state[0];
+        self.state = [self.state[1] - 2.0 * self.gain * x - a1 * y, self.gain * x - a2 * y];
+        y
     }
 }
 
@@ -133,6 +170,7 @@ pub struct Gatherer {
     ticks: u32,
     state: &'static str,
     phase: Phase,
+    vibration: HighPass,
 }
 
 impl Gatherer {
@@ -144,7 +182,7 @@ impl Gatherer {
             self.phase = Phase::of(sample.state);
         }
         let running = self.running.get_or_insert_with(|| Millisecond::new(sample.t_s));
-        running.add(sample, self.phase);
+        running.add(sample, self.phase, self.vibration.next(sample.velocity_um_s));
         self.ticks += 1;
         if self.ticks < TICKS_PER_MS {
             return None;
@@ -184,6 +222,27 @@ mod tests {
         assert_eq!((second.position_um.min, second.position_um.max, second.surface_um), (20.0, 39.0, 78.0));
         assert_eq!((second.t_s, second.phase), (0.001, Phase::Eroding));
         assert!((second.filtered_square - 9.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn vibration_is_motion_above_its_corner() {
+        let rms = |hz: f64| {
+            let mut gatherer = Gatherer::default();
+            let mut squares = Vec::new();
+            for tick in 0..40_000 {
+                let t = f64::from(tick) / f64::from(TICK_HZ);
+                let velocity_um_s = 3.0 + 1000.0 * SQRT_2 * (2.0 * PI * hz * t).sin();
+                let moving = Sample { velocity_um_s, ..sample(tick, "eroding") };
+                squares.extend(gatherer.add(&moving).map(|ms| ms.vibration_square));
+            }
+            (squares[1000..].iter().sum::<f64>() / 1000.0).sqrt()
+        };
+        // 1 / sqrt(1 + (50 / f)^4).
+        for (hz, expected) in
+            [(5.0, 10.0), (17.0, 115.0), (50.0, 707.1), (100.0, 970.1), (400.0, 1000.0), (3000.0, 1000.0)]
+        {
+            assert!((rms(hz) - expected).abs() < 5.0, "{hz} Hz: {}", rms(hz));
+        }
     }
 
     #[test]

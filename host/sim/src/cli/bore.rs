@@ -57,7 +57,7 @@ impl Bore {
         if !self.quiet {
             let title = &job.setup.title;
             say(&format!("Simulated bore: {title} (scenario {}, seed {})\n\n", report.scenario, report.seed));
-            say(&Summary { report: &report, setpoint_v: figures.setpoint_v }.to_string());
+            say(&Summary { report: &report }.to_string());
         }
         self.write(outputs, recorder, &report, &job).map_err(Failure::Failed)?;
         Ok(outcome.completed)

@@ -167,6 +167,7 @@ mod tests {
             filtered_square: 0.0,
             setpoint_v: x,
             duty: span,
+            vibration_square: 0.0,
         })
     }
 

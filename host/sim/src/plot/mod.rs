@@ -96,6 +96,7 @@ mod tests {
             filtered_square: 1.0,
             setpoint_v: 55.0,
             duty: span,
+            vibration_square: 0.0,
         }
     }
 
