@@ -21,6 +21,8 @@ const PERIOD_US: f64 = 1e6 / ADC_HZ as f64;
 const GUARD_US: f64 = 0.75;
 /// Time in which the mains frequency drifts once up and down, evenly, s (assumed).
 const DRIFT_S: f64 = 20.0;
+/// Blocks for which the mains frequency is taken as steady, 3.2 ms: it then drifts by 0.1 mHz.
+const RETUNE: u64 = 64;
 /// Length of a block, s.
 const BLOCK_S: f64 = BLOCK as f64 / ADC_HZ as f64;
 /// 2^23: to a number up to 4095 this adds, the sum is rounded to a whole number, and its lowest bits are that number.
@@ -49,30 +51,28 @@ struct Hum {
     codes: f64,
     mains: f64,
     drift: f64,
-    /// Place in the drift, turns.
-    turn: f64,
-    /// Cosine and sine of the phase.
+    /// Blocks so far.
+    blocks: u64,
+    /// Cosine and sine of the angle from one block to the next, and of the phase.
+    step: (f64, f64),
     pointer: (f64, f64),
 }
 
 impl Hum {
     /// Codes by which it is off in the next block. Over a block it moves by 1.6 % of its amplitude: one value will do.
     fn next(&mut self) -> f64 {
-        let hz = self.mains + self.drift * (1.0 - 4.0 * (self.turn - 0.5).abs());
-        self.turn += BLOCK_S / DRIFT_S;
-        if self.turn >= 1.0 {
-            self.turn -= 1.0;
+        if self.blocks.is_multiple_of(RETUNE) {
+            let turn = (self.blocks as f64 * (BLOCK_S / DRIFT_S)).fract();
+            let hz = self.mains + self.drift * (1.0 - 4.0 * (turn - 0.5).abs());
+            let (sine, cosine) = (TAU * BLOCK_S * hz).sin_cos();
+            self.step = (cosine, sine);
+            // Of length one for ever.
+            let length = self.pointer.0.hypot(self.pointer.1);
+            self.pointer = (self.pointer.0 / length, self.pointer.1 / length);
         }
-        // At most 0.021: the series are right to 1e-15.
-        let angle = TAU * BLOCK_S * hz;
-        let square = angle * angle;
-        let cosine = 1.0 - square * (1.0 / 2.0 - square * (1.0 / 24.0 - square * (1.0 / 720.0)));
-        let sine = angle * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)));
-        let (x, y) = self.pointer;
-        let (x, y) = (x * cosine - y * sine, x * sine + y * cosine);
-        // Of length one for ever.
-        let length = 1.5 - 0.5 * (x * x + y * y);
-        self.pointer = (x * length, y * length);
+        self.blocks += 1;
+        let ((cosine, sine), (x, y)) = (self.step, self.pointer);
+        self.pointer = (x * cosine - y * sine, x * sine + y * cosine);
         self.codes * self.pointer.1
     }
 }
@@ -91,7 +91,8 @@ impl FrontEnd {
                 codes: f64::from(p.hum) * per_volt,
                 mains: p.mains.into(),
                 drift: p.mains_drift.into(),
-                turn: 0.0,
+                blocks: 0,
+                step: (1.0, 0.0),
                 pointer: (phase.cos(), phase.sin()),
             },
             fades: (rise, (-PERIOD_US / rise).exp()),
@@ -171,6 +172,10 @@ fn until(from: f64, time: f64) -> usize {
 fn gated(from: f64, gate: (f64, f64), of: Range<usize>) -> Range<usize> {
     if gate.0 >= gate.1 {
         return 0..0;
+    }
+    let end = from + BLOCK as f64 * PERIOD_US;
+    if gate.0 + GUARD_US < from && end < gate.1 - GUARD_US {
+        return of;
     }
     let (opens, closes) = (before(from, gate.0 + GUARD_US), until(from, gate.1 - GUARD_US));
     opens.max(of.start)..closes.min(of.end)

@@ -99,10 +99,16 @@ impl Scale {
     }
 
     /// Edges of a straight piece of motion that begins at clock time `start` and takes `ticks`.
+    #[inline(always)]
     pub fn travel(&mut self, from: f64, to: f64, start: u32, ticks: f64, edges: &mut Vec<Edge>) {
-        if self.edges.0 <= to && to < self.edges.1 || self.dead {
-            return;
+        // Most pieces are shorter than a count.
+        if (to < self.edges.0 || self.edges.1 <= to) && !self.dead {
+            self.pass(from, to, start, ticks, edges);
         }
+    }
+
+    #[inline(never)]
+    fn pass(&mut self, from: f64, to: f64, start: u32, ticks: f64, edges: &mut Vec<Edge>) {
         if !(self.edges.0..=self.edges.1).contains(&from) {
             // The lines were dead on the way here. Now they jump: by one edge either way, or by both lines at once, which is
             // no count to either counter.
