@@ -21,9 +21,9 @@
 //! | [`inputs`] | the options that say what is run, checked |
 //! | [`terminal`] | how a command ends, and what it says |
 //! | [`cli`] | commands |
-//! | [`sweep`] | every scenario with many seeds, against the bounds |
+//! | [`sweep`] | every combination of a grid, against the bounds |
 //! | [`board`] | the process model on the traits that the tasks of a head are written over |
-//! | [`bench`](mod@bench) | speed and memory, relative to a calibration loop |
+//! | [`bench`](mod@bench) | speed, in time of the processor, and memory |
 //!
 //! A room uses rooms beside it, never in a circle: `tests/imports.rs` reads the sources.
 
