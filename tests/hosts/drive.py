@@ -24,9 +24,10 @@ class Host:
         self.network.connect()
         self.drive = BaseNode402(node, description)
         self.network.add_node(self.drive)
-        if server.program == "chip":
-            # A loaded computer emulates more slowly than the time goes by.
-            self.drive.sdo.RESPONSE_TIMEOUT = 2
+        # A loaded computer lets simulated time go more slowly than its clock: nothing here is about how long an answer takes.
+        self.drive.sdo.RESPONSE_TIMEOUT = 10
+        for wait in ["RESET_FAULT", "SWITCH_OP_MODE", "SWITCH_STATE_FINAL", "SWITCH_STATE_SINGLE", "CHECK_TPDO"]:
+            setattr(self.drive, f"TIMEOUT_{wait}", 10)
         self.emergencies = []
         self.drive.emcy.add_callback(lambda error: self.emergencies.append(error.code))
 

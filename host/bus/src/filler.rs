@@ -55,19 +55,37 @@ impl Filler {
         let filler = Filler(stop.clone());
         let port = hub.attach(Arc::new(Deaf));
         thread::spawn(move || {
-            let (start, mut sent) = (Instant::now(), 0.0);
+            let (start, mut pace) = (Instant::now(), Pace { share, bit_rate, sent: 0.0 });
             for frame in Frames::default() {
-                while sent > start.elapsed().as_secs_f64() * share * f64::from(bit_rate) {
+                while !pace.is_due(start.elapsed()) {
                     thread::sleep(Duration::from_micros(100));
                     if stop.load(Ordering::Relaxed) {
                         return;
                     }
                 }
-                sent += f64::from(frame.bits());
+                pace.sent(&frame);
                 port.send(&frame);
             }
         });
         filler
+    }
+}
+
+/// When the next frame is due, so that a share of a wire is filled.
+struct Pace {
+    share: f64,
+    bit_rate: u32,
+    /// Bits so far.
+    sent: f64,
+}
+
+impl Pace {
+    fn is_due(&self, elapsed: Duration) -> bool {
+        self.sent <= elapsed.as_secs_f64() * self.share * f64::from(self.bit_rate)
+    }
+
+    fn sent(&mut self, frame: &Frame) {
+        self.sent += f64::from(frame.bits());
     }
 }
 
@@ -96,12 +114,34 @@ mod tests {
     }
 
     #[test]
-    fn a_load_that_is_asked_for_is_made() {
+    fn a_load_that_is_asked_for_is_made_however_late_the_thread_comes() {
+        for step_us in [100, 3_000, 40_000] {
+            let hub = Hub::default();
+            let (before, port) = (hub.traffic(), hub.attach(Arc::new(Deaf)));
+            let (mut pace, mut frames) = (Pace { share: 0.95, bit_rate: 1_000_000, sent: 0.0 }, Frames::default());
+            for elapsed in (0..=500_000).step_by(step_us).map(Duration::from_micros) {
+                while pace.is_due(elapsed) {
+                    let frame = frames.next().unwrap();
+                    pace.sent(&frame);
+                    port.send(&frame);
+                }
+            }
+            let last_s = (500_000 / step_us * step_us) as f64 * 1e-6;
+            let share = hub.traffic().occupancy(before, last_s, 1_000_000);
+            assert!((0.95..0.951).contains(&share), "{step_us} us: {share}");
+        }
+    }
+
+    #[test]
+    fn a_filler_sends_until_it_is_dropped() {
         let hub = Hub::default();
-        let _filler = Filler::new(&hub, 0.95, 1_000_000);
-        let (before, start) = (hub.traffic(), Instant::now());
-        thread::sleep(Duration::from_millis(500));
-        let share = hub.traffic().occupancy(before, start.elapsed().as_secs_f64(), 1_000_000);
-        assert!((0.90..1.0).contains(&share), "{share}");
+        let filler = Filler::new(&hub, 0.95, 1_000_000);
+        while hub.traffic().frames < 100 {
+            thread::yield_now();
+        }
+        drop(filler);
+        while hub.ports() > 0 {
+            thread::yield_now();
+        }
     }
 }

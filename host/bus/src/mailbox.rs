@@ -80,19 +80,17 @@ mod tests {
     use std::sync::Arc;
     use std::time::Duration;
 
+    const DAY: Duration = Duration::from_secs(86_400);
+
     #[test]
     fn a_frame_wakes_whoever_waits() {
         let hub = Hub::default();
         let mailbox = Arc::new(Mailbox::default());
         let _port = hub.attach(mailbox.clone());
         let sender = hub.attach(Arc::new(Memory::default()));
-        let start = Instant::now();
-        std::thread::spawn(move || {
-            std::thread::sleep(Duration::from_millis(20));
-            sender.send(&frame(1));
-        });
-        mailbox.wait(start + Duration::from_secs(10));
-        assert!((Duration::from_millis(20)..Duration::from_secs(5)).contains(&start.elapsed()));
+        std::thread::spawn(move || sender.send(&frame(1)));
+        // Would it not end the waiting, this would last for a day.
+        mailbox.wait(Instant::now() + DAY);
         let mut frames = Vec::new();
         mailbox.take(&mut frames);
         assert_eq!(frames, [frame(1)]);
@@ -105,8 +103,7 @@ mod tests {
         mailbox.wait(start + Duration::from_millis(20));
         assert!(start.elapsed() >= Duration::from_millis(20));
         mailbox.ring();
-        mailbox.wait(start + Duration::from_secs(100));
-        assert!(start.elapsed() < Duration::from_secs(10));
+        mailbox.wait(start + DAY);
     }
 
     #[test]

@@ -1,17 +1,15 @@
 //! A hole, from a head at rest to its depth or to the reason why not.
 
 use crate::machine::{Machine, Rig};
-use crate::process::{Parameters, Process};
+use crate::process::{Process, Truth};
 use crate::run::{FaultEvent, Job, Observer, Outcome, Progress, Sample};
-use crate::scenario::Scenario;
 use edm_servo_head::gap::{GapSource, Voltage};
 use edm_servo_head::head::{Command, Reason, State};
 use edm_servo_head::settings::{SettingError, Settings};
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use std::ops::RangeInclusive;
 
-/// Values for a run.
-pub type Setup = Scenario<Parameters, Settings>;
+pub use crate::run::Setup;
 
 /// Rest before the head is switched on, ticks: the velocity estimate has seen the standstill.
 const REST: u32 = 100;
@@ -99,7 +97,8 @@ pub fn run(
     let state = loop {
         machine.tick()?;
         tick += 1;
-        let sample = sample(machine, home_um);
+        let truth = machine.process().truth();
+        let sample = sample(machine, &truth, home_um);
         observer.sample(&sample);
         let state = machine.status().state;
         while let Some(change) = machine.next_change() {
@@ -109,7 +108,7 @@ pub fn run(
             }
         }
         if state == State::Eroding {
-            eroding.take(sample.gap_um, machine.process().truth().debris);
+            eroding.take(sample.gap_um, truth.debris);
         }
         if tick % PROGRESS == 1 {
             let depth_mm = (sample.position_um - first_surface_um) * 1e-3;
@@ -134,6 +133,7 @@ pub fn run(
         completed,
         stop_reason,
         depth_mm: (truth.face_um - first_surface_um) * 1e-3,
+        hole_depth_mm: (machine.imagined_surface_um().unwrap_or(truth.surface_um) - first_surface_um) * 1e-3,
         sim_time_s: truth.t_s,
         shot_floor_rms_v,
         pulses: truth.pulses,
@@ -143,8 +143,7 @@ pub fn run(
     })
 }
 
-fn sample(machine: &impl Rig, home_um: f64) -> Sample {
-    let truth = machine.process().truth();
+fn sample(machine: &impl Rig, truth: &Truth, home_um: f64) -> Sample {
     let status = machine.status();
     let (surface_um, gap_um) = match machine.imagined_surface_um() {
         Some(surface_um) => (surface_um, surface_um - truth.position_um),

@@ -3,7 +3,7 @@
 //! A scenario file says `[[event]]` with `at_s`, `signal` and `value`; the signals are declared in [`Wires`], and are listed
 //! by `edm-sim settings`. Their defaults are those of a sound machine; an event with the default mends what another broke.
 
-use crate::process::FaultInputs;
+use edm_hal_shim::safety::SafetyInputs;
 use edm_servo_head::declare;
 use edm_servo_head::settings::{Declared, Field, Kind, SettingError, Value};
 use edm_servo_head::units::TICK_HZ;
@@ -34,6 +34,25 @@ declare! {
         /// The wire of the generator's gate is cut; pulses go on.
         gate: bool = false, (), "gate.cut", "", "the head retraces to its safe height";
     }
+}
+
+/// Wires to pull and contacts to open.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FaultInputs {
+    /// Contacts opened besides those that the axis opens. A bridge fault also opens the bridge.
+    pub safety: SafetyInputs,
+    /// Bus voltage instead of the set one.
+    pub bus_v: Option<f64>,
+    /// Converter code whatever the gap does.
+    pub stuck_code: Option<u16>,
+    /// The encoder lines stand still.
+    pub encoder_dead: bool,
+    /// The generator makes no pulses.
+    pub generator_dead: bool,
+    /// The wire of the gate signal is broken; pulses go on.
+    pub gate_lost: bool,
+    /// A wire across the gap.
+    pub short: bool,
 }
 
 /// When an event may happen.

@@ -9,6 +9,7 @@
 //! | [`run`] | what passes between the command line and the machine |
 //! | [`events`] | what goes wrong with the machine, and when |
 //! | [`scenario`] | named sets of values for process and head |
+//! | [`millisecond`] | samples gathered into milliseconds |
 //! | [`observe`] | one sample a tick, fanned out to figures, trace and plot |
 //! | [`statistics`] | the figures by which control is judged |
 //! | [`report`] | the run in JSON and in words |
@@ -17,18 +18,24 @@
 //! | [`store`] | what a virtual head keeps when its power is cut |
 //! | `schedule` | a virtual head whose tasks preempt each other as a seed wants it (feature `preempt`) |
 //! | [`serve`] | virtual heads on a CAN bus, in real time |
-//! | [`cli`] | commands, checks, progress |
-//! | [`sweep`] | every scenario with many seeds, against the bounds |
+//! | [`inputs`] | the options that say what is run, checked |
+//! | [`terminal`] | how a command ends, and what it says |
+//! | [`cli`] | commands |
+//! | [`sweep`] | every combination of a grid, against the bounds |
 //! | [`board`] | the process model on the traits that the tasks of a head are written over |
-//! | [`bench`](mod@bench) | speed and memory, relative to a calibration loop |
+//! | [`bench`](mod@bench) | speed, in time of the processor, and memory |
+//!
+//! A room uses rooms beside it, never in a circle: `tests/imports.rs` reads the sources.
 
 pub mod bench;
 pub mod board;
 pub mod bore;
 pub mod cli;
 pub mod events;
+pub mod inputs;
 pub mod lockstep;
 pub mod machine;
+pub mod millisecond;
 pub mod observe;
 pub mod output;
 pub mod plot;
@@ -43,4 +50,5 @@ pub mod serve;
 pub mod statistics;
 pub mod store;
 pub mod sweep;
+pub mod terminal;
 pub mod trace;

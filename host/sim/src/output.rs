@@ -60,6 +60,11 @@ impl Output {
         self.target == other.target
     }
 
+    /// The file itself.
+    pub fn target(&self) -> &Path {
+        &self.target
+    }
+
     /// Option and path, as the person gave them.
     pub fn label(&self) -> &str {
         &self.label

@@ -39,6 +39,35 @@ impl Bar {
     }
 }
 
+/// Shows how many runs of a sweep are done.
+#[derive(Debug)]
+pub struct Runs(ProgressBar);
+
+impl Runs {
+    /// Draws a bar with so many runs, some of them done before; nothing when stderr is no terminal.
+    pub fn new(runs: usize, before: usize) -> Runs {
+        let style = ProgressStyle::with_template("  {wide_bar} {pos} of {len} runs, {eta} left  {msg}");
+        let bar = ProgressBar::with_draw_target(Some(runs as u64), ProgressDrawTarget::stderr());
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar.set_position(before as u64);
+        // The time left is that of the runs that are still to be made.
+        bar.reset_eta();
+        bar.tick();
+        Runs(bar)
+    }
+
+    /// One more is done.
+    pub fn finished(&self, label: &str) {
+        self.0.set_message(label.to_owned());
+        self.0.inc(1);
+    }
+
+    /// Takes the bar away.
+    pub fn finish(&self) {
+        self.0.finish_and_clear();
+    }
+}
+
 /// Micrometres, the bar's steps.
 fn steps(mm: f64) -> u64 {
     (mm * 1000.0).round() as u64

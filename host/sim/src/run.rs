@@ -3,8 +3,12 @@
 //! The command line hands over a [`Job`] that has been checked; the machine hands back one [`Sample`] a servo tick, a
 //! [`Progress`] now and then, and an [`Outcome`]. All values are the model's truth unless they say otherwise.
 
-use crate::bore::Setup;
-use crate::process::Pulses;
+use crate::process::{Parameters, Pulses};
+use crate::scenario::Scenario;
+use edm_servo_head::settings::Settings;
+
+/// Values for a run.
+pub type Setup = Scenario<Parameters, Settings>;
 
 /// A run that was checked and may start.
 #[derive(Clone, Debug)]
@@ -64,7 +68,7 @@ pub trait Observer {
 pub struct Progress {
     /// Simulated time since start, s.
     pub sim_time_s: f64,
-    /// Depth of the hole so far, mm.
+    /// Depth of the electrode so far, mm.
     pub depth_mm: f64,
     /// State of the head.
     pub state: &'static str,
@@ -86,8 +90,10 @@ pub struct Outcome {
     pub completed: bool,
     /// Why the run ended, in a few words that can follow "stopped: ".
     pub stop_reason: String,
-    /// Depth of the hole: where the electrode face ended up below the workpiece's first surface, mm.
+    /// Where the electrode face ended up below the workpiece's first surface, mm.
     pub depth_mm: f64,
+    /// Depth of the hole, mm: a gap more than the electrode's.
+    pub hole_depth_mm: f64,
     /// Simulated time, s.
     pub sim_time_s: f64,
     /// Scatter of the filtered gap voltage that chance alone gives at a gap held still, V rms; `None` without pulses.

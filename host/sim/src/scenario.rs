@@ -255,12 +255,28 @@ fn unknown<'a>(key: &str, word: &str, fields: impl Iterator<Item = &'a Field>) -
     format!("{key} = {word}: no such setting{}; `edm-sim settings` lists all", hint(key, &keys))
 }
 
-/// ", did you mean ...?" where a known name is near, or ends like what was typed.
+/// ", did you mean ...?" where a known name is near what was typed; where only its group is known, what there is in the group.
 pub(crate) fn hint(typed: &str, known: &[&str]) -> String {
-    let by_end = || known.iter().find(|name| name.rsplit('.').next() == Some(typed)).copied();
-    let score = |name: &&str| strsim::normalized_damerau_levenshtein(typed, name);
+    // "gain" is far from "law", but what they have in common, "feed.", would make them near.
+    let parts =
+        |name: &str| name.rsplit_once('.').map_or((String::new(), name.to_owned()), |(a, b)| (a.into(), b.into()));
+    let near = |a: &str, b: &str| strsim::normalized_damerau_levenshtein(a, b);
+    let (group, word) = parts(typed);
+    let score = |name: &&str| {
+        let (other_group, other) = parts(name);
+        let unit_left_out = !word.is_empty() && other.strip_prefix(&word).is_some_and(|unit| unit.starts_with('_'));
+        let words = near(&word, &other);
+        let words = if unit_left_out { 0.9 + 0.1 * words } else { words };
+        // Without a group the word alone decides.
+        if group.is_empty() { words } else { words.min(near(&group, &other_group)) }
+    };
     let nearest = known.iter().copied().max_by(|a, b| score(a).total_cmp(&score(b))).filter(|name| score(name) >= 0.6);
-    nearest.or_else(by_end).map_or_else(String::new, |name| format!(", did you mean {name}?"))
+    if let Some(name) = nearest {
+        return format!(", did you mean {name}?");
+    }
+    let of_group: Vec<&str> =
+        known.iter().copied().filter(|name| !group.is_empty() && parts(name).0 == group).collect();
+    if of_group.is_empty() { String::new() } else { format!("; {group} has {}", of_group.join(", ")) }
 }
 
 #[cfg(test)]
@@ -385,7 +401,7 @@ mod tests {
                 "6: value = [1]: bus.sag_v must be a number from 0 to 60 V",
             ),
             ("at_s = 1\nvalue = true", "3: event: signal is missing"),
-            ("at = 1", "4: at: no such entry; an event has at_s, signal, value"),
+            ("at = 1", "4: at: no such entry, did you mean at_s?; an event has at_s, signal, value"),
         ] {
             assert_eq!(parse(&format!("[[event]]\n{event}")).unwrap_err(), format!("try.toml:{message}"));
         }
@@ -436,6 +452,36 @@ mod tests {
             assert_eq!(s.set(assignment).unwrap_err(), message);
             assert_eq!(s, before);
         }
+    }
+
+    #[test]
+    fn a_hint_is_near_in_group_and_word_or_lists_the_group() {
+        let known = [
+            "feed.law",
+            "feed.standard_um_s",
+            "gap.setpoint_v",
+            "gap.setpoint_percent",
+            "gap.average",
+            "limit.lower_open",
+            "generator.on_us",
+        ];
+        for (typed, expected) in [
+            ("feed.gain", "; feed has feed.law, feed.standard_um_s"),
+            ("feed.lae", ", did you mean feed.law?"),
+            ("fed.law", ", did you mean feed.law?"),
+            ("gap.setpont_v", ", did you mean gap.setpoint_v?"),
+            ("gap.setpoint", ", did you mean gap.setpoint_v?"),
+            ("generator.on", ", did you mean generator.on_us?"),
+            ("limit.lower", ", did you mean limit.lower_open?"),
+            ("setpoint_v", ", did you mean gap.setpoint_v?"),
+            ("average", ", did you mean gap.average?"),
+            ("nonsense", ""),
+            ("weather.rain", ""),
+            ("", ""),
+        ] {
+            assert_eq!(hint(typed, &known), expected, "{typed}");
+        }
+        assert_eq!(hint("defualt", &["default", "dirty-gap"]), ", did you mean default?");
     }
 
     #[test]

@@ -207,7 +207,9 @@ fn a_bored_hole_leaves_its_outputs_and_a_summary() {
     let stdout = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0), "{stdout}");
     assert!(output.stderr.is_empty(), "no progress bar where nobody looks");
-    for words in ["Simulated bore", "mm deep (simulated), 0.010 mm asked for", "Gap voltage", "Faults       none"] {
+    for words in
+        ["Simulated bore", "mm deep (simulated)", "mm deep, 0.010 mm asked for", "Gap voltage", "Faults       none"]
+    {
         assert!(stdout.contains(words), "{words} in {stdout}");
     }
     let report = report(folder.path());
@@ -241,7 +243,10 @@ fn a_hole_that_is_not_bored_is_exit_code_1_and_says_why() {
     let output = run(folder.path(), &words);
     let stdout = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(1), "{stdout}");
-    assert!(stdout.contains("no hole (simulated) of 0.010 mm, stopped: gap signal invalid"), "{stdout}");
+    for words in ["no hole (simulated)", "0.010 mm asked for, stopped: gap signal invalid", "Verdict      stopped: gap"]
+    {
+        assert!(stdout.contains(words), "{words} in {stdout}");
+    }
     let report = report(folder.path());
     assert_eq!(report["completed"], false);
     assert_eq!(report["faults"][0]["fault"], "gap signal invalid");
@@ -295,9 +300,23 @@ fn the_bench_measures_relative_to_its_calibration_loop() {
     let bench: Value = serde_json::from_str(&fs::read_to_string(folder.path().join("b.json")).unwrap()).unwrap();
     let median = &bench["median"];
     let number = |key: &str| median[key].as_f64().unwrap();
-    assert!((number("relative_speed") / (number("real_time_factor") * number("calibration_s")) - 1.0).abs() < 1e-9);
-    assert!(bench["first_progress_s"].as_f64().unwrap() < 1.0);
+    assert!((number("relative_speed") / (number("realtime_cpu_ratio") * number("calibration_s")) - 1.0).abs() < 1e-9);
+    assert_eq!(bench["realtime_cpu_ratio"], median["realtime_cpu_ratio"]);
+    assert!((number("realtime_cpu_ratio") / (number("sim_time_s") / number("cpu_time_s")) - 1.0).abs() < 1e-9);
+    // There is no bound for a scenario that was changed.
+    assert_eq!(bench["bound"], Value::Null);
+    assert!(bench["first_progress_s"].as_f64().is_some());
     assert_eq!(bench["runs"].as_array().unwrap().len(), 1);
+}
+
+#[test]
+fn a_bench_below_its_bound_is_exit_code_1() {
+    let folder = folder();
+    let words = ["bench", "--runs", "1", "--depth-mm", "0.005", "--set", "workpiece.surface_mm=0.3", "--at-least"];
+    for (bound, code) in [("0", 0), ("1000000", 1), ("-1", 2), ("x", 2)] {
+        let output = run(folder.path(), &[&words[..], &[bound]].concat());
+        assert_eq!(output.status.code(), Some(code), "{bound}");
+    }
 }
 
 #[test]

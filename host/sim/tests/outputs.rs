@@ -67,6 +67,7 @@ fn made_up(job: &Job, recorder: &mut Recorder, progress: &mut dyn FnMut(&Progres
         completed: true,
         stop_reason: "depth reached".into(),
         depth_mm: job.depth_mm,
+        hole_depth_mm: surface / 1000.0,
         sim_time_s: f64::from(tick) * TICK_S,
         shot_floor_rms_v: Some(1.4),
         pulses: Pulses { open: 300, spark: 680, arc: 8, short: 12 },
@@ -110,6 +111,11 @@ fn a_run_leaves_a_report_a_table_and_a_picture_that_agree_with_its_truth() {
     near(&report["position_line_um"]["amplitude"], 0.8, 0.1);
     near(&report["position_line_um"]["hz"], 12.0, 0.3);
     near(&report["spark_ratio"], 0.68, 1e-9);
+    // The hole is the electrode's depth and the gap; it recedes by 12 um/s, less the time of the retreats.
+    near(&report["depth_mm"], 0.3, 0.001);
+    near(&report["hole_depth_mm"], 0.34, 0.002);
+    near(&report["rate_mm_min"], 0.72, 0.01);
+    assert_eq!(report["findings"], serde_json::json!([]));
     assert_eq!(report["long_retreats"], 4);
     assert_eq!(report["seed"], 3);
 
@@ -147,6 +153,7 @@ fn a_run_too_short_to_judge_still_leaves_all_three() {
             completed: false,
             stop_reason: "encoder lost".into(),
             depth_mm: f64::NAN,
+            hole_depth_mm: f64::NAN,
             sim_time_s: 0.0,
             shot_floor_rms_v: None,
             pulses: Pulses::default(),
@@ -181,4 +188,115 @@ fn the_scenario_as_it_was_changed_is_named_in_the_report() {
     assert_eq!(bore(&words).execute(made_up), Ok(true));
     let report: serde_json::Value = serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap();
     assert_eq!(report["scenario"], "default, gap.setpoint_v=50, surrogate");
+}
+
+/// What is wrong with a machine that otherwise keeps 55 V and 40 um.
+#[derive(Clone, Copy, Default)]
+struct Wrong {
+    /// Voltage off the one wanted, and its slow sway, V.
+    off_v: f64,
+    sway_v: f64,
+    /// Motion of the electrode: amplitude, um, and frequency, Hz.
+    moves: (f64, f64),
+    /// Share of the time with the duty at its limit.
+    at_limit: f64,
+    /// Of 1000 pulses.
+    arcs: u64,
+    shorts: u64,
+    lost_counts: u64,
+}
+
+impl Wrong {
+    /// Fourteen seconds of eroding.
+    fn run(self, _: &Job, recorder: &mut Recorder, _: &mut dyn FnMut(&Progress)) -> Result<Outcome, String> {
+        use std::f64::consts::TAU;
+        for tick in 0..280_000u32 {
+            let t_s = f64::from(tick) * TICK_S;
+            let ((um, hz), surface_um) = (self.moves, 3.0 * t_s);
+            let position_um = surface_um - 40.0 + um * (TAU * hz * t_s).sin();
+            let volts = (SETPOINT_V + self.off_v + self.sway_v * (TAU * 0.5 * t_s).sin()) as f32;
+            recorder.sample(&Sample {
+                t_s,
+                position_um,
+                setpoint_um: position_um,
+                velocity_um_s: 3.0 + um * TAU * hz * (TAU * hz * t_s).cos(),
+                surface_um,
+                gap_um: surface_um - position_um,
+                gap_v: volts,
+                filtered_v: volts,
+                setpoint_v: SETPOINT_V as f32,
+                // The limit of the default settings.
+                duty: if t_s.fract() < self.at_limit { -0.9 } else { 0.1 },
+                state: "eroding",
+            });
+        }
+        let pulses = Pulses { open: 100, spark: 900 - self.arcs - self.shorts, arc: self.arcs, short: self.shorts };
+        Ok(Outcome {
+            completed: true,
+            stop_reason: "depth reached".into(),
+            depth_mm: 0.002,
+            hole_depth_mm: 0.042,
+            sim_time_s: 14.0,
+            shot_floor_rms_v: None,
+            pulses,
+            lost_counts: self.lost_counts,
+            illegal_transitions: 0,
+            faults: vec![],
+        })
+    }
+}
+
+#[test]
+fn the_verdict_names_what_is_wrong_with_its_value_and_limit() {
+    let verdict = |wrong: Wrong| {
+        let folder = tempfile::tempdir().unwrap();
+        let json = path(folder.path(), "run.json");
+        let run = |job: &Job, recorder: &mut Recorder, progress: &mut dyn FnMut(&Progress)| {
+            wrong.run(job, recorder, progress)
+        };
+        assert_eq!(bore(&["--json", &json]).execute(run), Ok(true));
+        let report: serde_json::Value = serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap();
+        let texts = report["findings"].as_array().unwrap().iter().map(|finding| finding["text"].as_str().unwrap());
+        texts.map(String::from).collect::<Vec<_>>()
+    };
+    let right = Wrong { arcs: 4, shorts: 1, moves: (1.0, 8.0), ..Wrong::default() };
+    for (wrong, texts) in [
+        (right, &[][..]),
+        (
+            Wrong { off_v: 27.7, ..right },
+            &[
+                "gap voltage 82.7 V on average, 27.7 V above the 55.0 V wanted (limit 4.1 V): the gap is too wide",
+                "gap voltage strays by 27.7 V over tenths of a second (limit 5.5 V)",
+            ],
+        ),
+        (
+            Wrong { off_v: -5.0, ..right },
+            &["gap voltage 50.0 V on average, 5.0 V below the 55.0 V wanted (limit 4.1 V): the gap is too narrow"],
+        ),
+        (Wrong { sway_v: 12.0, ..right }, &["gap voltage strays by 8.5 V over tenths of a second (limit 5.5 V)"]),
+        // The trend that is taken out of half a second of a sine is not quite level.
+        (
+            Wrong { moves: (10.0, 20.0), ..right },
+            &[
+                "electrode swings 21.6 um within half a second (limit 15 um)",
+                "electrode hunts by 9.9 um at 20 Hz (limit 3 um)",
+            ],
+        ),
+        // 5.8 mm/s of velocity in 3 um of motion.
+        (
+            Wrong { moves: (3.077, 300.0), ..right },
+            &["electrode vibrates with 4.1 mm/s rms above 50 Hz (limit 1 mm/s)"],
+        ),
+        (Wrong { at_limit: 0.3, ..right }, &["duty at its limit for 30 % of the time (limit 1 %)"]),
+        (
+            Wrong { arcs: 260, shorts: 100, lost_counts: 2, ..right },
+            &[
+                "26 % of the pulses arc (limit 5 %)",
+                "10 % of the pulses are shorts (limit 5 %)",
+                "2 encoder counts lost (limit 0)",
+            ],
+        ),
+    ] {
+        assert_eq!(verdict(wrong), texts);
+    }
 }

@@ -98,7 +98,7 @@ fn a_head_answers_boots_again_and_stops_when_its_input_is_closed() {
     assert_eq!(client.expect("t7051"), "t705100", "boot-up after the reset");
     let (said, complained) = server.stop();
     assert!(said.contains("Stopped after ") && said.contains(" frames, "), "{said}");
-    assert_eq!(complained, "");
+    assert!(complained.lines().all(|line| line.starts_with("too slow: ")), "{complained}");
     client.0.read_to_end(&mut Vec::new()).expect("the connection has ended");
 }
 
@@ -112,7 +112,7 @@ fn a_line_that_is_wrong_is_answered_and_nothing_stops() {
     client.send("t60184018100000000000");
     client.expect("t581");
     let (_, complained) = server.stop();
-    let lines: Vec<&str> = complained.lines().collect();
+    let lines: Vec<&str> = complained.lines().filter(|line| !line.starts_with("too slow: ")).collect();
     let unknown = "limit.lower: no such signal, did you mean limit.lower_open?; `edm-sim settings` lists all";
     assert_eq!(lines, [unknown, "9: no such node"]);
 }
@@ -123,7 +123,8 @@ fn lines_typed_before_the_end_are_all_answered() {
     (2..102).for_each(|node| server.tell(&format!("{node} gap.short=true")));
     let (_, complained) = server.stop();
     let answers: Vec<String> = (2..102).map(|node| format!("{node}: no such node")).collect();
-    assert_eq!(complained.lines().collect::<Vec<_>>(), answers);
+    let lines: Vec<&str> = complained.lines().filter(|line| !line.starts_with("too slow: ")).collect();
+    assert_eq!(lines, answers);
 }
 
 #[test]
@@ -135,16 +136,19 @@ fn three_heads_share_the_bus_with_a_load_and_five_times_the_speed() {
         client.expect(&format!("t58{node}84F181000"));
     }
     std::thread::sleep(Duration::from_millis(500));
-    let (said, _) = server.stop();
+    let (said, complained) = server.stop();
     let words: Vec<&str> = said.split_whitespace().collect();
     let after = |word: &str, nth: usize| -> f64 {
         let at = words.iter().position(|w| *w == word).unwrap() + nth;
         words[at].trim_end_matches(',').parse().unwrap()
     };
     let (simulated, real) = (after("after", 1), after("in", 1));
-    assert!((4.0..5.2).contains(&(simulated / real)), "{said}");
     let load = after("frames,", 1);
-    assert!((40.0..55.0).contains(&load), "{said}");
+    assert!(simulated / real < 5.2 && load > 0.0 && load < 55.0, "{said}");
+    // A computer that cannot keep up says so.
+    if complained.is_empty() {
+        assert!(simulated / real > 4.0 && load > 40.0, "{said}");
+    }
 }
 
 #[test]

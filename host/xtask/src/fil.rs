@@ -10,7 +10,7 @@ const TOOLS: [(&str, &str); 3] = [("cmake", "cmake"), ("clang", "clang"), ("pkg-
 /// The board that is modelled.
 const BOARD: &str = "board-f405";
 
-/// Builds what is not current, quietly, and runs the emulator with `arguments`.
+/// Builds what is not current and runs the emulator with `arguments`.
 pub fn run(root: &Path, arguments: &[OsString]) -> ExitCode {
     let absent: Vec<_> = TOOLS.into_iter().filter(|(tool, _)| !runs(tool)).collect();
     if !absent.is_empty() {
@@ -23,7 +23,7 @@ pub fn run(root: &Path, arguments: &[OsString]) -> ExitCode {
         );
         return ExitCode::FAILURE;
     }
-    let elf = match firmware::build(root, BOARD, true) {
+    let elf = match firmware::build(root, BOARD) {
         Ok(elf) => elf,
         Err(message) => {
             eprintln!("{message}");
@@ -31,7 +31,7 @@ pub fn run(root: &Path, arguments: &[OsString]) -> ExitCode {
         }
     };
     let status = firmware::cargo()
-        .args(["run", "--quiet", "--release", "-p", "edm-fil", "--manifest-path"])
+        .args(["run", "--release", "-p", "edm-fil", "--manifest-path"])
         .arg(root.join("Cargo.toml"))
         .arg("--")
         .args(["--elf".into(), elf.into_os_string()])

@@ -28,7 +28,7 @@ const BOARDS: [(&str, &str); 2] = [("board-f405", "STM32F405RG"), ("board-f407-d
 /// Builds, checks and reports every board. The images are left in `firmware/` of the target directory, a name each.
 pub fn run(root: &Path) -> Result<(), String> {
     for (feature, name) in BOARDS {
-        let elf = build(root, feature, false)?;
+        let elf = build(root, feature)?;
         let data = std::fs::read(&elf).map_err(|e| format!("{}: {e}", elf.display()))?;
         let image = Image::read(&data)?;
         println!("{name}: {}", shown(&elf).display());
@@ -45,12 +45,11 @@ pub fn cargo() -> Command {
 }
 
 /// Builds the firmware for a board and says where it is.
-pub fn build(root: &Path, feature: &str, quiet: bool) -> Result<PathBuf, String> {
+pub fn build(root: &Path, feature: &str) -> Result<PathBuf, String> {
     let status = cargo()
         .current_dir(root)
         .args(["build", "--profile", "firmware", "-p", "edm-firmware", "--bin", "edm-servo-head", "--target", TARGET])
         .args(["--no-default-features", "--features", feature])
-        .args(quiet.then_some("--quiet"))
         .status()
         .map_err(|e| format!("cargo: {e}"))?;
     if !status.success() {

@@ -1,19 +1,15 @@
 //! `edm-sim bore`: check, run, report.
 
-use super::{Failure, Inputs, say};
-use crate::observe::Recorder;
+use crate::inputs::Inputs;
+use crate::observe::{Recorder, Run};
 use crate::output::Output;
 use crate::progress::Bar;
 use crate::report::{Report, Summary};
-use crate::run::{Job, Outcome, Progress};
+use crate::run::Job;
+use crate::terminal::{Failure, say};
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-
-/// Makes a run: [`crate::bore::bore`], or in tests a machine with a known outcome.
-pub trait Run: Fn(&Job, &mut Recorder, &mut dyn FnMut(&Progress)) -> Result<Outcome, String> {}
-
-impl<F: Fn(&Job, &mut Recorder, &mut dyn FnMut(&Progress)) -> Result<Outcome, String>> Run for F {}
 
 /// Arguments of `edm-sim bore`.
 #[derive(Debug, Args)]
@@ -61,7 +57,7 @@ impl Bore {
         if !self.quiet {
             let title = &job.setup.title;
             say(&format!("Simulated bore: {title} (scenario {}, seed {})\n\n", report.scenario, report.seed));
-            say(&Summary { report: &report, setpoint_v: figures.setpoint_v }.to_string());
+            say(&Summary { report: &report }.to_string());
         }
         self.write(outputs, recorder, &report, &job).map_err(Failure::Failed)?;
         Ok(outcome.completed)

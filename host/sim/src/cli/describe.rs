@@ -1,7 +1,7 @@
 //! Description files for masters and loggers: `edm-sim eds`, `edm-sim dbc`.
 
-use super::{Failure, say};
 use crate::output::Output;
+use crate::terminal::{Failure, say};
 use edm_describe::{dbc, eds};
 use edm_servo_head::canopen::NodeId;
 use std::path::Path;

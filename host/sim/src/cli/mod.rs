@@ -6,35 +6,21 @@
 
 mod bore;
 mod describe;
-pub(crate) mod inputs;
 mod tables;
 
-pub use bore::{Bore, Run};
-pub use inputs::Inputs;
+pub use crate::terminal::{EXIT_BAD_INPUT, EXIT_FAILED, Failure};
+pub use bore::Bore;
 
 use crate::bench::Bench;
+use crate::observe::Run;
 use crate::serve::Serve;
 use crate::sweep::Sweep;
+use crate::terminal::say;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 use std::ffi::OsString;
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
-
-/// Exit code when the hole was not bored or an output could not be written.
-pub const EXIT_FAILED: u8 = 1;
-/// Exit code for bad input.
-pub const EXIT_BAD_INPUT: u8 = 2;
-
-/// Why a command ended early.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Failure {
-    /// The person has to change something.
-    BadInput(String),
-    /// Something went wrong on the way.
-    Failed(String),
-}
 
 /// Simulated EDM servo head: the control core bores holes in a process model.
 #[derive(Debug, Parser)]
@@ -72,9 +58,9 @@ enum Command {
         #[arg(long, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=127))]
         node_id: u8,
     },
-    /// Measure speed and memory, relative to a calibration loop
+    /// Measure speed, in time of the processor, and memory
     Bench(Bench),
-    /// Run every scenario with many seeds and check the bounds
+    /// Run every combination of scenarios, values and seeds, and check the bounds
     Sweep(Sweep),
 }
 
@@ -95,7 +81,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Command::Bore(bore) => bore.execute(run),
         Command::Serve(serve) => serve.execute().map(|()| true),
         Command::Sweep(sweep) => sweep.execute(),
-        Command::Bench(bench) => bench.execute(run).map(|()| true),
+        Command::Bench(bench) => bench.execute(run),
         Command::Scenarios => tables::scenarios().map(|text| {
             say(&text);
             true
@@ -113,11 +99,6 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Err(Failure::BadInput(message)) => complain(&message, EXIT_BAD_INPUT),
         Err(Failure::Failed(message)) => complain(&message, EXIT_FAILED),
     }
-}
-
-/// Prints to stdout. A reader that has gone (`| head`) is no error.
-pub(crate) fn say(text: &str) {
-    let _ = std::io::stdout().write_all(text.as_bytes());
 }
 
 fn complain(message: &str, code: u8) -> ExitCode {

@@ -1,10 +1,10 @@
 //! Lists of what can be chosen: `edm-sim scenarios`, `edm-sim settings`.
 
-use super::Failure;
-use crate::bore::Setup;
 use crate::events::{AT, Wires};
 use crate::process::Parameters;
+use crate::run::Setup;
 use crate::scenario::{BUILT_IN, typed};
+use crate::terminal::Failure;
 use edm_servo_head::settings::{Declared, Field, Kind, Settings};
 
 /// Names and one-line descriptions.

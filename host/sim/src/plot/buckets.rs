@@ -1,6 +1,6 @@
 //! A run of any length in memory of a fixed size: when the columns are full, neighbours are joined.
 
-use crate::observe::{Millisecond, Phase, Span};
+use crate::millisecond::{Millisecond, Phase, Span};
 
 /// Phases that are shaded, in the order of [`Bucket::share`].
 pub(super) const SHADED: [Phase; 4] = [Phase::Idle, Phase::Seeking, Phase::Retreating, Phase::Fault];
@@ -167,6 +167,7 @@ mod tests {
             filtered_square: 0.0,
             setpoint_v: x,
             duty: span,
+            vibration_square: 0.0,
         })
     }
 

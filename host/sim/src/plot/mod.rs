@@ -8,7 +8,7 @@ mod buckets;
 mod panels;
 mod sheet;
 
-use crate::observe::{Millisecond, Phase};
+use crate::millisecond::{Millisecond, Phase};
 use crate::report::Report;
 use buckets::{Bucket, Buckets, Means};
 
@@ -81,7 +81,7 @@ impl CloseUp {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::observe::Span;
+    use crate::millisecond::Span;
 
     fn ms(i: u32, phase: Phase) -> Millisecond {
         let span = Span { mean: 1.0, min: 0.0, max: 2.0 };
@@ -96,6 +96,7 @@ mod tests {
             filtered_square: 1.0,
             setpoint_v: 55.0,
             duty: span,
+            vibration_square: 0.0,
         }
     }
 

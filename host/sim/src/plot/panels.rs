@@ -2,7 +2,7 @@
 
 use super::Picture;
 use super::buckets::Bucket;
-use crate::observe::Span;
+use crate::millisecond::Span;
 use plotters::style::RGBColor;
 use std::ops::Range;
 

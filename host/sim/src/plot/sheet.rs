@@ -3,7 +3,7 @@
 use super::Picture;
 use super::buckets::{Bucket, SHADED};
 use super::panels::{Curve, Panel, View};
-use crate::observe::Phase;
+use crate::millisecond::Phase;
 use crate::report::Report;
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -54,11 +54,15 @@ fn on<'a>(root: &Area<'a>, picture: &Picture, report: &Report, title: &str) -> D
 
 fn heading<'a>(area: &Area<'a>, report: &Report, title: &str) -> Drawn<'a> {
     text(area, &format!("Simulated bore: {title}"), (24, 16), 27.0, INK, true)?;
-    let depth = report.depth_mm.map_or("unknown".into(), |depth| format!("{depth:.3} mm"));
+    let depth = |mm: Option<f64>| mm.map_or("unknown".into(), |mm| format!("{mm:.3} mm"));
+    let (hole, electrode) = (depth(report.hole_depth_mm), depth(report.depth_mm));
     let end = if report.completed { String::new() } else { format!(" (stopped: {})", report.stop_reason) };
     let mut words = vec![
         format!("scenario {}, seed {}", report.scenario, report.seed),
-        format!("{depth} deep of {:.3} mm{end} in {:.1} s", report.target_depth_mm, report.sim_time_s),
+        format!(
+            "hole {hole}, electrode {electrode} of {:.3} mm{end} in {:.1} s",
+            report.target_depth_mm, report.sim_time_s
+        ),
     ];
     if let (Some(mean), Some(error)) = (report.gap_voltage_v.mean, report.gap_voltage_v.rms_error_100ms) {
         words.push(format!("gap voltage {mean:.1} V, error {error:.1} V rms"));

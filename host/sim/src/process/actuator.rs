@@ -46,7 +46,8 @@ pub struct Actuator {
     k: f64,
     /// Step over mass, s/kg.
     response: f64,
-    resistance: f64,
+    /// One over the winding's resistance, A/V.
+    conductance: f64,
     decay: f64,
     decay_open: f64,
     friction: f64,
@@ -69,7 +70,7 @@ impl Actuator {
             i: 0.0,
             k: p.force_constant.into(),
             response: STEP_S / mass,
-            resistance,
+            conductance: 1.0 / resistance,
             decay: (-rate * STEP_S).exp(),
             decay_open: (-rate * STEP_S * DIODES).exp(),
             friction: p.friction.into(),
@@ -80,26 +81,60 @@ impl Actuator {
         }
     }
 
-    /// One step under a drive, a bus voltage and a load.
-    pub fn step(&mut self, drive: Drive, bus: f64, load: Load) {
-        let (volts, decay) = match drive {
+    /// Voltage across the winding, unless it is open, and share of the current that a step leaves.
+    fn drive(&self, drive: Drive, bus: f64) -> (Option<f64>, f64) {
+        match drive {
             Drive::Coast => (None, self.decay_open),
             Drive::Brake => (Some(0.0), self.decay),
-            Drive::Duty(duty) => (Some(self.sign * bus * f64::from(duty) / f64::from(Drive::FULL)), self.decay),
-        };
-        let target = volts.map_or(0.0, |volts| (volts - self.k * self.v) / self.resistance);
+            Drive::Duty(duty) => (Some(self.sign * bus * f64::from(duty) * (1.0 / f64::from(Drive::FULL))), self.decay),
+        }
+    }
+
+    /// All steps of a tick at once, if dry friction holds the head at rest throughout: the current then nears its end
+    /// without back-EMF, and the force it makes is largest at one end of the tick. Whether it did.
+    pub fn rests(&mut self, drive: Drive, bus: f64, force: f64) -> bool {
+        if self.v != 0.0 {
+            return false;
+        }
+        let (volts, decay) = self.drive(drive, bus);
+        let target = volts.map_or(0.0, |volts| volts * self.conductance);
+        let first = target + (self.i - target) * decay;
+        let last = target + (first - target) * (decay * decay * decay);
+        let others = self.weight + force - STOP.0 * self.past();
+        let held = |i: f64| (self.k * i + others).abs() <= self.friction;
+        let rests = held(first) && held(last);
+        if rests {
+            self.i = last;
+        }
+        rests
+    }
+
+    /// How far it is beyond a stop, m: negative at the upper one.
+    fn past(&self) -> f64 {
+        if self.x < 0.0 {
+            self.x
+        } else if self.x > self.stroke {
+            self.x - self.stroke
+        } else {
+            0.0
+        }
+    }
+
+    /// One step under a drive, a bus voltage and a load.
+    pub fn step(&mut self, drive: Drive, bus: f64, load: Load) {
+        let (volts, decay) = self.drive(drive, bus);
+        let target = volts.map_or(0.0, |volts| (volts - self.k * self.v) * self.conductance);
         self.i = target + (self.i - target) * decay;
 
-        let past = self.x.min(0.0) + (self.x - self.stroke).max(0.0);
+        let past = self.past();
         let force = self.k * self.i + self.weight + load.force - STOP.0 * past;
         // A stop pushes; it does not hold what leaves it.
         let damping = self.damping + if past * self.v > 0.0 { STOP.1 } else { 0.0 };
         let solve = |force: f64, damping: f64| {
-            let slowed = 1.0 + damping * self.response;
             // Dry friction takes what it can, and no more than there is.
             let moving = self.v + force * self.response;
-            let left = (moving.abs() - self.friction * self.response).max(0.0);
-            left.copysign(moving) / slowed
+            let left = moving.abs() - self.friction * self.response;
+            if left > 0.0 { left.copysign(moving) / (1.0 + damping * self.response) } else { 0.0 }
         };
         let held = solve(force, damping + load.damping);
         let torn_off = -held * load.damping > load.suction;
@@ -214,6 +249,31 @@ mod tests {
             actuator.step(Drive::Coast, 48.0, Load { force: 0.4, damping: 1e4, suction: f64::INFINITY });
         }
         assert!((actuator.v - 10e-6).abs() < 0.1e-6, "{}", actuator.v);
+    }
+
+    #[test]
+    fn a_tick_at_rest_is_four_steps_at_rest() {
+        let p = Parameters { stroke: 100.0, ..Parameters::default() };
+        let drives = [-40, -20, -1, 0, 60, 170, 179, 185].map(Drive::Duty);
+        let mut rested = 0;
+        for drive in drives.into_iter().chain([Drive::Brake, Drive::Coast]) {
+            for (i, force) in [(0.0, 0.0), (0.05, 0.0), (-0.02, 0.3), (0.08, -0.2), (0.0, 0.6)] {
+                let mut at_once = Actuator::new(&p);
+                (at_once.x, at_once.i) = (0.05, i);
+                let mut by_step = at_once.clone();
+                let mut moved = false;
+                for _ in 0..STEPS {
+                    by_step.step(drive, 48.0, Load { force, ..NONE });
+                    moved |= by_step.v != 0.0;
+                }
+                assert_eq!(at_once.rests(drive, 48.0, force), !moved, "{drive:?} {i} {force}");
+                if !moved {
+                    rested += 1;
+                    assert!((at_once.i - by_step.i).abs() < 1e-15 && at_once.x == by_step.x);
+                }
+            }
+        }
+        assert!(rested > 10, "{rested}");
     }
 
     #[test]

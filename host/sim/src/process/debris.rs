@@ -23,6 +23,8 @@ pub struct Debris {
     concentration: f64,
     flush_us: f64,
     per_um: f64,
+    /// Share that leaves in a microsecond, and the depth for which it holds, um.
+    rate: (f64, f64),
     exchange: f64,
     held: bool,
 }
@@ -36,6 +38,7 @@ impl Debris {
             concentration: 0.0,
             flush_us: f64::from(p.flush) * 1e6,
             per_um: 1.0 / (f64::from(p.flush_depth) * 1e3),
+            rate: (1.0 / (f64::from(p.flush) * 1e6), 0.0),
             exchange: p.flush_exchange.into(),
             held: false,
         }
@@ -63,7 +66,10 @@ impl Debris {
             return;
         }
         let gap_um = gap_um.max(NARROWEST_UM);
-        self.layer_um -= self.layer_um * us / (self.flush_us * (1.0 + depth_um * self.per_um));
+        if depth_um != self.rate.1 {
+            self.rate = (1.0 / (self.flush_us * (1.0 + depth_um * self.per_um)), depth_um);
+        }
+        self.layer_um -= self.layer_um * us * self.rate.0;
         if gap_um < self.gap_um && self.gap_um.is_finite() {
             self.layer_um *= 1.0 - self.exchange * (1.0 - gap_um / self.gap_um);
         }

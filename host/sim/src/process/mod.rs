@@ -9,11 +9,13 @@
 mod actuator;
 mod debris;
 mod front_end;
+mod normal;
 mod parameters;
 mod random;
 mod scale;
 mod spark;
 
+pub use crate::events::FaultInputs;
 pub use parameters::Parameters;
 pub use scale::Edge;
 pub use spark::Pulses;
@@ -113,25 +115,6 @@ pub struct Truth {
     pub debris: f64,
 }
 
-/// Wires to pull and contacts to open.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct FaultInputs {
-    /// Contacts opened besides those that the axis opens. A bridge fault also opens the bridge.
-    pub safety: SafetyInputs,
-    /// Bus voltage instead of the set one.
-    pub bus_v: Option<f64>,
-    /// Converter code whatever the gap does.
-    pub stuck_code: Option<u16>,
-    /// The encoder lines stand still.
-    pub encoder_dead: bool,
-    /// The generator makes no pulses.
-    pub generator_dead: bool,
-    /// The wire of the gate signal is broken; pulses go on.
-    pub gate_lost: bool,
-    /// A wire across the gap.
-    pub short: bool,
-}
-
 /// The machine and the process.
 #[derive(Clone, Debug)]
 pub struct Process {
@@ -149,6 +132,8 @@ pub struct Process {
     suction: f64,
     /// Stiffness of a contact, N/m.
     stiffness: f64,
+    /// Converter codes for an ampere of motor current and a volt of the bus.
+    codes_per: (f64, f64),
     timeline: Timeline,
     /// Wires to pull between two ticks.
     pub fault_inputs: FaultInputs,
@@ -178,6 +163,7 @@ impl Process {
             film: 3.0 * PI * f64::from(p.viscosity) * 1e-3 * radius.powi(4) / 2.0,
             suction: ATMOSPHERE * PI * radius * radius,
             stiffness: f64::from(p.contact) * 1e6,
+            codes_per: (1.0 / f64::from(p.amps_per_code), 1.0 / f64::from(p.bus_per_code)),
             timeline: Timeline::default(),
             fault_inputs: FaultInputs::default(),
             scale,
@@ -236,6 +222,11 @@ impl Process {
         let bus = self.bus();
         let surface = self.surface_m() + self.spark.wear_um * 1e-6;
         let ticks = f64::from(TICK_CLOCK) / STEPS as f64;
+        let x = self.actuator.x;
+        if self.actuator.rests(drive, bus, self.contact(surface - x)) {
+            self.scale.travel(x, x, self.sensors.now, ticks, &mut self.sensors.edges);
+            return;
+        }
         for step in 0..STEPS {
             let from = self.actuator.x;
             let load = self.load(surface - from);
@@ -248,11 +239,17 @@ impl Process {
     /// Contact and squeeze film: 3 pi mu R^4 v / (2 h^3), whose suction ends at the weight of the atmosphere.
     fn load(&self, gap: f64) -> Load {
         let hits = gap < 0.0 && self.actuator.v > 0.0;
+        let film = if gap > THINNEST_FILM { gap } else { THINNEST_FILM };
         Load {
-            force: gap.min(0.0) * self.stiffness,
-            damping: self.film / gap.max(THINNEST_FILM).powi(3) + if hits { CONTACT_DAMPING } else { 0.0 },
+            force: self.contact(gap),
+            damping: self.film / (film * film * film) + if hits { CONTACT_DAMPING } else { 0.0 },
             suction: self.suction,
         }
+    }
+
+    /// Force of a contact on the electrode, N, at a gap in m.
+    fn contact(&self, gap: f64) -> f64 {
+        if gap < 0.0 { gap * self.stiffness } else { 0.0 }
     }
 
     fn sense(&mut self) {
@@ -267,14 +264,14 @@ impl Process {
             lower_limit: opened.lower_limit || x_mm > self.p.lower_limit.into(),
             ..opened
         };
-        let code = |value: f64, per_code: f32, zero: f64| {
-            (zero + value / f64::from(per_code)).clamp(0.0, f64::from(ADC_FULL_SCALE)) as u16
+        let code = |value: f64, per_unit: f64, zero: f64| {
+            (zero + value * per_unit).clamp(0.0, f64::from(ADC_FULL_SCALE)) as i32 as u16
         };
         // The sensor sits between bridge and coil, so it does not know which way round the coil is.
         let sign = if self.p.motor_reversed { -1.0 } else { 1.0 };
         sensors.drive = DriveCodes {
-            motor_current: code(sign * self.actuator.i, self.p.amps_per_code, 2048.5),
-            bus_voltage: code(bus, self.p.bus_per_code, 0.5),
+            motor_current: code(sign * self.actuator.i, self.codes_per.0, 2048.5),
+            bus_voltage: code(bus, self.codes_per.1, 0.5),
         };
     }
 

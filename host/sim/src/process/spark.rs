@@ -54,6 +54,13 @@ impl Pulses {
     }
 }
 
+/// e^-x for 0 to [`SETTLED`], to 1e-9: six squarings of a polynomial. It is wanted at every event, and `exp` is for all numbers.
+fn fade(x: f64) -> f64 {
+    let y = x * (-1.0 / 64.0);
+    let root = 1.0 + y * (1.0 + y * (1.0 / 2.0 + y * (1.0 / 6.0 + y * (1.0 / 24.0 + y * (1.0 / 120.0)))));
+    (0..6).fold(root, |power, _| power * power)
+}
+
 /// A stretch of constant gap condition; times in us since the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch {
@@ -70,13 +77,17 @@ pub struct Stretch {
 }
 
 impl Stretch {
+    /// Whether the edge is over at a time inside the stretch.
+    pub fn settled(&self, time: f64) -> bool {
+        time - self.from > SETTLED * self.rise
+    }
+
     /// Gap voltage at a time inside the stretch, V.
     pub fn at(&self, time: f64) -> f64 {
-        let age = time - self.from;
-        if age > SETTLED * self.rise {
+        if self.settled(time) {
             self.volts
         } else {
-            self.volts + (self.initial - self.volts) * (-age / self.rise).exp()
+            self.volts + (self.initial - self.volts) * fade((time - self.from) / self.rise)
         }
     }
 }
@@ -162,7 +173,7 @@ struct Constants {
 /// Mean ignition delay in a clean gap, us; the gap in um.
 pub fn mean_delay_us(scale: f64, gap_um: f64) -> f64 {
     let g = gap_um.max(3.69 / (2.0 * 0.48));
-    scale * (0.48 * g * g - 3.69 * g + 14.05) / LN_2
+    scale * (0.48 * g * g - 3.69 * g + 14.05) * (1.0 / LN_2)
 }
 
 impl Spark {
@@ -240,9 +251,8 @@ impl Spark {
         if on && touching {
             self.touch(from);
         }
-        let hazard = self.hazard(gap_um);
         let mut now = from;
-        while let Some(at) = self.next(now, to, hazard) {
+        while let Some(at) = self.next(now, to, gap_um) {
             now = at;
             self.happen(at, gap_um, touching);
         }
@@ -257,18 +267,19 @@ impl Spark {
     }
 
     /// Time of the next event before `to`; waiting goes on otherwise.
-    fn next(&mut self, now: f64, to: f64, hazard: f64) -> Option<f64> {
+    fn next(&mut self, now: f64, to: f64, gap_um: f64) -> Option<f64> {
         let closes = self.gate.1;
-        let at = match &mut self.phase {
+        let at = match self.phase {
             Phase::Off { due } => due.max(now),
             Phase::Burning { .. } | Phase::Shorted => closes,
             Phase::Waiting { delay, since } => {
-                let at = (*since + *delay / hazard).min(closes);
-                if at >= to {
-                    *delay -= (to - *since) * hazard;
-                    *since = to;
+                let hazard = self.hazard(gap_um);
+                let left = delay - (to - since) * hazard;
+                if left > 0.0 && to <= closes {
+                    self.phase = Phase::Waiting { delay: left, since: to };
+                    return None;
                 }
-                at
+                (since + delay / hazard).min(closes)
             }
         };
         (at < to).then_some(at)

@@ -4,8 +4,10 @@
 //! [`crate::statistics`] says; a figure for which nothing was judged is `null`.
 
 mod summary;
+mod verdict;
 
 pub use summary::Summary;
+pub use verdict::Finding;
 
 use crate::run::{FaultEvent, Job, Outcome};
 use crate::statistics::Figures;
@@ -27,12 +29,18 @@ pub struct Report {
     pub completed: bool,
     /// Why the run ended.
     pub stop_reason: String,
-    /// Depth of the hole, mm.
+    /// Depth of the electrode, mm.
     pub depth_mm: Option<f64>,
+    /// Depth of the hole, mm: a gap more.
+    pub hole_depth_mm: Option<f64>,
     /// Depth asked for, mm.
     pub target_depth_mm: f64,
     /// Simulated time, s.
     pub sim_time_s: f64,
+    /// Simulated time in which the feed law led, s: neither seek nor retreat nor fault.
+    pub eroding_time_s: f64,
+    /// Depth of the hole over that time, mm/min.
+    pub rate_mm_min: Option<f64>,
     /// Time it took, s.
     pub wall_time_s: f64,
     /// Gap voltage.
@@ -43,6 +51,10 @@ pub struct Report {
     pub position_pp_um_median: Option<f64>,
     /// Strongest line of the electrode's motion between 5 and 50 Hz.
     pub position_line_um: Line,
+    /// Velocity of the electrode above 50 Hz, mm/s rms.
+    pub vibration_mm_s: Option<f64>,
+    /// Share of the time in which the duty came to `axis.duty_limit`.
+    pub duty_at_limit_ratio: Option<f64>,
     /// Share of pulses that never ignited; the four shares make 1.
     pub open_ratio: Option<f64>,
     /// Share of sparks.
@@ -61,6 +73,8 @@ pub struct Report {
     pub illegal_transitions: u64,
     /// Faults in the order they were raised.
     pub faults: Vec<FaultEvent>,
+    /// What is beyond its limit; empty when nothing is.
+    pub findings: Vec<Finding>,
 }
 
 /// Gap voltage, V.
@@ -68,6 +82,8 @@ pub struct Report {
 pub struct GapVoltage {
     /// Mean.
     pub mean: Option<f64>,
+    /// Mean of what the head tried to keep.
+    pub setpoint: Option<f64>,
     /// Deviation of 100 ms means from the setpoint, rms.
     pub rms_error_100ms: Option<f64>,
     /// Scatter of the filtered voltage about its mean, rms.
@@ -100,19 +116,25 @@ impl Report {
         let pulses = &outcome.pulses;
         let total = pulses.open + pulses.spark + pulses.arc + pulses.short;
         let share = |pulses: u64| tidy(pulses as f64 / total as f64);
-        Report {
+        // An electrode that stands above the work has made no hole.
+        let depth = |mm: f64| tidy(mm).map(|depth| depth.max(0.0));
+        let hole_depth_mm = depth(outcome.hole_depth_mm);
+        let mut report = Report {
             schema: SCHEMA,
             scenario: job.label(),
             seed: job.seed,
             completed: outcome.completed,
             stop_reason: outcome.stop_reason.clone(),
-            // An electrode that stands above the work has made no hole.
-            depth_mm: tidy(outcome.depth_mm).map(|depth| depth.max(0.0)),
+            depth_mm: depth(outcome.depth_mm),
+            hole_depth_mm,
             target_depth_mm: job.depth_mm,
             sim_time_s: rounded(outcome.sim_time_s),
+            eroding_time_s: rounded(figures.eroding_s),
+            rate_mm_min: hole_depth_mm.and_then(|depth| tidy(depth / figures.eroding_s * 60.0)),
             wall_time_s: rounded(wall_time_s),
             gap_voltage_v: GapVoltage {
                 mean: figures.gap_v_mean.and_then(tidy),
+                setpoint: figures.setpoint_v.and_then(tidy),
                 rms_error_100ms: figures.gap_v_rms_error.and_then(tidy),
                 filtered_rms: figures.filtered_v_rms.and_then(tidy),
                 shot_floor_rms: outcome.shot_floor_rms_v.and_then(tidy),
@@ -123,6 +145,8 @@ impl Report {
                 amplitude: figures.line.and_then(|line| tidy(line.amplitude_um)),
                 hz: figures.line.and_then(|line| tidy(line.hz)),
             },
+            vibration_mm_s: figures.vibration_mm_s.and_then(tidy),
+            duty_at_limit_ratio: figures.duty.at_limit(job.setup.head.axis_duty_limit.into()).and_then(tidy),
             open_ratio: share(pulses.open),
             spark_ratio: share(pulses.spark),
             arc_ratio: share(pulses.arc),
@@ -132,7 +156,10 @@ impl Report {
             lost_counts: outcome.lost_counts,
             illegal_transitions: outcome.illegal_transitions,
             faults: outcome.faults.clone(),
-        }
+            findings: Vec::new(),
+        };
+        report.findings = verdict::findings(&report);
+        report
     }
 }
 

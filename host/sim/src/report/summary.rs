@@ -3,18 +3,11 @@
 use super::Report;
 use std::fmt;
 
-/// Electrode motion up to which a run is called steady, um: the bounds set for the default scenario; \[R\]'s own machine
-/// made 40 um peak-to-peak at 20 Hz.
-const STEADY_PP_UM: f64 = 15.0;
-const STEADY_LINE_UM: f64 = 3.0;
-
 /// A short table for a person.
 #[derive(Clone, Copy, Debug)]
 pub struct Summary<'a> {
     /// What it tells of.
     pub report: &'a Report,
-    /// Mean of the gap voltage to keep, V.
-    pub setpoint_v: Option<f64>,
 }
 
 impl fmt::Display for Summary<'_> {
@@ -22,6 +15,10 @@ impl fmt::Display for Summary<'_> {
         let report = self.report;
         let mut row = |name: &str, words: String| writeln!(f, "  {name:<12} {words}");
         row("Hole", self.hole())?;
+        row("Electrode", self.electrode())?;
+        for words in self.verdict() {
+            row("Verdict", words)?;
+        }
         row("Time", self.time())?;
         row("Gap voltage", self.voltage())?;
         row("Gap", self.gap())?;
@@ -40,25 +37,43 @@ impl fmt::Display for Summary<'_> {
 
 impl Summary<'_> {
     fn hole(&self) -> String {
+        match self.report.hole_depth_mm {
+            Some(depth) if depth > 0.0 => format!("{depth:.3} mm deep (simulated)"),
+            Some(_) => "no hole (simulated)".into(),
+            None => "of unknown depth".into(),
+        }
+    }
+
+    fn electrode(&self) -> String {
         let report = self.report;
         let depth = match report.depth_mm {
             Some(depth) if depth > 0.0 => format!("{depth:.3} mm deep"),
-            Some(_) => "no hole".into(),
+            Some(_) => "not below the surface".into(),
             None => "of unknown depth".into(),
         };
-        if report.completed {
-            format!("{depth} (simulated), {:.3} mm asked for", report.target_depth_mm)
-        } else {
-            format!("{depth} (simulated) of {:.3} mm, stopped: {}", report.target_depth_mm, report.stop_reason)
+        let wanted = format!("{depth}, {:.3} mm asked for", report.target_depth_mm);
+        if report.completed { wanted } else { format!("{wanted}, stopped: {}", report.stop_reason) }
+    }
+
+    /// Whether it went well, or what did not.
+    fn verdict(&self) -> Vec<String> {
+        let report = self.report;
+        let mut words: Vec<String> = report.findings.iter().map(|finding| finding.text.clone()).collect();
+        if !report.completed {
+            words.insert(0, format!("stopped: {}", report.stop_reason));
+        } else if report.gap_voltage_v.mean.is_none() {
+            words.push("not judged: less than two seconds of undisturbed eroding".into());
         }
+        if words.is_empty() {
+            words.push("steady: nothing beyond its limit".into());
+        }
+        words
     }
 
     fn time(&self) -> String {
         let report = self.report;
-        let rate = match report.depth_mm {
-            Some(depth) if depth > 0.0 && report.sim_time_s > 0.0 => {
-                format!(", {:.2} mm/min", depth / report.sim_time_s * 60.0)
-            }
+        let rate = match report.rate_mm_min {
+            Some(rate) if rate > 0.0 => format!(", {rate:.2} mm/min while eroding"),
             _ => String::new(),
         };
         let speed = report.sim_time_s / report.wall_time_s.max(1e-3);
@@ -71,7 +86,7 @@ impl Summary<'_> {
 
     fn voltage(&self) -> String {
         let voltage = &self.report.gap_voltage_v;
-        match (voltage.mean, self.setpoint_v, voltage.rms_error_100ms) {
+        match (voltage.mean, voltage.setpoint, voltage.rms_error_100ms) {
             (Some(mean), Some(setpoint), Some(error)) => {
                 format!("{mean:.1} V on average, {setpoint:.1} V wanted; tenths of a second stray by {error:.1} V")
             }
@@ -94,15 +109,13 @@ impl Summary<'_> {
             n => format!("backed off more than 5 um {n} times"),
         };
         let Some(swing) = report.position_pp_um_median else { return format!("not judged; {retreats}") };
-        let line = report.position_line_um;
-        let (vibrates, vibration) = match (line.amplitude, line.hz) {
-            (Some(um), Some(hz)) => {
-                (um > STEADY_LINE_UM, format!(", at most {um:.1} um of it at one pitch ({hz:.0} Hz)"))
-            }
-            _ => (false, String::new()),
+        let line = match (report.position_line_um.amplitude, report.position_line_um.hz) {
+            (Some(um), Some(hz)) => format!(", at most {um:.1} um of it at one pitch ({hz:.0} Hz)"),
+            _ => String::new(),
         };
-        let verdict = if vibrates || swing > STEADY_PP_UM { "restless" } else { "steady" };
-        format!("{verdict}: electrode swings {swing:.1} um within half a second{vibration}; {retreats}")
+        let vibration =
+            report.vibration_mm_s.map_or_else(String::new, |mm_s| format!(", {mm_s:.2} mm/s rms above 50 Hz"));
+        format!("electrode swings {swing:.1} um within half a second{line}{vibration}; {retreats}")
     }
 
     fn sparks(&self) -> String {

@@ -1,6 +1,6 @@
 use super::*;
-use crate::bore::Setup;
 use crate::process::Pulses;
+use crate::run::Setup;
 use crate::statistics;
 
 fn job() -> Job {
@@ -12,6 +12,7 @@ fn outcome() -> Outcome {
         completed: true,
         stop_reason: "depth reached".into(),
         depth_mm: 0.500_000_4,
+        hole_depth_mm: 0.538_2,
         sim_time_s: 151.0,
         shot_floor_rms_v: Some(3.7),
         pulses: Pulses { open: 350, spark: 620, arc: 10, short: 20 },
@@ -32,6 +33,9 @@ fn figures() -> Figures {
         position_pp_um: Some(4.2),
         line: Some(statistics::Line { amplitude_um: 0.6, hz: 7.2 }),
         long_retreats: 2,
+        vibration_mm_s: Some(0.21),
+        duty: statistics::Duty::default(),
+        eroding_s: 145.0,
     }
 }
 
@@ -41,12 +45,13 @@ fn the_json_has_exactly_these_keys_in_this_order() {
     assert_eq!(
         json,
         "{\"schema\":\"edm-sim.bore/1\",\"scenario\":\"default\",\"seed\":7,\"completed\":true,\
-         \"stop_reason\":\"depth reached\",\"depth_mm\":0.5,\"target_depth_mm\":0.5,\"sim_time_s\":151.0,\
-         \"wall_time_s\":2.0,\"gap_voltage_v\":{\"mean\":55.1,\"rms_error_100ms\":0.8,\"filtered_rms\":4.0,\
+         \"stop_reason\":\"depth reached\",\"depth_mm\":0.5,\"hole_depth_mm\":0.5382,\"target_depth_mm\":0.5,\"sim_time_s\":151.0,\
+         \"eroding_time_s\":145.0,\"rate_mm_min\":0.222703,\
+         \"wall_time_s\":2.0,\"gap_voltage_v\":{\"mean\":55.1,\"setpoint\":55.0,\"rms_error_100ms\":0.8,\"filtered_rms\":4.0,\
          \"shot_floor_rms\":3.7},\"gap_um\":{\"mean\":38.2,\"rms_error\":3.1},\"position_pp_um_median\":4.2,\
-         \"position_line_um\":{\"amplitude\":0.6,\"hz\":7.2},\"open_ratio\":0.35,\"spark_ratio\":0.62,\
+         \"position_line_um\":{\"amplitude\":0.6,\"hz\":7.2},\"vibration_mm_s\":0.21,\"duty_at_limit_ratio\":null,\"open_ratio\":0.35,\"spark_ratio\":0.62,\
          \"arc_ratio\":0.01,\"short_ratio\":0.02,\"discharges\":630,\"long_retreats\":2,\"lost_counts\":0,\
-         \"illegal_transitions\":0,\"faults\":[]}"
+         \"illegal_transitions\":0,\"faults\":[],\"findings\":[]}"
     );
 }
 
@@ -69,22 +74,25 @@ fn a_fault_is_reported_with_its_time() {
     let report = Report::new(&job(), &outcome, &figures(), 2.0);
     let json = serde_json::to_value(&report).unwrap();
     assert_eq!(json["faults"], serde_json::json!([{ "t_s": 12.5, "fault": "following error" }]));
-    let text = Summary { report: &report, setpoint_v: Some(55.0) }.to_string();
-    assert!(text.contains("0.500 mm deep (simulated) of 0.500 mm, stopped: following error"), "{text}");
+    let text = Summary { report: &report }.to_string();
+    assert!(text.contains("Electrode    0.500 mm deep, 0.500 mm asked for, stopped: following error"), "{text}");
     assert!(text.contains("following error at 12.5 s"), "{text}");
+    assert!(text.contains("Verdict      stopped: following error") && !text.contains("steady"), "{text}");
 }
 
 #[test]
 fn the_summary_tells_a_machinist_how_it_went() {
     let report = Report::new(&job(), &outcome(), &figures(), 2.0);
     assert_eq!(
-        Summary { report: &report, setpoint_v: Some(55.0) }.to_string(),
-        "  Hole         0.500 mm deep (simulated), 0.500 mm asked for\n\
-        \x20 Time         2 min 31 s on the machine, 0.20 mm/min; computed in 2.0 s, 76 times as fast\n\
+        Summary { report: &report }.to_string(),
+        "  Hole         0.538 mm deep (simulated)\n\
+        \x20 Electrode    0.500 mm deep, 0.500 mm asked for\n\
+        \x20 Verdict      steady: nothing beyond its limit\n\
+        \x20 Time         2 min 31 s on the machine, 0.22 mm/min while eroding; computed in 2.0 s, 76 times as fast\n\
         \x20 Gap voltage  55.1 V on average, 55.0 V wanted; tenths of a second stray by 0.8 V\n\
         \x20 Gap          38 um on average, varies by 3.1 um\n\
-        \x20 Stability    steady: electrode swings 4.2 um within half a second, at most 0.6 um of it at one pitch (7 Hz); \
-         backed off more than 5 um 2 times\n\
+        \x20 Stability    electrode swings 4.2 um within half a second, at most 0.6 um of it at one pitch (7 Hz), \
+         0.21 mm/s rms above 50 Hz; backed off more than 5 um 2 times\n\
         \x20 Sparks       630 discharges; of all pulses 62 % sparked, 35 % stayed open, 2.0 % shorted, 1.0 % arced\n\
         \x20 Encoder      no count lost, no illegal transition\n\
         \x20 Faults       none\n"
@@ -92,14 +100,47 @@ fn the_summary_tells_a_machinist_how_it_went() {
 }
 
 #[test]
-fn a_run_is_restless_beyond_either_bound_of_motion() {
-    let verdict = |swing: f64, amplitude: f64| {
-        let line = Some(statistics::Line { amplitude_um: amplitude, hz: 17.6 });
-        let figures = Figures { position_pp_um: Some(swing), line, ..figures() };
-        let report = Report::new(&job(), &outcome(), &figures, 2.0);
-        Summary { report: &report, setpoint_v: None }.to_string().contains("restless")
+fn a_figure_at_its_limit_is_no_finding_and_one_beyond_it_is() {
+    let found = |figures: Figures, pulses: Pulses| {
+        let report = Report::new(&job(), &Outcome { pulses, ..outcome() }, &figures, 2.0);
+        report.findings.iter().map(|finding| finding.figure).collect::<Vec<_>>()
     };
-    assert!(!verdict(15.0, 3.0));
-    assert!(verdict(15.1, 3.0));
-    assert!(verdict(15.0, 3.1));
+    let line = |amplitude_um| Some(statistics::Line { amplitude_um, hz: 17.6 });
+    let pulses = |arc, short| Pulses { open: 100, spark: 900 - arc - short, arc, short };
+    let usual = figures();
+    let good = pulses(10, 10);
+    for (at, beyond, figure) in [
+        (
+            Figures { gap_v_mean: Some(59.125), ..usual },
+            Figures { gap_v_mean: Some(59.2), ..usual },
+            "gap_voltage_v.mean",
+        ),
+        (
+            Figures { gap_v_mean: Some(50.875), ..usual },
+            Figures { gap_v_mean: Some(50.8), ..usual },
+            "gap_voltage_v.mean",
+        ),
+        (
+            Figures { gap_v_rms_error: Some(5.5), ..usual },
+            Figures { gap_v_rms_error: Some(5.6), ..usual },
+            "gap_voltage_v.rms_error_100ms",
+        ),
+        (
+            Figures { position_pp_um: Some(15.0), ..usual },
+            Figures { position_pp_um: Some(15.1), ..usual },
+            "position_pp_um_median",
+        ),
+        (Figures { line: line(3.0), ..usual }, Figures { line: line(3.1), ..usual }, "position_line_um"),
+        (
+            Figures { vibration_mm_s: Some(1.0), ..usual },
+            Figures { vibration_mm_s: Some(1.1), ..usual },
+            "vibration_mm_s",
+        ),
+    ] {
+        assert_eq!(found(at, good), [""; 0], "{figure}");
+        assert_eq!(found(beyond, good), [figure]);
+    }
+    assert_eq!(found(usual, pulses(50, 50)), [""; 0]);
+    assert_eq!(found(usual, pulses(51, 50)), ["arc_ratio"]);
+    assert_eq!(found(usual, pulses(51, 51)), ["arc_ratio", "short_ratio"]);
 }

@@ -2,9 +2,10 @@
 
 use super::Links;
 use super::fleet::Fleet;
-use crate::bore::{self, Setup};
-use crate::cli::Failure;
-use crate::cli::inputs::{seed, setup};
+use crate::bore;
+use crate::inputs::{seed, setup};
+use crate::run::Setup;
+use crate::terminal::Failure;
 use clap::Args;
 use std::path::PathBuf;
 

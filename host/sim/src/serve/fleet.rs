@@ -2,9 +2,9 @@
 
 use super::Plant;
 use super::head::Head;
-use crate::bore::Setup;
 use crate::events::{EventError, Wires};
 use crate::process::Process;
+use crate::run::Setup;
 use crate::scenario::{from_word, hint};
 use crate::store::Store;
 use edm_bus::Frame;

@@ -6,9 +6,9 @@
 //! anything to do.
 
 use crate::board::{PROTOCOL, Part, Pc, Ports, TRANSMIT};
-use crate::bore::Setup;
 use crate::machine::{Core, Others, show};
 use crate::process::Process;
+use crate::run::Setup;
 use crate::store::Store;
 use edm_bus::Frame;
 use edm_hal_shim::store::BUFFER;

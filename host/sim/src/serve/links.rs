@@ -1,6 +1,6 @@
 //! How CAN programs get onto the bus.
 
-use crate::cli::Failure;
+use crate::terminal::Failure;
 use clap::Args;
 use edm_bus::Hub;
 use edm_bus::client::Report;

@@ -18,7 +18,7 @@ pub use command::Serve;
 pub use fleet::pull;
 pub use links::{BIT_RATE, Links};
 
-use crate::cli::{Failure, say};
+use crate::terminal::{Failure, say};
 use console::Console;
 use edm_bus::mailbox::Mailbox;
 use edm_bus::{Frame, Hub};

@@ -14,7 +14,7 @@ mod retreats;
 pub use lines::{Line, Lines};
 pub use retreats::Retreats;
 
-use crate::observe::{Millisecond, Phase};
+use crate::millisecond::{Millisecond, Phase, Span};
 
 /// First eroding that is not judged, ms: the "first 2 s".
 pub const START_MS: u32 = 2000;
@@ -91,6 +91,38 @@ struct Window {
     setpoint_v: Moments,
     filtered_v: Moments,
     gap_um: Moments,
+    vibration: Moments,
+    duty: Duty,
+}
+
+/// Milliseconds by the largest duty in them, in hundredths of full duty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Duty([u32; 101]);
+
+impl Default for Duty {
+    fn default() -> Self {
+        Duty([0; 101])
+    }
+}
+
+impl Duty {
+    fn add(&mut self, duty: Span) {
+        let largest = duty.max.max(-duty.min);
+        if let Some(ms) = self.0.get_mut((largest * 100.0).round() as usize) {
+            *ms += 1;
+        }
+    }
+
+    fn merge(&mut self, other: &Duty) {
+        self.0.iter_mut().zip(other.0).for_each(|(ms, other)| *ms += other);
+    }
+
+    /// Share of the milliseconds in which the duty came to a limit; `None` when there are none.
+    pub fn at_limit(&self, limit: f64) -> Option<f64> {
+        let sum = |of: &[u32]| of.iter().map(|ms| f64::from(*ms)).sum::<f64>();
+        let (all, at) = (sum(&self.0), sum(self.0.get((limit * 100.0).round() as usize..)?));
+        (all > 0.0).then_some(at / all)
+    }
 }
 
 /// Figures in the making.
@@ -105,6 +137,7 @@ pub struct Statistics {
     swings: Vec<f64>,
     lines: Lines,
     retreats: Retreats,
+    eroding_ms: u64,
 }
 
 /// Figures of a run; `None` where nothing was judged.
@@ -126,6 +159,12 @@ pub struct Figures {
     pub position_pp_um: Option<f64>,
     /// Strongest line of the electrode's motion between 5 and 50 Hz.
     pub line: Option<Line>,
+    /// Velocity of the electrode above 50 Hz, mm/s rms.
+    pub vibration_mm_s: Option<f64>,
+    /// Largest duties.
+    pub duty: Duty,
+    /// Time in which the feed law led, s.
+    pub eroding_s: f64,
     /// Retreats of more than 5 um.
     pub long_retreats: u64,
 }
@@ -148,12 +187,14 @@ impl Statistics {
             swings: Vec::new(),
             lines: Lines::new(),
             retreats: Retreats::default(),
+            eroding_ms: 0,
         }
     }
 
     /// Takes the newest millisecond.
     pub fn add(&mut self, ms: &Millisecond) {
         self.retreats.add(ms);
+        self.eroding_ms += u64::from(ms.phase == Phase::Eroding);
         if self.judge.judged(ms.phase) {
             self.voltage(ms);
             self.position(ms);
@@ -173,6 +214,8 @@ impl Statistics {
         window.setpoint_v.add(ms.setpoint_v);
         window.filtered_v.add_known(ms.filtered_v.mean, ms.filtered_square);
         window.gap_um.add(ms.gap_um.mean);
+        window.vibration.add_known(0.0, ms.vibration_square);
+        window.duty.add(ms.duty);
         if window.ms == VOLTAGE_MS {
             let window = std::mem::take(window);
             self.window_errors.add(window.error_v.mean().unwrap_or_default());
@@ -180,6 +223,8 @@ impl Statistics {
             self.judged.setpoint_v.merge(&window.setpoint_v);
             self.judged.filtered_v.merge(&window.filtered_v);
             self.judged.gap_um.merge(&window.gap_um);
+            self.judged.vibration.merge(&window.vibration);
+            self.judged.duty.merge(&window.duty);
         }
     }
 
@@ -208,6 +253,9 @@ impl Statistics {
             gap_um_rms: self.judged.gap_um.deviation(),
             position_pp_um: median(self.swings.clone()),
             line: self.lines.strongest(),
+            vibration_mm_s: self.judged.vibration.rms().map(|um_s| um_s * 1e-3),
+            duty: self.judged.duty,
+            eroding_s: self.eroding_ms as f64 * 1e-3,
             long_retreats: self.retreats.count(),
         }
     }

@@ -7,7 +7,7 @@
 //! (noise, counts) does not break it. Counted while eroding and retreating only: the lift when the hole is done and the
 //! reactions to faults are not retreats from the gap's state.
 
-use crate::observe::{Millisecond, Phase};
+use crate::millisecond::{Millisecond, Phase};
 
 /// Length beyond which a retreat is long, um.
 pub const LONG_UM: f64 = 5.0;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::observe::Span;
+use crate::millisecond::Span;
 use std::f64::consts::TAU;
 
 fn span(x: f64) -> Span {
@@ -20,6 +20,7 @@ fn quiet(ms: u32) -> Millisecond {
         filtered_square: 55.0 * 55.0,
         setpoint_v: 55.0,
         duty: span(-0.1),
+        vibration_square: 0.0,
     }
 }
 
@@ -71,7 +72,7 @@ fn the_first_two_seconds_of_eroding_are_not_judged() {
     let disturbed = |until: u32| figures(6, move |i, ms| ms.gap_v = span(if i < until { 90.0 } else { 55.0 }));
     near(disturbed(2000).gap_v_rms_error, 0.0, 1e-9);
     assert!(disturbed(2001).gap_v_rms_error.unwrap() > 0.0);
-    assert_eq!(figures(2, |_, _| {}), Figures::default());
+    assert_eq!(figures(2, |_, _| {}), Figures { eroding_s: 2.0, ..Figures::default() });
 }
 
 #[test]
@@ -170,4 +171,29 @@ fn creeping_back_slower_than_a_step_a_cycle_is_no_retreat() {
 fn each_long_retreat_counts_once() {
     let points = [(0, 0.0), (50, 10.0), (80, 0.0), (150, 20.0), (180, 5.0), (300, 30.0), (310, 27.0), (400, 40.0)];
     assert_eq!(long_retreats(&points, Phase::Eroding), 2);
+}
+
+#[test]
+fn vibration_and_a_duty_at_its_limit_are_judged_with_the_voltage() {
+    let f = figures(10, |i, ms| {
+        ms.vibration_square = if i < 1999 { 9e9 } else { 500.0 * 500.0 };
+        ms.duty = Span { mean: 0.1, min: if i % 4 == 0 { -0.9 } else { -0.2 }, max: 0.3 };
+    });
+    near(f.vibration_mm_s, 0.5, 1e-9);
+    near(f.duty.at_limit(0.9), 0.25, 1e-9);
+    near(f.duty.at_limit(0.91), 0.0, 1e-9);
+    near(f.duty.at_limit(0.2), 1.0, 1e-9);
+    assert_eq!(figures(1, |_, _| {}).duty.at_limit(0.9), None);
+}
+
+#[test]
+fn the_time_of_eroding_is_neither_seek_nor_retreat() {
+    let f = figures(10, |i, ms| {
+        ms.phase = match i {
+            0..3000 => Phase::Seeking,
+            8000..9000 => Phase::Retreating,
+            _ => Phase::Eroding,
+        }
+    });
+    assert!((f.eroding_s - 6.0).abs() < 1e-9);
 }

@@ -330,3 +330,11 @@ fn swapped_leads_turn_every_voltage_round() {
     assert!((usual.volts + swapped.volts).abs() < 1e-9);
     assert_eq!(usual.spark.pulses, swapped.spark.pulses);
 }
+
+#[test]
+fn an_edge_fades_as_the_exponential_function() {
+    for k in 0..=800 {
+        let x = f64::from(k) * 0.01;
+        assert!((fade(x) - (-x).exp()).abs() < 1e-9, "{x}");
+    }
+}

@@ -1,8 +1,8 @@
-//! What a run is made from: options that bore and bench share.
+//! What a run is made from: options that commands share.
 
-use super::Failure;
-use crate::bore::{self, Setup};
-use crate::run::Job;
+use crate::bore;
+use crate::run::{Job, Setup};
+use crate::terminal::Failure;
 use clap::Args;
 
 /// Options that say what is bored, in what, and how.
@@ -44,7 +44,10 @@ impl Inputs {
 }
 
 /// Loads a scenario and applies the assignments of the command line.
-pub(crate) fn setup(scenario: &str, assignments: &[String]) -> Result<Setup, String> {
+///
+/// # Errors
+/// What is wrong with them, in one line.
+pub fn setup(scenario: &str, assignments: &[String]) -> Result<Setup, String> {
     let mut setup = Setup::load(scenario)?;
     for assignment in assignments {
         setup.set(assignment).map_err(|message| format!("--set {message}"))?;
@@ -52,6 +55,10 @@ pub(crate) fn setup(scenario: &str, assignments: &[String]) -> Result<Setup, Str
     Ok(setup)
 }
 
-pub(crate) fn seed(text: &str) -> Result<u64, String> {
+/// Reads a seed.
+///
+/// # Errors
+/// What it has to be.
+pub fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("must be a whole number from 0 to {}", u64::MAX))
 }

@@ -1,0 +1,22 @@
+//! How a command ends, and what it says to whoever started it.
+
+use std::io::Write;
+
+/// Exit code when the hole was not bored or an output could not be written.
+pub const EXIT_FAILED: u8 = 1;
+/// Exit code for bad input.
+pub const EXIT_BAD_INPUT: u8 = 2;
+
+/// Why a command ended early.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Failure {
+    /// The person has to change something.
+    BadInput(String),
+    /// Something went wrong on the way.
+    Failed(String),
+}
+
+/// Prints to stdout. A reader that has gone (`| head`) is no error.
+pub fn say(text: &str) {
+    let _ = std::io::stdout().write_all(text.as_bytes());
+}
