@@ -11,7 +11,7 @@
 //! it is a step the wrong way, which only the second counter or the index marks can see. The rate at which the interrupt
 //! keeps this promise is the rated speed of the counter: 300 kcount/s, 3.3 us an edge, 560 cycles at 168 MHz.
 //!
-//! Cost: 19 cycles an edge away from index marks, 86 with reading the port and the clock, clearing the request, entry and exit
+//! Cost: 19 cycles an edge away from index marks, 92 with reading the port and the clock, clearing the request, entry and exit
 //! (docs/performance.md). No loop, no lock, no division, no look into the table, and one word of state beside the count.
 //! The state that slower tasks read is kept in [`Shared`] and nowhere else, so there is nothing to copy.
 

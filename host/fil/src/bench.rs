@@ -26,6 +26,9 @@ const BURNING: f64 = 0.75;
 const HIGH: f64 = 0.7;
 const LOW: f64 = 0.2;
 
+/// Rise times after which a transient is over: e^-40 is 4e-18.
+const SETTLED: f64 = 40.0;
+
 const THRESHOLDS: [f64; 2] = [HIGH, LOW];
 
 /// Process, wires and the host's end of the bus.
@@ -220,7 +223,7 @@ impl Bench {
         if self.process.fault_inputs.stuck_code.is_some() {
             return code as u16;
         }
-        (code + (piece.at(us) - self.pieces[at_then].at(then)) * per_volt).round().clamp(0.0, 4095.0) as u16
+        (code + (volts(piece, us) - volts(&self.pieces[at_then], then)) * per_volt).round().clamp(0.0, 4095.0) as u16
     }
 
     fn gap_current(&self, at: u64) -> u16 {
@@ -229,6 +232,11 @@ impl Bench {
             .is_some_and(|(piece, _)| piece.gate && piece.volts.abs() < BURNING * f64::from(self.parameters.open));
         current_code(if flows { DISCHARGE_A } else { 0.0 }) as u16
     }
+}
+
+/// Voltage of a piece. Once what is left of its transient is below a bit of the sum, most of the time, it is spared.
+fn volts(piece: &Piece, us: f64) -> f64 {
+    if us - piece.from_us > SETTLED * piece.rise_us { piece.volts } else { piece.at(us) }
 }
 
 /// When the voltage of a piece crosses `threshold`, and whether it is above from then on; if it never crosses, how it is

@@ -144,7 +144,7 @@ const fn us(us: u64) -> u64 {
 }
 
 /// Eroding at the rated speed with shorts; shared with the tests that put faults in.
-pub const RATED_SCENE: Behaviour = Behaviour { edges_per_s: RATED, pulse: (TICK / 2 + 3, us(20)), shorts: true };
+pub const RATED_SCENE: Behaviour = Behaviour { edges_per_s: RATED, pulse: (TICK / 2 + 3, us(20)), shorts: (1, 2) };
 
 /// Measures with an offset at every `step` ticks of the chip.
 ///
@@ -233,7 +233,7 @@ fn shorts(session: &mut Session, image: &Image, step: u64, result: &mut Latency)
 
 /// Scene 3.
 fn fast(image: &Image, result: &mut Latency) -> Result<()> {
-    let behaviour = Behaviour { edges_per_s: TIMER, shorts: false, ..RATED_SCENE };
+    let behaviour = Behaviour { edges_per_s: TIMER, shorts: (0, 1), ..RATED_SCENE };
     let mut session = Session::ready(image, behaviour)?;
     session.machine.soc().world.edges.clear();
     session.machine.soc().world.disturb();

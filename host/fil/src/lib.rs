@@ -10,6 +10,7 @@
 //! default members.
 
 pub mod bench;
+pub mod command;
 pub mod commission;
 pub mod cycles;
 pub mod decode;

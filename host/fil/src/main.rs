@@ -1,7 +1,8 @@
 //! `cargo fil`: the firmware on an emulated chip.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use clap::{Args, Parser, Subcommand};
+use edm_fil::command::{self, BadInput, in_project};
 use edm_fil::image::Image;
 use edm_fil::machine::Machine;
 use edm_fil::rig::Witness;
@@ -9,11 +10,14 @@ use edm_fil::rtt::Rtt;
 use edm_fil::still::Still;
 use edm_sim::cli::{Bore, EXIT_BAD_INPUT, EXIT_FAILED, Failure};
 use edm_sim::observe::Recorder;
+use edm_sim::output::Output;
 use edm_sim::run::{Job, Progress};
 use edm_soc::TICK_HZ;
+use rustix::time::{ClockId, clock_gettime};
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// The firmware of the EDM servo head on an emulated STM32F405.
 #[derive(Parser)]
@@ -43,32 +47,18 @@ enum Command {
     /// Record what the chip sees while the head works, backs off and meets faults: for `cargo test` to replay natively.
     Record(Record),
     /// Instructions and estimated cycles of tasks and functions; writes their section of docs/performance.md.
-    Cycles(Cycles),
+    Cycles(command::Cycles),
     /// Times from pin to pin, loads and lost counts, with the event at many places of a servo tick.
     Latency(Latency),
 }
 
 #[derive(Args)]
 struct Record {
-    /// The recording.
-    #[arg(default_value = RECORDING)]
-    file: PathBuf,
+    /// The recording; without it that of the project around the current directory
+    file: Option<PathBuf>,
     /// Simulated time, seconds; the fault that is going on then is recorded to its end.
-    #[arg(long, default_value_t = 1.5)]
+    #[arg(long, default_value_t = 1.5, value_parser = seconds)]
     seconds: f64,
-}
-
-#[derive(Args)]
-struct Cycles {
-    /// Write the rows here as JSON.
-    #[arg(long)]
-    json: Option<PathBuf>,
-    /// Write no page; fail when a row has grown by more than 5 % over the committed one.
-    #[arg(long)]
-    check: bool,
-    /// Print so many functions of each task, the most expensive first.
-    #[arg(long, default_value_t = 0)]
-    hot: usize,
 }
 
 #[derive(Args)]
@@ -85,20 +75,15 @@ struct Latency {
 }
 
 /// The committed recording.
-const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/recordings/day.edmr");
-/// The page of measurements.
-const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/performance.md");
-/// What encloses the section that is generated there.
-const BEGIN: &str = "<!-- cargo fil cycles writes this section -->\n";
-const END: &str = "<!-- end of what cargo fil cycles writes -->\n";
+const RECORDING: &str = "tests/recordings/day.edmr";
 
 #[derive(Args)]
 struct Run {
     /// Simulated time, seconds.
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, default_value_t = 1.0, value_parser = seconds)]
     seconds: f64,
     /// Crystal, Hz.
-    #[arg(long, default_value_t = 8_000_000)]
+    #[arg(long, default_value_t = 8_000_000, value_parser = clap::value_parser!(u64).range(1_000_000..=50_000_000))]
     hse: u64,
     /// Charge thread mode so many times its cycles once the first interrupt has come: a polling idle loop then costs
     /// less host time, interrupts keep their times.
@@ -110,7 +95,17 @@ struct Run {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) if !error.use_stderr() => {
+            print!("{error}");
+            return ExitCode::SUCCESS;
+        }
+        Err(error) => {
+            eprintln!("edm-fil: {}", one_line(&error.to_string()));
+            return ExitCode::from(EXIT_BAD_INPUT);
+        }
+    };
     let done = image(&arguments.elf).and_then(|image| match &arguments.command {
         Command::Run(run) => run.execute(&image).map(|()| true),
         Command::Record(record) => record.execute(&image).map(|()| true),
@@ -118,10 +113,19 @@ fn main() -> ExitCode {
         Command::Latency(latency) => latency.execute(&image).map(|()| true),
         Command::Serve(serve) => edm_fil::serve::serve(&image, arguments.log, serve).map(|()| true).map_err(failed),
         Command::Bore(bore) => {
+            let spent = Cell::new(None);
             let run = |job: &Job, recorder: &mut Recorder, progress: &mut dyn FnMut(&Progress)| {
-                edm_fil::rig::bore(&image, arguments.log, arguments.lockstep, job, recorder, progress)
+                let start = cpu_time();
+                let outcome = edm_fil::rig::bore(&image, arguments.log, arguments.lockstep, job, recorder, progress)?;
+                spent.set(Some((outcome.sim_time_s, (cpu_time() - start).as_secs_f64())));
+                Ok(outcome)
             };
-            bore.execute(run).map_err(failed)
+            let done = bore.execute(run).map_err(failed);
+            if let (Some((simulated, cpu)), false) = (spent.get(), bore.quiet) {
+                let ratio = simulated / cpu;
+                println!("  {:<12} {ratio:.2} simulated seconds a CPU second ({cpu:.1} s of CPU)", "Speed");
+            }
+            done
         }
     });
     match done {
@@ -134,6 +138,25 @@ fn main() -> ExitCode {
     }
 }
 
+/// Time of the processor that this program has taken: another that runs beside it does not count.
+fn cpu_time() -> Duration {
+    let spent = clock_gettime(ClockId::ProcessCPUTime);
+    Duration::new(spent.tv_sec.unsigned_abs(), spent.tv_nsec.unsigned_abs() as u32)
+}
+
+/// What clap says, without its hints.
+fn one_line(text: &str) -> String {
+    let body = text.split("\n\nUsage:").next().unwrap_or(text).split("\n\nFor more information").next().unwrap_or(text);
+    let joined = body.split_whitespace().collect::<Vec<_>>().join(" ");
+    joined.strip_prefix("error: ").unwrap_or(&joined).to_owned()
+}
+
+/// A time that a run may last.
+fn seconds(text: &str) -> Result<f64, String> {
+    let allowed = |s: &f64| (0.0..=1e6).contains(s);
+    text.parse().ok().filter(allowed).ok_or_else(|| "must be a number of seconds from 0 to 1000000".to_owned())
+}
+
 fn failed(failure: Failure) -> anyhow::Error {
     match failure {
         Failure::BadInput(message) => anyhow::Error::new(BadInput(message)),
@@ -141,20 +164,9 @@ fn failed(failure: Failure) -> anyhow::Error {
     }
 }
 
-/// The person has to change something.
-#[derive(Debug)]
-struct BadInput(String);
-
-impl std::fmt::Display for BadInput {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for BadInput {}
-
 fn image(elf: &Path) -> Result<Image> {
-    Image::parse(std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?)
+    let file = std::fs::read(elf).map_err(|e| BadInput(format!("--elf: cannot read {}: {e}", elf.display())))?;
+    Image::parse(file)
 }
 
 impl Run {
@@ -204,54 +216,25 @@ impl Run {
 
 impl Record {
     fn execute(&self, image: &Image) -> Result<()> {
+        let file = self.file.clone().map_or_else(|| in_project(Path::new(RECORDING)), Ok)?;
+        let output = Output::claim("the recording", &file).map_err(BadInput)?;
         let witness = Witness::Recorder(Box::new(edm_sim::lockstep::Recorder::new(Vec::new())?));
         let (witness, met) = edm_fil::exercise::run(image, self.seconds, witness)?;
         let Witness::Recorder(recorder) = witness else { bail!("the recording is lost") };
         let bytes = recorder.finish()?;
         println!("{} ticks, {} retreats, faults {:?}: {} kB", met.ticks, met.retreats, met.faults, bytes.len() / 1000);
-        std::fs::write(&self.file, bytes).with_context(|| format!("cannot write {}", self.file.display()))
-    }
-}
-
-impl Cycles {
-    fn execute(&self, image: &Image) -> Result<()> {
-        let measured = edm_fil::cycles::report::measure(image)?;
-        let section = measured.markdown();
-        println!("{section}");
-        for (task, functions) in measured.hot.iter().filter(|_| self.hot > 0) {
-            println!("{task}:");
-            for (name, cycles) in functions.iter().take(self.hot) {
-                println!("  {cycles:8.1}  {name}");
-            }
-        }
-        for line in measured.over_budget() {
-            println!("over budget: {line}");
-        }
-        if let Some(path) = &self.json {
-            write(path, &serde_json::to_string_pretty(&measured.rows)?)?;
-        }
-        let path = Path::new(PAGE);
-        let page = std::fs::read_to_string(path).with_context(|| format!("cannot read {PAGE}"))?;
-        let sections = page.split_once(BEGIN).and_then(|(before, rest)| Some((before, rest.split_once(END)?)));
-        let (before, (committed, after)) = sections.context("docs/performance.md has lost the marks of the section")?;
-        if !self.check {
-            return write(path, &format!("{before}{BEGIN}{section}{END}{after}"));
-        }
-        let regressions = measured.regressions(committed);
-        if !regressions.is_empty() {
-            bail!("slower than committed:\n  {}", regressions.join("\n  "));
-        }
-        Ok(())
+        output.write(|to| to.write_all(&bytes)).map_err(|e| anyhow::anyhow!(e))
     }
 }
 
 impl Latency {
     fn execute(&self, image: &Image) -> Result<()> {
+        let output = self.json.as_deref().map(|path| Output::claim("--json", path)).transpose().map_err(BadInput)?;
         let latency = edm_fil::latency::measure(image, self.step)?;
         let text = serde_json::to_string_pretty(&latency)?;
         println!("{text}");
-        if let Some(path) = &self.json {
-            write(path, &text)?;
+        if let Some(output) = output {
+            output.write(|to| to.write_all(text.as_bytes())).map_err(|e| anyhow::anyhow!(e))?;
         }
         let over = latency.over_bounds();
         if self.check && !over.is_empty() {
@@ -260,8 +243,4 @@ impl Latency {
         over.iter().for_each(|line| println!("out of bounds: {line}"));
         Ok(())
     }
-}
-
-fn write(path: &Path, text: &str) -> Result<()> {
-    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }

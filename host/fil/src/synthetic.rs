@@ -30,8 +30,25 @@ pub struct Behaviour {
     pub edges_per_s: u64,
     /// From one pulse to the next, and how long each is, ticks of the chip.
     pub pulse: (u64, u64),
-    /// Every second pulse meets a short.
-    pub shorts: bool,
+    /// So many pulses meet a short, of so many.
+    pub shorts: (u64, u64),
+}
+
+/// What a busy host sends: its set points and SYNC, and a request as soon as the last is answered.
+#[derive(Clone, Debug, Default)]
+pub struct Traffic {
+    /// Sent together, so long before SYNC, ticks of the chip.
+    pub before_sync: u64,
+    /// From one SYNC to the next, ticks of the chip.
+    pub period: u64,
+    /// Frames before SYNC.
+    pub objects: Vec<Frame>,
+    /// SYNC.
+    pub sync: Option<Frame>,
+    /// Requests, in turn, for ever.
+    pub requests: Vec<Frame>,
+    /// Identifier of the answers, and how long a request takes on the bus.
+    pub answer: (u32, u64),
 }
 
 /// A short pulse: gate open, voltage sampled, pulses off.
@@ -55,6 +72,11 @@ pub struct Rig {
     /// Position, m below the start, and velocity.
     x: f64,
     v: f64,
+    traffic: Traffic,
+    next_sync: u64,
+    requested: usize,
+    /// The index line is high at this count.
+    pub mark: Option<i64>,
     /// Surface of the work, m below the start.
     pub work: f64,
     count: i64,
@@ -89,6 +111,10 @@ impl Rig {
             next_step: 1,
             x: 0.0,
             v: 0.0,
+            traffic: Traffic::default(),
+            next_sync: NEVER,
+            requested: 0,
+            mark: None,
             work: 80e-6,
             count: 0,
             direction: 1,
@@ -124,6 +150,38 @@ impl Rig {
         self.change(at, Change::Level(pin, Some(level)));
     }
 
+    /// Edges come at another rate from now on.
+    pub fn vibrate(&mut self, edges_per_s: u64) {
+        self.behaviour.edges_per_s = edges_per_s;
+        self.disturb();
+    }
+
+    /// A busy host, from `at` on.
+    pub fn busy(&mut self, at: u64, traffic: Traffic) {
+        self.traffic = traffic;
+        self.next_sync = at;
+        self.request(at);
+    }
+
+    fn request(&mut self, at: u64) {
+        if let Some(frame) = self.traffic.requests.get(self.requested % self.traffic.requests.len().max(1)) {
+            let frame = *frame;
+            self.requested += 1;
+            self.change(at + self.traffic.answer.1, Change::Can(frame));
+        }
+    }
+
+    fn synchronise(&mut self) {
+        let at = self.next_sync;
+        self.next_sync += self.traffic.period;
+        for frame in self.traffic.objects.clone() {
+            self.change(at, Change::Can(frame));
+        }
+        if let Some(sync) = self.traffic.sync {
+            self.change(at + self.traffic.before_sync, Change::Can(sync));
+        }
+    }
+
     /// Starts vibrating, and meeting shorts.
     pub fn disturb(&mut self) {
         self.disturbed = true;
@@ -140,7 +198,8 @@ impl Rig {
 
     /// The pulse under way meets a short.
     fn shorted(&self) -> bool {
-        self.disturbed && self.behaviour.shorts && self.pulses % 2 == 1
+        let (shorts, of) = self.behaviour.shorts;
+        self.disturbed && self.pulses % of >= of - shorts
     }
 
     /// Count of the encoder, positive toward the work.
@@ -173,6 +232,11 @@ impl Rig {
         }
         if b != old_b {
             self.level(at, ENCODER[1], b);
+        }
+        if let Some(mark) = self.mark
+            && (self.count == mark || self.count - by == mark)
+        {
+            self.level(at, ENCODER[2], self.count == mark);
         }
         self.edges.push(at);
     }
@@ -261,7 +325,7 @@ impl World for Rig {
 
     fn next_change(&self) -> u64 {
         let queued = self.changes.first_key_value().map_or(NEVER, |c| c.0.0);
-        queued.min(self.next_step).min(self.next_gate())
+        queued.min(self.next_step).min(self.next_gate()).min(self.next_sync)
     }
 
     fn take_change(&mut self, at: u64) -> Option<Change> {
@@ -273,6 +337,9 @@ impl World for Rig {
         while self.next_gate() <= at {
             let due = self.next_gate();
             self.pulse(due);
+        }
+        while self.next_sync <= at {
+            self.synchronise();
         }
         let first = self.changes.first_entry()?;
         (first.key().0 <= at).then(|| first.remove())
@@ -302,6 +369,9 @@ impl World for Rig {
 
     fn can_sent(&mut self, at: u64, frame: Frame) -> CanReply {
         self.frames.push((at, frame));
+        if frame.id == self.traffic.answer.0 {
+            self.request(at);
+        }
         CanReply::Acknowledged
     }
 

@@ -58,6 +58,11 @@ impl Flash {
         self.acr & 7
     }
 
+    /// Whether it reads ahead and keeps instructions and data: PRFTEN, ICEN, DCEN (RM0090 §3.9.1).
+    pub fn accelerated(&self) -> bool {
+        self.acr >> 8 & 7 == 7
+    }
+
     pub fn read(&self, offset: u32, now: u64) -> Result<u32, Fault> {
         Ok(match offset {
             0x00 => self.acr,

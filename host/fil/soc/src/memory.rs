@@ -1,16 +1,21 @@
 //! Memories of the chip, shared between the processor that runs from them and the DMA that writes into them.
 
-use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-/// One memory. Bytes are atomics so that an emulator may map the same store; the model itself is single-threaded.
+/// One memory. Words are atomics so that an emulator may map the same store; the model itself is single-threaded. Bytes lie
+/// in a word as on the chip, which is little-endian, as every host of the emulator is.
 pub struct Region {
     base: u32,
-    bytes: Box<[AtomicU8]>,
+    words: Box<[AtomicU32]>,
 }
 
+#[cfg(target_endian = "big")]
+compile_error!("the emulator maps words of the host as memory of a little-endian chip");
+
 impl Region {
+    /// `len` bytes, a multiple of four.
     fn new(base: u32, len: usize, fill: u8) -> Self {
-        Self { base, bytes: (0..len).map(|_| AtomicU8::new(fill)).collect() }
+        Self { base, words: (0..len / 4).map(|_| AtomicU32::new(u32::from_le_bytes([fill; 4]))).collect() }
     }
 
     /// First address.
@@ -19,33 +24,52 @@ impl Region {
     }
 
     /// The store, for an emulator to map.
-    pub fn bytes(&self) -> &[AtomicU8] {
-        &self.bytes
+    pub fn words(&self) -> &[AtomicU32] {
+        &self.words
     }
 
-    fn slice(&self, address: u32, size: usize) -> Option<&[AtomicU8]> {
-        let start = address.checked_sub(self.base)? as usize;
-        self.bytes.get(start..start.checked_add(size)?)
+    /// Word that `address` lies in, and the place of its byte there, bits.
+    fn place(&self, address: u32) -> Option<(&AtomicU32, u32)> {
+        let offset = address.checked_sub(self.base)?;
+        Some((self.words.get(offset as usize / 4)?, offset % 4 * 8))
     }
 
     /// Little-endian value of `size` (1, 2 or 4) bytes at `address`; `None` outside.
     pub fn load(&self, address: u32, size: usize) -> Option<u32> {
-        let bytes = self.slice(address, size)?;
-        Some(bytes.iter().rev().fold(0, |v, b| v << 8 | u32::from(b.load(Relaxed))))
+        let (word, shift) = self.place(address)?;
+        let value = word.load(Relaxed) >> shift;
+        let missing = (shift as usize / 8 + size).saturating_sub(4);
+        if missing == 0 {
+            return Some(if size == 4 { value } else { value & ((1 << (8 * size)) - 1) });
+        }
+        let upper = self.load(address.checked_add((size - missing) as u32)?, missing)?;
+        Some(value | upper << (8 * (size - missing)))
     }
 
     /// Stores the low `size` bytes of `value`; `None` outside.
     pub fn store(&self, address: u32, size: usize, value: u32) -> Option<()> {
-        for (byte, v) in self.slice(address, size)?.iter().zip(value.to_le_bytes()) {
-            byte.store(v, Relaxed);
+        let last = address.checked_add(size.checked_sub(1)? as u32)?;
+        self.place(last)?;
+        let (word, shift) = self.place(address)?;
+        if shift == 0 && size == 4 {
+            word.store(value, Relaxed);
+            return Some(());
+        }
+        for (at, byte) in (address..=last).zip(value.to_le_bytes()) {
+            let (word, shift) = self.place(at)?;
+            word.store(word.load(Relaxed) & !(0xff << shift) | u32::from(byte) << shift, Relaxed);
         }
         Some(())
     }
 
     /// Copies `data` to `address`; `None` when it does not fit.
     pub fn fill(&self, address: u32, data: &[u8]) -> Option<()> {
-        for (byte, v) in self.slice(address, data.len())?.iter().zip(data) {
-            byte.store(*v, Relaxed);
+        if let Some(last) = data.len().checked_sub(1) {
+            let last = address.checked_add(u32::try_from(last).ok()?)?;
+            self.place(last)?;
+            for (at, byte) in (address..=last).zip(data) {
+                self.store(at, 1, (*byte).into())?;
+            }
         }
         Some(())
     }
@@ -98,6 +122,26 @@ mod tests {
         assert!(m.flash.load(0x080f_fffc, 4).is_some() && m.flash.load(0x0810_0000, 1).is_none());
         assert!(m.sram.load(0x2001_fffc, 4).is_some() && m.sram.load(0x2002_0000, 1).is_none());
         assert!(m.ccm.load(0x1000_fffc, 4).is_some() && m.ccm.load(0x0fff_ffff, 1).is_none());
+    }
+
+    #[test]
+    fn values_lie_little_endian_at_any_address() {
+        let m = Memory::new();
+        for (size, value, all) in [(1, 0x11, 0xa5a5_a511u32), (2, 0x2211, 0xa5a5_2211), (4, 0x4433_2211, 0x4433_2211)] {
+            for at in 0x2000_0100..0x2000_0108 {
+                m.sram.fill(0x2000_0100, &[0xa5; 12]).unwrap();
+                m.sram.store(at, size, value | if size == 4 { 0 } else { 0xff << 24 }).unwrap();
+                let bytes: Vec<_> = (0..4).map(|i| m.sram.load(at + i, 1).unwrap() as u8).collect();
+                assert_eq!(bytes, all.to_le_bytes(), "{size} at {at:#x}");
+                assert_eq!((m.sram.load(at, size), m.sram.load(at, 4)), (Some(value), Some(all)));
+                assert_eq!(m.sram.load(at - 1, 1), Some(0xa5));
+            }
+        }
+        // Nothing is stored when not all of it fits.
+        assert_eq!(m.sram.store(0x2001_fffe, 4, 0), None);
+        assert_eq!(m.sram.fill(0x2001_fffe, &[0; 3]), None);
+        assert_eq!((m.sram.load(0x2001_fffe, 2), m.sram.load(0x2001_fffe, 4)), (Some(0xa5a5), None));
+        assert_eq!(m.sram.fill(0x2001_fffe, &[1, 2]), Some(()));
     }
 
     #[test]

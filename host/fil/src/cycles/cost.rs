@@ -1,10 +1,9 @@
 //! Instructions and cycles, and the rules for instructions in sequence.
 
+use super::accelerator::WAIT_STATES;
 use super::timing::{Kind, Timing};
-use std::ops::{AddAssign, Sub};
+use std::ops::AddAssign;
 
-/// Wait states of flash at 168 MHz and 3.3 V (RM0090 table 10): what a line costs that the accelerator does not hold.
-pub const WAIT_STATES: u64 = 5;
 /// Refill after a taken branch: low, estimate, high.
 const REFILL: [u64; 3] = [1, 2, 3];
 
@@ -13,12 +12,14 @@ const REFILL: [u64; 3] = [1, 2, 3];
 pub struct Cost {
     /// Instructions, exact; those skipped in IT blocks included.
     pub instructions: u64,
-    /// Fewest cycles.
+    /// Fewest cycles, from flash that does not wait.
     pub low: u64,
-    /// Estimate.
-    pub estimate: u64,
+    /// Estimated cycles from flash and peripherals that do not wait.
+    pub warm: u64,
     /// Most cycles from flash that does not wait.
     pub high: u64,
+    /// Cycles that flash and peripherals let the processor wait, with what the accelerator held just then.
+    pub waits: u64,
     /// Lines of flash, 128 bits each, of code and of data, met for the first time in a run.
     pub lines: u64,
 }
@@ -26,7 +27,17 @@ pub struct Cost {
 impl Cost {
     /// `cycles` of the processor itself, such as an exception entry.
     pub fn fixed(cycles: u64) -> Self {
-        Self { low: cycles, estimate: cycles, high: cycles, ..Self::default() }
+        Self { low: cycles, warm: cycles, high: cycles, ..Self::default() }
+    }
+
+    /// `cycles` that flash or a peripheral takes.
+    pub fn wait(cycles: u64) -> Self {
+        Self { waits: cycles, ..Self::default() }
+    }
+
+    /// The estimate.
+    pub fn estimate(&self) -> u64 {
+        self.warm + self.waits
     }
 
     /// Bound when the accelerator holds nothing: each line is waited for once.
@@ -39,22 +50,10 @@ impl AddAssign for Cost {
     fn add_assign(&mut self, o: Self) {
         self.instructions += o.instructions;
         self.low += o.low;
-        self.estimate += o.estimate;
+        self.warm += o.warm;
         self.high += o.high;
+        self.waits += o.waits;
         self.lines += o.lines;
-    }
-}
-
-impl Sub for Cost {
-    type Output = Self;
-    fn sub(self, o: Self) -> Self {
-        Self {
-            instructions: self.instructions - o.instructions,
-            low: self.low - o.low,
-            estimate: self.estimate - o.estimate,
-            high: self.high - o.high,
-            lines: self.lines - o.lines,
-        }
     }
 }
 
@@ -81,9 +80,9 @@ impl Sequence {
     /// Penalty of the last instruction now that execution goes on at `address`.
     pub fn close(&mut self, address: u32) -> Cost {
         let taken = self.previous.is_some_and(|p| p.1.branch) && self.end() != Some(address);
-        let [low, estimate, high] = if taken { REFILL } else { [0; 3] };
-        self.now += estimate;
-        Cost { low, estimate, high, ..Cost::default() }
+        let [low, warm, high] = if taken { REFILL } else { [0; 3] };
+        self.now += warm;
+        Cost { low, warm, high, ..Cost::default() }
     }
 
     /// An instruction that an IT block skips.
@@ -98,19 +97,19 @@ impl Sequence {
     pub fn step(&mut self, address: u32, t: &Timing, quotient: u32) -> Cost {
         let before = self.previous.map(|p| p.1).unwrap_or_default();
         let base = i64::from(t.base);
-        let (mut low, mut estimate, mut high) = (base, base, base);
+        let (mut low, mut warm, mut high) = (base, base, base);
         let feeds_address = t.address & before.writes != 0;
         match t.kind {
             Kind::If => low = 0,
             Kind::Short => low = 1,
             Kind::Divide => {
                 (low, high) = (2, 12);
-                estimate = (2 + i64::from(quotient.div_ceil(4)) + i64::from(quotient > 0)).min(12);
+                warm = (2 + i64::from(quotient.div_ceil(4)) + i64::from(quotient > 0)).min(12);
             }
             Kind::Load | Kind::Store if t.base > 1 && !feeds_address => {
                 low -= i64::from(matches!(before.kind, Kind::Load | Kind::FloatLoad));
                 let behind = i64::from(before.kind == Kind::Load);
-                (estimate, high) = (estimate - behind, high - behind);
+                (warm, high) = (warm - behind, high - behind);
             }
             Kind::FloatLoad if matches!(before.kind, Kind::Load | Kind::FloatLoad) && !feeds_address => low -= 1,
             Kind::FloatStore => low -= 1,
@@ -119,31 +118,25 @@ impl Sequence {
         // Between the result of data processing and the address of the next instruction there is no short cut.
         let produced = matches!(before.kind, Kind::Plain | Kind::Divide) && before.base == 1;
         if feeds_address && produced {
-            (estimate, high) = (estimate + 1, high + 1);
+            (warm, high) = (warm + 1, high + 1);
         }
         if before.late && before.writes & t.reads != 0 {
-            (low, estimate, high) = (low + 1, estimate + 1, high + 1);
+            (low, warm, high) = (low + 1, warm + 1, high + 1);
         }
         if t.float && self.divider > self.now {
             let wait = (self.divider - self.now) as i64;
-            (low, estimate) = (low + wait, estimate + wait);
+            (low, warm) = (low + wait, warm + wait);
         }
         if t.kind == Kind::FloatDivide {
             // The rest of the division runs beside what follows, until the FPU is needed.
-            let start = self.now + (estimate - base) as u64;
+            let start = self.now + (warm - base) as u64;
             self.divider = start + base as u64;
-            (low, estimate) = (low - base + 1, estimate - base + 1);
+            (low, warm) = (low - base + 1, warm - base + 1);
         }
-        self.now += estimate as u64;
+        self.now += warm as u64;
         self.previous = Some((address, *t));
         let cycles = |c: i64| c.max(0) as u64;
-        Cost {
-            instructions: 1,
-            low: cycles(low),
-            estimate: cycles(estimate),
-            high: cycles(high.max(estimate)),
-            lines: 0,
-        }
+        Cost { instructions: 1, low: cycles(low), warm: cycles(warm), high: cycles(high.max(warm)), ..Cost::default() }
     }
 }
 

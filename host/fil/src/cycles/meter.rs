@@ -1,5 +1,7 @@
 //! Charges every instruction that runs to its address and to the exception that runs it.
 
+use super::accelerator::{Accelerator, LINE};
+use super::buses::Buses;
 use super::cost::{Cost, Sequence, quotient_bits};
 use super::timing::{Decoder, Kind, Timing};
 use anyhow::Result;
@@ -10,16 +12,28 @@ use std::collections::BTreeMap;
 const FLASH: u32 = 0x0800_0000;
 const FLASH_SIZE: u32 = 0x10_0000;
 /// Lines of 128 bits; those of code first, then those read as data: the accelerator holds them apart (RM0090 3.5.2).
-const LINES: usize = FLASH_SIZE as usize / 16;
+const LINES: usize = (FLASH_SIZE / LINE) as usize;
 /// Entry and return of an exception by themselves; a return that chains to the next exception is cheaper.
 const ENTRY: u64 = 12;
 const RETURN: u64 = 10;
 
+/// Says of an address which marks a run bears that comes by: a bit each.
+pub type Marks = Box<dyn Fn(u32) -> u8>;
+
+/// One run of an exception.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Run {
+    /// Entry and return included, interrupting exceptions not.
+    pub cost: Cost,
+    /// Marks of the places that it came by.
+    pub marks: u8,
+}
+
 /// What one exception has cost.
 #[derive(Clone, Debug, Default)]
 pub struct Task {
-    /// Each run, entry and return included, interrupting exceptions not.
-    pub runs: Vec<Cost>,
+    /// Each run.
+    pub runs: Vec<Run>,
     /// What was spent at each address, all runs together.
     pub places: BTreeMap<u32, Cost>,
 }
@@ -30,13 +44,19 @@ struct Level {
     exception: Exception,
     run: u32,
     cost: Cost,
+    marks: u8,
     sequence: Sequence,
 }
 
 /// Meter of one chip.
 pub struct Meter {
     decoder: Decoder,
-    code: Vec<Option<Timing>>,
+    marks: Marks,
+    code: Vec<Option<(Timing, u8)>>,
+    accelerator: Accelerator,
+    buses: Buses,
+    /// Estimated time, cycles.
+    now: u64,
     levels: Vec<Level>,
     /// Run in which a line was last met.
     met: Vec<u32>,
@@ -46,13 +66,17 @@ pub struct Meter {
 }
 
 impl Meter {
-    /// A meter that has seen nothing; thread mode is exception 0.
+    /// A meter that has seen nothing, for a chip whose buses have these clocks; thread mode is exception 0.
     ///
     /// # Errors
     /// When the disassembler cannot be set up.
-    pub fn new() -> Result<Self> {
+    pub fn new(buses: Buses, marks: Marks) -> Result<Self> {
         let mut meter = Self {
             decoder: Decoder::new()?,
+            marks,
+            accelerator: Accelerator::new(),
+            buses,
+            now: 0,
             code: vec![None; FLASH_SIZE as usize / 2],
             levels: Vec::new(),
             met: vec![0; 2 * LINES],
@@ -66,7 +90,7 @@ impl Meter {
 
     fn begin(&mut self, exception: Exception, cost: Cost) {
         self.runs += 1;
-        self.levels.push(Level { exception, run: self.runs, cost, sequence: Sequence::default() });
+        self.levels.push(Level { exception, run: self.runs, cost, marks: 0, sequence: Sequence::default() });
     }
 
     /// Forgets what was counted; what is running is not counted any more.
@@ -80,6 +104,7 @@ impl Meter {
 
     /// Exception `e` is entered.
     pub fn enter(&mut self, e: Exception) {
+        self.now += ENTRY;
         self.begin(e, Cost::fixed(ENTRY + RETURN));
     }
 
@@ -91,6 +116,7 @@ impl Meter {
         let Some(mut level) = self.levels.pop() else { return };
         let end = level.sequence.close(u32::MAX);
         level.cost += end;
+        self.now += end.warm + RETURN;
         if level.run == 0 {
             return;
         }
@@ -98,13 +124,24 @@ impl Meter {
         if let Some(last) = level.sequence.last() {
             *task.places.entry(last).or_default() += end;
         }
-        task.runs.push(level.cost);
+        task.runs.push(Run { cost: level.cost, marks: level.marks });
     }
 
     /// The processor itself takes `cycles` in the running exception: FPU registers saved or restored.
     pub fn spend(&mut self, cycles: u64) {
+        self.now += cycles;
         if let Some(level) = self.levels.last_mut() {
             level.cost += Cost::fixed(cycles);
+        }
+    }
+
+    /// The last instruction costs more than it did by itself.
+    fn add(&mut self, cost: Cost) {
+        self.now += cost.estimate();
+        let Some(level) = self.levels.last_mut() else { return };
+        level.cost += cost;
+        if let (Some(last), true) = (level.sequence.last(), level.run != 0) {
+            *self.tasks.entry(level.exception).or_default().places.entry(last).or_default() += cost;
         }
     }
 
@@ -117,63 +154,65 @@ impl Meter {
         // Skipped members of an IT block, for which the engine calls no hook: at most four.
         if let Some(mut at) = end.filter(|e| (1..=16).contains(&address.wrapping_sub(*e))) {
             let last = self.levels.last().and_then(|l| l.sequence.last()).unwrap_or(0);
-            let branched = self.timing(last, flash).is_none_or(|t| t.branch);
+            let branched = self.timing(last, flash).is_none_or(|t| t.0.branch);
             while !branched && at < address {
-                let Some(t) = self.timing(at, flash) else { return };
-                self.charge(at, t.size, |s| s.skip(at, &t));
+                let Some((t, _)) = self.timing(at, flash) else { return };
+                self.charge(at, &t, |s| s.skip(at, &t));
                 at += u32::from(t.size);
             }
         }
-        let Some(t) = self.timing(address, flash) else { return };
+        let Some((t, marks)) = self.timing(address, flash) else { return };
         let quotient = match t.kind {
             Kind::Divide => quotient_bits(&t, register(t.operands.0), register(t.operands.1)),
             _ => 0,
         };
-        if let Some(level) = self.levels.last_mut()
-            && let Some(last) = level.sequence.last()
-        {
+        if let Some(level) = self.levels.last_mut() {
+            level.marks |= marks;
             let penalty = level.sequence.close(address);
-            level.cost += penalty;
-            if penalty != Cost::default() && level.run != 0 {
-                *self.tasks.entry(level.exception).or_default().places.entry(last).or_default() += penalty;
+            if penalty != Cost::default() {
+                self.add(penalty);
             }
         }
-        self.charge(address, t.size, |s| s.step(address, &t, quotient));
+        self.charge(address, &t, |s| s.step(address, &t, quotient));
+    }
+
+    /// The last instruction loads from a register of a peripheral.
+    pub fn load_register(&mut self, address: u32) {
+        let wait = self.buses.read(address, self.now);
+        self.add(Cost::wait(wait));
+    }
+
+    /// The last instruction stores to a register of a peripheral.
+    pub fn store_register(&mut self, address: u32) {
+        self.buses.write(address, self.now);
     }
 
     /// Flash is read as data at `address` by the last instruction.
     pub fn read(&mut self, address: u32) {
-        let line = LINES + (address.wrapping_sub(FLASH) / 16) as usize % LINES;
-        let Some(level) = self.levels.last_mut() else { return };
-        if self.met[line] == level.run {
-            return;
-        }
-        self.met[line] = level.run;
-        let miss = Cost { lines: 1, ..Cost::default() };
-        level.cost += miss;
-        if let (Some(last), true) = (level.sequence.last(), level.run != 0) {
-            *self.tasks.entry(level.exception).or_default().places.entry(last).or_default() += miss;
-        }
+        let line = LINES + (address.wrapping_sub(FLASH) / LINE) as usize % LINES;
+        let run = self.levels.last().map_or(0, |l| l.run);
+        let new = std::mem::replace(&mut self.met[line], run) != run;
+        let waits = self.accelerator.load(address, self.now);
+        self.add(Cost { lines: new.into(), waits, ..Cost::default() });
     }
 
-    fn charge(&mut self, address: u32, size: u8, cost: impl FnOnce(&mut Sequence) -> Cost) {
+    fn charge(&mut self, address: u32, t: &Timing, cost: impl FnOnce(&mut Sequence) -> Cost) {
         let Some(level) = self.levels.last_mut() else { return };
         let mut cost = cost(&mut level.sequence);
-        let first = (address - FLASH) as usize / 16;
-        let last = ((address - FLASH) as usize + usize::from(size) - 1) / 16;
-        for line in first..=last {
-            if self.met.get(line).is_some_and(|run| *run != level.run) {
-                self.met[line] = level.run;
-                cost.lines += 1;
+        let last = address + u32::from(t.size) - 1;
+        for at in [address, last] {
+            cost.waits += self.accelerator.fetch(at, self.now + cost.waits);
+            if let Some(met) = self.met.get_mut((at.wrapping_sub(FLASH) / LINE) as usize) {
+                cost.lines += u64::from(std::mem::replace(met, level.run) != level.run);
             }
         }
-        level.cost += cost;
-        if level.run != 0 {
-            *self.tasks.entry(level.exception).or_default().places.entry(address).or_default() += cost;
+        if t.uses_bus() {
+            cost.waits += self.buses.want(self.now + cost.waits);
         }
+        self.add(cost);
     }
 
-    fn timing(&mut self, address: u32, flash: &Region) -> Option<Timing> {
+    fn timing(&mut self, address: u32, flash: &Region) -> Option<(Timing, u8)> {
         let slot = (address.wrapping_sub(FLASH) / 2) as usize;
         if let Some(t) = self.code.get(slot).copied().flatten() {
             return Some(t);
@@ -181,8 +220,9 @@ impl Meter {
         let bytes: Vec<u8> = (0..4).map_while(|i| flash.load(address + i, 1)).map(|b| b as u8).collect();
         match self.decoder.decode(address, &bytes) {
             Ok(t) => {
-                *self.code.get_mut(slot)? = Some(t);
-                Some(t)
+                let known = Some((t, (self.marks)(address)));
+                *self.code.get_mut(slot)? = known;
+                known
             }
             Err(e) => {
                 self.error = Some(e);

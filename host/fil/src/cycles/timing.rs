@@ -85,6 +85,15 @@ pub struct Timing {
     pub operands: (u8, u8),
     /// Of a signed division.
     pub signed: bool,
+    /// Waits for all stores.
+    pub barrier: bool,
+}
+
+impl Timing {
+    /// Loads or stores, or waits until what was stored before is there.
+    pub fn uses_bus(&self) -> bool {
+        self.address != 0 || self.barrier
+    }
 }
 
 /// Decoder with the registers of each instruction: Capstone.
@@ -207,7 +216,7 @@ fn classify(t: &mut Timing, name: &str, registers: &[Registers]) {
         "vadd" | "vsub" | "vmul" | "vnmul" | "vcvt" => t.late = true,
         "vmov" if registers.len() == 3 => t.base = 2,
         "mrs" | "msr" => (t.kind, t.base) = (Kind::Short, 2),
-        "dsb" | "dmb" | "isb" => (t.kind, t.base) = (Kind::Short, 4),
+        "dsb" | "dmb" | "isb" => (t.kind, t.base, t.barrier) = (Kind::Short, 4, name != "isb"),
         _ if name.starts_with("ldr") => (t.kind, t.base) = (Kind::Load, 2),
         _ if name.starts_with("str") => (t.kind, t.base) = (Kind::Store, if t.indexed { 2 } else { 1 }),
         _ => {}

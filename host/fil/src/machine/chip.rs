@@ -89,6 +89,8 @@ pub struct Chip<W> {
     /// Factor on the time of thread mode, and whether thread mode is running.
     pub stretch: u64,
     pub thread: bool,
+    /// Time that the last code of thread mode still takes, half ticks: an event came within it.
+    rest: u64,
     /// Interrupts are masked, as of the last look; the masks may have changed since.
     pub masked: bool,
     pub masks_changed: bool,
@@ -101,6 +103,8 @@ pub struct Chip<W> {
     pub sleeping: bool,
     pub bad_address: u32,
     flash_write: Option<FlashWrite>,
+    /// Code was fetched from RAM.
+    pub code_in_ram: bool,
     /// The engine may write flash, because it just had to.
     pub flash_open: bool,
     /// CONTROL.FPCA: the running code has an FPU context.
@@ -127,6 +131,7 @@ impl<W: World> Chip<W> {
             half_per_cycle: 0,
             stretch: 1,
             thread: true,
+            rest: 0,
             masked: false,
             masks_changed: false,
             code: Box::new([Instruction::default(); HALF_WORDS]),
@@ -137,6 +142,7 @@ impl<W: World> Chip<W> {
             sleeping: false,
             bad_address: 0,
             flash_write: None,
+            code_in_ram: false,
             flash_open: false,
             fpca: false,
             lazy: None,
@@ -152,7 +158,7 @@ impl<W: World> Chip<W> {
     pub fn restart(&mut self) {
         (self.sleeping, self.fpca, self.lazy, self.limit) = (false, false, None, 0);
         self.open.clear();
-        (self.thread, self.masked, self.masks_changed) = (true, false, false);
+        (self.thread, self.rest, self.masked, self.masks_changed) = (true, 0, false, false);
     }
 
     pub fn set_until(&mut self, until: u64) {
@@ -288,13 +294,22 @@ impl<W: World> Chip<W> {
     #[inline]
     fn pass(&mut self, cycles: u64) {
         let least = self.half + cycles * self.half_per_cycle;
-        self.half = if self.thread && self.stretch > 1 && !self.masked {
-            // Slower, but never past the next event: what interrupts see stays as it was.
+        if self.thread && self.stretch > 1 && !self.masked {
+            // Slower, but an event within that time happens at its own: what interrupts see stays as it was.
             let slow = self.half + cycles * self.half_per_cycle * self.stretch;
-            slow.min(self.limit).max(least)
+            self.half = slow.min(self.limit).max(least);
+            self.rest = slow - self.half;
         } else {
-            least
-        };
+            self.half = least;
+        }
+    }
+
+    /// Lets more of the stretched time pass, up to the next event at most. Returns whether that is due now.
+    pub fn pass_rest(&mut self) -> bool {
+        let step = self.rest.min(self.limit.saturating_sub(self.half));
+        self.half += step;
+        self.rest -= step;
+        step > 0 && self.half >= self.limit
     }
 
     /// Lets `cycles` pass.
@@ -336,7 +351,7 @@ impl<W: World> Chip<W> {
     /// Execution goes on at `address` after an exception entry or return: no branch penalty beyond theirs.
     pub fn jump(&mut self, address: u32) {
         self.next = address & !1;
-        self.limit = 0;
+        (self.limit, self.rest) = (0, 0);
     }
 
     /// Advances the peripherals to the processor's time. Returns whether the run loop has to look at them.
@@ -388,9 +403,15 @@ impl<W: World> Chip<W> {
 
     pub fn read(&mut self, address: u32, size: u8) -> u32 {
         self.settle();
-        self.limit = 0;
         // A refused access is kept by the model; the next instruction does not run.
-        self.soc.read(address, size).unwrap_or(0)
+        let value = self.soc.read(address, size);
+        // Most registers stay as they are when they are read: nothing is due that was not.
+        let same = value.is_ok() && self.half_per_cycle == self.soc.half_ticks_per_cycle();
+        self.limit = if same { self.limit.min(half(self.soc.next_event())) } else { 0 };
+        if let Some(meter) = &mut self.meter {
+            meter.load_register(address);
+        }
+        value.unwrap_or(0)
     }
 
     pub fn write(&mut self, address: u32, size: u8, value: u32) {
@@ -398,6 +419,9 @@ impl<W: World> Chip<W> {
         self.limit = 0;
         let value = self.alter.as_mut().map_or(value, |alter| alter(address, size, value));
         let _ = self.soc.write(address, size, value);
+        if let Some(meter) = &mut self.meter {
+            meter.store_register(address);
+        }
     }
 
     pub fn flash_write(&mut self, address: u32, size: u8, value: u32) {

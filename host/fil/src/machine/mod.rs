@@ -6,19 +6,31 @@ mod exceptions;
 pub use chip::{Alter, Span, Stats};
 use chip::{Chip, Stop};
 
-use crate::cycles::Meter;
+use crate::cycles::{Buses, Marks, Meter};
 use crate::decode::Class;
 use crate::image::Image;
 use anyhow::{Result, anyhow, bail};
 use edm_soc::{Masks, NEVER, Region, Reset, Soc, World, exception};
 use std::ops::Range;
-use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, UcHookId, Unicorn, uc_error};
+use unicorn_engine::{
+    Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, TlbEntry, TlbType, UcHookId, Unicorn, uc_error,
+};
 
 /// Address at which the engine would stop by itself: none that can be reached.
 const NOWHERE: u64 = 0xffff_ffff_ffff;
 
 /// Flash, where code runs from.
 const FLASH: Range<u64> = 0x0800_0000..0x0810_0000;
+
+/// Bits of xPSR that hold the place in an IT block (ARMv7-M B1.4.2).
+const IT: u64 = 0x0600_fc00;
+
+/// CCM, SRAM and what lies between them.
+const RAM: Range<u64> = 0x1000_0000..0x2002_0000;
+
+/// What is not RAM: first and last address of each stretch between the two. A hook on RAM would slow down each store into
+/// it; there is nothing to refuse there.
+const NOT_RAM: [(u64, u64); 3] = [(0, 0x0fff_ffff), (0x1001_0000, 0x1fff_ffff), (0x2002_0000, 0xffff_ffff)];
 
 /// Windows of the address space that are peripherals: base and length, multiples of 4 KiB.
 const PERIPHERALS: [(u64, u64); 6] = [
@@ -58,13 +70,14 @@ impl<W: World + 'static> Machine<W> {
         machine.map_memories()?;
         machine.map_peripherals()?;
         machine.add_hooks()?;
+        machine.translate()?;
         machine.start()?;
         Ok(machine)
     }
 
     fn map_memories(&mut self) -> Result<()> {
         let memory = &self.uc.get_data().soc.memory;
-        let place = |r: &Region| (u64::from(r.base()), r.bytes().len() as u64, r.bytes().as_ptr() as usize);
+        let place = |r: &Region| (u64::from(r.base()), 4 * r.words().len() as u64, r.words().as_ptr() as usize);
         let (flash, sram, ccm) = (place(&memory.flash), place(&memory.sram), place(&memory.ccm));
         // Code runs from flash, also at its boot alias 0. CCM is data only (RM0090 section 2.3.1).
         let data = Prot::READ | Prot::WRITE;
@@ -107,6 +120,7 @@ impl<W: World + 'static> Machine<W> {
         // it comes here.
         let refused = |uc: &mut Unicorn<Chip<W>>, kind: MemType, address: u64, size: usize, value: i64| {
             if kind == MemType::WRITE_PROT && FLASH.contains(&address) {
+                leave_it_alone(uc);
                 uc.get_data_mut().flash_write(address as u32, size as u8, value as u32);
                 return uc.mem_protect(FLASH.start, FLASH.end - FLASH.start, Prot::ALL).is_ok();
             }
@@ -114,7 +128,27 @@ impl<W: World + 'static> Machine<W> {
             false
         };
         let kinds = HookType::MEM_UNMAPPED | HookType::MEM_PROT;
-        self.uc.add_mem_hook(kinds, 1, 0, refused).map_err(engine("memory hook"))?;
+        for (from, to) in NOT_RAM {
+            self.uc.add_mem_hook(kinds, from, to, refused).map_err(engine("memory hook"))?;
+        }
+        Ok(())
+    }
+
+    /// Lets the engine take addresses as they are. Its own view of the processor would have every page executable, and it
+    /// searches what it has translated at each store into such a page. Here RAM is so only once code was fetched from it.
+    /// What may not be done at an address is for the map of the memories and its hooks to say.
+    fn translate(&mut self) -> Result<()> {
+        self.uc.ctl_set_tlb_type(TlbType::VIRTUAL).map_err(engine("translation"))?;
+        let identity = |uc: &mut Unicorn<Chip<W>>, address: u64, kind: MemType| {
+            if kind != MemType::FETCH {
+                leave_it_alone(uc);
+            }
+            let chip = uc.get_data_mut();
+            chip.code_in_ram |= kind == MemType::FETCH && RAM.contains(&address);
+            let data = RAM.contains(&address) && !chip.code_in_ram;
+            Some(TlbEntry { paddr: address, perms: if data { Prot::READ | Prot::WRITE } else { Prot::ALL } })
+        };
+        self.uc.add_tlb_hook(1, 0, identity).map_err(engine("translation hook"))?;
         Ok(())
     }
 
@@ -172,7 +206,7 @@ impl<W: World + 'static> Machine<W> {
         &self.uc.get_data().soc.world
     }
 
-    /// Charges instructions of thread mode `factor` times their cycles, but never past the next event: an idle loop that
+    /// Charges instructions of thread mode `factor` times their cycles, but never past the next interrupt: an idle loop that
     /// polls takes that much less work, interrupts keep their times. Code that masks interrupts is charged as it is. 1 is exact
     /// and the default.
     pub fn stretch_idle(&mut self, factor: u64) {
@@ -193,19 +227,22 @@ impl<W: World + 'static> Machine<W> {
         self.uc.ctl_flush_tb().map_err(engine("flush"))
     }
 
-    /// Starts cycle accounting. It takes several times the host time.
+    /// Starts cycle accounting, with marks at some addresses. It takes several times the host time.
     ///
     /// # Errors
     /// When the disassembler or a hook cannot be set up.
-    pub fn start_meter(&mut self) -> Result<()> {
+    pub fn start_meter(&mut self, marks: Marks) -> Result<()> {
         let read = |uc: &mut Unicorn<Chip<W>>, _: MemType, address: u64, _: usize, _: i64| {
+            leave_it_alone(uc);
             if let Some(meter) = &mut uc.get_data_mut().meter {
                 meter.read(address as u32);
             }
             true
         };
         self.uc.add_mem_hook(HookType::MEM_READ, 0x0800_0000, 0x080f_ffff, read).map_err(engine("read hook"))?;
-        self.uc.get_data_mut().meter = Some(Box::new(Meter::new()?));
+        let chip = self.uc.get_data_mut();
+        let (core, apb1, apb2) = chip.soc.clocks();
+        chip.meter = Some(Box::new(Meter::new(Buses::new(core / apb1, core / apb2), marks)?));
         Ok(())
     }
 
@@ -305,9 +342,11 @@ impl<W: World + 'static> Machine<W> {
                 self.set(R::PC, at | 1)?;
                 self.fault(exception::USAGE_FAULT, 1 << 16, None)
             }
-            (None, Err(uc_error::FETCH_UNMAPPED | uc_error::FETCH_PROT)) => {
-                self.fault(exception::BUS_FAULT, 1 << 8, None)
-            }
+            (None, Err(uc_error::FETCH_UNMAPPED | uc_error::FETCH_PROT)) => match self.get(R::PC)? >> 29 {
+                // Peripherals, external devices and the system never hold code (ARMv7-M B3.1).
+                2 | 5.. => self.fault(exception::MEM_MANAGE, 1 << 0, None),
+                _ => self.fault(exception::BUS_FAULT, 1 << 8, None),
+            },
             (
                 None,
                 Err(uc_error::READ_UNMAPPED | uc_error::WRITE_UNMAPPED | uc_error::READ_PROT | uc_error::WRITE_PROT),
@@ -342,6 +381,17 @@ fn masks<W>(uc: &Unicorn<Chip<W>>) -> Result<Masks, uc_error> {
     })
 }
 
+/// Before the engine calls a hook about an access it puts the place of the instruction into the processor's state, also that
+/// in an IT block. When the access is made all the same, the translated code goes on; it keeps that place to itself, and would
+/// leave it for the code behind it, which would be skipped.
+fn leave_it_alone<W>(uc: &mut Unicorn<Chip<W>>) {
+    if let Ok(xpsr) = uc.reg_read(R::XPSR)
+        && xpsr & IT != 0
+    {
+        let _ = uc.reg_write(R::XPSR, xpsr & !IT);
+    }
+}
+
 /// Runs before each instruction: lets time pass, stops the engine when something has to happen first.
 fn before<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
     let chip = uc.get_data_mut();
@@ -356,7 +406,7 @@ fn slow<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
     let instruction = chip.instruction(address);
     chip.close_gap(address);
     // Inside an IT block the engine forgets a request to stop: what is due waits for the first instruction behind it.
-    if !instruction.in_it && chip.half >= chip.limit && poll(uc) {
+    if !instruction.in_it && chip.half >= chip.limit && has_to_stop(uc) {
         uc.get_data_mut().stop = Some(Stop::Poll(address));
         let _ = uc.emu_stop();
         return;
@@ -382,7 +432,7 @@ fn before_block<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32, size: u32) {
 fn slow_block<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32, size: u32) {
     let chip = uc.get_data_mut();
     let block = chip.block(address, size);
-    if chip.half >= chip.limit && poll(uc) {
+    if chip.half >= chip.limit && has_to_stop(uc) {
         uc.get_data_mut().stop = Some(Stop::Poll(address));
         let _ = uc.emu_stop();
         return;
@@ -408,6 +458,18 @@ fn measure<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
     let register = |n: u8| uc.reg_read(R::R0 as i32 + i32::from(n)).unwrap_or(0) as u32;
     meter.step(address, &uc.get_data().soc.memory.flash, register);
     uc.get_data_mut().meter = Some(meter);
+}
+
+/// Lets what is due happen, to the end of the code that has run. Returns whether the engine has to stop.
+fn has_to_stop<W: World>(uc: &mut Unicorn<Chip<W>>) -> bool {
+    loop {
+        if poll(uc) {
+            return true;
+        }
+        if !uc.get_data_mut().pass_rest() {
+            return false;
+        }
+    }
 }
 
 /// Advances the chip to now. Returns whether the engine has to stop.

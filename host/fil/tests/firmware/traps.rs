@@ -279,6 +279,58 @@ fn flash() {
     put(5, read(FLASH + 0x0c));
 }
 
+/// Calls the code at `address`.
+fn call(address: u32) -> u32 {
+    let result;
+    unsafe { asm!("blx {a}", a = in(reg) address | 1, lateout("r0") result, out("lr") _) };
+    result
+}
+
+/// Code in RAM, called, changed and called again, with data written beside it.
+fn code_in_ram() {
+    const CODE: u32 = 0x2000_0200;
+    for n in 1..=3 {
+        // movs r0, #n; bx lr
+        write(CODE, 0x4770_2000 | n);
+        barrier();
+        write(CODE + 16, n);
+        note(call(CODE));
+        note(call(CODE) + read(CODE + 16));
+    }
+}
+
+/// IT blocks whose accesses are the first to a page; then one that reads flash. Word 0: instructions behind the blocks that
+/// ran, two a block; word 1: sum of what was stored and read back.
+fn it_accesses() {
+    let (mut ran, mut sum) = (0u32, 0u32);
+    for page in 0..40u32 {
+        for base in [0x2000_8000, 0x1000_0000, 0x2001_4000] {
+            let place = base + page * 0x400;
+            unsafe {
+                asm!(
+                    "cmp {p}, #1000", "itt ne", "strne {p}, [{a}]", "ldrne {t}, [{a}]", "adds {n}, #1", "adds {n}, #1",
+                    p = in(reg) page, a = in(reg) place, t = out(reg) sum, n = inout(reg) ran,
+                );
+                put(1, at(1) + sum);
+            }
+        }
+        unsafe {
+            asm!(
+                "cmp {p}, #1000", "it ne", "ldrne {t}, [{a}]", "adds {n}, #1", "adds {n}, #1",
+                p = in(reg) page, a = in(reg) 0x0800_0000 + page * 0x400, t = out(reg) sum, n = inout(reg) ran,
+            );
+        }
+    }
+    let _ = sum;
+    put(0, ran);
+}
+
+#[inline(never)]
+fn end() -> ! {
+    put(9, 1);
+    loop {}
+}
+
 #[unsafe(no_mangle)]
 extern "C" fn reset() -> ! {
     put(8, at(8).wrapping_add(1));
@@ -313,7 +365,21 @@ extern "C" fn reset() -> ! {
                 put(0, at(0).wrapping_add(1));
             }
         }
+        // Word 10 is the address.
+        17 => put(0, call(at(10))),
+        18 => write(at(10), 0x1234_5678),
+        19 => code_in_ram(),
+        20 => {
+            write(0x2000_0300, 7);
+            write(0x1000_0300, 8);
+            put(0, read(0x2000_0300) << 4 | read(0x1000_0300));
+        }
+        21 => it_accesses(),
         _ => (),
+    }
+    // Blocks of code may not sleep.
+    if unsafe { read_volatile(SCENARIO) } >= 17 {
+        end();
     }
     put(9, 1);
     loop {

@@ -55,6 +55,7 @@ pub struct Soc<W> {
     pub memory: Memory,
     now: u64,
     due: [u64; slot::COUNT],
+    /// Earliest of them, or earlier: it is looked for again before anything is fired.
     next: u64,
     error: Option<Error>,
     reset: Option<Reset>,
@@ -169,7 +170,7 @@ impl<W: World> Soc<W> {
         self.now
     }
 
-    /// Tick of the next event; nothing changes by itself before.
+    /// Tick of the next event, or an earlier one; nothing changes by itself before.
     pub fn next_event(&self) -> u64 {
         self.next
     }
@@ -177,6 +178,16 @@ impl<W: World> Soc<W> {
     /// Half ticks of a processor cycle: 2 at 168 MHz, 21 at reset.
     pub fn half_ticks_per_cycle(&self) -> u64 {
         self.half_ticks
+    }
+
+    /// Frequencies of processor, APB1 and APB2, Hz.
+    pub fn clocks(&self) -> (u64, u64, u64) {
+        self.clocks
+    }
+
+    /// Wait states of the flash, and whether it reads ahead and keeps instructions and data.
+    pub fn flash_access(&self) -> (u32, bool) {
+        (self.flash.latency(), self.flash.accelerated())
     }
 
     /// Tick until which the processor is stalled by a flash operation.
@@ -237,7 +248,11 @@ impl<W: World> Soc<W> {
     /// Lets time pass until tick `to`.
     pub fn advance(&mut self, to: u64) {
         while self.next <= to {
+            self.next = self.due.iter().copied().fold(NEVER, u64::min);
             let at = self.next;
+            if at > to {
+                break;
+            }
             let Some(slot) = self.due.iter().position(|d| *d == at) else { break };
             // Due in the past: an output made the world answer at once.
             self.now = self.now.max(at);
@@ -247,12 +262,8 @@ impl<W: World> Soc<W> {
     }
 
     fn set_due(&mut self, slot: usize, at: u64) {
-        let was = core::mem::replace(&mut self.due[slot], at);
-        if at < self.next {
-            self.next = at;
-        } else if was == self.next {
-            self.next = self.due.iter().copied().fold(NEVER, u64::min);
-        }
+        self.due[slot] = at;
+        self.next = self.next.min(at);
     }
 
     fn fire(&mut self, slot: usize) {

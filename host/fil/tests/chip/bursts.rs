@@ -1,8 +1,7 @@
 //! Random bursts of writes to the release image on the modelled chip: what the dictionary reads afterwards is what its tasks
 //! run. What they run is read from their memory (`edm_fil::seen`), the rest by the bus.
 
-mod common;
-
+use crate::common;
 use edm_fil::bench::WINDOW;
 use edm_fil::host::{self, Bus as _};
 use edm_fil::image::Image;

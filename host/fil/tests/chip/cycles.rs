@@ -48,7 +48,7 @@ fn hand_timed_cases_cost_what_the_manual_says() {
     assert!(status.success(), "the test firmware does not build");
     let image = Image::parse(std::fs::read(&elf).unwrap()).unwrap();
     let mut machine = Machine::new(&image, Still::default(), 8_000_000).unwrap();
-    machine.start_meter().unwrap();
+    machine.start_meter(Box::new(|_| 0)).unwrap();
     machine.run_until(20_000).unwrap();
     let mut starts: Vec<_> =
         image.symbols().filter_map(|(name, at)| Some((at & !1, name.strip_prefix("n_")?))).collect();
@@ -60,7 +60,7 @@ fn hand_timed_cases_cost_what_the_manual_says() {
         let spent = thread
             .places
             .range(range)
-            .fold((0, 0, 0, 0), |a, (_, c)| (a.0 + c.instructions, a.1 + c.estimate, a.2 + c.low, a.3 + c.high));
+            .fold((0, 0, 0, 0), |a, (_, c)| (a.0 + c.instructions, a.1 + c.warm, a.2 + c.low, a.3 + c.high));
         assert_eq!((spent.0, spent.1), (instructions, cycles), "{name}");
         assert!(spent.2 <= spent.1 && spent.1 <= spent.3, "{name}: {spent:?}");
     }

@@ -1,7 +1,6 @@
 //! Whatever the controller hands on as a frame, the firmware goes on.
 
-mod common;
-
+use crate::common;
 use edm_fil::host::{self, Bus as _};
 use edm_fil::image::Image;
 use edm_fil::rig::{Emulated, Witness};

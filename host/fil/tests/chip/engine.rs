@@ -40,6 +40,10 @@ impl Run {
         Self::with(scenario, 0, time)
     }
     fn with(scenario: u32, parameter: u32, time: u64) -> Self {
+        Self::stepped(false, scenario, parameter, time)
+    }
+    /// With time passing by blocks of code, or by instructions.
+    fn stepped(by_blocks: bool, scenario: u32, parameter: u32, time: u64) -> Self {
         let image = Image::parse(std::fs::read(firmware()).unwrap()).unwrap();
         let mut machine = Machine::new(&image, Still::default(), 8_000_000).unwrap();
         let memory = &machine.soc().memory;
@@ -49,6 +53,9 @@ impl Run {
         memory.sram.store(SCENARIO, 4, scenario);
         memory.sram.store(RESULT + 40, 4, parameter);
         machine.record_spans();
+        if by_blocks {
+            machine.step_by_blocks().unwrap();
+        }
         let result = machine.run_until(time).map_err(|e| format!("{e:#}"));
         Self { machine, result }
     }
@@ -148,6 +155,68 @@ fn flash_takes_its_time_and_only_clears_bits() {
 fn a_load_from_nowhere_is_a_bus_fault_with_its_address() {
     let run = Run::of(7, MS);
     assert_eq!((run.word(2), run.word(3), run.word(4)), (1 << 9 | 1 << 15, 1 << 30, 0x6000_0000));
+}
+
+/// Nothing and core-coupled memory (data only, RM0090 2.3.1): IBUSERR. Peripherals and system registers, which never hold
+/// code (ARMv7-M B3.1): IACCVIOL.
+#[test]
+fn code_is_fetched_from_memory_that_may_hold_it_alone() {
+    for (address, status) in
+        [(0x6000_0000, 1 << 8), (0x1000_0000, 1 << 8), (0x4000_0000, 1 << 0), (0xe000_e000, 1 << 0)]
+    {
+        for by_blocks in [false, true] {
+            let run = Run::stepped(by_blocks, 17, address, MS);
+            assert_eq!(run.result, Ok(()), "{address:#x}");
+            // Escalated; the frame names the place.
+            assert_eq!((run.word(2), run.word(3), run.word(5)), (status, 1 << 30, address), "{address:#x} {by_blocks}");
+            assert_eq!(run.word(9), 0);
+        }
+    }
+}
+
+#[test]
+fn code_in_ram_runs_and_may_be_changed() {
+    for by_blocks in [false, true] {
+        assert_eq!(Run::stepped(by_blocks, 19, 0, MS).word(1), 0x0012_2436, "{by_blocks}");
+    }
+}
+
+/// Address zero is the alias of flash.
+#[test]
+fn a_store_to_where_nothing_can_be_stored_is_a_bus_fault_with_its_address() {
+    for address in [0, 4, 0x6000_0004, 0x1001_0000, 0x1fff_7a10 & !0xffff, 0x2002_0000] {
+        for by_blocks in [false, true] {
+            let run = Run::stepped(by_blocks, 18, address, MS);
+            let status = (run.word(2), run.word(3), run.word(4));
+            assert_eq!(status, (1 << 9 | 1 << 15, 1 << 30, address), "{address:#x} {by_blocks}");
+            assert_eq!(run.word(9), 0);
+        }
+    }
+}
+
+#[test]
+fn a_store_into_locked_flash_changes_nothing() {
+    for by_blocks in [false, true] {
+        let run = Run::stepped(by_blocks, 18, 0x080e_0000, MS);
+        assert_eq!(run.machine.load(0x080e_0000).unwrap(), u32::MAX);
+        // PGSERR, the interface's answer to a store without PG.
+        assert_eq!((run.word(9), run.machine.load(0x0800_0004).unwrap() & 1), (1, 1));
+    }
+}
+
+#[test]
+fn the_first_access_to_a_page_may_be_in_an_it_block() {
+    for by_blocks in [false, true] {
+        let run = Run::stepped(by_blocks, 21, 0, MS);
+        assert_eq!((run.word(9), run.word(0), run.word(1)), (1, 40 * 4 * 2, 3 * 39 * 40 / 2), "{by_blocks}");
+    }
+}
+
+#[test]
+fn both_memories_keep_what_is_stored() {
+    for by_blocks in [false, true] {
+        assert_eq!(Run::stepped(by_blocks, 20, 0, MS).word(0), 0x78, "{by_blocks}");
+    }
 }
 
 #[test]

@@ -3,8 +3,7 @@
 //!
 //! A fault is a register write altered on its way, or an ELF file with some bytes changed; the firmware is not rebuilt.
 
-mod common;
-
+use crate::common;
 use edm_fil::image::Image;
 use edm_fil::latency::{RATED_SCENE, lost};
 use edm_fil::machine::Alter;

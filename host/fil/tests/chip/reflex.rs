@@ -1,7 +1,6 @@
 //! What the reflex does to the bridge of the modelled chip.
 
-mod common;
-
+use crate::common;
 use edm_fil::host;
 use edm_fil::image::Image;
 use edm_fil::rig::{Emulated, Witness};

@@ -1,8 +1,7 @@
 //! The release image on a busy bus of 1 Mbit/s. Times are those of the modelled chip; the model lets frames of both directions
 //! pass each other, so what waits for a real bus comes on top.
 
-mod common;
-
+use crate::common;
 use anyhow::{Result, anyhow, bail, ensure};
 use edm_fil::bench::WINDOW;
 use edm_fil::host::{self, Bus as _};

@@ -1,7 +1,6 @@
 //! The hole that the firmware bores on the chip, beside the one that the native core bores.
 
-mod common;
-
+use crate::common;
 use edm_fil::image::Image;
 use edm_sim::bore::{self, Setup};
 use edm_sim::run::{Job, Observer, Outcome, Sample};

@@ -1,7 +1,6 @@
 //! The chip and the native core, tick by tick.
 
-mod common;
-
+use crate::common;
 use edm_fil::exercise;
 use edm_fil::image::Image;
 use edm_fil::rig::Witness;

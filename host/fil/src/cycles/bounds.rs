@@ -1,0 +1,64 @@
+//! What the estimates must not exceed.
+
+use super::report::{Figures, Measured};
+
+/// Estimated cycles at most: task, mean, worst.
+pub type TaskBound = (&'static str, u64, u64);
+
+/// Tasks at rest, and moving.
+pub const TASKS: [&[TaskBound]; 2] = [&[("servo", 500, 800)], &[("servo", 650, 900)]];
+/// Share of the processor at rest, and moving, percent.
+pub const LOAD: [f64; 2] = [22.0, 50.0];
+/// Functions and paths, cycles of a run.
+pub const FUNCTIONS: &[(&str, u64)] =
+    &[("encoder edge", 65), ("encoder index", 120), ("encoder overload", 100), ("gap filter", 80)];
+
+/// A bound and what was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// What is bounded.
+    pub what: String,
+    /// `None`: it was not met in any scene.
+    pub measured: Option<f64>,
+    /// At most.
+    pub bound: f64,
+}
+
+impl Finding {
+    /// Whether it is kept.
+    pub fn kept(&self) -> bool {
+        self.measured.is_some_and(|m| m <= self.bound)
+    }
+}
+
+impl std::fmt::Display for Finding {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let kept = if self.kept() { "met" } else { "not met" };
+        match self.measured {
+            Some(m) => write!(f, "{}: {m:.1}, at most {}: {kept}", self.what, self.bound),
+            None => write!(f, "{}: did not run, at most {}: {kept}", self.what, self.bound),
+        }
+    }
+}
+
+/// Each bound, with what was measured.
+pub fn check(measured: &Measured) -> Vec<Finding> {
+    let mut list = Vec::new();
+    for ((scene, tasks), load) in measured.scenes().into_iter().zip(TASKS).zip(LOAD) {
+        for (task, mean, worst) in tasks {
+            let found = scene.1.tasks.get(*task);
+            let mut add = |what, bound: u64, figure: fn(&Figures) -> f64| {
+                let what = format!("{}: {task}, {what}, cycles", scene.0);
+                list.push(Finding { what, measured: found.map(figure), bound: bound as f64 });
+            };
+            add("mean", *mean, |f| f.mean);
+            add("worst", *worst, |f| f.worst as f64);
+        }
+        list.push(Finding { what: format!("{}: load, %", scene.0), measured: Some(scene.1.load_percent), bound: load });
+    }
+    for (name, bound) in FUNCTIONS {
+        let measured = measured.functions.get(*name).copied();
+        list.push(Finding { what: format!("{name}, cycles"), measured, bound: *bound as f64 });
+    }
+    list
+}

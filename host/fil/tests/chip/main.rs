@@ -1,0 +1,12 @@
+//! The modelled chip and the firmware on it. One program: each would be linked with the emulator by itself.
+
+mod bore;
+mod bursts;
+mod bus;
+mod common;
+mod cycles;
+mod engine;
+mod frames;
+mod lockstep;
+mod mutants;
+mod reflex;
