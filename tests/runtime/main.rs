@@ -2,6 +2,7 @@
 //! each crossing (`edm_sim::schedule`): the dictionary reads what runs, every request is answered, nothing is lost uncounted.
 
 mod bursts;
+mod late_plans;
 mod losses;
 mod rig;
 mod writes;

@@ -23,6 +23,7 @@ use crate::serve::head::Head;
 use edm_bus::Frame;
 use edm_crossing::preempt;
 use edm_hal_shim::board::priority;
+use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::can::Inbox;
 use edm_hal_shim::encoder::Line;
 use edm_hal_shim::reflex;
@@ -260,6 +261,11 @@ impl Scheduler {
     /// What the head knows after its newest tick.
     pub fn status(&self) -> Status {
         status(&self.0.servo.borrow(), &self.0.plan.borrow())
+    }
+
+    /// What the bridge was told.
+    pub fn drive(&self) -> Drive {
+        self.0.ports.drive.get()
     }
 
     /// Looks at the protocol.
