@@ -166,7 +166,7 @@ fn failed(failure: Failure) -> anyhow::Error {
 
 fn image(elf: &Path) -> Result<Image> {
     let file = std::fs::read(elf).map_err(|e| BadInput(format!("--elf: cannot read {}: {e}", elf.display())))?;
-    Image::parse(file)
+    Image::parse(file).map_err(|e| BadInput(format!("--elf: {}: {e:#}", elf.display())).into())
 }
 
 impl Run {

@@ -248,12 +248,18 @@ impl<W: World> Soc<W> {
     /// Lets time pass until tick `to`.
     pub fn advance(&mut self, to: u64) {
         while self.next <= to {
-            self.next = self.due.iter().copied().fold(NEVER, u64::min);
-            let at = self.next;
+            // The first of those that are due at once.
+            let mut first = (NEVER, 0);
+            for (slot, at) in self.due.iter().enumerate() {
+                if *at < first.0 {
+                    first = (*at, slot);
+                }
+            }
+            let (at, slot) = first;
+            self.next = at;
             if at > to {
                 break;
             }
-            let Some(slot) = self.due.iter().position(|d| *d == at) else { break };
             // Due in the past: an output made the world answer at once.
             self.now = self.now.max(at);
             self.fire(slot);
