@@ -53,11 +53,6 @@ impl Limiter {
         MicrometresPerSecond(self.velocity)
     }
 
-    /// Velocity let through last.
-    pub fn velocity(&self) -> MicrometresPerSecond {
-        MicrometresPerSecond(self.velocity)
-    }
-
     /// Forgets the velocity: the head stands.
     pub fn stop(&mut self) {
         self.velocity = 0.0;

@@ -81,8 +81,6 @@ pub enum Refused {
     StillFaulty(Fault),
     /// Settings are being stored.
     Storing,
-    /// The settings could not be stored; the ones stored before are still there.
-    NotStored,
     /// A fault has cast doubt on the encoder: it has to prove itself first, which it does when the head is enabled.
     Doubted(Fault),
     /// A path is under way or queued: where it has got to is no reference.
@@ -103,7 +101,6 @@ impl fmt::Display for Refused {
             Refused::NoPath => f.write_str("no move is queued"),
             Refused::StillFaulty(fault) => write!(f, "the cause is still there: {}", fault.name()),
             Refused::Storing => f.write_str("settings are being stored"),
-            Refused::NotStored => f.write_str("the settings could not be stored"),
             Refused::PathActive => f.write_str("a path is under way or queued: clear it first"),
             Refused::Doubted(fault) => write!(f, "after {} the head has to be enabled first", fault.name()),
         }
