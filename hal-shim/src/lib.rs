@@ -17,11 +17,12 @@ pub mod double;
 pub mod edges;
 pub mod encoder;
 pub mod gap;
+pub mod gap_filter;
 pub mod generator;
 pub mod reflex;
 pub mod safety;
 #[cfg(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc")))]
-#[allow(unsafe_code, reason = "registers, the two flash sectors and the core-coupled memory")]
+#[allow(unsafe_code, reason = "registers, the two flash sectors, the core-coupled memory, the gap filter by hand")]
 pub mod stm32f4;
 pub mod storage;
 pub mod task_watchdog;

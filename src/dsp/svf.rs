@@ -8,44 +8,32 @@
 //! almost nothing, and f32 leaves errors above one converter code. Here each coefficient is small by itself and keeps
 //! its full precision, and the zero of the notch stays on the unit circle however they are rounded.
 //!
-//! A tick has three parts, [`State::rest`], [`State::respond`] and a commit, so that [`chain`](super::chain) can stagger
-//! its sections: the Cortex-M4 stalls when an instruction needs the result of the one before.
+//! The arithmetic of a sample is [`gap_filter`](edm_hal_shim::gap_filter); here the coefficients are designed.
 
 use crate::units::{Hertz, TICK_HZ};
 
-/// What a section multiplies by; built between ticks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Coefficients {
-    /// Gain of an integrator over half a tick: tan(pi f / tick rate).
-    g: f32,
-    /// g + k.
-    r: f32,
-    /// g / (1 + g (g + k)): solves the loop.
-    b: f32,
+pub use edm_hal_shim::gap_filter::{Coefficients, State};
+
+/// A low-pass of natural frequency `frequency`, above 0 and up to 2000 Hz, and `damping` 1/Q.
+pub fn low_pass(frequency: Hertz, damping: f32) -> Coefficients {
+    solve(gain(frequency), damping)
 }
 
-impl Coefficients {
-    /// A low-pass of natural frequency `frequency`, above 0 and up to 2000 Hz, and `damping` 1/Q.
-    pub fn low_pass(frequency: Hertz, damping: f32) -> Self {
-        Self::solve(gain(frequency), damping)
-    }
-
-    /// A notch at `frequency`, above 0 and up to 2000 Hz, with its -3 dB corners `frequency / q` apart.
-    ///
-    /// As in `scipy.signal.iirnotch` the distance of the corners is prewarped too:
-    /// k = tan(pi f / (q fs)) (1 + g^2) / g, which at 50 Hz is 1/q but for 4 parts in 10^5.
-    pub fn notch(frequency: Hertz, q: f32) -> Self {
-        let g = gain(frequency);
-        Self::solve(g, gain(Hertz(frequency.0 / q)) * (1.0 + g * g) / g)
-    }
-
-    fn solve(g: f32, k: f32) -> Self {
-        let r = g + k;
-        Self { g, r, b: g / (1.0 + g * r) }
-    }
+/// A notch at `frequency`, above 0 and up to 2000 Hz, with its -3 dB corners `frequency / q` apart.
+///
+/// As in `scipy.signal.iirnotch` the distance of the corners is prewarped too:
+/// k = tan(pi f / (q fs)) (1 + g^2) / g, which at 50 Hz is 1/q but for 4 parts in 10^5.
+pub fn notch(frequency: Hertz, q: f32) -> Coefficients {
+    let g = gain(frequency);
+    solve(g, gain(Hertz(frequency.0 / q)) * (1.0 + g * g) / g)
 }
 
+fn solve(g: f32, k: f32) -> Coefficients {
+    let r = g + k;
+    Coefficients { r, b: g / (1.0 + g * r), g }
+}
+
+/// Gain of an integrator over half a tick: tan(pi f / tick rate).
 fn gain(frequency: Hertz) -> f32 {
     tan(frequency.0 * (core::f32::consts::PI / TICK_HZ as f32))
 }
@@ -57,101 +45,27 @@ fn tan(x: f32) -> f32 {
     x / (1.0 - xx / (3.0 - xx / (5.0 - xx / (7.0 - xx / 9.0))))
 }
 
-/// What a section remembers, in the unit of its input.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct State {
-    band: f32,
-    low: f32,
-    /// What the sum in `low` could not hold.
-    lost: f32,
+/// A section that has seen `x` for ever.
+pub fn settled(x: f32) -> State {
+    State { low: x, ..State::default() }
 }
 
-/// What a tick does to a section.
-#[derive(Clone, Copy, Debug)]
-pub struct Response {
-    /// Rise of *band* over each half of the tick.
-    band_rise: f32,
-    /// *band* in the middle of the tick.
-    band: f32,
-    /// Rise of *low* over each half of the tick.
-    low_rise: f32,
-}
-
-impl State {
-    /// A section that has seen `x` for ever.
-    pub fn settled(x: f32) -> Self {
-        Self { low: x, ..Self::default() }
-    }
-
-    /// *low*: the input without what is faster than the section.
-    pub fn low(&self) -> f32 {
-        self.low
-    }
-
-    /// The input under which *band* would not move; known before the input is.
-    #[inline]
-    pub fn rest(&self, c: &Coefficients) -> f32 {
-        self.low + c.r * self.band
-    }
-
-    /// Answers an input that lies `push` above [`State::rest`].
-    #[inline]
-    pub fn respond(&self, c: &Coefficients, push: f32) -> Response {
-        let band_rise = c.b * push;
-        let band = self.band + band_rise;
-        Response { band_rise, band, low_rise: c.g * band }
-    }
-
-    /// Low-pass output.
-    #[inline]
-    pub fn low_pass(&self, r: &Response) -> f32 {
-        self.low + r.low_rise
-    }
-
-    /// Ends the tick of a low-pass.
-    ///
-    /// Close to rest the last steps of *low* are smaller than half its last digit: a plain sum would stop 0.05 codes
-    /// short at 20 Hz. What the sum cannot hold is carried over to the next tick (Kahan).
-    #[inline]
-    pub fn commit_low_pass(&mut self, r: &Response) {
-        self.band = r.band + r.band_rise;
-        let step = (r.low_rise + r.low_rise) + self.lost;
-        let low = self.low + step;
-        self.lost = step - (low - self.low);
-        self.low = low;
-    }
-
-    /// Ends the tick of a notch, whose frequency and Q are such that a plain sum stops within 0.01/Q codes.
-    #[inline]
-    pub fn commit_notch(&mut self, r: &Response) {
-        self.band = r.band + r.band_rise;
-        self.low += r.low_rise + r.low_rise;
-    }
-
-    /// Goes on with other coefficients.
-    ///
-    /// *low* has the unit of the signal and stays. *band* is the slope of *low* over the frequency: when the frequency
-    /// rises it shrinks, so that the slope stays; when the frequency falls it stays, and the slope falls, because
-    /// stretching it would stretch the noise in it as well.
-    pub fn retune(&mut self, old: &Coefficients, new: &Coefficients) {
-        if new.g > old.g {
-            self.band *= old.g / new.g;
-        }
-    }
-
-    /// Multiplies everything remembered by `ratio`, for an input whose unit changes.
-    pub fn scale(&mut self, ratio: f32) {
-        self.band *= ratio;
-        self.low *= ratio;
-        self.lost *= ratio;
+/// Goes on with other coefficients.
+///
+/// *low* has the unit of the signal and stays. *band* is the slope of *low* over the frequency: when the frequency
+/// rises it shrinks, so that the slope stays; when the frequency falls it stays, and the slope falls, because
+/// stretching it would stretch the noise in it as well.
+pub fn retune(state: &mut State, old: &Coefficients, new: &Coefficients) {
+    if new.g > old.g {
+        state.band *= old.g / new.g;
     }
 }
 
-/// Notch output for the input `x` that led to `r`.
-#[inline]
-pub fn notch(c: &Coefficients, x: f32, r: &Response) -> f32 {
-    x - (c.r - c.g) * r.band
+/// Multiplies everything remembered by `ratio`, for an input whose unit changes.
+pub fn scale(state: &mut State, ratio: f32) {
+    state.band *= ratio;
+    state.low *= ratio;
+    state.lost *= ratio;
 }
 
 #[cfg(test)]
@@ -174,7 +88,7 @@ mod tests {
     fn coefficients_keep_their_precision_down_to_the_lowest_corner() {
         for hz in [20.0, 50.0, 200.0, 2000.0] {
             for q in [0.5, 2.5, 30.0] {
-                let c = Coefficients::notch(Hertz(hz), q);
+                let c = notch(Hertz(hz), q);
                 let half_angle = |f: f64| core::f64::consts::PI * f / f64::from(TICK_HZ);
                 let g = half_angle(f64::from(hz)).tan();
                 let k = half_angle(f64::from(hz) / f64::from(q)).tan() * (1.0 + g * g) / g;
@@ -185,12 +99,13 @@ mod tests {
         }
     }
 
-    fn low_pass(c: &Coefficients, start: f32, input: &[f32], commit: fn(&mut State, &Response)) -> Vec<f32> {
-        let mut state = State::settled(start);
+    fn filtered(c: &Coefficients, start: f32, input: &[f32], keep: bool) -> Vec<f32> {
+        let mut state = settled(start);
         let tick = |&x: &f32| {
-            let response = state.respond(c, x - state.rest(c));
-            let y = state.low_pass(&response);
-            commit(&mut state, &response);
+            let y = state.low_pass(c, x);
+            if !keep {
+                state.lost = 0.0;
+            }
             y
         };
         input.iter().map(tick).collect()
@@ -205,8 +120,8 @@ mod tests {
         let (a1, a2) = (2.0 * (g * g - 1.0) / a0, (1.0 - g * k + g * g) / a0);
         let (mut x, mut y) = ([0.0; 3], [0.0; 3]);
         let input: Vec<f32> = (0..2000).map(|n| if n % 700 < 350 { 3000.0 } else { 500.0 }).collect();
-        let c = Coefficients::low_pass(Hertz(hz as f32), k as f32);
-        for (&sample, got) in input.iter().zip(low_pass(&c, 0.0, &input, State::commit_low_pass)) {
+        let c = low_pass(Hertz(hz as f32), k as f32);
+        for (&sample, got) in input.iter().zip(filtered(&c, 0.0, &input, true)) {
             x = [f64::from(sample), x[0], x[1]];
             y = [g * g / a0 * (x[0] + 2.0 * x[1] + x[2]) - a1 * y[0] - a2 * y[1], y[0], y[1]];
             assert!((f64::from(got) - y[0]).abs() < 0.003, "{got} for {}", y[0]);
@@ -215,23 +130,23 @@ mod tests {
 
     #[test]
     fn a_20_hz_low_pass_follows_a_step_so_small_that_a_plain_sum_would_lose_it() {
-        let c = Coefficients::low_pass(Hertz(20.0), 1.85);
+        let c = low_pass(Hertz(20.0), 1.85);
         let input = [4095.03; 40_000];
-        let end = |commit| low_pass(&c, 4095.0, &input, commit).last().unwrap() - 4095.03;
-        assert!(end(State::commit_low_pass).abs() < 5e-4, "{}", end(State::commit_low_pass));
-        assert!(end(State::commit_notch) < -0.025, "{}", end(State::commit_notch));
+        let end = |keep| filtered(&c, 4095.0, &input, keep).last().unwrap() - 4095.03;
+        assert!(end(true).abs() < 5e-4, "{}", end(true));
+        assert!(end(false) < -0.025, "{}", end(false));
     }
 
     #[test]
     fn a_rising_frequency_keeps_the_slope_and_a_falling_one_does_not_raise_it() {
-        let (slow, fast) = (Coefficients::low_pass(Hertz(20.0), 1.0), Coefficients::low_pass(Hertz(200.0), 1.0));
+        let (slow, fast) = (low_pass(Hertz(20.0), 1.0), low_pass(Hertz(200.0), 1.0));
         let slope = |s: &State, c: &Coefficients| s.band * c.g;
         let start = State { band: 10.0, low: 500.0, lost: 0.0 };
         let mut s = start;
-        s.retune(&slow, &fast);
+        retune(&mut s, &slow, &fast);
         assert!((slope(&s, &fast) / slope(&start, &slow) - 1.0).abs() < 1e-6);
         let mut s = start;
-        s.retune(&fast, &slow);
+        retune(&mut s, &fast, &slow);
         assert_eq!(s, start);
     }
 }

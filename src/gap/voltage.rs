@@ -12,7 +12,7 @@ use super::gated::{Gated, PER_BLOCK};
 use super::{GapReading, GapSource, Quality};
 use crate::dsp::decimate::{Good, Tally};
 use crate::dsp::{OutOfRange, chain, in_range};
-use crate::units::{ADC_FULL_SCALE, Seconds, TICKS_PER_MS, Volts};
+use crate::units::{ADC_FULL_SCALE, Seconds, TICKS_PER_MS, Volts, rare};
 use edm_hal_shim::gap::GapBlock;
 
 /// Which conversions the average is made of.
@@ -136,8 +136,10 @@ pub struct Voltage {
     active: Active,
     filter: chain::State,
     gated: Gated,
-    /// Newest average, codes above zero volts; `None` before the first.
-    block: Option<f32>,
+    /// Newest average, codes above zero volts; 0 before the first.
+    block: f32,
+    /// There has been an average.
+    begun: bool,
     /// Ticks since the newest block with enough gated conversions.
     gateless_ticks: u32,
     short_ticks: u32,
@@ -153,7 +155,8 @@ impl Voltage {
             active,
             filter: chain::State::default(),
             gated: Gated::default(),
-            block: None,
+            block: 0.0,
+            begun: false,
             gateless_ticks: u32::MAX,
             short_ticks: 0,
             sum: (0.0, 0),
@@ -167,7 +170,7 @@ impl Voltage {
         let ratio = self.active.scale / active.scale;
         self.filter.scale(ratio);
         self.gated.scale(ratio);
-        self.block = self.block.map(|block| block * ratio);
+        self.block *= ratio;
         self.sum.0 *= ratio;
         self.mean *= ratio;
         self.active = active;
@@ -192,10 +195,14 @@ impl Voltage {
                 (Some(all.above(active.zero_code) as f32 * PER_BLOCK), all)
             }
         };
-        if let (None, Some(first)) = (self.block, sample) {
-            self.filter = chain::State::settled(first);
+        if let Some(sample) = sample {
+            if !self.begun {
+                rare();
+                self.begun = true;
+                self.filter = chain::State::settled(sample);
+            }
+            self.block = sample;
         }
-        self.block = sample.or(self.block);
         let short = (above.unsigned_abs() as f32) < active.short * on.count as f32;
         let clipped = used.clipped > 0 && used.clipped as f32 >= active.clipped_share * used.count as f32;
         ((on.count >= active.min_gated).then_some(short), clipped)
@@ -215,7 +222,7 @@ impl GapSource for Voltage {
         let (short, clipped) = block.map_or((None, false), |block| self.take(block));
         self.count(short);
         let active = &self.active;
-        let codes = self.block.unwrap_or(0.0);
+        let codes = self.block;
         self.sum = (self.sum.0 + codes, self.sum.1.wrapping_add(1));
         if self.sum.1 >= TICKS_PER_MS {
             self.mean = self.sum.0 * (1.0 / TICKS_PER_MS as f32);

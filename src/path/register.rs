@@ -22,8 +22,6 @@ pub enum Bound {
     Memory,
     /// Backward: the set retreat distance.
     Distance,
-    /// Backward: the mark.
-    Mark,
     /// Either way: more joints in one step than a tick may take; the rest follows in the next.
     Joints,
 }
@@ -53,9 +51,9 @@ pub struct Register<const A: usize, const N: usize> {
     /// Path coordinates of the oldest remembered and the newest queued point.
     oldest: Fixed,
     newest: Fixed,
+    /// Largest coordinate reached since the restart.
     furthest: Fixed,
-    mark: Option<Fixed>,
-    /// How far behind [`Register::furthest`] a retreat may go.
+    /// How far behind it a retreat may go.
     retreat: Fixed,
 }
 
@@ -72,7 +70,6 @@ impl<const A: usize, const N: usize> Register<A, N> {
         oldest: Fixed(0),
         newest: Fixed(0),
         furthest: Fixed(0),
-        mark: None,
         retreat: Fixed(0),
     };
 
@@ -92,7 +89,6 @@ impl<const A: usize, const N: usize> Register<A, N> {
         self.oldest = Fixed(0);
         self.newest = Fixed(0);
         self.furthest = Fixed(0);
-        self.mark = None;
         if let Some(line) = Line::new(escape, here, self.counts_per_um) {
             self.oldest = Fixed(0).minus(line.length());
             self.start = self.oldest;
@@ -144,10 +140,8 @@ impl<const A: usize, const N: usize> Register<A, N> {
 
     /// Where a retreat ends, and what ends it there.
     fn floor(&self) -> (Fixed, Bound) {
-        let distance = (self.furthest.minus(self.retreat), Bound::Distance);
-        let mark = self.mark.map_or(distance, |mark| (mark, Bound::Mark));
-        let set = if mark.0 >= distance.0 { mark } else { distance };
-        if set.0 >= self.oldest { set } else { (self.oldest, Bound::Memory) }
+        let distance = self.furthest.minus(self.retreat);
+        if distance >= self.oldest { (distance, Bound::Distance) } else { (self.oldest, Bound::Memory) }
     }
 
     fn backward(&mut self, wanted: Fixed) -> Option<Bound> {
@@ -196,11 +190,6 @@ impl<const A: usize, const N: usize> Register<A, N> {
         self.s
     }
 
-    /// Largest coordinate reached since the restart, um.
-    pub fn furthest(&self) -> Fixed {
-        self.furthest
-    }
-
     /// End of the last segment, counts.
     pub fn end(&self) -> [Fixed; A] {
         self.segments.back().map_or(self.origin, |segment| segment.end())
@@ -224,11 +213,6 @@ impl<const A: usize, const N: usize> Register<A, N> {
     /// Length that a retreat can still cover.
     pub fn behind(&self) -> Micrometres {
         Micrometres(self.s.minus(self.floor().0).to_f32())
-    }
-
-    /// Sets the mark that no retreat passes, or removes it.
-    pub fn set_mark(&mut self, mark: Option<Fixed>) {
-        self.mark = mark;
     }
 
     /// Sets how far a retreat may go behind the furthest point.
@@ -294,10 +278,9 @@ mod tests {
         assert_eq!(path.step(um(-39)), None);
         assert_eq!(path.step(um(-2)), Some(Bound::Distance));
         assert_eq!(path.s(), um(20));
-        path.set_mark(Some(um(30)));
-        assert_eq!(path.step(um(-1)), Some(Bound::Mark));
-        assert_eq!(path.s(), um(20), "a mark set too late holds, it does not push");
-        path.set_mark(None);
+        path.set_retreat(um(30));
+        assert_eq!(path.step(um(-1)), Some(Bound::Distance));
+        assert_eq!(path.s(), um(20), "a bound set too late holds, it does not push");
         path.set_retreat(um(1000));
         assert_eq!(path.step(um(-30)), Some(Bound::Memory));
         assert_eq!(path.s(), um(0));

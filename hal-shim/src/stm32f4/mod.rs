@@ -24,6 +24,7 @@ pub mod dma;
 pub mod drive;
 pub mod encoder;
 pub mod flash;
+pub mod gap_filter;
 pub mod gate;
 pub mod gated;
 pub mod generator;

@@ -127,6 +127,7 @@ numbered! {
         Refused::NoPath => 7 "nothing queued",
         Refused::StillFaulty(_) => 8 "the cause of a fault is still there",
         Refused::Storing => 9 "settings are being stored",
+        // 10 has been "settings could not be stored" and means nothing else.
         Refused::Doubted(_) => 11 "after a fault of the encoder the head has to be enabled first",
         Refused::PathActive => 12 "a path is under way or queued",
     }

@@ -1,18 +1,23 @@
 //! Names for numbers: tasks from the vector table and the firmware's task table, functions and fields from DWARF.
 
 use crate::image::Image;
-use addr2line::{Context, LookupResult};
+use addr2line::{Context, LookupResult, demangle_auto};
 use anyhow::{Context as _, Result, anyhow};
 use edm_hal_shim::board::TASKS;
 use edm_soc::Exception;
 use gimli::{EndianArcSlice, LittleEndian, Reader as _};
 use object::{Object, ObjectSection};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 type Reader = EndianArcSlice<LittleEndian>;
 
 /// The debug information of an image.
-pub struct Debug(Context<Reader>);
+pub struct Debug {
+    context: Context<Reader>,
+    /// Symbols by address: assembly has no debug information.
+    symbols: BTreeMap<u32, String>,
+}
 
 fn sections(file: &[u8]) -> Result<gimli::Dwarf<Reader>> {
     let object = object::File::parse(file)?;
@@ -29,13 +34,17 @@ impl Debug {
     /// # Errors
     /// When it is damaged.
     pub fn new(image: &Image) -> Result<Self> {
-        Ok(Self(Context::from_dwarf(sections(image.file())?).context("debug information")?))
+        let context = Context::from_dwarf(sections(image.file())?).context("debug information")?;
+        let symbols = image.symbols().filter(|(name, _)| !name.starts_with('$'));
+        let symbols = symbols.map(|(name, at)| (at & !1, plain(&demangle_auto(name.into(), None)))).collect();
+        Ok(Self { context, symbols })
     }
 
     /// Functions that the instruction at `address` belongs to, the innermost first: it is inlined into those that follow.
+    /// One that the debug information does not know belongs to the symbol before it.
     pub fn functions(&self, address: u32) -> Vec<String> {
         let mut names = Vec::new();
-        let mut found = self.0.find_frames(address.into());
+        let mut found = self.context.find_frames(address.into());
         let frames = loop {
             match found {
                 LookupResult::Output(frames) => break frames,
@@ -52,6 +61,9 @@ impl Debug {
             {
                 names.push(plain(&name));
             }
+        }
+        if names.is_empty() {
+            names.extend(self.symbols.range(..=address).next_back().map(|(_, name)| name.clone()));
         }
         names
     }

@@ -13,13 +13,14 @@ use std::rc::Rc;
 /// Functions with a figure of their own: task that runs them, name, part of their name in the debug information.
 const FUNCTIONS: &[(&str, &str, &str)] = &[
     ("gap", "gap filter", "dsp::chain::State::tick"),
+    ("gap", "gap filter", "stm32f4::gap_filter::tick"),
     ("gap", "gate mask", "edges::gate_mask"),
     ("gap", "tally of a block", "decimate::Tally::of"),
     ("encoder_a", "quadrature decoder", "quadrature::Quadrature<S>::edge"),
     ("servo", "velocity", "encoder::velocity::Velocity::tick"),
-    ("servo", "path step", "path::register::Register"),
+    ("plan", "path step", "path::register::Register"),
     ("servo", "PID", "servo::pid::Pid::update"),
-    ("servo", "back-EMF", "servo::emf::BackEmf::update"),
+    ("supervise", "back-EMF", "servo::emf::BackEmf::update"),
 ];
 /// Encoder interrupts, and what a run of theirs is called by its marks.
 const ENCODER: [&str; 3] = ["encoder_a", "encoder_b", "encoder_index"];

@@ -1,8 +1,12 @@
 //! The processor around the engine: each test runs a scenario of `firmware/traps.rs`.
 
+#[path = "../firmware/samples.rs"]
+mod samples;
+
 use edm_fil::image::Image;
 use edm_fil::machine::Machine;
 use edm_fil::still::Still;
+use edm_hal_shim::gap_filter;
 use edm_soc::TICK_HZ;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -257,6 +261,13 @@ fn skipped_instructions_of_an_it_block_are_counted() {
 #[test]
 fn a_breakpoint_without_a_debugger_is_a_hard_fault() {
     assert_eq!(Run::of(15, MS).word(3), 1 << 31);
+}
+
+#[test]
+fn the_gap_filter_by_hand_gives_the_bits_of_the_one_in_rust() {
+    let run = Run::of(22, 2000 * MS).done();
+    let here = samples::checksum(gap_filter::in_rust);
+    assert_eq!((run.word(0), run.word(1)), (here, here), "Rust on the chip, by hand on the chip; here {here}");
 }
 
 #[test]

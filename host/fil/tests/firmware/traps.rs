@@ -3,6 +3,14 @@
 #![no_std]
 #![no_main]
 
+// The gap filter as the compiler writes it, and by hand.
+#[path = "../../../../hal-shim/src/stm32f4/gap_filter.rs"]
+mod by_hand;
+#[allow(dead_code, reason = "the chip of the tests has no board")]
+#[path = "../../../../hal-shim/src/gap_filter.rs"]
+mod gap_filter;
+mod samples;
+
 use core::arch::{asm, global_asm};
 use core::ptr::{read_volatile, write_volatile};
 
@@ -259,6 +267,13 @@ fn it_work() -> u32 {
     a
 }
 
+// Apart, so that no instruction of the FPU comes before it is enabled.
+#[inline(never)]
+fn filter() {
+    put(0, samples::checksum(gap_filter::in_rust));
+    put(1, samples::checksum(|c, sections, x| by_hand::tick(c, sections, x)));
+}
+
 /// Erases sector 11 and programs two words of it.
 fn flash() {
     const FLASH: u32 = 0x4002_3c00;
@@ -375,6 +390,10 @@ extern "C" fn reset() -> ! {
             put(0, read(0x2000_0300) << 4 | read(0x1000_0300));
         }
         21 => it_accesses(),
+        22 => {
+            fpu_on();
+            filter();
+        }
         _ => (),
     }
     // Blocks of code may not sleep.
