@@ -230,10 +230,22 @@ impl Master {
     }
 }
 
+/// Says which head it was when a test fails.
+struct Named(u32);
+
+impl Drop for Named {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("head {}", self.0);
+        }
+    }
+}
+
 /// The bursts of these heads.
 fn bursts(heads: impl Iterator<Item = u32>) -> Seen {
     let mut seen = Seen::default();
     for head in heads {
+        let named = Named(head);
         let mut master = Master::new(head.into());
         let mut lost = [0; 2];
         for n in 0..LIFE {
@@ -258,6 +270,7 @@ fn bursts(heads: impl Iterator<Item = u32>) -> Seen {
         seen.boots += master.host.boots;
         seen.periods += master.host.head.periods();
         seen.longest = seen.longest.max(master.host.longest);
+        drop(named);
     }
     seen
 }

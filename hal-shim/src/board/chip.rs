@@ -308,6 +308,6 @@ mod tests {
     #[test]
     fn priorities_fall_down_the_table() {
         assert!(TASKS.windows(2).all(|pair| pair[0].priority >= pair[1].priority));
-        assert_eq!(priority("stop"), 7);
+        assert!(priority("servo") == priority("plan") + 1 && priority("plan") > priority("supervise"));
     }
 }

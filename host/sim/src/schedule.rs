@@ -50,11 +50,15 @@ const PERIOD_US: i64 = 50;
 /// Frames that the controller holds on their way out.
 const MAILBOXES: usize = 3;
 
+/// Frames in the controller with which another one still fits.
+const CROWDED: usize = 2;
+
 /// Priorities, of the one table.
 const ENCODER: u8 = priority("encoder_a");
 const GAP: u8 = priority("gap");
 const SERVO: u8 = priority("servo");
 const PLANS: u8 = priority("plan");
+const CAN: u8 = priority("can_receive");
 const IDLE: u8 = priority("idle");
 
 /// A task below the servo task: it runs when it was asked for.
@@ -319,7 +323,10 @@ impl Inner {
         }
         if running >= SERVO {
             self.late_edge();
-        } else if whole < habits.periods && !(running == PLANS && self.is_due()) {
+        } else if whole < habits.periods
+            && !(running == PLANS && self.is_due())
+            && !(running >= CAN && self.is_crowded())
+        {
             self.period();
         } else if let Some(task) = self.next() {
             self.run(task);
@@ -333,10 +340,23 @@ impl Inner {
         due && !self.habits.get().late_plans
     }
 
+    /// Whether another frame might not fit the controller, which is to be emptied in time.
+    fn is_crowded(&self) -> bool {
+        let full = self.ports.inboxes.iter().any(|inbox| inbox.borrow().len() >= CROWDED);
+        full && self.habits.get().can <= Habits::BUSY.can
+    }
+
     /// One period of the PWM: the process, the edges of the encoder, the block, the tick.
     fn period(&self) {
         if self.running.get() < PLANS && self.is_due() {
             self.run(0);
+        }
+        if self.running.get() < CAN && self.is_crowded() {
+            for (number, (task, _)) in TASKS.iter().enumerate() {
+                if matches!(task, Task::Receive | Task::Sync) && self.asked(*task) {
+                    self.run(number);
+                }
+            }
         }
         let ports = self.ports;
         self.bus();

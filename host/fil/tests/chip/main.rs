@@ -1,5 +1,7 @@
 //! The modelled chip and the firmware on it. One program: each would be linked with the emulator by itself.
 
+use edm_hal_shim::gap_filter;
+
 mod bore;
 mod bursts;
 mod bus;
