@@ -46,7 +46,7 @@ fn random_transitions(transitions: u64, seed: u64) {
             place += step;
             counted += step;
         }
-        decoder.edge(lines(place), transition as u32);
+        decoder.edge(lines(place), || transition as u32);
         let snapshot = decoder.snapshot(transition as u32);
         assert_eq!(snapshot.raw.count, counted as u32, "count after transition {transition}, seed {seed}");
         assert_eq!(snapshot.illegal, illegal as u32, "illegal ones after transition {transition}, seed {seed}");
@@ -136,7 +136,7 @@ impl<'a> Machine<'a> {
             self.register.set(self.counts() as u32);
             let levels = self.scale.levels(self.place);
             if levels != before && served() {
-                self.decoder.edge(levels, self.clock.get());
+                self.decoder.edge(levels, || self.clock.get());
             }
         }
     }
@@ -269,8 +269,8 @@ fn noise_on_both_lines_is_reported_by_its_rate_and_does_not_move_the_count() {
             for _ in 0..bursts {
                 // Both lines flip and come back: two illegal transitions.
                 let levels = machine.scale.levels(machine.place);
-                machine.decoder.edge(Levels { a: !levels.a, b: !levels.b, ..levels }, machine.clock.get());
-                machine.decoder.edge(levels, machine.clock.get());
+                machine.decoder.edge(Levels { a: !levels.a, b: !levels.b, ..levels }, || machine.clock.get());
+                machine.decoder.edge(levels, || machine.clock.get());
             }
             assert_eq!(machine.raw().count, 300);
         });
@@ -330,7 +330,7 @@ proptest! {
                 }
                 counted |= count(place) != count(place + step.signum());
                 place += step.signum();
-                decoder.edge(scale.levels(place), 0);
+                decoder.edge(scale.levels(place), || 0);
                 let mark = decoder.snapshot(0).mark;
                 prop_assert_eq!(check.update(mark), Ok(()));
                 if mark.crossings > 0 {
@@ -364,8 +364,8 @@ proptest! {
                 let levels = scale.levels(place * EIGHTHS);
                 let index_first = races >> number & 1 == 1;
                 let (a, b, index) = if index_first { (seen.a, seen.b, levels.index) } else { (levels.a, levels.b, seen.index) };
-                decoder.edge(Levels { a, b, index }, 0);
-                decoder.edge(levels, 0);
+                decoder.edge(Levels { a, b, index }, || 0);
+                decoder.edge(levels, || 0);
                 seen = levels;
                 let mark = decoder.snapshot(0).mark;
                 let above = (i64::from(mark.count as i32) + start).rem_euclid(16);

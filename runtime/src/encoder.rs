@@ -13,14 +13,18 @@ pub struct Decoder<B: Board> {
 }
 
 impl<B: Board> Decoder<B> {
+    /// For a vector of its own: goes on with the state that the assembled decoder has begun.
+    pub const fn beside(lines: B::Lines, clock: B::Clock, published: B::Published) -> Self {
+        Decoder { lines, clock, quadrature: Quadrature::beside(published) }
+    }
+
     /// An edge of one line.
     #[inline(always)]
     pub fn edge(&mut self, line: Line) {
         self.lines.acknowledge(line);
-        // Loads in a row take a cycle each.
-        let (levels, now) = (self.lines.levels(), self.clock.now());
+        let seen = self.quadrature.seen(self.lines.levels());
         if self.lines.follows() {
-            self.quadrature.edge(levels, now);
+            self.quadrature.take(seen, || self.clock.now());
         } else {
             self.unusual();
         }
@@ -28,9 +32,9 @@ impl<B: Board> Decoder<B> {
 
     #[cold]
     fn unusual(&mut self) {
-        let (levels, now) = (self.lines.levels(), self.clock.now());
+        let levels = self.lines.levels();
         match self.lines.unusual() {
-            Edge::Last => self.quadrature.edge(levels, now),
+            Edge::Last => self.quadrature.edge(levels, || self.clock.now()),
             Edge::AfterStorm => self.quadrature.resume(levels),
         }
     }

@@ -43,8 +43,9 @@ const HIGH_BEFORE: u32 = 2;
 const UNKNOWN_BEFORE: u32 = 4;
 
 impl MarkLatch {
-    pub(super) fn new(high: bool) -> Self {
-        MarkLatch { line: UNKNOWN_BEFORE | u32::from(high) }
+    /// Before the first stay; `high` is the index line, 0 or 1.
+    pub(super) fn new(high: u32) -> Self {
+        MarkLatch { line: UNKNOWN_BEFORE | high }
     }
 
     /// The latch whose [`MarkLatch::line`] was `line`.
@@ -58,15 +59,15 @@ impl MarkLatch {
     }
 
     /// The stay goes on.
-    pub(super) fn stay(&mut self, high: bool) {
-        self.line |= u32::from(high);
+    pub(super) fn stay(&mut self, high: u32) {
+        self.line |= high;
     }
 
     /// The stay at `count`, which began by a step toward the work or away, ends with a step after which the line is `high`.
     /// `Some` is the position of a mark that has been crossed, in the direction in which this stay began.
-    pub(super) fn leave(&mut self, count: u32, toward_work: bool, high: bool) -> Option<u32> {
+    pub(super) fn leave(&mut self, count: u32, toward_work: bool, high: u32) -> Option<u32> {
         let stays = self.line;
-        self.line = (stays & HIGH) << 1 | u32::from(high);
+        self.line = (stays & HIGH) << 1 | high;
         match (stays, toward_work) {
             (HIGH, true) => Some(count),
             (HIGH_BEFORE, false) => Some(count.wrapping_add(1)),

@@ -11,8 +11,8 @@
 //! it is a step the wrong way, which only the second counter or the index marks can see. The rate at which the interrupt
 //! keeps this promise is the rated speed of the counter: 300 kcount/s, 3.3 us an edge, 560 cycles at 168 MHz.
 //!
-//! Cost: 19 cycles an edge away from index marks, 92 with reading the port and the clock, clearing the request, entry and exit
-//! (docs/performance.md). No loop, no lock, no division, no look into the table, and one word of state beside the count.
+//! Cost, estimated, with reading the port and the clock, clearing the request, entry and exit: 64 cycles an edge, 120 near an
+//! index mark (`host/fil/tests/edges.rs`). No loop, no lock, no division, no look into the table, and one word of state beside the count.
 //! The state that slower tasks read is kept in [`Shared`] and nowhere else, so there is nothing to copy.
 
 use super::index::MarkLatch;
@@ -42,16 +42,24 @@ const TRANSITIONS: [Transition; 16] = {
     ]
 };
 
-/// Bits of a phase; above them the state keeps what the latch knows of the index line, mostly nothing.
+/// Bits of a phase. Behind them comes the bit of the index line in the levels, which is 0 in the state.
 const PHASE_BITS: u32 = 2;
+/// Above that bit the state keeps what the latch knows of the index line, mostly nothing.
+const LATCH_BIT: u32 = PHASE_BITS + 1;
 
-fn phase(levels: Levels) -> u32 {
-    u32::from(levels.a) | u32::from(levels.b) << 1
+/// Phase and index line.
+fn lines(levels: Levels) -> u32 {
+    u32::from(levels.a) | u32::from(levels.b) << 1 | u32::from(levels.index) << PHASE_BITS
+}
+
+/// The phase in levels or state.
+const fn phase(bits: u32) -> u32 {
+    bits & ((1 << PHASE_BITS) - 1)
 }
 
 /// The transition from the phase in a state to another.
 const fn transition(from: u32, to: u32) -> Transition {
-    TRANSITIONS[((from << PHASE_BITS | to) & 0xF) as usize]
+    TRANSITIONS[(phase(from) << PHASE_BITS | phase(to)) as usize]
 }
 
 /// Whether one bit of two has changed, and none of those above.
@@ -72,11 +80,19 @@ const _: () = {
         assert!(match transition(from, to) {
             Transition::Forth => is_step(from ^ to) && count(from, to) == 1,
             Transition::Back => is_step(from ^ to) && count(from, to) == -1,
-            Transition::None | Transition::Illegal => !is_step(from ^ to),
+            Transition::None => from == to,
+            Transition::Illegal => !is_step(from ^ to) && from != to,
         });
         pair += 1;
     }
 };
+
+/// The state before an edge, and the lines after it.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    state: u32,
+    to: u32,
+}
 
 /// Counts edges of A and B, and latches index marks.
 ///
@@ -100,50 +116,67 @@ impl<S: Borrow<Shared>> Quadrature<S> {
         quadrature
     }
 
-    /// Takes the levels after an edge of A, B or the index line, at clock time `now`. Levels that have not changed are
-    /// neither counted nor illegal: an interrupt that comes late finds its edge already served.
+    /// A further decoder on a state that one has begun, in the same task.
+    pub const fn beside(shared: S) -> Self {
+        Quadrature(shared)
+    }
+
+    /// Takes the levels after an edge of A, B or the index line; `now` gives the clock time, once. Levels that have not changed
+    /// are neither counted nor illegal: an interrupt that comes late finds its edge already served.
     #[inline(always)]
-    pub fn edge(&mut self, levels: Levels, now: u32) {
+    pub fn edge(&mut self, levels: Levels, now: impl FnOnce() -> u32) {
+        self.take(self.seen(levels), now);
+    }
+
+    /// The first half of [`Quadrature::edge`], which changes nothing: for an interrupt that decides in between whether it serves
+    /// the edge. Loads in a row take a cycle each.
+    #[inline(always)]
+    pub fn seen(&self, levels: Levels) -> Seen {
+        Seen { state: self.0.borrow().state.load(Relaxed), to: lines(levels) }
+    }
+
+    /// The second half of [`Quadrature::edge`].
+    #[inline(always)]
+    pub fn take(&mut self, Seen { state, to }: Seen, now: impl FnOnce() -> u32) {
         let shared = self.0.borrow();
-        let state = shared.state.load(Relaxed);
-        let to = phase(levels);
-        let index = u32::from(levels.index);
         // The index line, and what the latch knows of it, lie above the phase.
-        if !is_step((state ^ to) | index << PHASE_BITS) {
-            return self.unusual(to, index, now);
+        if !is_step(state ^ to) {
+            return self.unusual(to, now(), state);
         }
+        // The clock is read no sooner, which leaves a register that would have to be saved; and behind the count, because a load
+        // behind a load takes one cycle.
+        let before = shared.count.load(Relaxed);
+        let now = now();
         shared.state.store(to, Relaxed);
-        shared.step(count(state, to), now);
+        shared.step(before, count(state, to), now);
     }
 
     /// An edge near an index mark, the same levels again, or an illegal transition.
     #[cold]
-    fn unusual(&mut self, to: u32, index: u32, now: u32) {
+    fn unusual(&mut self, to: u32, now: u32, state: u32) {
         let shared = self.0.borrow();
-        let state = shared.state.load(Relaxed);
-        let high = index != 0;
-        let mut latch = MarkLatch::of(state >> PHASE_BITS);
-        match transition(state, to) {
-            Transition::None => latch.stay(high),
-            Transition::Illegal => {
-                shared.illegal.store(shared.illegal.load(Relaxed).wrapping_add(1), Relaxed);
-                latch = MarkLatch::new(high);
+        let changed = phase(state ^ to);
+        let high = to >> PHASE_BITS & 1;
+        let mut latch = MarkLatch::of(state >> LATCH_BIT);
+        if is_step(changed) {
+            let (before, step) = (shared.count.load(Relaxed), shared.newest_step.load(Relaxed));
+            if let Some(mark) = latch.leave(before, step == 1, high) {
+                shared.cross(mark, step == 1);
             }
-            Transition::Forth | Transition::Back => {
-                let toward_work = shared.toward_work();
-                if let Some(mark) = latch.leave(shared.count.load(Relaxed), toward_work, high) {
-                    shared.cross(mark, toward_work);
-                }
-                shared.step(count(state, to), now);
-            }
+            shared.step(before, count(state, to), now);
+        } else if changed == 0 {
+            latch.stay(high);
+        } else {
+            shared.illegal.store(shared.illegal.load(Relaxed).wrapping_add(1), Relaxed);
+            latch = MarkLatch::new(high);
         }
-        shared.state.store(to | latch.line() << PHASE_BITS, Relaxed);
+        shared.state.store(phase(to) | latch.line() << LATCH_BIT, Relaxed);
     }
 
     /// Goes on from the levels that are there, after edges that were deliberately not served: neither counted nor illegal.
     pub fn resume(&mut self, levels: Levels) {
-        let line = MarkLatch::new(levels.index).line();
-        self.0.borrow().state.store(phase(levels) | line << PHASE_BITS, Relaxed);
+        let line = MarkLatch::new(levels.index.into()).line();
+        self.0.borrow().state.store(phase(lines(levels)) | line << LATCH_BIT, Relaxed);
     }
 
     /// Everything known at clock time `now`, which is not before the newest edge.
@@ -174,9 +207,9 @@ mod tests {
     fn a_leads_b_toward_the_work_and_counts_up() {
         for start in 0..4 {
             let mut decoder = Quadrature::new(at(start), 0);
-            decoder.edge(at(start + 1), 7);
+            decoder.edge(at(start + 1), || 7);
             assert_eq!(decoder.snapshot(9).raw, RawCount { count: 1, last_edge: 7, toward_work: true, now: 9 });
-            decoder.edge(at(start), 8);
+            decoder.edge(at(start), || 8);
             assert_eq!(decoder.snapshot(9).raw, RawCount { count: 0, last_edge: 8, toward_work: false, now: 9 });
             assert_eq!(decoder.snapshot(9).illegal, 0);
         }
@@ -186,7 +219,7 @@ mod tests {
     fn the_state_at_start_comes_from_the_inputs() {
         for start in 0..4 {
             let mut decoder = Quadrature::new(at(start), 5);
-            decoder.edge(at(start), 6);
+            decoder.edge(at(start), || 6);
             assert_eq!(state(&decoder), (0, 5, 0));
         }
     }
@@ -195,9 +228,9 @@ mod tests {
     fn a_double_transition_is_counted_as_illegal_and_decoding_goes_on_from_the_present_levels() {
         for start in 0..4 {
             let mut decoder = Quadrature::new(at(start), 0);
-            decoder.edge(at(start + 2), 1);
+            decoder.edge(at(start + 2), || 1);
             assert_eq!(state(&decoder), (0, 0, 1));
-            decoder.edge(at(start + 3), 2);
+            decoder.edge(at(start + 3), || 2);
             assert_eq!(state(&decoder), (1, 2, 1));
         }
     }
@@ -207,7 +240,7 @@ mod tests {
         for missed in 0..4 {
             let mut decoder = Quadrature::new(at(0), 0);
             decoder.resume(at(missed));
-            decoder.edge(at(missed + 1), 3);
+            decoder.edge(at(missed + 1), || 3);
             assert_eq!(state(&decoder), (1, 3, 0));
         }
     }
@@ -218,7 +251,7 @@ mod tests {
         for (path, crossings) in [([1, 2, 3, 4, 5, 6, 7], 1), ([0, 1, 2, 4, 5, 6, 7], 0)] {
             let mut decoder = Quadrature::new(at(0), 0);
             for position in path {
-                decoder.edge(Levels { index: (4..8).contains(&position), ..at(position) }, 0);
+                decoder.edge(Levels { index: (4..8).contains(&position), ..at(position) }, || 0);
             }
             assert_eq!(decoder.snapshot(0).mark.crossings, crossings);
         }
@@ -227,17 +260,17 @@ mod tests {
     #[test]
     fn an_edge_already_served_is_not_counted_twice() {
         let mut decoder = Quadrature::new(at(0), 0);
-        decoder.edge(at(1), 1);
-        decoder.edge(at(1), 2);
+        decoder.edge(at(1), || 1);
+        decoder.edge(at(1), || 2);
         assert_eq!(state(&decoder), (1, 1, 0));
     }
 
     #[test]
     fn the_count_wraps_below_zero_by_one_and_comes_back() {
         let mut decoder = Quadrature::new(at(0), 0);
-        decoder.edge(at(-1), 1);
+        decoder.edge(at(-1), || 1);
         assert_eq!(state(&decoder), (u32::MAX, 1, 0));
-        decoder.edge(at(0), 2);
+        decoder.edge(at(0), || 2);
         assert_eq!(state(&decoder), (0, 2, 0));
     }
 }

@@ -66,17 +66,12 @@ impl Shared {
         }
     }
 
-    /// A step of 1 or -1 at clock time `now`.
+    /// A step of 1 or -1 from the count `before` at clock time `now`.
     #[inline(always)]
-    pub(super) fn step(&self, step: i32, now: u32) {
-        self.count.store(self.count.load(Relaxed).wrapping_add_signed(step), Relaxed);
+    pub(super) fn step(&self, before: u32, step: i32, now: u32) {
+        self.count.store(before.wrapping_add_signed(step), Relaxed);
         self.newest_step.store(step as u32, Relaxed);
         self.last_edge.store(now, Relaxed);
-    }
-
-    /// The newest step went toward the work.
-    pub(super) fn toward_work(&self) -> bool {
-        self.newest_step.load(Relaxed) == 1
     }
 
     /// A mark has been crossed.
@@ -235,7 +230,7 @@ mod tests {
 
         fn edge(&mut self) {
             self.position += 1;
-            self.decoder.edge(Self::levels(self.position), self.position);
+            self.decoder.edge(Self::levels(self.position), || self.position);
         }
     }
 

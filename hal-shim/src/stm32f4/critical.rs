@@ -12,7 +12,12 @@ use cortex_m::register::{basepri, basepri_max};
 /// Priority bits of the STM32F4.
 const BITS: u8 = 4;
 /// Hardware priority of the highest task that is masked: the one below the servo.
-const CEILING: u8 = ((1 << BITS) - (board::priority("servo") - 1)) << (8 - BITS);
+const CEILING: u8 = hardware(board::priority("servo") - 1);
+
+/// What the interrupt controller is told for a priority of the task table, 1 to 15: its lower numbers come first.
+pub const fn hardware(priority: u8) -> u8 {
+    ((1 << BITS) - priority) << (8 - BITS)
+}
 
 struct Basepri;
 critical_section::set_impl!(Basepri);

@@ -85,8 +85,15 @@ impl Machine {
             safety::contact(board.emergency_stop, &mut syscfg),
             safety::contact(board.dielectric, &mut syscfg),
         );
-        let (lines, guard, timer) =
-            encoder::new(device.TIM5, board.encoder_a, board.encoder_b, board.encoder_index, &mut syscfg, rcc);
+        let (lines, guard, timer) = encoder::new(
+            &mut core.NVIC,
+            device.TIM5,
+            board.encoder_a,
+            board.encoder_b,
+            board.encoder_index,
+            &mut syscfg,
+            rcc,
+        );
 
         board.gap_voltage.into_analog();
         board.gap_voltage_gated.into_analog();

@@ -16,7 +16,7 @@ const FUNCTIONS: &[(&str, &str, &str)] = &[
     ("gap", "gap filter", "stm32f4::gap_filter::tick"),
     ("gap", "gate mask", "edges::gate_mask"),
     ("gap", "tally of a block", "decimate::Tally::of"),
-    ("encoder_a", "quadrature decoder", "quadrature::Quadrature<S>::edge"),
+    ("encoder_a", "quadrature decoder", "quadrature::Quadrature<S>::take"),
     ("servo", "velocity", "encoder::velocity::Velocity::tick"),
     ("plan", "path step", "path::register::Register"),
     ("servo", "PID", "servo::pid::Pid::update"),

@@ -7,6 +7,7 @@ mod bursts;
 mod bus;
 mod common;
 mod cycles;
+mod edges;
 mod engine;
 mod frames;
 mod lockstep;

@@ -112,7 +112,17 @@ fn interrupt_priorities_inverted() {
         _ => value,
     };
     let found = check(common::firmware(), Some(Box::new(alter))).expect("the fault was not noticed");
-    // The interrupts of the encoder wait for all others.
+    // The servo task interrupts the gap task; where, says how long that takes. Either it finds no new reading and does not
+    // move, or it moves, and the interrupts of the encoder wait for all others.
+    let expected = ["does not erode", "counts lost"];
+    assert!(expected.iter().any(|text| found.contains(text)), "noticed, but otherwise than expected: {found}");
+}
+
+#[test]
+fn the_encoder_below_all_others() {
+    let encoder = PRIORITIES.start + 6..PRIORITIES.start + 9;
+    let alter = move |address, _, value| if encoder.contains(&address) { 0xf0 } else { value };
+    let found = check(common::firmware(), Some(Box::new(alter))).expect("the fault was not noticed");
     assert_says(&found, "counts lost");
 }
 

@@ -172,7 +172,7 @@ mod tests {
             assert!(edges.is_sorted_by_key(|edge| edge.0));
             assert!(edges.iter().all(|edge| (now..=now + TICK).contains(&edge.0)));
             for (time, levels) in edges {
-                decoder.edge(levels, time);
+                decoder.edge(levels, || time);
             }
             x = turn;
             now += TICK;
@@ -254,7 +254,7 @@ mod tests {
             scale.dead = false;
             scale.travel(resumed, resumed + 3e-6, 0, 100.0, &mut edges);
             for (time, levels) in edges {
-                decoder.edge(levels, time);
+                decoder.edge(levels, || time);
             }
             assert_eq!(scale.timer().cast_signed(), 3 + jumped);
             assert_eq!(decoder.snapshot(0).raw.count, scale.timer());
