@@ -1,9 +1,35 @@
-//! What a device says of itself, and how its node is configured before anybody changes it.
+//! What a device says of itself, and how its node is configured before anybody changes it; the numbers that everything else
+//! of the node rests on.
 
 /// Entries a PDO can map.
 pub const ENTRIES: usize = 8;
 /// PDOs in each direction.
 pub const PDOS: usize = 4;
+/// Errors remembered in 1003h.
+pub(super) const HISTORY: usize = 8;
+/// Heartbeats that can be watched: entries of 1016h.
+pub(super) const CONSUMERS: usize = 4;
+/// Bit 31 of a COB-ID: not in use.
+pub(super) const INVALID: u32 = 1 << 31;
+/// Bit 30 of a TPDO's COB-ID: not to be asked for by a remote frame. Bit 30 of 1005h: produces SYNC.
+pub(super) const BIT_30: u32 = 1 << 30;
+/// Highest transmission type that waits for SYNC.
+pub(super) const SYNCHRONOUS: u8 = 240;
+
+/// Direction of a PDO, seen from the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Direction {
+    /// RPDO.
+    Receive,
+    /// TPDO.
+    Transmit,
+}
+
+/// Every PDO.
+pub(super) const ALL: [(Direction, u16); 2 * PDOS] = {
+    use Direction::{Receive, Transmit};
+    [(Receive, 0), (Receive, 1), (Receive, 2), (Receive, 3), (Transmit, 0), (Transmit, 1), (Transmit, 2), (Transmit, 3)]
+};
 
 /// A PDO as it is after "restore defaults". Its identifier is that of the pre-defined connection set.
 #[derive(Clone, Copy, Debug)]

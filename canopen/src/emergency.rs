@@ -3,13 +3,12 @@
 //! A *cause* is an error of communication that the node itself sees: it is reported once when it appears, and once more as
 //! gone. What the device reports stands beside it, with bits of its own in the error register.
 
+use super::device::{HISTORY, INVALID};
 use super::outbox::Outbox;
-use super::parameters::{INVALID, Parameters};
+use super::parameters::Parameters;
 use super::{Frame, Time};
 use heapless::Deque;
 
-/// Errors remembered in 1003h.
-pub(super) const HISTORY: usize = 8;
 /// Emergencies that can wait to be sent.
 const WAITING: usize = 8;
 /// Error register: any error.

@@ -1,6 +1,7 @@
 //! Heartbeats: our own (1017h), and those of the nodes that we watch (1016h) (CiA 301 7.2.8.3.2).
 
-use super::parameters::{CONSUMERS, Parameters};
+use super::device::CONSUMERS;
+use super::parameters::{Parameters, entry};
 use super::{Frame, NmtState, NodeId, Time};
 
 /// Base of the identifiers of heartbeats and boot-up.
@@ -56,12 +57,6 @@ pub(super) enum Change {
 /// The nodes of 1016h.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Consumer([Watched; CONSUMERS]);
-
-/// Node and time, ms, of an entry of 1016h that is in use.
-pub(super) fn entry(value: u32) -> Option<(u8, u16)> {
-    let (node, time) = ((value >> 16) as u8, value as u16);
-    (node != 0 && time != 0).then_some((node, time))
-}
 
 impl Consumer {
     /// An entry was written: watching begins with the next heartbeat.

@@ -21,6 +21,7 @@ mod emergency;
 mod frame;
 mod heartbeat;
 mod node;
+mod objects;
 mod outbox;
 mod parameters;
 mod pdo;
@@ -30,7 +31,7 @@ mod stored;
 mod sync;
 
 pub use abort::Abort;
-pub use communication::{DefaultValue, OwnObject, STORED, own_objects};
+pub use communication::{DefaultValue, OwnObject, own_objects};
 pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
 pub use dictionary::{
     Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, ObjectHandle, Request, Written,
@@ -38,6 +39,7 @@ pub use dictionary::{
 pub use emergency::ERRORS;
 pub use frame::{Frame, NodeId, Time};
 pub use node::{BootError, Controller, IDENTIFIERS, Node};
+pub use objects::STORED;
 pub use stored::{Listed, Record, Restored};
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! The node: frames and time in, frames out.
 
-use super::communication::{ALL, CommunicationObjects};
-use super::device::{Device, PDOS};
+use super::communication::CommunicationObjects;
+use super::device::{ALL, CONSUMERS, Device, Direction, INVALID, PDOS};
 use super::emergency::{Cause, Emergency};
-use super::heartbeat::{self, Change, HEARTBEAT};
-use super::parameters::{CONSUMERS, INVALID, Parameters};
-use super::pdo::{Direction, Taken};
+use super::heartbeat::{Change, HEARTBEAT};
+use super::parameters::{self, Parameters};
+use super::pdo::Taken;
 use super::sdo::{REQUEST, Server};
 use super::space::Space;
 use super::sync::{Pulse, Sync};
@@ -244,7 +244,7 @@ impl Node {
     pub fn identifiers(&self) -> [u16; IDENTIFIERS] {
         let parameters = &self.objects.parameters;
         let receive = parameters.receive.iter().filter(|pdo| pdo.valid()).map(|pdo| pdo.id as u16 & 0x7FF);
-        let watched = parameters.consumers.iter().filter_map(|value| heartbeat::entry(*value));
+        let watched = parameters.consumers.iter().filter_map(|value| parameters::entry(*value));
         let heartbeats = watched.map(|(node, _)| HEARTBEAT | u16::from(node & 0x7F));
         let mut identifiers = [NMT; IDENTIFIERS];
         let own = [parameters.sync_id as u16 & 0x7FF, NMT, self.objects.id.cob(REQUEST)];

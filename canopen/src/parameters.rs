@@ -1,19 +1,11 @@
 //! The values of the communication objects that a host can write: defaults, checks that need nothing else, storing.
 
-use super::communication::{CommunicationObject, Item, STORED, stored, stored_at};
-use super::device::{Device, ENTRIES, PDOS, PdoDefault};
-use super::heartbeat::entry;
-use super::pdo::Direction;
+use super::device::{BIT_30, CONSUMERS, Device, Direction, ENTRIES, INVALID, PDOS, PdoDefault};
+use super::objects::{CommunicationObject, Item, STORED, stored, stored_at};
 use super::{Abort, Record, Restored};
 
-/// Bit 31 of a COB-ID: not in use.
-pub(super) const INVALID: u32 = 1 << 31;
-/// Bit 30 of a TPDO's COB-ID: not to be asked for by a remote frame. Bit 30 of 1005h: produces SYNC.
-pub(super) const BIT_30: u32 = 1 << 30;
 /// Bit 29 of a COB-ID: 29-bit identifier; bits 28 to 11 belong to it alone.
 const EXTENDED: u32 = 0x3FFF_F800;
-/// Heartbeats that can be watched: entries of 1016h.
-pub(super) const CONSUMERS: usize = 4;
 
 /// Parameters of one PDO.
 #[derive(Clone, Copy, Debug)]
@@ -181,7 +173,7 @@ impl Parameters {
     }
 
     /// Takes stored values that could have been written one by one, as far as that can be told without the device's
-    /// objects. The rest is in what is returned; `spoiled` tells which PDOs, in the order of [`ALL`](super::communication::ALL), have
+    /// objects. The rest is in what is returned; `spoiled` tells which PDOs, in the order of [`ALL`](super::device::ALL), have
     /// lost a value.
     pub fn load(&mut self, values: &mut dyn Iterator<Item = Record>, spoiled: &mut [bool; 2 * PDOS]) -> Restored {
         let mut restored = Restored::default();
@@ -220,6 +212,12 @@ impl Parameters {
         };
         object.item == Item::Watched && (1..).zip(&self.consumers).any(same)
     }
+}
+
+/// Node and time, ms, of an entry of 1016h that is in use.
+pub(super) fn entry(value: u32) -> Option<(u8, u16)> {
+    let (node, time) = ((value >> 16) as u8, value as u16);
+    (node != 0 && time != 0).then_some((node, time))
 }
 
 /// Whether a value can be, whatever the others are.

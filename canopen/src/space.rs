@@ -1,6 +1,7 @@
 //! One address space: the node's own objects and those of the device.
 
-use super::communication::{CommunicationObject, CommunicationObjects, find};
+use super::communication::CommunicationObjects;
+use super::objects::{CommunicationObject, find};
 use super::{Abort, Access, DataType, Dictionary, ObjectHandle, Written};
 
 /// Index and sub-index.

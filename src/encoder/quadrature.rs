@@ -12,8 +12,8 @@
 //! keeps this promise is the rated speed of the counter: 300 kcount/s, 3.3 us an edge, 560 cycles at 168 MHz.
 //!
 //! Cost, estimated, with reading the port and the clock, clearing the request, entry and exit: 64 cycles an edge, 120 near an
-//! index mark (`host/fil/tests/edges.rs`). No loop, no lock, no division, no look into the table, and one word of state beside the count.
-//! The state that slower tasks read is kept in [`Shared`] and nowhere else, so there is nothing to copy.
+//! index mark (`host/fil/tests/edges.rs`). No loop, no lock, no division, no look into a table, and one word of state beside
+//! the count. The state that slower tasks read is kept in [`Shared`] and nowhere else, so there is nothing to copy.
 
 use super::index::MarkLatch;
 use super::shared::{Shared, Snapshot};

@@ -1,19 +1,17 @@
 //! The communication objects, 1000h to 1FFFh: the node's own objects, and the state behind them.
 
-mod objects;
 mod own;
 mod write;
 
-pub use objects::STORED;
-pub(super) use objects::{CommunicationObject, Item, find, stored, stored_at};
 pub use own::{DefaultValue, OwnObject, own_objects};
 
-use super::device::{Device, PDOS};
+use super::device::{ALL, Device, Direction, PDOS};
 use super::emergency::Emergency;
 use super::heartbeat::{Consumer, Producer};
+use super::objects::{CommunicationObject, Item};
 use super::outbox::Outbox;
 use super::parameters::Parameters;
-use super::pdo::{Direction, Map, Receive, Transmit};
+use super::pdo::{Map, Receive, Transmit};
 use super::sync::Sync;
 use super::{Abort, Dictionary, NmtState, NodeId};
 
@@ -33,12 +31,6 @@ pub(super) struct CommunicationObjects {
     pub transmit: [Transmit; PDOS],
     pub out: Outbox,
 }
-
-/// Every PDO.
-pub(super) const ALL: [(Direction, u16); 2 * PDOS] = {
-    use Direction::{Receive, Transmit};
-    [(Receive, 0), (Receive, 1), (Receive, 2), (Receive, 3), (Transmit, 0), (Transmit, 1), (Transmit, 2), (Transmit, 3)]
-};
 
 fn resolve(
     parameters: &Parameters,

@@ -1,7 +1,7 @@
 //! The communication objects as others are told of it: by address, type, access and default, without a word.
 
-use super::objects::{CommunicationObject, Item, TABLE};
 use crate::device::Device;
+use crate::objects::{CommunicationObject, Item, TABLE};
 use crate::parameters::Parameters;
 use crate::{Access, DataType, Mapping};
 
@@ -84,9 +84,9 @@ fn default(device: &Device, mut defaults: Parameters, object: CommunicationObjec
 
 #[cfg(test)]
 mod tests {
-    use super::super::objects::find;
     use super::*;
     use crate::Abort;
+    use crate::objects::find;
     use crate::tests::DEVICE;
     use std::collections::BTreeSet;
 

@@ -1,9 +1,11 @@
 //! What a host may write into the communication objects, and when.
 
-use super::{CommunicationObject, CommunicationObjects, Item};
+use super::CommunicationObjects;
+use crate::device::{Direction, INVALID};
 use crate::emergency::Cause;
-use crate::parameters::{INVALID, Pdo, validate};
-use crate::pdo::{Direction, Map};
+use crate::objects::{CommunicationObject, Item};
+use crate::parameters::{Pdo, validate};
+use crate::pdo::Map;
 use crate::{Abort, Dictionary, Group, Request, Written};
 
 /// "save", first letter first on the bus (CiA 301 7.5.2.13).

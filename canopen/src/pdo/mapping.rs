@@ -1,7 +1,6 @@
 //! What a PDO carries: the entries of 1600h or 1A00h, resolved once into places.
 
-use super::Direction;
-use crate::device::ENTRIES;
+use crate::device::{Direction, ENTRIES};
 use crate::{Abort, DataType, Dictionary, Mapping, ObjectHandle};
 
 /// Bytes in a PDO.

@@ -1,6 +1,7 @@
 //! RPDO: set points from the bus (CiA 301 7.2.2.3, 1400h, 1600h).
 
-use super::{Map, SYNCHRONOUS};
+use super::mapping::Map;
+use crate::device::SYNCHRONOUS;
 use crate::parameters::Pdo;
 use crate::{Dictionary, ObjectHandle, Time};
 

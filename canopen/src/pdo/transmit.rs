@@ -2,7 +2,8 @@
 //!
 //! An *event* is a change of any mapped value, the end of the event timer, or the entry into operational.
 
-use super::{Map, SYNCHRONOUS};
+use super::mapping::Map;
+use crate::device::SYNCHRONOUS;
 use crate::outbox::Outbox;
 use crate::parameters::Pdo;
 use crate::{Dictionary, Frame, Time};

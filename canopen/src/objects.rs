@@ -1,16 +1,14 @@
-//! The objects of the communication objects, one row each (CiA 301 7.5.2).
+//! The object table: the communication objects, 1000h to 1FFFh, one row each (CiA 301 7.5.2).
 
-use crate::device::{ENTRIES, PDOS};
-use crate::emergency::HISTORY;
-use crate::parameters::CONSUMERS;
-use crate::pdo::Direction::{self, Receive, Transmit};
-use crate::{Abort, Access, DataType};
+use super::device::Direction::{self, Receive, Transmit};
+use super::device::{CONSUMERS, ENTRIES, HISTORY, PDOS};
+use super::{Abort, Access, DataType};
 use Access::{Const, ReadOnly, ReadWrite};
 use DataType::{Unsigned8, Unsigned16, Unsigned32, VisibleString};
 
 /// What a value is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Item {
+pub(super) enum Item {
     /// A constant: the highest sub-index, mostly.
     Fixed(u8),
     DeviceType,
@@ -74,7 +72,7 @@ pub(super) struct Row {
 
 /// A value object by its address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct CommunicationObject {
+pub(super) struct CommunicationObject {
     pub item: Item,
     pub kind: DataType,
     pub access: Access,
@@ -174,7 +172,7 @@ impl Row {
 }
 
 /// Looks a value up.
-pub(crate) fn find(index: u16, sub: u8) -> Result<CommunicationObject, Abort> {
+pub(super) fn find(index: u16, sub: u8) -> Result<CommunicationObject, Abort> {
     let mut missing = Abort::NoObject;
     for row in TABLE.iter().filter(|row| row.has(index)) {
         if sub.wrapping_sub(row.sub.0) < row.sub.1 {
@@ -201,7 +199,7 @@ pub const STORED: usize = {
 };
 
 /// Visits every value that is stored, with its index.
-pub(crate) fn stored(visit: &mut dyn FnMut(u16, CommunicationObject)) {
+pub(super) fn stored(visit: &mut dyn FnMut(u16, CommunicationObject)) {
     for row in TABLE.iter().filter(|row| row.is_stored()) {
         for pdo in 0..row.index.1 {
             for nth in 0..row.sub.1 {
@@ -214,7 +212,7 @@ pub(crate) fn stored(visit: &mut dyn FnMut(u16, CommunicationObject)) {
 }
 
 /// A value that is stored, and the how manieth it is to [`stored`].
-pub(crate) fn stored_at(index: u16, sub: u8) -> Option<(usize, CommunicationObject)> {
+pub(super) fn stored_at(index: u16, sub: u8) -> Option<(usize, CommunicationObject)> {
     let mut before = 0;
     for row in TABLE.iter().filter(|row| row.is_stored()) {
         let (pdo, nth) = (index.wrapping_sub(row.index.0), sub.wrapping_sub(row.sub.0));
