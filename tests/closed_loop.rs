@@ -103,9 +103,9 @@ fn an_encoder_that_dies_while_eroding_is_noticed_mostly_before_the_electrode_ram
     };
     // When it dies matters: the worst of many seeds pressed 26 um. Contact gives way by half a micrometre a newton, so the
     // median is a push of a few newtons at most.
-    let mut deepest: Vec<f64> = (1..=11).map(deepest).collect();
+    let mut deepest: Vec<f64> = (1..=41).map(deepest).collect();
     deepest.sort_by(f64::total_cmp);
-    assert!(deepest[5] > -3.0 && deepest[0] > -30.0, "pressed {deepest:?} um into the work");
+    assert!(deepest[20] > -3.0 && deepest[0] > -30.0, "pressed {deepest:?} um into the work");
 }
 
 fn check(parameters: Parameters) -> Result<(), Finding> {

@@ -83,7 +83,7 @@ impl Layout {
         Ok(Self { types, variants })
     }
 
-    /// ObjectHandle of a field.
+    /// Place of a field.
     ///
     /// # Errors
     /// When there is no such field.
