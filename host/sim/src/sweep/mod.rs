@@ -49,7 +49,7 @@ enum Action {
 /// Options of a sweep.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// Read from a TOML file what is varied: scenarios, seeds, depth_mm, and keys with their values in a table [set]
+    /// Read from a TOML file what is varied: scenarios, seeds, depth_mm, and keys with their values in a table `set`
     #[arg(long, value_name = "FILE")]
     pub grid: Option<PathBuf>,
     /// Only these scenarios, by name or file
