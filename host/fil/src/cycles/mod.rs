@@ -4,7 +4,7 @@
 //! exceptions that interrupt it. *Function*: code that the debug information says belongs to it, inlined or not, without
 //! what it calls.
 //!
-//! The estimate is that of [`timing`] with what flash ([`accelerator`]) and peripherals ([`buses`]) let the processor wait.
+//! The estimate is that of `timing` with what flash (`accelerator`) and peripherals (`buses`) let the processor wait.
 //! *Warm* is without these waits, *cold* as if the flash accelerator held nothing when the run began.
 //!
 //! Limits. It is a model, not silicon: no contention between processor and DMA for RAM, no alignment of 32-bit instructions,
