@@ -10,7 +10,7 @@ use crate::rtt::Rtt;
 use crate::seen::{Places, Runs};
 use anyhow::{Result, anyhow, bail};
 use edm_hal_shim::bridge::Drive;
-use edm_servo_head::head::{Change, Command, Reason, State, Status};
+use edm_servo_head::head::{Change, Command, Reason, SetPoint, State, Status};
 use edm_servo_head::settings::Settings;
 use edm_sim::lockstep::{Event, Recorder, Twin};
 use edm_sim::machine::Rig;
@@ -97,8 +97,9 @@ pub struct Emulated {
     changes: VecDeque<Change>,
     /// Frames of the head, and when they ended.
     came: VecDeque<(u64, Frame)>,
-    /// Commands that the newest plan carried out.
+    /// Commands that the newest plan carried out, and the set point that a SYNC released in the newest tick.
     carried: Vec<Command>,
+    released: Option<SetPoint>,
     windows: u64,
 }
 
@@ -151,6 +152,7 @@ impl Emulated {
             changes: VecDeque::new(),
             came: VecDeque::new(),
             carried: Vec::new(),
+            released: None,
             windows: 0,
         };
         rig.boot(parameters, seed)?;
@@ -249,6 +251,7 @@ impl Emulated {
             self.changes.push_back(Change { tick: status.tick, from: before.state, to: status.state, reason });
         }
         let mut plan = Vec::new();
+        self.released = input.set_point;
         self.carried.clear();
         if made != self.made {
             self.carried = commands;
@@ -354,6 +357,11 @@ impl Emulated {
     /// Commands that the newest tick carried out, and when that tick began.
     pub fn carried(&self) -> (u64, &[Command]) {
         (self.end - LOOK, &self.carried)
+    }
+
+    /// The set point that a SYNC released in the newest tick.
+    pub fn released(&self) -> Option<SetPoint> {
+        self.released
     }
 
     /// What the tasks run, read from their memory.
