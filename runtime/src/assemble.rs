@@ -99,6 +99,9 @@ pub struct IdleEnds<B: Board> {
 ///
 /// # Errors
 /// When the thresholds of the reflex are refused.
+// In line, as the two that it calls with as much to say: each task is then built where it stays, in a frame of 3.3 KiB for all of
+// start-up instead of 4.7.
+#[inline(always)]
 pub fn assemble<B: Board>(
     parts: Parts<B>,
     crossings: &'static mut Crossings,

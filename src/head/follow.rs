@@ -428,6 +428,7 @@ pub struct Follower {
 
 impl Follower {
     /// A disabled head.
+    #[inline(always)]
     pub fn new(config: FollowConfig) -> Follower {
         Follower {
             config,

@@ -65,6 +65,7 @@ pub struct Planner<P> {
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
     /// A disabled head on an empty path.
+    #[inline(always)]
     pub fn new(config: Config, path: P) -> Planner<P> {
         Planner {
             status: Status::default(),
