@@ -47,14 +47,14 @@ struct Day {
     met: Met,
 }
 
-/// Lets the firmware work for `seconds` at least, to the end of the break that is going on.
+/// Lets the firmware work for `seconds` at least, to the end of the break that is going on; `seed` is that of the process.
 ///
 /// # Errors
 /// When the head does something else than it should, or the witness objects.
-pub fn run(image: &Image, seconds: f64, witness: Witness) -> Result<(Witness, Met)> {
+pub fn run(image: &Image, seconds: f64, seed: u64, witness: Witness) -> Result<(Witness, Met)> {
     let settings = Settings { commissioned: true, ..Settings::default() };
     let parameters = Parameters { surface: SURFACE_MM, ..Parameters::default() };
-    let rig = Emulated::start(image, &parameters, &settings, 1, witness)?;
+    let rig = Emulated::start(image, &parameters, &settings, seed, witness)?;
     let mut day = Day { rig, met: Met::default() };
     day.rest(0.01)?;
     host::begin(&mut day.rig)?;

@@ -76,6 +76,8 @@ struct Latency {
 
 /// The committed recording.
 const RECORDING: &str = "tests/recordings/day.edmr";
+/// Seed of the process that is recorded.
+const SEED: u64 = 1;
 
 #[derive(Args)]
 struct Run {
@@ -219,7 +221,7 @@ impl Record {
         let file = self.file.clone().map_or_else(|| in_project(Path::new(RECORDING)), Ok)?;
         let output = Output::claim("the recording", &file).map_err(BadInput)?;
         let witness = Witness::Recorder(Box::new(edm_sim::lockstep::Recorder::new(Vec::new())?));
-        let (witness, met) = edm_fil::exercise::run(image, self.seconds, witness)?;
+        let (witness, met) = edm_fil::exercise::run(image, self.seconds, SEED, witness)?;
         let Witness::Recorder(recorder) = witness else { bail!("the recording is lost") };
         let bytes = recorder.finish()?;
         println!("{} ticks, {} retreats, faults {:?}: {} kB", met.ticks, met.retreats, met.faults, bytes.len() / 1000);

@@ -90,7 +90,7 @@ pub struct Emulated {
     /// Tick that the supervision has judged last, and that of the estimate of the newest plan.
     judged: u32,
     made: u32,
-    /// Ticks that have to wait for a plan which was begun before them.
+    /// Ticks that have to wait for a plan which was begun before them, and what came after them.
     held: Vec<Event>,
     /// True count at the beginning of the window, where the servo task reads the encoder.
     count: i64,
@@ -276,15 +276,18 @@ impl Emulated {
                 (false, false) => before.insert(0, Event::Supervised),
             }
         }
-        let tick = Event::Tick(input, counters, status);
         let waits = begun != made && begun != status.tick;
-        self.tell(before.into_iter())?;
-        if waits {
-            self.held.push(tick);
-        } else {
-            self.tell(std::iter::once(tick))?;
+        if made != self.made {
+            // What is held from here on waits for the next plan.
+            self.tell(before.drain(..))?;
         }
-        self.tell(after.into_iter())?;
+        before.push(Event::Tick(input, counters, status));
+        before.extend(after);
+        if waits {
+            self.held = before;
+        } else {
+            self.tell(before.into_iter())?;
+        }
         self.made = made;
         self.judged = judged;
         self.status = status;
@@ -308,7 +311,13 @@ impl Emulated {
     fn tell_block(&mut self, run: u64) -> Result<()> {
         let block = self.places.block(&self.machine.soc().memory)?;
         self.blocks = run;
-        self.witness.event(&Event::Block(block))
+        let block = Event::Block(block);
+        if self.held.is_empty() {
+            return self.witness.event(&block);
+        }
+        // The tick before it has not been told of yet.
+        self.held.push(block);
+        Ok(())
     }
 
     /// Time since power-up.

@@ -46,7 +46,9 @@ impl Lines {
     /// Changes a line at `at`, ticks from now.
     fn change(&mut self, at: u64, line: usize) {
         self.levels[line] = !self.levels[line];
-        self.machine.soc().world.level(self.now + at, ENCODER[line], self.levels[line]);
+        let soc = self.machine.soc();
+        soc.world.level(self.now + at, ENCODER[line], self.levels[line]);
+        soc.world_changed();
     }
 
     /// A millisecond passes: the runs of each vector meanwhile.
