@@ -151,22 +151,22 @@ impl Emergency {
     }
 
     fn report(&mut self, code: u16, detail: [u8; 5]) {
-        if self.history.is_full() {
-            self.history.pop_back();
-        }
         // Additional information, the high half, is the first two bytes of the detail.
         let [low, high, ..] = detail;
-        let _ = self.history.push_front(u32::from(code) | u32::from(low) << 16 | u32::from(high) << 24);
+        let entry = u32::from(code) | u32::from(low) << 16 | u32::from(high) << 24;
+        while self.history.push_front(entry).is_err() {
+            self.history.pop_back();
+        }
         self.queue(code, detail);
     }
 
     fn queue(&mut self, code: u16, [a, b, c, d, e]: [u8; 5]) {
         let [low, high] = code.to_le_bytes();
-        if self.waiting.is_full() {
+        let emergency = [low, high, self.register(), a, b, c, d, e];
+        while self.waiting.push_back(emergency).is_err() {
             // The newest state counts; 1003h remembers the rest.
             self.waiting.pop_front();
         }
-        let _ = self.waiting.push_back([low, high, self.register(), a, b, c, d, e]);
     }
 
     /// Sends what waits, no faster than the inhibit time allows.

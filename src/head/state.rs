@@ -135,12 +135,10 @@ pub struct ChangeLog {
 impl ChangeLog {
     /// Adds a change.
     pub fn push(&mut self, change: Change) {
-        if self.changes.is_full() {
+        while self.changes.push_back(change).is_err() {
             self.changes.pop_front();
             self.lost = self.lost.wrapping_add(1);
         }
-        // There is room now.
-        let _ = self.changes.push_back(change);
     }
 
     /// Takes the oldest change.

@@ -89,11 +89,11 @@ impl<const A: usize, const N: usize> Register<A, N> {
         self.oldest = Fixed(0);
         self.newest = Fixed(0);
         self.furthest = Fixed(0);
-        if let Some(line) = Line::new(escape, here, self.counts_per_um) {
+        let Some(line) = Line::new(escape, here, self.counts_per_um) else { return };
+        // Only what the register holds can be gone back along.
+        if self.segments.push_back(line.into()).is_ok() {
             self.oldest = Fixed(0).minus(line.length());
             self.start = self.oldest;
-            // The register was cleared above: there is room.
-            let _ = self.segments.push_back(line.into());
         }
     }
 
@@ -358,8 +358,7 @@ mod tests {
             let mut wandering = small();
             let mut straight = small();
             for point in &points {
-                let _ = wandering.push_line(point.map(um));
-                let _ = straight.push_line(point.map(um));
+                prop_assert_eq!(wandering.push_line(point.map(um)), straight.push_line(point.map(um)));
             }
             for by in steps {
                 wandering.step(Fixed(by));
