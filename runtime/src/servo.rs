@@ -188,15 +188,12 @@ impl<B: Board> Servo<B> {
     #[cold]
     fn hand_over(&mut self) {
         let fresh = self.reading.refresh() | core::mem::take(&mut self.fresh);
-        let mut reading = *self.reading.get();
-        if !fresh {
-            reading.quality = Quality::Missing;
-        }
-        self.quality = reading.quality;
+        let reading = self.reading.get();
+        self.quality = if fresh { reading.quality } else { Quality::Missing };
         let mark = self.handover.mark(self.decoder.mark());
         self.counters.used.mark = mark;
-        let follower = &mut self.follower;
-        self.estimates.write(|slot| follower.estimate(slot, &reading, mark));
+        let (follower, quality) = (&mut self.follower, self.quality);
+        self.estimates.write(|slot| follower.estimate(slot, reading, quality, mark));
         self.caller.plan();
     }
 

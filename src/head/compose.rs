@@ -101,7 +101,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let plan = &self.plan;
         let output = self.follower.tick(&input, |generation| (plan.generation == generation).then_some(plan));
         if output.hands_over {
-            self.follower.estimate(&mut self.estimate, &inputs.gap, inputs.encoder.mark);
+            self.follower.estimate(&mut self.estimate, &inputs.gap, inputs.gap.quality, inputs.encoder.mark);
             self.planner.begin(&self.estimate, self.supervisor.judged());
             self.planner.plan(&mut self.plan);
         }

@@ -530,8 +530,8 @@ impl Follower {
             self.estimator.shift(plan.offset.wrapping_sub(self.plan.offset));
         }
         self.plan = *plan;
-        self.trajectory = plan.trajectory;
         (self.path, self.setpoint) = (plan.path, plan.setpoint);
+        self.trajectory = plan.trajectory;
         if plan.trajectory.follow != Follow::Setpoint {
             self.following = 0.0;
         }
@@ -649,44 +649,61 @@ impl Follower {
         Drive::Duty(code as i16)
     }
 
-    /// Writes the estimate of this tick, which has wanted to hand one over.
+    /// Writes the estimate of this tick, which has wanted to hand one over; `quality` is that of the reading now.
     #[inline(never)]
-    pub fn estimate(&mut self, to: &mut Estimate, gap: &GapReading, mark: Mark) {
-        let trajectory = &self.trajectory;
-        // The tick that brings the plan goes on along it already.
-        let later = |fixed: Fixed| Fixed(fixed.0.wrapping_mul((LEAD - 1).into()));
-        *to = Estimate {
-            generation: self.generation,
-            tick: self.tick,
-            path: self.path,
-            setpoint: self.setpoint,
-            path_then: self.path.near(later(trajectory.advance)),
-            segment: TrajectorySegment {
-                from: self.setpoint.near(later(trajectory.travel)),
-                travel: trajectory.travel,
-                velocity: if trajectory.follow == Follow::Setpoint {
-                    trajectory.velocity
-                } else {
-                    CountsPerSecond(0.0)
-                },
-            },
-            along: trajectory.along,
-            position: self.estimator.position(),
-            offset: self.plan.offset,
-            paths: self.plan.paths,
-            velocity: self.estimator.velocity(),
-            following: self.following,
-            duty: self.duty,
-            saturated: self.saturated,
-            gap: *gap,
+    pub fn estimate(&mut self, to: &mut Estimate, reading: &GapReading, quality: Quality, newest: Mark) {
+        // One field after the other: a whole estimate would be put together beside it, and copied.
+        let Estimate {
+            generation,
+            tick,
+            path,
+            setpoint,
+            path_then,
+            segment,
+            along,
+            position,
+            offset,
+            paths,
+            velocity,
+            following,
+            duty,
+            saturated,
+            gap,
             mark,
-            marked: if self.plan.marks { self.estimator.position_at(mark.count) } else { 0 },
-            safety: self.safety,
-            short: core::mem::take(&mut self.short),
-            told: self.told.take(),
-            set_point: self.set_point.take(),
-            late: self.late,
-        };
+            marked,
+            safety,
+            short,
+            told,
+            set_point,
+            late,
+        } = to;
+        *generation = self.generation;
+        *tick = self.tick;
+        *path = self.path;
+        *setpoint = self.setpoint;
+        // The tick that brings the plan goes on along the trajectory already.
+        let later = |fixed: Fixed| Fixed(fixed.0.wrapping_mul((LEAD - 1).into()));
+        *path_then = self.path.near(later(self.trajectory.advance));
+        segment.from = self.setpoint.near(later(self.trajectory.travel));
+        segment.travel = self.trajectory.travel;
+        let follows = self.trajectory.follow == Follow::Setpoint;
+        segment.velocity = if follows { self.trajectory.velocity } else { CountsPerSecond(0.0) };
+        *along = self.trajectory.along;
+        *position = self.estimator.position();
+        *offset = self.plan.offset;
+        *paths = self.plan.paths;
+        *velocity = self.estimator.velocity();
+        *following = self.following;
+        *duty = self.duty;
+        *saturated = self.saturated;
+        *gap = GapReading { quality, ..*reading };
+        *mark = newest;
+        *marked = if self.plan.marks { self.estimator.position_at(newest.count) } else { 0 };
+        *safety = self.safety;
+        *short = core::mem::take(&mut self.short);
+        *told = self.told.take();
+        *set_point = self.set_point.take();
+        *late = self.late;
     }
 
     /// Writes what the supervision judges.

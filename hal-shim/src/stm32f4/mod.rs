@@ -18,6 +18,7 @@ pub mod boot;
 pub mod can;
 pub mod ccm;
 pub mod clocks;
+pub mod copy;
 pub mod critical;
 pub mod cycles;
 pub mod dma;

@@ -164,31 +164,52 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Decides, and writes the plan.
     pub fn plan(&mut self, plan: &mut Plan) {
-        let (motion, pulses) = self.decide();
-        let trajectory = self.trajectory(motion);
+        let (motion, allowed) = self.decide();
+        let followed = self.trajectory(motion);
         let retreats = matches!(self.status.state, State::Seeking | State::Eroding | State::Guiding);
-        *plan = Plan {
-            generation: self.now.generation,
+        // One field after the other: a whole plan would be put together beside it, and copied.
+        let Plan {
+            generation,
             trajectory,
-            path: self.route.s(),
-            setpoint: self.status.setpoint,
-            offset: self.offset,
-            paths: self.route.begun(),
-            resets: self.resets,
-            trusts: self.trusts,
-            state: self.status.state,
-            closed: self.status.closed,
+            path,
+            setpoint,
+            offset,
+            paths,
+            resets,
+            trusts,
+            state,
+            closed,
             pulses,
-            marks: matches!(self.status.state, State::Homing),
-            set_points: self.may_position(self.status.state).is_ok(),
-            concerns: self.concerns(),
-            reaction: self.reacting.as_ref().map(Reacting::reaction),
-            doubted: self.doubt.is_some(),
-            retreat: if retreats { Some(self.ready_retreat()) } else { None },
-            stop: self.ready_stop(&trajectory),
-            limited: self.ready_window(self.config.lift.limited),
-            lift: self.ready_lift(),
-        };
+            marks,
+            set_points,
+            concerns,
+            reaction,
+            doubted,
+            retreat,
+            stop,
+            limited,
+            lift,
+        } = plan;
+        *generation = self.now.generation;
+        *trajectory = followed;
+        *path = self.route.s();
+        *setpoint = self.status.setpoint;
+        *offset = self.offset;
+        *paths = self.route.begun();
+        *resets = self.resets;
+        *trusts = self.trusts;
+        *state = self.status.state;
+        *closed = self.status.closed;
+        *pulses = allowed;
+        *marks = matches!(self.status.state, State::Homing);
+        *set_points = self.may_position(self.status.state).is_ok();
+        *concerns = self.concerns();
+        *reaction = self.reacting.as_ref().map(Reacting::reaction);
+        *doubted = self.doubt.is_some();
+        *retreat = if retreats { Some(self.ready_retreat()) } else { None };
+        *stop = self.ready_stop(&followed);
+        *limited = self.ready_window(self.config.lift.limited);
+        *lift = self.ready_lift();
         self.status.path = self.route.s();
         self.status.waiting = self.route.waiting();
     }

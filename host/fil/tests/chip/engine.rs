@@ -271,6 +271,12 @@ fn the_gap_filter_by_hand_gives_the_bits_of_the_one_in_rust() {
 }
 
 #[test]
+fn copies_by_hand_copy_what_they_are_told_and_nothing_else() {
+    let run = Run::of(23, 2000 * MS).done();
+    assert_eq!((run.word(0), run.word(1)), (18 * 73, 0), "copies, wrong bytes");
+}
+
+#[test]
 fn identical_runs_are_identical() {
     let run = || {
         let mut run = Run::of(5, 50 * MS);

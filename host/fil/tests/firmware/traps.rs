@@ -6,6 +6,9 @@
 // The gap filter as the compiler writes it, and by hand.
 #[path = "../../../../hal-shim/src/stm32f4/gap_filter.rs"]
 mod by_hand;
+// Copies, which the linker takes in the place of the compiler's.
+#[path = "../../../../hal-shim/src/stm32f4/copy.rs"]
+mod copy;
 #[path = "../../../../hal-shim/src/gap_filter.rs"]
 mod gap_filter;
 mod samples;
@@ -266,6 +269,45 @@ fn it_work() -> u32 {
     a
 }
 
+/// Copies of every length up to two rounds of the loop, between bytes of every alignment: how many, and how many bytes are not
+/// what they have to be, those around the copy included.
+fn copies() {
+    const ROOM: usize = 96;
+    let (from, to) = (0x2000_0400 as *mut u8, 0x2000_0500 as *mut u8);
+    let pattern = |i: usize| (i as u8).wrapping_mul(37).wrapping_add(11);
+    let mut wrong = 0;
+    let mut done = 0;
+    for case in 0..18 {
+        // Words twice: by each of the names that promise them.
+        let (source, target) = if case < 16 { (case / 4, case % 4) } else { (0, 0) };
+        for bytes in 0..=72 {
+            for i in 0..ROOM {
+                unsafe {
+                    write_volatile(from.add(i), pattern(i));
+                    write_volatile(to.add(i), 0xa5);
+                }
+            }
+            let (source, target) = (source + 8, target + 8);
+            unsafe {
+                let (a, b) = (to.add(target), from.add(source));
+                match case {
+                    16 => copy::__aeabi_memcpy4(a, b, bytes),
+                    17 => copy::__aeabi_memcpy8(a, b, bytes),
+                    _ => copy::__aeabi_memcpy(a, b, bytes),
+                }
+            }
+            for i in 0..ROOM {
+                let copied = i >= target && i < target + bytes;
+                let expected = if copied { pattern(i - target + source) } else { 0xa5 };
+                wrong += u32::from(unsafe { read_volatile(to.add(i)) } != expected);
+            }
+            done += 1;
+        }
+    }
+    put(0, done);
+    put(1, wrong);
+}
+
 // Apart, so that no instruction of the FPU comes before it is enabled.
 #[inline(never)]
 fn filter() {
@@ -393,6 +435,7 @@ extern "C" fn reset() -> ! {
             fpu_on();
             filter();
         }
+        23 => copies(),
         _ => (),
     }
     // Blocks of code may not sleep.
