@@ -13,8 +13,8 @@
 //! Every duty stays under commissioning's own limit, and every step has a time limit.
 
 use crate::gap::{GapReading, Quality};
-use crate::servo::Window;
-use crate::units::{CountsPerSecond, TICK_S, Volts};
+use crate::servo::{Plant, Window};
+use crate::units::{CountsPerSecond, Newtons, TICK_S, Volts, larger};
 use core::fmt;
 
 /// Limits of commissioning.
@@ -83,6 +83,14 @@ pub struct Report {
     pub open: Volts,
     /// Stroke, counts.
     pub stroke: i64,
+}
+
+impl Report {
+    /// Dry friction: what the push to break away was more than the net weight.
+    pub fn friction(&self, plant: &Plant) -> Newtons {
+        let pushed = self.breakaway / plant.duty(Newtons(1.0));
+        Newtons(larger(pushed + plant.net_weight().0, 0.0))
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

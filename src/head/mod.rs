@@ -43,7 +43,9 @@ pub use permit::WritePermit;
 pub use planner::Planner;
 pub use positioning::{Home, HomingState, MotionLimits};
 pub use state::{Change, ChangeLog, Reason, State};
-pub use supervise::{Config as SupervisionConfig, Counters, Judged, Limits as SupervisionLimits, Supervisor};
+pub use supervise::{
+    Breakaway, Config as SupervisionConfig, Counters, Judged, Limits as SupervisionLimits, Supervisor,
+};
 
 use crate::gap::GapReading;
 use crate::servo::BackEmf;

@@ -114,6 +114,11 @@ impl Gains {
         CountsPerSecond(self.velocity_limit)
     }
 
+    /// Position error, counts, of which the proportional parts of both loops alone make a duty.
+    pub fn error_of(&self, duty: f32) -> f32 {
+        duty / (self.position * self.velocity.p)
+    }
+
     /// Duty that holds the net weight.
     pub fn holding(&self) -> f32 {
         self.holding

@@ -5,7 +5,7 @@ use crate::dsp::chain;
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{FixedRate, IncrementByError, Law, Limits, RateByError};
 use crate::gap::voltage;
-use crate::head::{Axis, CommissioningConfig, Config, Lift, Retreat, Seek, Setpoint, SupervisionLimits};
+use crate::head::{Axis, Breakaway, CommissioningConfig, Config, Lift, Retreat, Seek, Setpoint, SupervisionLimits};
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
 use crate::units::{
     ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, Fixed, Hertz, Micrometres, MicrometresPerSecond,
@@ -251,6 +251,7 @@ impl Settings {
             supervise: SupervisionLimits {
                 following: self.following_limit * axis.counts_per_um,
                 following_ms: self.following_ms,
+                breakaway: Breakaway::of(plant, &axis.gains, Newtons(self.axis_breakaway)),
                 runaway: CountsPerSecond(self.runaway * 1000.0 * axis.counts_per_um),
                 velocity: CountsPerSecond(self.emf_velocity * 1000.0 * axis.counts_per_um),
                 resistance: self.emf_resistance * 0.01,

@@ -152,6 +152,8 @@ declare! {
         0x2106:7 axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.1";
         /// Largest duty.
         0x2106:8 axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed";
+        /// Dry friction at rest: the force, beside the net weight, that begins to move the head.
+        0x2106:9 axis_breakaway: f32 = 0.3, (0.0, 20.0), "axis.breakaway_n", "N", "assumed; found by commissioning";
         /// A positive duty moves away from the work.
         0x2107:1 motor_reversed: bool = false, (), "motor.reversed", "", "found by commissioning";
         /// Largest motor current.

@@ -210,7 +210,7 @@ impl Master {
         self.host.head.set_habits(Habits::PROMPT);
         self.host.run(MS);
 
-        self.touched.insert(place("commission.passed"));
+        self.touched.extend([place("commission.passed"), place("axis.breakaway_n")]);
         if all {
             self.touched.extend(0..Settings::COUNT);
         }

@@ -11,7 +11,7 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
 use edm_servo_head::head::{
-    Command, Counters, Fault, Home, MotionLimits, SetPoint, Status, SupervisionLimits, TickInput,
+    Breakaway, Command, Counters, Fault, Home, MotionLimits, SetPoint, Status, SupervisionLimits, TickInput,
 };
 use edm_servo_head::motion::Method;
 use edm_servo_head::units::{
@@ -462,6 +462,7 @@ fn limits(view: &View) -> Result<SupervisionLimits> {
     Ok(SupervisionLimits {
         following: view.float(at!(SupervisionLimits, following))?,
         following_ms: view.word(at!(SupervisionLimits, following_ms))?,
+        breakaway: breakaway(&View { at: view.at + at!(SupervisionLimits, breakaway) as u32, ..*view })?,
         runaway: CountsPerSecond(view.float(at!(SupervisionLimits, runaway))?),
         velocity: CountsPerSecond(view.float(at!(SupervisionLimits, velocity))?),
         resistance: view.float(at!(SupervisionLimits, resistance))?,
@@ -471,6 +472,15 @@ fn limits(view: &View) -> Result<SupervisionLimits> {
         bus_min: Volts(view.float(at!(SupervisionLimits, bus_min))?),
         current_max: Amps(view.float(at!(SupervisionLimits, current_max))?),
         current_ms: view.word(at!(SupervisionLimits, current_ms))?,
+    })
+}
+
+fn breakaway(view: &View) -> Result<Breakaway> {
+    Ok(Breakaway {
+        following: view.float(at!(Breakaway, following))?,
+        push: view.float(at!(Breakaway, push))?,
+        holding: view.float(at!(Breakaway, holding))?,
+        ms: view.word(at!(Breakaway, ms))?,
     })
 }
 

@@ -43,7 +43,7 @@ use crate::head::{self, Change, Command, Fault, Finding, HomingState, Reason, Re
 use crate::path::AHEAD;
 use crate::settings::{Active, SettingError, Settings};
 use crate::stored::{LoadReport, StoredImage};
-use crate::units::{Fixed, Nanometres};
+use crate::units::{Fixed, Nanometres, Newtons};
 use heapless::Deque;
 use modes::{Mode, SetPoints};
 use scope::{Scope, Trigger};
@@ -448,10 +448,23 @@ impl Drive {
         self.active.head.commissioned = result.is_ok();
         // One that is on its way says what was known when it was ordered, and overtakes what the check has found.
         self.stale |= self.configuring;
+        if let Ok(report) = result {
+            self.learn(&report);
+        }
         self.finding = match result {
             Ok(_) => 1,
             Err(finding) => codes::finding(finding),
         };
+    }
+
+    /// The friction that commissioning has felt is what the supervision judges by, as soon as the head is disabled.
+    fn learn(&mut self, report: &Report) {
+        let Newtons(axis_breakaway) = report.friction(&self.active.head.axis.plant);
+        let learnt = Settings { axis_breakaway, ..self.settings };
+        if let Ok(active) = learnt.build() {
+            (self.settings, self.active) = (learnt, active);
+            self.stale = true;
+        }
     }
 
     /// Takes the newest status, once a millisecond.

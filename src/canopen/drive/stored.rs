@@ -25,6 +25,7 @@ use crate::stored::{Full, LoadReport, Outcome, Putting, ROOM, StoredImage};
 const CHECKED_GROUPS: [u16; 3] = [group("axis.mass_kg"), group("motor.reversed"), group("encoder.count_um")];
 const CHECKED: [usize; 2] = [place(Settings::KEYS, "gap.reversed"), PASSED];
 const PASSED: usize = place(Settings::KEYS, "commission.passed");
+const LEARNT: usize = place(Settings::KEYS, "axis.breakaway_n");
 
 /// Index of the group of a setting.
 const fn group(key: &str) -> u16 {
@@ -317,9 +318,11 @@ fn stored_word(field: u16, record: Record) -> Option<u32> {
     Settings::FIELDS.get(usize::from(field))?.kind.admits(word).then_some(word)
 }
 
-/// Whether commissioning is about a setting.
+/// Whether commissioning is about a setting. What it finds of itself is no reason to begin anew: an image of before it was found
+/// has the default.
 fn is_checked(place: usize) -> bool {
-    CHECKED.contains(&place) || setting_address_at(place).is_some_and(|(index, _)| CHECKED_GROUPS.contains(&index))
+    let in_group = || setting_address_at(place).is_some_and(|(index, _)| CHECKED_GROUPS.contains(&index));
+    place != LEARNT && (CHECKED.contains(&place) || in_group())
 }
 
 fn mark(seen: &mut [bool], place: usize) {
