@@ -192,6 +192,7 @@ fn clients_leave_without_a_trace_and_too_many_are_refused() {
 mod serial {
     use super::*;
     use edm_bus::pty::SerialPort;
+    use rustix::io::ioctl_fionread;
     use std::fs::{self, File};
     use std::path::PathBuf;
 
@@ -240,11 +241,10 @@ mod serial {
         for _ in 0..WAITING / 30 / 2 {
             bus.port.send(&frame(0x181, &[0; 8]));
         }
-        sleep(Duration::from_millis(50));
         let mut next = client(&link);
+        eventually("the terminal holds what nobody read", || ioctl_fionread(&next).unwrap() > 2);
         next.write_all(b"C\rO\r").unwrap();
-        // What the terminal itself held is there until the close is understood.
-        sleep(Duration::from_millis(100));
+        eventually("nothing but the two answers is left", || ioctl_fionread(&next).unwrap() == 2);
         assert_eq!(read(&mut next, 2), b"\r\r");
         bus.port.send(&frame(0x182, &[]));
         assert_eq!(read(&mut next, 6), b"t1820\r");

@@ -31,7 +31,7 @@ pub fn run(root: &Path, arguments: &[OsString]) -> ExitCode {
         }
     };
     let status = firmware::cargo()
-        .args(["run", "--profile", "chip", "-p", "edm-fil", "--manifest-path"])
+        .args(["run", "--release", "-p", "edm-fil", "--manifest-path"])
         .arg(root.join("Cargo.toml"))
         .arg("--")
         .args(["--elf".into(), elf.into_os_string()])

@@ -39,6 +39,30 @@ pub fn run(root: &Path) -> Result<(), String> {
     Ok(())
 }
 
+/// Links one board's image, not optimised, in an environment that sets flags of its own, and checks that a chip would start it.
+/// An environment variable RUSTFLAGS replaces every flag of `.cargo/config.toml`; linker arguments may not be among them.
+pub fn link(root: &Path) -> Result<(), String> {
+    let status = cargo()
+        .current_dir(root)
+        .args(["build", "-p", "edm-firmware", "--bin", "edm-servo-head", "--target", TARGET])
+        .env("RUSTFLAGS", "-C force-frame-pointers=no")
+        .env("CARGO_PROFILE_DEV_OPT_LEVEL", "0")
+        .status()
+        .map_err(|e| format!("cargo: {e}"))?;
+    if !status.success() {
+        return Err("the firmware does not build under RUSTFLAGS".into());
+    }
+    let elf = target(root).join(TARGET).join("debug/edm-servo-head");
+    let data = std::fs::read(&elf).map_err(|e| format!("{}: {e}", elf.display()))?;
+    Image::read(&data)?.starts()?;
+    println!("{}: vector table in place", shown(&elf).display());
+    Ok(())
+}
+
+fn target(root: &Path) -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), PathBuf::from)
+}
+
 /// The cargo that runs this program.
 pub fn cargo() -> Command {
     Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
@@ -55,7 +79,7 @@ pub fn build(root: &Path, feature: &str) -> Result<PathBuf, String> {
     if !status.success() {
         return Err(format!("the firmware does not build with {feature}"));
     }
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), PathBuf::from);
+    let target = target(root);
     let folder = target.join("firmware");
     let elf = folder.join(format!("edm-servo-head-{feature}.elf"));
     std::fs::create_dir_all(&folder)
@@ -147,8 +171,8 @@ impl Image {
         }
     }
 
-    /// What keeps a chip from starting this image, or us from shipping it.
-    fn check(&self) -> Result<(), String> {
+    /// What keeps a chip from starting this image.
+    fn starts(&self) -> Result<(), String> {
         let (stack, reset) =
             self.vectors.ok_or("no vector table at 0x08000000: were the linker arguments replaced?")?;
         let in_program = |address: u64| address >= PROGRAM && FLASH.contains(&address);
@@ -161,6 +185,12 @@ impl Image {
         if self.entry & !1 != u64::from(reset & !1) {
             return Err(format!("entry {:#010x} and reset vector {reset:#010x} differ", self.entry));
         }
+        Ok(())
+    }
+
+    /// What keeps a chip from starting this image, or us from shipping it.
+    fn check(&self) -> Result<(), String> {
+        self.starts()?;
         for (name, address, _) in &self.sections {
             if FLASH.contains(address) && name != ".vector_table" && *address < PROGRAM {
                 return Err(format!("section {name} lies in the sectors of the settings"));

@@ -33,6 +33,8 @@ enum Task {
     },
     /// Builds the firmware for both boards, prints its sizes and checks that a chip would start it.
     Firmware,
+    /// Links the firmware in an environment that sets RUSTFLAGS, and checks that a chip would start it.
+    Link,
     /// Runs a command of the emulated chip on the firmware as it is, which is built first: `cargo fil`.
     #[command(disable_help_flag = true)]
     Fil {
@@ -50,6 +52,7 @@ fn main() -> ExitCode {
             .try_for_each(|(name, text)| generate(&root.join("docs").join(name), text, check))
             .and_then(|()| released::check(&root).map(|said| println!("{said}"))),
         Task::Firmware => firmware::run(&root),
+        Task::Link => firmware::link(&root),
         Task::Fil { arguments } => return fil::run(&root, &arguments),
     };
     match result {

@@ -5,10 +5,7 @@
 //! two neighbours, A = sqrt(4 sum |X|^2 / (N sum w^2)): right to 1 % wherever in the bin the line lies. Broadband
 //! wandering of 3 Hz width counts in full, so the figure errs on the strict side.
 
-use realfft::num_complex::Complex;
-use realfft::{RealFftPlanner, RealToComplex};
-use std::fmt;
-use std::sync::Arc;
+use super::fourier::Fourier;
 
 /// Samples in a segment, 1 ms each.
 const SEGMENT: usize = 1024;
@@ -26,34 +23,26 @@ pub struct Line {
 }
 
 /// Averages the spectrum of what is judged.
+#[derive(Debug)]
 pub struct Lines {
-    fft: Arc<dyn RealToComplex<f64>>,
+    fourier: Fourier,
     window: Vec<f64>,
     position_um: Vec<f64>,
     input: Vec<f64>,
-    spectrum: Vec<Complex<f64>>,
     power: Vec<f64>,
     segments: u32,
 }
 
-impl fmt::Debug for Lines {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Lines").field("segments", &self.segments).finish_non_exhaustive()
-    }
-}
-
 impl Lines {
     pub(super) fn new() -> Lines {
-        let fft = RealFftPlanner::new().plan_fft_forward(SEGMENT);
         let turn = std::f64::consts::TAU / SEGMENT as f64;
         Lines {
             window: (0..SEGMENT).map(|i| 0.5 - 0.5 * (turn * i as f64).cos()).collect(),
             position_um: Vec::with_capacity(SEGMENT),
-            input: fft.make_input_vec(),
-            spectrum: fft.make_output_vec(),
+            input: vec![0.0; SEGMENT],
             power: vec![0.0; SEGMENT / 2 + 1],
             segments: 0,
-            fft,
+            fourier: Fourier::new(SEGMENT),
         }
     }
 
@@ -77,13 +66,11 @@ impl Lines {
         for (input, ((x, trend), weight)) in self.input.iter_mut().zip(moves) {
             *input = (x - trend) * weight;
         }
-        // The lengths are those the plan was made for, the only thing it can object to.
-        if self.fft.process(&mut self.input, &mut self.spectrum).is_ok() {
-            for (power, bin) in self.power.iter_mut().zip(&self.spectrum) {
-                *power += bin.norm_sqr();
-            }
-            self.segments += 1;
+        let spectrum = self.fourier.transform(&self.input);
+        for (power, (re, im)) in self.power.iter_mut().zip(spectrum) {
+            *power += re * re + im * im;
         }
+        self.segments += 1;
     }
 
     /// The line of the largest amplitude; `None` before the first segment.

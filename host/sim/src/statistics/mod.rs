@@ -8,6 +8,7 @@
 //! Chance alone scatters the filtered voltage (docs/architecture.md, "Know the floor"): control is judged by means over
 //! [`VOLTAGE_MS`] and by position.
 
+mod fourier;
 mod lines;
 mod retreats;
 
