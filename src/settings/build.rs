@@ -1,9 +1,9 @@
 //! Settings -> what the ticks run, or the setting that stands in the way.
 
-use super::{Declared, LawName, SetpointUnit, SettingError, Settings, place};
+use super::{Declared, SetpointUnit, SettingError, Settings, place};
 use crate::dsp::chain;
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
-use crate::feed::{FixedRate, IncrementByError, Law, Limits, RateByError};
+use crate::feed::Limits;
 use crate::gap::voltage;
 use crate::head::{Axis, CommissioningConfig, Config, Lift, Retreat, Seek, Setpoint, SupervisionLimits};
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
@@ -28,7 +28,7 @@ pub struct Active {
 }
 
 /// Servo ticks in so many milliseconds, at least one.
-fn ticks(ms: f32) -> u32 {
+pub(super) fn ticks(ms: f32) -> u32 {
     Seconds(ms * 1e-3).ticks().max(1)
 }
 
@@ -189,20 +189,6 @@ impl Settings {
         }
     }
 
-    fn law(&self) -> Law {
-        match self.law {
-            LawName::FixedRate => Law::FixedRate(FixedRate { rate: MicrometresPerSecond(self.fixed_rate) }),
-            LawName::RateByError => Law::RateByError(RateByError::new(
-                MicrometresPerSecond(self.standard_velocity),
-                Volts(self.standard_error),
-                MicrometresPerSecond(self.rate_clamp),
-            )),
-            LawName::IncrementByError => {
-                Law::IncrementByError(IncrementByError::new(self.feed_gain, ticks(self.feed_period_ms)))
-            }
-        }
-    }
-
     fn head(&self, axis: Axis) -> Config {
         let plant = &axis.plant;
         let holding = axis.gains.holding();
@@ -213,7 +199,7 @@ impl Settings {
                 SetpointUnit::PercentOfOpen => Setpoint::ShareOfOpen(self.gap_setpoint_percent * 0.01),
             },
             structure: self.structure,
-            law: self.law(),
+            law: self.law.build(self),
             single: PidGains {
                 p: self.single_p,
                 i: self.single_i,

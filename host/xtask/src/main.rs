@@ -91,6 +91,7 @@ fn generate(path: &Path, text: &str, check: bool) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::process::Command;
 
     #[test]
     fn what_is_generated_is_committed() {
@@ -98,5 +99,13 @@ mod tests {
         for (name, text) in documents() {
             assert_eq!(generate(&docs.join(name), &text, true), Ok(()));
         }
+    }
+
+    /// rustfmt does not look for modules that a macro declares.
+    #[test]
+    fn the_feed_laws_are_formatted() {
+        let laws = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../src/feed");
+        let files = std::fs::read_dir(laws).unwrap().map(|entry| entry.unwrap().path());
+        assert!(Command::new("rustfmt").args(["--edition", "2024", "--check"]).args(files).status().unwrap().success());
     }
 }
