@@ -1,7 +1,7 @@
 //! The task table that the firmware prints on a PC is the one in `main.rs`, and priorities there are what the critical
 //! section counts on. The encoder's tasks are vectors beside RTIC's, which take their priorities from the table.
 
-use edm_hal_shim::board::{F405, TASKS, Task};
+use edm_hal_shim::board::{BOARDS, F405, TASKS, Task};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -109,5 +109,18 @@ fn the_wiring_page_has_every_pin_with_its_function() {
         let mentions =
             |line: &str| line.starts_with('|') && line.contains(&pin) && claims.iter().all(|c| line.contains(c));
         assert!(page.lines().any(mentions), "{} on {pin}: {claims:?}", row.signal);
+    }
+    // Another board: what differs from the first.
+    for (_, table) in BOARDS {
+        assert!(page.contains(&format!("{} MHz", table.crystal_hz / 1_000_000)), "{}", table.name);
+        for (row, first) in table.rows.iter().zip(F405::TABLE.rows).filter(|(row, first)| row.pin != first.pin) {
+            let pins = [first.pin.to_string(), row.pin.to_string()];
+            let mentions = |line: &str| line.starts_with('|') && pins.iter().all(|pin| line.contains(pin));
+            assert!(page.lines().any(mentions), "{} of {}: {pins:?}", row.signal, table.name);
+        }
+        for (key, value) in table.defaults {
+            let mentions = |line: &str| line.contains(key) && line.contains(&value.to_string());
+            assert!(page.lines().any(mentions), "{key} = {value} of {}", table.name);
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Settings -> what the ticks run, or the setting that stands in the way.
 
-use super::{Declared, SetpointUnit, SettingError, Settings, place};
+use super::{Declared, SetpointUnit, SettingError, Settings, Value, place};
 use crate::dsp::chain;
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::Limits;
@@ -47,6 +47,15 @@ fn conflict(condition: bool, field: &'static str, rule: &'static str) -> Result<
 }
 
 impl Settings {
+    /// The defaults, but for those of a board: keys with other values.
+    pub fn with(others: &[(&str, f32)]) -> Result<Settings, SettingError> {
+        let mut settings = Settings::default();
+        for (key, value) in others {
+            settings.set(key, Value::Number((*value).into()))?;
+        }
+        Ok(settings)
+    }
+
     /// Checks every setting, alone and against the others, and computes what the ticks run.
     pub fn build(&self) -> Result<Active, SettingError> {
         self.check()?;
@@ -264,13 +273,22 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use edm_hal_shim::board::{BLANKING_CLOCK, BLANKING_MOST};
+    use edm_hal_shim::board::{BLANKING_CLOCK, BLANKING_MOST, BOARDS};
     use edm_hal_shim::timing::blanking;
 
     fn built(change: impl FnOnce(&mut Settings)) -> Result<Active, SettingError> {
         let mut settings = Settings::default();
         change(&mut settings);
         settings.build()
+    }
+
+    #[test]
+    fn the_defaults_of_every_board_can_be_set_and_fit_together() {
+        for (_, board) in BOARDS {
+            let settings = Settings::with(board.defaults).unwrap_or_else(|error| panic!("{}: {error}", board.name));
+            settings.build().unwrap_or_else(|error| panic!("{}: {error}", board.name));
+        }
+        assert_eq!(Settings::with(&[("gap.volts_per_volt", 1.0)]), Err(SettingError::UnknownKey));
     }
 
     fn conflicts(result: Result<Active, SettingError>, key: &str) {
