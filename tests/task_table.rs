@@ -2,6 +2,7 @@
 //! section counts on. The encoder's tasks are vectors beside RTIC's, which take their priorities from the table.
 
 use edm_hal_shim::board::{BOARDS, F405, TASKS, Task};
+use edm_servo_head::head::Fault;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -122,5 +123,19 @@ fn the_wiring_page_has_every_pin_with_its_function() {
             let mentions = |line: &str| line.contains(key) && line.contains(&value.to_string());
             assert!(page.lines().any(mentions), "{key} = {value} of {}", table.name);
         }
+    }
+}
+
+#[test]
+fn the_architecture_page_has_a_row_for_every_fault() {
+    let page = include_str!("../docs/architecture.md");
+    let table = page.split("## Fault reactions").nth(1).unwrap().split("\n## ").next().unwrap();
+    let rows: Vec<_> = table.lines().filter_map(|line| line.strip_prefix("| ")?.split(" |").next()).skip(2).collect();
+    let names: Vec<_> = Fault::ALL.iter().map(|fault| fault.name()).collect();
+    for name in &names {
+        assert!(rows.contains(name), "no row for \"{name}\"");
+    }
+    for row in &rows {
+        assert!(names.contains(row), "\"{row}\" is no fault");
     }
 }
