@@ -13,5 +13,5 @@ import cairosvg
 from PIL import Image
 
 png = cairosvg.svg2png(url=sys.argv[1], output_width=1280)
-few = Image.open(io.BytesIO(png)).convert("RGB").quantize(48)
+few = Image.open(io.BytesIO(png)).convert("RGB").quantize(160)
 few.save(pathlib.Path(__file__).with_name("bore.png"), optimize=True)

@@ -60,7 +60,7 @@ const ARROWS: &[Arrow] = &[
         &[Reason::ProofStarted],
         &[(160.0, 302.0), (270.0, 302.0), (270.0, 480.0)],
         "encoder in doubt",
-        (160.0, 340.0),
+        (154.0, 340.0),
     ),
     arrow(
         &[Disabled],
