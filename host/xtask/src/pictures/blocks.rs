@@ -154,7 +154,9 @@ mod tests {
             assert!(picture.contains(name), "{name}");
         }
         for (_, _, name) in ATOMICS {
-            assert!(DECLARATIONS.contains(&format!("pub {name}: ")) || ["retreats", "count"].contains(&name), "{name}");
+            // Two are published by hal-shim and by the decoder.
+            let elsewhere = ["retreats", "count"].contains(&name);
+            assert!(elsewhere || DECLARATIONS.contains(&format!("pub {name}: ")), "{name}");
         }
     }
 }

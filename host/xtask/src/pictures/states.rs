@@ -168,7 +168,6 @@ const ARROWS: &[Arrow] = &[
 fn agrees() -> Result<(), String> {
     let each = |arrow: &'static Arrow| {
         let pairs = arrow.from.iter().flat_map(|from| arrow.reasons.iter().map(move |reason| (*from, *reason)));
-        // What rests and is told to hold goes on resting.
         pairs.map(move |(from, reason)| (from, arrow.to, reason))
     };
     let drawn: Vec<_> = ARROWS.iter().flat_map(each).collect();
