@@ -77,7 +77,7 @@ fn mean_and_rms(x: &[f64]) -> (f64, f64) {
     (mean, (x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt())
 }
 
-/// The floor of docs/architecture.md, gated average with the default filters. Operating point: mean ignition delay a
+/// The floor of docs/decisions.md, gated average with the default filters. Operating point: mean ignition delay a
 /// quarter of the on-time, on-time 80 %, which puts the mean at 54.7 V.
 #[test]
 fn chance_alone_scatters_the_reading_by_the_published_floor() {

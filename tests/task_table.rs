@@ -1,7 +1,8 @@
 //! The task table that the firmware prints on a PC is the one in `main.rs`, and priorities there are what the critical
 //! section counts on. The encoder's tasks are vectors beside RTIC's, which take their priorities from the table.
 
-use edm_hal_shim::board::{F405, TASKS, Task};
+use edm_hal_shim::board::{BOARDS, F405, TASKS, Task};
+use edm_servo_head::head::Fault;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -109,5 +110,32 @@ fn the_wiring_page_has_every_pin_with_its_function() {
         let mentions =
             |line: &str| line.starts_with('|') && line.contains(&pin) && claims.iter().all(|c| line.contains(c));
         assert!(page.lines().any(mentions), "{} on {pin}: {claims:?}", row.signal);
+    }
+    // Another board: what differs from the first.
+    for (_, table) in BOARDS {
+        assert!(page.contains(&format!("{} MHz", table.crystal_hz / 1_000_000)), "{}", table.name);
+        for (row, first) in table.rows.iter().zip(F405::TABLE.rows).filter(|(row, first)| row.pin != first.pin) {
+            let pins = [first.pin.to_string(), row.pin.to_string()];
+            let mentions = |line: &str| line.starts_with('|') && pins.iter().all(|pin| line.contains(pin));
+            assert!(page.lines().any(mentions), "{} of {}: {pins:?}", row.signal, table.name);
+        }
+        for (key, value) in table.defaults {
+            let mentions = |line: &str| line.contains(key) && line.contains(&value.to_string());
+            assert!(page.lines().any(mentions), "{key} = {value} of {}", table.name);
+        }
+    }
+}
+
+#[test]
+fn the_architecture_page_has_a_row_for_every_fault() {
+    let page = include_str!("../docs/architecture.md");
+    let table = page.split("## Fault reactions").nth(1).unwrap().split("\n## ").next().unwrap();
+    let rows: Vec<_> = table.lines().filter_map(|line| line.strip_prefix("| ")?.split(" |").next()).skip(2).collect();
+    let names: Vec<_> = Fault::ALL.iter().map(|fault| fault.name()).collect();
+    for name in &names {
+        assert!(rows.contains(name), "no row for \"{name}\"");
+    }
+    for row in &rows {
+        assert!(names.contains(row), "\"{row}\" is no fault");
     }
 }

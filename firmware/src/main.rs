@@ -4,18 +4,21 @@
 //! a PC runs as well; the three highest take no lock at all. The core computes, and `edm_hal_shim::stm32f4` knows the registers. What each task costs in the worst case is in docs/performance.md; the costs
 //! named here are estimates.
 //!
-//! On a PC the same binary prints what it is: pin maps of both boards, clocks, timers, DMA streams, CAN bit timing, tasks.
+//! On a PC the same binary prints what it is: tables of the boards, clocks, timers, DMA streams, CAN bit timing, tasks.
 #![cfg_attr(target_arch = "arm", no_std, no_main)]
 
 #[cfg(not(target_arch = "arm"))]
 fn main() {
-    use edm_hal_shim::board::{Disc, F405, write_chip};
+    use edm_hal_shim::board::{BOARDS, write_chip};
     let mut chip = String::new();
     if write_chip(&mut chip).is_err() {
         unreachable!("a string takes everything");
     }
     println!("Firmware of the EDM servo head, {}. It runs on:\n", env!("CARGO_PKG_VERSION"));
-    println!("{}\n{}\n{chip}", F405::TABLE, Disc::TABLE);
+    for (_, table) in BOARDS {
+        println!("{table}");
+    }
+    println!("{chip}");
     println!("cargo firmware builds it; cargo flash-head programs it.");
 }
 

@@ -6,7 +6,7 @@ use edm_hal_shim::stm32f4::gated::Gated;
 use edm_hal_shim::stm32f4::machine::Machine;
 use edm_hal_shim::stm32f4::start::StartError;
 use edm_hal_shim::stm32f4::watchdog::Watchdog;
-use edm_hal_shim::stm32f4::{boot, ccm, pac};
+use edm_hal_shim::stm32f4::{Board, boot, ccm, pac};
 use edm_hal_shim::store::{BUFFER, Store};
 use edm_hal_shim::watchdog::Watchdog as _;
 use edm_runtime::board::Caller;
@@ -27,7 +27,7 @@ use edm_servo_head::settings::{SettingError, Settings};
 use edm_servo_head::stored::StoredImage;
 
 /// Number of this head on the bus.
-const NODE: NodeId = NodeId::new(1).unwrap();
+const NODE: NodeId = NodeId::new(Board::TABLE.node).unwrap();
 /// Commit of this build, eight hexadecimal digits.
 const BUILD: &str = env!("EDM_BUILD");
 /// The same as a number.
@@ -85,16 +85,17 @@ fn place_drive(
     slot: &'static mut MaybeUninit<Result<Drive, SettingError>>,
     identity: Identity,
     record: &'static mut Record,
+    defaults: Settings,
 ) -> Result<&'static mut Drive, StartError> {
-    let drive = slot.write(Drive::new(Settings::default(), identity, record));
+    let drive = slot.write(Drive::new(defaults, identity, record));
     drive.as_mut().map_err(|_| StartError::Settings)
 }
 
 /// Node and drive begin with what is stored.
 #[inline(never)]
-fn restore(image_store: &mut ImageStore<Chip>, node: &mut Node, drive: &mut Drive) {
+fn restore(image_store: &mut ImageStore<Chip>, node: &mut Node, drive: &mut Drive, defaults: Settings) {
     let image = image_store.load();
-    Rtic.note(&Note::Loaded(drive.restart(Settings::default(), image)));
+    Rtic.note(&Note::Loaded(drive.restart(defaults, image)));
     Rtic.note(&Note::booted(drive.boot(node, image)));
 }
 
@@ -111,8 +112,9 @@ pub fn start(
     let mut image_store = ImageStore::new(store, &mut slots.buffer, &mut slots.image, Rtic);
     let identity = Identity { reset_cause: machine.boot.cause as u32, build: BUILD };
     let node = place_node(&mut slots.node);
-    let drive = place_drive(&mut slots.drive, identity, &mut slots.record)?;
-    restore(&mut image_store, node, drive);
+    let defaults = Settings::with(Board::TABLE.defaults).map_err(|_| StartError::Settings)?;
+    let drive = place_drive(&mut slots.drive, identity, &mut slots.record, defaults)?;
+    restore(&mut image_store, node, drive, defaults);
     // What it orders at the start is how the head begins below.
     drive.started();
     let path: &'static mut Path = ccm::place(|| Path::EMPTY).ok_or(StartError::Memory)?;
@@ -149,7 +151,7 @@ pub fn start(
         supervise: tasks.supervise,
         receive: tasks.receive,
         transmit: tasks.transmit,
-        protocol: tasks.host.protocol(node, drive, Settings::default()),
+        protocol: tasks.host.protocol(node, drive, defaults),
         idle: tasks.idle.idle(watchdog, image_store),
     })
 }

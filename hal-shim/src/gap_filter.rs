@@ -81,9 +81,9 @@ impl State {
 /// Two low-passes and a notch, in this order: takes the newest sample, gives the filtered one.
 #[inline(always)]
 pub fn tick(c: &[Coefficients; 3], sections: &mut [State; 3], x: f32) -> f32 {
-    #[cfg(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc")))]
+    #[cfg(all(target_arch = "arm", feature = "chip"))]
     return crate::stm32f4::gap_filter::tick(c, sections, x);
-    #[cfg(not(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc"))))]
+    #[cfg(not(all(target_arch = "arm", feature = "chip")))]
     in_rust(c, sections, x)
 }
 

@@ -21,7 +21,7 @@ pub mod gap_filter;
 pub mod generator;
 pub mod reflex;
 pub mod safety;
-#[cfg(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc")))]
+#[cfg(all(target_arch = "arm", feature = "chip"))]
 #[allow(unsafe_code, reason = "registers, the two flash sectors, the core-coupled memory, the gap filter by hand")]
 pub mod stm32f4;
 pub mod storage;

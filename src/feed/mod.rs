@@ -4,17 +4,11 @@
 //! velocity, positive (feed) when the error is positive, negative (retreat) when it is negative. Limits come after the law,
 //! in [`Limiter`], so every law has the same ones.
 //!
-//! Another law is another file and one line in [`laws!`](self).
+//! Another law is a file here, a line in [`laws!`](self) and its settings: CONTRIBUTING.md.
 
-mod fixed_rate;
-mod increment_by_error;
 mod limiter;
-mod rate_by_error;
 
-pub use fixed_rate::FixedRate;
-pub use increment_by_error::IncrementByError;
 pub use limiter::{Limiter, Limits};
-pub use rate_by_error::RateByError;
 
 use crate::units::{MicrometresPerSecond, Volts};
 
@@ -24,13 +18,20 @@ pub trait FeedLaw {
     fn velocity(&mut self, error: Volts, ticks: u32) -> MicrometresPerSecond;
 }
 
+/// Declares the laws: `number file::Law;`. The file's name is the law's name to a host, the number its value on CAN: numbers
+/// count from 0 and, once released, stay.
 macro_rules! laws {
-    ($($(#[$doc:meta])* $law:ident),+ $(,)?) => {
+    ($($(#[doc = $doc:literal])+ $number:literal $name:ident::$law:ident;)+) => {
+        $(
+            mod $name;
+            pub use $name::$law;
+        )+
+
         /// The law in force.
         #[derive(Clone, Copy, Debug, PartialEq)]
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         pub enum Law {
-            $($(#[$doc])* $law($law),)+
+            $($(#[doc = $doc])+ $law($law),)+
         }
 
         impl FeedLaw for Law {
@@ -38,14 +39,35 @@ macro_rules! laws {
                 match self { $(Law::$law(law) => law.velocity(error, ticks),)+ }
             }
         }
+
+        /// A law by name, before it has its numbers.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum LawName {
+            $($(#[doc = $doc])+ $law = $number,)+
+        }
+
+        impl LawName {
+            /// Every law, by number.
+            pub const ALL: &'static [LawName] = &[$(LawName::$law),+];
+            /// Their names, by number.
+            pub const NAMES: &'static [&'static str] = &[$(stringify!($name)),+];
+
+            /// The law with the numbers that it takes of `settings`.
+            pub fn build<'a, S>(self, settings: &'a S) -> Law
+            where
+                $($law: From<&'a S>,)+
+            {
+                match self { $(LawName::$law => Law::$law(settings.into()),)+ }
+            }
+        }
     };
 }
 
 laws! {
     /// Section 6.7.1 of \[R\].
-    FixedRate,
+    0 fixed_rate::FixedRate;
     /// Section 6.7.2 of \[R\].
-    RateByError,
+    1 rate_by_error::RateByError;
     /// Section 6.7.3 of \[R\], the default.
-    IncrementByError,
+    2 increment_by_error::IncrementByError;
 }

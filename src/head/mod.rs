@@ -42,7 +42,7 @@ pub use follow::{
 pub use permit::WritePermit;
 pub use planner::Planner;
 pub use positioning::{Home, HomingState, MotionLimits};
-pub use state::{Change, ChangeLog, Reason, State};
+pub use state::{Change, ChangeLog, Reason, State, TRANSITIONS};
 pub use supervise::{
     Breakaway, Config as SupervisionConfig, Counters, Judged, Limits as SupervisionLimits, Supervisor,
 };

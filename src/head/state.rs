@@ -38,6 +38,23 @@ pub enum State {
 }
 
 impl State {
+    /// Every state.
+    pub const ALL: [State; 13] = [
+        State::Disabled,
+        State::Commissioning,
+        State::Ready,
+        State::Seeking,
+        State::Eroding,
+        State::Retreating,
+        State::Done,
+        State::HoldingPosition,
+        State::Fault,
+        State::Positioning,
+        State::Homing,
+        State::Guiding,
+        State::Proving,
+    ];
+
     /// Name in reports.
     pub const fn name(self) -> &'static str {
         match self {
@@ -110,6 +127,53 @@ pub enum Reason {
     /// Commanded: fault reset.
     FaultReset,
 }
+
+/// Every change of state there is and what it is made for, but for two rules: a fault is entered from every state, and
+/// `disable` leads from every state but a fault to disabled.
+///
+/// For the picture docs/pictures/states.svg. A test drives heads through all of them, and finds no other.
+pub const TRANSITIONS: &[(State, State, Reason)] = &[
+    (State::Disabled, State::Ready, Reason::Enabled),
+    (State::Disabled, State::Proving, Reason::ProofStarted),
+    (State::Disabled, State::Commissioning, Reason::CommissioningStarted),
+    (State::Proving, State::Ready, Reason::Enabled),
+    (State::Proving, State::Commissioning, Reason::CommissioningStarted),
+    (State::Commissioning, State::Disabled, Reason::CommissioningEnded),
+    (State::Ready, State::Positioning, Reason::Positioned),
+    (State::Ready, State::Homing, Reason::HomingStarted),
+    (State::Ready, State::Seeking, Reason::Started),
+    (State::Ready, State::Guiding, Reason::Started),
+    (State::Ready, State::HoldingPosition, Reason::Held),
+    (State::Done, State::Positioning, Reason::Positioned),
+    (State::Done, State::Homing, Reason::HomingStarted),
+    (State::Done, State::Seeking, Reason::Started),
+    (State::Done, State::Guiding, Reason::Started),
+    (State::Done, State::HoldingPosition, Reason::Held),
+    (State::HoldingPosition, State::Positioning, Reason::Positioned),
+    (State::HoldingPosition, State::Homing, Reason::HomingStarted),
+    (State::HoldingPosition, State::Seeking, Reason::Started),
+    (State::HoldingPosition, State::Guiding, Reason::Started),
+    (State::Positioning, State::Ready, Reason::Arrived),
+    (State::Positioning, State::Ready, Reason::Held),
+    (State::Positioning, State::Homing, Reason::HomingStarted),
+    (State::Homing, State::Ready, Reason::Homed),
+    (State::Homing, State::Ready, Reason::NotHomed),
+    (State::Homing, State::Positioning, Reason::Held),
+    (State::Seeking, State::Eroding, Reason::WorkFound),
+    (State::Seeking, State::Retreating, Reason::Short),
+    (State::Seeking, State::Done, Reason::PathEnd),
+    (State::Seeking, State::HoldingPosition, Reason::Held),
+    (State::Eroding, State::Retreating, Reason::Short),
+    (State::Eroding, State::Done, Reason::PathEnd),
+    (State::Eroding, State::HoldingPosition, Reason::Held),
+    (State::Guiding, State::Retreating, Reason::Short),
+    (State::Guiding, State::HoldingPosition, Reason::Held),
+    (State::Retreating, State::Seeking, Reason::GapRecovered),
+    (State::Retreating, State::Eroding, Reason::GapRecovered),
+    (State::Retreating, State::Guiding, Reason::GapRecovered),
+    (State::Retreating, State::HoldingPosition, Reason::Held),
+    (State::Fault, State::Disabled, Reason::FaultReset),
+];
 
 /// One change of state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,9 +1,9 @@
 //! Settings -> what the ticks run, or the setting that stands in the way.
 
-use super::{Declared, LawName, SetpointUnit, SettingError, Settings, place};
+use super::{Declared, SetpointUnit, SettingError, Settings, Value, place};
 use crate::dsp::chain;
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
-use crate::feed::{FixedRate, IncrementByError, Law, Limits, RateByError};
+use crate::feed::Limits;
 use crate::gap::voltage;
 use crate::head::{Axis, Breakaway, CommissioningConfig, Config, Lift, Retreat, Seek, Setpoint, SupervisionLimits};
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
@@ -28,7 +28,7 @@ pub struct Active {
 }
 
 /// Servo ticks in so many milliseconds, at least one.
-fn ticks(ms: f32) -> u32 {
+pub(super) fn ticks(ms: f32) -> u32 {
     Seconds(ms * 1e-3).ticks().max(1)
 }
 
@@ -47,6 +47,15 @@ fn conflict(condition: bool, field: &'static str, rule: &'static str) -> Result<
 }
 
 impl Settings {
+    /// The defaults, but for those of a board: keys with other values.
+    pub fn with(others: &[(&str, f32)]) -> Result<Settings, SettingError> {
+        let mut settings = Settings::default();
+        for (key, value) in others {
+            settings.set(key, Value::Number((*value).into()))?;
+        }
+        Ok(settings)
+    }
+
     /// Checks every setting, alone and against the others, and computes what the ticks run.
     pub fn build(&self) -> Result<Active, SettingError> {
         self.check()?;
@@ -189,20 +198,6 @@ impl Settings {
         }
     }
 
-    fn law(&self) -> Law {
-        match self.law {
-            LawName::FixedRate => Law::FixedRate(FixedRate { rate: MicrometresPerSecond(self.fixed_rate) }),
-            LawName::RateByError => Law::RateByError(RateByError::new(
-                MicrometresPerSecond(self.standard_velocity),
-                Volts(self.standard_error),
-                MicrometresPerSecond(self.rate_clamp),
-            )),
-            LawName::IncrementByError => {
-                Law::IncrementByError(IncrementByError::new(self.feed_gain, ticks(self.feed_period_ms)))
-            }
-        }
-    }
-
     fn head(&self, axis: Axis) -> Config {
         let plant = &axis.plant;
         let holding = axis.gains.holding();
@@ -213,7 +208,7 @@ impl Settings {
                 SetpointUnit::PercentOfOpen => Setpoint::ShareOfOpen(self.gap_setpoint_percent * 0.01),
             },
             structure: self.structure,
-            law: self.law(),
+            law: self.law.build(self),
             single: PidGains {
                 p: self.single_p,
                 i: self.single_i,
@@ -279,13 +274,22 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use edm_hal_shim::board::{BLANKING_CLOCK, BLANKING_MOST};
+    use edm_hal_shim::board::{BLANKING_CLOCK, BLANKING_MOST, BOARDS};
     use edm_hal_shim::timing::blanking;
 
     fn built(change: impl FnOnce(&mut Settings)) -> Result<Active, SettingError> {
         let mut settings = Settings::default();
         change(&mut settings);
         settings.build()
+    }
+
+    #[test]
+    fn the_defaults_of_every_board_can_be_set_and_fit_together() {
+        for (_, board) in BOARDS {
+            let settings = Settings::with(board.defaults).unwrap_or_else(|error| panic!("{}: {error}", board.name));
+            settings.build().unwrap_or_else(|error| panic!("{}: {error}", board.name));
+        }
+        assert_eq!(Settings::with(&[("gap.volts_per_volt", 1.0)]), Err(SettingError::UnknownKey));
     }
 
     fn conflicts(result: Result<Active, SettingError>, key: &str) {

@@ -218,20 +218,27 @@ pub trait Choice: Setting + PartialEq + 'static {
     const NAMES: &'static [&'static str];
 }
 
-/// Makes an enum a [`Choice`]: `choice!(Law { FixedRate = "fixed_rate", ... })`.
+/// Makes an enum a [`Choice`]: `choice!(Colour { Red = "red", ... })`, or `choice!(Colour)` of one that has constants `ALL`
+/// and `NAMES`.
 #[macro_export]
 macro_rules! choice {
-    ($type:ident { $first:ident = $first_name:literal $(, $variant:ident = $name:literal)* $(,)? }) => {
+    ($type:ident { $($variant:ident = $name:literal),+ $(,)? }) => {
+        $crate::choice!($type, &[$($type::$variant),+], &[$($name),+]);
+    };
+    ($type:ident) => {
+        $crate::choice!($type, $type::ALL, $type::NAMES);
+    };
+    ($type:ident, $all:expr, $names:expr) => {
         impl $crate::settings::Choice for $type {
-            const NAMES: &'static [&'static str] = &[$first_name $(, $name)*];
+            const NAMES: &'static [&'static str] = $names;
         }
 
         // The names are in the order of the enum.
         const _: () = {
-            let all = [$type::$first $(, $type::$variant)*];
+            let all: &[$type] = $all;
             let mut at = 0;
             while at < all.len() {
-                assert!(all[at] as usize == at);
+                assert!(all[at] as usize == at, "values of a choice count from 0");
                 at += 1;
             }
         };
@@ -241,8 +248,8 @@ macro_rules! choice {
                 self as u32
             }
             fn from_word(word: u32) -> Self {
-                let all = [$type::$first $(, $type::$variant)*];
-                all.get(word as usize).copied().unwrap_or($type::$first)
+                let all: &[$type] = $all;
+                all.get(word as usize).copied().unwrap_or(all[0])
             }
         }
     };

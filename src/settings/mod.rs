@@ -4,8 +4,9 @@
 
 mod build;
 mod declare;
+mod laws;
 mod table;
 
 pub use build::Active;
 pub use declare::{Choice, Declared, Field, Kind, Setting, SettingError, Value, check, distinct, place};
-pub use table::{LawName, SetpointUnit, Settings};
+pub use table::{SetpointUnit, Settings};

@@ -5,6 +5,7 @@
 //! next free sub-index of its group (a group is an index), and a line at the end of that list.
 
 use crate::declare;
+use crate::feed::LawName;
 use crate::gap::voltage::Average;
 use crate::head::Structure;
 
@@ -20,21 +21,7 @@ pub enum SetpointUnit {
 }
 crate::choice!(SetpointUnit { Volts = "volts", PercentOfOpen = "percent_of_open" });
 
-/// Feed law by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LawName {
-    /// [`crate::feed::FixedRate`].
-    FixedRate,
-    /// [`crate::feed::RateByError`].
-    RateByError,
-    /// [`crate::feed::IncrementByError`].
-    IncrementByError,
-}
-crate::choice!(LawName {
-    FixedRate = "fixed_rate",
-    RateByError = "rate_by_error",
-    IncrementByError = "increment_by_error",
-});
+crate::choice!(LawName);
 crate::choice!(Structure { SingleLoop = "single_loop", VelocityCascade = "velocity_cascade", Path = "path" });
 
 declare! {

@@ -3,6 +3,7 @@
 use crate::rig::Rig;
 use edm_hal_shim::store::Loaded;
 use edm_servo_head::canopen::objects::setting_address;
+use edm_servo_head::feed::LawName;
 use edm_servo_head::head::Fault;
 use edm_servo_head::stored::StoredImage;
 
@@ -21,7 +22,7 @@ fn a_setting_out_of_range_is_refused_with_the_code_that_says_which_way() {
     rig.write(index, sub, &2000.0f32.to_le_bytes());
     assert_eq!(rig.read_real((index, sub)), 2000.0);
     let (index, sub) = address("feed.law");
-    assert_eq!(rig.try_write(index, sub, &[3]), Err(0x0609_0031));
+    assert_eq!(rig.try_write(index, sub, &[LawName::ALL.len() as u8]), Err(0x0609_0031));
     rig.write(index, sub, &[0]);
     assert_eq!(rig.read(index, sub), 0);
     let (index, sub) = address("commission.passed");

@@ -21,6 +21,8 @@ pub struct Bench {
     pub v: f64,
     /// Workpiece surface, um.
     pub surface_um: f64,
+    /// The surface goes with the head, at this gap, um: what hangs between them is no work.
+    pub follows: Option<f64>,
     /// Force from outside, N, positive toward the work.
     pub push: f64,
     pub safety: SafetyInputs,
@@ -62,6 +64,7 @@ impl Bench {
             x: 0.0,
             v: 0.0,
             surface_um: 2000.0,
+            follows: None,
             push: 0.0,
             safety: SafetyInputs::default(),
             bus: 48.0,
@@ -175,6 +178,9 @@ impl Bench {
 
     pub fn tick(&mut self) {
         self.move_axis();
+        if let Some(gap) = self.follows {
+            self.surface_um = self.um() + gap;
+        }
         self.ticks += 1;
         self.now = self.now.wrapping_add(CLOCK_HZ / TICK_HZ);
         let count = (self.um() * self.encoder_sign).floor() as i64;

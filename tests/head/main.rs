@@ -3,8 +3,10 @@
 mod any_input;
 mod bench;
 mod commissioning;
+mod every_fault;
 mod faults;
 mod permit;
 mod positioning;
 mod proof;
 mod states;
+mod transitions;

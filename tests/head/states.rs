@@ -1,9 +1,10 @@
 //! States of the head on the bench: what it does when asked, and what it refuses.
 
 use crate::bench::Bench;
+use edm_servo_head::feed::LawName;
 use edm_servo_head::head::Structure;
 use edm_servo_head::head::{Command, MotionLimits, Reason, Refused, State};
-use edm_servo_head::settings::{LawName, SetpointUnit};
+use edm_servo_head::settings::SetpointUnit;
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 
 #[test]
@@ -109,9 +110,8 @@ fn the_setpoint_may_be_a_share_of_the_measured_open_circuit_voltage() {
 
 #[test]
 fn every_structure_and_law_of_roberts_keeps_the_gap() {
-    let laws = [LawName::FixedRate, LawName::RateByError, LawName::IncrementByError];
     for structure in [Structure::SingleLoop, Structure::VelocityCascade, Structure::Path] {
-        for law in laws {
+        for &law in LawName::ALL {
             let mut bench = Bench::with(|settings| {
                 settings.structure = structure;
                 settings.law = law;

@@ -1,10 +1,9 @@
 //! What of the chip is used for what: the same on every board with an STM32F405 or 407.
 //!
 //! Rates follow from one clock tree: crystal -> 168 MHz core, 84 MHz APB2, 42 MHz APB1; a timer runs at twice its bus clock
-//! (RM0090 7.2). Servo tick, gap conversions and edge stamps are divided from the same clock and started by one event, so
+//! (RM0090 7.2). Crystal and PLL are in the table of each board. Servo tick, gap conversions and edge stamps are divided from the same clock and started by one event, so
 //! their phases never drift: 25 conversions are one tick, and the edge timer wraps every seven ticks.
 
-use super::{Disc, F405};
 use crate::gap::BLOCK;
 use crate::must;
 use crate::timing::{Timebase, adc, can, timer};
@@ -36,20 +35,13 @@ pub struct Pll {
     pub q: u8,
 }
 
-/// PLL for a crystal of 4 to 26 MHz; `None` when it is not a whole multiple of 2 MHz.
+/// PLL for a crystal of 4 to 26 MHz; `None` when it is not a whole multiple of 2 MHz. What a board's table has.
 pub const fn pll(crystal_hz: u32) -> Option<Pll> {
     if crystal_hz < 4_000_000 || crystal_hz > 26_000_000 || !crystal_hz.is_multiple_of(2_000_000) {
         return None;
     }
     Some(Pll { m: (crystal_hz / 2_000_000) as u8, n: (2 * CORE_HZ / 2_000_000) as u16, q: 7 })
 }
-
-/// PLL for the crystal of both boards.
-pub const PLL: Pll = match pll(F405::TABLE.crystal_hz) {
-    Some(pll) => pll,
-    None => panic!("crystal: 4 to 26 MHz in steps of 2 MHz"),
-};
-const _: () = assert!(Disc::TABLE.crystal_hz == F405::TABLE.crystal_hz, "one PLL serves both boards");
 
 /// Wait states of the flash at 2.7 to 3.6 V: one for each 30 MHz begun after the first (RM0090 table 10).
 pub const FLASH_WAITS: u32 = CORE_HZ.div_ceil(30_000_000) - 1;
@@ -222,7 +214,6 @@ pub const fn priority(name: &str) -> u8 {
 pub fn write_chip(f: &mut dyn fmt::Write) -> fmt::Result {
     writeln!(f, "Clocks")?;
     writeln!(f, "  core {} MHz, APB1 {} MHz, APB2 {} MHz", CORE_HZ / MHZ, APB1_HZ / MHZ, APB2_HZ / MHZ)?;
-    writeln!(f, "  PLL  m {}, n {}, q {} from {} MHz", PLL.m, PLL.n, PLL.q, 2 * u32::from(PLL.m))?;
     writeln!(f, "  converters {} MHz", ADC.hz / MHZ)?;
     writeln!(f, "Rates")?;
     for (what, divider, clock) in [
@@ -276,7 +267,7 @@ mod tests {
 
     #[test]
     fn the_clock_tree_by_hand() {
-        assert_eq!(PLL, Pll { m: 4, n: 168, q: 7 });
+        assert_eq!(pll(8_000_000), Some(Pll { m: 4, n: 168, q: 7 }));
         assert_eq!(pll(25_000_000), None);
         assert_eq!(pll(26_000_000).map(|p| p.m), Some(13));
         assert_eq!(pll(28_000_000), None);

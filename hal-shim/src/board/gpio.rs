@@ -5,11 +5,11 @@
 //! types of the same names stand for them, so that a clash does not compile there either.
 
 /// On the chip.
-#[cfg(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc")))]
+#[cfg(all(target_arch = "arm", feature = "chip"))]
 pub use stm32f4xx_hal::gpio::{Pin, gpioa, gpiob, gpioc, gpiod, gpioe};
 
 /// A pin as an input, which all are after a reset but those that an unused debug port has.
-#[cfg(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc")))]
+#[cfg(all(target_arch = "arm", feature = "chip"))]
 pub fn input<const P: char, const N: u8, M: stm32f4xx_hal::gpio::PinMode>(pin: Pin<P, N, M>) -> Pin<P, N> {
     pin.into_mode()
 }
@@ -25,7 +25,7 @@ pub struct Ports {
     pub gpioe: gpioe::Parts,
 }
 
-#[cfg(not(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc"))))]
+#[cfg(not(all(target_arch = "arm", feature = "chip")))]
 mod names {
     /// A pin of the chip that nobody has configured yet.
     #[derive(Default)]
@@ -78,5 +78,5 @@ mod names {
         }
     }
 }
-#[cfg(not(all(target_arch = "arm", any(feature = "board-f405", feature = "board-f407-disc"))))]
+#[cfg(not(all(target_arch = "arm", feature = "chip")))]
 pub use names::{Pin, gpioa, gpiob, gpioc, gpiod, gpioe, input};

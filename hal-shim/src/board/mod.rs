@@ -1,8 +1,9 @@
 //! Boards: which pin carries which signal, and what of the chip is used for what.
 //!
 //! One table a board, made with [`board!`](crate::board!): it is at once the struct that owns the pins by type, the check that
-//! nothing is used twice, and the text that documents and the firmware on a PC print. The pins are the same types on the
-//! chip and on a PC, so that a clash fails to compile on both.
+//! nothing is used twice, and the text that documents and the firmware on a PC print. Crystal, bit rate, node-ID and
+//! defaults of settings that are the board's stand in it too. The pins are the same types on the chip and on a PC, so that
+//! a clash fails to compile on both. Another board is a file and a line in [`boards!`](self): CONTRIBUTING.md.
 //!
 //! *Pull*: the resistor on the board that holds a line while the chip is in reset or dead. Outputs that could drive the
 //! bridge or let pulses through are pulled to the harmless level; inputs are pulled to the unsafe reading, so that a
@@ -16,21 +17,44 @@ mod table;
 
 pub use chip::{
     ADC, ADC_HZ, APB1_HZ, APB2_HZ, BLANKING_CLOCK, BLANKING_MOST, BUS_PRESCALERS, CORE_HZ, DAC_STEPS, EDGE_MODULUS,
-    FLASH_WAITS, GAP_SAMPLING, GATED_SAMPLING, PLL, Pll, SAMPLE, SERVO, STREAMS, SUPERVISE, Stream, TASKS, TICK_HZ,
+    FLASH_WAITS, GAP_SAMPLING, GATED_SAMPLING, Pll, SAMPLE, SERVO, STREAMS, SUPERVISE, Stream, TASKS, TICK_HZ,
     TIMER1_HZ, TIMER2_HZ, TIMERS, Task, Timer, pll, priority, write_chip,
 };
 pub use disc::Disc;
 pub use f405::F405;
 pub use table::{Pin, Row, Table};
 
-/// Declares a board: for each signal a pin, what it does there, and what is connected to it outside.
+/// Lists the boards: feature of the packages edm-hal-shim and edm-firmware, and struct.
+macro_rules! boards {
+    ($($feature:literal => $Board:ident,)+) => {
+        /// Every board: the feature that an image for it is built with, and its table.
+        pub const BOARDS: &[(&str, Table)] = &[$(($feature, $Board::TABLE)),+];
+
+        $(
+            /// The board this image is for; with a second feature of a board this does not compile.
+            #[cfg(all(target_arch = "arm", feature = $feature))]
+            pub type Board = $Board;
+        )+
+    };
+}
+
+boards! {
+    "board-f405" => F405,
+    "board-f407-disc" => Disc,
+}
+
+/// Declares a board: crystal in Hz, bit rate of CAN in bit/s, node-ID, defaults of settings where they differ from those of
+/// docs/settings.md; then for each signal a pin, what it does there, and what is connected to it outside.
 ///
-/// A pin used twice does not compile: the second use is the use of a moved value.
+/// A crystal or bit rate that the clock tree cannot use exactly does not compile. A pin used twice does not compile: the second use is the use of a moved value.
 #[macro_export]
 macro_rules! board {
     ($(#[$outer:meta])* $vis:vis struct $Board:ident {
         name: $name:literal,
         crystal_hz: $crystal:literal,
+        can_bit_rate: $bit_rate:literal,
+        node: $node:literal,
+        defaults: { $($key:literal = $default:literal),* $(,)? },
         $($signal:ident: $port:ident.$field:ident $Pin:ident, $function:literal, $outside:literal;)+
     }) => {
         $(#[$outer])*
@@ -44,6 +68,13 @@ macro_rules! board {
             pub const TABLE: $crate::board::Table = $crate::board::Table {
                 name: $name,
                 crystal_hz: $crystal,
+                pll: match $crate::board::pll($crystal) {
+                    Some(pll) => pll,
+                    None => panic!("a crystal has 4 to 26 MHz in steps of 2 MHz"),
+                },
+                can: $crate::must!($crate::timing::can::bit_timing($crate::board::APB1_HZ, $bit_rate)),
+                node: $node,
+                defaults: &[$(($key, $default)),*],
                 rows: &[$($crate::board::Row {
                     signal: stringify!($signal),
                     pin: $crate::board::Pin::parse(stringify!($Pin)),

@@ -1,5 +1,7 @@
 //! The table of a board, and what must hold for it.
 
+use super::{APB1_HZ, Pll};
+use crate::timing::can::BitTiming;
 use core::fmt;
 
 /// A pin of the chip.
@@ -41,13 +43,21 @@ pub struct Row {
     pub outside: &'static str,
 }
 
-/// All signals of a board.
+/// All that is a board's own.
 #[derive(Clone, Copy, Debug)]
 pub struct Table {
     /// Board and chip.
     pub name: &'static str,
     /// Crystal, Hz.
     pub crystal_hz: u32,
+    /// What makes the core's 168 MHz of it.
+    pub pll: Pll,
+    /// Bit timing of the CAN controller.
+    pub can: BitTiming,
+    /// Node-ID on the bus, 1 to 127.
+    pub node: u8,
+    /// Settings whose default is another here than docs/settings.md says, by key.
+    pub defaults: &'static [(&'static str, f32)],
     /// The signals.
     pub rows: &'static [Row],
 }
@@ -82,6 +92,7 @@ impl Table {
     /// Refuses, at compile time, a pin, an interrupt line, a timer or converter channel that is used twice, and an
     /// interrupt line that is not the pin's own.
     pub const fn check(&self) {
+        assert!(self.node >= 1 && self.node <= 127, "a node-ID is 1 to 127");
         let mut i = 0;
         while i < self.rows.len() {
             let row = &self.rows[i];
@@ -108,7 +119,12 @@ impl Table {
 
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}, crystal {} MHz", self.name, self.crystal_hz / 1_000_000)?;
+        let Pll { m, n, q } = self.pll;
+        writeln!(f, "{}, crystal {} MHz, PLL m {m} n {n} q {q}", self.name, self.crystal_hz / 1_000_000)?;
+        writeln!(f, "  node {}, CAN {} kbit/s", self.node, self.can.bit_rate(APB1_HZ) / 1000)?;
+        for (key, value) in self.defaults {
+            writeln!(f, "  {key} {value} unless set")?;
+        }
         for row in self.rows {
             // Display of a struct does not pad: the pin goes through a fixed width by hand.
             let space = if row.pin.number < 10 { " " } else { "" };
@@ -199,14 +215,14 @@ const fn exti(function: &str) -> Option<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::board::{Disc, F405};
+    use crate::board::{BOARDS, F405};
 
     const fn row(signal: &'static str, pin: &'static str, function: &'static str) -> Row {
         Row { signal, pin: Pin::parse(pin), function, outside: "" }
     }
 
     fn refusal(rows: &'static [Row]) -> String {
-        let table = Table { name: "test", crystal_hz: 8_000_000, rows };
+        let table = Table { rows, ..F405::TABLE };
         let panic = std::panic::catch_unwind(|| table.check()).expect_err("the table should be refused");
         panic.downcast_ref::<&str>().unwrap().to_string()
     }
@@ -235,13 +251,15 @@ mod tests {
     #[test]
     fn the_same_pin_number_on_two_ports_and_the_same_function_word_are_no_clash() {
         const ROWS: &[Row] = &[row("a", "PA1", "TIM5_CH2 AF2, EXTI1"), row("b", "PB1", "TIM3_CH4 AF2")];
-        Table { name: "test", crystal_hz: 8_000_000, rows: ROWS }.check();
+        Table { rows: ROWS, ..F405::TABLE }.check();
     }
 
     #[test]
-    fn both_boards_offer_the_same_signals() {
+    fn every_board_offers_the_same_signals() {
         let names = |table: Table| table.rows.iter().map(|row| row.signal).collect::<Vec<_>>();
-        assert_eq!(names(F405::TABLE), names(Disc::TABLE));
+        for (_, table) in BOARDS {
+            assert_eq!(names(*table), names(F405::TABLE), "{}", table.name);
+        }
     }
 
     #[test]

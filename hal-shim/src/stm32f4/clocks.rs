@@ -8,7 +8,7 @@
 use super::pac;
 use super::start::{StartError, within};
 use super::{change, put};
-use crate::board::{BUS_PRESCALERS, FLASH_WAITS, PLL};
+use crate::board::{BUS_PRESCALERS, Board, FLASH_WAITS, Pll};
 
 /// Wait states, prefetch, instruction and data cache.
 const FLASH_ACR: u32 = FLASH_WAITS | 1 << 8 | 1 << 9 | 1 << 10;
@@ -23,7 +23,8 @@ pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Result<(), StartError> {
     within(CRYSTAL_POLLS, || rcc.cr().read().hserdy().bit_is_set(), StartError::Crystal)?;
 
     // P = 0 divides the oscillator by two; the source is the crystal.
-    let pll = u32::from(PLL.m) | u32::from(PLL.n) << 6 | 1 << 22 | u32::from(PLL.q) << 24;
+    let Pll { m, n, q } = const { Board::TABLE.pll };
+    let pll = u32::from(m) | u32::from(n) << 6 | 1 << 22 | u32::from(q) << 24;
     put!(rcc.pllcfgr(), pll);
     rcc.cr().modify(|_, w| w.pllon().set_bit());
     within(PLL_POLLS, || rcc.cr().read().pllrdy().bit_is_set(), StartError::Pll)?;

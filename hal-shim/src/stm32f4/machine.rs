@@ -19,13 +19,7 @@ use super::start::StartError;
 use super::timebase::{self, Millisecond};
 use super::watchdog::Watchdog;
 use super::{Board, dma, pac, pins};
-use crate::board::APB1_HZ;
-use crate::must;
 use crate::reflex::Limits;
-use crate::timing::can::{BitTiming, bit_timing};
-
-/// Bit timing of the bus: 1 Mbit/s.
-const BIT_TIMING: BitTiming = must!(bit_timing(APB1_HZ, 1_000_000));
 
 /// The parts of a running board; each goes to one task.
 #[allow(missing_docs, reason = "each part says what it is")]
@@ -116,7 +110,7 @@ impl Machine {
         // Nothing may drive before the gap has been seen.
         blocks.first()?;
 
-        let can = can::start(device.CAN1, board.can_rx, board.can_tx, BIT_TIMING, rcc);
+        let can = can::start(device.CAN1, board.can_rx, board.can_tx, const { Board::TABLE.can }, rcc);
         let millisecond = Millisecond::new(device.TIM7, rcc);
         let flash = SettingsFlash::new(device.FLASH);
         Ok(Machine {

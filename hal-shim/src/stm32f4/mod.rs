@@ -45,15 +45,7 @@ pub use stm32f4xx_hal::pac;
 
 use hal::rcc::{Enable, Reset};
 
-/// The board this image is for.
-#[cfg(not(feature = "board-f407-disc"))]
-pub type Board = crate::board::F405;
-/// The board this image is for.
-#[cfg(feature = "board-f407-disc")]
-pub type Board = crate::board::Disc;
-
-#[cfg(all(feature = "board-f405", feature = "board-f407-disc"))]
-compile_error!("one board a firmware image: use --no-default-features with board-f407-disc");
+pub use crate::board::Board;
 
 /// Clocks a peripheral and puts its registers back to their reset values (RM0090 7.3).
 pub(crate) fn reset<P: Enable + Reset>(rcc: &mut pac::RCC) {

@@ -11,16 +11,15 @@ use std::path::{MAIN_SEPARATOR, Path};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// The scenarios that come with the program: name and text.
-pub const BUILT_IN: &[(&str, &str)] = &[
-    ("default", include_str!("../scenarios/default.toml")),
-    ("pulses-100khz", include_str!("../scenarios/pulses-100khz.toml")),
-    ("pulses-1khz", include_str!("../scenarios/pulses-1khz.toml")),
-    ("mass-0.1kg", include_str!("../scenarios/mass-0.1kg.toml")),
-    ("mass-0.4kg", include_str!("../scenarios/mass-0.4kg.toml")),
-    ("dirty-gap", include_str!("../scenarios/dirty-gap.toml")),
-    ("roberts-original", include_str!("../scenarios/roberts-original.toml")),
-];
+macro_rules! scenarios {
+    ($($name:literal),+ $(,)?) => {
+        /// The scenarios that come with the program: name and text.
+        pub const BUILT_IN: &[(&str, &str)] =
+            &[$(($name, include_str!(concat!("../scenarios/", $name, ".toml")))),+];
+    };
+}
+
+scenarios!["default", "pulses-100khz", "pulses-1khz", "mass-0.1kg", "mass-0.4kg", "dirty-gap", "roberts-original",];
 
 /// Values for a run, each within its own limits.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,6 +2,7 @@
 
 use edm_servo_head::settings::{Declared, Settings};
 use edm_sim::process::Parameters;
+use edm_sim::scenario::BUILT_IN;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -280,8 +281,7 @@ fn the_lists_name_every_scenario_and_every_setting() {
         String::from_utf8(output.stdout).unwrap()
     };
     let scenarios = list("scenarios");
-    for name in ["default", "pulses-100khz", "pulses-1khz", "mass-0.1kg", "mass-0.4kg", "dirty-gap", "roberts-original"]
-    {
+    for (name, _) in BUILT_IN {
         assert!(scenarios.lines().any(|line| line.starts_with(&format!("{name} "))), "{name}");
     }
     let settings = list("settings");

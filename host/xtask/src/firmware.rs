@@ -4,6 +4,7 @@
 //! even after everything has been inlined into the tasks. The largest *frame* is the most that one function takes of the
 //! stack at once, from the instructions that move the stack pointer.
 
+use edm_hal_shim::board::{BOARDS, Table};
 use gimli::{EndianSlice, RunTimeEndian};
 use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
 use std::collections::BTreeMap;
@@ -22,12 +23,9 @@ const FLASH: std::ops::Range<u64> = VECTORS..VECTORS + 1024 * 1024;
 const RAM: std::ops::Range<u64> = 0x2000_0000..0x2002_0000;
 const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// Boards: feature of the firmware package, and name.
-const BOARDS: [(&str, &str); 2] = [("board-f405", "STM32F405RG"), ("board-f407-disc", "STM32F407G-DISC1")];
-
 /// Builds, checks and reports every board. The images are left in `firmware/` of the target directory, a name each.
 pub fn run(root: &Path) -> Result<(), String> {
-    for (feature, name) in BOARDS {
+    for (feature, Table { name, .. }) in BOARDS {
         let elf = build(root, feature)?;
         let data = std::fs::read(&elf).map_err(|e| format!("{}: {e}", elf.display()))?;
         let image = Image::read(&data)?;

@@ -12,6 +12,7 @@ use std::process::ExitCode;
 mod fil;
 mod firmware;
 mod object_table;
+mod pictures;
 mod released;
 mod settings_table;
 
@@ -24,7 +25,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
-    /// Writes what is generated from declarations: docs/settings.md, docs/objects.md, and the EDS and DBC files beside them.
+    /// Writes what is generated from declarations: docs/settings.md, docs/objects.md, the EDS and DBC files beside
+    /// them, and the pictures of blocks, states and one millisecond in docs/pictures.
     /// Checks that docs/released-objects.csv keeps every line that was ever released.
     Docs {
         /// Write nothing; fail if a file is not current.
@@ -48,8 +50,9 @@ fn main() -> ExitCode {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..");
     let result = match Arguments::parse().task {
         Task::Docs { check } => documents()
-            .iter()
-            .try_for_each(|(name, text)| generate(&root.join("docs").join(name), text, check))
+            .and_then(|documents| {
+                documents.iter().try_for_each(|(name, text)| generate(&root.join("docs"), name, text, check))
+            })
             .and_then(|()| released::check(&root).map(|said| println!("{said}"))),
         Task::Firmware => firmware::run(&root),
         Task::Link => firmware::link(&root),
@@ -65,25 +68,27 @@ fn main() -> ExitCode {
 }
 
 /// The files in docs/ that follow from declarations.
-fn documents() -> [(&'static str, String); 4] {
+fn documents() -> Result<Vec<(&'static str, String)>, String> {
     let (mut sheet, mut frames) = (String::new(), String::new());
     // A string takes everything.
     let _ = eds::write(&mut sheet);
     if let Some(node) = NodeId::new(1) {
         let _ = dbc::write(&mut frames, node);
     }
-    [
+    let mut documents = vec![
         ("settings.md", settings_table::render()),
         ("objects.md", object_table::render()),
         (eds::FILE, sheet),
         ("edm-servo-head.dbc", frames),
-    ]
+    ];
+    documents.extend(pictures::render()?);
+    Ok(documents)
 }
 
-fn generate(path: &Path, text: &str, check: bool) -> Result<(), String> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+fn generate(docs: &Path, name: &str, text: &str, check: bool) -> Result<(), String> {
+    let path = docs.join(name);
     if !check {
-        return std::fs::write(path, text).map_err(|error| format!("{name}: {error}"));
+        return std::fs::write(path, text).map_err(|error| format!("docs/{name}: {error}"));
     }
     match std::fs::read_to_string(path) {
         Ok(present) if present == text => Ok(()),
@@ -94,12 +99,21 @@ fn generate(path: &Path, text: &str, check: bool) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::process::Command;
 
     #[test]
     fn what_is_generated_is_committed() {
         let docs = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../docs");
-        for (name, text) in documents() {
-            assert_eq!(generate(&docs.join(name), &text, true), Ok(()));
+        for (name, text) in documents().unwrap() {
+            assert_eq!(generate(&docs, name, &text, true), Ok(()));
         }
+    }
+
+    /// rustfmt does not look for modules that a macro declares.
+    #[test]
+    fn the_feed_laws_are_formatted() {
+        let laws = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../src/feed");
+        let files = std::fs::read_dir(laws).unwrap().map(|entry| entry.unwrap().path());
+        assert!(Command::new("rustfmt").args(["--edition", "2024", "--check"]).args(files).status().unwrap().success());
     }
 }

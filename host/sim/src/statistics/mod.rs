@@ -5,7 +5,7 @@
 //! back into judged time; one that a disturbance cuts short is dropped whole. All this is taken from milliseconds, so
 //! its cost does not show.
 //!
-//! Chance alone scatters the filtered voltage (docs/architecture.md, "Know the floor"): control is judged by means over
+//! Chance alone scatters the filtered voltage (docs/decisions.md, "Process model"): control is judged by means over
 //! [`VOLTAGE_MS`] and by position.
 
 mod fourier;

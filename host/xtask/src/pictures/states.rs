@@ -1,0 +1,209 @@
+//! The states of the head and their changes: `edm_servo_head::head::TRANSITIONS`, which a test compares with what heads do.
+//!
+//! The places of boxes and arrows are given here. Arrows that are not those of the table are an error.
+
+use super::svg::{Anchor, Fill, Sheet};
+use edm_servo_head::head::State::{
+    Commissioning, Disabled, Done, Eroding, Fault, Guiding, HoldingPosition, Homing, Positioning, Proving, Ready,
+    Retreating, Seeking,
+};
+use edm_servo_head::head::{Reason, State, TRANSITIONS};
+
+/// Box of a state.
+fn place(state: State) -> ((f64, f64), (f64, f64)) {
+    match state {
+        Disabled => ((40.0, 270.0), (120.0, 44.0)),
+        Commissioning => ((40.0, 480.0), (130.0, 44.0)),
+        Proving => ((250.0, 480.0), (110.0, 44.0)),
+        Ready => ((305.0, 212.0), (140.0, 40.0)),
+        HoldingPosition => ((305.0, 287.0), (140.0, 40.0)),
+        Done => ((305.0, 362.0), (140.0, 40.0)),
+        Positioning => ((240.0, 50.0), (120.0, 44.0)),
+        Homing => ((440.0, 50.0), (110.0, 44.0)),
+        Seeking => ((610.0, 200.0), (120.0, 44.0)),
+        Eroding => ((610.0, 285.0), (120.0, 44.0)),
+        Guiding => ((610.0, 380.0), (120.0, 44.0)),
+        Retreating => ((810.0, 285.0), (120.0, 44.0)),
+        Fault => ((610.0, 520.0), (120.0, 44.0)),
+    }
+}
+
+/// An arrow: from any of these states to this one, for any of these reasons; what is written on it, and where.
+struct Arrow {
+    from: &'static [State],
+    to: State,
+    reasons: &'static [Reason],
+    points: &'static [(f64, f64)],
+    label: &'static str,
+    at: (f64, f64),
+}
+
+/// What stands still with its loop closed.
+const REST: &[State] = &[Ready, HoldingPosition, Done];
+
+const fn arrow(
+    from: &'static [State],
+    to: State,
+    reasons: &'static [Reason],
+    points: &'static [(f64, f64)],
+    label: &'static str,
+    at: (f64, f64),
+) -> Arrow {
+    Arrow { from, to, reasons, points, label, at }
+}
+
+const ARROWS: &[Arrow] = &[
+    arrow(&[Disabled], Ready, &[Reason::Enabled], &[(160.0, 285.0), (290.0, 285.0)], "enable", (180.0, 279.0)),
+    arrow(
+        &[Disabled],
+        Proving,
+        &[Reason::ProofStarted],
+        &[(160.0, 302.0), (270.0, 302.0), (270.0, 480.0)],
+        "encoder in doubt",
+        (154.0, 340.0),
+    ),
+    arrow(
+        &[Disabled],
+        Commissioning,
+        &[Reason::CommissioningStarted],
+        &[(125.0, 314.0), (125.0, 480.0)],
+        "commission",
+        (131.0, 402.0),
+    ),
+    arrow(
+        &[Commissioning],
+        Disabled,
+        &[Reason::CommissioningEnded],
+        &[(70.0, 480.0), (70.0, 314.0)],
+        "ended",
+        (76.0, 402.0),
+    ),
+    arrow(&[Proving], Ready, &[Reason::Enabled], &[(335.0, 480.0), (335.0, 425.0)], "proved", (342.0, 458.0)),
+    arrow(
+        &[Proving],
+        Commissioning,
+        &[Reason::CommissioningStarted],
+        &[(250.0, 502.0), (170.0, 502.0)],
+        "proved",
+        (188.0, 496.0),
+    ),
+    arrow(REST, Positioning, &[Reason::Positioned], &[(305.0, 175.0), (305.0, 94.0)], "move", (264.0, 140.0)),
+    arrow(
+        &[Positioning],
+        Ready,
+        &[Reason::Arrived, Reason::Held],
+        &[(345.0, 94.0), (345.0, 175.0)],
+        "at rest",
+        (351.0, 140.0),
+    ),
+    arrow(REST, Homing, &[Reason::HomingStarted], &[(450.0, 175.0), (450.0, 94.0)], "home", (406.0, 140.0)),
+    arrow(
+        &[Homing],
+        Ready,
+        &[Reason::Homed, Reason::NotHomed],
+        &[(475.0, 94.0), (475.0, 195.0), (460.0, 195.0)],
+        "found or not",
+        (481.0, 140.0),
+    ),
+    arrow(&[Positioning], Homing, &[Reason::HomingStarted], &[(360.0, 62.0), (440.0, 62.0)], "home", (384.0, 57.0)),
+    arrow(&[Homing], Positioning, &[Reason::Held], &[(440.0, 82.0), (360.0, 82.0)], "hold", (386.0, 96.0)),
+    arrow(&[Ready], HoldingPosition, &[Reason::Held], &[(375.0, 252.0), (375.0, 287.0)], "hold", (382.0, 274.0)),
+    arrow(&[Done], HoldingPosition, &[Reason::Held], &[(375.0, 362.0), (375.0, 327.0)], "hold", (382.0, 350.0)),
+    arrow(REST, Seeking, &[Reason::Started], &[(460.0, 222.0), (610.0, 222.0)], "start", (490.0, 216.0)),
+    arrow(REST, Guiding, &[Reason::Started], &[(460.0, 410.0), (610.0, 410.0)], "guide", (490.0, 404.0)),
+    arrow(&[Seeking, Eroding], Done, &[Reason::PathEnd], &[(585.0, 372.0), (445.0, 372.0)], "path end", (490.0, 366.0)),
+    arrow(
+        &[Seeking, Eroding, Guiding, Retreating],
+        HoldingPosition,
+        &[Reason::Held],
+        &[(585.0, 307.0), (445.0, 307.0)],
+        "hold",
+        (490.0, 301.0),
+    ),
+    arrow(&[Seeking], Eroding, &[Reason::WorkFound], &[(660.0, 244.0), (660.0, 285.0)], "work found", (667.0, 269.0)),
+    arrow(
+        &[Seeking],
+        Retreating,
+        &[Reason::Short],
+        &[(730.0, 212.0), (900.0, 212.0), (900.0, 285.0)],
+        "short",
+        (752.0, 206.0),
+    ),
+    arrow(
+        &[Retreating],
+        Seeking,
+        &[Reason::GapRecovered],
+        &[(840.0, 285.0), (840.0, 234.0), (730.0, 234.0)],
+        "clear",
+        (752.0, 249.0),
+    ),
+    arrow(&[Eroding], Retreating, &[Reason::Short], &[(730.0, 298.0), (810.0, 298.0)], "short", (752.0, 292.0)),
+    arrow(&[Retreating], Eroding, &[Reason::GapRecovered], &[(810.0, 318.0), (730.0, 318.0)], "clear", (752.0, 333.0)),
+    arrow(
+        &[Guiding],
+        Retreating,
+        &[Reason::Short],
+        &[(730.0, 412.0), (900.0, 412.0), (900.0, 329.0)],
+        "short",
+        (752.0, 427.0),
+    ),
+    arrow(
+        &[Retreating],
+        Guiding,
+        &[Reason::GapRecovered],
+        &[(840.0, 329.0), (840.0, 390.0), (730.0, 390.0)],
+        "clear",
+        (752.0, 384.0),
+    ),
+    arrow(
+        &[Fault],
+        Disabled,
+        &[Reason::FaultReset],
+        &[(610.0, 550.0), (12.0, 550.0), (12.0, 292.0), (40.0, 292.0)],
+        "reset",
+        (450.0, 544.0),
+    ),
+];
+
+fn agrees() -> Result<(), String> {
+    let each = |arrow: &'static Arrow| {
+        let pairs = arrow.from.iter().flat_map(|from| arrow.reasons.iter().map(move |reason| (*from, *reason)));
+        pairs.map(move |(from, reason)| (from, arrow.to, reason))
+    };
+    let drawn: Vec<_> = ARROWS.iter().flat_map(each).collect();
+    if let Some(change) = TRANSITIONS.iter().find(|change| !drawn.contains(change)) {
+        return Err(format!("the picture of the states has no arrow for {change:?}"));
+    }
+    match drawn.iter().find(|change| !TRANSITIONS.contains(change)) {
+        Some(change) => Err(format!("the picture of the states has an arrow for {change:?}, which does not happen")),
+        None => Ok(()),
+    }
+}
+
+pub fn draw() -> Result<String, String> {
+    agrees()?;
+    let mut sheet = Sheet::new(960, 590, "States of the head and what changes them");
+    sheet.rect((290.0, 175.0), (170.0, 250.0), Fill::Light);
+    sheet.text((375.0, 200.0), 13, Anchor::Middle, "loop closed, at rest");
+    sheet.rect((585.0, 160.0), (365.0, 285.0), Fill::Light);
+    sheet.text((598.0, 182.0), 13, Anchor::Start, "pulses on");
+    for state in State::ALL {
+        let (at, size) = place(state);
+        let fill = match state {
+            Fault => Fill::Red,
+            state if state.pulses() => Fill::Orange,
+            _ => Fill::Blue,
+        };
+        sheet.labelled(at, size, fill, &state.name().replace('_', " "));
+    }
+    for arrow in ARROWS {
+        sheet.arrow(arrow.points);
+        sheet.text(arrow.at, 13, Anchor::Start, arrow.label);
+    }
+    sheet.arrow(&[(670.0, 485.0), (670.0, 520.0)]);
+    sheet.text((670.0, 478.0), 13, Anchor::Middle, "a fault, from every state");
+    sheet.arrow(&[(100.0, 235.0), (100.0, 270.0)]);
+    sheet.text((100.0, 212.0), 13, Anchor::Middle, "disable,");
+    sheet.text((100.0, 228.0), 13, Anchor::Middle, "from every state but fault");
+    Ok(sheet.finish())
+}

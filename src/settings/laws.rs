@@ -1,0 +1,28 @@
+//! What each feed law takes of the settings.
+
+use super::Settings;
+use super::build::ticks;
+use crate::feed::{FixedRate, IncrementByError, RateByError};
+use crate::units::{MicrometresPerSecond, Volts};
+
+impl From<&Settings> for FixedRate {
+    fn from(settings: &Settings) -> Self {
+        FixedRate { rate: MicrometresPerSecond(settings.fixed_rate) }
+    }
+}
+
+impl From<&Settings> for RateByError {
+    fn from(settings: &Settings) -> Self {
+        RateByError::new(
+            MicrometresPerSecond(settings.standard_velocity),
+            Volts(settings.standard_error),
+            MicrometresPerSecond(settings.rate_clamp),
+        )
+    }
+}
+
+impl From<&Settings> for IncrementByError {
+    fn from(settings: &Settings) -> Self {
+        IncrementByError::new(settings.feed_gain, ticks(settings.feed_period_ms))
+    }
+}

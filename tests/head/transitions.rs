@@ -1,0 +1,109 @@
+//! The changes of state that a head makes are those of the table, and it makes all of them.
+
+use crate::bench::Bench;
+use edm_servo_head::head::{Command, Fault, Home, MotionLimits, Reason, State, TRANSITIONS};
+use edm_servo_head::motion::Method;
+use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus as Random;
+
+/// Ticks that a head is left alone between two interventions at the most; one time in ten longer.
+const PAUSE: u32 = 1000;
+const LONG_PAUSE: u32 = 20_000;
+
+fn command(random: &mut Random) -> Command {
+    let acceleration = MicrometresPerSecond2(1e7);
+    let um = |um: i64| Nanometres(um * 1000);
+    match random.random_range(0..23) {
+        0..4 => Command::Enable,
+        4 => Command::Disable,
+        5 | 22 => Command::Hold,
+        6 => Command::Commission,
+        7 => Command::ClearPath,
+        8 => Command::Brake(acceleration),
+        9..12 => Command::Start,
+        12..14 => Command::Guide,
+        14..17 => Command::MoveBy(um(random.random_range(1..300))),
+        17..19 => Command::ResetFault,
+        19 => Command::Position(
+            um(random.random_range(100..9000)),
+            MotionLimits { velocity: MicrometresPerSecond(2e4), acceleration, deceleration: acceleration },
+        ),
+        _ => Command::Home(Home {
+            method: if random.random() { Method::UpperLimit } else { Method::MarkBelow },
+            fast: MicrometresPerSecond(1e5),
+            slow: MicrometresPerSecond(1e4),
+            acceleration,
+            at: um(0),
+        }),
+    }
+}
+
+/// Moves the work or pulls at a wire, and puts it back later.
+fn disturb(bench: &mut Bench, random: &mut Random) {
+    match random.random_range(0..40) {
+        0..8 => (bench.surface_um, bench.follows) = (bench.um() - 1.0, None),
+        // It erodes: the work gives way.
+        8..18 => bench.follows = Some(35.0),
+        18..30 => (bench.surface_um, bench.follows) = (bench.um() + 5000.0, None),
+        30 => bench.head.raise(Fault::EncoderLost),
+        31 => bench.head.raise(Fault::FollowingError),
+        32 => bench.safety.emergency_stop = true,
+        _ => bench.safety.emergency_stop = false,
+    }
+}
+
+#[test]
+fn the_table_of_transitions_is_what_heads_do() {
+    let mut seen: Vec<(State, State, Reason)> = Vec::new();
+    for seed in 0..80 {
+        let mut random = Random::seed_from_u64(seed);
+        let mut bench = Bench::with(|settings| {
+            settings.seek_settle_ms = 10.0;
+            settings.seek_velocity = 20_000.0;
+        });
+        // An axis longer than its settings say, where homing ends in vain.
+        let long = seed % 4 == 0;
+        if long {
+            bench.stroke_m = 0.03;
+        }
+        bench.make_ready();
+        for _ in 0..300 {
+            for _ in 0..random.random_range(0..4) {
+                let _ = bench.head.command(command(&mut random));
+            }
+            if bench.state() == State::Done && random.random() {
+                // Rarely in this order by chance.
+                let _ = bench.head.command(Command::MoveBy(Nanometres(100_000)));
+                let _ = bench.head.command(if random.random() { Command::Start } else { Command::Hold });
+            }
+            disturb(&mut bench, &mut random);
+            let most =
+                if bench.state() == State::Homing || random.random_range(0..10) == 0 { LONG_PAUSE } else { PAUSE };
+            for _ in 0..random.random_range(1..most) {
+                bench.safety.upper_limit = bench.um() < 1.0;
+                bench.safety.lower_limit = !long && bench.um() > 11_000.0;
+                bench.tick();
+                for change in bench.changes() {
+                    let change = (change.from, change.to, change.reason);
+                    if !seen.contains(&change) {
+                        seen.push(change);
+                    }
+                }
+            }
+        }
+    }
+    let rules = |&(from, to, reason): &(State, State, Reason)| match reason {
+        Reason::Fault(_) => to == State::Fault,
+        Reason::Disabled => to == State::Disabled && from != State::Fault,
+        _ => from == to,
+    };
+    let unknown: Vec<_> = seen.iter().filter(|change| !rules(change) && !TRANSITIONS.contains(change)).collect();
+    assert!(unknown.is_empty(), "not in the table: {unknown:?}");
+    let never: Vec<_> = TRANSITIONS.iter().filter(|change| !seen.contains(change)).collect();
+    assert!(never.is_empty(), "no head made {never:?}");
+    for state in State::ALL {
+        let left = |to| seen.iter().any(|change| change.0 == state && change.1 == to);
+        assert!(left(State::Fault) && (left(State::Disabled)), "{state:?}");
+    }
+}
