@@ -58,8 +58,7 @@ fn after(signal: &str) -> (Machine, Truth, Truth) {
 #[test]
 fn every_signal_brings_its_fault_and_nothing_is_rammed() {
     let faults = [
-        // Eroding is slow: the setpoint leaves a count that stands still before the back-EMF contradicts it.
-        ("encoder.cut", Fault::FollowingError),
+        ("encoder.cut", Fault::EncoderLost),
         ("limit.upper_open", Fault::UpperLimit),
         ("limit.lower_open", Fault::LowerLimit),
         ("stop.open", Fault::EmergencyStop),
