@@ -8,7 +8,7 @@ use edm_servo_head::head::Fault;
 use edm_servo_head::settings::Settings;
 use std::collections::BTreeSet;
 
-/// `EDM_SEEDS=4` runs a minute of four processes instead of one.
+/// `EDM_SEEDS=2` runs a minute of two processes instead of one.
 #[test]
 fn the_native_core_comes_to_the_same_bit_for_bit_for_a_minute_of_retreats_and_faults() {
     let image = Image::parse(common::firmware().to_vec()).unwrap();
