@@ -1,5 +1,6 @@
 """However an example ends, it leaves the head switched off, and says so."""
 
+import functools
 import pathlib
 import signal
 import subprocess
@@ -18,7 +19,10 @@ DISABLED, FAULT = 0, 8
 def boring(server):
     """The example that bores, once it erodes."""
     words = [sys.executable, "-u", BORE, "--channel", server.tcp, "--depth-mm", "0.5"]
-    example = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    # Who runs these tests in the background of a shell has them ignore Ctrl-C, and a program inherits that.
+    heed = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    pipe = subprocess.PIPE
+    example = subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed)
     for line in example.stdout:
         # It tells every two seconds how deep it is.
         if line.endswith(" V\n"):
