@@ -54,6 +54,8 @@ pub struct Signals {
     pub second: Flag,
     /// Servo ticks of uninterrupted short: of the gap reading, what every tick looks at.
     pub short_ticks: Word,
+    /// Electrode and work touch, with pulses off: 1, else 0.
+    pub touches: Word,
     /// SYNCs that have come.
     pub syncs: Counter,
     /// Bytes of a SYNC as the node is configured: any other is none.
@@ -84,6 +86,7 @@ impl Signals {
             millisecond: Flag::new(),
             second: Flag::new(),
             short_ticks: Word::new(0),
+            touches: Word::new(0),
             syncs: Counter::new(),
             sync_length: Word::new(0),
             overruns: Counter::new(),

@@ -30,6 +30,7 @@ impl<B: Board> Gap<B> {
         let reading = self.source.update(self.block.as_ref());
         self.reading.write(|slot| *slot = reading);
         self.signals.short_ticks.store(reading.short_ticks);
+        self.signals.touches.store(reading.touches.into());
         if self.settings.is_fresh() {
             self.retune();
         }

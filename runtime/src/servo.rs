@@ -134,6 +134,7 @@ impl<B: Board> Servo<B> {
         }
         let input = &mut self.input;
         input.short_ticks = self.signals.short_ticks.load();
+        input.touches = self.signals.touches.load() != 0;
         let retreats = self.lines.retreats();
         if retreats != self.retreats {
             self.retreats = retreats;

@@ -47,6 +47,9 @@ pub struct GapReading {
     pub mean: Volts,
     /// How far to trust them.
     pub quality: Quality,
+    /// The block has no gate and almost no voltage: with pulses off, the sense supply shows that electrode and work touch.
+    /// Never where no sense supply is fitted.
+    pub touches: bool,
     /// Servo ticks for which every gated block was a short, without interruption; off-time neither adds nor ends a run
     /// but counts as time once the run has begun, up to the hold limit: a generator that suspends its pulses after
     /// shorts (Roberts) must not lengthen the run. Unfiltered: this is the fast path to a retreat.

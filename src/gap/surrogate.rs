@@ -50,7 +50,14 @@ impl Surrogate {
         self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         let noise = self.random.cast_signed() as f32 * (config.noise.0 / i32::MAX as f32);
         let volts = Volts((config.setpoint.0 + config.slope * error + noise).max(0.0).min(config.open.0));
-        GapReading { filtered: volts, block: volts, mean: volts, quality: Quality::Valid, short_ticks: 0 }
+        GapReading {
+            filtered: volts,
+            block: volts,
+            mean: volts,
+            quality: Quality::Valid,
+            touches: false,
+            short_ticks: 0,
+        }
     }
 
     /// Where the gap would be right.

@@ -54,6 +54,8 @@ pub struct Config {
     /// Fewest gated conversions by which a block is judged a short or not, 1..=25. Voltage needs a few microseconds to
     /// rise at the start of a pulse.
     pub min_gated: u32,
+    /// A block without a gate whose mean is closer to 0 V than this is a contact, 0..=300 V; 0: contact is not sensed.
+    pub contact: Volts,
     /// Longest time without a gated block before the gate counts as missing, 0.001..=10 s.
     pub hold_limit: Seconds,
     /// A filtered voltage of the wrong sign and larger than this means swapped leads, 1..=300 V.
@@ -74,6 +76,7 @@ impl Default for Config {
             polarity: Polarity::Positive,
             filter: chain::Config::default(),
             short: Volts(20.0),
+            contact: Volts(0.0),
             min_gated: 3,
             hold_limit: Seconds(0.02),
             reversed: Volts(20.0),
@@ -100,6 +103,7 @@ impl Config {
             },
             filter: self.filter.build()?,
             short: short / volts_per_code,
+            contact: in_range("contact threshold (V)", self.contact.0, 0.0, 300.0)? / volts_per_code,
             min_gated: in_range("fewest gated conversions", self.min_gated as f32, 1.0, 25.0)? as u32,
             hold_limit: Seconds(in_range("hold limit (s)", self.hold_limit.0, 0.001, 10.0)?).ticks(),
             reversed: Volts(-in_range("reversed threshold (V)", self.reversed.0, 1.0, 300.0)?),
@@ -120,6 +124,8 @@ pub struct Active {
     filter: chain::Coefficients,
     /// Codes.
     short: f32,
+    /// Codes; 0 where contact is not sensed.
+    contact: f32,
     min_gated: u32,
     /// Ticks.
     hold_limit: u32,
@@ -143,6 +149,7 @@ pub struct Voltage {
     /// Ticks since the newest block with enough gated conversions.
     gateless_ticks: u32,
     short_ticks: u32,
+    touches: bool,
     /// Sum of so many blocks of this millisecond, codes above zero volts, and the mean of the one before.
     sum: (f32, u32),
     mean: f32,
@@ -159,6 +166,7 @@ impl Voltage {
             begun: false,
             gateless_ticks: u32::MAX,
             short_ticks: 0,
+            touches: false,
             sum: (0.0, 0),
             mean: 0.0,
         }
@@ -185,6 +193,11 @@ impl Voltage {
     #[inline]
     fn take(&mut self, block: &GapBlock) -> (Option<bool>, bool) {
         let active = &self.active;
+        self.touches = false;
+        if block.gate & GapBlock::ALL == 0 {
+            let rest = Tally::of(&block.codes, GapBlock::ALL, active.good);
+            self.touches = (rest.above(active.zero_code).unsigned_abs() as f32) < active.contact * rest.count as f32;
+        }
         let on = Tally::of(&block.codes, block.gate, active.good);
         let above = on.above(active.zero_code);
         let gated = self.gated.block(&on, block.gate, above);
@@ -219,9 +232,13 @@ impl Voltage {
 
 impl GapSource for Voltage {
     fn update(&mut self, block: Option<&GapBlock>) -> GapReading {
+        // What is not converted may be a contact.
+        self.touches = self.active.contact > 0.0;
         let (short, clipped) = block.map_or((None, false), |block| self.take(block));
         self.count(short);
         let active = &self.active;
+        // A gate that is not wired, or that stays on: what it shows is judged as a short.
+        let touches = self.touches || active.contact > 0.0 && short == Some(true);
         let codes = self.block;
         self.sum = (self.sum.0 + codes, self.sum.1.wrapping_add(1));
         if self.sum.1 >= TICKS_PER_MS {
@@ -241,6 +258,6 @@ impl GapSource for Voltage {
             Quality::Valid
         };
         let (block, mean) = (Volts(codes * active.scale), Volts(self.mean * active.scale));
-        GapReading { filtered, block, mean, quality, short_ticks: self.short_ticks }
+        GapReading { filtered, block, mean, quality, touches, short_ticks: self.short_ticks }
     }
 }

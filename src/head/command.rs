@@ -25,6 +25,9 @@ pub enum Command {
     ClearPath,
     /// Move to a position on a profile, pulses off. A new target may be given on the way.
     Position(Nanometres, MotionLimits),
+    /// The same, to touch: contact with the work is its end, and not a fault. It goes back from there by the clearance of a
+    /// retreat.
+    Touch(Nanometres, MotionLimits),
     /// Reach a host's next set point in so many servo ticks, pulses off.
     Follow(Nanometres, u32),
     /// Look for a reference. Not while pulses are on, nor with a path to go.
@@ -78,6 +81,8 @@ pub enum Refused {
     Doubted(Fault),
     /// A path is under way or queued: where it has got to is no reference.
     PathActive,
+    /// No sense supply is fitted that would tell of a contact.
+    NoSense,
 }
 
 impl fmt::Display for Refused {
@@ -95,6 +100,7 @@ impl fmt::Display for Refused {
             Refused::StillFaulty(fault) => write!(f, "the cause is still there: {}", fault.name()),
             Refused::Storing => f.write_str("settings are being stored"),
             Refused::PathActive => f.write_str("a path is under way or queued: clear it first"),
+            Refused::NoSense => f.write_str("no contact is sensed: contact.below_v is 0"),
             Refused::Doubted(fault) => write!(f, "after {} the head has to be enabled first", fault.name()),
         }
     }

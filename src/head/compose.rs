@@ -90,6 +90,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let input = TickInput {
             encoder: inputs.encoder.raw,
             short_ticks: inputs.gap.short_ticks,
+            touches: inputs.gap.touches,
             gap: (inputs.gap.quality == Quality::Valid).then_some(inputs.gap.filtered),
             drive: inputs.drive,
             safety: inputs.safety,

@@ -5,7 +5,9 @@ use super::{commissioning, supervise};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant};
-use crate::units::{Amps, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Seconds, Volts};
+use crate::units::{
+    Amps, CountsPerSecond, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Seconds, Volts,
+};
 
 /// How the gap error becomes a duty (\[R\] sections 6.6 and 6.7, in the order they were built).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,6 +88,15 @@ pub struct Lift {
     pub bus_dead: Volts,
 }
 
+/// Motion toward the work with pulses off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// A sense supply tells of contact.
+    pub sensed: bool,
+    /// Largest velocity where the axis has not been since the loop was closed.
+    pub approach: CountsPerSecond,
+}
+
 /// The axis as wired.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
@@ -148,6 +159,8 @@ pub struct Config {
     pub limits: Limits,
     /// Change of path velocity in every motion.
     pub acceleration: MicrometresPerSecond2,
+    /// Motion toward the work with pulses off.
+    pub contact: Contact,
     /// Approach.
     pub seek: Seek,
     /// Retreat.

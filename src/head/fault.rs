@@ -68,6 +68,8 @@ faults! {
     BridgeFault = "bridge fault" => Coast,
     /// The plan task did not keep up with the servo for a millisecond.
     PlanLate = "plan late" => Coast,
+    /// The electrode touches the work in a motion with pulses off that was not meant to touch.
+    Contact = "contact" => RetractOffLimit,
 }
 
 impl Fault {
@@ -114,7 +116,7 @@ mod tests {
                 &[PersistentShort, PersistentArc, GapSignalInvalid, GateMissing, DielectricNotOk, HostSilent][..],
                 Reaction::Retrace,
             ),
-            (&[LowerLimit], Reaction::RetractOffLimit),
+            (&[LowerLimit, Contact], Reaction::RetractOffLimit),
             (&[UpperLimit], Reaction::HoldBelow),
             (&[BothLimits], Reaction::Hold),
             (&[FollowingError], Reaction::ForceLimitedRetract),
@@ -127,6 +129,6 @@ mod tests {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 17);
+        assert_eq!(Fault::ALL.len(), 18);
     }
 }

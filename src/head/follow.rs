@@ -150,6 +150,19 @@ impl Concerns {
     }
 }
 
+/// What a contact with the work means, in a motion toward it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Touch {
+    /// Nothing: pulses are on, or nobody moves.
+    #[default]
+    Ignored,
+    /// A fault.
+    Fault,
+    /// The end of the motion.
+    End,
+}
+
 /// What the planner decides, and has made ready for what is urgent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -178,8 +191,12 @@ pub struct Plan {
     pub pulses: bool,
     /// Positions of index marks are wanted.
     pub marks: bool,
-    /// A set point that a SYNC releases may be followed.
+    /// A set point that a SYNC releases may be followed, toward the work at this velocity at most.
     pub set_points: bool,
+    /// See [`set_points`](Plan::set_points).
+    pub toward: CountsPerSecond,
+    /// What a contact means.
+    pub touch: Touch,
     /// Hazards.
     pub concerns: Concerns,
     /// Reaction under way.
@@ -212,6 +229,8 @@ impl Plan {
         pulses: false,
         marks: false,
         set_points: false,
+        toward: CountsPerSecond(0.0),
+        touch: Touch::Ignored,
         concerns: Concerns { any: false, limits: false, upper: false, dielectric: false },
         reaction: None,
         doubted: false,
@@ -264,6 +283,8 @@ pub struct TickInput {
     pub encoder: RawCount,
     /// Ticks of uninterrupted short, of the newest gap reading.
     pub short_ticks: u32,
+    /// With pulses off: electrode and work touch.
+    pub touches: bool,
     /// Filtered gap voltage, if there is a valid one; where [`Follower::wants_gap`] says so.
     pub gap: Option<Volts>,
     /// Motor current and bus voltage.
@@ -334,7 +355,7 @@ pub struct Estimate {
     pub marked: i64,
     /// Safety inputs.
     pub safety: SafetyInputs,
-    /// A short has been answered by the retreat that was made ready.
+    /// A short has been answered by the retreat that was made ready, or a contact that is the end of a motion by rest.
     pub short: bool,
     /// A fault that another task has found.
     pub told: Option<Fault>,
@@ -507,7 +528,8 @@ impl Follower {
         self.estimator.tick(input.encoder, input.drive);
         let shorted = input.short_ticks >= self.config.trigger || input.reflex;
         let mut hands_over = self.tick == self.next;
-        if (shorted && self.plan.retreat.is_some()) | input.asked | input.safety.is_some() | self.attentive {
+        let touches = input.touches && self.plan.touch != Touch::Ignored;
+        if (shorted && self.plan.retreat.is_some()) | touches | input.asked | input.safety.is_some() | self.attentive {
             hands_over |= self.urgent(input, shorted);
         }
         let drive = self.follow(input.gap);
@@ -571,6 +593,9 @@ impl Follower {
             self.short = true;
             urgent = true;
         }
+        if input.touches && self.trajectory.velocity.0 > 0.0 {
+            urgent |= self.touch();
+        }
         if let Some(point) = input.set_point {
             if self.plan.set_points {
                 self.follow_to(point);
@@ -598,12 +623,31 @@ impl Follower {
         true
     }
 
+    /// Electrode and work touch: nothing presses on from this tick on.
+    fn touch(&mut self) -> bool {
+        match core::mem::take(&mut self.plan.touch) {
+            Touch::Ignored => return false,
+            Touch::Fault => {
+                self.fault(Fault::Contact);
+                self.told = Some(Fault::Contact);
+            }
+            Touch::End => {
+                self.trajectory = self.plan.stop;
+                self.short = true;
+                self.axis.reset();
+            }
+        }
+        (self.trajectory.velocity, self.trajectory.travel) = (CountsPerSecond(0.0), Fixed(0));
+        true
+    }
+
     /// The set point of a SYNC, from this tick on.
     fn follow_to(&mut self, point: SetPoint) {
         let left = point.ticks.saturating_add(SET_POINT_LATE).max(PLAN_TICKS);
         let distance = point.counts.minus(self.setpoint).to_f32();
         let limit = self.config.gains.velocity_limit().0;
         let velocity = within_either(distance / left as f32 * TICK_HZ as f32, limit);
+        let velocity = smaller(velocity, self.plan.toward.0);
         self.trajectory.velocity = CountsPerSecond(velocity);
         self.trajectory.travel = Fixed::short(velocity * TICK_S);
         (self.trajectory.advance, self.trajectory.along) = (Fixed(0), MicrometresPerSecond(0.0));

@@ -32,11 +32,11 @@ mod supervise;
 pub use command::{Command, Refused};
 pub use commissioning::{Config as CommissioningConfig, Finding, Report};
 pub use compose::{Head, Inputs};
-pub use config::{Axis, Config, Lift, Retreat, Seek, Setpoint, Structure};
+pub use config::{Axis, Config, Contact, Lift, Retreat, Seek, Setpoint, Structure};
 pub use estimate::{Estimator, Sums};
 pub use fault::{Fault, Reaction};
 pub use follow::{
-    Concerns, Estimate, Follow, FollowConfig, Follower, LEAD, Measured, Plan, SetPoint, TickInput, TickOutput,
+    Concerns, Estimate, Follow, FollowConfig, Follower, LEAD, Measured, Plan, SetPoint, TickInput, TickOutput, Touch,
     Trajectory,
 };
 pub use permit::WritePermit;
@@ -112,4 +112,8 @@ pub struct Status {
     pub current_reduced: bool,
     /// Plans that were late since power-up, wrapping.
     pub late_plans: u32,
+    /// The set point is held back: toward the work, where the axis has not been, it may only go at the approach velocity.
+    pub approaching: bool,
+    /// Position of the newest contact that was asked for, counts.
+    pub touched: i64,
 }

@@ -102,6 +102,8 @@ pub enum Reason {
     Positioned,
     /// Its target is reached.
     Arrived,
+    /// Electrode and work have touched, which was asked for, and are clear of each other again.
+    Touched,
     /// Commanded: homing.
     HomingStarted,
     /// The reference was found.
@@ -154,6 +156,7 @@ pub const TRANSITIONS: &[(State, State, Reason)] = &[
     (State::HoldingPosition, State::Seeking, Reason::Started),
     (State::HoldingPosition, State::Guiding, Reason::Started),
     (State::Positioning, State::Ready, Reason::Arrived),
+    (State::Positioning, State::Ready, Reason::Touched),
     (State::Positioning, State::Ready, Reason::Held),
     (State::Positioning, State::Homing, Reason::HomingStarted),
     (State::Homing, State::Ready, Reason::Homed),

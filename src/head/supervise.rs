@@ -47,8 +47,11 @@ pub struct Limits {
 /// What no friction withstands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Breakaway {
-    /// Following error, counts.
+    /// Following error, counts, while the duty is beyond the friction in its direction: an integrator may still push the
+    /// other way.
     pub following: f32,
+    /// Duty of the friction.
+    pub friction: f32,
     /// Duty, either way from the one that holds the net weight and from the one that was needed lately, under any following
     /// error that is more than a tremble.
     pub push: f32,
@@ -59,8 +62,7 @@ pub struct Breakaway {
 }
 
 impl Breakaway {
-    /// A following error moves the head when the proportional parts of the loops alone overcome its friction. Healthy heads
-    /// were seen to stand for 54 ms at 0.8 of that, their integrator still pushing the other way, and never at 1.3.
+    /// A following error moves the head when the proportional parts of the loops alone overcome its friction.
     const FOLLOWING: f32 = 1.33;
     /// Counts in which a head without friction may rest: the loop trembles over an edge or two.
     const FOLLOWING_LEAST: f32 = 6.0;
@@ -68,8 +70,8 @@ impl Breakaway {
     const PUSH: f32 = 1.8;
     /// See [`PUSH`](Breakaway::PUSH).
     const PUSH_LEAST: f32 = 0.05;
-    /// Share of the newest duty in what was needed lately, once a millisecond: half a second, which a head that stands against
-    /// its friction never does, and in which another electrode's weight is no longer a push.
+    /// Share of the newest duty in what was needed lately, once a millisecond: half a second, in which another electrode's weight
+    /// is no longer a push. Healthy heads were seen to stand as long, but under small following errors, which are no push.
     const LATELY: f32 = 1.0 / 512.0;
 
     /// For an axis that a force beside its net weight begins to move. The margins were found by simulation: 0.05 to 1 N, 20 s
@@ -78,6 +80,7 @@ impl Breakaway {
         let duty = plant.duty(friction);
         Breakaway {
             following: (gains.error_of(duty) * Self::FOLLOWING).max(Self::FOLLOWING_LEAST),
+            friction: duty,
             push: (duty * Self::PUSH).max(Self::PUSH_LEAST),
             holding: gains.holding(),
             ms: 3,
@@ -285,10 +288,13 @@ impl Supervisor {
         let loops = now.closed && !matches!(now.state, State::Fault | State::Commissioning);
         let more = now.duty - self.needed;
         self.needed = if loops { self.needed + more * Breakaway::LATELY } else { breakaway.holding };
-        let push = smaller(more.abs(), (now.duty - breakaway.holding).abs());
+        let beyond = now.duty - breakaway.holding;
+        let push = smaller(more.abs(), beyond.abs());
         let following = now.following.abs();
         let pushed = push > breakaway.push && following > Breakaway::FOLLOWING_LEAST;
-        self.standing.longer_than(breakaway.ms, loops && still && (pushed || following > breakaway.following))
+        let along = |duty: f32| duty.copysign(duty * now.following) > breakaway.friction;
+        let follows = following > breakaway.following && along(more) && along(beyond);
+        self.standing.longer_than(breakaway.ms, loops && still && (pushed || follows))
     }
 }
 

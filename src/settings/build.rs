@@ -5,7 +5,9 @@ use crate::dsp::chain;
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::Limits;
 use crate::gap::voltage;
-use crate::head::{Axis, Breakaway, CommissioningConfig, Config, Lift, Retreat, Seek, Setpoint, SupervisionLimits};
+use crate::head::{
+    Axis, Breakaway, CommissioningConfig, Config, Contact, Lift, Retreat, Seek, Setpoint, SupervisionLimits,
+};
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
 use crate::units::{
     ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, Fixed, Hertz, Micrometres, MicrometresPerSecond,
@@ -143,6 +145,7 @@ impl Settings {
                 second_harmonic: self.gap_second_harmonic,
             },
             short: Volts(self.gap_short),
+            contact: Volts(self.contact_below),
             hold_limit: Seconds(self.gap_hold_ms * 1e-3),
             ..voltage::Config::default()
         };
@@ -242,6 +245,10 @@ impl Settings {
                 ticks: ticks(self.lift_ms),
                 limited: plant.duty(Newtons(self.lift_force)),
                 bus_dead: Volts(self.lift_bus_dead),
+            },
+            contact: Contact {
+                sensed: self.contact_below > 0.0,
+                approach: CountsPerSecond(self.contact_approach * 1000.0 * axis.counts_per_um),
             },
             supervise: SupervisionLimits {
                 following: self.following_limit * axis.counts_per_um,

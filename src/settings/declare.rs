@@ -89,6 +89,51 @@ impl Kind {
     }
 }
 
+/// In which direction a setting may change while the head is enabled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// In both.
+    Live,
+    /// In none.
+    Disabled,
+    /// Down.
+    Falls,
+    /// Down; 0 stands for no limit at all and is the most there is.
+    FallsFromNever,
+    /// Up.
+    Rises,
+}
+
+impl Change {
+    /// Whether a setting of this kind may go from one word to another while the head is enabled.
+    pub fn permits(self, kind: &Kind, from: u32, to: u32) -> bool {
+        let falls = |from: u32, to: u32| match kind {
+            Kind::Number { .. } => f32::from_bits(to) < f32::from_bits(from),
+            _ => to < from,
+        };
+        let never = |word: u32| if word == 0 { u32::MAX } else { word };
+        from == to
+            || match self {
+                Change::Live => true,
+                Change::Disabled => false,
+                Change::Falls => falls(from, to),
+                Change::FallsFromNever => falls(never(from), never(to)),
+                Change::Rises => falls(to, from),
+            }
+    }
+
+    /// What it asks of a host.
+    pub const fn rule(self) -> &'static str {
+        match self {
+            Change::Live => "may change at any time",
+            Change::Disabled => "may not change while the head is enabled",
+            Change::Falls => "may only become smaller while the head is enabled",
+            Change::FallsFromNever => "may only become smaller, and not 0, while the head is enabled",
+            Change::Rises => "may only become larger while the head is enabled",
+        }
+    }
+}
+
 /// What is known of one setting. What only documents say is not on the chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Field {
@@ -105,6 +150,11 @@ pub struct Field {
     pub source: &'static str,
     /// What it may be.
     pub kind: Kind,
+    /// How it may change while the head is enabled.
+    pub change: Change,
+    /// What another change would do; empty where every change is allowed.
+    #[cfg(not(target_os = "none"))]
+    pub hazard: &'static str,
 }
 
 /// Its key alone: the log's reader has the table.
@@ -273,6 +323,30 @@ macro_rules! setting_kind {
     };
 }
 
+/// The [`Change`] of a declared field.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! setting_change {
+    () => {
+        $crate::settings::Change::Live
+    };
+    (live) => {
+        $crate::settings::Change::Live
+    };
+    (disabled) => {
+        $crate::settings::Change::Disabled
+    };
+    (falls) => {
+        $crate::settings::Change::Falls
+    };
+    (falls_from_never) => {
+        $crate::settings::Change::FallsFromNever
+    };
+    (rises) => {
+        $crate::settings::Change::Rises
+    };
+}
+
 /// Access by place and by key to a struct made with [`declare!`](crate::declare).
 pub trait Declared: Sized {
     /// The table, in the order of declaration.
@@ -345,17 +419,19 @@ pub fn check(fields: &'static [Field], words: &[u32]) -> Result<(), SettingError
     }
 }
 
-/// Declares a struct of settings: `/// doc`, `index:sub name: type = default, limits, "key", "unit", "source";`. Index and
-/// sub-index are those of the object that a setting is, and stand in front of all fields or of none.
+/// Declares a struct of settings: `/// doc`, `index:sub name: type = default, limits, "key", "unit", "source", change "hazard";`.
+/// Index and sub-index are those of the object that a setting is, and stand in front of all fields or of none. What is an
+/// object says at its end how it may change while the head is enabled: `live`, or one of `disabled`, `falls`,
+/// `falls_from_never`, `rises` with what another change would do.
 ///
 /// ```
 /// edm_servo_head::declare! {
 ///     /// Of a press.
 ///     struct Press {
 ///         /// Force to keep.
-///         0x2100:2 force: f32 = 10.0, (0.0, 90.0), "press.force_n", "N", "assumed";
+///         0x2100:2 force: f32 = 10.0, (0.0, 90.0), "press.force_n", "N", "assumed", falls "it would press harder";
 ///         /// Length of its stroke.
-///         0x2100:1 stroke: f32 = 10.0, (0.0, 50.0), "press.stroke_mm", "mm", "assumed";
+///         0x2100:1 stroke: f32 = 10.0, (0.0, 50.0), "press.stroke_mm", "mm", "assumed", live;
 ///     }
 /// }
 /// ```
@@ -367,16 +443,16 @@ pub fn check(fields: &'static [Field], words: &[u32]) -> Result<(), SettingError
 ///     /// Of a press.
 ///     struct Press {
 ///         /// Force to keep.
-///         0x2100:1 force: f32 = 10.0, (0.0, 90.0), "press.force_n", "N", "assumed";
+///         0x2100:1 force: f32 = 10.0, (0.0, 90.0), "press.force_n", "N", "assumed", live;
 ///         /// Length of its stroke.
-///         0x2100:1 stroke: f32 = 10.0, (0.0, 50.0), "press.stroke_mm", "mm", "assumed";
+///         0x2100:1 stroke: f32 = 10.0, (0.0, 50.0), "press.stroke_mm", "mm", "assumed", live;
 ///     }
 /// }
 /// ```
 #[macro_export]
 macro_rules! declare {
     ($(#[$outer:meta])* $vis:vis struct $struct:ident {
-        $($(#[doc = $doc:literal])+ $($index:literal : $sub:literal)? $name:ident: $type:ident = $default:expr, $limits:tt, $key:literal, $unit:literal, $source:literal;)+
+        $($(#[doc = $doc:literal])+ $($index:literal : $sub:literal)? $name:ident: $type:ident = $default:expr, $limits:tt, $key:literal, $unit:literal, $source:literal $(, $change:ident $($hazard:literal)?)?;)+
     }) => {
         $(#[$outer])*
         #[derive(Clone, Copy, Debug, PartialEq)]
@@ -388,6 +464,8 @@ macro_rules! declare {
             let addresses = <$struct as $crate::settings::Declared>::ADDRESSES;
             assert!($crate::settings::distinct(addresses), "two settings have the same index and sub-index");
             assert!(addresses.is_empty() || addresses.len() == $struct::COUNT, "a setting has no index and sub-index");
+            let changes: &[&str] = &[$($(stringify!($change),)?)+];
+            assert!(addresses.len() == changes.len(), "an object does not say how it may change");
         };
 
         impl $struct {
@@ -428,6 +506,9 @@ macro_rules! declare {
                     #[cfg(not(target_os = "none"))]
                     source: $source,
                     kind: $crate::setting_kind!($type, $limits),
+                    change: $crate::setting_change!($($change)?),
+                    #[cfg(not(target_os = "none"))]
+                    hazard: concat!($($($hazard)?)?),
                 },)+]
             };
 
@@ -470,13 +551,13 @@ mod tests {
         /// A sample.
         struct Sample {
             /// Gap voltage to keep.
-            0x2100:2 setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] ch. 2";
+            0x2100:2 setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] ch. 2", live;
             /// Blocks in a run.
-            0x2100:1 run: u32 = 5, (1, 100), "gap.run", "", "assumed";
+            0x2100:1 run: u32 = 5, (1, 100), "gap.run", "", "assumed", live;
             /// Whether to dance.
-            0x2101:1 dance: bool = false, (), "dance", "", "assumed";
+            0x2101:1 dance: bool = false, (), "dance", "", "assumed", live;
             /// Which colour.
-            0x2101:2 colour: Colour = Colour::Red, (), "colour", "", "assumed";
+            0x2101:2 colour: Colour = Colour::Red, (), "colour", "", "assumed", live;
         }
     }
 
@@ -546,6 +627,31 @@ mod tests {
         assert_eq!(Sample::default().check(), Ok(()));
         let bad = Sample { setpoint: f32::NAN, ..Sample::default() };
         assert!(matches!(bad.check(), Err(SettingError::NotAllowed(f)) if f.key == "gap.setpoint_v"));
+    }
+
+    #[test]
+    fn a_guarded_setting_changes_in_its_direction_alone() {
+        let number = Kind::Number { min: -10.0, max: 10.0 };
+        let whole = Kind::Integer { min: 0, max: 10 };
+        let word = f32::to_bits;
+        for (change, kind, from, to, permitted) in [
+            (Change::Live, number, word(1.0), word(2.0), true),
+            (Change::Disabled, number, word(1.0), word(1.0), true),
+            (Change::Disabled, number, word(1.0), word(2.0), false),
+            (Change::Disabled, Kind::Flag, 0, 1, false),
+            (Change::Falls, number, word(1.0), word(-2.0), true),
+            (Change::Falls, number, word(-2.0), word(1.0), false),
+            (Change::Falls, whole, 2, 1, true),
+            (Change::Falls, whole, 1, 2, false),
+            (Change::Rises, number, word(-2.0), word(1.0), true),
+            (Change::Rises, number, word(1.0), word(-2.0), false),
+            (Change::FallsFromNever, whole, 0, 10, true),
+            (Change::FallsFromNever, whole, 10, 0, false),
+            (Change::FallsFromNever, whole, 10, 9, true),
+            (Change::FallsFromNever, whole, 9, 10, false),
+        ] {
+            assert_eq!(change.permits(&kind, from, to), permitted, "{change:?} {kind:?}: {from} to {to}");
+        }
     }
 
     #[test]

@@ -8,5 +8,5 @@ mod laws;
 mod table;
 
 pub use build::Active;
-pub use declare::{Choice, Declared, Field, Kind, Setting, SettingError, Value, check, distinct, place};
+pub use declare::{Change, Choice, Declared, Field, Kind, Setting, SettingError, Value, check, distinct, place};
 pub use table::{SetpointUnit, Settings};

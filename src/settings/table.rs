@@ -28,185 +28,190 @@ declare! {
     /// What a person sets on a head: physical units, ranges, defaults.
     pub struct Settings {
         /// How the gap voltage is averaged.
-        0x2100:1 gap_average: Average = Average::Gated, (), "gap.average", "", "[R] section 6.5.1, the gated average designed there";
+        0x2100:1 gap_average: Average = Average::Gated, (), "gap.average", "", "[R] section 6.5.1, the gated average designed there", disabled "loop and reflex believe it";
         /// Converter code of zero volts.
-        0x2100:2 gap_zero_code: u32 = 410, (0, 4095), "gap.zero_code", "codes", "assumed: divider with offset, docs/wiring.md";
+        0x2100:2 gap_zero_code: u32 = 410, (0, 4095), "gap.zero_code", "codes", "assumed: divider with offset, docs/wiring.md", disabled "loop and reflex believe it";
         /// Gap voltage per converter code.
-        0x2100:3 gap_volts_per_code: f32 = 0.1, (0.001, 1.0), "gap.volts_per_code", "V", "assumed: divider with offset, docs/wiring.md";
+        0x2100:3 gap_volts_per_code: f32 = 0.1, (0.001, 1.0), "gap.volts_per_code", "V", "assumed: divider with offset, docs/wiring.md", disabled "loop and reflex believe it";
         /// The gap leads are swapped.
-        0x2100:4 gap_reversed: bool = false, (), "gap.reversed", "", "found by commissioning";
+        0x2100:4 gap_reversed: bool = false, (), "gap.reversed", "", "found by commissioning", disabled "loop and reflex believe it";
         /// Corner of the low-pass; may be changed while eroding.
-        0x2100:5 gap_corner: f32 = 200.0, (20.0, 2000.0), "gap.corner_hz", "Hz", "[R] section 6.5.3";
+        0x2100:5 gap_corner: f32 = 200.0, (20.0, 2000.0), "gap.corner_hz", "Hz", "[R] section 6.5.3", live;
         /// Mains frequency that the notch takes out.
-        0x2100:6 gap_mains: f32 = 50.0, (45.0, 65.0), "gap.mains_hz", "Hz", "[R] section 6.5.3: 50; 60 elsewhere";
+        0x2100:6 gap_mains: f32 = 50.0, (45.0, 65.0), "gap.mains_hz", "Hz", "[R] section 6.5.3: 50; 60 elsewhere", live;
         /// Notch the second harmonic as well.
-        0x2100:7 gap_second_harmonic: bool = false, (), "gap.second_harmonic", "", "[R] section 6.5.3: tried there, left out";
+        0x2100:7 gap_second_harmonic: bool = false, (), "gap.second_harmonic", "", "[R] section 6.5.3: tried there, left out", live;
         /// Gap voltage below which a gated block is a short.
-        0x2100:8 gap_short: f32 = 20.0, (1.0, 200.0), "gap.short_v", "V", "assumed: half the burn voltage of [R]";
+        0x2100:8 gap_short: f32 = 20.0, (1.0, 200.0), "gap.short_v", "V", "assumed: half the burn voltage of [R]", rises "a lower one would hide shorts";
         /// Converter code of no gap current.
-        0x2100:9 gap_current_zero_code: u32 = 2048, (0, 4095), "gap.current_zero_code", "codes", "docs/wiring.md: mid-scale";
+        0x2100:9 gap_current_zero_code: u32 = 2048, (0, 4095), "gap.current_zero_code", "codes", "docs/wiring.md: mid-scale", disabled "loop and reflex believe it";
         /// Gap current per converter code.
-        0x2100:10 gap_amps_per_code: f32 = 0.0161, (0.0001, 1.0), "gap.amps_per_code", "A", "docs/wiring.md: 50 mV/A";
+        0x2100:10 gap_amps_per_code: f32 = 0.0161, (0.0001, 1.0), "gap.amps_per_code", "A", "docs/wiring.md: 50 mV/A", disabled "loop and reflex believe it";
         /// Gap current from which a low voltage inside a pulse is a short to the reflex.
-        0x2100:11 gap_short_amps: f32 = 1.0, (0.05, 100.0), "gap.short_a", "A", "assumed: twice the zero error of docs/wiring.md";
+        0x2100:11 gap_short_amps: f32 = 1.0, (0.05, 100.0), "gap.short_a", "A", "assumed: twice the zero error of docs/wiring.md", falls "a higher one would hide shorts from the reflex";
         /// Time constant with which the gap voltage rises in a pulse; the reflex looks after three of them, but not before 2 us.
-        0x2100:12 gap_charging_us: f32 = 0.5, (0.0, 200.0), "gap.charging_us", "us", "assumed: transistor generator; R times C of an RC generator";
+        0x2100:12 gap_charging_us: f32 = 0.5, (0.0, 200.0), "gap.charging_us", "us", "assumed: transistor generator; R times C of an RC generator", falls "the reflex is blind for three of them";
         /// Longest hold through off-time before the gate counts as missing.
-        0x2100:13 gap_hold_ms: f32 = 20.0, (1.0, 1000.0), "gap.hold_ms", "ms", "assumed: longer than the longest pulse period of [R], 1 ms";
+        0x2100:13 gap_hold_ms: f32 = 20.0, (1.0, 1000.0), "gap.hold_ms", "ms", "assumed: longer than the longest pulse period of [R], 1 ms", falls "a missing gate would show later";
         /// Centre of the notch over the distance of its -3 dB corners.
-        0x2100:14 gap_notch_q: f32 = 2.5, (0.5, 30.0), "gap.notch_q", "", "[R] section 6.5.3: corners of 40 and 60 Hz about 50";
+        0x2100:14 gap_notch_q: f32 = 2.5, (0.5, 30.0), "gap.notch_q", "", "[R] section 6.5.3: corners of 40 and 60 Hz about 50", live;
         /// How the setpoint is given.
-        0x2100:15 gap_setpoint_unit: SetpointUnit = SetpointUnit::Volts, (), "gap.setpoint_unit", "", "[R] section 4.4";
+        0x2100:15 gap_setpoint_unit: SetpointUnit = SetpointUnit::Volts, (), "gap.setpoint_unit", "", "[R] section 4.4", live;
         /// Gap voltage to keep.
-        0x2100:16 gap_setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] section 4.4: 40 to 60 V while eroding steadily";
+        0x2100:16 gap_setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] section 4.4: 40 to 60 V while eroding steadily", live;
         /// Gap voltage to keep, as a share of the measured open-circuit voltage.
-        0x2100:17 gap_setpoint_percent: f32 = 60.0, (5.0, 95.0), "gap.setpoint_percent", "%", "[R] section 4.4";
+        0x2100:17 gap_setpoint_percent: f32 = 60.0, (5.0, 95.0), "gap.setpoint_percent", "%", "[R] section 4.4", live;
         /// Lowest open-circuit voltage to start with.
-        0x2100:18 gap_open_min: f32 = 70.0, (1.0, 300.0), "gap.open_min_v", "V", "assumed: 100 V of [R] less 30 %";
+        0x2100:18 gap_open_min: f32 = 70.0, (1.0, 300.0), "gap.open_min_v", "V", "assumed: 100 V of [R] less 30 %", rises "a lower one would start on a dead gap signal";
 
         /// Off-time requested of the generator; 0 leaves its own.
-        0x2101:1 generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: the generator is set at itself; range of docs/wiring.md";
+        0x2101:1 generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: the generator is set at itself; range of docs/wiring.md", live;
 
         /// How the gap error becomes a duty.
-        0x2102:1 structure: Structure = Structure::Path, (), "feed.structure", "", "[R] sections 6.6 and 6.7, the last one built";
+        0x2102:1 structure: Structure = Structure::Path, (), "feed.structure", "", "[R] sections 6.6 and 6.7, the last one built", live;
         /// Feed law.
-        0x2102:2 law: LawName = LawName::IncrementByError, (), "feed.law", "", "[R] section 6.7.3";
+        0x2102:2 law: LawName = LawName::IncrementByError, (), "feed.law", "", "[R] section 6.7.3", live;
         /// Path velocity of the law fixed_rate.
-        0x2102:3 fixed_rate: f32 = 20.0, (0.1, 10_000.0), "feed.fixed_rate_um_s", "um/s", "assumed";
+        0x2102:3 fixed_rate: f32 = 20.0, (0.1, 10_000.0), "feed.fixed_rate_um_s", "um/s", "assumed", live;
         /// Standard velocity of the law rate_by_error.
-        0x2102:4 standard_velocity: f32 = 100.0, (0.1, 10_000.0), "feed.standard_um_s", "um/s", "assumed";
+        0x2102:4 standard_velocity: f32 = 100.0, (0.1, 10_000.0), "feed.standard_um_s", "um/s", "assumed", live;
         /// Gap error at which rate_by_error gives its standard velocity.
-        0x2102:5 standard_error: f32 = 5.0, (0.1, 300.0), "feed.standard_error_v", "V", "assumed";
+        0x2102:5 standard_error: f32 = 5.0, (0.1, 300.0), "feed.standard_error_v", "V", "assumed", live;
         /// Largest velocity of the law rate_by_error.
-        0x2102:6 rate_clamp: f32 = 500.0, (0.1, 10_000.0), "feed.rate_clamp_um_s", "um/s", "assumed";
+        0x2102:6 rate_clamp: f32 = 500.0, (0.1, 10_000.0), "feed.rate_clamp_um_s", "um/s", "assumed", live;
         /// Path velocity per volt of gap error of the law increment_by_error.
-        0x2102:7 feed_gain: f32 = 20.0, (0.01, 1000.0), "feed.gain_um_s_v", "um/s per V", "assumed: 4 Hz crossover at 1.1 V/um";
+        0x2102:7 feed_gain: f32 = 20.0, (0.01, 1000.0), "feed.gain_um_s_v", "um/s per V", "assumed: 4 Hz crossover at 1.1 V/um", live;
         /// Period of the law increment_by_error.
-        0x2102:8 feed_period_ms: f32 = 1.0, (0.05, 1000.0), "feed.period_ms", "ms", "[R] section 6.7.3";
+        0x2102:8 feed_period_ms: f32 = 1.0, (0.05, 1000.0), "feed.period_ms", "ms", "[R] section 6.7.3", live;
         /// Largest velocity toward the work under a feed law.
-        0x2102:9 feed_max: f32 = 300.0, (0.1, 10_000.0), "feed.max_um_s", "um/s", "assumed";
+        0x2102:9 feed_max: f32 = 300.0, (0.1, 10_000.0), "feed.max_um_s", "um/s", "assumed", live;
         /// Largest velocity away from the work under a feed law.
-        0x2102:10 feed_retreat_max: f32 = 2000.0, (0.1, 100_000.0), "feed.retreat_max_um_s", "um/s", "assumed";
+        0x2102:10 feed_retreat_max: f32 = 2000.0, (0.1, 100_000.0), "feed.retreat_max_um_s", "um/s", "assumed", live;
         /// Acceleration along the path in every motion.
-        0x2102:11 acceleration: f32 = 5.0, (0.01, 100.0), "feed.acceleration_m_s2", "m/s^2", "assumed: a tenth of what the actuator of [R] can do";
+        0x2102:11 acceleration: f32 = 5.0, (0.01, 100.0), "feed.acceleration_m_s2", "m/s^2", "assumed: a tenth of what the actuator of [R] can do", live;
 
         /// Proportional gain of the single loop, duty per volt of gap error.
-        0x2103:1 single_p: f32 = 0.001, (0.0, 1.0), "single.p", "1/V", "assumed";
+        0x2103:1 single_p: f32 = 0.001, (0.0, 1.0), "single.p", "1/V", "assumed", live;
         /// Integral gain of the single loop.
-        0x2103:2 single_i: f32 = 0.0, (0.0, 10.0), "single.i", "1/(V s)", "assumed";
+        0x2103:2 single_i: f32 = 0.0, (0.0, 10.0), "single.i", "1/(V s)", "assumed", live;
         /// Derivative gain of the single loop.
-        0x2103:3 single_d: f32 = 0.0, (0.0, 0.1), "single.d", "s/V", "[R] section 7.1.2 needs one";
+        0x2103:3 single_d: f32 = 0.0, (0.0, 0.1), "single.d", "s/V", "[R] section 7.1.2 needs one", live;
         /// Largest gap error that enters the integrator of the single loop.
-        0x2103:4 single_clip: f32 = 20.0, (0.1, 300.0), "single.clip_v", "V", "[R] section 6.6.1";
+        0x2103:4 single_clip: f32 = 20.0, (0.1, 300.0), "single.clip_v", "V", "[R] section 6.6.1", live;
 
         /// Path velocity toward the work until sparks begin.
-        0x2104:1 seek_velocity: f32 = 1000.0, (1.0, 50_000.0), "seek.velocity_um_s", "um/s", "assumed";
+        0x2104:1 seek_velocity: f32 = 1000.0, (1.0, 50_000.0), "seek.velocity_um_s", "um/s", "assumed", live;
         /// Share of the open-circuit voltage below which the work is found.
-        0x2104:2 seek_threshold: f32 = 85.0, (10.0, 99.0), "seek.threshold_percent", "%", "assumed";
+        0x2104:2 seek_threshold: f32 = 85.0, (10.0, 99.0), "seek.threshold_percent", "%", "assumed", live;
         /// Time at rest with pulses on, to measure the open-circuit voltage.
-        0x2104:3 seek_settle_ms: f32 = 100.0, (10.0, 10_000.0), "seek.settle_ms", "ms", "assumed: five times the settling of notch and low-pass";
+        0x2104:3 seek_settle_ms: f32 = 100.0, (10.0, 10_000.0), "seek.settle_ms", "ms", "assumed: five times the settling of notch and low-pass", live;
 
         /// Consecutive short pulses after which the reflex retreats.
-        0x2105:1 retreat_after_shorts: u32 = 5, (1, 1000), "retreat.after_shorts", "", "docs/architecture.md: 5 pulses or 1 ms";
+        0x2105:1 retreat_after_shorts: u32 = 5, (1, 1000), "retreat.after_shorts", "", "docs/architecture.md: 5 pulses or 1 ms", falls "the retreat would begin later";
         /// Uninterrupted short after which the head retreats.
-        0x2105:2 retreat_after_ms: f32 = 1.0, (0.05, 100.0), "retreat.after_ms", "ms", "docs/architecture.md: 5 pulses or 1 ms";
+        0x2105:2 retreat_after_ms: f32 = 1.0, (0.05, 100.0), "retreat.after_ms", "ms", "docs/architecture.md: 5 pulses or 1 ms", falls "the retreat would begin later";
         /// Path velocity of a retreat from a short or a fault.
-        0x2105:3 retreat_velocity: f32 = 5000.0, (1.0, 200_000.0), "retreat.velocity_um_s", "um/s", "assumed";
+        0x2105:3 retreat_velocity: f32 = 5000.0, (1.0, 200_000.0), "retreat.velocity_um_s", "um/s", "assumed", rises "the retreat would be slower";
         /// Length to go back from a short at least.
-        0x2105:4 retreat_clearance: f32 = 10.0, (0.0, 10_000.0), "retreat.clearance_um", "um", "assumed";
+        0x2105:4 retreat_clearance: f32 = 10.0, (0.0, 10_000.0), "retreat.clearance_um", "um", "assumed", rises "the retreat would end closer to the work";
         /// Length to go back from a short at most; still shorted there, the short is persistent.
-        0x2105:5 retreat_limit: f32 = 2000.0, (1.0, 1_000_000.0), "retreat.limit_um", "um", "assumed";
+        0x2105:5 retreat_limit: f32 = 2000.0, (1.0, 1_000_000.0), "retreat.limit_um", "um", "assumed", falls "a persistent short would burn longer";
         /// Time after which a short is persistent.
-        0x2105:6 retreat_persistent_ms: f32 = 1000.0, (1.0, 60_000.0), "retreat.persistent_ms", "ms", "assumed";
+        0x2105:6 retreat_persistent_ms: f32 = 1000.0, (1.0, 60_000.0), "retreat.persistent_ms", "ms", "assumed", falls "a persistent short would burn longer";
         /// Safe height, behind the point where the work was found.
-        0x2105:7 retreat_safe: f32 = 1000.0, (0.0, 1_000_000.0), "retreat.safe_um", "um", "assumed";
+        0x2105:7 retreat_safe: f32 = 1000.0, (0.0, 1_000_000.0), "retreat.safe_um", "um", "assumed", rises "a fault would leave the head closer to the work";
         /// Length to retract off an open lower limit switch.
-        0x2105:8 retreat_off_limit: f32 = 500.0, (500.0, 1_000_000.0), "retreat.off_limit_um", "um", "docs/architecture.md";
+        0x2105:8 retreat_off_limit: f32 = 500.0, (500.0, 1_000_000.0), "retreat.off_limit_um", "um", "docs/architecture.md", rises "a fault would leave the head closer to the work";
 
         /// Moving mass with electrode.
-        0x2106:1 axis_mass: f32 = 0.2, (0.01, 20.0), "axis.mass_kg", "kg", "[R] section 6.1";
+        0x2106:1 axis_mass: f32 = 0.2, (0.01, 20.0), "axis.mass_kg", "kg", "[R] section 6.1", disabled "loop, lift and second opinion are reckoned from it";
         /// Winding resistance.
-        0x2106:2 axis_resistance: f32 = 12.4, (0.1, 200.0), "axis.resistance_ohm", "ohm", "[R] section 7.2, measured";
+        0x2106:2 axis_resistance: f32 = 12.4, (0.1, 200.0), "axis.resistance_ohm", "ohm", "[R] section 7.2, measured", disabled "loop, lift and second opinion are reckoned from it";
         /// Winding inductance.
-        0x2106:3 axis_inductance: f32 = 3.0, (0.0, 100.0), "axis.inductance_mh", "mH", "assumed; not measured in [R]";
+        0x2106:3 axis_inductance: f32 = 3.0, (0.0, 100.0), "axis.inductance_mh", "mH", "assumed; not measured in [R]", disabled "loop, lift and second opinion are reckoned from it";
         /// Force constant; the back-EMF constant in V/(m/s) is the same number.
-        0x2106:4 axis_force_constant: f32 = 7.5, (0.1, 200.0), "axis.force_constant_n_a", "N/A", "[R] section 7.2: 7 N/A and 8 V/(m/s) measured";
+        0x2106:4 axis_force_constant: f32 = 7.5, (0.1, 200.0), "axis.force_constant_n_a", "N/A", "[R] section 7.2: 7 N/A and 8 V/(m/s) measured", disabled "loop, lift and second opinion are reckoned from it";
         /// Bus voltage.
-        0x2106:5 axis_bus: f32 = 48.0, (5.0, 60.0), "axis.bus_v", "V", "[R] section 6.1";
+        0x2106:5 axis_bus: f32 = 48.0, (5.0, 60.0), "axis.bus_v", "V", "[R] section 6.1", disabled "loop, lift and second opinion are reckoned from it";
         /// Lifting force of counterbalance or spring.
-        0x2106:6 axis_counterbalance: f32 = 2.2, (0.0, 500.0), "axis.counterbalance_n", "N", "assumed: a little over the weight, docs/wiring.md";
+        0x2106:6 axis_counterbalance: f32 = 2.2, (0.0, 500.0), "axis.counterbalance_n", "N", "assumed: a little over the weight, docs/wiring.md", disabled "loop, lift and second opinion are reckoned from it";
         /// Stroke between the stops.
-        0x2106:7 axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.1";
+        0x2106:7 axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.1", disabled "loop, lift and second opinion are reckoned from it";
         /// Largest duty.
-        0x2106:8 axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed";
+        0x2106:8 axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed", disabled "loop, lift and second opinion are reckoned from it";
         /// Dry friction at rest: the force, beside the net weight, that begins to move the head.
-        0x2106:9 axis_breakaway: f32 = 0.3, (0.0, 20.0), "axis.breakaway_n", "N", "assumed; found by commissioning";
+        0x2106:9 axis_breakaway: f32 = 0.3, (0.0, 20.0), "axis.breakaway_n", "N", "assumed; found by commissioning", falls "a dead encoder would show later";
         /// A positive duty moves away from the work.
-        0x2107:1 motor_reversed: bool = false, (), "motor.reversed", "", "found by commissioning";
+        0x2107:1 motor_reversed: bool = false, (), "motor.reversed", "", "found by commissioning", disabled "the loop would push the wrong way, or too far";
         /// Largest motor current.
-        0x2107:2 motor_peak: f32 = 3.0, (0.1, 20.0), "motor.peak_a", "A", "assumed";
+        0x2107:2 motor_peak: f32 = 3.0, (0.1, 20.0), "motor.peak_a", "A", "assumed", disabled "the winding could get hotter";
         /// Motor current that may flow for ever.
-        0x2107:3 motor_continuous: f32 = 1.0, (0.1, 20.0), "motor.continuous_a", "A", "assumed";
+        0x2107:3 motor_continuous: f32 = 1.0, (0.1, 20.0), "motor.continuous_a", "A", "assumed", disabled "the winding could get hotter";
         /// Thermal time constant of the winding.
-        0x2107:4 motor_thermal: f32 = 20.0, (0.1, 1000.0), "motor.thermal_s", "s", "assumed";
+        0x2107:4 motor_thermal: f32 = 20.0, (0.1, 1000.0), "motor.thermal_s", "s", "assumed", disabled "the winding could get hotter";
         /// Motor current per converter code about mid-scale.
-        0x2107:5 motor_amps_per_code: f32 = 0.005, (0.0001, 0.1), "motor.amps_per_code", "A", "assumed: docs/wiring.md";
+        0x2107:5 motor_amps_per_code: f32 = 0.005, (0.0001, 0.1), "motor.amps_per_code", "A", "assumed: docs/wiring.md", disabled "the supervision believes it";
         /// Bus voltage per converter code.
-        0x2107:6 motor_bus_per_code: f32 = 0.02, (0.001, 0.1), "motor.bus_volts_per_code", "V", "assumed: docs/wiring.md";
+        0x2107:6 motor_bus_per_code: f32 = 0.02, (0.001, 0.1), "motor.bus_volts_per_code", "V", "assumed: docs/wiring.md", disabled "the supervision believes it";
         /// Lowest bus voltage to work with.
-        0x2107:7 motor_bus_min: f32 = 36.0, (3.0, 60.0), "motor.bus_min_v", "V", "assumed: three quarters of 48 V";
+        0x2107:7 motor_bus_min: f32 = 36.0, (3.0, 60.0), "motor.bus_min_v", "V", "assumed: three quarters of 48 V", rises "a sagging bus would show later";
 
         /// Length of one encoder count.
-        0x2108:1 encoder_count: f32 = 1.0, (0.05, 100.0), "encoder.count_um", "um", "[R] section 6.1; 0.5 and 5 exist";
+        0x2108:1 encoder_count: f32 = 1.0, (0.05, 100.0), "encoder.count_um", "um", "[R] section 6.1; 0.5 and 5 exist", disabled "the loop would push the wrong way, or too far";
         /// The encoder counts down when moving toward the work.
-        0x2108:2 encoder_reversed: bool = false, (), "encoder.reversed", "", "found by commissioning";
+        0x2108:2 encoder_reversed: bool = false, (), "encoder.reversed", "", "found by commissioning", disabled "the loop would push the wrong way, or too far";
         /// Distance between index marks; a wrong one means that the encoder lost counts.
-        0x2108:3 encoder_marks: f32 = 10_000.0, (100.0, 1_000_000.0), "encoder.mark_distance_um", "um", "[L] section 3: a mark every 10 mm";
+        0x2108:3 encoder_marks: f32 = 10_000.0, (100.0, 1_000_000.0), "encoder.mark_distance_um", "um", "[L] section 3: a mark every 10 mm", disabled "the supervision believes it";
         /// Counts by which the distance between marks may differ.
-        0x2108:4 encoder_mark_tolerance: u32 = 2, (0, 1000), "encoder.mark_tolerance", "counts", "assumed";
+        0x2108:4 encoder_mark_tolerance: u32 = 2, (0, 1000), "encoder.mark_tolerance", "counts", "assumed", disabled "lost counts could be believed";
         /// Lasting difference between edge decoder and timer that is still believed.
-        0x2108:5 encoder_difference: u32 = 1, (0, 1000), "encoder.difference", "counts", "assumed: one lost edge pair, two counts, shows";
+        0x2108:5 encoder_difference: u32 = 1, (0, 1000), "encoder.difference", "counts", "assumed: one lost edge pair, two counts, shows", disabled "lost counts could be believed";
         /// Illegal transitions in a second that are only counted.
-        0x2108:6 encoder_illegal: u32 = 10, (0, 1_000_000), "encoder.illegal_per_s", "", "assumed";
+        0x2108:6 encoder_illegal: u32 = 10, (0, 1_000_000), "encoder.illegal_per_s", "", "assumed", disabled "lost counts could be believed";
 
         /// Bandwidth of the velocity loop.
-        0x2109:1 servo_velocity_hz: f32 = 160.0, (1.0, 500.0), "servo.velocity_hz", "Hz", "assumed: 70 degrees with L/R of 0.24 ms";
+        0x2109:1 servo_velocity_hz: f32 = 160.0, (1.0, 500.0), "servo.velocity_hz", "Hz", "assumed: 70 degrees with L/R of 0.24 ms", live;
         /// Bandwidth of the position loop.
-        0x2109:2 servo_position_hz: f32 = 40.0, (0.5, 200.0), "servo.position_hz", "Hz", "assumed: a quarter of the velocity loop's";
+        0x2109:2 servo_position_hz: f32 = 40.0, (0.5, 200.0), "servo.position_hz", "Hz", "assumed: a quarter of the velocity loop's", live;
         /// Integral time of the velocity loop.
-        0x2109:3 servo_integral_ms: f32 = 15.0, (1.0, 10_000.0), "servo.integral_ms", "ms", "assumed";
+        0x2109:3 servo_integral_ms: f32 = 15.0, (1.0, 10_000.0), "servo.integral_ms", "ms", "assumed", live;
 
         /// Largest following error.
-        0x210A:1 following_limit: f32 = 200.0, (1.0, 100_000.0), "supervise.following_um", "um", "assumed";
+        0x210A:1 following_limit: f32 = 200.0, (1.0, 100_000.0), "supervise.following_um", "um", "assumed", falls "a fault would show later";
         /// Time that a following error, or a runaway, may last.
-        0x210A:2 following_ms: u32 = 10, (1, 10_000), "supervise.following_ms", "ms", "assumed";
+        0x210A:2 following_ms: u32 = 10, (1, 10_000), "supervise.following_ms", "ms", "assumed", falls "a fault would show later";
         /// Velocity against a saturated duty that means a wrong polarity.
-        0x210A:3 runaway: f32 = 50.0, (1.0, 1000.0), "supervise.runaway_mm_s", "mm/s", "assumed";
+        0x210A:3 runaway: f32 = 50.0, (1.0, 1000.0), "supervise.runaway_mm_s", "mm/s", "assumed", falls "a fault would show later";
         /// Difference between encoder velocity and back-EMF velocity that is not believed.
-        0x210A:4 emf_velocity: f32 = 50.0, (1.0, 5000.0), "supervise.emf_mm_s", "mm/s", "assumed";
+        0x210A:4 emf_velocity: f32 = 50.0, (1.0, 5000.0), "supervise.emf_mm_s", "mm/s", "assumed", falls "a fault would show later";
         /// Error of the winding resistance that the comparison with the back-EMF forgives.
-        0x210A:5 emf_resistance: f32 = 20.0, (0.0, 100.0), "supervise.emf_resistance_percent", "%", "assumed: copper from 20 to 70 degrees C";
+        0x210A:5 emf_resistance: f32 = 20.0, (0.0, 100.0), "supervise.emf_resistance_percent", "%", "assumed: copper from 20 to 70 degrees C", falls "a fault would show later";
         /// Time that the encoder may contradict the back-EMF.
-        0x210A:6 encoder_ms: u32 = 10, (1, 1000), "supervise.encoder_ms", "ms", "assumed";
+        0x210A:6 encoder_ms: u32 = 10, (1, 1000), "supervise.encoder_ms", "ms", "assumed", falls "a fault would show later";
         /// Time that the gap signal may be bad.
-        0x210A:7 gap_bad_ms: u32 = 20, (1, 1000), "supervise.gap_ms", "ms", "assumed";
+        0x210A:7 gap_bad_ms: u32 = 20, (1, 1000), "supervise.gap_ms", "ms", "assumed", falls "a fault would show later";
         /// Longest silence of the bus while the loop is closed; 0 does not watch. 1016h watches one host by its heartbeats.
-        0x210A:8 host_ms: u32 = 0, (0, 60_000), "supervise.host_ms", "ms", "CiA 301 7.2.8: guarding is off until a host asks for it";
+        0x210A:8 host_ms: u32 = 0, (0, 60_000), "supervise.host_ms", "ms", "CiA 301 7.2.8: guarding is off until a host asks for it", falls_from_never "a silent host would show later, or never";
 
         /// Longest lift of a head without a closed loop.
-        0x210B:1 lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md";
+        0x210B:1 lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md", disabled "the lift of a fault is reckoned from it";
         /// Force of a force-limited retract about the holding force.
-        0x210B:2 lift_force: f32 = 3.0, (0.1, 100.0), "lift.limited_n", "N", "assumed";
+        0x210B:2 lift_force: f32 = 3.0, (0.1, 100.0), "lift.limited_n", "N", "assumed", disabled "the lift of a fault is reckoned from it";
         /// Bus voltage below which lifting on stored energy ends.
-        0x210B:3 lift_bus_dead: f32 = 15.0, (1.0, 60.0), "lift.bus_dead_v", "V", "assumed";
+        0x210B:3 lift_bus_dead: f32 = 15.0, (1.0, 60.0), "lift.bus_dead_v", "V", "assumed", disabled "the lift of a fault is reckoned from it";
+
+        /// Gap voltage below which, with pulses off, the electrode touches the work; 0: no sense supply is fitted.
+        0x210D:1 contact_below: f32 = 12.0, (0.0, 100.0), "contact.below_v", "V", "assumed: half of the sense supply of docs/wiring.md", disabled "contact would not be felt";
+        /// Largest velocity toward the work, pulses off, where the axis has not been since it was enabled.
+        0x210D:2 contact_approach: f32 = 5.0, (0.1, 5.0), "contact.approach_mm_s", "mm/s", "docs/bring-up.md: what a contact may press", falls "the electrode would hit the work harder";
 
         /// Commissioning has passed with these settings.
-        0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by commissioning";
+        0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by commissioning", disabled "it says whether the head may be enabled";
         /// Largest duty of commissioning.
-        0x210C:2 commission_duty: f32 = 0.1, (0.001, 0.5), "commission.duty_limit", "", "assumed";
+        0x210C:2 commission_duty: f32 = 0.1, (0.001, 0.5), "commission.duty_limit", "", "assumed", disabled "commissioning runs by it";
         /// Velocity of the stroke measurement.
-        0x210C:3 commission_velocity: f32 = 5.0, (0.1, 50.0), "commission.velocity_mm_s", "mm/s", "assumed";
+        0x210C:3 commission_velocity: f32 = 5.0, (0.1, 50.0), "commission.velocity_mm_s", "mm/s", "assumed", disabled "commissioning runs by it";
         /// Share of the stroke by which the measured one may differ.
-        0x210C:4 commission_tolerance: f32 = 10.0, (0.1, 50.0), "commission.stroke_tolerance_percent", "%", "assumed";
+        0x210C:4 commission_tolerance: f32 = 10.0, (0.1, 50.0), "commission.stroke_tolerance_percent", "%", "assumed", disabled "commissioning runs by it";
     }
 }

@@ -181,3 +181,29 @@ fn homing_that_has_been_chosen_before_is_refused_while_eroding() {
     assert_eq!(rig.status() & 0x3000, 0x2000, "homing error");
     assert!((rig.position() - before).abs() < 100);
 }
+
+#[test]
+fn an_edge_is_found_where_touching_was_asked_for_and_is_a_fault_where_it_was_not() {
+    let into_the_work = |touch: u8| {
+        let mut rig = Rig::ready();
+        rig.mode(1);
+        rig.write(0x2001, 5, &[touch]);
+        rig.write32(0x607A, 0, 5000);
+        rig.control(0x0F);
+        rig.control(0x1F);
+        rig
+    };
+    let mut rig = into_the_work(1);
+    rig.until(3000, |rig| rig.status() & 0x0400 != 0);
+    let surface = rig.machine.process.truth().first_surface_um as i64;
+    let offset = rig.machine.process.truth().count - rig.position();
+    assert!((i64::from(rig.read(0x2001, 6).cast_signed()) + offset - surface).abs() <= 3);
+    assert!((rig.position() + offset - surface + 10).abs() <= 4, "clear of it again");
+    assert_eq!((rig.read(0x2000, 2), rig.read(0x2000, 3)), (0, 19), "no fault; touched");
+    // Slow all the way: the limit shows.
+    let mut rig = into_the_work(0);
+    rig.run(100);
+    assert_ne!(rig.status() & 1 << 11, 0, "10 mm/s asked for, 5 allowed");
+    rig.until(3000, |rig| rig.status() & 0x6F == 0x08);
+    assert_eq!(rig.read(0x603F, 0), 0xFF08);
+}

@@ -2,9 +2,11 @@
 
 use crate::rig::Rig;
 use edm_hal_shim::store::Loaded;
+use edm_servo_head::canopen::Dictionary;
 use edm_servo_head::canopen::objects::setting_address;
 use edm_servo_head::feed::LawName;
-use edm_servo_head::head::Fault;
+use edm_servo_head::head::{Fault, State};
+use edm_servo_head::settings::{Declared, Field, Kind, Settings};
 use edm_servo_head::stored::StoredImage;
 
 fn address(key: &str) -> (u16, u8) {
@@ -220,4 +222,116 @@ fn a_fault_comes_and_goes_beside_a_loss_that_stays() {
     rig.run(20);
     assert_eq!((rig.status() & (WARNING | 0x4F), rig.read(0x1001, 0)), (0x40, 0));
     assert_eq!(emergencies(&rig).last(), Some(&(0, 0, [0; 5])));
+}
+
+/// What a setting is before and what is written to it, as words.
+fn words(key: &str) -> (u16, u8, u32, Vec<(u32, bool)>) {
+    let place = Settings::KEYS.iter().position(|known| *known == key).unwrap();
+    let (index, sub) = Settings::ADDRESSES[place];
+    let Field { kind, change, .. } = Settings::FIELDS[place];
+    let now = Settings { commissioned: true, ..Settings::default() }.word(place).unwrap();
+    // A little less and a little more, where that is a value.
+    let others = match kind {
+        Kind::Number { .. } => [0.99, 1.01].map(|share| (f32::from_bits(now) * share).to_bits()),
+        Kind::Integer { .. } => [now.wrapping_sub(1), now + 1],
+        Kind::Flag => [1 - now, 1 - now],
+        Kind::Choice(names) => [(now + 1) % names.len() as u32; 2],
+    };
+    let values = others.into_iter().filter(|word| *word != now && kind.admits(*word));
+    (index, sub, now, values.map(|word| (word, change.permits(&kind, now, word))).collect())
+}
+
+#[test]
+fn while_the_head_is_enabled_what_supervision_loop_and_reflex_judge_by_is_not_widened() {
+    let mut rig = Rig::ready();
+    let mut refused = 0;
+    for key in Settings::KEYS {
+        let (index, sub, now, values) = words(key);
+        let size = rig.drive.entry(index, sub).unwrap().kind.size().unwrap();
+        for (word, permitted) in values {
+            let before = rig.drive.settings().words();
+            let result = rig.try_write(index, sub, &word.to_le_bytes()[..size]);
+            match result {
+                // The whole set would not fit together.
+                Ok(()) | Err(0x0604_0043) if permitted => {}
+                // 210Ch:1 is never written.
+                Err(0x0601_0002) => {}
+                Err(0x0800_0022) if !permitted => {
+                    assert_eq!(rig.read(0x2002, 1), u32::from(index) << 8 | u32::from(sub), "{key}");
+                    refused += 1;
+                }
+                result => panic!("{key} = {word:#x}: {result:x?}"),
+            }
+            if result.is_err() {
+                assert_eq!(rig.drive.settings().words(), before, "{key}");
+            } else {
+                rig.run(3);
+                // Back: the other way may not be allowed.
+                let back = rig.try_write(index, sub, &now.to_le_bytes()[..size]);
+                assert!(matches!(back, Ok(()) | Err(0x0800_0022 | 0x0604_0043)), "{key}: {back:x?}");
+            }
+        }
+    }
+    assert!(refused > 60, "{refused}");
+}
+
+#[test]
+fn the_hostile_writes_of_the_review_are_refused_while_eroding_and_taken_while_disabled() {
+    let hostile: [(&str, u32); 14] = [
+        ("supervise.following_um", 100_000.0f32.to_bits()),
+        ("supervise.following_ms", 10_000),
+        ("supervise.runaway_mm_s", 1000.0f32.to_bits()),
+        ("supervise.emf_mm_s", 5000.0f32.to_bits()),
+        ("supervise.encoder_ms", 1000),
+        ("supervise.gap_ms", 1000),
+        ("retreat.after_shorts", 1000),
+        ("retreat.after_ms", 100.0f32.to_bits()),
+        ("retreat.velocity_um_s", 1.0f32.to_bits()),
+        ("retreat.persistent_ms", 60_000.0f32.to_bits()),
+        ("lift.limited_n", 100.0f32.to_bits()),
+        ("gap.short_v", 1.0f32.to_bits()),
+        ("gap.volts_per_code", 1.0f32.to_bits()),
+        ("contact.below_v", 0.0f32.to_bits()),
+    ];
+    let mut rig = Rig::ready();
+    let write = |rig: &mut Rig, key: &str, word: u32| {
+        let (index, sub) = address(key);
+        let size = rig.drive.entry(index, sub).unwrap().kind.size().unwrap();
+        rig.try_write(index, sub, &word.to_le_bytes()[..size])
+    };
+    for (key, word) in hostile {
+        assert_eq!(write(&mut rig, key, word), Err(0x0800_0022), "{key}");
+    }
+    rig.control(0x06);
+    rig.until(100, |rig| rig.machine.status().state == State::Disabled);
+    for (key, word) in hostile {
+        assert_eq!(write(&mut rig, key, word), Ok(()), "{key}");
+    }
+}
+
+#[test]
+fn a_change_of_a_guarded_setting_turns_a_bit_of_the_statusword_over_and_is_told_with_its_address() {
+    let mut rig = Rig::new(|_, _| {});
+    let told = |rig: &mut Rig| (rig.status() & 1 << 14, rig.read(0x200C, 5));
+    assert_eq!(told(&mut rig), (0, 0));
+    let (index, sub) = address("supervise.gap_ms");
+    rig.write(index, sub, &30u32.to_le_bytes());
+    let number = u32::from(index) << 8 | u32::from(sub);
+    assert_eq!(told(&mut rig), (1 << 14, 1 << 24 | number));
+    let (live, live_sub) = address("feed.gain_um_s_v");
+    rig.write(live, live_sub, &12.5f32.to_le_bytes());
+    assert_eq!(told(&mut rig), (1 << 14, 1 << 24 | number));
+    rig.write(index, sub, &31u32.to_le_bytes());
+    assert_eq!(told(&mut rig), (0, 2 << 24 | number));
+}
+
+#[test]
+fn a_silent_host_is_never_unwatched_again_while_the_head_is_enabled() {
+    let mut rig = Rig::new(|settings, _| settings.host_ms = 500);
+    let (index, sub) = address("supervise.host_ms");
+    rig.send(0, &[1, 5]);
+    rig.enable();
+    assert_eq!(rig.try_write(index, sub, &0u32.to_le_bytes()), Err(0x0800_0022));
+    assert_eq!(rig.try_write(index, sub, &600u32.to_le_bytes()), Err(0x0800_0022));
+    assert_eq!(rig.try_write(index, sub, &400u32.to_le_bytes()), Ok(()));
 }

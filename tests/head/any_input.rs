@@ -32,7 +32,7 @@ fn unlikely() -> impl Strategy<Value = bool> {
 
 prop_compose! {
     fn input()(
-        filtered in volts(), block in volts(), quality in quality(), short_ticks in prop_oneof![9 => Just(0), 1 => any::<u32>()],
+        filtered in volts(), block in volts(), quality in quality(), touches in unlikely(), short_ticks in prop_oneof![9 => Just(0), 1 => any::<u32>()],
         count in prop_oneof![9 => 0u32..20_000, 1 => any::<u32>()], last_edge in any::<u32>(), now in any::<u32>(),
         toward_work in any::<bool>(), illegal in prop_oneof![9 => Just(0), 1 => any::<u32>()],
         safety in [unlikely(), unlikely(), unlikely(), unlikely(), unlikely()],
@@ -40,7 +40,7 @@ prop_compose! {
     ) -> Inputs {
         let [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault] = safety;
         Inputs {
-            gap: GapReading { filtered, block, mean: block, quality, short_ticks },
+            gap: GapReading { filtered, block, mean: block, quality, touches, short_ticks },
             encoder: Snapshot { raw: RawCount { count, last_edge, toward_work, now }, illegal, ..Snapshot::default() },
             safety: SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault }.unsafe_ones(),
             drive: DriveCodes { motor_current, bus_voltage },

@@ -6,10 +6,12 @@ use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::Snapshot;
 use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Change, Command, Fault, Head, Inputs, LEAD, State, TickOutput};
+use edm_servo_head::head::{Change, Command, Fault, Head, Inputs, LEAD, MotionLimits, State, TickOutput};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::Settings;
-use edm_servo_head::units::{CLOCK_HZ, Nanometres, TICK_HZ, TICK_S, Volts};
+use edm_servo_head::units::{
+    CLOCK_HZ, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ, TICK_S, Volts,
+};
 
 /// The bench, in SI units; um where it says so.
 pub struct Bench {
@@ -95,6 +97,21 @@ impl Bench {
     pub fn ready() -> Bench {
         let mut bench = Bench::new();
         bench.make_ready();
+        bench
+    }
+
+    /// The same, with no work in the way, after the whole travel has been gone through slowly.
+    pub fn cleared() -> Bench {
+        let mut bench = Bench::ready();
+        bench.surface_um = 1e6;
+        let ramp = MicrometresPerSecond2(1e6);
+        let limits = MotionLimits { velocity: MicrometresPerSecond(1e5), acceleration: ramp, deceleration: ramp };
+        for to in [12_000_000, 0] {
+            bench.command(Command::Position(Nanometres(to), limits));
+            bench.run_until(3.0, |bench| bench.state() == State::Ready);
+            bench.run(0.1);
+        }
+        bench.changes();
         bench
     }
 
@@ -246,6 +263,7 @@ impl Bench {
             other => other,
         };
         let volts = Volts((volts * self.gap_sign) as f32);
-        GapReading { filtered: volts, block: volts, mean: volts, quality, short_ticks: self.short_ticks }
+        let touches = !self.output.pulses && gap <= 0.0;
+        GapReading { filtered: volts, block: volts, mean: volts, quality, touches, short_ticks: self.short_ticks }
     }
 }

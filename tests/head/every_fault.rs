@@ -4,7 +4,8 @@
 
 use crate::bench::Bench;
 use edm_servo_head::gap::Quality;
-use edm_servo_head::head::{Command, Fault, LEAD, State};
+use edm_servo_head::head::{Command, Fault, LEAD, MotionLimits, State};
+use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 
 /// A head to which what causes the fault has just happened, and which runs on. A fault without its cause here does not
 /// compile.
@@ -29,6 +30,8 @@ fn caused(fault: Fault) -> Option<Bench> {
             bench.make_ready();
             bench
         }
+        // With pulses off.
+        Fault::Contact => Bench::ready(),
         _ => Bench::eroding(),
     };
     match fault {
@@ -52,6 +55,12 @@ fn caused(fault: Fault) -> Option<Bench> {
         Fault::EmergencyStop => bench.safety.emergency_stop = true,
         Fault::OverCurrent => bench.extra_amps = 4.0,
         Fault::BridgeFault => bench.safety.bridge_fault = true,
+        Fault::Contact => {
+            let ramp = MicrometresPerSecond2(1e6);
+            let velocity = MicrometresPerSecond(5000.0);
+            let limits = MotionLimits { velocity, acceleration: ramp, deceleration: ramp };
+            bench.command(Command::Position(Nanometres(2_500_000), limits));
+        }
     }
     Some(bench)
 }

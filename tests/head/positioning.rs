@@ -27,7 +27,7 @@ fn home(method: Method, at_um: i64) -> Command {
 
 #[test]
 fn a_move_keeps_its_velocity_and_ends_on_its_count() {
-    let mut bench = Bench::ready();
+    let mut bench = Bench::cleared();
     bench.changes();
     bench.command(Command::Position(um(1500), LIMITS));
     let mut fastest = 0.0f64;
@@ -44,7 +44,7 @@ fn a_move_keeps_its_velocity_and_ends_on_its_count() {
 
 #[test]
 fn a_target_may_change_on_the_way() {
-    let mut bench = Bench::ready();
+    let mut bench = Bench::cleared();
     bench.command(Command::Position(um(5000), LIMITS));
     bench.run(0.1);
     bench.command(Command::Position(um(500), LIMITS));
@@ -68,7 +68,7 @@ fn demand(bench: &mut Bench, seconds: f64) -> (f32, f32) {
 
 #[test]
 fn a_move_begins_with_the_velocity_that_the_one_before_has() {
-    let mut bench = Bench::ready();
+    let mut bench = Bench::cleared();
     bench.command(Command::Position(um(5000), LIMITS));
     let (mut before, _) = demand(&mut bench, 0.1);
     assert_eq!(before, 20_000.0);
@@ -107,7 +107,7 @@ fn hold_brings_a_move_to_rest_on_a_ramp() {
 
 #[test]
 fn set_points_of_a_host_are_followed_to_the_count() {
-    let mut bench = Bench::ready();
+    let mut bench = Bench::cleared();
     let mut worst = 0.0f32;
     // 10 mm/s, a set point each millisecond.
     for ms in 1..=300i64 {
@@ -128,7 +128,7 @@ fn set_points_of_a_host_are_followed_to_the_count() {
 
 #[test]
 fn braking_ends_a_move_within_the_length_it_needs() {
-    let mut bench = Bench::ready();
+    let mut bench = Bench::cleared();
     bench.command(Command::Position(um(5000), LIMITS));
     bench.run(0.1);
     let before = bench.um();
@@ -166,7 +166,7 @@ fn eroding_begins_where_a_move_has_ended() {
 
 #[test]
 fn a_fault_on_the_way_leads_back_from_where_the_head_is() {
-    let mut bench = Bench::ready();
+    let mut bench = Bench::cleared();
     bench.command(Command::Position(um(8000), LIMITS));
     bench.run_until(1.0, |bench| bench.um() > 5000.0);
     bench.head.raise(Fault::HostSilent);
@@ -236,7 +236,7 @@ fn homing_that_finds_nothing_fails_and_holds() {
 
 #[test]
 fn a_limit_switch_while_positioning_is_still_a_fault() {
-    let mut bench = Bench::ready();
+    let mut bench = Bench::cleared();
     bench.command(Command::Position(um(8000), LIMITS));
     bench.run_until(1.0, |bench| bench.um() > 5000.0);
     bench.safety.lower_limit = true;

@@ -14,7 +14,7 @@ const LONG_PAUSE: u32 = 20_000;
 fn command(random: &mut Random) -> Command {
     let acceleration = MicrometresPerSecond2(1e7);
     let um = |um: i64| Nanometres(um * 1000);
-    match random.random_range(0..23) {
+    match random.random_range(0..24) {
         0..4 => Command::Enable,
         4 => Command::Disable,
         5 | 22 => Command::Hold,
@@ -25,10 +25,12 @@ fn command(random: &mut Random) -> Command {
         12..14 => Command::Guide,
         14..17 => Command::MoveBy(um(random.random_range(1..300))),
         17..19 => Command::ResetFault,
-        19 => Command::Position(
-            um(random.random_range(100..9000)),
-            MotionLimits { velocity: MicrometresPerSecond(2e4), acceleration, deceleration: acceleration },
-        ),
+        19 | 23 => {
+            let to = um(random.random_range(100..9000));
+            let velocity = MicrometresPerSecond(2e4);
+            let limits = MotionLimits { velocity, acceleration, deceleration: acceleration };
+            if random.random() { Command::Position(to, limits) } else { Command::Touch(to, limits) }
+        }
         _ => Command::Home(Home {
             method: if random.random() { Method::UpperLimit } else { Method::MarkBelow },
             fast: MicrometresPerSecond(1e5),
@@ -56,7 +58,7 @@ fn disturb(bench: &mut Bench, random: &mut Random) {
 #[test]
 fn the_table_of_transitions_is_what_heads_do() {
     let mut seen: Vec<(State, State, Reason)> = Vec::new();
-    for seed in 0..80 {
+    for seed in 0..160 {
         let mut random = Random::seed_from_u64(seed);
         let mut bench = Bench::with(|settings| {
             settings.seek_settle_ms = 10.0;

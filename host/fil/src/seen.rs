@@ -11,13 +11,13 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
 use edm_servo_head::head::{
-    Breakaway, Command, Counters, Fault, Home, MotionLimits, SetPoint, Status, SupervisionLimits, TickInput,
+    Breakaway, Command, Counters, Fault, Home, MotionLimits, SetPoint, State, Status, SupervisionLimits, TickInput,
 };
 use edm_servo_head::motion::Method;
 use edm_servo_head::units::{
     Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Volts,
 };
-use edm_sim::lockstep::{QUALITIES, STATES};
+use edm_sim::lockstep::QUALITIES;
 use edm_soc::{Memory, Region};
 use std::mem::{offset_of, size_of};
 
@@ -43,7 +43,7 @@ const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::
 const SUPERVISION: &str = "edm_servo_head::head::supervise::Config";
 const COMMAND: &str = "edm_servo_head::head::command::Command";
 /// Variants of [`Command`], and the number of fields that each has.
-const VARIANTS: [(&str, usize); 15] = [
+const VARIANTS: [(&str, usize); 16] = [
     ("Enable", 0),
     ("Disable", 0),
     ("SetHome", 1),
@@ -51,6 +51,7 @@ const VARIANTS: [(&str, usize); 15] = [
     ("MoveBy", 1),
     ("ClearPath", 0),
     ("Position", 2),
+    ("Touch", 2),
     ("Follow", 2),
     ("Home", 1),
     ("Brake", 1),
@@ -175,11 +176,12 @@ impl Places {
         checked!(layout,
             "edm_servo_head::head::Status" Status: tick, state, fault, position, setpoint, following, velocity, path, gap,
                 gap_setpoint, open_circuit, duty, saturated, current, bus, illegal_transitions, homed, current_reduced;
-            "edm_servo_head::head::follow::TickInput" TickInput: encoder, short_ticks, drive, safety, reflex, told, set_point,
+            "edm_servo_head::head::follow::TickInput" TickInput: encoder, short_ticks, touches, drive, safety, reflex, told, set_point,
                 asked;
             "edm_servo_head::head::follow::SetPoint" SetPoint: to, counts, ticks;
             "edm_servo_head::head::supervise::Counters" Counters: used, watch;
-            "edm_servo_head::gap::GapReading" GapReading: filtered, block, mean, quality, short_ticks;
+            "edm_servo_head::gap::GapReading" GapReading: filtered, block, mean, quality, touches,
+                short_ticks;
             "edm_servo_head::encoder::shared::Snapshot" Snapshot: raw, illegal, mark;
             "edm_servo_head::encoder::index::Mark" Mark: count, toward_work, crossings;
             "edm_hal_shim::encoder::RawCount" RawCount: count, last_edge, toward_work, now;
@@ -375,14 +377,15 @@ impl Places {
             "MoveTo" => Command::MoveTo(nm()?),
             "MoveBy" => Command::MoveBy(nm()?),
             "ClearPath" => Command::ClearPath,
-            "Position" => {
+            "Position" | "Touch" => {
                 let limits = view.inner(second);
                 let limits = MotionLimits {
                     velocity: MicrometresPerSecond(limits.float(at!(MotionLimits, velocity))?),
                     acceleration: MicrometresPerSecond2(limits.float(at!(MotionLimits, acceleration))?),
                     deceleration: MicrometresPerSecond2(limits.float(at!(MotionLimits, deceleration))?),
                 };
-                Command::Position(nm()?, limits)
+                let touches = variant.name == "Touch";
+                if touches { Command::Touch(nm()?, limits) } else { Command::Position(nm()?, limits) }
             }
             "Follow" => Command::Follow(nm()?, view.word(second)?),
             "Home" => {
@@ -478,6 +481,7 @@ fn limits(view: &View) -> Result<SupervisionLimits> {
 fn breakaway(view: &View) -> Result<Breakaway> {
     Ok(Breakaway {
         following: view.float(at!(Breakaway, following))?,
+        friction: view.float(at!(Breakaway, friction))?,
         push: view.float(at!(Breakaway, push))?,
         holding: view.float(at!(Breakaway, holding))?,
         ms: view.word(at!(Breakaway, ms))?,
@@ -490,6 +494,7 @@ fn reading(view: &View) -> Result<GapReading> {
         block: Volts(view.float(at!(GapReading, block))?),
         mean: Volts(view.float(at!(GapReading, mean))?),
         quality: *QUALITIES.get(view.byte(at!(GapReading, quality))?).context("a quality that is none")?,
+        touches: view.flag(at!(GapReading, touches))?,
         short_ticks: view.word(at!(GapReading, short_ticks))?,
     })
 }
@@ -524,6 +529,7 @@ fn input(view: &View) -> Result<TickInput> {
     Ok(TickInput {
         encoder: raw(&view.inner(at!(TickInput, encoder)))?,
         short_ticks: view.word(at!(TickInput, short_ticks))?,
+        touches: view.flag(at!(TickInput, touches))?,
         gap: None,
         safety: if there { Some(contacts(&safety)?) } else { None },
         drive: DriveCodes {
@@ -579,7 +585,7 @@ fn status(view: &View) -> Result<Status> {
     let fault = fault(&view.inner(at!(Status, fault)))?;
     Ok(Status {
         tick: view.word(at!(Status, tick))?,
-        state: *STATES.get(view.byte(at!(Status, state))?).context("a state that is none")?,
+        state: *State::ALL.get(view.byte(at!(Status, state))?).context("a state that is none")?,
         fault,
         position: view.long(at!(Status, position))?,
         setpoint: Fixed(view.long(at!(Status, setpoint))?),

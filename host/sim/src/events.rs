@@ -5,7 +5,7 @@
 
 use edm_hal_shim::safety::SafetyInputs;
 use edm_servo_head::declare;
-use edm_servo_head::settings::{Declared, Field, Kind, SettingError, Value};
+use edm_servo_head::settings::{Change, Declared, Field, Kind, SettingError, Value};
 use edm_servo_head::units::TICK_HZ;
 
 declare! {
@@ -31,6 +31,10 @@ declare! {
         short: bool = false, (), "gap.short", "", "the head retraces to its safe height when retreating does not help";
         /// The generator makes no pulses.
         generator: bool = false, (), "generator.off", "", "the gate is missing: the head retraces to its safe height";
+        /// Somebody has put a workpiece there that is higher by this.
+        raised: f32 = 0.0, (-100.0, 100.0), "workpiece.raised_mm", "mm", "a head that moves into it stops on contact";
+        /// The contact sense supply is off.
+        sense: bool = false, (), "sense.off", "", "with pulses off nothing moves toward the work";
         /// The wire of the generator's gate is cut; pulses go on.
         gate: bool = false, (), "gate.cut", "", "the head retraces to its safe height";
     }
@@ -53,6 +57,10 @@ pub struct FaultInputs {
     pub gate_lost: bool,
     /// A wire across the gap.
     pub short: bool,
+    /// The contact sense supply gives nothing.
+    pub sense_off: bool,
+    /// The workpiece is higher by this, mm.
+    pub raised_mm: f64,
 }
 
 /// When an event may happen.
@@ -62,6 +70,8 @@ pub const AT: Field = Field {
     doc: "Time since the machine was switched on.",
     source: "in steps of a servo tick, 50 us",
     kind: Kind::Number { min: 0.0, max: 100_000.0 },
+    change: Change::Live,
+    hazard: "",
 };
 
 /// Largest code of the converter.
@@ -158,10 +168,14 @@ impl Wires {
             (self.short, to.short, &mut fault_inputs.short),
             (self.generator, to.generator, &mut fault_inputs.generator_dead),
             (self.gate, to.gate, &mut fault_inputs.gate_lost),
+            (self.sense, to.sense, &mut fault_inputs.sense_off),
         ] {
             if was != is {
                 *wire = is;
             }
+        }
+        if self.raised != to.raised {
+            fault_inputs.raised_mm = to.raised.into();
         }
         if self.sag != to.sag {
             fault_inputs.bus_v = (to.sag > 0.0).then(|| (bus_v - f64::from(to.sag)).max(0.0));

@@ -1,7 +1,20 @@
 //! The settings as a page for people.
 
-use edm_servo_head::settings::{Declared, Settings};
+use edm_servo_head::settings::{Change, Declared, Settings};
 use std::fmt::Write;
+
+/// Before the list of those that are guarded.
+const GUARDED: &str = "
+## Guarded while the head is enabled
+
+What supervision, loop and reflex judge by is not widened under a live electrode. A host's write that would is refused with
+abort 0800 0022h, and 2002h tells which setting and what it has to satisfy. Whatever is accepted of them, then or while
+disabled, is told: bit 14 of the statusword turns over, so that TPDO1 is sent at once, and 200Ch:5 counts the changes and has
+the address of the last. All others may change at any time.
+
+| key | rule | else |
+| --- | --- | --- |
+";
 
 /// The page, as Markdown.
 pub fn render() -> String {
@@ -33,6 +46,10 @@ pub fn render() -> String {
             field.allowed(),
             field.source
         );
+    }
+    page.push_str(GUARDED);
+    for field in Settings::FIELDS.iter().filter(|field| field.change != Change::Live) {
+        let _ = writeln!(page, "| `{}` | {} | {} |", field.key, field.change.rule(), field.hazard);
     }
     page
 }

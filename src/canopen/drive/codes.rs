@@ -43,6 +43,7 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
         // Power section.
         Fault::BridgeFault => (0x5400, CURRENT),
         Fault::PlanLate => (0xFF07, MANUFACTURER),
+        Fault::Contact => (0xFF08, MANUFACTURER),
     };
     (code, bits | GENERIC)
 }
@@ -112,6 +113,7 @@ numbered! {
         Reason::Homed => 16 "homed",
         Reason::NotHomed => 17 "no reference found",
         Reason::ProofStarted => 18 "the encoder proves itself",
+        Reason::Touched => 19 "contact, which was asked for",
     }
 }
 
@@ -130,6 +132,7 @@ numbered! {
         // 10 has been "settings could not be stored" and means nothing else.
         Refused::Doubted(_) => 11 "after a fault of the encoder the head has to be enabled first",
         Refused::PathActive => 12 "a path is under way or queued",
+        Refused::NoSense => 13 "no sense supply is fitted",
     }
 }
 

@@ -1,7 +1,7 @@
 //! How controlword and head move the state machine.
 
 use super::state::{Request, State, control, status};
-use super::{Drive, Order, halts, rises};
+use super::{Drive, halts, rises};
 use crate::canopen::objects::Item;
 use crate::head::{self, Command};
 
@@ -160,7 +160,10 @@ impl Drive {
         if self.status.current_reduced || self.loss.is_some() {
             word |= status::WARNING;
         }
-        if self.status.saturated || self.set_points.limited {
+        if self.guarded >> 24 & 1 != 0 {
+            word |= status::GUARDED;
+        }
+        if self.status.saturated || self.status.approaching || self.set_points.limited {
             word |= status::LIMITED;
         }
         word | self.mode_bits()
@@ -186,6 +189,8 @@ impl Drive {
     /// Starts commissioning.
     pub(super) fn commission(&mut self) -> bool {
         let free = self.status.state == head::State::Disabled && !self.enabling;
-        free && self.order(Order::Command(Command::Commission))
+        let ordered = free && self.command(Command::Commission);
+        self.commissioning |= ordered;
+        ordered
     }
 }

@@ -207,6 +207,8 @@ pub struct Drive {
     configuring: bool,
     /// The head does not run the newest settings: they are ordered when it is disabled.
     stale: bool,
+    /// Changes of guarded settings times 2^24, and the address of the last.
+    guarded: u32,
     /// Commands taken and not answered, set points of a stream apart.
     in_flight: u8,
     /// The status is newer than every command.
@@ -215,6 +217,8 @@ pub struct Drive {
     state: State,
     /// The loop has been ordered closed.
     enabling: bool,
+    /// Commissioning has been ordered, and the status is not newer.
+    commissioning: bool,
     /// State to go to once the axis stands.
     leaving: Option<State>,
     control: u16,
@@ -270,10 +274,12 @@ impl Drive {
             restarting: false,
             configuring: false,
             stale: false,
+            guarded: 0,
             in_flight: 0,
             fresh: false,
             state: State::SwitchOnDisabled,
             enabling: false,
+            commissioning: false,
             leaving: None,
             control: 0,
             elapsed: 0,
@@ -437,6 +443,7 @@ impl Drive {
                 self.set(Item::Shorts, count);
             }
             Reason::PathEnd => self.stopped_by = 1,
+            Reason::Touched => self.set_points.touched(),
             _ => {}
         }
     }
@@ -476,6 +483,7 @@ impl Drive {
         }
         self.watch_erosion();
         self.watch_fault();
+        self.commissioning &= !self.fresh;
         if self.fresh {
             self.follow_head();
         }

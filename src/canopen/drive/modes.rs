@@ -87,6 +87,11 @@ impl SetPoints {
         self.homing_refused = true;
     }
 
+    /// The head has touched the work, as was asked for: it is where it should be.
+    pub fn touched(&mut self) {
+        self.target = None;
+    }
+
     /// Set points waiting.
     pub fn waiting(&self) -> u16 {
         self.buffer.len() as u16
@@ -192,7 +197,9 @@ impl Drive {
             self.erode_to(target)
         } else {
             let limits = self.motion_limits(self.value(Item::ProfileVelocity));
-            self.command(Command::Position(self.nanometres(target), limits))
+            let to = self.nanometres(target);
+            let touches = self.value(Item::Touch) == 1;
+            self.command(if touches { Command::Touch(to, limits) } else { Command::Position(to, limits) })
         };
         self.set_points.moving = sent;
     }

@@ -5,7 +5,7 @@ use super::{Drive, Order, TaskTimer, clamp32, codes};
 use crate::canopen::objects::{Decoded, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Written};
 use crate::head::{self, Command};
-use crate::settings::{Declared, Kind, SettingError, Settings, place};
+use crate::settings::{Change, Declared, Kind, SettingError, Settings, place};
 use crate::units::Volts;
 
 /// Settings that the profile has its own objects for.
@@ -162,6 +162,8 @@ impl Drive {
             Item::GenerationServo => self.generations.servo.into(),
             Item::GenerationGap => self.generations.gap.into(),
             Item::GenerationSupervision => self.generations.supervision.into(),
+            Item::Touched => clamp32(status.touched).into(),
+            Item::GuardedChange => self.guarded.into(),
             Item::LostFrames => self.lost[0].into(),
             Item::LostEvents => self.lost[1].into(),
             Item::ScopeState => self.scope.phase() as i64,
@@ -294,13 +296,18 @@ impl Drive {
                 return Err(Abort::Incompatible);
             }
         };
-        let (old, new) = (&self.active.head.axis, &mut active.head.axis);
-        let same = old.is_wired_as(new);
-        if self.stale || self.configuring || !same && (self.status.state != head::State::Disabled || self.enabling) {
+        let change = Settings::FIELDS.get(usize::from(field)).map(|field| (field.change, &field.kind));
+        let (change, kind) = change.ok_or(Abort::NoSubIndex)?;
+        if self.may_be_enabled() && !change.permits(kind, self.settings.word(field.into()).unwrap_or(word), word) {
+            let (index, sub) = setting_address_at(field.into()).unwrap_or((0, 0));
+            self.wrong = Some((index, sub, change.rule()));
+            return Err(Abort::DeviceState);
+        }
+        if self.stale || self.configuring {
             return Err(Abort::DeviceState);
         }
         // Commissioning has to look again at what it has passed.
-        if !same && old.plant != new.plant || wired(&pending) != wired(&self.settings) {
+        if self.active.head.axis.plant != active.head.axis.plant || wired(&pending) != wired(&self.settings) {
             pending.commissioned = false;
             active.head.commissioned = false;
         }
@@ -308,10 +315,20 @@ impl Drive {
         if !self.configure() {
             return Err(Abort::DeviceState);
         }
+        if change != Change::Live {
+            let address =
+                setting_address_at(field.into()).map_or(0, |(index, sub)| u32::from(index) << 8 | u32::from(sub));
+            self.guarded = (self.guarded & !0xFF_FFFF).wrapping_add(1 << 24) | address;
+        }
         self.settings = pending;
         self.active = active;
         self.wrong = None;
         Ok(Written::Later)
+    }
+
+    /// The head may be enabled, or about to be.
+    fn may_be_enabled(&self) -> bool {
+        self.status.state != head::State::Disabled || self.enabling || self.commissioning
     }
 }
 

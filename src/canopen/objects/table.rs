@@ -112,6 +112,8 @@ objects! {
         2 ErodeHold: u8, wo, rx, (0, 1), 0, "", live, "Hold: 1 switches pulses off and holds the position";
         3 Commission: u8, wo, no, (0, 1), 0, "", live, "Commissioning: 1 starts it, while disabled";
         4 CheckResult: u8, ro, no, U8, 0, "", live, "Commissioning result: 0 none yet, 1 passed, from 2 a finding as numbered in docs/objects.md";
+        5 Touch: u8, rw, rx, (0, 1), 0, "", live, "Touch: 1 profile position ends where the electrode touches the work, goes back by retreat.clearance_um, and has then reached its target; 0 a contact is a fault";
+        6 Touched: i32, ro, tx, I32, 0, "counts", live, "Touched: position of the newest contact that was asked for";
     }
     0x2002 "Refused setting" {
         1 RefusedSetting: u32, ro, no, U32, 0, "", live, "Setting: index times 256 and sub-index of the one that stands in the way";
@@ -188,6 +190,7 @@ objects! {
         2 GenerationServo: u32, ro, tx, U32, 0, "", live, "Servo tick: the one that it runs";
         3 GenerationGap: u32, ro, tx, U32, 0, "", live, "Gap task: the one that it runs";
         4 GenerationSupervision: u32, ro, tx, U32, 0, "", live, "Supervision: the one that it runs";
+        5 GuardedChange: u32, ro, tx, U32, 0, "", live, "Last guarded change: changes, modulo 256, of settings that are guarded while the head is enabled, times 2^24, and of the last one index times 256 and sub-index; bit 14 of the statusword turns over with each";
     }
     0x200D "Lost" {
         1 LostFrames: u32, ro, tx, U32, 0, "", live, "Frames: that came faster than they were taken, since power-on";

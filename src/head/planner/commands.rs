@@ -1,6 +1,6 @@
 //! What a host may ask of a planner.
 
-use super::Planner;
+use super::{Planner, Touching};
 use crate::gap::OpenCircuit;
 use crate::head::command::{Command, Refused};
 use crate::head::commissioning::Commissioning;
@@ -43,7 +43,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 self.restart_path_at(here);
                 Ok(())
             }
-            Command::Position(to, limits) => self.position(state, to, &limits),
+            Command::Position(to, limits) => self.position(state, to, &limits, false),
+            Command::Touch(to, limits) => self.position(state, to, &limits, true),
             Command::Follow(to, ticks) => self.follow_to(state, to, ticks),
             Command::Home(home) => self.home(state, &home),
             Command::Brake(deceleration) => self.brake(state, deceleration),
@@ -133,6 +134,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     pub(super) fn close_loop(&mut self) {
         self.upper_limit_excused = self.now.safety.upper_limit;
         self.open = OpenCircuit::new(self.config.seek.settle);
+        self.cleared = self.status.position;
         self.enter(State::Ready, Reason::Enabled);
     }
 
@@ -224,11 +226,15 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// Moves to a position on a profile, from whatever positioning is under way.
-    fn position(&mut self, state: State, to: Nanometres, limits: &MotionLimits) -> Result<(), Refused> {
+    fn position(&mut self, state: State, to: Nanometres, limits: &MotionLimits, touch: bool) -> Result<(), Refused> {
         self.may_position(state)?;
         self.within_travel(to)?;
+        if touch && !self.config.contact.sensed {
+            return Err(Refused::NoSense);
+        }
         let task = Task::Go(self.config.axis.counts(to), self.ramp(limits));
         self.take_up(State::Positioning, task);
+        self.touching = if touch { Touching::Asked } else { Touching::No };
         Ok(())
     }
 
@@ -292,6 +298,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     fn take_up(&mut self, state: State, task: Task) {
         self.positioning = Some(task);
+        self.touching = Touching::No;
         if self.status.state != state {
             let reason = if state == State::Homing { Reason::HomingStarted } else { Reason::Positioned };
             self.enter(state, reason);

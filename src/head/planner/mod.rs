@@ -11,7 +11,7 @@ mod states;
 use super::commissioning::{Commissioning, Finding, Report};
 use super::config::Config;
 use super::fault::{Fault, Reaction};
-use super::follow::{Concerns, Estimate, Follow, FollowConfig, Plan, Trajectory};
+use super::follow::{Concerns, Estimate, Follow, FollowConfig, Plan, Touch, Trajectory};
 use super::positioning::{HomingState, Task};
 use super::proof::Proof;
 use super::reaction::{Reacting, Situation, upward};
@@ -24,8 +24,19 @@ use crate::gap::OpenCircuit;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Window;
-use crate::units::{Fixed, MicrometresPerSecond};
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond};
 use core::ops::DerefMut;
+
+/// How a positioning that is to touch the work stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Touching {
+    /// It is not to.
+    No,
+    /// It is to, and has not yet.
+    Asked,
+    /// It has, and goes back until it is clear.
+    Done,
+}
 
 /// The part of a head that decides. `P` owns the path: a `Box<Path>`, or a `&'static mut Path`.
 #[derive(Debug)]
@@ -47,6 +58,10 @@ pub struct Planner<P> {
     /// State that a retreat returns to, and the count where it began.
     retreat: (State, i64),
     positioning: Option<Task>,
+    /// Whether it is to touch the work.
+    touching: Touching,
+    /// Furthest place toward the work that the axis has been at since the loop was closed, counts.
+    cleared: i64,
     reacting: Option<Reacting>,
     /// The fault that has cast doubt on the encoder, until it has proved itself.
     doubt: Option<Fault>,
@@ -81,6 +96,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             open: OpenCircuit::new(config.seek.settle),
             retreat: (State::Eroding, 0),
             positioning: None,
+            touching: Touching::No,
+            cleared: 0,
             reacting: None,
             doubt: None,
             proof: None,
@@ -182,6 +199,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             pulses,
             marks,
             set_points,
+            toward,
+            touch,
             concerns,
             reaction,
             doubted,
@@ -203,6 +222,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *pulses = allowed;
         *marks = matches!(self.status.state, State::Homing);
         *set_points = self.may_position(self.status.state).is_ok();
+        *toward = self.toward(*setpoint);
+        *touch = self.touch();
         *concerns = self.concerns();
         *reaction = self.reacting.as_ref().map(Reacting::reaction);
         *doubted = self.doubt.is_some();
@@ -234,6 +255,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         status.illegal_transitions = judged.illegal;
         status.current_reduced = judged.reduced;
         status.gap_setpoint = self.config.setpoint.volts(status.open_circuit);
+        if status.closed && status.state.follows() && !status.gap.touches {
+            self.cleared = self.cleared.max(status.position);
+        }
     }
 
     /// What is followed when the plan comes into force, if nothing is decided.
@@ -306,6 +330,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Ends axis positioning: the path begins where the set point is.
     fn end_positioning(&mut self) {
+        (self.touching, self.status.approaching) = (Touching::No, false);
         if self.positioning.take().is_some() {
             if self.status.homing == HomingState::Runs {
                 self.status.homing = HomingState::No;
@@ -347,6 +372,27 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             current_reduced: self.status.current_reduced,
             bus: self.status.bus,
         }
+    }
+
+    /// What a contact means now.
+    fn touch(&self) -> Touch {
+        match self.status.state {
+            State::Positioning if self.touching == Touching::Asked => Touch::End,
+            State::Positioning | State::Homing => Touch::Fault,
+            _ => Touch::Ignored,
+        }
+    }
+
+    /// Largest velocity toward the work with pulses off: as much as comes down to the approach by the acceleration of the path
+    /// where the axis has not been yet.
+    pub(super) fn toward(&self, from: Fixed) -> CountsPerSecond {
+        let Config { contact, acceleration, axis, .. } = &self.config;
+        let clear = Fixed::whole(self.cleared).minus(from).to_f32();
+        if self.touching != Touching::No || clear <= 0.0 {
+            return contact.approach;
+        }
+        let slowing = 2.0 * acceleration.0 * axis.counts_per_um * clear;
+        CountsPerSecond(libm::sqrtf(contact.approach.0 * contact.approach.0 + slowing))
     }
 
     /// Which safety inputs are a hazard in the present state.

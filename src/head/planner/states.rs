@@ -2,7 +2,7 @@
 
 use super::super::positioning::{self, HomingState, Step, Task};
 use super::super::reaction::Motion;
-use super::Planner;
+use super::{Planner, Touching};
 use crate::encoder::Mark;
 use crate::feed::FeedLaw;
 use crate::gap::Quality;
@@ -13,7 +13,7 @@ use crate::head::proof::{Goal, Outcome};
 use crate::head::state::{Reason, State};
 use crate::motion::{Seen, TrajectorySegment};
 use crate::path::Path;
-use crate::units::{Fixed, MicrometresPerSecond, Volts};
+use crate::units::{Fixed, MicrometresPerSecond, TICK_S, Volts};
 use core::ops::DerefMut;
 
 /// At rest.
@@ -223,8 +223,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return self.along(REST);
         };
         let homes = matches!(task, Task::Home(..));
+        if let (Task::Go(to, _), Touching::Asked, true) = (&mut *task, self.touching, self.now.short) {
+            self.status.touched = self.status.position;
+            *to = Fixed::whole(self.status.position.saturating_sub(self.config.retreat.clearance));
+            self.touching = Touching::Done;
+        }
         let reason = match positioning::plan(task, &from, &seen, limit, self.ticks) {
-            Step::Moves(segment) => return Motion::Axis(segment),
+            Step::Moves(segment) => return Motion::Axis(self.approach(segment)),
+            Step::Ends(Reason::Arrived) if self.touching == Touching::Done => Reason::Touched,
             Step::Ends(reason) => {
                 if homes {
                     self.status.homing = HomingState::Failed;
@@ -243,6 +249,16 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         self.enter(State::Ready, reason);
         Motion::Axis(TrajectorySegment { from: self.segment().from, ..TrajectorySegment::default() })
+    }
+
+    /// Toward the work faster than the approach only where the axis has been.
+    fn approach(&mut self, segment: TrajectorySegment) -> TrajectorySegment {
+        let most = self.toward(segment.from);
+        self.status.approaching = segment.velocity.0 > most.0;
+        if !self.status.approaching {
+            return segment;
+        }
+        TrajectorySegment { velocity: most, travel: Fixed::short(most.0 * TICK_S), ..segment }
     }
 
     /// Gives the place `found` the position `at`; false where that would put the axis outside its travel.
@@ -266,6 +282,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// The axis is at this position from now on.
     pub(super) fn move_origin(&mut self, position: i64) {
+        self.cleared = self.cleared.saturating_add(position.saturating_sub(self.status.position));
         self.offset = self.offset.saturating_add(position.saturating_sub(self.status.position));
         self.status.position = position;
     }

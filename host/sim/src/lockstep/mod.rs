@@ -10,7 +10,7 @@
 
 mod recording;
 
-pub use recording::{Error, QUALITIES, Recorder, STATES, replay};
+pub use recording::{Error, QUALITIES, Recorder, replay};
 
 use crate::board::{PLAN, Ports};
 use crate::machine::Core;
@@ -133,7 +133,7 @@ impl Twin {
         }
         let seen = self.core.servo.input();
         self.compare("fault told", &seen.told, &input.told)?;
-        self.compare("short", &seen.short_ticks, &input.short_ticks)?;
+        self.compare("short", &(seen.short_ticks, seen.touches), &(input.short_ticks, input.touches))?;
         let mut here = Status::default();
         self.core.servo.follower().tell(&mut here);
         self.compare("tick", &here.tick, &there.tick)?;
@@ -177,8 +177,8 @@ impl Twin {
     }
 }
 
-fn bits(reading: &GapReading) -> (u32, u32, Quality, u32) {
-    (reading.filtered.0.to_bits(), reading.block.0.to_bits(), reading.quality, reading.short_ticks)
+fn bits(reading: &GapReading) -> (u32, u32, Quality, bool, u32) {
+    (reading.filtered.0.to_bits(), reading.block.0.to_bits(), reading.quality, reading.touches, reading.short_ticks)
 }
 
 #[cfg(test)]

@@ -22,23 +22,7 @@ use flate2::write::DeflateEncoder;
 use std::io::{self, Read, Write};
 
 /// First bytes of a recording, the last of them its version.
-const MAGIC: [u8; 5] = *b"EDMR\x03";
-/// States by number.
-pub const STATES: [State; 13] = [
-    State::Disabled,
-    State::Commissioning,
-    State::Ready,
-    State::Seeking,
-    State::Eroding,
-    State::Retreating,
-    State::Done,
-    State::HoldingPosition,
-    State::Fault,
-    State::Positioning,
-    State::Homing,
-    State::Guiding,
-    State::Proving,
-];
+const MAGIC: [u8; 5] = *b"EDMR\x04";
 /// Qualities of a reading by number.
 pub const QUALITIES: [Quality; 5] =
     [Quality::Missing, Quality::Valid, Quality::NoGate, Quality::Saturated, Quality::Reversed];
@@ -244,8 +228,10 @@ fn command_numbers(command: Command) -> [u64; COMMAND] {
         Command::ResetFault => (9, 0),
         Command::ClearPath => (10, 0),
         Command::Guide => (11, 0),
-        Command::Position(to, MotionLimits { velocity, acceleration, deceleration }) => {
-            return [12, to.0 as u64, float(velocity.0), float(acceleration.0), float(deceleration.0), 0];
+        Command::Position(to, limits) | Command::Touch(to, limits) => {
+            let MotionLimits { velocity, acceleration, deceleration } = limits;
+            let number = if matches!(command, Command::Touch(..)) { 16 } else { 12 };
+            return [number, to.0 as u64, float(velocity.0), float(acceleration.0), float(deceleration.0), 0];
         }
         Command::Follow(to, ticks) => return [13, to.0 as u64, ticks.into(), 0, 0, 0],
         Command::Home(Home { method, fast, slow, acceleration, at }) => {
@@ -271,14 +257,13 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
         9 => Command::ResetFault,
         10 => Command::ClearPath,
         11 => Command::Guide,
-        12 => {
+        12 | 16 => {
             let [velocity, acceleration, deceleration] = [a, b, c].map(float);
             let velocity = MicrometresPerSecond(velocity);
             let acceleration = MicrometresPerSecond2(acceleration);
-            Command::Position(
-                nm,
-                MotionLimits { velocity, acceleration, deceleration: MicrometresPerSecond2(deceleration) },
-            )
+            let deceleration = MicrometresPerSecond2(deceleration);
+            let limits = MotionLimits { velocity, acceleration, deceleration };
+            if number == 12 { Command::Position(nm, limits) } else { Command::Touch(nm, limits) }
         }
         13 => Command::Follow(nm, a as u32),
         14 => Command::Home(Home {
@@ -305,18 +290,18 @@ fn from_float(x: u64) -> f32 {
     f32::from_bits(x as u32)
 }
 
-/// No fault: the first number that none has.
+/// No fault: a number that none will ever have.
 fn fault_number(fault: Option<Fault>) -> u64 {
-    fault.map_or(Fault::ALL.len() as u64, |fault| fault as u64)
+    fault.map_or(u64::from(u8::MAX), |fault| fault as u64)
 }
 
 /// What the replay needs of the input, and what [`Twin`] compares of the follower.
 fn tick_numbers(input: &TickInput, counters: &Counters, status: &Status) -> [u64; TICK] {
-    let TickInput { encoder: raw, short_ticks, gap: _, drive, safety, reflex, told, set_point, asked } = input;
+    let TickInput { encoder: raw, short_ticks, touches, gap: _, drive, safety, reflex, told, set_point, asked } = input;
     let Snapshot { illegal, mark, .. } = &counters.used;
     let contacts = safety.unwrap_or_default();
     let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault } = contacts;
-    let flags = [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, *reflex, *asked];
+    let flags = [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, *reflex, *asked, *touches];
     let watched = counters.watch.unwrap_or_default();
     let point = set_point.unwrap_or_default();
     [
@@ -371,6 +356,7 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error
     let input = TickInput {
         encoder: raw(count, last_edge, toward_work, now),
         short_ticks: short_ticks as u32,
+        touches: flag(7),
         gap: None,
         drive: DriveCodes { motor_current: motor_current as u16, bus_voltage: bus_voltage as u16 },
         safety: SafetyInputs {
@@ -424,7 +410,7 @@ fn plan_numbers(status: &Status) -> [u64; PLAN] {
         float(status.gap.filtered.0),
         float(status.gap.block.0),
         status.gap.quality as u64,
-        status.gap.short_ticks.into(),
+        u64::from(status.gap.short_ticks) | u64::from(status.gap.touches) << 32,
         float(status.open_circuit.0),
         float(status.current.0),
         float(status.bus.0),
@@ -437,7 +423,7 @@ fn plan_of(numbers: &[u64; PLAN]) -> Result<Status, Error> {
         *numbers;
     Ok(Status {
         tick: tick as u32,
-        state: *STATES.get(state as usize).ok_or(Error::Damaged("state"))?,
+        state: *State::ALL.get(state as usize).ok_or(Error::Damaged("state"))?,
         fault: Fault::ALL.get(fault as usize).copied(),
         position: position as i64,
         setpoint: Fixed(setpoint as i64),
@@ -447,6 +433,7 @@ fn plan_of(numbers: &[u64; PLAN]) -> Result<Status, Error> {
             block: Volts(from_float(block)),
             mean: Volts(from_float(mean)),
             quality: *QUALITIES.get(quality as usize).ok_or(Error::Damaged("quality of the gap reading"))?,
+            touches: shorts >> 32 != 0,
             short_ticks: shorts as u32,
         },
         open_circuit: Volts(from_float(open)),

@@ -200,6 +200,7 @@ impl Process {
         self.scale.dead = self.fault_inputs.encoder_dead;
         self.spark.dead = self.fault_inputs.generator_dead;
         self.spark.forced_short = self.fault_inputs.short;
+        self.spark.senseless = self.fault_inputs.sense_off;
 
         let before = self.gap_um();
         self.move_axis(if self.fault_inputs.safety.bridge_fault { Drive::Coast } else { drive });
@@ -276,7 +277,7 @@ impl Process {
     }
 
     fn surface_m(&self) -> f64 {
-        f64::from(self.p.surface) * 1e-3 + self.spark.removed_um * 1e-6
+        (f64::from(self.p.surface) - self.fault_inputs.raised_mm) * 1e-3 + self.spark.removed_um * 1e-6
     }
 
     fn gap_um(&self) -> f64 {

@@ -18,6 +18,8 @@ declare! {
         off: f32 = 40.0, (0.5, 5000.0), "generator.off_us", "us", "assumed: 5 kHz at 80 %";
         /// Time constant with which the gap voltage rises and collapses.
         rise: f32 = 0.2, (0.01, 10.0), "generator.rise_us", "us", "assumed: cable and gap capacitance";
+        /// Voltage of the contact sense supply over an open gap, while pulses are not allowed.
+        sense: f32 = 24.0, (0.0, 60.0), "generator.sense_v", "V", "assumed: docs/wiring.md";
         /// Shorted pulses in a row after which the generator suspends itself; 0 for never.
         suspend_after: u32 = 0, (0, 1_000_000), "generator.suspend_after", "pulses", "[R] section 6.5: some do; off by default";
         /// Time of a suspension.

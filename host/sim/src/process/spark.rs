@@ -135,6 +135,8 @@ pub struct Spark {
     pub forced_short: bool,
     /// The generator makes no pulses although it may.
     pub dead: bool,
+    /// The contact sense supply gives nothing.
+    pub senseless: bool,
     /// Chance ignition only: no removal, no bridges, no arcs.
     held: bool,
     ignition: Random,
@@ -152,6 +154,7 @@ struct Constants {
     on: f64,
     off: f64,
     rise: f64,
+    sense: f64,
     suspend_after: u32,
     suspend: f64,
     ignition_scale: f64,
@@ -189,6 +192,7 @@ impl Spark {
             on: p.on.into(),
             off,
             rise: p.rise.into(),
+            sense: p.sense.into(),
             suspend_after: p.suspend_after,
             suspend: f64::from(p.suspend_ms) * 1e3,
             ignition_scale: p.ignition_scale.into(),
@@ -219,6 +223,7 @@ impl Spark {
             shorts_in_a_row: 0,
             forced_short: false,
             dead: false,
+            senseless: false,
             held: false,
             ignition: Cause::Ignition.stream(seed),
             arcs: Cause::Arc.stream(seed),
@@ -246,6 +251,8 @@ impl Spark {
                 self.end_pulse(from);
             }
             self.last = (false, false);
+            let senses = !enabled && !touching && !self.senseless;
+            self.rest(from, if senses { self.c.sense } else { 0.0 });
             return;
         }
         if on && touching {
@@ -255,6 +262,15 @@ impl Spark {
         while let Some(at) = self.next(now, to, gap_um) {
             now = at;
             self.happen(at, gap_um, touching);
+        }
+    }
+
+    /// No pulses: the gap shows what the sense supply gives.
+    fn rest(&mut self, now: f64, volts: f64) {
+        let volts = volts * self.c.sign;
+        if let Some(last) = self.stretches.last().filter(|last| last.volts != volts) {
+            let initial = last.at(now);
+            self.stretches.push(Stretch { from: now, volts, initial, rise: self.c.rise, gate: self.gate });
         }
     }
 

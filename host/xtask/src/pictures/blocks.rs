@@ -30,10 +30,11 @@ const BLOCKS: [Block; 9] = [
 ];
 
 /// What crosses as atomics, which name no ends in crossings.rs: from, to, name.
-const ATOMICS: [(&str, &str, &str); 5] = [
+const ATOMICS: [(&str, &str, &str); 6] = [
     ("reflex, stop", "servo", "retreats"),
     ("encoder", "servo", "count"),
     ("gap", "servo", "short_ticks"),
+    ("gap", "servo", "touches"),
     ("CAN", "servo", "syncs"),
     ("protocol", "reflex, stop", "reflex"),
 ];

@@ -1,0 +1,172 @@
+//! Electrode and work in motions with pulses off, on the process model: 0.2 kg, 2 N/um, a sense supply of 24 V.
+
+use edm_servo_head::head::{Command, Fault, Home, HomingState, MotionLimits, Reason, Refused, State};
+use edm_servo_head::motion::Method;
+use edm_servo_head::settings::{Settings, Value};
+use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
+use edm_sim::machine::Machine;
+use edm_sim::process::Parameters;
+
+/// What a contact may press, N: at the approach of 5 mm/s, and at 20 mm/s through space that has been cleared.
+const APPROACHING: f64 = 5.0;
+const CLEARED: f64 = 15.0;
+const SEEDS: u64 = 20;
+
+fn mm(mm: f64) -> Nanometres {
+    Nanometres((mm * 1e6) as i64)
+}
+
+fn at(mm_s: f32) -> MotionLimits {
+    let ramp = MicrometresPerSecond2(2e6);
+    MotionLimits { velocity: MicrometresPerSecond(mm_s * 1e3), acceleration: ramp, deceleration: ramp }
+}
+
+/// Enabled, homed at the upper stop; the work is 2 mm below.
+fn ready(settings: &Settings, seed: u64) -> Machine {
+    let settings = Settings { commissioned: true, ..*settings };
+    let mut machine = Machine::new(&Parameters::default(), &settings, seed).unwrap();
+    run(&mut machine, 0.01);
+    for command in [Command::SetHome(Nanometres(0)), Command::Enable] {
+        machine.command(command).unwrap();
+    }
+    run(&mut machine, 0.01);
+    while machine.next_change().is_some() {}
+    machine
+}
+
+/// The largest contact force meanwhile, N.
+fn run(machine: &mut Machine, seconds: f64) -> f64 {
+    let mut most = 0.0f64;
+    for _ in 0..(seconds * f64::from(TICK_HZ)) as u64 {
+        machine.tick();
+        most = most.max(machine.process.truth().contact_n);
+    }
+    most
+}
+
+fn reasons(machine: &mut Machine) -> Vec<Reason> {
+    std::iter::from_fn(|| machine.next_change()).map(|change| change.reason).collect()
+}
+
+#[test]
+fn a_move_into_the_work_ends_in_a_contact_that_is_told_and_left_however_fast_it_was_asked_to_be() {
+    for seed in 1..=SEEDS {
+        for velocity in [1.0, 5.0, 20.0, 100.0] {
+            let mut machine = ready(&Settings::default(), seed);
+            machine.command(Command::Position(mm(2.18), at(velocity))).unwrap();
+            let force = run(&mut machine, 2.0 / f64::from(velocity.min(5.0)) + 1.0);
+            assert!(force > 0.0 && force <= APPROACHING, "{velocity} mm/s, seed {seed}: {force} N");
+            assert_eq!(reasons(&mut machine), [Reason::Positioned, Reason::Fault(Fault::Contact)]);
+            assert!(
+                machine.process.truth().gap_um > 400.0,
+                "{velocity} mm/s, seed {seed}: {:?}",
+                machine.process.truth()
+            );
+        }
+    }
+}
+
+#[test]
+fn space_that_was_cleared_is_gone_through_fast_and_what_has_been_put_there_since_is_felt() {
+    for seed in 1..=SEEDS {
+        let mut machine = ready(&Settings::default(), seed);
+        machine.command(Command::Position(mm(1.9), at(20.0))).unwrap();
+        run(&mut machine, 0.7);
+        assert_eq!(machine.status().state, State::Ready, "5 mm/s take 0.38 s");
+        machine.command(Command::Position(mm(0.0), at(20.0))).unwrap();
+        run(&mut machine, 0.2);
+        machine.command(Command::Position(mm(1.9), at(20.0))).unwrap();
+        run(&mut machine, 0.15);
+        assert_eq!(machine.status().state, State::Ready, "20 mm/s take 0.1 s");
+        machine.command(Command::Position(mm(0.0), at(20.0))).unwrap();
+        run(&mut machine, 0.2);
+        machine.process.happen("workpiece.raised_mm", Value::Number(1.0)).unwrap();
+        machine.command(Command::Position(mm(1.9), at(20.0))).unwrap();
+        let force = run(&mut machine, 0.5);
+        assert!(force > 0.0 && force <= CLEARED, "seed {seed}: {force} N");
+        assert_eq!(machine.status().fault, Some(Fault::Contact));
+    }
+}
+
+#[test]
+fn a_head_that_was_disabled_has_cleared_nothing() {
+    let mut machine = ready(&Settings::default(), 1);
+    let down = |machine: &mut Machine| {
+        machine.command(Command::Position(mm(1.5), at(20.0))).unwrap();
+        run(machine, 0.2);
+        machine.status().state
+    };
+    assert_eq!(down(&mut machine), State::Positioning);
+    run(&mut machine, 0.2);
+    machine.command(Command::Position(mm(0.0), at(20.0))).unwrap();
+    run(&mut machine, 0.2);
+    assert_eq!(down(&mut machine), State::Ready);
+    machine.command(Command::Position(mm(0.0), at(20.0))).unwrap();
+    run(&mut machine, 0.2);
+    machine.command(Command::Disable).unwrap();
+    run(&mut machine, 0.01);
+    machine.command(Command::Enable).unwrap();
+    run(&mut machine, 0.01);
+    assert_eq!(down(&mut machine), State::Positioning);
+    assert!(machine.status().approaching);
+}
+
+#[test]
+fn whoever_asks_to_touch_finds_the_work_to_a_few_counts_and_does_not_press() {
+    for seed in 1..=SEEDS {
+        let mut machine = ready(&Settings::default(), seed);
+        machine.command(Command::Touch(mm(3.0), at(5.0))).unwrap();
+        let force = run(&mut machine, 1.0);
+        assert!(force > 0.0 && force <= APPROACHING, "seed {seed}: {force} N");
+        assert_eq!(reasons(&mut machine), [Reason::Positioned, Reason::Touched]);
+        let (status, truth) = (machine.status(), machine.process.truth());
+        assert_eq!((status.state, status.fault), (State::Ready, None));
+        assert!((status.touched - 2000).abs() <= 3, "seed {seed}: {}", status.touched);
+        assert!(truth.contact_n <= APPROACHING, "seed {seed}: {truth:?}");
+        // Away from the work nothing is in the way.
+        machine.command(Command::Position(mm(1.0), at(20.0))).unwrap();
+        run(&mut machine, 0.5);
+        assert_eq!((machine.status().state, machine.status().fault), (State::Ready, None));
+    }
+}
+
+#[test]
+fn homing_into_the_work_is_a_contact() {
+    let mut machine = ready(&Settings::default(), 1);
+    let home = Home {
+        method: Method::MarkBelow,
+        fast: MicrometresPerSecond(1e5),
+        slow: MicrometresPerSecond(1e4),
+        acceleration: MicrometresPerSecond2(2e6),
+        at: Nanometres(0),
+    };
+    machine.command(Command::Home(home)).unwrap();
+    let force = run(&mut machine, 2.0);
+    assert!(force > 0.0 && force <= APPROACHING, "{force} N");
+    assert_eq!((machine.status().fault, machine.status().homing), (Some(Fault::Contact), HomingState::No));
+}
+
+#[test]
+fn without_the_sense_supply_nothing_moves_toward_the_work() {
+    let mut machine = ready(&Settings::default(), 1);
+    machine.command(Command::Position(mm(0.5), at(5.0))).unwrap();
+    run(&mut machine, 0.3);
+    machine.process.happen("sense.off", Value::Flag(true)).unwrap();
+    let before = machine.process.truth().position_um;
+    machine.command(Command::Position(mm(0.2), at(5.0))).unwrap();
+    run(&mut machine, 0.3);
+    assert_eq!((machine.status().state, machine.status().fault), (State::Ready, None), "upward it may");
+    machine.command(Command::Position(mm(1.0), at(5.0))).unwrap();
+    run(&mut machine, 0.3);
+    assert_eq!(machine.status().fault, Some(Fault::Contact));
+    assert!(machine.process.truth().position_um < before);
+}
+
+#[test]
+fn a_head_without_a_sense_supply_cannot_be_asked_to_touch_and_approaches_slowly_all_the_same() {
+    let mut machine = ready(&Settings { contact_below: 0.0, ..Settings::default() }, 1);
+    assert_eq!(machine.command(Command::Touch(mm(3.0), at(5.0))), Err(Refused::NoSense));
+    machine.command(Command::Position(mm(1.9), at(100.0))).unwrap();
+    run(&mut machine, 0.2);
+    assert!((4000.0..6000.0).contains(&machine.process.truth().velocity_um_s), "{:?}", machine.process.truth());
+}
