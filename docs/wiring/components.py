@@ -1,6 +1,6 @@
 """The one table of the wiring: every part with its value and rating, and what the arithmetic takes from elsewhere.
 
-Sheets take their labels from here, `arithmetic.py` its numbers. A value is written as in a catalogue ("4.02 k", "680 p")
+Sheets take their labels from here, the arithmetic its numbers. A value is written as in a catalogue ("4.02 k", "680 p")
 and read as a number of ohm, farad, henry, volt or ampere. Part names are examples; the ratings count.
 """
 
@@ -102,8 +102,16 @@ PARTS = expanded(
         "R311": part("10 k", 5),
         "C303": part("1 n", 10),
         "D302": part("BAT54A"),
-        "U303": part("L6206", rating="both bridges in parallel", low_v=8.0, high_v=52.0, amps=5.6, switch_ohm=0.15,
-                     trip_a=5.6, dead_s=1e-6, enable_v=1.8),
+        "U303": part(
+            "L6206",
+            rating="both bridges in parallel",
+            high_v=52.0,
+            amps=5.6,
+            switch_ohm=0.15,
+            trip_a=5.6,
+            dead_s=1e-6,
+            enable_v=1.8,
+        ),
         "R307": part("100", 5),
         "C304": part("220 n", 10),
         "C305": part("10 n", 10),
@@ -117,8 +125,7 @@ PARTS = expanded(
         "C307": part("10 n", 10),
         # Sheet 4: signals.
         "R401..R403": part("120", 1),
-        "U401": part("SN65HVD75", rating="three of them as receivers", threshold_high_v=-0.020, threshold_low_v=-0.200,
-                     baud=20e6),
+        "U401": part("SN65HVD75", rating="three of them as receivers", threshold_high_v=-0.020),
         "R404..R405": part("60.4", 1),
         "C401": part("4.7 n", 10),
         "L401": part("51 µ"),
@@ -130,6 +137,7 @@ PARTS = expanded(
         "R408": part("1.00 k", 5),
         "R409": part("10 k", 5),
         "R419": part("10 k", 5),
+        "R420": part("1.00 k", 5),
         "U409": part("74LVC1G17", rating="takes no current without supply (Ioff)"),
         "R410": part("6.49 k", 1),
         "R411": part("10.0 k", 1),
@@ -166,6 +174,7 @@ PARTS = expanded(
         "C502": part("1 µ", 20, "50 V"),
         "D503..D504": part("UF4007", rating="1000 V, 75 ns", volts=1000.0, open_v=0.45, on_v=0.7, recovery_s=75e-9),
         "F501": part("63 mA", rating="quick, 500 V DC"),
+        "R507": part("1.00 k", 5),
         "R505..R506": part("560", 5, "3 W wire-wound, fusible", watts=3.0),
     }
 )
