@@ -1,5 +1,6 @@
 """Arithmetic of the sense supply on sheet 5: contact with pulses off."""
 
+import itertools
 import math
 
 from book import unit
@@ -101,6 +102,27 @@ def sense(b):
             "sense", f"sense.lost_{key}", f"supply lost, to contact, {what}",
             f"{load / 1e6:.0f} M x {unit(c, 'F')} x ln({nominal:.1f} / {threshold:.1f})", decay, unit(decay, "s", 2),
         )
+    after = load * (rc + cable) * math.log(given("open_v") / most)
+    b.row(
+        "sense", "sense.after", f"after pulses of {given('open_v'):.0f} V, to an open reading",
+        f"{load / 1e6:.0f} M x {unit(rc + cable, 'F')} x ln({given('open_v'):.0f} / {most:.1f})", after,
+        f"{unit(after, 's', 2)} at most; a touch ends it at once",
+    )
+    b.say("sense.after_s", after, unit(after, "s", 2))
+    # One of the four resistors of the amplifier open or short must not look like an open gap.
+    wrong = []
+    for arm, error_of in itertools.product(range(4), (1e9, -1 + 1e-9)):
+        arms = tuple(error_of if i == arm else 0 for i in range(4))
+        for volts_there in (0.0, nominal):
+            out = min(max(amplifier(volts_there, 0.0, arms=arms), 0.0), LOGIC_V)
+            wrong.append((out - amplifier(0.0, 0.0)) * ratio)
+    low, high = max(x for x in wrong if x < threshold), min(x for x in wrong if x >= threshold)
+    b.row(
+        "sense", "sense.parts", "one of R211..R214 open or short", "worst of all, gap open or shorted", high,
+        f"below {low:.0f} V, contact, or above {high:.0f} V: implausible",
+    )
+    b.say("sense.implausible", high, f"{high:.0f} V")
+    b.must("lowest implausible reading, one of R211..R214 gone", high, low=2 * most, name="V")
     c = given("rc_f") + given("cable_f")
     spark = c * (volts * (1 + tol)) ** 2 / 2
     b.row(
