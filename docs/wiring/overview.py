@@ -2,7 +2,23 @@
 
 import schemdraw.elements as elm
 
+from components import label
+from pins import PINS
 from sheet import LIVE, POWER, Sheet
+
+OUTPUTS = (
+    "pwm",
+    "forward",
+    "reverse",
+    "allow_pulses",
+    "live",
+    "arm",
+    "off_time",
+    "flush_valve",
+    "led",
+    "can_rx",
+    "can_tx",
+)
 
 
 def head(s):
@@ -52,8 +68,8 @@ def head(s):
         0.8,
         33.2,
         "De-energised the head must\nrise or stay. Counterbalance\n1.1 to 1.3 × the moving weight\n"
-        "(scenario: 2.2 N for 1.96 N).\nBraking the coil does not hold:\n0.2 kg sinks at 0.43 m/s and\n"
-        "closes 50 µm in 3.2 ms.",
+        f"(scenario: {s.value('axis.counterbalance')} for {s.value('axis.weight')}).\nBraking the coil does not hold:\n"
+        f"{s.value('axis.mass')} sinks at {s.value('axis.sink')} and\ncloses 50 µm in {s.value('axis.fall')}.",
     )
     s.note(
         0.8,
@@ -73,7 +89,15 @@ def power_loop(s):
     s.text(6.9, 8.5, "E", "right", size=7.5, color=LIVE)
     s.wire((7.0, 4.4), (9.4, 4.4), color=LIVE, lw=2)
     s.text(6.9, 4.8, "W", "right", size=7.5, color=LIVE)
-    s.part(elm.Resistor, (9.4, 4.4), (12.6, 4.4), "RS201, RS202", "5 mΩ (sheet 2)", "below", color=LIVE)
+    s.part(
+        elm.Resistor,
+        (9.4, 4.4),
+        (12.6, 4.4),
+        "RS201, RS202",
+        f"{s.value('current.shunt')} (sheet 2)",
+        "below",
+        color=LIVE,
+    )
     s.wire((12.6, 4.4), (14.1, 4.4), (14.1, 9.0), color=LIVE, lw=2)
     s.dot(14.1, 4.4)
     s.wire((14.1, 4.4), (14.1, 3.0))
@@ -81,15 +105,21 @@ def power_loop(s):
     s.text(14.8, 2.9, "star: table, earth, control 0 V", size=7.5)
     s.wire((15.0, 16.8), (22.4, 16.8), color=LIVE)
     s.flag(22.4, 16.8, "GAP+", color=LIVE)
-    s.wire((17.8, 11.4), (22.4, 11.4), color=LIVE)
-    s.flag(22.4, 11.4, "GAP−", color=LIVE)
-    s.note(20.8, 14.9, "twisted pair, own terminals\nat holder and workpiece,\n5 turns through FB1")
+    s.wire((17.8, 11.7), (22.4, 11.7), color=LIVE)
+    s.flag(22.4, 11.7, "GAP−", color=LIVE)
+    s.note(20.8, 14.9, f"twisted pair, own terminals\nat holder and workpiece,\n{label('FB1')} through FB1")
+    # Own leads: a broken one of GAP+ or GAP- must not leave the sense voltage on the divider.
+    s.wire((15.8, 18.0), (22.4, 18.0), color=LIVE)
+    s.flag(22.4, 18.0, "SENSE+ (5)", color=LIVE)
+    s.wire((17.8, 10.7), (22.4, 10.7), color=LIVE)
+    s.flag(22.4, 10.7, "SENSE− (5)", color=LIVE)
     s.note(
         16.4,
         8.7,
         "E and W: as short, as close together as possible.\n"
         "Electrode negative: swap the generator's output at its terminals,\n"
-        "GAP+ with GAP−, and the taps of the shunt. The work stays earthed.",
+        "GAP+ with GAP−, SENSE+ with SENSE−, and the taps of the shunt.\n"
+        "The work stays earthed.",
     )
 
 
@@ -98,8 +128,8 @@ def supplies(s):
     s.heading(23.4, 6.6, "Rails")
     rows = [
         ("48 V", "drive, 5 A, SELV (sheet 3)", POWER),
-        ("24 V", "contacts, relays, valve, 2 A, SELV", POWER),
-        ("5 V", "from 24 V; encoder, U401, U408", "black"),
+        ("24 V", "contacts, relays, valve, sense supply, 2 A, SELV", POWER),
+        ("5 V", "from 24 V; encoder, U408", "black"),
         ("3V3", "from 5 V, 300 mA", "black"),
         ("3V3A", "3V3 by 600 Ω ferrite, 10 µ: VDDA, U20x, U304", "black"),
     ]
@@ -111,41 +141,12 @@ def supplies(s):
 def processor(s):
     """Every pin that is used, with its number in the 64-pin package and the sheet it goes to."""
     s.heading(36.6, 35.2, "STM32F405RG, LQFP64")
-    left = [
-        ("8  PC0", "gap V fixed rate (2)"),
-        ("9  PC1", "gap V gated (2)"),
-        ("10  PC2", "gap I (2)"),
-        ("11  PC3", "motor I (3)"),
-        ("17  PA3", "bus voltage (3)"),
-        ("39  PC8", "gap above 70 % (2)"),
-        ("40  PC9", "gap above 20 % (2)"),
-        ("37  PC6", "gate (4)"),
-        ("59  PB7", "gate (4)"),
-        ("14  PA0", "encoder A (4)"),
-        ("15  PA1", "encoder B (4)"),
-        ("16  PA2", "index (4)"),
-        ("52  PC11", "upper limit (4)"),
-        ("53  PC12", "lower limit (4)"),
-        ("2  PC13", "emergency stop (4)"),
-        ("36  PB15", "dielectric OK (4)"),
-        ("33  PB12", "bridge fault (3)"),
-        ("50  PA15", "step (4)"),
-        ("29  PB10", "direction (4)"),
-        ("22  PA6", "spark frequency (4)"),
-    ]
-    right = [
-        ("41  PA8", "PWM (3)"),
-        ("34  PB13", "forward (3)"),
-        ("26  PB0", "reverse (3)"),
-        ("38  PC7", "allow pulses (4)"),
-        ("20  PA4", "off-time (4)"),
-        ("35  PB14", "flush valve (4)"),
-        ("27  PB1", "status LED, 1 k"),
-        ("61  PB8", "CAN RX (4)"),
-        ("62  PB9", "CAN TX (4)"),
+    named = [(f"{p.number}  {p.pin}", p.short + (f" ({p.sheet})" if p.sheet > 1 else ""), p.signal) for p in PINS]
+    left = [(pin, net) for pin, net, signal in named if signal not in OUTPUTS]
+    right = [(pin, net) for pin, net, signal in named if signal in OUTPUTS] + [
         ("46  PA13", "SWDIO"),
         ("49  PA14", "SWCLK"),
-        ("7  NRST", "100 n to 0 V, probe"),
+        ("7  NRST", "100 n to 0 V, probe (5)"),
         ("60  BOOT0", "10 k to 0 V"),
         ("5  PH0", "8 MHz crystal"),
         ("6  PH1", "8 MHz crystal"),
@@ -156,7 +157,7 @@ def processor(s):
         ("12,18,63 VSS", "0 V"),
     ]
     x, y, w, h = 36.4, 11.6, 8.0, 22.6
-    pitch = 1.1
+    pitch = 1.0
     u = s.chip(
         x,
         y,
@@ -172,8 +173,8 @@ def processor(s):
         s.flag(*u[pin], net)
 
 
-def sheet():
-    s = Sheet(1, "Overview")
+def sheet(book):
+    s = Sheet(1, "Overview", book)
     head(s)
     power_loop(s)
     supplies(s)

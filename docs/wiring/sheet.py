@@ -4,15 +4,16 @@ Unit of length: 7.62 mm on paper. The page is 52 by 36 units; y points up.
 """
 
 import re
-from pathlib import Path
 
 import schemdraw
 import schemdraw.elements as elm
 from schemdraw.segments import Segment, SegmentPoly, SegmentText
 
+from components import label
+
 WIDTH, HEIGHT = 52, 36
 MM_PER_UNIT = 7.62
-SHEETS = 4
+SHEETS = 5
 LIVE = "#b00020"  # touches the gap voltage
 POWER = "#0b5394"  # 48 V or 24 V
 TEXT = 8.5
@@ -38,8 +39,8 @@ class Shape(elm.Element):
 class Sheet:
     """A drawing under construction; every method takes page coordinates."""
 
-    def __init__(self, number, title):
-        self.number, self.title = number, title
+    def __init__(self, number, title, book):
+        self.number, self.title, self.book = number, title, book
         self.drawing = schemdraw.Drawing(show=False)
         self.box(0, 0, WIDTH, HEIGHT)
         self._title_block()
@@ -53,6 +54,11 @@ class Sheet:
     def text(self, x, y, text, align="left", valign="center", size=TEXT, color="black"):
         """Text as text; `align` and `valign` say which edge of it lies at the point."""
         self._shape(SegmentText((x, y), text, align=(align, valign), fontsize=size, color=color))
+
+    def value(self, key):
+        """A computed value, as sheets write it."""
+        text = self.book.texts[key].replace("ohm", "Ω").replace("+-", "±")
+        return re.sub(r"(?<=\d )u(?=[A-Z]|s\b|m\b)", "µ", text)
 
     def heading(self, x, y, text):
         self.text(x, y, text, size=11.5)
@@ -95,6 +101,10 @@ class Sheet:
             self.text(x - 0.5, y, both, "right")
         else:
             self.text(x + 0.5, y, both, "left")
+
+    def fit(self, kind, a, b, ref, side=None, color="black", name=None, extra=""):
+        """A part of the component table, with its value; `extra` is printed after it."""
+        self.part(kind, a, b, name or ref, label(ref) + extra, side, color)
 
     def ground(self, x, y):
         """Control 0 V."""
@@ -139,22 +149,22 @@ class Sheet:
         self.box(x, y, w, h, color=color, fill="#fbfbf4")
         self.text(x + w / 2, y + h / 2, name, "center")
         ends = {}
-        for offset, label in left:
+        for offset, pin in left:
             self.wire((x - 0.6, y + offset), (x, y + offset))
-            self.text(x + 0.15, y + offset, label, "left", size=SMALL)
-            ends[label] = (x - 0.6, y + offset)
-        for offset, label in right:
+            self.text(x + 0.15, y + offset, pin, "left", size=SMALL)
+            ends[pin] = (x - 0.6, y + offset)
+        for offset, pin in right:
             self.wire((x + w, y + offset), (x + w + 0.6, y + offset))
-            self.text(x + w - 0.15, y + offset, label, "right", size=SMALL)
-            ends[label] = (x + w + 0.6, y + offset)
-        for offset, label in top:
+            self.text(x + w - 0.15, y + offset, pin, "right", size=SMALL)
+            ends[pin] = (x + w + 0.6, y + offset)
+        for offset, pin in top:
             self.wire((x + offset, y + h), (x + offset, y + h + 0.6))
-            self.text(x + offset, y + h - 0.15, label, "center", "top", size=SMALL)
-            ends[label] = (x + offset, y + h + 0.6)
-        for offset, label in bottom:
+            self.text(x + offset, y + h - 0.15, pin, "center", "top", size=SMALL)
+            ends[pin] = (x + offset, y + h + 0.6)
+        for offset, pin in bottom:
             self.wire((x + offset, y), (x + offset, y - 0.6))
-            self.text(x + offset, y + 0.15, label, "center", "bottom", size=SMALL)
-            ends[label] = (x + offset, y - 0.6)
+            self.text(x + offset, y + 0.15, pin, "center", "bottom", size=SMALL)
+            ends[pin] = (x + offset, y - 0.6)
         return ends
 
     def amplifier(self, x, y, name, plus="below"):
@@ -236,8 +246,8 @@ class Sheet:
                 self.floating(x + 1.7, yy + 0.15)
             self.text(x + 2.1, yy, meaning, size=SMALL)
 
-    def save(self, folder, stem):
-        """Writes `stem`.svg, A3 wide, with a title that a screen reader finds."""
+    def svg(self, source):
+        """The sheet, A3 wide, with a title that a screen reader finds and the hash of what it is drawn from."""
         svg = self.drawing.get_imagedata("svg").decode()
         mm = lambda units: f"{units * MM_PER_UNIT:.0f}mm"
         svg = re.sub(
@@ -246,4 +256,4 @@ class Sheet:
         svg = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\.\d{2})\d+", r"\1", tag[0]), svg)
         head, body = svg.split(">", 1)
         white = '<rect x="-100%" y="-100%" width="300%" height="300%" fill="white"/>'
-        Path(folder, f"{stem}.svg").write_text(f"{head}><title>{self.title}</title>{white}{body}\n")
+        return f"{head}><title>{self.title}</title><desc>source {source}</desc>{white}{body}\n"
