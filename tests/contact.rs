@@ -1,4 +1,4 @@
-//! Electrode and work in motions with pulses off, on the process model: 0.2 kg, 2 N/um, a sense supply of 24 V.
+//! Electrode and work in motions with pulses off, on the process model: 0.2 kg, 2 N/um, a sense supply of 11 V.
 
 use edm_servo_head::head::{Command, Fault, Home, HomingState, MotionLimits, Reason, Refused, State};
 use edm_servo_head::motion::Method;

@@ -71,7 +71,7 @@ def compare(book):
         "gap.amps_per_code": n["gap.amps_per_code"],
         "gap.current_zero_code": given("codes") / 2,
         "gap.open_min_v": given("open_least_v"),
-        "gap.contact_v": given("contact_v"),
+        "contact.below_v": given("contact_v"),
         "motor.amps_per_code": n["motor.amps_per_code"],
         "motor.bus_volts_per_code": n["motor.bus_volts_per_code"],
         "axis.mass_kg": given("mass_kg"),

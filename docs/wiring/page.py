@@ -64,7 +64,7 @@ def settings_table(book):
         ("`gap.zero_code`", t["gap.zero_code"], "the same"),
         ("`gap.volts_per_code`", short(book.numbers["gap.volts_per_code"]), t["disc.gap.volts_per_code"]),
         ("`gap.amps_per_code`", short(book.numbers["gap.amps_per_code"]), t["disc.gap.amps_per_code"]),
-        ("`gap.contact_v`", short(components.given("contact_v"), 2), "the same"),
+        ("`contact.below_v`", short(components.given("contact_v"), 2), "the same"),
         ("`motor.amps_per_code`", t["motor.amps_setting"], t["disc.motor.amps_per_code"]),
         ("`motor.bus_volts_per_code`", t["bus.setting"], t["disc.motor.bus_volts_per_code"]),
     ]

@@ -150,9 +150,9 @@ declare! {
         /// Thermal time constant of the winding.
         0x2107:4 motor_thermal: f32 = 20.0, (0.1, 1000.0), "motor.thermal_s", "s", "assumed", disabled "the winding could get hotter";
         /// Motor current per converter code about mid-scale.
-        0x2107:5 motor_amps_per_code: f32 = 0.005, (0.0001, 0.1), "motor.amps_per_code", "A", "assumed: docs/wiring.md", disabled "the supervision believes it";
+        0x2107:5 motor_amps_per_code: f32 = 0.00269, (0.0001, 0.1), "motor.amps_per_code", "A", "docs/wiring.md", disabled "the supervision believes it";
         /// Bus voltage per converter code.
-        0x2107:6 motor_bus_per_code: f32 = 0.02, (0.001, 0.1), "motor.bus_volts_per_code", "V", "assumed: docs/wiring.md", disabled "the supervision believes it";
+        0x2107:6 motor_bus_per_code: f32 = 0.0153, (0.001, 0.1), "motor.bus_volts_per_code", "V", "docs/wiring.md", disabled "the supervision believes it";
         /// Lowest bus voltage to work with.
         0x2107:7 motor_bus_min: f32 = 36.0, (3.0, 60.0), "motor.bus_min_v", "V", "assumed: three quarters of 48 V", rises "a sagging bus would show later";
 
@@ -201,7 +201,7 @@ declare! {
         0x210B:3 lift_bus_dead: f32 = 15.0, (1.0, 60.0), "lift.bus_dead_v", "V", "assumed", disabled "the lift of a fault is reckoned from it";
 
         /// Gap voltage below which, with pulses off, the electrode touches the work; 0: no sense supply is fitted.
-        0x210D:1 contact_below: f32 = 12.0, (0.0, 100.0), "contact.below_v", "V", "assumed: half of the sense supply of docs/wiring.md", disabled "contact would not be felt";
+        0x210D:1 contact_below: f32 = 4.0, (0.0, 100.0), "contact.below_v", "V", "docs/wiring.md: an open gap reads 9.2 V at least, 100 ohm 0.9 V", disabled "contact would not be felt";
         /// Largest velocity toward the work, pulses off, where the axis has not been since it was enabled.
         0x210D:2 contact_approach: f32 = 5.0, (0.1, 5.0), "contact.approach_mm_s", "mm/s", "docs/bring-up.md: what a contact may press", falls "the electrode would hit the work harder";
 

@@ -36,7 +36,7 @@ prop_compose! {
         count in prop_oneof![9 => 0u32..20_000, 1 => any::<u32>()], last_edge in any::<u32>(), now in any::<u32>(),
         toward_work in any::<bool>(), illegal in prop_oneof![9 => Just(0), 1 => any::<u32>()],
         safety in [unlikely(), unlikely(), unlikely(), unlikely(), unlikely()],
-        motor_current in 0u16..4096, bus_voltage in prop_oneof![20 => Just(2400u16), 1 => any::<u16>()],
+        motor_current in 0u16..4096, bus_voltage in prop_oneof![20 => Just(3137u16), 1 => any::<u16>()],
     ) -> Inputs {
         let [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault] = safety;
         Inputs {

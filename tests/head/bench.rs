@@ -220,8 +220,9 @@ impl Bench {
             safety: self.safety.unsafe_ones(),
             drive: DriveCodes {
                 // The sensor sits between bridge and coil: it does not know which way round the coil is.
-                motor_current: (2048.0 + self.motor_sign * self.amps() / 0.005).clamp(0.0, 4095.0) as u16,
-                bus_voltage: (self.bus / 0.02) as u16,
+                motor_current: (2048.0 + self.motor_sign * self.amps() / f64::from(self.settings.motor_amps_per_code))
+                    .clamp(0.0, 4095.0) as u16,
+                bus_voltage: (self.bus / f64::from(self.settings.motor_bus_per_code)) as u16,
             },
             reflex: std::mem::take(&mut self.reflex),
             host_alive: self.host_alive,

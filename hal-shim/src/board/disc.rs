@@ -4,7 +4,7 @@
 //! pull-down loads encoder A. The audio codec is in reset while PD4 is low, which it is unless driven: its inputs on PA4,
 //! PC7 and PC12 then load nothing. PC0 and PC3, which are gap voltage and motor current on the 64-pin board, belong to the
 //! USB supply and the microphone here; hence other analogue pins. The board has no pulls for the head: they go on the
-//! wiring. It runs on 3.0 V, of which a converter code is 1/4096: volts and amperes of the gap per code are 10/11 of those of
+//! wiring. It runs on 3.0 V, of which a converter code is 1/4096: volts and amperes per code are 10/11 of those of
 //! a board with 3.3 V (docs/wiring.md).
 
 crate::board! {
@@ -14,7 +14,12 @@ crate::board! {
         crystal_hz: 8_000_000,
         can_bit_rate: 1_000_000,
         node: 1,
-        defaults: { "gap.volts_per_code" = 0.0911, "gap.amps_per_code" = 0.0146 },
+        defaults: {
+            "gap.volts_per_code" = 0.0911,
+            "gap.amps_per_code" = 0.0146,
+            "motor.amps_per_code" = 0.00244,
+            "motor.bus_volts_per_code" = 0.0139,
+        },
         encoder_a: gpioa.pa0 PA0, "TIM5_CH1, EXTI0", "encoder A from the line receiver; SB20 open";
         encoder_b: gpioa.pa1 PA1, "TIM5_CH2, EXTI1", "encoder B from the line receiver";
         encoder_index: gpioa.pa2 PA2, "GPIO, EXTI2", "encoder index from the line receiver";

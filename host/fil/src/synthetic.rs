@@ -13,6 +13,9 @@ const MASS: f64 = 0.2;
 const FORCE: f64 = 7.5;
 const OHM: f64 = 12.4;
 const BUS: f64 = 48.0;
+/// Converter codes: docs/wiring.md.
+const AMPS_PER_CODE: f64 = 0.00269;
+const VOLTS_PER_CODE: f64 = 0.0153;
 const WEIGHT: f64 = 0.2 * 9.806_65 - 2.2;
 /// Friction, N s/m (assumed).
 const DAMPING: f64 = 2.0;
@@ -314,8 +317,8 @@ impl World for Rig {
                 410.0 + volts * 10.0
             }
             (2, GAP_CURRENT) => current_code(if self.gate && volts < 85.0 { DISCHARGE_A } else { 0.0 }),
-            (3, MOTOR_CURRENT) => 2048.0 + (self.duty() * BUS - FORCE * self.v) / OHM / 0.005,
-            (3, BUS_VOLTAGE) => BUS / 0.02,
+            (3, MOTOR_CURRENT) => 2048.0 + (self.duty() * BUS - FORCE * self.v) / OHM / AMPS_PER_CODE,
+            (3, BUS_VOLTAGE) => BUS / VOLTS_PER_CODE,
             (_, 16) => 930.0,
             (_, 17) => 1502.0,
             _ => 0.0,

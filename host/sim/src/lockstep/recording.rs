@@ -496,7 +496,7 @@ mod tests {
     fn first_tick(spoil: impl Fn(&mut Status)) -> Result<u64, Error> {
         let settings = Settings { commissioned: true, ..Settings::default() };
         let mut head = Head::new(settings.build().unwrap().head, Box::new(Path::EMPTY));
-        let drive = DriveCodes { motor_current: 2048, bus_voltage: 2400 };
+        let drive = DriveCodes { motor_current: 2048, bus_voltage: 3137 };
         head.tick(&Inputs { drive, ..Inputs::default() });
         let input = TickInput { drive, ..TickInput::default() };
         let mut status = *head.status();

@@ -18,8 +18,8 @@ declare! {
         off: f32 = 40.0, (0.5, 5000.0), "generator.off_us", "us", "assumed: 5 kHz at 80 %";
         /// Time constant with which the gap voltage rises and collapses.
         rise: f32 = 0.2, (0.01, 10.0), "generator.rise_us", "us", "assumed: cable and gap capacitance";
-        /// Voltage of the contact sense supply over an open gap, while pulses are not allowed.
-        sense: f32 = 24.0, (0.0, 60.0), "generator.sense_v", "V", "assumed: docs/wiring.md";
+        /// What the contact sense supply leaves of voltage over an open gap between pulses.
+        sense: f32 = 11.1, (0.0, 60.0), "generator.sense_v", "V", "docs/wiring.md";
         /// Shorted pulses in a row after which the generator suspends itself; 0 for never.
         suspend_after: u32 = 0, (0, 1_000_000), "generator.suspend_after", "pulses", "[R] section 6.5: some do; off by default";
         /// Time of a suspension.
@@ -122,9 +122,9 @@ declare! {
         /// Largest drift of the mains frequency.
         mains_drift: f32 = 0.2, (0.0, 2.0), "front_end.mains_drift_hz", "Hz", "assumed: the band that European grids keep";
         /// Motor current per code.
-        amps_per_code: f32 = 0.005, (0.0001, 0.1), "front_end.amps_per_code", "A", "assumed: docs/wiring.md";
+        amps_per_code: f32 = 0.00269, (0.0001, 0.1), "front_end.amps_per_code", "A", "assumed: docs/wiring.md";
         /// Bus voltage per code.
-        bus_per_code: f32 = 0.02, (0.001, 0.1), "front_end.bus_volts_per_code", "V", "assumed: docs/wiring.md";
+        bus_per_code: f32 = 0.0153, (0.001, 0.1), "front_end.bus_volts_per_code", "V", "assumed: docs/wiring.md";
     }
 }
 

@@ -379,8 +379,9 @@ impl Spark {
         if suspended {
             self.shorts_in_a_row = 0;
         }
+        let volts = if self.phase == Phase::Shorted || self.senseless { 0.0 } else { self.c.sense };
         self.gate = (now, now);
-        self.enter(Phase::Off { due: now + off }, now, 0.0);
+        self.enter(Phase::Off { due: now + off }, now, volts);
     }
 
     fn remove(&mut self, depth_um: f64) {

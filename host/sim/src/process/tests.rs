@@ -128,9 +128,9 @@ fn the_codes_of_current_and_bus_read_what_flows() {
         let mut process = process(Parameters { motor_reversed, stroke: 2.5, ..Parameters::default() });
         run(&mut process, Drive::Duty(duty), false, 0.5);
         let drive = process.sensors().drive;
-        // -4.8 V over 12.4 ohm, against the upper stop or the work: 0.387 A, 77 codes.
-        assert!((2048 - 78..=2048 - 77).contains(&drive.motor_current), "{drive:?}");
-        assert_eq!(drive.bus_voltage, 2400);
+        // -4.8 V over 12.4 ohm, against the upper stop or the work: 0.387 A, 144 codes.
+        assert!((2048 - 145..=2048 - 143).contains(&drive.motor_current), "{drive:?}");
+        assert_eq!(drive.bus_voltage, 3137);
         assert_eq!(process.truth().position_um > 1000.0, motor_reversed);
     }
 }
@@ -190,7 +190,7 @@ fn without_pulses_the_front_end_sees_the_sense_supply_with_hum_and_noise_and_no_
         let block = process.advance(Drive::Coast, false).block;
         assert_eq!(block.gate, 0);
         // 1 V of hum and five times 0.5 V of noise.
-        assert!(block.codes.iter().all(|code| code.abs_diff(410 + 240) <= 35), "{:?}", block.codes);
+        assert!(block.codes.iter().all(|code| code.abs_diff(410 + 111) <= 35), "{:?}", block.codes);
     }
 }
 
@@ -204,7 +204,7 @@ fn every_fault_input_shows_where_it_should() {
         FaultInputs { gate_lost: true, stuck_code: Some(7), bus_v: Some(30.0), ..FaultInputs::default() };
     let sensors = process.advance(Drive::Coast, true);
     assert_eq!(sensors.block, GapBlock { codes: [7; BLOCK], gate: 0 });
-    assert_eq!(sensors.drive.bus_voltage, 1500);
+    assert_eq!(sensors.drive.bus_voltage, 1961);
 
     process.fault_inputs = FaultInputs { short: true, ..FaultInputs::default() };
     let before = process.truth().pulses;

@@ -91,7 +91,7 @@ const ARROWS: &[Arrow] = &[
     arrow(
         &[Positioning],
         Ready,
-        &[Reason::Arrived, Reason::Held],
+        &[Reason::Arrived, Reason::Touched, Reason::Held],
         &[(345.0, 94.0), (345.0, 175.0)],
         "at rest",
         (351.0, 140.0),

@@ -291,7 +291,10 @@ fn the_head_cuts_a_pulse_off_and_none_begins_until_it_allows_them() {
     go(&mut spark, 0..2, 151.0, |_, _, _| ());
     spark.advance(100.0, 150.0, (151.0, 151.0), false);
     // What is left is the sense supply.
-    assert_eq!(spark.stretches.last().map(|s| (s.from, s.volts, s.gate)), Some((100.0, 24.0, (100.0, 100.0))));
+    assert_eq!(
+        spark.stretches.last().map(|s| (s.from, s.volts, s.gate)),
+        Some((100.0, 11.1f32.into(), (100.0, 100.0)))
+    );
     for tick in 3..100 {
         let from = f64::from(tick) * TICK;
         spark.advance(from, from + TICK, (151.0, 151.0), false);
