@@ -27,7 +27,7 @@ pub struct Function {
 }
 
 /// All functions of an image.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Graph {
     /// The functions, by address.
     pub functions: Vec<Function>,
@@ -50,79 +50,75 @@ impl Graph {
     /// # Errors
     /// When a branch or a vector leads to what is no function.
     pub fn read(file: &object::File) -> Result<Self, String> {
-        let (extents, mut functions) = functions(file);
-        let owner = |address: u32| -> Option<usize> {
-            let number = extents.partition_point(|extent| extent.0 <= address).checked_sub(1)?;
-            (address < extents[number].1).then_some(number)
-        };
-        // A word that could be the address of a function says with its lowest bit that it is Thumb code.
-        let named =
-            |word: u32| extents.binary_search_by_key(&(word & !1), |extent| extent.0).ok().filter(|_| word & 1 == 1);
-
-        let mut taken = BTreeSet::new();
-        let mut masks = 0;
-        let mut vectors = Vec::new();
+        let (extents, functions) = functions(file);
+        let mut graph = Self { functions, ..Self::default() };
         for section in file.sections().filter(super::allocated) {
             let bytes = section.data().map_err(|e| e.to_string())?;
-            let stretches = stretches(file, section.address() as u32, bytes);
-            for stretch in stretches {
-                if !stretch.code {
-                    let words = words(&stretch);
-                    if section.name() == Ok(VECTOR_TABLE) {
-                        vectors.extend(words.skip(1).filter(|word| *word != 0));
-                    } else {
-                        taken.extend(words.filter_map(named));
-                    }
-                    continue;
-                }
-                let mut low = BTreeMap::new();
-                // The function that goes on behind the instruction before.
-                let mut open: Option<usize> = None;
-                for (at, effect) in effects(stretch.address, stretch.bytes) {
-                    // Padding between functions belongs to none.
-                    let Some(number) = owner(at) else { continue };
-                    if let Some(before) = open.filter(|before| *before != number) {
-                        functions[before].calls.push((at, number));
-                    }
-                    let function = &mut functions[number];
-                    let mut ends = false;
-                    match effect {
-                        Effect::Branch { to, kind } => {
-                            // A call at the very end is one that never comes back.
-                            ends = kind != Branch::Maybe;
-                            let callee = owner(to).ok_or_else(|| {
-                                format!("{} goes to {to:#010x}, which is in no function, at {at:#010x}", function.name)
-                            })?;
-                            if callee != number || kind == Branch::Call {
-                                function.calls.push((at, callee));
-                            }
-                        }
-                        Effect::Indirect => {
-                            ends = true;
-                            function.indirect.push(at);
-                        }
-                        Effect::End => ends = true,
-                        Effect::Takes(bytes) => function.frame += bytes,
-                        Effect::StackPointer => function.dynamic.push(at),
-                        Effect::Low { register, half } => {
-                            low.insert(register, half);
-                        }
-                        Effect::High { register, half } => {
-                            taken.extend(low.get(&register).and_then(|low| named(half << 16 | low)));
-                        }
-                        Effect::Masks => masks += 1,
-                        Effect::None => {}
-                    }
-                    open = (!ends).then_some(number);
+            if section.name() == Ok(VECTOR_TABLE) {
+                // The first is the stack pointer.
+                let mut vectors = words(bytes)
+                    .skip(1)
+                    .filter(|word| *word != 0)
+                    .map(|word| extents.named(word).ok_or_else(|| format!("the vector {word:#010x} is no function")));
+                graph.reset = vectors.next().ok_or("the vector table is empty")??;
+                graph.vectors = vectors.collect::<Result<_, _>>()?;
+                continue;
+            }
+            for (address, bytes, code) in stretches(file, section.address() as u32, bytes) {
+                if code {
+                    graph.code(address, bytes, &extents)?;
+                } else {
+                    let skip = (address.next_multiple_of(4) - address) as usize;
+                    let words = words(bytes.get(skip..).unwrap_or_default());
+                    graph.taken.extend(words.filter_map(|word| extents.named(word)));
                 }
             }
         }
-        let mut vectors = vectors
-            .into_iter()
-            .map(|word| named(word).ok_or_else(|| format!("the vector {word:#010x} is no function")));
-        let reset = vectors.next().ok_or("no vector table")??;
-        let vectors = vectors.collect::<Result<_, _>>()?;
-        Ok(Self { functions, vectors, reset, taken, masks })
+        Ok(graph)
+    }
+
+    /// Reads a stretch of code.
+    fn code(&mut self, address: u32, bytes: &[u8], extents: &Extents) -> Result<(), String> {
+        let mut low = BTreeMap::new();
+        // The function that goes on behind the instruction before.
+        let mut open: Option<usize> = None;
+        for (at, effect) in effects(address, bytes) {
+            // Padding between functions belongs to none.
+            let Some(number) = extents.owner(at) else { continue };
+            if let Some(before) = open.filter(|before| *before != number) {
+                self.functions[before].calls.push((at, number));
+            }
+            open = Some(number);
+            let function = &mut self.functions[number];
+            match effect {
+                Effect::Branch { to, kind } => {
+                    let callee = extents.owner(to).ok_or_else(|| {
+                        format!("{} goes to {to:#010x}, which is in no function, at {at:#010x}", function.name)
+                    })?;
+                    if callee != number || kind == Branch::Call {
+                        function.calls.push((at, callee));
+                    }
+                    // A call at the very end is one that never comes back.
+                    open = open.filter(|_| kind == Branch::Maybe);
+                }
+                Effect::Indirect => {
+                    function.indirect.push(at);
+                    open = None;
+                }
+                Effect::End => open = None,
+                Effect::Takes(bytes) => function.frame += bytes,
+                Effect::StackPointer => function.dynamic.push(at),
+                Effect::Low { register, half } => {
+                    low.insert(register, half);
+                }
+                Effect::High { register, half } => {
+                    self.taken.extend(low.get(&register).and_then(|low| extents.named(half << 16 | low)));
+                }
+                Effect::Masks => self.masks += 1,
+                Effect::None => {}
+            }
+        }
+        Ok(())
     }
 
     /// Name of a function.
@@ -137,8 +133,25 @@ impl Graph {
     }
 }
 
+/// Where functions begin and end, in order.
+struct Extents(Vec<(u32, u32)>);
+
+impl Extents {
+    /// Number of the function that an address is in.
+    fn owner(&self, address: u32) -> Option<usize> {
+        let number = self.0.partition_point(|extent| extent.0 <= address).checked_sub(1)?;
+        (address < self.0[number].1).then_some(number)
+    }
+
+    /// Number of the function whose address a word could be; the lowest bit says that it is Thumb code.
+    fn named(&self, word: u32) -> Option<usize> {
+        let begin = word.checked_sub(1).filter(|begin| begin % 2 == 0)?;
+        self.0.binary_search_by_key(&begin, |extent| extent.0).ok()
+    }
+}
+
 /// Extent and name of each function, by address. One without a size reaches to the next.
-fn functions(file: &object::File) -> (Vec<(u32, u32)>, Vec<Function>) {
+fn functions(file: &object::File) -> (Extents, Vec<Function>) {
     let mut symbols = BTreeMap::<u32, (u32, BTreeSet<String>)>::new();
     for symbol in file.symbols().filter(|symbol| symbol.kind() == SymbolKind::Text && symbol.is_definition()) {
         let Ok(name) = symbol.name() else { continue };
@@ -152,27 +165,21 @@ fn functions(file: &object::File) -> (Vec<(u32, u32)>, Vec<Function>) {
     }
     let starts: Vec<u32> = symbols.keys().copied().collect();
     let ends = starts.iter().skip(1).copied().chain([u32::MAX]);
-    symbols
+    let (extents, functions) = symbols
         .into_iter()
         .zip(ends)
         .map(|((start, (size, symbols)), next)| {
             let end = if size == 0 { next } else { start + size };
             let name = symbols.first().map_or_else(String::new, |name| format!("{:#}", rustc_demangle::demangle(name)));
-            let function = Function { name, symbols, ..Function::default() };
-            ((start, end), function)
+            ((start, end), Function { name, symbols, ..Function::default() })
         })
-        .unzip()
+        .unzip();
+    (Extents(extents), functions)
 }
 
-/// A stretch of a section.
-struct Stretch<'d> {
-    address: u32,
-    bytes: &'d [u8],
-    code: bool,
-}
-
-/// The stretches of a section. Mapping symbols tell code (`$t`) from data (`$d`); what is before the first is data.
-fn stretches<'d>(file: &object::File, start: u32, bytes: &'d [u8]) -> Vec<Stretch<'d>> {
+/// The stretches of a section: address, bytes, and whether they are code. Mapping symbols tell code (`$t`) from data (`$d`);
+/// what is before the first is data.
+fn stretches<'d>(file: &object::File, start: u32, bytes: &'d [u8]) -> Vec<(u32, &'d [u8], bool)> {
     let end = start + bytes.len() as u32;
     let mut marks: Vec<(u32, bool)> = file
         .symbols()
@@ -185,20 +192,11 @@ fn stretches<'d>(file: &object::File, start: u32, bytes: &'d [u8]) -> Vec<Stretc
         .collect();
     marks.sort_unstable();
     let ends = marks.iter().skip(1).map(|mark| mark.0).chain([end]);
-    marks
-        .iter()
-        .zip(ends)
-        .map(|(&(address, code), to)| Stretch {
-            address,
-            bytes: &bytes[(address - start) as usize..(to - start) as usize],
-            code,
-        })
-        .collect()
+    let part = |from: u32, to: u32| &bytes[(from - start) as usize..(to - start) as usize];
+    marks.iter().zip(ends).map(|(&(from, code), to)| (from, part(from, to), code)).collect()
 }
 
-/// The aligned words of a stretch.
-fn words(stretch: &Stretch) -> impl Iterator<Item = u32> {
-    let skip = (stretch.address.next_multiple_of(4) - stretch.address) as usize;
-    let words = stretch.bytes.get(skip..).unwrap_or_default().as_chunks::<4>().0;
-    words.iter().map(|word| u32::from_le_bytes(*word))
+/// The words of data.
+fn words(bytes: &[u8]) -> impl Iterator<Item = u32> {
+    bytes.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word))
 }

@@ -44,6 +44,8 @@ struct Indirect {
 struct Panics {
     /// Beginnings of the names of functions that call a routine.
     from: &'static [&'static str],
+    /// What is in the names of the routines.
+    to: &'static [&'static str],
     /// The highest task that may reach it.
     task: &'static str,
     /// Why it stays.
@@ -87,21 +89,25 @@ pub const HEAD: Rules = Rules {
     panics: &[
         Panics {
             from: &["_defmt_"],
+            to: &["core::panicking::panic_fmt"],
             task: "protocol",
             why: "the log asserts that it is not taken twice, and given back by who took it",
         },
         Panics {
             from: &["edm_canopen::"],
+            to: &["core::slice::copy_from_slice"],
             task: "protocol",
-            why: "`copy_from_slice` checks that two lengths agree, which were made to",
+            why: "copying checks that two lengths agree, which were made to",
         },
         Panics {
             from: &["edm_store::", "<edm_store::", "sequential_storage::", "<&mut T as embedded_storage_async::"],
+            to: &["core::"],
             task: "idle",
             why: "the library of the store: slices of a page, futures that might be polled after their end",
         },
         Panics {
             from: &["edm_hal_shim::stm32f4::can::start"],
+            to: &["core::panicking::panic"],
             task: "idle",
             why: "start-up: bxcan checks the number of a filter",
         },
@@ -327,33 +333,31 @@ impl Check<'_> {
     /// The ways to a panic that may be; the others are errors.
     fn panics(&mut self, roots: &[Root], rules: &Rules) -> BTreeMap<&'static str, Vec<String>> {
         let routines = self.routines();
+        let most = |name| rules.tasks.iter().find(|task| task.name == name).map_or(0, |task| task.priority);
         let (mut ways, mut errors) = (BTreeMap::new(), Vec::new());
         for root in roots {
             let Some(priority) = root.priority else { continue };
             let reached = self.reached_without(root.function, &routines);
             for &caller in reached.keys().filter(|number| !routines.contains(number)) {
-                let panics = self.panics_in(caller, &routines);
-                if panics.is_empty() {
-                    continue;
-                }
                 let mut way = vec![caller];
                 while let Some(number) = way.last().and_then(|last| reached.get(last)).filter(|n| !way.contains(n)) {
                     way.push(*number);
                 }
-                let way = way.iter().rev().map(|number| self.graph.name(*number)).collect::<Vec<_>>().join(" > ");
-                let most = |name| rules.tasks.iter().find(|task| task.name == name).map_or(0, |task| task.priority);
-                let may = rules.panics.iter().filter(|rule| priority <= most(rule.task));
-                let mut may = may.flat_map(|rule| rule.from.iter().map(move |from| (*from, rule)));
-                if let Some((from, rule)) = may.find(|(from, _)| self.graph.name(caller).starts_with(from)) {
-                    ways.entry((from, root.name)).or_insert((rule.why, format!("{}: {way}", root.name)));
-                    continue;
-                }
-                for (at, routine) in panics {
-                    errors.push(format!("{} can panic: {way} > {routine}, {}", root.name, (self.place)(at)));
+                let way: Vec<_> = way.iter().rev().map(|number| self.graph.name(*number)).collect();
+                let way = format!("{}: {}", root.name, way.join(" > "));
+                for (at, routine) in self.panics_in(caller, &routines) {
+                    let may = rules.panics.iter().filter(|rule| priority <= most(rule.task) && has(routine, rule.to));
+                    let mut may = may.flat_map(|rule| rule.from.iter().map(move |from| (*from, rule)));
+                    match may.find(|(from, _)| self.graph.name(caller).starts_with(from)) {
+                        Some((from, rule)) => {
+                            ways.entry((from, root.name)).or_insert((rule.why, way.clone()));
+                        }
+                        None => errors.push(format!("a panic in {way} > {routine}, {}", (self.place)(at))),
+                    }
                 }
             }
         }
-        for Panics { from, task, why } in rules.panics {
+        for Panics { from, task, why, .. } in rules.panics {
             for from in from.iter().filter(|from| !ways.contains_key(&(**from, *task))) {
                 errors.push(format!("{task} reaches no panic of {from} any more: {why}"));
             }
@@ -497,7 +501,7 @@ mod tests {
             let rules = Rules { indirect: if known { &[METHOD] } else { &[] }, ..RULES };
             let said = checked(&image, &rules).expect_err(how);
             assert!(
-                said.contains("servo can panic: TIM1 > method > core::panicking::panic_fmt, at 0x"),
+                said.contains("a panic in servo: TIM1 > method > core::panicking::panic_fmt, at 0x"),
                 "{how}: {said}"
             );
             assert_eq!(said.lines().count(), 1, "{how}: {said}");
@@ -514,19 +518,19 @@ mod tests {
             ],
             "",
         );
-        refused(&image, &RULES, "servo can panic: TIM1 > core::slice::index::slice_index_fail");
+        refused(&image, &RULES, "a panic in servo: TIM1 > core::slice::index::slice_index_fail");
     }
 
     #[test]
     fn a_routine_in_a_register_is_a_panic_too() {
         let register = image(&[("TIM1", "ldr r0, =\"core::panicking::panic_fmt\"\nbx r0"), PANIC], "");
         let rules = Rules { indirect: &[Indirect { to: &["core::panicking::"], ..METHOD }], ..RULES };
-        refused(&register, &rules, "servo can panic: TIM1 > core::panicking::panic_fmt, at 0x");
+        refused(&register, &rules, "a panic in servo: TIM1 > core::panicking::panic_fmt, at 0x");
     }
 
     #[test]
     fn who_may_panic_may_no_higher_up_and_only_as_long_as_it_does() {
-        const LOG: Panics = Panics { from: &["log"], task: "protocol", why: "it asserts" };
+        const LOG: Panics = Panics { from: &["log"], to: &["_fmt"], task: "protocol", why: "it asserts" };
         let rules = Rules { panics: &[LOG], ..RULES };
         let log = ("log_line", "bl \"core::panicking::panic_fmt\"");
         let said = checked(&image(&[("SPI3", "b.w log_line"), log, PANIC], ""), &rules).unwrap().to_string();
@@ -534,13 +538,19 @@ mod tests {
         refused(
             &image(&[("TIM1", "b.w log_line"), ("SPI3", "b.w log_line"), log, PANIC], ""),
             &rules,
-            "servo can panic",
+            "a panic in servo",
         );
+        let other = [
+            ("SPI3", "b.w log_line"),
+            ("log_line", "bl \"core::panicking::panic\""),
+            ("core::panicking::panic", "b ."),
+        ];
+        refused(&image(&other, ""), &rules, "a panic in protocol: SPI3 > log_line > core::panicking::panic, ");
         refused(&image(&[("Reset", "b.w log_line"), log, PANIC], ""), &rules, "protocol reaches no panic of log");
         refused(
             &image(&[("SPI3", "bl \"core::panicking::panic_fmt\""), PANIC], ""),
             &rules,
-            "protocol can panic: SPI3 >",
+            "a panic in protocol: SPI3 >",
         );
     }
 
