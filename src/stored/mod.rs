@@ -240,8 +240,9 @@ impl StoredImage {
         let [low, high] = (self.count as u16).to_le_bytes();
         let [version, _, a, b, ..] = &mut self.bytes;
         (*version, *a, *b) = (VERSION, low, high);
-        let (content, check) = self.bytes.split_at_mut(HEAD + RECORD * self.count);
-        if let Some(check) = check.first_chunk_mut::<CHECK>() {
+        if let Some((content, check)) = self.bytes.split_at_mut_checked(HEAD + RECORD * self.count)
+            && let Some(check) = check.first_chunk_mut::<CHECK>()
+        {
             *check = CRC.checksum(content).to_le_bytes();
         }
     }

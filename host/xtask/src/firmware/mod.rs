@@ -2,14 +2,21 @@
 //!
 //! Bytes of a *room* come from the line table of the debug information, which knows the source file of every instruction
 //! even after everything has been inlined into the tasks. The largest *frame* is the most that one function takes of the
-//! stack at once, from the instructions that move the stack pointer.
+//! stack. What tasks can reach, and how deep the stack gets, is read in the machine code: [`graph`] and [`tasks`].
 
 use edm_hal_shim::board::{BOARDS, Table};
-use gimli::{EndianSlice, RunTimeEndian};
-use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
+use object::{Object, ObjectSection, SectionKind};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+
+mod graph;
+mod lines;
+mod tasks;
+mod thumb;
+
+use graph::Graph;
+use tasks::{EXCEPTION, Report};
 
 /// Where the chip looks for its vector table.
 const VECTORS: u64 = 0x0800_0000;
@@ -19,19 +26,27 @@ const FLASH_LIMIT: u64 = 384 * 1024;
 const RAM_LIMIT: u64 = 64 * 1024;
 /// A value that belongs into a static, not on the stack, shows as a larger frame.
 const FRAME_LIMIT: u32 = 4 * 1024;
+/// What everything at once may take of the stack; RAM leaves more than twice as much.
+const STACK_LIMIT: u32 = 24 * 1024;
+const _: () = assert!(RAM.end - RAM.start - RAM_LIMIT >= 2 * STACK_LIMIT as u64);
 const FLASH: std::ops::Range<u64> = VECTORS..VECTORS + 1024 * 1024;
 const RAM: std::ops::Range<u64> = 0x2000_0000..0x2002_0000;
 const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Builds, checks and reports every board. The images are left in `firmware/` of the target directory, a name each.
 pub fn run(root: &Path) -> Result<(), String> {
+    let root = root.canonicalize().map_err(|e| e.to_string())?;
     for (feature, Table { name, .. }) in BOARDS {
-        let elf = build(root, feature)?;
+        let elf = build(&root, feature)?;
         let data = std::fs::read(&elf).map_err(|e| format!("{}: {e}", elf.display()))?;
-        let image = Image::read(&data)?;
+        let file = object::File::parse(&*data).map_err(|e| e.to_string())?;
+        let graph = Graph::read(&file)?;
+        let tasks = tasks::check(&graph, &tasks::HEAD, &|address| lines::place(&root, &file, address));
+        let tasks = tasks.map_err(|errors| errors.join("\n"))?;
+        let image = Image::read(&file, &graph)?;
         println!("{name}: {}", shown(&elf).display());
-        image.check()?;
-        image.print();
+        image.check(&tasks)?;
+        image.print(&tasks);
         println!();
     }
     Ok(())
@@ -52,7 +67,8 @@ pub fn link(root: &Path) -> Result<(), String> {
     }
     let elf = target(root).join(TARGET).join("debug/edm-servo-head");
     let data = std::fs::read(&elf).map_err(|e| format!("{}: {e}", elf.display()))?;
-    Image::read(&data)?.starts()?;
+    let file = object::File::parse(&*data).map_err(|e| e.to_string())?;
+    Image::read(&file, &Graph::read(&file)?)?.starts()?;
     println!("{}: vector table in place", shown(&elf).display());
     Ok(())
 }
@@ -110,18 +126,16 @@ fn shown(path: &Path) -> PathBuf {
 }
 
 impl Image {
-    fn read(data: &[u8]) -> Result<Image, String> {
-        let file = object::File::parse(data).map_err(|e| e.to_string())?;
-        let code = code(&file);
+    fn read(file: &object::File, graph: &Graph) -> Result<Image, String> {
         let mut image = Image {
             sections: Vec::new(),
             vectors: None,
             entry: file.entry(),
-            rooms: rooms(&file).map_err(|e| format!("debug information: {e}"))?,
+            rooms: lines::rooms(file).map_err(|e| format!("debug information: {e}"))?,
             flash: 0,
             ram: 0,
-            frame: code.iter().map(|code| frame(code)).max().unwrap_or(0),
-            masks: code.iter().map(|code| masks(code)).sum(),
+            frame: graph.functions.iter().map(|function| function.frame).max().unwrap_or(0),
+            masks: graph.masks,
         };
         for section in file.sections() {
             let (address, size) = (section.address(), section.size());
@@ -148,7 +162,14 @@ impl Image {
         Ok(image)
     }
 
-    fn print(&self) {
+    /// What the variables leave of the RAM: the stack grows down to them.
+    fn left(&self) -> u64 {
+        let variables = self.sections.iter().filter(|(_, address, _)| RAM.contains(address));
+        let end = variables.map(|(_, address, size)| address + size).max().unwrap_or(RAM.start);
+        self.vectors.map_or(0, |(stack, _)| u64::from(stack).saturating_sub(end))
+    }
+
+    fn print(&self, tasks: &Report) {
         for (name, address, size) in &self.sections {
             println!("  {name:<14} {address:#010x} {size:>7}");
         }
@@ -161,6 +182,14 @@ impl Image {
             self.frame,
             FRAME_LIMIT
         );
+        println!(
+            "  stack at most {:.1} of {} KiB: each line at its deepest on top of the next, with {EXCEPTION} bytes for an \
+             exception; RAM leaves {:.1}",
+            kib(tasks.stack.into()),
+            STACK_LIMIT / 1024,
+            kib(self.left())
+        );
+        print!("{tasks}");
         println!("  code by room:");
         let mut rooms: Vec<_> = self.rooms.iter().collect();
         rooms.sort_by_key(|(_, size)| std::cmp::Reverse(**size));
@@ -187,7 +216,7 @@ impl Image {
     }
 
     /// What keeps a chip from starting this image, or us from shipping it.
-    fn check(&self) -> Result<(), String> {
+    fn check(&self, tasks: &Report) -> Result<(), String> {
         self.starts()?;
         for (name, address, _) in &self.sections {
             if FLASH.contains(address) && name != ".vector_table" && *address < PROGRAM {
@@ -199,6 +228,10 @@ impl Image {
         }
         if self.frame > FRAME_LIMIT {
             return Err(format!("a function takes {} bytes of stack", self.frame));
+        }
+        if tasks.stack > STACK_LIMIT || self.left() < STACK_LIMIT.into() {
+            let (stack, left) = (tasks.stack, self.left());
+            return Err(format!("the stack gets {stack} bytes deep; {STACK_LIMIT} are allowed, {left} are there"));
         }
         // RTIC masks while it starts, and a panic for good. Another one is a critical section that would delay the
         // reflex.
@@ -217,127 +250,6 @@ fn allocated<'d>(section: &impl ObjectSection<'d>) -> bool {
     let debug = matches!(section.kind(), SectionKind::Debug | SectionKind::DebugString | SectionKind::Metadata);
     !debug
         && (FLASH.contains(&section.address()) || RAM.contains(&section.address()) || section.name() == Ok(".ccmram"))
-}
-
-/// The stretches of code. Mapping symbols tell code (`$t`) from data (`$d`).
-fn code<'d>(file: &object::File<'d>) -> Vec<&'d [u8]> {
-    let Some(text) = file.section_by_name(".text") else { return Vec::new() };
-    let (start, bytes) = (text.address(), text.data().unwrap_or_default());
-    let mut marks: Vec<(u64, bool)> = file
-        .symbols()
-        .filter_map(|symbol| {
-            let name = symbol.name().ok()?;
-            let kind = name.split('.').next()?;
-            matches!(kind, "$t" | "$d").then_some((symbol.address(), kind == "$t"))
-        })
-        .collect();
-    marks.sort_unstable();
-    let ends = marks.iter().skip(1).map(|mark| mark.0).chain([start + bytes.len() as u64]);
-    let stretches = marks.iter().zip(ends).filter(|((_, code), _)| *code);
-    stretches
-        .filter_map(|((from, _), to)| bytes.get(from.checked_sub(start)? as usize..to.checked_sub(start)? as usize))
-        .collect()
-}
-
-/// The instructions of a stretch of Thumb code, each of one or two half-words (ARMv7-M manual, A5.1).
-fn instructions(code: &[u8]) -> impl Iterator<Item = (u32, Option<u32>)> {
-    let mut halves = code.as_chunks::<2>().0.iter().map(|half| u32::from(u16::from_le_bytes(*half)));
-    std::iter::from_fn(move || {
-        let first = halves.next()?;
-        Some((first, (first >> 11 >= 0b11101).then(|| halves.next().unwrap_or(0))))
-    })
-}
-
-/// How often a stretch of code sets PRIMASK: `cpsid i` or `msr primask` (ARMv7-M manual, B5.2.1 and B5.2.3).
-fn masks(code: &[u8]) -> usize {
-    let sets = |&(first, second): &(u32, Option<u32>)| match second {
-        None => first == 0xB672,
-        Some(second) => first & 0xFFF0 == 0xF380 && second == 0x8810,
-    };
-    instructions(code).filter(sets).count()
-}
-
-/// The largest immediate that is subtracted from the stack pointer in a stretch of Thumb code (ARMv7-M manual, A7.7.176).
-fn frame(code: &[u8]) -> u32 {
-    let taken = |(first, second): (u32, Option<u32>)| {
-        let Some(second) = second else {
-            return (first & 0xFF80 == 0xB080).then_some((first & 0x7F) * 4);
-        };
-        let twelve = (first >> 10 & 1) << 11 | (second >> 12 & 0b111) << 8 | second & 0xFF;
-        match (first & 0xFBFF, second & 0x8F00) {
-            // sub.w, with a rotated byte; frames are never made of the repeated patterns.
-            (0xF1AD, 0x0D00) if twelve >> 10 != 0 => Some((0x80 | twelve & 0x7F).rotate_right(twelve >> 7)),
-            (0xF1AD | 0xF2AD, 0x0D00) => Some(twelve),
-            _ => None,
-        }
-    };
-    instructions(code).filter_map(taken).max().unwrap_or(0)
-}
-
-/// Bytes of code by room, from the line table.
-fn rooms(file: &object::File) -> Result<BTreeMap<String, u64>, gimli::Error> {
-    let endian = RunTimeEndian::Little;
-    let load = |id: gimli::SectionId| -> Result<EndianSlice<'_, RunTimeEndian>, gimli::Error> {
-        let data = file.section_by_name(id.name()).and_then(|section| section.data().ok());
-        Ok(EndianSlice::new(data.unwrap_or(&[]), endian))
-    };
-    let dwarf = gimli::Dwarf::load(load)?;
-    let mut sizes = BTreeMap::new();
-    let mut units = dwarf.units();
-    while let Some(header) = units.next()? {
-        let unit = dwarf.unit(header)?;
-        let Some(program) = unit.line_program.clone() else { continue };
-        let mut rows = program.rows();
-        let mut before: Option<(u64, String)> = None;
-        while let Some((header, row)) = rows.next_row()? {
-            if let Some((address, room)) = before.take()
-                && (PROGRAM..FLASH.end).contains(&address)
-            {
-                *sizes.entry(room).or_insert(0) += row.address().saturating_sub(address);
-            }
-            if row.end_sequence() {
-                continue;
-            }
-            // Each part is relative to the one before, unless it is absolute.
-            let mut path =
-                PathBuf::from(unit.comp_dir.map_or_else(String::new, |dir| dir.to_string_lossy().into_owned()));
-            if let Some(file) = row.file(header) {
-                if let Some(folder) = file.directory(header) {
-                    path.push(&*dwarf.attr_string(&unit, folder)?.to_string_lossy());
-                }
-                path.push(&*dwarf.attr_string(&unit, file.path_name())?.to_string_lossy());
-            }
-            before = Some((row.address(), room(&path.to_string_lossy())));
-        }
-    }
-    Ok(sizes)
-}
-
-/// The room, or the library, that a source file belongs to.
-fn room(path: &str) -> String {
-    if let Some((_, library)) = path.split_once("/registry/src/") {
-        let name = library.split('/').nth(1).unwrap_or("?");
-        // Without the version.
-        return name.rsplit_once('-').map_or(name, |(name, _)| name).to_owned();
-    }
-    if path.contains("/rustc/") || path.contains("/library/") {
-        return "core".to_owned();
-    }
-    if let Some((_, shim)) = path.split_once("hal-shim/src/") {
-        return format!("hal-shim/{}", shim.split('/').next().unwrap_or_default().trim_end_matches(".rs"));
-    }
-    if path.contains("hal-shim/store/src/") {
-        return "hal-shim/store".to_owned();
-    }
-    for package in ["canopen", "crossing", "firmware", "runtime"] {
-        if path.contains(&format!("{package}/src/")) {
-            return package.to_owned();
-        }
-    }
-    match path.rsplit_once("src/") {
-        Some((_, file)) => format!("src/{}", file.split('/').next().unwrap_or_default().trim_end_matches(".rs")),
-        None => "?".to_owned(),
-    }
 }
 
 #[cfg(test)]
@@ -359,13 +271,13 @@ mod tests {
 
     #[test]
     fn an_image_at_its_limits_passes() {
-        assert_eq!(good().check(), Ok(()));
+        assert_eq!(good().check(&Report { stack: STACK_LIMIT, ..Report::default() }), Ok(()));
     }
 
     #[test]
     fn whatever_a_chip_would_not_start_is_refused() {
         let refused = |image: Image, word: &str| {
-            let error = image.check().expect_err(word);
+            let error = image.check(&Report::default()).expect_err(word);
             assert!(error.contains(word), "{error}");
         };
         refused(Image { vectors: None, ..good() }, "vector table");
@@ -376,47 +288,17 @@ mod tests {
         refused(Image { entry: 0, ..good() }, "differ");
         refused(Image { frame: FRAME_LIMIT + 1, ..good() }, "stack");
         refused(Image { masks: 3, ..good() }, "PRIMASK");
+        let deep = good().check(&Report { stack: STACK_LIMIT + 1, ..Report::default() });
+        assert!(deep.is_err_and(|error| error.contains("deep")));
+        let mut image = good();
+        image.sections.push((".bss".to_owned(), RAM.start, RAM.end - RAM.start - u64::from(STACK_LIMIT)));
+        assert_eq!(image.check(&Report::default()), Ok(()));
+        image.sections.push((".uninit".to_owned(), RAM.end - u64::from(STACK_LIMIT), 1));
+        refused(image, "are there");
         refused(Image { flash: FLASH_LIMIT + 1, ..good() }, "limits");
         refused(Image { ram: RAM_LIMIT + 1, ..good() }, "limits");
         let mut image = good();
         image.sections.push((".text".to_owned(), PROGRAM - 4, 8));
         refused(image, "settings");
-    }
-
-    fn bytes(halves: &[u16]) -> Vec<u8> {
-        halves.iter().flat_map(|half| half.to_le_bytes()).collect()
-    }
-
-    #[test]
-    fn masks_by_hand() {
-        // cpsid i; cpsie i; msr primask, r3; msr basepri, r3
-        assert_eq!(masks(&bytes(&[0xB672, 0xB662, 0xF383, 0x8810, 0xF383, 0x8811])), 2);
-        // The second half of another instruction masks nothing.
-        assert_eq!(masks(&bytes(&[0xF04F, 0xB672])), 0);
-    }
-
-    #[test]
-    fn frames_by_hand() {
-        let halves = |halves: &[u16]| frame(&bytes(halves));
-        // push {r4, lr}; sub sp, #16
-        assert_eq!(halves(&[0xB510, 0xB084]), 16);
-        // sub.w sp, sp, #44032, then subw sp, sp, #3184, then the first alone; add sp, #508 is none.
-        assert_eq!(halves(&[0xF5AD, 0x4D2C]), 44_032);
-        assert_eq!(halves(&[0xF6AD, 0x4D70]), 0xC70);
-        assert_eq!(halves(&[0xB07F]), 0);
-        // The second half of another instruction is no subtraction.
-        assert_eq!(halves(&[0xF04F, 0xB084]), 0);
-    }
-
-    #[test]
-    fn a_source_file_belongs_to_its_room_or_library() {
-        assert_eq!(room("/home/me/head/src/path/register.rs"), "src/path");
-        assert_eq!(room("src/main.rs"), "src/main");
-        assert_eq!(room("/home/me/head/hal-shim/src/stm32f4/pwm.rs"), "hal-shim/stm32f4");
-        assert_eq!(room("/home/me/head/hal-shim/store/src/sector.rs"), "hal-shim/store");
-        assert_eq!(room("/home/me/head/canopen/src/sdo/crc.rs"), "canopen");
-        assert_eq!(room("/home/me/head/src/canopen/eds.rs"), "src/canopen");
-        assert_eq!(room("/home/me/.cargo/registry/src/a-registry-1949/defmt-rtt-1.3.1/src/lib.rs"), "defmt-rtt");
-        assert_eq!(room("/rustc/0123/library/core/src/fmt/mod.rs"), "core");
     }
 }
