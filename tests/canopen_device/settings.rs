@@ -6,7 +6,7 @@ use edm_servo_head::canopen::Dictionary;
 use edm_servo_head::canopen::objects::setting_address;
 use edm_servo_head::feed::LawName;
 use edm_servo_head::head::{Fault, State};
-use edm_servo_head::settings::{Declared, Field, Kind, Settings};
+use edm_servo_head::settings::{Declared, Field, Kind, Settings, Value};
 use edm_servo_head::stored::StoredImage;
 
 fn address(key: &str) -> (u16, u8) {
@@ -334,4 +334,50 @@ fn a_silent_host_is_never_unwatched_again_while_the_head_is_enabled() {
     assert_eq!(rig.try_write(index, sub, &0u32.to_le_bytes()), Err(0x0800_0022));
     assert_eq!(rig.try_write(index, sub, &600u32.to_le_bytes()), Err(0x0800_0022));
     assert_eq!(rig.try_write(index, sub, &400u32.to_le_bytes()), Ok(()));
+}
+
+/// A head with no work below, as it is commissioned, which has not been.
+fn uncommissioned(friction: f32) -> Rig {
+    let mut rig = Rig::new(|settings, parameters| {
+        settings.commissioned = false;
+        parameters.friction = friction;
+    });
+    rig.machine.process.happen("workpiece.raised_mm", Value::Number(-100.0)).unwrap();
+    rig.send(0, &[1, 5]);
+    rig
+}
+
+#[test]
+fn a_head_moved_by_hand_counts_and_a_head_without_work_below_passes_commissioning_over_the_bus() {
+    let mut rig = uncommissioned(0.3);
+    let before = rig.position();
+    rig.machine.process.happen("hand.force_n", Value::Number(2.0)).unwrap();
+    rig.run(10);
+    rig.machine.process.happen("hand.force_n", Value::Number(-2.0)).unwrap();
+    assert!(rig.position() > before + 200, "{}", rig.position());
+    rig.run(1000);
+    rig.machine.process.happen("hand.force_n", Value::Number(0.0)).unwrap();
+    assert!((rig.position() - before).abs() < 20, "back at the stop: {}", rig.position());
+
+    rig.write(0x2001, 3, &[1]);
+    rig.until(20_000, |rig| rig.read(0x2001, 4) != 0);
+    assert_eq!(rig.read(0x2001, 4), 1, "passed");
+    let (index, sub) = address("commission.passed");
+    assert_eq!(rig.read(index, sub) & 0xFF, 1);
+}
+
+#[test]
+fn the_friction_that_commissioning_has_felt_is_what_the_supervision_judges_by() {
+    for friction in [0.1, 0.3, 0.8] {
+        let mut rig = uncommissioned(friction);
+        rig.write(0x2001, 3, &[1]);
+        rig.until(20_000, |rig| rig.read(0x2001, 4) != 0);
+        rig.run(5);
+        let learnt = rig.read_real(address("axis.breakaway_n"));
+        // The push goes on growing while the head begins to move.
+        assert!((friction..friction + 0.1).contains(&learnt), "{friction} N: {learnt}");
+        let expected = rig.drive.active().head.supervise.breakaway;
+        assert_eq!(rig.machine.supervision().limits.breakaway, expected, "{friction} N: the task runs it");
+        assert_ne!(expected, Settings::default().build().unwrap().head.supervise.breakaway);
+    }
 }

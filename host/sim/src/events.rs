@@ -31,8 +31,10 @@ declare! {
         short: bool = false, (), "gap.short", "", "the head retraces to its safe height when retreating does not help";
         /// The generator makes no pulses.
         generator: bool = false, (), "generator.off", "", "the gate is missing: the head retraces to its safe height";
-        /// Somebody has put a workpiece there that is higher by this.
+        /// Somebody has put a workpiece there that is higher by this; -100 takes it away.
         raised: f32 = 0.0, (-100.0, 100.0), "workpiece.raised_mm", "mm", "a head that moves into it stops on contact";
+        /// Somebody pushes the head, toward the work or away from it.
+        hand: f32 = 0.0, (-50.0, 50.0), "hand.force_n", "N", "a disabled head goes there and counts; a loop resists";
         /// The contact sense supply is off.
         sense: bool = false, (), "sense.off", "", "with pulses off nothing moves toward the work";
         /// The wire of the generator's gate is cut; pulses go on.
@@ -61,6 +63,8 @@ pub struct FaultInputs {
     pub sense_off: bool,
     /// The workpiece is higher by this, mm.
     pub raised_mm: f64,
+    /// Force on the head, N.
+    pub hand_n: f64,
 }
 
 /// When an event may happen.
@@ -173,6 +177,9 @@ impl Wires {
             if was != is {
                 *wire = is;
             }
+        }
+        if self.hand != to.hand {
+            fault_inputs.hand_n = to.hand.into();
         }
         if self.raised != to.raised {
             fault_inputs.raised_mm = to.raised.into();

@@ -19,7 +19,7 @@ use edm_runtime::supervise::Supervise;
 use edm_runtime::{Crossings, HostEnds, Parts, Signals, Tasks, assemble};
 use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::{Surrogate, SurrogateConfig, Voltage};
-use edm_servo_head::head::{Change, Command, Fault, Finding, Refused, Report, Status, TickInput};
+use edm_servo_head::head::{Change, Command, Fault, Finding, Refused, Report, Status, SupervisionConfig, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{Active, SettingError, Settings};
 use edm_servo_head::units::{Fixed, MicrometresPerSecond, PLAN_TICKS, TICKS_PER_MS, Volts};
@@ -296,6 +296,11 @@ impl Machine {
     /// What the head saw in the last tick.
     pub fn input(&self) -> &TickInput {
         self.core.input()
+    }
+
+    /// What the supervision judges by.
+    pub fn supervision(&self) -> &SupervisionConfig {
+        self.core.supervise.config()
     }
 
     /// Oldest change of the head's state not read yet.

@@ -70,8 +70,9 @@ fn every_signal_brings_its_fault_and_nothing_is_rammed() {
         ("generator.off", Fault::GateMissing),
         ("gate.cut", Fault::GateMissing),
     ];
-    // Of the sense supply and of another workpiece nothing is noticed while pulses are on: tests/contact.rs.
-    assert_eq!(faults.len() + 2, Wires::FIELDS.len());
+    // Of the sense supply and of another workpiece nothing is noticed while pulses are on, and a hand is held off:
+    // tests/contact.rs, tests/canopen_device/settings.rs.
+    assert_eq!(faults.len() + 3, Wires::FIELDS.len());
     for (signal, fault) in faults {
         let (machine, before, after) = after(signal);
         assert_eq!(machine.status().fault, Some(fault), "{signal}");

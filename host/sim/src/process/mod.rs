@@ -224,7 +224,7 @@ impl Process {
         let surface = self.surface_m() + self.spark.wear_um * 1e-6;
         let ticks = f64::from(TICK_CLOCK) / STEPS as f64;
         let x = self.actuator.x;
-        if self.actuator.rests(drive, bus, self.contact(surface - x)) {
+        if self.actuator.rests(drive, bus, self.contact(surface - x) + self.fault_inputs.hand_n) {
             self.scale.travel(x, x, self.sensors.now, ticks, &mut self.sensors.edges);
             return;
         }
@@ -242,7 +242,7 @@ impl Process {
         let hits = gap < 0.0 && self.actuator.v > 0.0;
         let film = if gap > THINNEST_FILM { gap } else { THINNEST_FILM };
         Load {
-            force: self.contact(gap),
+            force: self.contact(gap) + self.fault_inputs.hand_n,
             damping: self.film / (film * film * film) + if hits { CONTACT_DAMPING } else { 0.0 },
             suction: self.suction,
         }
