@@ -3,6 +3,7 @@
 mod any_input;
 mod bench;
 mod commissioning;
+mod edges;
 mod every_fault;
 mod faults;
 mod permit;
