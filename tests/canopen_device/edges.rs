@@ -1,0 +1,162 @@
+//! The controlword by its edges, and what a fault or a quick stop leaves behind.
+
+use crate::rig::Rig;
+use edm_servo_head::head::State;
+
+/// Operating in profile position, on its way to 1800 counts; the controlword is 0x1F.
+fn on_its_way() -> Rig {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    rig.write32(0x607A, 0, 1800);
+    rig.control(0x1F);
+    rig.run(50);
+    assert_eq!(rig.machine.status().state, State::Positioning);
+    rig
+}
+
+/// In fault, its reaction over and its cause gone.
+fn in_fault(mut rig: Rig) -> Rig {
+    rig.machine.process.fault_inputs.safety.emergency_stop = true;
+    rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
+    rig.machine.process.fault_inputs.safety.emergency_stop = false;
+    rig.run(5);
+    assert_eq!(rig.status() & 0x4F, 0x08);
+    rig
+}
+
+fn is_reset(rig: &mut Rig) -> bool {
+    rig.run(5);
+    rig.status() & 0x4F == 0x40
+}
+
+#[test]
+fn a_fault_is_reset_by_the_edge_of_bit_7_and_not_by_its_level() {
+    let mut rig = Rig::ready();
+    // High since before the fault, and sent again and again, as by a cyclic master.
+    rig.control(0x8F);
+    let mut rig = in_fault(rig);
+    for word in [0x8F, 0x80, 0x8F, 0x86] {
+        rig.control(word);
+        assert!(!is_reset(&mut rig), "{word:#x}");
+    }
+    rig.control(0x00);
+    assert!(!is_reset(&mut rig), "a falling edge");
+    rig.control(0x80);
+    assert!(is_reset(&mut rig), "a rising edge");
+}
+
+#[test]
+fn a_set_point_is_taken_by_the_edge_of_bit_4_and_not_by_its_level() {
+    let mut rig = on_its_way();
+    rig.write32(0x607A, 0, 300);
+    for word in [0x1F, 0x3F, 0x1F] {
+        rig.control(word);
+    }
+    rig.until(1000, |rig| rig.status() & 0x0400 != 0);
+    assert!((rig.position() - 1800).abs() <= 2);
+    for word in [0x1F, 0x3F, 0x0F] {
+        rig.control(word);
+        rig.run(50);
+        assert!((rig.position() - 1800).abs() <= 2, "{word:#x}: at {}", rig.position());
+    }
+    rig.control(0x1F);
+    rig.until(1000, |rig| rig.status() & 0x0400 != 0 && (rig.position() - 300).abs() <= 2);
+}
+
+#[test]
+fn the_end_of_a_halt_goes_on_to_the_target_under_way_and_takes_no_other() {
+    let mut rig = on_its_way();
+    rig.control(0x11F);
+    rig.run(50);
+    rig.write32(0x607A, 0, 300);
+    rig.control(0x11F);
+    rig.control(0x1F);
+    rig.until(1000, |rig| rig.status() & 0x0400 != 0);
+    assert!((rig.position() - 1800).abs() <= 2, "at {}", rig.position());
+}
+
+#[test]
+fn homing_begins_by_the_edge_of_bit_4_and_not_by_its_level() {
+    let mut rig = Rig::ready();
+    let homings = |rig: &Rig| rig.states.iter().filter(|state| **state == State::Homing).count();
+    let before = homings(&rig);
+    for (word, more) in [(0x1F, 1), (0x1F, 1), (0x0F, 1), (0x1F, 2)] {
+        rig.control(word);
+        rig.run(50);
+        assert_eq!(homings(&rig) - before, more, "{word:#x}");
+    }
+}
+
+#[test]
+fn a_fault_takes_back_what_a_host_had_asked_for() {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    rig.write(0x2001, 1, &[1]);
+    rig.write32(0x607A, 0, 4000);
+    rig.control(0x1F);
+    rig.until(20_000, |rig| rig.machine.status().state.pulses());
+    let mut rig = in_fault(rig);
+    assert_eq!(rig.read(0x2001, 1), 0, "erosion is not enabled any more");
+    rig.control(0x00);
+    rig.control(0x80);
+    assert!(is_reset(&mut rig));
+    rig.enable();
+    // A set point is a position again.
+    rig.states.clear();
+    rig.move_to(500, 2000);
+    assert!((rig.position() - 500).abs() <= 2);
+    assert!(!rig.states.iter().any(|state| state.pulses()), "{:?}", rig.states);
+}
+
+#[test]
+fn a_fault_forgets_the_set_points_that_were_waiting() {
+    let mut rig = on_its_way();
+    // One waits for the one under way.
+    rig.write32(0x607A, 0, 300);
+    rig.control(0x0F);
+    rig.control(0x1F);
+    assert_ne!(rig.status() & 0x1000, 0);
+    let mut rig = in_fault(rig);
+    rig.control(0x00);
+    rig.control(0x80);
+    assert!(is_reset(&mut rig));
+    rig.enable();
+    let at = rig.position();
+    rig.run(300);
+    assert!((rig.position() - at).abs() <= 2, "from {at} to {}", rig.position());
+}
+
+#[test]
+fn disable_voltage_opens_the_loop_at_once_from_every_state() {
+    for (words, shown) in [(&[0x06][..], 0x21), (&[0x06, 0x07], 0x23), (&[0x06, 0x07, 0x0F], 0x27)] {
+        let mut rig = Rig::new(|_, _| {});
+        for &word in words {
+            rig.control(word);
+        }
+        rig.until(5, |rig| rig.status() & 0x6F == shown);
+        rig.control(0x00);
+        assert_eq!((rig.status() & 0x4F, rig.machine.status().state), (0x40, State::Disabled), "from {shown:#x}");
+    }
+    // While a quick stop brakes, and while it holds.
+    for ms in [0, 100] {
+        let mut rig = on_its_way();
+        rig.control(0x02);
+        rig.run(ms);
+        assert_eq!(rig.status() & 0x6F, 0x07);
+        rig.control(0x00);
+        assert_eq!((rig.status() & 0x4F, rig.machine.status().state), (0x40, State::Disabled), "after {ms} ms");
+    }
+}
+
+#[test]
+fn nothing_else_leaves_a_quick_stop_that_stays() {
+    let mut rig = on_its_way();
+    rig.control(0x02);
+    for word in [0x06, 0x07, 0x02] {
+        rig.control(word);
+        rig.run(20);
+        assert_eq!(rig.status() & 0x6F, 0x07, "{word:#x}");
+    }
+    rig.control(0x0F);
+    assert_eq!(rig.status() & 0x6F, 0x27);
+}
