@@ -10,4 +10,5 @@ mod permit;
 mod positioning;
 mod proof;
 mod states;
+mod supervision;
 mod transitions;
