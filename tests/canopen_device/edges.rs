@@ -160,3 +160,76 @@ fn nothing_else_leaves_a_quick_stop_that_stays() {
     rig.control(0x0F);
     assert_eq!(rig.status() & 0x6F, 0x27);
 }
+
+/// How far a head at 10 mm/s goes on after a controlword, and what the statusword shows when it has come to rest: 50 um by the
+/// profile's deceleration, 10 um by the one of a quick stop, and some 20 until it is heard of.
+fn stops(option: u16, code: i16, word: u16) -> (i64, u16, State) {
+    let mut rig = on_its_way();
+    rig.write(option, 0, &code.to_le_bytes());
+    let before = rig.position();
+    rig.control(word);
+    let mut furthest = rig.position();
+    for _ in 0..60 {
+        rig.step();
+        furthest = furthest.max(rig.position());
+    }
+    let status = rig.status();
+    let mask = if status & 0x4F == 0x40 { 0x4F } else { 0x6F };
+    (furthest - before, status & mask, rig.machine.status().state)
+}
+
+#[test]
+fn option_codes_say_by_which_ramp_a_head_stops_and_where_that_leads() {
+    let (gentle, hard) = (50..90, 0..45);
+    for (option, code, word, length, shown, state) in [
+        (0x605A, 1, 0x02, &gentle, 0x40, State::Disabled),
+        (0x605A, 2, 0x02, &hard, 0x40, State::Disabled),
+        (0x605A, 5, 0x02, &gentle, 0x07, State::Ready),
+        (0x605A, 6, 0x02, &hard, 0x07, State::Ready),
+        (0x605B, 1, 0x06, &gentle, 0x21, State::Disabled),
+        (0x605C, 1, 0x07, &gentle, 0x23, State::Disabled),
+        (0x605D, 1, 0x10F, &gentle, 0x27, State::Ready),
+        (0x605D, 2, 0x10F, &hard, 0x27, State::Ready),
+    ] {
+        let (way, status, head) = stops(option, code, word);
+        assert!(length.contains(&way), "{option:x}h = {code}: {way} um");
+        assert_eq!((status, head), (shown, state), "{option:x}h = {code}");
+    }
+}
+
+#[test]
+fn option_code_0_opens_the_loop_at_once() {
+    for (option, word, mask, shown) in
+        [(0x605A, 0x02, 0x4F, 0x40), (0x605B, 0x06, 0x6F, 0x21), (0x605C, 0x07, 0x6F, 0x23)]
+    {
+        let mut rig = on_its_way();
+        rig.write(option, 0, &0i16.to_le_bytes());
+        rig.control(word);
+        assert_eq!((rig.status() & mask, rig.machine.status().state), (shown, State::Disabled), "{option:x}h");
+    }
+}
+
+#[test]
+fn a_quick_stop_that_ends_in_switch_on_disabled_cannot_be_taken_back() {
+    for code in [1i16, 2] {
+        let mut rig = on_its_way();
+        rig.write(0x605A, 0, &code.to_le_bytes());
+        rig.write(0x6040, 0, &[0x02, 0]);
+        rig.write(0x6040, 0, &[0x0F, 0]);
+        assert_eq!(rig.status() & 0x6F, 0x07, "{code}");
+        rig.until(60, |rig| rig.status() & 0x4F == 0x40);
+        rig.run(20);
+        assert_eq!((rig.status() & 0x4F, rig.machine.status().state), (0x40, State::Disabled), "{code}");
+    }
+}
+
+#[test]
+fn a_disable_that_still_brakes_can_be_taken_back() {
+    for word in [0x06, 0x07] {
+        let mut rig = on_its_way();
+        rig.write(0x6040, 0, &[word, 0]);
+        rig.write(0x6040, 0, &[0x0F, 0]);
+        rig.run(100);
+        assert_eq!((rig.status() & 0x6F, rig.machine.status().state), (0x27, State::Ready), "{word:#x}");
+    }
+}
