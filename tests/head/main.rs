@@ -6,6 +6,7 @@ mod commissioning;
 mod edges;
 mod every_fault;
 mod faults;
+mod hazards;
 mod permit;
 mod positioning;
 mod proof;
