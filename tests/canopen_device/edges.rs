@@ -233,3 +233,27 @@ fn a_disable_that_still_brakes_can_be_taken_back() {
         assert_eq!((rig.status() & 0x6F, rig.machine.status().state), (0x27, State::Ready), "{word:#x}");
     }
 }
+
+#[test]
+fn every_controlword_leads_from_every_state_where_the_table_of_the_standard_says() {
+    const WORDS: [u16; 5] = [0x00, 0x02, 0x06, 0x07, 0x0F];
+    for (way, table) in [
+        (&[0x00][..], [0x40, 0x40, 0x21, 0x40, 0x40]),
+        (&[0x06], [0x40, 0x40, 0x21, 0x23, 0x27]),
+        (&[0x06, 0x07], [0x40, 0x40, 0x21, 0x23, 0x27]),
+        (&[0x06, 0x07, 0x0F], [0x40, 0x07, 0x21, 0x23, 0x27]),
+        (&[0x06, 0x07, 0x0F, 0x02], [0x40, 0x07, 0x07, 0x07, 0x27]),
+    ] {
+        for (word, shown) in WORDS.into_iter().zip(table) {
+            let mut rig = Rig::new(|_, _| {});
+            for &word in way.iter().chain(&[word]) {
+                rig.control(word);
+                rig.run(20);
+            }
+            let mask = if shown == 0x40 { 0x4F } else { 0x6F };
+            assert_eq!(rig.status() & mask, shown, "{word:#x} after {way:x?}");
+            let closed = matches!(shown, 0x07 | 0x27);
+            assert_eq!(rig.machine.status().state, if closed { State::Ready } else { State::Disabled });
+        }
+    }
+}
