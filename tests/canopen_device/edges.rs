@@ -1,7 +1,8 @@
 //! The controlword by its edges, and what a fault or a quick stop leaves behind.
 
 use crate::rig::Rig;
-use edm_servo_head::head::State;
+use edm_servo_head::head::{Fault, State};
+use edm_servo_head::settings::Settings;
 
 /// Operating in profile position, on its way to 1800 counts; the controlword is 0x1F.
 fn on_its_way() -> Rig {
@@ -254,6 +255,92 @@ fn every_controlword_leads_from_every_state_where_the_table_of_the_standard_says
             assert_eq!(rig.status() & mask, shown, "{word:#x} after {way:x?}");
             let closed = matches!(shown, 0x07 | 0x27);
             assert_eq!(rig.machine.status().state, if closed { State::Ready } else { State::Disabled });
+        }
+    }
+}
+
+/// Milliseconds for which the reaction to a fault shows, at 1800 um and with `change`.
+fn reaction_shows(change: impl FnOnce(&mut Settings)) -> u64 {
+    let mut rig = Rig::new(|settings, _| change(settings));
+    rig.enable();
+    rig.mode(1);
+    rig.move_to(1800, 1000);
+    rig.machine.raise(Fault::HostSilent);
+    rig.until(3, |rig| rig.status() & 0x4F == 0x0F);
+    let began = rig.ms;
+    rig.until(3000, |rig| rig.status() & 0x4F == 0x08);
+    rig.ms - began
+}
+
+#[test]
+fn a_reaction_shows_while_the_head_moves_but_not_for_ever_and_long_enough_to_be_seen() {
+    let rests = reaction_shows(|settings| settings.retreat_safe = 0.0);
+    assert!((19..25).contains(&rests), "{rests} ms at rest");
+    // A millimetre at 5 mm/s.
+    let moves = reaction_shows(|_| {});
+    assert!((190..230).contains(&moves), "{moves} ms of moving");
+    // 1.8 mm at 1.5 mm/s are 1.2 s.
+    let long = reaction_shows(|settings| (settings.retreat_safe, settings.retreat_velocity) = (2000.0, 1500.0));
+    assert!((998..1003).contains(&long), "{long} ms of moving slowly");
+}
+
+#[test]
+fn a_set_point_before_operation_is_enabled_is_none() {
+    let mut rig = Rig::new(|_, _| {});
+    rig.mode(1);
+    rig.write32(0x607A, 0, 500);
+    // With the edge of bit 4 in each state, the last one in that in which operation is enabled.
+    for word in [0x10, 0x00, 0x16, 0x06, 0x17, 0x07, 0x1F] {
+        rig.control(word);
+        assert_eq!(rig.status() & 0x3000, 0, "{word:#x}");
+    }
+    rig.run(100);
+    assert_eq!(rig.status() & 0x6F, 0x27);
+    assert_eq!((rig.machine.status().state, rig.read(0x2000, 4)), (State::Ready, 0), "nothing was asked of the head");
+}
+
+#[test]
+fn bit_4_of_the_statusword_says_whether_the_bus_carries() {
+    let mut rig = Rig::new(|_, _| {});
+    // 36 V are needed.
+    for (volts, shown) in [(48.0, true), (36.1, true), (35.9, false), (0.0, false), (48.0, true)] {
+        rig.machine.process.fault_inputs.bus_v = Some(volts);
+        rig.run(5);
+        assert_eq!(rig.status() & 0x10 != 0, shown, "{volts} V");
+    }
+}
+
+#[test]
+fn a_set_point_while_the_head_brakes_to_be_disabled_is_none() {
+    let mut rig = on_its_way();
+    rig.write(0x6040, 0, &[0x07, 0]);
+    let from = rig.position();
+    rig.write(0x6040, 0, &[0x17, 0]);
+    assert_eq!(rig.status() & 0x1000, 0);
+    rig.until(100, |rig| rig.status() & 0x6F == 0x23);
+    assert_eq!(rig.machine.status().state, State::Disabled);
+    assert!((rig.position() - from).abs() < 100, "went on by {}", rig.position() - from);
+}
+
+#[test]
+fn set_points_of_every_mode_wait_for_the_end_of_a_halt_and_for_operation() {
+    // Velocity, interpolated, cyclic; bit 4 enables interpolation.
+    for (mode, index, sub, value) in [(3, 0x60FF, 0, 5000), (7, 0x60C1, 1, 300), (8, 0x607A, 0, 300)] {
+        for (ready, goes_on) in [(0x11F, 0x1F), (0x07, 0x1F)] {
+            let mut rig = Rig::ready();
+            rig.mode(mode);
+            rig.control(ready);
+            rig.run(50);
+            let at = rig.position();
+            rig.write32(index, sub, value);
+            rig.run(100);
+            assert!((rig.position() - at).abs() <= 1, "mode {mode} after {ready:#x}: at {}", rig.position());
+            assert_eq!(rig.read(0x2000, 4), 0, "mode {mode} after {ready:#x}: asked in vain");
+            rig.control(goes_on);
+            rig.run(100);
+            // A cyclic host says it anew in its next cycle; a buffer is empty when operation is enabled.
+            let anew = mode == 8 || mode == 7 && ready == 0x07;
+            assert_eq!((rig.position() - at).abs() <= 1, anew, "mode {mode} after {ready:#x}");
         }
     }
 }
