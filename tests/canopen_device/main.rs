@@ -2,6 +2,7 @@
 
 mod drive;
 mod dump;
+mod edges;
 mod edm;
 mod flood;
 mod rig;

@@ -3,10 +3,13 @@
 mod any_input;
 mod bench;
 mod commissioning;
+mod edges;
 mod every_fault;
 mod faults;
+mod hazards;
 mod permit;
 mod positioning;
 mod proof;
 mod states;
+mod supervision;
 mod transitions;

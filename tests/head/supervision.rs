@@ -1,0 +1,349 @@
+//! The supervision alone, a millisecond at a time: every limit from both sides, and either way.
+
+use edm_hal_shim::bridge::Drive;
+use edm_hal_shim::encoder::RawCount;
+use edm_servo_head::encoder::Snapshot;
+use edm_servo_head::gap::Quality;
+use edm_servo_head::head::{Counters, Fault, Measured, State, SupervisionConfig, Supervisor};
+use edm_servo_head::settings::Settings;
+use edm_servo_head::units::{CountsPerSecond, TICKS_PER_MS};
+
+/// What the supervision of a healthy head sees, which holds its position at its net weight.
+struct Watched {
+    supervisor: Supervisor,
+    config: SupervisionConfig,
+    now: Measured,
+    /// Counts in a millisecond; an encoder that trembles by one count to and fro has 0 of them, but does not stand still.
+    counts: i32,
+    trembles: bool,
+    count: i32,
+    ms: i32,
+    /// The second counter, where wired, is off by this.
+    watch: Option<i32>,
+    /// Duty that was in force, and current that flowed, A.
+    gave: f64,
+    amps: f64,
+    host_alive: bool,
+}
+
+impl Watched {
+    fn with(change: impl FnOnce(&mut Settings)) -> Watched {
+        let mut settings = Settings::default();
+        change(&mut settings);
+        let config = settings.build().unwrap().head.supervision();
+        let mut watched = Watched {
+            supervisor: Supervisor::default(),
+            config,
+            now: Measured { quality: Quality::Valid, bus: 2400, ..Measured::default() },
+            counts: 0,
+            trembles: true,
+            count: 0,
+            ms: 0,
+            watch: None,
+            gave: 0.0,
+            amps: 0.0,
+            host_alive: true,
+        };
+        // Disabled; then the loop is closed.
+        assert_eq!(watched.first(5), None);
+        watched.now.state = State::Ready;
+        watched.now.closed = true;
+        watched.now.duty = config.limits.breakaway.holding;
+        assert_eq!(watched.first(5), None);
+        watched
+    }
+
+    fn new() -> Watched {
+        Watched::with(|_| {})
+    }
+
+    fn look(&mut self) -> Option<Fault> {
+        self.ms += 1;
+        self.count += self.counts;
+        let count = self.count + if self.trembles { self.ms & 1 } else { 0 };
+        let raw = RawCount { count: count as u32, ..RawCount::default() };
+        let watch = self.watch.map(|off| RawCount { count: raw.count.wrapping_add_signed(off), ..raw });
+        let counters = Counters { used: Snapshot { raw, ..Snapshot::default() }, watch };
+        let code = (self.amps / 0.005).round() as i32;
+        let sums = &mut self.now.sums;
+        sums.ticks += TICKS_PER_MS;
+        sums.newest = code;
+        sums.current += code * TICKS_PER_MS as i32;
+        sums.squares += (code * code) as u32 * TICKS_PER_MS;
+        sums.duty += (self.gave * f64::from(Drive::FULL) * f64::from(TICKS_PER_MS)).round() as i32;
+        self.supervisor.tick(&self.config, &self.now, &counters, self.host_alive)
+    }
+
+    /// The first fault within so many milliseconds, and which of them found it.
+    fn first(&mut self, ms: u32) -> Option<(u32, Fault)> {
+        (1..=ms).find_map(|ms| self.look().map(|fault| (ms, fault)))
+    }
+}
+
+/// What is wrong now is found after so many milliseconds; or never.
+fn finds(fault: Option<(u32, Fault)>, case: &str, wrong: impl FnOnce(&mut Watched)) {
+    let mut watched = Watched::new();
+    wrong(&mut watched);
+    assert_eq!(watched.first(1000), fault, "{case}");
+}
+
+const WAYS: [f32; 2] = [1.0, -1.0];
+
+#[test]
+fn a_following_error_is_too_large_either_way_and_for_longer_than_its_time() {
+    for way in WAYS {
+        finds(None, "200 counts", |w| w.now.following = 200.0 * way);
+        finds(Some((11, Fault::FollowingError)), "more", |w| w.now.following = 200.1 * way);
+        finds(None, "without a loop", |w| (w.now.closed, w.now.following) = (false, 300.0 * way));
+        // A reaction does not push a head down that has risen by itself.
+        let fault = (way < 0.0).then_some((11, Fault::FollowingError));
+        finds(fault, "in a fault's reaction", |w| (w.now.state, w.now.following) = (State::Fault, 300.0 * way));
+    }
+}
+
+#[test]
+fn what_lasts_has_to_last_without_a_pause() {
+    let mut watched = Watched::new();
+    for _ in 0..20 {
+        watched.now.following = 300.0;
+        assert_eq!(watched.first(10), None);
+        watched.now.following = 0.0;
+        assert_eq!(watched.first(1), None);
+    }
+}
+
+#[test]
+fn a_head_that_runs_against_a_saturated_duty_has_a_wrong_polarity_either_way() {
+    let runs = |duty: f32, mm_s: f32| {
+        move |w: &mut Watched| {
+            w.now.saturated = true;
+            w.now.duty = duty;
+            w.now.velocity = CountsPerSecond(mm_s * 1000.0);
+        }
+    };
+    for way in WAYS {
+        finds(None, "as fast as it may be", runs(0.9 * way, -50.0 * way));
+        finds(Some((11, Fault::PolarityWrong)), "faster", runs(0.9 * way, -50.1 * way));
+        finds(None, "the way it is pushed", runs(0.9 * way, 80.0 * way));
+        finds(None, "not saturated", |w| {
+            runs(0.9 * way, -80.0 * way)(w);
+            w.now.saturated = false;
+        });
+        finds(None, "without a loop", |w| {
+            runs(0.9 * way, -80.0 * way)(w);
+            w.now.closed = false;
+        });
+    }
+}
+
+#[test]
+fn a_lift_that_sinks_has_a_wrong_polarity_and_one_that_rises_has_not() {
+    let lifts = |duty: f32, mm_s: f32| {
+        move |w: &mut Watched| {
+            (w.now.state, w.now.closed) = (State::Fault, false);
+            w.now.duty = duty;
+            w.now.velocity = CountsPerSecond(mm_s * 1000.0);
+        }
+    };
+    finds(None, "slowly", lifts(-0.01, 50.0));
+    finds(Some((11, Fault::PolarityWrong)), "fast", lifts(-0.01, 50.1));
+    finds(None, "rises", lifts(-0.01, -80.0));
+    finds(None, "is let down", lifts(0.01, 80.0));
+}
+
+#[test]
+fn an_encoder_that_stands_still_against_what_moves_a_head_is_lost_either_way() {
+    let config = Watched::new().config.limits.breakaway;
+    for way in WAYS {
+        let following = config.following * way;
+        finds(None, "held by friction", |w| (w.trembles, w.now.following) = (false, following * 0.99));
+        let lost = Some((4, Fault::EncoderLost));
+        finds(lost, "not held", |w| (w.trembles, w.now.following) = (false, following * 1.01));
+        finds(None, "but it counts", |w| w.now.following = following * 1.01);
+        // By what the loop gives, under any error that is more than a tremble.
+        let pushed = |share: f32, following: f32| {
+            move |w: &mut Watched| {
+                w.trembles = false;
+                w.now.duty = config.holding + config.push * share * way;
+                w.now.following = following * way;
+            }
+        };
+        finds(None, "a push that friction holds", pushed(0.99, 6.1));
+        finds(lost, "one that it does not", pushed(1.05, 6.1));
+        finds(lost, "whichever way the error", pushed(1.05, -6.1));
+        finds(None, "a tremble", pushed(1.05, 6.0));
+        for state in [State::Fault, State::Commissioning] {
+            finds(None, "from stop to stop", |w| {
+                pushed(1.05, 10.0)(w);
+                w.now.state = state;
+            });
+        }
+        finds(None, "without a loop", |w| {
+            pushed(1.05, 10.0)(w);
+            w.now.closed = false;
+        });
+    }
+}
+
+#[test]
+fn a_weight_that_was_held_for_long_is_no_push() {
+    for way in WAYS {
+        let mut watched = Watched::new();
+        let breakaway = watched.config.limits.breakaway;
+        watched.now.duty = breakaway.holding + 2.0 * breakaway.push * way;
+        assert_eq!(watched.first(3000), None);
+        (watched.trembles, watched.now.following) = (false, 7.0);
+        assert_eq!(watched.first(100), None);
+        // Nor is the duty of before, when it has gone.
+        watched.now.duty = breakaway.holding;
+        assert_eq!(watched.first(100), None);
+        // And what was needed is forgotten with the loop.
+        watched.now.closed = false;
+        assert_eq!(watched.first(1), None);
+        (watched.now.closed, watched.now.duty) = (true, breakaway.holding + 2.0 * breakaway.push * way);
+        assert_eq!(watched.first(100), Some((4, Fault::EncoderLost)));
+    }
+}
+
+#[test]
+fn an_encoder_that_contradicts_the_back_emf_is_lost_either_way() {
+    for way in [1.0, -1.0] {
+        // The duty that generates at so many mm/s, in a winding without current.
+        let generates = |mm_s: f64| way * mm_s * 1e-3 * 7.5 / 48.0;
+        let lost = |fault: Option<(u32, Fault)>| fault.map(|(_, fault)| fault);
+        for (mm_s, counts, fault) in [
+            (45.0, 0, None),
+            (55.0, 0, Some(Fault::EncoderLost)),
+            (200.0, 200, None),
+            (200.0, 155, None),
+            (200.0, 245, None),
+            (200.0, 145, Some(Fault::EncoderLost)),
+            (200.0, 255, Some(Fault::EncoderLost)),
+            (30.0, -30, Some(Fault::EncoderLost)),
+        ] {
+            let mut watched = Watched::new();
+            watched.gave = generates(mm_s);
+            watched.counts = counts * way as i32;
+            assert_eq!(lost(watched.first(1000)), fault, "{mm_s} mm/s, {counts} counts/ms, {way}");
+            let mut watched = Watched::new();
+            (watched.gave, watched.counts, watched.now.closed) = (generates(mm_s), counts * way as i32, false);
+            assert_eq!(watched.first(1000), None, "without a loop");
+        }
+        // 1 A of 12.4 ohm: a fifth of 12.4 V is forgiven, and 50 mm/s, 0.375 V.
+        for (share, fault) in
+            [(0.79, None), (1.21, None), (0.75, Some(Fault::EncoderLost)), (1.25, Some(Fault::EncoderLost))]
+        {
+            let mut watched = Watched::new();
+            (watched.amps, watched.gave) = (way, way * share * 12.4 / 48.0);
+            assert_eq!(lost(watched.first(1000)), fault, "{share} of the resistance, {way}");
+        }
+    }
+}
+
+#[test]
+fn counters_apart_are_a_lost_encoder_either_way_wherever_it_is_asked() {
+    for way in [1, -1] {
+        for (closed, state, asked) in [
+            (true, State::Ready, true),
+            (true, State::Fault, true),
+            (false, State::Proving, true),
+            (false, State::Disabled, false),
+            (false, State::Fault, false),
+        ] {
+            for (apart, lost) in [(1, false), (2, true)] {
+                let mut watched = Watched::new();
+                watched.watch = Some(0);
+                assert_eq!(watched.first(5), None);
+                (watched.now.closed, watched.now.state) = (closed, state);
+                watched.watch = Some(apart * way);
+                let fault = (asked && lost).then_some((3, Fault::EncoderLost));
+                assert_eq!(watched.first(100), fault, "{state:?}, {}", apart * way);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_current_is_too_much_either_way_in_every_state() {
+    for way in [1.0, -1.0] {
+        for closed in [true, false] {
+            for (amps, fault) in [(3.75, None), (3.76, Some((3, Fault::OverCurrent)))] {
+                let mut watched = Watched::new();
+                watched.now.closed = closed;
+                (watched.amps, watched.gave) = (amps * way, amps * way * 12.4 / 48.0);
+                assert_eq!(watched.first(200), fault, "{amps} A, {way}");
+                let shown = watched.supervisor.judged().current.0;
+                assert!((f64::from(shown) - amps * way).abs() < 0.01, "{shown}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_winding_gets_hot_by_a_current_of_either_sign() {
+    for way in [1.0, -1.0] {
+        let mut watched = Watched::with(|settings| settings.motor_thermal = 1.0);
+        (watched.amps, watched.gave) = (2.0 * way, 2.0 * way * 12.4 / 48.0);
+        // 1 A for ever: 1 s * ln(4 / 3) at 2 A.
+        assert_eq!(watched.first(280), None);
+        assert!(!watched.supervisor.judged().reduced);
+        assert_eq!(watched.first(20), None);
+        assert!(watched.supervisor.judged().reduced);
+    }
+}
+
+#[test]
+fn a_bus_sags_at_once_while_a_loop_is_closed() {
+    finds(None, "36 V", |w| w.now.bus = 1800);
+    finds(Some((1, Fault::BusSag)), "less", |w| w.now.bus = 1799);
+    finds(None, "without a loop", |w| (w.now.closed, w.now.bus) = (false, 0));
+}
+
+#[test]
+fn a_bad_gap_reading_matters_while_pulses_are_on() {
+    for (quality, fault) in [
+        (Quality::Missing, Fault::GapSignalInvalid),
+        (Quality::Saturated, Fault::GapSignalInvalid),
+        (Quality::Reversed, Fault::GapSignalInvalid),
+        (Quality::NoGate, Fault::GateMissing),
+    ] {
+        finds(Some((21, fault)), "with pulses", |w| (w.now.pulses, w.now.quality) = (true, quality));
+        finds(None, "without", |w| w.now.quality = quality);
+    }
+    finds(None, "good", |w| w.now.pulses = true);
+}
+
+#[test]
+fn a_host_may_be_silent_for_its_time_and_where_none_is_followed() {
+    let silent = |host_ms, state| {
+        let mut watched = Watched::with(|settings| settings.host_ms = host_ms);
+        (watched.host_alive, watched.now.state) = (false, state);
+        watched.first(1000)
+    };
+    assert_eq!(silent(100, State::Eroding), Some((101, Fault::HostSilent)));
+    assert_eq!(silent(0, State::Eroding), None, "nobody is expected");
+    assert_eq!(silent(100, State::Fault), None, "it reacts already");
+    assert_eq!(silent(100, State::Disabled), None);
+    let mut watched = Watched::with(|settings| settings.host_ms = 100);
+    for _ in 0..5 {
+        watched.host_alive = false;
+        assert_eq!(watched.first(100), None);
+        watched.host_alive = true;
+        assert_eq!(watched.first(1), None);
+    }
+}
+
+#[test]
+fn of_two_faults_the_more_urgent_is_told() {
+    let mut watched = Watched::new();
+    (watched.amps, watched.gave) = (4.0, 4.0 * 12.4 / 48.0);
+    assert_eq!(watched.first(2), None);
+    watched.now.bus = 0;
+    assert_eq!(watched.look(), Some(Fault::OverCurrent), "and the bus sags");
+    (watched.amps, watched.gave) = (0.0, 0.0);
+    assert_eq!(watched.look(), Some(Fault::BusSag));
+    finds(Some((11, Fault::PolarityWrong)), "polarity, following error", |w| {
+        (w.now.saturated, w.now.duty, w.now.velocity) = (true, 0.9, CountsPerSecond(-1e5));
+        w.now.following = 1e4;
+    });
+}
