@@ -3,7 +3,7 @@
 use core::borrow::Borrow;
 use edm_hal_shim::stm32f4::pac::Interrupt;
 use edm_hal_shim::stm32f4::{
-    blocks, can, cycles, drive, encoder, flash, gate, gated, generator, lines, pwm, safety, timebase, watchdog,
+    blocks, can, cycles, drive, encoder, flash, gate, gated, generator, lines, live, pwm, safety, timebase, watchdog,
 };
 use edm_hal_shim::store::Store;
 use edm_runtime::board::{Board, Caller, Pulse};
@@ -48,6 +48,7 @@ impl Board for Chip {
     type Inputs = safety::Inputs;
     type Drive = drive::DriveAdc;
     type Forced = lines::ServoLines;
+    type Live = live::Signal;
     type Tick = pwm::Tick;
     type Millisecond = timebase::Millisecond;
     type Thresholds = gated::Thresholds;

@@ -133,6 +133,7 @@ pub fn start(
         inputs: machine.inputs,
         drive: machine.drive,
         forced: machine.forced,
+        live: machine.live,
         tick: machine.tick,
         millisecond: machine.millisecond,
         thresholds: machine.thresholds,

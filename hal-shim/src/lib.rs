@@ -19,6 +19,7 @@ pub mod encoder;
 pub mod gap;
 pub mod gap_filter;
 pub mod generator;
+pub mod live;
 pub mod reflex;
 pub mod safety;
 #[cfg(all(target_arch = "arm", feature = "chip"))]

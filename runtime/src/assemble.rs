@@ -7,6 +7,7 @@ use crate::encoder::Decoder;
 use crate::gap::Gap;
 use crate::idle::Idle;
 use crate::image_store::ImageStore;
+use crate::live;
 use crate::plan::{Carried, Plans};
 use crate::protocol::{Configuring, Protocol, Uptime};
 use crate::servo::Servo;
@@ -48,6 +49,7 @@ pub struct Parts<B: Board> {
     pub inputs: B::Inputs,
     pub drive: B::Drive,
     pub forced: B::Forced,
+    pub live: B::Live,
     pub tick: B::Tick,
     pub millisecond: B::Millisecond,
     pub thresholds: B::Thresholds,
@@ -165,6 +167,8 @@ pub fn assemble<B: Board>(
             inputs: parts.inputs,
             drive: parts.drive,
             lines: parts.forced,
+            live: live::Watch::new(parts.live),
+            found: None,
             guard: parts.guard.clone(),
             tick: parts.tick,
             sync: parts.sync.clone(),

@@ -8,6 +8,7 @@ use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::{EdgeGuard, EdgeLines, EncoderTimer};
 use edm_hal_shim::gap::GapFrontEnd;
 use edm_hal_shim::generator::Generator;
+use edm_hal_shim::live::Live;
 use edm_hal_shim::reflex::{ForcedLines, Thresholds};
 use edm_hal_shim::safety::{DriveSense, Safety};
 use edm_hal_shim::store::Storage;
@@ -66,6 +67,8 @@ pub trait Board {
     type Drive: DriveSense;
     /// What reflex and stop force.
     type Forced: ForcedLines;
+    /// Live signal.
+    type Live: Live;
     /// Timer of the servo tick, which is that of the PWM.
     type Tick: ServoTimer;
     /// Timer of the supervision.

@@ -26,6 +26,7 @@ pub mod encoder;
 pub mod gap;
 pub mod idle;
 pub mod image_store;
+pub mod live;
 pub mod note;
 pub mod plan;
 pub mod protocol;

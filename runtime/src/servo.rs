@@ -6,6 +6,7 @@
 use crate::Board;
 use crate::board::Caller;
 use crate::crossings::{Preview, SERVO, ServoConfig, Signals};
+use crate::live;
 use edm_crossing::latest::{Reader, Writer};
 use edm_crossing::ring::Receiver;
 use edm_hal_shim::bridge::{Drive, HBridge};
@@ -19,7 +20,7 @@ use edm_hal_shim::tick::ServoTimer;
 use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{
-    Counters, Estimate, Fault, Follower, Measured, Plan, SetPoint, State, TickInput, TickOutput,
+    Counters, Estimate, Fault, Follower, Measured, Plan, Reaction, SetPoint, State, TickInput, TickOutput,
 };
 use edm_servo_head::units::TICKS_PER_MS;
 
@@ -33,6 +34,9 @@ pub struct Servo<B: Board> {
     pub(crate) inputs: B::Inputs,
     pub(crate) drive: B::Drive,
     pub(crate) lines: B::Forced,
+    pub(crate) live: live::Watch<B::Live>,
+    /// A fault that this task has found, for its next tick.
+    pub(crate) found: Option<Fault>,
     pub(crate) guard: B::Guard,
     pub(crate) tick: B::Tick,
     pub(crate) sync: B::Sync,
@@ -119,6 +123,7 @@ impl<B: Board> Servo<B> {
             self.tell(output.drive);
         }
         self.signals.times[SERVO].ran(self.tick.since_due());
+        self.live.toggle();
     }
 
     #[inline(always)]
@@ -204,6 +209,7 @@ impl<B: Board> Servo<B> {
         let state = self.follower.plan().state;
         if state != self.state {
             self.state = state;
+            self.live.enters(state);
             // A retreat may be forced only while the head erodes, or a CNC does with it.
             self.signals.reflex.arm(matches!(state, State::Eroding | State::Guiding));
         }
@@ -224,7 +230,15 @@ impl<B: Board> Servo<B> {
         });
         self.signals.millisecond.set();
         self.caller.protocol();
-        self.signals.task_watchdog.report(SERVO, self.clock.now());
+        let now = self.clock.now();
+        self.signals.task_watchdog.report(SERVO, now);
+        let alive = self.signals.task_watchdog.missing(now).is_none();
+        let fault = self.live.millisecond(self.state, alive);
+        // Whoever coasts for another reason has named that.
+        if fault.is_some() && self.follower.plan().reaction != Some(Reaction::Coast) {
+            self.found = fault;
+            self.signals.waiting.set();
+        }
     }
 
     /// Somebody has something for this task, or for the planner.
@@ -232,6 +246,7 @@ impl<B: Board> Servo<B> {
     fn waits(&mut self) {
         self.once = true;
         self.input.asked = true;
+        self.input.told = self.found.take();
         while let Some(fault) = self.faults.receive() {
             let told = self.input.told.filter(|told| told.reaction() >= fault.reaction());
             self.input.told = told.or(Some(fault));

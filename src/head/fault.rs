@@ -70,6 +70,10 @@ faults! {
     PlanLate = "plan late" => Coast,
     /// The electrode touches the work in a motion with pulses off that was not meant to touch.
     Contact = "contact" => RetractOffLimit,
+    /// The live signal has stopped, or the circuit behind it does not take hold: pulses and bridge are off without it.
+    LiveLost = "live signal lost" => Coast,
+    /// The circuit behind the live signal does not let go, or takes hold unasked: it would not switch off a dead head.
+    LiveStuck = "live circuit stuck" => Coast,
 }
 
 impl Fault {
@@ -123,12 +127,12 @@ mod tests {
             (&[EncoderLost, PolarityWrong], Reaction::OpenLoopLift),
             (&[BusSag], Reaction::LiftOnStored),
             (&[EmergencyStop], Reaction::EmergencyLift),
-            (&[BridgeFault, OverCurrent, PlanLate], Reaction::Coast),
+            (&[BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck], Reaction::Coast),
         ] {
             for fault in faults {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 18);
+        assert_eq!(Fault::ALL.len(), 20);
     }
 }

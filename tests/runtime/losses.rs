@@ -12,7 +12,10 @@ const STARVED: Habits = Habits { protocol: 20_000, ..Habits::BUSY };
 /// After a flood: the counts agree, the emergency of this code came, and a write is answered and runs.
 fn recovers(host: &mut Host, code: u16) -> [u32; 2] {
     host.head.set_habits(Habits::BUSY);
-    host.run(20_000 + 10 * MS);
+    for _ in 0..1010 {
+        host.run(MS);
+        host.head.protocol_reports();
+    }
     host.asked = host.answered;
     let lost = host.expect_counted();
     assert!(host.emergencies.contains(&code), "{:x?}", host.emergencies);
@@ -84,6 +87,8 @@ fn changes_of_state_beyond_what_the_protocol_can_keep_are_counted_and_an_emergen
             host.run(3 * MS);
             host.head.process().fault_inputs.short = false;
             host.run(12 * MS);
+            // A protocol that late ends the head by its watchdog, and by its live signal; here it is to be seen what else it does.
+            host.head.protocol_reports();
         }
         assert!(host.head.status().state.pulses(), "{:?}", host.head.status());
         let [frames, events] = recovers(&mut host, 0x6100);

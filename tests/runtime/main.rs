@@ -3,6 +3,7 @@
 
 mod bursts;
 mod late_plans;
+mod live;
 mod losses;
 mod rig;
 mod writes;

@@ -2,6 +2,7 @@
 
 use edm_bus::Frame;
 use edm_crossing::preempt::{self, Tally};
+use edm_hal_shim::double::live::Broken;
 use edm_servo_head::canopen::NodeId;
 use edm_servo_head::canopen::objects::{setting_address_at, setting_kind};
 use edm_servo_head::settings::{Declared, Settings};
@@ -72,6 +73,15 @@ pub fn place(key: &str) -> usize {
 impl Host {
     /// A head that has been switched on for 10 ms, operational.
     pub fn new(change: impl FnOnce(&mut Settings), seed: u64) -> Host {
+        Host::with(change, Broken::default(), seed)
+    }
+
+    /// The same with something wrong behind the live signal.
+    pub fn broken(broken: Broken, seed: u64) -> Host {
+        Host::with(|_| {}, broken, seed)
+    }
+
+    fn with(change: impl FnOnce(&mut Settings), broken: Broken, seed: u64) -> Host {
         let mut settings = Settings { commissioned: true, ..Settings::default() };
         change(&mut settings);
         let process = Process::new(&Parameters::default(), seed).unwrap();
@@ -88,6 +98,7 @@ impl Host {
             before: preempt::tally(),
             lost: 0,
         };
+        host.head.live().circuit.broken = broken;
         host.run(10 * MS);
         host.send(0, &[1, ID]);
         host.run(2 * MS);

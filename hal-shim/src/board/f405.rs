@@ -21,6 +21,9 @@ crate::board! {
         comparator_high: gpioc.pc8 PC8, "TIM8_CH3", "gap above about 70 % of open circuit";
         comparator_low: gpioc.pc9 PC9, "TIM8_CH4", "gap above about 20 % of open circuit";
         allow_pulses: gpioc.pc7 PC7, "GPIO out", "to the generator, high allows; 10 k to ground";
+        live: gpiob.pb5 PB5, "GPIO out", "edges while the program runs, to the monostable; 10 k to ground";
+        arm: gpiod.pd2 PD2, "GPIO out", "its rising edge arms the latch; 10 k to ground";
+        armed: gpiob.pb4 PB4, "GPIO", "the latch, high lets pulses and bridge go on; 10 k to ground";
         off_time: gpioa.pa4 PA4, "DAC_OUT1", "off-time request to the generator, 0 V is its own";
         pwm: gpioa.pa8 PA8, "TIM1_CH1", "bridge enable; 10 k to ground";
         forward: gpiob.pb13 PB13, "GPIO out", "bridge direction toward the work; 10 k to ground";

@@ -5,6 +5,7 @@
 
 pub mod can;
 pub mod flash;
+pub mod live;
 
 use crate::clock::Clock;
 use crate::encoder::{EdgeCounter, Levels, QuadratureLines, RawCount};

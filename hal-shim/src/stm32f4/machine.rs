@@ -13,6 +13,7 @@ use super::gated::{Gated, Thresholds};
 use super::generator::Interface;
 use super::hal::syscfg::SysCfgExt;
 use super::lines::ServoLines;
+use super::live::Signal;
 use super::pwm::{self, Bridge, Pwm, Tick};
 use super::safety::{self, Inputs};
 use super::start::StartError;
@@ -37,6 +38,7 @@ pub struct Machine {
     pub inputs: Inputs,
     pub drive: DriveAdc,
     pub forced: ServoLines,
+    pub live: Signal,
     pub tick: Tick,
     pub millisecond: Millisecond,
     /// `None`, with the reason, when the controller does not answer: the head is then as good as without a host.
@@ -64,6 +66,7 @@ impl Machine {
         let Ok(generator) = Interface::new(device.DAC, board.allow_pulses, board.off_time, rcc);
         let tim1 = Pwm::new(device.TIM1, board.pwm, board.bridge_fault, rcc);
         let bridge = pwm::bridge(tim1, board.forward, board.reverse).map_err(|_| StartError::Bridge)?;
+        let live = Signal::new(board.live, board.arm, board.armed);
         board.led.into_push_pull_output();
         board.flush_valve.into_push_pull_output();
 
@@ -127,6 +130,7 @@ impl Machine {
             inputs,
             drive,
             forced: ServoLines(()),
+            live,
             tick: Tick(()),
             millisecond,
             can,

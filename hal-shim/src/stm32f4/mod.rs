@@ -30,6 +30,7 @@ pub mod gate;
 pub mod gated;
 pub mod generator;
 pub mod lines;
+pub mod live;
 pub mod machine;
 pub mod panic_handler;
 pub mod pins;

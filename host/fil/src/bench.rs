@@ -3,12 +3,13 @@
 //! The process goes on in *windows* of one servo tick that begin with the periods of the PWM, so that the duty of a window
 //! is exactly the one in force. A window is computed just after it has begun (16 cycles), under what the chip drives its
 //! pins with at that moment; a direction pin, or the line that allows pulses, that changes inside a window acts on the
-//! next one, up to 50 us late. Voltages, edges of gate, comparators and encoder come at their own times inside the window.
+//! next one, up to 50 us late; so does the latch of the live signal. Voltages, edges of gate, comparators and encoder come at their own times inside the window.
 //!
 //! Noise and hum of a conversion are those of the nearest conversion of the process model's own block.
 //!
 //! Assumed here, because the process model has no gap current: a discharge or a short carries [`DISCHARGE_A`].
 
+use crate::live::Latch;
 use crate::wires::*;
 use edm_hal_shim::bridge::Drive as Bridge;
 use edm_hal_shim::gap::BLOCK;
@@ -52,6 +53,8 @@ pub struct Bench {
     forward: bool,
     reverse: bool,
     allowed: bool,
+    /// Without it neither pulses nor bridge.
+    pub latch: Latch,
     levels: [[Option<bool>; 16]; 3],
 }
 
@@ -77,6 +80,7 @@ impl Bench {
             forward: false,
             reverse: false,
             allowed: false,
+            latch: Latch::default(),
             levels: [[None; 16]; 3],
         };
         bench.wire(0, 0);
@@ -115,6 +119,9 @@ impl Bench {
 
     /// What the bridge does to the coil under the pins as they are.
     fn bridge(&self) -> Bridge {
+        if !self.latch.enables() {
+            return Bridge::Coast;
+        }
         let (high, period) = match self.pwm {
             Drive::Pwm { high, period } => (high, period.max(1)),
             Drive::Level(true) => (1, 1),
@@ -136,7 +143,7 @@ impl Bench {
         self.window += WINDOW;
         self.sensed = self.process.sensors().drive;
         let before = self.process.sensors().now;
-        self.process.advance(self.bridge(), self.allowed);
+        self.process.advance(self.bridge(), self.allowed && self.latch.enables());
         self.pieces.clear();
         self.pieces.extend(self.process.pieces());
 
@@ -272,10 +279,13 @@ impl World for Bench {
     fn next_change(&self) -> u64 {
         let first = self.changes.front().map_or(NEVER, |c| c.0);
         let frame = self.frames.front().map_or(NEVER, |f| f.0);
-        first.min(frame).min(self.window + SETTLE)
+        first.min(frame).min(self.window + SETTLE).min(self.latch.next_change())
     }
 
     fn take_change(&mut self, at: u64) -> Option<Change> {
+        if let Some(change) = self.latch.take_change(at) {
+            return Some(change);
+        }
         if let Some((_, change)) = self.changes.pop_front_if(|c| c.0 <= at) {
             return Some(change);
         }
@@ -289,7 +299,8 @@ impl World for Bench {
         None
     }
 
-    fn drive(&mut self, _: u64, pin: Pin, drive: Drive) {
+    fn drive(&mut self, at: u64, pin: Pin, drive: Drive) {
+        self.latch.drive(at, pin, drive);
         let high = drive == Drive::Level(true);
         match pin {
             PWM => {

@@ -19,6 +19,7 @@ pub mod host;
 pub mod image;
 pub mod latency;
 pub mod layout;
+pub mod live;
 pub mod machine;
 pub mod rig;
 pub mod rtt;

@@ -8,7 +8,7 @@ use crate::rtt::Rtt;
 use crate::synthetic::{Behaviour, Rig};
 use anyhow::{Context, Result, bail, ensure};
 use edm_hal_shim::board::F405;
-use edm_servo_head::head::{Command, State};
+use edm_servo_head::head::{Command, Fault, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_soc::{Change, Frame, TICK_HZ};
@@ -42,7 +42,21 @@ impl Session {
     /// # Errors
     /// When the firmware does not get there.
     pub fn altered(image: &Image, behaviour: Behaviour, alter: Option<Alter>) -> Result<Self> {
-        let mut machine = Machine::new(image, Rig::new(behaviour), F405::TABLE.crystal_hz.into())?;
+        let mut session = Self::booted(image, Rig::new(behaviour), alter)?;
+        if let Err(error) = host::begin(&mut session) {
+            bail!("{error:#}; log: {:?}", session.log);
+        }
+        session.command(Command::SetHome(Nanometres(0)))?;
+        session.enable()?;
+        Ok(session)
+    }
+
+    /// Boots the firmware in the midst of `rig`, and leaves the head disabled.
+    ///
+    /// # Errors
+    /// What the machine refuses.
+    pub fn booted(image: &Image, rig: Rig, alter: Option<Alter>) -> Result<Self> {
+        let mut machine = Machine::new(image, rig, F405::TABLE.crystal_hz.into())?;
         if let Some(alter) = alter {
             machine.alter_writes(alter);
         }
@@ -52,14 +66,18 @@ impl Session {
         commission(&machine.soc().memory.flash, &settings)?;
         let mut session = Self { machine, rtt: Rtt::new(image)?, now: 0, taken: 0, log: Vec::new() };
         session.run(30 * MS)?;
-        if let Err(error) = host::begin(&mut session) {
-            bail!("{error:#}; log: {:?}", session.log);
-        }
-        session.command(Command::SetHome(Nanometres(0)))?;
-        session.command(Command::Enable)?;
-        let state = session.state()?;
-        ensure!(state == State::Ready as u32, "the head is in state {state} instead of ready: {:?}", session.log);
         Ok(session)
+    }
+
+    /// Closes the loop: state Ready.
+    ///
+    /// # Errors
+    /// When the firmware does not get there.
+    pub fn enable(&mut self) -> Result<()> {
+        self.command(Command::Enable)?;
+        let state = self.state()?;
+        ensure!(state == State::Ready as u32, "the head is in state {state} instead of ready: {:?}", self.log);
+        Ok(())
     }
 
     /// Goes on until the head erodes.
@@ -86,7 +104,20 @@ impl Session {
         host::read(self, 0x2000, 1)
     }
 
-    fn command(&mut self, command: Command) -> Result<()> {
+    /// The fault of the head, 2000h:2, by its name.
+    ///
+    /// # Errors
+    /// When the head does not answer.
+    pub fn fault(&mut self) -> Result<Option<Fault>> {
+        let number = host::read(self, 0x2000, 2)?;
+        Ok(Fault::ALL.iter().copied().find(|fault| *fault as u32 + 1 == number))
+    }
+
+    /// A command of the host.
+    ///
+    /// # Errors
+    /// When the head does not take it.
+    pub fn command(&mut self, command: Command) -> Result<()> {
         host::command(self, command).with_context(|| format!("log: {:?}", self.log))
     }
 

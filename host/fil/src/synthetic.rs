@@ -1,6 +1,7 @@
 //! A synthetic machine for measuring the firmware: an axis, a gap that conducts near the work, a generator, and edges on
 //! demand. Not the process model: what it does is known by hand, and each of its events can be placed to the tick.
 
+use crate::live::Latch;
 use crate::wires::*;
 use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, TICK_HZ, World};
 use std::collections::BTreeMap;
@@ -66,6 +67,7 @@ pub struct Short {
 }
 
 /// The machine around the chip.
+#[derive(Clone)]
 pub struct Rig {
     behaviour: Behaviour,
     disturbed: bool,
@@ -89,6 +91,8 @@ pub struct Rig {
     forward: bool,
     reverse: bool,
     allowed: bool,
+    /// Without it neither pulses nor bridge.
+    pub latch: Latch,
     gate: bool,
     next_pulse: u64,
     pulses: u64,
@@ -126,6 +130,7 @@ impl Rig {
             forward: false,
             reverse: false,
             allowed: false,
+            latch: Latch::default(),
             gate: false,
             next_pulse: 0,
             pulses: 0,
@@ -216,6 +221,7 @@ impl Rig {
 
     fn duty(&self) -> f64 {
         let share = match self.pwm {
+            _ if !self.latch.enables() => return 0.0,
             Drive::Pwm { high, period } => f64::from(high) / f64::from(period.max(1)),
             Drive::Level(true) => 1.0,
             _ => return 0.0,
@@ -258,7 +264,7 @@ impl Rig {
     /// A quarter of a servo tick from `at` on.
     fn step(&mut self, at: u64) {
         let dt = STEP as f64 / TICK_HZ as f64;
-        let driven = !matches!(self.pwm, Drive::Released);
+        let driven = self.latch.enables() && !matches!(self.pwm, Drive::Released);
         let current = if driven { (self.duty() * BUS - FORCE * self.v) / OHM } else { 0.0 };
         self.v += (FORCE * current + WEIGHT - DAMPING * self.v) / MASS * dt;
         self.x += self.v * dt;
@@ -289,7 +295,7 @@ impl Rig {
             self.set_gate(at, false);
         } else {
             self.next_pulse = at + self.behaviour.pulse.0;
-            if self.allowed {
+            if self.permits() {
                 self.pulses += 1;
                 self.gate_until = at + self.behaviour.pulse.1;
                 self.set_gate(at, true);
@@ -298,6 +304,26 @@ impl Rig {
                 }
             }
         }
+    }
+
+    /// The generator is allowed pulses.
+    pub fn permits(&self) -> bool {
+        self.allowed && self.latch.enables()
+    }
+
+    /// The bridge drives the coil.
+    pub fn drives(&self) -> bool {
+        self.duty() != 0.0
+    }
+
+    /// The generator's gate is open.
+    pub fn gate(&self) -> bool {
+        self.gate
+    }
+
+    /// Pulses so far.
+    pub fn pulses(&self) -> u64 {
+        self.pulses
     }
 
     fn next_gate(&self) -> u64 {
@@ -328,7 +354,7 @@ impl World for Rig {
 
     fn next_change(&self) -> u64 {
         let queued = self.changes.first_key_value().map_or(NEVER, |c| c.0.0);
-        queued.min(self.next_step).min(self.next_gate()).min(self.next_sync)
+        queued.min(self.next_step).min(self.next_gate()).min(self.next_sync).min(self.latch.next_change())
     }
 
     fn take_change(&mut self, at: u64) -> Option<Change> {
@@ -344,11 +370,18 @@ impl World for Rig {
         while self.next_sync <= at {
             self.synchronise();
         }
+        if let Some(change) = self.latch.take_change(at) {
+            if self.gate && !self.permits() {
+                self.gate_until = self.gate_until.min(at + GATE_OFF);
+            }
+            return Some(change);
+        }
         let first = self.changes.first_entry()?;
         (first.key().0 <= at).then(|| first.remove())
     }
 
     fn drive(&mut self, at: u64, pin: Pin, drive: Drive) {
+        self.latch.drive(at, pin, drive);
         let on = drive == Drive::Level(true);
         if pin == PWM {
             self.pwm = drive;

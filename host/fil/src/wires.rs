@@ -16,6 +16,12 @@ pub const FORWARD: Pin = pin("forward");
 pub const REVERSE: Pin = pin("reverse");
 /// Pulses allowed.
 pub const ALLOW: Pin = pin("allow_pulses");
+/// Edges while the program runs.
+pub const LIVE: Pin = pin("live");
+/// Arms the latch.
+pub const ARM: Pin = pin("arm");
+/// The latch.
+pub const ARMED: Pin = pin("armed");
 /// Encoder lines A, B and index.
 pub const ENCODER: [Pin; 3] = [pin("encoder_a"), pin("encoder_b"), pin("encoder_index")];
 /// The generator's gate, at both its pins.

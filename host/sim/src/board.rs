@@ -9,9 +9,11 @@ use edm_bus::Frame;
 use edm_hal_shim::bridge::{Drive, HBridge};
 use edm_hal_shim::can::{Filters, Inbox, Inboxes, Mailboxes, Overrun, SyncInbox, Trouble};
 use edm_hal_shim::clock::Clock;
+use edm_hal_shim::double::live::TestLive;
 use edm_hal_shim::encoder::{Edge, EdgeGuard, EdgeLines, EncoderTimer, Levels, Line, QuadratureLines};
 use edm_hal_shim::gap::{GapBlock, GapFrontEnd};
 use edm_hal_shim::generator::Generator;
+use edm_hal_shim::live::Live;
 use edm_hal_shim::reflex::{Config, ForcedLines, Thresholds};
 use edm_hal_shim::safety::{DriveCodes, DriveSense, Safety, SafetyInputs};
 use edm_hal_shim::tick::{Period, ServoTimer};
@@ -60,6 +62,8 @@ pub struct Ports {
     pub drive: Cell<Drive>,
     /// Pulses allowed.
     pub pulses: Cell<bool>,
+    /// Live signal, and the circuit behind it. Pulses and bridge do not depend on it here.
+    pub live: RefCell<TestLive>,
     /// Off-time requested of the generator, ns.
     pub off_time_ns: Cell<Option<u32>>,
     /// What the reflex was told.
@@ -155,6 +159,7 @@ impl Board for Pc {
     type Inputs = Part;
     type Drive = Part;
     type Forced = Part;
+    type Live = Part;
     type Tick = Part;
     type Millisecond = Part;
     type Thresholds = Part;
@@ -285,6 +290,21 @@ impl ForcedLines for Part {
     }
     fn retreats(&self) -> u32 {
         self.0.retreats.get()
+    }
+}
+
+impl Live for Part {
+    fn toggle(&mut self) {
+        self.0.live.borrow_mut().toggle();
+    }
+    fn run(&mut self, runs: bool) {
+        self.0.live.borrow_mut().run(runs);
+    }
+    fn arm(&mut self, high: bool) {
+        self.0.live.borrow_mut().arm(high);
+    }
+    fn armed(&self) -> bool {
+        self.0.live.borrow().armed()
     }
 }
 

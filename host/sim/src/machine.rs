@@ -10,7 +10,7 @@ use crate::process::{Parameters, Process};
 use edm_hal_shim::encoder::Line;
 use edm_runtime::assemble::{Host, IdleEnds};
 use edm_runtime::can::{Receive, Transmit};
-use edm_runtime::crossings::{Answer, HeadConfig, Request};
+use edm_runtime::crossings::{Answer, HeadConfig, PROTOCOL, Request};
 use edm_runtime::encoder::Decoder;
 use edm_runtime::gap::Gap;
 use edm_runtime::plan::Plans;
@@ -144,6 +144,7 @@ impl Core {
             inputs: part,
             drive: part,
             forced: part,
+            live: part,
             tick: part,
             millisecond: part,
             thresholds: part,
@@ -195,6 +196,11 @@ impl Core {
         }
         self.status = status(&self.servo, &self.plan);
         self.ports.position.set(self.status.position);
+    }
+
+    /// Whoever commands the head by its ends stands in the place of the protocol, and reports for it.
+    pub(crate) fn reports(&self) {
+        self.signals.task_watchdog.report(PROTOCOL, self.ports.now.get());
     }
 
     /// What the head knows after the last tick.
@@ -285,6 +291,7 @@ impl Machine {
         if self.host_alive {
             self.core.host_is_alive();
         }
+        self.core.reports();
         self.core.tick(&mut self.process);
     }
 

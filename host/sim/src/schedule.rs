@@ -25,9 +25,12 @@ use edm_crossing::preempt;
 use edm_hal_shim::board::priority;
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::can::Inbox;
+use edm_hal_shim::double::live::TestLive;
 use edm_hal_shim::encoder::Line;
 use edm_hal_shim::reflex;
+use edm_runtime::Signals;
 use edm_runtime::can::{Receive, Transmit};
+use edm_runtime::crossings;
 use edm_runtime::encoder::Decoder;
 use edm_runtime::gap::Gap;
 use edm_runtime::idle::Idle;
@@ -133,6 +136,7 @@ pub struct Scheduler(Rc<Inner>);
 
 struct Inner {
     ports: &'static Ports,
+    signals: &'static Signals,
     process: RefCell<Process>,
     decoder: RefCell<Decoder<Pc>>,
     gap: RefCell<Gap<Pc>>,
@@ -171,10 +175,11 @@ impl Scheduler {
     /// The tasks of a head, from now on under this seed.
     pub fn of(head: Head, seed: u64) -> Scheduler {
         let Head { process, core, receive, transmit, protocol, idle, .. } = head;
-        let Core { ports, decoder, gap, servo, plan, supervise, ticks, .. } = core;
+        let Core { ports, signals, decoder, gap, servo, plan, supervise, ticks, .. } = core;
         ports.mailboxes.set(Some(MAILBOXES));
         Scheduler(Rc::new(Inner {
             ports,
+            signals,
             process: RefCell::new(process),
             decoder: RefCell::new(decoder),
             gap: RefCell::new(gap),
@@ -270,6 +275,16 @@ impl Scheduler {
     /// What the bridge was told.
     pub fn drive(&self) -> Drive {
         self.0.ports.drive.get()
+    }
+
+    /// Reports for a protocol that is kept from running.
+    pub fn protocol_reports(&self) {
+        self.0.signals.task_watchdog.report(crossings::PROTOCOL, self.0.ports.now.get());
+    }
+
+    /// The live signal, and the circuit behind it.
+    pub fn live(&self) -> RefMut<'_, TestLive> {
+        self.0.ports.live.borrow_mut()
     }
 
     /// Looks at the protocol.

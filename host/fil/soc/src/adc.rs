@@ -75,6 +75,7 @@ struct Conversion {
     done: u64,
 }
 
+#[derive(Clone)]
 pub struct Adc {
     number: u8,
     sr: u32,

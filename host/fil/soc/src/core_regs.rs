@@ -22,6 +22,7 @@ pub(crate) enum Request {
 }
 
 /// The system control space.
+#[derive(Clone)]
 pub struct CoreRegs {
     /// Exceptions.
     pub nvic: Nvic,
@@ -57,6 +58,7 @@ pub struct CoreRegs {
 }
 
 /// SysTick counts down from RVR to 0 and reloads (B3.3).
+#[derive(Clone)]
 struct SysTick {
     csr: u32,
     reload: u32,

@@ -2,7 +2,7 @@
 
 use crate::error::Fault;
 
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Dac {
     cr: u32,
     hold: [u16; 2],

@@ -37,6 +37,7 @@ pub struct Transfer {
     pub size: usize,
 }
 
+#[derive(Clone)]
 pub struct Dma {
     streams: [Stream; 8],
 }

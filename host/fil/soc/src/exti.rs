@@ -5,7 +5,7 @@ use crate::error::Fault;
 /// Lines 0..=22.
 const LINES: u32 = 0x7f_ffff;
 
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Exti {
     imr: u32,
     emr: u32,

@@ -32,6 +32,7 @@ pub fn sector(n: u32) -> Option<(u32, u32)> {
     })
 }
 
+#[derive(Clone)]
 pub struct Flash {
     acr: u32,
     sr: u32,

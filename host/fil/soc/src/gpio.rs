@@ -12,6 +12,7 @@ pub enum Mode {
     Analog,
 }
 
+#[derive(Clone)]
 pub struct Gpio {
     moder: u32,
     otyper: u32,

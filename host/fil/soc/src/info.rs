@@ -17,7 +17,7 @@ pub fn system_memory(address: u32) -> Option<u32> {
 }
 
 /// DBGMCU (RM0090 §38.16): IDCODE of device 0x413, revision Y; the freeze registers are kept, nothing reads them.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Dbgmcu {
     control: [u32; 3],
 }

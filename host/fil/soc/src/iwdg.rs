@@ -6,6 +6,7 @@ use crate::{NEVER, TICK_HZ};
 /// Ticks of one LSI period.
 const LSI: u64 = TICK_HZ / 32_000;
 
+#[derive(Clone)]
 pub struct Iwdg {
     prescaler: u32,
     reload: u32,

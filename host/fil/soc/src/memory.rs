@@ -9,6 +9,13 @@ pub struct Region {
     words: Box<[AtomicU32]>,
 }
 
+impl Clone for Region {
+    fn clone(&self) -> Self {
+        let words = self.words.iter().map(|word| AtomicU32::new(word.load(Relaxed))).collect();
+        Self { base: self.base, words }
+    }
+}
+
 #[cfg(target_endian = "big")]
 compile_error!("the emulator maps words of the host as memory of a little-endian chip");
 
@@ -76,6 +83,7 @@ impl Region {
 }
 
 /// Memory map of STM32F405xG (RM0090 §2.3, figure of the memory map in the data sheet DS8626).
+#[derive(Clone)]
 pub struct Memory {
     /// Flash, 1 MiB.
     pub flash: Region,

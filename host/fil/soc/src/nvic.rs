@@ -41,6 +41,7 @@ pub struct Masks {
 }
 
 /// Interrupt controller and exception model.
+#[derive(Clone)]
 pub struct Nvic {
     pub(crate) enabled: u128,
     pending: u128,

@@ -51,6 +51,7 @@ impl Source {
     }
 }
 
+#[derive(Clone)]
 pub struct Rcc {
     hse_hz: u64,
     cr: u32,

@@ -401,6 +401,17 @@ impl<W: World> Chip<W> {
         false
     }
 
+    /// The processor is halted until tick `to`; everything else goes on.
+    pub fn halt(&mut self, to: u64) {
+        self.settle();
+        let ticks = to.saturating_sub(self.half / 2);
+        // The cycle counter stands in debug state (ARMv7-M C1.8.3).
+        self.soc.core().slept(ticks);
+        self.half += 2 * ticks;
+        self.soc.advance(self.half / 2);
+        self.limit = 0;
+    }
+
     pub fn read(&mut self, address: u32, size: u8) -> u32 {
         self.settle();
         // A refused access is kept by the model; the next instruction does not run.

@@ -271,6 +271,12 @@ impl<W: World + 'static> Machine<W> {
         &self.uc.get_data().stats
     }
 
+    /// A debugger halts the processor before its next instruction, until tick `until`: pins keep their levels, timers, converters
+    /// and DMA go on.
+    pub fn halt_until(&mut self, until: u64) {
+        self.uc.get_data_mut().halt(until);
+    }
+
     /// Runs until tick `until` (to the end of the instruction that passes it).
     ///
     /// # Errors

@@ -10,6 +10,7 @@ mod cycles;
 mod edges;
 mod engine;
 mod frames;
+mod live;
 mod lockstep;
 mod mutants;
 mod reflex;

@@ -116,6 +116,7 @@ impl Twin {
         }
         self.found &= input.told.is_none();
         self.show(input, counters);
+        self.core.reports();
         if let Some(point) = input.set_point {
             // One that has come already releases it.
             self.ends.previews.write(|preview| *preview = (Some(point), u32::MAX));
@@ -202,6 +203,7 @@ mod tests {
             }
             process.fault_inputs.bus_v = (period > 5000).then_some(20.0);
             core.host_is_alive();
+            core.reports();
             let planned = core.plan.planner().status().tick;
             let supervised = core.tick(&mut process);
             events.push(Event::Block(Some(process.sensors().block)));

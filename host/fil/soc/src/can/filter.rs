@@ -3,6 +3,7 @@
 use super::frame::Frame;
 
 /// The filter registers.
+#[derive(Clone)]
 pub struct Filters {
     pub fmr: u32,
     pub list: u32,

@@ -39,6 +39,7 @@ enum Mail {
     Pending(u64),
 }
 
+#[derive(Clone)]
 pub struct Can {
     mcr: u32,
     mode: Mode,

@@ -47,7 +47,9 @@ mod slot {
     pub const COUNT: usize = WATCHDOG + 1;
 }
 
-/// An STM32F405 and its surroundings.
+/// An STM32F405 and its surroundings. A clone goes on by itself, with a processor that is halted, unless somebody has one for
+/// it: its memories are its own.
+#[derive(Clone)]
 pub struct Soc<W> {
     /// What surrounds the chip. After changing it from outside, call [`Soc::world_changed`].
     pub world: W,

@@ -84,6 +84,7 @@ mod cr1 {
     pub const ARPE: u32 = 128;
 }
 
+#[derive(Clone)]
 pub struct Timer {
     pub kind: Kind,
     /// Ticks of one clock into the prescaler; zero until the clock tree is known to divide evenly.

@@ -1,0 +1,158 @@
+//! The live signal on the chip: a processor that does not go on, and a circuit that is not as it should be.
+
+use crate::common;
+use edm_fil::image::Image;
+use edm_fil::latency::RATED_SCENE;
+use edm_fil::live::MONOSTABLE;
+use edm_fil::session::{MS, Session};
+use edm_fil::synthetic::Rig;
+use edm_hal_shim::double::live::Broken;
+use edm_servo_head::head::{Command, Fault, State};
+use edm_soc::Soc;
+
+/// Clear-enable registers of the interrupt controller, and the interrupts of the servo task and of the gap task.
+const ICER: u32 = 0xe000_e180;
+const TIM1_UP: u32 = 25;
+const DMA2_STREAM0: u32 = 56;
+
+fn image() -> Image {
+    Image::parse(common::firmware().to_vec()).unwrap()
+}
+
+/// A head that erodes, with edges and shorts at their rated speed, and a monostable that runs for `time`.
+fn eroding(time: u64) -> Session {
+    let mut session = Session::ready(&image(), RATED_SCENE).unwrap();
+    session.machine.soc().world.latch.time = time;
+    session.erode().unwrap();
+    session.machine.soc().world.disturb();
+    session.idle(50 * MS).unwrap();
+    assert_eq!(session.state().unwrap(), State::Eroding as u32);
+    session
+}
+
+/// Pulses may go on, or the bridge drives.
+fn works(soc: &Soc<Rig>) -> bool {
+    soc.world.permits() || soc.world.gate() || soc.world.drives()
+}
+
+/// The chip as it is, beside a processor that has been halted there.
+fn halted(session: &mut Session) -> Soc<Rig> {
+    session.machine.soc().clone()
+}
+
+#[test]
+fn a_core_halted_at_any_instruction_has_pulses_and_bridge_off_within_a_millisecond() {
+    // Some ticks, by a step that is no part of one.
+    for (time, points, step) in [(MONOSTABLE, 300, 173), (MS * 3 / 10, 100, 331), (MS * 8 / 10, 100, 331)] {
+        let mut session = eroding(time);
+        let mut worked = 0;
+        let mut at = session.machine.soc().now();
+        for _ in 0..points {
+            at += step;
+            session.machine.run_until(at).unwrap();
+            let mut soc = halted(&mut session);
+            let now = soc.now();
+            worked += usize::from(soc.world.permits() && soc.world.drives());
+            soc.advance(now + MS);
+            assert!(!works(&soc), "halted at {now}");
+            let pulses = soc.world.pulses();
+            for ms in 2..8 {
+                soc.advance(now + ms * MS);
+                assert!(!works(&soc) && soc.world.pulses() == pulses, "halted at {now}");
+            }
+        }
+        // A short has switched the pulses off in some of them.
+        assert!(worked > points / 3, "{worked} of {points} had something to switch off");
+    }
+}
+
+#[test]
+fn without_the_latch_pulses_and_bridge_would_go_on() {
+    let mut session = eroding(MONOSTABLE);
+    let mut soc = halted(&mut session);
+    soc.world.latch.circuit.broken.latch = Some(true);
+    let (now, pulses) = (soc.now(), soc.world.pulses());
+    soc.advance(now + 5 * MS);
+    assert!(works(&soc) && soc.world.pulses() > pulses);
+}
+
+#[test]
+fn after_a_halt_the_head_says_so_and_works_again_only_when_it_is_enabled_anew() {
+    let mut session = eroding(MONOSTABLE);
+    let now = session.machine.soc().now();
+    session.machine.halt_until(now + 2 * MS);
+    assert!(!works(session.machine.soc()));
+    for _ in 0..40 {
+        session.idle(MS).unwrap();
+        assert!(!works(session.machine.soc()));
+    }
+    assert_eq!((session.state().unwrap(), session.fault().unwrap()), (State::Fault as u32, Some(Fault::LiveLost)));
+    // Its reaction has ended when it is at rest.
+    session.machine.soc().world.calm();
+    session.idle(20 * MS).unwrap();
+    session.command(Command::ResetFault).unwrap();
+    session.idle(5 * MS).unwrap();
+    assert!(!works(session.machine.soc()));
+    session.enable().unwrap();
+    assert!(session.machine.soc().world.latch.enables());
+    assert_eq!(session.machine.stats().resets, 0);
+}
+
+#[test]
+fn a_servo_task_that_does_not_come_any_more_switches_off_though_all_others_run() {
+    let mut session = eroding(MONOSTABLE);
+    let now = session.machine.soc().now();
+    session.machine.soc().write(ICER, 4, 1 << TIM1_UP).unwrap();
+    session.machine.run_until(now + MONOSTABLE + MS / 10).unwrap();
+    assert!(!works(session.machine.soc()));
+}
+
+#[test]
+fn a_task_that_falls_silent_switches_off() {
+    let mut session = eroding(MONOSTABLE);
+    let now = session.machine.soc().now();
+    session.machine.soc().write(ICER + 4, 4, 1 << (DMA2_STREAM0 - 32)).unwrap();
+    session.machine.run_until(now + 3 * MS).unwrap();
+    assert!(!works(session.machine.soc()));
+}
+
+#[test]
+fn what_is_stuck_while_the_head_erodes_is_off_within_a_millisecond_and_named() {
+    for broken in [
+        Broken { live: true, ..Broken::default() },
+        Broken { monostable: Some(false), ..Broken::default() },
+        Broken { latch: Some(false), ..Broken::default() },
+        // The pulses go on for the millisecond until it is read.
+        Broken { read: Some(false), ..Broken::default() },
+    ] {
+        let mut session = eroding(MONOSTABLE);
+        session.machine.soc().world.latch.circuit.broken = broken;
+        session.idle(2 * MS).unwrap();
+        assert!(!works(session.machine.soc()), "{broken:?}");
+        session.idle(10 * MS).unwrap();
+        assert_eq!(session.fault().unwrap(), Some(Fault::LiveLost), "{broken:?}");
+        assert!(!works(session.machine.soc()), "{broken:?}");
+    }
+}
+
+#[test]
+fn a_circuit_that_is_not_as_it_should_be_is_named_at_power_up_and_nobody_enables_the_head() {
+    let stuck = |fault, broken| (fault, broken);
+    for (fault, broken) in [
+        stuck(Fault::LiveLost, Broken { live: true, ..Broken::default() }),
+        stuck(Fault::LiveLost, Broken { arm: true, ..Broken::default() }),
+        stuck(Fault::LiveLost, Broken { monostable: Some(false), ..Broken::default() }),
+        stuck(Fault::LiveLost, Broken { read: Some(false), ..Broken::default() }),
+        stuck(Fault::LiveStuck, Broken { monostable: Some(true), ..Broken::default() }),
+        stuck(Fault::LiveStuck, Broken { latch: Some(true), ..Broken::default() }),
+        stuck(Fault::LiveStuck, Broken { read: Some(true), ..Broken::default() }),
+    ] {
+        let mut rig = Rig::new(RATED_SCENE);
+        rig.latch.circuit.broken = broken;
+        let mut session = Session::booted(&image(), rig, None).unwrap();
+        assert_eq!(session.state().unwrap(), State::Fault as u32, "{broken:?}");
+        assert_eq!(session.fault().unwrap(), Some(fault), "{broken:?}");
+        assert!(session.enable().is_err(), "{broken:?}");
+        assert!(!works(session.machine.soc()), "{broken:?}");
+    }
+}

@@ -1,0 +1,118 @@
+//! What the live signal is told, and what is believed of the circuit behind it (`edm_hal_shim::live`).
+//!
+//! Edges come while every task reports. The circuit is *armed* when the head leaves its disabled state, never otherwise, and
+//! holds on until it is disabled again. Each time it comes to that, and at the start, the circuit is tried before it is
+//! trusted again: without edges it must let go, and not take hold when it is armed; with edges it must not take hold by itself;
+//! at the start it must take hold once when it is armed. What it is believed to be is compared with what is read back once a
+//! millisecond.
+
+use edm_hal_shim::live::Live;
+use edm_servo_head::head::{Fault, State};
+
+/// Milliseconds without edges after which the latch has let go: the monostable runs for 0.8 ms at most.
+const SILENT: u32 = 1;
+
+/// Where the trial of the circuit, or its use, has come to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    /// No edges for so many whole milliseconds and a part of one.
+    Silent(u32),
+    /// No edges, and armed.
+    Tried,
+    /// Edges, and not armed.
+    Edges,
+    /// Armed with edges, for trial.
+    Proof,
+    /// It may be armed.
+    Ready,
+    /// It is.
+    Armed,
+    /// It is not to be trusted, or has let go; until the head is disabled anew.
+    Failed(Fault),
+}
+
+/// The live signal with what is known of its circuit. Owned by the servo task.
+pub struct Watch<L> {
+    live: L,
+    step: Step,
+    /// It has taken hold, since the start.
+    proved: bool,
+}
+
+impl<L: Live> Watch<L> {
+    /// Without edges.
+    pub fn new(live: L) -> Self {
+        Watch { live, step: Step::Silent(0), proved: false }
+    }
+
+    /// The end of a servo tick.
+    #[inline(always)]
+    pub fn toggle(&mut self) {
+        self.live.toggle();
+    }
+
+    /// The head has come to another state: pulses and bridge are off in it, or are let go on.
+    pub fn enters(&mut self, state: State) {
+        match state {
+            State::Disabled => self.start(),
+            State::Fault => {}
+            _ if self.step == Step::Ready => self.arm(),
+            // As soon as the trial is over.
+            _ => {}
+        }
+    }
+
+    /// A millisecond in a state; whether every task has reported. What is wrong, as long as that concerns the state.
+    pub fn millisecond(&mut self, state: State, alive: bool) -> Option<Fault> {
+        let read = self.live.armed();
+        self.live.arm(false);
+        let wanted = !matches!(state, State::Disabled | State::Fault);
+        match self.step {
+            Step::Failed(fault) => return wanted.then_some(fault),
+            Step::Armed if !alive => return self.fail(Fault::LiveLost),
+            // The flash has been written, which only a head that is not armed may do.
+            _ if !alive => self.start(),
+            Step::Silent(ms) if ms < SILENT => self.step = Step::Silent(ms + 1),
+            // Whatever lets it hold on without edges, or take hold unasked, does not let go of a dead head.
+            Step::Silent(_) | Step::Tried | Step::Edges | Step::Ready if read => return self.fail(Fault::LiveStuck),
+            Step::Silent(_) => {
+                self.live.arm(true);
+                self.step = Step::Tried;
+            }
+            Step::Tried => {
+                self.live.run(true);
+                self.step = Step::Edges;
+            }
+            Step::Edges if self.proved => self.step = Step::Ready,
+            Step::Edges => {
+                self.live.arm(true);
+                self.step = Step::Proof;
+            }
+            Step::Proof | Step::Armed if !read => return self.fail(Fault::LiveLost),
+            Step::Proof => {
+                self.proved = true;
+                self.start();
+            }
+            Step::Ready if wanted => self.arm(),
+            Step::Ready | Step::Armed => {}
+        }
+        None
+    }
+
+    /// Without edges, from now on: the trial begins.
+    fn start(&mut self) {
+        self.live.run(false);
+        self.step = Step::Silent(0);
+    }
+
+    fn arm(&mut self) {
+        self.live.arm(true);
+        self.step = Step::Armed;
+    }
+
+    fn fail(&mut self, fault: Fault) -> Option<Fault> {
+        self.live.run(false);
+        self.step = Step::Failed(fault);
+        Some(fault)
+    }
+}

@@ -1,0 +1,139 @@
+//! The live signal of a head, and a circuit behind it that is not as it should be.
+
+use crate::rig::{Host, MS};
+use edm_hal_shim::bridge::Drive;
+use edm_hal_shim::double::live::Broken;
+use edm_servo_head::head::{Fault, State};
+use edm_sim::schedule::Habits;
+
+/// A head that has been enabled with a good circuit.
+fn enabled(seed: u64) -> Host {
+    let mut host = Host::new(|_| {}, seed);
+    host.head.set_habits(Habits::PROMPT);
+    host.enable();
+    host.run(10 * MS);
+    assert_eq!((host.head.status().state, host.head.status().fault), (State::Ready, None));
+    host
+}
+
+/// The head coasts with that fault, and has said so.
+#[track_caller]
+fn expect(host: &mut Host, fault: Fault, code: u16) {
+    let status = host.head.status();
+    assert_eq!((status.state, status.fault, host.head.drive()), (State::Fault, Some(fault), Drive::Coast));
+    host.run(20 * MS);
+    host.hear();
+    assert!(host.emergencies.contains(&code), "{:x?}", host.emergencies);
+}
+
+#[test]
+fn the_circuit_holds_while_the_head_is_enabled_and_only_then() {
+    let mut host = Host::new(|_| {}, 1);
+    host.head.set_habits(Habits::PROMPT);
+    assert!(!host.head.live().circuit.enables());
+    for _ in 0..3 {
+        host.enable();
+        for _ in 0..100 {
+            host.run(MS);
+            assert!(host.head.live().circuit.enables());
+        }
+        host.write(0x6040, 0, 2, 0x06);
+        host.run(10 * MS);
+        assert_eq!((host.head.status().state, host.head.status().fault), (State::Disabled, None));
+        assert!(!host.head.live().circuit.enables());
+    }
+}
+
+#[test]
+fn a_circuit_that_lets_go_of_an_enabled_head_is_named_within_two_milliseconds() {
+    for broken in [
+        Broken { live: true, ..Broken::default() },
+        Broken { read: Some(false), ..Broken::default() },
+        Broken { monostable: Some(false), ..Broken::default() },
+        Broken { latch: Some(false), ..Broken::default() },
+    ] {
+        let mut host = enabled(2);
+        host.head.live().circuit.broken = broken;
+        host.run(2 * MS);
+        expect(&mut host, Fault::LiveLost, 0xFF09);
+    }
+}
+
+#[test]
+fn a_circuit_that_does_not_take_hold_is_named_before_anybody_enables_the_head() {
+    for broken in [
+        Broken { live: true, ..Broken::default() },
+        Broken { arm: true, ..Broken::default() },
+        Broken { read: Some(false), ..Broken::default() },
+        Broken { monostable: Some(false), ..Broken::default() },
+        Broken { latch: Some(false), ..Broken::default() },
+    ] {
+        let mut host = Host::broken(broken, 3);
+        expect(&mut host, Fault::LiveLost, 0xFF09);
+    }
+}
+
+#[test]
+fn a_circuit_that_would_not_let_go_is_named_before_anybody_enables_the_head() {
+    for broken in [
+        Broken { read: Some(true), ..Broken::default() },
+        Broken { monostable: Some(true), ..Broken::default() },
+        Broken { latch: Some(true), ..Broken::default() },
+    ] {
+        let mut host = Host::broken(broken, 4);
+        expect(&mut host, Fault::LiveStuck, 0xFF0B);
+        // A reset tries again, and finds it again.
+        host.write(0x6040, 0, 2, 0x80);
+        host.run(20 * MS);
+        assert_eq!((host.head.status().state, host.head.status().fault), (State::Fault, Some(Fault::LiveStuck)));
+        // Mended, it is trusted once it has been tried.
+        host.head.live().circuit.broken = Broken::default();
+        host.write(0x6040, 0, 2, 0x00);
+        host.run(2 * MS);
+        host.write(0x6040, 0, 2, 0x80);
+        host.run(20 * MS);
+        assert_eq!((host.head.status().state, host.head.status().fault), (State::Disabled, None));
+        host.enable();
+        assert!(host.head.live().circuit.enables());
+    }
+}
+
+#[test]
+fn one_that_is_stuck_while_the_head_works_is_named_when_it_is_disabled() {
+    for broken in [
+        Broken { read: Some(true), ..Broken::default() },
+        Broken { monostable: Some(true), ..Broken::default() },
+        Broken { latch: Some(true), ..Broken::default() },
+    ] {
+        let mut host = enabled(5);
+        host.head.live().circuit.broken = broken;
+        host.run(50 * MS);
+        assert_eq!(host.head.status().state, State::Ready);
+        host.write(0x6040, 0, 2, 0x00);
+        host.run(10 * MS);
+        expect(&mut host, Fault::LiveStuck, 0xFF0B);
+    }
+    // ARM at the next enabling.
+    let mut host = enabled(5);
+    host.head.live().circuit.broken.arm = true;
+    host.write(0x6040, 0, 2, 0x00);
+    host.run(10 * MS);
+    for word in [0x06, 0x07, 0x0F] {
+        host.write(0x6040, 0, 2, word);
+        host.run(2 * MS);
+    }
+    expect(&mut host, Fault::LiveLost, 0xFF09);
+}
+
+#[test]
+fn a_silent_task_stops_the_edges_though_the_servo_goes_on() {
+    let mut host = enabled(6);
+    // The planner comes 40 ms late, again and again; it may report up to 3 ms late.
+    host.head.set_habits(Habits { plan: 800, late_plans: true, ..Habits::PROMPT });
+    let off = (0..1000).find(|_| {
+        host.run(MS);
+        !host.head.live().circuit.enables()
+    });
+    assert!(off.is_some());
+    assert_eq!(host.head.drive(), Drive::Coast);
+}
