@@ -4,10 +4,13 @@ use crate::rig::Rig;
 use edm_servo_head::head::{Fault, State};
 use edm_servo_head::settings::Settings;
 
-/// Operating in profile position, on its way to 1800 counts; the controlword is 0x1F.
+/// Operating in profile position, on its way to 1800 counts at 10 mm/s; the controlword is 0x1F.
 fn on_its_way() -> Rig {
     let mut rig = Rig::ready();
     rig.mode(1);
+    // Where it has been before, it need not go slowly.
+    rig.move_to(1900, 1000);
+    rig.move_to(0, 1000);
     rig.write32(0x607A, 0, 1800);
     rig.control(0x1F);
     rig.run(50);

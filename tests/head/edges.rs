@@ -31,6 +31,17 @@ fn in_the_middle(counted: f64, change: impl FnOnce(&mut Settings)) -> Bench {
     bench
 }
 
+/// Where it has been before, the head need not go slowly: so much further down.
+fn clear(bench: &mut Bench, counts: i64) {
+    let here = bench.head.status().position;
+    for to in [here + counts, here] {
+        bench.command(Command::Position(um(to), at(5.0)));
+        bench.run_until(3.0, |bench| bench.state() == State::Ready);
+        bench.run(0.1);
+    }
+    bench.changes();
+}
+
 #[test]
 fn a_current_beyond_the_peak_is_too_much_either_way() {
     for reversed in [false, true] {
@@ -56,6 +67,7 @@ fn an_encoder_that_counts_too_little_contradicts_the_back_emf_whichever_way_the_
         // current against its friction, 0.07 A of 12.4 ohm at 7.5 V/(m/s), amounts to: 24 mm/s.
         for (mm_s, found) in [(15.0, None), (40.0, Some(Fault::EncoderLost))] {
             let mut bench = in_the_middle(0.3, |_| {});
+            clear(&mut bench, 5000);
             bench.command(Command::Position(um(25_000 + way * 5000), at(mm_s)));
             bench.run(0.1);
             assert_eq!(bench.fault(), found, "{mm_s} mm/s, {way}");
@@ -116,7 +128,7 @@ fn an_open_upper_limit_is_not_run_into_beside_the_path() {
     for follows in [false, true] {
         for (way, moves) in [(-1, false), (1, true)] {
             let mut bench = Bench::new();
-            bench.x = 0.006;
+            (bench.x, bench.surface_um) = (0.006, 1e6);
             bench.safety.upper_limit = true;
             bench.run(0.4);
             bench.command(Command::Enable);
@@ -124,7 +136,7 @@ fn an_open_upper_limit_is_not_run_into_beside_the_path() {
             bench.run(0.01);
             bench.changes();
             let to = um(6000 + way * 500);
-            bench.command(if follows { Command::Follow(to, 1000) } else { Command::Position(to, at(20.0)) });
+            bench.command(if follows { Command::Follow(to, 2500) } else { Command::Position(to, at(4.5)) });
             bench.run(0.2);
             let moved = bench.um() - 6000.0;
             if moves {
@@ -245,7 +257,7 @@ fn no_place_outside_the_travel_is_made_a_home() {
         let at = Nanometres(at);
         for method in [Method::Here, Method::UpperLimit] {
             let mut bench = Bench::new();
-            bench.x = 0.006;
+            (bench.x, bench.surface_um) = (0.006, 1e6);
             bench.run(0.4);
             bench.command(Command::Enable);
             let refused = Refused::OutOfTravel { target: at, min: um(0), max: um(12_000) };
@@ -265,10 +277,11 @@ fn a_home_that_would_put_the_axis_outside_its_travel_is_none() {
     for (method, at) in [(Method::UpperLimit, um(12_000)), (Method::LowerLimit, um(0))] {
         for (slow, found) in [(10_000.0, true), (50_000.0, false)] {
             let mut bench = Bench::new();
-            bench.x = 0.006;
-            bench.surface_um = 1e6;
+            (bench.x, bench.surface_um) = (0.006, 1e6);
             bench.run(0.4);
             bench.command(Command::Enable);
+            bench.run(0.01);
+            clear(&mut bench, 5000);
             bench.command(home(method, at, slow));
             for _ in 0..40_000 {
                 bench.safety.upper_limit = bench.um() < 3000.0;

@@ -20,9 +20,10 @@ struct Watched {
     ms: i32,
     /// The second counter, where wired, is off by this.
     watch: Option<i32>,
-    /// Duty that was in force, and current that flowed, A.
+    /// Duty that was in force, current that flowed, A, and voltage of the bus.
     gave: f64,
     amps: f64,
+    bus: f64,
     host_alive: bool,
 }
 
@@ -34,7 +35,7 @@ impl Watched {
         let mut watched = Watched {
             supervisor: Supervisor::default(),
             config,
-            now: Measured { quality: Quality::Valid, bus: 2400, ..Measured::default() },
+            now: Measured { quality: Quality::Valid, ..Measured::default() },
             counts: 0,
             trembles: true,
             count: 0,
@@ -42,6 +43,7 @@ impl Watched {
             watch: None,
             gave: 0.0,
             amps: 0.0,
+            bus: 48.0,
             host_alive: true,
         };
         // Disabled; then the loop is closed.
@@ -64,12 +66,13 @@ impl Watched {
         let raw = RawCount { count: count as u32, ..RawCount::default() };
         let watch = self.watch.map(|off| RawCount { count: raw.count.wrapping_add_signed(off), ..raw });
         let counters = Counters { used: Snapshot { raw, ..Snapshot::default() }, watch };
-        let code = (self.amps / 0.005).round() as i32;
+        let code = (self.amps / f64::from(self.config.amps_per_code.0)).round() as i32;
+        self.now.bus = (self.bus / f64::from(self.config.bus_per_code.0)).round() as u16;
         let sums = &mut self.now.sums;
         sums.ticks += TICKS_PER_MS;
         sums.newest = code;
         sums.current += code * TICKS_PER_MS as i32;
-        sums.squares += (code * code) as u32 * TICKS_PER_MS;
+        sums.squares = sums.squares.wrapping_add((code * code) as u32 * TICKS_PER_MS);
         sums.duty += (self.gave * f64::from(Drive::FULL) * f64::from(TICKS_PER_MS)).round() as i32;
         self.supervisor.tick(&self.config, &self.now, &counters, self.host_alive)
     }
@@ -155,11 +158,23 @@ fn a_lift_that_sinks_has_a_wrong_polarity_and_one_that_rises_has_not() {
 fn an_encoder_that_stands_still_against_what_moves_a_head_is_lost_either_way() {
     let config = Watched::new().config.limits.breakaway;
     for way in WAYS {
-        let following = config.following * way;
-        finds(None, "held by friction", |w| (w.trembles, w.now.following) = (false, following * 0.99));
         let lost = Some((4, Fault::EncoderLost));
-        finds(lost, "not held", |w| (w.trembles, w.now.following) = (false, following * 1.01));
-        finds(None, "but it counts", |w| w.now.following = following * 1.01);
+        // By a following error, once the duty is beyond the friction as well.
+        let follows = |error: f32, duty: f32| {
+            move |w: &mut Watched| {
+                w.trembles = false;
+                w.now.following = config.following * error * way;
+                w.now.duty = config.holding + config.friction * duty * way;
+            }
+        };
+        finds(None, "held by friction", follows(0.99, 1.05));
+        finds(None, "a duty within the friction", follows(1.01, 0.95));
+        finds(None, "one that still pushes the other way", follows(1.01, -1.05));
+        finds(lost, "not held", follows(1.01, 1.05));
+        finds(None, "but it counts", |w| {
+            follows(1.01, 1.05)(w);
+            w.trembles = true;
+        });
         // By what the loop gives, under any error that is more than a tremble.
         let pushed = |share: f32, following: f32| {
             move |w: &mut Watched| {
@@ -267,7 +282,7 @@ fn counters_apart_are_a_lost_encoder_either_way_wherever_it_is_asked() {
 fn a_current_is_too_much_either_way_in_every_state() {
     for way in [1.0, -1.0] {
         for closed in [true, false] {
-            for (amps, fault) in [(3.75, None), (3.76, Some((3, Fault::OverCurrent)))] {
+            for (amps, fault) in [(3.745, None), (3.755, Some((3, Fault::OverCurrent)))] {
                 let mut watched = Watched::new();
                 watched.now.closed = closed;
                 (watched.amps, watched.gave) = (amps * way, amps * way * 12.4 / 48.0);
@@ -294,9 +309,10 @@ fn a_winding_gets_hot_by_a_current_of_either_sign() {
 
 #[test]
 fn a_bus_sags_at_once_while_a_loop_is_closed() {
-    finds(None, "36 V", |w| w.now.bus = 1800);
-    finds(Some((1, Fault::BusSag)), "less", |w| w.now.bus = 1799);
-    finds(None, "without a loop", |w| (w.now.closed, w.now.bus) = (false, 0));
+    // 36 V, to a step of the converter.
+    finds(None, "enough", |w| w.bus = 36.02);
+    finds(Some((1, Fault::BusSag)), "less", |w| w.bus = 35.98);
+    finds(None, "without a loop", |w| (w.now.closed, w.bus) = (false, 0.0));
 }
 
 #[test]
@@ -338,7 +354,7 @@ fn of_two_faults_the_more_urgent_is_told() {
     let mut watched = Watched::new();
     (watched.amps, watched.gave) = (4.0, 4.0 * 12.4 / 48.0);
     assert_eq!(watched.first(2), None);
-    watched.now.bus = 0;
+    watched.bus = 0.0;
     assert_eq!(watched.look(), Some(Fault::OverCurrent), "and the bus sags");
     (watched.amps, watched.gave) = (0.0, 0.0);
     assert_eq!(watched.look(), Some(Fault::BusSag));
