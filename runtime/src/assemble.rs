@@ -7,7 +7,7 @@ use crate::encoder::Decoder;
 use crate::gap::Gap;
 use crate::idle::Idle;
 use crate::image_store::ImageStore;
-use crate::live;
+use crate::live::{self, ClockCheck};
 use crate::plan::{Carried, Plans};
 use crate::protocol::{Configuring, Protocol, Uptime};
 use crate::servo::Servo;
@@ -168,6 +168,7 @@ pub fn assemble<B: Board>(
             drive: parts.drive,
             lines: parts.forced,
             live: live::Watch::new(parts.live),
+            pace: ClockCheck::new(),
             found: None,
             guard: parts.guard.clone(),
             tick: parts.tick,

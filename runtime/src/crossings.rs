@@ -72,6 +72,8 @@ pub struct Signals {
     pub host: Flag,
     /// What the reflex acts on.
     pub reflex: Limits,
+    /// The clock has not gone as the ticks have: idle starts it again.
+    pub clock_lost: Flag,
     /// Whether every task still runs.
     pub task_watchdog: TaskWatchdog<TASKS>,
     /// How long the tasks take.
@@ -95,6 +97,7 @@ impl Signals {
             backlog: Flag::new(),
             host: Flag::new(),
             reflex: Limits::new(),
+            clock_lost: Flag::new(),
             task_watchdog: TaskWatchdog::new(SILENCE),
             times: [const { crate::timers::Times::new() }; TASKS],
         }

@@ -39,6 +39,9 @@ impl<B: Board> Idle<B> {
             None => self.watchdog.feed(),
             Some(task) => self.watchdog.silent(task),
         }
+        if self.signals.clock_lost.take() {
+            self.clock.restart();
+        }
         if self.signals.second.take() {
             let status = protocol.lock(|protocol| *protocol.status());
             self.caller.note(&Note::Status(status));

@@ -6,6 +6,7 @@
 //! at the start it must take hold once when it is armed. What it is believed to be is compared with what is read back once a
 //! millisecond.
 
+use edm_hal_shim::board;
 use edm_hal_shim::live::Live;
 use edm_servo_head::head::{Fault, State};
 
@@ -116,3 +117,50 @@ impl<L: Live> Watch<L> {
         Some(fault)
     }
 }
+
+/// The clock against the ticks of the servo, which another timer makes.
+pub struct ClockCheck {
+    /// Clock and number of the tick, when it was looked at last.
+    last: Option<(u32, u32)>,
+}
+
+impl ClockCheck {
+    /// Nothing has been seen.
+    pub const fn new() -> Self {
+        ClockCheck { last: None }
+    }
+
+    /// Looks again; how the clock has gone since the last time.
+    pub fn look(&mut self, now: u32, tick: u32) -> Pace {
+        let Some((then, before)) = self.last.replace((now, tick)) else { return Pace::Right };
+        let ticks = tick.wrapping_sub(before);
+        // 20 ticks, or 21: never so many that this overflows, and if it does it is wrong anyway.
+        let (passed, due) = (now.wrapping_sub(then), ticks.saturating_mul(CYCLES));
+        match passed {
+            // Less than two ticks, where a tick may begin 6 us late, and one follows early when the core was halted before it.
+            _ if passed < due - due / 10 => Pace::Slow,
+            _ if passed > due + due / 10 => Pace::Fast,
+            _ => Pace::Right,
+        }
+    }
+}
+
+impl Default for ClockCheck {
+    fn default() -> Self {
+        ClockCheck::new()
+    }
+}
+
+/// How the clock has gone against the ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// As it should.
+    Right,
+    /// It stands, or is slower by more than 10 %.
+    Slow,
+    /// More than one tick is missing, or it is faster by more than 10 %.
+    Fast,
+}
+
+/// Clock cycles of a servo tick.
+const CYCLES: u32 = board::CORE_HZ / board::TICK_HZ;

@@ -6,7 +6,7 @@
 use crate::Board;
 use crate::board::Caller;
 use crate::crossings::{Preview, SERVO, ServoConfig, Signals};
-use crate::live;
+use crate::live::{self, ClockCheck, Pace};
 use edm_crossing::latest::{Reader, Writer};
 use edm_crossing::ring::Receiver;
 use edm_hal_shim::bridge::{Drive, HBridge};
@@ -35,6 +35,7 @@ pub struct Servo<B: Board> {
     pub(crate) drive: B::Drive,
     pub(crate) lines: B::Forced,
     pub(crate) live: live::Watch<B::Live>,
+    pub(crate) pace: ClockCheck,
     /// A fault that this task has found, for its next tick.
     pub(crate) found: Option<Fault>,
     pub(crate) guard: B::Guard,
@@ -232,12 +233,25 @@ impl<B: Board> Servo<B> {
         self.caller.protocol();
         let now = self.clock.now();
         self.signals.task_watchdog.report(SERVO, now);
-        let alive = self.signals.task_watchdog.missing(now).is_none();
-        let fault = self.live.millisecond(self.state, alive);
+        let clock = self.clock_fault(now);
+        let alive = clock.is_none() && self.signals.task_watchdog.missing(now).is_none();
+        let fault = clock.or(self.live.millisecond(self.state, alive));
         // Whoever coasts for another reason has named that.
         if fault.is_some() && self.follower.plan().reaction != Some(Reaction::Coast) {
             self.found = fault;
             self.signals.waiting.set();
+        }
+    }
+
+    /// What the clock shows against the ticks since the millisecond before. While the flash is written no tick comes.
+    fn clock_fault(&mut self, now: u32) -> Option<Fault> {
+        match self.pace.look(now, self.follower.number()) {
+            Pace::Fast if self.state == State::Disabled => None,
+            Pace::Slow | Pace::Fast => {
+                self.signals.clock_lost.set();
+                Some(Fault::ClockLost)
+            }
+            Pace::Right => None,
         }
     }
 

@@ -74,6 +74,8 @@ faults! {
     LiveLost = "live signal lost" => Coast,
     /// The circuit behind the live signal does not let go, or takes hold unasked: it would not switch off a dead head.
     LiveStuck = "live circuit stuck" => Coast,
+    /// The clock that times edges and tasks stands, or servo ticks are missing: neither velocity nor watch can be believed.
+    ClockLost = "clock lost" => Coast,
 }
 
 impl Fault {
@@ -127,7 +129,7 @@ mod tests {
             (&[EncoderLost, PolarityWrong], Reaction::OpenLoopLift),
             (&[BusSag], Reaction::LiftOnStored),
             (&[EmergencyStop], Reaction::EmergencyLift),
-            (&[BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck], Reaction::Coast),
+            (&[BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck, ClockLost], Reaction::Coast),
         ] {
             for fault in faults {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());

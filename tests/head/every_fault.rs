@@ -15,8 +15,8 @@ fn caused(fault: Fault) -> Option<Bench> {
         Fault::PersistentArc => return None,
         // This head makes its plans in time: tests/runtime/late_plans.rs.
         Fault::PlanLate => return None,
-        // The circuit is outside: tests/runtime/live.rs.
-        Fault::LiveLost | Fault::LiveStuck => return None,
+        // The circuit is outside, and so is the clock: tests/runtime/live.rs.
+        Fault::LiveLost | Fault::LiveStuck | Fault::ClockLost => return None,
         Fault::HostSilent => {
             let mut bench = Bench::with(|settings| settings.host_ms = 100);
             bench.make_ready();
@@ -37,7 +37,7 @@ fn caused(fault: Fault) -> Option<Bench> {
         _ => Bench::eroding(),
     };
     match fault {
-        Fault::PersistentArc | Fault::PlanLate | Fault::LiveLost | Fault::LiveStuck => {}
+        Fault::PersistentArc | Fault::PlanLate | Fault::LiveLost | Fault::LiveStuck | Fault::ClockLost => {}
         Fault::PersistentShort => bench.follows = Some(-1.0),
         Fault::GapSignalInvalid => bench.quality = Quality::Missing,
         Fault::GateMissing => bench.quality = Quality::NoGate,

@@ -137,3 +137,22 @@ fn a_silent_task_stops_the_edges_though_the_servo_goes_on() {
     assert!(off.is_some());
     assert_eq!(host.head.drive(), Drive::Coast);
 }
+
+#[test]
+fn a_clock_that_stands_is_named_and_goes_on_again() {
+    for seed in 0..5 {
+        let mut host = enabled(seed);
+        host.head.stop_clock();
+        host.run(3 * MS);
+        let status = host.head.status();
+        assert_eq!((status.state, status.fault), (State::Fault, Some(Fault::ClockLost)), "seed {seed}");
+        // The watch over the tasks stands with it: the edges stop as well.
+        assert!(!host.head.live().circuit.enables());
+        expect(&mut host, Fault::ClockLost, 0xFF0A);
+        host.write(0x6040, 0, 2, 0x80);
+        host.run(20 * MS);
+        assert_eq!((host.head.status().state, host.head.status().fault), (State::Disabled, None));
+        host.write(0x6040, 0, 2, 0);
+        host.enable();
+    }
+}

@@ -22,12 +22,14 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// Takes the pins. Both outputs are low, and stay so.
+    /// Takes the pins. Both outputs are low, and stay so. The input loses the pull that it has after a reset where it is a pin of
+    /// JTAG: a circuit that is not there must read low.
     pub fn new(
         live: Pin<{ LIVE.port }, { LIVE.number }>,
         arm: Pin<{ ARM.port }, { ARM.number }>,
         armed: Input<{ ARMED.port }, { ARMED.number }>,
     ) -> Self {
+        let armed = armed.into_floating_input();
         Signal { next: 0, _live: live.into_push_pull_output(), _arm: arm.into_push_pull_output(), _armed: armed }
     }
 }

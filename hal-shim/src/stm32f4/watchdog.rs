@@ -3,11 +3,14 @@
 //! Not the library's: it reloads at once, when the new time-out may not have arrived yet, and an erase that begins then ends
 //! in a reset; and it counts in steps of 8 ms.
 //!
-//! Halting the core in a debugger therefore resets it, on purpose: a halted core does not hold an axis.
+//! Halting the core in a debugger therefore resets it, on purpose: a halted core does not hold an axis. What a debugger has set
+//! to prevent that (DBGMCU), or to halt the core before a fault's handler has written the pins (DEMCR), is taken back each time
+//! the watchdog is fed. It may still catch a reset, which programming needs.
 
 use super::start::{StartError, within};
-use super::{pac, panic_handler, put};
+use super::{change, pac, panic_handler, put};
 use crate::watchdog::{self, Stuck, Watchdog as _};
+use cortex_m::peripheral::DCB;
 
 /// Frequency of its oscillator at the slowest; 32 kHz typically, 47 kHz at the fastest (data sheet).
 const SLOWEST_HZ: u32 = 17_000;
@@ -46,10 +49,29 @@ impl Watchdog {
     }
 }
 
+/// Stops the independent watchdog while the core is halted: DBGMCU_APB1_FZ (RM0090 38.16.4).
+const FREEZES: u32 = 1 << 12;
+/// Halt the core at a fault: VC_HARDERR to VC_MMERR of DEMCR (ARMv7-M C1.6.5), without VC_CORERESET.
+const CATCHES: u32 = 0x7F0;
+
+/// Takes back what a debugger must not do to a head.
+fn undo_debugger() {
+    // SAFETY: the register blocks are there for ever, and a debugger alone writes these bits.
+    let (frozen, demcr) = unsafe { (&(*pac::DBGMCU::ptr()), &(*DCB::PTR).demcr) };
+    if frozen.apb1_fz().read().bits() & FREEZES != 0 {
+        change!(frozen.apb1_fz(), clear FREEZES, set 0);
+    }
+    if demcr.read() & CATCHES != 0 {
+        // SAFETY: clears what halts the core at a fault, and nothing else.
+        unsafe { demcr.modify(|demcr| demcr & !CATCHES) };
+    }
+}
+
 impl watchdog::Watchdog for Watchdog {
     #[inline]
     fn feed(&mut self) {
         put!(self.0.kr(), 0xAAAA);
+        undo_debugger();
     }
 
     fn erase(&mut self) -> Result<(), Stuck> {

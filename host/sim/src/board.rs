@@ -46,6 +46,8 @@ pub struct Ports {
     pub levels: Cell<Levels>,
     /// Second counter on them.
     pub timer: Cell<u32>,
+    /// Where the clock stands, if it does.
+    pub stands_at: Cell<Option<u32>>,
     /// When that is read, if not now.
     pub timer_read_at: Cell<Option<u32>>,
     /// The time that whoever has read it finds.
@@ -175,7 +177,11 @@ impl Board for Pc {
 impl Clock for Part {
     const HZ: u32 = CLOCK_HZ;
     fn now(&self) -> u32 {
-        self.0.reads_at.take().unwrap_or(self.0.now.get())
+        let now = self.0.reads_at.take().unwrap_or(self.0.now.get());
+        self.0.stands_at.get().unwrap_or(now)
+    }
+    fn restart(&self) {
+        self.0.stands_at.set(None);
     }
 }
 

@@ -282,6 +282,11 @@ impl Scheduler {
         self.0.signals.task_watchdog.report(crossings::PROTOCOL, self.0.ports.now.get());
     }
 
+    /// Stops the head's clock.
+    pub fn stop_clock(&self) {
+        self.0.ports.stands_at.set(Some(self.0.ports.now.get()));
+    }
+
     /// The live signal, and the circuit behind it.
     pub fn live(&self) -> RefMut<'_, TestLive> {
         self.0.ports.live.borrow_mut()

@@ -45,6 +45,7 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
         Fault::PlanLate => (0xFF07, MANUFACTURER),
         Fault::Contact => (0xFF08, MANUFACTURER),
         Fault::LiveLost => (0xFF09, MANUFACTURER),
+        Fault::ClockLost => (0xFF0A, MANUFACTURER),
         Fault::LiveStuck => (0xFF0B, MANUFACTURER),
     };
     (code, bits | GENERIC)

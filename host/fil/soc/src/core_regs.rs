@@ -300,7 +300,7 @@ impl CoreRegs {
             0xe000_ed88 => self.cpacr = value & 0x00f0_0000,
             0xe000_edfc => {
                 self.freeze_cycles(now);
-                self.demcr = value & 0x0100_0000;
+                self.demcr = value & 0x0100_07f1;
             }
             // Software trigger: NVIC_STIR.
             0xe000_ef00 if value & 0x1ff < crate::nvic::INTERRUPTS as u32 => self.nvic.pend(16 + (value & 0xff) as u8),

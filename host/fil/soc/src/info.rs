@@ -16,13 +16,18 @@ pub fn system_memory(address: u32) -> Option<u32> {
     })
 }
 
-/// DBGMCU (RM0090 §38.16): IDCODE of device 0x413, revision Y; the freeze registers are kept, nothing reads them.
+/// DBGMCU (RM0090 §38.16): IDCODE of device 0x413, revision Y; of the freeze registers only the bit of the independent watchdog acts.
 #[derive(Clone, Default)]
 pub struct Dbgmcu {
     control: [u32; 3],
 }
 
 impl Dbgmcu {
+    /// The independent watchdog stands while the core is halted: DBG_IWDG_STOP.
+    pub fn freezes_watchdog(&self) -> bool {
+        self.control[1] >> 12 & 1 == 1
+    }
+
     /// Reads the register at `offset`.
     pub fn read(&self, offset: u32) -> Option<u32> {
         match offset {

@@ -404,11 +404,9 @@ impl<W: World> Chip<W> {
     /// The processor is halted until tick `to`; everything else goes on.
     pub fn halt(&mut self, to: u64) {
         self.settle();
-        let ticks = to.saturating_sub(self.half / 2);
-        // The cycle counter stands in debug state (ARMv7-M C1.8.3).
-        self.soc.core().slept(ticks);
+        let ticks = to.saturating_sub(self.soc.now());
+        self.soc.halt(ticks);
         self.half += 2 * ticks;
-        self.soc.advance(self.half / 2);
         self.limit = 0;
     }
 

@@ -247,6 +247,17 @@ impl<W: World> Soc<W> {
         self.set_due(slot::WORLD, self.world.next_change());
     }
 
+    /// A debugger halts the processor for `ticks`, from now on. What it has told to stand with it does.
+    pub fn halt(&mut self, ticks: u64) {
+        // The cycle counter stands in debug state (ARMv7-M C1.8.3).
+        self.core.slept(ticks);
+        if self.dbgmcu.freezes_watchdog() && self.iwdg.due != NEVER {
+            self.iwdg.due += ticks;
+            self.set_due(slot::WATCHDOG, self.iwdg.due);
+        }
+        self.advance(self.now + ticks);
+    }
+
     /// Lets time pass until tick `to`.
     pub fn advance(&mut self, to: u64) {
         while self.next <= to {
