@@ -135,6 +135,6 @@ mod tests {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 20);
+        assert_eq!(Fault::ALL.len(), 21);
     }
 }

@@ -242,7 +242,9 @@ impl Plan {
 
     /// What is done at once about a fault, and its reaction; `None` where the one under way is as strong.
     fn answer(&self, fault: Fault) -> Option<(Reaction, Trajectory)> {
-        let least = if self.doubted { Reaction::OpenLoopLift } else { Reaction::Retrace };
+        // A reaction that runs says itself what escalates it: the planner judges the same.
+        let lifts = self.doubted && self.reaction.is_none();
+        let least = if lifts { Reaction::OpenLoopLift } else { Reaction::Retrace };
         let reaction = fault.reaction().max(least);
         if self.reaction.is_some_and(|under_way| under_way >= reaction) {
             return None;

@@ -124,6 +124,23 @@ fn a_retract_with_limited_force_ends_where_the_upper_limit_opens() {
 }
 
 #[test]
+fn a_lower_limit_that_opens_while_a_retract_with_limited_force_runs_changes_nothing() {
+    let mut bench = in_the_middle(1.0, |settings| settings.retreat_velocity = 2000.0);
+    bench.command(Command::MoveTo(um(30_000)));
+    let mut other = in_the_middle(1.0, |settings| settings.retreat_velocity = 2000.0);
+    other.command(Command::MoveTo(um(30_000)));
+    for head in [&mut bench, &mut other] {
+        head.head.raise(Fault::FollowingError);
+        head.run(0.2);
+    }
+    bench.safety.lower_limit = true;
+    bench.run(2.0);
+    other.run(2.0);
+    assert!((bench.um() - other.um()).abs() < 5.0, "{} um, and {} um with the limit closed", bench.um(), other.um());
+    assert_eq!(bench.fault(), Some(Fault::FollowingError));
+}
+
+#[test]
 fn an_open_upper_limit_is_not_run_into_beside_the_path() {
     for follows in [false, true] {
         for (way, moves) in [(-1, false), (1, true)] {
