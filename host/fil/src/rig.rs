@@ -30,9 +30,8 @@ const MS: u64 = 20;
 const LOG: u64 = 100;
 /// Factor on the time of thread mode: a round of the idle loop costs host time and finds nothing.
 const STRETCH: u64 = 100;
-/// Exceptions of the servo task, TIM1_UP, of the plan task, SPI2, and of the gap task, DMA2_STREAM0.
+/// Exceptions of the servo task, TIM1_UP, and of the gap task, DMA2_STREAM0.
 const SERVO: usize = 16 + 25;
-const PLAN: usize = 16 + 36;
 const GAP: usize = 16 + 56;
 /// Where in a window its tick is looked at, ticks: when the longest has ended, and well before the next block is complete
 /// (44 us). Time that passes by blocks of code may overshoot this by a hundred ticks.
@@ -190,14 +189,14 @@ impl Emulated {
         soc.world_changed();
         // The first tick comes late: the next block may be there before it hands its estimate over.
         let end = self.machine.soc().now() + FIRST;
+        let had = self.places.reading(&self.machine.soc().memory)?;
         let mut before = None;
         while self.machine.soc().now() < end {
             let next = self.machine.soc().now() + 8;
             self.machine.run_until(next)?;
             let came = self.machine.stats().entries[GAP] != self.blocks;
-            let nvic = self.machine.soc().nvic();
-            let asked = (nvic.pending() | nvic.active()) >> PLAN & 1 == 1;
-            before = before.or((came || asked).then_some(!asked));
+            let taken = self.places.reading(&self.machine.soc().memory)? != had;
+            before = before.or((came || taken).then_some(!taken));
         }
         self.machine.step_by_blocks()?;
         self.machine.stretch_idle(STRETCH);

@@ -108,6 +108,8 @@ pub struct Places {
     /// Where the slot is whose limits the supervision judges by, and how far behind its beginning they are.
     limits: (u32, u32),
     short: u32,
+    /// Which slot the servo task has its gap reading from.
+    reading: u32,
     /// Tick that the supervision has judged.
     judged: u32,
 }
@@ -251,8 +253,17 @@ impl Places {
                 + layout.offset(GAP, "source")?
                 + layout.offset(SOURCE, "active")?
                 + layout.offset(ACTIVE, "short")?,
+            reading: servo + layout.offset(SERVO, "reading")? + layout.offset(READER, "taken")?,
             judged: supervise + layout.offset(SUPERVISE, "judged_tick")?,
         })
+    }
+
+    /// Which slot the servo task has taken its gap reading from: another one once it has taken a newer reading.
+    ///
+    /// # Errors
+    /// When it lies outside the memory.
+    pub fn reading(&self, memory: &Memory) -> Result<u32> {
+        View { region: &memory.sram, at: self.reading }.word(0)
     }
 
     /// What the planner knew after its newest plan, but for the back-EMF estimate.
