@@ -154,7 +154,10 @@ impl Master {
             20 if self.below(4) == 0 => {
                 self.stopped = true;
                 self.host.send(0, &[2, 0]);
-                // What was asked before is not answered any more.
+                // What was asked before is not answered any more, once all of it is off the bus.
+                while self.host.head.coming() > 0 {
+                    self.host.run(1);
+                }
                 self.host.run(3 * MS);
                 self.host.asked = self.host.answered;
             }
