@@ -101,7 +101,7 @@ mod app {
         safety::bridge_fault();
     }
 
-    /// Deadline: the servo tick, 6 us after the block. Averages and filters the block. Cost: 6.2 us, 20 000 times a second,
+    /// Deadline: the servo tick, 6 us after the block. Averages and filters the block. Cost: 7 us, 20 000 times a second,
     /// so that the tick waits for it a little.
     /// Late: the tick waits for it.
     #[task(binds = DMA2_STREAM0, priority = 6, local = [gap])]
@@ -110,7 +110,7 @@ mod app {
     }
 
     /// Deadline: the next tick, 50 us. Position, velocity, cascade, duty, and what is urgent. Outputs take effect with the next
-    /// update of the timer, exactly. Neither logs nor locks. Cost: 3 us, at worst 6 us, 20 000 times a second. Late by a whole
+    /// update of the timer, exactly. Neither logs nor locks. Cost: 5 us, moving 7 us, at worst 12.5 us, 20 000 times a second. Late by a whole
     /// tick: the duty of the tick before holds on.
     #[task(binds = TIM1_UP_TIM10, priority = 5, local = [servo])]
     fn servo(cx: servo::Context) {
@@ -118,26 +118,26 @@ mod app {
     }
 
     /// Deadline: 100 us, the second tick after the one that asks for it. States, feed law, limits, path. The vector is that of a
-    /// peripheral not in use. Cost: 12 us, 4000 times a second. Late: the trajectory goes on in a straight line; late for a
+    /// peripheral not in use. Cost: 19 us, 4000 times a second. Late: the trajectory goes on in a straight line; late for a
     /// millisecond, the head coasts.
     #[task(binds = SPI2, priority = 4, local = [plan])]
     fn plan(cx: plan::Context) {
         cx.local.plan.run();
     }
 
-    /// Deadline: 1 ms. Judges what no single tick can. Cost: 2.5 us, 1000 times a second. Late: a fault is found later.
+    /// Deadline: 1 ms. Judges what no single tick can. Cost: 6.5 us, 1000 times a second. Late: a fault is found later.
     #[task(binds = TIM7, priority = 3, local = [supervise])]
     fn supervise(cx: supervise::Context) {
         cx.local.supervise.tick();
     }
 
-    /// Deadline: one frame, 111 us. Cost: 2 us a frame. Late by three frames: the hardware drops one and says so.
+    /// Deadline: one frame, 111 us. Cost: 3 us a frame. Late by three frames: the hardware drops one and says so.
     #[task(binds = CAN1_RX0, priority = 2, shared = [receive])]
     fn can_receive(cx: can_receive::Context) {
         cx.shared.receive.frames(Inbox::Others);
     }
 
-    /// Deadline: 47 us, the shortest frame. As `can_receive`, for SYNC. Cost: 2 us. Late: the frame behind it is taken for one
+    /// Deadline: 47 us, the shortest frame. As `can_receive`, for SYNC. Cost: 3 us. Late: the frame behind it is taken for one
     /// before it.
     #[task(binds = CAN1_RX1, priority = 2, shared = [receive])]
     fn can_sync(cx: can_sync::Context) {
@@ -152,7 +152,7 @@ mod app {
 
     /// Deadline: 1 ms. CANopen node and drive; pended by the servo tick once a millisecond, by every frame, and by an empty
     /// queue to the controller. The vector is that of a peripheral not in use: unlike a software task it runs again when it
-    /// is asked to while it runs. Cost: 25 us, 1000 times a second, and 10 us a frame. Late: the host waits.
+    /// is asked to while it runs. Cost: 31 us, 1000 times a second, and more with frames. Late: the host waits.
     #[task(binds = SPI3, priority = 1, shared = [protocol])]
     fn protocol(mut cx: protocol::Context) {
         cx.shared.protocol.lock(|protocol| protocol.run());
