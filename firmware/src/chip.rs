@@ -84,7 +84,7 @@ impl Caller for Rtic {
 
     fn note(&self, note: &Note) {
         match note {
-            Note::Lost { .. } | Note::NotStored | Note::Checked(Err(_)) => defmt::warn!("{}", note),
+            Note::Lost(_) | Note::NotStored | Note::Checked(Err(_)) => defmt::warn!("{}", note),
             Note::Loaded(report) if report.is_whole() => {}
             Note::WatchdogStuck
             | Note::ThresholdsRefused

@@ -126,6 +126,19 @@ impl Run {
     }
 }
 
+/// What the pulses have done so far, by three parts of the hardware that know nothing of each other. Each wraps at
+/// [`EDGE_COUNT`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PulseCounts {
+    /// Edges of the gate, two to a pulse.
+    pub edges: u8,
+    /// Pulses that the reflex's converter has converted.
+    pub conversions: u8,
+    /// Pulses that the reflex has found short.
+    pub shorts: u8,
+}
+
 /// The lines that reflex and stop force at any moment, seen from the servo task.
 pub trait ForcedLines {
     /// What was forced up to a moment.
@@ -140,6 +153,8 @@ pub trait ForcedLines {
     fn stop(&mut self);
     /// Retreats that the reflex has begun so far, wrapping.
     fn retreats(&self) -> u32;
+    /// What the pulses have done so far.
+    fn pulses(&self) -> PulseCounts;
 }
 
 /// Where the reflex gets what is not in [`Limits`].

@@ -18,7 +18,7 @@ use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::QuadratureLines;
 use edm_hal_shim::generator::Generator;
 use edm_hal_shim::reflex::{ForcedLines, Thresholds};
-use edm_servo_head::canopen::drive::Drive;
+use edm_servo_head::canopen::drive::{Drive, Lost};
 use edm_servo_head::canopen::{Frame, Node};
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, Shared as Published, TimerCount};
 use edm_servo_head::gap::{GapReading, Quality};
@@ -157,6 +157,7 @@ pub fn assemble<B: Board>(
             caller,
             signals,
             block: None,
+            begun: false,
             reading: reading_in,
             settings: gap,
         },
@@ -278,7 +279,7 @@ impl<B: Board> Host<B> {
             timers: Timers::new(now),
             configuring: Configuring::Done,
             outstanding: 0,
-            lost: [0; 2],
+            lost: Lost::default(),
             known: 0,
             syncs: 0,
             ends: self.ends,

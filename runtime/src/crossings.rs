@@ -66,6 +66,10 @@ pub struct Signals {
     pub lost_faults: Word,
     /// See [`lost_faults`](Signals::lost_faults).
     pub lost_changes: Word,
+    /// Servo ticks that did not come while the head was enabled.
+    pub lost_ticks: Word,
+    /// Blocks of conversions that did not come.
+    pub lost_blocks: Word,
     /// Frames did not fit the ring to the controller: the protocol wants to run when it is empty.
     pub backlog: Flag,
     /// A frame came in since the last supervision.
@@ -94,6 +98,8 @@ impl Signals {
             overruns: Counter::new(),
             lost_faults: Word::new(0),
             lost_changes: Word::new(0),
+            lost_ticks: Word::new(0),
+            lost_blocks: Word::new(0),
             backlog: Flag::new(),
             host: Flag::new(),
             reflex: Limits::new(),

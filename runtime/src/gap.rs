@@ -17,6 +17,8 @@ pub struct Gap<B: Board> {
     pub(crate) signals: &'static Signals,
     /// The newest block, written in place: a debugger, or the emulated chip, may look at it.
     pub(crate) block: Option<GapBlock>,
+    /// There has been one: blocks that came before anybody could take them are not lost.
+    pub(crate) begun: bool,
     pub(crate) reading: Writer<'static, GapReading>,
     pub(crate) settings: Reader<'static, voltage::Active>,
 }
@@ -29,6 +31,11 @@ impl<B: Board> Gap<B> {
         self.blocks.block(&mut self.block);
         let reading = self.source.update(self.block.as_ref());
         self.reading.write(|slot| *slot = reading);
+        if self.block.is_some() {
+            self.begun = true;
+        } else if self.begun {
+            self.lost();
+        }
         self.signals.short_ticks.store(reading.short_ticks);
         self.signals.touches.store(reading.touches.into());
         if self.settings.is_fresh() {
@@ -42,6 +49,13 @@ impl<B: Board> Gap<B> {
     /// What makes readings of the blocks.
     pub fn source(&self) -> &B::Source {
         &self.source
+    }
+
+    /// There was no block, or more than one.
+    #[cold]
+    fn lost(&mut self) {
+        let lost = &self.signals.lost_blocks;
+        lost.store(lost.load().wrapping_add(1));
     }
 
     /// Other settings, once the reading is out.

@@ -130,18 +130,20 @@ impl ClockCheck {
         ClockCheck { last: None }
     }
 
-    /// Looks again; how the clock has gone since the last time.
-    pub fn look(&mut self, now: u32, tick: u32) -> Pace {
-        let Some((then, before)) = self.last.replace((now, tick)) else { return Pace::Right };
+    /// Looks again; how the clock has gone since the last time, and the ticks that are missing by it.
+    pub fn look(&mut self, now: u32, tick: u32) -> (Pace, u32) {
+        let Some((then, before)) = self.last.replace((now, tick)) else { return (Pace::Right, 0) };
         let ticks = tick.wrapping_sub(before);
         // 20 ticks, or 21: never so many that this overflows, and if it does it is wrong anyway.
         let (passed, due) = (now.wrapping_sub(then), ticks.saturating_mul(CYCLES));
-        match passed {
+        let missing = (passed.saturating_sub(due) + CYCLES / 2) / CYCLES;
+        let pace = match passed {
             // Less than two ticks, where a tick may begin 6 us late, and one follows early when the core was halted before it.
             _ if passed < due - due / 10 => Pace::Slow,
             _ if passed > due + due / 10 => Pace::Fast,
             _ => Pace::Right,
-        }
+        };
+        (pace, missing)
     }
 }
 

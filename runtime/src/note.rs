@@ -3,6 +3,7 @@
 
 use crate::board::Pulse;
 use edm_servo_head::canopen::BootError;
+use edm_servo_head::canopen::drive::Lost;
 use edm_servo_head::head::{Change, Finding, Report, Status};
 use edm_servo_head::stored::LoadReport;
 
@@ -18,13 +19,8 @@ pub enum Note {
     WatchdogStuck,
     /// The thresholds of the reflex were refused; the old ones are in force.
     ThresholdsRefused,
-    /// Something was lost because it came faster than it was taken: so many since power-up.
-    Lost {
-        /// Frames.
-        frames: u32,
-        /// Events between tasks.
-        events: u32,
-    },
+    /// Something was lost: so much since power-up.
+    Lost(Lost),
     /// Nothing was ever stored.
     NothingStored,
     /// What is stored cannot be read: the defaults run.

@@ -16,7 +16,7 @@ use edm_crossing::ring::{Receiver, Sender};
 use edm_hal_shim::can::{Filters, Trouble};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::reflex::Thresholds;
-use edm_servo_head::canopen::drive::{Drive, Generations, Order};
+use edm_servo_head::canopen::drive::{Drive, Generations, Lost, Order};
 use edm_servo_head::canopen::{Abort, BootError, Controller, Frame, Node, Time};
 use edm_servo_head::gap::voltage;
 use edm_servo_head::head::{Change, SetPoint, Status, SupervisionConfig};
@@ -51,8 +51,8 @@ pub struct Protocol<B: Board> {
     pub(crate) configuring: Configuring,
     /// Requests sent and not answered.
     pub(crate) outstanding: usize,
-    /// Frames and events lost, as told last.
-    pub(crate) lost: [u32; 2],
+    /// What was lost, as told last.
+    pub(crate) lost: Lost,
     /// The tick that knew of the newest command first: an older status is not news.
     pub(crate) known: u32,
     /// SYNCs until the newest frame that was dealt with.
@@ -134,14 +134,19 @@ impl<B: Board> Protocol<B> {
         let ends = &self.ends;
         let rings = [ends.changes.lost(), ends.commissioned.lost(), ends.answers.lost()];
         let before_them = [self.signals.lost_faults.load(), self.signals.lost_changes.load()];
-        let lost = [frames, rings.into_iter().chain(before_them).fold(0, u32::wrapping_add)];
+        let lost = Lost {
+            frames,
+            events: rings.into_iter().chain(before_them).fold(0, u32::wrapping_add),
+            ticks: self.signals.lost_ticks.load(),
+            blocks: self.signals.lost_blocks.load(),
+        };
         let before = core::mem::replace(&mut self.lost, lost);
-        let [overrun, events] = [lost[0] != before[0], lost[1] != before[1]];
+        let (overrun, events) = (lost.frames != before.frames, Lost { frames: before.frames, ..lost } != before);
         let Trouble { passive, bus_off } = filters.trouble();
         self.node.controller(Controller { overrun, events, passive, bus_off });
         if lost != before {
             self.drive.set_lost(lost);
-            self.caller.note(&Note::Lost { frames: lost[0], events: lost[1] });
+            self.caller.note(&Note::Lost(lost));
         }
     }
 

@@ -180,7 +180,7 @@ impl<B: Board> Servo<B> {
         let timer = self.timer.read();
         let used = self.handover.read(self.decoder.snapshot(), timer, storm);
         self.input.encoder = used.raw;
-        self.counters = Counters { used, watch: Some(timer) };
+        self.counters = Counters { used, watch: Some(timer), pulses: self.lines.pulses() };
     }
 
     /// Without a cascade every tick wants the gap voltage.
@@ -245,7 +245,12 @@ impl<B: Board> Servo<B> {
 
     /// What the clock shows against the ticks since the millisecond before. While the flash is written no tick comes.
     fn clock_fault(&mut self, now: u32) -> Option<Fault> {
-        match self.pace.look(now, self.follower.number()) {
+        let (pace, missing) = self.pace.look(now, self.follower.number());
+        if missing > 0 && self.state != State::Disabled {
+            let lost = &self.signals.lost_ticks;
+            lost.store(lost.load().wrapping_add(missing));
+        }
+        match pace {
             Pace::Fast if self.state == State::Disabled => None,
             Pace::Slow | Pace::Fast => {
                 self.signals.clock_lost.set();

@@ -8,10 +8,12 @@
 
 mod gated;
 mod open_circuit;
+mod pulse_watch;
 mod surrogate;
 pub mod voltage;
 
 pub use open_circuit::OpenCircuit;
+pub use pulse_watch::{PulseFault, PulseSeen, PulseWatch};
 pub use surrogate::{Config as SurrogateConfig, Surrogate};
 pub use voltage::Voltage;
 

@@ -16,6 +16,7 @@ use crate::path::Path;
 use crate::units::TICKS_PER_MS;
 use core::ops::DerefMut;
 use edm_hal_shim::encoder::RawCount;
+use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 
 /// Everything that the tasks of a head see in a tick.
@@ -27,6 +28,8 @@ pub struct Inputs {
     pub encoder: Snapshot,
     /// Second counter on the same lines, where both are wired.
     pub watch: Option<RawCount>,
+    /// What the pulses have done.
+    pub pulses: PulseCounts,
     /// Safety inputs, if any of them is unsafe.
     pub safety: Option<SafetyInputs>,
     /// Motor current and bus voltage.
@@ -114,7 +117,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     }
 
     fn supervise(&mut self, input: &TickInput, inputs: &Inputs) {
-        let counters = Counters { used: inputs.encoder, watch: inputs.watch };
+        let counters = Counters { used: inputs.encoder, watch: inputs.watch, pulses: inputs.pulses };
         self.follower.measured(&mut self.measured, input, inputs.gap.quality);
         let config = self.supervision();
         if let Some(fault) = self.supervisor.tick(&config, &self.measured, &counters, inputs.host_alive) {

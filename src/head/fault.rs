@@ -76,6 +76,10 @@ faults! {
     LiveStuck = "live circuit stuck" => Coast,
     /// The clock that times edges and tasks stands, or servo ticks are missing: neither velocity nor watch can be believed.
     ClockLost = "clock lost" => Coast,
+    /// Pulses, or shorts, that the reflex does not see.
+    ReflexLost = "reflex lost" => Retrace,
+    /// Pulses without permission: the generator does not obey.
+    UnpermittedPulses = "pulses without permission" => Retrace,
 }
 
 impl Fault {
@@ -119,7 +123,16 @@ mod tests {
         use Fault::*;
         for (faults, reaction) in [
             (
-                &[PersistentShort, PersistentArc, GapSignalInvalid, GateMissing, DielectricNotOk, HostSilent][..],
+                &[
+                    PersistentShort,
+                    PersistentArc,
+                    GapSignalInvalid,
+                    GateMissing,
+                    ReflexLost,
+                    UnpermittedPulses,
+                    DielectricNotOk,
+                    HostSilent,
+                ][..],
                 Reaction::Retrace,
             ),
             (&[LowerLimit, Contact], Reaction::RetractOffLimit),
@@ -135,6 +148,6 @@ mod tests {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 21);
+        assert_eq!(Fault::ALL.len(), 23);
     }
 }

@@ -391,6 +391,10 @@ pub struct Measured {
     pub saturated: bool,
     /// Quality of the gap reading.
     pub quality: Quality,
+    /// Pulses are permitted, for work or for commissioning.
+    pub permitted: bool,
+    /// The gap voltage has shown nothing but short for a millisecond.
+    pub short: bool,
     /// What was drawn.
     pub sums: Sums,
     /// Bus voltage, a code.
@@ -766,6 +770,8 @@ impl Follower {
             duty: self.duty,
             saturated: self.saturated,
             quality,
+            permitted: self.plan.pulses,
+            short: input.short_ticks >= TICKS_PER_MS,
             sums: *self.estimator.sums(),
             bus: input.drive.bus_voltage,
         };

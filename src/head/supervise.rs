@@ -10,10 +10,11 @@ use super::fault::Fault;
 use super::follow::Measured;
 use super::state::State;
 use crate::encoder::{MarkCheck, MarkSpacing, Plausibility, PlausibilityLimits, Snapshot};
-use crate::gap::Quality;
+use crate::gap::{PulseFault, PulseSeen, PulseWatch, Quality};
 use crate::servo::{BackEmf, CurrentGuard, CurrentLimits, Gains, Plant};
 use crate::units::{Amps, CountsPerSecond, Newtons, TICKS_PER_MS, Volts, smaller};
 use edm_hal_shim::encoder::RawCount;
+use edm_hal_shim::reflex::PulseCounts;
 
 /// Limits of the supervision. Times are in ms, which is its period.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,7 +123,7 @@ pub struct Config {
     pub bus_per_code: Volts,
 }
 
-/// Both counters at one instant.
+/// What the hardware has counted: both counters of the encoder at one instant, and the pulses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
@@ -130,6 +131,8 @@ pub struct Counters {
     pub used: Snapshot,
     /// The second counter on the same lines, where both are wired.
     pub watch: Option<RawCount>,
+    /// What the pulses have done.
+    pub pulses: PulseCounts,
 }
 
 /// What was looked at: for the planner, hosts and reports.
@@ -183,6 +186,7 @@ pub struct Supervisor {
     gate: Lasting,
     host: Lasting,
     current: Lasting,
+    pulses: PulseWatch,
 }
 
 impl Supervisor {
@@ -216,6 +220,8 @@ impl Supervisor {
         let bad = matches!(now.quality, Quality::Missing | Quality::Saturated | Quality::Reversed);
         let gap = self.gap.longer_than(limits.gap_ms, now.pulses && bad);
         let gate = self.gate.longer_than(limits.gap_ms, now.pulses && now.quality == Quality::NoGate);
+        let seen = PulseSeen { permitted: now.permitted, watched: now.state != State::Disabled, short: now.short };
+        let pulses = self.pulses.look(counters.pulses, seen);
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;
 
         [
@@ -226,6 +232,8 @@ impl Supervisor {
             (following, Fault::FollowingError),
             (gap, Fault::GapSignalInvalid),
             (gate, Fault::GateMissing),
+            (pulses == Some(PulseFault::Unpermitted), Fault::UnpermittedPulses),
+            (pulses == Some(PulseFault::Unseen), Fault::ReflexLost),
             (silent, Fault::HostSilent),
         ]
         .into_iter()

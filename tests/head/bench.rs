@@ -3,6 +3,7 @@
 
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
+use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::Snapshot;
 use edm_servo_head::gap::{GapReading, Quality};
@@ -42,6 +43,9 @@ pub struct Bench {
     pub stroke_m: f64,
     /// The reflex begins a retreat before the next tick.
     pub reflex: bool,
+    /// Edges of the gate in each tick, which start no conversion.
+    pub edges: u8,
+    pulses: PulseCounts,
     count: i64,
     last_edge: u32,
     toward_work: bool,
@@ -80,6 +84,8 @@ impl Bench {
             extra_amps: 0.0,
             stroke_m: 0.012,
             reflex: false,
+            edges: 0,
+            pulses: PulseCounts::default(),
             count: 0,
             last_edge: 0,
             toward_work: true,
@@ -213,10 +219,12 @@ impl Bench {
             now: self.now,
         };
         let watch = self.watch_offset.map(|off| RawCount { count: raw.count.wrapping_add_signed(off), ..raw });
+        self.pulses.edges = self.pulses.edges.wrapping_add(self.edges);
         let inputs = Inputs {
             gap: self.gap(),
             encoder: Snapshot { raw, ..Snapshot::default() },
             watch,
+            pulses: self.pulses,
             safety: self.safety.unsafe_ones(),
             drive: DriveCodes {
                 // The sensor sits between bridge and coil: it does not know which way round the coil is.

@@ -2,6 +2,7 @@
 
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
+use edm_hal_shim::reflex::PulseCounts;
 use edm_servo_head::encoder::Snapshot;
 use edm_servo_head::gap::Quality;
 use edm_servo_head::head::{Counters, Fault, Measured, State, SupervisionConfig, Supervisor};
@@ -25,6 +26,9 @@ struct Watched {
     amps: f64,
     bus: f64,
     host_alive: bool,
+    /// Edges of the gate and conversions in a millisecond.
+    pulses: [u8; 2],
+    counted: PulseCounts,
 }
 
 impl Watched {
@@ -45,6 +49,8 @@ impl Watched {
             amps: 0.0,
             bus: 48.0,
             host_alive: true,
+            pulses: [0; 2],
+            counted: PulseCounts::default(),
         };
         // Disabled; then the loop is closed.
         assert_eq!(watched.first(5), None);
@@ -65,7 +71,11 @@ impl Watched {
         let count = self.count + if self.trembles { self.ms & 1 } else { 0 };
         let raw = RawCount { count: count as u32, ..RawCount::default() };
         let watch = self.watch.map(|off| RawCount { count: raw.count.wrapping_add_signed(off), ..raw });
-        let counters = Counters { used: Snapshot { raw, ..Snapshot::default() }, watch };
+        let [edges, conversions] = self.pulses;
+        let counted = &mut self.counted;
+        counted.edges = counted.edges.wrapping_add(edges);
+        counted.conversions = counted.conversions.wrapping_add(conversions);
+        let counters = Counters { used: Snapshot { raw, ..Snapshot::default() }, watch, pulses: self.counted };
         let code = (self.amps / f64::from(self.config.amps_per_code.0)).round() as i32;
         self.now.bus = (self.bus / f64::from(self.config.bus_per_code.0)).round() as u16;
         let sums = &mut self.now.sums;
@@ -327,6 +337,17 @@ fn a_bad_gap_reading_matters_while_pulses_are_on() {
         finds(None, "without", |w| w.now.quality = quality);
     }
     finds(None, "good", |w| w.now.pulses = true);
+}
+
+#[test]
+fn pulses_that_the_reflex_does_not_see_or_nobody_permitted_matter_while_the_head_is_enabled() {
+    finds(None, "good", |w| (w.now.permitted, w.pulses) = (true, [20, 10]));
+    finds(Some((2, Fault::ReflexLost)), "not converted", |w| (w.now.permitted, w.pulses) = (true, [20, 0]));
+    let short = |w: &mut Watched| (w.now.permitted, w.now.short, w.pulses) = (true, true, [20, 10]);
+    finds(Some((2, Fault::ReflexLost)), "shorts not found", short);
+    finds(Some((4, Fault::UnpermittedPulses)), "nobody permitted them", |w| w.pulses = [20, 10]);
+    let disabled = |w: &mut Watched| (w.now.state, w.now.closed, w.pulses) = (State::Disabled, false, [20, 10]);
+    finds(None, "disabled", disabled);
 }
 
 #[test]

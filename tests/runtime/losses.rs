@@ -2,7 +2,7 @@
 
 use crate::rig::{Host, ID, MS, place, setting};
 use edm_servo_head::canopen::Abort;
-use edm_servo_head::head::State;
+use edm_servo_head::head::{Fault, State};
 use edm_servo_head::settings::{Declared, Settings};
 use edm_sim::schedule::Habits;
 
@@ -112,5 +112,28 @@ fn requests_beyond_those_that_can_wait_are_refused_and_not_lost() {
         let refused = answers.iter().filter(|answer| **answer == Err(Abort::OutOfMemory.code())).count();
         let done = answers.iter().filter(|answer| answer.is_ok()).count();
         assert_eq!(refused + done, 30, "{answers:x?}");
+    }
+}
+
+#[test]
+fn servo_ticks_and_blocks_that_do_not_come_are_counted_and_an_emergency() {
+    for seed in 0..5 {
+        let mut host = Host::new(|_| {}, seed);
+        host.head.set_habits(Habits::PROMPT);
+        host.enable();
+        assert_eq!(host.read_all(&[(0x200D, 3), (0x200D, 4)]), [0, 0]);
+        host.head.lose(1, 0);
+        host.run(3 * MS);
+        assert_eq!(host.read_all(&[(0x200D, 3), (0x200D, 4)]), [1, 0]);
+        host.hear();
+        assert!(host.emergencies.contains(&0x6100), "{:x?}", host.emergencies);
+        assert_eq!(host.head.status().fault, None, "one is no fault");
+        host.head.lose(0, 3);
+        host.run(3 * MS);
+        assert_eq!(host.read_all(&[(0x200D, 3), (0x200D, 4)]), [1, 3]);
+        host.head.lose(3, 0);
+        host.run(3 * MS);
+        assert_eq!(host.head.status().fault, Some(Fault::ClockLost));
+        assert_eq!(host.read_all(&[(0x200D, 3), (0x200D, 4)]), [4, 3]);
     }
 }

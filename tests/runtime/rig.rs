@@ -186,7 +186,7 @@ impl Host {
 
     /// Reads objects, eight requests at a time.
     #[track_caller]
-    fn read_all(&mut self, addresses: &[(u16, u8)]) -> Vec<u32> {
+    pub fn read_all(&mut self, addresses: &[(u16, u8)]) -> Vec<u32> {
         let mut values = Vec::new();
         for addresses in addresses.chunks(8) {
             self.hear();

@@ -12,13 +12,14 @@ use super::start::StartError;
 use super::{lines, pac, put, reset};
 use crate::board::{BLANKING_CLOCK, BLANKING_MOST, GATED_SAMPLING};
 use crate::must;
-use crate::reflex::{self, Config, Limits, Run, Verdict};
+use crate::reflex::{self, Config, EDGE_COUNT, Limits, Run, Verdict};
 use crate::timing::{Refused, blanking};
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering::Relaxed};
 use cortex_m::peripheral::DWT;
 
-/// Current and voltage of the newest pulse.
-static PULSE: [AtomicU16; 2] = [const { AtomicU16::new(0) }; 2];
+/// Current and voltage of the newest pulses: as many as the edges that are counted, so that both counts wrap alike.
+static PULSES: [AtomicU16; RING] = [const { AtomicU16::new(0) }; RING];
+const RING: usize = 2 * EDGE_COUNT as usize;
 /// Short pulses so far, wrapping.
 static SHORTS: AtomicU32 = AtomicU32::new(0);
 /// Retreats begun so far, wrapping.
@@ -44,9 +45,28 @@ pub fn retreats() -> u32 {
     RETREATS.load(Relaxed)
 }
 
+/// Pulses converted so far, modulo [`EDGE_COUNT`].
+#[inline]
+pub fn conversions() -> u32 {
+    written() / 2
+}
+
+/// Codes written since the stream was enabled, modulo the ring.
+#[inline(always)]
+fn written() -> u32 {
+    (RING as u32).wrapping_sub(dma::left::<3>()) % RING as u32
+}
+
+/// Where the current of the newest pulse is; its voltage, which follows, may still be on its way.
+#[inline(always)]
+fn place() -> usize {
+    (written().wrapping_sub(1) & !1) as usize % RING
+}
+
 /// Current and voltage of the newest pulse, converter codes.
 pub fn newest() -> [u16; 2] {
-    [PULSE[0].load(Relaxed), PULSE[1].load(Relaxed)]
+    let at = place();
+    [at, at + 1].map(|at| PULSES.get(at).map_or(0, |code| code.load(Relaxed)))
 }
 
 /// The pulse-synchronous converter with its blanking timer. Owned by the reflex task.
@@ -103,7 +123,7 @@ impl Gated {
     fn restart(&mut self) -> Result<(), StartError> {
         put!(self.adc.cr2(), 1);
         put!(self.adc.sr(), 0);
-        self.stream.fill(1, dma::URGENT, self.adc.dr().as_ptr().cast_const(), &PULSE)?;
+        self.stream.fill(1, dma::URGENT, self.adc.dr().as_ptr().cast_const(), &PULSES)?;
         put!(self.adc.cr2(), CR2);
         Ok(())
     }
@@ -114,7 +134,7 @@ impl Gated {
         let flags = self.adc.sr().read().bits();
         put!(self.adc.sr(), !(AWD | OVR));
         if flags & AWD != 0 {
-            let [current, _] = newest();
+            let current = PULSES.get(place()).map_or(0, |code| code.load(Relaxed));
             let now = DWT::cycle_count();
             match self.run.low(self.limits, lines::gate_is_open(), current, gate_edges(), now) {
                 Verdict::Pass => return,

@@ -6,11 +6,12 @@
 //! count has changed in between, it repeats what was forced ([`ForcedLines::settle`]). So no lock is needed and a decision that
 //! was made before the short can never outlive it.
 
-use super::gated::retreats;
+use super::gate::gate_edges;
+use super::gated::{conversions, retreats, shorts};
 use super::pins::{high, is_high, low};
 use super::{Board, change, pac, put};
 use crate::board::Pin;
-use crate::reflex::ForcedLines;
+use crate::reflex::{ForcedLines, PulseCounts};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
 const ALLOW: Pin = Board::TABLE.pin("allow_pulses");
@@ -192,6 +193,10 @@ impl ForcedLines for ServoLines {
     #[inline(always)]
     fn retreats(&self) -> u32 {
         retreats()
+    }
+
+    fn pulses(&self) -> PulseCounts {
+        PulseCounts { edges: gate_edges() as u8, conversions: conversions() as u8, shorts: shorts() as u8 }
     }
 }
 

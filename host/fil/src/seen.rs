@@ -7,6 +7,7 @@ use crate::layout::Layout;
 use anyhow::{Context, Result};
 use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
+use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
@@ -568,6 +569,7 @@ fn counters(view: &View) -> Result<Counters> {
     let watch = view.inner(at!(Counters, watch));
     // No count: a direction that is neither.
     let watched = watch.byte(at!(RawCount, toward_work))? < 2;
+    let pulses = view.inner(at!(Counters, pulses));
     Ok(Counters {
         used: Snapshot {
             raw: raw(&used.inner(at!(Snapshot, raw)))?,
@@ -579,6 +581,11 @@ fn counters(view: &View) -> Result<Counters> {
             },
         },
         watch: if watched { Some(raw(&watch)?) } else { None },
+        pulses: PulseCounts {
+            edges: pulses.byte(at!(PulseCounts, edges))? as u8,
+            conversions: pulses.byte(at!(PulseCounts, conversions))? as u8,
+            shorts: pulses.byte(at!(PulseCounts, shorts))? as u8,
+        },
     })
 }
 

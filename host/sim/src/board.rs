@@ -14,7 +14,7 @@ use edm_hal_shim::encoder::{Edge, EdgeGuard, EdgeLines, EncoderTimer, Levels, Li
 use edm_hal_shim::gap::{GapBlock, GapFrontEnd};
 use edm_hal_shim::generator::Generator;
 use edm_hal_shim::live::Live;
-use edm_hal_shim::reflex::{Config, ForcedLines, Thresholds};
+use edm_hal_shim::reflex::{Config, ForcedLines, PulseCounts, Thresholds};
 use edm_hal_shim::safety::{DriveCodes, DriveSense, Safety, SafetyInputs};
 use edm_hal_shim::tick::{Period, ServoTimer};
 use edm_hal_shim::watchdog::{Stuck, Watchdog};
@@ -58,6 +58,8 @@ pub struct Ports {
     pub safety: Cell<SafetyInputs>,
     /// Retreats that a reflex has begun; a PC has none, but may stand in for a chip.
     pub retreats: Cell<u32>,
+    /// What the pulses have done.
+    pub pulse_counts: Cell<PulseCounts>,
     /// Motor current and bus voltage.
     pub codes: Cell<DriveCodes>,
     /// What the bridge was told.
@@ -296,6 +298,9 @@ impl ForcedLines for Part {
     }
     fn retreats(&self) -> u32 {
         self.0.retreats.get()
+    }
+    fn pulses(&self) -> PulseCounts {
+        self.0.pulse_counts.get()
     }
 }
 

@@ -39,6 +39,10 @@ declare! {
         sense: bool = false, (), "sense.off", "", "with pulses off nothing moves toward the work";
         /// The wire of the generator's gate is cut; pulses go on.
         gate: bool = false, (), "gate.cut", "", "the head retraces to its safe height";
+        /// The branch of that wire is cut that tells the reflex of pulses.
+        start: bool = false, (), "gate.start_cut", "", "the reflex is lost: the head retraces to its safe height";
+        /// The generator goes on with its pulses whatever the head permits.
+        disobeys: bool = false, (), "generator.disobeys", "", "with pulses off they are without permission: the head retraces to its safe height";
     }
 }
 
@@ -57,6 +61,10 @@ pub struct FaultInputs {
     pub generator_dead: bool,
     /// The wire of the gate signal is broken; pulses go on.
     pub gate_lost: bool,
+    /// The reflex is not told of pulses.
+    pub start_lost: bool,
+    /// The generator does not obey the inhibit line.
+    pub disobeys: bool,
     /// A wire across the gap.
     pub short: bool,
     /// The contact sense supply gives nothing.
@@ -172,6 +180,8 @@ impl Wires {
             (self.short, to.short, &mut fault_inputs.short),
             (self.generator, to.generator, &mut fault_inputs.generator_dead),
             (self.gate, to.gate, &mut fault_inputs.gate_lost),
+            (self.start, to.start, &mut fault_inputs.start_lost),
+            (self.disobeys, to.disobeys, &mut fault_inputs.disobeys),
             (self.sense, to.sense, &mut fault_inputs.sense_off),
         ] {
             if was != is {

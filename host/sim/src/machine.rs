@@ -235,6 +235,7 @@ pub(crate) fn show(ports: &Ports, process: &Process) {
     ports.block.set(Some(sensors.block));
     ports.safety.set(sensors.safety);
     ports.codes.set(sensors.drive);
+    ports.pulse_counts.set(sensors.pulses);
 }
 
 /// Head, process and the wires between them; whoever holds it commands the head.

@@ -160,6 +160,8 @@ struct Inner {
     release: [Cell<Option<u64>>; TASKS.len()],
     /// The newest edge of the period was not served yet.
     edge: Cell<bool>,
+    /// Servo ticks and blocks of conversions that will not come.
+    missing: Cell<[u32; 2]>,
     /// The next round of idle.
     round: Cell<u64>,
     /// Frames on their way to the head, and what is left of the first, us.
@@ -198,6 +200,7 @@ impl Scheduler {
             periods: Cell::new(ticks.into()),
             release: Default::default(),
             edge: Cell::new(false),
+            missing: Cell::new([0; 2]),
             round: Cell::new(0),
             coming: RefCell::default(),
             coming_us: Cell::new(0),
@@ -285,6 +288,11 @@ impl Scheduler {
     /// Stops the head's clock.
     pub fn stop_clock(&self) {
         self.0.ports.stands_at.set(Some(self.0.ports.now.get()));
+    }
+
+    /// So many servo ticks, and blocks of conversions, do not come from now on.
+    pub fn lose(&self, ticks: u32, blocks: u32) {
+        self.0.missing.set([ticks, blocks]);
     }
 
     /// The live signal, and the circuit behind it.
@@ -395,8 +403,15 @@ impl Inner {
             self.edge.set(held > 0);
             show(ports, &process);
         });
+        let [ticks, blocks] = self.missing.get();
+        self.missing.set([ticks.saturating_sub(1), blocks.saturating_sub(1)]);
+        if blocks > 0 {
+            ports.block.set(None);
+        }
         self.at(GAP, || self.gap.borrow_mut().block());
-        self.at(SERVO, || self.servo.borrow_mut().tick());
+        if ticks == 0 {
+            self.at(SERVO, || self.servo.borrow_mut().tick());
+        }
         self.late_edge();
         ports.position.set(self.servo.borrow().follower().position());
         if ports.wants[PLAN].get() && self.due.get().is_none() {

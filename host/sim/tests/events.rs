@@ -69,16 +69,34 @@ fn every_signal_brings_its_fault_and_nothing_is_rammed() {
         ("gap.short", Fault::PersistentShort),
         ("generator.off", Fault::GateMissing),
         ("gate.cut", Fault::GateMissing),
+        ("gate.start_cut", Fault::ReflexLost),
     ];
-    // Of the sense supply and of another workpiece nothing is noticed while pulses are on, and a hand is held off:
-    // tests/contact.rs, tests/canopen_device/settings.rs.
-    assert_eq!(faults.len() + 3, Wires::FIELDS.len());
+    // Of the sense supply, another workpiece and pulses without permission nothing is noticed while pulses are on, and a
+    // hand is held off: below, tests/contact.rs, tests/canopen_device/settings.rs.
+    assert_eq!(faults.len() + 4, Wires::FIELDS.len());
     for (signal, fault) in faults {
         let (machine, before, after) = after(signal);
         assert_eq!(machine.status().fault, Some(fault), "{signal}");
         assert!(after.position_um < before.position_um + 2.0, "{signal}: {before:?} {after:?}");
         assert!(after.contact_n < 10.0, "{signal}: {after:?}");
     }
+}
+
+#[test]
+fn a_generator_that_does_not_obey_is_named_once_it_should_be_silent() {
+    let mut machine = eroding(&[event(AT_S, "generator.disobeys", true)]);
+    run(&mut machine, 0.5);
+    assert_eq!((machine.status().state, machine.status().fault), (State::Eroding, None));
+    machine.command(Command::Hold).unwrap();
+    run(&mut machine, 0.01);
+    assert_eq!(machine.status().fault, Some(Fault::UnpermittedPulses));
+    // As long as it goes on the fault cannot be left behind.
+    run(&mut machine, 2.0);
+    machine.command(Command::ResetFault).unwrap();
+    // Refused where it has been told of again already.
+    let _ = machine.command(Command::Enable);
+    run(&mut machine, 0.01);
+    assert_eq!(machine.status().fault, Some(Fault::UnpermittedPulses));
 }
 
 #[test]

@@ -47,6 +47,8 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
         Fault::LiveLost => (0xFF09, MANUFACTURER),
         Fault::ClockLost => (0xFF0A, MANUFACTURER),
         Fault::LiveStuck => (0xFF0B, MANUFACTURER),
+        Fault::ReflexLost => (0xFF0C, MANUFACTURER),
+        Fault::UnpermittedPulses => (0xFF0D, MANUFACTURER),
     };
     (code, bits | GENERIC)
 }

@@ -172,6 +172,20 @@ pub struct Generations {
     pub supervision: u32,
 }
 
+/// What was lost since power-up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Lost {
+    /// Frames that came faster than they were taken.
+    pub frames: u32,
+    /// Events between tasks that did.
+    pub events: u32,
+    /// Servo ticks that did not come while the head was enabled.
+    pub ticks: u32,
+    /// Blocks of conversions that did not come, or were not taken in time.
+    pub blocks: u32,
+}
+
 /// Tasks of [`Drive::set_timers`]: gap, servo, supervision, protocol, plan.
 pub const TASKS: usize = 5;
 
@@ -199,8 +213,8 @@ pub struct Drive {
     /// Settings that the head runs; those of [`Drive::settings`] are on their way to it.
     running: Settings,
     generations: Generations,
-    /// Frames, and events between tasks, that were lost.
-    lost: [u32; 2],
+    /// What was lost.
+    lost: Lost,
     /// The settings come from a reset and are not a host's write, which could be taken back.
     restarting: bool,
     /// A configuration was ordered and has not come back: there is no other until then.
@@ -270,7 +284,7 @@ impl Drive {
             sync_preview: None,
             running: settings,
             generations: Generations::default(),
-            lost: [0; 2],
+            lost: Lost::default(),
             restarting: false,
             configuring: false,
             stale: false,
@@ -410,8 +424,8 @@ impl Drive {
         self.generations = generations;
     }
 
-    /// Frames, and events between tasks, that were lost since power-up, for 200Dh.
-    pub fn set_lost(&mut self, lost: [u32; 2]) {
+    /// What was lost since power-up, for 200Dh.
+    pub fn set_lost(&mut self, lost: Lost) {
         self.lost = lost;
     }
 

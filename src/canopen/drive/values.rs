@@ -164,8 +164,10 @@ impl Drive {
             Item::GenerationSupervision => self.generations.supervision.into(),
             Item::Touched => clamp32(status.touched).into(),
             Item::GuardedChange => self.guarded.into(),
-            Item::LostFrames => self.lost[0].into(),
-            Item::LostEvents => self.lost[1].into(),
+            Item::LostFrames => self.lost.frames.into(),
+            Item::LostEvents => self.lost.events.into(),
+            Item::LostTicks => self.lost.ticks.into(),
+            Item::LostBlocks => self.lost.blocks.into(),
             Item::ScopeState => self.scope.phase() as i64,
             Item::ScopeCount => self.scope.count().into(),
             Item::ErrorCode => match self.state {

@@ -7,6 +7,7 @@
 use super::{Event, Twin};
 use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
+use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::{GapReading, Quality};
@@ -22,7 +23,7 @@ use flate2::write::DeflateEncoder;
 use std::io::{self, Read, Write};
 
 /// First bytes of a recording, the last of them its version.
-const MAGIC: [u8; 5] = *b"EDMR\x04";
+const MAGIC: [u8; 5] = *b"EDMR\x05";
 /// Qualities of a reading by number.
 pub const QUALITIES: [Quality; 5] =
     [Quality::Missing, Quality::Valid, Quality::NoGate, Quality::Saturated, Quality::Reversed];
@@ -279,7 +280,7 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
 }
 
 /// Numbers of a tick, and of a plan.
-const TICK: usize = 32;
+const TICK: usize = 33;
 const PLAN: usize = 14;
 
 fn float(x: f32) -> u64 {
@@ -303,6 +304,7 @@ fn tick_numbers(input: &TickInput, counters: &Counters, status: &Status) -> [u64
     let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault } = contacts;
     let flags = [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, *reflex, *asked, *touches];
     let watched = counters.watch.unwrap_or_default();
+    let PulseCounts { edges, conversions, shorts } = counters.pulses;
     let point = set_point.unwrap_or_default();
     [
         raw.count.into(),
@@ -329,6 +331,7 @@ fn tick_numbers(input: &TickInput, counters: &Counters, status: &Status) -> [u64
         watched.last_edge.into(),
         watched.toward_work.into(),
         watched.now.into(),
+        u32::from_le_bytes([edges, conversions, shorts, 0]).into(),
         status.tick.into(),
         status.position as u64,
         float(status.velocity.0),
@@ -344,7 +347,8 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error
     let [count, last_edge, toward_work, now, short_ticks, motor_current, bus_voltage, flags, told, rest @ ..] =
         *numbers;
     let [pointed, to, counts, ticks, used, used_at, illegal, mark_at, mark_toward, crossings, rest @ ..] = rest;
-    let [watched, w_count, w_edge, w_toward, w_now, tick, position, velocity, setpoint, following, rest @ ..] = rest;
+    let [watched, w_count, w_edge, w_toward, w_now, pulses, tick, position, velocity, setpoint, following, rest @ ..] =
+        rest;
     let [path, duty, saturated] = rest;
     let raw = |count, edge, toward, now| RawCount {
         count: count as u32,
@@ -376,6 +380,7 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error
         }),
         asked: flag(6),
     };
+    let [edges, conversions, shorts, ..] = (pulses as u32).to_le_bytes();
     let counters = Counters {
         used: Snapshot {
             raw: RawCount { count: used as u32, now: used_at as u32, ..RawCount::default() },
@@ -383,6 +388,7 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error
             mark: Mark { count: mark_at as u32, toward_work: mark_toward != 0, crossings: crossings as u32 },
         },
         watch: (watched != 0).then(|| raw(w_count, w_edge, w_toward, w_now)),
+        pulses: PulseCounts { edges, conversions, shorts },
     };
     let status = Status {
         tick: tick as u32,

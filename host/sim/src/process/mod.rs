@@ -25,6 +25,7 @@ use actuator::{Actuator, Load, STEPS};
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::Levels;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
+use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::settings::{SettingError, Value};
 use edm_servo_head::units::{ADC_FULL_SCALE, CLOCK_HZ, TICK_HZ};
@@ -61,6 +62,8 @@ pub struct Sensors {
     pub safety: SafetyInputs,
     /// Motor current and bus voltage.
     pub drive: DriveCodes,
+    /// What the pulses have done; of a reflex that finds every short.
+    pub pulses: PulseCounts,
 }
 
 /// The gap between two changes, within or around a tick. Times are us since the tick began.
@@ -159,6 +162,7 @@ impl Process {
                 now: 0,
                 safety: SafetyInputs::default(),
                 drive: DriveCodes::default(),
+                pulses: PulseCounts::default(),
             },
             film: 3.0 * PI * f64::from(p.viscosity) * 1e-3 * radius.powi(4) / 2.0,
             suction: ATMOSPHERE * PI * radius * radius,
@@ -205,13 +209,30 @@ impl Process {
         let before = self.gap_um();
         self.move_axis(if self.fault_inputs.safety.bridge_fault { Drive::Coast } else { drive });
         let gap = self.held_gap_um.map_or((before, self.gap_um()), |held| (held, held));
-        self.spark.advance(from, from + TICK_US, gap, pulses);
+        let pulses_before = self.spark.pulses;
+        self.spark.advance(from, from + TICK_US, gap, pulses || self.fault_inputs.disobeys);
+        self.count_pulses(pulses_before);
         self.sensors.block = self.front.convert(from, &self.spark.stretches);
 
         self.ticks += 1;
         self.sensors.now = self.sensors.now.wrapping_add(TICK_CLOCK);
         self.sense();
         &self.sensors
+    }
+
+    /// The gate wire divides on the board: to the timer that counts its edges, and to the one that starts the reflex's
+    /// converter.
+    fn count_pulses(&mut self, before: Pulses) {
+        let counts = &mut self.sensors.pulses;
+        let add = |count: &mut u8, more: u64| *count = count.wrapping_add(more as u8);
+        let new = self.spark.pulses.total() - before.total();
+        if !self.fault_inputs.gate_lost {
+            add(&mut counts.edges, 2 * new);
+            if !self.fault_inputs.start_lost {
+                add(&mut counts.conversions, new);
+                add(&mut counts.shorts, self.spark.pulses.short - before.short);
+            }
+        }
     }
 
     fn bus(&self) -> f64 {

@@ -18,7 +18,7 @@ use edm_runtime::can::{Receive, Transmit};
 use edm_runtime::idle::Idle;
 use edm_runtime::image_store::ImageStore;
 use edm_runtime::protocol::Protocol;
-use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity};
+use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Lost};
 use edm_servo_head::canopen::{Node, NodeId};
 use edm_servo_head::head::Status;
 use edm_servo_head::settings::{SettingError, Settings};
@@ -138,7 +138,11 @@ impl Head {
                 Note::Loaded(report) if !report.is_whole() => report.to_string(),
                 Note::BootRefused(error) => format!("communication: {error:?}"),
                 Note::NotStored => "nothing was stored".into(),
-                Note::Lost { frames, events } => format!("lost since the start: {frames} frames, {events} events"),
+                Note::Lost(Lost { frames, events, ticks, blocks }) => {
+                    format!(
+                        "lost since the start: {frames} frames, {events} events, {ticks} servo ticks, {blocks} blocks"
+                    )
+                }
                 _ => continue,
             };
             eprintln!("node {}: {what}", self.id.get());

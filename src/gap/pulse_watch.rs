@@ -1,0 +1,159 @@
+//! Whether the reflex sees the pulses, and whether they keep to their permission.
+//!
+//! The reflex hears of a pulse by a branch of the gate line of its own, and judges it by a converter of its own. Where
+//! either is dead, nothing looks different until a short lasts. So what three parts of the hardware count is compared once
+//! a millisecond: edges of the gate, conversions that those pulses have started, and shorts that the reflex has found
+//! against those that the fixed-rate voltage shows. (The fixed-rate converter sees a short only where the reflex does not
+//! end its pulses first, or where they are long.)
+
+use edm_hal_shim::reflex::{EDGE_COUNT, PulseCounts};
+
+/// What is known of the pulses beside their counts.
+#[derive(Clone, Copy, Debug)]
+pub struct PulseSeen {
+    /// Pulses are permitted.
+    pub permitted: bool,
+    /// It matters that there are none otherwise: the head is enabled.
+    pub watched: bool,
+    /// The fixed-rate voltage has shown nothing but short since the last look.
+    pub short: bool,
+}
+
+/// What the counts say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PulseFault {
+    /// There are pulses that nobody permitted.
+    Unpermitted,
+    /// The reflex does not see pulses, or shorts.
+    Unseen,
+}
+
+/// What the counts have come to.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PulseWatch {
+    last: PulseCounts,
+    /// Pulses that were not converted, less those that were.
+    unconverted: u32,
+    /// Pulses in shorts of which the reflex found none.
+    unfound: u32,
+    /// Looks in a row that have found pulses without permission.
+    unpermitted: u32,
+}
+
+impl PulseWatch {
+    /// Pulses without an answer that are enough: 16 ms at 1 kHz, a look at 16 kHz and more.
+    const PULSES: u32 = 16;
+    /// Looks at pulses without permission that are enough: the pulse that was on goes on to its end.
+    const LOOKS: u32 = 3;
+
+    /// Compares the counts with those of a millisecond ago.
+    pub fn look(&mut self, counts: PulseCounts, seen: PulseSeen) -> Option<PulseFault> {
+        let since = |now: u8, then: u8| u32::from(now.wrapping_sub(then));
+        let edges = since(counts.edges, self.last.edges);
+        let conversions = since(counts.conversions, self.last.conversions);
+        let shorts = since(counts.shorts, self.last.shorts);
+        self.last = counts;
+        let pulses = edges / 2;
+
+        // Half of them are enough: a blanking may be longer than the period of quick pulses.
+        self.unconverted = self.unconverted.saturating_add(pulses).saturating_sub(2 * conversions);
+        self.unfound = match (shorts, seen.short && seen.permitted) {
+            (0, true) => self.unfound.saturating_add(pulses),
+            (0, false) => self.unfound,
+            _ => 0,
+        };
+        let stray = seen.watched && !seen.permitted && pulses > 0;
+        self.unpermitted = if stray { self.unpermitted.saturating_add(1) } else { 0 };
+
+        let unseen = self.unconverted > Self::PULSES || self.unfound > Self::PULSES;
+        if self.unpermitted > Self::LOOKS {
+            Some(PulseFault::Unpermitted)
+        } else if unseen && seen.permitted {
+            (self.unconverted, self.unfound) = (0, 0);
+            Some(PulseFault::Unseen)
+        } else {
+            None
+        }
+    }
+}
+
+// A look finds more pulses than are enough before the counts wrap.
+const _: () = assert!(EDGE_COUNT == 256 && PulseWatch::PULSES < EDGE_COUNT / 4);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WORK: PulseSeen = PulseSeen { permitted: true, watched: true, short: false };
+    const SHORT: PulseSeen = PulseSeen { short: true, ..WORK };
+
+    /// Looks until a fault, with so many edges, conversions and shorts in each; gives the looks that it took, of 1000.
+    fn looks(watch: &mut PulseWatch, each: [f32; 3], seen: PulseSeen) -> Option<(u32, PulseFault)> {
+        let from = watch.last;
+        (1..=1000).find_map(|n| {
+            let of = |per: f32, from: u8| from.wrapping_add((per * n as f32) as u32 as u8);
+            let [edges, conversions, shorts] = each;
+            let counts = PulseCounts {
+                edges: of(edges, from.edges),
+                conversions: of(conversions, from.conversions),
+                shorts: of(shorts, from.shorts),
+            };
+            watch.look(counts, seen).map(|fault| (n, fault))
+        })
+    }
+
+    #[test]
+    fn pulses_that_are_converted_are_none_to_worry_about_at_any_rate() {
+        for khz in [0.3, 1.0, 4.9, 16.0, 33.3, 100.0, 105.0] {
+            for share in [0.5, 1.0] {
+                let mut watch = PulseWatch::default();
+                assert_eq!(looks(&mut watch, [2.0 * khz, share * khz, 0.0], WORK), None, "{khz} kHz, {share}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_converter_that_no_pulse_starts_is_found_after_some_pulses() {
+        for (khz, most) in [(1.0, 17), (5.0, 4), (20.0, 1), (100.0, 1)] {
+            let mut watch = PulseWatch::default();
+            let found = looks(&mut watch, [2.0 * khz, 0.0, 0.0], WORK);
+            assert_eq!(found, Some((most, PulseFault::Unseen)), "{khz} kHz");
+        }
+        // A branch that has a loose contact.
+        let mut watch = PulseWatch::default();
+        assert!(looks(&mut watch, [10.0, 2.0, 0.0], WORK).is_some());
+    }
+
+    #[test]
+    fn shorts_that_the_reflex_does_not_find_are_found() {
+        let mut watch = PulseWatch::default();
+        assert_eq!(looks(&mut watch, [10.0, 5.0, 1.0], SHORT), None);
+        assert_eq!(looks(&mut watch, [10.0, 5.0, 0.0], SHORT), Some((4, PulseFault::Unseen)));
+        // Few shorts, each with a retreat that clears it: they add up, until the reflex finds one.
+        let mut watch = PulseWatch::default();
+        let mut edges = 0u8;
+        let mut look = |watch: &mut PulseWatch, seen, shorts| {
+            edges = edges.wrapping_add(10);
+            watch.look(PulseCounts { edges, conversions: edges / 2, shorts }, seen)
+        };
+        for _ in 0..3 {
+            assert_eq!(look(&mut watch, SHORT, 0), None);
+            assert_eq!((0..50).find_map(|_| look(&mut watch, WORK, 0)), None);
+        }
+        let mut other = watch;
+        assert_eq!(look(&mut watch, SHORT, 0), Some(PulseFault::Unseen));
+        assert_eq!(look(&mut other, WORK, 1), None);
+        assert_eq!(look(&mut other, SHORT, 1), None);
+    }
+
+    #[test]
+    fn pulses_that_nobody_allowed_are_found_but_not_the_last_one_that_was() {
+        let mut watch = PulseWatch::default();
+        let off = PulseSeen { permitted: false, ..WORK };
+        assert_eq!(looks(&mut watch, [10.0, 5.0, 0.0], off), Some((4, PulseFault::Unpermitted)));
+        let mut watch = PulseWatch::default();
+        assert_eq!(looks(&mut watch, [1.0, 0.5, 0.0], off), None);
+        let disabled = PulseSeen { watched: false, ..off };
+        assert_eq!(looks(&mut watch, [200.0, 100.0, 0.0], disabled), None);
+    }
+}
