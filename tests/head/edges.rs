@@ -2,7 +2,7 @@
 
 use crate::bench::Bench;
 use edm_servo_head::feed::Limiter;
-use edm_servo_head::head::{Command, Fault, Home, HomingState, MotionLimits, Reason, Refused, State};
+use edm_servo_head::head::{Command, Fault, Home, HomingState, MotionLimits, Reason, Refused, State, Structure};
 use edm_servo_head::motion::Method;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, PLAN_TICKS, TICK_S};
@@ -106,6 +106,27 @@ fn an_open_upper_limit_is_not_run_into_along_the_path() {
     }
     assert!(highest > before - 3.0, "rose by {} um", before - highest);
     assert_eq!(bench.fault(), Some(Fault::PersistentShort));
+}
+
+#[test]
+fn an_open_upper_limit_is_not_run_into_where_the_gap_gives_the_duty() {
+    let mut bench = Bench::with(|settings| settings.structure = Structure::SingleLoop);
+    bench.x = 0.003;
+    bench.surface_um = 3060.0;
+    bench.safety.upper_limit = true;
+    bench.run(0.01);
+    bench.command(Command::Enable);
+    bench.run(0.01);
+    bench.command(Command::MoveBy(um(500)));
+    bench.command(Command::Start);
+    bench.run_until(2.0, |bench| bench.state() == State::Eroding);
+    bench.run(0.2);
+    let before = bench.um();
+    // A gap that stays too small wherever the head goes, but is no short.
+    bench.follows = Some(14.0);
+    bench.run(1.0);
+    assert_eq!((bench.state(), bench.fault()), (State::Eroding, None));
+    assert!(bench.um() > before - 3.0, "rose by {} um", before - bench.um());
 }
 
 #[test]

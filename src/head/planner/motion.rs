@@ -6,7 +6,7 @@ use crate::head::commissioning::Commissioning;
 use crate::head::follow::Trajectory;
 use crate::path::Path;
 use crate::servo::Window;
-use crate::units::{Fixed, MicrometresPerSecond};
+use crate::units::{Fixed, MicrometresPerSecond, larger};
 use core::ops::DerefMut;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
@@ -52,7 +52,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             Motion::Gap(volts) => {
                 self.follow_axis();
                 self.route.stop();
-                Trajectory::gap(volts, allowed)
+                // An open upper limit is not run into.
+                let low = if self.now.safety.upper_limit { self.config.axis.gains.holding() } else { allowed.low };
+                Trajectory::gap(volts, Window { low: larger(allowed.low, low), ..allowed })
             }
             Motion::Duty(duty) => {
                 self.follow_axis();
