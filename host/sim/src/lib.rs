@@ -15,6 +15,7 @@
 //! | [`statistics`] | the figures by which control is judged |
 //! | [`report`] | the run in JSON and in words |
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
+//! | [`pool`] | work on every core |
 //! | [`output`] | files that appear complete or not at all |
 //! | [`page`] | a page of the project with a section that a command writes |
 //! | [`store`] | what a virtual head keeps when its power is cut |
@@ -43,6 +44,7 @@ pub mod observe;
 pub mod output;
 pub mod page;
 pub mod plot;
+pub mod pool;
 pub mod process;
 pub mod progress;
 pub mod report;

@@ -12,6 +12,7 @@ pub use crate::terminal::{EXIT_BAD_INPUT, EXIT_FAILED, Failure};
 pub use bore::Bore;
 
 use crate::bench::Bench;
+use crate::faults::Faults;
 use crate::observe::Run;
 use crate::serve::Serve;
 use crate::sweep::Sweep;
@@ -62,6 +63,8 @@ enum Command {
     Bench(Bench),
     /// Run every combination of scenarios, values and seeds, and check the bounds
     Sweep(Sweep),
+    /// Break every wire, and every pair of them, while the head erodes (docs/robustness.md)
+    Faults(Faults),
 }
 
 /// Reads the command line, does what it says, and gives the exit code.
@@ -81,6 +84,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Command::Bore(bore) => bore.execute(run),
         Command::Serve(serve) => serve.execute().map(|()| true),
         Command::Sweep(sweep) => sweep.execute(),
+        Command::Faults(faults) => faults.execute(),
         Command::Bench(bench) => bench.execute(run),
         Command::Scenarios => tables::scenarios().map(|text| {
             say(&text);
