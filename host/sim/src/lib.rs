@@ -21,6 +21,7 @@
 //! | [`store`] | what a virtual head keeps when its power is cut |
 //! | `schedule` | a virtual head whose tasks preempt each other as a seed wants it (feature `preempt`) |
 //! | [`serve`] | virtual heads on a CAN bus, in real time |
+//! | [`soak`] | random commands and events, with what must hold checked in every tick |
 //! | [`inputs`] | the options that say what is run, checked |
 //! | [`terminal`] | how a command ends, and what it says |
 //! | [`cli`] | commands |
@@ -53,6 +54,7 @@ pub mod scenario;
 #[cfg(feature = "preempt")]
 pub mod schedule;
 pub mod serve;
+pub mod soak;
 pub mod statistics;
 pub mod store;
 pub mod sweep;

@@ -15,6 +15,7 @@ use crate::bench::Bench;
 use crate::faults::Faults;
 use crate::observe::Run;
 use crate::serve::Serve;
+use crate::soak::Soak;
 use crate::sweep::Sweep;
 use crate::terminal::say;
 use clap::error::ErrorKind;
@@ -65,6 +66,8 @@ enum Command {
     Sweep(Sweep),
     /// Break every wire, and every pair of them, while the head erodes (docs/robustness.md)
     Faults(Faults),
+    /// Random commands and events: what must hold is checked in every tick
+    Soak(Soak),
 }
 
 /// Reads the command line, does what it says, and gives the exit code.
@@ -85,6 +88,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Command::Serve(serve) => serve.execute().map(|()| true),
         Command::Sweep(sweep) => sweep.execute(),
         Command::Faults(faults) => faults.execute(),
+        Command::Soak(soak) => soak.execute(),
         Command::Bench(bench) => bench.execute(run),
         Command::Scenarios => tables::scenarios().map(|text| {
             say(&text);

@@ -9,7 +9,9 @@
 
 pub mod row;
 mod trial;
-mod wires;
+pub mod wires;
+
+pub use trial::CONTACT_N;
 
 use crate::inputs::shard;
 use crate::output::Output;
