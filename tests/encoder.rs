@@ -282,7 +282,7 @@ fn noise_on_both_lines_is_reported_by_its_rate_and_does_not_move_the_count() {
 fn marks_watch_the_count_over_a_long_scale_and_show_what_was_lost_between_them() {
     let shared = Shared::new();
     let mut machine = Machine::new(&shared, Scale::PLAIN);
-    let mut check = MarkCheck::new(MarkSpacing::default());
+    let mut check = MarkCheck::new(MarkSpacing::default(), 0);
     let mut position = Position::new(machine.raw());
     for target in [45_000, -25_000, 30_000, 15_000] {
         while machine.counts() != target {
@@ -318,7 +318,7 @@ proptest! {
         let count = |place: i64| place.div_euclid(EIGHTHS);
         let marks_below = |place: i64| (place - begins).div_euclid(SPACING * EIGHTHS);
         let mut decoder = Quadrature::new(scale.levels(start), 0);
-        let mut check = MarkCheck::new(MarkSpacing { counts: SPACING as u32, tolerance: 0 });
+        let mut check = MarkCheck::new(MarkSpacing { counts: SPACING as u32, tolerance: 0 }, 0);
         let mut place = start;
         let mut between = marks_below(start);
         let mut counted = false;
@@ -357,7 +357,7 @@ proptest! {
         let mut place = start;
         let mut seen = scale.levels(place * EIGHTHS);
         let mut decoder = Quadrature::new(seen, 0);
-        let mut check = MarkCheck::new(MarkSpacing { counts: 16, tolerance: 1 });
+        let mut check = MarkCheck::new(MarkSpacing { counts: 16, tolerance: 1 }, 0);
         for (step, races) in walk {
             for number in 0..step.abs() {
                 place += step.signum();

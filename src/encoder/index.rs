@@ -116,24 +116,28 @@ impl core::error::Error for WrongDistance {}
 #[derive(Clone, Debug)]
 pub struct MarkCheck {
     spacing: MarkSpacing,
-    last: Mark,
+    /// Crossings at the last look.
+    crossings: u32,
+    /// Newest mark since this began.
+    last: Option<Mark>,
     wrong: u32,
 }
 
 impl MarkCheck {
-    /// Takes the first mark that comes as it is.
-    pub fn new(spacing: MarkSpacing) -> Self {
-        MarkCheck { spacing, last: Mark::default(), wrong: 0 }
+    /// Begins after so many crossings, of which nothing is believed any more; takes the next mark that comes as it is.
+    pub fn new(spacing: MarkSpacing, crossings: u32) -> Self {
+        MarkCheck { spacing, crossings, last: None, wrong: 0 }
     }
 
     /// Takes the newest mark, new or not, at least once per crossing of a further mark. `Err` says, once per new mark, that
     /// its distance is wrong; the next distance is measured from this mark.
     pub fn update(&mut self, mark: Mark) -> Result<(), WrongDistance> {
-        let last = core::mem::replace(&mut self.last, mark);
-        let crossings = mark.crossings.wrapping_sub(last.crossings);
-        if crossings == 0 || last.crossings == 0 {
+        let crossings = mark.crossings.wrapping_sub(self.crossings);
+        if crossings == 0 {
             return Ok(());
         }
+        self.crossings = mark.crossings;
+        let Some(last) = self.last.replace(mark) else { return Ok(()) };
         // Of several crossings since the last look only the newest is known. They are of one mark, trembled over, so they
         // alternate: whether the first of them left `last` behind or came back to it follows from their number.
         let first_toward_work = mark.toward_work == (crossings % 2 == 1);
@@ -172,7 +176,7 @@ mod tests {
     }
 
     fn started(count: i32, toward_work: bool) -> (MarkCheck, Marks) {
-        let (mut check, mut marks) = (MarkCheck::new(MarkSpacing::default()), Marks(Mark::default()));
+        let (mut check, mut marks) = (MarkCheck::new(MarkSpacing::default(), 0), Marks(Mark::default()));
         assert_eq!(check.update(marks.0), Ok(()));
         assert_eq!(check.update(marks.next(count, toward_work, 1)), Ok(()));
         (check, marks)
@@ -238,6 +242,15 @@ mod tests {
         assert!(check.update(marks.next(9_996, true, 1)).is_err());
         assert_eq!(check.update(marks.next(19_996, true, 1)), Ok(()));
         assert_eq!(check.wrong(), 1);
+    }
+
+    #[test]
+    fn nothing_is_measured_from_a_mark_that_was_crossed_before() {
+        let (_, mut marks) = started(0, true);
+        let mut check = MarkCheck::new(MarkSpacing::default(), marks.0.crossings);
+        assert_eq!(check.update(marks.0), Ok(()));
+        assert_eq!(check.update(marks.next(4, false, 1)), Ok(()), "counts were lost before this began");
+        assert!(check.update(marks.next(0, true, 1)).is_err());
     }
 
     #[test]

@@ -114,6 +114,23 @@ pub enum Reaction {
     Coast,
 }
 
+impl Reaction {
+    /// Name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Reaction::Retrace => "retrace",
+            Reaction::RetractOffLimit => "retract",
+            Reaction::HoldBelow => "hold, never further up",
+            Reaction::Hold => "hold",
+            Reaction::ForceLimitedRetract => "force-limited retract",
+            Reaction::OpenLoopLift => "open-loop lift",
+            Reaction::LiftOnStored => "lift on stored energy",
+            Reaction::EmergencyLift => "emergency lift",
+            Reaction::Coast => "coast",
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -249,7 +249,7 @@ impl Supervisor {
         if self.belief.as_ref().is_none_or(begins) {
             self.belief = Some(Belief {
                 plausibility: Plausibility::new(config.plausibility, illegal),
-                marks: MarkCheck::new(config.marks),
+                marks: MarkCheck::new(config.marks, counters.used.mark.crossings),
                 count: used.count,
                 moves: true,
                 trusts: now.trusts,

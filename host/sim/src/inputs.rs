@@ -62,3 +62,12 @@ pub fn setup(scenario: &str, assignments: &[String]) -> Result<Setup, String> {
 pub fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("must be a whole number from 0 to {}", u64::MAX))
 }
+
+/// Reads which part of how many is asked for: `I/N`.
+///
+/// # Errors
+/// What it has to be.
+pub fn shard(text: &str) -> Result<(usize, usize), String> {
+    let parts = text.split_once('/').and_then(|(shard, of)| Some((shard.parse().ok()?, of.parse().ok()?)));
+    parts.filter(|(shard, of)| (1..=*of).contains(shard)).ok_or_else(|| "must be I/N with I from 1 to N".into())
+}

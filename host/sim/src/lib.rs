@@ -8,16 +8,20 @@
 //! | [`bore`](mod@bore) | a hole, from rest to depth or to the reason why not |
 //! | [`run`] | what passes between the command line and the machine |
 //! | [`events`] | what goes wrong with the machine, and when |
+//! | [`faults`] | fault campaigns: what is injected, and what the head made of it |
 //! | [`scenario`] | named sets of values for process and head |
 //! | [`millisecond`] | samples gathered into milliseconds |
 //! | [`observe`] | one sample a tick, fanned out to figures, trace and plot |
 //! | [`statistics`] | the figures by which control is judged |
 //! | [`report`] | the run in JSON and in words |
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
+//! | [`pool`] | work on every core |
 //! | [`output`] | files that appear complete or not at all |
+//! | [`page`] | a page of the project with a section that a command writes |
 //! | [`store`] | what a virtual head keeps when its power is cut |
 //! | `schedule` | a virtual head whose tasks preempt each other as a seed wants it (feature `preempt`) |
 //! | [`serve`] | virtual heads on a CAN bus, in real time |
+//! | [`soak`] | random commands and events, with what must hold checked in every tick |
 //! | [`inputs`] | the options that say what is run, checked |
 //! | [`terminal`] | how a command ends, and what it says |
 //! | [`cli`] | commands |
@@ -32,13 +36,16 @@ pub mod board;
 pub mod bore;
 pub mod cli;
 pub mod events;
+pub mod faults;
 pub mod inputs;
 pub mod lockstep;
 pub mod machine;
 pub mod millisecond;
 pub mod observe;
 pub mod output;
+pub mod page;
 pub mod plot;
+pub mod pool;
 pub mod process;
 pub mod progress;
 pub mod report;
@@ -47,6 +54,7 @@ pub mod scenario;
 #[cfg(feature = "preempt")]
 pub mod schedule;
 pub mod serve;
+pub mod soak;
 pub mod statistics;
 pub mod store;
 pub mod sweep;

@@ -306,6 +306,11 @@ impl Machine {
         self.core.input()
     }
 
+    /// Whether the generator may pulse after the last tick.
+    pub fn pulses(&self) -> bool {
+        self.core.ports.pulses.get()
+    }
+
     /// What the supervision judges by.
     pub fn supervision(&self) -> &SupervisionConfig {
         self.core.supervise.config()

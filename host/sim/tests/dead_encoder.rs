@@ -204,3 +204,25 @@ fn an_encoder_that_is_connected_again_proves_itself_and_the_head_works_on() {
         run_until(&mut machine, 3.0, |machine| machine.status().state == State::Eroding);
     }
 }
+
+#[test]
+fn an_encoder_that_comes_and_goes_proves_itself_each_time_on_the_same_mark() {
+    // A mark lies where the head rests when it has been lifted, and is another count each time.
+    for seed in 1..=4 {
+        let mut machine = eroding(seed);
+        for time in 1..=6 {
+            machine.process.happen("encoder.cut", ON).unwrap();
+            run_until(&mut machine, 1.0, |machine| machine.status().fault.is_some());
+            run(&mut machine, 2.0);
+            machine.process.happen("encoder.cut", Value::Flag(false)).unwrap();
+            machine.command(Command::ResetFault).unwrap();
+            machine.command(Command::Enable).unwrap();
+            run(&mut machine, 0.3);
+            assert_eq!(machine.status().state, State::Ready, "seed {seed}, time {time}");
+            for command in [Command::SetHome(Nanometres(0)), Command::MoveTo(Nanometres(3_000_000)), Command::Start] {
+                machine.command(command).unwrap();
+            }
+            run_until(&mut machine, 3.0, |machine| machine.status().state == State::Eroding);
+        }
+    }
+}

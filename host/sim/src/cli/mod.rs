@@ -12,8 +12,10 @@ pub use crate::terminal::{EXIT_BAD_INPUT, EXIT_FAILED, Failure};
 pub use bore::Bore;
 
 use crate::bench::Bench;
+use crate::faults::Faults;
 use crate::observe::Run;
 use crate::serve::Serve;
+use crate::soak::Soak;
 use crate::sweep::Sweep;
 use crate::terminal::say;
 use clap::error::ErrorKind;
@@ -62,6 +64,10 @@ enum Command {
     Bench(Bench),
     /// Run every combination of scenarios, values and seeds, and check the bounds
     Sweep(Sweep),
+    /// Break every wire, and every pair of them, while the head erodes (docs/robustness.md)
+    Faults(Faults),
+    /// Random commands and events: what must hold is checked in every tick
+    Soak(Soak),
 }
 
 /// Reads the command line, does what it says, and gives the exit code.
@@ -81,6 +87,8 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Command::Bore(bore) => bore.execute(run),
         Command::Serve(serve) => serve.execute().map(|()| true),
         Command::Sweep(sweep) => sweep.execute(),
+        Command::Faults(faults) => faults.execute(),
+        Command::Soak(soak) => soak.execute(),
         Command::Bench(bench) => bench.execute(run),
         Command::Scenarios => tables::scenarios().map(|text| {
             say(&text);

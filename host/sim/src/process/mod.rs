@@ -114,6 +114,8 @@ pub struct Truth {
     pub wear_um: f64,
     /// Force between electrode and work, N.
     pub contact_n: f64,
+    /// Motor current, A, positive toward the work.
+    pub current_a: f64,
     /// Debris concentration; 1 is about the default working point.
     pub debris: f64,
 }
@@ -338,6 +340,7 @@ impl Process {
             pulses: self.spark.pulses,
             wear_um: self.spark.wear_um,
             contact_n: self.stiffness * (-self.gap_um()).max(0.0) * 1e-6,
+            current_a: self.actuator.i,
             debris: self.spark.debris.concentration(),
         }
     }

@@ -11,6 +11,7 @@ use crate::process::Process;
 use crate::run::Setup;
 use crate::store::Store;
 use edm_bus::Frame;
+use edm_hal_shim::bridge::Drive as Output;
 use edm_hal_shim::store::BUFFER;
 use edm_runtime::Note;
 use edm_runtime::board::Caller;
@@ -99,14 +100,27 @@ impl Head {
         &self.protocol.0
     }
 
+    /// Whether the generator may pulse after the last tick.
+    pub fn pulses(&self) -> bool {
+        self.core.ports.pulses.get()
+    }
+
+    /// What the bridge was told in the last tick.
+    pub fn drive(&self) -> Output {
+        self.core.ports.drive.get()
+    }
+
+    /// A frame has come.
+    pub fn receive(&mut self, frame: &Frame) {
+        if let Some(inbox) = self.core.ports.arrives(frame) {
+            self.receive.frames(inbox);
+        }
+        self.wanted();
+    }
+
     /// One servo tick: takes the frames that have come since the last, appends those to be sent.
     pub fn tick<'a>(&mut self, came: impl Iterator<Item = &'a Frame>, sent: &mut Vec<Frame>) {
-        for frame in came {
-            if let Some(inbox) = self.core.ports.arrives(frame) {
-                self.receive.frames(inbox);
-            }
-            self.wanted();
-        }
+        came.for_each(|frame| self.receive(frame));
         let supervised = self.core.tick(&mut self.process);
         self.wanted();
         if supervised {

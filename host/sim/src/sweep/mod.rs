@@ -3,7 +3,6 @@
 //! | file | responsible for |
 //! | --- | --- |
 //! | `grid` | what is varied, and the order of the runs |
-//! | `pool` | runs on every core |
 //! | `row` | a run as a line of CSV or JSON |
 //! | `file` | lines in a file that can be continued |
 //! | `merge` | the files of shards, put together |
@@ -13,17 +12,21 @@ mod bounds;
 mod file;
 mod grid;
 mod merge;
-mod pool;
 mod row;
 
+use crate::bore;
+use crate::inputs::shard;
+use crate::observe::Recorder;
+use crate::pool;
 use crate::progress::Runs;
+use crate::report::Report;
 use crate::terminal::{Failure, say};
 use clap::{Args, Subcommand};
 use file::RowFile;
-use grid::{Grid, Lists};
+use grid::{Grid, Lists, Run};
 use row::{Format, Row};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
-use std::thread;
 
 /// Seeds when nobody asks for others.
 const SEEDS: &str = "20";
@@ -109,9 +112,10 @@ impl Options {
         files.iter_mut().try_for_each(RowFile::begin).map_err(Failure::Failed)?;
 
         let bar = Runs::new(before.len() + ahead.len(), before.len());
-        let workers = self.jobs.map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from);
-        let made = pool::run_all(&grid, &ahead, workers, |run, done| {
-            let row = Row::new(&grid, run, &done);
+        let one = |number: &usize| grid.run(*number).map(|run| (make(&run), run));
+        let made = pool::run_all(&ahead, pool::workers(self.jobs), one, |run| {
+            let Some((done, run)) = run else { return Ok(()) };
+            let row = Row::new(&grid, &run, &done);
             files.iter_mut().try_for_each(|file| file.append(run.number, &row))?;
             bar.finished(&run.job.label());
             rows.push(row);
@@ -174,7 +178,16 @@ impl Options {
     }
 }
 
-fn shard(text: &str) -> Result<(usize, usize), String> {
-    let parts = text.split_once('/').and_then(|(shard, of)| Some((shard.parse().ok()?, of.parse().ok()?)));
-    parts.filter(|(shard, of)| (1..=*of).contains(shard)).ok_or_else(|| "must be I/N with I from 1 to N".into())
+/// One run; one that fails, however it does, is a row as well.
+fn make(run: &Run<'_>) -> Result<Report, String> {
+    if let Some(refusal) = run.refusal {
+        return Err(refusal.into());
+    }
+    let made = catch_unwind(AssertUnwindSafe(|| {
+        let mut recorder = Recorder::new(None, false)?;
+        let outcome = bore::bore(&run.job, &mut recorder, &mut |_| {})?;
+        // The time it took is that of a computer with other things to do, and no figure of the run.
+        Ok(Report::new(&run.job, &outcome, &recorder.statistics.figures(), 0.0))
+    }));
+    made.unwrap_or_else(|_| Err("the simulation broke off; see the message on stderr".into()))
 }

@@ -1,0 +1,195 @@
+//! Fault campaigns: what is injected, what the head made of it, and the page that says so. `edm-sim faults` breaks the wires
+//! of a native head; `cargo fil faults` shares rows, counts and page.
+//!
+//! | file | responsible for |
+//! | --- | --- |
+//! | `row` | a fault and what became of it, as JSON and as a table; how rows are counted |
+//! | `wires` | what is injected natively |
+//! | `trial` | one case with one seed |
+
+pub mod row;
+mod trial;
+pub mod wires;
+
+pub use trial::CONTACT_N;
+
+use crate::inputs::shard;
+use crate::output::Output;
+use crate::page::Page;
+use crate::pool;
+use crate::progress::Runs;
+use crate::run::Setup;
+use crate::terminal::{Failure, say};
+use clap::Args;
+use edm_servo_head::head::Fault;
+use row::{Campaign, Row};
+use std::path::PathBuf;
+use trial::Seen;
+use wires::Case;
+
+/// Who writes the section of the page.
+const COMMAND: &str = "cargo sim faults";
+
+/// Options that every fault campaign has.
+#[derive(Debug, Args)]
+pub struct Options {
+    /// Only faults whose name contains this
+    #[arg(long, value_name = "PATTERN", default_value = "")]
+    pub rows: String,
+    /// Only every Nth fault, beginning with the Ith: one part of N
+    #[arg(long, value_name = "I/N", value_parser = shard, allow_hyphen_values = true)]
+    pub shard: Option<(usize, usize)>,
+    /// Write the rows and their counts as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Write the table into its section of this page (docs/robustness.md)
+    #[arg(long, value_name = "FILE")]
+    pub page: Option<PathBuf>,
+}
+
+/// What is written when a campaign has come to its end.
+pub struct Written {
+    json: Option<Output>,
+    page: Option<(Page, Output)>,
+}
+
+impl Options {
+    /// Those of the faults that are asked for.
+    ///
+    /// # Errors
+    /// When there are none.
+    pub fn choose<T>(&self, all: Vec<T>, name: impl Fn(&T) -> String) -> Result<Vec<T>, String> {
+        let (shard, of) = self.shard.unwrap_or((1, 1));
+        let chosen: Vec<T> =
+            all.into_iter().filter(|one| name(one).contains(&self.rows)).skip(shard - 1).step_by(of).collect();
+        if chosen.is_empty() {
+            let part = self.shard.map_or_else(String::new, |(shard, of)| format!(" in part {shard}/{of}"));
+            return Err(format!("--rows {}: must be part of the name of a fault; none is{part}", self.rows));
+        }
+        Ok(chosen)
+    }
+
+    /// Claims what is to be written by this command.
+    ///
+    /// # Errors
+    /// When it cannot be.
+    pub fn claim(&self, command: &str) -> Result<Written, String> {
+        let json = self.json.as_deref().map(|path| Output::claim("--json", path)).transpose()?;
+        let page = self.page.as_deref().map(|path| Page::read(path, command)).transpose()?;
+        let page = page.map(|page| page.claim().map(|output| (page, output))).transpose()?;
+        Ok(Written { json, page })
+    }
+}
+
+impl Written {
+    /// Says what came of a campaign, and writes it; whether it passes.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn finish(self, campaign: &Campaign) -> Result<bool, String> {
+        say(&campaign.summary());
+        if let Some(output) = self.json {
+            output.write(|file| {
+                serde_json::to_writer_pretty(&mut *file, campaign)?;
+                file.write_all(b"\n")
+            })?;
+        }
+        if let Some((page, output)) = self.page {
+            page.write(output, &campaign.section())?;
+        }
+        Ok(campaign.passes())
+    }
+}
+
+/// Arguments of `edm-sim faults`.
+#[derive(Debug, Args)]
+pub struct Faults {
+    /// Seeds 1 to N
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub seeds: u64,
+    /// What every campaign has.
+    #[command(flatten)]
+    pub options: Options,
+    /// Runs at the same time [default: one a core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+}
+
+impl Faults {
+    /// Breaks wires and judges; true when the campaign passes.
+    ///
+    /// # Errors
+    /// When the input is refused, a run cannot be made or an output cannot be written.
+    pub fn execute(&self) -> Result<bool, Failure> {
+        let cases = self.options.choose(Case::all(), Case::name).map_err(Failure::BadInput)?;
+        let written = self.options.claim(COMMAND).map_err(Failure::BadInput)?;
+        let setup = Setup::load("default").map_err(Failure::Failed)?;
+
+        let work: Vec<(usize, u64)> =
+            (0..cases.len()).flat_map(|case| (1..=self.seeds).map(move |seed| (case, seed))).collect();
+        let mut seen: Vec<Vec<Run>> = cases.iter().map(|_| Vec::new()).collect();
+        let bar = Runs::new(work.len(), 0);
+        let one = |&(at, seed): &(usize, u64)| (at, seed, cases.get(at).map(|case| trial::run(&setup, case, seed)));
+        let made = pool::run_all(&work, pool::workers(self.jobs), one, |(at, seed, runs)| {
+            bar.finished(&cases.get(at).map_or_else(String::new, Case::name));
+            let runs = runs.transpose()?.unwrap_or_default();
+            let all = runs.into_iter().map(|(delay_s, seen)| Run { seed, delay_s, seen });
+            seen.get_mut(at).into_iter().for_each(|of| of.extend(all.clone()));
+            Ok(())
+        });
+        bar.finish();
+        made.map_err(Failure::Failed)?;
+        let rows = cases.iter().zip(&mut seen).map(|(case, runs)| {
+            // As they were asked for, and not as they were done.
+            runs.sort_by_key(|run| run.seed);
+            worst(case, runs)
+        });
+        let campaign = Campaign::new(rows.collect());
+        written.finish(&campaign).map_err(Failure::Failed)
+    }
+}
+
+/// A case at one delay with one seed.
+#[derive(Clone, Debug)]
+struct Run {
+    seed: u64,
+    delay_s: f64,
+    seen: Seen,
+}
+
+/// The row of a case: the worst of its runs. Those that break a bound are said.
+fn worst(case: &Case, runs: &[Run]) -> Row {
+    let mut broken = 0;
+    for Run { seed, delay_s, seen } in runs {
+        let what = seen.broken(case);
+        if !what.is_empty() {
+            broken += 1;
+            say(&format!("{}, seed {seed}, {delay_s} s between: {}\n", case.name(), what.join("; ")));
+        }
+    }
+    let most = |figure: &dyn Fn(&Seen) -> f64| runs.iter().map(|run| figure(&run.seen)).fold(0.0, f64::max);
+    let times: Option<Vec<f64>> = runs.iter().map(|run| run.seen.time_us).collect();
+    let nothing = runs.iter().any(|run| run.seen.named.is_empty());
+    let named = together(runs.iter().flat_map(|run| run.seen.named.iter().copied().map(Fault::name)));
+    Row {
+        fault: case.name(),
+        reaction: together(runs.iter().map(|run| run.seen.reaction.map_or("goes on", |reaction| reaction.name()))),
+        time_us: times.map(|times| times.into_iter().fold(0.0, f64::max)),
+        reported: (!nothing).then_some(named),
+        contact_n: most(&|seen| seen.contact_n),
+        current_a: most(&|seen| seen.current_a),
+        recovers: runs.iter().all(|run| run.seen.stuck.is_none()),
+        pass: broken == 0,
+    }
+}
+
+/// Each name once, in the order in which they come.
+fn together<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    let mut once: Vec<&str> = Vec::new();
+    for name in names {
+        if !once.contains(&name) {
+            once.push(name);
+        }
+    }
+    once.join(", ")
+}

@@ -1,0 +1,250 @@
+//! One case with one seed: a head that erodes, wires that break, what it makes of them, and whether it erodes again once they
+//! are mended.
+
+use super::wires::{Case, Wire};
+use crate::machine::Machine;
+use crate::run::Setup;
+use edm_servo_head::head::{Command, Fault, MotionLimits, Reaction, Reason, State};
+use edm_servo_head::settings::Settings;
+use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ, TICKS_PER_MS};
+
+/// Times between two wires, s: in the same tick, before the supervision has looked, before slow reactions have begun, in the
+/// middle of the emergency lift (300 ms), and when every reaction rests.
+pub const DELAYS_S: [f64; 5] = [0.0, 0.001, 0.02, 0.2, 2.0];
+/// Most that the electrode may press on the work, N.
+pub const CONTACT_N: f64 = 5.0;
+/// Time after which the motor current has to be below the continuous one, s.
+const SETTLED_S: f64 = 1.0;
+/// Time for which the motor current is averaged, as the winding does for much longer: 10 ms.
+const MEAN_TICKS: u32 = 10 * TICKS_PER_MS;
+/// Time that a case is watched for after the last wire, s.
+const WATCHED_S: f64 = 2.0;
+/// Time within which a fault is named at the latest, s: the persistent short takes a second by its setting.
+const NAMED_S: f64 = 5.0;
+/// Time for each step of the way back to eroding, s.
+const STEP_S: f64 = 5.0;
+/// Eroding before a wire breaks, s.
+const ERODED_S: f64 = 0.5;
+
+/// Gap from which a start finds the voltage of an open gap, um.
+const CLEAR_UM: f64 = 500.0;
+/// How a head is lifted before it starts again.
+const LIFT: MotionLimits = MotionLimits {
+    velocity: MicrometresPerSecond(5e3),
+    acceleration: MicrometresPerSecond2(2e6),
+    deceleration: MicrometresPerSecond2(2e6),
+};
+
+/// What came of a case at one delay.
+#[derive(Clone, Debug, Default)]
+pub struct Seen {
+    /// From the first wire with a name until the pulses were off, us; `None`: they went on.
+    pub time_us: Option<f64>,
+    /// Faults in their order.
+    pub named: Vec<Fault>,
+    /// What ran in the end.
+    pub reaction: Option<Reaction>,
+    /// Greatest force between electrode and work, N.
+    pub contact_n: f64,
+    /// Greatest motor current, a mean of 10 ms, from a second after the last wire on, A.
+    pub current_a: f64,
+    /// Why it does not work again, if it does not.
+    pub stuck: Option<String>,
+}
+
+impl Seen {
+    /// What is wrong with it, in a few words each.
+    pub fn broken(&self, case: &Case) -> Vec<String> {
+        let names = case.names();
+        let mut broken = Vec::new();
+        let mut demand = |kept: bool, what: String| {
+            if !kept {
+                broken.push(what);
+            }
+        };
+        // Who has to notice names one of them at least; who need not names nothing else.
+        let known = |fault: &Fault| names.contains(fault);
+        let right = if case.shows() { self.named.iter().any(known) } else { self.named.iter().all(known) };
+        demand(right, format!("named {:?}", self.named));
+        demand(!case.shows() || self.time_us.is_some(), "pulses went on".into());
+        demand(self.contact_n <= CONTACT_N, format!("{:.1} N", self.contact_n));
+        demand(self.current_a < f64::from(Settings::default().motor_continuous), format!("{:.2} A", self.current_a));
+        demand(self.stuck.is_none(), self.stuck.clone().unwrap_or_default());
+        broken
+    }
+}
+
+/// A head at work.
+struct Trial {
+    machine: Machine,
+    seen: Seen,
+    /// Sum of the current of the running 10 ms, and its ticks.
+    sum: (f64, u32),
+}
+
+/// What came of a case at every delay, one after the other in the same head: it has to recover from each.
+pub fn run(setup: &Setup, case: &Case, seed: u64) -> Result<Vec<(f64, Seen)>, String> {
+    let delays = if case.second.is_some() { &DELAYS_S[..] } else { &DELAYS_S[..1] };
+    let mut trial = None;
+    delays
+        .iter()
+        .map(|&delay_s| {
+            let mut head = match trial.take() {
+                Some(head) => head,
+                None => Trial::new(setup, seed)?,
+            };
+            head.injected(case, delay_s);
+            let seen = std::mem::take(&mut head.seen);
+            // One that is stuck is no head to begin the next delay with.
+            trial = seen.stuck.is_none().then_some(head);
+            Ok((delay_s, seen))
+        })
+        .collect()
+}
+
+impl Trial {
+    fn new(setup: &Setup, seed: u64) -> Result<Trial, String> {
+        // The virtual head's commissioning counts as passed; a fast seek shortens the campaign.
+        let settings = Settings { commissioned: true, seek_velocity: 5000.0, ..setup.head };
+        let machine = Machine::new(&setup.process, &settings, seed).map_err(|error| setup.refusal(error))?;
+        let mut trial = Trial { machine, seen: Seen::default(), sum: (0.0, 0) };
+        trial.watch(0.01);
+        trial.start()?;
+        trial.seen = Seen::default();
+        Ok(trial)
+    }
+
+    fn injected(&mut self, case: &Case, delay_s: f64) {
+        let ahead = if case.first.named.is_some() { 0.0 } else { delay_s };
+        let mut last_pulse = self.breaks(case.first, delay_s, 0);
+        if let Some(second) = case.second {
+            last_pulse = self.breaks(second, 0.0, last_pulse);
+        }
+        let before = (delay_s * f64::from(TICK_HZ)) as u32;
+        let mut after = 0;
+        let settled = (SETTLED_S * f64::from(TICK_HZ)) as u32;
+        self.sum = (0.0, 0);
+        let longest = if case.shows() { NAMED_S } else { WATCHED_S };
+        while f64::from(after) < longest * f64::from(TICK_HZ) {
+            self.tick();
+            after += 1;
+            if self.machine.pulses() {
+                last_pulse = before + after;
+            }
+            if after > settled {
+                self.current();
+            }
+            if f64::from(after) >= WATCHED_S * f64::from(TICK_HZ) && self.machine.status().fault.is_some() {
+                break;
+            }
+        }
+        if !self.machine.pulses() {
+            self.seen.time_us = Some((f64::from(last_pulse + 1) / f64::from(TICK_HZ) - ahead).max(0.0) * 1e6);
+        }
+        self.seen.reaction = self.machine.status().fault.map(Fault::reaction);
+        self.seen.stuck = self.recover(case).err();
+    }
+
+    /// A wire breaks, and this time passes: the last tick with pulses.
+    fn breaks(&mut self, wire: &Wire, then_s: f64, mut last_pulse: u32) -> u32 {
+        // The table of wires was checked.
+        let _ = self.machine.process.happen(wire.signal, wire.broken);
+        for tick in 1..=(then_s * f64::from(TICK_HZ)) as u32 {
+            self.tick();
+            if self.machine.pulses() {
+                last_pulse = tick;
+            }
+        }
+        last_pulse
+    }
+
+    fn tick(&mut self) {
+        self.machine.tick();
+        self.seen.contact_n = self.seen.contact_n.max(self.machine.process.truth().contact_n);
+        while let Some(change) = self.machine.next_change() {
+            if let Reason::Fault(fault) = change.reason
+                && !self.seen.named.contains(&fault)
+            {
+                self.seen.named.push(fault);
+            }
+        }
+    }
+
+    fn current(&mut self) {
+        let (sum, ticks) = &mut self.sum;
+        *sum += self.machine.process.truth().current_a;
+        *ticks += 1;
+        if *ticks == MEAN_TICKS {
+            self.seen.current_a = self.seen.current_a.max((*sum / f64::from(MEAN_TICKS)).abs());
+            self.sum = (0.0, 0);
+        }
+    }
+
+    fn watch(&mut self, seconds: f64) {
+        for _ in 0..(seconds * f64::from(TICK_HZ)) as u32 {
+            self.tick();
+        }
+    }
+
+    /// Takes the causes away, resets the fault, and starts again.
+    fn recover(&mut self, case: &Case) -> Result<(), String> {
+        for wire in case.wires() {
+            let _ = self.machine.process.happen(wire.signal, wire.sound());
+        }
+        self.watch(0.05);
+        if self.machine.status().fault.is_none() {
+            return self.until("erodes", |state| state == State::Eroding);
+        }
+        self.command(Command::ResetFault)?;
+        self.watch(0.05);
+        self.start()
+    }
+
+    /// From disabled to eroding.
+    fn start(&mut self) -> Result<(), String> {
+        self.command(Command::Enable)?;
+        self.until("is ready", |state| state == State::Ready)?;
+        // After a lost encoder it has no home. Whoever starts it again sees where it stands, and lifts it off the work: pulses
+        // begin with the voltage of an open gap.
+        let truth = self.machine.process.truth();
+        self.command(Command::SetHome(nm(truth.position_um.max(0.0))))?;
+        if truth.gap_um < CLEAR_UM {
+            self.command(Command::Position(nm(truth.surface_um - 2.0 * CLEAR_UM), LIFT))?;
+            self.until("is lifted", |state| state == State::Ready)?;
+        }
+        for command in [Command::MoveTo(nm(truth.first_surface_um + 1000.0)), Command::Start] {
+            self.command(command)?;
+        }
+        self.until("erodes", |state| state == State::Eroding)?;
+        self.watch(ERODED_S);
+        match self.machine.status().fault {
+            None => Ok(()),
+            Some(fault) => Err(format!("{} soon after", fault.name())),
+        }
+    }
+
+    fn command(&mut self, command: Command) -> Result<(), String> {
+        self.machine.command(command).map_err(|refused| format!("{command:?} was refused: {refused}"))
+    }
+
+    fn until(&mut self, what: &str, wanted: impl Fn(State) -> bool) -> Result<(), String> {
+        for _ in 0..(STEP_S * f64::from(TICK_HZ)) as u32 {
+            if wanted(self.machine.status().state) {
+                return Ok(());
+            }
+            self.tick();
+        }
+        let status = self.machine.status();
+        Err(format!(
+            "never {what}: {}, {:?} {:?} {:?}",
+            status.state.name(),
+            status.fault.map(Fault::name),
+            self.machine.process.truth(),
+            status
+        ))
+    }
+}
+
+fn nm(um: f64) -> Nanometres {
+    Nanometres((um * 1e3) as i64)
+}

@@ -1,0 +1,130 @@
+//! What is injected: every wire of [`Wires`] broken, alone, and every ordered pair of them.
+
+use crate::events::Wires;
+use edm_servo_head::head::Fault;
+use edm_servo_head::settings::{Declared, Value};
+
+/// A wire, how it is broken, and what a head that erodes has to call it; `None`: it need not notice.
+#[derive(Clone, Copy, Debug)]
+pub struct Wire {
+    /// Name of the signal.
+    pub signal: &'static str,
+    /// Its value when broken.
+    pub broken: Value<'static>,
+    /// What the head calls it.
+    pub named: Option<Fault>,
+}
+
+/// Signal of the hand.
+const HAND: &str = "hand.force_n";
+
+/// How each is broken: flags are set. The bus loses 20 of 48 V. A hand rests on the head with 0.5 N and the work has a burr of
+/// 20 um: nothing that a head does bounds what a strong hand presses with through it, or a work that is pushed into it.
+pub const WIRES: &[Wire] = &[
+    flag("limit.upper_open", Some(Fault::UpperLimit)),
+    flag("limit.lower_open", Some(Fault::LowerLimit)),
+    flag("stop.open", Some(Fault::EmergencyStop)),
+    flag("dielectric.lost", Some(Fault::DielectricNotOk)),
+    flag("bridge.fault", Some(Fault::BridgeFault)),
+    Wire { signal: "bus.sag_v", broken: Value::Number(20.0), named: Some(Fault::BusSag) },
+    flag("encoder.cut", Some(Fault::EncoderLost)),
+    flag("gap.saturated", Some(Fault::GapSignalInvalid)),
+    flag("gap.short", Some(Fault::PersistentShort)),
+    flag("generator.off", Some(Fault::GateMissing)),
+    Wire { signal: "workpiece.raised_mm", broken: Value::Number(0.02), named: None },
+    Wire { signal: HAND, broken: Value::Number(0.5), named: None },
+    flag("sense.off", None),
+    flag("gate.cut", Some(Fault::GateMissing)),
+];
+
+const fn flag(signal: &'static str, named: Option<Fault>) -> Wire {
+    Wire { signal, broken: Value::Flag(true), named }
+}
+
+impl Wire {
+    /// Its value when sound.
+    pub fn sound(&self) -> Value<'static> {
+        let at = Wires::FIELDS.iter().position(|field| field.key == self.signal);
+        at.and_then(|at| Wires::default().get(at)).unwrap_or(Value::Flag(false))
+    }
+}
+
+/// One wire, or two in their order.
+#[derive(Clone, Copy, Debug)]
+pub struct Case {
+    /// Broken first.
+    pub first: &'static Wire,
+    /// Broken after that.
+    pub second: Option<&'static Wire>,
+}
+
+impl Case {
+    /// Every wire alone, then every ordered pair.
+    pub fn all() -> Vec<Case> {
+        let alone = WIRES.iter().map(|first| Case { first, second: None });
+        let pairs = WIRES.iter().flat_map(|first| {
+            let others = WIRES.iter().filter(|second| second.signal != first.signal);
+            others.map(|second| Case { first, second: Some(second) })
+        });
+        alone.chain(pairs).collect()
+    }
+
+    /// Name in reports.
+    pub fn name(&self) -> String {
+        match self.second {
+            None => self.first.signal.into(),
+            Some(second) => format!("{}, then {}", self.first.signal, second.signal),
+        }
+    }
+
+    /// The wires.
+    pub fn wires(&self) -> impl Iterator<Item = &'static Wire> {
+        [Some(self.first), self.second].into_iter().flatten()
+    }
+
+    /// Whether the head has to notice.
+    pub fn shows(&self) -> bool {
+        self.wires().any(|wire| wire.named.is_some())
+    }
+
+    /// What the head may call it. The wire that it sees first decides what becomes of the other.
+    pub fn names(&self) -> Vec<Fault> {
+        let mut names: Vec<Fault> = self.wires().filter_map(|wire| wire.named).collect();
+        if names.contains(&Fault::UpperLimit) && names.contains(&Fault::LowerLimit) {
+            names.push(Fault::BothLimits);
+        }
+        // A hand that takes hold makes the loop push more than friction alone explains, and may hold the head still meanwhile.
+        if self.wires().any(|wire| wire.signal == HAND) {
+            names.push(Fault::EncoderLost);
+        }
+        names
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::process::{Parameters, Process};
+
+    #[test]
+    fn every_wire_is_in_the_campaign_once_and_can_be_broken_and_mended() {
+        assert_eq!(WIRES.len(), Wires::FIELDS.len());
+        let mut process = Process::new(&Parameters::default(), 1).unwrap();
+        for field in Wires::FIELDS {
+            let mut of = WIRES.iter().filter(|wire| wire.signal == field.key);
+            let (wire, another) = (of.next().unwrap(), of.next());
+            assert!(another.is_none(), "{}", field.key);
+            assert_ne!(wire.broken, wire.sound(), "{}", field.key);
+            for value in [wire.broken, wire.sound()] {
+                process.happen(wire.signal, value).unwrap();
+            }
+        }
+    }
+
+    #[test]
+    fn every_ordered_pair_is_a_case() {
+        let names: std::collections::BTreeSet<String> = Case::all().iter().map(Case::name).collect();
+        assert_eq!(names.len(), WIRES.len() * WIRES.len());
+        assert!(names.contains("gap.short, then stop.open") && names.contains("stop.open, then gap.short"));
+    }
+}
