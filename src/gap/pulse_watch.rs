@@ -55,8 +55,10 @@ impl PulseWatch {
         self.last = counts;
         let pulses = edges / 2;
 
-        // Half of them are enough: a blanking may be longer than the period of quick pulses.
-        self.unconverted = self.unconverted.saturating_add(pulses).saturating_sub(2 * conversions);
+        // Half of them are enough: a blanking may be longer than the period of quick pulses. What comes without permission is
+        // no concern of the reflex.
+        let more = self.unconverted.saturating_add(pulses).saturating_sub(2 * conversions);
+        self.unconverted = if seen.permitted { more } else { 0 };
         self.unfound = match (shorts, seen.short && seen.permitted) {
             (0, true) => self.unfound.saturating_add(pulses),
             (0, false) => self.unfound,
@@ -147,7 +149,15 @@ mod tests {
     }
 
     #[test]
-    fn pulses_that_nobody_allowed_are_found_but_not_the_last_one_that_was() {
+    fn what_was_not_converted_without_permission_is_no_reason_later() {
+        let mut watch = PulseWatch::default();
+        let off = PulseSeen { permitted: false, watched: false, ..WORK };
+        assert_eq!(looks(&mut watch, [10.0, 0.0, 0.0], off), None);
+        assert_eq!(looks(&mut watch, [10.0, 5.0, 0.0], WORK), None);
+    }
+
+    #[test]
+    fn pulses_that_nobody_permitted_are_found_but_not_the_last_one_that_was() {
         let mut watch = PulseWatch::default();
         let off = PulseSeen { permitted: false, ..WORK };
         assert_eq!(looks(&mut watch, [10.0, 5.0, 0.0], off), Some((4, PulseFault::Unpermitted)));

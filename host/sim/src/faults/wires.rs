@@ -35,6 +35,9 @@ pub const WIRES: &[Wire] = &[
     Wire { signal: HAND, broken: Value::Number(0.5), named: None },
     flag("sense.off", None),
     flag("gate.cut", Some(Fault::GateMissing)),
+    flag("gate.start_cut", Some(Fault::ReflexLost)),
+    // Noticed once the head wants no pulses.
+    flag("generator.disobeys", None),
 ];
 
 const fn flag(signal: &'static str, named: Option<Fault>) -> Wire {
