@@ -108,9 +108,12 @@ pub fn start(
 ) -> Result<Tasks, StartError> {
     let machine = Machine::start(device, core, BUILD_NUMBER, &SIGNALS.reflex, watchdog)?;
     defmt::info!("build {=str}, {}", BUILD, machine.boot);
+    if machine.self_test.failed() {
+        defmt::error!("{}", machine.self_test);
+    }
     let store = Store::new(machine.flash, 0).map_err(|_| StartError::Settings)?;
     let mut image_store = ImageStore::new(store, &mut slots.buffer, &mut slots.image, Rtic);
-    let identity = Identity { reset_cause: machine.boot.cause as u32, build: BUILD };
+    let identity = Identity { reset_cause: machine.boot.cause as u32, build: BUILD, self_test: machine.self_test };
     let node = place_node(&mut slots.node);
     let defaults = Settings::with(Board::TABLE.defaults).map_err(|_| StartError::Settings)?;
     let drive = place_drive(&mut slots.drive, identity, &mut slots.record, defaults)?;
@@ -122,6 +125,7 @@ pub fn start(
     let parts = Parts {
         clock: machine.clock,
         caller: Rtic,
+        self_test: machine.self_test,
         published: (Count, &ENCODER),
         lines: machine.lines,
         guard: machine.guard,

@@ -76,6 +76,8 @@ faults! {
     LiveStuck = "live circuit stuck" => Coast,
     /// The clock that times edges and tasks stands, or servo ticks are missing: neither velocity nor watch can be believed.
     ClockLost = "clock lost" => Coast,
+    /// The board has failed its self-test at the start: nothing may be enabled before it has started anew and passed.
+    Unfit = "self-test failed" => Coast,
 }
 
 impl Fault {
@@ -129,12 +131,12 @@ mod tests {
             (&[EncoderLost, PolarityWrong], Reaction::OpenLoopLift),
             (&[BusSag], Reaction::LiftOnStored),
             (&[EmergencyStop], Reaction::EmergencyLift),
-            (&[BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck, ClockLost], Reaction::Coast),
+            (&[BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck, ClockLost, Unfit], Reaction::Coast),
         ] {
             for fault in faults {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 21);
+        assert_eq!(Fault::ALL.len(), 22);
     }
 }

@@ -16,16 +16,19 @@ use super::lines::ServoLines;
 use super::live::Signal;
 use super::pwm::{self, Bridge, Pwm, Tick};
 use super::safety::{self, Inputs};
+use super::self_test;
 use super::start::StartError;
 use super::timebase::{self, Millisecond};
 use super::watchdog::Watchdog;
 use super::{Board, dma, pac, pins};
 use crate::reflex::Limits;
+use crate::self_test::SelfTest;
 
 /// The parts of a running board; each goes to one task.
 #[allow(missing_docs, reason = "each part says what it is")]
 pub struct Machine {
     pub boot: Boot,
+    pub self_test: SelfTest,
     pub clock: Cycles,
     pub reflex: Gated,
     pub thresholds: Thresholds,
@@ -59,6 +62,7 @@ impl Machine {
         watchdog: &mut Option<Watchdog>,
     ) -> Result<Machine, StartError> {
         let rcc = &mut device.RCC;
+        let self_test = self_test::image(&device.CRC, rcc);
 
         // Harmless first: what could drive is driven low, from the internal oscillator.
         let board =
@@ -118,6 +122,7 @@ impl Machine {
         let flash = SettingsFlash::new(device.FLASH);
         Ok(Machine {
             boot,
+            self_test,
             clock,
             reflex,
             thresholds,

@@ -65,7 +65,7 @@ impl Session {
         let settings = Settings { commissioned: true, axis_breakaway: 20.0, ..Settings::default() };
         commission(&machine.soc().memory.flash, &settings)?;
         let mut session = Self { machine, rtt: Rtt::new(image)?, now: 0, taken: 0, log: Vec::new() };
-        session.run(30 * MS)?;
+        session.run(50 * MS)?;
         Ok(session)
     }
 

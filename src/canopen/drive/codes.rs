@@ -47,6 +47,7 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
         Fault::LiveLost => (0xFF09, MANUFACTURER),
         Fault::ClockLost => (0xFF0A, MANUFACTURER),
         Fault::LiveStuck => (0xFF0B, MANUFACTURER),
+        Fault::Unfit => (0xFF10, MANUFACTURER),
     };
     (code, bits | GENERIC)
 }

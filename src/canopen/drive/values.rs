@@ -138,6 +138,7 @@ impl Drive {
             Item::Illegal => status.illegal_transitions.into(),
             Item::EmfDifference => i64::from(status.back_emf.difference().0 as i32),
             Item::ResetCause => self.identity.reset_cause.into(),
+            Item::SelfTest => self.identity.self_test.bits().into(),
             Item::GapLast => last(gap),
             Item::GapMost => most(gap),
             Item::GapLoad => load(gap),

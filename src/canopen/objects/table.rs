@@ -160,6 +160,7 @@ objects! {
     0x2009 "Build" {
         1 ResetCause: u32, ro, no, U32, 0, "", live, "Reset cause: as the chip names it";
         2 BuildId: text, ro, no, U8, 0, "", live, "Build";
+        3 SelfTest: u8, ro, no, U8, 0, "", live, "Self-test: what has failed at the start, by bits: 0 the image was never sealed, 1 the flash does not hold what was sealed; 0 passed";
     }
     0x200A "Task timers" {
         1 GapLast: u32, ro, no, U32, 0, "ns", live, "Gap task last";

@@ -17,6 +17,7 @@
 mod adc;
 mod can;
 mod core_regs;
+mod crc;
 mod dac;
 mod dma;
 mod error;

@@ -8,6 +8,7 @@ mod wires;
 use crate::adc::Adc;
 use crate::can::Can;
 use crate::core_regs::CoreRegs;
+use crate::crc::Crc;
 use crate::dac::Dac;
 use crate::dma::Dma;
 use crate::exti::Exti;
@@ -78,6 +79,7 @@ pub struct Soc<W> {
     adc_common: u32,
     dma: [Dma; 2],
     can: Can,
+    crc: Crc,
     dac: Dac,
     dac_out: [u16; 2],
     iwdg: Iwdg,
@@ -114,6 +116,7 @@ impl<W: World> Soc<W> {
             adc_common: 0,
             dma: [Dma::new(), Dma::new()],
             can: Can::new(),
+            crc: Crc::new(),
             dac: Dac::default(),
             dac_out: [0; 2],
             iwdg: Iwdg::new(),
@@ -154,6 +157,7 @@ impl<W: World> Soc<W> {
         self.adc_common = 0;
         self.dma = [Dma::new(), Dma::new()];
         self.can = Can::new();
+        self.crc = Crc::new();
         self.dac = Dac::default();
         self.iwdg = Iwdg::new();
         (self.clocks, self.half_ticks, self.reset) = ((0, 0, 0), 0, None);

@@ -3,6 +3,7 @@
 use super::bus::Block;
 use super::{PORTS, Soc, slot};
 use crate::adc::{Adc, Trigger};
+use crate::crc::Crc;
 use crate::dac::Dac;
 use crate::dma::Dma;
 use crate::gpio::Mode;
@@ -304,6 +305,7 @@ impl<W: World> Soc<W> {
                 self.can.reset();
                 self.refresh_can();
             }
+            Block::Crc => self.crc = Crc::new(),
             Block::Dac => {
                 self.dac = Dac::default();
                 self.report_dac();
