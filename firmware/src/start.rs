@@ -113,7 +113,12 @@ pub fn start(
     }
     let store = Store::new(machine.flash, 0).map_err(|_| StartError::Settings)?;
     let mut image_store = ImageStore::new(store, &mut slots.buffer, &mut slots.image, Rtic);
-    let identity = Identity { reset_cause: machine.boot.cause as u32, build: BUILD, self_test: machine.self_test };
+    let identity = Identity {
+        reset_cause: machine.boot.cause as u32,
+        build: BUILD,
+        self_test: machine.self_test,
+        last_end: machine.boot.death as u8,
+    };
     let node = place_node(&mut slots.node);
     let defaults = Settings::with(Board::TABLE.defaults).map_err(|_| StartError::Settings)?;
     let drive = place_drive(&mut slots.drive, identity, &mut slots.record, defaults)?;

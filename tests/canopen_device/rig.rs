@@ -1,7 +1,6 @@
 //! A node on a bus of its own: node, drive, head and process model, a millisecond at a time, and a master that speaks
 //! expedited SDO.
 
-use edm_hal_shim::self_test::SelfTest;
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Order};
 use edm_servo_head::canopen::{Abort, Frame, Node, NodeId, Time};
 use edm_servo_head::head::State;
@@ -32,8 +31,7 @@ impl Rig {
         change(&mut settings, &mut parameters);
         let record = Box::leak(Box::new(BLANK));
         let mut drive =
-            Drive::new(settings, Identity { reset_cause: 7, build: "test", self_test: SelfTest::PASSED }, record)
-                .unwrap();
+            Drive::new(settings, Identity { reset_cause: 7, build: "test", ..Identity::default() }, record).unwrap();
         let mut node = Node::new(&DEVICE, NodeId::new(ID).unwrap(), 1234);
         node.boot(None, &mut drive).unwrap();
         let machine = Machine::new(&parameters, &settings, 1).unwrap();

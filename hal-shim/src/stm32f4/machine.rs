@@ -17,6 +17,7 @@ use super::live::Signal;
 use super::pwm::{self, Bridge, Pwm, Tick};
 use super::safety::{self, Inputs};
 use super::self_test;
+use super::stack;
 use super::start::StartError;
 use super::timebase::{self, Millisecond};
 use super::watchdog::Watchdog;
@@ -63,6 +64,8 @@ impl Machine {
     ) -> Result<Machine, StartError> {
         let rcc = &mut device.RCC;
         let self_test = self_test::image(&device.CRC, rcc);
+
+        stack::guard(&mut core.MPU);
 
         // Harmless first: what could drive is driven low, from the internal oscillator.
         let board =

@@ -38,6 +38,7 @@ pub mod pins;
 pub mod pwm;
 pub mod safety;
 pub mod self_test;
+pub mod stack;
 pub mod start;
 pub mod timebase;
 pub mod watchdog;

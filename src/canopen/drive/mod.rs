@@ -149,6 +149,8 @@ pub struct Identity {
     pub build: &'static str,
     /// What the board has found of itself: 2009h:3.
     pub self_test: SelfTest,
+    /// How the run before ended, when it knew: 2009h:4.
+    pub last_end: u8,
 }
 
 /// Times of a task, for 200Ah.

@@ -139,6 +139,7 @@ impl Drive {
             Item::EmfDifference => i64::from(status.back_emf.difference().0 as i32),
             Item::ResetCause => self.identity.reset_cause.into(),
             Item::SelfTest => self.identity.self_test.bits().into(),
+            Item::LastEnd => self.identity.last_end.into(),
             Item::GapLast => last(gap),
             Item::GapMost => most(gap),
             Item::GapLoad => load(gap),

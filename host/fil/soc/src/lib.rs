@@ -27,6 +27,7 @@ mod gpio;
 mod info;
 mod iwdg;
 mod memory;
+mod mpu;
 mod nvic;
 mod pins;
 mod rcc;

@@ -15,3 +15,4 @@ mod lockstep;
 mod mutants;
 mod reflex;
 mod self_test;
+mod stack;

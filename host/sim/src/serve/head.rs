@@ -76,7 +76,7 @@ impl Head {
         // For as long as the program runs, as on the chip.
         let record = Box::leak(Box::new(BLANK));
         let build = concat!("virtual ", env!("CARGO_PKG_VERSION"));
-        let identity = Identity { reset_cause: 0, build, self_test };
+        let identity = Identity { build, self_test, ..Identity::default() };
         let drive = Box::leak(Box::new(Drive::new(settings, identity, record)?));
         let node = Box::leak(Box::new(Node::new(&DEVICE, id, id.get().into())));
         // The head begins with what the drive says then, which is what was stored if that can be.
