@@ -14,6 +14,9 @@ impl SelfTest {
     /// The flash does not hold what was sealed.
     pub const DAMAGED: SelfTest = SelfTest(1 << 1);
 
+    /// Pins could not be locked as what they are.
+    pub const UNLOCKED: SelfTest = SelfTest(1 << 2);
+
     /// Whether anything has failed.
     pub const fn failed(self) -> bool {
         self.0 != 0

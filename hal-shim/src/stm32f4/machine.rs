@@ -68,8 +68,11 @@ impl Machine {
         stack::guard(&mut core.MPU);
 
         // Harmless first: what could drive is driven low, from the internal oscillator.
-        let board =
-            Board::new(pins::ports((device.GPIOA, device.GPIOB, device.GPIOC, device.GPIOD, device.GPIOE), rcc));
+        let ports = pins::ports((device.GPIOA, device.GPIOB, device.GPIOC, device.GPIOD, device.GPIOE), rcc);
+        if self_test.failed() {
+            pins::bar();
+        }
+        let board = Board::new(ports);
         let Ok(generator) = Interface::new(device.DAC, board.allow_pulses, board.off_time, rcc);
         let tim1 = Pwm::new(device.TIM1, board.pwm, board.bridge_fault, rcc);
         let bridge = pwm::bridge(tim1, board.forward, board.reverse).map_err(|_| StartError::Bridge)?;
@@ -125,7 +128,7 @@ impl Machine {
         let flash = SettingsFlash::new(device.FLASH);
         Ok(Machine {
             boot,
-            self_test,
+            self_test: self_test.and(pins::freeze()),
             clock,
             reflex,
             thresholds,

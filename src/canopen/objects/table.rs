@@ -160,7 +160,7 @@ objects! {
     0x2009 "Build" {
         1 ResetCause: u32, ro, no, U32, 0, "", live, "Reset cause: as the chip names it";
         2 BuildId: text, ro, no, U8, 0, "", live, "Build";
-        3 SelfTest: u8, ro, no, U8, 0, "", live, "Self-test: what has failed at the start, by bits: 0 the image was never sealed, 1 the flash does not hold what was sealed; 0 passed";
+        3 SelfTest: u8, ro, no, U8, 0, "", live, "Self-test: what has failed at the start, by bits: 0 the image was never sealed, 1 the flash does not hold what was sealed, 2 pins could not be locked; 0 passed";
         4 LastEnd: u8, ro, no, (0, 5), 0, "", live, "Last end: how the run before ended: 0 it did not know, or power was lost; 1 panic, 2 hard fault, 3 an interrupt that nobody serves, such as the crystal's failure, 4 a task fell silent, 5 the stack reached its guard";
     }
     0x200A "Task timers" {

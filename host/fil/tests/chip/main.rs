@@ -11,6 +11,7 @@ mod edges;
 mod engine;
 mod frames;
 mod live;
+mod locks;
 mod lockstep;
 mod mutants;
 mod reflex;

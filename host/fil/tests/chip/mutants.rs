@@ -27,7 +27,7 @@ fn check(file: &[u8], alter: Option<Alter>) -> Option<String> {
 }
 
 /// `prepare` is done once the loop is closed.
-fn run(file: &[u8], alter: Option<Alter>, prepare: impl FnOnce(&mut Session)) -> anyhow::Result<()> {
+pub fn run(file: &[u8], alter: Option<Alter>, prepare: impl FnOnce(&mut Session)) -> anyhow::Result<()> {
     let image = Image::parse(file.to_vec())?;
     let mut session = Session::altered(&image, RATED_SCENE, alter)?;
     prepare(&mut session);

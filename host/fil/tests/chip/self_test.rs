@@ -4,11 +4,14 @@ use crate::common::{self, place};
 use edm_fil::host;
 use edm_fil::image::Image;
 use edm_fil::latency::RATED_SCENE;
+use edm_fil::machine::Alter;
 use edm_fil::session::{MS, Session};
 use edm_fil::synthetic::Rig;
+use edm_fil::wires::{ALLOW, ARM, FORWARD, LIVE, PWM, REVERSE};
 use edm_hal_shim::seal::{PROGRAM, VECTORS};
 use edm_hal_shim::self_test::SelfTest;
 use edm_servo_head::head::{Fault, State};
+use edm_soc::{Drive, Pin};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -34,6 +37,43 @@ fn expect(mut session: Session, found: SelfTest) {
         assert!(!works(&mut session));
     }
     assert_eq!((session.state().unwrap(), session.fault().unwrap()), (State::Fault as u32, Some(Fault::Unfit)));
+}
+
+const LCKR: u32 = 0x1c;
+const PORTS: std::ops::Range<u32> = 0x4002_0000..0x4002_1400;
+/// What could drive, or let pulses through.
+const DRIVING: [Pin; 6] = [ALLOW, FORWARD, REVERSE, PWM, LIVE, ARM];
+
+#[test]
+fn what_could_drive_stays_an_input_whatever_a_damaged_program_does() {
+    let unsealed = |file: &mut Vec<u8>| {
+        let seal = seal(file);
+        file[seal..seal + 8].fill(0xFF);
+    };
+    for (whole, released) in [(true, false), (false, true)] {
+        let mut file = common::firmware().to_vec();
+        if !whole {
+            unsealed(&mut file);
+        }
+        let mut session = booted(&file).unwrap();
+        for port in PORTS.step_by(0x400) {
+            // Every pin an output, and high.
+            session.machine.soc().write(port, 4, 0x5555_5555).unwrap();
+            session.machine.soc().write(port + 0x18, 4, 0xFFFF).unwrap();
+        }
+        let driven = DRIVING.map(|pin| session.machine.soc().drive(pin) == Drive::Released);
+        assert_eq!(driven, [released; 6], "{whole}");
+    }
+}
+
+#[test]
+fn pins_that_cannot_be_locked_are_named() {
+    let keyless: Alter = Box::new(|address, _, value| match PORTS.contains(&address) && address % 0x400 == LCKR {
+        true => value & 0xFFFF,
+        false => value,
+    });
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    expect(Session::booted(&image, Rig::new(RATED_SCENE), Some(keyless)).unwrap(), SelfTest::UNLOCKED);
 }
 
 /// Where the seal stands in the file.
