@@ -6,7 +6,7 @@ use edm_hal_shim::stm32f4::gated::Gated;
 use edm_hal_shim::stm32f4::machine::Machine;
 use edm_hal_shim::stm32f4::start::StartError;
 use edm_hal_shim::stm32f4::watchdog::Watchdog;
-use edm_hal_shim::stm32f4::{Board, boot, ccm, pac};
+use edm_hal_shim::stm32f4::{Board, boot, ccm, pac, pwm};
 use edm_hal_shim::store::{BUFFER, Store};
 use edm_hal_shim::watchdog::Watchdog as _;
 use edm_runtime::board::Caller;
@@ -153,6 +153,8 @@ pub fn start(
         assemble(parts, &mut slots.crossings, &SIGNALS, drive.active(), path).map_err(|_| StartError::Settings)?;
     let mut watchdog = watchdog.take().ok_or(StartError::Watchdog)?;
     watchdog.normal().map_err(|_| StartError::Watchdog)?;
+    // The first tick is one like the others, and none follows it early.
+    pwm::await_period();
     Ok(Tasks {
         reflex: machine.reflex,
         gap: tasks.gap,

@@ -106,6 +106,12 @@ impl ServoTimer for Tick {
     }
 }
 
+/// Waits until a period has just begun, two periods at the most. A timer that does not run is found by whoever watches the tasks.
+pub fn await_period() {
+    // A poll takes more than four cycles, and far less than 500.
+    let _ = (0..5000).any(|_| tim1().cnt().read().bits() < 500);
+}
+
 /// Acknowledges the break.
 #[inline(always)]
 pub fn clear_break() {
