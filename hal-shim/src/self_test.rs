@@ -17,6 +17,9 @@ impl SelfTest {
     /// Pins could not be locked as what they are.
     pub const UNLOCKED: SelfTest = SelfTest(1 << 2);
 
+    /// The brown-out reset is not at level 3: the chip would run on below the voltage that its flash needs at this clock.
+    pub const BROWN_OUT: SelfTest = SelfTest(1 << 3);
+
     /// Whether anything has failed.
     pub const fn failed(self) -> bool {
         self.0 != 0

@@ -78,6 +78,8 @@ faults! {
     ClockLost = "clock lost" => Coast,
     /// The board has failed its self-test at the start: nothing may be enabled before it has started anew and passed.
     Unfit = "self-test failed" => Coast,
+    /// The chip's own supply falls: it may not do much longer what the program says.
+    SupplyLow = "supply low" => Coast,
 }
 
 impl Fault {
@@ -131,12 +133,12 @@ mod tests {
             (&[EncoderLost, PolarityWrong], Reaction::OpenLoopLift),
             (&[BusSag], Reaction::LiftOnStored),
             (&[EmergencyStop], Reaction::EmergencyLift),
-            (&[BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck, ClockLost, Unfit], Reaction::Coast),
+            (&[BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck, ClockLost, Unfit, SupplyLow], Reaction::Coast),
         ] {
             for fault in faults {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 22);
+        assert_eq!(Fault::ALL.len(), 23);
     }
 }

@@ -60,6 +60,7 @@ fn caused(fault: Fault) -> Option<Bench> {
         Fault::EmergencyStop => bench.safety.emergency_stop = true,
         Fault::OverCurrent => bench.extra_amps = 4.0,
         Fault::BridgeFault => bench.safety.bridge_fault = true,
+        Fault::SupplyLow => bench.safety.supply_low = true,
         Fault::Contact => {
             let ramp = MicrometresPerSecond2(1e6);
             let velocity = MicrometresPerSecond(5000.0);

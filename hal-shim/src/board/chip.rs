@@ -191,6 +191,7 @@ pub const TASKS: &[Task] = &[
     Task { name: "reflex", priority: 9, source: "ADC", deadline: "2.5 us from the sample to the pin" },
     Task { name: "stop", priority: 8, source: "EXTI15_10", deadline: "5 us" },
     Task { name: "bridge_fault", priority: 8, source: "TIM1_BRK_TIM9", deadline: "5 us; the break itself is hardware" },
+    Task { name: "supply", priority: 8, source: "PVD", deadline: "5 us" },
     Task { name: "encoder_a", priority: 7, source: "EXTI0", deadline: "3.3 us, one edge at 300 kcount/s" },
     Task { name: "encoder_b", priority: 7, source: "EXTI1", deadline: "3.3 us, one edge at 300 kcount/s" },
     Task { name: "encoder_index", priority: 7, source: "EXTI2", deadline: "3.3 us, one edge at 300 kcount/s" },

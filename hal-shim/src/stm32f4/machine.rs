@@ -19,6 +19,7 @@ use super::safety::{self, Inputs};
 use super::self_test;
 use super::stack;
 use super::start::StartError;
+use super::supply::{self, Supply};
 use super::timebase::{self, Millisecond};
 use super::watchdog::Watchdog;
 use super::{Board, dma, pac, pins};
@@ -63,7 +64,7 @@ impl Machine {
         watchdog: &mut Option<Watchdog>,
     ) -> Result<Machine, StartError> {
         let rcc = &mut device.RCC;
-        let self_test = self_test::image(&device.CRC, rcc);
+        let self_test = self_test::image(&device.CRC, rcc).and(supply::brown_out(&device.FLASH));
 
         stack::guard(&mut core.MPU);
 
@@ -91,6 +92,7 @@ impl Machine {
             safety::contact(board.lower_limit, &mut syscfg),
             safety::contact(board.emergency_stop, &mut syscfg),
             safety::contact(board.dielectric, &mut syscfg),
+            Supply::watch(device.PWR, rcc),
         );
         let (lines, guard, timer) = encoder::new(
             &mut core.NVIC,

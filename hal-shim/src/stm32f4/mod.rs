@@ -40,6 +40,7 @@ pub mod safety;
 pub mod self_test;
 pub mod stack;
 pub mod start;
+pub mod supply;
 pub mod timebase;
 pub mod watchdog;
 

@@ -48,6 +48,8 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
         Fault::ClockLost => (0xFF0A, MANUFACTURER),
         Fault::LiveStuck => (0xFF0B, MANUFACTURER),
         Fault::Unfit => (0xFF10, MANUFACTURER),
+        // Supply, low voltage.
+        Fault::SupplyLow => (0x5110, VOLTAGE),
     };
     (code, bits | GENERIC)
 }

@@ -197,6 +197,7 @@ impl Drive {
                     | i64::from(safety.emergency_stop) << 16
                     | i64::from(safety.dielectric) << 17
                     | i64::from(safety.bridge_fault) << 18
+                    | i64::from(safety.supply_low) << 19
             }
             item => rows().get(item as usize).map_or(0, |row| row.widened(self.value(item))),
         }

@@ -60,12 +60,13 @@ fn engine(what: &str) -> impl FnOnce(uc_error) -> anyhow::Error + '_ {
 }
 
 impl<W: World + 'static> Machine<W> {
-    /// A chip at power-up, `image` in its flash, `world` around it, a crystal of `hse_hz`.
+    /// A chip at power-up, `image` in its flash, `world` around it, a crystal of `hse_hz`, the brown-out level that bring-up has set.
     ///
     /// # Errors
     /// When the image does not fit or the engine cannot be set up.
     pub fn new(image: &Image, world: W, hse_hz: u64) -> Result<Self> {
-        let soc = Soc::new(world, hse_hz);
+        let mut soc = Soc::new(world, hse_hz);
+        soc.set_brown_out(3);
         image.load(&soc.memory)?;
         let mut uc =
             Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, Chip::new(soc)).map_err(engine("create"))?;

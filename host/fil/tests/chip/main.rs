@@ -17,3 +17,4 @@ mod mutants;
 mod reflex;
 mod self_test;
 mod stack;
+mod supply;

@@ -28,7 +28,7 @@ fn works(session: &mut Session) -> bool {
 
 /// The head is on the bus, says what it has found, and stays as it is whatever a host wants.
 #[track_caller]
-fn expect(mut session: Session, found: SelfTest) {
+pub fn expect(mut session: Session, found: SelfTest) {
     assert_eq!(host::read(&mut session, 0x2009, 3).unwrap(), u32::from(found.bits()), "{:?}", session.log);
     assert_eq!((session.state().unwrap(), session.fault().unwrap()), (State::Fault as u32, Some(Fault::Unfit)));
     for word in [0x80, 0x06, 0x07, 0x0F, 0x80, 0x00, 0x80] {

@@ -288,7 +288,10 @@ impl<W: World> Soc<W> {
                 }
                 self.set_due(slot::WATCHDOG, self.iwdg.due);
             }
-            Block::Pwr => self.rcc.write_power(offset, value)?,
+            Block::Pwr => {
+                self.rcc.write_power(offset, value)?;
+                self.refresh_supply();
+            }
             Block::Rcc => {
                 self.rcc.write(offset, value, now)?;
                 if let 0x10..=0x24 = offset {

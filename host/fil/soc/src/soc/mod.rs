@@ -148,7 +148,9 @@ impl<W: World> Soc<W> {
             };
         let kept = self.rcc.read(0x74, self.now).unwrap_or(0) & 0xfe00_0000;
         let kept = if cause == Reset::Power { 0 } else { kept };
+        let supply = self.rcc.supply();
         self.rcc = Rcc::new(self.hse_hz, flags | kept);
+        self.rcc.set_supply(supply);
         self.core = CoreRegs::new();
         self.flash.reset();
         self.exti = Exti::default();
@@ -204,6 +206,17 @@ impl<W: World> Soc<W> {
     /// Erases of each flash sector since power-up.
     pub fn erases(&self) -> [u32; 12] {
         self.flash.erases
+    }
+
+    /// The supply is `mv` from now on, mV. The voltage detector sees it; there is no reset below any of them.
+    pub fn set_supply(&mut self, mv: u32) {
+        self.rcc.set_supply(mv);
+        self.refresh_supply();
+    }
+
+    /// Sets the brown-out level of the option bytes, 0 (off, as on a new chip) to 3.
+    pub fn set_brown_out(&mut self, level: u32) {
+        self.flash.set_brown_out(level);
     }
 
     /// The first thing the model could not follow, if there is one. It stays.

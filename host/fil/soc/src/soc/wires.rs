@@ -179,6 +179,14 @@ impl<W: World> Soc<W> {
         }
     }
 
+    /// The voltage detector is interrupt line 16 (§12.2.5).
+    pub(super) fn refresh_supply(&mut self) {
+        if let Some(low) = self.rcc.detect() {
+            self.exti.edge(16, low);
+            self.refresh_exti();
+        }
+    }
+
     pub(super) fn report_dac(&mut self) {
         for channel in 0..2 {
             let code = self.dac.code(channel);
