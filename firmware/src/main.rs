@@ -101,6 +101,13 @@ mod app {
         safety::bridge_fault();
     }
 
+    /// Deadline: 5 us from the edge to the pins. The chip's supply falls. Atomics only. Cost: 0.5 us, once. Late: the brown-out reset
+    /// comes first, and lets the pins go as well.
+    #[task(binds = PVD, priority = 8)]
+    fn supply(_: supply::Context) {
+        safety::supply();
+    }
+
     /// Deadline: the servo tick, 6 us after the block. Averages and filters the block. Cost: 7 us, 20 000 times a second,
     /// so that the tick waits for it a little.
     /// Late: the tick waits for it.

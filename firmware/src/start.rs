@@ -6,7 +6,7 @@ use edm_hal_shim::stm32f4::gated::Gated;
 use edm_hal_shim::stm32f4::machine::Machine;
 use edm_hal_shim::stm32f4::start::StartError;
 use edm_hal_shim::stm32f4::watchdog::Watchdog;
-use edm_hal_shim::stm32f4::{Board, boot, ccm, pac};
+use edm_hal_shim::stm32f4::{Board, boot, ccm, pac, pwm};
 use edm_hal_shim::store::{BUFFER, Store};
 use edm_hal_shim::watchdog::Watchdog as _;
 use edm_runtime::board::Caller;
@@ -108,9 +108,17 @@ pub fn start(
 ) -> Result<Tasks, StartError> {
     let machine = Machine::start(device, core, BUILD_NUMBER, &SIGNALS.reflex, watchdog)?;
     defmt::info!("build {=str}, {}", BUILD, machine.boot);
+    if machine.self_test.failed() {
+        defmt::error!("{}", machine.self_test);
+    }
     let store = Store::new(machine.flash, 0).map_err(|_| StartError::Settings)?;
     let mut image_store = ImageStore::new(store, &mut slots.buffer, &mut slots.image, Rtic);
-    let identity = Identity { reset_cause: machine.boot.cause as u32, build: BUILD };
+    let identity = Identity {
+        reset_cause: machine.boot.cause as u32,
+        build: BUILD,
+        self_test: machine.self_test,
+        last_end: machine.boot.death as u8,
+    };
     let node = place_node(&mut slots.node);
     let defaults = Settings::with(Board::TABLE.defaults).map_err(|_| StartError::Settings)?;
     let drive = place_drive(&mut slots.drive, identity, &mut slots.record, defaults)?;
@@ -122,6 +130,7 @@ pub fn start(
     let parts = Parts {
         clock: machine.clock,
         caller: Rtic,
+        self_test: machine.self_test,
         published: (Count, &ENCODER),
         lines: machine.lines,
         guard: machine.guard,
@@ -144,6 +153,8 @@ pub fn start(
         assemble(parts, &mut slots.crossings, &SIGNALS, drive.active(), path).map_err(|_| StartError::Settings)?;
     let mut watchdog = watchdog.take().ok_or(StartError::Watchdog)?;
     watchdog.normal().map_err(|_| StartError::Watchdog)?;
+    // The first tick is one like the others, and none follows it early.
+    pwm::await_period();
     Ok(Tasks {
         reflex: machine.reflex,
         gap: tasks.gap,

@@ -22,6 +22,8 @@ pub mod generator;
 pub mod live;
 pub mod reflex;
 pub mod safety;
+pub mod seal;
+pub mod self_test;
 #[cfg(all(target_arch = "arm", feature = "chip"))]
 #[allow(unsafe_code, reason = "registers, the two flash sectors, the core-coupled memory, the gap filter by hand")]
 pub mod stm32f4;

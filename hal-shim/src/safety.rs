@@ -20,6 +20,8 @@ pub struct SafetyInputs {
     pub dielectric: bool,
     /// H-bridge reports a fault.
     pub bridge_fault: bool,
+    /// The chip's own supply is low: no line, and always `false` where nobody watches it.
+    pub supply_low: bool,
 }
 
 impl SafetyInputs {
@@ -89,6 +91,7 @@ impl<U: InputPin, L: InputPin, E: InputPin, D: InputPin, B: InputPin> Safety for
             emergency_stop: self.emergency_stop.is_unsafe(),
             dielectric: self.dielectric.is_unsafe(),
             bridge_fault: self.bridge_fault.is_unsafe(),
+            supply_low: false,
         }
     }
 }
@@ -132,6 +135,7 @@ mod tests {
         emergency_stop: false,
         dielectric: false,
         bridge_fault: false,
+        supply_low: false,
     };
 
     /// Reads five pins: four normally closed contacts and a bridge fault that is safe at high.
@@ -174,6 +178,7 @@ mod tests {
                 emergency_stop: true,
                 dielectric: true,
                 bridge_fault: true,
+                supply_low: false,
             };
             assert_eq!(inputs, all);
         }

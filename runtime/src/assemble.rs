@@ -18,6 +18,7 @@ use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::QuadratureLines;
 use edm_hal_shim::generator::Generator;
 use edm_hal_shim::reflex::{ForcedLines, Thresholds};
+use edm_hal_shim::self_test::SelfTest;
 use edm_servo_head::canopen::drive::{Drive, Lost};
 use edm_servo_head::canopen::{Frame, Node};
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, Shared as Published, TimerCount};
@@ -37,6 +38,8 @@ pub use crate::protocol::HostEnds;
 pub struct Parts<B: Board> {
     pub clock: B::Clock,
     pub caller: B::Caller,
+    /// What the board has found of itself.
+    pub self_test: SelfTest,
     /// Where the decoder publishes, twice: as its task knows it and as its readers do.
     pub published: (B::Published, &'static Published),
     pub lines: B::Lines,
@@ -199,7 +202,7 @@ pub fn assemble<B: Board>(
             measured: measured_in,
         },
         plan: Plans {
-            planner: Planner::new(active.head, path),
+            planner: Planner::new(active.head, path, parts.self_test),
             clock,
             caller,
             signals,

@@ -18,6 +18,7 @@ use core::ops::DerefMut;
 use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
+use edm_hal_shim::self_test::SelfTest;
 
 /// Everything that the tasks of a head see in a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -57,9 +58,9 @@ pub struct Head<P> {
 }
 
 impl<P: DerefMut<Target = Path>> Head<P> {
-    /// A disabled head on an empty path.
+    /// A disabled head on an empty path, on a board that has passed its self-test.
     pub fn new(config: Config, path: P) -> Head<P> {
-        let planner = Planner::new(config, path);
+        let planner = Planner::new(config, path, SelfTest::PASSED);
         Head {
             follower: Follower::new(planner.follow_config()),
             planner,

@@ -80,6 +80,10 @@ faults! {
     ReflexLost = "reflex lost" => Retrace,
     /// Pulses without permission: the generator does not obey.
     UnpermittedPulses = "pulses without permission" => Retrace,
+    /// The board has failed its self-test at the start: nothing may be enabled before it has started anew and passed.
+    Unfit = "self-test failed" => Coast,
+    /// The chip's own supply falls: it may not do much longer what the program says.
+    SupplyLow = "supply low" => Coast,
 }
 
 impl Fault {
@@ -159,12 +163,12 @@ mod tests {
             (&[EncoderLost, PolarityWrong], Reaction::OpenLoopLift),
             (&[BusSag], Reaction::LiftOnStored),
             (&[EmergencyStop], Reaction::EmergencyLift),
-            (&[BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck, ClockLost], Reaction::Coast),
+            (&[BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck, ClockLost, Unfit, SupplyLow], Reaction::Coast),
         ] {
             for fault in faults {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 23);
+        assert_eq!(Fault::ALL.len(), 25);
     }
 }

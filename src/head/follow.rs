@@ -139,6 +139,7 @@ impl Concerns {
         let upper = safety.upper_limit && self.upper;
         match safety {
             _ if !self.any => None,
+            SafetyInputs { supply_low: true, .. } => Some(Fault::SupplyLow),
             SafetyInputs { bridge_fault: true, .. } => Some(Fault::BridgeFault),
             SafetyInputs { emergency_stop: true, .. } => Some(Fault::EmergencyStop),
             SafetyInputs { lower_limit: true, .. } if upper => Some(Fault::BothLimits),

@@ -30,7 +30,8 @@ impl Rig {
         let mut parameters = Parameters::default();
         change(&mut settings, &mut parameters);
         let record = Box::leak(Box::new(BLANK));
-        let mut drive = Drive::new(settings, Identity { reset_cause: 7, build: "test" }, record).unwrap();
+        let mut drive =
+            Drive::new(settings, Identity { reset_cause: 7, build: "test", ..Identity::default() }, record).unwrap();
         let mut node = Node::new(&DEVICE, NodeId::new(ID).unwrap(), 1234);
         node.boot(None, &mut drive).unwrap();
         let machine = Machine::new(&parameters, &settings, 1).unwrap();

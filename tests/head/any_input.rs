@@ -35,14 +35,14 @@ prop_compose! {
         filtered in volts(), block in volts(), quality in quality(), touches in unlikely(), short_ticks in prop_oneof![9 => Just(0), 1 => any::<u32>()],
         count in prop_oneof![9 => 0u32..20_000, 1 => any::<u32>()], last_edge in any::<u32>(), now in any::<u32>(),
         toward_work in any::<bool>(), illegal in prop_oneof![9 => Just(0), 1 => any::<u32>()],
-        safety in [unlikely(), unlikely(), unlikely(), unlikely(), unlikely()],
+        safety in [unlikely(), unlikely(), unlikely(), unlikely(), unlikely(), unlikely()],
         motor_current in 0u16..4096, bus_voltage in prop_oneof![20 => Just(3137u16), 1 => any::<u16>()],
     ) -> Inputs {
-        let [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault] = safety;
+        let [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, supply_low] = safety;
         Inputs {
             gap: GapReading { filtered, block, mean: block, quality, touches, short_ticks },
             encoder: Snapshot { raw: RawCount { count, last_edge, toward_work, now }, illegal, ..Snapshot::default() },
-            safety: SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault }.unsafe_ones(),
+            safety: SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, supply_low }.unsafe_ones(),
             drive: DriveCodes { motor_current, bus_voltage },
             host_alive: true,
             ..Inputs::default()

@@ -15,6 +15,8 @@ fn caused(fault: Fault) -> Option<Bench> {
         Fault::PersistentArc => return None,
         // This head makes its plans in time: tests/runtime/late_plans.rs.
         Fault::PlanLate => return None,
+        // This board has passed: tests/runtime/self_test.rs.
+        Fault::Unfit => return None,
         // The circuit is outside, and so is the clock: tests/runtime/live.rs.
         Fault::LiveLost | Fault::LiveStuck | Fault::ClockLost => return None,
         Fault::HostSilent => {
@@ -37,7 +39,8 @@ fn caused(fault: Fault) -> Option<Bench> {
         _ => Bench::eroding(),
     };
     match fault {
-        Fault::PersistentArc | Fault::PlanLate | Fault::LiveLost | Fault::LiveStuck | Fault::ClockLost => {}
+        Fault::PersistentArc | Fault::PlanLate | Fault::Unfit => {}
+        Fault::LiveLost | Fault::LiveStuck | Fault::ClockLost => {}
         Fault::PersistentShort => bench.follows = Some(-1.0),
         Fault::GapSignalInvalid => bench.quality = Quality::Missing,
         Fault::GateMissing => bench.quality = Quality::NoGate,
@@ -58,6 +61,7 @@ fn caused(fault: Fault) -> Option<Bench> {
         Fault::EmergencyStop => bench.safety.emergency_stop = true,
         Fault::OverCurrent => bench.extra_amps = 4.0,
         Fault::BridgeFault => bench.safety.bridge_fault = true,
+        Fault::SupplyLow => bench.safety.supply_low = true,
         Fault::Contact => {
             let ramp = MicrometresPerSecond2(1e6);
             let velocity = MicrometresPerSecond(5000.0);

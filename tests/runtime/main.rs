@@ -6,4 +6,5 @@ mod late_plans;
 mod live;
 mod losses;
 mod rig;
+mod self_test;
 mod writes;

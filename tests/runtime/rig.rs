@@ -3,6 +3,7 @@
 use edm_bus::Frame;
 use edm_crossing::preempt::{self, Tally};
 use edm_hal_shim::double::live::Broken;
+use edm_hal_shim::self_test::SelfTest;
 use edm_servo_head::canopen::NodeId;
 use edm_servo_head::canopen::objects::{setting_address_at, setting_kind};
 use edm_servo_head::settings::{Declared, Settings};
@@ -73,19 +74,24 @@ pub fn place(key: &str) -> usize {
 impl Host {
     /// A head that has been switched on for 10 ms, operational.
     pub fn new(change: impl FnOnce(&mut Settings), seed: u64) -> Host {
-        Host::with(change, Broken::default(), seed)
+        Host::with(change, Broken::default(), SelfTest::PASSED, seed)
     }
 
     /// The same with something wrong behind the live signal.
     pub fn broken(broken: Broken, seed: u64) -> Host {
-        Host::with(|_| {}, broken, seed)
+        Host::with(|_| {}, broken, SelfTest::PASSED, seed)
     }
 
-    fn with(change: impl FnOnce(&mut Settings), broken: Broken, seed: u64) -> Host {
+    /// The same on a board that has found something of itself.
+    pub fn found(self_test: SelfTest, seed: u64) -> Host {
+        Host::with(|_| {}, Broken::default(), self_test, seed)
+    }
+
+    fn with(change: impl FnOnce(&mut Settings), broken: Broken, self_test: SelfTest, seed: u64) -> Host {
         let mut settings = Settings { commissioned: true, ..Settings::default() };
         change(&mut settings);
         let process = Process::new(&Parameters::default(), seed).unwrap();
-        let head = Head::of(process, settings, NodeId::new(ID).unwrap(), Store::Memory(None)).unwrap();
+        let head = Head::of(process, settings, NodeId::new(ID).unwrap(), Store::Memory(None), self_test).unwrap();
         let mut host = Host {
             head: Scheduler::of(head, seed),
             asked: 0,

@@ -166,6 +166,13 @@ const _: () = {
     }
 };
 
+/// End of the RAM, where the stack begins and grows down.
+pub const RAM_END: u32 = 0x2002_0000;
+/// What everything at once may take of the stack, bytes; RAM leaves more than twice as much.
+pub const STACK: u32 = 24 * 1024;
+/// What lies below and nobody may touch, bytes: no frame may be larger.
+pub const STACK_GUARD: u32 = 4 * 1024;
+
 /// A task of the firmware.
 #[derive(Clone, Copy, Debug)]
 pub struct Task {
@@ -184,6 +191,7 @@ pub const TASKS: &[Task] = &[
     Task { name: "reflex", priority: 9, source: "ADC", deadline: "2.5 us from the sample to the pin" },
     Task { name: "stop", priority: 8, source: "EXTI15_10", deadline: "5 us" },
     Task { name: "bridge_fault", priority: 8, source: "TIM1_BRK_TIM9", deadline: "5 us; the break itself is hardware" },
+    Task { name: "supply", priority: 8, source: "PVD", deadline: "5 us" },
     Task { name: "encoder_a", priority: 7, source: "EXTI0", deadline: "3.3 us, one edge at 300 kcount/s" },
     Task { name: "encoder_b", priority: 7, source: "EXTI1", deadline: "3.3 us, one edge at 300 kcount/s" },
     Task { name: "encoder_index", priority: 7, source: "EXTI2", deadline: "3.3 us, one edge at 300 kcount/s" },

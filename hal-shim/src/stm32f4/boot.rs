@@ -69,7 +69,7 @@ pub enum Cause {
     Other,
 }
 
-/// How a run ended, when it knew.
+/// How a run ended, when it knew: object 2009h:4.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
 #[repr(u32)]
 pub enum Death {
@@ -83,6 +83,8 @@ pub enum Death {
     Unexpected,
     /// The task watchdog missed a task; detail: which.
     Silent,
+    /// The stack has reached its guard; detail: fault status. Place: program counter, unless no frame could be stored (MSTKERR).
+    Stack,
 }
 
 /// What is known at start.
@@ -125,6 +127,7 @@ pub fn begin(rcc: &pac::RCC, build: u32) -> Boot {
         2 => Death::HardFault,
         3 => Death::Unexpected,
         4 => Death::Silent,
+        5 => Death::Stack,
         _ => Death::None,
     };
     let boot = Boot {

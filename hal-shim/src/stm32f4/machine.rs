@@ -16,16 +16,21 @@ use super::lines::ServoLines;
 use super::live::Signal;
 use super::pwm::{self, Bridge, Pwm, Tick};
 use super::safety::{self, Inputs};
+use super::self_test;
+use super::stack;
 use super::start::StartError;
+use super::supply::{self, Supply};
 use super::timebase::{self, Millisecond};
 use super::watchdog::Watchdog;
 use super::{Board, dma, pac, pins};
 use crate::reflex::Limits;
+use crate::self_test::SelfTest;
 
 /// The parts of a running board; each goes to one task.
 #[allow(missing_docs, reason = "each part says what it is")]
 pub struct Machine {
     pub boot: Boot,
+    pub self_test: SelfTest,
     pub clock: Cycles,
     pub reflex: Gated,
     pub thresholds: Thresholds,
@@ -59,10 +64,16 @@ impl Machine {
         watchdog: &mut Option<Watchdog>,
     ) -> Result<Machine, StartError> {
         let rcc = &mut device.RCC;
+        let self_test = self_test::image(&device.CRC, rcc).and(supply::brown_out(&device.FLASH));
+
+        stack::guard(&mut core.MPU);
 
         // Harmless first: what could drive is driven low, from the internal oscillator.
-        let board =
-            Board::new(pins::ports((device.GPIOA, device.GPIOB, device.GPIOC, device.GPIOD, device.GPIOE), rcc));
+        let ports = pins::ports((device.GPIOA, device.GPIOB, device.GPIOC, device.GPIOD, device.GPIOE), rcc);
+        if self_test.failed() {
+            pins::bar();
+        }
+        let board = Board::new(ports);
         let Ok(generator) = Interface::new(device.DAC, board.allow_pulses, board.off_time, rcc);
         let tim1 = Pwm::new(device.TIM1, board.pwm, board.bridge_fault, rcc);
         let bridge = pwm::bridge(tim1, board.forward, board.reverse).map_err(|_| StartError::Bridge)?;
@@ -81,6 +92,7 @@ impl Machine {
             safety::contact(board.lower_limit, &mut syscfg),
             safety::contact(board.emergency_stop, &mut syscfg),
             safety::contact(board.dielectric, &mut syscfg),
+            Supply::watch(device.PWR, rcc),
         );
         let (lines, guard, timer) = encoder::new(
             &mut core.NVIC,
@@ -118,6 +130,7 @@ impl Machine {
         let flash = SettingsFlash::new(device.FLASH);
         Ok(Machine {
             boot,
+            self_test: self_test.and(pins::freeze()),
             clock,
             reflex,
             thresholds,

@@ -9,7 +9,8 @@
 //! priorities touch is atomic: reflex and stop share no lock with anyone.
 //!
 //! **Start-up order.** In reset, and with no CPU, every pin floats and the pulls on the board keep the bridge disabled and
-//! the pulses off. [`machine::Machine::start`] drives the same levels before anything else is configured. The PWM's main output
+//! the pulses off. [`machine::Machine::start`] looks whether the flash holds what was built, and then drives the same levels
+//! before anything else is configured. The PWM's main output
 //! stays off, and the pulses inhibited, until the servo task drives for the first time; it cannot before clocks, converters,
 //! timers and one whole block of conversions have been seen to work.
 
@@ -36,7 +37,10 @@ pub mod panic_handler;
 pub mod pins;
 pub mod pwm;
 pub mod safety;
+pub mod self_test;
+pub mod stack;
 pub mod start;
+pub mod supply;
 pub mod timebase;
 pub mod watchdog;
 

@@ -4,6 +4,7 @@
 
 use super::boot::{Death, died};
 use super::lines;
+use super::stack;
 use super::start::StartError;
 use super::watchdog::Watchdog;
 use crate::watchdog::Watchdog as _;
@@ -37,7 +38,8 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     // SAFETY: the register block is there for ever; reading the fault status changes nothing.
     let status = unsafe { (*SCB::PTR).cfsr.read() };
     let at = frame.pc();
-    end(Death::HardFault, status, at, || defmt::error!("hard fault at {=u32:#010x}, status {=u32:#010x}", at, status))
+    let death = if status & stack::FAULTS == 0 { Death::HardFault } else { Death::Stack };
+    end(death, status, at, || defmt::error!("hard fault at {=u32:#010x}, status {=u32:#010x}", at, status))
 }
 
 // SAFETY: as above.

@@ -18,8 +18,10 @@ use embedded_hal::pwm::{ErrorType, SetDutyCycle};
 
 /// Main output enable.
 const MOE: u32 = 1 << 15;
-/// Break: enabled, active low, outputs driven to their idle level when off, no automatic return (RM0090 17.4.18).
-const BDTR: u32 = 1 << 12 | 1 << 11 | 1 << 10;
+/// Break: enabled, active low, outputs driven to their idle level when off, no automatic return; and locked at level 2, with
+/// polarities and idle levels, until the next reset. Level 3 would lock the mode of channel 1 as well, which is the short path
+/// (RM0090 17.4.18).
+const BDTR: u32 = 1 << 12 | 1 << 11 | 1 << 10 | 0b10 << 8;
 /// Trigger output: counter enable (RM0090 17.4.2).
 const MMS_ENABLE: u32 = 0b001 << 4;
 
@@ -102,6 +104,12 @@ impl ServoTimer for Tick {
             change!(tim1().bdtr(), clear 0, set MOE);
         }
     }
+}
+
+/// Waits until a period has just begun, two periods at the most. A timer that does not run is found by whoever watches the tasks.
+pub fn await_period() {
+    // A poll takes more than four cycles, and far less than 500.
+    let _ = (0..5000).any(|_| tim1().cnt().read().bits() < 500);
 }
 
 /// Acknowledges the break.

@@ -3,6 +3,7 @@
 use super::hal::gpio::ExtiPin;
 use super::hal::syscfg::SysCfg;
 use super::pins::Input;
+use super::supply::{self, Supply};
 use super::{Board, change, lines, pac, put};
 use crate::board::Pin as Place;
 use crate::board::gpio::Pin;
@@ -22,6 +23,8 @@ const DIELECTRIC: u32 = 1 << DIELECTRIC_PIN.number;
 const LINES: u32 = UPPER | LOWER | EMERGENCY | DIELECTRIC;
 /// Not a line: the bridge's fault comes through the timer's break.
 const BRIDGE: u32 = 1 << 31;
+/// Not a pin: the supply comes through a line of its own.
+const SUPPLY: u32 = supply::LINE;
 
 // One vector serves them all, and nothing else.
 const _: () = assert!(LINES & !0xFC00 == 0);
@@ -87,7 +90,10 @@ type EmergencyStop = Input<{ EMERGENCY_PIN.port }, { EMERGENCY_PIN.number }>;
 type Dielectric = Input<{ DIELECTRIC_PIN.port }, { DIELECTRIC_PIN.number }>;
 
 /// The inputs of a board.
-pub struct Inputs(SafetyPins<UpperLimit, LowerLimit, EmergencyStop, Dielectric, FaultLine>);
+pub struct Inputs {
+    pins: SafetyPins<UpperLimit, LowerLimit, EmergencyStop, Dielectric, FaultLine>,
+    supply: Supply,
+}
 
 /// Connects a pin, which becomes an input, to its interrupt line.
 pub fn contact<const P: char, const N: u8>(pin: Pin<P, N>, syscfg: &mut SysCfg) -> Input<P, N> {
@@ -103,17 +109,19 @@ impl Inputs {
         lower_limit: LowerLimit,
         emergency_stop: EmergencyStop,
         dielectric: Dielectric,
+        supply: Supply,
     ) -> Self {
         // An open contact is a rising edge. A level that is open already is seen by the servo task before it may drive.
         change!(exti().rtsr(), clear 0, set LINES);
         change!(exti().imr(), clear 0, set LINES);
-        Inputs(SafetyPins {
+        let pins = SafetyPins {
             upper_limit: Contact::normally_closed(upper_limit),
             lower_limit: Contact::normally_closed(lower_limit),
             emergency_stop: Contact::normally_closed(emergency_stop),
             dielectric: Contact::normally_closed(dielectric),
             bridge_fault: Contact::safe_at_high(FaultLine(())),
-        })
+        };
+        Inputs { pins, supply }
     }
 }
 
@@ -134,11 +142,19 @@ pub fn bridge_fault() {
     SEEN.fetch_or(BRIDGE, Relaxed);
 }
 
+/// The supply task. Atomics only.
+#[inline(always)]
+pub fn supply() {
+    lines::stop();
+    supply::acknowledge();
+    SEEN.fetch_or(SUPPLY, Relaxed);
+}
+
 impl Safety for Inputs {
     /// Levels now, together with every condition that was unsafe for however short a time since the last call.
     #[inline]
     fn read(&mut self) -> SafetyInputs {
-        if SEEN.load(Relaxed) == 0 { self.0.read() } else { self.read_with_seen() }
+        if SEEN.load(Relaxed) == 0 { self.levels() } else { self.read_with_seen() }
     }
 
     /// In two loads.
@@ -150,16 +166,21 @@ impl Safety for Inputs {
 }
 
 impl Inputs {
+    fn levels(&mut self) -> SafetyInputs {
+        SafetyInputs { supply_low: self.supply.is_low(), ..self.pins.read() }
+    }
+
     #[cold]
     fn read_with_seen(&mut self) -> SafetyInputs {
         let seen = SEEN.swap(0, Relaxed);
-        let now = self.0.read();
+        let now = self.levels();
         SafetyInputs {
             upper_limit: now.upper_limit || seen & UPPER != 0,
             lower_limit: now.lower_limit || seen & LOWER != 0,
             emergency_stop: now.emergency_stop || seen & EMERGENCY != 0,
             dielectric: now.dielectric || seen & DIELECTRIC != 0,
             bridge_fault: now.bridge_fault || seen & BRIDGE != 0,
+            supply_low: now.supply_low || seen & SUPPLY != 0,
         }
     }
 }

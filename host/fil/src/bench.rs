@@ -195,7 +195,7 @@ impl Bench {
 
     /// Contacts: closed to ground while all is well. The bridge's fault output is low in a fault.
     fn wire_into(&mut self, edges: &mut Vec<(u64, Change)>, at: u64) {
-        let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault } =
+        let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, .. } =
             self.process.sensors().safety;
         for (pin, open) in CONTACTS.into_iter().zip([upper_limit, lower_limit, emergency_stop, dielectric]) {
             self.set(edges, at, pin, open);

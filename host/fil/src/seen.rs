@@ -190,7 +190,7 @@ impl Places {
             "edm_hal_shim::encoder::RawCount" RawCount: count, last_edge, toward_work, now;
             "edm_hal_shim::gap::GapBlock" GapBlock: codes, gate;
             "edm_hal_shim::safety::SafetyInputs" SafetyInputs: upper_limit, lower_limit, emergency_stop, dielectric,
-                bridge_fault;
+                bridge_fault, supply_low;
             "edm_hal_shim::safety::DriveCodes" DriveCodes: motor_current, bus_voltage;
             "edm_servo_head::head::supervise::Limits" SupervisionLimits: following, following_ms, runaway, velocity, resistance,
                 encoder_ms, gap_ms, host_ms, bus_min, current_max, current_ms;
@@ -596,6 +596,7 @@ fn contacts(view: &View) -> Result<SafetyInputs> {
         emergency_stop: view.flag(at!(SafetyInputs, emergency_stop))?,
         dielectric: view.flag(at!(SafetyInputs, dielectric))?,
         bridge_fault: view.flag(at!(SafetyInputs, bridge_fault))?,
+        supply_low: view.flag(at!(SafetyInputs, supply_low))?,
     })
 }
 

@@ -11,7 +11,7 @@ use edm_hal_shim::board::F405;
 use edm_servo_head::head::{Command, Fault, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
-use edm_soc::{Change, Frame, TICK_HZ};
+use edm_soc::{Change, Frame, Soc, TICK_HZ};
 
 /// Ticks of the chip in a millisecond.
 pub const MS: u64 = TICK_HZ / 1000;
@@ -56,6 +56,19 @@ impl Session {
     /// # Errors
     /// What the machine refuses.
     pub fn booted(image: &Image, rig: Rig, alter: Option<Alter>) -> Result<Self> {
+        Self::prepared(image, rig, alter, |_| ())
+    }
+
+    /// The same on a chip that `prepare` has changed.
+    ///
+    /// # Errors
+    /// What the machine refuses.
+    pub fn prepared(
+        image: &Image,
+        rig: Rig,
+        alter: Option<Alter>,
+        prepare: impl FnOnce(&mut Soc<Rig>),
+    ) -> Result<Self> {
         let mut machine = Machine::new(image, rig, F405::TABLE.crystal_hz.into())?;
         if let Some(alter) = alter {
             machine.alter_writes(alter);
@@ -64,8 +77,9 @@ impl Session {
         // An axis that moves as a script has it, whatever the motor does, is not to be taken for one without an encoder.
         let settings = Settings { commissioned: true, axis_breakaway: 20.0, ..Settings::default() };
         commission(&machine.soc().memory.flash, &settings)?;
+        prepare(machine.soc());
         let mut session = Self { machine, rtt: Rtt::new(image)?, now: 0, taken: 0, log: Vec::new() };
-        session.run(30 * MS)?;
+        session.run(50 * MS)?;
         Ok(session)
     }
 

@@ -16,6 +16,7 @@ use edm_hal_shim::generator::Generator;
 use edm_hal_shim::live::Live;
 use edm_hal_shim::reflex::{Config, ForcedLines, PulseCounts, Thresholds};
 use edm_hal_shim::safety::{DriveCodes, DriveSense, Safety, SafetyInputs};
+use edm_hal_shim::self_test::SelfTest;
 use edm_hal_shim::tick::{Period, ServoTimer};
 use edm_hal_shim::watchdog::{Stuck, Watchdog};
 use edm_runtime::Note;
@@ -40,6 +41,8 @@ pub struct Dry {
 /// What the tasks of a head see and set.
 #[derive(Default)]
 pub struct Ports {
+    /// What the board has found of itself at its start.
+    pub self_test: Cell<SelfTest>,
     /// Clock.
     pub now: Cell<u32>,
     /// Encoder lines.

@@ -133,6 +133,7 @@ impl Core {
         let parts = Parts {
             clock: part,
             caller: part,
+            self_test: ports.self_test.get(),
             published: (published, published),
             lines: part,
             guard: part,

@@ -1,6 +1,7 @@
 //! What a cargo alias cannot do: `cargo xtask docs` writes the files that are generated from declarations, or with `--check`
 //! only tells whether they are current, and checks the list of released objects against its history; `cargo xtask firmware`
-//! builds and checks the firmware of both boards; `cargo fil` runs it on an emulated chip.
+//! builds, checks and seals the firmware of both boards; `cargo flash-head` programs it; `cargo fil` runs it on an emulated
+//! chip.
 
 use clap::{Parser, Subcommand};
 use edm_describe::{dbc, eds};
@@ -11,6 +12,7 @@ use std::process::ExitCode;
 
 mod fil;
 mod firmware;
+mod flash;
 mod object_table;
 mod pictures;
 mod released;
@@ -37,6 +39,22 @@ enum Task {
     Firmware,
     /// Links the firmware in an environment that sets RUSTFLAGS, and checks that a chip would start it.
     Link,
+    /// Builds and seals the image of a board and has cargo-embed program it: `cargo flash-head`.
+    Flash {
+        /// Feature of the board
+        feature: String,
+        /// Section of Embed.toml
+        section: String,
+        /// Options of cargo-embed
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<OsString>,
+    },
+    /// Runs a command on a sealed copy of the ELF file among its arguments: the runner of `cargo run` for the chip.
+    Sealed {
+        /// Command, its options and the ELF file
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<OsString>,
+    },
     /// Runs a command of the emulated chip on the firmware as it is, which is built first: `cargo fil`.
     #[command(disable_help_flag = true)]
     Fil {
@@ -48,18 +66,22 @@ enum Task {
 
 fn main() -> ExitCode {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let done = |()| ExitCode::SUCCESS;
     let result = match Arguments::parse().task {
         Task::Docs { check } => documents()
             .and_then(|documents| {
                 documents.iter().try_for_each(|(name, text)| generate(&root.join("docs"), name, text, check))
             })
-            .and_then(|()| released::check(&root).map(|said| println!("{said}"))),
-        Task::Firmware => firmware::run(&root),
-        Task::Link => firmware::link(&root),
+            .and_then(|()| released::check(&root).map(|said| println!("{said}")))
+            .map(done),
+        Task::Firmware => firmware::run(&root).map(done),
+        Task::Link => firmware::link(&root).map(done),
+        Task::Flash { feature, section, arguments } => flash::embed(&root, &feature, &section, &arguments),
+        Task::Sealed { arguments } => flash::sealed(&arguments),
         Task::Fil { arguments } => return fil::run(&root, &arguments),
     };
     match result {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(code) => code,
         Err(message) => {
             eprintln!("{message}");
             ExitCode::FAILURE

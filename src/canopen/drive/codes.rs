@@ -49,6 +49,9 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
         Fault::LiveStuck => (0xFF0B, MANUFACTURER),
         Fault::ReflexLost => (0xFF0C, MANUFACTURER),
         Fault::UnpermittedPulses => (0xFF0D, MANUFACTURER),
+        Fault::Unfit => (0xFF10, MANUFACTURER),
+        // Supply, low voltage.
+        Fault::SupplyLow => (0x5110, VOLTAGE),
     };
     (code, bits | GENERIC)
 }

@@ -44,6 +44,7 @@ use crate::path::AHEAD;
 use crate::settings::{Active, SettingError, Settings};
 use crate::stored::{LoadReport, StoredImage};
 use crate::units::{Fixed, Nanometres, Newtons};
+use edm_hal_shim::self_test::SelfTest;
 use heapless::Deque;
 use modes::{Mode, SetPoints};
 use scope::{Scope, Trigger};
@@ -146,6 +147,10 @@ pub struct Identity {
     pub reset_cause: u32,
     /// Build: 2009h:2.
     pub build: &'static str,
+    /// What the board has found of itself: 2009h:3.
+    pub self_test: SelfTest,
+    /// How the run before ended, when it knew: 2009h:4.
+    pub last_end: u8,
 }
 
 /// Times of a task, for 200Ah.

@@ -138,6 +138,8 @@ impl Drive {
             Item::Illegal => status.illegal_transitions.into(),
             Item::EmfDifference => i64::from(status.back_emf.difference().0 as i32),
             Item::ResetCause => self.identity.reset_cause.into(),
+            Item::SelfTest => self.identity.self_test.bits().into(),
+            Item::LastEnd => self.identity.last_end.into(),
             Item::GapLast => last(gap),
             Item::GapMost => most(gap),
             Item::GapLoad => load(gap),
@@ -197,6 +199,7 @@ impl Drive {
                     | i64::from(safety.emergency_stop) << 16
                     | i64::from(safety.dielectric) << 17
                     | i64::from(safety.bridge_fault) << 18
+                    | i64::from(safety.supply_low) << 19
             }
             item => rows().get(item as usize).map_or(0, |row| row.widened(self.value(item))),
         }

@@ -160,6 +160,8 @@ objects! {
     0x2009 "Build" {
         1 ResetCause: u32, ro, no, U32, 0, "", live, "Reset cause: as the chip names it";
         2 BuildId: text, ro, no, U8, 0, "", live, "Build";
+        3 SelfTest: u8, ro, no, U8, 0, "", live, "Self-test: what has failed at the start, by bits: 0 the image was never sealed, 1 the flash does not hold what was sealed, 2 pins could not be locked, 3 the brown-out reset is not at level 3; 0 passed";
+        4 LastEnd: u8, ro, no, (0, 5), 0, "", live, "Last end: how the run before ended: 0 it did not know, or power was lost; 1 panic, 2 hard fault, 3 an interrupt that nobody serves, such as the crystal's failure, 4 a task fell silent, 5 the stack reached its guard";
     }
     0x200A "Task timers" {
         1 GapLast: u32, ro, no, U32, 0, "ns", live, "Gap task last";
@@ -279,7 +281,7 @@ objects! {
     }
     0x60F4 "Following error actual value" { 0 FollowingError: i32, ro, tx, I32, 0, "counts", live, "Following error actual value"; }
     0x60FC "Position demand internal value" { 0 DemandInternal: i32, ro, tx, I32, 0, "counts", live, "Position demand internal value"; }
-    0x60FD "Digital inputs" { 0 DigitalInputs: u32, ro, tx, U32, 0, "", live, "Digital inputs: 0 upper limit, 1 lower limit; 16 emergency stop, 17 dielectric, 18 bridge fault"; }
+    0x60FD "Digital inputs" { 0 DigitalInputs: u32, ro, tx, U32, 0, "", live, "Digital inputs: 0 upper limit, 1 lower limit; 16 emergency stop, 17 dielectric, 18 bridge fault, 19 supply low"; }
     0x60FF "Target velocity" { 0 TargetVelocity: i32, rw, rx, I32, 0, "counts/s", live, "Target velocity"; }
     0x6502 "Supported drive modes" { 0 SupportedModes: u32, ro, no, U32, 0xE5, "", live, "Supported drive modes"; }
 }

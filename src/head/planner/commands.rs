@@ -156,6 +156,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let concerns = Concerns { any: true, limits: true, upper: !only_upper, dielectric: pulses };
         let sagging = self.status.bus < self.config.supervise.bus_min;
         match concerns.hazard(&self.now.safety) {
+            _ if self.unfit => Err(Refused::StillFaulty(Fault::Unfit)),
             Some(fault) => Err(Refused::StillFaulty(fault)),
             None if sagging => Err(Refused::StillFaulty(Fault::BusSag)),
             None => Ok(()),

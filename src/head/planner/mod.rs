@@ -26,6 +26,7 @@ use crate::path::Path;
 use crate::servo::Window;
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond};
 use core::ops::DerefMut;
+use edm_hal_shim::self_test::SelfTest;
 
 /// How a positioning that is to touch the work stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,12 +77,15 @@ pub struct Planner<P> {
     upper_limit_excused: bool,
     /// A [`super::WritePermit`] is out.
     write_permitted: bool,
+    /// The board has failed its self-test.
+    unfit: bool,
 }
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
-    /// A disabled head on an empty path.
+    /// A disabled head on an empty path. On a board that has failed its self-test it has a fault from its first plan on, which
+    /// nothing but another start resets.
     #[inline(always)]
-    pub fn new(config: Config, path: P) -> Planner<P> {
+    pub fn new(config: Config, path: P, self_test: SelfTest) -> Planner<P> {
         Planner {
             status: Status::default(),
             changes: ChangeLog::default(),
@@ -107,6 +111,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             entered: 0,
             upper_limit_excused: false,
             write_permitted: false,
+            unfit: self_test.failed(),
             config,
         }
     }
@@ -171,6 +176,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.judged = *judged;
         self.route.reconcile(now);
         self.take_in();
+        if self.unfit && self.status.state == State::Disabled {
+            self.raise(Fault::Unfit);
+        }
         if let Some(fault) = now.told {
             self.raise(fault);
         }

@@ -3,7 +3,9 @@
 
 use crate::NEVER;
 use crate::error::Fault;
-use crate::nvic::{Nvic, exception};
+use crate::mpu::Mpu;
+use crate::nvic::{Masks, Nvic, exception};
+use std::ops::Range;
 
 mod csr {
     pub const ENABLE: u32 = 1;
@@ -46,7 +48,9 @@ pub struct CoreRegs {
     pub ccr: u32,
     /// Sleep control.
     pub scr: u32,
-    mmfar: u32,
+    /// Data address that the MPU has refused.
+    pub mmfar: u32,
+    mpu: Mpu,
     actlr: u32,
     demcr: u32,
     dwt_ctrl: u32,
@@ -82,6 +86,7 @@ impl CoreRegs {
             ccr: 0x200,
             scr: 0,
             mmfar: 0,
+            mpu: Mpu::default(),
             actlr: 0,
             demcr: 0,
             dwt_ctrl: 0x4000_0000,
@@ -95,6 +100,11 @@ impl CoreRegs {
     /// Whether FPU instructions are allowed (B3.2.20, CPACR).
     pub fn fpu_on(&self) -> bool {
         self.cpacr >> 20 & 15 == 15
+    }
+
+    /// Addresses that the processor may not touch: not in HardFault and NMI, for which the MPU is off (B3.5.5).
+    pub fn forbidden(&self, masks: Masks) -> Option<Range<u32>> {
+        self.mpu.forbidden().filter(|_| self.nvic.execution_priority(masks) >= 0)
     }
 
     /// The processor's clock changes: `half_ticks` of a cycle.
@@ -196,8 +206,8 @@ impl CoreRegs {
             0xe000_ed34 => self.mmfar,
             0xe000_ed38 => self.bfar,
             0xe000_ed88 => self.cpacr,
-            0xe000_ed90 => 0x800, // MPU_TYPE: eight regions, not modelled further
-            0xe000_edf0 => 0,     // DHCSR: no debugger attached
+            0xe000_ed90..=0xe000_eda0 => self.mpu.read(address)?,
+            0xe000_edf0 => 0, // DHCSR: no debugger attached
             0xe000_edfc => self.demcr,
             0xe000_ef34 => self.fpccr,
             0xe000_ef38 => self.fpcar,
@@ -297,6 +307,7 @@ impl CoreRegs {
             0xe000_ed28 => self.cfsr &= !value,
             0xe000_ed2c => self.hfsr &= !value,
             0xe000_ed30 => (),
+            0xe000_ed94..=0xe000_eda0 => self.mpu.write(address, value)?,
             0xe000_ed88 => self.cpacr = value & 0x00f0_0000,
             0xe000_edfc => {
                 self.freeze_cycles(now);
@@ -414,7 +425,7 @@ mod tests {
 
     #[test]
     fn an_unmodelled_system_register_is_refused() {
-        assert_eq!(core().read(0xe000_ed94, 0), Err(Fault::Unmodelled));
+        assert_eq!(core().read(0xe000_ed3c, 0), Err(Fault::Unmodelled));
         assert_eq!(core().write(0xe000_0000, 4, 0, 0), Err(Fault::Unmodelled));
     }
 }

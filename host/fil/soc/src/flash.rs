@@ -14,6 +14,9 @@ const PROGRAM: u64 = 16 * US;
 /// Typical erase times of a 16, 64 and 128 KiB sector, ms, by parallelism 8, 16, 32 bits.
 const ERASE_MS: [[u64; 3]; 3] = [[400, 300, 250], [1200, 700, 550], [2000, 1300, 1000]];
 
+/// Option bytes of a new chip: brown-out reset off (§3.9.10).
+const FACTORY: u32 = 0x0fff_aaed;
+
 mod cr {
     pub const PG: u32 = 1;
     pub const SER: u32 = 2;
@@ -40,18 +43,25 @@ pub struct Flash {
     keys: u8,
     /// Tick at which the running operation ends.
     pub busy_until: u64,
+    /// Option bytes, as FLASH_OPTCR reads them.
+    options: u32,
     /// Erases of each sector since reset: wear, and a check that only the reserved ones are touched.
     pub erases: [u32; 12],
 }
 
 impl Flash {
     pub fn new() -> Self {
-        Self { acr: 0, sr: 0, cr: cr::LOCK, keys: 0, busy_until: 0, erases: [0; 12] }
+        Self { acr: 0, sr: 0, cr: cr::LOCK, keys: 0, busy_until: 0, options: FACTORY, erases: [0; 12] }
     }
 
-    /// Registers after reset; the wear stays.
+    /// Registers after reset; option bytes and wear stay.
     pub fn reset(&mut self) {
-        *self = Self { erases: self.erases, ..Self::new() };
+        *self = Self { erases: self.erases, options: self.options, ..Self::new() };
+    }
+
+    /// Sets the brown-out level of the option bytes, 0 (off) to 3 (§3.9.10).
+    pub fn set_brown_out(&mut self, level: u32) {
+        self.options = self.options & !(3 << 2) | (3 - level.min(3)) << 2;
     }
 
     /// Wait states set.
@@ -69,7 +79,7 @@ impl Flash {
             0x00 => self.acr,
             0x0c => self.sr | u32::from(now < self.busy_until) << 16,
             0x10 => self.cr,
-            0x14 => 0x0fff_aaed,
+            0x14 => self.options,
             _ => return Err(Fault::Unmodelled),
         })
     }
@@ -151,6 +161,17 @@ mod tests {
             next += len;
         }
         assert_eq!((next, sector(12)), (0x0810_0000, None));
+    }
+
+    #[test]
+    fn option_bytes_outlive_a_reset_and_are_those_of_a_new_chip_before() {
+        let mut f = Flash::new();
+        assert_eq!(f.read(0x14, 0).unwrap() >> 2 & 3, 3);
+        for (level, bits) in [(3, 0), (2, 1), (1, 2), (0, 3)] {
+            f.set_brown_out(level);
+            f.reset();
+            assert_eq!(f.read(0x14, 0).unwrap(), 0x0fff_aae1 | bits << 2);
+        }
     }
 
     #[test]

@@ -20,6 +20,11 @@ pub struct Gpio {
     pupdr: u32,
     odr: u32,
     afr: [u32; 2],
+    /// Pins whose configuration is locked, or will be by the next steps of the sequence; how many of those have been; whether it
+    /// is done.
+    lock: u16,
+    steps: u8,
+    locked: bool,
     /// Pins driven from outside, and their levels.
     driven: u16,
     outside: u16,
@@ -33,7 +38,19 @@ impl Gpio {
             1 => (0x0000_0280, 0x0000_00c0, 0x0000_0100),
             _ => (0, 0, 0),
         };
-        Self { moder, otyper: 0, ospeedr, pupdr, odr: 0, afr: [0; 2], driven: 0, outside: 0 }
+        Self {
+            moder,
+            otyper: 0,
+            ospeedr,
+            pupdr,
+            odr: 0,
+            afr: [0; 2],
+            lock: 0,
+            steps: 0,
+            locked: false,
+            driven: 0,
+            outside: 0,
+        }
     }
 
     /// Registers back to their reset state; what the outside drives stays.
@@ -90,6 +107,7 @@ impl Gpio {
             0x10 => self.levels().into(),
             0x14 => self.odr,
             0x18 => 0, // BSRR reads as zero (§8.4.7)
+            0x1c => u32::from(self.lock) | u32::from(self.locked) << 16,
             0x20 => self.afr[0],
             0x24 => self.afr[1],
             _ => return Err(Fault::Unmodelled),
@@ -98,18 +116,44 @@ impl Gpio {
 
     pub fn write(&mut self, offset: u32, value: u32) -> Result<(), Fault> {
         match offset {
-            0x00 => self.moder = value,
-            0x04 => self.otyper = value & 0xffff,
-            0x08 => self.ospeedr = value,
-            0x0c => self.pupdr = value,
+            0x00 => self.moder = self.unlocked(self.moder, value, 2, 0),
+            0x04 => self.otyper = self.unlocked(self.otyper, value, 1, 0) & 0xffff,
+            0x08 => self.ospeedr = self.unlocked(self.ospeedr, value, 2, 0),
+            0x0c => self.pupdr = self.unlocked(self.pupdr, value, 2, 0),
             0x14 => self.odr = value & 0xffff,
             // Set wins over reset (§8.4.7).
             0x18 => self.odr = self.odr & !(value >> 16) | value & 0xffff,
-            0x20 => self.afr[0] = value,
-            0x24 => self.afr[1] = value,
+            0x1c => self.write_lock(value),
+            0x20 => self.afr[0] = self.unlocked(self.afr[0], value, 4, 0),
+            0x24 => self.afr[1] = self.unlocked(self.afr[1], value, 4, 8),
             _ => return Err(Fault::Unmodelled),
         }
         Ok(())
+    }
+
+    /// The lock key: 1, 0, 1 with the same pins each time, and then a read, for which the model does not wait (§8.4.8). Once it is
+    /// done nothing changes it but a reset.
+    fn write_lock(&mut self, value: u32) {
+        if self.locked {
+            return;
+        }
+        let (key, pins) = (value >> 16 & 1, value as u16);
+        let goes_on = match self.steps {
+            1 => key == 0 && pins == self.lock,
+            2 => key == 1 && pins == self.lock,
+            _ => false,
+        };
+        self.lock = pins;
+        self.steps = if goes_on { self.steps + 1 } else { key as u8 };
+        self.locked = self.steps == 3;
+    }
+
+    /// A register of `width` bits a pin, the first of which is pin `first`, after a write: what is locked stays.
+    fn unlocked(&self, old: u32, new: u32, width: u32, first: u32) -> u32 {
+        let pins = (first..16).take(32 / width as usize);
+        let locked = pins.filter(|n| self.locked && self.lock >> n & 1 == 1);
+        let kept = locked.fold(0, |mask, n| mask | ((1 << width) - 1) << (width * (n - first)));
+        old & kept | new & !kept
     }
 }
 
@@ -125,6 +169,41 @@ mod tests {
             (Mode::Alternate(0), Mode::Alternate(0), Mode::Alternate(0), Mode::Input)
         );
         assert_eq!((a.level(13), a.level(14), a.level(15)), (true, false, true));
+    }
+
+    #[test]
+    fn what_a_pin_is_can_be_locked_but_not_its_level() {
+        let mut g = Gpio::new(2);
+        g.write(0x00, 1 << 10 | 2 << 18).unwrap();
+        g.write(0x24, 3 << 4).unwrap();
+        let pins = 1 << 5 | 1 << 9;
+        for value in [pins | 1 << 16, pins, pins | 1 << 16] {
+            assert_eq!(g.read(0x1c).unwrap() >> 16, 0);
+            g.write(0x1c, value).unwrap();
+        }
+        assert_eq!(g.read(0x1c), Ok(pins | 1 << 16));
+        for offset in [0x00, 0x04, 0x08, 0x0c, 0x1c, 0x20, 0x24] {
+            g.write(offset, 0xffff_ffff).unwrap();
+        }
+        assert_eq!((g.mode(5), g.mode(9), g.mode(6)), (Mode::Output, Mode::Alternate(3), Mode::Analog));
+        assert_eq!((g.read(0x04), g.read(0x20)), (Ok(0xffff & !pins), Ok(0xff0f_ffff)));
+        g.write(0x18, 1 << 5).unwrap();
+        assert_eq!(g.output(5), Some(Drive::Level(true)));
+        g.reset(2);
+        assert_eq!((g.mode(5), g.read(0x1c)), (Mode::Input, Ok(0)));
+    }
+
+    #[test]
+    fn the_lock_takes_its_whole_sequence_and_nothing_else() {
+        const ON: u32 = 1 << 16 | 1;
+        const OFF: u32 = 1;
+        for wrong in
+            [&[ON, OFF][..], &[ON, ON, ON], &[OFF, ON, OFF], &[ON, 0, ON], &[ON, OFF, 1 << 16 | 2], &[ON, OFF, OFF, ON]]
+        {
+            let mut g = Gpio::new(2);
+            wrong.iter().for_each(|value| g.write(0x1c, *value).unwrap());
+            assert_eq!(g.read(0x1c).unwrap() >> 16, 0, "{wrong:x?}");
+        }
     }
 
     #[test]

@@ -17,6 +17,7 @@
 mod adc;
 mod can;
 mod core_regs;
+mod crc;
 mod dac;
 mod dma;
 mod error;
@@ -26,6 +27,7 @@ mod gpio;
 mod info;
 mod iwdg;
 mod memory;
+mod mpu;
 mod nvic;
 mod pins;
 mod rcc;

@@ -151,6 +151,11 @@ impl Nvic {
         &self.stack
     }
 
+    /// Whether `e` has a handler of its own.
+    pub fn enables(&self, e: Exception) -> bool {
+        self.enabled >> e & 1 == 1
+    }
+
     fn choose(&mut self) {
         let mut left = self.pending & self.enabled;
         self.best = None;

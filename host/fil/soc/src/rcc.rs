@@ -13,6 +13,10 @@ const HSE_START: u64 = TICK_HZ / 500;
 const LSI_START: u64 = 2520;
 const PLL_LOCK: u64 = TICK_HZ / 10_000;
 
+/// Thresholds of the voltage detector by PLS, falling and rising, typical, mV (DS8626, embedded reset and power control block).
+const PVD: [(u32, u32); 8] =
+    [(2040, 2140), (2190, 2300), (2350, 2450), (2510, 2600), (2660, 2760), (2820, 2930), (2930, 3030), (3030, 3140)];
+
 /// Reset flags of RCC_CSR (§7.3.21).
 pub mod flag {
     pub const PIN: u32 = 1 << 26;
@@ -67,6 +71,9 @@ pub struct Rcc {
     /// Source in use, as SWS reads.
     sws: u32,
     power: u32,
+    /// Supply, mV, and whether the detector finds it low.
+    supply: u32,
+    low: bool,
 }
 
 /// Offsets of the bank that exist (§7.3.5..19).
@@ -98,6 +105,8 @@ impl Rcc {
             lsi: Source(NEVER),
             sws: 0,
             power: 0x4000,
+            supply: 3300,
+            low: false,
         }
     }
 
@@ -154,8 +163,8 @@ impl Rcc {
     pub fn read_power(&self, offset: u32) -> Result<u32, Fault> {
         match offset {
             0 => Ok(self.power),
-            // VOSRDY; the wait for the regulator is part of the PLL's lock time.
-            4 => Ok(1 << 14),
+            // VOSRDY; the wait for the regulator is part of the PLL's lock time. PVDO.
+            4 => Ok(1 << 14 | u32::from(self.low) << 2),
             _ => Err(Fault::Unmodelled),
         }
     }
@@ -169,6 +178,23 @@ impl Rcc {
             }
             _ => Err(Fault::Unmodelled),
         }
+    }
+
+    /// The supply in mV, also after a reset.
+    pub fn supply(&self) -> u32 {
+        self.supply
+    }
+
+    pub fn set_supply(&mut self, mv: u32) {
+        self.supply = mv;
+    }
+
+    /// Looks at the supply. Returns the detector's output, if it has changed.
+    pub fn detect(&mut self) -> Option<bool> {
+        let (falling, rising) = PVD[(self.power >> 5 & 7) as usize];
+        let threshold = if self.low { rising } else { falling };
+        let low = self.power >> 4 & 1 == 1 && self.supply < threshold;
+        (core::mem::replace(&mut self.low, low) != low).then_some(low)
     }
 
     fn settle(&mut self, now: u64) {
@@ -311,6 +337,22 @@ mod tests {
     fn wait_states_step_every_30_mhz() {
         let at = |mhz: u64| wait_states(mhz * 1_000_000);
         assert_eq!([at(16), at(30), at(31), at(60), at(150), at(151), at(168)], [0, 0, 1, 1, 4, 5, 5]);
+    }
+
+    #[test]
+    fn the_voltage_detector_has_a_threshold_and_some_hysteresis() {
+        let mut r = Rcc::new(8_000_000, 0);
+        r.set_supply(2000);
+        assert_eq!(r.detect(), None);
+        r.set_supply(2940);
+        r.write_power(0, 0x4000 | 6 << 5 | 1 << 4).unwrap();
+        assert_eq!((r.detect(), r.read_power(4)), (None, Ok(1 << 14)));
+        for (mv, change) in [(2929, Some(true)), (2950, None), (3029, None), (3031, Some(false)), (2935, None)] {
+            r.set_supply(mv);
+            assert_eq!(r.detect(), change, "{mv}");
+        }
+        r.set_supply(2900);
+        assert_eq!((r.detect(), r.read_power(4)), (Some(true), Ok(1 << 14 | 1 << 2)));
     }
 
     #[test]

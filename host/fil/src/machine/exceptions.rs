@@ -54,7 +54,12 @@ impl<W: World> Machine<W> {
         // The engine shows PC with its Thumb bit; the frame has it clear.
         words[6] &= !1;
         words[7] = xpsr;
-        self.push(frame, &words)?;
+        // A frame that the MPU refuses is lost, and the fault comes first; that of HardFault is lost with it (B1.5.11).
+        let lost = self.refuses(frame, FRAME)?;
+        let e = if lost { self.stacking_fault(e)? } else { e };
+        if !lost {
+            self.push(frame, &words)?;
+        }
         let thread = self.running().is_none();
         let lr = 0xffff_ffe1 | u32::from(!extended) << 4 | u32::from(thread) << 3;
         self.set(R::SP, frame)?;
@@ -69,6 +74,21 @@ impl<W: World> Machine<W> {
             }
         }
         self.take(e, lr)
+    }
+
+    /// A fault of the MPU where the frame of exception `e` was to be: what is entered instead.
+    fn stacking_fault(&mut self, e: Exception) -> Result<Exception> {
+        let core = self.uc.get_data_mut().soc.core();
+        core.cfsr |= 1 << 4;
+        if core.nvic.enables(exception::MEM_MANAGE) {
+            bail!("a handler of its own for a fault of the MPU while an exception is entered is not modelled");
+        }
+        if e <= exception::HARD_FAULT {
+            return Ok(e);
+        }
+        core.hfsr |= 1 << 30;
+        core.nvic.pend(exception::HARD_FAULT);
+        Ok(exception::HARD_FAULT)
     }
 
     /// Starts the handler of `e`; the frame is on the stack.
@@ -166,8 +186,10 @@ impl<W: World> Machine<W> {
         let masks = self.masks()?;
         let core = self.uc.get_data_mut().soc.core();
         core.cfsr |= status;
-        if let Some(a) = address {
-            core.bfar = a;
+        match address {
+            Some(a) if e == exception::MEM_MANAGE => core.mmfar = a,
+            Some(a) => core.bfar = a,
+            None => (),
         }
         core.nvic.pend(e);
         if core.nvic.preempting(masks) == Some(e) {

@@ -32,6 +32,9 @@ const RAM: Range<u64> = 0x1000_0000..0x2002_0000;
 /// it; there is nothing to refuse there.
 const NOT_RAM: [(u64, u64); 3] = [(0, 0x0fff_ffff), (0x1001_0000, 0x1fff_ffff), (0x2002_0000, 0xffff_ffff)];
 
+/// What a hook is told of that the engine may not do.
+const REFUSALS: HookType = HookType(HookType::MEM_UNMAPPED.0 | HookType::MEM_PROT.0);
+
 /// Windows of the address space that are peripherals: base and length, multiples of 4 KiB.
 const PERIPHERALS: [(u64, u64); 6] = [
     (0x1fff_7000, 0x1000),
@@ -47,6 +50,8 @@ pub struct Machine<W: World + 'static> {
     uc: Unicorn<'static, Chip<W>>,
     /// The hook by which time passes.
     pace: UcHookId,
+    /// What the MPU keeps from the engine at present, and the hook by which its address is known.
+    guarded: Option<(Range<u32>, UcHookId)>,
 }
 
 /// Turns an engine error into one with words.
@@ -55,18 +60,19 @@ fn engine(what: &str) -> impl FnOnce(uc_error) -> anyhow::Error + '_ {
 }
 
 impl<W: World + 'static> Machine<W> {
-    /// A chip at power-up, `image` in its flash, `world` around it, a crystal of `hse_hz`.
+    /// A chip at power-up, `image` in its flash, `world` around it, a crystal of `hse_hz`, the brown-out level that bring-up has set.
     ///
     /// # Errors
     /// When the image does not fit or the engine cannot be set up.
     pub fn new(image: &Image, world: W, hse_hz: u64) -> Result<Self> {
-        let soc = Soc::new(world, hse_hz);
+        let mut soc = Soc::new(world, hse_hz);
+        soc.set_brown_out(3);
         image.load(&soc.memory)?;
         let mut uc =
             Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, Chip::new(soc)).map_err(engine("create"))?;
         uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(engine("processor model"))?;
         let pace = uc.add_code_hook(1, 0, |uc, address, _| before(uc, address as u32)).map_err(engine("code hook"))?;
-        let mut machine = Self { uc, pace };
+        let mut machine = Self { uc, pace, guarded: None };
         machine.map_memories()?;
         machine.map_peripherals()?;
         machine.add_hooks()?;
@@ -116,22 +122,40 @@ impl<W: World + 'static> Machine<W> {
             let _ = uc.emu_stop();
         };
         self.uc.add_intr_hook(interrupt).map_err(engine("interrupt hook"))?;
-        // A hook on ordinary accesses would slow down all of them: flash is read-only to the engine, so that a store into
-        // it comes here.
-        let refused = |uc: &mut Unicorn<Chip<W>>, kind: MemType, address: u64, size: usize, value: i64| {
-            if kind == MemType::WRITE_PROT && FLASH.contains(&address) {
-                leave_it_alone(uc);
-                uc.get_data_mut().flash_write(address as u32, size as u8, value as u32);
-                return uc.mem_protect(FLASH.start, FLASH.end - FLASH.start, Prot::ALL).is_ok();
-            }
-            uc.get_data_mut().bad_address = address as u32;
-            false
-        };
-        let kinds = HookType::MEM_UNMAPPED | HookType::MEM_PROT;
         for (from, to) in NOT_RAM {
-            self.uc.add_mem_hook(kinds, from, to, refused).map_err(engine("memory hook"))?;
+            self.uc.add_mem_hook(REFUSALS, from, to, refused).map_err(engine("memory hook"))?;
         }
         Ok(())
+    }
+
+    /// Keeps from the engine what the MPU keeps from the processor now, and nothing else.
+    fn follow_mpu(&mut self) -> Result<()> {
+        let masks = self.masks()?;
+        let wanted = self.uc.get_data_mut().soc.core().forbidden(masks);
+        if self.guarded.as_ref().map(|(range, _)| range) == wanted.as_ref() {
+            return Ok(());
+        }
+        if let Some((Range { start, end }, hook)) = self.guarded.take() {
+            self.uc.remove_hook(hook).map_err(engine("remove a memory hook"))?;
+            self.uc.mem_protect(start.into(), (end - start).into(), Prot::ALL).map_err(engine("protect RAM"))?;
+        }
+        if let Some(Range { start, end }) = wanted {
+            if !RAM.contains(&start.into()) || !RAM.contains(&(end - 1).into()) {
+                bail!("a region of the MPU outside of the RAM, at {start:#010x}, is not modelled");
+            }
+            let (from, to) = (u64::from(start), u64::from(end));
+            self.uc.mem_protect(from, to - from, Prot::NONE).map_err(engine("protect RAM"))?;
+            let hook = self.uc.add_mem_hook(REFUSALS, from, to - 1, refused).map_err(engine("memory hook"))?;
+            self.guarded = Some((start..end, hook));
+        }
+        Ok(())
+    }
+
+    /// Whether the MPU refuses some of these bytes.
+    fn refuses(&mut self, from: u32, bytes: u32) -> Result<bool> {
+        let masks = self.masks()?;
+        let forbidden = self.uc.get_data_mut().soc.core().forbidden(masks);
+        Ok(forbidden.is_some_and(|range| from < range.end && from.saturating_add(bytes) > range.start))
     }
 
     /// Lets the engine take addresses as they are. Its own view of the processor would have every page executable, and it
@@ -277,6 +301,14 @@ impl<W: World + 'static> Machine<W> {
         self.uc.get_data_mut().halt(until);
     }
 
+    /// Moves the stack pointer, as a program does that calls deeper and deeper.
+    ///
+    /// # Errors
+    /// When the engine refuses.
+    pub fn set_stack(&mut self, address: u32) -> Result<()> {
+        self.set(R::SP, address)
+    }
+
     /// Runs until tick `until` (to the end of the instruction that passes it).
     ///
     /// # Errors
@@ -304,6 +336,7 @@ impl<W: World + 'static> Machine<W> {
             if self.uc.get_data().time_is_up() {
                 return Ok(());
             }
+            self.follow_mpu()?;
             self.execute()?;
         }
     }
@@ -350,6 +383,7 @@ impl<W: World + 'static> Machine<W> {
             }
             (None, Err(uc_error::FETCH_UNMAPPED | uc_error::FETCH_PROT)) => match self.get(R::PC)? >> 29 {
                 // Peripherals, external devices and the system never hold code (ARMv7-M B3.1).
+                _ if self.refuses(self.get(R::PC)?, 2)? => self.fault(exception::MEM_MANAGE, 1 << 0, None),
                 2 | 5.. => self.fault(exception::MEM_MANAGE, 1 << 0, None),
                 _ => self.fault(exception::BUS_FAULT, 1 << 8, None),
             },
@@ -359,6 +393,9 @@ impl<W: World + 'static> Machine<W> {
             ) => {
                 let address = self.uc.get_data().bad_address;
                 self.set(R::PC, at | 1)?;
+                if self.refuses(address, 4)? {
+                    return self.fault(exception::MEM_MANAGE, 1 << 1 | 1 << 7, Some(address));
+                }
                 self.fault(exception::BUS_FAULT, 1 << 9 | 1 << 15, Some(address))
             }
             (None, Err(e)) => bail!("engine: {e:?} at {at:#010x}"),
@@ -377,6 +414,18 @@ impl<W: World + 'static> Machine<W> {
     fn masks(&self) -> Result<Masks> {
         masks(&self.uc).map_err(engine("read a register"))
     }
+}
+
+/// The engine may not do an access. A hook on ordinary accesses would slow down all of them: flash is read-only to the engine, so
+/// that a store into it comes here.
+fn refused<W: World>(uc: &mut Unicorn<Chip<W>>, kind: MemType, address: u64, size: usize, value: i64) -> bool {
+    if kind == MemType::WRITE_PROT && FLASH.contains(&address) {
+        leave_it_alone(uc);
+        uc.get_data_mut().flash_write(address as u32, size as u8, value as u32);
+        return uc.mem_protect(FLASH.start, FLASH.end - FLASH.start, Prot::ALL).is_ok();
+    }
+    uc.get_data_mut().bad_address = address as u32;
+    false
 }
 
 fn masks<W>(uc: &Unicorn<Chip<W>>) -> Result<Masks, uc_error> {

@@ -27,7 +27,7 @@ fn check(file: &[u8], alter: Option<Alter>) -> Option<String> {
 }
 
 /// `prepare` is done once the loop is closed.
-fn run(file: &[u8], alter: Option<Alter>, prepare: impl FnOnce(&mut Session)) -> anyhow::Result<()> {
+pub fn run(file: &[u8], alter: Option<Alter>, prepare: impl FnOnce(&mut Session)) -> anyhow::Result<()> {
     let image = Image::parse(file.to_vec())?;
     let mut session = Session::altered(&image, RATED_SCENE, alter)?;
     prepare(&mut session);
@@ -133,26 +133,13 @@ fn a_dma_length_off_by_one() {
     assert_says(&found, "blocks of conversions in ");
 }
 
-/// File offset of the word that is loaded to `address`.
-fn place(file: &[u8], address: u32) -> usize {
-    let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap());
-    let (table, count) = (word(28) as usize, word(44) & 0xffff);
-    (0..count as usize)
-        .map(|i| table + 32 * i)
-        .find_map(|header| {
-            let offset = address.checked_sub(word(header + 12))?;
-            (word(header) == 1 && offset < word(header + 16)).then(|| (word(header + 4) + offset) as usize)
-        })
-        .expect("the address is loaded")
-}
-
 #[test]
 fn an_interrupt_without_a_handler() {
     let mut file = common::firmware().to_vec();
     let default = Image::parse(file.clone()).unwrap().symbol("DefaultHandler").expect("there is a default handler");
-    let vector = place(&file, 0x0800_0000 + 4 * (16 + 6));
+    let vector = common::place(&file, 0x0800_0000 + 4 * (16 + 6));
     file[vector..vector + 4].copy_from_slice(&(default | 1).to_le_bytes());
-    let found = check(&file, None).expect("the fault was not noticed");
+    let found = check(&edm_seal::seal(file).unwrap(), None).expect("the fault was not noticed");
     assert_says(&found, "death: Unexpected, detail: 6");
 }
 

@@ -301,8 +301,9 @@ fn tick_numbers(input: &TickInput, counters: &Counters, status: &Status) -> [u64
     let TickInput { encoder: raw, short_ticks, touches, gap: _, drive, safety, reflex, told, set_point, asked } = input;
     let Snapshot { illegal, mark, .. } = &counters.used;
     let contacts = safety.unwrap_or_default();
-    let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault } = contacts;
-    let flags = [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, *reflex, *asked, *touches];
+    let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, supply_low } = contacts;
+    let flags =
+        [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, *reflex, *asked, *touches, supply_low];
     let watched = counters.watch.unwrap_or_default();
     let PulseCounts { edges, conversions, shorts } = counters.pulses;
     let point = set_point.unwrap_or_default();
@@ -369,6 +370,7 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error
             emergency_stop: flag(2),
             dielectric: flag(3),
             bridge_fault: flag(4),
+            supply_low: flag(8),
         }
         .unsafe_ones(),
         reflex: flag(5),
@@ -478,7 +480,7 @@ mod tests {
         let input = TickInput {
             told: Some(Fault::BusSag),
             set_point: Some(SetPoint { to: Nanometres(-7), counts: Fixed(-9), ticks: 20 }),
-            safety: Some(SafetyInputs { lower_limit: true, bridge_fault: true, ..SafetyInputs::default() }),
+            safety: Some(SafetyInputs { lower_limit: true, supply_low: true, ..SafetyInputs::default() }),
             reflex: true,
             ..TickInput::default()
         };

@@ -12,6 +12,7 @@ use crate::run::Setup;
 use crate::store::Store;
 use edm_bus::Frame;
 use edm_hal_shim::bridge::Drive as Output;
+use edm_hal_shim::self_test::SelfTest;
 use edm_hal_shim::store::BUFFER;
 use edm_runtime::Note;
 use edm_runtime::board::Caller;
@@ -57,23 +58,31 @@ impl Head {
         let settings = Settings { commissioned: true, ..setup.head };
         let mut process = Process::new(&setup.process, seed).map_err(|error| setup.refusal(error))?;
         process.schedule(&setup.events);
-        let head = Head::of(process, settings, id, store).map_err(|error| setup.refusal(error))?;
+        let head = Head::of(process, settings, id, store, SelfTest::PASSED).map_err(|error| setup.refusal(error))?;
         head.complain();
         Ok(head)
     }
 
-    /// A head on this process, that runs these settings when nothing is stored.
+    /// A head on this process, that runs these settings when nothing is stored, on a board that has found this of itself.
     ///
     /// # Errors
     /// When the settings do not fit together.
-    pub fn of(process: Process, settings: Settings, id: NodeId, store: Store) -> Result<Head, SettingError> {
+    pub fn of(
+        process: Process,
+        settings: Settings,
+        id: NodeId,
+        store: Store,
+        self_test: SelfTest,
+    ) -> Result<Head, SettingError> {
         // For as long as the program runs, as on the chip.
         let record = Box::leak(Box::new(BLANK));
-        let identity = Identity { reset_cause: 0, build: concat!("virtual ", env!("CARGO_PKG_VERSION")) };
+        let build = concat!("virtual ", env!("CARGO_PKG_VERSION"));
+        let identity = Identity { build, self_test, ..Identity::default() };
         let drive = Box::leak(Box::new(Drive::new(settings, identity, record)?));
         let node = Box::leak(Box::new(Node::new(&DEVICE, id, id.get().into())));
         // The head begins with what the drive says then, which is what was stored if that can be.
         let ports = Ports::leak();
+        ports.self_test.set(self_test);
         let (buffer, image) = (Box::leak(Box::new([0; BUFFER])), Box::leak(Box::default()));
         let mut image_store = ImageStore::new(store, buffer, image, Part(ports));
         let image = image_store.load();

@@ -4,7 +4,9 @@
 //! even after everything has been inlined into the tasks. The largest *frame* is the most that one function takes of the
 //! stack. What tasks can reach, and how deep the stack gets, is read in the machine code: [`graph`] and [`tasks`].
 
-use edm_hal_shim::board::{BOARDS, Table};
+use crate::flash;
+use edm_hal_shim::board::{BOARDS, RAM_END, STACK, STACK_GUARD, Table};
+use edm_hal_shim::seal;
 use object::{Object, ObjectSection, SectionKind};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,19 +20,22 @@ mod thumb;
 use graph::Graph;
 use tasks::{EXCEPTION, Report};
 
-/// Where the chip looks for its vector table.
-const VECTORS: u64 = 0x0800_0000;
-/// Where the program may begin: the sectors in between hold the settings.
-const PROGRAM: u64 = 0x0800_C000;
+/// Where the chip looks for its vector table, and where the program may begin.
+const VECTORS: u64 = seal::VECTORS as u64;
+const PROGRAM: u64 = seal::PROGRAM as u64;
+/// The sectors in between, behind that of vector table and seal, hold the settings.
+const SETTINGS: std::ops::Range<u64> = VECTORS + 0x4000..PROGRAM;
 const FLASH_LIMIT: u64 = 384 * 1024;
 const RAM_LIMIT: u64 = 64 * 1024;
-/// A value that belongs into a static, not on the stack, shows as a larger frame.
-const FRAME_LIMIT: u32 = 4 * 1024;
+/// A value that belongs into a static, not on the stack, shows as a larger frame; and a larger one could step over the guard.
+const FRAME_LIMIT: u32 = STACK_GUARD;
 /// What everything at once may take of the stack; RAM leaves more than twice as much.
-const STACK_LIMIT: u32 = 24 * 1024;
+const STACK_LIMIT: u32 = STACK;
+/// What RAM has to leave: the stack and its guard.
+const RESERVE: u32 = STACK + STACK_GUARD;
 const _: () = assert!(RAM.end - RAM.start - RAM_LIMIT >= 2 * STACK_LIMIT as u64);
-const FLASH: std::ops::Range<u64> = VECTORS..VECTORS + 1024 * 1024;
-const RAM: std::ops::Range<u64> = 0x2000_0000..0x2002_0000;
+const FLASH: std::ops::Range<u64> = VECTORS..seal::FLASH_END as u64;
+const RAM: std::ops::Range<u64> = 0x2000_0000..RAM_END as u64;
 const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Builds, checks and reports every board. The images are left in `firmware/` of the target directory, a name each.
@@ -82,7 +87,7 @@ pub fn cargo() -> Command {
     Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
 }
 
-/// Builds the firmware for a board and says where it is.
+/// Builds and seals the firmware for a board and says where it is.
 pub fn build(root: &Path, feature: &str) -> Result<PathBuf, String> {
     let status = cargo()
         .current_dir(root)
@@ -96,9 +101,8 @@ pub fn build(root: &Path, feature: &str) -> Result<PathBuf, String> {
     let target = target(root);
     let folder = target.join("firmware");
     let elf = folder.join(format!("edm-servo-head-{feature}.elf"));
-    std::fs::create_dir_all(&folder)
-        .and_then(|()| std::fs::copy(target.join(TARGET).join("firmware/edm-servo-head"), &elf))
-        .map_err(|e| format!("{}: {e}", elf.display()))?;
+    std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    flash::seal(&target.join(TARGET).join("firmware/edm-servo-head"), &elf)?;
     Ok(elf)
 }
 
@@ -218,8 +222,8 @@ impl Image {
     /// What keeps a chip from starting this image, or us from shipping it.
     fn check(&self, tasks: &Report) -> Result<(), String> {
         self.starts()?;
-        for (name, address, _) in &self.sections {
-            if FLASH.contains(address) && name != ".vector_table" && *address < PROGRAM {
+        for (name, address, size) in &self.sections {
+            if *address < SETTINGS.end && address + size > SETTINGS.start && FLASH.contains(address) {
                 return Err(format!("section {name} lies in the sectors of the settings"));
             }
         }
@@ -229,9 +233,11 @@ impl Image {
         if self.frame > FRAME_LIMIT {
             return Err(format!("a function takes {} bytes of stack", self.frame));
         }
-        if tasks.stack > STACK_LIMIT || self.left() < STACK_LIMIT.into() {
+        if tasks.stack > STACK_LIMIT || self.left() < RESERVE.into() {
             let (stack, left) = (tasks.stack, self.left());
-            return Err(format!("the stack gets {stack} bytes deep; {STACK_LIMIT} are allowed, {left} are there"));
+            return Err(format!(
+                "the stack gets {stack} bytes deep; {STACK_LIMIT} are allowed, {left} are there with the guard of {STACK_GUARD}"
+            ));
         }
         // RTIC masks while it starts, and a panic for good. Another one is a critical section that would delay the
         // reflex.
@@ -291,10 +297,10 @@ mod tests {
         let deep = good().check(&Report { stack: STACK_LIMIT + 1, ..Report::default() });
         assert!(deep.is_err_and(|error| error.contains("deep")));
         let mut image = good();
-        image.sections.push((".bss".to_owned(), RAM.start, RAM.end - RAM.start - u64::from(STACK_LIMIT)));
+        image.sections.push((".bss".to_owned(), RAM.start, RAM.end - RAM.start - u64::from(RESERVE)));
         assert_eq!(image.check(&Report::default()), Ok(()));
-        image.sections.push((".uninit".to_owned(), RAM.end - u64::from(STACK_LIMIT), 1));
-        refused(image, "are there");
+        image.sections.push((".uninit".to_owned(), RAM.end - u64::from(RESERVE), 1));
+        refused(image, "with the guard");
         refused(Image { flash: FLASH_LIMIT + 1, ..good() }, "limits");
         refused(Image { ram: RAM_LIMIT + 1, ..good() }, "limits");
         let mut image = good();

@@ -14,7 +14,7 @@ struct Block {
 }
 
 const BLOCKS: [Block; 9] = [
-    Block { name: "reflex, stop", tasks: &["reflex", "stop", "bridge_fault"], called: &[] },
+    Block { name: "reflex, stop", tasks: &["reflex", "stop", "bridge_fault", "supply"], called: &[] },
     Block { name: "encoder", tasks: &["encoder_a", "encoder_b", "encoder_index"], called: &[] },
     Block { name: "gap", tasks: &["gap"], called: &["gap task"] },
     Block { name: "servo", tasks: &["servo"], called: &["servo task"] },

@@ -14,6 +14,7 @@ pub(super) enum Block {
     Timer(usize),
     Adc,
     Can,
+    Crc,
     Dac,
     Dma(usize),
     Exti,
@@ -28,8 +29,8 @@ pub(super) enum Block {
 struct Entry(u32, &'static str, Gate, Block);
 
 /// Base, name, clock gate (§7.3.10..14) and kind of each modelled peripheral; 1 KiB each.
-const MAP: [Entry; 34] = {
-    use Block::{Adc, Can, Dac, Dma, Exti, Flash, Gpio, Iwdg, Pwr, Rcc, Syscfg, Timer};
+const MAP: [Entry; 35] = {
+    use Block::{Adc, Can, Crc, Dac, Dma, Exti, Flash, Gpio, Iwdg, Pwr, Rcc, Syscfg, Timer};
     use Gate::{Ahb1, Always, Apb1, Apb2};
     [
         Entry(0x4000_0000, "TIM2", Apb1(0), Timer(1)),
@@ -62,6 +63,7 @@ const MAP: [Entry; 34] = {
         Entry(0x4002_1800, "GPIOG", Ahb1(6), Gpio(6)),
         Entry(0x4002_1c00, "GPIOH", Ahb1(7), Gpio(7)),
         Entry(0x4002_2000, "GPIOI", Ahb1(8), Gpio(8)),
+        Entry(0x4002_3000, "CRC", Ahb1(12), Crc),
         Entry(0x4002_3800, "RCC", Always, Rcc),
         Entry(0x4002_3c00, "FLASH", Always, Flash),
         Entry(0x4002_6000, "DMA1", Ahb1(21), Dma(0)),
@@ -70,7 +72,7 @@ const MAP: [Entry; 34] = {
 };
 
 /// Peripherals of the chip that are not modelled, so that an error can name them.
-const OTHERS: [(u32, &str); 27] = [
+const OTHERS: [(u32, &str); 26] = [
     (0x4000_2800, "RTC"),
     (0x4000_2c00, "WWDG"),
     (0x4000_3400, "I2S2ext"),
@@ -89,7 +91,6 @@ const OTHERS: [(u32, &str); 27] = [
     (0x4001_1400, "USART6"),
     (0x4001_2c00, "SDIO"),
     (0x4001_3000, "SPI1"),
-    (0x4002_3000, "CRC"),
     (0x4002_4000, "BKPSRAM"),
     (0x4002_8000, "ETH"),
     (0x4004_0000, "OTG_HS"),
@@ -229,6 +230,7 @@ impl<W: World> Soc<W> {
             Block::Timer(n) => self.with_timer(n, |t, now, out| t.read(offset, now, out)),
             Block::Adc => self.read_adc(offset),
             Block::Can => self.can.read(offset, now),
+            Block::Crc => self.crc.read(offset),
             Block::Dac => self.dac.read(offset),
             Block::Dma(n) => self.dma[n].read(offset),
             Block::Exti => self.exti.read(offset),
@@ -259,6 +261,7 @@ impl<W: World> Soc<W> {
                 self.can.write(offset, value, now)?;
                 self.refresh_can();
             }
+            Block::Crc => self.crc.write(offset, value)?,
             Block::Dac => {
                 self.dac.write(offset, value)?;
                 self.report_dac();
@@ -285,7 +288,10 @@ impl<W: World> Soc<W> {
                 }
                 self.set_due(slot::WATCHDOG, self.iwdg.due);
             }
-            Block::Pwr => self.rcc.write_power(offset, value)?,
+            Block::Pwr => {
+                self.rcc.write_power(offset, value)?;
+                self.refresh_supply();
+            }
             Block::Rcc => {
                 self.rcc.write(offset, value, now)?;
                 if let 0x10..=0x24 = offset {

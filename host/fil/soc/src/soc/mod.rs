@@ -8,6 +8,7 @@ mod wires;
 use crate::adc::Adc;
 use crate::can::Can;
 use crate::core_regs::CoreRegs;
+use crate::crc::Crc;
 use crate::dac::Dac;
 use crate::dma::Dma;
 use crate::exti::Exti;
@@ -78,6 +79,7 @@ pub struct Soc<W> {
     adc_common: u32,
     dma: [Dma; 2],
     can: Can,
+    crc: Crc,
     dac: Dac,
     dac_out: [u16; 2],
     iwdg: Iwdg,
@@ -114,6 +116,7 @@ impl<W: World> Soc<W> {
             adc_common: 0,
             dma: [Dma::new(), Dma::new()],
             can: Can::new(),
+            crc: Crc::new(),
             dac: Dac::default(),
             dac_out: [0; 2],
             iwdg: Iwdg::new(),
@@ -145,7 +148,9 @@ impl<W: World> Soc<W> {
             };
         let kept = self.rcc.read(0x74, self.now).unwrap_or(0) & 0xfe00_0000;
         let kept = if cause == Reset::Power { 0 } else { kept };
+        let supply = self.rcc.supply();
         self.rcc = Rcc::new(self.hse_hz, flags | kept);
+        self.rcc.set_supply(supply);
         self.core = CoreRegs::new();
         self.flash.reset();
         self.exti = Exti::default();
@@ -154,6 +159,7 @@ impl<W: World> Soc<W> {
         self.adc_common = 0;
         self.dma = [Dma::new(), Dma::new()];
         self.can = Can::new();
+        self.crc = Crc::new();
         self.dac = Dac::default();
         self.iwdg = Iwdg::new();
         (self.clocks, self.half_ticks, self.reset) = ((0, 0, 0), 0, None);
@@ -200,6 +206,17 @@ impl<W: World> Soc<W> {
     /// Erases of each flash sector since power-up.
     pub fn erases(&self) -> [u32; 12] {
         self.flash.erases
+    }
+
+    /// The supply is `mv` from now on, mV. The voltage detector sees it; there is no reset below any of them.
+    pub fn set_supply(&mut self, mv: u32) {
+        self.rcc.set_supply(mv);
+        self.refresh_supply();
+    }
+
+    /// Sets the brown-out level of the option bytes, 0 (off, as on a new chip) to 3.
+    pub fn set_brown_out(&mut self, level: u32) {
+        self.flash.set_brown_out(level);
     }
 
     /// The first thing the model could not follow, if there is one. It stays.

@@ -3,6 +3,7 @@
 use super::bus::Block;
 use super::{PORTS, Soc, slot};
 use crate::adc::{Adc, Trigger};
+use crate::crc::Crc;
 use crate::dac::Dac;
 use crate::dma::Dma;
 use crate::gpio::Mode;
@@ -178,6 +179,14 @@ impl<W: World> Soc<W> {
         }
     }
 
+    /// The voltage detector is interrupt line 16 (§12.2.5).
+    pub(super) fn refresh_supply(&mut self) {
+        if let Some(low) = self.rcc.detect() {
+            self.exti.edge(16, low);
+            self.refresh_exti();
+        }
+    }
+
     pub(super) fn report_dac(&mut self) {
         for channel in 0..2 {
             let code = self.dac.code(channel);
@@ -304,6 +313,7 @@ impl<W: World> Soc<W> {
                 self.can.reset();
                 self.refresh_can();
             }
+            Block::Crc => self.crc = Crc::new(),
             Block::Dac => {
                 self.dac = Dac::default();
                 self.report_dac();

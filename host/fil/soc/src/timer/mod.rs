@@ -116,6 +116,8 @@ pub struct Timer {
     etr: Filtered,
     etr_edges: u32,
     break_active: bool,
+    /// BDTR has been written: its LOCK is as it is until a reset.
+    lock_written: bool,
 }
 
 impl Timer {
@@ -148,6 +150,7 @@ impl Timer {
             etr: Filtered::default(),
             etr_edges: 0,
             break_active: false,
+            lock_written: false,
         }
     }
 
@@ -232,7 +235,7 @@ impl Timer {
                         "TI1 XOR, preloaded control bits and DMA selection are not modelled",
                     ));
                 }
-                self.cr2 = value & 0x7ff2;
+                self.cr2 = kept(self.cr2, value & 0x7ff2, if self.lock() >= 1 { 0x7f00 } else { 0 });
             }
             0x08 => {
                 if value & 7 == 5 {
@@ -256,10 +259,12 @@ impl Timer {
                         return Err(Fault::Unsupported("input capture prescaler is not modelled"));
                     }
                 }
-                self.ccmr[(offset as usize - 0x18) / 4] = value & 0xffff;
+                let register = (offset as usize - 0x18) / 4;
+                let value = kept(self.ccmr[register], value & 0xffff, self.locked_modes(register));
+                self.ccmr[register] = value;
             }
             0x20 if value & 0x4444 != 0 => return Err(Fault::Unsupported("complementary outputs are not modelled")),
-            0x20 => self.ccer = value & 0xbbbb,
+            0x20 => self.ccer = kept(self.ccer, value & 0xbbbb, self.locked_polarities()),
             0x24 => (self.cnt, self.base) = (value & self.mask(), now),
             0x28 => self.psc = value & 0xffff,
             0x2c => {
@@ -308,7 +313,28 @@ impl Timer {
     fn write_bdtr(&mut self, value: u32) {
         // MOE cannot be set while the break input is active (§17.4.18).
         let hold = self.break_active && value & 1 << 12 != 0;
-        self.bdtr = if hold { value & 0x7fff } else { value & 0xffff };
+        let value = if hold { value & 0x7fff } else { value & 0xffff };
+        // DTG, BKE, BKP and AOE from level 1 on, OSSI and OSSR from level 2 on; LOCK itself is written once.
+        let by_level = [0, 0x70ff, 0x7cff, 0x7cff][self.lock() as usize];
+        self.bdtr = kept(self.bdtr, value, by_level | if self.lock_written { 0x0300 } else { 0 });
+        self.lock_written = true;
+    }
+
+    /// LOCK of BDTR (§17.4.18).
+    fn lock(&self) -> u32 {
+        self.bdtr >> 8 & 3
+    }
+
+    /// Polarities of output channels, which level 2 locks.
+    fn locked_polarities(&self) -> u32 {
+        let outputs = (0..4).filter(|c| self.lock() >= 2 && self.is_output(*c));
+        outputs.fold(0, |mask, c| mask | 0xa << (4 * c))
+    }
+
+    /// OCxM and OCxPE of output channels, which level 3 locks.
+    fn locked_modes(&self, register: usize) -> u32 {
+        let outputs = (0..2).filter(|c| self.lock() == 3 && self.is_output(2 * register + c));
+        outputs.fold(0, |mask, c| mask | 0x78 << (8 * c))
     }
 
     fn generate(&mut self, value: u32, now: u64, out: &mut Vec<Event>) -> Result<(), Fault> {
@@ -381,4 +407,9 @@ impl Timer {
             out.push(Event::Trgo);
         }
     }
+}
+
+/// A register after a write of which some bits are locked.
+fn kept(old: u32, new: u32, locked: u32) -> u32 {
+    old & locked | new & !locked
 }

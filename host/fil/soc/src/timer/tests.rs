@@ -416,3 +416,21 @@ fn enabled_captures_and_updates_ask_for_dma() {
     r.set(30, &[(DIER, 1 << 8), (EGR, 1)]);
     assert!(r.out.contains(&Event::Dma(0)) && !r.out.contains(&Event::Dma(1)));
 }
+
+#[test]
+fn each_level_of_the_lock_keeps_what_the_manual_says() {
+    // Channel 1 an output in PWM mode, channel 2 an input.
+    let locked = |level: u32| {
+        let mut rig = Rig::new(1);
+        rig.set(0, &[(CCMR1, 0x0168), (CCER, 0x11), (BDTR, level << 8 | 1 << 12)]);
+        // A second write does not change the level; everything else by its level.
+        rig.set(1, &[(BDTR, 0xffff & !(3 << 8) & !(1 << 12)), (CR2, 0x7f00), (CCER, 0x33), (CCMR1, 0x0140)]);
+        let mut read = |offset| rig.t.read(offset, 2, &mut rig.out).unwrap();
+        (read(BDTR) >> 8 & 3, read(BDTR) & !(3 << 8), read(CR2), read(CCER), read(CCMR1))
+    };
+    assert_eq!(locked(0), (0, 0xecff, 0x7f00, 0x33, 0x0140));
+    assert_eq!(locked(1), (1, 0x9c00, 0, 0x33, 0x0140));
+    // OSSR and OSSI, and the polarity of the output, not of the input.
+    assert_eq!(locked(2), (2, 0x9000, 0, 0x31, 0x0140));
+    assert_eq!(locked(3), (3, 0x9000, 0, 0x31, 0x0168));
+}

@@ -1,0 +1,108 @@
+//! Memory protection unit (ARMv7-M B3.5): one region that nobody may touch, above the default map. Whatever else the unit can do
+//! is refused: further regions, rights of reading or of one privilege, subregions, less than 4 KiB, itself in HardFault and NMI.
+
+use crate::error::Fault;
+use std::ops::Range;
+
+const REGIONS: usize = 8;
+
+mod rasr {
+    pub const ENABLE: u32 = 1;
+    pub const SUBREGIONS: u32 = 0xff << 8;
+    pub const ACCESS: u32 = 7 << 24;
+}
+
+#[derive(Clone, Default)]
+pub struct Mpu {
+    control: u32,
+    number: u32,
+    base: [u32; REGIONS],
+    attributes: [u32; REGIONS],
+}
+
+impl Mpu {
+    fn region(&self) -> usize {
+        self.number as usize % REGIONS
+    }
+
+    pub fn read(&self, address: u32) -> Result<u32, Fault> {
+        Ok(match address {
+            0xe000_ed90 => (REGIONS as u32) << 8,
+            0xe000_ed94 => self.control,
+            0xe000_ed98 => self.number,
+            0xe000_ed9c => self.base[self.region()] | self.number,
+            0xe000_eda0 => self.attributes[self.region()],
+            _ => return Err(Fault::Unmodelled),
+        })
+    }
+
+    pub fn write(&mut self, address: u32, value: u32) -> Result<(), Fault> {
+        match address {
+            0xe000_ed94 if !matches!(value & 7, 0 | 4 | 5) => {
+                return Err(Fault::Unsupported("the MPU without the default map, or in HardFault and NMI"));
+            }
+            0xe000_ed94 => self.control = value & 7,
+            0xe000_ed98 => self.number = value & 7,
+            0xe000_ed9c => {
+                // VALID: the number comes with the address.
+                if value >> 4 & 1 == 1 {
+                    self.number = value & 7;
+                }
+                self.base[self.region()] = value & !0x1f;
+            }
+            0xe000_eda0 => {
+                let region = self.region();
+                self.attributes[region] = value;
+                let others = self.attributes.iter().filter(|attributes| *attributes & rasr::ENABLE != 0).count();
+                let simple = value & (rasr::ACCESS | rasr::SUBREGIONS) == 0 && value >> 1 & 0x1f >= 11;
+                if value & rasr::ENABLE != 0 && (others > 1 || !simple) {
+                    return Err(Fault::Unsupported("one region of the MPU, without any access, of 4 KiB or more"));
+                }
+            }
+            _ => return Err(Fault::Unmodelled),
+        }
+        Ok(())
+    }
+
+    /// What nobody may touch; in HardFault and NMI everybody may.
+    pub fn forbidden(&self) -> Option<Range<u32>> {
+        let region = self.attributes.iter().position(|attributes| attributes & rasr::ENABLE != 0)?;
+        let size = 1u32.checked_shl((self.attributes[region] >> 1 & 0x1f) + 1)?;
+        // An address that is not a multiple of the size counts as the one below that is (B3.5.8).
+        let start = self.base[region] & !(size - 1);
+        (self.control & 1 == 1).then_some(start..start.checked_add(size)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CTRL: u32 = 0xe000_ed94;
+    const RBAR: u32 = 0xe000_ed9c;
+    const RASR: u32 = 0xe000_eda0;
+
+    #[test]
+    fn a_region_counts_when_both_enables_are_set() {
+        let mut mpu = Mpu::default();
+        mpu.write(RBAR, 0x2001_9000 | 1 << 4 | 2).unwrap();
+        mpu.write(RASR, 11 << 1 | 1).unwrap();
+        assert_eq!((mpu.forbidden(), mpu.read(RBAR)), (None, Ok(0x2001_9002)));
+        mpu.write(CTRL, 5).unwrap();
+        assert_eq!(mpu.forbidden(), Some(0x2001_9000..0x2001_a000));
+        mpu.write(RASR, 11 << 1).unwrap();
+        assert_eq!(mpu.forbidden(), None);
+    }
+
+    #[test]
+    fn what_is_not_modelled_is_refused() {
+        let refused = |registers: &[(u32, u32)]| {
+            let mut mpu = Mpu::default();
+            registers.iter().any(|(address, value)| mpu.write(*address, *value).is_err())
+        };
+        assert!(refused(&[(CTRL, 1)]) && refused(&[(CTRL, 7)]) && refused(&[(0xe000_eda4, 0)]));
+        assert!(refused(&[(RASR, 10 << 1 | 1)]) && refused(&[(RASR, 6 << 24 | 11 << 1 | 1)]));
+        assert!(refused(&[(RASR, 11 << 1 | 1), (RBAR, 1 << 4 | 1), (RASR, 11 << 1 | 1)]));
+        assert!(!refused(&[(RASR, 11 << 1 | 1), (RASR, 12 << 1 | 1)]));
+    }
+}
