@@ -153,8 +153,8 @@ pub fn start(
         assemble(parts, &mut slots.crossings, &SIGNALS, drive.active(), path).map_err(|_| StartError::Settings)?;
     let mut watchdog = watchdog.take().ok_or(StartError::Watchdog)?;
     watchdog.normal().map_err(|_| StartError::Watchdog)?;
-    // The first tick is one like the others, and none follows it early.
-    pwm::await_period();
+    // The first tick comes half a period late, and none follows it early.
+    pwm::await_middle();
     Ok(Tasks {
         reflex: machine.reflex,
         gap: tasks.gap,

@@ -106,10 +106,10 @@ impl ServoTimer for Tick {
     }
 }
 
-/// Waits until a period has just begun, two periods at the most. A timer that does not run is found by whoever watches the tasks.
-pub fn await_period() {
+/// Waits for the middle of a period, two periods at the most. A timer that does not run is found by whoever watches the tasks.
+pub fn await_middle() {
     // A poll takes more than four cycles, and far less than 500.
-    let _ = (0..5000).any(|_| tim1().cnt().read().bits() < 500);
+    let _ = (0..5000).any(|_| tim1().cnt().read().bits().wrapping_sub(4500) < 500);
 }
 
 /// Acknowledges the break.

@@ -12,7 +12,7 @@ const CRC: u32 = 1 << 12;
 #[used]
 static SEAL: Seal = Seal::NONE;
 
-/// Whether the flash holds what was built. First of all, from the internal oscillator: 12 cycles a word (assumed), 35 ms.
+/// Whether the flash holds what was built. First of all, from the internal oscillator: some 20 ms (on the modelled chip).
 pub fn image(crc: &pac::CRC, rcc: &pac::RCC) -> SelfTest {
     // SAFETY: a place of this image, and aligned; volatile, because what it holds is not what it is declared to.
     let seal = unsafe { (&raw const SEAL).read_volatile() };

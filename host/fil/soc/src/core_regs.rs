@@ -4,7 +4,7 @@
 use crate::NEVER;
 use crate::error::Fault;
 use crate::mpu::Mpu;
-use crate::nvic::{Masks, Nvic, exception};
+use crate::nvic::{Nvic, exception};
 use std::ops::Range;
 
 mod csr {
@@ -103,8 +103,9 @@ impl CoreRegs {
     }
 
     /// Addresses that the processor may not touch: not in HardFault and NMI, for which the MPU is off (B3.5.5).
-    pub fn forbidden(&self, masks: Masks) -> Option<Range<u32>> {
-        self.mpu.forbidden().filter(|_| self.nvic.execution_priority(masks) >= 0)
+    pub fn forbidden(&self) -> Option<Range<u32>> {
+        let faults = [exception::NMI, exception::HARD_FAULT];
+        self.mpu.forbidden().filter(|_| !self.nvic.nesting().iter().any(|running| faults.contains(running)))
     }
 
     /// The processor's clock changes: `half_ticks` of a cycle.

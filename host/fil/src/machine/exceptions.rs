@@ -55,7 +55,7 @@ impl<W: World> Machine<W> {
         words[6] &= !1;
         words[7] = xpsr;
         // A frame that the MPU refuses is lost, and the fault comes first; that of HardFault is lost with it (B1.5.11).
-        let lost = self.refuses(frame, FRAME)?;
+        let lost = self.refuses(frame, FRAME);
         let e = if lost { self.stacking_fault(e)? } else { e };
         if !lost {
             self.push(frame, &words)?;

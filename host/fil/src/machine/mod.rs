@@ -130,8 +130,7 @@ impl<W: World + 'static> Machine<W> {
 
     /// Keeps from the engine what the MPU keeps from the processor now, and nothing else.
     fn follow_mpu(&mut self) -> Result<()> {
-        let masks = self.masks()?;
-        let wanted = self.uc.get_data_mut().soc.core().forbidden(masks);
+        let wanted = self.uc.get_data_mut().soc.core().forbidden();
         if self.guarded.as_ref().map(|(range, _)| range) == wanted.as_ref() {
             return Ok(());
         }
@@ -152,10 +151,9 @@ impl<W: World + 'static> Machine<W> {
     }
 
     /// Whether the MPU refuses some of these bytes.
-    fn refuses(&mut self, from: u32, bytes: u32) -> Result<bool> {
-        let masks = self.masks()?;
-        let forbidden = self.uc.get_data_mut().soc.core().forbidden(masks);
-        Ok(forbidden.is_some_and(|range| from < range.end && from.saturating_add(bytes) > range.start))
+    fn refuses(&mut self, from: u32, bytes: u32) -> bool {
+        let forbidden = self.uc.get_data_mut().soc.core().forbidden();
+        forbidden.is_some_and(|range| from < range.end && from.saturating_add(bytes) > range.start)
     }
 
     /// Lets the engine take addresses as they are. Its own view of the processor would have every page executable, and it
@@ -383,7 +381,7 @@ impl<W: World + 'static> Machine<W> {
             }
             (None, Err(uc_error::FETCH_UNMAPPED | uc_error::FETCH_PROT)) => match self.get(R::PC)? >> 29 {
                 // Peripherals, external devices and the system never hold code (ARMv7-M B3.1).
-                _ if self.refuses(self.get(R::PC)?, 2)? => self.fault(exception::MEM_MANAGE, 1 << 0, None),
+                _ if self.refuses(self.get(R::PC)?, 2) => self.fault(exception::MEM_MANAGE, 1 << 0, None),
                 2 | 5.. => self.fault(exception::MEM_MANAGE, 1 << 0, None),
                 _ => self.fault(exception::BUS_FAULT, 1 << 8, None),
             },
@@ -393,7 +391,7 @@ impl<W: World + 'static> Machine<W> {
             ) => {
                 let address = self.uc.get_data().bad_address;
                 self.set(R::PC, at | 1)?;
-                if self.refuses(address, 4)? {
+                if self.refuses(address, 4) {
                     return self.fault(exception::MEM_MANAGE, 1 << 1 | 1 << 7, Some(address));
                 }
                 self.fault(exception::BUS_FAULT, 1 << 9 | 1 << 15, Some(address))
