@@ -5,13 +5,13 @@ use crate::image::Image;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
 use edm_sim::output::Output;
+use edm_sim::page::Page;
 use std::path::{Path, PathBuf};
 
 /// The page of measurements.
 const PAGE: &str = "docs/performance.md";
-/// What encloses the section that is generated there.
-const BEGIN: &str = "<!-- cargo fil cycles writes this section -->\n";
-const END: &str = "<!-- end of what cargo fil cycles writes -->\n";
+/// Who writes a section there.
+const COMMAND: &str = "cargo fil cycles";
 
 /// The person has to change something.
 #[derive(Debug)]
@@ -30,11 +30,7 @@ impl std::error::Error for BadInput {}
 /// # Errors
 /// When neither that nor a directory above it has the file.
 pub fn in_project(file: &Path) -> Result<PathBuf> {
-    let here = std::env::current_dir()?;
-    let found = here.ancestors().map(|d| d.join(file)).find(|path| path.exists());
-    found.ok_or_else(|| {
-        BadInput(format!("no {} in {} or above it: say where it is", file.display(), here.display())).into()
-    })
+    edm_sim::page::in_project(file).map_err(|message| BadInput(message).into())
 }
 
 /// Arguments of `cargo fil cycles`.
@@ -64,15 +60,10 @@ impl Cycles {
     /// Bad input, a figure that has grown, a bound that is asked for and not met.
     pub fn execute(&self, image: &Image) -> Result<()> {
         let path = self.page.clone().map_or_else(|| in_project(Path::new(PAGE)), Ok)?;
-        let text = std::fs::read_to_string(&path)
-            .map_err(|e| BadInput(format!("--page: cannot read {}: {e}", path.display())))?;
-        let sections = text.split_once(BEGIN).and_then(|(before, rest)| Some((before, rest.split_once(END)?)));
-        let Some((before, (committed, after))) = sections else {
-            bail!(BadInput(format!("--page: {} has no section of `cargo fil cycles`", path.display())));
-        };
+        let committed = Page::read(&path, COMMAND).map_err(BadInput)?;
         let claim = |option, path| Output::claim(option, path).map_err(BadInput);
         let json = self.json.as_deref().map(|path| claim("--json", path)).transpose()?;
-        let target = if self.check { None } else { Some(claim("--page", &path)?) };
+        let target = if self.check { None } else { Some(committed.claim().map_err(BadInput)?) };
 
         let measured = report::measure(image)?;
         let section = page::markdown(&measured);
@@ -92,10 +83,9 @@ impl Cycles {
             output.write(|to| to.write_all(text.as_bytes())).map_err(|e| anyhow!(e))?;
         }
         if let Some(output) = target {
-            let text = format!("{before}{BEGIN}{section}{END}{after}");
-            output.write(|to| to.write_all(text.as_bytes())).map_err(|e| anyhow!(e))?;
+            committed.write(output, &section).map_err(|e| anyhow!(e))?;
         } else {
-            let regressions = page::regressions(&measured, committed);
+            let regressions = page::regressions(&measured, committed.section());
             if !regressions.is_empty() {
                 bail!("more than committed:\n  {}", regressions.join("\n  "));
             }

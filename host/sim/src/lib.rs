@@ -8,6 +8,7 @@
 //! | [`bore`](mod@bore) | a hole, from rest to depth or to the reason why not |
 //! | [`run`] | what passes between the command line and the machine |
 //! | [`events`] | what goes wrong with the machine, and when |
+//! | [`faults`] | fault campaigns: what is injected, and what the head made of it |
 //! | [`scenario`] | named sets of values for process and head |
 //! | [`millisecond`] | samples gathered into milliseconds |
 //! | [`observe`] | one sample a tick, fanned out to figures, trace and plot |
@@ -15,6 +16,7 @@
 //! | [`report`] | the run in JSON and in words |
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
 //! | [`output`] | files that appear complete or not at all |
+//! | [`page`] | a page of the project with a section that a command writes |
 //! | [`store`] | what a virtual head keeps when its power is cut |
 //! | `schedule` | a virtual head whose tasks preempt each other as a seed wants it (feature `preempt`) |
 //! | [`serve`] | virtual heads on a CAN bus, in real time |
@@ -32,12 +34,14 @@ pub mod board;
 pub mod bore;
 pub mod cli;
 pub mod events;
+pub mod faults;
 pub mod inputs;
 pub mod lockstep;
 pub mod machine;
 pub mod millisecond;
 pub mod observe;
 pub mod output;
+pub mod page;
 pub mod plot;
 pub mod process;
 pub mod progress;
