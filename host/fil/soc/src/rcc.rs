@@ -121,10 +121,9 @@ impl Rcc {
                 if value & 1 << 26 != 0 {
                     return Err(Fault::Unsupported("PLLI2S is not modelled"));
                 }
-                // The clock security system is accepted; the crystal of the model does not fail.
                 self.cr = value & 0x010d_00f9;
                 self.hsi.switch(value & 1 != 0, now, HSI_START);
-                self.hse.switch(value & 1 << 16 != 0, now, HSE_START);
+                self.hse.switch(value & 1 << 16 != 0 && self.hse_hz > 0, now, HSE_START);
                 self.pll.switch(value & 1 << 24 != 0, now, PLL_LOCK);
             }
             // §7.3.2: the configuration can be written only while the PLL is off.
@@ -169,6 +168,20 @@ impl Rcc {
             }
             _ => Err(Fault::Unmodelled),
         }
+    }
+
+    /// The crystal stops, or does not start any more. Whether the clock security system tells of it (§7.2.7): then HSE and
+    /// PLL are off and the internal oscillator is the system clock. That TIM1 and TIM8 see a break is not modelled.
+    pub fn lose_crystal(&mut self) -> bool {
+        self.hse_hz = 0;
+        self.hse = Source(NEVER);
+        let told = self.cr >> 19 & 1 == 1;
+        if told {
+            self.cr = self.cr & !(1 << 16 | 1 << 24) | 1;
+            (self.hsi, self.pll, self.sws) = (Source(0), Source(NEVER), 0);
+            self.cfgr &= !3;
+        }
+        told
     }
 
     fn settle(&mut self, now: u64) {
