@@ -243,14 +243,12 @@ impl Case {
         if seen.resets > 0
             && let Ok(cause) = crate::host::read(stage, 0x2009, 1)
         {
-            let name = match cause {
-                0 => "2009h:1 power",
-                1 => "2009h:1 pin",
-                2 => "2009h:1 reset by the program",
-                3 => "2009h:1 watchdog",
-                _ => "2009h:1 other reset",
-            };
-            stage.say(name);
+            // Power goes where a row says so.
+            match cause {
+                2 => stage.say("2009h:1 reset by the program"),
+                3 => stage.say("2009h:1 watchdog"),
+                _ => {}
+            }
             if let Ok(0) = crate::host::read(stage, 0x200B, 1) {
                 stage.say("200Bh:1 nothing stored");
             }

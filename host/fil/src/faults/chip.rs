@@ -15,6 +15,8 @@ use Scene::{Disabled, Eroding};
 const LIVE_US: f64 = 1_600.0;
 /// The same behind a processor that stands: the monostable alone, nominally 400 us.
 const MONOSTABLE_US: f64 = 460.0;
+/// The supervision is missed later: it may be late by milliseconds.
+const SUPERVISION_US: f64 = 6_000.0;
 /// By what the supervision judges.
 const JUDGED_US: f64 = 45_000.0;
 const STANDS_US: f64 = 1_000_000.0;
@@ -63,7 +65,7 @@ pub fn stopped(cases: &mut Vec<Case>) {
     add("TIM3, trigger of the gap conversions,", Named(SILENT, LIVE_US), TIM3, 1);
     add("TIM4, blanking,", Named(SIGNAL, JUDGED_US), TIM4 + SMCR, 7);
     add("TIM5, encoder timer,", Named(ENCODER, STANDS_US), TIM5, 1);
-    add("TIM7, supervision,", Named(SILENT, 4_000.0), TIM7, 1);
+    add("TIM7, supervision,", Named(SILENT, SUPERVISION_US), TIM7, 1);
     add("TIM8, edge stamps,", Named(SIGNAL, JUDGED_US), TIM8, 1);
     add("ADC1, gap voltage,", Named(SILENT, LIVE_US), ADC_CR2[0], 1);
     add("ADC2, voltage and current in the pulse,", Named(SIGNAL, JUDGED_US), ADC_CR2[1], 1);
@@ -110,7 +112,7 @@ fn tasks() -> [(&'static str, u32, Expect); 14] {
         ("gap", 56, Named(SILENT, LIVE_US)),
         ("servo", 25, Named(SILENT, LIVE_US)),
         ("plan", 36, Named(&["plan late"], LIVE_US)),
-        ("supervise", 55, Named(SILENT, 4_000.0)),
+        ("supervise", 55, Named(SILENT, SUPERVISION_US)),
         ("can_receive", 20, Named(&["host silent", "frames lost"], 520_000.0)),
         ("can_sync", 21, Harmless(None)),
         ("can_transmit", 19, Named(&["host silent", "frames lost"], ON)),
@@ -170,8 +172,7 @@ pub fn clocks(cases: &mut Vec<Case>) {
         Named(&["2009h:1 watchdog"], MONOSTABLE_US),
         |stage| {
             within(stage, Some(16 + 25))?;
-            let endless = stage.program.endless;
-            stage.rig.machine_mut().call(endless, &[])
+            stage.instruction(ENDLESS)
         },
     ));
     cases.push(
@@ -221,13 +222,16 @@ fn within(stage: &mut Stage, task: Option<Exception>) -> Result<()> {
     Ok(())
 }
 
+/// An instruction that jumps to itself, and one that is none (ARMv7-M A7.7.12, A7.7.194).
+const ENDLESS: u16 = 0xe7fe;
+const UNDEFINED: u16 = 0xdefe;
+
 /// What ends a program from inside, in each task.
 pub fn deaths(cases: &mut Vec<Case>) {
     for (name, task) in TASKS {
         let panic = move |stage: &mut Stage| {
             within(stage, task)?;
-            let (panic, told) = (stage.program.panic, stage.panic_arguments()?);
-            stage.rig.machine_mut().call(panic, &told)
+            stage.panic()
         };
         let case =
             Case::new(format!("panic in {name}"), Eroding, Named(&["2009h:1 reset by the program"], 100.0), panic);
@@ -240,8 +244,7 @@ pub fn deaths(cases: &mut Vec<Case>) {
             Named(&["log: hard fault"], 100.0),
             move |stage| {
                 within(stage, task)?;
-                let undefined = stage.program.undefined;
-                stage.rig.machine_mut().call(undefined, &[])
+                stage.instruction(UNDEFINED)
             },
         ));
     }

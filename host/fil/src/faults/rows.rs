@@ -140,11 +140,17 @@ fn table(cases: &mut Vec<Case>) {
         ));
         add(Case::new("bridge fault", scene, Named(&["bridge fault"], CONTACT_US), contact(|s| s.bridge_fault = true)));
         add(Case::new(
-            "a hand lifts the head with 30 N",
+            "a hand lifts the head with 30 N for 100 ms",
             scene,
             Named(&["following error"], JUDGED_US),
             wired(|w| w.hand_n = -30.0),
-        ));
+        )
+        .meanwhile(|stage| {
+            if stage.since_ms() >= 100 {
+                stage.wires().hand_n = 0.0;
+            }
+            Ok(())
+        }));
         add(Case::new("encoder cut", scene, Named(ENCODER, STANDS_US), wired(|w| w.encoder_dead = true)));
         add(Case::new(
             "bus voltage 30 V",
@@ -167,27 +173,22 @@ fn table(cases: &mut Vec<Case>) {
         }
     }
     add(Case::new("work 1.5 mm nearer", Positioning, Named(&["contact"], ON), wired(|w| w.raised_mm = -1.7)));
-    let swap = |stage: &mut Stage| {
-        stage.rig.machine_mut().soc().world.swapped = true;
-        Ok(())
-    };
-    add(Case::new(
-        "motor leads swapped",
-        Positioning,
-        Named(&["following error", "encoder lost", "polarity wrong"], ON),
-        swap,
-    ));
-    add(Case::new(
-        "motor leads swapped, following error allowed",
-        Disabled,
-        Named(&["polarity wrong"], ON),
-        move |stage| {
-            host::write(stage, 0x210A, 1, 100_000f32.to_bits(), 4)?;
-            stage.position()?;
+    // Swapped when it was serviced: the first motion goes the wrong way.
+    for (name, names, allowed) in [
+        ("motor leads swapped", &["following error", "encoder lost", "polarity wrong"] as &[&str], None),
+        ("motor leads swapped, any following error allowed", &["polarity wrong"], Some(100_000f32)),
+    ] {
+        add(Case::new(name, Disabled, Named(names, ON), move |stage| {
+            if let Some(um) = allowed {
+                host::write(stage, 0x210A, 1, um.to_bits(), 4)?;
+            }
+            stage.rig.machine_mut().soc().world.swapped = true;
             stage.mark();
-            swap(stage)
-        },
-    ));
+            // It does not get there.
+            let _ = stage.position();
+            Ok(())
+        }));
+    }
     for (name, broken) in circuits() {
         let lost = broken.live
             || broken.monostable == Some(false)
@@ -256,8 +257,10 @@ fn pins(cases: &mut Vec<Case>) {
     let digital: [(&str, Pin, Option<bool>, Levels); 13] = [
         ("encoder A", ENCODER_PINS[0], None, encoder),
         ("encoder B", ENCODER_PINS[1], None, encoder),
-        // Only homing and the distance of marks look at it.
-        ("encoder index", ENCODER_PINS[2], None, |_| Harmless(None)),
+        ("encoder index", ENCODER_PINS[2], None, |high| {
+            // Once the line is mended there is a mark where none should be.
+            if high { Named(ENCODER, ON) } else { Harmless(None) }
+        }),
         ("gate", GATE[0], None, |_| Named(SIGNAL, GAP_US)),
         ("gate at the blanking timer", GATE[1], None, |_| Named(SIGNAL, GAP_US)),
         // For the log alone.
@@ -294,7 +297,11 @@ fn pins(cases: &mut Vec<Case>) {
     }
     type Codes = fn(Line) -> Expect;
     let analogue: [(&str, (u8, u8), Codes); 5] = [
-        ("gap voltage", (1, GAP), |_| Named(SIGNAL, GAP_US)),
+        ("gap voltage", (1, GAP), |line| match line {
+            // What it keeps may be the voltage of a short.
+            Line::Open => Named(&["gap signal invalid", "gate missing", "persistent short"], SHORT_US),
+            _ => Named(&["gap signal invalid", "contact"], GAP_US),
+        }),
         ("gap voltage in the pulse", (2, GATED), |_| Named(SIGNAL, GAP_US)),
         ("gap current", (2, GAP_CURRENT), |_| Named(SIGNAL, GAP_US)),
         ("motor current", (3, MOTOR_CURRENT), |line| match line {

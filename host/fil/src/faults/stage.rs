@@ -75,24 +75,13 @@ pub struct Program {
     pub panic: u32,
     /// Lowest address of the stack.
     pub stack_end: u32,
-    /// An instruction that jumps to itself, and one that is undefined (ARMv7-M A7.7.12, A7.7.194).
-    pub endless: u32,
-    /// See [`Program::endless`].
-    pub undefined: u32,
 }
 
 impl Program {
     fn find(image: &Image) -> Result<Self> {
-        let code = |wanted: u16| {
-            (0x0800_c000..0x0810_0000)
-                .step_by(2)
-                .find(|at| image.word(at & !3).is_some_and(|word| (word >> (8 * (at & 2))) as u16 == wanted))
-        };
         Ok(Self {
             panic: image.find("panicking", "panic").context("the program has no panic")? & !1,
             stack_end: image.symbol("__euninit").context("the program has no end of its stack")?,
-            endless: code(0xe7fe).context("the program has no endless loop")?,
-            undefined: code(0xdefe).context("the program has no undefined instruction")?,
         })
     }
 }
@@ -209,6 +198,11 @@ impl Stage {
         self.rig.machine_mut().soc().now()
     }
 
+    /// Time since the fault, ms.
+    pub fn since_ms(&mut self) -> u64 {
+        (self.now() - self.at) / MS
+    }
+
     /// What really is.
     pub fn truth(&self) -> Truth {
         self.rig.process().truth()
@@ -225,18 +219,36 @@ impl Stage {
         (BASE..).map_while(|at| flash.load(at, 1)).take(LENGTH).map(|byte| byte as u8).collect()
     }
 
-    /// Writes what a panic is told into RAM that the stack does not reach: a message without text, and a place.
+    /// Writes words into RAM that the stack does not reach; where they are.
     ///
     /// # Errors
     /// When there is no memory.
-    pub fn panic_arguments(&mut self) -> Result<[u32; 3]> {
+    pub fn place(&mut self, words: &[u32]) -> Result<u32> {
         let place = self.program.stack_end + 0x1000;
-        let name = self.program.panic;
         let sram = &self.rig.machine_mut().soc().memory.sram;
-        for (at, word) in (place..).step_by(4).zip([name, 0, 1, 1]) {
-            sram.store(at, 4, word).context("no memory")?;
+        for (at, word) in (place..).step_by(4).zip(words) {
+            sram.store(at, 4, *word).context("no memory")?;
         }
-        Ok([name, 0, place])
+        Ok(place)
+    }
+
+    /// Lets the processor go on in a panic: with a message without text, at line 1.
+    ///
+    /// # Errors
+    /// What the engine refuses.
+    pub fn panic(&mut self) -> Result<()> {
+        let panic = self.program.panic;
+        let place = self.place(&[panic, 0, 1, 1])?;
+        self.rig.machine_mut().call(panic, &[panic, 0, place])
+    }
+
+    /// Lets the processor go on with an instruction that is not in the program.
+    ///
+    /// # Errors
+    /// What the engine refuses.
+    pub fn instruction(&mut self, code: u16) -> Result<()> {
+        let place = self.place(&[code.into()])?;
+        self.rig.machine_mut().call(place, &[])
     }
 
     /// A window of 50 us, and what is to be seen in it.

@@ -4,7 +4,7 @@
 //! translated of the flash stays valid only while the program there is the same.
 
 use super::chip::{Chip, Moment};
-use super::{Machine, R};
+use super::{Machine, R, engine};
 use anyhow::Result;
 use edm_soc::{Region, Soc, World};
 use std::sync::atomic::Ordering::Relaxed;
@@ -84,6 +84,11 @@ impl<W: World + Clone + 'static> Machine<W> {
         std::mem::swap(&mut soc.memory, &mut chip.soc.memory);
         chip.soc = soc;
         chip.go_on_from(&snapshot.moment);
+        if std::mem::take(&mut chip.code_in_ram) {
+            // What was there is not there any more.
+            self.uc.ctl_flush_tb().map_err(engine("flush"))?;
+            self.uc.ctl_flush_tlb().map_err(engine("flush"))?;
+        }
         for (value, register) in snapshot.registers.iter().zip(REGISTERS) {
             self.set(register, *value)?;
         }

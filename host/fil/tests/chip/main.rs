@@ -14,3 +14,4 @@ mod live;
 mod lockstep;
 mod mutants;
 mod reflex;
+mod snapshot;
