@@ -115,7 +115,7 @@ fn main() -> ExitCode {
         Command::Record(record) => record.execute(&image).map(|()| true),
         Command::Cycles(cycles) => cycles.execute(&image).map(|()| true),
         Command::Latency(latency) => latency.execute(&image).map(|()| true),
-        Command::Faults(faults) => faults.execute(&image),
+        Command::Faults(faults) => faults.execute(&image, arguments.log),
         Command::Serve(serve) => edm_fil::serve::serve(&image, arguments.log, serve).map(|()| true).map_err(failed),
         Command::Bore(bore) => {
             let spent = Cell::new(None);

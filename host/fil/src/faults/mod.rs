@@ -58,11 +58,11 @@ fn shard(text: &str) -> Result<(usize, usize), String> {
 }
 
 impl Faults {
-    /// Injects what was chosen; whether the campaign passes.
+    /// Injects what was chosen, with the firmware's log if that is asked for; whether the campaign passes.
     ///
     /// # Errors
     /// Bad input, or a head that does not come to its work.
-    pub fn execute(&self, image: &Image) -> Result<bool> {
+    pub fn execute(&self, image: &Image, log: bool) -> Result<bool> {
         let (i, n) = self.shard.unwrap_or((1, 1));
         let chosen = |case: &Case| {
             self.rows.as_ref().is_none_or(|pattern| case.title().contains(pattern)) && (!self.short || case.short)
@@ -80,7 +80,7 @@ impl Faults {
         let page = self.page.as_deref().map(|path| Page::read(path, COMMAND)).transpose().map_err(bad)?;
         let target = page.as_ref().map(Page::claim).transpose().map_err(bad)?;
 
-        let campaign = run(image, &cases)?;
+        let campaign = run(image, &cases, log)?;
         print!("{}", campaign.summary());
         if let Some(output) = json {
             let text = serde_json::to_string_pretty(&campaign)?;
@@ -93,12 +93,13 @@ impl Faults {
     }
 }
 
-fn run(image: &Image, cases: &[Case]) -> Result<Campaign> {
+fn run(image: &Image, cases: &[Case], log: bool) -> Result<Campaign> {
     let mut stage = Stage::new(image)?;
+    stage.log = log;
     let undisturbed = undisturbed(&mut stage)?;
     let mut rows = Vec::new();
     for case in cases {
-        let (row, why) = case.run(&mut stage, &undisturbed).map_err(|e| e.context(case.title()))?;
+        let (row, why) = case.run(&mut stage, &undisturbed).unwrap_or_else(|error| case.lost(&stage, &error));
         println!(
             "{}{}",
             row.words(),

@@ -102,6 +102,8 @@ pub struct Stage {
     said: Vec<String>,
     seen: Seen,
     resets: u64,
+    /// Whether to print the firmware's log.
+    pub log: bool,
     /// Boot-ups heard since then.
     pub boots: u32,
 }
@@ -129,6 +131,7 @@ impl Stage {
             said,
             seen,
             resets: 0,
+            log: false,
             boots: 0,
         };
         stage.stored = stage.flash();
@@ -339,7 +342,8 @@ impl Stage {
 
     /// Takes away what was broken outside the chip.
     pub fn mend(&mut self) {
-        let raised_mm = if self.scene == Scene::Positioning { -LOWERED_MM } else { 0.0 };
+        // Where the work was put for the row it stays, or the head might be in its way.
+        let raised_mm = if self.scene == Scene::Positioning { -LOWERED_MM } else { self.wires().raised_mm };
         self.rig.process_mut().fault_inputs = FaultInputs { raised_mm, ..FaultInputs::default() };
         self.rig.host_alive = true;
         if self.flash() != self.stored {
@@ -412,6 +416,7 @@ impl Stage {
             (0x8140, _) => "bus-off".into(),
             (0x8210, _) => "PDO too short".into(),
             (0x8220, _) => "PDO too long".into(),
+            (0x8240, _) => "SYNC of a wrong length".into(),
             (0x8250, _) => "RPDO missing".into(),
             _ => format!("emergency {code:04X}h"),
         };
