@@ -334,4 +334,19 @@ mod tests {
         r.write(0x74, 1 | 1 << 24, 0).unwrap();
         assert_eq!(r.read(0x74, 0).unwrap(), 1);
     }
+
+    #[test]
+    fn a_crystal_that_stops_leaves_the_internal_oscillator_and_does_not_come_back() {
+        let mut r = Rcc::new(8_000_000, 0);
+        pll_168(&mut r, 0);
+        r.write(8, 2 | 5 << 10 | 4 << 13, 4 * MS).unwrap();
+        assert_eq!(r.hclk(4 * MS), 168_000_000);
+        // Nobody is told without the clock security system.
+        assert!(!r.clone().lose_crystal());
+        r.write(0, 1 | 1 << 16 | 1 << 24 | 1 << 19, 4 * MS).unwrap();
+        assert!(r.lose_crystal());
+        assert_eq!((r.hclk(4 * MS), r.read(0, 4 * MS).unwrap() & 0x0303_0000), (16_000_000, 0));
+        r.write(0, 1 | 1 << 16 | 1 << 19, 4 * MS).unwrap();
+        assert_eq!(r.read(0, 40 * MS).unwrap() >> 17 & 1, 0);
+    }
 }

@@ -117,3 +117,39 @@ fn undisturbed(stage: &mut Stage) -> Result<Undisturbed> {
     stage.rest(case::WATCHED_MS)?;
     Ok(Undisturbed { removed_um: stage.truth().surface_um - before })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::case::Expect;
+    use super::*;
+    use edm_servo_head::head::Fault;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn every_fault_of_the_table_is_expected_of_some_row() {
+        let cases = rows::all();
+        let expected = |fault: &Fault| {
+            cases.iter().any(|case| matches!(case.expect, Expect::Named(names, _) if names.contains(&fault.name())))
+        };
+        let without: Vec<_> = Fault::ALL.iter().filter(|fault| !expected(fault)).collect();
+        // Nothing finds arcs that stay at one spot yet.
+        assert_eq!(without, [&Fault::PersistentArc]);
+    }
+
+    #[test]
+    fn rows_have_names_of_their_own_and_the_short_form_has_some_of_each_kind() {
+        let cases = rows::all();
+        let names: BTreeSet<_> = cases.iter().map(Case::title).collect();
+        assert_eq!(names.len(), cases.len());
+        let short = cases.iter().filter(|case| case.short).count();
+        assert!((5..=12).contains(&short), "{short}");
+    }
+
+    #[test]
+    fn a_shard_is_one_of_some() {
+        assert_eq!(shard("2/4"), Ok((2, 4)));
+        for text in ["0/4", "5/4", "2", "2/", "/4", "2/0", "-1/4"] {
+            assert!(shard(text).is_err(), "{text}");
+        }
+    }
+}
