@@ -33,6 +33,7 @@ const SETTLED: f64 = 40.0;
 const THRESHOLDS: [f64; 2] = [HIGH, LOW];
 
 /// Process, wires and the host's end of the bus.
+#[derive(Clone)]
 pub struct Bench {
     /// The machine and the process.
     pub process: Process,
@@ -56,6 +57,16 @@ pub struct Bench {
     /// Without it neither pulses nor bridge.
     pub latch: Latch,
     levels: [[Option<bool>; 16]; 3],
+    /// Lines that somebody has cut or shorted, and what the chip's pin sees instead.
+    stuck: Vec<(Pin, Option<bool>)>,
+    /// Codes of converter and channel, whatever is at their pins.
+    pub codes: Vec<((u8, u8), u16)>,
+    /// The receiver's line is cut: no frame comes, and none of the chip's is read back.
+    pub deaf: bool,
+    /// The leads of the motor are swapped.
+    pub swapped: bool,
+    /// Since when there may be no pulses.
+    pub off: Option<u64>,
 }
 
 impl Bench {
@@ -82,6 +93,11 @@ impl Bench {
             allowed: false,
             latch: Latch::default(),
             levels: [[None; 16]; 3],
+            stuck: Vec::new(),
+            codes: Vec::new(),
+            deaf: false,
+            swapped: false,
+            off: Some(0),
         };
         bench.wire(0, 0);
         Ok(bench)
@@ -122,6 +138,9 @@ impl Bench {
         if !self.latch.enables() {
             return Bridge::Coast;
         }
+        if self.forward == self.reverse {
+            return if self.forward { Bridge::Brake } else { Bridge::Coast };
+        }
         let (high, period) = match self.pwm {
             Drive::Pwm { high, period } => (high, period.max(1)),
             Drive::Level(true) => (1, 1),
@@ -129,12 +148,7 @@ impl Bench {
         };
         let full = f64::from(Bridge::FULL);
         let duty = (full * f64::from(high) / f64::from(period)).round() as i16;
-        match (self.forward, self.reverse) {
-            (true, false) => Bridge::Duty(duty),
-            (false, true) => Bridge::Duty(-duty),
-            (true, true) => Bridge::Brake,
-            (false, false) => Bridge::Coast,
-        }
+        Bridge::Duty(if self.forward == self.swapped { -duty } else { duty })
     }
 
     /// Computes the window that begins now, and what its wires do.
@@ -203,6 +217,46 @@ impl Bench {
         self.set(edges, at, BRIDGE_FAULT, !bridge_fault);
     }
 
+    /// Cuts or shorts the line of a pin: the chip sees this level, or its own pull.
+    pub fn stick(&mut self, pin: Pin, level: Option<bool>) {
+        self.stuck.push((pin, level));
+        self.changes.push_front((0, Change::Level(pin, level)));
+    }
+
+    /// Mends every line.
+    pub fn mend_lines(&mut self) {
+        self.codes.clear();
+        (self.deaf, self.swapped) = (false, false);
+        for (pin, _) in std::mem::take(&mut self.stuck) {
+            let level = match pin {
+                ARMED => Some(self.latch.circuit.reads()),
+                _ => self.levels[usize::from(pin.port)][usize::from(pin.number)],
+            };
+            self.changes.push_front((0, Change::Level(pin, level)));
+        }
+    }
+
+    /// What of a change arrives at the chip.
+    fn arrives(&self, change: Change) -> Change {
+        match change {
+            Change::Level(pin, _) => {
+                self.stuck.iter().find(|stuck| stuck.0 == pin).map_or(change, |(_, level)| Change::Level(pin, *level))
+            }
+            Change::Can(_) => change,
+        }
+    }
+
+    /// There may be pulses, or not.
+    fn note(&mut self, at: u64) {
+        let on = self.allowed && self.latch.enables();
+        self.off = if on { None } else { self.off.or(Some(at)) };
+    }
+
+    /// The code that a conversion gives now.
+    pub fn code(&mut self, adc: u8, channel: u8, at: u64) -> u16 {
+        World::sample(self, adc, channel, at)
+    }
+
     fn set(&mut self, edges: &mut Vec<(u64, Change)>, at: u64, pin: Pin, level: bool) {
         let last = &mut self.levels[usize::from(pin.port)][usize::from(pin.number)];
         if *last != Some(level) {
@@ -267,6 +321,9 @@ fn us(ticks: i64) -> f64 {
 
 impl World for Bench {
     fn sample(&mut self, adc: u8, channel: u8, at: u64) -> u16 {
+        if let Some((_, code)) = self.codes.iter().find(|stuck| stuck.0 == (adc, channel)) {
+            return *code;
+        }
         match (adc, channel) {
             (1, GAP) | (2, GATED) => self.gap_voltage(at),
             (2, GAP_CURRENT) => self.gap_current(at),
@@ -284,13 +341,16 @@ impl World for Bench {
 
     fn take_change(&mut self, at: u64) -> Option<Change> {
         if let Some(change) = self.latch.take_change(at) {
-            return Some(change);
+            self.note(at);
+            return Some(self.arrives(change));
         }
         if let Some((_, change)) = self.changes.pop_front_if(|c| c.0 <= at) {
-            return Some(change);
+            return Some(self.arrives(change));
         }
-        if let Some((_, frame)) = self.frames.pop_front_if(|f| f.0 <= at) {
-            return Some(Change::Can(frame));
+        while let Some((_, frame)) = self.frames.pop_front_if(|f| f.0 <= at) {
+            if !self.deaf {
+                return Some(Change::Can(frame));
+            }
         }
         if self.window + SETTLE <= at {
             self.advance();
@@ -314,13 +374,15 @@ impl World for Bench {
             ALLOW => self.allowed = high,
             _ => (),
         }
+        self.note(at);
     }
 
     fn can_sent(&mut self, at: u64, frame: Frame) -> CanReply {
-        if self.reply == CanReply::Acknowledged {
+        let reply = if self.deaf { CanReply::BitError } else { self.reply };
+        if reply == CanReply::Acknowledged {
             self.sent.push_back((at, frame));
         }
-        self.reply
+        reply
     }
 
     fn dac(&mut self, _: u64, _: u8, _: u16) {}

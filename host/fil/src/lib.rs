@@ -15,6 +15,7 @@ pub mod commission;
 pub mod cycles;
 pub mod decode;
 pub mod exercise;
+pub mod faults;
 pub mod host;
 pub mod image;
 pub mod latency;

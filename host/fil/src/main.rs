@@ -48,6 +48,8 @@ enum Command {
     Record(Record),
     /// Instructions and estimated cycles of tasks and functions; writes their section of docs/performance.md.
     Cycles(command::Cycles),
+    /// Injects faults of wires, chip, bus and memories one by one; the table for docs/robustness.md.
+    Faults(edm_fil::faults::Faults),
     /// Times from pin to pin, loads and lost counts, with the event at many places of a servo tick.
     Latency(Latency),
 }
@@ -113,6 +115,7 @@ fn main() -> ExitCode {
         Command::Record(record) => record.execute(&image).map(|()| true),
         Command::Cycles(cycles) => cycles.execute(&image).map(|()| true),
         Command::Latency(latency) => latency.execute(&image).map(|()| true),
+        Command::Faults(faults) => faults.execute(&image, arguments.log),
         Command::Serve(serve) => edm_fil::serve::serve(&image, arguments.log, serve).map(|()| true).map_err(failed),
         Command::Bore(bore) => {
             let spent = Cell::new(None);

@@ -69,6 +69,13 @@ impl Witness {
     }
 }
 
+/// A rig at a moment.
+pub struct Snapshot {
+    machine: crate::machine::Snapshot<Bench>,
+    end: u64,
+    windows: u64,
+}
+
 /// The firmware on the chip on the bench.
 pub struct Emulated {
     machine: Machine<Bench>,
@@ -78,6 +85,12 @@ pub struct Emulated {
     /// Whether the host gives signs of life.
     pub host_alive: bool,
     places: Places,
+    /// Each tick is looked at, and has to come.
+    watched: bool,
+    /// Servo ticks so far.
+    ticked: u64,
+    /// What an unwatched head has logged.
+    logged: Vec<String>,
     /// Idle changes the flash; it has done so since somebody asked.
     stores: bool,
     stored: bool,
@@ -139,6 +152,9 @@ impl Emulated {
             log: false,
             host_alive: true,
             places,
+            watched: true,
+            ticked: 0,
+            logged: Vec::new(),
             stores: false,
             stored: false,
             witness,
@@ -226,6 +242,9 @@ impl Emulated {
         if self.windows.is_multiple_of(LOG) {
             self.print_log();
         }
+        if !self.watched {
+            return self.pace();
+        }
         // A round of idle that changes the flash takes its time.
         let busy = self.places.write_permitted(&self.machine.soc().memory)?;
         self.machine.stretch_idle(if busy { 1 } else { STRETCH });
@@ -233,6 +252,48 @@ impl Emulated {
         self.stores = busy;
         self.look_at_block()?;
         self.look()
+    }
+
+    /// Idle of a head that ticks may pass quickly; whatever else runs in thread mode takes its time.
+    fn pace(&mut self) -> Result<()> {
+        let ticked = self.machine.stats().entries[SERVO];
+        let ticks = std::mem::replace(&mut self.ticked, ticked) != ticked;
+        let stores = self.places.write_permitted(&self.machine.soc().memory).unwrap_or(true);
+        self.machine.stretch_idle(if ticks && !stores { STRETCH } else { 1 });
+        Ok(())
+    }
+
+    /// From now on nobody looks at the ticks: tasks may fall silent, and the chip may be reset.
+    pub fn unwatched(&mut self) {
+        self.watched = false;
+        self.witness = Witness::None;
+    }
+
+    /// A rig that is not watched, as it is now.
+    ///
+    /// # Errors
+    /// When the engine refuses.
+    pub fn snapshot(&self) -> Result<Snapshot> {
+        Ok(Snapshot { machine: self.machine.snapshot()?, end: self.end, windows: self.windows })
+    }
+
+    /// Goes back to a moment of this rig.
+    ///
+    /// # Errors
+    /// When the engine refuses.
+    pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
+        self.machine.restore(&snapshot.machine)?;
+        (self.end, self.windows, self.ticked) = (snapshot.end, snapshot.windows, 0);
+        self.host_alive = true;
+        self.came.clear();
+        self.rtt.forget();
+        self.logged.clear();
+        Ok(())
+    }
+
+    /// What an unwatched head has logged since it was last asked for.
+    pub fn logged(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.logged)
     }
 
     /// Reads what the tick of this window saw and came to.
@@ -339,7 +400,9 @@ impl Emulated {
     /// Prints what the firmware has logged since the last time, if that was asked for.
     fn print_log(&mut self) {
         let lines = self.rtt.poll(&self.machine.soc().memory);
-        if self.log {
+        if !self.watched {
+            self.logged.extend(lines);
+        } else if self.log {
             let s = self.seconds();
             lines.iter().for_each(|line| println!("{s:10.6} {line}"));
         }
@@ -410,6 +473,35 @@ impl Emulated {
     /// Records from now on when each interrupt is served.
     pub fn record_spans(&mut self) {
         self.machine.record_spans();
+    }
+
+    /// Chip and bench, to break something.
+    pub fn machine_mut(&mut self) -> &mut Machine<Bench> {
+        &mut self.machine
+    }
+
+    /// Runs until `reached`, for `patience` ticks of the chip at most; whether it was. The windows go on behind.
+    ///
+    /// # Errors
+    /// What the machine refuses.
+    pub fn until(&mut self, mut reached: impl FnMut(&mut Machine<Bench>) -> bool, patience: u64) -> Result<bool> {
+        let limit = self.machine.soc().now() + patience;
+        while !reached(&mut self.machine) {
+            let next = self.machine.soc().now() + 40;
+            if next > limit {
+                return Ok(false);
+            }
+            self.machine.run_until(next)?;
+        }
+        Ok(true)
+    }
+
+    /// Where the tasks keep the settings that they run: whose, first address, bytes.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn settings_in_use(&mut self) -> Result<[(&'static str, u32, u32); 4]> {
+        self.places.settings_in_use(&self.machine.soc().memory)
     }
 
     /// What the emulator has counted.

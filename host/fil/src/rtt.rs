@@ -55,6 +55,11 @@ impl Rtt {
         lines
     }
 
+    /// Forgets what has begun and not ended: the chip has gone back in time.
+    pub fn forget(&mut self) {
+        self.raw.clear();
+    }
+
     fn drain(&mut self, memory: &Memory) {
         let Some(block) = self.block else { return };
         let region = if memory.ccm.load(block, 4).is_some() { &memory.ccm } else { &memory.sram };

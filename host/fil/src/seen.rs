@@ -109,6 +109,9 @@ pub struct Places {
     /// Where the slot is whose limits the supervision judges by, and how far behind its beginning they are.
     limits: (u32, u32),
     short: u32,
+    /// Settings of the follower, and of the gap task.
+    follower: u32,
+    gap: u32,
     /// Which slot the servo task has its gap reading from.
     reading: u32,
     /// Tick that the supervision has judged.
@@ -254,6 +257,10 @@ impl Places {
                 + layout.offset(GAP, "source")?
                 + layout.offset(SOURCE, "active")?
                 + layout.offset(ACTIVE, "short")?,
+            follower: follower + layout.offset(FOLLOWER, "config")?,
+            gap: symbol("app", "__rtic_internal_local_resource_gap")?
+                + layout.offset(GAP, "source")?
+                + layout.offset(SOURCE, "active")?,
             reading: servo + layout.offset(SERVO, "reading")? + layout.offset(READER, "taken")?,
             judged: supervise + layout.offset(SUPERVISE, "judged_tick")?,
         })
@@ -324,6 +331,22 @@ impl Places {
             supervision: limits(&at(slot + behind))?,
             short: at(self.short).float(0)?,
         })
+    }
+
+    /// Where the tasks keep the settings that they run: whose, first address, bytes.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn settings_in_use(&self, memory: &Memory) -> Result<[(&'static str, u32, u32); 4]> {
+        let (slot, behind) = self.limits;
+        let slot = View { region: &memory.sram, at: slot }.word(0)?;
+        let limits = size_of::<SupervisionLimits>() as u32;
+        Ok([
+            ("servo tick", self.follower, size_of::<edm_servo_head::head::FollowConfig>() as u32),
+            ("planner", self.head_limits, limits),
+            ("supervision", slot + behind, limits),
+            ("gap task", self.gap, size_of::<edm_servo_head::gap::voltage::Active>() as u32),
+        ])
     }
 
     /// Tick that the supervision has judged last.

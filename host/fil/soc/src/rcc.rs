@@ -130,10 +130,9 @@ impl Rcc {
                 if value & 1 << 26 != 0 {
                     return Err(Fault::Unsupported("PLLI2S is not modelled"));
                 }
-                // The clock security system is accepted; the crystal of the model does not fail.
                 self.cr = value & 0x010d_00f9;
                 self.hsi.switch(value & 1 != 0, now, HSI_START);
-                self.hse.switch(value & 1 << 16 != 0, now, HSE_START);
+                self.hse.switch(value & 1 << 16 != 0 && self.hse_hz > 0, now, HSE_START);
                 self.pll.switch(value & 1 << 24 != 0, now, PLL_LOCK);
             }
             // §7.3.2: the configuration can be written only while the PLL is off.
@@ -195,6 +194,20 @@ impl Rcc {
         let threshold = if self.low { rising } else { falling };
         let low = self.power >> 4 & 1 == 1 && self.supply < threshold;
         (core::mem::replace(&mut self.low, low) != low).then_some(low)
+    }
+
+    /// The crystal stops, or does not start any more. Whether the clock security system tells of it (§7.2.7): then HSE and
+    /// PLL are off and the internal oscillator is the system clock. That TIM1 and TIM8 see a break is not modelled.
+    pub fn lose_crystal(&mut self) -> bool {
+        self.hse_hz = 0;
+        self.hse = Source(NEVER);
+        let told = self.cr >> 19 & 1 == 1;
+        if told {
+            self.cr = self.cr & !(1 << 16 | 1 << 24) | 1;
+            (self.hsi, self.pll, self.sws) = (Source(0), Source(NEVER), 0);
+            self.cfgr &= !3;
+        }
+        told
     }
 
     fn settle(&mut self, now: u64) {
@@ -362,5 +375,20 @@ mod tests {
         assert_eq!(r.read(0x74, 0).unwrap() >> 29 & 1, 1);
         r.write(0x74, 1 | 1 << 24, 0).unwrap();
         assert_eq!(r.read(0x74, 0).unwrap(), 1);
+    }
+
+    #[test]
+    fn a_crystal_that_stops_leaves_the_internal_oscillator_and_does_not_come_back() {
+        let mut r = Rcc::new(8_000_000, 0);
+        pll_168(&mut r, 0);
+        r.write(8, 2 | 5 << 10 | 4 << 13, 4 * MS).unwrap();
+        assert_eq!(r.hclk(4 * MS), 168_000_000);
+        // Nobody is told without the clock security system.
+        assert!(!r.clone().lose_crystal());
+        r.write(0, 1 | 1 << 16 | 1 << 24 | 1 << 19, 4 * MS).unwrap();
+        assert!(r.lose_crystal());
+        assert_eq!((r.hclk(4 * MS), r.read(0, 4 * MS).unwrap() & 0x0303_0000), (16_000_000, 0));
+        r.write(0, 1 | 1 << 16 | 1 << 19, 4 * MS).unwrap();
+        assert_eq!(r.read(0, 40 * MS).unwrap() >> 17 & 1, 0);
     }
 }

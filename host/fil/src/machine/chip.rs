@@ -70,7 +70,28 @@ pub struct Span {
 /// Changes what the firmware writes: address, size, value.
 pub type Alter = Box<dyn FnMut(u32, u8, u32) -> u32>;
 
+/// What of the processor decides how it goes on, beside its registers.
+#[derive(Clone)]
+pub struct Moment {
+    half: u64,
+    half_per_cycle: u64,
+    stretch: u64,
+    thread: bool,
+    rest: u64,
+    masked: bool,
+    masks_changed: bool,
+    last: u32,
+    next: u32,
+    sleeping: bool,
+    flash_write: Option<FlashWrite>,
+    fpca: bool,
+    lazy: Option<u32>,
+    stats: Stats,
+    open: Vec<usize>,
+}
+
 /// A write into flash that the engine has done and the flash interface has not judged yet.
+#[derive(Clone)]
 struct FlashWrite {
     address: u32,
     size: u8,
@@ -152,6 +173,40 @@ impl<W: World> Chip<W> {
             open: Vec::new(),
             alter: None,
         }
+    }
+
+    /// Now.
+    pub fn moment(&self) -> Moment {
+        Moment {
+            half: self.half,
+            half_per_cycle: self.half_per_cycle,
+            stretch: self.stretch,
+            thread: self.thread,
+            rest: self.rest,
+            masked: self.masked,
+            masks_changed: self.masks_changed,
+            last: self.last,
+            next: self.next,
+            sleeping: self.sleeping,
+            flash_write: self.flash_write.clone(),
+            fpca: self.fpca,
+            lazy: self.lazy,
+            stats: self.stats.clone(),
+            open: self.open.clone(),
+        }
+    }
+
+    /// Goes back to a moment; what has been decoded, metered and recorded stays.
+    pub fn go_on_from(&mut self, moment: &Moment) {
+        let Moment { half, half_per_cycle, stretch, thread, rest, masked, masks_changed, last, next, .. } = *moment;
+        (self.half, self.half_per_cycle, self.stretch) = (half, half_per_cycle, stretch);
+        (self.thread, self.rest, self.masked, self.masks_changed) = (thread, rest, masked, masks_changed);
+        (self.last, self.next, self.sleeping) = (last, next, moment.sleeping);
+        (self.fpca, self.lazy) = (moment.fpca, moment.lazy);
+        self.flash_write.clone_from(&moment.flash_write);
+        self.stats.clone_from(&moment.stats);
+        self.open.clone_from(&moment.open);
+        (self.stop, self.limit) = (None, 0);
     }
 
     /// Processor state after reset.

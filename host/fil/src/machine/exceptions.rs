@@ -3,7 +3,7 @@
 //! Only the main stack is modelled: thread mode on the process stack is refused.
 
 use super::chip::Chip;
-use super::{Machine, R, engine};
+use super::{Machine, R};
 use anyhow::{Result, bail};
 use edm_soc::{Exception, Masks, World, exception};
 use unicorn_engine::Unicorn;
@@ -157,9 +157,7 @@ impl<W: World> Machine<W> {
                 self.uc.get_data_mut().spend_float(FLOAT);
                 for i in 0..16 {
                     let value = self.load(frame + FRAME + 4 * i)?;
-                    self.uc
-                        .reg_write(R::S0 as i32 + i as i32, value.into())
-                        .map_err(engine("write an FPU register"))?;
+                    self.set_float(i as i32, value)?;
                 }
                 let fpscr = self.load(frame + FRAME + 64)?;
                 self.set(R::FPSCR, fpscr)?;

@@ -2,9 +2,11 @@
 
 mod chip;
 mod exceptions;
+mod snapshot;
 
 pub use chip::{Alter, Span, Stats};
 use chip::{Chip, Stop};
+pub use snapshot::Snapshot;
 
 use crate::cycles::{Buses, Marks, Meter};
 use crate::decode::Class;
@@ -202,6 +204,37 @@ impl<W: World + 'static> Machine<W> {
 
     fn set(&mut self, register: R, value: u32) -> Result<()> {
         self.uc.reg_write(register, value.into()).map_err(engine("write a register"))
+    }
+
+    fn float(&self, i: i32) -> Result<u32> {
+        self.uc.reg_read(R::S0 as i32 + i).map(|v| v as u32).map_err(engine("read an FPU register"))
+    }
+
+    fn set_float(&mut self, i: i32, value: u32) -> Result<()> {
+        self.uc.reg_write(R::S0 as i32 + i, value.into()).map_err(engine("write an FPU register"))
+    }
+
+    /// Lets the processor go on at `address` with the first arguments of a function there, as a debugger would.
+    ///
+    /// # Errors
+    /// When the engine refuses.
+    pub fn call(&mut self, address: u32, arguments: &[u32]) -> Result<()> {
+        for (register, value) in [R::R0, R::R1, R::R2, R::R3].into_iter().zip(arguments) {
+            self.set(register, *value)?;
+        }
+        let xpsr = self.get(R::XPSR)?;
+        self.set(R::XPSR, xpsr & !(IT as u32))?;
+        self.set(R::PC, address | 1)?;
+        self.uc.get_data_mut().jump(address);
+        Ok(())
+    }
+
+    /// Moves the stack pointer, as a debugger would.
+    ///
+    /// # Errors
+    /// When the engine refuses.
+    pub fn set_stack(&mut self, address: u32) -> Result<()> {
+        self.set(R::SP, address & !7)
     }
 
     /// The word at `address`, as a debugger would read it.

@@ -16,5 +16,7 @@ mod lockstep;
 mod mutants;
 mod reflex;
 mod self_test;
+mod snapshot;
 mod stack;
 mod supply;
+

@@ -36,6 +36,8 @@ pub enum Reset {
 }
 
 const PORTS: usize = 9;
+/// Its registers, for errors.
+const RCC: u32 = 0x4002_3800;
 
 /// Places in the queue of events. Simultaneous events happen in this order.
 mod slot {
@@ -227,6 +229,33 @@ impl<W: World> Soc<W> {
     /// A reset that was asked for and not yet done with [`Soc::reset`].
     pub fn reset_request(&self) -> Option<Reset> {
         self.reset
+    }
+
+    /// The chip is to be reset, before its next instruction.
+    pub fn ask_reset(&mut self, cause: Reset) {
+        self.reset = Some(cause);
+    }
+
+    /// The crystal stops for ever. Without the clock security system the processor would stand, which ends in an error.
+    pub fn lose_crystal(&mut self) {
+        self.hse_hz = 0;
+        if self.rcc.lose_crystal() {
+            self.core.nvic.pend(crate::nvic::exception::NMI);
+        }
+        if let Err(fault) = self.follow_clocks() {
+            self.fail(RCC, fault);
+        }
+    }
+
+    /// Another crystal, from the next reset on.
+    pub fn set_crystal(&mut self, hse_hz: u64) {
+        self.hse_hz = hse_hz;
+    }
+
+    /// The watchdog's oscillator stops.
+    pub fn stop_watchdog(&mut self) {
+        self.iwdg.due = NEVER;
+        self.set_due(slot::WATCHDOG, NEVER);
     }
 
     /// Exceptions of the processor.
