@@ -48,7 +48,8 @@ fn parts_of_a_campaign_are_the_whole_campaign() {
     };
     let mut parts = [faults("1/2"), faults("2/2")].concat();
     let mut whole = faults("1/1");
-    (parts.sort(), whole.sort());
+    parts.sort();
+    whole.sort();
     assert_eq!((parts.len(), &parts), (13, &whole));
 }
 

@@ -131,7 +131,7 @@ fn arrives(head: &mut Head, id: u16, data: &[u8]) {
 /// Nobody pushes a work into the electrode: no loop holds against that.
 fn happens(head: &mut Head, signal: &str, value: Value<'static>) {
     if let ("workpiece.raised_mm", Value::Number(raised)) = (signal, value) {
-        let by = f64::from(raised) - head.process.fault_inputs.raised_mm;
+        let by = raised - head.process.fault_inputs.raised_mm;
         if head.process.truth().gap_um - by * 1e3 < LEFT_UM {
             return;
         }
