@@ -146,12 +146,12 @@ fn homing_into_the_work_is_a_contact() {
     assert_eq!((machine.status().fault, machine.status().homing), (Some(Fault::Contact), HomingState::No));
 }
 
-#[test]
-fn without_the_sense_supply_nothing_moves_toward_the_work() {
+/// A head that has moved and come to rest, before anything breaks that would feel a contact.
+fn without_sense(signal: &str) {
     let mut machine = ready(&Settings::default(), 1);
     machine.command(Command::Position(mm(0.5), at(5.0))).unwrap();
     run(&mut machine, 0.3);
-    machine.process.happen("sense.off", Value::Flag(true)).unwrap();
+    machine.process.happen(signal, Value::Flag(true)).unwrap();
     let before = machine.process.truth().position_um;
     machine.command(Command::Position(mm(0.2), at(5.0))).unwrap();
     run(&mut machine, 0.3);
@@ -160,6 +160,16 @@ fn without_the_sense_supply_nothing_moves_toward_the_work() {
     run(&mut machine, 0.3);
     assert_eq!(machine.status().fault, Some(Fault::Contact));
     assert!(machine.process.truth().position_um < before);
+}
+
+#[test]
+fn without_the_sense_supply_nothing_moves_toward_the_work() {
+    without_sense("sense.off");
+}
+
+#[test]
+fn with_a_converter_at_the_end_of_its_range_nothing_moves_toward_the_work() {
+    without_sense("gap.saturated");
 }
 
 #[test]

@@ -194,9 +194,13 @@ impl Voltage {
     fn take(&mut self, block: &GapBlock) -> (Option<bool>, bool) {
         let active = &self.active;
         self.touches = false;
+        let clips =
+            |tally: &Tally| tally.clipped > 0 && tally.clipped as f32 >= active.clipped_share * tally.count as f32;
         if block.gate & GapBlock::ALL == 0 {
             let rest = Tally::of(&block.codes, GapBlock::ALL, active.good);
-            self.touches = (rest.above(active.zero_code).unsigned_abs() as f32) < active.contact * rest.count as f32;
+            let low = (rest.above(active.zero_code).unsigned_abs() as f32) < active.contact * rest.count as f32;
+            // At the end of its range the converter would not show a contact.
+            self.touches = low | (active.contact > 0.0) & clips(&rest);
         }
         let on = Tally::of(&block.codes, block.gate, active.good);
         let above = on.above(active.zero_code);
@@ -217,8 +221,7 @@ impl Voltage {
             self.block = sample;
         }
         let short = (above.unsigned_abs() as f32) < active.short * on.count as f32;
-        let clipped = used.clipped > 0 && used.clipped as f32 >= active.clipped_share * used.count as f32;
-        ((on.count >= active.min_gated).then_some(short), clipped)
+        ((on.count >= active.min_gated).then_some(short), clips(&used))
     }
 
     /// Counts the run of shorts and the time without a gate.

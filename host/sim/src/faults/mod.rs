@@ -82,11 +82,11 @@ impl Options {
 }
 
 impl Written {
-    /// Says what came of a campaign, and writes it; whether it passes.
+    /// Says what came of a campaign, and writes it; whether it passes. On the page `how` it was run comes first.
     ///
     /// # Errors
     /// When a file cannot be written.
-    pub fn finish(self, campaign: &Campaign) -> Result<bool, String> {
+    pub fn finish(self, campaign: &Campaign, how: &str) -> Result<bool, String> {
         say(&campaign.summary());
         if let Some(output) = self.json {
             output.write(|file| {
@@ -95,7 +95,7 @@ impl Written {
             })?;
         }
         if let Some((page, output)) = self.page {
-            page.write(output, &campaign.section())?;
+            page.write(output, &format!("{how}\n\n{}", campaign.section()))?;
         }
         Ok(campaign.passes())
     }
@@ -145,7 +145,8 @@ impl Faults {
             worst(case, runs)
         });
         let campaign = Campaign::new(rows.collect());
-        written.finish(&campaign).map_err(Failure::Failed)
+        let how = format!("Seeds 1 to {}; each row has the worst of every seed and delay.", self.seeds);
+        written.finish(&campaign, &how).map_err(Failure::Failed)
     }
 }
 

@@ -88,7 +88,8 @@ pub fn play(setup: &Setup, case: &Case, tell: &mut dyn FnMut(&str)) -> Result<(S
             head.tick([].iter(), &mut sent);
             sent.clear();
             let before = (watch.state, watch.touching);
-            let found = watch.tick(&head, &setup.head, &mut seen);
+            let outputs = (head.pulses(), head.drive());
+            let found = watch.tick(head.status().state, &head.process.truth(), outputs, &setup.head, &mut seen);
             if before != (watch.state, watch.touching) {
                 tell(&told(steps, &head));
             }
@@ -130,7 +131,7 @@ fn arrives(head: &mut Head, id: u16, data: &[u8]) {
 /// Nobody pushes a work into the electrode: no loop holds against that.
 fn happens(head: &mut Head, signal: &str, value: Value<'static>) {
     if let ("workpiece.raised_mm", Value::Number(raised)) = (signal, value) {
-        let by = f64::from(raised) - head.process.fault_inputs.raised_mm;
+        let by = raised - head.process.fault_inputs.raised_mm;
         if head.process.truth().gap_um - by * 1e3 < LEFT_UM {
             return;
         }
@@ -140,23 +141,29 @@ fn happens(head: &mut Head, signal: &str, value: Value<'static>) {
 }
 
 impl Watch {
-    fn tick(&mut self, head: &Head, settings: &Settings, seen: &mut Seen) -> Option<(&'static str, String)> {
-        let (status, truth) = (head.status(), head.process.truth());
-        let (pulses, drive) = (head.pulses(), head.drive());
+    /// Looks at a tick: the state that a host is told of, what really is, and whether the outputs allow pulses and drive.
+    fn tick(
+        &mut self,
+        state: State,
+        truth: &Truth,
+        (pulses, drive): (bool, Drive),
+        settings: &Settings,
+        seen: &mut Seen,
+    ) -> Option<(&'static str, String)> {
         seen.ticks += 1;
-        seen.worked += u64::from(matches!(status.state, State::Eroding | State::Positioning | State::Homing));
-        if status.state != self.state {
-            (self.state, self.held, self.drawn) = (status.state, 0, (0.0, 0));
-            seen.faults += u64::from(status.state == State::Fault);
+        seen.worked += u64::from(matches!(state, State::Eroding | State::Positioning | State::Homing));
+        if state != self.state {
+            (self.state, self.held, self.drawn) = (state, 0, (0.0, 0));
+            seen.faults += u64::from(state == State::Fault);
         }
         self.held = self.held.saturating_add(1);
-        let name = status.state.name();
+        let name = state.name();
         let lasts = self.held > LAG;
 
-        if lasts && pulses && !status.state.pulses() {
+        if lasts && pulses && !state.pulses() {
             return Some(("pulses in a state without pulses", name.into()));
         }
-        if lasts && status.state == State::Disabled && drive != Drive::Coast {
+        if lasts && state == State::Disabled && drive != Drive::Coast {
             return Some(("motion commanded while disabled", format!("{drive:?}")));
         }
         let limit = f64::from(settings.axis_duty_limit) * f64::from(Drive::FULL) + 1.0;
@@ -165,7 +172,7 @@ impl Watch {
         {
             return Some(("duty beyond its limit", format!("{duty} in {name}")));
         }
-        self.current(&truth, settings).or_else(|| self.contact(&truth, name, seen))
+        self.current(truth, settings).or_else(|| self.contact(truth, name, seen))
     }
 
     fn current(&mut self, truth: &Truth, settings: &Settings) -> Option<(&'static str, String)> {
@@ -208,5 +215,58 @@ impl Watch {
             let mm_s = fastest * 1e-3;
             ("contact beyond its bound", format!("{:.1} N in {name}, approached at {mm_s:.1} mm/s", truth.contact_n))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is broken when a head is like this for so many ticks.
+    fn after(ticks: u32, state: State, truth: &Truth, outputs: (bool, Drive)) -> Option<&'static str> {
+        let (mut watch, mut seen, settings) = (Watch::default(), Seen::default(), Settings::default());
+        (0..ticks).find_map(|_| watch.tick(state, truth, outputs, &settings, &mut seen)).map(|(what, _)| what)
+    }
+
+    fn amps(current_a: f64) -> Truth {
+        Truth { current_a, gap_um: 100.0, ..Truth::default() }
+    }
+
+    #[test]
+    fn every_invariant_can_be_broken_and_is_kept_up_to_its_bound() {
+        const OFF: (bool, Drive) = (false, Drive::Coast);
+        const SECOND: u32 = TICK_HZ;
+        let still = amps(0.0);
+        for (ticks, state, truth, outputs, broken) in [
+            (LAG, State::Fault, still, (true, Drive::Coast), None),
+            (LAG + 1, State::Fault, still, (true, Drive::Coast), Some("pulses in a state without pulses")),
+            (SECOND, State::Eroding, still, (true, Drive::Duty(0)), None),
+            (LAG + 1, State::Disabled, still, (false, Drive::Duty(1)), Some("motion commanded while disabled")),
+            (LAG + 1, State::Disabled, still, (false, Drive::Brake), Some("motion commanded while disabled")),
+            (1, State::Ready, still, (false, Drive::Duty(9000)), None),
+            (1, State::Ready, still, (false, Drive::Duty(-9002)), Some("duty beyond its limit")),
+            (OVER_PEAK, State::Ready, amps(-3.5), OFF, None),
+            (OVER_PEAK + 1, State::Ready, amps(-3.5), OFF, Some("current beyond its peak")),
+            (2 * SECOND, State::Ready, amps(3.0), OFF, None),
+            (4 * SECOND, State::Ready, amps(3.0), OFF, Some("winding too hot")),
+            (2 * SECOND, State::Fault, amps(0.9), OFF, None),
+            (2 * SECOND, State::Fault, amps(1.1), OFF, Some("current not below continuous a second after a fault")),
+        ] {
+            assert_eq!(after(ticks, state, &truth, outputs), broken, "{ticks} ticks {state:?}, {outputs:?}");
+        }
+    }
+
+    #[test]
+    fn a_contact_is_bounded_by_how_fast_the_head_came() {
+        for (mm_s, newtons, broken) in [(5.0, 4.9, false), (5.0, 5.1, true), (20.0, 14.9, false), (20.0, 15.1, true)] {
+            let (mut watch, mut seen, settings) = (Watch::default(), Seen::default(), Settings::default());
+            let coming = Truth { gap_um: 1.0, velocity_um_s: mm_s * 1e3, ..Truth::default() };
+            let there = Truth { gap_um: -newtons / 2.0, contact_n: newtons, ..Truth::default() };
+            let off = (false, Drive::Coast);
+            assert_eq!(watch.tick(State::Ready, &coming, off, &settings, &mut seen), None);
+            let found = watch.tick(State::Ready, &there, off, &settings, &mut seen);
+            assert_eq!(found.is_some(), broken, "{newtons} N at {mm_s} mm/s: {found:?}");
+            assert_eq!((seen.contacts, seen.contact_n), (1, newtons));
+        }
     }
 }

@@ -1,0 +1,87 @@
+//! `edm-sim faults` and `edm-sim soak` as a person meets them.
+
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn run(folder: &Path, words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_edm-sim")).args(words).current_dir(folder).output().unwrap()
+}
+
+/// One line on stderr that has this, exit code 2, nothing written.
+fn refused(folder: &Path, words: &[&str], part: &str) {
+    let before = fs::read_dir(folder).unwrap().count();
+    let output = run(folder, words);
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!((output.status.code(), error.lines().count()), (Some(2), 1), "{words:?}: {error}");
+    assert!(error.contains(part), "{words:?}: {error}");
+    assert_eq!(fs::read_dir(folder).unwrap().count(), before, "{words:?}");
+}
+
+#[test]
+fn a_pair_of_wires_is_a_row_of_json_and_of_the_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let page =
+        "# P\n<!-- cargo sim faults writes this section -->\nold\n<!-- end of what cargo sim faults writes -->\n";
+    fs::write(folder.path().join("page.md"), page).unwrap();
+    let words = ["faults", "--rows", "stop.open, then encoder.cut", "--json", "f.json", "--page", "page.md"];
+    let output = run(folder.path(), &words);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let json: Value = serde_json::from_slice(&fs::read(folder.path().join("f.json")).unwrap()).unwrap();
+    assert_eq!((&json["injected"], &json["detected"], &json["missed"]), (&1.into(), &1.into(), &0.into()));
+    assert_eq!(json["rows"][0]["reported"], "emergency stop");
+    let written = fs::read_to_string(folder.path().join("page.md")).unwrap();
+    assert!(
+        written.contains("| stop.open, then encoder.cut | emergency lift |") && !written.contains("old"),
+        "{written}"
+    );
+}
+
+#[test]
+fn parts_of_a_campaign_are_the_whole_campaign() {
+    let folder = tempfile::tempdir().unwrap();
+    let faults = |shard: &str| {
+        run(folder.path(), &["faults", "--rows", "bridge.fault, then", "--shard", shard, "--json", "f.json"]);
+        let json: Value = serde_json::from_slice(&fs::read(folder.path().join("f.json")).unwrap()).unwrap();
+        json["rows"].as_array().unwrap().iter().map(|row| row["fault"].to_string()).collect::<Vec<_>>()
+    };
+    let mut parts = [faults("1/2"), faults("2/2")].concat();
+    let mut whole = faults("1/1");
+    parts.sort();
+    whole.sort();
+    assert_eq!((parts.len(), &parts), (13, &whole));
+}
+
+#[test]
+fn a_case_that_presses_is_told_and_one_that_does_not_is_sound() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = |name: &str, steps: &str| fs::write(folder.path().join(name), format!("seed 1\n{steps}")).unwrap();
+    // Far more than any head holds.
+    case("hand", "+10 wire hand.force_n=40\n+4000 can 080#\n");
+    let output = run(folder.path(), &["soak", "--case", "hand"]);
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.code() == Some(1) && said.contains("# contact beyond its bound"), "{said}");
+    case("rest", "+10 can 000#0105\n+4000 can 080#\n");
+    let output = run(folder.path(), &["soak", "--case", "rest"]);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+}
+
+#[test]
+fn what_cannot_be_run_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("page.md"), "no section\n").unwrap();
+    fs::write(folder.path().join("case"), "seed 1\n+1 sleep\n").unwrap();
+    for (words, part) in [
+        (&["faults", "--rows", "nothing"][..], "--rows nothing: must be part of the name of a fault"),
+        (&["faults", "--rows", "sense.off", "--shard", "100/100"], "none is in part 100/100"),
+        (&["faults", "--page", "page.md"], "has no section of `cargo sim faults`"),
+        (&["faults", "--seeds", "0"], "--seeds"),
+        (&["soak", "--hours", "0"], "must be a number from 0.001 to 100000"),
+        (&["soak", "--hours", "0.001", "--shard", "2/2"], "there are only 1 lives"),
+        (&["soak", "--case", "case"], "--case case:2: +1 sleep: must be"),
+        (&["soak", "--case", "gone"], "cannot be read"),
+    ] {
+        refused(folder.path(), words, part);
+    }
+}
