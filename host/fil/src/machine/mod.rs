@@ -229,7 +229,7 @@ impl<W: World + 'static> Machine<W> {
         Ok(())
     }
 
-    /// Moves the stack pointer, as a debugger would.
+    /// Moves the stack pointer, as a program does that calls deeper and deeper.
     ///
     /// # Errors
     /// When the engine refuses.
@@ -330,14 +330,6 @@ impl<W: World + 'static> Machine<W> {
     /// and DMA go on.
     pub fn halt_until(&mut self, until: u64) {
         self.uc.get_data_mut().halt(until);
-    }
-
-    /// Moves the stack pointer, as a program does that calls deeper and deeper.
-    ///
-    /// # Errors
-    /// When the engine refuses.
-    pub fn set_stack(&mut self, address: u32) -> Result<()> {
-        self.set(R::SP, address)
     }
 
     /// Runs until tick `until` (to the end of the instruction that passes it).

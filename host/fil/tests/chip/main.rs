@@ -19,4 +19,3 @@ mod self_test;
 mod snapshot;
 mod stack;
 mod supply;
-
