@@ -36,6 +36,8 @@ pub struct PulseWatch {
     unconverted: u32,
     /// Pulses in shorts of which the reflex found none.
     unfound: u32,
+    /// There was an edge of the gate since the look before.
+    come: bool,
     /// Looks in a row that have found pulses without permission.
     unpermitted: u32,
 }
@@ -46,6 +48,11 @@ impl PulseWatch {
     /// Looks at pulses without permission that are enough: the pulse that was on goes on to its end.
     const LOOKS: u32 = 3;
 
+    /// Whether there was an edge of the gate between the last two looks.
+    pub fn come(&self) -> bool {
+        self.come
+    }
+
     /// Compares the counts with those of a millisecond ago.
     pub fn look(&mut self, counts: PulseCounts, seen: PulseSeen) -> Option<PulseFault> {
         let since = |now: u8, then: u8| u32::from(now.wrapping_sub(then));
@@ -53,6 +60,7 @@ impl PulseWatch {
         let conversions = since(counts.conversions, self.last.conversions);
         let shorts = since(counts.shorts, self.last.shorts);
         self.last = counts;
+        self.come = edges > 0;
         let pulses = edges / 2;
 
         // Half of them are enough: a blanking may be longer than the period of quick pulses. What comes without permission is

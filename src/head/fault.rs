@@ -57,7 +57,7 @@ faults! {
     /// The encoder contradicts its second counter or the back-EMF.
     EncoderLost = "encoder lost" => OpenLoopLift,
     /// The axis runs away against the duty.
-    PolarityWrong = "polarity wrong" => OpenLoopLift,
+    PolarityWrong = "polarity wrong" => Coast,
     /// Bus voltage too low to work with.
     BusSag = "bus voltage sag" => LiftOnStored,
     /// Emergency stop open.
@@ -160,10 +160,13 @@ mod tests {
             (&[UpperLimit], Reaction::HoldBelow),
             (&[BothLimits], Reaction::Hold),
             (&[FollowingError], Reaction::ForceLimitedRetract),
-            (&[EncoderLost, PolarityWrong], Reaction::OpenLoopLift),
+            (&[EncoderLost], Reaction::OpenLoopLift),
             (&[BusSag], Reaction::LiftOnStored),
             (&[EmergencyStop], Reaction::EmergencyLift),
-            (&[BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck, ClockLost, Unfit, SupplyLow], Reaction::Coast),
+            (
+                &[PolarityWrong, BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck, ClockLost, Unfit, SupplyLow],
+                Reaction::Coast,
+            ),
         ] {
             for fault in faults {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());

@@ -111,9 +111,9 @@ impl Reacting {
     pub fn escalates(&self, fault: Fault) -> Option<Reaction> {
         let lifts = matches!(self.reaction, Reaction::OpenLoopLift | Reaction::LiftOnStored | Reaction::EmergencyLift);
         match fault {
+            // The lift itself goes the wrong way, unless that was seen before it.
+            Fault::PolarityWrong if lifts && self.ticks <= STALE => None,
             _ if fault.reaction() > self.reaction => Some(fault.reaction()),
-            // The lift itself goes the wrong way.
-            Fault::PolarityWrong if lifts && self.ticks > STALE => Some(Reaction::Coast),
             _ => None,
         }
     }

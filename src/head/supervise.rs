@@ -33,6 +33,8 @@ pub struct Limits {
     pub resistance: f32,
     /// For so long.
     pub encoder_ms: u32,
+    /// The gap voltage is averaged by the gate: pulses without its edges are no pulses.
+    pub gated: bool,
     /// Bad gap reading for so long while pulses are allowed.
     pub gap_ms: u32,
     /// Silence of the host; 0 means that no host is expected.
@@ -160,7 +162,9 @@ struct Belief {
     marks: MarkCheck,
     /// Count at the look before.
     count: u32,
-    /// It has moved since then.
+    /// Count from which it has to move by more than one to have moved: an encoder of which one line is dead trembles by that.
+    rest: u32,
+    /// It has since the look before.
     moves: bool,
     /// Times that it was to be believed anew, when this began.
     trusts: u32,
@@ -219,9 +223,10 @@ impl Supervisor {
         let following = self.following.longer_than(limits.following_ms, closed && off(limits, now));
         let bad = matches!(now.quality, Quality::Missing | Quality::Saturated | Quality::Reversed);
         let gap = self.gap.longer_than(limits.gap_ms, now.pulses && bad);
-        let gate = self.gate.longer_than(limits.gap_ms, now.pulses && now.quality == Quality::NoGate);
         let seen = PulseSeen { permitted: now.permitted, watched: now.state != State::Disabled, short: now.short };
         let pulses = self.pulses.look(counters.pulses, seen);
+        let gateless = now.quality == Quality::NoGate || limits.gated && !self.pulses.come();
+        let gate = self.gate.longer_than(limits.gap_ms, now.pulses && gateless);
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;
 
         [
@@ -251,6 +256,7 @@ impl Supervisor {
                 plausibility: Plausibility::new(config.plausibility, illegal),
                 marks: MarkCheck::new(config.marks, counters.used.mark.crossings),
                 count: used.count,
+                rest: used.count,
                 moves: true,
                 trusts: now.trusts,
                 reversed,
@@ -259,7 +265,10 @@ impl Supervisor {
         let Some(belief) = &mut self.belief else { return false };
         let moved = used.count.wrapping_sub(belief.count).cast_signed();
         belief.count = used.count;
-        belief.moves = moved != 0;
+        belief.moves = used.count.wrapping_sub(belief.rest).cast_signed().unsigned_abs() > 1;
+        if belief.moves {
+            belief.rest = used.count;
+        }
 
         let sign = if config.motor_reversed { -1.0 } else { 1.0 };
         let bus = Volts(f32::from(now.bus) * config.bus_per_code.0);
@@ -286,7 +295,7 @@ impl Supervisor {
         self.encoder.longer_than(limits.encoder_ms, closed && differs)
     }
 
-    /// An encoder that stands still while the loop gives more than friction can hold is not believed: a head that moves without
+    /// An encoder that stands still, or trembles, while the loop gives more than friction can hold is not believed: a head that moves without
     /// counts has reached the work, or its stop, long before its back-EMF shows. The reaction to another fault drives up,
     /// perhaps onto the stop, and lets itself be pushed.
     fn stands(&mut self, limits: &Limits, now: &Measured) -> bool {

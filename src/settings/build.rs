@@ -258,6 +258,7 @@ impl Settings {
                 velocity: CountsPerSecond(self.emf_velocity * 1000.0 * axis.counts_per_um),
                 resistance: self.emf_resistance * 0.01,
                 encoder_ms: self.encoder_ms,
+                gated: self.gap_average == voltage::Average::Gated,
                 gap_ms: self.gap_bad_ms,
                 host_ms: self.host_ms,
                 bus_min: Volts(self.motor_bus_min),

@@ -219,7 +219,10 @@ impl Bench {
             now: self.now,
         };
         let watch = self.watch_offset.map(|off| RawCount { count: raw.count.wrapping_add_signed(off), ..raw });
-        self.pulses.edges = self.pulses.edges.wrapping_add(self.edges);
+        let [edges, conversions] = if self.output.pulses && self.quality != Quality::NoGate { [2, 1] } else { [0; 2] };
+        self.pulses.edges = self.pulses.edges.wrapping_add(self.edges.wrapping_add(edges));
+        self.pulses.conversions = self.pulses.conversions.wrapping_add(conversions);
+        self.pulses.shorts = self.pulses.shorts.wrapping_add((self.short_ticks > 0).into());
         let inputs = Inputs {
             gap: self.gap(),
             encoder: Snapshot { raw, ..Snapshot::default() },

@@ -44,7 +44,7 @@ fn caused(fault: Fault) -> Option<Bench> {
         Fault::PersistentShort => bench.follows = Some(-1.0),
         Fault::GapSignalInvalid => bench.quality = Quality::Missing,
         Fault::GateMissing => bench.quality = Quality::NoGate,
-        Fault::ReflexLost | Fault::UnpermittedPulses => bench.edges = 2,
+        Fault::ReflexLost | Fault::UnpermittedPulses => bench.edges = 8,
         Fault::DielectricNotOk => bench.safety.dielectric = true,
         Fault::HostSilent => bench.host_alive = false,
         Fault::LowerLimit => bench.safety.lower_limit = true,

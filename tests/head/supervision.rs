@@ -5,6 +5,7 @@ use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::reflex::PulseCounts;
 use edm_servo_head::encoder::Snapshot;
 use edm_servo_head::gap::Quality;
+use edm_servo_head::gap::voltage::Average;
 use edm_servo_head::head::{Counters, Fault, Measured, State, SupervisionConfig, Supervisor};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{CountsPerSecond, TICKS_PER_MS};
@@ -14,9 +15,10 @@ struct Watched {
     supervisor: Supervisor,
     config: SupervisionConfig,
     now: Measured,
-    /// Counts in a millisecond; an encoder that trembles by one count to and fro has 0 of them, but does not stand still.
+    /// Counts in a millisecond; one that goes to and fro by two counts has 0 of them, but does not
+    /// stand still, as one that trembles by one does: a single line of it still works.
     counts: i32,
-    trembles: bool,
+    trembles: i32,
     count: i32,
     ms: i32,
     /// The second counter, where wired, is off by this.
@@ -26,8 +28,8 @@ struct Watched {
     amps: f64,
     bus: f64,
     host_alive: bool,
-    /// Edges of the gate and conversions in a millisecond.
-    pulses: [u8; 2],
+    /// Edges of the gate and conversions in a millisecond, if not as many as are permitted.
+    pulses: Option<[u8; 2]>,
     counted: PulseCounts,
 }
 
@@ -41,7 +43,7 @@ impl Watched {
             config,
             now: Measured { quality: Quality::Valid, ..Measured::default() },
             counts: 0,
-            trembles: true,
+            trembles: 2,
             count: 0,
             ms: 0,
             watch: None,
@@ -49,7 +51,7 @@ impl Watched {
             amps: 0.0,
             bus: 48.0,
             host_alive: true,
-            pulses: [0; 2],
+            pulses: None,
             counted: PulseCounts::default(),
         };
         // Disabled; then the loop is closed.
@@ -68,10 +70,10 @@ impl Watched {
     fn look(&mut self) -> Option<Fault> {
         self.ms += 1;
         self.count += self.counts;
-        let count = self.count + if self.trembles { self.ms & 1 } else { 0 };
+        let count = self.count + self.trembles * (self.ms & 1);
         let raw = RawCount { count: count as u32, ..RawCount::default() };
         let watch = self.watch.map(|off| RawCount { count: raw.count.wrapping_add_signed(off), ..raw });
-        let [edges, conversions] = self.pulses;
+        let [edges, conversions] = self.pulses.unwrap_or(if self.now.pulses { [20, 10] } else { [0; 2] });
         let counted = &mut self.counted;
         counted.edges = counted.edges.wrapping_add(edges);
         counted.conversions = counted.conversions.wrapping_add(conversions);
@@ -84,7 +86,8 @@ impl Watched {
         sums.current += code * TICKS_PER_MS as i32;
         sums.squares = sums.squares.wrapping_add((code * code) as u32 * TICKS_PER_MS);
         sums.duty += (self.gave * f64::from(Drive::FULL) * f64::from(TICKS_PER_MS)).round() as i32;
-        self.supervisor.tick(&self.config, &self.now, &counters, self.host_alive)
+        let now = Measured { permitted: self.now.permitted || self.now.pulses, ..self.now };
+        self.supervisor.tick(&self.config, &now, &counters, self.host_alive)
     }
 
     /// The first fault within so many milliseconds, and which of them found it.
@@ -167,12 +170,12 @@ fn a_lift_that_sinks_has_a_wrong_polarity_and_one_that_rises_has_not() {
 #[test]
 fn an_encoder_that_stands_still_against_what_moves_a_head_is_lost_either_way() {
     let config = Watched::new().config.limits.breakaway;
-    for way in WAYS {
+    for (way, still) in [(1.0, 0), (-1.0, 0), (1.0, 1), (-1.0, 1)] {
         let lost = Some((4, Fault::EncoderLost));
         // By a following error, once the duty is beyond the friction as well.
         let follows = |error: f32, duty: f32| {
             move |w: &mut Watched| {
-                w.trembles = false;
+                w.trembles = still;
                 w.now.following = config.following * error * way;
                 w.now.duty = config.holding + config.friction * duty * way;
             }
@@ -183,12 +186,12 @@ fn an_encoder_that_stands_still_against_what_moves_a_head_is_lost_either_way() {
         finds(lost, "not held", follows(1.01, 1.05));
         finds(None, "but it counts", |w| {
             follows(1.01, 1.05)(w);
-            w.trembles = true;
+            w.trembles = 2;
         });
         // By what the loop gives, under any error that is more than a tremble.
         let pushed = |share: f32, following: f32| {
             move |w: &mut Watched| {
-                w.trembles = false;
+                w.trembles = still;
                 w.now.duty = config.holding + config.push * share * way;
                 w.now.following = following * way;
             }
@@ -217,7 +220,7 @@ fn a_weight_that_was_held_for_long_is_no_push() {
         let breakaway = watched.config.limits.breakaway;
         watched.now.duty = breakaway.holding + 2.0 * breakaway.push * way;
         assert_eq!(watched.first(3000), None);
-        (watched.trembles, watched.now.following) = (false, 7.0);
+        (watched.trembles, watched.now.following) = (0, 7.0);
         assert_eq!(watched.first(100), None);
         // Nor is the duty of before, when it has gone.
         watched.now.duty = breakaway.holding;
@@ -337,16 +340,22 @@ fn a_bad_gap_reading_matters_while_pulses_are_on() {
         finds(None, "without", |w| w.now.quality = quality);
     }
     finds(None, "good", |w| w.now.pulses = true);
+    // A gate that is always open is none, where the average is made by it.
+    let open = |w: &mut Watched| (w.now.pulses, w.pulses) = (true, Some([0, 0]));
+    finds(Some((21, Fault::GateMissing)), "no edges", open);
+    let mut watched = Watched::with(|settings| settings.gap_average = Average::Plain);
+    open(&mut watched);
+    assert_eq!(watched.first(1000), None, "nobody needs them");
 }
 
 #[test]
 fn pulses_that_the_reflex_does_not_see_or_nobody_permitted_matter_while_the_head_is_enabled() {
-    finds(None, "good", |w| (w.now.permitted, w.pulses) = (true, [20, 10]));
-    finds(Some((2, Fault::ReflexLost)), "not converted", |w| (w.now.permitted, w.pulses) = (true, [20, 0]));
-    let short = |w: &mut Watched| (w.now.permitted, w.now.short, w.pulses) = (true, true, [20, 10]);
+    finds(None, "good", |w| (w.now.permitted, w.pulses) = (true, Some([20, 10])));
+    finds(Some((2, Fault::ReflexLost)), "not converted", |w| (w.now.permitted, w.pulses) = (true, Some([20, 0])));
+    let short = |w: &mut Watched| (w.now.permitted, w.now.short, w.pulses) = (true, true, Some([20, 10]));
     finds(Some((2, Fault::ReflexLost)), "shorts not found", short);
-    finds(Some((4, Fault::UnpermittedPulses)), "nobody permitted them", |w| w.pulses = [20, 10]);
-    let disabled = |w: &mut Watched| (w.now.state, w.now.closed, w.pulses) = (State::Disabled, false, [20, 10]);
+    finds(Some((4, Fault::UnpermittedPulses)), "nobody permitted them", |w| w.pulses = Some([20, 10]));
+    let disabled = |w: &mut Watched| (w.now.state, w.now.closed, w.pulses) = (State::Disabled, false, Some([20, 10]));
     finds(None, "disabled", disabled);
 }
 

@@ -196,7 +196,7 @@ impl Places {
                 bridge_fault, supply_low;
             "edm_hal_shim::safety::DriveCodes" DriveCodes: motor_current, bus_voltage;
             "edm_servo_head::head::supervise::Limits" SupervisionLimits: following, following_ms, runaway, velocity, resistance,
-                encoder_ms, gap_ms, host_ms, bus_min, current_max, current_ms;
+                encoder_ms, gated, gap_ms, host_ms, bus_min, current_max, current_ms;
             "edm_servo_head::head::positioning::MotionLimits" MotionLimits: velocity, acceleration, deceleration;
             "edm_servo_head::head::positioning::Home" Home: method, fast, slow, acceleration, at;
         );
@@ -505,6 +505,7 @@ fn limits(view: &View) -> Result<SupervisionLimits> {
         velocity: CountsPerSecond(view.float(at!(SupervisionLimits, velocity))?),
         resistance: view.float(at!(SupervisionLimits, resistance))?,
         encoder_ms: view.word(at!(SupervisionLimits, encoder_ms))?,
+        gated: view.flag(at!(SupervisionLimits, gated))?,
         gap_ms: view.word(at!(SupervisionLimits, gap_ms))?,
         host_ms: view.word(at!(SupervisionLimits, host_ms))?,
         bus_min: Volts(view.float(at!(SupervisionLimits, bus_min))?),

@@ -1,11 +1,12 @@
 //! Faults of the chip itself: what stops, what stands, what dies, what is wrong in its memories.
 
 use super::case::{Case, Expect};
-use super::rows::halt;
+use super::rows::{halt, unseen};
 use super::stage::{MS, Scene, Stage, US};
 use crate::commission::{BASE, LENGTH};
 use crate::host;
 use anyhow::{Context, Result, ensure};
+use edm_hal_shim::seal::PROGRAM;
 use edm_soc::{Exception, TICK_HZ};
 
 use Expect::{Harmless, Named};
@@ -26,6 +27,7 @@ const ON: f64 = f64::INFINITY;
 const SILENT: &[&str] = &["live signal lost", "log: task silent", "2009h:1 reset by the program", "2009h:1 watchdog"];
 const ENCODER: &[&str] = &["encoder lost", "following error"];
 const SIGNAL: &[&str] = &["gap signal invalid", "gate missing"];
+const REFLEX: &[&str] = &["reflex lost"];
 
 /// Registers (RM0090 2.3 and the register maps).
 const TIM1: u32 = 0x4001_0000;
@@ -63,12 +65,12 @@ pub fn stopped(cases: &mut Vec<Case>) {
     };
     add("TIM1, servo tick and PWM,", Named(SILENT, LIVE_US), TIM1, 1);
     add("TIM3, trigger of the gap conversions,", Named(SILENT, LIVE_US), TIM3, 1);
-    add("TIM4, blanking,", Named(SIGNAL, JUDGED_US), TIM4 + SMCR, 7);
+    add("TIM4, blanking,", Named(REFLEX, JUDGED_US), TIM4 + SMCR, 7);
     add("TIM5, encoder timer,", Named(ENCODER, STANDS_US), TIM5, 1);
     add("TIM7, supervision,", Named(SILENT, SUPERVISION_US), TIM7, 1);
     add("TIM8, edge stamps,", Named(SIGNAL, JUDGED_US), TIM8, 1);
     add("ADC1, gap voltage,", Named(SILENT, LIVE_US), ADC_CR2[0], 1);
-    add("ADC2, voltage and current in the pulse,", Named(SIGNAL, JUDGED_US), ADC_CR2[1], 1);
+    add("ADC2, voltage and current in the pulse,", Named(REFLEX, JUDGED_US), ADC_CR2[1], 1);
     add(
         "ADC3, motor current and bus voltage,",
         Named(&["encoder lost", "over-current", "bus voltage sag"], JUDGED_US),
@@ -77,7 +79,7 @@ pub fn stopped(cases: &mut Vec<Case>) {
     );
     add("DMA2 stream 0, gap voltage,", Named(SILENT, LIVE_US), stream(0), 1);
     add("DMA2 stream 2, edges of the gate,", Named(SIGNAL, JUDGED_US), stream(2), 1);
-    add("DMA2 stream 3, voltage and current in the pulse,", Named(SIGNAL, JUDGED_US), stream(3), 1);
+    add("DMA2 stream 3, voltage and current in the pulse,", Named(REFLEX, JUDGED_US), stream(3), 1);
     add("DMA2 stream 4, high comparator,", Harmless(None), stream(4), 1);
     add("DMA2 stream 7, low comparator,", Harmless(None), stream(7), 1);
     add(
@@ -108,7 +110,7 @@ pub fn stopped(cases: &mut Vec<Case>) {
 /// Tasks and their interrupts (RM0090 table 62), and what is expected when that does not come any more.
 fn tasks() -> [(&'static str, u32, Expect); 14] {
     [
-        ("reflex", 18, Named(SIGNAL, JUDGED_US)),
+        ("reflex", 18, unseen()),
         ("stop", 40, Harmless(Some((Box::new(open_lower), &["lower limit"], 200.0)))),
         ("bridge_fault", 24, Harmless(Some((Box::new(fault_bridge), &["bridge fault"], 200.0)))),
         ("encoder_a", 6, Named(ENCODER, STANDS_US)),
@@ -163,6 +165,13 @@ pub fn clocks(cases: &mut Vec<Case>) {
         );
         cases.push(case.short());
     }
+    cases.push(
+        Case::new("supply falls to 2.5 V", Eroding, Named(&["supply low"], 100.0), |stage| {
+            stage.rig.machine_mut().soc().set_supply(2500);
+            Ok(())
+        })
+        .powered(),
+    );
     cases.push(Case::new("core halted for 2 ms", Eroding, Named(&["live signal lost"], MONOSTABLE_US), halt));
     cases.push(
         Case::new(
@@ -327,6 +336,14 @@ pub fn stored(cases: &mut Vec<Case>) {
         Case::new("stored settings: power cut while they are written", Disabled, Named(LOST, ON), |stage| {
             ensure!(!store(stage, 1)?.is_empty(), "nothing is being stored");
             stage.mark();
+            stage.power();
+            Ok(())
+        })
+        .powered(),
+    );
+    cases.push(
+        Case::new("image: a bit flipped", Disabled, Named(&["self-test failed"], ON), |stage| {
+            spoil(stage, PROGRAM + 0x1000)?;
             stage.power();
             Ok(())
         })

@@ -40,6 +40,7 @@ const ON: f64 = f64::INFINITY;
 const ENCODER: &[&str] = &["encoder lost", "following error"];
 /// What is said of a gap signal that is not one.
 const SIGNAL: &[&str] = &["gap signal invalid", "gate missing"];
+const REFLEX: &[&str] = &["reflex lost"];
 const LIVE: &[&str] = &["live signal lost"];
 
 /// Every case, in the order of the page.
@@ -172,6 +173,8 @@ fn table(cases: &mut Vec<Case>) {
             add(Case::new(name, scene, Named(&["over-current"], JUDGED_US), inject));
         }
     }
+    let disobeys = wired(|w| w.disobeys = true);
+    add(Case::new("generator does not obey", Positioning, Named(&["pulses without permission"], ON), disobeys));
     add(Case::new("work 1.5 mm nearer", Positioning, Named(&["contact"], ON), wired(|w| w.raised_mm = -1.7)));
     // Swapped when it was serviced: the first motion would go the wrong way, but for the upper stop.
     let names = &["following error", "encoder lost", "polarity wrong"];
@@ -226,6 +229,15 @@ fn circuits() -> [(&'static str, Broken); 8] {
     ]
 }
 
+/// The reflex is blind, which shows at the next short; until then it was not asked for.
+pub fn unseen() -> Expect {
+    let short = |stage: &mut Stage| {
+        stage.wires().short = true;
+        Ok(())
+    };
+    Harmless(Some((Box::new(short), &["reflex lost", "persistent short"], SHORT_US)))
+}
+
 /// Holds what a converter gives.
 fn converter(stage: &mut Stage, channel: (u8, u8), code: u16) -> Result<()> {
     stage.rig.machine_mut().soc().world.codes.push((channel, code));
@@ -264,7 +276,7 @@ fn pins(cases: &mut Vec<Case>) {
             if high { Named(ENCODER, ON) } else { Harmless(None) }
         }),
         ("gate", GATE[0], None, |_| Named(SIGNAL, GAP_US)),
-        ("gate at the blanking timer", GATE[1], None, |_| Named(SIGNAL, GAP_US)),
+        ("gate at the blanking timer", GATE[1], None, |_| Named(REFLEX, GAP_US)),
         // For the log alone.
         ("high comparator", COMPARATORS[0], None, |_| Harmless(None)),
         ("low comparator", COMPARATORS[1], None, |_| Harmless(None)),
@@ -304,8 +316,8 @@ fn pins(cases: &mut Vec<Case>) {
             Line::Open => Named(&["gap signal invalid", "gate missing", "persistent short"], SHORT_US),
             _ => Named(&["gap signal invalid", "contact"], GAP_US),
         }),
-        ("gap voltage in the pulse", (2, GATED), |_| Named(SIGNAL, GAP_US)),
-        ("gap current", (2, GAP_CURRENT), |_| Named(SIGNAL, GAP_US)),
+        ("gap voltage in the pulse", (2, GATED), |_| unseen()),
+        ("gap current", (2, GAP_CURRENT), |_| unseen()),
         ("motor current", (3, MOTOR_CURRENT), |line| match line {
             Line::Open => Named(ENCODER, ON),
             _ => Named(&["over-current"], JUDGED_US),
