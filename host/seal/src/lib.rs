@@ -70,7 +70,7 @@ fn contents(seal: u32, segments: &[Segment]) -> Result<(Vec<u8>, Vec<u8>), Strin
         }
     }
     program.resize(program.len().next_multiple_of(4), ERASED);
-    if table.is_empty() || table.len() % 4 != 0 || program.is_empty() {
+    if table.is_empty() || !table.len().is_multiple_of(4) || program.is_empty() {
         return Err("vector table or program is missing".into());
     }
     Ok((table, program))

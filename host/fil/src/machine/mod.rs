@@ -229,12 +229,19 @@ impl<W: World + 'static> Machine<W> {
         Ok(())
     }
 
-    /// Moves the stack pointer, as a program does that calls deeper and deeper.
+    /// Moves the stack pointer, as a program does that calls deeper and deeper; the newest of what lies on the stack goes along.
     ///
     /// # Errors
     /// When the engine refuses.
     pub fn set_stack(&mut self, address: u32) -> Result<()> {
-        self.set(R::SP, address & !7)
+        const NEWEST: u32 = 1024;
+        let from = self.get(R::SP)?;
+        let sram = &self.uc.get_data().soc.memory.sram;
+        let newest: Vec<_> = (0..NEWEST).step_by(4).map_while(|at| Some((at, sram.load(from + at, 4)?))).collect();
+        for (at, word) in newest {
+            sram.store(address + at, 4, word);
+        }
+        self.set(R::SP, address)
     }
 
     /// The word at `address`, as a debugger would read it.

@@ -213,7 +213,8 @@ fn a_cycle_counter_that_a_debugger_has_stopped_is_named_and_goes_on() {
     assert_eq!(session.fault().unwrap(), Some(Fault::ClockLost));
     assert_eq!(session.machine.soc().read(DEMCR, 4), Ok(1 << 24));
     session.machine.soc().world.calm();
-    session.idle(20 * MS).unwrap();
+    // The reaction shows until the head stands.
+    session.idle(60 * MS).unwrap();
     session.command(Command::ResetFault).unwrap();
     session.enable().unwrap();
     assert_eq!(session.machine.stats().resets, 0);

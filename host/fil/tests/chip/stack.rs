@@ -20,6 +20,15 @@ fn image() -> Image {
     Image::parse(common::firmware().to_vec()).unwrap()
 }
 
+/// Between two tasks.
+fn move_stack(session: &mut Session, to: u32) {
+    while !session.machine.soc().nvic().nesting().is_empty() {
+        let next = session.machine.soc().now() + 8;
+        session.machine.run_until(next).unwrap();
+    }
+    session.machine.set_stack(to).unwrap();
+}
+
 /// The chip has been reset once and says why; before that pulses and bridge went off.
 #[track_caller]
 fn expect_named(session: &mut Session) {
@@ -35,7 +44,7 @@ fn an_interrupt_whose_frame_would_lie_in_the_guard_switches_off_and_is_named() {
     let mut session = Session::ready(&image(), RATED_SCENE).unwrap();
     session.erode().unwrap();
     assert!(session.machine.soc().world.drives());
-    session.machine.set_stack(END + 16).unwrap();
+    move_stack(&mut session, END + 16);
     let before = session.machine.soc().memory.sram.clone();
     let now = session.machine.soc().now();
     // The next one comes within a tick.
@@ -53,7 +62,7 @@ fn without_the_guard_nobody_would_notice() {
     let alter: Alter = Box::new(|address, _, value| if address == MPU_CTRL { 0 } else { value });
     let mut session = Session::altered(&image(), RATED_SCENE, Some(alter)).unwrap();
     session.erode().unwrap();
-    session.machine.set_stack(END + 16).unwrap();
+    move_stack(&mut session, END + 16);
     let now = session.machine.soc().now();
     session.machine.run_until(now + MS / 10).unwrap();
     assert!(session.machine.soc().world.drives());
@@ -80,7 +89,7 @@ fn a_function_that_reaches_into_the_guard_switches_off_and_is_named() {
 fn the_last_word_of_the_stack_may_be_used() {
     let mut session = Session::booted(&image(), Rig::new(RATED_SCENE), None).unwrap();
     // A frame without the registers of the FPU, and one with them, of as many nested interrupts as may come.
-    session.machine.set_stack(END + 12 * 1024).unwrap();
+    move_stack(&mut session, END + 12 * 1024);
     session.idle(5 * MS).unwrap();
     assert_eq!(session.machine.stats().resets, 0);
 }

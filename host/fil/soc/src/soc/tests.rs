@@ -108,8 +108,8 @@ fn a_register_that_is_not_modelled_is_named() {
     );
     assert_eq!(soc.error(), Some(error));
     assert!(error.to_string().contains("USART1 + 0x004"), "{error}");
-    let error = soc.write(GPIOA + 0x1c, 4, 1).unwrap_err();
-    assert!(error.to_string().starts_with("4-byte write of 0x1 to GPIOA + 0x01c"), "{error}");
+    let error = soc.write(GPIOA + 0x2c, 4, 1).unwrap_err();
+    assert!(error.to_string().starts_with("4-byte write of 0x1 to GPIOA + 0x02c"), "{error}");
 }
 
 #[test]
