@@ -98,19 +98,26 @@ class Host:
         eventually("the target is reached", lambda: drive.statusword & 1 << 10, 20)
 
     def stream(self, positions, period_s=0.01):
-        """Cyclic synchronous position: a set point and a SYNC each period; the positions that came back."""
+        """Cyclic synchronous position: a set point and a SYNC each period; the positions that came back, one for each.
+
+        A loaded computer lets simulated time go more slowly than its clock: the next SYNC waits for the answer to the last.
+        """
         drive = self.drive
         back = []
         drive.tpdo[2].add_callback(lambda pdo: back.append(pdo[0].raw))
         drive.rpdo[2][0].raw = self.position()
         drive.rpdo[2].transmit()
         self.network.sync.transmit()
+        eventually("an answer to the first SYNC", lambda: back)
+        back.clear()
         drive.op_mode = "CYCLIC SYNCHRONOUS POSITION"
         due = time.monotonic()
         for position in positions:
+            answered = len(back)
             drive.rpdo[2][0].raw = position
             drive.rpdo[2].transmit()
             self.network.sync.transmit()
+            eventually("an answer to the SYNC", lambda: len(back) > answered)
             due += period_s
             time.sleep(max(0.0, due - time.monotonic()))
         return back
