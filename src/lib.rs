@@ -7,6 +7,7 @@
 //! | room | responsible for |
 //! | --- | --- |
 //! | [`units`] | quantities and the only scale factors |
+//! | [`kept`] | settings that a task runs, kept twice |
 //! | [`dsp`] | filters: coefficients and state apart |
 //! | [`encoder`] | quadrature decoding, index marks, velocity, plausibility |
 //! | [`gap`] | gap sources: converter codes to one [`gap::GapReading`] |
@@ -31,6 +32,7 @@ pub mod encoder;
 pub mod feed;
 pub mod gap;
 pub mod head;
+pub mod kept;
 pub mod motion;
 pub mod path;
 pub mod servo;

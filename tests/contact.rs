@@ -146,6 +146,27 @@ fn homing_into_the_work_is_a_contact() {
     assert_eq!((machine.status().fault, machine.status().homing), (Some(Fault::Contact), HomingState::No));
 }
 
+#[test]
+fn a_motion_broken_off_just_above_the_work_does_not_come_to_rest_in_it() {
+    let mut felt = 0;
+    for tenths in (10..=80).step_by(5) {
+        let mut machine = ready(&Settings::default(), tenths);
+        machine.command(Command::Position(mm(2.5), at(5.0))).unwrap();
+        let gap = tenths as f64 * 0.1;
+        while machine.process.truth().gap_um > gap {
+            machine.tick();
+        }
+        // The set point stands at once, ahead of the head.
+        machine.command(Command::Brake(MicrometresPerSecond2(1e8))).unwrap();
+        let force = run(&mut machine, 2.0);
+        assert!(force <= APPROACHING, "{gap} um above the work: {force} N");
+        let status = machine.status();
+        felt += u32::from(status.fault == Some(Fault::Contact));
+        assert!(matches!(status.fault, None | Some(Fault::Contact)), "{gap} um above the work: {:?}", status.fault);
+    }
+    assert!(felt > 0, "what the test is about");
+}
+
 /// A head that has moved and come to rest, before anything breaks that would feel a contact.
 fn without_sense(signal: &str) {
     let mut machine = ready(&Settings::default(), 1);

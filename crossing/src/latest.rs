@@ -148,6 +148,16 @@ impl<T> Writer<'_, T> {
         generation
     }
 
+    /// Whether the newest value published has not been taken yet. Once false it stays so until the next write.
+    #[inline]
+    pub fn is_unread(&self) -> bool {
+        point();
+        // Relaxed: nothing of the value is used.
+        let unread = self.shared.middle.load(Relaxed) & FRESH != 0;
+        point();
+        unread
+    }
+
     /// Generation of the newest value published.
     #[inline]
     pub fn generation(&self) -> u32 {

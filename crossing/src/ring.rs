@@ -11,7 +11,8 @@ use crate::sync::{AtomicU32, AtomicUsize, UnsafeCell, const_unless_loom, own, va
 use core::mem::MaybeUninit;
 use core::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 
-/// Room for N events; with a power of two a place is turned into a slot by one instruction. All zero at first, so that a static one takes no flash.
+/// Room for N events; with a power of two a place is turned into a slot by one instruction. All zero at first, so that a static
+/// one takes no flash.
 pub struct Ring<T, const N: usize> {
     /// Filled from `front` to before `back`, vacant elsewhere.
     slots: [UnsafeCell<MaybeUninit<T>>; N],

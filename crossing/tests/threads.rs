@@ -62,13 +62,13 @@ fn the_initial_value_counts_as_accepted_and_a_verdict_is_of_the_value_taken() {
     let (mut writer, mut reader) = latest.split('a');
     assert_eq!((*reader.get(), reader.generation(), writer.generation()), ('a', 0, 0));
     assert_eq!(writer.verdict(), Verdict { generation: 0, accepted: true });
-    assert!(!reader.is_fresh() && !reader.refresh());
+    assert!(!writer.is_unread() && !reader.is_fresh() && !reader.refresh());
     writer.write(|slot| *slot = 'b');
     writer.write(|slot| *slot = 'c');
     assert_eq!(writer.generation(), 2);
     reader.refuse();
     assert_eq!(writer.verdict(), Verdict { generation: 0, accepted: false });
-    assert!(reader.is_fresh() && reader.refresh() && !reader.refresh());
+    assert!(writer.is_unread() && reader.is_fresh() && reader.refresh() && !reader.refresh() && !writer.is_unread());
     assert_eq!((*reader.get(), reader.generation()), ('c', 2));
     reader.accept();
     assert_eq!(writer.verdict(), Verdict { generation: 2, accepted: true });

@@ -3,14 +3,15 @@
 use core::borrow::Borrow;
 use edm_hal_shim::stm32f4::pac::Interrupt;
 use edm_hal_shim::stm32f4::{
-    blocks, can, cycles, drive, encoder, flash, gate, gated, generator, lines, live, pwm, safety, timebase, watchdog,
+    blocks, can, cycles, drive, encoder, flash, gate, gated, generator, lines, live, pwm, registers, safety, timebase,
+    watchdog,
 };
 use edm_hal_shim::store::Store;
 use edm_runtime::board::{Board, Caller, Pulse};
 use edm_runtime::{Note, Signals};
 use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::Voltage;
-use edm_servo_head::head::WritePermit;
+use edm_servo_head::head::{Status, WritePermit};
 
 /// The vector that runs the plan task; its peripheral is not in use.
 pub const PLAN: Interrupt = Interrupt::SPI2;
@@ -51,6 +52,7 @@ impl Board for Chip {
     type Live = live::Signal;
     type Tick = pwm::Tick;
     type Millisecond = timebase::Millisecond;
+    type Registers = registers::Registers;
     type Thresholds = gated::Thresholds;
     type Inboxes = can::Receiver;
     type Sync = can::SyncWaits;
@@ -93,7 +95,15 @@ impl Caller for Rtic {
             | Note::BootRefused(_) => {
                 defmt::error!("{}", note);
             }
-            Note::Pulses(_) => defmt::info!("{}; {}", note, gate::captures()),
+            // A message is one critical section, for which the protocol waits: a few words each, and not all that is known.
+            Note::Status(Status { state, fault, position, following, gap, late_plans, .. }) => {
+                defmt::info!("{}, {}, at {=i64}, {=f32} behind", state, fault, position, following);
+                defmt::info!("gap {=f32} V, {}; {=u32} plans late", gap.filtered.0, gap.quality, late_plans);
+            }
+            Note::Pulses(Pulse { shorts, codes: [current, voltage] }) => {
+                defmt::info!("{=u32} shorts, newest pulse {=u16}, {=u16}", shorts, current, voltage);
+                defmt::info!("{}", gate::captures());
+            }
             _ => defmt::info!("{}", note),
         }
     }

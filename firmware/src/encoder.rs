@@ -1,8 +1,8 @@
 //! The encoder's interrupts: vectors beside those of RTIC.
 //!
-//! A task of RTIC saves BASEPRI and restores it behind a barrier, and needs a frame for that: 20 of 86 cycles, estimated, at each
-//! edge. These three need neither. They own nothing that RTIC would have to hand out: the count is a static of atomics, and
-//! what is left of the decoder has no bytes. `edm_hal_shim::stm32f4::encoder` gives them the priority of the task table.
+//! A task of RTIC saves BASEPRI and restores it behind a barrier, and needs a frame for that: 20 of 86 cycles, estimated, at
+//! each edge. These three need neither. They own nothing that RTIC would have to hand out: the count is a static of atomics,
+//! and what is left of the decoder has no bytes. `edm_hal_shim::stm32f4::encoder` gives them the priority of the task table.
 
 use crate::chip::{Chip, Count};
 use edm_hal_shim::encoder::Line;

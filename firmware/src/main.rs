@@ -1,8 +1,8 @@
 //! The firmware: which task does what, at which priority, by when.
 //!
-//! On the chip this is an RTIC 2 application. What a task does, and what crosses from one to another, is in `edm_runtime`, which
-//! a PC runs as well; the three highest take no lock at all. The core computes, and `edm_hal_shim::stm32f4` knows the registers. What each task costs in the worst case is in docs/performance.md; the costs
-//! named here are estimates.
+//! On the chip this is an RTIC 2 application. What a task does, and what crosses from one to another, is in `edm_runtime`,
+//! which a PC runs as well; the three highest take no lock at all. The core computes, and `edm_hal_shim::stm32f4` knows the
+//! registers. What each task costs in the worst case is in docs/performance.md; the costs named here are estimates.
 //!
 //! On a PC the same binary prints what it is: tables of the boards, clocks, timers, DMA streams, CAN bit timing, tasks.
 #![cfg_attr(target_arch = "arm", no_std, no_main)]
@@ -101,8 +101,8 @@ mod app {
         safety::bridge_fault();
     }
 
-    /// Deadline: 5 us from the edge to the pins. The chip's supply falls. Atomics only. Cost: 0.5 us, once. Late: the brown-out reset
-    /// comes first, and lets the pins go as well.
+    /// Deadline: 5 us from the edge to the pins. The chip's supply falls. Atomics only. Cost: 0.5 us, once. Late: the brown-out
+    /// reset comes first, and lets the pins go as well.
     #[task(binds = PVD, priority = 8)]
     fn supply(_: supply::Context) {
         safety::supply();
@@ -117,15 +117,15 @@ mod app {
     }
 
     /// Deadline: the next tick, 50 us. Position, velocity, cascade, duty, and what is urgent. Outputs take effect with the next
-    /// update of the timer, exactly. Neither logs nor locks. Cost: 5 us, moving 7 us, at worst 12.5 us, 20 000 times a second. Late by a whole
-    /// tick: the duty of the tick before holds on.
+    /// update of the timer, exactly. Neither logs nor locks. Cost: 5 us, moving 6.5 us, at worst 13 us, 20 000 times a second.
+    /// Late by a whole tick: the duty of the tick before holds on.
     #[task(binds = TIM1_UP_TIM10, priority = 5, local = [servo])]
     fn servo(cx: servo::Context) {
         cx.local.servo.tick();
     }
 
-    /// Deadline: 100 us, the second tick after the one that asks for it. States, feed law, limits, path. The vector is that of a
-    /// peripheral not in use. Cost: 19 us, 4000 times a second. Late: the trajectory goes on in a straight line; late for a
+    /// Deadline: 100 us, the second tick after the one that asks for it. States, feed law, limits, path. The vector is that of
+    /// a peripheral not in use. Cost: 19 us, 4000 times a second. Late: the trajectory goes on in a straight line; late for a
     /// millisecond, the head coasts.
     #[task(binds = SPI2, priority = 4, local = [plan])]
     fn plan(cx: plan::Context) {

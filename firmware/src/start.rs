@@ -131,6 +131,7 @@ pub fn start(
         clock: machine.clock,
         caller: Rtic,
         self_test: machine.self_test,
+        registers: machine.registers,
         published: (Count, &ENCODER),
         lines: machine.lines,
         guard: machine.guard,

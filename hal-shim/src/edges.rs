@@ -2,8 +2,8 @@
 //!
 //! The gate's edges are stamped by a timer that runs in phase with the conversions and stored by DMA, so that no pulse
 //! costs the processor anything. Once a block, [`gate_mask`] walks back through the newest stamps and sets, for each stretch of
-//! open gate, the bits of the conversions whose whole aperture lies in it. *Age*: clock cycles before the moment of reading. *Aperture*: the
-//! time in which a conversion samples its input.
+//! open gate, the bits of the conversions whose whole aperture lies in it. *Age*: clock cycles before the moment of reading.
+//! *Aperture*: the time in which a conversion samples its input.
 
 use crate::board::{ADC, CORE_HZ, EDGE_MODULUS, GAP_SAMPLING, SERVO};
 use crate::gap::{BLOCK, GapBlock};

@@ -126,7 +126,7 @@ impl Run {
     }
 }
 
-/// What the pulses have done so far, by three parts of the hardware that know nothing of each other. Each wraps at
+/// What the pulses have done so far, by parts of the hardware that know nothing of each other. Each count wraps at
 /// [`EDGE_COUNT`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -137,6 +137,10 @@ pub struct PulseCounts {
     pub conversions: u8,
     /// Pulses that the reflex has found short.
     pub shorts: u8,
+    /// Edges of the high comparator, and of the low one.
+    pub comparators: [u8; 2],
+    /// Gap current and gap voltage of the newest pulse, converter codes.
+    pub newest: [u16; 2],
 }
 
 /// The lines that reflex and stop force at any moment, seen from the servo task.

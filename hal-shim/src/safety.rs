@@ -110,6 +110,8 @@ pub struct DriveCodes {
 pub trait DriveSense {
     /// Newest conversions.
     fn read(&mut self) -> DriveCodes;
+    /// Whether nothing has been converted since the last call, which was a tick ago or earlier.
+    fn stands(&mut self) -> bool;
 }
 
 #[cfg(test)]

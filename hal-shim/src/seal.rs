@@ -1,8 +1,8 @@
 //! The seal of an image: by which a head knows at its start that its flash holds what was built.
 //!
 //! The linker leaves it erased; what seals an image (`host/seal`) fills it in. The sum is that of the chip's CRC unit (RM0090
-//! section 4: polynomial 04C11DB7h from FFFFFFFFh, words most significant bit first), over the words from the vector table up to the
-//! seal and then those of the program. Between them lie the settings, which change. What no programmer writes is erased.
+//! section 4: polynomial 04C11DB7h from FFFFFFFFh, words most significant bit first), over the words from the vector table up
+//! to the seal and then those of the program. Between them lie the settings, which change. What no programmer writes is erased.
 
 /// First address of the flash: the vector table, and behind it the seal.
 pub const VECTORS: u32 = 0x0800_0000;

@@ -1,6 +1,13 @@
 //! What a board finds of itself at its start, before anything of it could drive. A head on a board that has found something is
 //! not enabled (`Fault::Unfit` of the core).
 
+/// The part of it that goes on while the head runs.
+pub trait Registers {
+    /// Looks at one of the registers that are written once: false when all of them have been looked at and one is not what it
+    /// was in the first round.
+    fn is_intact(&mut self) -> bool;
+}
+
 /// What has failed, a bit each: object 2009h:3.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -10,7 +10,7 @@ use crate::image_store::ImageStore;
 use crate::live::{self, ClockCheck};
 use crate::plan::{Carried, Plans};
 use crate::protocol::{Configuring, Protocol, Uptime};
-use crate::servo::Servo;
+use crate::servo::{Chore, FIRST_CHORE, Servo};
 use crate::supervise::Supervise;
 use crate::timers::Timers;
 use edm_crossing::ring::{Receiver, Sender};
@@ -27,9 +27,9 @@ use edm_servo_head::head::{
     Counters, Estimate, Fault, Follower, Judged, Measured, Plan, Planner, State, Status, Supervisor, TickInput,
     WritePermit,
 };
+use edm_servo_head::kept::Kept;
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{Active, Settings};
-use edm_servo_head::units::TICKS_PER_MS;
 
 pub use crate::protocol::HostEnds;
 
@@ -40,6 +40,7 @@ pub struct Parts<B: Board> {
     pub caller: B::Caller,
     /// What the board has found of itself.
     pub self_test: SelfTest,
+    pub registers: B::Registers,
     /// Where the decoder publishes, twice: as its task knows it and as its readers do.
     pub published: (B::Published, &'static Published),
     pub lines: B::Lines,
@@ -61,7 +62,8 @@ pub struct Parts<B: Board> {
     pub sync: B::Sync,
 }
 
-/// Every task with what it owns, but for protocol and idle: those need what is stored, [`Host::protocol`] and [`IdleEnds::idle`].
+/// Every task with what it owns, but for protocol and idle: those need what is stored, [`Host::protocol`] and
+/// [`IdleEnds::idle`].
 #[allow(missing_docs, reason = "each is the task of its name")]
 pub struct Tasks<B: Board> {
     pub decoder: Decoder<B>,
@@ -104,8 +106,8 @@ pub struct IdleEnds<B: Board> {
 ///
 /// # Errors
 /// When the thresholds of the reflex are refused.
-// In line, as the two that it calls with as much to say: each task is then built where it stays, in a frame of 3.3 KiB for all of
-// start-up instead of 4.7.
+// In line, as the two that it calls with as much to say: each task is then built where it stays, in a frame of 3.3 KiB for all
+// of start-up instead of 4.7.
 #[inline(always)]
 pub fn assemble<B: Board>(
     parts: Parts<B>,
@@ -191,7 +193,8 @@ pub fn assemble<B: Board>(
             fresh: false,
             quality: Quality::Missing,
             once: false,
-            millisecond: TICKS_PER_MS,
+            millisecond: FIRST_CHORE,
+            chore: Chore::Announce,
             preview: None,
             reading,
             faults,
@@ -233,6 +236,8 @@ pub fn assemble<B: Board>(
             count: 0,
             judged_tick: 0,
             measured,
+            kept: Kept::NEW,
+            registers: parts.registers,
             config: supervision,
             faults: faults_in,
             judged: judged_in,

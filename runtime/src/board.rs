@@ -11,6 +11,7 @@ use edm_hal_shim::generator::Generator;
 use edm_hal_shim::live::Live;
 use edm_hal_shim::reflex::{ForcedLines, Thresholds};
 use edm_hal_shim::safety::{DriveSense, Safety};
+use edm_hal_shim::self_test::Registers;
 use edm_hal_shim::store::Storage;
 use edm_hal_shim::tick::{Period, ServoTimer};
 use edm_hal_shim::watchdog::Watchdog;
@@ -33,11 +34,18 @@ pub struct Pulse {
 pub trait Tunable: GapSource {
     /// Runs other settings from the next block on, without a bump.
     fn retune(&mut self, active: &voltage::Active);
+    /// Looks at a part of the settings: false once they have changed by themselves.
+    fn is_intact(&mut self) -> bool;
 }
 
 impl Tunable for voltage::Voltage {
     fn retune(&mut self, active: &voltage::Active) {
         voltage::Voltage::retune(self, *active);
+    }
+
+    #[inline]
+    fn is_intact(&mut self) -> bool {
+        voltage::Voltage::is_intact(self)
     }
 }
 
@@ -73,6 +81,8 @@ pub trait Board {
     type Tick: ServoTimer;
     /// Timer of the supervision.
     type Millisecond: Period;
+    /// Registers that are written once.
+    type Registers: Registers;
     /// Thresholds of the reflex.
     type Thresholds: Thresholds;
     /// Frames that came.

@@ -70,10 +70,14 @@ pub struct Signals {
     pub lost_ticks: Word,
     /// Blocks of conversions that did not come.
     pub lost_blocks: Word,
+    /// Pulses that the high comparator has not shown, and the low one, thousands.
+    pub unseen: [Word; 2],
     /// Frames did not fit the ring to the controller: the protocol wants to run when it is empty.
     pub backlog: Flag,
     /// A frame came in since the last supervision.
     pub host: Flag,
+    /// A task has found that the settings that it runs, or a register, have changed by themselves. Set until another start.
+    pub settings_damaged: Flag,
     /// What the reflex acts on.
     pub reflex: Limits,
     /// The clock has not gone as the ticks have: idle starts it again.
@@ -100,8 +104,10 @@ impl Signals {
             lost_changes: Word::new(0),
             lost_ticks: Word::new(0),
             lost_blocks: Word::new(0),
+            unseen: [const { Word::new(0) }; 2],
             backlog: Flag::new(),
             host: Flag::new(),
+            settings_damaged: Flag::new(),
             reflex: Limits::new(),
             clock_lost: Flag::new(),
             task_watchdog: TaskWatchdog::new(SILENCE),

@@ -38,6 +38,9 @@ impl<B: Board> Gap<B> {
         }
         self.signals.short_ticks.store(reading.short_ticks);
         self.signals.touches.store(reading.touches.into());
+        if !self.source.is_intact() {
+            self.signals.settings_damaged.set();
+        }
         if self.settings.is_fresh() {
             self.retune();
         }

@@ -42,8 +42,8 @@ impl<B: Board> ImageStore<B> {
         self.image
     }
 
-    /// The same for a head that runs: reading takes some milliseconds, in which nothing feeds the watchdog, and the closest watch
-    /// allows eleven.
+    /// The same for a head that runs: reading takes some milliseconds, in which nothing feeds the watchdog, and the closest
+    /// watch allows eleven.
     pub fn load_watched(&mut self, watchdog: &mut B::Watchdog) -> &StoredImage {
         let patient = watchdog.erase();
         self.load();

@@ -1,8 +1,8 @@
 //! The tasks of a head, and all that crosses between them.
 //!
 //! A *task* is what one interrupt runs, at one priority; a file here is a task with everything it owns. It runs over a
-//! [`Board`], which names one implementation for each trait of hal-shim: the chip's registers in the firmware, the process model
-//! on a PC. So what is compiled for the chip and what a test runs is one source: control core, tasks, queues.
+//! [`Board`], which names one implementation for each trait of hal-shim: the chip's registers in the firmware, the process
+//! model on a PC. So what is compiled for the chip and what a test runs is one source: control core, tasks, queues.
 //!
 //! A *crossing* is a value that passes from one priority to another. All of them are declared in [`crossings`], and there are
 //! three kinds (`edm_crossing`):

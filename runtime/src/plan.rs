@@ -93,6 +93,9 @@ impl<B: Board> Plans<B> {
             }
         }
         self.signals.lost_changes.store(planner.lost_changes());
+        if !planner.is_intact() {
+            self.signals.settings_damaged.set();
+        }
         if answered {
             self.caller.protocol();
         }

@@ -134,11 +134,13 @@ impl<B: Board> Protocol<B> {
         let ends = &self.ends;
         let rings = [ends.changes.lost(), ends.commissioned.lost(), ends.answers.lost()];
         let before_them = [self.signals.lost_faults.load(), self.signals.lost_changes.load()];
+        let [high, low] = &self.signals.unseen;
         let lost = Lost {
             frames,
             events: rings.into_iter().chain(before_them).fold(0, u32::wrapping_add),
             ticks: self.signals.lost_ticks.load(),
             blocks: self.signals.lost_blocks.load(),
+            unseen: [high.load(), low.load()],
         };
         let before = core::mem::replace(&mut self.lost, lost);
         let (overrun, events) = (lost.frames != before.frames, Lost { frames: before.frames, ..lost } != before);

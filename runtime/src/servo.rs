@@ -17,12 +17,31 @@ use edm_hal_shim::generator::Generator;
 use edm_hal_shim::reflex::ForcedLines;
 use edm_hal_shim::safety::{DriveSense, Safety};
 use edm_hal_shim::tick::ServoTimer;
-use edm_servo_head::encoder::{DecoderCount, Handover, TimerCount};
+use edm_servo_head::encoder::{DecoderCount, Handover, Snapshot, TimerCount};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{
     Counters, Estimate, Fault, Follower, Measured, Plan, Reaction, SetPoint, State, TickInput, TickOutput,
 };
-use edm_servo_head::units::TICKS_PER_MS;
+use edm_servo_head::units::{PLAN_TICKS, TICKS_PER_MS};
+
+/// Tick in which the first chore is due: the estimates begin with tick 1, and the supervision is then given what it judges when a
+/// millisecond is over.
+pub(crate) const FIRST_CHORE: u32 = TICKS_PER_MS - 6;
+
+/// What the servo task does once a millisecond.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Chore {
+    /// Has the next tick compare, if that is to do nothing else.
+    Announce,
+    /// Both counters are read before anything else.
+    Compare,
+    /// Gives the supervision what it judges.
+    Measure,
+    /// Tells of the millisecond.
+    Tell,
+    /// Looks at the settings.
+    Look,
+}
 
 type Forced<B> = <<B as Board>::Forced as ForcedLines>::Mark;
 
@@ -62,8 +81,9 @@ pub struct Servo<B: Board> {
     pub(crate) quality: Quality,
     /// Something in the input was for its tick alone.
     pub(crate) once: bool,
-    /// Tick that tells of a millisecond.
+    /// Tick from which on the next chore of a millisecond is due, and which that is.
     pub(crate) millisecond: u32,
+    pub(crate) chore: Chore,
     /// What the next SYNC releases, and how many had come before.
     pub(crate) preview: Option<(SetPoint, u32)>,
     pub(crate) reading: Reader<'static, GapReading>,
@@ -99,10 +119,6 @@ impl<B: Board> Servo<B> {
         if self.once {
             self.forget();
         }
-        // Before what waits, which may have come after that SYNC.
-        if self.preview.is_some() {
-            self.synchronise();
-        }
         // Who sets it has a lower priority: nothing can come in between.
         if self.signals.waiting.is_set() {
             self.signals.waiting.clear();
@@ -121,7 +137,7 @@ impl<B: Board> Servo<B> {
         } else if output.begins {
             self.begins();
         } else if self.follower.number().wrapping_sub(self.millisecond) as i32 >= 0 {
-            self.tell(output.drive);
+            self.chore(output.drive);
         }
         self.signals.times[SERVO].ran(self.tick.since_due());
         self.live.toggle();
@@ -130,17 +146,17 @@ impl<B: Board> Servo<B> {
     #[inline(always)]
     fn inputs(&mut self) {
         let storm = self.guard.serve();
-        if storm || self.handover.timer_leads() || self.is_millisecond_in(2) {
-            self.compare_counters(storm);
+        if storm || self.handover.timer_leads() {
+            self.input.encoder = self.read_counters(storm).raw;
         } else {
             self.input.encoder = self.handover.count(self.decoder.read());
         }
         if self.follower.wants_gap() {
             self.take_reading();
         }
-        let input = &mut self.input;
-        input.short_ticks = self.signals.short_ticks.load();
-        input.touches = self.signals.touches.load() != 0;
+        let (input, signals) = (&mut self.input, self.signals);
+        input.short_ticks = signals.short_ticks.load();
+        input.touches = signals.touches.load() != 0;
         let retreats = self.lines.retreats();
         if retreats != self.retreats {
             self.retreats = retreats;
@@ -153,19 +169,18 @@ impl<B: Board> Servo<B> {
         }
     }
 
-    /// Whether a millisecond is to be told of so many ticks after the newest one.
-    #[inline]
-    fn is_millisecond_in(&self, ticks: u32) -> bool {
-        self.follower.number().wrapping_add(ticks) == self.millisecond
-    }
-
     /// What was for the tick before alone.
     #[cold]
     fn forget(&mut self) {
-        self.once = false;
+        self.once = self.preview.is_some();
         let input = &mut self.input;
         (input.reflex, input.asked) = (false, false);
         (input.told, input.set_point) = (None, None);
+        // Before what waits, which may have come after that SYNC.
+        self.synchronise();
+        if self.chore == Chore::Compare {
+            self.compare();
+        }
     }
 
     /// A safety input is unsafe, or was in the tick before.
@@ -176,11 +191,11 @@ impl<B: Board> Servo<B> {
 
     /// For the supervision, or while the timer leads: both counters.
     #[cold]
-    fn compare_counters(&mut self, storm: bool) {
+    fn read_counters(&mut self, storm: bool) -> &Snapshot {
         let timer = self.timer.read();
-        let used = self.handover.read(self.decoder.snapshot(), timer, storm);
-        self.input.encoder = used.raw;
-        self.counters = Counters { used, watch: Some(timer), pulses: self.lines.pulses() };
+        self.counters.used = self.handover.read(self.decoder.snapshot(), timer, storm);
+        self.counters.watch = Some(timer);
+        &self.counters.used
     }
 
     /// Without a cascade every tick wants the gap voltage.
@@ -200,7 +215,10 @@ impl<B: Board> Servo<B> {
         let mark = self.handover.mark(self.decoder.mark());
         self.counters.used.mark = mark;
         let (follower, quality) = (&mut self.follower, self.quality);
-        self.estimates.write(|slot| follower.estimate(slot, reading, quality, mark));
+        if self.estimates.is_unread() {
+            follower.unread();
+        }
+        self.estimates.write(|slot| follower.estimate(slot, reading, quality, &mark));
         self.caller.plan();
     }
 
@@ -216,30 +234,86 @@ impl<B: Board> Servo<B> {
         }
     }
 
-    /// A millisecond: whom it concerns.
+    /// What is to be done once a millisecond, each in a tick of its own that neither hands over nor begins.
     #[cold]
+    fn chore(&mut self, drive: Drive) {
+        self.chore = match self.chore {
+            // Estimates may follow each other so closely that no two plain ticks do.
+            Chore::Announce if self.follower.is_next_plain() || self.is_late(PLAN_TICKS) => {
+                self.once = true;
+                Chore::Compare
+            }
+            Chore::Announce => Chore::Announce,
+            Chore::Compare => Chore::Measure,
+            Chore::Measure => {
+                self.measure();
+                Chore::Tell
+            }
+            Chore::Tell => {
+                self.tell(drive);
+                Chore::Look
+            }
+            Chore::Look => {
+                self.look_at_settings();
+                self.millisecond = self.millisecond.wrapping_add(TICKS_PER_MS);
+                Chore::Announce
+            }
+        };
+    }
+
+    fn is_late(&self, ticks: u32) -> bool {
+        self.follower.number().wrapping_sub(self.millisecond) >= ticks
+    }
+
+    /// What the supervision compares. The drive's converter is looked at before the tick starts its next pair.
+    fn compare(&mut self) {
+        // While the timer leads the tick has read them already.
+        if !self.handover.timer_leads() {
+            self.read_counters(false);
+        }
+        self.counters.pulses = self.lines.pulses();
+        self.counters.drive_stands = self.drive.stands();
+    }
+
+    /// The supervision is given what it judges.
+    fn measure(&mut self) {
+        let Servo { follower, input, counters, reading, quality, measured, .. } = self;
+        measured.write(|(measured, both)| {
+            follower.measured(measured, input, reading.get(), *quality);
+            // One field after the other: the whole would be moved by a function.
+            let Counters { used, watch, pulses, drive_stands } = both;
+            *used = counters.used;
+            *watch = counters.watch;
+            *pulses = counters.pulses;
+            *drive_stands = counters.drive_stands;
+        });
+    }
+
+    /// A millisecond: whom it concerns.
     fn tell(&mut self, drive: Drive) {
-        self.millisecond = self.millisecond.wrapping_add(TICKS_PER_MS);
         // The PWM, which a fault of the bridge disconnects.
         if drive != Drive::Coast && !self.input.safety.is_some_and(|safety| safety.bridge_fault) {
             self.tick.arm();
         }
-        let Servo { follower, input, counters, quality, measured, .. } = self;
-        measured.write(|(measured, both)| {
-            follower.measured(measured, input, *quality);
-            *both = *counters;
-        });
         self.signals.millisecond.set();
         self.caller.protocol();
         let now = self.clock.now();
         self.signals.task_watchdog.report(SERVO, now);
         let clock = self.clock_fault(now);
         let alive = clock.is_none() && self.signals.task_watchdog.missing(now).is_none();
-        let fault = clock.or(self.live.millisecond(self.state, alive));
+        let live = self.live.millisecond(self.state, alive);
+        let damaged = self.signals.settings_damaged.is_set();
+        let fault = clock.or(live).or(damaged.then_some(Fault::SettingsDamaged));
         // Whoever coasts for another reason has named that.
         if fault.is_some() && self.follower.plan().reaction != Some(Reaction::Coast) {
             self.found = fault;
             self.signals.waiting.set();
+        }
+    }
+
+    fn look_at_settings(&mut self) {
+        if !self.follower.is_intact() {
+            self.signals.settings_damaged.set();
         }
     }
 

@@ -6,8 +6,10 @@ use crate::crossings::{SUPERVISE, Signals};
 use edm_crossing::latest::{Reader, Writer};
 use edm_crossing::ring::Sender;
 use edm_hal_shim::clock::Clock;
+use edm_hal_shim::self_test::Registers;
 use edm_hal_shim::tick::Period;
 use edm_servo_head::head::{Counters, Fault, Judged, Measured, State, SupervisionConfig, Supervisor};
+use edm_servo_head::kept::Kept;
 
 /// Milliseconds between two reports to the log.
 const LOG: u32 = 1000;
@@ -26,6 +28,8 @@ pub struct Supervise<B: Board> {
     pub(crate) judged_tick: u32,
     pub(crate) measured: Reader<'static, (Measured, Counters)>,
     pub(crate) config: Reader<'static, SupervisionConfig>,
+    pub(crate) kept: Kept<SupervisionConfig>,
+    pub(crate) registers: B::Registers,
     pub(crate) faults: Sender<'static, Fault, 8>,
     pub(crate) judged: Writer<'static, Judged>,
 }
@@ -35,6 +39,7 @@ impl<B: Board> Supervise<B> {
     pub fn tick(&mut self) {
         let begin = self.clock.now();
         if self.config.refresh() {
+            self.kept = Kept::NEW;
             self.config.accept();
             self.caller.protocol();
         }
@@ -44,6 +49,9 @@ impl<B: Board> Supervise<B> {
         self.count = self.count.wrapping_add(1);
         if self.measured.refresh() {
             self.judge();
+        }
+        if !self.kept.agrees(self.config.get()) || !self.registers.is_intact() {
+            self.signals.settings_damaged.set();
         }
         let end = self.clock.now();
         self.signals.times[SUPERVISE].ran(end.wrapping_sub(begin));
@@ -64,6 +72,9 @@ impl<B: Board> Supervise<B> {
         let (measured, counters) = self.measured.get();
         let alive = self.signals.host.take();
         let fault = self.supervisor.tick(self.config.get(), measured, counters, alive);
+        for (unseen, of) in self.signals.unseen.iter().zip(self.supervisor.unseen()) {
+            unseen.store(of);
+        }
         if let Some(fault) = fault {
             self.faults.send(fault);
             self.signals.waiting.set();

@@ -64,6 +64,22 @@ pub struct Coefficients {
     further: u32,
 }
 
+impl Coefficients {
+    /// One by one, to compare them.
+    #[inline]
+    pub(crate) fn each(&self) -> [f32; 12] {
+        let [first, second, mains] = &self.sections;
+        let last = &self.harmonic;
+        [first.r, first.b, first.g, second.r, second.b, second.g, mains.r, mains.b, mains.g, last.r, last.b, last.g]
+    }
+
+    /// Notches behind that of the mains.
+    #[inline]
+    pub(crate) fn further(&self) -> u32 {
+        self.further
+    }
+}
+
 /// What the chain remembers, in the unit of its input.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

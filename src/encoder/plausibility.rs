@@ -1,8 +1,8 @@
 //! Whether the encoder can be believed: two counters compared, illegal transitions rationed.
 //!
 //! The edge decoder and the timer watch the same lines. They are compared once a millisecond, a *look*. They are read one after
-//! the other, and an edge may fall in between: such a difference is gone at the next look. One that stays means that one of them has lost or made up counts, and no
-//! one knows which: the position is no longer to be trusted.
+//! the other, and an edge may fall in between: such a difference is gone at the next look. One that stays means that one of
+//! them has lost or made up counts, and no one knows which: the position is no longer to be trusted.
 //!
 //! One illegal transition may be a disturbance; many say that the lines are broken, noisy or too fast. Where both counters
 //! are wired each of them also leaves a lasting difference of two counts, unless the next one happens to undo it.

@@ -128,8 +128,8 @@ impl<S: Borrow<Shared>> Quadrature<S> {
         self.take(self.seen(levels), now);
     }
 
-    /// The first half of [`Quadrature::edge`], which changes nothing: for an interrupt that decides in between whether it serves
-    /// the edge. Loads in a row take a cycle each.
+    /// The first half of [`Quadrature::edge`], which changes nothing: for an interrupt that decides in between whether it
+    /// serves the edge. Loads in a row take a cycle each.
     #[inline(always)]
     pub fn seen(&self, levels: Levels) -> Seen {
         Seen { state: self.0.borrow().state.load(Relaxed), to: lines(levels) }
@@ -143,8 +143,8 @@ impl<S: Borrow<Shared>> Quadrature<S> {
         if !is_step(state ^ to) {
             return self.unusual(to, now(), state);
         }
-        // The clock is read no sooner, which leaves a register that would have to be saved; and behind the count, because a load
-        // behind a load takes one cycle.
+        // The clock is read no sooner, which leaves a register that would have to be saved; and behind the count, because a
+        // load behind a load takes one cycle.
         let before = shared.count.load(Relaxed);
         let now = now();
         shared.state.store(to, Relaxed);

@@ -11,8 +11,8 @@
 //!   itself. A counter that times by the tick may be off by one count of those that four ticks bring.
 //! - *No new edge*: the next line has not been reached, so |v| is less than one count by the time since the newest edge.
 //!   The value is held down to that, and is exactly 0 after [`STANDSTILL`]. The newest edge is then given that age, and again
-//!   every 8 ms, so the clock may wrap as often as it likes. \[R\] section 6.6.2: a period measurement waits for the next edge and stays
-//!   high when the axis has stopped.
+//!   every 8 ms, so the clock may wrap as often as it likes. \[R\] section 6.6.2: a period measurement waits for the next edge
+//!   and stays high when the axis has stopped.
 //! - *A reversal* crosses the same line twice: distance 0, velocity 0. An axis that trembles over one line has none,
 //!   however short the time between the edges.
 //!
@@ -37,6 +37,9 @@ pub const STANDSTILL: Seconds = Seconds(2.0);
 /// Oldest edge that a velocity still counts from when there is a newer one, ticks. Twice the four ticks of delay at speed, so
 /// that from 10 kcount/s on a whole line of the encoder is averaged.
 pub const WINDOW_TICKS: u32 = 8;
+
+/// See [`Velocity::holds`]: nothing is that young.
+const UNKNOWN: u32 = 0;
 
 /// An edge: which line was crossed, and when.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,7 +67,8 @@ pub struct Velocity {
     window: u32,
     standstill: u32,
     last_edge: u32,
-    /// Time of the newest edge kept, and the age up to which the value needs no look.
+    /// Time of the newest edge kept, and the age up to which the value needs no look: up to it |v| is less than one count by the
+    /// time since the edge. A division, which a tick that brings the next edge spares: [`UNKNOWN`] until a tick has none.
     time: u32,
     holds: u32,
     /// The edges kept, a ring.
@@ -93,7 +97,7 @@ impl Velocity {
 
     /// Whether a reading brings nothing new: no edge, and none is missing yet. [`Velocity::tick`] may then be left out.
     #[inline]
-    pub fn holds(&self, reading: RawCount) -> bool {
+    pub fn holds(&self, reading: &RawCount) -> bool {
         // Counted edges have different times.
         reading.last_edge == self.last_edge && reading.now.wrapping_sub(self.time) < self.holds
     }
@@ -105,8 +109,14 @@ impl Velocity {
         if reading.last_edge != self.last_edge {
             self.last_edge = reading.last_edge;
             self.edge(Edge::newest(reading));
-        } else if !self.holds(reading) {
+        } else if !self.holds(&reading) {
             let age = reading.now.wrapping_sub(self.time);
+            if self.holds == UNKNOWN {
+                self.holds = ((self.hz / self.value.abs()) as u32).max(1).min(self.standstill);
+                if age < self.holds {
+                    return CountsPerSecond(self.value);
+                }
+            }
             if age >= self.standstill {
                 self.stand(reading.now);
             } else {
@@ -116,15 +126,14 @@ impl Velocity {
         CountsPerSecond(self.value)
     }
 
-    // Not in line: a tick without an edge, as most at rest, is two or three cycles shorter.
-    #[inline(never)]
+    #[inline]
     fn edge(&mut self, edge: Edge) {
         self.value = self.measure(edge);
-        // Up to this age |v| is less than one count by the time since the edge.
-        self.holds = ((self.hz / self.value.abs()) as u32).max(1).min(self.standstill);
+        self.holds = UNKNOWN;
     }
 
     /// Velocity at a new edge, counts/s.
+    #[inline]
     fn measure(&mut self, edge: Edge) -> f32 {
         let before = self.edges[self.newest % 4];
         self.newest = (self.newest + 1) % 4;

@@ -56,6 +56,8 @@ pub struct GapReading {
     /// but counts as time once the run has begun, up to the hold limit: a generator that suspends its pulses after
     /// shorts (Roberts) must not lengthen the run. Unfiltered: this is the fast path to a retreat.
     pub short_ticks: u32,
+    /// Newest code of the converter, of which noise changes the last bits; 0 where there is none.
+    pub code: u16,
 }
 
 /// Turns blocks of conversions into readings; one file a source.

@@ -1,10 +1,12 @@
 //! Whether the reflex sees the pulses, and whether they keep to their permission.
 //!
 //! The reflex hears of a pulse by a branch of the gate line of its own, and judges it by a converter of its own. Where
-//! either is dead, nothing looks different until a short lasts. So what three parts of the hardware count is compared once
-//! a millisecond: edges of the gate, conversions that those pulses have started, and shorts that the reflex has found
-//! against those that the fixed-rate voltage shows. (The fixed-rate converter sees a short only where the reflex does not
-//! end its pulses first, or where they are long.)
+//! either is dead, nothing looks different until a short lasts. So what parts of the hardware count is compared once a
+//! millisecond: edges of the gate, conversions that those pulses have started, and shorts that the reflex has found against
+//! those that the fixed-rate voltage shows. (The fixed-rate converter sees a short only where the reflex does not end its
+//! pulses first, or where they are long.) And what is converted must not stand still: a signal always has noise.
+//!
+//! The comparators of the gap voltage judge nothing. Pulses of which one shows no edge are counted, for the host.
 
 use edm_hal_shim::reflex::{EDGE_COUNT, PulseCounts};
 
@@ -40,6 +42,11 @@ pub struct PulseWatch {
     come: bool,
     /// Looks in a row that have found pulses without permission.
     unpermitted: u32,
+    /// Looks in a row at new pulses in which gap current, gap voltage have had the same code.
+    same: [u32; 2],
+    /// Pulses in a row of which the high, the low comparator has shown no edge, and how many thousand of them there were.
+    unshown: [u32; 2],
+    unseen: [u32; 2],
 }
 
 impl PulseWatch {
@@ -47,10 +54,20 @@ impl PulseWatch {
     const PULSES: u32 = 16;
     /// Looks at pulses without permission that are enough: the pulse that was on goes on to its end.
     const LOOKS: u32 = 3;
+    /// Looks with the same code that are enough. A converter whose noise is a quarter of a code, which is less than the data
+    /// sheet of any has, gives the same code twice with 91 %, and so often never.
+    const SAME: u32 = 400;
+    /// Pulses without an edge of a comparator that are enough.
+    const UNSHOWN: u32 = 1000;
 
     /// Whether there was an edge of the gate between the last two looks.
     pub fn come(&self) -> bool {
         self.come
+    }
+
+    /// Pulses that the high comparator has not shown, and the low one, thousands, wrapping.
+    pub fn unseen(&self) -> [u32; 2] {
+        self.unseen
     }
 
     /// Compares the counts with those of a millisecond ago.
@@ -59,9 +76,24 @@ impl PulseWatch {
         let edges = since(counts.edges, self.last.edges);
         let conversions = since(counts.conversions, self.last.conversions);
         let shorts = since(counts.shorts, self.last.shorts);
-        self.last = counts;
+        let last = core::mem::replace(&mut self.last, counts);
         self.come = edges > 0;
         let pulses = edges / 2;
+
+        for (same, (now, then)) in self.same.iter_mut().zip(counts.newest.iter().zip(&last.newest)) {
+            *same = match (now == then && seen.permitted, conversions > 0) {
+                (true, true) => same.saturating_add(1),
+                (true, false) => *same,
+                (false, _) => 0,
+            };
+        }
+        let compared = counts.comparators.iter().zip(&last.comparators);
+        for ((unshown, unseen), (now, then)) in self.unshown.iter_mut().zip(&mut self.unseen).zip(compared) {
+            *unshown = if now == then && seen.permitted { unshown.saturating_add(pulses) } else { 0 };
+            if *unshown > Self::UNSHOWN {
+                (*unshown, *unseen) = (0, unseen.wrapping_add(1));
+            }
+        }
 
         // Half of them are enough: a blanking may be longer than the period of quick pulses. What comes without permission is
         // no concern of the reflex.
@@ -75,11 +107,12 @@ impl PulseWatch {
         let stray = seen.watched && !seen.permitted && pulses > 0;
         self.unpermitted = if stray { self.unpermitted.saturating_add(1) } else { 0 };
 
-        let unseen = self.unconverted > Self::PULSES || self.unfound > Self::PULSES;
+        let stands = self.same.iter().any(|looks| *looks > Self::SAME);
+        let unseen = self.unconverted > Self::PULSES || self.unfound > Self::PULSES || stands;
         if self.unpermitted > Self::LOOKS {
             Some(PulseFault::Unpermitted)
         } else if unseen && seen.permitted {
-            (self.unconverted, self.unfound) = (0, 0);
+            (self.unconverted, self.unfound, self.same) = (0, 0, [0; 2]);
             Some(PulseFault::Unseen)
         } else {
             None
@@ -107,6 +140,8 @@ mod tests {
                 edges: of(edges, from.edges),
                 conversions: of(conversions, from.conversions),
                 shorts: of(shorts, from.shorts),
+                comparators: [of(edges, from.edges); 2],
+                newest: [n as u16; 2],
             };
             watch.look(counts, seen).map(|fault| (n, fault))
         })
@@ -144,7 +179,8 @@ mod tests {
         let mut edges = 0u8;
         let mut look = |watch: &mut PulseWatch, seen, shorts| {
             edges = edges.wrapping_add(10);
-            watch.look(PulseCounts { edges, conversions: edges / 2, shorts }, seen)
+            let newest = [edges.into(); 2];
+            watch.look(PulseCounts { edges, conversions: edges / 2, shorts, newest, ..PulseCounts::default() }, seen)
         };
         for _ in 0..3 {
             assert_eq!(look(&mut watch, SHORT, 0), None);
@@ -154,6 +190,46 @@ mod tests {
         assert_eq!(look(&mut watch, SHORT, 0), Some(PulseFault::Unseen));
         assert_eq!(look(&mut other, WORK, 1), None);
         assert_eq!(look(&mut other, SHORT, 1), None);
+    }
+
+    /// Looks, five pulses in each; gives the look that found a fault, of 10 000, and what the comparators had not shown then.
+    fn pulses(newest: impl Fn(u16) -> [u16; 2], comparators: [u8; 2], seen: PulseSeen) -> (Option<u16>, [u32; 2]) {
+        let mut watch = PulseWatch::default();
+        let found = (1..=10_000).find(|n| {
+            let so_many = |each: u8| (*n as u8).wrapping_mul(each);
+            let counts = PulseCounts {
+                edges: so_many(10),
+                conversions: so_many(5),
+                shorts: 0,
+                comparators: comparators.map(so_many),
+                newest: newest(*n),
+            };
+            watch.look(counts, seen).is_some()
+        });
+        (found, watch.unseen())
+    }
+
+    #[test]
+    fn a_line_of_the_converter_that_always_gives_the_same_is_found() {
+        let off = PulseSeen { permitted: false, watched: false, ..WORK };
+        for stuck in [1, 1234, 4095] {
+            for (newest, by) in [([true, false], 402), ([false, true], 402)] {
+                let codes = |n: u16| newest.map(|stands| if stands { stuck } else { 2000 + n % 3 });
+                assert_eq!(pulses(codes, [10, 5], WORK).0, Some(by), "{newest:?} {stuck}");
+                assert_eq!(pulses(codes, [10, 5], off).0, None);
+            }
+        }
+        // Now and then another one.
+        assert_eq!(pulses(|n| [2048 + n / 400; 2], [10, 5], WORK).0, None);
+    }
+
+    #[test]
+    fn a_comparator_that_shows_no_pulse_is_counted_but_no_fault() {
+        let codes = |n: u16| [n; 2];
+        assert_eq!(pulses(codes, [10, 5], WORK), (None, [0, 0]));
+        assert_eq!(pulses(codes, [0, 5], WORK), (None, [49, 0]));
+        assert_eq!(pulses(codes, [10, 0], WORK), (None, [0, 49]));
+        assert_eq!(pulses(codes, [0, 0], PulseSeen { permitted: false, watched: false, ..WORK }), (None, [0, 0]));
     }
 
     #[test]

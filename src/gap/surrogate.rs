@@ -1,5 +1,5 @@
-//! Position as a surrogate for the gap (\[R\] sections 6.6.1, 6.7.3 and 6.8): the loop can be tried on the real actuator without a
-//! spark.
+//! Position as a surrogate for the gap (\[R\] sections 6.6.1, 6.7.3 and 6.8): the loop can be tried on the real actuator
+//! without a spark.
 //!
 //! An imagined workpiece surface, WSH(t) = h0 + integral of max(0, C - k |gap error|) dt, moves away as it is "eroded",
 //! slower the further the gap is from right. The reading is the setpoint plus a slope times the distance by which the gap
@@ -50,14 +50,7 @@ impl Surrogate {
         self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         let noise = self.random.cast_signed() as f32 * (config.noise.0 / i32::MAX as f32);
         let volts = Volts((config.setpoint.0 + config.slope * error + noise).max(0.0).min(config.open.0));
-        GapReading {
-            filtered: volts,
-            block: volts,
-            mean: volts,
-            quality: Quality::Valid,
-            touches: false,
-            short_ticks: 0,
-        }
+        GapReading { filtered: volts, block: volts, mean: volts, quality: Quality::Valid, ..GapReading::default() }
     }
 
     /// Where the gap would be right.

@@ -12,8 +12,9 @@ use super::gated::{Gated, PER_BLOCK};
 use super::{GapReading, GapSource, Quality};
 use crate::dsp::decimate::{Good, Tally};
 use crate::dsp::{OutOfRange, chain, in_range};
+use crate::kept::{Kept, parts};
 use crate::units::{ADC_FULL_SCALE, Seconds, TICKS_PER_MS, Volts, rare};
-use edm_hal_shim::gap::GapBlock;
+use edm_hal_shim::gap::{BLOCK, GapBlock};
 
 /// Which conversions the average is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,11 +136,39 @@ pub struct Active {
     clipped_share: f32,
 }
 
+// A part of a word or two: the servo tick may have to wait for the gap task.
+parts!(it: Active {
+    average, zero_code, scale, filter, short, contact, min_gated, hold_limit, reversed, good, clipped_share,
+} by
+    [it.average, it.zero_code],
+    [it.scale],
+    [it.short],
+    [it.contact],
+    [it.min_gated, it.hold_limit],
+    [it.reversed.0],
+    [it.good],
+    [it.clipped_share],
+    [it.filter.each()[0]],
+    [it.filter.each()[1]],
+    [it.filter.each()[2]],
+    [it.filter.each()[3]],
+    [it.filter.each()[4]],
+    [it.filter.each()[5]],
+    [it.filter.each()[6]],
+    [it.filter.each()[7]],
+    [it.filter.each()[8]],
+    [it.filter.each()[9]],
+    [it.filter.each()[10]],
+    [it.filter.each()[11]],
+    [it.filter.further()],
+);
+
 /// The source: [`Config::build`] makes what it runs on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Voltage {
     active: Active,
+    kept: Kept<Active>,
     filter: chain::State,
     gated: Gated,
     /// Newest average, codes above zero volts; 0 before the first.
@@ -160,6 +189,7 @@ impl Voltage {
     pub fn new(active: Active) -> Self {
         Self {
             active,
+            kept: Kept::NEW,
             filter: chain::State::default(),
             gated: Gated::default(),
             block: 0.0,
@@ -182,6 +212,13 @@ impl Voltage {
         self.sum.0 *= ratio;
         self.mean *= ratio;
         self.active = active;
+        self.kept = Kept::NEW;
+    }
+
+    /// Looks at a word or two of what it runs on: false once they have changed by themselves.
+    #[inline]
+    pub fn is_intact(&mut self) -> bool {
+        self.kept.agrees(&self.active)
     }
 
     /// What it runs on.
@@ -260,7 +297,27 @@ impl GapSource for Voltage {
         } else {
             Quality::Valid
         };
+        let code = block.map_or(0, |block| block.codes[BLOCK - 1]);
         let (block, mean) = (Volts(codes * active.scale), Volts(self.mean * active.scale));
-        GapReading { filtered, block, mean, quality, touches, short_ticks: self.short_ticks }
+        GapReading { filtered, block, mean, quality, touches, short_ticks: self.short_ticks, code }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kept::Parts;
+
+    #[test]
+    fn settings_that_change_by_themselves_are_seen_and_those_that_are_given_are_not() {
+        let active = Config::default().build().unwrap();
+        let mut source = Voltage::new(active);
+        let looks = |source: &mut Voltage| (0..=Active::PARTS).filter(|_| !source.is_intact()).count();
+        assert_eq!(looks(&mut source), 0);
+        let other = Config { min_gated: 9, ..Config::default() }.build().unwrap();
+        source.retune(other);
+        assert_eq!(looks(&mut source), 0);
+        source.active.scale = -source.active.scale;
+        assert!(looks(&mut source) > 0);
     }
 }

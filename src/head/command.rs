@@ -43,8 +43,8 @@ pub enum Command {
     Hold,
     /// Commission: check encoder, motor, gap and stroke.
     Commission,
-    /// Acknowledge a fault whose cause is gone. A head that was lifted without its encoder has no home any more; what casts
-    /// doubt on the encoder is not gone before it has proved itself.
+    /// Acknowledge a fault whose cause is gone and whose reaction has come to its end. A head that was lifted without its
+    /// encoder has no home any more; what casts doubt on the encoder is not gone before it has proved itself.
     ResetFault,
 }
 
@@ -75,6 +75,8 @@ pub enum Refused {
     NoPath,
     /// The cause of this fault is still there.
     StillFaulty(Fault),
+    /// The reaction to this fault still moves the head.
+    Reacting(Fault),
     /// Settings are being stored.
     Storing,
     /// A fault has cast doubt on the encoder: it has to prove itself first, which it does when the head is enabled.
@@ -98,6 +100,7 @@ impl fmt::Display for Refused {
             Refused::QueueFull => f.write_str("the path queue is full"),
             Refused::NoPath => f.write_str("no move is queued"),
             Refused::StillFaulty(fault) => write!(f, "the cause is still there: {}", fault.name()),
+            Refused::Reacting(fault) => write!(f, "the reaction to {} still moves the head", fault.name()),
             Refused::Storing => f.write_str("settings are being stored"),
             Refused::PathActive => f.write_str("a path is under way or queued: clear it first"),
             Refused::NoSense => f.write_str("no contact is sensed: contact.below_v is 0"),

@@ -31,6 +31,8 @@ pub struct Inputs {
     pub watch: Option<RawCount>,
     /// What the pulses have done.
     pub pulses: PulseCounts,
+    /// Motor current and bus voltage are not converted.
+    pub drive_stands: bool,
     /// Safety inputs, if any of them is unsafe.
     pub safety: Option<SafetyInputs>,
     /// Motor current and bus voltage.
@@ -106,7 +108,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let plan = &self.plan;
         let output = self.follower.tick(&input, |generation| (plan.generation == generation).then_some(plan));
         if output.hands_over {
-            self.follower.estimate(&mut self.estimate, &inputs.gap, inputs.gap.quality, inputs.encoder.mark);
+            self.follower.estimate(&mut self.estimate, &inputs.gap, inputs.gap.quality, &inputs.encoder.mark);
             self.planner.begin(&self.estimate, self.supervisor.judged());
             self.planner.plan(&mut self.plan);
         }
@@ -118,8 +120,9 @@ impl<P: DerefMut<Target = Path>> Head<P> {
     }
 
     fn supervise(&mut self, input: &TickInput, inputs: &Inputs) {
-        let counters = Counters { used: inputs.encoder, watch: inputs.watch, pulses: inputs.pulses };
-        self.follower.measured(&mut self.measured, input, inputs.gap.quality);
+        let Inputs { encoder: used, watch, pulses, drive_stands, .. } = *inputs;
+        let counters = Counters { used, watch, pulses, drive_stands };
+        self.follower.measured(&mut self.measured, input, &inputs.gap, inputs.gap.quality);
         let config = self.supervision();
         if let Some(fault) = self.supervisor.tick(&config, &self.measured, &counters, inputs.host_alive) {
             self.raise(fault);

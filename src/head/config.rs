@@ -4,6 +4,7 @@ use super::follow::FollowConfig;
 use super::{commissioning, supervise};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
+use crate::kept::parts;
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant};
 use crate::units::{
     Amps, CountsPerSecond, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Seconds, Volts,
@@ -176,6 +177,21 @@ pub struct Config {
     /// Whether commissioning has passed with these settings.
     pub commissioned: bool,
 }
+
+parts!(it: Config {
+    setpoint, structure, law, single, limits, acceleration, contact, seek, retreat, lift, axis, supervise, commissioning,
+    commissioned,
+} by
+    [it.setpoint, it.structure, it.limits, it.acceleration, it.contact],
+    [it.law],
+    [it.single, it.commissioned],
+    [it.seek],
+    [it.retreat],
+    [it.lift],
+    [it.axis],
+    [it.supervise],
+    [it.commissioning],
+);
 
 impl Config {
     /// What the follower runs.

@@ -79,7 +79,7 @@ impl Estimator {
 
     /// One tick.
     #[inline]
-    pub fn tick(&mut self, raw: RawCount, drive: DriveCodes) {
+    pub fn tick(&mut self, raw: &RawCount, drive: DriveCodes) {
         // In most ticks of an eroding head there is nothing new.
         if raw.count != self.seen || !self.velocity.holds(raw) {
             rare();
@@ -94,16 +94,22 @@ impl Estimator {
 
     /// A new count, or a velocity that time has changed.
     #[inline(never)]
-    fn take(&mut self, raw: RawCount) {
+    fn take(&mut self, raw: &RawCount) {
         self.seen = raw.count;
-        let wired = as_wired(self.reversed, raw);
+        let wired = as_wired(self.reversed, *raw);
         if !self.started {
-            self.started = true;
-            self.position = Position::new(wired);
-            self.velocity = Velocity::new(wired, CLOCK_HZ);
+            self.start(wired);
         }
         self.position.update(wired);
         self.now = self.velocity.tick(wired);
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn start(&mut self, wired: RawCount) {
+        self.started = true;
+        self.position = Position::new(wired);
+        self.velocity = Velocity::new(wired, CLOCK_HZ);
     }
 
     /// The bridge was given this duty.
@@ -154,5 +160,6 @@ impl Estimator {
 /// A count that grows toward the work, whichever way the encoder is wired.
 #[inline]
 pub(super) fn as_wired(reversed: bool, raw: RawCount) -> RawCount {
-    if reversed { RawCount { count: raw.count.wrapping_neg(), toward_work: !raw.toward_work, ..raw } } else { raw }
+    let count = if reversed { raw.count.wrapping_neg() } else { raw.count };
+    RawCount { count, toward_work: raw.toward_work ^ reversed, ..raw }
 }

@@ -84,6 +84,12 @@ faults! {
     Unfit = "self-test failed" => Coast,
     /// The chip's own supply falls: it may not do much longer what the program says.
     SupplyLow = "supply low" => Coast,
+    /// Settings that a task runs have changed by themselves in memory, or registers of the chip that are written once: gains,
+    /// limits, signs and what measures can no longer be believed.
+    SettingsDamaged = "settings damaged" => Coast,
+    /// Motor current and bus voltage are not converted any more, or the bus voltage is beyond what can be converted: neither
+    /// over-current nor a sag would be seen.
+    DriveSignalLost = "drive signal lost" => Coast,
 }
 
 impl Fault {
@@ -164,7 +170,19 @@ mod tests {
             (&[BusSag], Reaction::LiftOnStored),
             (&[EmergencyStop], Reaction::EmergencyLift),
             (
-                &[PolarityWrong, BridgeFault, OverCurrent, PlanLate, LiveLost, LiveStuck, ClockLost, Unfit, SupplyLow],
+                &[
+                    PolarityWrong,
+                    BridgeFault,
+                    OverCurrent,
+                    PlanLate,
+                    LiveLost,
+                    LiveStuck,
+                    ClockLost,
+                    Unfit,
+                    SupplyLow,
+                    SettingsDamaged,
+                    DriveSignalLost,
+                ],
                 Reaction::Coast,
             ),
         ] {
@@ -172,6 +190,6 @@ mod tests {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 25);
+        assert_eq!(Fault::ALL.len(), 27);
     }
 }

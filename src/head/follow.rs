@@ -11,7 +11,8 @@
 //!
 //! A plan that is not there when its tick has come is *late*: the trajectory goes on in a straight line, and when that lasts
 //! the head coasts. Something urgent (a short, a safety input, a fault told, a set point released by SYNC) is acted on in its
-//! own tick, by what the plan in force has made ready for it; the plan under way, which does not know of it, is discarded by its
+//! own tick, by what the plan in force has made ready for it; the plan under way, which does not know of it, is discarded by
+//! its
 //! *generation*, and an estimate is handed over in the same tick.
 //!
 //! Between two plans the set point goes on in a straight line, at the velocity of the plan and in the direction of the
@@ -21,6 +22,7 @@ use super::estimate::{Estimator, Sums};
 use super::{Fault, Reaction, State};
 use crate::encoder::Mark;
 use crate::gap::{GapReading, Quality};
+use crate::kept::{Kept, parts};
 use crate::motion::TrajectorySegment;
 use crate::servo::{AxisLoop, Gains, Output, Pid, PidGains, Window};
 use crate::units::{
@@ -390,8 +392,10 @@ pub struct Measured {
     pub duty: f32,
     /// It is at its limit.
     pub saturated: bool,
-    /// Quality of the gap reading.
+    /// Quality of the gap reading, and the newest code of its converter.
     pub quality: Quality,
+    /// See [`quality`](Measured::quality).
+    pub code: u16,
     /// Pulses are permitted, for work or for commissioning.
     pub permitted: bool,
     /// The gap voltage has shown nothing but short for a millisecond.
@@ -417,23 +421,27 @@ pub struct FollowConfig {
     pub trigger: u32,
 }
 
+parts!(it: FollowConfig { gains, single, encoder_reversed, motor_reversed, trigger } by
+    [it.gains],
+    [it.single],
+    [it.encoder_reversed, it.motor_reversed, it.trigger],
+);
+
 /// The part of a head that runs in every servo tick.
 #[derive(Debug)]
 pub struct Follower {
     config: FollowConfig,
+    kept: Kept<FollowConfig>,
     /// [`Drive::FULL`], negative for a reversed motor.
     full: f32,
     estimator: Estimator,
     axis: AxisLoop,
     single: Pid,
-    trajectory: Trajectory,
-    path: Fixed,
-    setpoint: Fixed,
     following: f32,
     duty: f32,
     saturated: bool,
     tick: u32,
-    /// In force, but for its trajectory.
+    /// In force: what is followed, path coordinate and set point are those of the newest tick.
     plan: Plan,
     /// Of the newest estimate; the tick in which its plan comes into force, if it is awaited; the next estimate's.
     generation: u32,
@@ -450,6 +458,8 @@ pub struct Follower {
     short: bool,
     told: Option<Fault>,
     set_point: Option<SetPoint>,
+    /// The same in the estimate before: what a late planner has not read is said again.
+    said: (bool, Option<Fault>, Option<SetPoint>),
     /// Safety inputs of the tick before.
     safety: SafetyInputs,
 }
@@ -460,13 +470,11 @@ impl Follower {
     pub fn new(config: FollowConfig) -> Follower {
         Follower {
             config,
+            kept: Kept::NEW,
             full: full(&config),
             estimator: Estimator::new(config.encoder_reversed),
             axis: AxisLoop::default(),
             single: Pid::default(),
-            trajectory: Trajectory::COAST,
-            path: Fixed(0),
-            setpoint: Fixed(0),
             following: 0.0,
             duty: 0.0,
             saturated: false,
@@ -482,6 +490,7 @@ impl Follower {
             short: false,
             told: None,
             set_point: None,
+            said: (false, None, None),
             safety: SafetyInputs::default(),
         }
     }
@@ -491,17 +500,30 @@ impl Follower {
         self.estimator.wire(config.encoder_reversed);
         self.full = full(config);
         self.config = *config;
+        self.kept = Kept::NEW;
+    }
+
+    /// Looks at a part of the configuration: false once it has changed by itself.
+    #[inline]
+    pub fn is_intact(&mut self) -> bool {
+        self.kept.agrees(&self.config)
     }
 
     /// Whether the next tick wants the gap voltage.
     #[inline]
     pub fn wants_gap(&self) -> bool {
-        self.trajectory.follow == Follow::Gap
+        self.plan.trajectory.follow == Follow::Gap
     }
 
     /// Number of the newest tick, wrapping.
     pub fn number(&self) -> u32 {
         self.tick
+    }
+
+    /// Whether the next tick is neither to hand over nor to begin, unless something urgent comes.
+    pub fn is_next_plain(&self) -> bool {
+        let tick = self.tick.wrapping_add(1);
+        self.next != tick && self.due != Some(tick)
     }
 
     /// Measured position, counts.
@@ -516,7 +538,7 @@ impl Follower {
 
     /// What is followed.
     pub fn trajectory(&self) -> &Trajectory {
-        &self.trajectory
+        &self.plan.trajectory
     }
 
     /// One servo tick. `planned` gives the plan of an estimate, if it is there.
@@ -524,20 +546,25 @@ impl Follower {
     pub fn tick<'a>(&mut self, input: &TickInput, planned: impl FnOnce(u32) -> Option<&'a Plan>) -> TickOutput {
         self.tick = self.tick.wrapping_add(1);
         let mut begins = false;
-        if self.due == Some(self.tick) {
+        if self.due.is_some_and(|due| due == self.tick) {
             self.due = None;
             begins = true;
             match planned(self.generation) {
-                Some(plan) => self.begin(plan),
+                Some(plan) => {
+                    self.begin(plan);
+                    if self.plan.trajectory.follow != Follow::Setpoint {
+                        self.following = 0.0;
+                    }
+                }
                 None => self.miss(),
             }
         }
-        self.estimator.tick(input.encoder, input.drive);
-        let shorted = input.short_ticks >= self.config.trigger || input.reflex;
+        self.estimator.tick(&input.encoder, input.drive);
         let mut hands_over = self.tick == self.next;
-        let touches = input.touches && self.plan.touch != Touch::Ignored;
-        if (shorted && self.plan.retreat.is_some()) | touches | input.asked | input.safety.is_some() | self.attentive {
-            hands_over |= self.urgent(input, shorted);
+        // One test for a tick in which there is nothing.
+        let shorted = input.reflex | (input.short_ticks >= self.config.trigger);
+        if shorted | input.touches | input.asked | input.safety.is_some() | self.attentive {
+            hands_over |= self.is_urgent(input, shorted);
         }
         let drive = self.follow(input.gap);
         if hands_over {
@@ -559,11 +586,6 @@ impl Follower {
             self.estimator.shift(plan.offset.wrapping_sub(self.plan.offset));
         }
         self.plan = *plan;
-        (self.path, self.setpoint) = (plan.path, plan.setpoint);
-        self.trajectory = plan.trajectory;
-        if plan.trajectory.follow != Follow::Setpoint {
-            self.following = 0.0;
-        }
         self.in_a_row = 0;
     }
 
@@ -572,14 +594,21 @@ impl Follower {
     fn miss(&mut self) {
         self.late = self.late.wrapping_add(1);
         self.in_a_row = self.in_a_row.saturating_add(1);
-        if self.in_a_row == LATE {
+        if self.in_a_row >= LATE {
             self.fault(Fault::PlanLate);
             self.told = Some(Fault::PlanLate);
         }
     }
 
-    /// Whether what has come cannot wait for the next estimate.
+    /// Whether there is more than a short, or a contact, that the state does not care for, and it is urgent.
     #[cold]
+    fn is_urgent(&mut self, input: &TickInput, shorted: bool) -> bool {
+        let touches = input.touches && self.plan.touch != Touch::Ignored;
+        let concerns = (shorted && self.plan.retreat.is_some()) | touches;
+        (concerns | input.asked | input.safety.is_some() | self.attentive) && self.urgent(input, shorted)
+    }
+
+    /// Whether what has come cannot wait for the next estimate.
     fn urgent(&mut self, input: &TickInput, shorted: bool) -> bool {
         let mut urgent = false;
         if let Some(fault) = input.told {
@@ -596,11 +625,11 @@ impl Follower {
             urgent |= self.fault(fault);
         }
         if shorted && let Some(retreat) = self.plan.retreat.take() {
-            self.trajectory = retreat;
+            self.plan.trajectory = retreat;
             self.short = true;
             urgent = true;
         }
-        if input.touches && self.trajectory.velocity.0 > 0.0 {
+        if input.touches && self.plan.trajectory.velocity.0 > 0.0 {
             urgent |= self.touch();
         }
         if let Some(point) = input.set_point {
@@ -625,7 +654,7 @@ impl Follower {
         self.plan.pulses = false;
         self.plan.retreat = None;
         self.plan.closed &= trajectory.follow == Follow::Setpoint;
-        self.trajectory = trajectory;
+        self.plan.trajectory = trajectory;
         self.axis.reset();
         true
     }
@@ -639,40 +668,43 @@ impl Follower {
                 self.told = Some(Fault::Contact);
             }
             Touch::End => {
-                self.trajectory = self.plan.stop;
+                self.plan.trajectory = self.plan.stop;
                 self.short = true;
                 self.axis.reset();
             }
         }
-        (self.trajectory.velocity, self.trajectory.travel) = (CountsPerSecond(0.0), Fixed(0));
+        (self.plan.trajectory.velocity, self.plan.trajectory.travel) = (CountsPerSecond(0.0), Fixed(0));
         true
     }
 
     /// The set point of a SYNC, from this tick on.
     fn follow_to(&mut self, point: SetPoint) {
         let left = point.ticks.saturating_add(SET_POINT_LATE).max(PLAN_TICKS);
-        let distance = point.counts.minus(self.setpoint).to_f32();
+        let distance = point.counts.minus(self.plan.setpoint).to_f32();
         let limit = self.config.gains.velocity_limit().0;
         let velocity = within_either(distance / left as f32 * TICK_HZ as f32, limit);
         let velocity = smaller(velocity, self.plan.toward.0);
-        self.trajectory.velocity = CountsPerSecond(velocity);
-        self.trajectory.travel = Fixed::short(velocity * TICK_S);
-        (self.trajectory.advance, self.trajectory.along) = (Fixed(0), MicrometresPerSecond(0.0));
+        self.plan.trajectory.velocity = CountsPerSecond(velocity);
+        self.plan.trajectory.travel = Fixed::short(velocity * TICK_S);
+        (self.plan.trajectory.advance, self.plan.trajectory.along) = (Fixed(0), MicrometresPerSecond(0.0));
     }
 
     /// Carries the trajectory out for one tick.
     #[inline]
     fn follow(&mut self, gap: Option<Volts>) -> Drive {
-        let (trajectory, gains) = (&self.trajectory, &self.config.gains);
+        let (plan, gains) = (&mut self.plan, &self.config.gains);
+        let trajectory = &plan.trajectory;
         let velocity = self.estimator.velocity();
         let duty = if trajectory.follow == Follow::Setpoint {
-            self.path = self.path.near(trajectory.advance);
-            self.setpoint = self.setpoint.near(trajectory.travel);
-            self.following = self.setpoint.from(self.estimator.at());
+            plan.path = plan.path.near(trajectory.advance);
+            plan.setpoint = plan.setpoint.near(trajectory.travel);
+            self.following = plan.setpoint.from(self.estimator.at());
             let mut window = trajectory.window;
-            if trajectory.upward && velocity.0 >= RISING {
+            if trajectory.upward {
                 rare();
-                window.high = smaller(window.high, gains.holding());
+                if velocity.0 >= RISING {
+                    window.high = smaller(window.high, gains.holding());
+                }
             }
             self.axis.follow(gains, self.following, trajectory.velocity, velocity, window)
         } else {
@@ -700,9 +732,19 @@ impl Follower {
         Drive::Duty(code as i16)
     }
 
+    /// The estimate before was not read, and is overwritten by that of this tick.
+    #[cold]
+    pub fn unread(&mut self) {
+        let (short, told, set_point) = self.said;
+        self.short |= short;
+        let stronger = |fault: &Fault| self.told.is_none_or(|told| told.reaction() < fault.reaction());
+        self.told = told.filter(stronger).or(self.told);
+        self.set_point = self.set_point.or(set_point);
+    }
+
     /// Writes the estimate of this tick, which has wanted to hand one over; `quality` is that of the reading now.
     #[inline(never)]
-    pub fn estimate(&mut self, to: &mut Estimate, reading: &GapReading, quality: Quality, newest: Mark) {
+    pub fn estimate(&mut self, to: &mut Estimate, reading: &GapReading, quality: Quality, newest: &Mark) {
         // One field after the other: a whole estimate would be put together beside it, and copied.
         let Estimate {
             generation,
@@ -730,16 +772,16 @@ impl Follower {
         } = to;
         *generation = self.generation;
         *tick = self.tick;
-        *path = self.path;
-        *setpoint = self.setpoint;
+        *path = self.plan.path;
+        *setpoint = self.plan.setpoint;
         // The tick that brings the plan goes on along the trajectory already.
         let later = |fixed: Fixed| Fixed(fixed.0.wrapping_mul((LEAD - 1).into()));
-        *path_then = self.path.near(later(self.trajectory.advance));
-        segment.from = self.setpoint.near(later(self.trajectory.travel));
-        segment.travel = self.trajectory.travel;
-        let follows = self.trajectory.follow == Follow::Setpoint;
-        segment.velocity = if follows { self.trajectory.velocity } else { CountsPerSecond(0.0) };
-        *along = self.trajectory.along;
+        *path_then = self.plan.path.near(later(self.plan.trajectory.advance));
+        segment.from = self.plan.setpoint.near(later(self.plan.trajectory.travel));
+        segment.travel = self.plan.trajectory.travel;
+        let follows = self.plan.trajectory.follow == Follow::Setpoint;
+        segment.velocity = if follows { self.plan.trajectory.velocity } else { CountsPerSecond(0.0) };
+        *along = self.plan.trajectory.along;
         *position = self.estimator.position();
         *offset = self.plan.offset;
         *paths = self.plan.paths;
@@ -748,18 +790,21 @@ impl Follower {
         *duty = self.duty;
         *saturated = self.saturated;
         *gap = GapReading { quality, ..*reading };
-        *mark = newest;
+        *mark = *newest;
         *marked = if self.plan.marks { self.estimator.position_at(newest.count) } else { 0 };
         *safety = self.safety;
         *short = core::mem::take(&mut self.short);
         *told = self.told.take();
-        *set_point = self.set_point.take();
+        // Not taken: it would be put together beside both, and copied.
+        *set_point = self.set_point;
+        self.set_point = None;
+        self.said = (*short, *told, *set_point);
         *late = self.late;
     }
 
     /// Writes what the supervision judges.
     #[inline(never)]
-    pub fn measured(&self, to: &mut Measured, input: &TickInput, quality: Quality) {
+    pub fn measured(&self, to: &mut Measured, input: &TickInput, reading: &GapReading, quality: Quality) {
         *to = Measured {
             tick: self.tick,
             state: self.plan.state,
@@ -771,6 +816,7 @@ impl Follower {
             duty: self.duty,
             saturated: self.saturated,
             quality,
+            code: reading.code,
             permitted: self.plan.pulses,
             short: input.short_ticks >= TICKS_PER_MS,
             sums: *self.estimator.sums(),
@@ -783,9 +829,9 @@ impl Follower {
         status.tick = self.tick;
         status.position = self.estimator.position();
         status.velocity = self.estimator.velocity();
-        status.setpoint = self.setpoint;
+        status.setpoint = self.plan.setpoint;
         status.following = self.following;
-        status.path = self.path;
+        status.path = self.plan.path;
         status.duty = self.duty;
         status.saturated = self.saturated;
     }
@@ -794,4 +840,61 @@ impl Follower {
 fn full(config: &FollowConfig) -> f32 {
     let full = f32::from(Drive::FULL);
     if config.motor_reversed { -full } else { full }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kept::Parts;
+    use crate::settings::Settings;
+
+    /// Ticks until an estimate is handed over, with `input` in the first; gives what it tells of short, fault and set point. Nobody
+    /// has read the one before where it is `unread`.
+    fn handed(follower: &mut Follower, unread: bool, input: TickInput) -> (bool, Option<Fault>, Option<SetPoint>) {
+        let mut estimate = Estimate::default();
+        let (mut input, quiet) = (input, TickInput::default());
+        while !follower.tick(&input, |_| None).hands_over {
+            input = quiet;
+        }
+        if unread {
+            follower.unread();
+        }
+        follower.estimate(&mut estimate, &GapReading::default(), Quality::Valid, &Mark::default());
+        (estimate.short, estimate.told, estimate.set_point)
+    }
+
+    #[test]
+    fn what_an_estimate_tells_is_told_again_until_somebody_has_read_it() {
+        let told = |fault| TickInput { told: Some(fault), asked: true, ..TickInput::default() };
+        let config = Settings::default().build().unwrap().head.follow();
+        let mut follower = Follower::new(config);
+        let point = |ticks| Some(SetPoint { ticks, ..SetPoint::default() });
+        follower.plan.retreat = Some(Trajectory::COAST);
+        let short = TickInput { set_point: point(20), reflex: true, ..TickInput::default() };
+        assert_eq!(handed(&mut follower, false, TickInput { asked: true, ..short }), (true, None, point(20)));
+        assert_eq!(handed(&mut follower, true, told(Fault::OverCurrent)), (true, Some(Fault::OverCurrent), point(20)));
+        // The stronger fault, the newer set point.
+        assert!(Fault::HostSilent.reaction() < Fault::OverCurrent.reaction());
+        let newer = TickInput { set_point: point(40), ..told(Fault::HostSilent) };
+        assert_eq!(handed(&mut follower, true, newer), (true, Some(Fault::OverCurrent), point(40)));
+        // Read.
+        assert_eq!(handed(&mut follower, false, TickInput::default()), (false, None, None));
+    }
+
+    #[test]
+    fn a_configuration_that_changes_by_itself_is_seen_and_one_that_is_given_is_not() {
+        let config = Settings::default().build().unwrap().head.follow();
+        let other = FollowConfig { trigger: config.trigger + 7, ..config };
+        let mut follower = Follower::new(config);
+        let looks = |follower: &mut Follower| (0..=FollowConfig::PARTS).filter(|_| !follower.is_intact()).count();
+        assert_eq!(looks(&mut follower), 0);
+        follower.configure(&other);
+        assert_eq!(looks(&mut follower), 0);
+        follower.config.trigger ^= 1 << 30;
+        assert!(looks(&mut follower) > 0);
+        follower.configure(&config);
+        assert_eq!(looks(&mut follower), 0);
+        follower.config.motor_reversed ^= true;
+        assert!(looks(&mut follower) > 0);
+    }
 }

@@ -67,6 +67,8 @@ pub struct Status {
     pub fault: Option<Fault>,
     /// The fault that this began with. It is another one than `fault` when a second fault has escalated the reaction.
     pub first: Option<Fault>,
+    /// The reaction to a fault still moves the head: it cannot be reset.
+    pub reacting: bool,
     /// The loop is closed over the encoder, in whatever state: the supervision has to judge it.
     pub closed: bool,
     /// Measured position, counts.

@@ -39,6 +39,8 @@ pub(super) struct Situation {
     pub path: Fixed,
     /// Path coordinate of the safe height.
     pub safe: Fixed,
+    /// The path leads no further back: it is at its beginning, or the upper limit switch is open.
+    pub blocked: bool,
     /// Setpoint less position, counts.
     pub following: f32,
     /// Measured position, counts.
@@ -73,12 +75,19 @@ pub(super) struct Reacting {
     position: i64,
     still: u32,
     rests: bool,
+    /// Ticks for which it has been holding, and whether the head has once stood meanwhile.
+    held: u32,
+    stood: bool,
 }
 
 /// Time in which a force-limited retract has to shrink the following error.
 const SHRINK: u32 = ticks(20e-3);
 /// Standstill after which a head rests, and for which it may withstand the limited force.
 const REST: u32 = ticks(100e-3);
+/// Standstill after which a head stands that no more than its friction holds.
+const STANDS: u32 = ticks(10e-3);
+/// Time after which a head that holds stands, even if it trembles over an edge of the encoder.
+const TREMBLES: u32 = ticks(1.0);
 /// Time for which the supervision may still speak of what it saw before this reaction.
 const STALE: u32 = ticks(5e-3);
 
@@ -99,12 +108,29 @@ impl Reacting {
             position: situation.position,
             still: 0,
             rests: false,
+            held: 0,
+            stood: false,
         }
+    }
+
+    /// What it is about.
+    pub fn fault(&self) -> Fault {
+        self.fault
     }
 
     /// What is done about it.
     pub fn reaction(&self) -> Reaction {
         self.reaction
+    }
+
+    /// Whether it still moves the head: nothing but its end brakes that, so it may not be broken off. A bridge that is open
+    /// already brakes nothing.
+    pub fn moves(&self) -> bool {
+        match self.reaction {
+            Reaction::Coast => false,
+            Reaction::OpenLoopLift | Reaction::LiftOnStored | Reaction::EmergencyLift => !self.lifted,
+            _ => !self.stood,
+        }
     }
 
     /// The reaction that another fault escalates this one to, if it is urgent enough.
@@ -118,16 +144,16 @@ impl Reacting {
         }
     }
 
-    /// Motion until the next plan, `ticks` after the one before; or what shows in how the head answers to this reaction, and the reaction to that.
+    /// Motion until the next plan, `ticks` after the one before; or what shows in how the head answers to this reaction, and
+    /// the reaction to that.
     pub fn plan(&mut self, config: &Config, now: &Situation, ticks: u32) -> Result<Motion, (Fault, Reaction)> {
         self.ticks = self.ticks.saturating_add(ticks);
         let up = MicrometresPerSecond(-config.retreat.velocity.0);
         let full = upward(config, config.axis.duty_limit);
+        let above = |height: Fixed| now.blocked || now.path <= height;
         Ok(match self.reaction {
-            Reaction::Retrace if now.path > now.safe => Motion::Upward(up, full),
-            Reaction::RetractOffLimit if now.path > self.path.minus(config.retreat.off_limit) => {
-                Motion::Upward(up, full)
-            }
+            Reaction::Retrace if !above(now.safe) => Motion::Upward(up, full),
+            Reaction::RetractOffLimit if !above(self.path.minus(config.retreat.off_limit)) => Motion::Upward(up, full),
             Reaction::Retrace | Reaction::RetractOffLimit | Reaction::HoldBelow | Reaction::Hold => {
                 self.hold(config, now, full, ticks)?
             }
@@ -136,7 +162,7 @@ impl Reacting {
                     return Err((self.fault, Reaction::OpenLoopLift));
                 }
                 let limited = upward(config, config.lift.limited);
-                if now.path <= now.safe { self.hold(config, now, limited, ticks)? } else { Motion::Upward(up, limited) }
+                if above(now.safe) { self.hold(config, now, limited, ticks)? } else { Motion::Upward(up, limited) }
             }
             Reaction::OpenLoopLift => Motion::Duty(self.lift(&config.lift, now, config.lift.hold)),
             Reaction::LiftOnStored | Reaction::EmergencyLift => {
@@ -146,6 +172,14 @@ impl Reacting {
             }
             Reaction::Coast => Motion::Coast,
         })
+    }
+
+    /// Whether the head stands. One that the loop pushes may move under a dead encoder: it has to withstand that as long as it
+    /// would take to be contradicted.
+    fn stands(&self, config: &Config, now: &Situation) -> bool {
+        let pushed = (now.duty - config.axis.gains.holding()).abs() > config.supervise.breakaway.friction;
+        let withstood = self.rests && self.still > REST;
+        !pushed && self.still > STANDS || withstood || self.held > TREMBLES
     }
 
     /// Holds: with what it takes until the head has come to rest, then with limited force and with no more than the current
@@ -158,8 +192,10 @@ impl Reacting {
         window: Window,
         ticks: u32,
     ) -> Result<Motion, (Fault, Reaction)> {
+        self.held = self.held.saturating_add(ticks);
         self.still = if now.position == self.position { self.still.saturating_add(ticks) } else { 0 };
         self.position = now.position;
+        self.stood |= self.stands(config, now);
         let rest = MicrometresPerSecond(0.0);
         if !self.rests {
             self.rests = self.still > REST;

@@ -1,9 +1,9 @@
 //! Supervision at 1 kHz: what no single tick can judge.
 //!
 //! It *looks* first: at what the drive has drawn (current, bus voltage, heat of the winding, back-EMF) and at whether the
-//! encoder can be believed (its two counters, illegal transitions, the distance of index marks). Then it judges. Whatever closes
-//! a loop over the encoder is judged alike, in every state: work, axis positioning, the strokes of commissioning, and the
-//! reaction to another fault.
+//! encoder can be believed (its two counters, illegal transitions, the distance of index marks). Then it judges. Whatever
+//! closes a loop over the encoder is judged alike, in every state: work, axis positioning, the strokes of commissioning, and
+//! the reaction to another fault.
 
 use super::estimate::{Sums, as_wired};
 use super::fault::Fault;
@@ -11,8 +11,9 @@ use super::follow::Measured;
 use super::state::State;
 use crate::encoder::{MarkCheck, MarkSpacing, Plausibility, PlausibilityLimits, Snapshot};
 use crate::gap::{PulseFault, PulseSeen, PulseWatch, Quality};
+use crate::kept::parts;
 use crate::servo::{BackEmf, CurrentGuard, CurrentLimits, Gains, Plant};
-use crate::units::{Amps, CountsPerSecond, Newtons, TICKS_PER_MS, Volts, smaller};
+use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Newtons, TICKS_PER_MS, Volts, smaller};
 use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::reflex::PulseCounts;
 
@@ -73,8 +74,9 @@ impl Breakaway {
     const PUSH: f32 = 1.8;
     /// See [`PUSH`](Breakaway::PUSH).
     const PUSH_LEAST: f32 = 0.05;
-    /// Share of the newest duty in what was needed lately, once a millisecond: half a second, in which another electrode's weight
-    /// is no longer a push. Healthy heads were seen to stand as long, but under small following errors, which are no push.
+    /// Share of the newest duty in what was needed lately, once a millisecond: half a second, in which another electrode's
+    /// weight is no longer a push. Healthy heads were seen to stand as long, but under small following errors, which are no
+    /// push.
     const LATELY: f32 = 1.0 / 512.0;
 
     /// For an axis that a force beside its net weight begins to move. The margins were found by simulation: 0.05 to 1 N, 20 s
@@ -125,6 +127,14 @@ pub struct Config {
     pub bus_per_code: Volts,
 }
 
+parts!(it: Config {
+    limits, plant, current, plausibility, marks, encoder_reversed, motor_reversed, amps_per_code, bus_per_code,
+} by
+    [it.limits],
+    [it.plant, it.current],
+    [it.plausibility, it.marks, it.encoder_reversed, it.motor_reversed, it.amps_per_code, it.bus_per_code],
+);
+
 /// What the hardware has counted: both counters of the encoder at one instant, and the pulses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -135,6 +145,8 @@ pub struct Counters {
     pub watch: Option<RawCount>,
     /// What the pulses have done.
     pub pulses: PulseCounts,
+    /// Motor current and bus voltage were not converted since the look before.
+    pub drive_stands: bool,
 }
 
 /// What was looked at: for the planner, hosts and reports.
@@ -187,15 +199,30 @@ pub struct Supervisor {
     /// Duty needed lately.
     needed: f32,
     gap: Lasting,
+    /// Code of the gap voltage at the look before, and how long it stands.
+    code: u16,
+    code_stands: Lasting,
     gate: Lasting,
     host: Lasting,
     current: Lasting,
+    drive: Lasting,
     pulses: PulseWatch,
 }
 
 impl Supervisor {
     /// Ticks between two calls of [`Supervisor::tick`].
     pub const PERIOD: u32 = TICKS_PER_MS;
+    /// Milliseconds that motor current and bus voltage may be without a conversion: one is enough to be sure, and nothing is
+    /// decided on a single look.
+    const DRIVE_MS: u32 = 2;
+    /// Milliseconds that the gap voltage may show one code. A converter whose noise is a quarter of a code, which is less than the
+    /// data sheet of any has, gives the same code twice with 91 %, and so often never.
+    const CODE_MS: u32 = 400;
+
+    /// Pulses that the high comparator has not shown, and the low one, thousands, wrapping.
+    pub fn unseen(&self) -> [u32; 2] {
+        self.pulses.unseen()
+    }
 
     /// What was looked at last.
     pub fn judged(&self) -> &Judged {
@@ -212,6 +239,8 @@ impl Supervisor {
 
         let bus = closed && judged.bus.0 < limits.bus_min.0;
         let current = self.current.longer_than(limits.current_ms, judged.current.0.abs() > limits.current_max.0);
+        let unmeasured = counters.drive_stands || now.bus >= ADC_FULL_SCALE;
+        let drive = self.drive.longer_than(Self::DRIVE_MS, unmeasured && now.state != State::Disabled);
         let doubtful = implausible && (closed || now.state == State::Proving);
         let stands = self.stands(limits, now);
         let encoder = self.contradicts(limits, closed) | stands | doubtful;
@@ -222,7 +251,11 @@ impl Supervisor {
         let runaway = self.runaway.longer_than(limits.following_ms, closed && against || sinks);
         let following = self.following.longer_than(limits.following_ms, closed && off(limits, now));
         let bad = matches!(now.quality, Quality::Missing | Quality::Saturated | Quality::Reversed);
-        let gap = self.gap.longer_than(limits.gap_ms, now.pulses && bad);
+        // The ends of the range give one code for many voltages.
+        let same = now.code == self.code && (1..ADC_FULL_SCALE).contains(&now.code);
+        self.code = now.code;
+        let code_stands = self.code_stands.longer_than(Self::CODE_MS, same && now.state != State::Disabled);
+        let gap = self.gap.longer_than(limits.gap_ms, now.pulses && bad) || code_stands;
         let seen = PulseSeen { permitted: now.permitted, watched: now.state != State::Disabled, short: now.short };
         let pulses = self.pulses.look(counters.pulses, seen);
         let gateless = now.quality == Quality::NoGate || limits.gated && !self.pulses.come();
@@ -230,6 +263,7 @@ impl Supervisor {
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;
 
         [
+            (drive, Fault::DriveSignalLost),
             (current, Fault::OverCurrent),
             (bus, Fault::BusSag),
             (runaway, Fault::PolarityWrong),
@@ -295,9 +329,9 @@ impl Supervisor {
         self.encoder.longer_than(limits.encoder_ms, closed && differs)
     }
 
-    /// An encoder that stands still, or trembles, while the loop gives more than friction can hold is not believed: a head that moves without
-    /// counts has reached the work, or its stop, long before its back-EMF shows. The reaction to another fault drives up,
-    /// perhaps onto the stop, and lets itself be pushed.
+    /// An encoder that stands still, or trembles, while the loop gives more than friction can hold is not believed: a head that
+    /// moves without counts has reached the work, or its stop, long before its back-EMF shows. The reaction to another fault
+    /// drives up, perhaps onto the stop, and lets itself be pushed.
     fn stands(&mut self, limits: &Limits, now: &Measured) -> bool {
         let breakaway = &limits.breakaway;
         let still = self.belief.as_ref().is_some_and(|belief| !belief.moves);

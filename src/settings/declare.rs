@@ -419,9 +419,9 @@ pub fn check(fields: &'static [Field], words: &[u32]) -> Result<(), SettingError
     }
 }
 
-/// Declares a struct of settings: `/// doc`, `index:sub name: type = default, limits, "key", "unit", "source", change "hazard";`.
-/// Index and sub-index are those of the object that a setting is, and stand in front of all fields or of none. What is an
-/// object says at its end how it may change while the head is enabled: `live`, or one of `disabled`, `falls`,
+/// Declares a struct of settings: `/// doc`, `index:sub name: type = default, limits, "key", "unit", "source", change
+/// "hazard";`. Index and sub-index are those of the object that a setting is, and stand in front of all fields or of none. What
+/// is an object says at its end how it may change while the head is enabled: `live`, or one of `disabled`, `falls`,
 /// `falls_from_never`, `rises` with what another change would do.
 ///
 /// ```

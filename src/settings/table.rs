@@ -49,7 +49,8 @@ declare! {
         0x2100:10 gap_amps_per_code: f32 = 0.0161, (0.0001, 1.0), "gap.amps_per_code", "A", "docs/wiring.md: 50 mV/A", disabled "loop and reflex believe it";
         /// Gap current from which a low voltage inside a pulse is a short to the reflex.
         0x2100:11 gap_short_amps: f32 = 1.0, (0.05, 100.0), "gap.short_a", "A", "assumed: twice the zero error of docs/wiring.md", falls "a higher one would hide shorts from the reflex";
-        /// Time constant with which the gap voltage rises in a pulse; the reflex looks after three of them, but not before 2 us.
+        /// Time constant with which the gap voltage rises in a pulse; the reflex looks after three of them, but not before 2
+        /// us.
         0x2100:12 gap_charging_us: f32 = 0.5, (0.0, 200.0), "gap.charging_us", "us", "assumed: transistor generator; R times C of an RC generator", falls "the reflex is blind for three of them";
         /// Longest hold through off-time before the gate counts as missing.
         0x2100:13 gap_hold_ms: f32 = 20.0, (1.0, 1000.0), "gap.hold_ms", "ms", "assumed: longer than the longest pulse period of [R], 1 ms", falls "a missing gate would show later";

@@ -284,8 +284,9 @@ fn a_host_that_falls_silent_stops_the_drive() {
     }
     assert_eq!(rig.status() & 0x6F, 0x27);
     rig.until(200, |rig| matches!(rig.status() & 0x4F, 0x0F | 0x08));
-    rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
     assert_eq!(rig.read(0x603F, 0), 0x8130);
+    // At the upper stop, without a home, the retrace ends in another fault.
+    rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
 }
 
 #[test]

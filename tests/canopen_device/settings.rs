@@ -211,6 +211,9 @@ fn storing_anew_ends_it() {
 fn a_fault_comes_and_goes_beside_a_loss_that_stays() {
     let mut rig = reset_without_gain();
     rig.enable();
+    // Room for its retrace.
+    rig.mode(1);
+    rig.move_to(1500, 1000);
     rig.sent.clear();
     rig.machine.raise(Fault::HostSilent);
     rig.until(1500, |rig| rig.status() & 0x4F == 0x08);

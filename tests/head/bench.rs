@@ -1,5 +1,5 @@
-//! A head on a bench: the actuator of the settings' defaults with 0.3 N of dry friction, an exact encoder, a gap that reads in proportion to its width. Every wire
-//! can be pulled.
+//! A head on a bench: the actuator of the settings' defaults with 0.3 N of dry friction, an exact encoder, a gap that reads in
+//! proportion to its width. Every wire can be pulled.
 
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
@@ -46,6 +46,7 @@ pub struct Bench {
     /// Edges of the gate in each tick, which start no conversion.
     pub edges: u8,
     pulses: PulseCounts,
+    pub drive_stands: bool,
     count: i64,
     last_edge: u32,
     toward_work: bool,
@@ -86,6 +87,7 @@ impl Bench {
             reflex: false,
             edges: 0,
             pulses: PulseCounts::default(),
+            drive_stands: false,
             count: 0,
             last_edge: 0,
             toward_work: true,
@@ -222,12 +224,16 @@ impl Bench {
         let [edges, conversions] = if self.output.pulses && self.quality != Quality::NoGate { [2, 1] } else { [0; 2] };
         self.pulses.edges = self.pulses.edges.wrapping_add(self.edges.wrapping_add(edges));
         self.pulses.conversions = self.pulses.conversions.wrapping_add(conversions);
+        // Sound converters and comparators.
+        self.pulses.newest = [self.pulses.conversions.into(); 2];
+        self.pulses.comparators = [self.pulses.edges; 2];
         self.pulses.shorts = self.pulses.shorts.wrapping_add((self.short_ticks > 0).into());
         let inputs = Inputs {
             gap: self.gap(),
             encoder: Snapshot { raw, ..Snapshot::default() },
             watch,
             pulses: self.pulses,
+            drive_stands: self.drive_stands,
             safety: self.safety.unsafe_ones(),
             drive: DriveCodes {
                 // The sensor sits between bridge and coil: it does not know which way round the coil is.
@@ -276,6 +282,14 @@ impl Bench {
         };
         let volts = Volts((volts * self.gap_sign) as f32);
         let touches = !self.output.pulses && gap <= 0.0;
-        GapReading { filtered: volts, block: volts, mean: volts, quality, touches, short_ticks: self.short_ticks }
+        GapReading {
+            filtered: volts,
+            block: volts,
+            mean: volts,
+            quality,
+            touches,
+            short_ticks: self.short_ticks,
+            code: 2000 + (self.ticks % 7) as u16,
+        }
     }
 }

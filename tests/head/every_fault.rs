@@ -19,6 +19,8 @@ fn caused(fault: Fault) -> Option<Bench> {
         Fault::Unfit => return None,
         // The circuit is outside, and so is the clock: tests/runtime/live.rs.
         Fault::LiveLost | Fault::LiveStuck | Fault::ClockLost => return None,
+        // No bit flips by itself here: tests/runtime/settings_damaged.rs.
+        Fault::SettingsDamaged => return None,
         Fault::HostSilent => {
             let mut bench = Bench::with(|settings| settings.host_ms = 100);
             bench.make_ready();
@@ -39,7 +41,7 @@ fn caused(fault: Fault) -> Option<Bench> {
         _ => Bench::eroding(),
     };
     match fault {
-        Fault::PersistentArc | Fault::PlanLate | Fault::Unfit => {}
+        Fault::PersistentArc | Fault::PlanLate | Fault::Unfit | Fault::SettingsDamaged => {}
         Fault::LiveLost | Fault::LiveStuck | Fault::ClockLost => {}
         Fault::PersistentShort => bench.follows = Some(-1.0),
         Fault::GapSignalInvalid => bench.quality = Quality::Missing,
@@ -59,6 +61,7 @@ fn caused(fault: Fault) -> Option<Bench> {
         Fault::PolarityWrong => (bench.motor_sign, bench.push) = (-1.0, 5.0),
         Fault::BusSag => bench.bus = 10.0,
         Fault::EmergencyStop => bench.safety.emergency_stop = true,
+        Fault::DriveSignalLost => bench.drive_stands = true,
         Fault::OverCurrent => bench.extra_amps = 4.0,
         Fault::BridgeFault => bench.safety.bridge_fault = true,
         Fault::SupplyLow => bench.safety.supply_low = true,

@@ -2,8 +2,8 @@
 
 use crate::bench::Bench;
 use edm_servo_head::gap::Quality;
-use edm_servo_head::head::{Command, Fault, LEAD, Refused, State};
-use edm_servo_head::units::Nanometres;
+use edm_servo_head::head::{Command, Fault, LEAD, MotionLimits, Reaction, Refused, State};
+use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 
 /// Runs until the head notices, at most `ms`, and checks that pulses are off from that tick on, for good.
 fn expect(bench: &mut Bench, fault: Fault, ms: u32) {
@@ -143,6 +143,26 @@ fn the_lower_limit_retracts_by_half_a_millimetre_and_holds() {
     let gone = at - bench.um();
     assert!((499.0..520.0).contains(&gone), "{gone} um");
     stays_latched(&mut bench);
+}
+
+#[test]
+fn a_retract_that_ends_at_the_top_of_the_travel_holds_there_with_no_more_than_the_limited_force() {
+    let mut bench = Bench::ready();
+    let ramp = MicrometresPerSecond2(1e6);
+    let limits = MotionLimits { velocity: MicrometresPerSecond(5e3), acceleration: ramp, deceleration: ramp };
+    bench.command(Command::Position(Nanometres(100_000), limits));
+    bench.run_until(1.0, |bench| bench.state() == State::Ready);
+    // Half a millimetre is not left.
+    bench.head.raise(Fault::Contact);
+    bench.run_until(1.0, |bench| bench.um() < 4.0);
+    // What the stop holds the head back by is never made up for.
+    bench.encoder_dead = true;
+    bench.run(3.0);
+    assert_eq!((bench.state(), bench.fault()), (State::Fault, Some(Fault::Contact)));
+    let active = bench.settings.build().unwrap().head;
+    let least = active.axis.gains.holding() - active.lift.limited;
+    assert!(bench.duty() >= f64::from(least) - 1e-3, "{} after 3 s, limited to {least}", bench.duty());
+    assert!(bench.duty() < f64::from(least) + 0.01, "what the test is about: it winds up, {}", bench.duty());
 }
 
 #[test]
@@ -395,4 +415,67 @@ fn a_stronger_reaction_replaces_a_milder_one_and_not_the_reverse() {
     assert_eq!(bench.fault(), Some(Fault::LowerLimit));
     bench.safety.bridge_fault = true;
     expect(&mut bench, Fault::BridgeFault, 0);
+}
+
+/// Asks in every tick for the fault to be reset, until it is: after how many ms.
+fn asks(bench: &mut Bench) -> f64 {
+    let refused = |bench: &mut Bench| {
+        let answer = bench.head.command(Command::ResetFault);
+        assert!(matches!(answer, Ok(()) | Err(Refused::Reacting(_))), "{answer:?}");
+        answer.is_err()
+    };
+    for tick in 0..40_000 {
+        if !refused(bench) {
+            assert_eq!((bench.state(), bench.fault()), (State::Disabled, None));
+            return f64::from(tick) * 0.05;
+        }
+        bench.tick();
+    }
+    panic!("never: {:?}", bench.head.status());
+}
+
+#[test]
+fn a_fault_is_not_reset_before_its_reaction_has_come_to_its_end() {
+    // A millimetre at 5 mm/s, half of one, a lift of 300 ms, nothing.
+    for (fault, least, most) in [
+        (Fault::HostSilent, 195.0, 240.0),
+        (Fault::Contact, 95.0, 140.0),
+        (Fault::BothLimits, 5.0, 30.0),
+        (Fault::EncoderLost, 299.0, 301.0),
+        (Fault::OverCurrent, 0.0, 0.0),
+    ] {
+        let mut bench = Bench::eroding();
+        bench.head.raise(fault);
+        bench.tick();
+        let ms = asks(&mut bench);
+        assert!((least..=most).contains(&ms), "{}: reset after {ms} ms", fault.name());
+        if fault.reaction() < Reaction::OpenLoopLift {
+            assert!(bench.v.abs() < 1e-4, "{}: {} m/s", fault.name(), bench.v);
+        }
+    }
+}
+
+#[test]
+fn a_fault_is_not_reset_while_a_dead_encoder_hides_how_fast_its_reaction_drives_the_head() {
+    for dies_after in [0.001, 0.02, 0.1, 0.19, 0.21] {
+        let mut bench = Bench::eroding();
+        bench.head.raise(Fault::GapSignalInvalid);
+        bench.run(dies_after);
+        bench.encoder_dead = true;
+        let ms = asks(&mut bench);
+        assert!(bench.v.abs() < 1e-3, "dead after {dies_after} s: {} m/s, reset after {ms} ms", bench.v);
+        let surface = bench.surface_um;
+        bench.run(1.0);
+        assert!(bench.um() < surface - 500.0, "dead after {dies_after} s: coasted to {} um", bench.um());
+    }
+}
+
+#[test]
+fn the_fault_of_a_head_that_stands_is_reset_without_a_wait() {
+    let mut bench = Bench::ready();
+    bench.run(0.2);
+    bench.head.raise(Fault::UpperLimit);
+    bench.tick();
+    let ms = asks(&mut bench);
+    assert!(ms < 20.0, "{ms} ms");
 }

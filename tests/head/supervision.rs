@@ -31,6 +31,8 @@ struct Watched {
     /// Edges of the gate and conversions in a millisecond, if not as many as are permitted.
     pulses: Option<[u8; 2]>,
     counted: PulseCounts,
+    /// The converter of the drive has stopped.
+    stands: bool,
 }
 
 impl Watched {
@@ -53,6 +55,7 @@ impl Watched {
             host_alive: true,
             pulses: None,
             counted: PulseCounts::default(),
+            stands: false,
         };
         // Disabled; then the loop is closed.
         assert_eq!(watched.first(5), None);
@@ -77,7 +80,14 @@ impl Watched {
         let counted = &mut self.counted;
         counted.edges = counted.edges.wrapping_add(edges);
         counted.conversions = counted.conversions.wrapping_add(conversions);
-        let counters = Counters { used: Snapshot { raw, ..Snapshot::default() }, watch, pulses: self.counted };
+        // Sound converters and comparators.
+        (counted.newest, counted.comparators) = ([self.ms as u16; 2], [counted.edges; 2]);
+        let counters = Counters {
+            used: Snapshot { raw, ..Snapshot::default() },
+            watch,
+            pulses: self.counted,
+            drive_stands: self.stands,
+        };
         let code = (self.amps / f64::from(self.config.amps_per_code.0)).round() as i32;
         self.now.bus = (self.bus / f64::from(self.config.bus_per_code.0)).round() as u16;
         let sums = &mut self.now.sums;
@@ -86,7 +96,9 @@ impl Watched {
         sums.current += code * TICKS_PER_MS as i32;
         sums.squares = sums.squares.wrapping_add((code * code) as u32 * TICKS_PER_MS);
         sums.duty += (self.gave * f64::from(Drive::FULL) * f64::from(TICKS_PER_MS)).round() as i32;
-        let now = Measured { permitted: self.now.permitted || self.now.pulses, ..self.now };
+        // A sound converter, unless it gives one code.
+        let code = if self.now.code == 0 { 2000 + self.ms as u16 % 2 } else { self.now.code };
+        let now = Measured { permitted: self.now.permitted || self.now.pulses, code, ..self.now };
         self.supervisor.tick(&self.config, &now, &counters, self.host_alive)
     }
 
@@ -104,6 +116,23 @@ fn finds(fault: Option<(u32, Fault)>, case: &str, wrong: impl FnOnce(&mut Watche
 }
 
 const WAYS: [f32; 2] = [1.0, -1.0];
+
+#[test]
+fn a_gap_voltage_of_one_code_is_none_whether_there_are_pulses_or_not() {
+    let gap = Some((401, Fault::GapSignalInvalid));
+    for pulses in [false, true] {
+        finds(gap, "one code", |w| (w.now.code, w.now.pulses) = (2000, pulses));
+        finds(None, "at the end of its range", |w| (w.now.code, w.now.pulses) = (4095, pulses));
+    }
+    finds(None, "disabled", |w| (w.now.code, w.now.state, w.now.closed) = (2000, State::Disabled, false));
+    let mut watched = Watched::new();
+    for _ in 0..5 {
+        watched.now.code = 2000;
+        assert_eq!(watched.first(400), None);
+        watched.now.code = 0;
+        assert_eq!(watched.first(2), None);
+    }
+}
 
 #[test]
 fn a_following_error_is_too_large_either_way_and_for_longer_than_its_time() {
@@ -304,6 +333,20 @@ fn a_current_is_too_much_either_way_in_every_state() {
                 assert!((f64::from(shown) - amps * way).abs() < 0.01, "{shown}");
             }
         }
+    }
+}
+
+#[test]
+fn a_drive_that_is_not_measured_is_named_after_three_milliseconds_unless_it_is_disabled() {
+    finds(Some((3, Fault::DriveSignalLost)), "not converted", |watched| watched.stands = true);
+    finds(None, "disabled", |watched| (watched.stands, watched.now.state) = (true, State::Disabled));
+    let mut watched = Watched::new();
+    for _ in 0..100 {
+        // One conversion is enough.
+        watched.stands = true;
+        assert_eq!(watched.first(2), None);
+        watched.stands = false;
+        assert_eq!(watched.first(1), None);
     }
 }
 

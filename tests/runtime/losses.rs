@@ -87,7 +87,8 @@ fn changes_of_state_beyond_what_the_protocol_can_keep_are_counted_and_an_emergen
             host.run(3 * MS);
             host.head.process().fault_inputs.short = false;
             host.run(12 * MS);
-            // A protocol that late ends the head by its watchdog, and by its live signal; here it is to be seen what else it does.
+            // A protocol that late ends the head by its watchdog, and by its live signal; here it is to be seen what else it
+            // does.
             host.head.protocol_reports();
         }
         assert!(host.head.status().state.pulses(), "{:?}", host.head.status());

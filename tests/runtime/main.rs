@@ -7,4 +7,5 @@ mod live;
 mod losses;
 mod rig;
 mod self_test;
+mod settings_damaged;
 mod writes;

@@ -253,8 +253,8 @@ impl Host {
         let shown: [u32; 2] = self.read_all(&[1, 2].map(|sub| (0x200D, sub))).try_into().unwrap();
         self.head.set_habits(Habits::PROMPT);
         self.run(2);
-        // The supervision tells of what lasts once a millisecond: what it has just sent is taken in the next tick. What is asked of
-        // the planner waits for its next estimate, and changes of state wait for the protocol's millisecond.
+        // The supervision tells of what lasts once a millisecond: what it has just sent is taken in the next tick. What is
+        // asked of the planner waits for its next estimate, and changes of state wait for the protocol's millisecond.
         let counted = |rig: &Self| {
             let (tally, before) = (preempt::tally(), &rig.before);
             (tally.sent - before.sent, tally.received - before.received, tally.lost - before.lost)

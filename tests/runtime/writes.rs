@@ -135,14 +135,14 @@ fn settings_of_a_reset_wait_until_the_head_is_disabled_and_show_that() {
     let other = f32::from_bits(known.word(at).unwrap()) * 0.9;
     host.exchange(setting(at, other.to_bits())).unwrap();
     host.enable();
-    host.head.process().fault_inputs.safety.emergency_stop = true;
+    host.head.process().fault_inputs.safety.bridge_fault = true;
     host.run(5 * MS);
     assert_eq!(host.head.status().state, State::Fault);
     host.reset(129);
     let [newest, servo, ..] = host.generations();
     assert_eq!(newest, servo + 1, "on its way");
     assert_eq!(host.exchange(download(0x210A, 8, 4, 70)), Err(Abort::DeviceState.code()));
-    host.head.process().fault_inputs.safety.emergency_stop = false;
+    host.head.process().fault_inputs.safety.bridge_fault = false;
     host.run(2 * MS);
     host.write(0x6040, 0, 2, 0x80);
     host.run(5 * MS);
@@ -162,13 +162,13 @@ fn a_write_that_is_overtaken_by_a_reset_leaves_nothing_behind() {
         host.exchange(setting(at, 11_000.0f32.to_bits())).unwrap();
         host.head.set_habits(Habits::PROMPT);
         host.enable();
-        host.head.process().fault_inputs.safety.emergency_stop = true;
+        host.head.process().fault_inputs.safety.bridge_fault = true;
         host.run(5 * MS);
         host.head.set_habits(Habits { supervise: 40, idle: 0, ..Habits::BUSY });
         host.ask(setting(place("supervise.host_ms"), 70));
         host.reset(129);
         // The head refuses another stroke until its fault is over.
-        host.head.process().fault_inputs.safety.emergency_stop = false;
+        host.head.process().fault_inputs.safety.bridge_fault = false;
         host.run(2 * MS);
         host.write(0x6040, 0, 2, 0x80);
         host.run(5 * MS);

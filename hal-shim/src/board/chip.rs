@@ -1,8 +1,9 @@
 //! What of the chip is used for what: the same on every board with an STM32F405 or 407.
 //!
 //! Rates follow from one clock tree: crystal -> 168 MHz core, 84 MHz APB2, 42 MHz APB1; a timer runs at twice its bus clock
-//! (RM0090 7.2). Crystal and PLL are in the table of each board. Servo tick, gap conversions and edge stamps are divided from the same clock and started by one event, so
-//! their phases never drift: 25 conversions are one tick, and the edge timer wraps every seven ticks.
+//! (RM0090 7.2). Crystal and PLL are in the table of each board. Servo tick, gap conversions and edge stamps are divided from
+//! the same clock and started by one event, so their phases never drift: 25 conversions are one tick, and the edge timer wraps
+//! every seven ticks.
 
 use crate::gap::BLOCK;
 use crate::must;
@@ -185,6 +186,9 @@ pub struct Task {
     /// By when it must be done.
     pub deadline: &'static str,
 }
+
+/// The highest task that may log: a message keeps it and those below it waiting.
+pub const LOGS: &str = "protocol";
 
 /// The task table, highest priority first.
 pub const TASKS: &[Task] = &[

@@ -17,8 +17,8 @@ mod table;
 
 pub use chip::{
     ADC, ADC_HZ, APB1_HZ, APB2_HZ, BLANKING_CLOCK, BLANKING_MOST, BUS_PRESCALERS, CORE_HZ, DAC_STEPS, EDGE_MODULUS,
-    FLASH_WAITS, GAP_SAMPLING, GATED_SAMPLING, Pll, RAM_END, SAMPLE, SERVO, STACK, STACK_GUARD, STREAMS, SUPERVISE,
-    Stream, TASKS, TICK_HZ, TIMER1_HZ, TIMER2_HZ, TIMERS, Task, Timer, pll, priority, write_chip,
+    FLASH_WAITS, GAP_SAMPLING, GATED_SAMPLING, LOGS, Pll, RAM_END, SAMPLE, SERVO, STACK, STACK_GUARD, STREAMS,
+    SUPERVISE, Stream, TASKS, TICK_HZ, TIMER1_HZ, TIMER2_HZ, TIMERS, Task, Timer, pll, priority, write_chip,
 };
 pub use disc::Disc;
 pub use f405::F405;
@@ -46,7 +46,8 @@ boards! {
 /// Declares a board: crystal in Hz, bit rate of CAN in bit/s, node-ID, defaults of settings where they differ from those of
 /// docs/settings.md; then for each signal a pin, what it does there, and what is connected to it outside.
 ///
-/// A crystal or bit rate that the clock tree cannot use exactly does not compile. A pin used twice does not compile: the second use is the use of a moved value.
+/// A crystal or bit rate that the clock tree cannot use exactly does not compile. A pin used twice does not compile: the second
+/// use is the use of a moved value.
 #[macro_export]
 macro_rules! board {
     ($(#[$outer:meta])* $vis:vis struct $Board:ident {

@@ -80,6 +80,10 @@ impl DriveSense for Script<DriveCodes> {
     fn read(&mut self) -> DriveCodes {
         self.next()
     }
+
+    fn stands(&mut self) -> bool {
+        false
+    }
 }
 
 /// Levels of A and B at a count: A leads B by a quarter period when the count rises.

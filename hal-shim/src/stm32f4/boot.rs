@@ -83,7 +83,8 @@ pub enum Death {
     Unexpected,
     /// The task watchdog missed a task; detail: which.
     Silent,
-    /// The stack has reached its guard; detail: fault status. Place: program counter, unless no frame could be stored (MSTKERR).
+    /// The stack has reached its guard; detail: fault status. Place: program counter, unless no frame could be stored
+    /// (MSTKERR).
     Stack,
 }
 

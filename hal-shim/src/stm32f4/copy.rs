@@ -3,9 +3,9 @@
 //! The compiler's own library copies a word in some 5.5 cycles; eight words by one load and one store come to 2.75 each
 //! (estimated: DDI 0439, table 3-1). Its names are weak there, so these are what is linked.
 
-// SAFETY, of all three: AAPCS: destination in r0, source in r1, bytes in r2, and r0 to r3, r12 and the flags are its own. Whoever
-// calls has so many bytes at both places, which do not overlap. They are called by their names alone, whose meaning is that of the
-// run-time ABI for the Arm architecture (IHI 0043, section 5.3.2).
+// SAFETY, of all three: AAPCS: destination in r0, source in r1, bytes in r2, and r0 to r3, r12 and the flags are its own.
+// Whoever calls has so many bytes at both places, which do not overlap. They are called by their names alone, whose meaning is
+// that of the run-time ABI for the Arm architecture (IHI 0043, section 5.3.2).
 
 /// Copies bytes between places of any alignment.
 ///

@@ -1,8 +1,8 @@
-//! Critical sections that delay neither reflex, stop, encoder, gap nor servo.
+//! Critical sections that delay nothing but the tasks that log.
 //!
-//! Everything below the servo task is masked by BASEPRI; the tasks from servo up run on. They therefore must not log, lock or
-//! take a critical section themselves. PRIMASK is never set. A log message is one section, 14 us for a long one (on the
-//! modelled chip): four edges at the rated speed, and a servo tick that would start late.
+//! The highest task that logs is masked by BASEPRI; those above it run on. They therefore must not log, lock or take a critical
+//! section themselves: `cargo firmware` reads in the image that none of them reaches the log. PRIMASK is never set. A log
+//! message is one section, however much it says: 88 us was seen (on the modelled chip), two frames on the bus.
 //!
 //! cortex-m brings one of its own, made of PRIMASK; the package beside this file keeps it out.
 
@@ -11,8 +11,8 @@ use cortex_m::register::{basepri, basepri_max};
 
 /// Priority bits of the STM32F4.
 const BITS: u8 = 4;
-/// Hardware priority of the highest task that is masked: the one below the servo.
-const CEILING: u8 = hardware(board::priority("servo") - 1);
+/// Hardware priority of the highest task that is masked.
+const CEILING: u8 = hardware(board::priority(board::LOGS));
 
 /// What the interrupt controller is told for a priority of the task table, 1 to 15: its lower numbers come first.
 pub const fn hardware(priority: u8) -> u8 {
@@ -22,7 +22,7 @@ pub const fn hardware(priority: u8) -> u8 {
 struct Basepri;
 critical_section::set_impl!(Basepri);
 
-// SAFETY: `acquire` masks every interrupt that may use a critical section (those below the servo), and `release` restores what
+// SAFETY: `acquire` masks every interrupt that may use a critical section (the tasks that log), and `release` restores what
 // was masked before, so sections nest. BASEPRI of 0 means nothing is masked and BASEPRI_MAX only ever raises it.
 unsafe impl critical_section::Impl for Basepri {
     unsafe fn acquire() -> critical_section::RawRestoreState {

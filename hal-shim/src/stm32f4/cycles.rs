@@ -34,8 +34,8 @@ impl Clock for Cycles {
     }
 
     fn restart(&self) {
-        // SAFETY: the register blocks are there for ever; the two enables are set here and at the start alone, where nothing runs
-        // beside it, and cleared by a debugger.
+        // SAFETY: the register blocks are there for ever; the two enables are set here and at the start alone, where nothing
+        // runs beside it, and cleared by a debugger.
         let (dcb, dwt) = unsafe { (&*DCB::PTR, &*DWT::PTR) };
         // SAFETY: as above.
         unsafe {

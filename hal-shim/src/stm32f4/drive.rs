@@ -9,6 +9,8 @@ const CURRENT: u32 = channel("motor_current");
 const BUS: u32 = channel("bus_voltage");
 /// Start of an injected sequence.
 const JSWSTART: u32 = 1 << 22;
+/// End of an injected sequence.
+const JEOC: u32 = 1 << 2;
 
 /// The drive's own measurements.
 pub struct DriveAdc(pac::ADC3);
@@ -35,5 +37,12 @@ impl DriveSense for DriveAdc {
         let codes = DriveCodes { motor_current: code(0), bus_voltage: code(1) };
         put!(self.0.cr2(), 1 | JSWSTART);
         codes
+    }
+
+    /// A converter without a clock neither ends a pair nor lets the end of an earlier one be cleared.
+    fn stands(&mut self) -> bool {
+        let ended = self.0.sr().read().bits() & JEOC != 0;
+        put!(self.0.sr(), !JEOC);
+        !ended || self.0.sr().read().bits() & JEOC != 0
     }
 }

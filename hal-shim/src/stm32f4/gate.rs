@@ -146,6 +146,11 @@ pub fn captures() -> Captures {
     Captures { gate, high, low, gate_to_high }
 }
 
+/// Edges of the high comparator and rises of the low one so far, modulo [`EDGE_COUNT`].
+pub fn comparators() -> [u8; 2] {
+    [written::<4>() as u8, written::<7>() as u8]
+}
+
 /// Edges of the gate so far, modulo [`EDGE_COUNT`]: for the reflex, which must not share a lock with the gap task.
 #[inline(always)]
 pub fn gate_edges() -> u32 {

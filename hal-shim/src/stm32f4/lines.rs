@@ -6,8 +6,8 @@
 //! count has changed in between, it repeats what was forced ([`ForcedLines::settle`]). So no lock is needed and a decision that
 //! was made before the short can never outlive it.
 
-use super::gate::gate_edges;
-use super::gated::{conversions, retreats, shorts};
+use super::gate::{comparators, gate_edges};
+use super::gated::{conversions, newest, retreats, shorts};
 use super::pins::{high, is_high, low};
 use super::{Board, change, pac, put};
 use crate::board::Pin;
@@ -196,7 +196,13 @@ impl ForcedLines for ServoLines {
     }
 
     fn pulses(&self) -> PulseCounts {
-        PulseCounts { edges: gate_edges() as u8, conversions: conversions() as u8, shorts: shorts() as u8 }
+        PulseCounts {
+            edges: gate_edges() as u8,
+            conversions: conversions() as u8,
+            shorts: shorts() as u8,
+            comparators: comparators(),
+            newest: newest(),
+        }
     }
 }
 

@@ -22,8 +22,8 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// Takes the pins. Both outputs are low, and stay so. The input loses the pull that it has after a reset where it is a pin of
-    /// JTAG: a circuit that is not there must read low.
+    /// Takes the pins. Both outputs are low, and stay so. The input loses the pull that it has after a reset where it is a pin
+    /// of JTAG: a circuit that is not there must read low.
     pub fn new(
         live: Pin<{ LIVE.port }, { LIVE.number }>,
         arm: Pin<{ ARM.port }, { ARM.number }>,

@@ -15,6 +15,7 @@ use super::hal::syscfg::SysCfgExt;
 use super::lines::ServoLines;
 use super::live::Signal;
 use super::pwm::{self, Bridge, Pwm, Tick};
+use super::registers::Registers;
 use super::safety::{self, Inputs};
 use super::self_test;
 use super::stack;
@@ -31,6 +32,7 @@ use crate::self_test::SelfTest;
 pub struct Machine {
     pub boot: Boot,
     pub self_test: SelfTest,
+    pub registers: Registers,
     pub clock: Cycles,
     pub reflex: Gated,
     pub thresholds: Thresholds,
@@ -131,6 +133,7 @@ impl Machine {
         Ok(Machine {
             boot,
             self_test: self_test.and(pins::freeze()),
+            registers: Registers::new(),
             clock,
             reflex,
             thresholds,

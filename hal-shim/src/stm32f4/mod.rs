@@ -36,6 +36,7 @@ pub mod machine;
 pub mod panic_handler;
 pub mod pins;
 pub mod pwm;
+pub mod registers;
 pub mod safety;
 pub mod self_test;
 pub mod stack;

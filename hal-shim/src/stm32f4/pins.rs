@@ -64,7 +64,8 @@ pub fn bar() {
     }
 }
 
-/// Keeps every pin what it is until the next reset. The short path and whatever switches off write levels, which are not locked.
+/// Keeps every pin what it is until the next reset. The short path and whatever switches off write levels, which are not
+/// locked.
 pub fn freeze() -> SelfTest {
     let locked = ['A', 'B', 'C', 'D', 'E'].map(|port| lock(Place { port, number: 0 }, 0xFFFF));
     if locked == [true; 5] { SelfTest::PASSED } else { SelfTest::UNLOCKED }

@@ -1,8 +1,8 @@
 //! The guard of the stack: memory that nobody may touch, below what the stack may take (ARMv7-M B3.5).
 //!
 //! The guard is larger than any frame (`cargo firmware` refuses an image with a larger one), so that no function steps over
-//! it. Who touches it ends in HardFault, where the unit is off: the handler has the guard and what lies below for its own stack. The pins
-//! come first there, and after the reset the last words name the stack.
+//! it. Who touches it ends in HardFault, where the unit is off: the handler has the guard and what lies below for its own
+//! stack. The pins come first there, and after the reset the last words name the stack.
 
 use crate::board::{RAM_END, STACK, STACK_GUARD};
 use cortex_m::peripheral::MPU;
@@ -23,7 +23,8 @@ pub const FAULTS: u32 = 1 << 1 | 1 << 3 | 1 << 4 | 1 << 5;
 
 /// Sets the guard up.
 pub fn guard(mpu: &mut MPU) {
-    // SAFETY: nothing that this program uses lies in the region: variables end below (`cargo firmware` looks), and the stack above.
+    // SAFETY: nothing that this program uses lies in the region: variables end below (`cargo firmware` looks), and the stack
+    // above.
     unsafe {
         mpu.rbar.write(BASE | REGION);
         mpu.rasr.write(NO_ACCESS);

@@ -3,7 +3,8 @@
 //! The process goes on in *windows* of one servo tick that begin with the periods of the PWM, so that the duty of a window
 //! is exactly the one in force. A window is computed just after it has begun (16 cycles), under what the chip drives its
 //! pins with at that moment; a direction pin, or the line that allows pulses, that changes inside a window acts on the
-//! next one, up to 50 us late; so does the latch of the live signal. Voltages, edges of gate, comparators and encoder come at their own times inside the window.
+//! next one, up to 50 us late; so does the latch of the live signal. Voltages, edges of gate, comparators and encoder come at
+//! their own times inside the window.
 //!
 //! Noise and hum of a conversion are those of the nearest conversion of the process model's own block.
 //!
@@ -14,7 +15,7 @@ use crate::wires::*;
 use edm_hal_shim::bridge::Drive as Bridge;
 use edm_hal_shim::gap::BLOCK;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
-use edm_sim::process::{Parameters, Piece, Process};
+use edm_sim::process::{Parameters, Piece, Plant, Process};
 use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, TICK_HZ, World};
 use std::collections::VecDeque;
 
@@ -42,6 +43,8 @@ pub struct Bench {
     /// What becomes of the frames that it sends.
     pub reply: CanReply,
     parameters: Parameters,
+    /// Open-circuit voltage of the generator, V.
+    open_v: f64,
     window: u64,
     changes: VecDeque<(u64, Change)>,
     frames: VecDeque<(u64, Frame)>,
@@ -74,14 +77,15 @@ impl Bench {
     ///
     /// # Errors
     /// When a parameter is refused.
-    pub fn new(parameters: &Parameters, seed: u64) -> Result<Self, String> {
-        let process = Process::new(parameters, seed).map_err(|e| e.to_string())?;
+    pub fn new(plant: &Plant, seed: u64) -> Result<Self, String> {
+        let process = Process::new(*plant, seed).map_err(|e| e.to_string())?;
         let mut bench = Self {
             sensed: process.sensors().drive,
             process,
             sent: VecDeque::new(),
             reply: CanReply::Acknowledged,
-            parameters: *parameters,
+            parameters: plant.base,
+            open_v: plant.open_v(),
             window: 0,
             changes: VecDeque::new(),
             frames: VecDeque::new(),
@@ -103,13 +107,13 @@ impl Bench {
         Ok(bench)
     }
 
-    /// Replaces the machine by one at rest at its upper stop, with the workpiece of `parameters`: the chip stays on.
+    /// Replaces the machine by one at rest at its upper stop, with the workpiece of `plant`: the chip stays on.
     ///
     /// # Errors
     /// When a parameter is refused.
-    pub fn mount(&mut self, parameters: &Parameters, seed: u64) -> Result<(), String> {
-        self.process = Process::new(parameters, seed).map_err(|e| e.to_string())?;
-        self.parameters = *parameters;
+    pub fn mount(&mut self, plant: &Plant, seed: u64) -> Result<(), String> {
+        self.process = Process::new(*plant, seed).map_err(|e| e.to_string())?;
+        (self.parameters, self.open_v) = (plant.base, plant.open_v());
         self.wire(self.window, self.window);
         Ok(())
     }
@@ -177,7 +181,7 @@ impl Bench {
             }
             let ends = self.pieces.get(i + 1).map_or(f64::INFINITY, |next| next.from_us);
             for (pin, share) in COMPARATORS.into_iter().zip(THRESHOLDS) {
-                let (us, level) = crossing(&piece, share * f64::from(self.parameters.open));
+                let (us, level) = crossing(&piece, share * self.open_v);
                 if us < ends {
                     let at = from.saturating_add_signed(ticks(us)).max(from);
                     self.set(&mut edges, at, pin, level);
@@ -288,10 +292,14 @@ impl Bench {
     }
 
     fn gap_current(&self, at: u64) -> u16 {
-        let flows = self
-            .piece(at)
-            .is_some_and(|(piece, _)| piece.gate && piece.volts.abs() < BURNING * f64::from(self.parameters.open));
-        current_code(if flows { DISCHARGE_A } else { 0.0 }) as u16
+        let assumed = |piece: &Piece| {
+            let flows = piece.gate && piece.volts.abs() < BURNING * self.open_v;
+            if flows { DISCHARGE_A } else { 0.0 }
+        };
+        let amps = self.piece(at).map_or(0.0, |(piece, us)| piece.amps_at(us).unwrap_or_else(|| assumed(piece)));
+        // Noise of two codes: what the voltage has at that moment decides.
+        let noise = f64::from(self.gap_voltage(at) % 5) - 2.0;
+        (current_code(amps) + noise) as u16
     }
 }
 

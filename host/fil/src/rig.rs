@@ -14,7 +14,7 @@ use edm_servo_head::head::{Change, Command, Reason, SetPoint, State, Status};
 use edm_servo_head::settings::Settings;
 use edm_sim::lockstep::{Event, Recorder, Twin};
 use edm_sim::machine::Rig;
-use edm_sim::process::{Parameters, Process};
+use edm_sim::process::{Plant, Process};
 use edm_sim::run::{Job, Observer, Outcome, Progress};
 use edm_soc::{CanReply, Frame, Region, TICK_HZ};
 use std::collections::VecDeque;
@@ -123,12 +123,12 @@ impl Emulated {
     /// When the firmware does not start, or is not built from the sources of this program.
     pub fn start(
         image: &Image,
-        parameters: &Parameters,
+        plant: impl Into<Plant>,
         settings: &Settings,
         seed: u64,
         witness: Witness,
     ) -> Result<Self> {
-        Self::power_up(image, parameters, seed, witness, |flash| commission(flash, settings))
+        Self::power_up(image, plant, seed, witness, |flash| commission(flash, settings))
     }
 
     /// Powers up a board whose flash `prepare` has written, and waits until its servo ticks.
@@ -137,13 +137,14 @@ impl Emulated {
     /// As [`Emulated::start`].
     pub fn power_up(
         image: &Image,
-        parameters: &Parameters,
+        plant: impl Into<Plant>,
         seed: u64,
         witness: Witness,
         prepare: impl FnOnce(&Region) -> Result<()>,
     ) -> Result<Self> {
         let places = Places::find(image)?;
-        let bench = Bench::new(parameters, seed).map_err(|e| anyhow!(e))?;
+        let plant = plant.into();
+        let bench = Bench::new(&plant, seed).map_err(|e| anyhow!(e))?;
         let mut machine = Machine::new(image, bench, CRYSTAL_HZ)?;
         prepare(&machine.soc().memory.flash)?;
         let mut rig = Self {
@@ -171,12 +172,12 @@ impl Emulated {
             released: None,
             windows: 0,
         };
-        rig.boot(parameters, seed)?;
+        rig.boot(&plant, seed)?;
         Ok(rig)
     }
 
     /// Runs until the servo interrupt has come, then lets the bench's windows begin with the periods of TIM1.
-    fn boot(&mut self, parameters: &Parameters, seed: u64) -> Result<()> {
+    fn boot(&mut self, plant: &Plant, seed: u64) -> Result<()> {
         // Finely: the first tick comes late, as soon as interrupts are let in, and the second at the next period.
         while self.machine.stats().entries[SERVO] == 0 {
             let next = self.machine.soc().now() + WINDOW / 256;
@@ -200,14 +201,15 @@ impl Emulated {
         let count = soc.read(TIM1_CNT, 4)?;
         let period = soc.now() - u64::from(count);
         // The process starts anew, so that its time is that of a native run.
-        soc.world.mount(parameters, seed).map_err(|e| anyhow!(e))?;
+        soc.world.mount(plant, seed).map_err(|e| anyhow!(e))?;
         soc.world.align(period + WINDOW);
         soc.world_changed();
         // The first tick comes late: the next block may be there before it hands its estimate over.
         let end = self.machine.soc().now() + FIRST;
         let had = self.places.reading(&self.machine.soc().memory)?;
         let mut before = None;
-        while self.machine.soc().now() < end {
+        // It may come so late that the second follows at once.
+        while self.machine.soc().now() < end && self.machine.stats().entries[SERVO] == 1 {
             let next = self.machine.soc().now() + 8;
             self.machine.run_until(next)?;
             let came = self.machine.stats().entries[GAP] != self.blocks;
@@ -572,7 +574,7 @@ pub fn bore(
     let settings = Settings { commissioned: true, ..job.setup.head };
     let witness = if lockstep { Witness::twin(&settings) } else { Ok(Witness::None) };
     let mut rig = witness
-        .and_then(|witness| Emulated::start(image, &job.setup.process, &settings, job.seed, witness))
+        .and_then(|witness| Emulated::start(image, job.setup.process, &settings, job.seed, witness))
         .map_err(|e| format!("{e:#}"))?;
     rig.log = log;
     rig.process_mut().schedule(&job.setup.events);

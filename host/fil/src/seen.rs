@@ -24,6 +24,7 @@ use std::mem::{offset_of, size_of};
 
 const PLANNER: &str = "edm_servo_head::head::planner::Planner";
 const FOLLOWER: &str = "edm_servo_head::head::follow::Follower";
+const PLAN: &str = "edm_servo_head::head::follow::Plan";
 const ESTIMATOR: &str = "edm_servo_head::head::estimate::Estimator";
 const POSITION: &str = "edm_servo_head::encoder::position::Position";
 const PLANS: &str = "edm_runtime::plan::Plans";
@@ -146,6 +147,7 @@ impl Places {
         let mut wanted = vec![
             PLANNER,
             FOLLOWER,
+            PLAN,
             ESTIMATOR,
             POSITION,
             PLANS,
@@ -233,8 +235,8 @@ impl Places {
             counters: servo + layout.offset(SERVO, "counters")?,
             followed: Followed {
                 tick: followed("tick")?,
-                path: followed("path")?,
-                setpoint: followed("setpoint")?,
+                path: followed("plan")? + layout.offset(PLAN, "path")?,
+                setpoint: followed("plan")? + layout.offset(PLAN, "setpoint")?,
                 following: followed("following")?,
                 duty: followed("duty")?,
                 saturated: followed("saturated")?,
@@ -532,6 +534,7 @@ fn reading(view: &View) -> Result<GapReading> {
         quality: *QUALITIES.get(view.byte(at!(GapReading, quality))?).context("a quality that is none")?,
         touches: view.flag(at!(GapReading, touches))?,
         short_ticks: view.word(at!(GapReading, short_ticks))?,
+        code: view.half(at!(GapReading, code))?,
     })
 }
 
@@ -609,7 +612,13 @@ fn counters(view: &View) -> Result<Counters> {
             edges: pulses.byte(at!(PulseCounts, edges))? as u8,
             conversions: pulses.byte(at!(PulseCounts, conversions))? as u8,
             shorts: pulses.byte(at!(PulseCounts, shorts))? as u8,
+            comparators: [
+                pulses.byte(at!(PulseCounts, comparators))? as u8,
+                pulses.byte(at!(PulseCounts, comparators) + 1)? as u8,
+            ],
+            newest: [pulses.half(at!(PulseCounts, newest))?, pulses.half(at!(PulseCounts, newest) + 2)?],
         },
+        drive_stands: view.flag(at!(Counters, drive_stands))?,
     })
 }
 

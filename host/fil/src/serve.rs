@@ -46,7 +46,7 @@ pub fn serve(image: &Image, log: bool, options: &Serve) -> Result<(), Failure> {
         }
         None => commission(flash, &settings),
     };
-    let mut rig = Emulated::power_up(image, &setup.process, options.seed, Witness::None, prepare).map_err(failed)?;
+    let mut rig = Emulated::power_up(image, setup.process, options.seed, Witness::None, prepare).map_err(failed)?;
     rig.log = log;
     rig.host_alive = false;
     await_boot_up(&mut rig).map_err(failed)?;

@@ -349,7 +349,10 @@ impl World for Rig {
             (_, 17) => 1502.0,
             _ => 0.0,
         };
-        code.clamp(0.0, 4095.0) as u16
+        // The gap is sampled with a noise of two codes, of the time multiplied by the golden section of 2^64.
+        let noise = (at.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) % 5;
+        let noise = if adc < 3 { noise as f64 - 2.0 } else { 0.0 };
+        (code + noise).clamp(0.0, 4095.0) as u16
     }
 
     fn next_change(&self) -> u64 {

@@ -26,7 +26,8 @@ pub const SCHEMA: &str = "edm-sim.bench/2";
 pub const CALIBRATION_STEPS: u32 = 20_000_000;
 /// Simulated seconds a second of the processor that a slow and busy machine still reaches in the scenarios for which there
 /// is a bound; docs/performance.md says what was measured.
-pub const BOUNDS: &[(&str, f64)] = &[("default", 50.0), ("pulses-100khz", 20.0)];
+pub const BOUNDS: &[(&str, f64)] =
+    &[("default", 50.0), ("pulses-100khz", 20.0), ("sinker", 25.0), ("micro-blind", 10.0)];
 
 /// Arguments of `edm-sim bench`.
 #[derive(Debug, Args)]
@@ -38,7 +39,7 @@ pub struct Bench {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     pub runs: u32,
     /// Simulated seconds a second of the processor that have to be reached [default: 50 in the scenario default, 20 in
-    /// pulses-100khz, as they are; otherwise none]
+    /// pulses-100khz, 25 in sinker, 10 in micro-blind, as they are; otherwise none]
     #[arg(long, value_name = "RATIO", value_parser = ratio, allow_hyphen_values = true)]
     pub at_least: Option<f64>,
     /// Write the measurement as JSON

@@ -16,6 +16,7 @@ use edm_hal_shim::generator::Generator;
 use edm_hal_shim::live::Live;
 use edm_hal_shim::reflex::{Config, ForcedLines, PulseCounts, Thresholds};
 use edm_hal_shim::safety::{DriveCodes, DriveSense, Safety, SafetyInputs};
+use edm_hal_shim::self_test::Registers;
 use edm_hal_shim::self_test::SelfTest;
 use edm_hal_shim::tick::{Period, ServoTimer};
 use edm_hal_shim::watchdog::{Stuck, Watchdog};
@@ -49,6 +50,10 @@ pub struct Ports {
     pub levels: Cell<Levels>,
     /// Second counter on them.
     pub timer: Cell<u32>,
+    /// The settings of the gap task have changed by themselves.
+    pub gap_damaged: Cell<bool>,
+    /// A register of the chip has.
+    pub register_changed: Cell<bool>,
     /// Where the clock stands, if it does.
     pub stands_at: Cell<Option<u32>>,
     /// When that is read, if not now.
@@ -65,6 +70,8 @@ pub struct Ports {
     pub pulse_counts: Cell<PulseCounts>,
     /// Motor current and bus voltage.
     pub codes: Cell<DriveCodes>,
+    /// The converter of the drive has stopped.
+    pub drive_stands: Cell<bool>,
     /// What the bridge was told.
     pub drive: Cell<Drive>,
     /// Pulses allowed.
@@ -167,6 +174,7 @@ impl Board for Pc {
     type Generator = Part;
     type Inputs = Part;
     type Drive = Part;
+    type Registers = Part;
     type Forced = Part;
     type Live = Part;
     type Tick = Part;
@@ -258,6 +266,10 @@ impl Tunable for Source {
     fn retune(&mut self, active: &voltage::Active) {
         Tunable::retune(&mut self.voltage, active);
     }
+
+    fn is_intact(&mut self) -> bool {
+        Tunable::is_intact(&mut self.voltage) && !self.ports.gap_damaged.get()
+    }
 }
 
 impl HBridge for Part {
@@ -287,6 +299,16 @@ impl DriveSense for Part {
     fn read(&mut self) -> DriveCodes {
         self.0.codes.get()
     }
+
+    fn stands(&mut self) -> bool {
+        self.0.drive_stands.get()
+    }
+}
+
+impl Registers for Part {
+    fn is_intact(&mut self) -> bool {
+        !self.0.register_changed.get()
+    }
 }
 
 /// There is no reflex beside the ticks: a short is found by the gap task, a safety input by the servo task.
@@ -307,9 +329,13 @@ impl ForcedLines for Part {
     fn pulses(&self) -> PulseCounts {
         let counts = self.0.pulse_counts.get();
         // The dry loop has no pulses to miss.
-        let imagined = (self.0.now.get() / IMAGINED) as u8;
         let dry = self.0.dry.borrow().is_some() && self.0.pulses.get();
-        if dry { PulseCounts { edges: imagined, conversions: imagined, ..counts } } else { counts }
+        if !dry {
+            return counts;
+        }
+        let imagined = (self.0.now.get() / IMAGINED) as u8;
+        let newest = [imagined.into(); 2];
+        PulseCounts { edges: imagined, conversions: imagined, comparators: [imagined; 2], newest, ..counts }
     }
 }
 

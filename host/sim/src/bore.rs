@@ -29,7 +29,8 @@ pub fn check(setup: &Setup) -> Result<(), SettingError> {
     setup.process.validate()?;
     setup.head.build()?;
     if depth_range_mm(setup).is_empty() {
-        let rule = "must lie above actuator.stroke_mm, limit.lower_mm and axis.stroke_um, or there is nothing to bore";
+        let rule =
+            "must lie above the end of the stroke, limit.lower_mm and axis.stroke_um, or there is nothing to bore";
         return Err(SettingError::Conflict { field: "workpiece.surface_mm", rule });
     }
     Ok(())
@@ -38,10 +39,10 @@ pub fn check(setup: &Setup) -> Result<(), SettingError> {
 /// Depths that can be bored, mm: from a micrometre to the lower end of the stroke, or to the lower limit switch.
 pub fn depth_range_mm(setup: &Setup) -> RangeInclusive<f64> {
     let p = &setup.process;
-    let lowest = p.stroke.min(p.lower_limit).min(setup.head.axis_stroke * 1e-3);
+    let lowest = (p.stroke_mm() as f32).min(p.base.lower_limit).min(setup.head.axis_stroke * 1e-3);
     // In whole micrometres, so that the limit reads as a person would write it.
     let whole = |mm: f64| (mm * 1000.0).floor() / 1000.0;
-    0.001..=whole(f64::from(lowest) - f64::from(p.surface) + 1e-6)
+    0.001..=whole(f64::from(lowest) - f64::from(p.base.surface) + 1e-6)
 }
 
 /// Bores a hole: one sample a servo tick to `observer`, progress every 100 ms of simulated time.
@@ -52,13 +53,13 @@ pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&P
     // The virtual head's commissioning counts as passed: it needs an axis without a workpiece.
     let settings = Settings { commissioned: true, ..setup.head };
     let refused = |error| setup.refusal(error);
-    let first_surface_um = f64::from(setup.process.surface) * 1e3;
-    let mut parameters = setup.process;
+    let first_surface_um = f64::from(setup.process.base.surface) * 1e3;
+    let mut plant = setup.process;
     if job.surrogate {
         // The dry loop is run without a workpiece: it lies at the very end of the stroke.
-        parameters.surface = parameters.stroke * 0.999;
+        plant.base.surface = plant.stroke_mm() as f32 * 0.999;
     }
-    let mut machine = Machine::new(&parameters, &settings, job.seed).map_err(refused)?;
+    let mut machine = Machine::new(plant, &settings, job.seed).map_err(refused)?;
     machine.process.schedule(&setup.events);
     if job.surrogate {
         machine.run_dry(&settings, first_surface_um, job.seed);
@@ -77,13 +78,13 @@ pub fn run(
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, String> {
     let setup = &job.setup;
-    let first_surface_um = f64::from(setup.process.surface) * 1e3;
+    let first_surface_um = f64::from(setup.process.base.surface) * 1e3;
     for _ in 0..REST {
         machine.tick()?;
     }
     // Home is where the head rests: not quite the stop's zero, because the stop gives way.
     let home = machine.true_count();
-    let home_um = home as f64 * f64::from(setup.process.count);
+    let home_um = home as f64 * f64::from(setup.process.base.count);
     let target = Nanometres(((first_surface_um + job.depth_mm * 1e3 - home_um) * 1e3).round() as i64);
     for command in [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(target), Command::Start] {
         machine.command(command)?;
@@ -133,6 +134,8 @@ pub fn run(
         completed,
         stop_reason,
         depth_mm: (truth.face_um - first_surface_um) * 1e-3,
+        wear_mm: truth.wear_um * 1e-3,
+        through: truth.through,
         hole_depth_mm: (machine.imagined_surface_um().unwrap_or(truth.surface_um) - first_surface_um) * 1e-3,
         sim_time_s: truth.t_s,
         shot_floor_rms_v,
@@ -161,6 +164,11 @@ fn sample(machine: &impl Rig, truth: &Truth, home_um: f64) -> Sample {
         setpoint_v: status.gap_setpoint.0,
         duty: status.duty,
         state: status.state.name(),
+        wear_um: truth.wear_um,
+        debris: truth.debris,
+        damage: truth.damage,
+        contact_n: truth.contact_n,
+        film_n: truth.film_n,
     }
 }
 
@@ -184,7 +192,7 @@ impl Means {
 fn shot_floor(setup: &Setup, seed: u64, means: &Means) -> Result<f64, String> {
     let refused = |error| setup.refusal(error);
     let active = setup.head.build().map_err(refused)?;
-    let mut process = Process::new(&setup.process, seed).map_err(refused)?;
+    let mut process = Process::new(setup.process, seed).map_err(refused)?;
     let mut source = Voltage::new(active.gap);
     process.hold_gap(means.gap_um / means.ticks, means.debris / means.ticks);
     let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);

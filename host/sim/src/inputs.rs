@@ -8,15 +8,18 @@ use clap::Args;
 /// Options that say what is bored, in what, and how.
 #[derive(Debug, Args)]
 pub struct Inputs {
-    /// Depth of the hole, mm
-    #[arg(long, value_name = "MM", default_value = "0.5", allow_hyphen_values = true)]
-    pub depth_mm: String,
+    /// Depth of the hole, mm [default: that of the scenario, mostly 0.5]
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    pub depth_mm: Option<String>,
     /// Scenario by name (`edm-sim scenarios` lists them), or a scenario file
     #[arg(long, value_name = "FILE|NAME", default_value = "default")]
     pub scenario: String,
     /// Change one value after the scenario; may be repeated, the later holds (`edm-sim settings` lists the keys)
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+    /// Process model in the place of the scenario's; what the scenario says of the other one does not count
+    #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u32).range(0..=1))]
+    pub model: Option<u32>,
     /// Seed of everything random; the same seed gives the same run
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
     pub seed: u64,
@@ -32,23 +35,28 @@ impl Inputs {
     }
 
     fn checked(&self) -> Result<Job, String> {
-        let setup = setup(&self.scenario, &self.set)?;
+        let setup = setup(&self.scenario, self.model, &self.set)?;
         bore::check(&setup).map_err(|error| setup.refusal(error))?;
         let range = bore::depth_range_mm(&setup);
-        let depth = self.depth_mm.trim().parse().ok().filter(|depth: &f64| range.contains(depth));
+        let asked = self.depth_mm.clone().unwrap_or_else(|| setup.depth_mm.to_string());
+        let depth = asked.trim().parse().ok().filter(|depth: &f64| range.contains(depth));
         let depth_mm = depth.ok_or_else(|| {
-            format!("--depth-mm {}: must be a number from {} to {} mm", self.depth_mm, range.start(), range.end())
+            format!("--depth-mm {asked}: must be a number from {} to {} mm", range.start(), range.end())
         })?;
         Ok(Job { setup, depth_mm, seed: self.seed, surrogate: self.surrogate })
     }
 }
 
-/// Loads a scenario and applies the assignments of the command line.
+/// Loads a scenario and applies what the command line changes of it: the version of the process model, then assignments.
 ///
 /// # Errors
 /// What is wrong with them, in one line.
-pub fn setup(scenario: &str, assignments: &[String]) -> Result<Setup, String> {
+pub fn setup(scenario: &str, model: Option<u32>, assignments: &[String]) -> Result<Setup, String> {
     let mut setup = Setup::load(scenario)?;
+    if let Some(version) = model.filter(|version| *version != setup.process.version()) {
+        setup.process = setup.process.turned_to(version);
+        setup.name = format!("{}, model {version}", setup.name);
+    }
     for assignment in assignments {
         setup.set(assignment).map_err(|message| format!("--set {message}"))?;
     }

@@ -2,11 +2,11 @@
 //!
 //! [`Core`] is what every head has: process, encoder, gap and servo task, supervision. They are called by priority at their
 //! times, as RTIC calls them on the chip: in each period of the PWM the edges of the encoder, the block of conversions, the
-//! tick, and the plan when it asks for one; every millisecond the supervision. What commands the head is the protocol of a virtual head ([`crate::serve`]), or,
-//! in a [`Machine`], whoever holds it.
+//! tick, and the plan when it asks for one; every millisecond the supervision. What commands the head is the protocol of a
+//! virtual head ([`crate::serve`]), or, in a [`Machine`], whoever holds it.
 
 use crate::board::{Dry, PLAN, Part, Pc, Ports, Source};
-use crate::process::{Parameters, Process};
+use crate::process::{Plant, Process, Sensors};
 use edm_hal_shim::encoder::Line;
 use edm_runtime::assemble::{Host, IdleEnds};
 use edm_runtime::can::{Receive, Transmit};
@@ -144,6 +144,7 @@ impl Core {
             generator: part,
             inputs: part,
             drive: part,
+            registers: part,
             forced: part,
             live: part,
             tick: part,
@@ -177,7 +178,7 @@ impl Core {
     fn period(&mut self, process: &mut Process) {
         let ports = self.ports;
         self.ticks = self.ticks.wrapping_add(1);
-        let sensors = process.advance(ports.drive.get(), ports.pulses.get());
+        let sensors = go_on(ports, process);
         for &(time, levels) in &sensors.edges {
             ports.now.set(time);
             ports.levels.set(levels);
@@ -227,6 +228,12 @@ pub(crate) fn status(servo: &Servo<Pc>, plan: &Plans<Pc>) -> Status {
     status
 }
 
+/// Lets the process go on for a period under what the head has put on its wires.
+pub(crate) fn go_on<'a>(ports: &Ports, process: &'a mut Process) -> &'a Sensors {
+    process.off_time_ns = ports.off_time_ns.get();
+    process.advance(ports.drive.get(), ports.pulses.get())
+}
+
 /// Puts what the wires of a process show on the ports.
 pub(crate) fn show(ports: &Ports, process: &Process) {
     let sensors = process.sensors();
@@ -255,9 +262,9 @@ impl Machine {
     ///
     /// # Errors
     /// When the values do not fit together.
-    pub fn new(parameters: &Parameters, settings: &Settings, seed: u64) -> Result<Machine, SettingError> {
+    pub fn new(plant: impl Into<Plant>, settings: &Settings, seed: u64) -> Result<Machine, SettingError> {
         let active = settings.build()?;
-        let process = Process::new(parameters, seed)?;
+        let process = Process::new(plant, seed)?;
         let (core, others) = Core::new(&active, &process);
         let ends = others.host.ends;
         Ok(Machine { process, host_alive: true, core, ends, count_um: settings.encoder_count.into() })

@@ -90,6 +90,16 @@ pub struct Millisecond {
     pub duty: Span,
     /// Mean square of the electrode's velocity above [`VIBRATION_HZ`], um^2/s^2.
     pub vibration_square: f64,
+    /// Length the electrode has lost at the last tick, um.
+    pub wear_um: f64,
+    /// Debris of the front gap at the last tick, in 5 % by volume.
+    pub debris: f64,
+    /// Mean damage by arcs at the last tick.
+    pub damage: f64,
+    /// Largest force between electrode and work, N.
+    pub contact_n: f64,
+    /// Largest force of the film, whichever way, N.
+    pub film_n: f64,
 }
 
 impl Millisecond {
@@ -106,6 +116,11 @@ impl Millisecond {
             setpoint_v: 0.0,
             duty: Span::NONE,
             vibration_square: 0.0,
+            wear_um: 0.0,
+            debris: 0.0,
+            damage: 0.0,
+            contact_n: 0.0,
+            film_n: 0.0,
         }
     }
 
@@ -121,6 +136,9 @@ impl Millisecond {
         self.setpoint_v = f64::from(sample.setpoint_v);
         self.duty.add(f64::from(sample.duty));
         self.vibration_square += vibration * vibration;
+        (self.wear_um, self.debris, self.damage) = (sample.wear_um, sample.debris, sample.damage);
+        self.contact_n = self.contact_n.max(sample.contact_n);
+        self.film_n = self.film_n.max(sample.film_n.abs());
     }
 
     /// Makes means of the sums.
@@ -209,6 +227,8 @@ mod tests {
             setpoint_v: 55.0,
             duty: -0.1,
             state,
+            film_n: -2.0,
+            ..Sample::default()
         }
     }
 
@@ -222,6 +242,7 @@ mod tests {
         assert_eq!((second.position_um.min, second.position_um.max, second.surface_um), (20.0, 39.0, 78.0));
         assert_eq!((second.t_s, second.phase), (0.001, Phase::Eroding));
         assert!((second.filtered_square - 9.0).abs() < 1e-9);
+        assert_eq!(second.film_n, 2.0);
     }
 
     #[test]

@@ -3,12 +3,12 @@
 //! The command line hands over a [`Job`] that has been checked; the machine hands back one [`Sample`] a servo tick, a
 //! [`Progress`] now and then, and an [`Outcome`]. All values are the model's truth unless they say otherwise.
 
-use crate::process::{Parameters, Pulses};
+use crate::process::{Plant, Pulses};
 use crate::scenario::Scenario;
 use edm_servo_head::settings::Settings;
 
 /// Values for a run.
-pub type Setup = Scenario<Parameters, Settings>;
+pub type Setup = Scenario<Plant, Settings>;
 
 /// A run that was checked and may start.
 #[derive(Clone, Debug)]
@@ -31,7 +31,7 @@ impl Job {
 }
 
 /// The machine at one servo tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
     /// Simulated time since start, s.
     pub t_s: f64,
@@ -55,6 +55,16 @@ pub struct Sample {
     pub duty: f32,
     /// State of the head, by the name it has in reports.
     pub state: &'static str,
+    /// Length the electrode has lost, um.
+    pub wear_um: f64,
+    /// Debris of the front gap, in 5 % by volume.
+    pub debris: f64,
+    /// Mean damage of the surfaces by arcs.
+    pub damage: f64,
+    /// Force between electrode and work, N.
+    pub contact_n: f64,
+    /// Force of the dielectric's film on the electrode, N, positive toward the work.
+    pub film_n: f64,
 }
 
 /// Looks on, once a servo tick.
@@ -84,7 +94,7 @@ pub struct FaultEvent {
 }
 
 /// How a run ended.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outcome {
     /// Depth reached, and no fault.
     pub completed: bool,
@@ -94,6 +104,10 @@ pub struct Outcome {
     pub depth_mm: f64,
     /// Depth of the hole, mm: a gap more than the electrode's.
     pub hole_depth_mm: f64,
+    /// Length the electrode has lost, mm.
+    pub wear_mm: f64,
+    /// Share of the face before which nothing is left.
+    pub through: f64,
     /// Simulated time, s.
     pub sim_time_s: f64,
     /// Scatter of the filtered gap voltage that chance alone gives at a gap held still, V rms; `None` without pulses.

@@ -1,8 +1,9 @@
 //! Scenarios: named sets of values for process and head.
 //!
-//! A scenario file is TOML: `title`, `description`, and the tables `[process]` and `[head]`, whose keys are those that
+//! A scenario file is TOML: `title`, `description`, if it has a depth of its own `depth_mm`, and the tables `[process]` and `[head]`, whose keys are those that
 //! `edm-sim settings` prints (`"generator.on_us" = 160`, quoted or as nested tables). What a file does not name keeps
-//! its default. Every `[[event]]` has a time `at_s`, a `signal` out of the same list and the `value` that it takes then. Every refusal is one line that names file and line, key, value and what is allowed.
+//! its default. Every `[[event]]` has a time `at_s`, a `signal` out of the same list and the `value` that it takes then. Every
+//! refusal is one line that names file and line, key, value and what is allowed.
 
 use crate::events::{AT, Event, EventError, Wires};
 use edm_servo_head::settings::{Declared, Field, Kind, SettingError, Value};
@@ -19,7 +20,34 @@ macro_rules! scenarios {
     };
 }
 
-scenarios!["default", "pulses-100khz", "pulses-1khz", "mass-0.1kg", "mass-0.4kg", "dirty-gap", "roberts-original",];
+scenarios![
+    "default",
+    "pulses-100khz",
+    "pulses-1khz",
+    "mass-0.1kg",
+    "mass-0.4kg",
+    "dirty-gap",
+    "roberts-original",
+    "sinker",
+    "sinker-100khz",
+    "sinker-1khz",
+    "sinker-0.1kg",
+    "sinker-0.4kg",
+    "sinker-0.1mm",
+    "sinker-25mm",
+    "sinker-dirty",
+    "sinker-deep",
+    "cavity",
+    "thesis-machine",
+    "silicon",
+    "micro-blind",
+    "micro-blind-clear",
+    "micro-through",
+    "micro-through-clear",
+];
+
+/// Depth of a hole when neither scenario nor command line says another, mm.
+pub const DEPTH_MM: f64 = 0.5;
 
 /// Values for a run, each within its own limits.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,6 +58,8 @@ pub struct Scenario<P, H> {
     pub title: String,
     /// What it is for.
     pub description: String,
+    /// Depth that is bored when nobody asks for another, mm.
+    pub depth_mm: f64,
     /// Values of the process model.
     pub process: P,
     /// Settings of the head.
@@ -69,6 +99,7 @@ impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
             name: name.into(),
             title: String::new(),
             description: String::new(),
+            depth_mm: DEPTH_MM,
             process: P::default(),
             head: H::default(),
             events: Vec::new(),
@@ -86,6 +117,13 @@ impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
                 ("title" | "description", _) => {
                     Err((value.span().start, format!("{} must be a text in quotes", key.get_ref())))
                 }
+                ("depth_mm", _) => match from_toml(value) {
+                    Some(Value::Number(depth)) => {
+                        scenario.depth_mm = depth;
+                        Ok(())
+                    }
+                    _ => Err((value.span().start, "depth_mm must be a number of mm".into())),
+                },
                 ("process", DeValue::Table(table)) => fill(&mut scenario.process, H::FIELDS, "head", table, "", text),
                 ("head", DeValue::Table(table)) => fill(&mut scenario.head, P::FIELDS, "process", table, "", text),
                 ("process" | "head", _) => Err((value.span().start, format!("{} must be a table", key.get_ref()))),
@@ -95,7 +133,7 @@ impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
                 }
                 ("event", _) => Err((value.span().start, "event must be tables: [[event]]".into())),
                 (other, _) => {
-                    let known = ["title", "description", "process", "head", "event"];
+                    let known = ["title", "description", "depth_mm", "process", "head", "event"];
                     let message =
                         format!("{other}: no such entry{}; there are {}", hint(other, &known), known.join(", "));
                     Err((key.span().start, message))
@@ -358,7 +396,7 @@ mod tests {
             ("process = 1", "try.toml:3: process must be a table"),
             (
                 "[processs]",
-                "try.toml:3: processs: no such entry, did you mean process?; there are title, description, process, head, event",
+                "try.toml:3: processs: no such entry, did you mean process?; there are title, description, depth_mm, process, head, event",
             ),
         ] {
             assert_eq!(parse(body).unwrap_err(), message);

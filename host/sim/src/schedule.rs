@@ -17,7 +17,7 @@
 //! - The two directions of the bus do not wait for each other.
 
 use crate::board::{PLAN, PROTOCOL, Pc, Ports, SUPERVISE, TRANSMIT};
-use crate::machine::{Core, SUPERVISED, show, status};
+use crate::machine::{Core, SUPERVISED, go_on, show, status};
 use crate::process::Process;
 use crate::serve::head::Head;
 use edm_bus::Frame;
@@ -290,6 +290,16 @@ impl Scheduler {
         self.0.ports.stands_at.set(Some(self.0.ports.now.get()));
     }
 
+    /// The settings of the gap task are no longer what they were.
+    pub fn damage_gap_settings(&self) {
+        self.0.ports.gap_damaged.set(true);
+    }
+
+    /// A register of the chip is no longer what it was.
+    pub fn change_register(&self) {
+        self.0.ports.register_changed.set(true);
+    }
+
     /// So many servo ticks, and blocks of conversions, do not come from now on.
     pub fn lose(&self, ticks: u32, blocks: u32) {
         self.0.missing.set([ticks, blocks]);
@@ -393,7 +403,7 @@ impl Inner {
         self.at(ENCODER, || {
             let mut process = self.process.borrow_mut();
             let late = self.habits.get().points > 0 && self.below(4) == 0;
-            let sensors = process.advance(ports.drive.get(), ports.pulses.get());
+            let sensors = go_on(ports, &mut process);
             let held = usize::from(late && !sensors.edges.is_empty());
             for &(time, levels) in sensors.edges.iter().rev().skip(held).rev() {
                 ports.now.set(time);

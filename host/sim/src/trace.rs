@@ -10,8 +10,8 @@ use std::fs::File;
 use std::io::{self, BufWriter, Seek, Write};
 
 /// Columns, in order; units are in the names, V and um from the model's truth but for what the head itself measures
-/// (gap_v, filtered_v) or decides (setpoint_um, duty, state).
-pub const COLUMNS: [&str; 10] = [
+/// (gap_v, filtered_v) or decides (setpoint_um, duty, state). Debris is in 5 % by volume.
+pub const COLUMNS: [&str; 15] = [
     "t_s",
     "position_um",
     "setpoint_um",
@@ -22,6 +22,11 @@ pub const COLUMNS: [&str; 10] = [
     "filtered_v",
     "duty",
     "state",
+    "wear_um",
+    "debris",
+    "damage",
+    "contact_n",
+    "film_n",
 ];
 
 /// A table in the making, kept in a nameless file until the run has ended.
@@ -62,13 +67,17 @@ impl Trace {
             (f64::from(sample.filtered_v), 2),
             (f64::from(sample.duty), 4),
         ];
-        for (x, digits) in numbers {
+        let hidden =
+            [(sample.wear_um, 2), (sample.debris, 3), (sample.damage, 3), (sample.contact_n, 2), (sample.film_n, 2)];
+        for (k, (x, digits)) in numbers.into_iter().chain(hidden).enumerate() {
+            if k == numbers.len() {
+                self.rows.write_field(sample.state)?;
+            }
             self.cell.clear();
             // Writing to a string does not fail.
             let _ = write!(self.cell, "{x:.digits$}");
             self.rows.write_field(&self.cell)?;
         }
-        self.rows.write_field(sample.state)?;
         self.rows.write_record(None::<&[u8]>)?;
         Ok(())
     }
@@ -113,16 +122,21 @@ mod tests {
                 setpoint_v: 55.0,
                 duty: -0.123_45,
                 state: "eroding",
+                wear_um: 1.25,
+                debris: 0.5,
+                damage: 0.0625,
+                contact_n: 0.0,
+                film_n: -3.0,
             });
         }
         trace.finish(output).unwrap();
         let text = std::fs::read_to_string(path).unwrap();
         assert_eq!(
             text,
-            "t_s,position_um,setpoint_um,velocity_um_s,surface_um,gap_um,gap_v,filtered_v,duty,state\n\
-             0.000,0.00,1.23,-2000.0,40.00,40.00,55.25,55.00,-0.1235,eroding\n\
-             0.001,10.00,1.23,-2000.0,40.00,40.00,55.25,55.00,-0.1235,eroding\n\
-             0.002,20.00,1.23,-2000.0,40.00,40.00,55.25,55.00,-0.1235,eroding\n"
+            "t_s,position_um,setpoint_um,velocity_um_s,surface_um,gap_um,gap_v,filtered_v,duty,state,wear_um,debris,damage,contact_n,film_n\n\
+             0.000,0.00,1.23,-2000.0,40.00,40.00,55.25,55.00,-0.1235,eroding,1.25,0.500,0.062,0.00,-3.00\n\
+             0.001,10.00,1.23,-2000.0,40.00,40.00,55.25,55.00,-0.1235,eroding,1.25,0.500,0.062,0.00,-3.00\n\
+             0.002,20.00,1.23,-2000.0,40.00,40.00,55.25,55.00,-0.1235,eroding,1.25,0.500,0.062,0.00,-3.00\n"
         );
     }
 }

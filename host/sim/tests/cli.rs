@@ -1,7 +1,7 @@
 //! The command line as a person meets it: the real program, in a folder of its own.
 
 use edm_servo_head::settings::{Declared, Settings};
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 use edm_sim::scenario::BUILT_IN;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -43,7 +43,7 @@ fn listing(folder: &Path) -> BTreeMap<String, Option<Vec<u8>>> {
 
 /// What a setting may be, as its declaration says.
 fn allowed(key: &str) -> String {
-    let mut fields = Parameters::FIELDS.iter().chain(Settings::FIELDS);
+    let mut fields = Plant::FIELDS.iter().chain(Settings::FIELDS);
     fields.find(|field| field.key == key).unwrap().allowed().to_string()
 }
 
@@ -285,7 +285,7 @@ fn the_lists_name_every_scenario_and_every_setting() {
         assert!(scenarios.lines().any(|line| line.starts_with(&format!("{name} "))), "{name}");
     }
     let settings = list("settings");
-    for field in Parameters::FIELDS.iter().chain(Settings::FIELDS) {
+    for field in Plant::FIELDS.iter().chain(Settings::FIELDS) {
         assert!(settings.lines().any(|line| line.starts_with(&format!("{} ", field.key))), "{}", field.key);
     }
 }
@@ -335,4 +335,50 @@ fn descriptions_go_to_the_file_of_out_and_are_what_the_standard_output_gets() {
         assert!(said.lines().count() == 1 && said.contains("--out sub: must be a file"), "{said}");
         assert!(refused.stdout.is_empty() && listing(folder.path()) == before);
     }
+}
+
+#[test]
+fn a_scenario_turns_to_the_other_process_model_and_says_so() {
+    let folder = folder();
+    let report = |words: &[&str]| -> Value {
+        let mut all = vec!["bore", "--depth-mm", "0.005", "--set", "workpiece.surface_mm=0.3", "--json", "m.json"];
+        all.extend(words);
+        let output = run(folder.path(), &all);
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_str(&fs::read_to_string(folder.path().join("m.json")).unwrap()).unwrap()
+    };
+    let (zero, one) = (report(&[]), report(&["--model", "1"]));
+    assert_eq!((&zero["model_version"], &one["model_version"]), (&0.into(), &1.into()));
+    assert_eq!(one["scenario"], "default, model 1, workpiece.surface_mm=0.3");
+    // Version 0 knows no damage; version 1 wears more, and says how far the carrier went without that.
+    assert_eq!(zero["damage_mean"], 0.0);
+    assert!(one["wear_mm"].as_f64() > zero["wear_mm"].as_f64(), "{one}");
+    assert_eq!(report(&["--scenario", "sinker", "--model", "0"])["discharges"], zero["discharges"]);
+    refused(&["--model", "2"], &["--model", "0..=1"]);
+    refused(&["--scenario", "sinker", "--set", "actuator.mass_kg=0.3"], &["actuator.mass_kg = 0.3", "version 0"]);
+    refused(&["--set", "model.radius_um=300"], &["model.radius_um = 300", "version 1"]);
+    refused(&["--scenario", "sinker", "--set", "model.radius_um=1"], &["model.radius_um = 1", "20 to 50000 um"]);
+}
+
+#[test]
+fn the_model_report_runs_the_gates_that_are_asked_for() {
+    let folder = folder();
+    let output = run(folder.path(), &["model-report", "charging", "--json", "g.json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: Value = serde_json::from_str(&fs::read_to_string(folder.path().join("g.json")).unwrap()).unwrap();
+    assert_eq!((&found["version"], &found["frozen"]), (&1.into(), &true.into()));
+    let gates = found["gates"].as_array().unwrap();
+    assert!(!gates.is_empty());
+    for gate in gates {
+        assert_eq!((&gate["kind"], &gate["pass"]), (&"calibration".into(), &true.into()), "{gate}");
+        assert!(gate["name"].is_string() && gate["value"].is_number() && gate["wanted"].is_string(), "{gate}");
+    }
+    let before = listing(folder.path());
+    for words in [&["model-report", "nonsense"][..], &["model-report", "charging", "--json", "sub"]] {
+        let output = run(folder.path(), words);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!((output.status.code(), error.lines().count()), (Some(2), 1), "{error}");
+        assert!(output.stdout.is_empty());
+    }
+    assert_eq!(listing(folder.path()), before);
 }

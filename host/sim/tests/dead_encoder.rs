@@ -53,7 +53,7 @@ fn settings(setup: &Setup) -> Settings {
 /// A head that has eroded for half a second.
 fn eroding(seed: u64) -> Machine {
     let setup = Setup::load("default").unwrap();
-    let mut machine = Machine::new(&setup.process, &settings(&setup), seed).unwrap();
+    let mut machine = Machine::new(setup.process, &settings(&setup), seed).unwrap();
     run(&mut machine, 0.01);
     let target = Command::MoveTo(Nanometres(3_000_000));
     for command in [Command::SetHome(Nanometres(0)), Command::Enable, target, Command::Start] {

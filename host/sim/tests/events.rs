@@ -23,7 +23,7 @@ fn event(at_s: f64, signal: &str, on: bool) -> Event {
 fn eroding(events: &[Event]) -> Machine {
     let setup = Setup::load("default").unwrap();
     let settings = Settings { commissioned: true, ..setup.head };
-    let mut machine = Machine::new(&setup.process, &settings, 1).unwrap();
+    let mut machine = Machine::new(setup.process, &settings, 1).unwrap();
     machine.process.schedule(events);
     run(&mut machine, 0.01);
     let target = Command::MoveTo(Nanometres(3_000_000));

@@ -57,6 +57,7 @@ fn made_up(job: &Job, recorder: &mut Recorder, progress: &mut dyn FnMut(&Progres
             setpoint_v: SETPOINT_V as f32,
             duty: (-0.085 + (x - before) * 0.02 + wander * 0.002) as f32,
             state,
+            ..Sample::default()
         });
         if tick.is_multiple_of(2000) {
             progress(&Progress { sim_time_s: t_s, depth_mm: x / 1000.0, state });
@@ -70,10 +71,8 @@ fn made_up(job: &Job, recorder: &mut Recorder, progress: &mut dyn FnMut(&Progres
         hole_depth_mm: surface / 1000.0,
         sim_time_s: f64::from(tick) * TICK_S,
         shot_floor_rms_v: Some(1.4),
-        pulses: Pulses { open: 300, spark: 680, arc: 8, short: 12 },
-        lost_counts: 0,
-        illegal_transitions: 0,
-        faults: vec![],
+        pulses: Pulses { open: 300, spark: 680, arc: 8, short: 12, stable_arc: 0 },
+        ..Outcome::default()
     })
 }
 
@@ -160,6 +159,7 @@ fn a_run_too_short_to_judge_still_leaves_all_three() {
             lost_counts: 3,
             illegal_transitions: 1,
             faults: vec![FaultEvent { t_s: 0.0, fault: "encoder lost".into() }],
+            ..Outcome::default()
         })
     };
     assert_eq!(bore(&["--json", &json, "--trace", &trace, "--plot", &plot]).execute(still), Ok(false));
@@ -228,20 +228,21 @@ impl Wrong {
                 // The limit of the default settings.
                 duty: if t_s.fract() < self.at_limit { -0.9 } else { 0.1 },
                 state: "eroding",
+                ..Sample::default()
             });
         }
-        let pulses = Pulses { open: 100, spark: 900 - self.arcs - self.shorts, arc: self.arcs, short: self.shorts };
+        let spark = 900 - self.arcs - self.shorts;
+        let pulses = Pulses { open: 100, spark, arc: self.arcs, short: self.shorts, stable_arc: 0 };
         Ok(Outcome {
             completed: true,
             stop_reason: "depth reached".into(),
-            depth_mm: 0.002,
-            hole_depth_mm: 0.042,
+            depth_mm: 0.5,
+            hole_depth_mm: 0.54,
             sim_time_s: 14.0,
             shot_floor_rms_v: None,
             pulses,
             lost_counts: self.lost_counts,
-            illegal_transitions: 0,
-            faults: vec![],
+            ..Outcome::default()
         })
     }
 }

@@ -49,6 +49,8 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
         Fault::LiveStuck => (0xFF0B, MANUFACTURER),
         Fault::ReflexLost => (0xFF0C, MANUFACTURER),
         Fault::UnpermittedPulses => (0xFF0D, MANUFACTURER),
+        Fault::SettingsDamaged => (0xFF0E, MANUFACTURER),
+        Fault::DriveSignalLost => (0xFF0F, MANUFACTURER),
         Fault::Unfit => (0xFF10, MANUFACTURER),
         // Supply, low voltage.
         Fault::SupplyLow => (0x5110, VOLTAGE),
@@ -141,6 +143,7 @@ numbered! {
         Refused::Doubted(_) => 11 "after a fault of the encoder the head has to be enabled first",
         Refused::PathActive => 12 "a path is under way or queued",
         Refused::NoSense => 13 "no sense supply is fitted",
+        Refused::Reacting(_) => 14 "the reaction to a fault still moves the head",
     }
 }
 

@@ -5,7 +5,7 @@ use super::{Drive, halts, rises};
 use crate::canopen::objects::Item;
 use crate::head::{self, Command};
 
-/// Longest reaction or braking that is waited for, ms.
+/// Longest braking that is waited for, and coasting after a reaction, ms.
 const PATIENCE: u16 = 1000;
 /// Shortest time that a fault's reaction shows, ms.
 const REACTION: u16 = 20;
@@ -107,8 +107,9 @@ impl Drive {
                 State::Fault => {}
                 State::FaultReactionActive => {
                     self.elapsed = self.elapsed.saturating_add(1);
-                    let over = self.elapsed >= REACTION && self.standing();
-                    if over || self.elapsed >= PATIENCE {
+                    let stands = self.elapsed >= REACTION && self.standing() || self.elapsed >= PATIENCE;
+                    // A dead encoder always stands; in the next state a host may reset.
+                    if stands && !self.status.reacting {
                         self.state = State::Fault;
                     }
                 }

@@ -189,6 +189,8 @@ pub struct Lost {
     pub ticks: u32,
     /// Blocks of conversions that did not come, or were not taken in time.
     pub blocks: u32,
+    /// Pulses that the high comparator has not shown, and the low one, thousands.
+    pub unseen: [u32; 2],
 }
 
 /// Tasks of [`Drive::set_timers`]: gap, servo, supervision, protocol, plan.

@@ -318,8 +318,8 @@ fn stored_word(field: u16, record: Record) -> Option<u32> {
     Settings::FIELDS.get(usize::from(field))?.kind.admits(word).then_some(word)
 }
 
-/// Whether commissioning is about a setting. What it finds of itself is no reason to begin anew: an image of before it was found
-/// has the default.
+/// Whether commissioning is about a setting. What it finds of itself is no reason to begin anew: an image of before it was
+/// found has the default.
 fn is_checked(place: usize) -> bool {
     let in_group = || setting_address_at(place).is_some_and(|(index, _)| CHECKED_GROUPS.contains(&index));
     place != LEARNT && (CHECKED.contains(&place) || in_group())

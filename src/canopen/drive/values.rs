@@ -61,8 +61,8 @@ impl Dictionary for Drive {
     }
 
     fn request(&mut self, request: Request) -> Result<(), Abort> {
-        // Flash stalls the processor: only while nothing moves. A head that has just been told to disable gives the permit in its
-        // turn, or does not.
+        // Flash stalls the processor: only while nothing moves. A head that has just been told to disable gives the permit in
+        // its turn, or does not.
         let closed =
             matches!(self.state, State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive);
         if closed || self.enabling || self.fresh && self.status.state != head::State::Disabled {
@@ -170,6 +170,8 @@ impl Drive {
             Item::LostEvents => self.lost.events.into(),
             Item::LostTicks => self.lost.ticks.into(),
             Item::LostBlocks => self.lost.blocks.into(),
+            Item::UnseenHigh => self.lost.unseen[0].into(),
+            Item::UnseenLow => self.lost.unseen[1].into(),
             Item::ScopeState => self.scope.phase() as i64,
             Item::ScopeCount => self.scope.count().into(),
             Item::ErrorCode => match self.state {

@@ -199,6 +199,8 @@ objects! {
         2 LostEvents: u32, ro, tx, U32, 0, "", live, "Events: between tasks that came faster than they were taken, since power-on";
         3 LostTicks: u32, ro, tx, U32, 0, "", live, "Servo ticks: that did not come while the head was enabled, by the clock, since power-on";
         4 LostBlocks: u32, ro, tx, U32, 0, "", live, "Blocks of conversions: that did not come, or were not taken in time, since power-on";
+        5 UnseenHigh: u32, ro, tx, U32, 0, "", live, "High comparator: thousands of pulses in a row of which it has shown no edge, since power-on";
+        6 UnseenLow: u32, ro, tx, U32, 0, "", live, "Low comparator: the same";
     }
     0x2010 "Scope" {
         1 ScopeSignal1: u32, rw, no, U32, 0, "", live, "Signal 1: index times 256 and sub-index of an object of up to 32 bits; 0 none";

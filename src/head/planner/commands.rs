@@ -9,6 +9,7 @@ use crate::head::follow::{Concerns, LEAD, SET_POINT_LATE};
 use crate::head::permit::WritePermit;
 use crate::head::positioning::{Home, HomingState, MotionLimits, Task};
 use crate::head::proof::{Goal, Proof};
+use crate::head::reaction::Reacting;
 use crate::head::state::{Reason, State};
 use crate::motion::{Homing, Ramp};
 use crate::path::{self, Path};
@@ -98,6 +99,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                     return Err(Refused::State(state));
                 }
                 self.refuse_hazard(true)?;
+                if let Some(reacting) = self.reacting.filter(Reacting::moves) {
+                    return Err(Refused::Reacting(reacting.fault()));
+                }
                 if self.doubt == Some(Fault::EncoderLost) {
                     // The counters have parted; they are taken to agree from here on.
                     self.trusts = self.trusts.wrapping_add(1);

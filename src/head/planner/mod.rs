@@ -21,12 +21,16 @@ use super::supervise::{Config as SupervisionConfig, Judged};
 use super::{Refused, Status};
 use crate::feed::Law;
 use crate::gap::OpenCircuit;
+use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Window;
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond};
 use core::ops::DerefMut;
 use edm_hal_shim::self_test::SelfTest;
+
+/// Counts by which a set point at rest may be beyond where the axis has been: the loop trembles over an edge.
+const TREMBLE: i64 = 1;
 
 /// How a positioning that is to touch the work stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +47,7 @@ enum Touching {
 #[derive(Debug)]
 pub struct Planner<P> {
     config: Config,
+    kept: Kept<Config>,
     status: Status,
     changes: ChangeLog,
     route: Route<P>,
@@ -112,6 +117,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             upper_limit_excused: false,
             write_permitted: false,
             unfit: self_test.failed(),
+            kept: Kept::NEW,
             config,
         }
     }
@@ -166,7 +172,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             self.route.set_retreat(config.retreat.limit);
         }
         self.config = config;
+        self.kept = Kept::NEW;
         Ok(())
+    }
+
+    /// Looks at a part of the configuration: false once it has changed by itself.
+    pub fn is_intact(&mut self) -> bool {
+        self.kept.agrees(&self.config)
     }
 
     /// Takes in the estimate of a tick, and what it tells of.
@@ -185,12 +197,16 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if let Some(fault) = self.concerns().hazard(&self.now.safety) {
             self.raise(fault);
         }
+        if self.presses() {
+            self.raise(Fault::Contact);
+        }
     }
 
     /// Decides, and writes the plan.
     pub fn plan(&mut self, plan: &mut Plan) {
         let (motion, allowed) = self.decide();
         let followed = self.trajectory(motion);
+        self.status.reacting = self.reacting.as_ref().is_some_and(Reacting::moves);
         let retreats = matches!(self.status.state, State::Seeking | State::Eroding | State::Guiding);
         // One field after the other: a whole plan would be put together beside it, and copied.
         let Plan {
@@ -370,6 +386,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         Situation {
             path: self.route.s(),
             safe: self.route.work().minus(self.config.retreat.safe),
+            blocked: self.route.at_beginning() || self.now.safety.upper_limit,
             following: self.status.following,
             position: self.status.position,
             velocity: self.status.velocity,
@@ -389,6 +406,15 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             State::Positioning | State::Homing => Touch::Fault,
             _ => Touch::Ignored,
         }
+    }
+
+    /// Electrode and work touch short of a set point that goes on toward the work, or has come to rest there: the loop would
+    /// press the head on where it has never been, whether or not the set point moves. Nobody is held off the work elsewhere.
+    fn presses(&self) -> bool {
+        let positions = matches!(self.status.state, State::Ready | State::Positioning | State::Homing);
+        let ahead = self.status.setpoint.round().saturating_sub(self.cleared);
+        let touches = self.status.gap.touches && self.touching == Touching::No;
+        touches && positions && ahead > TREMBLE && self.now.segment.velocity.0 >= 0.0
     }
 
     /// Largest velocity toward the work with pulses off: as much as comes down to the approach by the acceleration of the path
@@ -450,5 +476,27 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         } else {
             Trajectory::duty(self.config.lift.duty, self.full_window())
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kept::Parts;
+    use crate::settings::Settings;
+
+    #[test]
+    fn a_configuration_that_changes_by_itself_is_seen_and_one_that_is_given_is_not() {
+        let config = Settings::default().build().unwrap().head;
+        let mut planner = Planner::new(config, Box::new(Path::EMPTY), SelfTest::PASSED);
+        let looks = |planner: &mut Planner<_>| (0..=Config::PARTS).filter(|_| !planner.is_intact()).count();
+        assert_eq!(looks(&mut planner), 0);
+        let other = Config { commissioned: !config.commissioned, ..config };
+        planner.configure(other).unwrap();
+        assert_eq!(looks(&mut planner), 0);
+        planner.config.supervise.following = -config.supervise.following;
+        assert!(looks(&mut planner) > 0);
+        planner.configure(config).unwrap();
+        assert_eq!(looks(&mut planner), 0);
     }
 }

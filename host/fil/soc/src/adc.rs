@@ -99,6 +99,8 @@ pub struct Adc {
     unread: bool,
     /// DMA requests are stopped until the DMA bit is set anew (§13.8.1).
     dma_stopped: bool,
+    /// It converts no more, whatever it is told.
+    stopped: bool,
 }
 
 impl Adc {
@@ -123,7 +125,14 @@ impl Adc {
             resume: false,
             unread: false,
             dma_stopped: false,
+            stopped: false,
         }
+    }
+
+    /// Stops it for good.
+    pub fn stop(&mut self) {
+        self.stopped = true;
+        self.running = None;
     }
 
     pub fn due(&self) -> u64 {
@@ -221,7 +230,7 @@ impl Adc {
 
     fn start(&mut self, now: u64) {
         // An overrun stops the converter until it is cleared (§13.8.2); a trigger inside a sequence is not seen.
-        if self.cr2 & 1 == 0 || self.sr & sr::OVR != 0 || self.running.is_some() {
+        if self.cr2 & 1 == 0 || self.sr & sr::OVR != 0 || self.running.is_some() || self.stopped {
             return;
         }
         self.position = 0;
@@ -231,7 +240,7 @@ impl Adc {
 
     fn start_injected(&mut self, now: u64) {
         match self.running {
-            _ if self.cr2 & 1 == 0 => return,
+            _ if self.cr2 & 1 == 0 || self.stopped => return,
             Some(Conversion { injected: true, .. }) => return,
             // The regular conversion is reset and done again afterwards (§13.3.9).
             Some(_) => self.resume = true,

@@ -20,8 +20,8 @@ pub struct Gpio {
     pupdr: u32,
     odr: u32,
     afr: [u32; 2],
-    /// Pins whose configuration is locked, or will be by the next steps of the sequence; how many of those have been; whether it
-    /// is done.
+    /// Pins whose configuration is locked, or will be by the next steps of the sequence; how many of those have been; whether
+    /// it is done.
     lock: u16,
     steps: u8,
     locked: bool,
@@ -131,8 +131,8 @@ impl Gpio {
         Ok(())
     }
 
-    /// The lock key: 1, 0, 1 with the same pins each time, and then a read, for which the model does not wait (§8.4.8). Once it is
-    /// done nothing changes it but a reset.
+    /// The lock key: 1, 0, 1 with the same pins each time, and then a read, for which the model does not wait (§8.4.8). Once it
+    /// is done nothing changes it but a reset.
     fn write_lock(&mut self, value: u32) {
         if self.locked {
             return;

@@ -16,7 +16,8 @@ pub fn system_memory(address: u32) -> Option<u32> {
     })
 }
 
-/// DBGMCU (RM0090 §38.16): IDCODE of device 0x413, revision Y; of the freeze registers only the bit of the independent watchdog acts.
+/// DBGMCU (RM0090 §38.16): IDCODE of device 0x413, revision Y; of the freeze registers only the bit of the independent watchdog
+/// acts.
 #[derive(Clone, Default)]
 pub struct Dbgmcu {
     control: [u32; 3],

@@ -1,5 +1,6 @@
-//! Memory protection unit (ARMv7-M B3.5): one region that nobody may touch, above the default map. Whatever else the unit can do
-//! is refused: further regions, rights of reading or of one privilege, subregions, less than 4 KiB, itself in HardFault and NMI.
+//! Memory protection unit (ARMv7-M B3.5): one region that nobody may touch, above the default map. Whatever else the unit can
+//! do is refused: further regions, rights of reading or of one privilege, subregions, less than 4 KiB, itself in HardFault and
+//! NMI.
 
 use crate::error::Fault;
 use std::ops::Range;

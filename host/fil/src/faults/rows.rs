@@ -1,7 +1,7 @@
 //! Every fault of the campaign, with what is expected of the head.
 //!
-//! Expected times come from what finds the fault: contacts stop within the window of 50 us in which the bench opens them and the
-//! next; what the live signal finds is off when the monostable has expired, in 0.4 ms; the supervision judges once a
+//! Expected times come from what finds the fault: contacts stop within the window of 50 us in which the bench opens them and
+//! the next; what the live signal finds is off when the monostable has expired, in 0.4 ms; the supervision judges once a
 //! millisecond, by the times of its settings.
 
 use super::case::{Case, Expect};
@@ -16,25 +16,25 @@ use edm_servo_head::head::State;
 use edm_sim::process::FaultInputs;
 use edm_soc::{CanReply, Frame, Pin};
 
-use Expect::{Harmless, Named, Obeyed};
+use Expect::{Doubted, Harmless, Named, Obeyed};
 use Scene::{Disabled, Eroding, Positioning};
 
 /// Pulses off at once, by contact or break: the window of the event and the next, us.
 const CONTACT_US: f64 = 110.0;
 /// The live signal: the monostable of 0.4 ms, and up to a millisecond until a task counts as silent.
-const LIVE_US: f64 = 1_600.0;
+pub const LIVE_US: f64 = 1_600.0;
 /// Judged by the supervision within a few milliseconds: its own period, limits of 10 ms.
-const JUDGED_US: f64 = 15_000.0;
+pub const JUDGED_US: f64 = 15_000.0;
 /// `supervise.gap_ms`, and what its average takes.
 const GAP_US: f64 = 45_000.0;
 /// A host is silent after the 400 ms of its 1016h.
 const HOST_US: f64 = 520_000.0;
 /// An encoder that stands is found when the head has to move: at the pace of erosion that takes a while.
-const STANDS_US: f64 = 1_000_000.0;
+pub const STANDS_US: f64 = 1_000_000.0;
 /// A short that backing off does not clear: two retreats along the path.
 const SHORT_US: f64 = 3_000_000.0;
 /// Pulses go on.
-const ON: f64 = f64::INFINITY;
+pub const ON: f64 = f64::INFINITY;
 
 /// What is said of an encoder, whichever supervision finds it first: the lift is the same.
 const ENCODER: &[&str] = &["encoder lost", "following error"];
@@ -184,16 +184,21 @@ fn table(cases: &mut Vec<Case>) {
         let _ = stage.position();
         Ok(())
     }));
-    // A runaway shows as a following error before, unless that is allowed, and there is room for it.
-    add(Case::new("runaway, any following error allowed", Disabled, Named(&["polarity wrong"], ON), |stage| {
-        host::write(stage, 0x210A, 1, 100_000f32.to_bits(), 4)?;
-        host::write(stage, 0x210A, 2, 2, 4)?;
-        stage.position()?;
-        stage.wires().raised_mm = -9.5;
-        stage.rig.machine_mut().soc().world.swapped = true;
-        stage.mark();
-        Ok(())
-    }));
+    // A runaway shows as a following error before, unless that is allowed, and there is room for it: no work in reach.
+    add(Case::new(
+        "runaway over no work, any following error allowed",
+        Disabled,
+        Named(&["polarity wrong"], ON),
+        |stage| {
+            host::write(stage, 0x210A, 1, 100_000f32.to_bits(), 4)?;
+            host::write(stage, 0x210A, 2, 2, 4)?;
+            stage.position()?;
+            stage.wires().raised_mm = -20.0;
+            stage.rig.machine_mut().soc().world.swapped = true;
+            stage.mark();
+            Ok(())
+        },
+    ));
     for (name, broken) in circuits() {
         let lost = broken.live
             || broken.monostable == Some(false)
@@ -227,15 +232,6 @@ fn circuits() -> [(&'static str, Broken); 8] {
         ("latch read as off", Broken { read: Some(false), ..sound }),
         ("latch read as on", Broken { read: Some(true), ..sound }),
     ]
-}
-
-/// The reflex is blind, which shows at the next short; until then it was not asked for.
-pub fn unseen() -> Expect {
-    let short = |stage: &mut Stage| {
-        stage.wires().short = true;
-        Ok(())
-    };
-    Harmless(Some((Box::new(short), &["reflex lost", "persistent short"], SHORT_US)))
 }
 
 /// Holds what a converter gives.
@@ -272,14 +268,14 @@ fn pins(cases: &mut Vec<Case>) {
         ("encoder A", ENCODER_PINS[0], None, encoder),
         ("encoder B", ENCODER_PINS[1], None, encoder),
         ("encoder index", ENCODER_PINS[2], None, |high| {
-            // Once the line is mended there is a mark where none should be.
-            if high { Named(ENCODER, ON) } else { Harmless(None) }
+            // Two marks, the second where none should be if the axis has moved between.
+            if high { Doubted(ENCODER) } else { Harmless(None) }
         }),
         ("gate", GATE[0], None, |_| Named(SIGNAL, GAP_US)),
         ("gate at the blanking timer", GATE[1], None, |_| Named(REFLEX, GAP_US)),
-        // For the log alone.
-        ("high comparator", COMPARATORS[0], None, |_| Harmless(None)),
-        ("low comparator", COMPARATORS[1], None, |_| Harmless(None)),
+        // For the log alone: the head goes on, and tells.
+        ("high comparator", COMPARATORS[0], None, |_| Named(&["200Dh:5 high comparator"], ON)),
+        ("low comparator", COMPARATORS[1], None, |_| Named(&["200Dh:6 low comparator"], ON)),
         ("upper limit", CONTACTS[0], Some(true), contact!("upper limit")),
         ("lower limit", CONTACTS[1], Some(true), contact!("lower limit")),
         ("emergency stop", CONTACTS[2], Some(true), contact!("emergency stop")),
@@ -303,9 +299,14 @@ fn pins(cases: &mut Vec<Case>) {
                 Ok(())
             };
             let title = format!("pin {name} {how}");
-            cases.push(Case::new(title.clone(), Eroding, levels(level == Some(true)), inject));
-            if ENCODER_PINS[..2].contains(&pin) {
-                cases.push(Case::new(title, Positioning, levels(level == Some(true)), inject));
+            // A mark is a mark where the head moves on.
+            let scenes: &[Scene] = match ENCODER_PINS.iter().position(|of| *of == pin) {
+                Some(2) => &[Positioning],
+                Some(_) => &[Eroding, Positioning],
+                None => &[Eroding],
+            };
+            for scene in scenes {
+                cases.push(Case::new(&title, *scene, levels(level == Some(true)), inject));
             }
         }
     }
@@ -313,18 +314,19 @@ fn pins(cases: &mut Vec<Case>) {
     let analogue: [(&str, (u8, u8), Codes); 5] = [
         ("gap voltage", (1, GAP), |line| match line {
             // What it keeps may be the voltage of a short.
-            Line::Open => Named(&["gap signal invalid", "gate missing", "persistent short"], SHORT_US),
+            Line::Open => Named(&["gap signal invalid", "contact", "persistent short", "reflex lost"], STANDS_US),
             _ => Named(&["gap signal invalid", "contact"], GAP_US),
         }),
-        ("gap voltage in the pulse", (2, GATED), |_| unseen()),
-        ("gap current", (2, GAP_CURRENT), |_| unseen()),
+        ("gap voltage in the pulse", (2, GATED), |_| Named(REFLEX, STANDS_US)),
+        ("gap current", (2, GAP_CURRENT), |_| Named(REFLEX, STANDS_US)),
         ("motor current", (3, MOTOR_CURRENT), |line| match line {
             Line::Open => Named(ENCODER, ON),
             _ => Named(&["over-current"], JUDGED_US),
         }),
         ("bus voltage", (3, BUS_VOLTAGE), |line| match line {
             Line::Low => Named(&["bus voltage sag"], JUDGED_US),
-            _ => Harmless(None),
+            Line::High => Named(&["drive signal lost"], JUDGED_US),
+            Line::Open => Harmless(None),
         }),
     ];
     for (name, (adc, channel), expect) in analogue {
@@ -426,7 +428,7 @@ fn bus(cases: &mut Vec<Case>) {
             .meanwhile(babble(0x301, &[0; 8])),
     );
     // A second master.
-    cases.push(Case::new("two masters: the other disables", Eroding, Obeyed(State::Disabled, 5_000.0), |stage| {
+    cases.push(Case::new("two masters: the other disables", Eroding, Obeyed(&[State::Disabled], 5_000.0), |stage| {
         stage.rig.send_at(0, Frame::new(0x200 + NODE, &[0, 0]));
         Ok(())
     }));
@@ -455,18 +457,18 @@ fn bus(cases: &mut Vec<Case>) {
         stage.rig.send_at(0, Frame::new(0, &[0x81, NODE as u8]));
         Ok(())
     }));
-    cases.push(
-        Case::new("two masters: set points of both in turn", Positioning, Obeyed(State::Ready, 0.0), fine).meanwhile(
-            |stage| {
-                for target in [4000i32, 200] {
-                    stage.rig.send_at(0, Frame::new(0x300 + NODE, &target.to_le_bytes()));
-                    stage.rig.send_at(0, Frame::new(0x200 + NODE, &[0x2F, 0]));
-                    stage.rig.send_at(0, Frame::new(0x200 + NODE, &[0x3F, 0]));
-                }
-                Ok(())
-            },
-        ),
-    );
+    // Whose turn it is at the end decides.
+    const EITHER: &[State] = &[State::Ready, State::Positioning];
+    cases.push(Case::new("two masters: set points of both in turn", Positioning, Obeyed(EITHER, 0.0), fine).meanwhile(
+        |stage| {
+            for target in [4000i32, 200] {
+                stage.rig.send_at(0, Frame::new(0x300 + NODE, &target.to_le_bytes()));
+                stage.rig.send_at(0, Frame::new(0x200 + NODE, &[0x2F, 0]));
+                stage.rig.send_at(0, Frame::new(0x200 + NODE, &[0x3F, 0]));
+            }
+            Ok(())
+        },
+    ));
 }
 
 /// The core stands for two milliseconds.

@@ -1,5 +1,5 @@
-//! A head at the moments at which faults are injected, and what it is seen to do: pins and process from outside, and what it says
-//! on the bus. Nothing is read from the chip's memory but its log, as a probe does.
+//! A head at the moments at which faults are injected, and what it is seen to do: pins and process from outside, and what it
+//! says on the bus. Nothing is read from the chip's memory but its log, as a probe does.
 
 use crate::commission::{BASE, LENGTH};
 use crate::host::{self, Bus};
@@ -32,6 +32,8 @@ const SPEED: u32 = 5000;
 const AMPS_PER_CODE: f64 = 0.00269;
 /// Crystal of the board, Hz.
 const CRYSTAL_HZ: u64 = 8_000_000;
+/// Supply of the chip, mV.
+const SUPPLY_MV: u32 = 3300;
 
 /// Where the head is when something breaks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,15 +75,15 @@ pub struct Seen {
 pub struct Program {
     /// Where a panic begins: message, its length, where it was.
     pub panic: u32,
-    /// Lowest address of the stack.
-    pub stack_end: u32,
+    /// End of the variables: what lies above is the stack's, or nobody's.
+    pub free: u32,
 }
 
 impl Program {
     fn find(image: &Image) -> Result<Self> {
         Ok(Self {
             panic: image.find("panicking", "panic").context("the program has no panic")? & !1,
-            stack_end: image.symbol("__euninit").context("the program has no end of its stack")?,
+            free: image.symbol("__euninit").context("the program has no end of its stack")?,
         })
     }
 }
@@ -92,6 +94,8 @@ pub struct Stage {
     pub program: Program,
     /// What is stored in flash.
     stored: Vec<u8>,
+    /// Byte of the flash that was spoilt, and what it was.
+    spoilt: Option<(u32, u32)>,
     /// Chip, bench and bus.
     pub rig: Emulated,
     scenes: Vec<(Scene, Snapshot)>,
@@ -124,6 +128,7 @@ impl Stage {
         let mut stage = Self {
             program,
             stored: Vec::new(),
+            spoilt: None,
             rig,
             scenes,
             scene: Scene::Disabled,
@@ -222,12 +227,24 @@ impl Stage {
         (BASE..).map_while(|at| flash.load(at, 1)).take(LENGTH).map(|byte| byte as u8).collect()
     }
 
+    /// Flips a bit of a byte in flash.
+    ///
+    /// # Errors
+    /// When there is no flash.
+    pub fn spoil(&mut self, at: u32) -> Result<()> {
+        let flash = &self.rig.machine_mut().soc().memory.flash;
+        let byte = flash.load(at, 1).context("no flash")?;
+        flash.store(at, 1, byte ^ 1).context("no flash")?;
+        self.spoilt = Some((at, byte));
+        Ok(())
+    }
+
     /// Writes words into RAM that the stack does not reach; where they are.
     ///
     /// # Errors
     /// When there is no memory.
     pub fn place(&mut self, words: &[u32]) -> Result<u32> {
-        let place = self.program.stack_end + 0x1000;
+        let place = self.program.free + 0x1000;
         let sram = &self.rig.machine_mut().soc().memory.sram;
         for (at, word) in (place..).step_by(4).zip(words) {
             sram.store(at, 4, *word).context("no memory")?;
@@ -323,7 +340,7 @@ impl Stage {
     /// When it does not answer.
     pub fn state(&mut self) -> Result<State> {
         let number = host::read(self, 0x2000, 1)?;
-        STATES.into_iter().find(|state| *state as u32 == number).with_context(|| format!("state {number}"))
+        State::ALL.iter().copied().find(|state| *state as u32 == number).with_context(|| format!("state {number}"))
     }
 
     /// Waits for a state.
@@ -346,11 +363,16 @@ impl Stage {
         let raised_mm = if self.scene == Scene::Positioning { -LOWERED_MM } else { self.wires().raised_mm };
         self.rig.process_mut().fault_inputs = FaultInputs { raised_mm, ..FaultInputs::default() };
         self.rig.host_alive = true;
+        if let Some((at, byte)) = self.spoilt.take() {
+            // The image is flashed anew.
+            let _ = self.rig.flash().store(at, 1, byte);
+        }
         if self.flash() != self.stored {
             // Both are as long as the sectors.
             let _ = self.rig.flash().fill(BASE, &self.stored);
         }
         let soc = self.rig.machine_mut().soc();
+        soc.set_supply(SUPPLY_MV);
         soc.set_crystal(CRYSTAL_HZ);
         soc.world.mend_lines();
         soc.world.reply = CanReply::Acknowledged;
@@ -363,8 +385,8 @@ impl Stage {
         self.rig.machine_mut().soc().ask_reset(Reset::Power);
     }
 
-    /// Whether the head works again: after a restart it is put into operation; its fault is reset, and it is enabled. An encoder
-    /// in doubt may need two attempts: at its upper stop it cannot prove itself by a move up.
+    /// Whether the head works again: after a restart it is put into operation; its fault is reset, and it is enabled. An
+    /// encoder in doubt may need two attempts: at its upper stop it cannot prove itself by a move up.
     ///
     /// # Errors
     /// What the machine refuses.
@@ -407,6 +429,7 @@ impl Stage {
         let name = match (code, fault) {
             (0, _) => return,
             (_, Some(fault)) if error_code(*fault).0 == code => fault.name().to_owned(),
+            (0x6100, _) => "events lost".into(),
             (0x6310, _) => "stored settings lost".into(),
             (0x6320, _) => "stored values defaulted".into(),
             (0x8100, _) => "SYNC missing".into(),
@@ -423,23 +446,6 @@ impl Stage {
         self.say(&name);
     }
 }
-
-/// Every state.
-const STATES: [State; 13] = [
-    State::Disabled,
-    State::Commissioning,
-    State::Ready,
-    State::Seeking,
-    State::Eroding,
-    State::Retreating,
-    State::Done,
-    State::HoldingPosition,
-    State::Fault,
-    State::Positioning,
-    State::Homing,
-    State::Guiding,
-    State::Proving,
-];
 
 impl Bus for Stage {
     fn send(&mut self, frame: Frame) {

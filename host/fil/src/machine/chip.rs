@@ -113,7 +113,7 @@ pub struct Chip<W> {
     /// Time that the last code of thread mode still takes, half ticks: an event came within it.
     rest: u64,
     /// Interrupts are masked, as of the last look; the masks may have changed since.
-    pub masked: bool,
+    masked: bool,
     pub masks_changed: bool,
     code: Box<[Instruction; HALF_WORDS]>,
     blocks: Vec<Block>,
@@ -365,6 +365,14 @@ impl<W: World> Chip<W> {
         self.half += step;
         self.rest -= step;
         step > 0 && self.half >= self.limit
+    }
+
+    /// Interrupts are masked, or not, from here on. What was left of stretched time is not for a masked section to wait out.
+    pub fn mask(&mut self, masked: bool) {
+        self.masked = masked;
+        if masked {
+            self.rest = 0;
+        }
     }
 
     /// Lets `cycles` pass.

@@ -62,7 +62,8 @@ fn engine(what: &str) -> impl FnOnce(uc_error) -> anyhow::Error + '_ {
 }
 
 impl<W: World + 'static> Machine<W> {
-    /// A chip at power-up, `image` in its flash, `world` around it, a crystal of `hse_hz`, the brown-out level that bring-up has set.
+    /// A chip at power-up, `image` in its flash, `world` around it, a crystal of `hse_hz`, the brown-out level that bring-up
+    /// has set.
     ///
     /// # Errors
     /// When the image does not fit or the engine cannot be set up.
@@ -229,7 +230,8 @@ impl<W: World + 'static> Machine<W> {
         Ok(())
     }
 
-    /// Moves the stack pointer, as a program does that calls deeper and deeper; the newest of what lies on the stack goes along.
+    /// Moves the stack pointer, as a program does that calls deeper and deeper; the newest of what lies on the stack goes
+    /// along.
     ///
     /// # Errors
     /// When the engine refuses.
@@ -333,8 +335,8 @@ impl<W: World + 'static> Machine<W> {
         &self.uc.get_data().stats
     }
 
-    /// A debugger halts the processor before its next instruction, until tick `until`: pins keep their levels, timers, converters
-    /// and DMA go on.
+    /// A debugger halts the processor before its next instruction, until tick `until`: pins keep their levels, timers,
+    /// converters and DMA go on.
     pub fn halt_until(&mut self, until: u64) {
         self.uc.get_data_mut().halt(until);
     }
@@ -446,8 +448,8 @@ impl<W: World + 'static> Machine<W> {
     }
 }
 
-/// The engine may not do an access. A hook on ordinary accesses would slow down all of them: flash is read-only to the engine, so
-/// that a store into it comes here.
+/// The engine may not do an access. A hook on ordinary accesses would slow down all of them: flash is read-only to the engine,
+/// so that a store into it comes here.
 fn refused<W: World>(uc: &mut Unicorn<Chip<W>>, kind: MemType, address: u64, size: usize, value: i64) -> bool {
     if kind == MemType::WRITE_PROT && FLASH.contains(&address) {
         leave_it_alone(uc);
@@ -565,7 +567,7 @@ fn poll<W: World>(uc: &mut Unicorn<Chip<W>>) -> bool {
     }
     if std::mem::take(&mut chip.masks_changed) {
         let Ok(masks) = masks(uc) else { return true };
-        uc.get_data_mut().masked = masks.primask || masks.faultmask || masks.basepri != 0;
+        uc.get_data_mut().mask(masks.primask || masks.faultmask || masks.basepri != 0);
     }
     let chip = uc.get_data_mut();
     if chip.soc.preempting(Masks::default()).is_none() {

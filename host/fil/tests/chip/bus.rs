@@ -43,9 +43,8 @@ fn cyclic() -> Result<Emulated> {
     Ok(rig)
 }
 
-/// One RPDO and two TPDOs a millisecond on a bus that foreign frames `foreign` fill: none of ours is lost, no tick is moved, and every set point,
-/// although its RPDO ends where SYNC begins,
-/// is in force in the first tick that begins after its SYNC.
+/// One RPDO and two TPDOs a millisecond on a bus that foreign frames `foreign` fill: none of ours is lost, no tick is moved,
+/// and every set point, although its RPDO ends where SYNC begins, is in force in the first tick that begins after its SYNC.
 fn streams(rig: &mut Emulated, foreign: u16) -> Result<()> {
     while rig.take_timed().is_some() {}
     rig.record_spans();

@@ -94,7 +94,8 @@ fn an_image_that_was_never_sealed_is_named() {
 fn a_flipped_bit_is_named() {
     let file = common::firmware();
     let image = Image::parse(file.to_vec()).unwrap();
-    // The vector of the window watchdog, which is not in use, the last constant, and the seal itself: the program can still tell.
+    // The vector of the window watchdog, which is not in use, the last constant, and the seal itself: the program can still
+    // tell.
     let constant = image.symbol("__erodata").unwrap() - 1;
     let places = [VECTORS + 4 * 16, constant].map(|address| place(file, address));
     for at in places.into_iter().chain([seal(file), seal(file) + 3, seal(file) + 4]) {

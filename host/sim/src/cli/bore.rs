@@ -21,7 +21,7 @@ pub struct Bore {
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Write a table, one row a millisecond (t_s, position_um, setpoint_um, velocity_um_s, surface_um, gap_um, gap_v,
-    /// filtered_v, duty, state)
+    /// filtered_v, duty, state, wear_um, debris, damage, contact_n, film_n)
     #[arg(long, value_name = "FILE.csv")]
     pub trace: Option<PathBuf>,
     /// Draw the run

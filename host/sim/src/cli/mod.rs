@@ -6,10 +6,12 @@
 
 mod bore;
 mod describe;
+mod model_report;
 mod tables;
 
 pub use crate::terminal::{EXIT_BAD_INPUT, EXIT_FAILED, Failure};
 pub use bore::Bore;
+pub use model_report::ModelReport;
 
 use crate::bench::Bench;
 use crate::faults::Faults;
@@ -68,6 +70,11 @@ enum Command {
     Faults(Faults),
     /// Random commands and events: what must hold is checked in every tick
     Soak(Soak),
+    /// Run the gates of the process model, version 1 (docs/process-model.md)
+    #[command(
+        after_help = "Exit code: 0 the model is that of its version and all gates hold that must; 1 not so, or an output failed; 2 bad input."
+    )]
+    ModelReport(ModelReport),
 }
 
 /// Reads the command line, does what it says, and gives the exit code.
@@ -89,6 +96,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Command::Sweep(sweep) => sweep.execute(),
         Command::Faults(faults) => faults.execute(),
         Command::Soak(soak) => soak.execute(),
+        Command::ModelReport(report) => report.execute(),
         Command::Bench(bench) => bench.execute(run),
         Command::Scenarios => tables::scenarios().map(|text| {
             say(&text);

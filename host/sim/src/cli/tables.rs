@@ -1,7 +1,7 @@
 //! Lists of what can be chosen: `edm-sim scenarios`, `edm-sim settings`.
 
 use crate::events::{AT, Wires};
-use crate::process::Parameters;
+use crate::process::Plant;
 use crate::run::Setup;
 use crate::scenario::{BUILT_IN, typed};
 use crate::terminal::Failure;
@@ -25,7 +25,7 @@ pub fn settings() -> String {
     let mut rows = vec![["KEY", "DEFAULT", "UNIT", "ALLOWED", "MEANING (SOURCE)"].map(String::from)];
     let mut events = rows_of::<Wires>();
     events.insert(0, row(&AT, String::new()));
-    let tables = [("[process]", rows_of::<Parameters>()), ("[head]", rows_of::<Settings>()), ("[[event]]", events)];
+    let tables = [("[process]", rows_of::<Plant>()), ("[head]", rows_of::<Settings>()), ("[[event]]", events)];
     for (table, fields) in tables {
         rows.push([table.into(), String::new(), String::new(), String::new(), String::new()]);
         rows.extend(fields);
@@ -67,21 +67,21 @@ mod tests {
     #[test]
     fn no_key_is_declared_twice() {
         let mut seen = BTreeSet::new();
-        for field in Parameters::FIELDS.iter().chain(Settings::FIELDS).chain(Wires::FIELDS) {
+        for field in Plant::FIELDS.iter().chain(Settings::FIELDS).chain(Wires::FIELDS) {
             assert!(seen.insert(field.key), "{}", field.key);
         }
     }
 
     #[test]
     fn every_default_lies_within_its_limits() {
-        assert_eq!(Parameters::default().check(), Ok(()));
+        assert_eq!(Plant::default().check(), Ok(()));
         assert_eq!(Settings::default().check(), Ok(()));
     }
 
     #[test]
     fn every_setting_has_one_line_with_all_that_is_known_of_it() {
         let table = settings();
-        for field in Parameters::FIELDS.iter().chain(Settings::FIELDS).chain(Wires::FIELDS) {
+        for field in Plant::FIELDS.iter().chain(Settings::FIELDS).chain(Wires::FIELDS) {
             let lines: Vec<&str> = table.lines().filter(|line| line.split(' ').next() == Some(field.key)).collect();
             assert_eq!(lines.len(), 1, "{}", field.key);
             for part in [field.unit, &allowed(field), field.source] {

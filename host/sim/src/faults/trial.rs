@@ -106,7 +106,7 @@ impl Trial {
     fn new(setup: &Setup, seed: u64) -> Result<Trial, String> {
         // The virtual head's commissioning counts as passed; a fast seek shortens the campaign.
         let settings = Settings { commissioned: true, seek_velocity: 5000.0, ..setup.head };
-        let machine = Machine::new(&setup.process, &settings, seed).map_err(|error| setup.refusal(error))?;
+        let machine = Machine::new(setup.process, &settings, seed).map_err(|error| setup.refusal(error))?;
         let mut trial = Trial { machine, seen: Seen::default(), sum: (0.0, 0) };
         trial.watch(0.01);
         trial.start()?;
@@ -194,6 +194,13 @@ impl Trial {
         self.watch(0.05);
         if self.machine.status().fault.is_none() {
             return self.until("erodes", |state| state == State::Eroding);
+        }
+        // A lift may just have begun: a host asks again until the reaction has come to its end.
+        for _ in 0..(STEP_S / 0.05) as u32 {
+            if !self.machine.status().reacting {
+                break;
+            }
+            self.watch(0.05);
         }
         self.command(Command::ResetFault)?;
         self.watch(0.05);

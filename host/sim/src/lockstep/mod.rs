@@ -1,12 +1,12 @@
 //! The native tasks beside the firmware's: they are fed what the chip saw, and must come to the same, bit for bit.
 //!
-//! They are those of the runtime (gap, servo, plan, supervision), over ports that show what the chip saw at its own, upstream of
-//! everything that computes with floats: the converter's codes with the gate, the encoder's counts and times, contacts,
+//! They are those of the runtime (gap, servo, plan, supervision), over ports that show what the chip saw at its own, upstream
+//! of everything that computes with floats: the converter's codes with the gate, the encoder's counts and times, contacts,
 //! drive codes, the reflex. Commands go through the crossings, to the plan in which the chip's carried them out.
 //!
 //! A fault that a tick finds by itself must be found here, and so must one of the supervision, which judges here when it has
-//! there. A tick may interrupt it between telling and coming to its end: then it judges here before that tick. What the protocol
-//! raises, a host that is silent, is told as a request.
+//! there. A tick may interrupt it between telling and coming to its end: then it judges here before that tick. What the
+//! protocol raises, a host that is silent, is told as a request.
 
 mod recording;
 
@@ -104,6 +104,7 @@ impl Twin {
             ports.timer_read_at.set(Some(watch.now));
         }
         ports.pulse_counts.set(counters.pulses);
+        ports.drive_stands.set(counters.drive_stands);
         ports.safety.set(input.safety.unwrap_or_default());
         ports.codes.set(input.drive);
         ports.retreats.set(ports.retreats.get().wrapping_add(input.reflex.into()));

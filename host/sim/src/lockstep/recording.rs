@@ -280,7 +280,7 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
 }
 
 /// Numbers of a tick, and of a plan.
-const TICK: usize = 33;
+const TICK: usize = 34;
 const PLAN: usize = 14;
 
 fn float(x: f32) -> u64 {
@@ -305,7 +305,8 @@ fn tick_numbers(input: &TickInput, counters: &Counters, status: &Status) -> [u64
     let flags =
         [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, *reflex, *asked, *touches, supply_low];
     let watched = counters.watch.unwrap_or_default();
-    let PulseCounts { edges, conversions, shorts } = counters.pulses;
+    let PulseCounts { edges, conversions, shorts, comparators: [high, low], newest: [current, voltage] } =
+        counters.pulses;
     let point = set_point.unwrap_or_default();
     [
         raw.count.into(),
@@ -332,7 +333,8 @@ fn tick_numbers(input: &TickInput, counters: &Counters, status: &Status) -> [u64
         watched.last_edge.into(),
         watched.toward_work.into(),
         watched.now.into(),
-        u32::from_le_bytes([edges, conversions, shorts, 0]).into(),
+        u64::from_le_bytes([edges, conversions, shorts, counters.drive_stands.into(), high, low, 0, 0]),
+        u64::from(current) << 16 | u64::from(voltage),
         status.tick.into(),
         status.position as u64,
         float(status.velocity.0),
@@ -348,9 +350,9 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error
     let [count, last_edge, toward_work, now, short_ticks, motor_current, bus_voltage, flags, told, rest @ ..] =
         *numbers;
     let [pointed, to, counts, ticks, used, used_at, illegal, mark_at, mark_toward, crossings, rest @ ..] = rest;
-    let [watched, w_count, w_edge, w_toward, w_now, pulses, tick, position, velocity, setpoint, following, rest @ ..] =
+    let [watched, w_count, w_edge, w_toward, w_now, pulses, newest, tick, position, velocity, setpoint, rest @ ..] =
         rest;
-    let [path, duty, saturated] = rest;
+    let [following, path, duty, saturated] = rest;
     let raw = |count, edge, toward, now| RawCount {
         count: count as u32,
         last_edge: edge as u32,
@@ -382,7 +384,8 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error
         }),
         asked: flag(6),
     };
-    let [edges, conversions, shorts, ..] = (pulses as u32).to_le_bytes();
+    let [edges, conversions, shorts, drive_stands, high, low, ..] = pulses.to_le_bytes();
+    let newest = [(newest >> 16) as u16, newest as u16];
     let counters = Counters {
         used: Snapshot {
             raw: RawCount { count: used as u32, now: used_at as u32, ..RawCount::default() },
@@ -390,7 +393,8 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error
             mark: Mark { count: mark_at as u32, toward_work: mark_toward != 0, crossings: crossings as u32 },
         },
         watch: (watched != 0).then(|| raw(w_count, w_edge, w_toward, w_now)),
-        pulses: PulseCounts { edges, conversions, shorts },
+        pulses: PulseCounts { edges, conversions, shorts, comparators: [high, low], newest },
+        drive_stands: drive_stands != 0,
     };
     let status = Status {
         tick: tick as u32,
@@ -418,7 +422,7 @@ fn plan_numbers(status: &Status) -> [u64; PLAN] {
         float(status.gap.filtered.0),
         float(status.gap.block.0),
         status.gap.quality as u64,
-        u64::from(status.gap.short_ticks) | u64::from(status.gap.touches) << 32,
+        u64::from(status.gap.short_ticks) | u64::from(status.gap.touches) << 32 | u64::from(status.gap.code) << 48,
         float(status.open_circuit.0),
         float(status.current.0),
         float(status.bus.0),
@@ -441,8 +445,9 @@ fn plan_of(numbers: &[u64; PLAN]) -> Result<Status, Error> {
             block: Volts(from_float(block)),
             mean: Volts(from_float(mean)),
             quality: *QUALITIES.get(quality as usize).ok_or(Error::Damaged("quality of the gap reading"))?,
-            touches: shorts >> 32 != 0,
+            touches: shorts >> 32 & 1 != 0,
             short_ticks: shorts as u32,
+            code: (shorts >> 48) as u16,
         },
         open_circuit: Volts(from_float(open)),
         current: Amps(from_float(current)),
@@ -462,7 +467,13 @@ mod tests {
     }
 
     fn planned() -> Status {
-        let gap = GapReading { mean: Volts(60.5), quality: Quality::Valid, ..GapReading::default() };
+        let gap = GapReading {
+            mean: Volts(60.5),
+            quality: Quality::Valid,
+            touches: true,
+            code: 4094,
+            ..GapReading::default()
+        };
         Status { tick: 9, state: State::Eroding, gap, path: Fixed(-5), ..Status::default() }
     }
 
@@ -475,6 +486,7 @@ mod tests {
         }
         let counters = Counters {
             watch: Some(RawCount { count: u32::MAX, last_edge: 3, toward_work: true, now: 9 }),
+            drive_stands: true,
             ..Counters::default()
         };
         let input = TickInput {

@@ -18,6 +18,8 @@ pub(super) struct Bucket {
     pub filtered_v: Span,
     pub setpoint_v: f64,
     pub duty: Span,
+    pub debris: f64,
+    pub damage: f64,
     /// Share of its time in each of [`SHADED`].
     pub share: [f64; 4],
 }
@@ -34,6 +36,8 @@ impl From<&Millisecond> for Bucket {
             filtered_v: ms.filtered_v,
             setpoint_v: ms.setpoint_v,
             duty: ms.duty,
+            debris: ms.debris,
+            damage: ms.damage,
             share: SHADED.map(|phase| f64::from(phase == ms.phase)),
         }
     }
@@ -58,6 +62,8 @@ impl Bucket {
             filtered_v: span(self.filtered_v, later.filtered_v),
             setpoint_v: later.setpoint_v,
             duty: span(self.duty, later.duty),
+            debris: mean(self.debris, later.debris),
+            damage: mean(self.damage, later.damage),
             share,
         }
     }
@@ -168,6 +174,11 @@ mod tests {
             setpoint_v: x,
             duty: span,
             vibration_square: 0.0,
+            wear_um: 0.0,
+            debris: 0.0,
+            damage: 0.0,
+            contact_n: 0.0,
+            film_n: 0.0,
         })
     }
 

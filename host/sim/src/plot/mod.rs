@@ -1,6 +1,6 @@
 //! The run as a picture: SVG, the whole run on the left, one second of eroding on the right.
 //!
-//! Four panels share the time: depth, gap voltage, gap, duty. Time that is not eroding is shaded. What is drawn is
+//! Five panels share the time: depth, gap voltage, gap, debris with damage, duty. Time that is not eroding is shaded. What is drawn is
 //! gathered while the run goes on, in memory that does not grow with it (`buckets`): a band from smallest to largest
 //! tick, so that nothing short is lost, and a line of means.
 
@@ -97,6 +97,11 @@ mod tests {
             setpoint_v: 55.0,
             duty: span,
             vibration_square: 0.0,
+            wear_um: 0.0,
+            debris: 0.0,
+            damage: 0.0,
+            contact_n: 0.0,
+            film_n: 0.0,
         }
     }
 

@@ -83,7 +83,7 @@ pub(super) struct View<'a> {
 
 impl View<'_> {
     /// The panels of the whole run.
-    pub fn whole(&self) -> [Panel; 4] {
+    pub fn whole(&self) -> [Panel; 5] {
         let volts = self.columns.iter().flat_map(|c| [c.filtered_v.max, c.setpoint_v, 0.0]);
         let gap = working(self.columns, |c| c.gap_um);
         let duty = working(self.columns, |c| c.duty);
@@ -91,12 +91,13 @@ impl View<'_> {
             self.depth("Depth, mm", 1e-3),
             Panel { name: "Gap voltage, V", y: range(volts), curves: self.voltages() },
             self.gap(gap.start.min(0.0)..gap.end),
+            self.dirt(),
             self.duty(duty),
         ]
     }
 
     /// The panels of the close-up: nearer in every direction, and with the voltage as it was measured.
-    pub fn close_up(&self) -> [Panel; 4] {
+    pub fn close_up(&self) -> [Panel; 5] {
         let columns = self.columns;
         let volts = columns.iter().flat_map(|c| [c.filtered_v.min, c.filtered_v.max, c.setpoint_v, c.gap_v.mean]);
         let mut voltages = vec![line("measured", GREY, 1, of(columns, |c| c.gap_v.mean))];
@@ -105,6 +106,7 @@ impl View<'_> {
             self.depth("Depth, µm", 1.0),
             Panel { name: "Gap voltage, V", y: range(volts), curves: voltages },
             self.gap(working(columns, |c| c.gap_um)),
+            self.dirt(),
             self.duty(working(columns, |c| c.duty)),
         ]
     }
@@ -128,6 +130,14 @@ impl View<'_> {
 
     fn gap(&self, y: Range<f64>) -> Panel {
         Panel { name: "Gap, µm", y, curves: vec![banded("gap", GREEN, self.columns, |c| c.gap_um)] }
+    }
+
+    /// Debris, and beside it the damage that arcs have left.
+    fn dirt(&self) -> Panel {
+        let (debris, damage) = (of(self.columns, |c| c.debris), of(self.columns, |c| c.damage));
+        let y = range(debris.iter().chain(&damage).map(|(_, y)| *y).chain([0.0]));
+        let curves = vec![line("debris", BROWN, 1, debris), line("damage by arcs", INK, 1, damage)];
+        Panel { name: "Debris, 5 %", y, curves }
     }
 
     fn duty(&self, y: Range<f64>) -> Panel {

@@ -13,7 +13,7 @@ use std::ops::Range;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
 
-const SIZE: (u32, u32) = (1600, 1180);
+const SIZE: (u32, u32) = (1600, 1400);
 const HEAD: u32 = 112;
 const FOOT: u32 = 54;
 const LEFT_COLUMN: u32 = 960;
@@ -115,7 +115,7 @@ fn shades(columns: &[Bucket]) -> Vec<(Range<f64>, Phase, u8)> {
     stretches
 }
 
-fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: [Panel; 4]) -> Drawn<'a> {
+fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: [Panel; 5]) -> Drawn<'a> {
     let time = match (columns.first(), columns.last()) {
         (Some(first), Some(last)) => first.time().0..last.time().1,
         _ => 0.0..1.0,
@@ -123,10 +123,10 @@ fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: [Panel; 4]) -> Drawn<
     let shades = shades(columns);
     let (_, height) = area.dim_in_pixel();
     // The lowest panel is higher by the labels of the time axis, so that all diagrams are of the same height.
-    let each = (height + 8 - FOOT) / 4;
+    let each = (height + 8 - FOOT) / panels.len() as u32;
     let mut rest = area.clone();
     for (i, panel) in panels.iter().enumerate() {
-        let lowest = i == 3;
+        let lowest = i + 1 == panels.len();
         let (this, below) = if lowest {
             (rest.clone(), None)
         } else {

@@ -64,10 +64,10 @@ impl Hum {
         if self.blocks.is_multiple_of(RETUNE) {
             let turn = (self.blocks as f64 * (BLOCK_S / DRIFT_S)).fract();
             let hz = self.mains + self.drift * (1.0 - 4.0 * (turn - 0.5).abs());
-            let (sine, cosine) = (TAU * BLOCK_S * hz).sin_cos();
+            let (sine, cosine) = libm::sincos(TAU * BLOCK_S * hz);
             self.step = (cosine, sine);
             // Of length one for ever.
-            let length = self.pointer.0.hypot(self.pointer.1);
+            let length = libm::hypot(self.pointer.0, self.pointer.1);
             self.pointer = (self.pointer.0 / length, self.pointer.1 / length);
         }
         self.blocks += 1;
@@ -93,9 +93,9 @@ impl FrontEnd {
                 drift: p.mains_drift.into(),
                 blocks: 0,
                 step: (1.0, 0.0),
-                pointer: (phase.cos(), phase.sin()),
+                pointer: (libm::cos(phase), libm::sin(phase)),
             },
-            fades: (rise, (-PERIOD_US / rise).exp()),
+            fades: (rise, libm::exp(-PERIOD_US / rise)),
             noise: (f64::from(p.noise) * per_volt) as f32,
             random,
             stuck: None,
@@ -131,7 +131,7 @@ impl FrontEnd {
         let mut edge = 0;
         if !now.settled(begins) {
             if self.fades.0 != now.rise {
-                self.fades = (now.rise, (-PERIOD_US / now.rise).exp());
+                self.fades = (now.rise, libm::exp(-PERIOD_US / now.rise));
             }
             let mut left = now.at(begins) - now.volts;
             for code in &mut *seen {

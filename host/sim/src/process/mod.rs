@@ -1,27 +1,35 @@
 //! Process model: what the head's wires are connected to.
 //!
-//! Pulses are events in continuous time, mechanics run in steps of 12.5 us, conversions happen at their own instants. All
-//! randomness comes from one seed, in a stream of its own for every cause. Every parameter has its source in
-//! [`Parameters`]; x is positive toward the work, gap = surface - electrode face.
+//! Pulses are events in continuous time, mechanics run in steps of 12.5 or 25 us, conversions happen at their own instants.
+//! All randomness comes from one seed, in a stream of its own for every cause. x is positive toward the work, gap = surface
+//! - electrode face.
 //!
-//! Everything here is simulated; nothing was fitted to a machine.
+//! Axis and gap are those of one of two versions of the model, `Model`: version 0 is here, in `zero`, every parameter with
+//! its source in [`Parameters`]; version 1 is the package `host/process`, put on the same wires in `one`. Encoder, converter,
+//! switches and faults are the same for both.
+//!
+//! Everything here is simulated. Nothing of version 0 was fitted to a machine; what of version 1 was, docs/process-model.md
+//! says.
 
 mod actuator;
 mod debris;
 mod front_end;
 mod normal;
+mod one;
 mod parameters;
+mod plant;
 mod random;
 mod scale;
 mod spark;
+mod zero;
 
 pub use crate::events::FaultInputs;
+pub use edm_process::Pulses;
 pub use parameters::Parameters;
+pub use plant::Plant;
 pub use scale::Edge;
-pub use spark::Pulses;
 
 use crate::events::{Event, EventError, Timeline};
-use actuator::{Actuator, Load, STEPS};
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::Levels;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
@@ -30,20 +38,158 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::settings::{SettingError, Value};
 use edm_servo_head::units::{ADC_FULL_SCALE, CLOCK_HZ, TICK_HZ};
 use front_end::FrontEnd;
+use one::One;
 use scale::Scale;
-use spark::Spark;
-use std::f64::consts::PI;
+use spark::Stretch;
+use zero::Zero;
 
 /// Servo tick, us.
 const TICK_US: f64 = 1e6 / TICK_HZ as f64;
 /// Servo tick in clock ticks.
 const TICK_CLOCK: u32 = CLOCK_HZ / TICK_HZ;
-/// Atmospheric pressure, Pa: no film pulls harder than this on the electrode's face.
-const ATMOSPHERE: f64 = 101_325.0;
-/// Damping of a contact, N s/m (assumed).
-const CONTACT_DAMPING: f64 = 20.0;
-/// Thinnest film that the formula is used for, m: below that, roughness lets the dielectric out (assumed).
-const THINNEST_FILM: f64 = 5e-6;
+/// What a tick asks of a model.
+#[derive(Clone, Copy, Debug)]
+struct Tick {
+    /// When it begins, us.
+    from_us: f64,
+    /// What the bridge does.
+    drive: Drive,
+    bus_v: f64,
+    /// First surface of the work, m below the upper stop.
+    surface_m: f64,
+    /// Force of a hand on the head, N.
+    hand_n: f64,
+    /// Pulses may be made.
+    pulses: bool,
+    /// Off-time requested; version 0 does not hear of it.
+    off_us: Option<f64>,
+    /// A wire lies across the gap.
+    shorted: bool,
+    /// The generator makes no pulses.
+    dead: bool,
+    /// The contact sense supply gives nothing.
+    senseless: bool,
+}
+
+/// Axis and gap.
+#[derive(Clone, Debug)]
+enum Model {
+    Zero(Box<Zero>),
+    One(Box<One>),
+}
+
+/// What a model knows of axis and gap.
+struct Inside {
+    x: f64,
+    v: f64,
+    i: f64,
+    removed_um: f64,
+    wear_um: f64,
+    debris: f64,
+    damage: f64,
+    through: f64,
+}
+
+impl Model {
+    fn new(plant: &Plant, seed: u64) -> Result<Model, SettingError> {
+        plant.validate()?;
+        Ok(match plant.version() {
+            0 => Model::Zero(Box::new(Zero::new(&plant.base, seed))),
+            _ => {
+                let one = One::new(plant, seed);
+                let refused = |_| SettingError::Conflict { field: "model", rule: "does not fit" };
+                Model::One(Box::new(one.map_err(refused)?))
+            }
+        })
+    }
+
+    #[inline]
+    fn advance(&mut self, tick: &Tick, travel: impl FnMut(f64, f64, usize, usize)) {
+        match self {
+            Model::Zero(zero) => zero.advance(tick, travel),
+            Model::One(one) => one.advance(tick, travel),
+        }
+    }
+
+    fn hold_gap(&mut self, um: f64, debris: f64) {
+        match self {
+            Model::Zero(zero) => zero.hold_gap(um, debris),
+            Model::One(one) => one.hold_gap(um, debris),
+        }
+    }
+
+    /// What the gap showed in the last tick, in order of time.
+    fn stretches(&self) -> &[Stretch] {
+        match self {
+            Model::Zero(zero) => zero.stretches(),
+            Model::One(one) => one.stretches(),
+        }
+    }
+
+    /// The current of each of them; version 0 has none.
+    fn amps(&self) -> &[edm_process::Edge] {
+        match self {
+            Model::Zero(_) => &[],
+            Model::One(one) => one.amps(),
+        }
+    }
+
+    fn pulses(&self) -> Pulses {
+        match self {
+            Model::Zero(zero) => zero.spark.pulses,
+            Model::One(one) => one.process.pulses(),
+        }
+    }
+
+    /// Gap over the first surface at `first_m`, um.
+    fn gap_um(&self, first_m: f64) -> f64 {
+        match self {
+            Model::Zero(zero) => zero.gap_um(first_m),
+            Model::One(one) => one.gap_um(first_m),
+        }
+    }
+
+    /// Force of a contact and of the film on the electrode, N.
+    fn forces_n(&self, first_m: f64) -> (f64, f64) {
+        match self {
+            Model::Zero(zero) => zero.forces_n(zero.gap_um(first_m)),
+            Model::One(one) => one.forces_n(),
+        }
+    }
+
+    fn inside(&self) -> Inside {
+        match self {
+            Model::Zero(zero) => Inside {
+                x: zero.actuator.x,
+                v: zero.actuator.v,
+                i: zero.actuator.i,
+                removed_um: zero.spark.removed_um,
+                wear_um: zero.spark.wear_um,
+                debris: zero.spark.debris.concentration(),
+                damage: 0.0,
+                through: 0.0,
+            },
+            Model::One(one) => Inside {
+                x: one.axis.x,
+                v: one.axis.v,
+                i: one.axis.i,
+                removed_um: one.process.depth_um(),
+                wear_um: one.process.worn_um(),
+                debris: one.process.dirt(),
+                damage: one.process.damage(),
+                through: one.process.through(),
+            },
+        }
+    }
+
+    /// Position of the scale, m, and motor current, A.
+    fn axis(&self) -> (f64, f64) {
+        match self {
+            Model::Zero(zero) => (zero.actuator.x, zero.actuator.i),
+            Model::One(one) => (one.axis.x, one.axis.i),
+        }
+    }
+}
 
 /// What the head's wires show after a tick.
 #[derive(Clone, Debug)]
@@ -77,6 +223,8 @@ pub struct Piece {
     pub volts: f64,
     /// Time constant of that, us.
     pub rise_us: f64,
+    /// Current, A, from when it began on; version 0 has none.
+    pub amps: Option<edm_process::Edge>,
     /// Gate on.
     pub gate: bool,
 }
@@ -86,6 +234,11 @@ impl Piece {
     pub fn at(&self, us: f64) -> f64 {
         let age = (us - self.from_us).max(0.0);
         self.volts + (self.initial - self.volts) * (-age / self.rise_us).exp()
+    }
+
+    /// Current at a time, A; `None` where the model has none.
+    pub fn amps_at(&self, us: f64) -> Option<f64> {
+        Some(self.amps?.at((us - self.from_us).max(0.0)))
     }
 }
 
@@ -116,46 +269,48 @@ pub struct Truth {
     pub contact_n: f64,
     /// Motor current, A, positive toward the work.
     pub current_a: f64,
-    /// Debris concentration; 1 is about the default working point.
+    /// Debris of the front gap, in 5 % by volume.
     pub debris: f64,
+    /// Mean damage of the surfaces by arcs: 1 doubles a clean channel's recovery time. Version 0 has none.
+    pub damage: f64,
+    /// Share of the face before which nothing is left. Version 0 has blind holes only.
+    pub through: f64,
+    /// Force of the dielectric's film on the electrode, N, positive toward the work.
+    pub film_n: f64,
 }
 
 /// The machine and the process.
 #[derive(Clone, Debug)]
 pub struct Process {
     p: Parameters,
-    actuator: Actuator,
+    model: Model,
     scale: Scale,
-    spark: Spark,
     front: FrontEnd,
     ticks: u64,
-    held_gap_um: Option<f64>,
     sensors: Sensors,
-    /// Squeeze-film damping times the cube of the gap, N s m^2.
-    film: f64,
-    /// Most that the film can pull, N.
-    suction: f64,
-    /// Stiffness of a contact, N/m.
-    stiffness: f64,
     /// Converter codes for an ampere of motor current and a volt of the bus.
     codes_per: (f64, f64),
     timeline: Timeline,
+    /// Off-time that the head requests of the generator, ns; its own without.
+    pub off_time_ns: Option<u32>,
     /// Wires to pull between two ticks.
     pub fault_inputs: FaultInputs,
 }
 
 impl Process {
     /// A head at rest at its upper stop above a fresh workpiece. The same seed gives the same run.
-    pub fn new(p: &Parameters, seed: u64) -> Result<Process, SettingError> {
-        p.validate()?;
-        let scale = Scale::new(p, seed);
-        let radius = f64::from(p.radius) * 1e-3;
+    ///
+    /// # Errors
+    /// When a number does not fit.
+    pub fn new(plant: impl Into<Plant>, seed: u64) -> Result<Process, SettingError> {
+        let plant = plant.into();
+        let model = Model::new(&plant, seed)?;
+        let p = plant.base;
+        let scale = Scale::new(&p, seed);
         Ok(Process {
-            actuator: Actuator::new(p),
-            spark: Spark::new(p, seed),
-            front: FrontEnd::new(p, seed),
+            model,
+            front: FrontEnd::new(&p, seed),
             ticks: 0,
-            held_gap_um: None,
             sensors: Sensors {
                 block: GapBlock { codes: [0; BLOCK], gate: 0 },
                 edges: Vec::with_capacity(64),
@@ -166,14 +321,12 @@ impl Process {
                 drive: DriveCodes::default(),
                 pulses: PulseCounts::default(),
             },
-            film: 3.0 * PI * f64::from(p.viscosity) * 1e-3 * radius.powi(4) / 2.0,
-            suction: ATMOSPHERE * PI * radius * radius,
-            stiffness: f64::from(p.contact) * 1e6,
             codes_per: (1.0 / f64::from(p.amps_per_code), 1.0 / f64::from(p.bus_per_code)),
             timeline: Timeline::default(),
+            off_time_ns: None,
             fault_inputs: FaultInputs::default(),
             scale,
-            p: *p,
+            p,
         })
     }
 
@@ -193,8 +346,7 @@ impl Process {
     /// Holds gap and debris, whatever the axis does, without erosion, arcs and bridges: the open loop in which the shot
     /// floor is measured.
     pub fn hold_gap(&mut self, um: f64, debris: f64) {
-        self.held_gap_um = Some(um);
-        self.spark.hold(debris);
+        self.model.hold_gap(um, debris);
     }
 
     /// Advances by one servo tick under the head's outputs and gives what its wires show at the end.
@@ -204,17 +356,29 @@ impl Process {
         self.front.stuck = self.fault_inputs.stuck_code;
         self.front.gate_lost = self.fault_inputs.gate_lost;
         self.scale.dead = self.fault_inputs.encoder_dead;
-        self.spark.dead = self.fault_inputs.generator_dead;
-        self.spark.forced_short = self.fault_inputs.short;
-        self.spark.senseless = self.fault_inputs.sense_off;
 
-        let before = self.gap_um();
-        self.move_axis(if self.fault_inputs.safety.bridge_fault { Drive::Coast } else { drive });
-        let gap = self.held_gap_um.map_or((before, self.gap_um()), |held| (held, held));
-        let pulses_before = self.spark.pulses;
-        self.spark.advance(from, from + TICK_US, gap, pulses || self.fault_inputs.disobeys);
+        let faults = &self.fault_inputs;
+        let tick = Tick {
+            from_us: from,
+            drive: if faults.safety.bridge_fault { Drive::Coast } else { drive },
+            bus_v: self.bus(),
+            surface_m: self.first_surface_m(),
+            hand_n: faults.hand_n,
+            pulses: pulses || faults.disobeys,
+            off_us: self.off_time_ns.map(|ns| f64::from(ns) * 1e-3),
+            shorted: faults.short,
+            dead: faults.generator_dead,
+            senseless: faults.sense_off,
+        };
+        let pulses_before = self.model.pulses();
+        let (scale, now, edges) = (&mut self.scale, self.sensors.now, &mut self.sensors.edges);
+        edges.clear();
+        self.model.advance(&tick, |from, to, step, steps| {
+            let ticks = f64::from(TICK_CLOCK) / steps as f64;
+            scale.travel(from, to, now.wrapping_add((step as f64 * ticks) as u32), ticks, edges);
+        });
         self.count_pulses(pulses_before);
-        self.sensors.block = self.front.convert(from, &self.spark.stretches);
+        self.sensors.block = self.front.convert(from, self.model.stretches());
 
         self.ticks += 1;
         self.sensors.now = self.sensors.now.wrapping_add(TICK_CLOCK);
@@ -227,12 +391,16 @@ impl Process {
     fn count_pulses(&mut self, before: Pulses) {
         let counts = &mut self.sensors.pulses;
         let add = |count: &mut u8, more: u64| *count = count.wrapping_add(more as u8);
-        let new = self.spark.pulses.total() - before.total();
+        let after = self.model.pulses();
+        let new = after.total() - before.total();
         if !self.fault_inputs.gate_lost {
             add(&mut counts.edges, 2 * new);
+            counts.comparators = [counts.edges; 2];
             if !self.fault_inputs.start_lost {
                 add(&mut counts.conversions, new);
-                add(&mut counts.shorts, self.spark.pulses.short - before.short);
+                add(&mut counts.shorts, after.short - before.short);
+                // Sound converters: noise changes what they give.
+                counts.newest = [counts.conversions.into(); 2];
             }
         }
     }
@@ -241,47 +409,18 @@ impl Process {
         self.fault_inputs.bus_v.unwrap_or(self.p.bus.into())
     }
 
-    fn move_axis(&mut self, drive: Drive) {
-        self.sensors.edges.clear();
-        let bus = self.bus();
-        let surface = self.surface_m() + self.spark.wear_um * 1e-6;
-        let ticks = f64::from(TICK_CLOCK) / STEPS as f64;
-        let x = self.actuator.x;
-        if self.actuator.rests(drive, bus, self.contact(surface - x) + self.fault_inputs.hand_n) {
-            self.scale.travel(x, x, self.sensors.now, ticks, &mut self.sensors.edges);
-            return;
-        }
-        for step in 0..STEPS {
-            let from = self.actuator.x;
-            let load = self.load(surface - from);
-            self.actuator.step(drive, bus, load);
-            let start = self.sensors.now.wrapping_add((step as f64 * ticks) as u32);
-            self.scale.travel(from, self.actuator.x, start, ticks, &mut self.sensors.edges);
-        }
-    }
-
-    /// Contact and squeeze film: 3 pi mu R^4 v / (2 h^3), whose suction ends at the weight of the atmosphere.
-    fn load(&self, gap: f64) -> Load {
-        let hits = gap < 0.0 && self.actuator.v > 0.0;
-        let film = if gap > THINNEST_FILM { gap } else { THINNEST_FILM };
-        Load {
-            force: self.contact(gap) + self.fault_inputs.hand_n,
-            damping: self.film / (film * film * film) + if hits { CONTACT_DAMPING } else { 0.0 },
-            suction: self.suction,
-        }
-    }
-
-    /// Force of a contact on the electrode, N, at a gap in m.
-    fn contact(&self, gap: f64) -> f64 {
-        if gap < 0.0 { gap * self.stiffness } else { 0.0 }
+    /// First surface of the work, m below the upper stop.
+    fn first_surface_m(&self) -> f64 {
+        (f64::from(self.p.surface) - self.fault_inputs.raised_mm) * 1e-3
     }
 
     fn sense(&mut self) {
         let bus = self.bus();
+        let (x, current) = self.model.axis();
         let sensors = &mut self.sensors;
         sensors.levels = self.scale.levels();
         sensors.timer_count = self.scale.timer();
-        let x_mm = self.actuator.x * 1e3;
+        let x_mm = x * 1e3;
         let opened = self.fault_inputs.safety;
         sensors.safety = SafetyInputs {
             upper_limit: opened.upper_limit || x_mm < self.p.upper_limit.into(),
@@ -294,17 +433,9 @@ impl Process {
         // The sensor sits between bridge and coil, so it does not know which way round the coil is.
         let sign = if self.p.motor_reversed { -1.0 } else { 1.0 };
         sensors.drive = DriveCodes {
-            motor_current: code(sign * self.actuator.i, self.codes_per.0, 2048.5),
+            motor_current: code(sign * current, self.codes_per.0, 2048.5),
             bus_voltage: code(bus, self.codes_per.1, 0.5),
         };
-    }
-
-    fn surface_m(&self) -> f64 {
-        (f64::from(self.p.surface) - self.fault_inputs.raised_mm) * 1e-3 + self.spark.removed_um * 1e-6
-    }
-
-    fn gap_um(&self) -> f64 {
-        (self.surface_m() - self.actuator.x) * 1e6 + self.spark.wear_um
     }
 
     /// What the wires show now.
@@ -316,32 +447,40 @@ impl Process {
     pub fn pieces(&self) -> impl Iterator<Item = Piece> + '_ {
         let began = self.ticks.saturating_sub(1) as f64 * TICK_US;
         let gate_lost = self.fault_inputs.gate_lost;
-        self.spark.stretches.iter().map(move |s| Piece {
+        let amps = self.model.amps();
+        self.model.stretches().iter().enumerate().map(move |(k, s)| Piece {
             from_us: s.from - began,
             initial: s.initial,
             volts: s.volts,
             rise_us: s.rise,
+            amps: amps.get(k).copied(),
             gate: s.gate.0 < s.gate.1 && !gate_lost,
         })
     }
 
     /// What really is.
     pub fn truth(&self) -> Truth {
-        let position_um = self.actuator.x * 1e6;
+        let Inside { x, v, i, removed_um, wear_um, debris, damage, through } = self.model.inside();
+        let first_m = self.first_surface_m();
+        let (contact_n, film_n) = self.model.forces_n(first_m);
+        let position_um = x * 1e6;
         Truth {
             t_s: self.ticks as f64 * TICK_US * 1e-6,
             position_um,
-            face_um: position_um - self.spark.wear_um,
-            velocity_um_s: self.actuator.v * 1e6,
-            surface_um: self.surface_m() * 1e6,
+            face_um: position_um - wear_um,
+            velocity_um_s: v * 1e6,
+            surface_um: (first_m + removed_um * 1e-6) * 1e6,
             first_surface_um: f64::from(self.p.surface) * 1e3,
-            gap_um: self.gap_um(),
-            count: self.scale.true_count(self.actuator.x),
-            pulses: self.spark.pulses,
-            wear_um: self.spark.wear_um,
-            contact_n: self.stiffness * (-self.gap_um()).max(0.0) * 1e-6,
-            current_a: self.actuator.i,
-            debris: self.spark.debris.concentration(),
+            gap_um: self.model.gap_um(first_m),
+            count: self.scale.true_count(x),
+            pulses: self.model.pulses(),
+            wear_um,
+            contact_n,
+            current_a: i,
+            debris,
+            damage,
+            through,
+            film_n,
         }
     }
 }

@@ -113,7 +113,7 @@ declare! {
         volts_per_code: f32 = 0.1, (0.001, 1.0), "front_end.volts_per_code", "V", "assumed: docs/wiring.md";
         /// Gain error.
         gain_error: f32 = 0.0, (-20.0, 20.0), "front_end.gain_error_percent", "%", "assumed: none";
-        /// White noise of a conversion.
+        /// White noise of a conversion; without any the head takes the converter for one that gives the same code for ever.
         noise: f32 = 0.5, (0.0, 50.0), "front_end.noise_v", "V rms", "assumed";
         /// Amplitude of mains hum.
         hum: f32 = 1.0, (0.0, 50.0), "front_end.hum_v", "V", "[R] section 6.5: seen, amplitude assumed";
@@ -132,14 +132,30 @@ impl Parameters {
     /// Checks every parameter, alone and against the others.
     pub fn validate(&self) -> Result<(), SettingError> {
         self.check()?;
+        self.fits(self.stroke)?;
         let rules = [
             (self.burn >= self.open, "generator.burn_v", "must be below generator.open_v"),
             (self.arc_burn > self.burn, "arc.burn_v", "must not be above generator.burn_v"),
-            (self.surface >= self.stroke, "workpiece.surface_mm", "must lie inside actuator.stroke_mm"),
+        ];
+        broken(&rules)
+    }
+
+    /// Checks what both versions of the process model have against each other, and the stroke in mm.
+    pub(super) fn fits(&self, stroke: f32) -> Result<(), SettingError> {
+        let rules = [
+            (
+                self.surface >= stroke,
+                "workpiece.surface_mm",
+                "must lie inside the stroke, actuator.stroke_mm or model.stroke_mm",
+            ),
             (self.marks * 1e3 < 4.0 * self.count, "scale.mark_mm", "must be at least four times scale.count_um"),
             (self.lower_limit <= self.upper_limit, "limit.lower_mm", "must be below limit.upper_mm"),
         ];
-        let broken = rules.into_iter().find(|(broken, ..)| *broken);
-        broken.map_or(Ok(()), |(_, field, rule)| Err(SettingError::Conflict { field, rule }))
+        broken(&rules)
     }
+}
+
+fn broken(rules: &[(bool, &'static str, &'static str)]) -> Result<(), SettingError> {
+    let broken = rules.iter().find(|(broken, ..)| *broken);
+    broken.map_or(Ok(()), |&(_, field, rule)| Err(SettingError::Conflict { field, rule }))
 }

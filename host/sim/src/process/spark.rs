@@ -18,6 +18,7 @@
 use super::Parameters;
 use super::debris::Debris;
 use super::random::{Cause, Random};
+use edm_process::Pulses;
 use rand::RngExt;
 use rand_distr::{Distribution, Exp1, StandardNormal};
 use std::f64::consts::LN_2;
@@ -29,32 +30,8 @@ const SETTLED: f64 = 8.0;
 /// Gaps of so many heights are never bridged by peaks: a chance of 1e-7.
 const PEAKS: f64 = 4.0;
 
-/// Pulses by what became of them. One that the head cuts off before it ignites is none of these.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Pulses {
-    /// Never ignited.
-    pub open: u64,
-    /// Ignited after a delay.
-    pub spark: u64,
-    /// Ignited at once at the spot of the last discharge.
-    pub arc: u64,
-    /// Electrode and work touched, or a bridge joined them.
-    pub short: u64,
-}
-
-impl Pulses {
-    /// All of them.
-    pub fn total(&self) -> u64 {
-        self.open + self.spark + self.arc + self.short
-    }
-
-    /// Sparks and arcs.
-    pub fn discharges(&self) -> u64 {
-        self.spark + self.arc
-    }
-}
-
-/// e^-x for 0 to [`SETTLED`], to 1e-9: six squarings of a polynomial. It is wanted at every event, and `exp` is for all numbers.
+/// e^-x for 0 to [`SETTLED`], to 1e-9: six squarings of a polynomial. It is wanted at every event, and `exp` is for all
+/// numbers.
 fn fade(x: f64) -> f64 {
     let y = x * (-1.0 / 64.0);
     let root = 1.0 + y * (1.0 + y * (1.0 / 2.0 + y * (1.0 / 6.0 + y * (1.0 / 24.0 + y * (1.0 / 120.0)))));

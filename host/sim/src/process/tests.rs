@@ -2,6 +2,7 @@
 
 use super::*;
 use edm_servo_head::settings::{Declared, Settings};
+use std::f64::consts::PI;
 
 fn process(p: Parameters) -> Process {
     Process::new(&p, 1).unwrap()
@@ -11,6 +12,11 @@ fn run(process: &mut Process, drive: Drive, pulses: bool, seconds: f64) {
     for _ in 0..(seconds * f64::from(TICK_HZ)).round() as u64 {
         process.advance(drive, pulses);
     }
+}
+
+fn zero(process: &mut Process) -> &mut Zero {
+    let Model::Zero(zero) = &mut process.model else { panic!("version 0") };
+    zero
 }
 
 /// Neither friction nor weight: what is left is put there by the test.
@@ -100,8 +106,8 @@ fn the_atmosphere_limits_how_hard_the_film_holds_the_electrode_down() {
         let p = Parameters { counterbalance, surface: 0.0, viscosity: 100.0, radius: 10.0, ..weightless() };
         let mut process = process(Parameters { upper_limit: -1.0, ..p });
         // Starts on the work; the stop above would carry the pull, so it first goes down with the work gone.
-        process.actuator.x = 1e-3;
-        process.spark.removed_um = 1003.0;
+        zero(&mut process).actuator.x = 1e-3;
+        zero(&mut process).spark.removed_um = 1003.0;
         run(&mut process, Drive::Duty(duty), false, 0.01);
         1000.0 - process.truth().position_um
     };
@@ -116,7 +122,7 @@ fn limit_switches_open_on_their_side_of_their_place() {
     for (mm, upper, lower) in
         [(0.0, true, false), (0.049, true, false), (0.051, false, false), (11.79, false, false), (11.81, false, true)]
     {
-        process.actuator.x = mm * 1e-3;
+        zero(&mut process).actuator.x = mm * 1e-3;
         let safety = process.advance(Drive::Brake, false).safety;
         assert_eq!((safety.upper_limit, safety.lower_limit), (upper, lower), "{mm} mm");
     }
@@ -254,8 +260,85 @@ fn a_bad_parameter_is_refused_by_name() {
 
 #[test]
 fn no_parameter_has_the_name_of_a_setting_of_the_head() {
-    for field in Parameters::FIELDS {
+    for field in Plant::FIELDS {
         assert!(Settings::FIELDS.iter().all(|other| other.key != field.key), "{}", field.key);
-        assert_eq!(Parameters::FIELDS.iter().filter(|other| other.key == field.key).count(), 1, "{}", field.key);
+        assert_eq!(Plant::FIELDS.iter().filter(|other| other.key == field.key).count(), 1, "{}", field.key);
+    }
+}
+
+/// Version 1 with the work `surface_mm` below the upper stop.
+fn version_1(surface_mm: f64, set: &[(&str, f64)]) -> Process {
+    let mut plant = Plant::default();
+    for (key, value) in [("model.version", 1.0), ("workpiece.surface_mm", surface_mm)].iter().chain(set) {
+        plant.set(key, Value::Number(*value)).unwrap();
+    }
+    Process::new(plant, 1).unwrap()
+}
+
+#[test]
+fn version_1_obeys_permission_and_the_off_time_that_is_requested() {
+    let mut process = version_1(0.04, &[]);
+    let mut pulses_in = |off_time_ns, pulses| {
+        process.off_time_ns = off_time_ns;
+        let before = process.truth().pulses.total();
+        run(&mut process, Drive::Coast, pulses, 0.2);
+        process.truth().pulses.total() - before
+    };
+    // 160 us on; 40 us off of its own.
+    assert!(pulses_in(None, true).abs_diff(1000) <= 1);
+    assert!(pulses_in(Some(240_000), true).abs_diff(500) <= 1);
+    assert_eq!(pulses_in(None, false), 0);
+    process.fault_inputs.disobeys = true;
+    run(&mut process, Drive::Coast, false, 0.01);
+    assert_ne!(process.sensors().block.gate, 0);
+}
+
+#[test]
+fn version_1_is_stopped_by_contact_shorts_there_and_says_so() {
+    let mut process = version_1(2.0, &[]);
+    run(&mut process, Drive::Duty(700), true, 2.0);
+    let truth = process.truth();
+    // 2.03 N of coil and 0.24 N of counterbalance surplus, and what the bristles of the friction have taken up.
+    assert!((1.4..2.2).contains(&truth.contact_n), "{}", truth.contact_n);
+    assert!((1990.0..2010.0).contains(&truth.position_um), "{}", truth.position_um);
+    run(&mut process, Drive::Duty(700), true, 0.1);
+    assert_eq!(process.truth().pulses.short - truth.pulses.short, 500);
+    // (100 V - 1 V)/15 ohm.
+    let amps = process.pieces().filter(|piece| piece.gate).filter_map(|piece| piece.amps_at(49.0)).last();
+    assert!(amps.is_none_or(|amps| (amps - 6.6).abs() < 0.01), "{amps:?}");
+}
+
+#[test]
+fn version_1_goes_through_a_sheet_without_a_contact_behind_it() {
+    let mut process = version_1(0.02, &[("model.thickness_um", 10.0), ("model.removal_um3_uj", 100.0)]);
+    run(&mut process, Drive::Coast, true, 5.0);
+    assert_eq!(process.truth().through, 1.0);
+    let pulses = process.truth().pulses;
+    run(&mut process, Drive::Duty(700), true, 0.5);
+    let truth = process.truth();
+    assert!(truth.position_um > 1000.0 && truth.contact_n == 0.0, "{truth:?}");
+    assert_eq!((truth.pulses.discharges(), truth.pulses.short), (pulses.discharges(), pulses.short));
+}
+
+#[test]
+fn a_held_gap_of_version_1_stays_and_so_do_swapped_leads() {
+    for (reversed, sign) in [(0.0, 1.0), (1.0, -1.0)] {
+        let mut plant = Plant::default();
+        plant.set("model.version", Value::Number(1.0)).unwrap();
+        plant.set("wiring.gap_reversed", Value::Flag(reversed > 0.0)).unwrap();
+        let mut process = Process::new(plant, 1).unwrap();
+        process.hold_gap(35.0, 0.5);
+        let (mut sum, mut n) = (0.0, 0.0);
+        for _ in 0..20_000 {
+            let block = process.advance(Drive::Duty(3000), true).block;
+            for (_, code) in block.codes.iter().enumerate().filter(|(k, _)| block.gate >> k & 1 == 1) {
+                sum += (f64::from(*code) - 410.0) * 0.1;
+                n += 1.0;
+            }
+        }
+        // Of -100 V the converter sees -41.
+        let mean: f64 = sign * sum / n;
+        assert!(if sign > 0.0 { (55.0..75.0).contains(&mean) } else { (38.0..41.5).contains(&mean) }, "{mean}");
+        assert_eq!((process.truth().wear_um, process.truth().pulses.short), (0.0, 0));
     }
 }

@@ -24,6 +24,7 @@ impl fmt::Display for Summary<'_> {
         row("Gap", self.gap())?;
         row("Stability", self.stability())?;
         row("Sparks", self.sparks())?;
+        row("Fluid", self.fluid())?;
         row("Encoder", self.encoder())?;
         if report.faults.is_empty() {
             row("Faults", "none".into())?;
@@ -51,7 +52,11 @@ impl Summary<'_> {
             Some(_) => "not below the surface".into(),
             None => "of unknown depth".into(),
         };
-        let wanted = format!("{depth}, {:.3} mm asked for", report.target_depth_mm);
+        let worn = match report.wear_mm {
+            Some(worn) if worn >= 0.000_5 => format!(", worn by {worn:.3} mm"),
+            _ => String::new(),
+        };
+        let wanted = format!("{depth}{worn}, {:.3} mm asked for", report.target_depth_mm);
         if report.completed { wanted } else { format!("{wanted}, stopped: {}", report.stop_reason) }
     }
 
@@ -133,6 +138,21 @@ impl Summary<'_> {
             percent(short),
             percent(arc),
         )
+    }
+
+    fn fluid(&self) -> String {
+        let report = self.report;
+        let debris = report.debris_mean.map_or_else(|| "not judged".into(), |dirt| format!("{:.1} %", 5.0 * dirt));
+        let damage = match report.damage_mean {
+            Some(damage) if damage > 0.0 => format!(", damage by arcs {damage:.2}"),
+            _ => String::new(),
+        };
+        let through = match report.through_ratio {
+            share if share > 0.0 => format!("; {} of the face is through", percent(share)),
+            _ => String::new(),
+        };
+        let (film, contact) = (report.film_n_max, report.contact_n_max);
+        format!("debris {debris} by volume{damage}{through}; at most {film:.1} N of film, {contact:.1} N of contact")
     }
 
     fn encoder(&self) -> String {

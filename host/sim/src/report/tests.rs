@@ -13,9 +13,11 @@ fn outcome() -> Outcome {
         stop_reason: "depth reached".into(),
         depth_mm: 0.500_000_4,
         hole_depth_mm: 0.538_2,
+        wear_mm: 0.002,
+        through: 0.0,
         sim_time_s: 151.0,
         shot_floor_rms_v: Some(3.7),
-        pulses: Pulses { open: 350, spark: 620, arc: 10, short: 20 },
+        pulses: Pulses { open: 350, spark: 620, arc: 10, short: 20, stable_arc: 0 },
         lost_counts: 0,
         illegal_transitions: 0,
         faults: vec![],
@@ -36,6 +38,10 @@ fn figures() -> Figures {
         vibration_mm_s: Some(0.21),
         duty: statistics::Duty::default(),
         eroding_s: 145.0,
+        debris: Some(0.9),
+        damage: Some(0.04),
+        contact_n: 0.25,
+        film_n: 3.5,
     }
 }
 
@@ -44,13 +50,13 @@ fn the_json_has_exactly_these_keys_in_this_order() {
     let json = serde_json::to_string(&Report::new(&job(), &outcome(), &figures(), 2.0)).unwrap();
     assert_eq!(
         json,
-        "{\"schema\":\"edm-sim.bore/1\",\"scenario\":\"default\",\"seed\":7,\"completed\":true,\
-         \"stop_reason\":\"depth reached\",\"depth_mm\":0.5,\"hole_depth_mm\":0.5382,\"target_depth_mm\":0.5,\"sim_time_s\":151.0,\
+        "{\"schema\":\"edm-sim.bore/1\",\"scenario\":\"default\",\"model_version\":0,\"seed\":7,\"completed\":true,\
+         \"stop_reason\":\"depth reached\",\"depth_mm\":0.5,\"hole_depth_mm\":0.5382,\"wear_mm\":0.002,\"through_ratio\":0.0,\"target_depth_mm\":0.5,\"sim_time_s\":151.0,\
          \"eroding_time_s\":145.0,\"rate_mm_min\":0.222703,\
          \"wall_time_s\":2.0,\"gap_voltage_v\":{\"mean\":55.1,\"setpoint\":55.0,\"rms_error_100ms\":0.8,\"filtered_rms\":4.0,\
          \"shot_floor_rms\":3.7},\"gap_um\":{\"mean\":38.2,\"rms_error\":3.1},\"position_pp_um_median\":4.2,\
          \"position_line_um\":{\"amplitude\":0.6,\"hz\":7.2},\"vibration_mm_s\":0.21,\"duty_at_limit_ratio\":null,\"open_ratio\":0.35,\"spark_ratio\":0.62,\
-         \"arc_ratio\":0.01,\"short_ratio\":0.02,\"discharges\":630,\"long_retreats\":2,\"lost_counts\":0,\
+         \"arc_ratio\":0.01,\"short_ratio\":0.02,\"discharges\":630,\"long_retreats\":2,\"debris_mean\":0.9,\"damage_mean\":0.04,\"contact_n_max\":0.25,\"film_n_max\":3.5,\"lost_counts\":0,\
          \"illegal_transitions\":0,\"faults\":[],\"findings\":[]}"
     );
 }
@@ -75,7 +81,10 @@ fn a_fault_is_reported_with_its_time() {
     let json = serde_json::to_value(&report).unwrap();
     assert_eq!(json["faults"], serde_json::json!([{ "t_s": 12.5, "fault": "following error" }]));
     let text = Summary { report: &report }.to_string();
-    assert!(text.contains("Electrode    0.500 mm deep, 0.500 mm asked for, stopped: following error"), "{text}");
+    assert!(
+        text.contains("Electrode    0.500 mm deep, worn by 0.002 mm, 0.500 mm asked for, stopped: following error"),
+        "{text}"
+    );
     assert!(text.contains("following error at 12.5 s"), "{text}");
     assert!(text.contains("Verdict      stopped: following error") && !text.contains("steady"), "{text}");
 }
@@ -86,7 +95,7 @@ fn the_summary_tells_a_machinist_how_it_went() {
     assert_eq!(
         Summary { report: &report }.to_string(),
         "  Hole         0.538 mm deep (simulated)\n\
-        \x20 Electrode    0.500 mm deep, 0.500 mm asked for\n\
+        \x20 Electrode    0.500 mm deep, worn by 0.002 mm, 0.500 mm asked for\n\
         \x20 Verdict      steady: nothing beyond its limit\n\
         \x20 Time         2 min 31 s on the machine, 0.22 mm/min while eroding; computed in 2.0 s, 76 times as fast\n\
         \x20 Gap voltage  55.1 V on average, 55.0 V wanted; tenths of a second stray by 0.8 V\n\
@@ -94,6 +103,7 @@ fn the_summary_tells_a_machinist_how_it_went() {
         \x20 Stability    electrode swings 4.2 um within half a second, at most 0.6 um of it at one pitch (7 Hz), \
          0.21 mm/s rms above 50 Hz; backed off more than 5 um 2 times\n\
         \x20 Sparks       630 discharges; of all pulses 62 % sparked, 35 % stayed open, 2.0 % shorted, 1.0 % arced\n\
+        \x20 Fluid        debris 4.5 % by volume, damage by arcs 0.04; at most 3.5 N of film, 0.2 N of contact\n\
         \x20 Encoder      no count lost, no illegal transition\n\
         \x20 Faults       none\n"
     );
@@ -106,7 +116,7 @@ fn a_figure_at_its_limit_is_no_finding_and_one_beyond_it_is() {
         report.findings.iter().map(|finding| finding.figure).collect::<Vec<_>>()
     };
     let line = |amplitude_um| Some(statistics::Line { amplitude_um, hz: 17.6 });
-    let pulses = |arc, short| Pulses { open: 100, spark: 900 - arc - short, arc, short };
+    let pulses = |arc, short| Pulses { open: 100, spark: 900 - arc - short, arc, short, stable_arc: 0 };
     let usual = figures();
     let good = pulses(10, 10);
     for (at, beyond, figure) in [
@@ -139,6 +149,12 @@ fn a_figure_at_its_limit_is_no_finding_and_one_beyond_it_is() {
     ] {
         assert_eq!(found(at, good), [""; 0], "{figure}");
         assert_eq!(found(beyond, good), [figure]);
+    }
+    for (hole_depth_mm, through, figures) in
+        [(0.499_1, 0.0, &[][..]), (0.498, 0.0, &["hole_depth_mm"][..]), (0.2, 1.0, &[][..])]
+    {
+        let report = Report::new(&job(), &Outcome { hole_depth_mm, through, pulses: good, ..outcome() }, &usual, 2.0);
+        assert_eq!(report.findings.iter().map(|finding| finding.figure).collect::<Vec<_>>(), figures);
     }
     assert_eq!(found(usual, pulses(50, 50)), [""; 0]);
     assert_eq!(found(usual, pulses(51, 50)), ["arc_ratio"]);

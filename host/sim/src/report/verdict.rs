@@ -22,6 +22,8 @@ pub const DUTY_AT_LIMIT: f64 = 0.01;
 pub const ARCS: f64 = 0.05;
 /// Share of shorts.
 pub const SHORTS: f64 = 0.05;
+/// Depth that a hole may be short of, mm: a count.
+pub const COUNT_MM: f64 = 0.001;
 
 /// A figure beyond its limit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -44,6 +46,15 @@ pub(super) fn findings(report: &Report) -> Vec<Finding> {
             found.push(Finding { figure, value, limit, text: words(value) });
         }
     };
+    // A head knows of its carrier, not of what its electrode has lost: a hole that is not as deep as asked for is no fault of
+    // the head, and the person must know.
+    if let (true, Some(hole), Some(worn)) = (report.completed, report.hole_depth_mm, report.wear_mm) {
+        let (wanted, through) = (report.target_depth_mm, report.through_ratio > 0.0);
+        let short = Some(wanted - hole).filter(|_| !through);
+        beyond("hole_depth_mm", short, COUNT_MM, &|short| {
+            format!("hole {hole:.3} mm deep, {short:.3} mm less than asked for; the electrode has lost {worn:.3} mm")
+        });
+    }
     let percent = |share: f64| format!("{:.0} %", share * 100.0);
     let volts = &report.gap_voltage_v;
     if let (Some(mean), Some(wanted)) = (volts.mean, volts.setpoint) {

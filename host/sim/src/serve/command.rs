@@ -27,6 +27,9 @@ pub struct Serve {
     /// Change one value after the scenario; may be repeated, the later holds (`edm-sim settings` lists the keys)
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+    /// Process model in the place of the scenario's
+    #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u32).range(0..=1))]
+    pub model: Option<u32>,
     /// Seed of everything random; each further head has the next
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
     pub seed: u64,
@@ -60,7 +63,7 @@ impl Serve {
     /// # Errors
     /// What is wrong with them.
     pub fn setup(&self) -> Result<Setup, String> {
-        let setup = setup(&self.scenario, &self.set)?;
+        let setup = setup(&self.scenario, self.model, &self.set)?;
         bore::check(&setup).map_err(|error| setup.refusal(error))?;
         Ok(setup)
     }

@@ -56,7 +56,7 @@ impl Head {
     pub fn new(setup: &Setup, id: NodeId, seed: u64, store: Store) -> Result<Head, String> {
         // The virtual head's commissioning counts as passed: it needs an axis without a workpiece.
         let settings = Settings { commissioned: true, ..setup.head };
-        let mut process = Process::new(&setup.process, seed).map_err(|error| setup.refusal(error))?;
+        let mut process = Process::new(setup.process, seed).map_err(|error| setup.refusal(error))?;
         process.schedule(&setup.events);
         let head = Head::of(process, settings, id, store, SelfTest::PASSED).map_err(|error| setup.refusal(error))?;
         head.complain();
@@ -161,11 +161,10 @@ impl Head {
                 Note::Loaded(report) if !report.is_whole() => report.to_string(),
                 Note::BootRefused(error) => format!("communication: {error:?}"),
                 Note::NotStored => "nothing was stored".into(),
-                Note::Lost(Lost { frames, events, ticks, blocks }) => {
-                    format!(
-                        "lost since the start: {frames} frames, {events} events, {ticks} servo ticks, {blocks} blocks"
-                    )
-                }
+                Note::Lost(Lost { frames, events, ticks, blocks, unseen: [high, low] }) => format!(
+                    "lost since the start: {frames} frames, {events} events, {ticks} servo ticks, {blocks} blocks; \
+                     thousands of pulses not seen by the comparators: {high} high, {low} low"
+                ),
                 _ => continue,
             };
             eprintln!("node {}: {what}", self.id.get());

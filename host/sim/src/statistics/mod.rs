@@ -139,6 +139,9 @@ pub struct Statistics {
     lines: Lines,
     retreats: Retreats,
     eroding_ms: u64,
+    /// Debris and damage while eroding; contact and film always.
+    sums: (f64, f64),
+    most: (f64, f64),
 }
 
 /// Figures of a run; `None` where nothing was judged.
@@ -168,6 +171,14 @@ pub struct Figures {
     pub eroding_s: f64,
     /// Retreats of more than 5 um.
     pub long_retreats: u64,
+    /// Mean debris of the front gap while the feed law leads, in 5 % by volume.
+    pub debris: Option<f64>,
+    /// Mean damage of the surfaces by arcs, likewise.
+    pub damage: Option<f64>,
+    /// Largest force between electrode and work, N.
+    pub contact_n: f64,
+    /// Largest force of the dielectric's film, N.
+    pub film_n: f64,
 }
 
 impl Default for Statistics {
@@ -189,13 +200,19 @@ impl Statistics {
             lines: Lines::new(),
             retreats: Retreats::default(),
             eroding_ms: 0,
+            sums: (0.0, 0.0),
+            most: (0.0, 0.0),
         }
     }
 
     /// Takes the newest millisecond.
     pub fn add(&mut self, ms: &Millisecond) {
         self.retreats.add(ms);
-        self.eroding_ms += u64::from(ms.phase == Phase::Eroding);
+        if ms.phase == Phase::Eroding {
+            self.eroding_ms += 1;
+            self.sums = (self.sums.0 + ms.debris, self.sums.1 + ms.damage);
+        }
+        self.most = (self.most.0.max(ms.contact_n), self.most.1.max(ms.film_n));
         if self.judge.judged(ms.phase) {
             self.voltage(ms);
             self.position(ms);
@@ -245,6 +262,7 @@ impl Statistics {
 
     /// The figures so far.
     pub fn figures(&self) -> Figures {
+        let mean = |sum: f64| (self.eroding_ms > 0).then(|| sum / self.eroding_ms as f64);
         Figures {
             gap_v_mean: self.judged.gap_v.mean(),
             setpoint_v: self.judged.setpoint_v.mean(),
@@ -258,6 +276,10 @@ impl Statistics {
             duty: self.judged.duty,
             eroding_s: self.eroding_ms as f64 * 1e-3,
             long_retreats: self.retreats.count(),
+            debris: mean(self.sums.0),
+            damage: mean(self.sums.1),
+            contact_n: self.most.0,
+            film_n: self.most.1,
         }
     }
 }

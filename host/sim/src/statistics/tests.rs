@@ -21,6 +21,11 @@ fn quiet(ms: u32) -> Millisecond {
         setpoint_v: 55.0,
         duty: span(-0.1),
         vibration_square: 0.0,
+        wear_um: 0.0,
+        debris: 0.5,
+        damage: 0.25,
+        contact_n: 0.0,
+        film_n: 0.0,
     }
 }
 
@@ -72,7 +77,10 @@ fn the_first_two_seconds_of_eroding_are_not_judged() {
     let disturbed = |until: u32| figures(6, move |i, ms| ms.gap_v = span(if i < until { 90.0 } else { 55.0 }));
     near(disturbed(2000).gap_v_rms_error, 0.0, 1e-9);
     assert!(disturbed(2001).gap_v_rms_error.unwrap() > 0.0);
-    assert_eq!(figures(2, |_, _| {}), Figures { eroding_s: 2.0, ..Figures::default() });
+    assert_eq!(
+        figures(2, |_, _| {}),
+        Figures { eroding_s: 2.0, debris: Some(0.5), damage: Some(0.25), ..Figures::default() }
+    );
 }
 
 #[test]

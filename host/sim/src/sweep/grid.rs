@@ -15,7 +15,7 @@ use toml::de::{DeTable, DeValue};
 /// Most runs of a grid.
 const MOST: usize = 1_000_000;
 /// Name of this layout of runs and rows: files of another are not continued.
-const LAYOUT: &str = concat!("edm-sim.sweep/1 ", env!("CARGO_PKG_VERSION"));
+const LAYOUT: &str = concat!("edm-sim.sweep/2 ", env!("CARGO_PKG_VERSION"));
 
 /// What is varied; an empty list is one that nobody gave.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -24,7 +24,7 @@ pub struct Lists {
     pub scenarios: Vec<String>,
     /// Seeds.
     pub seeds: Vec<u64>,
-    /// Depths, mm.
+    /// Depths, mm; without any, that of each scenario.
     pub depths_mm: Vec<f64>,
     /// Keys with their values.
     pub values: Vec<(String, Vec<String>)>,
@@ -207,7 +207,8 @@ impl Grid {
         if each.len() < lists.scenarios.len() {
             return Err(twice(&"--scenario"));
         }
-        let mut size = lists.scenarios.len().saturating_mul(lists.depths_mm.len()).saturating_mul(lists.seeds.len());
+        let mut size =
+            lists.scenarios.len().saturating_mul(lists.depths_mm.len().max(1)).saturating_mul(lists.seeds.len());
         for (_, values) in &lists.values {
             size = size.saturating_mul(values.len());
         }
@@ -217,7 +218,8 @@ impl Grid {
         let mut points = Vec::new();
         for name in &lists.scenarios {
             let setup = Setup::load(name)?;
-            for &depth_mm in &lists.depths_mm {
+            let own = [setup.depth_mm];
+            for &depth_mm in if lists.depths_mm.is_empty() { &own[..] } else { &lists.depths_mm } {
                 within(&setup, depth_mm).map_err(|message| format!("--depth-mm {message}"))?;
                 expand(
                     Point { setup: setup.clone(), values: Vec::new(), depth_mm, refusal: None },

@@ -30,8 +30,6 @@ use std::path::PathBuf;
 
 /// Seeds when nobody asks for others.
 const SEEDS: &str = "20";
-/// Depth when nobody asks for another, mm.
-const DEPTH_MM: f64 = 0.5;
 
 /// Arguments of `edm-sim sweep`.
 #[derive(Debug, Args)]
@@ -64,7 +62,7 @@ pub struct Options {
     /// Seeds: N for 1 to N, A..B with both ends, or a list [default: 20]
     #[arg(long, value_name = "SEEDS", allow_hyphen_values = true)]
     pub seeds: Option<String>,
-    /// Depths of the holes, mm [default: 0.5]
+    /// Depths of the holes, mm [default: that of each scenario, mostly 0.5]
     #[arg(long, value_name = "MM,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub depth_mm: Vec<f64>,
     /// Runs at the same time [default: one a core]
@@ -147,9 +145,6 @@ impl Options {
         }
         if !self.depth_mm.is_empty() {
             lists.depths_mm.clone_from(&self.depth_mm);
-        }
-        if lists.depths_mm.is_empty() {
-            lists.depths_mm = vec![DEPTH_MM];
         }
         let seeds = self.seeds.as_deref().or(lists.seeds.is_empty().then_some(SEEDS));
         if let Some(text) = seeds {

@@ -18,10 +18,13 @@ type Figure = fn(&Report) -> Value;
 
 /// The figures, named as in the JSON of a bore.
 pub const FIGURES: &[(&str, Figure)] = &[
+    ("model_version", |r| json!(r.model_version)),
     ("completed", |r| json!(r.completed)),
     ("stop_reason", |r| json!(r.stop_reason)),
     ("depth_mm", |r| json!(r.depth_mm)),
     ("hole_depth_mm", |r| json!(r.hole_depth_mm)),
+    ("wear_mm", |r| json!(r.wear_mm)),
+    ("through_ratio", |r| json!(r.through_ratio)),
     ("sim_time_s", |r| json!(r.sim_time_s)),
     ("eroding_time_s", |r| json!(r.eroding_time_s)),
     ("rate_mm_min", |r| json!(r.rate_mm_min)),
@@ -43,6 +46,10 @@ pub const FIGURES: &[(&str, Figure)] = &[
     ("short_ratio", |r| json!(r.short_ratio)),
     ("discharges", |r| json!(r.discharges)),
     ("long_retreats", |r| json!(r.long_retreats)),
+    ("debris_mean", |r| json!(r.debris_mean)),
+    ("damage_mean", |r| json!(r.damage_mean)),
+    ("contact_n_max", |r| json!(r.contact_n_max)),
+    ("film_n_max", |r| json!(r.film_n_max)),
     ("lost_counts", |r| json!(r.lost_counts)),
     ("illegal_transitions", |r| json!(r.illegal_transitions)),
     ("faults", |r| json!(r.faults.iter().map(|fault| fault.fault.as_str()).collect::<Vec<_>>().join("; "))),

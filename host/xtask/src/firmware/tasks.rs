@@ -8,7 +8,7 @@
 //! which nothing interrupts, as if it were idle.
 
 use super::graph::{Function, Graph};
-use edm_hal_shim::board::{TASKS, Task};
+use edm_hal_shim::board::{LOGS, TASKS, Task};
 use petgraph::algo::tarjan_scc;
 use petgraph::graphmap::DiGraphMap;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -90,7 +90,7 @@ pub const HEAD: Rules = Rules {
         Panics {
             from: &["_defmt_"],
             to: &["core::panicking::panic_fmt"],
-            task: "protocol",
+            task: LOGS,
             why: "the log asserts that it is not taken twice, and given back by who took it",
         },
         Panics {

@@ -252,6 +252,13 @@ impl<W: World> Soc<W> {
         self.hse_hz = hse_hz;
     }
 
+    /// A converter, 1 to 3, stops for good.
+    pub fn stop_converter(&mut self, number: usize) {
+        if let Some(adc) = self.adcs.get_mut(number.wrapping_sub(1)) {
+            adc.stop();
+        }
+    }
+
     /// The watchdog's oscillator stops.
     pub fn stop_watchdog(&mut self) {
         self.iwdg.due = NEVER;

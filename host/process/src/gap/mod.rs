@@ -1,0 +1,199 @@
+//! What is between electrode and work: surfaces, fluid, bridges, the slow disturbance.
+//!
+//! Gap, debris and rates are looked at every `step_us`, and steady in between.
+
+mod fluid;
+mod surface;
+
+pub use fluid::{Film, REFERENCE};
+
+use crate::math::gone;
+use crate::parameters::Parameters;
+use crate::random::{Cause, Stream};
+use fluid::Fluid;
+use std::f64::consts::TAU;
+use surface::Surface;
+
+/// Facets of the face.
+pub const FACETS: usize = 16;
+
+/// Debris that joins electrode and work.
+#[derive(Clone, Copy, Debug)]
+struct Bridge {
+    until_us: f64,
+    tears_at_um: f64,
+}
+
+/// State of the gap.
+#[derive(Clone, Debug)]
+pub struct Gap {
+    p: Parameters,
+    pub(crate) surface: Surface,
+    pub(crate) fluid: Fluid,
+    bridge: Option<Bridge>,
+    /// The slow disturbance, of mean 0 and deviation 1; what a step leaves of it.
+    slow: f64,
+    slow_keeps: (f64, f64),
+    /// Electrode carrier, um, at the last look and now.
+    looked_at: f64,
+    carrier: f64,
+    gap_um: f64,
+    /// Rate at which bridges form, over `bridge_hz`.
+    forms: f64,
+    /// Debris of the front in 5 %, and mean damage, at the last look.
+    pub(crate) seen: (f64, f64),
+    /// Gap in which a discharge's own debris is as much as 5 %, um.
+    own_dirt_um: f64,
+    /// One over the time for which a bubble veils the face, 1/us.
+    per_veil: f64,
+    held: bool,
+    slow_random: Stream,
+    bridges: Stream,
+}
+
+/// A discharge that has ended.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Discharge {
+    pub facet: usize,
+    /// uJ.
+    pub energy: f64,
+    pub arc: bool,
+}
+
+impl Gap {
+    /// A clean gap with the electrode `gap_um` above the work; the surface begins at 0.
+    pub fn new(p: &Parameters, gap_um: f64, seed: u64) -> Gap {
+        let keeps = 1.0 - gone(p.step_us * 1e-6 * TAU * p.slow_hz);
+        let mut gap = Gap {
+            p: *p,
+            surface: Surface::new(p, seed),
+            fluid: Fluid::new(p, gap_um),
+            bridge: None,
+            slow: 0.0,
+            slow_keeps: (keeps, (1.0 - keeps * keeps).sqrt()),
+            looked_at: -gap_um,
+            carrier: -gap_um,
+            gap_um,
+            forms: 0.0,
+            seen: (0.0, 0.0),
+            own_dirt_um: libm::cbrt(p.crater_um3()) / (p.spot * REFERENCE),
+            per_veil: 1.0 / p.veil_us,
+            held: false,
+            slow_random: Stream::new(Cause::Slow, seed),
+            bridges: Stream::new(Cause::Bridge, seed),
+        };
+        gap.look();
+        gap
+    }
+
+    /// From now on nothing but chance ignition at this concentration of debris, in 5 %.
+    pub fn hold(&mut self, dirt: f64) {
+        (self.held, self.slow, self.bridge) = (true, 0.0, None);
+        self.fluid.hold(dirt);
+        self.look();
+    }
+
+    /// Mean gap with the carrier where it is, um.
+    pub fn mean_um(&self) -> f64 {
+        self.surface.depth_um() + self.surface.worn_um() - self.carrier
+    }
+
+    /// Depth of the hole, um.
+    pub fn hole_um(&self) -> f64 {
+        self.p.depth_um + self.surface.depth_um()
+    }
+
+    /// The carrier is here now, um below the first surface.
+    pub fn place(&mut self, carrier_um: f64) {
+        self.carrier = carrier_um;
+    }
+
+    /// Electrode and work touch.
+    pub fn touches(&self) -> bool {
+        self.surface.least_um() - (self.carrier - self.looked_at) <= 0.0
+    }
+
+    /// Distance of the solid surfaces with the carrier there, um: below zero they push. Peaks only touch.
+    #[inline]
+    pub fn solid_um(&self, carrier_um: f64) -> f64 {
+        self.surface.solid_um() - (carrier_um - self.looked_at)
+    }
+
+    /// Electrode and work are joined by debris.
+    #[inline]
+    pub fn bridged(&self) -> bool {
+        self.bridge.is_some()
+    }
+
+    /// Ignitions in a microsecond of waiting, so long after the last discharge.
+    #[inline]
+    pub fn rate(&self, since_us: f64) -> f64 {
+        let rate = self.surface.rate();
+        if since_us < self.p.veil_us { rate * (since_us * self.per_veil) } else { rate }
+    }
+
+    /// Time constant with which the voltage rises over the gap, us.
+    pub fn charging_us(&self) -> f64 {
+        self.p.charging_us(self.gap_um)
+    }
+
+    /// Time constant with which the last channel on a facet recovers, us.
+    pub fn recovery_us(&self, facet: usize) -> f64 {
+        let debris = self.fluid.front().get(facet).copied().unwrap_or(0.0);
+        let dirt = debris * self.fluid.dirt_per_debris() + self.own_dirt_um / self.gap_um.max(1.0);
+        self.p.recovery_us * (1.0 + libm::pow(dirt, self.p.recovery_power) + self.surface.damage_at(facet))
+    }
+
+    /// A discharge has ended.
+    pub(crate) fn strike(&mut self, discharge: Discharge) {
+        if self.held {
+            return;
+        }
+        let Discharge { facet, energy, arc } = discharge;
+        let p = &self.p;
+        let undisturbed = energy * p.removal_um3_uj;
+        let work = undisturbed * if arc { p.arc_share } else { 1.0 };
+        let electrode = work * if p.negative > 0.0 { p.wear_negative } else { p.wear_positive };
+        self.surface.strike(facet, work, electrode, arc);
+        // Gas goes with the energy, not with the metal.
+        self.fluid.enter(facet, work + electrode, undisturbed);
+    }
+
+    /// Goes on by `us` to the time `now_us` and looks at everything. `forming` says whether bridges can form: there is voltage.
+    pub fn step(&mut self, us: f64, now_us: f64, forming: bool) {
+        let p = &self.p;
+        let mut gap = self.mean_um();
+        if p.runout_um > 0.0 {
+            gap -= p.runout_um * libm::sin(now_us * (TAU * 1e-3) / p.turn_ms);
+        }
+        self.gap_um = gap;
+        self.fluid.step(us, gap, self.hole_um(), self.surface.through());
+        if !self.held {
+            self.slow = self.slow * self.slow_keeps.0 + self.slow_keeps.1 * self.slow_random.step();
+        }
+        self.look();
+        if self.held {
+            return;
+        }
+        match self.bridge {
+            Some(bridge) if gap > bridge.tears_at_um || now_us > bridge.until_us => self.bridge = None,
+            None if forming && self.bridges.unit() < self.forms * self.p.bridge_hz * us * 1e-6 => {
+                self.bridge = Some(Bridge {
+                    tears_at_um: gap + self.p.tear_um * self.bridges.exponential(),
+                    until_us: now_us + self.p.bridge_ms * 1e3 * self.bridges.exponential(),
+                });
+            }
+            _ => {}
+        }
+    }
+
+    fn look(&mut self) {
+        let s = if self.held { 0.0 } else { self.p.slow_log };
+        // Of mean 1.
+        let factor = libm::exp(s * self.slow - 0.5 * s * s);
+        let dirt = self.fluid.dirt_per_debris();
+        self.forms = self.surface.look(self.gap_um, factor, self.fluid.front(), dirt);
+        self.looked_at = self.carrier;
+        self.seen = (self.fluid.dirt(), self.surface.damage());
+    }
+}

@@ -1,0 +1,221 @@
+//! The gates as a table, as JSON and in docs/process-model.md.
+
+use crate::frozen;
+use crate::gates::{FACTOR, GROUPS, Gate, RESULTS, Row, SHORT, sensitivity};
+use crate::parameters::{DECLARED, MACHINES, Machine};
+use serde::Serialize;
+use std::fmt::Write;
+use std::{fs, io};
+
+/// What the gates came to.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    /// Version of the model.
+    pub version: u32,
+    /// Fingerprint of the model that ran; `None` when it could not be taken.
+    pub fingerprint: Option<String>,
+    /// Whether that is the one of the version.
+    pub frozen: bool,
+    /// Each of the gates.
+    pub gates: Vec<Gate>,
+    /// Tables for the page, by the name of their place.
+    #[serde(skip)]
+    tables: Vec<(String, String)>,
+}
+
+const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/process-model.md");
+
+/// Groups by their names; all without a name, the short ones for `short`.
+///
+/// # Errors
+/// A name that no group has.
+pub fn choose(names: &[String], short: bool) -> Result<Vec<&'static str>, String> {
+    let all: Vec<&'static str> = GROUPS.iter().map(|group| group.name).collect();
+    if let Some(unknown) = names.iter().find(|name| !all.contains(&name.as_str())) {
+        return Err(format!("{unknown}: no such group of gates; there are {}", all.join(", ")));
+    }
+    let wanted = |name: &&str| match (names.is_empty(), short) {
+        (false, _) => names.iter().any(|other| other == name),
+        (true, true) => SHORT.contains(name),
+        (true, false) => true,
+    };
+    Ok(all.into_iter().filter(wanted).collect())
+}
+
+/// Runs groups of gates and says what came of each.
+pub fn run(chosen: &[&str], mut say: impl FnMut(&str)) -> Report {
+    let fingerprint = frozen::fingerprint().ok();
+    let frozen = fingerprint == Some(frozen::FINGERPRINT);
+    let mut report = Report {
+        version: frozen::VERSION,
+        fingerprint: fingerprint.map(|hash| format!("{hash:016x}")),
+        frozen,
+        gates: Vec::new(),
+        tables: vec![("parameters".to_string(), parameters())],
+    };
+    let is = if frozen { "the one of its version" } else { "CHANGED: a new version, with its own gates" };
+    say(&format!("model version {}, everything simulated: {is}\n", frozen::VERSION));
+    for group in GROUPS.iter().filter(|group| chosen.contains(&group.name)) {
+        say(&format!("{}: {}\n", group.name, group.about));
+        let found = (group.run)();
+        report.tables.push((format!("gates of {}", group.name), results(&found)));
+        for gate in found {
+            let met = match (gate.pass, gate.is_open()) {
+                (true, _) => "met",
+                (false, true) => "OPEN",
+                (false, false) => "NOT MET",
+            };
+            say(&format!("  {met:7}  {} (wanted {})  {}\n", shown(gate.value), gate.wanted, gate.name));
+            if !gate.note.is_empty() {
+                say(&format!("           {}\n", gate.note));
+            }
+            report.gates.push(gate);
+        }
+    }
+    report
+}
+
+impl Report {
+    /// Whether the model is the one of its version and all gates that must be met are, but for those that are known to be open; and those are open still.
+    pub fn holds(&self) -> bool {
+        self.frozen && self.gates.iter().filter(|gate| gate.must()).all(|gate| gate.pass != gate.is_open())
+    }
+
+    /// Writes the tables into docs/process-model.md.
+    ///
+    /// # Errors
+    /// When the page cannot be written, or has no place for one of them.
+    pub fn write_page(&self) -> Result<(), String> {
+        into_page(&self.tables)
+    }
+}
+
+/// Multiplies and divides every assumed number by [`FACTOR`], one at a time, and gives the table.
+pub fn run_sensitivity() -> String {
+    sensitivities(&sensitivity())
+}
+
+fn shown(value: f64) -> String {
+    if value != 0.0 && value.abs() < 1e-3 { format!("{value:.1e}") } else { format!("{value:.3}") }
+}
+
+/// Replaces what stands between the marks of each table in docs/process-model.md.
+///
+/// # Errors
+/// When the page cannot be written, or has no place for one of them.
+pub fn into_page(tables: &[(String, String)]) -> Result<(), String> {
+    let failed = |error: io::Error| format!("{PAGE}: {error}");
+    let mut page = fs::read_to_string(PAGE).map_err(failed)?;
+    for (name, table) in tables {
+        let (begin, end) = (format!("<!-- {name}: written by model-report -->\n"), format!("<!-- end of {name} -->"));
+        let (Some(from), Some(to)) = (page.find(&begin), page.find(&end)) else {
+            return Err(format!("{PAGE} has no place for the table of {name}"));
+        };
+        page.replace_range(from + begin.len()..to, table);
+    }
+    fs::write(PAGE, page).map_err(failed)
+}
+
+fn results(gates: &[Gate]) -> String {
+    let mut table = String::from("| gate | kind | found | wanted | met |\n| --- | --- | --- | --- | --- |\n");
+    let mut notes = String::new();
+    for Gate { name, kind, value, wanted, pass, note } in gates {
+        let (kind, met) = (format!("{kind:?}").to_lowercase(), if *pass { "yes" } else { "**no**" });
+        let _ = writeln!(table, "| {name} | {kind} | {} | {wanted} | {met} |", shown(*value));
+        if !note.is_empty() && !notes.contains(note.as_str()) {
+            let _ = writeln!(notes, "- {name}: {note}.");
+        }
+    }
+    format!("{table}\n{notes}")
+}
+
+fn parameters() -> String {
+    let mut table = String::from("| parameter | unit |");
+    for Machine { name, .. } in MACHINES {
+        let _ = write!(table, " {name} |");
+    }
+    table += " what it is | rests on |\n| --- | --- |";
+    table += &" --- |".repeat(MACHINES.len());
+    table += " --- | --- |\n";
+    for (k, declared) in DECLARED.iter().enumerate() {
+        let value = |machine: &Machine| machine.parameters().values().nth(k).unwrap_or(f64::NAN);
+        let _ = write!(table, "| `{}` | {} |", declared.key, declared.unit);
+        for machine in &MACHINES {
+            let _ = write!(table, " {} |", value(machine));
+        }
+        let mut bases = vec![declared.basis.to_string()];
+        let mut last: Option<(&str, String)> = None;
+        for machine in MACHINES.iter().skip(1) {
+            let Some(own) = machine.differences.iter().find(|own| own.key == declared.key) else { continue };
+            let basis = own.basis.to_string();
+            match &mut last {
+                // The settings of one machine mostly rest on the same.
+                Some((of, said)) if *said == basis => bases.retain(|b| *b != format!("{of}: {said}")),
+                _ => {}
+            }
+            let of = match &last {
+                Some((of, said)) if *said == basis => format!("{of}, {}", machine.name),
+                _ => machine.name.to_string(),
+            };
+            bases.push(format!("{of}: {basis}"));
+            last = Some((machine.name, basis));
+        }
+        let _ = writeln!(table, " {} | {} |", declared.doc.trim(), bases.join("; "));
+    }
+    table
+}
+
+/// What each number moves, in percent of the result as it is; what moves by less than a twentieth is left out.
+fn sensitivities(rows: &[Row]) -> String {
+    const SHOWN: f64 = 5.0;
+    let Some((as_is, rows)) = rows.split_first() else { return String::new() };
+    let mut table = format!("| parameter | {} |\n|{}\n", RESULTS.join(" | "), " --- |".repeat(RESULTS.len() + 1));
+    let _ = write!(table, "| as it is |");
+    for result in as_is.results {
+        let _ = write!(table, " {} |", shown(result));
+    }
+    table += "\n";
+    let mut little = Vec::new();
+    for pair in rows.chunks(2) {
+        let [down, up] = pair else { continue };
+        let percent = |row: &Row, k: usize| 100.0 * (row.results[k] / as_is.results[k] - 1.0);
+        let moves = |k: usize| percent(down, k).abs().max(percent(up, k).abs()) >= SHOWN;
+        if !(0..RESULTS.len()).any(moves) {
+            little.push(format!("`{}`", down.key));
+            continue;
+        }
+        let _ = write!(table, "| `{}` |", down.key);
+        for k in 0..RESULTS.len() {
+            let one = |percent: f64| if percent.is_nan() { "refused".to_string() } else { format!("{percent:+.0}") };
+            let (down, up) = (percent(down, k), percent(up, k));
+            let shows = moves(k) || down.is_nan() || up.is_nan();
+            let cell = if shows { format!("{} / {}", one(down), one(up)) } else { String::new() };
+            let _ = write!(table, " {cell} |");
+        }
+        table += "\n";
+    }
+    let _ = writeln!(
+        table,
+        "\nDivided / multiplied by {FACTOR}: change in %, where it is 5 or more. Nothing by 5 % or more: {}.",
+        little.join(", ")
+    );
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_shows_the_parameters_as_they_are() {
+        let page = fs::read_to_string(PAGE).unwrap();
+        assert!(page.contains(&parameters()), "cargo sim model-report charging --docs");
+    }
+
+    #[test]
+    fn groups_have_names_of_their_own() {
+        for (k, group) in GROUPS.iter().enumerate() {
+            assert!(GROUPS.iter().skip(k + 1).all(|other| other.name != group.name), "{}", group.name);
+        }
+    }
+}

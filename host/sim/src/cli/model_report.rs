@@ -1,0 +1,57 @@
+//! `edm-sim model-report`: the gates of the process model, version 1, which `host/process` holds.
+
+use crate::output::Output;
+use crate::terminal::{Failure, say};
+use clap::Args;
+use edm_process::report;
+use std::path::PathBuf;
+
+/// Arguments of `edm-sim model-report`.
+#[derive(Debug, Args)]
+pub struct ModelReport {
+    /// Groups of gates; all without
+    #[arg(value_name = "GROUP")]
+    groups: Vec<String>,
+    /// Only the groups that take a few seconds
+    #[arg(long, conflicts_with = "groups")]
+    short: bool,
+    /// Write version, fingerprint and gates as JSON
+    #[arg(long, value_name = "FILE", conflicts_with = "sensitivity")]
+    json: Option<PathBuf>,
+    /// Write the tables of what runs into docs/process-model.md
+    #[arg(long)]
+    docs: bool,
+    /// Instead of the gates, multiply and divide every assumed number by 1.5, one at a time: minutes
+    #[arg(long, conflicts_with_all = ["groups", "short"])]
+    sensitivity: bool,
+}
+
+impl ModelReport {
+    /// Runs and reports; true when the model is that of its version and all gates hold that must.
+    ///
+    /// # Errors
+    /// When a group is unknown, or an output cannot be written.
+    pub fn execute(&self) -> Result<bool, Failure> {
+        let chosen = report::choose(&self.groups, self.short).map_err(Failure::BadInput)?;
+        let json = self.json.as_deref().map(|path| Output::claim("--json", path)).transpose();
+        let json = json.map_err(Failure::BadInput)?;
+        if self.sensitivity {
+            let table = report::run_sensitivity();
+            say(&table);
+            let page = |table| report::into_page(&[("sensitivity".into(), table)]);
+            return if self.docs { page(table).map(|()| true).map_err(Failure::Failed) } else { Ok(true) };
+        }
+        let report = report::run(&chosen, say);
+        if let Some(output) = json {
+            let write = output.write(|file| {
+                serde_json::to_writer_pretty(&mut *file, &report)?;
+                file.write_all(b"\n")
+            });
+            write.map_err(Failure::Failed)?;
+        }
+        if self.docs {
+            report.write_page().map_err(Failure::Failed)?;
+        }
+        Ok(report.holds())
+    }
+}

@@ -1,0 +1,349 @@
+//! The machine with its process, for either version of the process model.
+//!
+//! Version 0 is declared in [`Parameters`], version 1 in `host/process`: there every number is one of a published machine,
+//! `model.machine`, unless a scenario names it as `model.NAME`. What the model has nothing to do with is the same for both:
+//! where the work lies, bus, limit switches, wiring, scale and front end. A value of the other version is refused.
+
+use super::Parameters;
+use edm_process::parameters::{Basis, DECLARED, Kind as Generator, MACHINES, Machine, Refused};
+use edm_servo_head::settings::{Change, Declared, Field, Kind, SettingError, Value};
+
+/// What a person sets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plant {
+    /// Version 0, and what both have.
+    pub base: Parameters,
+    /// Version of the process model.
+    version: u32,
+    /// Index of the machine in [`MACHINES`].
+    machine: usize,
+    /// Its generator, when it is another one.
+    generator: Option<Generator>,
+    /// Its numbers that are others, in the order of [`DECLARED`].
+    numbers: [Option<f64>; DECLARED.len()],
+    /// Those of `base` that somebody has named, a bit each.
+    named: u64,
+}
+
+/// Fields that only version 1 has, besides its numbers.
+const CHOICES: [Field; 3] = [
+    field(
+        "model.version",
+        "",
+        "Version of the process model.",
+        "docs/process-model.md",
+        Kind::Integer { min: 0, max: 1 },
+    ),
+    field(
+        "model.machine",
+        "",
+        "Machine that version 1 starts from.",
+        "docs/process-model.md",
+        Kind::Choice(&MACHINE_NAMES),
+    ),
+    field(
+        "model.generator",
+        "",
+        "How its generator makes pulses.",
+        "that of its machine",
+        Kind::Choice(&GENERATOR_NAMES),
+    ),
+];
+
+const MACHINE_NAMES: [&str; MACHINES.len()] = {
+    let mut names = [""; MACHINES.len()];
+    let mut at = 0;
+    while at < names.len() {
+        names[at] = MACHINES[at].name;
+        at += 1;
+    }
+    names
+};
+
+const GENERATOR_NAMES: [&str; Generator::ALL.len()] = {
+    let mut names = [""; Generator::ALL.len()];
+    let mut at = 0;
+    while at < names.len() {
+        names[at] = Generator::ALL[at].1;
+        at += 1;
+    }
+    names
+};
+
+const fn field(key: &'static str, unit: &'static str, doc: &'static str, source: &'static str, kind: Kind) -> Field {
+    Field { key, unit, doc, source, kind, change: Change::Live, hazard: "" }
+}
+
+/// Where the fields of version 1 begin, and how many there are of all.
+const BASE: usize = Parameters::COUNT;
+const NUMBERS: usize = BASE + CHOICES.len();
+const ALL: usize = NUMBERS + DECLARED.len();
+const _: () = assert!(BASE <= u64::BITS as usize, "a bit for each field of version 0");
+
+static FIELDS: [Field; ALL] = FIELD_TABLE;
+const FIELD_TABLE: [Field; ALL] = {
+    let mut all = [CHOICES[0]; ALL];
+    let mut at = 0;
+    while at < ALL {
+        all[at] = if at < BASE {
+            Parameters::FIELDS[at]
+        } else if at < NUMBERS {
+            CHOICES[at - BASE]
+        } else {
+            let number = &DECLARED[at - NUMBERS];
+            let source = match number.basis {
+                Basis::Source(source) => source,
+                Basis::Fitted(_) => "of sinker; fitted, docs/process-model.md",
+                Basis::Chosen(_) => "of sinker; chosen, docs/process-model.md",
+                Basis::Assumed(_) => "of sinker; assumed, docs/process-model.md",
+            };
+            let kind = Kind::Number { min: number.range.0 as f32, max: number.range.1 as f32 };
+            field(number.path, number.unit, number.doc, source, kind)
+        };
+        at += 1;
+    }
+    all
+};
+
+static KEYS: [&str; ALL] = {
+    let mut keys = [""; ALL];
+    let mut at = 0;
+    while at < ALL {
+        keys[at] = FIELD_TABLE[at].key;
+        at += 1;
+    }
+    keys
+};
+
+impl Default for Plant {
+    fn default() -> Plant {
+        Plant::from(&Parameters::default())
+    }
+}
+
+impl From<&Parameters> for Plant {
+    /// Version 0.
+    fn from(base: &Parameters) -> Plant {
+        Plant { base: *base, version: 0, machine: 0, generator: None, numbers: [None; DECLARED.len()], named: 0 }
+    }
+}
+
+impl Plant {
+    /// Version of the process model.
+    pub fn version(&self) -> u32 {
+        self.version
+    }
+
+    /// The same with a version of the model, without what belongs to the other one.
+    pub fn turned_to(&self, version: u32) -> Plant {
+        let mut plant = Plant { version, ..Plant::default() };
+        for at in (0..BASE).filter(|&at| self.named >> at & 1 == 1 && is_common(FIELDS[at].key)) {
+            if let Some(value) = self.base.get(at) {
+                // It was checked when it came here.
+                let _: Result<(), SettingError> = plant.put(at, value);
+            }
+        }
+        plant
+    }
+
+    fn machine(&self) -> Option<&'static Machine> {
+        const ALL: &[Machine] = &MACHINES;
+        ALL.get(self.machine)
+    }
+
+    /// The numbers of version 1.
+    pub fn model(&self) -> edm_process::Parameters {
+        let mut p = self.machine().map(Machine::parameters).unwrap_or_default();
+        p.kind = self.generator.unwrap_or(p.kind);
+        for (declared, number) in DECLARED.iter().zip(self.numbers) {
+            if let Some(number) = number {
+                // It was checked when it was put here.
+                let _: Result<(), Refused> = p.set(declared.key, number);
+            }
+        }
+        p
+    }
+
+    /// Stroke between the stops, mm.
+    pub fn stroke_mm(&self) -> f64 {
+        if self.version == 0 { self.base.stroke.into() } else { self.model().stroke_mm }
+    }
+
+    /// Open-circuit voltage, V.
+    pub fn open_v(&self) -> f64 {
+        if self.version == 0 { self.base.open.into() } else { self.model().open_v }
+    }
+
+    /// Checks every number, alone and against the others.
+    ///
+    /// # Errors
+    /// The first that does not fit, or belongs to the other version.
+    pub fn validate(&self) -> Result<(), SettingError> {
+        self.base.check()?;
+        self.base.fits(self.stroke_mm() as f32)?;
+        let foreign = |index: usize, rule| Err(SettingError::Conflict { field: FIELDS[index].key, rule });
+        if self.version == 0 {
+            let rule = "belongs to version 1 of the process model, and model.version is 0";
+            if self.machine != 0 || self.generator.is_some() {
+                return foreign(BASE + if self.machine != 0 { 1 } else { 2 }, rule);
+            }
+            return match self.numbers.iter().position(Option::is_some) {
+                Some(at) => foreign(NUMBERS + at, rule),
+                None => self.base.validate(),
+            };
+        }
+        let alien = (0..BASE).find(|&at| self.named >> at & 1 == 1 && !is_common(FIELDS[at].key));
+        if let Some(at) = alien {
+            return foreign(at, "belongs to version 0 of the process model, and model.version is 1");
+        }
+        self.model().check().map_err(|refused| match refused {
+            Refused::Conflict(rule) => SettingError::Conflict { field: "model", rule },
+            Refused::Range(declared, _) => SettingError::Conflict { field: declared.path, rule: "is out of its range" },
+            Refused::Unknown => SettingError::UnknownKey,
+        })
+    }
+}
+
+/// Whether both versions have a field of [`Parameters`].
+fn is_common(key: &str) -> bool {
+    matches!(key, "workpiece.surface_mm" | "actuator.bus_v")
+        || ["limit.", "wiring.", "scale.", "front_end."].iter().any(|group| key.starts_with(group))
+}
+
+impl Declared for Plant {
+    const FIELDS: &'static [Field] = &FIELDS;
+    const KEYS: &'static [&'static str] = &KEYS;
+    const ADDRESSES: &'static [(u16, u8)] = &[];
+
+    fn word(&self, index: usize) -> Option<u32> {
+        match self.get(index)? {
+            Value::Number(x) if matches!(FIELDS.get(index)?.kind, Kind::Number { .. }) => Some((x as f32).to_bits()),
+            Value::Number(x) => Some(x as u32),
+            Value::Flag(x) => Some(x.into()),
+            Value::Word(word) => {
+                let Kind::Choice(names) = FIELDS.get(index)?.kind else { return None };
+                names.iter().position(|name| *name == word).map(|at| at as u32)
+            }
+        }
+    }
+
+    fn put_word(&mut self, index: usize, word: u32) -> Result<(), SettingError> {
+        let field = FIELDS.get(index).ok_or(SettingError::UnknownKey)?;
+        let value = match field.kind {
+            Kind::Number { .. } => Value::Number(f32::from_bits(word).into()),
+            Kind::Integer { .. } => Value::Number(word.into()),
+            Kind::Flag => Value::Flag(word != 0),
+            Kind::Choice(names) => Value::Word(names.get(word as usize).ok_or(SettingError::NotAllowed(field))?),
+        };
+        self.put(index, value)
+    }
+
+    fn get(&self, index: usize) -> Option<Value<'static>> {
+        if index < BASE {
+            return self.base.get(index);
+        }
+        match index - BASE {
+            0 => Some(Value::Number(self.version.into())),
+            1 => MACHINE_NAMES.get(self.machine).map(|name| Value::Word(name)),
+            2 => {
+                let kind = self.model().kind;
+                Generator::ALL.iter().find(|(other, _)| *other == kind).map(|(_, name)| Value::Word(name))
+            }
+            _ => self.model().values().nth(index - NUMBERS).map(Value::Number),
+        }
+    }
+
+    fn put(&mut self, index: usize, value: Value<'_>) -> Result<(), SettingError> {
+        if index < BASE {
+            self.base.put(index, value)?;
+            self.named |= 1 << index;
+            return Ok(());
+        }
+        let field = FIELDS.get(index).ok_or(SettingError::UnknownKey)?;
+        let refused = SettingError::NotAllowed(field);
+        match (index - BASE, value) {
+            (0, Value::Number(x)) if x == 0.0 || x == 1.0 => self.version = x as u32,
+            (1, Value::Word(word)) => {
+                self.machine = MACHINE_NAMES.iter().position(|name| *name == word).ok_or(refused)?;
+            }
+            (2, Value::Word(word)) => {
+                let (kind, _) = Generator::ALL.iter().find(|(_, name)| *name == word).ok_or(refused)?;
+                self.generator = Some(*kind);
+            }
+            (3.., Value::Number(x)) => {
+                let at = index - NUMBERS;
+                let fits = DECLARED.get(at).is_some_and(|declared| (declared.range.0..=declared.range.1).contains(&x));
+                *self.numbers.get_mut(at).filter(|_| fits).ok_or(refused)? = Some(x);
+            }
+            _ => return Err(refused),
+        }
+        Ok(())
+    }
+
+    fn check(&self) -> Result<(), SettingError> {
+        self.base.check()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn conflict(set: &[(&str, Value<'_>)]) -> Option<&'static str> {
+        let mut plant = Plant::default();
+        for (key, value) in set {
+            plant.set(key, *value).unwrap();
+        }
+        match plant.validate() {
+            Ok(()) => None,
+            Err(SettingError::Conflict { field, .. }) => Some(field),
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    const ONE: (&str, Value<'_>) = ("model.version", Value::Number(1.0));
+
+    #[test]
+    fn a_value_of_the_other_version_is_refused_by_name() {
+        let (mass, radius) = (("actuator.mass_kg", Value::Number(0.4)), ("model.radius_um", Value::Number(100.0)));
+        assert_eq!(conflict(&[mass]), None);
+        assert_eq!(conflict(&[ONE, mass]), Some("actuator.mass_kg"));
+        assert_eq!(conflict(&[radius]), Some("model.radius_um"));
+        assert_eq!(conflict(&[radius, ONE]), None);
+        assert_eq!(conflict(&[("model.machine", Value::Word("gao"))]), Some("model.machine"));
+        for common in ["workpiece.surface_mm", "scale.count_um", "front_end.hum_v", "actuator.bus_v"] {
+            assert_eq!(conflict(&[ONE, (common, Value::Number(5.0))]), None, "{common}");
+        }
+        assert_eq!(conflict(&[ONE, ("workpiece.surface_mm", Value::Number(12.0))]), Some("workpiece.surface_mm"));
+        assert_eq!(
+            conflict(&[ONE, ("model.burn_v", Value::Number(99.0)), ("model.open_v", Value::Number(50.0))]),
+            Some("model")
+        );
+    }
+
+    #[test]
+    fn another_version_keeps_what_both_have() {
+        let mut plant = Plant::default();
+        for (key, value) in [("scale.count_um", 0.1), ("actuator.mass_kg", 0.4)] {
+            plant.set(key, Value::Number(value)).unwrap();
+        }
+        let plant = plant.turned_to(1);
+        assert_eq!(plant.validate(), Ok(()));
+        assert_eq!((plant.version(), plant.base.count, plant.base.mass), (1, 0.1, 0.2));
+    }
+
+    #[test]
+    fn numbers_are_those_of_the_machine_but_for_those_that_were_named() {
+        let mut plant = Plant::default();
+        plant.set("model.radius_um", Value::Number(123.0)).unwrap();
+        plant.set("model.machine", Value::Word("gao")).unwrap();
+        let p = plant.model();
+        assert_eq!((p.radius_um, p.open_v, p.kind), (123.0, 80.0, Generator::ControlledRc));
+        plant.set("model.generator", Value::Word("rc")).unwrap();
+        assert_eq!(plant.model().kind, Generator::Rc);
+        let index = Plant::KEYS.iter().position(|key| *key == "model.radius_um").unwrap();
+        assert_eq!(plant.get(index), Some(Value::Number(123.0)));
+        assert!(plant.set("model.radius_um", Value::Number(1.0)).is_err());
+        assert_eq!(plant.model().radius_um, 123.0);
+    }
+}
