@@ -1,11 +1,11 @@
 //! One case with one seed: a head that erodes, wires that break, what it makes of them, and whether it erodes again once they
 //! are mended.
 
-use super::wires::{Case, Wire};
+use super::wires::{BURR, BURR_MM_S, Case, Wire};
 use crate::machine::Machine;
 use crate::run::Setup;
 use edm_servo_head::head::{Command, Fault, MotionLimits, Reaction, Reason, State};
-use edm_servo_head::settings::Settings;
+use edm_servo_head::settings::{Settings, Value};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ, TICKS_PER_MS};
 
 /// Times between two wires, s: in the same tick, before the supervision has looked, before slow reactions have begun, in the
@@ -80,6 +80,8 @@ struct Trial {
     seen: Seen,
     /// Sum of the current of the running 10 ms, and its ticks.
     sum: (f64, u32),
+    /// Height of the burr, and the one that it comes up to, mm.
+    burr: (f64, f64),
 }
 
 /// What came of a case at every delay, one after the other in the same head: it has to recover from each.
@@ -107,7 +109,7 @@ impl Trial {
         // The virtual head's commissioning counts as passed; a fast seek shortens the campaign.
         let settings = Settings { commissioned: true, seek_velocity: 5000.0, ..setup.head };
         let machine = Machine::new(setup.process, &settings, seed).map_err(|error| setup.refusal(error))?;
-        let mut trial = Trial { machine, seen: Seen::default(), sum: (0.0, 0) };
+        let mut trial = Trial { machine, seen: Seen::default(), sum: (0.0, 0), burr: (0.0, 0.0) };
         trial.watch(0.01);
         trial.start()?;
         trial.seen = Seen::default();
@@ -147,8 +149,11 @@ impl Trial {
 
     /// A wire breaks, and this time passes: the last tick with pulses.
     fn breaks(&mut self, wire: &Wire, then_s: f64, mut last_pulse: u32) -> u32 {
-        // The table of wires was checked.
-        let _ = self.machine.process.happen(wire.signal, wire.broken);
+        match wire.broken {
+            Value::Number(mm) if wire.signal == BURR => self.burr.1 = mm,
+            // The table of wires was checked.
+            broken => drop(self.machine.process.happen(wire.signal, broken)),
+        }
         for tick in 1..=(then_s * f64::from(TICK_HZ)) as u32 {
             self.tick();
             if self.machine.pulses() {
@@ -159,6 +164,11 @@ impl Trial {
     }
 
     fn tick(&mut self) {
+        let (height, to) = &mut self.burr;
+        if height < to {
+            *height = (*height + BURR_MM_S / f64::from(TICK_HZ)).min(*to);
+            let _ = self.machine.process.happen(BURR, Value::Number(*height));
+        }
         self.machine.tick();
         self.seen.contact_n = self.seen.contact_n.max(self.machine.process.truth().contact_n);
         while let Some(change) = self.machine.next_change() {
@@ -188,6 +198,7 @@ impl Trial {
 
     /// Takes the causes away, resets the fault, and starts again.
     fn recover(&mut self, case: &Case) -> Result<(), String> {
+        self.burr = (0.0, 0.0);
         for wire in case.wires() {
             let _ = self.machine.process.happen(wire.signal, wire.sound());
         }

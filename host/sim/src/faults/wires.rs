@@ -17,6 +17,11 @@ pub struct Wire {
 
 /// Signal of the hand.
 const HAND: &str = "hand.force_n";
+/// Signal of the burr.
+pub const BURR: &str = "workpiece.raised_mm";
+/// Speed with which a burr comes up, mm/s: contact is bounded for what moves no faster. One that came in no time would press a
+/// head that touches the work with 40 N, whatever the head did.
+pub const BURR_MM_S: f64 = 5.0;
 
 /// How each is broken: flags are set. The bus loses 20 of 48 V. A hand rests on the head with 0.5 N and the work has a burr of
 /// 20 um: nothing that a head does bounds what a strong hand presses with through it, or a work that is pushed into it.
@@ -31,7 +36,7 @@ pub const WIRES: &[Wire] = &[
     flag("gap.saturated", Some(Fault::GapSignalInvalid)),
     flag("gap.short", Some(Fault::PersistentShort)),
     flag("generator.off", Some(Fault::GateMissing)),
-    Wire { signal: "workpiece.raised_mm", broken: Value::Number(0.02), named: None },
+    Wire { signal: BURR, broken: Value::Number(0.02), named: None },
     Wire { signal: HAND, broken: Value::Number(0.5), named: None },
     flag("sense.off", None),
     flag("gate.cut", Some(Fault::GateMissing)),
