@@ -201,6 +201,7 @@ fn what_the_commissioning_has_found_holds_whatever_is_written_meanwhile() {
             assert!(n < 20_000, "seed {seed}: the check does not end");
         }
         host.run(5 * MS);
+        assert_eq!(host.head.status().fault, None, "seed {seed}");
         let mut known = Settings::default();
         host.learn(&mut known, 0..Settings::COUNT);
         host.expect_runs(&known);

@@ -171,9 +171,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if self.status.state != State::Fault {
             self.route.set_retreat(config.retreat.limit);
         }
+        self.adopt(config);
+        Ok(())
+    }
+
+    /// What is run from here on, and what it is compared with.
+    fn adopt(&mut self, config: Config) {
         self.config = config;
         self.kept = Kept::NEW;
-        Ok(())
     }
 
     /// Looks at a part of the configuration: false once it has changed by itself.

@@ -7,7 +7,7 @@ use crate::encoder::Mark;
 use crate::feed::FeedLaw;
 use crate::gap::Quality;
 use crate::head::commissioning::Wish;
-use crate::head::config::Structure;
+use crate::head::config::{Config, Structure};
 use crate::head::fault::{Fault, Reaction};
 use crate::head::proof::{Goal, Outcome};
 use crate::head::state::{Reason, State};
@@ -109,7 +109,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let status = &self.status;
         let (wish, result) = commissioning.plan(&self.config.commissioning, status.position, &status.gap, self.ticks);
         if let Some(result) = result {
-            self.config.commissioned = result.is_ok();
+            self.adopt(Config { commissioned: result.is_ok(), ..self.config });
             self.commissioned = Some(result);
             self.commissioning = None;
             self.enter(State::Disabled, Reason::CommissioningEnded);
