@@ -201,11 +201,11 @@ pub const TASKS: &[Task] = &[
     Task { name: "encoder_index", priority: 7, source: "EXTI2", deadline: "3.3 us, one edge at 300 kcount/s" },
     Task { name: "gap", priority: 6, source: "DMA2_STREAM0", deadline: "6 us, before the servo tick" },
     Task { name: "servo", priority: 5, source: "TIM1_UP_TIM10", deadline: "50 us, one period" },
-    Task { name: "plan", priority: 4, source: "SPI2", deadline: "100 us, the second tick after its estimate" },
-    Task { name: "supervise", priority: 3, source: "TIM7", deadline: "1 ms" },
-    Task { name: "can_receive", priority: 2, source: "CAN1_RX0", deadline: "111 us, one frame" },
-    Task { name: "can_sync", priority: 2, source: "CAN1_RX1", deadline: "47 us, the shortest frame" },
-    Task { name: "can_transmit", priority: 2, source: "CAN1_TX", deadline: "111 us, one frame" },
+    Task { name: "can_receive", priority: 4, source: "CAN1_RX0", deadline: "111 us, one frame" },
+    Task { name: "can_sync", priority: 4, source: "CAN1_RX1", deadline: "47 us, the shortest frame" },
+    Task { name: "can_transmit", priority: 4, source: "CAN1_TX", deadline: "111 us, one frame" },
+    Task { name: "plan", priority: 3, source: "SPI2", deadline: "100 us, the second tick after its estimate" },
+    Task { name: "supervise", priority: 2, source: "TIM7", deadline: "1 ms" },
     Task { name: "protocol", priority: 1, source: "SPI3", deadline: "1 ms" },
     Task { name: "idle", priority: 0, source: "-", deadline: "none" },
 ];
@@ -311,6 +311,8 @@ mod tests {
     #[test]
     fn priorities_fall_down_the_table() {
         assert!(TASKS.windows(2).all(|pair| pair[0].priority >= pair[1].priority));
-        assert!(priority("servo") == priority("plan") + 1 && priority("plan") > priority("supervise"));
+        let falls = ["servo", "can_sync", "plan", "supervise", "protocol"].map(priority);
+        assert!(falls.windows(2).all(|pair| pair[0] > pair[1]));
+        assert_eq!(priority("can_sync"), priority("can_receive"));
     }
 }

@@ -77,11 +77,11 @@ enum Task {
 
 /// Those tasks with their priorities, highest first.
 const TASKS: [(Task, u8); 6] = [
-    (Task::Plan, PLANS),
-    (Task::Supervise, priority("supervise")),
-    (Task::Receive, priority("can_receive")),
+    (Task::Receive, CAN),
     (Task::Sync, priority("can_sync")),
     (Task::Transmit, priority("can_transmit")),
+    (Task::Plan, PLANS),
+    (Task::Supervise, priority("supervise")),
     (Task::Protocol, priority("protocol")),
 ];
 
@@ -362,7 +362,7 @@ impl Inner {
         if running >= SERVO {
             self.late_edge();
         } else if whole < habits.periods
-            && !(running == PLANS && self.is_due())
+            && !(running >= PLANS && self.is_due())
             && !(running >= CAN && self.is_crowded())
         {
             self.period();
@@ -386,8 +386,11 @@ impl Inner {
 
     /// One period of the PWM: the process, the edges of the encoder, the block, the tick.
     fn period(&self) {
-        if self.running.get() < PLANS && self.is_due() {
-            self.run(0);
+        if self.running.get() < PLANS
+            && self.is_due()
+            && let Some(plan) = TASKS.iter().position(|(task, _)| *task == Task::Plan)
+        {
+            self.run(plan);
         }
         if self.running.get() < CAN && self.is_crowded() {
             for (number, (task, _)) in TASKS.iter().enumerate() {

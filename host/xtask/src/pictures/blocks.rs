@@ -18,13 +18,13 @@ const BLOCKS: [Block; 9] = [
     Block { name: "encoder", tasks: &["encoder_a", "encoder_b", "encoder_index"], called: &[] },
     Block { name: "gap", tasks: &["gap"], called: &["gap task"] },
     Block { name: "servo", tasks: &["servo"], called: &["servo task"] },
-    Block { name: "plan", tasks: &["plan"], called: &["planner"] },
-    Block { name: "supervise", tasks: &["supervise"], called: &["supervision"] },
     Block {
         name: "CAN",
         tasks: &["can_receive", "can_sync", "can_transmit"],
         called: &["receive interrupts", "transmit interrupt"],
     },
+    Block { name: "plan", tasks: &["plan"], called: &["planner"] },
+    Block { name: "supervise", tasks: &["supervise"], called: &["supervision"] },
     Block { name: "protocol", tasks: &["protocol"], called: &["protocol"] },
     Block { name: "idle", tasks: &["idle"], called: &["idle"] },
 ];
