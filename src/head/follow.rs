@@ -596,7 +596,7 @@ impl Follower {
         self.in_a_row = self.in_a_row.saturating_add(1);
         if self.in_a_row >= LATE {
             self.fault(Fault::PlanLate);
-            self.told = Some(Fault::PlanLate);
+            self.tell_of(Fault::PlanLate);
         }
     }
 
@@ -613,7 +613,7 @@ impl Follower {
         let mut urgent = false;
         if let Some(fault) = input.told {
             self.fault(fault);
-            self.told = Some(fault);
+            self.tell_of(fault);
             urgent = true;
         }
         let safety = input.safety.unwrap_or_default();
@@ -659,13 +659,20 @@ impl Follower {
         true
     }
 
+    /// The next estimate tells of a fault, or of a stronger one.
+    fn tell_of(&mut self, fault: Fault) {
+        if self.told.is_none_or(|told| told.reaction() < fault.reaction()) {
+            self.told = Some(fault);
+        }
+    }
+
     /// Electrode and work touch: nothing presses on from this tick on.
     fn touch(&mut self) -> bool {
         match core::mem::take(&mut self.plan.touch) {
             Touch::Ignored => return false,
             Touch::Fault => {
                 self.fault(Fault::Contact);
-                self.told = Some(Fault::Contact);
+                self.tell_of(Fault::Contact);
             }
             Touch::End => {
                 self.plan.trajectory = self.plan.stop;
@@ -737,8 +744,9 @@ impl Follower {
     pub fn unread(&mut self) {
         let (short, told, set_point) = self.said;
         self.short |= short;
-        let stronger = |fault: &Fault| self.told.is_none_or(|told| told.reaction() < fault.reaction());
-        self.told = told.filter(stronger).or(self.told);
+        if let Some(fault) = told {
+            self.tell_of(fault);
+        }
         self.set_point = self.set_point.or(set_point);
     }
 
@@ -879,6 +887,15 @@ mod tests {
         assert_eq!(handed(&mut follower, true, newer), (true, Some(Fault::OverCurrent), point(40)));
         // Read.
         assert_eq!(handed(&mut follower, false, TickInput::default()), (false, None, None));
+    }
+
+    #[test]
+    fn of_two_faults_in_a_tick_the_stronger_is_told() {
+        let mut follower = Follower::new(Settings::default().build().unwrap().head.follow());
+        (0..LATE).for_each(|_| follower.miss());
+        assert!(Fault::HostSilent.reaction() < Fault::PlanLate.reaction());
+        let weaker = TickInput { told: Some(Fault::HostSilent), ..TickInput::default() };
+        assert_eq!(handed(&mut follower, false, weaker).1, Some(Fault::PlanLate));
     }
 
     #[test]
