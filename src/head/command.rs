@@ -3,6 +3,7 @@
 use super::fault::Fault;
 use super::positioning::{Home, MotionLimits};
 use super::state::State;
+use crate::path;
 use crate::units::{MicrometresPerSecond2, Nanometres};
 use core::fmt;
 
@@ -67,10 +68,8 @@ pub enum Refused {
         /// Lower end of the travel.
         max: Nanometres,
     },
-    /// The move has no length.
-    NoLength,
-    /// No room in the queue; try again when a segment is done.
-    QueueFull,
+    /// The path does not take it; while its queue is full, try again when a segment is done.
+    Path(path::Refused),
     /// Nothing queued.
     NoPath,
     /// The cause of this fault is still there.
@@ -96,8 +95,7 @@ impl fmt::Display for Refused {
             Refused::OutOfTravel { target, min, max } => {
                 write!(f, "target {} um is outside the travel of {} to {} um", target.um().0, min.um().0, max.um().0)
             }
-            Refused::NoLength => f.write_str("the move has no length"),
-            Refused::QueueFull => f.write_str("the path queue is full"),
+            Refused::Path(refused) => write!(f, "{refused}"),
             Refused::NoPath => f.write_str("no move is queued"),
             Refused::StillFaulty(fault) => write!(f, "the cause is still there: {}", fault.name()),
             Refused::Reacting(fault) => write!(f, "the reaction to {} still moves the head", fault.name()),

@@ -2,10 +2,13 @@
 
 use super::follow::{Estimate, Follow, Trajectory};
 use crate::feed::Limiter;
-use crate::path::{Path, Refused};
+use crate::path::{BESIDE_NM, Path, Refused};
 use crate::servo::Window;
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, PLAN_TICKS, larger};
 use core::ops::DerefMut;
+
+/// Share of the path that has to lead along the head's axis, for the axis to show the coordinate: 6 degrees off sideways.
+const STEEP: f32 = 0.1;
 
 /// The path with its limits. `P` owns it, wherever there is room for it.
 #[derive(Debug)]
@@ -16,6 +19,8 @@ pub(super) struct Route<P> {
     begun: u32,
     /// Path coordinate where the work was found.
     work: Option<Fixed>,
+    /// Counts per um that a path leads the axis by, for the axis to show the coordinate.
+    steep: f32,
 }
 
 /// What bounds a motion along the path.
@@ -29,10 +34,17 @@ pub(super) struct Bounds {
 }
 
 impl<P: DerefMut<Target = Path>> Route<P> {
-    pub fn new(mut path: P, counts_per_um: f32, retreat: Fixed) -> Route<P> {
-        path.scale([counts_per_um]);
+    pub fn new(mut path: P, nm_per_count: i64, retreat: Fixed) -> Route<P> {
         path.set_retreat(retreat);
-        Route { path, limiter: Limiter::default(), begun: 0, work: None }
+        let mut route = Route { path, limiter: Limiter::default(), begun: 0, work: None, steep: 0.0 };
+        route.scale(nm_per_count);
+        route
+    }
+
+    /// Sets what a count of the head's axis is, for a path that is begun anew from now on.
+    pub fn scale(&mut self, nm_per_count: i64) {
+        self.path.scale([nm_per_count, BESIDE_NM, BESIDE_NM]);
+        self.steep = STEEP * 1000.0 / nm_per_count as f32;
     }
 
     /// Goes to where the follower will be when this plan comes into force.
@@ -49,9 +61,10 @@ impl<P: DerefMut<Target = Path>> Route<P> {
         self.begun
     }
 
-    /// Begins anew at a set point; a retreat past the beginning leads to `top`.
+    /// Begins anew at a set point of the head's axis, where the others are; a retreat past the beginning leads to `top`.
     pub fn restart(&mut self, here: Fixed, top: Fixed) {
-        self.path.restart([here], [top.min(here)]);
+        let [_, x, y] = self.path.setpoint();
+        self.path.restart([here, x, y], [top.min(here), x, y]);
         self.begun = self.begun.wrapping_add(1);
         self.limiter.stop();
         self.work = None;
@@ -59,12 +72,18 @@ impl<P: DerefMut<Target = Path>> Route<P> {
 
     /// Appends a straight line.
     pub fn push_line(&mut self, to: Fixed) -> Result<(), Refused> {
-        self.path.push_line([to])
+        let [_, x, y] = self.path.end();
+        self.path.push_line([to, x, y])
     }
 
     /// How far a retreat may go behind the furthest point.
     pub fn set_retreat(&mut self, retreat: Fixed) {
         self.path.set_retreat(retreat);
+    }
+
+    /// A retreat may go as far as there is path.
+    pub fn free_retreat(&mut self) {
+        self.path.free_retreat();
     }
 
     /// The work has been found here, unless it was found before.
@@ -84,13 +103,13 @@ impl<P: DerefMut<Target = Path>> Route<P> {
 
     /// Set point there, counts.
     pub fn setpoint(&self) -> Fixed {
-        let [setpoint] = self.path.setpoint();
+        let [setpoint, ..] = self.path.setpoint();
         setpoint
     }
 
     /// Where the last segment ends, counts.
     pub fn end(&self) -> Fixed {
-        let [end] = self.path.end();
+        let [end, ..] = self.path.end();
         end
     }
 
@@ -100,7 +119,7 @@ impl<P: DerefMut<Target = Path>> Route<P> {
 
     /// Nothing is left to retrace.
     pub fn at_beginning(&self) -> bool {
-        self.path.behind().0 <= 0.0
+        self.path.left_behind().0 <= 0.0
     }
 
     pub fn waiting(&self) -> u16 {
@@ -122,7 +141,7 @@ impl<P: DerefMut<Target = Path>> Route<P> {
 
     /// A velocity of the axis as the path has it at this place, without a position loop.
     pub fn velocity(&mut self, wanted: MicrometresPerSecond, bounds: &Bounds, window: Window) -> Trajectory {
-        let [direction] = self.path.direction();
+        let [direction, ..] = self.path.direction();
         let along = self.limited(wanted, bounds);
         Trajectory { along, ..Trajectory::velocity(CountsPerSecond(along.0 * direction), window) }
     }
@@ -134,9 +153,10 @@ impl<P: DerefMut<Target = Path>> Route<P> {
 
     /// Without a position loop the path coordinate follows the axis, so that closing the loop makes no jump.
     pub fn follow_axis(&mut self, at: Fixed) {
-        let [direction] = self.path.direction();
+        let [direction, ..] = self.path.direction();
         let off = at.minus(self.setpoint()).to_f32();
-        if direction != 0.0 {
+        // Along a path that leads sideways the axis tells nothing of the coordinate.
+        if direction.abs() > self.steep {
             self.path.step(Fixed::short(off / direction));
         }
     }
@@ -149,8 +169,8 @@ impl<P: DerefMut<Target = Path>> Route<P> {
         // One step of 2^-24 um more, so that the last one reaches the end, where the path holds it.
         let more = i64::from(along.0 > 0.0) - i64::from(along.0 < 0.0);
         let advance = along.per_tick().near(Fixed(more));
-        let [travel] = self.path.travel(advance);
-        let [direction] = self.path.direction();
+        let [travel, ..] = self.path.travel(advance);
+        let [direction, ..] = self.path.direction();
         let velocity = CountsPerSecond(along.0 * direction);
         Trajectory { follow: Follow::Setpoint, window, velocity, along, advance, travel, ..Trajectory::COAST }
     }
@@ -159,5 +179,6 @@ impl<P: DerefMut<Target = Path>> Route<P> {
 /// An open upper limit is never run into.
 fn limit(limiter: &mut Limiter, path: &Path, wanted: MicrometresPerSecond, bounds: &Bounds) -> MicrometresPerSecond {
     let wanted = if bounds.upper_limit { MicrometresPerSecond(larger(wanted.0, 0.0)) } else { wanted };
-    limiter.limit(wanted, bounds.acceleration, bounds.ticks, || path.ahead(), || path.behind())
+    let a = bounds.acceleration;
+    limiter.limit(wanted, bounds.acceleration, bounds.ticks, || path.ahead(a), || path.behind(a))
 }

@@ -5,17 +5,29 @@
 //! construction, and a retrace returns to the same counts, always. (The per-axis shift registers of \[R\] section 6.7.1 run
 //! asynchronously and drift in ratio; one coordinate for all axes cannot.)
 //!
-//! *Segment*: one piece of path, a file of its own. Another kind is another file and one line in its list (`segment.rs`).
+//! *Piece*: what a host queues, a line or an arc in one of three planes. *Segment*: the same in the register, packed; the one
+//! under way is unpacked when a joint is crossed, so that a tick only multiplies. Everything is in whole numbers.
+//!
+//! The first axis is the head's own, down; X and Y beside it are set points for whoever drives them.
 
+mod angle;
+mod arc;
 mod line;
+mod piece;
 mod register;
-mod segment;
 
+pub use arc::Arc;
 pub use line::Line;
-pub use register::{AHEAD, BEHIND, Bound, Refused, Register};
-pub use segment::Segment;
+pub use piece::{INCONSISTENCY, Piece, Plane, RADII, REACH, Refused, Segment, Shape, Turn};
+pub use register::{AHEAD, BEHIND, Bound, Register};
 
-/// Axes that one head drives.
-pub const AXES: usize = 1;
-/// The path of a head, with everything that it can retrace: 42 kB.
-pub type Path = Register<AXES, { AHEAD + BEHIND + 1 }>;
+use crate::units::Fixed;
+
+/// Axes of a path: down, X and Y.
+pub const AXES: usize = 3;
+/// nm per count of the axes beside the head's: their set points are in um.
+pub const BESIDE_NM: i64 = 1000;
+/// Set points of all axes, counts.
+pub type Point = [Fixed; AXES];
+/// The path of a head, with everything that it can retrace: 36 kB.
+pub type Path = Register<{ AHEAD + BEHIND + 1 }>;

@@ -4,6 +4,7 @@ use crate::bench::Bench;
 use edm_servo_head::feed::LawName;
 use edm_servo_head::head::Structure;
 use edm_servo_head::head::{Command, MotionLimits, Reason, Refused, State};
+use edm_servo_head::path;
 use edm_servo_head::settings::SetpointUnit;
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 
@@ -160,7 +161,7 @@ fn what_cannot_be_done_is_refused_and_changes_nothing() {
         Refused::OutOfTravel { target: Nanometres(12_000_000), min: Nanometres(0), max: Nanometres(12_000_000) }
     );
     assert!(bench.head.command(Command::MoveTo(Nanometres(-1000))).is_err());
-    assert_eq!(bench.head.command(Command::MoveTo(Nanometres(0))), Err(Refused::NoLength));
+    assert_eq!(bench.head.command(Command::MoveTo(Nanometres(0))), Err(Refused::Path(path::Refused::NoLength)));
     bench.command(Command::MoveTo(Nanometres(12_000_000)));
     assert!(bench.head.command(Command::MoveBy(Nanometres(1))).is_err());
     assert_eq!(bench.state(), State::Ready);
@@ -173,7 +174,7 @@ fn incremental_moves_queue_from_the_end_of_the_queue() {
         bench.command(Command::MoveBy(Nanometres(10_000)));
     }
     bench.command(Command::MoveBy(Nanometres(10_000)));
-    assert_eq!(bench.head.command(Command::MoveBy(Nanometres(10_000))), Err(Refused::QueueFull));
+    assert_eq!(bench.head.command(Command::MoveBy(Nanometres(10_000))), Err(Refused::Path(path::Refused::QueueFull)));
     bench.surface_um = 9000.0;
     bench.command(Command::Start);
     bench.run_until(10.0, |bench| bench.state() == State::Done);

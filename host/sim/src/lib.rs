@@ -17,6 +17,7 @@
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
 //! | [`pool`] | work on every core |
 //! | [`output`] | files that appear complete or not at all |
+//! | [`path_report`] | how exactly a path is gone along and back |
 //! | [`page`] | a page of the project with a section that a command writes |
 //! | [`store`] | what a virtual head keeps when its power is cut |
 //! | `schedule` | a virtual head whose tasks preempt each other as a seed wants it (feature `preempt`) |
@@ -44,6 +45,7 @@ pub mod millisecond;
 pub mod observe;
 pub mod output;
 pub mod page;
+pub mod path_report;
 pub mod plot;
 pub mod pool;
 pub mod process;

@@ -1,6 +1,7 @@
 //! Numbers for what the head says in words: error codes of faults, reasons, refusals, findings.
 
 use crate::head::{Fault, Finding, Reason, Refused};
+use crate::path;
 use crate::stored::Outcome;
 
 /// Bits of the error register (CiA 301 7.5.2.2).
@@ -134,8 +135,8 @@ numbered! {
         Refused::NotCommissioned => 2 "commissioning has not passed",
         Refused::NotHomed => 3 "not homed",
         Refused::OutOfTravel { .. } => 4 "outside the travel",
-        Refused::NoLength => 5 "the move has no length",
-        Refused::QueueFull => 6 "queue full",
+        Refused::Path(path::Refused::NoLength) => 5 "the move has no length",
+        Refused::Path(path::Refused::QueueFull) => 6 "queue full",
         Refused::NoPath => 7 "nothing queued",
         Refused::StillFaulty(_) => 8 "the cause of a fault is still there",
         Refused::Storing => 9 "settings are being stored",
@@ -144,6 +145,9 @@ numbered! {
         Refused::PathActive => 12 "a path is under way or queued",
         Refused::NoSense => 13 "no sense supply is fitted",
         Refused::Reacting(_) => 14 "the reaction to a fault still moves the head",
+        Refused::Path(path::Refused::TooFar { .. }) => 15 "farther than 1073 mm from where the path begins",
+        Refused::Path(path::Refused::Radius { .. }) => 16 "a radius outside 0.01 to 536 mm",
+        Refused::Path(path::Refused::Inconsistent { .. }) => 17 "start and end of an arc are not as far from its centre",
     }
 }
 

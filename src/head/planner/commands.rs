@@ -12,7 +12,7 @@ use crate::head::proof::{Goal, Proof};
 use crate::head::reaction::Reacting;
 use crate::head::state::{Reason, State};
 use crate::motion::{Homing, Ramp};
-use crate::path::{self, Path};
+use crate::path::Path;
 use crate::units::{CountsPerSecond, CountsPerSecond2, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 use core::ops::DerefMut;
 
@@ -194,10 +194,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             let target = Nanometres(to.round().saturating_mul(self.config.axis.nm_per_count));
             return Err(Refused::OutOfTravel { target, min, max });
         }
-        self.route.push_line(to).map_err(|refused| match refused {
-            path::Refused::QueueFull => Refused::QueueFull,
-            path::Refused::NoLength => Refused::NoLength,
-        })
+        self.route.push_line(to).map_err(Refused::Path)
     }
 
     /// Gives the permit to write flash, or says why not.

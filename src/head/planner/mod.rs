@@ -94,7 +94,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         Planner {
             status: Status::default(),
             changes: ChangeLog::default(),
-            route: Route::new(path, config.axis.counts_per_um, config.retreat.limit),
+            route: Route::new(path, config.axis.nm_per_count, config.retreat.limit),
             now: Estimate::default(),
             judged: Judged::default(),
             ticks: 1,
@@ -171,7 +171,12 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if self.status.state != State::Fault {
             self.route.set_retreat(config.retreat.limit);
         }
+        let rescaled = config.axis.nm_per_count != self.config.axis.nm_per_count;
         self.adopt(config);
+        if rescaled {
+            self.route.scale(self.config.axis.nm_per_count);
+            self.restart_path();
+        }
         Ok(())
     }
 
@@ -328,7 +333,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         self.reset_loop();
         // A reaction may retrace further than a working retreat.
-        self.route.set_retreat(Fixed(i64::MAX));
+        self.route.free_retreat();
         self.enter(State::Fault, Reason::Fault(fault));
     }
 

@@ -7,11 +7,13 @@
 mod bore;
 mod describe;
 mod model_report;
+mod path_report;
 mod tables;
 
 pub use crate::terminal::{EXIT_BAD_INPUT, EXIT_FAILED, Failure};
 pub use bore::Bore;
 pub use model_report::ModelReport;
+pub use path_report::PathReport;
 
 use crate::bench::Bench;
 use crate::faults::Faults;
@@ -75,6 +77,11 @@ enum Command {
         after_help = "Exit code: 0 the model is that of its version and all gates hold that must; 1 not so, or an output failed; 2 bad input."
     )]
     ModelReport(ModelReport),
+    /// Measure how exactly a path is gone along and back (docs/path.md)
+    #[command(
+        after_help = "Exit code: 0 everything is within its bound; 1 not so, or an output failed; 2 bad input, nothing was written."
+    )]
+    PathReport(PathReport),
 }
 
 /// Reads the command line, does what it says, and gives the exit code.
@@ -97,6 +104,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Command::Faults(faults) => faults.execute(),
         Command::Soak(soak) => soak.execute(),
         Command::ModelReport(report) => report.execute(),
+        Command::PathReport(report) => report.execute(),
         Command::Bench(bench) => bench.execute(run),
         Command::Scenarios => tables::scenarios().map(|text| {
             say(&text);

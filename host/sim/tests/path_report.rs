@@ -1,0 +1,45 @@
+//! `edm-sim path-report` as a person meets it, and the page that it writes.
+
+use edm_sim::page::Page;
+use serde_json::Value;
+use std::path::Path;
+use std::process::Command;
+
+#[test]
+fn the_figures_are_a_file_and_the_exit_code_says_whether_they_hold() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_edm-sim"))
+        .args(["path-report", "--reversals", "20000", "--json", "path.json"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let json: Value = serde_json::from_slice(&std::fs::read(folder.path().join("path.json")).unwrap()).unwrap();
+    assert_eq!((&json["reversals"], &json["segments"]), (&20_000.into(), &200.into()));
+    assert_eq!((&json["retrace_error_counts"], &json["differing"]), (&0.0.into(), &0.into()));
+    assert_eq!(json["reversal_ticks"], 0);
+    for (figure, bound) in [("ratio_error_counts_max", 0.5), ("arc_error_um_max", 0.1)] {
+        let measured = json[figure].as_f64().unwrap();
+        assert!(measured > 0.0 && measured <= bound, "{figure} {measured}");
+    }
+}
+
+#[test]
+fn too_few_reversals_are_bad_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_edm-sim"))
+        .args(["path-report", "--reversals", "3", "--json", "path.json"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(!folder.path().join("path.json").exists());
+}
+
+#[test]
+fn the_page_says_what_is_measured() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/path.md");
+    let page = Page::read(&page, "cargo sim path-report").unwrap();
+    let measured = edm_sim::path_report::measure(1_000_000).unwrap().table();
+    assert_eq!(page.section().trim(), measured.trim(), "run `cargo sim path-report --docs`");
+}

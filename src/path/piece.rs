@@ -1,0 +1,342 @@
+//! What a path is made of: pieces as a host gives them, and packed as the register keeps them.
+
+use super::arc::{Arc, Round, distance};
+use super::line::{Line, SLOPE_BITS};
+use super::{AXES, Point};
+use crate::units::{FRACTION_BITS, Fixed};
+use core::fmt;
+
+/// How far from where the path begins it may lead along any axis, nm: 1.07 m.
+pub const REACH: i64 = 1 << 30;
+/// Smallest and largest radius, nm.
+pub const RADII: (i64, i64) = (10_000, 1 << 29);
+/// By how much start and end of an arc may differ in their distance from its centre, nm: as much as coordinates in whole um
+/// bring about.
+pub const INCONSISTENCY: i64 = 2_000;
+
+/// Binary places of a length that is kept, um.
+const LENGTH_BITS: u32 = 10;
+/// Jumps of direction that are as good as none: rounding of coordinates.
+const SMOOTH: f32 = 0.002;
+/// Parts of a corner: a jump of 2, back along the same line, takes 254.
+const CORNER: f32 = 127.0;
+
+/// The plane of an arc. The axes of a path are the head's own, down, then X and Y beside it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Plane {
+    /// X and Y (G17): a helix goes down.
+    Xy,
+    /// Down and X (G18).
+    Zx,
+    /// Y and down (G19).
+    Yz,
+}
+
+impl Plane {
+    /// First and second axis of the plane, then the third.
+    #[inline(always)]
+    pub(super) fn pick<T>(self, [down, x, y]: [T; AXES]) -> [T; AXES] {
+        match self {
+            Plane::Xy => [x, y, down],
+            Plane::Zx => [down, x, y],
+            Plane::Yz => [y, down, x],
+        }
+    }
+
+    /// The reverse of [`Plane::pick`].
+    #[inline(always)]
+    pub(super) fn put<T>(self, [u, v, w]: [T; AXES]) -> [T; AXES] {
+        match self {
+            Plane::Xy => [w, u, v],
+            Plane::Zx => [u, v, w],
+            Plane::Yz => [v, w, u],
+        }
+    }
+}
+
+/// Which way around.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Turn {
+    /// From the first axis of the plane toward the second.
+    Forward,
+    /// From the second toward the first.
+    Backward,
+}
+
+/// What a piece of path looks like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Shape {
+    /// Straight.
+    Line,
+    /// Around a centre in a plane, the third axis going along evenly. Back to where it begins in the plane it is a whole turn.
+    Arc(Plane, Turn),
+}
+
+/// A piece of path, from where the one before ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Piece {
+    /// What it looks like.
+    pub shape: Shape,
+    /// Where it ends: down, X, Y, nm.
+    pub to: [i64; AXES],
+    /// Centre of an arc less its start, along first and second axis of the plane, nm.
+    pub centre: [i32; 2],
+    /// A working retreat does not go back behind its beginning.
+    pub mark: bool,
+}
+
+/// Why a piece was refused. Nothing was changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refused {
+    /// [`super::AHEAD`] segments wait already.
+    QueueFull,
+    /// From the end of the path to the end of the path.
+    NoLength,
+    /// An end farther than [`REACH`] from where the path begins.
+    TooFar {
+        /// Along this axis: 0 down, 1 X, 2 Y.
+        axis: u8,
+    },
+    /// A radius outside [`RADII`].
+    Radius {
+        /// The radius, nm.
+        nm: u32,
+    },
+    /// Start and end of an arc are not as far from the centre.
+    Inconsistent {
+        /// Distance of the start, nm.
+        start: u32,
+        /// Distance of the end, nm.
+        end: u32,
+    },
+}
+
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (least, most) = RADII;
+        match self {
+            Refused::QueueFull => f.write_str("the path queue is full"),
+            Refused::NoLength => f.write_str("the piece of path has no length"),
+            Refused::TooFar { axis } => {
+                write!(f, "axis {axis} would be led farther than {REACH} nm from where the path begins")
+            }
+            Refused::Radius { nm } => write!(f, "a radius of {nm} nm is outside {least} to {most} nm"),
+            Refused::Inconsistent { start, end } => {
+                write!(
+                    f,
+                    "start and end are {start} and {end} nm from the centre, which may differ by {INCONSISTENCY} nm"
+                )
+            }
+        }
+    }
+}
+
+impl core::error::Error for Refused {}
+
+/// nm per count of each axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grid(pub [i64; AXES]);
+
+impl Grid {
+    /// A length in counts: the nearest.
+    pub fn counts(nm: i64, nm_per_count: i64) -> Fixed {
+        let half = nm_per_count >> 1;
+        let half = if nm < 0 { half.wrapping_neg() } else { half };
+        let scaled = (nm << FRACTION_BITS).wrapping_add(half);
+        Fixed(scaled.checked_div(nm_per_count).unwrap_or(0))
+    }
+
+    /// A length in nm, the nearest; at [`REACH`] where it is longer.
+    pub fn nm(counts: Fixed, nm_per_count: i64) -> i64 {
+        let scaled = counts.0.saturating_mul(nm_per_count);
+        (scaled.saturating_add(1 << (FRACTION_BITS - 1)) >> FRACTION_BITS).clamp(REACH.wrapping_neg(), REACH)
+    }
+}
+
+/// A point as the register keeps it: nm from where the path begins.
+pub(super) type Place = [i32; AXES];
+
+/// A segment as the register keeps it: 28 bytes. It begins where the one before ends.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Packed {
+    pub to: Place,
+    /// um, [`LENGTH_BITS`] places.
+    length: u32,
+    centre: [i32; 2],
+    shape: Shape,
+    pub mark: bool,
+    /// Jump of direction at its beginning, in parts of [`CORNER`].
+    corner: u8,
+}
+
+/// A segment, ready to be followed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Segment {
+    /// Straight.
+    Line(Line),
+    /// Circular.
+    Arc(Arc),
+}
+
+impl Packed {
+    /// Packs a piece that begins at a place; `to` is its end from where the path begins.
+    pub fn new(from: Place, to: Place, piece: &Piece) -> Result<Packed, Refused> {
+        let mut travel = [0u32; AXES];
+        for (travel, (from, to)) in travel.iter_mut().zip(from.iter().zip(&to)) {
+            *travel = to.abs_diff(*from);
+        }
+        let length = match piece.shape {
+            Shape::Line => length(travel.map(u64::from)),
+            Shape::Arc(plane, _) => {
+                let round = Packed::round(from, to, piece.centre, piece.shape).ok_or(Refused::NoLength)?;
+                let (least, most) = RADII;
+                if !(least..=most).contains(&i64::from(round.radius)) {
+                    return Err(Refused::Radius { nm: round.radius });
+                }
+                let [fu, fv, _] = plane.pick(from);
+                let [tu, tv, _] = plane.pick(to);
+                let [cu, cv] = piece.centre;
+                let off = |t: i32, f: i32, c: i32| t.saturating_sub(f).saturating_sub(c);
+                let end = distance([off(tu, fu, cu), off(tv, fv, cv)]);
+                if i64::from(end.abs_diff(round.radius)) > INCONSISTENCY {
+                    return Err(Refused::Inconsistent { start: round.radius, end });
+                }
+                let [_, _, along] = plane.pick(travel);
+                length([round.length(), along.into(), 0])
+            }
+        };
+        if length == 0 {
+            return Err(Refused::NoLength);
+        }
+        Ok(Packed { to, length, centre: piece.centre, shape: piece.shape, mark: piece.mark, corner: 0 })
+    }
+
+    /// Length, um.
+    pub fn length(&self) -> Fixed {
+        length_um(self.length)
+    }
+
+    /// Makes it ready; `start` is where it begins, in counts, `datum` where the path does.
+    pub fn unpack(&self, from: Place, start: Point, datum: &Point, grid: &Grid) -> Segment {
+        let end = counts(self.to, datum, grid);
+        match Packed::round(from, self.to, self.centre, self.shape) {
+            None => Segment::Line(Line::new(start, end, self.length())),
+            Some(round) => Segment::Arc(Arc::new(start, end, &round, self.length(), grid)),
+        }
+    }
+
+    fn round(from: Place, to: Place, centre: [i32; 2], shape: Shape) -> Option<Round> {
+        let Shape::Arc(plane, turn) = shape else { return None };
+        let [fu, fv, _] = plane.pick(from);
+        let [tu, tv, _] = plane.pick(to);
+        Some(Round::new([fu, fv], [tu, tv], centre, plane, turn))
+    }
+
+    /// How far down and up it leads at the most, nm from where the path begins.
+    pub fn extent(&self, from: Place) -> (i32, i32) {
+        let [start, ..] = from;
+        let [end, ..] = self.to;
+        let (mut least, mut most) = (start.min(end), start.max(end));
+        if let Some(round) = Packed::round(from, self.to, self.centre, self.shape) {
+            let radius = round.radius as i32;
+            let [cu, cv] = self.centre;
+            let (centre, top) = match round.plane {
+                Plane::Xy => return (least, most),
+                Plane::Zx => (start.saturating_add(cu), 0u32),
+                Plane::Yz => (start.saturating_add(cv), 1 << 30),
+            };
+            if round.passes(top) {
+                most = most.max(centre.saturating_add(radius));
+            }
+            if round.passes(top.wrapping_add(1 << 31)) {
+                least = least.min(centre.saturating_sub(radius));
+            }
+        }
+        (least, most)
+    }
+
+    /// Remembers how much the direction jumps at its beginning, from that of the one before; both of length 1.
+    pub fn join(&mut self, before: [f32; AXES], after: [f32; AXES]) {
+        let mut square = 0.0;
+        for (before, after) in before.iter().zip(&after) {
+            square += (after - before) * (after - before);
+        }
+        let jump = libm::sqrtf(square);
+        self.corner = if jump < SMOOTH { 0 } else { libm::ceilf(jump * CORNER) as u8 };
+    }
+
+    /// Jump of direction at its beginning: 0 for none, 2 for back along the same line. Never less than it is.
+    pub fn corner(&self) -> f32 {
+        f32::from(self.corner) * (1.0 / CORNER)
+    }
+}
+
+/// A place in counts.
+pub(super) fn counts(place: Place, datum: &Point, grid: &Grid) -> Point {
+    let mut point = *datum;
+    for (point, (nm, nm_per_count)) in point.iter_mut().zip(place.iter().zip(&grid.0)) {
+        *point = point.plus(Grid::counts((*nm).into(), *nm_per_count));
+    }
+    point
+}
+
+/// Length of a way in nm, as it is kept: um with [`LENGTH_BITS`] places; 0 only for none.
+pub(super) fn length(travel: [u64; AXES]) -> u32 {
+    let mut sum = 0u64;
+    for travel in travel {
+        sum = sum.saturating_add(travel.saturating_mul(travel));
+    }
+    // As many more places of the root as there is room for.
+    let places = (sum.leading_zeros() >> 1).min(31);
+    let root = (sum << (places << 1)).isqrt();
+    let scaled = (root << LENGTH_BITS).checked_div(1000u64 << places).unwrap_or(0);
+    let least = u64::from(sum > 0);
+    scaled.max(least).min(u32::MAX.into()) as u32
+}
+
+/// A length as it is kept, in um.
+pub(super) fn length_um(kept: u32) -> Fixed {
+    Fixed(i64::from(kept) << (FRACTION_BITS - LENGTH_BITS))
+}
+
+impl Segment {
+    /// Axis setpoints at a distance from the start, counts.
+    #[inline]
+    pub fn at(&self, distance: Fixed) -> Point {
+        match self {
+            Segment::Line(line) => line.at(distance),
+            Segment::Arc(arc) => arc.at(distance),
+        }
+    }
+
+    /// Length, um.
+    pub fn length(&self) -> Fixed {
+        match self {
+            Segment::Line(line) => line.length(),
+            Segment::Arc(arc) => arc.length(),
+        }
+    }
+
+    /// Axis travel for a short travel `by` along the path from a distance from the start, counts.
+    pub fn travel(&self, distance: Fixed, by: Fixed) -> Point {
+        self.slope(distance).map(|slope| super::line::product::<SLOPE_BITS>(by, slope))
+    }
+
+    /// Axis travel per path travel at a distance from the start, counts per um.
+    pub fn direction(&self, distance: Fixed) -> [f32; AXES] {
+        self.slope(distance).map(|slope| slope as f32 * (1.0 / (1u32 << SLOPE_BITS) as f32))
+    }
+
+    fn slope(&self, distance: Fixed) -> [i32; AXES] {
+        match self {
+            Segment::Line(line) => line.slope(),
+            Segment::Arc(arc) => arc.slope(distance),
+        }
+    }
+}
