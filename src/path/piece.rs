@@ -177,6 +177,8 @@ pub(super) struct Packed {
 /// A segment, ready to be followed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+// A line is 0 in memory: an empty register then is, and needs no image of 36 kB in flash.
+#[repr(u8)]
 pub enum Segment {
     /// Straight.
     Line(Line),
