@@ -132,6 +132,7 @@ impl Arc {
     }
 
     /// Axis travel per path travel at a distance from the start, counts per um, [`SLOPE_BITS`] places.
+    #[inline(never)]
     pub(super) fn slope(&self, distance: Fixed) -> [i32; AXES] {
         let [cosine, sine] = angle::cos_sin(self.angle(distance));
         let [ru, rv] = self.rim;

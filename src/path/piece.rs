@@ -326,15 +326,19 @@ impl Segment {
     }
 
     /// Axis travel for a short travel `by` along the path from a distance from the start, counts.
+    #[inline(always)]
     pub fn travel(&self, distance: Fixed, by: Fixed) -> Point {
         self.slope(distance).map(|slope| super::line::product::<SLOPE_BITS>(by, slope))
     }
 
     /// Axis travel per path travel at a distance from the start, counts per um.
+    #[inline(always)]
     pub fn direction(&self, distance: Fixed) -> [f32; AXES] {
         self.slope(distance).map(|slope| slope as f32 * (1.0 / (1u32 << SLOPE_BITS) as f32))
     }
 
+    /// Inlined, so that of a line nothing is worked out for axes that nobody asks about.
+    #[inline(always)]
     fn slope(&self, distance: Fixed) -> [i32; AXES] {
         match self {
             Segment::Line(line) => line.slope(),

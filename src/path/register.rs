@@ -337,11 +337,13 @@ impl<const N: usize> Register<N> {
 
     /// Axis travel for a short travel along the path from the present coordinate, counts: what a setpoint goes on by between
     /// two steps. A joint in between shows only at the next step.
+    #[inline(always)]
     pub fn travel(&self, by: Fixed) -> Point {
         self.now.travel(self.s.minus(self.start), by)
     }
 
     /// Axis travel per path travel at the present coordinate, counts per um.
+    #[inline(always)]
     pub fn direction(&self) -> [f32; AXES] {
         self.now.direction(self.s.minus(self.start))
     }
