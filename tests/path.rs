@@ -48,7 +48,7 @@ fn a_piece_that_leads_too_far_is_refused_and_changes_nothing() {
 #[test]
 fn an_arc_whose_radius_is_no_radius_is_refused() {
     let around =
-        |centre: [i32; 2]| Piece { shape: Shape::Arc(Plane::Xy, Turn::Forward), to: [0; 3], centre, mark: false };
+        |centre: [i32; 2]| Piece { shape: Shape::of(Plane::Xy, Turn::Forward), to: [0; 3], centre, mark: false };
     let (least, most) = RADII;
     for (nm, ok) in [(0, false), (least - 1, false), (least, true), (most, true), (most + 1, false)] {
         let answer = empty().append(&around([nm as i32, 0]));
@@ -60,7 +60,7 @@ fn an_arc_whose_radius_is_no_radius_is_refused() {
 #[test]
 fn an_arc_that_does_not_end_where_it_has_its_radius_is_refused() {
     let to = |off: i64| Piece {
-        shape: Shape::Arc(Plane::Zx, Turn::Backward),
+        shape: Shape::of(Plane::Zx, Turn::Backward),
         to: [1_000_000 + off, 1_000_000, 0],
         centre: [1_000_000, 0],
         mark: false,
@@ -95,7 +95,7 @@ fn a_retreat_ends_at_a_mark_unless_it_is_free() {
     assert_eq!(path.step(Fixed::whole(200)), None);
     assert_eq!(path.step(Fixed::whole(-300)), Some(Bound::Mark));
     assert_eq!(path.s(), Fixed::whole(1000));
-    assert_eq!(path.bound(), (Bound::Mark, Fixed::whole(1000)));
+    assert_eq!((path.left_behind().0, path.bound()), (0.0, Bound::Mark));
     path.free_retreat();
     assert_eq!(path.step(Fixed::whole(-300)), None);
     assert_eq!(path.step(Fixed::whole(-800)), Some(Bound::Memory));
@@ -105,7 +105,7 @@ fn a_retreat_ends_at_a_mark_unless_it_is_free() {
 fn before_a_corner_the_path_counts_as_ended_and_before_a_smooth_joint_it_does_not() {
     let radius = 1_000_000;
     let quarter = Piece {
-        shape: Shape::Arc(Plane::Zx, Turn::Forward),
+        shape: Shape::of(Plane::Zx, Turn::Forward),
         to: [1_000_000 + radius, radius, 0],
         centre: [0, radius as i32],
         mark: false,
@@ -232,11 +232,7 @@ proptest! {
     ) {
         let mut path = empty();
         for (to, centre, shape, mark) in pieces {
-            let plane = [Plane::Xy, Plane::Zx, Plane::Yz][usize::from(shape / 2 % 3)];
-            let shape = match shape {
-                6 => Shape::Line,
-                shape => Shape::Arc(plane, if shape % 2 == 0 { Turn::Forward } else { Turn::Backward }),
-            };
+            let shape = Shape::from_number(shape).unwrap();
             let piece = Piece { shape, to: to.map(|nm| i64::from(nm / 2)), centre, mark };
             prop_assert_eq!(path.extent(&piece).map(|_| ()), path.append(&piece));
         }

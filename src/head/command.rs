@@ -3,7 +3,7 @@
 use super::fault::Fault;
 use super::positioning::{Home, MotionLimits};
 use super::state::State;
-use crate::path;
+use crate::path::{self, Piece};
 use crate::units::{MicrometresPerSecond2, Nanometres};
 use core::fmt;
 
@@ -22,6 +22,10 @@ pub enum Command {
     MoveTo(Nanometres),
     /// Queue a straight move by a distance, from the end of the queue.
     MoveBy(Nanometres),
+    /// Queue a piece of path that ends at a position; X and Y are the host's.
+    AppendTo(Piece),
+    /// Queue a piece of path that ends as far away from the end of the queue.
+    AppendBy(Piece),
     /// Forget the queue; the path begins anew where the axis is.
     ClearPath,
     /// Move to a position on a profile, pulses off. A new target may be given on the way.
@@ -82,6 +86,8 @@ pub enum Refused {
     Doubted(Fault),
     /// A path is under way or queued: where it has got to is no reference.
     PathActive,
+    /// Axes beside the head's go along with a path coordinate, which `feed.structure` has none of.
+    Alone,
     /// No sense supply is fitted that would tell of a contact.
     NoSense,
 }
@@ -101,6 +107,7 @@ impl fmt::Display for Refused {
             Refused::Reacting(fault) => write!(f, "the reaction to {} still moves the head", fault.name()),
             Refused::Storing => f.write_str("settings are being stored"),
             Refused::PathActive => f.write_str("a path is under way or queued: clear it first"),
+            Refused::Alone => f.write_str("only with feed.structure = path other axes go along"),
             Refused::NoSense => f.write_str("no contact is sensed: contact.below_v is 0"),
             Refused::Doubted(fault) => write!(f, "after {} the head has to be enabled first", fault.name()),
         }

@@ -48,6 +48,7 @@ pub use supervise::{
 };
 
 use crate::gap::GapReading;
+use crate::path::Bound;
 use crate::servo::BackEmf;
 use crate::units::{Amps, CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, Volts};
 use edm_hal_shim::safety::SafetyInputs;
@@ -81,6 +82,10 @@ pub struct Status {
     pub velocity: CountsPerSecond,
     /// Path coordinate, um.
     pub path: Fixed,
+    /// Set points of X and Y when the newest plan comes into force, um.
+    pub beside: [Fixed; 2],
+    /// What the newest working retreat that ran out of path has come to its end at, since the start; a fault keeps it.
+    pub retreat_ended: Option<Bound>,
     /// Newest gap reading.
     pub gap: GapReading,
     /// Gap voltage to keep.

@@ -2,7 +2,7 @@
 
 use super::follow::{Estimate, Follow, Trajectory};
 use crate::feed::Limiter;
-use crate::path::{BESIDE_NM, Path, Refused};
+use crate::path::{AXES, BESIDE_NM, Bound, Path, Piece, Refused};
 use crate::servo::Window;
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, PLAN_TICKS, larger};
 use core::ops::DerefMut;
@@ -19,6 +19,8 @@ pub(super) struct Route<P> {
     begun: u32,
     /// Path coordinate where the work was found.
     work: Option<Fixed>,
+    /// What a working retreat has come to its end at.
+    ended: Option<Bound>,
     /// Counts per um that a path leads the axis by, for the axis to show the coordinate.
     steep: f32,
 }
@@ -36,7 +38,7 @@ pub(super) struct Bounds {
 impl<P: DerefMut<Target = Path>> Route<P> {
     pub fn new(mut path: P, nm_per_count: i64, retreat: Fixed) -> Route<P> {
         path.set_retreat(retreat);
-        let mut route = Route { path, limiter: Limiter::default(), begun: 0, work: None, steep: 0.0 };
+        let mut route = Route { path, limiter: Limiter::default(), begun: 0, work: None, ended: None, steep: 0.0 };
         route.scale(nm_per_count);
         route
     }
@@ -52,6 +54,9 @@ impl<P: DerefMut<Target = Path>> Route<P> {
         if now.paths == self.begun {
             let off = now.path_then.minus(self.path.s());
             self.path.step(off);
+            if off.0 < 0 && self.at_beginning() && self.path.is_bounded() {
+                self.ended = Some(self.path.bound());
+            }
             self.limiter.go_on_from(now.along);
         }
     }
@@ -74,6 +79,37 @@ impl<P: DerefMut<Target = Path>> Route<P> {
     pub fn push_line(&mut self, to: Fixed) -> Result<(), Refused> {
         let [_, x, y] = self.path.end();
         self.path.push_line([to, x, y])
+    }
+
+    /// Appends a piece.
+    pub fn append(&mut self, piece: &Piece) -> Result<(), Refused> {
+        self.path.append(piece)
+    }
+
+    /// How far up and down a piece leads the head, nm.
+    pub fn extent(&self, piece: &Piece) -> Result<(i64, i64), Refused> {
+        self.path.extent(piece)
+    }
+
+    /// Where the last segment ends, nm.
+    pub fn end_nm(&self) -> [i64; AXES] {
+        self.path.end_nm()
+    }
+
+    /// Set points of X and Y, um.
+    pub fn beside(&self) -> [Fixed; 2] {
+        let [_, x, y] = self.path.setpoint();
+        [x, y]
+    }
+
+    /// What a working retreat has come to its end at, the newest since it was forgotten.
+    pub fn ended(&self) -> Option<Bound> {
+        self.ended
+    }
+
+    /// Forgets what the retreats before have come to their end at.
+    pub fn forget_bound(&mut self) {
+        self.ended = None;
     }
 
     /// How far a retreat may go behind the furthest point.

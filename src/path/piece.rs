@@ -65,14 +65,64 @@ pub enum Turn {
     Backward,
 }
 
-/// What a piece of path looks like.
+/// What a piece of path looks like, by the numbers of 200Eh:6.
+///
+/// An arc goes around a centre in a plane, the third axis going along evenly. Back to where it begins in the plane it is a whole
+/// turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
 pub enum Shape {
     /// Straight.
     Line,
-    /// Around a centre in a plane, the third axis going along evenly. Back to where it begins in the plane it is a whole turn.
-    Arc(Plane, Turn),
+    /// In X-Y, from X toward Y.
+    Xy,
+    /// In X-Y, from Y toward X.
+    XyBack,
+    /// In down-X, from down toward X.
+    Zx,
+    /// In down-X, from X toward down.
+    ZxBack,
+    /// In Y-down, from Y toward down.
+    Yz,
+    /// In Y-down, from down toward Y.
+    YzBack,
+}
+
+impl Shape {
+    /// All, by their numbers.
+    pub const ALL: [Shape; 7] =
+        [Shape::Line, Shape::Xy, Shape::XyBack, Shape::Zx, Shape::ZxBack, Shape::Yz, Shape::YzBack];
+
+    /// By its number.
+    pub fn from_number(number: u8) -> Option<Shape> {
+        Shape::ALL.get(usize::from(number)).copied()
+    }
+
+    /// An arc in a plane.
+    pub fn of(plane: Plane, turn: Turn) -> Shape {
+        match (plane, turn) {
+            (Plane::Xy, Turn::Forward) => Shape::Xy,
+            (Plane::Xy, Turn::Backward) => Shape::XyBack,
+            (Plane::Zx, Turn::Forward) => Shape::Zx,
+            (Plane::Zx, Turn::Backward) => Shape::ZxBack,
+            (Plane::Yz, Turn::Forward) => Shape::Yz,
+            (Plane::Yz, Turn::Backward) => Shape::YzBack,
+        }
+    }
+
+    /// Plane and turn of an arc.
+    pub fn arc(self) -> Option<(Plane, Turn)> {
+        match self {
+            Shape::Line => None,
+            Shape::Xy => Some((Plane::Xy, Turn::Forward)),
+            Shape::XyBack => Some((Plane::Xy, Turn::Backward)),
+            Shape::Zx => Some((Plane::Zx, Turn::Forward)),
+            Shape::ZxBack => Some((Plane::Zx, Turn::Backward)),
+            Shape::Yz => Some((Plane::Yz, Turn::Forward)),
+            Shape::YzBack => Some((Plane::Yz, Turn::Backward)),
+        }
+    }
 }
 
 /// A piece of path, from where the one before ends.
@@ -193,9 +243,9 @@ impl Packed {
         for (travel, (from, to)) in travel.iter_mut().zip(from.iter().zip(&to)) {
             *travel = to.abs_diff(*from);
         }
-        let length = match piece.shape {
-            Shape::Line => length(travel.map(u64::from)),
-            Shape::Arc(plane, _) => {
+        let length = match piece.shape.arc() {
+            None => length(travel.map(u64::from)),
+            Some((plane, _)) => {
                 let round = Packed::round(from, to, piece.centre, piece.shape).ok_or(Refused::NoLength)?;
                 let (least, most) = RADII;
                 if !(least..=most).contains(&i64::from(round.radius)) {
@@ -234,7 +284,7 @@ impl Packed {
     }
 
     fn round(from: Place, to: Place, centre: [i32; 2], shape: Shape) -> Option<Round> {
-        let Shape::Arc(plane, turn) = shape else { return None };
+        let (plane, turn) = shape.arc()?;
         let [fu, fv, _] = plane.pick(from);
         let [tu, tv, _] = plane.pick(to);
         Some(Round::new([fu, fv], [tu, tv], centre, plane, turn))

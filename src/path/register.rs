@@ -428,15 +428,20 @@ impl<const N: usize> Register<N> {
         Micrometres(self.s.minus(self.floor().0).to_f32())
     }
 
-    /// What bounds a retreat, and the coordinate where.
-    pub fn bound(&self) -> (Bound, Fixed) {
-        let (floor, bound) = self.floor();
-        (bound, floor)
-    }
-
     /// Sets how far a retreat may go behind the furthest point; marks bound it as well.
     pub fn set_retreat(&mut self, retreat: Fixed) {
         (self.retreat, self.marks) = (retreat, true);
+    }
+
+    /// What bounds a retreat.
+    pub fn bound(&self) -> Bound {
+        let (_, bound) = self.floor();
+        bound
+    }
+
+    /// Whether distance and marks bound a retreat.
+    pub fn is_bounded(&self) -> bool {
+        self.marks
     }
 
     /// Lets a retreat go back as far as there is path.

@@ -6,5 +6,6 @@ mod edges;
 mod edm;
 mod flood;
 mod rig;
+mod segments;
 mod settings;
 mod sync_preview;

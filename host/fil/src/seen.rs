@@ -15,6 +15,7 @@ use edm_servo_head::head::{
     Breakaway, Command, Counters, Fault, Home, MotionLimits, SetPoint, State, Status, SupervisionLimits, TickInput,
 };
 use edm_servo_head::motion::Method;
+use edm_servo_head::path::{Piece, Shape};
 use edm_servo_head::units::{
     Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Volts,
 };
@@ -45,12 +46,14 @@ const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::
 const SUPERVISION: &str = "edm_servo_head::head::supervise::Config";
 const COMMAND: &str = "edm_servo_head::head::command::Command";
 /// Variants of [`Command`], and the number of fields that each has.
-const VARIANTS: [(&str, usize); 16] = [
+const VARIANTS: [(&str, usize); 18] = [
     ("Enable", 0),
     ("Disable", 0),
     ("SetHome", 1),
     ("MoveTo", 1),
     ("MoveBy", 1),
+    ("AppendTo", 1),
+    ("AppendBy", 1),
     ("ClearPath", 0),
     ("Position", 2),
     ("Touch", 2),
@@ -154,6 +157,7 @@ impl Places {
             CARRIED,
             "edm_servo_head::head::positioning::MotionLimits",
             "edm_servo_head::head::positioning::Home",
+            "edm_servo_head::path::piece::Piece",
             SERVO,
             GAP,
             BLOCKS,
@@ -201,6 +205,7 @@ impl Places {
                 encoder_ms, gated, gap_ms, host_ms, bus_min, current_max, current_ms;
             "edm_servo_head::head::positioning::MotionLimits" MotionLimits: velocity, acceleration, deceleration;
             "edm_servo_head::head::positioning::Home" Home: method, fast, slow, acceleration, at;
+            "edm_servo_head::path::piece::Piece" Piece: shape, to, centre, mark;
         );
         layout.same(BLOCKS, size_of::<Option<GapBlock>>(), &[])?;
         let symbol = |module, name| image.find(module, name).with_context(|| format!("the ELF has no symbol {name}"));
@@ -413,6 +418,8 @@ impl Places {
             "SetHome" => Command::SetHome(nm()?),
             "MoveTo" => Command::MoveTo(nm()?),
             "MoveBy" => Command::MoveBy(nm()?),
+            "AppendTo" => Command::AppendTo(piece(&view.inner(first))?),
+            "AppendBy" => Command::AppendBy(piece(&view.inner(first))?),
             "ClearPath" => Command::ClearPath,
             "Position" | "Touch" => {
                 let limits = view.inner(second);
@@ -496,6 +503,16 @@ impl View<'_> {
         let (low, high) = (self.word(offset)?, self.word(offset + 4)?);
         Ok((u64::from(high) << 32 | u64::from(low)).cast_signed())
     }
+}
+
+fn piece(view: &View) -> Result<Piece> {
+    let (to, centre) = (at!(Piece, to), at!(Piece, centre));
+    Ok(Piece {
+        shape: Shape::from_number(view.byte(at!(Piece, shape))? as u8).context("a shape that is none")?,
+        to: [view.long(to)?, view.long(to + 8)?, view.long(to + 16)?],
+        centre: [view.word(centre)?, view.word(centre + 4)?].map(u32::cast_signed),
+        mark: view.flag(at!(Piece, mark))?,
+    })
 }
 
 fn limits(view: &View) -> Result<SupervisionLimits> {

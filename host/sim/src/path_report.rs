@@ -85,7 +85,7 @@ impl Exact {
     /// From where a piece begins, nm.
     pub fn new(from: [i64; AXES], piece: &Piece) -> Exact {
         let (from, to) = (from.map(|nm| nm as f64 / 1000.0), piece.to.map(|nm| nm as f64 / 1000.0));
-        let Shape::Arc(plane, turn) = piece.shape else { return Exact { from, to, arc: None } };
+        let Some((plane, turn)) = piece.shape.arc() else { return Exact { from, to, arc: None } };
         let [u, v] = axes(plane);
         let [cu, cv] = piece.centre.map(|nm| f64::from(nm) / 1000.0);
         let centre = [from[u] + cu, from[v] + cv];
@@ -147,7 +147,7 @@ pub fn arc(from: [i64; AXES], plane: Plane, radius_nm: f64, begin: f64, swept: f
     }
     to[AXES - u - v] += along;
     let turn = if swept > 0.0 { Turn::Forward } else { Turn::Backward };
-    Piece { shape: Shape::Arc(plane, turn), to, centre, mark: false }
+    Piece { shape: Shape::of(plane, turn), to, centre, mark: false }
 }
 
 /// The mixed path of a seed, with what it is in real numbers.

@@ -148,6 +148,7 @@ numbered! {
         Refused::Path(path::Refused::TooFar { .. }) => 15 "farther than 1073 mm from where the path begins",
         Refused::Path(path::Refused::Radius { .. }) => 16 "a radius outside 0.01 to 536 mm",
         Refused::Path(path::Refused::Inconsistent { .. }) => 17 "start and end of an arc are not as far from its centre",
+        Refused::Alone => 18 "other axes go along only with feed.structure = path",
     }
 }
 

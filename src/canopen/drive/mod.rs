@@ -27,6 +27,7 @@ mod codes;
 mod machine;
 mod modes;
 mod scope;
+mod segment;
 mod state;
 mod stored;
 mod values;
@@ -48,6 +49,7 @@ use edm_hal_shim::self_test::SelfTest;
 use heapless::Deque;
 use modes::{Mode, SetPoints};
 use scope::{Scope, Trigger};
+use segment::Segment;
 use state::control;
 use stored::{Loading, Loss};
 
@@ -262,6 +264,8 @@ pub struct Drive {
     /// Long retreats before this erosion.
     retreats_before: u32,
     appended: u32,
+    /// The segment that a host writes.
+    segment: Segment,
     reason: u8,
     refusal: u8,
     finding: u8,
@@ -315,6 +319,7 @@ impl Drive {
             eroding: false,
             retreats_before: 0,
             appended: 0,
+            segment: Segment::default(),
             reason: 0,
             refusal: 0,
             finding: 0,
@@ -333,6 +338,7 @@ impl Drive {
         self.orders.clear();
         self.follow = None;
         self.set_points = SetPoints::default();
+        self.segment = Segment::default();
         (self.control, self.leaving, self.enabling, self.mode) = (0, None, false, Mode::None);
         self.load_defaults();
         (self.restarting, self.stale) = (true, false);
@@ -441,8 +447,13 @@ impl Drive {
         if !matches!(command, Command::Follow(..)) {
             self.in_flight = self.in_flight.saturating_sub(1);
         }
+        if matches!(command, Command::AppendTo(_) | Command::AppendBy(_)) {
+            self.segment.answered(result);
+        }
         match (command, result) {
-            (Command::MoveTo(_) | Command::MoveBy(_), Ok(())) => self.appended = self.appended.wrapping_add(1),
+            (Command::MoveTo(_) | Command::MoveBy(_) | Command::AppendTo(_) | Command::AppendBy(_), Ok(())) => {
+                self.appended = self.appended.wrapping_add(1)
+            }
             // The head erodes already, or nothing is queued yet: the drive asks whenever it may be so.
             (Command::Start, Err(Refused::State(_) | Refused::NoPath)) | (_, Ok(())) => {}
             (command, Err(refused)) => {

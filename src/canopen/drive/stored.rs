@@ -16,7 +16,7 @@
 //! older image or none at all could be read: nobody knows what the newest said of the wiring.
 
 use super::{Drive, codes};
-use crate::canopen::objects::{COUNT, Decoded, Item, Row, entry, rows, setting_address_at, setting_kind};
+use crate::canopen::objects::{COUNT, Decoded, Item, Row, STORABLE, entry, rows, setting_address_at, setting_kind};
 use crate::canopen::{Abort, BootError, Group, Listed, Node, Record, Restored, STORED};
 use crate::settings::{Declared, SettingError, Settings, place};
 use crate::stored::{Full, LoadReport, Outcome, Putting, ROOM, StoredImage};
@@ -33,8 +33,8 @@ const fn group(key: &str) -> u16 {
 }
 
 // Whatever can be stored at all has room, and in 500 settings more.
-const _: () = assert!(Settings::COUNT + COUNT + STORED <= ROOM);
-const _: () = assert!(500 + COUNT + STORED <= ROOM);
+const _: () = assert!(Settings::COUNT + STORABLE + STORED <= ROOM);
+const _: () = assert!(500 + STORABLE + STORED <= ROOM);
 
 /// What the drive has to tell of what was stored, until somebody has taken note of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

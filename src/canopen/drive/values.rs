@@ -5,8 +5,9 @@ use super::{Drive, Order, TaskTimer, clamp32, codes};
 use crate::canopen::objects::{Decoded, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Written};
 use crate::head::{self, Command};
+use crate::path::{BESIDE_NM, Bound};
 use crate::settings::{Change, Declared, Kind, SettingError, Settings, place};
-use crate::units::Volts;
+use crate::units::{FRACTION_BITS, Volts};
 
 /// Settings that the profile has its own objects for.
 const FOLLOWING_WINDOW: u16 = place(Settings::KEYS, "supervise.following_um") as u16;
@@ -123,6 +124,20 @@ impl Drive {
             Item::StoppedBy => self.stopped_by.into(),
             Item::QueueSpace => self.queue_space().into(),
             Item::QueueSegment => self.appended.saturating_sub(status.waiting.into()).into(),
+            Item::SegmentRefused => self.segment.refused.into(),
+            Item::SegmentsAppended => self.appended.into(),
+            Item::RetreatBound => match status.retreat_ended {
+                Some(Bound::Memory) => 1,
+                Some(Bound::Distance) => 2,
+                Some(Bound::Mark) => 3,
+                _ => 0,
+            },
+            Item::SetpointX | Item::SetpointY => {
+                let [x, y] = status.beside;
+                let um = if item == Item::SetpointX { x } else { y };
+                let nm = um.0.saturating_mul(BESIDE_NM).saturating_add(1 << (FRACTION_BITS - 1)) >> FRACTION_BITS;
+                clamp32(nm).into()
+            }
             Item::PathCoordinate => clamp32(status.path.round()).into(),
             Item::PathFeed => i64::from(status.feed.0 as i32),
             Item::GapVoltage => centivolts(status.gap.filtered),
@@ -234,6 +249,8 @@ impl Drive {
             Item::QueueAppendBy => {
                 return done(self.queues() && self.command(Command::MoveBy(self.nanometres(number))));
             }
+            Item::SegmentCommit if value == 1 => return done(self.commit_segment()),
+            Item::SegmentCommit => self.segment.forget(),
             Item::QueueClear if value == 1 => {
                 return done(!self.status.state.pulses() && self.acts() && self.command(Command::ClearPath));
             }
@@ -245,6 +262,7 @@ impl Drive {
             _ => {}
         }
         self.set(item, number);
+        self.segment.written(item);
         match item {
             Item::TargetVelocity => self.velocity_written(before),
             Item::ErodeEnable => self.erode_written(),

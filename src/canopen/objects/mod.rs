@@ -124,6 +124,16 @@ impl Row {
     }
 }
 
+/// Rows that 1010h stores.
+pub const STORABLE: usize = {
+    let (mut at, mut storable) = (0, 0);
+    while at < COUNT {
+        storable += TABLE[at].store as usize;
+        at += 1;
+    }
+    storable
+};
+
 // Rows rise, so none is there twice, and none is where settings are.
 const _: () = {
     let mut at = 0;

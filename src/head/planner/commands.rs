@@ -4,6 +4,7 @@ use super::{Planner, Touching};
 use crate::gap::OpenCircuit;
 use crate::head::command::{Command, Refused};
 use crate::head::commissioning::Commissioning;
+use crate::head::config::Structure;
 use crate::head::fault::Fault;
 use crate::head::follow::{Concerns, LEAD, SET_POINT_LATE};
 use crate::head::permit::WritePermit;
@@ -12,7 +13,7 @@ use crate::head::proof::{Goal, Proof};
 use crate::head::reaction::Reacting;
 use crate::head::state::{Reason, State};
 use crate::motion::{Homing, Ramp};
-use crate::path::Path;
+use crate::path::{Path, Piece, Shape};
 use crate::units::{CountsPerSecond, CountsPerSecond2, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 use core::ops::DerefMut;
 
@@ -36,6 +37,15 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 let end = self.route.end();
                 self.queue(state, end.plus(self.config.axis.counts(by)))
             }
+            Command::AppendTo(_) if !self.status.homed => Err(Refused::NotHomed),
+            Command::AppendTo(piece) => self.append(state, &piece),
+            Command::AppendBy(piece) => {
+                let mut to = self.route.end_nm();
+                for (to, by) in to.iter_mut().zip(piece.to) {
+                    *to = to.saturating_add(by);
+                }
+                self.append(state, &Piece { to, ..piece })
+            }
             Command::ClearPath => {
                 if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
                     return Err(Refused::State(state));
@@ -57,6 +67,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                     return Err(Refused::NoPath);
                 }
                 self.refuse_hazard(true)?;
+                self.route.forget_bound();
                 self.enter(State::Seeking, Reason::Started);
                 Ok(())
             }
@@ -184,10 +195,29 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         Ok(())
     }
 
-    fn queue(&mut self, state: State, to: Fixed) -> Result<(), Refused> {
+    fn may_queue(&self, state: State) -> Result<(), Refused> {
         if !state.follows() || matches!(state, State::Positioning | State::Homing) {
             return Err(Refused::State(state));
         }
+        Ok(())
+    }
+
+    fn append(&mut self, state: State, piece: &Piece) -> Result<(), Refused> {
+        self.may_queue(state)?;
+        let [_, to_x, to_y] = piece.to;
+        let [_, x, y] = self.route.end_nm();
+        let beside = (to_x, to_y) != (x, y) || piece.shape != Shape::Line;
+        if beside && self.config.structure != Structure::Path {
+            return Err(Refused::Alone);
+        }
+        let (up, down) = self.route.extent(piece).map_err(Refused::Path)?;
+        self.within_travel(Nanometres(up))?;
+        self.within_travel(Nanometres(down))?;
+        self.route.append(piece).map_err(Refused::Path)
+    }
+
+    fn queue(&mut self, state: State, to: Fixed) -> Result<(), Refused> {
+        self.may_queue(state)?;
         let (min, max) = self.config.axis.travel;
         let outside = to < self.config.axis.counts(min) || to > self.config.axis.counts(max);
         if self.status.homed && outside {

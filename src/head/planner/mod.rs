@@ -267,6 +267,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *lift = self.ready_lift();
         self.status.path = self.route.s();
         self.status.waiting = self.route.waiting();
+        self.status.beside = self.route.beside();
+        self.status.retreat_ended = self.route.ended();
     }
 
     /// What the estimate says, for whom it concerns.

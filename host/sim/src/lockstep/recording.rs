@@ -13,6 +13,7 @@ use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{Command, Counters, Fault, Home, MotionLimits, SetPoint, State, Status, TickInput};
 use edm_servo_head::motion::Method;
+use edm_servo_head::path::{Piece, Shape};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{
     Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Volts,
@@ -238,6 +239,12 @@ fn command_numbers(command: Command) -> [u64; COMMAND] {
         Command::Home(Home { method, fast, slow, acceleration, at }) => {
             return [14, at.0 as u64, float(fast.0), float(slow.0), float(acceleration.0), method as u64];
         }
+        Command::AppendTo(piece) | Command::AppendBy(piece) => {
+            let Piece { shape, to: [down, x, y], centre: [u, v], mark } = piece;
+            let number = if matches!(command, Command::AppendTo(_)) { 17 } else { 18 };
+            let centre = u64::from(u.cast_unsigned()) | u64::from(v.cast_unsigned()) << 32;
+            return [number, down as u64, x as u64, y as u64, centre, shape as u64 | u64::from(mark) << 8];
+        }
         Command::Brake(deceleration) => return [15, 0, float(deceleration.0), 0, 0, 0],
     };
     [number, nm as u64, 0, 0, 0, 0]
@@ -274,6 +281,15 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
             acceleration: MicrometresPerSecond2(float(c)),
             at: nm,
         }),
+        17 | 18 => {
+            let piece = Piece {
+                shape: Shape::from_number(d as u8).ok_or(Error::Damaged("shape"))?,
+                to: [nm.0, a as i64, b as i64],
+                centre: [c as i32, (c >> 32) as i32],
+                mark: d >> 8 != 0,
+            };
+            if number == 17 { Command::AppendTo(piece) } else { Command::AppendBy(piece) }
+        }
         15 => Command::Brake(MicrometresPerSecond2(float(a))),
         _ => return Err(Error::Damaged("command")),
     })
@@ -481,7 +497,14 @@ mod tests {
     fn numbers_come_back() {
         let block = GapBlock { codes: core::array::from_fn(|i| (i * 160) as u16 ^ 0x0aa5), gate: 0x01ff_fffe };
         assert_eq!(block_of(&block_numbers(&block)), block);
-        for command in [Command::MoveBy(Nanometres(-1_234_567)), Command::SetHome(Nanometres(5)), Command::Start] {
+        let piece = Piece { shape: Shape::YzBack, to: [-1, 2, i64::MIN], centre: [-3, 4], mark: true };
+        for command in [
+            Command::MoveBy(Nanometres(-1_234_567)),
+            Command::SetHome(Nanometres(5)),
+            Command::Start,
+            Command::AppendTo(piece),
+            Command::AppendBy(Piece { mark: false, ..piece }),
+        ] {
             assert_eq!(command_of(&command_numbers(command)).unwrap(), command);
         }
         let counters = Counters {
