@@ -11,6 +11,7 @@ use edm_hal_shim::reflex::Limits;
 use edm_hal_shim::task_watchdog::TaskWatchdog;
 use edm_servo_head::canopen::drive::TASKS;
 use edm_servo_head::canopen::{Frame, Group};
+use edm_servo_head::gap::pulses::CLASSES;
 use edm_servo_head::gap::{GapReading, voltage};
 use edm_servo_head::head::{
     Change, Command, Config, Counters, Estimate, Fault, Finding, FollowConfig, Judged, Measured, Plan, Refused, Report,
@@ -72,6 +73,8 @@ pub struct Signals {
     pub lost_blocks: Word,
     /// Pulses that the high comparator has not shown, and the low one, thousands.
     pub unseen: [Word; 2],
+    /// Looks at pulses of each class, of the last 200 ms. One may be a millisecond newer than another.
+    pub looks: [Word; CLASSES],
     /// Frames did not fit the ring to the controller: the protocol wants to run when it is empty.
     pub backlog: Flag,
     /// A frame came in since the last supervision.
@@ -105,6 +108,7 @@ impl Signals {
             lost_ticks: Word::new(0),
             lost_blocks: Word::new(0),
             unseen: [const { Word::new(0) }; 2],
+            looks: [const { Word::new(0) }; CLASSES],
             backlog: Flag::new(),
             host: Flag::new(),
             settings_damaged: Flag::new(),

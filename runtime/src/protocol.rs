@@ -11,6 +11,7 @@ use crate::crossings::{
     StorageJob,
 };
 use crate::timers::Timers;
+use edm_crossing::atomic::Word;
 use edm_crossing::latest::{Reader, Writer};
 use edm_crossing::ring::{Receiver, Sender};
 use edm_hal_shim::can::{Filters, Trouble};
@@ -201,6 +202,7 @@ impl<B: Board> Protocol<B> {
         }
         if whole {
             self.drive.set_timers(self.timers.read(&self.signals.times, now));
+            self.drive.set_looks(self.signals.looks.each_ref().map(Word::load));
         }
         whole
     }

@@ -75,6 +75,9 @@ impl<B: Board> Supervise<B> {
         for (unseen, of) in self.signals.unseen.iter().zip(self.supervisor.unseen()) {
             unseen.store(of);
         }
+        for (looks, of) in self.signals.looks.iter().zip(self.supervisor.shares().counts()) {
+            looks.store(of.into());
+        }
         if let Some(fault) = fault {
             self.faults.send(fault);
             self.signals.waiting.set();

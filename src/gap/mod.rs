@@ -9,6 +9,7 @@
 mod gated;
 mod open_circuit;
 mod pulse_watch;
+pub mod pulses;
 mod surrogate;
 pub mod voltage;
 

@@ -10,6 +10,7 @@ use super::fault::Fault;
 use super::follow::Measured;
 use super::state::State;
 use crate::encoder::{MarkCheck, MarkSpacing, Plausibility, PlausibilityLimits, Snapshot};
+use crate::gap::pulses::{self, Pulses, Shares};
 use crate::gap::{PulseFault, PulseSeen, PulseWatch, Quality};
 use crate::kept::parts;
 use crate::servo::{BackEmf, CurrentGuard, CurrentLimits, Gains, Plant};
@@ -46,6 +47,8 @@ pub struct Limits {
     pub current_max: Amps,
     /// For so long.
     pub current_ms: u32,
+    /// When arcs stay, and what tells them from sparks.
+    pub arcs: pulses::Config,
 }
 
 /// What no friction withstands.
@@ -207,6 +210,7 @@ pub struct Supervisor {
     current: Lasting,
     drive: Lasting,
     pulses: PulseWatch,
+    classes: Pulses,
 }
 
 impl Supervisor {
@@ -222,6 +226,11 @@ impl Supervisor {
     /// Pulses that the high comparator has not shown, and the low one, thousands, wrapping.
     pub fn unseen(&self) -> [u32; 2] {
         self.pulses.unseen()
+    }
+
+    /// Classes of the pulses of the last 200 ms.
+    pub fn shares(&self) -> &Shares {
+        self.classes.shares()
     }
 
     /// What was looked at last.
@@ -258,6 +267,7 @@ impl Supervisor {
         let gap = self.gap.longer_than(limits.gap_ms, now.pulses && bad) || code_stands;
         let seen = PulseSeen { permitted: now.permitted, watched: now.state != State::Disabled, short: now.short };
         let pulses = self.pulses.look(counters.pulses, seen);
+        let arcs = self.classes.look(&limits.arcs, counters.pulses, now.permitted);
         let gateless = now.quality == Quality::NoGate || limits.gated && !self.pulses.come();
         let gate = self.gate.longer_than(limits.gap_ms, now.pulses && gateless);
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;
@@ -273,6 +283,7 @@ impl Supervisor {
             (gate, Fault::GateMissing),
             (pulses == Some(PulseFault::Unpermitted), Fault::UnpermittedPulses),
             (pulses == Some(PulseFault::Unseen), Fault::ReflexLost),
+            (arcs, Fault::PersistentArc),
             (silent, Fault::HostSilent),
         ]
         .into_iter()

@@ -4,7 +4,7 @@ use super::{Declared, SetpointUnit, SettingError, Settings, Value, place};
 use crate::dsp::chain;
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::Limits;
-use crate::gap::voltage;
+use crate::gap::{pulses, voltage};
 use crate::head::{
     Axis, Breakaway, CommissioningConfig, Config, Contact, Lift, Retreat, Seek, Setpoint, SupervisionLimits,
 };
@@ -67,6 +67,7 @@ impl Settings {
             "must be below gap.open_min_v, or the head would only ever feed",
         )?;
         conflict(self.gap_short >= self.gap_open_min, const { name("gap.short_v") }, "must be below gap.open_min_v")?;
+        conflict(self.gap_arc < self.gap_short, const { name("gap.arc_below_v") }, "must not be below gap.short_v")?;
         conflict(
             self.motor_continuous > self.motor_peak,
             const { name("motor.continuous_a") },
@@ -98,12 +99,9 @@ impl Settings {
             "must be able to lift axis.mass_kg with a fifth to spare",
         )?;
         let off_time_ns = (self.generator_off_time_us * 1000.0) as u32;
-        Ok(Active {
-            gap: self.gap()?,
-            reflex: self.reflex()?,
-            off_time_ns: (off_time_ns > 0).then_some(off_time_ns),
-            head: self.head(axis),
-        })
+        let (gap, reflex) = (self.gap()?, self.reflex()?);
+        let head = self.head(axis, reflex.current);
+        Ok(Active { gap, reflex, off_time_ns: (off_time_ns > 0).then_some(off_time_ns), head })
     }
 
     /// Thresholds of the reflex in converter codes and clock ticks.
@@ -201,7 +199,19 @@ impl Settings {
         }
     }
 
-    fn head(&self, axis: Axis) -> Config {
+    /// What tells pulses apart, in converter codes; `current` is that of the reflex.
+    fn levels(&self, current: u16) -> pulses::Levels {
+        let codes = |volts: f32| (volts / self.gap_volts_per_code) as i32;
+        pulses::Levels {
+            zero: self.gap_zero_code as u16,
+            reversed: self.gap_reversed,
+            current,
+            short: codes(self.gap_short),
+            arc: codes(self.gap_arc),
+        }
+    }
+
+    fn head(&self, axis: Axis, current: u16) -> Config {
         let plant = &axis.plant;
         let holding = axis.gains.holding();
         let weight = plant.duty(plant.weight());
@@ -264,6 +274,7 @@ impl Settings {
                 bus_min: Volts(self.motor_bus_min),
                 current_max: Amps(self.motor_peak * 1.25),
                 current_ms: 2,
+                arcs: pulses::Config { levels: self.levels(current), share: self.arc_share, ms: self.arc_ms },
             },
             commissioning: CommissioningConfig {
                 duty: self.commission_duty,

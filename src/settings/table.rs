@@ -65,6 +65,9 @@ declare! {
         /// Lowest open-circuit voltage to start with.
         0x2100:18 gap_open_min: f32 = 70.0, (1.0, 300.0), "gap.open_min_v", "V", "assumed: 100 V of [R] less 30 %", rises "a lower one would start on a dead gap signal";
 
+        /// Gap voltage below which a pulse with current, and no short, is an arc.
+        0x2100:19 gap_arc: f32 = 34.0, (1.0, 200.0), "gap.arc_below_v", "V", "assumed: midway from arcs of 28 V to sparks of 40 V", rises "a lower one would hide arcs";
+
         /// Off-time requested of the generator; 0 leaves its own.
         0x2101:1 generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: the generator is set at itself; range of docs/wiring.md", live;
 
@@ -193,6 +196,11 @@ declare! {
         0x210A:7 gap_bad_ms: u32 = 20, (1, 1000), "supervise.gap_ms", "ms", "assumed", falls "a fault would show later";
         /// Longest silence of the bus while the loop is closed; 0 does not watch. 1016h watches one host by its heartbeats.
         0x210A:8 host_ms: u32 = 0, (0, 60_000), "supervise.host_ms", "ms", "CiA 301 7.2.8: guarding is off until a host asks for it", falls_from_never "a silent host would show later, or never";
+
+        /// Share of pulses that are arcs, in 200 ms, above which arcs persist; 101 looks for none.
+        0x210A:9 arc_share: u32 = 60, (1, 101), "supervise.arc_percent", "%", "assumed: above the 37 % of host/sim/tests/arcs.rs, where the work goes on", falls "persistent arcs would show later, or never";
+        /// Time that arcs may have more than that.
+        0x210A:10 arc_ms: u32 = 50, (0, 10_000), "supervise.arc_ms", "ms", "assumed", falls "a fault would show later";
 
         /// Longest lift of a head without a closed loop.
         0x210B:1 lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md", disabled "the lift of a fault is reckoned from it";

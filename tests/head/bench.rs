@@ -45,6 +45,8 @@ pub struct Bench {
     pub reflex: bool,
     /// Edges of the gate in each tick, which start no conversion.
     pub edges: u8,
+    /// What of a hundred pulses arcs.
+    pub arcs: u32,
     pulses: PulseCounts,
     pub drive_stands: bool,
     count: i64,
@@ -86,6 +88,7 @@ impl Bench {
             stroke_m: 0.012,
             reflex: false,
             edges: 0,
+            arcs: 0,
             pulses: PulseCounts::default(),
             drive_stands: false,
             count: 0,
@@ -224,8 +227,12 @@ impl Bench {
         let [edges, conversions] = if self.output.pulses && self.quality != Quality::NoGate { [2, 1] } else { [0; 2] };
         self.pulses.edges = self.pulses.edges.wrapping_add(self.edges.wrapping_add(edges));
         self.pulses.conversions = self.pulses.conversions.wrapping_add(conversions);
-        // Sound converters and comparators.
-        self.pulses.newest = [self.pulses.conversions.into(); 2];
+        // Sound converters and comparators: an open pulse, or an arc of 28 V and 10 A, and noise. Evenly mixed over the looks.
+        let looks = self.ticks / 20 * u64::from(self.arcs);
+        let arc = looks % 100 < u64::from(self.arcs);
+        let noise = (self.ticks % 7) as u16;
+        self.pulses.newest =
+            if arc { [2669, 690].map(|code| code + noise) } else { [2048, 1410].map(|code| code + noise) };
         self.pulses.comparators = [self.pulses.edges; 2];
         self.pulses.shorts = self.pulses.shorts.wrapping_add((self.short_ticks > 0).into());
         let inputs = Inputs {

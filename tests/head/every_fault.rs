@@ -11,8 +11,6 @@ use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanomet
 /// compile.
 fn caused(fault: Fault) -> Option<Bench> {
     let mut bench = match fault {
-        // Nothing finds arcs that stay at one spot yet.
-        Fault::PersistentArc => return None,
         // This head makes its plans in time: tests/runtime/late_plans.rs.
         Fault::PlanLate => return None,
         // This board has passed: tests/runtime/self_test.rs.
@@ -41,7 +39,8 @@ fn caused(fault: Fault) -> Option<Bench> {
         _ => Bench::eroding(),
     };
     match fault {
-        Fault::PersistentArc | Fault::PlanLate | Fault::Unfit | Fault::SettingsDamaged => {}
+        Fault::PersistentArc => bench.arcs = 100,
+        Fault::PlanLate | Fault::Unfit | Fault::SettingsDamaged => {}
         Fault::LiveLost | Fault::LiveStuck | Fault::ClockLost => {}
         Fault::PersistentShort => bench.follows = Some(-1.0),
         Fault::GapSignalInvalid => bench.quality = Quality::Missing,

@@ -63,9 +63,9 @@ fn place() -> usize {
     (written().wrapping_sub(1) & !1) as usize % RING
 }
 
-/// Current and voltage of the newest pulse, converter codes.
+/// Current and voltage of the newest pulse of which both are there, converter codes.
 pub fn newest() -> [u16; 2] {
-    let at = place();
+    let at = (written().wrapping_sub(2) & !1) as usize % RING;
     [at, at + 1].map(|at| PULSES.get(at).map_or(0, |code| code.load(Relaxed)))
 }
 

@@ -8,14 +8,14 @@
 //!
 //! Noise and hum of a conversion are those of the nearest conversion of the process model's own block.
 //!
-//! Assumed here, because the process model has no gap current: a discharge or a short carries [`DISCHARGE_A`].
+//! A discharge or a short carries the current of the process, or what `edm_sim::process` assumes where it has none.
 
 use crate::live::Latch;
 use crate::wires::*;
 use edm_hal_shim::bridge::Drive as Bridge;
 use edm_hal_shim::gap::BLOCK;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
-use edm_sim::process::{Parameters, Piece, Plant, Process};
+use edm_sim::process::{Parameters, Piece, Plant, Process, assumed_amps, current_code};
 use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, TICK_HZ, World};
 use std::collections::VecDeque;
 
@@ -23,8 +23,7 @@ use std::collections::VecDeque;
 pub const WINDOW: u64 = TICK_HZ / 20_000;
 /// From the beginning of a window to the moment at which it is computed: outputs that change with the period have changed.
 const SETTLE: u64 = 16;
-/// Share of the open-circuit voltage above which no current flows, and those of the comparators.
-const BURNING: f64 = 0.75;
+/// Shares of the open-circuit voltage at which the comparators switch.
 const HIGH: f64 = 0.7;
 const LOW: f64 = 0.2;
 
@@ -292,10 +291,7 @@ impl Bench {
     }
 
     fn gap_current(&self, at: u64) -> u16 {
-        let assumed = |piece: &Piece| {
-            let flows = piece.gate && piece.volts.abs() < BURNING * self.open_v;
-            if flows { DISCHARGE_A } else { 0.0 }
-        };
+        let assumed = |piece: &Piece| assumed_amps(piece.gate, piece.volts, self.open_v);
         let amps = self.piece(at).map_or(0.0, |(piece, us)| piece.amps_at(us).unwrap_or_else(|| assumed(piece)));
         // Noise of two codes: what the voltage has at that moment decides.
         let noise = f64::from(self.gap_voltage(at) % 5) - 2.0;

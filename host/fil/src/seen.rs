@@ -11,6 +11,7 @@ use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
+use edm_servo_head::gap::pulses::{Config as ArcConfig, Levels};
 use edm_servo_head::head::{
     Breakaway, Command, Counters, Fault, Home, MotionLimits, SetPoint, State, Status, SupervisionLimits, TickInput,
 };
@@ -202,7 +203,9 @@ impl Places {
                 bridge_fault, supply_low;
             "edm_hal_shim::safety::DriveCodes" DriveCodes: motor_current, bus_voltage;
             "edm_servo_head::head::supervise::Limits" SupervisionLimits: following, following_ms, runaway, velocity, resistance,
-                encoder_ms, gated, gap_ms, host_ms, bus_min, current_max, current_ms;
+                encoder_ms, gated, gap_ms, host_ms, bus_min, current_max, current_ms, arcs;
+            "edm_servo_head::gap::pulses::Config" ArcConfig: levels, share, ms;
+            "edm_servo_head::gap::pulses::class::Levels" Levels: zero, reversed, current, short, arc;
             "edm_servo_head::head::positioning::MotionLimits" MotionLimits: velocity, acceleration, deceleration;
             "edm_servo_head::head::positioning::Home" Home: method, fast, slow, acceleration, at;
             "edm_servo_head::path::piece::Piece" Piece: shape, to, centre, mark;
@@ -530,6 +533,22 @@ fn limits(view: &View) -> Result<SupervisionLimits> {
         bus_min: Volts(view.float(at!(SupervisionLimits, bus_min))?),
         current_max: Amps(view.float(at!(SupervisionLimits, current_max))?),
         current_ms: view.word(at!(SupervisionLimits, current_ms))?,
+        arcs: arcs(&View { at: view.at + at!(SupervisionLimits, arcs) as u32, ..*view })?,
+    })
+}
+
+fn arcs(view: &View) -> Result<ArcConfig> {
+    let levels = view.inner(at!(ArcConfig, levels));
+    Ok(ArcConfig {
+        levels: Levels {
+            zero: levels.half(at!(Levels, zero))?,
+            reversed: levels.flag(at!(Levels, reversed))?,
+            current: levels.half(at!(Levels, current))?,
+            short: levels.word(at!(Levels, short))?.cast_signed(),
+            arc: levels.word(at!(Levels, arc))?.cast_signed(),
+        },
+        share: view.word(at!(ArcConfig, share))?,
+        ms: view.word(at!(ArcConfig, ms))?,
     })
 }
 

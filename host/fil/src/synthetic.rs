@@ -3,6 +3,7 @@
 
 use crate::live::Latch;
 use crate::wires::*;
+use edm_sim::process::{DISCHARGE_A, current_code};
 use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, TICK_HZ, World};
 use std::collections::BTreeMap;
 

@@ -45,10 +45,3 @@ pub const GAP_CURRENT: u8 = F405::TABLE.adc_channel("gap_current");
 pub const MOTOR_CURRENT: u8 = F405::TABLE.adc_channel("motor_current");
 /// Converter channel of the bus voltage.
 pub const BUS_VOLTAGE: u8 = F405::TABLE.adc_channel("bus_voltage");
-
-/// Code of a gap current, A: sensor of docs/wiring.md, 16.1 A for 1000 codes about mid-scale.
-pub fn current_code(amperes: f64) -> f64 {
-    2048.0 + amperes * 1000.0 / 16.1
-}
-/// Current of a discharge or a short, A: assumed, because no process here has a current.
-pub const DISCHARGE_A: f64 = 10.0;

@@ -175,11 +175,13 @@ pub struct Orders {
     pub dead: bool,
     /// The contact sense supply gives nothing.
     pub senseless: bool,
+    /// Share of the pulses that arc whatever the gap is like.
+    pub arcs: f64,
 }
 
 impl Default for Orders {
     fn default() -> Orders {
-        Orders { pulses: true, off_us: None, shorted: false, dead: false, senseless: false }
+        Orders { pulses: true, off_us: None, shorted: false, dead: false, senseless: false, arcs: 0.0 }
     }
 }
 
@@ -412,7 +414,7 @@ impl Generator {
             }
             now = at;
             match self.phase {
-                Phase::Off { .. } => self.begin_pulse(now, gap, touching, wires),
+                Phase::Off { .. } => self.begin_pulse(now, gap, touching, orders.arcs, wires),
                 Phase::Waiting { .. } if now < closes => {
                     let facet = gap.surface.pick(self.place.unit());
                     self.count(Class::Spark, now, wires);
@@ -422,7 +424,7 @@ impl Generator {
                     self.count(Class::Open, now, wires);
                     self.end_pulse(now, gap, orders, wires);
                 }
-                Phase::Burning { .. } if now < closes => self.drained(now, gap, touching, wires),
+                Phase::Burning { .. } if now < closes => self.drained(now, gap, touching, orders.arcs, wires),
                 Phase::Burning { .. } | Phase::Drained | Phase::Shorted => self.end_pulse(now, gap, orders, wires),
             }
         }
@@ -452,7 +454,7 @@ impl Generator {
     }
 
     #[inline]
-    fn begin_pulse(&mut self, now: f64, gap: &mut Gap, touching: bool, wires: &mut impl Wires) {
+    fn begin_pulse(&mut self, now: f64, gap: &mut Gap, touching: bool, arcs: f64, wires: &mut impl Wires) {
         let p = &self.p;
         let fixed = matches!(p.kind, Kind::IsoFrequency | Kind::ControlledRc);
         self.gate = (now, now + if fixed { p.on_us } else { p.wait_us });
@@ -469,7 +471,15 @@ impl Generator {
             return self.short(now, gap, wires);
         }
         self.shorts_in_a_row = 0;
-        if let Some(last) = self.last.take() {
+        let last = self.last.take();
+        // Without the order nothing is drawn for it: the run of a seed stays what it was.
+        if arcs > 0.0 && self.arcs.unit() < arcs {
+            let facet = last.map_or_else(|| gap.surface.pick(self.place.unit()), |last| last.facet);
+            let stays = last.is_some_and(|last| last.arc);
+            self.count(if stays { Class::StableArc } else { Class::Arc }, now, wires);
+            return self.burn(now, facet, true, wires);
+        }
+        if let Some(last) = last {
             // A capacitor that is charged over the gap has no off-time: the voltage comes back by itself.
             let recovered = now - last.ended + if p.kind == Kind::Rc { RISE_DELAYS * rise } else { 0.0 };
             let over = recovered / gap.recovery_us(last.facet);
@@ -554,11 +564,11 @@ impl Generator {
     }
 
     /// A capacitor's discharge is over before its gate is.
-    fn drained(&mut self, now: f64, gap: &mut Gap, touching: bool, wires: &mut impl Wires) {
+    fn drained(&mut self, now: f64, gap: &mut Gap, touching: bool, arcs: f64, wires: &mut impl Wires) {
         self.strike(now, gap);
         if self.p.kind == Kind::Rc {
             self.capacitor.stored = (0.0, now);
-            self.begin_pulse(now, gap, touching, wires);
+            self.begin_pulse(now, gap, touching, arcs, wires);
         } else {
             self.phase = Phase::Drained;
             self.show(now, 0.0, self.p.cable_us, 0.0, wires);

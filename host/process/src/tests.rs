@@ -271,6 +271,7 @@ fn whatever_is_asked_the_gap_shows_one_voltage_without_jumps_and_gates_in_order(
                     shorted: draw.unit() < 0.1,
                     dead: draw.unit() < 0.05,
                     senseless: draw.unit() < 0.1,
+                    arcs: if draw.unit() < 0.1 { draw.unit() } else { 0.0 },
                 };
             }
             // Into the work and out again.

@@ -29,6 +29,8 @@ declare! {
         saturated: bool = false, (), "gap.saturated", "", "the head retraces to its safe height";
         /// A wire lies across the gap.
         short: bool = false, (), "gap.short", "", "the head retraces to its safe height when retreating does not help";
+        /// Pulses arc, whatever the gap is like: so many of them.
+        arcs: f32 = 0.0, (0.0, 100.0), "gap.arcs_percent", "%", "from supervise.arc_percent on the head retraces to its safe height";
         /// The generator makes no pulses.
         generator: bool = false, (), "generator.off", "", "the gate is missing: the head retraces to its safe height";
         /// Somebody has put a workpiece there that is higher by this; -100 takes it away.
@@ -73,6 +75,8 @@ pub struct FaultInputs {
     pub raised_mm: f64,
     /// Force on the head, N.
     pub hand_n: f64,
+    /// Share of the pulses that arc whatever the gap is like.
+    pub arcs: f64,
 }
 
 /// When an event may happen.
@@ -190,6 +194,9 @@ impl Wires {
         }
         if self.hand != to.hand {
             fault_inputs.hand_n = to.hand.into();
+        }
+        if self.arcs != to.arcs {
+            fault_inputs.arcs = f64::from(to.arcs) * 0.01;
         }
         if self.raised != to.raised {
             fault_inputs.raised_mm = to.raised.into();

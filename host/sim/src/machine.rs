@@ -231,6 +231,9 @@ pub(crate) fn status(servo: &Servo<Pc>, plan: &Plans<Pc>) -> Status {
 /// Lets the process go on for a period under what the head has put on its wires.
 pub(crate) fn go_on<'a>(ports: &Ports, process: &'a mut Process) -> &'a Sensors {
     process.off_time_ns = ports.off_time_ns.get();
+    if let Some(thresholds) = ports.thresholds.get() {
+        process.look_after(thresholds.tau_ns);
+    }
     process.advance(ports.drive.get(), ports.pulses.get())
 }
 

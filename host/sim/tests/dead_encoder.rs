@@ -28,7 +28,7 @@ type Row = (Fault, Option<&'static [(&'static str, Value<'static>)]>);
 const ON: Value<'static> = Value::Flag(true);
 const ROWS: &[Row] = &[
     (Fault::PersistentShort, Some(&[("gap.short", ON)])),
-    (Fault::PersistentArc, None),
+    (Fault::PersistentArc, Some(&[("gap.arcs_percent", Value::Number(100.0))])),
     (Fault::GapSignalInvalid, Some(&[("gap.saturated", ON)])),
     (Fault::GateMissing, Some(&[("generator.off", ON)])),
     (Fault::DielectricNotOk, Some(&[("dielectric.lost", ON)])),

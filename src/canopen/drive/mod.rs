@@ -40,6 +40,7 @@ pub use codes::{FINDINGS, LOSSES, REASONS, REFUSALS, error_code};
 
 use super::objects::{COUNT, Item, rows};
 use super::{Device, Event, Group, NmtState, Node, PDOS, PdoDefault, Time, mapped};
+use crate::gap::pulses::CLASSES;
 use crate::head::{self, Change, Command, Fault, Finding, HomingState, Reason, Refused, Report, Status};
 use crate::path::AHEAD;
 use crate::settings::{Active, SettingError, Settings};
@@ -224,6 +225,8 @@ pub struct Drive {
     generations: Generations,
     /// What was lost.
     lost: Lost,
+    /// Looks at pulses of each class, of the last 200 ms.
+    looks: [u32; CLASSES],
     /// The settings come from a reset and are not a host's write, which could be taken back.
     restarting: bool,
     /// A configuration was ordered and has not come back: there is no other until then.
@@ -296,6 +299,7 @@ impl Drive {
             running: settings,
             generations: Generations::default(),
             lost: Lost::default(),
+            looks: [0; CLASSES],
             restarting: false,
             configuring: false,
             stale: false,
@@ -440,6 +444,11 @@ impl Drive {
     /// What was lost since power-up, for 200Dh.
     pub fn set_lost(&mut self, lost: Lost) {
         self.lost = lost;
+    }
+
+    /// Looks at pulses of each class, of the last 200 ms, for 200Fh.
+    pub fn set_looks(&mut self, looks: [u32; CLASSES]) {
+        self.looks = looks;
     }
 
     /// Result of a command.

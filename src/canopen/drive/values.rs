@@ -4,6 +4,7 @@ use super::state::State;
 use super::{Drive, Order, TaskTimer, clamp32, codes};
 use crate::canopen::objects::{Decoded, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Written};
+use crate::gap::pulses::Class;
 use crate::head::{self, Command};
 use crate::path::{BESIDE_NM, Bound};
 use crate::settings::{Change, Declared, Kind, SettingError, Settings, place};
@@ -187,6 +188,12 @@ impl Drive {
             Item::LostBlocks => self.lost.blocks.into(),
             Item::UnseenHigh => self.lost.unseen[0].into(),
             Item::UnseenLow => self.lost.unseen[1].into(),
+            Item::PulsesOpen => self.looks[Class::Open as usize].into(),
+            Item::PulsesSpark => self.looks[Class::Spark as usize].into(),
+            Item::PulsesArc => self.looks[Class::Arc as usize].into(),
+            Item::PulsesShort => self.looks[Class::Short as usize].into(),
+            Item::PulsesNone => self.looks[Class::NoPulse as usize].into(),
+            Item::PulsesUncertain => self.looks[Class::Uncertain as usize].into(),
             Item::ScopeState => self.scope.phase() as i64,
             Item::ScopeCount => self.scope.count().into(),
             Item::ErrorCode => match self.state {

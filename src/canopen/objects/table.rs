@@ -217,6 +217,14 @@ objects! {
         12 SetpointX: i32, ro, tx, I32, 0, "nm", live, "Set point X: for whoever drives that axis";
         13 SetpointY: i32, ro, tx, I32, 0, "nm", live, "Set point Y: the same";
     }
+    0x200F "Pulse classes" {
+        1 PulsesOpen: u8, ro, tx, (0, 200), 0, "", live, "Open: looks at pulses, one a millisecond, of the last 176 to 200 ms, that found one not ignited";
+        2 PulsesSpark: u8, ro, tx, (0, 200), 0, "", live, "Spark: that found one";
+        3 PulsesArc: u8, ro, tx, (0, 200), 0, "", live, "Arc: that found one";
+        4 PulsesShort: u8, ro, tx, (0, 200), 0, "", live, "Short: that found one";
+        5 PulsesNone: u8, ro, tx, (0, 200), 0, "", live, "No pulse: since the look before";
+        6 PulsesUncertain: u8, ro, tx, (0, 200), 0, "", live, "Uncertain: there was a pulse, and what was seen of it does not tell";
+    }
     0x2010 "Scope" {
         1 ScopeSignal1: u32, rw, no, U32, 0, "", live, "Signal 1: index times 256 and sub-index of an object of up to 32 bits; 0 none";
         2 ScopeSignal2: u32, rw, no, U32, 0, "", live, "Signal 2";

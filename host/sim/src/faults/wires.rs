@@ -35,6 +35,7 @@ pub const WIRES: &[Wire] = &[
     flag("encoder.cut", Some(Fault::EncoderLost)),
     flag("gap.saturated", Some(Fault::GapSignalInvalid)),
     flag("gap.short", Some(Fault::PersistentShort)),
+    Wire { signal: "gap.arcs_percent", broken: Value::Number(90.0), named: Some(Fault::PersistentArc) },
     flag("generator.off", Some(Fault::GateMissing)),
     Wire { signal: BURR, broken: Value::Number(0.02), named: None },
     Wire { signal: HAND, broken: Value::Number(0.5), named: None },

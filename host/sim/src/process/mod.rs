@@ -14,6 +14,7 @@
 mod actuator;
 mod debris;
 mod front_end;
+mod gated;
 mod normal;
 mod one;
 mod parameters;
@@ -25,6 +26,7 @@ mod zero;
 
 pub use crate::events::FaultInputs;
 pub use edm_process::Pulses;
+pub use gated::{DISCHARGE_A, assumed_amps, current_code};
 pub use parameters::Parameters;
 pub use plant::Plant;
 pub use scale::Edge;
@@ -38,6 +40,7 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::settings::{SettingError, Value};
 use edm_servo_head::units::{ADC_FULL_SCALE, CLOCK_HZ, TICK_HZ};
 use front_end::FrontEnd;
+use gated::Gated;
 use one::One;
 use scale::Scale;
 use spark::Stretch;
@@ -69,6 +72,8 @@ struct Tick {
     dead: bool,
     /// The contact sense supply gives nothing.
     senseless: bool,
+    /// Share of the pulses that arc whatever the gap is like.
+    arcs: f64,
 }
 
 /// Axis and gap.
@@ -286,6 +291,7 @@ pub struct Process {
     model: Model,
     scale: Scale,
     front: FrontEnd,
+    gated: Gated,
     ticks: u64,
     sensors: Sensors,
     /// Converter codes for an ampere of motor current and a volt of the bus.
@@ -310,6 +316,7 @@ impl Process {
         Ok(Process {
             model,
             front: FrontEnd::new(&p, seed),
+            gated: Gated::new(&p, plant.open_v(), seed),
             ticks: 0,
             sensors: Sensors {
                 block: GapBlock { codes: [0; BLOCK], gate: 0 },
@@ -328,6 +335,11 @@ impl Process {
             scale,
             p,
         })
+    }
+
+    /// The head's time constant with which the gap voltage rises, ns: its reflex looks into a pulse after three of them.
+    pub fn look_after(&mut self, tau_ns: u32) {
+        self.gated.tau_ns = tau_ns;
     }
 
     /// Lets these events happen, counted from the first tick, instead of those given before.
@@ -369,6 +381,7 @@ impl Process {
             shorted: faults.short,
             dead: faults.generator_dead,
             senseless: faults.sense_off,
+            arcs: faults.arcs,
         };
         let pulses_before = self.model.pulses();
         let (scale, now, edges) = (&mut self.scale, self.sensors.now, &mut self.sensors.edges);
@@ -377,6 +390,7 @@ impl Process {
             let ticks = f64::from(TICK_CLOCK) / steps as f64;
             scale.travel(from, to, now.wrapping_add((step as f64 * ticks) as u32), ticks, edges);
         });
+        self.gated.look(from + TICK_US, self.model.stretches(), self.model.amps());
         self.count_pulses(pulses_before);
         self.sensors.block = self.front.convert(from, self.model.stretches());
 
@@ -399,8 +413,8 @@ impl Process {
             if !self.fault_inputs.start_lost {
                 add(&mut counts.conversions, new);
                 add(&mut counts.shorts, after.short - before.short);
-                // Sound converters: noise changes what they give.
-                counts.newest = [counts.conversions.into(); 2];
+                let [current, voltage] = self.gated.newest;
+                counts.newest = [current, self.fault_inputs.stuck_code.unwrap_or(voltage)];
             }
         }
     }

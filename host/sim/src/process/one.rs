@@ -97,6 +97,7 @@ impl One {
             shorted: tick.shorted,
             dead: tick.dead,
             senseless: tick.senseless,
+            arcs: tick.arcs,
         };
         // The last one goes on.
         let over = self.seen.stretches.len() - 1;

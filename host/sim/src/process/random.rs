@@ -21,6 +21,8 @@ pub enum Cause {
     FrontEnd,
     /// Encoder edges that get lost.
     Encoder,
+    /// Noise of the converter that looks into each pulse.
+    Gated,
 }
 
 impl Cause {

@@ -114,6 +114,8 @@ pub struct Spark {
     pub dead: bool,
     /// The contact sense supply gives nothing.
     pub senseless: bool,
+    /// Share of the pulses that arc whatever the gap is like.
+    pub forced_arcs: f64,
     /// Chance ignition only: no removal, no bridges, no arcs.
     held: bool,
     ignition: Random,
@@ -201,6 +203,7 @@ impl Spark {
             forced_short: false,
             dead: false,
             senseless: false,
+            forced_arcs: 0.0,
             held: false,
             ignition: Cause::Ignition.stream(seed),
             arcs: Cause::Arc.stream(seed),
@@ -314,7 +317,7 @@ impl Spark {
         self.shorts_in_a_row = 0;
         let dirt = self.debris.concentration();
         let chance = if arced { self.c.arc_repeats * dirt.min(1.0) } else { self.c.arc_chance * dirt };
-        if burned && !self.held && arc < chance {
+        if arc < self.forced_arcs || burned && !self.held && arc < chance {
             self.pulses.arc += 1;
             return self.burn(now, true);
         }

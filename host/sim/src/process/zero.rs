@@ -52,6 +52,7 @@ impl Zero {
         let gap = self.held_gap_um.map_or((before, self.gap_um(tick.surface_m)), |held| (held, held));
         let spark = &mut self.spark;
         (spark.dead, spark.forced_short, spark.senseless) = (tick.dead, tick.shorted, tick.senseless);
+        spark.forced_arcs = tick.arcs;
         spark.advance(tick.from_us, tick.from_us + TICK_US, gap, tick.pulses);
     }
 

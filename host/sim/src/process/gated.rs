@@ -1,0 +1,176 @@
+//! The converter that looks into each pulse once, as the reflex's does: gap current and gap voltage when the blanking is over.
+//!
+//! Divider and amplifier are those of [`FrontEnd`](super::front_end::FrontEnd): it sees the same zero, gain error and noise,
+//! but no hum, which is slow against what it tells apart.
+
+use super::Parameters;
+use super::normal;
+use super::random::{Cause, Random};
+use super::spark::Stretch;
+use edm_hal_shim::timing::BLANKING_NS;
+use edm_process::Edge;
+use edm_servo_head::units::ADC_FULL_SCALE;
+
+/// Current of a discharge or a short, A: assumed where the process has no current.
+pub const DISCHARGE_A: f64 = 10.0;
+/// Share of the open-circuit voltage above which none flows there.
+const BURNING: f64 = 0.75;
+/// Noise of the current sensor and its conversion, codes rms (assumed).
+const CURRENT_NOISE: f64 = 1.5;
+
+/// Code of a gap current, A: sensor of docs/wiring.md, 16.1 A for 1000 codes about mid-scale.
+pub fn current_code(amperes: f64) -> f64 {
+    2048.0 + amperes * 1000.0 / 16.1
+}
+
+/// Current in a pulse whose process has none, by the voltage that the gap tends to, V.
+pub fn assumed_amps(gate: bool, volts: f64, open_v: f64) -> f64 {
+    if gate && volts.abs() < BURNING * open_v { DISCHARGE_A } else { 0.0 }
+}
+
+/// State of the converter.
+#[derive(Clone, Debug)]
+pub struct Gated {
+    per_volt: f64,
+    zero: f64,
+    noise: f64,
+    open_v: f64,
+    random: Random,
+    /// Time constant with which the gap voltage rises, as the head believes, ns.
+    pub tau_ns: u32,
+    /// When the gate opened last, us.
+    opened: f64,
+    /// When that pulse will be looked at, us.
+    due: Option<f64>,
+    /// Gap current and gap voltage of the newest pulse, codes.
+    pub newest: [u16; 2],
+}
+
+impl Gated {
+    /// Nothing converted yet.
+    pub fn new(p: &Parameters, open_v: f64, seed: u64) -> Gated {
+        let per_volt = (1.0 + f64::from(p.gain_error) * 0.01) / f64::from(p.volts_per_code);
+        Gated {
+            per_volt,
+            zero: p.zero_code.into(),
+            noise: f64::from(p.noise) * per_volt,
+            open_v,
+            random: Cause::Gated.stream(seed),
+            tau_ns: 0,
+            opened: 0.0,
+            due: None,
+            newest: [0; 2],
+        }
+    }
+
+    /// Looks at what a tick until `to` (us) has shown: its stretches, the oldest first, and the current of each if the process
+    /// has any. An edge of the gate while the blanking runs starts no other.
+    pub fn look(&mut self, to: f64, stretches: &[Stretch], amps: &[Edge]) {
+        let blanking = f64::from((3 * self.tau_ns).max(BLANKING_NS)) * 1e-3;
+        for (k, now) in stretches.iter().enumerate() {
+            let end = stretches.get(k + 1).map_or(to, |next| next.from);
+            self.convert(end, now, amps.get(k));
+            if now.gate.0 < now.gate.1 && now.gate.0 > self.opened {
+                self.opened = now.gate.0;
+                self.due = self.due.or(Some(now.gate.0 + blanking));
+                self.convert(end, now, amps.get(k));
+            }
+        }
+    }
+
+    /// Converts if it is due before `end` of a stretch.
+    fn convert(&mut self, end: f64, now: &Stretch, amps: Option<&Edge>) {
+        let Some(due) = self.due.filter(|due| *due < end) else { return };
+        self.due = None;
+        let gate = now.gate.0 < now.gate.1;
+        let flowing = amps.map_or_else(|| assumed_amps(gate, now.volts, self.open_v), |amps| amps.at(due - now.from));
+        let [of_current, of_voltage, ..] = normal::block(&mut self.random).map(f64::from);
+        let code = |exact: f64| exact.round().clamp(0.0, ADC_FULL_SCALE.into()) as u16;
+        self.newest = [
+            code(current_code(flowing) + CURRENT_NOISE * of_current),
+            code(self.zero + now.at(due) * self.per_volt + self.noise * of_voltage),
+        ];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OPEN_V: f64 = 100.0;
+    const RISE: f64 = 0.2;
+
+    fn quiet() -> Gated {
+        Gated::new(&Parameters { noise: 0.0, ..Parameters::default() }, OPEN_V, 1)
+    }
+
+    fn stretch(from: f64, volts: f64, initial: f64, gate: (f64, f64)) -> Stretch {
+        Stretch { from, volts, initial, rise: RISE, gate }
+    }
+
+    /// What is found of a pulse from 10 to 40 us that ignites after a delay and then has this voltage.
+    fn found(gated: &mut Gated, delay: f64, volts: f64) -> [i32; 2] {
+        let gate = (10.0, 40.0);
+        let stretches = [
+            stretch(0.0, 0.0, 0.0, (0.0, 0.0)),
+            stretch(10.0, OPEN_V, 0.0, gate),
+            stretch(10.0 + delay, volts, OPEN_V, gate),
+            stretch(40.0, 0.0, volts, (40.0, 40.0)),
+        ];
+        gated.look(50.0, &stretches, &[]);
+        let [current, voltage] = gated.newest.map(i32::from);
+        // Whole volts, and amperes.
+        [(current - 2048) * 161 / 10_000, (voltage - 410 + 5) / 10]
+    }
+
+    #[test]
+    fn a_pulse_is_seen_as_it_is_two_microseconds_after_its_gate() {
+        for (delay, volts, seen) in
+            [(0.0, 28.0, [10, 28]), (0.0, 1.0, [10, 1]), (0.5, 40.0, [10, 40]), (2.1, 40.0, [0, 100])]
+        {
+            let [current, voltage] = found(&mut quiet(), delay, volts);
+            assert!(
+                (current - seen[0]).abs() <= 1 && (voltage - seen[1]).abs() <= 1,
+                "{delay} us: {current} A {voltage} V"
+            );
+        }
+    }
+
+    #[test]
+    fn a_longer_charging_time_is_waited_for() {
+        let mut gated = quiet();
+        gated.tau_ns = 3000;
+        assert_eq!(found(&mut gated, 8.0, 40.0), [9, 40]);
+    }
+
+    #[test]
+    fn a_look_that_is_due_after_the_tick_is_taken_in_the_next() {
+        let mut gated = quiet();
+        let pulse = stretch(49.0, 28.0, 0.0, (49.0, 80.0));
+        gated.look(50.0, &[pulse], &[]);
+        assert_eq!(gated.newest, [0; 2]);
+        gated.look(100.0, &[pulse, stretch(80.0, 0.0, 28.0, (80.0, 80.0))], &[]);
+        assert_eq!(gated.newest[1], 410 + 280);
+    }
+
+    #[test]
+    fn a_current_that_the_process_has_is_that_of_the_moment() {
+        let mut gated = quiet();
+        let pulse = stretch(10.0, 40.0, 0.0, (10.0, 40.0));
+        gated.look(50.0, &[pulse], &[Edge { from: 5.0, to: 0.0, us: 2.0 }]);
+        let amps = (f64::from(gated.newest[0]) - 2048.0) * 0.0161;
+        assert!((amps - 5.0 * (-1.0f64).exp()).abs() < 0.1, "{amps}");
+    }
+
+    #[test]
+    fn both_codes_have_noise() {
+        let mut gated = Gated::new(&Parameters::default(), OPEN_V, 1);
+        let mut seen = std::collections::BTreeSet::new();
+        for n in 0..100 {
+            let from = 100.0 * f64::from(n) + 10.0;
+            gated.look(from + 50.0, &[stretch(from, 40.0, 0.0, (from, from + 30.0))], &[]);
+            seen.insert(gated.newest);
+        }
+        assert!(seen.len() > 30, "{seen:?}");
+    }
+}
