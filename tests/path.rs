@@ -150,7 +150,10 @@ proptest! {
 
     /// However it got there, and whatever was forgotten or not of how.
     #[test]
-    fn the_set_point_depends_on_the_coordinate_alone(seed in 0u64..1000, steps in prop::collection::vec(-(1i64 << 36)..1i64 << 36, 1..200)) {
+    fn the_set_point_depends_on_the_coordinate_alone(
+        seed in 0u64..1000,
+        steps in prop::collection::vec(-(1i64 << 36)..1i64 << 36, 1..200),
+    ) {
         let (mut wandering, mut straight) = (whole(seed), whole(seed));
         for by in steps {
             wandering.step(Fixed(by));
@@ -172,7 +175,8 @@ proptest! {
             // Across, and back.
             go(&mut path, joint.plus(Fixed(1)));
             for (after, before) in path.setpoint().iter().zip(&before) {
-                prop_assert!(after.minus(*before).0.abs() < 200, "a step of {:?} at the joint after {place:?}", after.minus(*before));
+                let step = after.minus(*before);
+                prop_assert!(step.0.abs() < 200, "a step of {step:?} at the joint after {place:?}");
             }
             go(&mut path, joint);
             joint = joint.plus(path.ahead_of(joint));

@@ -1,7 +1,7 @@
 //! How exactly a path is gone along and back: measured on the register of the head, against the same curves in f64.
 //!
-//! *Mixed path*: 200 lines, arcs, whole turns and helices in all planes, with radii from 0.1 to 100 mm, from a seed. *Exact*: what
-//! its pieces are in real numbers, from the ends and centres in nm that a host gives.
+//! *Mixed path*: 200 lines, arcs, whole turns and helices in all planes, with radii from 0.1 to 100 mm, from a seed. *Exact*:
+//! what its pieces are in real numbers, from the ends and centres in nm that a host gives.
 
 use crate::machine::Machine;
 use crate::process::Plant;
