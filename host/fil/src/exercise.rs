@@ -25,7 +25,7 @@ const BREAKS: [(&str, Fault); 10] = [
     ("bridge fault", Fault::BridgeFault),
     ("emergency stop", Fault::EmergencyStop),
 ];
-/// ObjectHandle of the work below the upper stop, mm: near, so that little time goes into seeking.
+/// Depth of the work below the upper stop, mm: near, so that little time goes into seeking.
 const SURFACE_MM: f32 = 0.3;
 /// Where the path leads.
 const TARGET: Nanometres = Nanometres(2_000_000);
@@ -60,13 +60,21 @@ pub fn run(image: &Image, seconds: f64, seed: u64, witness: Witness) -> Result<(
     host::begin(&mut day.rig)?;
     day.command(Command::SetHome(Nanometres(0)))?;
     let end = (seconds * f64::from(TICK_HZ)) as u64;
+    let mut clear = true;
     for (what, fault) in BREAKS.into_iter().cycle() {
         if day.met.ticks >= end {
             break;
         }
-        day.work()?;
-        day.short()?;
+        if clear {
+            day.work()?;
+            day.short()?;
+        } else {
+            day.first(Command::Enable)?;
+        }
         day.break_down(what, fault)?;
+        // Without a bridge it stays at the work, and a seek begins with the voltage of an open gap: what breaks next finds it at
+        // rest, and lifts it.
+        clear = fault != Fault::BridgeFault;
     }
     let Day { rig, met } = day;
     Ok((rig.into_witness(), met))

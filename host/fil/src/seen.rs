@@ -177,6 +177,8 @@ impl Places {
             "edm_servo_head::head::follow::SetPoint",
             "edm_servo_head::head::supervise::Counters",
             "edm_servo_head::gap::GapReading",
+            "edm_servo_head::gap::pulses::Config",
+            "edm_servo_head::gap::pulses::class::Levels",
             "edm_servo_head::encoder::shared::Snapshot",
             "edm_servo_head::encoder::index::Mark",
             "edm_hal_shim::encoder::RawCount",
