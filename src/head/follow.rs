@@ -362,8 +362,10 @@ pub struct Estimate {
     pub safety: SafetyInputs,
     /// A short has been answered by the retreat that was made ready, or a contact that is the end of a motion by rest.
     pub short: bool,
-    /// A fault that another task has found.
+    /// The strongest fault that is new.
     pub told: Option<Fault>,
+    /// One that casts doubt on the encoder, whose reaction may be weaker.
+    pub doubt: Option<Fault>,
     /// A set point that a SYNC has released.
     pub set_point: Option<SetPoint>,
     /// Plans that were late, since the start.
@@ -457,9 +459,10 @@ pub struct Follower {
     /// For the estimate of this tick.
     short: bool,
     told: Option<Fault>,
+    doubt: Option<Fault>,
     set_point: Option<SetPoint>,
     /// The same in the estimate before: what a late planner has not read is said again.
-    said: (bool, Option<Fault>, Option<SetPoint>),
+    said: (bool, [Option<Fault>; 2], Option<SetPoint>),
     /// Safety inputs of the tick before.
     safety: SafetyInputs,
 }
@@ -489,8 +492,9 @@ impl Follower {
             attentive: false,
             short: false,
             told: None,
+            doubt: None,
             set_point: None,
-            said: (false, None, None),
+            said: (false, [None; 2], None),
             safety: SafetyInputs::default(),
         }
     }
@@ -659,8 +663,12 @@ impl Follower {
         true
     }
 
-    /// The next estimate tells of a fault, or of a stronger one.
+    /// The next estimate tells of a fault, or of a stronger one; and of one that casts doubt on the encoder, which a stronger one
+    /// must not hide.
     fn tell_of(&mut self, fault: Fault) {
+        if fault.doubts_encoder() && self.doubt != Some(Fault::EncoderLost) {
+            self.doubt = Some(fault);
+        }
         if self.told.is_none_or(|told| told.reaction() < fault.reaction()) {
             self.told = Some(fault);
         }
@@ -742,11 +750,9 @@ impl Follower {
     /// The estimate before was not read, and is overwritten by that of this tick.
     #[cold]
     pub fn unread(&mut self) {
-        let (short, told, set_point) = self.said;
+        let (short, faults, set_point) = self.said;
         self.short |= short;
-        if let Some(fault) = told {
-            self.tell_of(fault);
-        }
+        faults.into_iter().flatten().for_each(|fault| self.tell_of(fault));
         self.set_point = self.set_point.or(set_point);
     }
 
@@ -775,6 +781,7 @@ impl Follower {
             safety,
             short,
             told,
+            doubt,
             set_point,
             late,
         } = to;
@@ -803,10 +810,11 @@ impl Follower {
         *safety = self.safety;
         *short = core::mem::take(&mut self.short);
         *told = self.told.take();
+        *doubt = self.doubt.take();
         // Not taken: it would be put together beside both, and copied.
         *set_point = self.set_point;
         self.set_point = None;
-        self.said = (*short, *told, *set_point);
+        self.said = (*short, [*told, *doubt], *set_point);
         *late = self.late;
     }
 
@@ -896,6 +904,22 @@ mod tests {
         assert!(Fault::HostSilent.reaction() < Fault::PlanLate.reaction());
         let weaker = TickInput { told: Some(Fault::HostSilent), ..TickInput::default() };
         assert_eq!(handed(&mut follower, false, weaker).1, Some(Fault::PlanLate));
+    }
+
+    #[test]
+    fn a_doubt_in_the_encoder_is_told_beside_a_stronger_fault_until_somebody_has_read_it() {
+        for fault in [Fault::EncoderLost, Fault::PolarityWrong, Fault::FollowingError] {
+            let mut follower = Follower::new(Settings::default().build().unwrap().head.follow());
+            let told = TickInput { told: Some(fault), asked: true, ..TickInput::default() };
+            assert_eq!(handed(&mut follower, false, told).1, Some(fault));
+            let mut estimate = Estimate::default();
+            for _ in 0..5 {
+                (0..LATE).for_each(|_| follower.miss());
+                follower.unread();
+                follower.estimate(&mut estimate, &GapReading::default(), Quality::Valid, &Mark::default());
+            }
+            assert_eq!((estimate.told.map(Fault::reaction), estimate.doubt), (Some(Reaction::Coast), Some(fault)));
+        }
     }
 
     #[test]

@@ -267,7 +267,7 @@ impl Supervisor {
         let gap = self.gap.longer_than(limits.gap_ms, now.pulses && bad) || code_stands;
         let seen = PulseSeen { permitted: now.permitted, watched: now.state != State::Disabled, short: now.short };
         let pulses = self.pulses.look(counters.pulses, seen);
-        let arcs = self.classes.look(&limits.arcs, counters.pulses, now.permitted);
+        let arcs = self.classes.look(&limits.arcs, counters.pulses, now.pulses);
         let gateless = now.quality == Quality::NoGate || limits.gated && !self.pulses.come();
         let gate = self.gate.longer_than(limits.gap_ms, now.pulses && gateless);
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;

@@ -67,7 +67,6 @@ impl Settings {
             "must be below gap.open_min_v, or the head would only ever feed",
         )?;
         conflict(self.gap_short >= self.gap_open_min, const { name("gap.short_v") }, "must be below gap.open_min_v")?;
-        conflict(self.gap_arc < self.gap_short, const { name("gap.arc_below_v") }, "must not be below gap.short_v")?;
         conflict(
             self.motor_continuous > self.motor_peak,
             const { name("motor.continuous_a") },
@@ -207,7 +206,8 @@ impl Settings {
             reversed: self.gap_reversed,
             current,
             short: codes(self.gap_short),
-            arc: codes(self.gap_arc),
+            // Where shorts reach as far there are no arcs.
+            arc: codes(self.gap_arc).max(codes(self.gap_short)),
         }
     }
 

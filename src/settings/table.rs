@@ -65,7 +65,8 @@ declare! {
         /// Lowest open-circuit voltage to start with.
         0x2100:18 gap_open_min: f32 = 70.0, (1.0, 300.0), "gap.open_min_v", "V", "assumed: 100 V of [R] less 30 %", rises "a lower one would start on a dead gap signal";
 
-        /// Gap voltage below which a pulse with current, and no short, is an arc.
+        /// Gap voltage below which a pulse with current, and no short, is an arc: below what sparks in this material burn with, or
+        /// they are taken for arcs.
         0x2100:19 gap_arc: f32 = 34.0, (1.0, 200.0), "gap.arc_below_v", "V", "assumed: midway from arcs of 28 V to sparks of 40 V", rises "a lower one would hide arcs";
 
         /// Off-time requested of the generator; 0 leaves its own.

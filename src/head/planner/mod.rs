@@ -201,7 +201,12 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if self.unfit && self.status.state == State::Disabled {
             self.raise(Fault::Unfit);
         }
-        if let Some(fault) = now.told {
+        if let Some(fault) = now.doubt {
+            self.raise(fault);
+        }
+        if let Some(fault) = now.told
+            && now.doubt != now.told
+        {
             self.raise(fault);
         }
         if let Some(fault) = self.concerns().hazard(&self.now.safety) {
