@@ -82,6 +82,8 @@ pub struct Status {
     pub velocity: CountsPerSecond,
     /// Path coordinate, um.
     pub path: Fixed,
+    /// Times that the path has begun anew.
+    pub paths: u32,
     /// Set points of X and Y when the newest plan comes into force, um.
     pub beside: [Fixed; 2],
     /// What the newest working retreat that ran out of path has come to its end at, since the start; a fault keeps it.

@@ -7,9 +7,6 @@ use crate::servo::Window;
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, PLAN_TICKS, larger};
 use core::ops::DerefMut;
 
-/// Share of the path that has to lead along the head's axis, for the axis to show the coordinate: 6 degrees off sideways.
-const STEEP: f32 = 0.1;
-
 /// The path with its limits. `P` owns it, wherever there is room for it.
 #[derive(Debug)]
 pub(super) struct Route<P> {
@@ -21,8 +18,6 @@ pub(super) struct Route<P> {
     work: Option<Fixed>,
     /// What a working retreat has come to its end at.
     ended: Option<Bound>,
-    /// Counts per um that a path leads the axis by, for the axis to show the coordinate.
-    steep: f32,
 }
 
 /// What bounds a motion along the path.
@@ -38,7 +33,7 @@ pub(super) struct Bounds {
 impl<P: DerefMut<Target = Path>> Route<P> {
     pub fn new(mut path: P, nm_per_count: i64, retreat: Fixed) -> Route<P> {
         path.set_retreat(retreat);
-        let mut route = Route { path, limiter: Limiter::default(), begun: 0, work: None, ended: None, steep: 0.0 };
+        let mut route = Route { path, limiter: Limiter::default(), begun: 0, work: None, ended: None };
         route.scale(nm_per_count);
         route
     }
@@ -46,7 +41,6 @@ impl<P: DerefMut<Target = Path>> Route<P> {
     /// Sets what a count of the head's axis is, for a path that is begun anew from now on.
     pub fn scale(&mut self, nm_per_count: i64) {
         self.path.scale([nm_per_count, BESIDE_NM, BESIDE_NM]);
-        self.steep = STEEP * 1000.0 / nm_per_count as f32;
     }
 
     /// Goes to where the follower will be when this plan comes into force.
@@ -105,6 +99,16 @@ impl<P: DerefMut<Target = Path>> Route<P> {
     /// What a working retreat has come to its end at, the newest since it was forgotten.
     pub fn ended(&self) -> Option<Bound> {
         self.ended
+    }
+
+    /// Nothing is left to retrace, and that is not for a mark, in front of which more waits.
+    pub fn is_exhausted(&self) -> bool {
+        self.at_beginning() && !(self.path.is_bounded() && self.path.bound() == Bound::Mark)
+    }
+
+    /// Other axes go along.
+    pub fn leads_beside(&self) -> bool {
+        self.path.leads_beside()
     }
 
     /// Forgets what the retreats before have come to their end at.
@@ -189,10 +193,13 @@ impl<P: DerefMut<Target = Path>> Route<P> {
 
     /// Without a position loop the path coordinate follows the axis, so that closing the loop makes no jump.
     pub fn follow_axis(&mut self, at: Fixed) {
+        // Others would go along, while the head is pushed or falls.
+        if self.path.leads_beside() {
+            return;
+        }
         let [direction, ..] = self.path.direction();
-        let off = at.minus(self.setpoint()).to_f32();
-        // Along a path that leads sideways the axis tells nothing of the coordinate.
-        if direction.abs() > self.steep {
+        if direction != 0.0 {
+            let off = at.minus(self.setpoint()).to_f32();
             self.path.step(Fixed::short(off / direction));
         }
     }

@@ -139,7 +139,7 @@ impl Arc {
         let part = |rim: i32, share: i32| (i64::from(rim).wrapping_mul(i64::from(share)) >> SINE_BITS) as i32;
         let [x, y, z] = self.plane.put([part(ru, sine.wrapping_neg()), part(rv, cosine), 0]);
         let [a, b, c] = self.way.slope();
-        [a.wrapping_add(x), b.wrapping_add(y), c.wrapping_add(z)]
+        [a.saturating_add(x), b.saturating_add(y), c.saturating_add(z)]
     }
 
     #[inline]

@@ -260,7 +260,8 @@ impl Packed {
                     return Err(Refused::Inconsistent { start: round.radius, end });
                 }
                 let [_, _, along] = plane.pick(travel);
-                length([round.length(), along.into(), 0])
+                // What the ends differ by is gone as well: the way of the centre is not steeper than a line is.
+                length([round.length(), along.into(), end.abs_diff(round.radius).into()])
             }
         };
         if length == 0 {

@@ -63,6 +63,8 @@ pub struct Register<const N: usize> {
     marks: bool,
     mark: Fixed,
     marked: bool,
+    /// A piece leads another axis than the first.
+    beside: bool,
 }
 
 impl<const N: usize> Register<N> {
@@ -85,6 +87,7 @@ impl<const N: usize> Register<N> {
         marks: false,
         mark: Fixed(0),
         marked: false,
+        beside: false,
     };
 
     /// Sets the nm per count of each axis, 50 at least: for a path that is begun anew from now on.
@@ -119,7 +122,7 @@ impl<const N: usize> Register<N> {
         self.oldest = Fixed(0).minus(length);
         self.start = self.oldest;
         (self.s, self.newest, self.furthest) = (Fixed(0), Fixed(0), Fixed(0));
-        (self.mark, self.marked) = (Fixed(0), false);
+        (self.mark, self.marked, self.beside) = (Fixed(0), false, false);
     }
 
     /// Appends a straight line to a point in counts.
@@ -144,6 +147,7 @@ impl<const N: usize> Register<N> {
         let mut packed = self.packed(piece)?;
         let grid = self.grid();
         let (place, end) = self.last();
+        let ([_, x, y], [_, to_x, to_y]) = (place, packed.to);
         let next = packed.unpack(place, end, &self.datum, &grid);
         let before = match self.segments.len() {
             0 => Segment::Line(self.lead),
@@ -153,6 +157,7 @@ impl<const N: usize> Register<N> {
             packed.join(self.unit(before.direction(before.length())), self.unit(next.direction(Fixed(0))));
         }
         self.segments.push_back(packed).map_err(|_| Refused::QueueFull)?;
+        self.beside |= (x, y) != (to_x, to_y) || piece.shape != Shape::Line;
         if self.current == 0 && self.lead.length().0 == 0 && self.segments.len() == 1 {
             // Only what the register holds can be gone back along.
             (self.current, self.now) = (1, next);
@@ -426,6 +431,11 @@ impl<const N: usize> Register<N> {
     /// Length that a retreat can still cover.
     pub fn left_behind(&self) -> Micrometres {
         Micrometres(self.s.minus(self.floor().0).to_f32())
+    }
+
+    /// Whether the path leads another axis than the first, since it began: then that one's place tells nothing of the coordinate.
+    pub fn leads_beside(&self) -> bool {
+        self.beside
     }
 
     /// Sets how far a retreat may go behind the furthest point; marks bound it as well.

@@ -16,10 +16,14 @@ fn ready() -> Rig {
 }
 
 fn write_line(rig: &mut Rig, to: [i32; 3], options: u8) {
+    write_segment(rig, 0, to, options);
+}
+
+fn write_segment(rig: &mut Rig, shape: u8, to: [i32; 3], options: u8) {
     for (axis, nm) in to.into_iter().enumerate() {
         rig.write32(0x200E, 1 + axis as u8, nm);
     }
-    rig.write(0x200E, 6, &[0]);
+    rig.write(0x200E, 6, &[shape]);
     rig.write(0x200E, 7, &[options]);
 }
 
@@ -112,10 +116,7 @@ fn a_half_written_segment_is_refused_and_so_are_the_next_until_the_host_has_take
 #[test]
 fn an_arc_needs_its_centre_and_has_to_be_one() {
     let mut rig = ready();
-    let quarter = |rig: &mut Rig, y: i32| {
-        write_line(rig, [0, 1_000_000, y], BY);
-        rig.write(0x200E, 6, &[1]);
-    };
+    let quarter = |rig: &mut Rig, y: i32| write_segment(rig, 1, [0, 1_000_000, y], BY);
     quarter(&mut rig, 1_000_000);
     assert_eq!(commit(&mut rig), Err(DEVICE_STATE));
     assert_eq!(outcome(&mut rig), (0, 255));
@@ -137,8 +138,7 @@ fn what_leads_outside_of_the_travel_is_refused_also_in_the_middle_of_an_arc() {
     for (shape, expected) in [(4, (0, 4)), (3, (1, 0))] {
         rig.write(0x200E, 8, &[0]);
         let here = rig.position() as i32 * 1000;
-        write_line(&mut rig, [here, 2_000_000, 0], 0);
-        rig.write(0x200E, 6, &[shape]);
+        write_segment(&mut rig, shape, [here, 2_000_000, 0], 0);
         rig.write32(0x200E, 4, 0);
         rig.write32(0x200E, 5, 1_000_000);
         commit(&mut rig).unwrap();
@@ -208,4 +208,36 @@ fn a_mark_ends_a_retreat_and_not_the_reaction_to_a_fault() {
     rig.run(1000);
     assert_eq!(rig.read(0x200E, 11), 3, "the mark");
     assert!(rig.machine.status().path < s.minus(edm_servo_head::units::Fixed::whole(100)));
+}
+
+#[test]
+fn a_path_that_has_begun_anew_takes_nothing_before_the_host_has_taken_note() {
+    let mut rig = ready();
+    push_line(&mut rig, [1000, 0, 0], BY);
+    write_line(&mut rig, [1000, 500, 0], BY);
+    rig.control(6);
+    rig.run(20);
+    rig.control(7);
+    rig.run(20);
+    rig.control(15);
+    rig.run(100);
+    assert_eq!(outcome(&mut rig), (1, 252));
+    assert_eq!(commit(&mut rig), Err(DEVICE_STATE));
+    rig.write(0x200E, 8, &[0]);
+    // What was half written before is none of it.
+    rig.write32(0x200E, 3, 0);
+    assert_eq!(commit(&mut rig), Err(DEVICE_STATE));
+    assert_eq!(outcome(&mut rig), (1, 255));
+    rig.write(0x200E, 8, &[0]);
+    push_line(&mut rig, [1000, 0, 0], BY);
+    assert_eq!(outcome(&mut rig), (2, 0));
+}
+
+#[test]
+fn a_value_that_comes_twice_is_of_another_segment() {
+    let mut rig = ready();
+    write_line(&mut rig, [1000, 0, 0], BY);
+    rig.write32(0x200E, 1, 2000);
+    assert_eq!(commit(&mut rig), Err(DEVICE_STATE));
+    assert_eq!(outcome(&mut rig), (0, 255));
 }

@@ -2,6 +2,7 @@
 
 mod any_input;
 mod bench;
+mod beside;
 mod commissioning;
 mod edges;
 mod every_fault;

@@ -517,6 +517,9 @@ impl Drive {
 
     /// Takes the newest status, once a millisecond.
     pub fn observe(&mut self, status: &Status) {
+        if status.paths != self.status.paths {
+            self.segment.begun_anew();
+        }
         self.status = *status;
         self.fresh = self.in_flight == 0 && self.orders.is_empty() && self.follow.is_none();
         if self.stale && !self.configuring && status.state == head::State::Disabled {

@@ -9,6 +9,7 @@ use crate::head::{Command, Refused};
 use crate::path::{Piece, Shape};
 
 /// Reasons of 200Eh:9 beside those of the head.
+const BEGUN_ANEW: u8 = 252;
 const UNANSWERED: u8 = 253;
 const NOT_ENABLED: u8 = 254;
 const HALF_WRITTEN: u8 = 255;
@@ -18,8 +19,12 @@ const HALF_WRITTEN: u8 = 255;
 pub(super) struct Segment {
     /// Sub-indices 1 to 7 written since the last commit, by bits.
     fresh: u8,
+    /// One of them has come twice: it may be of another segment, whose commit was lost.
+    twice: bool,
     /// A commit has no answer yet.
     pending: bool,
+    /// The path has some.
+    taken: bool,
     /// 200Eh:9.
     pub refused: u8,
 }
@@ -41,19 +46,29 @@ impl Segment {
             Item::SegmentOptions => 6,
             _ => return,
         };
+        self.twice |= self.fresh & 1 << bit != 0;
         self.fresh |= 1 << bit;
+    }
+
+    /// The head has dropped its path: what comes next would lead there in a straight cut.
+    pub fn begun_anew(&mut self) {
+        (self.fresh, self.twice) = (0, false);
+        if core::mem::take(&mut self.taken) {
+            self.refused = BEGUN_ANEW;
+        }
     }
 
     /// The host has taken note of what was refused, and begins anew.
     pub fn forget(&mut self) {
-        (self.fresh, self.refused) = (0, 0);
+        (self.fresh, self.twice, self.refused) = (0, false, 0);
     }
 
     /// The head has taken a segment, or not.
     pub fn answered(&mut self, result: Result<(), Refused>) {
         self.pending = false;
-        if let Err(refused) = result {
-            self.refused = codes::refused(refused);
+        match result {
+            Ok(()) => self.taken = true,
+            Err(refused) => self.refused = codes::refused(refused),
         }
     }
 }
@@ -64,10 +79,11 @@ impl Drive {
         let shape = Shape::from_number(self.value(Item::SegmentShape) as u8).unwrap_or(Shape::Line);
         let needed = if shape == Shape::Line { LINE } else { ARC };
         let fresh = core::mem::take(&mut self.segment.fresh);
+        let twice = core::mem::take(&mut self.segment.twice);
         let refused = match self.segment {
             Segment { refused: before @ 1.., .. } => before,
             Segment { pending: true, .. } => UNANSWERED,
-            _ if fresh & needed != needed => HALF_WRITTEN,
+            _ if twice || fresh & needed != needed => HALF_WRITTEN,
             _ if !self.acts() => NOT_ENABLED,
             _ => 0,
         };

@@ -211,7 +211,7 @@ objects! {
         6 SegmentShape: u8, rw, rx, (0, 6), 0, "", live, "Shape: 0 line; arcs: 1 in X-Y from X toward Y, 2 back; 3 in down-X from down toward X, 4 back; 5 in Y-down from Y toward down, 6 back; an end at the start in the plane makes a whole turn";
         7 SegmentOptions: u8, rw, rx, (0, 3), 0, "", live, "Options: by bits: 0 the end is reckoned from the end of the segment before, 1 no working retreat goes back behind its beginning";
         8 SegmentCommit: u8, wo, rx, (0, 1), 0, "", live, "Commit: 1 appends what has been written since the last commit, which must be 1, 2, 3, 6 and 7, of an arc 4 and 5 as well; 0 forgets it, and why one was refused";
-        9 SegmentRefused: u8, ro, tx, U8, 0, "", live, "Refused: why a commit was, after which all are until 0 is written to it: as numbered in docs/objects.md for 2000h:4, 253 one before had no answer yet, 254 not enabled, 255 half written; 0 none was";
+        9 SegmentRefused: u8, ro, tx, U8, 0, "", live, "Refused: why a commit was, after which all are until 0 is written to it: as numbered in docs/objects.md for 2000h:4, 252 the path has begun anew and what was appended is gone, 253 one before had no answer yet, 254 not enabled, 255 half written, or a value twice; 0 none was";
         10 SegmentsAppended: u32, ro, tx, U32, 0, "", live, "Appended: segments since power-on";
         11 RetreatBound: u8, ro, tx, (0, 3), 0, "", live, "Retreat ended by: what a working retreat has come to its end at since the erosion began: 1 nothing older is remembered, 2 the set distance, 3 a mark; 0 none has; a fault keeps it";
         12 SetpointX: i32, ro, tx, I32, 0, "nm", live, "Set point X: for whoever drives that axis";

@@ -79,6 +79,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 let here = self.segment().from;
                 self.restart_path_at(here);
                 self.law = self.config.law;
+                self.route.forget_bound();
                 self.enter(State::Guiding, Reason::Started);
                 Ok(())
             }
@@ -204,6 +205,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     fn append(&mut self, state: State, piece: &Piece) -> Result<(), Refused> {
         self.may_queue(state)?;
+        // A guided head goes to the end of the path with the speed of a retreat.
+        if state == State::Guiding {
+            return Err(Refused::State(state));
+        }
         let [_, to_x, to_y] = piece.to;
         let [_, x, y] = self.route.end_nm();
         let beside = (to_x, to_y) != (x, y) || piece.shape != Shape::Line;

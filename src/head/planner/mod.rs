@@ -160,10 +160,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Swaps the configuration between two plans. While a loop is closed the axis as wired must stay the same.
     ///
     /// # Errors
-    /// While a loop may be closed, and the axis is wired otherwise.
+    /// While a loop may be closed, and the axis is wired otherwise; another structure while other axes go along the path.
     pub fn configure(&mut self, config: Config) -> Result<(), Refused> {
         if self.status.state != State::Disabled && !self.config.axis.is_wired_as(&config.axis) {
             return Err(Refused::State(self.status.state));
+        }
+        if config.structure != self.config.structure && self.route.leads_beside() {
+            return Err(Refused::Alone);
         }
         if config.law != self.config.law {
             self.law = config.law;
@@ -273,6 +276,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.status.path = self.route.s();
         self.status.waiting = self.route.waiting();
         self.status.beside = self.route.beside();
+        self.status.paths = self.route.begun();
         self.status.retreat_ended = self.route.ended();
     }
 

@@ -173,7 +173,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             self.enter(back_to, Reason::GapRecovered);
         } else if shorted
             && (self.status.tick.wrapping_sub(self.entered) > self.config.retreat.persistent
-                || self.route.at_beginning())
+                || self.route.is_exhausted())
         {
             self.raise(Fault::PersistentShort);
         }
