@@ -144,14 +144,14 @@ mod app {
     }
 
     /// Deadline: 100 us, the second tick after the one that asks for it. States, feed law, limits, path. The vector is that of
-    /// a peripheral not in use. Cost: 20 us, at worst 38 us, 4000 times a second. Late: the trajectory goes on in a straight
+    /// a peripheral not in use. Cost: 22 us, at worst 42 us, 4000 times a second. Late: the trajectory goes on in a straight
     /// line; late for a millisecond, the head coasts.
     #[task(binds = SPI2, priority = 3, local = [plan])]
     fn plan(cx: plan::Context) {
         cx.local.plan.run();
     }
 
-    /// Deadline: 1 ms. Judges what no single tick can. Cost: 9.5 us, 1000 times a second. Late: a fault is found later.
+    /// Deadline: 1 ms. Judges what no single tick can. Cost: 13 us, 1000 times a second. Late: a fault is found later.
     #[task(binds = TIM7, priority = 2, local = [supervise])]
     fn supervise(cx: supervise::Context) {
         cx.local.supervise.tick();
