@@ -1,0 +1,78 @@
+"""The G-code that the examples read, and a path of it on a virtual head."""
+
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+from heads import Server
+
+EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
+sys.path.append(str(EXAMPLES))
+from gcode import Segment, Wrong, segments  # noqa: E402
+
+
+def test_a_program_is_lines_and_arcs_in_nm_with_z_turned_around():
+    program = "%\nN1 G21 G90 (mm)\nG1 X1 Z-0.5 F2\nG3 X3 I1 ; half around\ng91 g2 x-2 i-1 z-.25\nG18 G3 Z1 X1 K0 I1\nG20 G0 X1\nM2\nG1 X9"
+    assert list(segments(program)) == [
+        Segment(3, 500_000, 1_000_000, 0),
+        Segment(4, 500_000, 3_000_000, 0, 1, (1_000_000, 0)),
+        Segment(5, 750_000, 1_000_000, 0, 2, (-1_000_000, 0)),
+        # From down toward X is backward from Z toward X.
+        Segment(6, -250_000, 2_000_000, 0, 4, (0, 1_000_000)),
+        Segment(7, -250_000, 27_400_000, 0),
+    ]
+
+
+def test_the_planes_turn_as_seen_from_their_third_axis():
+    shapes = {17: ("I1", 1, 2), 18: ("I1", 4, 3), 19: ("J1", 6, 5)}
+    for plane, (centre, forward, back) in shapes.items():
+        found = segments(f"G{plane}\nG3 {centre}\nG2 {centre}")
+        assert [segment.shape for segment in found] == [forward, back]
+
+
+@pytest.mark.parametrize(
+    ("program", "says"),
+    [
+        ("G1 X1\nG5 X2", "line 2: G5: is not among"),
+        ("G1 X1 Q2", "line 1: Q2: is not among"),
+        ("\nX1", "line 2: no G0 to G3"),
+        ("G1 X1 X2", "line 1: X2: X stands twice"),
+        ("G2 X1 K1", "line 1: K: an arc in G17 has its centre in I and J"),
+        ("G3 X1", "line 1: G3: an arc in G17"),
+        ("G1 X1 I1", "line 1: I: only an arc"),
+        ("G1 Xnan", "line 1: XNAN: not a word"),
+        ("G1 X1 hello", "line 1: HELLO: not a word"),
+    ],
+)
+def test_what_is_wrong_is_named_with_line_and_word(program, says):
+    with pytest.raises(Wrong) as wrong:
+        list(segments(program))
+    assert says in str(wrong.value)
+
+
+def eroded(server, *words):
+    words = [sys.executable, EXAMPLES / "path.py", "--channel", server.tcp, *words]
+    return subprocess.run(words, capture_output=True, text=True, timeout=180)
+
+
+def test_a_head_erodes_along_a_program_to_its_end(tmp_path):
+    server = Server(tmp_path)
+    example = eroded(server, EXAMPLES / "cavity.ngc")
+    assert example.returncode == 0, example.stderr
+    assert "4 segments eroded" in example.stdout
+    assert "at X 0.010, Y 0.010, Z -0.03" in example.stdout
+    assert "the head is disabled, pulses are off" in example.stdout
+    server.stop()
+
+
+def test_a_segment_that_the_head_cannot_take_is_named_with_its_line(tmp_path):
+    server = Server(tmp_path)
+    program = tmp_path / "radius.ngc"
+    program.write_text("G1 Z-0.01\nG3 X1 I0.7\n")
+    example = eroded(server, program)
+    assert example.returncode != 0
+    assert "line 2: refused, 17" in example.stderr
+    assert "the head is disabled, pulses are off" in example.stdout
+    server.stop()
