@@ -13,6 +13,8 @@ const BUCKETS: usize = 8;
 pub struct Shares {
     /// Looks of each class, by number of the class.
     buckets: [[u8; CLASSES]; BUCKETS],
+    /// Their sums.
+    sums: [u8; CLASSES],
     /// Which is filled, and how many looks it has.
     newest: u8,
     filled: u8,
@@ -25,25 +27,22 @@ impl Shares {
             self.filled = 0;
             self.newest = if usize::from(self.newest) + 1 < BUCKETS { self.newest + 1 } else { 0 };
             if let Some(bucket) = self.buckets.get_mut(usize::from(self.newest)) {
-                *bucket = [0; CLASSES];
+                for (sum, forgotten) in self.sums.iter_mut().zip(core::mem::take(bucket)) {
+                    *sum = sum.saturating_sub(forgotten);
+                }
             }
         }
         self.filled += 1;
         let bucket = self.buckets.get_mut(usize::from(self.newest));
-        if let Some(count) = bucket.and_then(|bucket| bucket.get_mut(class as usize)) {
-            *count = count.saturating_add(1);
+        let count = bucket.and_then(|bucket| bucket.get_mut(class as usize));
+        if let (Some(count), Some(sum)) = (count, self.sums.get_mut(class as usize)) {
+            (*count, *sum) = (count.saturating_add(1), sum.saturating_add(1));
         }
     }
 
     /// Looks of each class, in the order of [`Class`]: open, spark, arc, short, no pulse, uncertain.
     pub fn counts(&self) -> [u8; CLASSES] {
-        let mut sums = [0u8; CLASSES];
-        for bucket in &self.buckets {
-            for (sum, count) in sums.iter_mut().zip(bucket) {
-                *sum = sum.saturating_add(*count);
-            }
-        }
-        sums
+        self.sums
     }
 }
 
