@@ -125,6 +125,12 @@ class Head(BaseNode402):
             refusal = self.sdo[0x2000][4].raw
             raise SystemExit(f"not enabled: refusal {refusal} of docs/objects.md (2000h:4)") from None
 
+    def home_here(self):
+        """Home is where the head rests: the upper stop."""
+        self.sdo[0x6098].raw = 35
+        if not self.homing(timeout=10):
+            raise SystemExit("not homed")
+
     def start_move(self, counts):
         """Profile position: gives a new set point, and waits until it is taken."""
         if self.op_mode != "PROFILED POSITION":

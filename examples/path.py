@@ -46,9 +46,7 @@ network = connect(args)
 with Head(network, args.node) as head:
     counts_per_mm = head.counts_per_mm()
     head.enable()
-    head.sdo[0x6098].raw = 35  # home is where the head rests: the upper stop
-    if not head.homing(timeout=10):
-        raise SystemExit("not homed")
+    head.home_here()
     head.sdo[0x6081].raw = round(20 * counts_per_mm)
     head.move((args.surface_mm - 0.2) * counts_per_mm)
     print(f"homed, 0.2 mm above the work; {len(path)} segments")
