@@ -4,7 +4,9 @@ use edm_hal_shim::double::flash::TestFlash;
 use edm_hal_shim::store::{BUFFER, Loaded, MAX_IMAGE, Permit, Store, StoreError};
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity};
 use edm_servo_head::canopen::objects::setting_address;
-use edm_servo_head::canopen::{DataType, Dictionary, Frame, Group, Listed, Node, NodeId, Record, Time};
+use edm_servo_head::canopen::{
+    BitRate, BusSettings, DataType, Dictionary, Frame, Group, Listed, Node, NodeId, Record, Time,
+};
 use edm_servo_head::settings::{Declared, Settings, Value};
 use edm_servo_head::stored::{LoadReport, Outcome, ROOM, StoredImage};
 
@@ -25,7 +27,7 @@ impl Head {
     fn new(id: u8, image: &StoredImage) -> (Head, LoadReport) {
         let record = Box::leak(Box::new(BLANK));
         let mut drive = Drive::new(Settings::default(), Identity::default(), record).unwrap();
-        let mut node = Node::new(&DEVICE, NodeId::new(id).unwrap(), 0);
+        let mut node = Node::new(&DEVICE, BusSettings::at_1_mbit(NodeId::new(id)), 0);
         let passed = Settings { commissioned: true, ..Settings::default() };
         drive.restart(passed, image);
         drive.boot(&mut node, image).unwrap();
@@ -66,7 +68,7 @@ fn configured() -> Head {
     drive.write(place, &4321u32.to_le_bytes()).unwrap();
     let place = drive.entry(0x607C, 0).unwrap().place;
     drive.write(place, &(-77i32).to_le_bytes()).unwrap();
-    let mut node = Node::new(&DEVICE, node(), 0);
+    let mut node = Node::new(&DEVICE, BusSettings::at_1_mbit(Some(node())), 0);
     node.boot(None, &mut drive).unwrap();
     let heartbeat = Frame::new(0x600 + u16::from(ID), &[0x2B, 0x17, 0x10, 0, 0xF4, 1, 0, 0]).unwrap();
     node.receive(&heartbeat, Time(0), &mut drive);
@@ -82,7 +84,7 @@ fn crc(bytes: &[u8]) -> u32 {
 
 /// The bytes of an image, as the table of src/stored has them.
 fn bytes(version: u8, node: u8, records: &[Record]) -> Vec<u8> {
-    let mut bytes = vec![version, node];
+    let mut bytes = vec![version, node, 0, 0];
     bytes.extend((records.len() as u16).to_le_bytes());
     for record in records {
         bytes.extend(record.index.to_le_bytes());
@@ -96,7 +98,7 @@ fn bytes(version: u8, node: u8, records: &[Record]) -> Vec<u8> {
 
 fn image_of(records: &[Record]) -> StoredImage {
     let mut image = StoredImage::NOTHING;
-    assert_eq!(image.load(Loaded::Newest(&bytes(0x14, ID, records))), Outcome::Newest);
+    assert_eq!(image.load(Loaded::Newest(&bytes(0x15, ID, records))), Outcome::Newest);
     image
 }
 
@@ -143,7 +145,7 @@ fn take(records: &mut Vec<Record>, address: (u16, u8)) {
 fn what_was_stored_is_in_force_again_and_nothing_is_to_be_said() {
     let mut before = configured();
     let image = before.stored();
-    assert_eq!(image.bytes(), bytes(0x14, ID, &records(&image)));
+    assert_eq!(image.bytes(), bytes(0x15, ID, &records(&image)));
     let (mut head, report) = Head::new(ID, &image_of(&records(&image)));
     assert_eq!(report, LoadReport { outcome: Outcome::Newest, ..LoadReport::default() });
     assert!(report.is_whole() && head.commissioned());
@@ -170,7 +172,7 @@ fn nothing_stored_is_nothing_lost() {
     assert!(report.is_whole() && head.commissioned(), "the settings that it was given");
     let mut image = configured().stored();
     image.forget(Group::All);
-    assert_eq!(image.bytes().len(), 8);
+    assert_eq!(image.bytes().len(), 10);
     let (_, report) = Head::new(ID, &image_of(&records(&image)));
     assert!(report.is_whole());
 }
@@ -195,6 +197,34 @@ fn a_group_is_kept_or_forgotten_without_the_other() {
 }
 
 #[test]
+fn how_the_head_is_reached_is_stored_by_itself_and_outlives_all_else() {
+    let mut head = configured();
+    let ask = |head: &mut Head, data: &[u8]| {
+        head.node.receive(&Frame::new(0x7E5, data).unwrap(), Time(0), &mut head.drive);
+    };
+    ask(&mut head, &[0x04, 1, 0, 0, 0, 0, 0, 0]);
+    ask(&mut head, &[0x11, 99, 0, 0, 0, 0, 0, 0]);
+    ask(&mut head, &[0x13, 0, 4, 0, 0, 0, 0, 0]);
+    let wanted = BusSettings { node: NodeId::new(99), bit_rate: BitRate::Kbit125 };
+    let mut image = StoredImage::NOTHING;
+    image.keep(Group::Bus, &head.drive, &head.node).unwrap();
+    assert_eq!((image.bus(), image.records().count()), (Some(wanted), 0));
+    image.keep(Group::All, &head.drive, &head.node).unwrap();
+    // The parameters are those of the node that it is until it is reset.
+    assert_eq!((image.bus(), image.node()), (Some(wanted), Some(node())));
+    image.forget(Group::All);
+    let mut again = StoredImage::NOTHING;
+    assert_eq!(again.load(Loaded::Newest(image.bytes())), Outcome::Newest);
+    assert_eq!((again.bus(), again.records().count()), (Some(wanted), 0));
+    let (_, report) = Head::new(ID, &again);
+    assert!(report.is_whole());
+    ask(&mut head, &[0x11, 255, 0, 0, 0, 0, 0, 0]);
+    image.keep(Group::Bus, &head.drive, &head.node).unwrap();
+    assert_eq!(image.bus(), Some(BusSettings { node: None, ..wanted }));
+    assert_eq!(configured().stored().bus(), None, "nobody has stored it");
+}
+
+#[test]
 fn whichever_bit_flips_the_image_is_damaged_and_so_is_one_that_is_cut_or_has_more() {
     let good = configured().stored().bytes().to_vec();
     let mut image = StoredImage::NOTHING;
@@ -209,8 +239,8 @@ fn whichever_bit_flips_the_image_is_damaged_and_so_is_one_that_is_cut_or_has_mor
     }
     assert_eq!(outcome(&[&good[..], &[0]].concat()), Outcome::Damaged);
     // A count that does not fit, with the right checksum.
-    let (mut content, records) = (good[..good.len() - 4].to_vec(), u16::from_le_bytes([good[2], good[3]]));
-    content[2..4].copy_from_slice(&(records - 1).to_le_bytes());
+    let (mut content, records) = (good[..good.len() - 4].to_vec(), u16::from_le_bytes([good[4], good[5]]));
+    content[4..6].copy_from_slice(&(records - 1).to_le_bytes());
     let check = crc(&content);
     assert_eq!(outcome(&[&content[..], &check.to_le_bytes()].concat()), Outcome::Damaged);
     assert_eq!(outcome(&good), Outcome::Newest);
@@ -219,7 +249,7 @@ fn whichever_bit_flips_the_image_is_damaged_and_so_is_one_that_is_cut_or_has_mor
 #[test]
 fn of_a_damaged_or_unknown_image_nothing_is_in_force_and_no_commissioning_counts() {
     let all = records(&configured().stored());
-    let good = bytes(0x14, ID, &all);
+    let good = bytes(0x15, ID, &all);
     for (found, outcome) in [
         (Loaded::Newest(&good[..99]), Outcome::Damaged),
         (Loaded::Older(&good[..99]), Outcome::Damaged),
@@ -385,7 +415,7 @@ fn there_is_room_for_500_settings() {
     let others = stored.records().count() - Settings::COUNT;
     assert!(500 + others <= ROOM, "{others} others, room for {ROOM}");
     let record = Record::new(0x2200, 1, DataType::Real32, 0);
-    let longest = bytes(0x14, ID, &[record; ROOM]);
+    let longest = bytes(0x15, ID, &[record; ROOM]);
     assert!(longest.len() <= MAX_IMAGE && longest.len() + 8 > MAX_IMAGE);
     let mut image = StoredImage::NOTHING;
     assert_eq!(image.load(Loaded::Newest(&longest)), Outcome::Newest);
@@ -495,6 +525,7 @@ fn what_0_1_0_has_stored_in_a_flash_is_in_force_with_every_value() {
         let (mut flash, mut image) = (Flash::default(), StoredImage::NOTHING);
         flash.cells().copy_from_slice(cells);
         assert_eq!(load(&mut flash, &mut image), Outcome::Newest);
+        assert_eq!(image.bus(), Some(BusSettings::at_1_mbit(NodeId::new(1))), "as every board was");
         let (mut head, report) = Head::new(1, &image);
         assert!(is_whole_but_for_the_newer(&report), "{report}");
         reads_as_listed(&mut head, list, |_| true);

@@ -116,7 +116,7 @@ pub struct Entry {
     pub place: ObjectHandle,
 }
 
-/// Parameters by origin (sub-indices of 1010h and 1011h, CiA 301 7.5.2.13).
+/// What is stored together: parameters by origin (sub-indices of 1010h and 1011h, CiA 301 7.5.2.13), and how the node is reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Group {
@@ -126,13 +126,15 @@ pub enum Group {
     Communication,
     /// Profile and manufacturer: sub-index 3.
     Application,
+    /// Node-ID and bit rate: by layer setting alone (CiA 305).
+    Bus,
 }
 
 /// What a host asks that takes longer than an SDO answer. [`Node::answer`](super::Node::answer) ends it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Request {
-    /// Store the parameters: 1010h, signature "save".
+    /// Store the parameters: 1010h, signature "save", or what layer setting has configured.
     Store(Group),
     /// From the next reset on, use the defaults: 1011h, signature "load".
     Restore(Group),
@@ -143,7 +145,7 @@ pub enum Request {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum NmtState {
-    /// Waits for [`Node::boot`](super::Node::boot); deaf and mute.
+    /// Waits for [`Node::boot`](super::Node::boot); deaf and mute but for layer setting.
     Initialising = 0,
     /// Network management and heartbeat only.
     Stopped = 4,

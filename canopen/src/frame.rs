@@ -41,6 +41,9 @@ impl Frame {
 pub struct NodeId(u8);
 
 impl NodeId {
+    /// The lowest.
+    pub const FIRST: Self = Self(1);
+
     /// A node-ID; `None` outside 1 to 127.
     pub const fn new(id: u8) -> Option<Self> {
         if id >= 1 && id <= 127 { Some(Self(id)) } else { None }

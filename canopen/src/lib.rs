@@ -20,6 +20,7 @@ mod dictionary;
 mod emergency;
 mod frame;
 mod heartbeat;
+mod lss;
 mod node;
 mod objects;
 mod outbox;
@@ -38,6 +39,7 @@ pub use dictionary::{
 };
 pub use emergency::ERRORS;
 pub use frame::{Frame, NodeId, Time};
+pub use lss::{BitRate, BusSettings};
 pub use node::{BootError, Controller, IDENTIFIERS, Node};
 pub use objects::STORED;
 pub use stored::{Listed, Record, Restored};

@@ -4,17 +4,18 @@ use super::communication::CommunicationObjects;
 use super::device::{ALL, CONSUMERS, Device, Direction, INVALID, PDOS};
 use super::emergency::{Cause, Emergency};
 use super::heartbeat::{Change, HEARTBEAT};
+use super::lss::{self, BusSettings, Slave, Todo};
 use super::parameters::{self, Parameters};
 use super::pdo::Taken;
 use super::sdo::{REQUEST, Server};
 use super::space::Space;
 use super::sync::{Pulse, Sync};
-use super::{Abort, Dictionary, Event, Frame, NmtState, NodeId, ObjectHandle, Record, Restored, Time};
+use super::{Abort, Dictionary, Event, Frame, Group, NmtState, NodeId, ObjectHandle, Record, Request, Restored, Time};
 
 /// Identifier of network management.
 const NMT: u16 = 0;
 /// Identifiers that a node listens to at the most.
-pub const IDENTIFIERS: usize = 3 + PDOS + CONSUMERS;
+pub const IDENTIFIERS: usize = 4 + PDOS + CONSUMERS;
 
 /// What a node could not boot with. It runs all the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +47,7 @@ pub struct Controller {
 pub struct Node {
     objects: CommunicationObjects,
     server: Server,
+    lss: Slave,
     /// Boot-up has not left yet: nothing may overtake it.
     booting: bool,
     /// A frame has come since the start.
@@ -53,11 +55,12 @@ pub struct Node {
 }
 
 impl Node {
-    /// A node that waits to be booted. `serial`: 1018h:4.
-    pub fn new(device: &'static Device, id: NodeId, serial: u32) -> Self {
+    /// A node that waits to be booted, and, without a node-ID, for one. `serial`: 1018h:4.
+    pub fn new(device: &'static Device, settings: BusSettings, serial: u32) -> Self {
         Self {
-            objects: CommunicationObjects::new(device, id, serial),
+            objects: CommunicationObjects::new(device, settings.node.unwrap_or(NodeId::FIRST), serial),
             server: Server::default(),
+            lss: Slave::new(device, serial, settings),
             booting: false,
             met: false,
         }
@@ -66,6 +69,8 @@ impl Node {
     /// Boots a node that waits for it: with the stored parameters of the communication objects, if there are any, and else
     /// with the defaults. Boot-up leaves next, and the node is pre-operational. Stored identifiers contain the node-ID: the
     /// parameters are those of this node, or not to be given.
+    ///
+    /// An unconfigured node goes on waiting.
     ///
     /// A value that cannot be gives way to its default. A PDO that has lost a value so, or maps what the dictionary does not
     /// have, is put out of use: bytes would go where the host does not mean them to.
@@ -77,17 +82,19 @@ impl Node {
         stored: Option<&mut dyn Iterator<Item = Record>>,
         dictionary: &mut dyn Dictionary,
     ) -> Result<Restored, BootError> {
-        if self.objects.state != NmtState::Initialising {
+        let waits = self.objects.state == NmtState::Initialising && !self.lss.is_deaf();
+        let Some(id) = self.lss.active().node.filter(|_| waits) else {
             return Ok(Restored::default());
-        }
-        let defaults = Parameters::new(self.objects.device, self.objects.id.get());
+        };
+        self.objects.id = id;
+        let defaults = Parameters::new(self.objects.device, id.get());
         let mut parameters = defaults;
         let restored = stored.map(|values| self.restored(&mut parameters, values, dictionary)).unwrap_or_default();
         let adopted = self.objects.adopt(&parameters, dictionary).map_err(|_| BootError::Defaults);
         self.booting = true;
         self.server.restart(&mut Space { objects: &mut self.objects, dictionary });
         self.objects.out.clear();
-        if let Some(boot_up) = Frame::new(self.objects.id.cob(HEARTBEAT), &[NmtState::Initialising as u8]) {
+        if let Some(boot_up) = Frame::new(id.cob(HEARTBEAT), &[NmtState::Initialising as u8]) {
             self.objects.out.put(boot_up);
         }
         self.enter(NmtState::PreOperational, dictionary);
@@ -119,6 +126,12 @@ impl Node {
     /// Takes a frame that came at `at`: the time stamp of its interrupt.
     pub fn receive(&mut self, frame: &Frame, at: Time, dictionary: &mut dyn Dictionary) {
         let (state, id, data) = (self.objects.state, frame.id(), frame.data());
+        if self.lss.is_deaf() {
+            return;
+        }
+        if id == lss::REQUEST {
+            return self.layer_setting(data, at, dictionary);
+        }
         if state == NmtState::Initialising {
             return;
         }
@@ -145,6 +158,9 @@ impl Node {
 
     /// Does what time demands: heartbeats, event timers, time-outs, emergencies, segments of a long transfer.
     pub fn poll(&mut self, now: Time, dictionary: &mut dyn Dictionary) {
+        if self.lss.poll(now) {
+            self.reset(Event::ResetCommunication, dictionary);
+        }
         let booting = self.booting && self.objects.out.holds(self.objects.id.cob(HEARTBEAT));
         if core::mem::replace(&mut self.booting, booting) && !booting {
             // Boot-up is the first heartbeat; the next comes a period later.
@@ -201,9 +217,13 @@ impl Node {
         self.objects.out.take()
     }
 
-    /// Ends a [`Request`](super::Request). Too late is no harm: the host has given up, or has asked for something else.
-    pub fn answer(&mut self, result: Result<(), Abort>, dictionary: &mut dyn Dictionary) {
-        self.server.answer(result, &mut Space { objects: &mut self.objects, dictionary });
+    /// Ends a [`Request`] about a group of objects. Too late is no harm: the host has given up, or has asked for something else.
+    pub fn answer(&mut self, group: Group, result: Result<(), Abort>, dictionary: &mut dyn Dictionary) {
+        if group != Group::Bus {
+            self.server.answer(result, &mut Space { objects: &mut self.objects, dictionary });
+        } else if let Some(answer) = self.lss.stored(result) {
+            self.objects.out.put(answer);
+        }
     }
 
     /// The value written last, [`Written::Later`](super::Written::Later), is in force or was refused. Too late is no harm.
@@ -240,23 +260,28 @@ impl Node {
     }
 
     /// The identifiers that mean something to this node, for the filters of the controller: SYNC, network management, SDO
-    /// requests, RPDOs, heartbeats that are watched. What is not in use is network management once more.
+    /// requests, layer setting, RPDOs, heartbeats that are watched. What is not in use is network management once more.
     pub fn identifiers(&self) -> [u16; IDENTIFIERS] {
         let parameters = &self.objects.parameters;
         let receive = parameters.receive.iter().filter(|pdo| pdo.valid()).map(|pdo| pdo.id as u16 & 0x7FF);
         let watched = parameters.consumers.iter().filter_map(|value| parameters::entry(*value));
         let heartbeats = watched.map(|(node, _)| HEARTBEAT | u16::from(node & 0x7F));
         let mut identifiers = [NMT; IDENTIFIERS];
-        let own = [parameters.sync_id as u16 & 0x7FF, NMT, self.objects.id.cob(REQUEST)];
+        let own = [parameters.sync_id as u16 & 0x7FF, NMT, lss::REQUEST, self.objects.id.cob(REQUEST)];
         for (slot, id) in identifiers.iter_mut().zip(own.into_iter().chain(receive).chain(heartbeats)) {
             *slot = id;
         }
         identifiers
     }
 
-    /// Node-ID.
-    pub fn id(&self) -> NodeId {
-        self.objects.id
+    /// How the node is reached: its node-ID, if it has one, and the bit rate that the controller is to have.
+    pub fn bus(&self) -> BusSettings {
+        self.lss.active()
+    }
+
+    /// The same as a host has configured it: in force with the next reset, and what [`Group::Bus`] stores.
+    pub fn configured(&self) -> BusSettings {
+        self.lss.pending()
     }
 
     /// Period of SYNC that the host has announced in 1006h, us; 0: none.
@@ -267,6 +292,30 @@ impl Node {
     /// Visits the parameters of the communication objects that are to be stored.
     pub fn parameters(&self, visit: &mut dyn FnMut(Record)) {
         self.objects.parameters.store(visit);
+    }
+
+    /// A layer setting service (CiA 305).
+    fn layer_setting(&mut self, data: &[u8], at: Time, dictionary: &mut dyn Dictionary) {
+        let (answer, todo) = self.lss.receive(data, at);
+        if let Some(answer) = answer {
+            self.objects.out.put(answer);
+        }
+        match todo {
+            Todo::Nothing => {}
+            Todo::Store => {
+                if let Err(refused) = dictionary.request(Request::Store(Group::Bus)) {
+                    self.answer(Group::Bus, Err(refused), dictionary);
+                }
+            }
+            Todo::Begin => self.reset(Event::ResetCommunication, dictionary),
+            // Whoever commands the head is about to lose it.
+            Todo::Activate => {
+                if self.objects.state != NmtState::Initialising {
+                    self.enter(NmtState::Stopped, dictionary);
+                }
+                self.quiet(dictionary);
+            }
+        }
     }
 
     /// Network management (CiA 301 7.2.8.3.1): a command for this node or for all.
@@ -299,12 +348,18 @@ impl Node {
     }
 
     fn reset(&mut self, event: Event, dictionary: &mut dyn Dictionary) {
-        self.objects.restart();
+        self.quiet(dictionary);
+        self.lss.reset();
         if event == Event::ResetNode {
             self.objects.emergency = Emergency::default();
         }
-        self.server.stop(&mut Space { objects: &mut self.objects, dictionary });
         dictionary.event(event);
+    }
+
+    /// Says nothing more until it boots.
+    fn quiet(&mut self, dictionary: &mut dyn Dictionary) {
+        self.objects.restart();
+        self.server.stop(&mut Space { objects: &mut self.objects, dictionary });
     }
 
     fn heartbeat(&mut self, change: Option<Change>, dictionary: &mut dyn Dictionary) {

@@ -20,14 +20,15 @@ use edm_runtime::servo::Servo;
 use edm_runtime::supervise::Supervise;
 use edm_runtime::{Crossings, Note, Parts, assemble};
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Record};
-use edm_servo_head::canopen::{Node, NodeId};
+use edm_servo_head::canopen::{BitRate, BusSettings, Node};
 use edm_servo_head::gap::Voltage;
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{SettingError, Settings};
 use edm_servo_head::stored::StoredImage;
 
-/// Number of this head on the bus.
-const NODE: NodeId = NodeId::new(Board::TABLE.node).unwrap();
+/// How a head is reached that has nothing stored: it waits for a node-ID.
+const UNCONFIGURED: BusSettings =
+    BusSettings { node: None, bit_rate: BitRate::from_hz(Board::TABLE.bit_rate).unwrap() };
 /// Commit of this build, eight hexadecimal digits.
 const BUILD: &str = env!("EDM_BUILD");
 /// The same as a number.
@@ -76,8 +77,8 @@ impl Slots {
 
 // Each kept apart, so that its value is built where it stays and not on the stack of `start`.
 #[inline(never)]
-fn place_node(slot: &'static mut MaybeUninit<Node>) -> &'static mut Node {
-    slot.write(Node::new(&DEVICE, NODE, boot::serial_number()))
+fn place_node(slot: &'static mut MaybeUninit<Node>, settings: BusSettings) -> &'static mut Node {
+    slot.write(Node::new(&DEVICE, settings, boot::serial_number()))
 }
 
 #[inline(never)]
@@ -93,8 +94,7 @@ fn place_drive(
 
 /// Node and drive begin with what is stored.
 #[inline(never)]
-fn restore(image_store: &mut ImageStore<Chip>, node: &mut Node, drive: &mut Drive, defaults: Settings) {
-    let image = image_store.load();
+fn restore(image: &StoredImage, node: &mut Node, drive: &mut Drive, defaults: Settings) {
     Rtic.note(&Note::Loaded(drive.restart(defaults, image)));
     Rtic.note(&Note::booted(drive.boot(node, image)));
 }
@@ -119,10 +119,11 @@ pub fn start(
         self_test: machine.self_test,
         last_end: machine.boot.death as u8,
     };
-    let node = place_node(&mut slots.node);
+    let image = image_store.load();
+    let node = place_node(&mut slots.node, image.bus().unwrap_or(UNCONFIGURED));
     let defaults = Settings::with(Board::TABLE.defaults).map_err(|_| StartError::Settings)?;
     let drive = place_drive(&mut slots.drive, identity, &mut slots.record, defaults)?;
-    restore(&mut image_store, node, drive, defaults);
+    restore(image, node, drive, defaults);
     // What it orders at the start is how the head begins below.
     drive.started();
     let path: &'static mut Path = ccm::place(|| Path::EMPTY).ok_or(StartError::Memory)?;

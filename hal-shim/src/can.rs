@@ -129,10 +129,13 @@ pub trait Mailboxes {
     fn acknowledge(&mut self);
 }
 
-/// What the controller listens to.
+/// What the controller listens to, and how fast.
 pub trait Filters {
     /// Listens to data frames of these identifiers from now on, and to nothing else. No frame is lost over the change.
     fn listen(&mut self, sync: u16, others: &[u16]);
+    /// Puts the controller on a bus of this bit rate, bit/s; asked again and again, because a change waits for the end of a frame.
+    /// Until the first call it is on none. What waits to be sent is dropped over a change.
+    fn join(&mut self, bit_rate: u32);
     /// How the controller is.
     fn trouble(&self) -> Trouble;
 }

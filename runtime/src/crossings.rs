@@ -148,8 +148,8 @@ pub enum Answer {
     SyncPreview(Command, Result<(), Refused>, u32),
     /// The planner has judged the newest configuration: its crossing says how.
     Configured,
-    /// No permit: the drive is not disabled.
-    NoPermit,
+    /// No permit for this job: the drive is not disabled.
+    NoPermit(StorageJob),
     /// The request is done.
     Done,
 }
@@ -172,6 +172,15 @@ pub enum StorageJob {
     Store(Group),
     /// Forgets a group of objects.
     Restore(Group),
+}
+
+impl StorageJob {
+    /// What it is about.
+    pub fn group(self) -> Group {
+        match self {
+            StorageJob::Store(group) | StorageJob::Restore(group) => group,
+        }
+    }
 }
 
 /// What a host resets.

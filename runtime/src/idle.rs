@@ -79,7 +79,7 @@ impl<B: Board> Idle<B> {
         // Nobody could report or decode an edge while the flash was erased.
         self.guard.missed();
         self.signals.task_watchdog.start(self.clock.now());
-        protocol.lock(|protocol| protocol.done(result));
+        protocol.lock(|protocol| protocol.done(job, result));
         self.returned.send(permit);
         self.signals.waiting.set();
     }

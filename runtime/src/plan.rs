@@ -148,7 +148,7 @@ impl<B: Board> Plans<B> {
                     self.granted.send((job, permit));
                     Answer::Done
                 }
-                Err(_) => Answer::NoPermit,
+                Err(_) => Answer::NoPermit(job),
             },
         }
     }

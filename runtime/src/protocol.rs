@@ -126,11 +126,12 @@ impl<B: Board> Protocol<B> {
         self.drive
     }
 
-    /// What the controller is to listen to, and how it is.
+    /// What the controller is to listen to, and how fast, and how it is.
     fn controller(&mut self) {
         let Some(filters) = &mut self.filters else { return };
         let [sync, others @ ..] = self.node.identifiers();
         filters.listen(sync, &others);
+        filters.join(self.node.bus().bit_rate.hz());
         let frames = self.signals.overruns.read().wrapping_add(self.received.lost());
         let ends = &self.ends;
         let rings = [ends.changes.lost(), ends.commissioned.lost(), ends.answers.lost()];
@@ -178,7 +179,7 @@ impl<B: Board> Protocol<B> {
                     self.drive.answered(command, result);
                 }
                 Answer::Configured => self.judged(),
-                Answer::NoPermit => self.node.answer(Err(Abort::DeviceState), self.drive),
+                Answer::NoPermit(job) => self.node.answer(job.group(), Err(Abort::DeviceState), self.drive),
                 Answer::Done => {}
             }
         }
@@ -332,8 +333,8 @@ impl<B: Board> Protocol<B> {
     }
 
     /// A storage job is done.
-    pub fn done(&mut self, result: Result<(), Abort>) {
-        self.drive.stored(self.node, result);
+    pub fn done(&mut self, job: StorageJob, result: Result<(), Abort>) {
+        self.drive.stored(self.node, job.group(), result);
     }
 
     /// The drive begins anew with what is stored; `None` while a configuration is on its way to the tasks, which takes less

@@ -13,7 +13,7 @@
 //! A checksum was the affair of the flash; a file had none.
 
 use super::{Putting, StoredImage};
-use edm_canopen::{DataType, NodeId, Record};
+use edm_canopen::{BusSettings, DataType, NodeId, Record};
 
 /// Length of every image, bytes.
 const LENGTH: usize = 944;
@@ -131,6 +131,9 @@ pub(super) fn read(image: &[u8], into: &mut StoredImage) -> Option<()> {
         into.belongs_to(NodeId::new(node)?);
         communication(parameters, into)?;
     }
+    // Its boards were node 1 at 1 Mbit/s; a virtual head was what its parameters say.
+    let node = into.node().or(Some(NodeId::FIRST));
+    into.set_bus(BusSettings::at_1_mbit(node));
     into.seal();
     Some(())
 }

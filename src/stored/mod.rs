@@ -3,8 +3,10 @@
 //!
 //! | bytes | content |
 //! | --- | --- |
-//! | 1 | version of this layout, 14h |
+//! | 1 | version of this layout, 15h |
 //! | 1 | node-ID that the communication parameters belong to; 0 without any |
+//! | 1 | node-ID of the head; 255: it is to wait for one; 0: none was ever stored |
+//! | 1 | bit rate, by its index in the table of CiA 301; counts beside a node-ID other than 0 |
 //! | 2 | number of records |
 //! | 8 each | index (2), sub-index (1), type (1: index of the CiA 301 data type), value (4, shorter ones filled up with zeros) |
 //! | 4 | CRC-32 (that of Ethernet) over all before it |
@@ -19,13 +21,15 @@
 mod legacy;
 
 use crc::{CRC_32_ISO_HDLC, Crc};
-use edm_canopen::{Listed, NodeId, Record};
+use edm_canopen::{BitRate, BusSettings, Listed, NodeId, Record};
 use edm_hal_shim::store::{Loaded, MAX_IMAGE};
 
 /// Version of the layout: two bits away from 0 to 3, with which images of 0.1.0 begin.
-const VERSION: u8 = 0x14;
+const VERSION: u8 = 0x15;
+/// Node-ID of a head that is to wait for one.
+const WAITS: u8 = 255;
 /// Bytes before the records.
-const HEAD: usize = 4;
+const HEAD: usize = 6;
 /// Bytes of a record.
 const RECORD: usize = 8;
 /// Bytes of the checksum.
@@ -123,7 +127,10 @@ impl Default for StoredImage {
 
 impl PartialEq for StoredImage {
     fn eq(&self, other: &Self) -> bool {
-        self.outcome == other.outcome && self.node() == other.node() && self.records().eq(other.records())
+        self.outcome == other.outcome
+            && self.node() == other.node()
+            && self.bus() == other.bus()
+            && self.records().eq(other.records())
     }
 }
 
@@ -183,6 +190,14 @@ impl StoredImage {
         NodeId::new(node)
     }
 
+    /// How the head is reached, if that was stored.
+    pub fn bus(&self) -> Option<BusSettings> {
+        let [_, _, node, rate, ..] = self.bytes;
+        let bit_rate = BitRate::from_index(rate)?;
+        let id = NodeId::new(node);
+        (id.is_some() || node == WAITS).then_some(BusSettings { node: id, bit_rate })
+    }
+
     /// Takes out the records of the application, of the communication area, or both. What remains is to be
     /// [sealed](Self::seal).
     pub(crate) fn remove(&mut self, application: bool, communication: bool) {
@@ -234,11 +249,17 @@ impl StoredImage {
         *node = id.get();
     }
 
+    /// How the head is reached from its next start on. What there is then is to be [sealed](Self::seal).
+    pub(crate) fn set_bus(&mut self, BusSettings { node, bit_rate }: BusSettings) {
+        let [_, _, id, rate, ..] = &mut self.bytes;
+        (*id, *rate) = (node.map_or(WAITS, NodeId::get), bit_rate as u8);
+    }
+
     /// Version, count and checksum. It is what will have been stored last.
     pub(crate) fn seal(&mut self) {
         self.outcome = Outcome::Newest;
         let [low, high] = (self.count as u16).to_le_bytes();
-        let [version, _, a, b, ..] = &mut self.bytes;
+        let [version, _, _, _, a, b, ..] = &mut self.bytes;
         (*version, *a, *b) = (VERSION, low, high);
         if let Some((content, check)) = self.bytes.split_at_mut_checked(HEAD + RECORD * self.count)
             && let Some(check) = check.first_chunk_mut::<CHECK>()
@@ -248,8 +269,8 @@ impl StoredImage {
     }
 
     fn clear(&mut self) {
-        let [_, node, ..] = &mut self.bytes;
-        (*node, self.count) = (0, 0);
+        let [_, node, id, rate, ..] = &mut self.bytes;
+        (*node, *id, *rate, self.count) = (0, 0, 0, 0);
     }
 
     fn record(&self, nth: usize) -> Option<Record> {
@@ -265,7 +286,7 @@ impl StoredImage {
         if CRC.checksum(content) != u32::from_le_bytes(*check) {
             return Err(Outcome::Damaged);
         }
-        let (&[version, _, a, b], records) = content.split_first_chunk::<HEAD>().ok_or(Outcome::Damaged)?;
+        let (&[version, _, _, _, a, b], records) = content.split_first_chunk::<HEAD>().ok_or(Outcome::Damaged)?;
         if version != VERSION {
             return Err(Outcome::Unknown);
         }

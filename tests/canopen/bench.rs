@@ -1,10 +1,12 @@
 //! One node with its machine on a bus, and a host that speaks SDO.
 
 use crate::machine::{DEVICE, Machine, place, scope};
-use edm_servo_head::canopen::{Frame, Node, NodeId, Restored, Time};
+use edm_servo_head::canopen::{BusSettings, Frame, Node, NodeId, Restored, Time};
 
 /// Node-ID of the bench.
 pub const ID: u16 = 0x20;
+/// Its serial number.
+pub const SERIAL: u32 = 7;
 
 pub struct Bench {
     pub node: Node,
@@ -64,8 +66,12 @@ impl Bench {
 
     /// Not booted.
     pub fn silent() -> Self {
-        let id = NodeId::new(ID as u8).unwrap();
-        Self { node: Node::new(&DEVICE, id, 7), machine: Machine::new(), now: 1_000_000 }
+        Self::unbooted(NodeId::new(ID as u8), SERIAL)
+    }
+
+    /// Not booted, with this node-ID or none, and this serial number.
+    pub fn unbooted(id: Option<NodeId>, serial: u32) -> Self {
+        Self { node: Node::new(&DEVICE, BusSettings::at_1_mbit(id), serial), machine: Machine::new(), now: 1_000_000 }
     }
 
     /// What waits to be sent.

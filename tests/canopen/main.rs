@@ -3,6 +3,7 @@
 mod bench;
 mod block;
 mod flood;
+mod lss;
 mod machine;
 mod mapping;
 mod network;

@@ -15,13 +15,13 @@ fn the_signature_is_passed_on_and_answered_when_the_device_has_done_it() {
         assert_eq!(bench.machine.requests, [Request::Store(group)]);
         // Erasing flash takes its time.
         assert_eq!(bench.pass(5_000_000), []);
-        bench.node.answer(Ok(()), &mut bench.machine);
+        bench.node.answer(Group::All, Ok(()), &mut bench.machine);
         assert_eq!(bench.frames()[0].data(), request(0x60, 0x1010, sub, [0; 4]));
-        bench.node.answer(Ok(()), &mut bench.machine);
+        bench.node.answer(Group::All, Ok(()), &mut bench.machine);
         assert_eq!(bench.frames(), []);
         assert!(bench.sdo(request(0x23, 0x1011, sub, LOAD)).is_empty());
         assert_eq!(bench.machine.requests[1], Request::Restore(group));
-        bench.node.answer(Err(Abort::Hardware), &mut bench.machine);
+        bench.node.answer(Group::All, Err(Abort::Hardware), &mut bench.machine);
         assert_eq!(bench.frames()[0].data(), request(0x80, 0x1011, sub, 0x0606_0000u32.to_le_bytes()));
     }
 }
@@ -44,12 +44,12 @@ fn segmented_and_block_requests_are_answered_in_kind() {
     let mut bench = Bench::new();
     bench.ask(request(0x21, 0x1010, 1, [4, 0, 0, 0]));
     assert!(bench.sdo(segment(0x07, &SAVE)).is_empty());
-    bench.node.answer(Ok(()), &mut bench.machine);
+    bench.node.answer(Group::All, Ok(()), &mut bench.machine);
     assert_eq!(bench.frames()[0].data(), segment(0x20, &[]));
     bench.ask(request(0xC6, 0x1010, 1, [4, 0, 0, 0]));
     bench.ask(segment(0x81, &SAVE));
     assert!(bench.sdo(segment(0xC1 | 3 << 2, &crc(&SAVE).to_le_bytes())).is_empty());
-    bench.node.answer(Ok(()), &mut bench.machine);
+    bench.node.answer(Group::All, Ok(()), &mut bench.machine);
     assert_eq!(bench.frames()[0].data(), segment(0xA1, &[]));
     assert_eq!(bench.machine.requests.len(), 2);
 }
@@ -59,7 +59,7 @@ fn a_host_that_does_not_wait_gets_no_answer_to_what_it_asked_before() {
     let mut bench = Bench::new();
     bench.sdo(request(0x23, 0x1010, 1, SAVE));
     assert_eq!(bench.number(RANGED, 0), 500);
-    bench.node.answer(Ok(()), &mut bench.machine);
+    bench.node.answer(Group::All, Ok(()), &mut bench.machine);
     assert_eq!(bench.frames(), []);
 }
 

@@ -1,7 +1,7 @@
 //! A node that is watched while it is told anything at all.
 
 use crate::machine::{DEVICE, Machine, parameters};
-use edm_servo_head::canopen::{Abort, Frame, NmtState, Node, NodeId, Record, Time};
+use edm_servo_head::canopen::{Abort, BusSettings, Frame, Group, NmtState, Node, NodeId, Record, Time};
 
 /// Node-ID.
 pub const ID: u16 = 0x20;
@@ -49,7 +49,7 @@ impl Watched {
     /// A node that has booted.
     pub fn new() -> Self {
         let (mut machine, now) = (Machine::new(), 0);
-        let mut node = Node::new(&DEVICE, NodeId::new(ID as u8).unwrap(), 7);
+        let mut node = Node::new(&DEVICE, BusSettings::at_1_mbit(NodeId::new(ID as u8)), 7);
         node.boot(None, &mut machine).unwrap();
         let image = parameters(&node);
         Self {
@@ -126,7 +126,7 @@ impl Watched {
 
     /// The device has done what it was asked.
     pub fn answer(&mut self, result: Result<(), Abort>) {
-        self.node.answer(result, &mut self.machine);
+        self.node.answer(Group::All, result, &mut self.machine);
         self.check(May::Nothing, false, &[]);
     }
 

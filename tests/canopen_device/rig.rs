@@ -2,7 +2,7 @@
 //! expedited SDO.
 
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Order};
-use edm_servo_head::canopen::{Abort, Frame, Node, NodeId, Time};
+use edm_servo_head::canopen::{Abort, BusSettings, Frame, Node, NodeId, Time};
 use edm_servo_head::head::State;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::stored::StoredImage;
@@ -32,7 +32,7 @@ impl Rig {
         let record = Box::leak(Box::new(BLANK));
         let mut drive =
             Drive::new(settings, Identity { reset_cause: 7, build: "test", ..Identity::default() }, record).unwrap();
-        let mut node = Node::new(&DEVICE, NodeId::new(ID).unwrap(), 1234);
+        let mut node = Node::new(&DEVICE, BusSettings::at_1_mbit(NodeId::new(ID)), 1234);
         node.boot(None, &mut drive).unwrap();
         let machine = Machine::new(&parameters, &settings, 1).unwrap();
         let mut rig =
@@ -104,11 +104,11 @@ impl Rig {
             Order::Store(group) => {
                 assert_eq!(self.machine.status().state, State::Disabled);
                 self.image.keep(group, &self.drive, &self.node).unwrap();
-                self.drive.stored(&mut self.node, Ok(()));
+                self.drive.stored(&mut self.node, group, Ok(()));
             }
             Order::Restore(group) => {
                 self.image.forget(group);
-                self.drive.stored(&mut self.node, Ok(()));
+                self.drive.stored(&mut self.node, group, Ok(()));
             }
             Order::ResetNode => {
                 let defaults = Settings { commissioned: true, ..Settings::default() };

@@ -13,7 +13,6 @@ crate::board! {
         name: "STM32F407G-DISC1",
         crystal_hz: 8_000_000,
         can_bit_rate: 1_000_000,
-        node: 1,
         defaults: {
             "gap.volts_per_code" = 0.0911,
             "gap.amps_per_code" = 0.0146,

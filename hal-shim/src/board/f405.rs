@@ -6,7 +6,6 @@ crate::board! {
         name: "STM32F405RG, LQFP64",
         crystal_hz: 8_000_000,
         can_bit_rate: 1_000_000,
-        node: 1,
         defaults: {},
         encoder_a: gpioa.pa0 PA0, "TIM5_CH1, EXTI0", "encoder A from the line receiver";
         encoder_b: gpioa.pa1 PA1, "TIM5_CH2, EXTI1", "encoder B from the line receiver";

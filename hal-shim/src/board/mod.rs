@@ -1,7 +1,7 @@
 //! Boards: which pin carries which signal, and what of the chip is used for what.
 //!
 //! One table a board, made with [`board!`](crate::board!): it is at once the struct that owns the pins by type, the check that
-//! nothing is used twice, and the text that documents and the firmware on a PC print. Crystal, bit rate, node-ID and
+//! nothing is used twice, and the text that documents and the firmware on a PC print. Crystal, bit rate and
 //! defaults of settings that are the board's stand in it too. The pins are the same types on the chip and on a PC, so that
 //! a clash fails to compile on both. Another board is a file and a line in [`boards!`](self): CONTRIBUTING.md.
 //!
@@ -43,7 +43,7 @@ boards! {
     "board-f407-disc" => Disc,
 }
 
-/// Declares a board: crystal in Hz, bit rate of CAN in bit/s, node-ID, defaults of settings where they differ from those of
+/// Declares a board: crystal in Hz, bit rate of CAN in bit/s, defaults of settings where they differ from those of
 /// docs/settings.md; then for each signal a pin, what it does there, and what is connected to it outside.
 ///
 /// A crystal or bit rate that the clock tree cannot use exactly does not compile. A pin used twice does not compile: the second
@@ -54,7 +54,6 @@ macro_rules! board {
         name: $name:literal,
         crystal_hz: $crystal:literal,
         can_bit_rate: $bit_rate:literal,
-        node: $node:literal,
         defaults: { $($key:literal = $default:literal),* $(,)? },
         $($signal:ident: $port:ident.$field:ident $Pin:ident, $function:literal, $outside:literal;)+
     }) => {
@@ -73,8 +72,10 @@ macro_rules! board {
                     Some(pll) => pll,
                     None => panic!("a crystal has 4 to 26 MHz in steps of 2 MHz"),
                 },
-                can: $crate::must!($crate::timing::can::bit_timing($crate::board::APB1_HZ, $bit_rate)),
-                node: $node,
+                bit_rate: match $crate::timing::can::btr($bit_rate) {
+                    Some(_) => $bit_rate,
+                    None => panic!("a bit rate is one of edm_hal_shim::timing::can::BIT_RATES"),
+                },
                 defaults: &[$(($key, $default)),*],
                 rows: &[$($crate::board::Row {
                     signal: stringify!($signal),

@@ -1,7 +1,6 @@
 //! The table of a board, and what must hold for it.
 
-use super::{APB1_HZ, Pll};
-use crate::timing::can::BitTiming;
+use super::Pll;
 use core::fmt;
 
 /// A pin of the chip.
@@ -52,10 +51,8 @@ pub struct Table {
     pub crystal_hz: u32,
     /// What makes the core's 168 MHz of it.
     pub pll: Pll,
-    /// Bit timing of the CAN controller.
-    pub can: BitTiming,
-    /// Node-ID on the bus, 1 to 127.
-    pub node: u8,
+    /// Bit rate of CAN until a host configures another, bit/s: one of [`BIT_RATES`](crate::timing::can::BIT_RATES).
+    pub bit_rate: u32,
     /// Settings whose default is another here than docs/settings.md says, by key.
     pub defaults: &'static [(&'static str, f32)],
     /// The signals.
@@ -92,7 +89,6 @@ impl Table {
     /// Refuses, at compile time, a pin, an interrupt line, a timer or converter channel that is used twice, and an
     /// interrupt line that is not the pin's own.
     pub const fn check(&self) {
-        assert!(self.node >= 1 && self.node <= 127, "a node-ID is 1 to 127");
         let mut i = 0;
         while i < self.rows.len() {
             let row = &self.rows[i];
@@ -121,7 +117,7 @@ impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Pll { m, n, q } = self.pll;
         writeln!(f, "{}, crystal {} MHz, PLL m {m} n {n} q {q}", self.name, self.crystal_hz / 1_000_000)?;
-        writeln!(f, "  node {}, CAN {} kbit/s", self.node, self.can.bit_rate(APB1_HZ) / 1000)?;
+        writeln!(f, "  CAN {} kbit/s unless configured", self.bit_rate / 1000)?;
         for (key, value) in self.defaults {
             writeln!(f, "  {key} {value} unless set")?;
         }

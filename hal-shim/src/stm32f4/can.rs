@@ -1,4 +1,4 @@
-//! bxCAN: start without an endless wait, hardware filters, transmission without one.
+//! bxCAN: start without an endless wait, hardware filters, bit rate, transmission without a wait.
 //!
 //! SYNC has the second receive FIFO for itself: whether one has come shows before any interrupt has dealt with it.
 
@@ -6,8 +6,8 @@ use super::hal::can::Can1;
 use super::hal::gpio::alt::can1::{Rx, Tx};
 use super::start::{StartError, within};
 use super::{pac, put};
-use crate::can::{self, FifoWords, Inbox, Inboxes, Mailboxes, Overrun, Received, SyncInbox, Trouble};
-use crate::timing::can::BitTiming;
+use crate::can::{FifoWords, Inbox, Inboxes, Mailboxes, Overrun, Received, SyncInbox, Trouble};
+use crate::timing::can;
 use bxcan::filter::{BankConfig, ListEntry16};
 use bxcan::{Fifo, Frame, Interrupts, StandardId};
 
@@ -31,22 +31,24 @@ const BANKS: usize = 4;
 /// Identifiers that can be listened to, the first of them that of SYNC.
 pub const IDENTIFIERS: usize = 1 + PER_BANK * (BANKS - 1);
 
+/// TSR: give up what waits in each mailbox (RM0090 32.9.2).
+const GIVE_UP: u32 = 1 << 7 | 1 << 15 | 1 << 23;
+
 /// What arrives: the hardware drops everything else.
 pub struct Filters {
+    /// CAN_BTR of the bus that the controller has joined, if any.
+    joined: Option<u32>,
     /// The first of the banks in force, if any is.
     first: Option<usize>,
     identifiers: [u16; IDENTIFIERS],
 }
 
-/// Starts the controller on a bus of this timing. It listens to nobody until [`Filters::listen`].
-///
-/// A bus without power or with a stuck level does not stop the start: the controller joins by itself when it sees eleven
-/// recessive bits.
+/// Starts the controller, on no bus yet: a wrong bit rate would disturb the others on it. It listens to nobody until
+/// [`Filters::listen`].
 pub fn start(
     can: pac::CAN1,
     receive: impl Into<Rx>,
     transmit: impl Into<Tx>,
-    timing: BitTiming,
     rcc: &mut pac::RCC,
 ) -> Result<(Receiver, Sender, Filters), StartError> {
     let can = Can1::new(can, (transmit, receive), rcc);
@@ -62,7 +64,7 @@ pub fn start(
         within(100_000, done, StartError::CanInitialisation)?;
     }
 
-    let mut can = bxcan::Can::builder(can).set_bit_timing(timing.btr()).leave_disabled();
+    let mut can = bxcan::Can::builder(can).leave_disabled();
     {
         // Mode, width and queue of a bank can be set only now; which identifiers, at any time while it is not active.
         let nobody = ListEntry16::data_frames_with_id(StandardId::ZERO);
@@ -76,10 +78,8 @@ pub fn start(
     can.enable_interrupts(
         Interrupts::FIFO0_MESSAGE_PENDING | Interrupts::FIFO1_MESSAGE_PENDING | Interrupts::TRANSMIT_MAILBOX_EMPTY,
     );
-    // Wakes in the background, with automatic recovery from bus-off.
-    let _ = can.enable_non_blocking();
     let (sender, ..) = can.split();
-    Ok((Receiver(()), Sender(sender), Filters { first: None, identifiers: [0; IDENTIFIERS] }))
+    Ok((Receiver(()), Sender(sender), Filters { joined: None, first: None, identifiers: [0; IDENTIFIERS] }))
 }
 
 /// Beside the library, which owns the controller and shows none of this: mode, status and filters.
@@ -95,7 +95,7 @@ fn activate(banks: u32) {
     put!(can1().fa1r(), banks);
 }
 
-impl can::Filters for Filters {
+impl crate::can::Filters for Filters {
     /// The banks that are idle take the new choice, then both sets are in force, then the new one alone.
     fn listen(&mut self, sync: u16, others: &[u16]) {
         // What is not in use is network management once more.
@@ -122,6 +122,20 @@ impl can::Filters for Filters {
         self.first = Some(next);
     }
 
+    /// A bus without power or with a stuck level stops nobody: the controller joins by itself when it sees eleven recessive bits.
+    fn join(&mut self, bit_rate: u32) {
+        let Some(btr) = can::btr(bit_rate).filter(|btr| self.joined != Some(*btr)) else { return };
+        let can = can1();
+        if can.msr().read().inak().bit() {
+            put!(can.btr(), btr);
+            can.mcr().modify(|_, w| w.sleep().clear_bit().inrq().clear_bit());
+            self.joined = Some(btr);
+        } else {
+            put!(can.tsr(), GIVE_UP);
+            can.mcr().modify(|_, w| w.sleep().clear_bit().inrq().set_bit());
+        }
+    }
+
     fn trouble(&self) -> Trouble {
         let errors = can1().esr().read();
         Trouble { passive: errors.epvf().bit(), bus_off: errors.boff().bit() }
@@ -137,6 +151,11 @@ impl Mailboxes for Sender {
     type Frame = Frame;
 
     fn send(&mut self, frame: &Frame) -> bool {
+        // What is asked for while the controller is on no bus would be forgotten.
+        let state = can1().msr().read();
+        if state.inak().bit() || state.slak().bit() {
+            return false;
+        }
         let status = can1().tsr().read().bits();
         // With a free mailbox bxcan never has to abort one, which would wait for the bus.
         status >> 26 & 0b111 != 0 && self.0.transmit(frame).is_ok()

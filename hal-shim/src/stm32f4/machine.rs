@@ -127,7 +127,7 @@ impl Machine {
         // Nothing may drive before the gap has been seen.
         blocks.first()?;
 
-        let can = can::start(device.CAN1, board.can_rx, board.can_tx, const { Board::TABLE.can }, rcc);
+        let can = can::start(device.CAN1, board.can_rx, board.can_tx, rcc);
         let millisecond = Millisecond::new(device.TIM7, rcc);
         let flash = SettingsFlash::new(device.FLASH);
         Ok(Machine {

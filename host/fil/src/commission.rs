@@ -5,7 +5,7 @@ use anyhow::{Result, anyhow};
 use edm_hal_shim::storage::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use edm_hal_shim::store::{BUFFER, Permit, Store};
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity};
-use edm_servo_head::canopen::{Group, Node, NodeId};
+use edm_servo_head::canopen::{BusSettings, Group, Node, NodeId};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::stored::StoredImage;
 use edm_soc::Region;
@@ -66,24 +66,34 @@ impl NorFlash for Sectors<'_> {
     }
 }
 
-/// What a host has stored with 1010h:3 on a head with these settings.
-fn image(settings: &Settings) -> Result<StoredImage> {
+/// What a host has stored with 1010h:3 on a head with these settings, which was given this node-ID, if any, by layer setting.
+fn image(settings: &Settings, id: Option<NodeId>) -> Result<StoredImage> {
     let record = Box::leak(Box::new(BLANK));
     let drive = Drive::new(*settings, Identity::default(), record).map_err(|e| anyhow!("settings: {e}"))?;
-    let node = Node::new(&DEVICE, NodeId::new(1).ok_or_else(|| anyhow!("no node 1"))?, 0);
+    let node = Node::new(&DEVICE, BusSettings::at_1_mbit(id), 0);
     let mut image = StoredImage::NOTHING;
-    image.keep(Group::Application, &drive, &node).map_err(|_| anyhow!("settings: no room"))?;
+    for group in [Group::Application, Group::Bus] {
+        image.keep(group, &drive, &node).map_err(|_| anyhow!("settings: no room"))?;
+    }
     Ok(image)
 }
 
-/// Stores settings in a flash.
+/// Stores settings in a flash, for a head that is node 1.
 ///
 /// # Errors
 /// When the store fails.
 pub fn commission(flash: &Region, settings: &Settings) -> Result<()> {
+    commission_as(flash, settings, Some(NodeId::FIRST))
+}
+
+/// The same for a head with another node-ID, or one that waits for it.
+///
+/// # Errors
+/// When the store fails.
+pub fn commission_as(flash: &Region, settings: &Settings, id: Option<NodeId>) -> Result<()> {
     let failed = |e| anyhow!("settings: {e}");
     let mut store = Store::<_, Off>::new(Sectors(flash), 0).map_err(failed)?;
-    store.save(image(settings)?.bytes(), &mut [0; BUFFER], &Off).map_err(failed)
+    store.save(image(settings, id)?.bytes(), &mut [0; BUFFER], &Off).map_err(failed)
 }
 
 #[cfg(test)]

@@ -5,15 +5,15 @@ use edm_servo_head::head::Command;
 use edm_servo_head::units::Nanometres;
 use edm_soc::Frame;
 
-/// The firmware's number on the bus.
+/// The firmware's number on the bus: what its flash says, here as on a board that was named so.
 pub const NODE: u16 = 1;
 /// Identifiers of the pre-defined connection set (CiA 301 7.3.5).
 const REQUEST: u16 = 0x600 + NODE;
 const ANSWER: u32 = 0x580 + NODE as u32;
 /// The number that the host's heartbeats carry.
 pub const HOST: u16 = 100;
-/// Milliseconds that an answer, or a change of state, may take.
-const PATIENCE: u32 = 50;
+/// Milliseconds that an answer, or a change of state, may take; boot-up comes 50 after a reset.
+const PATIENCE: u32 = 80;
 
 /// A bus with a head on it.
 pub trait Bus {
@@ -65,6 +65,36 @@ pub fn read(bus: &mut impl Bus, index: u16, sub: u8) -> Result<u32> {
     let [low, high] = index.to_le_bytes();
     let [_, _, _, _, a, b, c, d] = ask(bus, [0x40, low, high, sub, 0, 0, 0, 0])?;
     Ok(u32::from_le_bytes([a, b, c, d]))
+}
+
+/// What heads answer to a layer setting service (CiA 305) within some milliseconds.
+///
+/// # Errors
+/// When the head cannot go on.
+pub fn lss(bus: &mut impl Bus, request: [u8; 8]) -> Result<Option<[u8; 8]>> {
+    while bus.take().is_some() {}
+    bus.send(Frame::new(0x7E5, &request));
+    for _ in 0..PATIENCE {
+        bus.pass()?;
+        if let Some(answer) = std::iter::from_fn(|| bus.take()).find(|frame| frame.id == 0x7E4) {
+            return Ok(Some(answer.data));
+        }
+    }
+    Ok(None)
+}
+
+/// Names a head that is alone on its bus and waits for a node-ID; whether it did.
+///
+/// # Errors
+/// When the head cannot go on.
+pub fn name(bus: &mut impl Bus) -> Result<bool> {
+    if lss(bus, [0x4C, 0, 0, 0, 0, 0, 0, 0])?.is_none() {
+        return Ok(false);
+    }
+    lss(bus, [0x04, 1, 0, 0, 0, 0, 0, 0])?;
+    let named = lss(bus, [0x11, NODE as u8, 0, 0, 0, 0, 0, 0])?;
+    bus.send(Frame::new(0x7E5, &[0x04, 0, 0, 0, 0, 0, 0, 0]));
+    Ok(named.is_some_and(|answer| answer[1] == 0))
 }
 
 /// Waits for the node's boot-up, puts it into operation and lets it watch the host's heartbeats.

@@ -4,12 +4,13 @@
 //! With `--store` the two sectors of flash in which the firmware keeps what hosts store are a file: a power cycle is to end
 //! the program and to start it again. Erasing and programming take their time on the chip; the file is replaced whole.
 
-use crate::commission::{self, commission};
-use crate::host::{Bus as _, NODE, await_boot_up};
+use crate::commission::{self, commission_as};
+use crate::host::Bus as _;
 use crate::image::Image;
 use crate::rig::{Emulated, Witness};
 use anyhow::{Context, Result, ensure};
 use edm_bus::Frame;
+use edm_servo_head::canopen::NodeId;
 use edm_servo_head::settings::Settings;
 use edm_sim::cli::Failure;
 use edm_sim::machine::Rig as _;
@@ -17,6 +18,9 @@ use edm_sim::serve::{Plant, Serve, pull};
 use edm_soc::Region;
 use embedded_can::{ExtendedId, Frame as _, Id, StandardId};
 use std::path::{Path, PathBuf};
+
+/// From power-up until the head listens to its bus, and has said so, ms.
+const START_MS: u32 = 20;
 
 /// The chip on the bus.
 struct Chip {
@@ -29,10 +33,11 @@ struct Chip {
 /// # Errors
 /// When an option is refused, or the firmware cannot go on.
 pub fn serve(image: &Image, log: bool, options: &Serve) -> Result<(), Failure> {
-    if (options.nodes, options.node_id) != (1, NODE as u8) {
-        let message = format!("--nodes, --node-id: the firmware is one head, node {NODE}; use `cargo sim serve`");
+    if options.nodes != 1 {
+        let message = format!("--nodes {}: the firmware is one head; use `cargo sim serve`", options.nodes);
         return Err(Failure::BadInput(message));
     }
+    let id = NodeId::new(options.node_id);
     let setup = options.setup().map_err(Failure::BadInput)?;
     // Commissioning counts as passed: it needs an axis without a workpiece.
     let settings = Settings { commissioned: true, ..setup.head };
@@ -44,18 +49,24 @@ pub fn serve(image: &Image, log: bool, options: &Serve) -> Result<(), Failure> {
             ensure!(bytes.len() == commission::LENGTH, "{}: must have {} bytes", store.display(), commission::LENGTH);
             flash.fill(commission::BASE, &bytes).context("there is no such flash")
         }
-        None => commission(flash, &settings),
+        None => commission_as(flash, &settings, id),
     };
     let mut rig = Emulated::power_up(image, setup.process, options.seed, Witness::None, prepare).map_err(failed)?;
     rig.log = log;
     rig.host_alive = false;
-    await_boot_up(&mut rig).map_err(failed)?;
+    for _ in 0..START_MS {
+        rig.pass().map_err(failed)?;
+    }
+    // Nobody has been there to hear it.
+    while rig.take().is_some() {}
     rig.process_mut().schedule(&setup.events);
     let mut chip = Chip { rig, store };
     chip.keep().map_err(failed)?;
     let title = format!(
-        "Emulated head, node {NODE}: the firmware on a modelled chip (scenario {}, {} x real time; everything is simulated)",
-        options.scenario, options.speed
+        "Emulated head, {}: the firmware on a modelled chip (scenario {}, {} x real time; everything is simulated)",
+        id.map_or("to be named by LSS".into(), |id| format!("node {}", id.get())),
+        options.scenario,
+        options.speed
     );
     edm_sim::serve::run(&title, &options.links, options.speed, &mut chip)
 }
@@ -63,7 +74,7 @@ pub fn serve(image: &Image, log: bool, options: &Serve) -> Result<(), Failure> {
 /// The file of the flash in a folder, which is made.
 fn file(folder: &Path) -> Result<PathBuf> {
     std::fs::create_dir_all(folder).with_context(|| format!("--store {}: cannot be made", folder.display()))?;
-    Ok(folder.join(format!("node-{NODE}.flash")))
+    Ok(folder.join("node-1.flash"))
 }
 
 impl Chip {

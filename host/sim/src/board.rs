@@ -102,6 +102,8 @@ pub struct Ports {
     pub mailboxes: Cell<Option<usize>>,
     /// Identifiers that the controller lets through, that of SYNC first.
     pub listens: RefCell<Vec<u16>>,
+    /// Bit rate that the controller is to have, bit/s: frames on this bus have none.
+    pub bit_rate: Cell<u32>,
     /// Newest gap reading, for whoever looks on.
     pub reading: Cell<GapReading>,
     /// Tasks asked for: protocol, transmission, supervision, plan.
@@ -411,6 +413,9 @@ impl Filters for Part {
         listens.clear();
         listens.push(sync);
         listens.extend(others);
+    }
+    fn join(&mut self, bit_rate: u32) {
+        self.0.bit_rate.set(bit_rate);
     }
     fn trouble(&self) -> Trouble {
         Trouble::default()

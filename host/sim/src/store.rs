@@ -17,14 +17,14 @@ pub enum Store {
 }
 
 impl Store {
-    /// The store of node `id` in a folder, if there is one.
+    /// The store of this name in a folder, if there is one.
     ///
     /// # Errors
     /// When the folder cannot be made.
-    pub fn new(folder: Option<&Path>, id: u8) -> Result<Store, String> {
+    pub fn new(folder: Option<&Path>, name: &str) -> Result<Store, String> {
         let Some(folder) = folder else { return Ok(Store::Memory(None)) };
         fs::create_dir_all(folder).map_err(|error| format!("--store {}: cannot be made: {error}", folder.display()))?;
-        Ok(Store::File(folder.join(format!("node-{id}.stored"))))
+        Ok(Store::File(folder.join(format!("{name}.stored"))))
     }
 
     fn read(&self) -> Result<Option<Vec<u8>>, String> {
@@ -87,8 +87,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let inside = folder.path().join("new");
         for (mut store, again) in [
-            (Store::new(None, 7).unwrap(), None),
-            (Store::new(Some(&inside), 7).unwrap(), Some(Store::new(Some(&inside), 7).unwrap())),
+            (Store::new(None, "node-7").unwrap(), None),
+            (Store::new(Some(&inside), "node-7").unwrap(), Some(Store::new(Some(&inside), "node-7").unwrap())),
         ] {
             assert_eq!(load(&mut store).unwrap(), None);
             let mut again = again;
@@ -105,9 +105,9 @@ mod tests {
     #[test]
     fn nodes_have_stores_of_their_own_and_a_save_that_fails_loses_nothing() {
         let folder = tempfile::tempdir().unwrap();
-        let mut seven = Store::new(Some(folder.path()), 7).unwrap();
+        let mut seven = Store::new(Some(folder.path()), "node-7").unwrap();
         save(&mut seven, b"seven").unwrap();
-        assert_eq!(load(&mut Store::new(Some(folder.path()), 8).unwrap()).unwrap(), None);
+        assert_eq!(load(&mut Store::new(Some(folder.path()), "node-8").unwrap()).unwrap(), None);
         let mut gone = Store::File(folder.path().join("missing").join("node-7.stored"));
         assert!(save(&mut gone, b"eight").is_err());
         assert_eq!(load(&mut seven).unwrap().unwrap(), b"seven");
@@ -116,7 +116,7 @@ mod tests {
     #[test]
     fn a_file_longer_than_an_image_can_be_is_not_used() {
         let folder = tempfile::tempdir().unwrap();
-        let mut store = Store::new(Some(folder.path()), 7).unwrap();
+        let mut store = Store::new(Some(folder.path()), "node-7").unwrap();
         fs::write(folder.path().join("node-7.stored"), [0; BUFFER]).unwrap();
         assert!(load(&mut store).is_ok());
         fs::write(folder.path().join("node-7.stored"), [0; BUFFER + 1]).unwrap();

@@ -82,6 +82,9 @@ impl StoredImage {
     pub fn keep(&mut self, group: Group, drive: &Drive, node: &Node) -> Result<(), Full> {
         let (application, communication) = parts(group);
         self.distrust();
+        if group == Group::Bus {
+            self.set_bus(node.configured());
+        }
         self.remove(application, communication);
         let mut putting = Putting::into(self);
         if application {
@@ -91,8 +94,8 @@ impl StoredImage {
             node.parameters(&mut |record| putting.put(record));
         }
         putting.end()?;
-        if communication {
-            self.belongs_to(node.id());
+        if let Some(id) = node.bus().node.filter(|_| communication) {
+            self.belongs_to(id);
         }
         self.seal();
         Ok(())
@@ -121,6 +124,7 @@ fn parts(group: Group) -> (bool, bool) {
         Group::All => (true, true),
         Group::Application => (true, false),
         Group::Communication => (false, true),
+        Group::Bus => (false, false),
     }
 }
 
@@ -138,7 +142,7 @@ impl Drive {
     pub fn boot(&mut self, node: &mut Node, image: &StoredImage) -> Result<LoadReport, BootError> {
         let mut foreign = Listed::default();
         let any = image.communication().next().is_some();
-        let restored = if any && image.node() == Some(node.id()) {
+        let restored = if any && image.node() == node.bus().node {
             node.boot(Some(&mut image.communication()), self)?
         } else {
             image.communication().for_each(|record| foreign.add(record.index, record.sub));
@@ -151,11 +155,11 @@ impl Drive {
     }
 
     /// Ends a store or restore that the drive has ordered; the host is answered. What was lost on loading is so no longer.
-    pub fn stored(&mut self, node: &mut Node, result: Result<(), Abort>) {
+    pub fn stored(&mut self, node: &mut Node, group: Group, result: Result<(), Abort>) {
         if result.is_ok() {
             self.loss = None;
         }
-        node.answer(result, self);
+        node.answer(group, result, self);
     }
 
     /// Takes over what was stored; `settings` are the defaults.

@@ -247,8 +247,24 @@ impl Case {
         }
     }
 
+    /// Names a head that has lost its settings, as a host does: it is nobody, and says nothing before it is somebody.
+    fn name(&self, stage: &mut Stage) -> Result<()> {
+        if stage.boots == 0 && crate::host::name(stage)? {
+            stage.say("unconfigured");
+            for _ in 0..4 {
+                if stage.boots == 0 {
+                    stage.rest(MENDED_MS)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Takes the cause away; whether the head works again. What it says until its fault is reset belongs to the row.
     fn recover(&self, stage: &mut Stage, seen: &Seen) -> Result<bool> {
+        if seen.resets > 0 {
+            self.name(stage)?;
+        }
         stage.mend();
         stage.rest(MENDED_MS)?;
         self.ask(stage, seen);

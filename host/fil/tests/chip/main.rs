@@ -13,6 +13,7 @@ mod frames;
 mod live;
 mod locks;
 mod lockstep;
+mod lss;
 mod mutants;
 mod reflex;
 mod self_test;

@@ -1,7 +1,7 @@
 //! The options of `edm-sim serve`.
 
 use super::Links;
-use super::fleet::Fleet;
+use super::fleet::{Fleet, UNCONFIGURED};
 use crate::bore;
 use crate::inputs::{seed, setup};
 use crate::run::Setup;
@@ -18,8 +18,8 @@ pub struct Serve {
     /// Heads on the bus; 0 for a bus without any
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(0..=127))]
     pub nodes: u8,
-    /// Node-ID of the first head; the others follow
-    #[arg(long, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=127))]
+    /// Node-ID of the first head, 1 to 127; the others follow. 255: none has one until a host names it by LSS
+    #[arg(long, value_name = "ID", default_value_t = 1, value_parser = node_id)]
     pub node_id: u8,
     /// Scenario by name (`edm-sim scenarios` lists them), or a scenario file
     #[arg(long, value_name = "FILE|NAME", default_value = "default")]
@@ -50,6 +50,7 @@ impl Serve {
         let fleet = self.fleet().map_err(Failure::BadInput)?;
         let heads = match (self.nodes, self.node_id) {
             (0, _) => "A bus without heads".into(),
+            (n, UNCONFIGURED) => format!("{n} virtual head{}, to be named by LSS", if n == 1 { "" } else { "s" }),
             (1, id) => format!("Virtual head, node {id}"),
             (n, id) => format!("{n} virtual heads, nodes {id} to {}", u16::from(id) + u16::from(n) - 1),
         };
@@ -71,7 +72,7 @@ impl Serve {
     fn fleet(&self) -> Result<Fleet, String> {
         let setup = self.setup()?;
         let last = u16::from(self.node_id) + u16::from(self.nodes);
-        if last > 128 {
+        if last > 128 && self.node_id != UNCONFIGURED {
             return Err(format!(
                 "--nodes {}: must be at most {} from --node-id {} on, because node-IDs end at 127",
                 self.nodes,
@@ -81,6 +82,11 @@ impl Serve {
         }
         Fleet::new(&setup, self.node_id, self.nodes, self.seed, self.store.as_deref())
     }
+}
+
+fn node_id(text: &str) -> Result<u8, String> {
+    let id = text.parse().ok().filter(|id| matches!(id, 1..=127 | &UNCONFIGURED));
+    id.ok_or_else(|| format!("must be a whole number from 1 to 127, or {UNCONFIGURED}"))
 }
 
 fn speed(text: &str) -> Result<f64, String> {

@@ -12,23 +12,33 @@ use edm_servo_head::canopen::NodeId;
 use edm_servo_head::settings::Declared;
 use std::path::Path;
 
-/// Heads with rising node-IDs.
+/// Node-ID of heads that are to wait for one (CiA 305).
+pub const UNCONFIGURED: u8 = 255;
+
+/// Heads that have begun with rising node-IDs, or without any.
 pub struct Fleet {
-    heads: Vec<(NodeId, Head)>,
+    heads: Vec<Head>,
     /// What the heads sent in the last tick, and which of them.
     sent: Vec<(usize, Frame)>,
     sending: Vec<Frame>,
 }
 
 impl Fleet {
-    /// Heads that have just been switched on: `count` of them from node-ID `first` on, each with the next seed.
+    /// Heads that have just been switched on: `count` of them from node-ID `first` on, or all [`UNCONFIGURED`], each with the
+    /// next seed and serial number. A node-ID that is stored comes before that.
     ///
     /// # Errors
     /// When the values do not fit together, or the folder of their stores cannot be made.
     pub fn new(setup: &Setup, first: u8, count: u8, seed: u64, store: Option<&Path>) -> Result<Fleet, String> {
-        let ids = (first..).take(count.into()).filter_map(NodeId::new);
-        let head = |(id, seed): (NodeId, u64)| Ok((id, Head::new(setup, id, seed, Store::new(store, id.get())?)?));
-        let heads = ids.zip((0..).map(|index| seed.wrapping_add(index))).map(head).collect::<Result<_, String>>()?;
+        let head = |index: u8| {
+            let node = NodeId::new(first).and_then(|_| NodeId::new(first.checked_add(index)?));
+            let (name, serial) = match node {
+                Some(id) => (format!("node-{}", id.get()), id.get()),
+                None => (format!("head-{}", index + 1), index + 1),
+            };
+            Head::new(setup, (node, serial.into()), seed.wrapping_add(index.into()), Store::new(store, &name)?)
+        };
+        let heads = (0..count).map(head).collect::<Result<_, String>>()?;
         Ok(Fleet { heads, sent: Vec::new(), sending: Vec::new() })
     }
 }
@@ -36,7 +46,7 @@ impl Fleet {
 impl Plant for Fleet {
     fn tick(&mut self, came: &[Frame], sent: &mut Vec<Frame>) -> Result<(), String> {
         let before = std::mem::take(&mut self.sent);
-        for (at, (_, head)) in self.heads.iter_mut().enumerate() {
+        for (at, head) in self.heads.iter_mut().enumerate() {
             let others = before.iter().filter(|(sender, _)| *sender != at).map(|(_, frame)| frame);
             head.tick(came.iter().chain(others), &mut self.sending);
             self.sent.extend(self.sending.iter().map(|frame| (at, *frame)));
@@ -53,12 +63,12 @@ impl Plant for Fleet {
         if line.is_empty() {
             return Ok(());
         }
-        let meant = |id: NodeId| node.is_none_or(|node| node.parse() == Ok(id.get()));
-        if let (Some(node), false) = (node, self.heads.iter().any(|(id, _)| meant(*id))) {
+        let meant = |head: &Head| node.is_none_or(|node| head.node_id().is_some_and(|id| node.parse() == Ok(id.get())));
+        if let (Some(node), false) = (node, self.heads.iter().any(meant)) {
             return Err(format!("{node}: no such node"));
         }
-        let heads = self.heads.iter_mut().filter(|(id, _)| meant(*id));
-        pull(rest, heads.map(|(_, head)| &mut head.process))
+        let heads = self.heads.iter_mut().filter(|head| meant(head));
+        pull(rest, heads.map(|head| &mut head.process))
     }
 }
 
@@ -87,7 +97,8 @@ pub fn pull<'a>(text: &str, machines: impl Iterator<Item = &'a mut Process>) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use edm_servo_head::head::State;
+    use edm_servo_head::canopen::drive::DEVICE;
+    use edm_servo_head::head::{Fault, State};
     use embedded_can::{Frame as _, StandardId};
 
     fn fleet(first: u8, count: u8) -> Fleet {
@@ -112,6 +123,67 @@ mod tests {
     fn every_head_boots_as_its_own_node() {
         assert_eq!(sent(&mut fleet(126, 2), &[], 10)[..2], [frame(0x77E, &[0]), frame(0x77F, &[0])]);
         assert_eq!(sent(&mut fleet(1, 0), &[], 10), []);
+    }
+
+    /// What a head answers to a layer setting service.
+    fn lss(fleet: &mut Fleet, data: [u8; 8]) -> Vec<Vec<u8>> {
+        let answer = embedded_can::Id::Standard(StandardId::new(0x7E4).unwrap());
+        let frames = sent(fleet, &[frame(0x7E5, &data)], 5).into_iter().filter(|frame| frame.id() == answer);
+        frames.map(|frame| frame.data().to_vec()).collect()
+    }
+
+    /// Names the head with this serial number.
+    fn name(fleet: &mut Fleet, serial: u8, id: u8) {
+        let identity = [DEVICE.vendor, DEVICE.product, DEVICE.revision, serial.into()];
+        for (command, word) in (0x40..).zip(identity) {
+            let [a, b, c, d] = word.to_le_bytes();
+            lss(fleet, [command, a, b, c, d, 0, 0, 0]);
+        }
+        assert_eq!(lss(fleet, [0x11, id, 0, 0, 0, 0, 0, 0]), [[0x11, 0, 0, 0, 0, 0, 0, 0]]);
+    }
+
+    #[test]
+    fn heads_without_a_node_id_are_named_and_stay_so_if_that_was_stored() {
+        let folder = tempfile::tempdir().unwrap();
+        let new = || Fleet::new(&Setup::load("default").unwrap(), UNCONFIGURED, 3, 1, Some(folder.path())).unwrap();
+        let mut fleet = new();
+        assert_eq!(sent(&mut fleet, &[], 100), []);
+        assert_eq!(lss(&mut fleet, [0x4C, 0, 0, 0, 0, 0, 0, 0]).len(), 3);
+        for serial in [1, 2, 3] {
+            name(&mut fleet, serial, 40 + serial);
+            if serial < 3 {
+                assert_eq!(lss(&mut fleet, [0x17, 0, 0, 0, 0, 0, 0, 0]), [[0x17, 0, 0, 0, 0, 0, 0, 0]]);
+            }
+            let booted = sent(&mut fleet, &[frame(0x7E5, &[4, 0, 0, 0, 0, 0, 0, 0])], 100);
+            assert!(booted.contains(&frame(0x700 | u16::from(40 + serial), &[0])), "{booted:?}");
+        }
+        let ids = |fleet: &Fleet| fleet.heads.iter().map(|head| head.node_id().map(NodeId::get)).collect::<Vec<_>>();
+        assert_eq!(ids(&fleet), [Some(41), Some(42), Some(43)]);
+        // A power cycle, and another name.
+        fleet = new();
+        sent(&mut fleet, &[], 100);
+        assert_eq!(ids(&fleet), [Some(41), Some(42), None]);
+        name(&mut fleet, 2, 7);
+        lss(&mut fleet, [0x17, 0, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(ids(&fleet)[1], Some(42), "until it is reset");
+        let booted = sent(&mut fleet, &[frame(0, &[130, 42])], 100);
+        assert!(booted.contains(&frame(0x707, &[0])), "{booted:?}");
+    }
+
+    #[test]
+    fn a_head_that_is_enabled_stores_no_name_and_gives_up_its_work_when_the_bit_rate_changes() {
+        let mut fleet = fleet(1, 1);
+        sent(&mut fleet, &[], 100);
+        enabled(&mut fleet);
+        name(&mut fleet, 1, 9);
+        assert_eq!(lss(&mut fleet, [0x17, 0, 0, 0, 0, 0, 0, 0]), [[0x17, 255, 1, 0, 0, 0, 0, 0]]);
+        assert_eq!(lss(&mut fleet, [0x13, 0, 2, 0, 0, 0, 0, 0]).len(), 1);
+        assert_eq!(fleet.heads[0].status().state, State::Ready);
+        assert_eq!(lss(&mut fleet, [0x15, 20, 0, 0, 0, 0, 0, 0]), [] as [Vec<u8>; 0]);
+        assert_eq!(fleet.heads[0].status().fault, Some(Fault::HostSilent));
+        let booted = sent(&mut fleet, &[], 100);
+        assert_eq!(fleet.heads[0].bit_rate(), 500_000);
+        assert!(booted.contains(&frame(0x709, &[0])), "{booted:?}");
     }
 
     #[test]
@@ -167,7 +239,7 @@ mod tests {
         for word in [6, 7, 15] {
             sent(fleet, &[frame(0x201, &[word, 0])], 20);
         }
-        assert_eq!(fleet.heads[0].1.status().state, State::Ready);
+        assert_eq!(fleet.heads[0].status().state, State::Ready);
     }
 
     #[test]
@@ -199,7 +271,7 @@ mod tests {
                     out.clear();
                 }
             }
-            let status = fleet.heads[0].1.status();
+            let status = fleet.heads[0].status();
             assert_eq!(status.state, State::Positioning, "{ms}");
             assert!((status.setpoint.to_f32() - target as f32).abs() < 3.0, "{ms}: {status:?}");
             assert!(status.following.abs() < 20.0, "{ms}: {status:?}");
@@ -212,7 +284,7 @@ mod tests {
         let mut fleet = fleet(5, 2);
         let open = |fleet: &mut Fleet| {
             sent(fleet, &[], 1);
-            [0, 1].map(|at| fleet.heads[at].1.process.sensors().safety.lower_limit)
+            [0, 1].map(|at| fleet.heads[at].process.sensors().safety.lower_limit)
         };
         fleet.line("limit.lower_open=true").unwrap();
         assert_eq!(open(&mut fleet), [true, true]);

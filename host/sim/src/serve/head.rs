@@ -21,7 +21,7 @@ use edm_runtime::idle::Idle;
 use edm_runtime::image_store::ImageStore;
 use edm_runtime::protocol::Protocol;
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Lost};
-use edm_servo_head::canopen::{Node, NodeId};
+use edm_servo_head::canopen::{BusSettings, Node, NodeId};
 use edm_servo_head::head::Status;
 use edm_servo_head::settings::{SettingError, Settings};
 use rtic_core::Mutex;
@@ -35,7 +35,6 @@ pub struct Head {
     pub(crate) transmit: Transmit<Pc>,
     pub(crate) protocol: Alone<Protocol<Pc>>,
     pub(crate) idle: Idle<Pc>,
-    id: NodeId,
 }
 
 /// What tasks share, where no task comes in between.
@@ -49,28 +48,30 @@ impl<T> Mutex for Alone<T> {
 }
 
 impl Head {
-    /// A head that has just been switched on.
+    /// A head that has just been switched on: node-ID when none is stored, serial number.
     ///
     /// # Errors
     /// When the values do not fit together.
-    pub fn new(setup: &Setup, id: NodeId, seed: u64, store: Store) -> Result<Head, String> {
+    pub fn new(setup: &Setup, id: (Option<NodeId>, u32), seed: u64, store: Store) -> Result<Head, String> {
         // The virtual head's commissioning counts as passed: it needs an axis without a workpiece.
         let settings = Settings { commissioned: true, ..setup.head };
         let mut process = Process::new(setup.process, seed).map_err(|error| setup.refusal(error))?;
         process.schedule(&setup.events);
-        let head = Head::of(process, settings, id, store, SelfTest::PASSED).map_err(|error| setup.refusal(error))?;
+        let head = Head::of(process, settings, id, store, SelfTest::PASSED);
+        let head = head.map_err(|error| setup.refusal(error))?;
         head.complain();
         Ok(head)
     }
 
-    /// A head on this process, that runs these settings when nothing is stored, on a board that has found this of itself.
+    /// A head on this process, that runs these settings, on this node-ID, when nothing is stored; with this serial number, on a board
+    /// that has found this of itself.
     ///
     /// # Errors
     /// When the settings do not fit together.
     pub fn of(
         process: Process,
         settings: Settings,
-        id: NodeId,
+        (node, serial): (Option<NodeId>, u32),
         store: Store,
         self_test: SelfTest,
     ) -> Result<Head, SettingError> {
@@ -79,13 +80,14 @@ impl Head {
         let build = concat!("virtual ", env!("CARGO_PKG_VERSION"));
         let identity = Identity { build, self_test, ..Identity::default() };
         let drive = Box::leak(Box::new(Drive::new(settings, identity, record)?));
-        let node = Box::leak(Box::new(Node::new(&DEVICE, id, id.get().into())));
         // The head begins with what the drive says then, which is what was stored if that can be.
         let ports = Ports::leak();
         ports.self_test.set(self_test);
         let (buffer, image) = (Box::leak(Box::new([0; BUFFER])), Box::leak(Box::default()));
         let mut image_store = ImageStore::new(store, buffer, image, Part(ports));
         let image = image_store.load();
+        let bus = image.bus().unwrap_or(BusSettings::at_1_mbit(node));
+        let node = Box::leak(Box::new(Node::new(&DEVICE, bus, serial)));
         Part(ports).note(&Note::Loaded(drive.restart(settings, image)));
         Part(ports).note(&Note::booted(drive.boot(node, image)));
         drive.started();
@@ -96,12 +98,22 @@ impl Head {
         let Others { host, idle, receive, transmit } = others;
         let protocol = Alone(host.protocol(node, drive, settings));
         let idle = idle.idle(Part(ports), image_store);
-        Ok(Head { process, core, receive, transmit, protocol, idle, id })
+        Ok(Head { process, core, receive, transmit, protocol, idle })
     }
 
     /// What the head knows after the last tick.
     pub fn status(&self) -> &Status {
         self.core.status()
+    }
+
+    /// Its node-ID now, if it has one.
+    pub fn node_id(&self) -> Option<NodeId> {
+        self.protocol().node().bus().node
+    }
+
+    /// Bit rate that its controller has, bit/s.
+    pub fn bit_rate(&self) -> u32 {
+        self.core.ports.bit_rate.get()
     }
 
     /// The protocol.
@@ -167,7 +179,10 @@ impl Head {
                 ),
                 _ => continue,
             };
-            eprintln!("node {}: {what}", self.id.get());
+            match self.node_id() {
+                Some(id) => eprintln!("node {}: {what}", id.get()),
+                None => eprintln!("unconfigured head: {what}"),
+            }
         }
     }
 }
@@ -185,8 +200,8 @@ mod tests {
 
     /// A head that has just been switched on, with what is stored in a folder.
     fn switched_on(folder: &Path) -> Head {
-        let store = Store::new(Some(folder), 5).unwrap();
-        Head::new(&Setup::load("default").unwrap(), NodeId::new(5).unwrap(), 1, store).unwrap()
+        let store = Store::new(Some(folder), "node-5").unwrap();
+        Head::new(&Setup::load("default").unwrap(), (NodeId::new(5), 5), 1, store).unwrap()
     }
 
     /// Where a folder has what its head has stored: everything.

@@ -79,7 +79,7 @@ struct Watch {
 /// # Errors
 /// When a head cannot be made of the scenario.
 pub fn play(setup: &Setup, case: &Case, tell: &mut dyn FnMut(&str)) -> Result<(Seen, Option<Broken>), String> {
-    let id = NodeId::new(ID).ok_or("node-ID")?;
+    let id = (NodeId::new(ID), ID.into());
     let mut head = Head::new(setup, id, case.seed, Store::Memory(None))?;
     let (mut seen, mut watch, mut sent) = (Seen::default(), Watch::default(), Vec::new());
     for (steps, step) in case.steps.iter().enumerate() {
