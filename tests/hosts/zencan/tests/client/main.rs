@@ -8,9 +8,11 @@ mod slcan;
 use server::Server;
 use std::time::Duration;
 use tokio::time::sleep;
+use zencan_client::common::NodeId;
+use zencan_client::common::lss::LssState;
 use zencan_client::common::nmt::NmtState;
 use zencan_client::common::sdo::AbortCode;
-use zencan_client::{BusManager, RawAbortCode, SdoClient, SdoClientError};
+use zencan_client::{BusManager, LssMaster, RawAbortCode, SdoClient, SdoClientError};
 
 async fn client(server: &Server, node: u8) -> SdoClient<slcan::Sender, slcan::Receiver> {
     let (sender, receiver) = slcan::open(&server.address).await;
@@ -38,6 +40,33 @@ async fn every_head_is_found_with_its_name_and_identity() {
     let mut serials: Vec<u32> = nodes.iter().map(|node| node.identity.unwrap().serial).collect();
     serials.dedup();
     assert_eq!(serials.len(), 3, "each has a serial number of its own");
+}
+
+#[tokio::test]
+async fn every_head_without_a_node_id_is_found_and_named_and_stays_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = ["--nodes", "3", "--node-id", "255", "--store", folder.path().to_str().unwrap()];
+    let mut serials = vec![];
+    {
+        let server = Server::new(&options);
+        let (sender, receiver) = slcan::open(&server.address).await;
+        let mut master = LssMaster::new(sender, receiver);
+        for id in [31, 32, 33] {
+            let found = master.fast_scan(Duration::from_millis(30)).await.expect("one that waits for a node-ID");
+            serials.push(found.serial);
+            master.set_node_id(NodeId::new(id).unwrap()).await.unwrap();
+            // 500 kbit/s; 800 cannot be.
+            master.set_baud_rate(0, 2).await.unwrap();
+            assert!(master.set_baud_rate(0, 1).await.is_err());
+            master.store_config().await.unwrap();
+            master.set_global_mode(LssState::Waiting).await;
+        }
+        assert!(master.fast_scan(Duration::from_millis(30)).await.is_none());
+    }
+    let server = Server::new(&options);
+    for (id, serial) in [31, 32, 33].into_iter().zip(serials) {
+        assert_eq!(client(&server, id).await.read_identity().await.unwrap().serial, serial);
+    }
 }
 
 #[tokio::test]

@@ -1,0 +1,115 @@
+"""Node-ID and bit rate over the bus (CiA 305): python canopen's LSS master."""
+
+import canopen
+import pytest
+from canopen.lss import LssError
+
+from heads import Server, eventually
+
+NODE_IDS = [11, 12, 13]
+
+
+class Master:
+    """A master, and the boot-ups that it has heard."""
+
+    def __init__(self, server):
+        self.network = canopen.Network(server.bus("slcan-tcp"))
+        self.booted = []
+        for node in range(1, 128):
+            self.network.subscribe(0x700 + node, self.heard)
+        self.network.connect()
+        self.lss = self.network.lss
+
+    def heard(self, can_id, data, _):
+        if data[0] == 0:
+            self.booted.append(can_id & 0x7F)
+
+    def read(self, node, index, sub):
+        return int.from_bytes(self.network.add_node(node).sdo.upload(index, sub), "little")
+
+    def answers(self, node):
+        try:
+            return self.read(node, 0x1000, 0) & 0xFFFF == 402
+        except canopen.SdoCommunicationError:
+            return False
+
+    def configuring(self, yes):
+        self.lss.send_switch_state_global(self.lss.CONFIGURATION_STATE if yes else self.lss.WAITING_STATE)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.network.disconnect()
+
+
+@pytest.fixture
+def three(tmp_path):
+    """Starts a server of three heads that keep what they store; again, it is a power cycle."""
+    started = []
+
+    def start():
+        if started:
+            started[-1].stop()
+        started.append(Server(tmp_path, "--nodes", "3", "--node-id", "255", "--store", str(tmp_path / "stored")))
+        return started[-1]
+
+    yield start
+    started[-1].stop()
+
+
+def test_three_heads_alike_are_found_named_renumbered_and_stay_so(three):
+    serials = {}
+    with Master(three()) as master:
+        for node in NODE_IDS:
+            found, address = master.lss.fast_scan()
+            assert found, f"only {len(serials)} of three"
+            serials[node] = address[3]
+            assert master.lss.inquire_node_id() == 255
+            master.lss.configure_node_id(node)
+            master.lss.store_configuration()
+            master.configuring(False)
+            eventually(f"boot-up of {node}", lambda: node in master.booted)
+        assert len(set(serials.values())) == 3
+        assert not master.lss.fast_scan()[0], "nobody is left"
+    with Master(three()) as master:
+        for node, serial in serials.items():
+            assert master.read(node, 0x1018, 4) == serial
+        # Another number, for one of them alone.
+        identity = [master.read(12, 0x1018, sub) for sub in (1, 2, 3, 4)]
+        assert master.lss.send_switch_state_selective(*identity)
+        with pytest.raises(LssError):
+            master.lss.configure_node_id(128)
+        master.lss.configure_node_id(99)
+        master.lss.store_configuration()
+        master.configuring(False)
+        assert master.read(12, 0x1018, 4) == serials[12], "until it is reset"
+        master.network[12].nmt.send_command(130)
+        eventually("boot-up of 99", lambda: 99 in master.booted)
+    with Master(three()) as master:
+        found = [node for node in (11, 12, 13, 99) if master.answers(node)]
+        assert found == [11, 13, 99]
+        assert master.read(99, 0x1018, 4) == serials[12]
+
+
+def test_the_firmware_is_named_on_the_chip_and_stays_so(tmp_path):
+    options = ("--node-id", "255", "--store", str(tmp_path / "stored"))
+    server = Server(tmp_path, *options, program="chip")
+    with Master(server) as master:
+        master.lss.RESPONSE_TIMEOUT = 1.0
+        assert not master.answers(1)
+        master.configuring(True)
+        assert master.lss.inquire_node_id() == 255
+        master.lss.configure_node_id(42)
+        for index in (1, 5, 9):
+            with pytest.raises(LssError):
+                master.lss.configure_bit_timing(index)
+        master.lss.configure_bit_timing(2)
+        master.lss.store_configuration()
+        master.configuring(False)
+        eventually("boot-up", lambda: 42 in master.booted, 20)
+    server.stop()
+    server = Server(tmp_path, *options, program="chip")
+    with Master(server) as master:
+        assert master.answers(42)
+    server.stop()
