@@ -11,7 +11,8 @@ import pytest
 from drive import Host, eds
 from heads import Server
 
-BORE = pathlib.Path(__file__).parents[2] / "examples" / "bore.py"
+EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
+BORE, NAME = EXAMPLES / "bore.py", EXAMPLES / "name_heads.py"
 # States of 2000h:1.
 DISABLED, FAULT = 0, 8
 
@@ -35,6 +36,17 @@ def ended(example):
     said, complained = example.communicate(timeout=60)
     assert example.returncode != 0
     return said + complained
+
+
+def test_heads_that_wait_for_a_node_id_are_named_beside_those_that_have_one(tmp_path):
+    options = ("--nodes", "2", "--node-id", "255", "--store", str(tmp_path / "stored"))
+    for named in [["serial number 1 is node 5", "serial number 2 is node 6"], []]:
+        server = Server(tmp_path, *options)
+        words = [sys.executable, NAME, "--channel", server.tcp, "--node", "5"]
+        said = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True).stdout.splitlines()
+        taken = "none" if named else "5, 6"
+        assert said == [f"in use: {taken}", *named, "no other head waits for a node-ID"]
+        server.stop()
 
 
 def interrupt(example, _):

@@ -50,7 +50,7 @@ pub fn write(out: &mut impl Write) -> fmt::Result {
     write!(
         out,
         "SimpleBootUpMaster=0\nSimpleBootUpSlave=1\nGranularity=8\nDynamicChannelsSupported=0\nGroupMessaging=0\n\
-         NrOfRXPDO={}\nNrOfTXPDO={}\nLSS_Supported=0\nCompactPDO=0\n\n[DummyUsage]\n",
+         NrOfRXPDO={}\nNrOfTXPDO={}\nLSS_Supported=1\nCompactPDO=0\n\n[DummyUsage]\n",
         DEVICE.receive.len(),
         DEVICE.transmit.len()
     )?;
