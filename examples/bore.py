@@ -25,8 +25,7 @@ with Head(network, args.node) as head:
     head.start_move(target)
     told = began
     while not head.statusword & 1 << 10:
-        if head.is_faulted():
-            raise SystemExit(f"fault {head.sdo[0x603F].raw:#06x}")
+        head.check("eroding")
         if time.monotonic() - told >= 2:
             told = time.monotonic()
             depth = head.sdo[0x6064].raw / counts_per_mm - args.surface_mm
@@ -38,5 +37,5 @@ with Head(network, args.node) as head:
     head.move(0)
 
     head.state = "SWITCH ON DISABLED"
-    head.store(1)
+    head.store(3)  # settings and profile, not how this program watches
     print("saved")

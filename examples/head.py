@@ -14,6 +14,8 @@ from canopen.profiles.p402 import BaseNode402
 
 # States of 2000h:1.
 DISABLED, FAULT = 0, 8
+# Node-ID that this program's heartbeats carry, their period and the longest silence of either side, s.
+HOST, BEAT, SILENCE = 127, 0.1, 1.0
 EDS = pathlib.Path(__file__).parent.parent / "docs" / "edm-servo-head.eds"
 
 
@@ -41,7 +43,8 @@ def connect(args):
 class Head(BaseNode402):
     """A head that is operational, with its state machine in TPDO 1 and RPDO 1.
 
-    In a `with` it is left switched off, however the block ends: at its end, by an error, by Ctrl-C.
+    In a `with` it is left switched off, however the block ends: at its end, by an error, by Ctrl-C. Head and program watch
+    each other's heartbeats: when this program dies, or the cable is pulled, the head takes pulses off, goes back and holds.
     """
 
     def __enter__(self):
@@ -50,7 +53,10 @@ class Head(BaseNode402):
     def __exit__(self, kind, error, trace):
         try:
             self.switch_off()
+            # Whoever comes next has a watch of its own.
+            self.sdo[0x1016][1].raw = 0
         finally:
+            self.beat.stop()
             self.network.disconnect()
 
     def switch_off(self):
@@ -102,9 +108,24 @@ class Head(BaseNode402):
             pdo.event_timer = timer
             pdo.enabled = True
             pdo.save()
+        self.beat = network.send_periodic(0x700 + HOST, b"\x05", BEAT)
+        self.sdo[0x1016][1].raw = HOST << 16 | round(1000 * SILENCE)
+        self.nmt.add_heartbeat_callback(self.heard_of)
+        self.heard = time.monotonic()
+        self.sdo[0x1017].raw = round(1000 * BEAT)
         self.nmt.state = "OPERATIONAL"
         self.setup_402_state_machine(read_pdos=False)
         self.wait("a first status", lambda: self.statusword, 2)
+
+    def heard_of(self, _):
+        self.heard = time.monotonic()
+
+    def check(self, doing):
+        """Ends the program when the head is in a fault or has fallen silent; call it again and again while it works."""
+        if self.is_faulted():
+            raise SystemExit(f"fault {self.sdo[0x603F].raw:#06x} while {doing}")
+        if time.monotonic() - self.heard > SILENCE:
+            raise SystemExit(f"the head has been silent for {SILENCE:g} s while {doing}")
 
     def setting(self, key):
         """The object of a setting: `servo.velocity_hz` is "velocity_hz" in the record "servo"."""
@@ -151,8 +172,7 @@ class Head(BaseNode402):
         """Waits until something is so, or a fault comes."""
         end = time.monotonic() + seconds
         while not done():
-            if self.is_faulted():
-                raise SystemExit(f"fault {self.sdo[0x603F].raw:#06x} while waiting for {what}")
+            self.check(f"waiting for {what}")
             if time.monotonic() > end:
                 raise SystemExit(f"waited {seconds} s for {what} in vain")
             time.sleep(0.005)

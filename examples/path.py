@@ -11,8 +11,8 @@ import canopen
 from gcode import Wrong, segments
 from head import Head, connect, options
 
-# States of 2000h:1.
-ERODING, DONE, FAULT = 4, 6, 8
+# State of 2000h:1.
+DONE = 6
 
 parser = options(__doc__)
 parser.add_argument("program", type=pathlib.Path, help="file of G-code, such as examples/cavity.ngc")
@@ -61,8 +61,7 @@ with Head(network, args.node) as head:
         if not head.sdo[0x2001][1].raw:
             head.sdo[0x2001][1].raw = 1
         state = head.sdo[0x2000][1].raw
-        if state == FAULT:
-            raise SystemExit(f"fault {head.sdo[0x603F].raw:#06x}")
+        head.check("eroding")
         if state == DONE and not waiting:
             break
         if time.monotonic() - told >= 2:

@@ -9,12 +9,14 @@ import sys
 import pytest
 
 from drive import Host, eds
-from heads import Server
+from heads import Server, eventually
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 BORE, NAME = EXAMPLES / "bore.py", EXAMPLES / "name_heads.py"
 # States of 2000h:1.
 DISABLED, FAULT = 0, 8
+# Of 2000h:2.
+HOST_SILENT = 6
 
 
 def boring(server):
@@ -70,6 +72,27 @@ def test_an_example_that_is_stopped_while_it_erodes_switches_the_head_off(tmp_pa
     assert host.drive.sdo[0x2000][1].raw == state
     host.close()
     server.stop()
+
+
+def test_when_a_program_dies_while_its_head_erodes_the_head_stops_by_itself(tmp_path):
+    server = Server(tmp_path)
+    example = boring(server)
+    example.kill()
+    example.wait()
+    host = Host(server, "socketcand", eds(tmp_path))
+    eventually("a fault", lambda: host.drive.sdo[0x2000][1].raw == FAULT)
+    assert host.drive.sdo[0x2000][2].raw == HOST_SILENT
+    host.close()
+    server.stop()
+
+
+def test_when_a_head_dies_its_program_ends_and_says_so(tmp_path):
+    server = Server(tmp_path)
+    example = boring(server)
+    server.process.kill()
+    server.process.wait()
+    said = ended(example)
+    assert "the head has been silent for 1 s" in said or "the head may still be on" in said
 
 
 def test_an_example_that_cannot_switch_the_head_off_says_so(tmp_path):

@@ -7,7 +7,7 @@ use crate::Frame;
 use crate::hub::{Detached, Port, Sink};
 use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Bytes that may wait for a client: about a second of a bus of 1 Mbit/s in slcan.
 pub const WAITING: usize = 1 << 18;
@@ -84,6 +84,8 @@ struct Talk {
     protocol: Box<dyn Protocol>,
     out: Outgoing,
     ended: bool,
+    /// When the client said something last.
+    heard: Instant,
 }
 
 /// Bytes for a client.
@@ -110,7 +112,7 @@ impl Client {
     pub fn new(name: String, protocol: Box<dyn Protocol>, too_slow: TooSlow, report: Report) -> Client {
         let mut out = Outgoing::default();
         out.put(protocol.greeting().as_bytes());
-        let talk = Mutex::new(Talk { protocol, out, ended: false });
+        let talk = Mutex::new(Talk { protocol, out, ended: false, heard: Instant::now() });
         Client { name, talk, wake: Condvar::new(), too_slow, report }
     }
 
@@ -118,6 +120,7 @@ impl Client {
     pub fn receive(&self, bytes: &[u8], port: &Port) {
         let mut frames = Vec::new();
         let mut talk = self.talk();
+        talk.heard = Instant::now();
         let Talk { protocol, out, .. } = &mut *talk;
         protocol.receive(bytes, out, &mut frames);
         let _ = self.bound(&mut talk);
@@ -158,6 +161,16 @@ impl Client {
         if let TooSlow::Cut(cut) = &self.too_slow {
             cut();
         }
+    }
+
+    /// When the client said something last, or came.
+    pub fn heard(&self) -> Instant {
+        self.talk().heard
+    }
+
+    /// What it is called in reports.
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     /// Whether the conversation has ended.

@@ -7,9 +7,14 @@ use std::net::{Ipv4Addr, Ipv6Addr, Shutdown, SocketAddr, TcpListener, TcpStream,
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::thread;
+use std::time::{Duration, Instant};
 
-/// Clients at the same time on one address.
+/// Clients at the same time on one address. One more takes the place of the one that has said nothing for longest.
 pub const CLIENTS: usize = 16;
+/// How long a client that has just hung up may take to leave its place.
+const LEAVES: Duration = Duration::from_millis(100);
+/// A report a second at the most, whatever clients do.
+const QUIET: Duration = Duration::from_secs(1);
 
 /// Makes the conversation of a new client.
 pub type Make = fn() -> Box<dyn Protocol>;
@@ -31,13 +36,15 @@ impl Listener {
         let listener = Listener { address: socket.local_addr()?, stop: Arc::default(), clients: Arc::default() };
         let (hub, stop, clients) = (hub.clone(), listener.stop.clone(), listener.clients.clone());
         thread::spawn(move || {
+            let mut log = Log { report: report.clone(), said: None, kept_back: 0 };
             for stream in socket.incoming() {
                 if stop.load(Ordering::Relaxed) {
                     return;
                 }
                 match stream.and_then(|stream| admit(&hub, stream, make, &report, &clients)) {
-                    Ok(()) => {}
-                    Err(error) => report(&format!("a client could not be served: {error}")),
+                    Ok(None) => {}
+                    Ok(Some(evicted)) => log.say(&format!("{evicted}: hung up on, {CLIENTS} others came after it")),
+                    Err(error) => log.say(&format!("a client could not be served: {error}")),
                 }
             }
         });
@@ -64,18 +71,49 @@ impl Drop for Listener {
     }
 }
 
-/// Serves a client by two threads, unless there are too many.
+/// Reports, no more than one in [`QUIET`].
+struct Log {
+    report: Report,
+    said: Option<Instant>,
+    kept_back: u32,
+}
+
+impl Log {
+    fn say(&mut self, what: &str) {
+        if self.said.is_some_and(|said| said.elapsed() < QUIET) {
+            self.kept_back += 1;
+            return;
+        }
+        match std::mem::take(&mut self.kept_back) {
+            0 => (self.report)(what),
+            more => (self.report)(&format!("{what}; and {more} times the like before")),
+        }
+        self.said = Some(Instant::now());
+    }
+}
+
+/// Serves a client by two threads; whose place it has taken, when all were.
 fn admit(
     hub: &Hub,
     stream: TcpStream,
     make: Make,
     report: &Report,
     clients: &Mutex<Vec<Weak<Client>>>,
-) -> io::Result<()> {
+) -> io::Result<Option<String>> {
     let mut clients = clients.lock().unwrap_or_else(PoisonError::into_inner);
-    clients.retain(|client| client.strong_count() > 0);
-    if clients.len() >= CLIENTS {
-        return Err(io::Error::other(format!("there are {CLIENTS} already")));
+    let came = Instant::now();
+    let mut evicted = None;
+    loop {
+        clients.retain(|client| client.upgrade().is_some_and(|client| !client.ended()));
+        if clients.len() < CLIENTS {
+            break;
+        }
+        if came.elapsed() < LEAVES {
+            thread::sleep(LEAVES / 20);
+        } else if let Some(idle) = clients.iter().filter_map(Weak::upgrade).min_by_key(|client| client.heard()) {
+            idle.end();
+            evicted = Some(idle.name().to_owned());
+        }
     }
     stream.set_nodelay(true)?;
     let (mut reads, mut writes, cuts) = (stream.try_clone()?, stream.try_clone()?, stream);
@@ -94,5 +132,5 @@ fn admit(
         }
         client.end();
     });
-    Ok(())
+    Ok(evicted)
 }

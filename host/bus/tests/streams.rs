@@ -170,22 +170,46 @@ fn a_flood_of_nonsense_neither_reaches_the_bus_nor_stops_it() {
 }
 
 #[test]
-fn clients_leave_without_a_trace_and_too_many_are_refused() {
+fn clients_leave_without_a_trace_and_one_too_many_takes_the_place_of_the_longest_idle() {
     let bus = Bus::new();
     let listener = bus.slcan();
     for _ in 0..3 {
-        let clients: Vec<TcpStream> = (0..CLIENTS).map(|_| connect(&listener)).collect();
+        let mut clients: Vec<TcpStream> = (0..CLIENTS).map(|_| connect(&listener)).collect();
         eventually("all are on", || bus.hub.ports() == 1 + CLIENTS);
-        let mut refused = connect(&listener);
-        assert_eq!(refused.read(&mut [0; 1]).unwrap(), 0, "it is closed at once");
-        drop(clients);
+        // All but the fourth say something.
+        for (_, client) in clients.iter_mut().enumerate().filter(|(at, _)| *at != 3) {
+            client.write_all(b"V\r").unwrap();
+            read(client, 6);
+        }
+        let mut newcomer = connect(&listener);
+        assert_eq!(clients[3].read(&mut [0; 1]).unwrap(), 0, "it is hung up on");
+        newcomer.write_all(b"V\r").unwrap();
+        read(&mut newcomer, 6);
+        eventually("the others are still on", || bus.hub.ports() == 1 + CLIENTS);
+        drop((clients, newcomer));
         eventually("all are off", || bus.hub.ports() == 1);
     }
     let mut client = connect(&listener);
     eventually("it is on", || bus.hub.ports() == 2);
+    assert!(bus.said.lock().unwrap().iter().all(|said| said.contains("hung up on, 16 others came after it")));
     drop(listener);
     assert_eq!(client.read(&mut [0; 1]).unwrap(), 0, "the conversation is over");
     eventually("it is off", || bus.hub.ports() == 1);
+}
+
+#[test]
+fn reconnects_in_quick_succession_beside_15_that_say_nothing_are_all_served() {
+    let bus = Bus::new();
+    let listener = bus.slcan();
+    let idle: Vec<TcpStream> = (0..CLIENTS - 1).map(|_| connect(&listener)).collect();
+    for _ in 0..100 {
+        let mut client = connect(&listener);
+        client.write_all(b"V\r").unwrap();
+        read(&mut client, 6);
+    }
+    eventually("the last one has left", || bus.hub.ports() == CLIENTS);
+    assert_eq!(*bus.said.lock().unwrap(), Vec::<String>::new(), "nobody had to go");
+    drop(idle);
 }
 
 #[cfg(unix)]
