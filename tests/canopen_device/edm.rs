@@ -123,6 +123,58 @@ fn cyclic_and_interpolated_set_points_become_path_while_eroding() {
     }
 }
 
+/// A rig that has been moved by cyclic set points, and stands where the last one was, or still follows them.
+fn followed(still: bool) -> Rig {
+    let mut rig = Rig::ready();
+    rig.mode(8);
+    let here = rig.position() as i32;
+    for n in 1..=50 {
+        rig.write32(0x607A, 0, here + 4 * n);
+        rig.run(1);
+    }
+    if still {
+        rig.run(100);
+    }
+    assert_eq!(rig.machine.status().state, State::Positioning);
+    rig
+}
+
+#[test]
+fn erosion_begins_after_cyclic_set_points_have_moved_the_axis() {
+    for still in [true, false] {
+        let mut rig = followed(still);
+        rig.write(0x2001, 1, &[1]);
+        let here = rig.position() as i32;
+        for n in 1..=9 {
+            rig.write32(0x607A, 0, here + 100 + n * 20);
+            rig.run(1);
+        }
+        rig.until(200, |rig| rig.machine.status().state.pulses());
+        rig.until(2000, |rig| rig.machine.status().state == State::Done);
+        assert!((rig.position() as i32 - here - 280).abs() <= 1, "{} from {here}", rig.position());
+        assert_eq!(rig.read(0x2000, 4), 0, "nothing was refused");
+    }
+}
+
+#[test]
+fn profile_position_erodes_after_cyclic_set_points_and_a_host_may_lead_after_them() {
+    let mut rig = followed(true);
+    rig.write(0x2001, 1, &[1]);
+    rig.mode(1);
+    let target = rig.position() as i32 + 300;
+    rig.write32(0x607A, 0, target);
+    rig.control(0x1F);
+    rig.until(200, |rig| rig.machine.status().state.pulses());
+    rig.until(2000, |rig| rig.machine.status().state == State::Done);
+    assert!((rig.position() as i32 - target).abs() <= 1);
+    for still in [true, false] {
+        let mut rig = followed(still);
+        rig.write(0x2001, 1, &[2]);
+        rig.until(200, |rig| rig.machine.status().state == State::Guiding);
+        assert_eq!(rig.read(0x2000, 4), 0, "nothing was refused");
+    }
+}
+
 #[test]
 fn a_host_that_keeps_the_path_reads_the_signed_feed() {
     let mut rig = Rig::ready();

@@ -68,6 +68,9 @@ pub struct SetPoints {
     homing_asked: bool,
     /// A set point was cut off at a limit.
     pub(super) limited: bool,
+    /// Erosion, or guiding, begins when the head has come to rest; then what was given last meanwhile.
+    begins: bool,
+    then: Option<i32>,
     buffer: Deque<i32, BUFFER>,
     /// When the next set point is due.
     due: Option<Time>,
@@ -80,6 +83,7 @@ impl SetPoints {
         self.moving = false;
         self.buffer.clear();
         self.due = None;
+        (self.begins, self.then) = (false, None);
     }
 
     /// The head will not home.
@@ -206,6 +210,10 @@ impl Drive {
 
     /// Appends to the path, and goes along it.
     fn erode_to(&mut self, target: i32) -> bool {
+        if self.set_points.begins {
+            self.set_points.then = Some(target);
+            return true;
+        }
         self.command(Command::MoveTo(self.nanometres(target))) && self.command(Command::Start)
     }
 
@@ -302,7 +310,9 @@ impl Drive {
         }
         let target = self.within_limits(target);
         if self.erodes() && self.acts() {
-            let sent = self.queue_space() > 0 && self.command(Command::MoveTo(self.nanometres(target)));
+            let sent = !self.set_points.begins
+                && self.queue_space() > 0
+                && self.command(Command::MoveTo(self.nanometres(target)));
             if sent && self.control & control::START != 0 {
                 self.command(Command::Start);
             }
@@ -318,7 +328,11 @@ impl Drive {
 
     /// 2001h:1 has been written.
     pub(super) fn erode_written(&mut self) {
-        match self.value(Item::ErodeEnable) {
+        let enable = self.value(Item::ErodeEnable);
+        let positions = self.status.state == head::State::Positioning || self.follow.take().is_some();
+        (self.set_points.begins, self.set_points.then) = (enable != 0 && self.acts() && positions, None);
+        match enable {
+            _ if self.set_points.begins => self.command(Command::Hold),
             0 if self.status.state.pulses() || !self.fresh => self.command(Command::Hold),
             1 if self.acts() => self.command(Command::Start),
             2 if self.acts() => self.command(Command::Guide),
@@ -357,6 +371,14 @@ impl Drive {
                 self.go(next);
                 self.set_points.acknowledged = self.control & control::START != 0;
             }
+        }
+        if self.fresh && !busy && core::mem::take(&mut self.set_points.begins) {
+            match (self.value(Item::ErodeEnable), self.set_points.then.take()) {
+                (1, Some(target)) => self.erode_to(target),
+                (1, None) => self.command(Command::Start),
+                (2, _) => self.command(Command::Guide),
+                _ => false,
+            };
         }
         let (inside, time) = match self.mode {
             Mode::ProfileVelocity => {
