@@ -5,6 +5,7 @@ mod dump;
 mod edges;
 mod edm;
 mod flood;
+mod host_lost;
 mod rig;
 mod segments;
 mod settings;

@@ -10,7 +10,7 @@ use edm_servo_head::units::TICKS_PER_MS;
 use edm_sim::machine::Machine;
 use edm_sim::process::Parameters;
 
-const ID: u8 = 5;
+pub const ID: u8 = 5;
 
 pub struct Rig {
     pub node: Node,

@@ -99,14 +99,12 @@ fn it_is_taken_back_when_the_set_point_no_longer_holds() {
 #[test]
 fn a_sync_that_changes_something_else_as_well_waits_for_the_drive() {
     let mut rig = cyclic();
-    rig.send(0, &[128, 5]);
     rig.write32(0x1401, 1, i32::MIN | 0x305);
     rig.write(0x1601, 0, &[0]);
     rig.write32(0x1601, 1, 0x6040_0010);
     rig.write32(0x1601, 2, 0x607A_0020);
     rig.write(0x1601, 0, &[2]);
     rig.write32(0x1401, 1, 0x305);
-    rig.send(0, &[1, 5]);
     let content = |word: u16, target: i32| [&word.to_le_bytes()[..], &target.to_le_bytes()].concat();
     // The controlword stays.
     rig.send(0x305, &content(0x000F, 1700));

@@ -1,9 +1,9 @@
 //! How controlword and head move the state machine.
 
 use super::state::{Request, State, control, status};
-use super::{Drive, halts, rises};
+use super::{Drive, Order, halts, rises};
 use crate::canopen::objects::Item;
-use crate::head::{self, Command};
+use crate::head::{self, Command, Fault};
 
 /// Longest braking that is waited for, and coasting after a reaction, ms.
 const PATIENCE: u16 = 1000;
@@ -78,7 +78,7 @@ impl Drive {
     fn leave(&mut self, to: State, option: i32) {
         self.set_points.forget();
         if option == 0 {
-            if self.enabling || matches!(self.state, State::OperationEnabled | State::QuickStopActive) {
+            if self.is_enabled() {
                 self.command(Command::Disable);
             }
             self.enabling = false;
@@ -168,6 +168,25 @@ impl Drive {
             word |= status::LIMITED;
         }
         word | self.mode_bits()
+    }
+
+    /// Whether the loop is closed, or about to be.
+    pub(super) fn is_enabled(&self) -> bool {
+        self.enabling || matches!(self.state, State::OperationEnabled | State::QuickStopActive)
+    }
+
+    /// The host is gone (CiA 402-2, 6007h): it has left operational, stopped or reset the node, or a watch on it has ended.
+    pub(super) fn host_lost(&mut self) {
+        match self.value(Item::AbortOption) {
+            0 => {}
+            2 if self.is_enabled() => self.leave(State::SwitchOnDisabled, 0),
+            3 if self.state == State::OperationEnabled => self.quick_stop(),
+            2 | 3 => {}
+            _ if self.status.state.follows() => {
+                self.order(Order::Raise(Fault::HostSilent));
+            }
+            _ => {}
+        }
     }
 
     /// Whether the mode acts.

@@ -258,6 +258,8 @@ pub struct Drive {
     loading: Loading,
 
     mode: Mode,
+    /// State of network management.
+    operational: bool,
     set_points: SetPoints,
 
     /// Path coordinate at which the retreat under way began; none once it was counted as long.
@@ -317,6 +319,7 @@ impl Drive {
             told: (None, None),
             loading: Loading::default(),
             mode: Mode::None,
+            operational: false,
             set_points: SetPoints::default(),
             retreat: None,
             retreating: false,
@@ -688,23 +691,24 @@ impl Drive {
         self.status.homing == HomingState::Runs
     }
 
-    fn host_lost(&mut self) {
-        if self.status.state.follows() {
-            self.order(Order::Raise(Fault::HostSilent));
-        }
-    }
-
     fn happened(&mut self, event: Event) {
+        let operational = self.operational;
         match event {
-            Event::State(NmtState::Stopped)
-            | Event::HeartbeatLost { .. }
-            | Event::SyncLost
-            | Event::ReceiveTimeout { .. } => self.host_lost(),
-            Event::State(_) => {}
+            Event::State(state) => {
+                self.operational = state == NmtState::Operational;
+                // Whoever does all by SDO never was operational.
+                if state == NmtState::Stopped || operational && !self.operational {
+                    self.host_lost();
+                }
+            }
+            Event::HeartbeatLost { .. } | Event::SyncLost | Event::ReceiveTimeout { .. } => self.host_lost(),
             Event::ResetNode => {
+                self.operational = false;
                 self.order(Order::ResetNode);
             }
             Event::ResetCommunication => {
+                self.operational = false;
+                self.host_lost();
                 self.order(Order::ResetCommunication);
             }
         }

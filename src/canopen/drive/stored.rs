@@ -270,6 +270,8 @@ impl Drive {
     pub(super) fn permits(&self, item: Item, value: i64) -> Result<(), Abort> {
         let number = value as i32;
         match item {
+            // Nobody would watch any more.
+            Item::AbortOption if value == 0 && self.is_enabled() => Err(Abort::DeviceState),
             Item::QuickStopOption if matches!(value, 3 | 4) => Err(Abort::InvalidValue),
             Item::HomingMethod if crate::motion::Method::from_number(value as i8).is_none() => Err(Abort::InvalidValue),
             Item::LimitMin if number > self.value(Item::LimitMax) => Err(Abort::Incompatible),

@@ -238,6 +238,7 @@ objects! {
         10 ScopeCount: u16, ro, no, U16, 0, "", live, "Count: samples recorded";
         11 ScopeData: domain, ro, no, U8, 0, "", live, "Data: samples of signals 1 to 4, 32 bits each, little-endian";
     }
+    0x6007 "Abort connection option code" { 0 AbortOption: i16, rw, no, (0, 3), 1, "", store, "Abort connection option code: what the loss of the host does: 0 nothing, 1 fault, 2 disables voltage, 3 quick stop"; }
     0x603F "Error code" { 0 ErrorCode: u16, ro, tx, U16, 0, "", live, "Error code"; }
     0x6040 "Controlword" { 0 Controlword: u16, rw, rx, U16, 0, "", live, "Controlword"; }
     0x6041 "Statusword" { 0 Statusword: u16, ro, tx, U16, 0, "", live, "Statusword"; }

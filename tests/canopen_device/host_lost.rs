@@ -1,0 +1,97 @@
+//! What the loss of the host does, as 6007h has it (docs/canopen.md has this as a table).
+
+use crate::rig::{ID, Rig};
+use edm_servo_head::head::{Fault, State};
+
+/// A way to lose the host.
+type Loss = (&'static str, fn(&mut Rig));
+
+const LOSSES: [Loss; 6] = [
+    ("pre-operational", |rig| rig.send(0, &[128, ID])),
+    ("stopped", |rig| rig.send(0, &[2, ID])),
+    ("reset of communication", |rig| rig.send(0, &[130, ID])),
+    ("heartbeat", |rig| {
+        rig.write32(0x1016, 1, 0x64 << 16 | 20);
+        rig.send(0x764, &[5]);
+        rig.run(40);
+    }),
+    ("SYNC", |rig| {
+        rig.write32(0x1006, 0, 10_000);
+        rig.send(0x80, &[]);
+        rig.run(40);
+    }),
+    ("RPDO", |rig| {
+        rig.write32(0x1400, 1, (1 << 31) | (0x200 + i32::from(ID)));
+        rig.write(0x1400, 5, &20u16.to_le_bytes());
+        rig.write32(0x1400, 1, 0x200 + i32::from(ID));
+        rig.send(0x200 + u16::from(ID), &[0x0F, 0]);
+        rig.run(40);
+    }),
+];
+
+fn holding() -> Rig {
+    Rig::ready()
+}
+
+fn eroding() -> Rig {
+    let mut rig = Rig::ready();
+    rig.write32(0x2004, 1, 4000);
+    rig.write(0x2001, 1, &[1]);
+    rig.until(20_000, |rig| rig.machine.status().state == State::Eroding);
+    rig
+}
+
+#[test]
+fn each_loss_of_the_host_does_what_6007h_says() {
+    for (name, begin) in [("holding", holding as fn() -> Rig), ("eroding", eroding)] {
+        for (what, lose) in LOSSES {
+            for option in 0..=3 {
+                let mut rig = begin();
+                let context = format!("{what} while {name}, 6007h {option}");
+                if option == 0 {
+                    assert_eq!(rig.try_write(0x6007, 0, &[0, 0]), Err(0x0800_0022), "{context}: nobody would watch");
+                    continue;
+                }
+                rig.write(0x6007, 0, &[option, 0]);
+                lose(&mut rig);
+                rig.run(5);
+                let status = *rig.machine.status();
+                match option {
+                    1 => assert_eq!((status.state, status.fault), (State::Fault, Some(Fault::HostSilent)), "{context}"),
+                    2 => assert_eq!((status.state, status.fault), (State::Disabled, None), "{context}"),
+                    _ => {
+                        assert!(!status.state.pulses() && status.state.follows(), "{context}: {:?}", status.state);
+                        assert_eq!(status.fault, None, "{context}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_head_that_was_told_so_before_goes_on_alone() {
+    for (what, lose) in LOSSES {
+        let mut rig = Rig::new(|_, _| {});
+        rig.write(0x6007, 0, &[0, 0]);
+        rig.send(0, &[1, ID]);
+        rig.enable();
+        lose(&mut rig);
+        rig.run(5);
+        assert_eq!(rig.machine.status().state, State::Ready, "{what}");
+    }
+}
+
+#[test]
+fn who_never_was_operational_commands_by_sdo_alone() {
+    let mut rig = Rig::new(|_, _| {});
+    rig.send(0, &[128, ID]);
+    for word in [6u8, 7, 15] {
+        rig.write(0x6040, 0, &[word, 0]);
+        rig.run(30);
+    }
+    assert_eq!(rig.machine.status().state, State::Ready);
+    rig.send(0, &[128, ID]);
+    rig.run(50);
+    assert_eq!(rig.machine.status().state, State::Ready);
+}
