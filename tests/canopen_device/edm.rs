@@ -157,21 +157,60 @@ fn erosion_begins_after_cyclic_set_points_have_moved_the_axis() {
 }
 
 #[test]
+fn a_change_of_mode_stops_erosion_and_guiding_and_2001h_says_so() {
+    for (erode, mode) in [(1, 3), (1, 8), (2, 1), (2, 6)] {
+        let mut rig = Rig::ready();
+        rig.mode(if erode == 1 { 1 } else { 8 });
+        rig.write(0x2001, 1, &[erode]);
+        if erode == 1 {
+            rig.write32(0x607A, 0, 4000);
+            rig.control(0x1F);
+        }
+        rig.until(200, |rig| rig.machine.status().state.pulses());
+        if mode == 6 {
+            assert_eq!(
+                rig.try_write(0x6060, 0, &[mode]),
+                Err(0x0800_0022),
+                "no reference is looked for with pulses on"
+            );
+            continue;
+        }
+        rig.mode(mode);
+        rig.run(5);
+        assert!(!rig.machine.status().state.pulses(), "{erode}, mode {mode}");
+        assert_eq!(rig.read(0x2001, 1), 0, "{erode}, mode {mode}");
+    }
+}
+
+#[test]
 fn profile_position_erodes_after_cyclic_set_points_and_a_host_may_lead_after_them() {
-    let mut rig = followed(true);
-    rig.write(0x2001, 1, &[1]);
-    rig.mode(1);
-    let target = rig.position() as i32 + 300;
-    rig.write32(0x607A, 0, target);
-    rig.control(0x1F);
-    rig.until(200, |rig| rig.machine.status().state.pulses());
-    rig.until(2000, |rig| rig.machine.status().state == State::Done);
-    assert!((rig.position() as i32 - target).abs() <= 1);
+    for (still, erode_first) in [(true, true), (true, false), (false, true), (false, false)] {
+        let mut rig = followed(still);
+        if erode_first {
+            rig.write(0x2001, 1, &[1]);
+        }
+        rig.write(0x6060, 0, &[1]);
+        if !erode_first {
+            rig.write(0x2001, 1, &[1]);
+        }
+        let target = rig.position() as i32 + 300;
+        rig.write32(0x607A, 0, target);
+        rig.control(0x1F);
+        rig.until(200, |rig| rig.machine.status().state.pulses());
+        rig.until(2000, |rig| rig.machine.status().state == State::Done);
+        assert!((rig.position() as i32 - target).abs() <= 1, "{still}, {erode_first}");
+        assert_eq!(rig.read(0x2000, 4), 0, "nothing was refused");
+    }
     for still in [true, false] {
         let mut rig = followed(still);
         rig.write(0x2001, 1, &[2]);
         rig.until(200, |rig| rig.machine.status().state == State::Guiding);
         assert_eq!(rig.read(0x2000, 4), 0, "nothing was refused");
+        // It holds, and does not say that it follows.
+        let here = rig.position();
+        assert_eq!(rig.try_write(0x607A, 0, &(here as i32 + 100).to_le_bytes()), Err(0x0800_0022));
+        rig.run(50);
+        assert_eq!((rig.status() & 0x1000, (rig.position() - here).abs() <= 1), (0, true));
     }
 }
 

@@ -83,7 +83,7 @@ impl SetPoints {
         self.moving = false;
         self.buffer.clear();
         self.due = None;
-        (self.begins, self.then) = (false, None);
+        self.then = None;
     }
 
     /// The head will not home.
@@ -111,10 +111,15 @@ impl Drive {
         }
         if mode != self.mode {
             if self.acts() && self.mode != Mode::None {
+                // Pulses stop with the mode that wanted them.
+                if self.status.state.pulses() {
+                    self.set(Item::ErodeEnable, 0);
+                }
                 self.halt();
             }
             self.mode = mode;
-            self.set_points = SetPoints::default();
+            let begins = self.value(Item::ErodeEnable) != 0 && self.status.state == head::State::Positioning;
+            self.set_points = SetPoints { begins, ..SetPoints::default() };
             self.enter_mode();
         }
         Ok(())
@@ -172,7 +177,7 @@ impl Drive {
 
     /// Profile position: a new set-point.
     fn new_set_point(&mut self, word: u16) {
-        if self.set_points.next.is_some() {
+        if self.set_points.next.is_some() || self.guides() {
             return;
         }
         let given = self.value(Item::TargetPosition);
@@ -263,10 +268,18 @@ impl Drive {
         self.command(Command::Home(home));
     }
 
+    /// The host keeps the path, and the head holds: no set point is followed.
+    fn guides(&self) -> bool {
+        self.value(Item::ErodeEnable) == 2
+    }
+
     /// 607Ah has been written.
     pub(super) fn target_written(&mut self, target: i32) -> Result<(), Abort> {
         if self.mode != Mode::CyclicPosition || !self.moves() {
             return Ok(());
+        }
+        if self.guides() {
+            return Err(Abort::DeviceState);
         }
         let target = self.within_limits(target);
         self.set_points.target = Some(target);
@@ -289,7 +302,7 @@ impl Drive {
     /// What the next SYNC makes of 607Ah.
     pub(super) fn set_point_at_sync(&self, node: &Node) -> Option<SetPoint> {
         const TARGET: Decoded = Decoded::Row(Item::TargetPosition as u16);
-        if self.mode != Mode::CyclicPosition || !self.moves() || self.erodes() {
+        if self.mode != Mode::CyclicPosition || !self.moves() || self.erodes() || self.guides() {
             return None;
         }
         let target = i32::from_le_bytes(node.ahead(TARGET.place(), self)?);
@@ -307,6 +320,9 @@ impl Drive {
     pub(super) fn data_written(&mut self, target: i32) -> Result<(), Abort> {
         if self.mode != Mode::Interpolated {
             return Ok(());
+        }
+        if self.guides() && self.acts() {
+            return Err(Abort::DeviceState);
         }
         let target = self.within_limits(target);
         if self.erodes() && self.acts() {
@@ -372,7 +388,7 @@ impl Drive {
                 self.set_points.acknowledged = self.control & control::START != 0;
             }
         }
-        if self.fresh && !busy && core::mem::take(&mut self.set_points.begins) {
+        if self.fresh && !busy && self.acts() && core::mem::take(&mut self.set_points.begins) {
             match (self.value(Item::ErodeEnable), self.set_points.then.take()) {
                 (1, Some(target)) => self.erode_to(target),
                 (1, None) => self.command(Command::Start),
@@ -426,7 +442,10 @@ impl Drive {
                 let reached = reached && set_points.buffer.is_empty();
                 bit(status::REACHED, reached) | bit(status::MODE_12, active)
             }
-            Mode::CyclicPosition => bit(status::MODE_12, self.moves()) | bit(status::MODE_13, following),
+            Mode::CyclicPosition => {
+                let follows = self.moves() && !self.guides();
+                bit(status::MODE_12, follows) | bit(status::MODE_13, following)
+            }
         }
     }
 
