@@ -135,8 +135,8 @@ pub struct Notches<'a> {
     pub(super) mains: &'a mut svf::Coefficients,
     /// At twice that, where there is one.
     pub(super) harmonic: Option<&'a mut svf::Coefficients>,
-    /// One over their Q.
-    pub(super) inverse_q: f32,
+    /// Their Q.
+    pub(super) width: svf::Width,
 }
 
 /// A chain whose notches follow the mains. It moves the coefficients of its own; the state is that of any chain.
@@ -144,7 +144,7 @@ pub struct Notches<'a> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Tracked {
     coefficients: Coefficients,
-    inverse_q: f32,
+    width: svf::Width,
     tracker: Tracker,
 }
 
@@ -152,7 +152,7 @@ impl Tracked {
     /// Begins at the mains frequency of the configuration.
     pub fn new(config: &Config) -> Result<Tracked, OutOfRange> {
         let coefficients = config.build()?;
-        Ok(Tracked { coefficients, inverse_q: 1.0 / config.notch_q, tracker: Tracker::new(config.mains) })
+        Ok(Tracked { coefficients, width: svf::Width::new(config.notch_q), tracker: Tracker::new(config.mains) })
     }
 
     /// As [`State::tick`], and follows the mains.
@@ -162,7 +162,7 @@ impl Tracked {
         let Coefficients { sections: [_, _, mains], harmonic, further } = &mut self.coefficients;
         let harmonic = (*further != 0).then_some(harmonic);
         let [_, _, notch] = &state.sections;
-        self.tracker.tick(notch.band, &mut Notches { mains, harmonic, inverse_q: self.inverse_q });
+        self.tracker.tick(notch.band, &mut Notches { mains, harmonic, width: self.width });
         y
     }
 

@@ -59,8 +59,10 @@ pub struct Tracker {
     /// Resonator, and e^(j theta).
     z: [f32; 2],
     rotation: [f32; 2],
-    /// Newest sample, and what it says of theta.
+    /// Newest sample, what was expected of the resonator, its power, and what they say of theta.
     x: f32,
+    p: [f32; 2],
+    power: f32,
     error: f32,
     /// Powers of the band and of the resonator.
     band: f32,
@@ -80,6 +82,8 @@ impl Tracker {
             z: [0.0; 2],
             rotation: rotation(theta),
             x: 0.0,
+            p: [0.0; 2],
+            power: 0.0,
             error: 0.0,
             band: 0.0,
             hum: 0.0,
@@ -103,43 +107,49 @@ impl Tracker {
     #[inline]
     pub fn tick(&mut self, band: f32, notches: &mut Notches<'_>) {
         match self.turn {
-            0 => self.turn_resonator(band),
-            1 => self.judge(),
-            2 => self.follow(),
-            3 => *notches.mains = svf::slow_notch(self.notch * HALF_ANGLE, notches.inverse_q),
-            4 => {
+            0 => self.resonate(band),
+            1 => self.compare(),
+            2 => self.judge(),
+            3 => self.follow(),
+            4 => self.rotation = rotation(self.theta),
+            5 => *notches.mains = svf::slow_notch(self.notch * HALF_ANGLE, &notches.width),
+            6 => {
                 if let Some(harmonic) = &mut notches.harmonic {
-                    **harmonic = svf::slow_notch(self.notch * (2.0 * HALF_ANGLE), notches.inverse_q);
+                    **harmonic = svf::slow_notch(self.notch * (2.0 * HALF_ANGLE), &notches.width);
                 }
             }
             _ => {}
         }
-        self.turn = if self.turn + 1 < EVERY { self.turn + 1 } else { 0 };
+        self.turn = if self.turn < EVERY - 1 { self.turn.wrapping_add(1) } else { 0 };
     }
 
-    fn turn_resonator(&mut self, x: f32) {
+    fn resonate(&mut self, x: f32) {
         let [re, im] = self.z;
         let [cos, sin] = self.rotation;
         let p = [cos * re - sin * im, cos * im + sin * re];
         self.z = [p[0] + FORGET * (x - p[0]), p[1] - FORGET * p[1]];
-        let power = p[0] * p[0] + p[1] * p[1];
-        self.x = x;
-        // 4 |p|^2 is the square of the hum's amplitude.
-        self.hum += SMOOTH * (2.0 * power - self.hum);
-        self.error = -FORGET * x * p[1] / (power + NOTHING);
+        (self.p, self.x) = (p, x);
+    }
+
+    fn compare(&mut self) {
+        let [re, im] = self.p;
+        let power = re * re + im * im;
+        self.power = power;
+        self.error = -FORGET * self.x * im / (power + NOTHING);
     }
 
     fn judge(&mut self) {
+        // 4 |p|^2 is the square of the hum's amplitude.
+        self.hum += SMOOTH * (2.0 * self.power - self.hum);
         self.band += SMOOTH * (self.x * self.x - self.band);
         self.locked = self.hum > SHARE * self.band && self.band > NOTHING;
-        self.theta = within(self.theta + FOLLOW * within_either(self.error, MOST), LOWEST, HIGHEST);
     }
 
     fn follow(&mut self) {
+        self.theta = within(self.theta + FOLLOW * within_either(self.error, MOST), LOWEST, HIGHEST);
         if self.locked {
             self.notch += within_either(self.theta - self.notch, STEP);
         }
-        self.rotation = rotation(self.theta);
     }
 }
 
@@ -241,8 +251,8 @@ mod tests {
         let mut steepest = [0.0f32; 2];
         for n in 0..20 * SECOND {
             // On for 3 s, off for 3 s.
-            let on = n / (3 * SECOND) % 2 == 0;
-            if n % (3 * SECOND) == 0 && n > 0 {
+            let on = (n / (3 * SECOND)).is_multiple_of(2);
+            if n.is_multiple_of(3 * SECOND) && n > 0 {
                 if on {
                     tracked = filter(50.0, false);
                 } else {

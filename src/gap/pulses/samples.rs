@@ -27,8 +27,8 @@ use edm_hal_shim::gap::{BLOCK, GapBlock};
 pub const SHORT_LEAST: u32 = 2;
 /// Fewest conversions of what burns by which an arc or a spark is named.
 pub const ARC_LEAST: u32 = 4;
-/// Conversions of what burns after which no more are looked at.
-const ENOUGH: u32 = 64;
+/// Conversions of what burns after which no further block is looked at: arcs and sparks are told apart by as many at 6 dB.
+const ENOUGH: u32 = 32;
 /// Distance of a level from the boundary, in standard deviations of the mean, beyond which nineteen of twenty are right.
 const NINETEEN_OF_TWENTY: f32 = 1.645;
 
@@ -89,20 +89,18 @@ impl Config {
             let deviations = NINETEEN_OF_TWENTY * noise / (0.5 * (high - low));
             least.max(libm::ceilf(deviations * deviations) as u32)
         };
-        Ok(Boundaries {
+        let short_least = least(short, arc, SHORT_LEAST);
+        let arc_least = least(arc, spark, ARC_LEAST);
+        let levels = Levels {
+            zero: self.zero,
+            reversed: self.reversed,
             // Current is evidence of its own here.
-            levels: Levels {
-                zero: self.zero,
-                reversed: self.reversed,
-                current: 0,
-                short: between(short, arc),
-                arc: between(arc, spark),
-            },
-            open: between(spark, open),
-            short_least: least(short, arc, SHORT_LEAST),
-            arc_least: least(arc, spark, ARC_LEAST),
-            blanking: in_range("conversions left out", self.blanking as f32, 0.0, 1000.0)? as u32,
-        })
+            current: 0,
+            short: between(short, arc),
+            arc: between(arc, spark),
+        };
+        let blanking = in_range("conversions left out", self.blanking as f32, 0.0, 1000.0)? as u32;
+        Ok(Boundaries::new(levels, between(spark, open), short_least, arc_least, blanking))
     }
 }
 
@@ -112,13 +110,30 @@ pub struct Boundaries {
     levels: Levels,
     /// What is not ignited lies above.
     open: i32,
-    /// Conversions of what burns by which a short is named, an arc or a spark.
+    /// How far a code lies below that: at code 0, and how it changes with the code.
+    at_zero: i32,
+    gain: i32,
+    /// Conversions of what burns by which a short is named, an arc or a spark; anything at all.
     short_least: u32,
     arc_least: u32,
+    least: u32,
     blanking: u32,
 }
 
 impl Boundaries {
+    fn new(levels: Levels, open: i32, short_least: u32, arc_least: u32, blanking: u32) -> Boundaries {
+        Boundaries {
+            levels,
+            open,
+            at_zero: open.wrapping_sub(levels.voltage(0)),
+            gain: if levels.reversed { 1 } else { -1 },
+            short_least,
+            arc_least,
+            least: short_least.min(arc_least),
+            blanking,
+        }
+    }
+
     /// Conversions since ignition from which an arc or a spark is named.
     pub fn arc_least(&self) -> u32 {
         self.arc_least
@@ -133,30 +148,28 @@ pub struct Evidence {
     /// Conversions since ignition, and by how much their sum lies below as many boundaries to the open circuit.
     burning: u32,
     below: i32,
-    /// A comparator has seen it ignite,
-    ignited: bool,
-    /// and its voltage collapse: what follows is no part of it.
+    /// Where that sum begins anew: 0, or out of reach once a comparator has seen the ignition.
+    least: i32,
+    /// A comparator has seen the voltage collapse: what follows is no part of it.
     over: bool,
     /// Whether current flows, where that is known.
     current: Option<bool>,
 }
 
 impl Evidence {
-    /// Takes conversions of the on-time, oldest first.
+    /// Takes conversions of the on-time, oldest first, no more than a block at a time.
     #[inline]
     pub fn samples(&mut self, boundaries: &Boundaries, codes: &[u16]) {
-        if self.over {
+        self.seen |= !codes.is_empty();
+        if self.over || self.burning >= ENOUGH {
             return;
         }
-        self.seen |= !codes.is_empty();
+        let Boundaries { at_zero, gain, .. } = *boundaries;
         let (mut burning, mut below) = (self.burning, self.below);
         for code in codes {
-            if burning >= ENOUGH {
-                break;
-            }
-            below = below.wrapping_add(boundaries.open.wrapping_sub(boundaries.levels.voltage(*code)));
-            burning += 1;
-            if below <= 0 && !self.ignited {
+            below = below.wrapping_add(at_zero).wrapping_add(gain.wrapping_mul(i32::from(*code)));
+            burning = burning.wrapping_add(1);
+            if below <= self.least {
                 (burning, below) = (0, 0);
             }
         }
@@ -165,7 +178,7 @@ impl Evidence {
 
     /// A comparator has seen the ignition, after what was taken until now.
     pub fn ignite(&mut self) {
-        *self = Evidence { seen: true, ignited: true, over: self.over, current: self.current, ..Evidence::default() };
+        *self = Evidence { seen: true, least: i32::MIN, over: self.over, current: self.current, ..Evidence::default() };
     }
 
     /// A comparator has seen the discharge end, after what was taken until now.
@@ -181,13 +194,16 @@ impl Evidence {
     /// What the pulse was, by what was seen until now.
     #[inline]
     pub fn class(&self, boundaries: &Boundaries) -> Class {
-        let burns = self.burning > 0 || self.ignited;
+        let burns = self.burning > 0 || self.least < 0;
         // Low without current: it has burned out, or does not come up. High with current: ignited at the very end.
         if !self.seen || self.current.is_some_and(|flows| flows != burns) {
             return Class::Uncertain;
         }
         if !burns {
             return Class::Open;
+        }
+        if self.burning < boundaries.least {
+            return Class::Uncertain;
         }
         let count = self.burning as i32;
         let class = boundaries.levels.burning(count.wrapping_mul(boundaries.open).wrapping_sub(self.below), count);
@@ -223,18 +239,18 @@ impl Samples {
         }
         while left != 0 {
             let begin = left.trailing_zeros();
-            let end = begin + (!(left >> begin)).trailing_zeros();
+            let end = begin.wrapping_add((!(left.wrapping_shr(begin))).trailing_zeros());
             if !self.on {
                 (self.on, self.evidence, self.blank) = (true, Evidence::default(), self.boundaries.blanking);
             }
-            let first = end.min(begin + self.blank);
-            self.blank -= first - begin;
+            let first = end.min(begin.wrapping_add(self.blank));
+            self.blank = self.blank.wrapping_sub(first.wrapping_sub(begin));
             self.evidence.samples(&self.boundaries, block.codes.get(first as usize..end as usize).unwrap_or(&[]));
             if end < BLOCK as u32 {
                 self.on = false;
                 done(self.evidence.class(&self.boundaries));
             }
-            left &= u32::MAX << end;
+            left &= u32::MAX.wrapping_shl(end);
         }
     }
 
@@ -336,7 +352,7 @@ mod tests {
     fn one_conversion_with_current_is_the_look_once_rule() {
         // Where one conversion is enough, the classes are those of a look.
         let levels = super::super::class::tests::LEVELS;
-        let boundaries = Boundaries { levels, open: 700, short_least: 1, arc_least: 1, blanking: 0 };
+        let boundaries = Boundaries::new(levels, 700, 1, 1, 0);
         for voltage in 0..4096 {
             let mut evidence = Evidence::default();
             evidence.samples(&boundaries, &[voltage]);
