@@ -9,7 +9,7 @@
 //! (Q = 5: 28 and 20 dB); a wider one costs phase where the gap loop needs it.
 
 use super::svf;
-use super::tracking::Tracker;
+use super::tracking::{Notches, Tracker};
 use super::{OutOfRange, in_range};
 use crate::units::{Hertz, rare};
 use edm_hal_shim::gap_filter;
@@ -126,17 +126,6 @@ impl State {
             svf::scale(section, ratio);
         }
     }
-}
-
-/// Notches that a [`Tracker`] moves.
-#[derive(Debug)]
-pub struct Notches<'a> {
-    /// At the mains frequency.
-    pub(super) mains: &'a mut svf::Coefficients,
-    /// At twice that, where there is one.
-    pub(super) harmonic: Option<&'a mut svf::Coefficients>,
-    /// Their Q.
-    pub(super) width: svf::Width,
 }
 
 /// A chain whose notches follow the mains. It moves the coefficients of its own; the state is that of any chain.

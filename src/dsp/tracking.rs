@@ -17,7 +17,6 @@
 //!
 //! The work is spread over ticks of their own, so that none of them takes long.
 
-use super::chain::Notches;
 use super::svf;
 use crate::units::{Hertz, TICK_HZ, within, within_either};
 use core::f32::consts::TAU;
@@ -49,6 +48,17 @@ const TURNED: [f32; 2] = [0.770_513_24, 0.637_424];
 const SHARE: f32 = 0.5;
 /// Power of the band, codes^2, below which there is nothing to follow: rounding.
 const NOTHING: f32 = 1e-3;
+
+/// Notches that a [`Tracker`] moves.
+#[derive(Debug)]
+pub struct Notches<'a> {
+    /// At the mains frequency.
+    pub(super) mains: &'a mut svf::Coefficients,
+    /// At twice that, where there is one.
+    pub(super) harmonic: Option<&'a mut svf::Coefficients>,
+    /// Their Q.
+    pub(super) width: svf::Width,
+}
 
 /// Finds the hum, and moves the notches.
 #[derive(Clone, Copy, Debug, PartialEq)]

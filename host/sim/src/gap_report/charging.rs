@@ -1,8 +1,8 @@
 //! Gap by charging time: what whole ticks of the clock make of it.
 //!
 //! Gate and clock know nothing of each other: where in a tick a pulse begins is drawn evenly, and the capture is the number of
-//! edges of the clock until tau later. The true gap is [X]'s polynomial itself: its own repeats, 1.2 um at 80 um, are no part of
-//! this.
+//! edges of the clock until tau later. The true gap is that of \[X\]'s polynomial itself: its own repeats, 1.2 um at 80 um, are no
+//! part of this.
 
 use edm_servo_head::gap::charging::Material;
 use edm_servo_head::units::CLOCK_HZ;
