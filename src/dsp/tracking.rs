@@ -11,9 +11,9 @@
 //! on average: the gradient by which theta follows (a frequency-locked loop; its two poles have 0.16 and 0.3 s). One
 //! sample x takes the place of its average, so what is integrated ripples at twice the mains frequency, by 0.01 Hz.
 //!
-//! The notch goes after theta only while the resonator has more than half of the power of the band: with less, or without hum, theta
-//! may wander, and the notch stays where it is, at the last hum that it knew. It goes at most 5 Hz/s, so that nothing steps; on and
-//! off is a change of coefficients like any other.
+//! The notch goes after theta only while the resonator has more than half of the power of the band: with less, or without
+//! hum, theta may wander, and the notch stays where it is, at the last hum that it knew. It goes at most 5 Hz/s, so that
+//! nothing steps; on and off is a change of coefficients like any other.
 //!
 //! The work is spread over ticks of their own, so that none of them takes long.
 

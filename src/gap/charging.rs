@@ -4,9 +4,10 @@
 //! A comparator and a capture of the core clock take it. The gap is a polynomial of the third degree in tau (\[X\] equation 9),
 //! whose coefficients are those of a material, a fluid and an electrode: [`Material::fit`] makes them of steps of known gap.
 //!
-//! A capture is whole ticks of 5.95 ns. Gate and clock know nothing of each other, so the number of ticks is one of the two nearest
-//! and right on average: the mean of several captures is finer than a tick. The repeats of \[X\] at the same gap span far more, 0.01 us
-//! or 1.2 um at 80 um (table 2): what is stated here of ticks is what the timer adds, not what a gap can be known to.
+//! A capture is whole ticks of 5.95 ns. Gate and clock know nothing of each other, so the number of ticks is one of the two
+//! nearest and right on average: the mean of several captures is finer than a tick. The repeats of \[X\] at the same gap span
+//! far more, 0.01 us or 1.2 um at 80 um (table 2): what is stated here of ticks is what the timer adds, not what a gap can be
+//! known to.
 
 use crate::dsp::{OutOfRange, in_range};
 use crate::units::{CLOCK_HZ, Micrometres, within};

@@ -3,7 +3,7 @@
 //! While a pulse waits it ignites at a *hazard*, so many times a second of waiting, which rises steeply as the gap closes. Delays
 //! are exponential then (Laue), and pulses whose gate closes first are *censored*: all that they tell is how long they waited.
 //! The likeliest hazard is the number of ignitions over the time that all pulses waited, open ones included
-//! (Cox and Oakes, Analysis of Survival Data, 1984, section 3.2), and its variance is hazard^2 / ignitions at best (Cramer-Rao).
+//! (Cox and Oakes, Analysis of Survival Data, 1984, chapter 3), and its variance is hazard^2 / ignitions at best (Cramer-Rao).
 //! To leave open pulses out, or to average the delays of those that ignited, would be wrong by as much as there are open ones.
 //!
 //! Older pulses count less: with every pulse what is remembered is multiplied by 1 - 1/memory. Then the variance is

@@ -3,7 +3,7 @@
 //! Of a pulse that ignites the conversions show a step: first the open circuit, then what it burns at. Noise of the
 //! conversions is taken for independent and normal, its standard deviation known. Then the likeliest place of the step is
 //! where the sum of (boundary - voltage) from there on is largest, the boundary being midway from burn to open circuit; it is
-//! found as the conversions come by Page's cumulative sum (Biometrika 41, 1954, section 4.1), which begins anew
+//! found as the conversions come by Page's cumulative sum (Biometrika 41, 1954), which begins anew
 //! whenever it is not positive. What burned is told by the mean since then, against the midway points between the levels: with
 //! equal priors no other rule is right more often.
 //!

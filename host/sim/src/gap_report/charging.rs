@@ -1,8 +1,8 @@
 //! Gap by charging time: what whole ticks of the clock make of it.
 //!
-//! Gate and clock know nothing of each other: where in a tick a pulse begins is drawn evenly, and the capture is the number of
-//! edges of the clock until tau later. The true gap is that of \[X\]'s polynomial itself: its own repeats, 1.2 um at 80 um, are no
-//! part of this.
+//! Gate and clock know nothing of each other: where in a tick a pulse begins is drawn evenly, and the capture is the number
+//! of edges of the clock until tau later. The true gap is that of \[X\]'s polynomial itself: its own repeats, 1.2 um at 80
+//! um, are no part of this.
 
 use edm_servo_head::gap::charging::Material;
 use edm_servo_head::units::CLOCK_HZ;
@@ -22,7 +22,8 @@ pub struct Errors {
     pub single: (f64, f64),
     /// Of the means of these.
     pub mean16: (f64, f64),
-    /// Rms and largest difference of a polynomial that was fitted to 15 known steps, 16 captures each, from the one that made them.
+    /// Rms and largest difference of a polynomial that was fitted to 15 known steps, 16 captures each, from the one that made
+    /// them.
     pub fitted: (f64, f64),
     /// Gaps, each once.
     pub gaps: usize,

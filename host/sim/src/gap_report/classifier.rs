@@ -142,8 +142,8 @@ pub fn least(confusion: &Confusion, labels: &[Class]) -> f64 {
     labels.iter().map(|label| recall(confusion, *label)).fold(1.0, f64::min)
 }
 
-/// 100 kHz, half of it on: two or three conversions in a pulse, and none of them blanked. Pulses, and how many of the arcs and sparks
-/// were named arc or spark.
+/// 100 kHz, half of it on: two or three conversions in a pulse, and none of them blanked. Pulses, and how many of the arcs
+/// and sparks were named arc or spark.
 pub fn at_100_khz(pulses: u64) -> (u64, u64) {
     let mut named = 0;
     for burns in [2, 3] {

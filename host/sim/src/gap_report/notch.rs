@@ -98,8 +98,8 @@ pub fn wandering_hz(seeds: u64) -> f64 {
     (0..seeds).map(wander).fold(0.0, f64::max)
 }
 
-/// Group delay at a frequency, ms: of the low-pass of 200 Hz with the notch of Q 2.5 at 50 Hz, and of the notch alone. It is that of
-/// the continuous filters, from which the sampled ones differ by a tick at most.
+/// Group delay at a frequency, ms: of the low-pass of 200 Hz with the notch of Q 2.5 at 50 Hz, and of the notch alone. It is
+/// that of the continuous filters, from which the sampled ones differ by a tick at most.
 pub fn group_delay_ms(hertz: f64) -> [f64; 2] {
     let phase = |f: f64, centre: f64, damping: f64| {
         let w = f / centre;
