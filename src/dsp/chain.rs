@@ -9,6 +9,7 @@
 //! (Q = 5: 28 and 20 dB); a wider one costs phase where the gap loop needs it.
 
 use super::svf;
+use super::tracking::{Notches, Tracker};
 use super::{OutOfRange, in_range};
 use crate::units::{Hertz, rare};
 use edm_hal_shim::gap_filter;
@@ -124,6 +125,49 @@ impl State {
         for section in self.sections.iter_mut().chain([&mut self.harmonic]) {
             svf::scale(section, ratio);
         }
+    }
+}
+
+/// A chain whose notches follow the mains. It moves the coefficients of its own; the state is that of any chain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Tracked {
+    coefficients: Coefficients,
+    width: svf::Width,
+    tracker: Tracker,
+}
+
+impl Tracked {
+    /// Begins at the mains frequency of the configuration.
+    pub fn new(config: &Config) -> Result<Tracked, OutOfRange> {
+        let coefficients = config.build()?;
+        Ok(Tracked { coefficients, width: svf::Width::new(config.notch_q), tracker: Tracker::new(config.mains) })
+    }
+
+    /// As [`State::tick`], and follows the mains.
+    #[inline]
+    pub fn tick(&mut self, state: &mut State, x: f32) -> f32 {
+        let y = state.tick(&self.coefficients, x);
+        let Coefficients { sections: [_, _, mains], harmonic, further } = &mut self.coefficients;
+        let harmonic = (*further != 0).then_some(harmonic);
+        let [_, _, notch] = &state.sections;
+        self.tracker.tick(notch.band, &mut Notches { mains, harmonic, width: self.width });
+        y
+    }
+
+    /// What it runs on now.
+    pub fn coefficients(&self) -> &Coefficients {
+        &self.coefficients
+    }
+
+    /// Where the notch is.
+    pub fn mains(&self) -> Hertz {
+        self.tracker.mains()
+    }
+
+    /// Whether there is hum that the notch follows.
+    pub fn is_locked(&self) -> bool {
+        self.tracker.is_locked()
     }
 }
 

@@ -7,6 +7,7 @@
 pub mod chain;
 pub mod decimate;
 pub mod svf;
+pub mod tracking;
 
 use core::fmt;
 

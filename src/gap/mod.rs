@@ -6,7 +6,9 @@
 //!
 //! Another source is another file that implements [`GapSource`], and its `mod` line.
 
+pub mod charging;
 mod gated;
+pub mod likelihood;
 mod open_circuit;
 mod pulse_watch;
 pub mod pulses;

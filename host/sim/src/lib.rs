@@ -18,6 +18,7 @@
 //! | [`pool`] | work on every core |
 //! | [`output`] | files that appear complete or not at all |
 //! | [`path_report`] | how exactly a path is gone along and back |
+//! | [`gap_report`] | what the estimators of the gap can tell |
 //! | [`page`] | a page of the project with a section that a command writes |
 //! | [`store`] | what a virtual head keeps when its power is cut |
 //! | `schedule` | a virtual head whose tasks preempt each other as a seed wants it (feature `preempt`) |
@@ -38,6 +39,7 @@ pub mod bore;
 pub mod cli;
 pub mod events;
 pub mod faults;
+pub mod gap_report;
 pub mod inputs;
 pub mod lockstep;
 pub mod machine;

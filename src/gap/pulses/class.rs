@@ -54,14 +54,30 @@ pub struct Levels {
 }
 
 impl Levels {
+    /// Voltage of a code.
+    #[inline(always)]
+    pub fn voltage(&self, code: u16) -> i32 {
+        let above = i32::from(code) - i32::from(self.zero);
+        if self.reversed { -above } else { above }
+    }
+
+    /// What burns at the mean of so many voltages.
+    #[inline(always)]
+    pub fn burning(&self, sum: i32, count: i32) -> Class {
+        if sum < count.wrapping_mul(self.short) {
+            Class::Short
+        } else if sum < count.wrapping_mul(self.arc) {
+            Class::Arc
+        } else {
+            Class::Spark
+        }
+    }
+
     /// What a pulse was, by one look.
     pub fn class(&self, look: Look) -> Class {
-        let above = i32::from(look.voltage) - i32::from(self.zero);
-        let voltage = if self.reversed { -above } else { above };
+        let voltage = self.voltage(look.voltage);
         match look.current >= self.current {
-            true if voltage < self.short => Class::Short,
-            true if voltage < self.arc => Class::Arc,
-            true => Class::Spark,
+            true => self.burning(voltage, 1),
             // It has burned out, or does not come up.
             false if voltage < self.short => Class::Uncertain,
             false => Class::Open,

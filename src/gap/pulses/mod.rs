@@ -4,16 +4,21 @@
 //!   discharge before, which takes away little and leaves a pit. *Short*: current without voltage. *No pulse*: nothing was to
 //!   be looked at. *Uncertain*: there was a pulse, and what was seen of it does not tell.
 //!
-//! Evidence today is one look into a pulse: current and voltage that the reflex's converter finds when the blanking is over
+//! What the head goes by is one look into a pulse: current and voltage that the reflex's converter finds when the blanking is over
 //! (2 us, or three time constants of the charging gap). A spark has an ignition delay, so most are open then; an arc has none
 //! and burns already. The head looks once a millisecond at the newest pulse: a sample of the pulses, 200 in 200 ms.
 //!
 //! A discharge that is over before the blanking (a small capacitor's) is uncertain, arc or not.
+//!
+//! [`Samples`] tells a pulse by all conversions of its on-time, and by comparators and current where there are any. The head
+//! does not use it yet; docs/gap-sensing.md has what it was measured to tell.
 
 mod class;
+mod samples;
 mod shares;
 
 pub use class::{CLASSES, Class, Levels, Look};
+pub use samples::{Boundaries, Config as SamplesConfig, Evidence, Samples};
 pub use shares::{Shares, WINDOW};
 
 use edm_hal_shim::reflex::PulseCounts;

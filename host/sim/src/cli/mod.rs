@@ -6,12 +6,14 @@
 
 mod bore;
 mod describe;
+mod gap_report;
 mod model_report;
 mod path_report;
 mod tables;
 
 pub use crate::terminal::{EXIT_BAD_INPUT, EXIT_FAILED, Failure};
 pub use bore::Bore;
+pub use gap_report::GapReport;
 pub use model_report::ModelReport;
 pub use path_report::PathReport;
 
@@ -82,6 +84,11 @@ enum Command {
         after_help = "Exit code: 0 everything is within its bound; 1 not so, or an output failed; 2 bad input, nothing was written."
     )]
     PathReport(PathReport),
+    /// Measure what the estimators of the gap can tell (docs/gap-sensing.md)
+    #[command(
+        after_help = "Exit code: 0 everything is within its bound; 1 not so, or an output failed; 2 bad input, nothing was written."
+    )]
+    GapReport(GapReport),
 }
 
 /// Reads the command line, does what it says, and gives the exit code.
@@ -105,6 +112,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Command::Soak(soak) => soak.execute(),
         Command::ModelReport(report) => report.execute(),
         Command::PathReport(report) => report.execute(),
+        Command::GapReport(report) => report.execute(),
         Command::Bench(bench) => bench.execute(run),
         Command::Scenarios => tables::scenarios().map(|text| {
             say(&text);

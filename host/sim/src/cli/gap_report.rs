@@ -1,0 +1,57 @@
+//! `edm-sim gap-report`: what the estimators of the gap can tell.
+
+use crate::gap_report::{Size, measure};
+use crate::output::Output;
+use crate::page::{Page, in_project};
+use crate::terminal::{Failure, say};
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+/// Page with the tables.
+pub const PAGE: &str = "docs/gap-sensing.md";
+/// The command, as the page names it.
+pub const COMMAND: &str = "cargo sim gap-report";
+
+/// Arguments of `edm-sim gap-report`.
+#[derive(Debug, Args)]
+pub struct GapReport {
+    /// A tenth of the pulses and of the seeds: a quarter of a minute
+    #[arg(long, conflicts_with = "docs")]
+    short: bool,
+    /// Write the figures as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write the tables into docs/gap-sensing.md
+    #[arg(long)]
+    docs: bool,
+}
+
+impl GapReport {
+    /// Measures and reports; true when everything is within its bound.
+    ///
+    /// # Errors
+    /// When an output cannot be written.
+    pub fn execute(&self) -> Result<bool, Failure> {
+        let claim = |path: &Path| Output::claim("--json", path);
+        let json = self.json.as_deref().map(claim).transpose().map_err(Failure::BadInput)?;
+        let page = self.docs.then(|| Page::read(&in_project(Path::new(PAGE))?, COMMAND)).transpose();
+        let page =
+            page.and_then(|page| page.map(|page| Ok((page.claim()?, page))).transpose()).map_err(Failure::BadInput)?;
+        let report = measure(if self.short { &Size::SHORT } else { &Size::FULL }).map_err(Failure::Failed)?;
+        say(&report.tables);
+        for failed in &report.failed {
+            say(&format!("not met: {failed}\n"));
+        }
+        if let Some(output) = json {
+            let write = output.write(|file| {
+                serde_json::to_writer_pretty(&mut *file, &report)?;
+                file.write_all(b"\n")
+            });
+            write.map_err(Failure::Failed)?;
+        }
+        if let Some((output, page)) = page {
+            page.write(output, &format!("\n{}\n", report.tables)).map_err(Failure::Failed)?;
+        }
+        Ok(report.holds())
+    }
+}
