@@ -7,6 +7,7 @@ use edm_servo_head::canopen::objects::setting_address;
 use edm_servo_head::canopen::{
     BitRate, BusSettings, DataType, Dictionary, Frame, Group, Listed, Node, NodeId, Record, Time,
 };
+use edm_servo_head::feed::LawName;
 use edm_servo_head::settings::{Declared, Settings, Value};
 use edm_servo_head::stored::{LoadReport, Outcome, ROOM, StoredImage};
 
@@ -327,7 +328,7 @@ fn a_value_out_of_range_or_of_another_type_is_the_default_and_named() {
     for (address, value, default) in [
         (corner, f32::NAN.to_bits(), 200f32.to_bits()),
         (corner, 2000.1f32.to_bits(), 200f32.to_bits()),
-        (law, 3, 2),
+        (law, LawName::ALL.len() as u32, 2),
         (law, 0x100, 2),
         ((0x60C2, 1), 0, 1),
         ((0x605A, 0), 3, 6),
@@ -471,8 +472,18 @@ macro_rules! fixture {
 }
 
 /// Settings that 0.1.0 did not have: the default is in force, and said so.
-const NEWER: [(u16, u8); 7] =
-    [(0x2100, 19), (0x2106, 9), (0x210A, 9), (0x210A, 10), (0x210D, 1), (0x210D, 2), (0x6007, 0)];
+const NEWER: [(u16, u8); 10] = [
+    (0x2100, 19),
+    (0x2102, 12),
+    (0x2102, 13),
+    (0x2102, 14),
+    (0x2106, 9),
+    (0x210A, 9),
+    (0x210A, 10),
+    (0x210D, 1),
+    (0x210D, 2),
+    (0x6007, 0),
+];
 
 fn is_whole_but_for_the_newer(report: &LoadReport) -> bool {
     *report == LoadReport { outcome: Outcome::Newest, defaulted: listed(&NEWER), ..LoadReport::default() }

@@ -70,4 +70,6 @@ laws! {
     1 rate_by_error::RateByError;
     /// Section 6.7.3 of \[R\], the default.
     2 increment_by_error::IncrementByError;
+    /// 2TAV of \[G\]; with `feed.band_v` = 0 its 1TAV.
+    3 two_thresholds::TwoThresholds;
 }

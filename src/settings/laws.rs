@@ -2,7 +2,7 @@
 
 use super::Settings;
 use super::build::ticks;
-use crate::feed::{FixedRate, IncrementByError, RateByError};
+use crate::feed::{FixedRate, IncrementByError, RateByError, TwoThresholds};
 use crate::units::{MicrometresPerSecond, Volts};
 
 impl From<&Settings> for FixedRate {
@@ -24,5 +24,15 @@ impl From<&Settings> for RateByError {
 impl From<&Settings> for IncrementByError {
     fn from(settings: &Settings) -> Self {
         IncrementByError::new(settings.feed_gain, ticks(settings.feed_period_ms))
+    }
+}
+
+impl From<&Settings> for TwoThresholds {
+    fn from(settings: &Settings) -> Self {
+        TwoThresholds::new(
+            MicrometresPerSecond(settings.threshold_rate),
+            Volts(settings.threshold_band),
+            ticks(settings.threshold_period_ms),
+        )
     }
 }

@@ -94,6 +94,12 @@ declare! {
         0x2102:10 feed_retreat_max: f32 = 2000.0, (0.1, 100_000.0), "feed.retreat_max_um_s", "um/s", "assumed", live;
         /// Acceleration along the path in every motion.
         0x2102:11 acceleration: f32 = 5.0, (0.01, 100.0), "feed.acceleration_m_s2", "m/s^2", "assumed: a tenth of what the actuator of [R] can do", live;
+        /// Path velocity of the law two_thresholds, either way.
+        0x2102:12 threshold_rate: f32 = 20.0, (0.1, 10_000.0), "feed.threshold_um_s", "um/s", "assumed; [G]: 1 um in a period of 100 ms, 10 um/s", live;
+        /// How far below the setpoint the law two_thresholds still holds: its upper threshold less its lower one.
+        0x2102:13 threshold_band: f32 = 10.0, (0.0, 300.0), "feed.band_v", "V", "[G]: 2TAV 30 and 20 V, or 30 and 10; 1TAV has none", live;
+        /// Period of the law two_thresholds.
+        0x2102:14 threshold_period_ms: f32 = 100.0, (0.05, 1000.0), "feed.threshold_period_ms", "ms", "[G]: 100 ms", live;
 
         /// Proportional gain of the single loop, duty per volt of gap error.
         0x2103:1 single_p: f32 = 0.001, (0.0, 1.0), "single.p", "1/V", "assumed", live;
