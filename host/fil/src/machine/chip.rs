@@ -124,8 +124,8 @@ pub struct Chip<W> {
     pub sleeping: bool,
     pub bad_address: u32,
     flash_write: Option<FlashWrite>,
-    /// Code was fetched from RAM.
-    pub code_in_ram: bool,
+    /// Pages of SRAM that code was fetched from, a bit each.
+    pub code_in_ram: u128,
     /// The engine may write flash, because it just had to.
     pub flash_open: bool,
     /// CONTROL.FPCA: the running code has an FPU context.
@@ -163,7 +163,7 @@ impl<W: World> Chip<W> {
             sleeping: false,
             bad_address: 0,
             flash_write: None,
-            code_in_ram: false,
+            code_in_ram: 0,
             flash_open: false,
             fpca: false,
             lazy: None,
