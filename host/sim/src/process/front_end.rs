@@ -10,7 +10,6 @@ use super::spark::Stretch;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_servo_head::units::{ADC_FULL_SCALE, ADC_HZ};
 use rand::RngExt;
-use std::array;
 use std::f64::consts::TAU;
 use std::ops::Range;
 
@@ -149,10 +148,12 @@ impl FrontEnd {
     /// Noise, saturation, and the nearest code.
     fn quantise(&mut self, seen: &[f32; BLOCK]) -> [u16; BLOCK] {
         let noise = normal::block(&mut self.random);
-        array::from_fn(|k| {
-            let exact = (seen[k] + self.noise * noise[k]).clamp(0.0, f32::from(ADC_FULL_SCALE));
-            (exact + WHOLE).to_bits() as u16 & ADC_FULL_SCALE
-        })
+        let mut codes = [0; BLOCK];
+        for ((code, seen), noise) in codes.iter_mut().zip(seen).zip(&noise) {
+            let exact = (seen + self.noise * noise).clamp(0.0, f32::from(ADC_FULL_SCALE));
+            *code = (exact + WHOLE).to_bits() as u16 & ADC_FULL_SCALE;
+        }
+        codes
     }
 }
 
