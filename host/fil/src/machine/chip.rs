@@ -126,8 +126,8 @@ pub struct Chip<W> {
     pub sleeping: bool,
     pub bad_address: u32,
     flash_write: Option<FlashWrite>,
-    /// Pages of SRAM that code was fetched from, a bit each.
-    pub code_in_ram: u128,
+    /// Code was fetched from RAM.
+    pub code_in_ram: bool,
     /// The engine may write flash, because it just had to.
     pub flash_open: bool,
     /// CONTROL.FPCA: the running code has an FPU context.
@@ -166,7 +166,7 @@ impl<W: World> Chip<W> {
             sleeping: false,
             bad_address: 0,
             flash_write: None,
-            code_in_ram: 0,
+            code_in_ram: false,
             flash_open: false,
             fpca: false,
             lazy: None,

@@ -24,9 +24,6 @@ const FLASH: Range<u64> = 0x0800_0000..0x0810_0000;
 /// Bits of xPSR that hold the place in an IT block (ARMv7-M B1.4.2).
 const IT: u64 = 0x0600_fc00;
 
-/// Begin of SRAM.
-const SRAM: u64 = 0x2000_0000;
-
 /// CCM, SRAM and what lies between them.
 const RAM: Range<u64> = 0x1000_0000..0x2002_0000;
 
@@ -54,13 +51,6 @@ pub struct Machine<W: World + 'static> {
     pace: UcHookId,
     /// What the MPU keeps from the engine at present, and the hook by which its address is known.
     guarded: Option<(Range<u32>, UcHookId)>,
-}
-
-/// The engine's page of SRAM that an address is in, as a bit; none elsewhere. Nothing else that can be written holds code.
-fn sram_page(address: u64) -> u128 {
-    const PAGE: u64 = 1024;
-    let page = address.checked_sub(SRAM).and_then(|offset| u32::try_from(offset / PAGE).ok());
-    page.and_then(|page| 1u128.checked_shl(page)).unwrap_or(0)
 }
 
 /// Turns an engine error into one with words.
@@ -146,6 +136,7 @@ impl<W: World + 'static> Machine<W> {
         if self.guarded.as_ref().map(|(range, _)| range) == wanted.as_ref() {
             return Ok(());
         }
+        let code_in_ram = self.uc.get_data().code_in_ram;
         if let Some((Range { start, end }, hook)) = self.guarded.take() {
             self.uc.remove_hook(hook).map_err(engine("remove a memory hook"))?;
             self.uc.mem_protect(start.into(), (end - start).into(), Prot::ALL).map_err(engine("protect RAM"))?;
@@ -159,7 +150,10 @@ impl<W: World + 'static> Machine<W> {
             let hook = self.uc.add_mem_hook(REFUSALS, from, to - 1, refused).map_err(engine("memory hook"))?;
             self.guarded = Some((start..end, hook));
         }
-        Ok(())
+        // Where it cuts the RAM in pieces the engine looks for code, at their begin. Nobody has run that, and no page is to
+        // stay executable for it.
+        self.uc.get_data_mut().code_in_ram = code_in_ram;
+        self.uc.ctl_flush_tlb().map_err(engine("flush"))
     }
 
     /// Whether the MPU refuses some of these bytes.
@@ -169,8 +163,7 @@ impl<W: World + 'static> Machine<W> {
     }
 
     /// Lets the engine take addresses as they are. Its own view of the processor would have every page executable, and it
-    /// searches what it has translated at each store into such a page. Here a page of RAM is so only once code was fetched
-    /// from it.
+    /// searches what it has translated at each store into such a page. Here RAM is so only once code was fetched from it.
     /// What may not be done at an address is for the map of the memories and its hooks to say.
     fn translate(&mut self) -> Result<()> {
         self.uc.ctl_set_tlb_type(TlbType::VIRTUAL).map_err(engine("translation"))?;
@@ -179,11 +172,8 @@ impl<W: World + 'static> Machine<W> {
                 leave_it_alone(uc);
             }
             let chip = uc.get_data_mut();
-            let page = sram_page(address);
-            if kind == MemType::FETCH {
-                chip.code_in_ram |= page;
-            }
-            let data = RAM.contains(&address) && kind != MemType::FETCH && page & chip.code_in_ram == 0;
+            chip.code_in_ram |= kind == MemType::FETCH && RAM.contains(&address);
+            let data = RAM.contains(&address) && !chip.code_in_ram;
             Some(TlbEntry { paddr: address, perms: if data { Prot::READ | Prot::WRITE } else { Prot::ALL } })
         };
         self.uc.add_tlb_hook(1, 0, identity).map_err(engine("translation hook"))?;

@@ -84,7 +84,7 @@ impl<W: World + Clone + 'static> Machine<W> {
         std::mem::swap(&mut soc.memory, &mut chip.soc.memory);
         chip.soc = soc;
         chip.go_on_from(&snapshot.moment);
-        if std::mem::take(&mut chip.code_in_ram) != 0 {
+        if std::mem::take(&mut chip.code_in_ram) {
             // What was there is not there any more.
             self.uc.ctl_flush_tb().map_err(engine("flush"))?;
             self.uc.ctl_flush_tlb().map_err(engine("flush"))?;
