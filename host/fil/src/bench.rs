@@ -277,17 +277,18 @@ impl Bench {
 
     fn gap_voltage(&self, at: u64) -> u16 {
         let Some((piece, us)) = self.piece(at) else { return self.parameters.zero_code as u16 };
-        let p = &self.parameters;
-        let per_volt = (1.0 + f64::from(p.gain_error) * 0.01) / f64::from(p.volts_per_code);
         // Noise and hum: what the nearest conversion of the model's block has beside its voltage.
         let nearest = ((us / 2.0).max(0.0) as usize).min(BLOCK - 1);
         let then = 2.0 * nearest as f64 + 1.0;
         let at_then = self.pieces.partition_point(|p| p.from_us <= then).saturating_sub(1);
-        let code = f64::from(self.process.sensors().block.codes[nearest]);
-        if self.process.fault_inputs.stuck_code.is_some() {
-            return code as u16;
+        let code = self.process.sensors().block.codes[nearest];
+        let moved = volts(piece, us) - volts(&self.pieces[at_then], then);
+        if moved == 0.0 || self.process.fault_inputs.stuck_code.is_some() {
+            return code;
         }
-        (code + (volts(piece, us) - volts(&self.pieces[at_then], then)) * per_volt).round().clamp(0.0, 4095.0) as u16
+        let p = &self.parameters;
+        let per_volt = (1.0 + f64::from(p.gain_error) * 0.01) / f64::from(p.volts_per_code);
+        (f64::from(code) + moved * per_volt).round().clamp(0.0, 4095.0) as u16
     }
 
     fn gap_current(&self, at: u64) -> u16 {

@@ -24,7 +24,7 @@ use edm_runtime::Note;
 use edm_runtime::board::{Board, Caller, Pulse, Tunable};
 use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::{GapReading, GapSource, Surrogate, SurrogateConfig, Voltage, voltage};
-use edm_servo_head::units::{CLOCK_HZ, FRACTION_BITS, Fixed};
+use edm_servo_head::units::{CLOCK_HZ, FRACTION_BITS, Fixed, Volts};
 use embedded_can::Frame as _;
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -104,8 +104,8 @@ pub struct Ports {
     pub listens: RefCell<Vec<u16>>,
     /// Bit rate that the controller is to have, bit/s: frames on this bus have none.
     pub bit_rate: Cell<u32>,
-    /// Newest gap reading, for whoever looks on.
-    pub reading: Cell<GapReading>,
+    /// Gap voltage of the newest block, for whoever looks on.
+    pub gap_block: Cell<Volts>,
     /// Tasks asked for: protocol, transmission, supervision, plan.
     pub wants: [Cell<bool>; 4],
     /// What was noted.
@@ -259,7 +259,7 @@ impl GapSource for Source {
                 source.update(config, Fixed((um * f64::from(1u32 << FRACTION_BITS)) as i64))
             }
         };
-        self.ports.reading.set(reading);
+        self.ports.gap_block.set(reading.block);
         reading
     }
 }

@@ -79,7 +79,7 @@ impl Rig for Machine {
         Machine::command(self, command).map_err(|refused| format!("{command:?} was refused: {refused}"))
     }
     fn gap_block(&self) -> Volts {
-        self.core.ports.reading.get().block
+        self.core.ports.gap_block.get()
     }
     fn imagined_surface_um(&self) -> Option<f64> {
         Machine::imagined_surface_um(self)
@@ -155,7 +155,7 @@ impl Core {
         };
         let Ok(tasks) = assemble(parts, crossings, signals, active, path);
         let Tasks { decoder, gap, servo, plan, supervise, receive, transmit, host, idle } = tasks;
-        let status = Status::default();
+        let status = *plan.planner().status();
         let core = Core { ports, signals, published, decoder, gap, servo, plan, supervise, ticks: 0, status };
         (core, Others { host, idle, receive, transmit })
     }
@@ -195,8 +195,9 @@ impl Core {
     pub(crate) fn follow_up(&mut self) {
         if self.ports.wanted(PLAN) {
             self.plan.run();
+            self.status = *self.plan.planner().status();
         }
-        self.status = status(&self.servo, &self.plan);
+        self.servo.follower().tell(&mut self.status);
         self.ports.position.set(self.status.position);
     }
 
@@ -219,13 +220,6 @@ impl Core {
     pub fn host_is_alive(&self) {
         self.signals.host.set();
     }
-}
-
-/// What planner and follower of a head know.
-pub(crate) fn status(servo: &Servo<Pc>, plan: &Plans<Pc>) -> Status {
-    let mut status = *plan.planner().status();
-    servo.follower().tell(&mut status);
-    status
 }
 
 /// Lets the process go on for a period under what the head has put on its wires.

@@ -17,7 +17,7 @@
 //! - The two directions of the bus do not wait for each other.
 
 use crate::board::{PLAN, PROTOCOL, Pc, Ports, SUPERVISE, TRANSMIT};
-use crate::machine::{Core, SUPERVISED, go_on, show, status};
+use crate::machine::{Core, SUPERVISED, go_on, show};
 use crate::process::Process;
 use crate::serve::head::Head;
 use edm_bus::Frame;
@@ -272,7 +272,9 @@ impl Scheduler {
 
     /// What the head knows after its newest tick.
     pub fn status(&self) -> Status {
-        status(&self.0.servo.borrow(), &self.0.plan.borrow())
+        let mut status = *self.0.plan.borrow().planner().status();
+        self.0.servo.borrow().follower().tell(&mut status);
+        status
     }
 
     /// What the bridge was told.

@@ -115,6 +115,8 @@ pub struct Chip<W> {
     /// Interrupts are masked, as of the last look; the masks may have changed since.
     masked: bool,
     pub masks_changed: bool,
+    /// The masks when they were read last; `None` when something else has written them since.
+    pub masks: Option<Masks>,
     code: Box<[Instruction; HALF_WORDS]>,
     blocks: Vec<Block>,
     /// Last instruction, and where it ends.
@@ -155,6 +157,7 @@ impl<W: World> Chip<W> {
             rest: 0,
             masked: false,
             masks_changed: false,
+            masks: None,
             code: Box::new([Instruction::default(); HALF_WORDS]),
             blocks: vec![Block::default(); HALF_WORDS],
             last: 0,
@@ -206,7 +209,7 @@ impl<W: World> Chip<W> {
         self.flash_write.clone_from(&moment.flash_write);
         self.stats.clone_from(&moment.stats);
         self.open.clone_from(&moment.open);
-        (self.stop, self.limit) = (None, 0);
+        (self.stop, self.limit, self.masks) = (None, 0, None);
     }
 
     /// Processor state after reset.
@@ -214,6 +217,7 @@ impl<W: World> Chip<W> {
         (self.sleeping, self.fpca, self.lazy, self.limit) = (false, false, None, 0);
         self.open.clear();
         (self.thread, self.rest, self.masked, self.masks_changed) = (true, 0, false, false);
+        self.masks = None;
     }
 
     pub fn set_until(&mut self, until: u64) {

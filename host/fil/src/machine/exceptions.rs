@@ -126,6 +126,7 @@ impl<W: World> Machine<W> {
         }
         if e != exception::NMI {
             self.set(R::FAULTMASK, 0)?;
+            self.uc.get_data_mut().masks.iter_mut().for_each(|masks| masks.faultmask = false);
         }
         let masks = self.masks()?;
         let chip = self.uc.get_data_mut();

@@ -18,9 +18,6 @@ use unicorn_engine::{
     Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, TlbEntry, TlbType, UcHookId, Unicorn, uc_error,
 };
 
-/// Address at which the engine would stop by itself: none that can be reached.
-const NOWHERE: u64 = 0xffff_ffff_ffff;
-
 /// Flash, where code runs from.
 const FLASH: Range<u64> = 0x0800_0000..0x0810_0000;
 
@@ -80,6 +77,8 @@ impl<W: World + 'static> Machine<W> {
         machine.map_peripherals()?;
         machine.add_hooks()?;
         machine.translate()?;
+        // None: with one the engine looks for what it has translated there each time it stops.
+        machine.uc.ctl_exits_enable().map_err(engine("exits"))?;
         machine.start()?;
         Ok(machine)
     }
@@ -137,6 +136,7 @@ impl<W: World + 'static> Machine<W> {
         if self.guarded.as_ref().map(|(range, _)| range) == wanted.as_ref() {
             return Ok(());
         }
+        let code_in_ram = self.uc.get_data().code_in_ram;
         if let Some((Range { start, end }, hook)) = self.guarded.take() {
             self.uc.remove_hook(hook).map_err(engine("remove a memory hook"))?;
             self.uc.mem_protect(start.into(), (end - start).into(), Prot::ALL).map_err(engine("protect RAM"))?;
@@ -150,7 +150,10 @@ impl<W: World + 'static> Machine<W> {
             let hook = self.uc.add_mem_hook(REFUSALS, from, to - 1, refused).map_err(engine("memory hook"))?;
             self.guarded = Some((start..end, hook));
         }
-        Ok(())
+        // Where it cuts the RAM in pieces the engine looks for code, at their begin. Nobody has run that, and no page is to
+        // stay executable for it.
+        self.uc.get_data_mut().code_in_ram = code_in_ram;
+        self.uc.ctl_flush_tlb().map_err(engine("flush"))
     }
 
     /// Whether the MPU refuses some of these bytes.
@@ -376,7 +379,7 @@ impl<W: World + 'static> Machine<W> {
     /// Lets the engine run until something stops it, and deals with that.
     fn execute(&mut self) -> Result<()> {
         let pc = self.get(R::PC)?;
-        let result = self.uc.emu_start((pc | 1).into(), NOWHERE, 0, 0);
+        let result = self.uc.emu_start((pc | 1).into(), 0, 0, 0);
         let at = self.uc.get_data().last;
         match (self.uc.get_data_mut().stop.take(), result) {
             (Some(Stop::Poll(address)), _) => {
@@ -443,8 +446,8 @@ impl<W: World + 'static> Machine<W> {
         self.start()
     }
 
-    fn masks(&self) -> Result<Masks> {
-        masks(&self.uc).map_err(engine("read a register"))
+    fn masks(&mut self) -> Result<Masks> {
+        masks(&mut self.uc).map_err(engine("read a register"))
     }
 }
 
@@ -460,12 +463,19 @@ fn refused<W: World>(uc: &mut Unicorn<Chip<W>>, kind: MemType, address: u64, siz
     false
 }
 
-fn masks<W>(uc: &Unicorn<Chip<W>>) -> Result<Masks, uc_error> {
-    Ok(Masks {
+/// The mask registers; read again only after code that may have written them.
+fn masks<W: World>(uc: &mut Unicorn<Chip<W>>) -> Result<Masks, uc_error> {
+    let chip = uc.get_data();
+    if let Some(known) = chip.masks.filter(|_| !chip.masks_changed) {
+        return Ok(known);
+    }
+    let masks = Masks {
         primask: uc.reg_read(R::PRIMASK)? & 1 == 1,
         faultmask: uc.reg_read(R::FAULTMASK)? & 1 == 1,
         basepri: uc.reg_read(R::BASEPRI)? as u8,
-    })
+    };
+    uc.get_data_mut().masks = Some(masks);
+    Ok(masks)
 }
 
 /// Before the engine calls a hook about an access it puts the place of the instruction into the processor's state, also that
@@ -565,9 +575,11 @@ fn poll<W: World>(uc: &mut Unicorn<Chip<W>>) -> bool {
     if chip.catch_up() {
         return true;
     }
-    if std::mem::take(&mut chip.masks_changed) {
+    if chip.masks_changed {
         let Ok(masks) = masks(uc) else { return true };
-        uc.get_data_mut().mask(masks.primask || masks.faultmask || masks.basepri != 0);
+        let chip = uc.get_data_mut();
+        chip.masks_changed = false;
+        chip.mask(masks.primask || masks.faultmask || masks.basepri != 0);
     }
     let chip = uc.get_data_mut();
     if chip.soc.preempting(Masks::default()).is_none() {

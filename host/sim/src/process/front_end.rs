@@ -10,7 +10,6 @@ use super::spark::Stretch;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_servo_head::units::{ADC_FULL_SCALE, ADC_HZ};
 use rand::RngExt;
-use std::array;
 use std::f64::consts::TAU;
 use std::ops::Range;
 
@@ -107,52 +106,56 @@ impl FrontEnd {
     /// follow each other without a pause.
     pub fn convert(&mut self, from: f64, stretches: &[Stretch]) -> GapBlock {
         let base = self.zero + self.hum.next();
-        let mut seen = [0.0; BLOCK];
+        // A stretch writes a whole block from its first conversion on, which takes no loop, and the next one over it.
+        let mut seen = [0.0; 2 * BLOCK];
         let mut gate = 0;
         let mut begin = 0;
         for (i, now) in stretches.iter().enumerate() {
             let end = stretches.get(i + 1).map_or(BLOCK, |next| before(from, next.from)).max(begin);
-            if let Some(seen @ [_, ..]) = seen.get_mut(begin..end) {
-                self.see(from, now, base, begin, seen);
+            if begin < end
+                && let Some(seen) = seen.get_mut(begin..).and_then(|seen| seen.first_chunk_mut())
+            {
+                self.see(from, now, base, begin..end, seen);
                 gate |= mask(gated(from, now.gate, begin..end));
                 begin = end;
             }
         }
-        let codes = self.quantise(&seen);
+        let codes = self.quantise(seen.first_chunk().unwrap_or(&[0.0; BLOCK]));
         GapBlock {
             codes: self.stuck.map_or(codes, |stuck| [stuck; BLOCK]),
             gate: if self.gate_lost { 0 } else { gate },
         }
     }
 
-    /// What the conversions from number `first` on see of a stretch, in codes.
-    fn see(&mut self, from: f64, now: &Stretch, base: f64, first: usize, seen: &mut [f32]) {
-        let begins = from + (first as f64 + 0.5) * PERIOD_US;
-        let mut edge = 0;
-        if !now.settled(begins) {
-            if self.fades.0 != now.rise {
-                self.fades = (now.rise, libm::exp(-PERIOD_US / now.rise));
-            }
-            let mut left = now.at(begins) - now.volts;
-            for code in &mut *seen {
-                *code = (base + (now.volts + left) * self.per_volt) as f32;
-                left *= self.fades.1;
-                edge += 1;
-                if now.settled(begins + edge as f64 * PERIOD_US) {
-                    break;
-                }
+    /// What these conversions see of a stretch, in codes; behind them it is written as settled.
+    fn see(&mut self, from: f64, now: &Stretch, base: f64, of: Range<usize>, seen: &mut [f32; BLOCK]) {
+        *seen = [(base + now.volts * self.per_volt) as f32; BLOCK];
+        let begins = from + (of.start as f64 + 0.5) * PERIOD_US;
+        if now.settled(begins) {
+            return;
+        }
+        if self.fades.0 != now.rise {
+            self.fades = (now.rise, libm::exp(-PERIOD_US / now.rise));
+        }
+        let mut left = now.at(begins) - now.volts;
+        for (edge, code) in (1..=of.len()).zip(seen) {
+            *code = (base + (now.volts + left) * self.per_volt) as f32;
+            left *= self.fades.1;
+            if now.settled(begins + edge as f64 * PERIOD_US) {
+                break;
             }
         }
-        seen.get_mut(edge..).unwrap_or_default().fill((base + now.volts * self.per_volt) as f32);
     }
 
     /// Noise, saturation, and the nearest code.
     fn quantise(&mut self, seen: &[f32; BLOCK]) -> [u16; BLOCK] {
         let noise = normal::block(&mut self.random);
-        array::from_fn(|k| {
-            let exact = (seen[k] + self.noise * noise[k]).clamp(0.0, f32::from(ADC_FULL_SCALE));
-            (exact + WHOLE).to_bits() as u16 & ADC_FULL_SCALE
-        })
+        let mut codes = [0; BLOCK];
+        for ((code, seen), noise) in codes.iter_mut().zip(seen).zip(&noise) {
+            let exact = (seen + self.noise * noise).clamp(0.0, f32::from(ADC_FULL_SCALE));
+            *code = (exact + WHOLE).to_bits() as u16 & ADC_FULL_SCALE;
+        }
+        codes
     }
 }
 

@@ -473,6 +473,7 @@ impl Process {
     }
 
     /// What really is.
+    #[inline]
     pub fn truth(&self) -> Truth {
         let Inside { x, v, i, removed_um, wear_um, debris, damage, through } = self.model.inside();
         let first_m = self.first_surface_m();

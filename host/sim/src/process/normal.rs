@@ -24,8 +24,24 @@ static TABLE: LazyLock<Box<[f32; QUANTILES]>> = LazyLock::new(table);
 pub fn block(random: &mut Random) -> [f32; BLOCK] {
     const { assert!(BLOCK.is_multiple_of(PER_WORD) && PER_WORD * BITS as usize <= 64) };
     let table = &**TABLE;
-    let words: [u64; BLOCK / PER_WORD] = array::from_fn(|_| random.next_u64());
-    array::from_fn(|k| table[(words[k / PER_WORD] >> (BITS as usize * (k % PER_WORD))) as usize % QUANTILES])
+    let mut values = [0.0; BLOCK];
+    for five in values.as_chunks_mut::<PER_WORD>().0 {
+        *five = of_word(table, random.next_u64());
+    }
+    values
+}
+
+/// Two of them, at the price of two: the stream goes on as behind a block.
+pub fn pair(random: &mut Random) -> [f32; 2] {
+    let [first, second, ..] = of_word(&TABLE, random.next_u64());
+    for _ in 1..BLOCK / PER_WORD {
+        random.next_u64();
+    }
+    [first, second]
+}
+
+fn of_word(table: &[f32; QUANTILES], word: u64) -> [f32; PER_WORD] {
+    array::from_fn(|k| table[(word >> (BITS as usize * k)) as usize % QUANTILES])
 }
 
 /// The middles of equally likely classes, scaled to a deviation of one.

@@ -315,13 +315,8 @@ impl<W: World> Soc<W> {
     pub fn advance(&mut self, to: u64) {
         while self.next <= to {
             // The first of those that are due at once.
-            let mut first = (NEVER, 0);
-            for (slot, at) in self.due.iter().enumerate() {
-                if *at < first.0 {
-                    first = (*at, slot);
-                }
-            }
-            let (at, slot) = first;
+            let first = self.due.iter().copied().enumerate().min_by_key(|(_, at)| *at);
+            let (slot, at) = first.unwrap_or((0, NEVER));
             self.next = at;
             if at > to {
                 break;
