@@ -128,7 +128,8 @@ impl crate::can::Filters for Filters {
         let can = can1();
         if can.msr().read().inak().bit() {
             put!(can.btr(), btr);
-            can.mcr().modify(|_, w| w.sleep().clear_bit().inrq().clear_bit());
+            // With automatic recovery from bus-off.
+            can.mcr().modify(|_, w| w.abom().set_bit().sleep().clear_bit().inrq().clear_bit());
             self.joined = Some(btr);
         } else {
             put!(can.tsr(), GIVE_UP);
