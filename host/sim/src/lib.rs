@@ -38,6 +38,7 @@ pub mod bore;
 pub mod cli;
 pub mod events;
 pub mod faults;
+pub mod gcode;
 pub mod inputs;
 pub mod lockstep;
 pub mod machine;
