@@ -48,7 +48,7 @@ def segments(text):
     """The path of a program: from X0 Y0 Z0, the surface of the work."""
     at, plane, unit, absolute, motion = dict.fromkeys("XYZ", 0), 17, 21, True, None
     for number, line in enumerate(text.splitlines(), 1):
-        given = {}
+        given, ends = {}, False
         for letter, value in words(number, line):
             word = f"{letter}{value:g}"
             if letter == "G" and value in (0, 1, 2, 3):
@@ -60,7 +60,7 @@ def segments(text):
             elif letter == "G" and value in (90, 91):
                 absolute = value == 90
             elif letter == "M" and value == 2:
-                return
+                ends = True
             elif letter in "XYZIJK":
                 if letter in given:
                     raise Wrong(f"line {number}: {word}: {letter} stands twice in the line")
@@ -68,6 +68,8 @@ def segments(text):
             elif letter != "F":
                 raise Wrong(f"line {number}: {word}: is not among G0 to G3, G17 to G21, G90, G91, F, M2")
         if not given:
+            if ends:
+                return
             continue
         if motion is None:
             raise Wrong(f"line {number}: no G0 to G3 before the first move")
@@ -87,4 +89,6 @@ def segments(text):
             raise Wrong(f"line {number}: {centre[0]}: only an arc has a centre")
         if motion >= 2 or end != at:
             yield segment
+        if ends:
+            return
         at = end

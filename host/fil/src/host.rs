@@ -2,6 +2,7 @@
 
 use anyhow::{Result, bail, ensure};
 use edm_servo_head::head::Command;
+use edm_servo_head::path::Piece;
 use edm_servo_head::units::Nanometres;
 use edm_soc::Frame;
 
@@ -147,6 +148,7 @@ pub fn command(bus: &mut impl Bus, command: Command) -> Result<()> {
             let by = counts(bus, by)?;
             write(bus, 0x2004, 2, by, 4)?;
         }
+        Command::AppendTo(piece) => append(bus, &piece)?,
         Command::Start => write(bus, 0x2001, 1, 1, 1)?,
         Command::Hold => write(bus, 0x2001, 2, 1, 1)?,
         Command::Commission => write(bus, 0x2001, 3, 1, 1)?,
@@ -162,6 +164,21 @@ pub fn command(bus: &mut impl Bus, command: Command) -> Result<()> {
     }
     let after = read(bus, 0x2000, 4)?;
     ensure!(after == before || after == 0, refused(after));
+    Ok(())
+}
+
+/// Has a piece of path appended.
+fn append(bus: &mut impl Bus, piece: &Piece) -> Result<()> {
+    let ends = piece.to.map(|nm| nm as i32 as u32).into_iter().zip(1u8..);
+    let centre = piece.centre.map(|nm| nm as u32).into_iter().zip(4u8..);
+    for (value, sub) in ends.chain(centre) {
+        write(bus, 0x200E, sub, value, 4)?;
+    }
+    write(bus, 0x200E, 6, piece.shape as u32, 1)?;
+    write(bus, 0x200E, 7, u32::from(piece.mark) << 1, 1)?;
+    write(bus, 0x200E, 8, 1, 1)?;
+    let refused = read(bus, 0x200E, 9)?;
+    ensure!(refused == 0, "a piece was refused with code {refused} of 200Eh:9");
     Ok(())
 }
 

@@ -1,12 +1,14 @@
 //! A hole, from a head at rest to its depth or to the reason why not.
 
+use crate::gcode::Move;
 use crate::machine::{Machine, Rig};
 use crate::process::{Process, Truth};
-use crate::run::{FaultEvent, Job, Observer, Outcome, Progress, Sample};
+use crate::run::{FaultEvent, Job, Observer, Outcome, Program, Progress, Sample};
 use edm_servo_head::gap::{GapSource, Voltage};
-use edm_servo_head::head::{Command, Reason, State};
+use edm_servo_head::head::{Command, Reason, State, Structure};
+use edm_servo_head::path::{AHEAD, AXES, BESIDE_NM, Path, Piece, Point, Shape};
 use edm_servo_head::settings::{SettingError, Settings};
-use edm_servo_head::units::{Nanometres, TICK_HZ};
+use edm_servo_head::units::{FRACTION_BITS, Fixed, Nanometres, TICK_HZ};
 use std::ops::RangeInclusive;
 
 pub use crate::run::Setup;
@@ -23,6 +25,8 @@ const PATIENCE_S: f64 = 60.0;
 /// Open loop in which the shot floor is measured, and the settling of filters and debris before it, ticks.
 const FLOOR: u32 = 5 * TICK_HZ;
 const FLOOR_SETTLE: u32 = 2 * TICK_HZ;
+/// Points of an arc that are drawn.
+const ARC_POINTS: i64 = 64;
 
 /// Checks the values against each other.
 pub fn check(setup: &Setup) -> Result<(), SettingError> {
@@ -43,6 +47,44 @@ pub fn depth_range_mm(setup: &Setup) -> RangeInclusive<f64> {
     // In whole micrometres, so that the limit reads as a person would write it.
     let whole = |mm: f64| (mm * 1000.0).floor() / 1000.0;
     0.001..=whole(f64::from(lowest) - f64::from(p.base.surface) + 1e-6)
+}
+
+/// Checks a path against the machine, and works out where it leads.
+///
+/// # Errors
+/// What cannot be carried out, with line and word.
+pub fn program(setup: &Setup, name: &str, moves: Vec<Move>) -> Result<Program, String> {
+    if setup.head.structure != Structure::Path {
+        return Err("only with feed.structure = path other axes go along".into());
+    }
+    let surface_mm = f64::from(setup.process.base.surface);
+    let lowest_mm = *depth_range_mm(setup).end();
+    // A register of its own goes along it once.
+    let mut path = Box::new(Path::EMPTY);
+    path.scale([BESIDE_NM; AXES]);
+    path.restart([Fixed(0); AXES], [Fixed(0); AXES]);
+    let mm = |point: Point| point.map(|um| um.0 as f64 / (1u64 << FRACTION_BITS) as f64 / 1e3);
+    let mut outline = vec![mm(path.setpoint())];
+    for Move { line, word, piece } in &moves {
+        let refused = |what: String| format!("line {line}: {word}: {what}");
+        let (up, down) = path.extent(piece).map_err(|wrong| refused(wrong.to_string()))?;
+        let (up, down) = (up as f64 * 1e-6, down as f64 * 1e-6);
+        if -up > surface_mm || down > lowest_mm {
+            let (reach, limit) = if down > lowest_mm { (-down, -lowest_mm) } else { (-up, surface_mm) };
+            return Err(refused(format!("leads to Z{reach:.3}; the stroke ends at Z{limit:.3}")));
+        }
+        let begin = path.s();
+        path.append(piece).map_err(|wrong| refused(wrong.to_string()))?;
+        let length = path.ahead_of(begin);
+        let points = if piece.shape == Shape::Line { 1 } else { ARC_POINTS };
+        for point in 1..=points {
+            let to = begin.plus(Fixed((i128::from(length.0) * i128::from(point) / i128::from(points)) as i64));
+            path.step(to.minus(path.s()));
+            outline.push(mm(path.setpoint()));
+        }
+    }
+    let length_mm = f64::from(path.s().to_f32()) * 1e-3;
+    Ok(Program { name: name.into(), moves, length_mm, outline })
 }
 
 /// Bores a hole: one sample a servo tick to `observer`, progress every 100 ms of simulated time.
@@ -85,12 +127,25 @@ pub fn run(
     // Home is where the head rests: not quite the stop's zero, because the stop gives way.
     let home = machine.true_count();
     let home_um = home as f64 * f64::from(setup.process.base.count);
-    let target = Nanometres(((first_surface_um + job.depth_mm * 1e3 - home_um) * 1e3).round() as i64);
-    for command in [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(target), Command::Start] {
-        machine.command(command)?;
+    let nm = |depth_um: f64| ((first_surface_um + depth_um - home_um) * 1e3).round() as i64;
+    machine.command(Command::SetHome(Nanometres(0)))?;
+    machine.command(Command::Enable)?;
+    // Pieces that wait until there is room for them.
+    let pieces = || job.path.iter().flat_map(|path| &path.moves).map(|one| one.piece);
+    let mut waiting = pieces();
+    match pieces().next() {
+        None => machine.command(Command::MoveTo(Nanometres(nm(job.depth_mm * 1e3))))?,
+        // Such a program is begun beside the work.
+        Some(Piece { shape: Shape::Line, to: [..0, _, _], .. }) => {}
+        Some(_) => machine.command(Command::MoveTo(Nanometres(nm(0.0))))?,
     }
+    for piece in waiting.by_ref().take(AHEAD / 2) {
+        machine.command(Command::AppendTo(below(piece, nm(0.0))))?;
+    }
+    machine.command(Command::Start)?;
 
-    let limit = ((job.depth_mm / SLOWEST * 60.0 + PATIENCE_S) * f64::from(TICK_HZ)) as u64;
+    let length_mm = job.path.as_ref().map_or(job.depth_mm, |path| path.length_mm);
+    let limit = ((length_mm / SLOWEST * 60.0 + PATIENCE_S) * f64::from(TICK_HZ)) as u64;
     let mut faults: Vec<FaultEvent> = Vec::new();
     let mut fault_tick = None;
     let mut eroding = Means::default();
@@ -102,6 +157,11 @@ pub fn run(
         let sample = sample(machine, &truth, home_um);
         observer.sample(&sample);
         let state = machine.status().state;
+        if usize::from(machine.status().waiting) < AHEAD / 4 && state.pulses() {
+            for piece in waiting.by_ref().take(AHEAD / 4) {
+                machine.command(Command::AppendTo(below(piece, nm(0.0))))?;
+            }
+        }
         while let Some(change) = machine.next_change() {
             if let Reason::Fault(fault) = change.reason {
                 faults.push(FaultEvent { t_s: sample.t_s, fault: fault.name().into() });
@@ -112,8 +172,11 @@ pub fn run(
             eroding.take(sample.gap_um, truth.debris);
         }
         if tick % PROGRESS == 1 {
-            let depth_mm = (sample.position_um - first_surface_um) * 1e-3;
-            progress(&Progress { sim_time_s: sample.t_s, depth_mm, state: sample.state });
+            let done_um = match job.path {
+                Some(_) => f64::from(machine.status().path.to_f32()) - nm(0.0) as f64 * 1e-3,
+                None => sample.position_um - first_surface_um,
+            };
+            progress(&Progress { sim_time_s: sample.t_s, done_mm: done_um * 1e-3, state: sample.state });
         }
         let over = fault_tick.is_some_and(|from| tick - from >= AFTERMATH);
         if state == State::Done || over || tick >= limit {
@@ -124,9 +187,14 @@ pub fn run(
     let truth = machine.process().truth();
     let completed = state == State::Done && faults.is_empty();
     let stop_reason = match faults.first() {
+        _ if completed && job.path.is_some() => "end of the path".into(),
         _ if completed => "depth reached".into(),
         Some(event) => event.fault.clone(),
-        None => format!("depth not reached in {:.0} min", truth.t_s / 60.0),
+        None => format!(
+            "{} not reached in {:.0} min",
+            if job.path.is_some() { "end of the path" } else { "depth" },
+            truth.t_s / 60.0
+        ),
     };
     let sparks = !job.surrogate && eroding.ticks > 0.0;
     let shot_floor_rms_v = if sparks { Some(shot_floor(setup, job.seed, &eroding)?) } else { None };
@@ -146,6 +214,12 @@ pub fn run(
     })
 }
 
+/// A piece of a path from the surface, which lies so many nm below home.
+fn below(piece: Piece, surface: i64) -> Piece {
+    let [down, x, y] = piece.to;
+    Piece { to: [down + surface, x, y], ..piece }
+}
+
 fn sample(machine: &impl Rig, truth: &Truth, home_um: f64) -> Sample {
     let status = machine.status();
     let (surface_um, gap_um) = match machine.imagined_surface_um() {
@@ -155,6 +229,7 @@ fn sample(machine: &impl Rig, truth: &Truth, home_um: f64) -> Sample {
     Sample {
         t_s: truth.t_s,
         position_um: truth.face_um,
+        beside_um: status.beside.map(|um| um.to_f32().into()),
         setpoint_um: home_um + f64::from(status.setpoint.to_f32()),
         velocity_um_s: truth.velocity_um_s,
         surface_um,

@@ -43,7 +43,7 @@ impl Inputs {
         let depth_mm = depth.ok_or_else(|| {
             format!("--depth-mm {asked}: must be a number from {} to {} mm", range.start(), range.end())
         })?;
-        Ok(Job { setup, depth_mm, seed: self.seed, surrogate: self.surrogate })
+        Ok(Job { setup, depth_mm, path: None, seed: self.seed, surrogate: self.surrogate })
     }
 }
 

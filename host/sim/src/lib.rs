@@ -40,6 +40,7 @@ pub mod cli;
 pub mod events;
 pub mod faults;
 pub mod gap_report;
+pub mod gcode;
 pub mod inputs;
 pub mod lockstep;
 pub mod machine;

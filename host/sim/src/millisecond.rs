@@ -74,6 +74,8 @@ pub struct Millisecond {
     pub phase: Phase,
     /// Electrode, um.
     pub position_um: Span,
+    /// Set points of X and Y at the last tick, um.
+    pub beside_um: [f64; 2],
     /// Workpiece surface at the last tick, um.
     pub surface_um: f64,
     /// Gap, um.
@@ -108,6 +110,7 @@ impl Millisecond {
             t_s,
             phase: Phase::Eroding,
             position_um: Span::NONE,
+            beside_um: [0.0; 2],
             surface_um: 0.0,
             gap_um: Span::NONE,
             gap_v: Span::NONE,
@@ -128,7 +131,7 @@ impl Millisecond {
         let filtered = f64::from(sample.filtered_v);
         self.phase = self.phase.max(phase);
         self.position_um.add(sample.position_um);
-        self.surface_um = sample.surface_um;
+        (self.beside_um, self.surface_um) = (sample.beside_um, sample.surface_um);
         self.gap_um.add(sample.gap_um);
         self.gap_v.add(f64::from(sample.gap_v));
         self.filtered_v.add(filtered);

@@ -3,7 +3,7 @@
 use crate::run::Progress;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// Shows how deep the hole is.
+/// Shows how deep the hole is, or how far along its path the head.
 #[derive(Debug)]
 pub struct Bar {
     bar: ProgressBar,
@@ -27,10 +27,10 @@ impl Bar {
         if self.bar.is_hidden() {
             return;
         }
-        let Progress { sim_time_s, depth_mm, state } = progress;
+        let Progress { sim_time_s, done_mm, state } = progress;
         let target = self.target_mm;
-        self.bar.set_message(format!("{state}, {:.3} of {target} mm, {sim_time_s:.0} s simulated", depth_mm.max(0.0)));
-        self.bar.set_position(steps(*depth_mm));
+        self.bar.set_message(format!("{state}, {:.3} of {target} mm, {sim_time_s:.0} s simulated", done_mm.max(0.0)));
+        self.bar.set_position(steps(*done_mm));
     }
 
     /// Takes the bar away.

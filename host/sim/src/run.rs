@@ -3,6 +3,7 @@
 //! The command line hands over a [`Job`] that has been checked; the machine hands back one [`Sample`] a servo tick, a
 //! [`Progress`] now and then, and an [`Outcome`]. All values are the model's truth unless they say otherwise.
 
+use crate::gcode::Move;
 use crate::process::{Plant, Pulses};
 use crate::scenario::Scenario;
 use edm_servo_head::settings::Settings;
@@ -15,8 +16,10 @@ pub type Setup = Scenario<Plant, Settings>;
 pub struct Job {
     /// Values of process and head.
     pub setup: Setup,
-    /// Depth of the hole below the workpiece's first surface, mm.
+    /// Depth of the hole below the workpiece's first surface, mm; with a path, of its end.
     pub depth_mm: f64,
+    /// Path to erode along, in the place of straight down.
+    pub path: Option<Program>,
     /// Seed of everything random.
     pub seed: u64,
     /// Drive the head from position, noise and imagined erosion instead of a gap signal (Roberts, sections 6.3 and 6.8).
@@ -26,7 +29,28 @@ pub struct Job {
 impl Job {
     /// Scenario and what was changed on the command line, for reports.
     pub fn label(&self) -> String {
-        format!("{}{}", self.setup.name, if self.surrogate { ", surrogate" } else { "" })
+        let path = self.path.as_ref().map(|path| format!(", {}", path.name)).unwrap_or_default();
+        format!("{}{path}{}", self.setup.name, if self.surrogate { ", surrogate" } else { "" })
+    }
+}
+
+/// A path that was checked, from X0 Y0 in the surface of the work.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Program {
+    /// Name of its file.
+    pub name: String,
+    /// Its pieces.
+    pub moves: Vec<Move>,
+    /// Length, mm.
+    pub length_mm: f64,
+    /// Points of it in their order: down, X, Y, mm.
+    pub outline: Vec<[f64; 3]>,
+}
+
+impl Program {
+    /// Depth of its end, mm.
+    pub fn depth_mm(&self) -> f64 {
+        self.outline.last().map_or(0.0, |[down, ..]| *down)
     }
 }
 
@@ -37,6 +61,8 @@ pub struct Sample {
     pub t_s: f64,
     /// Electrode face, positive toward the work, um.
     pub position_um: f64,
+    /// Set points of the axes beside the head's, X and Y, um.
+    pub beside_um: [f64; 2],
     /// Position the servo aims at, um.
     pub setpoint_um: f64,
     /// Velocity of the electrode, um/s.
@@ -78,8 +104,8 @@ pub trait Observer {
 pub struct Progress {
     /// Simulated time since start, s.
     pub sim_time_s: f64,
-    /// Depth of the electrode so far, mm.
-    pub depth_mm: f64,
+    /// Depth of the electrode so far, or length of path behind it, mm.
+    pub done_mm: f64,
     /// State of the head.
     pub state: &'static str,
 }

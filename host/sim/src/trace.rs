@@ -113,6 +113,7 @@ mod tests {
             trace.sample(&Sample {
                 t_s: f64::from(tick) / 20_000.0,
                 position_um: f64::from(tick) * 0.5,
+                beside_um: [0.0; 2],
                 setpoint_um: 1.234,
                 velocity_um_s: -2000.0,
                 surface_um: 40.0,

@@ -221,6 +221,66 @@ fn a_bored_hole_leaves_its_outputs_and_a_summary() {
     assert_eq!(listing(folder.path()).len(), listing(self::folder().path()).len() + 2);
 }
 
+/// A program in a folder of its own.
+fn with_program(text: &str) -> TempDir {
+    let folder = folder();
+    fs::write(folder.path().join("p.ngc"), text).unwrap();
+    folder
+}
+
+#[test]
+fn a_path_is_eroded_along_to_its_end_and_drawn() {
+    let folder = with_program("G1 Z-0.002\nG3 X0.02 I0.01\nG91 G1 X-0.01 Y0.01 Z-0.004\nM2");
+    let output = run(folder.path(), &["bore", "--path", "p.ngc", "--plot", "r.svg", "--json", "r.json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8(output.stderr).unwrap());
+    let report = report(folder.path());
+    assert_eq!(report["stop_reason"], "end of the path");
+    assert_eq!(report["scenario"], "default, p.ngc");
+    assert_eq!(report["target_depth_mm"], 0.006);
+    assert!((report["depth_mm"].as_f64().unwrap() - 0.006).abs() < 0.001, "{report}");
+    let svg = fs::read_to_string(folder.path().join("r.svg")).unwrap();
+    assert!(svg.contains("From above: Y over X, mm") && svg.contains("From the side: Z over X, mm"));
+}
+
+#[test]
+fn a_path_longer_than_the_register_is_fed_as_it_is_eroded() {
+    use std::fmt::Write;
+    let mut program = "G1 Z-0.001\n".to_owned();
+    for piece in 0..600 {
+        writeln!(program, "G1 X{:.4} Z-{:.6}", f64::from(piece % 2) * 1e-4, 0.001 + f64::from(piece) * 1e-6).unwrap();
+    }
+    let folder = with_program(&program);
+    let output = run(folder.path(), &["bore", "--path", "p.ngc", "--json", "r.json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8(output.stderr).unwrap());
+    assert_eq!(report(folder.path())["stop_reason"], "end of the path");
+}
+
+#[test]
+fn a_path_that_cannot_be_is_refused_with_line_and_word() {
+    for (program, message) in [
+        ("G1 Z-1\nG7 X1", "line 2: G7: is not among G0 to G3, G17 to G21, G90, G91, F, M2"),
+        ("G1 Z-1\nG1 Z-50", "line 2: Z-50: leads to Z-50.000; the stroke ends at Z-9.800"),
+        ("G1 Z2.1", "line 1: Z2.1: leads to Z2.100; the stroke ends at Z2.000"),
+        ("G3 X0.001 I0.0005", "line 1: X0.001: a radius of 500 nm is outside 10000 to 536870912 nm"),
+        ("G3 X1 I0.4", "line 1: X1: start and end are 400000 and 600000 nm from the centre"),
+        ("; nothing", "no move"),
+    ] {
+        let folder = with_program(program);
+        let before = listing(folder.path());
+        let output = run(folder.path(), &["bore", "--path", "p.ngc", "--plot", "r.svg", "--json", "r.json"]);
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{stderr}");
+        assert!(stderr.starts_with(&format!("edm-sim: --path p.ngc: {message}")), "{stderr}");
+        assert_eq!(stderr.trim_end().lines().count(), 1, "{stderr}");
+        assert_eq!(listing(folder.path()), before);
+    }
+    refused(&["--path", "good.toml", "--depth-mm", "1"], &["--path", "--depth-mm"]);
+    refused(&["--path", "nowhere.ngc"], &["--path nowhere.ngc: cannot be read"]);
+    let folder = with_program("G1 Z-1");
+    let output = run(folder.path(), &["bore", "--path", "p.ngc", "--json", "p.ngc"]);
+    assert_eq!(String::from_utf8(output.stderr).unwrap(), "edm-sim: --json p.ngc: must not be the program itself\n");
+}
+
 #[test]
 fn the_same_seed_gives_the_same_report_and_another_seed_another() {
     let run_with = |seed: &str| {

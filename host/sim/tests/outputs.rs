@@ -60,7 +60,7 @@ fn made_up(job: &Job, recorder: &mut Recorder, progress: &mut dyn FnMut(&Progres
             ..Sample::default()
         });
         if tick.is_multiple_of(2000) {
-            progress(&Progress { sim_time_s: t_s, depth_mm: x / 1000.0, state });
+            progress(&Progress { sim_time_s: t_s, done_mm: x / 1000.0, state });
         }
         tick += 1;
     }

@@ -24,7 +24,7 @@ impl Observer for Means {
 }
 
 fn job(depth_mm: f64) -> Job {
-    Job { setup: Setup::load("default").unwrap(), depth_mm, seed: 1, surrogate: false }
+    Job { setup: Setup::load("default").unwrap(), depth_mm, path: None, seed: 1, surrogate: false }
 }
 
 fn chip(depth_mm: f64) -> (Outcome, Means) {

@@ -1,5 +1,7 @@
 //! `edm-sim bore`: check, run, report.
 
+use crate::bore;
+use crate::gcode;
 use crate::inputs::Inputs;
 use crate::observe::{Recorder, Run};
 use crate::output::Output;
@@ -17,6 +19,10 @@ pub struct Bore {
     /// What is bored.
     #[command(flatten)]
     pub inputs: Inputs,
+    /// Erode along a program of G-code instead of straight down: G0 to G3, G17 to G21, G90, G91, F, M2, from X0 Y0 and
+    /// the surface of the work, Z0; nobody drives X and Y, and the gap is the one below
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["depth_mm", "surrogate"])]
+    pub path: Option<PathBuf>,
     /// Write the report as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -41,11 +47,15 @@ struct Outputs {
 impl Bore {
     /// Runs and reports; true when the hole was bored.
     pub fn execute(&self, run: impl Run) -> Result<bool, Failure> {
-        let job = self.inputs.job()?;
+        let mut job = self.inputs.job()?;
+        if let Some(path) = &self.path {
+            take_path(&mut job, path)
+                .map_err(|wrong| Failure::BadInput(format!("--path {}: {wrong}", path.display())))?;
+        }
         let outputs = self.claim().map_err(Failure::BadInput)?;
         let mut recorder = Recorder::new(outputs.trace.as_ref(), outputs.plot.is_some()).map_err(Failure::Failed)?;
 
-        let bar = Bar::new(job.depth_mm, self.quiet);
+        let bar = Bar::new(job.path.as_ref().map_or(job.depth_mm, |path| path.length_mm), self.quiet);
         let start = Instant::now();
         let outcome = run(&job, &mut recorder, &mut |progress| bar.show(progress));
         let wall_time_s = start.elapsed().as_secs_f64();
@@ -74,6 +84,9 @@ impl Bore {
         };
         let all: Vec<&Output> = [&outputs.json, &outputs.trace, &outputs.plot].into_iter().flatten().collect();
         for (i, output) in all.iter().enumerate() {
+            if self.path.as_deref().is_some_and(|path| output.replaces(path)) {
+                return Err(format!("{}: must not be the program itself", output.label()));
+            }
             if output.replaces(Path::new(&self.inputs.scenario)) {
                 return Err(format!("{}: must not be the scenario file itself", output.label()));
             }
@@ -99,7 +112,7 @@ impl Bore {
         }
         if let (Some(output), Some(picture)) = (outputs.plot, recorder.picture) {
             written.push(output.label().to_owned());
-            let svg = picture.draw(report, &job.setup.title)?;
+            let svg = picture.draw(report, &job.setup.title, job.path.as_ref())?;
             output.write(|file| file.write_all(svg.as_bytes()))?;
         }
         if !self.quiet && !written.is_empty() {
@@ -107,4 +120,14 @@ impl Bore {
         }
         Ok(())
     }
+}
+
+/// Has a job erode along the program in a file.
+fn take_path(job: &mut Job, path: &Path) -> Result<(), String> {
+    let text = std::fs::read_to_string(path).map_err(|error| format!("cannot be read: {error}"))?;
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let program = bore::program(&job.setup, &name, gcode::read(&text)?)?;
+    job.depth_mm = program.depth_mm();
+    job.path = Some(program);
+    Ok(())
 }

@@ -166,6 +166,7 @@ mod tests {
             t_s: x / 1000.0,
             phase: if i.is_multiple_of(2) { Phase::Eroding } else { Phase::Seeking },
             position_um: span,
+            beside_um: [0.0; 2],
             surface_um: x,
             gap_um: span,
             gap_v: span,

@@ -1,4 +1,5 @@
-//! The run as a picture: SVG, the whole run on the left, one second of eroding on the right.
+//! The run as a picture: SVG, the whole run on the left, one second of eroding on the right; a path, if there was one, beside
+//! them.
 //!
 //! Five panels share the time: depth, gap voltage, gap, debris with damage, duty. Time that is not eroding is shaded. What is drawn is
 //! gathered while the run goes on, in memory that does not grow with it (`buckets`): a band from smallest to largest
@@ -7,10 +8,13 @@
 mod buckets;
 mod panels;
 mod sheet;
+mod track;
 
 use crate::millisecond::{Millisecond, Phase};
 use crate::report::Report;
+use crate::run::Program;
 use buckets::{Bucket, Buckets, Means};
+use track::Track;
 
 /// Columns of the whole run: about one a pixel.
 const COLUMNS: usize = 900;
@@ -27,11 +31,17 @@ pub struct Picture {
     run: Buckets,
     means: Means,
     close_up: CloseUp,
+    track: Track,
 }
 
 impl Default for Picture {
     fn default() -> Self {
-        Picture { run: Buckets::new(COLUMNS), means: Means::new(MEAN_MS, COLUMNS), close_up: CloseUp::default() }
+        Picture {
+            run: Buckets::new(COLUMNS),
+            means: Means::new(MEAN_MS, COLUMNS),
+            close_up: CloseUp::default(),
+            track: Track::default(),
+        }
     }
 }
 
@@ -41,11 +51,12 @@ impl Picture {
         self.run.add(&Bucket::from(ms));
         self.means.add(ms.t_s, ms.gap_v.mean);
         self.close_up.add(ms);
+        self.track.add(ms);
     }
 
-    /// Draws the SVG.
-    pub fn draw(&self, report: &Report, title: &str) -> Result<String, String> {
-        sheet::draw(self, report, title).map_err(|error| format!("the plot could not be drawn: {error}"))
+    /// Draws the SVG; a path as well, from above and from the side.
+    pub fn draw(&self, report: &Report, title: &str, path: Option<&Program>) -> Result<String, String> {
+        sheet::draw(self, report, title, path).map_err(|error| format!("the plot could not be drawn: {error}"))
     }
 }
 
@@ -83,12 +94,13 @@ mod tests {
     use super::*;
     use crate::millisecond::Span;
 
-    fn ms(i: u32, phase: Phase) -> Millisecond {
+    pub(super) fn ms(i: u32, phase: Phase) -> Millisecond {
         let span = Span { mean: 1.0, min: 0.0, max: 2.0 };
         Millisecond {
             t_s: f64::from(i) / 1000.0,
             phase,
             position_um: span,
+            beside_um: [0.0; 2],
             surface_um: 1.0,
             gap_um: span,
             gap_v: span,

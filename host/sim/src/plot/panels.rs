@@ -6,10 +6,10 @@ use crate::millisecond::Span;
 use plotters::style::RGBColor;
 use std::ops::Range;
 
-const BLUE: RGBColor = RGBColor(0x1b, 0x5e, 0x9e);
+pub(super) const BLUE: RGBColor = RGBColor(0x1b, 0x5e, 0x9e);
 const BROWN: RGBColor = RGBColor(0x8a, 0x5a, 0x2b);
 const GREY: RGBColor = RGBColor(0x9a, 0xa5, 0xb1);
-const INK: RGBColor = RGBColor(0x24, 0x2c, 0x35);
+pub(super) const INK: RGBColor = RGBColor(0x24, 0x2c, 0x35);
 const ORANGE: RGBColor = RGBColor(0xe0, 0x6c, 0x00);
 const GREEN: RGBColor = RGBColor(0x1e, 0x80, 0x4b);
 const PURPLE: RGBColor = RGBColor(0x6d, 0x3f, 0xa0);

@@ -2,9 +2,10 @@
 
 use super::Picture;
 use super::buckets::{Bucket, SHADED};
-use super::panels::{Curve, Panel, View};
+use super::panels::{BLUE, Curve, INK, Panel, View};
 use crate::millisecond::Phase;
 use crate::report::Report;
+use crate::run::Program;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -17,20 +18,94 @@ const SIZE: (u32, u32) = (1600, 1400);
 const HEAD: u32 = 112;
 const FOOT: u32 = 54;
 const LEFT_COLUMN: u32 = 960;
-const INK: RGBColor = RGBColor(0x24, 0x2c, 0x35);
+/// Width of the column in which a path is drawn.
+const PATH_COLUMN: u32 = 600;
 const PALE: RGBColor = RGBColor(0x66, 0x70, 0x7a);
 const GRID: RGBColor = RGBColor(0xe4, 0xe8, 0xec);
 
 /// Draws the picture as SVG.
-pub(super) fn draw(picture: &Picture, report: &Report, title: &str) -> Result<String, String> {
+pub(super) fn draw(picture: &Picture, report: &Report, title: &str, path: Option<&Program>) -> Result<String, String> {
     let mut svg = String::new();
-    on(&SVGBackend::with_string(&mut svg, SIZE).into_drawing_area(), picture, report, title)
-        .map_err(|error| error.to_string())?;
+    let size = (SIZE.0 + path.map_or(0, |_| PATH_COLUMN), SIZE.1);
+    let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
+    let drawn = root.fill(&WHITE).and_then(|()| {
+        let (sheet, beside) = root.split_horizontally(SIZE.0);
+        on(&sheet, picture, report, title)?;
+        path.map_or(Ok(()), |path| path_column(&beside, picture, path))
+    });
+    drawn.map_err(|error| error.to_string())?;
+    drop(root);
     Ok(svg)
 }
 
+/// The path as it was asked for, and as the head went along it while it worked: from above and from the side.
+fn path_column<'a>(area: &Area<'a>, picture: &Picture, path: &Program) -> Drawn<'a> {
+    let (head, body) = area.split_vertically(HEAD);
+    text(&head, &format!("The path: {}", path.name), (64, 86), 17.0, INK, true)?;
+    let (_, height) = body.dim_in_pixel();
+    let (above, side) = body.split_vertically(height / 2);
+    let first_surface_um = picture.run.all().first().map_or(0.0, |column| column.surface_um);
+    let track = picture.track.all().iter();
+    let gone: Vec<[f64; 3]> =
+        track.map(|[down, x, y]| [(down - first_surface_um) * 1e-3, x * 1e-3, y * 1e-3]).collect();
+    view(&above, "From above: Y over X, mm", |[_, x, y]| (x, y), path, &gone)?;
+    view(&side, "From the side: Z over X, mm", |[down, x, _]| (x, -down), path, &gone)
+}
+
+/// Both in one scale, so that a circle is one.
+fn view<'a>(
+    area: &Area<'a>,
+    name: &'static str,
+    look: impl Fn([f64; 3]) -> (f64, f64),
+    path: &Program,
+    gone: &[[f64; 3]],
+) -> Drawn<'a> {
+    let (asked, gone): (Vec<_>, Vec<_>) =
+        (path.outline.iter().copied().map(&look).collect(), gone.iter().copied().map(&look).collect());
+    let extent = |values: &mut dyn Iterator<Item = f64>| {
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+    };
+    let (left, right) = extent(&mut asked.iter().map(|point| point.0));
+    let (low, high) = extent(&mut asked.iter().map(|point| point.1));
+    let (width, height) = area.dim_in_pixel();
+    let (width, height) = (f64::from(width - 84), f64::from(height - 30 - FOOT));
+    // A tenth of margin; not less than 0.1 um altogether.
+    let scale = ((right - left) / width).max((high - low) / height).max(1e-4 / width) * 1.1;
+    let around = |low: f64, high: f64, pixels: f64| {
+        let (middle, half) = ((low + high) / 2.0, scale * pixels / 2.0);
+        middle - half..middle + half
+    };
+    let (across, up) = (around(left, right, width), around(low, high, height));
+    let mut chart = ChartBuilder::on(area)
+        .margin_top(30)
+        .margin_right(20)
+        .set_label_area_size(LabelAreaPosition::Left, 64)
+        .set_label_area_size(LabelAreaPosition::Bottom, FOOT)
+        .build_cartesian_2d(across.clone(), up.clone())?;
+    let number = |x: &f64| format!("{}", (x * 1e5).round() / 1e5 + 0.0);
+    let labels = ("sans-serif", 17).into_font().color(&PALE);
+    let mut mesh = chart.configure_mesh();
+    mesh.max_light_lines(0).bold_line_style(GRID).axis_style(PALE).label_style(labels);
+    mesh.x_labels(5).y_labels(7).x_label_formatter(&number).y_label_formatter(&number).draw()?;
+    let curve = |label: &str, colour, width, dashed, line: &[(f64, f64)]| {
+        let line = line.to_vec();
+        Curve { label: label.into(), colour, width, dashed, line, band: Vec::new() }
+    };
+    // What lies beside the path, a retreat or the way to the work, is not why it is drawn.
+    let gone: Vec<_> = gone.into_iter().filter(|(x, y)| across.contains(x) && up.contains(y)).collect();
+    let curves = vec![curve("electrode", BLUE, 2, false, &gone), curve("asked for", INK, 1, true, &asked)];
+    for Curve { colour, width, dashed, line, .. } in &curves {
+        let style = colour.stroke_width(*width);
+        if *dashed {
+            chart.draw_series(DashedLineSeries::new(line.clone(), 9, 6, style))?;
+        } else {
+            chart.draw_series([PathElement::new(line.clone(), style)])?;
+        }
+    }
+    legend(area, &Panel { name, y: 0.0..1.0, curves })
+}
+
 fn on<'a>(root: &Area<'a>, picture: &Picture, report: &Report, title: &str) -> Drawn<'a> {
-    root.fill(&WHITE)?;
     let (head, body) = root.split_vertically(HEAD);
     let (left, right) = body.split_horizontally(LEFT_COLUMN);
     heading(&head, report, title)?;

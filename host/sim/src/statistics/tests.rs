@@ -13,6 +13,7 @@ fn quiet(ms: u32) -> Millisecond {
         t_s,
         phase: Phase::Eroding,
         position_um: span(3.0 * t_s),
+        beside_um: [0.0; 2],
         surface_um: 3.0 * t_s + 40.0,
         gap_um: span(40.0),
         gap_v: span(55.0),

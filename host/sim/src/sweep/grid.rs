@@ -246,7 +246,7 @@ impl Grid {
         let index = number.checked_sub(1)?;
         let point = self.points.get(index / self.seeds.len())?;
         let seed = *self.seeds.get(index % self.seeds.len())?;
-        let job = Job { setup: point.setup.clone(), depth_mm: point.depth_mm, seed, surrogate: false };
+        let job = Job { setup: point.setup.clone(), depth_mm: point.depth_mm, path: None, seed, surrogate: false };
         Some(Run { number, values: &point.values, job, refusal: point.refusal.as_deref() })
     }
 }
