@@ -1,7 +1,7 @@
 //! Erosion over the bus.
 
 use crate::rig::Rig;
-use edm_servo_head::head::State;
+use edm_servo_head::head::{Fault, State};
 
 #[test]
 fn a_hole_is_bored_by_a_set_point_of_profile_position() {
@@ -153,6 +153,42 @@ fn erosion_begins_after_cyclic_set_points_have_moved_the_axis() {
         rig.until(2000, |rig| rig.machine.status().state == State::Done);
         assert!((rig.position() as i32 - here - 280).abs() <= 1, "{} from {here}", rig.position());
         assert_eq!(rig.read(0x2000, 4), 0, "nothing was refused");
+    }
+}
+
+#[test]
+fn what_was_to_begin_does_not_begin_once_the_host_has_stopped_the_head() {
+    type Stop = (&'static str, fn(&mut Rig));
+    let stops: [Stop; 6] = [
+        ("2001h:1 = 0", |rig| rig.write(0x2001, 1, &[0])),
+        ("halt", |rig| rig.control(0x10F)),
+        ("quick stop", |rig| rig.control(0x0B)),
+        ("disable operation", |rig| rig.control(0x07)),
+        ("disable voltage", |rig| rig.control(0x00)),
+        ("fault", |rig| rig.machine.raise(Fault::HostSilent)),
+    ];
+    for (what, stop) in stops {
+        for erode in [1, 2] {
+            let mut rig = followed(false);
+            rig.write(0x2001, 1, &[erode]);
+            let here = rig.position() as i32;
+            if erode == 1 {
+                rig.write32(0x607A, 0, here + 300);
+            }
+            stop(&mut rig);
+            // It may just have begun.
+            rig.run(2);
+            rig.states.clear();
+            rig.run(100);
+            // And on again, without another word about erosion.
+            rig.control(0x8F);
+            for word in [0x06, 0x07, 0x0F] {
+                rig.control(word);
+                rig.run(50);
+            }
+            rig.run(200);
+            assert!(!rig.states.iter().any(|state| state.pulses()), "{what}, {erode}: {:?}", rig.states);
+        }
     }
 }
 

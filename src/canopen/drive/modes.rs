@@ -83,7 +83,7 @@ impl SetPoints {
         self.moving = false;
         self.buffer.clear();
         self.due = None;
-        self.then = None;
+        (self.begins, self.then) = (false, None);
     }
 
     /// The head will not home.
@@ -118,9 +118,10 @@ impl Drive {
                 self.halt();
             }
             self.mode = mode;
-            let begins = self.value(Item::ErodeEnable) != 0 && self.status.state == head::State::Positioning;
-            self.set_points = SetPoints { begins, ..SetPoints::default() };
+            self.set_points = SetPoints::default();
             self.enter_mode();
+            self.set_points.begins =
+                self.moves() && self.value(Item::ErodeEnable) != 0 && self.status.state == head::State::Positioning;
         }
         Ok(())
     }
@@ -346,7 +347,7 @@ impl Drive {
     pub(super) fn erode_written(&mut self) {
         let enable = self.value(Item::ErodeEnable);
         let positions = self.status.state == head::State::Positioning || self.follow.take().is_some();
-        (self.set_points.begins, self.set_points.then) = (enable != 0 && self.acts() && positions, None);
+        (self.set_points.begins, self.set_points.then) = (enable != 0 && self.moves() && positions, None);
         match enable {
             _ if self.set_points.begins => self.command(Command::Hold),
             0 if self.status.state.pulses() || !self.fresh => self.command(Command::Hold),
@@ -388,7 +389,7 @@ impl Drive {
                 self.set_points.acknowledged = self.control & control::START != 0;
             }
         }
-        if self.fresh && !busy && self.acts() && core::mem::take(&mut self.set_points.begins) {
+        if self.fresh && !busy && self.moves() && core::mem::take(&mut self.set_points.begins) {
             match (self.value(Item::ErodeEnable), self.set_points.then.take()) {
                 (1, Some(target)) => self.erode_to(target),
                 (1, None) => self.command(Command::Start),
