@@ -16,7 +16,7 @@ impl Observer for Nobody {
 }
 
 fn bored(scenario: &str, seed: u64, surrogate: bool) -> Outcome {
-    let job = Job { setup: Setup::load(scenario).unwrap(), depth_mm: 0.03, seed, surrogate };
+    let job = Job { setup: Setup::load(scenario).unwrap(), depth_mm: 0.03, path: None, seed, surrogate };
     bore::bore(&job, &mut Nobody, &mut |_| {}).unwrap()
 }
 

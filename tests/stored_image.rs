@@ -441,7 +441,20 @@ macro_rules! fixture {
 }
 
 /// Settings that 0.1.0 did not have: the default is in force, and said so.
-const NEWER: [(u16, u8); 6] = [(0x2100, 19), (0x2106, 9), (0x210A, 9), (0x210A, 10), (0x210D, 1), (0x210D, 2)];
+const NEWER: [(u16, u8); 12] = [
+    (0x2100, 19),
+    (0x2106, 9),
+    (0x210A, 9),
+    (0x210A, 10),
+    (0x210D, 1),
+    (0x210D, 2),
+    (0x210E, 1),
+    (0x210E, 2),
+    (0x210E, 3),
+    (0x210E, 4),
+    (0x210E, 5),
+    (0x210E, 6),
+];
 
 fn is_whole_but_for_the_newer(report: &LoadReport) -> bool {
     *report == LoadReport { outcome: Outcome::Newest, defaulted: listed(&NEWER), ..LoadReport::default() }

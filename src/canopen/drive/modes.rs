@@ -225,7 +225,7 @@ impl Drive {
 
     /// Why no reference may be looked for, as far as the drive knows: set points become path, or pulses are on.
     fn refuses_homing(&self) -> Option<Refused> {
-        if self.status.state.pulses() {
+        if self.status.state.works() {
             return Some(Refused::State(self.status.state));
         }
         (self.value(Item::ErodeEnable) != 0).then_some(Refused::PathActive)
@@ -319,7 +319,7 @@ impl Drive {
     /// 2001h:1 has been written.
     pub(super) fn erode_written(&mut self) {
         match self.value(Item::ErodeEnable) {
-            0 if self.status.state.pulses() || !self.fresh => self.command(Command::Hold),
+            0 if self.status.state.works() || !self.fresh => self.command(Command::Hold),
             1 if self.acts() => self.command(Command::Start),
             2 if self.acts() => self.command(Command::Guide),
             _ => false,
@@ -350,7 +350,7 @@ impl Drive {
     /// What the status says of the set points, once a millisecond.
     pub(super) fn watch_mode(&mut self) {
         let busy =
-            self.status.state.pulses() || matches!(self.status.state, head::State::Positioning | head::State::Homing);
+            self.status.state.works() || matches!(self.status.state, head::State::Positioning | head::State::Homing);
         if self.fresh && !busy && self.set_points.moving {
             self.set_points.moving = false;
             if let Some(next) = self.set_points.next.take() {
