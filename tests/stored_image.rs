@@ -472,7 +472,7 @@ macro_rules! fixture {
 }
 
 /// Settings that 0.1.0 did not have: the default is in force, and said so.
-const NEWER: [(u16, u8); 10] = [
+const NEWER: [(u16, u8); 16] = [
     (0x2100, 19),
     (0x2102, 12),
     (0x2102, 13),
@@ -482,6 +482,12 @@ const NEWER: [(u16, u8); 10] = [
     (0x210A, 10),
     (0x210D, 1),
     (0x210D, 2),
+    (0x210E, 1),
+    (0x210E, 2),
+    (0x210E, 3),
+    (0x210E, 4),
+    (0x210E, 5),
+    (0x210E, 6),
     (0x6007, 0),
 ];
 

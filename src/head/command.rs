@@ -44,7 +44,9 @@ pub enum Command {
     /// Pulses on; hold the position and tell the feed that the gap asks for: a host keeps the path. A short is retreated
     /// from here, and returned from.
     Guide,
-    /// Pulses off; hold the position.
+    /// While eroding: straight up and back, pulses off meanwhile.
+    Jump,
+    /// Pulses off; hold the position. A jump comes back before.
     Hold,
     /// Commission: check encoder, motor, gap and stroke.
     Commission,
@@ -90,6 +92,13 @@ pub enum Refused {
     Alone,
     /// No sense supply is fitted that would tell of a contact.
     NoSense,
+    /// A jump would lead beyond the upper end of the travel.
+    NoRoom {
+        /// Its height.
+        height: Nanometres,
+        /// What is free above the head.
+        free: Nanometres,
+    },
 }
 
 impl fmt::Display for Refused {
@@ -97,7 +106,7 @@ impl fmt::Display for Refused {
         match self {
             Refused::State(state) => write!(f, "not possible while {}", state.name()),
             Refused::NotCommissioned => f.write_str("commissioning (commission) has not passed yet"),
-            Refused::NotHomed => f.write_str("an absolute move needs a homed axis"),
+            Refused::NotHomed => f.write_str("an absolute move, or a jump, needs a homed axis"),
             Refused::OutOfTravel { target, min, max } => {
                 write!(f, "target {} um is outside the travel of {} to {} um", target.um().0, min.um().0, max.um().0)
             }
@@ -108,6 +117,14 @@ impl fmt::Display for Refused {
             Refused::Storing => f.write_str("settings are being stored"),
             Refused::PathActive => f.write_str("a path is under way or queued: clear it first"),
             Refused::Alone => f.write_str("only with feed.structure = path other axes go along"),
+            Refused::NoRoom { height, free } => {
+                write!(
+                    f,
+                    "a jump of {:.0} um is longer than the {:.0} um that are free above",
+                    height.um().0,
+                    free.um().0
+                )
+            }
             Refused::NoSense => f.write_str("no contact is sensed: contact.below_v is 0"),
             Refused::Doubted(fault) => write!(f, "after {} the head has to be enabled first", fault.name()),
         }

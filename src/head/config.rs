@@ -1,7 +1,7 @@
 //! What the head's tick runs: built from the settings, swapped whole.
 
 use super::follow::FollowConfig;
-use super::{commissioning, supervise};
+use super::{commissioning, jump, supervise};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
 use crate::kept::parts;
@@ -166,6 +166,8 @@ pub struct Config {
     pub seek: Seek,
     /// Retreat.
     pub retreat: Retreat,
+    /// Jump.
+    pub jump: jump::Config,
     /// Open-loop lift.
     pub lift: Lift,
     /// The axis.
@@ -179,7 +181,7 @@ pub struct Config {
 }
 
 parts!(it: Config {
-    setpoint, structure, law, single, limits, acceleration, contact, seek, retreat, lift, axis, supervise, commissioning,
+    setpoint, structure, law, single, limits, acceleration, contact, seek, retreat, jump, lift, axis, supervise, commissioning,
     commissioned,
 } by
     [it.setpoint, it.structure, it.limits, it.acceleration, it.contact],
@@ -187,6 +189,7 @@ parts!(it: Config {
     [it.single, it.commissioned],
     [it.seek],
     [it.retreat],
+    [it.jump],
     [it.lift],
     [it.axis],
     [it.supervise],

@@ -73,7 +73,7 @@ pub struct Trajectory {
     pub upward: bool,
     /// Velocity of the set point, or the one to keep.
     pub velocity: CountsPerSecond,
-    /// Duty to give.
+    /// Duty to give; that of a loop has it on top.
     pub duty: f32,
     /// Gap voltage to keep.
     pub gap: Volts,
@@ -721,7 +721,7 @@ impl Follower {
                     window.high = smaller(window.high, gains.holding());
                 }
             }
-            self.axis.follow(gains, self.following, trajectory.velocity, velocity, window)
+            self.axis.follow(gains, self.following, trajectory.velocity, trajectory.duty, velocity, window)
         } else {
             rare();
             match trajectory.follow {

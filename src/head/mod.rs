@@ -20,6 +20,7 @@ mod config;
 mod estimate;
 mod fault;
 mod follow;
+mod jump;
 mod permit;
 mod planner;
 mod positioning;
@@ -39,6 +40,7 @@ pub use follow::{
     Concerns, Estimate, Follow, FollowConfig, Follower, LEAD, Measured, Plan, SetPoint, TickInput, TickOutput, Touch,
     Trajectory,
 };
+pub use jump::Config as JumpConfig;
 pub use permit::WritePermit;
 pub use planner::Planner;
 pub use positioning::{Home, HomingState, MotionLimits};

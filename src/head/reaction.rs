@@ -22,6 +22,8 @@ pub(super) enum Motion {
     Upward(MicrometresPerSecond, Window),
     /// Beside the path.
     Axis(TrajectorySegment),
+    /// Beside the path, with the duty that its acceleration is known to take.
+    Jump(TrajectorySegment, f32),
     /// Velocity loop alone.
     Velocity(MicrometresPerSecond),
     /// Velocity loop beside the path, with the duty inside a window.

@@ -116,6 +116,14 @@ impl<P: DerefMut<Target = Path>> Route<P> {
         self.ended = None;
     }
 
+    /// Goes back to a coordinate while the axis is elsewhere, or as far as a retreat may.
+    pub fn go_back_to(&mut self, s: Fixed) {
+        let back = s.minus(self.path.s());
+        if back.0 < 0 {
+            self.path.step(back);
+        }
+    }
+
     /// How far a retreat may go behind the furthest point.
     pub fn set_retreat(&mut self, retreat: Fixed) {
         self.path.set_retreat(retreat);

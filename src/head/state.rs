@@ -35,11 +35,13 @@ pub enum State {
     /// Pulses off, open loop with limited force: an encoder that a fault has cast doubt on proves itself before a loop is
     /// closed over it.
     Proving,
+    /// Pulses off, out of the work and back: a jump.
+    Jumping,
 }
 
 impl State {
     /// Every state.
-    pub const ALL: [State; 13] = [
+    pub const ALL: [State; 14] = [
         State::Disabled,
         State::Commissioning,
         State::Ready,
@@ -53,6 +55,7 @@ impl State {
         State::Homing,
         State::Guiding,
         State::Proving,
+        State::Jumping,
     ];
 
     /// Name in reports.
@@ -68,6 +71,7 @@ impl State {
             State::Retreating => "retreating",
             State::Guiding => "guiding",
             State::Proving => "proving",
+            State::Jumping => "jumping",
             State::Done => "done",
             State::HoldingPosition => "holding_position",
             State::Fault => "fault",
@@ -77,6 +81,11 @@ impl State {
     /// Whether the generator may pulse.
     pub const fn pulses(self) -> bool {
         matches!(self, State::Seeking | State::Eroding | State::Retreating | State::Guiding)
+    }
+
+    /// Whether an erosion is under way: with pulses, or in a jump between them.
+    pub const fn works(self) -> bool {
+        self.pulses() || matches!(self, State::Jumping)
     }
 
     /// Whether the head works in a closed loop: what a host may move and has to keep watch over. A fault's reaction may have
@@ -128,6 +137,10 @@ pub enum Reason {
     Fault(Fault),
     /// Commanded: fault reset.
     FaultReset,
+    /// Commanded, or due: a jump.
+    Jumped,
+    /// A jump is back at the float point.
+    Returned,
 }
 
 /// Every change of state there is and what it is made for, but for two rules: a fault is entered from every state, and
@@ -169,6 +182,10 @@ pub const TRANSITIONS: &[(State, State, Reason)] = &[
     (State::Eroding, State::Retreating, Reason::Short),
     (State::Eroding, State::Done, Reason::PathEnd),
     (State::Eroding, State::HoldingPosition, Reason::Held),
+    (State::Eroding, State::Jumping, Reason::Jumped),
+    (State::Jumping, State::Eroding, Reason::Returned),
+    (State::Jumping, State::HoldingPosition, Reason::Held),
+    (State::Jumping, State::Positioning, Reason::Held),
     (State::Guiding, State::Retreating, Reason::Short),
     (State::Guiding, State::HoldingPosition, Reason::Held),
     (State::Retreating, State::Seeking, Reason::GapRecovered),

@@ -7,6 +7,8 @@
 
 mod homing;
 mod profile;
+mod s_curve;
 
 pub use homing::{Homing, Method, Outcome, Seen};
 pub use profile::{Profile, Ramp, TrajectorySegment};
+pub use s_curve::{JerkLimits, LONGEST, SCurve};

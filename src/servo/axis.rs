@@ -39,6 +39,11 @@ impl Plant {
         force.0 * self.resistance_ohm / (self.force_constant * self.bus.0)
     }
 
+    /// Duty that gives an acceleration, counts/s^2.
+    pub fn accelerating(&self, acceleration: f32) -> f32 {
+        self.duty(Newtons(self.mass_kg * acceleration / self.counts_per_m))
+    }
+
     /// Weight less counterbalance, positive toward the work.
     pub fn net_weight(&self) -> Newtons {
         Newtons(self.weight().0 - self.counterbalance.0)
@@ -133,18 +138,22 @@ pub struct AxisLoop {
 }
 
 impl AxisLoop {
-    /// Duty that follows a position: `error` in counts, `feed` the setpoint's own velocity, `velocity` the measured one.
+    /// Duty that follows a position: `error` in counts, `feed` the setpoint's own velocity, `push` the duty that its
+    /// acceleration takes, `velocity` the measured one.
     #[inline]
     pub fn follow(
         &mut self,
         gains: &Gains,
         error: f32,
         feed: CountsPerSecond,
+        push: f32,
         velocity: CountsPerSecond,
         window: Window,
     ) -> Output {
         let correction = within_either(gains.position * error, gains.velocity_limit);
-        self.run(gains, CountsPerSecond(correction + feed.0), velocity, window)
+        let wanted = correction + feed.0;
+        let offset = gains.holding + gains.back_emf * wanted + push;
+        self.velocity.update_pi(&gains.velocity, wanted - velocity.0, offset, window)
     }
 
     /// Duty that keeps a velocity.

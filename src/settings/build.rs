@@ -6,11 +6,12 @@ use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::Limits;
 use crate::gap::{pulses, voltage};
 use crate::head::{
-    Axis, Breakaway, CommissioningConfig, Config, Contact, Lift, Retreat, Seek, Setpoint, SupervisionLimits,
+    Axis, Breakaway, CommissioningConfig, Config, Contact, JumpConfig, Lift, Retreat, Seek, Setpoint, SupervisionLimits,
 };
+use crate::motion::JerkLimits;
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
 use crate::units::{
-    ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, Fixed, Hertz, Micrometres, MicrometresPerSecond,
+    ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, CountsPerSecond2, Fixed, Hertz, Micrometres, MicrometresPerSecond,
     MicrometresPerSecond2, Nanometres, Newtons, Seconds, Volts,
 };
 use edm_hal_shim::reflex;
@@ -28,6 +29,11 @@ pub struct Active {
     /// For the servo tick.
     pub head: Config,
 }
+
+/// Longest that a jump may take each way, s: [`crate::motion::LONGEST`] with a tenth to spare.
+const JUMP_S: f32 = 0.7;
+/// Rate of counts for which the edge decoder is rated, 1/s: docs/architecture.md.
+const ENCODER_RATE: f32 = 300_000.0;
 
 /// Servo ticks in so many milliseconds, at least one.
 pub(super) fn ticks(ms: f32) -> u32 {
@@ -97,6 +103,16 @@ impl Settings {
             const { name("axis.duty_limit") },
             "must be able to lift axis.mass_kg with a fifth to spare",
         )?;
+        let jump_s = [
+            self.jump_height * counts_per_um / self.jump_velocity(counts_per_um).0,
+            self.jump_velocity * 1e-3 / self.jump_acceleration,
+            self.jump_acceleration / self.jump_jerk,
+        ];
+        conflict(
+            jump_s.iter().sum::<f32>() > JUMP_S,
+            const { name("jump.height_um") },
+            "takes longer than 0.7 s each way with jump.velocity_mm_s, jump.acceleration_m_s2 and jump.jerk_m_s3",
+        )?;
         let off_time_ns = (self.generator_off_time_us * 1000.0) as u32;
         let (gap, reflex) = (self.gap()?, self.reflex()?);
         let head = self.head(axis, reflex.current);
@@ -162,6 +178,7 @@ impl Settings {
         };
         // Twice the fastest motion, and never so little that a disturbance outruns the correction: 0.1 m/s.
         let fastest = self.retreat_velocity.max(self.seek_velocity).max(self.feed_retreat_max);
+        let fastest = fastest.max(self.jump_velocity(counts_per_um).0 / counts_per_um);
         let fastest = (fastest * 2.0).max(100_000.0);
         let tuning = Tuning {
             velocity_hz: self.servo_velocity_hz,
@@ -196,6 +213,11 @@ impl Settings {
             amps_per_code: Amps(self.motor_amps_per_code),
             bus_per_code: Volts(self.motor_bus_per_code),
         }
+    }
+
+    /// Largest velocity of a jump.
+    fn jump_velocity(&self, counts_per_um: f32) -> CountsPerSecond {
+        CountsPerSecond((self.jump_velocity * 1e3 * counts_per_um).min(ENCODER_RATE))
     }
 
     /// What tells pulses apart, in converter codes; `current` is that of the reflex.
@@ -248,6 +270,16 @@ impl Settings {
                 persistent: ticks(self.retreat_persistent_ms),
                 safe: um(self.retreat_safe),
                 off_limit: um(self.retreat_off_limit),
+            },
+            jump: JumpConfig {
+                every: Seconds(self.jump_every_ms * 1e-3).ticks(),
+                height: (self.jump_height * axis.counts_per_um) as u32,
+                limits: JerkLimits {
+                    velocity: self.jump_velocity(axis.counts_per_um),
+                    acceleration: CountsPerSecond2(self.jump_acceleration * 1e6 * axis.counts_per_um),
+                    jerk: self.jump_jerk * 1e6 * axis.counts_per_um,
+                },
+                float: self.jump_float as u32,
             },
             lift: Lift {
                 duty: holding - 0.2 * weight,

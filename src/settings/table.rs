@@ -221,6 +221,19 @@ declare! {
         /// Largest velocity toward the work, pulses off, where the axis has not been since it was enabled.
         0x210D:2 contact_approach: f32 = 5.0, (0.1, 5.0), "contact.approach_mm_s", "mm/s", "docs/bring-up.md: what a contact may press", falls "the electrode would hit the work harder";
 
+        /// Time of erosion from one jump to the next; 0 jumps on demand only.
+        0x210E:1 jump_every_ms: f32 = 0.0, (0.0, 1e6), "jump.every_ms", "ms", "assumed: on demand only", live;
+        /// Height of a jump, straight up.
+        0x210E:2 jump_height: f32 = 1000.0, (10.0, 1_000_000.0), "jump.height_um", "um", "assumed", live;
+        /// Largest velocity of a jump; never more than 300 000 counts/s, for which the edge decoder is rated.
+        0x210E:3 jump_velocity: f32 = 50.0, (1.0, 2000.0), "jump.velocity_mm_s", "mm/s", "assumed", live;
+        /// Largest acceleration of a jump.
+        0x210E:4 jump_acceleration: f32 = 10.0, (0.1, 500.0), "jump.acceleration_m_s2", "m/s^2", "assumed: a fifth of what the actuator of [R] can do", live;
+        /// Largest jerk of a jump.
+        0x210E:5 jump_jerk: f32 = 2000.0, (10.0, 1e6), "jump.jerk_m_s3", "m/s^3", "assumed: 5 ms to the acceleration", live;
+        /// Float point: length of path before the last good place, behind which a jump or a long retreat returns at speed.
+        0x210E:6 jump_float: f32 = 100.0, (1.0, 10_000.0), "jump.float_um", "um", "assumed: more than a working gap of [R]", rises "the head would come closer to the work at speed";
+
         /// Commissioning has passed with these settings.
         0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by commissioning", disabled "it says whether the head may be enabled";
         /// Largest duty of commissioning.

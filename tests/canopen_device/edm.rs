@@ -334,3 +334,39 @@ fn an_edge_is_found_where_touching_was_asked_for_and_is_a_fault_where_it_was_not
     rig.until(3000, |rig| rig.status() & 0x6F == 0x08);
     assert_eq!(rig.read(0x603F, 0), 0xFF08);
 }
+
+#[test]
+fn a_host_has_the_head_jump_while_it_erodes_and_is_told_why_not() {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    assert_eq!((rig.read(0x2006, 5), rig.read(0x2000, 4)), (0, 0));
+    rig.write(0x2001, 7, &[1]);
+    rig.run(2);
+    assert_eq!(rig.read(0x2000, 4), 1, "not in this state");
+    rig.write(0x2001, 1, &[1]);
+    rig.write32(0x607A, 0, 4000);
+    rig.control(0x1F);
+    rig.until(20_000, |rig| rig.machine.status().state == State::Eroding);
+    let eroded = rig.read(0x2006, 3);
+    rig.write(0x2001, 7, &[1]);
+    rig.run(10);
+    assert_eq!((rig.read(0x2000, 1), rig.read(0x2000, 3)), (13, 20), "jumping, a jump begun");
+    rig.until(500, |rig| rig.machine.status().state == State::Eroding);
+    rig.run(2);
+    assert_eq!((rig.read(0x2000, 3), rig.read(0x2006, 5)), (21, 1), "back, one jump");
+    // It is one erosion.
+    assert!(rig.read(0x2006, 3) > eroded);
+    let height = edm_servo_head::canopen::objects::setting_address("jump.height_um").unwrap();
+    rig.write(height.0, height.1, &4000.0f32.to_le_bytes());
+    rig.run(2);
+    rig.write(0x2001, 7, &[1]);
+    rig.run(5);
+    assert_eq!((rig.read(0x2000, 1), rig.read(0x2000, 4)), (4, 19), "goes on eroding: longer than what is free");
+    // Off in a jump: it comes back, and holds.
+    rig.write(height.0, height.1, &500.0f32.to_le_bytes());
+    rig.run(2);
+    rig.write(0x2001, 7, &[1]);
+    rig.run(10);
+    rig.write(0x2001, 1, &[0]);
+    rig.until(500, |rig| rig.machine.status().state == State::HoldingPosition);
+}

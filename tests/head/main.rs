@@ -8,6 +8,7 @@ mod edges;
 mod every_fault;
 mod faults;
 mod hazards;
+mod jumps;
 mod permit;
 mod positioning;
 mod proof;

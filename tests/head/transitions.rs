@@ -55,9 +55,20 @@ fn disturb(bench: &mut Bench, random: &mut Random) {
     }
 }
 
+type Seen = Vec<(State, State, Reason)>;
+
+fn note(bench: &mut Bench, seen: &mut Seen) {
+    for change in bench.changes() {
+        let change = (change.from, change.to, change.reason);
+        if !seen.contains(&change) {
+            seen.push(change);
+        }
+    }
+}
+
 #[test]
 fn the_table_of_transitions_is_what_heads_do() {
-    let mut seen: Vec<(State, State, Reason)> = Vec::new();
+    let mut seen = Seen::new();
     for seed in 0..160 {
         let mut random = Random::seed_from_u64(seed);
         let mut bench = Bench::with(|settings| {
@@ -86,13 +97,24 @@ fn the_table_of_transitions_is_what_heads_do() {
                 bench.safety.upper_limit = bench.um() < 1.0;
                 bench.safety.lower_limit = !long && bench.um() > 11_000.0;
                 bench.tick();
-                for change in bench.changes() {
-                    let change = (change.from, change.to, change.reason);
-                    if !seen.contains(&change) {
-                        seen.push(change);
-                    }
-                }
+                note(&mut bench, &mut seen);
             }
+        }
+    }
+    // It takes a home and some way into the work, which chance seldom brings about.
+    let brake = Command::Brake(MicrometresPerSecond2(1e7));
+    for then in [None, Some(Command::Hold), Some(brake), Some(Command::Disable)] {
+        for fault in [false, true] {
+            let mut bench = Bench::eroding();
+            bench.command(Command::Jump);
+            bench.run(0.01);
+            if let Some(then) = then {
+                bench.command(then);
+            } else if fault {
+                bench.head.raise(Fault::HostSilent);
+            }
+            bench.run(0.3);
+            note(&mut bench, &mut seen);
         }
     }
     let rules = |&(from, to, reason): &(State, State, Reason)| match reason {

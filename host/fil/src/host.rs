@@ -150,6 +150,7 @@ pub fn command(bus: &mut impl Bus, command: Command) -> Result<()> {
         }
         Command::AppendTo(piece) => append(bus, &piece)?,
         Command::Start => write(bus, 0x2001, 1, 1, 1)?,
+        Command::Jump => write(bus, 0x2001, 7, 1, 1)?,
         Command::Hold => write(bus, 0x2001, 2, 1, 1)?,
         Command::Commission => write(bus, 0x2001, 3, 1, 1)?,
         Command::ResetFault => {

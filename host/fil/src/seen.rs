@@ -47,7 +47,7 @@ const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::
 const SUPERVISION: &str = "edm_servo_head::head::supervise::Config";
 const COMMAND: &str = "edm_servo_head::head::command::Command";
 /// Variants of [`Command`], and the number of fields that each has.
-const VARIANTS: [(&str, usize); 18] = [
+const VARIANTS: [(&str, usize); 19] = [
     ("Enable", 0),
     ("Disable", 0),
     ("SetHome", 1),
@@ -63,6 +63,7 @@ const VARIANTS: [(&str, usize); 18] = [
     ("Brake", 1),
     ("Start", 0),
     ("Guide", 0),
+    ("Jump", 0),
     ("Hold", 0),
     ("Commission", 0),
     ("ResetFault", 0),
@@ -426,6 +427,7 @@ impl Places {
             "AppendTo" => Command::AppendTo(piece(&view.inner(first))?),
             "AppendBy" => Command::AppendBy(piece(&view.inner(first))?),
             "ClearPath" => Command::ClearPath,
+            "Jump" => Command::Jump,
             "Position" | "Touch" => {
                 let limits = view.inner(second);
                 let limits = MotionLimits {

@@ -8,7 +8,7 @@ use crate::process::Plant;
 use edm_servo_head::head::{Command, Refused, State};
 use edm_servo_head::path::{AXES, Bound, Path, Piece, Plane, Point, Shape, Turn};
 use edm_servo_head::settings::Settings;
-use edm_servo_head::units::{FRACTION_BITS, Fixed, Nanometres, TICK_HZ};
+use edm_servo_head::units::{FRACTION_BITS, Fixed, Nanometres, PLAN_TICKS, TICK_HZ};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
@@ -51,7 +51,35 @@ pub struct Report {
     pub shorts: u32,
     /// Servo ticks from one that sets off a retreat to a set point that goes back, at the most: 0 is the same tick.
     pub reversal_ticks: u32,
+    /// Jumps out of an erosion, one of each height.
+    pub jump: Vec<JumpReport>,
 }
+
+/// A jump and its return.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct JumpReport {
+    /// Height, mm.
+    pub height_mm: f64,
+    /// Largest velocity of the set point, m/s.
+    pub peak_m_s: f64,
+    /// Largest acceleration of the set point over its limit, plan to plan.
+    pub acceleration_ratio: f64,
+    /// Largest jerk of the set point over its limit.
+    pub jerk_ratio: f64,
+    /// Way of the electrode past the float point before the gap leads, over the float distance.
+    pub overshoot_ratio: f64,
+    /// Electrode and work have touched, or something was taken for it.
+    pub touched: bool,
+    /// Time away, ms.
+    pub away_ms: f64,
+    /// Largest force of the film, N.
+    pub film_n: f64,
+    /// Largest following error, um.
+    pub following_um: f64,
+}
+
+/// Heights, mm, and peak velocities that they have to reach, m/s.
+pub const JUMPS: [(f64, f64); 3] = [(3.0, 0.30), (5.0, 0.45), (8.0, 0.60)];
 
 /// A register on an empty path that begins at the origin.
 pub fn empty() -> Box<Path> {
@@ -286,6 +314,7 @@ pub fn measure(reversals: u64) -> Result<Report, String> {
         arc_error_um_max: arc_error(1000),
         shorts,
         reversal_ticks,
+        jump: JUMPS.iter().map(|(height_mm, _)| jump(*height_mm)).collect::<Result<_, _>>()?,
     })
 }
 
@@ -324,6 +353,100 @@ fn reversal_ticks() -> Result<(u32, u32), String> {
     if shorts == 0 { Err("not one short in a minute of erosion".into()) } else { Ok((shorts, worst)) }
 }
 
+/// What a jump is measured with: the axis of the default scenario, 0.2 kg, and an encoder of 5 um, whose edges the decoder
+/// can follow at 0.6 m/s; an electrode of 10 mm.
+fn jumping(height_mm: f64) -> (Plant, Settings) {
+    let mut plant = Plant::default();
+    (plant.base.count, plant.base.radius, plant.base.surface) = (5.0, 5.0, 9.0);
+    let settings = Settings {
+        commissioned: true,
+        seek_velocity: 5000.0,
+        encoder_count: 5.0,
+        jump_height: (height_mm * 1000.0) as f32,
+        jump_velocity: 650.0,
+        jump_acceleration: 75.0,
+        jump_jerk: 15_000.0,
+        ..Settings::default()
+    };
+    (plant, settings)
+}
+
+/// Ticks for which the electrode is watched after a jump: 20 ms, in which the loop settles.
+const SETTLE: u32 = TICK_HZ / 50;
+
+/// A jump out of an erosion 9 mm down.
+fn jump(height_mm: f64) -> Result<JumpReport, String> {
+    let (plant, settings) = jumping(height_mm);
+    let count_um = f64::from(settings.encoder_count);
+    let mut machine = Machine::new(plant, &settings, 1).map_err(|error| error.to_string())?;
+    let told = |refused: Refused| refused.to_string();
+    (0..TICK_HZ / 100).for_each(|_| machine.tick());
+    machine.command(Command::SetHome(Nanometres(0))).map_err(told)?;
+    machine.command(Command::Enable).map_err(told)?;
+    machine.command(Command::MoveBy(Nanometres(11_000_000))).map_err(told)?;
+    machine.command(Command::Start).map_err(told)?;
+    let mut eroding = 0;
+    while eroding < TICK_HZ {
+        machine.tick();
+        eroding += u32::from(machine.status().state == State::Eroding);
+        if machine.status().state == State::Fault || machine.status().tick > 60 * TICK_HZ {
+            return Err(format!("no jump of {height_mm} mm: the head is {:?}", machine.status().fault));
+        }
+    }
+    let before = machine.status().setpoint;
+    machine.command(Command::Jump).map_err(told)?;
+    let mut report = JumpReport {
+        height_mm: 0.0,
+        peak_m_s: 0.0,
+        acceleration_ratio: 0.0,
+        jerk_ratio: 0.0,
+        overshoot_ratio: 0.0,
+        touched: false,
+        away_ms: 0.0,
+        film_n: 0.0,
+        following_um: 0.0,
+    };
+    // Set points of the newest ticks, m.
+    let metres = |counts: Fixed| counts.0 as f64 / ONE * count_um * 1e-6;
+    let mut places = vec![metres(before)];
+    let float = metres(before) * 1e6 - f64::from(settings.jump_float);
+    let mut deepest = f64::NEG_INFINITY;
+    let home_um = machine.process.truth().position_um - machine.status().position as f64 * count_um;
+    let (mut away, mut settles) = (false, SETTLE);
+    while settles > 0 {
+        machine.tick();
+        let (truth, status) = (machine.process.truth(), machine.status());
+        let position_um = truth.position_um - home_um;
+        away |= position_um < float - f64::from(settings.jump_float);
+        if away {
+            deepest = deepest.max(position_um);
+        }
+        if status.state == State::Jumping {
+            places.push(metres(status.setpoint));
+        } else {
+            settles -= 1;
+        }
+        report.touched |= truth.contact_n > 0.0;
+        report.film_n = report.film_n.max(truth.film_n.abs());
+        report.following_um = report.following_um.max(f64::from(status.following).abs() * count_um);
+    }
+    report.touched |= machine.status().fault.is_some();
+    report.away_ms = places.len() as f64 * 1000.0 / f64::from(TICK_HZ);
+    let top = places.iter().copied().fold(f64::INFINITY, f64::min);
+    report.height_mm = (metres(before) - top) * 1e3;
+    report.overshoot_ratio = ((deepest - float) / f64::from(settings.jump_float)).max(0.0);
+    // Plan to plan: the set point goes on in a straight line in between.
+    let plan_s = f64::from(PLAN_TICKS) / f64::from(TICK_HZ);
+    let mut values: Vec<f64> = places.into_iter().step_by(PLAN_TICKS as usize).collect();
+    let limits = [1.0, f64::from(settings.jump_acceleration), f64::from(settings.jump_jerk)];
+    let ratios = limits.map(|limit| {
+        values = values.windows(2).map(|pair| (pair[1] - pair[0]) / plan_s).collect();
+        values.iter().fold(0.0f64, |most, x| most.max(x.abs())) / limit
+    });
+    [report.peak_m_s, report.acceleration_ratio, report.jerk_ratio] = ratios;
+    Ok(report)
+}
+
 impl Report {
     /// Whether everything is within its bound.
     pub fn holds(&self) -> bool {
@@ -332,6 +455,7 @@ impl Report {
             && self.ratio_error_counts_max <= 0.5
             && self.arc_error_um_max <= 0.1
             && self.reversal_ticks == 0
+            && self.jump.iter().zip(JUMPS).all(|(jump, (_, peak_m_s))| jump.holds(peak_m_s))
     }
 
     /// The table of docs/path.md.
@@ -367,6 +491,33 @@ impl Report {
         for (figure, bound, measured) in rows {
             let _ = writeln!(table, "| {figure} | {bound} | {measured} |");
         }
+        let _ = writeln!(
+            table,
+            "\n| jump | peak, at least | acceleration, jerk of their limits, at most 1 | past the float point, at most 0.1 | touched \
+             | away | film | following error |\n| --- | --- | --- | --- | --- | --- | --- | --- |"
+        );
+        for (jump, (_, least)) in self.jump.iter().zip(JUMPS) {
+            let _ = writeln!(
+                table,
+                "| {:.0} mm | {:.3} m/s, {least:.2} | {:.3}, {:.3} | {:.3} | {} | {:.1} ms | {:.1} N | {:.0} um |",
+                jump.height_mm,
+                jump.peak_m_s,
+                jump.acceleration_ratio,
+                jump.jerk_ratio,
+                jump.overshoot_ratio,
+                if jump.touched { "yes" } else { "no" },
+                jump.away_ms,
+                jump.film_n,
+                jump.following_um,
+            );
+        }
         table
+    }
+}
+
+impl JumpReport {
+    fn holds(&self, peak_m_s: f64) -> bool {
+        let within = self.acceleration_ratio <= 1.0 && self.jerk_ratio <= 1.0 && self.overshoot_ratio <= 0.1;
+        self.peak_m_s >= peak_m_s && within && !self.touched
     }
 }

@@ -125,6 +125,8 @@ numbered! {
         Reason::NotHomed => 17 "no reference found",
         Reason::ProofStarted => 18 "the encoder proves itself",
         Reason::Touched => 19 "contact, which was asked for",
+        Reason::Jumped => 20 "jump begun",
+        Reason::Returned => 21 "back from a jump",
     }
 }
 
@@ -149,6 +151,7 @@ numbered! {
         Refused::Path(path::Refused::Radius { .. }) => 16 "a radius outside 0.01 to 536 mm",
         Refused::Path(path::Refused::Inconsistent { .. }) => 17 "start and end of an arc are not as far from its centre",
         Refused::Alone => 18 "other axes go along only with feed.structure = path",
+        Refused::NoRoom { .. } => 19 "a jump longer than what is free above",
     }
 }
 

@@ -486,6 +486,10 @@ impl Drive {
                 let count = self.value(Item::Shorts).wrapping_add(1);
                 self.set(Item::Shorts, count);
             }
+            Reason::Jumped => {
+                let count = self.value(Item::Jumps).wrapping_add(1);
+                self.set(Item::Jumps, count);
+            }
             Reason::PathEnd => self.stopped_by = 1,
             Reason::Touched => self.set_points.touched(),
             _ => {}
@@ -585,7 +589,7 @@ impl Drive {
             _ => {}
         }
         self.retreating = state == head::State::Retreating;
-        let eroding = state.pulses();
+        let eroding = state.works();
         if eroding && !self.eroding {
             self.set(Item::ErodingTime, 0);
             self.set(Item::Deepest, i32::MIN);
@@ -643,7 +647,7 @@ impl Drive {
     /// Pulses off, position held; set points are no longer eroded.
     fn hold(&mut self) {
         self.set(Item::ErodeEnable, 0);
-        if self.status.state.pulses() || !self.fresh {
+        if self.status.state.works() || !self.fresh {
             self.command(Command::Hold);
         }
     }
@@ -665,7 +669,7 @@ impl Drive {
     }
 
     fn load_defaults(&mut self) {
-        let counters = [Item::Shorts, Item::LongRetreats, Item::ErodingTime, Item::Deepest];
+        let counters = [Item::Shorts, Item::LongRetreats, Item::ErodingTime, Item::Deepest, Item::Jumps];
         for (slot, row) in self.values.iter_mut().zip(rows()) {
             if !counters.contains(&row.item()) {
                 *slot = row.default();

@@ -112,7 +112,7 @@ impl Drive {
         if mode != self.mode {
             if self.acts() && self.mode != Mode::None {
                 // Pulses stop with the mode that wanted them.
-                if self.status.state.pulses() {
+                if self.status.state.works() {
                     self.set(Item::ErodeEnable, 0);
                 }
                 self.halt();
@@ -239,7 +239,7 @@ impl Drive {
 
     /// Why no reference may be looked for, as far as the drive knows: set points become path, or pulses are on.
     fn refuses_homing(&self) -> Option<Refused> {
-        if self.status.state.pulses() {
+        if self.status.state.works() {
             return Some(Refused::State(self.status.state));
         }
         (self.value(Item::ErodeEnable) != 0).then_some(Refused::PathActive)
@@ -350,7 +350,7 @@ impl Drive {
         (self.set_points.begins, self.set_points.then) = (enable != 0 && self.moves() && positions, None);
         match enable {
             _ if self.set_points.begins => self.command(Command::Hold),
-            0 if self.status.state.pulses() || !self.fresh => self.command(Command::Hold),
+            0 if self.status.state.works() || !self.fresh => self.command(Command::Hold),
             1 if self.acts() => self.command(Command::Start),
             2 if self.acts() => self.command(Command::Guide),
             _ => false,
@@ -381,7 +381,7 @@ impl Drive {
     /// What the status says of the set points, once a millisecond.
     pub(super) fn watch_mode(&mut self) {
         let busy =
-            self.status.state.pulses() || matches!(self.status.state, head::State::Positioning | head::State::Homing);
+            self.status.state.works() || matches!(self.status.state, head::State::Positioning | head::State::Homing);
         if self.fresh && !busy && self.set_points.moving {
             self.set_points.moving = false;
             if let Some(next) = self.set_points.next.take() {

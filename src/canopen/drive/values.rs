@@ -249,6 +249,7 @@ impl Drive {
                 return self.write_word(FOLLOWING_TIME, value as u32);
             }
             Item::ErodeHold if value == 1 => self.hold(),
+            Item::Jump if value == 1 => return done(self.command(Command::Jump)),
             Item::Commission if value == 1 => return done(self.commission()),
             Item::QueueAppend => {
                 return done(self.queues() && self.command(Command::MoveTo(self.nanometres(number))));
@@ -259,7 +260,7 @@ impl Drive {
             Item::SegmentCommit if value == 1 => return done(self.commit_segment()),
             Item::SegmentCommit => self.segment.forget(),
             Item::QueueClear if value == 1 => {
-                return done(!self.status.state.pulses() && self.acts() && self.command(Command::ClearPath));
+                return done(!self.status.state.works() && self.acts() && self.command(Command::ClearPath));
             }
             Item::ScopeSignal1 | Item::ScopeSignal2 | Item::ScopeSignal3 | Item::ScopeSignal4 if value != 0 => {
                 signal_entry(value as u32)?;

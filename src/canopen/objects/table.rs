@@ -100,7 +100,7 @@ const RATE: (i64, i64) = (1, i32::MAX as i64);
 
 objects! {
     0x2000 "Head" {
-        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving";
+        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving, 13 jumping";
         2 HeadFault: u8, ro, tx, U8, 0, "", live, "Fault: from 1 in the order of docs/objects.md; 0 none";
         3 HeadReason: u8, ro, tx, U8, 0, "", live, "Reason: why the state changed last, as numbered in docs/objects.md; 0 it has not";
         4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Refusal: why a command was refused last, as numbered in docs/objects.md; 0 never";
@@ -114,6 +114,7 @@ objects! {
         4 CheckResult: u8, ro, no, U8, 0, "", live, "Commissioning result: 0 none yet, 1 passed, from 2 a finding as numbered in docs/objects.md";
         5 Touch: u8, rw, rx, (0, 1), 0, "", live, "Touch: 1 profile position ends where the electrode touches the work, goes back by retreat.clearance_um, and has then reached its target; 0 a contact is a fault";
         6 Touched: i32, ro, tx, I32, 0, "counts", live, "Touched: position of the newest contact that was asked for";
+        7 Jump: u8, wo, rx, (0, 1), 0, "", live, "Jump: 1 leads the head out of the work and back, pulses off meanwhile, while it erodes; by jump.height_um";
     }
     0x2002 "Refused setting" {
         1 RefusedSetting: u32, ro, no, U32, 0, "", live, "Setting: index times 256 and sub-index of the one that stands in the way";
@@ -146,6 +147,7 @@ objects! {
         2 LongRetreats: u32, ro, tx, U32, 0, "", live, "Long retreats: more than 5 um, since power-on";
         3 ErodingTime: u32, ro, tx, U32, 0, "ms", live, "Eroding time: of the present or last erosion";
         4 Deepest: i32, ro, tx, I32, 0, "counts", live, "Deepest position: of that erosion";
+        5 Jumps: u32, ro, tx, U32, 0, "", live, "Jumps: since power-on";
     }
     0x2007 "Drive" {
         1 Duty: i16, ro, tx, (-10_000, 10_000), 0, "0.01 %", live, "Duty: positive toward the work";

@@ -14,7 +14,9 @@ use crate::head::reaction::Reacting;
 use crate::head::state::{Reason, State};
 use crate::motion::{Homing, Ramp};
 use crate::path::{Path, Piece, Shape};
-use crate::units::{CountsPerSecond, CountsPerSecond2, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
+use crate::units::{
+    CountsPerSecond, CountsPerSecond2, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, larger,
+};
 use core::ops::DerefMut;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
@@ -83,9 +85,15 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 self.enter(State::Guiding, Reason::Started);
                 Ok(())
             }
+            Command::Jump if state == State::Eroding => self.begin_jump(),
+            Command::Jump => Err(Refused::State(state)),
             Command::Hold => {
                 if !state.follows() {
                     return Err(Refused::State(state));
+                }
+                if let Some(jump) = &mut self.jump {
+                    jump.holds = true;
+                    return Ok(());
                 }
                 if self.positioning.is_some() {
                     return self.brake(state, self.config.acceleration);
@@ -290,6 +298,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Comes to rest on a ramp; what moves along the path stops by the acceleration of the path.
     fn brake(&mut self, state: State, deceleration: MicrometresPerSecond2) -> Result<(), Refused> {
         let deceleration = self.counts2(deceleration);
+        if self.jump.take().is_some() {
+            // Beside the path, which is over with that.
+            let deceleration = CountsPerSecond2(larger(self.config.jump.limits.acceleration.0, deceleration.0));
+            self.positioning = Some(Task::Brake(deceleration));
+            self.enter(State::Positioning, Reason::Held);
+            return Ok(());
+        }
         match (&mut self.positioning, state) {
             (Some(task), State::Positioning | State::Homing) => {
                 *task = Task::Brake(deceleration);

@@ -12,6 +12,7 @@ use super::commissioning::{Commissioning, Finding, Report};
 use super::config::Config;
 use super::fault::{Fault, Reaction};
 use super::follow::{Concerns, Estimate, Follow, FollowConfig, Plan, Touch, Trajectory};
+use super::jump::Jump;
 use super::positioning::{HomingState, Task};
 use super::proof::Proof;
 use super::reaction::{Reacting, Situation, upward};
@@ -64,6 +65,11 @@ pub struct Planner<P> {
     /// State that a retreat returns to, and the count where it began.
     retreat: (State, i64),
     positioning: Option<Task>,
+    jump: Option<Jump>,
+    /// Ticks of erosion since the last jump.
+    eroded: u32,
+    /// Path coordinate of the last good place.
+    good: Fixed,
     /// Whether it is to touch the work.
     touching: Touching,
     /// Furthest place toward the work that the axis has been at since the loop was closed, counts.
@@ -105,6 +111,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             open: OpenCircuit::new(config.seek.settle),
             retreat: (State::Eroding, 0),
             positioning: None,
+            jump: None,
+            eroded: 0,
+            good: Fixed(0),
             touching: Touching::No,
             cleared: 0,
             reacting: None,
@@ -356,7 +365,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
         self.status.state = state;
         self.entered = self.status.tick;
-        if !matches!(state, State::Positioning | State::Homing) {
+        if !matches!(state, State::Positioning | State::Homing | State::Jumping) {
             self.end_positioning();
         }
         if state == State::Disabled {
@@ -376,7 +385,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Ends axis positioning: the path begins where the set point is.
     fn end_positioning(&mut self) {
         (self.touching, self.status.approaching) = (Touching::No, false);
-        if self.positioning.take().is_some() {
+        let beside = self.positioning.take().is_some() | self.jump.take().is_some();
+        if beside {
             if self.status.homing == HomingState::Runs {
                 self.status.homing = HomingState::No;
             }
@@ -396,6 +406,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let escape = Fixed::whole((axis.escape.0 * axis.counts_per_um) as i64);
         let top = if self.status.homed { axis.counts(axis.travel.0) } else { here.minus(escape) };
         self.route.restart(here, top);
+        self.good = Fixed(0);
         self.status.setpoint = here;
     }
 
@@ -424,7 +435,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn touch(&self) -> Touch {
         match self.status.state {
             State::Positioning if self.touching == Touching::Asked => Touch::End,
-            State::Positioning | State::Homing => Touch::Fault,
+            State::Positioning | State::Homing | State::Jumping => Touch::Fault,
             _ => Touch::Ignored,
         }
     }
@@ -476,7 +487,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn ready_stop(&self, trajectory: &Trajectory) -> Trajectory {
         let window = self.ready_window(self.config.axis.duty_limit);
         match trajectory.follow {
-            Follow::Setpoint if self.positioning.is_none() => {
+            Follow::Setpoint if self.positioning.is_none() && self.jump.is_none() => {
                 let stop = self.route.ready(MicrometresPerSecond(0.0), &self.bounds(), window);
                 Trajectory { upward: true, ..stop }
             }

@@ -4,6 +4,7 @@ use super::super::reaction::Motion;
 use super::Planner;
 use crate::head::commissioning::Commissioning;
 use crate::head::follow::Trajectory;
+use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Window;
 use crate::units::{Fixed, MicrometresPerSecond, larger};
@@ -14,7 +15,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let allowed = self.full_window().and(self.current_window());
         self.status.closed = match motion {
             Motion::Coast => false,
-            Motion::Path(..) | Motion::Upward(..) | Motion::Axis(_) | Motion::Velocity(_) => true,
+            Motion::Path(..) | Motion::Upward(..) | Motion::Axis(_) | Motion::Jump(..) | Motion::Velocity(_) => true,
             Motion::Gap(_) => true,
             Motion::Duty(_) => false,
             // The strokes of commissioning.
@@ -35,12 +36,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 self.status.setpoint = self.route.setpoint();
                 Trajectory { upward: true, ..trajectory }
             }
-            Motion::Axis(segment) => {
-                self.route.stop();
-                self.status.feed = MicrometresPerSecond(segment.velocity.0 / self.config.axis.counts_per_um);
-                self.status.setpoint = segment.from;
-                Trajectory::axis(&segment, allowed)
-            }
+            Motion::Axis(segment) => self.beside(&segment, allowed),
+            Motion::Jump(segment, duty) => Trajectory { duty, ..self.beside(&segment, allowed) },
             Motion::Velocity(wanted) => {
                 self.follow_axis();
                 self.route.velocity(wanted, &self.bounds(), allowed)
@@ -61,6 +58,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 Trajectory::duty(duty, allowed)
             }
         }
+    }
+
+    fn beside(&mut self, segment: &TrajectorySegment, allowed: Window) -> Trajectory {
+        self.route.stop();
+        self.status.feed = MicrometresPerSecond(segment.velocity.0 / self.config.axis.counts_per_um);
+        self.status.setpoint = segment.from;
+        Trajectory::axis(segment, allowed)
     }
 
     /// Without a position loop path and set point follow the axis.

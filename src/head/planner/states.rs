@@ -6,14 +6,16 @@ use super::{Planner, Touching};
 use crate::encoder::Mark;
 use crate::feed::FeedLaw;
 use crate::gap::Quality;
+use crate::head::command::Refused;
 use crate::head::commissioning::Wish;
 use crate::head::config::{Config, Structure};
 use crate::head::fault::{Fault, Reaction};
+use crate::head::jump::Jump;
 use crate::head::proof::{Goal, Outcome};
 use crate::head::state::{Reason, State};
 use crate::motion::{Seen, TrajectorySegment};
 use crate::path::Path;
-use crate::units::{Fixed, MicrometresPerSecond, TICK_S, Volts};
+use crate::units::{Fixed, MicrometresPerSecond, Nanometres, TICK_S, Volts, larger};
 use core::ops::DerefMut;
 
 /// At rest.
@@ -38,6 +40,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             State::Proving => self.run_proof(),
             State::Ready | State::Done | State::HoldingPosition => self.along(REST),
             State::Positioning | State::Homing => self.position_axis(),
+            State::Jumping => self.jump_on(),
             State::Seeking if self.open.volts().is_none() => self.along(REST),
             State::Seeking => self.along(self.config.seek.velocity),
             State::Eroding => self.erode(),
@@ -140,6 +143,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let valid = gap.quality == Quality::Valid;
         if valid && gap.filtered.0 < open.0 * self.config.seek.threshold {
             self.route.found_work();
+            (self.good, self.eroded) = (self.route.s(), 0);
             self.law = self.config.law;
             if self.config.structure == Structure::SingleLoop {
                 self.reset_loop();
@@ -159,6 +163,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn watch_short(&mut self, from: State) {
         if self.now.short || self.status.gap.short_ticks >= self.config.retreat.trigger {
             self.retreat = (from, self.status.position);
+            self.good = self.good.max(self.route.s());
             self.enter(State::Retreating, Reason::Short);
         }
     }
@@ -194,16 +199,87 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             self.enter(State::Done, Reason::PathEnd);
             return self.along(REST);
         }
+        if self.jump_is_due() && self.begin_jump().is_ok() {
+            return self.jump_on();
+        }
         let error = self.gap_error();
         match self.config.structure {
             // In every tick, and not in every plan.
             Structure::SingleLoop => Motion::Gap(self.status.gap_setpoint),
             structure => {
                 let wanted = self.config.limits.clamp(self.law.velocity(error, self.ticks));
+                let wanted = self.hastened(wanted);
                 self.status.feed = wanted;
                 if structure == Structure::Path { self.along(wanted) } else { Motion::Velocity(wanted) }
             }
         }
+    }
+
+    /// Far behind the last good place, and with nothing in the way, the head goes as fast as it came back.
+    fn hastened(&self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
+        let behind = self.good.minus(self.route.s());
+        let fast = behind > Fixed::whole(self.config.jump.float.into()) && wanted.0 >= self.config.limits.feed.0;
+        if fast { MicrometresPerSecond(larger(self.config.retreat.velocity.0, wanted.0)) } else { wanted }
+    }
+
+    /// So much erosion since the last jump.
+    fn jump_is_due(&mut self) -> bool {
+        self.eroded = self.eroded.saturating_add(self.ticks);
+        let every = self.config.jump.every;
+        let due = every > 0 && self.eroded >= every;
+        // One for which there is no room is left out.
+        self.eroded = if due { 0 } else { self.eroded };
+        due
+    }
+
+    /// Begins a jump, unless there is no room for it.
+    pub(super) fn begin_jump(&mut self) -> Result<(), Refused> {
+        if !self.status.homed {
+            return Err(Refused::NotHomed);
+        }
+        if self.now.safety.upper_limit {
+            return Err(Refused::StillFaulty(Fault::UpperLimit));
+        }
+        let axis = &self.config.axis;
+        let (top, _) = axis.travel;
+        let from = self.segment().from;
+        let free = from.minus(axis.counts(top));
+        let height = Fixed::whole(self.config.jump.height.into());
+        if free < height {
+            let nm = |counts: Fixed| Nanometres(counts.round().saturating_mul(axis.nm_per_count));
+            return Err(Refused::NoRoom { height: nm(height), free: nm(free) });
+        }
+        let float = self.route.s().minus(Fixed::whole(self.config.jump.float.into()));
+        self.jump = Some(Jump::new(float));
+        self.eroded = 0;
+        self.enter(State::Jumping, Reason::Jumped);
+        Ok(())
+    }
+
+    /// Goes on with a jump.
+    fn jump_on(&mut self) -> Motion {
+        let from = self.segment().from;
+        let rests = self.now.segment.velocity.0 == 0.0;
+        let Some(jump) = &mut self.jump else {
+            self.enter(State::HoldingPosition, Reason::Held);
+            return self.along(REST);
+        };
+        if !jump.is_away() && !rests {
+            return self.along(REST);
+        }
+        self.route.go_back_to(jump.float);
+        if let Some((segment, acceleration)) = jump.plan(&self.config.jump, from, self.route.setpoint(), self.ticks) {
+            return Motion::Jump(segment, self.config.axis.plant.accelerating(acceleration));
+        }
+        let holds = jump.holds;
+        self.jump = None;
+        self.law = self.config.law;
+        if holds {
+            self.enter(State::HoldingPosition, Reason::Held);
+        } else {
+            self.enter(State::Eroding, Reason::Returned);
+        }
+        self.along(REST)
     }
 
     /// Holds the end of the path, or returns to it from a retreat, and tells the feed that the gap asks for.

@@ -2,10 +2,15 @@
 
 use crate::common;
 use edm_fil::exercise;
+use edm_fil::host;
 use edm_fil::image::Image;
+use edm_fil::rig::Emulated;
 use edm_fil::rig::Witness;
-use edm_servo_head::head::Fault;
+use edm_servo_head::head::{Command, Fault, State};
 use edm_servo_head::settings::Settings;
+use edm_servo_head::units::Nanometres;
+use edm_sim::machine::Rig as _;
+use edm_sim::process::Parameters;
 use std::collections::BTreeSet;
 
 /// `EDM_SEEDS=2` runs a minute of two processes instead of one.
@@ -25,4 +30,51 @@ fn the_native_core_comes_to_the_same_bit_for_bit_for_a_minute_of_retreats_and_fa
         let kinds: BTreeSet<_> = met.faults.iter().map(|f| Fault::name(*f)).collect();
         assert!(kinds.len() >= 10, "seed {seed}: {kinds:?}");
     }
+}
+
+#[test]
+fn a_jump_of_the_chip_is_that_of_the_native_core_bit_for_bit() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let settings = Settings {
+        commissioned: true,
+        jump_height: 800.0,
+        jump_velocity: 200.0,
+        jump_acceleration: 60.0,
+        jump_jerk: 12_000.0,
+        ..Settings::default()
+    };
+    let parameters = Parameters { surface: 1.2, ..Parameters::default() };
+    let witness = Witness::twin(&settings).unwrap();
+    let mut rig = Emulated::start(&image, &parameters, &settings, 1, witness).unwrap();
+    host::begin(&mut rig).unwrap();
+    let target = Command::MoveTo(Nanometres(2_000_000));
+    for command in [Command::SetHome(Nanometres(0)), Command::Enable, target, Command::Start] {
+        rig.command(command).unwrap();
+    }
+    let until = |rig: &mut Emulated, state| {
+        for _ in 0..100_000 {
+            rig.tick().unwrap();
+            if rig.status().state == state {
+                return rig.process().truth().position_um;
+            }
+        }
+        panic!("{:?}", rig.status());
+    };
+    until(&mut rig, State::Eroding);
+    (0..4000).for_each(|_| rig.tick().unwrap());
+    let before = rig.process().truth().position_um;
+    let (mut top, mut contact) = (before, 0.0f64);
+    rig.command(Command::Jump).unwrap();
+    let mut ticks = 0;
+    while rig.status().state != State::Eroding || ticks < 200 {
+        rig.tick().unwrap();
+        let truth = rig.process().truth();
+        (top, contact) = (top.min(truth.position_um), contact.max(truth.contact_n));
+        ticks += 1;
+        assert!(ticks < 4000, "{:?}", rig.status());
+    }
+    assert!((before - top - 800.0).abs() < 30.0, "from {before} up to {top}");
+    assert_eq!((contact, rig.status().fault), (0.0, None));
+    (0..4000).for_each(|_| rig.tick().unwrap());
+    assert_eq!(rig.status().state, State::Eroding);
 }

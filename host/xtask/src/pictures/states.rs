@@ -4,8 +4,8 @@
 
 use super::svg::{Anchor, Fill, Sheet};
 use edm_servo_head::head::State::{
-    Commissioning, Disabled, Done, Eroding, Fault, Guiding, HoldingPosition, Homing, Positioning, Proving, Ready,
-    Retreating, Seeking,
+    Commissioning, Disabled, Done, Eroding, Fault, Guiding, HoldingPosition, Homing, Jumping, Positioning, Proving,
+    Ready, Retreating, Seeking,
 };
 use edm_servo_head::head::{Reason, State, TRANSITIONS};
 
@@ -24,6 +24,7 @@ fn place(state: State) -> ((f64, f64), (f64, f64)) {
         Eroding => ((610.0, 285.0), (120.0, 44.0)),
         Guiding => ((610.0, 380.0), (120.0, 44.0)),
         Retreating => ((810.0, 285.0), (120.0, 44.0)),
+        Jumping => ((610.0, 64.0), (120.0, 44.0)),
         Fault => ((610.0, 520.0), (120.0, 44.0)),
     }
 }
@@ -140,6 +141,38 @@ const ARROWS: &[Arrow] = &[
     arrow(&[Eroding], Retreating, &[Reason::Short], &[(730.0, 298.0), (810.0, 298.0)], "short", (752.0, 292.0)),
     arrow(&[Retreating], Eroding, &[Reason::GapRecovered], &[(810.0, 318.0), (730.0, 318.0)], "clear", (752.0, 333.0)),
     arrow(
+        &[Eroding],
+        Jumping,
+        &[Reason::Jumped],
+        &[(610.0, 292.0), (597.0, 292.0), (597.0, 134.0), (640.0, 134.0), (640.0, 108.0)],
+        "jump",
+        (646.0, 130.0),
+    ),
+    arrow(
+        &[Jumping],
+        Eroding,
+        &[Reason::Returned],
+        &[(700.0, 108.0), (700.0, 134.0), (744.0, 134.0), (744.0, 290.0), (730.0, 290.0)],
+        "back",
+        (706.0, 130.0),
+    ),
+    arrow(
+        &[Jumping],
+        HoldingPosition,
+        &[Reason::Held],
+        &[(610.0, 96.0), (575.0, 96.0), (575.0, 317.0), (445.0, 317.0)],
+        "hold",
+        (490.0, 331.0),
+    ),
+    arrow(
+        &[Jumping],
+        Positioning,
+        &[Reason::Held],
+        &[(610.0, 76.0), (580.0, 76.0), (580.0, 30.0), (300.0, 30.0), (300.0, 50.0)],
+        "quick stop",
+        (400.0, 24.0),
+    ),
+    arrow(
         &[Guiding],
         Retreating,
         &[Reason::Short],
@@ -186,7 +219,7 @@ pub fn draw() -> Result<String, String> {
     sheet.rect((290.0, 175.0), (170.0, 250.0), Fill::Light);
     sheet.text((375.0, 200.0), 13, Anchor::Middle, "loop closed, at rest");
     sheet.rect((585.0, 160.0), (365.0, 285.0), Fill::Light);
-    sheet.text((598.0, 182.0), 13, Anchor::Start, "pulses on");
+    sheet.text((604.0, 182.0), 13, Anchor::Start, "pulses on");
     for state in State::ALL {
         let (at, size) = place(state);
         let fill = match state {

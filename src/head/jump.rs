@@ -1,0 +1,71 @@
+//! A jump: straight up out of the work, and back to the *float point*, so that fresh dielectric comes where the debris was.
+//!
+//! Pulses are off while the head is away. It goes beside the path, by its own axis alone: whoever drives X and Y need not
+//! follow at its speed, and no corner slows it. Meanwhile the path coordinate goes back by the float distance, along the path;
+//! the way down ends at the set point of that coordinate, and the rest is gone under gap control. So the electrode arrives at
+//! speed only where it has been, and comes on to the same counts as before.
+
+use crate::motion::{JerkLimits, SCurve, TrajectorySegment};
+use crate::units::{CountsPerSecond, Fixed, PLAN_TICKS, TICK_HZ};
+
+/// How to jump.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Servo ticks of erosion between two jumps; 0: on demand only.
+    pub every: u32,
+    /// Height, counts.
+    pub height: u32,
+    /// Limits of the motion.
+    pub limits: JerkLimits,
+    /// Length of path before the last good place from which the gap leads, um.
+    pub float: u32,
+}
+
+/// A jump under way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Jump {
+    /// Up, then down; none before the head has come to rest.
+    stroke: Option<SCurve>,
+    tick: u32,
+    returns: bool,
+    velocity: f32,
+    /// Path coordinate of the float point.
+    pub float: Fixed,
+    /// The head is to hold there.
+    pub holds: bool,
+}
+
+impl Jump {
+    /// To a float point.
+    pub fn new(float: Fixed) -> Jump {
+        Jump { stroke: None, tick: 0, returns: false, velocity: 0.0, float, holds: false }
+    }
+
+    /// Whether it has left the path.
+    pub fn is_away(&self) -> bool {
+        self.stroke.is_some()
+    }
+
+    /// Goes on by so many ticks, from the set point `from`; `float` is that of the float point. Gives what to follow until the
+    /// next plan and its acceleration, counts/s^2; `None` when it is there.
+    pub fn plan(&mut self, config: &Config, from: Fixed, float: Fixed, ticks: u32) -> Option<(TrajectorySegment, f32)> {
+        self.tick = self.tick.saturating_add(ticks);
+        let stroke = match self.stroke {
+            Some(stroke) if self.tick < stroke.ticks() => stroke,
+            Some(_) if self.returns => return None,
+            before => {
+                self.tick = 0;
+                self.returns = before.is_some();
+                let (from, to) =
+                    before.map_or((from, from.minus(Fixed::whole(config.height.into()))), |up| (up.to(), float));
+                *self.stroke.insert(SCurve::new(from, to, &config.limits))
+            }
+        };
+        let travel = stroke.at(self.tick.saturating_add(PLAN_TICKS)).minus(from);
+        let travel = Fixed(travel.0.wrapping_div(PLAN_TICKS.into()));
+        let velocity = travel.to_f32() * TICK_HZ as f32;
+        let acceleration = (velocity - self.velocity) * (TICK_HZ / PLAN_TICKS) as f32;
+        self.velocity = velocity;
+        Some((TrajectorySegment { from, travel, velocity: CountsPerSecond(velocity) }, acceleration))
+    }
+}
