@@ -221,7 +221,7 @@ impl Node {
     pub fn answer(&mut self, group: Group, result: Result<(), Abort>, dictionary: &mut dyn Dictionary) {
         if group != Group::Bus {
             self.server.answer(result, &mut Space { objects: &mut self.objects, dictionary });
-        } else if let Some(answer) = self.lss.stored(result) {
+        } else if let Some(answer) = self.lss.stored(result).filter(|_| !self.lss.is_deaf()) {
             self.objects.out.put(answer);
         }
     }
@@ -307,7 +307,11 @@ impl Node {
                     self.answer(Group::Bus, Err(refused), dictionary);
                 }
             }
-            Todo::Begin => self.reset(Event::ResetCommunication, dictionary),
+            // What was wrong meanwhile is told when it has booted.
+            Todo::Begin => {
+                self.lss.reset();
+                dictionary.event(Event::ResetCommunication);
+            }
             // Whoever commands the head is about to lose it.
             Todo::Activate => {
                 if self.objects.state != NmtState::Initialising {
@@ -350,6 +354,8 @@ impl Node {
     fn reset(&mut self, event: Event, dictionary: &mut dyn Dictionary) {
         self.quiet(dictionary);
         self.lss.reset();
+        // Nobody could reach a device that goes on without a node-ID.
+        let event = if self.lss.active().node.is_none() { Event::ResetNode } else { event };
         if event == Event::ResetNode {
             self.objects.emergency = Emergency::default();
         }

@@ -249,6 +249,32 @@ fn a_bit_rate_changes_after_a_delay_of_silence_and_the_node_boots_after_another(
     assert_eq!(bench.pass(1_000)[0].1.id(), 0x700 + ID);
 }
 
+#[test]
+fn a_store_that_ends_while_the_bit_rate_changes_does_not_break_the_silence() {
+    let mut bench = Bench::operational();
+    configuring(&mut bench);
+    lss(&mut bench, 0x13, &[0, 3]);
+    assert!(lss(&mut bench, 0x17, &[]).is_empty());
+    assert!(lss(&mut bench, 0x15, &20u16.to_le_bytes()).is_empty());
+    bench.pass(30_000);
+    assert_eq!(bench.node.bus().bit_rate, BitRate::Kbit250);
+    bench.node.answer(Group::Bus, Ok(()), &mut bench.machine);
+    assert_eq!(bench.frames(), [], "the other nodes have not changed yet");
+}
+
+#[test]
+fn what_was_wrong_before_a_node_is_named_is_told_when_it_is() {
+    let mut bench = unconfigured();
+    bench.node.emergency(0x5530, 0, [1, 2, 3, 4, 5]);
+    assert_eq!(bench.pass(100_000), []);
+    configuring(&mut bench);
+    lss(&mut bench, 0x11, &[9]);
+    waiting(&mut bench);
+    bench.node.boot(None, &mut bench.machine).unwrap();
+    let told = bench.pass(10_000);
+    assert!(told.iter().any(|(_, frame)| frame.id() == 0x80 + 9), "no emergency: {told:?}");
+}
+
 /// A host's fast scan (CiA 305 annex): the address that it finds, bit by bit, on a bus with these nodes.
 fn fast_scan(nodes: &mut [Bench]) -> Option<[u32; 4]> {
     let mut scan = |word: u32, bit: u8, part: u8, next: u8| {

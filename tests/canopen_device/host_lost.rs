@@ -95,3 +95,56 @@ fn who_never_was_operational_commands_by_sdo_alone() {
     rig.run(50);
     assert_eq!(rig.machine.status().state, State::Ready);
 }
+
+#[test]
+fn a_host_that_is_lost_while_the_head_is_being_enabled_leaves_it_open() {
+    let mut closed = vec![];
+    for option in 1..=3 {
+        for after in 0..3 {
+            let mut rig = Rig::new(|_, _| {});
+            rig.send(0, &[1, ID]);
+            rig.write(0x6007, 0, &[option, 0]);
+            rig.control(0x06);
+            rig.control(0x07);
+            rig.send(0x200 + u16::from(ID), &[0x0F, 0]);
+            rig.run(after);
+            rig.send(0, &[128, ID]);
+            rig.run(300);
+            let state = rig.machine.status().state;
+            // Enabled in time to stop quickly, which by 605Ah ends in holding.
+            let stopped = option == 3 && rig.status() & 0x6F == 0x07;
+            if state.follows() && !stopped {
+                closed.push((option, after, state));
+            }
+        }
+    }
+    assert!(closed.is_empty(), "6007h, ms since enabling, state: {closed:?}");
+}
+
+#[test]
+fn a_head_that_loses_its_node_id_is_not_left_enabled() {
+    let mut enabled = vec![];
+    for option in 0..=3 {
+        for begin in [holding as fn() -> Rig, eroding] {
+            let mut rig = begin();
+            let _ = rig.try_write(0x605A, 0, &[6, 0]);
+            if option == 0 {
+                rig.control(0);
+                rig.write(0x6007, 0, &[0, 0]);
+                rig.enable();
+            } else {
+                rig.write(0x6007, 0, &[option, 0]);
+            }
+            rig.send(0x7E5, &[4, 1, 0, 0, 0, 0, 0, 0]);
+            rig.send(0x7E5, &[0x11, 255, 0, 0, 0, 0, 0, 0]);
+            rig.send(0, &[130, ID]);
+            rig.run(1500);
+            assert_eq!(rig.node.bus().node, None);
+            let state = rig.machine.status().state;
+            if state.follows() {
+                enabled.push((option, state));
+            }
+        }
+    }
+    assert!(enabled.is_empty(), "6007h and state of heads that nobody can reach: {enabled:?}");
+}

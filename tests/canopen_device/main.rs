@@ -6,6 +6,7 @@ mod edges;
 mod edm;
 mod flood;
 mod host_lost;
+mod leftover;
 mod rig;
 mod segments;
 mod settings;

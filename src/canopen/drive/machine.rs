@@ -179,6 +179,8 @@ impl Drive {
     pub(super) fn host_lost(&mut self) {
         match self.value(Item::AbortOption) {
             0 => {}
+            // Nobody is there any more to see that the loop closes.
+            _ if self.enabling => self.leave(State::SwitchOnDisabled, 0),
             2 if self.is_enabled() => self.leave(State::SwitchOnDisabled, 0),
             3 if self.state == State::OperationEnabled => self.quick_stop(),
             2 | 3 => {}

@@ -110,6 +110,7 @@ impl Drive {
             return Err(Abort::DeviceState);
         }
         if mode != self.mode {
+            let begins = self.set_points.begins;
             if self.acts() && self.mode != Mode::None {
                 // Pulses stop with the mode that wanted them.
                 if self.status.state.works() {
@@ -120,8 +121,9 @@ impl Drive {
             self.mode = mode;
             self.set_points = SetPoints::default();
             self.enter_mode();
-            self.set_points.begins =
-                self.moves() && self.value(Item::ErodeEnable) != 0 && self.status.state == head::State::Positioning;
+            // Set points of the new mode wait until the axis stands. Guiding begins only if that was asked for: it needs none.
+            let waits = self.erodes() && self.status.state == head::State::Positioning;
+            self.set_points.begins = self.moves() && mode != Mode::ProfileVelocity && (begins || waits);
         }
         Ok(())
     }
@@ -226,7 +228,7 @@ impl Drive {
     /// Profile velocity: toward the limit of its direction.
     fn run(&mut self) {
         let velocity = self.value(Item::TargetVelocity);
-        self.set_points.within = 0;
+        (self.set_points.within, self.set_points.begins) = (0, false);
         if velocity == 0 {
             self.brake(Item::ProfileDeceleration);
             return;
