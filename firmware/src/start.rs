@@ -20,7 +20,7 @@ use edm_runtime::servo::Servo;
 use edm_runtime::supervise::Supervise;
 use edm_runtime::{Crossings, Note, Parts, assemble};
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Record};
-use edm_servo_head::canopen::{BitRate, BusSettings, Node};
+use edm_servo_head::canopen::{BitRate, BusSettings, Node, NodeId};
 use edm_servo_head::gap::Voltage;
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{SettingError, Settings};
@@ -29,6 +29,8 @@ use edm_servo_head::stored::StoredImage;
 /// How a head is reached that has nothing stored: it waits for a node-ID.
 const UNCONFIGURED: BusSettings =
     BusSettings { node: None, bit_rate: BitRate::from_hz(Board::TABLE.bit_rate).unwrap() };
+/// How a head is reached that 0.1.0 has stored something for.
+const FROM_0_1_0: BusSettings = BusSettings::at_1_mbit(Some(NodeId::FIRST));
 /// Commit of this build, eight hexadecimal digits.
 const BUILD: &str = env!("EDM_BUILD");
 /// The same as a number.
@@ -120,7 +122,8 @@ pub fn start(
         last_end: machine.boot.death as u8,
     };
     let image = image_store.load();
-    let node = place_node(&mut slots.node, image.bus().unwrap_or(UNCONFIGURED));
+    let unnamed = if image.is_from_0_1_0() { FROM_0_1_0 } else { UNCONFIGURED };
+    let node = place_node(&mut slots.node, image.bus().unwrap_or(unnamed));
     let defaults = Settings::with(Board::TABLE.defaults).map_err(|_| StartError::Settings)?;
     let drive = place_drive(&mut slots.drive, identity, &mut slots.record, defaults)?;
     restore(image, node, drive, defaults);

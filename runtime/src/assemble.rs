@@ -287,6 +287,7 @@ impl<B: Board> Host<B> {
             timers: Timers::new(now),
             configuring: Configuring::Done,
             outstanding: 0,
+            jobs: [None; 2],
             lost: Lost::default(),
             known: 0,
             syncs: 0,

@@ -79,8 +79,9 @@ impl<B: Board> Idle<B> {
         // Nobody could report or decode an edge while the flash was erased.
         self.guard.missed();
         self.signals.task_watchdog.start(self.clock.now());
-        protocol.lock(|protocol| protocol.done(job, result));
+        // Back before anybody is answered, who may want the next.
         self.returned.send(permit);
         self.signals.waiting.set();
+        protocol.lock(|protocol| protocol.done(job, result));
     }
 }

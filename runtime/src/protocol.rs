@@ -52,6 +52,8 @@ pub struct Protocol<B: Board> {
     pub(crate) configuring: Configuring,
     /// Requests sent and not answered.
     pub(crate) outstanding: usize,
+    /// The storage job under way, and one that waits for its end: 1010h and layer setting ask independently of each other.
+    pub(crate) jobs: [Option<StorageJob>; 2],
     /// What was lost, as told last.
     pub(crate) lost: Lost,
     /// The tick that knew of the newest command first: an older status is not news.
@@ -179,7 +181,10 @@ impl<B: Board> Protocol<B> {
                     self.drive.answered(command, result);
                 }
                 Answer::Configured => self.judged(),
-                Answer::NoPermit(job) => self.node.answer(job.group(), Err(Abort::DeviceState), self.drive),
+                Answer::NoPermit(job) => {
+                    self.jobs[0] = None;
+                    self.node.answer(job.group(), Err(Abort::DeviceState), self.drive);
+                }
                 Answer::Done => {}
             }
         }
@@ -269,6 +274,12 @@ impl<B: Board> Protocol<B> {
     /// Hands the drive's orders on, as long as there is room for any, and then what it will order at the next SYNC.
     fn orders(&mut self) {
         while self.outstanding < REQUESTS && self.resets.room() > 0 {
+            if let [None, next @ Some(_)] = &mut self.jobs
+                && let Some(job) = next.take()
+            {
+                self.store(job);
+                continue;
+            }
             let Some(order) = self.drive.take() else {
                 self.signals.sync_length.store(self.node.sync_length().into());
                 if self.drive.preview_sync(self.node) {
@@ -282,9 +293,22 @@ impl<B: Board> Protocol<B> {
                 Order::ResetCommunication => self.resets.send(Reset::Communication),
                 Order::Command(command) => self.request(Request::Command(command)),
                 Order::Raise(fault) => self.request(Request::Raise(fault)),
-                Order::Store(group) => self.request(Request::PermitWrite(StorageJob::Store(group))),
-                Order::Restore(group) => self.request(Request::PermitWrite(StorageJob::Restore(group))),
+                Order::Store(group) => self.store(StorageJob::Store(group)),
+                Order::Restore(group) => self.store(StorageJob::Restore(group)),
             }
+        }
+    }
+
+    /// Begins a storage job, or has it wait for the end of another.
+    fn store(&mut self, job: StorageJob) {
+        match &mut self.jobs {
+            [under_way @ None, _] => {
+                *under_way = Some(job);
+                self.request(Request::PermitWrite(job));
+            }
+            [_, next @ None] => *next = Some(job),
+            // Neither SDO server nor layer setting asks again before it is answered.
+            _ => self.node.answer(job.group(), Err(Abort::DeviceState), self.drive),
         }
     }
 
@@ -334,6 +358,7 @@ impl<B: Board> Protocol<B> {
 
     /// A storage job is done.
     pub fn done(&mut self, job: StorageJob, result: Result<(), Abort>) {
+        self.jobs[0] = None;
         self.drive.stored(self.node, job.group(), result);
     }
 

@@ -131,9 +131,10 @@ pub(super) fn read(image: &[u8], into: &mut StoredImage) -> Option<()> {
         into.belongs_to(NodeId::new(node)?);
         communication(parameters, into)?;
     }
-    // Its boards were node 1 at 1 Mbit/s; a virtual head was what its parameters say.
-    let node = into.node().or(Some(NodeId::FIRST));
-    into.set_bus(BusSettings::at_1_mbit(node));
+    match into.node() {
+        Some(node) => into.set_bus(BusSettings::at_1_mbit(Some(node))),
+        None => into.set_from_0_1_0(),
+    }
     into.seal();
     Some(())
 }

@@ -5,8 +5,9 @@
 //! | --- | --- |
 //! | 1 | version of this layout, 15h |
 //! | 1 | node-ID that the communication parameters belong to; 0 without any |
-//! | 1 | node-ID of the head; 255: it is to wait for one; 0: none was ever stored |
+//! | 1 | node-ID of the head; 255: it is to wait for one; 254: it is from 0.1.0, which kept none; 0: none was ever stored |
 //! | 1 | bit rate, by its index in the table of CiA 301; counts beside a node-ID other than 0 |
+//! | 1 | what was lost before this was stored, and has not been stored anew: an [`Outcome`]; 0: nothing |
 //! | 2 | number of records |
 //! | 8 each | index (2), sub-index (1), type (1: index of the CiA 301 data type), value (4, shorter ones filled up with zeros) |
 //! | 4 | CRC-32 (that of Ethernet) over all before it |
@@ -28,8 +29,10 @@ use edm_hal_shim::store::{Loaded, MAX_IMAGE};
 const VERSION: u8 = 0x15;
 /// Node-ID of a head that is to wait for one.
 const WAITS: u8 = 255;
+/// In the place of the node-ID of a head that 0.1.0 has stored no communication parameters for.
+const FROM_0_1_0: u8 = 254;
 /// Bytes before the records.
-const HEAD: usize = 6;
+const HEAD: usize = 7;
 /// Bytes of a record.
 const RECORD: usize = 8;
 /// Bytes of the checksum.
@@ -62,8 +65,10 @@ pub enum Outcome {
 impl Outcome {
     /// Whether something that was stored is not in force.
     pub fn is_loss(self) -> bool {
-        matches!(self, Outcome::Older | Outcome::Damaged | Outcome::Unknown)
+        Self::LOSSES.contains(&self)
     }
+
+    const LOSSES: [Outcome; 3] = [Outcome::Older, Outcome::Damaged, Outcome::Unknown];
 }
 
 /// What loading has come to.
@@ -147,7 +152,7 @@ impl StoredImage {
             (Loaded::Nothing, _) => Outcome::Nothing,
             (_, None) => Outcome::Damaged,
             (found, Some(image)) => match self.read(image) {
-                Ok(()) if matches!(found, Loaded::Newest(_)) => Outcome::Newest,
+                Ok(()) if matches!(found, Loaded::Newest(_)) => self.lost().unwrap_or(Outcome::Newest),
                 Ok(()) => Outcome::Older,
                 Err(outcome) => {
                     self.clear();
@@ -196,6 +201,13 @@ impl StoredImage {
         let bit_rate = BitRate::from_index(rate)?;
         let id = NodeId::new(node);
         (id.is_some() || node == WAITS).then_some(BusSettings { node: id, bit_rate })
+    }
+
+    /// Whether 0.1.0 has stored this, which kept no node-ID: its boards were node 1 at 1 Mbit/s, its virtual heads what they
+    /// were told.
+    pub fn is_from_0_1_0(&self) -> bool {
+        let [_, _, node, ..] = self.bytes;
+        node == FROM_0_1_0
     }
 
     /// Takes out the records of the application, of the communication area, or both. What remains is to be
@@ -255,11 +267,28 @@ impl StoredImage {
         (*id, *rate) = (node.map_or(WAITS, NodeId::get), bit_rate as u8);
     }
 
+    /// It is an image of 0.1.0 without a node-ID.
+    fn set_from_0_1_0(&mut self) {
+        let [_, _, id, ..] = &mut self.bytes;
+        *id = FROM_0_1_0;
+    }
+
+    /// What was lost before, and is still to be told. What there is then is to be [sealed](Self::seal).
+    pub(crate) fn set_lost(&mut self, outcome: Option<Outcome>) {
+        let [_, _, _, _, lost, ..] = &mut self.bytes;
+        *lost = outcome.map_or(0, |outcome| outcome as u8);
+    }
+
+    fn lost(&self) -> Option<Outcome> {
+        let [_, _, _, _, lost, ..] = self.bytes;
+        Outcome::LOSSES.into_iter().find(|outcome| *outcome as u8 == lost)
+    }
+
     /// Version, count and checksum. It is what will have been stored last.
     pub(crate) fn seal(&mut self) {
-        self.outcome = Outcome::Newest;
+        self.outcome = self.lost().unwrap_or(Outcome::Newest);
         let [low, high] = (self.count as u16).to_le_bytes();
-        let [version, _, _, _, a, b, ..] = &mut self.bytes;
+        let [version, _, _, _, _, a, b, ..] = &mut self.bytes;
         (*version, *a, *b) = (VERSION, low, high);
         if let Some((content, check)) = self.bytes.split_at_mut_checked(HEAD + RECORD * self.count)
             && let Some(check) = check.first_chunk_mut::<CHECK>()
@@ -269,8 +298,8 @@ impl StoredImage {
     }
 
     fn clear(&mut self) {
-        let [_, node, id, rate, ..] = &mut self.bytes;
-        (*node, *id, *rate, self.count) = (0, 0, 0, 0);
+        let [_, node, id, rate, lost, ..] = &mut self.bytes;
+        (*node, *id, *rate, *lost, self.count) = (0, 0, 0, 0, 0);
     }
 
     fn record(&self, nth: usize) -> Option<Record> {
@@ -286,7 +315,7 @@ impl StoredImage {
         if CRC.checksum(content) != u32::from_le_bytes(*check) {
             return Err(Outcome::Damaged);
         }
-        let (&[version, _, _, _, a, b], records) = content.split_first_chunk::<HEAD>().ok_or(Outcome::Damaged)?;
+        let (&[version, _, _, _, _, a, b], records) = content.split_first_chunk::<HEAD>().ok_or(Outcome::Damaged)?;
         if version != VERSION {
             return Err(Outcome::Unknown);
         }

@@ -148,3 +148,47 @@ fn a_head_that_loses_its_node_id_is_not_left_enabled() {
     }
     assert!(enabled.is_empty(), "6007h and state of heads that nobody can reach: {enabled:?}");
 }
+
+#[test]
+fn whatever_the_head_does_it_comes_to_rest_without_pulses() {
+    let begins: [(&str, fn(&mut Rig)); 4] = [
+        ("homing", |rig| {
+            rig.write(0x6098, 0, &[17]);
+            rig.mode(6);
+            rig.control(0x1F);
+        }),
+        ("velocity", |rig| {
+            rig.mode(3);
+            rig.write32(0x60FF, 0, 2000);
+        }),
+        ("position", |rig| {
+            rig.mode(1);
+            rig.write32(0x607A, 0, 20_000);
+            rig.control(0x1F);
+        }),
+        ("guiding", |rig| {
+            rig.mode(8);
+            rig.write(0x2001, 1, &[2]);
+        }),
+    ];
+    for (what, begin) in begins {
+        for (how, lose) in LOSSES {
+            for option in 1..=3 {
+                let mut rig = Rig::ready();
+                rig.write(0x6007, 0, &[option, 0]);
+                begin(&mut rig);
+                rig.run(10);
+                let state = rig.machine.status().state;
+                assert!(!matches!(state, State::Ready | State::HoldingPosition), "{what}: {state:?}");
+                lose(&mut rig);
+                rig.run(1500);
+                let before = *rig.machine.status();
+                rig.run(100);
+                let status = *rig.machine.status();
+                let context = format!("{what}, {how}, 6007h {option}: {:?}", status.state);
+                assert!(!status.state.pulses(), "{context}");
+                assert!((status.position - before.position).abs() <= 2, "{context}");
+            }
+        }
+    }
+}

@@ -11,3 +11,4 @@ mod rig;
 mod segments;
 mod settings;
 mod sync_preview;
+mod unconfigured;

@@ -155,7 +155,7 @@ fn reset_without_gain() -> Rig {
     rig.write(0x1010, 1, b"save");
     let mut stored = rig.image.bytes().to_vec();
     let [low, high] = index.to_le_bytes();
-    let at = (6..stored.len()).step_by(8).find(|&at| stored[at..at + 3] == [low, high, sub]).unwrap();
+    let at = (7..stored.len()).step_by(8).find(|&at| stored[at..at + 3] == [low, high, sub]).unwrap();
     stored[at + 2] = 0xF0;
     let end = stored.len() - 4;
     let check = !stored[..end].iter().fold(!0u32, |crc, byte| {

@@ -548,8 +548,11 @@ impl Drive {
         self.tell(node);
     }
 
-    /// Emergencies for what has come, and for what is gone.
+    /// Emergencies for what has come, and for what is gone; of a node that waits to be booted when it has been.
     fn tell(&mut self, node: &mut Node) {
+        if node.state() == NmtState::Initialising {
+            return;
+        }
         let now = (self.alarm, self.loss);
         let before = core::mem::replace(&mut self.told, now);
         let (mut register, mut gone) = (0, false);

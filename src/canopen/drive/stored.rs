@@ -64,6 +64,13 @@ impl Loading {
         }
     }
 
+    /// Whether nothing is lost any more once a group has been stored as it is now.
+    fn is_made_good(&self, group: Group) -> bool {
+        let (application, communication) = parts(group);
+        let whole = !self.outcome.is_loss() && self.application.defaulted.is_empty();
+        (application || whole) && (communication || self.communication.defaulted.is_empty())
+    }
+
     /// What is to be told of it.
     fn loss(&self) -> Option<Loss> {
         let LoadReport { outcome, defaulted, .. } = self.report();
@@ -81,7 +88,7 @@ impl StoredImage {
     /// There is no room beside records of another program; this is then not to be stored.
     pub fn keep(&mut self, group: Group, drive: &Drive, node: &Node) -> Result<(), Full> {
         let (application, communication) = parts(group);
-        self.distrust();
+        self.distrust(application);
         if group == Group::Bus {
             self.set_bus(node.configured());
         }
@@ -104,17 +111,19 @@ impl StoredImage {
     /// Forgets a group of objects.
     pub fn forget(&mut self, group: Group) {
         let (application, communication) = parts(group);
-        self.distrust();
+        self.distrust(application);
         self.remove(application, communication);
         self.seal();
     }
 
-    /// What is about to become the newest image says no longer that it has been an older one: its commissioning does not count
-    /// from then on either.
-    fn distrust(&mut self) {
+    /// What is about to become the newest image goes on saying what was lost, until the `application` is stored anew. The
+    /// commissioning of an older image does not count from then on either.
+    fn distrust(&mut self, application: bool) {
         if self.outcome() == Outcome::Older {
             self.change(Settings::ADDRESSES[PASSED], 0);
         }
+        let lost = self.outcome();
+        self.set_lost((!application && lost.is_loss()).then_some(lost));
     }
 }
 
@@ -154,9 +163,10 @@ impl Drive {
         Ok(LoadReport { outcome: image.outcome(), skipped: communication.skipped, defaulted: communication.defaulted })
     }
 
-    /// Ends a store or restore that the drive has ordered; the host is answered. What was lost on loading is so no longer.
+    /// Ends a store or restore that the drive has ordered; the host is answered. What was lost on loading is so no longer, if
+    /// that is what was stored.
     pub fn stored(&mut self, node: &mut Node, group: Group, result: Result<(), Abort>) {
-        if result.is_ok() {
+        if result.is_ok() && self.loading.is_made_good(group) {
             self.loss = None;
         }
         node.answer(group, result, self);

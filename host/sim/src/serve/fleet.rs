@@ -187,6 +187,30 @@ mod tests {
     }
 
     #[test]
+    fn a_name_and_settings_can_be_stored_at_the_same_moment() {
+        let mut fleet = fleet(1, 1);
+        sent(&mut fleet, &[], 100);
+        name(&mut fleet, 1, 9);
+        let both = [frame(0x601, b"\x23\x10\x10\x01save"), frame(0x7E5, &[0x17, 0, 0, 0, 0, 0, 0, 0])];
+        let answers = sent(&mut fleet, &both, 100);
+        assert!(answers.contains(&frame(0x581, &[0x60, 0x10, 0x10, 1, 0, 0, 0, 0])), "{answers:?}");
+        assert!(answers.contains(&frame(0x7E4, &[0x17, 0, 0, 0, 0, 0, 0, 0])), "{answers:?}");
+    }
+
+    #[test]
+    fn heads_that_0_1_0_has_stored_settings_for_keep_their_node_ids() {
+        let folder = tempfile::tempdir().unwrap();
+        let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/0.1.0");
+        for node in [5, 6] {
+            let file = folder.path().join(format!("node-{node}.stored"));
+            std::fs::copy(fixtures.join("node-5-application.stored"), file).unwrap();
+        }
+        let fleet = Fleet::new(&Setup::load("default").unwrap(), 5, 2, 1, Some(folder.path())).unwrap();
+        let ids: Vec<_> = fleet.heads.iter().map(|head| head.node_id().map(NodeId::get)).collect();
+        assert_eq!(ids, [Some(5), Some(6)]);
+    }
+
+    #[test]
     fn an_sdo_is_answered_in_the_tick_that_takes_it() {
         let mut fleet = fleet(5, 1);
         sent(&mut fleet, &[], 10);
