@@ -151,7 +151,8 @@ fn a_head_that_loses_its_node_id_is_not_left_enabled() {
 
 #[test]
 fn whatever_the_head_does_it_comes_to_rest_without_pulses() {
-    let begins: [(&str, fn(&mut Rig)); 4] = [
+    type Begin = (&'static str, fn(&mut Rig));
+    let begins: [Begin; 4] = [
         ("homing", |rig| {
             rig.write(0x6098, 0, &[17]);
             rig.mode(6);
