@@ -198,6 +198,7 @@ pub fn run(
     };
     let sparks = !job.surrogate && eroding.ticks > 0.0;
     let shot_floor_rms_v = if sparks { Some(shot_floor(setup, job.seed, &eroding)?) } else { None };
+    let removed_um = truth.surface_um - first_surface_um;
     Ok(Outcome {
         completed,
         stop_reason,
@@ -208,6 +209,8 @@ pub fn run(
         sim_time_s: truth.t_s,
         shot_floor_rms_v,
         pulses: truth.pulses,
+        crater_um: machine.process().crater_um(),
+        removed_mm3: setup.process.face_mm2() * removed_um * 1e-3,
         lost_counts: machine.status().position.abs_diff(machine.true_count() - home),
         illegal_transitions: machine.status().illegal_transitions.into(),
         faults,
@@ -244,6 +247,7 @@ fn sample(machine: &impl Rig, truth: &Truth, home_um: f64) -> Sample {
         damage: truth.damage,
         contact_n: truth.contact_n,
         film_n: truth.film_n,
+        pulses: truth.pulses,
     }
 }
 

@@ -37,6 +37,7 @@ pub mod bench;
 pub mod board;
 pub mod bore;
 pub mod cli;
+pub mod compare;
 pub mod events;
 pub mod faults;
 pub mod gap_report;

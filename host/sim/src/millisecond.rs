@@ -3,6 +3,7 @@
 //! What looks at 20 000 samples a second has to be cheap: a sample is added to the running [`Millisecond`], and all
 //! else works on whole milliseconds.
 
+use crate::process::Pulses;
 use crate::run::Sample;
 use edm_servo_head::units::{TICK_HZ, TICKS_PER_MS};
 use std::f64::consts::{PI, SQRT_2};
@@ -102,6 +103,10 @@ pub struct Millisecond {
     pub contact_n: f64,
     /// Largest force of the film, whichever way, N.
     pub film_n: f64,
+    /// Mean square of the electrode's velocity, um^2/s^2.
+    pub velocity_square: f64,
+    /// What became of the pulses until the last tick.
+    pub pulses: Pulses,
 }
 
 impl Millisecond {
@@ -124,6 +129,8 @@ impl Millisecond {
             damage: 0.0,
             contact_n: 0.0,
             film_n: 0.0,
+            velocity_square: 0.0,
+            pulses: Pulses::default(),
         }
     }
 
@@ -142,6 +149,8 @@ impl Millisecond {
         (self.wear_um, self.debris, self.damage) = (sample.wear_um, sample.debris, sample.damage);
         self.contact_n = self.contact_n.max(sample.contact_n);
         self.film_n = self.film_n.max(sample.film_n.abs());
+        self.velocity_square += sample.velocity_um_s * sample.velocity_um_s;
+        self.pulses = sample.pulses;
     }
 
     /// Makes means of the sums.
@@ -152,6 +161,7 @@ impl Millisecond {
         }
         self.filtered_square /= f64::from(TICKS_PER_MS);
         self.vibration_square /= f64::from(TICKS_PER_MS);
+        self.velocity_square /= f64::from(TICKS_PER_MS);
         self
     }
 }

@@ -91,6 +91,8 @@ pub struct Sample {
     pub contact_n: f64,
     /// Force of the dielectric's film on the electrode, N, positive toward the work.
     pub film_n: f64,
+    /// What became of the pulses so far.
+    pub pulses: Pulses,
 }
 
 /// Looks on, once a servo tick.
@@ -140,6 +142,10 @@ pub struct Outcome {
     pub shot_floor_rms_v: Option<f64>,
     /// What became of the pulses.
     pub pulses: Pulses,
+    /// Mean size of the last craters, um; `None` where the model has none.
+    pub crater_um: Option<f64>,
+    /// Volume of work removed, mm^3.
+    pub removed_mm3: f64,
     /// Encoder counts by which the head's position and the truth came apart.
     pub lost_counts: u64,
     /// Illegal encoder transitions the head saw.

@@ -11,7 +11,7 @@ mod statistics;
 mod validation;
 
 pub use calibration::{Removal, TABLE_2, TABLE_4, charging_error, removal, thesis_swing};
-pub use sensitivity::{FACTOR, RESULTS, Row, sensitivity};
+pub use sensitivity::{FACTOR, RESULTS, Row, sensitivity, unpublished};
 pub use statistics::{Mean, each};
 
 use serde::Serialize;

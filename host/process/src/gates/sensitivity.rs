@@ -31,15 +31,23 @@ pub struct Row {
 
 /// Numbers of the process that are assumed or chosen for any of the three machines and are not zero in all of them.
 fn looked_at() -> Vec<&'static str> {
+    let open = |key: &&str| [SINKER, XIN, GAO].iter().any(|machine| unpublished(machine).any(|other| other == *key));
+    DECLARED.iter().map(|declared| declared.key).filter(open).collect()
+}
+
+/// Numbers of the process that are assumed or chosen for a machine, and not zero.
+pub fn unpublished(machine: &Machine) -> impl Iterator<Item = &'static str> {
     let begins_axis = DECLARED.iter().position(|declared| declared.key == "step_us").unwrap_or(DECLARED.len());
-    let machines = [SINKER, XIN, GAO];
-    let open = |machine: &Machine, k: usize, key| {
-        let value = machine.parameters().values().nth(k).unwrap_or(0.0);
-        let switch = matches!(key, "negative" | "comes_back" | "depth_um" | "thickness_um");
-        value != 0.0 && !switch && matches!(machine.basis(key), Some(Basis::Assumed(_) | Basis::Chosen(_)))
-    };
-    let of_process = DECLARED.iter().take(begins_axis).enumerate();
-    of_process.filter(|(k, d)| machines.iter().any(|m| open(m, *k, d.key))).map(|(_, d)| d.key).collect()
+    let of_process = DECLARED.iter().zip(machine.parameters().values()).take(begins_axis);
+    let open: Vec<&'static str> = of_process
+        .filter(|(declared, value)| {
+            let switch = matches!(declared.key, "negative" | "comes_back" | "depth_um" | "thickness_um");
+            let basis = machine.basis(declared.key);
+            *value != 0.0 && !switch && matches!(basis, Some(Basis::Assumed(_) | Basis::Chosen(_)))
+        })
+        .map(|(declared, _)| declared.key)
+        .collect();
+    open.into_iter()
 }
 
 /// The table: first as it is, then every number up and down.

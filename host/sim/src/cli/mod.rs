@@ -18,6 +18,7 @@ pub use model_report::ModelReport;
 pub use path_report::PathReport;
 
 use crate::bench::Bench;
+use crate::compare::Compare;
 use crate::faults::Faults;
 use crate::observe::Run;
 use crate::serve::Serve;
@@ -70,6 +71,11 @@ enum Command {
     Bench(Bench),
     /// Run every combination of scenarios, values and seeds, and check the bounds
     Sweep(Sweep),
+    /// Bore with every feed law, with the same seeds, and compare them (docs/feed-laws.md)
+    #[command(
+        after_help = "Exit code: 0 every run was made; 1 one failed, or an output; 2 bad input, nothing was written."
+    )]
+    Compare(Compare),
     /// Break every wire, and every pair of them, while the head erodes (docs/robustness.md)
     Faults(Faults),
     /// Random commands and events: what must hold is checked in every tick
@@ -108,6 +114,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Command::Bore(bore) => bore.execute(run),
         Command::Serve(serve) => serve.execute().map(|()| true),
         Command::Sweep(sweep) => sweep.execute(),
+        Command::Compare(compare) => compare.execute(),
         Command::Faults(faults) => faults.execute(),
         Command::Soak(soak) => soak.execute(),
         Command::ModelReport(report) => report.execute(),

@@ -472,6 +472,14 @@ impl Process {
         })
     }
 
+    /// Mean size of the last craters, um. Version 0 has none.
+    pub fn crater_um(&self) -> Option<f64> {
+        match &self.model {
+            Model::Zero(_) => None,
+            Model::One(one) => Some(one.process.truth().crater_um),
+        }
+    }
+
     /// What really is.
     #[inline]
     pub fn truth(&self) -> Truth {

@@ -5,8 +5,11 @@
 //! where the work lies, bus, limit switches, wiring, scale and front end. A value of the other version is refused.
 
 use super::Parameters;
+use super::random::Cause;
+use edm_process::gates::unpublished;
 use edm_process::parameters::{Basis, DECLARED, Kind as Generator, MACHINES, Machine, Refused};
 use edm_servo_head::settings::{Change, Declared, Field, Kind, SettingError, Value};
+use rand::RngExt;
 
 /// What a person sets.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -149,6 +152,35 @@ impl Plant {
     fn machine(&self) -> Option<&'static Machine> {
         const ALL: &[Machine] = &MACHINES;
         ALL.get(self.machine)
+    }
+
+    /// Changes each number of version 1 that nobody has published by a share of its own, by chance, up to this one; what an
+    /// operator sets at the generator stays. The same seed gives the same numbers, whatever else is different.
+    pub fn perturb(&mut self, share: f64, seed: u64) {
+        const SET: [&str; 4] = ["open_v", "on_us", "off_us", "wait_us"];
+        let Some(machine) = self.machine().filter(|_| share > 0.0 && self.version != 0) else { return };
+        let open: Vec<&str> = unpublished(machine).collect();
+        let mut random = Cause::Perturbation.stream(seed);
+        let values: Vec<f64> = self.model().values().collect();
+        for ((declared, value), number) in DECLARED.iter().zip(values).zip(&mut self.numbers) {
+            // Drawn for every one: which are changed does not move the others.
+            let drawn = random.random_range(-1.0..=1.0);
+            if open.contains(&declared.key) && !SET.contains(&declared.key) {
+                let (least, most) = declared.range;
+                *number = Some((value * (1.0 + share * drawn)).clamp(least, most));
+            }
+        }
+    }
+
+    /// Name of the machine of version 1; `None` in version 0.
+    pub fn machine_name(&self) -> Option<&'static str> {
+        self.machine().filter(|_| self.version != 0).map(|machine| machine.name)
+    }
+
+    /// Face of the electrode, mm^2.
+    pub fn face_mm2(&self) -> f64 {
+        let radius_mm = if self.version == 0 { self.base.radius.into() } else { self.model().radius_um * 1e-3 };
+        std::f64::consts::PI * radius_mm * radius_mm
     }
 
     /// The numbers of version 1.

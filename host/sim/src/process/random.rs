@@ -23,6 +23,8 @@ pub enum Cause {
     Encoder,
     /// Noise of the converter that looks into each pulse.
     Gated,
+    /// Numbers of the model that are not known.
+    Perturbation,
 }
 
 impl Cause {

@@ -59,6 +59,8 @@ pub struct Report {
     pub position_line_um: Line,
     /// Velocity of the electrode above 50 Hz, mm/s rms.
     pub vibration_mm_s: Option<f64>,
+    /// Velocity of the electrode, mm/s rms.
+    pub velocity_mm_s: Option<f64>,
     /// Share of the time in which the duty came to `axis.duty_limit`.
     pub duty_at_limit_ratio: Option<f64>,
     /// Share of pulses that never ignited; the four shares make 1.
@@ -73,6 +75,16 @@ pub struct Report {
     pub discharges: u64,
     /// Retreats of more than 5 um.
     pub long_retreats: u64,
+    /// Share of cycles of 100 ms in which nine tenths of the pulses were shorts.
+    pub short_cycle_ratio: Option<f64>,
+    /// Shorts of whole milliseconds.
+    pub shorts: u64,
+    /// Those that the electrode went back from by more than 5 um before they ended.
+    pub long_retreats_shorted: u64,
+    /// Volume removed over the eroding time, mm^3/min.
+    pub removal_mm3_min: Option<f64>,
+    /// Mean size of the last craters, um: what roughness goes with.
+    pub crater_um: Option<f64>,
     /// Mean debris of the front gap while the feed law leads, in 5 % by volume.
     pub debris_mean: Option<f64>,
     /// Mean damage of the surfaces by arcs, likewise; 1 doubles a clean channel's recovery time.
@@ -163,6 +175,7 @@ impl Report {
                 hz: figures.line.and_then(|line| tidy(line.hz)),
             },
             vibration_mm_s: figures.vibration_mm_s.and_then(tidy),
+            velocity_mm_s: figures.velocity_mm_s.and_then(tidy),
             duty_at_limit_ratio: figures.duty.at_limit(job.setup.head.axis_duty_limit.into()).and_then(tidy),
             open_ratio: share(pulses.open),
             spark_ratio: share(pulses.spark),
@@ -170,6 +183,11 @@ impl Report {
             short_ratio: share(pulses.short),
             discharges: pulses.spark + pulses.arc,
             long_retreats: figures.long_retreats,
+            short_cycle_ratio: figures.short_cycle_ratio.and_then(tidy),
+            shorts: figures.shorts,
+            long_retreats_shorted: figures.long_retreats_shorted,
+            removal_mm3_min: tidy(outcome.removed_mm3.max(0.0) / figures.eroding_s * 60.0),
+            crater_um: outcome.crater_um.and_then(tidy),
             debris_mean: figures.debris.and_then(tidy),
             damage_mean: figures.damage.and_then(tidy),
             contact_n_max: rounded(figures.contact_n),

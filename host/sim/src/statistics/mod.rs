@@ -8,10 +8,12 @@
 //! Chance alone scatters the filtered voltage (docs/decisions.md, "Process model"): control is judged by means over
 //! [`VOLTAGE_MS`] and by position.
 
+mod cycles;
 mod fourier;
 mod lines;
 mod retreats;
 
+pub use cycles::Cycles;
 pub use lines::{Line, Lines};
 pub use retreats::Retreats;
 
@@ -93,6 +95,7 @@ struct Window {
     filtered_v: Moments,
     gap_um: Moments,
     vibration: Moments,
+    velocity: Moments,
     duty: Duty,
 }
 
@@ -138,6 +141,7 @@ pub struct Statistics {
     swings: Vec<f64>,
     lines: Lines,
     retreats: Retreats,
+    cycles: Cycles,
     eroding_ms: u64,
     /// Debris and damage while eroding; contact and film always.
     sums: (f64, f64),
@@ -165,12 +169,20 @@ pub struct Figures {
     pub line: Option<Line>,
     /// Velocity of the electrode above 50 Hz, mm/s rms.
     pub vibration_mm_s: Option<f64>,
+    /// Velocity of the electrode, mm/s rms.
+    pub velocity_mm_s: Option<f64>,
     /// Largest duties.
     pub duty: Duty,
     /// Time in which the feed law led, s.
     pub eroding_s: f64,
     /// Retreats of more than 5 um.
     pub long_retreats: u64,
+    /// Share of cycles of 100 ms that were short.
+    pub short_cycle_ratio: Option<f64>,
+    /// Shorts of whole milliseconds.
+    pub shorts: u64,
+    /// Those that the electrode went back from by more than 5 um before they ended.
+    pub long_retreats_shorted: u64,
     /// Mean debris of the front gap while the feed law leads, in 5 % by volume.
     pub debris: Option<f64>,
     /// Mean damage of the surfaces by arcs, likewise.
@@ -199,6 +211,7 @@ impl Statistics {
             swings: Vec::new(),
             lines: Lines::new(),
             retreats: Retreats::default(),
+            cycles: Cycles::default(),
             eroding_ms: 0,
             sums: (0.0, 0.0),
             most: (0.0, 0.0),
@@ -208,6 +221,7 @@ impl Statistics {
     /// Takes the newest millisecond.
     pub fn add(&mut self, ms: &Millisecond) {
         self.retreats.add(ms);
+        self.cycles.add(ms);
         if ms.phase == Phase::Eroding {
             self.eroding_ms += 1;
             self.sums = (self.sums.0 + ms.debris, self.sums.1 + ms.damage);
@@ -233,6 +247,7 @@ impl Statistics {
         window.filtered_v.add_known(ms.filtered_v.mean, ms.filtered_square);
         window.gap_um.add(ms.gap_um.mean);
         window.vibration.add_known(0.0, ms.vibration_square);
+        window.velocity.add_known(0.0, ms.velocity_square);
         window.duty.add(ms.duty);
         if window.ms == VOLTAGE_MS {
             let window = std::mem::take(window);
@@ -242,6 +257,7 @@ impl Statistics {
             self.judged.filtered_v.merge(&window.filtered_v);
             self.judged.gap_um.merge(&window.gap_um);
             self.judged.vibration.merge(&window.vibration);
+            self.judged.velocity.merge(&window.velocity);
             self.judged.duty.merge(&window.duty);
         }
     }
@@ -273,9 +289,13 @@ impl Statistics {
             position_pp_um: median(self.swings.clone()),
             line: self.lines.strongest(),
             vibration_mm_s: self.judged.vibration.rms().map(|um_s| um_s * 1e-3),
+            velocity_mm_s: self.judged.velocity.rms().map(|um_s| um_s * 1e-3),
             duty: self.judged.duty,
             eroding_s: self.eroding_ms as f64 * 1e-3,
             long_retreats: self.retreats.count(),
+            short_cycle_ratio: self.cycles.short_ratio(),
+            shorts: self.cycles.shorts(),
+            long_retreats_shorted: self.cycles.long_retreats(),
             debris: mean(self.sums.0),
             damage: mean(self.sums.1),
             contact_n: self.most.0,

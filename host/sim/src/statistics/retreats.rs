@@ -14,7 +14,7 @@ pub const LONG_UM: f64 = 5.0;
 /// One step of \[G\]: smaller motion is neither advance nor retreat, um.
 const STEP_UM: f64 = 1.0;
 /// One servo cycle of \[G\], ms.
-const CYCLE_MS: u32 = 100;
+pub const CYCLE_MS: u32 = 100;
 
 /// Counts long retreats.
 #[derive(Debug, Default)]

@@ -15,7 +15,7 @@ use toml::de::{DeTable, DeValue};
 /// Most runs of a grid.
 const MOST: usize = 1_000_000;
 /// Name of this layout of runs and rows: files of another are not continued.
-const LAYOUT: &str = concat!("edm-sim.sweep/2 ", env!("CARGO_PKG_VERSION"));
+const LAYOUT: &str = concat!("edm-sim.sweep/3 ", env!("CARGO_PKG_VERSION"));
 
 /// What is varied; an empty list is one that nobody gave.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -28,13 +28,30 @@ pub struct Lists {
     pub depths_mm: Vec<f64>,
     /// Keys with their values.
     pub values: Vec<(String, Vec<String>)>,
+    /// What sets several keys at a time, varied before the keys; a column each.
+    pub choices: Vec<Choice>,
+    /// Share by which the numbers of the model that nobody has published are changed, each by chance, from the seed.
+    pub perturbed: f64,
 }
+
+/// Names that stand for assignments, which may depend on the scenario.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Choice {
+    /// Of the column.
+    pub name: String,
+    /// Each with its assignments; `None` where it is nothing for a scenario.
+    pub options: Vec<(String, Assignments)>,
+}
+
+/// What a name stands for in a scenario.
+pub type Assignments = fn(&Setup) -> Option<Vec<String>>;
 
 /// All runs.
 #[derive(Debug)]
 pub struct Grid {
     points: Vec<Point>,
     seeds: Vec<u64>,
+    perturbed: f64,
     /// Keys that are varied.
     pub keys: Vec<String>,
     /// Tells this grid from any other.
@@ -221,19 +238,20 @@ impl Grid {
             let own = [setup.depth_mm];
             for &depth_mm in if lists.depths_mm.is_empty() { &own[..] } else { &lists.depths_mm } {
                 within(&setup, depth_mm).map_err(|message| format!("--depth-mm {message}"))?;
-                expand(
-                    Point { setup: setup.clone(), values: Vec::new(), depth_mm, refusal: None },
-                    &lists.values,
-                    &mut points,
-                )?;
+                let point = Point { setup: setup.clone(), values: Vec::new(), depth_mm, refusal: None };
+                choose(point, &lists.choices, &lists.values, &mut points)?;
             }
         }
         if let Some(message) = points.iter().map(|point| point.refusal.as_ref()).collect::<Option<Vec<_>>>() {
             return Err(message.into_iter().next().cloned().unwrap_or_default());
         }
-        let keys = lists.values.iter().map(|(key, _)| key.clone()).collect();
-        let fingerprint = fingerprint(&(LAYOUT, &points, &lists.seeds));
-        Ok(Grid { points, seeds: lists.seeds.clone(), keys, fingerprint })
+        if points.is_empty() {
+            return Err("the grid has 0 runs: none of the laws is for these scenarios".into());
+        }
+        let choices = lists.choices.iter().map(|choice| choice.name.clone());
+        let keys = choices.chain(lists.values.iter().map(|(key, _)| key.clone())).collect();
+        let fingerprint = fingerprint(&(LAYOUT, &points, &lists.seeds, lists.perturbed));
+        Ok(Grid { points, seeds: lists.seeds.clone(), perturbed: lists.perturbed, keys, fingerprint })
     }
 
     /// Number of runs.
@@ -246,9 +264,34 @@ impl Grid {
         let index = number.checked_sub(1)?;
         let point = self.points.get(index / self.seeds.len())?;
         let seed = *self.seeds.get(index % self.seeds.len())?;
-        let job = Job { setup: point.setup.clone(), depth_mm: point.depth_mm, path: None, seed, surrogate: false };
+        let mut setup = point.setup.clone();
+        setup.process.perturb(self.perturbed, seed);
+        let job = Job { setup, depth_mm: point.depth_mm, path: None, seed, surrogate: false };
         Some(Run { number, values: &point.values, job, refusal: point.refusal.as_deref() })
     }
+}
+
+/// The points that come of one when the choices behind it are made, then the keys varied.
+fn choose(
+    point: Point,
+    choices: &[Choice],
+    values: &[(String, Vec<String>)],
+    points: &mut Vec<Point>,
+) -> Result<(), String> {
+    let Some((choice, others)) = choices.split_first() else { return expand(point, values, points) };
+    for (name, assignments) in &choice.options {
+        let Some(assignments) = assignments(&point.setup) else { continue };
+        let mut setup = point.setup.clone();
+        for assignment in assignments {
+            setup.set(&assignment)?;
+        }
+        // A report of it is named by the column.
+        setup.name.clone_from(&point.setup.name);
+        let chosen = point.values.iter().chain([name]).cloned().collect();
+        let point = Point { setup, values: chosen, depth_mm: point.depth_mm, refusal: None };
+        choose(point, others, values, points)?;
+    }
+    Ok(())
 }
 
 /// The points that come of one when the keys behind it are varied.
@@ -295,7 +338,7 @@ mod tests {
     use super::*;
 
     fn lists() -> Lists {
-        Lists { scenarios: vec!["default".into()], seeds: vec![1, 2], depths_mm: vec![0.1], values: vec![] }
+        Lists { scenarios: vec!["default".into()], seeds: vec![1, 2], depths_mm: vec![0.1], ..Lists::default() }
     }
 
     #[test]

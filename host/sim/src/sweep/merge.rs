@@ -21,7 +21,7 @@ pub struct Merge {
 
 /// What the files hold.
 #[derive(Debug, Default)]
-struct Whole {
+pub struct Whole {
     /// Format, columns and line of their names.
     table: Option<(Format, Vec<String>, String)>,
     /// Fingerprint and number of runs.
@@ -35,20 +35,14 @@ impl Merge {
     /// # Errors
     /// When a file is not a table of the same grid, or a run is missing.
     pub fn execute(&self) -> Result<bool, Failure> {
-        let mut whole = Whole::default();
-        for path in &self.files {
-            let name = path.display();
-            let text = std::fs::read_to_string(path)
-                .map_err(|error| Failure::BadInput(format!("{name}: cannot be read: {error}")))?;
-            whole.add(&text).map_err(|reason| Failure::BadInput(format!("{name}: {reason}")))?;
-        }
+        let whole = Whole::read(&self.files).map_err(Failure::BadInput)?;
         let out =
             self.out.as_deref().map(|path| Output::claim("--out", path)).transpose().map_err(Failure::BadInput)?;
         whole.missing().map_err(Failure::BadInput)?;
-        let heading = whole.table.map_or_else(String::new, |(.., heading)| heading);
+        let heading = whole.table.as_ref().map_or("", |(.., heading)| heading);
         let lines = whole.rows.values().map(|(line, _)| line.as_str());
-        let text: String = std::iter::once(heading.as_str()).chain(lines).collect();
-        let rows: Vec<Row> = whole.rows.into_values().map(|(_, row)| row).collect();
+        let text: String = std::iter::once(heading).chain(lines).collect();
+        let rows: Vec<Row> = whole.rows();
         let (table, broken) = bounds::judge(&rows);
         match out {
             Some(out) => {
@@ -62,6 +56,25 @@ impl Merge {
 }
 
 impl Whole {
+    /// Reads the tables of all shards.
+    ///
+    /// # Errors
+    /// File and line of what is no row, or of another grid.
+    pub fn read(files: &[PathBuf]) -> Result<Whole, String> {
+        let mut whole = Whole::default();
+        for path in files {
+            let name = path.display();
+            let text = std::fs::read_to_string(path).map_err(|error| format!("{name}: cannot be read: {error}"))?;
+            whole.add(&text).map_err(|reason| format!("{name}: {reason}"))?;
+        }
+        Ok(whole)
+    }
+
+    /// The rows in their order.
+    pub fn rows(&self) -> Vec<Row> {
+        self.rows.values().map(|(_, row)| row.clone()).collect()
+    }
+
     fn add(&mut self, text: &str) -> Result<(), String> {
         const OTHER: &str = "is not a table of the same grid as the files before it";
         let first = text.lines().next().unwrap_or_default();
@@ -105,7 +118,9 @@ impl Whole {
         Ok(())
     }
 
-    fn missing(&self) -> Result<(), String> {
+    /// # Errors
+    /// When a run of the grid is not there.
+    pub fn missing(&self) -> Result<(), String> {
         let runs = self.grid.as_ref().map_or(0, |(_, runs)| *runs);
         let missing: Vec<usize> = (1..=runs).filter(|run| !self.rows.contains_key(run)).collect();
         match missing.first() {

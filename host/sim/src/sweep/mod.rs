@@ -9,10 +9,10 @@
 //! | `bounds` | what is judged, and the table |
 
 mod bounds;
-mod file;
-mod grid;
-mod merge;
-mod row;
+pub mod file;
+pub mod grid;
+pub mod merge;
+pub mod row;
 
 use crate::bore;
 use crate::inputs::shard;
@@ -65,6 +65,16 @@ pub struct Options {
     /// Depths of the holes, mm [default: that of each scenario, mostly 0.5]
     #[arg(long, value_name = "MM,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub depth_mm: Vec<f64>,
+    #[command(flatten)]
+    making: Making,
+    /// The same as JSON, one object a line
+    #[arg(long, value_name = "FILE.jsonl", alias = "json")]
+    pub jsonl: Option<PathBuf>,
+}
+
+/// How the runs of a grid are made.
+#[derive(Debug, Args)]
+pub struct Making {
     /// Runs at the same time [default: one a core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
@@ -74,9 +84,6 @@ pub struct Options {
     /// Write a row for every run as it finishes; the same command continues what was interrupted
     #[arg(long, value_name = "FILE.csv")]
     pub csv: Option<PathBuf>,
-    /// The same as JSON, one object a line
-    #[arg(long, value_name = "FILE.jsonl", alias = "json")]
-    pub jsonl: Option<PathBuf>,
 }
 
 impl Sweep {
@@ -92,10 +99,12 @@ impl Sweep {
     }
 }
 
-impl Options {
-    fn execute(&self) -> Result<bool, Failure> {
-        let grid = self.grid().map_err(Failure::BadInput)?;
-        let mut files = self.files(&grid).map_err(Failure::BadInput)?;
+impl Making {
+    /// Makes the runs of a grid that no file has yet; the rows of all, in their order.
+    ///
+    /// # Errors
+    /// When the grid has no such part, or a file cannot be written.
+    pub fn rows(&self, grid: &Grid, mut files: Vec<RowFile>) -> Result<Vec<Row>, Failure> {
         let (shard, of) = self.shard.unwrap_or((1, 1));
         let mine: Vec<usize> = (shard..=grid.len()).step_by(of).collect();
         if mine.is_empty() {
@@ -113,7 +122,7 @@ impl Options {
         let one = |number: &usize| grid.run(*number).map(|run| (make(&run), run));
         let made = pool::run_all(&ahead, pool::workers(self.jobs), one, |run| {
             let Some((done, run)) = run else { return Ok(()) };
-            let row = Row::new(&grid, &run, &done);
+            let row = Row::new(grid, &run, &done);
             files.iter_mut().try_for_each(|file| file.append(run.number, &row))?;
             bar.finished(&run.job.label());
             rows.push(row);
@@ -122,6 +131,15 @@ impl Options {
         bar.finish();
         made.and_then(|()| files.into_iter().try_for_each(RowFile::finish)).map_err(Failure::Failed)?;
         rows.sort_by_key(Row::run);
+        Ok(rows)
+    }
+}
+
+impl Options {
+    fn execute(&self) -> Result<bool, Failure> {
+        let grid = self.grid().map_err(Failure::BadInput)?;
+        let files = self.files(&grid).map_err(Failure::BadInput)?;
+        let rows = self.making.rows(&grid, files)?;
         let (table, broken) = bounds::judge(&rows);
         say(&table);
         Ok(broken == 0)
@@ -154,7 +172,7 @@ impl Options {
     }
 
     fn files(&self, grid: &Grid) -> Result<Vec<RowFile>, String> {
-        let asked = [("--csv", &self.csv, Format::Csv), ("--jsonl", &self.jsonl, Format::Json)];
+        let asked = [("--csv", &self.making.csv, Format::Csv), ("--jsonl", &self.jsonl, Format::Json)];
         let mut files: Vec<RowFile> = Vec::new();
         for (option, path, format) in asked {
             let Some(path) = path else { continue };

@@ -1,0 +1,74 @@
+//! The entrants: feed laws with the parameters that were published, fixed before the first comparison.
+//!
+//! \[G\] gives its thresholds for its own machine, where a plain average of open circuit, over on-time and off-time, reads
+//! 32 V of 80; elsewhere nobody has published any, and a law keeps the set point of the scenario. \[R\] gives structures and no
+//! numbers: its laws run with the defaults of docs/settings.md.
+
+use crate::process::Plant;
+use crate::run::Setup;
+use crate::sweep::grid::Assignments;
+
+/// A law, and how it is set.
+pub struct Entrant {
+    /// Name in tables.
+    pub name: &'static str,
+    /// What its numbers rest on.
+    pub source: &'static str,
+    /// What it sets in a scenario; `None` where it is no law for it.
+    pub settings: Assignments,
+}
+
+/// All of them; the first is what the others are compared with.
+pub const ENTRANTS: &[Entrant] = &[
+    Entrant {
+        name: "increment_by_error",
+        source: "[R] 6.7.3; the scenario's gain",
+        settings: |_| set(&["feed.law=increment_by_error"]),
+    },
+    Entrant {
+        name: "rate_by_error",
+        source: "[R] 6.7.2; defaults, assumed",
+        settings: |_| set(&["feed.law=rate_by_error"]),
+    },
+    Entrant { name: "fixed_rate", source: "[R] 6.7.1; defaults, assumed", settings: |_| set(&["feed.law=fixed_rate"]) },
+    Entrant {
+        name: "1tav",
+        source: "[G]: 25 V; elsewhere the scenario's set point",
+        settings: |setup| thresholds(setup, &["gap.setpoint_v=25", "feed.band_v=0"], "feed.band_v=0"),
+    },
+    Entrant {
+        name: "2tav",
+        source: "[G]: 30 and 20 V; elsewhere 10 V below the scenario's set point",
+        settings: |setup| thresholds(setup, &["gap.setpoint_v=30", "feed.band_v=10"], "feed.band_v=10"),
+    },
+    Entrant {
+        name: "2tav-wide",
+        source: "[G]: 30 and 10 V; elsewhere 20 V below the scenario's set point",
+        settings: |setup| thresholds(setup, &["gap.setpoint_v=30", "feed.band_v=20"], "feed.band_v=20"),
+    },
+];
+
+/// How the reflex retreats: the pulse is killed at once either way.
+pub const REFLEX: [(&str, Assignments); 2] = [
+    ("reflex 1 ms", |_| Some(Vec::new())),
+    // The latest that the head takes: no law of 100 ms sees a short that has ended before.
+    ("reflex 100 ms", |_| set(&["retreat.after_ms=100", "retreat.after_shorts=1000"])),
+];
+
+fn set(assignments: &[&str]) -> Option<Vec<String>> {
+    Some(assignments.iter().map(|word| (*word).to_owned()).collect())
+}
+
+/// A step of 1 um every 100 ms, the published one; on \[G\]'s machine by the average that \[G\] has.
+fn thresholds(setup: &Setup, published: &[&str], elsewhere: &str) -> Option<Vec<String>> {
+    let step = ["feed.law=two_thresholds", "feed.threshold_um_s=10", "feed.threshold_period_ms=100"];
+    // Open circuit reads 32 V.
+    let plain = ["gap.average=plain", "gap.open_min_v=31"];
+    let own = [elsewhere];
+    let rest: Vec<&str> = if is_of_gao(&setup.process) { [&plain, published].concat() } else { own.to_vec() };
+    set(&[&step[..], &rest].concat())
+}
+
+fn is_of_gao(plant: &Plant) -> bool {
+    plant.machine_name().is_some_and(|name| name.starts_with("gao"))
+}

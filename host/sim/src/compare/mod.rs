@@ -1,0 +1,195 @@
+//! `edm-sim compare`: feed laws side by side, with paired seeds.
+//!
+//! | file | responsible for |
+//! | --- | --- |
+//! | `laws` | who takes part, with which parameters |
+//! | `summary` | means with their confidence, differences, JSON |
+//! | `bars` | the picture of a scenario |
+//!
+//! Runs, rows, files that are continued and shards are those of [`sweep`](crate::sweep).
+
+mod bars;
+mod laws;
+mod summary;
+
+use crate::output::Output;
+use crate::sweep::Making;
+use crate::sweep::file::RowFile;
+use crate::sweep::grid::{self, Choice, Grid, Lists};
+use crate::sweep::merge::Whole;
+use crate::sweep::row::{Format, Row};
+use crate::terminal::{Failure, say};
+use clap::{Args, Subcommand};
+use laws::{ENTRANTS, REFLEX};
+use std::path::{Path, PathBuf};
+use summary::Comparison;
+
+/// Scenarios when nobody asks for others: both settings of \[G\]'s machine, and the sinker of \[R\].
+const SCENARIOS: [&str; 3] = ["micro-blind", "micro-blind-clear", "sinker"];
+
+/// Arguments of `edm-sim compare`.
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct Compare {
+    #[command(subcommand)]
+    action: Option<Action>,
+    #[command(flatten)]
+    options: Options,
+    #[command(flatten)]
+    results: Results,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Compare what the tables of all shards hold
+    Merge(Merge),
+}
+
+#[derive(Debug, Args)]
+struct Merge {
+    /// Tables of the shards
+    #[arg(value_name = "FILE.csv", required = true)]
+    files: Vec<PathBuf>,
+    #[command(flatten)]
+    results: Results,
+}
+
+#[derive(Debug, Args)]
+struct Options {
+    /// Only these laws [default: all]
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    laws: Vec<String>,
+    /// Scenarios, by name or file [default: micro-blind, micro-blind-clear, sinker]
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    scenarios: Vec<String>,
+    /// Seeds, the same for every law: N for 1 to N, A..B with both ends, or a list
+    #[arg(long, value_name = "SEEDS", default_value = "20", allow_hyphen_values = true)]
+    seeds: String,
+    /// Depth of the holes, mm [default: that of each scenario]
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    depth_mm: Option<f64>,
+    /// Change every number of the model that nobody has published by up to so many per cent, the same for every law of a seed
+    #[arg(long, value_name = "PCT", default_value_t = 0.0, allow_hyphen_values = true)]
+    perturb: f64,
+    #[command(flatten)]
+    making: Making,
+}
+
+#[derive(Debug, Args)]
+struct Results {
+    /// Write means and confidence as JSON
+    #[arg(long, value_name = "FILE.json")]
+    json: Option<PathBuf>,
+    /// Draw a picture for each scenario into this folder
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
+}
+
+impl Compare {
+    /// Runs everything and prints the tables; true when every run was made.
+    ///
+    /// # Errors
+    /// When the input is refused, or an output cannot be written.
+    pub fn execute(&self) -> Result<bool, Failure> {
+        match &self.action {
+            Some(Action::Merge(merge)) => merge.execute(),
+            None => self.run(),
+        }
+    }
+
+    fn run(&self) -> Result<bool, Failure> {
+        let grid = self.options.grid().map_err(Failure::BadInput)?;
+        let csv = self.options.making.csv.as_deref();
+        let file = csv.map(|path| RowFile::claim("--csv", path, Format::Csv, &grid)).transpose();
+        let file = file.map_err(Failure::BadInput)?;
+        let outputs = self.results.claim(&self.options.inputs()).map_err(Failure::BadInput)?;
+        let rows = self.options.making.rows(&grid, file.into_iter().collect())?;
+        outputs.write(&rows, rows.len() < grid.len())
+    }
+}
+
+impl Merge {
+    fn execute(&self) -> Result<bool, Failure> {
+        let whole = Whole::read(&self.files).map_err(Failure::BadInput)?;
+        whole.missing().map_err(Failure::BadInput)?;
+        let rows = whole.rows();
+        if rows.iter().any(|row| row.text("law").is_none() || row.text("variant").is_none()) {
+            return Err(Failure::BadInput("the files are of a sweep, not of a comparison".into()));
+        }
+        let outputs = self.results.claim(&self.files).map_err(Failure::BadInput)?;
+        outputs.write(&rows, false)
+    }
+}
+
+impl Options {
+    fn inputs(&self) -> Vec<PathBuf> {
+        self.scenarios.iter().map(PathBuf::from).chain(self.making.csv.clone()).collect()
+    }
+
+    fn grid(&self) -> Result<Grid, String> {
+        if !(0.0..=50.0).contains(&self.perturb) {
+            return Err(format!("--perturb {}: must be a number from 0 to 50 %", self.perturb));
+        }
+        let all = || ENTRANTS.iter().map(|entrant| entrant.name).collect::<Vec<_>>().join(", ");
+        for name in &self.laws {
+            if !ENTRANTS.iter().any(|entrant| entrant.name == name) {
+                return Err(format!("--laws {name}: no such law here; there are {}", all()));
+            }
+        }
+        let chosen = ENTRANTS.iter().filter(|e| self.laws.is_empty() || self.laws.iter().any(|name| name == e.name));
+        let seeds = grid::seeds(&self.seeds).map_err(|message| format!("--seeds {message}"))?;
+        let scenarios =
+            if self.scenarios.is_empty() { SCENARIOS.map(String::from).to_vec() } else { self.scenarios.clone() };
+        let variant = |reflex: &str| match self.perturb {
+            0.0 => format!("{reflex}, published"),
+            share => format!("{reflex}, published, model +-{share} %"),
+        };
+        let choices = vec![
+            Choice { name: "variant".into(), options: REFLEX.map(|(name, set)| (variant(name), set)).to_vec() },
+            Choice { name: "law".into(), options: chosen.map(|e| (e.name.to_owned(), e.settings)).collect() },
+        ];
+        let depths_mm = self.depth_mm.into_iter().collect();
+        let perturbed = self.perturb * 1e-2;
+        Grid::new(&Lists { scenarios, seeds, depths_mm, choices, perturbed, ..Lists::default() })
+    }
+}
+
+/// Where the results go.
+struct Outputs<'a> {
+    json: Option<Output>,
+    plot: Option<&'a Path>,
+}
+
+impl Results {
+    fn claim(&self, inputs: &[PathBuf]) -> Result<Outputs<'_>, String> {
+        let json = self.json.as_deref().map(|path| Output::claim("--json", path)).transpose()?;
+        if let Some((output, input)) =
+            json.as_ref().and_then(|json| Some((json, inputs.iter().find(|input| json.replaces(input))?)))
+        {
+            return Err(format!("{}: must not be {} itself", output.label(), input.display()));
+        }
+        if let Some(folder) = self.plot.as_deref().filter(|folder| folder.exists() && !folder.is_dir()) {
+            return Err(format!("--plot {}: must be a folder", folder.display()));
+        }
+        Ok(Outputs { json, plot: self.plot.as_deref() })
+    }
+}
+
+impl Outputs<'_> {
+    fn write(self, rows: &[Row], partly: bool) -> Result<bool, Failure> {
+        let failed = |error: String| Failure::Failed(error);
+        let comparison = Comparison::of(rows);
+        say(&comparison.table(partly));
+        if let Some(folder) = self.plot {
+            let label = |error: &dyn std::fmt::Display| failed(format!("--plot {}: {error}", folder.display()));
+            std::fs::create_dir_all(folder).map_err(|error| label(&error))?;
+            for (name, picture) in bars::draw(&comparison).map_err(failed)? {
+                std::fs::write(folder.join(name), picture).map_err(|error| label(&error))?;
+            }
+        }
+        if let Some(json) = self.json {
+            json.write(|file| file.write_all(comparison.json().as_bytes())).map_err(failed)?;
+        }
+        Ok(comparison.failed == 0)
+    }
+}
