@@ -128,6 +128,7 @@ mod tests {
                 damage: 0.0625,
                 contact_n: 0.0,
                 film_n: -3.0,
+                ..Sample::default()
             });
         }
         trace.finish(output).unwrap();

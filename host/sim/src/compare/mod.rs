@@ -13,17 +13,22 @@ mod laws;
 mod summary;
 
 use crate::output::Output;
-use crate::sweep::Making;
+use crate::page::{Page, in_project};
+use crate::pool;
 use crate::sweep::file::RowFile;
 use crate::sweep::grid::{self, Choice, Grid, Lists};
 use crate::sweep::merge::Whole;
 use crate::sweep::row::{Format, Row};
+use crate::sweep::{Making, again};
 use crate::terminal::{Failure, say};
 use clap::{Args, Subcommand};
 use laws::{ENTRANTS, REFLEX};
 use std::path::{Path, PathBuf};
 use summary::Comparison;
 
+/// Page with the tables, and the command as it names it.
+const PAGE: &str = "docs/feed-laws.md";
+const COMMAND: &str = "cargo sim compare";
 /// Scenarios when nobody asks for others: both settings of \[G\]'s machine, and the sinker of \[R\].
 const SCENARIOS: [&str; 3] = ["micro-blind", "micro-blind-clear", "sinker"];
 
@@ -73,6 +78,10 @@ struct Options {
     perturb: f64,
     #[command(flatten)]
     making: Making,
+    /// Make so many of the runs in --csv again, spread over all, and fail unless they come out the same to the last digit
+    #[arg(long, value_name = "N", requires = "csv", conflicts_with_all = ["shard", "json", "plot", "docs"],
+          value_parser = clap::value_parser!(u16).range(1..))]
+    recompute: Option<u16>,
 }
 
 #[derive(Debug, Args)]
@@ -83,6 +92,9 @@ struct Results {
     /// Draw a picture for each scenario into this folder
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
+    /// Write the tables into docs/feed-laws.md
+    #[arg(long)]
+    docs: bool,
 }
 
 impl Compare {
@@ -102,6 +114,9 @@ impl Compare {
         let csv = self.options.making.csv.as_deref();
         let file = csv.map(|path| RowFile::claim("--csv", path, Format::Csv, &grid)).transpose();
         let file = file.map_err(Failure::BadInput)?;
+        if let (Some(count), Some(file)) = (self.options.recompute, &file) {
+            return self.options.recompute(&grid, file, count.into());
+        }
         let outputs = self.results.claim(&self.options.inputs()).map_err(Failure::BadInput)?;
         let rows = self.options.making.rows(&grid, file.into_iter().collect())?;
         outputs.write(&rows, rows.len() < grid.len())
@@ -122,6 +137,33 @@ impl Merge {
 }
 
 impl Options {
+    /// Whether so many of the rows of a table are what the runs give now.
+    fn recompute(&self, grid: &Grid, file: &RowFile, count: usize) -> Result<bool, Failure> {
+        let path = file.output().label();
+        let runs: Vec<usize> = (0..count.min(grid.len())).map(|k| 1 + k * grid.len() / count.min(grid.len())).collect();
+        if let Some(run) = runs.iter().find(|run| file.row(**run).is_none()) {
+            return Err(Failure::BadInput(format!("{path}: has no run {run} of {}", grid.len())));
+        }
+        let mut others = Vec::new();
+        let one = |run: &usize| (*run, again(grid, *run));
+        pool::run_all(&runs, pool::workers(self.making.jobs), one, |(run, row)| {
+            if row.is_none_or(|row| !file.holds(run, &row)) {
+                others.push(run);
+            }
+            Ok(())
+        })
+        .map_err(Failure::Failed)?;
+        others.sort_unstable();
+        say(&format!(
+            "{} runs made again of {}: {} came out as in the table\n",
+            runs.len(),
+            grid.len(),
+            runs.len() - others.len()
+        ));
+        others.iter().for_each(|run| say(&format!("run {run} came out otherwise\n")));
+        Ok(others.is_empty())
+    }
+
     fn inputs(&self) -> Vec<PathBuf> {
         self.scenarios.iter().map(PathBuf::from).chain(self.making.csv.clone()).collect()
     }
@@ -158,6 +200,7 @@ impl Options {
 struct Outputs<'a> {
     json: Option<Output>,
     plot: Option<&'a Path>,
+    page: Option<(Output, Page)>,
 }
 
 impl Results {
@@ -171,7 +214,9 @@ impl Results {
         if let Some(folder) = self.plot.as_deref().filter(|folder| folder.exists() && !folder.is_dir()) {
             return Err(format!("--plot {}: must be a folder", folder.display()));
         }
-        Ok(Outputs { json, plot: self.plot.as_deref() })
+        let page = self.docs.then(|| Page::read(&in_project(Path::new(PAGE))?, COMMAND)).transpose()?;
+        let page = page.map(|page| Ok::<_, String>((page.claim()?, page))).transpose()?;
+        Ok(Outputs { json, plot: self.plot.as_deref(), page })
     }
 }
 
@@ -179,13 +224,17 @@ impl Outputs<'_> {
     fn write(self, rows: &[Row], partly: bool) -> Result<bool, Failure> {
         let failed = |error: String| Failure::Failed(error);
         let comparison = Comparison::of(rows);
-        say(&comparison.table(partly));
+        let table = comparison.table(partly);
+        say(&table);
         if let Some(folder) = self.plot {
             let label = |error: &dyn std::fmt::Display| failed(format!("--plot {}: {error}", folder.display()));
             std::fs::create_dir_all(folder).map_err(|error| label(&error))?;
             for (name, picture) in bars::draw(&comparison).map_err(failed)? {
                 std::fs::write(folder.join(name), picture).map_err(|error| label(&error))?;
             }
+        }
+        if let Some((output, page)) = self.page {
+            page.write(output, &format!("\n{table}\n")).map_err(failed)?;
         }
         if let Some(json) = self.json {
             json.write(|file| file.write_all(comparison.json().as_bytes())).map_err(failed)?;

@@ -114,6 +114,8 @@ mod tests {
             damage: 0.0,
             contact_n: 0.0,
             film_n: 0.0,
+            velocity_square: 0.0,
+            pulses: Default::default(),
         }
     }
 

@@ -365,6 +365,31 @@ mod tests {
     }
 
     #[test]
+    fn what_nobody_has_published_is_perturbed_within_its_share_by_the_seed_alone() {
+        let mut sinker = Plant::default();
+        sinker.set("model.version", Value::Number(1.0)).unwrap();
+        let own = sinker.model();
+        let perturbed = |seed| {
+            let mut plant = sinker;
+            plant.perturb(0.3, seed);
+            plant.model()
+        };
+        let (one, two) = (perturbed(1), perturbed(2));
+        assert_eq!(one, perturbed(1));
+        assert_ne!(one, two);
+        let machine = sinker.machine().unwrap();
+        for (declared, (was, is)) in DECLARED.iter().zip(own.values().zip(one.values())) {
+            assert!((is - was).abs() <= 0.3 * was.abs() + 1e-12, "{}: {was} {is}", declared.key);
+            let set = ["open_v", "on_us", "off_us", "wait_us"].contains(&declared.key);
+            let moves = unpublished(machine).any(|key| key == declared.key) && !set;
+            assert_eq!(is != was, moves, "{}: {was} {is}", declared.key);
+        }
+        let mut zero = Plant::default();
+        zero.perturb(0.3, 1);
+        assert_eq!(zero, Plant::default());
+    }
+
+    #[test]
     fn numbers_are_those_of_the_machine_but_for_those_that_were_named() {
         let mut plant = Plant::default();
         plant.set("model.radius_um", Value::Number(123.0)).unwrap();

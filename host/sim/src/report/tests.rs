@@ -18,6 +18,8 @@ fn outcome() -> Outcome {
         sim_time_s: 151.0,
         shot_floor_rms_v: Some(3.7),
         pulses: Pulses { open: 350, spark: 620, arc: 10, short: 20, stable_arc: 0 },
+        crater_um: Some(12.5),
+        removed_mm3: 3.8,
         lost_counts: 0,
         illegal_transitions: 0,
         faults: vec![],
@@ -35,6 +37,10 @@ fn figures() -> Figures {
         position_pp_um: Some(4.2),
         line: Some(statistics::Line { amplitude_um: 0.6, hz: 7.2 }),
         long_retreats: 2,
+        short_cycle_ratio: Some(0.02),
+        shorts: 4,
+        long_retreats_shorted: 1,
+        velocity_mm_s: Some(0.25),
         vibration_mm_s: Some(0.21),
         duty: statistics::Duty::default(),
         eroding_s: 145.0,
@@ -55,8 +61,8 @@ fn the_json_has_exactly_these_keys_in_this_order() {
          \"eroding_time_s\":145.0,\"rate_mm_min\":0.222703,\
          \"wall_time_s\":2.0,\"gap_voltage_v\":{\"mean\":55.1,\"setpoint\":55.0,\"rms_error_100ms\":0.8,\"filtered_rms\":4.0,\
          \"shot_floor_rms\":3.7},\"gap_um\":{\"mean\":38.2,\"rms_error\":3.1},\"position_pp_um_median\":4.2,\
-         \"position_line_um\":{\"amplitude\":0.6,\"hz\":7.2},\"vibration_mm_s\":0.21,\"duty_at_limit_ratio\":null,\"open_ratio\":0.35,\"spark_ratio\":0.62,\
-         \"arc_ratio\":0.01,\"short_ratio\":0.02,\"discharges\":630,\"long_retreats\":2,\"debris_mean\":0.9,\"damage_mean\":0.04,\"contact_n_max\":0.25,\"film_n_max\":3.5,\"lost_counts\":0,\
+         \"position_line_um\":{\"amplitude\":0.6,\"hz\":7.2},\"vibration_mm_s\":0.21,\"velocity_mm_s\":0.25,\"duty_at_limit_ratio\":null,\"open_ratio\":0.35,\"spark_ratio\":0.62,\
+         \"arc_ratio\":0.01,\"short_ratio\":0.02,\"discharges\":630,\"long_retreats\":2,\"short_cycle_ratio\":0.02,\"shorts\":4,\"long_retreats_shorted\":1,\"removal_mm3_min\":1.572414,\"crater_um\":12.5,\"debris_mean\":0.9,\"damage_mean\":0.04,\"contact_n_max\":0.25,\"film_n_max\":3.5,\"lost_counts\":0,\
          \"illegal_transitions\":0,\"faults\":[],\"findings\":[]}"
     );
 }

@@ -1,5 +1,6 @@
 use super::*;
 use crate::millisecond::Span;
+use crate::process::Pulses;
 use std::f64::consts::TAU;
 
 fn span(x: f64) -> Span {
@@ -27,6 +28,8 @@ fn quiet(ms: u32) -> Millisecond {
         damage: 0.25,
         contact_n: 0.0,
         film_n: 0.0,
+        velocity_square: 0.0,
+        pulses: Pulses::default(),
     }
 }
 
@@ -80,7 +83,13 @@ fn the_first_two_seconds_of_eroding_are_not_judged() {
     assert!(disturbed(2001).gap_v_rms_error.unwrap() > 0.0);
     assert_eq!(
         figures(2, |_, _| {}),
-        Figures { eroding_s: 2.0, debris: Some(0.5), damage: Some(0.25), ..Figures::default() }
+        Figures {
+            eroding_s: 2.0,
+            debris: Some(0.5),
+            damage: Some(0.25),
+            short_cycle_ratio: Some(0.0),
+            ..Figures::default()
+        }
     );
 }
 
@@ -109,7 +118,9 @@ fn a_retreat_and_the_settling_after_it_are_not_judged() {
 #[test]
 fn without_eroding_nothing_is_judged() {
     for phase in [Phase::Idle, Phase::Seeking, Phase::Retreating, Phase::Fault] {
-        assert_eq!(figures(5, |_, ms| ms.phase = phase), Figures::default());
+        // A retreat belongs to the servo cycles of [G].
+        let short_cycle_ratio = (phase == Phase::Retreating).then_some(0.0);
+        assert_eq!(figures(5, |_, ms| ms.phase = phase), Figures { short_cycle_ratio, ..Figures::default() });
     }
 }
 

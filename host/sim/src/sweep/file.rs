@@ -104,6 +104,11 @@ impl RowFile {
         self.rows.get(&run)
     }
 
+    /// Whether it has this row as it is now written.
+    pub fn holds(&self, run: usize, row: &Row) -> bool {
+        self.lines.get(&run).is_some_and(|line| *line == self.format.line(&self.columns, row))
+    }
+
     /// Opens the file, cuts off what is not whole, and writes the names of the columns if they are not there.
     ///
     /// # Errors

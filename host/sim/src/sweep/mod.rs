@@ -9,10 +9,10 @@
 //! | `bounds` | what is judged, and the table |
 
 mod bounds;
-pub mod file;
-pub mod grid;
-pub mod merge;
-pub mod row;
+pub(crate) mod file;
+pub(crate) mod grid;
+pub(crate) mod merge;
+pub(crate) mod row;
 
 use crate::bore;
 use crate::inputs::shard;
@@ -104,7 +104,7 @@ impl Making {
     ///
     /// # Errors
     /// When the grid has no such part, or a file cannot be written.
-    pub fn rows(&self, grid: &Grid, mut files: Vec<RowFile>) -> Result<Vec<Row>, Failure> {
+    pub(crate) fn rows(&self, grid: &Grid, mut files: Vec<RowFile>) -> Result<Vec<Row>, Failure> {
         let (shard, of) = self.shard.unwrap_or((1, 1));
         let mine: Vec<usize> = (shard..=grid.len()).step_by(of).collect();
         if mine.is_empty() {
@@ -189,6 +189,12 @@ impl Options {
         }
         Ok(files)
     }
+}
+
+/// The row of a run, made now.
+pub(crate) fn again(grid: &Grid, run: usize) -> Option<Row> {
+    let run = grid.run(run)?;
+    Some(Row::new(grid, &run, &make(&run)))
 }
 
 /// One run; one that fails, however it does, is a row as well.
