@@ -5,6 +5,7 @@ mod dump;
 mod edges;
 mod edm;
 mod flood;
+mod guided;
 mod host_lost;
 mod leftover;
 mod rig;

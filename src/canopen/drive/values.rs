@@ -5,7 +5,7 @@ use super::{Drive, Order, TaskTimer, clamp32, codes};
 use crate::canopen::objects::{Decoded, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Written};
 use crate::gap::pulses::Class;
-use crate::head::{self, Command};
+use crate::head::{self, Command, Guidance};
 use crate::path::{BESIDE_NM, Bound};
 use crate::settings::{Change, Declared, Kind, SettingError, Settings, place};
 use crate::units::{FRACTION_BITS, Volts};
@@ -120,6 +120,10 @@ impl Drive {
             Item::HeadReason => self.reason.into(),
             Item::HeadRefusal => self.refusal.into(),
             Item::HeadHomed => status.homed.into(),
+            Item::Guidance => status.guidance as i64,
+            Item::Refusals => self.refusals.into(),
+            Item::AdaptiveFeed => self.adaptive_feed(),
+            Item::LateSetPoints => status.late_set_points.into(),
             Item::CheckResult => self.finding.into(),
             Item::RefusedSetting => number_of(self.wrong.map(|(index, sub, _)| (index, sub))),
             Item::StoppedBy => self.stopped_by.into(),
@@ -238,6 +242,7 @@ impl Drive {
         match item {
             Item::Controlword => self.control_word(value as u16),
             Item::Mode => self.set_mode(value)?,
+            Item::ErodeEnable => self.may_erode(value)?,
             Item::TargetPosition => self.target_written(number)?,
             Item::IpData => self.data_written(number)?,
             Item::IpClear if value == 0 => self.clear_buffer(),
@@ -273,10 +278,23 @@ impl Drive {
         self.segment.written(item);
         match item {
             Item::TargetVelocity => self.velocity_written(before),
-            Item::ErodeEnable => self.erode_written(),
+            Item::ErodeEnable => self.erode_written(before),
             _ => {}
         }
         Ok(Written::Now)
+    }
+
+    /// The feed that the gap asks of a host that guides the head, per mille of the host's own.
+    fn adaptive_feed(&self) -> i64 {
+        let feed = self.status.feed.0;
+        let own = match self.value(Item::HostFeed) {
+            0 => self.active.head.limits.feed.0,
+            own => own as f32,
+        };
+        match self.status.guidance {
+            Guidance::No => 0,
+            _ => i64::from((1000.0 * (feed / own)) as i16).clamp(-1000, 1000),
+        }
     }
 
     /// Whether a segment may be appended now.
