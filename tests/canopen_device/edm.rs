@@ -343,9 +343,7 @@ fn a_host_has_the_head_jump_while_it_erodes_and_is_told_why_not() {
     let mut rig = Rig::ready();
     rig.mode(1);
     assert_eq!((rig.read(0x2006, 5), rig.read(0x2000, 4)), (0, 0));
-    rig.write(0x2001, 7, &[1]);
-    rig.run(2);
-    assert_eq!(rig.read(0x2000, 4), 1, "not in this state");
+    assert_eq!(rig.try_write(0x2001, 7, &[1]), Err(0x0800_0022), "not in this state");
     rig.write(0x2001, 1, &[1]);
     rig.write32(0x607A, 0, 4000);
     rig.control(0x1F);

@@ -681,6 +681,16 @@ impl Drive {
         }
     }
 
+    /// The same, and no set point is gone on with either.
+    fn hold_all(&mut self) {
+        self.set(Item::ErodeEnable, 0);
+        if self.status.state.follows() || !self.fresh {
+            self.set_points.forget();
+            self.follow = None;
+            self.command(Command::Hold);
+        }
+    }
+
     /// Set points become path.
     fn erodes(&self) -> bool {
         self.value(Item::ErodeEnable) == 1

@@ -311,6 +311,12 @@ impl Drive {
         Some(self.following(self.clamped(target)))
     }
 
+    /// Whether 60FFh may be written: it would be followed, and not while the head works.
+    pub(super) fn may_run(&self) -> Result<(), Abort> {
+        let runs = self.mode == Mode::ProfileVelocity && self.moves();
+        if runs && self.status.state.works() { Err(Abort::DeviceState) } else { Ok(()) }
+    }
+
     /// 60FFh has been written.
     pub(super) fn velocity_written(&mut self, before: i32) {
         if self.mode == Mode::ProfileVelocity && self.moves() && before != self.value(Item::TargetVelocity) {

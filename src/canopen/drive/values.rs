@@ -253,8 +253,12 @@ impl Drive {
             Item::FollowingTime => {
                 return self.write_word(FOLLOWING_TIME, value as u32);
             }
-            Item::ErodeHold if value == 1 => self.hold(),
-            Item::Jump if value == 1 => return done(self.command(Command::Jump)),
+            Item::ErodeHold if value == 1 => self.hold_all(),
+            Item::Jump if value == 1 => {
+                let erodes = self.status.state == head::State::Eroding || !self.fresh;
+                return done(erodes && self.command(Command::Jump));
+            }
+            Item::TargetVelocity if number != before => self.may_run()?,
             Item::Commission if value == 1 => return done(self.commission()),
             Item::QueueAppend => {
                 return done(self.queues() && self.command(Command::MoveTo(self.nanometres(number))));
@@ -265,7 +269,8 @@ impl Drive {
             Item::SegmentCommit if value == 1 => return done(self.commit_segment()),
             Item::SegmentCommit => self.segment.forget(),
             Item::QueueClear if value == 1 => {
-                return done(!self.status.state.works() && self.acts() && self.command(Command::ClearPath));
+                let free = !self.status.state.works() && !self.is_positioned();
+                return done(free && self.acts() && self.command(Command::ClearPath));
             }
             Item::ScopeSignal1 | Item::ScopeSignal2 | Item::ScopeSignal3 | Item::ScopeSignal4 if value != 0 => {
                 signal_entry(value as u32)?;
@@ -299,7 +304,13 @@ impl Drive {
 
     /// Whether a segment may be appended now.
     fn queues(&self) -> bool {
-        self.acts() && self.queue_space() > 0 && self.status.homed
+        self.acts() && self.queue_space() > 0 && self.status.homed && !self.is_positioned()
+    }
+
+    /// Set points of the axis, and not the path, lead the head.
+    fn is_positioned(&self) -> bool {
+        let positions = matches!(self.status.state, head::State::Positioning | head::State::Homing);
+        self.fresh && (positions || self.status.guidance != Guidance::No)
     }
 
     /// A signal of the scope: a value of up to 32 bits, sign extended.
