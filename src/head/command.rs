@@ -28,12 +28,13 @@ pub enum Command {
     AppendBy(Piece),
     /// Forget the queue; the path begins anew where the axis is.
     ClearPath,
-    /// Move to a position on a profile, pulses off. A new target may be given on the way.
+    /// Move to a position on a profile, pulses off unless the head is guided. A new target may be given on the way.
     Position(Nanometres, MotionLimits),
     /// The same, to touch: contact with the work is its end, and not a fault. It goes back from there by the clearance of a
     /// retreat.
     Touch(Nanometres, MotionLimits),
-    /// Reach a host's next set point in so many servo ticks, pulses off.
+    /// Reach a host's next set point in so many servo ticks, pulses off unless the head is guided. Those of a stream may be late
+    /// by half of them.
     Follow(Nanometres, u32),
     /// Look for a reference. Not while pulses are on, nor with a path to go.
     Home(Home),
@@ -41,8 +42,9 @@ pub enum Command {
     Brake(MicrometresPerSecond2),
     /// Pulses on; seek the work and erode along the queue.
     Start,
-    /// Pulses on; hold the position and tell the feed that the gap asks for: a host keeps the path. A short is retreated
-    /// from here, and returned from.
+    /// Pulses on; tell the feed that the gap asks for, and go on with [`Follow`](Command::Follow) and
+    /// [`Position`](Command::Position): a host keeps the path. From a short the head goes straight up, and comes back to where the
+    /// host is then.
     Guide,
     /// While eroding: straight up and back, pulses off meanwhile.
     Jump,

@@ -19,7 +19,7 @@
 //! segment under way. The next plan sets it back on the path, from which it can have departed only at a joint.
 
 use super::estimate::{Estimator, Sums};
-use super::{Fault, Reaction, State};
+use super::{Fault, Reaction, State, positioning};
 use crate::encoder::Mark;
 use crate::gap::{GapReading, Quality};
 use crate::kept::{Kept, parts};
@@ -27,7 +27,7 @@ use crate::motion::TrajectorySegment;
 use crate::servo::{AxisLoop, Gains, Output, Pid, PidGains, Window};
 use crate::units::{
     CountsPerSecond, Fixed, MicrometresPerSecond, Nanometres, PLAN_TICKS, TICK_HZ, TICK_S, TICKS_PER_MS, Volts, rare,
-    smaller, within_either,
+    smaller, within, within_either,
 };
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
@@ -37,8 +37,6 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 pub const LEAD: u32 = 2;
 /// Late plans in a row that are a fault: 1 ms.
 const LATE: u32 = TICKS_PER_MS / PLAN_TICKS;
-/// Ticks by which a host's next set point may come late without the axis stopping for it.
-pub(super) const SET_POINT_LATE: u32 = 5;
 
 /// A head that the encoder shows rising faster than this may be braked, counts/s. Below, an edge is a millisecond old: a dead
 /// encoder shows its last velocity no longer.
@@ -198,6 +196,10 @@ pub struct Plan {
     pub set_points: bool,
     /// See [`set_points`](Plan::set_points).
     pub toward: CountsPerSecond,
+    /// By how much it may change the velocity at the most, and the tick after which the set point before it is reached.
+    pub slew: CountsPerSecond,
+    /// See [`slew`](Plan::slew).
+    pub due: u32,
     /// What a contact means.
     pub touch: Touch,
     /// Hazards.
@@ -233,6 +235,8 @@ impl Plan {
         marks: false,
         set_points: false,
         toward: CountsPerSecond(0.0),
+        slew: CountsPerSecond(0.0),
+        due: 0,
         touch: Touch::Ignored,
         concerns: Concerns { any: false, limits: false, upper: false, dielectric: false },
         reaction: None,
@@ -694,11 +698,15 @@ impl Follower {
 
     /// The set point of a SYNC, from this tick on.
     fn follow_to(&mut self, point: SetPoint) {
-        let left = point.ticks.saturating_add(SET_POINT_LATE).max(PLAN_TICKS);
+        // This tick goes on along it already.
+        let before = self.tick.wrapping_sub(1);
+        let due = positioning::due(self.plan.due, before, point.ticks);
+        let left = positioning::until(due, before).max(PLAN_TICKS);
         let distance = point.counts.minus(self.plan.setpoint).to_f32();
         let limit = self.config.gains.velocity_limit().0;
         let velocity = within_either(distance / left as f32 * TICK_HZ as f32, limit);
-        let velocity = smaller(velocity, self.plan.toward.0);
+        let (now, slew) = (self.plan.trajectory.velocity.0, self.plan.slew.0);
+        let velocity = smaller(within(velocity, now - slew, now + slew), self.plan.toward.0);
         self.plan.trajectory.velocity = CountsPerSecond(velocity);
         self.plan.trajectory.travel = Fixed::short(velocity * TICK_S);
         (self.plan.trajectory.advance, self.plan.trajectory.along) = (Fixed(0), MicrometresPerSecond(0.0));

@@ -20,6 +20,7 @@ mod config;
 mod estimate;
 mod fault;
 mod follow;
+mod guide;
 mod jump;
 mod permit;
 mod planner;
@@ -40,6 +41,7 @@ pub use follow::{
     Concerns, Estimate, Follow, FollowConfig, Follower, LEAD, Measured, Plan, SetPoint, TickInput, TickOutput, Touch,
     Trajectory,
 };
+pub use guide::Guidance;
 pub use jump::Config as JumpConfig;
 pub use permit::WritePermit;
 pub use planner::Planner;
@@ -127,4 +129,8 @@ pub struct Status {
     pub approaching: bool,
     /// Position of the newest contact that was asked for, counts.
     pub touched: i64,
+    /// How it stands to a host that guides it.
+    pub guidance: Guidance,
+    /// Set points of a guiding host that were late, since power-up, wrapping.
+    pub late_set_points: u32,
 }

@@ -30,7 +30,7 @@ pub enum State {
     Positioning,
     /// Pulses off, looking for a reference; limit switches are what it may be looking for.
     Homing,
-    /// Pulses on, holding the position while a host that keeps the path follows the feed that the gap asks for.
+    /// Pulses on, along the set points of a host, which goes by the feed that the gap asks for.
     Guiding,
     /// Pulses off, open loop with limited force: an encoder that a fault has cast doubt on proves itself before a loop is
     /// closed over it.
@@ -172,6 +172,7 @@ pub const TRANSITIONS: &[(State, State, Reason)] = &[
     (State::Positioning, State::Ready, Reason::Touched),
     (State::Positioning, State::Ready, Reason::Held),
     (State::Positioning, State::Homing, Reason::HomingStarted),
+    (State::Positioning, State::Guiding, Reason::Started),
     (State::Homing, State::Ready, Reason::Homed),
     (State::Homing, State::Ready, Reason::NotHomed),
     (State::Homing, State::Positioning, Reason::Held),
@@ -188,6 +189,7 @@ pub const TRANSITIONS: &[(State, State, Reason)] = &[
     (State::Jumping, State::Positioning, Reason::Held),
     (State::Guiding, State::Retreating, Reason::Short),
     (State::Guiding, State::HoldingPosition, Reason::Held),
+    (State::Guiding, State::Positioning, Reason::Held),
     (State::Retreating, State::Seeking, Reason::GapRecovered),
     (State::Retreating, State::Eroding, Reason::GapRecovered),
     (State::Retreating, State::Guiding, Reason::GapRecovered),

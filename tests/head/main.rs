@@ -7,6 +7,7 @@ mod commissioning;
 mod edges;
 mod every_fault;
 mod faults;
+mod guiding;
 mod hazards;
 mod jumps;
 mod permit;

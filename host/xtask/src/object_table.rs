@@ -1,7 +1,7 @@
 //! The objects as a page for people.
 
 use edm_describe::{Declaration, errors, everything};
-use edm_servo_head::canopen::drive::{DEVICE, FINDINGS, LOSSES, REASONS, REFUSALS, error_code};
+use edm_servo_head::canopen::drive::{DEVICE, FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
 use edm_servo_head::canopen::{Access, DefaultValue, Device, Mapping, PdoDefault};
 use edm_servo_head::head::Fault;
 use std::fmt::Write;
@@ -145,6 +145,6 @@ fn numbers(page: &mut String) {
         }
     };
     list("Reasons, 2000h:3", &mut REASONS.iter().copied());
-    list("Refusals, 2000h:4", &mut REFUSALS.iter().copied());
+    list("Refusals, 2000h:4", &mut REFUSALS.iter().copied().chain([(WAIT, "more orders than can wait")]));
     list("Commissioning, 2001h:4", &mut FINDINGS.iter().copied());
 }

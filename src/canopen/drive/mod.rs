@@ -36,7 +36,7 @@ pub use scope::{BLANK, Record};
 pub use state::State;
 
 #[cfg(not(target_os = "none"))]
-pub use codes::{FINDINGS, LOSSES, REASONS, REFUSALS, error_code};
+pub use codes::{FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
 
 use super::objects::{COUNT, Item, rows};
 use super::{Device, Event, Group, NmtState, Node, PDOS, PdoDefault, Time, mapped};
@@ -56,7 +56,7 @@ use stored::{Loading, Loss};
 
 /// The head as a CANopen device: servo drive (402), with what it maps at first.
 ///
-/// TPDO1 repeats every 50 ms and tells of a change at once. TPDO3 is for a CNC that keeps the path itself: signed feed and
+/// TPDO1 repeats every 50 ms and tells of a change at once, also of what is refused. TPDO3 is for a CNC that keeps the path itself: signed feed and
 /// gap voltage.
 pub const DEVICE: Device = Device {
     // Profile 402, servo drive.
@@ -79,7 +79,7 @@ pub const DEVICE: Device = Device {
         PdoDefault {
             valid: true,
             timer: 50,
-            entries: &[mapped(0x6041, 0, 16), mapped(0x6061, 0, 8)],
+            entries: &[mapped(0x6041, 0, 16), mapped(0x6061, 0, 8), mapped(0x2000, 4, 8), mapped(0x2000, 7, 8)],
             ..PdoDefault::UNUSED
         },
         PdoDefault {
@@ -273,6 +273,7 @@ pub struct Drive {
     segment: Segment,
     reason: u8,
     refusal: u8,
+    refusals: u8,
     finding: u8,
     stopped_by: u8,
     wrong: Option<(u16, u8, &'static str)>,
@@ -329,6 +330,7 @@ impl Drive {
             segment: Segment::default(),
             reason: 0,
             refusal: 0,
+            refusals: 0,
             finding: 0,
             stopped_by: 0,
             wrong: None,
@@ -469,7 +471,7 @@ impl Drive {
             // The head erodes already, or nothing is queued yet: the drive asks whenever it may be so.
             (Command::Start, Err(Refused::State(_) | Refused::NoPath)) | (_, Ok(())) => {}
             (command, Err(refused)) => {
-                self.refusal = codes::refused(refused);
+                self.refuses(codes::refused(refused));
                 self.enabling &= command != Command::Enable;
                 if matches!(command, Command::Home(_)) {
                     self.set_points.refused_homing();
@@ -539,6 +541,7 @@ impl Drive {
             self.follow_head();
         }
         self.watch_mode();
+        self.watch_guiding();
         self.record();
     }
 
@@ -633,7 +636,33 @@ impl Drive {
 
     fn order(&mut self, order: Order) -> bool {
         self.fresh = false;
-        self.orders.push_back(order).is_ok()
+        let stops = match order {
+            Order::Command(command) => {
+                matches!(command, Command::Disable | Command::Hold | Command::Brake(_))
+            }
+            _ => true,
+        };
+        if stops && self.orders.is_full() {
+            // What was to be done before is not to be done any more.
+            for _ in 0..ORDERS {
+                match self.orders.pop_front() {
+                    Some(Order::Command(_)) => self.refuses(codes::WAIT),
+                    Some(other) => self.orders.push_back(other).unwrap_or_default(),
+                    None => break,
+                }
+            }
+        }
+        let taken = self.orders.push_back(order).is_ok();
+        if !taken {
+            self.refuses(codes::WAIT);
+        }
+        taken
+    }
+
+    /// Something is not done: 2000h:4, and an event.
+    fn refuses(&mut self, why: u8) {
+        self.refusal = why;
+        self.refusals = self.refusals.wrapping_add(1);
     }
 
     /// Lets all tasks run the newest settings.
@@ -651,6 +680,16 @@ impl Drive {
     fn hold(&mut self) {
         self.set(Item::ErodeEnable, 0);
         if self.status.state.works() || !self.fresh {
+            self.command(Command::Hold);
+        }
+    }
+
+    /// The same, and no set point is gone on with either.
+    fn hold_all(&mut self) {
+        self.set(Item::ErodeEnable, 0);
+        if self.status.state.follows() || !self.fresh {
+            self.set_points.forget();
+            self.follow = None;
             self.command(Command::Hold);
         }
     }

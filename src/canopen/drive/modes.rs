@@ -1,13 +1,14 @@
 //! The modes: how set points become commands, and what bits 10, 12 and 13 of the statusword mean.
 //!
-//! Erosion is no mode of its own: while 2001h:1 is set, the set points of profile position, cyclic synchronous position and
-//! interpolated position become segments of the path, along which the gap leads.
+//! Erosion is no mode of its own: while 2001h:1 is 1, the set points of profile position, cyclic synchronous position and
+//! interpolated position become segments of the path, along which the gap leads. While it is 2 they are followed with pulses on,
+//! and the host goes by the feed that the gap asks for.
 
 use super::state::{control, status};
 use super::{Drive, STANDING, SetPoint, clamp32, codes, halts, rises};
 use crate::canopen::objects::{Decoded, Item};
 use crate::canopen::{Abort, Node, Time};
-use crate::head::{self, Command, Home, HomingState, MotionLimits, Refused};
+use crate::head::{self, Command, Guidance, Home, HomingState, MotionLimits, Refused};
 use crate::motion::Method;
 use crate::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
 use heapless::Deque;
@@ -68,7 +69,7 @@ pub struct SetPoints {
     homing_asked: bool,
     /// A set point was cut off at a limit.
     pub(super) limited: bool,
-    /// Erosion, or guiding, begins when the head has come to rest; then what was given last meanwhile.
+    /// Erosion begins when the head has come to rest; then what was given last meanwhile.
     begins: bool,
     then: Option<i32>,
     buffer: Deque<i32, BUFFER>,
@@ -121,7 +122,7 @@ impl Drive {
             self.mode = mode;
             self.set_points = SetPoints::default();
             self.enter_mode();
-            // Set points of the new mode wait until the axis stands. Guiding begins only if that was asked for: it needs none.
+            // Set points of the new mode wait until the axis stands.
             let waits = self.erodes() && self.status.state == head::State::Positioning;
             self.set_points.begins = self.moves() && mode != Mode::ProfileVelocity && (begins || waits);
         }
@@ -180,7 +181,7 @@ impl Drive {
 
     /// Profile position: a new set-point.
     fn new_set_point(&mut self, word: u16) {
-        if self.set_points.next.is_some() || self.guides() {
+        if self.set_points.next.is_some() {
             return;
         }
         let given = self.value(Item::TargetPosition);
@@ -210,7 +211,8 @@ impl Drive {
         } else {
             let limits = self.motion_limits(self.value(Item::ProfileVelocity));
             let to = self.nanometres(target);
-            let touches = self.value(Item::Touch) == 1;
+            // With pulses on a contact is a short.
+            let touches = self.value(Item::Touch) == 1 && !self.guides();
             self.command(if touches { Command::Touch(to, limits) } else { Command::Position(to, limits) })
         };
         self.set_points.moving = sent;
@@ -252,7 +254,7 @@ impl Drive {
         self.set_points.homing_asked = true;
         self.set_points.homing_refused = false;
         if let Some(refused) = self.refuses_homing() {
-            self.refusal = codes::refused(refused);
+            self.refuses(codes::refused(refused));
             self.set_points.homing_refused = true;
             return;
         }
@@ -271,8 +273,8 @@ impl Drive {
         self.command(Command::Home(home));
     }
 
-    /// The host keeps the path, and the head holds: no set point is followed.
-    fn guides(&self) -> bool {
+    /// Set points are followed with pulses on.
+    pub(super) fn guides(&self) -> bool {
         self.value(Item::ErodeEnable) == 2
     }
 
@@ -280,9 +282,6 @@ impl Drive {
     pub(super) fn target_written(&mut self, target: i32) -> Result<(), Abort> {
         if self.mode != Mode::CyclicPosition || !self.moves() {
             return Ok(());
-        }
-        if self.guides() {
-            return Err(Abort::DeviceState);
         }
         let target = self.within_limits(target);
         self.set_points.target = Some(target);
@@ -305,11 +304,17 @@ impl Drive {
     /// What the next SYNC makes of 607Ah.
     pub(super) fn set_point_at_sync(&self, node: &Node) -> Option<SetPoint> {
         const TARGET: Decoded = Decoded::Row(Item::TargetPosition as u16);
-        if self.mode != Mode::CyclicPosition || !self.moves() || self.erodes() || self.guides() {
+        if self.mode != Mode::CyclicPosition || !self.moves() || self.erodes() {
             return None;
         }
         let target = i32::from_le_bytes(node.ahead(TARGET.place(), self)?);
         Some(self.following(self.clamped(target)))
+    }
+
+    /// Whether 60FFh may be written: it would be followed, and not while the head works.
+    pub(super) fn may_run(&self) -> Result<(), Abort> {
+        let runs = self.mode == Mode::ProfileVelocity && self.moves();
+        if runs && self.status.state.works() { Err(Abort::DeviceState) } else { Ok(()) }
     }
 
     /// 60FFh has been written.
@@ -323,9 +328,6 @@ impl Drive {
     pub(super) fn data_written(&mut self, target: i32) -> Result<(), Abort> {
         if self.mode != Mode::Interpolated {
             return Ok(());
-        }
-        if self.guides() && self.acts() {
-            return Err(Abort::DeviceState);
         }
         let target = self.within_limits(target);
         if self.erodes() && self.acts() {
@@ -345,18 +347,52 @@ impl Drive {
         self.set_points.buffer.clear();
     }
 
+    /// Whether 2001h:1 may be written: a host may guide only where set points are followed, and not out of an erosion.
+    pub(super) fn may_erode(&self, enable: i64) -> Result<(), Abort> {
+        let followed = !matches!(self.mode, Mode::ProfileVelocity | Mode::Homing) && !self.is_homing();
+        let erodes = self.erodes() && self.status.state.works();
+        if enable == 2 && !self.guides() && (!self.moves() || !followed || erodes) {
+            return Err(Abort::DeviceState);
+        }
+        Ok(())
+    }
+
     /// 2001h:1 has been written.
-    pub(super) fn erode_written(&mut self) {
+    pub(super) fn erode_written(&mut self, before: i32) {
         let enable = self.value(Item::ErodeEnable);
-        let positions = self.status.state == head::State::Positioning || self.follow.take().is_some();
-        (self.set_points.begins, self.set_points.then) = (enable != 0 && self.moves() && positions, None);
+        let works = self.status.state.works();
         match enable {
-            _ if self.set_points.begins => self.command(Command::Hold),
-            0 if self.status.state.works() || !self.fresh => self.command(Command::Hold),
-            1 if self.acts() => self.command(Command::Start),
-            2 if self.acts() => self.command(Command::Guide),
-            _ => false,
-        };
+            // Nothing to end.
+            0 if before == 0 && !works => {}
+            0 => {
+                (self.follow, self.set_points.begins, self.set_points.then) = (None, false, None);
+                if works || !self.fresh {
+                    self.command(Command::Hold);
+                }
+            }
+            1 => {
+                let positions = self.status.state == head::State::Positioning || self.follow.take().is_some();
+                self.set_points.begins = self.moves() && (positions || before == 2);
+                self.set_points.then = None;
+                if self.set_points.begins {
+                    self.command(Command::Hold);
+                } else if self.moves() {
+                    self.command(Command::Start);
+                }
+            }
+            _ if before == 2 => {}
+            _ => {
+                (self.set_points.begins, self.set_points.then) = (false, None);
+                self.command(Command::Guide);
+            }
+        }
+    }
+
+    /// 2001h:1 says that a host guides the head only while it does.
+    pub(super) fn watch_guiding(&mut self) {
+        if self.fresh && self.guides() && self.status.guidance == Guidance::No {
+            self.set(Item::ErodeEnable, 0);
+        }
     }
 
     /// Interpolated position: the next set point, when it is due.
@@ -382,8 +418,11 @@ impl Drive {
 
     /// What the status says of the set points, once a millisecond.
     pub(super) fn watch_mode(&mut self) {
-        let busy =
-            self.status.state.works() || matches!(self.status.state, head::State::Positioning | head::State::Homing);
+        let state = self.status.state;
+        let busy = match self.status.guidance {
+            Guidance::No => state.works() || matches!(state, head::State::Positioning | head::State::Homing),
+            guidance => guidance != Guidance::Rests,
+        };
         if self.fresh && !busy && self.set_points.moving {
             self.set_points.moving = false;
             if let Some(next) = self.set_points.next.take() {
@@ -395,7 +434,6 @@ impl Drive {
             match (self.value(Item::ErodeEnable), self.set_points.then.take()) {
                 (1, Some(target)) => self.erode_to(target),
                 (1, None) => self.command(Command::Start),
-                (2, _) => self.command(Command::Guide),
                 _ => false,
             };
         }
@@ -446,8 +484,8 @@ impl Drive {
                 bit(status::REACHED, reached) | bit(status::MODE_12, active)
             }
             Mode::CyclicPosition => {
-                let follows = self.moves() && !self.guides();
-                bit(status::MODE_12, follows) | bit(status::MODE_13, following)
+                let leads = self.erodes() || matches!(self.status.guidance, Guidance::Leads | Guidance::Waits);
+                bit(status::MODE_12, self.moves() && !leads) | bit(status::MODE_13, following)
             }
         }
     }

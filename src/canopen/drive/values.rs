@@ -5,7 +5,7 @@ use super::{Drive, Order, TaskTimer, clamp32, codes};
 use crate::canopen::objects::{Decoded, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Written};
 use crate::gap::pulses::Class;
-use crate::head::{self, Command};
+use crate::head::{self, Command, Guidance};
 use crate::path::{BESIDE_NM, Bound};
 use crate::settings::{Change, Declared, Kind, SettingError, Settings, place};
 use crate::units::{FRACTION_BITS, Volts};
@@ -120,6 +120,10 @@ impl Drive {
             Item::HeadReason => self.reason.into(),
             Item::HeadRefusal => self.refusal.into(),
             Item::HeadHomed => status.homed.into(),
+            Item::Guidance => status.guidance as i64,
+            Item::Refusals => self.refusals.into(),
+            Item::AdaptiveFeed => self.adaptive_feed(),
+            Item::LateSetPoints => status.late_set_points.into(),
             Item::CheckResult => self.finding.into(),
             Item::RefusedSetting => number_of(self.wrong.map(|(index, sub, _)| (index, sub))),
             Item::StoppedBy => self.stopped_by.into(),
@@ -238,6 +242,7 @@ impl Drive {
         match item {
             Item::Controlword => self.control_word(value as u16),
             Item::Mode => self.set_mode(value)?,
+            Item::ErodeEnable => self.may_erode(value)?,
             Item::TargetPosition => self.target_written(number)?,
             Item::IpData => self.data_written(number)?,
             Item::IpClear if value == 0 => self.clear_buffer(),
@@ -248,8 +253,12 @@ impl Drive {
             Item::FollowingTime => {
                 return self.write_word(FOLLOWING_TIME, value as u32);
             }
-            Item::ErodeHold if value == 1 => self.hold(),
-            Item::Jump if value == 1 => return done(self.command(Command::Jump)),
+            Item::ErodeHold if value == 1 => self.hold_all(),
+            Item::Jump if value == 1 => {
+                let erodes = self.status.state == head::State::Eroding || !self.fresh;
+                return done(erodes && self.command(Command::Jump));
+            }
+            Item::TargetVelocity if number != before => self.may_run()?,
             Item::Commission if value == 1 => return done(self.commission()),
             Item::QueueAppend => {
                 return done(self.queues() && self.command(Command::MoveTo(self.nanometres(number))));
@@ -260,7 +269,8 @@ impl Drive {
             Item::SegmentCommit if value == 1 => return done(self.commit_segment()),
             Item::SegmentCommit => self.segment.forget(),
             Item::QueueClear if value == 1 => {
-                return done(!self.status.state.works() && self.acts() && self.command(Command::ClearPath));
+                let free = !self.status.state.works() && !self.is_positioned();
+                return done(free && self.acts() && self.command(Command::ClearPath));
             }
             Item::ScopeSignal1 | Item::ScopeSignal2 | Item::ScopeSignal3 | Item::ScopeSignal4 if value != 0 => {
                 signal_entry(value as u32)?;
@@ -273,15 +283,34 @@ impl Drive {
         self.segment.written(item);
         match item {
             Item::TargetVelocity => self.velocity_written(before),
-            Item::ErodeEnable => self.erode_written(),
+            Item::ErodeEnable => self.erode_written(before),
             _ => {}
         }
         Ok(Written::Now)
     }
 
+    /// The feed that the gap asks of a host that guides the head, per mille of the host's own.
+    fn adaptive_feed(&self) -> i64 {
+        let feed = self.status.feed.0;
+        let own = match self.value(Item::HostFeed) {
+            0 => self.active.head.limits.feed.0,
+            own => own as f32,
+        };
+        match self.status.guidance {
+            Guidance::No => 0,
+            _ => i64::from((1000.0 * (feed / own)) as i16).clamp(-1000, 1000),
+        }
+    }
+
     /// Whether a segment may be appended now.
     fn queues(&self) -> bool {
-        self.acts() && self.queue_space() > 0 && self.status.homed
+        self.acts() && self.queue_space() > 0 && self.status.homed && !self.is_positioned()
+    }
+
+    /// Set points of the axis, and not the path, lead the head.
+    fn is_positioned(&self) -> bool {
+        let positions = matches!(self.status.state, head::State::Positioning | head::State::Homing);
+        self.fresh && (positions || self.status.guidance != Guidance::No)
     }
 
     /// A signal of the scope: a value of up to 32 bits, sign extended.

@@ -106,15 +106,18 @@ objects! {
         4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Refusal: why a command was refused last, as numbered in docs/objects.md; 0 never";
         5 HeadHomed: u8, ro, tx, (0, 1), 0, "", live, "Homed: absolute positions mean something";
         6 HeadFirst: u8, ro, tx, U8, 0, "", live, "First fault: the one it began with; another one than the fault when a second has escalated the reaction";
+        7 Refusals: u8, ro, tx, U8, 0, "", live, "Refusals: commands refused, modulo 256, since power-on; TPDO 1 tells of each at once";
+        8 Guidance: u8, ro, tx, (0, 4), 0, "", live, "Guidance: of a head that a host guides: 0 it is not, 1 follows the host, 2 rests where the host has led it, 3 retreats from a short or returns from there, 4 has braked, the next set point is late";
     }
     0x2001 "EDM control" {
-        1 ErodeEnable: u8, rw, rx, (0, 2), 0, "", live, "Erode: 1 set points become path, along which the gap leads; 2 the host keeps the path and follows the signed feed of 2004h:7, the head holds; 0 pulses off";
+        1 ErodeEnable: u8, rw, rx, (0, 2), 0, "", live, "Erode: 1 set points become path, along which the gap leads; 2 set points are followed with pulses on, and the host goes by the feed of 2004h:7 or 8; 0 pulses off";
         2 ErodeHold: u8, wo, rx, (0, 1), 0, "", live, "Hold: 1 switches pulses off and holds the position";
         3 Commission: u8, wo, no, (0, 1), 0, "", live, "Commissioning: 1 starts it, while disabled";
         4 CheckResult: u8, ro, no, U8, 0, "", live, "Commissioning result: 0 none yet, 1 passed, from 2 a finding as numbered in docs/objects.md";
         5 Touch: u8, rw, rx, (0, 1), 0, "", live, "Touch: 1 profile position ends where the electrode touches the work, goes back by retreat.clearance_um, and has then reached its target; 0 a contact is a fault";
         6 Touched: i32, ro, tx, I32, 0, "counts", live, "Touched: position of the newest contact that was asked for";
         7 Jump: u8, wo, rx, (0, 1), 0, "", live, "Jump: 1 leads the head out of the work and back, pulses off meanwhile, while it erodes; by jump.height_um";
+        8 HostFeed: u32, rw, rx, (0, 1_000_000), 0, "um/s", live, "Host's feed: what 1000 of 2004h:8 mean; 0 feed.max_um_s";
     }
     0x2002 "Refused setting" {
         1 RefusedSetting: u32, ro, no, U32, 0, "", live, "Setting: index times 256 and sub-index of the one that stands in the way";
@@ -133,6 +136,7 @@ objects! {
         5 QueueSegment: u32, ro, tx, U32, 0, "", live, "Segment: number of the one under way, counted since power-on";
         6 PathCoordinate: i32, ro, tx, I32, 0, "um", live, "Path coordinate";
         7 PathFeed: i32, ro, tx, I32, 0, "um/s", live, "Signed feed: velocity along the path that the gap asks for";
+        8 AdaptiveFeed: i16, ro, tx, (-1000, 1000), 0, "per mille", live, "Adaptive feed: velocity along the path that the gap asks of a host that guides the head, of 2001h:8; negative goes back, nothing is forward while the head leads";
     }
     0x2005 "Gap" {
         1 GapVoltage: i16, ro, tx, I16, 0, "0.01 V", live, "Voltage: after the filters";
@@ -148,6 +152,7 @@ objects! {
         3 ErodingTime: u32, ro, tx, U32, 0, "ms", live, "Eroding time: of the present or last erosion";
         4 Deepest: i32, ro, tx, I32, 0, "counts", live, "Deepest position: of that erosion";
         5 Jumps: u32, ro, tx, U32, 0, "", live, "Jumps: since power-on";
+        6 LateSetPoints: u32, ro, tx, U32, 0, "", live, "Late set points: for which a guided head has braked, since power-on";
     }
     0x2007 "Drive" {
         1 Duty: i16, ro, tx, (-10_000, 10_000), 0, "0.01 %", live, "Duty: positive toward the work";

@@ -6,9 +6,10 @@ use crate::head::command::{Command, Refused};
 use crate::head::commissioning::Commissioning;
 use crate::head::config::Structure;
 use crate::head::fault::Fault;
-use crate::head::follow::{Concerns, LEAD, SET_POINT_LATE};
+use crate::head::follow::Concerns;
+use crate::head::guide::Guide;
 use crate::head::permit::WritePermit;
-use crate::head::positioning::{Home, HomingState, MotionLimits, Task};
+use crate::head::positioning::{self, Home, HomingState, MotionLimits, Task};
 use crate::head::proof::{Goal, Proof};
 use crate::head::reaction::Reacting;
 use crate::head::state::{Reason, State};
@@ -74,15 +75,19 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 Ok(())
             }
             Command::Guide => {
-                if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
-                    return Err(Refused::State(state));
-                }
+                self.may_position(state)?;
                 self.refuse_hazard(true)?;
-                let here = self.segment().from;
-                self.restart_path_at(here);
+                let from = self.segment();
+                // Positioning goes on; where a path has ended in rest, it begins anew.
+                let task = self.positioning.take();
+                if task.is_none() {
+                    self.restart_path_at(from.from);
+                }
                 self.law = self.config.law;
                 self.route.forget_bound();
                 self.enter(State::Guiding, Reason::Started);
+                let rests = Task::Brake(self.counts2(self.config.acceleration));
+                self.guide = Some(Guide::new(task.unwrap_or(rests), from));
                 Ok(())
             }
             Command::Jump if state == State::Eroding => self.begin_jump(),
@@ -95,7 +100,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                     jump.holds = true;
                     return Ok(());
                 }
-                if self.positioning.is_some() {
+                if self.positioning.is_some() || self.guide.is_some() {
                     return self.brake(state, self.config.acceleration);
                 }
                 self.enter(State::HoldingPosition, Reason::Held);
@@ -205,7 +210,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     fn may_queue(&self, state: State) -> Result<(), Refused> {
-        if !state.follows() || matches!(state, State::Positioning | State::Homing) {
+        if !state.follows() || matches!(state, State::Positioning | State::Homing) || self.guide.is_some() {
             return Err(Refused::State(state));
         }
         Ok(())
@@ -213,10 +218,6 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     fn append(&mut self, state: State, piece: &Piece) -> Result<(), Refused> {
         self.may_queue(state)?;
-        // A guided head goes to the end of the path with the speed of a retreat.
-        if state == State::Guiding {
-            return Err(Refused::State(state));
-        }
         let [_, to_x, to_y] = piece.to;
         let [_, x, y] = self.route.end_nm();
         let beside = (to_x, to_y) != (x, y) || piece.shape != Shape::Line;
@@ -272,12 +273,20 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Moves to a position on a profile, from whatever positioning is under way.
     fn position(&mut self, state: State, to: Nanometres, limits: &MotionLimits, touch: bool) -> Result<(), Refused> {
-        self.may_position(state)?;
+        let guided = self.guide.is_some();
+        // With pulses on a contact is a short.
+        if !guided || touch {
+            self.may_position(state)?;
+        }
         self.within_travel(to)?;
         if touch && !self.config.contact.sensed {
             return Err(Refused::NoSense);
         }
         let task = Task::Go(self.config.axis.counts(to), self.ramp(limits));
+        if let Some(guide) = &mut self.guide {
+            guide.lead(task);
+            return Ok(());
+        }
         self.take_up(State::Positioning, task);
         self.touching = if touch { Touching::Asked } else { Touching::No };
         Ok(())
@@ -285,13 +294,18 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Reaches a set point in so many ticks. Beyond the travel it is held at its end.
     fn follow_to(&mut self, state: State, to: Nanometres, ticks: u32) -> Result<(), Refused> {
-        self.may_position(state)?;
+        if self.guide.is_none() {
+            self.may_position(state)?;
+        }
         let (min, max) = self.config.axis.travel;
         let to = if self.status.homed { to.max(min).min(max) } else { to };
-        // From this estimate on; what has gone since the one before is taken off in the plan.
-        let left = ticks.saturating_add(SET_POINT_LATE).saturating_add(self.ticks).saturating_sub(LEAD);
-        let task = Task::Follow { to: self.config.axis.counts(to), left };
-        self.take_up(State::Positioning, task);
+        // The tick of this estimate follows it already, where a SYNC has released it.
+        let due = positioning::due(self.due(), self.now.tick.wrapping_sub(1), ticks);
+        let task = Task::Follow { to: self.config.axis.counts(to), due };
+        match &mut self.guide {
+            Some(guide) => guide.lead(task),
+            None => self.take_up(State::Positioning, task),
+        }
         Ok(())
     }
 
@@ -301,6 +315,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if self.jump.take().is_some() {
             // Beside the path, which is over with that.
             let deceleration = CountsPerSecond2(larger(self.config.jump.limits.acceleration.0, deceleration.0));
+            self.positioning = Some(Task::Brake(deceleration));
+            self.enter(State::Positioning, Reason::Held);
+            return Ok(());
+        }
+        if state == State::Guiding && self.now.segment.velocity.0 != 0.0 {
             self.positioning = Some(Task::Brake(deceleration));
             self.enter(State::Positioning, Reason::Held);
             return Ok(());
@@ -375,7 +394,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         CountsPerSecond2((acceleration.0 * self.config.axis.counts_per_um).max(1.0))
     }
 
-    fn ramp(&self, limits: &MotionLimits) -> Ramp {
+    pub(super) fn ramp(&self, limits: &MotionLimits) -> Ramp {
         Ramp {
             velocity: self.velocity(limits.velocity),
             acceleration: self.counts2(limits.acceleration),

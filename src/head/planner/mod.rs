@@ -11,9 +11,10 @@ mod states;
 use super::commissioning::{Commissioning, Finding, Report};
 use super::config::Config;
 use super::fault::{Fault, Reaction};
-use super::follow::{Concerns, Estimate, Follow, FollowConfig, Plan, Touch, Trajectory};
+use super::follow::{Concerns, Estimate, Follow, FollowConfig, LEAD, Plan, Touch, Trajectory};
+use super::guide::{Guidance, Guide};
 use super::jump::Jump;
-use super::positioning::{HomingState, Task};
+use super::positioning::{HomingState, Task, When};
 use super::proof::Proof;
 use super::reaction::{Reacting, Situation, upward};
 use super::route::{Bounds, Route};
@@ -26,7 +27,7 @@ use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Window;
-use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond};
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_S};
 use core::ops::DerefMut;
 use edm_hal_shim::self_test::SelfTest;
 
@@ -65,6 +66,8 @@ pub struct Planner<P> {
     /// State that a retreat returns to, and the count where it began.
     retreat: (State, i64),
     positioning: Option<Task>,
+    /// While guiding, and in a retreat from there.
+    guide: Option<Guide>,
     jump: Option<Jump>,
     /// Ticks of erosion since the last jump.
     eroded: u32,
@@ -111,6 +114,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             open: OpenCircuit::new(config.seek.settle),
             retreat: (State::Eroding, 0),
             positioning: None,
+            guide: None,
             jump: None,
             eroded: 0,
             good: Fixed(0),
@@ -251,6 +255,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             marks,
             set_points,
             toward,
+            slew,
+            due,
             touch,
             concerns,
             reaction,
@@ -272,8 +278,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *closed = self.status.closed;
         *pulses = allowed;
         *marks = matches!(self.status.state, State::Homing);
-        *set_points = self.may_position(self.status.state).is_ok();
+        *set_points = self.follows_set_points();
         *toward = self.toward(*setpoint);
+        *slew = self.slew();
+        *due = self.due();
         *touch = self.touch();
         *concerns = self.concerns();
         *reaction = self.reacting.as_ref().map(Reacting::reaction);
@@ -287,6 +295,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.status.beside = self.route.beside();
         self.status.paths = self.route.begun();
         self.status.retreat_ended = self.route.ended();
+        self.status.guidance = self.guide.as_ref().map_or(Guidance::No, Guide::guidance);
     }
 
     /// What the estimate says, for whom it concerns.
@@ -363,11 +372,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     fn enter(&mut self, state: State, reason: Reason) {
         self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
-        self.status.state = state;
-        self.entered = self.status.tick;
         if !matches!(state, State::Positioning | State::Homing | State::Jumping) {
             self.end_positioning();
         }
+        if !matches!(state, State::Guiding | State::Retreating) {
+            self.guide = None;
+        }
+        self.status.state = state;
+        self.entered = self.status.tick;
         if state == State::Disabled {
             // Broken off, or at their end.
             (self.commissioning, self.proof) = (None, None);
@@ -386,7 +398,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn end_positioning(&mut self) {
         (self.touching, self.status.approaching) = (Touching::No, false);
         let beside = self.positioning.take().is_some() | self.jump.take().is_some();
-        if beside {
+        if beside || self.status.state == State::Guiding {
             if self.status.homing == HomingState::Runs {
                 self.status.homing = HomingState::No;
             }
@@ -461,6 +473,34 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         CountsPerSecond(libm::sqrtf(contact.approach.0 * contact.approach.0 + slowing))
     }
 
+    /// Whether a set point that a SYNC releases is followed at once: not where the head leads.
+    fn follows_set_points(&self) -> bool {
+        match &self.guide {
+            Some(guide) => self.status.state == State::Guiding && guide.is_together(),
+            None => self.may_position(self.status.state).is_ok(),
+        }
+    }
+
+    /// Largest change of velocity of a guided head from a plan to the next.
+    fn slew(&self) -> CountsPerSecond {
+        let Config { acceleration, axis, .. } = &self.config;
+        let guided = acceleration.0 * axis.counts_per_um * (PLAN_TICKS as f32 * TICK_S);
+        CountsPerSecond(if self.guide.is_some() { guided } else { f32::INFINITY })
+    }
+
+    /// Tick after which the set point under way is reached, or was.
+    fn due(&self) -> u32 {
+        match self.guide.as_ref().map(|guide| &guide.task).or(self.positioning.as_ref()) {
+            Some(Task::Follow { due, .. }) => *due,
+            _ => self.now.tick,
+        }
+    }
+
+    /// When the plan comes into force.
+    fn when(&self) -> When {
+        When { now: self.now.tick.wrapping_add(LEAD.wrapping_sub(1)), ticks: self.ticks }
+    }
+
     /// Which safety inputs are a hazard in the present state.
     fn concerns(&self) -> Concerns {
         let state = self.status.state;
@@ -479,6 +519,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     fn ready_retreat(&self) -> Trajectory {
+        if self.status.state == State::Guiding {
+            // Beside the path, and straight up.
+            let up = if self.now.safety.upper_limit { 0.0 } else { -self.slew().0 };
+            let travel = Fixed::short(up * TICK_S);
+            let segment = TrajectorySegment { velocity: CountsPerSecond(up), travel, ..TrajectorySegment::default() };
+            return Trajectory::axis(&segment, self.full_window().and(self.current_window()));
+        }
         let up = MicrometresPerSecond(-self.config.retreat.velocity.0);
         self.route.ready(up, &self.bounds(), self.full_window().and(self.current_window()))
     }
@@ -487,7 +534,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn ready_stop(&self, trajectory: &Trajectory) -> Trajectory {
         let window = self.ready_window(self.config.axis.duty_limit);
         match trajectory.follow {
-            Follow::Setpoint if self.positioning.is_none() && self.jump.is_none() => {
+            Follow::Setpoint if self.positioning.is_none() && self.guide.is_none() && self.jump.is_none() => {
                 let stop = self.route.ready(MicrometresPerSecond(0.0), &self.bounds(), window);
                 Trajectory { upward: true, ..stop }
             }

@@ -62,7 +62,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     fn beside(&mut self, segment: &TrajectorySegment, allowed: Window) -> Trajectory {
         self.route.stop();
-        self.status.feed = MicrometresPerSecond(segment.velocity.0 / self.config.axis.counts_per_um);
+        if self.guide.is_none() {
+            self.status.feed = MicrometresPerSecond(segment.velocity.0 / self.config.axis.counts_per_um);
+        }
         self.status.setpoint = segment.from;
         Trajectory::axis(segment, allowed)
     }

@@ -1,6 +1,6 @@
 //! What each state does, and when it is left.
 
-use super::super::positioning::{self, HomingState, Step, Task};
+use super::super::positioning::{self, HomingState, MotionLimits, Step, Task};
 use super::super::reaction::Motion;
 use super::{Planner, Touching};
 use crate::encoder::Mark;
@@ -15,7 +15,7 @@ use crate::head::proof::{Goal, Outcome};
 use crate::head::state::{Reason, State};
 use crate::motion::{Seen, TrajectorySegment};
 use crate::path::Path;
-use crate::units::{Fixed, MicrometresPerSecond, Nanometres, TICK_S, Volts, larger};
+use crate::units::{Fixed, MicrometresPerSecond, Nanometres, TICK_S, Volts, larger, smaller};
 use core::ops::DerefMut;
 
 /// At rest.
@@ -45,7 +45,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             State::Seeking => self.along(self.config.seek.velocity),
             State::Eroding => self.erode(),
             State::Guiding => self.guide(),
-            State::Retreating => self.along(MicrometresPerSecond(-self.config.retreat.velocity.0)),
+            State::Retreating => {
+                self.refer();
+                self.along(MicrometresPerSecond(-self.config.retreat.velocity.0))
+            }
             State::Fault => self.react(),
         };
         // The state of now: a path that ended in this plan has ended its pulses too.
@@ -165,6 +168,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             self.retreat = (from, self.status.position);
             self.good = self.good.max(self.route.s());
             self.enter(State::Retreating, Reason::Short);
+            if let Some(guide) = &mut self.guide {
+                guide.part();
+            }
         }
     }
 
@@ -282,11 +288,35 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.along(REST)
     }
 
-    /// Holds the end of the path, or returns to it from a retreat, and tells the feed that the gap asks for.
+    /// Follows the host, and tells it the feed that the gap asks for: none forward while the head leads.
     fn guide(&mut self) -> Motion {
+        self.refer();
         let error = self.gap_error();
-        self.status.feed = self.config.limits.clamp(self.law.velocity(error, self.ticks));
-        self.along(self.config.retreat.velocity)
+        let feed = self.config.limits.clamp(self.law.velocity(error, self.ticks));
+        let ramp = self.ramp(&MotionLimits {
+            velocity: self.config.retreat.velocity,
+            acceleration: self.config.acceleration,
+            deceleration: self.config.acceleration,
+        });
+        let (from, ticks) = (self.segment(), self.ticks);
+        let Some(guide) = &mut self.guide else {
+            self.enter(State::HoldingPosition, Reason::Held);
+            return self.along(REST);
+        };
+        let segment = guide.follow(&from, &ramp, ticks);
+        let leads = !guide.is_together();
+        self.status.feed = if leads { MicrometresPerSecond(smaller(feed.0, 0.0)) } else { feed };
+        Motion::Axis(self.approach(segment))
+    }
+
+    /// The host goes on, whoever leads.
+    fn refer(&mut self) {
+        let (from, seen, when) = (self.segment(), self.seen(), self.when());
+        let limit = self.config.axis.gains.velocity_limit();
+        if let Some(guide) = &mut self.guide {
+            let late = guide.refer(&from, &seen, limit, when);
+            self.status.late_set_points = self.status.late_set_points.wrapping_add(late.into());
+        }
     }
 
     /// Goes on with axis positioning.
@@ -294,6 +324,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let from = self.segment();
         let seen = self.seen();
         let limit = self.config.axis.gains.velocity_limit();
+        let when = self.when();
         let Some(task) = &mut self.positioning else {
             self.enter(State::Ready, Reason::Arrived);
             return self.along(REST);
@@ -304,7 +335,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             *to = Fixed::whole(self.status.position.saturating_sub(self.config.retreat.clearance));
             self.touching = Touching::Done;
         }
-        let reason = match positioning::plan(task, &from, &seen, limit, self.ticks) {
+        let reason = match positioning::plan(task, &from, &seen, limit, when) {
             Step::Moves(segment) => return Motion::Axis(self.approach(segment)),
             Step::Ends(Reason::Arrived) if self.touching == Touching::Done => Reason::Touched,
             Step::Ends(reason) => {

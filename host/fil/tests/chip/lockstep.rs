@@ -78,3 +78,61 @@ fn a_jump_of_the_chip_is_that_of_the_native_core_bit_for_bit() {
     (0..4000).for_each(|_| rig.tick().unwrap());
     assert_eq!(rig.status().state, State::Eroding);
 }
+
+/// A host leads the chip, a set point with each SYNC, 1 ms apart and now and then half of that late; a short in between. In a tick
+/// of its own each is in force, and the set point never changes its velocity by more than `feed.acceleration_m_s2` allows, but
+/// in going away from a short.
+#[test]
+fn a_guided_chip_is_the_native_core_bit_for_bit() {
+    const PERIOD: u32 = 20;
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let settings = Settings { commissioned: true, ..Settings::default() };
+    let witness = Witness::twin(&settings).unwrap();
+    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, witness).unwrap();
+    host::begin(&mut rig).unwrap();
+    host::write(&mut rig, 0x1401, 2, 1, 1).unwrap();
+    rig.command(Command::SetHome(Nanometres(0))).unwrap();
+    host::write(&mut rig, 0x6060, 0, 8, 1).unwrap();
+    rig.command(Command::Enable).unwrap();
+    host::write(&mut rig, 0x2001, 1, 2, 1).unwrap();
+    assert_eq!(rig.status().state, State::Guiding);
+    // Counts per second, and by how much they may change in a plan and the tick in which a SYNC comes.
+    let (feed, step) = (2000.0, f64::from(settings.acceleration) * 1e6 * 7.0 / 20_000.0);
+    let (mut at, mut velocity, mut hardest, mut ripple) = (rig.status().setpoint, [0.0; 6], 0.0f64, 0.0f64);
+    let (mut released, mut retreats) = (0, 0);
+    for n in 0..700u32 {
+        let target = (feed * f64::from(n) * 1e-3) as i32;
+        let late = if n % 50 == 49 { PERIOD / 2 } else { 0 };
+        rig.process_mut().fault_inputs.short = (300..320).contains(&n);
+        for tick in 0..PERIOD {
+            if tick == late {
+                rig.send_at(0, edm_soc::Frame::new(0x301, &target.to_le_bytes()));
+                rig.send_at(0, edm_soc::Frame::new(0x80, &[]));
+            }
+            rig.tick().unwrap();
+            released += u32::from(rig.released().is_some());
+            let status = *rig.status();
+            velocity.rotate_left(1);
+            velocity[5] = (status.setpoint.0 - at.0) as f64 / 2f64.powi(24) * 20_000.0;
+            at = status.setpoint;
+            retreats += u32::from(status.state == State::Retreating);
+            // A retreat begins with a step, in whatever motion the head is.
+            let change: f64 = velocity[5] - velocity[0];
+            if n > 330 || n < 300 {
+                hardest = hardest.max(change.abs());
+            }
+            if (20..300).contains(&n) {
+                ripple = ripple.max(change.abs());
+            }
+        }
+    }
+    assert_eq!((released, rig.status().state, rig.status().fault), (700, State::Guiding, None));
+    assert!(retreats > 100, "{retreats} ticks of retreat");
+    assert!(hardest < step, "{hardest} counts/s in a plan, {step} allowed");
+    // A late set point is due a tick of 25 later: the clock of the host is followed.
+    assert!(ripple < 0.05 * feed, "{ripple} of {feed} counts/s");
+    assert!((at.to_f32() - 2.0 * 698.0).abs() < 4.0, "{} counts", at.to_f32());
+    assert_eq!(host::read(&mut rig, 0x2006, 6).unwrap(), 0, "late");
+    let Witness::Twin(twin) = rig.into_witness() else { unreachable!() };
+    assert!(twin.ticks() > 700 * u64::from(PERIOD));
+}

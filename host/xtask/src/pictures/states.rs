@@ -112,6 +112,22 @@ const ARROWS: &[Arrow] = &[
     arrow(&[Done], HoldingPosition, &[Reason::Held], &[(375.0, 362.0), (375.0, 327.0)], "hold", (382.0, 350.0)),
     arrow(REST, Seeking, &[Reason::Started], &[(460.0, 222.0), (610.0, 222.0)], "start", (490.0, 216.0)),
     arrow(REST, Guiding, &[Reason::Started], &[(460.0, 410.0), (610.0, 410.0)], "guide", (490.0, 404.0)),
+    arrow(
+        &[Positioning],
+        Guiding,
+        &[Reason::Started],
+        &[(240.0, 66.0), (215.0, 66.0), (215.0, 456.0), (650.0, 456.0), (650.0, 424.0)],
+        "guide",
+        (222.0, 140.0),
+    ),
+    arrow(
+        &[Guiding],
+        Positioning,
+        &[Reason::Held],
+        &[(690.0, 424.0), (690.0, 466.0), (205.0, 466.0), (205.0, 80.0), (240.0, 80.0)],
+        "hold",
+        (170.0, 140.0),
+    ),
     arrow(&[Seeking, Eroding], Done, &[Reason::PathEnd], &[(585.0, 372.0), (445.0, 372.0)], "path end", (490.0, 366.0)),
     arrow(
         &[Seeking, Eroding, Guiding, Retreating],
