@@ -107,6 +107,12 @@ impl State {
         y
     }
 
+    /// The low-pass alone, for whoever shows what goes into the notch: a state is ticked by this or by [`State::tick`].
+    pub fn low_pass(&mut self, c: &Coefficients, x: f32) -> f32 {
+        let ([first, second, _], [first_c, second_c, _]) = (&mut self.sections, &c.sections);
+        second.low_pass(second_c, first.low_pass(first_c, x))
+    }
+
     /// Goes on with other coefficients: the output stays where it is and moves on from there.
     pub fn retune(&mut self, old: &Coefficients, new: &Coefficients) {
         for ((state, old), new) in self.sections.iter_mut().zip(&old.sections).zip(&new.sections) {

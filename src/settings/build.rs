@@ -144,6 +144,16 @@ impl Settings {
         })
     }
 
+    /// Low-pass and notch of the gap voltage.
+    pub fn gap_filter(&self) -> chain::Config {
+        chain::Config {
+            corner: Hertz(self.gap_corner),
+            mains: Hertz(self.gap_mains),
+            notch_q: self.gap_notch_q,
+            second_harmonic: self.gap_second_harmonic,
+        }
+    }
+
     fn gap(&self) -> Result<voltage::Active, SettingError> {
         let polarity = if self.gap_reversed { voltage::Polarity::Negative } else { voltage::Polarity::Positive };
         let config = voltage::Config {
@@ -151,12 +161,7 @@ impl Settings {
             zero_code: self.gap_zero_code as u16,
             volts_per_code: self.gap_volts_per_code,
             polarity,
-            filter: chain::Config {
-                corner: Hertz(self.gap_corner),
-                mains: Hertz(self.gap_mains),
-                notch_q: self.gap_notch_q,
-                second_harmonic: self.gap_second_harmonic,
-            },
+            filter: self.gap_filter(),
             short: Volts(self.gap_short),
             contact: Volts(self.contact_below),
             hold_limit: Seconds(self.gap_hold_ms * 1e-3),

@@ -19,6 +19,7 @@
 //! | [`output`] | files that appear complete or not at all |
 //! | [`path_report`] | how exactly a path is gone along and back |
 //! | [`gap_report`] | what the estimators of the gap can tell |
+//! | [`replay`] | recordings of a gap through the head's own chain |
 //! | [`page`] | a page of the project with a section that a command writes |
 //! | [`store`] | what a virtual head keeps when its power is cut |
 //! | `schedule` | a virtual head whose tasks preempt each other as a seed wants it (feature `preempt`) |
@@ -54,6 +55,7 @@ pub mod plot;
 pub mod pool;
 pub mod process;
 pub mod progress;
+pub mod replay;
 pub mod report;
 pub mod run;
 pub mod scenario;

@@ -69,7 +69,11 @@ impl Pulses {
         } else {
             Class::NoPulse
         };
-        self.shares.add(class);
+        let mut look = [0; CLASSES];
+        if let Some(count) = look.get_mut(class as usize) {
+            *count = 1;
+        }
+        self.shares.add(&look);
         let [open, spark, arcs, short, _, uncertain] = self.shares.counts().map(u32::from);
         let seen = open + spark + arcs + short + uncertain;
         let above = seen >= Self::LEAST && arcs * 100 > config.share * seen;

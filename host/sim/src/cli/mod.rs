@@ -9,6 +9,7 @@ mod describe;
 mod gap_report;
 mod model_report;
 mod path_report;
+mod replay;
 mod tables;
 
 pub use crate::terminal::{EXIT_BAD_INPUT, EXIT_FAILED, Failure};
@@ -16,6 +17,7 @@ pub use bore::Bore;
 pub use gap_report::GapReport;
 pub use model_report::ModelReport;
 pub use path_report::PathReport;
+pub use replay::Replay;
 
 use crate::bench::Bench;
 use crate::compare::Compare;
@@ -95,6 +97,9 @@ enum Command {
         after_help = "Exit code: 0 everything is within its bound; 1 not so, or an output failed; 2 bad input, nothing was written."
     )]
     GapReport(GapReport),
+    /// Run a recording of a gap through the head's own filters and classifier (docs/gap-sensing.md)
+    #[command(after_help = "Exit code: 0 done; 1 an output failed; 2 bad input, nothing was written.")]
+    Replay(Replay),
 }
 
 /// Reads the command line, does what it says, and gives the exit code.
@@ -120,6 +125,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Command::ModelReport(report) => report.execute(),
         Command::PathReport(report) => report.execute(),
         Command::GapReport(report) => report.execute(),
+        Command::Replay(replay) => replay.execute().map(|()| true),
         Command::Bench(bench) => bench.execute(run),
         Command::Scenarios => tables::scenarios().map(|text| {
             say(&text);

@@ -6,7 +6,7 @@
 //! tick, so that nothing short is lost, and a line of means.
 
 mod buckets;
-mod panels;
+pub(crate) mod panels;
 mod sheet;
 mod track;
 
@@ -14,6 +14,7 @@ use crate::millisecond::{Millisecond, Phase};
 use crate::report::Report;
 use crate::run::Program;
 use buckets::{Bucket, Buckets, Means};
+use std::ops::Range;
 use track::Track;
 
 /// Columns of the whole run: about one a pixel.
@@ -58,6 +59,11 @@ impl Picture {
     pub fn draw(&self, report: &Report, title: &str, path: Option<&Program>) -> Result<String, String> {
         sheet::draw(self, report, title, path).map_err(|error| format!("the plot could not be drawn: {error}"))
     }
+}
+
+/// Draws panels over one time as SVG, under a title and a line that says more.
+pub(crate) fn panels(title: &str, more: &str, time: &Range<f64>, panels: &[panels::Panel]) -> Result<String, String> {
+    sheet::panels(title, more, time, panels).map_err(|error| format!("the plot could not be drawn: {error}"))
 }
 
 /// An undisturbed second of eroding. A later one replaces it each time the eroding before it has doubled, so that it ends

@@ -6,17 +6,17 @@ use crate::millisecond::Span;
 use plotters::style::RGBColor;
 use std::ops::Range;
 
-pub(super) const BLUE: RGBColor = RGBColor(0x1b, 0x5e, 0x9e);
-const BROWN: RGBColor = RGBColor(0x8a, 0x5a, 0x2b);
-const GREY: RGBColor = RGBColor(0x9a, 0xa5, 0xb1);
-pub(super) const INK: RGBColor = RGBColor(0x24, 0x2c, 0x35);
-const ORANGE: RGBColor = RGBColor(0xe0, 0x6c, 0x00);
-const GREEN: RGBColor = RGBColor(0x1e, 0x80, 0x4b);
-const PURPLE: RGBColor = RGBColor(0x6d, 0x3f, 0xa0);
+pub(crate) const BLUE: RGBColor = RGBColor(0x1b, 0x5e, 0x9e);
+pub(crate) const BROWN: RGBColor = RGBColor(0x8a, 0x5a, 0x2b);
+pub(crate) const GREY: RGBColor = RGBColor(0x9a, 0xa5, 0xb1);
+pub(crate) const INK: RGBColor = RGBColor(0x24, 0x2c, 0x35);
+pub(crate) const ORANGE: RGBColor = RGBColor(0xe0, 0x6c, 0x00);
+pub(crate) const GREEN: RGBColor = RGBColor(0x1e, 0x80, 0x4b);
+pub(crate) const PURPLE: RGBColor = RGBColor(0x6d, 0x3f, 0xa0);
 
 /// A signal in a panel.
 #[derive(Debug)]
-pub(super) struct Curve {
+pub(crate) struct Curve {
     pub label: String,
     pub colour: RGBColor,
     pub width: u32,
@@ -28,14 +28,15 @@ pub(super) struct Curve {
 
 /// A diagram in the making.
 #[derive(Debug)]
-pub(super) struct Panel {
+pub(crate) struct Panel {
     pub name: &'static str,
     /// From bottom to top.
     pub y: Range<f64>,
     pub curves: Vec<Curve>,
 }
 
-fn line(label: &str, colour: RGBColor, width: u32, line: Vec<(f64, f64)>) -> Curve {
+/// A plain line.
+pub(crate) fn line(label: &str, colour: RGBColor, width: u32, line: Vec<(f64, f64)>) -> Curve {
     Curve { label: label.into(), colour, width, dashed: false, line, band: Vec::new() }
 }
 
@@ -52,7 +53,7 @@ fn of(columns: &[Bucket], signal: impl Fn(&Bucket) -> f64) -> Vec<(f64, f64)> {
 }
 
 /// From the smallest to the largest value with a margin; never empty.
-fn range(values: impl Iterator<Item = f64>) -> Range<f64> {
+pub(crate) fn range(values: impl Iterator<Item = f64>) -> Range<f64> {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for x in values.filter(|x| x.is_finite()) {
         low = low.min(x);

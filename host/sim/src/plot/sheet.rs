@@ -38,6 +38,21 @@ pub(super) fn draw(picture: &Picture, report: &Report, title: &str, path: Option
     Ok(svg)
 }
 
+/// Draws panels over one time as SVG, under a title and a line that says more.
+pub(super) fn panels(title: &str, more: &str, time: &Range<f64>, panels: &[Panel]) -> Result<String, String> {
+    let mut svg = String::new();
+    let root = SVGBackend::with_string(&mut svg, (SIZE.0, HEAD + 260 * panels.len() as u32)).into_drawing_area();
+    let drawn = root.fill(&WHITE).and_then(|()| {
+        let (head, body) = root.split_vertically(HEAD);
+        text(&head, title, (24, 16), 27.0, INK, true)?;
+        text(&head, more, (24, 52), 15.0, PALE, false)?;
+        stack(&body, time, &[], panels)
+    });
+    drawn.map_err(|error| error.to_string())?;
+    drop(root);
+    Ok(svg)
+}
+
 /// The path as it was asked for, and as the head went along it while it worked: from above and from the side.
 fn path_column<'a>(area: &Area<'a>, picture: &Picture, path: &Program) -> Drawn<'a> {
     let (head, body) = area.split_vertically(HEAD);
@@ -195,10 +210,14 @@ fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: [Panel; 5]) -> Drawn<
         (Some(first), Some(last)) => first.time().0..last.time().1,
         _ => 0.0..1.0,
     };
-    let shades = shades(columns);
+    stack(area, &time, &shades(columns), &panels)
+}
+
+/// Draws panels, one below the other, over the same time.
+fn stack<'a>(area: &Area<'a>, time: &Range<f64>, shades: &[(Range<f64>, Phase, u8)], panels: &[Panel]) -> Drawn<'a> {
     let (_, height) = area.dim_in_pixel();
     // The lowest panel is higher by the labels of the time axis, so that all diagrams are of the same height.
-    let each = (height + 8 - FOOT) / panels.len() as u32;
+    let each = (height + 8 - FOOT) / panels.len().max(1) as u32;
     let mut rest = area.clone();
     for (i, panel) in panels.iter().enumerate() {
         let lowest = i + 1 == panels.len();
@@ -208,7 +227,7 @@ fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: [Panel; 5]) -> Drawn<
             let (a, b) = rest.split_vertically(each);
             (a, Some(b))
         };
-        diagram(&this, &time, &shades, panel, lowest)?;
+        diagram(&this, time, shades, panel, lowest)?;
         rest = below.unwrap_or(rest);
     }
     Ok(())
