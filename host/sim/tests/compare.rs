@@ -117,6 +117,22 @@ fn a_perturbed_model_is_another_run_and_its_variant_says_so() {
 }
 
 #[test]
+fn set_points_are_tried_for_every_law_and_the_front_is_told() {
+    let folder = folder();
+    let output = run(folder.path(), &with(&["--set-points", "0.9,1", "--csv", "c.csv"]));
+    let said = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(said.contains("### s.toml, reflex 1 ms, published, set point x 0.9\n"), "{said}");
+    let front = said.split("### Pareto front of s.toml, reflex 1 ms, published\n").nth(1).unwrap();
+    let first = front.lines().nth(3).unwrap();
+    assert!(first.starts_with("| increment_by_error | ") || first.starts_with("| fixed_rate | "), "{front}");
+    // 54 and 60 V.
+    let rows = fs::read_to_string(folder.path().join("c.csv")).unwrap();
+    assert!(rows.lines().any(|row| row.contains(",54.0,")) && rows.lines().any(|row| row.contains(",60.0,")));
+    assert_eq!(rows.lines().count(), 1 + 16);
+}
+
+#[test]
 fn bad_input_is_one_line_and_nothing_is_written() {
     let folder = folder();
     fs::write(folder.path().join("other.csv"), "a,b\n").unwrap();
@@ -124,6 +140,7 @@ fn bad_input_is_one_line_and_nothing_is_written() {
         (&["--laws", "pid"][..], "--laws pid: no such law here; there are increment_by_error, "),
         (&["--seeds", "0"], "--seeds 0: must be "),
         (&["--perturb", "51"], "--perturb 51: must be a number from 0 to 50 %"),
+        (&["--set-points", "1.6"], "--set-points 1.6: must be a number from 0.5 to 1.5"),
         (&["--scenarios", "nowhere"], "--scenario nowhere: no such scenario"),
         (&["--csv", "other.csv"], "--csv other.csv: holds something else"),
         (&["--plot", "other.csv"], "--plot other.csv: must be a folder"),

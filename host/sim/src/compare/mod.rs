@@ -16,7 +16,7 @@ use crate::output::Output;
 use crate::page::{Page, in_project};
 use crate::pool;
 use crate::sweep::file::RowFile;
-use crate::sweep::grid::{self, Choice, Grid, Lists};
+use crate::sweep::grid::{self, Choice, Grid, Lists, SET_POINT_FACTOR};
 use crate::sweep::merge::Whole;
 use crate::sweep::row::{Format, Row};
 use crate::sweep::{Making, again};
@@ -29,6 +29,7 @@ use summary::Comparison;
 /// Page with the tables, and the command as it names it.
 const PAGE: &str = "docs/feed-laws.md";
 const COMMAND: &str = "cargo sim compare";
+const FRONTS: &str = "cargo sim compare --set-points";
 /// Scenarios when nobody asks for others: both settings of \[G\]'s machine, and the sinker of \[R\].
 const SCENARIOS: [&str; 3] = ["micro-blind", "micro-blind-clear", "sinker"];
 
@@ -76,6 +77,9 @@ struct Options {
     /// Change every number of the model that nobody has published by up to so many per cent, the same for every law of a seed
     #[arg(long, value_name = "PCT", default_value_t = 0.0, allow_hyphen_values = true)]
     perturb: f64,
+    /// Bore with every law at these factors of its set point, and tell which are on the Pareto front
+    #[arg(long, value_name = "FACTOR,...", value_delimiter = ',', allow_hyphen_values = true)]
+    set_points: Vec<f64>,
     #[command(flatten)]
     making: Making,
     /// Make so many of the runs in --csv again, spread over all, and fail unless they come out the same to the last digit
@@ -117,7 +121,10 @@ impl Compare {
         if let (Some(count), Some(file)) = (self.options.recompute, &file) {
             return self.options.recompute(&grid, file, count.into());
         }
-        let outputs = self.results.claim(&self.options.inputs()).map_err(Failure::BadInput)?;
+        let outputs = self
+            .results
+            .claim(&self.options.inputs(), !self.options.set_points.is_empty())
+            .map_err(Failure::BadInput)?;
         let rows = self.options.making.rows(&grid, file.into_iter().collect())?;
         outputs.write(&rows, rows.len() < grid.len())
     }
@@ -131,7 +138,10 @@ impl Merge {
         if rows.iter().any(|row| row.text("law").is_none() || row.text("variant").is_none()) {
             return Err(Failure::BadInput("the files are of a sweep, not of a comparison".into()));
         }
-        let outputs = self.results.claim(&self.files).map_err(Failure::BadInput)?;
+        let outputs = self
+            .results
+            .claim(&self.files, rows.iter().any(|row| row.text(SET_POINT_FACTOR).is_some()))
+            .map_err(Failure::BadInput)?;
         outputs.write(&rows, false)
     }
 }
@@ -172,6 +182,9 @@ impl Options {
         if !(0.0..=50.0).contains(&self.perturb) {
             return Err(format!("--perturb {}: must be a number from 0 to 50 %", self.perturb));
         }
+        if let Some(factor) = self.set_points.iter().find(|factor| !(0.5..=1.5).contains(*factor)) {
+            return Err(format!("--set-points {factor}: must be a number from 0.5 to 1.5"));
+        }
         let all = || ENTRANTS.iter().map(|entrant| entrant.name).collect::<Vec<_>>().join(", ");
         for name in &self.laws {
             if !ENTRANTS.iter().any(|entrant| entrant.name == name) {
@@ -192,7 +205,8 @@ impl Options {
         ];
         let depths_mm = self.depth_mm.into_iter().collect();
         let perturbed = self.perturb * 1e-2;
-        Grid::new(&Lists { scenarios, seeds, depths_mm, choices, perturbed, ..Lists::default() })
+        let set_points = self.set_points.clone();
+        Grid::new(&Lists { scenarios, seeds, depths_mm, choices, set_points, perturbed, ..Lists::default() })
     }
 }
 
@@ -201,10 +215,12 @@ struct Outputs<'a> {
     json: Option<Output>,
     plot: Option<&'a Path>,
     page: Option<(Output, Page)>,
+    /// The page gets the Pareto fronts alone.
+    fronts: bool,
 }
 
 impl Results {
-    fn claim(&self, inputs: &[PathBuf]) -> Result<Outputs<'_>, String> {
+    fn claim(&self, inputs: &[PathBuf], fronts: bool) -> Result<Outputs<'_>, String> {
         let json = self.json.as_deref().map(|path| Output::claim("--json", path)).transpose()?;
         if let Some((output, input)) =
             json.as_ref().and_then(|json| Some((json, inputs.iter().find(|input| json.replaces(input))?)))
@@ -214,9 +230,10 @@ impl Results {
         if let Some(folder) = self.plot.as_deref().filter(|folder| folder.exists() && !folder.is_dir()) {
             return Err(format!("--plot {}: must be a folder", folder.display()));
         }
-        let page = self.docs.then(|| Page::read(&in_project(Path::new(PAGE))?, COMMAND)).transpose()?;
+        let command = if fronts { FRONTS } else { COMMAND };
+        let page = self.docs.then(|| Page::read(&in_project(Path::new(PAGE))?, command)).transpose()?;
         let page = page.map(|page| Ok::<_, String>((page.claim()?, page))).transpose()?;
-        Ok(Outputs { json, plot: self.plot.as_deref(), page })
+        Ok(Outputs { json, plot: self.plot.as_deref(), page, fronts })
     }
 }
 
@@ -234,7 +251,8 @@ impl Outputs<'_> {
             }
         }
         if let Some((output, page)) = self.page {
-            page.write(output, &format!("\n{table}\n")).map_err(failed)?;
+            let text = if self.fronts { comparison.fronts() } else { table };
+            page.write(output, &format!("\n{text}\n")).map_err(failed)?;
         }
         if let Some(json) = self.json {
             json.write(|file| file.write_all(comparison.json().as_bytes())).map_err(failed)?;

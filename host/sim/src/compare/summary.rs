@@ -5,6 +5,7 @@
 //! depth have no machining time; how many there were stands beside each mean.
 
 use super::laws::ENTRANTS;
+use crate::sweep::grid::SET_POINT_FACTOR;
 use crate::sweep::row::Row;
 use serde_json::{Map, Value, json};
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -39,6 +40,11 @@ pub const METRICS: [(&str, Figure); 18] = [
 ];
 /// Velocity above which a law trembles, mm/s rms.
 const TREMBLES: f64 = 2.0;
+
+/// Between the name of a variant and the factor of the set point.
+const AT: &str = ", set point x ";
+/// What a law that is not behind another in all of them is on the Pareto front by.
+const FRONT: [&str; 5] = ["machining_time_s", "arc_ratio", "short_ratio", "wear_um", "damage"];
 
 /// A mean over seeds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,7 +97,14 @@ fn mean(values: &[f64]) -> Option<Mean> {
 impl Comparison {
     /// What the rows of a comparison hold.
     pub fn of(rows: &[Row]) -> Comparison {
-        let key = |row: &Row| ["variant", "scenario", "law"].map(|name| row.text(name).unwrap_or_default());
+        let key = |row: &Row| {
+            let [mut variant, scenario, law] =
+                ["variant", "scenario", "law"].map(|name| row.text(name).unwrap_or_default());
+            if let Some(factor) = row.text(SET_POINT_FACTOR) {
+                let _ = write!(variant, "{AT}{factor}");
+            }
+            [variant, scenario, law]
+        };
         let mut keys: Vec<[String; 3]> = Vec::new();
         for row in rows {
             let key = key(row);
@@ -171,6 +184,7 @@ impl Comparison {
             }
             text.push('\n');
         }
+        text.push_str(&self.fronts());
         text.push_str("Mean +- half of its 95 % interval over seeds; simulated. *Time* is that in which a law led, of holes that were finished;\n*to the first* by pairs of the same seed. A law marked with ~ moves its axis at more than 2 mm/s rms.\n");
         let named = ENTRANTS.iter().filter(|e| self.entries.iter().any(|entry| entry.law == e.name));
         named.for_each(|e| _ = writeln!(text, "- `{}`: {}", e.name, e.source));
@@ -178,6 +192,46 @@ impl Comparison {
             text.push_str("Only a part of the runs: `edm-sim compare merge` puts all parts together.\n");
         }
         text.push_str(&self.failures);
+        text
+    }
+
+    /// Laws at set points that no other one is better than or as good as in everything, for each scenario; nothing where no set
+    /// points were tried.
+    pub fn fronts(&self) -> String {
+        let base = |entry: &Entry| entry.variant.split_once(AT).map(|(base, _)| base.to_owned());
+        let mut text = String::new();
+        let mut groups: Vec<(String, &str)> = Vec::new();
+        for group in self.entries.iter().filter_map(|entry| Some((base(entry)?, entry.scenario.as_str()))) {
+            if !groups.contains(&group) {
+                groups.push(group);
+            }
+        }
+        for (variant, scenario) in groups {
+            let of_group = |entry: &&Entry| base(entry).as_ref() == Some(&variant) && entry.scenario == scenario;
+            let all: Vec<(&Entry, [f64; FRONT.len()])> = self
+                .entries
+                .iter()
+                .filter(of_group)
+                .filter(|entry| entry.complete == entry.runs)
+                .map(|entry| (entry, FRONT.map(|name| entry.metric(name).map_or(f64::INFINITY, |mean| mean.of))))
+                .collect();
+            let _ = writeln!(text, "### Pareto front of {scenario}, {variant}\n");
+            text.push_str("| law | set point x | time s | arcs % | shorts % | wear um | damage |\n| --- | --- | --- | --- | --- | --- | --- |\n");
+            let mut front: Vec<_> =
+                all.iter().filter(|(_, mine)| !all.iter().any(|(_, other)| beats(other, mine))).collect();
+            front.sort_by(|(_, a), (_, b)| a[0].total_cmp(&b[0]));
+            for (entry, [time, arcs, shorts, wear, damage]) in front {
+                let factor = entry.variant.split_once(AT).map_or("", |(_, factor)| factor);
+                let _ = writeln!(
+                    text,
+                    "| {} | {factor} | {time:.1} | {:.2} | {:.2} | {wear:.1} | {damage:.3} |",
+                    entry.law,
+                    arcs * 100.0,
+                    shorts * 100.0
+                );
+            }
+            text.push('\n');
+        }
         text
     }
 
@@ -201,6 +255,11 @@ impl Comparison {
             .unwrap_or_default()
             + "\n"
     }
+}
+
+/// Nowhere worse, and somewhere better.
+fn beats(a: &[f64], b: &[f64]) -> bool {
+    a.iter().zip(b).all(|(a, b)| a <= b) && a.iter().zip(b).any(|(a, b)| a < b)
 }
 
 fn value(mean: Option<Mean>) -> Value {
@@ -254,5 +313,12 @@ mod tests {
         assert!((ci95.unwrap() - 2.776_445 * 0.5f64.sqrt()).abs() < 1e-4);
         assert_eq!(mean(&[7.0]), Some(Mean { of: 7.0, ci95: None }));
         assert_eq!(mean(&[]), None);
+    }
+
+    #[test]
+    fn who_is_nowhere_worse_and_somewhere_better_beats() {
+        assert!(beats(&[1.0, 2.0], &[1.0, 3.0]));
+        assert!(!beats(&[1.0, 2.0], &[1.0, 2.0]), "not itself");
+        assert!(!beats(&[1.0, 4.0], &[2.0, 3.0]));
     }
 }

@@ -17,6 +17,9 @@ const MOST: usize = 1_000_000;
 /// Name of this layout of runs and rows: files of another are not continued.
 const LAYOUT: &str = concat!("edm-sim.sweep/3 ", env!("CARGO_PKG_VERSION"));
 
+/// Column of [`Lists::set_points`].
+pub const SET_POINT_FACTOR: &str = "set_point_factor";
+
 /// What is varied; an empty list is one that nobody gave.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lists {
@@ -30,6 +33,8 @@ pub struct Lists {
     pub values: Vec<(String, Vec<String>)>,
     /// What sets several keys at a time, varied before the keys; a column each.
     pub choices: Vec<Choice>,
+    /// Factors of the set point that is chosen then, a column when there are any; a set point that cannot be is left out.
+    pub set_points: Vec<f64>,
     /// Share by which the numbers of the model that nobody has published are changed, each by chance, from the seed.
     pub perturbed: f64,
 }
@@ -239,7 +244,7 @@ impl Grid {
             for &depth_mm in if lists.depths_mm.is_empty() { &own[..] } else { &lists.depths_mm } {
                 within(&setup, depth_mm).map_err(|message| format!("--depth-mm {message}"))?;
                 let point = Point { setup: setup.clone(), values: Vec::new(), depth_mm, refusal: None };
-                choose(point, &lists.choices, &lists.values, &mut points)?;
+                choose(point, &lists.choices, lists, &mut points)?;
             }
         }
         if let Some(message) = points.iter().map(|point| point.refusal.as_ref()).collect::<Option<Vec<_>>>() {
@@ -249,7 +254,8 @@ impl Grid {
             return Err("the grid has 0 runs: none of the laws is for these scenarios".into());
         }
         let choices = lists.choices.iter().map(|choice| choice.name.clone());
-        let keys = choices.chain(lists.values.iter().map(|(key, _)| key.clone())).collect();
+        let factor = (!lists.set_points.is_empty()).then(|| SET_POINT_FACTOR.to_owned());
+        let keys = choices.chain(factor).chain(lists.values.iter().map(|(key, _)| key.clone())).collect();
         let fingerprint = fingerprint(&(LAYOUT, &points, &lists.seeds, lists.perturbed));
         Ok(Grid { points, seeds: lists.seeds.clone(), perturbed: lists.perturbed, keys, fingerprint })
     }
@@ -272,13 +278,25 @@ impl Grid {
 }
 
 /// The points that come of one when the choices behind it are made, then the keys varied.
-fn choose(
-    point: Point,
-    choices: &[Choice],
-    values: &[(String, Vec<String>)],
-    points: &mut Vec<Point>,
-) -> Result<(), String> {
-    let Some((choice, others)) = choices.split_first() else { return expand(point, values, points) };
+fn choose(point: Point, choices: &[Choice], lists: &Lists, points: &mut Vec<Point>) -> Result<(), String> {
+    let Some((choice, others)) = choices.split_first() else {
+        if lists.set_points.is_empty() {
+            return expand(point, &lists.values, points);
+        }
+        return lists.set_points.iter().try_for_each(|factor| {
+            let mut setup = point.setup.clone();
+            // In tenths of a volt, as a person would.
+            let volts = (f64::from(setup.head.gap_setpoint) * factor * 10.0).round() / 10.0;
+            setup.set(&format!("gap.setpoint_v={volts}"))?;
+            setup.name.clone_from(&point.setup.name);
+            // A set point that cannot be is not tried.
+            if bore::check(&setup).is_err() {
+                return Ok(());
+            }
+            let values = point.values.iter().cloned().chain([factor.to_string()]).collect();
+            expand(Point { setup, values, depth_mm: point.depth_mm, refusal: None }, &lists.values, points)
+        });
+    };
     for (name, assignments) in &choice.options {
         let Some(assignments) = assignments(&point.setup) else { continue };
         let mut setup = point.setup.clone();
@@ -289,7 +307,7 @@ fn choose(
         setup.name.clone_from(&point.setup.name);
         let chosen = point.values.iter().chain([name]).cloned().collect();
         let point = Point { setup, values: chosen, depth_mm: point.depth_mm, refusal: None };
-        choose(point, others, values, points)?;
+        choose(point, others, lists, points)?;
     }
     Ok(())
 }
