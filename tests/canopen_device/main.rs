@@ -11,5 +11,6 @@ mod leftover;
 mod requests;
 mod rig;
 mod segments;
+mod servo_objects;
 mod settings;
 mod sync_preview;
