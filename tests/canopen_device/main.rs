@@ -11,6 +11,7 @@ mod leftover;
 mod requests;
 mod rig;
 mod segments;
+mod servo_objects;
 mod settings;
 mod sync_preview;
 mod unconfigured;

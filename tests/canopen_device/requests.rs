@@ -35,7 +35,7 @@ struct Outcome {
     velocity: u32,
 }
 
-const ALL: &[u8] = &[0, 1, 3, 6, 7, 8];
+const ALL: &[u8] = &[0, 1, 3, 6, 7, 8, 9];
 
 /// Enabled 300 um above the work, home.
 fn ready(mode: u8) -> Rig {
@@ -106,6 +106,11 @@ fn moving(mode: u8) -> Rig {
             rig.write(0x60C2, 2, &[-2i8 as u8]);
             rig.write32(0x607A, 0, 50);
         }
+        9 => {
+            rig.write(0x60C2, 1, &[100]);
+            rig.write(0x60C2, 2, &[-2i8 as u8]);
+            rig.write32(0x60FF, 0, -500);
+        }
         _ => {
             rig.write(0x60C2, 1, &[100]);
             rig.write(0x60C2, 2, &[-2i8 as u8]);
@@ -174,11 +179,11 @@ const SITUATIONS: &[Situation] = &[
     ("enabled, a path waits", ALL, queued),
     ("halted", ALL, halted),
     ("quick stop active", ALL, quick_stopped),
-    ("moving", &[1, 3, 7, 8], moving),
+    ("moving", &[1, 3, 7, 8, 9], moving),
     ("homing", &[6], homing),
     ("eroding", ALL, eroding),
     ("jumping", ALL, jumping),
-    ("guided", &[0, 1, 7, 8], guided),
+    ("guided", &[0, 1, 7, 8, 9], guided),
     ("fault reaction", ALL, reacting),
     ("fault", ALL, faulty),
 ];
@@ -230,6 +235,7 @@ const REQUESTS: &[Request] = &[
     Request { name: "6060h = 6", ask: |rig| mode(rig, 6), done: |_, rig| rig.read(0x6061, 0) == 6 },
     Request { name: "6060h = 7", ask: |rig| mode(rig, 7), done: |_, rig| rig.read(0x6061, 0) == 7 },
     Request { name: "6060h = 8", ask: |rig| mode(rig, 8), done: |_, rig| rig.read(0x6061, 0) == 8 },
+    Request { name: "6060h = 9", ask: |rig| mode(rig, 9), done: |_, rig| rig.read(0x6061, 0) == 9 },
     Request { name: "disable voltage", ask: |rig| control(rig, 0x00), done: |_, rig| stays(rig, &[0x40]) },
     Request { name: "shutdown", ask: |rig| control(rig, 0x06), done: |_, rig| stays(rig, &[0x21, 0x07]) },
     Request { name: "switch on", ask: |rig| control(rig, 0x07), done: |_, rig| stays(rig, &[0x23, 0x40, 0x07]) },
@@ -328,10 +334,12 @@ const REQUESTS: &[Request] = &[
     },
     Request {
         name: "60FFh",
-        ask: |rig| rig.try_write(0x60FF, 0, &(-200i32).to_le_bytes()),
+        ask: |rig| rig.try_write(0x60FF, 0, &(-2000i32).to_le_bytes()),
         done: |before, rig| {
-            let runs = rig.read(0x6061, 0) == 3 && enabled(rig) && !rig.machine.status().state.works();
-            rig.read(0x60FF, 0) as i32 == -200 && (!runs || rig.position() < before.position)
+            let halts = rig.read(0x6040, 0) & 0x100 != 0;
+            let runs = matches!(rig.read(0x6061, 0), 3 | 9) && enabled(rig) && !halts;
+            let there = before.position - if rig.read(0x6061, 0) == 3 { 20 } else { 0 };
+            rig.read(0x60FF, 0) as i32 == -2000 && (!runs || rig.position() < there || arrives(rig, there - 1))
         },
     },
     Request {

@@ -212,7 +212,7 @@ mod tests {
         let services: usize = SERVICES.iter().map(|service| service.signals.len()).sum();
         assert_eq!(file.matches("\n SG_ ").count(), entries + services, "{file}");
         assert!(
-            file.contains("BO_ 389 TPDO1_5: 3 Head5\n SG_ Statusword : 0|16@1+ (1,0) [0|65535] \"\" Host\n"),
+            file.contains("BO_ 389 TPDO1_5: 5 Head5\n SG_ Statusword : 0|16@1+ (1,0) [0|65535] \"\" Host\n"),
             "{file}"
         );
         assert!(file.contains("BO_ 133 Emergency5: 8 Head5\n"));

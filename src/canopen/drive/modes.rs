@@ -34,6 +34,8 @@ pub enum Mode {
     Interpolated = 7,
     /// Cyclic synchronous position.
     CyclicPosition = 8,
+    /// Cyclic synchronous velocity.
+    CyclicVelocity = 9,
 }
 
 impl Mode {
@@ -45,6 +47,7 @@ impl Mode {
             6 => Mode::Homing,
             7 => Mode::Interpolated,
             8 => Mode::CyclicPosition,
+            9 => Mode::CyclicVelocity,
             _ => return None,
         })
     }
@@ -73,6 +76,8 @@ pub struct SetPoints {
     begins: bool,
     then: Option<i32>,
     buffer: Deque<i32, BUFFER>,
+    /// Where the set points of cyclic synchronous velocity have led, nm times ticks in a second.
+    led: Option<i64>,
     /// When the next set point is due.
     due: Option<Time>,
 }
@@ -83,7 +88,7 @@ impl SetPoints {
         self.next = None;
         self.moving = false;
         self.buffer.clear();
-        self.due = None;
+        (self.due, self.led) = (None, None);
         (self.begins, self.then) = (false, None);
     }
 
@@ -139,6 +144,7 @@ impl Drive {
             Mode::ProfileVelocity => self.run(),
             // A host that has said nothing yet wants no motion.
             Mode::CyclicPosition => self.set(Item::TargetPosition, self.position()),
+            Mode::CyclicVelocity => self.set(Item::TargetVelocity, 0),
             _ => {}
         }
     }
@@ -186,7 +192,11 @@ impl Drive {
         }
         let given = self.value(Item::TargetPosition);
         let target = if word & control::RELATIVE != 0 {
-            let from = self.set_points.target.unwrap_or(self.position());
+            let from = match (self.value(Item::PositioningOption), self.set_points.target) {
+                (0, Some(target)) => target,
+                (1, _) => clamp32(self.status.setpoint.round()),
+                _ => self.position(),
+            };
             from.saturating_add(given)
         } else {
             given
@@ -312,16 +322,35 @@ impl Drive {
     }
 
     /// Whether 60FFh may be written: it would be followed, and not while the head works.
-    pub(super) fn may_run(&self) -> Result<(), Abort> {
-        let runs = self.mode == Mode::ProfileVelocity && self.moves();
-        if runs && self.status.state.works() { Err(Abort::DeviceState) } else { Ok(()) }
+    pub(super) fn may_run(&self, changes: bool) -> Result<(), Abort> {
+        let set_point = changes && self.mode == Mode::ProfileVelocity || self.mode == Mode::CyclicVelocity;
+        let runs = set_point && self.moves();
+        if runs && self.status.state.works() && !self.guides() { Err(Abort::DeviceState) } else { Ok(()) }
     }
 
     /// 60FFh has been written.
     pub(super) fn velocity_written(&mut self, before: i32) {
-        if self.mode == Mode::ProfileVelocity && self.moves() && before != self.value(Item::TargetVelocity) {
-            self.run();
+        match self.mode {
+            _ if !self.moves() => {}
+            Mode::ProfileVelocity if before != self.value(Item::TargetVelocity) => self.run(),
+            Mode::CyclicVelocity => self.follow_velocity(),
+            _ => {}
         }
+    }
+
+    /// Cyclic synchronous velocity: a set point as far on as it leads in a period.
+    fn follow_velocity(&mut self) {
+        let velocity = self.value(Item::TargetVelocity).saturating_add(self.value(Item::VelocityOffset));
+        let (nm_per_count, second) = (self.active.head.axis.nm_per_count, i64::from(TICK_HZ));
+        let (ticks, (low, high)) = (self.period(), self.limits());
+        let here = i64::from(clamp32(self.status.setpoint.round())).saturating_mul(nm_per_count).saturating_mul(second);
+        let way = i64::from(velocity).saturating_mul(nm_per_count).saturating_mul(ticks.into());
+        let wanted = self.set_points.led.unwrap_or(here).saturating_add(way);
+        let bound = |counts: i32| i64::from(counts).saturating_mul(nm_per_count).saturating_mul(second);
+        let led = wanted.max(bound(low)).min(bound(high));
+        (self.set_points.limited, self.set_points.led) = (led != wanted, Some(led));
+        self.fresh = false;
+        self.follow = Some(SetPoint { to: Nanometres(led.wrapping_div(second)), ticks });
     }
 
     /// 60C1h:1 has been written.
@@ -483,8 +512,9 @@ impl Drive {
                 let reached = reached && set_points.buffer.is_empty();
                 bit(status::REACHED, reached) | bit(status::MODE_12, active)
             }
-            Mode::CyclicPosition => {
+            Mode::CyclicPosition | Mode::CyclicVelocity => {
                 let leads = self.erodes() || matches!(self.status.guidance, Guidance::Leads | Guidance::Waits);
+                let following = following && self.mode == Mode::CyclicPosition;
                 bit(status::MODE_12, self.moves() && !leads) | bit(status::MODE_13, following)
             }
         }
@@ -556,9 +586,14 @@ impl Drive {
         MicrometresPerSecond(counts as f32 * self.um_per_count())
     }
 
-    /// An acceleration, or a deceleration, of an object.
+    /// An acceleration, or a deceleration, of an object, within 60C5h and 60C6h.
     pub(super) fn acceleration(&self, item: Item) -> MicrometresPerSecond2 {
-        MicrometresPerSecond2(self.value(item) as f32 * self.um_per_count())
+        let most = match item {
+            Item::ProfileAcceleration | Item::HomingAcceleration => self.value(Item::MaxAcceleration),
+            Item::ProfileDeceleration => self.value(Item::MaxDeceleration),
+            _ => i32::MAX,
+        };
+        MicrometresPerSecond2(self.value(item).min(most) as f32 * self.um_per_count())
     }
 
     fn motion_limits(&self, velocity: i32) -> MotionLimits {

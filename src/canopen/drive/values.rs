@@ -153,6 +153,11 @@ impl Drive {
             Item::GapOpen => centivolts(status.open_circuit),
             Item::Duty => i64::from((status.duty * 10_000.0) as i16),
             Item::Current => i64::from((status.current.0 * 1000.0) as i16),
+            Item::RatedCurrent => i64::from((axis.current.continuous.0 * 1000.0) as u32),
+            // The force of a voice coil is proportional to its current.
+            Item::TorqueActual | Item::CurrentActual => {
+                i64::from((status.current.0 / axis.current.continuous.0 * 1000.0) as i16)
+            }
             Item::Saturated => status.saturated.into(),
             Item::CurrentReduced => status.current_reduced.into(),
             Item::Illegal => status.illegal_transitions.into(),
@@ -258,7 +263,7 @@ impl Drive {
                 let erodes = self.status.state == head::State::Eroding || !self.fresh;
                 return done(erodes && self.command(Command::Jump));
             }
-            Item::TargetVelocity if number != before => self.may_run()?,
+            Item::TargetVelocity => self.may_run(number != before)?,
             Item::Commission if value == 1 => return done(self.commission()),
             Item::QueueAppend => {
                 return done(self.queues() && self.command(Command::MoveTo(self.nanometres(number))));

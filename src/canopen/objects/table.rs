@@ -254,8 +254,8 @@ objects! {
     0x605C "Disable operation option code" { 0 DisableOption: i16, rw, no, (0, 1), 1, "", store, "Disable operation option code"; }
     0x605D "Halt option code" { 0 HaltOption: i16, rw, no, (1, 2), 1, "", store, "Halt option code"; }
     0x605E "Fault reaction option code" { 0 FaultOption: i16, rw, no, (-1, -1), -1, "", live, "Fault reaction option code"; }
-    0x6060 "Modes of operation" { 0 Mode: i8, rw, rx, (0, 8), 0, "", live, "Modes of operation: 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position"; }
-    0x6061 "Modes of operation display" { 0 ModeDisplay: i8, ro, tx, (0, 8), 0, "", live, "Modes of operation display: 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position"; }
+    0x6060 "Modes of operation" { 0 Mode: i8, rw, rx, (0, 9), 0, "", live, "Modes of operation: 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position, 9 cyclic synchronous velocity"; }
+    0x6061 "Modes of operation display" { 0 ModeDisplay: i8, ro, tx, (0, 9), 0, "", live, "Modes of operation display: 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position, 9 cyclic synchronous velocity"; }
     0x6062 "Position demand value" { 0 PositionDemand: i32, ro, tx, I32, 0, "counts", live, "Position demand value"; }
     0x6063 "Position actual internal value" { 0 PositionInternal: i32, ro, tx, I32, 0, "counts", live, "Position actual internal value"; }
     0x6064 "Position actual value" { 0 PositionActual: i32, ro, tx, I32, 0, "counts", live, "Position actual value"; }
@@ -268,8 +268,15 @@ objects! {
     0x606D "Velocity window" { 0 VelocityWindow: u16, rw, no, U16, 1000, "counts/s", store, "Velocity window"; }
     0x606E "Velocity window time" { 0 VelocityTime: u16, rw, no, U16, 5, "ms", store, "Velocity window time"; }
     0x606F "Velocity threshold" { 0 VelocityThreshold: u16, rw, no, U16, 1000, "counts/s", store, "Velocity threshold"; }
+    0x6075 "Motor rated current" { 0 RatedCurrent: u32, ro, no, U32, 0, "mA", live, "Motor rated current: that can flow for ever"; }
+    0x6077 "Torque actual value" { 0 TorqueActual: i16, ro, tx, I16, 0, "per mille", live, "Torque actual value: force of the motor, of that at 6075h; positive toward the work"; }
+    0x6078 "Current actual value" { 0 CurrentActual: i16, ro, tx, I16, 0, "per mille", live, "Current actual value: of 6075h; positive toward the work"; }
     0x6079 "DC link circuit voltage" { 0 BusVoltage: u32, ro, tx, U32, 0, "mV", live, "DC link circuit voltage"; }
     0x607A "Target position" { 0 TargetPosition: i32, rw, rx, I32, 0, "counts", live, "Target position"; }
+    0x607B "Position range limit" {
+        1 RangeMin: i32, ro, no, I32, -2_147_483_648, "counts", live, "Min position range limit: positions do not wrap";
+        2 RangeMax: i32, ro, no, I32, 2_147_483_647, "counts", live, "Max position range limit: the same";
+    }
     0x607C "Home offset" { 0 HomeOffset: i32, rw, no, I32, 0, "counts", store, "Home offset: the place found gets the position of minus this"; }
     0x607D "Software position limit" {
         1 LimitMin: i32, rw, no, I32, -2_147_483_648, "counts", store, "Min position limit";
@@ -299,6 +306,7 @@ objects! {
         2 HomingSlow: u32, rw, no, RATE, 1000, "counts/s", store, "Speed during search for zero";
     }
     0x609A "Homing acceleration" { 0 HomingAcceleration: u32, rw, no, RATE, 1_000_000, "counts/s^2", store, "Homing acceleration"; }
+    0x60B1 "Velocity offset" { 0 VelocityOffset: i32, rw, rx, I32, 0, "counts/s", live, "Velocity offset: of a set point of cyclic synchronous velocity"; }
     0x60C1 "Interpolation data record" { 1 IpData: i32, rw, rx, I32, 0, "counts", live, "Set point"; }
     0x60C2 "Interpolation time period" {
         1 IpPeriod: u8, rw, no, (1, 255), 1, "", store, "Interpolation time units";
@@ -312,9 +320,12 @@ objects! {
         5 IpRecord: u8, rw, no, (4, 4), 4, "", live, "Size of data record";
         6 IpClear: u8, wo, no, (0, 1), 0, "", live, "Buffer clear: 0 forgets all set points";
     }
+    0x60C5 "Max acceleration" { 0 MaxAcceleration: u32, rw, no, RATE, 2_147_483_647, "counts/s^2", store, "Max acceleration: 6083h and 609Ah never make a move faster"; }
+    0x60C6 "Max deceleration" { 0 MaxDeceleration: u32, rw, no, RATE, 2_147_483_647, "counts/s^2", store, "Max deceleration: the same for 6084h; a quick stop is not bound by it"; }
+    0x60F2 "Positioning option code" { 0 PositioningOption: u16, rw, no, (0, 2), 0, "", store, "Positioning option code: what a relative set point of profile position is reckoned from: 0 the target before it, 1 the position demand value, 2 the position actual value"; }
     0x60F4 "Following error actual value" { 0 FollowingError: i32, ro, tx, I32, 0, "counts", live, "Following error actual value"; }
     0x60FC "Position demand internal value" { 0 DemandInternal: i32, ro, tx, I32, 0, "counts", live, "Position demand internal value"; }
     0x60FD "Digital inputs" { 0 DigitalInputs: u32, ro, tx, U32, 0, "", live, "Digital inputs: 0 upper limit, 1 lower limit; 16 emergency stop, 17 dielectric, 18 bridge fault, 19 supply low"; }
     0x60FF "Target velocity" { 0 TargetVelocity: i32, rw, rx, I32, 0, "counts/s", live, "Target velocity"; }
-    0x6502 "Supported drive modes" { 0 SupportedModes: u32, ro, no, U32, 0xE5, "", live, "Supported drive modes"; }
+    0x6502 "Supported drive modes" { 0 SupportedModes: u32, ro, no, U32, 0x1E5, "", live, "Supported drive modes"; }
 }

@@ -118,7 +118,7 @@ fn a_guided_chip_is_the_native_core_bit_for_bit() {
             retreats += u32::from(status.state == State::Retreating);
             // A retreat begins with a step, in whatever motion the head is.
             let change: f64 = velocity[5] - velocity[0];
-            if n > 330 || n < 300 {
+            if !(300..=330).contains(&n) {
                 hardest = hardest.max(change.abs());
             }
             if (20..300).contains(&n) {

@@ -1,0 +1,148 @@
+//! What servo users look for beside the modes of before: velocities cycle by cycle, limits of acceleration, relative set points, the
+//! motor's current.
+
+use crate::rig::Rig;
+use edm_servo_head::head::State;
+
+/// Cyclic velocity by RPDO 3 with every SYNC, 1 ms apart.
+fn cyclic() -> Rig {
+    let mut rig = Rig::ready();
+    rig.write(0x1402, 2, &[1]);
+    rig.mode(9);
+    rig
+}
+
+fn streams(rig: &mut Rig, ms: u32, velocity: i32) {
+    for _ in 0..ms {
+        rig.send(0x405, &velocity.to_le_bytes());
+        rig.send(0x80, &[]);
+        rig.run(1);
+    }
+}
+
+#[test]
+fn velocities_are_followed_cycle_by_cycle_and_no_count_is_lost() {
+    let mut rig = cyclic();
+    let start = rig.position();
+    assert_eq!(rig.read(0x6502, 0) & 0x100, 0x100);
+    streams(&mut rig, 300, 3000);
+    assert_eq!(rig.machine.status().state, State::Positioning);
+    assert_ne!(rig.status() & 0x1000, 0, "follows");
+    streams(&mut rig, 100, -1500);
+    streams(&mut rig, 333, 1);
+    // 900 down and 150 up, and a third of a count.
+    rig.run(50);
+    assert!((rig.position() - start - 750).abs() <= 1, "{} from {start}", rig.position());
+    let demand = rig.machine.status().setpoint.to_f32();
+    assert!((f64::from(demand) - start as f64 - 750.333).abs() < 0.01, "{demand} from {start}");
+    // The offset of the host's own loop.
+    rig.write32(0x60B1, 0, 1000);
+    streams(&mut rig, 100, 0);
+    rig.run(50);
+    assert!((rig.position() - start - 850).abs() <= 1);
+}
+
+#[test]
+fn a_head_whose_velocities_stop_coming_stops() {
+    let mut rig = cyclic();
+    streams(&mut rig, 200, 4000);
+    rig.run(5);
+    let here = rig.position();
+    rig.run(200);
+    assert!((rig.position() - here).abs() <= 3);
+    // From a new mode on nothing is gone on with.
+    rig.mode(1);
+    rig.mode(9);
+    rig.run(50);
+    assert_eq!(rig.read(0x60FF, 0), 0);
+    assert!((rig.position() - here).abs() <= 3);
+}
+
+#[test]
+fn cyclic_velocity_ends_at_the_limits_and_is_followed_with_pulses_on() {
+    let mut rig = cyclic();
+    rig.write32(0x607D, 2, 200);
+    streams(&mut rig, 200, 4000);
+    rig.run(50);
+    assert!((rig.position() - 200).abs() <= 1);
+    assert_ne!(rig.status() & 0x0800, 0, "limited");
+    rig.write32(0x607D, 2, 12_000);
+    rig.write(0x2001, 1, &[2]);
+    streams(&mut rig, 100, -1000);
+    assert_eq!(rig.machine.status().state, State::Guiding);
+    rig.run(50);
+    assert!((rig.position() - 100).abs() <= 1, "{}", rig.position());
+}
+
+#[test]
+fn accelerations_are_bound_by_those_that_are_the_most() {
+    let time = |acceleration: i32, deceleration: i32| {
+        let mut rig = Rig::ready();
+        rig.mode(1);
+        rig.write32(0x6081, 0, 5000);
+        rig.write32(0x60C5, 0, acceleration);
+        rig.write32(0x60C6, 0, deceleration);
+        let begin = rig.ms;
+        rig.move_to(1000, 5000);
+        rig.ms - begin
+    };
+    let most = i32::MAX;
+    // v / 2a more at either end: 5 mm/s and 50 mm/s^2.
+    let (both, up, down, neither) = (time(50_000, 50_000), time(50_000, most), time(most, 50_000), time(most, most));
+    assert!((both - neither).abs_diff(100) < 15, "{both} {up} {down} {neither}");
+    assert!((up - neither).abs_diff(50) < 12 && (down - neither).abs_diff(50) < 12, "{up} {down} {neither}");
+}
+
+#[test]
+fn a_relative_set_point_is_reckoned_from_what_60f2h_says() {
+    for (option, from) in [(0u8, 400), (1, 150), (2, 150)] {
+        let mut rig = Rig::ready();
+        rig.mode(1);
+        rig.write(0x60F2, 0, &[option, 0]);
+        rig.write32(0x6081, 0, 500);
+        rig.write32(0x607A, 0, 400);
+        rig.control(0x1F);
+        rig.until(1000, |rig| rig.position() >= 150);
+        rig.control(0x0F);
+        rig.write32(0x607A, 0, 100);
+        // Relative, at once.
+        rig.control(0x7F);
+        rig.until(3000, |rig| rig.status() & 0x0400 != 0);
+        assert!((rig.position() - from - 100).abs() <= 8, "{option}: {}", rig.position());
+    }
+    assert_eq!(Rig::ready().try_write(0x60F2, 0, &[3, 0]), Err(0x0609_0031));
+}
+
+#[test]
+fn current_and_force_are_told_per_mille_of_what_can_flow_for_ever() {
+    let mut rig = Rig::ready();
+    let rated = rig.read(0x6075, 0) as i32;
+    let most = edm_servo_head::canopen::objects::setting_address("motor.continuous_a").unwrap();
+    assert_eq!(rated, (rig.read_real(most) * 1000.0) as i32);
+    rig.mode(1);
+    rig.write32(0x607A, 0, 1000);
+    rig.control(0x1F);
+    let mut largest = 0;
+    for _ in 0..40 {
+        rig.run(1);
+        let status = *rig.machine.status();
+        let permille = rig.read(0x6078, 0) as u16 as i16;
+        let of_the_head = |amps: f32| (amps * 1e6 / rated as f32) as i32;
+        // That of the millisecond in which it was read, or of one beside it.
+        let near = [status.current.0, rig.machine.status().current.0].map(of_the_head);
+        let (low, high) = (near[0].min(near[1]) - 150, near[0].max(near[1]) + 150);
+        assert!((low..=high).contains(&permille.into()), "{permille} not in {low}..={high}");
+        largest = largest.max(permille.unsigned_abs());
+    }
+    assert!(largest > 50, "{largest} per mille");
+    rig.run(500);
+    let [force, current] = [0x6077, 0x6078].map(|index| rig.read(index, 0) as u16 as i16);
+    assert!(force.abs_diff(current) < 100, "{force} and {current}");
+}
+
+#[test]
+fn positions_do_not_wrap() {
+    let mut rig = Rig::ready();
+    assert_eq!((rig.read(0x607B, 1) as i32, rig.read(0x607B, 2) as i32), (i32::MIN, i32::MAX));
+    assert_eq!(rig.try_write(0x607B, 1, &[0; 4]), Err(0x0601_0002));
+}
