@@ -54,7 +54,7 @@ enum Loop {
 }
 
 fn gains(p: f64, i: f64, d: f64) -> PidGains {
-    PidGains { p: p as f32, i: i as f32, d: d as f32, integral_error: f32::MAX, integral: f32::MAX }
+    PidGains { p: p as f32, i: i as f32 * TICK_S, d: d as f32, integral_error: f32::MAX, integral: f32::MAX }
 }
 
 /// Largest distance from the moving setpoint in the last of `seconds`; infinite once it has run away.

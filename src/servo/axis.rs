@@ -8,7 +8,7 @@
 //! 1000 rad/s leaves 70 degrees.
 
 use super::{Output, Pid, PidGains, Window};
-use crate::units::{Amps, CountsPerSecond, Newtons, Volts, larger, smaller, within_either};
+use crate::units::{Amps, CountsPerSecond, Newtons, TICK_S, Volts, larger, smaller, within_either};
 use core::f32::consts::TAU;
 
 /// Standard gravity, m/s^2.
@@ -104,7 +104,7 @@ impl Gains {
             velocity_limit: tuning.velocity.0,
             velocity: PidGains {
                 p,
-                i: p / tuning.integral_time_s,
+                i: p / tuning.integral_time_s * TICK_S,
                 d: 0.0,
                 integral_error: tuning.velocity.0,
                 integral: 1.0,

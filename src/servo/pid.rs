@@ -5,7 +5,7 @@
 //! (\[R\] section 6.6.1).
 
 use super::Window;
-use crate::units::{TICK_HZ, TICK_S, rare, within_either};
+use crate::units::{TICK_HZ, rare, within_either};
 
 /// Gains, in output per unit of error.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,7 +13,7 @@ use crate::units::{TICK_HZ, TICK_S, rare, within_either};
 pub struct PidGains {
     /// Proportional.
     pub p: f32,
-    /// Integral, per second.
+    /// Integral, per tick.
     pub i: f32,
     /// Derivative, seconds.
     pub d: f32,
@@ -61,7 +61,7 @@ impl Pid {
     pub fn update_pi(&mut self, gains: &PidGains, error: f32, offset: f32, window: Window) -> Output {
         let rest = gains.p * error + offset;
         let clipped = within_either(error, gains.integral_error);
-        let integral = within_either(self.integral + gains.i * TICK_S * clipped, gains.integral);
+        let integral = within_either(self.integral + gains.i * clipped, gains.integral);
         let free = rest + integral;
         if free > window.low && free < window.high {
             // The usual case, and the cheap one: nothing to clamp.
@@ -96,8 +96,9 @@ impl Pid {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::units::TICK_S;
 
-    const GAINS: PidGains = PidGains { p: 1.0, i: 100.0, d: 0.0, integral_error: 10.0, integral: 5.0 };
+    const GAINS: PidGains = PidGains { p: 1.0, i: 100.0 * TICK_S, d: 0.0, integral_error: 10.0, integral: 5.0 };
     const WIDE: Window = Window { low: -100.0, high: 100.0 };
 
     #[test]

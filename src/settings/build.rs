@@ -12,7 +12,7 @@ use crate::motion::JerkLimits;
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
 use crate::units::{
     ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, CountsPerSecond2, Fixed, Hertz, Micrometres, MicrometresPerSecond,
-    MicrometresPerSecond2, Nanometres, Newtons, Seconds, Volts,
+    MicrometresPerSecond2, Nanometres, Newtons, Seconds, TICK_S, Volts,
 };
 use edm_hal_shim::reflex;
 use edm_hal_shim::timing::adc::Scale;
@@ -251,7 +251,7 @@ impl Settings {
             law: self.law.build(self),
             single: PidGains {
                 p: self.single_p,
-                i: self.single_i,
+                i: self.single_i * TICK_S,
                 d: self.single_d,
                 integral_error: self.single_clip,
                 integral: self.axis_duty_limit,
