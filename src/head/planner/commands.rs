@@ -205,7 +205,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     fn may_queue(&self, state: State) -> Result<(), Refused> {
-        if !state.follows() || matches!(state, State::Positioning | State::Homing) {
+        if !state.follows() || matches!(state, State::Positioning | State::Homing | State::Lifting) {
             return Err(Refused::State(state));
         }
         Ok(())
