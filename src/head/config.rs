@@ -1,7 +1,7 @@
 //! What the head's tick runs: built from the settings, swapped whole.
 
 use super::follow::FollowConfig;
-use super::{commissioning, jump, supervise};
+use super::{commissioning, ends, jump, supervise};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
 use crate::kept::parts;
@@ -168,6 +168,8 @@ pub struct Config {
     pub retreat: Retreat,
     /// Jump.
     pub jump: jump::Config,
+    /// End of an erosion.
+    pub ends: ends::Config,
     /// Open-loop lift.
     pub lift: Lift,
     /// The axis.
@@ -181,7 +183,7 @@ pub struct Config {
 }
 
 parts!(it: Config {
-    setpoint, structure, law, single, limits, acceleration, contact, seek, retreat, jump, lift, axis, supervise, commissioning,
+    setpoint, structure, law, single, limits, acceleration, contact, seek, retreat, jump, ends, lift, axis, supervise, commissioning,
     commissioned,
 } by
     [it.setpoint, it.structure, it.limits, it.acceleration, it.contact],
@@ -189,7 +191,7 @@ parts!(it: Config {
     [it.single, it.commissioned],
     [it.seek],
     [it.retreat],
-    [it.jump],
+    [it.jump, it.ends],
     [it.lift],
     [it.axis],
     [it.supervise],

@@ -17,6 +17,7 @@ mod command;
 mod commissioning;
 mod compose;
 mod config;
+mod ends;
 mod estimate;
 mod fault;
 mod follow;
@@ -35,6 +36,7 @@ pub use command::{Command, Refused};
 pub use commissioning::{Config as CommissioningConfig, Finding, Report};
 pub use compose::{Head, Inputs};
 pub use config::{Axis, Config, Contact, Lift, Retreat, Seek, Setpoint, Structure};
+pub use ends::Config as EndsConfig;
 pub use estimate::{Estimator, Sums};
 pub use fault::{Fault, Reaction};
 pub use follow::{

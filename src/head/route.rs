@@ -165,6 +165,11 @@ impl<P: DerefMut<Target = Path>> Route<P> {
         self.path.at_end()
     }
 
+    /// The head has never been farther.
+    pub fn is_at_front(&self) -> bool {
+        self.path.is_at_front()
+    }
+
     /// Nothing is left to retrace.
     pub fn at_beginning(&self) -> bool {
         self.path.left_behind().0 <= 0.0

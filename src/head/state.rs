@@ -37,11 +37,13 @@ pub enum State {
     Proving,
     /// Pulses off, out of the work and back: a jump.
     Jumping,
+    /// Pulses off, going back along the path after its end.
+    Lifting,
 }
 
 impl State {
     /// Every state.
-    pub const ALL: [State; 14] = [
+    pub const ALL: [State; 15] = [
         State::Disabled,
         State::Commissioning,
         State::Ready,
@@ -56,6 +58,7 @@ impl State {
         State::Guiding,
         State::Proving,
         State::Jumping,
+        State::Lifting,
     ];
 
     /// Name in reports.
@@ -72,6 +75,7 @@ impl State {
             State::Guiding => "guiding",
             State::Proving => "proving",
             State::Jumping => "jumping",
+            State::Lifting => "lifting",
             State::Done => "done",
             State::HoldingPosition => "holding_position",
             State::Fault => "fault",
@@ -83,9 +87,9 @@ impl State {
         matches!(self, State::Seeking | State::Eroding | State::Retreating | State::Guiding)
     }
 
-    /// Whether an erosion is under way: with pulses, or in a jump between them.
+    /// Whether an erosion is under way: with pulses, in a jump between them, or in the lift after them.
     pub const fn works(self) -> bool {
-        self.pulses() || matches!(self, State::Jumping)
+        self.pulses() || matches!(self, State::Jumping | State::Lifting)
     }
 
     /// Whether the head works in a closed loop: what a host may move and has to keep watch over. A fault's reaction may have
@@ -133,6 +137,14 @@ pub enum Reason {
     GapRecovered,
     /// The end of the path.
     PathEnd,
+    /// The end of the path, where discharges have become rare.
+    SparkedOut,
+    /// The end of the path, where discharges go on and the time of the spark-out is over.
+    SparkOutTime,
+    /// Discharges have become rare before the end of the path: the electrode is through.
+    BrokenThrough,
+    /// Out of the work after the end of an erosion.
+    Lifted,
     /// A fault.
     Fault(Fault),
     /// Commanded: fault reset.
@@ -179,9 +191,19 @@ pub const TRANSITIONS: &[(State, State, Reason)] = &[
     (State::Seeking, State::Eroding, Reason::WorkFound),
     (State::Seeking, State::Retreating, Reason::Short),
     (State::Seeking, State::Done, Reason::PathEnd),
+    (State::Seeking, State::Lifting, Reason::PathEnd),
     (State::Seeking, State::HoldingPosition, Reason::Held),
     (State::Eroding, State::Retreating, Reason::Short),
     (State::Eroding, State::Done, Reason::PathEnd),
+    (State::Eroding, State::Done, Reason::SparkedOut),
+    (State::Eroding, State::Done, Reason::SparkOutTime),
+    (State::Eroding, State::Done, Reason::BrokenThrough),
+    (State::Eroding, State::Lifting, Reason::PathEnd),
+    (State::Eroding, State::Lifting, Reason::SparkedOut),
+    (State::Eroding, State::Lifting, Reason::SparkOutTime),
+    (State::Eroding, State::Lifting, Reason::BrokenThrough),
+    (State::Lifting, State::Done, Reason::Lifted),
+    (State::Lifting, State::HoldingPosition, Reason::Held),
     (State::Eroding, State::HoldingPosition, Reason::Held),
     (State::Eroding, State::Jumping, Reason::Jumped),
     (State::Jumping, State::Eroding, Reason::Returned),

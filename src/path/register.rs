@@ -384,6 +384,11 @@ impl<const N: usize> Register<N> {
         self.s >= self.newest
     }
 
+    /// Whether this is the farthest that was reached since the restart.
+    pub fn is_at_front(&self) -> bool {
+        self.s >= self.furthest
+    }
+
     /// Length of path from a coordinate to the end.
     pub fn ahead_of(&self, s: Fixed) -> Fixed {
         self.newest.minus(s)

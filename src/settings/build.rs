@@ -6,7 +6,8 @@ use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::Limits;
 use crate::gap::{pulses, voltage};
 use crate::head::{
-    Axis, Breakaway, CommissioningConfig, Config, Contact, JumpConfig, Lift, Retreat, Seek, Setpoint, SupervisionLimits,
+    Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, JumpConfig, Lift, Retreat, Seek, Setpoint,
+    SupervisionLimits,
 };
 use crate::motion::JerkLimits;
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
@@ -285,6 +286,13 @@ impl Settings {
                     jerk: self.jump_jerk * 1e6 * axis.counts_per_um,
                 },
                 float: self.jump_float as u32,
+            },
+            ends: EndsConfig {
+                spark_out: Seconds(self.end_spark_out_ms * 1e-3).ticks(),
+                rare: self.end_rare * 0.01,
+                look: Seconds(self.end_look_ms * 1e-3).ticks(),
+                through: (self.end_through > 0.0).then_some(um(self.end_through)),
+                lift: um(self.end_lift),
             },
             lift: Lift {
                 duty: holding - 0.2 * weight,

@@ -234,6 +234,17 @@ declare! {
         /// Float point: length of path before the last good place, behind which a jump or a long retreat returns at speed.
         0x210E:6 jump_float: f32 = 100.0, (1.0, 10_000.0), "jump.float_um", "um", "assumed: more than a working gap of [R]", rises "the head would come closer to the work at speed";
 
+        /// Longest spark-out at the end of the path: the law leads on until discharges are rare; 0: none.
+        0x210F:1 end_spark_out_ms: f32 = 0.0, (0.0, 600_000.0), "end.spark_out_ms", "ms", "assumed: only where it is asked for", live;
+        /// Share of discharges, which is how far the gap voltage lies below that of the open circuit, that is rare.
+        0x210F:2 end_rare: f32 = 5.0, (0.1, 50.0), "end.rare_percent", "%", "assumed: beyond scatter of the voltage, far below the 15 % at which a seek finds the work", live;
+        /// Time over which that share is taken.
+        0x210F:3 end_look_ms: f32 = 200.0, (10.0, 10_000.0), "end.look_ms", "ms", "assumed: 200 pulses at 1 kHz", live;
+        /// Length of path after the work was found, behind which rare discharges at the front mean a break-through; 0: they never do.
+        0x210F:4 end_through: f32 = 0.0, (0.0, 1_000_000.0), "end.through_um", "um", "assumed: only where it is asked for", live;
+        /// Length of path to go back after the end of an erosion, with pulses off, at retreat.velocity_um_s; 0: the head stays.
+        0x210F:5 end_lift: f32 = 0.0, (0.0, 1_000_000.0), "end.lift_um", "um", "assumed: only where it is asked for", live;
+
         /// Commissioning has passed with these settings.
         0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by commissioning", disabled "it says whether the head may be enabled";
         /// Largest duty of commissioning.

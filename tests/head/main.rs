@@ -5,6 +5,7 @@ mod bench;
 mod beside;
 mod commissioning;
 mod edges;
+mod ends;
 mod every_fault;
 mod faults;
 mod guiding;

@@ -11,9 +11,12 @@ use rand_xoshiro::Xoshiro256PlusPlus as Random;
 const PAUSE: u32 = 1000;
 const LONG_PAUSE: u32 = 20_000;
 
+fn um(um: i64) -> Nanometres {
+    Nanometres(um * 1000)
+}
+
 fn command(random: &mut Random) -> Command {
     let acceleration = MicrometresPerSecond2(1e7);
-    let um = |um: i64| Nanometres(um * 1000);
     match random.random_range(0..24) {
         0..4 => Command::Enable,
         4 => Command::Disable,
@@ -117,6 +120,44 @@ fn the_table_of_transitions_is_what_heads_do() {
             note(&mut bench, &mut seen);
         }
     }
+    // Ends that take a path which is gone along to its last count, with and without a lift.
+    for (lift, spark_out, through) in [(0.0, 0.0, 0.0), (0.0, 500.0, 0.0), (0.0, 5000.0, 0.0), (0.0, 0.0, 10.0)] {
+        for lift in [lift, 300.0] {
+            for disable in [false, true] {
+                let mut bench = Bench::with(|settings| {
+                    (settings.end_lift, settings.end_spark_out_ms) = (lift, spark_out);
+                    (settings.end_through, settings.end_look_ms) = (through, 100.0);
+                });
+                bench.make_ready();
+                bench.command(Command::MoveTo(um(if through > 0.0 { 3000 } else { 2050 })));
+                bench.command(Command::Start);
+                bench.run_until(10.0, |bench| bench.state() == State::Eroding);
+                (bench.follows, bench.surface_um) = (None, if through > 0.0 { 2100.0 } else { 2095.0 });
+                bench.run(if spark_out > 0.0 { 0.3 } else { 0.0 });
+                if spark_out != 500.0 {
+                    bench.surface_um = 1e6;
+                }
+                bench.run_until(3.0, |bench| matches!(bench.state(), State::Lifting | State::Done));
+                if bench.state() == State::Lifting {
+                    match (disable, spark_out > 0.0, through > 0.0) {
+                        (true, _, true) => bench.command(Command::Disable),
+                        (true, ..) if spark_out > 1000.0 => bench.command(Command::Hold),
+                        (true, true, _) => bench.head.raise(Fault::HostSilent),
+                        _ => {}
+                    }
+                }
+                bench.run(0.5);
+                note(&mut bench, &mut seen);
+            }
+        }
+    }
+    let mut bench = Bench::with(|settings| settings.end_lift = 300.0);
+    bench.make_ready();
+    bench.surface_um = 1e6;
+    bench.command(Command::MoveTo(um(500)));
+    bench.command(Command::Start);
+    bench.run_until(3.0, |bench| bench.state() == State::Done);
+    note(&mut bench, &mut seen);
     let rules = |&(from, to, reason): &(State, State, Reason)| match reason {
         Reason::Fault(_) => to == State::Fault,
         Reason::Disabled => to == State::Disabled && from != State::Fault,

@@ -148,6 +148,9 @@ pub fn run(
     let limit = ((length_mm / SLOWEST * 60.0 + PATIENCE_S) * f64::from(TICK_HZ)) as u64;
     let mut faults: Vec<FaultEvent> = Vec::new();
     let mut fault_tick = None;
+    // Why the erosion ended, and where the face was before it was lifted.
+    let mut ended = None;
+    let mut lifted_from_um = None;
     let mut eroding = Means::default();
     let mut tick = 0;
     let state = loop {
@@ -166,6 +169,12 @@ pub fn run(
             if let Reason::Fault(fault) = change.reason {
                 faults.push(FaultEvent { t_s: sample.t_s, fault: fault.name().into() });
                 fault_tick.get_or_insert(tick);
+            }
+            if change.from.pulses() && matches!(change.to, State::Lifting | State::Done) {
+                ended = Some(change.reason);
+            }
+            if change.to == State::Lifting {
+                lifted_from_um = Some(truth.face_um);
             }
         }
         if state == State::Eroding {
@@ -187,8 +196,15 @@ pub fn run(
     let truth = machine.process().truth();
     let completed = state == State::Done && faults.is_empty();
     let stop_reason = match faults.first() {
-        _ if completed && job.path.is_some() => "end of the path".into(),
-        _ if completed => "depth reached".into(),
+        _ if completed => {
+            let end = if job.path.is_some() { "end of the path" } else { "depth reached" };
+            match ended {
+                Some(Reason::BrokenThrough) => "broken through".into(),
+                Some(Reason::SparkedOut) => format!("{end}, sparked out"),
+                Some(Reason::SparkOutTime) => format!("{end}, time of the spark-out over"),
+                _ => end.into(),
+            }
+        }
         Some(event) => event.fault.clone(),
         None => format!(
             "{} not reached in {:.0} min",
@@ -202,7 +218,7 @@ pub fn run(
     Ok(Outcome {
         completed,
         stop_reason,
-        depth_mm: (truth.face_um - first_surface_um) * 1e-3,
+        depth_mm: (lifted_from_um.unwrap_or(truth.face_um) - first_surface_um) * 1e-3,
         wear_mm: truth.wear_um * 1e-3,
         through: truth.through,
         hole_depth_mm: (machine.imagined_surface_um().unwrap_or(truth.surface_um) - first_surface_um) * 1e-3,

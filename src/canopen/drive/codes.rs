@@ -130,6 +130,10 @@ numbered! {
         Reason::Touched => 19 "contact, which was asked for",
         Reason::Jumped => 20 "jump begun",
         Reason::Returned => 21 "back from a jump",
+        Reason::SparkedOut => 22 "end of the path, discharges are rare",
+        Reason::SparkOutTime => 23 "end of the path, time of the spark-out over",
+        Reason::BrokenThrough => 24 "broken through",
+        Reason::Lifted => 25 "lifted out of the work",
     }
 }
 

@@ -493,7 +493,10 @@ impl Drive {
                 self.set(Item::Jumps, count);
             }
             Reason::PathEnd => self.stopped_by = 1,
-            Reason::Touched => self.set_points.touched(),
+            Reason::BrokenThrough => self.stopped_by = 4,
+            Reason::SparkedOut => self.stopped_by = 5,
+            Reason::SparkOutTime => self.stopped_by = 6,
+            Reason::Touched | Reason::Lifted => self.set_points.elsewhere(),
             _ => {}
         }
     }

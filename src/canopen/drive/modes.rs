@@ -97,8 +97,8 @@ impl SetPoints {
         self.homing_refused = true;
     }
 
-    /// The head has touched the work, as was asked for: it is where it should be.
-    pub fn touched(&mut self) {
+    /// The head is not at its target and yet where it should be: it has touched the work, or was lifted out of it.
+    pub fn elsewhere(&mut self) {
         self.target = None;
     }
 

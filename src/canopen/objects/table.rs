@@ -100,7 +100,7 @@ const RATE: (i64, i64) = (1, i32::MAX as i64);
 
 objects! {
     0x2000 "Head" {
-        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving, 13 jumping";
+        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving, 13 jumping, 14 lifting";
         2 HeadFault: u8, ro, tx, U8, 0, "", live, "Fault: from 1 in the order of docs/objects.md; 0 none";
         3 HeadReason: u8, ro, tx, U8, 0, "", live, "Reason: why the state changed last, as numbered in docs/objects.md; 0 it has not";
         4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Refusal: why a command was refused last, as numbered in docs/objects.md; 0 never";
@@ -126,7 +126,7 @@ objects! {
     0x2003 "Stop conditions" {
         1 StopTime: u32, rw, no, U32, 0, "ms", store, "Time limit: of an erosion; 0 unlimited";
         2 StopRetreats: u16, rw, no, U16, 0, "", store, "Retreat limit: most long retreats in an erosion; 0 unlimited";
-        3 StoppedBy: u8, ro, tx, (0, 3), 0, "", live, "Stopped by: what ended the last erosion: 1 depth, 2 time, 3 long retreats, 0 something else";
+        3 StoppedBy: u8, ro, tx, (0, 6), 0, "", live, "Stopped by: what ended the last erosion: 1 depth, 2 time, 3 long retreats, 4 break-through, 5 depth and discharges that became rare, 6 depth and the time of the spark-out; 0 something else";
     }
     0x2004 "Path queue" {
         1 QueueAppend: i32, wo, rx, I32, 0, "counts", live, "Append: a straight line to this position";

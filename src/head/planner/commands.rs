@@ -210,7 +210,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     fn may_queue(&self, state: State) -> Result<(), Refused> {
-        if !state.follows() || matches!(state, State::Positioning | State::Homing) || self.guide.is_some() {
+        let beside = matches!(state, State::Positioning | State::Homing | State::Lifting) || self.guide.is_some();
+        if !state.follows() || beside {
             return Err(Refused::State(state));
         }
         Ok(())

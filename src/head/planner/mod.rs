@@ -10,6 +10,7 @@ mod states;
 
 use super::commissioning::{Commissioning, Finding, Report};
 use super::config::Config;
+use super::ends::Ends;
 use super::fault::{Fault, Reaction};
 use super::follow::{Concerns, Estimate, Follow, FollowConfig, LEAD, Plan, Touch, Trajectory};
 use super::guide::{Guidance, Guide};
@@ -69,6 +70,9 @@ pub struct Planner<P> {
     /// While guiding, and in a retreat from there.
     guide: Option<Guide>,
     jump: Option<Jump>,
+    /// What of the erosion's end has come, and the path coordinate of the lift after it.
+    ends: Ends,
+    lifts_to: Fixed,
     /// Ticks of erosion since the last jump.
     eroded: u32,
     /// Path coordinate of the last good place.
@@ -116,6 +120,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             positioning: None,
             guide: None,
             jump: None,
+            ends: Ends::default(),
+            lifts_to: Fixed(0),
             eroded: 0,
             good: Fixed(0),
             touching: Touching::No,
@@ -184,7 +190,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if config.law != self.config.law {
             self.law = config.law;
         }
-        if self.status.state != State::Fault {
+        if !matches!(self.status.state, State::Fault | State::Lifting) {
             self.route.set_retreat(config.retreat.limit);
         }
         let rescaled = config.axis.nm_per_count != self.config.axis.nm_per_count;
@@ -386,11 +392,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         self.status.feed = MicrometresPerSecond(match state {
             State::Seeking => self.config.seek.velocity.0,
-            State::Retreating => -self.config.retreat.velocity.0,
+            State::Retreating | State::Lifting => -self.config.retreat.velocity.0,
             _ => 0.0,
         });
-        if state != State::Fault {
-            self.route.set_retreat(self.config.retreat.limit);
+        match state {
+            // Out of the work, whatever bounds a working retreat.
+            State::Lifting => self.route.free_retreat(),
+            State::Fault => {}
+            _ => self.route.set_retreat(self.config.retreat.limit),
         }
     }
 

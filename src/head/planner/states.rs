@@ -9,6 +9,7 @@ use crate::gap::Quality;
 use crate::head::command::Refused;
 use crate::head::commissioning::Wish;
 use crate::head::config::{Config, Structure};
+use crate::head::ends::{Ends, Place};
 use crate::head::fault::{Fault, Reaction};
 use crate::head::jump::Jump;
 use crate::head::proof::{Goal, Outcome};
@@ -41,6 +42,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             State::Ready | State::Done | State::HoldingPosition => self.along(REST),
             State::Positioning | State::Homing => self.position_axis(),
             State::Jumping => self.jump_on(),
+            State::Lifting => self.lift_on(),
             State::Seeking if self.open.volts().is_none() => self.along(REST),
             State::Seeking => self.along(self.config.seek.velocity),
             State::Eroding => self.erode(),
@@ -146,14 +148,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let valid = gap.quality == Quality::Valid;
         if valid && gap.filtered.0 < open.0 * self.config.seek.threshold {
             self.route.found_work();
-            (self.good, self.eroded) = (self.route.s(), 0);
+            (self.good, self.eroded, self.ends) = (self.route.s(), 0, Ends::default());
             self.law = self.config.law;
             if self.config.structure == Structure::SingleLoop {
                 self.reset_loop();
             }
             self.enter(State::Eroding, Reason::WorkFound);
         } else if self.route.at_end() && self.arrived() {
-            self.enter(State::Done, Reason::PathEnd);
+            self.end(Reason::PathEnd);
         }
     }
 
@@ -201,8 +203,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     fn erode(&mut self) -> Motion {
-        if self.route.at_end() && self.arrived() {
-            self.enter(State::Done, Reason::PathEnd);
+        if let Some(reason) = self.ended() {
+            self.end(reason);
             return self.along(REST);
         }
         if self.jump_is_due() && self.begin_jump().is_ok() {
@@ -219,6 +221,41 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 if structure == Structure::Path { self.along(wanted) } else { Motion::Velocity(wanted) }
             }
         }
+    }
+
+    /// Why the erosion is over, if it is.
+    fn ended(&mut self) -> Option<Reason> {
+        let Config { ends, .. } = &self.config;
+        let deep = |from: Fixed| self.route.is_at_front() && self.route.s().minus(self.route.work()) > from;
+        let place = match ends.through {
+            _ if self.route.at_end() && (self.ends.spark_out() || self.arrived()) => Place::End,
+            Some(from) if deep(from) => Place::Deep,
+            _ => Place::Known,
+        };
+        let gap = (self.status.gap.quality == Quality::Valid).then_some(self.status.gap.filtered);
+        self.ends.plan(ends, place, gap, self.status.open_circuit, self.ticks)
+    }
+
+    /// The erosion is over: out of the work, or at rest where it is.
+    fn end(&mut self, reason: Reason) {
+        self.lifts_to = self.route.s().minus(self.config.ends.lift);
+        let lifts = self.config.ends.lift.0 > 0;
+        if lifts && self.config.structure != Structure::Path {
+            // The loop is closed over the axis from here on.
+            self.reset_loop();
+        }
+        self.enter(if lifts { State::Lifting } else { State::Done }, reason);
+    }
+
+    /// Goes on with the lift after the end.
+    fn lift_on(&mut self) -> Motion {
+        if self.route.s() > self.lifts_to && !self.route.at_beginning() {
+            return self.along(MicrometresPerSecond(-self.config.retreat.velocity.0));
+        }
+        if self.now.along.0 == 0.0 {
+            self.enter(State::Done, Reason::Lifted);
+        }
+        self.along(REST)
     }
 
     /// Far behind the last good place, and with nothing in the way, the head goes as fast as it came back.

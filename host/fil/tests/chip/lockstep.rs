@@ -33,6 +33,40 @@ fn the_native_core_comes_to_the_same_bit_for_bit_for_a_minute_of_retreats_and_fa
 }
 
 #[test]
+fn an_end_with_spark_out_and_lift_of_the_chip_is_that_of_the_native_core_bit_for_bit() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let settings = Settings {
+        commissioned: true,
+        end_spark_out_ms: 500.0,
+        end_look_ms: 50.0,
+        end_lift: 400.0,
+        ..Settings::default()
+    };
+    let parameters = Parameters { surface: 0.5, ..Parameters::default() };
+    let witness = Witness::twin(&settings).unwrap();
+    let mut rig = Emulated::start(&image, &parameters, &settings, 1, witness).unwrap();
+    host::begin(&mut rig).unwrap();
+    let target = Command::MoveTo(Nanometres(510_000));
+    for command in [Command::SetHome(Nanometres(0)), Command::Enable, target, Command::Start] {
+        rig.command(command).unwrap();
+    }
+    let mut states = Vec::new();
+    for _ in 0..400_000 {
+        rig.tick().unwrap();
+        let state = rig.status().state;
+        if states.last() != Some(&state) {
+            states.push(state);
+        }
+        if state == State::Done {
+            break;
+        }
+    }
+    assert!(states.ends_with(&[State::Eroding, State::Lifting, State::Done]), "{states:?}");
+    assert!((rig.status().position - 110).abs() <= 5, "{:?}", rig.status());
+    assert_eq!(rig.status().fault, None);
+}
+
+#[test]
 fn a_jump_of_the_chip_is_that_of_the_native_core_bit_for_bit() {
     let image = Image::parse(common::firmware().to_vec()).unwrap();
     let settings = Settings {

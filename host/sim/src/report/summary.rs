@@ -57,7 +57,11 @@ impl Summary<'_> {
             _ => String::new(),
         };
         let wanted = format!("{depth}{worn}, {:.3} mm asked for", report.target_depth_mm);
-        if report.completed { wanted } else { format!("{wanted}, stopped: {}", report.stop_reason) }
+        match report.stop_reason.as_str() {
+            "depth reached" | "end of the path" => wanted,
+            reason if report.completed => format!("{wanted}; {reason}"),
+            reason => format!("{wanted}, stopped: {reason}"),
+        }
     }
 
     /// Whether it went well, or what did not.

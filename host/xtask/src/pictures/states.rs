@@ -4,8 +4,8 @@
 
 use super::svg::{Anchor, Fill, Sheet};
 use edm_servo_head::head::State::{
-    Commissioning, Disabled, Done, Eroding, Fault, Guiding, HoldingPosition, Homing, Jumping, Positioning, Proving,
-    Ready, Retreating, Seeking,
+    Commissioning, Disabled, Done, Eroding, Fault, Guiding, HoldingPosition, Homing, Jumping, Lifting, Positioning,
+    Proving, Ready, Retreating, Seeking,
 };
 use edm_servo_head::head::{Reason, State, TRANSITIONS};
 
@@ -25,6 +25,7 @@ fn place(state: State) -> ((f64, f64), (f64, f64)) {
         Guiding => ((610.0, 380.0), (120.0, 44.0)),
         Retreating => ((810.0, 285.0), (120.0, 44.0)),
         Jumping => ((610.0, 64.0), (120.0, 44.0)),
+        Lifting => ((440.0, 455.0), (110.0, 40.0)),
         Fault => ((610.0, 520.0), (120.0, 44.0)),
     }
 }
@@ -41,6 +42,9 @@ struct Arrow {
 
 /// What stands still with its loop closed.
 const REST: &[State] = &[Ready, HoldingPosition, Done];
+
+/// How an erosion ends.
+const ENDS: &[Reason] = &[Reason::PathEnd, Reason::SparkedOut, Reason::SparkOutTime, Reason::BrokenThrough];
 
 const fn arrow(
     from: &'static [State],
@@ -116,7 +120,7 @@ const ARROWS: &[Arrow] = &[
         &[Positioning],
         Guiding,
         &[Reason::Started],
-        &[(240.0, 66.0), (215.0, 66.0), (215.0, 456.0), (650.0, 456.0), (650.0, 424.0)],
+        &[(240.0, 66.0), (215.0, 66.0), (215.0, 534.0), (370.0, 534.0), (370.0, 504.0), (650.0, 504.0), (650.0, 424.0)],
         "guide",
         (222.0, 140.0),
     ),
@@ -124,11 +128,37 @@ const ARROWS: &[Arrow] = &[
         &[Guiding],
         Positioning,
         &[Reason::Held],
-        &[(690.0, 424.0), (690.0, 466.0), (205.0, 466.0), (205.0, 80.0), (240.0, 80.0)],
+        &[(690.0, 424.0), (690.0, 513.0), (379.0, 513.0), (379.0, 543.0), (205.0, 543.0), (205.0, 80.0), (240.0, 80.0)],
         "hold",
         (170.0, 140.0),
     ),
-    arrow(&[Seeking, Eroding], Done, &[Reason::PathEnd], &[(585.0, 372.0), (445.0, 372.0)], "path end", (490.0, 366.0)),
+    arrow(&[Seeking], Done, &[Reason::PathEnd], &[(585.0, 372.0), (445.0, 372.0)], "end of the work", (480.0, 366.0)),
+    arrow(&[Eroding], Done, ENDS, &[(585.0, 372.0), (445.0, 372.0)], "end of the work", (480.0, 366.0)),
+    arrow(
+        &[Seeking],
+        Lifting,
+        &[Reason::PathEnd],
+        &[(585.0, 436.0), (530.0, 436.0), (530.0, 455.0)],
+        "its end, with a lift",
+        (462.0, 448.0),
+    ),
+    arrow(
+        &[Eroding],
+        Lifting,
+        ENDS,
+        &[(585.0, 436.0), (530.0, 436.0), (530.0, 455.0)],
+        "its end, with a lift",
+        (462.0, 448.0),
+    ),
+    arrow(&[Lifting], Done, &[Reason::Lifted], &[(455.0, 455.0), (455.0, 395.0), (445.0, 395.0)], "", (0.0, 0.0)),
+    arrow(
+        &[Lifting],
+        HoldingPosition,
+        &[Reason::Held],
+        &[(440.0, 475.0), (298.0, 475.0), (298.0, 320.0), (305.0, 320.0)],
+        "hold",
+        (390.0, 488.0),
+    ),
     arrow(
         &[Seeking, Eroding, Guiding, Retreating],
         HoldingPosition,
