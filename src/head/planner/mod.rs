@@ -482,6 +482,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         CountsPerSecond(libm::sqrtf(contact.approach.0 * contact.approach.0 + slowing))
     }
 
+    /// Whether the set point of the loop is the path's.
+    fn follows_path(&self) -> bool {
+        self.positioning.is_none() && self.jump.is_none() && self.status.state != State::Guiding
+    }
+
     /// Whether a set point that a SYNC releases is followed at once: not where the head leads.
     fn follows_set_points(&self) -> bool {
         match &self.guide {
@@ -543,7 +548,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn ready_stop(&self, trajectory: &Trajectory) -> Trajectory {
         let window = self.ready_window(self.config.axis.duty_limit);
         match trajectory.follow {
-            Follow::Setpoint if self.positioning.is_none() && self.guide.is_none() && self.jump.is_none() => {
+            Follow::Setpoint if self.follows_path() => {
                 let stop = self.route.ready(MicrometresPerSecond(0.0), &self.bounds(), window);
                 Trajectory { upward: true, ..stop }
             }
