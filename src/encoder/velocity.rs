@@ -99,18 +99,32 @@ impl Velocity {
     #[inline]
     pub fn holds(&self, reading: &RawCount) -> bool {
         // Counted edges have different times.
-        reading.last_edge == self.last_edge && reading.now.wrapping_sub(self.time) < self.holds
+        self.is_newest(reading.last_edge) && reading.now.wrapping_sub(self.time) < self.holds
     }
 
     /// Takes this tick's reading and returns the velocity. Ticks may be late or left out; less than 2^31 clock ticks and
     /// counts must lie between two of them.
     #[inline]
     pub fn tick(&mut self, reading: RawCount) -> CountsPerSecond {
-        if reading.last_edge != self.last_edge {
+        if !self.is_newest(reading.last_edge) {
             self.last_edge = reading.last_edge;
             self.edge(Edge::newest(reading));
-        } else if !self.holds(&reading) {
-            let age = reading.now.wrapping_sub(self.time);
+            return CountsPerSecond(self.value);
+        }
+        self.wait(reading.now)
+    }
+
+    /// Whether the newest edge of a reading is the one seen last.
+    #[inline]
+    pub fn is_newest(&self, last_edge: u32) -> bool {
+        last_edge == self.last_edge
+    }
+
+    /// As [`Velocity::tick`], for a reading at clock time `now` that brings no edge.
+    #[inline]
+    pub fn wait(&mut self, now: u32) -> CountsPerSecond {
+        let age = now.wrapping_sub(self.time);
+        if age >= self.holds {
             if self.holds == UNKNOWN {
                 self.holds = ((self.hz / self.value.abs()) as u32).max(1).min(self.standstill);
                 if age < self.holds {
@@ -118,7 +132,7 @@ impl Velocity {
                 }
             }
             if age >= self.standstill {
-                self.stand(reading.now);
+                self.stand(now);
             } else {
                 self.value = (self.hz / age as f32).copysign(self.value);
             }

@@ -83,7 +83,12 @@ impl Estimator {
         // In most ticks of an eroding head there is nothing new.
         if raw.count != self.seen || !self.velocity.holds(raw) {
             rare();
-            self.take(raw);
+            if raw.count == self.seen && self.velocity.is_newest(raw.last_edge) && self.started {
+                // Position and edges stay as they are: an edge is missing, and the velocity falls.
+                self.now = self.velocity.wait(raw.now);
+            } else {
+                self.take(raw);
+            }
         }
         let current = i32::from(drive.motor_current).wrapping_sub(MID_SCALE);
         self.sums.ticks = self.sums.ticks.wrapping_add(1);
@@ -92,7 +97,7 @@ impl Estimator {
         self.sums.squares = self.sums.squares.wrapping_add(current.wrapping_mul(current).cast_unsigned());
     }
 
-    /// A new count, or a velocity that time has changed.
+    /// A new count or edge, or the first reading.
     #[inline(never)]
     fn take(&mut self, raw: &RawCount) {
         self.seen = raw.count;
@@ -162,4 +167,43 @@ impl Estimator {
 pub(super) fn as_wired(reversed: bool, raw: RawCount) -> RawCount {
     let count = if reversed { raw.count.wrapping_neg() } else { raw.count };
     RawCount { count, toward_work: raw.toward_work ^ reversed, ..raw }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a tick leaves out changes nothing: edges that come, stay away for long, and come back, either way round.
+    #[test]
+    fn position_and_velocity_are_those_of_every_reading_taken() {
+        for reversed in [false, true] {
+            let mut raw = RawCount { count: 7, last_edge: 100, toward_work: true, now: 200 };
+            let mut estimator = Estimator::new(reversed);
+            let wired = as_wired(reversed, raw);
+            let (mut position, mut velocity) = (Position::new(wired), Velocity::new(wired, CLOCK_HZ));
+            let mut falls = 0;
+            for tick in 0u32..200_000 {
+                // Edges every tick, then ever more rarely, then none for longer than a standstill takes.
+                let pause = 1 + tick % 50_000 / 40;
+                if tick > 0 && tick % 50_000 < 5_000 && tick % pause == 0 {
+                    raw.toward_work = tick % 7 != 0;
+                    raw.count = raw.count.wrapping_add(if raw.toward_work { 1 } else { u32::MAX });
+                    raw.last_edge = raw.now.wrapping_sub(50);
+                }
+                estimator.tick(&raw, DriveCodes::default());
+                let wired = as_wired(reversed, raw);
+                let before = velocity.tick(wired).0;
+                position.update(wired);
+                assert_eq!(estimator.velocity().0.to_bits(), before.to_bits(), "tick {tick}");
+                assert_eq!(
+                    (estimator.position(), estimator.at()),
+                    (position.counts(), position.fixed()),
+                    "tick {tick}"
+                );
+                falls += u32::from(before != 0.0 && tick % 50_000 > 5_000);
+                raw.now = raw.now.wrapping_add(CLOCK_HZ / crate::units::TICK_HZ);
+            }
+            assert!(falls > 1000, "the velocity has fallen in {falls} ticks alone");
+        }
+    }
 }
