@@ -11,7 +11,7 @@
 //!   where it may be expected. Going again over path that it knows says nothing.
 
 use super::state::Reason;
-use crate::units::{Fixed, Volts};
+use crate::units::Volts;
 
 /// How to end.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,10 +22,10 @@ pub struct Config {
     pub rare: f32,
     /// Servo ticks over which that share is taken, 1 at least.
     pub look: u32,
-    /// Length of path behind the point where the work was found from which on break-through is looked for; `None`: nowhere.
-    pub through: Option<Fixed>,
-    /// Length of path to go back afterwards; 0: the head stays.
-    pub lift: Fixed,
+    /// Length of path behind the point where the work was found from which on break-through is looked for, um; 0: nowhere.
+    pub through: u32,
+    /// Length of path to go back afterwards, um; 0: the head stays.
+    pub lift: u32,
 }
 
 /// Where an erosion is, as far as its end is concerned.
@@ -102,7 +102,7 @@ impl Ends {
 mod tests {
     use super::*;
 
-    const CONFIG: Config = Config { spark_out: 20_000, rare: 0.1, look: 2000, through: Some(Fixed(0)), lift: Fixed(0) };
+    const CONFIG: Config = Config { spark_out: 20_000, rare: 0.1, look: 2000, through: 1, lift: 0 };
 
     /// The tick, of 40 000, in which it ends, and why.
     fn end(config: &Config, place: impl Fn(u32) -> Place, gap: impl Fn(u32) -> Option<f32>) -> Option<(u32, Reason)> {

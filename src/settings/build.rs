@@ -291,8 +291,9 @@ impl Settings {
                 spark_out: Seconds(self.end_spark_out_ms * 1e-3).ticks(),
                 rare: self.end_rare * 0.01,
                 look: Seconds(self.end_look_ms * 1e-3).ticks(),
-                through: (self.end_through > 0.0).then_some(um(self.end_through)),
-                lift: um(self.end_lift),
+                // Less than a micrometre is one, and not none.
+                through: libm::ceilf(self.end_through) as u32,
+                lift: libm::ceilf(self.end_lift) as u32,
             },
             lift: Lift {
                 duty: holding - 0.2 * weight,

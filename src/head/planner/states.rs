@@ -229,7 +229,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let deep = |from: Fixed| self.route.is_at_front() && self.route.s().minus(self.route.work()) > from;
         let place = match ends.through {
             _ if self.route.at_end() && (self.ends.spark_out() || self.arrived()) => Place::End,
-            Some(from) if deep(from) => Place::Deep,
+            from if from > 0 && deep(Fixed::whole(from.into())) => Place::Deep,
             _ => Place::Known,
         };
         let gap = (self.status.gap.quality == Quality::Valid).then_some(self.status.gap.filtered);
@@ -238,8 +238,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// The erosion is over: out of the work, or at rest where it is.
     fn end(&mut self, reason: Reason) {
-        self.lifts_to = self.route.s().minus(self.config.ends.lift);
-        let lifts = self.config.ends.lift.0 > 0;
+        self.lifts_to = self.route.s().minus(Fixed::whole(self.config.ends.lift.into()));
+        let lifts = self.config.ends.lift > 0;
         if lifts && self.config.structure != Structure::Path {
             // The loop is closed over the axis from here on.
             self.reset_loop();
