@@ -263,3 +263,117 @@ fn what_would_end_guiding_without_a_word_is_refused() {
     let changes: Vec<_> = host.bench.changes().iter().map(|change| change.reason).collect();
     assert_eq!(changes.last(), Some(&Reason::Started));
 }
+
+#[test]
+fn a_late_set_point_does_not_hide_that_the_head_leads_out_of_a_short() {
+    let mut host = Host::guiding();
+    host.leads(100, 3000.0);
+    host.ticks(2 * PERIOD);
+    assert_eq!(host.guidance(), Guidance::Waits);
+    host.bench.surface_um = host.bench.um() - 100.0;
+    host.ticks(60);
+    assert_eq!((host.bench.state(), host.guidance()), (State::Retreating, Guidance::Leads));
+}
+
+#[test]
+fn a_setpoint_in_per_cent_of_the_open_circuit_asks_a_guiding_host_for_feed() {
+    use edm_servo_head::settings::SetpointUnit;
+    let mut bench = Bench::with(|settings| settings.gap_setpoint_unit = SetpointUnit::PercentOfOpen);
+    bench.make_ready();
+    bench.command(Command::Guide);
+    bench.run(1.0);
+    assert_eq!(bench.head.status().guidance, Guidance::Rests);
+    assert!(bench.head.status().feed.0 > 0.0, "the gap is open, and the host waits: {:?}", bench.head.status().feed);
+}
+
+#[test]
+fn guiding_that_begins_while_a_held_retreat_still_moves_makes_no_step() {
+    let mut host = Host::guiding();
+    host.leads(100, 500.0);
+    host.bench.surface_um = host.bench.um() - 300.0;
+    host.ticks(200);
+    assert_eq!(host.bench.state(), State::Retreating);
+    host.bench.surface_um = 1e6;
+    host.hardest = 0.0;
+    host.bench.command(Command::Hold);
+    host.bench.command(Command::Guide);
+    host.ticks(100);
+    assert_eq!(host.bench.state(), State::Guiding);
+    assert!(host.hardest < STEP, "{} counts/s", host.hardest);
+}
+
+#[test]
+fn a_touch_under_way_is_not_gone_on_with_into_the_work_when_guiding_begins() {
+    let mut bench = Bench::ready();
+    bench.command(Command::Touch(Nanometres(4_000_000), limits(3000.0)));
+    bench.run(0.05);
+    if bench.head.command(Command::Guide).is_ok() {
+        bench.run(2.0);
+        let shorts = bench.changes().iter().filter(|change| change.reason == Reason::Short).count();
+        assert_eq!(shorts, 0, "the head goes on hitting the work at {} um", bench.um());
+    }
+}
+
+#[test]
+fn whatever_a_host_sends_and_whenever_a_short_comes_no_limit_is_passed() {
+    for seed in 1..=12u64 {
+        let mut random = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+        let mut next = |n: u64| {
+            random ^= random << 13;
+            random ^= random >> 7;
+            random ^= random << 17;
+            random % n
+        };
+        let mut host = Host::guiding();
+        let most = f64::from(host.bench.settings.build().unwrap().head.axis.gains.velocity_limit().0);
+        for _ in 0..400 {
+            let to = match next(8) {
+                0 => next(12_000_000) as i64,
+                1 => host.to + 20_000_000,
+                2 => host.to - 20_000_000,
+                _ => host.to + next(40_000) as i64 - 20_000,
+            };
+            host.to = to.clamp(-1_000_000, 13_000_000);
+            host.bench.command(Command::Follow(Nanometres(host.to), [1, 20, 100, 5_000][next(4) as usize]));
+            if next(20) == 0 {
+                host.bench.surface_um = host.bench.um() - next(200) as f64;
+            } else if next(3) == 0 {
+                host.bench.surface_um = 1e6;
+            }
+            for _ in 0..1 + next(60) {
+                let state = host.bench.state();
+                host.hardest = 0.0;
+                host.ticks(1);
+                let both = state == State::Guiding && host.bench.state() == State::Guiding;
+                assert!(host.velocity.abs() < most * 1.01, "seed {seed}: {} counts/s, {most} at most", host.velocity);
+                let at = host.at.to_f32();
+                assert!(!both || (-2000.0..14_000.0).contains(&at), "seed {seed}: at {at}");
+            }
+            if host.bench.state() == State::Fault {
+                println!("seed {seed}: {:?}", host.bench.fault());
+                break;
+            }
+        }
+    }
+}
+
+#[test]
+fn a_guided_head_does_not_go_past_the_end_of_its_travel() {
+    let mut host = Host::guiding();
+    host.bench.command(Command::Position(Nanometres(12_000_000), limits(20_000.0)));
+    host.ticks(20_000);
+    assert_eq!(host.guidance(), Guidance::Rests);
+    let mut highest = f32::MAX;
+    // A host that goes as fast as the head may, and stops at the end.
+    host.to = 12_000_000;
+    for _ in 0..400 {
+        host.to = (host.to - 95_000).max(0);
+        assert_eq!(host.bench.fault(), None, "set point at {highest} um, the travel begins at 0");
+        host.bench.command(Command::Follow(Nanometres(host.to), PERIOD));
+        for _ in 0..PERIOD {
+            host.ticks(1);
+            highest = highest.min(host.at.to_f32());
+        }
+    }
+    assert!(highest > -5.0, "set point at {highest} um, the travel begins at 0");
+}
