@@ -510,7 +510,7 @@ macro_rules! fixture {
 }
 
 /// Settings that 0.1.0 did not have: the default is in force, and said so.
-const NEWER: [(u16, u8); 16] = [
+const NEWER: [(u16, u8); 24] = [
     (0x2100, 19),
     (0x2102, 12),
     (0x2102, 13),
@@ -526,7 +526,15 @@ const NEWER: [(u16, u8); 16] = [
     (0x210E, 4),
     (0x210E, 5),
     (0x210E, 6),
+    (0x210F, 1),
+    (0x210F, 2),
+    (0x210F, 3),
+    (0x210F, 4),
+    (0x210F, 5),
     (0x6007, 0),
+    (0x60C5, 0),
+    (0x60C6, 0),
+    (0x60F2, 0),
 ];
 
 fn is_whole_but_for_the_newer(report: &LoadReport) -> bool {

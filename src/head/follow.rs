@@ -634,6 +634,7 @@ impl Follower {
         }
         if shorted && let Some(retreat) = self.plan.retreat.take() {
             self.plan.trajectory = retreat;
+            self.plan.set_points = false;
             self.short = true;
             urgent = true;
         }
@@ -661,6 +662,7 @@ impl Follower {
         self.plan.reaction = Some(reaction);
         self.plan.pulses = false;
         self.plan.retreat = None;
+        self.plan.set_points = false;
         self.plan.closed &= trajectory.follow == Follow::Setpoint;
         self.plan.trajectory = trajectory;
         self.axis.reset();
@@ -688,6 +690,7 @@ impl Follower {
             }
             Touch::End => {
                 self.plan.trajectory = self.plan.stop;
+                self.plan.set_points = false;
                 self.short = true;
                 self.axis.reset();
             }

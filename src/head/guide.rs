@@ -3,8 +3,8 @@
 //! The *reference* goes where the host leads: in a straight line from one set point to the next, or on a profile. Head and
 //! reference are *together*, and the head follows it exactly, until a short has led the head away, or the reference has changed
 //! its velocity by more than the acceleration allows. Then a profile closes the distance between both, in the frame of the
-//! moving reference: no change of velocity exceeds the acceleration, and the head comes alongside without going past,
-//! whatever the velocity of the host.
+//! moving reference: no change of velocity exceeds the acceleration, and a head that comes alongside does not go past. One that
+//! is alongside when the host stops or turns harder than the acceleration allows goes past and comes back, within the travel.
 
 use super::positioning::{Step, Task, When, plan, until};
 use crate::motion::{Profile, Ramp, Seen, TrajectorySegment};
@@ -54,6 +54,11 @@ impl Guide {
 
     /// The head goes its own way.
     pub fn part(&mut self) {
+        (self.together, self.waits) = (false, false);
+    }
+
+    /// The head could not go where the reference goes.
+    pub fn diverge(&mut self) {
         self.together = false;
     }
 

@@ -220,29 +220,3 @@ fn profile_velocity_that_is_chosen_out_of_no_mode_ends_guiding() {
     }
     assert!(!rig.machine.status().state.pulses(), "{:?} at {}", rig.machine.status().state, rig.position());
 }
-
-#[test]
-fn a_stream_that_goes_on_when_guiding_is_ended_in_a_retreat_makes_no_step_without_pulses() {
-    let (mut rig, surface) = guided(200);
-    let mut cnc = Cnc::new(&rig);
-    for _ in 0..20 {
-        cnc.cycle(&mut rig, surface);
-    }
-    rig.machine.process.fault_inputs.short = true;
-    for _ in 0..4 {
-        cnc.cycle(&mut rig, surface);
-    }
-    rig.machine.process.fault_inputs.short = false;
-    rig.write(0x2001, 1, &[0]);
-    rig.run(2);
-    let mut fastest = 0.0f32;
-    for _ in 0..10 {
-        rig.send(0x305, &cnc.target().to_le_bytes());
-        rig.send(0x80, &[]);
-        for _ in 0..PERIOD {
-            rig.run(1);
-            fastest = fastest.max(rig.machine.status().velocity.0);
-        }
-    }
-    assert!(fastest < 10_000.0, "{fastest} counts/s toward the work, pulses off, {:?}", rig.machine.status().state);
-}

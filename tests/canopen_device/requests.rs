@@ -183,7 +183,7 @@ const SITUATIONS: &[Situation] = &[
     ("homing", &[6], homing),
     ("eroding", ALL, eroding),
     ("jumping", ALL, jumping),
-    ("guided", &[0, 1, 7, 8, 9], guided),
+    ("guided", &[1, 7, 8, 9], guided),
     ("fault reaction", ALL, reacting),
     ("fault", ALL, faulty),
 ];

@@ -378,7 +378,7 @@ impl Drive {
 
     /// Whether 2001h:1 may be written: a host may guide only where set points are followed, and not out of an erosion.
     pub(super) fn may_erode(&self, enable: i64) -> Result<(), Abort> {
-        let followed = !matches!(self.mode, Mode::ProfileVelocity | Mode::Homing) && !self.is_homing();
+        let followed = !matches!(self.mode, Mode::None | Mode::ProfileVelocity | Mode::Homing) && !self.is_homing();
         let erodes = self.erodes() && self.status.state.works();
         if enable == 2 && !self.guides() && (!self.moves() || !followed || erodes) {
             return Err(Abort::DeviceState);

@@ -76,7 +76,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             }
             Command::Guide => {
                 self.may_position(state)?;
+                // Nor out of a touch, which would go on into the work, nor while the path is still gone along.
+                let moves = self.positioning.is_none() && self.now.along.0 != 0.0;
+                if self.touching != Touching::No || moves {
+                    return Err(Refused::State(state));
+                }
                 self.refuse_hazard(true)?;
+                self.open = OpenCircuit::new(self.config.seek.settle);
                 let from = self.segment();
                 // Positioning goes on; where a path has ended in rest, it begins anew.
                 let task = self.positioning.take();

@@ -16,7 +16,7 @@ use crate::head::proof::{Goal, Outcome};
 use crate::head::state::{Reason, State};
 use crate::motion::{Seen, TrajectorySegment};
 use crate::path::Path;
-use crate::units::{Fixed, MicrometresPerSecond, Nanometres, TICK_S, Volts, larger, smaller};
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, Nanometres, TICK_S, Volts, larger, smaller, within};
 use core::ops::DerefMut;
 
 /// At rest.
@@ -328,6 +328,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Follows the host, and tells it the feed that the gap asks for: none forward while the head leads.
     fn guide(&mut self) -> Motion {
         self.refer();
+        self.measure_open();
         let error = self.gap_error();
         let feed = self.config.limits.clamp(self.law.velocity(error, self.ticks));
         let ramp = self.ramp(&MotionLimits {
@@ -343,7 +344,43 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let segment = guide.follow(&from, &ramp, ticks);
         let leads = !guide.is_together();
         self.status.feed = if leads { MicrometresPerSecond(smaller(feed.0, 0.0)) } else { feed };
-        Motion::Axis(self.approach(segment))
+        let bounded = self.within_reach(segment);
+        if let Some(guide) = self.guide.as_mut().filter(|_| bounded != segment) {
+            guide.diverge();
+        }
+        Motion::Axis(self.approach(bounded))
+    }
+
+    /// A guided head that has a set point in shares of the open circuit, and has not sought: the gap is open where it begins.
+    fn measure_open(&mut self) {
+        if self.status.gap_setpoint.0 > 0.0 {
+            return;
+        }
+        match self.open.volts() {
+            None => self.open.observe(&self.status.gap, true, self.ticks),
+            Some(open) if open < self.config.seek.open_min => self.raise(Fault::GapSignalInvalid),
+            Some(open) => self.status.open_circuit = open,
+        }
+    }
+
+    /// No faster than the axis may go, and than what comes to rest by the acceleration before the ends of the travel.
+    fn within_reach(&self, segment: TrajectorySegment) -> TrajectorySegment {
+        let Config { axis, acceleration, .. } = &self.config;
+        let limit = axis.gains.velocity_limit().0;
+        // A tenth is left for what the plan sees late.
+        let twice = 1.8 * acceleration.0 * axis.counts_per_um;
+        let stops = |room: Fixed| match self.status.homed {
+            true => smaller(limit, libm::sqrtf(twice * larger(room.to_f32(), 0.0))),
+            false => limit,
+        };
+        let (min, max) = axis.travel;
+        let up = stops(segment.from.minus(axis.counts(min)));
+        let down = stops(axis.counts(max).minus(segment.from));
+        let velocity = within(segment.velocity.0, -up, down);
+        if velocity == segment.velocity.0 {
+            return segment;
+        }
+        TrajectorySegment { velocity: CountsPerSecond(velocity), travel: Fixed::short(velocity * TICK_S), ..segment }
     }
 
     /// The host goes on, whoever leads.
