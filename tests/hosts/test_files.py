@@ -128,8 +128,9 @@ def test_frames_decode_to_units_and_words(frames):
     assert frames.get_message_by_frame_id(0x381).get_signal_by_name("GapVoltage").unit == "V"
     assert str(live["HeadReason"]) == "fault"
     assert isinstance(live["HeadState"], cantools.database.namedsignalvalue.NamedSignalValue)
-    status = frames.decode_message(0x181, bytes.fromhex("370608"))
+    status = frames.decode_message(0x181, bytes.fromhex("370608 0c 03"))
     assert (status["Statusword"], str(status["ModesOfOperationDisplay"])) == (0x0637, "cyclic synchronous position")
+    assert (status["HeadRefusal"], status["HeadRefusals"]) == (12, 3)
     assert str(frames.decode_message(0x701, b"\x05")["NmtState"]) == "operational"
     trouble = frames.decode_message(0x081, bytes.fromhex("118621 0a00000000"))
     assert (trouble["ErrorCode"], trouble["ErrorRegister"]) == (0x8611, 0x21)
