@@ -12,11 +12,11 @@ use std::path::{Path, PathBuf};
 /// Arguments of `edm-sim replay`.
 #[derive(Debug, Args)]
 pub struct Replay {
-    /// Recording: CSV with the columns t_s,gap_v[,gap_i][,gate], or an export of an oscilloscope of Rigol, Siglent or Tektronix;
-    /// evenly sampled, 10 kS/s to 10 MS/s
+    /// Recording: CSV with the columns t_s, gap_v and, if there are any, gap_i and gate, or an export of an oscilloscope of Rigol,
+    /// Siglent or Tektronix; evenly sampled, 10 kS/s to 10 MS/s
     #[arg(value_name = "IN.csv")]
     pub input: PathBuf,
-    /// Settings of the head: the table [head] of a scenario file [default: all defaults]
+    /// Settings of the head: the table `head` of a scenario file [default: all defaults]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Change one setting after the file; may be repeated, the later holds (`edm-sim settings` lists the keys)
