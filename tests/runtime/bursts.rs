@@ -218,8 +218,16 @@ impl Master {
             self.touched.extend(0..Settings::COUNT);
         }
         let touched = std::mem::take(&mut self.touched);
-        self.host.learn(&mut self.known, touched);
-        let [newest, servo, gap, supervision] = self.host.generations();
+        let [newest, servo, gap, supervision] = loop {
+            let state = self.host.head.status().state;
+            self.host.learn(&mut self.known, touched.clone());
+            let generations = self.host.generations();
+            if self.host.head.status().state == state {
+                break generations;
+            }
+            // A check has ended while the host read: the drive is told within a millisecond.
+            self.host.run(2 * MS);
+        };
         assert_eq!([gap, supervision], [servo; 2], "generations that the tasks run");
         if newest == servo {
             self.host.expect_runs(&self.known);
