@@ -5,7 +5,7 @@ use super::{commissioning, ends, jump, supervise};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
 use crate::kept::parts;
-use crate::servo::{CurrentLimits, Gains, PidGains, Plant};
+use crate::servo::{CurrentLimits, Gains, PidGains, Plant, PreslidingConfig};
 use crate::units::{
     Amps, CountsPerSecond, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Seconds, Volts,
 };
@@ -172,6 +172,8 @@ pub struct Config {
     pub ends: ends::Config,
     /// Open-loop lift.
     pub lift: Lift,
+    /// Friction that is compensated along the path.
+    pub presliding: PreslidingConfig,
     /// The axis.
     pub axis: Axis,
     /// Limits of the supervision.
@@ -183,7 +185,7 @@ pub struct Config {
 }
 
 parts!(it: Config {
-    setpoint, structure, law, single, limits, acceleration, contact, seek, retreat, jump, ends, lift, axis, supervise, commissioning,
+    setpoint, structure, law, single, limits, acceleration, contact, seek, retreat, jump, ends, lift, presliding, axis, supervise, commissioning,
     commissioned,
 } by
     [it.setpoint, it.structure, it.limits, it.acceleration, it.contact],
@@ -192,7 +194,7 @@ parts!(it: Config {
     [it.seek],
     [it.retreat],
     [it.jump, it.ends],
-    [it.lift],
+    [it.lift, it.presliding],
     [it.axis],
     [it.supervise],
     [it.commissioning],

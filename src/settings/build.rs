@@ -10,7 +10,7 @@ use crate::head::{
     SupervisionLimits,
 };
 use crate::motion::JerkLimits;
-use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
+use crate::servo::{CurrentLimits, Gains, PidGains, Plant, PreslidingConfig, Tuning};
 use crate::units::{
     ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, CountsPerSecond2, Fixed, Hertz, Micrometres, MicrometresPerSecond,
     MicrometresPerSecond2, Nanometres, Newtons, Seconds, TICK_S, Volts,
@@ -302,6 +302,10 @@ impl Settings {
                 limited: plant.duty(Newtons(self.lift_force)),
                 bus_dead: Volts(self.lift_bus_dead),
             },
+            presliding: PreslidingConfig {
+                duty: plant.duty(Newtons(self.axis_breakaway)) * self.servo_friction * 0.01,
+                per_count: 1.0 / (self.servo_presliding * axis.counts_per_um),
+            },
             contact: Contact {
                 sensed: self.contact_below > 0.0,
                 approach: CountsPerSecond(self.contact_approach * 1000.0 * axis.counts_per_um),
@@ -309,7 +313,13 @@ impl Settings {
             supervise: SupervisionLimits {
                 following: self.following_limit * axis.counts_per_um,
                 following_ms: self.following_ms,
-                breakaway: Breakaway::of(plant, &axis.gains, Newtons(self.axis_breakaway)),
+                breakaway: Breakaway::of(
+                    plant,
+                    &axis.gains,
+                    Newtons(self.axis_breakaway),
+                    self.servo_friction * 0.01,
+                    Micrometres(self.face),
+                ),
                 runaway: CountsPerSecond(self.runaway * 1000.0 * axis.counts_per_um),
                 velocity: CountsPerSecond(self.emf_velocity * 1000.0 * axis.counts_per_um),
                 resistance: self.emf_resistance * 0.01,

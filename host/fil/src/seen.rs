@@ -559,10 +559,12 @@ fn arcs(view: &View) -> Result<ArcConfig> {
 fn breakaway(view: &View) -> Result<Breakaway> {
     Ok(Breakaway {
         following: view.float(at!(Breakaway, following))?,
+        tremble: view.float(at!(Breakaway, tremble))?,
         friction: view.float(at!(Breakaway, friction))?,
         push: view.float(at!(Breakaway, push))?,
         holding: view.float(at!(Breakaway, holding))?,
-        ms: view.word(at!(Breakaway, ms))?,
+        acceleration: view.float(at!(Breakaway, acceleration))?,
+        film: view.float(at!(Breakaway, film))?,
     })
 }
 

@@ -27,7 +27,7 @@ use crate::gap::OpenCircuit;
 use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
-use crate::servo::Window;
+use crate::servo::{Presliding, Window};
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_S};
 use core::ops::DerefMut;
 use edm_hal_shim::self_test::SelfTest;
@@ -70,6 +70,7 @@ pub struct Planner<P> {
     /// While guiding, and in a retreat from there.
     guide: Option<Guide>,
     jump: Option<Jump>,
+    presliding: Presliding,
     /// What of the erosion's end has come, and the path coordinate of the lift after it.
     ends: Ends,
     lifts_to: Fixed,
@@ -120,6 +121,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             positioning: None,
             guide: None,
             jump: None,
+            presliding: Presliding::default(),
             ends: Ends::default(),
             lifts_to: Fixed(0),
             eroded: 0,
@@ -242,7 +244,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Decides, and writes the plan.
     pub fn plan(&mut self, plan: &mut Plan) {
         let (motion, allowed) = self.decide();
-        let followed = self.trajectory(motion);
+        let mut followed = self.trajectory(motion);
+        self.compensate(&mut followed);
         self.status.reacting = self.reacting.as_ref().is_some_and(Reacting::moves);
         let retreats = matches!(self.status.state, State::Seeking | State::Eroding | State::Guiding);
         // One field after the other: a whole plan would be put together beside it, and copied.
