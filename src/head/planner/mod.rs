@@ -7,6 +7,7 @@
 mod commands;
 mod motion;
 mod states;
+mod touching;
 
 use super::commissioning::{Commissioning, Finding, Report};
 use super::config::Config;
@@ -21,6 +22,7 @@ use super::reaction::{Reacting, Situation, upward};
 use super::route::{Bounds, Route};
 use super::state::{Change, ChangeLog, Reason, State};
 use super::supervise::{Config as SupervisionConfig, Judged};
+use super::touch;
 use super::{Refused, Status};
 use crate::feed::Law;
 use crate::gap::OpenCircuit;
@@ -70,9 +72,13 @@ pub struct Planner<P> {
     /// While guiding, and in a retreat from there.
     guide: Option<Guide>,
     jump: Option<Jump>,
+    /// The search for a surface under way.
+    search: Option<touch::Touching>,
     /// What of the erosion's end has come, and the path coordinate of the lift after it.
     ends: Ends,
     lifts_to: Fixed,
+    /// The work has been found, and the gap is still wider than the one to keep.
+    meets: bool,
     /// Ticks of erosion since the last jump.
     eroded: u32,
     /// Path coordinate of the last good place.
@@ -120,8 +126,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             positioning: None,
             guide: None,
             jump: None,
+            search: None,
             ends: Ends::default(),
             lifts_to: Fixed(0),
+            meets: false,
             eroded: 0,
             good: Fixed(0),
             touching: Touching::No,
@@ -378,7 +386,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     fn enter(&mut self, state: State, reason: Reason) {
         self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
-        if !matches!(state, State::Positioning | State::Homing | State::Jumping) {
+        if !matches!(state, State::Positioning | State::Homing | State::Jumping | State::Touching) {
             self.end_positioning();
         }
         if !matches!(state, State::Guiding | State::Retreating) {
@@ -406,7 +414,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Ends axis positioning: the path begins where the set point is.
     fn end_positioning(&mut self) {
         (self.touching, self.status.approaching) = (Touching::No, false);
-        let beside = self.positioning.take().is_some() | self.jump.take().is_some();
+        self.break_off_search();
+        let beside = self.positioning.take().is_some() | self.jump.take().is_some() | self.search.take().is_some();
         if beside || self.status.state == State::Guiding {
             if self.status.homing == HomingState::Runs {
                 self.status.homing = HomingState::No;
@@ -457,6 +466,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         match self.status.state {
             State::Positioning if self.touching == Touching::Asked => Touch::End,
             State::Positioning | State::Homing | State::Jumping => Touch::Fault,
+            State::Touching if self.search.as_ref().is_some_and(touch::Touching::approaches) => Touch::End,
             _ => Touch::Ignored,
         }
     }
@@ -484,7 +494,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Whether the set point of the loop is the path's.
     fn follows_path(&self) -> bool {
-        self.positioning.is_none() && self.jump.is_none() && self.status.state != State::Guiding
+        let beside = self.positioning.is_some() || self.jump.is_some() || self.search.is_some();
+        !beside && self.status.state != State::Guiding
     }
 
     /// Whether a set point that a SYNC releases is followed at once: not where the head leads.
