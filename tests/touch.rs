@@ -134,6 +134,29 @@ fn nothing_within_reach_is_an_answer_and_no_fault() {
 }
 
 #[test]
+fn a_lower_limit_switch_on_the_way_is_the_end_of_it_and_no_fault() {
+    let parameters = Parameters { lower_limit: 4.0, ..Parameters::default() };
+    let mut machine = ready(&Settings::default(), &parameters, 1);
+    machine.process.happen("workpiece.raised_mm", Value::Number(-100.0)).unwrap();
+    machine.command(Command::FindSurface(um(0))).unwrap();
+    let mut deepest = 0.0f64;
+    while machine.status().search == Search::Runs {
+        machine.tick();
+        deepest = deepest.max(machine.process.truth().position_um);
+    }
+    run(&mut machine, 0.1);
+    let status = machine.status();
+    assert_eq!((status.state, status.search, status.fault), (State::Ready, Search::Missed, None));
+    assert!((4000.0..4010.0).contains(&deepest), "{deepest} um");
+    assert!((machine.process.truth().position_um - 3500.0).abs() < 15.0, "off the switch again");
+    assert_eq!(reasons(&mut machine), [Reason::Positioned, Reason::NotTouched]);
+    // One that stays open is a fault afterwards.
+    machine.process.fault_inputs.safety.lower_limit = true;
+    run(&mut machine, 0.01);
+    assert_eq!(machine.status().fault, Some(Fault::LowerLimit));
+}
+
+#[test]
 fn a_head_that_touches_already_goes_back_first_and_finds_the_same_surface() {
     for seed in 1..=SEEDS {
         let mut machine = ready(&Settings::default(), &Parameters::default(), seed);

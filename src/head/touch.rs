@@ -52,8 +52,10 @@ pub(super) struct Felt {
     pub position: i64,
     /// Electrode and work touch, now or in the tick that this plan was called for.
     pub touches: bool,
-    /// The head can rise no further.
-    pub blocked: bool,
+    /// The upper limit switch is open: the head can rise no further.
+    pub upper: bool,
+    /// The lower limit switch is open: the travel ends here.
+    pub lower: bool,
 }
 
 /// How a search goes on.
@@ -75,35 +77,46 @@ enum Step {
     Back(i64),
 }
 
+/// Where a search may lead, counts.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds {
+    /// Farthest position to look.
+    pub end: i64,
+    /// Highest to go back to.
+    pub top: i64,
+    /// Length to go back from an open lower limit switch.
+    pub off_limit: i64,
+}
+
 /// A search under way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Touching {
     config: Config,
     acceleration: CountsPerSecond2,
-    /// Farthest position to look, and highest to go back to.
-    end: i64,
-    top: i64,
+    bounds: Bounds,
     step: Step,
     /// It has gone back already: the gap has to be open from now on.
     backed: bool,
     first: Option<i64>,
     found: Option<i64>,
+    /// It has come to the end of the travel.
+    missed: bool,
     /// Farthest position since the first contact.
     farthest: i64,
 }
 
 impl Touching {
-    /// Looks as far as `end` and goes back no higher than `top`, counts.
-    pub fn new(config: Config, acceleration: CountsPerSecond2, end: i64, top: i64) -> Touching {
+    /// Begins at rest.
+    pub fn new(config: Config, acceleration: CountsPerSecond2, bounds: Bounds) -> Touching {
         Touching {
             config,
             acceleration,
-            end,
-            top,
+            bounds,
             step: Step::Settle(SETTLE),
             backed: false,
             first: None,
             found: None,
+            missed: false,
             farthest: i64::MIN,
         }
     }
@@ -133,9 +146,13 @@ impl Touching {
                     (true, left @ 1.., _) => self.step = Step::Settle(left),
                     (true, 0, false) => self.step = Step::Approach(self.reach()),
                     (true, 0, true) if self.backed => return Next::Ends(Search::NotOpen, None),
-                    (true, 0, true) => _ = self.go_back(felt.position),
+                    (true, 0, true) => _ = self.go_back(felt.position, self.back()),
                 }
                 return Next::Moves(segment);
+            }
+            Step::Approach(_) if felt.lower && !felt.touches => {
+                self.missed = true;
+                (self.config.first, self.go_back(felt.position, self.bounds.off_limit))
             }
             Step::Approach(to) if !felt.touches => {
                 if profile.stands() && profile.position() == Fixed::whole(to) {
@@ -149,14 +166,15 @@ impl Touching {
                 } else {
                     (self.first, self.farthest) = (Some(felt.position), felt.position);
                 }
-                (self.config.first, self.go_back(felt.position))
+                (self.config.first, self.go_back(felt.position, self.back()))
             }
             Step::Back(to) => {
                 let there = profile.stands() && profile.position() == Fixed::whole(to);
-                if there || felt.blocked {
+                if there || felt.upper {
                     let segment = profile.stop(self.acceleration, ticks);
                     match (profile.stands(), self.found) {
                         (true, Some(found)) => return Next::Ends(Search::Found, Some(found)),
+                        (true, None) if self.missed => return Next::Ends(Search::Missed, None),
                         (true, None) => self.step = Step::Settle(SETTLE),
                         (false, _) => {}
                     }
@@ -171,13 +189,17 @@ impl Touching {
 
     /// Where the touch under way ends in vain. The second one has no business far behind the first.
     fn reach(&self) -> i64 {
-        let Some(first) = self.first else { return self.end };
-        first.saturating_add(self.config.back.into()).min(self.end.max(first))
+        let Some(first) = self.first else { return self.bounds.end };
+        first.saturating_add(self.back()).min(self.bounds.end.max(first))
+    }
+
+    fn back(&self) -> i64 {
+        self.config.back.into()
     }
 
     /// Begins to go back, and says where to.
-    fn go_back(&mut self, from: i64) -> i64 {
-        let to = from.saturating_sub(self.config.back.into()).max(self.top.min(from));
+    fn go_back(&mut self, from: i64, by: i64) -> i64 {
+        let to = from.saturating_sub(by).max(self.bounds.top.min(from));
         (self.step, self.backed) = (Step::Back(to), true);
         to
     }

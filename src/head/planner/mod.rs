@@ -531,8 +531,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let state = self.status.state;
         Concerns {
             any: state != State::Disabled,
-            // Commissioning drives from stop to stop, and homing looks for the switches: one open limit is where they turn.
-            limits: !matches!(state, State::Commissioning | State::Homing),
+            // Commissioning drives from stop to stop, homing looks for the switches, and to a search for the work the lower one is
+            // the end of the travel: one open limit is where they turn.
+            limits: !matches!(state, State::Commissioning | State::Homing | State::Touching),
             // The proof may push the head up to its switch, and then begins there.
             upper: !self.upper_limit_excused && state != State::Proving,
             dielectric: state.pulses(),

@@ -4,7 +4,7 @@ use super::Planner;
 use crate::head::command::Refused;
 use crate::head::reaction::Motion;
 use crate::head::state::{Reason, State};
-use crate::head::touch::{Felt, Next, Search, Touching};
+use crate::head::touch::{Bounds, Felt, Next, Search, Touching};
 use crate::motion::{Profile, TrajectorySegment};
 use crate::path::Path;
 use crate::units::{Fixed, MicrometresPerSecond, Nanometres};
@@ -42,7 +42,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return Err(Refused::OutOfTravel { target: nm(end), min: nm(here), max: nm(bottom) });
         }
         let acceleration = self.counts2(self.config.acceleration);
-        self.search = Some(Touching::new(touch, acceleration, end.round(), top.round()));
+        let off_limit = (self.config.retreat.off_limit.to_f32() * axis.counts_per_um) as i64;
+        let bounds = Bounds { end: end.round(), top: top.round(), off_limit };
+        self.search = Some(Touching::new(touch, acceleration, bounds));
         (self.status.search, self.status.overshoot) = (Search::Runs, 0);
         self.enter(State::Touching, Reason::Positioned);
         Ok(())
@@ -63,7 +65,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let felt = Felt {
             position: self.status.position,
             touches: self.now.short || self.status.gap.touches,
-            blocked: self.now.safety.upper_limit,
+            upper: self.now.safety.upper_limit,
+            lower: self.now.safety.lower_limit,
         };
         let next = self.search.as_mut().map(|search| {
             let next = search.plan(&mut profile, &felt, self.ticks);
