@@ -510,7 +510,7 @@ macro_rules! fixture {
 }
 
 /// Settings that 0.1.0 did not have: the default is in force, and said so.
-const NEWER: [(u16, u8); 27] = [
+const NEWER: [(u16, u8); 30] = [
     (0x2100, 19),
     (0x2102, 12),
     (0x2102, 13),
@@ -534,6 +534,9 @@ const NEWER: [(u16, u8); 27] = [
     (0x210F, 3),
     (0x210F, 4),
     (0x210F, 5),
+    (0x2110, 1),
+    (0x2110, 2),
+    (0x2110, 3),
     (0x6007, 0),
     (0x60C5, 0),
     (0x60C6, 0),

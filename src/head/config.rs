@@ -1,7 +1,7 @@
 //! What the head's tick runs: built from the settings, swapped whole.
 
 use super::follow::FollowConfig;
-use super::{commissioning, ends, jump, supervise};
+use super::{commissioning, ends, jump, supervise, touch};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
 use crate::kept::parts;
@@ -162,6 +162,8 @@ pub struct Config {
     pub acceleration: MicrometresPerSecond2,
     /// Motion toward the work with pulses off.
     pub contact: Contact,
+    /// Search for a surface.
+    pub touch: touch::Config,
     /// Approach.
     pub seek: Seek,
     /// Retreat.
@@ -185,10 +187,10 @@ pub struct Config {
 }
 
 parts!(it: Config {
-    setpoint, structure, law, single, limits, acceleration, contact, seek, retreat, jump, ends, lift, presliding, axis, supervise, commissioning,
-    commissioned,
+    setpoint, structure, law, single, limits, acceleration, contact, touch, seek, retreat, jump, ends, lift, presliding, axis,
+    supervise, commissioning, commissioned,
 } by
-    [it.setpoint, it.structure, it.limits, it.acceleration, it.contact],
+    [it.setpoint, it.structure, it.limits, it.acceleration, it.contact, it.touch],
     [it.law],
     [it.single, it.commissioned],
     [it.seek],

@@ -253,6 +253,13 @@ declare! {
         /// Length of path to go back after the end of an erosion, with pulses off, at retreat.velocity_um_s; 0: the head stays.
         0x210F:5 end_lift: f32 = 0.0, (0.0, 1_000_000.0), "end.lift_um", "um", "assumed: only where it is asked for", live;
 
+        /// Velocity of the first touch when the surface of the work is looked for, and of every way back from it.
+        0x2110:1 touch_first: f32 = 5.0, (0.01, 5.0), "touch.first_mm_s", "mm/s", "as contact.approach_mm_s, which it may not exceed", live;
+        /// Velocity of the second touch, which the position found is that of.
+        0x2110:2 touch_second: f32 = 0.5, (0.01, 5.0), "touch.second_mm_s", "mm/s", "assumed: 0.1 um in the 0.2 ms until a contact is known", live;
+        /// Length to go back from a touch: before the next one, and to rest at the end.
+        0x2110:3 touch_back: f32 = 100.0, (20.0, 10_000.0), "touch.back_um", "um", "assumed: far more than overshoot and play", live;
+
         /// Commissioning has passed with these settings.
         0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by commissioning", disabled "it says whether the head may be enabled";
         /// Largest duty of commissioning.

@@ -7,6 +7,7 @@
 mod commands;
 mod motion;
 mod states;
+mod touching;
 
 use super::commissioning::{Commissioning, Finding, Report};
 use super::config::Config;
@@ -21,6 +22,7 @@ use super::reaction::{Reacting, Situation, upward};
 use super::route::{Bounds, Route};
 use super::state::{Change, ChangeLog, Reason, State};
 use super::supervise::{Config as SupervisionConfig, Judged};
+use super::touch;
 use super::{Refused, Status};
 use crate::feed::Law;
 use crate::gap::OpenCircuit;
@@ -71,9 +73,13 @@ pub struct Planner<P> {
     guide: Option<Guide>,
     jump: Option<Jump>,
     presliding: Presliding,
+    /// The search for a surface under way.
+    search: Option<touch::Touching>,
     /// What of the erosion's end has come, and the path coordinate of the lift after it.
     ends: Ends,
     lifts_to: Fixed,
+    /// The work has been found, and the gap is still wider than the one to keep.
+    meets: bool,
     /// Ticks of erosion since the last jump.
     eroded: u32,
     /// Path coordinate of the last good place.
@@ -122,8 +128,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             guide: None,
             jump: None,
             presliding: Presliding::default(),
+            search: None,
             ends: Ends::default(),
             lifts_to: Fixed(0),
+            meets: false,
             eroded: 0,
             good: Fixed(0),
             touching: Touching::No,
@@ -381,7 +389,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     fn enter(&mut self, state: State, reason: Reason) {
         self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
-        if !matches!(state, State::Positioning | State::Homing | State::Jumping) {
+        if !matches!(state, State::Positioning | State::Homing | State::Jumping | State::Touching) {
             self.end_positioning();
         }
         if !matches!(state, State::Guiding | State::Retreating) {
@@ -409,7 +417,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Ends axis positioning: the path begins where the set point is.
     fn end_positioning(&mut self) {
         (self.touching, self.status.approaching) = (Touching::No, false);
-        let beside = self.positioning.take().is_some() | self.jump.take().is_some();
+        self.break_off_search();
+        let beside = self.positioning.take().is_some() | self.jump.take().is_some() | self.search.take().is_some();
         if beside || self.status.state == State::Guiding {
             if self.status.homing == HomingState::Runs {
                 self.status.homing = HomingState::No;
@@ -460,6 +469,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         match self.status.state {
             State::Positioning if self.touching == Touching::Asked => Touch::End,
             State::Positioning | State::Homing | State::Jumping => Touch::Fault,
+            State::Touching if self.search.as_ref().is_some_and(touch::Touching::approaches) => Touch::End,
             _ => Touch::Ignored,
         }
     }
@@ -487,7 +497,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Whether the set point of the loop is the path's.
     fn follows_path(&self) -> bool {
-        self.positioning.is_none() && self.jump.is_none() && self.status.state != State::Guiding
+        let beside = self.positioning.is_some() || self.jump.is_some() || self.search.is_some();
+        !beside && self.status.state != State::Guiding
     }
 
     /// Whether a set point that a SYNC releases is followed at once: not where the head leads.
@@ -523,8 +534,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let state = self.status.state;
         Concerns {
             any: state != State::Disabled,
-            // Commissioning drives from stop to stop, and homing looks for the switches: one open limit is where they turn.
-            limits: !matches!(state, State::Commissioning | State::Homing),
+            // Commissioning drives from stop to stop, homing looks for the switches, and to a search for the work the lower one is
+            // the end of the travel: one open limit is where they turn.
+            limits: !matches!(state, State::Commissioning | State::Homing | State::Touching),
             // The proof may push the head up to its switch, and then begins there.
             upper: !self.upper_limit_excused && state != State::Proving,
             dielectric: state.pulses(),
