@@ -190,8 +190,8 @@ pub struct Plan {
     pub closed: bool,
     /// Pulses are allowed.
     pub pulses: bool,
-    /// Positions of index marks are wanted.
-    pub marks: bool,
+    /// A reference is looked for: positions of index marks are wanted, and whatever is in the way is no fault.
+    pub homes: bool,
     /// A set point that a SYNC releases may be followed, toward the work at this velocity at most.
     pub set_points: bool,
     /// See [`set_points`](Plan::set_points).
@@ -232,7 +232,7 @@ impl Plan {
         state: State::Disabled,
         closed: false,
         pulses: false,
-        marks: false,
+        homes: false,
         set_points: false,
         toward: CountsPerSecond(0.0),
         slew: CountsPerSecond(0.0),
@@ -386,6 +386,8 @@ pub struct Measured {
     pub state: State,
     /// The loop is closed over the encoder.
     pub closed: bool,
+    /// A reference is looked for: a head that is stopped has found what is in its way.
+    pub homes: bool,
     /// Pulses are allowed, for work.
     pub pulses: bool,
     /// Times that the encoder was to be believed anew.
@@ -817,7 +819,7 @@ impl Follower {
         *saturated = self.saturated;
         *gap = GapReading { quality, ..*reading };
         *mark = *newest;
-        *marked = if self.plan.marks { self.estimator.position_at(newest.count) } else { 0 };
+        *marked = if self.plan.homes { self.estimator.position_at(newest.count) } else { 0 };
         *safety = self.safety;
         *short = core::mem::take(&mut self.short);
         *told = self.told.take();
@@ -836,6 +838,7 @@ impl Follower {
             tick: self.tick,
             state: self.plan.state,
             closed: self.plan.closed,
+            homes: self.plan.homes,
             pulses: self.plan.pulses && self.plan.state.pulses(),
             trusts: self.plan.trusts,
             following: self.following,

@@ -121,6 +121,7 @@ impl Drive {
             Item::HeadRefusal => self.refusal.into(),
             Item::HeadHomed => status.homed.into(),
             Item::Guidance => status.guidance as i64,
+            Item::HomingError => self.homing_error().into(),
             Item::Refusals => self.refusals.into(),
             Item::AdaptiveFeed => self.adaptive_feed(),
             Item::LateSetPoints => status.late_set_points.into(),
@@ -233,6 +234,7 @@ impl Drive {
                     | i64::from(safety.dielectric) << 17
                     | i64::from(safety.bridge_fault) << 18
                     | i64::from(safety.supply_low) << 19
+                    | i64::from(self.touches()) << 20
             }
             item => rows().get(item as usize).map_or(0, |row| row.widened(self.value(item))),
         }
@@ -305,6 +307,12 @@ impl Drive {
             Guidance::No => 0,
             _ => i64::from((1000.0 * (feed / own)) as i16).clamp(-1000, 1000),
         }
+    }
+
+    /// Electrode and work touch, as the sense tells while the generator is off: between pulses there is no voltage either.
+    fn touches(&self) -> bool {
+        let pulses = self.status.state.pulses() || self.status.state == head::State::Commissioning;
+        self.status.gap.touches && !pulses
     }
 
     /// Whether a segment may be appended now.

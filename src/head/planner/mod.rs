@@ -258,7 +258,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             state,
             closed,
             pulses,
-            marks,
+            homes,
             set_points,
             toward,
             slew,
@@ -283,7 +283,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *state = self.status.state;
         *closed = self.status.closed;
         *pulses = allowed;
-        *marks = matches!(self.status.state, State::Homing);
+        *homes = self.looks_for_home();
         *set_points = self.follows_set_points();
         *toward = self.toward(*setpoint);
         *slew = self.slew();
@@ -455,7 +455,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// What a contact means now.
     fn touch(&self) -> Touch {
         match self.status.state {
-            State::Positioning if self.touching == Touching::Asked => Touch::End,
+            State::Positioning | State::Homing if self.touching == Touching::Asked => Touch::End,
+            State::Homing if self.looks_for_home() => Touch::End,
             State::Positioning | State::Homing | State::Jumping => Touch::Fault,
             _ => Touch::Ignored,
         }
@@ -466,7 +467,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn presses(&self) -> bool {
         let positions = matches!(self.status.state, State::Ready | State::Positioning | State::Homing);
         let ahead = self.status.setpoint.round().saturating_sub(self.cleared);
-        let touches = self.status.gap.touches && self.touching == Touching::No;
+        let touches = self.status.gap.touches && self.touching == Touching::No && !self.looks_for_home();
         touches && positions && ahead > TREMBLE && self.now.segment.velocity.0 >= 0.0
     }
 
@@ -480,6 +481,17 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         let slowing = 2.0 * acceleration.0 * axis.counts_per_um * clear;
         CountsPerSecond(libm::sqrtf(contact.approach.0 * contact.approach.0 + slowing))
+    }
+
+    /// Whether a reference is looked for, and not yet gone back from.
+    pub(super) fn looks_for_home(&self) -> bool {
+        matches!(&self.positioning, Some(Task::Home(homing, _)) if homing.looks())
+    }
+
+    /// Whether the supervision has found something in the way of a reference that is looked for.
+    pub(super) fn is_blocked(&self) -> bool {
+        let since = self.judged.tick.wrapping_sub(self.entered).cast_signed() > 0;
+        self.judged.blocked && since && self.looks_for_home()
     }
 
     /// Whether the set point of the loop is the path's.
