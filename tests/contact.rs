@@ -1,6 +1,6 @@
 //! Electrode and work in motions with pulses off, on the process model: 0.2 kg, 2 N/um, a sense supply of 11 V.
 
-use edm_servo_head::head::{Command, Fault, Home, HomingState, MotionLimits, Reason, Refused, State};
+use edm_servo_head::head::{Command, Fault, Home, HomingState, MotionLimits, Probe, Reason, Refused, Source, State};
 use edm_servo_head::motion::{Method, Missed};
 use edm_servo_head::settings::{Settings, Value};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
@@ -184,6 +184,46 @@ fn homing_finds_the_work_to_a_count_and_without_pulses_at_any_velocity_up_to_5_m
             assert!(off.abs() <= 1, "{slow} um/s, seed {seed}: {off} counts off");
             assert_eq!(machine.process.truth().count - status.position, status.touched - 4000);
             assert!((status.position - 3990).abs() <= 1, "{status:?}");
+        }
+    }
+}
+
+/// The touch probe against what the model knows: counts and ticks by which it is off at the most.
+#[test]
+fn a_probe_keeps_the_count_and_the_tick_of_a_contact() {
+    for seed in 1..=SEEDS {
+        for velocity in [0.5, 2.0, 5.0] {
+            let mut machine = ready(&Settings::default(), seed);
+            machine.command(Command::Position(mm(1.8), at(20.0))).unwrap();
+            run(&mut machine, 0.5);
+            let probe = Probe { source: Source::Contact, every: false, edges: [true; 2], armed: 1 };
+            machine.command(Command::Probe([probe, Probe::default()])).unwrap();
+            machine.command(Command::Touch(mm(3.0), at(velocity))).unwrap();
+            let (mut touched, mut left) = (None, None);
+            for _ in 0..(0.4 / f64::from(velocity) * f64::from(TICK_HZ)) as u64 + 4000 {
+                machine.tick();
+                let (truth, tick) = (machine.process.truth(), machine.status().tick);
+                let touches = truth.gap_um <= 0.0;
+                if touches {
+                    touched = touched.or(Some((truth.count, tick)));
+                    left = None;
+                } else if touched.is_some() {
+                    left = left.or(Some((truth.count, tick)));
+                }
+            }
+            let [kept, off] = machine.status().probes;
+            assert_eq!((kept.probe, off.probe), (probe, Probe::default()));
+            // The counts of a head that was homed at the upper stop are the true ones.
+            let [(count, tick), end] = [touched, left].map(Option::unwrap);
+            let [begun, ended] = kept.edges;
+            let late = begun.tick.wrapping_sub(tick).cast_signed();
+            assert!(
+                (begun.position - count).abs() <= 1 && (0..=2).contains(&late),
+                "{velocity} mm/s, seed {seed}: {kept:?}"
+            );
+            assert_eq!(begun.count, 1, "the first is kept");
+            // It may come off and touch again: the first end is no later than the last.
+            assert!(ended.count == 1 && ended.tick.wrapping_sub(end.1).cast_signed() <= 2, "{kept:?}, {end:?}");
         }
     }
 }

@@ -26,6 +26,7 @@ mod jump;
 mod permit;
 mod planner;
 mod positioning;
+mod probe;
 mod proof;
 mod reaction;
 mod route;
@@ -48,6 +49,7 @@ pub use jump::Config as JumpConfig;
 pub use permit::WritePermit;
 pub use planner::Planner;
 pub use positioning::{Home, HomingState, MotionLimits};
+pub use probe::{Edge, Latched, PROBES, Probe, Sight, Source, Wanted};
 pub use state::{Change, ChangeLog, Reason, State, TRANSITIONS};
 pub use supervise::{
     Breakaway, Config as SupervisionConfig, Counters, Judged, Limits as SupervisionLimits, Supervisor,
@@ -131,6 +133,8 @@ pub struct Status {
     pub approaching: bool,
     /// Position of the newest contact that was asked for, counts.
     pub touched: i64,
+    /// What the touch probes have kept.
+    pub probes: [Latched; PROBES],
     /// How it stands to a host that guides it.
     pub guidance: Guidance,
     /// Set points of a guiding host that were late, since power-up, wrapping.

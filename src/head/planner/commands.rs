@@ -10,6 +10,7 @@ use crate::head::follow::Concerns;
 use crate::head::guide::Guide;
 use crate::head::permit::WritePermit;
 use crate::head::positioning::{self, Home, HomingState, MotionLimits, Task};
+use crate::head::probe::{PROBES, Probe, Source};
 use crate::head::proof::{Goal, Proof};
 use crate::head::reaction::Reacting;
 use crate::head::state::{Reason, State};
@@ -61,6 +62,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             Command::Touch(to, limits) => self.position(state, to, &limits, true),
             Command::Follow(to, ticks) => self.follow_to(state, to, ticks),
             Command::Home(home) => self.home(state, &home),
+            Command::Probe(probes) => self.probe(&probes),
             Command::Brake(deceleration) => self.brake(state, deceleration),
             Command::Start => {
                 if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
@@ -379,6 +381,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if home.method == Method::Contact {
             self.touching = Touching::Asked;
         }
+        Ok(())
+    }
+
+    fn probe(&mut self, probes: &[Probe; PROBES]) -> Result<(), Refused> {
+        if probes.iter().any(|probe| probe.source == Source::Contact) && !self.config.contact.sensed {
+            return Err(Refused::NoSense);
+        }
+        self.probes = *probes;
         Ok(())
     }
 

@@ -16,6 +16,7 @@ use super::follow::{Concerns, Estimate, Follow, FollowConfig, LEAD, Plan, Touch,
 use super::guide::{Guidance, Guide};
 use super::jump::Jump;
 use super::positioning::{HomingState, Task, When};
+use super::probe::{PROBES, Probe, Source, Wanted};
 use super::proof::Proof;
 use super::reaction::{Reacting, Situation, upward};
 use super::route::{Bounds, Route};
@@ -28,7 +29,7 @@ use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Window;
-use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_S};
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_S, Volts};
 use core::ops::DerefMut;
 use edm_hal_shim::self_test::SelfTest;
 
@@ -79,6 +80,7 @@ pub struct Planner<P> {
     good: Fixed,
     /// Whether it is to touch the work.
     touching: Touching,
+    probes: [Probe; PROBES],
     /// Furthest place toward the work that the axis has been at since the loop was closed, counts.
     cleared: i64,
     reacting: Option<Reacting>,
@@ -125,6 +127,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             eroded: 0,
             good: Fixed(0),
             touching: Touching::No,
+            probes: [Probe::default(); PROBES],
             cleared: 0,
             reacting: None,
             doubt: None,
@@ -259,6 +262,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             closed,
             pulses,
             homes,
+            probes,
             set_points,
             toward,
             slew,
@@ -284,6 +288,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *closed = self.status.closed;
         *pulses = allowed;
         *homes = self.looks_for_home();
+        *probes = self.wanted();
         *set_points = self.follows_set_points();
         *toward = self.toward(*setpoint);
         *slew = self.slew();
@@ -318,6 +323,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         status.gap = now.gap;
         status.safety = now.safety;
         status.late_plans = now.late;
+        status.probes = now.probes;
+        for edge in status.probes.iter_mut().flat_map(|latched| &mut latched.edges) {
+            edge.position = edge.position.wrapping_add(offset);
+        }
         status.current = judged.current;
         status.bus = judged.bus;
         status.back_emf = judged.back_emf;
@@ -481,6 +490,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         let slowing = 2.0 * acceleration.0 * axis.counts_per_um * clear;
         CountsPerSecond(libm::sqrtf(contact.approach.0 * contact.approach.0 + slowing))
+    }
+
+    /// What the touch probes wait for.
+    fn wanted(&self) -> Wanted {
+        let on = self.probes.iter().any(|probe| probe.source != Source::Off);
+        let discharge = Volts(self.status.open_circuit.0 * self.config.seek.threshold);
+        Wanted { on, probes: self.probes, discharge }
     }
 
     /// Whether a reference is looked for, and not yet gone back from.
