@@ -1,7 +1,7 @@
 //! Electrode and work in motions with pulses off, on the process model: 0.2 kg, 2 N/um, a sense supply of 11 V.
 
-use edm_servo_head::head::{Command, Fault, Home, HomingState, MotionLimits, Reason, Refused, State};
-use edm_servo_head::motion::Method;
+use edm_servo_head::head::{Command, Fault, Home, HomingState, MotionLimits, Probe, Reason, Refused, Source, State};
+use edm_servo_head::motion::{Method, Missed};
 use edm_servo_head::settings::{Settings, Value};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
 use edm_sim::machine::Machine;
@@ -131,7 +131,7 @@ fn whoever_asks_to_touch_finds_the_work_to_a_few_counts_and_does_not_press() {
 }
 
 #[test]
-fn homing_into_the_work_is_a_contact() {
+fn homing_into_the_work_is_a_homing_error_and_leaves_it() {
     let mut machine = ready(&Settings::default(), 1);
     let home = Home {
         method: Method::MarkBelow,
@@ -143,7 +143,98 @@ fn homing_into_the_work_is_a_contact() {
     machine.command(Command::Home(home)).unwrap();
     let force = run(&mut machine, 2.0);
     assert!(force > 0.0 && force <= APPROACHING, "{force} N");
-    assert_eq!((machine.status().fault, machine.status().homing), (Some(Fault::Contact), HomingState::No));
+    let status = *machine.status();
+    assert_eq!((status.fault, status.homing), (None, HomingState::Failed(Missed::Touched)));
+    assert!(!status.homed || status.position < 1600, "{status:?}");
+    assert!(machine.process.truth().gap_um > 400.0, "{:?}", machine.process.truth());
+}
+
+/// The count at which electrode and work have first touched, as the model knows it.
+fn first_touch(machine: &mut Machine, seconds: f64) -> Option<i64> {
+    let mut count = None;
+    for _ in 0..(seconds * f64::from(TICK_HZ)) as u64 {
+        machine.tick();
+        if count.is_none() && machine.process.truth().gap_um <= 0.0 {
+            count = Some(machine.process.truth().count);
+        }
+    }
+    count
+}
+
+#[test]
+fn homing_finds_the_work_to_a_count_and_without_pulses_at_any_velocity_up_to_5_mm_s() {
+    for seed in 1..=SEEDS {
+        for slow in [100.0, 1000.0, 5000.0, 20_000.0] {
+            let mut machine = ready(&Settings::default(), seed);
+            machine.command(Command::Position(mm(1.5), at(20.0))).unwrap();
+            run(&mut machine, 0.5);
+            let home = Home {
+                method: Method::Contact,
+                fast: MicrometresPerSecond(1e5),
+                slow: MicrometresPerSecond(slow),
+                acceleration: MicrometresPerSecond2(2e6),
+                at: mm(4.0),
+            };
+            machine.command(Command::Home(home)).unwrap();
+            let truth = first_touch(&mut machine, 600.0 / f64::from(slow) + 0.3).unwrap();
+            let status = *machine.status();
+            assert_eq!((status.fault, status.homing), (None, HomingState::Done), "{slow} um/s, seed {seed}");
+            // What was the true count is 4 mm now; the axis stands 10 um above.
+            let off = status.touched - truth;
+            assert!(off.abs() <= 1, "{slow} um/s, seed {seed}: {off} counts off");
+            assert_eq!(machine.process.truth().count - status.position, status.touched - 4000);
+            assert!((status.position - 3990).abs() <= 1, "{status:?}");
+        }
+    }
+}
+
+/// The touch probe against what the model knows: counts and ticks by which it is off at the most.
+#[test]
+fn a_probe_keeps_the_count_and_the_tick_of_a_contact() {
+    for seed in 1..=SEEDS {
+        for velocity in [0.5, 2.0, 5.0] {
+            let mut machine = ready(&Settings::default(), seed);
+            machine.command(Command::Position(mm(1.8), at(20.0))).unwrap();
+            run(&mut machine, 0.5);
+            let probe = Probe { source: Source::Contact, every: false, edges: [true; 2], armed: 1 };
+            machine.command(Command::Probe([probe, Probe::default()])).unwrap();
+            machine.command(Command::Touch(mm(3.0), at(velocity))).unwrap();
+            let (mut touched, mut left) = (None, None);
+            for _ in 0..(0.4 / f64::from(velocity) * f64::from(TICK_HZ)) as u64 + 4000 {
+                machine.tick();
+                let (truth, tick) = (machine.process.truth(), machine.status().tick);
+                let touches = truth.gap_um <= 0.0;
+                if touches {
+                    touched = touched.or(Some((truth.count, tick)));
+                    left = None;
+                } else if touched.is_some() {
+                    left = left.or(Some((truth.count, tick)));
+                }
+            }
+            let [kept, off] = machine.status().probes;
+            assert_eq!((kept.probe, off.probe), (probe, Probe::default()));
+            // The counts of a head that was homed at the upper stop are the true ones.
+            let [(count, tick), end] = [touched, left].map(Option::unwrap);
+            let [begun, ended] = kept.edges;
+            let late = begun.tick.wrapping_sub(tick).cast_signed();
+            assert!(
+                (begun.position - count).abs() <= 1 && (0..=2).contains(&late),
+                "{velocity} mm/s, seed {seed}: {kept:?}"
+            );
+            assert_eq!(begun.count, 1, "the first is kept");
+            // It may come off and touch again: the first end is no later than the last.
+            assert!(ended.count == 1 && ended.tick.wrapping_sub(end.1).cast_signed() <= 2, "{kept:?}, {end:?}");
+        }
+    }
+}
+
+#[test]
+fn there_is_no_homing_on_contact_without_a_sense_supply() {
+    let mut machine = ready(&Settings { contact_below: 0.0, ..Settings::default() }, 1);
+    let slow = MicrometresPerSecond(1e3);
+    let acceleration = MicrometresPerSecond2(2e6);
+    let home = Home { method: Method::Contact, fast: slow, slow, acceleration, at: Nanometres(0) };
+    assert_eq!(machine.command(Command::Home(home)), Err(Refused::NoSense));
 }
 
 #[test]

@@ -510,7 +510,7 @@ macro_rules! fixture {
 }
 
 /// Settings that 0.1.0 did not have: the default is in force, and said so.
-const NEWER: [(u16, u8); 30] = [
+const NEWER: [(u16, u8); 32] = [
     (0x2100, 19),
     (0x2102, 12),
     (0x2102, 13),
@@ -540,6 +540,8 @@ const NEWER: [(u16, u8); 30] = [
     (0x6007, 0),
     (0x60C5, 0),
     (0x60C6, 0),
+    (0x60D0, 1),
+    (0x60D0, 2),
     (0x60F2, 0),
 ];
 

@@ -20,7 +20,7 @@ use edm_hal_shim::tick::ServoTimer;
 use edm_servo_head::encoder::{DecoderCount, Handover, Snapshot, TimerCount};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{
-    Counters, Estimate, Fault, Follower, Measured, Plan, Reaction, SetPoint, State, TickInput, TickOutput,
+    Counters, Estimate, Fault, Follower, Measured, Plan, Reaction, SetPoint, Sight, State, TickInput, TickOutput,
 };
 use edm_servo_head::units::{PLAN_TICKS, TICKS_PER_MS};
 
@@ -154,6 +154,9 @@ impl<B: Board> Servo<B> {
         if self.follower.wants_gap() {
             self.take_reading();
         }
+        if self.follower.probes() {
+            self.sight();
+        }
         let (input, signals) = (&mut self.input, self.signals);
         input.short_ticks = signals.short_ticks.load();
         input.touches = signals.touches.load() != 0;
@@ -204,6 +207,17 @@ impl<B: Board> Servo<B> {
         self.fresh |= self.reading.refresh();
         let reading = self.reading.get();
         self.input.gap = (reading.quality == Quality::Valid).then_some(reading.filtered);
+    }
+
+    /// Touch probes want the newest block and mark in every tick.
+    #[cold]
+    fn sight(&mut self) {
+        self.fresh |= self.reading.refresh();
+        let reading = self.reading.get();
+        let block = (reading.quality == Quality::Valid).then_some(reading.block);
+        let mark = self.handover.mark(self.decoder.mark());
+        self.counters.used.mark = mark;
+        self.input.sight = Sight { mark, block };
     }
 
     /// The planner is given the estimate of this tick, with the newest gap reading, or the one before, marked as missing.

@@ -2,6 +2,7 @@
 
 use super::fault::Fault;
 use super::positioning::{Home, MotionLimits};
+use super::probe::{PROBES, Probe};
 use super::state::State;
 use crate::path::{self, Piece};
 use crate::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
@@ -40,6 +41,8 @@ pub enum Command {
     Follow(Nanometres, u32),
     /// Look for a reference. Not while pulses are on, nor with a path to go.
     Home(Home),
+    /// What the touch probes are to do from now on, whatever the head does. One that is armed anew has another number.
+    Probe([Probe; PROBES]),
     /// Come to rest with this deceleration, pulses off, and hold.
     Brake(MicrometresPerSecond2),
     /// Pulses on; seek the work and erode along the queue.

@@ -7,6 +7,7 @@ use super::fault::Fault;
 use super::follow::{Estimate, Follower, Measured, Plan, TickInput, TickOutput};
 use super::permit::WritePermit;
 use super::planner::Planner;
+use super::probe::Sight;
 use super::state::Change;
 use super::supervise::{Counters, Supervisor};
 use super::{Status, SupervisionConfig};
@@ -97,6 +98,10 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             encoder: inputs.encoder.raw,
             short_ticks: inputs.gap.short_ticks,
             touches: inputs.gap.touches,
+            sight: Sight {
+                mark: inputs.encoder.mark,
+                block: (inputs.gap.quality == Quality::Valid).then_some(inputs.gap.block),
+            },
             gap: (inputs.gap.quality == Quality::Valid).then_some(inputs.gap.filtered),
             drive: inputs.drive,
             safety: inputs.safety,

@@ -19,6 +19,7 @@
 //! segment under way. The next plan sets it back on the path, from which it can have departed only at a joint.
 
 use super::estimate::{Estimator, Sums};
+use super::probe::{Here, Latched, PROBES, Probes, Sight, Wanted};
 use super::{Fault, Reaction, State, positioning};
 use crate::encoder::Mark;
 use crate::gap::{GapReading, Quality};
@@ -190,8 +191,10 @@ pub struct Plan {
     pub closed: bool,
     /// Pulses are allowed.
     pub pulses: bool,
-    /// Positions of index marks are wanted.
-    pub marks: bool,
+    /// A reference is looked for: positions of index marks are wanted, and whatever is in the way is no fault.
+    pub homes: bool,
+    /// What the touch probes wait for.
+    pub probes: Wanted,
     /// A set point that a SYNC releases may be followed, toward the work at this velocity at most.
     pub set_points: bool,
     /// See [`set_points`](Plan::set_points).
@@ -232,7 +235,8 @@ impl Plan {
         state: State::Disabled,
         closed: false,
         pulses: false,
-        marks: false,
+        homes: false,
+        probes: Wanted::OFF,
         set_points: false,
         toward: CountsPerSecond(0.0),
         slew: CountsPerSecond(0.0),
@@ -296,6 +300,8 @@ pub struct TickInput {
     pub touches: bool,
     /// Filtered gap voltage, if there is a valid one; where [`Follower::wants_gap`] says so.
     pub gap: Option<Volts>,
+    /// For the touch probes, where [`Follower::probes`] says so.
+    pub sight: Sight,
     /// Motor current and bus voltage.
     pub drive: DriveCodes,
     /// Safety inputs, if any of them is unsafe.
@@ -362,6 +368,8 @@ pub struct Estimate {
     pub mark: Mark,
     /// See [`mark`](Estimate::mark).
     pub marked: i64,
+    /// What the touch probes have kept.
+    pub probes: [Latched; PROBES],
     /// Safety inputs.
     pub safety: SafetyInputs,
     /// A short has been answered by the retreat that was made ready, or a contact that is the end of a motion by rest.
@@ -386,6 +394,8 @@ pub struct Measured {
     pub state: State,
     /// The loop is closed over the encoder.
     pub closed: bool,
+    /// A reference is looked for: a head that is stopped has found what is in its way.
+    pub homes: bool,
     /// Pulses are allowed, for work.
     pub pulses: bool,
     /// Times that the encoder was to be believed anew.
@@ -469,6 +479,7 @@ pub struct Follower {
     said: (bool, [Option<Fault>; 2], Option<SetPoint>),
     /// Safety inputs of the tick before.
     safety: SafetyInputs,
+    probes: Probes,
 }
 
 impl Follower {
@@ -500,6 +511,7 @@ impl Follower {
             set_point: None,
             said: (false, [None; 2], None),
             safety: SafetyInputs::default(),
+            probes: Probes::default(),
         }
     }
 
@@ -521,6 +533,12 @@ impl Follower {
     #[inline]
     pub fn wants_gap(&self) -> bool {
         self.plan.trajectory.follow == Follow::Gap
+    }
+
+    /// Whether the next tick wants to know of the sources of the touch probes.
+    #[inline]
+    pub fn probes(&self) -> bool {
+        self.plan.probes.on
     }
 
     /// Number of the newest tick, wrapping.
@@ -568,6 +586,9 @@ impl Follower {
             }
         }
         self.estimator.tick(&input.encoder, input.drive);
+        if self.plan.probes.on {
+            self.probe(input);
+        }
         let mut hands_over = self.tick == self.next;
         // One test for a tick in which there is nothing.
         let shorted = input.reflex | (input.short_ticks >= self.config.trigger);
@@ -591,10 +612,29 @@ impl Follower {
             self.single.reset();
         }
         if plan.offset != self.plan.offset {
-            self.estimator.shift(plan.offset.wrapping_sub(self.plan.offset));
+            let by = plan.offset.wrapping_sub(self.plan.offset);
+            self.estimator.shift(by);
+            self.probes.shift(by);
+        }
+        if plan.probes.on | self.plan.probes.on {
+            self.probes.want(&plan.probes);
         }
         self.plan = *plan;
         self.in_a_row = 0;
+    }
+
+    /// The touch probes look.
+    #[cold]
+    #[inline(never)]
+    fn probe(&mut self, input: &TickInput) {
+        let here = Here {
+            tick: self.tick,
+            position: self.estimator.position(),
+            marked: self.estimator.position_at(input.sight.mark.count),
+            pulses: self.plan.pulses,
+            touches: input.touches,
+        };
+        self.probes.tick(&self.plan.probes, &input.sight, &here);
     }
 
     /// The plan of this tick is not there.
@@ -789,6 +829,7 @@ impl Follower {
             gap,
             mark,
             marked,
+            probes,
             safety,
             short,
             told,
@@ -817,7 +858,8 @@ impl Follower {
         *saturated = self.saturated;
         *gap = GapReading { quality, ..*reading };
         *mark = *newest;
-        *marked = if self.plan.marks { self.estimator.position_at(newest.count) } else { 0 };
+        *marked = if self.plan.homes { self.estimator.position_at(newest.count) } else { 0 };
+        *probes = *self.probes.latched();
         *safety = self.safety;
         *short = core::mem::take(&mut self.short);
         *told = self.told.take();
@@ -836,6 +878,7 @@ impl Follower {
             tick: self.tick,
             state: self.plan.state,
             closed: self.plan.closed,
+            homes: self.plan.homes,
             pulses: self.plan.pulses && self.plan.state.pulses(),
             trusts: self.plan.trusts,
             following: self.following,

@@ -85,7 +85,9 @@ impl Guide {
         let at = if self.together { *from } else { at };
         self.reference = match plan(&mut self.task, &at, seen, limit, when) {
             Step::Moves(segment) => segment,
-            Step::Ends(_) | Step::Found(..) => TrajectorySegment { from: at.from, ..TrajectorySegment::default() },
+            Step::Ends(_) | Step::Found(..) | Step::Missed(_) => {
+                TrajectorySegment { from: at.from, ..TrajectorySegment::default() }
+            }
         };
         let arrived = |to: Fixed| to.minus(at.from).to_f32().abs() < THERE;
         let ends = matches!(self.task, Task::Follow { to, due } if until(due, when.now) == 0 && arrived(to));

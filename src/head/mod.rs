@@ -26,6 +26,7 @@ mod jump;
 mod permit;
 mod planner;
 mod positioning;
+mod probe;
 mod proof;
 mod reaction;
 mod route;
@@ -49,6 +50,7 @@ pub use jump::Config as JumpConfig;
 pub use permit::WritePermit;
 pub use planner::Planner;
 pub use positioning::{Home, HomingState, MotionLimits};
+pub use probe::{Edge, Latched, PROBES, Probe, Sight, Source, Wanted};
 pub use state::{Change, ChangeLog, Reason, State, TRANSITIONS};
 pub use supervise::{
     Breakaway, Config as SupervisionConfig, Counters, Judged, Limits as SupervisionLimits, Supervisor,
@@ -139,6 +141,8 @@ pub struct Status {
     pub search: Search,
     /// See [`search`](Status::search).
     pub overshoot: u32,
+    /// What the touch probes have kept.
+    pub probes: [Latched; PROBES],
     /// How it stands to a host that guides it.
     pub guidance: Guidance,
     /// Set points of a guiding host that were late, since power-up, wrapping.

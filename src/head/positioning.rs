@@ -4,7 +4,7 @@
 //! limit switch stops motion toward it, here as everywhere; while homing, it is what is looked for and no fault.
 
 use super::state::Reason;
-use crate::motion::{Homing, Method, Outcome, Profile, Ramp, Seen, TrajectorySegment};
+use crate::motion::{Homing, Method, Missed, Outcome, Profile, Ramp, Seen, TrajectorySegment};
 use crate::units::{
     CountsPerSecond, CountsPerSecond2, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, PLAN_TICKS,
 };
@@ -48,8 +48,8 @@ pub enum HomingState {
     Runs,
     /// The place was found, and has its position.
     Done,
-    /// No such place, or one that would lie outside the travel.
-    Failed,
+    /// No such place, or one that would lie outside the travel, or something in the way.
+    Failed(Missed),
 }
 
 /// What is positioned.
@@ -74,6 +74,8 @@ pub(super) enum Step {
     Ends(Reason),
     /// It stands; the reference is at the first position, and is to be at the second.
     Found(i64, Fixed),
+    /// It stands, and there is no reference.
+    Missed(Missed),
 }
 
 /// Tick after which a set point of a stream is reached, of which one comes every `ticks`, when it is followed after the tick
@@ -133,7 +135,7 @@ pub(super) fn plan(task: &mut Task, from: &TrajectorySegment, seen: &Seen, limit
         Task::Home(homing, at) => match homing.plan(profile, seen, ticks) {
             Outcome::Moves(segment) => segment,
             Outcome::Found(found) => return Step::Found(found, *at),
-            Outcome::Missed => return Step::Ends(Reason::NotHomed),
+            Outcome::Missed(missed) => return Step::Missed(missed),
         },
     };
     if !homes && seen.upper && segment.velocity.0 < 0.0 { Step::Ends(Reason::Held) } else { Step::Moves(segment) }

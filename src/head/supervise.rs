@@ -218,6 +218,8 @@ pub struct Judged {
     pub reduced: bool,
     /// Illegal encoder transitions since power-up, wrapping.
     pub illegal: u32,
+    /// An axis that looks for a reference does not follow: something is in its way, unless its encoder is lost.
+    pub blocked: bool,
 }
 
 /// What follows the encoder.
@@ -302,13 +304,19 @@ impl Supervisor {
         let drive = self.drive.longer_than(Self::DRIVE_MS, unmeasured && now.state != State::Disabled);
         let doubtful = implausible && (closed || now.state == State::Proving);
         let stands = self.stands(limits, now);
-        let encoder = self.contradicts(limits, closed) | stands | doubtful;
+        let encoder = self.contradicts(limits, closed) | (stands && !now.homes) | doubtful;
         let against = now.saturated && now.duty * now.velocity.0 < -limits.runaway.0 * now.duty.abs();
         // An open-loop lift that goes down: the polarity is wrong as well.
         let lifts = now.state == State::Fault && !closed && now.duty < 0.0;
         let sinks = lifts && now.velocity.0 > limits.runaway.0;
         let runaway = self.runaway.longer_than(limits.following_ms, closed && against || sinks);
         let following = self.following.longer_than(limits.following_ms, closed && off(limits, now));
+        let blocked = now.homes && (stands || following);
+        let following = following && !now.homes;
+        if blocked {
+            // It goes back from there, and is judged anew.
+            (self.standing, self.following) = (Standing::default(), Lasting::default());
+        }
         let bad = matches!(now.quality, Quality::Missing | Quality::Saturated | Quality::Reversed);
         // The ends of the range give one code for many voltages.
         let same = now.code == self.code && (1..ADC_FULL_SCALE).contains(&now.code);
@@ -321,6 +329,7 @@ impl Supervisor {
         let gateless = now.quality == Quality::NoGate || limits.gated && !self.pulses.come();
         let gate = self.gate.longer_than(limits.gap_ms, now.pulses && gateless);
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;
+        self.judged.blocked = blocked;
 
         [
             (drive, Fault::DriveSignalLost),

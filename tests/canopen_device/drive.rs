@@ -176,6 +176,68 @@ fn homing_that_cannot_be_says_so_and_can_be_interrupted() {
     rig.until(100, |rig| rig.status() & 0x3400 == 0x0400);
 }
 
+/// Homes 1 mm below the stop; what the statusword and 2000h:9 say in the end.
+fn home_from_1_mm(method: u8, change: impl Fn(&mut Rig)) -> (Rig, u16, u32) {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    rig.move_to(1000, 1000);
+    rig.write(0x6098, 0, &[method]);
+    rig.write32(0x6099, 1, 50_000);
+    change(&mut rig);
+    rig.mode(6);
+    rig.control(0x1F);
+    rig.until(3000, |rig| rig.status() & 0x0400 != 0);
+    let (status, error) = (rig.status(), rig.read(0x2000, 9));
+    (rig, status, error)
+}
+
+#[test]
+fn homing_that_meets_a_stop_or_the_work_is_a_homing_error_and_no_fault() {
+    // No switch is there: 17 and 33 end at the stop, 18 and 34 in the work 1 mm below.
+    for (method, error) in [(1, 3), (17, 3), (33, 3), (2, 4), (18, 4), (34, 4)] {
+        let (mut rig, status, why) = home_from_1_mm(method, |_| {});
+        assert_eq!((status & 0x3400, status & 0x6F, why), (0x2400, 0x27, error), "method {method}");
+        assert_eq!(rig.read(0x603F, 0), 0, "method {method}");
+        assert!(!rig.states.contains(&State::Fault), "method {method}: {:?}", rig.states);
+        // The home of before is as good as it was: the axis has gone back and may go on.
+        assert_eq!(rig.read(0x2000, 5), 1);
+        rig.control(0x0F);
+        rig.write(0x6098, 0, &[37]);
+        rig.control(0x1F);
+        rig.until(100, |rig| rig.status() & 0x3400 == 0x1400);
+        assert_eq!(rig.read(0x2000, 9), 0, "it has not failed last");
+    }
+}
+
+#[test]
+fn homing_on_contact_makes_the_work_the_home_and_is_refused_without_its_sense() {
+    let (mut rig, status, why) = home_from_1_mm(0xFF, |rig| rig.write32(0x607C, 0, -3000));
+    assert_eq!((status & 0x3400, why), (0x1400, 0));
+    // 10 um above the work, which is at 3000 now.
+    rig.run(20);
+    assert!((rig.position() - 2990).abs() <= 1, "{}", rig.position());
+    assert_eq!(rig.read(0x60FD, 0) & 1 << 20, 0, "clear of it");
+    assert!(!rig.states.iter().any(|state| state.pulses()), "{:?}", rig.states);
+    let (index, sub) = edm_servo_head::canopen::objects::setting_address("contact.below_v").unwrap();
+    rig.control(0x06);
+    rig.run(50);
+    rig.write(index, sub, &0f32.to_le_bytes());
+    rig.enable();
+    rig.control(0x1F);
+    rig.until(100, |rig| rig.status() & 0x3400 == 0x2400);
+    assert_eq!((rig.read(0x2000, 9), rig.read(0x2000, 4)), (5, 13));
+}
+
+#[test]
+fn the_homing_methods_that_are_listed_are_those_that_are_taken() {
+    let mut rig = Rig::ready();
+    let listed: Vec<i8> = (1..=rig.read(0x60E3, 0) as u8).map(|sub| rig.read(0x60E3, sub) as i8).collect();
+    for method in i8::MIN..=i8::MAX {
+        let taken = rig.try_write(0x6098, 0, &method.to_le_bytes()).is_ok();
+        assert_eq!(taken, listed.contains(&method), "{method}");
+    }
+}
+
 #[test]
 fn cyclic_set_points_by_sync_are_followed_in_the_next_tick() {
     let mut rig = Rig::ready();

@@ -9,6 +9,7 @@ mod flood;
 mod guided;
 mod host_lost;
 mod leftover;
+mod probe;
 mod requests;
 mod rig;
 mod segments;

@@ -329,6 +329,11 @@ const REQUESTS: &[Request] = &[
         done: |_, rig| seen(rig, State::Touching),
     },
     Request {
+        name: "60B8h (touch probe)",
+        ask: |rig| rig.try_write(0x60B8, 0, &0x0011u16.to_le_bytes()),
+        done: |_, rig| rig.read(0x60B9, 0) & 1 == 1,
+    },
+    Request {
         name: "2004h:1 (append to the path)",
         ask: |rig| rig.try_write(0x2004, 1, &4100i32.to_le_bytes()),
         done: |before, rig| rig.machine.status().waiting > 0 || rig.read(0x200E, 10) > before.appended,

@@ -3,7 +3,7 @@
 use crate::bench::Bench;
 use edm_servo_head::feed::Limiter;
 use edm_servo_head::head::{Command, Fault, Home, HomingState, MotionLimits, Reason, Refused, State, Structure};
-use edm_servo_head::motion::Method;
+use edm_servo_head::motion::{Method, Missed};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, PLAN_TICKS, TICK_S};
 
@@ -330,7 +330,7 @@ fn a_home_that_would_put_the_axis_outside_its_travel_is_none() {
                 }
             }
             let status = bench.head.status();
-            let homing = if found { HomingState::Done } else { HomingState::Failed };
+            let homing = if found { HomingState::Done } else { HomingState::Failed(Missed::OutOfTravel) };
             assert_eq!((status.homing, status.homed), (homing, found), "{method:?} at {slow} um/s");
             assert_eq!(bench.fault(), None);
         }

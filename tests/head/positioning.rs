@@ -2,7 +2,7 @@
 
 use crate::bench::Bench;
 use edm_servo_head::head::{Command, Fault, Home, HomingState, MotionLimits, Reason, Refused, State};
-use edm_servo_head::motion::Method;
+use edm_servo_head::motion::{Method, Missed};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
 
 const LIMITS: MotionLimits = MotionLimits {
@@ -220,6 +220,51 @@ fn homing_where_the_head_stands() {
 }
 
 #[test]
+fn homing_against_a_stop_without_a_switch_is_a_homing_error_and_goes_back() {
+    for (fast, from) in [(1000.0, 0.000_3), (10_000.0, 0.002), (50_000.0, 0.002)] {
+        let mut bench = Bench::new();
+        bench.x = from;
+        bench.run(0.05);
+        bench.command(Command::Enable);
+        bench.run(0.01);
+        let Command::Home(way) = home(Method::UpperLimit, 100) else { unreachable!() };
+        bench.command(Command::Home(Home { fast: MicrometresPerSecond(fast), ..way }));
+        bench.run_until(2.0, |bench| bench.head.status().homing != HomingState::Runs);
+        let status = *bench.head.status();
+        assert_eq!((status.homing, status.homed), (HomingState::Failed(Missed::Blocked), false), "{fast} um/s");
+        bench.run(0.05);
+        // Half a millisecond off the stop, or where it has begun.
+        assert_eq!((bench.state(), bench.fault()), (State::Ready, None), "{fast} um/s");
+        assert!((bench.um() - (from * 1e6).min(500.0)).abs() < 12.0, "{fast} um/s: at rest at {} um", bench.um());
+        // It is as good as before.
+        bench.command(Command::Position(um(1500), LIMITS));
+        bench.run_until(2.0, |bench| bench.state() == State::Ready);
+    }
+}
+
+#[test]
+fn an_encoder_that_dies_while_a_reference_is_looked_for_is_lost_all_the_same() {
+    for (method, slow) in [(Method::UpperLimit, 1000.0), (Method::MarkBelow, 1000.0), (Method::MarkBelow, 10_000.0)] {
+        let mut bench = Bench::new();
+        (bench.x, bench.surface_um) = (0.006, 1e6);
+        bench.run(0.4);
+        bench.command(Command::Enable);
+        bench.run(0.01);
+        let Command::Home(way) = home(method, 100) else { unreachable!() };
+        bench.command(Command::Home(Home { slow: MicrometresPerSecond(slow), ..way }));
+        bench.run(0.1);
+        bench.encoder_dead = true;
+        let died = bench.um();
+        let mut farthest = 0.0f64;
+        bench.run_until(0.5, |bench| {
+            farthest = farthest.max(bench.um() - died);
+            bench.fault() == Some(Fault::EncoderLost)
+        });
+        assert!(farthest < 500.0, "{method:?}: {farthest} um toward the work");
+    }
+}
+
+#[test]
 fn homing_that_finds_nothing_fails_and_holds() {
     let mut bench = Bench::new();
     bench.stroke_m = 0.05;
@@ -228,7 +273,7 @@ fn homing_that_finds_nothing_fails_and_holds() {
     bench.command(Command::Enable);
     bench.command(home(Method::UpperLimit, 0));
     bench.run_until(5.0, |bench| bench.state() == State::Ready);
-    assert_eq!(bench.head.status().homing, HomingState::Failed);
+    assert_eq!(bench.head.status().homing, HomingState::Failed(Missed::NotThere));
     assert!(!bench.head.status().homed);
     // A stroke and a fifth, 14.4 mm, and the way to stop.
     assert!((bench.um() - (45_000.0 - 14_400.0)).abs() < 100.0, "{}", bench.um());

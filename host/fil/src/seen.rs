@@ -13,7 +13,8 @@ use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
 use edm_servo_head::gap::pulses::{Config as ArcConfig, Levels};
 use edm_servo_head::head::{
-    Breakaway, Command, Counters, Fault, Home, MotionLimits, SetPoint, State, Status, SupervisionLimits, TickInput,
+    Breakaway, Command, Counters, Fault, Home, MotionLimits, Probe, SetPoint, Sight, Source, State, Status,
+    SupervisionLimits, TickInput,
 };
 use edm_servo_head::motion::Method;
 use edm_servo_head::path::{Piece, Shape};
@@ -61,6 +62,7 @@ const VARIANTS: [(&str, usize); 20] = [
     ("FindSurface", 1),
     ("Follow", 2),
     ("Home", 1),
+    ("Probe", 1),
     ("Brake", 1),
     ("Start", 0),
     ("Guide", 0),
@@ -161,6 +163,7 @@ impl Places {
             "edm_servo_head::head::positioning::MotionLimits",
             "edm_servo_head::head::positioning::Home",
             "edm_servo_head::path::piece::Piece",
+            "edm_servo_head::head::probe::Probe",
             SERVO,
             GAP,
             BLOCKS,
@@ -212,6 +215,7 @@ impl Places {
             "edm_servo_head::gap::pulses::class::Levels" Levels: zero, reversed, current, short, arc;
             "edm_servo_head::head::positioning::MotionLimits" MotionLimits: velocity, acceleration, deceleration;
             "edm_servo_head::head::positioning::Home" Home: method, fast, slow, acceleration, at;
+            "edm_servo_head::head::probe::Probe" Probe: source, every, edges, armed;
             "edm_servo_head::path::piece::Piece" Piece: shape, to, centre, mark;
         );
         layout.same(BLOCKS, size_of::<Option<GapBlock>>(), &[])?;
@@ -414,7 +418,7 @@ impl Places {
     }
 
     fn command(&self, view: &View) -> Result<Command> {
-        let number = view.word(0)?;
+        let number = view.byte(0)? as u32;
         let variant =
             self.variants.iter().find(|variant| variant.number == number).context("a command that is none")?;
         let [first, second] = variant.fields;
@@ -451,6 +455,20 @@ impl Places {
                     acceleration: MicrometresPerSecond2(home.float(at!(Home, acceleration))?),
                     at: Nanometres(home.long(at!(Home, at))?),
                 })
+            }
+            "Probe" => {
+                let probe = |i: usize| -> Result<Probe> {
+                    let probe = view.inner(first + i * size_of::<Probe>());
+                    let edges = at!(Probe, edges);
+                    Ok(Probe {
+                        source: Source::from_number(probe.byte(at!(Probe, source))? as u8)
+                            .context("a source that is none")?,
+                        every: probe.flag(at!(Probe, every))?,
+                        edges: [probe.flag(edges)?, probe.flag(edges + 1)?],
+                        armed: probe.byte(at!(Probe, armed))? as u8,
+                    })
+                };
+                Command::Probe([probe(0)?, probe(1)?])
             }
             "Brake" => Command::Brake(MicrometresPerSecond2(view.float(first)?)),
             "Start" => Command::Start,
@@ -614,6 +632,7 @@ fn input(view: &View) -> Result<TickInput> {
         short_ticks: view.word(at!(TickInput, short_ticks))?,
         touches: view.flag(at!(TickInput, touches))?,
         gap: None,
+        sight: Sight::default(),
         safety: if there { Some(contacts(&safety)?) } else { None },
         drive: DriveCodes {
             motor_current: drive.half(at!(DriveCodes, motor_current))?,

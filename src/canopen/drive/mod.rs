@@ -27,6 +27,7 @@ mod codes;
 mod datum;
 mod machine;
 mod modes;
+mod probe;
 mod scope;
 mod segment;
 mod state;
@@ -42,7 +43,7 @@ pub use codes::{FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
 use super::objects::{COUNT, Item, rows};
 use super::{Device, Event, Group, NmtState, Node, PDOS, PdoDefault, Time, mapped};
 use crate::gap::pulses::CLASSES;
-use crate::head::{self, Change, Command, Fault, Finding, HomingState, Reason, Refused, Report, Status};
+use crate::head::{self, Change, Command, Fault, Finding, HomingState, PROBES, Probe, Reason, Refused, Report, Status};
 use crate::path::AHEAD;
 use crate::settings::{Active, SettingError, Settings};
 use crate::stored::{LoadReport, StoredImage};
@@ -260,6 +261,8 @@ pub struct Drive {
     loading: Loading,
 
     mode: Mode,
+    /// What the touch probes are to do.
+    probes: [Probe; PROBES],
     /// State of network management.
     operational: bool,
     set_points: SetPoints,
@@ -323,6 +326,7 @@ impl Drive {
             told: (None, None),
             loading: Loading::default(),
             mode: Mode::None,
+            probes: [Probe::default(); PROBES],
             operational: false,
             set_points: SetPoints::default(),
             retreat: None,
@@ -357,6 +361,7 @@ impl Drive {
         (self.restarting, self.stale) = (true, false);
         // Before the settings, which a head that is not disabled may refuse.
         self.order(Order::Command(Command::Disable));
+        self.probes_off();
         let report = self.load(settings, stored);
         if self.state != State::Fault {
             self.state = State::SwitchOnDisabled;

@@ -523,6 +523,15 @@ impl Drive {
         }
     }
 
+    /// Why homing has failed: 2000h:9.
+    pub(super) fn homing_error(&self) -> u8 {
+        match self.status.homing {
+            _ if self.set_points.homing_refused => codes::HOMING_REFUSED,
+            HomingState::Failed(missed) => missed as u8,
+            HomingState::No | HomingState::Runs | HomingState::Done => 0,
+        }
+    }
+
     /// In progress 0; interrupted or not started 10; attained 10 and 12; failed 10 and 13.
     fn homing_bits(&self, still: bool) -> u16 {
         if !self.set_points.homing_asked {
@@ -537,8 +546,8 @@ impl Drive {
             HomingState::Runs => 0,
             HomingState::Done if still => status::REACHED | status::MODE_12,
             HomingState::Done => status::MODE_12,
-            HomingState::Failed if still => status::REACHED | status::MODE_13,
-            HomingState::Failed => status::MODE_13,
+            HomingState::Failed(_) if still => status::REACHED | status::MODE_13,
+            HomingState::Failed(_) => status::MODE_13,
             HomingState::No => status::REACHED,
         }
     }

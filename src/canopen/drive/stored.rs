@@ -284,6 +284,7 @@ impl Drive {
             Item::AbortOption if value == 0 && self.is_enabled() => Err(Abort::DeviceState),
             Item::QuickStopOption if matches!(value, 3 | 4) => Err(Abort::InvalidValue),
             Item::HomingMethod if crate::motion::Method::from_number(value as i8).is_none() => Err(Abort::InvalidValue),
+            Item::ProbeSource1 | Item::ProbeSource2 if !super::probe::is_source(number) => Err(Abort::InvalidValue),
             Item::LimitMin if number > self.value(Item::LimitMax) => Err(Abort::Incompatible),
             Item::LimitMax if number < self.value(Item::LimitMin) => Err(Abort::Incompatible),
             _ => Ok(()),

@@ -1,7 +1,7 @@
 //! The drive as a dictionary: what an object reads, and what a write does.
 
 use super::state::State;
-use super::{Drive, Order, TaskTimer, clamp32, codes};
+use super::{Drive, Order, TaskTimer, clamp32, codes, probe};
 use crate::canopen::objects::{Decoded, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Written};
 use crate::gap::pulses::Class;
@@ -121,6 +121,21 @@ impl Drive {
             Item::HeadRefusal => self.refusal.into(),
             Item::HeadHomed => status.homed.into(),
             Item::Guidance => status.guidance as i64,
+            Item::HomingError => self.homing_error().into(),
+            Item::ServoTime => probe::time(status.tick).into(),
+            Item::ProbeStatus => self.probe_status().into(),
+            Item::ProbeBegun1 => clamp32(self.probe_edge(0, 0).position).into(),
+            Item::ProbeEnded1 => clamp32(self.probe_edge(0, 1).position).into(),
+            Item::ProbeBegun2 => clamp32(self.probe_edge(1, 0).position).into(),
+            Item::ProbeEnded2 => clamp32(self.probe_edge(1, 1).position).into(),
+            Item::ProbeTimeBegun1 => probe::time(self.probe_edge(0, 0).tick).into(),
+            Item::ProbeTimeEnded1 => probe::time(self.probe_edge(0, 1).tick).into(),
+            Item::ProbeTimeBegun2 => probe::time(self.probe_edge(1, 0).tick).into(),
+            Item::ProbeTimeEnded2 => probe::time(self.probe_edge(1, 1).tick).into(),
+            Item::ProbeCountBegun1 => self.probe_edge(0, 0).count.into(),
+            Item::ProbeCountEnded1 => self.probe_edge(0, 1).count.into(),
+            Item::ProbeCountBegun2 => self.probe_edge(1, 0).count.into(),
+            Item::ProbeCountEnded2 => self.probe_edge(1, 1).count.into(),
             Item::Refusals => self.refusals.into(),
             Item::AdaptiveFeed => self.adaptive_feed(),
             Item::LateSetPoints => status.late_set_points.into(),
@@ -239,6 +254,7 @@ impl Drive {
                     | i64::from(safety.dielectric) << 17
                     | i64::from(safety.bridge_fault) << 18
                     | i64::from(safety.supply_low) << 19
+                    | i64::from(self.touches()) << 20
             }
             item => rows().get(item as usize).map_or(0, |row| row.widened(self.value(item))),
         }
@@ -264,6 +280,9 @@ impl Drive {
             Item::FollowingTime => {
                 return self.write_word(FOLLOWING_TIME, value as u32);
             }
+            Item::ProbeFunction => self.probe_function(value as u16)?,
+            Item::ProbeSource1 => self.may_choose(0)?,
+            Item::ProbeSource2 => self.may_choose(1)?,
             Item::ErodeHold if value == 1 => self.hold_all(),
             Item::Jump if value == 1 => {
                 let erodes = self.status.state == head::State::Eroding || !self.fresh;
@@ -316,6 +335,12 @@ impl Drive {
             Guidance::No => 0,
             _ => i64::from((1000.0 * (feed / own)) as i16).clamp(-1000, 1000),
         }
+    }
+
+    /// Electrode and work touch, as the sense tells while the generator is off: between pulses there is no voltage either.
+    fn touches(&self) -> bool {
+        let pulses = self.status.state.pulses() || self.status.state == head::State::Commissioning;
+        self.status.gap.touches && !pulses
     }
 
     /// Whether a segment may be appended now.

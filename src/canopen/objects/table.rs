@@ -94,6 +94,7 @@ const U32: (i64, i64) = (0, u32::MAX as i64);
 const U16: (i64, i64) = (0, u16::MAX as i64);
 /// The whole range of a byte.
 const U8: (i64, i64) = (0, u8::MAX as i64);
+const I8: (i64, i64) = (i8::MIN as i64, i8::MAX as i64);
 const I16: (i64, i64) = (i16::MIN as i64, i16::MAX as i64);
 /// A ramp or a velocity of nothing would never end.
 const RATE: (i64, i64) = (1, i32::MAX as i64);
@@ -108,6 +109,8 @@ objects! {
         6 HeadFirst: u8, ro, tx, U8, 0, "", live, "First fault: the one it began with; another one than the fault when a second has escalated the reaction";
         7 Refusals: u8, ro, tx, U8, 0, "", live, "Refusals: commands refused, modulo 256, since power-on; TPDO 1 tells of each at once";
         8 Guidance: u8, ro, tx, (0, 4), 0, "", live, "Guidance: of a head that a host guides: 0 it is not, 1 follows the host, 2 rests where the host has led it, 3 retreats from a short or returns from there, 4 has braked, the next set point is late";
+        9 HomingError: u8, ro, tx, (0, 5), 0, "", live, "Homing error: why homing has failed last: 1 no such place within the stroke and a fifth, 2 its position would put the axis outside the travel, 3 the axis came up against something, 4 electrode and work have touched, 5 refused, for the reason in 2000h:4; 0 it has not";
+        10 ServoTime: u32, ro, tx, U32, 0, "ns", live, "Servo time: of the newest status; the time stamps of the touch probes are of the same clock, and wrap like it";
     }
     0x2001 "EDM control" {
         1 ErodeEnable: u8, rw, rx, (0, 2), 0, "", live, "Erode: 1 set points become path, along which the gap leads; 2 set points are followed with pulses on, and the host goes by the feed of 2004h:7 or 8; 0 pulses off";
@@ -312,13 +315,19 @@ objects! {
         1 FeedCounts: u32, ro, no, U32, 1_000_000, "counts", live, "Feed";
         2 FeedRevolutions: u32, ro, no, U32, 1000, "mm", live, "Shaft revolutions";
     }
-    0x6098 "Homing method" { 0 HomingMethod: i8, rw, no, (0, 37), 35, "", store, "Homing method"; }
+    0x6098 "Homing method" { 0 HomingMethod: i8, rw, no, (-1, 37), 35, "", store, "Homing method: -1 contact with the work, 1 and 2 index mark off the upper or the lower limit switch, 17 and 18 edge of these, 33 and 34 next index mark upward or downward, 35 and 37 where the axis is"; }
     0x6099 "Homing speeds" {
         1 HomingFast: u32, rw, no, RATE, 5000, "counts/s", store, "Speed during search for switch";
         2 HomingSlow: u32, rw, no, RATE, 1000, "counts/s", store, "Speed during search for zero";
     }
     0x609A "Homing acceleration" { 0 HomingAcceleration: u32, rw, no, RATE, 1_000_000, "counts/s^2", store, "Homing acceleration"; }
     0x60B1 "Velocity offset" { 0 VelocityOffset: i32, rw, rx, I32, 0, "counts/s", live, "Velocity offset: of a set point of cyclic synchronous velocity"; }
+    0x60B8 "Touch probe function" { 0 ProbeFunction: u16, rw, rx, U16, 0, "", live, "Touch probe function: by bits, those of probe 2 eight higher: 0 on, 1 every edge instead of the first, 2 and 3 source (0 contact sense, 1 index mark, 2 as in 60D0h), 4 keeps where the source begins, 5 where it ends; a change arms the probe anew"; }
+    0x60B9 "Touch probe status" { 0 ProbeStatus: u16, ro, tx, U16, 0, "", live, "Touch probe status: by bits, those of probe 2 eight higher: 0 on, 1 a beginning is kept, 2 an end is, 6 and 7 turn over with each of them where every edge is kept"; }
+    0x60BA "Touch probe position 1 positive value" { 0 ProbeBegun1: i32, ro, tx, I32, 0, "counts", live, "Touch probe position 1 positive value: where its source began"; }
+    0x60BB "Touch probe position 1 negative value" { 0 ProbeEnded1: i32, ro, tx, I32, 0, "counts", live, "Touch probe position 1 negative value: where its source ended"; }
+    0x60BC "Touch probe position 2 positive value" { 0 ProbeBegun2: i32, ro, tx, I32, 0, "counts", live, "Touch probe position 2 positive value: where its source began"; }
+    0x60BD "Touch probe position 2 negative value" { 0 ProbeEnded2: i32, ro, tx, I32, 0, "counts", live, "Touch probe position 2 negative value: where its source ended"; }
     0x60C1 "Interpolation data record" { 1 IpData: i32, rw, rx, I32, 0, "counts", live, "Set point"; }
     0x60C2 "Interpolation time period" {
         1 IpPeriod: u8, rw, no, (1, 255), 1, "", store, "Interpolation time units";
@@ -334,10 +343,33 @@ objects! {
     }
     0x60C5 "Max acceleration" { 0 MaxAcceleration: u32, rw, no, RATE, 2_147_483_647, "counts/s^2", store, "Max acceleration: 6083h and 609Ah never make a move faster"; }
     0x60C6 "Max deceleration" { 0 MaxDeceleration: u32, rw, no, RATE, 2_147_483_647, "counts/s^2", store, "Max deceleration: the same for 6084h; a quick stop is not bound by it"; }
+    0x60D0 "Touch probe source" {
+        1 ProbeSource1: i16, rw, no, (-1, 5), 1, "", store, "Source of probe 1: where 60B8h says so: 1 contact sense, 5 index mark, -1 discharge";
+        2 ProbeSource2: i16, rw, no, (-1, 5), 5, "", store, "Source of probe 2: the same";
+    }
+    0x60D1 "Touch probe time stamp 1 positive value" { 0 ProbeTimeBegun1: u32, ro, tx, U32, 0, "ns", live, "Touch probe time stamp 1 positive value: when its source began: the servo tick, by the clock of 2000h:10"; }
+    0x60D2 "Touch probe time stamp 1 negative value" { 0 ProbeTimeEnded1: u32, ro, tx, U32, 0, "ns", live, "Touch probe time stamp 1 negative value: when its source ended"; }
+    0x60D3 "Touch probe time stamp 2 positive value" { 0 ProbeTimeBegun2: u32, ro, tx, U32, 0, "ns", live, "Touch probe time stamp 2 positive value: when its source began"; }
+    0x60D4 "Touch probe time stamp 2 negative value" { 0 ProbeTimeEnded2: u32, ro, tx, U32, 0, "ns", live, "Touch probe time stamp 2 negative value: when its source ended"; }
+    0x60D5 "Touch probe 1 positive edge counter" { 0 ProbeCountBegun1: u16, ro, tx, U16, 0, "", live, "Touch probe 1 positive edge counter: beginnings kept since it was armed"; }
+    0x60D6 "Touch probe 1 negative edge counter" { 0 ProbeCountEnded1: u16, ro, tx, U16, 0, "", live, "Touch probe 1 negative edge counter: ends kept since it was armed"; }
+    0x60D7 "Touch probe 2 positive edge counter" { 0 ProbeCountBegun2: u16, ro, tx, U16, 0, "", live, "Touch probe 2 positive edge counter: the same"; }
+    0x60D8 "Touch probe 2 negative edge counter" { 0 ProbeCountEnded2: u16, ro, tx, U16, 0, "", live, "Touch probe 2 negative edge counter: the same"; }
+    0x60E3 "Supported homing methods" {
+        1 HomingMethod1: i8, ro, no, I8, -1, "", live, "Homing method 1: contact with the work";
+        2 HomingMethod2: i8, ro, no, I8, 1, "", live, "Homing method 2: index mark below the upper limit switch";
+        3 HomingMethod3: i8, ro, no, I8, 2, "", live, "Homing method 3: index mark above the lower limit switch";
+        4 HomingMethod4: i8, ro, no, I8, 17, "", live, "Homing method 4: edge of the upper limit switch";
+        5 HomingMethod5: i8, ro, no, I8, 18, "", live, "Homing method 5: edge of the lower limit switch";
+        6 HomingMethod6: i8, ro, no, I8, 33, "", live, "Homing method 6: next index mark upward";
+        7 HomingMethod7: i8, ro, no, I8, 34, "", live, "Homing method 7: next index mark downward";
+        8 HomingMethod8: i8, ro, no, I8, 35, "", live, "Homing method 8: where the axis is";
+        9 HomingMethod9: i8, ro, no, I8, 37, "", live, "Homing method 9: the same";
+    }
     0x60F2 "Positioning option code" { 0 PositioningOption: u16, rw, no, (0, 2), 0, "", store, "Positioning option code: what a relative set point of profile position is reckoned from: 0 the target before it, 1 the position demand value, 2 the position actual value"; }
     0x60F4 "Following error actual value" { 0 FollowingError: i32, ro, tx, I32, 0, "counts", live, "Following error actual value"; }
     0x60FC "Position demand internal value" { 0 DemandInternal: i32, ro, tx, I32, 0, "counts", live, "Position demand internal value"; }
-    0x60FD "Digital inputs" { 0 DigitalInputs: u32, ro, tx, U32, 0, "", live, "Digital inputs: 0 upper limit, 1 lower limit; 16 emergency stop, 17 dielectric, 18 bridge fault, 19 supply low"; }
+    0x60FD "Digital inputs" { 0 DigitalInputs: u32, ro, tx, U32, 0, "", live, "Digital inputs: 0 upper limit, 1 lower limit; 16 emergency stop, 17 dielectric, 18 bridge fault, 19 supply low, 20 electrode and work touch, with pulses off"; }
     0x60FF "Target velocity" { 0 TargetVelocity: i32, rw, rx, I32, 0, "counts/s", live, "Target velocity"; }
     0x6502 "Supported drive modes" { 0 SupportedModes: u32, ro, no, U32, 0x1E5, "", live, "Supported drive modes"; }
 }

@@ -10,10 +10,11 @@ use crate::head::follow::Concerns;
 use crate::head::guide::Guide;
 use crate::head::permit::WritePermit;
 use crate::head::positioning::{self, Home, HomingState, MotionLimits, Task};
+use crate::head::probe::{PROBES, Probe, Source};
 use crate::head::proof::{Goal, Proof};
 use crate::head::reaction::Reacting;
 use crate::head::state::{Reason, State};
-use crate::motion::{Homing, Ramp};
+use crate::motion::{Clearance, Homing, Method, Ramp};
 use crate::path::{Path, Piece, Shape};
 use crate::units::{
     CountsPerSecond, CountsPerSecond2, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, larger,
@@ -62,6 +63,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             Command::FindSurface(reach) => self.find_surface(state, reach),
             Command::Follow(to, ticks) => self.follow_to(state, to, ticks),
             Command::Home(home) => self.home(state, &home),
+            Command::Probe(probes) => self.probe(&probes),
             Command::Brake(deceleration) => self.brake(state, deceleration),
             Command::Start => {
                 if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
@@ -365,15 +367,31 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if home.at < min || home.at > max {
             return Err(Refused::OutOfTravel { target: home.at, min, max });
         }
+        if home.method == Method::Contact && !self.config.contact.sensed {
+            return Err(Refused::NoSense);
+        }
         // A stroke and a fifth.
         let stroke = axis.counts(Nanometres(max.0.saturating_sub(min.0))).round();
         let distance = stroke.saturating_add(stroke.wrapping_div(5));
         let acceleration = self.counts2(home.acceleration);
         let (fast, slow) = (self.velocity(home.fast), self.velocity(home.slow));
-        let homing = Homing::new(home.method, fast, slow, acceleration, distance, &self.seen());
+        let most = (self.config.retreat.off_limit.to_f32() * axis.counts_per_um) as i64;
+        let clearance = Clearance { least: self.config.retreat.clearance, most };
+        let homing = Homing::new(home.method, fast, slow, acceleration, distance, clearance, &self.seen());
         self.status.homing = HomingState::Runs;
         let task = Task::Home(homing, self.config.axis.counts(home.at));
         self.take_up(State::Homing, task);
+        if home.method == Method::Contact {
+            self.touching = Touching::Asked;
+        }
+        Ok(())
+    }
+
+    fn probe(&mut self, probes: &[Probe; PROBES]) -> Result<(), Refused> {
+        if probes.iter().any(|probe| probe.source == Source::Contact) && !self.config.contact.sensed {
+            return Err(Refused::NoSense);
+        }
+        self.probes = *probes;
         Ok(())
     }
 

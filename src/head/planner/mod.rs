@@ -17,6 +17,7 @@ use super::follow::{Concerns, Estimate, Follow, FollowConfig, LEAD, Plan, Touch,
 use super::guide::{Guidance, Guide};
 use super::jump::Jump;
 use super::positioning::{HomingState, Task, When};
+use super::probe::{PROBES, Probe, Source, Wanted};
 use super::proof::Proof;
 use super::reaction::{Reacting, Situation, upward};
 use super::route::{Bounds, Route};
@@ -30,7 +31,7 @@ use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::{Presliding, Window};
-use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_S};
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_S, Volts};
 use core::ops::DerefMut;
 use edm_hal_shim::self_test::SelfTest;
 
@@ -86,6 +87,7 @@ pub struct Planner<P> {
     good: Fixed,
     /// Whether it is to touch the work.
     touching: Touching,
+    probes: [Probe; PROBES],
     /// Furthest place toward the work that the axis has been at since the loop was closed, counts.
     cleared: i64,
     reacting: Option<Reacting>,
@@ -135,6 +137,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             eroded: 0,
             good: Fixed(0),
             touching: Touching::No,
+            probes: [Probe::default(); PROBES],
             cleared: 0,
             reacting: None,
             doubt: None,
@@ -269,7 +272,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             state,
             closed,
             pulses,
-            marks,
+            homes,
+            probes,
             set_points,
             toward,
             slew,
@@ -294,7 +298,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *state = self.status.state;
         *closed = self.status.closed;
         *pulses = allowed;
-        *marks = matches!(self.status.state, State::Homing);
+        *homes = self.looks_for_home();
+        *probes = self.wanted();
         *set_points = self.follows_set_points();
         *toward = self.toward(*setpoint);
         *slew = self.slew();
@@ -329,6 +334,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         status.gap = now.gap;
         status.safety = now.safety;
         status.late_plans = now.late;
+        status.probes = now.probes;
+        for edge in status.probes.iter_mut().flat_map(|latched| &mut latched.edges) {
+            edge.position = edge.position.wrapping_add(offset);
+        }
         status.current = judged.current;
         status.bus = judged.bus;
         status.back_emf = judged.back_emf;
@@ -467,7 +476,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// What a contact means now.
     fn touch(&self) -> Touch {
         match self.status.state {
-            State::Positioning if self.touching == Touching::Asked => Touch::End,
+            State::Positioning | State::Homing if self.touching == Touching::Asked => Touch::End,
+            State::Homing if self.looks_for_home() => Touch::End,
             State::Positioning | State::Homing | State::Jumping => Touch::Fault,
             State::Touching if self.search.as_ref().is_some_and(touch::Touching::approaches) => Touch::End,
             _ => Touch::Ignored,
@@ -479,7 +489,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn presses(&self) -> bool {
         let positions = matches!(self.status.state, State::Ready | State::Positioning | State::Homing);
         let ahead = self.status.setpoint.round().saturating_sub(self.cleared);
-        let touches = self.status.gap.touches && self.touching == Touching::No;
+        let touches = self.status.gap.touches && self.touching == Touching::No && !self.looks_for_home();
         touches && positions && ahead > TREMBLE && self.now.segment.velocity.0 >= 0.0
     }
 
@@ -493,6 +503,24 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         let slowing = 2.0 * acceleration.0 * axis.counts_per_um * clear;
         CountsPerSecond(libm::sqrtf(contact.approach.0 * contact.approach.0 + slowing))
+    }
+
+    /// What the touch probes wait for.
+    fn wanted(&self) -> Wanted {
+        let on = self.probes.iter().any(|probe| probe.source != Source::Off);
+        let discharge = Volts(self.status.open_circuit.0 * self.config.seek.threshold);
+        Wanted { on, probes: self.probes, discharge }
+    }
+
+    /// Whether a reference is looked for, and not yet gone back from.
+    pub(super) fn looks_for_home(&self) -> bool {
+        matches!(&self.positioning, Some(Task::Home(homing, _)) if homing.looks())
+    }
+
+    /// Whether the supervision has found something in the way of a reference that is looked for.
+    pub(super) fn is_blocked(&self) -> bool {
+        let since = self.judged.tick.wrapping_sub(self.entered).cast_signed() > 0;
+        self.judged.blocked && since && self.looks_for_home()
     }
 
     /// Whether the set point of the loop is the path's.

@@ -14,7 +14,7 @@ use crate::head::fault::{Fault, Reaction};
 use crate::head::jump::Jump;
 use crate::head::proof::{Goal, Outcome};
 use crate::head::state::{Reason, State};
-use crate::motion::{Seen, TrajectorySegment};
+use crate::motion::{Missed, Seen, TrajectorySegment};
 use crate::path::Path;
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, Nanometres, TICK_S, Volts, larger, smaller, within};
 use core::ops::DerefMut;
@@ -401,8 +401,19 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Goes on with axis positioning.
     fn position_axis(&mut self) -> Motion {
+        let touches = self.looks_for_home() && self.now.short;
+        if touches {
+            self.status.touched = self.status.position;
+            self.touching = Touching::Done;
+        }
+        let blocked = self.is_blocked();
+        if blocked {
+            // The set point has gone on without the axis.
+            self.reset_loop();
+            self.restart_path();
+        }
         let from = self.segment();
-        let seen = self.seen();
+        let seen = Seen { touches, blocked, ..self.seen() };
         let limit = self.config.axis.gains.velocity_limit();
         let when = self.when();
         let Some(task) = &mut self.positioning else {
@@ -418,16 +429,15 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let reason = match positioning::plan(task, &from, &seen, limit, when) {
             Step::Moves(segment) => return Motion::Axis(self.approach(segment)),
             Step::Ends(Reason::Arrived) if self.touching == Touching::Done => Reason::Touched,
-            Step::Ends(reason) => {
-                if homes {
-                    self.status.homing = HomingState::Failed;
-                }
-                reason
-            }
+            Step::Ends(reason) => reason,
             Step::Found(found, at) => {
                 let homed = self.declare(found, at);
-                self.status.homing = if homed { HomingState::Done } else { HomingState::Failed };
+                self.status.homing = if homed { HomingState::Done } else { HomingState::Failed(Missed::OutOfTravel) };
                 if homed { Reason::Homed } else { Reason::NotHomed }
+            }
+            Step::Missed(missed) => {
+                self.status.homing = HomingState::Failed(missed);
+                Reason::NotHomed
             }
         };
         if homes {
@@ -483,6 +493,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             lower: self.now.safety.lower_limit,
             mark: Mark { count, toward_work, crossings },
             marked: self.now.marked.wrapping_add(offset),
+            ..Seen::default()
         }
     }
 }

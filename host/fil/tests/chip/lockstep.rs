@@ -222,3 +222,50 @@ fn a_guided_chip_is_the_native_core_bit_for_bit() {
     let Witness::Twin(twin) = rig.into_witness() else { unreachable!() };
     assert!(twin.ticks() > 700 * u64::from(PERIOD));
 }
+
+/// The chip homes on contact under both touch probes, past an index mark: what its objects say is what the native core has kept,
+/// and where the model has work and mark.
+#[test]
+fn the_probes_of_the_chip_keep_what_those_of_the_native_core_do() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let settings = Settings { commissioned: true, encoder_marks: 1000.0, ..Settings::default() };
+    let parameters = Parameters { surface: 1.2, marks: 1.0, ..Parameters::default() };
+    let witness = Witness::twin(&settings).unwrap();
+    let mut rig = Emulated::start(&image, &parameters, &settings, 1, witness).unwrap();
+    host::begin(&mut rig).unwrap();
+    for command in [Command::SetHome(Nanometres(0)), Command::Enable] {
+        rig.command(command).unwrap();
+    }
+    // Probe 1 the contact, both edges; probe 2 the index mark, where it begins.
+    host::write(&mut rig, 0x60B8, 0, 0x1531, 2).unwrap();
+    host::write(&mut rig, 0x6098, 0, 0xFF, 1).unwrap();
+    host::write(&mut rig, 0x6099, 2, 5000, 4).unwrap();
+    host::write(&mut rig, 0x607C, 0, (-3000i32).cast_unsigned(), 4).unwrap();
+    host::write(&mut rig, 0x6060, 0, 6, 1).unwrap();
+    host::write(&mut rig, 0x6040, 0, 0x1F, 2).unwrap();
+    let mut touched = None;
+    for _ in 0..8000 {
+        rig.tick().unwrap();
+        let truth = rig.process().truth();
+        if touched.is_none() && truth.gap_um <= 0.0 {
+            touched = Some((truth.count, rig.status().tick));
+        }
+    }
+    let (count, tick) = touched.unwrap();
+    assert_eq!(host::read(&mut rig, 0x6041, 0).unwrap() & 0x3400, 0x1400, "{:?}", rig.status());
+    assert_eq!(host::read(&mut rig, 0x60B9, 0).unwrap(), 0x0307);
+    let mut read = |index| host::read(&mut rig, index, 0).unwrap();
+    let positions = [0x60BA, 0x60BB, 0x60BC].map(&mut read).map(u32::cast_signed);
+    let times = [0x60D1, 0x60D2, 0x60D3].map(&mut read);
+    let shift = rig.status().position - rig.process().truth().count;
+    let off = i64::from(positions[0]) - shift - count;
+    let late = times[0].wrapping_sub(tick.wrapping_mul(50_000)).cast_signed();
+    assert!(off.abs() <= 1 && (0..=100_000).contains(&late), "{off} counts, {late} ns");
+    assert_eq!(i64::from(positions[2]), 1000 + shift);
+    assert_eq!(rig.status().fault, None);
+    let Witness::Twin(twin) = rig.into_witness() else { unreachable!() };
+    let [contact, index] = twin.status().probes;
+    let edges = [contact.edges[0], contact.edges[1], index.edges[0]];
+    assert_eq!(edges.map(|edge| edge.position), positions.map(i64::from));
+    assert_eq!(edges.map(|edge| edge.tick.wrapping_mul(50_000)), times);
+}

@@ -170,6 +170,11 @@ impl Twin {
         self.compare("drive", &drive(&here), &drive(there))
     }
 
+    /// What the native head knows after its newest plan.
+    pub fn status(&self) -> &Status {
+        self.core.plan.planner().status()
+    }
+
     /// Ticks compared.
     pub fn ticks(&self) -> u64 {
         self.ticks

@@ -11,7 +11,9 @@ use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::{GapReading, Quality};
-use edm_servo_head::head::{Command, Counters, Fault, Home, MotionLimits, SetPoint, State, Status, TickInput};
+use edm_servo_head::head::{
+    Command, Counters, Fault, Home, MotionLimits, Probe, SetPoint, Sight, Source, State, Status, TickInput,
+};
 use edm_servo_head::motion::Method;
 use edm_servo_head::path::{Piece, Shape};
 use edm_servo_head::settings::Settings;
@@ -247,6 +249,15 @@ fn command_numbers(command: Command) -> [u64; COMMAND] {
             let centre = u64::from(u.cast_unsigned()) | u64::from(v.cast_unsigned()) << 32;
             return [number, down as u64, x as u64, y as u64, centre, shape as u64 | u64::from(mark) << 8];
         }
+        Command::Probe(probes) => {
+            let bits = |probe: Probe| {
+                let [begins, ends] = probe.edges;
+                let bytes = [probe.source as u8, probe.every.into(), begins.into(), ends.into(), probe.armed, 0, 0, 0];
+                u64::from_le_bytes(bytes)
+            };
+            let [first, second] = probes.map(bits);
+            return [21, 0, first, second, 0, 0];
+        }
         Command::Brake(deceleration) => return [15, 0, float(deceleration.0), 0, 0, 0],
     };
     [number, nm as u64, 0, 0, 0, 0]
@@ -294,6 +305,14 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
         }
         19 => Command::Jump,
         20 => Command::FindSurface(nm),
+        21 => {
+            let probe = |bits: u64| -> Result<Probe, Error> {
+                let [source, every, begins, ends, armed, ..] = bits.to_le_bytes();
+                let source = Source::from_number(source).ok_or(Error::Damaged("source of a touch probe"))?;
+                Ok(Probe { source, every: every != 0, edges: [begins != 0, ends != 0], armed })
+            };
+            Command::Probe([probe(a)?, probe(b)?])
+        }
         15 => Command::Brake(MicrometresPerSecond2(float(a))),
         _ => return Err(Error::Damaged("command")),
     })
@@ -318,7 +337,19 @@ fn fault_number(fault: Option<Fault>) -> u64 {
 
 /// What the replay needs of the input, and what [`Twin`] compares of the follower.
 fn tick_numbers(input: &TickInput, counters: &Counters, status: &Status) -> [u64; TICK] {
-    let TickInput { encoder: raw, short_ticks, touches, gap: _, drive, safety, reflex, told, set_point, asked } = input;
+    let TickInput {
+        encoder: raw,
+        short_ticks,
+        touches,
+        gap: _,
+        sight: _,
+        drive,
+        safety,
+        reflex,
+        told,
+        set_point,
+        asked,
+    } = input;
     let Snapshot { illegal, mark, .. } = &counters.used;
     let contacts = safety.unwrap_or_default();
     let SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, supply_low } = contacts;
@@ -385,6 +416,7 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error
         short_ticks: short_ticks as u32,
         touches: flag(7),
         gap: None,
+        sight: Sight::default(),
         drive: DriveCodes { motor_current: motor_current as u16, bus_voltage: bus_voltage as u16 },
         safety: SafetyInputs {
             upper_limit: flag(0),
