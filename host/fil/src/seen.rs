@@ -48,7 +48,7 @@ const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::
 const SUPERVISION: &str = "edm_servo_head::head::supervise::Config";
 const COMMAND: &str = "edm_servo_head::head::command::Command";
 /// Variants of [`Command`], and the number of fields that each has.
-const VARIANTS: [(&str, usize); 20] = [
+const VARIANTS: [(&str, usize); 21] = [
     ("Enable", 0),
     ("Disable", 0),
     ("SetHome", 1),
