@@ -5,6 +5,7 @@
 //! comes in between at any time. However this ends, pulses are off afterwards, or the error says that they may not be.
 
 use crate::Failure;
+use crate::bus::SILENCE;
 use crate::head::{Head, at, state, status};
 use crate::live::{Live, Sample};
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,10 @@ const TRAVEL_MM_S: f64 = 20.0;
 const RESERVE_MM: f64 = 0.5;
 /// Why a wait ended when nothing went wrong.
 const ON_REQUEST: &str = "ended on request";
+/// Why [`Run::alive`] ends a run that nobody commands any more: the head is left to its own retreat.
+pub const GONE: &str = "whoever commanded it has gone";
+/// How long a head may take to notice that, beyond the silence that it allows.
+const NOTICES: Duration = Duration::from_secs(2);
 /// 2000h:3: contact, which was asked for.
 const TOUCHED: &str = "contact, which was asked for";
 
@@ -182,6 +187,7 @@ impl Run<'_> {
         self.head.healthy().map_err(|fault| Failure::Failed(format!("a fault stands, reset it first: {fault}")))?;
         let velocity = self.head.whole(at::PROFILE_VELOCITY)?;
         let armed = self.head.arm()?;
+        self.live.expect_heartbeat();
         let mut place = Place::default();
         let ended = match self.bore(&mut place) {
             // A wait was ended by a wish.
@@ -193,11 +199,15 @@ impl Run<'_> {
             Ok(_) | Err(End::Wanted(Wish::Leave)) => self.up(place.top),
             _ => Ok(()),
         };
-        let now = self.head.stop();
+        let now = match &ended {
+            Err(End::Failed(Failure::Failed(why))) if why == GONE => self.abandon(),
+            _ => self.head.stop(),
+        };
         // Not enabled any more; what the profile was is of no consequence to a head that does not answer.
         let _ = self.head.set(at::PROFILE_VELOCITY, velocity);
         armed.disarm();
-        let now = now?;
+        let now =
+            now.map_err(|why| Failure::Failed(format!("{why}; it watches this program, and retreats by itself")))?;
         let per_mm = self.live.counts_per_mm();
         let surface_mm = place.surface.map_or(0.0, |counts| counts as f64 / per_mm);
         let depth_mm = place.deepest.map_or(0.0, |deepest| deepest - surface_mm);
@@ -219,6 +229,20 @@ impl Run<'_> {
         let micrometres = |mm: f64| (1000.0 * mm).round() / 1000.0;
         let (depth_mm, surface_mm) = (micrometres(depth_mm), micrometres(surface_mm));
         Ok(Outcome { reached, depth_mm, target_mm: self.hole.depth_mm, surface_mm, seconds, why })
+    }
+
+    /// Lets the heartbeat end: the head retreats along its path, and says what it is then. One that does not is stopped.
+    fn abandon(&self) -> Result<String, Failure> {
+        self.head.bus.keep_alive(Duration::ZERO);
+        let end = Instant::now() + SILENCE + NOTICES;
+        while Instant::now() < end {
+            let fault = self.head.whole(at::FAULT)? as u8;
+            if fault != 0 {
+                return Ok(crate::words::fault_line(fault));
+            }
+            std::thread::sleep(PERIOD);
+        }
+        self.head.stop()
     }
 
     fn up(&self, top: i64) -> Result<(), Failure> {
@@ -344,12 +368,14 @@ impl Run<'_> {
         if progress.sample.fault_number != 0 {
             return Err(End::Failed(Failure::Failed(progress.sample.fault)));
         }
+        // Of now: who stops a head wishes so before it is disabled.
+        let wish = self.wishes.now();
+        if let Wish::Leave | Wish::Stop = wish {
+            return Err(End::Wanted(wish));
+        }
         if place.began.is_some() && progress.sample.state_number == state::DISABLED {
             return Err(End::Failed(Failure::Failed("somebody else has disabled the head".into())));
         }
-        match wish {
-            Wish::Leave | Wish::Stop => Err(End::Wanted(wish)),
-            wish => Ok(wish),
-        }
+        Ok(wish)
     }
 }

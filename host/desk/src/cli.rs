@@ -4,7 +4,8 @@ use crate::Failure;
 use crate::bore::{self, Hole, Outcome, Run, Wish, Wishes};
 use crate::bus::{Bus, SILENCE};
 use crate::head::{Card, Head, scan};
-use crate::live::{Live, Sample};
+use crate::live::{Event, Live, Sample};
+use crate::page::{self, Listen};
 use crate::sdo::{Address, SdoError};
 use crate::settings::{self, Setting};
 use crate::sheet::{Kind, Sheet};
@@ -28,8 +29,9 @@ const BAD_INPUT: u8 = 2;
 struct Cli {
     #[command(flatten)]
     common: Common,
+    /// Without one: the page
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
 #[derive(Debug, Args)]
@@ -56,6 +58,8 @@ pub(crate) struct Common {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Serves the page for a browser, until Ctrl-C
+    Page(Listen),
     /// Lists the heads on the bus: who they are, what they do, which fault stands
     Heads,
     /// Shows, changes, keeps and compares settings
@@ -181,7 +185,9 @@ impl Cli {
     fn run(&self) -> Result<(), Failure> {
         let common = &self.common;
         let sheet = common.sheet()?;
-        match &self.command {
+        let page = Command::Page(Listen::default());
+        match self.command.as_ref().unwrap_or(&page) {
+            Command::Page(listen) => page::serve(listen, &common.join()?, &sheet),
             Command::Heads => common.heads(&sheet),
             Command::Settings(command) => common.settings(&sheet, command),
             Command::Watch { seconds } => {
@@ -199,11 +205,13 @@ impl Cli {
                 let end = end(*seconds);
                 let interrupted = interrupted(|| ())?;
                 let mut live = Live::new(&common.head(&sheet)?)?;
+                let began = Event::now(common.node, String::new()).unix_ms;
                 while Instant::now() < end && !interrupted() {
                     live.sample()?;
                     for event in live.events() {
                         common.say(&event, || {
-                            format!("{:9.3} s  node {}  {}\n", event.at_ms as f64 / 1000.0, event.node, event.what)
+                            let seconds = event.unix_ms.saturating_sub(began) as f64 / 1000.0;
+                            format!("{seconds:9.3} s  node {}  {}\n", event.node, event.what)
                         });
                     }
                     std::thread::sleep(Duration::from_millis(20));
@@ -520,6 +528,6 @@ fn bit_rate(text: &str) -> Result<u32, String> {
 }
 
 /// Prints to stdout. A reader that has gone (`| head`) is no error.
-fn say(text: &str) {
+pub(crate) fn say(text: &str) {
     let _ = std::io::stdout().write_all(text.as_bytes());
 }

@@ -10,6 +10,7 @@
 //! | [`settings`] | list, file, comparison, a staged write |
 //! | [`live`] | what a head does now, and what has happened to it |
 //! | [`bore`] | a hole, from power-off to power-off |
+//! | [`page`] | the same in a browser: one session commands, others watch |
 //! | [`cli`] | the commands |
 
 pub mod bore;
@@ -17,6 +18,7 @@ pub mod bus;
 pub mod cli;
 pub mod head;
 pub mod live;
+pub mod page;
 pub mod sdo;
 pub mod settings;
 pub mod sheet;

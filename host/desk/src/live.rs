@@ -10,7 +10,7 @@ use crate::{Failure, words};
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::mpsc::Receiver;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Age up to which a value of process data is taken for the present one.
 const FRESH: Duration = Duration::from_millis(120);
@@ -20,12 +20,20 @@ const EVENTS: usize = 256;
 /// What happened.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Event {
-    /// Time since the watch began, ms.
-    pub at_ms: u64,
+    /// When, ms since 1970.
+    pub unix_ms: u64,
     /// Node-ID.
     pub node: u8,
     /// In words.
     pub what: String,
+}
+
+impl Event {
+    /// What happens now.
+    pub fn now(node: u8, what: String) -> Event {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Event { unix_ms: since.as_millis() as u64, node, what }
+    }
 }
 
 /// What a head does.
@@ -80,8 +88,10 @@ pub struct Live {
     values: BTreeMap<Address, (Instant, Vec<u8>)>,
     states: BTreeMap<i64, String>,
     counts_per_mm: f64,
-    /// When the node was heard last, once it sends heartbeats.
+    /// When the node was heard last.
     beat: Option<Instant>,
+    /// Since when it is to send heartbeats.
+    expected: Option<Instant>,
     events: VecDeque<Event>,
     last: Option<(u8, u8)>,
     refusals: Option<u32>,
@@ -116,6 +126,7 @@ impl Live {
             states,
             counts_per_mm: head.counts_per_mm()?,
             beat: None,
+            expected: None,
             events: VecDeque::new(),
             last: None,
             refusals: None,
@@ -126,6 +137,11 @@ impl Live {
     /// The state of this number, in words.
     pub fn state(&self, number: u8) -> String {
         self.states.get(&number.into()).cloned().unwrap_or_else(|| format!("state {number}"))
+    }
+
+    /// From now on a head whose heartbeat ends is lost.
+    pub fn expect_heartbeat(&mut self) {
+        self.expected = Some(Instant::now());
     }
 
     /// Encoder counts in a millimetre.
@@ -145,7 +161,7 @@ impl Live {
     /// When it has fallen silent.
     pub fn sample(&mut self) -> Result<Sample, Failure> {
         self.take();
-        if self.beat.is_some_and(|beat| beat.elapsed() > SILENCE) {
+        if self.expected.is_some_and(|since| self.beat.max(Some(since)).is_some_and(|at| at.elapsed() > SILENCE)) {
             let silence = SILENCE.as_millis();
             return Err(Failure::Failed(format!(
                 "node {}: no heartbeat for {silence} ms: look at its power and the cable; it retreats by itself",
@@ -159,7 +175,9 @@ impl Live {
         if self.last.is_some_and(|last| last != (state_number, fault_number)) {
             let fault =
                 if fault_number == 0 { String::new() } else { format!(": {}", words::fault_line(fault_number)) };
-            self.tell(format!("{} ({reason}){fault}", self.state(state_number)));
+            let state = self.state(state_number);
+            let why = if reason == state { String::new() } else { format!(" ({reason})") };
+            self.tell(format!("{state}{why}{fault}"));
         }
         self.last = Some((state_number, fault_number));
         Ok(Sample {
@@ -196,8 +214,7 @@ impl Live {
         if self.events.len() == EVENTS {
             self.events.pop_front();
         }
-        let at_ms = self.began.elapsed().as_millis() as u64;
-        self.events.push_back(Event { at_ms, node: self.head.node, what });
+        self.events.push_back(Event::now(self.head.node, what));
     }
 
     /// Takes what was heard.
@@ -205,10 +222,7 @@ impl Live {
         let node = u16::from(self.head.node);
         while let Ok(heard) = self.heard.try_recv() {
             match (heard.id, heard.data()) {
-                (id, [0]) if id == 0x700 + node => {
-                    self.beat = None;
-                    self.tell("has started anew".into());
-                }
+                (id, [0]) if id == 0x700 + node => self.tell("has started anew".into()),
                 (id, [_]) if id == 0x700 + node => self.beat = Some(heard.at),
                 (id, [low, high, ..]) if id == 0x80 + node => {
                     let code = u16::from_le_bytes([*low, *high]);
