@@ -322,7 +322,7 @@ impl Run<'_> {
         moved?;
         put_back?;
         if crate::words::reason(head.whole(at::REASON)? as u8) != TOUCHED {
-            let why = "no contact in the whole stroke: is the work there, are the SENSE leads on? or give --surface-mm";
+            let why = "no contact in the whole stroke: is the work there, are the SENSE leads on? or give where the surface is";
             return Err(End::Failed(Failure::Failed(why.into())));
         }
         Ok(head.whole(at::TOUCHED)?)

@@ -69,7 +69,9 @@ impl Display for SdoError {
                     "node {node} does not answer ({address}): is it powered, at this bit rate, with this node-ID?"
                 )
             }
-            SdoError::Lost(way) => write!(f, "{way}: the way onto the bus is gone"),
+            SdoError::Lost(way) => {
+                write!(f, "{way}: the way onto the bus is gone; mend it, then start this program again")
+            }
             SdoError::Garbled(node, address) => {
                 write!(f, "node {node} answers {address} with what is no SDO: does another program talk to it as well?")
             }

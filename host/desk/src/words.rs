@@ -86,7 +86,7 @@ pub fn refusal(number: u8) -> Words {
         9 => "wait a second",
         11 => "enable once, so that the encoder can prove itself",
         12 => "let the path end, or clear it",
-        13 => "fit the sense supply and set contact.below_v, or give the surface with --surface-mm",
+        13 => "fit the sense supply and set contact.below_v, or give where the surface is",
         14 => "wait until the head is at rest, then reset",
         15..=17 => "give a shorter or a consistent piece of path",
         18 => "set feed.structure = path",
