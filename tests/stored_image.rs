@@ -350,7 +350,7 @@ fn an_unknown_address_is_skipped_and_named_and_all_else_is_in_force() {
 #[test]
 fn a_missing_value_is_the_default_and_named() {
     let gain = setting_address("feed.gain_um_s_v").unwrap();
-    for (address, value) in [(gain, 20f32.to_bits()), ((0x6081, 0), 10_000), ((0x1017, 0), 0)] {
+    for (address, value) in [(gain, 23f32.to_bits()), ((0x6081, 0), 10_000), ((0x1017, 0), 0)] {
         let (mut head, report) = loaded_with(|all| take(all, address));
         assert_eq!((report.skipped, report.defaulted), (Listed::default(), listed(&[address])));
         assert_eq!(head.read(address.0, address.1), value);
@@ -398,9 +398,9 @@ fn of_two_limits_at_odds_the_later_is_the_default() {
 
 #[test]
 fn a_value_at_odds_with_others_is_the_default_and_named() {
-    let (head, report) = loaded_with(|all| set(all, "servo.position_hz", Value::Number(100.0)));
+    let (head, report) = loaded_with(|all| set(all, "servo.position_hz", Value::Number(150.0)));
     assert_eq!(report.defaulted, listed(&[setting_address("servo.position_hz").unwrap()]));
-    assert_eq!(head.drive.settings().servo_position_hz, 40.0);
+    assert_eq!(head.drive.settings().servo_position_hz, 60.0);
     assert_eq!((head.drive.settings().gap_setpoint, head.commissioned()), (47.5, true));
 }
 
@@ -510,14 +510,17 @@ macro_rules! fixture {
 }
 
 /// Settings that 0.1.0 did not have: the default is in force, and said so.
-const NEWER: [(u16, u8); 24] = [
+const NEWER: [(u16, u8); 30] = [
     (0x2100, 19),
     (0x2102, 12),
     (0x2102, 13),
     (0x2102, 14),
     (0x2106, 9),
+    (0x2109, 4),
+    (0x2109, 5),
     (0x210A, 9),
     (0x210A, 10),
+    (0x210A, 11),
     (0x210D, 1),
     (0x210D, 2),
     (0x210E, 1),
@@ -531,6 +534,9 @@ const NEWER: [(u16, u8); 24] = [
     (0x210F, 3),
     (0x210F, 4),
     (0x210F, 5),
+    (0x2110, 1),
+    (0x2110, 2),
+    (0x2110, 3),
     (0x6007, 0),
     (0x60C5, 0),
     (0x60C6, 0),

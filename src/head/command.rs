@@ -4,7 +4,7 @@ use super::fault::Fault;
 use super::positioning::{Home, MotionLimits};
 use super::state::State;
 use crate::path::{self, Piece};
-use crate::units::{MicrometresPerSecond2, Nanometres};
+use crate::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 use core::fmt;
 
 /// A request from host, keyboard or test.
@@ -33,6 +33,8 @@ pub enum Command {
     /// The same, to touch: contact with the work is its end, and not a fault. It goes back from there by the clearance of a
     /// retreat.
     Touch(Nanometres, MotionLimits),
+    /// Find the surface of the work: touch it twice, no farther away than this; 0 is the whole way to the end of the travel.
+    FindSurface(Nanometres),
     /// Reach a host's next set point in so many servo ticks, pulses off unless the head is guided. Those of a stream may be late
     /// by half of them.
     Follow(Nanometres, u32),
@@ -58,7 +60,7 @@ pub enum Command {
 }
 
 /// Why a command was refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refused {
     /// Not in this state.
@@ -94,6 +96,13 @@ pub enum Refused {
     Alone,
     /// No sense supply is fitted that would tell of a contact.
     NoSense,
+    /// The work would be touched faster than what may be stopped by it.
+    TooFast {
+        /// Velocity of the first touch.
+        velocity: MicrometresPerSecond,
+        /// Largest velocity toward the work.
+        most: MicrometresPerSecond,
+    },
     /// A jump would lead beyond the upper end of the travel.
     NoRoom {
         /// Its height.
@@ -128,6 +137,11 @@ impl fmt::Display for Refused {
                 )
             }
             Refused::NoSense => f.write_str("no contact is sensed: contact.below_v is 0"),
+            Refused::TooFast { velocity, most } => write!(
+                f,
+                "a touch at {:.0} um/s is faster than the {:.0} um/s of contact.approach_mm_s",
+                velocity.0, most.0
+            ),
             Refused::Doubted(fault) => write!(f, "after {} the head has to be enabled first", fault.name()),
         }
     }

@@ -131,6 +131,8 @@ pub struct Commissioning {
 const SETTLE: u32 = ticks(0.3);
 /// Time in which a push grows to the limit.
 const RAMP: u32 = ticks(2.0);
+/// Share of the motion that is looked for, behind which the head has begun to move.
+const BEGUN: i64 = 10;
 /// Standstill that means a stop.
 const STANDSTILL: u32 = ticks(0.2);
 /// Longest stroke at the set velocity, as a multiple of the expected time.
@@ -198,13 +200,14 @@ impl Commissioning {
             Step::Rest if moved.abs() > config.motion => return Some(Err(Finding::NotAtRest)),
             Step::Rest if self.ticks > SETTLE => self.enter(Step::PushDown),
             Step::PushDown if moved.abs() > config.motion => {
-                self.report.breakaway = duty;
                 if moved < 0 {
                     return Some(Err(Finding::EncoderReversed));
                 }
                 self.enter(Step::Return);
             }
             Step::PushDown if self.ticks > RAMP + SETTLE => self.enter(Step::PushUp),
+            // The push grows on while the head gets under way.
+            Step::PushDown if moved.abs() <= config.motion / BEGUN => self.report.breakaway = duty,
             Step::PushUp if moved.abs() > config.motion => return Some(Err(Finding::MotorReversed)),
             Step::PushUp if self.ticks > RAMP + SETTLE => return Some(Err(Finding::NoMotion)),
             Step::Return if moved < -config.motion => return Some(Err(Finding::NotAtUpperStop)),

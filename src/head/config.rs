@@ -1,11 +1,11 @@
 //! What the head's tick runs: built from the settings, swapped whole.
 
 use super::follow::FollowConfig;
-use super::{commissioning, ends, jump, supervise};
+use super::{commissioning, ends, jump, supervise, touch};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
 use crate::kept::parts;
-use crate::servo::{CurrentLimits, Gains, PidGains, Plant};
+use crate::servo::{CurrentLimits, Gains, PidGains, Plant, PreslidingConfig};
 use crate::units::{
     Amps, CountsPerSecond, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Seconds, Volts,
 };
@@ -162,6 +162,8 @@ pub struct Config {
     pub acceleration: MicrometresPerSecond2,
     /// Motion toward the work with pulses off.
     pub contact: Contact,
+    /// Search for a surface.
+    pub touch: touch::Config,
     /// Approach.
     pub seek: Seek,
     /// Retreat.
@@ -172,6 +174,8 @@ pub struct Config {
     pub ends: ends::Config,
     /// Open-loop lift.
     pub lift: Lift,
+    /// Friction that is compensated along the path.
+    pub presliding: PreslidingConfig,
     /// The axis.
     pub axis: Axis,
     /// Limits of the supervision.
@@ -183,16 +187,16 @@ pub struct Config {
 }
 
 parts!(it: Config {
-    setpoint, structure, law, single, limits, acceleration, contact, seek, retreat, jump, ends, lift, axis, supervise, commissioning,
-    commissioned,
+    setpoint, structure, law, single, limits, acceleration, contact, touch, seek, retreat, jump, ends, lift, presliding, axis,
+    supervise, commissioning, commissioned,
 } by
-    [it.setpoint, it.structure, it.limits, it.acceleration, it.contact],
+    [it.setpoint, it.structure, it.limits, it.acceleration, it.contact, it.touch],
     [it.law],
     [it.single, it.commissioned],
     [it.seek],
     [it.retreat],
     [it.jump, it.ends],
-    [it.lift],
+    [it.lift, it.presliding],
     [it.axis],
     [it.supervise],
     [it.commissioning],

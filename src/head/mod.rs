@@ -31,6 +31,7 @@ mod reaction;
 mod route;
 mod state;
 mod supervise;
+mod touch;
 
 pub use command::{Command, Refused};
 pub use commissioning::{Config as CommissioningConfig, Finding, Report};
@@ -52,6 +53,7 @@ pub use state::{Change, ChangeLog, Reason, State, TRANSITIONS};
 pub use supervise::{
     Breakaway, Config as SupervisionConfig, Counters, Judged, Limits as SupervisionLimits, Supervisor,
 };
+pub use touch::{Config as TouchConfig, Search};
 
 use crate::gap::GapReading;
 use crate::path::Bound;
@@ -131,6 +133,12 @@ pub struct Status {
     pub approaching: bool,
     /// Position of the newest contact that was asked for, counts.
     pub touched: i64,
+    /// Position at which the gap was first the one to keep on the newest path that has led to work, counts.
+    pub found: i64,
+    /// How the newest search for a surface stands, and the counts by which the axis was beyond the place found.
+    pub search: Search,
+    /// See [`search`](Status::search).
+    pub overshoot: u32,
     /// How it stands to a host that guides it.
     pub guidance: Guidance,
     /// Set points of a guiding host that were late, since power-up, wrapping.

@@ -134,9 +134,11 @@ impl<P: DerefMut<Target = Path>> Route<P> {
         self.path.free_retreat();
     }
 
-    /// The work has been found here, unless it was found before.
-    pub fn found_work(&mut self) {
+    /// The work has been found here, unless it was found before. Whether that is new.
+    pub fn found_work(&mut self) -> bool {
+        let new = self.work.is_none();
         self.work = self.work.or(Some(self.path.s()));
+        new
     }
 
     /// Path coordinate of the work; of the beginning before it was found.

@@ -39,11 +39,13 @@ pub enum State {
     Jumping,
     /// Pulses off, going back along the path after its end.
     Lifting,
+    /// Pulses off, looking for the surface of the work by touching it.
+    Touching,
 }
 
 impl State {
     /// Every state.
-    pub const ALL: [State; 15] = [
+    pub const ALL: [State; 16] = [
         State::Disabled,
         State::Commissioning,
         State::Ready,
@@ -59,6 +61,7 @@ impl State {
         State::Proving,
         State::Jumping,
         State::Lifting,
+        State::Touching,
     ];
 
     /// Name in reports.
@@ -76,6 +79,7 @@ impl State {
             State::Proving => "proving",
             State::Jumping => "jumping",
             State::Lifting => "lifting",
+            State::Touching => "touching",
             State::Done => "done",
             State::HoldingPosition => "holding_position",
             State::Fault => "fault",
@@ -90,6 +94,11 @@ impl State {
     /// Whether an erosion is under way: with pulses, in a jump between them, or in the lift after them.
     pub const fn works(self) -> bool {
         self.pulses() || matches!(self, State::Jumping | State::Lifting)
+    }
+
+    /// Whether the axis is moved by itself, beside any path and with pulses off.
+    pub const fn positions(self) -> bool {
+        matches!(self, State::Positioning | State::Homing | State::Touching)
     }
 
     /// Whether the head works in a closed loop: what a host may move and has to keep watch over. A fault's reaction may have
@@ -117,6 +126,8 @@ pub enum Reason {
     Arrived,
     /// Electrode and work have touched, which was asked for, and are clear of each other again.
     Touched,
+    /// No surface was found.
+    NotTouched,
     /// Commanded: homing.
     HomingStarted,
     /// The reference was found.
@@ -188,6 +199,12 @@ pub const TRANSITIONS: &[(State, State, Reason)] = &[
     (State::Homing, State::Ready, Reason::Homed),
     (State::Homing, State::Ready, Reason::NotHomed),
     (State::Homing, State::Positioning, Reason::Held),
+    (State::Ready, State::Touching, Reason::Positioned),
+    (State::Done, State::Touching, Reason::Positioned),
+    (State::HoldingPosition, State::Touching, Reason::Positioned),
+    (State::Touching, State::Ready, Reason::Touched),
+    (State::Touching, State::Ready, Reason::NotTouched),
+    (State::Touching, State::Positioning, Reason::Held),
     (State::Seeking, State::Eroding, Reason::WorkFound),
     (State::Seeking, State::Retreating, Reason::Short),
     (State::Seeking, State::Done, Reason::PathEnd),

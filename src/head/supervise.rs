@@ -14,7 +14,10 @@ use crate::gap::pulses::{self, Pulses, Shares};
 use crate::gap::{PulseFault, PulseSeen, PulseWatch, Quality};
 use crate::kept::parts;
 use crate::servo::{BackEmf, CurrentGuard, CurrentLimits, Gains, Plant};
-use crate::units::{ADC_FULL_SCALE, Amps, CountsPerSecond, Newtons, TICKS_PER_MS, Volts, smaller};
+use crate::units::{
+    ADC_FULL_SCALE, Amps, CountsPerSecond, Micrometres, Newtons, TICKS_PER_MS, Volts, larger, smaller, within,
+};
+use core::f32::consts::PI;
 use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::reflex::PulseCounts;
 
@@ -57,6 +60,8 @@ pub struct Breakaway {
     /// Following error, counts, while the duty is beyond the friction in its direction: an integrator may still push the
     /// other way.
     pub following: f32,
+    /// Following error, counts, in which a healthy head may rest.
+    pub tremble: f32,
     /// Duty of the friction.
     pub friction: f32,
     /// Duty, either way from the one that holds the net weight and from the one that was needed lately, under any following
@@ -64,15 +69,19 @@ pub struct Breakaway {
     pub push: f32,
     /// Duty that holds the net weight.
     pub holding: f32,
-    /// For so long, ms.
-    pub ms: u32,
+    /// Counts/ms by which a duty beyond the friction makes the head faster in a millisecond.
+    pub acceleration: f32,
+    /// Duty times ms beyond the friction, under which the film in the gap lets the head go less than can be seen.
+    pub film: f32,
 }
 
 impl Breakaway {
     /// A following error moves the head when the proportional parts of the loops alone overcome its friction.
     const FOLLOWING: f32 = 1.33;
-    /// Counts in which a head without friction may rest: the loop trembles over an edge or two.
-    const FOLLOWING_LEAST: f32 = 6.0;
+    /// Duty of the proportional parts under which a head without friction may rest: the loop trembles over an edge or two.
+    const TREMBLE: f32 = 0.015;
+    /// Counts of that, in a stiff loop and in a soft one.
+    const TREMBLE_COUNTS: (f32, f32) = (3.0, 6.0);
     /// Healthy heads were seen to stand under 1.7 times their friction, and under 4 % of duty with hardly any.
     const PUSH: f32 = 1.8;
     /// See [`PUSH`](Breakaway::PUSH).
@@ -81,19 +90,37 @@ impl Breakaway {
     /// weight is no longer a push. Healthy heads were seen to stand as long, but under small following errors, which are no
     /// push.
     const LATELY: f32 = 1.0 / 512.0;
+    /// Counts that a head must have gone before it is said to stand.
+    const WAY: f32 = 8.0;
+    /// Counts that a film has to let it go before that can be seen: two, and half as many again.
+    const SEEN: f32 = 3.0;
 
-    /// For an axis that a force beside its net weight begins to move. The margins were found by simulation: 0.05 to 1 N, 20 s
-    /// of 36 holes and 60 dead encoders each, 2026-11-22.
-    pub fn of(plant: &Plant, gains: &Gains, friction: Newtons) -> Breakaway {
+    /// For an axis that a force beside its net weight begins to move, of which the share `compensated` is in the duty already, with
+    /// an electrode whose face is a disc of that radius. The margins were found by simulation (docs/decisions.md).
+    pub fn of(plant: &Plant, gains: &Gains, friction: Newtons, compensated: f32, face: Micrometres) -> Breakaway {
         let duty = plant.duty(friction);
+        let tremble = within(gains.error_of(Self::TREMBLE), Self::TREMBLE_COUNTS.0, Self::TREMBLE_COUNTS.1);
         Breakaway {
-            following: (gains.error_of(duty) * Self::FOLLOWING).max(Self::FOLLOWING_LEAST),
+            following: (gains.error_of(duty) * (Self::FOLLOWING - compensated)).max(tremble),
+            tremble,
             friction: duty,
             push: (duty * Self::PUSH).max(Self::PUSH_LEAST),
             holding: gains.holding(),
-            ms: 3,
+            acceleration: 1e-6 / plant.accelerating(1.0),
+            film: plant.duty(Newtons(film(face) * Self::SEEN * 1e3 / plant.counts_per_m)),
         }
     }
+}
+
+/// Resistance of the film under a round face against its motion in a narrow gap, N s/m: 3 pi mu R^4 / 2 h^3 (Reynolds).
+fn film(face: Micrometres) -> f32 {
+    /// Viscosity of a dielectric oil, Pa s.
+    const VISCOSITY: f32 = 0.0024;
+    /// Narrowest gap that is worked with, m; what is narrower resists more.
+    const GAP: f32 = 20e-6;
+    let radius = face.0 * 1e-6;
+    let square = radius * radius;
+    1.5 * PI * VISCOSITY * square * square / (GAP * GAP * GAP)
 }
 
 /// Counts milliseconds of one condition without interruption.
@@ -104,6 +131,29 @@ impl Lasting {
     fn longer_than(&mut self, ms: u32, condition: bool) -> bool {
         self.0 = if condition { self.0.saturating_add(1) } else { 0 };
         self.0 > ms
+    }
+}
+
+/// How a head that is pushed beyond its friction would move, as long as it is not seen to.
+#[derive(Clone, Copy, Debug, Default)]
+struct Standing {
+    /// Duty beyond the friction times ms.
+    impulse: f32,
+    /// Counts that the mass has gone under it.
+    way: f32,
+}
+
+impl Standing {
+    /// A millisecond under so much duty beyond the friction; whether the head must have been seen to move.
+    fn is_too_long(&mut self, breakaway: &Breakaway, beyond: f32, moves: bool) -> bool {
+        if moves || beyond <= 0.0 {
+            *self = Standing::default();
+        } else {
+            // What is pushed with now may have begun just now.
+            self.way += self.impulse * breakaway.acceleration;
+            self.impulse += beyond;
+        }
+        self.way > Breakaway::WAY && self.impulse > breakaway.film
     }
 }
 
@@ -198,7 +248,7 @@ pub struct Supervisor {
     following: Lasting,
     runaway: Lasting,
     encoder: Lasting,
-    standing: Lasting,
+    standing: Standing,
     /// Duty needed lately.
     needed: f32,
     gap: Lasting,
@@ -353,10 +403,11 @@ impl Supervisor {
         let beyond = now.duty - breakaway.holding;
         let push = smaller(more.abs(), beyond.abs());
         let following = now.following.abs();
-        let pushed = push > breakaway.push && following > Breakaway::FOLLOWING_LEAST;
+        let pushed = push > breakaway.push && following > larger(breakaway.tremble, 0.5 * breakaway.following);
         let along = |duty: f32| duty.copysign(duty * now.following) > breakaway.friction;
         let follows = following > breakaway.following && along(more) && along(beyond);
-        self.standing.longer_than(breakaway.ms, loops && still && (pushed || follows))
+        let push = if loops { push - breakaway.friction } else { 0.0 };
+        self.standing.is_too_long(breakaway, push, !still) && (pushed || follows)
     }
 }
 

@@ -7,6 +7,7 @@ mod axis;
 mod current;
 mod emf;
 mod pid;
+mod presliding;
 
 use crate::units::{larger, smaller, within};
 
@@ -14,6 +15,7 @@ pub use axis::{AxisLoop, Gains, Plant, Tuning};
 pub use current::{CurrentGuard, CurrentLimits};
 pub use emf::{BackEmf, Drawn};
 pub use pid::{Output, Pid, PidGains};
+pub use presliding::{Config as PreslidingConfig, Presliding};
 
 /// The duties allowed at this tick, both included. It contains zero, but for a fault's reaction: that never holds with less
 /// than the weight.

@@ -7,10 +7,10 @@ use crate::feed::Limits;
 use crate::gap::{pulses, voltage};
 use crate::head::{
     Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, JumpConfig, Lift, Retreat, Seek, Setpoint,
-    SupervisionLimits,
+    SupervisionLimits, TouchConfig,
 };
 use crate::motion::JerkLimits;
-use crate::servo::{CurrentLimits, Gains, PidGains, Plant, Tuning};
+use crate::servo::{CurrentLimits, Gains, PidGains, Plant, PreslidingConfig, Tuning};
 use crate::units::{
     ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, CountsPerSecond2, Fixed, Hertz, Micrometres, MicrometresPerSecond,
     MicrometresPerSecond2, Nanometres, Newtons, Seconds, TICK_S, Volts,
@@ -94,6 +94,11 @@ impl Settings {
             self.generator_off_time_us > 0.0 && self.generator_off_time_us < 16.0,
             const { name("generator.off_time_us") },
             "must be 0 or at least 16: a smaller request means the generator's own off-time (docs/wiring.md)",
+        )?;
+        conflict(
+            self.touch_second > self.touch_first,
+            const { name("touch.second_mm_s") },
+            "must not be above touch.first_mm_s",
         )?;
         let nm_per_count = (self.encoder_count * 1000.0 + 0.5) as i64;
         let counts_per_um = 1000.0 / nm_per_count as f32;
@@ -302,14 +307,29 @@ impl Settings {
                 limited: plant.duty(Newtons(self.lift_force)),
                 bus_dead: Volts(self.lift_bus_dead),
             },
+            presliding: PreslidingConfig {
+                duty: plant.duty(Newtons(self.axis_breakaway)) * self.servo_friction * 0.01,
+                per_count: 1.0 / (self.servo_presliding * axis.counts_per_um),
+            },
             contact: Contact {
                 sensed: self.contact_below > 0.0,
                 approach: CountsPerSecond(self.contact_approach * 1000.0 * axis.counts_per_um),
             },
+            touch: TouchConfig {
+                first: CountsPerSecond(self.touch_first * 1000.0 * axis.counts_per_um),
+                second: CountsPerSecond(self.touch_second * 1000.0 * axis.counts_per_um),
+                back: (self.touch_back * axis.counts_per_um) as u32,
+            },
             supervise: SupervisionLimits {
                 following: self.following_limit * axis.counts_per_um,
                 following_ms: self.following_ms,
-                breakaway: Breakaway::of(plant, &axis.gains, Newtons(self.axis_breakaway)),
+                breakaway: Breakaway::of(
+                    plant,
+                    &axis.gains,
+                    Newtons(self.axis_breakaway),
+                    self.servo_friction * 0.01,
+                    Micrometres(self.face),
+                ),
                 runaway: CountsPerSecond(self.runaway * 1000.0 * axis.counts_per_um),
                 velocity: CountsPerSecond(self.emf_velocity * 1000.0 * axis.counts_per_um),
                 resistance: self.emf_resistance * 0.01,

@@ -85,7 +85,7 @@ declare! {
         /// Largest velocity of the law rate_by_error.
         0x2102:6 rate_clamp: f32 = 500.0, (0.1, 10_000.0), "feed.rate_clamp_um_s", "um/s", "assumed", live;
         /// Path velocity per volt of gap error of the law increment_by_error.
-        0x2102:7 feed_gain: f32 = 20.0, (0.01, 1000.0), "feed.gain_um_s_v", "um/s per V", "assumed: 4 Hz crossover at 1.1 V/um", live;
+        0x2102:7 feed_gain: f32 = 23.0, (0.01, 1000.0), "feed.gain_um_s_v", "um/s per V", "assumed: 4 Hz crossover at 1.1 V/um", live;
         /// Period of the law increment_by_error.
         0x2102:8 feed_period_ms: f32 = 1.0, (0.05, 1000.0), "feed.period_ms", "ms", "[R] section 6.7.3", live;
         /// Largest velocity toward the work under a feed law.
@@ -152,6 +152,7 @@ declare! {
         0x2106:8 axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed", disabled "loop, lift and second opinion are reckoned from it";
         /// Dry friction at rest: the force, beside the net weight, that begins to move the head.
         0x2106:9 axis_breakaway: f32 = 0.3, (0.0, 20.0), "axis.breakaway_n", "N", "assumed; found by commissioning", falls "a dead encoder would show later";
+
         /// A positive duty moves away from the work.
         0x2107:1 motor_reversed: bool = false, (), "motor.reversed", "", "found by commissioning", disabled "the loop would push the wrong way, or too far";
         /// Largest motor current.
@@ -181,11 +182,16 @@ declare! {
         0x2108:6 encoder_illegal: u32 = 10, (0, 1_000_000), "encoder.illegal_per_s", "", "assumed", disabled "lost counts could be believed";
 
         /// Bandwidth of the velocity loop.
-        0x2109:1 servo_velocity_hz: f32 = 160.0, (1.0, 500.0), "servo.velocity_hz", "Hz", "assumed: 70 degrees with L/R of 0.24 ms", live;
+        0x2109:1 servo_velocity_hz: f32 = 200.0, (1.0, 500.0), "servo.velocity_hz", "Hz", "assumed: 64 degrees with L/R of 0.24 ms", live;
         /// Bandwidth of the position loop.
-        0x2109:2 servo_position_hz: f32 = 40.0, (0.5, 200.0), "servo.position_hz", "Hz", "assumed: a quarter of the velocity loop's", live;
+        0x2109:2 servo_position_hz: f32 = 60.0, (0.5, 200.0), "servo.position_hz", "Hz", "assumed: less than a third of the velocity loop's", live;
         /// Integral time of the velocity loop.
         0x2109:3 servo_integral_ms: f32 = 15.0, (1.0, 10_000.0), "servo.integral_ms", "ms", "assumed", live;
+
+        /// Share of the friction at rest that the duty compensates on top of the loops, over its presliding; 0: none.
+        0x2109:4 servo_friction: f32 = 80.0, (0.0, 100.0), "servo.friction_percent", "%", "assumed: what slides takes less than what begins to", live;
+        /// Length over which a reversal turns the friction round.
+        0x2109:5 servo_presliding: f32 = 0.7, (0.05, 100.0), "servo.presliding_um", "um", "assumed: of guides, 1 to 10 um; the least voltage error of the scenario default", live;
 
         /// Largest following error.
         0x210A:1 following_limit: f32 = 200.0, (1.0, 100_000.0), "supervise.following_um", "um", "assumed", falls "a fault would show later";
@@ -208,6 +214,8 @@ declare! {
         0x210A:9 arc_share: u32 = 60, (1, 101), "supervise.arc_percent", "%", "assumed: above the 37 % of host/sim/tests/arcs.rs, where the work goes on", falls "persistent arcs would show later, or never";
         /// Time that arcs may have more than that.
         0x210A:10 arc_ms: u32 = 50, (0, 10_000), "supervise.arc_ms", "ms", "assumed", falls "a fault would show later";
+        /// Radius of the electrode's face, as a disc: in a narrow gap the film of dielectric under a large one holds the head.
+        0x210A:11 face: f32 = 1500.0, (0.0, 100_000.0), "supervise.face_um", "um", "assumed; of the electrode", falls "a dead encoder would show later";
 
         /// Longest lift of a head without a closed loop.
         0x210B:1 lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md", disabled "the lift of a fault is reckoned from it";
@@ -244,6 +252,13 @@ declare! {
         0x210F:4 end_through: f32 = 0.0, (0.0, 1_000_000.0), "end.through_um", "um", "assumed: only where it is asked for", live;
         /// Length of path to go back after the end of an erosion, with pulses off, at retreat.velocity_um_s; 0: the head stays.
         0x210F:5 end_lift: f32 = 0.0, (0.0, 1_000_000.0), "end.lift_um", "um", "assumed: only where it is asked for", live;
+
+        /// Velocity of the first touch when the surface of the work is looked for, and of every way back from it.
+        0x2110:1 touch_first: f32 = 5.0, (0.01, 5.0), "touch.first_mm_s", "mm/s", "as contact.approach_mm_s, which it may not exceed", live;
+        /// Velocity of the second touch, which the position found is that of.
+        0x2110:2 touch_second: f32 = 0.5, (0.01, 5.0), "touch.second_mm_s", "mm/s", "assumed: 0.1 um in the 0.2 ms until a contact is known", live;
+        /// Length to go back from a touch: before the next one, and to rest at the end.
+        0x2110:3 touch_back: f32 = 100.0, (20.0, 10_000.0), "touch.back_um", "um", "assumed: far more than overshoot and play", live;
 
         /// Commissioning has passed with these settings.
         0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by commissioning", disabled "it says whether the head may be enabled";

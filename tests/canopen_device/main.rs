@@ -1,5 +1,6 @@
 //! A master commands the head over CANopen: node, drive, head and process model together.
 
+mod datum;
 mod drive;
 mod dump;
 mod edges;

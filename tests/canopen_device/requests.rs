@@ -42,6 +42,7 @@ fn ready(mode: u8) -> Rig {
     let mut rig = Rig::new(|settings, parameters| {
         settings.seek_settle_ms = 10.0;
         settings.jump_height = 200.0;
+        (settings.touch_first, settings.touch_second) = (0.2, 0.2);
         parameters.surface = 0.9;
     });
     rig.send(0, &[1, ID]);
@@ -150,6 +151,14 @@ fn jumping(mode: u8) -> Rig {
     rig
 }
 
+fn touching(mode: u8) -> Rig {
+    let mut rig = ready(mode);
+    rig.write(0x2011, 1, &[1]);
+    rig.run(50);
+    assert_eq!(rig.machine.status().state, State::Touching);
+    rig
+}
+
 fn guided(mode: u8) -> Rig {
     let mut rig = ready(mode);
     rig.write(0x2001, 1, &[2]);
@@ -183,6 +192,7 @@ const SITUATIONS: &[Situation] = &[
     ("homing", &[6], homing),
     ("eroding", ALL, eroding),
     ("jumping", ALL, jumping),
+    ("touching", &[0, 1, 6], touching),
     ("guided", &[1, 7, 8, 9], guided),
     ("fault reaction", ALL, reacting),
     ("fault", ALL, faulty),
@@ -312,6 +322,11 @@ const REQUESTS: &[Request] = &[
         name: "2001h:7 = 1 (jump)",
         ask: |rig| rig.try_write(0x2001, 7, &[1]),
         done: |_, rig| seen(rig, State::Jumping),
+    },
+    Request {
+        name: "2011h:1 = 1 (find the surface)",
+        ask: |rig| rig.try_write(0x2011, 1, &[1]),
+        done: |_, rig| seen(rig, State::Touching),
     },
     Request {
         name: "2004h:1 (append to the path)",

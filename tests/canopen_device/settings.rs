@@ -35,8 +35,8 @@ fn a_setting_out_of_range_is_refused_with_the_code_that_says_which_way() {
 fn a_setting_at_odds_with_another_is_refused_and_named() {
     let mut rig = Rig::new(|_, _| {});
     let (index, sub) = address("servo.position_hz");
-    assert_eq!(rig.try_write(index, sub, &100.0f32.to_le_bytes()), Err(0x0604_0043));
-    assert_eq!(rig.read_real((index, sub)), 40.0);
+    assert_eq!(rig.try_write(index, sub, &150.0f32.to_le_bytes()), Err(0x0604_0043));
+    assert_eq!(rig.read_real((index, sub)), 60.0);
     assert_eq!(rig.read(0x2002, 1), u32::from(index) << 8 | u32::from(sub));
 }
 
@@ -65,7 +65,7 @@ fn what_is_stored_survives_a_reset_and_what_is_not_does_not() {
     rig.send(0, &[129, 5]);
     rig.run(5);
     assert_eq!(rig.read(0x6081, 0), 10_000);
-    assert_eq!(rig.read_real(gain), 20.0);
+    assert_eq!(rig.read_real(gain), 23.0);
 }
 
 #[test]
@@ -144,7 +144,7 @@ fn damage_is_an_emergency_an_object_and_a_warning_and_the_defaults_are_in_force(
         let mut rig = reset_with(found);
         assert_eq!(emergencies(&rig), [(0x6310, 0x21, [3, 0, 0, 0, 0])]);
         assert_eq!((rig.read(0x200B, 1), rig.status() & WARNING), (3, WARNING));
-        assert_eq!(rig.read_real(address("feed.gain_um_s_v")), 20.0);
+        assert_eq!(rig.read_real(address("feed.gain_um_s_v")), 23.0);
     }
 }
 

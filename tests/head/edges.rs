@@ -191,7 +191,7 @@ fn an_open_upper_limit_is_not_run_into_beside_the_path() {
 
 /// Seeking, above the work, under a load that only the integrator holds; the duty that it takes.
 fn loaded(newtons: f64) -> (Bench, f64) {
-    let mut bench = Bench::with(|settings| settings.axis_breakaway = 20.0);
+    let mut bench = Bench::with(|settings| (settings.axis_breakaway, settings.servo_friction) = (20.0, 0.0));
     bench.make_ready();
     bench.command(Command::MoveTo(um(4000)));
     bench.command(Command::Start);

@@ -223,7 +223,7 @@ fn both_limits_open_is_a_wire_and_stops_where_it_is() {
 #[test]
 fn a_following_error_retracts_with_limited_force() {
     // What holds it back is not to be taken for an encoder that stands still: that lifts without a loop.
-    let mut bench = Bench::with(|settings| settings.axis_breakaway = 20.0);
+    let mut bench = Bench::with(|settings| (settings.axis_breakaway, settings.servo_friction) = (20.0, 0.0));
     bench.make_ready();
     bench.command(Command::MoveTo(Nanometres(4_000_000)));
     bench.command(Command::Start);
@@ -258,7 +258,9 @@ fn a_following_error_retracts_with_limited_force() {
 #[test]
 fn a_following_error_that_does_not_shrink_becomes_an_open_loop_lift() {
     // What drags at it is not to be taken for an encoder that stands still, nor for a wrong polarity.
-    let mut bench = Bench::with(|settings| (settings.axis_breakaway, settings.runaway) = (20.0, 1000.0));
+    let mut bench = Bench::with(|settings| {
+        (settings.axis_breakaway, settings.servo_friction, settings.runaway) = (20.0, 0.0, 1000.0)
+    });
     bench.make_ready();
     bench.erode();
     // Dragged down with a little more than 3 A can hold (22.5 N), and much more than the limited force.

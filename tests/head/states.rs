@@ -201,7 +201,9 @@ fn a_configuration_is_swapped_while_eroding_without_a_bump() {
 #[test]
 fn a_hot_winding_gets_its_continuous_current_only_and_a_cool_one_its_peak() {
     // What pushes is not to be taken for an encoder that stands still.
-    let mut bench = Bench::with(|settings| (settings.motor_thermal, settings.axis_breakaway) = (1.0, 20.0));
+    let mut bench = Bench::with(|settings| {
+        (settings.motor_thermal, settings.axis_breakaway, settings.servo_friction) = (1.0, 20.0, 0.0)
+    });
     bench.make_ready();
     // 15 N take about 2 A: allowed for 1 s * ln(4 / 3), 0.29 s, at 1 A continuous; then the head gives way.
     for step in 0..4000 {
@@ -213,7 +215,7 @@ fn a_hot_winding_gets_its_continuous_current_only_and_a_cool_one_its_peak() {
     bench.run(0.005);
     assert!(bench.head.status().current.0 > -1.1, "{:?}", bench.head.status().current);
     // And never more than the peak, whatever the error asks for.
-    let mut bench = Bench::with(|settings| settings.axis_breakaway = 20.0);
+    let mut bench = Bench::with(|settings| (settings.axis_breakaway, settings.servo_friction) = (20.0, 0.0));
     bench.make_ready();
     let mut most = 0.0f32;
     for step in 0..4000 {

@@ -158,6 +158,37 @@ fn the_table_of_transitions_is_what_heads_do() {
     bench.command(Command::Start);
     bench.run_until(3.0, |bench| bench.state() == State::Done);
     note(&mut bench, &mut seen);
+    // Searches for a surface, out of every rest, that end in each way.
+    for (surface, then) in [
+        (2100.0, None),
+        (1e6, None),
+        (1e6, Some(Command::Hold)),
+        (1e6, Some(Command::Disable)),
+        (1e6, Some(Command::ResetFault)),
+    ] {
+        for rest in [State::Ready, State::HoldingPosition, State::Done] {
+            let mut bench = Bench::with(|_| ());
+            bench.make_ready();
+            bench.surface_um = 1e6;
+            if rest == State::Done {
+                bench.command(Command::MoveTo(um(500)));
+                bench.command(Command::Start);
+                bench.run_until(3.0, |bench| bench.state() == State::Done);
+            } else if rest == State::HoldingPosition {
+                bench.command(Command::Hold);
+            }
+            bench.surface_um = surface;
+            bench.command(Command::FindSurface(um(3000)));
+            bench.run(0.1);
+            match then {
+                Some(Command::ResetFault) => bench.head.raise(Fault::HostSilent),
+                Some(then) => bench.command(then),
+                None => bench.run_until(3.0, |bench| bench.state() == State::Ready),
+            }
+            bench.run(0.1);
+            note(&mut bench, &mut seen);
+        }
+    }
     let rules = |&(from, to, reason): &(State, State, Reason)| match reason {
         Reason::Fault(_) => to == State::Fault,
         Reason::Disabled => to == State::Disabled && from != State::Fault,

@@ -170,7 +170,7 @@ const _: () = {
 /// End of the RAM, where the stack begins and grows down.
 pub const RAM_END: u32 = 0x2002_0000;
 /// What everything at once may take of the stack, bytes; RAM leaves more than twice as much.
-pub const STACK: u32 = 24 * 1024;
+pub const STACK: u32 = 32 * 1024;
 /// What lies below and nobody may touch, bytes: no frame may be larger.
 pub const STACK_GUARD: u32 = 8 * 1024;
 

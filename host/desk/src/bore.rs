@@ -16,16 +16,12 @@ use std::time::{Duration, Instant};
 pub const PERIOD: Duration = Duration::from_millis(50);
 /// Velocity of moves with pulses off, where the head allows it, mm/s.
 const TRAVEL_MM_S: f64 = 20.0;
-/// What is left of the stroke below the lowest place that is searched for the work, mm.
-const RESERVE_MM: f64 = 0.5;
 /// Why a wait ended when nothing went wrong.
 const ON_REQUEST: &str = "ended on request";
 /// Why [`Run::alive`] ends a run that nobody commands any more: the head is left to its own retreat.
 pub const GONE: &str = "whoever commanded it has gone";
 /// How long a head may take to notice that, beyond the silence that it allows.
 const NOTICES: Duration = Duration::from_secs(2);
-/// 2000h:3: contact, which was asked for.
-const TOUCHED: &str = "contact, which was asked for";
 
 /// What is to be bored.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
@@ -270,7 +266,7 @@ impl Run<'_> {
             Some(mm) => counts(mm),
             None => {
                 self.tell("touching the work off", place)?;
-                self.touch(counts(RESERVE_MM))?
+                head.find_surface(&mut self.tick())?
             }
         };
         place.surface = Some(surface);
@@ -308,24 +304,6 @@ impl Run<'_> {
                 std::thread::sleep(PERIOD);
             }
         }
-    }
-
-    /// Goes toward the work, pulses off, until the electrode touches it; where that was.
-    fn touch(&self, reserve: i64) -> Result<i64, End> {
-        let head = self.head;
-        let stroke = head.sdo.read(at::STROKE_UM)?;
-        let stroke = head.sheet.get(at::STROKE_UM).and_then(|object| object.number(&stroke)).unwrap_or(0.0);
-        let lowest = (stroke / 1000.0 * head.counts_per_mm()?) as i64 - reserve;
-        head.set(at::TOUCH, 1)?;
-        let moved = head.move_to(lowest, &mut self.tick());
-        let put_back = head.set(at::TOUCH, 0);
-        moved?;
-        put_back?;
-        if crate::words::reason(head.whole(at::REASON)? as u8) != TOUCHED {
-            let why = "no contact in the whole stroke: is the work there, are the SENSE leads on? or give where the surface is";
-            return Err(End::Failed(Failure::Failed(why.into())));
-        }
-        Ok(head.whole(at::TOUCHED)?)
     }
 
     /// What ended the erosion, as the head says it.

@@ -12,6 +12,8 @@ use std::time::{Duration, Instant};
 const THERE: Duration = Duration::from_millis(250);
 /// How long a state of the drive may take.
 const STATE: Duration = Duration::from_secs(3);
+/// The longest search for the surface.
+const SEARCH: Duration = Duration::from_secs(60);
 /// Time between two looks at something that is waited for.
 const LOOK: Duration = Duration::from_millis(10);
 
@@ -42,9 +44,7 @@ pub mod at {
     pub const ERODE: Address = Address(0x2001, 1);
     /// Pulses off, hold.
     pub const HOLD: Address = Address(0x2001, 2);
-    /// A move ends where the electrode touches the work.
-    pub const TOUCH: Address = Address(0x2001, 5);
-    /// Where that was, counts.
+    /// Where the electrode touched the work, counts.
     pub const TOUCHED: Address = Address(0x2001, 6);
     /// Which setting stands in the way of another.
     pub const REFUSED_SETTING: Address = Address(0x2002, 1);
@@ -62,8 +62,10 @@ pub mod at {
     pub const SHORTS: Address = Address(0x2006, 1);
     /// Deepest position of the last erosion.
     pub const DEEPEST: Address = Address(0x2006, 4);
-    /// Stroke of the axis.
-    pub const STROKE_UM: Address = Address(0x2106, 7);
+    /// Has the head find the surface of the work.
+    pub const FIND: Address = Address(0x2011, 1);
+    /// How that ended.
+    pub const FOUND: Address = Address(0x2011, 3);
     /// The guided check has passed.
     pub const COMMISSIONED: Address = Address(0x210C, 1);
     /// Controlword.
@@ -92,6 +94,12 @@ pub mod state {
     pub const DISABLED: u8 = 0;
     /// A fault stands.
     pub const FAULT: u8 = 8;
+}
+
+/// How a search for the surface stands, 2011h:3.
+mod search {
+    pub const UNDER_WAY: i64 = 1;
+    pub const FOUND: i64 = 2;
 }
 
 /// Bits of the statusword.
@@ -320,6 +328,29 @@ impl Head {
             Ok(head.status()? & status::REACHED != 0)
         })?;
         if there { Ok(()) } else { Err(Failure::Failed("the target was not reached within a minute".into())) }
+    }
+
+    /// Has the head find the surface of the work by touching it, pulses off; where that is, counts.
+    ///
+    /// # Errors
+    /// When it refuses, a fault comes, or there is no surface.
+    pub fn find_surface(&self, tick: Tick<'_>) -> Result<i64, Failure> {
+        let before = self.whole(at::REFUSALS)?;
+        self.set(at::FIND, 1)?;
+        // What is there before is the outcome of the last search.
+        let began = self.wait(STATE, tick, |head| {
+            head.refused(before)?;
+            Ok(head.whole(at::FOUND)? == search::UNDER_WAY)
+        })?;
+        let over = began && self.wait(SEARCH, tick, |head| Ok(head.whole(at::FOUND)? != search::UNDER_WAY))?;
+        let outcome = self.whole(at::FOUND)?;
+        if over && outcome == search::FOUND {
+            return Ok(self.whole(at::TOUCHED)?);
+        }
+        let names = self.sheet.get(at::FOUND).map(|object| object.names()).unwrap_or_default();
+        let what = if over { names.get(&outcome).map_or("no answer", String::as_str) } else { "no end of the search" };
+        let help = "are work, SENSE and GAP leads there? or give where it is";
+        Err(Failure::Failed(format!("the surface was not found: {what}; {help}")))
     }
 
     /// Pulses off, hold, loop open; says what the head is then.

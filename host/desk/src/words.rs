@@ -91,6 +91,7 @@ pub fn refusal(number: u8) -> Words {
         15..=17 => "give a shorter or a consistent piece of path",
         18 => "set feed.structure = path",
         19 => "lower jump.height_um, or begin deeper",
+        21 => "lower touch.first_mm_s",
         WAIT => "send fewer commands at a time",
         _ => "",
     };

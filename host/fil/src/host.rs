@@ -149,6 +149,11 @@ pub fn command(bus: &mut impl Bus, command: Command) -> Result<()> {
             write(bus, 0x2004, 2, by, 4)?;
         }
         Command::AppendTo(piece) => append(bus, &piece)?,
+        Command::FindSurface(reach) => {
+            let reach = counts(bus, reach)?;
+            write(bus, 0x2011, 2, reach, 4)?;
+            write(bus, 0x2011, 1, 1, 1)?;
+        }
         Command::Start => write(bus, 0x2001, 1, 1, 1)?,
         Command::Jump => write(bus, 0x2001, 7, 1, 1)?,
         Command::Hold => write(bus, 0x2001, 2, 1, 1)?,

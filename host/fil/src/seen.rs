@@ -47,7 +47,7 @@ const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::
 const SUPERVISION: &str = "edm_servo_head::head::supervise::Config";
 const COMMAND: &str = "edm_servo_head::head::command::Command";
 /// Variants of [`Command`], and the number of fields that each has.
-const VARIANTS: [(&str, usize); 19] = [
+const VARIANTS: [(&str, usize); 20] = [
     ("Enable", 0),
     ("Disable", 0),
     ("SetHome", 1),
@@ -58,6 +58,7 @@ const VARIANTS: [(&str, usize); 19] = [
     ("ClearPath", 0),
     ("Position", 2),
     ("Touch", 2),
+    ("FindSurface", 1),
     ("Follow", 2),
     ("Home", 1),
     ("Brake", 1),
@@ -438,6 +439,7 @@ impl Places {
                 let touches = variant.name == "Touch";
                 if touches { Command::Touch(nm()?, limits) } else { Command::Position(nm()?, limits) }
             }
+            "FindSurface" => Command::FindSurface(nm()?),
             "Follow" => Command::Follow(nm()?, view.word(second)?),
             "Home" => {
                 let home = view.inner(first);
@@ -559,10 +561,12 @@ fn arcs(view: &View) -> Result<ArcConfig> {
 fn breakaway(view: &View) -> Result<Breakaway> {
     Ok(Breakaway {
         following: view.float(at!(Breakaway, following))?,
+        tremble: view.float(at!(Breakaway, tremble))?,
         friction: view.float(at!(Breakaway, friction))?,
         push: view.float(at!(Breakaway, push))?,
         holding: view.float(at!(Breakaway, holding))?,
-        ms: view.word(at!(Breakaway, ms))?,
+        acceleration: view.float(at!(Breakaway, acceleration))?,
+        film: view.float(at!(Breakaway, film))?,
     })
 }
 

@@ -134,6 +134,7 @@ numbered! {
         Reason::SparkOutTime => 23 "end of the path, time of the spark-out over",
         Reason::BrokenThrough => 24 "broken through",
         Reason::Lifted => 25 "lifted out of the work",
+        Reason::NotTouched => 26 "no surface found",
     }
 }
 
@@ -159,6 +160,8 @@ numbered! {
         Refused::Path(path::Refused::Inconsistent { .. }) => 17 "start and end of an arc are not as far from its centre",
         Refused::Alone => 18 "other axes go along only with feed.structure = path",
         Refused::NoRoom { .. } => 19 "a jump longer than what is free above",
+        // 20 is `WAIT`.
+        Refused::TooFast { .. } => 21 "a touch faster than contact.approach_mm_s",
     }
 }
 

@@ -24,6 +24,7 @@
 //! 1016h, SYNC or the event timer of an RPDO, and the drive raises the fault.
 
 mod codes;
+mod datum;
 mod machine;
 mod modes;
 mod scope;
@@ -46,6 +47,7 @@ use crate::path::AHEAD;
 use crate::settings::{Active, SettingError, Settings};
 use crate::stored::{LoadReport, StoredImage};
 use crate::units::{Fixed, Nanometres, Newtons};
+use datum::Datum;
 use edm_hal_shim::self_test::SelfTest;
 use heapless::Deque;
 use modes::{Mode, SetPoints};
@@ -271,6 +273,7 @@ pub struct Drive {
     appended: u32,
     /// The segment that a host writes.
     segment: Segment,
+    datum: Datum,
     reason: u8,
     refusal: u8,
     refusals: u8,
@@ -328,6 +331,7 @@ impl Drive {
             retreats_before: 0,
             appended: 0,
             segment: Segment::default(),
+            datum: Datum::default(),
             reason: 0,
             refusal: 0,
             refusals: 0,
@@ -347,7 +351,7 @@ impl Drive {
         self.orders.clear();
         self.follow = None;
         self.set_points = SetPoints::default();
-        self.segment = Segment::default();
+        (self.segment, self.datum) = (Segment::default(), Datum::default());
         (self.control, self.leaving, self.enabling, self.mode) = (0, None, false, Mode::None);
         self.load_defaults();
         (self.restarting, self.stale) = (true, false);
@@ -496,7 +500,8 @@ impl Drive {
             Reason::BrokenThrough => self.stopped_by = 4,
             Reason::SparkedOut => self.stopped_by = 5,
             Reason::SparkOutTime => self.stopped_by = 6,
-            Reason::Touched | Reason::Lifted => self.set_points.elsewhere(),
+            Reason::Touched | Reason::NotTouched | Reason::Lifted => self.set_points.elsewhere(),
+            Reason::Homed => self.datum.forget(),
             _ => {}
         }
     }
@@ -533,6 +538,7 @@ impl Drive {
             self.segment.begun_anew();
         }
         self.status = *status;
+        self.datum.observe(status, self.active.head.axis.nm_per_count);
         self.fresh = self.in_flight == 0 && self.orders.is_empty() && self.follow.is_none();
         if self.stale && !self.configuring && status.state == head::State::Disabled {
             self.stale = !self.configure();
@@ -610,7 +616,7 @@ impl Drive {
         }
         let time = self.value(Item::ErodingTime).wrapping_add(1);
         self.set(Item::ErodingTime, time);
-        self.set(Item::Deepest, self.value(Item::Deepest).max(self.position()));
+        self.set(Item::Deepest, self.value(Item::Deepest).max(clamp32(self.status.position)));
         let retreats = (self.value(Item::LongRetreats) as u32).wrapping_sub(self.retreats_before);
         let (longest, most) = (self.value(Item::StopTime) as u32, self.value(Item::StopRetreats) as u32);
         let ends = if longest > 0 && time as u32 >= longest {
@@ -722,14 +728,13 @@ impl Drive {
         }
     }
 
-    /// Position, counts; saturates.
+    /// Position to a host, counts; saturates.
     fn position(&self) -> i32 {
-        clamp32(self.status.position)
+        self.told(self.status.position)
     }
 
     fn standing(&self) -> bool {
-        !matches!(self.status.state, head::State::Positioning | head::State::Homing)
-            && self.status.velocity.0.abs() < STANDING
+        !self.status.state.positions() && self.status.velocity.0.abs() < STANDING
     }
 
     fn queue_space(&self) -> u16 {

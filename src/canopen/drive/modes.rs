@@ -5,7 +5,7 @@
 //! and the host goes by the feed that the gap asks for.
 
 use super::state::{control, status};
-use super::{Drive, STANDING, SetPoint, clamp32, codes, halts, rises};
+use super::{Drive, STANDING, SetPoint, codes, halts, rises};
 use crate::canopen::objects::{Decoded, Item};
 use crate::canopen::{Abort, Node, Time};
 use crate::head::{self, Command, Guidance, Home, HomingState, MotionLimits, Refused};
@@ -117,7 +117,7 @@ impl Drive {
         }
         if mode != self.mode {
             let begins = self.set_points.begins;
-            if self.acts() && self.mode != Mode::None {
+            if self.acts() && (self.mode != Mode::None || self.status.state == head::State::Touching) {
                 // Pulses stop with the mode that wanted them.
                 if self.status.state.works() {
                     self.set(Item::ErodeEnable, 0);
@@ -194,7 +194,7 @@ impl Drive {
         let target = if word & control::RELATIVE != 0 {
             let from = match (self.value(Item::PositioningOption), self.set_points.target) {
                 (0, Some(target)) => target,
-                (1, _) => clamp32(self.status.setpoint.round()),
+                (1, _) => self.told(self.status.setpoint.round()),
                 _ => self.position(),
             };
             from.saturating_add(given)
@@ -220,7 +220,7 @@ impl Drive {
             self.erode_to(target)
         } else {
             let limits = self.motion_limits(self.value(Item::ProfileVelocity));
-            let to = self.nanometres(target);
+            let to = self.place(target);
             // With pulses on a contact is a short.
             let touches = self.value(Item::Touch) == 1 && !self.guides();
             self.command(if touches { Command::Touch(to, limits) } else { Command::Position(to, limits) })
@@ -234,7 +234,7 @@ impl Drive {
             self.set_points.then = Some(target);
             return true;
         }
-        self.command(Command::MoveTo(self.nanometres(target))) && self.command(Command::Start)
+        self.command(Command::MoveTo(self.place(target))) && self.command(Command::Start)
     }
 
     /// Profile velocity: toward the limit of its direction.
@@ -248,7 +248,7 @@ impl Drive {
         let (low, high) = self.limits();
         let target = if velocity > 0 { high } else { low };
         let limits = self.motion_limits(velocity.saturating_abs());
-        self.command(Command::Position(self.nanometres(target), limits));
+        self.command(Command::Position(self.place(target), limits));
     }
 
     /// Why no reference may be looked for, as far as the drive knows: set points become path, or pulses are on.
@@ -308,7 +308,7 @@ impl Drive {
     }
 
     fn following(&self, target: i32) -> SetPoint {
-        SetPoint { to: self.nanometres(target), ticks: self.period() }
+        SetPoint { to: self.place(target), ticks: self.period() }
     }
 
     /// What the next SYNC makes of 607Ah.
@@ -343,10 +343,10 @@ impl Drive {
         let velocity = self.value(Item::TargetVelocity).saturating_add(self.value(Item::VelocityOffset));
         let (nm_per_count, second) = (self.active.head.axis.nm_per_count, i64::from(TICK_HZ));
         let (ticks, (low, high)) = (self.period(), self.limits());
-        let here = i64::from(clamp32(self.status.setpoint.round())).saturating_mul(nm_per_count).saturating_mul(second);
+        let here = self.status.setpoint.round().saturating_mul(nm_per_count).saturating_mul(second);
         let way = i64::from(velocity).saturating_mul(nm_per_count).saturating_mul(ticks.into());
         let wanted = self.set_points.led.unwrap_or(here).saturating_add(way);
-        let bound = |counts: i32| i64::from(counts).saturating_mul(nm_per_count).saturating_mul(second);
+        let bound = |counts: i32| self.place(counts).0.saturating_mul(second);
         let led = wanted.max(bound(low)).min(bound(high));
         (self.set_points.limited, self.set_points.led) = (led != wanted, Some(led));
         self.fresh = false;
@@ -360,9 +360,8 @@ impl Drive {
         }
         let target = self.within_limits(target);
         if self.erodes() && self.acts() {
-            let sent = !self.set_points.begins
-                && self.queue_space() > 0
-                && self.command(Command::MoveTo(self.nanometres(target)));
+            let sent =
+                !self.set_points.begins && self.queue_space() > 0 && self.command(Command::MoveTo(self.place(target)));
             if sent && self.control & control::START != 0 {
                 self.command(Command::Start);
             }
@@ -378,7 +377,9 @@ impl Drive {
 
     /// Whether 2001h:1 may be written: a host may guide only where set points are followed, and not out of an erosion.
     pub(super) fn may_erode(&self, enable: i64) -> Result<(), Abort> {
-        let followed = !matches!(self.mode, Mode::None | Mode::ProfileVelocity | Mode::Homing) && !self.is_homing();
+        let followed = !matches!(self.mode, Mode::None | Mode::ProfileVelocity | Mode::Homing)
+            && !self.is_homing()
+            && self.status.state != head::State::Touching;
         let erodes = self.erodes() && self.status.state.works();
         if enable == 2 && !self.guides() && (!self.moves() || !followed || erodes) {
             return Err(Abort::DeviceState);
@@ -400,7 +401,8 @@ impl Drive {
                 }
             }
             1 => {
-                let positions = self.status.state == head::State::Positioning || self.follow.take().is_some();
+                let positions = matches!(self.status.state, head::State::Positioning | head::State::Touching);
+                let positions = positions || self.follow.take().is_some();
                 self.set_points.begins = self.moves() && (positions || before == 2);
                 self.set_points.then = None;
                 if self.set_points.begins {
@@ -449,7 +451,7 @@ impl Drive {
     pub(super) fn watch_mode(&mut self) {
         let state = self.status.state;
         let busy = match self.status.guidance {
-            Guidance::No => state.works() || matches!(state, head::State::Positioning | head::State::Homing),
+            Guidance::No => state.works() || state.positions(),
             guidance => guidance != Guidance::Rests,
         };
         if self.fresh && !busy && self.set_points.moving {
@@ -475,7 +477,8 @@ impl Drive {
                 let target = self.set_points.target.unwrap_or(self.position());
                 let off = i64::from(self.position()).saturating_sub(target.into()).saturating_abs();
                 let inside = off <= i64::from(self.value(Item::PositionWindow) as u32);
-                (inside && !self.set_points.moving && self.fresh, Item::PositionTime)
+                let stands = !self.set_points.moving && state != head::State::Touching;
+                (inside && stands && self.fresh, Item::PositionTime)
             }
         };
         self.set_points.within = if inside { self.set_points.within.saturating_add(1) } else { 0 };
@@ -545,15 +548,17 @@ impl Drive {
         self.mode as i64
     }
 
-    /// Software limits and travel, counts.
+    /// Software limits and travel, which are reckoned from the home, as positions of a host, counts.
     fn limits(&self) -> (i32, i32) {
-        let (min, max) = (self.value(Item::LimitMin), self.value(Item::LimitMax));
-        if !self.status.homed {
-            return (min, max);
-        }
-        let axis = &self.active.head.axis;
-        let counts = |nm: Nanometres| clamp32(nm.0.checked_div(axis.nm_per_count).unwrap_or(0));
-        (min.max(counts(axis.travel.0)), max.min(counts(axis.travel.1)))
+        let (min, max) = (self.value(Item::LimitMin).into(), self.value(Item::LimitMax).into());
+        let (min, max) = if self.status.homed {
+            let axis = &self.active.head.axis;
+            let counts = |nm: Nanometres| nm.0.checked_div(axis.nm_per_count).unwrap_or(0);
+            (counts(axis.travel.0).max(min), counts(axis.travel.1).min(max))
+        } else {
+            (min, max)
+        };
+        (self.told(min), self.told(max))
     }
 
     fn within_limits(&mut self, target: i32) -> i32 {
@@ -574,6 +579,7 @@ impl Drive {
         units.saturating_mul(TICK_HZ).checked_div(divisor).unwrap_or(0).max(1)
     }
 
+    /// A length.
     pub(super) fn nanometres(&self, counts: i32) -> Nanometres {
         Nanometres(i64::from(counts).saturating_mul(self.active.head.axis.nm_per_count))
     }

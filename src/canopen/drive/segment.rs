@@ -93,9 +93,14 @@ impl Drive {
         }
         let value = |item| self.value(item);
         let options = value(Item::SegmentOptions);
+        let from = if options & 1 != 0 { 0 } else { self.datum_nm() };
         let piece = Piece {
             shape,
-            to: [value(Item::SegmentDown), value(Item::SegmentX), value(Item::SegmentY)].map(i64::from),
+            to: [
+                i64::from(value(Item::SegmentDown)).saturating_add(from),
+                value(Item::SegmentX).into(),
+                value(Item::SegmentY).into(),
+            ],
             centre: [value(Item::SegmentCentre1), value(Item::SegmentCentre2)],
             mark: options & 2 != 0,
         };

@@ -189,7 +189,11 @@ impl Drive {
             Item::GenerationServo => self.generations.servo.into(),
             Item::GenerationGap => self.generations.gap.into(),
             Item::GenerationSupervision => self.generations.supervision.into(),
-            Item::Touched => clamp32(status.touched).into(),
+            Item::Touched => self.told(status.touched).into(),
+            Item::SearchOutcome => status.search as i64,
+            Item::SearchOvershoot => status.overshoot.into(),
+            Item::DatumOffset | Item::Wear | Item::Travel | Item::HoleDepth => self.datum_number(item),
+            Item::Deepest => self.told(self.value(Item::Deepest).into()).into(),
             Item::GuardedChange => self.guarded.into(),
             Item::LostFrames => self.lost.frames.into(),
             Item::LostEvents => self.lost.events.into(),
@@ -214,8 +218,10 @@ impl Drive {
             Item::Controlword => self.control.into(),
             Item::Statusword => self.status_bits().into(),
             Item::ModeDisplay => self.mode_number(),
-            Item::PositionDemand | Item::DemandInternal => clamp32(status.setpoint.round()).into(),
-            Item::PositionInternal | Item::PositionActual => self.position().into(),
+            Item::PositionDemand => self.told(status.setpoint.round()).into(),
+            Item::DemandInternal => clamp32(status.setpoint.round()).into(),
+            Item::PositionActual => self.position().into(),
+            Item::PositionInternal => clamp32(status.position).into(),
             Item::FollowingWindow => i64::from((self.settings.following_limit * axis.counts_per_um) as u32),
             Item::FollowingTime => self.settings.following_ms.into(),
             Item::VelocityDemand => i64::from((status.feed.0 * axis.counts_per_um) as i32),
@@ -263,10 +269,15 @@ impl Drive {
                 let erodes = self.status.state == head::State::Eroding || !self.fresh;
                 return done(erodes && self.command(Command::Jump));
             }
+            Item::SearchStart if value == 1 => {
+                let reach = self.nanometres(self.value(Item::SearchReach));
+                return done(self.may_search() && self.command(Command::FindSurface(reach)));
+            }
+            Item::SurfaceIs => return done(self.take_surface(value)),
             Item::TargetVelocity => self.may_run(number != before)?,
             Item::Commission if value == 1 => return done(self.commission()),
             Item::QueueAppend => {
-                return done(self.queues() && self.command(Command::MoveTo(self.nanometres(number))));
+                return done(self.queues() && self.command(Command::MoveTo(self.place(number))));
             }
             Item::QueueAppendBy => {
                 return done(self.queues() && self.command(Command::MoveBy(self.nanometres(number))));
@@ -314,8 +325,7 @@ impl Drive {
 
     /// Set points of the axis, and not the path, lead the head.
     fn is_positioned(&self) -> bool {
-        let positions = matches!(self.status.state, head::State::Positioning | head::State::Homing);
-        self.fresh && (positions || self.status.guidance != Guidance::No)
+        self.fresh && (self.status.state.positions() || self.status.guidance != Guidance::No)
     }
 
     /// A signal of the scope: a value of up to 32 bits, sign extended.

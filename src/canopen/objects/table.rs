@@ -100,7 +100,7 @@ const RATE: (i64, i64) = (1, i32::MAX as i64);
 
 objects! {
     0x2000 "Head" {
-        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving, 13 jumping, 14 lifting";
+        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving, 13 jumping, 14 lifting, 15 touching";
         2 HeadFault: u8, ro, tx, U8, 0, "", live, "Fault: from 1 in the order of docs/objects.md; 0 none";
         3 HeadReason: u8, ro, tx, U8, 0, "", live, "Reason: why the state changed last, as numbered in docs/objects.md; 0 it has not";
         4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Refusal: why a command was refused last, as numbered in docs/objects.md; 0 never";
@@ -244,6 +244,18 @@ objects! {
         9 ScopeState: u8, ro, tx, (0, 3), 0, "", live, "State: 0 idle, 1 waits for the trigger, 2 records, 3 full";
         10 ScopeCount: u16, ro, no, U16, 0, "", live, "Count: samples recorded";
         11 ScopeData: domain, ro, no, U8, 0, "", live, "Data: samples of signals 1 to 4, 32 bits each, little-endian";
+    }
+    0x2011 "Surface" {
+        1 SearchStart: u8, wo, rx, (0, 1), 0, "", live, "Find: 1 has the head touch the work twice, pulses off, and go back by touch.back_um; 2001h:6 is where it was";
+        2 SearchReach: i32, rw, rx, (0, i32::MAX as i64), 0, "counts", live, "Reach: no farther away than this; 0 to the end of the travel";
+        3 SearchOutcome: u8, ro, tx, (0, 5), 0, "", live, "Outcome: 0 never asked for, 1 under way, 2 found, 3 nothing within reach, 4 the gap reads as a contact where the head has gone back, 5 broken off";
+        4 SearchOvershoot: u32, ro, tx, U32, 0, "counts", live, "Overshoot: how far past the place found the axis has been";
+        5 SurfaceIs: u8, wo, no, (1, 4), 1, "", live, "What was touched: 1 the work: it has the position of sub-index 6; 2 the reference, by a new electrode; 3 the reference again: wear is measured; 4 the same, and positions are reckoned from the worn face";
+        6 SurfacePosition: i32, rw, no, I32, 0, "counts", live, "Position: that the surface is to have";
+        7 DatumOffset: i32, ro, tx, I32, 0, "counts", live, "Datum: position of a host's 0 from the home, 6063h less 6064h; 0 after homing and after a reset of the node";
+        8 Wear: i32, ro, tx, I32, 0, "counts", live, "Wear: of the electrode, since it touched the reference first";
+        9 Travel: i32, ro, tx, I32, 0, "counts", live, "Electrode travel: in the newest hole, from where the gap was first the one to keep to the farthest";
+        10 HoleDepth: i32, ro, tx, I32, 0, "counts", live, "Hole depth: that less the wear that was measured since the hole was begun";
     }
     0x6007 "Abort connection option code" { 0 AbortOption: i16, rw, no, (0, 3), 1, "", store, "Abort connection option code: what the loss of the host does: 0 nothing, 1 fault, 2 disables voltage, 3 quick stop"; }
     0x603F "Error code" { 0 ErrorCode: u16, ro, tx, U16, 0, "", live, "Error code"; }

@@ -59,6 +59,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             }
             Command::Position(to, limits) => self.position(state, to, &limits, false),
             Command::Touch(to, limits) => self.position(state, to, &limits, true),
+            Command::FindSurface(reach) => self.find_surface(state, reach),
             Command::Follow(to, ticks) => self.follow_to(state, to, ticks),
             Command::Home(home) => self.home(state, &home),
             Command::Brake(deceleration) => self.brake(state, deceleration),
@@ -106,7 +107,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                     jump.holds = true;
                     return Ok(());
                 }
-                if self.positioning.is_some() || self.guide.is_some() {
+                if self.positioning.is_some() || self.guide.is_some() || self.search.is_some() {
                     return self.brake(state, self.config.acceleration);
                 }
                 self.enter(State::HoldingPosition, Reason::Held);
@@ -216,7 +217,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     fn may_queue(&self, state: State) -> Result<(), Refused> {
-        let beside = matches!(state, State::Positioning | State::Homing | State::Lifting) || self.guide.is_some();
+        let beside = state.positions() || state == State::Lifting || self.guide.is_some();
         if !state.follows() || beside {
             return Err(Refused::State(state));
         }
@@ -326,7 +327,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             self.enter(State::Positioning, Reason::Held);
             return Ok(());
         }
-        if state == State::Guiding && self.now.segment.velocity.0 != 0.0 {
+        self.break_off_search();
+        let searched = self.search.take().is_some();
+        if searched || state == State::Guiding && self.now.segment.velocity.0 != 0.0 {
             self.positioning = Some(Task::Brake(deceleration));
             self.enter(State::Positioning, Reason::Held);
             return Ok(());
@@ -396,7 +399,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         CountsPerSecond((velocity.0 * self.config.axis.counts_per_um).abs().min(limit))
     }
 
-    fn counts2(&self, acceleration: MicrometresPerSecond2) -> CountsPerSecond2 {
+    pub(super) fn counts2(&self, acceleration: MicrometresPerSecond2) -> CountsPerSecond2 {
         // A ramp of nothing would never end.
         CountsPerSecond2((acceleration.0 * self.config.axis.counts_per_um).max(1.0))
     }

@@ -7,6 +7,7 @@
 mod commands;
 mod motion;
 mod states;
+mod touching;
 
 use super::commissioning::{Commissioning, Finding, Report};
 use super::config::Config;
@@ -21,13 +22,14 @@ use super::reaction::{Reacting, Situation, upward};
 use super::route::{Bounds, Route};
 use super::state::{Change, ChangeLog, Reason, State};
 use super::supervise::{Config as SupervisionConfig, Judged};
+use super::touch;
 use super::{Refused, Status};
 use crate::feed::Law;
 use crate::gap::OpenCircuit;
 use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
-use crate::servo::Window;
+use crate::servo::{Presliding, Window};
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_S};
 use core::ops::DerefMut;
 use edm_hal_shim::self_test::SelfTest;
@@ -70,9 +72,14 @@ pub struct Planner<P> {
     /// While guiding, and in a retreat from there.
     guide: Option<Guide>,
     jump: Option<Jump>,
+    presliding: Presliding,
+    /// The search for a surface under way.
+    search: Option<touch::Touching>,
     /// What of the erosion's end has come, and the path coordinate of the lift after it.
     ends: Ends,
     lifts_to: Fixed,
+    /// The work has been found, and the gap is still wider than the one to keep.
+    meets: bool,
     /// Ticks of erosion since the last jump.
     eroded: u32,
     /// Path coordinate of the last good place.
@@ -120,8 +127,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             positioning: None,
             guide: None,
             jump: None,
+            presliding: Presliding::default(),
+            search: None,
             ends: Ends::default(),
             lifts_to: Fixed(0),
+            meets: false,
             eroded: 0,
             good: Fixed(0),
             touching: Touching::No,
@@ -242,7 +252,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Decides, and writes the plan.
     pub fn plan(&mut self, plan: &mut Plan) {
         let (motion, allowed) = self.decide();
-        let followed = self.trajectory(motion);
+        let mut followed = self.trajectory(motion);
+        self.compensate(&mut followed);
         self.status.reacting = self.reacting.as_ref().is_some_and(Reacting::moves);
         let retreats = matches!(self.status.state, State::Seeking | State::Eroding | State::Guiding);
         // One field after the other: a whole plan would be put together beside it, and copied.
@@ -378,7 +389,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     fn enter(&mut self, state: State, reason: Reason) {
         self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
-        if !matches!(state, State::Positioning | State::Homing | State::Jumping) {
+        if !matches!(state, State::Positioning | State::Homing | State::Jumping | State::Touching) {
             self.end_positioning();
         }
         if !matches!(state, State::Guiding | State::Retreating) {
@@ -406,7 +417,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Ends axis positioning: the path begins where the set point is.
     fn end_positioning(&mut self) {
         (self.touching, self.status.approaching) = (Touching::No, false);
-        let beside = self.positioning.take().is_some() | self.jump.take().is_some();
+        self.break_off_search();
+        let beside = self.positioning.take().is_some() | self.jump.take().is_some() | self.search.take().is_some();
         if beside || self.status.state == State::Guiding {
             if self.status.homing == HomingState::Runs {
                 self.status.homing = HomingState::No;
@@ -457,6 +469,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         match self.status.state {
             State::Positioning if self.touching == Touching::Asked => Touch::End,
             State::Positioning | State::Homing | State::Jumping => Touch::Fault,
+            State::Touching if self.search.as_ref().is_some_and(touch::Touching::approaches) => Touch::End,
             _ => Touch::Ignored,
         }
     }
@@ -484,7 +497,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Whether the set point of the loop is the path's.
     fn follows_path(&self) -> bool {
-        self.positioning.is_none() && self.jump.is_none() && self.status.state != State::Guiding
+        let beside = self.positioning.is_some() || self.jump.is_some() || self.search.is_some();
+        !beside && self.status.state != State::Guiding
     }
 
     /// Whether a set point that a SYNC releases is followed at once: not where the head leads.
@@ -520,8 +534,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let state = self.status.state;
         Concerns {
             any: state != State::Disabled,
-            // Commissioning drives from stop to stop, and homing looks for the switches: one open limit is where they turn.
-            limits: !matches!(state, State::Commissioning | State::Homing),
+            // Commissioning drives from stop to stop, homing looks for the switches, and to a search for the work the lower one is
+            // the end of the travel: one open limit is where they turn.
+            limits: !matches!(state, State::Commissioning | State::Homing | State::Touching),
             // The proof may push the head up to its switch, and then begins there.
             upper: !self.upper_limit_excused && state != State::Proving,
             dielectric: state.pulses(),

@@ -3,11 +3,12 @@
 use super::super::reaction::Motion;
 use super::Planner;
 use crate::head::commissioning::Commissioning;
-use crate::head::follow::Trajectory;
+use crate::head::follow::{Follow, Trajectory};
+use crate::head::state::State;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Window;
-use crate::units::{Fixed, MicrometresPerSecond, larger};
+use crate::units::{Fixed, MicrometresPerSecond, PLAN_TICKS, larger, within};
 use core::ops::DerefMut;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
@@ -27,6 +28,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 Trajectory::COAST
             }
             Motion::Path(wanted, window) => {
+                let wanted = self.governed(wanted);
                 let trajectory = self.route.along(wanted, &self.bounds(), window.and(allowed));
                 self.status.setpoint = self.route.setpoint();
                 trajectory
@@ -58,6 +60,31 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 Trajectory::duty(duty, allowed)
             }
         }
+    }
+
+    /// Friction, where a set point is followed. What a fault's reaction may press is reckoned without it.
+    pub(super) fn compensate(&mut self, trajectory: &mut Trajectory) {
+        if trajectory.follow == Follow::Setpoint && self.status.state != State::Fault {
+            let travel = Fixed(trajectory.travel.0.saturating_mul(PLAN_TICKS.into()));
+            trajectory.duty += self.presliding.travel(&self.config.presliding, travel);
+        } else {
+            self.presliding.forget();
+        }
+    }
+
+    /// The coordinate waits for the axis, where something resists it: film in a narrow gap, friction, a duty at its limit. Else the
+    /// axis would go on to a place that the gap has long asked it not to.
+    fn governed(&self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
+        if !matches!(self.status.state, State::Seeking | State::Eroding | State::Retreating | State::Lifting) {
+            return wanted;
+        }
+        let limits = &self.config.supervise;
+        let ahead = if wanted.0 > 0.0 { self.status.following } else { -self.status.following };
+        let from = match self.status.state {
+            State::Retreating | State::Lifting => 0.2 * limits.following,
+            _ => limits.breakaway.following,
+        };
+        MicrometresPerSecond(wanted.0 * within((3.0 * from - ahead) / (2.0 * from), 0.0, 1.0))
     }
 
     fn beside(&mut self, segment: &TrajectorySegment, allowed: Window) -> Trajectory {

@@ -42,6 +42,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             State::Ready | State::Done | State::HoldingPosition => self.along(REST),
             State::Positioning | State::Homing => self.position_axis(),
             State::Jumping => self.jump_on(),
+            State::Touching => self.touch_on(),
             State::Lifting => self.lift_on(),
             State::Seeking if self.open.volts().is_none() => self.along(REST),
             State::Seeking => self.along(self.config.seek.velocity),
@@ -147,7 +148,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         let valid = gap.quality == Quality::Valid;
         if valid && gap.filtered.0 < open.0 * self.config.seek.threshold {
-            self.route.found_work();
+            if self.route.found_work() {
+                (self.status.found, self.meets) = (self.status.position, true);
+            }
             (self.good, self.eroded, self.ends) = (self.route.s(), 0, Ends::default());
             self.law = self.config.law;
             if self.config.structure == Structure::SingleLoop {
@@ -211,6 +214,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return self.jump_on();
         }
         let error = self.gap_error();
+        if self.meets && self.status.gap.quality == Quality::Valid && error.0 <= 0.0 {
+            (self.status.found, self.meets) = (self.status.position, false);
+        }
         match self.config.structure {
             // In every tick, and not in every plan.
             Structure::SingleLoop => Motion::Gap(self.status.gap_setpoint),
@@ -433,7 +439,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// Toward the work faster than the approach only where the axis has been.
-    fn approach(&mut self, segment: TrajectorySegment) -> TrajectorySegment {
+    pub(super) fn approach(&mut self, segment: TrajectorySegment) -> TrajectorySegment {
         let most = self.toward(segment.from);
         self.status.approaching = segment.velocity.0 > most.0;
         if !self.status.approaching {

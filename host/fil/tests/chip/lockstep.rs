@@ -6,7 +6,7 @@ use edm_fil::host;
 use edm_fil::image::Image;
 use edm_fil::rig::Emulated;
 use edm_fil::rig::Witness;
-use edm_servo_head::head::{Command, Fault, State};
+use edm_servo_head::head::{Command, Fault, Search, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
@@ -64,6 +64,58 @@ fn an_end_with_spark_out_and_lift_of_the_chip_is_that_of_the_native_core_bit_for
     assert!(states.ends_with(&[State::Eroding, State::Lifting, State::Done]), "{states:?}");
     assert!((rig.status().position - 110).abs() <= 5, "{:?}", rig.status());
     assert_eq!(rig.status().fault, None);
+}
+
+#[test]
+fn a_search_for_the_surface_on_the_chip_is_that_of_the_native_core_bit_for_bit() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let settings = Settings { commissioned: true, ..Settings::default() };
+    let parameters = Parameters { surface: 0.5037, ..Parameters::default() };
+    let witness = Witness::twin(&settings).unwrap();
+    let mut rig = Emulated::start(&image, &parameters, &settings, 1, witness).unwrap();
+    host::begin(&mut rig).unwrap();
+    for command in [Command::SetHome(Nanometres(0)), Command::Enable] {
+        rig.command(command).unwrap();
+    }
+    let mut surface = 0;
+    for (reach_um, found) in [(200, Search::Missed), (0, Search::Found)] {
+        rig.command(Command::FindSurface(Nanometres(reach_um * 1000))).unwrap();
+        assert_eq!(rig.status().state, State::Touching);
+        let mut force = 0.0f64;
+        let mut ticks = 0;
+        while rig.status().state == State::Touching {
+            rig.tick().unwrap();
+            force = force.max(rig.process().truth().contact_n);
+            ticks += 1;
+            assert!(ticks < 40_000, "{:?}", rig.status());
+        }
+        assert_eq!((rig.status().state, rig.status().fault), (State::Ready, None));
+        // Until the drive has heard of it.
+        (0..60).for_each(|_| rig.tick().unwrap());
+        assert_eq!(host::read(&mut rig, 0x2011, 3).unwrap(), found as u32);
+        if found == Search::Found {
+            surface = i64::from(host::read(&mut rig, 0x2001, 6).unwrap().cast_signed());
+            let truth = rig.process().truth();
+            let off = surface as f64 - truth.surface_um - (rig.status().position - truth.count) as f64;
+            assert!(off.abs() <= 1.0, "{surface}: off by {off} counts");
+            assert!(force > 0.0 && force <= 5.0, "{force} N");
+        }
+    }
+    // It becomes the datum, and the head goes where that is meant: 150 um above the surface.
+    let position = rig.status().position;
+    host::write(&mut rig, 0x2011, 6, 1000, 4).unwrap();
+    host::write(&mut rig, 0x2011, 5, 1, 1).unwrap();
+    assert_eq!(host::read(&mut rig, 0x2001, 6).unwrap(), 1000);
+    let told = i64::from(host::read(&mut rig, 0x6064, 0).unwrap().cast_signed());
+    assert!((told - (rig.status().position - surface + 1000)).abs() <= 1, "{told}");
+    assert!((rig.status().position - position).abs() <= 1, "nothing has moved");
+    host::write(&mut rig, 0x6060, 0, 1, 1).unwrap();
+    host::write(&mut rig, 0x607A, 0, 850, 4).unwrap();
+    host::write(&mut rig, 0x6040, 0, 0x1F, 2).unwrap();
+    for _ in 0..4000 {
+        rig.tick().unwrap();
+    }
+    assert!((rig.status().position - surface + 150).abs() <= 2, "{:?}", rig.status());
 }
 
 #[test]

@@ -231,6 +231,7 @@ fn command_numbers(command: Command) -> [u64; COMMAND] {
         Command::ClearPath => (10, 0),
         Command::Guide => (11, 0),
         Command::Jump => (19, 0),
+        Command::FindSurface(reach) => (20, reach.0),
         Command::Position(to, limits) | Command::Touch(to, limits) => {
             let MotionLimits { velocity, acceleration, deceleration } = limits;
             let number = if matches!(command, Command::Touch(..)) { 16 } else { 12 };
@@ -292,6 +293,7 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
             if number == 17 { Command::AppendTo(piece) } else { Command::AppendBy(piece) }
         }
         19 => Command::Jump,
+        20 => Command::FindSurface(nm),
         15 => Command::Brake(MicrometresPerSecond2(float(a))),
         _ => return Err(Error::Damaged("command")),
     })

@@ -5,7 +5,7 @@
 use super::svg::{Anchor, Fill, Sheet};
 use edm_servo_head::head::State::{
     Commissioning, Disabled, Done, Eroding, Fault, Guiding, HoldingPosition, Homing, Jumping, Lifting, Positioning,
-    Proving, Ready, Retreating, Seeking,
+    Proving, Ready, Retreating, Seeking, Touching,
 };
 use edm_servo_head::head::{Reason, State, TRANSITIONS};
 
@@ -20,6 +20,7 @@ fn place(state: State) -> ((f64, f64), (f64, f64)) {
         Done => ((305.0, 362.0), (140.0, 40.0)),
         Positioning => ((240.0, 50.0), (120.0, 44.0)),
         Homing => ((440.0, 50.0), (110.0, 44.0)),
+        Touching => ((40.0, 50.0), (120.0, 44.0)),
         Seeking => ((610.0, 200.0), (120.0, 44.0)),
         Eroding => ((610.0, 285.0), (120.0, 44.0)),
         Guiding => ((610.0, 380.0), (120.0, 44.0)),
@@ -101,6 +102,23 @@ const ARROWS: &[Arrow] = &[
         "at rest",
         (351.0, 140.0),
     ),
+    arrow(
+        REST,
+        Touching,
+        &[Reason::Positioned],
+        &[(290.0, 194.0), (80.0, 194.0), (80.0, 94.0)],
+        "touch",
+        (87.0, 140.0),
+    ),
+    arrow(
+        &[Touching],
+        Ready,
+        &[Reason::Touched, Reason::NotTouched],
+        &[(130.0, 94.0), (130.0, 182.0), (290.0, 182.0)],
+        "at rest",
+        (137.0, 122.0),
+    ),
+    arrow(&[Touching], Positioning, &[Reason::Held], &[(160.0, 57.0), (240.0, 57.0)], "hold", (184.0, 51.0)),
     arrow(REST, Homing, &[Reason::HomingStarted], &[(450.0, 175.0), (450.0, 94.0)], "home", (406.0, 140.0)),
     arrow(
         &[Homing],
