@@ -109,7 +109,7 @@ fn an_index_mark_is_kept_where_the_decoder_has_timed_it() {
     assert_eq!(rig.read(0x60B9, 0), 0xC700);
     assert_eq!(i64::from(rig.read(0x60BD, 0) as i32), mark);
     let up = rig.read(0x60D4, 0);
-    assert!((up.wrapping_sub(down) % TICK == 0) && up.wrapping_sub(down) > 50_000_000, "{down} {up}");
+    assert!(up.wrapping_sub(down).is_multiple_of(TICK) && up.wrapping_sub(down) > 50_000_000, "{down} {up}");
     // A home given since moves what was kept along with the axis.
     rig.write(0x6098, 0, &[35]);
     rig.write32(0x607C, 0, -5000);

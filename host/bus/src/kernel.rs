@@ -19,6 +19,7 @@ struct Shared {
     socket: CanSocket,
     lost: AtomicU64,
     stop: AtomicBool,
+    left: AtomicBool,
 }
 
 impl Interface {
@@ -35,7 +36,12 @@ impl Interface {
             socket.set_nonblocking(true)
         };
         set().map_err(|error| format!("{name}: cannot be set up: {error}"))?;
-        let shared = Arc::new(Shared { socket, lost: AtomicU64::new(0), stop: AtomicBool::new(false) });
+        let shared = Arc::new(Shared {
+            socket,
+            lost: AtomicU64::new(0),
+            stop: AtomicBool::default(),
+            left: AtomicBool::default(),
+        });
         let port = hub.attach(shared.clone());
         let (reader, name) = (shared.clone(), name.to_owned());
         thread::spawn(move || reader.read(&port, &name, &report));
@@ -45,6 +51,11 @@ impl Interface {
     /// Frames that the kernel did not take, because its queue was full or the interface down.
     pub fn lost(&self) -> u64 {
         self.0.lost.load(Ordering::Relaxed)
+    }
+
+    /// The kernel has taken the interface away, or down.
+    pub fn has_left(&self) -> bool {
+        self.0.left.load(Ordering::Relaxed)
     }
 }
 
@@ -66,7 +77,10 @@ impl Shared {
                 Err(error)
                     if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {
                 }
-                Err(error) => return report(&format!("{name}: left the bus: {error}")),
+                Err(error) => {
+                    self.left.store(true, Ordering::Relaxed);
+                    return report(&format!("{name}: left the bus: {error}"));
+                }
             }
         }
     }
@@ -108,7 +122,7 @@ fn advice(name: &str, error: &std::io::Error) -> String {
     const NO_DEVICE: i32 = 19;
     match error.raw_os_error() {
         Some(NO_FAMILY) => format!(
-            "{name}: this kernel has no CAN; load it (`sudo modprobe can_raw vcan`), or use --slcan-tcp, --slcan-pty or --socketcand, which need no kernel"
+            "{name}: this kernel has no CAN; load it (`sudo modprobe can_raw vcan`), or use slcan or socketcand, which need no kernel"
         ),
         Some(NO_DEVICE) => format!(
             "{name}: no such interface; make one (`sudo ip link add {name} type vcan && sudo ip link set {name} up`) or plug the adapter in"

@@ -9,6 +9,7 @@
 //! | [`client`] | one conversation: a reader, a writer, what waits in between |
 //! | [`tcp`], `pty` | clients by network and by serial port |
 //! | `kernel` | an interface of the Linux kernel (SocketCAN) |
+//! | [`way`] | the other side: onto a bus that an adapter or another program serves |
 //! | [`filler`] | foreign traffic |
 //!
 //! The hub has no bit rate: a frame arrives as soon as it is sent, in the order of sending, and never fails. What a wire
@@ -26,6 +27,8 @@ pub mod pty;
 pub mod slcan;
 pub mod socketcand;
 pub mod tcp;
+pub mod way;
 
 pub use frame::Frame;
 pub use hub::{Hub, Port, Traffic};
+pub use way::Way;

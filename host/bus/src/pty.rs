@@ -3,8 +3,8 @@
 //! The line is raw, and its far end is kept open here as well: clients come and go, and what they say is never echoed or
 //! turned into lines.
 
-use crate::client::{Chunk, Client, Report, TooSlow};
-use crate::hub::Hub;
+use crate::client::{Chunk, Client, Protocol, Report, TooSlow};
+use crate::hub::{Hub, Port};
 use crate::slcan::Slcan;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags, fcntl_setfl};
@@ -41,9 +41,7 @@ impl SerialPort {
         let name = ptsname(&near, Vec::new())?;
         let device = PathBuf::from(name.to_str().map_err(io::Error::other)?);
         let far = rustix::fs::open(&device, OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty())?;
-        let mut settings = tcgetattr(&far)?;
-        settings.make_raw();
-        tcsetattr(&far, OptionalActions::Now, &settings)?;
+        raw(&far)?;
         fcntl_setfl(&near, OFlags::RDWR | OFlags::NONBLOCK)?;
 
         if fs::read_link(link).is_ok_and(|target| target.starts_with("/dev/pts")) {
@@ -54,21 +52,7 @@ impl SerialPort {
         let client =
             Arc::new(Client::new(link.display().to_string(), Box::new(Slcan::default()), TooSlow::HangUp, report));
         let port = hub.attach(client.clone());
-        let (near, far) = (Arc::new(near), Arc::new(far));
-        let (reader, reads, kept) = (client.clone(), near.clone(), far.clone());
-        thread::spawn(move || {
-            let mut bytes = [0; 4096];
-            while !reader.ended() {
-                match ready(&reads, PollFlags::IN).and_then(|()| rustix::io::read(&reads, &mut bytes)) {
-                    Ok(length) => reader.receive(&bytes[..length], &port),
-                    Err(Errno::AGAIN | Errno::INTR) => {}
-                    Err(_) => reader.end(),
-                }
-            }
-            drop(kept);
-        });
-        let writer = client.clone();
-        thread::spawn(move || writer.write_to(|chunk| write(&near, &far, chunk)));
+        converse(client.clone(), port, Arc::new(near), Arc::new(far));
         Ok(SerialPort { client, device, link: link.into() })
     }
 
@@ -86,6 +70,48 @@ impl Drop for SerialPort {
             let _ = fs::remove_file(&self.link);
         }
     }
+}
+
+/// Joins a bus behind the adapter at a serial port. How fast the serial line is matters to none on USB.
+pub(crate) fn connect(
+    hub: &Hub,
+    device: &Path,
+    protocol: Box<dyn Protocol>,
+    report: &Report,
+) -> io::Result<Arc<Client>> {
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
+    let line = Arc::new(rustix::fs::open(device, flags, Mode::empty())?);
+    raw(&*line)?;
+    let client = Arc::new(Client::new(device.display().to_string(), protocol, TooSlow::HangUp, report.clone()));
+    let port = hub.attach(client.clone());
+    converse(client.clone(), port, line.clone(), line);
+    Ok(client)
+}
+
+/// Bytes as they are: no echo, no lines.
+fn raw(fd: impl AsFd) -> io::Result<()> {
+    let mut settings = tcgetattr(&fd)?;
+    settings.make_raw();
+    Ok(tcsetattr(&fd, OptionalActions::Now, &settings)?)
+}
+
+/// Leads a conversation by two threads. `far`: where what has not been read waits.
+fn converse(client: Arc<Client>, port: Port, near: Arc<OwnedFd>, far: Arc<OwnedFd>) {
+    let (reader, reads, kept) = (client.clone(), near.clone(), far.clone());
+    thread::spawn(move || {
+        let mut bytes = [0; 4096];
+        while !reader.ended() {
+            match ready(&reads, PollFlags::IN).and_then(|()| rustix::io::read(&reads, &mut bytes)) {
+                // The adapter is gone.
+                Ok(0) => reader.end(),
+                Ok(length) => reader.receive(&bytes[..length], &port),
+                Err(Errno::AGAIN | Errno::INTR) => {}
+                Err(_) => reader.end(),
+            }
+        }
+        drop(kept);
+    });
+    thread::spawn(move || client.write_to(|chunk| write(&near, &far, chunk)));
 }
 
 /// Waits until a file can be read or written; `AGAIN` when it could not for a while.

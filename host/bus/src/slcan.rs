@@ -20,7 +20,8 @@ use std::time::Duration;
 /// The longest command: `T`, identifier, length, 8 bytes.
 const LONGEST: usize = 1 + 8 + 1 + 16;
 const YES: &[u8] = b"\r";
-const NO: &[u8] = b"\x07";
+const NO_ANSWER: u8 = 7;
+const NO: &[u8] = &[NO_ANSWER];
 
 /// Whether frames pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -95,6 +96,53 @@ impl Slcan {
                 _ => out.put(NO),
             },
         }
+    }
+}
+
+/// The calling side: a program that joins a bus behind an adapter, or behind a server of [`Slcan`].
+#[derive(Debug)]
+pub struct Caller {
+    greeting: &'static str,
+    line: Vec<u8>,
+}
+
+impl Caller {
+    /// Opens the channel at this bit rate, bit/s; `None` when no letter of slcan stands for it.
+    pub fn new(bit_rate: u32) -> Option<Caller> {
+        // The empty line ends what a caller before may have left; the adapter may be open still.
+        let greeting = match bit_rate {
+            1_000_000 => "\rC\rS8\rO\r",
+            500_000 => "\rC\rS6\rO\r",
+            250_000 => "\rC\rS5\rO\r",
+            125_000 => "\rC\rS4\rO\r",
+            _ => return None,
+        };
+        Some(Caller { greeting, line: Vec::new() })
+    }
+}
+
+impl Protocol for Caller {
+    fn greeting(&self) -> &'static str {
+        self.greeting
+    }
+
+    fn receive(&mut self, bytes: &[u8], _: &mut Outgoing, frames: &mut Vec<Frame>) {
+        for &byte in bytes {
+            match byte {
+                // Answers end alike, and are no frames.
+                b'\r' | NO_ANSWER => frames.extend(frame(&std::mem::take(&mut self.line))),
+                byte if self.line.len() <= LONGEST => self.line.push(byte),
+                _ => {}
+            }
+        }
+    }
+
+    fn frame(&mut self, frame: &Frame, _: Duration, out: &mut Outgoing) {
+        out.put(line(frame).as_bytes());
+    }
+
+    fn hang_up(&mut self) {
+        self.line.clear();
     }
 }
 
@@ -273,6 +321,33 @@ mod tests {
         assert_eq!(say(&mut slcan, &[b't'; 1_000_000]), (vec![], vec![]));
         assert!(slcan.line.capacity() < 100);
         assert_eq!(say(&mut slcan, b"\rt1230\r").0, b"\x07z\r");
+    }
+
+    #[test]
+    fn both_sides_understand_each_other() {
+        let (mut caller, mut server) = (Caller::new(1_000_000).unwrap(), Slcan::default());
+        assert_eq!(say(&mut server, caller.greeting().as_bytes()).0, [YES; 4].concat());
+        let frame = Frame::new(ExtendedId::new(0x1234567).unwrap(), &[1, 0xAB]).unwrap();
+        let mut out = Outgoing::default();
+        caller.frame(&frame, Duration::ZERO, &mut out);
+        let (answer, sent) = say(&mut server, out.bytes());
+        assert_eq!(sent, [frame]);
+        let mut back = Outgoing::default();
+        server.frame(&frame, Duration::ZERO, &mut back);
+        let mut came = Vec::new();
+        for byte in [&answer, NO, back.bytes()].concat() {
+            caller.receive(&[byte], &mut Outgoing::default(), &mut came);
+        }
+        assert_eq!(came, [frame], "and no answer is taken for a frame");
+        assert!(Caller::new(800_000).is_none());
+    }
+
+    #[test]
+    fn an_adapter_that_never_ends_its_line_takes_no_memory() {
+        let mut caller = Caller::new(500_000).unwrap();
+        let mut frames = Vec::new();
+        caller.receive(&[b't'; 100_000], &mut Outgoing::default(), &mut frames);
+        assert!(caller.line.capacity() < 100 && frames.is_empty());
     }
 
     proptest! {

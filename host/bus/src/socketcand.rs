@@ -13,6 +13,8 @@ use std::time::Duration;
 
 /// The longest message: `send`, 29-bit identifier, length and 8 bytes, with room for more blanks than usual.
 const LONGEST: usize = 128;
+/// Bytes that may wait for the server's greeting.
+const EARLY: usize = 1 << 14;
 const OK: &[u8] = b"< ok >";
 /// Time between the answer to `rawmode` and the first frame: clients read the answer without looking for its end, and a
 /// frame glued to it would be taken for a wrong answer.
@@ -97,6 +99,92 @@ impl Socketcand {
     }
 }
 
+/// The calling side: a program that joins a bus behind a server of socketcand.
+#[derive(Debug)]
+pub struct Caller {
+    bus: String,
+    /// Answers still missing before frames pass.
+    steps: u8,
+    message: Option<Vec<u8>>,
+    /// What was to be sent before that.
+    early: Vec<u8>,
+}
+
+impl Caller {
+    /// Opens the bus of this name, as the server calls it.
+    pub fn new(bus: &str) -> Caller {
+        Caller { bus: bus.into(), steps: 3, message: None, early: Vec::new() }
+    }
+
+    fn answered(&mut self, message: &str, out: &mut Outgoing, frames: &mut Vec<Frame>) {
+        let words: Vec<&str> = message.split_ascii_whitespace().take(12).collect();
+        match (self.steps, words.as_slice()) {
+            (3, ["hi"]) => out.put(format!("< open {} >", self.bus).as_bytes()),
+            (2, ["ok"]) => out.put(b"< rawmode >"),
+            (1, ["ok"]) => out.put(&std::mem::take(&mut self.early)),
+            (0, ["frame", id, _time, data @ ..]) => {
+                frames.extend(came(id, &data.concat()));
+                return;
+            }
+            _ => return,
+        }
+        self.steps -= 1;
+    }
+}
+
+impl Protocol for Caller {
+    fn receive(&mut self, bytes: &[u8], out: &mut Outgoing, frames: &mut Vec<Frame>) {
+        for &byte in bytes {
+            match (byte, &mut self.message) {
+                (b'<', message) => *message = Some(Vec::new()),
+                (b'>', message) => {
+                    if let Some(message) = message.take() {
+                        self.answered(&String::from_utf8_lossy(&message), out, frames);
+                    }
+                }
+                (byte, Some(message)) if message.len() <= LONGEST => message.push(byte),
+                _ => {}
+            }
+        }
+    }
+
+    fn frame(&mut self, frame: &Frame, _: Duration, out: &mut Outgoing) {
+        // There are no requests for data in this protocol.
+        if frame.is_remote_frame() {
+            return;
+        }
+        let mut text = format!("< send {} {}", digits(frame.id()), frame.dlc());
+        for byte in frame.data() {
+            // A string takes everything.
+            let _ = write!(text, " {byte:02X}");
+        }
+        text += " >";
+        if self.steps == 0 {
+            out.put(text.as_bytes());
+        } else if self.early.len() < EARLY {
+            self.early.extend_from_slice(text.as_bytes());
+        }
+    }
+
+    fn hang_up(&mut self) {
+        self.message = None;
+    }
+}
+
+/// A frame from the words of `frame`: data without blanks.
+fn came(id: &str, data: &str) -> Option<Frame> {
+    let pairs: Option<Vec<&str>> = (0..data.len().div_ceil(2)).map(|at| data.get(2 * at..2 * at + 2)).collect();
+    let pairs = pairs?;
+    frame(id, &format!("{:x}", pairs.len()), &pairs)
+}
+
+fn digits(id: Id) -> String {
+    match id {
+        Id::Standard(id) => format!("{:03X}", id.as_raw()),
+        Id::Extended(id) => format!("{:08X}", id.as_raw()),
+    }
+}
+
 /// A frame from the words of `send`.
 fn frame(id: &str, length: &str, data: &[&str]) -> Option<Frame> {
     let extended = match id.len() {
@@ -112,10 +200,7 @@ fn frame(id: &str, length: &str, data: &[&str]) -> Option<Frame> {
 }
 
 fn message(frame: &Frame, now: Duration) -> String {
-    let id = match frame.id() {
-        Id::Standard(id) => format!("{:03X}", id.as_raw()),
-        Id::Extended(id) => format!("{:08X}", id.as_raw()),
-    };
+    let id = digits(frame.id());
     let mut message = format!("< frame {id} {}.{:06} ", now.as_secs(), now.subsec_micros());
     for byte in frame.data() {
         // A string takes everything.
@@ -209,6 +294,46 @@ mod tests {
         assert_eq!(say(&mut client, &[b'x'; 1_000_000]).0, "");
         assert!(client.message.as_ref().unwrap().capacity() <= 2 * LONGEST);
         assert_eq!(say(&mut client, b">< echo >").0, "< error message too long >< echo >");
+    }
+
+    #[test]
+    fn both_sides_understand_each_other_and_nothing_sent_early_is_lost() {
+        let (mut caller, mut server) = (Caller::new("can0"), Socketcand::default());
+        let frames = [
+            Frame::new(StandardId::new(0x601).unwrap(), &[0x40, 0, 0x10, 0, 0, 0, 0, 0xFF]).unwrap(),
+            Frame::new(ExtendedId::new(0x81).unwrap(), &[]).unwrap(),
+        ];
+        let mut out = Outgoing::default();
+        caller.frame(&frames[0], Duration::ZERO, &mut out);
+        assert_eq!(out.bytes(), b"", "the server has not greeted");
+        let (mut said, mut sent) = (server.greeting().to_owned(), Vec::new());
+        while !said.is_empty() {
+            let mut out = Outgoing::default();
+            caller.receive(said.as_bytes(), &mut out, &mut Vec::new());
+            let (answer, came) = say(&mut server, out.bytes());
+            sent.extend(came);
+            said = answer;
+        }
+        let mut out = Outgoing::default();
+        caller.frame(&frames[1], Duration::ZERO, &mut out);
+        sent.extend(say(&mut server, out.bytes()).1);
+        assert_eq!(sent, frames);
+        let (mut back, mut came) = (Outgoing::default(), Vec::new());
+        frames.iter().for_each(|frame| server.frame(frame, Duration::new(1, 2000), &mut back));
+        caller.receive(back.bytes(), &mut Outgoing::default(), &mut came);
+        assert_eq!(came, frames);
+    }
+
+    #[test]
+    fn a_server_that_sends_nonsense_is_no_frame() {
+        for text in
+            ["< frame 181 1.0 0 >", "< frame 181 1.0 xx >", "< frame 181 >", "< frame 181 1.0 112233445566778899 >"]
+        {
+            let mut caller = Caller { steps: 0, ..Caller::new("can0") };
+            let mut frames = Vec::new();
+            caller.receive(text.as_bytes(), &mut Outgoing::default(), &mut frames);
+            assert_eq!(frames, [], "{text}");
+        }
     }
 
     proptest! {

@@ -13,6 +13,8 @@ use std::time::{Duration, Instant};
 pub const CLIENTS: usize = 16;
 /// How long a client that has just hung up may take to leave its place.
 const LEAVES: Duration = Duration::from_millis(100);
+/// How long a server may take to accept a connection.
+const ANSWERS: Duration = Duration::from_secs(3);
 /// A report a second at the most, whatever clients do.
 const QUIET: Duration = Duration::from_secs(1);
 
@@ -115,22 +117,54 @@ fn admit(
             evicted = Some(idle.name().to_owned());
         }
     }
+    let name = format!("client {}", stream.peer_addr()?);
+    let client = converse(hub, stream, name, make(), report)?;
+    clients.push(Arc::downgrade(&client));
+    Ok(evicted)
+}
+
+/// Leads a conversation by two threads, until either side ends it.
+fn converse(
+    hub: &Hub,
+    stream: TcpStream,
+    name: String,
+    protocol: Box<dyn Protocol>,
+    report: &Report,
+) -> io::Result<Arc<Client>> {
     stream.set_nodelay(true)?;
     let (mut reads, mut writes, cuts) = (stream.try_clone()?, stream.try_clone()?, stream);
-    let name = format!("client {}", cuts.peer_addr()?);
     // The other side may have cut it already.
     let cut = Box::new(move || _ = cuts.shutdown(Shutdown::Both));
-    let client = Arc::new(Client::new(name, make(), TooSlow::Cut(cut), report.clone()));
-    clients.push(Arc::downgrade(&client));
+    let client = Arc::new(Client::new(name, protocol, TooSlow::Cut(cut), report.clone()));
     let port = hub.attach(client.clone());
-    let writer = client.clone();
+    let (writer, reader) = (client.clone(), client.clone());
     thread::spawn(move || writer.write_to(|chunk| writes.write_all(chunk.bytes)));
     thread::spawn(move || {
         let mut bytes = [0; 4096];
         while let Ok(length @ 1..) = reads.read(&mut bytes) {
-            client.receive(&bytes[..length], &port);
+            reader.receive(&bytes[..length], &port);
         }
-        client.end();
+        reader.end();
     });
-    Ok(evicted)
+    Ok(client)
+}
+
+/// Joins a bus that somebody else serves at `address`; the protocol is that of the calling side.
+///
+/// # Errors
+/// When nobody listens there.
+pub(crate) fn connect(
+    hub: &Hub,
+    address: &str,
+    protocol: Box<dyn Protocol>,
+    report: &Report,
+) -> io::Result<Arc<Client>> {
+    let mut failed = io::Error::from(io::ErrorKind::AddrNotAvailable);
+    for address in address.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, ANSWERS) {
+            Ok(stream) => return converse(hub, stream, address.to_string(), protocol, report),
+            Err(error) => failed = error,
+        }
+    }
+    Err(failed)
 }

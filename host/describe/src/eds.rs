@@ -136,7 +136,7 @@ fn access(d: &Declaration) -> &'static str {
 /// A unit with its factor, as in "0.01 V".
 pub fn scaled(unit: &'static str) -> (&'static str, &'static str) {
     match unit.split_once(' ') {
-        Some((factor, name)) if factor.starts_with(|first: char| first.is_ascii_digit()) => (factor, name),
+        Some((factor, name)) if factor.parse::<f64>().is_ok() => (factor, name),
         _ => ("1", unit),
     }
 }
@@ -198,6 +198,7 @@ mod tests {
         assert_eq!(scaled("0.01 V"), ("0.01", "V"));
         assert_eq!(scaled("50 us"), ("50", "us"));
         assert_eq!(scaled("counts/s"), ("1", "counts/s"));
+        assert_eq!(scaled("1/(V s)"), ("1", "1/(V s)"));
         assert_eq!(scaled(""), ("1", ""));
     }
 }

@@ -1,0 +1,320 @@
+// The page of the desk: views over one WebSocket. What a head means comes in words and units from the program.
+
+import { Trace } from "./trace.js";
+
+const $ = (id) => document.getElementById(id);
+const token = new URLSearchParams(location.search).get("token") ?? "";
+const traces = {
+  depth: new Trace($("trace-depth"), 0.05),
+  gap: new Trace($("trace-gap"), 20),
+  feed: new Trace($("trace-feed"), 20),
+};
+
+let socket = null;
+let me = 0, commander = null, node = null;
+let asked = new Map(), next = 1;
+let lines = [], file = null, differences = null;
+let surface = null, drawn = false;
+
+function connect() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  socket = new WebSocket(`${scheme}://${location.host}/session?token=${encodeURIComponent(token)}`);
+  socket.onmessage = (message) => take(JSON.parse(message.data));
+  socket.onclose = () => {
+    lost("The program is not there, or refuses this page. A head that was boring retreats by itself.");
+    commander = null;
+    for (const { fail } of asked.values()) fail(new Error("the program is gone"));
+    asked.clear();
+    show();
+    setTimeout(connect, 1000);
+  };
+}
+
+function ask(what) {
+  return new Promise((done, fail) => {
+    if (socket.readyState !== WebSocket.OPEN) return fail(new Error("the program is not there"));
+    asked.set(next, { done, fail });
+    socket.send(JSON.stringify({ id: next++, ...what }));
+  });
+}
+
+// A button's request: what is refused is shown.
+function want(what) {
+  return ask(what).catch((error) => {
+    say(error.message);
+    throw error;
+  });
+}
+
+function take(message) {
+  if (message.beat) {
+    // Not by a timer: those of a page in the background are slowed down.
+    if (commander === me) socket.send(JSON.stringify({ id: 0, do: "beat" }));
+  } else if (message.id) {
+    const waiting = asked.get(message.id);
+    asked.delete(message.id);
+    if (message.error !== undefined) waiting?.fail(new Error(message.error));
+    else waiting?.done(message.ok);
+  } else if (message.welcome) {
+    const { you, log, bus } = message.welcome;
+    me = you;
+    commander = message.welcome.commander;
+    $("bus").textContent = bus;
+    $("lost").hidden = true;
+    $("events").replaceChildren();
+    log.forEach(event);
+    show();
+    scan();
+  } else if ("commander" in message) {
+    commander = message.commander;
+    show();
+  } else if (message.sample) {
+    if (message.sample.node === node) sample(message.sample);
+  } else if (message.progress) {
+    if (message.progress.sample.node === node) progress(message.progress);
+  } else if (message.event) {
+    event(message.event);
+  } else if (message.ended) {
+    ended(message.ended);
+  } else if (message.gone) {
+    if (message.gone.node === node) lost(message.gone.why);
+  } else if (message.error) {
+    say(message.error);
+  }
+}
+
+function lost(why) {
+  $("lost").textContent = why;
+  $("lost").hidden = false;
+}
+
+function say(text) {
+  $("said").textContent = text;
+  $("doing").textContent = text;
+}
+
+function show() {
+  const mine = commander === me;
+  $("command").textContent = mine ? "Give command back" : "Take command";
+  $("command").disabled = !mine && commander !== null;
+  $("session").textContent = mine ? "This session commands."
+    : commander === null ? "Nobody commands." : `Session ${commander} commands, this one watches.`;
+  document.body.classList.toggle("watching", !mine);
+  for (const button of document.querySelectorAll("#bore *, [data-wish], #reset, #save, #import, #list input, #list select")) {
+    button.disabled = !mine || node === null;
+  }
+}
+
+async function scan() {
+  $("found").replaceChildren(item("li", "Looking ..."));
+  const found = await ask({ do: "heads" }).catch((error) => lost(error.message)) ?? [];
+  const list = found.map(({ node: id, card, now, why_not }) => {
+    const line = item("li", "");
+    if (!card) {
+      line.append(why_not);
+      return line;
+    }
+    const choose = item("button", `Node ${id}`);
+    choose.onclick = () => choose_head(id, card);
+    const fault = now.fault_number ? `; ${now.fault}` : "";
+    line.append(choose, ` ${card.name}, hardware ${card.hardware}, software ${card.software}, serial number ${card.serial}: `
+      + `${now.state}, ${now.homed ? `at ${now.position_mm.toFixed(3)} mm` : "not homed"}${fault}`);
+    return line;
+  });
+  $("found").replaceChildren(...list.length ? list : [item("li", "Nobody answers: are the heads powered, and at this bit rate?")]);
+  const heads = found.filter((one) => one.card);
+  if (heads.length && !heads.some((one) => one.node === node)) choose_head(heads[0].node, heads[0].card);
+}
+
+function choose_head(id, card) {
+  if (node === id) return;
+  node = id;
+  lines = [];
+  differences = null;
+  surface = null;
+  $("head").textContent = `node ${id}`;
+  $("head").title = `${card.name}, serial number ${card.serial}`;
+  Object.values(traces).forEach((trace) => trace.clear());
+  show();
+  if (location.hash === "#settings") read();
+}
+
+function sample(now) {
+  $("state").textContent = now.state;
+  $("state").dataset.state = now.state;
+  $("fault").hidden = now.fault_number === 0;
+  $("fault").firstElementChild.textContent = `Fault: ${now.fault}`;
+  $("position").textContent = now.homed ? `${now.position_mm.toFixed(3)} mm` : "not homed";
+  const depth = surface === null ? null : now.position_mm - surface;
+  $("depth").textContent = depth === null ? "surface not known" : `${depth.toFixed(3)} mm`;
+  $("gap").textContent = `${now.gap_v.toFixed(1)} V`;
+  $("wanted").textContent = `${now.setpoint_v.toFixed(1)} V`;
+  $("lost").hidden = true;
+  $("feed").textContent = `${now.feed_um_s.toFixed(0)} um/s`;
+  $("shorts").textContent = now.shorts;
+  const at = performance.now();
+  traces.depth.add(at, depth ?? now.position_mm);
+  traces.gap.add(at, now.gap_v);
+  traces.gap.target = now.setpoint_v;
+  traces.feed.add(at, now.feed_um_s);
+  if (!drawn) requestAnimationFrame(draw);
+  drawn = true;
+}
+
+function draw() {
+  drawn = false;
+  if (!$("run").hidden) Object.values(traces).forEach((trace) => trace.draw());
+}
+
+function progress(run) {
+  if (run.depth_mm !== null && surface === null) {
+    surface = run.sample.position_mm - run.depth_mm;
+    traces.depth.clear();
+  }
+  if (run.depth_mm === null) surface = null;
+  sample(run.sample);
+  traces.depth.target = run.depth_mm === null ? null : run.target_mm;
+  $("doing").textContent = run.depth_mm === null ? run.doing
+    : `${run.doing}: ${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`;
+  $("progress").value = Math.max(0, (run.depth_mm ?? 0) / run.target_mm);
+  $("time").textContent = `${run.seconds.toFixed(0)} s`;
+}
+
+function ended({ outcome, failed }) {
+  if (outcome) {
+    $("doing").textContent = `${outcome.reached ? "Bored" : "Ended"}: ${outcome.depth_mm.toFixed(3)} of ${outcome.target_mm} mm by the electrode`
+      + ` in ${outcome.seconds.toFixed(0)} s; the hole is deeper by the gap. ${outcome.why}.`;
+    $("progress").value = outcome.reached ? 1 : Math.max(0, outcome.depth_mm / outcome.target_mm);
+  } else {
+    $("doing").textContent = failed;
+  }
+}
+
+function event({ unix_ms, node: from, what }) {
+  const line = item("li", "");
+  line.append(item("time", new Date(unix_ms).toLocaleTimeString("en-GB")), ` node ${from}: ${what}`);
+  $("events").prepend(line);
+  while ($("events").childElementCount > 1000) $("events").lastElementChild.remove();
+}
+
+async function read() {
+  if (node === null) return;
+  lines = await want({ do: "settings", node });
+  list();
+}
+
+function list() {
+  const word = $("search").value.toLowerCase();
+  const other = new Map((differences ?? []).map((one) => [one.key, one]));
+  $("file-column").hidden = differences === null;
+  const rows = lines
+    .filter((line) => differences === null || other.has(line.key))
+    .filter((line) => !$("changed").checked || line.changed)
+    .filter((line) => `${line.key} ${line.doc}`.toLowerCase().includes(word))
+    .map((line) => {
+      const row = item("tr", "");
+      row.classList.toggle("changed", line.changed);
+      const name = item("td", "");
+      name.append(item("code", line.key), item("small", line.doc));
+      const value = item("td", "");
+      value.className = "value";
+      value.append(field(line), ` ${line.unit}`);
+      row.append(name, value);
+      if (differences !== null) row.append(item("td", String(other.get(line.key).file)));
+      row.append(item("td", `${line.allowed}; default ${line.default ?? "unknown"}`));
+      return row;
+    });
+  $("list").replaceChildren(...rows);
+  show();
+}
+
+function field(line) {
+  const words = typeof line.value === "string" ? line.allowed.split(", ") : typeof line.value === "boolean" ? ["true", "false"] : null;
+  const input = document.createElement(words ? "select" : "input");
+  if (words) input.append(...words.map((word) => new Option(word, word)));
+  input.value = String(line.value);
+  input.setAttribute("aria-label", line.key);
+  input.onchange = async () => {
+    const written = await want({ do: "set", node, assignments: [`${line.key}=${input.value}`] }).catch(() => null);
+    if (written) {
+      $("said").textContent = `${line.key} = ${input.value}${written.check_again ? "; the guided check has to pass again" : ""}`;
+    }
+    await read();
+  };
+  return input;
+}
+
+function item(name, text) {
+  const element = document.createElement(name);
+  element.textContent = text;
+  return element;
+}
+
+function view() {
+  const name = location.hash.slice(1) || "heads";
+  for (const section of document.querySelectorAll("main > section")) section.hidden = section.id !== name;
+  for (const link of document.querySelectorAll("nav a")) link.classList.toggle("here", link.hash === `#${name}`);
+  if (name === "settings") read().catch(() => {});
+  draw();
+}
+
+function stop() {
+  if (node !== null) want({ do: "stop", node }).then((now) => say(now.stopped), () => {});
+}
+
+$("stop").onclick = stop;
+addEventListener("keydown", (key) => {
+  if (key.key === "Escape") {
+    key.preventDefault();
+    stop();
+  }
+}, true);
+$("command").onclick = () => want({ do: "command", take: commander !== me }).catch(() => {});
+$("reset").onclick = () => want({ do: "reset", node }).catch((error) => lost(error.message));
+$("scan").onclick = scan;
+$("bore").onsubmit = (submit) => {
+  submit.preventDefault();
+  const form = new FormData($("bore"));
+  const number = (name) => (form.get(name) === "" ? null : Number(form.get(name)));
+  surface = null;
+  const hole = { depth_mm: number("depth"), surface_mm: number("surface"), height_mm: number("height") };
+  want({ do: "bore", node, hole }).catch(() => {});
+};
+for (const button of document.querySelectorAll("[data-wish]")) {
+  button.onclick = () => want({ do: "wish", wish: button.dataset.wish }).catch(() => {});
+}
+$("search").oninput = list;
+$("changed").onchange = list;
+$("read").onclick = () => {
+  file = differences = null;
+  $("import").hidden = true;
+  read().catch(() => {});
+};
+$("save").onclick = () => want({ do: "save", node }).then(() => { $("said").textContent = "The head keeps what it has."; }, () => {});
+$("export").onclick = () => {
+  const link = document.createElement("a");
+  link.href = `settings.toml?node=${node}&token=${encodeURIComponent(token)}`;
+  link.download = `node-${node}.toml`;
+  link.click();
+};
+$("compare").onchange = async (change) => {
+  const [chosen] = change.target.files;
+  if (!chosen) return;
+  const text = await chosen.text();
+  change.target.value = "";
+  differences = await want({ do: "compare", node, text }).catch(() => null);
+  file = differences?.length ? text : null;
+  $("import").hidden = file === null;
+  if (differences) $("said").textContent = differences.length ? `${differences.length} settings differ from ${chosen.name}.` : "No difference.";
+  list();
+};
+$("import").onclick = async () => {
+  const written = await want({ do: "import", node, text: file }).catch(() => null);
+  if (!written) return;
+  $("said").textContent = `${written.changed.length} settings changed${written.check_again ? "; the guided check has to pass again" : ""}.`;
+  $("read").onclick();
+};
+addEventListener("hashchange", view);
+view();
+show();
+connect();

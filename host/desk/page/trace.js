@@ -1,0 +1,98 @@
+// A trace over the last minute on a canvas: values as they come, the scale as they need it.
+
+const SPAN_MS = 60_000;
+const MARGIN = { left: 56, right: 8, top: 8, bottom: 20 };
+
+export class Trace {
+  constructor(canvas, least) {
+    this.canvas = canvas;
+    // The scale spans this much at the least: noise does not fill the picture.
+    this.least = least;
+    this.points = [];
+    this.target = null;
+    new ResizeObserver(() => this.draw()).observe(canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+  }
+
+  add(at, value) {
+    if (!Number.isFinite(value)) return;
+    const last = this.points.at(-1);
+    if (last && at < last.at) this.points = [];
+    this.points.push({ at, value });
+    while (this.points[0].at < at - SPAN_MS) this.points.shift();
+  }
+
+  clear() {
+    this.points = [];
+  }
+
+  draw() {
+    const { canvas, points } = this;
+    const width = canvas.clientWidth, height = canvas.clientHeight;
+    if (!width || !height) return;
+    const scale = devicePixelRatio || 1;
+    canvas.width = width * scale;
+    canvas.height = height * scale;
+    const g = canvas.getContext("2d");
+    g.scale(scale, scale);
+    const style = getComputedStyle(canvas);
+    const colour = (name) => style.getPropertyValue(name).trim();
+    const values = points.map((point) => point.value);
+    if (!values.length) values.push(this.target ?? 0);
+    // A short spike does not decide the scale: it is cut off.
+    values.sort((a, b) => a - b);
+    const spikes = Math.floor(values.length / 50);
+    let low = values[spikes], high = values.at(-1 - spikes);
+    if (this.target !== null) [low, high] = [Math.min(low, this.target), Math.max(high, this.target)];
+    const lack = Math.max(this.least - (high - low), 0.1 * (high - low));
+    low -= lack / 2;
+    high += lack / 2;
+    const step = nice((high - low) / 4);
+    const end = points.length ? points.at(-1).at : SPAN_MS;
+    const x = (at) => MARGIN.left + (1 - (end - at) / SPAN_MS) * (width - MARGIN.left - MARGIN.right);
+    const y = (value) => MARGIN.top + (high - value) / (high - low) * (height - MARGIN.top - MARGIN.bottom);
+    g.font = style.font;
+    g.fillStyle = colour("--quiet");
+    g.strokeStyle = colour("--line");
+    g.lineWidth = 1;
+    g.textAlign = "right";
+    g.textBaseline = "middle";
+    const digits = Math.max(0, -Math.floor(Math.log10(step)));
+    for (let value = Math.ceil(low / step) * step; value <= high; value += step) {
+      line(g, MARGIN.left, y(value), width - MARGIN.right, y(value));
+      g.fillText((Math.abs(value) < step / 2 ? 0 : value).toFixed(digits), MARGIN.left - 6, y(value));
+    }
+    g.textAlign = "center";
+    for (let seconds = 0; seconds <= 60; seconds += 10) {
+      const at = x(end - 1000 * seconds);
+      g.fillText(seconds ? `-${seconds} s` : "now", Math.min(at, width - 18), height - 8);
+    }
+    if (this.target !== null) {
+      g.strokeStyle = colour("--target");
+      g.setLineDash([6, 4]);
+      line(g, MARGIN.left, y(this.target), width - MARGIN.right, y(this.target));
+      g.setLineDash([]);
+    }
+    g.beginPath();
+    g.rect(MARGIN.left, 0, width - MARGIN.left - MARGIN.right, height - MARGIN.bottom);
+    g.clip();
+    g.strokeStyle = colour("--trace");
+    g.lineWidth = 1.5;
+    g.beginPath();
+    for (const point of points) g.lineTo(x(point.at), y(point.value));
+    g.stroke();
+  }
+}
+
+function line(g, x0, y0, x1, y1) {
+  g.beginPath();
+  g.moveTo(x0, y0);
+  g.lineTo(x1, y1);
+  g.stroke();
+}
+
+// 1, 2 or 5 times a power of ten.
+function nice(step) {
+  const power = 10 ** Math.floor(Math.log10(step));
+  return power * ([1, 2, 5].find((digit) => digit * power >= step) ?? 10);
+}

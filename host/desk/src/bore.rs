@@ -1,0 +1,359 @@
+//! A hole, from a disabled head to a disabled head.
+//!
+//! The head is watched and watches (heartbeats both ways) before it is enabled. It takes where it rests for home if it has none,
+//! touches the work off with pulses off, goes back a little, and erodes to the depth; then it goes up and is disabled. A wish
+//! comes in between at any time. However this ends, pulses are off afterwards, or the error says that they may not be.
+
+use crate::Failure;
+use crate::bus::SILENCE;
+use crate::head::{Head, at, state, status};
+use crate::live::{Live, Sample};
+use serde::{Deserialize, Serialize};
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::time::{Duration, Instant};
+
+/// Time between two samples.
+pub const PERIOD: Duration = Duration::from_millis(50);
+/// Velocity of moves with pulses off, where the head allows it, mm/s.
+const TRAVEL_MM_S: f64 = 20.0;
+/// Why a wait ended when nothing went wrong.
+const ON_REQUEST: &str = "ended on request";
+/// Why [`Run::alive`] ends a run that nobody commands any more: the head is left to its own retreat.
+pub const GONE: &str = "whoever commanded it has gone";
+/// How long a head may take to notice that, beyond the silence that it allows.
+const NOTICES: Duration = Duration::from_secs(2);
+
+/// What is to be bored.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+pub struct Hole {
+    /// Depth below the surface, by the electrode, mm.
+    pub depth_mm: f64,
+    /// Where the surface is below home, mm; touched off when it is not given.
+    #[serde(default)]
+    pub surface_mm: Option<f64>,
+    /// Height above the surface at which pulses begin, mm.
+    #[serde(default = "height")]
+    pub height_mm: f64,
+}
+
+/// Default of [`Hole::height_mm`].
+pub const fn height() -> f64 {
+    0.2
+}
+
+impl Hole {
+    /// Whether it can be meant.
+    ///
+    /// # Errors
+    /// What is allowed.
+    pub fn check(&self) -> Result<(), Failure> {
+        for (name, value, low, high) in [
+            ("depth", Some(self.depth_mm), 0.001, 1000.0),
+            ("surface", self.surface_mm, -1000.0, 1000.0),
+            ("height", Some(self.height_mm), 0.05, 10.0),
+        ] {
+            if value.is_some_and(|value| !(low..=high).contains(&value)) {
+                let value = value.unwrap_or_default();
+                return Err(Failure::BadInput(format!("{name} {value} mm: must be a number from {low} to {high} mm")));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What somebody wants of a hole that is being bored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u8)]
+pub enum Wish {
+    /// Bore on.
+    Go = 0,
+    /// Pulses off, hold.
+    Pause = 1,
+    /// Pulses off, up to the height at which pulses began.
+    Back = 2,
+    /// Pulses off, up to where it started, disable.
+    Leave = 3,
+    /// Pulses off, disable where it is.
+    Stop = 4,
+}
+
+/// The newest wish; nothing takes back [`Wish::Leave`] but [`Wish::Stop`], and nothing that.
+#[derive(Debug, Default)]
+pub struct Wishes(AtomicU8);
+
+impl Wishes {
+    /// Wants something else.
+    pub fn want(&self, wish: Wish) {
+        let _ = self.0.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| {
+            (now < Wish::Leave as u8 || wish as u8 > now).then_some(wish as u8)
+        });
+    }
+
+    /// What is wanted.
+    pub fn now(&self) -> Wish {
+        match self.0.load(Ordering::Acquire) {
+            0 => Wish::Go,
+            1 => Wish::Pause,
+            2 => Wish::Back,
+            3 => Wish::Leave,
+            _ => Wish::Stop,
+        }
+    }
+}
+
+/// How far it is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Progress {
+    /// What is being done.
+    pub doing: &'static str,
+    /// What was wanted last.
+    pub wish: Wish,
+    /// Depth of the electrode below the surface, mm, once that is known.
+    pub depth_mm: Option<f64>,
+    /// Depth asked for, mm.
+    pub target_mm: f64,
+    /// Time since pulses began, s.
+    pub seconds: f64,
+    /// What the head does.
+    pub sample: Sample,
+}
+
+/// How it ended.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Whether the depth was reached.
+    pub reached: bool,
+    /// Deepest position of the electrode below the surface, mm.
+    pub depth_mm: f64,
+    /// Depth asked for, mm.
+    pub target_mm: f64,
+    /// Where the surface is below home, mm.
+    pub surface_mm: f64,
+    /// Time from the first pulse, s.
+    pub seconds: f64,
+    /// Why it ended, and what the head is now.
+    pub why: String,
+}
+
+/// Ends a run early: what was wanted, or what failed.
+enum End {
+    Wanted(Wish),
+    Failed(Failure),
+}
+
+impl<E: Into<Failure>> From<E> for End {
+    fn from(error: E) -> End {
+        End::Failed(error.into())
+    }
+}
+
+/// What a run goes by.
+pub struct Run<'a> {
+    /// The head.
+    pub head: &'a Head,
+    /// What it does.
+    pub live: &'a mut Live,
+    /// What is to be bored.
+    pub hole: Hole,
+    /// What is wanted meanwhile.
+    pub wishes: &'a Wishes,
+    /// Called 20 times a second and in every wait: says that this program goes on. An error ends the run.
+    pub alive: &'a dyn Fn() -> Result<(), Failure>,
+    /// Told how far it is.
+    pub told: &'a mut dyn FnMut(&Progress),
+}
+
+/// What the run has found out.
+#[derive(Default)]
+struct Place {
+    top: i64,
+    surface: Option<i64>,
+    began: Option<Instant>,
+    deepest: Option<f64>,
+}
+
+impl Run<'_> {
+    /// Bores.
+    ///
+    /// # Errors
+    /// What went wrong; the head is disabled or in a fault then, or the error says that it may not be.
+    pub fn execute(mut self) -> Result<Outcome, Failure> {
+        self.hole.check()?;
+        self.head.healthy().map_err(|fault| Failure::Failed(format!("a fault stands, reset it first: {fault}")))?;
+        let velocity = self.head.whole(at::PROFILE_VELOCITY)?;
+        let armed = self.head.arm()?;
+        self.live.expect_heartbeat();
+        let mut place = Place::default();
+        let ended = match self.bore(&mut place) {
+            // A wait was ended by a wish.
+            Err(End::Failed(Failure::Failed(why))) if why == ON_REQUEST => Err(End::Wanted(self.wishes.now())),
+            ended => ended,
+        };
+        // Up only where that is wanted and nothing has gone wrong: a head in doubt is left to its own reaction.
+        let up = match &ended {
+            Ok(_) | Err(End::Wanted(Wish::Leave)) => self.up(place.top),
+            _ => Ok(()),
+        };
+        let now = match &ended {
+            Err(End::Failed(Failure::Failed(why))) if why == GONE => self.abandon(),
+            _ => self.head.stop(),
+        };
+        // Not enabled any more; what the profile was is of no consequence to a head that does not answer.
+        let _ = self.head.set(at::PROFILE_VELOCITY, velocity);
+        armed.disarm();
+        let now =
+            now.map_err(|why| Failure::Failed(format!("{why}; it watches this program, and retreats by itself")))?;
+        let per_mm = self.live.counts_per_mm();
+        let surface_mm = place.surface.map_or(0.0, |counts| counts as f64 / per_mm);
+        let depth_mm = place.deepest.map_or(0.0, |deepest| deepest - surface_mm);
+        let (reached, why) = match ended {
+            Ok(why) => (true, why),
+            Err(End::Wanted(Wish::Stop)) => (false, "stopped".into()),
+            Err(End::Wanted(_)) => (false, ON_REQUEST.into()),
+            Err(End::Failed(failure)) => {
+                let depth =
+                    if place.began.is_some() { format!(" at a depth of {depth_mm:.3} mm") } else { String::new() };
+                return Err(Failure::Failed(format!("not bored{depth}: {failure}; {now}")));
+            }
+        };
+        let why = match up {
+            Ok(()) => format!("{why}; {now}"),
+            Err(_) => format!("{why}; it did not go up; {now}"),
+        };
+        let seconds = place.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
+        let micrometres = |mm: f64| (1000.0 * mm).round() / 1000.0;
+        let (depth_mm, surface_mm) = (micrometres(depth_mm), micrometres(surface_mm));
+        Ok(Outcome { reached, depth_mm, target_mm: self.hole.depth_mm, surface_mm, seconds, why })
+    }
+
+    /// Lets the heartbeat end: the head retreats along its path, and says what it is then. One that does not is stopped.
+    fn abandon(&self) -> Result<String, Failure> {
+        self.head.bus.keep_alive(Duration::ZERO);
+        let end = Instant::now() + SILENCE + NOTICES;
+        while Instant::now() < end {
+            let fault = self.head.whole(at::FAULT)? as u8;
+            if fault != 0 {
+                return Ok(crate::words::fault_line(fault));
+            }
+            std::thread::sleep(PERIOD);
+        }
+        self.head.stop()
+    }
+
+    fn up(&self, top: i64) -> Result<(), Failure> {
+        self.head.set(at::HOLD, 1)?;
+        self.head.set(at::ERODE, 0)?;
+        self.head.move_to(top, &mut || {
+            (self.alive)()?;
+            if self.wishes.now() == Wish::Stop { Err(Failure::Failed(ON_REQUEST.into())) } else { Ok(()) }
+        })
+    }
+
+    fn bore(&mut self, place: &mut Place) -> Result<String, End> {
+        let (head, hole) = (self.head, self.hole);
+        let per_mm = self.live.counts_per_mm();
+        let counts = |mm: f64| (mm * per_mm).round() as i64;
+        self.tell("enabling", place)?;
+        head.enable(&mut self.tick())?;
+        if head.whole(at::HOMED)? == 0 {
+            self.tell("taking the upper rest for home", place)?;
+            head.home_here(&mut self.tick())?;
+        }
+        place.top = head.whole(at::POSITION)?;
+        head.set(at::PROFILE_VELOCITY, counts(TRAVEL_MM_S))?;
+        let surface = match hole.surface_mm {
+            Some(mm) => counts(mm),
+            None => {
+                self.tell("touching the work off", place)?;
+                head.find_surface(&mut self.tick())?
+            }
+        };
+        place.surface = Some(surface);
+        self.tell("going to where pulses begin", place)?;
+        let height = surface - counts(hole.height_mm);
+        head.move_to(height, &mut self.tick())?;
+
+        let target = surface + counts(hole.depth_mm);
+        place.began = Some(Instant::now());
+        loop {
+            head.set(at::ERODE, 1)?;
+            head.start(target, &mut self.tick())?;
+            let wish = loop {
+                let wish = self.tell("eroding", place)?;
+                // Not of the sample: that may still be of the move before.
+                if head.status()? & status::REACHED != 0 {
+                    return Ok(self.ended()?);
+                }
+                if wish != Wish::Go {
+                    break wish;
+                }
+                std::thread::sleep(PERIOD);
+            };
+            // Pulses go off, the head holds.
+            head.set(at::ERODE, 0)?;
+            let mut up = false;
+            let doing = |up| if up { "waiting above the work" } else { "paused, pulses off" };
+            let mut wish = wish;
+            while wish != Wish::Go {
+                if wish == Wish::Back && !up {
+                    head.move_to(height, &mut self.tick())?;
+                    up = true;
+                }
+                wish = self.tell(doing(up), place)?;
+                std::thread::sleep(PERIOD);
+            }
+        }
+    }
+
+    /// What ended the erosion, as the head says it.
+    fn ended(&self) -> Result<String, Failure> {
+        let by = self.head.whole(at::STOPPED_BY)?;
+        let names = self.head.sheet.get(at::STOPPED_BY).map(|object| object.names()).unwrap_or_default();
+        Ok(names.get(&by).cloned().unwrap_or_else(|| "target reached".into()))
+    }
+
+    /// In waits: goes on, unless the end is wanted.
+    fn tick(&self) -> impl FnMut() -> Result<(), Failure> + use<'_> {
+        || {
+            (self.alive)()?;
+            match self.wishes.now() {
+                Wish::Leave | Wish::Stop => Err(Failure::Failed(ON_REQUEST.into())),
+                _ => Ok(()),
+            }
+        }
+    }
+
+    /// Takes a sample and tells it; what is wanted.
+    fn tell(&mut self, doing: &'static str, place: &mut Place) -> Result<Wish, End> {
+        (self.alive)()?;
+        let wish = self.wishes.now();
+        let sample = self.live.sample()?;
+        let per_mm = self.live.counts_per_mm();
+        let surface = place.surface.map(|counts| counts as f64 / per_mm);
+        if place.began.is_some() {
+            place.deepest = Some(place.deepest.unwrap_or(f64::MIN).max(sample.position_mm));
+        }
+        let progress = Progress {
+            doing,
+            wish,
+            depth_mm: surface.map(|surface| sample.position_mm - surface),
+            target_mm: self.hole.depth_mm,
+            seconds: place.began.map_or(0.0, |began| began.elapsed().as_secs_f64()),
+            sample,
+        };
+        (self.told)(&progress);
+        if progress.sample.fault_number != 0 {
+            return Err(End::Failed(Failure::Failed(progress.sample.fault)));
+        }
+        // Of now: who stops a head wishes so before it is disabled.
+        let wish = self.wishes.now();
+        if let Wish::Leave | Wish::Stop = wish {
+            return Err(End::Wanted(wish));
+        }
+        if place.began.is_some() && progress.sample.state_number == state::DISABLED {
+            return Err(End::Failed(Failure::Failed("somebody else has disabled the head".into())));
+        }
+        Ok(wish)
+    }
+}

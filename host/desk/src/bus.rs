@@ -1,0 +1,212 @@
+//! The desk's place on a bus: who waits for which frame, and the heartbeat that keeps a head going.
+//!
+//! One thread takes every frame as it comes: answers of SDO servers go to whoever asked, and all of them to whoever listens.
+//! The same thread sends this program's heartbeat, and only while somebody has lately said that it may
+//! ([`Bus::keep_alive`]): a head that watches it (1016h) retreats by itself when that ends, whatever has ended it.
+
+use crate::Failure;
+use edm_bus::client::Report;
+use edm_bus::mailbox::Mailbox;
+use edm_bus::way::Joined;
+use edm_bus::{Frame, Hub, Port, Way};
+use embedded_can::{Frame as _, Id, StandardId};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Period of this program's heartbeat.
+pub const BEAT: Duration = Duration::from_millis(100);
+/// The longest silence of either side.
+pub const SILENCE: Duration = Duration::from_millis(1000);
+/// Frames that may wait for a listener; one that does not take them loses the newest.
+const WAITING: usize = 4096;
+/// Nodes of a bus, 0 for none.
+const NODES: usize = 128;
+/// Operational, in a heartbeat (CiA 301 7.2.8.3.2).
+const OPERATIONAL: u8 = 5;
+
+/// A data frame with an 11-bit identifier.
+#[derive(Clone, Copy, Debug)]
+pub struct Heard {
+    /// When it was taken.
+    pub at: Instant,
+    /// Identifier.
+    pub id: u16,
+    frame: Frame,
+}
+
+impl Heard {
+    /// Content.
+    pub fn data(&self) -> &[u8] {
+        self.frame.data()
+    }
+}
+
+/// The bus. Clones are the same place on it.
+#[derive(Clone)]
+pub struct Bus(Arc<Place>);
+
+struct Place {
+    way: Way,
+    joined: Joined,
+    port: Port,
+    mailbox: Arc<Mailbox>,
+    /// Node-ID of the heartbeats.
+    host: u8,
+    /// By node: who waits for an answer of its SDO server.
+    asked: Vec<Mutex<Option<Sender<[u8; 8]>>>>,
+    /// By node: one conversation at a time.
+    turns: Vec<Mutex<()>>,
+    listeners: Mutex<Vec<SyncSender<Heard>>>,
+    alive_until: Mutex<Option<Instant>>,
+    stop: AtomicBool,
+}
+
+impl Bus {
+    /// Joins a bus. `host`: node-ID of this program's heartbeats.
+    ///
+    /// # Errors
+    /// When there is no such bus.
+    pub fn join(way: &Way, bit_rate: u32, host: u8, report: &Report) -> Result<Bus, Failure> {
+        let hub = Hub::default();
+        let mailbox = Arc::new(Mailbox::default());
+        let port = hub.attach(mailbox.clone());
+        let joined = way.join(&hub, bit_rate, report).map_err(|why| Failure::BadInput(format!("--bus {why}")))?;
+        let place = Arc::new(Place {
+            way: way.clone(),
+            joined,
+            port,
+            mailbox,
+            host,
+            asked: (0..NODES).map(|_| Mutex::default()).collect(),
+            turns: (0..NODES).map(|_| Mutex::default()).collect(),
+            listeners: Mutex::default(),
+            alive_until: Mutex::default(),
+            stop: AtomicBool::default(),
+        });
+        let (at_work, mailbox) = (Arc::downgrade(&place), place.mailbox.clone());
+        thread::spawn(move || {
+            let (mut frames, mut beat) = (Vec::new(), Instant::now());
+            loop {
+                mailbox.wait(Instant::now() + BEAT / 4);
+                let Some(place) = at_work.upgrade() else { return };
+                if place.stop.load(Ordering::Relaxed) {
+                    return;
+                }
+                mailbox.take(&mut frames);
+                frames.drain(..).for_each(|frame| place.dispatch(frame));
+                let now = Instant::now();
+                if beat <= now && lock(&place.alive_until).is_some_and(|until| now < until) {
+                    place.send(0x700 + u16::from(place.host), &[OPERATIONAL]);
+                    beat = now + BEAT;
+                }
+            }
+        });
+        Ok(Bus(place))
+    }
+
+    /// Sends a frame. More than 8 bytes or 11 bits are not sent.
+    pub fn send(&self, id: u16, data: &[u8]) {
+        self.0.send(id, data);
+    }
+
+    /// The heartbeat goes on for so long from now; zero ends it at once.
+    pub fn keep_alive(&self, time: Duration) {
+        *lock(&self.0.alive_until) = Some(Instant::now() + time);
+    }
+
+    /// Node-ID of the heartbeat.
+    pub fn host(&self) -> u8 {
+        self.0.host
+    }
+
+    /// Everything that is heard from now on.
+    pub fn listen(&self) -> Receiver<Heard> {
+        let (sender, receiver) = sync_channel(WAITING);
+        lock(&self.0.listeners).push(sender);
+        receiver
+    }
+
+    /// Whether the way onto the bus is gone.
+    pub fn lost(&self) -> bool {
+        self.0.joined.lost()
+    }
+
+    /// The way onto the bus, in words.
+    pub fn way(&self) -> String {
+        self.0.way.to_string()
+    }
+
+    /// Takes the turn to talk to a node's SDO server.
+    pub(crate) fn turn(&self, node: u8) -> Option<Turn<'_>> {
+        let turn = lock(self.0.turns.get(usize::from(node))?);
+        let (sender, answers) = channel();
+        *lock(self.0.asked.get(usize::from(node))?) = Some(sender);
+        Some(Turn { bus: self, node, answers, _turn: turn })
+    }
+}
+
+/// A conversation with a node's SDO server.
+pub(crate) struct Turn<'a> {
+    bus: &'a Bus,
+    node: u8,
+    answers: Receiver<[u8; 8]>,
+    _turn: MutexGuard<'a, ()>,
+}
+
+impl Turn<'_> {
+    pub fn say(&self, request: [u8; 8]) {
+        self.bus.send(0x600 + u16::from(self.node), &request);
+    }
+
+    pub fn hear(&self, patience: Duration) -> Option<[u8; 8]> {
+        self.answers.recv_timeout(patience).ok()
+    }
+}
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        if let Some(asked) = self.bus.0.asked.get(usize::from(self.node)) {
+            *lock(asked) = None;
+        }
+    }
+}
+
+impl Place {
+    fn send(&self, id: u16, data: &[u8]) {
+        if let Some(frame) = StandardId::new(id).and_then(|id| Frame::new(id, data)) {
+            self.port.send(&frame);
+        }
+    }
+
+    fn dispatch(&self, frame: Frame) {
+        let Id::Standard(id) = frame.id() else { return };
+        if frame.is_remote_frame() {
+            return;
+        }
+        let id = id.as_raw();
+        if let (0x581..=0x5FF, Ok(answer)) = (id, <[u8; 8]>::try_from(frame.data()))
+            && let Some(asked) = self.asked.get(usize::from(id & 0x7F))
+            && let Some(waits) = &*lock(asked)
+        {
+            // Who asked may have given up.
+            let _ = waits.send(answer);
+        }
+        let heard = Heard { at: Instant::now(), id, frame };
+        lock(&self.listeners).retain(|to| !matches!(to.try_send(heard), Err(TrySendError::Disconnected(_))));
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.mailbox.ring();
+    }
+}
+
+/// What a thread that panicked has left behind is still good: every change is one assignment.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,533 @@
+//! The commands. Each ends with one line that says what became of it, or with `--json` with one object.
+
+use crate::Failure;
+use crate::bore::{self, Hole, Outcome, Run, Wish, Wishes};
+use crate::bus::{Bus, SILENCE};
+use crate::head::{Card, Head, scan};
+use crate::live::{Event, Live, Sample};
+use crate::page::{self, Listen};
+use crate::sdo::{Address, SdoError};
+use crate::settings::{self, Setting};
+use crate::sheet::{Kind, Sheet};
+use clap::{Args, Parser, Subcommand};
+use edm_bus::Way;
+use serde::Serialize;
+use std::ffi::OsString;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Exit codes: it did not work; bad input, nothing was done.
+const FAILED: u8 = 1;
+const BAD_INPUT: u8 = 2;
+
+/// Heads of spark erosion machines: found, set, watched, bored with.
+#[derive(Debug, Parser)]
+#[command(name = "edm-desk", version, disable_help_subcommand = true)]
+struct Cli {
+    #[command(flatten)]
+    common: Common,
+    /// Without one: the page
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Common {
+    /// The bus: socket://HOST:PORT (slcan), a serial port (slcan), socketcand://HOST:PORT/can0, or an interface such as can0
+    #[arg(long, global = true, value_name = "BUS", default_value = "socket://127.0.0.1:3333")]
+    pub bus: Way,
+    /// Bit rate of an adapter behind slcan
+    #[arg(long, global = true, value_name = "BIT/S", default_value_t = 1_000_000, value_parser = bit_rate)]
+    pub bit_rate: u32,
+    /// Node-ID of the head
+    #[arg(long, global = true, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=127))]
+    pub node: u8,
+    /// Node-ID of this program's heartbeat
+    #[arg(long, global = true, value_name = "ID", default_value_t = 127, value_parser = clap::value_parser!(u8).range(1..=127))]
+    pub host_id: u8,
+    /// Description file of the head, when its program is not of this tree
+    #[arg(long, global = true, value_name = "FILE")]
+    pub eds: Option<PathBuf>,
+    /// One JSON object in the place of text; of `watch` and `log` one a line
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serves the page for a browser, until Ctrl-C
+    Page(Listen),
+    /// Lists the heads on the bus: who they are, what they do, which fault stands
+    Heads,
+    /// Shows, changes, keeps and compares settings
+    #[command(subcommand)]
+    Settings(Settings),
+    /// Shows what a head does, until Ctrl-C
+    Watch {
+        /// Ends after so many seconds
+        #[arg(long, value_name = "S", value_parser = seconds)]
+        seconds: Option<f64>,
+    },
+    /// Shows emergencies, faults, refusals and changes of state as they happen, until Ctrl-C
+    Log {
+        /// Ends after so many seconds
+        #[arg(long, value_name = "S", value_parser = seconds)]
+        seconds: Option<f64>,
+    },
+    /// Bores a hole: touches off, erodes to the depth, goes up, disables. Ctrl-C goes up and disables; a second one stops at once
+    Bore(BoreOptions),
+    /// Pulses off, hold, disable. This is no emergency stop: that is a switch at the machine
+    Stop,
+    /// Resets a fault whose cause is gone
+    Reset,
+    /// Reads or writes any object of the description file, in its unit as stored
+    Object {
+        /// As in docs/objects.md, 2005:1 for instance
+        address: Address,
+        /// What to write
+        #[arg(allow_hyphen_values = true)]
+        value: Option<String>,
+    },
+}
+
+#[derive(Debug, Subcommand)]
+enum Settings {
+    /// All of them, or those whose key or text has a word in it
+    List {
+        /// A word
+        word: Option<String>,
+        /// Those alone that differ from their default
+        #[arg(long)]
+        changed: bool,
+    },
+    /// The values of some
+    Get {
+        /// group.name
+        #[arg(required = true)]
+        keys: Vec<String>,
+    },
+    /// Changes some: all, or none
+    Set {
+        /// group.name=value
+        #[arg(required = true, value_name = "KEY=VALUE")]
+        assignments: Vec<String>,
+        #[command(flatten)]
+        save: Save,
+    },
+    /// Writes all to a file
+    Export {
+        /// Where
+        file: PathBuf,
+    },
+    /// Says where the head differs from a file
+    Compare {
+        /// The file
+        file: PathBuf,
+    },
+    /// Takes over what a file has: all, or nothing
+    Import {
+        /// The file
+        file: PathBuf,
+        #[command(flatten)]
+        save: Save,
+    },
+}
+
+#[derive(Debug, Args)]
+struct Save {
+    /// Let the head keep what it has now (1010h:3)
+    #[arg(long)]
+    save: bool,
+}
+
+#[derive(Debug, Args)]
+struct BoreOptions {
+    /// Depth of the electrode below the surface
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    depth: f64,
+    /// Where the surface is below home; touched off when not given
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    surface: Option<f64>,
+    /// Height above the surface at which pulses begin
+    #[arg(long, value_name = "MM", default_value_t = bore::height(), allow_hyphen_values = true)]
+    height: f64,
+}
+
+/// Runs a command line.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let cli = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli,
+        Err(error) if error.use_stderr() => {
+            // One line, as everywhere: what clap adds below is in --help.
+            let text = error.to_string();
+            let lines: Vec<&str> = text.lines().take_while(|line| !line.is_empty()).map(str::trim).collect();
+            eprintln!("{}", lines.join(" ").trim_start_matches("error: "));
+            return ExitCode::from(BAD_INPUT);
+        }
+        Err(help) => {
+            say(&help.to_string());
+            return ExitCode::SUCCESS;
+        }
+    };
+    match cli.run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("{failure}");
+            ExitCode::from(if matches!(failure, Failure::BadInput(_)) { BAD_INPUT } else { FAILED })
+        }
+    }
+}
+
+impl Cli {
+    fn run(&self) -> Result<(), Failure> {
+        let common = &self.common;
+        let sheet = common.sheet()?;
+        let page = Command::Page(Listen::default());
+        match self.command.as_ref().unwrap_or(&page) {
+            Command::Page(listen) => page::serve(listen, &common.join()?, &sheet),
+            Command::Heads => common.heads(&sheet),
+            Command::Settings(command) => common.settings(&sheet, command),
+            Command::Watch { seconds } => {
+                let end = end(*seconds);
+                let interrupted = interrupted(|| ())?;
+                let mut live = Live::new(&common.head(&sheet)?)?;
+                while Instant::now() < end && !interrupted() {
+                    let sample = live.sample()?;
+                    common.say(&sample, || watched(&sample));
+                    std::thread::sleep(Duration::from_millis(200));
+                }
+                Ok(())
+            }
+            Command::Log { seconds } => {
+                let end = end(*seconds);
+                let interrupted = interrupted(|| ())?;
+                let mut live = Live::new(&common.head(&sheet)?)?;
+                let began = Event::now(common.node, String::new()).unix_ms;
+                while Instant::now() < end && !interrupted() {
+                    live.sample()?;
+                    for event in live.events() {
+                        common.say(&event, || {
+                            let seconds = event.unix_ms.saturating_sub(began) as f64 / 1000.0;
+                            format!("{seconds:9.3} s  node {}  {}\n", event.node, event.what)
+                        });
+                    }
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+                Ok(())
+            }
+            Command::Bore(options) => common.bore(&sheet, options),
+            Command::Stop => {
+                let what = common.head(&sheet)?.stop()?;
+                common.say(&serde_json::json!({ "stopped": what }), || format!("{what}\n"));
+                Ok(())
+            }
+            Command::Object { address, value } => common.object(&sheet, *address, value.as_deref()),
+            Command::Reset => {
+                common.head(&sheet)?.reset()?;
+                common.say(&serde_json::json!({ "reset": true }), || "the fault is reset\n".into());
+                Ok(())
+            }
+        }
+    }
+}
+
+impl Common {
+    pub(crate) fn sheet(&self) -> Result<Arc<Sheet>, Failure> {
+        let Some(path) = &self.eds else { return Ok(Arc::new(Sheet::own().map_err(Failure::Failed)?)) };
+        let named = |why: String| Failure::BadInput(format!("--eds {}: {why}", path.display()));
+        let bytes = std::fs::read(path).map_err(|error| named(error.to_string()))?;
+        Ok(Arc::new(Sheet::parse(&String::from_utf8_lossy(&bytes)).map_err(named)?))
+    }
+
+    pub(crate) fn join(&self) -> Result<Bus, Failure> {
+        Bus::join(&self.bus, self.bit_rate, self.host_id, &(Arc::new(|text: &str| eprintln!("{text}")) as _))
+    }
+
+    fn head(&self, sheet: &Arc<Sheet>) -> Result<Head, Failure> {
+        Head::open(&self.join()?, self.node, sheet)
+    }
+
+    fn say(&self, value: &impl Serialize, text: impl FnOnce() -> String) {
+        if self.json {
+            // None of the types that are said can fail: their keys are strings.
+            say(&(serde_json::to_string(value).unwrap_or_default() + "\n"));
+        } else {
+            say(&text());
+        }
+    }
+
+    fn object(&self, sheet: &Arc<Sheet>, address: Address, value: Option<&str>) -> Result<(), Failure> {
+        let unknown =
+            || Failure::BadInput(format!("{address}: not in the description file; docs/objects.md lists all"));
+        let object = sheet.get(address).ok_or_else(unknown)?;
+        let new = value.map(|text| object.parse(text)).transpose().map_err(Failure::BadInput)?;
+        let head = self.head(sheet)?;
+        if let Some(bytes) = new.and_then(|value| object.encode(&value)) {
+            head.sdo.write(address, &bytes)?;
+        }
+        // A command cannot be read; a domain is long.
+        let bytes = match (object.kind, value) {
+            (Kind::Domain, _) => head.sdo.read_block(address)?,
+            (_, None) => head.sdo.read(address)?,
+            (_, Some(_)) => return Ok(()),
+        };
+        let value = object.decode(&bytes).ok_or(SdoError::Garbled(head.node, address))?;
+        let json = serde_json::Value::from(&value);
+        self.say(
+            &serde_json::json!({ "key": object.key, "value": json, "unit": object.unit, "factor": object.factor }),
+            || {
+                let scale = if object.factor == 1.0 { String::new() } else { format!("x {} ", object.factor) };
+                format!("{} = {value} {scale}{}\n", object.key, object.unit)
+            },
+        );
+        Ok(())
+    }
+
+    fn heads(&self, sheet: &Arc<Sheet>) -> Result<(), Failure> {
+        let bus = self.join()?;
+        let found = find(&bus, sheet);
+        if found.is_empty() {
+            let way = bus.way();
+            return Err(Failure::BadInput(format!(
+                "{way}: no node answers: are they powered, at this bit rate, named (examples/name_heads.py)?"
+            )));
+        }
+        self.say(&found, || found.iter().map(Found::text).collect());
+        Ok(())
+    }
+
+    fn settings(&self, sheet: &Arc<Sheet>, command: &Settings) -> Result<(), Failure> {
+        // What can be wrong without a head is found before anybody looks for one.
+        let (wanted, save) = match command {
+            Settings::Set { assignments, save } => {
+                (settings::assignments(sheet, assignments).map_err(Failure::BadInput)?, save.save)
+            }
+            Settings::Import { file, save } => (from_file(sheet, file)?, save.save),
+            Settings::Compare { file } => (from_file(sheet, file)?, false),
+            Settings::Get { keys } => {
+                keys.iter().try_for_each(|key| sheet.setting(key).map(|_| ())).map_err(Failure::BadInput)?;
+                (Vec::new(), false)
+            }
+            Settings::List { .. } | Settings::Export { .. } => (Vec::new(), false),
+        };
+        let head = self.head(sheet)?;
+        match command {
+            Settings::List { word, changed } => {
+                let all = settings::read_all(&head)?;
+                let word = word.as_deref().unwrap_or_default().to_lowercase();
+                let some: Vec<_> = all
+                    .iter()
+                    .filter(|setting| !changed || setting.changed())
+                    .filter(|Setting { object, .. }| {
+                        format!("{} {}", object.key, object.doc).to_lowercase().contains(&word)
+                    })
+                    .collect();
+                let lines: Vec<_> = some.iter().map(|setting| setting.line()).collect();
+                self.say(&lines, || some.iter().map(|setting| listed(setting)).collect());
+            }
+            Settings::Get { keys } => {
+                let mut lines = Vec::new();
+                for key in keys {
+                    let object = sheet.setting(key).map_err(Failure::BadInput)?;
+                    lines.push(settings::read(&head, object)?);
+                }
+                let values: Vec<_> = lines.iter().map(Setting::line).collect();
+                self.say(&values, || lines.iter().map(listed).collect());
+            }
+            Settings::Export { file } => {
+                let all = settings::read_all(&head)?;
+                std::fs::write(file, settings::file(&head.card, &all))
+                    .map_err(|error| Failure::BadInput(format!("{}: {error}", file.display())))?;
+                let (count, file) = (all.len(), file.display().to_string());
+                self.say(&serde_json::json!({ "file": file, "settings": count }), || {
+                    format!("{count} settings of node {} in {file}\n", head.node)
+                });
+            }
+            Settings::Compare { .. } => {
+                let all = settings::compare(&head, &wanted)?;
+                self.say(&all, || match all.len() {
+                    0 => format!("no difference in {} settings\n", wanted.len()),
+                    _ => all
+                        .iter()
+                        .map(|d| {
+                            let has = d.head.as_ref().map_or("not there".into(), ToString::to_string);
+                            format!("{:32} head {has}, file {} {}\n", d.key, d.file, d.unit)
+                        })
+                        .collect(),
+                });
+            }
+            Settings::Set { .. } | Settings::Import { .. } => {
+                let written = settings::write(&head, &wanted)?;
+                if save {
+                    head.store()?;
+                }
+                self.say(&written, || {
+                    let many = written.changed.len();
+                    let kept = if save { ", and kept" } else { "; `--save` keeps them over a reset" };
+                    let check = if written.check_again { "; the guided check has to pass again" } else { "" };
+                    format!("{many} of {} settings changed{kept}{check}\n", wanted.len())
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn bore(&self, sheet: &Arc<Sheet>, options: &BoreOptions) -> Result<(), Failure> {
+        let hole = Hole { depth_mm: options.depth, surface_mm: options.surface, height_mm: options.height };
+        hole.check()?;
+        let wishes = Arc::new(Wishes::default());
+        let asked = wishes.clone();
+        let _ = interrupted(move || {
+            // A second one does not wait for the way up.
+            asked.want(if asked.now() == Wish::Leave { Wish::Stop } else { Wish::Leave });
+        })?;
+        let head = self.head(sheet)?;
+        let mut live = Live::new(&head)?;
+        let bus = head.bus.clone();
+        let (mut doing, mut said) = ("", Instant::now());
+        let outcome = Run {
+            head: &head,
+            live: &mut live,
+            hole,
+            wishes: &wishes,
+            alive: &|| {
+                bus.keep_alive(SILENCE);
+                Ok(())
+            },
+            told: &mut |progress| {
+                if progress.doing != doing || said.elapsed() > Duration::from_secs(1) {
+                    (doing, said) = (progress.doing, Instant::now());
+                    // With --json stdout has the outcome alone.
+                    eprintln!("{}", on_the_way(progress));
+                }
+            },
+        }
+        .execute()?;
+        self.say(&outcome, || bored(&outcome));
+        if outcome.reached { Ok(()) } else { Err(Failure::Failed("the depth was not reached".into())) }
+    }
+}
+
+fn from_file<'a>(sheet: &'a Sheet, path: &Path) -> Result<Vec<Setting<'a>>, Failure> {
+    let named = |why: String| Failure::BadInput(format!("{}: {why}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| named(error.to_string()))?;
+    settings::parse(sheet, &text).map_err(named)
+}
+
+/// What answers at a node-ID.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Found {
+    /// Node-ID.
+    pub node: u8,
+    /// Who it is, if it is a head.
+    pub card: Option<Card>,
+    /// What it does.
+    pub now: Option<Sample>,
+    /// Why this program does not touch it.
+    pub why_not: Option<String>,
+}
+
+/// Looks for heads.
+pub fn find(bus: &Bus, sheet: &Arc<Sheet>) -> Vec<Found> {
+    let look = |node| {
+        let head = Head::open(bus, node, sheet)?;
+        let now = Live::new(&head)?.sample()?;
+        Ok::<_, Failure>((head.card, now))
+    };
+    let found = |node| match look(node) {
+        Ok((card, now)) => Found { node, card: Some(card), now: Some(now), why_not: None },
+        Err(why) => Found { node, card: None, now: None, why_not: Some(why.to_string()) },
+    };
+    scan(bus).into_iter().map(found).collect()
+}
+
+impl Found {
+    fn text(&self) -> String {
+        let (Some(card), Some(now)) = (&self.card, &self.now) else {
+            return format!("{}\n", self.why_not.as_deref().unwrap_or_default());
+        };
+        let fault = if now.fault_number == 0 { String::new() } else { format!("\n  fault   {}", now.fault) };
+        format!(
+            "node {}: {}, hardware {}, software {}, serial number {}\n  state   {}, {}{fault}\n",
+            card.node,
+            card.name,
+            card.hardware,
+            card.software,
+            card.serial,
+            now.state,
+            if now.homed { format!("at {:.3} mm", now.position_mm) } else { "not homed".into() },
+        )
+    }
+}
+
+fn listed(Setting { object, value }: &Setting<'_>) -> String {
+    let changed = match &object.default {
+        Some(default) if default != value => format!("  (default {default})"),
+        _ => String::new(),
+    };
+    format!("{:32} {value} {}{changed}\n    {} Allowed: {}.\n", object.key, object.unit, object.doc, object.allowed())
+}
+
+fn watched(now: &Sample) -> String {
+    let fault = if now.fault_number == 0 { String::new() } else { format!("  {}", now.fault) };
+    format!(
+        "{:8.1} s  {:16} {:9.3} mm  gap {:6.1} V (wanted {:.1} V)  feed {:7.1} um/s{fault}\n",
+        now.at_ms as f64 / 1000.0,
+        now.state,
+        now.position_mm,
+        now.gap_v,
+        now.setpoint_v,
+        now.feed_um_s
+    )
+}
+
+fn on_the_way(progress: &bore::Progress) -> String {
+    match progress.depth_mm {
+        Some(depth) if progress.seconds > 0.0 => format!(
+            "{:6.0} s  {}: {:.3} of {:.3} mm, gap {:.1} V",
+            progress.seconds, progress.doing, depth, progress.target_mm, progress.sample.gap_v
+        ),
+        _ => format!("          {}", progress.doing),
+    }
+}
+
+fn bored(outcome: &Outcome) -> String {
+    format!(
+        "{:.3} of {:.3} mm deep by the electrode, in {:.0} s; the hole is deeper by the gap. {}\n",
+        outcome.depth_mm, outcome.target_mm, outcome.seconds, outcome.why
+    )
+}
+
+/// Calls this at each Ctrl-C or end from outside; what it gives says whether there was one.
+fn interrupted(then: impl Fn() + Send + 'static) -> Result<impl Fn() -> bool, Failure> {
+    let flag = Arc::new(std::sync::atomic::AtomicBool::default());
+    let set = flag.clone();
+    ctrlc::set_handler(move || {
+        set.store(true, std::sync::atomic::Ordering::Relaxed);
+        then();
+    })
+    .map_err(|error| Failure::Failed(format!("Ctrl-C cannot be watched: {error}")))?;
+    Ok(move || flag.load(std::sync::atomic::Ordering::Relaxed))
+}
+
+fn end(seconds: Option<f64>) -> Instant {
+    Instant::now() + Duration::from_secs_f64(seconds.unwrap_or(1e9))
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=1e9).contains(seconds));
+    seconds.ok_or_else(|| "must be a number from 0 to 1000000000".into())
+}
+
+fn bit_rate(text: &str) -> Result<u32, String> {
+    let rate = text.parse().ok().filter(|rate| matches!(rate, 125_000 | 250_000 | 500_000 | 1_000_000));
+    rate.ok_or_else(|| "must be 125000, 250000, 500000 or 1000000".into())
+}
+
+/// Prints to stdout. A reader that has gone (`| head`) is no error.
+pub(crate) fn say(text: &str) {
+    let _ = std::io::stdout().write_all(text.as_bytes());
+}

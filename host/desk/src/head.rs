@@ -1,0 +1,514 @@
+//! One head: who it is, its values by address, its state machine (CiA 402), the watch that both sides keep on each other.
+
+use crate::bus::{BEAT, Bus, SILENCE};
+use crate::sdo::{Address, Sdo, SdoError};
+use crate::sheet::{Identity, Object, Sheet, Value};
+use crate::{Failure, words};
+use serde::Serialize;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How long a node may take to say that it is there.
+const THERE: Duration = Duration::from_millis(250);
+/// How long a state of the drive may take.
+const STATE: Duration = Duration::from_secs(3);
+/// The longest search for the surface.
+const SEARCH: Duration = Duration::from_secs(60);
+/// Time between two looks at something that is waited for.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// Objects that are used by their meaning. Their addresses never move (docs/canopen.md).
+pub mod at {
+    use super::Address;
+    /// What kind of device it is.
+    pub const DEVICE_TYPE: Address = Address(0x1000, 0);
+    /// Stores settings and profile.
+    pub const STORE_APPLICATION: Address = Address(0x1010, 3);
+    /// Period of the head's heartbeat, ms.
+    pub const PRODUCER: Address = Address(0x1017, 0);
+    /// Serial number.
+    pub const SERIAL: Address = Address(0x1018, 4);
+    /// State of the head.
+    pub const STATE: Address = Address(0x2000, 1);
+    /// Fault that stands.
+    pub const FAULT: Address = Address(0x2000, 2);
+    /// Why the state changed last.
+    pub const REASON: Address = Address(0x2000, 3);
+    /// Why a command was refused last.
+    pub const REFUSAL: Address = Address(0x2000, 4);
+    /// Absolute positions mean something.
+    pub const HOMED: Address = Address(0x2000, 5);
+    /// Commands refused, modulo 256.
+    pub const REFUSALS: Address = Address(0x2000, 7);
+    /// Set points are reached through the gap.
+    pub const ERODE: Address = Address(0x2001, 1);
+    /// Pulses off, hold.
+    pub const HOLD: Address = Address(0x2001, 2);
+    /// Where the electrode touched the work, counts.
+    pub const TOUCHED: Address = Address(0x2001, 6);
+    /// Which setting stands in the way of another.
+    pub const REFUSED_SETTING: Address = Address(0x2002, 1);
+    /// What ended the last erosion.
+    pub const STOPPED_BY: Address = Address(0x2003, 3);
+    /// Velocity that the gap asks for.
+    pub const FEED: Address = Address(0x2004, 7);
+    /// Gap voltage.
+    pub const GAP: Address = Address(0x2005, 1);
+    /// Gap voltage to keep.
+    pub const SETPOINT: Address = Address(0x2005, 5);
+    /// Open-circuit voltage.
+    pub const OPEN: Address = Address(0x2005, 6);
+    /// Retreats from a short.
+    pub const SHORTS: Address = Address(0x2006, 1);
+    /// Deepest position of the last erosion.
+    pub const DEEPEST: Address = Address(0x2006, 4);
+    /// Has the head find the surface of the work.
+    pub const FIND: Address = Address(0x2011, 1);
+    /// How that ended.
+    pub const FOUND: Address = Address(0x2011, 3);
+    /// The guided check has passed.
+    pub const COMMISSIONED: Address = Address(0x210C, 1);
+    /// Controlword.
+    pub const CONTROLWORD: Address = Address(0x6040, 0);
+    /// Statusword.
+    pub const STATUSWORD: Address = Address(0x6041, 0);
+    /// Mode of operation.
+    pub const MODE: Address = Address(0x6060, 0);
+    /// Position, counts.
+    pub const POSITION: Address = Address(0x6064, 0);
+    /// Target position, counts.
+    pub const TARGET: Address = Address(0x607A, 0);
+    /// Velocity of moves, counts/s.
+    pub const PROFILE_VELOCITY: Address = Address(0x6081, 0);
+    /// Encoder counts ...
+    pub const INCREMENTS: Address = Address(0x608F, 1);
+    /// ... in so many millimetres.
+    pub const MILLIMETRES: Address = Address(0x608F, 2);
+    /// Homing method.
+    pub const HOMING_METHOD: Address = Address(0x6098, 0);
+}
+
+/// States of 2000h:1.
+pub mod state {
+    /// The loop is open, pulses are off.
+    pub const DISABLED: u8 = 0;
+    /// A fault stands.
+    pub const FAULT: u8 = 8;
+}
+
+/// How a search for the surface stands, 2011h:3.
+mod search {
+    pub const UNDER_WAY: i64 = 1;
+    pub const FOUND: i64 = 2;
+}
+
+/// Bits of the statusword.
+pub mod status {
+    /// The target has been reached.
+    pub const REACHED: u16 = 1 << 10;
+    /// A set point has been taken; homing attained.
+    pub const TAKEN: u16 = 1 << 12;
+    /// Homing error.
+    pub const ERROR: u16 = 1 << 13;
+    /// State bits.
+    pub const MASK: u16 = 0x6F;
+}
+
+/// Who a head is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Card {
+    /// Node-ID.
+    pub node: u8,
+    /// Name of the product.
+    pub name: String,
+    /// Board.
+    pub hardware: String,
+    /// Version of its program.
+    pub software: String,
+    /// Serial number.
+    pub serial: u32,
+    /// Revision of its objects.
+    pub revision: u32,
+}
+
+/// Called again and again while something is waited for; an error ends the wait.
+pub type Tick<'a> = &'a mut dyn FnMut() -> Result<(), Failure>;
+
+/// A head on the bus, whose description file is at hand.
+#[derive(Clone)]
+pub struct Head {
+    /// The bus.
+    pub bus: Bus,
+    /// Its values.
+    pub sdo: Sdo,
+    /// Node-ID.
+    pub node: u8,
+    /// What its objects mean.
+    pub sheet: Arc<Sheet>,
+    /// Who it is.
+    pub card: Card,
+}
+
+impl Head {
+    /// Looks at who answers at a node-ID.
+    ///
+    /// # Errors
+    /// When nobody does, or another device, or one that this description file does not describe.
+    pub fn open(bus: &Bus, node: u8, sheet: &Arc<Sheet>) -> Result<Head, Failure> {
+        let sdo = Sdo::new(bus, node);
+        let kind = match sdo.probe(at::DEVICE_TYPE, THERE * 4) {
+            Err(SdoError::Silent(..)) => {
+                let way = bus.way();
+                return Err(Failure::BadInput(format!(
+                    "node {node}: nobody answers at {way}; `edm-desk heads` lists who does"
+                )));
+            }
+            answer => unsigned(&answer?),
+        };
+        if kind & 0xFFFF != 402 {
+            let what = format!("no servo drive (device profile {})", kind & 0xFFFF);
+            return Err(Failure::BadInput(format!("node {node}: {what}: this program does not touch it")));
+        }
+        let part = |sub| sdo.read(Address(0x1018, sub)).map(|bytes| unsigned(&bytes));
+        let identity = Identity { vendor: part(1)?, product: part(2)?, revision: part(3)? };
+        let known = sheet.identity;
+        if (identity.vendor, identity.product) != (known.vendor, known.product) {
+            return Err(Failure::BadInput(format!(
+                "node {node}: another device (vendor {:X}h, product {:X}h); the description file is of {} (vendor {:X}h, product {:X}h): give its own with --eds",
+                identity.vendor, identity.product, sheet.product, known.vendor, known.product
+            )));
+        }
+        if identity.revision != known.revision {
+            return Err(Failure::BadInput(format!(
+                "node {node}: its objects are revision {}, the description file is of revision {}: give that of its program with --eds",
+                identity.revision, known.revision
+            )));
+        }
+        let text = |index| -> Result<String, SdoError> {
+            Ok(String::from_utf8_lossy(&sdo.read(Address(index, 0))?).into_owned())
+        };
+        let card = Card {
+            node,
+            name: text(0x1008)?,
+            hardware: text(0x1009)?,
+            software: text(0x100A)?,
+            serial: unsigned(&sdo.read(at::SERIAL)?),
+            revision: identity.revision,
+        };
+        Ok(Head { bus: bus.clone(), sdo, node, sheet: sheet.clone(), card })
+    }
+
+    /// A whole number.
+    ///
+    /// # Errors
+    /// Those of the transfer.
+    pub fn whole(&self, address: Address) -> Result<i64, SdoError> {
+        let bytes = self.sdo.read(address)?;
+        let object = self.sheet.get(address).cloned().map(|object| Object { choices: Default::default(), ..object });
+        match object.and_then(|object| object.decode(&bytes)) {
+            Some(Value::Whole(number)) => Ok(number),
+            Some(Value::Flag(flag)) => Ok(flag.into()),
+            _ => Err(SdoError::Garbled(self.node, address)),
+        }
+    }
+
+    /// Writes a whole number, as long as its object is.
+    ///
+    /// # Errors
+    /// Those of the transfer.
+    pub fn set(&self, address: Address, number: i64) -> Result<(), SdoError> {
+        let bytes = self.sheet.get(address).and_then(|object| object.encode(&Value::Whole(number)));
+        self.sdo.write(address, &bytes.ok_or(SdoError::Garbled(self.node, address))?)
+    }
+
+    /// Encoder counts in a millimetre.
+    ///
+    /// # Errors
+    /// Those of the transfer.
+    pub fn counts_per_mm(&self) -> Result<f64, SdoError> {
+        Ok(self.whole(at::INCREMENTS)? as f64 / (self.whole(at::MILLIMETRES)? as f64).max(1.0))
+    }
+
+    /// The head watches this program, and this program the head, from now on.
+    ///
+    /// # Errors
+    /// When four others watch already, or the head refuses.
+    pub fn arm(&self) -> Result<Armed<'_>, Failure> {
+        let (mine, mut free) = (u32::from(self.bus.host()), None);
+        for sub in 1..=4 {
+            let watch = unsigned(&self.sdo.read(Address(0x1016, sub))?);
+            if watch >> 16 == mine || watch & 0xFFFF == 0 && free.is_none() {
+                free = Some(Address(0x1016, sub));
+            }
+            if watch >> 16 == mine {
+                break;
+            }
+        }
+        let Some(slot) = free else {
+            return Err(Failure::Failed(format!("node {}: it watches four other hosts already (1016h)", self.node)));
+        };
+        let beat = self.whole(at::PRODUCER)?;
+        self.bus.keep_alive(SILENCE);
+        self.sdo.write(slot, &(mine << 16 | SILENCE.as_millis() as u32).to_le_bytes())?;
+        self.set(at::PRODUCER, BEAT.as_millis() as i64)?;
+        self.bus.send(0, &[1, self.node]);
+        Ok(Armed { head: self, slot, beat })
+    }
+
+    /// Closes the loop where the head is.
+    ///
+    /// # Errors
+    /// Why it refuses, in words.
+    pub fn enable(&self, tick: Tick<'_>) -> Result<(), Failure> {
+        let before = self.whole(at::REFUSALS)?;
+        self.set(at::MODE, 1)?;
+        for (word, state) in [(0x06, 0x21), (0x07, 0x23), (0x0F, 0x27)] {
+            self.set(at::CONTROLWORD, word)?;
+            let reached = self.wait(STATE, tick, |head| {
+                head.refused(before)?;
+                Ok(head.status()? & status::MASK == state)
+            })?;
+            if !reached {
+                return Err(Failure::Failed(format!("not enabled within {} s", STATE.as_secs())));
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the place where the head rests for home.
+    ///
+    /// # Errors
+    /// When it refuses, or a fault comes.
+    pub fn home_here(&self, tick: Tick<'_>) -> Result<(), Failure> {
+        let before = self.whole(at::REFUSALS)?;
+        self.set(at::HOMING_METHOD, 35)?;
+        self.set(at::MODE, 6)?;
+        self.set(at::CONTROLWORD, 0x0F)?;
+        self.set(at::CONTROLWORD, 0x1F)?;
+        let homed = self.wait(Duration::from_secs(10), tick, |head| {
+            head.refused(before)?;
+            let word = head.status()?;
+            if word & status::ERROR != 0 {
+                return Err(Failure::Failed("homing: no reference was found".into()));
+            }
+            Ok(word & status::TAKEN != 0 && head.whole(at::HOMED)? == 1)
+        })?;
+        self.set(at::CONTROLWORD, 0x0F)?;
+        self.set(at::MODE, 1)?;
+        if homed { Ok(()) } else { Err(Failure::Failed("not homed within 10 s".into())) }
+    }
+
+    /// Gives a set point of profile position; it has been taken when this returns.
+    ///
+    /// # Errors
+    /// When it refuses, or a fault comes.
+    pub fn start(&self, counts: i64, tick: Tick<'_>) -> Result<(), Failure> {
+        let before = self.whole(at::REFUSALS)?;
+        self.set(at::TARGET, counts)?;
+        self.set(at::CONTROLWORD, 0x0F)?;
+        let over = self.wait(STATE, tick, |head| Ok(head.status()? & status::TAKEN == 0))?;
+        self.set(at::CONTROLWORD, 0x1F)?;
+        let taken = self.wait(STATE, tick, |head| {
+            head.refused(before)?;
+            Ok(head.status()? & status::TAKEN != 0)
+        })?;
+        self.set(at::CONTROLWORD, 0x0F)?;
+        if over && taken { Ok(()) } else { Err(Failure::Failed("the head did not take the set point".into())) }
+    }
+
+    /// Goes there, pulses off.
+    ///
+    /// # Errors
+    /// When it refuses, or a fault comes, or it takes longer than a minute.
+    pub fn move_to(&self, counts: i64, tick: Tick<'_>) -> Result<(), Failure> {
+        let before = self.whole(at::REFUSALS)?;
+        self.start(counts, tick)?;
+        let there = self.wait(Duration::from_secs(60), tick, |head| {
+            head.refused(before)?;
+            Ok(head.status()? & status::REACHED != 0)
+        })?;
+        if there { Ok(()) } else { Err(Failure::Failed("the target was not reached within a minute".into())) }
+    }
+
+    /// Has the head find the surface of the work by touching it, pulses off; where that is, counts.
+    ///
+    /// # Errors
+    /// When it refuses, a fault comes, or there is no surface.
+    pub fn find_surface(&self, tick: Tick<'_>) -> Result<i64, Failure> {
+        let before = self.whole(at::REFUSALS)?;
+        self.set(at::FIND, 1)?;
+        // What is there before is the outcome of the last search.
+        let began = self.wait(STATE, tick, |head| {
+            head.refused(before)?;
+            Ok(head.whole(at::FOUND)? == search::UNDER_WAY)
+        })?;
+        let over = began && self.wait(SEARCH, tick, |head| Ok(head.whole(at::FOUND)? != search::UNDER_WAY))?;
+        let outcome = self.whole(at::FOUND)?;
+        if over && outcome == search::FOUND {
+            return Ok(self.whole(at::TOUCHED)?);
+        }
+        let names = self.sheet.get(at::FOUND).map(|object| object.names()).unwrap_or_default();
+        let what = if over { names.get(&outcome).map_or("no answer", String::as_str) } else { "no end of the search" };
+        let help = "are work, SENSE and GAP leads there? or give where it is";
+        Err(Failure::Failed(format!("the surface was not found: {what}; {help}")))
+    }
+
+    /// Pulses off, hold, loop open; says what the head is then.
+    ///
+    /// # Errors
+    /// When that could not be had: somebody has to stop it by hand.
+    pub fn stop(&self) -> Result<String, Failure> {
+        // Each is tried, whatever the other said: disabling alone switches pulses off as well.
+        let held = (0..3).find_map(|_| self.set(at::HOLD, 1).ok());
+        let mut last = None;
+        for _ in 0..3 {
+            match self.set(at::CONTROLWORD, 0) {
+                Ok(()) => last = None,
+                Err(error) => {
+                    last = Some(error);
+                    continue;
+                }
+            }
+            let end = Instant::now() + STATE;
+            while Instant::now() < end {
+                match self.whole(at::STATE).map(|state| state as u8) {
+                    Ok(state::DISABLED) => return Ok("the head is disabled, pulses are off".into()),
+                    Ok(state::FAULT) => {
+                        let fault = words::fault_line(self.whole(at::FAULT).unwrap_or(0) as u8);
+                        return Ok(format!("the head is in a fault, which keeps pulses off: {fault}"));
+                    }
+                    Ok(_) => std::thread::sleep(LOOK),
+                    Err(error) => {
+                        last = Some(error);
+                        break;
+                    }
+                }
+            }
+        }
+        let why = last.map_or("it goes on".into(), |error| error.to_string());
+        let held = if held.is_some() { "; it has been told to hold" } else { "" };
+        Err(Failure::Failed(format!("the head may still be on, stop it by hand: {why}{held}")))
+    }
+
+    /// Resets a fault whose cause is gone.
+    ///
+    /// # Errors
+    /// Why the head keeps it.
+    pub fn reset(&self) -> Result<(), Failure> {
+        let before = self.whole(at::REFUSALS)?;
+        self.set(at::CONTROLWORD, 0)?;
+        self.set(at::CONTROLWORD, 0x80)?;
+        let end = Instant::now() + STATE;
+        while Instant::now() < end {
+            self.refused(before)?;
+            if self.whole(at::STATE)? as u8 != state::FAULT {
+                self.set(at::CONTROLWORD, 0)?;
+                return Ok(());
+            }
+            std::thread::sleep(LOOK);
+        }
+        Err(Failure::Failed(format!("the fault stays: {}", words::fault_line(self.whole(at::FAULT)? as u8))))
+    }
+
+    /// Stores settings and profile, not how this program watches.
+    ///
+    /// # Errors
+    /// Why the head does not.
+    pub fn store(&self) -> Result<(), Failure> {
+        Ok(self.sdo.write(at::STORE_APPLICATION, b"save")?)
+    }
+
+    /// An error when the head has refused something since it had refused so much.
+    fn refused(&self, before: i64) -> Result<(), Failure> {
+        if self.whole(at::REFUSALS)? == before {
+            return Ok(());
+        }
+        let words = words::refusal(self.whole(at::REFUSAL)? as u8);
+        Err(Failure::Failed(format!("the head refuses: {}; {}", words.name, words.advice)))
+    }
+
+    /// The statusword, as it is now.
+    ///
+    /// # Errors
+    /// Those of the transfer.
+    pub fn status(&self) -> Result<u16, SdoError> {
+        Ok(self.whole(at::STATUSWORD)? as u16)
+    }
+
+    /// Waits until it is so; `false` when the time is over. An error when a fault comes.
+    fn wait(
+        &self,
+        time: Duration,
+        tick: Tick<'_>,
+        mut so: impl FnMut(&Head) -> Result<bool, Failure>,
+    ) -> Result<bool, Failure> {
+        let end = Instant::now() + time;
+        while Instant::now() < end {
+            tick()?;
+            self.healthy()?;
+            if so(self)? {
+                return Ok(true);
+            }
+            std::thread::sleep(LOOK);
+        }
+        Ok(false)
+    }
+
+    /// An error when a fault stands.
+    ///
+    /// # Errors
+    /// The fault, what the head does about it and what a person can do.
+    pub fn healthy(&self) -> Result<(), Failure> {
+        match self.whole(at::FAULT)? as u8 {
+            0 => Ok(()),
+            fault => Err(Failure::Failed(words::fault_line(fault))),
+        }
+    }
+}
+
+/// A head that watches this program. Dropped, this program's heartbeat ends: a head that is still enabled retreats.
+pub struct Armed<'a> {
+    head: &'a Head,
+    slot: Address,
+    beat: i64,
+}
+
+impl Armed<'_> {
+    /// Ends the watch on a head that is disabled or in a fault; one that is not keeps it.
+    pub fn disarm(self) {
+        if let Ok(state::DISABLED | state::FAULT) = self.head.whole(at::STATE).map(|state| state as u8) {
+            // What is left over is a head that watches a host that may not come again: it is told so when it is enabled.
+            let _ = self.head.sdo.write(self.slot, &[0; 4]);
+            let _ = self.head.set(at::PRODUCER, self.beat);
+        }
+    }
+}
+
+impl Drop for Armed<'_> {
+    fn drop(&mut self) {
+        self.head.bus.keep_alive(Duration::ZERO);
+    }
+}
+
+/// Up to four bytes as an unsigned number.
+pub(crate) fn unsigned(bytes: &[u8]) -> u32 {
+    bytes.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
+}
+
+/// Node-IDs that answer.
+pub fn scan(bus: &Bus) -> Vec<u8> {
+    let heard = bus.listen();
+    // Taken in the same order by everybody: no two scans wait for each other.
+    let turns: Vec<_> = (1..=127).filter_map(|node| bus.turn(node)).collect();
+    turns.iter().for_each(|turn| turn.say([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]));
+    let mut nodes = Vec::new();
+    let end = Instant::now() + THERE;
+    while let Ok(frame) = heard.recv_timeout(end.saturating_duration_since(Instant::now())) {
+        if let 0x581..=0x5FF = frame.id {
+            nodes.push((frame.id & 0x7F) as u8);
+        }
+    }
+    nodes.sort_unstable();
+    nodes.dedup();
+    nodes
+}

@@ -1,0 +1,252 @@
+//! What a head does now, and what has happened to it.
+//!
+//! What its process data carry is taken from them, as the head maps them and its description file describes them; what they
+//! do not, or not often enough, is read.
+
+use crate::bus::{Heard, SILENCE};
+use crate::head::{Head, at, unsigned};
+use crate::sdo::{Address, SdoError};
+use crate::{Failure, words};
+use serde::Serialize;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// Age up to which a value of process data is taken for the present one.
+const FRESH: Duration = Duration::from_millis(120);
+/// Events that are kept until somebody takes them.
+const EVENTS: usize = 256;
+
+/// What happened.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Event {
+    /// When, ms since 1970.
+    pub unix_ms: u64,
+    /// Node-ID.
+    pub node: u8,
+    /// In words.
+    pub what: String,
+}
+
+impl Event {
+    /// What happens now.
+    pub fn now(node: u8, what: String) -> Event {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Event { unix_ms: since.as_millis() as u64, node, what }
+    }
+}
+
+/// What a head does.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Sample {
+    /// Time since the watch began, ms.
+    pub at_ms: u64,
+    /// Node-ID.
+    pub node: u8,
+    /// State, in words.
+    pub state: String,
+    /// Number of the state.
+    #[serde(skip)]
+    pub state_number: u8,
+    /// Why the state changed last.
+    pub reason: &'static str,
+    /// The fault, and what to do; `none`.
+    pub fault: String,
+    /// Number of the fault, 0 for none.
+    pub fault_number: u8,
+    /// Absolute positions mean something.
+    pub homed: bool,
+    /// Position, positive toward the work.
+    pub position_mm: f64,
+    /// Deepest position of the present or last erosion.
+    pub deepest_mm: f64,
+    /// Gap voltage after the filters.
+    pub gap_v: f64,
+    /// Gap voltage to keep.
+    pub setpoint_v: f64,
+    /// Open-circuit voltage.
+    pub open_v: f64,
+    /// Velocity along the path that the gap asks for.
+    pub feed_um_s: f64,
+    /// Retreats from a short since power-on.
+    pub shorts: u32,
+}
+
+/// One process data object that the head sends.
+struct Pdo {
+    id: u16,
+    /// What it carries, and how many bytes of each.
+    carries: Vec<(Address, usize)>,
+}
+
+/// A watch on one head.
+pub struct Live {
+    head: Head,
+    heard: Receiver<Heard>,
+    began: Instant,
+    pdos: Vec<Pdo>,
+    values: BTreeMap<Address, (Instant, Vec<u8>)>,
+    states: BTreeMap<i64, String>,
+    counts_per_mm: f64,
+    /// When the node was heard last.
+    beat: Option<Instant>,
+    /// Since when it is to send heartbeats.
+    expected: Option<Instant>,
+    events: VecDeque<Event>,
+    last: Option<(u8, u8)>,
+    refusals: Option<u32>,
+}
+
+impl Live {
+    /// Begins to watch.
+    ///
+    /// # Errors
+    /// Those of the transfers.
+    pub fn new(head: &Head) -> Result<Live, Failure> {
+        let mut pdos = Vec::new();
+        for number in 0..4 {
+            let id = unsigned(&head.sdo.read(Address(0x1800 + number, 1))?);
+            let count = unsigned(&head.sdo.read(Address(0x1A00 + number, 0))?);
+            if id >> 31 == 1 {
+                continue;
+            }
+            let mut carries = Vec::new();
+            for sub in 1..=count.min(8) as u8 {
+                let entry = unsigned(&head.sdo.read(Address(0x1A00 + number, sub))?);
+                carries.push((Address((entry >> 16) as u16, (entry >> 8) as u8), (entry & 0xFF) as usize / 8));
+            }
+            pdos.push(Pdo { id: (id & 0x7FF) as u16, carries });
+        }
+        let states = head.sheet.get(at::STATE).map(|object| object.names()).unwrap_or_default();
+        Ok(Live {
+            heard: head.bus.listen(),
+            began: Instant::now(),
+            pdos,
+            values: BTreeMap::new(),
+            states,
+            counts_per_mm: head.counts_per_mm()?,
+            beat: None,
+            expected: None,
+            events: VecDeque::new(),
+            last: None,
+            refusals: None,
+            head: head.clone(),
+        })
+    }
+
+    /// The state of this number, in words.
+    pub fn state(&self, number: u8) -> String {
+        self.states.get(&number.into()).cloned().unwrap_or_else(|| format!("state {number}"))
+    }
+
+    /// From now on a head whose heartbeat ends is lost.
+    pub fn expect_heartbeat(&mut self) {
+        self.expected = Some(Instant::now());
+    }
+
+    /// Encoder counts in a millimetre.
+    pub fn counts_per_mm(&self) -> f64 {
+        self.counts_per_mm
+    }
+
+    /// What has happened since the last call.
+    pub fn events(&mut self) -> Vec<Event> {
+        self.take();
+        self.events.drain(..).collect()
+    }
+
+    /// What the head does now.
+    ///
+    /// # Errors
+    /// When it has fallen silent.
+    pub fn sample(&mut self) -> Result<Sample, Failure> {
+        self.take();
+        if self.expected.is_some_and(|since| self.beat.max(Some(since)).is_some_and(|at| at.elapsed() > SILENCE)) {
+            let silence = SILENCE.as_millis();
+            return Err(Failure::Failed(format!(
+                "node {}: no heartbeat for {silence} ms: look at its power and the cable; it retreats by itself",
+                self.head.node
+            )));
+        }
+        let per_mm = self.counts_per_mm;
+        let state_number = self.number(at::STATE)? as u8;
+        let fault_number = self.number(at::FAULT)? as u8;
+        let reason = words::reason(self.number(at::REASON)? as u8);
+        if self.last.is_some_and(|last| last != (state_number, fault_number)) {
+            let fault =
+                if fault_number == 0 { String::new() } else { format!(": {}", words::fault_line(fault_number)) };
+            let state = self.state(state_number);
+            let why = if reason == state { String::new() } else { format!(" ({reason})") };
+            self.tell(format!("{state}{why}{fault}"));
+        }
+        self.last = Some((state_number, fault_number));
+        Ok(Sample {
+            at_ms: self.began.elapsed().as_millis() as u64,
+            node: self.head.node,
+            state: self.state(state_number),
+            state_number,
+            reason,
+            fault: words::fault_line(fault_number),
+            fault_number,
+            homed: self.number(at::HOMED)? != 0.0,
+            position_mm: self.number(at::POSITION)? / per_mm,
+            deepest_mm: self.number(at::DEEPEST)? / per_mm,
+            gap_v: self.number(at::GAP)?,
+            setpoint_v: self.number(at::SETPOINT)?,
+            open_v: self.number(at::OPEN)?,
+            feed_um_s: self.number(at::FEED)?,
+            shorts: self.number(at::SHORTS)? as u32,
+        })
+    }
+
+    /// A value in its unit.
+    fn number(&mut self, address: Address) -> Result<f64, Failure> {
+        let fresh = self.values.get(&address).filter(|(at, _)| at.elapsed() < FRESH).map(|(_, bytes)| bytes.clone());
+        let bytes = match fresh {
+            Some(bytes) => bytes,
+            None => self.head.sdo.read(address)?,
+        };
+        let number = self.head.sheet.get(address).and_then(|object| object.number(&bytes));
+        Ok(number.ok_or(SdoError::Garbled(self.head.node, address))?)
+    }
+
+    fn tell(&mut self, what: String) {
+        if self.events.len() == EVENTS {
+            self.events.pop_front();
+        }
+        self.events.push_back(Event::now(self.head.node, what));
+    }
+
+    /// Takes what was heard.
+    fn take(&mut self) {
+        let node = u16::from(self.head.node);
+        while let Ok(heard) = self.heard.try_recv() {
+            match (heard.id, heard.data()) {
+                (id, [0]) if id == 0x700 + node => self.tell("has started anew".into()),
+                (id, [_]) if id == 0x700 + node => self.beat = Some(heard.at),
+                (id, [low, high, ..]) if id == 0x80 + node => {
+                    let code = u16::from_le_bytes([*low, *high]);
+                    self.tell(format!("emergency {code:04X}h: {}", words::emergency(code)));
+                }
+                (id, data) => self.mapped(id, data, heard.at),
+            }
+        }
+    }
+
+    fn mapped(&mut self, id: u16, data: &[u8], at: Instant) {
+        let Some(pdo) = self.pdos.iter().find(|pdo| pdo.id == id) else { return };
+        let mut rest = data;
+        for (address, size) in &pdo.carries {
+            let Some((value, after)) = rest.split_at_checked(*size) else { return };
+            self.values.insert(*address, (at, value.to_vec()));
+            rest = after;
+        }
+        let value = |address| self.values.get(&address).map(|(_, bytes)| unsigned(bytes));
+        if let (Some(count), Some(refusal)) = (value(at::REFUSALS), value(at::REFUSAL))
+            && self.refusals.replace(count).is_some_and(|last| last != count)
+        {
+            let words = words::refusal(refusal as u8);
+            self.tell(format!("refused: {}; {}", words.name, words.advice));
+        }
+    }
+}

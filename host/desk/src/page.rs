@@ -1,0 +1,550 @@
+//! The page: what the commands do, for a browser.
+//!
+//! One WebSocket a session carries everything: what a session asks for, its answer, and what all sessions are told (samples,
+//! events, how far a run is). One session commands, the others watch; STOP is everybody's. The session that commands answers
+//! each beat of the server, and this program's heartbeat to a head that bores goes on only as long as those answers come:
+//! whether browser, program or cable is lost, the head misses the heartbeat and retreats by itself.
+//!
+//! It listens on this computer alone unless told otherwise, and then only with a token. A page of another site is refused by
+//! its origin, a name of another host by the host header.
+
+use crate::Failure;
+use crate::bore::{GONE, Hole, Run, Wish, Wishes};
+use crate::bus::{Bus, SILENCE, lock};
+use crate::cli::{Found, find, say};
+use crate::head::Head;
+use crate::live::{Event, Live};
+use crate::settings::{self, Line};
+use crate::sheet::Sheet;
+use axum::Router;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Query, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use clap::Args;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::collections::{BTreeSet, VecDeque};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+use tokio::net::TcpListener;
+use tokio::sync::{broadcast, mpsc};
+
+/// Where it listens when nothing else is asked for.
+const DEFAULT: &str = "127.0.0.1:8402";
+/// Period of the beats that a commanding session answers.
+const BEAT: Duration = Duration::from_millis(150);
+/// Period of samples of each head.
+const SAMPLES: Duration = Duration::from_millis(200);
+/// Events that a session that comes later is told.
+const LOG: usize = 500;
+/// Messages that may wait for a session; one that does not take them misses some.
+const WAITING: usize = 256;
+/// The shortest token.
+const TOKEN: usize = 16;
+/// The longest message of a session: a file of settings.
+const MESSAGE: usize = 1 << 18;
+
+/// Where the page is served.
+#[derive(Debug, Args)]
+pub struct Listen {
+    /// Where to listen; port 0 takes a free one. Beyond this computer only with --token-file
+    #[arg(long, value_name = "HOST:PORT", default_value = DEFAULT)]
+    listen: String,
+    /// File whose first line, 16 characters or more, sessions have to know
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+}
+
+impl Default for Listen {
+    fn default() -> Listen {
+        Listen { listen: DEFAULT.into(), token_file: None }
+    }
+}
+
+/// What a session asks for.
+#[derive(Debug, Deserialize)]
+#[serde(tag = "do", rename_all = "snake_case")]
+enum Ask {
+    /// The answer to a beat.
+    Beat,
+    /// To command, or not to any more.
+    Command { take: bool },
+    /// Who is on the bus.
+    Heads,
+    /// All settings of a head.
+    Settings { node: u8 },
+    /// Change some: all, or none.
+    Set { node: u8, assignments: Vec<String> },
+    /// Where a head differs from a file.
+    Compare { node: u8, text: String },
+    /// Take over a file: all, or nothing.
+    Import { node: u8, text: String },
+    /// Keep what the head has.
+    Save { node: u8 },
+    /// Bore.
+    Bore { node: u8, hole: Hole },
+    /// Something else of the hole that is being bored.
+    Wish { wish: Wish },
+    /// Pulses off, disable.
+    Stop { node: u8 },
+    /// Reset a fault.
+    Reset { node: u8 },
+}
+
+#[derive(Deserialize)]
+struct Asked {
+    id: u64,
+    #[serde(flatten)]
+    ask: Ask,
+}
+
+/// What all sessions share.
+struct Desk {
+    bus: Bus,
+    sheet: Arc<Sheet>,
+    token: Option<String>,
+    /// Messages to all sessions.
+    tell: broadcast::Sender<Arc<str>>,
+    log: Mutex<VecDeque<Event>>,
+    watched: Mutex<BTreeSet<u8>>,
+    sessions: AtomicU64,
+    /// Who commands, and when that session was heard last.
+    commander: Mutex<Option<(u64, Instant)>>,
+    run: Mutex<Option<Boring>>,
+}
+
+/// A hole that is being bored.
+#[derive(Clone)]
+struct Boring {
+    node: u8,
+    wishes: Arc<Wishes>,
+}
+
+/// Serves the page until the program is stopped.
+///
+/// # Errors
+/// When it cannot listen there.
+pub fn serve(listen: &Listen, bus: &Bus, sheet: &Arc<Sheet>) -> Result<(), Failure> {
+    let refused = |why: String| Failure::BadInput(format!("--listen {}: {why}", listen.listen));
+    let token = listen.token()?;
+    let addresses = std::net::ToSocketAddrs::to_socket_addrs(&listen.listen);
+    let addresses: Vec<SocketAddr> =
+        addresses.map_err(|error| refused(format!("must be a free HOST:PORT: {error}")))?.collect();
+    if token.is_none() && !addresses.iter().all(|address| address.ip().is_loopback()) {
+        return Err(refused("beyond this computer only with --token-file FILE".into()));
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| Failure::Failed(format!("no runtime: {error}")))?;
+    runtime.block_on(async {
+        let listener = TcpListener::bind(&*addresses)
+            .await
+            .map_err(|error| refused(format!("must be a free HOST:PORT: {error}")))?;
+        let at = listener.local_addr().map_err(|error| Failure::Failed(error.to_string()))?;
+        let known = token.as_ref().map_or("", |_| "?token=... (as in the file)");
+        say(&format!("The desk is at http://{at}/{known}\nbus {}\n\nCtrl-C stops it.\n", bus.way()));
+        let desk = Arc::new(Desk {
+            bus: bus.clone(),
+            sheet: sheet.clone(),
+            token,
+            tell: broadcast::channel(WAITING).0,
+            log: Mutex::default(),
+            watched: Mutex::default(),
+            sessions: AtomicU64::new(1),
+            commander: Mutex::default(),
+            run: Mutex::default(),
+        });
+        let app = Router::new()
+            .route("/", get(|| file("text/html", include_str!("../page/index.html"))))
+            .route("/desk.js", get(|| file("text/javascript", include_str!("../page/desk.js"))))
+            .route("/trace.js", get(|| file("text/javascript", include_str!("../page/trace.js"))))
+            .route("/desk.css", get(|| file("text/css", include_str!("../page/desk.css"))))
+            .route("/session", get(session))
+            .route("/settings.toml", get(export))
+            .with_state(desk);
+        axum::serve(listener, app).await.map_err(|error| Failure::Failed(error.to_string()))
+    })
+}
+
+impl Listen {
+    fn token(&self) -> Result<Option<String>, Failure> {
+        let Some(path) = &self.token_file else { return Ok(None) };
+        let refused = |why: String| Failure::BadInput(format!("--token-file {}: {why}", path.display()));
+        let text = std::fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
+        let token = text.lines().next().unwrap_or_default().trim();
+        if token.len() < TOKEN || !token.chars().all(|c| c.is_ascii_alphanumeric()) {
+            return Err(refused(format!("its first line must be {TOKEN} letters and digits or more")));
+        }
+        Ok(Some(token.into()))
+    }
+}
+
+async fn file(kind: &'static str, text: &'static str) -> impl IntoResponse {
+    let policy = "default-src 'self'; img-src data:; frame-ancestors 'none'";
+    (
+        [(header::CONTENT_TYPE, kind), (header::CONTENT_SECURITY_POLICY, policy), (header::CACHE_CONTROL, "no-store")],
+        text,
+    )
+}
+
+#[derive(Deserialize)]
+struct Known {
+    #[serde(default)]
+    token: String,
+    #[serde(default)]
+    node: u8,
+}
+
+impl Desk {
+    /// Whether a request comes from this computer's own page, or knows the token.
+    fn admits(&self, headers: &HeaderMap, known: &Known) -> Result<(), (StatusCode, &'static str)> {
+        let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
+        let host = text(header::HOST).unwrap_or_default();
+        if text(header::ORIGIN).is_some_and(|origin| origin.split_once("://").is_none_or(|(_, from)| from != host)) {
+            return Err((StatusCode::FORBIDDEN, "the page of another site"));
+        }
+        match &self.token {
+            Some(token) if *token != known.token => Err((StatusCode::UNAUTHORIZED, "the token is another")),
+            Some(_) => Ok(()),
+            None => {
+                let name = host.rsplit_once(':').map_or(host, |(name, _)| name);
+                let local = matches!(name, "localhost" | "127.0.0.1" | "[::1]");
+                if local { Ok(()) } else { Err((StatusCode::FORBIDDEN, "another host")) }
+            }
+        }
+    }
+
+    fn tell(&self, message: &Value) {
+        // Nobody may be there to be told.
+        let _ = self.tell.send(message.to_string().into());
+    }
+
+    fn head(&self, node: u8) -> Result<Head, Failure> {
+        Head::open(&self.bus, node, &self.sheet)
+    }
+
+    /// Who commands: a session that has not been heard for too long does not.
+    fn commander(&self) -> Option<u64> {
+        lock(&self.commander).filter(|(_, heard)| heard.elapsed() < SILENCE).map(|(session, _)| session)
+    }
+
+    fn tell_commander(&self) {
+        self.tell(&json!({ "commander": self.commander() }));
+    }
+
+    fn heard(&self, session: u64) {
+        let mut commander = lock(&self.commander);
+        if let Some((who, heard)) = commander.as_mut()
+            && *who == session
+        {
+            *heard = Instant::now();
+            // Whoever bores is watched by the head; this is what keeps it going.
+            if lock(&self.run).is_some() {
+                self.bus.keep_alive(SILENCE);
+            }
+        }
+    }
+
+    fn left(&self, session: u64) {
+        let mut commander = lock(&self.commander);
+        if commander.is_some_and(|(who, _)| who == session) {
+            *commander = None;
+            drop(commander);
+            self.tell_commander();
+        }
+    }
+
+    /// Samples and events of a head, to all sessions, for as long as the bus is there.
+    fn watch(self: &Arc<Desk>, node: u8) {
+        if !lock(&self.watched).insert(node) {
+            return;
+        }
+        let desk = self.clone();
+        thread::spawn(move || {
+            let mut told = String::new();
+            while let Err(why) = desk.samples(node, &mut told) {
+                let text = why.to_string();
+                if text != told {
+                    desk.note(node, text.trim_start_matches(&format!("node {node}: ")).into());
+                    desk.tell(&json!({ "gone": { "node": node, "why": text } }));
+                    told = text;
+                }
+                if desk.bus.lost() {
+                    return;
+                }
+                thread::sleep(SILENCE);
+            }
+        });
+    }
+
+    /// Samples until that fails; then why is not `told` yet.
+    fn samples(&self, node: u8, told: &mut String) -> Result<(), Failure> {
+        let mut live = Live::new(&self.head(node)?)?;
+        loop {
+            let sample = live.sample()?;
+            told.clear();
+            self.tell(&json!({ "sample": sample }));
+            live.events().into_iter().for_each(|event| self.event(event));
+            thread::sleep(SAMPLES);
+        }
+    }
+
+    fn event(&self, event: Event) {
+        self.tell(&json!({ "event": event }));
+        let mut log = lock(&self.log);
+        if log.len() == LOG {
+            log.pop_front();
+        }
+        log.push_back(event);
+    }
+
+    /// Does what a session asks for. Called where it may take its time.
+    fn answer(self: &Arc<Desk>, session: u64, ask: Ask) -> Result<Value, Failure> {
+        let commands = matches!(
+            ask,
+            Ask::Set { .. }
+                | Ask::Import { .. }
+                | Ask::Save { .. }
+                | Ask::Bore { .. }
+                | Ask::Wish { .. }
+                | Ask::Reset { .. }
+        );
+        if commands && self.commander() != Some(session) {
+            return Err(Failure::BadInput("another session commands, or none: take command first".into()));
+        }
+        match ask {
+            Ask::Beat => Ok(Value::Null),
+            Ask::Command { take } => self.command(session, take),
+            Ask::Heads => {
+                let found = find(&self.bus, &self.sheet);
+                found.iter().filter(|found| found.card.is_some()).for_each(|found| self.watch(found.node));
+                Ok(json!(found.iter().collect::<Vec<&Found>>()))
+            }
+            Ask::Settings { node } => {
+                let head = self.head(node)?;
+                let lines: Vec<Line> = settings::read_all(&head)?.iter().map(settings::Setting::line).collect();
+                Ok(json!(lines))
+            }
+            Ask::Set { node, assignments } => {
+                let wanted = settings::assignments(&self.sheet, &assignments).map_err(Failure::BadInput)?;
+                self.write(node, &wanted)
+            }
+            Ask::Compare { node, text } => {
+                let wanted = settings::parse(&self.sheet, &text).map_err(Failure::BadInput)?;
+                Ok(json!(settings::compare(&self.head(node)?, &wanted)?))
+            }
+            Ask::Import { node, text } => {
+                let wanted = settings::parse(&self.sheet, &text).map_err(Failure::BadInput)?;
+                self.write(node, &wanted)
+            }
+            Ask::Save { node } => {
+                self.head(node)?.store()?;
+                self.note(node, format!("session {session} has the head keep its settings"));
+                Ok(Value::Null)
+            }
+            Ask::Bore { node, hole } => self.bore(session, node, hole),
+            Ask::Wish { wish } => match &*lock(&self.run) {
+                Some(run) => {
+                    run.wishes.want(wish);
+                    Ok(Value::Null)
+                }
+                None => Err(Failure::BadInput("nothing is being bored".into())),
+            },
+            Ask::Stop { node } => {
+                if let Some(run) = &*lock(&self.run)
+                    && run.node == node
+                {
+                    run.wishes.want(Wish::Stop);
+                }
+                let now = self.head(node)?.stop()?;
+                self.note(node, format!("STOP by session {session}: {now}"));
+                Ok(json!({ "stopped": now }))
+            }
+            Ask::Reset { node } => {
+                self.head(node)?.reset()?;
+                self.note(node, format!("session {session} has reset the fault"));
+                Ok(Value::Null)
+            }
+        }
+    }
+
+    fn command(&self, session: u64, take: bool) -> Result<Value, Failure> {
+        let mut commander = lock(&self.commander);
+        let other = commander.filter(|(who, heard)| *who != session && heard.elapsed() < SILENCE);
+        if take && other.is_some() {
+            return Err(Failure::BadInput("another session commands: it has to let go first".into()));
+        }
+        if !take && lock(&self.run).is_some() {
+            return Err(Failure::BadInput("a hole is being bored: end it first".into()));
+        }
+        if take {
+            *commander = Some((session, Instant::now()));
+        } else if other.is_none() {
+            *commander = None;
+        }
+        drop(commander);
+        self.tell_commander();
+        Ok(Value::Null)
+    }
+
+    fn write(&self, node: u8, wanted: &[settings::Setting<'_>]) -> Result<Value, Failure> {
+        let written = settings::write(&self.head(node)?, wanted)?;
+        if !written.changed.is_empty() {
+            self.note(node, format!("settings changed: {}", written.changed.join(", ")));
+        }
+        Ok(json!(written))
+    }
+
+    fn note(&self, node: u8, what: String) {
+        self.event(Event::now(node, what));
+    }
+
+    /// Begins to bore; how it goes on, all sessions are told.
+    fn bore(self: &Arc<Desk>, session: u64, node: u8, hole: Hole) -> Result<Value, Failure> {
+        hole.check()?;
+        let wishes = Arc::new(Wishes::default());
+        {
+            let mut run = lock(&self.run);
+            if run.is_some() {
+                return Err(Failure::BadInput("a hole is being bored already".into()));
+            }
+            *run = Some(Boring { node, wishes: wishes.clone() });
+        }
+        let desk = self.clone();
+        thread::spawn(move || {
+            desk.note(node, format!("session {session} bores to {} mm", hole.depth_mm));
+            let ended = desk.run(session, node, hole, &wishes);
+            *lock(&desk.run) = None;
+            let (what, told) = match ended {
+                Ok(outcome) => {
+                    let text = format!("{:.3} of {:.3} mm: {}", outcome.depth_mm, outcome.target_mm, outcome.why);
+                    (text, json!({ "outcome": outcome }))
+                }
+                Err(why) => (why.to_string(), json!({ "failed": why.to_string() })),
+            };
+            desk.note(node, what);
+            desk.tell(&json!({ "ended": told }));
+        });
+        Ok(Value::Null)
+    }
+
+    fn run(&self, session: u64, node: u8, hole: Hole, wishes: &Wishes) -> Result<crate::bore::Outcome, Failure> {
+        let head = self.head(node)?;
+        let mut live = Live::new(&head)?;
+        let run = Run {
+            head: &head,
+            live: &mut live,
+            hole,
+            wishes,
+            alive: &|| match self.commander() {
+                Some(who) if who == session => Ok(()),
+                _ => Err(Failure::Failed(GONE.into())),
+            },
+            told: &mut |progress| self.tell(&json!({ "progress": progress })),
+        };
+        run.execute()
+    }
+}
+
+async fn session(
+    State(desk): State<Arc<Desk>>,
+    headers: HeaderMap,
+    Query(known): Query<Known>,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    match desk.admits(&headers, &known) {
+        Ok(()) => upgrade.max_message_size(MESSAGE).on_upgrade(move |socket| talk(desk, socket)),
+        Err(refused) => refused.into_response(),
+    }
+}
+
+async fn export(State(desk): State<Arc<Desk>>, headers: HeaderMap, Query(known): Query<Known>) -> Response {
+    if let Err(refused) = desk.admits(&headers, &known) {
+        return refused.into_response();
+    }
+    let file = move || {
+        let head = desk.head(known.node)?;
+        let settings = settings::read_all(&head)?;
+        Ok::<_, Failure>(settings::file(&head.card, &settings))
+    };
+    match tokio::task::spawn_blocking(file).await {
+        Ok(Ok(text)) => {
+            ([(header::CONTENT_TYPE, "application/toml"), (header::CONTENT_DISPOSITION, "attachment")], text)
+                .into_response()
+        }
+        Ok(Err(why)) => (StatusCode::BAD_GATEWAY, why.to_string()).into_response(),
+        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+/// What a session is told first.
+#[derive(Serialize)]
+struct Welcome<'a> {
+    you: u64,
+    commander: Option<u64>,
+    product: &'a str,
+    bus: String,
+    log: Vec<Event>,
+    boring: Option<u8>,
+}
+
+async fn talk(desk: Arc<Desk>, mut socket: WebSocket) {
+    let session = desk.sessions.fetch_add(1, Ordering::Relaxed);
+    let mut told = desk.tell.subscribe();
+    let (answers, mut answered) = mpsc::channel::<String>(WAITING);
+    let welcome = Welcome {
+        you: session,
+        commander: desk.commander(),
+        product: &desk.sheet.product,
+        bus: desk.bus.way(),
+        log: lock(&desk.log).iter().cloned().collect(),
+        boring: lock(&desk.run).as_ref().map(|run| run.node),
+    };
+    let mut next = Some(json!({ "welcome": welcome }).to_string());
+    let mut beat = tokio::time::interval(BEAT);
+    loop {
+        if let Some(text) = next.take()
+            && socket.send(Message::Text(text.into())).await.is_err()
+        {
+            break;
+        }
+        tokio::select! {
+            // What a session says comes first: its answer to a beat, its STOP.
+            biased;
+            came = socket.recv() => match came {
+                Some(Ok(Message::Text(text))) => match serde_json::from_str::<Asked>(&text) {
+                    Ok(Asked { ask: Ask::Beat, .. }) => desk.heard(session),
+                    Ok(Asked { id, ask }) => {
+                        let (desk, answers) = (desk.clone(), answers.clone());
+                        tokio::task::spawn_blocking(move || {
+                            let answer = match desk.answer(session, ask) {
+                                Ok(value) => json!({ "id": id, "ok": value }),
+                                Err(why) => json!({ "id": id, "error": why.to_string() }),
+                            };
+                            // The session may be over.
+                            let _ = answers.blocking_send(answer.to_string());
+                        });
+                    }
+                    Err(error) => next = Some(json!({ "error": format!("no request: {error}") }).to_string()),
+                },
+                Some(Ok(_)) => {}
+                Some(Err(_)) | None => break,
+            },
+            Some(answer) = answered.recv() => next = Some(answer),
+            message = told.recv() => match message {
+                Ok(message) => next = Some(message.to_string()),
+                Err(broadcast::error::RecvError::Lagged(_)) => {}
+                Err(broadcast::error::RecvError::Closed) => break,
+            },
+            _ = beat.tick() => next = Some(json!({ "beat": true }).to_string()),
+        }
+    }
+    desk.left(session);
+}

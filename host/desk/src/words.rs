@@ -1,0 +1,220 @@
+//! What a head says in numbers, in words, and what a person can do about it.
+//!
+//! The numbers and their names are those of the core (`src/canopen/drive/codes.rs`, `src/head/fault.rs`) and of edm-describe;
+//! what to do is said here alone.
+
+use edm_servo_head::canopen::drive::{LOSSES, REASONS, REFUSALS, WAIT, error_code};
+use edm_servo_head::head::Fault;
+
+/// A word for it, and what to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Words {
+    /// What it is called.
+    pub name: &'static str,
+    /// What to do; empty when there is nothing.
+    pub advice: &'static str,
+}
+
+/// A fault by its number in 2000h:2; `None` for 0 and for one that this program does not know.
+pub fn fault(number: u8) -> Option<Fault> {
+    Fault::ALL.get(usize::from(number.checked_sub(1)?)).copied()
+}
+
+/// What a fault is called, what the head has done, and what to do.
+pub fn fault_line(number: u8) -> String {
+    match fault(number) {
+        _ if number == 0 => "none".into(),
+        None => format!("fault {number}, which this program does not know: its head is newer"),
+        Some(fault) => format!("{}: pulses off, {}; {}", fault.name(), fault.reaction().name(), remedy(fault)),
+    }
+}
+
+/// What to do about a fault.
+pub const fn remedy(fault: Fault) -> &'static str {
+    match fault {
+        Fault::PersistentShort => "look for a carbon bridge or a chip in the gap, flush, then reset",
+        Fault::PersistentArc => "flush more, lengthen the off-time or raise gap.setpoint_v, clean the spot, then reset",
+        Fault::GapSignalInvalid => "generator on? gap leads at electrode and work, not swapped? then reset",
+        Fault::GateMissing => "generator on? look at the gate line, then reset",
+        Fault::DielectricNotOk => "look at level, flow and temperature of the dielectric, then reset",
+        Fault::HostSilent => {
+            "the program or the cable between it and the head was lost; look at where the electrode is, then reset"
+        }
+        Fault::LowerLimit => "the travel ends there: look at stroke and depth, move up after the reset",
+        Fault::UpperLimit => "the travel ends there: move down after the reset",
+        Fault::BothLimits => "a wire of the limit switches is broken; release the head by hand",
+        Fault::FollowingError => "something holds the head, or gains and mass do not fit; then reset",
+        Fault::EncoderLost => {
+            "look at the encoder's cable, scale and head; the encoder has to prove itself after the reset"
+        }
+        Fault::PolarityWrong => "the motor or the encoder counts the other way: run the guided check again",
+        Fault::BusSag => "look at the 48 V supply and its fuse, then reset",
+        Fault::EmergencyStop => "release the emergency stop when the cause is gone, then reset",
+        Fault::OverCurrent => "look for a shorted coil or cable, then reset",
+        Fault::BridgeFault => "look for a shorted coil or a hot bridge, then reset",
+        Fault::PlanLate => "report it with the log: the program was too slow",
+        Fault::Contact => "the electrode touched the work with pulses off: is anything in the way? then reset",
+        Fault::LiveLost => "the live circuit has let go: look at U501 and U502, restart the board",
+        Fault::LiveStuck => "the live circuit does not let go: do not use the head before it is repaired",
+        Fault::ClockLost => "report it with the log, restart the board",
+        Fault::ReflexLost => "look at the gate line to PB7 and at the gap current, then reset",
+        Fault::UnpermittedPulses => "switch the generator off by hand: it does not obey the enable line",
+        Fault::Unfit => "2009h:3 says which part of the self-test; program the board again",
+        Fault::SupplyLow => "look at the 3.3 V supply",
+        Fault::SettingsDamaged => "memory has changed by itself: restart the board; if it comes again, replace it",
+        Fault::DriveSignalLost => "look at the wires of motor current and bus voltage",
+    }
+}
+
+/// Why a command was refused, by its number in 2000h:4.
+pub fn refusal(number: u8) -> Words {
+    let name = match number {
+        WAIT => "more orders than can wait",
+        _ => {
+            REFUSALS.iter().find(|(known, _)| *known == number).map_or("a reason unknown to this program", |row| row.1)
+        }
+    };
+    let advice = match number {
+        1 => "wait until the head has come to rest, or stop it first",
+        2 => "run the guided check (docs/bring-up.md, step 10)",
+        3 => "home the head first",
+        4 => "choose a target inside the stroke and the software limits",
+        5 => "the head is there already",
+        6 => "wait until a segment is done",
+        7 => "give a target first",
+        8 => "remove the cause, then reset the fault again",
+        9 => "wait a second",
+        11 => "enable once, so that the encoder can prove itself",
+        12 => "let the path end, or clear it",
+        13 => "fit the sense supply and set contact.below_v, or give where the surface is",
+        14 => "wait until the head is at rest, then reset",
+        15..=17 => "give a shorter or a consistent piece of path",
+        18 => "set feed.structure = path",
+        19 => "lower jump.height_um, or begin deeper",
+        21 => "lower touch.first_mm_s",
+        WAIT => "send fewer commands at a time",
+        _ => "",
+    };
+    Words { name, advice }
+}
+
+/// Why the state changed, by its number in 2000h:3.
+pub fn reason(number: u8) -> &'static str {
+    match number {
+        0 => "",
+        _ => REASONS.iter().find(|(known, _)| *known == number).map_or("a reason unknown to this program", |row| row.1),
+    }
+}
+
+/// An error code of an emergency (603Fh).
+pub fn emergency(code: u16) -> String {
+    if code == 0 {
+        return "all errors are gone".into();
+    }
+    let faults: Vec<String> = Fault::ALL
+        .iter()
+        .filter(|fault| error_code(**fault).0 == code)
+        .map(|fault| format!("{}: {}; {}", fault.name(), fault.reaction().name(), remedy(*fault)))
+        .collect();
+    let node = edm_describe::errors().find(|(known, _)| *known == code).map(|(_, text)| text.to_owned());
+    let loss = LOSSES.iter().find(|((known, _), _)| *known == code).map(|(_, text)| (*text).to_owned());
+    let all: Vec<String> = faults.into_iter().chain(node).chain(loss).collect();
+    if all.is_empty() { format!("error {code:04X}h, unknown to this program") } else { all.join(", or ") }
+}
+
+/// Why an SDO was refused (CiA 301 7.2.4.3.17), and what to do.
+pub fn abort(code: u32) -> String {
+    let text = match code {
+        0x0503_0000 => "the segments came out of order; try again",
+        0x0504_0000 => "the transfer took too long; try again",
+        0x0504_0001 => "the node does not know this command",
+        0x0504_0002..=0x0504_0004 => "the block transfer was disturbed; try again",
+        0x0504_0005 => "longer than the node can hold",
+        0x0601_0000 => "this access is not possible now",
+        0x0601_0001 => "it can only be written",
+        0x0601_0002 => "it can only be read",
+        0x0602_0000 | 0x0609_0011 => "the head has no such object: its program is older than the description file",
+        0x0604_0041 => "it cannot be mapped into this PDO",
+        0x0604_0042 => "the mapped objects are longer than a PDO",
+        0x0604_0043 => "it does not fit another value",
+        0x0606_0000 => "the hardware failed, for instance the memory",
+        0x0607_0010 | 0x0607_0012 | 0x0607_0013 => "its length does not fit the object",
+        0x0609_0030 => "it cannot have this value",
+        0x0609_0031 => "the value is too high",
+        0x0609_0032 => "the value is too low",
+        0x0800_0000 => "the head refuses without a reason",
+        0x0800_0020 => "it cannot be stored",
+        0x0800_0022 => "not in the present state: stop or disable the head first",
+        0x0800_0024 => "there is nothing to read",
+        _ => return format!("abort {code:08X}h"),
+    };
+    format!("{text} (abort {code:08X}h)")
+}
+
+/// State of the network management in a heartbeat (CiA 301 7.2.8.3.2).
+pub fn network(state: u8) -> &'static str {
+    match state & 0x7F {
+        0 => "booting",
+        4 => "stopped",
+        5 => "operational",
+        127 => "pre-operational",
+        _ => "unknown",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use edm_servo_head::canopen::Abort;
+
+    #[test]
+    fn every_fault_and_refusal_has_words_and_something_to_do() {
+        for (number, fault) in (1..).zip(Fault::ALL) {
+            let line = fault_line(number);
+            assert!(line.starts_with(fault.name()) && line.ends_with(remedy(*fault)), "{line}");
+            assert!(emergency(error_code(*fault).0).contains(fault.name()));
+        }
+        assert!(fault_line(200).contains("newer"));
+        for number in REFUSALS.iter().map(|row| row.0).chain([WAIT]) {
+            assert!(!refusal(number).advice.is_empty(), "{number}");
+        }
+        for (code, text) in edm_describe::errors() {
+            assert!(emergency(code).contains(text));
+        }
+    }
+
+    #[test]
+    fn every_abort_that_a_head_can_give_has_words() {
+        use Abort::*;
+        for abort_code in [
+            Toggle,
+            TimedOut,
+            Command,
+            BlockSize,
+            SequenceNumber,
+            Crc,
+            OutOfMemory,
+            Unsupported,
+            WriteOnly,
+            ReadOnly,
+            NoObject,
+            NotMappable,
+            PdoLength,
+            Incompatible,
+            Hardware,
+            Length,
+            LengthTooHigh,
+            LengthTooLow,
+            NoSubIndex,
+            InvalidValue,
+            ValueTooHigh,
+            ValueTooLow,
+            General,
+            NotStored,
+            DeviceState,
+            NoData,
+        ] {
+            assert!(!abort(abort_code.code()).starts_with("abort"), "{abort_code:?}");
+        }
+    }
+}

@@ -1,0 +1,333 @@
+//! The program against virtual heads: a hole through the page's API, whoever is lost meanwhile, and bad input.
+
+mod rig;
+
+use edm_desk::bus::Bus;
+use edm_desk::sdo::{Address, Sdo, SdoError};
+use edm_servo_head::head::{Fault, State};
+use edm_servo_head::settings::Settings;
+use rig::{Desk, Rig, run};
+use serde_json::{Value, json};
+use std::fs;
+use std::process::Stdio;
+
+#[test]
+fn a_hole_is_bored_through_the_api_while_another_session_watches() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let (mut commands, mut watches) = (desk.session(), desk.session());
+    let found = commands.ask(json!({ "do": "heads" })).unwrap();
+    assert_eq!((&found[0]["node"], &found[0]["now"]["state"]), (&json!(1), &json!("disabled")));
+    commands.ask(json!({ "do": "command", "take": true })).unwrap();
+    let hole = json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 0.002 } });
+    let refused = watches.ask(hole.clone()).unwrap_err();
+    assert!(refused.contains("take command first"), "{refused}");
+    let refused = watches.ask(json!({ "do": "command", "take": true })).unwrap_err();
+    assert!(refused.contains("another session commands"), "{refused}");
+
+    commands.ask(hole).unwrap();
+    let eroding = commands.until(|message| message["progress"]["sample"]["state"] == "eroding");
+    assert_eq!(eroding["progress"]["target_mm"], 0.002);
+    assert!(rig.truth().pulses);
+    let ended = commands.until(|message| !message["ended"].is_null());
+    let outcome = &ended["ended"]["outcome"];
+    assert_eq!(outcome["reached"], true, "{ended}");
+    let depth = outcome["depth_mm"].as_f64().unwrap();
+    assert!((0.002..0.01).contains(&depth), "{ended}");
+    let surface = outcome["surface_mm"].as_f64().unwrap();
+    assert!((surface - 2.0).abs() < 0.005, "the work is 2 mm below home: {ended}");
+    let truth = rig.truth();
+    assert_eq!((truth.state, truth.pulses, truth.fault), (State::Disabled, false, None));
+    assert!(truth.deepest - 2000 >= 2, "{truth:?}");
+    // The watch is taken off with the end.
+    let bus = rig.bus();
+    assert_eq!(Sdo::new(&bus, 1).read(Address(0x1016, 1)).unwrap(), [0; 4]);
+}
+
+#[test]
+fn a_run_is_paused_goes_back_and_on_and_is_stopped_by_whoever_watches() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let (mut commands, mut watches) = (desk.eroding(), desk.session());
+    commands.ask(json!({ "do": "wish", "wish": "pause" })).unwrap();
+    rig.until(|truth| !truth.pulses && truth.state == State::HoldingPosition);
+    commands.ask(json!({ "do": "wish", "wish": "back" })).unwrap();
+    commands.until(|message| message["progress"]["doing"] == "waiting above the work");
+    // 0.2 mm above the surface.
+    assert!((1795..1805).contains(&rig.truth().position), "{:?}", rig.truth());
+    commands.ask(json!({ "do": "wish", "wish": "go" })).unwrap();
+    commands.until(|message| message["progress"]["sample"]["state"] == "eroding");
+    let stopped = watches.ask(json!({ "do": "stop", "node": 1 })).unwrap();
+    assert_eq!(stopped["stopped"], "the head is disabled, pulses are off");
+    let truth = rig.truth();
+    assert_eq!((truth.state, truth.pulses), (State::Disabled, false));
+    let ended = commands.until(|message| !message["ended"].is_null());
+    assert!(ended["ended"]["outcome"]["why"].as_str().unwrap().starts_with("stopped; "), "{ended}");
+}
+
+#[test]
+fn a_browser_that_is_lost_ends_in_the_heads_own_retreat_and_the_log_says_why() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    drop(desk.eroding());
+    retreated(&rig);
+    let mut later = desk.session();
+    let said = |events: &Value| events.to_string().contains("host silent: pulses off, retrace");
+    if !said(&later.welcome["log"]) {
+        later.until(|message| said(&message["event"]));
+    }
+}
+
+#[test]
+fn a_browser_that_hangs_is_lost_as_well() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let hangs = desk.eroding();
+    retreated(&rig);
+    drop(hangs);
+}
+
+#[test]
+fn a_program_that_is_killed_ends_in_the_heads_own_retreat() {
+    let rig = Rig::new();
+    let mut desk = Desk::new(&rig.way());
+    let session = desk.eroding();
+    desk.kill();
+    retreated(&rig);
+    drop(session);
+    let (code, heads, _) = run(&rig.way(), &["heads"]);
+    assert_eq!(code, Some(0));
+    assert!(heads.contains("host silent: pulses off, retrace; the program or the cable"), "{heads}");
+    assert_eq!(run(&rig.way(), &["reset"]).0, Some(0));
+    assert_eq!(rig.truth().fault, None);
+}
+
+#[test]
+fn a_cable_that_is_pulled_ends_in_the_heads_own_retreat_and_the_program_says_so() {
+    let mut rig = Rig::new();
+    let boring = rig::start(&rig.way(), &["bore", "--depth", "0.5"], Stdio::piped());
+    rig.until(|truth| truth.state == State::Eroding);
+    rig.pull();
+    retreated(&rig);
+    let output = boring.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    let last = said.lines().last().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(last.contains("the way onto the bus is gone") && last.contains("retreats by itself"), "{last}");
+}
+
+#[test]
+fn ctrl_c_goes_up_and_disables() {
+    let rig = Rig::new();
+    let boring = rig::start(&rig.way(), &["--json", "bore", "--depth", "0.5"], Stdio::piped());
+    rig.until(|truth| truth.state == State::Eroding);
+    let pid = boring.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    let output = boring.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "the depth was not reached");
+    let outcome: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&outcome["reached"], &outcome["target_mm"]), (&json!(false), &json!(0.5)));
+    let truth = rig.truth();
+    assert_eq!((truth.state, truth.fault, truth.pulses), (State::Disabled, None, false));
+    assert!(truth.position < 100, "it went up: {truth:?}");
+}
+
+/// The head is in the fault that a silent host makes, pulses off, and has gone back from the work.
+fn retreated(rig: &Rig) {
+    let truth = rig.until(|truth| truth.state == State::Fault && !truth.reacting);
+    assert_eq!((truth.fault, truth.pulses), (Some(Fault::HostSilent), false));
+    assert!(truth.position < 1100, "to the safe height, 1 mm above the work: {truth:?}");
+}
+
+#[test]
+fn settings_go_to_a_file_are_compared_and_put_back_all_or_none() {
+    let rig = Rig::new();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("head.toml");
+    let file = file.to_str().unwrap();
+    let ok = |arguments: &[&str]| {
+        let (code, said, complained) = run(&rig.way(), arguments);
+        assert_eq!((code, complained.as_str()), (Some(0), ""), "{arguments:?}: {said}");
+        said
+    };
+    // All but commission.passed, which the head alone sets.
+    let all = format!("{} settings of node 1", Settings::COUNT - 1);
+    assert!(ok(&["settings", "export", file]).contains(&all));
+    assert!(ok(&["settings", "compare", file]).contains("no difference"));
+    ok(&["settings", "set", "gap.setpoint_v=55", "feed.law=fixed_rate", "--save"]);
+    let different: Value = serde_json::from_str(&ok(&["--json", "settings", "compare", file])).unwrap();
+    let keys: Vec<_> = different.as_array().unwrap().iter().map(|one| one["key"].as_str().unwrap()).collect();
+    assert_eq!(keys, ["gap.setpoint_v", "feed.law"]);
+    assert!(ok(&["settings", "list", "--changed"]).contains("(default increment_by_error)"));
+
+    // Each alone would not fit what the head has: they are written in the order that does.
+    ok(&["settings", "set", "gap.setpoint_v=90", "gap.open_min_v=95"]);
+    ok(&["settings", "set", "gap.open_min_v=70", "gap.setpoint_v=60"]);
+    // The second does not fit: the first is put back.
+    let (code, said, why) = run(&rig.way(), &["settings", "set", "gap.corner_hz=150", "gap.setpoint_v=80"]);
+    assert_eq!((code, said.as_str()), (Some(1), ""));
+    assert!(
+        why.contains("gap.setpoint_v: it does not fit another value") && why.contains("nothing was changed"),
+        "{why}"
+    );
+    let corner: Value = serde_json::from_str(&ok(&["--json", "settings", "get", "gap.corner_hz"])).unwrap();
+    assert_eq!((&corner[0]["value"], &corner[0]["unit"]), (&json!(200.0), &json!("Hz")));
+
+    ok(&["settings", "import", file]);
+    assert!(ok(&["settings", "compare", file]).contains("no difference"));
+}
+
+#[test]
+fn every_way_of_a_transfer_carries_the_same_value() {
+    let rig = Rig::new();
+    let bus = rig.bus();
+    let sdo = Sdo::new(&bus, 1);
+    let target = Address(0x607A, 0);
+    for value in [[1u8, 2, 3, 4], [0xFF, 0xFE, 0, 0]] {
+        sdo.write_block(target, &value).unwrap();
+        assert_eq!(sdo.read(target).unwrap(), value);
+        let other = value.map(|byte| byte ^ 0x55);
+        sdo.write_segments(target, &other).unwrap();
+        assert_eq!(sdo.read_block(target).unwrap(), other);
+    }
+    let name = Address(0x1008, 0);
+    assert_eq!(sdo.read(name).unwrap(), b"EDM servo head");
+    assert_eq!(sdo.read_block(name).unwrap(), b"EDM servo head");
+    let too_long = [0; 300];
+    assert_eq!(sdo.write(target, &too_long), Err(SdoError::Refused(target, 0x0607_0012)));
+    assert!(matches!(sdo.write(Address(0x1008, 0), b"x"), Err(SdoError::Refused(_, 0x0601_0002))));
+    // The scope's record: a domain of many segments.
+    for (sub, value) in [(1, &[0, 0x64, 0x60, 0][..]), (5, &[1, 0]), (6, &[0]), (8, &[1])] {
+        sdo.write(Address(0x2010, sub), value).unwrap();
+    }
+    let full = (0..100_000).any(|_| sdo.read(Address(0x2010, 9)).unwrap() == [3]);
+    assert!(full, "the scope did not fill");
+    let count = u16::from_le_bytes(sdo.read(Address(0x2010, 10)).unwrap().try_into().unwrap());
+    let data = sdo.read_block(Address(0x2010, 11)).unwrap();
+    assert!(count >= 256 && data.len() >= 4 * usize::from(count), "{count} {}", data.len());
+    assert_eq!(data, sdo.read(Address(0x2010, 11)).unwrap());
+}
+
+#[test]
+fn two_programs_that_talk_to_one_head_do_not_disturb_each_other() {
+    let rig = Rig::new();
+    let programs: Vec<Bus> = (0..3).map(|_| rig.bus()).collect();
+    std::thread::scope(|scope| {
+        for bus in &programs {
+            scope.spawn(|| {
+                let sdo = Sdo::new(bus, 1);
+                for _ in 0..50 {
+                    assert_eq!(sdo.read(Address(0x1018, 4)).unwrap(), [1, 0, 0, 0]);
+                    assert_eq!(sdo.read(Address(0x2000, 1)).unwrap(), [0]);
+                    assert!(matches!(sdo.read(Address(0x2FFF, 0)), Err(SdoError::Refused(_, 0x0602_0000))));
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
+    let rig = Rig::with_stranger(9);
+    let way = rig.way();
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let eds = include_str!("../../../docs/edm-servo-head.eds");
+    let cut = put("cut.eds", "[DeviceInfo]\nVendorNumber=0x0\n");
+    let other = put("other.eds", &eds.replace("ProductNumber=0x1", "ProductNumber=0x7"));
+    let newer = put("newer.eds", &eds.replace("RevisionNumber=0x1", "RevisionNumber=0x2"));
+    let whole = folder.path().join("whole.toml");
+    let whole = whole.to_str().unwrap();
+    assert_eq!(run(&way, &["settings", "export", whole]).0, Some(0));
+    let text = fs::read_to_string(whole).unwrap().replace("setpoint_v = 60", "setpoint_v = 50");
+    let half = put("half.toml", &text[..text.len() / 2]);
+    let broken = put("broken.toml", "[gap]\nsetpoint_v = ");
+    let absent = folder.path().join("absent").to_str().unwrap().to_owned();
+    let short = put("short.token", "abc\n");
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let taken = taken.local_addr().unwrap().to_string();
+    for (arguments, part) in [
+        (&["--eds", &absent, "heads"][..], "absent: "),
+        (&["--eds", &cut, "heads"], "cut.eds: no ProductNumber in [DeviceInfo]"),
+        (&["--eds", whole, "heads"], "whole.toml: "),
+        (&["--eds", &other, "stop"], "node 1: another device (vendor 0h, product 1h)"),
+        (
+            &["--eds", &newer, "bore", "--depth", "0.1"],
+            "its objects are revision 1, the description file is of revision 2",
+        ),
+        (&["--node", "9", "stop"], "node 9: no servo drive (device profile 401)"),
+        (&["--node", "5", "watch"], "node 5: nobody answers at socket://"),
+        (&["settings", "import", &half], "half.toml: "),
+        (&["settings", "import", &broken], "broken.toml: line 2: "),
+        (&["settings", "compare", &absent], "absent: "),
+        (&["settings", "set", "gap.setpoint_v=0"], "must be a number from 1 to 300 V"),
+        (&["settings", "get", "gap.setpoint"], "did you mean gap.setpoint_v?"),
+        (&["bore"], "--depth <MM>"),
+        (&["bore", "--depth", "nan"], "depth NaN mm: must be a number from 0.001 to 1000 mm"),
+        (&["bore", "--depth", "0.1", "--height", "-1"], "height -1 mm: must be a number from 0.05 to 10 mm"),
+        (&["object", "2001:1", "3"], "must be a whole number from 0 to 2"),
+        (&["object", "3000:1"], "3000h:1: not in the description file"),
+        (&["page", "--listen", &taken], "must be a free HOST:PORT"),
+        (&["page", "--listen", "nonsense"], "must be a free HOST:PORT"),
+        (&["page", "--listen", "0.0.0.0:0"], "beyond this computer only with --token-file"),
+        (&["page", "--token-file", &short], "must be 16 letters and digits or more"),
+        (&["dance"], "unrecognized subcommand 'dance'"),
+    ] {
+        let (code, said, why) = run(&way, arguments);
+        assert_eq!((code, said.as_str(), why.trim_end().lines().count()), (Some(2), "", 1), "{arguments:?}: {why}");
+        assert!(why.contains(part), "{arguments:?}: {part:?} is not in {why}");
+    }
+    assert!(run(&way, &["settings", "compare", whole]).1.contains("no difference"), "nothing was written");
+    drop(rig);
+    for (way, part) in [
+        (way.as_str(), "no bus there"),
+        ("/dev/no/adapter", "no adapter there"),
+        ("socketcand://127.0.0.1:1/can0", "no bus there"),
+        ("nocan7", "nocan7: "),
+        ("slcan://x", "must be socket://HOST:PORT"),
+    ] {
+        let (code, said, why) = run(way, &["heads"]);
+        assert_eq!((code, said.as_str(), why.trim_end().lines().count()), (Some(2), "", 1), "{way}: {why}");
+        assert!(why.contains(part), "{way}: {why}");
+    }
+    // Somebody listens there, and says nothing.
+    let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let (code, _, why) = run(&format!("socket://{}", silent.local_addr().unwrap()), &["heads"]);
+    assert!(code == Some(2) && why.contains("no node answers"), "{why}");
+}
+
+#[test]
+fn the_page_of_another_site_another_host_and_who_does_not_know_the_token_are_refused() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    assert_eq!(desk.upgrade("/session", &[("Origin", &format!("http://{}", desk.address))]), 101);
+    assert_eq!(desk.upgrade("/session", &[("Origin", "http://evil.example")]), 403);
+    assert_eq!(desk.upgrade("/session", &[("Host", "evil.example")]), 403);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("token");
+    fs::write(&path, "0123456789abcdef\n").unwrap();
+    let desk = Desk::with(&rig.way(), &["--token-file", path.to_str().unwrap()]);
+    assert_eq!(desk.upgrade("/session", &[]), 401);
+    assert_eq!(desk.upgrade("/session?token=0123456789abcdeX", &[]), 401);
+    assert_eq!(desk.upgrade("/session?token=0123456789abcdef", &[]), 101);
+}
+
+#[test]
+fn nonsense_of_a_session_is_answered_and_nothing_ends() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let mut session = desk.session();
+    for text in ["", "{}", "[]", r#"{"id":1,"do":"fly"}"#, r#"{"id":1,"do":"stop","node":700}"#] {
+        session.send(text);
+        session.until(|message| message["error"].as_str().is_some_and(|why| why.starts_with("no request: ")));
+    }
+    let refused = session.ask(json!({ "do": "stop", "node": 44 })).unwrap_err();
+    assert!(refused.contains("node 44: nobody answers"), "{refused}");
+    let hole = json!({ "do": "bore", "node": 1, "hole": { "depth_mm": -1.0 } });
+    session.ask(json!({ "do": "command", "take": true })).unwrap();
+    assert!(session.ask(hole).unwrap_err().contains("must be a number from 0.001"));
+}

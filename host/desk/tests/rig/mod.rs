@@ -1,0 +1,302 @@
+//! A bus with a virtual head in this process, at twice real time, and the program beside it. What a head is in truth is looked
+//! at in the model, not asked over the bus.
+
+use edm_bus::client::Report;
+use edm_bus::hub::{Detached, Sink};
+use edm_bus::mailbox::Mailbox;
+use edm_bus::slcan::Slcan;
+use edm_bus::tcp::Listener;
+use edm_bus::{Frame, Hub, Port};
+use edm_desk::bus::Bus;
+use edm_servo_head::canopen::NodeId;
+use edm_servo_head::head::{Fault, State};
+use edm_sim::run::Setup;
+use edm_sim::serve::head::Head;
+use edm_sim::store::Store;
+use embedded_can::{Frame as _, Id, StandardId};
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, OnceLock};
+use std::thread;
+use std::time::{Duration, Instant};
+use tungstenite::{Message, WebSocket};
+
+/// Simulated seconds a second.
+const SPEED: u32 = 2;
+/// Servo ticks a millisecond.
+const TICKS: u32 = 20;
+/// The longest that anything may take.
+const PATIENCE: Duration = Duration::from_secs(50);
+
+/// What the head is.
+#[derive(Clone, Copy, Debug)]
+pub struct Truth {
+    pub state: State,
+    pub fault: Option<Fault>,
+    pub reacting: bool,
+    pub pulses: bool,
+    pub position: i64,
+    pub deepest: i64,
+}
+
+type Seen = (Mutex<Option<Truth>>, Condvar);
+
+/// A bus with a head on it, node 1.
+pub struct Rig {
+    listener: Option<Listener>,
+    way: String,
+    seen: Arc<Seen>,
+    stop: Arc<AtomicBool>,
+    _stranger: Option<Port>,
+}
+
+impl Rig {
+    pub fn new() -> Rig {
+        let hub = Hub::default();
+        let (seen, stop) = (Arc::new(Seen::default()), Arc::new(AtomicBool::default()));
+        let mailbox = Arc::new(Mailbox::default());
+        let port = hub.attach(mailbox.clone());
+        let (told, ends) = (seen.clone(), stop.clone());
+        thread::spawn(move || {
+            let setup = Setup::load("default").unwrap();
+            let store = Store::new(None, "node-1").unwrap();
+            let mut head = Head::new(&setup, (NodeId::new(1), 1), 1, store).unwrap();
+            let (mut came, mut sent, mut deepest) = (Vec::new(), Vec::new(), 0);
+            let mut due = Instant::now();
+            while !ends.load(Ordering::Relaxed) {
+                // A computer that is too slow makes simulated time slower.
+                due = due.max(Instant::now() - Duration::from_millis(20)) + Duration::from_millis(1) / SPEED;
+                mailbox.take(&mut came);
+                for tick in 0..TICKS {
+                    let frames: &[Frame] = if tick == 0 { &came } else { &[] };
+                    head.tick(frames.iter(), &mut sent);
+                    sent.drain(..).for_each(|frame| port.send(&frame));
+                }
+                came.clear();
+                let status = head.status();
+                deepest = deepest.max(status.position);
+                *told.0.lock().unwrap() = Some(Truth {
+                    state: status.state,
+                    fault: status.fault,
+                    reacting: status.reacting,
+                    pulses: head.pulses(),
+                    position: status.position,
+                    deepest,
+                });
+                told.1.notify_all();
+                while Instant::now() < due {
+                    mailbox.wait(due);
+                }
+            }
+        });
+        let listener = Listener::new(&hub, "127.0.0.1:0", || Box::new(Slcan::default()), quiet()).unwrap();
+        let way = format!("socket://{}", listener.address());
+        let rig = Rig { listener: Some(listener), way, seen, stop, _stranger: None };
+        rig.until(|_| true);
+        rig
+    }
+
+    /// With a node that is an input and output device (CiA 401).
+    pub fn with_stranger(node: u8) -> Rig {
+        let mut rig = Rig::new();
+        let hub = Hub::default();
+        let way: edm_bus::Way = rig.way.parse().unwrap();
+        let joined = way.join(&hub, 1_000_000, &quiet()).unwrap();
+        let stranger = Arc::new(Stranger { node, answers: OnceLock::new(), _joined: joined });
+        let (sender, answers) = std::sync::mpsc::channel();
+        stranger.answers.set(Mutex::new(sender)).unwrap();
+        rig._stranger = Some(hub.attach(stranger));
+        let says = hub.attach(Arc::new(Mailbox::default()));
+        thread::spawn(move || answers.iter().for_each(|frame| says.send(&frame)));
+        rig
+    }
+
+    pub fn way(&self) -> String {
+        self.way.clone()
+    }
+
+    /// This process on the bus.
+    pub fn bus(&self) -> Bus {
+        Bus::join(&self.way.parse().unwrap(), 1_000_000, 126, &quiet()).unwrap()
+    }
+
+    /// Cuts everybody off.
+    pub fn pull(&mut self) {
+        self.listener = None;
+    }
+
+    pub fn truth(&self) -> Truth {
+        self.until(|_| true)
+    }
+
+    /// What the head is as soon as it is so.
+    pub fn until(&self, so: impl Fn(&Truth) -> bool) -> Truth {
+        let end = Instant::now() + PATIENCE;
+        let mut seen = self.seen.0.lock().unwrap();
+        loop {
+            if let Some(truth) = *seen
+                && so(&truth)
+            {
+                return truth;
+            }
+            assert!(Instant::now() < end, "in vain: {seen:?}");
+            seen = self.seen.1.wait_timeout(seen, PATIENCE).unwrap().0;
+        }
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Says its device type, and nothing else.
+struct Stranger {
+    node: u8,
+    answers: OnceLock<Mutex<std::sync::mpsc::Sender<Frame>>>,
+    _joined: edm_bus::way::Joined,
+}
+
+impl Sink for Stranger {
+    fn deliver(&self, frame: &Frame) -> Result<(), Detached> {
+        let asked = Id::from(StandardId::new(0x600 + u16::from(self.node)).unwrap());
+        if frame.id() == asked && frame.data().starts_with(&[0x40, 0x00, 0x10, 0x00]) {
+            let id = StandardId::new(0x580 + u16::from(self.node)).unwrap();
+            let answer = Frame::new(id, &[0x43, 0x00, 0x10, 0x00, 0x91, 0x01, 0x00, 0x00]).unwrap();
+            let _ = self.answers.get().unwrap().lock().unwrap().send(answer);
+        }
+        Ok(())
+    }
+}
+
+fn quiet() -> Report {
+    Arc::new(|_| ())
+}
+
+/// Starts the program.
+pub fn start(way: &str, arguments: &[&str], stdout: Stdio) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_edm-desk"));
+    command.args(["--bus", way]).args(arguments);
+    command.stdin(Stdio::null()).stdout(stdout).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+/// Runs the program to its end: exit code, stdout, stderr.
+pub fn run(way: &str, arguments: &[&str]) -> (Option<i32>, String, String) {
+    let output = start(way, arguments, Stdio::piped()).wait_with_output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (output.status.code(), text(output.stdout), text(output.stderr))
+}
+
+/// The program with its page.
+pub struct Desk {
+    process: Child,
+    pub address: String,
+}
+
+impl Desk {
+    pub fn new(way: &str) -> Desk {
+        Desk::with(way, &[])
+    }
+
+    pub fn with(way: &str, options: &[&str]) -> Desk {
+        let mut process = start(way, &[&["page", "--listen", "127.0.0.1:0"], options].concat(), Stdio::piped());
+        let mut line = String::new();
+        BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let address = line.split("http://").nth(1).expect(&line).split('/').next().unwrap().to_owned();
+        Desk { process, address }
+    }
+
+    pub fn session(&self) -> Session {
+        let stream = TcpStream::connect(&self.address).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let url = format!("ws://{}/session", self.address);
+        let (socket, _) = tungstenite::client(url, stream).unwrap();
+        let mut session = Session { socket, next: 1, welcome: Value::Null };
+        session.welcome = session.until(|message| !message["welcome"].is_null())["welcome"].clone();
+        session
+    }
+
+    /// A session that commands a head that erodes.
+    pub fn eroding(&self) -> Session {
+        let mut session = self.session();
+        session.ask(json!({ "do": "heads" })).unwrap();
+        session.ask(json!({ "do": "command", "take": true })).unwrap();
+        session.ask(json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 0.5 } })).unwrap();
+        session.until(|message| message["progress"]["sample"]["state"] == "eroding");
+        session
+    }
+
+    /// The status that is answered to a WebSocket's request.
+    pub fn upgrade(&self, path: &str, headers: &[(&str, &str)]) -> u16 {
+        let mut stream = TcpStream::connect(&self.address).unwrap();
+        let mut text = format!(
+            "GET {path} HTTP/1.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+        );
+        if !headers.iter().any(|(name, _)| *name == "Host") {
+            text += &format!("Host: {}\r\n", self.address);
+        }
+        headers.iter().for_each(|(name, value)| text += &format!("{name}: {value}\r\n"));
+        stream.write_all((text + "\r\n").as_bytes()).unwrap();
+        let mut status = [0; 12];
+        stream.read_exact(&mut status).unwrap();
+        std::str::from_utf8(&status[9..]).unwrap().parse().unwrap()
+    }
+
+    pub fn kill(&mut self) {
+        self.process.kill().unwrap();
+        self.process.wait().unwrap();
+    }
+}
+
+impl Drop for Desk {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// A browser.
+pub struct Session {
+    socket: WebSocket<TcpStream>,
+    next: u64,
+    pub welcome: Value,
+}
+
+impl Session {
+    pub fn send(&mut self, text: &str) {
+        self.socket.send(Message::text(text)).unwrap();
+    }
+
+    /// What is answered to a request; what else is told meanwhile is passed over.
+    pub fn ask(&mut self, mut what: Value) -> Result<Value, String> {
+        let id = self.next;
+        self.next += 1;
+        what["id"] = id.into();
+        self.send(&what.to_string());
+        let answer = self.until(|message| message["id"] == id);
+        match answer["error"].as_str() {
+            Some(why) => Err(why.into()),
+            None => Ok(answer["ok"].clone()),
+        }
+    }
+
+    /// The next message that is so. Beats are answered, as the page does.
+    pub fn until(&mut self, so: impl Fn(&Value) -> bool) -> Value {
+        let end = Instant::now() + PATIENCE;
+        while Instant::now() < end {
+            let Message::Text(text) = self.socket.read().unwrap() else { continue };
+            let message: Value = serde_json::from_str(&text).unwrap();
+            if message["beat"] == true {
+                self.send(&json!({ "id": 0, "do": "beat" }).to_string());
+            }
+            if so(&message) {
+                return message;
+            }
+        }
+        panic!("in vain");
+    }
+}
