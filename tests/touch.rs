@@ -157,6 +157,19 @@ fn a_lower_limit_switch_on_the_way_is_the_end_of_it_and_no_fault() {
 }
 
 #[test]
+fn work_right_below_the_upper_limit_switch_is_found_without_a_fault() {
+    let parameters = Parameters { upper_limit: 1.95, ..Parameters::default() };
+    let mut machine = ready(&Settings::default(), &parameters, 1);
+    search(&mut machine, um(0));
+    let highest = machine.process.truth().position_um;
+    run(&mut machine, 0.1);
+    let status = machine.status();
+    assert_eq!((status.state, status.search, status.fault), (State::Ready, Search::Found, None));
+    assert!((status.touched as f64 - surface(&machine)).abs() <= 1.0);
+    assert!((1930.0..1955.0).contains(&highest), "{highest} um: it goes back as far as the switch");
+}
+
+#[test]
 fn a_head_that_touches_already_goes_back_first_and_finds_the_same_surface() {
     for seed in 1..=SEEDS {
         let mut machine = ready(&Settings::default(), &Parameters::default(), seed);

@@ -256,6 +256,28 @@ fn what_cannot_be_is_refused() {
 }
 
 #[test]
+fn a_lost_home_takes_the_reference_along_and_the_datum_stays() {
+    let mut rig = worn();
+    touch(&mut rig, 2);
+    rig.write(0x2011, 5, &[1]);
+    let datum = read(&mut rig, 0x2011, 7);
+    rig.machine.raise(edm_servo_head::head::Fault::EncoderLost);
+    rig.run(20);
+    assert_eq!((rig.read(0x2000, 5), read(&mut rig, 0x2011, 7)), (0, datum));
+    rig.until(3000, |rig| rig.status() & 0x4F == 0x08);
+    rig.run(5);
+    rig.control(0x80);
+    for word in [6, 7, 15] {
+        rig.control(word);
+        rig.run(5);
+    }
+    rig.until(1000, |rig| rig.machine.status().state == State::Ready);
+    for what in [2, 3] {
+        assert_eq!(rig.try_write(0x2011, 5, &[what]), Err(0x0800_0022), "{what}");
+    }
+}
+
+#[test]
 fn a_reset_of_the_node_forgets_the_datum() {
     let mut rig = worn();
     rig.write32(0x2011, 6, 77);

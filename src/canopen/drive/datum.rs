@@ -23,6 +23,7 @@ pub(super) struct Datum {
     /// The surface that was found last, unless the work has changed since; and whether another one is looked for.
     surface: Option<i64>,
     searches: bool,
+    homed: bool,
     reference: Option<i64>,
     /// How much deeper the reference is touched than at first.
     wear: i64,
@@ -56,6 +57,10 @@ impl Datum {
         if nm_per_count != self.nm_per_count {
             self.nm_per_count = nm_per_count;
             self.forget();
+        }
+        // Where the home is lost, nobody knows by how much the counts have shifted.
+        if core::mem::replace(&mut self.homed, status.homed) && !status.homed {
+            (self.surface, self.reference, self.included) = (None, None, None);
         }
         match (self.searches, status.search) {
             (_, Search::Runs) => (self.searches, self.surface) = (true, None),

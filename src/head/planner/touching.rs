@@ -81,6 +81,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             }
             None => false,
         };
+        // It may have gone back into the edge of the switch.
+        self.upper_limit_excused = self.now.safety.upper_limit;
         self.enter(State::Ready, if ended { Reason::Touched } else { Reason::NotTouched });
         Motion::Axis(TrajectorySegment { from: self.segment().from, ..TrajectorySegment::default() })
     }
