@@ -75,8 +75,13 @@ impl Session {
         }
         // Commissioning takes minutes of simulation; it is not what is measured here.
         // An axis that moves as a script has it, whatever the motor does, is not to be taken for one without an encoder.
-        let settings =
-            Settings { commissioned: true, axis_breakaway: 20.0, servo_friction: 0.0, ..Settings::default() };
+        let settings = Settings {
+            commissioned: true,
+            axis_breakaway: 20.0,
+            servo_friction: 0.0,
+            emf_velocity: 5000.0,
+            ..Settings::default()
+        };
         commission(&machine.soc().memory.flash, &settings)?;
         prepare(machine.soc());
         let mut session = Self { machine, rtt: Rtt::new(image)?, now: 0, taken: 0, log: Vec::new() };

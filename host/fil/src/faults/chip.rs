@@ -225,12 +225,14 @@ const TASKS: [(&str, Option<Exception>); 15] = [
 
 /// Runs until the task of an exception, or thread mode, is what the processor is at; its interrupt is pended so that it comes.
 fn within(stage: &mut Stage, task: Option<Exception>) -> Result<()> {
+    let begun = stage.now();
     if let Some(task) = task {
         stage.rig.machine_mut().soc().nvic().pend(task);
     }
     let reached = stage.rig.until(|machine| machine.soc().nvic().nesting().last().copied() == task, 2 * MS)?;
     ensure!(reached, "the task does not come");
     stage.mark();
+    stage.count_from(begun);
     Ok(())
 }
 

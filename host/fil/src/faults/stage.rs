@@ -201,6 +201,13 @@ impl Stage {
         self.seen = Seen { gap_um: (gap, gap), ..Seen::default() };
     }
 
+    /// Pulses that something has switched off since `begun`, on its way to the fault, were off at once.
+    pub fn count_from(&mut self, begun: u64) {
+        if let Some(off) = self.rig.machine().world().off {
+            self.at = if (begun..self.at).contains(&off) { off } else { self.at };
+        }
+    }
+
     /// Present time, ticks of the chip.
     pub fn now(&mut self) -> u64 {
         self.rig.machine_mut().soc().now()

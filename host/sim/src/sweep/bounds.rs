@@ -45,9 +45,9 @@ const KEPT: &[(&str, &[Kept])] = &[
     ),
     ("silicon", &[("sim_time_s", 57.0, 96.0), ("gap_voltage_v.rms_error_100ms", 0.0, 4.0)]),
     ("micro-blind", &[("sim_time_s", 26.0, 46.0), ("short_ratio", 0.005, 0.1), ("wear_mm", 0.008, 0.02)]),
-    ("micro-blind-clear", &[("sim_time_s", 15.0, 29.0), ("short_ratio", 0.002, 0.1), ("wear_mm", 0.008, 0.02)]),
+    ("micro-blind-clear", &[("sim_time_s", 13.0, 27.0), ("short_ratio", 0.002, 0.1), ("wear_mm", 0.008, 0.02)]),
     ("micro-through", &[("sim_time_s", 32.0, 56.0), ("short_ratio", 0.005, 0.1), ("through_ratio", 1.0, 1.0)]),
-    ("micro-through-clear", &[("sim_time_s", 19.0, 34.0), ("short_ratio", 0.002, 0.1), ("through_ratio", 1.0, 1.0)]),
+    ("micro-through-clear", &[("sim_time_s", 17.0, 32.0), ("short_ratio", 0.002, 0.1), ("through_ratio", 1.0, 1.0)]),
 ];
 
 /// What a run breaks, in a few words each.
