@@ -47,8 +47,8 @@ fn halted(session: &mut Session) -> Soc<Rig> {
 
 #[test]
 fn a_core_halted_at_any_instruction_has_pulses_and_bridge_off_within_a_millisecond() {
-    // Some ticks, by a step that is no part of one.
-    for (time, points, step) in [(MONOSTABLE, 300, 173), (MS * 3 / 10, 100, 331), (MS * 8 / 10, 100, 331)] {
+    // Some pulses and their shorts, by a step that is no part of a tick.
+    for (time, points, step) in [(MONOSTABLE, 300, 1733), (MS * 3 / 10, 100, 3331), (MS * 8 / 10, 100, 3331)] {
         let mut session = eroding(time);
         let mut worked = 0;
         let mut at = session.machine.soc().now();
