@@ -287,3 +287,18 @@ fn a_reset_of_the_node_forgets_the_datum() {
     rig.run(100);
     assert_eq!(read(&mut rig, 0x2011, 7), 0);
 }
+
+#[test]
+fn what_a_probe_has_kept_is_a_position_like_any_other() {
+    let mut rig = worn();
+    // The contact sense, where it begins.
+    rig.write(0x60B8, 0, &0x11u16.to_le_bytes());
+    assert_eq!(find(&mut rig), FOUND);
+    let (kept, touched) = (read(&mut rig, 0x60BA, 0), read(&mut rig, 0x2001, 6));
+    assert!(rig.read(0x60B9, 0) & 2 != 0 && (kept - touched).abs() <= 8, "{kept} {touched}");
+    rig.write32(0x2011, 6, -250);
+    rig.write(0x2011, 5, &[1]);
+    rig.run(5);
+    assert_eq!(read(&mut rig, 0x2001, 6), -250);
+    assert_eq!(read(&mut rig, 0x60BA, 0), kept - touched - 250, "60BAh is where a host sent to it would go");
+}
