@@ -205,3 +205,42 @@ fn commissioning_finds_the_friction_that_the_supervision_judges_by() {
         assert!((friction..friction + 0.05).contains(&found), "{found} N instead of {friction}");
     }
 }
+
+/// Heads that hold their place above the work, pulses off, as they came out of the erosion.
+#[test]
+fn an_encoder_that_dies_while_the_head_holds_its_place_does_not_let_it_press_into_the_work() {
+    for friction in [0.05, 0.3, 1.0] {
+        for (seed, mut machine) in eroding_against(friction).take(10) {
+            machine.command(Command::Hold).unwrap();
+            run(&mut machine, 0.5);
+            assert_eq!(machine.status().state, State::HoldingPosition);
+            machine.process.fault_inputs.encoder_dead = true;
+            for _ in 0..20 * TICK_HZ {
+                machine.tick();
+                let truth = machine.process.truth();
+                let told = machine.status().first;
+                assert!(truth.contact_n <= 5.0, "{friction} N, seed {seed}: {} N, told {told:?}", truth.contact_n);
+            }
+        }
+    }
+}
+
+#[test]
+fn an_encoder_that_dies_while_the_head_holds_its_place_is_named_before_the_head_has_gone_far() {
+    for friction in [0.05, 0.3, 1.0] {
+        for (seed, mut machine) in eroding_against(friction).take(10) {
+            machine.command(Command::Hold).unwrap();
+            run(&mut machine, 0.5);
+            let from = machine.process.truth().position_um;
+            machine.process.fault_inputs.encoder_dead = true;
+            for _ in 0..20 * TICK_HZ {
+                machine.tick();
+                if machine.status().first.is_some() {
+                    break;
+                }
+                let gone = machine.process.truth().position_um - from;
+                assert!(gone.abs() < 500.0, "{friction} N, seed {seed}: {gone} um, and nobody has been told");
+            }
+        }
+    }
+}
