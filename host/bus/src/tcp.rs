@@ -6,7 +6,7 @@ use std::io::{self, Read, Write};
 use std::net::{Ipv4Addr, Ipv6Addr, Shutdown, SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 /// Clients at the same time on one address. One more takes the place of the one that has said nothing for longest.
@@ -21,10 +21,12 @@ const QUIET: Duration = Duration::from_secs(1);
 /// Makes the conversation of a new client.
 pub type Make = fn() -> Box<dyn Protocol>;
 
-/// An address that clients connect to. Dropping it ends their conversations.
+/// An address that clients connect to. Dropping it ends their conversations, and nobody can connect any more.
 pub struct Listener {
     address: SocketAddr,
     stop: Arc<AtomicBool>,
+    /// It owns the socket; `None` once it is ended.
+    accepts: Option<JoinHandle<()>>,
     clients: Arc<Mutex<Vec<Weak<Client>>>>,
 }
 
@@ -35,9 +37,10 @@ impl Listener {
     /// When the address cannot be listened at.
     pub fn new(hub: &Hub, address: impl ToSocketAddrs, make: Make, report: Report) -> io::Result<Listener> {
         let socket = TcpListener::bind(address)?;
-        let listener = Listener { address: socket.local_addr()?, stop: Arc::default(), clients: Arc::default() };
+        let mut listener =
+            Listener { address: socket.local_addr()?, stop: Arc::default(), accepts: None, clients: Arc::default() };
         let (hub, stop, clients) = (hub.clone(), listener.stop.clone(), listener.clients.clone());
-        thread::spawn(move || {
+        listener.accepts = Some(thread::spawn(move || {
             let mut log = Log { report: report.clone(), said: None, kept_back: 0 };
             for stream in socket.incoming() {
                 if stop.load(Ordering::Relaxed) {
@@ -49,7 +52,7 @@ impl Listener {
                     Err(error) => log.say(&format!("a client could not be served: {error}")),
                 }
             }
-        });
+        }));
         Ok(listener)
     }
 
@@ -67,7 +70,11 @@ impl Drop for Listener {
         if wake.ip().is_unspecified() {
             wake.set_ip(if wake.is_ipv4() { Ipv4Addr::LOCALHOST.into() } else { Ipv6Addr::LOCALHOST.into() });
         }
-        let _ = TcpStream::connect(wake);
+        if TcpStream::connect(wake).is_ok()
+            && let Some(accepts) = self.accepts.take()
+        {
+            let _ = accepts.join();
+        }
         let clients = self.clients.lock().unwrap_or_else(PoisonError::into_inner);
         clients.iter().filter_map(Weak::upgrade).for_each(|client| client.end());
     }
