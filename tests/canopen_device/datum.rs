@@ -302,3 +302,24 @@ fn what_a_probe_has_kept_is_a_position_like_any_other() {
     assert_eq!(read(&mut rig, 0x2001, 6), -250);
     assert_eq!(read(&mut rig, 0x60BA, 0), kept - touched - 250, "60BAh is where a host sent to it would go");
 }
+
+#[test]
+fn a_datum_by_which_no_place_of_the_travel_can_be_told_is_refused() {
+    let mut rig = worn();
+    assert_eq!(find(&mut rig), FOUND);
+    for position in [i32::MIN, -1_000_000_001, 1_000_000_001, i32::MAX] {
+        assert!(rig.try_write(0x2011, 6, &position.to_le_bytes()).is_err(), "{position}");
+    }
+    for position in [-1_000_000_000, 1_000_000_000] {
+        rig.write32(0x2011, 6, position);
+        rig.write(0x2011, 5, &[1]);
+        rig.run(5);
+        let (told, from) = (read(&mut rig, 0x6064, 0), rig.position());
+        rig.write32(0x607A, 0, told as i32 - 10);
+        rig.control(0x0F);
+        rig.control(0x1F);
+        rig.run(500);
+        assert_eq!(rig.position() - from, -10, "{position}");
+        rig.control(0x0F);
+    }
+}

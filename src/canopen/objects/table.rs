@@ -254,7 +254,7 @@ objects! {
         3 SearchOutcome: u8, ro, tx, (0, 5), 0, "", live, "Outcome: 0 never asked for, 1 under way, 2 found, 3 nothing within reach, 4 the gap reads as a contact where the head has gone back, 5 broken off";
         4 SearchOvershoot: u32, ro, tx, U32, 0, "counts", live, "Overshoot: how far past the place found the axis has been";
         5 SurfaceIs: u8, wo, no, (1, 4), 1, "", live, "What was touched: 1 the work: it has the position of sub-index 6; 2 the reference, by a new electrode; 3 the reference again: wear is measured; 4 the same, and positions are reckoned from the worn face";
-        6 SurfacePosition: i32, rw, no, I32, 0, "counts", live, "Position: that the surface is to have";
+        6 SurfacePosition: i32, rw, no, (-1_000_000_000, 1_000_000_000), 0, "counts", live, "Position: that the surface is to have";
         7 DatumOffset: i32, ro, tx, I32, 0, "counts", live, "Datum: position of a host's 0 from the home, 6063h less 6064h; 0 after homing and after a reset of the node";
         8 Wear: i32, ro, tx, I32, 0, "counts", live, "Wear: of the electrode, since it touched the reference first";
         9 Travel: i32, ro, tx, I32, 0, "counts", live, "Electrode travel: in the newest hole, from where the gap was first the one to keep to the farthest";
