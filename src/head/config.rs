@@ -77,7 +77,7 @@ pub struct Retreat {
 /// What the head lifts with when it cannot or must not close the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lift {
-    /// Duty that lifts: weight plus 20 %.
+    /// Duty that lifts: weight plus 20 %, and friction, but no more than `limited` beyond the holding duty.
     pub duty: f32,
     /// Duty that holds afterwards: weight plus 10 %.
     pub hold: f32,

@@ -114,7 +114,7 @@ pub enum Reaction {
     /// Integrators cleared, back along the path with limited force; becomes [`Reaction::OpenLoopLift`] when the following
     /// error does not shrink.
     ForceLimitedRetract,
-    /// Weight plus 20 % upward for a limited time, then weight plus 10 %.
+    /// Weight plus 20 %, and friction, upward for a limited time, then weight plus 10 %.
     OpenLoopLift,
     /// Lift while the bus still carries, then coast.
     LiftOnStored,

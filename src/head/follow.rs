@@ -193,6 +193,8 @@ pub struct Plan {
     pub pulses: bool,
     /// A reference is looked for: positions of index marks are wanted, and whatever is in the way is no fault.
     pub homes: bool,
+    /// The head is known to be below the upper end of its travel: no stop is in its way.
+    pub free: bool,
     /// What the touch probes wait for.
     pub probes: Wanted,
     /// A set point that a SYNC releases may be followed, toward the work at this velocity at most.
@@ -236,6 +238,7 @@ impl Plan {
         closed: false,
         pulses: false,
         homes: false,
+        free: false,
         probes: Wanted::OFF,
         set_points: false,
         toward: CountsPerSecond(0.0),
@@ -394,6 +397,10 @@ pub struct Measured {
     pub state: State,
     /// The loop is closed over the encoder.
     pub closed: bool,
+    /// The set point stands.
+    pub rests: bool,
+    /// The head is known to be below the upper end of its travel.
+    pub free: bool,
     /// A reference is looked for: a head that is stopped has found what is in its way.
     pub homes: bool,
     /// Pulses are allowed, for work.
@@ -878,6 +885,8 @@ impl Follower {
             tick: self.tick,
             state: self.plan.state,
             closed: self.plan.closed,
+            rests: self.plan.trajectory.follow == Follow::Setpoint && self.plan.trajectory.travel == Fixed(0),
+            free: self.plan.free,
             homes: self.plan.homes,
             pulses: self.plan.pulses && self.plan.state.pulses(),
             trusts: self.plan.trusts,

@@ -54,6 +54,8 @@ pub(super) struct Situation {
     pub saturated: bool,
     /// The head stands where it can rise no further: at its upper limit switch, or at the upper end of its travel.
     pub top: bool,
+    /// It is known where that is.
+    pub homed: bool,
     /// Upper limit switch open.
     pub upper_limit: bool,
     /// The winding is hot.
@@ -73,7 +75,8 @@ pub(super) struct Reacting {
     following: f32,
     grown: u32,
     lifted: bool,
-    /// Position, ticks for which it has been the same while holding, and whether the head has once come to rest.
+    /// Position in the beginning, or, while holding, lately; ticks for which it has been the same then, and whether the head has
+    /// once come to rest.
     position: i64,
     still: u32,
     rests: bool,
@@ -90,6 +93,8 @@ const REST: u32 = ticks(100e-3);
 const STANDS: u32 = ticks(10e-3);
 /// Time after which a head that holds stands, even if it trembles over an edge of the encoder.
 const TREMBLES: u32 = ticks(1.0);
+/// Times its friction that move any head, if it is a little more than was learnt.
+const FRICTIONS: f32 = 1.33;
 /// Time for which the supervision may still speak of what it saw before this reaction.
 const STALE: u32 = ticks(5e-3);
 
@@ -169,6 +174,9 @@ impl Reacting {
             Reaction::OpenLoopLift => Motion::Duty(self.lift(&config.lift, now, config.lift.hold)),
             Reaction::LiftOnStored | Reaction::EmergencyLift => {
                 let dead = now.bus < config.lift.bus_dead;
+                if self.unmoved(config, now) {
+                    return Err((Fault::EncoderLost, Reaction::Coast));
+                }
                 let duty = self.lift(&config.lift, now, 0.0);
                 if self.lifted || dead { Motion::Coast } else { Motion::Duty(duty) }
             }
@@ -223,6 +231,15 @@ impl Reacting {
             self.grown = 0;
         }
         following > config.supervise.following && self.grown >= SHRINK
+    }
+
+    /// A whole lift is over, which no sound head would have withstood without a count: not even with what is left of the bus.
+    fn unmoved(&self, config: &Config, now: &Situation) -> bool {
+        let axis = &config.axis;
+        let whole = !self.lifted && self.ticks > config.lift.ticks;
+        let needed = axis.gains.holding() - FRICTIONS * config.supervise.breakaway.friction;
+        let enough = config.lift.duty * now.bus.0 < needed * axis.plant.bus.0;
+        whole && enough && now.homed && !now.top && now.position == self.position
     }
 
     /// Lifts for a limited time, not into an open upper limit and not with a hot winding; then gives `afterwards`.

@@ -92,6 +92,11 @@ impl Breakaway {
     const LATELY: f32 = 1.0 / 512.0;
     /// Counts that a head must have gone before it is said to stand.
     const WAY: f32 = 8.0;
+    /// Duty by which that of a head at rest may change beyond what turns its friction round: of the quantised velocity, and of
+    /// a friction that is a little more than was learnt.
+    const REST: f32 = 0.01;
+    /// Times its friction, for the same.
+    const REST_FRICTIONS: f32 = 1.33 * 2.0;
     /// Counts that a film has to let it go before that can be seen: two, and half as many again.
     const SEEN: f32 = 3.0;
 
@@ -154,6 +159,37 @@ impl Standing {
             self.impulse += beyond;
         }
         self.way > Breakaway::WAY && self.impulse > breakaway.film
+    }
+}
+
+/// Duties under which a head at rest has stood, since its encoder last counted. What holds it may turn from the whole friction one
+/// way to the whole friction the other way; more than that moves it, whatever it weighs.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rest {
+    /// Mean, least and most; `None` as long as it moves or is to move.
+    duties: Option<[f32; 3]>,
+    /// Milliseconds since then.
+    ms: f32,
+    standing: Standing,
+}
+
+impl Rest {
+    /// Share of the newest duty in the mean, once a millisecond: a loop that trembles over an edge gives more and less by turns.
+    const MEAN: f32 = 1.0 / 16.0;
+    /// How much faster than on average a head may begin to creep.
+    const SLOWS: f32 = 4.0;
+
+    /// A millisecond at rest under this duty; whether the head must have been seen to move.
+    fn is_too_far(&mut self, breakaway: &Breakaway, duty: f32, rests: bool) -> bool {
+        let [mean, least, most] = self.duties.unwrap_or([duty; 3]);
+        let mean = mean + (duty - mean) * Self::MEAN;
+        let turned = larger(mean - least, most - mean);
+        self.duties = rests.then(|| [mean, smaller(least, mean), larger(most, mean)]);
+        self.ms = if rests { self.ms + 1.0 } else { 1.0 };
+        // It may have come to rest in a film, which takes a force as long as it goes at all, and the more in the beginning.
+        let creeps = Self::SLOWS * breakaway.film / self.ms;
+        let beyond = turned - Breakaway::REST_FRICTIONS * breakaway.friction - Breakaway::REST - creeps;
+        self.standing.is_too_long(breakaway, beyond, !rests)
     }
 }
 
@@ -233,6 +269,8 @@ struct Belief {
     rest: u32,
     /// It has since the look before.
     moves: bool,
+    /// It has counted since then, be it to and fro over one edge.
+    counts: bool,
     /// Times that it was to be believed anew, when this began.
     trusts: u32,
     /// Wired like this then.
@@ -251,6 +289,7 @@ pub struct Supervisor {
     runaway: Lasting,
     encoder: Lasting,
     standing: Standing,
+    rest: Rest,
     /// Duty needed lately.
     needed: f32,
     gap: Lasting,
@@ -362,6 +401,7 @@ impl Supervisor {
                 count: used.count,
                 rest: used.count,
                 moves: true,
+                counts: true,
                 trusts: now.trusts,
                 reversed,
             });
@@ -369,6 +409,7 @@ impl Supervisor {
         let Some(belief) = &mut self.belief else { return false };
         let moved = used.count.wrapping_sub(belief.count).cast_signed();
         belief.count = used.count;
+        belief.counts = moved != 0;
         belief.moves = used.count.wrapping_sub(belief.rest).cast_signed().unsigned_abs() > 1;
         if belief.moves {
             belief.rest = used.count;
@@ -401,12 +442,12 @@ impl Supervisor {
 
     /// An encoder that stands still, or trembles, while the loop gives more than friction can hold is not believed: a head that
     /// moves without counts has reached the work, or its stop, long before its back-EMF shows. The reaction to another fault
-    /// drives up, perhaps onto the stop, and lets itself be pushed.
+    /// drives up, perhaps onto the stop: there it may push.
     fn stands(&mut self, limits: &Limits, now: &Measured) -> bool {
         let breakaway = &limits.breakaway;
         let still = self.belief.as_ref().is_some_and(|belief| !belief.moves);
         // Commissioning drives from stop to stop.
-        let loops = now.closed && !matches!(now.state, State::Fault | State::Commissioning);
+        let loops = now.closed && now.state != State::Commissioning && (now.state != State::Fault || now.free);
         let more = now.duty - self.needed;
         self.needed = if loops { self.needed + more * Breakaway::LATELY } else { breakaway.holding };
         let beyond = now.duty - breakaway.holding;
@@ -416,7 +457,9 @@ impl Supervisor {
         let along = |duty: f32| duty.copysign(duty * now.following) > breakaway.friction;
         let follows = following > breakaway.following && along(more) && along(beyond);
         let push = if loops { push - breakaway.friction } else { 0.0 };
-        self.standing.is_too_long(breakaway, push, !still) && (pushed || follows)
+        let silent = self.belief.as_ref().is_some_and(|belief| !belief.counts);
+        let far = self.rest.is_too_far(breakaway, now.duty, loops && now.rests && silent);
+        far | (self.standing.is_too_long(breakaway, push, !still) && (pushed || follows))
     }
 }
 

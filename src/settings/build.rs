@@ -248,6 +248,7 @@ impl Settings {
         let plant = &axis.plant;
         let holding = axis.gains.holding();
         let weight = plant.duty(plant.weight());
+        let limited = plant.duty(Newtons(self.lift_force));
         Config {
             setpoint: match self.gap_setpoint_unit {
                 SetpointUnit::Volts => Setpoint::Volts(Volts(self.gap_setpoint)),
@@ -301,10 +302,10 @@ impl Settings {
                 lift: libm::ceilf(self.end_lift) as u32,
             },
             lift: Lift {
-                duty: holding - 0.2 * weight,
+                duty: holding - (0.2 * weight + plant.duty(Newtons(self.axis_breakaway))).min(limited),
                 hold: holding - 0.1 * weight,
                 ticks: ticks(self.lift_ms),
-                limited: plant.duty(Newtons(self.lift_force)),
+                limited,
                 bus_dead: Volts(self.lift_bus_dead),
             },
             presliding: PreslidingConfig {

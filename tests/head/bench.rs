@@ -14,6 +14,9 @@ use edm_servo_head::units::{
     CLOCK_HZ, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ, TICK_S, Volts,
 };
 
+/// Duty of an open-loop lift: weight plus 20 %, and 0.3 N of friction, less counterbalance: 0.453 N up.
+pub const LIFT: f64 = -0.01563;
+
 /// The bench, in SI units; um where it says so.
 pub struct Bench {
     pub head: Head<Box<Path>>,

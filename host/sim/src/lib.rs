@@ -39,6 +39,7 @@ pub mod board;
 pub mod bore;
 pub mod cli;
 pub mod compare;
+pub mod contact;
 pub mod events;
 pub mod faults;
 pub mod gap_report;

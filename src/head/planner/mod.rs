@@ -273,6 +273,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             closed,
             pulses,
             homes,
+            free,
             probes,
             set_points,
             toward,
@@ -299,6 +300,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *closed = self.status.closed;
         *pulses = allowed;
         *homes = self.looks_for_home();
+        *free = self.status.homed && !self.at_top();
         *probes = self.wanted();
         *set_points = self.follows_set_points();
         *toward = self.toward(*setpoint);
@@ -452,11 +454,15 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.status.setpoint = here;
     }
 
-    fn situation(&self) -> Situation {
+    /// The head stands at the upper end of its travel, perhaps against its stop.
+    fn at_top(&self) -> bool {
         let axis = &self.config.axis;
         let (top, _) = axis.travel;
         let margin = (self.config.retreat.off_limit.to_f32() * axis.counts_per_um) as i64;
-        let at_top = self.status.homed && self.status.position <= axis.counts(top).round().saturating_add(margin);
+        self.status.homed && self.status.position <= axis.counts(top).round().saturating_add(margin)
+    }
+
+    fn situation(&self) -> Situation {
         Situation {
             path: self.route.s(),
             safe: self.route.work().minus(self.config.retreat.safe),
@@ -466,7 +472,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             velocity: self.status.velocity,
             duty: self.status.duty,
             saturated: self.status.saturated,
-            top: at_top || self.now.safety.upper_limit,
+            top: self.at_top() || self.now.safety.upper_limit,
+            homed: self.status.homed,
             upper_limit: self.now.safety.upper_limit,
             current_reduced: self.status.current_reduced,
             bus: self.status.bus,

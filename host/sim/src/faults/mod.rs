@@ -11,8 +11,6 @@ pub mod row;
 mod trial;
 pub mod wires;
 
-pub use trial::CONTACT_N;
-
 use crate::inputs::shard;
 use crate::output::Output;
 use crate::page::Page;

@@ -2,6 +2,7 @@
 //! are mended.
 
 use super::wires::{BURR, BURR_MM_S, Case, Wire};
+use crate::contact::Approach;
 use crate::machine::Machine;
 use crate::run::Setup;
 use edm_servo_head::head::{Command, Fault, MotionLimits, Reaction, Reason, State};
@@ -11,8 +12,6 @@ use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanomet
 /// Times between two wires, s: in the same tick, before the supervision has looked, before slow reactions have begun, in the
 /// middle of the emergency lift (300 ms), and when every reaction rests.
 pub const DELAYS_S: [f64; 5] = [0.0, 0.001, 0.02, 0.2, 2.0];
-/// Most that the electrode may press on the work, N.
-pub const CONTACT_N: f64 = 5.0;
 /// Time after which the motor current has to be below the continuous one, s.
 const SETTLED_S: f64 = 1.0;
 /// Time for which the motor current is averaged, as the winding does for much longer: 10 ms.
@@ -46,6 +45,8 @@ pub struct Seen {
     pub reaction: Option<Reaction>,
     /// Greatest force between electrode and work, N.
     pub contact_n: f64,
+    /// The same beyond what the speed of its approach allows, and that speed, N and mm/s.
+    pub pressed: Option<(f64, f64)>,
     /// Greatest motor current, a mean of 10 ms, from a second after the last wire on, A.
     pub current_a: f64,
     /// Why it does not work again, if it does not.
@@ -67,7 +68,8 @@ impl Seen {
         let right = if case.shows() { self.named.iter().any(known) } else { self.named.iter().all(known) };
         demand(right, format!("named {:?}", self.named));
         demand(!case.shows() || self.time_us.is_some(), "pulses went on".into());
-        demand(self.contact_n <= CONTACT_N, format!("{:.1} N", self.contact_n));
+        let (newtons, mm_s) = self.pressed.unwrap_or_default();
+        demand(self.pressed.is_none(), format!("{newtons:.1} N at {mm_s:.1} mm/s"));
         demand(self.current_a < f64::from(Settings::default().motor_continuous), format!("{:.2} A", self.current_a));
         demand(self.stuck.is_none(), self.stuck.clone().unwrap_or_default());
         broken
@@ -78,6 +80,7 @@ impl Seen {
 struct Trial {
     machine: Machine,
     seen: Seen,
+    approach: Approach,
     /// Sum of the current of the running 10 ms, and its ticks.
     sum: (f64, u32),
     /// Height of the burr, and the one that it comes up to, mm.
@@ -109,7 +112,8 @@ impl Trial {
         // The virtual head's commissioning counts as passed; a fast seek shortens the campaign.
         let settings = Settings { commissioned: true, seek_velocity: 5000.0, ..setup.head };
         let machine = Machine::new(setup.process, &settings, seed).map_err(|error| setup.refusal(error))?;
-        let mut trial = Trial { machine, seen: Seen::default(), sum: (0.0, 0), burr: (0.0, 0.0) };
+        let mut trial =
+            Trial { machine, seen: Seen::default(), approach: Approach::default(), sum: (0.0, 0), burr: (0.0, 0.0) };
         trial.watch(0.01);
         trial.start()?;
         trial.seen = Seen::default();
@@ -170,7 +174,12 @@ impl Trial {
             let _ = self.machine.process.happen(BURR, Value::Number(*height));
         }
         self.machine.tick();
-        self.seen.contact_n = self.seen.contact_n.max(self.machine.process.truth().contact_n);
+        let truth = self.machine.process.truth();
+        self.approach.tick(&truth);
+        self.seen.contact_n = self.seen.contact_n.max(truth.contact_n);
+        if truth.contact_n > self.approach.bound() && self.seen.pressed.is_none_or(|(most, _)| truth.contact_n > most) {
+            self.seen.pressed = Some((truth.contact_n, self.approach.fastest_mm_s()));
+        }
         while let Some(change) = self.machine.next_change() {
             if let Reason::Fault(fault) = change.reason
                 && !self.seen.named.contains(&fault)

@@ -2,7 +2,7 @@
 
 use super::case::{Action, Case};
 use super::script::ID;
-use crate::faults::CONTACT_N;
+use crate::contact::Approach;
 use crate::process::Truth;
 use crate::run::Setup;
 use crate::serve::head::Head;
@@ -17,12 +17,6 @@ use embedded_can::{Frame as _, StandardId};
 
 /// Ticks that outputs may follow the state that a host is told of: a plan comes into force two ticks after its estimate.
 const LAG: u32 = 3;
-/// Contact where space has been cleared, N: 12.6 N by coasting alone at 20 mm/s.
-const CLEARED_N: f64 = 15.0;
-/// Fastest approach for which 5 N are promised, um/s, with what the loop overshoots by.
-const APPROACH_UM_S: f64 = 6000.0;
-/// Ticks for which the fastest approach is remembered: 100 ms.
-const REMEMBERED: u64 = 100 * TICKS_PER_MS as u64;
 /// Time that the motor may draw more than its peak, ticks: as long as the supervision waits, and a millisecond for its look.
 const OVER_PEAK: u32 = 6 * TICKS_PER_MS;
 /// Time after which a head in a fault draws less than the continuous current, ticks.
@@ -68,8 +62,7 @@ struct Watch {
     heat: f64,
     /// Sum of the current of the last ticks, A, and how many.
     drawn: (f64, u32),
-    /// The fastest approach lately, um/s, and when.
-    approach: (f64, u64),
+    approach: Approach,
     touching: bool,
 }
 
@@ -202,17 +195,13 @@ impl Watch {
     }
 
     fn contact(&mut self, truth: &Truth, name: &str, seen: &mut Seen) -> Option<(&'static str, String)> {
-        let (fastest, when) = self.approach;
-        if truth.gap_um > 0.0 && (truth.velocity_um_s >= fastest || seen.ticks - when > REMEMBERED) {
-            self.approach = (truth.velocity_um_s, seen.ticks);
-        }
+        self.approach.tick(truth);
         let touching = truth.contact_n > 0.0;
         seen.contacts += u64::from(touching && !self.touching);
         self.touching = touching;
         seen.contact_n = seen.contact_n.max(truth.contact_n);
-        let bound = if fastest <= APPROACH_UM_S { CONTACT_N } else { CLEARED_N };
-        (truth.contact_n > bound).then(|| {
-            let mm_s = fastest * 1e-3;
+        (truth.contact_n > self.approach.bound()).then(|| {
+            let mm_s = self.approach.fastest_mm_s();
             ("contact beyond its bound", format!("{:.1} N in {name}, approached at {mm_s:.1} mm/s", truth.contact_n))
         })
     }
