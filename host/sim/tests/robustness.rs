@@ -30,7 +30,7 @@ fn a_pair_of_wires_is_a_row_of_json_and_of_the_page() {
     assert_eq!(output.status.code(), Some(0), "{output:?}");
     let json: Value = serde_json::from_slice(&fs::read(folder.path().join("f.json")).unwrap()).unwrap();
     assert_eq!((&json["injected"], &json["detected"], &json["missed"]), (&1.into(), &1.into(), &0.into()));
-    assert_eq!(json["rows"][0]["reported"], "emergency stop");
+    assert_eq!(json["rows"][0]["reported"], "emergency stop, encoder lost");
     let written = fs::read_to_string(folder.path().join("page.md")).unwrap();
     assert!(
         written.contains("| stop.open, then encoder.cut | emergency lift |") && !written.contains("old"),

@@ -103,10 +103,12 @@ fn after_a_halt_the_head_says_so_and_works_again_only_when_it_is_enabled_anew() 
     session.command(Command::ResetFault).unwrap();
     session.idle(5 * MS).unwrap();
     assert!(!works(session.machine.soc()));
-    // Edges that came meanwhile were counted by the timer alone: the encoder may be found lost as soon as the loop is closed.
-    session.command(Command::Enable).unwrap();
+    // Edges that came meanwhile were counted by the timer alone: the encoder may be found lost as soon as the loop is closed,
+    // which lifts, perhaps before the host has seen that it was enabled.
+    let enabled = session.command(Command::Enable);
     assert!(session.machine.soc().world.latch.enables());
-    assert!(matches!(session.fault().unwrap(), None | Some(Fault::EncoderLost)));
+    let fault = session.fault().unwrap();
+    assert!(fault == Some(Fault::EncoderLost) || enabled.is_ok() && fault.is_none(), "{fault:?}, {:?}", enabled.err());
     assert_eq!(session.machine.stats().resets, 0);
 }
 
