@@ -123,6 +123,8 @@ pub struct Axis {
     pub current: CurrentLimits,
     /// Upper and lower end of the travel once homed.
     pub travel: (Nanometres, Nanometres),
+    /// Length to retract off an open limit switch, counts.
+    pub off_limit: i64,
     /// Length that an unhomed head may go back past the point of enabling.
     pub escape: Micrometres,
     /// Motor current per converter code about mid-scale.

@@ -220,6 +220,7 @@ impl Settings {
                 thermal: Seconds(self.motor_thermal),
             },
             travel: (Nanometres(0), Nanometres((self.axis_stroke * 1000.0) as i64)),
+            off_limit: (self.retreat_off_limit * counts_per_um) as i64,
             escape: Micrometres(self.axis_stroke),
             amps_per_code: Amps(self.motor_amps_per_code),
             bus_per_code: Volts(self.motor_bus_per_code),

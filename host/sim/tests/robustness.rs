@@ -33,7 +33,8 @@ fn a_pair_of_wires_is_a_row_of_json_and_of_the_page() {
     assert_eq!(json["rows"][0]["reported"], "emergency stop, encoder lost");
     let written = fs::read_to_string(folder.path().join("page.md")).unwrap();
     assert!(
-        written.contains("| stop.open, then encoder.cut | emergency lift |") && !written.contains("old"),
+        written.contains("| stop.open, then encoder.cut | open-loop lift, emergency lift |")
+            && !written.contains("old"),
         "{written}"
     );
 }

@@ -456,10 +456,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// The head stands at the upper end of its travel, perhaps against its stop.
     fn at_top(&self) -> bool {
-        let axis = &self.config.axis;
-        let (top, _) = axis.travel;
-        let margin = (self.config.retreat.off_limit.to_f32() * axis.counts_per_um) as i64;
-        self.status.homed && self.status.position <= axis.counts(top).round().saturating_add(margin)
+        // The travel begins at 0.
+        self.status.homed && self.status.position <= self.config.axis.off_limit
     }
 
     fn situation(&self) -> Situation {

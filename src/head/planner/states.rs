@@ -465,7 +465,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let axis = &self.config.axis;
         let (min, max) = axis.travel;
         // The edge of a switch at the end of the travel: the axis may stand a little beyond it.
-        let margin = (self.config.retreat.off_limit.to_f32() * axis.counts_per_um) as i64;
+        let margin = axis.off_limit;
         let inside = position >= axis.counts(min).round().saturating_sub(margin)
             && position <= axis.counts(max).round().saturating_add(margin);
         if inside {

@@ -42,8 +42,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return Err(Refused::OutOfTravel { target: nm(end), min: nm(here), max: nm(bottom) });
         }
         let acceleration = self.counts2(self.config.acceleration);
-        let off_limit = (self.config.retreat.off_limit.to_f32() * axis.counts_per_um) as i64;
-        let bounds = Bounds { end: end.round(), top: top.round(), off_limit };
+        let bounds = Bounds { end: end.round(), top: top.round(), off_limit: axis.off_limit };
         self.search = Some(Touching::new(touch, acceleration, bounds));
         (self.status.search, self.status.overshoot) = (Search::Runs, 0);
         self.enter(State::Touching, Reason::Positioned);
