@@ -1,9 +1,9 @@
 //! The whole core against the process model: holes, fault_inputs, and commissioning on a machine with friction, noise and
 //! stops.
 
-use edm_servo_head::head::{Command, Fault, Finding, Reason, Report, State};
+use edm_servo_head::head::{Command, Fault, Finding, MotionLimits, Reason, Report, State};
 use edm_servo_head::settings::{Settings, Value};
-use edm_servo_head::units::{Nanometres, Newtons, TICK_HZ};
+use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Newtons, TICK_HZ};
 use edm_sim::bore::{self, Setup};
 use edm_sim::machine::Machine;
 use edm_sim::process::{FaultInputs, Parameters};
@@ -283,4 +283,68 @@ fn an_emergency_stop_lifts_a_stiff_head_and_names_an_encoder_that_has_not_seen_i
             assert!(named.contains(&Fault::EncoderLost), "{friction} N, seed {seed}: {named:?}");
         }
     }
+}
+
+const LIFT: MotionLimits = MotionLimits {
+    velocity: MicrometresPerSecond(20e3),
+    acceleration: MicrometresPerSecond2(10e6),
+    deceleration: MicrometresPerSecond2(10e6),
+};
+
+/// A head that is in a jump, or else under way toward the work, for so many ms; its velocity, mm/s.
+fn under_way(settings: &Settings, command: Command, state: State, ms: u32) -> Option<(Machine, f64)> {
+    let mut machine = eroding_with(settings, &Parameters::default(), 1);
+    if state == State::Positioning {
+        machine.command(Command::Hold).unwrap();
+        run(&mut machine, 0.05);
+        machine.command(Command::Position(Nanometres(500_000), LIFT)).unwrap();
+        run(&mut machine, 0.5);
+    }
+    machine.command(command).unwrap();
+    while machine.status().state != state {
+        run(&mut machine, 0.001);
+    }
+    run(&mut machine, 0.001 * f64::from(ms));
+    let velocity = machine.process.truth().velocity_um_s * 1e-3;
+    (machine.status().state == state).then_some((machine, velocity))
+}
+
+#[test]
+fn an_encoder_that_dies_in_a_fast_motion_does_not_let_the_head_run_into_the_work() {
+    let jumps = |velocity, acceleration, jerk| Settings {
+        commissioned: true,
+        jump_height: 1800.0,
+        jump_velocity: velocity,
+        jump_acceleration: acceleration,
+        jump_jerk: jerk,
+        ..Settings::default()
+    };
+    let down = |um_s| {
+        let limits = MotionLimits { velocity: MicrometresPerSecond(um_s), ..LIFT };
+        (
+            Settings { commissioned: true, ..Settings::default() },
+            Command::Position(Nanometres(1_960_000), limits),
+            State::Positioning,
+        )
+    };
+    let jump = |settings| (settings, Command::Jump, State::Jumping);
+    let mut seen = 0;
+    for (settings, command, state) in
+        [jump(jumps(50.0, 10.0, 2000.0)), jump(jumps(200.0, 40.0, 8000.0)), down(5e3), down(20e3), down(100e3)]
+    {
+        let mut worst = (0.0, 0, 0.0);
+        for ms in (0..300).step_by(3) {
+            let Some((mut machine, velocity)) = under_way(&settings, command, state, ms) else { break };
+            machine.process.fault_inputs.encoder_dead = true;
+            for _ in 0..TICK_HZ {
+                machine.tick();
+                let newtons = machine.process.truth().contact_n;
+                worst = if newtons > worst.0 { (newtons, ms, velocity) } else { worst };
+            }
+            seen += 1;
+        }
+        let (newtons, ms, velocity) = worst;
+        assert!(newtons <= 5.0, "{newtons} N, dead after {ms} ms at {velocity} mm/s");
+    }
+    assert!(seen > 150, "{seen}");
 }

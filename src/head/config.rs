@@ -141,9 +141,9 @@ impl Axis {
         Fixed(scaled.0.checked_div(self.nm_per_count).unwrap_or(0))
     }
 
-    /// Whether a loop may stay closed from this one to another: all but gains and limit of the duty is the same.
+    /// Whether a loop may stay closed from this one to another: all but gains, limit of the duty and clearance is the same.
     pub fn is_wired_as(&self, other: &Axis) -> bool {
-        Axis { gains: other.gains, duty_limit: other.duty_limit, ..*self } == *other
+        Axis { gains: other.gains, duty_limit: other.duty_limit, off_limit: other.off_limit, ..*self } == *other
     }
 }
 

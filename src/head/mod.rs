@@ -30,6 +30,7 @@ mod probe;
 mod proof;
 mod reaction;
 mod route;
+mod silence;
 mod state;
 mod supervise;
 mod touch;

@@ -5,11 +5,11 @@
 //! under a reaction, and then reads the same count for ever, cannot drive the electrode into the work: the integrator
 //! winds up against that end. It may drive the head upward until the supervision, or [`Reacting::plan`] itself, contradicts it.
 
-use super::config::{Config, Lift};
+use super::config::Config;
 use super::fault::{Fault, Reaction};
 use crate::motion::TrajectorySegment;
 use crate::servo::Window;
-use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, TICK_S, Volts, larger, smaller};
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, TICK_S, Volts, larger, smaller, within};
 
 /// What the head is to do until the next plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,6 +49,8 @@ pub(super) struct Situation {
     pub position: i64,
     /// Measured velocity.
     pub velocity: CountsPerSecond,
+    /// The same, if the encoder does not count any more.
+    pub driven: CountsPerSecond,
     /// Duty of the tick before, and whether it was at a limit.
     pub duty: f32,
     pub saturated: bool,
@@ -74,6 +76,8 @@ pub(super) struct Reacting {
     /// Smallest following error of a force-limited retract so far, and ticks since then.
     following: f32,
     grown: u32,
+    /// Velocity toward the work that a lift has still to brake, counts/s; `None` before it has begun.
+    brakes: Option<f32>,
     lifted: bool,
     /// Position in the beginning, or, while holding, lately; ticks for which it has been the same then, and whether the head has
     /// once come to rest.
@@ -95,6 +99,8 @@ const STANDS: u32 = ticks(10e-3);
 const TREMBLES: u32 = ticks(1.0);
 /// Times its friction that move any head, if it is a little more than was learnt.
 const FRICTIONS: f32 = 1.33;
+/// Velocity upward that a lift leaves a head, mm/s.
+const RISES: f32 = 20.0;
 /// Time for which the supervision may still speak of what it saw before this reaction.
 const STALE: u32 = ticks(5e-3);
 
@@ -111,6 +117,7 @@ impl Reacting {
             path: situation.path,
             following: situation.following.abs(),
             grown: 0,
+            brakes: None,
             lifted: false,
             position: situation.position,
             still: 0,
@@ -171,13 +178,13 @@ impl Reacting {
                 let limited = upward(config, config.lift.limited);
                 if above(now.safe) { self.hold(config, now, limited, ticks)? } else { Motion::Upward(up, limited) }
             }
-            Reaction::OpenLoopLift => Motion::Duty(self.lift(&config.lift, now, config.lift.hold)),
+            Reaction::OpenLoopLift => Motion::Duty(self.lift(config, now, config.lift.hold, ticks)),
             Reaction::LiftOnStored | Reaction::EmergencyLift => {
                 let dead = now.bus < config.lift.bus_dead;
                 if self.unmoved(config, now) {
                     return Err((Fault::EncoderLost, Reaction::Coast));
                 }
-                let duty = self.lift(&config.lift, now, 0.0);
+                let duty = self.lift(config, now, 0.0, ticks);
                 if self.lifted || dead { Motion::Coast } else { Motion::Duty(duty) }
             }
             Reaction::Coast => Motion::Coast,
@@ -242,10 +249,27 @@ impl Reacting {
         whole && enough && now.homed && !now.top && now.position == self.position
     }
 
-    /// Lifts for a limited time, not into an open upper limit and not with a hot winding; then gives `afterwards`.
-    fn lift(&mut self, lift: &Lift, now: &Situation, afterwards: f32) -> f32 {
+    /// Lifts for a limited time, not into an open upper limit and not with a hot winding; then gives `afterwards`. What moves is
+    /// braked first, by the velocity that it must have: weight and friction would stop it after a millimetre, in the work, or
+    /// after a leap off its upper stop.
+    fn lift(&mut self, config: &Config, now: &Situation, afterwards: f32, ticks: u32) -> f32 {
+        let (lift, axis) = (&config.lift, &config.axis);
         self.lifted |= self.ticks > lift.ticks || now.upper_limit || now.current_reduced;
-        if self.lifted { afterwards } else { lift.duty }
+        if self.lifted {
+            return afterwards;
+        }
+        let holding = axis.gains.holding();
+        let velocity = self.brakes.unwrap_or_else(|| {
+            // It is never to be pushed down for more than it rises.
+            let rises = smaller(0.9 * now.driven.0 + RISES * 1e3 * axis.counts_per_um, 0.0);
+            if now.driven.0 > 0.0 { now.driven.0 } else { rises }
+        });
+        let time = ticks.max(1) as f32 * TICK_S;
+        let most = axis.plant.current_window(axis.current.peak, CountsPerSecond(0.0)).high;
+        let most = smaller(most, axis.duty_limit) - holding.abs();
+        let brake = within(axis.plant.accelerating(velocity / time), -most, most);
+        self.brakes = Some(velocity - brake * time / axis.plant.accelerating(1.0));
+        if brake < 0.0 { holding - brake } else { smaller(lift.duty, holding - brake) }
     }
 }
 

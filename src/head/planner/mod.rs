@@ -21,6 +21,7 @@ use super::probe::{PROBES, Probe, Source, Wanted};
 use super::proof::Proof;
 use super::reaction::{Reacting, Situation, upward};
 use super::route::{Bounds, Route};
+use super::silence::Silence;
 use super::state::{Change, ChangeLog, Reason, State};
 use super::supervise::{Config as SupervisionConfig, Judged};
 use super::touch;
@@ -59,6 +60,7 @@ pub struct Planner<P> {
     route: Route<P>,
     now: Estimate,
     judged: Judged,
+    silence: Silence,
     /// Ticks since the estimate before.
     ticks: u32,
     /// Position less the count since the start.
@@ -119,6 +121,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             route: Route::new(path, config.axis.nm_per_count, config.retreat.limit),
             now: Estimate::default(),
             judged: Judged::default(),
+            silence: Silence::default(),
             ticks: 1,
             offset: 0,
             resets: 0,
@@ -233,6 +236,17 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.judged = *judged;
         self.route.reconcile(now);
         self.take_in();
+        let count = now.position.wrapping_sub(now.offset);
+        let missing = self.silence.look(&self.config.axis, count, now.duty, self.ticks);
+        // Where a head may meet its stop, standing still says nothing.
+        let stops = match self.status.state {
+            State::Commissioning => true,
+            State::Fault => !self.is_free(),
+            _ => self.looks_for_home(),
+        };
+        if missing && self.status.closed && !stops {
+            self.raise(Fault::EncoderLost);
+        }
         if self.unfit && self.status.state == State::Disabled {
             self.raise(Fault::Unfit);
         }
@@ -300,7 +314,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *closed = self.status.closed;
         *pulses = allowed;
         *homes = self.looks_for_home();
-        *free = self.status.homed && !self.at_top();
+        *free = self.is_free();
         *probes = self.wanted();
         *set_points = self.follows_set_points();
         *toward = self.toward(*setpoint);
@@ -454,6 +468,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.status.setpoint = here;
     }
 
+    /// The head is known to be below the upper end of its travel: no stop is in its way.
+    fn is_free(&self) -> bool {
+        self.status.homed && !self.at_top()
+    }
+
     /// The head stands at the upper end of its travel, perhaps against its stop.
     fn at_top(&self) -> bool {
         // The travel begins at 0.
@@ -468,6 +487,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             following: self.status.following,
             position: self.status.position,
             velocity: self.status.velocity,
+            driven: self.silence.driven(),
             duty: self.status.duty,
             saturated: self.status.saturated,
             top: self.at_top() || self.now.safety.upper_limit,
