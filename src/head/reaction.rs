@@ -1,7 +1,8 @@
 //! How a fault's reaction moves the head, plan by plan.
 //!
-//! No reaction presses toward the work. A reaction that closes the loop may push down only to brake a head that the encoder
-//! shows rising; otherwise its duty ends at the holding duty, with which nothing accelerates the head. So an encoder that dies
+//! No reaction presses toward the work. It may push down only to brake a head that rises: a reaction that closes the loop one that
+//! the encoder shows rising, a lift one that has counted upward, for no longer than that takes. Otherwise the duty ends at
+//! the holding duty, with which nothing accelerates the head. So an encoder that dies
 //! under a reaction, and then reads the same count for ever, cannot drive the electrode into the work: the integrator
 //! winds up against that end. It may drive the head upward until the supervision, or [`Reacting::plan`] itself, contradicts it.
 
@@ -267,8 +268,10 @@ impl Reacting {
         let time = ticks.max(1) as f32 * TICK_S;
         let most = axis.plant.current_window(axis.current.peak, CountsPerSecond(0.0)).high;
         let most = smaller(most, axis.duty_limit) - holding.abs();
-        let brake = within(axis.plant.accelerating(velocity / time), -most, most);
-        self.brakes = Some(velocity - brake * time / axis.plant.accelerating(1.0));
+        let whole = axis.plant.accelerating(velocity / time);
+        let brake = within(whole, -most, most);
+        let left = if brake == whole { 0.0 } else { velocity - brake * time / axis.plant.accelerating(1.0) };
+        self.brakes = Some(left);
         if brake < 0.0 { holding - brake } else { smaller(lift.duty, holding - brake) }
     }
 }
