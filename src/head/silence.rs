@@ -5,7 +5,7 @@
 //! too slow for that. A mass that moves cannot stand still half a millisecond later, unless it is braked hard or meets
 //! something rigid, and then it comes back.
 
-use super::config::Axis;
+use super::config::Config;
 use crate::units::{CountsPerSecond, TICK_HZ, TICK_S, larger, smaller};
 
 /// Two plans, ticks: in one, a head that bounces off something may be where it was.
@@ -18,6 +18,9 @@ const DRIVEN: u32 = 100;
 const WAY: f32 = 8.0;
 /// Slowest motion of which that is expected, um a tick: 16 mm/s.
 const FAST: f32 = 0.8;
+
+/// Counts a tick in a tick, of counts a millisecond in a millisecond.
+const PER_TICK: f32 = 1e6 * TICK_S * TICK_S;
 
 /// What the head did, and what it must have done since its encoder fell silent.
 #[derive(Clone, Copy, Debug, Default)]
@@ -36,11 +39,13 @@ pub(super) struct Silence {
 }
 
 impl Silence {
-    /// So many ticks later, at a count and under a duty; whether counts are missing.
-    pub fn look(&mut self, axis: &Axis, count: i64, duty: f32, ticks: u32) -> bool {
+    /// So many ticks later, at a count, under a duty and a velocity of the set point; whether counts are missing.
+    pub fn look(&mut self, config: &Config, count: i64, duty: f32, wanted: CountsPerSecond, ticks: u32) -> bool {
+        let axis = &config.axis;
         let moved = count.wrapping_sub(self.from);
         self.ticks = self.ticks.saturating_add(ticks);
-        self.gained += (duty - axis.gains.holding()) * ticks as f32 * (TICK_S * TICK_S / axis.plant.accelerating(1.0));
+        self.gained +=
+            (duty - axis.gains.holding()) * ticks as f32 * (config.supervise.breakaway.acceleration * PER_TICK);
         if moved != 0 {
             let newest = moved as f32 / self.ticks.max(1) as f32;
             // One that is long past says nothing.
@@ -53,7 +58,9 @@ impl Silence {
             return false;
         }
         let fastest = axis.gains.velocity_limit().0 * TICK_S;
-        if !(FAST * axis.counts_per_um..=fastest).contains(&self.before.abs()) {
+        // What nobody has asked for is a knock, and may end like one.
+        let asked = wanted.0 * self.before > 0.0;
+        if !asked || !(FAST * axis.counts_per_um..=fastest).contains(&self.before.abs()) {
             return false;
         }
         // What drives it is the answer to the silence; what brakes it may be why it stands.
@@ -74,15 +81,17 @@ mod tests {
     use crate::settings::Settings;
     use crate::units::PLAN_TICKS;
 
-    fn axis() -> Axis {
-        Settings::default().build().unwrap().head.axis
+    fn config() -> Config {
+        Settings::default().build().unwrap().head
     }
 
-    /// Looks every plan at places, counts; the plan, from 0 on, in which counts are missing.
-    fn missing(duty: f32, places: &[f32]) -> Option<usize> {
-        let axis = axis();
+    /// Looks every plan at places, counts, with a set point that goes there or stands; the plan, from 0 on, in which counts are missing.
+    fn missing(duty: f32, wanted: f32, places: &[f32]) -> Option<usize> {
+        let config = config();
         let mut silence = Silence::default();
-        let mut looks = |place: f32| silence.look(&axis, place as i64, axis.gains.holding() + duty, PLAN_TICKS);
+        let duty = config.axis.gains.holding() + duty;
+        let wanted = CountsPerSecond(wanted * places[0]);
+        let mut looks = |place: f32| silence.look(&config, place as i64, duty, wanted, PLAN_TICKS);
         looks(0.0);
         places.iter().position(|place| looks(*place))
     }
@@ -91,38 +100,44 @@ mod tests {
     fn counts_that_do_not_come_any_more_at_speed_are_missing_after_two_plans() {
         for sign in [1.0, -1.0] {
             let places = [12.0, 25.0, 37.0, 40.0, 40.0, 40.0, 40.0].map(|place| place * sign);
-            assert_eq!(missing(0.0, &places), Some(5));
+            assert_eq!(missing(0.0, 1.0, &places), Some(5));
         }
     }
 
     #[test]
+    fn a_knock_that_ends_misses_none() {
+        assert_eq!(missing(0.0, 0.0, &[12.0, 25.0, 37.0, 40.0, 40.0, 40.0, 40.0]), None);
+    }
+
+    #[test]
     fn a_slow_head_that_comes_to_rest_misses_none() {
-        assert_eq!(missing(0.0, &[2.0, 4.0, 6.0, 6.0, 6.0, 6.0, 6.0, 6.0]), None);
+        assert_eq!(missing(0.0, 1.0, &[2.0, 4.0, 6.0, 6.0, 6.0, 6.0, 6.0, 6.0]), None);
     }
 
     #[test]
     fn a_head_that_is_braked_with_all_its_force_misses_none() {
         // 25 mm/s, and 100 m/s^2 against it.
-        assert_eq!(missing(-0.7, &[6.0, 12.0, 15.0, 16.0, 16.0, 16.0]), None);
+        assert_eq!(missing(-0.7, 1.0, &[6.0, 12.0, 15.0, 16.0, 16.0, 16.0]), None);
     }
 
     #[test]
     fn a_head_that_bounces_off_its_stop_misses_none() {
-        assert_eq!(missing(0.1, &[12.0, 25.0, 24.0, 14.0, 4.0, -6.0]), None);
+        assert_eq!(missing(0.1, 1.0, &[12.0, 25.0, 24.0, 14.0, 4.0, -6.0]), None);
     }
 
     #[test]
     fn what_the_duty_has_given_since_the_newest_count_belongs_to_the_velocity() {
-        let axis = axis();
+        let config = config();
         let mut silence = Silence::default();
-        let duty = axis.gains.holding() + axis.plant.accelerating(50e6);
+        let duty = config.axis.gains.holding() + config.axis.plant.accelerating(50e6);
+        let mut looks = |place| silence.look(&config, place, duty, CountsPerSecond(48e3), PLAN_TICKS);
         for place in [0, 12, 24, 36, 36, 36] {
-            silence.look(&axis, place, duty, PLAN_TICKS);
+            looks(place);
         }
         // 48 mm/s, and 50 m/s^2 for three plans: it may have fallen silent in the newest with counts.
         assert!((silence.driven().0 - 85.5e3).abs() < 100.0, "{:?}", silence.driven());
         for _ in 0..30 {
-            silence.look(&axis, 24, duty, PLAN_TICKS);
+            silence.look(&config, 36, duty, CountsPerSecond(48e3), PLAN_TICKS);
         }
         assert_eq!(silence.driven(), CountsPerSecond(0.0), "it stands by now");
     }

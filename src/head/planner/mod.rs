@@ -237,7 +237,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.route.reconcile(now);
         self.take_in();
         let count = now.position.wrapping_sub(now.offset);
-        let missing = self.silence.look(&self.config.axis, count, now.duty, self.ticks);
+        let missing = self.silence.look(&self.config, count, now.duty, now.segment.velocity, self.ticks);
         // Where a head may meet its stop, standing still says nothing.
         let stops = match self.status.state {
             State::Commissioning => true,
