@@ -1,5 +1,6 @@
 //! The program against virtual heads: a hole through the page's API, whoever is lost meanwhile, and bad input.
 
+mod browser;
 mod rig;
 
 use edm_desk::bus::Bus;

@@ -1,0 +1,211 @@
+//! The page in a browser: Chromium without a window, led by its DevTools protocol.
+//!
+//! `CHROMIUM` names the program, `chromium` unless set. Where there is none and nothing is set, what needs it is skipped and says so.
+
+use crate::rig::{Desk, Rig};
+use edm_servo_head::head::{Fault, State};
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, ErrorKind};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+use tungstenite::{Message, WebSocket};
+
+/// The longest that the page may take to become what is waited for.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A browser with one page.
+struct Browser {
+    process: Child,
+    socket: WebSocket<TcpStream>,
+    session: Value,
+    next: u64,
+    _profile: tempfile::TempDir,
+}
+
+impl Browser {
+    /// At the address of a desk, so wide; `None` where there is no browser.
+    fn at(desk: &Desk, wide: u32, dark: bool) -> Option<Browser> {
+        let named = std::env::var("CHROMIUM").ok();
+        let profile = tempfile::tempdir().unwrap();
+        let mut command = Command::new(named.as_deref().unwrap_or("chromium"));
+        command.args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]);
+        command
+            .arg("--remote-debugging-port=0")
+            .arg(format!("--user-data-dir={}", profile.path().display()))
+            .arg("about:blank");
+        let mut process = match command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn() {
+            Err(error) if error.kind() == ErrorKind::NotFound && named.is_none() => {
+                eprintln!("SKIPPED: no chromium; CHROMIUM names another browser of its kind");
+                return None;
+            }
+            process => process.unwrap(),
+        };
+        let mut said = BufReader::new(process.stderr.take().unwrap()).lines().map_while(Result::ok);
+        let url = said.find_map(|line| Some(line.split_once("DevTools listening on ")?.1.to_owned())).unwrap();
+        // It may go on to say things.
+        std::thread::spawn(move || said.for_each(drop));
+        let address = url.split('/').nth(2).unwrap();
+        let stream = TcpStream::connect(address).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let (socket, _) = tungstenite::client(&url, stream).unwrap();
+        let mut browser = Browser { process, socket, session: Value::Null, next: 1, _profile: profile };
+        let target = browser.call("Target.createTarget", json!({ "url": "about:blank" }))["targetId"].clone();
+        let attached = browser.call("Target.attachToTarget", json!({ "targetId": target, "flatten": true }));
+        browser.session = attached["sessionId"].clone();
+        let scheme = if dark { "dark" } else { "light" };
+        let feature = json!([{ "name": "prefers-color-scheme", "value": scheme }]);
+        browser.call("Emulation.setEmulatedMedia", json!({ "features": feature }));
+        let size = json!({ "width": wide, "height": 900, "deviceScaleFactor": 1, "mobile": false });
+        browser.call("Emulation.setDeviceMetricsOverride", size);
+        browser.call("Page.navigate", json!({ "url": format!("http://{}/", desk.address) }));
+        browser.until("document.querySelector('#found button')");
+        Some(browser)
+    }
+
+    fn call(&mut self, method: &str, params: Value) -> Value {
+        let id = self.next;
+        self.next += 1;
+        let mut request = json!({ "id": id, "method": method, "params": params });
+        if self.session.is_string() {
+            request["sessionId"] = self.session.clone();
+        }
+        self.socket.send(Message::text(request.to_string())).unwrap();
+        loop {
+            let Message::Text(text) = self.socket.read().unwrap() else { continue };
+            let answer: Value = serde_json::from_str(&text).unwrap();
+            if answer["id"] == id {
+                assert!(answer["error"].is_null(), "{method}: {answer}");
+                return answer["result"].clone();
+            }
+        }
+    }
+
+    /// What an expression is in the page.
+    fn value(&mut self, expression: &str) -> Value {
+        let how = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true, "userGesture": true });
+        let answer = self.call("Runtime.evaluate", how);
+        assert!(answer["exceptionDetails"].is_null(), "{expression}: {answer}");
+        answer["result"]["value"].clone()
+    }
+
+    /// Waits in the page until an expression holds.
+    fn until(&mut self, expression: &str) {
+        let ms = PATIENCE.as_millis() / 2;
+        let waits = format!(
+            "new Promise((done) => {{ const end = Date.now() + {ms}; const look = () => {{ if ({expression}) done(true);
+             else if (Date.now() > end) done(document.body.innerText); else setTimeout(look, 20); }}; look(); }})"
+        );
+        let held = self.value(&waits);
+        assert_eq!(held, true, "{expression} in vain");
+    }
+
+    fn text(&mut self, selector: &str) -> String {
+        self.value(&format!("document.querySelector('{selector}').innerText")).as_str().unwrap().to_owned()
+    }
+
+    fn click(&mut self, selector: &str) {
+        self.until(&format!("!document.querySelector('{selector}').disabled"));
+        self.value(&format!("document.querySelector('{selector}').click()"));
+    }
+
+    fn view(&mut self, name: &str) {
+        self.click(&format!("nav a[href=\"#{name}\"]"));
+        self.until(&format!("!document.getElementById('{name}').hidden"));
+    }
+
+    /// Takes command and begins a hole.
+    fn bore(&mut self, depth_mm: f64) {
+        self.click("#command");
+        self.until("document.querySelector('#command').innerText === 'Give command back'");
+        self.view("run");
+        self.value(&format!("document.querySelector('[name=depth]').value = {depth_mm}"));
+        self.click("#begin");
+        self.until("document.querySelector('#state').innerText === 'eroding'");
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+#[test]
+fn a_stranger_bores_a_hole_in_the_page() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    let found = page.text("#found");
+    assert!(found.contains("Node 1") && found.contains("disabled, not homed"), "{found}");
+    assert_eq!(page.value("document.querySelector('#begin').disabled"), true, "this session only watches");
+    page.bore(0.002);
+    page.until("document.querySelector('#doing').innerText.startsWith('Bored: ')");
+    let said = page.text("#doing");
+    assert!(said.contains(" of 0.002 mm by the electrode"), "{said}");
+    assert_eq!(page.value("document.querySelector('#progress').value"), 1);
+    let truth = rig.truth();
+    assert_eq!((truth.state, truth.pulses, truth.fault), (State::Disabled, false, None));
+    assert!(truth.deepest >= 2002, "{truth:?}");
+    // Something is drawn.
+    let drawn = "[...document.querySelectorAll('canvas')].every((canvas) => canvas.width > 100
+        && canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((byte) => byte))";
+    assert_eq!(page.value(drawn), true);
+    page.view("log");
+    assert_ne!(page.text("#events"), "");
+}
+
+#[test]
+fn the_escape_key_stops_the_head_from_any_view() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.bore(0.5);
+    page.view("settings");
+    for kind in ["rawKeyDown", "keyUp"] {
+        let key = json!({ "type": kind, "key": "Escape", "code": "Escape", "windowsVirtualKeyCode": 27 });
+        page.call("Input.dispatchKeyEvent", key);
+    }
+    page.until("document.querySelector('#state').innerText === 'disabled'");
+    let truth = rig.truth();
+    assert_eq!((truth.state, truth.pulses), (State::Disabled, false));
+}
+
+#[test]
+fn a_browser_that_is_killed_ends_in_the_heads_own_retreat() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.bore(0.5);
+    drop(page);
+    let truth = rig.until(|truth| truth.fault.is_some() && !truth.reacting);
+    assert_eq!((truth.fault, truth.pulses), (Some(Fault::HostSilent), false));
+}
+
+#[test]
+fn every_view_fits_light_and_dark_and_has_stop_in_sight() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let mut grounds = Vec::new();
+    for (wide, dark) in [(1280, false), (800, true)] {
+        let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
+        for view in ["heads", "run", "settings", "log"] {
+            page.view(view);
+            if view == "settings" {
+                page.until("document.querySelectorAll('#list tr').length > 100");
+            }
+            let over = page.value("document.documentElement.scrollWidth - innerWidth").as_i64().unwrap();
+            assert!(over <= 0, "{view}, {wide} wide: {over} pixels too wide");
+            let stop = page.value("(() => { const at = document.querySelector('#stop').getBoundingClientRect();
+                return at.top >= 0 && at.left >= 0 && at.right <= innerWidth && at.bottom <= innerHeight && at.width > 40; })()");
+            assert_eq!(stop, true, "{view}, {wide} wide: STOP is out of sight");
+            // Also where a long list has been scrolled through.
+            page.value("scrollTo(0, document.body.scrollHeight)");
+            let still = page.value("document.querySelector('#stop').getBoundingClientRect().top >= 0");
+            assert_eq!(still, true, "{view}, {wide} wide: STOP scrolls away");
+        }
+        grounds.push(page.value("getComputedStyle(document.body).backgroundColor"));
+    }
+    assert_ne!(grounds[0], grounds[1], "light and dark");
+}
