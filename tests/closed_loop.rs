@@ -121,10 +121,12 @@ fn an_encoder_that_dies_while_eroding_is_named_before_the_electrode_presses_into
 }
 
 /// A head that erodes with an electrode of so many mm radius, whose face it has been told.
-fn eroding_with_face(radius_mm: f32, seed: u64) -> Machine {
-    let settings = Settings { commissioned: true, face: radius_mm * 1e3, ..Settings::default() };
-    let radius = radius_mm;
-    eroding_with(&settings, &Parameters { radius, ..Parameters::default() }, seed)
+fn eroding_with_face(radius: f32, seed: u64) -> Machine {
+    eroding_with(&with_face(radius), &Parameters { radius, ..Parameters::default() }, seed)
+}
+
+fn with_face(radius_mm: f32) -> Settings {
+    Settings { commissioned: true, face: radius_mm * 1e3, ..Settings::default() }
 }
 
 #[test]
@@ -140,6 +142,78 @@ fn the_path_waits_for_a_head_that_the_film_under_a_large_face_holds_and_no_encod
         assert_eq!(machine.status().first, None, "{radius} mm, seed {seed}");
         assert!(machine.process.truth().surface_um > from + 20.0, "{radius} mm, seed {seed}: it bores");
         assert!(furthest < 150.0, "{radius} mm, seed {seed}: the set point ran {furthest} um ahead");
+    }
+}
+
+/// Has the machine go on for as long as it is in this state, which may neither fault nor touch; heights of its lowest and its
+/// highest place above the first one, and the largest following error, um.
+fn moved(machine: &mut Machine, command: Command, state: State, what: &str) -> [f32; 3] {
+    let from = machine.status().position;
+    machine.command(command).unwrap();
+    while machine.status().state != state {
+        machine.tick();
+    }
+    let mut seen = [0.0f32; 3];
+    for tick in 0.. {
+        machine.tick();
+        let status = machine.status();
+        assert_eq!(status.fault, None, "{what}: after {tick} ticks");
+        assert!(machine.process.truth().gap_um > 0.0, "{what}: it touches");
+        assert!(tick < 10 * TICK_HZ, "{what}: it does not come back");
+        let up = (from - status.position) as f32;
+        seen = [seen[0].min(up), seen[1].max(up), seen[2].max(status.following.abs())];
+        if status.state != state {
+            break;
+        }
+    }
+    println!("{what}: {seen:?} um");
+    seen
+}
+
+/// Faces, mm, and a seed each.
+const FACES: [(f32, u64); 5] = [(5.0, 1), (10.0, 2), (15.0, 3), (20.0, 4), (25.0, 5)];
+
+#[test]
+fn a_jump_waits_for_a_head_that_the_film_under_a_large_face_holds() {
+    for (radius, seed) in FACES {
+        for (velocity, acceleration, jerk) in [(50.0, 10.0, 2000.0), (200.0, 40.0, 8000.0)] {
+            let settings = Settings {
+                jump_velocity: velocity,
+                jump_acceleration: acceleration,
+                jump_jerk: jerk,
+                ..with_face(radius)
+            };
+            let mut machine = eroding_with(&settings, &Parameters { radius, ..Parameters::default() }, seed);
+            for _ in 0..3 {
+                let what = format!("{radius} mm, {velocity} mm/s, seed {seed}");
+                let [_, up, following] = moved(&mut machine, Command::Jump, State::Jumping, &what);
+                assert!((950.0..1100.0).contains(&up) && following < 150.0, "{what}: {up} um up");
+                run(&mut machine, 1.0);
+                assert_eq!(machine.status().state, State::Eroding, "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_position_is_reached_by_a_head_that_the_film_under_a_large_face_holds() {
+    for (radius, seed) in FACES {
+        for velocity in [5e3, 20e3, 100e3] {
+            let mut machine = eroding_with_face(radius, seed);
+            machine.command(Command::Hold).unwrap();
+            run(&mut machine, 0.05);
+            let above = machine.status().position;
+            let limits = MotionLimits { velocity: MicrometresPerSecond(velocity), ..LIFT };
+            for to in [500, above - 50] {
+                let what = format!("{radius} mm, {velocity} um/s, seed {seed}");
+                let go = Command::Position(Nanometres(to * 1000), limits);
+                let [.., following] = moved(&mut machine, go, State::Positioning, &what);
+                // Where a film lets go no more than 2 mm/s, and less.
+                run(&mut machine, 2.0);
+                assert_eq!(machine.status().position, to, "{what}");
+                assert!(following < 150.0, "{what}: the set point ran {following} um ahead");
+            }
+        }
     }
 }
 

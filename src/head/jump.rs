@@ -5,7 +5,7 @@
 //! the way down ends at the set point of that coordinate, and the rest is gone under gap control. So the electrode arrives at
 //! speed only where it has been, and comes on to the same counts as before.
 
-use crate::motion::{JerkLimits, SCurve, TrajectorySegment};
+use crate::motion::{JerkLimits, PART, SCurve, TrajectorySegment};
 use crate::units::{CountsPerSecond, Fixed, PLAN_TICKS, TICK_HZ};
 
 /// How to jump.
@@ -26,7 +26,9 @@ pub struct Config {
 pub(super) struct Jump {
     /// Up, then down; none before the head has come to rest.
     stroke: Option<SCurve>,
-    tick: u32,
+    /// Time of that, parts of a tick, and how much of it goes by in a tick.
+    time: u32,
+    pace: u32,
     returns: bool,
     velocity: f32,
     /// Path coordinate of the float point.
@@ -38,7 +40,7 @@ pub(super) struct Jump {
 impl Jump {
     /// To a float point.
     pub fn new(float: Fixed) -> Jump {
-        Jump { stroke: None, tick: 0, returns: false, velocity: 0.0, float, holds: false }
+        Jump { stroke: None, time: 0, pace: PART, returns: false, velocity: 0.0, float, holds: false }
     }
 
     /// Whether it has left the path.
@@ -46,22 +48,32 @@ impl Jump {
         self.stroke.is_some()
     }
 
-    /// Goes on by so many ticks, from the set point `from`; `float` is that of the float point. Gives what to follow until the
+    /// Goes on by so many ticks, from the set point `from`, to `float` on the way down, which is that of the float point. `pace`
+    /// is the share of its velocity for which the axis, so many counts behind, is waited for. Gives what to follow until the
     /// next plan and its acceleration, counts/s^2; `None` when it is there.
-    pub fn plan(&mut self, config: &Config, from: Fixed, float: Fixed, ticks: u32) -> Option<(TrajectorySegment, f32)> {
-        self.tick = self.tick.saturating_add(ticks);
+    pub fn plan(
+        &mut self,
+        config: &Config,
+        [from, float]: [Fixed; 2],
+        following: f32,
+        pace: impl Fn(f32) -> f32,
+        ticks: u32,
+    ) -> Option<(TrajectorySegment, f32)> {
+        self.time = self.time.saturating_add(ticks.saturating_mul(self.pace));
         let stroke = match self.stroke {
-            Some(stroke) if self.tick < stroke.ticks() => stroke,
+            Some(stroke) if self.time < stroke.ticks().saturating_mul(PART) => stroke,
             Some(_) if self.returns => return None,
             before => {
-                self.tick = 0;
+                self.time = 0;
                 self.returns = before.is_some();
                 let (from, to) =
                     before.map_or((from, from.minus(Fixed::whole(config.height.into()))), |up| (up.to(), float));
                 *self.stroke.insert(SCurve::new(from, to, &config.limits))
             }
         };
-        let travel = stroke.at(self.tick.saturating_add(PLAN_TICKS)).minus(from);
+        self.pace = (pace(if self.returns { following } else { -following }) * PART as f32) as u32;
+        let next = self.time.saturating_add(PLAN_TICKS.saturating_mul(self.pace));
+        let travel = stroke.at_part(next).minus(from);
         let travel = Fixed(travel.0.wrapping_div(PLAN_TICKS.into()));
         let velocity = travel.to_f32() * TICK_HZ as f32;
         let acceleration = (velocity - self.velocity) * (TICK_HZ / PLAN_TICKS) as f32;

@@ -11,4 +11,4 @@ mod s_curve;
 
 pub use homing::{Clearance, Homing, Method, Missed, Outcome, Seen};
 pub use profile::{Profile, Ramp, TrajectorySegment};
-pub use s_curve::{JerkLimits, LONGEST, SCurve};
+pub use s_curve::{JerkLimits, LONGEST, PART, SCurve};

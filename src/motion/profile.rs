@@ -39,6 +39,13 @@ pub struct TrajectorySegment {
     pub velocity: CountsPerSecond,
 }
 
+impl TrajectorySegment {
+    /// From the same place, at a velocity.
+    pub fn at(self, velocity: CountsPerSecond) -> TrajectorySegment {
+        TrajectorySegment { travel: Fixed::short(velocity.0 * TICK_S), velocity, ..self }
+    }
+}
+
 /// A moving set point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Profile {

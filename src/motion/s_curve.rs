@@ -10,6 +10,9 @@ use crate::units::{CountsPerSecond, CountsPerSecond2, Fixed, TICK_HZ, TICK_S, la
 /// Longest part of a move, ticks: 0.8 s, so that the sums fit. A longer one is refused by the settings that would ask for it.
 pub const LONGEST: u32 = 16_000;
 
+/// Parts of a tick, for a move that waits.
+pub const PART: u32 = 256;
+
 /// Binary places that a share of the distance has beyond those of [`Fixed`]: what its rounding leaves for the last tick is no
 /// jerk to speak of.
 const SHARE_BITS: u32 = 48;
@@ -70,6 +73,14 @@ impl SCurve {
     /// Where it ends.
     pub fn to(&self) -> Fixed {
         self.from.plus(self.distance)
+    }
+
+    /// Where it is after so many ticks, in parts of [`PART`].
+    pub fn at_part(&self, parts: u32) -> Fixed {
+        let (tick, part) = (parts / PART, i64::from(parts % PART));
+        let before = self.at(tick);
+        let travel = self.at(tick.saturating_add(1)).minus(before);
+        before.plus(Fixed(travel.0.wrapping_mul(part) / i64::from(PART)))
     }
 
     /// Where it is after so many ticks.

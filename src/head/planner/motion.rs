@@ -75,16 +75,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// The coordinate waits for the axis, where something resists it: film in a narrow gap, friction, a duty at its limit. Else the
     /// axis would go on to a place that the gap has long asked it not to.
     fn governed(&self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
-        if !matches!(self.status.state, State::Seeking | State::Eroding | State::Retreating | State::Lifting) {
-            return wanted;
-        }
         let limits = &self.config.supervise;
-        let ahead = if wanted.0 > 0.0 { self.status.following } else { -self.status.following };
         let from = match self.status.state {
-            State::Retreating | State::Lifting => 0.2 * limits.following,
-            _ => limits.breakaway.following,
+            State::Seeking | State::Eroding => limits.breakaway.following,
+            State::Retreating | State::Lifting => fast(limits.following),
+            _ => return wanted,
         };
-        MicrometresPerSecond(wanted.0 * within((3.0 * from - ahead) / (2.0 * from), 0.0, 1.0))
+        let ahead = if wanted.0 > 0.0 { self.status.following } else { -self.status.following };
+        MicrometresPerSecond(wanted.0 * pace(ahead, from))
     }
 
     fn beside(&mut self, segment: &TrajectorySegment, allowed: Window) -> Trajectory {
@@ -113,4 +111,15 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let limit = if self.judged.reduced { current.continuous } else { current.peak };
         self.config.axis.plant.current_window(limit, self.status.velocity)
     }
+}
+
+/// Following error from which a fast motion waits, of the largest that is allowed.
+pub(super) fn fast(following: f32) -> f32 {
+    0.2 * following
+}
+
+/// Share of its velocity with which a set point goes on that is so far ahead of the axis: all of it up to `from`, none of it at three
+/// times as much.
+pub(super) fn pace(ahead: f32, from: f32) -> f32 {
+    within((3.0 * from - ahead) / (2.0 * from), 0.0, 1.0)
 }

@@ -2,6 +2,7 @@
 
 use super::super::positioning::{self, HomingState, MotionLimits, Step, Task};
 use super::super::reaction::Motion;
+use super::motion::{fast, pace};
 use super::{Planner, Touching};
 use crate::encoder::Mark;
 use crate::feed::FeedLaw;
@@ -16,7 +17,7 @@ use crate::head::proof::{Goal, Outcome};
 use crate::head::state::{Reason, State};
 use crate::motion::{Missed, Seen, TrajectorySegment};
 use crate::path::Path;
-use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, Nanometres, TICK_S, Volts, larger, smaller, within};
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, Nanometres, Volts, larger, smaller, within};
 use core::ops::DerefMut;
 
 /// At rest.
@@ -317,7 +318,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return self.along(REST);
         }
         self.route.go_back_to(jump.float);
-        if let Some((segment, acceleration)) = jump.plan(&self.config.jump, from, self.route.setpoint(), self.ticks) {
+        let waits = fast(self.config.supervise.following);
+        let places = [from, self.route.setpoint()];
+        let (following, pace) = (self.status.following, |ahead| pace(ahead, waits));
+        if let Some((segment, acceleration)) = jump.plan(&self.config.jump, places, following, pace, self.ticks) {
             return Motion::Jump(segment, self.config.axis.plant.accelerating(acceleration));
         }
         let holds = jump.holds;
@@ -383,10 +387,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let up = stops(segment.from.minus(axis.counts(min)));
         let down = stops(axis.counts(max).minus(segment.from));
         let velocity = within(segment.velocity.0, -up, down);
-        if velocity == segment.velocity.0 {
-            return segment;
-        }
-        TrajectorySegment { velocity: CountsPerSecond(velocity), travel: Fixed::short(velocity * TICK_S), ..segment }
+        if velocity == segment.velocity.0 { segment } else { segment.at(CountsPerSecond(velocity)) }
     }
 
     /// The host goes on, whoever leads.
@@ -416,10 +417,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let seen = Seen { touches, blocked, ..self.seen() };
         let limit = self.config.axis.gains.velocity_limit();
         let when = self.when();
+        let waits = fast(self.config.supervise.following);
         let Some(task) = &mut self.positioning else {
             self.enter(State::Ready, Reason::Arrived);
             return self.along(REST);
         };
+        // A host that leads does not wait, and what looks for a place is to notice what is in its way.
+        let waits = matches!(task, Task::Go(..)).then_some(waits);
         let homes = matches!(task, Task::Home(..));
         if let (Task::Go(to, _), Touching::Asked, true) = (&mut *task, self.touching, self.now.short) {
             self.status.touched = self.status.position;
@@ -427,7 +431,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             self.touching = Touching::Done;
         }
         let reason = match positioning::plan(task, &from, &seen, limit, when) {
-            Step::Moves(segment) => return Motion::Axis(self.approach(segment)),
+            Step::Moves(segment) => {
+                let segment = waits.map_or(segment, |waits| self.slowed(segment, waits));
+                return Motion::Axis(self.approach(segment));
+            }
             Step::Ends(Reason::Arrived) if self.touching == Touching::Done => Reason::Touched,
             Step::Ends(reason) => reason,
             Step::Found(found, at) => {
@@ -448,6 +455,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         Motion::Axis(TrajectorySegment { from: self.segment().from, ..TrajectorySegment::default() })
     }
 
+    /// As much slower as the axis is waited for.
+    fn slowed(&self, segment: TrajectorySegment, waits: f32) -> TrajectorySegment {
+        let ahead = self.status.following.copysign(self.status.following * segment.velocity.0);
+        let pace = pace(ahead, waits);
+        if pace < 1.0 { segment.at(CountsPerSecond(segment.velocity.0 * pace)) } else { segment }
+    }
+
     /// Toward the work faster than the approach only where the axis has been.
     pub(super) fn approach(&mut self, segment: TrajectorySegment) -> TrajectorySegment {
         let most = self.toward(segment.from);
@@ -455,7 +469,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if !self.status.approaching {
             return segment;
         }
-        TrajectorySegment { velocity: most, travel: Fixed::short(most.0 * TICK_S), ..segment }
+        segment.at(most)
     }
 
     /// Gives the place `found` the position `at`; false where that would put the axis outside its travel.
