@@ -10,7 +10,7 @@ use proptest::prelude::*;
 const ACCELERATION: MicrometresPerSecond2 = MicrometresPerSecond2(5e6);
 
 fn line(to: [i64; AXES]) -> Piece {
-    Piece { shape: Shape::Line, to, centre: [0; 2], mark: false }
+    Piece { shape: Shape::Line, to, centre: [0; 2], mark: false, stop: false }
 }
 
 fn whole(seed: u64) -> Box<Path> {
@@ -47,8 +47,13 @@ fn a_piece_that_leads_too_far_is_refused_and_changes_nothing() {
 
 #[test]
 fn an_arc_whose_radius_is_no_radius_is_refused() {
-    let around =
-        |centre: [i32; 2]| Piece { shape: Shape::of(Plane::Xy, Turn::Forward), to: [0; 3], centre, mark: false };
+    let around = |centre: [i32; 2]| Piece {
+        shape: Shape::of(Plane::Xy, Turn::Forward),
+        to: [0; 3],
+        centre,
+        mark: false,
+        stop: false,
+    };
     let (least, most) = RADII;
     for (nm, ok) in [(0, false), (least - 1, false), (least, true), (most, true), (most + 1, false)] {
         let answer = empty().append(&around([nm as i32, 0]));
@@ -64,6 +69,7 @@ fn an_arc_that_does_not_end_where_it_has_its_radius_is_refused() {
         to: [1_000_000 + off, 1_000_000, 0],
         centre: [1_000_000, 0],
         mark: false,
+        stop: false,
     };
     // Beside the centre, by which the distance hardly grows; then along the radius.
     assert_eq!(empty().append(&to(0)), Ok(()));
@@ -83,6 +89,39 @@ fn the_piece_after_the_last_that_fits_is_refused() {
         assert_eq!(path.append(&line([number + 1, 0, 0])), Ok(()));
     }
     assert_eq!(path.append(&line([-1, 0, 0])), Err(Refused::QueueFull));
+}
+
+#[test]
+fn a_path_holds_at_a_stop_until_it_is_over_and_comes_past_it_both_ways_then() {
+    let mut path = empty();
+    path.append(&Piece { stop: true, ..line([1_000_000, 0, 0]) }).unwrap();
+    path.append(&line([2_000_000, 0, 0])).unwrap();
+    // Straight on: no corner slows it, and the stop does.
+    assert_eq!(path.ahead(MicrometresPerSecond2(5e6)).0, 1000.0);
+    assert_eq!(path.step(Fixed::whole(999)), None);
+    assert!(!path.at_stop());
+    assert_eq!(path.step(Fixed::whole(5)), Some(Bound::Stop));
+    assert_eq!((path.s(), path.at_stop(), path.at_end()), (Fixed::whole(1000), true, false));
+    assert_eq!(path.step(Fixed::whole(-300)), None);
+    assert_eq!(path.step(Fixed::whole(301)), Some(Bound::Stop), "from above again");
+    path.pass_stop();
+    assert!(!path.at_stop());
+    assert_eq!(path.ahead(MicrometresPerSecond2(5e6)).0, 1000.0);
+    assert_eq!(path.step(Fixed::whole(500)), None);
+    assert_eq!(path.step(Fixed::whole(-600)), None);
+    assert_eq!(path.step(Fixed::whole(1100)), None);
+    assert_eq!(path.step(Fixed::whole(1)), Some(Bound::End));
+    assert!(path.at_end());
+}
+
+#[test]
+fn the_end_of_the_path_is_no_stop_before_more_is_appended() {
+    let mut path = empty();
+    path.append(&Piece { stop: true, ..line([1_000_000, 0, 0]) }).unwrap();
+    while path.step(Fixed::whole(1000)).is_none() {}
+    assert_eq!((path.at_end(), path.at_stop()), (true, false));
+    path.append(&line([2_000_000, 0, 0])).unwrap();
+    assert_eq!((path.at_end(), path.at_stop()), (false, true));
 }
 
 #[test]
@@ -109,6 +148,7 @@ fn before_a_corner_the_path_counts_as_ended_and_before_a_smooth_joint_it_does_no
         to: [1_000_000 + radius, radius, 0],
         centre: [0, radius as i32],
         mark: false,
+        stop: false,
     };
     let mut smooth = empty();
     smooth.append(&line([1_000_000, 0, 0])).unwrap();
@@ -232,17 +272,19 @@ proptest! {
     /// Nothing of what a host may give makes it panic, and what it takes can be gone along and back.
     #[test]
     fn any_piece_is_taken_or_refused(
-        pieces in prop::collection::vec((any::<[i32; 3]>(), any::<[i32; 2]>(), 0u8..7, any::<bool>()), 1..20),
+        pieces in prop::collection::vec((any::<[i32; 3]>(), any::<[i32; 2]>(), 0u8..7, any::<[bool; 2]>()), 1..20),
     ) {
         let mut path = empty();
-        for (to, centre, shape, mark) in pieces {
+        for (to, centre, shape, [mark, stop]) in pieces {
             let shape = Shape::from_number(shape).unwrap();
-            let piece = Piece { shape, to: to.map(|nm| i64::from(nm / 2)), centre, mark };
+            let piece = Piece { shape, to: to.map(|nm| i64::from(nm / 2)), centre, mark, stop };
             prop_assert_eq!(path.extent(&piece).map(|_| ()), path.append(&piece));
         }
         path.free_retreat();
-        go(&mut path, Fixed::whole(1 << 37));
-        prop_assert!(path.at_end());
+        while !path.at_end() {
+            path.pass_stop();
+            go(&mut path, Fixed::whole(1 << 37));
+        }
         go(&mut path, Fixed::whole(-(1 << 37)));
         prop_assert_eq!(path.setpoint(), [Fixed(0); AXES]);
     }

@@ -1,4 +1,4 @@
-//! How an erosion ends: *spark-out* at the end of the path, or *break-through* before it, and then the lift out of the work.
+//! How an erosion ends: *spark-out* at the end of the path or a stop on it, or *break-through* before that, and then the lift out of the work.
 //!
 //! Both are judged by the share of discharges: how far the gap voltage lies below the open-circuit voltage that was measured
 //! when the seek began, as a share of that. It is 0 while no pulse ignites and about 1 - [`Setpoint`](super::Setpoint) in a
@@ -35,8 +35,8 @@ pub(super) enum Place {
     Known,
     /// Farther than ever, so deep that it may be through.
     Deep,
-    /// At the end of the path, where the axis has been.
-    End,
+    /// At the end of the path, or a stop on it, where the axis has been; which it is.
+    End(Reason),
 }
 
 /// What of an erosion's end has come so far.
@@ -59,18 +59,19 @@ impl Ends {
         open: Volts,
         ticks: u32,
     ) -> Option<Reason> {
-        if place == Place::End && config.spark_out == 0 {
-            return Some(Reason::PathEnd);
-        }
-        if place == Place::End || self.waited.is_some() {
+        let ends = match place {
+            Place::End(reason) if config.spark_out == 0 => return Some(reason),
+            place => matches!(place, Place::End(_)),
+        };
+        if ends || self.waited.is_some() {
             self.waited = Some(self.waited.map_or(0, |waited| waited.saturating_add(ticks)));
         }
-        if place == Place::End && self.waited.is_some_and(|waited| waited >= config.spark_out) {
+        if ends && self.waited.is_some_and(|waited| waited >= config.spark_out) {
             return Some(Reason::SparkOutTime);
         }
         let rare = self.look(config, place, gap, open, ticks);
         match place {
-            Place::End if rare => Some(Reason::SparkedOut),
+            Place::End(_) if rare => Some(Reason::SparkedOut),
             Place::Deep if rare => Some(Reason::BrokenThrough),
             _ => None,
         }
@@ -102,6 +103,7 @@ impl Ends {
 mod tests {
     use super::*;
 
+    const END: Place = Place::End(Reason::PathEnd);
     const CONFIG: Config = Config { spark_out: 20_000, rare: 0.1, look: 2000, through: 1, lift: 0 };
 
     /// The tick, of 40 000, in which it ends, and why.
@@ -115,8 +117,10 @@ mod tests {
     #[test]
     fn without_a_spark_out_the_end_of_the_path_is_the_end() {
         let config = Config { spark_out: 0, ..CONFIG };
-        let place = |tick| if tick < 500 { Place::Known } else { Place::End };
+        let place = |tick| if tick < 500 { Place::Known } else { END };
         assert_eq!(end(&config, place, |_| Some(50.0)), Some((500, Reason::PathEnd)));
+        let stop = Place::End(Reason::PathStop);
+        assert_eq!(end(&config, |_| stop, |_| Some(50.0)), Some((0, Reason::PathStop)));
     }
 
     #[test]
@@ -127,16 +131,16 @@ mod tests {
             (100.0, (1995, Reason::SparkedOut)),
             (0.0, (20_000, Reason::SparkOutTime)),
         ] {
-            assert_eq!(end(&CONFIG, |_| Place::End, |_| Some(volts)), Some(found), "{volts} V");
+            assert_eq!(end(&CONFIG, |_| END, |_| Some(volts)), Some(found), "{volts} V");
         }
         // From some moment on.
         let dies = |tick| Some(if tick < 8000 { 60.0 } else { 99.0 });
-        assert_eq!(end(&CONFIG, |_| Place::End, dies), Some((9995, Reason::SparkedOut)));
+        assert_eq!(end(&CONFIG, |_| END, dies), Some((9995, Reason::SparkedOut)));
     }
 
     #[test]
     fn its_time_goes_on_where_the_law_goes_back_and_it_ends_at_the_end_only() {
-        let place = |tick| if (1000..30_000).contains(&tick) { Place::Known } else { Place::End };
+        let place = |tick| if (1000..30_000).contains(&tick) { Place::Known } else { END };
         assert_eq!(end(&CONFIG, place, |_| Some(50.0)), Some((30_000, Reason::SparkOutTime)));
     }
 

@@ -167,6 +167,16 @@ impl<P: DerefMut<Target = Path>> Route<P> {
         self.path.at_end()
     }
 
+    /// Whether a stop on the path is reached.
+    pub fn at_stop(&self) -> bool {
+        self.path.at_stop()
+    }
+
+    /// The stop that is reached is over.
+    pub fn pass_stop(&mut self) {
+        self.path.pass_stop();
+    }
+
     /// The head has never been farther.
     pub fn is_at_front(&self) -> bool {
         self.path.is_at_front()

@@ -148,6 +148,8 @@ pub enum Reason {
     GapRecovered,
     /// The end of the path.
     PathEnd,
+    /// A stop on the path.
+    PathStop,
     /// The end of the path, where discharges have become rare.
     SparkedOut,
     /// The end of the path, where discharges go on and the time of the spark-out is over.
@@ -209,13 +211,17 @@ pub const TRANSITIONS: &[(State, State, Reason)] = &[
     (State::Seeking, State::Retreating, Reason::Short),
     (State::Seeking, State::Done, Reason::PathEnd),
     (State::Seeking, State::Lifting, Reason::PathEnd),
+    (State::Seeking, State::Done, Reason::PathStop),
+    (State::Seeking, State::Lifting, Reason::PathStop),
     (State::Seeking, State::HoldingPosition, Reason::Held),
     (State::Eroding, State::Retreating, Reason::Short),
     (State::Eroding, State::Done, Reason::PathEnd),
+    (State::Eroding, State::Done, Reason::PathStop),
     (State::Eroding, State::Done, Reason::SparkedOut),
     (State::Eroding, State::Done, Reason::SparkOutTime),
     (State::Eroding, State::Done, Reason::BrokenThrough),
     (State::Eroding, State::Lifting, Reason::PathEnd),
+    (State::Eroding, State::Lifting, Reason::PathStop),
     (State::Eroding, State::Lifting, Reason::SparkedOut),
     (State::Eroding, State::Lifting, Reason::SparkOutTime),
     (State::Eroding, State::Lifting, Reason::BrokenThrough),

@@ -137,6 +137,8 @@ pub struct Piece {
     pub centre: [i32; 2],
     /// A working retreat does not go back behind its beginning.
     pub mark: bool,
+    /// An erosion ends at its end, and the next one goes on from there.
+    pub stop: bool,
 }
 
 /// Why a piece was refused. Nothing was changed.
@@ -220,6 +222,7 @@ pub(super) struct Packed {
     centre: [i32; 2],
     shape: Shape,
     pub mark: bool,
+    pub stop: bool,
     /// Jump of direction at its beginning, in parts of [`CORNER`].
     corner: u8,
 }
@@ -267,7 +270,8 @@ impl Packed {
         if length == 0 {
             return Err(Refused::NoLength);
         }
-        Ok(Packed { to, length, centre: piece.centre, shape: piece.shape, mark: piece.mark, corner: 0 })
+        let Piece { shape, centre, mark, stop, .. } = *piece;
+        Ok(Packed { to, length, centre, shape, mark, stop, corner: 0 })
     }
 
     /// Length, um.

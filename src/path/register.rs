@@ -23,6 +23,8 @@ const CORNER_S: f32 = PLAN_TICKS as f32 * TICK_S;
 pub enum Bound {
     /// Forward: the end of the last segment.
     End,
+    /// Forward: the end of one at which an erosion ends.
+    Stop,
     /// Backward: nothing older is remembered.
     Memory,
     /// Backward: the set retreat distance.
@@ -63,6 +65,8 @@ pub struct Register<const N: usize> {
     marks: bool,
     mark: Fixed,
     marked: bool,
+    /// Stops up to here are over.
+    passed: Fixed,
     /// A piece leads another axis than the first.
     beside: bool,
 }
@@ -87,6 +91,7 @@ impl<const N: usize> Register<N> {
         marks: false,
         mark: Fixed(0),
         marked: false,
+        passed: Fixed(0),
         beside: false,
     };
 
@@ -122,7 +127,7 @@ impl<const N: usize> Register<N> {
         self.oldest = Fixed(0).minus(length);
         self.start = self.oldest;
         (self.s, self.newest, self.furthest) = (Fixed(0), Fixed(0), Fixed(0));
-        (self.mark, self.marked, self.beside) = (Fixed(0), false, false);
+        (self.mark, self.marked, self.passed, self.beside) = (Fixed(0), false, Fixed(0), false);
     }
 
     /// Appends a straight line to a point in counts.
@@ -133,7 +138,7 @@ impl<const N: usize> Register<N> {
             let part = (to.0 & ((1 << FRACTION_BITS) - 1)).saturating_mul(*nm_per_count);
             *nm = whole.saturating_add(part.saturating_add(1 << (FRACTION_BITS - 1)) >> FRACTION_BITS);
         }
-        self.append(&Piece { shape: Shape::Line, to: nm, centre: [0; 2], mark: false })
+        self.append(&Piece { shape: Shape::Line, to: nm, centre: [0; 2], mark: false, stop: false })
     }
 
     /// Appends a piece.
@@ -269,6 +274,9 @@ impl<const N: usize> Register<N> {
                 return None;
             }
             self.arrive(end);
+            if self.stops(self.current, end) {
+                return Some(Bound::Stop);
+            }
             let next = self.current.wrapping_add(1);
             let Some(segment) = self.segment(next).copied() else { return Some(Bound::End) };
             self.start = end;
@@ -384,6 +392,22 @@ impl<const N: usize> Register<N> {
         self.s >= self.newest
     }
 
+    /// Whether a stop before that is reached, and not over.
+    pub fn at_stop(&self) -> bool {
+        let ends = |length| self.s >= self.start.plus(length) && !self.at_end();
+        self.stops(self.current, self.s) && self.length(self.current).is_some_and(ends)
+    }
+
+    /// The stop that is reached is over.
+    pub fn pass_stop(&mut self) {
+        self.passed = self.passed.max(self.s);
+    }
+
+    /// Whether an erosion ends at the end of what is in a slot.
+    fn stops(&self, slot: usize, end: Fixed) -> bool {
+        end > self.passed && self.segment(slot).is_some_and(|segment| segment.stop)
+    }
+
     /// Whether this is the farthest that was reached since the restart.
     pub fn is_at_front(&self) -> bool {
         self.s >= self.furthest
@@ -405,6 +429,9 @@ impl<const N: usize> Register<N> {
             let left = joint.minus(self.s).to_f32();
             if left >= least {
                 break;
+            }
+            if self.stops(slot.wrapping_sub(1), joint) {
+                return Micrometres(left);
             }
             let Some(segment) = self.segment(slot) else { break };
             least = smaller(least, left + passing(segment.corner(), acceleration, looked));

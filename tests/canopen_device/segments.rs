@@ -7,6 +7,7 @@ use edm_servo_head::head::State;
 const DEVICE_STATE: u32 = 0x0800_0022;
 const BY: u8 = 1;
 const MARK: u8 = 2;
+const STOP: u8 = 4;
 
 /// Ready, in a mode, with the encoder of the defaults: 1 um.
 fn ready() -> Rig {
@@ -208,6 +209,25 @@ fn a_mark_ends_a_retreat_and_not_the_reaction_to_a_fault() {
     rig.run(1000);
     assert_eq!(rig.read(0x200E, 11), 3, "the mark");
     assert!(rig.machine.status().path < s.minus(edm_servo_head::units::Fixed::whole(100)));
+}
+
+#[test]
+fn a_host_sets_stops_on_a_path_and_goes_on_from_each() {
+    let mut rig = ready();
+    let here = rig.position() as i32 * 1000;
+    for (number, options) in [(1, BY | STOP), (2, BY | STOP), (3, BY)] {
+        push_line(&mut rig, [100_000, 0, 0], options);
+        rig.run(2);
+        assert_eq!(rig.read(0x200E, 10), number);
+    }
+    for (number, ended_by) in [(1, 7), (2, 7), (3, 1)] {
+        rig.write(0x2001, 1, &[1]);
+        rig.until(20_000, |rig| rig.machine.status().state == State::Seeking);
+        rig.until(20_000, |rig| rig.machine.status().state == State::Done);
+        rig.run(50);
+        assert_eq!(rig.read(0x2003, 3), ended_by);
+        assert_eq!(rig.position() as i32 * 1000, here + number * 100_000);
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use edm_servo_head::path::{Piece, Shape};
 use edm_servo_head::settings::Settings;
 
 fn line(to: [i64; 3], mark: bool) -> Command {
-    Command::AppendTo(Piece { shape: Shape::Line, to, centre: [0; 2], mark })
+    Command::AppendTo(Piece { shape: Shape::Line, to, centre: [0; 2], mark, stop: false })
 }
 
 fn beside(bench: &Bench) -> [f32; 2] {

@@ -2,6 +2,7 @@
 
 use crate::bench::{Bench, OPEN_V, SLOPE_V_UM};
 use edm_servo_head::head::{Command, Reason, Refused, State, Structure};
+use edm_servo_head::path::{Piece, Shape};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 
@@ -158,6 +159,69 @@ fn a_lift_ends_where_nothing_is_left_to_go_back_along_and_a_hold_stops_it() {
     bench.run(0.2);
     assert_eq!(bench.state(), State::HoldingPosition);
     assert!((bench.um() - um).abs() < 2.0 && um > END_UM - 1000.0);
+}
+
+/// A way to here, nm, with a stop at its end or none.
+fn piece(to: i64, stop: bool) -> Command {
+    Command::AppendTo(Piece { shape: Shape::Line, to: [to, 0, 0], centre: [0; 2], mark: false, stop })
+}
+
+#[test]
+fn an_erosion_ends_at_a_stop_on_the_path_and_the_next_start_goes_on_from_there() {
+    for (lift, spark_out, reason) in [
+        (0.0, 0.0, Reason::PathStop),
+        (500.0, 0.0, Reason::PathStop),
+        (0.0, 300.0, Reason::SparkOutTime),
+        (500.0, 300.0, Reason::SparkOutTime),
+    ] {
+        let what = format!("{lift} um, {spark_out} ms");
+        let mut bench = Bench::with(|settings| (settings.end_lift, settings.end_spark_out_ms) = (lift, spark_out));
+        bench.make_ready();
+        bench.command(piece(2_050_000, true));
+        bench.command(piece(2_100_000, true));
+        bench.command(piece(2_150_000, false));
+        for (end, reason) in [(2050.0, reason), (2100.0, reason), (2150.0, reason)] {
+            let last = end == 2150.0 && reason == Reason::PathStop;
+            let reason = if last { Reason::PathEnd } else { reason };
+            bench.changes();
+            bench.command(Command::Start);
+            bench.run_until(10.0, |bench| bench.state() == State::Eroding);
+            bench.surface_um = end + 40.0;
+            let mut deepest = 0.0f64;
+            bench.run_until(10.0, |bench| {
+                deepest = deepest.max(bench.um());
+                bench.state() == State::Done
+            });
+            let seen = reasons(&mut bench);
+            assert!(seen.contains(&reason), "{what}, {end}: {seen:?}");
+            assert!((deepest - end).abs() <= 2.0, "{what}: {deepest} for {end}");
+            bench.run(0.2);
+            assert!((bench.um() - (end - f64::from(lift))).abs() < 10.0, "{what}: {}", bench.um());
+            assert!(!bench.output.pulses, "{what}");
+        }
+        let again = bench.head.command(Command::Start);
+        assert_eq!(again, if lift > 0.0 { Ok(()) } else { Err(Refused::NoPath) }, "{what}");
+    }
+}
+
+#[test]
+fn a_head_that_is_held_at_a_stop_goes_on_behind_it() {
+    let mut bench = Bench::with(|settings| settings.end_spark_out_ms = 5000.0);
+    bench.make_ready();
+    bench.command(piece(2_050_000, true));
+    bench.command(piece(2_100_000, false));
+    bench.command(Command::Start);
+    bench.run_until(10.0, |bench| bench.state() == State::Eroding);
+    bench.surface_um = 2140.0;
+    bench.run_until(10.0, |bench| (bench.um() - 2050.0).abs() < 1.0);
+    bench.run(1.0);
+    assert!((bench.um() - 2050.0).abs() < 2.0, "{}", bench.um());
+    bench.command(Command::Hold);
+    bench.run(0.1);
+    assert_eq!(bench.state(), State::HoldingPosition);
+    bench.command(Command::Start);
+    bench.run_until(10.0, |bench| (bench.um() - 2100.0).abs() < 1.0);
+    assert!((bench.um() - 2100.0).abs() < 1.0, "{}", bench.um());
 }
 
 #[test]

@@ -167,7 +167,8 @@ fn a_held_jump_comes_back_and_holds_and_a_brake_stops_it_where_it_is() {
 fn in_a_path_beside_the_head_x_and_y_stay_but_for_the_float_distance() {
     let mut bench = Bench::with(small);
     bench.make_ready();
-    let line = |down: i64, x: i64| Piece { shape: Shape::Line, to: [down, x, 0], centre: [0; 2], mark: false };
+    let line =
+        |down: i64, x: i64| Piece { shape: Shape::Line, to: [down, x, 0], centre: [0; 2], mark: false, stop: false };
     bench.command(Command::AppendTo(line(2_000_000, 0)));
     bench.command(Command::AppendTo(line(2_000_000, 3_000_000)));
     bench.follows = None;

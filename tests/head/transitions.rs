@@ -3,6 +3,7 @@
 use crate::bench::Bench;
 use edm_servo_head::head::{Command, Fault, Home, MotionLimits, Reason, State, TRANSITIONS};
 use edm_servo_head::motion::Method;
+use edm_servo_head::path::{Piece, Shape};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus as Random;
@@ -151,13 +152,24 @@ fn the_table_of_transitions_is_what_heads_do() {
             }
         }
     }
-    let mut bench = Bench::with(|settings| settings.end_lift = 300.0);
-    bench.make_ready();
-    bench.surface_um = 1e6;
-    bench.command(Command::MoveTo(um(500)));
-    bench.command(Command::Start);
-    bench.run_until(3.0, |bench| bench.state() == State::Done);
-    note(&mut bench, &mut seen);
+    for lift in [0.0, 300.0] {
+        let mut bench = Bench::with(|settings| settings.end_lift = lift);
+        bench.make_ready();
+        bench.surface_um = 1e6;
+        let stop = Piece { shape: Shape::Line, to: [500_000, 0, 0], centre: [0; 2], mark: false, stop: true };
+        bench.command(Command::AppendTo(stop));
+        bench.command(Command::AppendBy(Piece { to: [250_000, 0, 0], ..stop }));
+        bench.command(Command::MoveTo(um(1000)));
+        for surface in [1e6, 700.0, 1e6] {
+            bench.surface_um = surface;
+            bench.command(Command::Start);
+            bench.run(0.01);
+            bench.run_until(3.0, |bench| matches!(bench.state(), State::Eroding | State::Done));
+            (bench.follows, bench.surface_um) = (None, 1e6);
+            bench.run_until(3.0, |bench| bench.state() == State::Done);
+            note(&mut bench, &mut seen);
+        }
+    }
     // Searches for a surface, out of every rest, that end in each way.
     for (surface, then) in [
         (2100.0, None),

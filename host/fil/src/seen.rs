@@ -216,7 +216,7 @@ impl Places {
             "edm_servo_head::head::positioning::MotionLimits" MotionLimits: velocity, acceleration, deceleration;
             "edm_servo_head::head::positioning::Home" Home: method, fast, slow, acceleration, at;
             "edm_servo_head::head::probe::Probe" Probe: source, every, edges, armed;
-            "edm_servo_head::path::piece::Piece" Piece: shape, to, centre, mark;
+            "edm_servo_head::path::piece::Piece" Piece: shape, to, centre, mark, stop;
         );
         layout.same(BLOCKS, size_of::<Option<GapBlock>>(), &[])?;
         let symbol = |module, name| image.find(module, name).with_context(|| format!("the ELF has no symbol {name}"));
@@ -539,6 +539,7 @@ fn piece(view: &View) -> Result<Piece> {
         to: [view.long(to)?, view.long(to + 8)?, view.long(to + 16)?],
         centre: [view.word(centre)?, view.word(centre + 4)?].map(u32::cast_signed),
         mark: view.flag(at!(Piece, mark))?,
+        stop: view.flag(at!(Piece, stop))?,
     })
 }
 

@@ -140,7 +140,7 @@ impl Modal {
         };
         let [down, x, y] = at;
         let to = [end(-down, length('Z')).saturating_neg(), end(x, length('X')), end(y, length('Y'))];
-        let mut piece = Piece { shape: Shape::Line, to, centre: [0; 2], mark: false };
+        let mut piece = Piece { shape: Shape::Line, to, centre: [0; 2], mark: false, stop: false };
         if motion < 2 {
             if let Some(word) = spelled("IJK") {
                 return Err(format!("{word}: only an arc has a centre"));
@@ -178,7 +178,7 @@ mod tests {
     use super::*;
 
     fn piece(shape: Shape, to: [i64; AXES], centre: [i32; 2]) -> Piece {
-        Piece { shape, to, centre, mark: false }
+        Piece { shape, to, centre, mark: false, stop: false }
     }
 
     #[test]

@@ -175,7 +175,7 @@ pub fn arc(from: [i64; AXES], plane: Plane, radius_nm: f64, begin: f64, swept: f
     }
     to[AXES - u - v] += along;
     let turn = if swept > 0.0 { Turn::Forward } else { Turn::Backward };
-    Piece { shape: Shape::of(plane, turn), to, centre, mark: false }
+    Piece { shape: Shape::of(plane, turn), to, centre, mark: false, stop: false }
 }
 
 /// The mixed path of a seed, with what it is in real numbers.
@@ -188,7 +188,7 @@ pub fn mixed(seed: u64) -> Vec<(Piece, Exact)> {
             let piece = if number % 2 == 0 {
                 // It stays in the neighbourhood, or the last ones would be out of reach.
                 let to = std::array::from_fn(|axis| from[axis] / 2 + (size * random.random_range(-1.0..1.0)) as i64);
-                Piece { shape: Shape::Line, to, centre: [0; 2], mark: false }
+                Piece { shape: Shape::Line, to, centre: [0; 2], mark: false, stop: false }
             } else {
                 let plane = [Plane::Xy, Plane::Zx, Plane::Yz][random.random_range(0..3)];
                 let radius = 1e5 * 1000f64.powf(random.random());

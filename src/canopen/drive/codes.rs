@@ -138,6 +138,7 @@ numbered! {
         Reason::BrokenThrough => 24 "broken through",
         Reason::Lifted => 25 "lifted out of the work",
         Reason::NotTouched => 26 "no surface found",
+        Reason::PathStop => 27 "a stop on the path",
     }
 }
 

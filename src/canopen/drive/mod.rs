@@ -505,6 +505,7 @@ impl Drive {
             Reason::BrokenThrough => self.stopped_by = 4,
             Reason::SparkedOut => self.stopped_by = 5,
             Reason::SparkOutTime => self.stopped_by = 6,
+            Reason::PathStop => self.stopped_by = 7,
             Reason::Touched | Reason::NotTouched | Reason::Lifted => self.set_points.elsewhere(),
             Reason::Homed => self.datum.forget(),
             _ => {}

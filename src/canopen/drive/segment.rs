@@ -103,6 +103,7 @@ impl Drive {
             ],
             centre: [value(Item::SegmentCentre1), value(Item::SegmentCentre2)],
             mark: options & 2 != 0,
+            stop: options & 4 != 0,
         };
         let command = if options & 1 != 0 { Command::AppendBy(piece) } else { Command::AppendTo(piece) };
         self.segment.pending = self.command(command);

@@ -129,7 +129,7 @@ objects! {
     0x2003 "Stop conditions" {
         1 StopTime: u32, rw, no, U32, 0, "ms", store, "Time limit: of an erosion; 0 unlimited";
         2 StopRetreats: u16, rw, no, U16, 0, "", store, "Retreat limit: most long retreats in an erosion; 0 unlimited";
-        3 StoppedBy: u8, ro, tx, (0, 6), 0, "", live, "Stopped by: what ended the last erosion: 1 depth, 2 time, 3 long retreats, 4 break-through, 5 depth and discharges that became rare, 6 depth and the time of the spark-out; 0 something else";
+        3 StoppedBy: u8, ro, tx, (0, 7), 0, "", live, "Stopped by: what ended the last erosion: 1 depth, 2 time, 3 long retreats, 4 break-through, 5 depth or stop and discharges that became rare, 6 depth or stop and the time of the spark-out, 7 a stop on the path; 0 something else";
     }
     0x2004 "Path queue" {
         1 QueueAppend: i32, wo, rx, I32, 0, "counts", live, "Append: a straight line to this position";
@@ -219,7 +219,7 @@ objects! {
         4 SegmentCentre1: i32, rw, rx, I32, 0, "nm", live, "Centre 1: of an arc, less its start, along the first axis of its plane";
         5 SegmentCentre2: i32, rw, rx, I32, 0, "nm", live, "Centre 2: the same along the second axis";
         6 SegmentShape: u8, rw, rx, (0, 6), 0, "", live, "Shape: 0 line; arcs: 1 in X-Y from X toward Y, 2 back; 3 in down-X from down toward X, 4 back; 5 in Y-down from Y toward down, 6 back; an end at the start in the plane makes a whole turn";
-        7 SegmentOptions: u8, rw, rx, (0, 3), 0, "", live, "Options: by bits: 0 the end is reckoned from the end of the segment before, 1 no working retreat goes back behind its beginning";
+        7 SegmentOptions: u8, rw, rx, (0, 7), 0, "", live, "Options: by bits: 0 the end is reckoned from the end of the segment before, 1 no working retreat goes back behind its beginning, 2 an erosion ends at its end, and the next start goes on from there";
         8 SegmentCommit: u8, wo, rx, (0, 1), 0, "", live, "Commit: 1 appends what has been written since the last commit, which must be 1, 2, 3, 6 and 7, of an arc 4 and 5 as well; 0 forgets it, and why one was refused";
         9 SegmentRefused: u8, ro, tx, U8, 0, "", live, "Refused: why a commit was, after which all are until 0 is written to it: as numbered in docs/objects.md for 2000h:4, 252 the path has begun anew and what was appended is gone, 253 one before had no answer yet, 254 not enabled, 255 half written, or a value twice; 0 none was";
         10 SegmentsAppended: u32, ro, tx, U32, 0, "", live, "Appended: segments since power-on";

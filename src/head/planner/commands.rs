@@ -73,6 +73,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                     return Err(Refused::NoPath);
                 }
                 self.refuse_hazard(true)?;
+                // It was held there.
+                self.route.pass_stop();
                 self.route.forget_bound();
                 self.enter(State::Seeking, Reason::Started);
                 Ok(())

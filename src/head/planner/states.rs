@@ -158,8 +158,17 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 self.reset_loop();
             }
             self.enter(State::Eroding, Reason::WorkFound);
-        } else if self.route.at_end() && self.arrived() {
-            self.end(Reason::PathEnd);
+        } else if let Some(reason) = self.reached().filter(|_| self.arrived()) {
+            self.end(reason);
+        }
+    }
+
+    /// What of the path's ends is reached.
+    fn reached(&self) -> Option<Reason> {
+        match () {
+            () if self.route.at_end() => Some(Reason::PathEnd),
+            () if self.route.at_stop() => Some(Reason::PathStop),
+            () => None,
         }
     }
 
@@ -234,9 +243,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn ended(&mut self) -> Option<Reason> {
         let Config { ends, .. } = &self.config;
         let deep = |from: Fixed| self.route.is_at_front() && self.route.s().minus(self.route.work()) > from;
-        let place = match ends.through {
-            _ if self.route.at_end() && (self.ends.spark_out() || self.arrived()) => Place::End,
-            from if from > 0 && deep(Fixed::whole(from.into())) => Place::Deep,
+        let reached = self.reached().filter(|_| self.ends.spark_out() || self.arrived());
+        let place = match (reached, ends.through) {
+            (Some(reason), _) => Place::End(reason),
+            (None, from) if from > 0 && deep(Fixed::whole(from.into())) => Place::Deep,
             _ => Place::Known,
         };
         let gap = (self.status.gap.quality == Quality::Valid).then_some(self.status.gap.filtered);
@@ -251,6 +261,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             // The loop is closed over the axis from here on.
             self.reset_loop();
         }
+        self.route.pass_stop();
         self.enter(if lifts { State::Lifting } else { State::Done }, reason);
     }
 

@@ -244,10 +244,17 @@ fn command_numbers(command: Command) -> [u64; COMMAND] {
             return [14, at.0 as u64, float(fast.0), float(slow.0), float(acceleration.0), method as u64];
         }
         Command::AppendTo(piece) | Command::AppendBy(piece) => {
-            let Piece { shape, to: [down, x, y], centre: [u, v], mark } = piece;
+            let Piece { shape, to: [down, x, y], centre: [u, v], mark, stop } = piece;
             let number = if matches!(command, Command::AppendTo(_)) { 17 } else { 18 };
             let centre = u64::from(u.cast_unsigned()) | u64::from(v.cast_unsigned()) << 32;
-            return [number, down as u64, x as u64, y as u64, centre, shape as u64 | u64::from(mark) << 8];
+            return [
+                number,
+                down as u64,
+                x as u64,
+                y as u64,
+                centre,
+                shape as u64 | u64::from(mark) << 8 | u64::from(stop) << 9,
+            ];
         }
         Command::Probe(probes) => {
             let bits = |probe: Probe| {
@@ -299,7 +306,8 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
                 shape: Shape::from_number(d as u8).ok_or(Error::Damaged("shape"))?,
                 to: [nm.0, a as i64, b as i64],
                 centre: [c as i32, (c >> 32) as i32],
-                mark: d >> 8 != 0,
+                mark: d >> 8 & 1 != 0,
+                stop: d >> 9 & 1 != 0,
             };
             if number == 17 { Command::AppendTo(piece) } else { Command::AppendBy(piece) }
         }
@@ -533,13 +541,13 @@ mod tests {
     fn numbers_come_back() {
         let block = GapBlock { codes: core::array::from_fn(|i| (i * 160) as u16 ^ 0x0aa5), gate: 0x01ff_fffe };
         assert_eq!(block_of(&block_numbers(&block)), block);
-        let piece = Piece { shape: Shape::YzBack, to: [-1, 2, i64::MIN], centre: [-3, 4], mark: true };
+        let piece = Piece { shape: Shape::YzBack, to: [-1, 2, i64::MIN], centre: [-3, 4], mark: true, stop: false };
         for command in [
             Command::MoveBy(Nanometres(-1_234_567)),
             Command::SetHome(Nanometres(5)),
             Command::Start,
             Command::AppendTo(piece),
-            Command::AppendBy(Piece { mark: false, ..piece }),
+            Command::AppendBy(Piece { mark: false, stop: true, ..piece }),
         ] {
             assert_eq!(command_of(&command_numbers(command)).unwrap(), command);
         }

@@ -45,7 +45,8 @@ struct Arrow {
 const REST: &[State] = &[Ready, HoldingPosition, Done];
 
 /// How an erosion ends.
-const ENDS: &[Reason] = &[Reason::PathEnd, Reason::SparkedOut, Reason::SparkOutTime, Reason::BrokenThrough];
+const ENDS: &[Reason] =
+    &[Reason::PathEnd, Reason::PathStop, Reason::SparkedOut, Reason::SparkOutTime, Reason::BrokenThrough];
 
 const fn arrow(
     from: &'static [State],
@@ -150,12 +151,19 @@ const ARROWS: &[Arrow] = &[
         "hold",
         (170.0, 140.0),
     ),
-    arrow(&[Seeking], Done, &[Reason::PathEnd], &[(585.0, 372.0), (445.0, 372.0)], "end of the work", (480.0, 366.0)),
+    arrow(
+        &[Seeking],
+        Done,
+        &[Reason::PathEnd, Reason::PathStop],
+        &[(585.0, 372.0), (445.0, 372.0)],
+        "end of the work",
+        (480.0, 366.0),
+    ),
     arrow(&[Eroding], Done, ENDS, &[(585.0, 372.0), (445.0, 372.0)], "end of the work", (480.0, 366.0)),
     arrow(
         &[Seeking],
         Lifting,
-        &[Reason::PathEnd],
+        &[Reason::PathEnd, Reason::PathStop],
         &[(585.0, 436.0), (530.0, 436.0), (530.0, 455.0)],
         "its end, with a lift",
         (462.0, 448.0),
