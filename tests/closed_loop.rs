@@ -422,3 +422,25 @@ fn an_encoder_that_dies_in_a_fast_motion_does_not_let_the_head_run_into_the_work
     }
     assert!(seen > 150, "{seen}");
 }
+
+#[test]
+fn a_head_that_starts_once_more_seeks_until_it_is_at_the_work() {
+    let mut machine = eroding(1);
+    let first = machine.status().found;
+    for to in [500_000, 1_500_000] {
+        machine.command(Command::Hold).unwrap();
+        run(&mut machine, 0.05);
+        machine.command(Command::Position(Nanometres(to), LIFT)).unwrap();
+        run(&mut machine, 0.5);
+        machine.command(Command::MoveTo(Nanometres(3_000_000))).unwrap();
+        machine.command(Command::Start).unwrap();
+        while machine.status().state != State::Eroding {
+            assert!(machine.status().tick < 20 * TICK_HZ, "{:?}", machine.status().state);
+            machine.tick();
+        }
+        let gap = machine.process.truth().gap_um;
+        assert!(gap < 100.0, "work found {gap:.0} um above it");
+        assert!((machine.status().found - first).abs() < 100, "{} and {first}", machine.status().found);
+        run(&mut machine, 0.5);
+    }
+}

@@ -75,6 +75,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 self.refuse_hazard(true)?;
                 // It was held there.
                 self.route.pass_stop();
+                self.open.begin();
                 self.route.forget_bound();
                 self.enter(State::Seeking, Reason::Started);
                 Ok(())

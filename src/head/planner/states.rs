@@ -139,7 +139,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         let gap = self.status.gap;
         let Some(open) = self.open.volts() else {
-            self.open.observe(&gap, true, self.ticks);
+            self.open.observe(&gap, self.ticks);
             return;
         };
         self.status.open_circuit = open;
@@ -378,7 +378,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return;
         }
         match self.open.volts() {
-            None => self.open.observe(&self.status.gap, true, self.ticks),
+            None => self.open.observe(&self.status.gap, self.ticks),
             Some(open) if open < self.config.seek.open_min => self.raise(Fault::GapSignalInvalid),
             Some(open) => self.status.open_circuit = open,
         }
