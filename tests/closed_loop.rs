@@ -196,6 +196,17 @@ fn a_jump_waits_for_a_head_that_the_film_under_a_large_face_holds() {
 }
 
 #[test]
+fn a_face_that_no_force_of_the_head_lifts_is_a_following_error_in_time() {
+    let radius = 50.0;
+    let mut machine = eroding_with_face(radius, 1);
+    machine.command(Command::Jump).unwrap();
+    run(&mut machine, 0.9);
+    assert_eq!((machine.status().state, machine.status().fault), (State::Jumping, None));
+    run(&mut machine, 0.5);
+    assert_eq!(machine.status().fault, Some(Fault::FollowingError));
+}
+
+#[test]
 fn a_position_is_reached_by_a_head_that_the_film_under_a_large_face_holds() {
     for (radius, seed) in FACES {
         for velocity in [5e3, 20e3, 100e3] {

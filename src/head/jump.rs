@@ -48,15 +48,19 @@ impl Jump {
         self.stroke.is_some()
     }
 
-    /// Goes on by so many ticks, from the set point `from`, to `float` on the way down, which is that of the float point. `pace`
-    /// is the share of its velocity for which the axis, so many counts behind, is waited for. Gives what to follow until the
-    /// next plan and its acceleration, counts/s^2; `None` when it is there.
+    /// How far the set point is ahead, of a following error.
+    pub fn ahead(&self, following: f32) -> f32 {
+        if self.returns { following } else { -following }
+    }
+
+    /// Goes on by so many ticks, from the set point `from`, to `float` on the way down, which is that of the float point, with a
+    /// share `pace` of its velocity. Gives what to follow until the next plan and its acceleration, counts/s^2; `None` when it
+    /// is there.
     pub fn plan(
         &mut self,
         config: &Config,
         [from, float]: [Fixed; 2],
-        following: f32,
-        pace: impl Fn(f32) -> f32,
+        pace: f32,
         ticks: u32,
     ) -> Option<(TrajectorySegment, f32)> {
         self.time = self.time.saturating_add(ticks.saturating_mul(self.pace));
@@ -71,7 +75,7 @@ impl Jump {
                 *self.stroke.insert(SCurve::new(from, to, &config.limits))
             }
         };
-        self.pace = (pace(if self.returns { following } else { -following }) * PART as f32) as u32;
+        self.pace = (pace * PART as f32) as u32;
         let next = self.time.saturating_add(PLAN_TICKS.saturating_mul(self.pace));
         let travel = stroke.at_part(next).minus(from);
         let travel = Fixed(travel.0.wrapping_div(PLAN_TICKS.into()));

@@ -85,6 +85,8 @@ pub struct Planner<P> {
     meets: bool,
     /// Ticks of erosion since the last jump.
     eroded: u32,
+    /// Ticks for which a set point has waited for the axis.
+    waited: u32,
     /// Path coordinate of the last good place.
     good: Fixed,
     /// Whether it is to touch the work.
@@ -138,6 +140,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             lifts_to: Fixed(0),
             meets: false,
             eroded: 0,
+            waited: 0,
             good: Fixed(0),
             touching: Touching::No,
             probes: [Probe::default(); PROBES],

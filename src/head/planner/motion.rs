@@ -3,13 +3,19 @@
 use super::super::reaction::Motion;
 use super::Planner;
 use crate::head::commissioning::Commissioning;
+use crate::head::fault::Fault;
 use crate::head::follow::{Follow, Trajectory};
 use crate::head::state::State;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Window;
-use crate::units::{Fixed, MicrometresPerSecond, PLAN_TICKS, larger, within};
+use crate::units::{Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_HZ, larger, within};
 use core::ops::DerefMut;
+
+/// Following error from which a fast motion waits, of the largest that is allowed.
+const FAST: f32 = 0.2;
+/// Ticks for which a set point may wait for the axis: 1 s, in which 10 N lift a face of 25 mm from a gap of 15 um (Stefan).
+const WAITS: u32 = TICK_HZ;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
     pub(super) fn trajectory(&mut self, motion: Motion) -> Trajectory {
@@ -78,11 +84,24 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let limits = &self.config.supervise;
         let from = match self.status.state {
             State::Seeking | State::Eroding => limits.breakaway.following,
-            State::Retreating | State::Lifting => fast(limits.following),
+            State::Retreating | State::Lifting => FAST * limits.following,
             _ => return wanted,
         };
         let ahead = if wanted.0 > 0.0 { self.status.following } else { -self.status.following };
         MicrometresPerSecond(wanted.0 * pace(ahead, from))
+    }
+
+    /// Share of its velocity with which a motion beside the path goes on, whose set point is so far ahead; `None` where it has waited
+    /// for the axis for too long, which is a following error.
+    pub(super) fn awaited(&mut self, ahead: f32) -> Option<f32> {
+        let pace = pace(ahead, FAST * self.config.supervise.following);
+        self.waited = if pace < 1.0 { self.waited.saturating_add(self.ticks) } else { 0 };
+        if self.waited < WAITS {
+            return Some(pace);
+        }
+        self.waited = 0;
+        self.raise(Fault::FollowingError);
+        None
     }
 
     fn beside(&mut self, segment: &TrajectorySegment, allowed: Window) -> Trajectory {
@@ -113,13 +132,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 }
 
-/// Following error from which a fast motion waits, of the largest that is allowed.
-pub(super) fn fast(following: f32) -> f32 {
-    0.2 * following
-}
-
 /// Share of its velocity with which a set point goes on that is so far ahead of the axis: all of it up to `from`, none of it at three
 /// times as much.
-pub(super) fn pace(ahead: f32, from: f32) -> f32 {
+fn pace(ahead: f32, from: f32) -> f32 {
     within((3.0 * from - ahead) / (2.0 * from), 0.0, 1.0)
 }

@@ -2,7 +2,6 @@
 
 use super::super::positioning::{self, HomingState, MotionLimits, Step, Task};
 use super::super::reaction::Motion;
-use super::motion::{fast, pace};
 use super::{Planner, Touching};
 use crate::encoder::Mark;
 use crate::feed::FeedLaw;
@@ -321,6 +320,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn jump_on(&mut self) -> Motion {
         let from = self.segment().from;
         let rests = self.now.segment.velocity.0 == 0.0;
+        let ahead = self.jump.as_ref().map_or(0.0, |jump| jump.ahead(self.status.following));
+        let Some(pace) = self.awaited(ahead) else { return self.react() };
         let Some(jump) = &mut self.jump else {
             self.enter(State::HoldingPosition, Reason::Held);
             return self.along(REST);
@@ -329,10 +330,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return self.along(REST);
         }
         self.route.go_back_to(jump.float);
-        let waits = fast(self.config.supervise.following);
         let places = [from, self.route.setpoint()];
-        let (following, pace) = (self.status.following, |ahead| pace(ahead, waits));
-        if let Some((segment, acceleration)) = jump.plan(&self.config.jump, places, following, pace, self.ticks) {
+        if let Some((segment, acceleration)) = jump.plan(&self.config.jump, places, pace, self.ticks) {
             return Motion::Jump(segment, self.config.axis.plant.accelerating(acceleration));
         }
         let holds = jump.holds;
@@ -428,13 +427,12 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let seen = Seen { touches, blocked, ..self.seen() };
         let limit = self.config.axis.gains.velocity_limit();
         let when = self.when();
-        let waits = fast(self.config.supervise.following);
         let Some(task) = &mut self.positioning else {
             self.enter(State::Ready, Reason::Arrived);
             return self.along(REST);
         };
         // A host that leads does not wait, and what looks for a place is to notice what is in its way.
-        let waits = matches!(task, Task::Go(..)).then_some(waits);
+        let waits = matches!(task, Task::Go(..));
         let homes = matches!(task, Task::Home(..));
         if let (Task::Go(to, _), Touching::Asked, true) = (&mut *task, self.touching, self.now.short) {
             self.status.touched = self.status.position;
@@ -443,8 +441,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         let reason = match positioning::plan(task, &from, &seen, limit, when) {
             Step::Moves(segment) => {
-                let segment = waits.map_or(segment, |waits| self.slowed(segment, waits));
-                return Motion::Axis(self.approach(segment));
+                let ahead = self.status.following.copysign(self.status.following * segment.velocity.0);
+                let Some(pace) = self.awaited(if waits { ahead } else { 0.0 }) else { return self.react() };
+                let slowed = segment.at(CountsPerSecond(segment.velocity.0 * pace));
+                return Motion::Axis(self.approach(if pace < 1.0 { slowed } else { segment }));
             }
             Step::Ends(Reason::Arrived) if self.touching == Touching::Done => Reason::Touched,
             Step::Ends(reason) => reason,
@@ -464,13 +464,6 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         self.enter(State::Ready, reason);
         Motion::Axis(TrajectorySegment { from: self.segment().from, ..TrajectorySegment::default() })
-    }
-
-    /// As much slower as the axis is waited for.
-    fn slowed(&self, segment: TrajectorySegment, waits: f32) -> TrajectorySegment {
-        let ahead = self.status.following.copysign(self.status.following * segment.velocity.0);
-        let pace = pace(ahead, waits);
-        if pace < 1.0 { segment.at(CountsPerSecond(segment.velocity.0 * pace)) } else { segment }
     }
 
     /// Toward the work faster than the approach only where the axis has been.
