@@ -510,7 +510,7 @@ macro_rules! fixture {
 }
 
 /// Settings that 0.1.0 did not have: the default is in force, and said so.
-const NEWER: [(u16, u8); 32] = [
+const NEWER: [(u16, u8); 33] = [
     (0x2100, 19),
     (0x2102, 12),
     (0x2102, 13),
@@ -529,6 +529,7 @@ const NEWER: [(u16, u8); 32] = [
     (0x210E, 4),
     (0x210E, 5),
     (0x210E, 6),
+    (0x210E, 7),
     (0x210F, 1),
     (0x210F, 2),
     (0x210F, 3),

@@ -254,6 +254,8 @@ pub struct Judged {
     pub reduced: bool,
     /// Illegal encoder transitions since power-up, wrapping.
     pub illegal: u32,
+    /// Arcs ask for a jump; `None` before enough pulses were seen to say.
+    pub arcs: Option<bool>,
     /// An axis that looks for a reference does not follow: something is in its way, unless its encoder is lost.
     pub blocked: bool,
 }
@@ -369,6 +371,7 @@ impl Supervisor {
         let gate = self.gate.longer_than(limits.gap_ms, now.pulses && gateless);
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;
         self.judged.blocked = blocked;
+        self.judged.arcs = self.classes.jump();
 
         [
             (drive, Fault::DriveSignalLost),

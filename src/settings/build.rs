@@ -342,7 +342,12 @@ impl Settings {
                 bus_min: Volts(self.motor_bus_min),
                 current_max: Amps(self.motor_peak * 1.25),
                 current_ms: 2,
-                arcs: pulses::Config { levels: self.levels(current), share: self.arc_share, ms: self.arc_ms },
+                arcs: pulses::Config {
+                    levels: self.levels(current),
+                    share: self.arc_share,
+                    ms: self.arc_ms,
+                    jump: self.jump_arcs,
+                },
             },
             commissioning: CommissioningConfig {
                 duty: self.commission_duty,

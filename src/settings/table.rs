@@ -241,6 +241,8 @@ declare! {
         0x210E:5 jump_jerk: f32 = 2000.0, (10.0, 1e6), "jump.jerk_m_s3", "m/s^3", "assumed: 5 ms to the acceleration", live;
         /// Float point: length of path before the last good place, behind which a jump or a long retreat returns at speed.
         0x210E:6 jump_float: f32 = 100.0, (1.0, 10_000.0), "jump.float_um", "um", "assumed: more than a working gap of [R]", rises "the head would come closer to the work at speed";
+        /// Share of arcs, of the pulses that the head has looked at in 200 ms, from which on it jumps; three jumps in vain are a persistent arc; 0: never.
+        0x210E:7 jump_arcs: u32 = 0, (0, 100), "jump.arcs_percent", "%", "assumed: on demand only", live;
 
         /// Longest spark-out at the end of the path: the law leads on until discharges are rare; 0: none.
         0x210F:1 end_spark_out_ms: f32 = 0.0, (0.0, 600_000.0), "end.spark_out_ms", "ms", "assumed: only where it is asked for", live;

@@ -105,6 +105,47 @@ fn jumps_come_by_time() {
 }
 
 #[test]
+fn arcs_are_jumped_out_of_where_that_is_asked_for() {
+    let mut bench = eroding(|settings| settings.jump_arcs = 40);
+    let jumps = |bench: &mut Bench| bench.changes().iter().filter(|change| change.reason == Reason::Jumped).count();
+    bench.arcs = 30;
+    bench.run(2.0);
+    assert_eq!((bench.state(), jumps(&mut bench)), (State::Eroding, 0));
+    // 100 of 200 looks and more: after 160 ms at the latest.
+    bench.arcs = 90;
+    bench.run_until(0.2, |bench| bench.state() == State::Jumping);
+    bench.arcs = 0;
+    bench.run(2.0);
+    assert_eq!((bench.state(), bench.fault(), jumps(&mut bench)), (State::Eroding, None, 1), "fresh fluid helped");
+    // Two in vain, and then it does.
+    let two = |bench: &mut Bench| {
+        bench.arcs = 90;
+        for _ in 0..2 {
+            bench.run_until(0.3, |bench| bench.state() == State::Jumping);
+            bench.run_until(0.3, |bench| bench.state() == State::Eroding);
+        }
+    };
+    two(&mut bench);
+    bench.arcs = 0;
+    bench.run(2.0);
+    assert_eq!((bench.state(), jumps(&mut bench)), (State::Eroding, 2));
+    two(&mut bench);
+    bench.run_until(0.5, |bench| bench.fault().is_some());
+    assert_eq!((bench.fault(), jumps(&mut bench)), (Some(Fault::PersistentArc), 3), "three in vain");
+}
+
+#[test]
+fn arcs_that_no_jump_can_help_for_want_of_room_are_the_supervisions() {
+    let mut bench = eroding(|settings| (settings.jump_arcs, settings.jump_height) = (40, 4000.0));
+    bench.arcs = 50;
+    bench.run(2.0);
+    assert_eq!((bench.state(), bench.fault()), (State::Eroding, None));
+    bench.arcs = 90;
+    bench.run_until(0.3, |bench| bench.fault().is_some());
+    assert_eq!(bench.fault(), Some(Fault::PersistentArc));
+}
+
+#[test]
 fn a_contact_on_the_way_back_ends_the_jump_and_is_named() {
     let mut bench = eroding(|_| {});
     bench.command(Command::Jump);

@@ -574,6 +574,7 @@ fn arcs(view: &View) -> Result<ArcConfig> {
         },
         share: view.word(at!(ArcConfig, share))?,
         ms: view.word(at!(ArcConfig, ms))?,
+        jump: view.word(at!(ArcConfig, jump))?,
     })
 }
 

@@ -32,6 +32,8 @@ pub struct Config {
     pub share: u32,
     /// For so long, ms.
     pub ms: u32,
+    /// Percent of them that are arcs, and more, which ask for a jump; 0: none do.
+    pub jump: u32,
 }
 
 /// What the pulses of late were.
@@ -42,6 +44,8 @@ pub struct Pulses {
     last: [u8; 2],
     /// Looks in a row at which arcs had more than their share.
     above: u32,
+    /// Arcs ask for a jump; `None` before enough was seen.
+    jump: Option<bool>,
 }
 
 impl Pulses {
@@ -54,12 +58,17 @@ impl Pulses {
         &self.shares
     }
 
+    /// Whether arcs ask for a jump; `None` before enough was seen to say.
+    pub fn jump(&self) -> Option<bool> {
+        self.jump
+    }
+
     /// Looks at the newest pulse, once a millisecond. Whether arcs have had more than their share for their time; without
     /// permission to pulse everything begins anew.
     pub fn look(&mut self, config: &Config, counts: PulseCounts, permitted: bool) -> bool {
         let [edges, conversions] = core::mem::replace(&mut self.last, [counts.edges, counts.conversions]);
         if !permitted {
-            (self.above, self.shares) = (0, Shares::default());
+            (self.above, self.shares, self.jump) = (0, Shares::default(), None);
             return false;
         }
         let class = if counts.conversions != conversions {
@@ -76,7 +85,9 @@ impl Pulses {
         self.shares.add(&look);
         let [open, spark, arcs, short, _, uncertain] = self.shares.counts().map(u32::from);
         let seen = open + spark + arcs + short + uncertain;
-        let above = seen >= Self::LEAST && arcs * 100 > config.share * seen;
+        let more = |share| seen >= Self::LEAST && arcs * 100 > share * seen;
+        self.jump = (seen >= Self::LEAST).then(|| config.jump > 0 && more(config.jump));
+        let above = more(config.share);
         self.above = if above { self.above.saturating_add(1) } else { 0 };
         self.above > config.ms
     }
@@ -88,7 +99,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const CONFIG: Config = Config { levels: LEVELS, share: 60, ms: 50 };
+    const CONFIG: Config = Config { levels: LEVELS, share: 60, ms: 50, jump: 40 };
 
     /// Looks, of which a share in percent finds an arc and the others a pulse that has not ignited, one at a rate per look;
     /// gives the look at which arcs are found to stay, of 2000.
@@ -120,6 +131,27 @@ mod tests {
         }
         for share in [62, 70, 90] {
             assert!(found(share, |n| n).is_some_and(|n| n <= WINDOW as u32 + 50), "{share} %");
+        }
+    }
+
+    #[test]
+    fn arcs_ask_for_a_jump_from_their_share_on_once_enough_was_seen() {
+        for (config, arcs, wanted) in [
+            (CONFIG, 100, Some(true)),
+            (CONFIG, 41, Some(true)),
+            (CONFIG, 40, Some(false)),
+            (Config { jump: 0, ..CONFIG }, 100, Some(false)),
+        ] {
+            let mut pulses = Pulses::default();
+            for n in 1..=200u32 {
+                let newest = if n <= 2 * arcs { [2600, 690] } else { [2050, 1410] };
+                let counts = PulseCounts { edges: n as u8, conversions: n as u8, newest, ..PulseCounts::default() };
+                pulses.look(&config, counts, true);
+                assert_eq!(pulses.jump().is_some(), n >= Pulses::LEAST);
+            }
+            assert_eq!(pulses.jump(), wanted, "{arcs} %");
+            pulses.look(&config, PulseCounts::default(), false);
+            assert_eq!(pulses.jump(), None, "pulses begin anew");
         }
     }
 

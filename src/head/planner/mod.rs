@@ -85,6 +85,8 @@ pub struct Planner<P> {
     meets: bool,
     /// Ticks of erosion since the last jump.
     eroded: u32,
+    /// Jumps for arcs since there were fewer.
+    arc_jumps: u8,
     /// Ticks for which a set point has waited for the axis.
     waited: u32,
     /// Path coordinate of the last good place.
@@ -140,6 +142,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             lifts_to: Fixed(0),
             meets: false,
             eroded: 0,
+            arc_jumps: 0,
             waited: 0,
             good: Fixed(0),
             touching: Touching::No,

@@ -22,6 +22,9 @@ use core::ops::DerefMut;
 /// At rest.
 const REST: MicrometresPerSecond = MicrometresPerSecond(0.0);
 
+/// Jumps for arcs, one after the other, after which arcs that are still there stay.
+const ARC_JUMPS: u8 = 3;
+
 impl<P: DerefMut<Target = Path>> Planner<P> {
     /// State transitions, then the motion of the state and whether it needs pulses.
     pub(super) fn decide(&mut self) -> (Motion, bool) {
@@ -152,6 +155,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 (self.status.found, self.meets) = (self.status.position, true);
             }
             (self.good, self.eroded, self.ends) = (self.route.s(), 0, Ends::default());
+            self.arc_jumps = 0;
             self.law = self.config.law;
             if self.config.structure == Structure::SingleLoop {
                 self.reset_loop();
@@ -221,6 +225,20 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         if self.jump_is_due() && self.begin_jump().is_ok() {
             return self.jump_on();
+        }
+        let arcs = self.judged.arcs;
+        match arcs {
+            // Jumps have not helped.
+            Some(true) if self.arc_jumps >= ARC_JUMPS => {
+                self.raise(Fault::PersistentArc);
+                return self.react();
+            }
+            Some(true) if self.begin_jump().is_ok() => {
+                self.arc_jumps = self.arc_jumps.saturating_add(1);
+                return self.jump_on();
+            }
+            Some(false) => self.arc_jumps = 0,
+            _ => {}
         }
         let error = self.gap_error();
         if self.meets && self.status.gap.quality == Quality::Valid && error.0 <= 0.0 {
