@@ -48,6 +48,8 @@ pub struct Bench {
     pub reflex: bool,
     /// Edges of the gate in each tick, which start no conversion.
     pub edges: u8,
+    /// What the generator gives.
+    pub open_v: f64,
     /// What of a hundred pulses arcs.
     pub arcs: u32,
     pulses: PulseCounts,
@@ -91,6 +93,7 @@ impl Bench {
             stroke_m: 0.012,
             reflex: false,
             edges: 0,
+            open_v: OPEN_V,
             arcs: 0,
             pulses: PulseCounts::default(),
             drive_stands: false,
@@ -283,7 +286,7 @@ impl Bench {
 
     fn gap(&mut self) -> GapReading {
         let gap = self.surface_um - self.um();
-        let volts = if self.output.pulses { (gap * SLOPE_V_UM).clamp(0.0, OPEN_V) } else { 0.0 };
+        let volts = if self.output.pulses { (gap * SLOPE_V_UM).clamp(0.0, self.open_v) } else { 0.0 };
         let shorted = self.output.pulses && gap <= 0.0;
         self.short_ticks = if shorted { self.short_ticks + 1 } else { 0 };
         let quality = match self.quality {

@@ -1,6 +1,6 @@
 //! States of the head on the bench: what it does when asked, and what it refuses.
 
-use crate::bench::Bench;
+use crate::bench::{Bench, OPEN_V};
 use edm_servo_head::feed::LawName;
 use edm_servo_head::head::Structure;
 use edm_servo_head::head::{Command, MotionLimits, Reason, Refused, State};
@@ -254,4 +254,30 @@ fn a_guiding_head_holds_its_place_tells_the_feed_and_comes_back_from_a_short() {
     bench.run_until(0.1, |bench| bench.state() == State::Guiding);
     bench.run(0.1);
     assert!((bench.um() - 1900.5).abs() < 1.5, "back at {} um", bench.um());
+}
+
+#[test]
+fn the_open_circuit_is_measured_anew_where_a_start_is_above_what_was_cleared() {
+    for (up, open) in [(50.0, OPEN_V), (500.0, 80.0)] {
+        let mut bench = Bench::eroding();
+        bench.run(0.5);
+        bench.command(Command::Hold);
+        bench.run(0.05);
+        let to = Nanometres(((bench.um() - up) * 1e3) as i64);
+        let ramp = MicrometresPerSecond2(1e7);
+        let limits = MotionLimits { velocity: MicrometresPerSecond(20e3), acceleration: ramp, deceleration: ramp };
+        bench.command(Command::Position(to, limits));
+        bench.run(0.5);
+        bench.open_v = 80.0;
+        bench.follows = None;
+        bench.surface_um = bench.um() + 300.0;
+        bench.command(Command::MoveTo(Nanometres(3_000_000)));
+        bench.command(Command::Start);
+        bench.run_until(2.0, |bench| bench.state() == State::Eroding);
+        let measured = f64::from(bench.head.status().open_circuit.0);
+        assert!((measured - open).abs() < 1.0, "{up} um up: {measured} V");
+        // Work is what takes 15 % of that away: 20 % that the generator gives less are some.
+        let gap = bench.surface_um - bench.um();
+        assert!(open < OPEN_V && gap < 50.0 || open == OPEN_V && gap > 200.0, "{up} um up: found {gap} um above it");
+    }
 }

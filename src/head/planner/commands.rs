@@ -75,7 +75,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 self.refuse_hazard(true)?;
                 // It was held there.
                 self.route.pass_stop();
-                self.open.begin();
+                let above = self.cleared.saturating_sub(self.status.position) as f32;
+                if above > self.config.jump.float as f32 * self.config.axis.counts_per_um {
+                    // In the open, and the generator may have been set anew since.
+                    self.open = OpenCircuit::new(self.config.seek.settle);
+                } else {
+                    self.open.begin();
+                }
                 self.route.forget_bound();
                 self.enter(State::Seeking, Reason::Started);
                 Ok(())
