@@ -323,3 +323,25 @@ fn a_datum_by_which_no_place_of_the_travel_can_be_told_is_refused() {
         rig.control(0x0F);
     }
 }
+
+#[test]
+fn a_set_point_given_while_a_surface_is_looked_for_is_neither_acknowledged_nor_told_as_reached() {
+    let mut rig = worn();
+    rig.write(0x2011, 1, &[1]);
+    rig.run(20);
+    assert_eq!(rig.machine.status().state, State::Touching);
+    rig.write32(0x607A, 0, 300);
+    rig.control(0x1F);
+    rig.run(2);
+    assert_eq!((rig.read(0x2000, 4), rig.status() & 0x1000), (1, 0));
+    rig.control(0x0F);
+    rig.until(3000, |rig| rig.machine.status().state == State::Ready);
+    rig.run(100);
+    assert_eq!((rig.read(0x2011, 3), rig.status() & 0x1400), (FOUND, 0));
+    // Given once more, it is gone to.
+    rig.control(0x1F);
+    rig.run(2);
+    assert_eq!(rig.status() & 0x1400, 0x1000);
+    rig.until(3000, |rig| rig.status() & 0x0400 != 0);
+    assert!((read(&mut rig, 0x6064, 0) - 300).abs() <= 5);
+}

@@ -62,6 +62,8 @@ pub struct SetPoints {
     next: Option<i32>,
     /// Set-point acknowledge.
     acknowledged: bool,
+    /// The newest was refused: the head is at no target.
+    missed: bool,
     /// The head has not yet come to the target under way.
     moving: bool,
     /// Milliseconds within the window.
@@ -86,7 +88,7 @@ impl SetPoints {
     /// The head has been told to do something else.
     pub fn forget(&mut self) {
         self.next = None;
-        self.moving = false;
+        (self.moving, self.missed) = (false, false);
         self.buffer.clear();
         (self.due, self.led) = (None, None);
         (self.begins, self.then) = (false, None);
@@ -190,6 +192,11 @@ impl Drive {
         if self.set_points.next.is_some() {
             return;
         }
+        if self.status.state == head::State::Touching {
+            self.refuses(codes::refused(Refused::State(self.status.state)));
+            self.set_points.missed = true;
+            return;
+        }
         let given = self.value(Item::TargetPosition);
         let target = if word & control::RELATIVE != 0 {
             let from = match (self.value(Item::PositioningOption), self.set_points.target) {
@@ -201,7 +208,7 @@ impl Drive {
         } else {
             given
         };
-        self.set_points.acknowledged = true;
+        (self.set_points.acknowledged, self.set_points.missed) = (true, false);
         if self.set_points.moving && word & control::IMMEDIATELY == 0 && !self.erodes() {
             self.set_points.next = Some(target);
         } else if !halts(word) {
@@ -501,7 +508,7 @@ impl Drive {
         match self.mode {
             Mode::None => 0,
             Mode::ProfilePosition => {
-                bit(status::REACHED, reached)
+                bit(status::REACHED, reached && !set_points.missed)
                     | bit(status::MODE_12, set_points.acknowledged)
                     | bit(status::MODE_13, following)
             }
