@@ -510,7 +510,7 @@ macro_rules! fixture {
 }
 
 /// Settings that 0.1.0 did not have: the default is in force, and said so.
-const NEWER: [(u16, u8); 33] = [
+const NEWER: [(u16, u8); 34] = [
     (0x2100, 19),
     (0x2102, 12),
     (0x2102, 13),
@@ -523,6 +523,7 @@ const NEWER: [(u16, u8); 33] = [
     (0x210A, 11),
     (0x210D, 1),
     (0x210D, 2),
+    (0x210D, 3),
     (0x210E, 1),
     (0x210E, 2),
     (0x210E, 3),

@@ -89,13 +89,16 @@ pub struct Lift {
     pub bus_dead: Volts,
 }
 
-/// Motion toward the work with pulses off.
+/// Motion toward the work.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
     /// A sense supply tells of contact.
     pub sensed: bool,
-    /// Largest velocity where the axis has not been since the loop was closed.
+    /// Largest velocity with pulses off where the axis has not been since the loop was closed.
     pub approach: CountsPerSecond,
+    /// Largest duty at rest while the gap leads: weight, friction, and what the electrode may press into whatever does not
+    /// conduct, or into the work when no sense tells of it.
+    pub press: f32,
 }
 
 /// The axis as wired.

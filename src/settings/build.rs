@@ -316,6 +316,7 @@ impl Settings {
             contact: Contact {
                 sensed: self.contact_below > 0.0,
                 approach: CountsPerSecond(self.contact_approach * 1000.0 * axis.counts_per_um),
+                press: holding + plant.duty(Newtons(self.contact_press + self.axis_breakaway)),
             },
             touch: TouchConfig {
                 first: CountsPerSecond(self.touch_first * 1000.0 * axis.counts_per_um),

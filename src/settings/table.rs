@@ -228,6 +228,8 @@ declare! {
         0x210D:1 contact_below: f32 = 4.0, (0.0, 100.0), "contact.below_v", "V", "docs/wiring.md: an open gap reads 9.2 V at least, 100 ohm 0.9 V", disabled "contact would not be felt";
         /// Largest velocity toward the work, pulses off, where the axis has not been since it was enabled.
         0x210D:2 contact_approach: f32 = 5.0, (0.1, 5.0), "contact.approach_mm_s", "mm/s", "docs/bring-up.md: what a contact may press", falls "the electrode would hit the work harder";
+        /// Largest force toward the work, beyond weight and friction, while the gap leads along the path: more than film and flushing push up with.
+        0x210D:3 contact_press: f32 = 5.0, (0.5, 1000.0), "contact.press_n", "N", "docs/bring-up.md: what a contact may press", falls "the electrode would press harder";
 
         /// Time of erosion from one jump to the next; 0 jumps on demand only.
         0x210E:1 jump_every_ms: f32 = 0.0, (0.0, 1e6), "jump.every_ms", "ms", "assumed: on demand only", live;

@@ -271,9 +271,14 @@ impl Bench {
         drive + self.extra_amps
     }
 
+    /// Force toward the work that friction does not take, N.
+    pub fn force(&self) -> f64 {
+        7.5 * (self.amps() - self.extra_amps) + 0.2 * 9.80665 - 2.2 + self.push
+    }
+
     fn move_axis(&mut self) {
         let dt = f64::from(TICK_S);
-        let force = 7.5 * (self.amps() - self.extra_amps) + 0.2 * 9.80665 - 2.2 + self.push;
+        let force = self.force();
         let free = self.v + force / 0.2 * dt;
         let slowed = free.abs() - FRICTION_N / 0.2 * dt;
         self.v = if slowed > 0.0 { slowed.copysign(free) } else { 0.0 };

@@ -13,6 +13,7 @@ mod hazards;
 mod jumps;
 mod permit;
 mod positioning;
+mod press;
 mod proof;
 mod states;
 mod supervision;

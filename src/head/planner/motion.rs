@@ -3,13 +3,14 @@
 use super::super::reaction::Motion;
 use super::Planner;
 use crate::head::commissioning::Commissioning;
+use crate::head::config::Structure;
 use crate::head::fault::Fault;
 use crate::head::follow::{Follow, Trajectory};
 use crate::head::state::State;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Window;
-use crate::units::{Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_HZ, larger, within};
+use crate::units::{Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_HZ, larger, smaller, within};
 use core::ops::DerefMut;
 
 /// Following error from which a fast motion waits, of the largest that is allowed.
@@ -19,7 +20,7 @@ const WAITS: u32 = TICK_HZ;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
     pub(super) fn trajectory(&mut self, motion: Motion) -> Trajectory {
-        let allowed = self.full_window().and(self.current_window());
+        let allowed = self.full_window().and(self.current_window()).and(self.pressing());
         self.status.closed = match motion {
             Motion::Coast => false,
             Motion::Path(..) | Motion::Upward(..) | Motion::Axis(_) | Motion::Jump(..) | Motion::Velocity(_) => true,
@@ -95,13 +96,23 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// for the axis for too long, which is a following error.
     pub(super) fn awaited(&mut self, ahead: f32) -> Option<f32> {
         let pace = pace(ahead, FAST * self.config.supervise.following);
-        self.waited = if pace < 1.0 { self.waited.saturating_add(self.ticks) } else { 0 };
-        if self.waited < WAITS {
-            return Some(pace);
+        (!self.waits_too_long(pace < 1.0)).then_some(pace)
+    }
+
+    /// The same for a seek, whose set point stands for good where something is in the way that nothing else tells of.
+    pub(super) fn is_stopped(&mut self) -> bool {
+        let pace = pace(self.status.following, self.config.supervise.breakaway.following);
+        self.waits_too_long(pace <= 0.0)
+    }
+
+    fn waits_too_long(&mut self, waits: bool) -> bool {
+        self.waited = if waits { self.waited.saturating_add(self.ticks) } else { 0 };
+        let long = self.waited >= WAITS;
+        if long {
+            self.waited = 0;
+            self.raise(Fault::FollowingError);
         }
-        self.waited = 0;
-        self.raise(Fault::FollowingError);
-        None
+        long
     }
 
     fn beside(&mut self, segment: &TrajectorySegment, allowed: Window) -> Trajectory {
@@ -119,6 +130,17 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.route.follow_axis(at);
         self.status.setpoint = self.route.setpoint();
         self.status.following = 0.0;
+    }
+
+    /// Where the gap leads, no more force toward the work than it takes to be led; a reflex and a retreat have all of it, upward.
+    fn pressing(&self) -> Window {
+        let axis = &self.config.axis;
+        let leads = matches!(self.status.state, State::Seeking | State::Eroding);
+        if !leads || self.config.structure == Structure::SingleLoop {
+            return self.full_window();
+        }
+        let emf = axis.plant.back_emf() * larger(self.status.velocity.0, 0.0);
+        Window { low: -axis.duty_limit, high: smaller(self.config.contact.press + emf, axis.duty_limit) }
     }
 
     pub(super) fn full_window(&self) -> Window {

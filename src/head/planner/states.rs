@@ -136,7 +136,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     fn seek(&mut self) {
         self.watch_short(State::Seeking);
-        if self.status.state != State::Seeking {
+        if self.status.state != State::Seeking || self.is_stopped() {
             return;
         }
         let gap = self.status.gap;
