@@ -193,3 +193,61 @@ fn whatever_the_head_does_it_comes_to_rest_without_pulses() {
         }
     }
 }
+
+/// In the guided check, for so many ms.
+fn checking(ms: u64) -> Rig {
+    let mut rig = Rig::new(|_, _| {});
+    rig.send(0, &[1, ID]);
+    rig.write(0x2001, 3, &[1]);
+    rig.run(ms);
+    rig
+}
+
+#[test]
+fn a_guided_check_ends_with_the_host_that_asked_for_it() {
+    for (what, lose) in LOSSES {
+        for ms in [1, 30, 400] {
+            let mut rig = checking(ms);
+            let state = rig.machine.status().state;
+            assert!(matches!(state, State::Proving | State::Commissioning), "{what}: {state:?} after {ms} ms");
+            lose(&mut rig);
+            rig.run(5);
+            assert_eq!((rig.machine.status().state, rig.machine.status().fault), (State::Disabled, None), "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_guided_check_can_be_ended() {
+    let ways: [Loss; 5] = [
+        ("2001h:3 = 0", |rig| rig.write(0x2001, 3, &[0])),
+        ("2001h:2 = 1", |rig| rig.write(0x2001, 2, &[1])),
+        ("disable voltage", |rig| {
+            rig.control(6);
+            rig.control(0);
+        }),
+        ("quick stop", |rig| {
+            rig.control(6);
+            rig.control(2);
+        }),
+        ("quick stop from switched on", |rig| {
+            rig.control(6);
+            rig.control(7);
+            rig.control(3);
+        }),
+    ];
+    for (what, end) in ways {
+        for ms in [1, 30, 400] {
+            let mut rig = checking(ms);
+            end(&mut rig);
+            rig.run(5);
+            assert_eq!((rig.machine.status().state, rig.machine.status().fault), (State::Disabled, None), "{what}");
+            assert_eq!(rig.read(0x2001, 4), 0, "{what}: no result");
+        }
+    }
+    // A controlword that comes again and again says nothing new.
+    let mut rig = checking(30);
+    rig.control(0);
+    rig.run(5);
+    assert_eq!(rig.machine.status().state, State::Commissioning);
+}

@@ -24,7 +24,11 @@ impl Drive {
         if matches!(self.state, State::Fault | State::FaultReactionActive) {
             return;
         }
-        self.transition(Request::of(word));
+        let request = Request::of(word);
+        if word != before && matches!(request, Request::DisableVoltage | Request::QuickStop) {
+            self.end_commissioning();
+        }
+        self.transition(request);
         self.mode_word(before, word);
     }
 
@@ -179,6 +183,8 @@ impl Drive {
     pub(super) fn host_lost(&mut self) {
         match self.value(Item::AbortOption) {
             0 => {}
+            // It moves the head, with pulses at last, and no loop is closed that could do anything better than that.
+            _ if self.is_commissioning() => self.end_commissioning(),
             // Nobody is there any more to see that the loop closes.
             _ if self.enabling => self.leave(State::SwitchOnDisabled, 0),
             2 if self.is_enabled() => self.leave(State::SwitchOnDisabled, 0),
@@ -214,5 +220,17 @@ impl Drive {
         let ordered = free && self.command(Command::Commission);
         self.commissioning |= ordered;
         ordered
+    }
+
+    /// Ends commissioning, without a result, if it is under way.
+    pub(super) fn end_commissioning(&mut self) {
+        if self.is_commissioning() {
+            self.command(Command::Disable);
+        }
+    }
+
+    fn is_commissioning(&self) -> bool {
+        let proves = self.status.state == head::State::Proving && !self.enabling;
+        self.commissioning || proves || self.status.state == head::State::Commissioning
     }
 }

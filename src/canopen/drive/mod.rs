@@ -702,6 +702,7 @@ impl Drive {
     /// The same, and no set point is gone on with either.
     fn hold_all(&mut self) {
         self.set(Item::ErodeEnable, 0);
+        self.end_commissioning();
         if self.status.state.follows() || !self.fresh {
             self.set_points.forget();
             self.follow = None;

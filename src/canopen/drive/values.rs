@@ -295,6 +295,7 @@ impl Drive {
             Item::SurfaceIs => return done(self.take_surface(value)),
             Item::TargetVelocity => self.may_run(number != before)?,
             Item::Commission if value == 1 => return done(self.commission()),
+            Item::Commission => self.end_commissioning(),
             Item::QueueAppend => {
                 return done(self.queues() && self.command(Command::MoveTo(self.place(number))));
             }

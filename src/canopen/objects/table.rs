@@ -115,7 +115,7 @@ objects! {
     0x2001 "EDM control" {
         1 ErodeEnable: u8, rw, rx, (0, 2), 0, "", live, "Erode: 1 set points become path, along which the gap leads; 2 set points are followed with pulses on, and the host goes by the feed of 2004h:7 or 8; 0 pulses off";
         2 ErodeHold: u8, wo, rx, (0, 1), 0, "", live, "Hold: 1 switches pulses off and holds the position";
-        3 Commission: u8, wo, no, (0, 1), 0, "", live, "Commissioning: 1 starts it, while disabled";
+        3 Commission: u8, wo, no, (0, 1), 0, "", live, "Commissioning: 1 starts it, while disabled; 0 ends it without a result";
         4 CheckResult: u8, ro, no, U8, 0, "", live, "Commissioning result: 0 none yet, 1 passed, from 2 a finding as numbered in docs/objects.md";
         5 Touch: u8, rw, rx, (0, 1), 0, "", live, "Touch: 1 profile position ends where the electrode touches the work, goes back by retreat.clearance_um, and has then reached its target; 0 a contact is a fault";
         6 Touched: i32, ro, tx, I32, 0, "counts", live, "Touched: position of the newest contact that was asked for";
