@@ -72,6 +72,10 @@ function take(message) {
     if (message.sample.node === node) sample(message.sample);
   } else if (message.progress) {
     if (message.progress.sample.node === node) progress(message.progress);
+  } else if (message.bring_up) {
+    if (message.bring_up.sample.node === node) bring_up(message.bring_up);
+  } else if (message.brought_up) {
+    brought_up(message.brought_up);
   } else if (message.event) {
     event(message.event);
   } else if (message.ended) {
@@ -91,6 +95,7 @@ function lost(why) {
 function say(text) {
   $("said").textContent = text;
   $("doing").textContent = text;
+  $("up-doing").textContent = text;
 }
 
 function show() {
@@ -100,7 +105,8 @@ function show() {
   $("session").textContent = mine ? "This session commands."
     : commander === null ? "Nobody commands." : `Session ${commander} commands, this one watches.`;
   document.body.classList.toggle("watching", !mine);
-  for (const button of document.querySelectorAll("#bore *, [data-wish], #reset, #save, #import, #list input, #list select")) {
+  const commands = "#bore *, [data-wish], #up-begin, #up-check, #up-report, #reset, #save, #import, #list input, #list select";
+  for (const button of document.querySelectorAll(commands)) {
     button.disabled = !mine || node === null;
   }
 }
@@ -188,6 +194,41 @@ function ended({ outcome, failed }) {
   } else {
     $("doing").textContent = failed;
   }
+}
+
+const VERDICTS = { not_seen: "not seen", passed: "passed", failed: "FAILED" };
+
+function bring_up({ doing, checks }) {
+  $("up-doing").textContent = doing;
+  $("up-files").hidden = true;
+  up_list(checks);
+}
+
+function up_list(checks) {
+  $("up-list").replaceChildren(...checks.map((check) => {
+    const row = item("tr", "");
+    row.className = check.verdict;
+    const what = item("td", check.what);
+    if (check.verdict !== "passed" && check.advice) what.append(item("small", check.advice));
+    const value = check.value === null ? "-" : `${check.value} ${check.unit}`.trim();
+    row.append(item("td", check.step), what, item("td", value), item("td", check.allowed), item("td", VERDICTS[check.verdict]));
+    return row;
+  }));
+}
+
+function brought_up({ name, markdown, report, failed }) {
+  $("up-doing").textContent = failed ?? (report.passed ? "Everything has passed." : "Ended; not everything has passed.");
+  if (failed) return;
+  up_list(report.checks);
+  for (const [id, ending, type, text] of [
+    ["up-markdown", "md", "text/markdown", markdown],
+    ["up-json", "json", "application/json", JSON.stringify(report, null, 2)],
+  ]) {
+    URL.revokeObjectURL($(id).href);
+    $(id).href = URL.createObjectURL(new Blob([text], { type }));
+    $(id).download = `${name}.${ending}`;
+  }
+  $("up-files").hidden = false;
 }
 
 function event({ unix_ms, node: from, what }) {
@@ -283,6 +324,9 @@ $("bore").onsubmit = (submit) => {
 for (const button of document.querySelectorAll("[data-wish]")) {
   button.onclick = () => want({ do: "wish", wish: button.dataset.wish }).catch(() => {});
 }
+$("up-begin").onclick = () => want({ do: "bring_up", node }).catch(() => {});
+$("up-check").onclick = () => want({ do: "check", again: $("up-again").checked }).catch(() => {});
+$("up-report").onclick = () => want({ do: "report" }).catch(() => {});
 $("search").oninput = list;
 $("changed").onchange = list;
 $("read").onclick = () => {

@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use crate::bore::{self, Hole, Outcome, Run, Wish, Wishes};
+use crate::bring_up::{self, BringUp, Check, Verdict};
 use crate::bus::{Bus, SILENCE};
 use crate::head::{Card, Head, scan};
 use crate::live::{Event, Live, Sample};
@@ -22,6 +23,9 @@ use std::time::{Duration, Instant};
 /// Exit codes: it did not work; bad input, nothing was done.
 const FAILED: u8 = 1;
 const BAD_INPUT: u8 = 2;
+
+/// Time in which whoever has moved a head lets go of it before the guided check.
+const HANDS_OFF: Duration = Duration::from_secs(5);
 
 /// Heads of spark erosion machines: found, set, watched, bored with.
 #[derive(Debug, Parser)]
@@ -77,6 +81,8 @@ enum Command {
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
+    /// Looks on while somebody does the steps of docs/bring-up.md, and reports what of them a host sees
+    BringUp(BringUpOptions),
     /// Bores a hole: touches off, erodes to the depth, goes up, disables. Ctrl-C goes up and disables; a second one stops at once
     Bore(BoreOptions),
     /// Pulses off, hold, disable. This is no emergency stop: that is a switch at the machine
@@ -141,6 +147,22 @@ struct Save {
     /// Let the head keep what it has now (1010h:3)
     #[arg(long)]
     save: bool,
+}
+
+#[derive(Debug, Args)]
+struct BringUpOptions {
+    /// Runs the guided check (2001h:3) when all steps before it have passed; the head moves to both ends of its stroke
+    #[arg(long)]
+    check: bool,
+    /// With --check: also when what is done by hand is not done again, as long as nothing has failed
+    #[arg(long, requires = "check")]
+    again: bool,
+    /// How long to look on for what is done by hand; Ctrl-C ends it earlier
+    #[arg(long, value_name = "S", default_value = "600", value_parser = seconds, allow_hyphen_values = true)]
+    wait: f64,
+    /// Folder for the report, a Markdown and a JSON file
+    #[arg(long, value_name = "FOLDER")]
+    report: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
@@ -218,6 +240,7 @@ impl Cli {
                 }
                 Ok(())
             }
+            Command::BringUp(options) => common.bring_up(&sheet, options),
             Command::Bore(options) => common.bore(&sheet, options),
             Command::Stop => {
                 let what = common.head(&sheet)?.stop()?;
@@ -375,6 +398,78 @@ impl Common {
         Ok(())
     }
 
+    fn bring_up(&self, sheet: &Arc<Sheet>, options: &BringUpOptions) -> Result<(), Failure> {
+        if let Some(folder) = options.report.as_ref().filter(|folder| !folder.is_dir()) {
+            return Err(Failure::BadInput(format!("--report {}: must be a folder", folder.display())));
+        }
+        let wishes = Arc::new(bring_up::Wishes::default());
+        let asked = wishes.clone();
+        let interrupted = interrupted(move || asked.want(bring_up::Wish::End))?;
+        let head = self.head(sheet)?;
+        let mut live = Live::new(&head)?;
+        let bus = head.bus.clone();
+        let end = end(Some(options.wait));
+        let (mut said, mut doing, mut asked, mut hands_off) = (Vec::new(), String::new(), false, None);
+        let report = BringUp {
+            head: &head,
+            live: &mut live,
+            wishes: &wishes,
+            alive: &|| {
+                bus.keep_alive(SILENCE);
+                Ok(())
+            },
+            told: &mut |progress| {
+                // With --json stdout has the report alone.
+                for check in &progress.checks {
+                    let verdict = (check.step, check.what.clone(), check.verdict);
+                    if !said.contains(&verdict) {
+                        said.retain(|(step, what, _)| (*step, what) != (check.step, &check.what));
+                        said.push(verdict);
+                        eprint!("{}", looked_at(check));
+                    }
+                }
+                // How far a check is comes 20 times a second.
+                let now = progress.doing.split(':').next().unwrap_or_default();
+                if now != doing {
+                    doing = now.into();
+                    eprintln!("{}", progress.doing);
+                }
+                if asked {
+                    // One that was refused is not asked for again.
+                    if wishes.now() == bring_up::Wish::Look {
+                        wishes.want(bring_up::Wish::End);
+                    }
+                } else if (progress.ready() || options.again) && options.check && hands_off.is_none() {
+                    hands_off = Some(Instant::now() + HANDS_OFF);
+                    let s = HANDS_OFF.as_secs();
+                    eprintln!(
+                        "the guided check begins in {s} s, and moves the head to both ends: hands off. Ctrl-C ends it"
+                    );
+                } else if hands_off.map_or(progress.ready() || Instant::now() >= end, |at| Instant::now() >= at) {
+                    asked = true;
+                    wishes.want(match (options.check, options.again) {
+                        (false, _) => bring_up::Wish::End,
+                        (true, false) => bring_up::Wish::Check,
+                        (true, true) => bring_up::Wish::CheckAgain,
+                    });
+                }
+            },
+        }
+        .execute()?;
+        drop(interrupted);
+        if let Some(folder) = &options.report {
+            let json = serde_json::to_string_pretty(&report).unwrap_or_default() + "\n";
+            for (ending, text) in [("md", report.markdown()), ("json", json)] {
+                let file = folder.join(format!("{}.{ending}", report.name()));
+                std::fs::write(&file, text).map_err(|why| Failure::Failed(format!("{}: {why}", file.display())))?;
+                eprintln!("{}", file.display());
+            }
+        }
+        self.say(&report, || format!("{}\n", report.verdict()));
+        let left = if options.check { report.passed } else { report.but_the_check() };
+        if left { Ok(()) } else { Err(Failure::Failed(format!("the bring-up is not complete: {}", report.verdict()))) }
+    }
+
     fn bore(&self, sheet: &Arc<Sheet>, options: &BoreOptions) -> Result<(), Failure> {
         let hole = Hole { depth_mm: options.depth, surface_mm: options.surface, height_mm: options.height };
         hole.check()?;
@@ -482,6 +577,16 @@ fn watched(now: &Sample) -> String {
         now.setpoint_v,
         now.feed_um_s
     )
+}
+
+fn looked_at(check: &Check) -> String {
+    let advice = if check.verdict == Verdict::Passed || check.advice.is_empty() {
+        String::new()
+    } else {
+        format!("\n    {}", check.advice)
+    };
+    let (step, what, allowed) = (check.step, &check.what, &check.allowed);
+    format!("{step:2}  {:8}  {what}: {}; should be {allowed}{advice}\n", check.verdict.word(), check.said())
 }
 
 fn on_the_way(progress: &bore::Progress) -> String {

@@ -14,6 +14,10 @@ const THERE: Duration = Duration::from_millis(250);
 const STATE: Duration = Duration::from_secs(3);
 /// The longest search for the surface.
 const SEARCH: Duration = Duration::from_secs(60);
+/// Command of the network management (CiA 301 7.2.8.3.1).
+const RESET_NODE: u8 = 0x81;
+/// How long a head is silent after that, and a little more.
+const BOOTS: Duration = Duration::from_millis(100);
 /// Time between two looks at something that is waited for.
 const LOOK: Duration = Duration::from_millis(10);
 
@@ -44,6 +48,10 @@ pub mod at {
     pub const ERODE: Address = Address(0x2001, 1);
     /// Pulses off, hold.
     pub const HOLD: Address = Address(0x2001, 2);
+    /// Starts the guided check.
+    pub const CHECK: Address = Address(0x2001, 3);
+    /// How that ended.
+    pub const CHECK_RESULT: Address = Address(0x2001, 4);
     /// Where the electrode touched the work, counts.
     pub const TOUCHED: Address = Address(0x2001, 6);
     /// Which setting stands in the way of another.
@@ -62,6 +70,22 @@ pub mod at {
     pub const SHORTS: Address = Address(0x2006, 1);
     /// Deepest position of the last erosion.
     pub const DEEPEST: Address = Address(0x2006, 4);
+    /// Quality of the gap voltage.
+    pub const GAP_QUALITY: Address = Address(0x2005, 3);
+    /// Motor current.
+    pub const MOTOR_CURRENT: Address = Address(0x2007, 2);
+    /// Transitions of the encoder that cannot be.
+    pub const ILLEGAL: Address = Address(0x2008, 1);
+    /// The head's program, in words.
+    pub const BUILD: Address = Address(0x2009, 2);
+    /// What the head has found of itself at its start.
+    pub const SELF_TEST: Address = Address(0x2009, 3);
+    /// How the run before ended.
+    pub const LAST_END: Address = Address(0x2009, 4);
+    /// What became of the image that was stored.
+    pub const STORED: Address = Address(0x200B, 1);
+    /// Frames that came faster than they were taken.
+    pub const FRAMES_LOST: Address = Address(0x200D, 1);
     /// Has the head find the surface of the work.
     pub const FIND: Address = Address(0x2011, 1);
     /// How that ended.
@@ -74,26 +98,36 @@ pub mod at {
     pub const STATUSWORD: Address = Address(0x6041, 0);
     /// Mode of operation.
     pub const MODE: Address = Address(0x6060, 0);
+    /// Position from home, counts, whatever the datum.
+    pub const INTERNAL_POSITION: Address = Address(0x6063, 0);
     /// Position, counts.
     pub const POSITION: Address = Address(0x6064, 0);
     /// Target position, counts.
     pub const TARGET: Address = Address(0x607A, 0);
     /// Velocity of moves, counts/s.
     pub const PROFILE_VELOCITY: Address = Address(0x6081, 0);
+    /// Voltage of the motor's supply.
+    pub const BUS_VOLTAGE: Address = Address(0x6079, 0);
     /// Encoder counts ...
     pub const INCREMENTS: Address = Address(0x608F, 1);
     /// ... in so many millimetres.
     pub const MILLIMETRES: Address = Address(0x608F, 2);
     /// Homing method.
     pub const HOMING_METHOD: Address = Address(0x6098, 0);
+    /// Contacts, by bits.
+    pub const INPUTS: Address = Address(0x60FD, 0);
 }
 
 /// States of 2000h:1.
 pub mod state {
     /// The loop is open, pulses are off.
     pub const DISABLED: u8 = 0;
+    /// The guided check is under way.
+    pub const COMMISSIONING: u8 = 1;
     /// A fault stands.
     pub const FAULT: u8 = 8;
+    /// The encoder shows that it counts, before anything else.
+    pub const PROVING: u8 = 12;
 }
 
 /// How a search for the surface stands, 2011h:3.
@@ -212,6 +246,16 @@ impl Head {
         }
     }
 
+    /// A number in its unit.
+    ///
+    /// # Errors
+    /// Those of the transfer.
+    pub fn number(&self, address: Address) -> Result<f64, SdoError> {
+        let bytes = self.sdo.read(address)?;
+        let number = self.sheet.get(address).and_then(|object| object.number(&bytes));
+        number.ok_or(SdoError::Garbled(self.node, address))
+    }
+
     /// Writes a whole number, as long as its object is.
     ///
     /// # Errors
@@ -273,6 +317,20 @@ impl Head {
             }
         }
         Ok(())
+    }
+
+    /// Starts the guided check; it is under way when this returns.
+    ///
+    /// # Errors
+    /// Why it refuses, in words.
+    pub fn begin_check(&self, tick: Tick<'_>) -> Result<(), Failure> {
+        let before = self.whole(at::REFUSALS)?;
+        self.set(at::CHECK, 1)?;
+        let begun = self.wait(STATE, tick, |head| {
+            head.refused(before)?;
+            Ok(matches!(head.whole(at::STATE)? as u8, state::COMMISSIONING | state::PROVING))
+        })?;
+        if begun { Ok(()) } else { Err(Failure::Failed(format!("not begun within {} s", STATE.as_secs()))) }
     }
 
     /// Takes the place where the head rests for home.
@@ -353,14 +411,15 @@ impl Head {
         Err(Failure::Failed(format!("the surface was not found: {what}; {help}")))
     }
 
-    /// Pulses off, hold, loop open; says what the head is then.
+    /// Pulses off, hold, loop open; says what the head is then. No controlword ends the guided check: a reset of the node does,
+    /// which disables it and takes what was not kept.
     ///
     /// # Errors
     /// When that could not be had: somebody has to stop it by hand.
     pub fn stop(&self) -> Result<String, Failure> {
         // Each is tried, whatever the other said: disabling alone switches pulses off as well.
         let held = (0..3).find_map(|_| self.set(at::HOLD, 1).ok());
-        let mut last = None;
+        let (mut last, mut reset) = (None, false);
         for _ in 0..3 {
             match self.set(at::CONTROLWORD, 0) {
                 Ok(()) => last = None,
@@ -369,10 +428,21 @@ impl Head {
                     continue;
                 }
             }
-            let end = Instant::now() + STATE;
-            while Instant::now() < end {
+            let begun = Instant::now();
+            while begun.elapsed() < STATE {
                 match self.whole(at::STATE).map(|state| state as u8) {
+                    Ok(state::DISABLED) if reset => {
+                        return Ok(
+                            "the head was reset, is disabled, pulses are off; settings are those that it keeps".into()
+                        );
+                    }
                     Ok(state::DISABLED) => return Ok("the head is disabled, pulses are off".into()),
+                    // Proving may also be the begin of an enabling, which the controlword has just ended.
+                    Ok(state::COMMISSIONING | state::PROVING) if !reset && begun.elapsed() > 3 * LOOK => {
+                        reset = true;
+                        self.bus.send(0, &[RESET_NODE, self.node]);
+                        std::thread::sleep(BOOTS);
+                    }
                     Ok(state::FAULT) => {
                         let fault = words::fault_line(self.whole(at::FAULT).unwrap_or(0) as u8);
                         return Ok(format!("the head is in a fault, which keeps pulses off: {fault}"));

@@ -7,7 +7,7 @@ use edm_desk::bus::Bus;
 use edm_desk::sdo::{Address, Sdo, SdoError};
 use edm_servo_head::head::{Fault, State};
 use edm_servo_head::settings::Settings;
-use rig::{Desk, Rig, run};
+use rig::{BY_HAND, Desk, Rig, Session, run};
 use serde_json::{Value, json};
 use std::fs;
 use std::process::Stdio;
@@ -131,6 +131,142 @@ fn ctrl_c_goes_up_and_disables() {
     let truth = rig.truth();
     assert_eq!((truth.state, truth.fault, truth.pulses), (State::Disabled, None, false));
     assert!(truth.position < 100, "it went up: {truth:?}");
+}
+
+/// What is looked at under this name.
+fn looked_at<'a>(checks: &'a Value, what: &str) -> &'a Value {
+    checks.as_array().unwrap().iter().find(|check| check["what"] == what).unwrap()
+}
+
+#[test]
+fn a_head_is_brought_up_by_hand_and_by_the_guided_check_and_the_report_tells_what_was_measured() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let mut session = desk.bringing_up(&rig);
+    let plain = json!({ "do": "set", "node": 1, "assignments": ["gap.average=plain"] });
+    session.ask(plain).unwrap();
+    // Not before the steps before it.
+    session.ask(json!({ "do": "check", "again": false })).unwrap();
+    let waits =
+        session.until(|message| message["bring_up"]["doing"].as_str().is_some_and(|doing| doing != "looking on"));
+    assert_eq!(waits["bring_up"]["doing"], "the guided check waits for step 5, upper limit contact: not seen");
+    for (wire, value, what, becomes) in BY_HAND {
+        rig.happen(wire, value);
+        session.until(|message| {
+            let checks = &message["bring_up"]["checks"];
+            checks.is_array() && {
+                let check = looked_at(checks, what);
+                check["value"] == becomes || check["verdict"] == becomes
+            }
+        });
+    }
+    session.ask(json!({ "do": "check", "again": false })).unwrap();
+    session.until(|message| message["bring_up"]["sample"]["state"] == "commissioning");
+    assert_eq!(
+        session.ask(json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 0.1 } })).unwrap_err(),
+        "a hole is being bored, or a head brought up: end that first"
+    );
+    session.until(|message| message["bring_up"]["doing"] == "guided check: passed");
+    session.ask(json!({ "do": "report" })).unwrap();
+    let ended = session.until(|message| !message["brought_up"].is_null())["brought_up"].clone();
+    let report = &ended["report"];
+    assert_eq!(report["passed"], true, "{}", ended["markdown"]);
+    let measured = |what| looked_at(&report["checks"], what)["value"].as_f64().unwrap();
+    // Of the model: 0.3 N, 100 V for 160 of 200 us beside the sense supply, 12 mm.
+    for (what, low, high) in [
+        ("friction that it broke away from", 0.3, 0.4),
+        ("open-circuit voltage, as seen by this program", 78.0, 86.0),
+        ("stroke, as seen by this program", 11.99, 12.03),
+    ] {
+        assert!((low..high).contains(&measured(what)), "{what}: {}", measured(what));
+    }
+    let text = ended["markdown"].as_str().unwrap();
+    for part in ["build virtual", "## 12. Generator", "Not looked at: no host sees it", "| 12.0", " N | told, and kept"]
+    {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let truth = rig.truth();
+    assert_eq!((truth.state, truth.fault, truth.pulses), (State::Disabled, None, false));
+    // The watch is taken off with the end.
+    assert_eq!(Sdo::new(&rig.bus(), 1).read(Address(0x1016, 1)).unwrap(), [0; 4]);
+}
+
+#[test]
+fn a_guided_check_that_fails_says_why_in_two_files() {
+    let rig = Rig::new();
+    rig.happen("workpiece.raised_mm", -100.0);
+    assert_eq!(run(&rig.way(), &["settings", "set", "motor.reversed=true"]).0, Some(0));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().to_str().unwrap();
+    let (code, said, why) = run(&rig.way(), &["--json", "bring-up", "--check", "--again", "--report", path]);
+    assert_eq!(code, Some(1), "{why}");
+    let report: Value = serde_json::from_str(&said).unwrap();
+    let check = looked_at(&report["checks"], "guided check");
+    assert_eq!((&check["value"], &check["verdict"]), (&json!("motor reversed"), &json!("failed")));
+    assert_eq!(check["advice"], "the motor pushes the wrong way: change motor.reversed");
+    assert_eq!(looked_at(&report["checks"], "upper limit contact")["verdict"], "not_seen");
+    let files: Vec<_> =
+        fs::read_dir(path).unwrap().map(|file| fs::read_to_string(file.unwrap().path()).unwrap()).collect();
+    assert_eq!(files.len(), 2);
+    assert!(files.iter().any(|text| text.contains("| FAILED the motor pushes the wrong way")), "{files:?}");
+    assert!(files.iter().any(|text| serde_json::from_str::<Value>(text).is_ok_and(|json| json == report)));
+}
+
+/// Waits until the guided check is on its way to the lower stop. The session answers beats meanwhile.
+fn deep_in_the_check(session: &mut Session) {
+    session.until(|message| {
+        let now = &message["bring_up"]["sample"];
+        now["state"] == "commissioning" && now["position_mm"].as_f64().is_some_and(|mm| mm > 3.0)
+    });
+}
+
+#[test]
+fn a_guided_check_ends_when_whoever_asked_for_it_is_gone_or_says_stop() {
+    for stop in [false, true] {
+        let rig = Rig::new();
+        let desk = Desk::new(&rig.way());
+        let mut session = desk.bringing_up(&rig);
+        session.ask(json!({ "do": "check", "again": true })).unwrap();
+        deep_in_the_check(&mut session);
+        if stop {
+            session.ask(json!({ "do": "stop", "node": 1 })).unwrap();
+        } else {
+            drop(session);
+        }
+        let truth = rig.until(|truth| truth.state == State::Disabled);
+        assert!(!truth.pulses && truth.position > 3000 && truth.deepest < 12_100, "not at its end: {truth:?}");
+    }
+}
+
+#[test]
+fn an_emergency_stop_ends_a_guided_check_and_the_report_says_so() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let mut session = desk.bringing_up(&rig);
+    session.ask(json!({ "do": "check", "again": true })).unwrap();
+    deep_in_the_check(&mut session);
+    rig.happen("stop.open", 1.0);
+    session.until(|message| {
+        message["bring_up"]["doing"].as_str().is_some_and(|doing| doing.starts_with("guided check: emergency"))
+    });
+    let truth = rig.truth();
+    assert_eq!((truth.fault, truth.pulses), (Some(Fault::EmergencyStop), false));
+    session.ask(json!({ "do": "report" })).unwrap();
+    let ended = session.until(|message| !message["brought_up"].is_null());
+    let check = looked_at(&ended["brought_up"]["report"]["checks"], "guided check");
+    assert!(check["value"].as_str().unwrap().starts_with("emergency stop: pulses off"), "{ended}");
+}
+
+#[test]
+fn a_guided_check_whose_program_is_killed_comes_to_its_own_end() {
+    let rig = Rig::new();
+    let mut desk = Desk::new(&rig.way());
+    let mut session = desk.bringing_up(&rig);
+    session.ask(json!({ "do": "check", "again": true })).unwrap();
+    deep_in_the_check(&mut session);
+    desk.kill();
+    let truth = rig.until(|truth| truth.state == State::Disabled);
+    assert!(!truth.pulses && truth.position.abs() < 100 && truth.deepest > 11_900, "{truth:?}");
 }
 
 /// The head is in the fault that a silent host makes, pulses off, and has gone back from the work.
@@ -270,6 +406,9 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["bore"], "--depth <MM>"),
         (&["bore", "--depth", "nan"], "depth NaN mm: must be a number from 0.001 to 1000 mm"),
         (&["bore", "--depth", "0.1", "--height", "-1"], "height -1 mm: must be a number from 0.05 to 10 mm"),
+        (&["bring-up", "--report", &absent], "absent: must be a folder"),
+        (&["bring-up", "--again"], "--check"),
+        (&["bring-up", "--wait", "-1"], "must be a number from 0"),
         (&["object", "2001:1", "3"], "must be a whole number from 0 to 2"),
         (&["object", "3000:1"], "3000h:1: not in the description file"),
         (&["page", "--listen", &taken], "must be a free HOST:PORT"),
