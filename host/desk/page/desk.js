@@ -72,6 +72,8 @@ function take(message) {
     if (message.sample.node === node) sample(message.sample);
   } else if (message.progress) {
     if (message.progress.sample.node === node) progress(message.progress);
+  } else if (message.gap) {
+    if (message.gap.node === node) gap(message.gap);
   } else if (message.bring_up) {
     if (message.bring_up.sample.node === node) bring_up(message.bring_up);
   } else if (message.brought_up) {
@@ -138,6 +140,7 @@ function choose_head(id, card) {
   lines = [];
   differences = null;
   surface = null;
+  for (const id of ["left", "gap-left", "gap-depth"]) $(id).textContent = "no hole of this program";
   $("head").textContent = `node ${id}`;
   $("head").title = `${card.name}, serial number ${card.serial}`;
   Object.values(traces).forEach((trace) => trace.clear());
@@ -153,7 +156,7 @@ function sample(now) {
   $("position").textContent = now.homed ? `${now.position_mm.toFixed(3)} mm` : "not homed";
   const depth = surface === null ? null : now.position_mm - surface;
   $("depth").textContent = depth === null ? "surface not known" : `${depth.toFixed(3)} mm`;
-  $("gap").textContent = `${now.gap_v.toFixed(1)} V`;
+  $("gap-now").textContent = `${now.gap_v.toFixed(1)} V`;
   $("wanted").textContent = `${now.setpoint_v.toFixed(1)} V`;
   $("lost").hidden = true;
   $("feed").textContent = `${now.feed_um_s.toFixed(0)} um/s`;
@@ -184,9 +187,43 @@ function progress(run) {
     : `${run.doing}: ${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`;
   $("progress").value = Math.max(0, (run.depth_mm ?? 0) / run.target_mm);
   $("time").textContent = `${run.seconds.toFixed(0)} s`;
+  $("left").textContent = $("gap-left").textContent = run.left_s === null ? "not known" : `${run.left_s.toFixed(0)} s`;
+  $("gap-depth").textContent = run.depth_mm === null ? "surface not known"
+    : `${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`;
+}
+
+function gap({ volts, quality, ladder, shares, looks, feed_um_s }) {
+  if ($("gap").hidden) return;
+  $("gap-volts").textContent = volts === null ? `${quality}: it means nothing now` : `${volts.toFixed(1)} V, ${quality}`;
+  $("gap-feed").textContent = `${feed_um_s.toFixed(0)} um/s`;
+  const most = 1.1 * Math.max(1, volts ?? 0, ...ladder.map((rung) => rung.volts ?? 0));
+  $("ladder").replaceChildren(...ladder.map((rung) => bar(rung.what, rung.from, rung.volts, most, volts)));
+  $("shares").replaceChildren(...shares.map((share) => bar(share.what, "", share.percent, 100, null)));
+  $("looks").textContent = looks ? `${looks} looks, one a millisecond.` : "No pulse was looked at.";
+}
+
+// A row with a value as a bar, and a line across it.
+function bar(what, from, value, most, mark) {
+  const row = item("tr", "");
+  const name = item("td", what);
+  if (from) name.append(item("small", from));
+  const room = item("td", "");
+  const shade = item("div", "");
+  shade.className = "bar";
+  shade.style.width = `${100 * Math.max(0, value ?? 0) / most}%`;
+  room.append(shade);
+  if (mark !== null) {
+    const line = item("div", "");
+    line.className = "mark";
+    line.style.left = `${100 * Math.min(1, Math.max(0, mark) / most)}%`;
+    room.append(line);
+  }
+  row.append(name, item("td", value === null ? "not known" : value.toFixed(1)), room);
+  return row;
 }
 
 function ended({ outcome, failed }) {
+  $("left").textContent = $("gap-left").textContent = "ended";
   if (outcome) {
     $("doing").textContent = `${outcome.reached ? "Bored" : "Ended"}: ${outcome.depth_mm.toFixed(3)} of ${outcome.target_mm} mm by the electrode`
       + ` in ${outcome.seconds.toFixed(0)} s; the hole is deeper by the gap. ${outcome.why}.`;

@@ -4,6 +4,7 @@ use crate::Failure;
 use crate::bore::{self, Hole, Outcome, Run, Wish, Wishes};
 use crate::bring_up::{self, BringUp, Check, Verdict};
 use crate::bus::{Bus, SILENCE};
+use crate::gap::Gap;
 use crate::head::{Card, Head, scan};
 use crate::live::{Event, Live, Sample};
 use crate::page::{self, Listen};
@@ -55,7 +56,7 @@ pub(crate) struct Common {
     /// Description file of the head, when its program is not of this tree
     #[arg(long, global = true, value_name = "FILE")]
     pub eds: Option<PathBuf>,
-    /// One JSON object in the place of text; of `watch` and `log` one a line
+    /// One JSON object in the place of text; of `watch`, `gap` and `log` one a line
     #[arg(long, global = true)]
     pub json: bool,
 }
@@ -71,6 +72,12 @@ enum Command {
     Settings(Settings),
     /// Shows what a head does, until Ctrl-C
     Watch {
+        /// Ends after so many seconds
+        #[arg(long, value_name = "S", value_parser = seconds)]
+        seconds: Option<f64>,
+    },
+    /// Shows the gap: voltages from open circuit to short, what its pulses are, feed; until Ctrl-C
+    Gap {
         /// Ends after so many seconds
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
@@ -219,6 +226,17 @@ impl Cli {
                 while Instant::now() < end && !interrupted() {
                     let sample = live.sample()?;
                     common.say(&sample, || watched(&sample));
+                    std::thread::sleep(Duration::from_millis(200));
+                }
+                Ok(())
+            }
+            Command::Gap { seconds } => {
+                let interrupted = interrupted(|| ())?;
+                let head = common.head(&sheet)?;
+                let end = end(*seconds);
+                while Instant::now() < end && !interrupted() {
+                    let gap = Gap::look(&head)?;
+                    common.say(&gap, || gap.text());
                     std::thread::sleep(Duration::from_millis(200));
                 }
                 Ok(())
@@ -592,8 +610,13 @@ fn looked_at(check: &Check) -> String {
 fn on_the_way(progress: &bore::Progress) -> String {
     match progress.depth_mm {
         Some(depth) if progress.seconds > 0.0 => format!(
-            "{:6.0} s  {}: {:.3} of {:.3} mm, gap {:.1} V",
-            progress.seconds, progress.doing, depth, progress.target_mm, progress.sample.gap_v
+            "{:6.0} s  {}: {:.3} of {:.3} mm, gap {:.1} V{}",
+            progress.seconds,
+            progress.doing,
+            depth,
+            progress.target_mm,
+            progress.sample.gap_v,
+            progress.left_s.map_or(String::new(), |left| format!(", {left:.0} s left at this pace"))
         ),
         _ => format!("          {}", progress.doing),
     }

@@ -10,6 +10,7 @@
 //! | [`settings`] | list, file, comparison, a staged write |
 //! | [`live`] | what a head does now, and what has happened to it |
 //! | [`bore`] | a hole, from power-off to power-off |
+//! | [`gap`] | the gap now |
 //! | [`guide`] | what docs/bring-up.md says |
 //! | [`bring_up`] | its steps that a host can see, the guided check, a report |
 //! | [`page`] | the same in a browser: one session commands, others watch |
@@ -19,6 +20,7 @@ pub mod bore;
 pub mod bring_up;
 pub mod bus;
 pub mod cli;
+pub mod gap;
 pub mod guide;
 pub mod head;
 pub mod live;

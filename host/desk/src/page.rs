@@ -13,6 +13,7 @@ use crate::bore::{self, GONE, Hole, Wish, Wishes};
 use crate::bring_up::{self, BringUp};
 use crate::bus::{Bus, SILENCE, lock};
 use crate::cli::{Found, find, say};
+use crate::gap::Gap;
 use crate::head::Head;
 use crate::live::{Event, Live};
 use crate::settings::{self, Line};
@@ -298,11 +299,13 @@ impl Desk {
 
     /// Samples until that fails; then why is not `told` yet.
     fn samples(&self, node: u8, told: &mut String) -> Result<(), Failure> {
-        let mut live = Live::new(&self.head(node)?)?;
+        let head = self.head(node)?;
+        let mut live = Live::new(&head)?;
         loop {
             let sample = live.sample()?;
             told.clear();
             self.tell(&json!({ "sample": sample }));
+            self.tell(&json!({ "gap": Gap::look(&head)? }));
             live.events().into_iter().for_each(|event| self.event(event));
             thread::sleep(SAMPLES);
         }

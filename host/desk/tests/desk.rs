@@ -4,13 +4,18 @@ mod browser;
 mod rig;
 
 use edm_desk::bus::Bus;
+use edm_desk::head::Head;
 use edm_desk::sdo::{Address, Sdo, SdoError};
+use edm_desk::sheet::Sheet;
 use edm_servo_head::head::{Fault, State};
 use edm_servo_head::settings::Settings;
+use rig::paced::Paced;
 use rig::{BY_HAND, Desk, Rig, Session, run};
 use serde_json::{Value, json};
 use std::fs;
 use std::process::Stdio;
+use std::sync::Arc;
+use std::time::Instant;
 
 #[test]
 fn a_hole_is_bored_through_the_api_while_another_session_watches() {
@@ -131,6 +136,17 @@ fn ctrl_c_goes_up_and_disables() {
     let truth = rig.truth();
     assert_eq!((truth.state, truth.fault, truth.pulses), (State::Disabled, None, false));
     assert!(truth.position < 100, "it went up: {truth:?}");
+}
+
+#[test]
+fn a_gap_without_pulses_has_no_voltage_and_says_why() {
+    let rig = Rig::new();
+    let (code, said, why) = run(&rig.way(), &["--json", "gap", "--seconds", "0.3"]);
+    assert_eq!((code, why.as_str()), (Some(0), ""));
+    let gap: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
+    assert_eq!((&gap["volts"], &gap["quality"], &gap["state"]), (&Value::Null, &json!("no gate"), &json!("disabled")));
+    assert_eq!((&gap["ladder"][0]["volts"], &gap["ladder"][3]["volts"]), (&Value::Null, &json!(20.0)));
+    assert_eq!(gap["shares"].as_array().unwrap().len(), 6);
 }
 
 /// What is looked at under this name.
@@ -343,6 +359,34 @@ fn every_way_of_a_transfer_carries_the_same_value() {
     let data = sdo.read_block(Address(0x2010, 11)).unwrap();
     assert!(count >= 256 && data.len() >= 4 * usize::from(count), "{count} {}", data.len());
     assert_eq!(data, sdo.read(Address(0x2010, 11)).unwrap());
+}
+
+#[test]
+fn the_whole_dictionary_is_read_in_half_a_second_of_a_bus_of_1_mbit() {
+    let paced = Paced::new();
+    let bus = Bus::join(&paced.way.parse().unwrap(), 1_000_000, 126, &(Arc::new(|_: &str| ()) as _)).unwrap();
+    let head = Head::open(&bus, 1, &Arc::new(Sheet::own().unwrap())).unwrap();
+    let (before, began) = (paced.passed(), Instant::now());
+    let (mut values, mut refused) = (0, 0);
+    for object in head.sheet.objects() {
+        match head.sdo.read(object.address) {
+            Ok(_) => values += 1,
+            // One that can only be written, and the scope's data before a record.
+            Err(SdoError::Refused(_, 0x0601_0001 | 0x0800_0024)) => refused += 1,
+            Err(why) => panic!("{}: {why}", object.key),
+        }
+    }
+    let real = began.elapsed();
+    let [ns, bits, frames] = std::array::from_fn(|place| paced.passed()[place] - before[place]);
+    let said = format!(
+        "{values} values, {refused} refused: {frames} frames, {bits} bits, {:.3} s of the bus and the head; {:.3} s of this computer",
+        ns as f64 * 1e-9,
+        real.as_secs_f64()
+    );
+    eprintln!("{said}");
+    assert!(values > 400 && frames >= 2 * (values + refused), "{said}");
+    // Not faster than the bus can, and not slower than asked for.
+    assert!(ns >= 1000 * bits && ns < 500_000_000, "{said}");
 }
 
 #[test]

@@ -236,6 +236,43 @@ fn a_head_is_brought_up_in_the_page() {
 }
 
 #[test]
+fn the_gap_is_seen_while_a_hole_is_bored() {
+    for (wide, dark, name) in [(1280, false, "gap-light"), (800, true, "gap-dark")] {
+        let rig = Rig::new();
+        let desk = Desk::new(&rig.way());
+        let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
+        page.view("gap");
+        page.until("document.querySelectorAll('#ladder tr').length === 4");
+        assert_eq!(page.text("#gap-volts"), "no gate: it means nothing now");
+        assert!(page.text("#ladder").contains("not known"), "no seek has measured the open circuit");
+        assert_eq!(page.text("#gap-left"), "no hole of this program");
+        page.bore(0.5);
+        page.view("gap");
+        let cell = |list: &str, what: &str| {
+            format!(
+                "Number([...document.querySelectorAll('#{list} tr')]
+                 .find((row) => row.cells[0].firstChild.data === '{what}').cells[1].innerText)"
+            )
+        };
+        page.until(&format!("{} > 0", cell("shares", "spark")));
+        page.until("document.querySelector('#gap-left').innerText.match(/^[0-9]+ s$/)");
+        let mut value = |list, what| page.value(&cell(list, what)).as_f64().unwrap();
+        let (open, seek) = (value("ladder", "open circuit"), value("ladder", "seek ends"));
+        // Of the model: 100 V. Of the settings: 85 %, 60 V, 20 V.
+        assert!((90.0..110.0).contains(&open) && (seek - 0.85 * open).abs() < 0.11, "{open} {seek}");
+        assert_eq!((value("ladder", "set point"), value("ladder", "short")), (60.0, 20.0));
+        let kinds = ["open", "spark", "arc", "short", "no pulse", "uncertain"];
+        let all: f64 = kinds.iter().map(|kind| value("shares", kind)).sum();
+        assert!((all - 100.0).abs() < 1.0, "{all}");
+        let volts = page.text("#gap-volts");
+        let number: f64 = volts.split(' ').next().unwrap().parse().unwrap();
+        assert!((5.0..110.0).contains(&number) && volts.ends_with("valid"), "{volts}");
+        assert!(page.text("#gap-depth").ends_with(" of 0.5 mm"));
+        page.picture(name);
+    }
+}
+
+#[test]
 fn the_escape_key_stops_the_head_from_any_view() {
     let rig = Rig::new();
     let desk = Desk::new(&rig.way());
@@ -269,7 +306,7 @@ fn every_view_fits_light_and_dark_and_has_stop_in_sight() {
     let mut grounds = Vec::new();
     for (wide, dark) in [(1280, false), (800, true)] {
         let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
-        for view in ["heads", "bring-up", "run", "settings", "log"] {
+        for view in ["heads", "bring-up", "run", "gap", "settings", "log"] {
             page.view(view);
             if view == "settings" {
                 page.until("document.querySelectorAll('#list tr').length > 100");

@@ -1,6 +1,8 @@
 //! A bus with a virtual head in this process, at twice real time, and the program beside it. What a head is in truth is looked
 //! at in the model, not asked over the bus.
 
+pub mod paced;
+
 use edm_bus::client::Report;
 use edm_bus::hub::{Detached, Sink};
 use edm_bus::mailbox::Mailbox;
