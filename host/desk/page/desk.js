@@ -65,6 +65,7 @@ function take(message) {
     log.forEach(event);
     show();
     scan();
+    ask({ do: "signals" }).then((all) => $("signals").replaceChildren(...all.map(([address, key]) => new Option(key, address))), () => {});
   } else if ("commander" in message) {
     commander = message.commander;
     show();
@@ -107,7 +108,7 @@ function show() {
   $("session").textContent = mine ? "This session commands."
     : commander === null ? "Nobody commands." : `Session ${commander} commands, this one watches.`;
   document.body.classList.toggle("watching", !mine);
-  const commands = "#bore *, [data-wish], #up-begin, #up-check, #up-report, #reset, #save, #import, #list input, #list select";
+  const commands = "#bore *, [data-wish], #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
   for (const button of document.querySelectorAll(commands)) {
     button.disabled = !mine || node === null;
   }
@@ -222,6 +223,43 @@ function bar(what, from, value, most, mark) {
   return row;
 }
 
+async function record(submit) {
+  submit.preventDefault();
+  const form = new FormData($("record"));
+  const plan = {
+    signals: form.getAll("signals").map((text) => text.trim()).filter((text) => text),
+    every_ms: Number(form.get("every")),
+    trigger: form.get("trigger"),
+    level: Number(form.get("level")),
+    wait_s: Number(form.get("wait")),
+  };
+  $("recorded").textContent = "Recording, or waiting for the trigger.";
+  const done = await want({ do: "scope", node, plan }).catch((error) => {
+    $("recorded").textContent = error.message;
+    return null;
+  });
+  if (!done) return;
+  const { every_ms, signals } = done.record;
+  const drawn = signals.map(({ key, unit, values }) => {
+    const figure = item("figure", ""), canvas = item("canvas", "");
+    figure.append(item("figcaption", unit ? `${key}, ${unit}` : key), canvas);
+    const most = Math.max(...values.map(Math.abs), 1);
+    return { figure, values, trace: new Trace(canvas, 1e-3 * most) };
+  });
+  $("records").replaceChildren(...drawn.map(({ figure }) => figure));
+  drawn.forEach(({ trace, values }) => trace.show(values, every_ms));
+  $("recorded").textContent = `${signals[0].values.length} samples, one every ${every_ms} ms.`;
+  save("scope-csv", `scope-node-${node}.csv`, "text/csv", done.csv);
+  $("scope-file").hidden = false;
+}
+
+// Has a link save a text.
+function save(id, name, type, text) {
+  URL.revokeObjectURL($(id).href);
+  $(id).href = URL.createObjectURL(new Blob([text], { type }));
+  $(id).download = name;
+}
+
 function ended({ outcome, failed }) {
   $("left").textContent = $("gap-left").textContent = "ended";
   if (outcome) {
@@ -257,14 +295,8 @@ function brought_up({ name, markdown, report, failed }) {
   $("up-doing").textContent = failed ?? (report.passed ? "Everything has passed." : "Ended; not everything has passed.");
   if (failed) return;
   up_list(report.checks);
-  for (const [id, ending, type, text] of [
-    ["up-markdown", "md", "text/markdown", markdown],
-    ["up-json", "json", "application/json", JSON.stringify(report, null, 2)],
-  ]) {
-    URL.revokeObjectURL($(id).href);
-    $(id).href = URL.createObjectURL(new Blob([text], { type }));
-    $(id).download = `${name}.${ending}`;
-  }
+  save("up-markdown", `${name}.md`, "text/markdown", markdown);
+  save("up-json", `${name}.json`, "application/json", JSON.stringify(report, null, 2));
   $("up-files").hidden = false;
 }
 
@@ -361,6 +393,7 @@ $("bore").onsubmit = (submit) => {
 for (const button of document.querySelectorAll("[data-wish]")) {
   button.onclick = () => want({ do: "wish", wish: button.dataset.wish }).catch(() => {});
 }
+$("record").onsubmit = record;
 $("up-begin").onclick = () => want({ do: "bring_up", node }).catch(() => {});
 $("up-check").onclick = () => want({ do: "check", again: $("up-again").checked }).catch(() => {});
 $("up-report").onclick = () => want({ do: "report" }).catch(() => {});

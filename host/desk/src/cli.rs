@@ -8,6 +8,7 @@ use crate::gap::Gap;
 use crate::head::{Card, Head, scan};
 use crate::live::{Event, Live, Sample};
 use crate::page::{self, Listen};
+use crate::scope::{self, Plan, Trigger};
 use crate::sdo::{Address, SdoError};
 use crate::settings::{self, Setting};
 use crate::sheet::{Kind, Sheet};
@@ -82,6 +83,8 @@ enum Command {
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
+    /// Records up to four objects with the head's own scope, 256 samples; what was before the trigger is not kept
+    Scope(ScopeOptions),
     /// Shows emergencies, faults, refusals and changes of state as they happen, until Ctrl-C
     Log {
         /// Ends after so many seconds
@@ -154,6 +157,28 @@ struct Save {
     /// Let the head keep what it has now (1010h:3)
     #[arg(long)]
     save: bool,
+}
+
+#[derive(Debug, Args)]
+struct ScopeOptions {
+    /// Addresses, as in docs/objects.md: 2005:1 6064
+    #[arg(required = true)]
+    signals: Vec<String>,
+    /// Time from one sample to the next
+    #[arg(long, value_name = "MS", default_value_t = scope::every(), allow_hyphen_values = true)]
+    every: u16,
+    /// What begins the record: the first signal is looked at
+    #[arg(long, value_enum, default_value = "now")]
+    trigger: Trigger,
+    /// Level of the trigger, in the unit of the first signal
+    #[arg(long, value_name = "VALUE", default_value_t = 0.0, allow_hyphen_values = true)]
+    level: f64,
+    /// How long to wait for the trigger
+    #[arg(long, value_name = "S", default_value = "60", value_parser = seconds, allow_hyphen_values = true)]
+    wait: f64,
+    /// Where the samples are written
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
@@ -241,6 +266,7 @@ impl Cli {
                 }
                 Ok(())
             }
+            Command::Scope(options) => common.scope(&sheet, options),
             Command::Log { seconds } => {
                 let end = end(*seconds);
                 let interrupted = interrupted(|| ())?;
@@ -413,6 +439,21 @@ impl Common {
                 });
             }
         }
+        Ok(())
+    }
+
+    fn scope(&self, sheet: &Arc<Sheet>, options: &ScopeOptions) -> Result<(), Failure> {
+        let ScopeOptions { signals, every, trigger, level, wait, csv } = options;
+        let plan = Plan { signals: signals.clone(), every_ms: *every, trigger: *trigger, level: *level, wait_s: *wait };
+        plan.check(sheet)?;
+        let interrupted = interrupted(|| ())?;
+        let record = plan.record(&self.head(sheet)?, &mut || {
+            if interrupted() { Err(Failure::Failed("ended before it was full".into())) } else { Ok(()) }
+        })?;
+        if let Some(file) = csv {
+            std::fs::write(file, record.csv()).map_err(|why| Failure::Failed(format!("{}: {why}", file.display())))?;
+        }
+        self.say(&record, || record.text());
         Ok(())
     }
 

@@ -13,6 +13,7 @@
 //! | [`gap`] | the gap now |
 //! | [`guide`] | what docs/bring-up.md says |
 //! | [`bring_up`] | its steps that a host can see, the guided check, a report |
+//! | [`scope`] | a record of the head's own scope |
 //! | [`page`] | the same in a browser: one session commands, others watch |
 //! | [`cli`] | the commands |
 
@@ -25,6 +26,7 @@ pub mod guide;
 pub mod head;
 pub mod live;
 pub mod page;
+pub mod scope;
 pub mod sdo;
 pub mod settings;
 pub mod sheet;

@@ -16,6 +16,7 @@ use crate::cli::{Found, find, say};
 use crate::gap::Gap;
 use crate::head::Head;
 use crate::live::{Event, Live};
+use crate::scope::{self, Plan};
 use crate::settings::{self, Line};
 use crate::sheet::Sheet;
 use axum::Router;
@@ -99,6 +100,10 @@ enum Ask {
     Check { again: bool },
     /// The report of it.
     Report,
+    /// What the scope can record.
+    Signals,
+    /// A record of the scope.
+    Scope { node: u8, plan: Plan },
     /// Pulses off, disable.
     Stop { node: u8 },
     /// Reset a fault.
@@ -332,6 +337,7 @@ impl Desk {
                 | Ask::BringUp { .. }
                 | Ask::Check { .. }
                 | Ask::Report
+                | Ask::Scope { .. }
                 | Ask::Reset { .. }
         );
         if commands && self.commander() != Some(session) {
@@ -375,6 +381,14 @@ impl Desk {
                 }
                 _ => Err(Failure::BadInput("nothing is being bored".into())),
             },
+            Ask::Signals => {
+                let objects = self.sheet.objects().filter(|object| scope::records(object));
+                Ok(objects.map(|object| json!([object.address.to_string(), object.key])).collect())
+            }
+            Ask::Scope { node, plan } => {
+                let record = plan.record(&self.head(node)?, &mut || self.commands(session))?;
+                Ok(json!({ "record": record, "csv": record.csv() }))
+            }
             Ask::BringUp { node } => self.bring_up(session, node),
             Ask::Check { again } => self.want(if again { bring_up::Wish::CheckAgain } else { bring_up::Wish::Check }),
             Ask::Report => self.want(bring_up::Wish::End),

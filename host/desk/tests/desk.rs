@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use std::fs;
 use std::process::Stdio;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 #[test]
 fn a_hole_is_bored_through_the_api_while_another_session_watches() {
@@ -390,6 +390,52 @@ fn the_whole_dictionary_is_read_in_half_a_second_of_a_bus_of_1_mbit() {
 }
 
 #[test]
+fn a_record_of_the_scope_has_a_sample_each_millisecond_in_a_file() {
+    let rig = Rig::new();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("record.csv");
+    // The clock of the head, and what does not change.
+    let arguments = ["--json", "scope", "2000:10", "6079", "2005:5", "--every", "3", "--csv", file.to_str().unwrap()];
+    let (code, said, why) = run(&rig.way(), &arguments);
+    assert_eq!((code, why.as_str()), (Some(0), ""));
+    let record: Value = serde_json::from_str(&said).unwrap();
+    let values = |place: usize| -> Vec<f64> {
+        record["signals"][place]["values"].as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
+    };
+    let clock = values(0);
+    assert_eq!(clock.len(), 256);
+    assert!(clock.windows(2).all(|pair| pair[1] - pair[0] == 3e6), "3 ms of ns from one to the next: {clock:?}");
+    assert!(values(1).iter().all(|mv| (47_900.0..48_100.0).contains(mv)), "{:?}", values(1));
+    assert_eq!((&record["signals"][2]["unit"], values(2)[0]), (&json!("V"), 60.0), "in its unit");
+    let text = fs::read_to_string(file).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!((lines.len(), lines[0].split(',').count()), (257, 4), "{}", lines[0]);
+    assert!(lines[0].starts_with("time [ms],") && lines[0].ends_with("[V]"), "{}", lines[0]);
+    assert!(lines[256].starts_with("765,") && lines[256].ends_with(",60"), "{}", lines[256]);
+
+    // A hand makes it begin; nothing else does.
+    let (code, _, why) = run(&rig.way(), &["scope", "6064", "--trigger", "rises", "--level", "1000", "--wait", "0.5"]);
+    assert!(code == Some(1) && why.contains("the trigger did not come within 0.5 s"), "{why}");
+    let waits = rig::start(
+        &rig.way(),
+        &["--json", "scope", "6064", "--trigger", "rises", "--level", "1000", "--wait", "30"],
+        Stdio::piped(),
+    );
+    let bus = rig.bus();
+    let sdo = Sdo::new(&bus, 1);
+    // Now and then: who asks all the time ends the other's transfers in segments.
+    let waiting = (0..100).any(|_| {
+        std::thread::sleep(Duration::from_millis(100));
+        sdo.read(Address(0x2010, 9)).unwrap() == [1]
+    });
+    assert!(waiting, "not armed");
+    rig.happen("hand.force_n", 2.0);
+    let record: Value = serde_json::from_slice(&waits.wait_with_output().unwrap().stdout).unwrap();
+    let first = record["signals"][0]["values"][0].as_f64().unwrap();
+    assert!((1000.0..1300.0).contains(&first), "{first}");
+}
+
+#[test]
 fn two_programs_that_talk_to_one_head_do_not_disturb_each_other() {
     let rig = Rig::new();
     let programs: Vec<Bus> = (0..3).map(|_| rig.bus()).collect();
@@ -453,6 +499,13 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["bring-up", "--report", &absent], "absent: must be a folder"),
         (&["bring-up", "--again"], "--check"),
         (&["bring-up", "--wait", "-1"], "must be a number from 0"),
+        (&["scope"], "<SIGNALS>"),
+        (&["scope", "3000:1"], "3000:1: must be an object of the description file with a number"),
+        (&["scope", "1008"], "1008: must be an object of the description file with a number"),
+        (&["scope", "x"], "x: must be as 2005:1 or 6041"),
+        (&["scope", "6064", "6064", "6064", "6064", "6064"], "5 signals: must be 1 to 4"),
+        (&["scope", "6064", "--every", "0"], "0 ms from sample to sample: must be 1 to 60000 ms"),
+        (&["scope", "6064", "--trigger", "rises", "--level", "1e12"], "level 1000000000000: must be a value"),
         (&["object", "2001:1", "3"], "must be a whole number from 0 to 2"),
         (&["object", "3000:1"], "3000h:1: not in the description file"),
         (&["page", "--listen", &taken], "must be a free HOST:PORT"),

@@ -273,6 +273,32 @@ fn the_gap_is_seen_while_a_hole_is_bored() {
 }
 
 #[test]
+fn the_scope_records_an_erosion() {
+    for (wide, dark, name) in [(1280, false, "scope-light"), (800, true, "scope-dark")] {
+        let rig = Rig::new();
+        let desk = Desk::new(&rig.way());
+        let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
+        page.bore(0.5);
+        page.view("scope");
+        page.click("#arm");
+        page.until("document.querySelector('#recorded').innerText === '256 samples, one every 1 ms.'");
+        assert_eq!(page.value("document.querySelectorAll('#records canvas').length"), 4);
+        let captions = page.text("#records");
+        assert!(captions.contains("Voltage, V") && captions.contains("um/s"), "{captions}");
+        let drawn = "[...document.querySelectorAll('#records canvas')].every((canvas) => canvas.width > 100
+            && canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((byte) => byte))";
+        page.until(drawn);
+        page.picture(name);
+        let text = page.download("#scope-csv", "scope-node-1.csv");
+        assert_eq!(text.lines().count(), 257, "{text}");
+        assert!(text.lines().skip(1).all(|line| line.split(',').nth(2) == Some("60")), "the set point: {text}");
+        page.value("document.querySelector('#record [name=signals]').value = '1008'");
+        page.click("#arm");
+        page.until("document.querySelector('#recorded').innerText.startsWith('1008: must be an object')");
+    }
+}
+
+#[test]
 fn the_escape_key_stops_the_head_from_any_view() {
     let rig = Rig::new();
     let desk = Desk::new(&rig.way());
@@ -306,7 +332,7 @@ fn every_view_fits_light_and_dark_and_has_stop_in_sight() {
     let mut grounds = Vec::new();
     for (wide, dark) in [(1280, false), (800, true)] {
         let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
-        for view in ["heads", "bring-up", "run", "gap", "settings", "log"] {
+        for view in ["heads", "bring-up", "run", "gap", "scope", "settings", "log"] {
             page.view(view);
             if view == "settings" {
                 page.until("document.querySelectorAll('#list tr').length > 100");
