@@ -14,7 +14,7 @@ let socket = null;
 let me = 0, commander = null, node = null;
 let asked = new Map(), next = 1;
 let lines = [], file = null, differences = null;
-let surface = null, drawn = false;
+let surface = null, drawn = false, records = [];
 
 function connect() {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
@@ -246,6 +246,8 @@ async function record(submit) {
     const most = Math.max(...values.map(Math.abs), 1);
     return { figure, values, trace: new Trace(canvas, 1e-3 * most) };
   });
+  records.forEach((trace) => trace.close());
+  records = drawn.map(({ trace }) => trace);
   $("records").replaceChildren(...drawn.map(({ figure }) => figure));
   drawn.forEach(({ trace, values }) => trace.show(values, every_ms));
   $("recorded").textContent = `${signals[0].values.length} samples, one every ${every_ms} ms.`;

@@ -13,8 +13,15 @@ export class Trace {
     this.span = MINUTE_MS;
     // A record is shown whole, and its time is that since its begin.
     this.record = false;
-    new ResizeObserver(() => this.draw()).observe(canvas);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+    const draw = () => this.draw();
+    const resized = new ResizeObserver(draw), scheme = matchMedia("(prefers-color-scheme: dark)");
+    resized.observe(canvas);
+    scheme.addEventListener("change", draw);
+    // One that is not shown any more keeps nothing alive.
+    this.close = () => {
+      resized.disconnect();
+      scheme.removeEventListener("change", draw);
+    };
   }
 
   add(at, value) {
