@@ -200,7 +200,7 @@ function gap({ volts, quality, ladder, shares, looks, feed_um_s }) {
   const most = 1.1 * Math.max(1, volts ?? 0, ...ladder.map((rung) => rung.volts ?? 0));
   $("ladder").replaceChildren(...ladder.map((rung) => bar(rung.what, rung.from, rung.volts, most, volts)));
   $("shares").replaceChildren(...shares.map((share) => bar(share.what, "", share.percent, 100, null)));
-  $("looks").textContent = looks ? `${looks} looks, one a millisecond.` : "No pulse was looked at.";
+  $("looks").textContent = looks ? `${looks} looks, one a millisecond, soon after a pulse begins: what ignites later counts as open.` : "No pulse was looked at.";
 }
 
 // A row with a value as a bar, and a line across it.

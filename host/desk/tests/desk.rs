@@ -238,19 +238,20 @@ fn deep_in_the_check(session: &mut Session) {
 
 #[test]
 fn a_guided_check_ends_when_whoever_asked_for_it_is_gone_or_says_stop() {
-    for stop in [false, true] {
+    for how in ["stop", "browser", "program"] {
         let rig = Rig::new();
-        let desk = Desk::new(&rig.way());
+        let mut desk = Desk::new(&rig.way());
         let mut session = desk.bringing_up(&rig);
         session.ask(json!({ "do": "check", "again": true })).unwrap();
         deep_in_the_check(&mut session);
-        if stop {
-            session.ask(json!({ "do": "stop", "node": 1 })).unwrap();
-        } else {
-            drop(session);
+        match how {
+            "stop" => drop(session.ask(json!({ "do": "stop", "node": 1 })).unwrap()),
+            "browser" => drop(session),
+            _ => desk.kill(),
         }
         let truth = rig.until(|truth| truth.state == State::Disabled);
-        assert!(!truth.pulses && truth.position > 3000 && truth.deepest < 12_100, "not at its end: {truth:?}");
+        let midway = truth.position > 3000 && truth.deepest < 12_100;
+        assert!(!truth.pulses && truth.fault.is_none() && midway, "{how}: not at its end: {truth:?}");
     }
 }
 
@@ -271,18 +272,6 @@ fn an_emergency_stop_ends_a_guided_check_and_the_report_says_so() {
     let ended = session.until(|message| !message["brought_up"].is_null());
     let check = looked_at(&ended["brought_up"]["report"]["checks"], "guided check");
     assert!(check["value"].as_str().unwrap().starts_with("emergency stop: pulses off"), "{ended}");
-}
-
-#[test]
-fn a_guided_check_whose_program_is_killed_comes_to_its_own_end() {
-    let rig = Rig::new();
-    let mut desk = Desk::new(&rig.way());
-    let mut session = desk.bringing_up(&rig);
-    session.ask(json!({ "do": "check", "again": true })).unwrap();
-    deep_in_the_check(&mut session);
-    desk.kill();
-    let truth = rig.until(|truth| truth.state == State::Disabled);
-    assert!(!truth.pulses && truth.position.abs() < 100 && truth.deepest > 11_900, "{truth:?}");
 }
 
 /// The head is in the fault that a silent host makes, pulses off, and has gone back from the work.
