@@ -14,7 +14,7 @@ let socket = null;
 let me = 0, commander = null, node = null;
 let asked = new Map(), next = 1;
 let lines = [], file = null, differences = null;
-let surface = null, drawn = false;
+let surface = null, drawn = false, records = [];
 
 function connect() {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
@@ -65,6 +65,7 @@ function take(message) {
     log.forEach(event);
     show();
     scan();
+    ask({ do: "signals" }).then((all) => $("signals").replaceChildren(...all.map(([address, key]) => new Option(key, address))), () => {});
   } else if ("commander" in message) {
     commander = message.commander;
     show();
@@ -72,6 +73,12 @@ function take(message) {
     if (message.sample.node === node) sample(message.sample);
   } else if (message.progress) {
     if (message.progress.sample.node === node) progress(message.progress);
+  } else if (message.gap) {
+    if (message.gap.node === node) gap(message.gap);
+  } else if (message.bring_up) {
+    if (message.bring_up.sample.node === node) bring_up(message.bring_up);
+  } else if (message.brought_up) {
+    brought_up(message.brought_up);
   } else if (message.event) {
     event(message.event);
   } else if (message.ended) {
@@ -91,6 +98,7 @@ function lost(why) {
 function say(text) {
   $("said").textContent = text;
   $("doing").textContent = text;
+  $("up-doing").textContent = text;
 }
 
 function show() {
@@ -100,7 +108,8 @@ function show() {
   $("session").textContent = mine ? "This session commands."
     : commander === null ? "Nobody commands." : `Session ${commander} commands, this one watches.`;
   document.body.classList.toggle("watching", !mine);
-  for (const button of document.querySelectorAll("#bore *, [data-wish], #reset, #save, #import, #list input, #list select")) {
+  const commands = "#bore *, [data-wish], #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
+  for (const button of document.querySelectorAll(commands)) {
     button.disabled = !mine || node === null;
   }
 }
@@ -132,6 +141,7 @@ function choose_head(id, card) {
   lines = [];
   differences = null;
   surface = null;
+  for (const id of ["left", "gap-left", "gap-depth"]) $(id).textContent = "no hole of this program";
   $("head").textContent = `node ${id}`;
   $("head").title = `${card.name}, serial number ${card.serial}`;
   Object.values(traces).forEach((trace) => trace.clear());
@@ -147,7 +157,7 @@ function sample(now) {
   $("position").textContent = now.homed ? `${now.position_mm.toFixed(3)} mm` : "not homed";
   const depth = surface === null ? null : now.position_mm - surface;
   $("depth").textContent = depth === null ? "surface not known" : `${depth.toFixed(3)} mm`;
-  $("gap").textContent = `${now.gap_v.toFixed(1)} V`;
+  $("gap-now").textContent = `${now.gap_v.toFixed(1)} V`;
   $("wanted").textContent = `${now.setpoint_v.toFixed(1)} V`;
   $("lost").hidden = true;
   $("feed").textContent = `${now.feed_um_s.toFixed(0)} um/s`;
@@ -178,9 +188,82 @@ function progress(run) {
     : `${run.doing}: ${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`;
   $("progress").value = Math.max(0, (run.depth_mm ?? 0) / run.target_mm);
   $("time").textContent = `${run.seconds.toFixed(0)} s`;
+  $("left").textContent = $("gap-left").textContent = run.left_s === null ? "not known" : `${run.left_s.toFixed(0)} s`;
+  $("gap-depth").textContent = run.depth_mm === null ? "surface not known"
+    : `${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`;
+}
+
+function gap({ volts, quality, ladder, shares, looks, feed_um_s }) {
+  if ($("gap").hidden) return;
+  $("gap-volts").textContent = volts === null ? `${quality}: it means nothing now` : `${volts.toFixed(1)} V, ${quality}`;
+  $("gap-feed").textContent = `${feed_um_s.toFixed(0)} um/s`;
+  const most = 1.1 * Math.max(1, volts ?? 0, ...ladder.map((rung) => rung.volts ?? 0));
+  $("ladder").replaceChildren(...ladder.map((rung) => bar(rung.what, rung.from, rung.volts, most, volts)));
+  $("shares").replaceChildren(...shares.map((share) => bar(share.what, "", share.percent, 100, null)));
+  $("looks").textContent = looks ? `${looks} looks, one a millisecond, soon after a pulse begins: what ignites later counts as open.` : "No pulse was looked at.";
+}
+
+// A row with a value as a bar, and a line across it.
+function bar(what, from, value, most, mark) {
+  const row = item("tr", "");
+  const name = item("td", what);
+  if (from) name.append(item("small", from));
+  const room = item("td", "");
+  const shade = item("div", "");
+  shade.className = "bar";
+  shade.style.width = `${100 * Math.max(0, value ?? 0) / most}%`;
+  room.append(shade);
+  if (mark !== null) {
+    const line = item("div", "");
+    line.className = "mark";
+    line.style.left = `${100 * Math.min(1, Math.max(0, mark) / most)}%`;
+    room.append(line);
+  }
+  row.append(name, item("td", value === null ? "not known" : value.toFixed(1)), room);
+  return row;
+}
+
+async function record(submit) {
+  submit.preventDefault();
+  const form = new FormData($("record"));
+  const plan = {
+    signals: form.getAll("signals").map((text) => text.trim()).filter((text) => text),
+    every_ms: Number(form.get("every")),
+    trigger: form.get("trigger"),
+    level: Number(form.get("level")),
+    wait_s: Number(form.get("wait")),
+  };
+  $("recorded").textContent = "Recording, or waiting for the trigger.";
+  const done = await want({ do: "scope", node, plan }).catch((error) => {
+    $("recorded").textContent = error.message;
+    return null;
+  });
+  if (!done) return;
+  const { every_ms, signals } = done.record;
+  const drawn = signals.map(({ key, unit, values }) => {
+    const figure = item("figure", ""), canvas = item("canvas", "");
+    figure.append(item("figcaption", unit ? `${key}, ${unit}` : key), canvas);
+    const most = Math.max(...values.map(Math.abs), 1);
+    return { figure, values, trace: new Trace(canvas, 1e-3 * most) };
+  });
+  records.forEach((trace) => trace.close());
+  records = drawn.map(({ trace }) => trace);
+  $("records").replaceChildren(...drawn.map(({ figure }) => figure));
+  drawn.forEach(({ trace, values }) => trace.show(values, every_ms));
+  $("recorded").textContent = `${signals[0].values.length} samples, one every ${every_ms} ms.`;
+  save("scope-csv", `scope-node-${node}.csv`, "text/csv", done.csv);
+  $("scope-file").hidden = false;
+}
+
+// Has a link save a text.
+function save(id, name, type, text) {
+  URL.revokeObjectURL($(id).href);
+  $(id).href = URL.createObjectURL(new Blob([text], { type }));
+  $(id).download = name;
 }
 
 function ended({ outcome, failed }) {
+  $("left").textContent = $("gap-left").textContent = "ended";
   if (outcome) {
     $("doing").textContent = `${outcome.reached ? "Bored" : "Ended"}: ${outcome.depth_mm.toFixed(3)} of ${outcome.target_mm} mm by the electrode`
       + ` in ${outcome.seconds.toFixed(0)} s; the hole is deeper by the gap. ${outcome.why}.`;
@@ -188,6 +271,35 @@ function ended({ outcome, failed }) {
   } else {
     $("doing").textContent = failed;
   }
+}
+
+const VERDICTS = { not_seen: "not seen", passed: "passed", failed: "FAILED" };
+
+function bring_up({ doing, checks }) {
+  $("up-doing").textContent = doing;
+  $("up-files").hidden = true;
+  up_list(checks);
+}
+
+function up_list(checks) {
+  $("up-list").replaceChildren(...checks.map((check) => {
+    const row = item("tr", "");
+    row.className = check.verdict;
+    const what = item("td", check.what);
+    if (check.verdict !== "passed" && check.advice) what.append(item("small", check.advice));
+    const value = check.value === null ? "-" : `${check.value} ${check.unit}`.trim();
+    row.append(item("td", check.step), what, item("td", value), item("td", check.allowed), item("td", VERDICTS[check.verdict]));
+    return row;
+  }));
+}
+
+function brought_up({ name, markdown, report, failed }) {
+  $("up-doing").textContent = failed ?? (report.passed ? "Everything has passed." : "Ended; not everything has passed.");
+  if (failed) return;
+  up_list(report.checks);
+  save("up-markdown", `${name}.md`, "text/markdown", markdown);
+  save("up-json", `${name}.json`, "application/json", JSON.stringify(report, null, 2));
+  $("up-files").hidden = false;
 }
 
 function event({ unix_ms, node: from, what }) {
@@ -283,6 +395,10 @@ $("bore").onsubmit = (submit) => {
 for (const button of document.querySelectorAll("[data-wish]")) {
   button.onclick = () => want({ do: "wish", wish: button.dataset.wish }).catch(() => {});
 }
+$("record").onsubmit = record;
+$("up-begin").onclick = () => want({ do: "bring_up", node }).catch(() => {});
+$("up-check").onclick = () => want({ do: "check", again: $("up-again").checked }).catch(() => {});
+$("up-report").onclick = () => want({ do: "report" }).catch(() => {});
 $("search").oninput = list;
 $("changed").onchange = list;
 $("read").onclick = () => {

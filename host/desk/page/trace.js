@@ -1,6 +1,6 @@
-// A trace over the last minute on a canvas: values as they come, the scale as they need it.
+// A trace on a canvas: the last minute of values as they come, or a record from its begin; the scale as they need it.
 
-const SPAN_MS = 60_000;
+const MINUTE_MS = 60_000;
 const MARGIN = { left: 56, right: 8, top: 8, bottom: 20 };
 
 export class Trace {
@@ -10,8 +10,18 @@ export class Trace {
     this.least = least;
     this.points = [];
     this.target = null;
-    new ResizeObserver(() => this.draw()).observe(canvas);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+    this.span = MINUTE_MS;
+    // A record is shown whole, and its time is that since its begin.
+    this.record = false;
+    const draw = () => this.draw();
+    const resized = new ResizeObserver(draw), scheme = matchMedia("(prefers-color-scheme: dark)");
+    resized.observe(canvas);
+    scheme.addEventListener("change", draw);
+    // One that is not shown any more keeps nothing alive.
+    this.close = () => {
+      resized.disconnect();
+      scheme.removeEventListener("change", draw);
+    };
   }
 
   add(at, value) {
@@ -19,7 +29,14 @@ export class Trace {
     const last = this.points.at(-1);
     if (last && at < last.at) this.points = [];
     this.points.push({ at, value });
-    while (this.points[0].at < at - SPAN_MS) this.points.shift();
+    while (this.points[0].at < at - this.span) this.points.shift();
+  }
+
+  show(values, every) {
+    this.record = true;
+    this.span = Math.max(1, (values.length - 1) * every);
+    this.points = values.map((value, place) => ({ at: place * every, value }));
+    this.draw();
   }
 
   clear() {
@@ -41,15 +58,15 @@ export class Trace {
     if (!values.length) values.push(this.target ?? 0);
     // A short spike does not decide the scale: it is cut off.
     values.sort((a, b) => a - b);
-    const spikes = Math.floor(values.length / 50);
+    const spikes = this.record ? 0 : Math.floor(values.length / 50);
     let low = values[spikes], high = values.at(-1 - spikes);
     if (this.target !== null) [low, high] = [Math.min(low, this.target), Math.max(high, this.target)];
     const lack = Math.max(this.least - (high - low), 0.1 * (high - low));
     low -= lack / 2;
     high += lack / 2;
     const step = nice((high - low) / 4);
-    const end = points.length ? points.at(-1).at : SPAN_MS;
-    const x = (at) => MARGIN.left + (1 - (end - at) / SPAN_MS) * (width - MARGIN.left - MARGIN.right);
+    const end = points.length ? points.at(-1).at : this.span;
+    const x = (at) => MARGIN.left + (1 - (end - at) / this.span) * (width - MARGIN.left - MARGIN.right);
     const y = (value) => MARGIN.top + (high - value) / (high - low) * (height - MARGIN.top - MARGIN.bottom);
     g.font = style.font;
     g.fillStyle = colour("--quiet");
@@ -63,9 +80,10 @@ export class Trace {
       g.fillText((Math.abs(value) < step / 2 ? 0 : value).toFixed(digits), MARGIN.left - 6, y(value));
     }
     g.textAlign = "center";
-    for (let seconds = 0; seconds <= 60; seconds += 10) {
-      const at = x(end - 1000 * seconds);
-      g.fillText(seconds ? `-${seconds} s` : "now", Math.min(at, width - 18), height - 8);
+    for (let part = 0; part <= 6; part++) {
+      const back = part * this.span / 6;
+      const text = this.record ? `${(this.span - back).toFixed(0)} ms` : part ? `-${(back / 1000).toFixed(0)} s` : "now";
+      g.fillText(text, Math.min(x(end - back), width - 24), height - 8);
     }
     if (this.target !== null) {
       g.strokeStyle = colour("--target");

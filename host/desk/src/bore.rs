@@ -9,6 +9,7 @@ use crate::bus::SILENCE;
 use crate::head::{Head, at, state, status};
 use crate::live::{Live, Sample};
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::{Duration, Instant};
 
@@ -20,6 +21,9 @@ const TRAVEL_MM_S: f64 = 20.0;
 const ON_REQUEST: &str = "ended on request";
 /// Why [`Run::alive`] ends a run that nobody commands any more: the head is left to its own retreat.
 pub const GONE: &str = "whoever commanded it has gone";
+/// Time over which a pace is taken, s, and the shortest.
+const PACE_S: f64 = 30.0;
+const LEAST_PACE_S: f64 = 5.0;
 /// How long a head may take to notice that, beyond the silence that it allows.
 const NOTICES: Duration = Duration::from_secs(2);
 
@@ -115,6 +119,8 @@ pub struct Progress {
     pub target_mm: f64,
     /// Time since pulses began, s.
     pub seconds: f64,
+    /// Time that the rest takes at the pace of the last half minute, s; nothing while there is no pace.
+    pub left_s: Option<f64>,
     /// What the head does.
     pub sample: Sample,
 }
@@ -171,6 +177,24 @@ struct Place {
     surface: Option<i64>,
     began: Option<Instant>,
     deepest: Option<f64>,
+    pace: Pace,
+}
+
+/// How fast a hole becomes deeper.
+#[derive(Debug, Default)]
+struct Pace(VecDeque<(f64, f64)>);
+
+impl Pace {
+    /// Takes time in the erosion, s, and greatest depth, mm; the time that is left to a target.
+    fn left(&mut self, seconds: f64, deepest: f64, target: f64) -> Option<f64> {
+        self.0.push_back((seconds, deepest));
+        while self.0.get(1).is_some_and(|(then, _)| seconds - then >= PACE_S) {
+            self.0.pop_front();
+        }
+        let (then, before) = *self.0.front()?;
+        let (time, way) = (seconds - then, deepest - before);
+        (time >= LEAST_PACE_S && way > 0.0).then(|| (target - deepest).max(0.0) * time / way)
+    }
 }
 
 impl Run<'_> {
@@ -334,12 +358,17 @@ impl Run<'_> {
         if place.began.is_some() {
             place.deepest = Some(place.deepest.unwrap_or(f64::MIN).max(sample.position_mm));
         }
+        let seconds = place.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
+        // In the work alone: the way to it says nothing.
+        let deep = surface.zip(place.deepest).map(|(surface, deepest)| deepest - surface).filter(|deep| *deep > 0.0);
+        let left_s = deep.and_then(|deep| place.pace.left(seconds, deep, self.hole.depth_mm));
         let progress = Progress {
             doing,
             wish,
             depth_mm: surface.map(|surface| sample.position_mm - surface),
             target_mm: self.hole.depth_mm,
-            seconds: place.began.map_or(0.0, |began| began.elapsed().as_secs_f64()),
+            seconds,
+            left_s,
             sample,
         };
         (self.told)(&progress);
@@ -355,5 +384,22 @@ impl Run<'_> {
             return Err(End::Failed(Failure::Failed("somebody else has disabled the head".into())));
         }
         Ok(wish)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_left_is_that_of_the_last_half_minute_and_none_without_a_pace() {
+        let mut pace = Pace::default();
+        assert_eq!((pace.left(0.0, 0.1, 1.0), pace.left(4.9, 0.2, 1.0)), (None, None), "too early");
+        // 0.2 mm in 10 s: 0.7 mm take 35 s.
+        let left = pace.left(10.0, 0.3, 1.0).unwrap();
+        assert!((left - 35.0).abs() < 1e-9, "{left}");
+        // What was before the last half minute counts no more: it stands still.
+        assert!((11..=40).all(|second| pace.left(f64::from(second), 0.3, 1.0).is_none() == (second >= 40)));
+        assert_eq!(pace.left(41.0, 1.2, 1.0), Some(0.0), "deeper than asked for");
     }
 }

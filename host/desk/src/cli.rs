@@ -2,10 +2,13 @@
 
 use crate::Failure;
 use crate::bore::{self, Hole, Outcome, Run, Wish, Wishes};
+use crate::bring_up::{self, BringUp, Check, Verdict};
 use crate::bus::{Bus, SILENCE};
+use crate::gap::Gap;
 use crate::head::{Card, Head, scan};
 use crate::live::{Event, Live, Sample};
 use crate::page::{self, Listen};
+use crate::scope::{self, Plan, Trigger};
 use crate::sdo::{Address, SdoError};
 use crate::settings::{self, Setting};
 use crate::sheet::{Kind, Sheet};
@@ -22,6 +25,9 @@ use std::time::{Duration, Instant};
 /// Exit codes: it did not work; bad input, nothing was done.
 const FAILED: u8 = 1;
 const BAD_INPUT: u8 = 2;
+
+/// Time in which whoever has moved a head lets go of it before the guided check.
+const HANDS_OFF: Duration = Duration::from_secs(5);
 
 /// Heads of spark erosion machines: found, set, watched, bored with.
 #[derive(Debug, Parser)]
@@ -51,7 +57,7 @@ pub(crate) struct Common {
     /// Description file of the head, when its program is not of this tree
     #[arg(long, global = true, value_name = "FILE")]
     pub eds: Option<PathBuf>,
-    /// One JSON object in the place of text; of `watch` and `log` one a line
+    /// One JSON object in the place of text; of `watch`, `gap` and `log` one a line
     #[arg(long, global = true)]
     pub json: bool,
 }
@@ -71,12 +77,22 @@ enum Command {
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
+    /// Shows the gap: voltages from open circuit to short, what its pulses are, feed; until Ctrl-C
+    Gap {
+        /// Ends after so many seconds
+        #[arg(long, value_name = "S", value_parser = seconds)]
+        seconds: Option<f64>,
+    },
+    /// Records up to four objects with the head's own scope, 256 samples; what was before the trigger is not kept
+    Scope(ScopeOptions),
     /// Shows emergencies, faults, refusals and changes of state as they happen, until Ctrl-C
     Log {
         /// Ends after so many seconds
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
+    /// Looks on while somebody does the steps of docs/bring-up.md, and reports what of them a host sees
+    BringUp(BringUpOptions),
     /// Bores a hole: touches off, erodes to the depth, goes up, disables. Ctrl-C goes up and disables; a second one stops at once
     Bore(BoreOptions),
     /// Pulses off, hold, disable. This is no emergency stop: that is a switch at the machine
@@ -144,6 +160,44 @@ struct Save {
 }
 
 #[derive(Debug, Args)]
+struct ScopeOptions {
+    /// Addresses, as in docs/objects.md: 2005:1 6064
+    #[arg(required = true)]
+    signals: Vec<String>,
+    /// Time from one sample to the next
+    #[arg(long, value_name = "MS", default_value_t = scope::every(), allow_hyphen_values = true)]
+    every: u16,
+    /// What begins the record: the first signal is looked at
+    #[arg(long, value_enum, default_value = "now")]
+    trigger: Trigger,
+    /// Level of the trigger, in the unit of the first signal
+    #[arg(long, value_name = "VALUE", default_value_t = 0.0, allow_hyphen_values = true)]
+    level: f64,
+    /// How long to wait for the trigger
+    #[arg(long, value_name = "S", default_value = "60", value_parser = seconds, allow_hyphen_values = true)]
+    wait: f64,
+    /// Where the samples are written
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+struct BringUpOptions {
+    /// Runs the guided check (2001h:3) when all steps before it have passed; the head moves to both ends of its stroke
+    #[arg(long)]
+    check: bool,
+    /// With --check: also when what is done by hand is not done again, as long as nothing has failed
+    #[arg(long, requires = "check")]
+    again: bool,
+    /// How long to look on for what is done by hand; Ctrl-C ends it earlier
+    #[arg(long, value_name = "S", default_value = "600", value_parser = seconds, allow_hyphen_values = true)]
+    wait: f64,
+    /// Folder for the report, a Markdown and a JSON file
+    #[arg(long, value_name = "FOLDER")]
+    report: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
 struct BoreOptions {
     /// Depth of the electrode below the surface
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
@@ -201,6 +255,18 @@ impl Cli {
                 }
                 Ok(())
             }
+            Command::Gap { seconds } => {
+                let interrupted = interrupted(|| ())?;
+                let head = common.head(&sheet)?;
+                let end = end(*seconds);
+                while Instant::now() < end && !interrupted() {
+                    let gap = Gap::look(&head)?;
+                    common.say(&gap, || gap.text());
+                    std::thread::sleep(Duration::from_millis(200));
+                }
+                Ok(())
+            }
+            Command::Scope(options) => common.scope(&sheet, options),
             Command::Log { seconds } => {
                 let end = end(*seconds);
                 let interrupted = interrupted(|| ())?;
@@ -218,6 +284,7 @@ impl Cli {
                 }
                 Ok(())
             }
+            Command::BringUp(options) => common.bring_up(&sheet, options),
             Command::Bore(options) => common.bore(&sheet, options),
             Command::Stop => {
                 let what = common.head(&sheet)?.stop()?;
@@ -375,6 +442,93 @@ impl Common {
         Ok(())
     }
 
+    fn scope(&self, sheet: &Arc<Sheet>, options: &ScopeOptions) -> Result<(), Failure> {
+        let ScopeOptions { signals, every, trigger, level, wait, csv } = options;
+        let plan = Plan { signals: signals.clone(), every_ms: *every, trigger: *trigger, level: *level, wait_s: *wait };
+        plan.check(sheet)?;
+        let interrupted = interrupted(|| ())?;
+        let record = plan.record(&self.head(sheet)?, &mut || {
+            if interrupted() { Err(Failure::Failed("ended before it was full".into())) } else { Ok(()) }
+        })?;
+        if let Some(file) = csv {
+            std::fs::write(file, record.csv()).map_err(|why| Failure::Failed(format!("{}: {why}", file.display())))?;
+        }
+        self.say(&record, || record.text());
+        Ok(())
+    }
+
+    fn bring_up(&self, sheet: &Arc<Sheet>, options: &BringUpOptions) -> Result<(), Failure> {
+        if let Some(folder) = options.report.as_ref().filter(|folder| !folder.is_dir()) {
+            return Err(Failure::BadInput(format!("--report {}: must be a folder", folder.display())));
+        }
+        let wishes = Arc::new(bring_up::Wishes::default());
+        let asked = wishes.clone();
+        let interrupted = interrupted(move || asked.want(bring_up::Wish::End))?;
+        let head = self.head(sheet)?;
+        let mut live = Live::new(&head)?;
+        let bus = head.bus.clone();
+        let end = end(Some(options.wait));
+        let (mut said, mut doing, mut asked, mut hands_off) = (Vec::new(), String::new(), false, None);
+        let report = BringUp {
+            head: &head,
+            live: &mut live,
+            wishes: &wishes,
+            alive: &|| {
+                bus.keep_alive(SILENCE);
+                Ok(())
+            },
+            told: &mut |progress| {
+                // With --json stdout has the report alone.
+                for check in &progress.checks {
+                    let verdict = (check.step, check.what.clone(), check.verdict);
+                    if !said.contains(&verdict) {
+                        said.retain(|(step, what, _)| (*step, what) != (check.step, &check.what));
+                        said.push(verdict);
+                        eprint!("{}", looked_at(check));
+                    }
+                }
+                // How far a check is comes 20 times a second.
+                let now = progress.doing.split(':').next().unwrap_or_default();
+                if now != doing {
+                    doing = now.into();
+                    eprintln!("{}", progress.doing);
+                }
+                if asked {
+                    // One that was refused is not asked for again.
+                    if wishes.now() == bring_up::Wish::Look {
+                        wishes.want(bring_up::Wish::End);
+                    }
+                } else if (progress.ready() || options.again) && options.check && hands_off.is_none() {
+                    hands_off = Some(Instant::now() + HANDS_OFF);
+                    let s = HANDS_OFF.as_secs();
+                    eprintln!(
+                        "the guided check begins in {s} s, and moves the head to both ends: hands off. Ctrl-C ends it"
+                    );
+                } else if hands_off.map_or(progress.ready() || Instant::now() >= end, |at| Instant::now() >= at) {
+                    asked = true;
+                    wishes.want(match (options.check, options.again) {
+                        (false, _) => bring_up::Wish::End,
+                        (true, false) => bring_up::Wish::Check,
+                        (true, true) => bring_up::Wish::CheckAgain,
+                    });
+                }
+            },
+        }
+        .execute()?;
+        drop(interrupted);
+        if let Some(folder) = &options.report {
+            let json = serde_json::to_string_pretty(&report).unwrap_or_default() + "\n";
+            for (ending, text) in [("md", report.markdown()), ("json", json)] {
+                let file = folder.join(format!("{}.{ending}", report.name()));
+                std::fs::write(&file, text).map_err(|why| Failure::Failed(format!("{}: {why}", file.display())))?;
+                eprintln!("{}", file.display());
+            }
+        }
+        self.say(&report, || format!("{}\n", report.verdict()));
+        let left = if options.check { report.passed } else { report.but_the_check() };
+        if left { Ok(()) } else { Err(Failure::Failed(format!("the bring-up is not complete: {}", report.verdict()))) }
+    }
+
     fn bore(&self, sheet: &Arc<Sheet>, options: &BoreOptions) -> Result<(), Failure> {
         let hole = Hole { depth_mm: options.depth, surface_mm: options.surface, height_mm: options.height };
         hole.check()?;
@@ -484,11 +638,26 @@ fn watched(now: &Sample) -> String {
     )
 }
 
+fn looked_at(check: &Check) -> String {
+    let advice = if check.verdict == Verdict::Passed || check.advice.is_empty() {
+        String::new()
+    } else {
+        format!("\n    {}", check.advice)
+    };
+    let (step, what, allowed) = (check.step, &check.what, &check.allowed);
+    format!("{step:2}  {:8}  {what}: {}; should be {allowed}{advice}\n", check.verdict.word(), check.said())
+}
+
 fn on_the_way(progress: &bore::Progress) -> String {
     match progress.depth_mm {
         Some(depth) if progress.seconds > 0.0 => format!(
-            "{:6.0} s  {}: {:.3} of {:.3} mm, gap {:.1} V",
-            progress.seconds, progress.doing, depth, progress.target_mm, progress.sample.gap_v
+            "{:6.0} s  {}: {:.3} of {:.3} mm, gap {:.1} V{}",
+            progress.seconds,
+            progress.doing,
+            depth,
+            progress.target_mm,
+            progress.sample.gap_v,
+            progress.left_s.map_or(String::new(), |left| format!(", {left:.0} s left at this pace"))
         ),
         _ => format!("          {}", progress.doing),
     }

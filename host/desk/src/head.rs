@@ -44,6 +44,10 @@ pub mod at {
     pub const ERODE: Address = Address(0x2001, 1);
     /// Pulses off, hold.
     pub const HOLD: Address = Address(0x2001, 2);
+    /// Starts the guided check.
+    pub const CHECK: Address = Address(0x2001, 3);
+    /// How that ended.
+    pub const CHECK_RESULT: Address = Address(0x2001, 4);
     /// Where the electrode touched the work, counts.
     pub const TOUCHED: Address = Address(0x2001, 6);
     /// Which setting stands in the way of another.
@@ -62,6 +66,22 @@ pub mod at {
     pub const SHORTS: Address = Address(0x2006, 1);
     /// Deepest position of the last erosion.
     pub const DEEPEST: Address = Address(0x2006, 4);
+    /// Quality of the gap voltage.
+    pub const GAP_QUALITY: Address = Address(0x2005, 3);
+    /// Motor current.
+    pub const MOTOR_CURRENT: Address = Address(0x2007, 2);
+    /// Transitions of the encoder that cannot be.
+    pub const ILLEGAL: Address = Address(0x2008, 1);
+    /// The head's program, in words.
+    pub const BUILD: Address = Address(0x2009, 2);
+    /// What the head has found of itself at its start.
+    pub const SELF_TEST: Address = Address(0x2009, 3);
+    /// How the run before ended.
+    pub const LAST_END: Address = Address(0x2009, 4);
+    /// What became of the image that was stored.
+    pub const STORED: Address = Address(0x200B, 1);
+    /// Frames that came faster than they were taken.
+    pub const FRAMES_LOST: Address = Address(0x200D, 1);
     /// Has the head find the surface of the work.
     pub const FIND: Address = Address(0x2011, 1);
     /// How that ended.
@@ -74,26 +94,36 @@ pub mod at {
     pub const STATUSWORD: Address = Address(0x6041, 0);
     /// Mode of operation.
     pub const MODE: Address = Address(0x6060, 0);
+    /// Position from home, counts, whatever the datum.
+    pub const INTERNAL_POSITION: Address = Address(0x6063, 0);
     /// Position, counts.
     pub const POSITION: Address = Address(0x6064, 0);
     /// Target position, counts.
     pub const TARGET: Address = Address(0x607A, 0);
     /// Velocity of moves, counts/s.
     pub const PROFILE_VELOCITY: Address = Address(0x6081, 0);
+    /// Voltage of the motor's supply.
+    pub const BUS_VOLTAGE: Address = Address(0x6079, 0);
     /// Encoder counts ...
     pub const INCREMENTS: Address = Address(0x608F, 1);
     /// ... in so many millimetres.
     pub const MILLIMETRES: Address = Address(0x608F, 2);
     /// Homing method.
     pub const HOMING_METHOD: Address = Address(0x6098, 0);
+    /// Contacts, by bits.
+    pub const INPUTS: Address = Address(0x60FD, 0);
 }
 
 /// States of 2000h:1.
 pub mod state {
     /// The loop is open, pulses are off.
     pub const DISABLED: u8 = 0;
+    /// The guided check is under way.
+    pub const COMMISSIONING: u8 = 1;
     /// A fault stands.
     pub const FAULT: u8 = 8;
+    /// The encoder shows that it counts, before anything else.
+    pub const PROVING: u8 = 12;
 }
 
 /// How a search for the surface stands, 2011h:3.
@@ -212,6 +242,16 @@ impl Head {
         }
     }
 
+    /// A number in its unit.
+    ///
+    /// # Errors
+    /// Those of the transfer.
+    pub fn number(&self, address: Address) -> Result<f64, SdoError> {
+        let bytes = self.sdo.read(address)?;
+        let number = self.sheet.get(address).and_then(|object| object.number(&bytes));
+        number.ok_or(SdoError::Garbled(self.node, address))
+    }
+
     /// Writes a whole number, as long as its object is.
     ///
     /// # Errors
@@ -273,6 +313,20 @@ impl Head {
             }
         }
         Ok(())
+    }
+
+    /// Starts the guided check; it is under way when this returns.
+    ///
+    /// # Errors
+    /// Why it refuses, in words.
+    pub fn begin_check(&self, tick: Tick<'_>) -> Result<(), Failure> {
+        let before = self.whole(at::REFUSALS)?;
+        self.set(at::CHECK, 1)?;
+        let begun = self.wait(STATE, tick, |head| {
+            head.refused(before)?;
+            Ok(matches!(head.whole(at::STATE)? as u8, state::COMMISSIONING | state::PROVING))
+        })?;
+        if begun { Ok(()) } else { Err(Failure::Failed(format!("not begun within {} s", STATE.as_secs()))) }
     }
 
     /// Takes the place where the head rests for home.
@@ -353,7 +407,7 @@ impl Head {
         Err(Failure::Failed(format!("the surface was not found: {what}; {help}")))
     }
 
-    /// Pulses off, hold, loop open; says what the head is then.
+    /// Pulses off, hold, loop open; says what the head is then. The hold ends a guided check as well.
     ///
     /// # Errors
     /// When that could not be had: somebody has to stop it by hand.
@@ -369,8 +423,8 @@ impl Head {
                     continue;
                 }
             }
-            let end = Instant::now() + STATE;
-            while Instant::now() < end {
+            let begun = Instant::now();
+            while begun.elapsed() < STATE {
                 match self.whole(at::STATE).map(|state| state as u8) {
                     Ok(state::DISABLED) => return Ok("the head is disabled, pulses are off".into()),
                     Ok(state::FAULT) => {

@@ -10,15 +10,23 @@
 //! | [`settings`] | list, file, comparison, a staged write |
 //! | [`live`] | what a head does now, and what has happened to it |
 //! | [`bore`] | a hole, from power-off to power-off |
+//! | [`gap`] | the gap now |
+//! | [`guide`] | what docs/bring-up.md says |
+//! | [`bring_up`] | its steps that a host can see, the guided check, a report |
+//! | [`scope`] | a record of the head's own scope |
 //! | [`page`] | the same in a browser: one session commands, others watch |
 //! | [`cli`] | the commands |
 
 pub mod bore;
+pub mod bring_up;
 pub mod bus;
 pub mod cli;
+pub mod gap;
+pub mod guide;
 pub mod head;
 pub mod live;
 pub mod page;
+pub mod scope;
 pub mod sdo;
 pub mod settings;
 pub mod sheet;

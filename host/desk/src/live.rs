@@ -144,6 +144,16 @@ impl Live {
         self.expected = Some(Instant::now());
     }
 
+    /// A head that was reset sends none until somebody asks it to.
+    pub fn expect_no_heartbeat(&mut self) {
+        self.expected = None;
+    }
+
+    /// How long ago the node was heard, if it was.
+    pub fn heartbeat_age(&self) -> Option<Duration> {
+        self.beat.map(|at| at.elapsed())
+    }
+
     /// Encoder counts in a millimetre.
     pub fn counts_per_mm(&self) -> f64 {
         self.counts_per_mm
@@ -201,12 +211,10 @@ impl Live {
 
     /// A value in its unit.
     fn number(&mut self, address: Address) -> Result<f64, Failure> {
-        let fresh = self.values.get(&address).filter(|(at, _)| at.elapsed() < FRESH).map(|(_, bytes)| bytes.clone());
-        let bytes = match fresh {
-            Some(bytes) => bytes,
-            None => self.head.sdo.read(address)?,
+        let Some((_, bytes)) = self.values.get(&address).filter(|(at, _)| at.elapsed() < FRESH) else {
+            return Ok(self.head.number(address)?);
         };
-        let number = self.head.sheet.get(address).and_then(|object| object.number(&bytes));
+        let number = self.head.sheet.get(address).and_then(|object| object.number(bytes));
         Ok(number.ok_or(SdoError::Garbled(self.head.node, address))?)
     }
 

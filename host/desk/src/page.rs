@@ -9,11 +9,14 @@
 //! its origin, a name of another host by the host header.
 
 use crate::Failure;
-use crate::bore::{GONE, Hole, Run, Wish, Wishes};
+use crate::bore::{self, GONE, Hole, Wish, Wishes};
+use crate::bring_up::{self, BringUp};
 use crate::bus::{Bus, SILENCE, lock};
 use crate::cli::{Found, find, say};
+use crate::gap::Gap;
 use crate::head::Head;
 use crate::live::{Event, Live};
+use crate::scope::{self, Plan};
 use crate::settings::{self, Line};
 use crate::sheet::Sheet;
 use axum::Router;
@@ -91,6 +94,16 @@ enum Ask {
     Bore { node: u8, hole: Hole },
     /// Something else of the hole that is being bored.
     Wish { wish: Wish },
+    /// Look on while somebody brings a head up.
+    BringUp { node: u8 },
+    /// The guided check of the bring-up that is under way; `again`: what is done by hand was seen before.
+    Check { again: bool },
+    /// The report of it.
+    Report,
+    /// What the scope can record.
+    Signals,
+    /// A record of the scope.
+    Scope { node: u8, plan: Plan },
     /// Pulses off, disable.
     Stop { node: u8 },
     /// Reset a fault.
@@ -116,14 +129,19 @@ struct Desk {
     sessions: AtomicU64,
     /// Who commands, and when that session was heard last.
     commander: Mutex<Option<(u64, Instant)>>,
-    run: Mutex<Option<Boring>>,
+    run: Mutex<Option<Run>>,
 }
 
-/// A hole that is being bored.
-#[derive(Clone)]
-struct Boring {
+/// What goes on until it has come to its end: one thing at a time.
+struct Run {
     node: u8,
-    wishes: Arc<Wishes>,
+    what: What,
+}
+
+/// With what is wanted of it.
+enum What {
+    Hole(Arc<Wishes>),
+    BringUp(Arc<bring_up::Wishes>),
 }
 
 /// Serves the page until the program is stopped.
@@ -286,11 +304,13 @@ impl Desk {
 
     /// Samples until that fails; then why is not `told` yet.
     fn samples(&self, node: u8, told: &mut String) -> Result<(), Failure> {
-        let mut live = Live::new(&self.head(node)?)?;
+        let head = self.head(node)?;
+        let mut live = Live::new(&head)?;
         loop {
             let sample = live.sample()?;
             told.clear();
             self.tell(&json!({ "sample": sample }));
+            self.tell(&json!({ "gap": Gap::look(&head)? }));
             live.events().into_iter().for_each(|event| self.event(event));
             thread::sleep(SAMPLES);
         }
@@ -314,6 +334,10 @@ impl Desk {
                 | Ask::Save { .. }
                 | Ask::Bore { .. }
                 | Ask::Wish { .. }
+                | Ask::BringUp { .. }
+                | Ask::Check { .. }
+                | Ask::Report
+                | Ask::Scope { .. }
                 | Ask::Reset { .. }
         );
         if commands && self.commander() != Some(session) {
@@ -351,17 +375,31 @@ impl Desk {
             }
             Ask::Bore { node, hole } => self.bore(session, node, hole),
             Ask::Wish { wish } => match &*lock(&self.run) {
-                Some(run) => {
-                    run.wishes.want(wish);
+                Some(Run { what: What::Hole(wishes), .. }) => {
+                    wishes.want(wish);
                     Ok(Value::Null)
                 }
-                None => Err(Failure::BadInput("nothing is being bored".into())),
+                _ => Err(Failure::BadInput("nothing is being bored".into())),
             },
+            Ask::Signals => {
+                let objects = self.sheet.objects().filter(|object| scope::records(object));
+                Ok(objects.map(|object| json!([object.address.to_string(), object.key])).collect())
+            }
+            Ask::Scope { node, plan } => {
+                let record = plan.record(&self.head(node)?, &mut || self.commands(session))?;
+                Ok(json!({ "record": record, "csv": record.csv() }))
+            }
+            Ask::BringUp { node } => self.bring_up(session, node),
+            Ask::Check { again } => self.want(if again { bring_up::Wish::CheckAgain } else { bring_up::Wish::Check }),
+            Ask::Report => self.want(bring_up::Wish::End),
             Ask::Stop { node } => {
                 if let Some(run) = &*lock(&self.run)
                     && run.node == node
                 {
-                    run.wishes.want(Wish::Stop);
+                    match &run.what {
+                        What::Hole(wishes) => wishes.want(Wish::Stop),
+                        What::BringUp(wishes) => wishes.want(bring_up::Wish::End),
+                    }
                 }
                 let now = self.head(node)?.stop()?;
                 self.note(node, format!("STOP by session {session}: {now}"));
@@ -382,7 +420,7 @@ impl Desk {
             return Err(Failure::BadInput("another session commands: it has to let go first".into()));
         }
         if !take && lock(&self.run).is_some() {
-            return Err(Failure::BadInput("a hole is being bored: end it first".into()));
+            return Err(Failure::BadInput("a hole is being bored, or a head brought up: end that first".into()));
         }
         if take {
             *commander = Some((session, Instant::now()));
@@ -406,17 +444,72 @@ impl Desk {
         self.event(Event::now(node, what));
     }
 
+    /// Takes the place of what goes on.
+    fn begin(&self, node: u8, what: What) -> Result<(), Failure> {
+        let mut run = lock(&self.run);
+        if run.is_some() {
+            return Err(Failure::BadInput("a hole is being bored, or a head brought up: end that first".into()));
+        }
+        *run = Some(Run { node, what });
+        Ok(())
+    }
+
+    /// Whoever began something still commands.
+    fn commands(&self, session: u64) -> Result<(), Failure> {
+        match self.commander() {
+            Some(who) if who == session => Ok(()),
+            _ => Err(Failure::Failed(GONE.into())),
+        }
+    }
+
+    fn want(&self, wish: bring_up::Wish) -> Result<Value, Failure> {
+        match &*lock(&self.run) {
+            Some(Run { what: What::BringUp(wishes), .. }) => {
+                wishes.want(wish);
+                Ok(Value::Null)
+            }
+            _ => Err(Failure::BadInput("no head is being brought up: begin first".into())),
+        }
+    }
+
+    /// Begins to look on; how it goes on, all sessions are told.
+    fn bring_up(self: &Arc<Desk>, session: u64, node: u8) -> Result<Value, Failure> {
+        let head = self.head(node)?;
+        let wishes = Arc::new(bring_up::Wishes::default());
+        self.begin(node, What::BringUp(wishes.clone()))?;
+        let desk = self.clone();
+        thread::spawn(move || {
+            desk.note(node, format!("session {session} brings it up"));
+            let ended = Live::new(&head).and_then(|mut live| {
+                let bring_up = BringUp {
+                    head: &head,
+                    live: &mut live,
+                    wishes: &wishes,
+                    alive: &|| desk.commands(session),
+                    told: &mut |progress| desk.tell(&json!({ "bring_up": progress })),
+                };
+                bring_up.execute()
+            });
+            *lock(&desk.run) = None;
+            let (what, told) = match ended {
+                Ok(report) => {
+                    let text = format!("bring-up: {}", report.verdict());
+                    let files = json!({ "name": report.name(), "markdown": report.markdown(), "report": report });
+                    (text, files)
+                }
+                Err(why) => (format!("bring-up: {why}"), json!({ "failed": why.to_string() })),
+            };
+            desk.note(node, what);
+            desk.tell(&json!({ "brought_up": told }));
+        });
+        Ok(Value::Null)
+    }
+
     /// Begins to bore; how it goes on, all sessions are told.
     fn bore(self: &Arc<Desk>, session: u64, node: u8, hole: Hole) -> Result<Value, Failure> {
         hole.check()?;
         let wishes = Arc::new(Wishes::default());
-        {
-            let mut run = lock(&self.run);
-            if run.is_some() {
-                return Err(Failure::BadInput("a hole is being bored already".into()));
-            }
-            *run = Some(Boring { node, wishes: wishes.clone() });
-        }
+        self.begin(node, What::Hole(wishes.clone()))?;
         let desk = self.clone();
         thread::spawn(move || {
             desk.note(node, format!("session {session} bores to {} mm", hole.depth_mm));
@@ -438,15 +531,12 @@ impl Desk {
     fn run(&self, session: u64, node: u8, hole: Hole, wishes: &Wishes) -> Result<crate::bore::Outcome, Failure> {
         let head = self.head(node)?;
         let mut live = Live::new(&head)?;
-        let run = Run {
+        let run = bore::Run {
             head: &head,
             live: &mut live,
             hole,
             wishes,
-            alive: &|| match self.commander() {
-                Some(who) if who == session => Ok(()),
-                _ => Err(Failure::Failed(GONE.into())),
-            },
+            alive: &|| self.commands(session),
             told: &mut |progress| self.tell(&json!({ "progress": progress })),
         };
         run.execute()

@@ -3,8 +3,8 @@
 //! The numbers and their names are those of the core (`src/canopen/drive/codes.rs`, `src/head/fault.rs`) and of edm-describe;
 //! what to do is said here alone.
 
-use edm_servo_head::canopen::drive::{LOSSES, REASONS, REFUSALS, WAIT, error_code};
-use edm_servo_head::head::Fault;
+use edm_servo_head::canopen::drive::{FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
+use edm_servo_head::head::{Fault, Finding};
 
 /// A word for it, and what to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,6 +98,27 @@ pub fn refusal(number: u8) -> Words {
     Words { name, advice }
 }
 
+/// What the guided check has found, by its number in 2001h:4.
+pub fn finding(number: u8) -> &'static str {
+    FINDINGS.iter().find(|(known, _)| *known == number).map_or("a finding unknown to this program", |row| row.1)
+}
+
+/// What that means and what to do; `stroke` is what it measured, counts.
+pub fn finding_advice(number: u8, stroke: i64) -> String {
+    let finding = match number {
+        2 => Finding::NotAtRest,
+        3 => Finding::NoMotion,
+        4 => Finding::MotorReversed,
+        5 => Finding::EncoderReversed,
+        6 => Finding::NotAtUpperStop,
+        7 => Finding::GapReversed,
+        8 => Finding::NoOpenCircuit,
+        9 => Finding::Stroke(stroke),
+        _ => return String::new(),
+    };
+    finding.to_string()
+}
+
 /// Why the state changed, by its number in 2000h:3.
 pub fn reason(number: u8) -> &'static str {
     match number {
@@ -178,6 +199,10 @@ mod tests {
         for number in REFUSALS.iter().map(|row| row.0).chain([WAIT]) {
             assert!(!refusal(number).advice.is_empty(), "{number}");
         }
+        for (number, text) in FINDINGS {
+            assert!(finding(*number) == *text && !finding_advice(*number, 11_000).is_empty(), "{number}");
+        }
+        assert!(finding_advice(9, 11_000).contains("11000 counts") && finding_advice(4, 0).contains("motor.reversed"));
         for (code, text) in edm_describe::errors() {
             assert!(emergency(code).contains(text));
         }

@@ -4,13 +4,18 @@ mod browser;
 mod rig;
 
 use edm_desk::bus::Bus;
+use edm_desk::head::Head;
 use edm_desk::sdo::{Address, Sdo, SdoError};
+use edm_desk::sheet::Sheet;
 use edm_servo_head::head::{Fault, State};
 use edm_servo_head::settings::Settings;
-use rig::{Desk, Rig, run};
+use rig::paced::Paced;
+use rig::{BY_HAND, Desk, Rig, Session, run};
 use serde_json::{Value, json};
 use std::fs;
 use std::process::Stdio;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 #[test]
 fn a_hole_is_bored_through_the_api_while_another_session_watches() {
@@ -133,6 +138,142 @@ fn ctrl_c_goes_up_and_disables() {
     assert!(truth.position < 100, "it went up: {truth:?}");
 }
 
+#[test]
+fn a_gap_without_pulses_has_no_voltage_and_says_why() {
+    let rig = Rig::new();
+    let (code, said, why) = run(&rig.way(), &["--json", "gap", "--seconds", "0.3"]);
+    assert_eq!((code, why.as_str()), (Some(0), ""));
+    let gap: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
+    assert_eq!((&gap["volts"], &gap["quality"], &gap["state"]), (&Value::Null, &json!("no gate"), &json!("disabled")));
+    assert_eq!((&gap["ladder"][0]["volts"], &gap["ladder"][3]["volts"]), (&Value::Null, &json!(20.0)));
+    assert_eq!(gap["shares"].as_array().unwrap().len(), 6);
+}
+
+/// What is looked at under this name.
+fn looked_at<'a>(checks: &'a Value, what: &str) -> &'a Value {
+    checks.as_array().unwrap().iter().find(|check| check["what"] == what).unwrap()
+}
+
+#[test]
+fn a_head_is_brought_up_by_hand_and_by_the_guided_check_and_the_report_tells_what_was_measured() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let mut session = desk.bringing_up(&rig);
+    let plain = json!({ "do": "set", "node": 1, "assignments": ["gap.average=plain"] });
+    session.ask(plain).unwrap();
+    // Not before the steps before it.
+    session.ask(json!({ "do": "check", "again": false })).unwrap();
+    let waits =
+        session.until(|message| message["bring_up"]["doing"].as_str().is_some_and(|doing| doing != "looking on"));
+    assert_eq!(waits["bring_up"]["doing"], "the guided check waits for step 5, upper limit contact: not seen");
+    for (wire, value, what, becomes) in BY_HAND {
+        rig.happen(wire, value);
+        session.until(|message| {
+            let checks = &message["bring_up"]["checks"];
+            checks.is_array() && {
+                let check = looked_at(checks, what);
+                check["value"] == becomes || check["verdict"] == becomes
+            }
+        });
+    }
+    session.ask(json!({ "do": "check", "again": false })).unwrap();
+    session.until(|message| message["bring_up"]["sample"]["state"] == "commissioning");
+    assert_eq!(
+        session.ask(json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 0.1 } })).unwrap_err(),
+        "a hole is being bored, or a head brought up: end that first"
+    );
+    session.until(|message| message["bring_up"]["doing"] == "guided check: passed");
+    session.ask(json!({ "do": "report" })).unwrap();
+    let ended = session.until(|message| !message["brought_up"].is_null())["brought_up"].clone();
+    let report = &ended["report"];
+    assert_eq!(report["passed"], true, "{}", ended["markdown"]);
+    let measured = |what| looked_at(&report["checks"], what)["value"].as_f64().unwrap();
+    // Of the model: 0.3 N, 100 V for 160 of 200 us beside the sense supply, 12 mm.
+    for (what, low, high) in [
+        ("friction that it broke away from", 0.3, 0.4),
+        ("open-circuit voltage, as seen by this program", 78.0, 86.0),
+        ("stroke, as seen by this program", 11.99, 12.03),
+    ] {
+        assert!((low..high).contains(&measured(what)), "{what}: {}", measured(what));
+    }
+    let text = ended["markdown"].as_str().unwrap();
+    for part in ["build virtual", "## 12. Generator", "Not looked at: no host sees it", "| 12.0", " N | told, and kept"]
+    {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let truth = rig.truth();
+    assert_eq!((truth.state, truth.fault, truth.pulses), (State::Disabled, None, false));
+    // The watch is taken off with the end.
+    assert_eq!(Sdo::new(&rig.bus(), 1).read(Address(0x1016, 1)).unwrap(), [0; 4]);
+}
+
+#[test]
+fn a_guided_check_that_fails_says_why_in_two_files() {
+    let rig = Rig::new();
+    rig.happen("workpiece.raised_mm", -100.0);
+    assert_eq!(run(&rig.way(), &["settings", "set", "motor.reversed=true"]).0, Some(0));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().to_str().unwrap();
+    let (code, said, why) = run(&rig.way(), &["--json", "bring-up", "--check", "--again", "--report", path]);
+    assert_eq!(code, Some(1), "{why}");
+    let report: Value = serde_json::from_str(&said).unwrap();
+    let check = looked_at(&report["checks"], "guided check");
+    assert_eq!((&check["value"], &check["verdict"]), (&json!("motor reversed"), &json!("failed")));
+    assert_eq!(check["advice"], "the motor pushes the wrong way: change motor.reversed");
+    assert_eq!(looked_at(&report["checks"], "upper limit contact")["verdict"], "not_seen");
+    let files: Vec<_> =
+        fs::read_dir(path).unwrap().map(|file| fs::read_to_string(file.unwrap().path()).unwrap()).collect();
+    assert_eq!(files.len(), 2);
+    assert!(files.iter().any(|text| text.contains("| FAILED the motor pushes the wrong way")), "{files:?}");
+    assert!(files.iter().any(|text| serde_json::from_str::<Value>(text).is_ok_and(|json| json == report)));
+}
+
+/// Waits until the guided check is on its way to the lower stop. The session answers beats meanwhile.
+fn deep_in_the_check(session: &mut Session) {
+    session.until(|message| {
+        let now = &message["bring_up"]["sample"];
+        now["state"] == "commissioning" && now["position_mm"].as_f64().is_some_and(|mm| mm > 3.0)
+    });
+}
+
+#[test]
+fn a_guided_check_ends_when_whoever_asked_for_it_is_gone_or_says_stop() {
+    for how in ["stop", "browser", "program"] {
+        let rig = Rig::new();
+        let mut desk = Desk::new(&rig.way());
+        let mut session = desk.bringing_up(&rig);
+        session.ask(json!({ "do": "check", "again": true })).unwrap();
+        deep_in_the_check(&mut session);
+        match how {
+            "stop" => drop(session.ask(json!({ "do": "stop", "node": 1 })).unwrap()),
+            "browser" => drop(session),
+            _ => desk.kill(),
+        }
+        let truth = rig.until(|truth| truth.state == State::Disabled);
+        let midway = truth.position > 3000 && truth.deepest < 12_100;
+        assert!(!truth.pulses && truth.fault.is_none() && midway, "{how}: not at its end: {truth:?}");
+    }
+}
+
+#[test]
+fn an_emergency_stop_ends_a_guided_check_and_the_report_says_so() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let mut session = desk.bringing_up(&rig);
+    session.ask(json!({ "do": "check", "again": true })).unwrap();
+    deep_in_the_check(&mut session);
+    rig.happen("stop.open", 1.0);
+    session.until(|message| {
+        message["bring_up"]["doing"].as_str().is_some_and(|doing| doing.starts_with("guided check: emergency"))
+    });
+    let truth = rig.truth();
+    assert_eq!((truth.fault, truth.pulses), (Some(Fault::EmergencyStop), false));
+    session.ask(json!({ "do": "report" })).unwrap();
+    let ended = session.until(|message| !message["brought_up"].is_null());
+    let check = looked_at(&ended["brought_up"]["report"]["checks"], "guided check");
+    assert!(check["value"].as_str().unwrap().starts_with("emergency stop: pulses off"), "{ended}");
+}
+
 /// The head is in the fault that a silent host makes, pulses off, and has gone back from the work.
 fn retreated(rig: &Rig) {
     let truth = rig.until(|truth| truth.state == State::Fault && !truth.reacting);
@@ -210,6 +351,80 @@ fn every_way_of_a_transfer_carries_the_same_value() {
 }
 
 #[test]
+fn the_whole_dictionary_is_read_in_half_a_second_of_a_bus_of_1_mbit() {
+    let paced = Paced::new();
+    let bus = Bus::join(&paced.way.parse().unwrap(), 1_000_000, 126, &(Arc::new(|_: &str| ()) as _)).unwrap();
+    let head = Head::open(&bus, 1, &Arc::new(Sheet::own().unwrap())).unwrap();
+    let (before, began) = (paced.passed(), Instant::now());
+    let (mut values, mut refused) = (0, 0);
+    for object in head.sheet.objects() {
+        match head.sdo.read(object.address) {
+            Ok(_) => values += 1,
+            // One that can only be written, and the scope's data before a record.
+            Err(SdoError::Refused(_, 0x0601_0001 | 0x0800_0024)) => refused += 1,
+            Err(why) => panic!("{}: {why}", object.key),
+        }
+    }
+    let real = began.elapsed();
+    let [ns, bits, frames] = std::array::from_fn(|place| paced.passed()[place] - before[place]);
+    let said = format!(
+        "{values} values, {refused} refused: {frames} frames, {bits} bits, {:.3} s of the bus and the head; {:.3} s of this computer",
+        ns as f64 * 1e-9,
+        real.as_secs_f64()
+    );
+    eprintln!("{said}");
+    assert!(values > 400 && frames >= 2 * (values + refused), "{said}");
+    // Not faster than the bus can, and not slower than asked for.
+    assert!(ns >= 1000 * bits && ns < 500_000_000, "{said}");
+}
+
+#[test]
+fn a_record_of_the_scope_has_a_sample_each_millisecond_in_a_file() {
+    let rig = Rig::new();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("record.csv");
+    // The clock of the head, and what does not change.
+    let arguments = ["--json", "scope", "2000:10", "6079", "2005:5", "--every", "3", "--csv", file.to_str().unwrap()];
+    let (code, said, why) = run(&rig.way(), &arguments);
+    assert_eq!((code, why.as_str()), (Some(0), ""));
+    let record: Value = serde_json::from_str(&said).unwrap();
+    let values = |place: usize| -> Vec<f64> {
+        record["signals"][place]["values"].as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
+    };
+    let clock = values(0);
+    assert_eq!(clock.len(), 256);
+    assert!(clock.windows(2).all(|pair| pair[1] - pair[0] == 3e6), "3 ms of ns from one to the next: {clock:?}");
+    assert!(values(1).iter().all(|mv| (47_900.0..48_100.0).contains(mv)), "{:?}", values(1));
+    assert_eq!((&record["signals"][2]["unit"], values(2)[0]), (&json!("V"), 60.0), "in its unit");
+    let text = fs::read_to_string(file).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!((lines.len(), lines[0].split(',').count()), (257, 4), "{}", lines[0]);
+    assert!(lines[0].starts_with("time [ms],") && lines[0].ends_with("[V]"), "{}", lines[0]);
+    assert!(lines[256].starts_with("765,") && lines[256].ends_with(",60"), "{}", lines[256]);
+
+    // A hand makes it begin; nothing else does.
+    let (code, _, why) = run(&rig.way(), &["scope", "6064", "--trigger", "rises", "--level", "1000", "--wait", "0.5"]);
+    assert!(code == Some(1) && why.contains("the trigger did not come within 0.5 s"), "{why}");
+    let waits = rig::start(
+        &rig.way(),
+        &["--json", "scope", "6064", "--trigger", "rises", "--level", "1000", "--wait", "30"],
+        Stdio::piped(),
+    );
+    let bus = rig.bus();
+    let sdo = Sdo::new(&bus, 1);
+    // Now and then: who asks all the time ends the other's transfers in segments.
+    let waiting = (0..100).any(|_| {
+        std::thread::sleep(Duration::from_millis(100));
+        sdo.read(Address(0x2010, 9)).unwrap() == [1]
+    });
+    assert!(waiting, "not armed");
+    rig.happen("hand.force_n", 2.0);
+    let record: Value = serde_json::from_slice(&waits.wait_with_output().unwrap().stdout).unwrap();
+    let first = record["signals"][0]["values"][0].as_f64().unwrap();
+    assert!((1000.0..1300.0).contains(&first), "{first}");
+}
+
+#[test]
 fn two_programs_that_talk_to_one_head_do_not_disturb_each_other() {
     let rig = Rig::new();
     let programs: Vec<Bus> = (0..3).map(|_| rig.bus()).collect();
@@ -270,6 +485,16 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["bore"], "--depth <MM>"),
         (&["bore", "--depth", "nan"], "depth NaN mm: must be a number from 0.001 to 1000 mm"),
         (&["bore", "--depth", "0.1", "--height", "-1"], "height -1 mm: must be a number from 0.05 to 10 mm"),
+        (&["bring-up", "--report", &absent], "absent: must be a folder"),
+        (&["bring-up", "--again"], "--check"),
+        (&["bring-up", "--wait", "-1"], "must be a number from 0"),
+        (&["scope"], "<SIGNALS>"),
+        (&["scope", "3000:1"], "3000:1: must be an object of the description file with a number"),
+        (&["scope", "1008"], "1008: must be an object of the description file with a number"),
+        (&["scope", "x"], "x: must be as 2005:1 or 6041"),
+        (&["scope", "6064", "6064", "6064", "6064", "6064"], "5 signals: must be 1 to 4"),
+        (&["scope", "6064", "--every", "0"], "0 ms from sample to sample: must be 1 to 60000 ms"),
+        (&["scope", "6064", "--trigger", "rises", "--level", "1e12"], "level 1000000000000: must be a value"),
         (&["object", "2001:1", "3"], "must be a whole number from 0 to 2"),
         (&["object", "3000:1"], "3000h:1: not in the description file"),
         (&["page", "--listen", &taken], "must be a free HOST:PORT"),

@@ -2,13 +2,13 @@
 //!
 //! `CHROMIUM` names the program, `chromium` unless set. Where there is none and nothing is set, what needs it is skipped and says so.
 
-use crate::rig::{Desk, Rig};
+use crate::rig::{BY_HAND, Desk, Rig};
 use edm_servo_head::head::{Fault, State};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, ErrorKind};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tungstenite::{Message, WebSocket};
 
 /// The longest that the page may take to become what is waited for.
@@ -114,15 +114,54 @@ impl Browser {
         self.until(&format!("!document.getElementById('{name}').hidden"));
     }
 
-    /// Takes command and begins a hole.
-    fn bore(&mut self, depth_mm: f64) {
+    /// Takes command.
+    fn command(&mut self) {
         self.click("#command");
         self.until("document.querySelector('#command').innerText === 'Give command back'");
+    }
+
+    /// A picture of the page as it is, for a person to look at: target/tmp/NAME.png.
+    fn picture(&mut self, name: &str) {
+        self.value("scrollTo(0, 0)");
+        let picture = self.call("Page.captureScreenshot", json!({ "captureBeyondViewport": true }));
+        let path = format!("{}/{name}.png", env!("CARGO_TARGET_TMPDIR"));
+        std::fs::write(path, from_base64(picture["data"].as_str().unwrap())).unwrap();
+    }
+
+    /// What a link saves under a name.
+    fn download(&mut self, selector: &str, name: &str) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().to_str().unwrap();
+        self.call("Page.setDownloadBehavior", json!({ "behavior": "allow", "downloadPath": path }));
+        self.click(selector);
+        let file = folder.path().join(name);
+        let end = Instant::now() + PATIENCE;
+        while !file.exists() && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        std::fs::read_to_string(file).unwrap()
+    }
+
+    /// Takes command and begins a hole.
+    fn bore(&mut self, depth_mm: f64) {
+        self.command();
         self.view("run");
         self.value(&format!("document.querySelector('[name=depth]').value = {depth_mm}"));
         self.click("#begin");
         self.until("document.querySelector('#state').innerText === 'eroding'");
     }
+}
+
+/// RFC 4648, section 4.
+fn from_base64(text: &str) -> Vec<u8> {
+    const DIGITS: &[u8] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let digits: Vec<u32> =
+        text.bytes().filter_map(|c| DIGITS.iter().position(|digit| *digit == c)).map(|digit| digit as u32).collect();
+    let bytes = digits.chunks(4).flat_map(|four| {
+        let wide = four.iter().fold(0, |wide, digit| wide << 6 | digit) << (6 * (4 - four.len()));
+        wide.to_be_bytes().into_iter().skip(1).take(four.len() - 1)
+    });
+    bytes.collect()
 }
 
 impl Drop for Browser {
@@ -154,6 +193,109 @@ fn a_stranger_bores_a_hole_in_the_page() {
     assert_eq!(page.value(drawn), true);
     page.view("log");
     assert_ne!(page.text("#events"), "");
+}
+
+#[test]
+fn a_head_is_brought_up_in_the_page() {
+    for (wide, dark, name) in [(1280, false, "bring-up-light"), (800, true, "bring-up-dark")] {
+        let rig = Rig::new();
+        let desk = Desk::new(&rig.way());
+        let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
+        rig.happen("workpiece.raised_mm", -100.0);
+        page.command();
+        page.view("bring-up");
+        page.click("#up-begin");
+        page.until("document.querySelectorAll('#up-list tr').length > 15");
+        let said = page.text("#up-list");
+        assert!(said.contains("no gate: without pulses only gap.average = plain shows the voltage"), "{said}");
+        page.view("settings");
+        page.until("document.querySelector('[aria-label=\"gap.average\"]')");
+        page.value(
+            "(() => { const average = document.querySelector('[aria-label=\"gap.average\"]');
+             average.value = 'plain'; average.onchange(); })()",
+        );
+        page.view("bring-up");
+        for (wire, value, what, becomes) in BY_HAND {
+            rig.happen(wire, value);
+            page.until(&format!(
+                "[...document.querySelectorAll('#up-list tr')].some((row) => row.cells[1].firstChild.data === '{what}'
+                 && (row.cells[2].innerText === '{becomes}' || row.className === '{becomes}'))"
+            ));
+        }
+        page.click("#up-check");
+        page.until("document.querySelector('#up-doing').innerText === 'guided check: passed'");
+        page.click("#up-report");
+        page.until("!document.querySelector('#up-files').hidden");
+        assert_eq!(page.text("#up-doing"), "Everything has passed.");
+        let file = page.value("document.querySelector('#up-markdown').download").as_str().unwrap().to_owned();
+        assert!(file.starts_with("bring-up-1-20") && file.ends_with(".md"), "{file}");
+        page.picture(name);
+        let text = page.download("#up-markdown", &file);
+        assert!(text.contains("| stroke, as seen by this program | 12.0"), "{text}");
+    }
+}
+
+#[test]
+fn the_gap_is_seen_while_a_hole_is_bored() {
+    for (wide, dark, name) in [(1280, false, "gap-light"), (800, true, "gap-dark")] {
+        let rig = Rig::new();
+        let desk = Desk::new(&rig.way());
+        let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
+        page.view("gap");
+        page.until("document.querySelectorAll('#ladder tr').length === 4");
+        assert_eq!(page.text("#gap-volts"), "no gate: it means nothing now");
+        assert!(page.text("#ladder").contains("not known"), "no seek has measured the open circuit");
+        assert_eq!(page.text("#gap-left"), "no hole of this program");
+        page.bore(0.5);
+        page.view("gap");
+        let cell = |list: &str, what: &str| {
+            format!(
+                "Number([...document.querySelectorAll('#{list} tr')]
+                 .find((row) => row.cells[0].firstChild.data === '{what}').cells[1].innerText)"
+            )
+        };
+        page.until(&format!("{} > 0", cell("shares", "spark")));
+        page.until("document.querySelector('#gap-left').innerText.match(/^[0-9]+ s$/)");
+        let mut value = |list, what| page.value(&cell(list, what)).as_f64().unwrap();
+        let (open, seek) = (value("ladder", "open circuit"), value("ladder", "seek ends"));
+        // Of the model: 100 V. Of the settings: 85 %, 60 V, 20 V.
+        assert!((90.0..110.0).contains(&open) && (seek - 0.85 * open).abs() < 0.11, "{open} {seek}");
+        assert_eq!((value("ladder", "set point"), value("ladder", "short")), (60.0, 20.0));
+        let kinds = ["open", "spark", "arc", "short", "no pulse", "uncertain"];
+        let all: f64 = kinds.iter().map(|kind| value("shares", kind)).sum();
+        assert!((all - 100.0).abs() < 1.0, "{all}");
+        let volts = page.text("#gap-volts");
+        let number: f64 = volts.split(' ').next().unwrap().parse().unwrap();
+        assert!((5.0..110.0).contains(&number) && volts.ends_with("valid"), "{volts}");
+        assert!(page.text("#gap-depth").ends_with(" of 0.5 mm"));
+        page.picture(name);
+    }
+}
+
+#[test]
+fn the_scope_records_an_erosion() {
+    for (wide, dark, name) in [(1280, false, "scope-light"), (800, true, "scope-dark")] {
+        let rig = Rig::new();
+        let desk = Desk::new(&rig.way());
+        let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
+        page.bore(0.5);
+        page.view("scope");
+        page.click("#arm");
+        page.until("document.querySelector('#recorded').innerText === '256 samples, one every 1 ms.'");
+        assert_eq!(page.value("document.querySelectorAll('#records canvas').length"), 4);
+        let captions = page.text("#records");
+        assert!(captions.contains("Voltage, V") && captions.contains("um/s"), "{captions}");
+        let drawn = "[...document.querySelectorAll('#records canvas')].every((canvas) => canvas.width > 100
+            && canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((byte) => byte))";
+        page.until(drawn);
+        page.picture(name);
+        let text = page.download("#scope-csv", "scope-node-1.csv");
+        assert_eq!(text.lines().count(), 257, "{text}");
+        assert!(text.lines().skip(1).all(|line| line.split(',').nth(2) == Some("60")), "the set point: {text}");
+        page.value("document.querySelector('#record [name=signals]').value = '1008'");
+        page.click("#arm");
+        page.until("document.querySelector('#recorded').innerText.startsWith('1008: must be an object')");
+    }
 }
 
 #[test]
@@ -190,7 +332,7 @@ fn every_view_fits_light_and_dark_and_has_stop_in_sight() {
     let mut grounds = Vec::new();
     for (wide, dark) in [(1280, false), (800, true)] {
         let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
-        for view in ["heads", "run", "settings", "log"] {
+        for view in ["heads", "bring-up", "run", "gap", "scope", "settings", "log"] {
             page.view(view);
             if view == "settings" {
                 page.until("document.querySelectorAll('#list tr').length > 100");

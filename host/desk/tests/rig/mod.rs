@@ -1,6 +1,8 @@
 //! A bus with a virtual head in this process, at twice real time, and the program beside it. What a head is in truth is looked
 //! at in the model, not asked over the bus.
 
+pub mod paced;
+
 use edm_bus::client::Report;
 use edm_bus::hub::{Detached, Sink};
 use edm_bus::mailbox::Mailbox;
@@ -10,6 +12,7 @@ use edm_bus::{Frame, Hub, Port};
 use edm_desk::bus::Bus;
 use edm_servo_head::canopen::NodeId;
 use edm_servo_head::head::{Fault, State};
+use edm_servo_head::settings::Value as Setting;
 use edm_sim::run::Setup;
 use edm_sim::serve::head::Head;
 use edm_sim::store::Store;
@@ -19,6 +22,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Condvar, Mutex, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -50,6 +54,7 @@ pub struct Rig {
     way: String,
     seen: Arc<Seen>,
     stop: Arc<AtomicBool>,
+    wires: Sender<(&'static str, f64)>,
     _stranger: Option<Port>,
 }
 
@@ -60,6 +65,7 @@ impl Rig {
         let mailbox = Arc::new(Mailbox::default());
         let port = hub.attach(mailbox.clone());
         let (told, ends) = (seen.clone(), stop.clone());
+        let (wires, pulled) = channel::<(&str, f64)>();
         thread::spawn(move || {
             let setup = Setup::load("default").unwrap();
             let store = Store::new(None, "node-1").unwrap();
@@ -70,6 +76,11 @@ impl Rig {
                 // A computer that is too slow makes simulated time slower.
                 due = due.max(Instant::now() - Duration::from_millis(20)) + Duration::from_millis(1) / SPEED;
                 mailbox.take(&mut came);
+                for (signal, value) in pulled.try_iter() {
+                    let number = head.process.happen(signal, Setting::Number(value));
+                    // A flag, where it is no number.
+                    number.or_else(|_| head.process.happen(signal, Setting::Flag(value != 0.0))).unwrap();
+                }
                 for tick in 0..TICKS {
                     let frames: &[Frame] = if tick == 0 { &came } else { &[] };
                     head.tick(frames.iter(), &mut sent);
@@ -94,7 +105,7 @@ impl Rig {
         });
         let listener = Listener::new(&hub, "127.0.0.1:0", || Box::new(Slcan::default()), quiet()).unwrap();
         let way = format!("socket://{}", listener.address());
-        let rig = Rig { listener: Some(listener), way, seen, stop, _stranger: None };
+        let rig = Rig { listener: Some(listener), way, seen, stop, wires, _stranger: None };
         rig.until(|_| true);
         rig
     }
@@ -112,6 +123,11 @@ impl Rig {
         let says = hub.attach(Arc::new(Mailbox::default()));
         thread::spawn(move || answers.iter().for_each(|frame| says.send(&frame)));
         rig
+    }
+
+    /// Pulls a wire of the machine (`cargo sim settings` lists them); of a flag 1 is true.
+    pub fn happen(&self, signal: &'static str, value: f64) {
+        self.wires.send((signal, value)).unwrap();
     }
 
     pub fn way(&self) -> String {
@@ -153,6 +169,23 @@ impl Drop for Rig {
         self.stop.store(true, Ordering::Relaxed);
     }
 }
+
+/// What is done by hand in a bring-up: to pull, what is looked at, what that becomes.
+pub const BY_HAND: [(&str, f64, &str, &str); 13] = [
+    ("limit.upper_open", 1.0, "upper limit contact", "open"),
+    ("limit.upper_open", 0.0, "upper limit contact", "passed"),
+    ("limit.lower_open", 1.0, "lower limit contact", "open"),
+    ("limit.lower_open", 0.0, "lower limit contact", "passed"),
+    ("stop.open", 1.0, "emergency stop contact", "open"),
+    ("stop.open", 0.0, "emergency stop contact", "passed"),
+    ("dielectric.lost", 1.0, "dielectric contact", "open"),
+    ("dielectric.lost", 0.0, "dielectric contact", "passed"),
+    ("gap.short", 1.0, "gap, a wire from the electrode to the work", "passed"),
+    ("gap.short", 0.0, "gap, nothing near the electrode", "passed"),
+    ("hand.force_n", 2.0, "position, moved by hand", "passed"),
+    ("hand.force_n", -2.0, "and back at the upper stop", "passed"),
+    ("hand.force_n", 0.0, "heartbeat", "passed"),
+];
 
 /// Says its device type, and nothing else.
 struct Stranger {
@@ -227,6 +260,16 @@ impl Desk {
         session.ask(json!({ "do": "command", "take": true })).unwrap();
         session.ask(json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 0.5 } })).unwrap();
         session.until(|message| message["progress"]["sample"]["state"] == "eroding");
+        session
+    }
+
+    /// A session that commands and brings up a head without work below.
+    pub fn bringing_up(&self, rig: &Rig) -> Session {
+        rig.happen("workpiece.raised_mm", -100.0);
+        let mut session = self.session();
+        session.ask(json!({ "do": "heads" })).unwrap();
+        session.ask(json!({ "do": "command", "take": true })).unwrap();
+        session.ask(json!({ "do": "bring_up", "node": 1 })).unwrap();
         session
     }
 

@@ -1,0 +1,125 @@
+//! The gap as the head sees it: voltages from open circuit to short, what its pulses were, the feed that it asks for.
+//!
+//! What has no meaning now has no value: the voltage without pulses, shares without a look at one, the open-circuit voltage before
+//! a seek has measured it.
+
+use crate::Failure;
+use crate::head::{Head, at};
+use crate::sdo::Address;
+use serde::Serialize;
+
+/// Qualities (2005h:3) of a voltage that means something: valid, at the end of the range, reversed.
+const MEASURED: [i64; 3] = [1, 3, 4];
+/// Classes of pulses: looks in 200Fh:1 to 6.
+const CLASSES: u16 = 0x200F;
+
+/// A voltage to compare with.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Rung {
+    /// Which.
+    pub what: &'static str,
+    /// V; nothing where it is not known.
+    pub volts: Option<f64>,
+    /// Where it is from.
+    pub from: &'static str,
+}
+
+/// How many of the looks of the last 0.2 s found a kind of pulse.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Share {
+    /// Which kind.
+    pub what: String,
+    /// Of all looks; nothing without any.
+    pub percent: Option<f64>,
+}
+
+/// The gap now.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Gap {
+    /// Node-ID.
+    pub node: u8,
+    /// State of the head, in words.
+    pub state: String,
+    /// Gap voltage after the filters, V.
+    pub volts: Option<f64>,
+    /// What that is worth, in words.
+    pub quality: String,
+    /// From open circuit to short.
+    pub ladder: [Rung; 4],
+    /// What the pulses were.
+    pub shares: Vec<Share>,
+    /// Looks at pulses behind the shares, one a millisecond.
+    pub looks: u32,
+    /// Velocity along the path that the gap asks for, um/s.
+    pub feed_um_s: f64,
+}
+
+impl Gap {
+    /// Looks at it.
+    ///
+    /// # Errors
+    /// Those of the transfers.
+    pub fn look(head: &Head) -> Result<Gap, Failure> {
+        let named = |address: Address, number: i64| {
+            let names = head.sheet.get(address).map(|object| object.names()).unwrap_or_default();
+            names.get(&number).cloned().unwrap_or_else(|| number.to_string())
+        };
+        let setting = |key: &str| {
+            let object = head.sheet.setting(key).map_err(Failure::Failed)?;
+            Ok::<_, Failure>(head.number(object.address)?)
+        };
+        let quality = head.whole(at::GAP_QUALITY)?;
+        let volts = head.number(at::GAP)?;
+        let open = Some(head.number(at::OPEN)?).filter(|volts| *volts > 0.0);
+        let percent = setting("seek.threshold_percent")?;
+        let seek = open.map(|open| open * percent / 100.0);
+        let rung = |what, volts, from| Rung { what, volts, from };
+        let ladder = [
+            rung("open circuit", open, "2005h:6, measured when the seek began"),
+            rung("seek ends", seek, "seek.threshold_percent of it"),
+            rung("set point", Some(head.number(at::SETPOINT)?), "2005h:5"),
+            rung("short", Some(setting("gap.short_v")?), "gap.short_v"),
+        ];
+        let mut counts = Vec::new();
+        for object in head.sheet.objects().filter(|object| object.address.0 == CLASSES && object.address.1 > 0) {
+            let what = object.key.rsplit('.').next().unwrap_or_default().to_lowercase();
+            counts.push((what, head.whole(object.address)? as u32));
+        }
+        let looks = counts.iter().map(|(_, count)| count).sum();
+        let share = |count| (looks > 0).then(|| f64::from(count) * 100.0 / f64::from(looks));
+        let shares = counts.into_iter().map(|(what, count)| Share { what, percent: share(count) }).collect();
+        Ok(Gap {
+            node: head.node,
+            state: named(at::STATE, head.whole(at::STATE)?),
+            volts: MEASURED.contains(&quality).then_some(volts),
+            quality: named(at::GAP_QUALITY, quality),
+            ladder,
+            shares,
+            looks,
+            feed_um_s: head.number(at::FEED)?,
+        })
+    }
+
+    /// In one line.
+    pub fn text(&self) -> String {
+        let said = |volts: Option<f64>| volts.map_or("-".into(), |volts| format!("{volts:.1} V"));
+        let ladder: Vec<String> =
+            self.ladder.iter().map(|rung| format!("{} {}", rung.what, said(rung.volts))).collect();
+        let shares: Vec<String> = self
+            .shares
+            .iter()
+            .map(|share| {
+                format!("{} {}", share.what, share.percent.map_or("-".into(), |percent| format!("{percent:.0} %")))
+            })
+            .collect();
+        format!(
+            "{:16} gap {:>8} ({}); {}; {}; feed {:.0} um/s\n",
+            self.state,
+            said(self.volts),
+            self.quality,
+            ladder.join(", "),
+            shares.join(", "),
+            self.feed_um_s
+        )
+    }
+}
