@@ -74,7 +74,7 @@ pub struct Retreat {
     pub off_limit: Fixed,
 }
 
-/// What the head lifts with when it cannot or must not close the loop.
+/// What the head lifts with when it cannot or must not close the loop: duties that are never toward the work.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lift {
     /// Duty that lifts: weight plus 20 %, and friction, but no more than `limited` beyond the holding duty.

@@ -1,16 +1,20 @@
 //! How a fault's reaction moves the head, plan by plan.
 //!
-//! No reaction presses toward the work. It may push down only to brake a head that rises: a reaction that closes the loop one that
-//! the encoder shows rising, a lift one that has counted upward, for no longer than that takes. Otherwise the duty ends at
-//! the holding duty, with which nothing accelerates the head. So an encoder that dies
+//! No reaction presses toward the work. One that closes the loop may push down only to brake a head that the encoder shows
+//! rising. Otherwise the duty ends at the holding duty, with which nothing accelerates the head. So an encoder that dies
 //! under a reaction, and then reads the same count for ever, cannot drive the electrode into the work: the integrator
 //! winds up against that end. It may drive the head upward until the supervision, or [`Reacting::plan`] itself, contradicts it.
+//!
+//! A lift has no encoder, and the holding duty rests on settings: it never gives a duty toward the work. At zero duty the
+//! winding is shorted by the bridge and brakes whatever moves with K^2/R times its velocity; that is all that a lift has
+//! against a head that rises. The current of the shorted winding is K/R times the velocity: a head that leaps off its upper stop
+//! is seen by it, and braked upward.
 
 use super::config::Config;
 use super::fault::{Fault, Reaction};
 use crate::motion::TrajectorySegment;
 use crate::servo::Window;
-use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, TICK_S, Volts, larger, smaller, within};
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, TICK_S, Volts, larger, smaller};
 
 /// What the head is to do until the next plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,6 +56,8 @@ pub(super) struct Situation {
     pub velocity: CountsPerSecond,
     /// The same, if the encoder does not count any more.
     pub driven: CountsPerSecond,
+    /// The same by the motor current, if the winding is shorted.
+    pub generated: CountsPerSecond,
     /// Duty of the tick before, and whether it was at a limit.
     pub duty: f32,
     pub saturated: bool,
@@ -77,8 +83,10 @@ pub(super) struct Reacting {
     /// Smallest following error of a force-limited retract so far, and ticks since then.
     following: f32,
     grown: u32,
-    /// Velocity toward the work that a lift has still to brake, counts/s; `None` before it has begun.
+    /// Velocity that a lift has still to brake, counts/s, positive toward the work; `None` before it has begun.
     brakes: Option<f32>,
+    /// Ticks for which it has left the braking to the bridge.
+    shorted: u32,
     lifted: bool,
     /// Position in the beginning, or, while holding, lately; ticks for which it has been the same then, and whether the head has
     /// once come to rest.
@@ -100,7 +108,10 @@ const STANDS: u32 = ticks(10e-3);
 const TREMBLES: u32 = ticks(1.0);
 /// Times its friction that move any head, if it is a little more than was learnt.
 const FRICTIONS: f32 = 1.33;
-/// Velocity upward that a lift leaves a head, mm/s.
+/// Ticks after which the current of a shorted winding is that of its back-EMF alone: a look of the supervision, 1 ms, and four
+/// times L/R.
+const SHOWS: u32 = ticks(2e-3);
+/// Velocity upward that a lift does not wait for the bridge to brake, mm/s.
 const RISES: f32 = 20.0;
 /// Time for which the supervision may still speak of what it saw before this reaction.
 const STALE: u32 = ticks(5e-3);
@@ -119,6 +130,7 @@ impl Reacting {
             following: situation.following.abs(),
             grown: 0,
             brakes: None,
+            shorted: 0,
             lifted: false,
             position: situation.position,
             still: 0,
@@ -251,28 +263,30 @@ impl Reacting {
     }
 
     /// Lifts for a limited time, not into an open upper limit and not with a hot winding; then gives `afterwards`. What moves is
-    /// braked first, by the velocity that it must have: weight and friction would stop it after a millimetre, in the work, or
-    /// after a leap off its upper stop.
+    /// braked first: weight and friction would stop what falls after a millimetre, in the work. What rises is braked by the
+    /// bridge alone, for no duty may drive toward the work; if it leaps off its stop meanwhile, the winding shows that.
     fn lift(&mut self, config: &Config, now: &Situation, afterwards: f32, ticks: u32) -> f32 {
         let (lift, axis) = (&config.lift, &config.axis);
         self.lifted |= self.ticks > lift.ticks || now.upper_limit || now.current_reduced;
         if self.lifted {
             return afterwards;
         }
-        let holding = axis.gains.holding();
-        let velocity = self.brakes.unwrap_or_else(|| {
-            // It is never to be pushed down for more than it rises.
-            let rises = smaller(0.9 * now.driven.0 + RISES * 1e3 * axis.counts_per_um, 0.0);
-            if now.driven.0 > 0.0 { now.driven.0 } else { rises }
-        });
+        let velocity = if self.shorted > SHOWS { now.generated.0 } else { self.brakes.unwrap_or(now.driven.0) };
+        if velocity < -RISES * 1e3 * axis.counts_per_um {
+            self.shorted = self.shorted.saturating_add(ticks);
+            self.brakes = Some(velocity);
+            return 0.0;
+        }
+        self.shorted = 0;
         let time = ticks.max(1) as f32 * TICK_S;
         let most = axis.plant.current_window(axis.current.peak, CountsPerSecond(0.0)).high;
-        let most = smaller(most, axis.duty_limit) - holding.abs();
-        let whole = axis.plant.accelerating(velocity / time);
-        let brake = within(whole, -most, most);
-        let left = if brake == whole { 0.0 } else { velocity - brake * time / axis.plant.accelerating(1.0) };
-        self.brakes = Some(left);
-        if brake < 0.0 { holding - brake } else { smaller(lift.duty, holding - brake) }
+        let resting = smaller(axis.gains.holding(), 0.0);
+        let falls = larger(velocity, 0.0);
+        let whole = resting - axis.plant.accelerating(falls / time);
+        let braking = larger(whole, -smaller(most, axis.duty_limit));
+        let gone = (resting - braking) * time / axis.plant.accelerating(1.0);
+        self.brakes = Some(if braking == whole { 0.0 } else { falls - gone });
+        smaller(lift.duty, braking)
     }
 }
 

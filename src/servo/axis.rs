@@ -59,6 +59,11 @@ impl Plant {
         self.force_constant / (self.bus.0 * self.counts_per_m)
     }
 
+    /// Velocity at which a shorted winding has this current.
+    pub fn generating(&self, current: Amps) -> CountsPerSecond {
+        CountsPerSecond(-current.0 * self.resistance_ohm / self.force_constant * self.counts_per_m)
+    }
+
     /// Duties that keep the current within `limit` at a velocity.
     pub fn current_window(&self, limit: Amps, velocity: CountsPerSecond) -> Window {
         let emf = self.back_emf() * velocity.0;
@@ -194,6 +199,13 @@ mod tests {
         assert!((holding + 0.06755).abs() < 1e-4, "{holding}");
         let balanced = Plant { counterbalance: Newtons(2.2), ..PLANT };
         assert!(Gains::build(&balanced, &tuning).holding() > 0.0);
+    }
+
+    #[test]
+    fn a_shorted_winding_shows_by_its_current_how_it_moves() {
+        // 0.1 m/s toward the work makes 0.75 V against it: 60.5 mA.
+        let velocity = PLANT.generating(Amps(-0.75 / 12.4)).0;
+        assert!((velocity - 1e5).abs() < 1.0, "{velocity}");
     }
 
     #[test]

@@ -303,8 +303,8 @@ impl Settings {
                 lift: libm::ceilf(self.end_lift) as u32,
             },
             lift: Lift {
-                duty: holding - (0.2 * weight + plant.duty(Newtons(self.axis_breakaway))).min(limited),
-                hold: holding - 0.1 * weight,
+                duty: (holding - (0.2 * weight + plant.duty(Newtons(self.axis_breakaway))).min(limited)).min(0.0),
+                hold: (holding - 0.1 * weight).min(0.0),
                 ticks: ticks(self.lift_ms),
                 limited,
                 bus_dead: Volts(self.lift_bus_dead),

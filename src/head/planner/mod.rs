@@ -494,6 +494,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             position: self.status.position,
             velocity: self.status.velocity,
             driven: self.silence.driven(),
+            generated: self.config.axis.plant.generating(self.judged.current),
             duty: self.status.duty,
             saturated: self.status.saturated,
             top: self.at_top() || self.now.safety.upper_limit,
