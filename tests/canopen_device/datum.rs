@@ -345,3 +345,45 @@ fn a_set_point_given_while_a_surface_is_looked_for_is_neither_acknowledged_nor_t
     rig.until(3000, |rig| rig.status() & 0x0400 != 0);
     assert!((read(&mut rig, 0x6064, 0) - 300).abs() <= 5);
 }
+
+#[test]
+fn the_surface_that_a_host_keeps_with_its_hole_is_the_same_place_until_the_home_is_another() {
+    let mut rig = worn();
+    assert_eq!(read(&mut rig, 0x2011, 11), i64::from(i32::MIN), "none");
+    touch(&mut rig, 2);
+    let touched = read(&mut rig, 0x2001, 6);
+    rig.write32(0x2011, 11, touched as i32);
+    erode_to(&mut rig, touched as i32 + 60);
+    assert_eq!(read(&mut rig, 0x2011, 11), touched, "an erosion leaves it");
+    // The same place, told from another datum.
+    beside_the_hole(&mut rig, true);
+    rig.move_to(0, 5000);
+    rig.write32(0x2011, 6, 0);
+    touch(&mut rig, 1);
+    let datum = read(&mut rig, 0x2011, 7);
+    assert_eq!(read(&mut rig, 0x2011, 11), touched - datum);
+    // A worn face meets it deeper, and positions are those of the face: the place does not change.
+    rig.write32(0x2011, 6, 0);
+    touch(&mut rig, 2);
+    touch(&mut rig, 1);
+    let place = read(&mut rig, 0x2011, 11);
+    erode_to(&mut rig, 60);
+    beside_the_hole(&mut rig, true);
+    rig.move_to(-100, 5000);
+    touch(&mut rig, 4);
+    let more = read(&mut rig, 0x2011, 7) - datum;
+    assert!(more > 10, "{more}");
+    assert_eq!(read(&mut rig, 0x2011, 11), place);
+    for none in [true, false] {
+        if none {
+            rig.write32(0x2011, 11, i32::MIN);
+        } else {
+            rig.write32(0x2011, 11, 5);
+            rig.write(0x6060, 0, &[6]);
+            rig.control(0x0F);
+            rig.control(0x1F);
+            rig.run(100);
+        }
+        assert_eq!(read(&mut rig, 0x2011, 11), i64::from(i32::MIN));
+    }
+}

@@ -53,7 +53,7 @@ function take(message) {
   } else if (message.id) {
     const waiting = asked.get(message.id);
     asked.delete(message.id);
-    if (message.error !== undefined) waiting?.fail(new Error(message.error));
+    if (message.error !== undefined) waiting?.fail(Object.assign(new Error(message.error), { asks: message.asks }));
     else waiting?.done(message.ok);
   } else if (message.welcome) {
     const { you, log, bus } = message.welcome;
@@ -108,7 +108,7 @@ function show() {
   $("session").textContent = mine ? "This session commands."
     : commander === null ? "Nobody commands." : `Session ${commander} commands, this one watches.`;
   document.body.classList.toggle("watching", !mine);
-  const commands = "#bore *, [data-wish], #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
+  const commands = "#bore *, #asks button, [data-wish], #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
   for (const button of document.querySelectorAll(commands)) {
     button.disabled = !mine || node === null;
   }
@@ -141,6 +141,7 @@ function choose_head(id, card) {
   lines = [];
   differences = null;
   surface = null;
+  $("asks").hidden = true;
   for (const id of ["left", "gap-left", "gap-depth"]) $(id).textContent = "no hole of this program";
   $("head").textContent = `node ${id}`;
   $("head").title = `${card.name}, serial number ${card.serial}`;
@@ -384,14 +385,27 @@ addEventListener("keydown", (key) => {
 $("command").onclick = () => want({ do: "command", take: commander !== me }).catch(() => {});
 $("reset").onclick = () => want({ do: "reset", node }).catch((error) => lost(error.message));
 $("scan").onclick = scan;
-$("bore").onsubmit = (submit) => {
-  submit.preventDefault();
+// What is under the electrode is asked where a hole may have been begun there.
+function bore(ground) {
   const form = new FormData($("bore"));
   const number = (name) => (form.get(name) === "" ? null : Number(form.get(name)));
   surface = null;
-  const hole = { depth_mm: number("depth"), surface_mm: number("surface"), height_mm: number("height") };
-  want({ do: "bore", node, hole }).catch(() => {});
+  $("asks").hidden = true;
+  const hole = { depth_mm: number("depth"), surface_mm: number("surface"), height_mm: number("height"), ground };
+  ask({ do: "bore", node, hole }).catch(({ message, asks }) => {
+    if (!asks) return say(message);
+    $("asks").firstElementChild.textContent = message;
+    $("continue").hidden = !asks.begun;
+    $("asks").hidden = false;
+  });
+}
+
+$("bore").onsubmit = (submit) => {
+  submit.preventDefault();
+  bore(null);
 };
+$("continue").onclick = () => bore("begun");
+$("new-surface").onclick = () => bore("new");
 for (const button of document.querySelectorAll("[data-wish]")) {
   button.onclick = () => want({ do: "wish", wish: button.dataset.wish }).catch(() => {});
 }

@@ -3,10 +3,13 @@
 //! The head is watched and watches (heartbeats both ways) before it is enabled. It takes where it rests for home if it has none,
 //! touches the work off with pulses off, goes back a little, and erodes to the depth; then it goes up and is disabled. A wish
 //! comes in between at any time. However this ends, pulses are off afterwards, or the error says that they may not be.
+//!
+//! A touch in a hole that was begun finds its bottom. The head keeps the surface of a hole from its first pulse on (2011h:11), and
+//! where there may be one under the electrode somebody has to say whether it is continued, or the surface is a new one.
 
 use crate::Failure;
 use crate::bus::SILENCE;
-use crate::head::{Head, at, state, status};
+use crate::head::{Head, NO_SURFACE, at, state, status};
 use crate::live::{Live, Sample};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -32,12 +35,25 @@ const NOTICES: Duration = Duration::from_secs(2);
 pub struct Hole {
     /// Depth below the surface, by the electrode, mm.
     pub depth_mm: f64,
-    /// Where the surface is below home, mm; touched off when it is not given.
+    /// Where the surface is below home, mm, when neither touched off nor kept by the head.
     #[serde(default)]
     pub surface_mm: Option<f64>,
+    /// What is under the electrode; needed where a hole may have been begun.
+    #[serde(default)]
+    pub ground: Option<Ground>,
     /// Height above the surface at which pulses begin, mm.
     #[serde(default = "height")]
     pub height_mm: f64,
+}
+
+/// What is under the electrode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ground {
+    /// Work that was not eroded there: its surface is touched off.
+    New,
+    /// The hole that was begun: it is continued, and measured from the surface that the head keeps.
+    Begun,
 }
 
 /// Default of [`Hole::height_mm`].
@@ -61,8 +77,85 @@ impl Hole {
                 return Err(Failure::BadInput(format!("{name} {value} mm: must be a number from {low} to {high} mm")));
             }
         }
+        if self.surface_mm.is_some() && self.ground.is_some() {
+            return Err(Failure::BadInput(
+                "a surface is given: then there is none to touch off or to continue from".into(),
+            ));
+        }
         Ok(())
     }
+
+    /// Whether it can be begun where the head is now.
+    ///
+    /// # Errors
+    /// What is allowed, what somebody has to decide, or those of the transfers.
+    pub fn may_begin(&self, head: &Head) -> Result<Known, Failure> {
+        self.check()?;
+        let per_mm = head.counts_per_mm()?;
+        let mm = |counts: i64| counts as f64 / per_mm;
+        let (here, end) = head.room()?;
+        let surface = match (self.surface_mm, self.ground) {
+            (Some(given), _) => Some((given * per_mm).round() as i64),
+            (None, Some(Ground::New)) => None,
+            (None, ground) => self.kept(head, ground.is_some())?,
+        };
+        match surface {
+            Some(surface) => self.fits(mm(surface), mm(end), "below the surface")?,
+            None => self.fits(mm(here), mm(end), "from here")?,
+        }
+        Ok(Known { surface, end })
+    }
+
+    /// The surface that the head keeps, where that is to be gone by; none where there was no erosion.
+    fn kept(&self, head: &Head, continues: bool) -> Result<Option<i64>, Failure> {
+        let per_mm = head.counts_per_mm()?;
+        let kept = Some(head.whole(at::KEPT_SURFACE)?).filter(|kept| *kept != NO_SURFACE);
+        let eroded = head.whole(at::ERODING_TIME)? > 0;
+        let why = match kept {
+            Some(_) if continues => return Ok(kept),
+            None if continues => {
+                return Err(Failure::BadInput(
+                    "no hole to continue: the head keeps no surface of one (2011h:11)".into(),
+                ));
+            }
+            None if !eroded => return Ok(None),
+            None => {
+                "the head has eroded since power-on, and keeps no surface of it: a touch in that hole would find its \
+                     bottom; is there a new surface under the electrode, or where is it?"
+                    .into()
+            }
+            Some(surface) => {
+                let deep = (head.whole(at::DEEPEST)? - surface).max(0) as f64 / per_mm;
+                format!(
+                    "a hole was begun: its surface is at {:.3} mm, the last erosion in it came {deep:.3} mm deep; \
+                     is it to be continued, or is there a new surface under the electrode?",
+                    surface as f64 / per_mm
+                )
+            }
+        };
+        Err(Failure::Undecided { why, begun: kept.is_some() })
+    }
+
+    /// Whether the stroke is long enough for it.
+    fn fits(&self, from_mm: f64, end_mm: f64, from: &str) -> Result<(), Failure> {
+        let left = end_mm - from_mm;
+        if self.depth_mm <= left {
+            return Ok(());
+        }
+        let depth = self.depth_mm;
+        Err(Failure::BadInput(format!(
+            "depth {depth} mm: must be at most {left:.3} mm, which is left of the stroke {from} (axis.stroke_um, 607Dh:2)"
+        )))
+    }
+}
+
+/// What is known before anything moves, counts.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Known {
+    /// The surface, unless it is to be touched off.
+    surface: Option<i64>,
+    /// The end of the stroke.
+    end: i64,
 }
 
 /// What somebody wants of a hole that is being bored.
@@ -145,6 +238,8 @@ pub struct Outcome {
 /// Ends a run early: what was wanted, or what failed.
 enum End {
     Wanted(Wish),
+    /// It cannot be, and nothing has gone wrong.
+    Refused(Failure),
     Failed(Failure),
 }
 
@@ -174,6 +269,7 @@ pub struct Run<'a> {
 #[derive(Default)]
 struct Place {
     top: i64,
+    known: Known,
     surface: Option<i64>,
     began: Option<Instant>,
     deepest: Option<f64>,
@@ -203,12 +299,12 @@ impl Run<'_> {
     /// # Errors
     /// What went wrong; the head is disabled or in a fault then, or the error says that it may not be.
     pub fn execute(mut self) -> Result<Outcome, Failure> {
-        self.hole.check()?;
         self.head.healthy().map_err(|fault| Failure::Failed(format!("a fault stands, reset it first: {fault}")))?;
+        let known = self.hole.may_begin(self.head)?;
         let velocity = self.head.whole(at::PROFILE_VELOCITY)?;
         let armed = self.head.arm()?;
         self.live.expect_heartbeat();
-        let mut place = Place::default();
+        let mut place = Place { known, ..Place::default() };
         let ended = match self.bore(&mut place) {
             // A wait was ended by a wish.
             Err(End::Failed(Failure::Failed(why))) if why == ON_REQUEST => Err(End::Wanted(self.wishes.now())),
@@ -216,7 +312,7 @@ impl Run<'_> {
         };
         // Up only where that is wanted and nothing has gone wrong: a head in doubt is left to its own reaction.
         let up = match &ended {
-            Ok(_) | Err(End::Wanted(Wish::Leave)) => self.up(place.top),
+            Ok(_) | Err(End::Wanted(Wish::Leave) | End::Refused(_)) => self.up(place.top),
             _ => Ok(()),
         };
         let now = match &ended {
@@ -235,7 +331,7 @@ impl Run<'_> {
             Ok(why) => (true, why),
             Err(End::Wanted(Wish::Stop)) => (false, "stopped".into()),
             Err(End::Wanted(_)) => (false, ON_REQUEST.into()),
-            Err(End::Failed(failure)) => {
+            Err(End::Failed(failure) | End::Refused(failure)) => {
                 let depth =
                     if place.began.is_some() { format!(" at a depth of {depth_mm:.3} mm") } else { String::new() };
                 return Err(Failure::Failed(format!("not bored{depth}: {failure}; {now}")));
@@ -286,19 +382,22 @@ impl Run<'_> {
         }
         place.top = head.whole(at::POSITION)?;
         head.set(at::PROFILE_VELOCITY, counts(TRAVEL_MM_S))?;
-        let surface = match hole.surface_mm {
-            Some(mm) => counts(mm),
+        let surface = match place.known.surface {
+            Some(surface) => surface,
             None => {
                 self.tell("touching the work off", place)?;
                 head.find_surface(&mut self.tick())?
             }
         };
         place.surface = Some(surface);
+        let fits = hole.fits(surface as f64 / per_mm, place.known.end as f64 / per_mm, "below the surface");
+        fits.map_err(End::Refused)?;
         self.tell("going to where pulses begin", place)?;
         let height = surface - counts(hole.height_mm);
         head.move_to(height, &mut self.tick())?;
 
         let target = surface + counts(hole.depth_mm);
+        head.set(at::KEPT_SURFACE, surface)?;
         place.began = Some(Instant::now());
         loop {
             head.set(at::ERODE, 1)?;

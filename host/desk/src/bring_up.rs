@@ -459,7 +459,7 @@ impl BringUp<'_> {
             gone = alive().err();
         } else if self.head.whole(at::REASON)? == reason::CHECK_ENDED {
             checked.result = Some(self.head.whole(at::CHECK_RESULT)? as u8);
-            checked.breakaway_n = Some(setting(self.head, "axis.breakaway_n")?);
+            checked.breakaway_n = Some(self.head.setting("axis.breakaway_n")?);
         } else {
             checked.why = format!("it was broken off: {}", words::reason(self.head.whole(at::REASON)? as u8));
         }
@@ -615,7 +615,7 @@ mod reason {
 
 impl Limits {
     fn of(head: &Head) -> Result<Limits, Failure> {
-        let value = |key| setting(head, key);
+        let value = |key| head.setting(key);
         let stroke_mm = value("axis.stroke_um")? / 1000.0;
         let way = Duration::from_secs_f64(4.0 * stroke_mm / value("commission.velocity_mm_s")?.max(0.1));
         Ok(Limits {
@@ -716,11 +716,6 @@ impl Checked {
 
 fn by_hand() -> String {
     "move the head by hand from its upper stop toward the work, and let it go back".into()
-}
-
-fn setting(head: &Head, key: &str) -> Result<f64, Failure> {
-    let object = head.sheet.setting(key).map_err(Failure::Failed)?;
-    Ok(head.number(object.address)?)
 }
 
 /// To the thousandth.

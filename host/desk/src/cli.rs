@@ -1,7 +1,7 @@
 //! The commands. Each ends with one line that says what became of it, or with `--json` with one object.
 
 use crate::Failure;
-use crate::bore::{self, Hole, Outcome, Run, Wish, Wishes};
+use crate::bore::{self, Ground, Hole, Outcome, Run, Wish, Wishes};
 use crate::bring_up::{self, BringUp, Check, Verdict};
 use crate::bus::{Bus, SILENCE};
 use crate::gap::Gap;
@@ -205,6 +205,12 @@ struct BoreOptions {
     /// Where the surface is below home; touched off when not given
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     surface: Option<f64>,
+    /// Goes on in the hole that was begun, measured from its surface, which the head keeps
+    #[arg(long = "continue", conflicts_with_all = ["new_surface", "surface"])]
+    continues: bool,
+    /// Touches off although the head has bored before: the electrode is over a place that was not eroded
+    #[arg(long, conflicts_with = "surface")]
+    new_surface: bool,
     /// Height above the surface at which pulses begin
     #[arg(long, value_name = "MM", default_value_t = bore::height(), allow_hyphen_values = true)]
     height: f64,
@@ -530,7 +536,12 @@ impl Common {
     }
 
     fn bore(&self, sheet: &Arc<Sheet>, options: &BoreOptions) -> Result<(), Failure> {
-        let hole = Hole { depth_mm: options.depth, surface_mm: options.surface, height_mm: options.height };
+        let ground = match (options.continues, options.new_surface) {
+            (true, _) => Some(Ground::Begun),
+            (_, true) => Some(Ground::New),
+            _ => None,
+        };
+        let hole = Hole { depth_mm: options.depth, surface_mm: options.surface, ground, height_mm: options.height };
         hole.check()?;
         let wishes = Arc::new(Wishes::default());
         let asked = wishes.clone();
@@ -559,7 +570,12 @@ impl Common {
                 }
             },
         }
-        .execute()?;
+        .execute()
+        .map_err(|why| match why {
+            Failure::Undecided { why, begun: true } => Failure::BadInput(format!("{why} --continue, or --new-surface")),
+            Failure::Undecided { why, .. } => Failure::BadInput(format!("{why} --new-surface, or --surface MM")),
+            why => why,
+        })?;
         self.say(&outcome, || bored(&outcome));
         if outcome.reached { Ok(()) } else { Err(Failure::Failed("the depth was not reached".into())) }
     }

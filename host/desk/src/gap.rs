@@ -64,21 +64,17 @@ impl Gap {
             let names = head.sheet.get(address).map(|object| object.names()).unwrap_or_default();
             names.get(&number).cloned().unwrap_or_else(|| number.to_string())
         };
-        let setting = |key: &str| {
-            let object = head.sheet.setting(key).map_err(Failure::Failed)?;
-            Ok::<_, Failure>(head.number(object.address)?)
-        };
         let quality = head.whole(at::GAP_QUALITY)?;
         let volts = head.number(at::GAP)?;
         let open = Some(head.number(at::OPEN)?).filter(|volts| *volts > 0.0);
-        let percent = setting("seek.threshold_percent")?;
+        let percent = head.setting("seek.threshold_percent")?;
         let seek = open.map(|open| open * percent / 100.0);
         let rung = |what, volts, from| Rung { what, volts, from };
         let ladder = [
             rung("open circuit", open, "2005h:6, measured when the seek began"),
             rung("seek ends", seek, "seek.threshold_percent of it"),
             rung("set point", Some(head.number(at::SETPOINT)?), "2005h:5"),
-            rung("short", Some(setting("gap.short_v")?), "gap.short_v"),
+            rung("short", Some(head.setting("gap.short_v")?), "gap.short_v"),
         ];
         let mut counts = Vec::new();
         for object in head.sheet.objects().filter(|object| object.address.0 == CLASSES && object.address.1 > 0) {

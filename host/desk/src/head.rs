@@ -102,6 +102,16 @@ pub mod at {
     pub const TARGET: Address = Address(0x607A, 0);
     /// Velocity of moves, counts/s.
     pub const PROFILE_VELOCITY: Address = Address(0x6081, 0);
+    /// Position of the place that homing finds, with the sign changed, counts.
+    pub const HOME_OFFSET: Address = Address(0x607C, 0);
+    /// Farthest position that a set point may have, counts from home.
+    pub const LIMIT_MAX: Address = Address(0x607D, 2);
+    /// Surface that the hole under the electrode is measured from, counts; [`super::NO_SURFACE`].
+    pub const KEPT_SURFACE: Address = Address(0x2011, 11);
+    /// Time of the newest erosion since power-on, ms.
+    pub const ERODING_TIME: Address = Address(0x2006, 3);
+    /// Position of a host's 0 from home, counts.
+    pub const DATUM: Address = Address(0x2011, 7);
     /// Voltage of the motor's supply.
     pub const BUS_VOLTAGE: Address = Address(0x6079, 0);
     /// Encoder counts ...
@@ -113,6 +123,9 @@ pub mod at {
     /// Contacts, by bits.
     pub const INPUTS: Address = Address(0x60FD, 0);
 }
+
+/// The head keeps no surface of a hole.
+pub const NO_SURFACE: i64 = i32::MIN as i64;
 
 /// States of 2000h:1.
 pub mod state {
@@ -267,6 +280,29 @@ impl Head {
     /// Those of the transfer.
     pub fn counts_per_mm(&self) -> Result<f64, SdoError> {
         Ok(self.whole(at::INCREMENTS)? as f64 / (self.whole(at::MILLIMETRES)? as f64).max(1.0))
+    }
+
+    /// The value of a setting, in its unit.
+    ///
+    /// # Errors
+    /// Those of the transfer.
+    pub fn setting(&self, key: &str) -> Result<f64, Failure> {
+        let object = self.sheet.setting(key).map_err(Failure::Failed)?;
+        Ok(self.number(object.address)?)
+    }
+
+    /// Where the head is, and the end of its stroke or the software limit before it, counts. A head without a home is where
+    /// homing on the spot puts it.
+    ///
+    /// # Errors
+    /// Those of the transfers.
+    pub fn room(&self) -> Result<(i64, i64), Failure> {
+        let homed = self.whole(at::HOMED)? != 0;
+        // Homing takes the datum away.
+        let datum = if homed { self.whole(at::DATUM)? } else { 0 };
+        let here = if homed { self.whole(at::POSITION)? } else { -self.whole(at::HOME_OFFSET)? };
+        let stroke = self.setting("axis.stroke_um")? / 1000.0 * self.counts_per_mm()?;
+        Ok((here, (stroke as i64).min(self.whole(at::LIMIT_MAX)?) - datum))
     }
 
     /// The head watches this program, and this program the head, from now on.

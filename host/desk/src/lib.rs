@@ -41,12 +41,19 @@ pub enum Failure {
     BadInput(String),
     /// Something went wrong on the way.
     Failed(String),
+    /// The person has to say what is under the electrode; nothing was done.
+    Undecided {
+        /// What is known of it.
+        why: String,
+        /// A hole may be continued there.
+        begun: bool,
+    },
 }
 
 impl Display for Failure {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
-            Failure::BadInput(why) | Failure::Failed(why) => f.write_str(why),
+            Failure::BadInput(why) | Failure::Failed(why) | Failure::Undecided { why, .. } => f.write_str(why),
         }
     }
 }

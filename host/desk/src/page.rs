@@ -507,13 +507,14 @@ impl Desk {
 
     /// Begins to bore; how it goes on, all sessions are told.
     fn bore(self: &Arc<Desk>, session: u64, node: u8, hole: Hole) -> Result<Value, Failure> {
-        hole.check()?;
+        let head = self.head(node)?;
+        hole.may_begin(&head)?;
         let wishes = Arc::new(Wishes::default());
         self.begin(node, What::Hole(wishes.clone()))?;
         let desk = self.clone();
         thread::spawn(move || {
             desk.note(node, format!("session {session} bores to {} mm", hole.depth_mm));
-            let ended = desk.run(session, node, hole, &wishes);
+            let ended = desk.run(session, &head, hole, &wishes);
             *lock(&desk.run) = None;
             let (what, told) = match ended {
                 Ok(outcome) => {
@@ -528,11 +529,10 @@ impl Desk {
         Ok(Value::Null)
     }
 
-    fn run(&self, session: u64, node: u8, hole: Hole, wishes: &Wishes) -> Result<crate::bore::Outcome, Failure> {
-        let head = self.head(node)?;
-        let mut live = Live::new(&head)?;
+    fn run(&self, session: u64, head: &Head, hole: Hole, wishes: &Wishes) -> Result<bore::Outcome, Failure> {
+        let mut live = Live::new(head)?;
         let run = bore::Run {
-            head: &head,
+            head,
             live: &mut live,
             hole,
             wishes,
@@ -616,6 +616,9 @@ async fn talk(desk: Arc<Desk>, mut socket: WebSocket) {
                         tokio::task::spawn_blocking(move || {
                             let answer = match desk.answer(session, ask) {
                                 Ok(value) => json!({ "id": id, "ok": value }),
+                                Err(Failure::Undecided { why, begun }) => {
+                                    json!({ "id": id, "error": why, "asks": { "begun": begun } })
+                                }
                                 Err(why) => json!({ "id": id, "error": why.to_string() }),
                             };
                             // The session may be over.

@@ -123,6 +123,100 @@ fn a_cable_that_is_pulled_ends_in_the_heads_own_retreat_and_the_program_says_so(
 }
 
 #[test]
+fn a_hole_that_is_deeper_than_what_is_left_of_the_stroke_is_refused_before_pulses_or_motion() {
+    let rig = Rig::new();
+    // Of 12 mm; the work is 2 mm below. Not before the touch is its surface known.
+    for (arguments, exit, part) in [
+        (
+            &["bore", "--depth", "500"][..],
+            2,
+            "depth 500 mm: must be at most 12.000 mm, which is left of the stroke from here",
+        ),
+        (
+            &["bore", "--depth", "3", "--surface", "9.5"],
+            2,
+            "at most 2.500 mm, which is left of the stroke below the surface",
+        ),
+        (&["bore", "--depth", "11"], 1, "at most 10.0"),
+    ] {
+        let (code, said, why) = run(&rig.way(), arguments);
+        let last = why.lines().last().unwrap();
+        assert_eq!((code, said.as_str()), (Some(exit), ""), "{arguments:?}: {why}");
+        assert!(last.contains(part), "{arguments:?}: {part:?} is not in {why}");
+        let truth = rig.truth();
+        assert_eq!((truth.state, truth.fault, truth.pulsed), (State::Disabled, None, false), "{arguments:?}");
+        assert!(if exit == 2 { truth.deepest < 5 } else { truth.position < 50 }, "{arguments:?}: {truth:?}");
+    }
+    let desk = Desk::new(&rig.way());
+    let mut session = desk.session();
+    session.ask(json!({ "do": "command", "take": true })).unwrap();
+    let deep = json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 500.0 } });
+    let refused = session.ask(deep).unwrap_err();
+    assert!(refused.contains("which is left of the stroke from here"), "{refused}");
+}
+
+#[test]
+fn a_hole_that_is_bored_again_is_measured_from_its_first_surface_or_else_somebody_says_that_the_place_is_new() {
+    let rig = Rig::new();
+    let bore = |more: &[&str]| {
+        let (code, said, why) = run(&rig.way(), &[&["--json", "bore"], more].concat());
+        (code, serde_json::from_str::<Value>(&said).unwrap_or_default(), why)
+    };
+    let (code, _, why) = bore(&["--depth", "0.03", "--continue"]);
+    assert!(code == Some(2) && why.contains("no hole to continue"), "{why}");
+    let (code, first, why) = bore(&["--depth", "0.03"]);
+    assert_eq!(code, Some(0), "{why}");
+    let surface = first["surface_mm"].as_f64().unwrap();
+    assert!((surface - 2.0).abs() < 0.005, "{first}");
+    let (before, why) = (rig.truth(), bore(&["--depth", "0.03"]).2);
+    assert!(why.contains("a hole was begun: its surface is at 2.00") && why.contains(" came 0.03"), "{why}");
+    assert!(why.trim_end().ends_with("--continue, or --new-surface"), "{why}");
+    assert_eq!(rig.truth().deepest, before.deepest, "nothing has moved");
+    for depth in ["0.03", "0.04"] {
+        let (code, again, why) = bore(&["--depth", depth, "--continue"]);
+        assert_eq!((code, again["surface_mm"].as_f64()), (Some(0), Some(surface)), "{why}");
+        let deep = rig.truth().deepest - (surface * 1000.0).round() as i64;
+        let wanted = (depth.parse::<f64>().unwrap() * 1000.0).round() as i64;
+        assert!((wanted..wanted + 5).contains(&deep), "{deep} of {wanted} um: {again}");
+    }
+    // A reset of the node takes the home away, and what was measured from it.
+    let bus = rig.bus();
+    bus.send(0, &[0x81, 1]);
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(Sdo::new(&bus, 1).read(Address(0x2011, 11)).unwrap(), i32::MIN.to_le_bytes());
+    let (code, _, why) = bore(&["--depth", "0.03"]);
+    assert!(code == Some(2) && why.contains("keeps no surface of it") && why.contains("--surface MM"), "{why}");
+    rig.happen("workpiece.raised_mm", 0.2);
+    let (code, beside, why) = bore(&["--depth", "0.002", "--new-surface"]);
+    assert_eq!(code, Some(0), "{why}");
+    assert!(beside["surface_mm"].as_f64().unwrap() < surface - 0.1, "{beside}");
+}
+
+#[test]
+fn a_hole_whose_browser_or_program_was_lost_is_asked_about_and_continued() {
+    let rig = Rig::new();
+    let mut desk = Desk::new(&rig.way());
+    drop(desk.eroding());
+    retreated(&rig);
+    desk.kill();
+    let desk = Desk::new(&rig.way());
+    let mut session = desk.session();
+    session.ask(json!({ "do": "command", "take": true })).unwrap();
+    session.ask(json!({ "do": "reset", "node": 1 })).unwrap();
+    let mut hole = json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 0.5 } });
+    session.send(&json!({ "id": 99, "do": "bore", "node": 1, "hole": { "depth_mm": 0.5 } }).to_string());
+    let asks = session.until(|message| message["id"] == 99);
+    assert_eq!(asks["asks"]["begun"], true, "{asks}");
+    hole["hole"]["ground"] = "begun".into();
+    session.ask(hole).unwrap();
+    let going = session.until(|message| message["progress"]["sample"]["state"] == "eroding");
+    let place = |what: &str| going["progress"][what].as_f64().unwrap();
+    let surface = going["progress"]["sample"]["position_mm"].as_f64().unwrap() - place("depth_mm");
+    assert!((surface - 2.0).abs() < 0.005, "{going}");
+    session.ask(json!({ "do": "stop", "node": 1 })).unwrap();
+}
+
+#[test]
 fn ctrl_c_goes_up_and_disables() {
     let rig = Rig::new();
     let boring = rig::start(&rig.way(), &["--json", "bore", "--depth", "0.5"], Stdio::piped());

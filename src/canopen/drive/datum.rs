@@ -7,11 +7,17 @@
 //! An electrode that has touched the *reference*, a place that is not eroded, and touches it again after the work, goes deeper
 //! by its *wear*. A hole is as deep as the electrode has travelled since the gap was first the one to keep, less the wear since
 //! then: that gap is there at both ends of the way, and does not show.
+//!
+//! A touch in a hole that was begun finds its bottom, not the surface of the work. The host that bores keeps the surface here, with
+//! the coordinates that it means something in, so that it outlives the host.
 
 use super::{Drive, Mode, clamp32};
 use crate::canopen::objects::Item;
 use crate::head::{Guidance, Search, State, Status};
 use crate::units::Nanometres;
+
+/// No surface is kept.
+const NO_SURFACE: i32 = i32::MIN;
 
 /// See the [module](self). Positions in counts of the head.
 #[derive(Clone, Copy, Debug, Default)]
@@ -32,6 +38,8 @@ pub(super) struct Datum {
     /// The electrode has eroded since it touched the reference.
     worn: bool,
     hole: Hole,
+    /// Where a host has said that the surface of the hole under the electrode is.
+    kept: Option<i64>,
 }
 
 /// The newest hole.
@@ -60,7 +68,7 @@ impl Datum {
         }
         // Where the home is lost, nobody knows by how much the counts have shifted.
         if core::mem::replace(&mut self.homed, status.homed) && !status.homed {
-            (self.surface, self.reference, self.included) = (None, None, None);
+            (self.surface, self.reference, self.included, self.kept) = (None, None, None, None);
         }
         match (self.searches, status.search) {
             (_, Search::Runs) => (self.searches, self.surface) = (true, None),
@@ -102,7 +110,10 @@ impl Datum {
 
     /// Positions are again those of the electrode's face.
     fn compensate(&mut self, included: i64) {
-        self.offset = self.offset.saturating_add(self.wear.saturating_sub(included));
+        let more = self.wear.saturating_sub(included);
+        self.offset = self.offset.saturating_add(more);
+        // The worn face meets it as much deeper.
+        self.kept = self.kept.map(|kept| kept.saturating_add(more));
         self.included = Some(self.wear);
     }
 }
@@ -126,15 +137,22 @@ impl Drive {
 
     /// What an object of the datum reads.
     pub(super) fn datum_number(&self, item: Item) -> i64 {
-        let Datum { offset, wear, hole, .. } = &self.datum;
+        let Datum { offset, wear, hole, kept, .. } = &self.datum;
         let travel = hole.bottom.saturating_sub(hole.top);
         let number = match item {
             Item::DatumOffset => *offset,
             Item::Wear => *wear,
             Item::Travel => travel,
+            Item::KeptSurface => kept.map_or(NO_SURFACE.into(), |kept| self.told(kept).into()),
             _ => travel.saturating_sub(wear.saturating_sub(hole.wear)),
         };
         clamp32(number).into()
+    }
+
+    /// The hole under the electrode is measured from this position of a host, or from none.
+    pub(super) fn keep_surface(&mut self, position: i32) {
+        let place = i64::from(position).saturating_add(self.datum.offset);
+        self.datum.kept = (position != NO_SURFACE).then_some(place);
     }
 
     /// Whether nothing moves, and no set points come by themselves: they would mean something else from one to the next.

@@ -207,7 +207,9 @@ impl Drive {
             Item::Touched => self.told(status.touched).into(),
             Item::SearchOutcome => status.search as i64,
             Item::SearchOvershoot => status.overshoot.into(),
-            Item::DatumOffset | Item::Wear | Item::Travel | Item::HoleDepth => self.datum_number(item),
+            Item::DatumOffset | Item::Wear | Item::Travel | Item::HoleDepth | Item::KeptSurface => {
+                self.datum_number(item)
+            }
             Item::Deepest => self.told(self.value(Item::Deepest).into()).into(),
             Item::GuardedChange => self.guarded.into(),
             Item::LostFrames => self.lost.frames.into(),
@@ -293,6 +295,7 @@ impl Drive {
                 return done(self.may_search() && self.command(Command::FindSurface(reach)));
             }
             Item::SurfaceIs => return done(self.take_surface(value)),
+            Item::KeptSurface => self.keep_surface(number),
             Item::TargetVelocity => self.may_run(number != before)?,
             Item::Commission if value == 1 => return done(self.commission()),
             Item::Commission => self.end_commissioning(),

@@ -259,6 +259,7 @@ objects! {
         8 Wear: i32, ro, tx, I32, 0, "counts", live, "Wear: of the electrode, since it touched the reference first";
         9 Travel: i32, ro, tx, I32, 0, "counts", live, "Electrode travel: in the newest hole, from where the gap was first the one to keep to the farthest";
         10 HoleDepth: i32, ro, tx, I32, 0, "counts", live, "Hole depth: that less the wear that was measured since the hole was begun";
+        11 KeptSurface: i32, rw, no, I32, -2_147_483_648, "counts", live, "Kept surface: that the hole under the electrode is measured from, as a host has written it; -2147483648 none, as after homing, a lost home and a reset of the node";
     }
     0x6007 "Abort connection option code" { 0 AbortOption: i16, rw, no, (0, 3), 1, "", store, "Abort connection option code: what the loss of the host does: 0 nothing, 1 fault, 2 disables voltage, 3 quick stop"; }
     0x603F "Error code" { 0 ErrorCode: u16, ro, tx, U16, 0, "", live, "Error code"; }

@@ -42,6 +42,8 @@ pub struct Truth {
     pub fault: Option<Fault>,
     pub reacting: bool,
     pub pulses: bool,
+    /// There were pulses once.
+    pub pulsed: bool,
     pub position: i64,
     pub deepest: i64,
 }
@@ -70,7 +72,7 @@ impl Rig {
             let setup = Setup::load("default").unwrap();
             let store = Store::new(None, "node-1").unwrap();
             let mut head = Head::new(&setup, (NodeId::new(1), 1), 1, store).unwrap();
-            let (mut came, mut sent, mut deepest) = (Vec::new(), Vec::new(), 0);
+            let (mut came, mut sent, mut deepest, mut pulsed) = (Vec::new(), Vec::new(), 0, false);
             let mut due = Instant::now();
             while !ends.load(Ordering::Relaxed) {
                 // A computer that is too slow makes simulated time slower.
@@ -89,11 +91,13 @@ impl Rig {
                 came.clear();
                 let status = head.status();
                 deepest = deepest.max(status.position);
+                pulsed |= head.pulses();
                 *told.0.lock().unwrap() = Some(Truth {
                     state: status.state,
                     fault: status.fault,
                     reacting: status.reacting,
                     pulses: head.pulses(),
+                    pulsed,
                     position: status.position,
                     deepest,
                 });
