@@ -53,6 +53,8 @@ pub enum Abort {
     General = 0x0800_0000,
     /// Cannot be stored: not the signature, for instance.
     NotStored = 0x0800_0020,
+    /// Cannot be stored because the device itself does not let it, for instance so as not to wear out its memory.
+    LocalControl = 0x0800_0021,
     /// Not in the present state of the device, for instance while it is enabled.
     DeviceState = 0x0800_0022,
     /// There is nothing to read.

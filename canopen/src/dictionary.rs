@@ -238,7 +238,7 @@ pub trait Dictionary {
     /// A request that is either refused at once or taken, and then answered through [`Node::answer`](super::Node::answer).
     ///
     /// # Errors
-    /// [`Abort::DeviceState`] while enabled, or any other.
+    /// [`Abort::DeviceState`] while enabled, [`Abort::LocalControl`] when it comes too often, or any other.
     fn request(&mut self, request: Request) -> Result<(), Abort>;
 
     /// Something has happened.

@@ -384,3 +384,19 @@ fn the_friction_that_commissioning_has_felt_is_what_the_supervision_judges_by() 
         assert_ne!(expected, Settings::default().build().unwrap().head.supervise.breakaway);
     }
 }
+
+#[test]
+fn a_host_that_saves_in_a_loop_is_refused_and_one_that_waits_a_minute_is_not() {
+    let mut rig = Rig::new(|_, _| {});
+    let saved = |rig: &mut Rig| (0..1000).take_while(|_| rig.try_write(0x1010, 3, b"save").is_ok()).count();
+    assert_eq!(saved(&mut rig), 16);
+    assert_eq!(rig.try_write(0x1010, 3, b"save"), Err(0x0800_0021));
+    assert_eq!(rig.try_write(0x1011, 1, b"load"), Err(0x0800_0021), "that writes as well");
+    // A reset of the node gives none back.
+    reset(&mut rig);
+    assert_eq!(rig.try_write(0x1010, 3, b"save"), Err(0x0800_0021));
+    rig.run(61_000);
+    assert_eq!(saved(&mut rig), 1);
+    rig.run(181_000);
+    assert_eq!(saved(&mut rig), 3);
+}

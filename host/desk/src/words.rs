@@ -165,6 +165,7 @@ pub fn abort(code: u32) -> String {
         0x0609_0032 => "the value is too low",
         0x0800_0000 => "the head refuses without a reason",
         0x0800_0020 => "it cannot be stored",
+        0x0800_0021 => "the head spares its memory, which wears with every save: wait a minute, nothing was saved",
         0x0800_0022 => "not in the present state: stop or disable the head first",
         0x0800_0024 => "there is nothing to read",
         _ => return format!("abort {code:08X}h"),
@@ -236,6 +237,7 @@ mod tests {
             ValueTooLow,
             General,
             NotStored,
+            LocalControl,
             DeviceState,
             NoData,
         ] {

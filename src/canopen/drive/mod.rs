@@ -28,6 +28,7 @@ mod datum;
 mod machine;
 mod modes;
 mod probe;
+mod saves;
 mod scope;
 mod segment;
 mod state;
@@ -52,6 +53,7 @@ use datum::Datum;
 use edm_hal_shim::self_test::SelfTest;
 use heapless::Deque;
 use modes::{Mode, SetPoints};
+use saves::Saves;
 use scope::{Scope, Trigger};
 use segment::Segment;
 use state::control;
@@ -277,6 +279,8 @@ pub struct Drive {
     /// The segment that a host writes.
     segment: Segment,
     datum: Datum,
+    /// Not begun anew with the drive: the flash remembers.
+    saves: Saves,
     reason: u8,
     refusal: u8,
     refusals: u8,
@@ -336,6 +340,7 @@ impl Drive {
             appended: 0,
             segment: Segment::default(),
             datum: Datum::default(),
+            saves: Saves::new(),
             reason: 0,
             refusal: 0,
             refusals: 0,
@@ -563,6 +568,7 @@ impl Drive {
     /// Emergencies and interpolation, once a millisecond.
     pub fn poll(&mut self, now: Time, node: &mut Node) {
         self.interpolate(now);
+        self.saves.poll(now);
         self.tell(node);
     }
 

@@ -70,6 +70,9 @@ impl Dictionary for Drive {
         if closed || self.enabling || self.fresh && self.status.state != head::State::Disabled {
             return Err(Abort::DeviceState);
         }
+        if !self.saves.take() {
+            return Err(Abort::LocalControl);
+        }
         let order = match request {
             Request::Store(group) => Order::Store(group),
             Request::Restore(group) => Order::Restore(group),
