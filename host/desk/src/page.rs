@@ -27,7 +27,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use clap::Args;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::collections::{BTreeSet, VecDeque};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -72,14 +72,14 @@ impl Default for Listen {
 
 /// What a session asks for.
 #[derive(Debug, Deserialize)]
-#[serde(tag = "do", rename_all = "snake_case")]
+#[serde(rename_all = "snake_case")]
 enum Ask {
     /// The answer to a beat.
-    Beat,
+    Beat {},
     /// To command, or not to any more.
     Command { take: bool },
     /// Who is on the bus.
-    Heads,
+    Heads {},
     /// All settings of a head.
     Settings { node: u8 },
     /// Change some: all, or none.
@@ -99,9 +99,9 @@ enum Ask {
     /// The guided check of the bring-up that is under way; `again`: what is done by hand was seen before.
     Check { again: bool },
     /// The report of it.
-    Report,
+    Report {},
     /// What the scope can record.
-    Signals,
+    Signals {},
     /// A record of the scope.
     Scope { node: u8, plan: Plan },
     /// Pulses off, disable.
@@ -110,11 +110,18 @@ enum Ask {
     Reset { node: u8 },
 }
 
-#[derive(Deserialize)]
-struct Asked {
-    id: u64,
-    #[serde(flatten)]
-    ask: Ask,
+/// A request, and its id as far as it has one: `{"id": 3, "do": "stop", "node": 1}`.
+///
+/// Not by a tag of serde's: a number that waits for its tag is none any more where another package of the same build has
+/// serde_json keep all digits of numbers (`arbitrary_precision`).
+fn request(text: &str) -> (Value, Result<Ask, String>) {
+    let mut fields: Map<String, Value> = match serde_json::from_str(text) {
+        Ok(fields) => fields,
+        Err(error) => return (Value::Null, Err(error.to_string())),
+    };
+    let id = fields.remove("id").unwrap_or_default();
+    let Some(Value::String(what)) = fields.remove("do") else { return (id, Err("\"do\" must say what".into())) };
+    (id, serde_json::from_value(json!({ what: fields })).map_err(|error| error.to_string()))
 }
 
 /// What all sessions share.
@@ -336,7 +343,7 @@ impl Desk {
                 | Ask::Wish { .. }
                 | Ask::BringUp { .. }
                 | Ask::Check { .. }
-                | Ask::Report
+                | Ask::Report {}
                 | Ask::Scope { .. }
                 | Ask::Reset { .. }
         );
@@ -344,9 +351,9 @@ impl Desk {
             return Err(Failure::BadInput("another session commands, or none: take command first".into()));
         }
         match ask {
-            Ask::Beat => Ok(Value::Null),
+            Ask::Beat {} => Ok(Value::Null),
             Ask::Command { take } => self.command(session, take),
-            Ask::Heads => {
+            Ask::Heads {} => {
                 let found = find(&self.bus, &self.sheet);
                 found.iter().filter(|found| found.card.is_some()).for_each(|found| self.watch(found.node));
                 Ok(json!(found.iter().collect::<Vec<&Found>>()))
@@ -381,7 +388,7 @@ impl Desk {
                 }
                 _ => Err(Failure::BadInput("nothing is being bored".into())),
             },
-            Ask::Signals => {
+            Ask::Signals {} => {
                 let objects = self.sheet.objects().filter(|object| scope::records(object));
                 Ok(objects.map(|object| json!([object.address.to_string(), object.key])).collect())
             }
@@ -391,7 +398,7 @@ impl Desk {
             }
             Ask::BringUp { node } => self.bring_up(session, node),
             Ask::Check { again } => self.want(if again { bring_up::Wish::CheckAgain } else { bring_up::Wish::Check }),
-            Ask::Report => self.want(bring_up::Wish::End),
+            Ask::Report {} => self.want(bring_up::Wish::End),
             Ask::Stop { node } => {
                 if let Some(run) = &*lock(&self.run)
                     && run.node == node
@@ -609,9 +616,9 @@ async fn talk(desk: Arc<Desk>, mut socket: WebSocket) {
             // What a session says comes first: its answer to a beat, its STOP.
             biased;
             came = socket.recv() => match came {
-                Some(Ok(Message::Text(text))) => match serde_json::from_str::<Asked>(&text) {
-                    Ok(Asked { ask: Ask::Beat, .. }) => desk.heard(session),
-                    Ok(Asked { id, ask }) => {
+                Some(Ok(Message::Text(text))) => match request(&text) {
+                    (_, Ok(Ask::Beat {})) => desk.heard(session),
+                    (id, Ok(ask)) => {
                         let (desk, answers) = (desk.clone(), answers.clone());
                         tokio::task::spawn_blocking(move || {
                             let answer = match desk.answer(session, ask) {
@@ -625,8 +632,9 @@ async fn talk(desk: Arc<Desk>, mut socket: WebSocket) {
                             let _ = answers.blocking_send(answer.to_string());
                         });
                     }
-                    Err(error) => next = Some(json!({ "error": format!("no request: {error}") }).to_string()),
+                    (id, Err(why)) => next = Some(json!({ "id": id, "error": format!("no request: {why}") }).to_string()),
                 },
+                Some(Ok(Message::Binary(_))) => next = Some(json!({ "error": "no request: must be text" }).to_string()),
                 Some(Ok(_)) => {}
                 Some(Err(_)) | None => break,
             },

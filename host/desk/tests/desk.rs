@@ -645,6 +645,19 @@ fn nonsense_of_a_session_is_answered_and_nothing_ends() {
         session.send(text);
         session.until(|message| message["error"].as_str().is_some_and(|why| why.starts_with("no request: ")));
     }
+    // Whoever asked is answered, whatever the id is and whatever is wrong with the rest.
+    for (id, text) in [
+        (json!(1), r#"{"id":1}"#),
+        (json!(2), r#"{"do":"fly","id":2}"#),
+        (json!(3), r#"{"id":3,"do":"bore","node":1,"hole":{"depth_mm":"deep"}}"#),
+        (json!(4), r#"{"id":4,"do":"stop","node":0.5}"#),
+        (json!(5), r#"{"id":5,"do":"settings","node":[]}"#),
+        (json!("six"), r#"{"id":"six","do":["heads"]}"#),
+    ] {
+        session.send(text);
+        let answer = session.until(|message| message["id"] == id);
+        assert!(answer["error"].as_str().is_some_and(|why| why.starts_with("no request: ")), "{text}: {answer}");
+    }
     let refused = session.ask(json!({ "do": "stop", "node": 44 })).unwrap_err();
     assert!(refused.contains("node 44: nobody answers"), "{refused}");
     let hole = json!({ "do": "bore", "node": 1, "hole": { "depth_mm": -1.0 } });
