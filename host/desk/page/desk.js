@@ -13,8 +13,51 @@ const traces = {
 let socket = null;
 let me = 0, commander = null, node = null;
 let asked = new Map(), next = 1;
-let lines = [], file = null, differences = null;
+let again = 0, lines = [], file = null, differences = null;
 let surface = null, drawn = false, records = [];
+// What was measured last, and when, by the id of its place.
+const measured = new Map();
+// Places of what a head measures.
+const LIVE = ["state", "position", "depth", "gap-now", "wanted", "feed", "time", "left", "shorts", "doing",
+  "gap-volts", "gap-feed", "looks", "gap-depth", "gap-left"];
+
+// Puts what is measured now in its place. Where nothing is (null) the last value stays, grey, and says of when it is.
+function put(id, text) {
+  const place = $(id);
+  if (!place) return;
+  if (text !== null) {
+    measured.set(id, { text, at: new Date() });
+    place.textContent = text;
+  } else if (!place.classList.contains("old")) {
+    const last = measured.get(id);
+    place.textContent = last ? `${last.text}, at ${clock(last.at)}` : "-";
+  }
+  place.classList.toggle("old", text === null);
+}
+
+// Says what is no measurement.
+function tell(id, text) {
+  measured.delete(id);
+  $(id).classList.remove("old");
+  $(id).textContent = text;
+}
+
+function clock(date) {
+  return date.toLocaleTimeString("en-GB");
+}
+
+// Nothing of a head is measured any more; of all heads without a number.
+function gone(from = null) {
+  if (from === null || from === node) {
+    for (const id of LIVE.filter((id) => measured.has(id))) put(id, null);
+    for (const id of ["ladder", "shares"]) $(id).classList.add("old");
+    for (const trace of Object.values(traces)) trace.until ??= clock(new Date());
+    draw();
+  }
+  for (const place of document.querySelectorAll("[id^=now-]")) {
+    if (from === null || place.id === `now-${from}`) put(place.id, null);
+  }
+}
 
 function connect() {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
@@ -23,6 +66,7 @@ function connect() {
   socket.onclose = () => {
     lost("The program is not there, or refuses this page. A head that was boring retreats by itself.");
     commander = null;
+    gone();
     for (const { fail } of asked.values()) fail(new Error("the program is gone"));
     asked.clear();
     show();
@@ -70,8 +114,10 @@ function take(message) {
     commander = message.commander;
     show();
   } else if (message.sample) {
+    does(message.sample);
     if (message.sample.node === node) sample(message.sample);
   } else if (message.progress) {
+    does(message.progress.sample);
     if (message.progress.sample.node === node) progress(message.progress);
   } else if (message.gap) {
     if (message.gap.node === node) gap(message.gap);
@@ -84,7 +130,12 @@ function take(message) {
   } else if (message.ended) {
     ended(message.ended);
   } else if (message.gone) {
+    gone(message.gone.node);
     if (message.gone.node === node) lost(message.gone.why);
+  } else if (message.bus) {
+    // It was not there, or has come back.
+    $("lost").hidden = true;
+    scan();
   } else if (message.error) {
     say(message.error);
   }
@@ -97,7 +148,7 @@ function lost(why) {
 
 function say(text) {
   $("said").textContent = text;
-  $("doing").textContent = text;
+  tell("doing", text);
   $("up-doing").textContent = text;
 }
 
@@ -116,8 +167,9 @@ function show() {
 
 async function scan() {
   $("found").replaceChildren(item("li", "Looking ..."));
+  clearTimeout(again);
   const found = await ask({ do: "heads" }).catch((error) => lost(error.message)) ?? [];
-  const list = found.map(({ node: id, card, now, why_not }) => {
+  const list = found.map(({ node: id, card, why_not }) => {
     const line = item("li", "");
     if (!card) {
       line.append(why_not);
@@ -125,14 +177,22 @@ async function scan() {
     }
     const choose = item("button", `Node ${id}`);
     choose.onclick = () => choose_head(id, card);
-    const fault = now.fault_number ? `; ${now.fault}` : "";
-    line.append(choose, ` ${card.name}, hardware ${card.hardware}, software ${card.software}, serial number ${card.serial}: `
-      + `${now.state}, ${now.homed ? `at ${now.position_mm.toFixed(3)} mm` : "not homed"}${fault}`);
+    const place = item("span", "");
+    place.id = `now-${id}`;
+    line.append(choose, ` ${card.name}, hardware ${card.hardware}, software ${card.software}, serial number ${card.serial}: `, place);
     return line;
   });
   $("found").replaceChildren(...list.length ? list : [item("li", "Nobody answers: are the heads powered, and at this bit rate?")]);
   const heads = found.filter((one) => one.card);
+  // One that is switched on later is found without a hand.
+  if (!heads.length) again = setTimeout(scan, 3000);
+  for (const one of heads) does(one.now);
   if (heads.length && !heads.some((one) => one.node === node)) choose_head(heads[0].node, heads[0].card);
+}
+
+// What a head does, in the list of heads.
+function does({ node: id, state, homed, position_mm, fault_number, fault }) {
+  put(`now-${id}`, `${state}, ${homed ? `at ${position_mm.toFixed(3)} mm` : "not homed"}${fault_number ? `; ${fault}` : ""}`);
 }
 
 function choose_head(id, card) {
@@ -142,6 +202,10 @@ function choose_head(id, card) {
   differences = null;
   surface = null;
   $("asks").hidden = true;
+  for (const id of LIVE.filter((id) => id !== "doing")) {
+    measured.delete(id);
+    put(id, null);
+  }
   for (const id of ["left", "gap-left", "gap-depth"]) $(id).textContent = "no hole of this program";
   $("head").textContent = `node ${id}`;
   $("head").title = `${card.name}, serial number ${card.serial}`;
@@ -151,20 +215,21 @@ function choose_head(id, card) {
 }
 
 function sample(now) {
-  $("state").textContent = now.state;
+  put("state", now.state);
   $("state").dataset.state = now.state;
   $("fault").hidden = now.fault_number === 0;
   $("fault").firstElementChild.textContent = `Fault: ${now.fault}`;
-  $("position").textContent = now.homed ? `${now.position_mm.toFixed(3)} mm` : "not homed";
+  put("position", now.homed ? `${now.position_mm.toFixed(3)} mm` : "not homed");
   const depth = surface === null ? null : now.position_mm - surface;
-  $("depth").textContent = depth === null ? "surface not known" : `${depth.toFixed(3)} mm`;
-  $("gap-now").textContent = `${now.gap_v.toFixed(1)} V`;
-  $("wanted").textContent = `${now.setpoint_v.toFixed(1)} V`;
+  put("depth", depth === null ? null : `${depth.toFixed(3)} mm`);
+  put("gap-now", now.gap_v === null ? null : `${now.gap_v.toFixed(1)} V`);
+  put("wanted", `${now.setpoint_v.toFixed(1)} V`);
   $("lost").hidden = true;
-  $("feed").textContent = `${now.feed_um_s.toFixed(0)} um/s`;
-  $("shorts").textContent = now.shorts;
+  put("feed", now.feed_um_s === null ? null : `${now.feed_um_s.toFixed(0)} um/s`);
+  put("shorts", now.shorts);
   const at = performance.now();
-  traces.depth.add(at, depth ?? now.position_mm);
+  for (const trace of Object.values(traces)) trace.until = null;
+  traces.depth.add(at, depth);
   traces.gap.add(at, now.gap_v);
   traces.gap.target = now.setpoint_v;
   traces.feed.add(at, now.feed_um_s);
@@ -178,6 +243,7 @@ function draw() {
 }
 
 function progress(run) {
+  $("asks").hidden = true;
   if (run.depth_mm !== null && surface === null) {
     surface = run.sample.position_mm - run.depth_mm;
     traces.depth.clear();
@@ -185,23 +251,30 @@ function progress(run) {
   if (run.depth_mm === null) surface = null;
   sample(run.sample);
   traces.depth.target = run.depth_mm === null ? null : run.target_mm;
-  $("doing").textContent = run.depth_mm === null ? run.doing
-    : `${run.doing}: ${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`;
+  put("doing", run.said);
   $("progress").value = Math.max(0, (run.depth_mm ?? 0) / run.target_mm);
-  $("time").textContent = `${run.seconds.toFixed(0)} s`;
-  $("left").textContent = $("gap-left").textContent = run.left_s === null ? "not known" : `${run.left_s.toFixed(0)} s`;
-  $("gap-depth").textContent = run.depth_mm === null ? "surface not known"
-    : `${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`;
+  put("time", run.seconds > 0 ? `${run.seconds.toFixed(0)} s` : null);
+  for (const id of ["left", "gap-left"]) {
+    if (run.left_s !== null) put(id, `${run.left_s.toFixed(0)} s`);
+    else if (measured.has(id)) put(id, null);
+    else $(id).textContent = "not known";
+  }
+  if (run.depth_mm === null) $("gap-depth").textContent = "surface not known";
+  else put("gap-depth", run.depth_mm < 0 ? `${(-run.depth_mm).toFixed(3)} mm above the work; target ${run.target_mm} mm`
+    : `${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`);
 }
 
 function gap({ volts, quality, ladder, shares, looks, feed_um_s }) {
   if ($("gap").hidden) return;
-  $("gap-volts").textContent = volts === null ? `${quality}: it means nothing now` : `${volts.toFixed(1)} V, ${quality}`;
-  $("gap-feed").textContent = `${feed_um_s.toFixed(0)} um/s`;
+  put("gap-volts", volts === null ? null : `${volts.toFixed(1)} V, ${quality}`);
+  if (volts === null) $("gap-quality").textContent = `: ${quality}, it means nothing now`;
+  else $("gap-quality").textContent = "";
+  put("gap-feed", feed_um_s === null ? null : `${feed_um_s.toFixed(0)} um/s`);
+  for (const id of ["ladder", "shares"]) $(id).classList.remove("old");
   const most = 1.1 * Math.max(1, volts ?? 0, ...ladder.map((rung) => rung.volts ?? 0));
   $("ladder").replaceChildren(...ladder.map((rung) => bar(rung.what, rung.from, rung.volts, most, volts)));
   $("shares").replaceChildren(...shares.map((share) => bar(share.what, "", share.percent, 100, null)));
-  $("looks").textContent = looks ? `${looks} looks, one a millisecond, soon after a pulse begins: what ignites later counts as open.` : "No pulse was looked at.";
+  put("looks", looks ? `${looks} looks, one a millisecond, soon after a pulse begins: what ignites later counts as open.` : "No pulse was looked at.");
 }
 
 // A row with a value as a bar, and a line across it.
@@ -264,13 +337,14 @@ function save(id, name, type, text) {
 }
 
 function ended({ outcome, failed }) {
-  $("left").textContent = $("gap-left").textContent = "ended";
+  surface = null;
+  for (const id of ["depth", "gap-depth", "time", "left", "gap-left"]) put(id, null);
   if (outcome) {
-    $("doing").textContent = `${outcome.reached ? "Bored" : "Ended"}: ${outcome.depth_mm.toFixed(3)} of ${outcome.target_mm} mm by the electrode`
-      + ` in ${outcome.seconds.toFixed(0)} s; the hole is deeper by the gap. ${outcome.why}.`;
+    tell("doing", `${outcome.reached ? "Bored" : "Ended"}: ${outcome.depth_mm.toFixed(3)} of ${outcome.target_mm} mm by the electrode`
+      + ` in ${outcome.seconds.toFixed(0)} s; the hole is deeper by the gap. ${outcome.why}.`);
     $("progress").value = outcome.reached ? 1 : Math.max(0, outcome.depth_mm / outcome.target_mm);
   } else {
-    $("doing").textContent = failed;
+    tell("doing", failed);
   }
 }
 

@@ -11,6 +11,8 @@ export class Trace {
     this.points = [];
     this.target = null;
     this.span = MINUTE_MS;
+    // When the newest point is not of now: of when.
+    this.until = null;
     // A record is shown whole, and its time is that since its begin.
     this.record = false;
     const draw = () => this.draw();
@@ -25,7 +27,8 @@ export class Trace {
   }
 
   add(at, value) {
-    if (!Number.isFinite(value)) return;
+    // Nothing measured is a gap in the line; its time goes on.
+    if (!Number.isFinite(value)) value = null;
     const last = this.points.at(-1);
     if (last && at < last.at) this.points = [];
     this.points.push({ at, value });
@@ -54,7 +57,7 @@ export class Trace {
     g.scale(scale, scale);
     const style = getComputedStyle(canvas);
     const colour = (name) => style.getPropertyValue(name).trim();
-    const values = points.map((point) => point.value);
+    const values = points.map((point) => point.value).filter((value) => value !== null);
     if (!values.length) values.push(this.target ?? 0);
     // A short spike does not decide the scale: it is cut off.
     values.sort((a, b) => a - b);
@@ -82,8 +85,8 @@ export class Trace {
     g.textAlign = "center";
     for (let part = 0; part <= 6; part++) {
       const back = part * this.span / 6;
-      const text = this.record ? `${(this.span - back).toFixed(0)} ms` : part ? `-${(back / 1000).toFixed(0)} s` : "now";
-      g.fillText(text, Math.min(x(end - back), width - 24), height - 8);
+      const text = this.record ? `${(this.span - back).toFixed(0)} ms` : part ? `-${(back / 1000).toFixed(0)} s` : this.until ?? "now";
+      g.fillText(text, Math.min(x(end - back), width - 32), height - 8);
     }
     if (this.target !== null) {
       g.strokeStyle = colour("--target");
@@ -97,7 +100,14 @@ export class Trace {
     g.strokeStyle = colour("--trace");
     g.lineWidth = 1.5;
     g.beginPath();
-    for (const point of points) g.lineTo(x(point.at), y(point.value));
+    let after = false;
+    for (const point of points) {
+      if (point.value !== null) {
+        if (after) g.lineTo(x(point.at), y(point.value));
+        else g.moveTo(x(point.at), y(point.value));
+      }
+      after = point.value !== null;
+    }
     g.stroke();
   }
 }

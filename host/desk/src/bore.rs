@@ -20,6 +20,8 @@ use std::time::{Duration, Instant};
 pub const PERIOD: Duration = Duration::from_millis(50);
 /// Velocity of moves with pulses off, where the head allows it, mm/s.
 const TRAVEL_MM_S: f64 = 20.0;
+/// What is being done while the gap leads.
+const ERODING: &str = "eroding";
 /// Why a wait ended when nothing went wrong.
 const ON_REQUEST: &str = "ended on request";
 /// Why [`Run::alive`] ends a run that nobody commands any more: the head is left to its own retreat.
@@ -204,6 +206,8 @@ impl Wishes {
 pub struct Progress {
     /// What is being done.
     pub doing: &'static str,
+    /// The same with how far it is.
+    pub said: String,
     /// What was wanted last.
     pub wish: Wish,
     /// Depth of the electrode below the surface, mm, once that is known.
@@ -212,7 +216,7 @@ pub struct Progress {
     pub target_mm: f64,
     /// Time since pulses began, s.
     pub seconds: f64,
-    /// Time that the rest takes at the pace of the last half minute, s; nothing while there is no pace.
+    /// Time that the rest takes at the pace of the last half minute, s; nothing while there is no pace, as in a seek.
     pub left_s: Option<f64>,
     /// What the head does.
     pub sample: Sample,
@@ -342,7 +346,6 @@ impl Run<'_> {
             Err(_) => format!("{why}; it did not go up; {now}"),
         };
         let seconds = place.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
-        let micrometres = |mm: f64| (1000.0 * mm).round() / 1000.0;
         let (depth_mm, surface_mm) = (micrometres(depth_mm), micrometres(surface_mm));
         Ok(Outcome { reached, depth_mm, target_mm: self.hole.depth_mm, surface_mm, seconds, why })
     }
@@ -403,7 +406,7 @@ impl Run<'_> {
             head.set(at::ERODE, 1)?;
             head.start(target, &mut self.tick())?;
             let wish = loop {
-                let wish = self.tell("eroding", place)?;
+                let wish = self.tell(ERODING, place)?;
                 // Not of the sample: that may still be of the move before.
                 if head.status()? & status::REACHED != 0 {
                     return Ok(self.ended()?);
@@ -416,7 +419,7 @@ impl Run<'_> {
             // Pulses go off, the head holds.
             head.set(at::ERODE, 0)?;
             let mut up = false;
-            let doing = |up| if up { "waiting above the work" } else { "paused, pulses off" };
+            let doing = |up| if up { "waiting, pulses off" } else { "paused, pulses off" };
             let mut wish = wish;
             while wish != Wish::Go {
                 if wish == Wish::Back && !up {
@@ -458,16 +461,20 @@ impl Run<'_> {
             place.deepest = Some(place.deepest.unwrap_or(f64::MIN).max(sample.position_mm));
         }
         let seconds = place.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
+        // The erosion begins with a seek, and goes on with one where it was left.
+        let doing = if doing == ERODING && sample.state_number == state::SEEKING { "seeking" } else { doing };
         // In the work alone: the way to it says nothing.
         let deep = surface.zip(place.deepest).map(|(surface, deepest)| deepest - surface).filter(|deep| *deep > 0.0);
         let left_s = deep.and_then(|deep| place.pace.left(seconds, deep, self.hole.depth_mm));
+        let depth_mm = surface.map(|surface| sample.position_mm - surface);
         let progress = Progress {
             doing,
+            said: said(doing, depth_mm.filter(|_| place.began.is_some()), self.hole.depth_mm),
             wish,
-            depth_mm: surface.map(|surface| sample.position_mm - surface),
+            depth_mm,
             target_mm: self.hole.depth_mm,
             seconds,
-            left_s,
+            left_s: left_s.filter(|_| doing == ERODING),
             sample,
         };
         (self.told)(&progress);
@@ -486,9 +493,34 @@ impl Run<'_> {
     }
 }
 
+fn micrometres(mm: f64) -> f64 {
+    (1000.0 * mm).round() / 1000.0
+}
+
+/// What is being done, and how far it is.
+fn said(doing: &str, depth_mm: Option<f64>, target_mm: f64) -> String {
+    match depth_mm.map(micrometres) {
+        None => doing.into(),
+        Some(depth) if depth < 0.0 => format!("{doing}: {:.3} mm above the work", -depth),
+        Some(depth) => format!("{doing}: {:.3} of {target_mm:.3} mm", depth.abs()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_above_the_work_is_not_a_negative_depth() {
+        for (depth, text) in [
+            (None, "eroding"),
+            (Some(-0.2), "eroding: 0.200 mm above the work"),
+            (Some(-0.0004), "eroding: 0.000 of 0.030 mm"),
+            (Some(0.0301), "eroding: 0.030 of 0.030 mm"),
+        ] {
+            assert_eq!(said("eroding", depth, 0.03), text);
+        }
+    }
 
     #[test]
     fn the_time_left_is_that_of_the_last_half_minute_and_none_without_a_pace() {

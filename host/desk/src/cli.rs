@@ -643,14 +643,15 @@ fn listed(Setting { object, value }: &Setting<'_>) -> String {
 
 fn watched(now: &Sample) -> String {
     let fault = if now.fault_number == 0 { String::new() } else { format!("  {}", now.fault) };
+    let number = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.1}"));
     format!(
-        "{:8.1} s  {:16} {:9.3} mm  gap {:6.1} V (wanted {:.1} V)  feed {:7.1} um/s{fault}\n",
+        "{:8.1} s  {:16} {:9.3} mm  gap {:>6} V (wanted {:.1} V)  feed {:>7} um/s{fault}\n",
         now.at_ms as f64 / 1000.0,
         now.state,
         now.position_mm,
-        now.gap_v,
+        number(now.gap_v),
         now.setpoint_v,
-        now.feed_um_s
+        number(now.feed_um_s)
     )
 }
 
@@ -665,18 +666,10 @@ fn looked_at(check: &Check) -> String {
 }
 
 fn on_the_way(progress: &bore::Progress) -> String {
-    match progress.depth_mm {
-        Some(depth) if progress.seconds > 0.0 => format!(
-            "{:6.0} s  {}: {:.3} of {:.3} mm, gap {:.1} V{}",
-            progress.seconds,
-            progress.doing,
-            depth,
-            progress.target_mm,
-            progress.sample.gap_v,
-            progress.left_s.map_or(String::new(), |left| format!(", {left:.0} s left at this pace"))
-        ),
-        _ => format!("          {}", progress.doing),
-    }
+    let time = if progress.seconds > 0.0 { format!("{:6.0} s", progress.seconds) } else { String::new() };
+    let gap = progress.sample.gap_v.map_or(String::new(), |volts| format!(", gap {volts:.1} V"));
+    let left = progress.left_s.map_or(String::new(), |left| format!(", {left:.0} s left at this pace"));
+    format!("{time:8}  {}{gap}{left}", progress.said)
 }
 
 fn bored(outcome: &Outcome) -> String {

@@ -5,11 +5,12 @@
 
 use crate::Failure;
 use crate::head::{Head, at};
+use crate::live::LED;
 use crate::sdo::Address;
 use serde::Serialize;
 
 /// Qualities (2005h:3) of a voltage that means something: valid, at the end of the range, reversed.
-const MEASURED: [i64; 3] = [1, 3, 4];
+pub const MEASURED: [i64; 3] = [1, 3, 4];
 /// Classes of pulses: looks in 200Fh:1 to 6.
 const CLASSES: u16 = 0x200F;
 
@@ -50,8 +51,8 @@ pub struct Gap {
     pub shares: Vec<Share>,
     /// Looks at pulses behind the shares, one a millisecond.
     pub looks: u32,
-    /// Velocity along the path that the gap asks for, um/s.
-    pub feed_um_s: f64,
+    /// Velocity along the path that the gap asks for, um/s; nothing while nobody goes by it.
+    pub feed_um_s: Option<f64>,
 }
 
 impl Gap {
@@ -84,15 +85,17 @@ impl Gap {
         let looks = counts.iter().map(|(_, count)| count).sum();
         let share = |count| (looks > 0).then(|| f64::from(count) * 100.0 / f64::from(looks));
         let shares = counts.into_iter().map(|(what, count)| Share { what, percent: share(count) }).collect();
+        let state = head.whole(at::STATE)?;
+        let feed_um_s = if LED.contains(&(state as u8)) { Some(head.number(at::FEED)?) } else { None };
         Ok(Gap {
             node: head.node,
-            state: named(at::STATE, head.whole(at::STATE)?),
+            state: named(at::STATE, state),
             volts: MEASURED.contains(&quality).then_some(volts),
             quality: named(at::GAP_QUALITY, quality),
             ladder,
             shares,
             looks,
-            feed_um_s: head.number(at::FEED)?,
+            feed_um_s,
         })
     }
 
@@ -109,13 +112,13 @@ impl Gap {
             })
             .collect();
         format!(
-            "{:16} gap {:>8} ({}); {}; {}; feed {:.0} um/s\n",
+            "{:16} gap {:>8} ({}); {}; {}; feed {}\n",
             self.state,
             said(self.volts),
             self.quality,
             ladder.join(", "),
             shares.join(", "),
-            self.feed_um_s
+            self.feed_um_s.map_or("-".into(), |feed| format!("{feed:.0} um/s"))
         )
     }
 }

@@ -133,10 +133,20 @@ pub mod state {
     pub const DISABLED: u8 = 0;
     /// The guided check is under way.
     pub const COMMISSIONING: u8 = 1;
+    /// On the way to the work, with pulses.
+    pub const SEEKING: u8 = 3;
+    /// The gap leads.
+    pub const ERODING: u8 = 4;
+    /// Back from a short.
+    pub const RETREATING: u8 = 5;
     /// A fault stands.
     pub const FAULT: u8 = 8;
+    /// A host leads, by what the gap wants.
+    pub const GUIDING: u8 = 11;
     /// The encoder shows that it counts, before anything else.
     pub const PROVING: u8 = 12;
+    /// Out of the work and back, to flush.
+    pub const JUMPING: u8 = 13;
 }
 
 /// How a search for the surface stands, 2011h:3.

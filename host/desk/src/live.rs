@@ -4,7 +4,8 @@
 //! do not, or not often enough, is read.
 
 use crate::bus::{Heard, SILENCE};
-use crate::head::{Head, at, unsigned};
+use crate::gap;
+use crate::head::{Head, at, state, unsigned};
 use crate::sdo::{Address, SdoError};
 use crate::{Failure, words};
 use serde::Serialize;
@@ -14,6 +15,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Age up to which a value of process data is taken for the present one.
 const FRESH: Duration = Duration::from_millis(120);
+/// States in which the feed that the gap asks for means something.
+pub const LED: [u8; 5] = [state::SEEKING, state::ERODING, state::RETREATING, state::GUIDING, state::JUMPING];
 /// Events that are kept until somebody takes them.
 const EVENTS: usize = 256;
 
@@ -60,14 +63,14 @@ pub struct Sample {
     pub position_mm: f64,
     /// Deepest position of the present or last erosion.
     pub deepest_mm: f64,
-    /// Gap voltage after the filters.
-    pub gap_v: f64,
+    /// Gap voltage after the filters; nothing while it is not measured, as without pulses.
+    pub gap_v: Option<f64>,
     /// Gap voltage to keep.
     pub setpoint_v: f64,
     /// Open-circuit voltage.
     pub open_v: f64,
-    /// Velocity along the path that the gap asks for.
-    pub feed_um_s: f64,
+    /// Velocity along the path that the gap asks for; nothing while nobody goes by it.
+    pub feed_um_s: Option<f64>,
     /// Retreats from a short since power-on.
     pub shorts: u32,
 }
@@ -190,6 +193,9 @@ impl Live {
             self.tell(format!("{state}{why}{fault}"));
         }
         self.last = Some((state_number, fault_number));
+        let measured = gap::MEASURED.contains(&(self.number(at::GAP_QUALITY)? as i64));
+        let gap_v = if measured { Some(self.number(at::GAP)?) } else { None };
+        let feed_um_s = if LED.contains(&state_number) { Some(self.number(at::FEED)?) } else { None };
         Ok(Sample {
             at_ms: self.began.elapsed().as_millis() as u64,
             node: self.head.node,
@@ -201,10 +207,10 @@ impl Live {
             homed: self.number(at::HOMED)? != 0.0,
             position_mm: self.number(at::POSITION)? / per_mm,
             deepest_mm: self.number(at::DEEPEST)? / per_mm,
-            gap_v: self.number(at::GAP)?,
+            gap_v,
             setpoint_v: self.number(at::SETPOINT)?,
             open_v: self.number(at::OPEN)?,
-            feed_um_s: self.number(at::FEED)?,
+            feed_um_s,
             shorts: self.number(at::SHORTS)? as u32,
         })
     }

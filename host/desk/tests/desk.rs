@@ -58,7 +58,7 @@ fn a_run_is_paused_goes_back_and_on_and_is_stopped_by_whoever_watches() {
     commands.ask(json!({ "do": "wish", "wish": "pause" })).unwrap();
     rig.until(|truth| !truth.pulses && truth.state == State::HoldingPosition);
     commands.ask(json!({ "do": "wish", "wish": "back" })).unwrap();
-    commands.until(|message| message["progress"]["doing"] == "waiting above the work");
+    commands.until(|message| message["progress"]["doing"] == "waiting, pulses off");
     // 0.2 mm above the surface.
     assert!((1795..1805).contains(&rig.truth().position), "{:?}", rig.truth());
     commands.ask(json!({ "do": "wish", "wish": "go" })).unwrap();
@@ -214,6 +214,39 @@ fn a_hole_whose_browser_or_program_was_lost_is_asked_about_and_continued() {
     let surface = going["progress"]["sample"]["position_mm"].as_f64().unwrap() - place("depth_mm");
     assert!((surface - 2.0).abs() < 0.005, "{going}");
     session.ask(json!({ "do": "stop", "node": 1 })).unwrap();
+}
+
+#[test]
+fn a_head_that_seeks_says_how_far_it_is_above_the_work_and_no_time_is_left_yet() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let mut session = desk.session();
+    session.ask(json!({ "do": "command", "take": true })).unwrap();
+    session.ask(json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 0.5 } })).unwrap();
+    let seeks = session.until(|message| message["progress"]["sample"]["state"] == "seeking");
+    let progress = &seeks["progress"];
+    let said = progress["said"].as_str().unwrap();
+    assert!(said.starts_with("seeking: 0.") && said.ends_with(" mm above the work"), "{said}");
+    assert_eq!((&progress["doing"], &progress["left_s"]), (&json!("seeking"), &Value::Null));
+    let goes = session.until(|message| message["progress"]["left_s"].is_number());
+    assert!(goes["progress"]["said"].as_str().unwrap().ends_with(" of 0.500 mm"), "{goes}");
+    // In the hole a seek has a depth, and no pace of its own.
+    session.ask(json!({ "do": "wish", "wish": "back" })).unwrap();
+    session.until(|message| message["progress"]["doing"] == "waiting, pulses off");
+    session.ask(json!({ "do": "wish", "wish": "go" })).unwrap();
+    let again = session.until(|message| message["progress"]["doing"] == "seeking");
+    assert!(again["progress"]["left_s"].is_null(), "{again}");
+    session.ask(json!({ "do": "stop", "node": 1 })).unwrap();
+}
+
+#[test]
+fn a_program_that_saves_in_a_loop_is_refused_in_words() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.way());
+    let mut session = desk.session();
+    session.ask(json!({ "do": "command", "take": true })).unwrap();
+    let refused = (0..100).find_map(|_| session.ask(json!({ "do": "save", "node": 1 })).err()).unwrap();
+    assert!(refused.contains("the head spares its memory") && refused.contains("nothing was saved"), "{refused}");
 }
 
 #[test]

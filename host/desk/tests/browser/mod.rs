@@ -243,7 +243,8 @@ fn the_gap_is_seen_while_a_hole_is_bored() {
         let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
         page.view("gap");
         page.until("document.querySelectorAll('#ladder tr').length === 4");
-        assert_eq!(page.text("#gap-volts"), "no gate: it means nothing now");
+        assert_eq!(page.text("#gap-volts"), "-");
+        assert_eq!(page.text("#gap-quality").trim(), ": no gate, it means nothing now");
         assert!(page.text("#ladder").contains("not known"), "no seek has measured the open circuit");
         assert_eq!(page.text("#gap-left"), "no hole of this program");
         page.bore(0.5);
@@ -295,6 +296,80 @@ fn the_scope_records_an_erosion() {
         page.value("document.querySelector('#record [name=signals]').value = '1008'");
         page.click("#arm");
         page.until("document.querySelector('#recorded').innerText.startsWith('1008: must be an object')");
+    }
+}
+
+#[test]
+fn a_place_with_a_hole_is_asked_about_in_the_page() {
+    for (wide, dark, name) in [(1280, false, "asks-light"), (800, true, "asks-dark")] {
+        let rig = Rig::new();
+        let desk = Desk::new(&rig.way());
+        let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
+        page.bore(0.002);
+        page.until("document.querySelector('#doing').innerText.startsWith('Bored: ')");
+        assert_eq!(page.value("document.querySelector('#asks').hidden"), true);
+        let deepest = rig.truth().deepest;
+        page.click("#begin");
+        page.until("!document.querySelector('#asks').hidden");
+        let asks = page.text("#asks");
+        assert!(asks.contains("a hole was begun: its surface is at 2.00"), "{asks}");
+        assert_eq!((rig.truth().state, rig.truth().deepest), (State::Disabled, deepest), "nothing has moved");
+        page.picture(name);
+        page.value("document.querySelector('[name=depth]').value = 0.004");
+        page.click("#continue");
+        page.until("document.querySelector('#doing').innerText.includes(' of 0.004 mm by the electrode')");
+        let deep = rig.truth().deepest;
+        assert!((2004..2010).contains(&deep), "from the first surface: {deep}");
+        assert_eq!(page.value("document.querySelector('#asks').hidden"), true);
+    }
+}
+
+#[test]
+fn what_is_not_measured_now_is_grey_and_says_of_when_it_is() {
+    for (wide, dark, name) in [(1280, false, "old-light"), (800, true, "old-dark")] {
+        let mut rig = Rig::new();
+        let desk = Desk::new(&rig.way());
+        let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
+        let old = |id: &str, begins: &str| {
+            format!(
+                "document.querySelector('#{id}').classList.contains('old')
+                 && /^{begins}.*, at [0-9:]{{8}}$/.test(document.querySelector('#{id}').innerText)"
+            )
+        };
+        let live = |id: &str| format!("!document.querySelector('#{id}').classList.contains('old')");
+        page.bore(0.5);
+        for id in ["gap-now", "depth", "feed", "position", "state"] {
+            page.until(&live(id));
+        }
+        page.view("heads");
+        page.until("document.querySelector('#now-1').innerText.startsWith('eroding, at 2.')");
+        // Disabled, pulses off: neither gap nor feed nor depth are measured, and the position is.
+        page.view("run");
+        page.click("#stop");
+        page.until("document.querySelector('#state').innerText === 'disabled'");
+        for (id, begins) in [("gap-now", "[0-9.]+ V"), ("depth", "-?[0-9.]+ mm"), ("feed", "-?[0-9]+ um.s")] {
+            page.until(&old(id, begins));
+        }
+        assert_eq!(page.value(&live("position")), true);
+        page.picture(&format!("{name}-disabled"));
+        page.value("document.querySelector('[name=depth]').value = 0.5");
+        page.click("#begin");
+        page.until("!document.querySelector('#asks').hidden");
+        page.click("#continue");
+        page.until("document.querySelector('#state').innerText === 'eroding'");
+        page.until(&live("gap-now"));
+        // The bus is gone.
+        rig.pull();
+        for (id, begins) in
+            [("state", "eroding"), ("gap-now", "[0-9.]+ V"), ("position", "[0-9.]+ mm"), ("now-1", "eroding")]
+        {
+            if id == "now-1" {
+                page.picture(name);
+                page.view("heads");
+            }
+            page.until(&old(id, begins));
+        }
+        page.picture(&format!("{name}-heads"));
     }
 }
 
