@@ -9,7 +9,7 @@ use crate::head::{Card, Head, scan};
 use crate::live::{Event, Live, Sample};
 use crate::page::{self, Listen};
 use crate::scope::{self, Plan, Trigger};
-use crate::sdo::{Address, SdoError};
+use crate::sdo::SdoError;
 use crate::settings::{self, Setting};
 use crate::sheet::{Kind, Sheet};
 use clap::{Args, Parser, Subcommand};
@@ -26,6 +26,9 @@ use std::time::{Duration, Instant};
 const FAILED: u8 = 1;
 const BAD_INPUT: u8 = 2;
 
+/// The head that is meant when none is named.
+const NODE: u8 = 1;
+
 /// Time in which whoever has moved a head lets go of it before the guided check.
 const HANDS_OFF: Duration = Duration::from_secs(5);
 
@@ -40,7 +43,7 @@ struct Cli {
     command: Option<Command>,
 }
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct Common {
     /// The bus: socket://HOST:PORT (slcan), a serial port (slcan), socketcand://HOST:PORT/can0, or an interface such as can0
     #[arg(long, global = true, value_name = "BUS", default_value = "socket://127.0.0.1:3333")]
@@ -48,9 +51,9 @@ pub(crate) struct Common {
     /// Bit rate of an adapter behind slcan
     #[arg(long, global = true, value_name = "BIT/S", default_value_t = 1_000_000, value_parser = bit_rate)]
     pub bit_rate: u32,
-    /// Node-ID of the head
-    #[arg(long, global = true, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=127))]
-    pub node: u8,
+    /// Node-ID of the head: 1, of `heads` all
+    #[arg(long, global = true, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..=127))]
+    pub node: Option<u8>,
     /// Node-ID of this program's heartbeat
     #[arg(long, global = true, value_name = "ID", default_value_t = 127, value_parser = clap::value_parser!(u8).range(1..=127))]
     pub host_id: u8,
@@ -101,8 +104,8 @@ enum Command {
     Reset,
     /// Reads or writes any object of the description file, in its unit as stored
     Object {
-        /// As in docs/objects.md, 2005:1 for instance
-        address: Address,
+        /// As in docs/objects.md: 2005:1, or Gap.Voltage
+        name: String,
         /// What to write
         #[arg(allow_hyphen_values = true)]
         value: Option<String>,
@@ -161,7 +164,7 @@ struct Save {
 
 #[derive(Debug, Args)]
 struct ScopeOptions {
-    /// Addresses, as in docs/objects.md: 2005:1 6064
+    /// As in docs/objects.md: 2005:1 6064, or Gap.Voltage
     #[arg(required = true)]
     signals: Vec<String>,
     /// Time from one sample to the next
@@ -247,7 +250,7 @@ impl Cli {
         let sheet = common.sheet()?;
         let page = Command::Page(Listen::default());
         match self.command.as_ref().unwrap_or(&page) {
-            Command::Page(listen) => page::serve(listen, &common.join()?, &sheet),
+            Command::Page(listen) => page::serve(listen, common, &sheet),
             Command::Heads => common.heads(&sheet),
             Command::Settings(command) => common.settings(&sheet, command),
             Command::Watch { seconds } => {
@@ -277,7 +280,7 @@ impl Cli {
                 let end = end(*seconds);
                 let interrupted = interrupted(|| ())?;
                 let mut live = Live::new(&common.head(&sheet)?)?;
-                let began = Event::now(common.node, String::new()).unix_ms;
+                let began = Event::now(0, String::new()).unix_ms;
                 while Instant::now() < end && !interrupted() {
                     live.sample()?;
                     for event in live.events() {
@@ -297,10 +300,12 @@ impl Cli {
                 common.say(&serde_json::json!({ "stopped": what }), || format!("{what}\n"));
                 Ok(())
             }
-            Command::Object { address, value } => common.object(&sheet, *address, value.as_deref()),
+            Command::Object { name, value } => common.object(&sheet, name, value.as_deref()),
             Command::Reset => {
-                common.head(&sheet)?.reset()?;
-                common.say(&serde_json::json!({ "reset": true }), || "the fault is reset\n".into());
+                let reset = common.head(&sheet)?.reset()?;
+                common.say(&serde_json::json!({ "reset": reset }), || {
+                    if reset { "the fault is reset\n".into() } else { "there was no fault to reset\n".into() }
+                });
                 Ok(())
             }
         }
@@ -320,7 +325,7 @@ impl Common {
     }
 
     fn head(&self, sheet: &Arc<Sheet>) -> Result<Head, Failure> {
-        Head::open(&self.join()?, self.node, sheet)
+        Head::open(&self.join()?, self.node.unwrap_or(NODE), sheet)
     }
 
     fn say(&self, value: &impl Serialize, text: impl FnOnce() -> String) {
@@ -332,10 +337,9 @@ impl Common {
         }
     }
 
-    fn object(&self, sheet: &Arc<Sheet>, address: Address, value: Option<&str>) -> Result<(), Failure> {
-        let unknown =
-            || Failure::BadInput(format!("{address}: not in the description file; docs/objects.md lists all"));
-        let object = sheet.get(address).ok_or_else(unknown)?;
+    fn object(&self, sheet: &Arc<Sheet>, name: &str, value: Option<&str>) -> Result<(), Failure> {
+        let object = sheet.named(name).map_err(Failure::BadInput)?;
+        let address = object.address;
         let new = value.map(|text| object.parse(text)).transpose().map_err(Failure::BadInput)?;
         let head = self.head(sheet)?;
         if let Some(bytes) = new.and_then(|value| object.encode(&value)) {
@@ -361,11 +365,13 @@ impl Common {
 
     fn heads(&self, sheet: &Arc<Sheet>) -> Result<(), Failure> {
         let bus = self.join()?;
-        let found = find(&bus, sheet);
+        let mut found = find(&bus, sheet);
+        found.retain(|one| self.node.is_none_or(|node| node == one.node));
         if found.is_empty() {
             let way = bus.way();
+            let who = self.node.map_or("no node".into(), |node| format!("no node {node}"));
             return Err(Failure::BadInput(format!(
-                "{way}: no node answers: are they powered, at this bit rate, named (examples/name_heads.py)?"
+                "{way}: {who} answers: are they powered, at this bit rate, named (examples/name_heads.py)?"
             )));
         }
         self.say(&found, || found.iter().map(Found::text).collect());

@@ -490,11 +490,12 @@ impl Head {
         Err(Failure::Failed(format!("the head may still be on, stop it by hand: {why}{held}")))
     }
 
-    /// Resets a fault whose cause is gone.
+    /// Resets a fault whose cause is gone, and takes note of what was not in force at the start; false when there was no fault.
     ///
     /// # Errors
     /// Why the head keeps it.
-    pub fn reset(&self) -> Result<(), Failure> {
+    pub fn reset(&self) -> Result<bool, Failure> {
+        let fault = self.whole(at::FAULT)? != 0;
         let before = self.whole(at::REFUSALS)?;
         self.set(at::CONTROLWORD, 0)?;
         self.set(at::CONTROLWORD, 0x80)?;
@@ -503,7 +504,7 @@ impl Head {
             self.refused(before)?;
             if self.whole(at::STATE)? as u8 != state::FAULT {
                 self.set(at::CONTROLWORD, 0)?;
-                return Ok(());
+                return Ok(fault);
             }
             std::thread::sleep(LOOK);
         }

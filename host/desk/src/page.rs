@@ -12,7 +12,7 @@ use crate::Failure;
 use crate::bore::{self, GONE, Hole, Wish, Wishes};
 use crate::bring_up::{self, BringUp};
 use crate::bus::{Bus, SILENCE, lock};
-use crate::cli::{Found, find, say};
+use crate::cli::{Common, Found, find, say};
 use crate::gap::Gap;
 use crate::head::Head;
 use crate::live::{Event, Live};
@@ -50,6 +50,8 @@ const LOG: usize = 500;
 const WAITING: usize = 256;
 /// The shortest token.
 const TOKEN: usize = 16;
+/// Of a bus that is not there.
+const TRIED_AGAIN: &str = "tried again every second";
 /// The longest message of a session: a file of settings.
 const MESSAGE: usize = 1 << 18;
 
@@ -126,7 +128,9 @@ fn request(text: &str) -> (Value, Result<Ask, String>) {
 
 /// What all sessions share.
 struct Desk {
-    bus: Bus,
+    way: String,
+    /// The bus, or why there is none.
+    bus: Mutex<Result<Bus, String>>,
     sheet: Arc<Sheet>,
     token: Option<String>,
     /// Messages to all sessions.
@@ -142,6 +146,8 @@ struct Desk {
 /// What goes on until it has come to its end: one thing at a time.
 struct Run {
     node: u8,
+    /// The bus that it is on; one that is joined later is another.
+    bus: Bus,
     what: What,
 }
 
@@ -155,7 +161,7 @@ enum What {
 ///
 /// # Errors
 /// When it cannot listen there.
-pub fn serve(listen: &Listen, bus: &Bus, sheet: &Arc<Sheet>) -> Result<(), Failure> {
+pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Result<(), Failure> {
     let refused = |why: String| Failure::BadInput(format!("--listen {}: {why}", listen.listen));
     let token = listen.token()?;
     let addresses = std::net::ToSocketAddrs::to_socket_addrs(&listen.listen);
@@ -174,9 +180,14 @@ pub fn serve(listen: &Listen, bus: &Bus, sheet: &Arc<Sheet>) -> Result<(), Failu
             .map_err(|error| refused(format!("must be a free HOST:PORT: {error}")))?;
         let at = listener.local_addr().map_err(|error| Failure::Failed(error.to_string()))?;
         let known = token.as_ref().map_or("", |_| "?token=... (as in the file)");
-        say(&format!("The desk is at http://{at}/{known}\nbus {}\n\nCtrl-C stops it.\n", bus.way()));
+        let joined = join(common);
+        if let Err(why) = &joined {
+            eprintln!("{why}; {TRIED_AGAIN}");
+        }
+        say(&format!("The desk is at http://{at}/{known}\nbus {}\n\nCtrl-C stops it.\n", common.bus));
         let desk = Arc::new(Desk {
-            bus: bus.clone(),
+            way: common.bus.to_string(),
+            bus: Mutex::new(joined),
             sheet: sheet.clone(),
             token,
             tell: broadcast::channel(WAITING).0,
@@ -186,6 +197,8 @@ pub fn serve(listen: &Listen, bus: &Bus, sheet: &Arc<Sheet>) -> Result<(), Failu
             commander: Mutex::default(),
             run: Mutex::default(),
         });
+        let (joins, common) = (desk.clone(), common.clone());
+        thread::spawn(move || joins.stay_joined(&common));
         let app = Router::new()
             .route("/", get(|| file("text/html", include_str!("../page/index.html"))))
             .route("/desk.js", get(|| file("text/javascript", include_str!("../page/desk.js"))))
@@ -196,6 +209,11 @@ pub fn serve(listen: &Listen, bus: &Bus, sheet: &Arc<Sheet>) -> Result<(), Failu
             .with_state(desk);
         axum::serve(listener, app).await.map_err(|error| Failure::Failed(error.to_string()))
     })
+}
+
+/// The bus, or why there is none.
+fn join(common: &Common) -> Result<Bus, String> {
+    common.join().map_err(|why| why.to_string().trim_start_matches("--bus ").into())
 }
 
 impl Listen {
@@ -251,8 +269,28 @@ impl Desk {
         let _ = self.tell.send(message.to_string().into());
     }
 
+    fn bus(&self) -> Result<Bus, Failure> {
+        lock(&self.bus).clone().map_err(|why| Failure::Failed(format!("{why}; {TRIED_AGAIN}")))
+    }
+
+    /// Joins the bus when it is there later than this program, or again.
+    fn stay_joined(&self, common: &Common) {
+        loop {
+            thread::sleep(SILENCE);
+            if lock(&self.bus).as_ref().is_ok_and(|bus| !bus.lost()) {
+                continue;
+            }
+            let joined = join(common);
+            let is_there = joined.is_ok();
+            *lock(&self.bus) = joined;
+            if is_there {
+                self.tell(&json!({ "bus": self.way }));
+            }
+        }
+    }
+
     fn head(&self, node: u8) -> Result<Head, Failure> {
-        Head::open(&self.bus, node, &self.sheet)
+        Head::open(&self.bus()?, node, &self.sheet)
     }
 
     /// Who commands: a session that has not been heard for too long does not.
@@ -271,8 +309,8 @@ impl Desk {
         {
             *heard = Instant::now();
             // Whoever bores is watched by the head; this is what keeps it going.
-            if lock(&self.run).is_some() {
-                self.bus.keep_alive(SILENCE);
+            if let Some(run) = &*lock(&self.run) {
+                run.bus.keep_alive(SILENCE);
             }
         }
     }
@@ -286,7 +324,7 @@ impl Desk {
         }
     }
 
-    /// Samples and events of a head, to all sessions, for as long as the bus is there.
+    /// Samples and events of a head, to all sessions.
     fn watch(self: &Arc<Desk>, node: u8) {
         if !lock(&self.watched).insert(node) {
             return;
@@ -300,9 +338,6 @@ impl Desk {
                     desk.note(node, text.trim_start_matches(&format!("node {node}: ")).into());
                     desk.tell(&json!({ "gone": { "node": node, "why": text } }));
                     told = text;
-                }
-                if desk.bus.lost() {
-                    return;
                 }
                 thread::sleep(SILENCE);
             }
@@ -354,7 +389,7 @@ impl Desk {
             Ask::Beat {} => Ok(Value::Null),
             Ask::Command { take } => self.command(session, take),
             Ask::Heads {} => {
-                let found = find(&self.bus, &self.sheet);
+                let found = find(&self.bus()?, &self.sheet);
                 found.iter().filter(|found| found.card.is_some()).for_each(|found| self.watch(found.node));
                 Ok(json!(found.iter().collect::<Vec<&Found>>()))
             }
@@ -413,9 +448,11 @@ impl Desk {
                 Ok(json!({ "stopped": now }))
             }
             Ask::Reset { node } => {
-                self.head(node)?.reset()?;
-                self.note(node, format!("session {session} has reset the fault"));
-                Ok(Value::Null)
+                let reset = self.head(node)?.reset()?;
+                if reset {
+                    self.note(node, format!("session {session} has reset the fault"));
+                }
+                Ok(json!({ "reset": reset }))
             }
         }
     }
@@ -452,12 +489,12 @@ impl Desk {
     }
 
     /// Takes the place of what goes on.
-    fn begin(&self, node: u8, what: What) -> Result<(), Failure> {
+    fn begin(&self, head: &Head, what: What) -> Result<(), Failure> {
         let mut run = lock(&self.run);
         if run.is_some() {
             return Err(Failure::BadInput("a hole is being bored, or a head brought up: end that first".into()));
         }
-        *run = Some(Run { node, what });
+        *run = Some(Run { node: head.node, bus: head.bus.clone(), what });
         Ok(())
     }
 
@@ -483,7 +520,7 @@ impl Desk {
     fn bring_up(self: &Arc<Desk>, session: u64, node: u8) -> Result<Value, Failure> {
         let head = self.head(node)?;
         let wishes = Arc::new(bring_up::Wishes::default());
-        self.begin(node, What::BringUp(wishes.clone()))?;
+        self.begin(&head, What::BringUp(wishes.clone()))?;
         let desk = self.clone();
         thread::spawn(move || {
             desk.note(node, format!("session {session} brings it up"));
@@ -517,7 +554,7 @@ impl Desk {
         let head = self.head(node)?;
         hole.may_begin(&head)?;
         let wishes = Arc::new(Wishes::default());
-        self.begin(node, What::Hole(wishes.clone()))?;
+        self.begin(&head, What::Hole(wishes.clone()))?;
         let desk = self.clone();
         thread::spawn(move || {
             desk.note(node, format!("session {session} bores to {} mm", hole.depth_mm));
@@ -587,7 +624,7 @@ struct Welcome<'a> {
     you: u64,
     commander: Option<u64>,
     product: &'a str,
-    bus: String,
+    bus: &'a str,
     log: Vec<Event>,
     boring: Option<u8>,
 }
@@ -600,7 +637,7 @@ async fn talk(desk: Arc<Desk>, mut socket: WebSocket) {
         you: session,
         commander: desk.commander(),
         product: &desk.sheet.product,
-        bus: desk.bus.way(),
+        bus: &desk.way,
         log: lock(&desk.log).iter().cloned().collect(),
         boring: lock(&desk.run).as_ref().map(|run| run.node),
     };

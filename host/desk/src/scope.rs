@@ -103,15 +103,11 @@ impl Plan {
         }
         let mut objects = Vec::new();
         for text in &self.signals {
-            let address: Address = text.parse().map_err(|why| Failure::BadInput(format!("{text}: {why}")))?;
-            match sheet.get(address) {
-                Some(object) if records(object) => objects.push(object),
-                _ => {
-                    return refused(format!(
-                        "{text}: must be an object of the description file with a number of up to 32 bits"
-                    ));
-                }
+            let object = sheet.named(text).map_err(Failure::BadInput)?;
+            if !records(object) {
+                return refused(format!("{text}: must be an object with a number of up to 32 bits"));
             }
+            objects.push(object);
         }
         if let Some(range) = sheet.get(at::EVERY).and_then(|object| object.range)
             && !(range.0..=range.1).contains(&self.every_ms.into())

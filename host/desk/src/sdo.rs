@@ -70,7 +70,7 @@ impl Display for SdoError {
                 )
             }
             SdoError::Lost(way) => {
-                write!(f, "{way}: the way onto the bus is gone; mend it, then start this program again")
+                write!(f, "{way}: the way onto the bus is gone: look at adapter, cable and program there")
             }
             SdoError::Garbled(node, address) => {
                 write!(f, "node {node} answers {address} with what is no SDO: does another program talk to it as well?")

@@ -12,6 +12,9 @@ const OWN: &str = include_str!("../../../docs/edm-servo-head.eds");
 /// Settings of a head.
 const SETTINGS: std::ops::RangeInclusive<u16> = 0x2100..=0x21FF;
 
+/// Settings that are suggested in the place of one that is not there.
+const LIKE: usize = 4;
+
 /// Data type (CiA 301 table 44).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -292,6 +295,19 @@ impl Sheet {
         self.objects.get(&address)
     }
 
+    /// The object that somebody names: by its address, 2005:1 for instance, or by its key, in any case.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn named(&self, text: &str) -> Result<&Object, String> {
+        let by = |so: fn(&str, &str) -> bool| self.objects().find(|object| so(&object.key, text));
+        if let Some(object) = by(|key, text| key == text).or_else(|| by(str::eq_ignore_ascii_case)) {
+            return Ok(object);
+        }
+        let address: Address = text.parse().map_err(|why| format!("{text}: {why}, or a name as Gap.Voltage"))?;
+        self.get(address).ok_or_else(|| format!("{address}: not in the description file; docs/objects.md lists all"))
+    }
+
     /// Every object.
     pub fn objects(&self) -> impl Iterator<Item = &Object> {
         self.objects.values()
@@ -311,10 +327,29 @@ impl Sheet {
             if self.objects().any(|object| object.key == key && SETTINGS.contains(&object.address.0)) {
                 return format!("{key}: the head alone sets it");
             }
-            let near = |object: &&Object| std::cmp::Reverse((1e6 * strsim::jaro(&object.key, key)) as u32);
-            let like = self.settings().min_by_key(near).map_or("", |object| &object.key);
+            let named = self.like(key);
+            let like = match named.as_slice() {
+                [others @ .., last] if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+                _ => named.concat(),
+            };
             format!("{key}: no such setting, did you mean {like}? `edm-desk settings list` shows all")
         })
+    }
+
+    /// Keys of settings that may have been meant: those with the word in them, or in their text, or else the one that is spelled
+    /// like it.
+    fn like(&self, word: &str) -> Vec<&str> {
+        let low = word.to_lowercase();
+        let has = |text: &str| text.to_lowercase().contains(&low);
+        let in_key = self.settings().filter(|object| has(&object.key));
+        let in_text = self.settings().filter(|object| !has(&object.key) && has(&object.doc));
+        let with: Vec<&str> = in_key.chain(in_text).take(LIKE).map(|object| object.key.as_str()).collect();
+        // A key that is spelled out is misspelled.
+        if word.contains('.') || with.is_empty() {
+            let near = |object: &&Object| (1e6 * strsim::jaro(&object.key, word)) as u32;
+            return self.settings().max_by_key(near).map(|object| object.key.as_str()).into_iter().collect();
+        }
+        with
     }
 }
 
@@ -470,7 +505,26 @@ mod tests {
             assert!(error.contains(part), "{error}");
         }
         assert!(sheet.setting("gap.setpoint").unwrap_err().contains("did you mean gap.setpoint_v?"));
+        for (word, meant) in
+            [("friction", "servo.friction_percent"), ("setpoint", "gap.setpoint_v"), ("stroke", "axis.stroke_um")]
+        {
+            let error = sheet.setting(word).unwrap_err();
+            assert!(error.contains(meant), "{error}");
+        }
         assert_eq!(sheet.setting("commission.passed").unwrap_err(), "commission.passed: the head alone sets it");
+    }
+
+    #[test]
+    fn an_object_is_named_by_its_address_or_as_it_is_printed() {
+        let sheet = Sheet::own().unwrap();
+        for name in ["2005:1", "2005h:1", "Gap.Voltage", "gap.voltage"] {
+            assert_eq!(sheet.named(name).unwrap().address, Address(0x2005, 1), "{name}");
+        }
+        assert_eq!(sheet.named("gap.setpoint_v").unwrap().key, "gap.setpoint_v");
+        // Every name that is printed names that object, or one before it that has the same name.
+        assert!(sheet.objects().all(|object| sheet.named(&object.key).unwrap().key == object.key));
+        assert!(sheet.named("Gap.Colour").unwrap_err().contains("must be as 2005:1 or 6041, or a name"));
+        assert!(sheet.named("3000:1").unwrap_err().contains("3000h:1: not in the description file"));
     }
 
     #[test]

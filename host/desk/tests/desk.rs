@@ -104,7 +104,7 @@ fn a_program_that_is_killed_ends_in_the_heads_own_retreat() {
     let (code, heads, _) = run(&rig.way(), &["heads"]);
     assert_eq!(code, Some(0));
     assert!(heads.contains("host silent: pulses off, retrace; the program or the cable"), "{heads}");
-    assert_eq!(run(&rig.way(), &["reset"]).0, Some(0));
+    assert_eq!(run(&rig.way(), &["reset"]).1, "the fault is reset\n");
     assert_eq!(rig.truth().fault, None);
 }
 
@@ -552,6 +552,46 @@ fn a_record_of_the_scope_has_a_sample_each_millisecond_in_a_file() {
 }
 
 #[test]
+fn what_a_command_prints_or_is_asked_for_another_command_takes() {
+    let rig = Rig::with_stranger(9);
+    let ok = |arguments: &[&str]| {
+        let (code, said, why) = run(&rig.way(), arguments);
+        assert_eq!((code, why.as_str()), (Some(0), ""), "{arguments:?}");
+        said
+    };
+    assert_eq!(ok(&["reset"]), "there was no fault to reset\n");
+    assert_eq!(ok(&["--json", "reset"]), "{\"reset\":false}\n");
+    let all = ok(&["heads"]);
+    assert!(all.contains("node 1: ") && all.contains("node 9: "), "{all}");
+    let one = ok(&["--node", "1", "heads"]);
+    assert!(one.contains("node 1: ") && !one.contains("node 9"), "{one}");
+    let printed = ok(&["object", "2005:5"]);
+    let name = printed.split(" = ").next().unwrap();
+    assert_eq!(name, "Gap.Setpoint");
+    assert_eq!(ok(&["object", name]), printed);
+    assert!(ok(&["scope", name, "gap.voltage"]).starts_with("Gap.Setpoint "));
+}
+
+#[test]
+fn a_desk_that_is_started_before_its_bus_waits_for_it_and_joins_it_again() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let way = format!("socket://{port}");
+    let desk = Desk::new(&way);
+    let mut session = desk.session();
+    let none = session.ask(json!({ "do": "heads" })).unwrap_err();
+    assert!(none.contains("no bus there") && none.contains("tried again every second"), "{none}");
+    for _ in 0..2 {
+        let mut rig = Rig::at(&port.to_string());
+        session.until(|message| message["bus"] == way);
+        let found = session.ask(json!({ "do": "heads" })).unwrap();
+        assert_eq!(found[0]["now"]["state"], "disabled");
+        session.until(|message| message["sample"]["node"] == 1);
+        rig.pull();
+        session.until(|message| message["gone"]["node"] == 1);
+    }
+}
+
+#[test]
 fn two_programs_that_talk_to_one_head_do_not_disturb_each_other() {
     let rig = Rig::new();
     let programs: Vec<Bus> = (0..3).map(|_| rig.bus()).collect();
@@ -608,6 +648,8 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["settings", "import", &broken], "broken.toml: line 2: "),
         (&["settings", "compare", &absent], "absent: "),
         (&["settings", "set", "gap.setpoint_v=0"], "must be a number from 1 to 300 V"),
+        (&["--node", "5", "heads"], "no node 5 answers"),
+        (&["settings", "get", "friction"], "did you mean servo.friction_percent"),
         (&["settings", "get", "gap.setpoint"], "did you mean gap.setpoint_v?"),
         (&["bore"], "--depth <MM>"),
         (&["bore", "--depth", "nan"], "depth NaN mm: must be a number from 0.001 to 1000 mm"),
@@ -616,8 +658,8 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["bring-up", "--again"], "--check"),
         (&["bring-up", "--wait", "-1"], "must be a number from 0"),
         (&["scope"], "<SIGNALS>"),
-        (&["scope", "3000:1"], "3000:1: must be an object of the description file with a number"),
-        (&["scope", "1008"], "1008: must be an object of the description file with a number"),
+        (&["scope", "3000:1"], "3000h:1: not in the description file"),
+        (&["scope", "1008"], "1008: must be an object with a number"),
         (&["scope", "x"], "x: must be as 2005:1 or 6041"),
         (&["scope", "6064", "6064", "6064", "6064", "6064"], "5 signals: must be 1 to 4"),
         (&["scope", "6064", "--every", "0"], "0 ms from sample to sample: must be 1 to 60000 ms"),

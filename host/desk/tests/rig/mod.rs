@@ -62,6 +62,11 @@ pub struct Rig {
 
 impl Rig {
     pub fn new() -> Rig {
+        Rig::at("127.0.0.1:0")
+    }
+
+    /// Where others find its bus.
+    pub fn at(address: &str) -> Rig {
         let hub = Hub::default();
         let (seen, stop) = (Arc::new(Seen::default()), Arc::new(AtomicBool::default()));
         let mailbox = Arc::new(Mailbox::default());
@@ -107,7 +112,7 @@ impl Rig {
                 }
             }
         });
-        let listener = Listener::new(&hub, "127.0.0.1:0", || Box::new(Slcan::default()), quiet()).unwrap();
+        let listener = Listener::new(&hub, address, || Box::new(Slcan::default()), quiet()).unwrap();
         let way = format!("socket://{}", listener.address());
         let rig = Rig { listener: Some(listener), way, seen, stop, wires, _stranger: None };
         rig.until(|_| true);
