@@ -335,6 +335,18 @@ fn a_head_is_brought_up_by_hand_and_by_the_guided_check_and_the_report_tells_wha
 }
 
 #[test]
+fn the_page_about_the_desk_lists_what_a_rehearsed_bring_up_wants() {
+    let text = include_str!("../../../docs/desk.md");
+    let (before, list) = text.split_once("\nworkpiece.raised_mm=-100\n").unwrap();
+    assert!(before.ends_with("\n```") && before.contains("\ncargo desk settings set gap.average=plain\n"));
+    let said =
+        |value: f64, wire: &str| if wire.ends_with("_n") { value.to_string() } else { (value != 0.0).to_string() };
+    let wanted: Vec<String> =
+        BY_HAND.iter().map(|(wire, value, ..)| format!("{wire}={}", said(*value, wire))).collect();
+    assert!(list.lines().take(wanted.len()).eq(wanted.iter()), "{list}");
+}
+
+#[test]
 fn a_guided_check_that_fails_says_why_in_two_files() {
     let rig = Rig::new();
     rig.happen("workpiece.raised_mm", -100.0);
