@@ -10,7 +10,6 @@ use edm_servo_head::stored::LoadReport;
 /// Something worth a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[expect(clippy::large_enum_variant, reason = "one at a time, and nothing is allocated")]
 pub enum Note {
     /// The head has changed its state.
     Changed(Change),

@@ -7,14 +7,23 @@
 //!    reversed; neither does: nothing is connected, or the duty limit is too low;
 //! 2. the count grew: the encoder is right; it fell: the encoder is reversed;
 //! 3. driven back, the head stops where it began: it was at the stop;
-//! 4. with pulses on, the open gap shows its voltage with the right sign;
-//! 5. the whole stroke is driven at a slow velocity, down to the lower stop and back, and measured.
+//! 4. two pushes of different duty from rest, over half a millimetre, show the moving mass: what one has more of force than the
+//!    other, over what it has more of acceleration;
+//! 5. with pulses on, the open gap shows its voltage with the right sign;
+//! 6. the whole stroke is driven at a slow velocity, down to the lower stop and back, and measured. Half the sum of the duties
+//!    that this takes is the net weight, whatever the friction is: what it takes to begin to move, less that, is friction.
+//!
+//! Mass and net weight have to be what the settings say, within what the check itself is sure of. They are reckoned from
+//! duties with resistance and constant of the motor as set: a wrong one of these, or of the length of a count, shows as a
+//! wrong mass. What the head knows of its weight and friction from then on is what was measured
+//! ([`Settings::learnt`](crate::settings::Settings::learnt)).
 //!
 //! Every duty stays under commissioning's own limit, and every step has a time limit.
 
+use super::follow::LEAD;
 use crate::gap::{GapReading, Quality};
 use crate::servo::{Plant, Window};
-use crate::units::{CountsPerSecond, Newtons, TICK_S, Volts, larger};
+use crate::units::{CountsPerSecond, Newtons, PLAN_TICKS, TICK_S, Volts, larger};
 use core::fmt;
 
 /// Limits of commissioning.
@@ -24,6 +33,8 @@ pub struct Config {
     pub duty: f32,
     /// Counts that prove a motion.
     pub motion: i64,
+    /// Length of a push that shows the mass, counts, and the velocity, counts/s, at which it ends before that.
+    pub push: (i64, f32),
     /// Stroke expected, counts.
     pub stroke: i64,
     /// Counts by which the measured stroke may differ.
@@ -54,6 +65,31 @@ pub enum Finding {
     NoOpenCircuit,
     /// The stroke is not what the settings say; the measured one in counts.
     Stroke(i64),
+    /// The duty limit leaves too little beyond friction to measure the mass.
+    TooWeak,
+    /// `axis.mass_kg` is not the mass that was measured.
+    Mass(Contradiction),
+    /// `axis.counterbalance_n` is not the force that was measured.
+    Counterbalance(Contradiction),
+}
+
+/// What was measured where a setting says something else, in thousandths of the setting's unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Contradiction {
+    /// Measured.
+    pub measured: i32,
+    /// Least that the setting may be: the measured value less its uncertainty.
+    pub least: i32,
+    /// Most that it may be.
+    pub most: i32,
+}
+
+impl fmt::Display for Contradiction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [measured, least, most] = [self.measured, self.least, self.most].map(|milli| milli as f32 * 1e-3);
+        write!(f, "{measured:.3}, and may be set from {least:.3} to {most:.3}")
+    }
 }
 
 impl fmt::Display for Finding {
@@ -69,27 +105,115 @@ impl fmt::Display for Finding {
             Finding::GapReversed => f.write_str("the gap voltage has the wrong sign: change gap.reversed"),
             Finding::NoOpenCircuit => f.write_str("the open gap reads less than gap.open_min_v"),
             Finding::Stroke(counts) => write!(f, "the stroke measures {counts} counts, not what axis.stroke_um says"),
+            Finding::TooWeak => f.write_str(
+                "commission.duty_limit is hardly more than friction: raise it, or the mass cannot be measured",
+            ),
+            Finding::Mass(found) => write!(
+                f,
+                "axis.mass_kg measures {found}, unless axis.resistance_ohm, axis.force_constant_n_a or encoder.count_um is wrong"
+            ),
+            Finding::Counterbalance(found) => {
+                write!(f, "axis.counterbalance_n measures {found}, with axis.mass_kg as set")
+            }
         }
     }
 }
 
+/// A measured value with the most by which it may be wrong.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Weighed {
+    /// The value.
+    pub value: f32,
+    /// The most by which it may be wrong.
+    pub uncertainty: f32,
+}
+
+impl Weighed {
+    /// What is to be said of a setting that is not this.
+    fn contradicts(&self, set: f32) -> Option<Contradiction> {
+        let milli = |value: f32| (value * 1e3) as i32;
+        let Weighed { value, uncertainty } = *self;
+        // What is no number agrees with nothing.
+        let agrees = (set - value).abs() <= uncertainty;
+        let [measured, least, most] = [value, larger(value - uncertainty, 0.0), value + uncertainty].map(milli);
+        (!agrees).then_some(Contradiction { measured, least, most })
+    }
+}
+
 /// What was measured when nothing was wrong.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Report {
-    /// Duty at which the head began to move: friction and net weight.
-    pub breakaway: f32,
+    /// Moving mass, kg.
+    pub mass: Weighed,
+    /// Weight less counterbalance, N, positive toward the work.
+    pub net_weight: Weighed,
+    /// Dry friction at rest, N: what begins to move the head beside the net weight.
+    pub friction: Weighed,
     /// Open-circuit voltage.
     pub open: Volts,
     /// Stroke, counts.
     pub stroke: i64,
 }
 
-impl Report {
-    /// Dry friction: what the push to break away was more than the net weight.
-    pub fn friction(&self, plant: &Plant) -> Newtons {
-        let pushed = self.breakaway / plant.duty(Newtons(1.0));
-        Newtons(larger(pushed + plant.net_weight().0, 0.0))
+/// A push from rest, for as long as it took.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pushed {
+    duty: f32,
+    /// s, counts, and their integral, count s.
+    time: f32,
+    way: f32,
+    swept: f32,
+}
+
+impl Pushed {
+    /// Time by which the beginning of a push is known, s: the winding's L/R and two ticks are reckoned with.
+    const BEGUN_S: f32 = 0.1e-3;
+
+    /// Goes on to a place.
+    fn goes_on(&mut self, time: f32, way: f32) {
+        self.swept += 0.5 * (self.way + way) * (time - self.time);
+        (self.time, self.way) = (time, way);
+    }
+
+    /// Twice over the square of the time: a constant acceleration, counts/s^2, has this times the way; a force that is
+    /// proportional to the velocity is on average this times the integral of the way.
+    fn rate(&self) -> f32 {
+        let time = larger(self.time, TICK_S);
+        2.0 / (time * time)
+    }
+
+    fn acceleration(&self) -> f32 {
+        self.rate() * self.way
+    }
+
+    /// Duty less what the back-EMF took of it on average.
+    fn force(&self, plant: &Plant) -> f32 {
+        self.duty - plant.back_emf() * self.rate() * self.swept
+    }
+
+    /// How far the acceleration may be wrong, counts/s^2.
+    fn doubt(&self) -> f32 {
+        self.acceleration() * 2.0 * Pushed::BEGUN_S / larger(self.time, TICK_S) + self.rate()
+    }
+}
+
+/// Mean of the duties that a stroke has taken.
+#[derive(Clone, Copy, Debug, Default)]
+struct Mean {
+    sum: f32,
+    plans: f32,
+}
+
+impl Mean {
+    fn take(&mut self, duty: f32) {
+        self.sum += duty;
+        self.plans += 1.0;
+    }
+
+    fn duty(&self) -> f32 {
+        self.sum / larger(self.plans, 1.0)
     }
 }
 
@@ -99,6 +223,8 @@ enum Step {
     PushDown,
     PushUp,
     Return,
+    Settle,
+    Push,
     Gap,
     StrokeDown,
     StrokeUp,
@@ -124,6 +250,13 @@ pub struct Commissioning {
     still: u32,
     last: i64,
     lowest: i64,
+    /// Duty at which the head began to move.
+    breakaway: f32,
+    /// Pushes that show the mass, and how many are over.
+    pushes: [Pushed; 2],
+    pushed: usize,
+    /// Duties of the stroke down and of the one up.
+    strokes: [Mean; 2],
     report: Report,
 }
 
@@ -133,6 +266,17 @@ const SETTLE: u32 = ticks(0.3);
 const RAMP: u32 = ticks(2.0);
 /// Share of the motion that is looked for, behind which the head has begun to move.
 const BEGUN: i64 = 10;
+/// Time in which a push that shows the mass has to end.
+const PUSH: u32 = ticks(2.0);
+/// Most of the mass that the scatter of friction may leave in doubt: the hard push is twice what begins to move the head.
+const DOUBT: f32 = 0.2;
+/// By how much a mass may be measured wrong, beside what the times of the pushes leave open: friction that is not the same in
+/// both, and what is no friction.
+const MASS: f32 = 0.1;
+/// Share of the friction that is not the same in two pushes, nor in both directions (assumed).
+const SCATTER: f32 = 0.1;
+/// Share of the weight by which the net weight may be measured wrong (assumed).
+const WEIGHT: f32 = 0.05;
 /// Standstill that means a stop.
 const STANDSTILL: u32 = ticks(0.2);
 /// Longest stroke at the set velocity, as a multiple of the expected time.
@@ -152,15 +296,20 @@ impl Commissioning {
             still: 0,
             last: count,
             lowest: count,
-            report: Report { breakaway: 0.0, open: Volts(0.0), stroke: 0 },
+            breakaway: 0.0,
+            pushes: [Pushed::default(); 2],
+            pushed: 0,
+            strokes: [Mean::default(); 2],
+            report: Report::default(),
         }
     }
 
-    /// Goes on, `ticks` after the plan before: what to do, and the result once there is one.
+    /// Goes on, `ticks` after the plan before, with the count and the duty of now: what to do, and the result once there is one.
     pub fn plan(
         &mut self,
         config: &Config,
-        count: i64,
+        plant: &Plant,
+        (count, duty): (i64, f32),
         gap: &GapReading,
         ticks: u32,
     ) -> (Wish, Option<Result<Report, Finding>>) {
@@ -174,14 +323,16 @@ impl Commissioning {
         let wish = match self.step {
             Step::PushDown => Wish::Duty(config.duty * self.ramp()),
             Step::PushUp => Wish::Duty(-config.duty * self.ramp()),
+            Step::Push => Wish::Duty(self.pushing(config)),
             Step::Return => Wish::Duty(-config.duty),
             Step::StrokeDown => Wish::Stroke(config.velocity, window),
             Step::StrokeUp => Wish::Stroke(CountsPerSecond(-config.velocity.0), window),
             Step::Gap => Wish::Pulses,
-            Step::Rest => Wish::Duty(0.0),
+            Step::Rest | Step::Settle => Wish::Duty(0.0),
         };
-        let duty = if let Wish::Duty(duty) = wish { duty } else { 0.0 };
-        (wish, self.judge(config, moved, duty, gap))
+        self.look(config, moved, duty);
+        let wished = if let Wish::Duty(duty) = wish { duty } else { 0.0 };
+        (wish, self.judge(config, plant, moved, wished, gap))
     }
 
     /// Whether it runs a velocity loop: the strokes do.
@@ -193,7 +344,30 @@ impl Commissioning {
         (self.ticks as f32 * (1.0 / RAMP as f32)).min(1.0)
     }
 
-    fn judge(&mut self, config: &Config, moved: i64, duty: f32, gap: &GapReading) -> Option<Result<Report, Finding>> {
+    /// Duty of a push that shows the mass: all that is allowed, then halfway from there to what begins to move the head.
+    fn pushing(&self, config: &Config) -> f32 {
+        if self.pushed == 0 { config.duty } else { 0.5 * (config.duty + self.breakaway) }
+    }
+
+    /// Takes in how the head moves: in a push, and in the middle half of a stroke.
+    fn look(&mut self, config: &Config, moved: i64, duty: f32) {
+        let middle = moved > config.stroke / 4 && moved < config.stroke - config.stroke / 4;
+        let [down, up] = &mut self.strokes;
+        match self.step {
+            Step::StrokeDown if middle => down.take(duty),
+            Step::StrokeUp if middle => up.take(duty),
+            _ => {}
+        }
+    }
+
+    fn judge(
+        &mut self,
+        config: &Config,
+        plant: &Plant,
+        moved: i64,
+        duty: f32,
+        gap: &GapReading,
+    ) -> Option<Result<Report, Finding>> {
         let stroke_ticks = (config.stroke as f32 / config.velocity.0 * STROKE_PATIENCE / TICK_S) as u32;
         let stopped = self.still > STANDSTILL && self.ticks > STANDSTILL;
         match self.step {
@@ -207,11 +381,18 @@ impl Commissioning {
             }
             Step::PushDown if self.ticks > RAMP + SETTLE => self.enter(Step::PushUp),
             // The push grows on while the head gets under way.
-            Step::PushDown if moved.abs() <= config.motion / BEGUN => self.report.breakaway = duty,
+            Step::PushDown if moved.abs() <= config.motion / BEGUN => self.breakaway = duty,
             Step::PushUp if moved.abs() > config.motion => return Some(Err(Finding::MotorReversed)),
             Step::PushUp if self.ticks > RAMP + SETTLE => return Some(Err(Finding::NoMotion)),
             Step::Return if moved < -config.motion => return Some(Err(Finding::NotAtUpperStop)),
-            Step::Return if stopped => self.enter(Step::Gap),
+            Step::Return if stopped && self.pushed < self.pushes.len() => self.enter(Step::Settle),
+            Step::Return if stopped => match self.weigh(plant) {
+                Ok(()) => self.enter(Step::Gap),
+                Err(finding) => return Some(Err(finding)),
+            },
+            Step::Settle if self.ticks > SETTLE => self.enter(Step::Push),
+            Step::Push if self.ticks > PUSH => return Some(Err(Finding::NoMotion)),
+            Step::Push => self.push(config, plant, moved, duty),
             Step::Gap if self.ticks > SETTLE => {
                 self.report.open = gap.filtered;
                 match gap.quality {
@@ -228,11 +409,58 @@ impl Commissioning {
                 self.report.stroke = self.lowest.saturating_sub(moved);
                 let error = self.report.stroke.saturating_sub(config.stroke);
                 let fits = error.abs() <= config.stroke_tolerance;
-                return Some(if fits { Ok(self.report) } else { Err(Finding::Stroke(self.report.stroke)) });
+                let balanced = if fits { self.balance(plant) } else { Err(Finding::Stroke(self.report.stroke)) };
+                return Some(balanced.map(|()| self.report));
             }
             _ => {}
         }
         None
+    }
+
+    /// Goes on with a push that shows the mass, which ends with its way, or once it is fast.
+    fn push(&mut self, config: &Config, plant: &Plant, moved: i64, duty: f32) {
+        // The duty is that of the plan before, and comes into force a little later; the current follows with L/R.
+        let late = (PLAN_TICKS + LEAD) as f32 * TICK_S + plant.inductance_h / plant.resistance_ohm;
+        let time = self.ticks as f32 * TICK_S - late;
+        let Some(push) = self.pushes.get_mut(self.pushed) else { return };
+        let before = push.way;
+        if time > 0.0 {
+            push.goes_on(time, moved as f32);
+        }
+        push.duty = duty;
+        let (most, fast) = config.push;
+        if moved >= most || push.way - before > fast * PLAN_TICKS as f32 * TICK_S {
+            self.pushed += 1;
+            self.enter(Step::Return);
+        }
+    }
+
+    /// The mass by two pushes: net weight and friction were the same in both.
+    fn weigh(&mut self, plant: &Plant) -> Result<(), Finding> {
+        let [hard, soft] = &self.pushes;
+        let forced = hard.force(plant) - soft.force(plant);
+        let gained = hard.acceleration() - soft.acceleration();
+        let scatter = SCATTER * self.breakaway / forced;
+        if !(gained > 0.0 && (0.0..DOUBT).contains(&scatter)) {
+            return Err(Finding::TooWeak);
+        }
+        let value = plant.mass_kg * forced / plant.accelerating(gained);
+        let doubt = MASS + (hard.doubt() + soft.doubt()) / gained + scatter;
+        self.report.mass = Weighed { value, uncertainty: value * doubt };
+        self.report.mass.contradicts(plant.mass_kg).map_or(Ok(()), |found| Err(Finding::Mass(found)))
+    }
+
+    /// Net weight and friction by the duties of both strokes, and by what began to move the head.
+    fn balance(&mut self, plant: &Plant) -> Result<(), Finding> {
+        let per_newton = plant.duty(Newtons(1.0));
+        let [down, up] = self.strokes.map(|stroke| stroke.duty() / per_newton);
+        let value = -0.5 * (down + up);
+        let uncertainty = SCATTER * 0.5 * (down - up).abs() + WEIGHT * plant.weight().0;
+        self.report.net_weight = Weighed { value, uncertainty };
+        let friction = larger(self.breakaway / per_newton + value, 0.0);
+        self.report.friction = Weighed { value: friction, uncertainty: uncertainty + SCATTER * friction };
+        let counterbalance = Weighed { value: plant.weight().0 - value, uncertainty };
+        counterbalance.contradicts(plant.counterbalance.0).map_or(Ok(()), |found| Err(Finding::Counterbalance(found)))
     }
 
     fn enter(&mut self, step: Step) {

@@ -36,7 +36,7 @@ mod supervise;
 mod touch;
 
 pub use command::{Command, Refused};
-pub use commissioning::{Config as CommissioningConfig, Finding, Report};
+pub use commissioning::{Config as CommissioningConfig, Contradiction, Finding, Report, Weighed};
 pub use compose::{Head, Inputs};
 pub use config::{Axis, Config, Contact, Lift, Retreat, Seek, Setpoint, Structure};
 pub use ends::Config as EndsConfig;

@@ -12,7 +12,7 @@ use crate::units::{Amps, CountsPerSecond, Newtons, TICK_S, Volts, larger, smalle
 use core::f32::consts::TAU;
 
 /// Standard gravity, m/s^2.
-const GRAVITY: f32 = 9.80665;
+pub const GRAVITY: f32 = 9.80665;
 
 /// The axis as built.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,7 +11,7 @@ mod presliding;
 
 use crate::units::{larger, smaller, within};
 
-pub use axis::{AxisLoop, Gains, Plant, Tuning};
+pub use axis::{AxisLoop, GRAVITY, Gains, Plant, Tuning};
 pub use current::{CurrentGuard, CurrentLimits};
 pub use emf::{BackEmf, Drawn};
 pub use pid::{Output, Pid, PidGains};

@@ -6,11 +6,11 @@ use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::Limits;
 use crate::gap::{pulses, voltage};
 use crate::head::{
-    Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, JumpConfig, Lift, Retreat, Seek, Setpoint,
-    SupervisionLimits, TouchConfig,
+    Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, JumpConfig, Lift, Report, Retreat, Seek,
+    Setpoint, SupervisionLimits, TouchConfig,
 };
 use crate::motion::JerkLimits;
-use crate::servo::{CurrentLimits, Gains, PidGains, Plant, PreslidingConfig, Tuning};
+use crate::servo::{CurrentLimits, GRAVITY, Gains, PidGains, Plant, PreslidingConfig, Tuning};
 use crate::units::{
     ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, CountsPerSecond2, Fixed, Hertz, Micrometres, MicrometresPerSecond,
     MicrometresPerSecond2, Nanometres, Newtons, Seconds, TICK_S, Volts,
@@ -35,6 +35,9 @@ pub struct Active {
 const JUMP_S: f32 = 0.7;
 /// Rate of counts for which the edge decoder is rated, 1/s: docs/architecture.md.
 const ENCODER_RATE: f32 = 300_000.0;
+
+/// Most friction that is believed, N: the end of the range of axis.breakaway_n.
+const BREAKAWAY_MOST: f32 = 20.0;
 
 /// Servo ticks in so many milliseconds, at least one.
 pub(super) fn ticks(ms: f32) -> u32 {
@@ -123,6 +126,17 @@ impl Settings {
         let (gap, reflex) = (self.gap()?, self.reflex()?);
         let head = self.head(axis, reflex.current);
         Ok(Active { gap, reflex, off_time_ns: (off_time_ns > 0).then_some(off_time_ns), head })
+    }
+
+    /// The same with what the guided check has measured in the place of what was set: friction, and the counterbalance that
+    /// leaves the net weight.
+    pub fn learnt(&self, report: &Report) -> Settings {
+        let counterbalance = self.axis_mass * GRAVITY - report.net_weight.value;
+        Settings {
+            axis_breakaway: report.friction.value.min(BREAKAWAY_MOST),
+            axis_counterbalance: counterbalance.max(0.0),
+            ..*self
+        }
     }
 
     /// Thresholds of the reflex in converter codes and clock ticks.
@@ -353,6 +367,8 @@ impl Settings {
             commissioning: CommissioningConfig {
                 duty: self.commission_duty,
                 motion: (50.0 * axis.counts_per_um) as i64,
+                // A quarter of a shorter stroke, and no faster than half of what the edge decoder is rated for.
+                push: ((self.axis_stroke.min(2000.0) * 0.25 * axis.counts_per_um) as i64, 0.5 * ENCODER_RATE),
                 stroke: (self.axis_stroke * axis.counts_per_um) as i64,
                 stroke_tolerance: (self.axis_stroke * axis.counts_per_um * self.commission_tolerance * 0.01) as i64,
                 velocity: CountsPerSecond(self.commission_velocity * 1000.0 * axis.counts_per_um),

@@ -1,6 +1,6 @@
 //! Settings as objects: ranges, conflicts, storage.
 
-use crate::rig::Rig;
+use crate::rig::{ID, Rig};
 use edm_hal_shim::store::Loaded;
 use edm_servo_head::canopen::Dictionary;
 use edm_servo_head::canopen::objects::setting_address;
@@ -399,4 +399,39 @@ fn a_host_that_saves_in_a_loop_is_refused_and_one_that_waits_a_minute_is_not() {
     assert_eq!(saved(&mut rig), 1);
     rig.run(181_000);
     assert_eq!(saved(&mut rig), 3);
+}
+
+#[test]
+fn a_counterbalance_that_the_check_contradicts_is_named_with_what_was_measured_and_that_is_kept_with_the_settings() {
+    let mut rig = uncommissioned(0.3);
+    let (index, sub) = address("axis.counterbalance_n");
+    let check = |rig: &mut Rig| {
+        rig.write(0x2001, 3, &[1]);
+        rig.run(20);
+        rig.until(20_000, |rig| rig.machine.status().state == State::Disabled);
+        rig.run(20);
+        rig.read(0x2001, 4)
+    };
+    // The machine has 2.2 N.
+    rig.write(index, sub, &3.2f32.to_le_bytes());
+    assert_eq!(check(&mut rig), 12);
+    assert_eq!(rig.read(0x2002, 1), u32::from(index) << 8 | u32::from(sub));
+    let [measured, least, most] = [3, 4, 5].map(|sub| rig.read(0x2002, sub) as i32);
+    assert!((2150..2250).contains(&measured) && least < measured && measured < most && most < 3200, "{measured}");
+    let (passed, sub_passed) = address("commission.passed");
+    assert_eq!(rig.read(passed, sub_passed) & 0xFF, 0);
+
+    // A little off is what the check is not sure of: it passes, and the head goes by what was measured.
+    rig.write(index, sub, &2.3f32.to_le_bytes());
+    assert_eq!(check(&mut rig), 1);
+    let learnt = rig.read_real((index, sub));
+    assert!((2.15..2.25).contains(&learnt), "{learnt}");
+    rig.write(0x1010, 1, b"save");
+    rig.send(0, &[0x81, ID]);
+    rig.run(50);
+    assert_eq!((rig.read_real((index, sub)), rig.read(passed, sub_passed) & 0xFF), (learnt, 1), "after a restart");
+    assert_eq!(rig.drive.active().head.lift, {
+        let stored = Settings { axis_counterbalance: learnt, ..*rig.drive.settings() };
+        stored.build().unwrap().head.lift
+    });
 }

@@ -1,7 +1,8 @@
 //! Commissioning: what is wrong is named, and no loop is closed on a wrong sign.
 
 use crate::bench::Bench;
-use edm_servo_head::head::{Command, Fault, Finding, Refused, Report, State};
+use edm_servo_head::head::{Command, Contradiction, Fault, Finding, Refused, Report, State};
+use edm_servo_head::settings::Settings;
 
 /// Runs a check on a bench that was never commissioned, and gives its result and the largest duty it used.
 fn check(prepare: impl FnOnce(&mut Bench)) -> (Bench, Result<Report, Finding>, f64) {
@@ -29,8 +30,13 @@ fn a_head_wired_right_passes_within_the_duty_limit_and_may_be_enabled() {
     assert!(strongest <= 0.1, "{strongest}");
     assert!((report.stroke - 12_000).abs() <= 2, "{report:?}");
     assert_eq!(report.open.0, 100.0);
-    // 0.3 N of friction and 0.24 N of counterbalance surplus are 1.9 % of duty.
-    assert!((0.018..0.03).contains(&report.breakaway), "{report:?}");
+    // 0.2 kg against 2.2 N, with 0.3 N of friction, all within what the check is sure of, and closer.
+    for (weighed, truth, near) in
+        [(report.mass, 0.2, 0.02), (report.net_weight, -0.239, 0.02), (report.friction, 0.3, 0.08)]
+    {
+        let off = (weighed.value - truth).abs();
+        assert!(off < weighed.uncertainty && off < near, "{truth}: {report:?}");
+    }
     bench.command(Command::Enable);
 }
 
@@ -115,4 +121,69 @@ fn an_emergency_stop_ends_the_check() {
     bench.run(1.0);
     assert!(bench.coasts());
     assert_eq!(bench.head.commissioning_result(), None);
+}
+
+/// What a check makes of settings on the bench, which has 0.2 kg, 2.2 N of counterbalance and 0.3 N of friction.
+fn of_settings(change: impl FnOnce(&mut Settings)) -> Result<Report, Finding> {
+    let mut bench = Bench::with(|settings| {
+        settings.commissioned = false;
+        change(settings);
+    });
+    bench.surface_um = 1e6;
+    bench.run(0.1);
+    bench.command(Command::Commission);
+    bench.run_until(40.0, |bench| bench.state() != State::Commissioning);
+    bench.head.commissioning_result().unwrap()
+}
+
+#[test]
+fn settings_that_contradict_what_the_check_measures_are_refused_with_value_and_range() {
+    let holds = |found: Contradiction, truth: i32, set: i32| {
+        let Contradiction { measured, least, most } = found;
+        assert!((measured - truth).abs() < truth / 10, "{truth}: {found:?}");
+        assert!(least < measured && measured < most && !(least..=most).contains(&set), "{set}: {found:?}");
+    };
+    for counterbalance in [0.0, 1.6, 2.8, 3.2, 4.4, 14.0] {
+        match of_settings(|settings| settings.axis_counterbalance = counterbalance) {
+            Err(Finding::Counterbalance(found)) => holds(found, 2200, (counterbalance * 1e3) as i32),
+            other => panic!("{counterbalance} N: {other:?}"),
+        }
+    }
+    for mass in [0.02, 0.1, 0.3, 1.0] {
+        match of_settings(|settings| settings.axis_mass = mass) {
+            Err(Finding::Mass(found)) => holds(found, 200, (mass * 1e3) as i32),
+            other => panic!("{mass} kg: {other:?}"),
+        }
+    }
+    // They show as a mass.
+    for share in [0.5, 1.5] {
+        for change in [
+            (|settings: &mut Settings, share| settings.axis_resistance *= share) as fn(&mut Settings, f32),
+            |settings, share| settings.axis_force_constant *= share,
+        ] {
+            let found = of_settings(|settings| change(settings, share));
+            assert!(matches!(found, Err(Finding::Mass(_))), "{share}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn settings_within_what_the_check_is_sure_of_pass_and_what_it_measured_takes_their_place() {
+    for (counterbalance, breakaway) in [(2.15, 0.0), (2.25, 3.0)] {
+        let change = |settings: &mut Settings| {
+            (settings.axis_counterbalance, settings.axis_breakaway) = (counterbalance, breakaway);
+        };
+        let report = of_settings(change).unwrap();
+        let mut settings = Settings::default();
+        change(&mut settings);
+        let learnt = settings.learnt(&report);
+        assert!((learnt.axis_counterbalance - 2.2).abs() < 0.02, "{}", learnt.axis_counterbalance);
+        assert!((learnt.axis_breakaway - 0.3).abs() < 0.08, "{}", learnt.axis_breakaway);
+    }
+}
+
+#[test]
+fn a_duty_limit_that_is_hardly_more_than_friction_is_named() {
+    let found = of_settings(|settings| settings.commission_duty = 0.035);
+    assert_eq!(found, Err(Finding::TooWeak));
 }

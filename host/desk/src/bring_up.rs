@@ -13,6 +13,7 @@ use crate::head::{Card, Head, at, state};
 use crate::live::{Live, Sample};
 use crate::sdo::Address;
 use crate::words;
+use edm_servo_head::head::Contradiction;
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -251,6 +252,9 @@ struct Checked {
     gap_v: Vec<f64>,
     stroke_counts: i64,
     breakaway_n: Option<f64>,
+    counterbalance_n: Option<f64>,
+    /// What contradicts a setting.
+    contradiction: Contradiction,
 }
 
 /// From, to, V.
@@ -460,6 +464,10 @@ impl BringUp<'_> {
         } else if self.head.whole(at::REASON)? == reason::CHECK_ENDED {
             checked.result = Some(self.head.whole(at::CHECK_RESULT)? as u8);
             checked.breakaway_n = Some(self.head.setting("axis.breakaway_n")?);
+            checked.counterbalance_n = Some(self.head.setting("axis.counterbalance_n")?);
+            let [measured, least, most] = at::MEASURED.map(|address| self.head.whole(address));
+            checked.contradiction =
+                Contradiction { measured: measured? as i32, least: least? as i32, most: most? as i32 };
         } else {
             checked.why = format!("it was broken off: {}", words::reason(self.head.whole(at::REASON)? as u8));
         }
@@ -650,7 +658,7 @@ impl Checked {
     }
 
     /// The result, and what was measured.
-    fn checks(&self, limits: &Limits) -> [Check; 4] {
+    fn checks(&self, limits: &Limits) -> [Check; 5] {
         let Limits { open_min_v, stroke_mm, tolerance_mm, .. } = limits;
         let verdict = match self.result {
             Some(result::PASSED) => Verdict::Passed,
@@ -677,7 +685,7 @@ impl Checked {
         };
         let advice = match self.result {
             Some(result::PASSED) => String::new(),
-            Some(number) => words::finding_advice(number, self.stroke_counts),
+            Some(number) => words::finding_advice(number, self.stroke_counts, self.contradiction),
             None => "let the head rest at its upper stop with no workpiece below, then ask for it".into(),
         };
         let result =
@@ -690,7 +698,15 @@ impl Checked {
                 "friction that it broke away from",
                 self.breakaway_n.filter(|_| verdict == Verdict::Passed),
                 "N",
-                "told, and kept as axis.breakaway_n".into(),
+                "measured, and kept as axis.breakaway_n".into(),
+                measured,
+                "",
+            ),
+            row(
+                "counterbalance",
+                self.counterbalance_n.filter(|_| verdict == Verdict::Passed),
+                "N",
+                "measured, and kept as axis.counterbalance_n".into(),
                 measured,
                 "",
             ),

@@ -48,6 +48,8 @@ pub mod at {
     pub const CHECK: Address = Address(0x2001, 3);
     /// How that ended.
     pub const CHECK_RESULT: Address = Address(0x2001, 4);
+    /// What the guided check has measured where it contradicts a setting, the least and the most that may be set, in thousandths.
+    pub const MEASURED: [Address; 3] = [Address(0x2002, 3), Address(0x2002, 4), Address(0x2002, 5)];
     /// Where the electrode touched the work, counts.
     pub const TOUCHED: Address = Address(0x2001, 6);
     /// Which setting stands in the way of another.

@@ -4,7 +4,7 @@
 //! what to do is said here alone.
 
 use edm_servo_head::canopen::drive::{FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
-use edm_servo_head::head::{Fault, Finding};
+use edm_servo_head::head::{Contradiction, Fault, Finding};
 
 /// A word for it, and what to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,8 +103,8 @@ pub fn finding(number: u8) -> &'static str {
     FINDINGS.iter().find(|(known, _)| *known == number).map_or("a finding unknown to this program", |row| row.1)
 }
 
-/// What that means and what to do; `stroke` is what it measured, counts.
-pub fn finding_advice(number: u8, stroke: i64) -> String {
+/// What that means and what to do; `stroke` is what it measured, counts, `found` what contradicts a setting.
+pub fn finding_advice(number: u8, stroke: i64, found: Contradiction) -> String {
     let finding = match number {
         2 => Finding::NotAtRest,
         3 => Finding::NoMotion,
@@ -114,6 +114,9 @@ pub fn finding_advice(number: u8, stroke: i64) -> String {
         7 => Finding::GapReversed,
         8 => Finding::NoOpenCircuit,
         9 => Finding::Stroke(stroke),
+        10 => Finding::TooWeak,
+        11 => Finding::Mass(found),
+        12 => Finding::Counterbalance(found),
         _ => return String::new(),
     };
     finding.to_string()
@@ -201,9 +204,15 @@ mod tests {
             assert!(!refusal(number).advice.is_empty(), "{number}");
         }
         for (number, text) in FINDINGS {
-            assert!(finding(*number) == *text && !finding_advice(*number, 11_000).is_empty(), "{number}");
+            assert!(
+                finding(*number) == *text && !finding_advice(*number, 11_000, Contradiction::default()).is_empty(),
+                "{number}"
+            );
         }
-        assert!(finding_advice(9, 11_000).contains("11000 counts") && finding_advice(4, 0).contains("motor.reversed"));
+        let found = Contradiction { measured: 2200, least: 2050, most: 2350 };
+        let advice = |number| finding_advice(number, 11_000, found);
+        assert!(advice(9).contains("11000 counts") && advice(4).contains("motor.reversed"));
+        assert!(advice(12).contains("axis.counterbalance_n measures 2.200, and may be set from 2.050 to 2.350"));
         for (code, text) in edm_describe::errors() {
             assert!(emergency(code).contains(text));
         }

@@ -324,7 +324,8 @@ fn a_head_is_brought_up_by_hand_and_by_the_guided_check_and_the_report_tells_wha
         assert!((low..high).contains(&measured(what)), "{what}: {}", measured(what));
     }
     let text = ended["markdown"].as_str().unwrap();
-    for part in ["build virtual", "## 12. Generator", "Not looked at: no host sees it", "| 12.0", " N | told, and kept"]
+    for part in
+        ["build virtual", "## 12. Generator", "Not looked at: no host sees it", "| 12.0", " N | measured, and kept"]
     {
         assert!(text.contains(part), "{part}: {text}");
     }

@@ -54,6 +54,25 @@ fn parts_of_a_campaign_are_the_whole_campaign() {
     assert_eq!((parts.len(), &parts), (16, &whole));
 }
 
+/// Rows of a campaign of settings.
+fn settings(words: &[&str]) -> (Option<i32>, Vec<Value>) {
+    let folder = tempfile::tempdir().unwrap();
+    let output = run(folder.path(), &[&["faults", "--json", "f.json", "--settings"], words].concat());
+    let json: Value = serde_json::from_slice(&fs::read(folder.path().join("f.json")).unwrap()).unwrap();
+    (output.status.code(), json["rows"].as_array().unwrap().clone())
+}
+
+#[test]
+fn constants_that_are_wrong_are_refused_with_the_reason_or_press_no_harder_than_5_n() {
+    let (code, rows) = settings(&["constants", "--shard", "1/7"]);
+    assert_eq!((code, rows.len()), (Some(0), 38));
+    let (code, rows) = settings(&["constants", "--rows", "axis.counterbalance_n x 1.5"]);
+    assert_eq!((code, rows.len()), (Some(0), 21));
+    let alone = rows.iter().find(|row| row["fault"] == "axis.counterbalance_n x 1.5").unwrap();
+    let why = alone["reported"].as_str().unwrap();
+    assert!(why.starts_with("axis.counterbalance_n measures 2.2") && alone["reaction"] == "refused", "{why}");
+}
+
 #[test]
 fn a_case_that_presses_is_told_and_one_that_does_not_is_sound() {
     let folder = tempfile::tempdir().unwrap();

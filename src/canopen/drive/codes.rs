@@ -180,6 +180,9 @@ numbered! {
         Finding::GapReversed => 7 "gap leads swapped",
         Finding::NoOpenCircuit => 8 "no open-circuit voltage",
         Finding::Stroke(_) => 9 "stroke differs from the setting",
+        Finding::TooWeak => 10 "commission.duty_limit is hardly more than friction",
+        Finding::Mass(_) => 11 "mass differs from the setting",
+        Finding::Counterbalance(_) => 12 "counterbalance differs from the setting",
     }
 }
 

@@ -41,14 +41,16 @@ pub use state::State;
 #[cfg(not(target_os = "none"))]
 pub use codes::{FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
 
-use super::objects::{COUNT, Item, rows};
+use super::objects::{COUNT, Item, rows, setting_address_at};
 use super::{Device, Event, Group, NmtState, Node, PDOS, PdoDefault, Time, mapped};
 use crate::gap::pulses::CLASSES;
-use crate::head::{self, Change, Command, Fault, Finding, HomingState, PROBES, Probe, Reason, Refused, Report, Status};
+use crate::head::{
+    self, Change, Command, Contradiction, Fault, Finding, HomingState, PROBES, Probe, Reason, Refused, Report, Status,
+};
 use crate::path::AHEAD;
-use crate::settings::{Active, SettingError, Settings};
+use crate::settings::{Active, Declared, SettingError, Settings, place};
 use crate::stored::{LoadReport, StoredImage};
-use crate::units::{Fixed, Nanometres, Newtons};
+use crate::units::{Fixed, Nanometres};
 use datum::Datum;
 use edm_hal_shim::self_test::SelfTest;
 use heapless::Deque;
@@ -287,6 +289,8 @@ pub struct Drive {
     finding: u8,
     stopped_by: u8,
     wrong: Option<(u16, u8, &'static str)>,
+    /// What the guided check has measured instead.
+    contradiction: Contradiction,
     scope: Scope,
 }
 
@@ -347,6 +351,7 @@ impl Drive {
             finding: 0,
             stopped_by: 0,
             wrong: None,
+            contradiction: Contradiction::default(),
             scope: Scope::new(record),
         };
         drive.load_defaults();
@@ -531,12 +536,23 @@ impl Drive {
             Ok(_) => 1,
             Err(finding) => codes::finding(finding),
         };
+        let contradicted = match result {
+            Err(Finding::Mass(found)) => Some((const { place(Settings::KEYS, "axis.mass_kg") }, found)),
+            Err(Finding::Counterbalance(found)) => {
+                Some((const { place(Settings::KEYS, "axis.counterbalance_n") }, found))
+            }
+            _ => None,
+        };
+        if let Some((field, found)) = contradicted {
+            let (index, sub) = setting_address_at(field).unwrap_or_default();
+            self.wrong = Some((index, sub, "must be what the guided check has measured"));
+            self.contradiction = found;
+        }
     }
 
-    /// The friction that commissioning has felt is what the supervision judges by, as soon as the head is disabled.
+    /// What commissioning has measured is what lift and supervision are reckoned from, as soon as the head is disabled.
     fn learn(&mut self, report: &Report) {
-        let Newtons(axis_breakaway) = report.friction(&self.active.head.axis.plant);
-        let learnt = Settings { axis_breakaway, ..self.settings };
+        let learnt = self.settings.learnt(report);
         if let Ok(active) = learnt.build() {
             (self.settings, self.active) = (learnt, active);
             self.stale = true;

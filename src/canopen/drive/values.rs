@@ -5,7 +5,7 @@ use super::{Drive, Order, TaskTimer, clamp32, codes, probe};
 use crate::canopen::objects::{Decoded, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Written};
 use crate::gap::pulses::Class;
-use crate::head::{self, Command, Guidance};
+use crate::head::{self, Command, Contradiction, Guidance};
 use crate::path::{BESIDE_NM, Bound};
 use crate::settings::{Change, Declared, Kind, SettingError, Settings, place};
 use crate::units::{FRACTION_BITS, Volts};
@@ -144,6 +144,9 @@ impl Drive {
             Item::LateSetPoints => status.late_set_points.into(),
             Item::CheckResult => self.finding.into(),
             Item::RefusedSetting => number_of(self.wrong.map(|(index, sub, _)| (index, sub))),
+            Item::RefusedMeasured => self.contradiction.measured.into(),
+            Item::RefusedLeast => self.contradiction.least.into(),
+            Item::RefusedMost => self.contradiction.most.into(),
             Item::StoppedBy => self.stopped_by.into(),
             Item::QueueSpace => self.queue_space().into(),
             Item::QueueSegment => self.appended.saturating_sub(status.waiting.into()).into(),
@@ -401,7 +404,7 @@ impl Drive {
                     _ => (setting_address_at(field.into()), "is out of its range"),
                 };
                 let (index, sub) = address.unwrap_or((0, 0));
-                self.wrong = Some((index, sub, rule));
+                (self.wrong, self.contradiction) = (Some((index, sub, rule)), Contradiction::default());
                 return Err(Abort::Incompatible);
             }
         };
@@ -409,7 +412,7 @@ impl Drive {
         let (change, kind) = change.ok_or(Abort::NoSubIndex)?;
         if self.may_be_enabled() && !change.permits(kind, self.settings.word(field.into()).unwrap_or(word), word) {
             let (index, sub) = setting_address_at(field.into()).unwrap_or((0, 0));
-            self.wrong = Some((index, sub, change.rule()));
+            (self.wrong, self.contradiction) = (Some((index, sub, change.rule())), Contradiction::default());
             return Err(Abort::DeviceState);
         }
         if self.stale || self.configuring {
@@ -431,7 +434,7 @@ impl Drive {
         }
         self.settings = pending;
         self.active = active;
-        self.wrong = None;
+        (self.wrong, self.contradiction) = (None, Contradiction::default());
         Ok(Written::Later)
     }
 

@@ -125,6 +125,9 @@ objects! {
     0x2002 "Refused setting" {
         1 RefusedSetting: u32, ro, no, U32, 0, "", live, "Setting: index times 256 and sub-index of the one that stands in the way";
         2 RefusedRule: text, ro, no, U8, 0, "", live, "Rule: what it has to satisfy";
+        3 RefusedMeasured: i32, ro, no, I32, 0, "", live, "Measured: where the guided check has found the setting wrong, what it measured, in thousandths of the unit; else 0";
+        4 RefusedLeast: i32, ro, no, I32, 0, "", live, "Least: that it may be set to after that, in thousandths of the unit";
+        5 RefusedMost: i32, ro, no, I32, 0, "", live, "Most: that it may be set to after that, in thousandths of the unit";
     }
     0x2003 "Stop conditions" {
         1 StopTime: u32, rw, no, U32, 0, "ms", store, "Time limit: of an erosion; 0 unlimited";

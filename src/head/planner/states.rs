@@ -119,7 +119,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn run_commissioning(&mut self) -> (Motion, bool) {
         let Some(commissioning) = &mut self.commissioning else { return (Motion::Coast, false) };
         let status = &self.status;
-        let (wish, result) = commissioning.plan(&self.config.commissioning, status.position, &status.gap, self.ticks);
+        let Config { commissioning: config, axis, .. } = &self.config;
+        let seen = (status.position, status.duty);
+        let (wish, result) = commissioning.plan(config, &axis.plant, seen, &status.gap, self.ticks);
         if let Some(result) = result {
             self.adopt(Config { commissioned: result.is_ok(), ..self.config });
             self.commissioned = Some(result);

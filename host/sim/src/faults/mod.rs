@@ -6,8 +6,10 @@
 //! | `row` | a fault and what became of it, as JSON and as a table; how rows are counted |
 //! | `wires` | what is injected natively |
 //! | `trial` | one case with one seed |
+//! | `sets` | settings that are wrong, through the guided check and under faults |
 
 pub mod row;
+mod sets;
 mod trial;
 pub mod wires;
 
@@ -21,6 +23,7 @@ use crate::terminal::{Failure, say};
 use clap::Args;
 use edm_servo_head::head::Fault;
 use row::{Campaign, Row};
+use sets::Sets;
 use std::path::PathBuf;
 use trial::Seen;
 use wires::Case;
@@ -105,6 +108,10 @@ pub struct Faults {
     /// Seeds 1 to N
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub seeds: u64,
+    /// Instead of wires, settings that do not fit the machine: through the guided check, which refuses them, or under
+    /// faults that press no harder than 5 N
+    #[arg(long, value_enum)]
+    pub settings: Option<Sets>,
     /// What every campaign has.
     #[command(flatten)]
     pub options: Options,
@@ -119,6 +126,9 @@ impl Faults {
     /// # Errors
     /// When the input is refused, a run cannot be made or an output cannot be written.
     pub fn execute(&self) -> Result<bool, Failure> {
+        if let Some(sets) = self.settings {
+            return sets.execute(self);
+        }
         let cases = self.options.choose(Case::all(), Case::name).map_err(Failure::BadInput)?;
         let written = self.options.claim(COMMAND).map_err(Failure::BadInput)?;
         let setup = Setup::load("default").map_err(Failure::Failed)?;

@@ -1,7 +1,8 @@
 //! One case with one seed: a head that erodes, wires that break, what it makes of them, and whether it erodes again once they
-//! are mended.
+//! are mended. And a head with settings that may be wrong: what its guided check says of them, and, once it has passed,
+//! how hard it presses under faults.
 
-use super::wires::{BURR, BURR_MM_S, Case, Wire};
+use super::wires::{BURR, BURR_MM_S, Case, WIRES, Wire};
 use crate::contact::Approach;
 use crate::machine::Machine;
 use crate::run::Setup;
@@ -22,6 +23,10 @@ const WATCHED_S: f64 = 2.0;
 const NAMED_S: f64 = 5.0;
 /// Time for each step of the way back to eroding, s.
 const STEP_S: f64 = 5.0;
+/// Time for the guided check, s.
+const CHECK_S: f64 = 60.0;
+/// Time that a head with settings that may be wrong is watched for after its wires broke, s: a lift takes 0.3, a proof less.
+const REACTED_S: f64 = 1.2;
 /// Eroding before a wire breaks, s.
 const ERODED_S: f64 = 0.5;
 
@@ -76,6 +81,77 @@ impl Seen {
     }
 }
 
+/// What a head is at when its wires break.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum At {
+    Positioning,
+    Seeking,
+    Eroding,
+    Jumping,
+}
+
+/// What is broken in a head with settings that may be wrong: 20 ms after each other, so that the encoder is lost in the
+/// reaction to another fault.
+const BROKEN: [(At, &[&str]); 8] = [
+    (At::Eroding, &["encoder.cut"]),
+    (At::Seeking, &["encoder.cut"]),
+    (At::Positioning, &["encoder.cut"]),
+    (At::Jumping, &["encoder.cut"]),
+    (At::Eroding, &["stop.open", "encoder.cut"]),
+    (At::Eroding, &["gap.short", "encoder.cut"]),
+    (At::Eroding, &["generator.off", "encoder.cut"]),
+    (At::Eroding, &["bus.sag_v", "encoder.cut"]),
+];
+
+/// What became of settings.
+#[derive(Clone, Debug)]
+pub enum Became {
+    /// They do not fit together, or the guided check has refused them.
+    Refused(String),
+    /// It has passed: the worst of all that was broken, and what that was.
+    Accepted(Seen, String),
+}
+
+/// What becomes of settings through the front door: the guided check above no work, what it has learnt, the work put back,
+/// and then every fault of [`BROKEN`] in a bore.
+///
+/// # Errors
+/// When a machine cannot be made.
+pub fn of_settings(setup: &Setup, settings: &Settings, seed: u64) -> Result<Became, String> {
+    let settings = Settings { commissioned: false, ..*settings };
+    if let Err(error) = settings.build() {
+        return Ok(Became::Refused(error.to_string()));
+    }
+    let mut trial = Trial::with(setup, &settings, seed)?;
+    let learnt = match trial.check(&settings) {
+        Ok(learnt) => learnt,
+        Err(why) => return Ok(Became::Refused(why)),
+    };
+    let (mut all, mut worst) = (Seen::default(), String::new());
+    for (at, signals) in BROKEN {
+        let wires: Vec<&Wire> = WIRES.iter().filter(|wire| signals.contains(&wire.signal)).collect();
+        // Settings with which it does not get there are no failure: the wires break where it is.
+        let _ = trial.until_at(at);
+        for signal in signals {
+            for wire in wires.iter().filter(|wire| wire.signal == *signal) {
+                trial.breaks(wire, 0.02, 0);
+            }
+        }
+        trial.watch(REACTED_S);
+        let recovered = trial.mend(&wires);
+        let seen = std::mem::take(&mut trial.seen);
+        if seen.contact_n > all.contact_n {
+            all.contact_n = seen.contact_n;
+            worst = format!("{at:?}, {}", signals.join(", ")).to_lowercase();
+        }
+        all.named.extend(seen.named.iter().filter(|fault| !all.named.contains(fault)).collect::<Vec<_>>());
+        if recovered.is_err() {
+            trial = Trial::with(setup, &learnt, seed)?;
+        }
+    }
+    Ok(Became::Accepted(all, worst))
+}
+
 /// A head at work.
 struct Trial {
     machine: Machine,
@@ -111,13 +187,80 @@ impl Trial {
     fn new(setup: &Setup, seed: u64) -> Result<Trial, String> {
         // The virtual head's commissioning counts as passed; a fast seek shortens the campaign.
         let settings = Settings { commissioned: true, seek_velocity: 5000.0, ..setup.head };
-        let machine = Machine::new(setup.process, &settings, seed).map_err(|error| setup.refusal(error))?;
-        let mut trial =
-            Trial { machine, seen: Seen::default(), approach: Approach::default(), sum: (0.0, 0), burr: (0.0, 0.0) };
-        trial.watch(0.01);
+        let mut trial = Trial::with(setup, &settings, seed)?;
         trial.start()?;
         trial.seen = Seen::default();
         Ok(trial)
+    }
+
+    /// A head at rest at its upper stop.
+    fn with(setup: &Setup, settings: &Settings, seed: u64) -> Result<Trial, String> {
+        let machine = Machine::new(setup.process, settings, seed).map_err(|error| setup.refusal(error))?;
+        let mut trial =
+            Trial { machine, seen: Seen::default(), approach: Approach::default(), sum: (0.0, 0), burr: (0.0, 0.0) };
+        trial.watch(0.01);
+        Ok(trial)
+    }
+
+    /// The guided check above no work; the settings with what it has learnt, or what it has found.
+    fn check(&mut self, settings: &Settings) -> Result<Settings, String> {
+        // The signal is known, and can have these values.
+        let mut raise = |mm| self.machine.process.happen(BURR, Value::Number(mm)).map_err(|_| BURR.to_owned());
+        raise(-100.0)?;
+        self.command(Command::Commission)?;
+        let end = |state| matches!(state, State::Disabled | State::Fault);
+        self.until_within(CHECK_S, "ends its check", end)?;
+        self.watch(0.01);
+        let report = match self.machine.next_check() {
+            Some(Ok(report)) => report,
+            Some(Err(finding)) => return Err(finding.to_string()),
+            None => return Err(format!("check broken off: {:?}", self.machine.status().fault)),
+        };
+        let learnt = Settings { commissioned: true, ..settings.learnt(&report) };
+        let active = learnt.build().map_err(|error| error.to_string())?;
+        self.machine.configure(&active).map_err(|refused| refused.to_string())?;
+        self.machine.process.happen(BURR, Value::Number(0.0)).map_err(|_| BURR.to_owned())?;
+        self.seen = Seen::default();
+        Ok(learnt)
+    }
+
+    /// From disabled to where wires break.
+    fn until_at(&mut self, at: At) -> Result<(), String> {
+        self.make_ready()?;
+        let surface = self.machine.process.truth().first_surface_um;
+        if at == At::Positioning {
+            let down = MotionLimits { velocity: MicrometresPerSecond(20e3), ..LIFT };
+            self.command(Command::Position(nm(surface - 100.0), down))?;
+            self.watch(0.05);
+            return Ok(());
+        }
+        self.command(Command::MoveTo(nm(surface + 1000.0)))?;
+        self.command(Command::Start)?;
+        if at == At::Seeking {
+            self.until("seeks", |state| state == State::Seeking)?;
+            self.watch(0.2);
+            return Ok(());
+        }
+        self.until("erodes", |state| state == State::Eroding)?;
+        self.watch(0.2);
+        if at == At::Jumping {
+            self.command(Command::Jump)?;
+            self.watch(0.015);
+        }
+        Ok(())
+    }
+
+    /// Wires mended, fault reset, and disabled.
+    fn mend(&mut self, wires: &[&Wire]) -> Result<(), String> {
+        for wire in wires {
+            let _ = self.machine.process.happen(wire.signal, wire.sound());
+        }
+        self.watch(0.05);
+        if self.machine.status().fault.is_some() {
+            self.command(Command::ResetFault)
+        } else {
+            self.command(Command::Disable)
+        }
     }
 
     fn injected(&mut self, case: &Case, delay_s: f64) {
@@ -229,17 +372,9 @@ impl Trial {
 
     /// From disabled to eroding.
     fn start(&mut self) -> Result<(), String> {
-        self.command(Command::Enable)?;
-        self.until("is ready", |state| state == State::Ready)?;
-        // After a lost encoder it has no home. Whoever starts it again sees where it stands, and lifts it off the work: pulses
-        // begin with the voltage of an open gap.
-        let truth = self.machine.process.truth();
-        self.command(Command::SetHome(nm(truth.position_um.max(0.0))))?;
-        if truth.gap_um < CLEAR_UM {
-            self.command(Command::Position(nm(truth.surface_um - 2.0 * CLEAR_UM), LIFT))?;
-            self.until("is lifted", |state| state == State::Ready)?;
-        }
-        for command in [Command::MoveTo(nm(truth.first_surface_um + 1000.0)), Command::Start] {
+        self.make_ready()?;
+        let surface = self.machine.process.truth().first_surface_um;
+        for command in [Command::MoveTo(nm(surface + 1000.0)), Command::Start] {
             self.command(command)?;
         }
         self.until("erodes", |state| state == State::Eroding)?;
@@ -250,12 +385,31 @@ impl Trial {
         }
     }
 
+    /// From disabled to ready, clear of the work.
+    fn make_ready(&mut self) -> Result<(), String> {
+        self.command(Command::Enable)?;
+        self.until("is ready", |state| state == State::Ready)?;
+        // After a lost encoder it has no home. Whoever starts it again sees where it stands, and lifts it off the work: pulses
+        // begin with the voltage of an open gap.
+        let truth = self.machine.process.truth();
+        self.command(Command::SetHome(nm(truth.position_um.max(0.0))))?;
+        if truth.gap_um < CLEAR_UM {
+            self.command(Command::Position(nm(truth.surface_um - 2.0 * CLEAR_UM), LIFT))?;
+            self.until("is lifted", |state| state == State::Ready)?;
+        }
+        Ok(())
+    }
+
     fn command(&mut self, command: Command) -> Result<(), String> {
         self.machine.command(command).map_err(|refused| format!("{command:?} was refused: {refused}"))
     }
 
     fn until(&mut self, what: &str, wanted: impl Fn(State) -> bool) -> Result<(), String> {
-        for _ in 0..(STEP_S * f64::from(TICK_HZ)) as u32 {
+        self.until_within(STEP_S, what, wanted)
+    }
+
+    fn until_within(&mut self, seconds: f64, what: &str, wanted: impl Fn(State) -> bool) -> Result<(), String> {
+        for _ in 0..(seconds * f64::from(TICK_HZ)) as u32 {
             if wanted(self.machine.status().state) {
                 return Ok(());
             }
