@@ -29,6 +29,14 @@ pub struct Sums {
 }
 
 impl Sums {
+    /// The current code, if it has been the same in every tick since `before`: then the mean of the squares is the square of the mean.
+    pub fn only_code_since(&self, before: &Sums) -> Option<i32> {
+        let ticks = self.ticks.wrapping_sub(before.ticks).cast_signed();
+        let same = self.newest.wrapping_mul(ticks) == self.current.wrapping_sub(before.current);
+        let squares = self.squares.wrapping_sub(before.squares).cast_signed();
+        (same && self.newest.wrapping_mul(self.newest).wrapping_mul(ticks) == squares).then_some(self.newest)
+    }
+
     /// What was drawn since `before`; `amps` to a code, positive toward the work, as the duty is where `sign` is 1.
     pub fn since(&self, before: &Sums, amps: f32, sign: f32, bus: Volts, moved: i32) -> (Drawn, f32) {
         let ticks = self.ticks.wrapping_sub(before.ticks).max(1) as f32;

@@ -193,6 +193,33 @@ impl Rest {
     }
 }
 
+/// Whether the motor current follows the duty. An open wire keeps the charge of its filter, and with it one code for ever: a
+/// resting winding may give that as well, but no winding whose voltage changes.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stuck {
+    /// Current code, if it was one for a millisecond, and the current that the mean voltage of that would drive at rest, A.
+    code: Option<i32>,
+    driven: f32,
+    /// Times that this has changed without it.
+    steps: u32,
+}
+
+impl Stuck {
+    /// Codes by which the driven current has to change from one millisecond to the next.
+    const CODES: f32 = 4.0;
+    /// Times that it has to.
+    const STEPS: u32 = 20;
+
+    /// A millisecond with one code, if it was that; whether the code must have changed.
+    fn look(&mut self, code: Option<i32>, driven: f32, per_code: f32) -> bool {
+        let stands = code.is_some() && code == self.code;
+        let step = (driven - self.driven).abs() > Stuck::CODES * per_code;
+        self.steps = if stands { self.steps.saturating_add(step.into()) } else { 0 };
+        (self.code, self.driven) = (code, driven);
+        self.steps > Stuck::STEPS
+    }
+}
+
 /// What the supervision looks at and judges by.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
@@ -302,6 +329,7 @@ pub struct Supervisor {
     host: Lasting,
     current: Lasting,
     drive: Lasting,
+    stuck: Stuck,
     pulses: PulseWatch,
     classes: Pulses,
 }
@@ -333,7 +361,7 @@ impl Supervisor {
 
     /// Looks, and judges; `host_alive` tells of a life sign since the last call. Gives the most urgent new fault.
     pub fn tick(&mut self, config: &Config, now: &Measured, counters: &Counters, host_alive: bool) -> Option<Fault> {
-        let implausible = self.look(config, now, counters);
+        let (implausible, stuck) = self.look(config, now, counters);
         let limits = &config.limits;
         let follows = now.state.follows();
         let closed = now.closed;
@@ -342,7 +370,8 @@ impl Supervisor {
         let bus = closed && judged.bus.0 < limits.bus_min.0;
         let current = self.current.longer_than(limits.current_ms, judged.current.0.abs() > limits.current_max.0);
         let unmeasured = counters.drive_stands || now.bus >= ADC_FULL_SCALE;
-        let drive = self.drive.longer_than(Self::DRIVE_MS, unmeasured && now.state != State::Disabled);
+        let on = now.state != State::Disabled;
+        let drive = self.drive.longer_than(Self::DRIVE_MS, unmeasured && on) | (stuck && on);
         let doubtful = implausible && (closed || now.state == State::Proving);
         let stands = self.stands(limits, now);
         let encoder = self.contradicts(limits, closed) | (stands && !now.homes) | doubtful;
@@ -391,8 +420,8 @@ impl Supervisor {
         .find_map(|(happens, fault)| happens.then_some(fault))
     }
 
-    /// Looks at drive and encoder; whether the encoder is not to be believed.
-    fn look(&mut self, config: &Config, now: &Measured, counters: &Counters) -> bool {
+    /// Looks at drive and encoder; whether the encoder is not to be believed, and whether the motor current is stuck.
+    fn look(&mut self, config: &Config, now: &Measured, counters: &Counters) -> (bool, bool) {
         let reversed = config.encoder_reversed;
         let used = as_wired(reversed, counters.used.raw);
         let illegal = counters.used.illegal;
@@ -409,7 +438,7 @@ impl Supervisor {
                 reversed,
             });
         }
-        let Some(belief) = &mut self.belief else { return false };
+        let Some(belief) = &mut self.belief else { return (false, false) };
         let moved = used.count.wrapping_sub(belief.count).cast_signed();
         belief.count = used.count;
         belief.counts = moved != 0;
@@ -421,6 +450,8 @@ impl Supervisor {
         let sign = if config.motor_reversed { -1.0 } else { 1.0 };
         let bus = Volts(f32::from(now.bus) * config.bus_per_code.0);
         let (drawn, squares) = now.sums.since(&self.sums, sign * config.amps_per_code.0, sign, bus, moved);
+        let driven = drawn.duty * bus.0 / config.plant.resistance_ohm;
+        let stuck = self.stuck.look(now.sums.only_code_since(&self.sums), driven, config.amps_per_code.0);
         self.sums = now.sums;
         self.guard.update(&config.current, squares, drawn.over);
         self.judged.back_emf.update(&config.plant, &drawn);
@@ -432,7 +463,7 @@ impl Supervisor {
 
         let watch = counters.watch.map(|watch| as_wired(reversed, watch));
         let apart = belief.plausibility.look(used, watch, illegal).is_err();
-        apart | belief.marks.update(counters.used.mark).is_err()
+        (apart | belief.marks.update(counters.used.mark).is_err(), stuck)
     }
 
     /// An encoder that stands still while the winding generates, or the reverse, is not believed.

@@ -468,3 +468,23 @@ fn of_two_faults_the_more_urgent_is_told() {
         w.now.following = 1e4;
     });
 }
+
+#[test]
+fn a_motor_current_that_gives_one_code_while_the_duty_changes_is_lost_and_a_resting_one_is_not() {
+    // A step of a tenth of a volt is 8 mA, three codes; two tenths are six.
+    let lost_after = |volts: f64, amps: f64, codes: f64| {
+        let mut watched = Watched::new();
+        let base = watched.amps;
+        (1..=400).find_map(|ms| {
+            let up = f64::from(ms & 1);
+            watched.gave = up * volts / 48.0;
+            watched.amps = base + amps * up + 0.00269 * codes * up;
+            watched.look()
+        })
+    };
+    assert_eq!(lost_after(0.2, 0.0, 0.0), Some(Fault::DriveSignalLost));
+    assert_eq!(lost_after(0.2, 0.0, 1.0), None, "it changes, though by a single code");
+    assert_eq!(lost_after(0.2, 0.2 / 12.4, 0.0), None, "it follows");
+    assert_eq!(lost_after(0.1, 0.0, 0.0), None, "three codes may be what a winding does not show");
+    assert_eq!(lost_after(0.0, 0.0, 0.0), None, "at rest");
+}

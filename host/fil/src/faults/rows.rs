@@ -327,7 +327,8 @@ fn pins(cases: &mut Vec<Case>) {
         ("gap voltage in the pulse", (2, GATED), |_| Named(REFLEX, STANDS_US)),
         ("gap current", (2, GAP_CURRENT), |_| Named(REFLEX, STANDS_US)),
         ("motor current", (3, MOTOR_CURRENT), |line| match line {
-            Line::Open => Named(ENCODER, ON),
+            // Whichever of the two shows first: the current does not follow the duty, nor the back-EMF the encoder.
+            Line::Open => Named(&["drive signal lost", "encoder lost", "following error"], ON),
             _ => Named(&["over-current"], JUDGED_US),
         }),
         ("bus voltage", (3, BUS_VOLTAGE), |line| match line {
