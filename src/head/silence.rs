@@ -63,9 +63,11 @@ impl Silence {
         if !asked || !(FAST * axis.counts_per_um..=fastest).contains(&self.before.abs()) {
             return false;
         }
-        // What drives it is the answer to the silence; what brakes it may be why it stands.
+        // What drives it is the answer to the silence; what brakes it may be why it stands. One that is lighter than its settings
+        // say is braked harder than reckoned, but not ahead of its set point.
         let brakes = smaller((self.given + self.gained) * self.before.signum(), 0.0);
-        self.way += larger(self.before.abs() + brakes, 0.0) * ticks as f32;
+        let moves = smaller(self.before.abs() + brakes, wanted.0.abs() * TICK_S);
+        self.way += larger(moves, 0.0) * ticks as f32;
         (SILENT..=LATE).contains(&self.ticks) && self.way > WAY * larger(axis.counts_per_um, 1.0)
     }
 
@@ -85,12 +87,12 @@ mod tests {
         Settings::default().build().unwrap().head
     }
 
-    /// Looks every plan at places, counts, with a set point that goes there or stands; the plan, from 0 on, in which counts are missing.
+    /// Looks every plan at places, counts, with a set point that goes there at 50 mm/s times `wanted`; the plan, from 0 on, in which counts are missing.
     fn missing(duty: f32, wanted: f32, places: &[f32]) -> Option<usize> {
         let config = config();
         let mut silence = Silence::default();
         let duty = config.axis.gains.holding() + duty;
-        let wanted = CountsPerSecond(wanted * places[0]);
+        let wanted = CountsPerSecond((50e3 * wanted).copysign(places[0] * wanted));
         let mut looks = |place: f32| silence.look(&config, place as i64, duty, wanted, PLAN_TICKS);
         looks(0.0);
         places.iter().position(|place| looks(*place))
@@ -118,6 +120,24 @@ mod tests {
     fn a_head_that_is_braked_with_all_its_force_misses_none() {
         // 25 mm/s, and 100 m/s^2 against it.
         assert_eq!(missing(-0.7, 1.0, &[6.0, 12.0, 15.0, 16.0, 16.0, 16.0]), None);
+    }
+
+    #[test]
+    fn a_light_head_that_is_braked_with_its_set_point_misses_none() {
+        // 75 m/s^2 against it, by a duty that would brake 0.2 kg by 37 m/s^2.
+        let config = config();
+        let duty = config.axis.gains.holding() - config.axis.plant.accelerating(37e6);
+        let missing = |wanted: [f32; 7]| {
+            let mut silence = Silence::default();
+            let looks = [0, 17, 28, 31, 31, 31, 31].into_iter().zip(wanted);
+            looks
+                .filter(|(count, wanted)| {
+                    silence.look(&config, *count, duty, CountsPerSecond(wanted * 1e3), PLAN_TICKS)
+                })
+                .count()
+        };
+        assert_eq!(missing([70.0, 55.0, 36.0, 17.0, 5.0, 1.0, 0.5]), 0);
+        assert!(missing([50.0; 7]) > 0, "the set point goes on");
     }
 
     #[test]

@@ -97,6 +97,9 @@ impl Breakaway {
     const REST: f32 = 0.01;
     /// Times its friction, for the same.
     const REST_FRICTIONS: f32 = 1.33 * 2.0;
+    /// Slowest velocity, counts/s, of a head that is seen to move though it is where it was a millisecond ago: two different lines
+    /// within half of it. An encoder that counts no more has shown its newest line, and one that trembles shows none.
+    const TURNS: f32 = 2000.0;
     /// Counts that a film has to let it go before that can be seen: two, and half as many again.
     const SEEN: f32 = 3.0;
 
@@ -142,23 +145,26 @@ impl Lasting {
 /// How a head that is pushed beyond its friction would move, as long as it is not seen to.
 #[derive(Clone, Copy, Debug, Default)]
 struct Standing {
-    /// Duty beyond the friction times ms.
+    /// Duty beyond the friction times ms, positive toward the work.
     impulse: f32,
     /// Counts that the mass has gone under it.
     way: f32,
 }
 
 impl Standing {
-    /// A millisecond under so much duty beyond the friction; whether the head must have been seen to move.
+    /// A millisecond under so much duty beyond the friction, toward the work or away from it; whether the head must have been seen
+    /// to move.
     fn is_too_long(&mut self, breakaway: &Breakaway, beyond: f32, moves: bool) -> bool {
-        if moves || beyond <= 0.0 {
+        // One that is pushed back comes to rest, and begins anew.
+        if moves || beyond == 0.0 || beyond * self.impulse < 0.0 {
             *self = Standing::default();
-        } else {
+        }
+        if !moves {
             // What is pushed with now may have begun just now.
             self.way += self.impulse * breakaway.acceleration;
             self.impulse += beyond;
         }
-        self.way > Breakaway::WAY && self.impulse > breakaway.film
+        self.way.abs() > Breakaway::WAY && self.impulse.abs() > breakaway.film
     }
 }
 
@@ -189,7 +195,7 @@ impl Rest {
         // It may have come to rest in a film, which takes a force as long as it goes at all, and the more in the beginning.
         let creeps = Self::SLOWS * breakaway.film / self.ms;
         let beyond = turned - Breakaway::REST_FRICTIONS * breakaway.friction - Breakaway::REST - creeps;
-        self.standing.is_too_long(breakaway, beyond, !rests)
+        self.standing.is_too_long(breakaway, larger(beyond, 0.0), !rests)
     }
 }
 
@@ -479,7 +485,9 @@ impl Supervisor {
     /// drives up, perhaps onto the stop: there it may push.
     fn stands(&mut self, limits: &Limits, now: &Measured) -> bool {
         let breakaway = &limits.breakaway;
-        let still = self.belief.as_ref().is_some_and(|belief| !belief.moves);
+        // One that turns round may be where it was, but its edges tell.
+        let turns = now.velocity.0.abs() >= Breakaway::TURNS;
+        let still = !turns && self.belief.as_ref().is_some_and(|belief| !belief.moves);
         // Commissioning drives from stop to stop.
         let loops = now.closed && now.state != State::Commissioning && (now.state != State::Fault || now.free);
         let more = now.duty - self.needed;
@@ -490,7 +498,7 @@ impl Supervisor {
         let pushed = push > breakaway.push && following > larger(breakaway.tremble, 0.5 * breakaway.following);
         let along = |duty: f32| duty.copysign(duty * now.following) > breakaway.friction;
         let follows = following > breakaway.following && along(more) && along(beyond);
-        let push = if loops { push - breakaway.friction } else { 0.0 };
+        let push = if loops { larger(push - breakaway.friction, 0.0).copysign(beyond) } else { 0.0 };
         let silent = self.belief.as_ref().is_some_and(|belief| !belief.counts);
         let far = self.rest.is_too_far(breakaway, now.duty, loops && now.rests && silent);
         far | (self.standing.is_too_long(breakaway, push, !still) && (pushed || follows))

@@ -257,6 +257,29 @@ fn an_encoder_that_stands_still_against_what_moves_a_head_is_lost_either_way() {
 }
 
 #[test]
+fn a_head_that_turns_round_may_be_where_it_was() {
+    let turns = |velocity: f32, sides: [f32; 2]| {
+        let mut watched = Watched::new();
+        let breakaway = watched.config.limits.breakaway;
+        watched.trembles = 0;
+        watched.now.following = 2.0 * breakaway.following;
+        watched.now.velocity = CountsPerSecond(velocity);
+        (0..100).find_map(|ms| {
+            watched.now.duty = breakaway.holding + 2.0 * breakaway.push * sides[ms % 2];
+            watched.look()
+        })
+    };
+    // Braked at the end of a jump, and driven back at once.
+    assert_eq!(turns(0.0, [-1.0, 1.0]), None);
+    assert_eq!(turns(0.0, [1.0, 1.0]), Some(Fault::EncoderLost), "pushed one way");
+    // Edges since the look before; the newest one of an encoder that counts no more is older.
+    for velocity in [2000.0, -2000.0] {
+        assert_eq!(turns(velocity, [1.0, 1.0]), None);
+        assert_eq!(turns(0.99 * velocity, [1.0, 1.0]), Some(Fault::EncoderLost));
+    }
+}
+
+#[test]
 fn a_weight_that_was_held_for_long_is_no_push() {
     for way in WAYS {
         let mut watched = Watched::new();
