@@ -31,6 +31,7 @@ pub(super) struct Jump {
     pace: u32,
     returns: bool,
     velocity: f32,
+    height: Fixed,
     /// Path coordinate of the float point.
     pub float: Fixed,
     /// The head is to hold there.
@@ -38,9 +39,9 @@ pub(super) struct Jump {
 }
 
 impl Jump {
-    /// To a float point.
-    pub fn new(float: Fixed) -> Jump {
-        Jump { stroke: None, time: 0, pace: PART, returns: false, velocity: 0.0, float, holds: false }
+    /// So high, counts, and to a float point.
+    pub fn new(height: Fixed, float: Fixed) -> Jump {
+        Jump { stroke: None, time: 0, pace: PART, returns: false, velocity: 0.0, height, float, holds: false }
     }
 
     /// Whether it has left the path.
@@ -70,8 +71,7 @@ impl Jump {
             before => {
                 self.time = 0;
                 self.returns = before.is_some();
-                let (from, to) =
-                    before.map_or((from, from.minus(Fixed::whole(config.height.into()))), |up| (up.to(), float));
+                let (from, to) = before.map_or((from, from.minus(self.height)), |up| (up.to(), float));
                 *self.stroke.insert(SCurve::new(from, to, &config.limits))
             }
         };

@@ -144,6 +144,8 @@ pub struct Status {
     pub overshoot: u32,
     /// What the touch probes have kept.
     pub probes: [Latched; PROBES],
+    /// The newest jump that was due in this erosion was lower than it is set to be, or left out, for want of room above or of a home.
+    pub cramped: bool,
     /// How it stands to a host that guides it.
     pub guidance: Guidance,
     /// Set points of a guiding host that were late, since power-up, wrapping.

@@ -164,6 +164,8 @@ pub enum Reason {
     FaultReset,
     /// Commanded, or due: a jump.
     Jumped,
+    /// Due: a jump, lower than it is set to be for want of room above.
+    JumpedLow,
     /// A jump is back at the float point.
     Returned,
 }
@@ -229,6 +231,7 @@ pub const TRANSITIONS: &[(State, State, Reason)] = &[
     (State::Lifting, State::HoldingPosition, Reason::Held),
     (State::Eroding, State::HoldingPosition, Reason::Held),
     (State::Eroding, State::Jumping, Reason::Jumped),
+    (State::Eroding, State::Jumping, Reason::JumpedLow),
     (State::Jumping, State::Eroding, Reason::Returned),
     (State::Jumping, State::HoldingPosition, Reason::Held),
     (State::Jumping, State::Positioning, Reason::Held),

@@ -577,3 +577,15 @@ value, without a change of state. *aborted*: 0800 0022h, or the code. *refused*:
 Otherwise the state that it leads to. Where modes of operation (6061h) differ, their numbers stand in front. 6007h is 1.
 
 ";
+
+#[test]
+fn a_jump_for_which_there_is_no_room_is_a_reason_and_a_warning() {
+    let mut rig = eroding(7);
+    assert_eq!(rig.status() & 1 << 7, 0);
+    for (sub, value) in [(2, 3000.0f32), (1, 300.0)] {
+        rig.write(0x210E, sub, &value.to_le_bytes());
+    }
+    rig.until(3000, |rig| rig.machine.status().state == State::Jumping);
+    rig.run(2);
+    assert_eq!((rig.read(0x2000, 3), rig.status() & 1 << 7), (28, 1 << 7));
+}

@@ -105,6 +105,59 @@ fn jumps_come_by_time() {
 }
 
 #[test]
+fn a_jump_that_is_due_is_as_high_as_there_is_room_and_says_so() {
+    let due = |height: f32| {
+        let mut bench = eroding(|settings| settings.jump_height = height);
+        let timed = Settings { jump_every_ms: 300.0, ..bench.settings };
+        bench.head.configure(timed.build().unwrap().head).unwrap();
+        let (um, mut top) = (bench.um(), f64::INFINITY);
+        for _ in 0..2 * 20_000 {
+            bench.tick();
+            top = top.min(bench.um());
+        }
+        assert_eq!((bench.fault(), bench.head.status().saturated), (None, false));
+        let jumps = bench
+            .changes()
+            .iter()
+            .filter(|change| change.to == State::Jumping)
+            .map(|change| change.reason)
+            .collect::<Vec<_>>();
+        assert!((4..=7).contains(&jumps.len()), "{jumps:?}");
+        (um - top, top, bench.head.status().cramped, jumps)
+    };
+    // 1.96 mm are free.
+    let (height, _, cramped, jumps) = due(1900.0);
+    assert!((height - 1900.0).abs() < 30.0 && !cramped, "{height} um");
+    assert!(jumps.iter().all(|reason| *reason == Reason::Jumped));
+    let (_, top, cramped, jumps) = due(3000.0);
+    assert!((top - 100.0).abs() < 30.0 && cramped, "up to {top} um, the float distance below the end of the travel");
+    assert!(jumps.iter().all(|reason| *reason == Reason::JumpedLow));
+}
+
+#[test]
+fn a_jump_that_is_due_where_there_is_no_room_at_all_is_left_out_and_says_so() {
+    let mut bench = Bench::with(|settings| settings.jump_height = 3000.0);
+    // 0.11 mm are free.
+    bench.surface_um = 150.0;
+    bench.make_ready();
+    bench.erode();
+    let timed = Settings { jump_every_ms: 300.0, ..bench.settings };
+    bench.head.configure(timed.build().unwrap().head).unwrap();
+    assert!(!bench.head.status().cramped);
+    bench.run(0.5);
+    assert!(bench.head.status().cramped);
+    assert_eq!((bench.state(), bench.fault()), (State::Eroding, None));
+    // Until there is room.
+    bench.surface_um += 300.0;
+    bench.run(3.0);
+    assert!(bench.changes().iter().any(|change| change.to == State::Jumping));
+    let enough = Settings { jump_height: 100.0, ..timed };
+    bench.head.configure(enough.build().unwrap().head).unwrap();
+    bench.run(1.0);
+    assert!(!bench.head.status().cramped);
+}
+
+#[test]
 fn arcs_are_jumped_out_of_where_that_is_asked_for() {
     let mut bench = eroding(|settings| settings.jump_arcs = 40);
     let jumps = |bench: &mut Bench| bench.changes().iter().filter(|change| change.reason == Reason::Jumped).count();
@@ -136,7 +189,10 @@ fn arcs_are_jumped_out_of_where_that_is_asked_for() {
 
 #[test]
 fn arcs_that_no_jump_can_help_for_want_of_room_are_the_supervisions() {
-    let mut bench = eroding(|settings| (settings.jump_arcs, settings.jump_height) = (40, 4000.0));
+    let mut bench = Bench::with(|settings| (settings.jump_arcs, settings.jump_height) = (40, 4000.0));
+    bench.surface_um = 150.0;
+    bench.make_ready();
+    bench.erode();
     bench.arcs = 50;
     bench.run(2.0);
     assert_eq!((bench.state(), bench.fault()), (State::Eroding, None));

@@ -170,6 +170,12 @@ fn the_table_of_transitions_is_what_heads_do() {
             note(&mut bench, &mut seen);
         }
     }
+    // A jump for which there is not all the room that it is set to take.
+    let mut bench = Bench::with(|settings| (settings.jump_every_ms, settings.jump_height) = (200.0, 3000.0));
+    bench.make_ready();
+    bench.erode();
+    bench.run(0.5);
+    note(&mut bench, &mut seen);
     // Searches for a surface, out of every rest, that end in each way.
     for (surface, then) in [
         (2100.0, None),

@@ -152,6 +152,7 @@ pub fn run(
     let mut ended = None;
     let mut lifted_from_um = None;
     let mut eroding = Means::default();
+    let (mut jumps, mut cramped) = (0, false);
     let mut tick = 0;
     let state = loop {
         machine.tick()?;
@@ -173,10 +174,12 @@ pub fn run(
             if change.from.pulses() && matches!(change.to, State::Lifting | State::Done) {
                 ended = Some(change.reason);
             }
+            jumps += u64::from(change.to == State::Jumping);
             if change.to == State::Lifting {
                 lifted_from_um = Some(truth.face_um);
             }
         }
+        cramped |= machine.status().cramped;
         if state == State::Eroding {
             eroding.take(sample.gap_um, truth.debris);
         }
@@ -229,6 +232,8 @@ pub fn run(
         removed_mm3: setup.process.face_mm2() * removed_um * 1e-3,
         lost_counts: machine.status().position.abs_diff(machine.true_count() - home),
         illegal_transitions: machine.status().illegal_transitions.into(),
+        jumps,
+        cramped,
         faults,
     })
 }

@@ -150,6 +150,10 @@ pub struct Outcome {
     pub lost_counts: u64,
     /// Illegal encoder transitions the head saw.
     pub illegal_transitions: u64,
+    /// Jumps made.
+    pub jumps: u64,
+    /// Some of those that were due were lower than set, or left out, for want of room above.
+    pub cramped: bool,
     /// Faults in the order they were raised.
     pub faults: Vec<FaultEvent>,
 }

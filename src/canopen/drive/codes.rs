@@ -139,6 +139,7 @@ numbered! {
         Reason::Lifted => 25 "lifted out of the work",
         Reason::NotTouched => 26 "no surface found",
         Reason::PathStop => 27 "a stop on the path",
+        Reason::JumpedLow => 28 "jump begun, lower than jump.height_um for want of room above",
     }
 }
 

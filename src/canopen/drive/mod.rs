@@ -507,7 +507,7 @@ impl Drive {
                 let count = self.value(Item::Shorts).wrapping_add(1);
                 self.set(Item::Shorts, count);
             }
-            Reason::Jumped => {
+            Reason::Jumped | Reason::JumpedLow => {
                 let count = self.value(Item::Jumps).wrapping_add(1);
                 self.set(Item::Jumps, count);
             }

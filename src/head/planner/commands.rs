@@ -108,7 +108,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 self.guide = Some(Guide::new(task.unwrap_or(rests), from));
                 Ok(())
             }
-            Command::Jump if state == State::Eroding => self.begin_jump(),
+            Command::Jump if state == State::Eroding => self.begin_jump(true),
             Command::Jump => Err(Refused::State(state)),
             Command::Hold => {
                 if !state.follows() {

@@ -157,7 +157,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 (self.status.found, self.meets) = (self.status.position, true);
             }
             (self.good, self.eroded, self.ends) = (self.route.s(), 0, Ends::default());
-            self.arc_jumps = 0;
+            (self.arc_jumps, self.status.cramped) = (0, false);
             self.law = self.config.law;
             if self.config.structure == Structure::SingleLoop {
                 self.reset_loop();
@@ -225,7 +225,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             self.end(reason);
             return self.along(REST);
         }
-        if self.jump_is_due() && self.begin_jump().is_ok() {
+        if self.jump_is_due() && self.begin_jump(false).is_ok() {
             return self.jump_on();
         }
         let arcs = self.judged.arcs;
@@ -235,7 +235,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 self.raise(Fault::PersistentArc);
                 return self.react();
             }
-            Some(true) if self.begin_jump().is_ok() => {
+            Some(true) if self.begin_jump(false).is_ok() => {
                 self.arc_jumps = self.arc_jumps.saturating_add(1);
                 return self.jump_on();
             }
@@ -307,14 +307,16 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.eroded = self.eroded.saturating_add(self.ticks);
         let every = self.config.jump.every;
         let due = every > 0 && self.eroded >= every;
-        // One for which there is no room is left out.
+        // One for which there is no room at all is left out.
         self.eroded = if due { 0 } else { self.eroded };
         due
     }
 
-    /// Begins a jump, unless there is no room for it.
-    pub(super) fn begin_jump(&mut self) -> Result<(), Refused> {
+    /// Begins a jump. One that is commanded is as high as it is set to be, or refused; of the others a low one, which leaves the
+    /// float distance free at the top, is better than none.
+    pub(super) fn begin_jump(&mut self, commanded: bool) -> Result<(), Refused> {
         if !self.status.homed {
+            self.status.cramped |= !commanded;
             return Err(Refused::NotHomed);
         }
         if self.now.safety.upper_limit {
@@ -325,14 +327,20 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let from = self.segment().from;
         let free = from.minus(axis.counts(top));
         let height = Fixed::whole(self.config.jump.height.into());
-        if free < height {
+        let margin = Fixed::whole((self.config.jump.float as f32 * axis.counts_per_um) as i64);
+        let cramped = free < height;
+        let led = if cramped { free.minus(margin) } else { height };
+        if !commanded {
+            self.status.cramped = cramped;
+        }
+        if cramped && (commanded || led < margin) {
             let nm = |counts: Fixed| Nanometres(counts.round().saturating_mul(axis.nm_per_count));
             return Err(Refused::NoRoom { height: nm(height), free: nm(free) });
         }
         let float = self.route.s().minus(Fixed::whole(self.config.jump.float.into()));
-        self.jump = Some(Jump::new(float));
+        self.jump = Some(Jump::new(led, float));
         self.eroded = 0;
-        self.enter(State::Jumping, Reason::Jumped);
+        self.enter(State::Jumping, if cramped { Reason::JumpedLow } else { Reason::Jumped });
         Ok(())
     }
 

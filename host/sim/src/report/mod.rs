@@ -97,6 +97,10 @@ pub struct Report {
     pub lost_counts: u64,
     /// Illegal encoder transitions.
     pub illegal_transitions: u64,
+    /// Jumps out of the work.
+    pub jumps: u64,
+    /// Jumps that were due were lower than `jump.height_um`, or left out, for want of room above.
+    pub jumps_cramped: bool,
     /// Faults in the order they were raised.
     pub faults: Vec<FaultEvent>,
     /// What is beyond its limit; empty when nothing is.
@@ -194,6 +198,8 @@ impl Report {
             film_n_max: rounded(figures.film_n),
             lost_counts: outcome.lost_counts,
             illegal_transitions: outcome.illegal_transitions,
+            jumps: outcome.jumps,
+            jumps_cramped: outcome.cramped,
             faults: outcome.faults.clone(),
             findings: Vec::new(),
         };

@@ -25,6 +25,9 @@ impl fmt::Display for Summary<'_> {
         row("Stability", self.stability())?;
         row("Sparks", self.sparks())?;
         row("Fluid", self.fluid())?;
+        if let Some(words) = self.jumps() {
+            row("Jumps", words)?;
+        }
         row("Encoder", self.encoder())?;
         if report.faults.is_empty() {
             row("Faults", "none".into())?;
@@ -125,6 +128,17 @@ impl Summary<'_> {
         let vibration =
             report.vibration_mm_s.map_or_else(String::new, |mm_s| format!(", {mm_s:.2} mm/s rms above 50 Hz"));
         format!("electrode swings {swing:.1} um within half a second{line}{vibration}; {retreats}")
+    }
+
+    fn jumps(&self) -> Option<String> {
+        match (self.report.jumps, self.report.jumps_cramped) {
+            (0, false) => None,
+            (0, true) => Some(
+                "none: no room above the work, or no home; lower jump.height_um, or begin deeper in the stroke".into(),
+            ),
+            (n, false) => Some(n.to_string()),
+            (n, true) => Some(format!("{n}, lower than jump.height_um: the stroke leaves no more room above the work")),
+        }
     }
 
     fn sparks(&self) -> String {

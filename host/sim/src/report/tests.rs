@@ -22,6 +22,8 @@ fn outcome() -> Outcome {
         removed_mm3: 3.8,
         lost_counts: 0,
         illegal_transitions: 0,
+        jumps: 0,
+        cramped: false,
         faults: vec![],
     }
 }
@@ -63,7 +65,7 @@ fn the_json_has_exactly_these_keys_in_this_order() {
          \"shot_floor_rms\":3.7},\"gap_um\":{\"mean\":38.2,\"rms_error\":3.1},\"position_pp_um_median\":4.2,\
          \"position_line_um\":{\"amplitude\":0.6,\"hz\":7.2},\"vibration_mm_s\":0.21,\"velocity_mm_s\":0.25,\"duty_at_limit_ratio\":null,\"open_ratio\":0.35,\"spark_ratio\":0.62,\
          \"arc_ratio\":0.01,\"short_ratio\":0.02,\"discharges\":630,\"long_retreats\":2,\"short_cycle_ratio\":0.02,\"shorts\":4,\"long_retreats_shorted\":1,\"removal_mm3_min\":1.572414,\"crater_um\":12.5,\"debris_mean\":0.9,\"damage_mean\":0.04,\"contact_n_max\":0.25,\"film_n_max\":3.5,\"lost_counts\":0,\
-         \"illegal_transitions\":0,\"faults\":[],\"findings\":[]}"
+         \"illegal_transitions\":0,\"jumps\":0,\"jumps_cramped\":false,\"faults\":[],\"findings\":[]}"
     );
 }
 
@@ -113,6 +115,19 @@ fn the_summary_tells_a_machinist_how_it_went() {
         \x20 Encoder      no count lost, no illegal transition\n\
         \x20 Faults       none\n"
     );
+}
+
+#[test]
+fn the_summary_names_jumps_and_those_for_which_there_was_no_room() {
+    let jumps = |jumps, cramped| {
+        let report = Report::new(&job(), &Outcome { jumps, cramped, ..outcome() }, &figures(), 2.0);
+        let text = Summary { report: &report }.to_string();
+        text.lines().find(|line| line.starts_with("  Jumps")).map(str::to_owned)
+    };
+    assert_eq!(jumps(0, false), None);
+    assert_eq!(jumps(12, false).unwrap(), "  Jumps        12");
+    assert!(jumps(12, true).unwrap().starts_with("  Jumps        12, lower than jump.height_um"));
+    assert!(jumps(0, true).unwrap().starts_with("  Jumps        none: no room above"));
 }
 
 #[test]

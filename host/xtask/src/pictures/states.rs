@@ -215,7 +215,7 @@ const ARROWS: &[Arrow] = &[
     arrow(
         &[Eroding],
         Jumping,
-        &[Reason::Jumped],
+        &[Reason::Jumped, Reason::JumpedLow],
         &[(610.0, 292.0), (597.0, 292.0), (597.0, 134.0), (640.0, 134.0), (640.0, 108.0)],
         "jump",
         (646.0, 130.0),
