@@ -3,6 +3,7 @@
 
 use crate::rig::Rig;
 use edm_servo_head::head::State;
+use edm_servo_head::units::TICK_HZ;
 
 /// Cyclic velocity by RPDO 3 with every SYNC, 1 ms apart.
 fn cyclic() -> Rig {
@@ -40,6 +41,40 @@ fn velocities_are_followed_cycle_by_cycle_and_no_count_is_lost() {
     streams(&mut rig, 100, 0);
     rig.run(50);
     assert!((rig.position() - start - 850).abs() <= 1);
+}
+
+/// Least, mean and most.
+fn range(values: &[f64]) -> [f64; 3] {
+    let [least, most] = values.iter().fold([f64::INFINITY, -f64::INFINITY], |[l, m], x| [l.min(*x), m.max(*x)]);
+    [least, values.iter().sum::<f64>() / values.len() as f64, most]
+}
+
+#[test]
+fn a_slow_head_reads_as_fast_as_it_goes_and_strays_little_from_its_way() {
+    for velocity in [100, 200, 500, 1000, 2000] {
+        let mut rig = cyclic();
+        streams(&mut rig, 300, velocity);
+        let (mut read, mut way) = (Vec::new(), Vec::new());
+        for _ in 0..500 {
+            streams(&mut rig, 1, velocity);
+            let pdo = rig.sent.iter().rev().find(|(_, frame)| frame.id() == 0x285).expect("TPDO 2 with every SYNC");
+            read.push(f64::from(i32::from_le_bytes(pdo.1.data()[4..8].try_into().unwrap())));
+            way.push((
+                f64::from(rig.machine.status().tick) / f64::from(TICK_HZ),
+                rig.machine.process.truth().position_um,
+            ));
+        }
+        // The rig takes a little longer than a millisecond for a SYNC.
+        let ((from_s, from_um), (to_s, to_um)) = (way[0], way[499]);
+        let goes = (to_um - from_um) / (to_s - from_s);
+        let off: Vec<f64> = way.iter().map(|(s, um)| um - from_um - goes * (s - from_s)).collect();
+        let ([least, mean, most], [up, _, down]) = (range(&read), range(&off));
+        println!("{goes:.0} counts/s: reads {least:.0} to {most:.0}, mean {mean:.1}; strays by {:.2} um", down - up);
+        // A count is 50 counts/s, and the head goes in steps of one or two.
+        assert!((mean - goes).abs() < 3.0 + 0.01 * goes, "{goes}: {mean}");
+        assert!(least > 0.95 * goes - 50.0 && most < 1.05 * goes + 50.0, "{goes}: {least} to {most}");
+        assert!(down - up < 4.0, "{goes}: {} um", down - up);
+    }
 }
 
 #[test]

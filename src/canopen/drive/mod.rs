@@ -27,6 +27,7 @@ mod codes;
 mod datum;
 mod machine;
 mod modes;
+mod pace;
 mod probe;
 mod saves;
 mod scope;
@@ -55,6 +56,7 @@ use datum::Datum;
 use edm_hal_shim::self_test::SelfTest;
 use heapless::Deque;
 use modes::{Mode, SetPoints};
+use pace::Pace;
 use saves::Saves;
 use scope::{Scope, Trigger};
 use segment::Segment;
@@ -283,6 +285,7 @@ pub struct Drive {
     datum: Datum,
     /// Not begun anew with the drive: the flash remembers.
     saves: Saves,
+    pace: Pace,
     reason: u8,
     refusal: u8,
     refusals: u8,
@@ -345,6 +348,7 @@ impl Drive {
             segment: Segment::default(),
             datum: Datum::default(),
             saves: Saves::new(),
+            pace: Pace::default(),
             reason: 0,
             refusal: 0,
             refusals: 0,
@@ -565,6 +569,7 @@ impl Drive {
             self.segment.begun_anew();
         }
         self.status = *status;
+        self.pace.observe(status.position, status.tick, status.velocity);
         self.datum.observe(status, self.active.head.axis.nm_per_count);
         self.fresh = self.in_flight == 0 && self.orders.is_empty() && self.follow.is_none();
         if self.stale && !self.configuring && status.state == head::State::Disabled {

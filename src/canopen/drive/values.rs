@@ -248,7 +248,7 @@ impl Drive {
             Item::FollowingWindow => i64::from((self.settings.following_limit * axis.counts_per_um) as u32),
             Item::FollowingTime => self.settings.following_ms.into(),
             Item::VelocityDemand => i64::from((status.feed.0 * axis.counts_per_um) as i32),
-            Item::VelocityActual => i64::from(status.velocity.0 as i32),
+            Item::VelocityActual => i64::from(self.pace.velocity().0 as i32),
             Item::BusVoltage => i64::from((status.bus.0 * 1000.0) as u32),
             Item::MaxVelocity => i64::from(axis.gains.velocity_limit().0 as u32),
             Item::EncoderRevolutions | Item::FeedRevolutions => axis.nm_per_count,

@@ -283,7 +283,7 @@ objects! {
     0x6067 "Position window" { 0 PositionWindow: u32, rw, no, U32, 2, "counts", store, "Position window"; }
     0x6068 "Position window time" { 0 PositionTime: u16, rw, no, U16, 5, "ms", store, "Position window time"; }
     0x606B "Velocity demand value" { 0 VelocityDemand: i32, ro, tx, I32, 0, "counts/s", live, "Velocity demand value"; }
-    0x606C "Velocity actual value" { 0 VelocityActual: i32, ro, tx, I32, 0, "counts/s", live, "Velocity actual value"; }
+    0x606C "Velocity actual value" { 0 VelocityActual: i32, ro, tx, I32, 0, "counts/s", live, "Velocity actual value: below 3000 counts/s the counts of the last 20 ms"; }
     0x606D "Velocity window" { 0 VelocityWindow: u16, rw, no, U16, 1000, "counts/s", store, "Velocity window"; }
     0x606E "Velocity window time" { 0 VelocityTime: u16, rw, no, U16, 5, "ms", store, "Velocity window time"; }
     0x606F "Velocity threshold" { 0 VelocityThreshold: u16, rw, no, U16, 1000, "counts/s", store, "Velocity threshold"; }
