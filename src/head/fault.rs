@@ -38,7 +38,7 @@ faults! {
     PersistentShort = "persistent short" => Retrace,
     /// Discharges that stay at one spot.
     PersistentArc = "persistent arc" => Retrace,
-    /// Converter silent or at the end of its range, voltage of the wrong sign, or no open-circuit voltage.
+    /// Converter silent, at the end of its range, or with one code.
     GapSignalInvalid = "gap signal invalid" => Retrace,
     /// Pulses are allowed but the generator's gate does not move.
     GateMissing = "gate missing" => Retrace,
@@ -90,6 +90,10 @@ faults! {
     /// Motor current and bus voltage are not converted any more, or the bus voltage is beyond what can be converted: neither
     /// over-current nor a sag would be seen.
     DriveSignalLost = "drive signal lost" => Coast,
+    /// The open gap has less than the least open-circuit voltage to work with.
+    OpenCircuitLow = "open-circuit voltage low" => Retrace,
+    /// The gap voltage has the wrong sign.
+    GapReversed = "gap leads swapped" => Retrace,
 }
 
 impl Fault {
@@ -154,6 +158,8 @@ mod tests {
                     PersistentShort,
                     PersistentArc,
                     GapSignalInvalid,
+                    OpenCircuitLow,
+                    GapReversed,
                     GateMissing,
                     ReflexLost,
                     UnpermittedPulses,
@@ -190,6 +196,6 @@ mod tests {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 27);
+        assert_eq!(Fault::ALL.len(), 29);
     }
 }

@@ -398,7 +398,8 @@ impl Supervisor {
         let same = now.code == self.code && (1..ADC_FULL_SCALE).contains(&now.code);
         self.code = now.code;
         let code_stands = self.code_stands.longer_than(Self::CODE_MS, same && now.state != State::Disabled);
-        let gap = self.gap.longer_than(limits.gap_ms, now.pulses && bad) || code_stands;
+        let gap = self.gap.longer_than(limits.gap_ms, now.pulses && bad);
+        let swapped = gap && now.quality == Quality::Reversed;
         let seen = PulseSeen { permitted: now.permitted, watched: now.state != State::Disabled, short: now.short };
         let pulses = self.pulses.look(counters.pulses, seen);
         let arcs = self.classes.look(&limits.arcs, counters.pulses, now.pulses);
@@ -415,7 +416,8 @@ impl Supervisor {
             (runaway, Fault::PolarityWrong),
             (encoder, Fault::EncoderLost),
             (following, Fault::FollowingError),
-            (gap, Fault::GapSignalInvalid),
+            (swapped, Fault::GapReversed),
+            (gap || code_stands, Fault::GapSignalInvalid),
             (gate, Fault::GateMissing),
             (pulses == Some(PulseFault::Unpermitted), Fault::UnpermittedPulses),
             (pulses == Some(PulseFault::Unseen), Fault::ReflexLost),

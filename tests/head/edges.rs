@@ -222,7 +222,7 @@ fn a_fault_that_a_plan_finds_takes_from_the_loop_what_it_had_integrated() {
     assert!(before < -0.07, "{before}");
     // No open-circuit voltage.
     bench.surface_um = bench.um() + 30.0;
-    bench.run_until(0.2, |bench| bench.fault() == Some(Fault::GapSignalInvalid));
+    bench.run_until(0.2, |bench| bench.fault() == Some(Fault::OpenCircuitLow));
     assert!(bench.duty().abs() < 0.02, "{before} became {}", bench.duty());
 }
 

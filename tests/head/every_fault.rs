@@ -36,14 +36,22 @@ fn caused(fault: Fault) -> Option<Bench> {
         }
         // With pulses off.
         Fault::Contact | Fault::UnpermittedPulses => Bench::ready(),
+        Fault::OpenCircuitLow => {
+            let mut bench = Bench::ready();
+            bench.open_v = 65.0;
+            bench.command(Command::MoveTo(Nanometres(4_000_000)));
+            bench.command(Command::Start);
+            bench
+        }
         _ => Bench::eroding(),
     };
     match fault {
         Fault::PersistentArc => bench.arcs = 100,
-        Fault::PlanLate | Fault::Unfit | Fault::SettingsDamaged => {}
+        Fault::PlanLate | Fault::Unfit | Fault::SettingsDamaged | Fault::OpenCircuitLow => {}
         Fault::LiveLost | Fault::LiveStuck | Fault::ClockLost => {}
         Fault::PersistentShort => bench.follows = Some(-1.0),
         Fault::GapSignalInvalid => bench.quality = Quality::Missing,
+        Fault::GapReversed => bench.quality = Quality::Reversed,
         Fault::GateMissing => bench.quality = Quality::NoGate,
         Fault::ReflexLost | Fault::UnpermittedPulses => bench.edges = 8,
         Fault::DielectricNotOk => bench.safety.dielectric = true,

@@ -15,7 +15,7 @@ fn expect(bench: &mut Bench, fault: Fault, ms: u32) {
             assert_eq!(bench.state(), State::Fault);
             // Supervision speaks after the tick: the next one acts. What the planner finds comes into force with its plan.
             bench.tick();
-            if matches!(fault, Fault::GapSignalInvalid | Fault::PersistentShort) {
+            if matches!(fault, Fault::GapSignalInvalid | Fault::OpenCircuitLow | Fault::PersistentShort) {
                 (1..LEAD).for_each(|_| bench.tick());
             }
             assert!(!bench.output.pulses);
@@ -82,12 +82,16 @@ fn arcs_below_their_share_are_part_of_the_work() {
 
 #[test]
 fn a_gap_signal_that_cannot_be_right_retraces() {
-    for quality in [Quality::Missing, Quality::Saturated, Quality::Reversed] {
+    for (quality, fault) in [
+        (Quality::Missing, Fault::GapSignalInvalid),
+        (Quality::Saturated, Fault::GapSignalInvalid),
+        (Quality::Reversed, Fault::GapReversed),
+    ] {
         let mut bench = Bench::eroding();
         bench.quality = quality;
         bench.run(0.019);
         assert_eq!(bench.state(), State::Eroding, "{quality:?} may last 20 ms");
-        expect(&mut bench, Fault::GapSignalInvalid, 3);
+        expect(&mut bench, fault, 3);
         retraces(&mut bench);
     }
 }
@@ -103,12 +107,12 @@ fn a_missing_gate_retraces() {
 }
 
 #[test]
-fn no_open_circuit_voltage_is_an_invalid_gap_signal_before_anything_moves() {
+fn a_low_open_circuit_voltage_is_named_before_anything_moves() {
     let mut bench = Bench::ready();
     bench.surface_um = bench.um() + 30.0;
     bench.command(Command::MoveTo(Nanometres(4_000_000)));
     bench.command(Command::Start);
-    expect(&mut bench, Fault::GapSignalInvalid, 200);
+    expect(&mut bench, Fault::OpenCircuitLow, 200);
     assert!(bench.um() < 1.0);
 }
 

@@ -431,7 +431,7 @@ fn a_bad_gap_reading_matters_while_pulses_are_on() {
     for (quality, fault) in [
         (Quality::Missing, Fault::GapSignalInvalid),
         (Quality::Saturated, Fault::GapSignalInvalid),
-        (Quality::Reversed, Fault::GapSignalInvalid),
+        (Quality::Reversed, Fault::GapReversed),
         (Quality::NoGate, Fault::GateMissing),
     ] {
         finds(Some((21, fault)), "with pulses", |w| (w.now.pulses, w.now.quality) = (true, quality));

@@ -34,7 +34,12 @@ pub const fn remedy(fault: Fault) -> &'static str {
     match fault {
         Fault::PersistentShort => "look for a carbon bridge or a chip in the gap, flush, then reset",
         Fault::PersistentArc => "flush more, lengthen the off-time or raise gap.setpoint_v, clean the spot, then reset",
-        Fault::GapSignalInvalid => "generator on? gap leads at electrode and work, not swapped? then reset",
+        Fault::GapSignalInvalid => "look at the gap divider, its converter and the wires between them, then reset",
+        Fault::OpenCircuitLow => {
+            "the open gap reads less than gap.open_min_v: is the generator on, its voltage set, are the gap leads at electrode and work? \
+             else lower gap.open_min_v; then reset"
+        }
+        Fault::GapReversed => "swap the gap leads at electrode and work, or change gap.reversed, then reset",
         Fault::GateMissing => "generator on? look at the gate line, then reset",
         Fault::DielectricNotOk => "look at level, flow and temperature of the dielectric, then reset",
         Fault::HostSilent => {

@@ -148,7 +148,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         };
         self.status.open_circuit = open;
         if open < self.config.seek.open_min {
-            self.raise(Fault::GapSignalInvalid);
+            self.raise(Fault::OpenCircuitLow);
             return;
         }
         let valid = gap.quality == Quality::Valid;
@@ -406,7 +406,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         match self.open.volts() {
             None => self.open.observe(&self.status.gap, self.ticks),
-            Some(open) if open < self.config.seek.open_min => self.raise(Fault::GapSignalInvalid),
+            Some(open) if open < self.config.seek.open_min => self.raise(Fault::OpenCircuitLow),
             Some(open) => self.status.open_circuit = open,
         }
     }
