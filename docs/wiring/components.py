@@ -165,6 +165,7 @@ PARTS = expanded(
         "U503": part("74LVC1G08"),
         # Sheet 5: interlocks.
         "K0": part("safety relay", rating="2 channels, off-delay", off_delay_s=0.4, release_s=30e-3),
+        "K3": part("safety relay", rating="2 channels, monitored reset by its falling edge", release_s=20e-3),
         "K2": part("24 V relay", rating="force-guided, gold contacts for 5 V 1 mA", coil_ohm=700.0, release_s=20e-3),
         "KM1": part("contactor", rating="mains of the generator, mirror contact IEC 60947-4-1"),
         "D501": part("1N4007"),

@@ -88,6 +88,11 @@ def signals(b):
         "signals", "k2.release", "interlock open to no enable", "release of K2, its data sheet",
         data("K2", "release_s"), f"{data('K2', 'release_s') * 1e3:.0f} ms",
     )
+    door = data("K3", "release_s") + data("K2", "release_s")
+    b.row(
+        "signals", "k3.release", "door open to no enable", "release of K3, then of K2, their data sheets",
+        door, f"{door * 1e3:.0f} ms",
+    )
 
 
 def live(b):

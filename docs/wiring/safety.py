@@ -117,7 +117,7 @@ def coil(s, x, y, name, diode):
 
 
 def interlocks(s):
-    """Emergency stop, dielectric and enclosure: contacts and relays only."""
+    """Emergency stop and the three rungs that it, dielectric and enclosure open: contacts and relays only."""
     s.heading(0.6, 17.6, "Emergency stop and interlocks: work without the processor")
     y = 5.6
     s.chip(
@@ -146,7 +146,7 @@ def interlocks(s):
         s.dot(rail, yy, color=POWER)
     yy = rungs["KM1"]
     contact(s, 17.4, yy, "K0 23-24")
-    contact(s, 20.2, yy, "S3 enclosure 2", True)
+    contact(s, 20.2, yy, "K3 23-24")
     s.wire((rail, yy), (17.4, yy))
     s.wire((23.0, yy), (28.6, yy))
     coil(s, 28.6, yy, "KM1", "")
@@ -154,7 +154,7 @@ def interlocks(s):
     yy = rungs["K2"]
     s.wire((rail, yy), (17.4, yy))
     contact(s, 17.4, yy, "dielectric", True)
-    contact(s, 20.2, yy, "S3 enclosure 1", True)
+    contact(s, 20.2, yy, "K3 13-14")
     s.wire((23.0, yy), (25.4, yy))
     s.dot(24.2, yy)
     s.wire((24.2, yy), (24.2, yy + 1.6), (24.8, yy + 1.6))
@@ -178,9 +178,31 @@ def interlocks(s):
         f"K1, K2, KM1: force-guided or mirror contacts. K2: {label('K2')}, {data('K2', 'coil_ohm'):.0f} Ω, gold contacts for "
         f"{s.value('enable.amps')} at {given('generator_v'):.0f} V; releases in {s.value('k2.release')}. "
         f"D501 {label('D501')}, likewise at K1 and KM1.\n"
-        "Opening the door takes K2 and the mains of the generator; closing it does not start pulses: the program has latched the "
-        "fault that PB15 told it.",
+        "Opening the door takes K2 and the mains of the generator. Closing it gives neither back: somebody who sees that nobody is inside "
+        "presses S4.",
     )
+
+
+def enclosure(s):
+    """The door of the enclosure, with a manual reset."""
+    s.heading(35.6, 17.0, "Enclosure: manual reset")
+    y = 9.4
+    s.chip(
+        44.6, y, 6.4, 6.6, f"K3\n{label('K3')}",
+        left=[(5.6, "channel 1"), (3.6, "channel 2"), (1.2, "reset")],
+    )  # fmt: skip
+    s.rail(36.4, y + 5.6, "+24 V", color=POWER)
+    s.wire((36.4, y + 5.6), (36.4, y + 1.2), color=POWER)
+    for offset, name in ((5.6, "S3 enclosure 1"), (3.6, "S3 enclosure 2")):
+        s.dot(36.4, y + offset, color=POWER)
+        s.wire((36.4, y + offset), (38.4, y + offset), color=POWER)
+        contact(s, 38.4, y + offset, name, True)
+        s.wire((41.2, y + offset), (44.0, y + offset))
+    s.part(elm.Button, (36.4, y + 1.2), (38.6, y + 1.2), "S4\nreset", "", "below")
+    for i, name in enumerate(("KM1", "K2")):
+        x = 38.6 + 1.8 * i
+        s.part(lambda: elm.Button(nc=True), (x, y + 1.2), (x + 1.8, y + 1.2), f"{name}\n21-22", "", "below")
+    s.wire((42.2, y + 1.2), (44.0, y + 1.2))
 
 
 def sense(s):
@@ -234,6 +256,7 @@ def sheet(book):
     s = Sheet(5, "Live signal, interlocks, sense supply", book)
     live(s)
     interlocks(s)
+    enclosure(s)
     sense(s)
-    s.legend(39.0, 12.4)
+    s.legend(39.0, 7.9)
     return s
