@@ -46,8 +46,50 @@ boards! {
 /// Declares a board: crystal in Hz, bit rate of CAN in bit/s, defaults of settings where they differ from those of
 /// docs/settings.md; then for each signal a pin, what it does there, and what is connected to it outside.
 ///
+/// ```
+/// edm_hal_shim::board! {
+///     pub struct Sound {
+///         name: "a board without a clash",
+///         crystal_hz: 8_000_000,
+///         can_bit_rate: 1_000_000,
+///         defaults: {},
+///         a: gpioa.pa0 PA0, "TIM5_CH1, EXTI0", "";
+///         b: gpiob.pb1 PB1, "GPIO, EXTI1", "";
+///     }
+/// }
+/// Sound::new(edm_hal_shim::board::gpio::Ports::default());
+/// ```
+///
 /// A crystal or bit rate that the clock tree cannot use exactly does not compile. A pin used twice does not compile: the second
-/// use is the use of a moved value.
+/// use is the use of a moved value. Here `b` is on the pin of `a`:
+///
+/// ```compile_fail
+/// edm_hal_shim::board! {
+///     pub struct Clash {
+///         name: "a board that uses a pin twice",
+///         crystal_hz: 8_000_000,
+///         can_bit_rate: 1_000_000,
+///         defaults: {},
+///         a: gpioa.pa0 PA0, "TIM5_CH1, EXTI0", "";
+///         b: gpioa.pa0 PA0, "GPIO", "";
+///     }
+/// }
+/// ```
+///
+/// Nor does an EXTI line that is used twice, here line 1:
+///
+/// ```compile_fail
+/// edm_hal_shim::board! {
+///     pub struct Clash {
+///         name: "a board that uses an interrupt line twice",
+///         crystal_hz: 8_000_000,
+///         can_bit_rate: 1_000_000,
+///         defaults: {},
+///         a: gpioa.pa1 PA1, "GPIO, EXTI1", "";
+///         b: gpiob.pb1 PB1, "GPIO, EXTI1", "";
+///     }
+/// }
+/// ```
 #[macro_export]
 macro_rules! board {
     ($(#[$outer:meta])* $vis:vis struct $Board:ident {
