@@ -1,7 +1,7 @@
 //! The encoder as a machine uses it: scale, lines, both counters, marks, and what happens when edges are lost.
 //!
 //! The number of random transitions is ten million here; the full proof of a thousand million is
-//! `EDM_ENCODER_TRANSITIONS=1000000000 cargo test --release --test encoder random_transitions`.
+//! `EDM_ENCODER_TRANSITIONS=1000000000 cargo test --test encoder random_transitions`.
 
 use core::cell::Cell;
 use edm_hal_shim::clock::Clock;

@@ -39,6 +39,8 @@ mod hooked {
 
     thread_local! {
         static HOOK: RefCell<Option<Hook>> = const { RefCell::new(None) };
+        // Whether there is one: all that a simulator without a schedule looks at.
+        static HOOKED: Cell<bool> = const { Cell::new(false) };
         static TALLY: Cell<Tally> = const { Cell::new(Tally { sent: 0, received: 0, lost: 0 }) };
     }
 
@@ -78,6 +80,12 @@ mod hooked {
     /// Points in what the hook runs call it again. It decides what may interrupt what.
     #[inline]
     pub fn point() {
+        if HOOKED.get() {
+            call();
+        }
+    }
+
+    fn call() {
         // Not borrowed while it runs: it may install another, or come here again. A thread that is ending has none.
         let hook = HOOK.try_with(|hook| hook.borrow().clone());
         if let Ok(Some(hook)) = hook {
@@ -91,13 +99,17 @@ mod hooked {
 
         impl Drop for Restore {
             fn drop(&mut self) {
-                // Dropped outside of the borrow: a hook may own what has points in its drop.
-                let ours = HOOK.replace(self.0.take());
-                drop(ours);
+                drop(replace(self.0.take()));
             }
         }
 
-        let _restore = Restore(HOOK.replace(Some(hook)));
+        let _restore = Restore(replace(Some(hook)));
         tasks()
+    }
+
+    /// The hook before. It is dropped outside of the borrow: a hook may own what has points in its drop.
+    fn replace(hook: Option<Hook>) -> Option<Hook> {
+        HOOKED.set(hook.is_some());
+        HOOK.replace(hook)
     }
 }

@@ -1,5 +1,5 @@
 //! Every request in every state and mode: what is answered ok is done or told as refused, what is aborted changes nothing, and no
-//! bit says otherwise. The runs make docs/requests.md: `EDM_WRITE_DOCS=1 cargo test --release --test canopen_device requests`.
+//! bit says otherwise. The runs make docs/requests.md: `EDM_WRITE_DOCS=1 cargo test --test canopen_device requests`.
 
 use crate::rig::{ID, Rig};
 use edm_servo_head::head::{Fault, Guidance, State};

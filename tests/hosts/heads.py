@@ -12,7 +12,7 @@ import can
 LINKS = ["slcan-tcp", "slcan-pty", "socketcand"]
 # What serves: virtual heads, or the firmware on the emulated chip.
 PROGRAMS = {
-    "virtual": shlex.split(os.environ.get("EDM_SIM", "target/release/edm-sim")),
+    "virtual": shlex.split(os.environ.get("EDM_SIM", "target/debug/edm-sim")),
     "chip": shlex.split(os.environ.get("EDM_CHIP", "cargo fil")),
 }
 

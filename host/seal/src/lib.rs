@@ -1,10 +1,13 @@
 //! Seals an image of the firmware: writes into its section `.seal` what [`edm_hal_shim::seal`] says, so that the head refuses
 //! to be enabled when the flash holds anything else. Every way to flash goes through here: docs/bring-up.md, step 4.
 
+pub mod image;
+
 use crc::{CRC_32_MPEG_2, Crc};
 use edm_hal_shim::seal::{FLASH_END, PROGRAM, Seal, VECTORS};
 use object::read::elf::{FileHeader, ProgramHeader};
 use object::{Endianness, Object, ObjectSection, elf};
+use std::path::Path;
 
 /// Seals an ELF file. One that was sealed before is sealed anew.
 ///
@@ -20,6 +23,16 @@ pub fn seal(mut file: Vec<u8>) -> Result<Vec<u8>, String> {
         to.copy_from_slice(&word.to_le_bytes());
     }
     Ok(file)
+}
+
+/// Writes a sealed copy of an ELF file.
+///
+/// # Errors
+/// Which file, and why.
+pub fn seal_file(elf: &Path, copy: &Path) -> Result<(), String> {
+    let file = std::fs::read(elf).map_err(|e| format!("{}: {e}", elf.display()))?;
+    let file = seal(file).map_err(|e| format!("{}: {e}", elf.display()))?;
+    std::fs::write(copy, file).map_err(|e| format!("{}: {e}", copy.display()))
 }
 
 /// Bytes of a seal.

@@ -22,7 +22,7 @@
 //! | [`replay`] | recordings of a gap through the head's own chain |
 //! | [`page`] | a page of the project with a section that a command writes |
 //! | [`store`] | what a virtual head keeps when its power is cut |
-//! | `schedule` | a virtual head whose tasks preempt each other as a seed wants it (feature `preempt`) |
+//! | `schedule` | a virtual head whose tasks preempt each other as a seed wants it |
 //! | [`serve`] | virtual heads on a CAN bus, in real time |
 //! | [`soak`] | random commands and events, with what must hold checked in every tick |
 //! | [`inputs`] | the options that say what is run, checked |
@@ -60,7 +60,6 @@ pub mod replay;
 pub mod report;
 pub mod run;
 pub mod scenario;
-#[cfg(feature = "preempt")]
 pub mod schedule;
 pub mod serve;
 pub mod soak;

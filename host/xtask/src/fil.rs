@@ -1,6 +1,6 @@
 //! `cargo fil`: the tools that the emulator is built with, the firmware, the emulator.
 
-use crate::firmware;
+use edm_seal::image::{build, cargo, target};
 use std::ffi::OsString;
 use std::path::Path;
 use std::process::{Command, ExitCode, Stdio};
@@ -23,24 +23,27 @@ pub fn run(root: &Path, arguments: &[OsString]) -> ExitCode {
         );
         return ExitCode::FAILURE;
     }
-    let elf = match firmware::build(root, BOARD) {
+    let elf = match build(root, BOARD) {
         Ok(elf) => elf,
         Err(message) => {
             eprintln!("{message}");
             return ExitCode::FAILURE;
         }
     };
-    let status = firmware::cargo()
-        .args(["run", "--release", "-p", "edm-fil", "--manifest-path"])
-        .arg(root.join("Cargo.toml"))
-        .arg("--")
-        .args(["--elf".into(), elf.into_os_string()])
-        .args(arguments)
+    // The whole workspace is chosen, so that what the tests have built is not built again with other features.
+    let built = cargo()
+        .current_dir(root)
+        .args(["build", "--workspace", "--exclude", "edm-zencan-host", "--bin", "edm-fil"])
         .status();
+    if !built.is_ok_and(|status| status.success()) {
+        return ExitCode::FAILURE;
+    }
+    let program = target(root).join("debug/edm-fil");
+    let status = Command::new(&program).args(["--elf".into(), elf.into_os_string()]).args(arguments).status();
     match status {
         Ok(status) => status.code().and_then(|code| u8::try_from(code).ok()).map_or(ExitCode::FAILURE, ExitCode::from),
         Err(error) => {
-            eprintln!("cargo: {error}");
+            eprintln!("{}: {error}", program.display());
             ExitCode::FAILURE
         }
     }

@@ -1,14 +1,15 @@
 //! Every way to flash: what goes onto a chip is sealed before ([`edm_seal`]).
 
-use crate::firmware;
+use edm_seal::image::{build, cargo};
+use edm_seal::seal_file;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 /// Builds and seals the image of a board, and has cargo-embed program it by a section of Embed.toml.
 pub fn embed(root: &Path, feature: &str, section: &str, arguments: &[OsString]) -> Result<ExitCode, String> {
-    let elf = firmware::build(root, feature)?;
-    let mut command = firmware::cargo();
+    let elf = build(root, feature)?;
+    let mut command = cargo();
     command.current_dir(root).args(["embed", section, "--path"]).arg(elf).args(arguments);
     run(command, "cargo embed")
 }
@@ -21,18 +22,11 @@ pub fn sealed(arguments: &[OsString]) -> Result<ExitCode, String> {
     let mut arguments = arguments.to_vec();
     let elf = PathBuf::from(&arguments[place]);
     let copy = elf.with_extension("sealed");
-    seal(&elf, &copy)?;
+    seal_file(&elf, &copy)?;
     arguments[place] = copy.into_os_string();
     let mut command = Command::new(program);
     command.args(arguments);
     run(command, &program.to_string_lossy())
-}
-
-/// Writes a sealed copy of an ELF file.
-pub fn seal(elf: &Path, copy: &Path) -> Result<(), String> {
-    let file = std::fs::read(elf).map_err(|e| format!("{}: {e}", elf.display()))?;
-    let file = edm_seal::seal(file).map_err(|e| format!("{}: {e}", elf.display()))?;
-    std::fs::write(copy, file).map_err(|e| format!("{}: {e}", copy.display()))
 }
 
 fn run(mut command: Command, name: &str) -> Result<ExitCode, String> {

@@ -1,4 +1,4 @@
-//! Written by `cargo run --release -p edm-process --bin fit`. Do not edit.
+//! Written by `cargo run -p edm-process --bin fit`. Do not edit.
 
 /// What was fitted to calibration data.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -13,7 +13,7 @@ use std::fmt;
 pub enum Basis {
     /// Published, or a constant of nature.
     Source(&'static str),
-    /// Fitted to calibration data by `cargo run --release -p edm-process --bin fit`.
+    /// Fitted to calibration data by `cargo run -p edm-process --bin fit`.
     Fitted(&'static str),
     /// Chosen by hand among what is plausible, with these gates in view.
     Chosen(&'static str),

@@ -1,8 +1,8 @@
 //! A run of the chip in a file: every [`Event`] as whole numbers, each the difference to the same number of the event of its
 //! kind before, in variable length (LEB128, zigzag), deflated.
 //!
-//! The file begins with [`MAGIC`]. It belongs to the firmware that made it: where the core's arithmetic or the defaults of
-//! its settings change, it has to be recorded anew.
+//! The file begins with [`MAGIC`]. Every bit of it belongs to the firmware that made it; the head's senses are compared with
+//! those of later versions too ([`replay_senses`]).
 
 use super::{Event, Twin};
 use edm_hal_shim::encoder::RawCount;

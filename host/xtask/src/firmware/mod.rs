@@ -4,13 +4,12 @@
 //! even after everything has been inlined into the tasks. The largest *frame* is the most that one function takes of the
 //! stack. What tasks can reach, and how deep the stack gets, is read in the machine code: [`graph`] and [`tasks`].
 
-use crate::flash;
 use edm_hal_shim::board::{BOARDS, RAM_END, STACK, STACK_GUARD, Table};
 use edm_hal_shim::seal;
+use edm_seal::image::{TARGET, build, cargo, libraries, target};
 use object::{Object, ObjectSection, SectionKind};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 mod graph;
 mod lines;
@@ -36,7 +35,6 @@ const RESERVE: u32 = STACK + STACK_GUARD;
 const _: () = assert!(RAM.end - RAM.start - RAM_LIMIT >= 2 * STACK_LIMIT as u64);
 const FLASH: std::ops::Range<u64> = VECTORS..seal::FLASH_END as u64;
 const RAM: std::ops::Range<u64> = 0x2000_0000..RAM_END as u64;
-const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Builds, checks and reports every board. The images are left in `firmware/` of the target directory, a name each.
 pub fn run(root: &Path) -> Result<(), String> {
@@ -76,48 +74,6 @@ pub fn link(root: &Path) -> Result<(), String> {
     Image::read(&file, &Graph::read(&file)?)?.starts()?;
     println!("{}: vector table in place", shown(&elf).display());
     Ok(())
-}
-
-fn target(root: &Path) -> PathBuf {
-    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), PathBuf::from)
-}
-
-/// The cargo that runs this program.
-pub fn cargo() -> Command {
-    Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-}
-
-/// Builds and seals the firmware for a board and says where it is.
-pub fn build(root: &Path, feature: &str) -> Result<PathBuf, String> {
-    let status = cargo()
-        .current_dir(root)
-        .args(["build", "--profile", "firmware", "-p", "edm-firmware", "--bin", "edm-servo-head", "--target", TARGET])
-        .args(["--no-default-features", "--features", feature])
-        .args(["--config", &same_everywhere(&libraries()?)])
-        .status()
-        .map_err(|e| format!("cargo: {e}"))?;
-    if !status.success() {
-        return Err(format!("the firmware does not build with {feature}"));
-    }
-    let target = target(root);
-    let folder = target.join("firmware");
-    let elf = folder.join(format!("edm-servo-head-{feature}.elf"));
-    std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    flash::seal(&target.join(TARGET).join("firmware/edm-servo-head"), &elf)?;
-    Ok(elf)
-}
-
-/// Where cargo keeps the sources of the libraries.
-fn libraries() -> Result<PathBuf, String> {
-    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
-    home.or_else(|| Some(std::env::home_dir()?.join(".cargo")))
-        .ok_or_else(|| "neither CARGO_HOME nor HOME is set".into())
-}
-
-/// The setting of cargo by which an image is the same wherever the libraries are. Their paths are in the messages of panics, and
-/// decide on the order of the functions, and so on their cycles: a tenth of those of a function, as measured.
-fn same_everywhere(libraries: &Path) -> String {
-    format!("target.{TARGET}.rustflags = ['--remap-path-prefix={}=/cargo']", libraries.display())
 }
 
 /// What is known of an image.
