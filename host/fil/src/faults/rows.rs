@@ -6,13 +6,13 @@
 
 use super::case::{Case, Expect};
 use super::chip;
-use super::stage::{MS, Scene, Stage};
+use super::stage::{MS, PATH, Scene, Stage};
 use crate::host::{self, HOST, NODE};
 use crate::wires::*;
 use anyhow::Result;
 use edm_hal_shim::double::live::Broken;
 use edm_hal_shim::safety::SafetyInputs;
-use edm_servo_head::head::State;
+use edm_servo_head::head::{Command, State};
 use edm_sim::process::FaultInputs;
 use edm_soc::{CanReply, Frame, Pin};
 
@@ -40,6 +40,9 @@ pub const STANDS_US: f64 = 1_000_000.0;
 const SHORT_US: f64 = 3_000_000.0;
 /// Pulses go on.
 pub const ON: f64 = f64::INFINITY;
+
+/// A seek measures the open-circuit voltage before it feeds.
+const SEEK_US: f64 = 200_000.0;
 
 /// What is said of an encoder, whichever supervision finds it first: the lift is the same.
 const ENCODER: &[&str] = &["encoder lost", "following error"];
@@ -104,6 +107,22 @@ fn table(cases: &mut Vec<Case>) {
         Named(SIGNAL, GAP_US),
         wired(|w| w.stuck_code = Some(4095)),
     ));
+    // 30 V the wrong way: 300 codes of 0.1 V below the code of no voltage.
+    add(Case::new(
+        "gap leads swapped",
+        Eroding,
+        Named(&["gap leads swapped"], GAP_US),
+        wired(|w| w.stuck_code = Some(110)),
+    ));
+    // 50 V, where the head expects 70 V at least; counted from the start, so that it includes the way of the seek until it is measured.
+    add(Case::new("generator of 50 V", Disabled, Named(&["open-circuit voltage low"], SEEK_US), |stage| {
+        stage.wires().stuck_code = Some(410 + 500);
+        for command in [Command::Enable, Command::MoveTo(PATH), Command::Start] {
+            stage.command(command)?;
+        }
+        stage.mark();
+        Ok(())
+    }));
     add(Case::new("pulses that arc", Eroding, Named(&["persistent arc"], ARC_US), wired(|w| w.arcs = 0.9)));
     add(Case::new(
         "generator without pulses",

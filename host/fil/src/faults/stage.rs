@@ -23,7 +23,7 @@ const SEED: u64 = 1;
 /// Work below the upper stop, mm: room for every retreat, and little to seek.
 const SURFACE_MM: f32 = 1.0;
 /// A path that does not end.
-const PATH: Nanometres = Nanometres(2_000_000);
+pub const PATH: Nanometres = Nanometres(2_000_000);
 /// While it positions, the work is so much lower; target and speed, counts of 1 um.
 const LOWERED_MM: f64 = 3.2;
 pub const TARGET: u32 = 4000;
