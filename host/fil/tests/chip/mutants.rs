@@ -94,8 +94,8 @@ fn a_wrong_can_filter() {
 #[test]
 fn a_swapped_pwm_channel() {
     let found = write(TIM1_CCER, |v| v << 4);
-    // The loop drives and nothing comes of it.
-    assert_says(&found, "FollowingError");
+    // The duty changes and the current of the motor does not, which shows before the following error does.
+    assert_says(&found, "DriveSignalLost");
 }
 
 #[test]
