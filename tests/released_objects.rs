@@ -61,7 +61,7 @@ fn promised(list: &str) -> Result<(BTreeMap<Address, Object>, usize), String> {
     let (mut objects, mut narrowing) = (BTreeMap::<Address, Object>::new(), BTreeSet::new());
     let mut unreleased = false;
     for text in lines {
-        let (address, object) = line(text);
+        let (address, mut object) = line(text);
         if unreleased && object.since != NEXT {
             return Err(format!("{text}\nstands behind a line of the version to come"));
         }
@@ -74,7 +74,8 @@ fn promised(list: &str) -> Result<(BTreeMap<Address, Object>, usize), String> {
                     before.name
                 ));
             }
-            narrowing.insert(object.since.clone());
+            // An object stays as old as it is.
+            narrowing.insert(core::mem::replace(&mut object.since, before.since.clone()));
         }
         objects.insert(address, object);
     }

@@ -111,7 +111,7 @@ declare! {
         0x2103:4 single_clip: f32 = 20.0, (0.1, 300.0), "single.clip_v", "V", "[R] section 6.6.1", live;
 
         /// Path velocity toward the work until sparks begin.
-        0x2104:1 seek_velocity: f32 = 1000.0, (1.0, 50_000.0), "seek.velocity_um_s", "um/s", "assumed", live;
+        0x2104:1 seek_velocity: f32 = 1000.0, (50.0, 5000.0), "seek.velocity_um_s", "um/s", "assumed", live;
         /// Share of the open-circuit voltage below which the work is found.
         0x2104:2 seek_threshold: f32 = 85.0, (10.0, 99.0), "seek.threshold_percent", "%", "assumed", live;
         /// Time at rest with pulses on, to measure the open-circuit voltage.
@@ -122,7 +122,7 @@ declare! {
         /// Uninterrupted short after which the head retreats.
         0x2105:2 retreat_after_ms: f32 = 1.0, (0.05, 100.0), "retreat.after_ms", "ms", "docs/architecture.md: 5 pulses or 1 ms", falls "the retreat would begin later";
         /// Path velocity of a retreat from a short or a fault.
-        0x2105:3 retreat_velocity: f32 = 5000.0, (1.0, 200_000.0), "retreat.velocity_um_s", "um/s", "assumed", rises "the retreat would be slower";
+        0x2105:3 retreat_velocity: f32 = 5000.0, (100.0, 200_000.0), "retreat.velocity_um_s", "um/s", "assumed", rises "the retreat would be slower";
         /// Length to go back from a short at least.
         0x2105:4 retreat_clearance: f32 = 10.0, (0.0, 10_000.0), "retreat.clearance_um", "um", "assumed", rises "the retreat would end closer to the work";
         /// Length to go back from a short at most; still shorted there, the short is persistent.
@@ -135,7 +135,7 @@ declare! {
         0x2105:8 retreat_off_limit: f32 = 500.0, (500.0, 1_000_000.0), "retreat.off_limit_um", "um", "docs/architecture.md", rises "a fault would leave the head closer to the work";
 
         /// Moving mass with electrode.
-        0x2106:1 axis_mass: f32 = 0.2, (0.01, 20.0), "axis.mass_kg", "kg", "[R] section 6.1", disabled "loop, lift and second opinion are reckoned from it";
+        0x2106:1 axis_mass: f32 = 0.2, (0.02, 10.0), "axis.mass_kg", "kg", "[R] section 6.1", disabled "loop, lift and second opinion are reckoned from it";
         /// Winding resistance.
         0x2106:2 axis_resistance: f32 = 12.4, (0.1, 200.0), "axis.resistance_ohm", "ohm", "[R] section 7.2, measured", disabled "loop, lift and second opinion are reckoned from it";
         /// Winding inductance.
@@ -145,7 +145,7 @@ declare! {
         /// Bus voltage.
         0x2106:5 axis_bus: f32 = 48.0, (5.0, 60.0), "axis.bus_v", "V", "[R] section 6.1", disabled "loop, lift and second opinion are reckoned from it";
         /// Lifting force of counterbalance or spring.
-        0x2106:6 axis_counterbalance: f32 = 2.2, (0.0, 500.0), "axis.counterbalance_n", "N", "assumed: a little over the weight, docs/wiring.md", disabled "loop, lift and second opinion are reckoned from it";
+        0x2106:6 axis_counterbalance: f32 = 2.2, (0.0, 100.0), "axis.counterbalance_n", "N", "assumed: a little over the weight, docs/wiring.md", disabled "loop, lift and second opinion are reckoned from it";
         /// Stroke between the stops.
         0x2106:7 axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.1", disabled "loop, lift and second opinion are reckoned from it";
         /// Largest duty.
@@ -182,9 +182,9 @@ declare! {
         0x2108:6 encoder_illegal: u32 = 10, (0, 1_000_000), "encoder.illegal_per_s", "", "assumed", disabled "lost counts could be believed";
 
         /// Bandwidth of the velocity loop.
-        0x2109:1 servo_velocity_hz: f32 = 200.0, (1.0, 500.0), "servo.velocity_hz", "Hz", "assumed: 64 degrees with L/R of 0.24 ms", live;
+        0x2109:1 servo_velocity_hz: f32 = 200.0, (10.0, 500.0), "servo.velocity_hz", "Hz", "assumed: 64 degrees with L/R of 0.24 ms", live;
         /// Bandwidth of the position loop.
-        0x2109:2 servo_position_hz: f32 = 60.0, (0.5, 200.0), "servo.position_hz", "Hz", "assumed: less than a third of the velocity loop's", live;
+        0x2109:2 servo_position_hz: f32 = 60.0, (5.0, 200.0), "servo.position_hz", "Hz", "assumed: less than a third of the velocity loop's", live;
         /// Integral time of the velocity loop.
         0x2109:3 servo_integral_ms: f32 = 15.0, (1.0, 10_000.0), "servo.integral_ms", "ms", "assumed", live;
 
@@ -194,7 +194,7 @@ declare! {
         0x2109:5 servo_presliding: f32 = 0.7, (0.05, 100.0), "servo.presliding_um", "um", "assumed: of guides, 1 to 10 um; the least voltage error of the scenario default", live;
 
         /// Largest following error.
-        0x210A:1 following_limit: f32 = 200.0, (1.0, 100_000.0), "supervise.following_um", "um", "assumed", falls "a fault would show later";
+        0x210A:1 following_limit: f32 = 200.0, (20.0, 100_000.0), "supervise.following_um", "um", "assumed", falls "a fault would show later";
         /// Time that a following error, or a runaway, may last.
         0x210A:2 following_ms: u32 = 10, (1, 10_000), "supervise.following_ms", "ms", "assumed", falls "a fault would show later";
         /// Velocity against a saturated duty that means a wrong polarity.
@@ -215,12 +215,12 @@ declare! {
         /// Time that arcs may have more than that.
         0x210A:10 arc_ms: u32 = 50, (0, 10_000), "supervise.arc_ms", "ms", "assumed", falls "a fault would show later";
         /// Radius of the electrode's face, as a disc: in a narrow gap the film of dielectric under a large one holds the head.
-        0x210A:11 face: f32 = 1500.0, (0.0, 100_000.0), "supervise.face_um", "um", "assumed; of the electrode", falls "a dead encoder would show later";
+        0x210A:11 face: f32 = 1500.0, (0.0, 30_000.0), "supervise.face_um", "um", "assumed; of the electrode", falls "a dead encoder would show later";
 
         /// Longest lift of a head without a closed loop.
         0x210B:1 lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md", disabled "the lift of a fault is reckoned from it";
         /// Force of a force-limited retract about the holding force.
-        0x210B:2 lift_force: f32 = 3.0, (0.1, 100.0), "lift.limited_n", "N", "assumed", disabled "the lift of a fault is reckoned from it";
+        0x210B:2 lift_force: f32 = 3.0, (0.5, 15.0), "lift.limited_n", "N", "assumed", disabled "the lift of a fault is reckoned from it";
         /// Bus voltage below which lifting on stored energy ends.
         0x210B:3 lift_bus_dead: f32 = 15.0, (1.0, 60.0), "lift.bus_dead_v", "V", "assumed", disabled "the lift of a fault is reckoned from it";
 

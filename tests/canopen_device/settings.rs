@@ -289,9 +289,9 @@ fn the_hostile_writes_of_the_review_are_refused_while_eroding_and_taken_while_di
         ("supervise.gap_ms", 1000),
         ("retreat.after_shorts", 1000),
         ("retreat.after_ms", 100.0f32.to_bits()),
-        ("retreat.velocity_um_s", 1.0f32.to_bits()),
+        ("retreat.velocity_um_s", 100.0f32.to_bits()),
         ("retreat.persistent_ms", 60_000.0f32.to_bits()),
-        ("lift.limited_n", 100.0f32.to_bits()),
+        ("lift.limited_n", 15.0f32.to_bits()),
         ("gap.short_v", 1.0f32.to_bits()),
         ("gap.volts_per_code", 1.0f32.to_bits()),
         ("contact.below_v", 0.0f32.to_bits()),
@@ -382,6 +382,18 @@ fn the_friction_that_commissioning_has_felt_is_what_the_supervision_judges_by() 
         let expected = rig.drive.active().head.supervise.breakaway;
         assert_eq!(rig.machine.supervision().limits.breakaway, expected, "{friction} N: the task runs it");
         assert_ne!(expected, Settings::default().build().unwrap().head.supervise.breakaway);
+    }
+}
+
+#[test]
+fn more_friction_than_the_check_has_found_asks_for_the_check_again_and_less_does_not() {
+    let mut rig = Rig::new(|_, _| {});
+    let ((index, sub), (passed, passed_sub)) = (address("axis.breakaway_n"), address("commission.passed"));
+    let now = rig.read_real((index, sub));
+    for (friction, wanted) in [(0.9 * now, 1), (now, 0)] {
+        rig.write(index, sub, &friction.to_le_bytes());
+        rig.run(5);
+        assert_eq!(rig.read(passed, passed_sub) & 0xFF, wanted, "{friction} N");
     }
 }
 

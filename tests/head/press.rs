@@ -23,7 +23,7 @@ fn pressed(change: impl FnOnce(&mut Settings)) -> (f64, Option<Fault>) {
 #[test]
 fn a_seek_presses_no_harder_than_it_may_onto_what_is_in_its_way_and_says_so() {
     // The supervision waits for the film that faces so large would have between themselves and the stop.
-    for (face, most) in [(1.5e3, 5.0f32), (25e3, 5.0), (25e3, 2.0), (50e3, 5.0), (50e3, 1.0)] {
+    for (face, most) in [(1.5e3, 5.0f32), (25e3, 5.0), (25e3, 2.0), (30e3, 5.0), (30e3, 1.0)] {
         let (n, named) = pressed(|settings| {
             (settings.contact_press, settings.face, settings.axis_breakaway) = (most, face, 0.3);
         });

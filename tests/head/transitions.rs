@@ -77,7 +77,7 @@ fn the_table_of_transitions_is_what_heads_do() {
         let mut random = Random::seed_from_u64(seed);
         let mut bench = Bench::with(|settings| {
             settings.seek_settle_ms = 10.0;
-            settings.seek_velocity = 20_000.0;
+            settings.seek_velocity = 5000.0;
         });
         // An axis longer than its settings say, where homing ends in vain.
         let long = seed % 4 == 0;

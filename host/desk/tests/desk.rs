@@ -635,7 +635,7 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
     let eds = include_str!("../../../docs/edm-servo-head.eds");
     let cut = put("cut.eds", "[DeviceInfo]\nVendorNumber=0x0\n");
     let other = put("other.eds", &eds.replace("ProductNumber=0x1", "ProductNumber=0x7"));
-    let newer = put("newer.eds", &eds.replace("RevisionNumber=0x1", "RevisionNumber=0x2"));
+    let newer = put("newer.eds", &eds.replace("RevisionNumber=0x2", "RevisionNumber=0x3"));
     let whole = folder.path().join("whole.toml");
     let whole = whole.to_str().unwrap();
     assert_eq!(run(&way, &["settings", "export", whole]).0, Some(0));
@@ -653,7 +653,7 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["--eds", &other, "stop"], "node 1: another device (vendor 0h, product 1h)"),
         (
             &["--eds", &newer, "bore", "--depth", "0.1"],
-            "its objects are revision 1, the description file is of revision 2",
+            "its objects are revision 2, the description file is of revision 3",
         ),
         (&["--node", "9", "stop"], "node 9: no servo drive (device profile 401)"),
         (&["--node", "5", "watch"], "node 5: nobody answers at socket://"),

@@ -76,7 +76,7 @@ pub const DEVICE: Device = Device {
     // Nobody's: no vendor-ID has been given to this project.
     vendor: 0,
     product: 1,
-    revision: 0x0000_0001,
+    revision: 0x0000_0002,
     heartbeat: 0,
     receive: [
         PdoDefault { valid: true, entries: &[mapped(0x6040, 0, 16)], ..PdoDefault::UNUSED },

@@ -418,8 +418,10 @@ impl Drive {
         if self.stale || self.configuring {
             return Err(Abort::DeviceState);
         }
-        // Commissioning has to look again at what it has passed.
-        if self.active.head.axis.plant != active.head.axis.plant || wired(&pending) != wired(&self.settings) {
+        // Commissioning has to look again at what it has passed. More friction than it has found would hide a dead encoder.
+        let stiffer = pending.axis_breakaway > self.settings.axis_breakaway;
+        if stiffer || self.active.head.axis.plant != active.head.axis.plant || wired(&pending) != wired(&self.settings)
+        {
             pending.commissioned = false;
             active.head.commissioned = false;
         }

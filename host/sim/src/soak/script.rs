@@ -25,8 +25,6 @@ const LOWEST: u32 = 3000;
 const TOUCHY: &[&str] = &["servo.", "single.", "feed.", "gap.", "axis.", "generator."];
 /// Settings that are not changed.
 const LEFT: &[&str] = &["feed.structure"];
-/// Fastest seek, um/s.
-const SEEK: f32 = 5000.0;
 
 /// A life in the making.
 struct Script {
@@ -168,7 +166,6 @@ impl Script {
         let near = TOUCHY.iter().any(|prefix| field.key.starts_with(prefix));
         let word = match field.kind {
             Kind::Number { min, max } => {
-                let max = if field.key == "seek.velocity_um_s" { SEEK } else { max };
                 let value =
                     if near { f32::from_bits(default) * (0.8 + 0.4 * share) } else { min + (max - min) * share };
                 value.clamp(min, max).to_bits()
