@@ -49,7 +49,7 @@ fn laws_are_compared_by_mean_and_confidence_in_words_json_and_pictures() {
         .records()
         .map(Result::unwrap)
         .filter(|row| &row[at("law")] == "increment_by_error" && row[at("variant")].starts_with("reflex 1 ms"))
-        .map(|row| row[at("eroding_time_s")].parse().unwrap())
+        .map(|row| row[at("machining_time_s")].parse().unwrap())
         .collect();
     assert_eq!(times.len(), 2);
     let mean = (times[0] + times[1]) / 2.0;
@@ -62,6 +62,31 @@ fn laws_are_compared_by_mean_and_confidence_in_words_json_and_pictures() {
     }
     let pictures: Vec<_> = fs::read_dir(folder.path().join("p")).unwrap().collect();
     assert_eq!(pictures.len(), 2, "one a variant");
+}
+
+#[test]
+fn machining_time_is_the_whole_time_from_the_first_pulse_to_the_depth() {
+    let folder = folder();
+    let words =
+        ["bore", "--scenario", "micro-blind", "--depth-mm", "0.006", "--json", "r.json", "--trace", "t.csv", "-q"];
+    let program = env!("CARGO_BIN_EXE_edm-sim");
+    assert!(Command::new(program).args(words).current_dir(folder.path()).status().unwrap().success());
+    let report: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(folder.path().join("r.json")).unwrap()).unwrap();
+    let mut trace = csv::Reader::from_path(folder.path().join("t.csv")).unwrap();
+    let state = trace.headers().unwrap().iter().position(|name| name == "state").unwrap();
+    // A row a millisecond.
+    let states: Vec<String> = trace.records().map(|row| row.unwrap()[state].to_owned()).collect();
+    let works = |state: &String| state == "eroding" || state == "retreating";
+    let first = states.iter().position(works).unwrap();
+    let last = states.iter().rposition(works).unwrap();
+    let retreats = states[first..=last].iter().filter(|state| *state == "retreating").count();
+    let [whole, eroding] = ["machining_time_s", "eroding_time_s"].map(|name| report[name].as_f64().unwrap());
+    assert!((whole - (last - first + 1) as f64 * 1e-3).abs() < 2.5e-3, "{whole} s, {first} to {last} ms");
+    assert!(
+        retreats > 20 && whole > eroding + 0.9e-3 * retreats as f64,
+        "{whole} {eroding} s, {retreats} ms of retreats"
+    );
 }
 
 #[test]

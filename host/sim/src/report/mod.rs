@@ -45,7 +45,9 @@ pub struct Report {
     pub sim_time_s: f64,
     /// Simulated time in which the feed law led, s: neither seek nor retreat nor fault.
     pub eroding_time_s: f64,
-    /// Depth of the hole over that time, mm/min.
+    /// Simulated time from the first pulse at the work to the depth, s: with retreats and jumps, without the seek.
+    pub machining_time_s: f64,
+    /// Depth of the hole over the eroding time, mm/min.
     pub rate_mm_min: Option<f64>,
     /// Time it took, s.
     pub wall_time_s: f64,
@@ -163,6 +165,7 @@ impl Report {
             target_depth_mm: job.depth_mm,
             sim_time_s: rounded(outcome.sim_time_s),
             eroding_time_s: rounded(figures.eroding_s),
+            machining_time_s: rounded(figures.machining_s),
             rate_mm_min: hole_depth_mm.and_then(|depth| tidy(depth / figures.eroding_s * 60.0)),
             wall_time_s: rounded(wall_time_s),
             gap_voltage_v: GapVoltage {

@@ -46,6 +46,7 @@ fn figures() -> Figures {
         vibration_mm_s: Some(0.21),
         duty: statistics::Duty::default(),
         eroding_s: 145.0,
+        machining_s: 147.5,
         debris: Some(0.9),
         damage: Some(0.04),
         contact_n: 0.25,
@@ -60,7 +61,7 @@ fn the_json_has_exactly_these_keys_in_this_order() {
         json,
         "{\"schema\":\"edm-sim.bore/1\",\"scenario\":\"default\",\"model_version\":0,\"seed\":7,\"completed\":true,\
          \"stop_reason\":\"depth reached\",\"depth_mm\":0.5,\"hole_depth_mm\":0.5382,\"wear_mm\":0.002,\"through_ratio\":0.0,\"target_depth_mm\":0.5,\"sim_time_s\":151.0,\
-         \"eroding_time_s\":145.0,\"rate_mm_min\":0.222703,\
+         \"eroding_time_s\":145.0,\"machining_time_s\":147.5,\"rate_mm_min\":0.222703,\
          \"wall_time_s\":2.0,\"gap_voltage_v\":{\"mean\":55.1,\"setpoint\":55.0,\"rms_error_100ms\":0.8,\"filtered_rms\":4.0,\
          \"shot_floor_rms\":3.7},\"gap_um\":{\"mean\":38.2,\"rms_error\":3.1},\"position_pp_um_median\":4.2,\
          \"position_line_um\":{\"amplitude\":0.6,\"hz\":7.2},\"vibration_mm_s\":0.21,\"velocity_mm_s\":0.25,\"duty_at_limit_ratio\":null,\"open_ratio\":0.35,\"spark_ratio\":0.62,\

@@ -143,6 +143,9 @@ pub struct Statistics {
     retreats: Retreats,
     cycles: Cycles,
     eroding_ms: u64,
+    /// Milliseconds since the work was first met, but for seeks, and those until the end of what was last machined.
+    since_ms: u64,
+    machining_ms: u64,
     /// Debris and damage while eroding; contact and film always.
     sums: (f64, f64),
     most: (f64, f64),
@@ -175,6 +178,8 @@ pub struct Figures {
     pub duty: Duty,
     /// Time in which the feed law led, s.
     pub eroding_s: f64,
+    /// Time from the first pulse at the work to the end of the last eroding, s: with retreats, jumps and holds between, without seeks.
+    pub machining_s: f64,
     /// Retreats of more than 5 um.
     pub long_retreats: u64,
     /// Share of cycles of 100 ms that were short.
@@ -213,6 +218,8 @@ impl Statistics {
             retreats: Retreats::default(),
             cycles: Cycles::default(),
             eroding_ms: 0,
+            since_ms: 0,
+            machining_ms: 0,
             sums: (0.0, 0.0),
             most: (0.0, 0.0),
         }
@@ -225,6 +232,13 @@ impl Statistics {
         if ms.phase == Phase::Eroding {
             self.eroding_ms += 1;
             self.sums = (self.sums.0 + ms.debris, self.sums.1 + ms.damage);
+        }
+        let machines = matches!(ms.phase, Phase::Eroding | Phase::Retreating);
+        if machines || (self.since_ms > 0 && ms.phase != Phase::Seeking) {
+            self.since_ms += 1;
+        }
+        if machines {
+            self.machining_ms = self.since_ms;
         }
         self.most = (self.most.0.max(ms.contact_n), self.most.1.max(ms.film_n));
         if self.judge.judged(ms.phase) {
@@ -292,6 +306,7 @@ impl Statistics {
             velocity_mm_s: self.judged.velocity.rms().map(|um_s| um_s * 1e-3),
             duty: self.judged.duty,
             eroding_s: self.eroding_ms as f64 * 1e-3,
+            machining_s: self.machining_ms as f64 * 1e-3,
             long_retreats: self.retreats.count(),
             short_cycle_ratio: self.cycles.short_ratio(),
             shorts: self.cycles.shorts(),

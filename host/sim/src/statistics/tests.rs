@@ -85,6 +85,7 @@ fn the_first_two_seconds_of_eroding_are_not_judged() {
         figures(2, |_, _| {}),
         Figures {
             eroding_s: 2.0,
+            machining_s: 2.0,
             debris: Some(0.5),
             damage: Some(0.25),
             short_cycle_ratio: Some(0.0),
@@ -118,9 +119,11 @@ fn a_retreat_and_the_settling_after_it_are_not_judged() {
 #[test]
 fn without_eroding_nothing_is_judged() {
     for phase in [Phase::Idle, Phase::Seeking, Phase::Retreating, Phase::Fault] {
-        // A retreat belongs to the servo cycles of [G].
+        // A retreat belongs to the servo cycles of [G], and to the machining.
         let short_cycle_ratio = (phase == Phase::Retreating).then_some(0.0);
-        assert_eq!(figures(5, |_, ms| ms.phase = phase), Figures { short_cycle_ratio, ..Figures::default() });
+        let machining_s = if phase == Phase::Retreating { 5.0 } else { 0.0 };
+        let expected = Figures { short_cycle_ratio, machining_s, ..Figures::default() };
+        assert_eq!(figures(5, |_, ms| ms.phase = phase), expected);
     }
 }
 
@@ -216,4 +219,17 @@ fn the_time_of_eroding_is_neither_seek_nor_retreat() {
         }
     });
     assert!((f.eroding_s - 6.0).abs() < 1e-9);
+}
+
+#[test]
+fn machining_lasts_from_the_first_pulse_to_the_last_retreats_and_jumps_included_and_seeks_not() {
+    let phase = |i: u32| match i / 1000 {
+        0 | 5 => Phase::Seeking,
+        1 | 4 => Phase::Retreating,
+        2 | 6 | 8 => Phase::Eroding,
+        // A hold, a jump, and at the end the lift.
+        _ => Phase::Idle,
+    };
+    let f = figures(10, |i, ms| ms.phase = phase(i));
+    assert_eq!((f.eroding_s, f.machining_s), (3.0, 7.0));
 }

@@ -27,6 +27,7 @@ pub const FIGURES: &[(&str, Figure)] = &[
     ("through_ratio", |r| json!(r.through_ratio)),
     ("sim_time_s", |r| json!(r.sim_time_s)),
     ("eroding_time_s", |r| json!(r.eroding_time_s)),
+    ("machining_time_s", |r| json!(r.machining_time_s)),
     ("rate_mm_min", |r| json!(r.rate_mm_min)),
     ("gap_voltage_v.mean", |r| json!(r.gap_voltage_v.mean)),
     ("gap_voltage_v.setpoint", |r| json!(r.gap_voltage_v.setpoint)),
