@@ -1,9 +1,10 @@
-"""A small part of G-code as segments of path: G0, G1, G2, G3, G17 to G19, G20, G21, G90, G91, F, M2.
+"""A small part of G-code as segments of path, as docs/path.md lists it.
 
-Z is up, as on a machine; a head counts down. F is read and left alone: the gap decides how fast a path is eroded.
+Z is up, as on a machine; a head counts down. The gap decides how fast a path is eroded: F is a bound for that.
 """
 
 import dataclasses
+import math
 import re
 
 WORD = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
@@ -12,6 +13,13 @@ SHAPES = {17: (1, 2), 18: (4, 3), 19: (6, 5)}
 # Axes of the first and second word of a centre, in the order of 200Eh:4 and 5, and their signs.
 CENTRES = {17: (("I", 1), ("J", 1)), 18: (("K", -1), ("I", 1)), 19: (("J", 1), ("K", -1))}
 NM = {20: 25_400_000, 21: 1_000_000}
+# Words that contradict each other, and those that say what holds here anyway.
+GROUPS = ((0, 1, 2, 3), (17, 18, 19), (20, 21), (90, 91))
+PASSED = (40, 49, 80, 94)
+WORDS = "G0 to G3, G17 to G21, G40, G49, G80, G90, G91, G94, F, M2, M30"
+# Smallest feed, um/s: that of feed.max_um_s. Ends in whole um may be so far too far apart for a half turn, nm.
+SLOWEST = 0.1
+INCONSISTENCY = 2000
 
 
 class Wrong(Exception):
@@ -28,6 +36,8 @@ class Segment:
     y: int
     shape: int = 0
     centre: tuple = (0, 0)
+    feed: float | None = None
+    """F, um/s, if it holds: no faster feed."""
 
 
 def words(number, text):
@@ -44,13 +54,30 @@ def words(number, text):
     return [word for word in found if word[0] != "N"]
 
 
+def by_radius(number, radius, chord, forward):
+    """The centre of an arc from its beginning, nm; with a negative radius it is the longer way around."""
+    (u, v), length = chord, math.hypot(*chord)
+    if not length:
+        raise Wrong(f"line {number}: R: an arc by R ends elsewhere than it begins; a whole turn has its centre in I, J or K")
+    if length > 2 * abs(radius) + INCONSISTENCY:
+        raise Wrong(f"line {number}: R: its ends are {length / 1e6:.3f} mm apart, more than two radii")
+    aside = math.sqrt(max(0, radius**2 - length**2 / 4)) / length
+    left = aside if forward == (radius > 0) else -aside
+    return round(u / 2 - left * v), round(v / 2 + left * u)
+
+
 def segments(text):
     """The path of a program: from X0 Y0 Z0, the surface of the work."""
-    at, plane, unit, absolute, motion = dict.fromkeys("XYZ", 0), 17, 21, True, None
+    at, plane, unit, absolute, motion, feed = dict.fromkeys("XYZ", 0), 17, 21, True, None, None
     for number, line in enumerate(text.splitlines(), 1):
-        given, ends = {}, False
+        given, ends, codes = {}, False, []
         for letter, value in words(number, line):
             word = f"{letter}{value:g}"
+            if letter == "G":
+                group = next((group for group in GROUPS if value in group), ())
+                if others := [other for other in codes if other in group]:
+                    raise Wrong(f"line {number}: {word}: G{others[0]:g} stands in the same line")
+                codes.append(value)
             if letter == "G" and value in (0, 1, 2, 3):
                 motion = int(value)
             elif letter == "G" and value in SHAPES:
@@ -59,14 +86,22 @@ def segments(text):
                 unit = int(value)
             elif letter == "G" and value in (90, 91):
                 absolute = value == 90
-            elif letter == "M" and value == 2:
+            elif letter == "M" and value in (2, 30):
                 ends = True
-            elif letter in "XYZIJK":
+            elif letter in "FRXYZIJK":
                 if letter in given:
                     raise Wrong(f"line {number}: {word}: {letter} stands twice in the line")
-                given[letter] = round(value * NM[unit])
-            elif letter != "F":
-                raise Wrong(f"line {number}: {word}: is not among G0 to G3, G17 to G21, G90, G91, F, M2")
+                given[letter] = value
+            elif letter != "G" or value not in PASSED:
+                raise Wrong(f"line {number}: {word}: is not among {WORDS}")
+        # The unit may stand behind them.
+        if "F" in given:
+            value = given.pop("F")
+            feed = value * NM[unit] / 60e3
+            if feed < SLOWEST:
+                least = math.ceil(SLOWEST * 60e9 / NM[unit]) / 1e6
+                raise Wrong(f"line {number}: F{value:g}: a feed must be {least:g} or more, in units a minute")
+        given = {letter: round(value * NM[unit]) for letter, value in given.items()}
         if not given:
             if ends:
                 return
@@ -76,17 +111,26 @@ def segments(text):
         end = {axis: given.get(axis, 0 if not absolute else at[axis]) for axis in at}
         if not absolute:
             end = {axis: at[axis] + end[axis] for axis in at}
-        segment = Segment(number, -end["Z"], end["X"], end["Y"])
+        segment = Segment(number, -end["Z"], end["X"], end["Y"], feed=feed if motion else None)
         if motion >= 2:
             centre = CENTRES[plane]
-            wrong = [letter for letter in "IJK" if letter in given and letter not in dict(centre)]
-            if wrong or not any(letter in given for letter, _ in centre):
-                wants = " and ".join(letter for letter, _ in centre)
-                raise Wrong(f"line {number}: {''.join(wrong) or f'G{motion}'}: an arc in G{plane} has its centre in {wants}")
             segment.shape = SHAPES[plane][3 - motion]
-            segment.centre = tuple(sign * given.get(letter, 0) for letter, sign in centre)
-        elif centre := [letter for letter in "IJK" if letter in given]:
-            raise Wrong(f"line {number}: {centre[0]}: only an arc has a centre")
+            centres = [letter for letter in "IJK" if letter in given]
+            if "R" in given and centres:
+                raise Wrong(f"line {number}: {centres[0]}: an arc by R has no other centre")
+            wrong = [letter for letter in centres if letter not in dict(centre)]
+            if "R" in given:
+                by = {"I": end["X"] - at["X"], "J": end["Y"] - at["Y"], "K": end["Z"] - at["Z"]}
+                chord = [sign * by[letter] for letter, sign in centre]
+                # Odd shapes lead from the first axis of the plane toward the second.
+                segment.centre = by_radius(number, given["R"], chord, segment.shape % 2 == 1)
+            elif wrong or not any(letter in given for letter, _ in centre):
+                wants = " and ".join(letter for letter, _ in centre)
+                raise Wrong(f"line {number}: {''.join(wrong) or f'G{motion}'}: an arc in G{plane} has its centre in {wants}, or a radius in R")
+            else:
+                segment.centre = tuple(sign * given.get(letter, 0) for letter, sign in centre)
+        elif centre := [letter for letter in "IJKR" if letter in given]:
+            raise Wrong(f"line {number}: {centre[0]}: only an arc has a centre or a radius")
         if motion >= 2 or end != at:
             yield segment
         if ends:

@@ -54,10 +54,17 @@ with Head(network, args.node) as head:
     head.sdo[0x200E][8].raw = 0  # of what was before
     appended = head.sdo[0x200E][10].raw
     waiting = list(path)
+    feed_max = head.sdo[0x2102][9].raw
+    bounded = None
     began = told = time.monotonic()
     while True:
         while waiting and head.sdo[0x2004][4].raw > 1:
             push(head, waiting.pop(0))
+        # The segment under way bounds the feed.
+        under_way = path[max(0, head.sdo[0x2004][5].raw - appended - 1)]
+        if bounded != under_way.feed:
+            bounded = under_way.feed
+            head.sdo[0x2102][9].raw = feed_max if bounded is None else min(feed_max, bounded)
         if not head.sdo[0x2001][1].raw:
             head.sdo[0x2001][1].raw = 1
         state = head.sdo[0x2000][1].raw
@@ -71,6 +78,7 @@ with Head(network, args.node) as head:
             print(f"  {told - began:4.0f} s  X {x:7.3f}  Y {y:7.3f}  Z {z:7.3f} mm  {head.sdo[0x2005][1].raw / 100:5.1f} V")
         time.sleep(0.02)
     head.sdo[0x2001][1].raw = 0
+    head.sdo[0x2102][9].raw = feed_max
     x, y = (head.sdo[0x200E][sub].raw * 1e-6 for sub in (12, 13))
     z = args.surface_mm - head.sdo[0x6064].raw / counts_per_mm
     taken = head.sdo[0x200E][10].raw - appended

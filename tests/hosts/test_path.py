@@ -13,14 +13,18 @@ sys.path.append(str(EXAMPLES))
 from gcode import Segment, Wrong, segments  # noqa: E402
 
 
+# F2, um/s.
+FEED = 2e3 / 60
+
+
 def test_a_program_is_lines_and_arcs_in_nm_with_z_turned_around():
     program = "%\nN1 G21 G90 (mm)\nG1 X1 Z-0.5 F2\nG3 X3 I1 ; half around\ng91 g2 x-2 i-1 z-.25\nG18 G3 Z1 X1 K0 I1\nG20 G0 X1\nM2\nG1 X9"
     assert list(segments(program)) == [
-        Segment(3, 500_000, 1_000_000, 0),
-        Segment(4, 500_000, 3_000_000, 0, 1, (1_000_000, 0)),
-        Segment(5, 750_000, 1_000_000, 0, 2, (-1_000_000, 0)),
+        Segment(3, 500_000, 1_000_000, 0, feed=FEED),
+        Segment(4, 500_000, 3_000_000, 0, 1, (1_000_000, 0), FEED),
+        Segment(5, 750_000, 1_000_000, 0, 2, (-1_000_000, 0), FEED),
         # From down toward X is backward from Z toward X.
-        Segment(6, -250_000, 2_000_000, 0, 4, (0, 1_000_000)),
+        Segment(6, -250_000, 2_000_000, 0, 4, (0, 1_000_000), FEED),
         Segment(7, -250_000, 27_400_000, 0),
     ]
 
@@ -30,6 +34,26 @@ def test_the_planes_turn_as_seen_from_their_third_axis():
     for plane, (centre, forward, back) in shapes.items():
         found = segments(f"G{plane}\nG3 {centre}\nG2 {centre}")
         assert [segment.shape for segment in found] == [forward, back]
+
+
+def test_an_arc_by_its_radius_is_the_one_by_its_centre():
+    for plane, end, centres in [
+        ("G17", "X1 Y1", ["I0 J1", "I1 J0"]),
+        ("G18", "Z1 X1", ["K0 I1", "K1 I0"]),
+        ("G19", "Y1 Z1", ["J0 K1", "J1 K0"]),
+    ]:
+        for motion, (minor, major) in (("G3", centres), ("G2", centres[::-1])):
+            for radius, centre in (("R1", minor), ("R-1", major)):
+                (by_radius,) = segments(f"{plane} {motion} {end} {radius}")
+                (by_centre,) = segments(f"{plane} {motion} {end} {centre}")
+                assert by_radius == by_centre
+
+
+def test_what_a_post_writes_around_a_program_is_passed_over():
+    post = "%\nN10 G17 G21 G40 G49 G80 G90 G94 (head)\nN20 G01 X1 F2\nN30 M30\n%"
+    assert list(segments(post)) == [Segment(3, 0, 1_000_000, 0, feed=FEED)]
+    feeds = [segment.feed for segment in segments("G1 X1\nG1 X2 F6\nX3\nG0 X4\nG20 F6 G1 X0")]
+    assert feeds == pytest.approx([None, 100, 100, None, 2540])
 
 
 @pytest.mark.parametrize(
@@ -44,6 +68,14 @@ def test_the_planes_turn_as_seen_from_their_third_axis():
         ("G1 X1 I1", "line 1: I: only an arc"),
         ("G1 Xnan", "line 1: XNAN: not a word"),
         ("G1 X1 hello", "line 1: HELLO: not a word"),
+        ("G1 X1 R1", "line 1: R: only an arc"),
+        ("G2 X1 R1 J1", "line 1: J: an arc by R"),
+        ("G2 X0 Y0 R1", "line 1: R: an arc by R ends elsewhere"),
+        ("G2 X2.003 R1", "line 1: R: its ends are 2.003 mm apart"),
+        ("G1 X1\nG90 G91 X1", "line 2: G91: G90 stands in the same line"),
+        ("G0 G1 X1", "line 1: G1: G0 stands in the same line"),
+        ("G1 X1 F0", "line 1: F0: a feed must be 0.006 or more"),
+        ("G20 G1 X1 F-5", "line 1: F-5: a feed must be 0.000237 or more"),
     ],
 )
 def test_what_is_wrong_is_named_with_line_and_word(program, says):

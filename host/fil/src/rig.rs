@@ -539,6 +539,10 @@ impl Rig for Emulated {
     fn command(&mut self, command: Command) -> Result<(), String> {
         host::command(self, command).map_err(|e| format!("{e:#}"))
     }
+
+    fn limit_feed(&mut self, settings: &Settings) -> Result<(), String> {
+        host::write(self, 0x2102, 9, settings.feed_max.to_bits(), 4).map_err(|e| format!("{e:#}"))
+    }
 }
 
 impl Bus for Emulated {

@@ -65,7 +65,8 @@ pub fn program(setup: &Setup, name: &str, moves: Vec<Move>) -> Result<Program, S
     path.restart([Fixed(0); AXES], [Fixed(0); AXES]);
     let mm = |point: Point| point.map(|um| um.0 as f64 / (1u64 << FRACTION_BITS) as f64 / 1e3);
     let mut outline = vec![mm(path.setpoint())];
-    for Move { line, word, piece } in &moves {
+    let mut ends = Vec::new();
+    for Move { line, word, piece, .. } in &moves {
         let refused = |what: String| format!("line {line}: {word}: {what}");
         let (up, down) = path.extent(piece).map_err(|wrong| refused(wrong.to_string()))?;
         let (up, down) = (up as f64 * 1e-6, down as f64 * 1e-6);
@@ -82,9 +83,10 @@ pub fn program(setup: &Setup, name: &str, moves: Vec<Move>) -> Result<Program, S
             path.step(to.minus(path.s()));
             outline.push(mm(path.setpoint()));
         }
+        ends.push(path.s());
     }
     let length_mm = f64::from(path.s().to_f32()) * 1e-3;
-    Ok(Program { name: name.into(), moves, length_mm, outline })
+    Ok(Program { name: name.into(), moves, ends, length_mm, outline })
 }
 
 /// Bores a hole: one sample a servo tick to `observer`, progress every 100 ms of simulated time.
@@ -143,6 +145,8 @@ pub fn run(
         machine.command(Command::AppendTo(below(piece, nm(0.0))))?;
     }
     machine.command(Command::Start)?;
+    // What the program allows where the head is, um/s.
+    let mut allowed = None;
 
     let length_mm = job.path.as_ref().map_or(job.depth_mm, |path| path.length_mm);
     let limit = ((length_mm / SLOWEST * 60.0 + PATIENCE_S) * f64::from(TICK_HZ)) as u64;
@@ -161,6 +165,13 @@ pub fn run(
         let sample = sample(machine, &truth, home_um);
         observer.sample(&sample);
         let state = machine.status().state;
+        let surface = Fixed::whole(nm(0.0)).0 / 1000;
+        let feed = job.path.as_ref().and_then(|path| path.feed(Fixed(machine.status().path.0 - surface)));
+        if feed != allowed && state == State::Eroding {
+            allowed = feed;
+            let feed_max = feed.map_or(setup.head.feed_max, |feed| setup.head.feed_max.min(feed as f32));
+            machine.limit_feed(&Settings { feed_max, commissioned: true, ..setup.head })?;
+        }
         if usize::from(machine.status().waiting) < AHEAD / 4 && state.pulses() {
             for piece in waiting.by_ref().take(AHEAD / 4) {
                 machine.command(Command::AppendTo(below(piece, nm(0.0))))?;

@@ -1,16 +1,21 @@
-//! A small part of G-code as pieces of path: G0, G1, G2, G3, G17 to G19, G20, G21, G90, G91, F, M2.
+//! A small part of G-code as pieces of path: [`WORDS`].
 //!
-//! Z is up, as on a machine; a head counts down. Z0 is the surface of the work, X0 Y0 where the head stands. G0 is gone along
-//! like G1 and F is read and left alone: the gap decides how fast a path is eroded. `examples/gcode.py` accepts the same.
+//! Z is up, as on a machine; a head counts down. Z0 is the surface of the work, X0 Y0 where the head stands. The gap decides how
+//! fast a path is eroded: F is a bound for that, in units a minute, and G0 is G1 without the bound. What a post writes at the
+//! beginning and means nothing here is passed over. `examples/gcode.py` accepts the same.
 
-use edm_servo_head::path::{AXES, Piece, Plane, Shape, Turn};
+use edm_servo_head::path::{AXES, INCONSISTENCY, Piece, Plane, Shape, Turn};
 use g_code::emit::Field;
 use g_code::parse::ast::{Span, Spanned};
 use g_code::parse::snippet_parser;
 
+/// What is understood; G40, G49, G80 and G94 say what holds here anyway.
+const WORDS: &str = "G0 to G3, G17 to G21, G40, G49, G80, G90, G91, G94, F, M2, M30";
 /// nm in a millimetre and in an inch.
 const MM: f64 = 1e6;
 const INCH: f64 = 25.4e6;
+/// Smallest feed, um/s: that of feed.max_um_s.
+const SLOWEST: f64 = 0.1;
 
 /// A piece of path, and where it is written.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,6 +26,8 @@ pub struct Move {
     pub word: String,
     /// The piece, nm from X0 Y0 Z0.
     pub piece: Piece,
+    /// F, um/s, if it holds: no faster feed.
+    pub feed: Option<f64>,
 }
 
 /// What holds until a line says otherwise.
@@ -30,6 +37,17 @@ struct Modal {
     plane: Plane,
     unit: f64,
     absolute: bool,
+    /// um/s.
+    feed: Option<f64>,
+}
+
+/// What a line gives.
+#[derive(Default)]
+struct Line {
+    /// The word that says most of where the piece leads, and the piece.
+    piece: Option<(String, Piece)>,
+    /// The program ends with it.
+    ends: bool,
 }
 
 /// A letter with its number, and how it is written.
@@ -44,7 +62,7 @@ struct Word<'a> {
 /// # Errors
 /// What cannot be carried out, with line and word.
 pub fn read(text: &str) -> Result<Vec<Move>, String> {
-    let mut modal = Modal { motion: None, plane: Plane::Xy, unit: MM, absolute: true };
+    let mut modal = Modal { motion: None, plane: Plane::Xy, unit: MM, absolute: true, feed: None };
     let mut at = [0; AXES];
     let mut moves = Vec::new();
     for (number, line) in text.lines().enumerate() {
@@ -59,10 +77,11 @@ pub fn read(text: &str) -> Result<Vec<Move>, String> {
         };
         let ascii: String = line.chars().map(plain).collect();
         let words = words(&ascii).map_err(|wrong| told(format!("{wrong}: not a word of G-code")))?;
-        let (piece, ends) = modal.carry_out(&words, at).map_err(told)?;
+        let Line { piece, ends } = modal.carry_out(&words, at).map_err(told)?;
         if let Some((word, piece)) = piece {
             at = piece.to;
-            moves.push(Move { line: number, word, piece });
+            let feed = modal.feed.filter(|_| modal.motion != Some(0));
+            moves.push(Move { line: number, word, piece, feed });
         }
         if ends {
             break;
@@ -101,13 +120,29 @@ fn words(line: &str) -> Result<Vec<Word<'_>>, &str> {
     Ok(words)
 }
 
+/// Words of which a line may have one: they contradict each other.
+fn group(letter: char, number: f64) -> Option<u8> {
+    Some(match (letter, number) {
+        ('G', 0.0..=3.0) => 0,
+        ('G', 17.0..=19.0) => 1,
+        ('G', 20.0..=21.0) => 2,
+        ('G', 90.0..=91.0) => 3,
+        _ => return None,
+    })
+}
+
 impl Modal {
     /// Takes the words of a line: the piece that they make from a point, and whether the program ends.
-    fn carry_out(&mut self, words: &[Word<'_>], at: [i64; AXES]) -> Result<(Option<(String, Piece)>, bool), String> {
+    fn carry_out(&mut self, words: &[Word<'_>], at: [i64; AXES]) -> Result<Line, String> {
         let mut given: Vec<(char, &Word<'_>)> = Vec::new();
         let mut ends = false;
-        for word in words {
+        for (place, word) in words.iter().enumerate() {
             let Word { letter, number, text } = word;
+            let group = group(*letter, *number);
+            let same = |other: &&Word<'_>| group.is_some() && self::group(other.letter, other.number) == group;
+            if let Some(other) = words.iter().take(place).find(same) {
+                return Err(format!("{text}: {} stands in the same line", other.text));
+            }
             match (letter, number) {
                 ('G', 0.0..=3.0) if number.fract() == 0.0 => self.motion = Some(*number as u8),
                 ('G', 17.0) => self.plane = Plane::Xy,
@@ -115,23 +150,44 @@ impl Modal {
                 ('G', 19.0) => self.plane = Plane::Yz,
                 ('G', 20.0) => self.unit = INCH,
                 ('G', 21.0) => self.unit = MM,
+                ('G', 40.0 | 49.0 | 80.0 | 94.0) => {}
                 ('G', 90.0) => self.absolute = true,
                 ('G', 91.0) => self.absolute = false,
-                ('M', 2.0) => ends = true,
-                ('F', _) => {}
-                ('X' | 'Y' | 'Z' | 'I' | 'J' | 'K', _) if given.iter().any(|(other, _)| other == letter) => {
-                    return Err(format!("{text}: {letter} stands twice in the line"));
+                ('M', 2.0 | 30.0) => ends = true,
+                ('F' | 'R' | 'X' | 'Y' | 'Z' | 'I' | 'J' | 'K', _) => {
+                    if given.iter().any(|(other, _)| other == letter) {
+                        return Err(format!("{text}: {letter} stands twice in the line"));
+                    }
+                    given.push((*letter, word));
                 }
-                ('X' | 'Y' | 'Z' | 'I' | 'J' | 'K', _) => given.push((*letter, word)),
-                _ => return Err(format!("{text}: is not among G0 to G3, G17 to G21, G90, G91, F, M2")),
+                _ => return Err(format!("{text}: is not among {WORDS}")),
             }
         }
+        let spelled =
+            |letters: &str| given.iter().find(|(letter, _)| letters.contains(*letter)).map(|(_, word)| word.text);
+        // The unit may stand behind it.
+        if let Some((_, word)) = given.iter().find(|(letter, _)| *letter == 'F') {
+            let feed = word.number * self.unit / 60e3;
+            if !(SLOWEST..f64::INFINITY).contains(&feed) {
+                let least = (SLOWEST * 60e9 / self.unit).ceil() / 1e6;
+                return Err(format!("{}: a feed must be {least} or more, in units a minute", word.text));
+            }
+            self.feed = Some(feed);
+        }
+        let Some(word) = spelled("Z").or(spelled("XY")).or(spelled("IJKR")) else {
+            return Ok(Line { piece: None, ends });
+        };
+        let piece = self.piece(word, &given, at)?;
+        Ok(Line { piece: piece.map(|piece| (word.into(), piece)), ends })
+    }
+
+    /// The piece that words of a line make; none where they lead nowhere.
+    fn piece(&self, word: &str, given: &[(char, &Word<'_>)], at: [i64; AXES]) -> Result<Option<Piece>, String> {
         let length = |letter: char| {
             given.iter().find(|(other, _)| *other == letter).map(|(_, word)| (word.number * self.unit).round() as i64)
         };
         let spelled =
             |letters: &str| given.iter().find(|(letter, _)| letters.contains(*letter)).map(|(_, word)| word.text);
-        let Some(word) = spelled("Z").or(spelled("XY")).or(spelled("IJK")) else { return Ok((None, ends)) };
         let Some(motion) = self.motion else { return Err(format!("{word}: no G0 to G3 before the first move")) };
         let end = |from: i64, by: Option<i64>| match by {
             None => from,
@@ -142,10 +198,10 @@ impl Modal {
         let to = [end(-down, length('Z')).saturating_neg(), end(x, length('X')), end(y, length('Y'))];
         let mut piece = Piece { shape: Shape::Line, to, centre: [0; 2], mark: false, stop: false };
         if motion < 2 {
-            if let Some(word) = spelled("IJK") {
-                return Err(format!("{word}: only an arc has a centre"));
+            if let Some(word) = spelled("IJKR") {
+                return Err(format!("{word}: only an arc has a centre or a radius"));
             }
-            return Ok(((to != at).then(|| (word.into(), piece)), ends));
+            return Ok((to != at).then_some(piece));
         }
         // Down is Z turned around, and so is the way round in its planes.
         let (name, centre, other) = match self.plane {
@@ -153,24 +209,54 @@ impl Modal {
             Plane::Zx => ("G18 has its centre in I and K", [('K', -1), ('I', 1)], "J"),
             Plane::Yz => ("G19 has its centre in J and K", [('J', 1), ('K', -1)], "I"),
         };
-        let wrong = spelled(other).map(str::to_owned);
-        let missing = centre.iter().all(|(letter, _)| length(*letter).is_none()).then(|| format!("G{motion}"));
-        if let Some(word) = wrong.or(missing) {
-            return Err(format!("{word}: an arc in {name}"));
-        }
-        for (nm, (letter, sign)) in piece.centre.iter_mut().zip(centre) {
-            let far = |_| {
-                format!(
-                    "{}: a centre farther away than an arc may be wide",
-                    spelled(&letter.to_string()).unwrap_or(word)
-                )
-            };
-            *nm = i32::try_from(sign * length(letter).unwrap_or(0)).map_err(far)?;
-        }
-        let turn = if (motion == 3) == (self.plane == Plane::Xy) { Turn::Forward } else { Turn::Backward };
+        let forward = (motion == 3) == (self.plane == Plane::Xy);
+        let turn = if forward { Turn::Forward } else { Turn::Backward };
         piece.shape = Shape::of(self.plane, turn);
-        Ok((Some((word.into(), piece)), ends))
+        let nm: [i64; 2] = match (length('R'), spelled("R"), spelled("IJK")) {
+            (Some(_), _, Some(word)) => return Err(format!("{word}: an arc by R has no other centre")),
+            (Some(radius), Some(word), None) => {
+                let by = [0, 1, 2].map(|axis| (to[axis] - at[axis]) as f64);
+                let chord = match self.plane {
+                    Plane::Xy => [by[1], by[2]],
+                    Plane::Zx => [by[0], by[1]],
+                    Plane::Yz => [by[2], by[0]],
+                };
+                by_radius(chord, radius as f64, forward).map_err(|wrong| format!("{word}: {wrong}"))?
+            }
+            _ => {
+                let wrong = spelled(other).map(str::to_owned);
+                let missing = centre.iter().all(|(letter, _)| length(*letter).is_none()).then(|| format!("G{motion}"));
+                if let Some(word) = wrong.or(missing) {
+                    return Err(format!("{word}: an arc in {name}, or a radius in R"));
+                }
+                centre.map(|(letter, sign)| sign * length(letter).unwrap_or(0))
+            }
+        };
+        for ((to, nm), (letter, _)) in piece.centre.iter_mut().zip(nm).zip(centre) {
+            let far = |_| {
+                let word = spelled("R").or(spelled(&letter.to_string())).unwrap_or(word);
+                format!("{word}: a centre farther away than an arc may be wide")
+            };
+            *to = i32::try_from(nm).map_err(far)?;
+        }
+        Ok(Some(piece))
     }
+}
+
+/// The centre of an arc from its beginning, nm: `chord` leads to its end. With a negative radius it is the longer way around.
+fn by_radius(chord: [f64; 2], radius: f64, forward: bool) -> Result<[i64; 2], String> {
+    let [u, v] = chord;
+    let length = u.hypot(v);
+    if length == 0.0 {
+        return Err("an arc by R ends elsewhere than it begins; a whole turn has its centre in I, J or K".into());
+    }
+    // Ends in whole um may be that much too far apart for a half turn.
+    if length > 2.0 * radius.abs() + INCONSISTENCY as f64 {
+        return Err(format!("its ends are {:.3} mm apart, more than two radii", length / MM));
+    }
+    let aside = (radius * radius - length * length / 4.0).max(0.0).sqrt() / length;
+    let left = if forward == (radius > 0.0) { aside } else { -aside };
+    Ok([(u / 2.0 - left * v).round() as i64, (v / 2.0 + left * u).round() as i64])
 }
 
 #[cfg(test)]
@@ -212,6 +298,43 @@ mod tests {
     }
 
     #[test]
+    fn an_arc_by_its_radius_is_the_one_by_its_centre_in_every_plane_and_either_way_around() {
+        for (plane, end, minor, major) in [
+            // A quarter turn, and the three quarters on the other side of the chord.
+            ("G17", "X1 Y1", ["I0 J1", "I1 J0"], ["I1 J0", "I0 J1"]),
+            ("G18", "Z1 X1", ["K0 I1", "K1 I0"], ["K1 I0", "K0 I1"]),
+            ("G19", "Y1 Z1", ["J0 K1", "J1 K0"], ["J1 K0", "J0 K1"]),
+        ] {
+            for (n, motion) in ["G3", "G2"].into_iter().enumerate() {
+                for (radius, centre) in [("R1", minor[n]), ("R-1", major[n])] {
+                    let by = |how| read(&format!("{plane} {motion} {end} {how}")).unwrap()[0].piece;
+                    assert_eq!(by(radius), by(centre), "{plane} {motion} {end} {radius}, {centre}");
+                }
+            }
+        }
+        // A half turn whose ends are rounded, in inch, and a helix.
+        let found = read("G1 X0.001\nG20 G3 X0.1 Y0.02 Z-1 R.051").unwrap();
+        let Piece { shape, to, centre, .. } = found[1].piece;
+        assert_eq!((shape, to), (Shape::Xy, [25_400_000, 2_540_000, 508_000]));
+        let far = |[u, v]: [f64; 2]| (f64::from(centre[0]) - u).hypot(f64::from(centre[1]) - v);
+        assert!((far([0.0; 2]) - 1_295_400.0).abs() < 2.0 && (far([2_539_000.0, 508_000.0]) - 1_295_400.0).abs() < 2.0);
+        assert!(read("G2 X2.001 R1").is_ok());
+    }
+
+    #[test]
+    fn what_a_post_writes_around_a_program_is_passed_over() {
+        let post = "%\nN10 G17 G21 G40 G49 G80 G90 G94 (head)\nN20 G01 X1 F2\nN30 M30\n%";
+        assert_eq!(read(post), read("G1 X1 F2").map(|m| vec![Move { line: 3, ..m[0].clone() }]));
+    }
+
+    #[test]
+    fn a_feed_holds_from_its_line_on_for_everything_but_a_rapid() {
+        let found = read("G1 X1\nG1 X2 F6\nX3\nG0 X4\nG20 F6 G1 X0\nF.012 G21\nX1").unwrap();
+        let feeds: Vec<Option<f64>> = found.iter().map(|m| m.feed).collect();
+        assert_eq!(feeds, [None, Some(100.0), Some(100.0), None, Some(2540.0), Some(0.2)]);
+    }
+
+    #[test]
     fn the_last_line_is_carried_out_to_its_end() {
         assert_eq!(read("G1 X1 M2\nG1 X2").unwrap().len(), 1);
     }
@@ -227,6 +350,23 @@ mod tests {
             ("G2 X1 K1", "line 1: K1: an arc in G17 has its centre in I and J"),
             ("G3 X1", "line 1: G3: an arc in G17"),
             ("G1 X1 I1", "line 1: I1: only an arc"),
+            ("G1 X1 R1", "line 1: R1: only an arc"),
+            ("G2 X1 R1 J1", "line 1: J1: an arc by R"),
+            ("G2 X0 Y0 R1", "line 1: R1: an arc by R ends elsewhere"),
+            ("G2 X2.003 R1", "line 1: R1: its ends are 2.003 mm apart"),
+            ("G2 X1 R0", "line 1: R0: its ends are 1.000 mm apart"),
+            ("G2 X1 R3000", "line 1: R3000: a centre farther"),
+            ("G1 X1\nG90 G91 X1", "line 2: G91: G90 stands in the same line"),
+            ("G0 G1 X1", "line 1: G1: G0 stands in the same line"),
+            ("G17 G1 X1 G18", "line 1: G18: G17 stands in the same line"),
+            ("G20 G21", "line 1: G21: G20 stands in the same line"),
+            ("G1 G1 X1", "line 1: G1: G1 stands in the same line"),
+            ("G1 X1 F0", "line 1: F0: a feed must be 0.006 or more"),
+            ("G1 X1 F-5", "line 1: F-5: a feed must be"),
+            ("G20 G1 X1 F.0002", "line 1: F.0002: a feed must be 0.000237 or more"),
+            ("G1 X1 F1 F2", "line 1: F2: F stands twice"),
+            ("G41 X1", "line 1: G41: is not among"),
+            ("M3 S100", "line 1: M3: is not among"),
             ("G2 X1 I3000", "line 1: I3000: a centre farther"),
             ("G1 Xnan", "line 1: Xnan: not a word"),
             ("G1 X1 hello", "line 1: hello: not a word"),

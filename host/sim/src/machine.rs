@@ -47,6 +47,11 @@ pub trait Rig {
     /// # Errors
     /// When it is refused.
     fn command(&mut self, command: Command) -> Result<(), String>;
+    /// Has the head run settings that differ in feed.max_um_s alone. Ticks may pass.
+    ///
+    /// # Errors
+    /// When they are refused.
+    fn limit_feed(&mut self, settings: &Settings) -> Result<(), String>;
     /// The true count at the moment that the position of the status is of.
     fn true_count(&self) -> i64 {
         self.process().truth().count
@@ -77,6 +82,10 @@ impl Rig for Machine {
     }
     fn command(&mut self, command: Command) -> Result<(), String> {
         Machine::command(self, command).map_err(|refused| format!("{command:?} was refused: {refused}"))
+    }
+    fn limit_feed(&mut self, settings: &Settings) -> Result<(), String> {
+        let active = settings.build().map_err(|error| error.to_string())?;
+        Machine::configure(self, &active).map_err(|refused| format!("feed.max_um_s was refused: {refused}"))
     }
     fn gap_block(&self) -> Volts {
         self.core.ports.gap_block.get()

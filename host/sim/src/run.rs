@@ -7,6 +7,7 @@ use crate::gcode::Move;
 use crate::process::{Plant, Pulses};
 use crate::scenario::Scenario;
 use edm_servo_head::settings::Settings;
+use edm_servo_head::units::Fixed;
 
 /// Values for a run.
 pub type Setup = Scenario<Plant, Settings>;
@@ -41,6 +42,8 @@ pub struct Program {
     pub name: String,
     /// Its pieces.
     pub moves: Vec<Move>,
+    /// Path coordinates of their ends, from X0 Y0 Z0.
+    pub ends: Vec<Fixed>,
     /// Length, mm.
     pub length_mm: f64,
     /// Points of it in their order: down, X, Y, mm.
@@ -48,6 +51,12 @@ pub struct Program {
 }
 
 impl Program {
+    /// Largest feed that the program allows where the path has come to, um/s.
+    pub fn feed(&self, at: Fixed) -> Option<f64> {
+        let under_way = self.ends.partition_point(|end| *end < at);
+        self.moves.get(under_way).or(self.moves.last())?.feed
+    }
+
     /// Depth of its end, mm.
     pub fn depth_mm(&self) -> f64 {
         self.outline.last().map_or(0.0, |[down, ..]| *down)

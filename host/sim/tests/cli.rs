@@ -243,6 +243,22 @@ fn a_path_is_eroded_along_to_its_end_and_drawn() {
 }
 
 #[test]
+fn a_path_is_eroded_no_faster_than_its_feed_and_a_rapid_as_fast_as_the_gap_allows() {
+    // 30 um/min are 0.5 um/s, for 4 of 8 um.
+    let eroded_s = |program: &str| {
+        let folder = with_program(program);
+        let output = run(folder.path(), &["bore", "--path", "p.ngc", "--json", "r.json"]);
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8(output.stderr).unwrap());
+        report(folder.path())["sim_time_s"].as_f64().unwrap()
+    };
+    let free = eroded_s("G0 Z-0.004\nG1 Z-0.008");
+    let bounded = eroded_s("G0 Z-0.004\nG1 Z-0.008 F0.03");
+    let rapid = eroded_s("F0.03 G0 Z-0.004\nG0 Z-0.008");
+    assert!(bounded > free + 4.0, "{bounded} s bounded, {free} s free");
+    assert!((rapid - free).abs() < 1.0, "{rapid} s rapid, {free} s free");
+}
+
+#[test]
 fn a_path_longer_than_the_register_is_fed_as_it_is_eroded() {
     use std::fmt::Write;
     let mut program = "G1 Z-0.001\n".to_owned();
@@ -258,11 +274,13 @@ fn a_path_longer_than_the_register_is_fed_as_it_is_eroded() {
 #[test]
 fn a_path_that_cannot_be_is_refused_with_line_and_word() {
     for (program, message) in [
-        ("G1 Z-1\nG7 X1", "line 2: G7: is not among G0 to G3, G17 to G21, G90, G91, F, M2"),
+        ("G1 Z-1\nG7 X1", "line 2: G7: is not among G0 to G3, G17 to G21, G40, G49"),
         ("G1 Z-1\nG1 Z-50", "line 2: Z-50: leads to Z-50.000; the stroke ends at Z-9.800"),
         ("G1 Z2.1", "line 1: Z2.1: leads to Z2.100; the stroke ends at Z2.000"),
         ("G3 X0.001 I0.0005", "line 1: X0.001: a radius of 500 nm is outside 10000 to 536870912 nm"),
         ("G3 X1 I0.4", "line 1: X1: start and end are 400000 and 600000 nm from the centre"),
+        ("G1 Z-1\nG90 G91 Z-1", "line 2: G91: G90 stands in the same line"),
+        ("G1 Z-1 F-5", "line 1: F-5: a feed must be 0.006 or more"),
         ("; nothing", "no move"),
     ] {
         let folder = with_program(program);

@@ -19,8 +19,8 @@ pub struct Bore {
     /// What is bored.
     #[command(flatten)]
     pub inputs: Inputs,
-    /// Erode along a program of G-code instead of straight down: G0 to G3, G17 to G21, G90, G91, F, M2, from X0 Y0 and
-    /// the surface of the work, Z0; nobody drives X and Y, and the gap is the one below
+    /// Erode along a program of G-code instead of straight down: G0 to G3, arcs by I, J, K or by R,
+    /// F as a bound of the feed, from X0 Y0 and the surface of the work, Z0 (docs/path.md); nobody drives X and Y, and the gap is the one below
     #[arg(long, value_name = "FILE", conflicts_with_all = ["depth_mm", "surrogate"])]
     pub path: Option<PathBuf>,
     /// Write the report as JSON
