@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 pub struct Replay {
     /// Recording: CSV with the columns t_s, gap_v and, if there are any, gap_i and gate, or an export of an oscilloscope of Rigol,
-    /// Siglent or Tektronix; evenly sampled, 10 kS/s to 10 MS/s
+    /// Siglent, Tektronix, Rohde & Schwarz, Hantek or Pico, or of sigrok or Saleae; evenly sampled, 10 kS/s to 10 MS/s
     #[arg(value_name = "IN.csv")]
     pub input: PathBuf,
     /// Settings of the head: the table `head` of a scenario file [default: all defaults]

@@ -5,6 +5,7 @@
 //! conversions what was one.
 
 pub mod converter;
+mod header;
 mod picture;
 pub mod recording;
 
