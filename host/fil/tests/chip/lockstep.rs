@@ -19,7 +19,7 @@ fn the_native_core_comes_to_the_same_bit_for_bit_through_retreats_and_faults() {
     let image = Image::parse(common::firmware().to_vec()).unwrap();
     let settings = Settings { commissioned: true, ..Settings::default() };
     let long = std::env::var("EDM_SEEDS").ok().and_then(|seeds| seeds.parse().ok());
-    let (seeds, seconds) = long.map_or((1, 20), |seeds| (seeds, 60));
+    let (seeds, seconds) = long.map_or((1, 20_u32), |seeds| (seeds, 60));
     for seed in 1..=seeds {
         let witness = Witness::twin(&settings).unwrap();
         let (witness, met) =
