@@ -290,7 +290,7 @@ mod tests {
             hardware: "X".into(),
             software: "0".into(),
             serial: 7,
-            revision: 1,
+            revision: Sheet::own().unwrap().identity.revision,
         }
     }
 
@@ -328,7 +328,7 @@ mod tests {
             ("[gap]\naverage = \"none\"", "must be plain, gated"),
             ("setpoint_v = 50", "must be in a [group]"),
             ("[gap]\nsetpoint_v = ", "line 2: "),
-            ("[file]\nrevision = 9", "it is of revision 9, not 1"),
+            ("[file]\nrevision = 9", "it is of revision 9, not "),
             ("[file]\nsettings = 3\n[gap]\nsetpoint_v = 50", "1 settings of the 3"),
             ("", "no setting in it"),
             ("[commission]\npassed = true", "the head alone sets it"),
