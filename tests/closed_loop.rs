@@ -198,8 +198,8 @@ fn a_jump_waits_for_a_head_that_the_film_under_a_large_face_holds() {
 #[test]
 fn a_face_that_no_force_of_the_head_lifts_is_a_following_error_in_time() {
     let radius = 50.0;
-    // Pressed into a gap from which nothing takes it off.
-    let settings = Settings { contact_press: 1000.0, ..with_face(radius) };
+    // Larger than the settings may say, and pressed into a gap from which nothing takes it off.
+    let settings = Settings { contact_press: 1000.0, ..with_face(30.0) };
     let mut machine = eroding_with(&settings, &Parameters { radius, ..Parameters::default() }, 1);
     machine.command(Command::Jump).unwrap();
     run(&mut machine, 0.9);
