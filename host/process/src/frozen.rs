@@ -1,7 +1,7 @@
 //! The model's version, and a fingerprint by which a changed model is noticed.
 //!
 //! The fingerprint is a hash over all numbers, over runs of the process with its axis in which every mechanism acts
-//! ([`RUNS`]), and over runs under the servo of the gates. Its tests change every number, order and load by itself, and
+//! (`RUNS`), and over runs under the servo of the gates. Its tests change every number, order and load by itself, and
 //! want the fingerprint to change.
 //!
 //! A change of any parameter or equation is a new version, with its own fit and gates: run `fit`, then `model-report`, and
@@ -255,7 +255,7 @@ impl Course {
     }
 }
 
-/// Of all numbers of all machines, of [`RUNS`], and of five runs under the gates' servo.
+/// Of all numbers of all machines, of `RUNS`, and of five runs under the gates' servo.
 ///
 /// # Errors
 /// When a machine's numbers do not fit.
