@@ -1,4 +1,4 @@
-//! A small part of G-code as pieces of path: [`WORDS`].
+//! A small part of G-code as pieces of path: `WORDS`.
 //!
 //! Z is up, as on a machine; a head counts down. Z0 is the surface of the work, X0 Y0 where the head stands. The gap decides how
 //! fast a path is eroded: F is a bound for that, in units a minute, and G0 is G1 without the bound. What a post writes at the

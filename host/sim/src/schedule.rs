@@ -1,6 +1,6 @@
 //! A virtual head whose tasks preempt each other: by priority, at their times, and otherwise as a seed wants it.
 //!
-//! The tasks are those of [`Head`](crate::serve::head::Head), which calls them one after the other. Here a task runs as an
+//! The tasks are those of [`Head`], which calls them one after the other. Here a task runs as an
 //! interrupt does: when it was asked for it may come *late*, by a time that the seed draws, and at each crossing point of
 //! the task that runs (`edm_crossing::preempt`) whatever has a higher priority in `edm_hal_shim::board::TASKS` may come in
 //! as a nested call. Below the servo task that includes whole periods of the PWM, so that time goes on under a task of low
