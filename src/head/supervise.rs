@@ -199,7 +199,7 @@ impl Rest {
     }
 }
 
-/// Whether the motor current follows the duty. An open wire keeps the charge of its filter, and with it one code for ever: a
+/// Whether the motor current follows the duty. An open wire keeps the charge of its filter, and with it one code: a
 /// resting winding may give that as well, but no winding whose voltage changes.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stuck {

@@ -128,7 +128,7 @@ impl Settings {
         Ok(Active { gap, reflex, off_time_ns: (off_time_ns > 0).then_some(off_time_ns), head })
     }
 
-    /// The same with what the guided check has measured in the place of what was set: friction, and the counterbalance that
+    /// The same with what the guided check has measured instead of what was set: friction, and the counterbalance that
     /// leaves the net weight.
     pub fn learnt(&self, report: &Report) -> Settings {
         let counterbalance = self.axis_mass * GRAVITY - report.net_weight.value;

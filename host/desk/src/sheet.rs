@@ -12,7 +12,7 @@ const OWN: &str = include_str!("../../../docs/edm-servo-head.eds");
 /// Settings of a head.
 const SETTINGS: std::ops::RangeInclusive<u16> = 0x2100..=0x21FF;
 
-/// Settings that are suggested in the place of one that is not there.
+/// Settings that are suggested for one that does not exist.
 const LIKE: usize = 4;
 
 /// Data type (CiA 301 table 44).

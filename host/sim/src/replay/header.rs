@@ -358,7 +358,7 @@ fn header(
     if named && !text.is_empty() && written.is_none() {
         return Err(format!("line {line}: {first:.40}: must be in s, with or without a prefix such as m"));
     }
-    // A row of units may stand in the place of the names, or below them.
+    // A row of units may replace the names, or follow them.
     let only_units = !named
         && text.is_empty()
         && others.iter().all(|cell| unit(cell).is_some() || cell.eq_ignore_ascii_case("value"));
