@@ -48,7 +48,7 @@ enum Command {
     Record(Record),
     /// Instructions and estimated cycles of tasks and functions; writes their section of docs/performance.md.
     Cycles(command::Cycles),
-    /// Injects faults of wires, chip, bus and memories one by one; the table for docs/robustness.md.
+    /// Injects faults of wires, chip, bus, memories and settings one by one; the table for docs/robustness.md.
     Faults(edm_fil::faults::Faults),
     /// Times from pin to pin, loads and lost counts, with the event at many places of a servo tick.
     Latency(Latency),

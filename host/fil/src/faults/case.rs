@@ -349,6 +349,9 @@ impl Case {
     }
 }
 
+/// Before what the guided check has found.
+pub const CHECK: &str = "2001h:4 ";
+
 /// Words of the log in which a program says how the one before ended, or why it does not start.
 const DEATHS: [(&str, &str); 5] = [
     ("death: Panic", "log: panic"),
@@ -378,6 +381,7 @@ fn reaction(said: &[String], state: Option<State>, seen: &Seen, goes_on: bool) -
         .into();
     }
     match state {
+        _ if said.iter().any(|said| said.starts_with(CHECK)) => "refused".into(),
         _ if goes_on => "goes on".into(),
         Some(state) => state.name().replace('_', " "),
         None => "silent".into(),

@@ -6,12 +6,14 @@
 //! | `case` | a fault with what is expected, and the row that comes of it |
 //! | `rows` | the fault table, the pins, the bus |
 //! | `chip` | peripherals, tasks, clocks, deaths, memories |
+//! | `constants` | settings that do not fit the machine |
 //!
 //! The head is brought to its work once; each row goes on from there ([`crate::machine::Snapshot`]). docs/robustness.md says
 //! how rows are judged.
 
 mod case;
 mod chip;
+mod constants;
 mod rows;
 mod stage;
 

@@ -5,8 +5,8 @@
 //! millisecond, by the times of its settings.
 
 use super::case::{Case, Expect};
-use super::chip;
 use super::stage::{MS, PATH, Scene, Stage};
+use super::{chip, constants};
 use crate::host::{self, HOST, NODE};
 use crate::wires::*;
 use anyhow::Result;
@@ -45,7 +45,7 @@ pub const ON: f64 = f64::INFINITY;
 const SEEK_US: f64 = 200_000.0;
 
 /// What is said of an encoder, whichever supervision finds it first: the lift is the same.
-const ENCODER: &[&str] = &["encoder lost", "following error"];
+pub const ENCODER: &[&str] = &["encoder lost", "following error"];
 /// What is said of a gap signal that is not one.
 const SIGNAL: &[&str] = &["gap signal invalid", "gate missing"];
 const REFLEX: &[&str] = &["reflex lost"];
@@ -63,6 +63,7 @@ pub fn all() -> Vec<Case> {
     bus(&mut cases);
     chip::stored(&mut cases);
     chip::flips(&mut cases);
+    constants::wrong(&mut cases);
     cases
 }
 

@@ -144,17 +144,26 @@ impl Stage {
         stage.command(Command::SetHome(Nanometres(0)))?;
         stage.rest(20)?;
         stage.keep(Scene::Disabled)?;
-        stage.command(Command::Enable)?;
-        stage.command(Command::MoveTo(PATH))?;
-        stage.command(Command::Start)?;
-        stage.reach(State::Eroding, 4000)?;
-        stage.rest(300)?;
-        ensure!(stage.state()? == State::Eroding, "the head does not erode");
+        stage.erode()?;
         stage.keep(Scene::Eroding)?;
         stage.go(Scene::Disabled)?;
         stage.position()?;
         stage.keep(Scene::Positioning)?;
         Ok(stage)
+    }
+
+    /// From disabled into the work.
+    ///
+    /// # Errors
+    /// When the head does not go there.
+    pub fn erode(&mut self) -> Result<()> {
+        self.command(Command::Enable)?;
+        self.command(Command::MoveTo(PATH))?;
+        self.command(Command::Start)?;
+        self.reach(State::Eroding, 4000)?;
+        self.rest(300)?;
+        ensure!(self.state()? == State::Eroding, "the head does not erode");
+        Ok(())
     }
 
     /// From disabled, on the way to the work with pulses off.

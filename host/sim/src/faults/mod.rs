@@ -9,7 +9,7 @@
 //! | `sets` | settings that are wrong, through the guided check and under faults |
 
 pub mod row;
-mod sets;
+pub mod sets;
 mod trial;
 pub mod wires;
 

@@ -42,9 +42,11 @@ const MOST: u32 = 6;
 const DRAWS: u64 = 100;
 
 /// Settings with a name.
-struct Set {
-    name: String,
-    settings: Settings,
+pub struct Set {
+    /// What is wrong.
+    pub name: String,
+    /// All of them.
+    pub settings: Settings,
 }
 
 impl Sets {
@@ -121,7 +123,8 @@ fn scaled(settings: &mut Settings, key: &str, factor: f64) {
     }
 }
 
-fn constants(base: &Settings) -> Vec<Set> {
+/// The sets of [`Sets::Constants`], on settings that fit.
+pub fn constants(base: &Settings) -> Vec<Set> {
     let one = |key: &str, factor: f64| format!("{key} x {factor}");
     let mut all = Vec::new();
     for (at, first) in CONSTANTS.iter().enumerate() {
