@@ -195,6 +195,8 @@ pub struct Plan {
     pub homes: bool,
     /// The head is known to be below the upper end of its travel: no stop is in its way.
     pub free: bool,
+    /// Nothing tells that the work is near: see [`Measured::open`].
+    pub open: bool,
     /// What the touch probes wait for.
     pub probes: Wanted,
     /// A set point that a SYNC releases may be followed, toward the work at this velocity at most.
@@ -239,6 +241,7 @@ impl Plan {
         pulses: false,
         homes: false,
         free: false,
+        open: false,
         probes: Wanted::OFF,
         set_points: false,
         toward: CountsPerSecond(0.0),
@@ -401,6 +404,8 @@ pub struct Measured {
     pub rests: bool,
     /// The head is known to be below the upper end of its travel.
     pub free: bool,
+    /// The gap is open, or the work far below: nothing but its friction holds the head, unless it has met a film on its way.
+    pub open: bool,
     /// A reference is looked for: a head that is stopped has found what is in its way.
     pub homes: bool,
     /// Pulses are allowed, for work.
@@ -887,6 +892,7 @@ impl Follower {
             closed: self.plan.closed,
             rests: self.plan.trajectory.follow == Follow::Setpoint && self.plan.trajectory.travel == Fixed(0),
             free: self.plan.free,
+            open: self.plan.open,
             homes: self.plan.homes,
             pulses: self.plan.pulses && self.plan.state.pulses(),
             trusts: self.plan.trusts,

@@ -56,6 +56,8 @@ pub(super) struct Situation {
     pub velocity: CountsPerSecond,
     /// The same, if the encoder does not count any more.
     pub driven: CountsPerSecond,
+    /// By how much the back-EMF has shown more than the encoder, lately.
+    pub unseen: CountsPerSecond,
     /// The same by the motor current, if the winding is shorted.
     pub generated: CountsPerSecond,
     /// Duty of the tick before, and whether it was at a limit.
@@ -271,7 +273,9 @@ impl Reacting {
         if self.lifted {
             return afterwards;
         }
-        let velocity = if self.shorted > SHOWS { now.generated.0 } else { self.brakes.unwrap_or(now.driven.0) };
+        // One that its loop drove up for long, unseen, shows by its back-EMF that it rises.
+        let begun = if now.driven.0 > 0.0 { now.driven.0 } else { smaller(now.driven.0, now.unseen.0) };
+        let velocity = if self.shorted > SHOWS { now.generated.0 } else { self.brakes.unwrap_or(begun) };
         if velocity < -RISES * 1e3 * axis.counts_per_um {
             self.shorted = self.shorted.saturating_add(ticks);
             self.brakes = Some(velocity);

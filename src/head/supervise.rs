@@ -95,8 +95,12 @@ impl Breakaway {
     /// Duty by which that of a head at rest may change beyond what turns its friction round: of the quantised velocity, and of
     /// a friction that is a little more than was learnt.
     const REST: f32 = 0.01;
-    /// Times its friction, for the same.
-    const REST_FRICTIONS: f32 = 1.33 * 2.0;
+    /// Times its friction that begins to move any head, where it is a little more than was learnt.
+    const BEGINS: f32 = 1.33;
+    /// Duty beside that of weight and friction that may hold a head in an open gap: of a cable, of weight that was not learnt.
+    const UNKNOWN: f32 = 0.005;
+    /// Times its friction, where it turns round.
+    const REST_FRICTIONS: f32 = Self::BEGINS * 2.0;
     /// Slowest velocity, counts/s, of a head that is seen to move though it is where it was a millisecond ago: two different lines
     /// within half of it. An encoder that counts no more has shown its newest line, and one that trembles shows none.
     const TURNS: f32 = 2000.0;
@@ -196,6 +200,38 @@ impl Rest {
         let creeps = Self::SLOWS * breakaway.film / self.ms;
         let beyond = turned - Breakaway::REST_FRICTIONS * breakaway.friction - Breakaway::REST - creeps;
         self.standing.is_too_long(breakaway, larger(beyond, 0.0), !rests)
+    }
+}
+
+/// How a head would move that nothing holds but its friction: no work, no flushing, and no film beyond the one that its last
+/// counts have shown. That grows as the head comes down, and not at once, whatever the settings say of the face.
+#[derive(Clone, Copy, Debug, Default)]
+struct Unheld {
+    standing: Standing,
+    /// Duty times ms that the counts since the last motion have taken, and that three of them may take.
+    taken: f32,
+    film: f32,
+}
+
+impl Unheld {
+    /// Share of its friction that a head that moves has at the least, so that the rest is film.
+    const SLIDES: f32 = 0.67;
+    /// Times the film that was seen, for the narrower gap of the next counts.
+    const NARROWS: f32 = 2.0;
+
+    /// A millisecond under so much duty beside what holds the weight, in which the head has gone so many counts since it last
+    /// moved; whether it must have been seen to move.
+    fn is_too_long(&mut self, breakaway: &Breakaway, duty: f32, way: Option<u32>, counts: bool, open: bool) -> bool {
+        self.taken += larger(duty.abs() - Self::SLIDES * breakaway.friction, 0.0);
+        if let Some(way) = way {
+            self.film = self.taken * Self::NARROWS * Breakaway::SEEN / way.max(1) as f32;
+            self.taken = 0.0;
+        }
+        let film = smaller(breakaway.film, self.film);
+        let beyond = |frictions: f32| duty.abs() - frictions * breakaway.friction - Breakaway::UNKNOWN;
+        let push = if open { larger(beyond(1.0), 0.0).copysign(duty) } else { 0.0 };
+        let long = self.standing.is_too_long(&Breakaway { film, ..*breakaway }, push, counts);
+        long && beyond(Breakaway::BEGINS) > 0.0
     }
 }
 
@@ -302,8 +338,9 @@ struct Belief {
     count: u32,
     /// Count from which it has to move by more than one to have moved: an encoder of which one line is dead trembles by that.
     rest: u32,
-    /// It has since the look before.
+    /// It has since the look before, by so many counts.
     moves: bool,
+    way: u32,
     /// It has counted since then, be it to and fro over one edge.
     counts: bool,
     /// Times that it was to be believed anew, when this began.
@@ -325,6 +362,7 @@ pub struct Supervisor {
     encoder: Lasting,
     standing: Standing,
     rest: Rest,
+    unheld: Unheld,
     /// Duty needed lately.
     needed: f32,
     gap: Lasting,
@@ -441,6 +479,7 @@ impl Supervisor {
                 count: used.count,
                 rest: used.count,
                 moves: true,
+                way: 0,
                 counts: true,
                 trusts: now.trusts,
                 reversed,
@@ -450,7 +489,8 @@ impl Supervisor {
         let moved = used.count.wrapping_sub(belief.count).cast_signed();
         belief.count = used.count;
         belief.counts = moved != 0;
-        belief.moves = used.count.wrapping_sub(belief.rest).cast_signed().unsigned_abs() > 1;
+        belief.way = used.count.wrapping_sub(belief.rest).cast_signed().unsigned_abs();
+        belief.moves = belief.way > 1;
         if belief.moves {
             belief.rest = used.count;
         }
@@ -503,7 +543,10 @@ impl Supervisor {
         let push = if loops { larger(push - breakaway.friction, 0.0).copysign(beyond) } else { 0.0 };
         let silent = self.belief.as_ref().is_some_and(|belief| !belief.counts);
         let far = self.rest.is_too_far(breakaway, now.duty, loops && now.rests && silent);
-        far | (self.standing.is_too_long(breakaway, push, !still) && (pushed || follows))
+        let way = self.belief.as_ref().filter(|belief| belief.moves).map(|belief| belief.way);
+        let least = smaller(more.abs(), beyond.abs()).copysign(beyond);
+        let unheld = self.unheld.is_too_long(breakaway, least, way, !silent, loops && now.open);
+        far | unheld | (self.standing.is_too_long(breakaway, push, !still) && (pushed || follows))
     }
 }
 

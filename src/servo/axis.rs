@@ -129,6 +129,11 @@ impl Gains {
         duty / (self.position * self.velocity.p)
     }
 
+    /// Duty that brings an axis of this velocity to another one, by the proportional part of its loop alone.
+    pub fn nearing(&self, wanted: CountsPerSecond, velocity: CountsPerSecond) -> f32 {
+        self.holding + self.back_emf * wanted.0 + self.velocity.p * (wanted.0 - velocity.0)
+    }
+
     /// Duty that holds the net weight.
     pub fn holding(&self) -> f32 {
         self.holding

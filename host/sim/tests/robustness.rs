@@ -74,6 +74,19 @@ fn constants_that_are_wrong_are_refused_with_the_reason_or_press_no_harder_than_
 }
 
 #[test]
+fn settings_at_their_ends_and_random_ones_press_no_harder_than_5_n() {
+    // Each pressed 12 to 141 N once: no bound of velocity, a slow ramp under a dead encoder, a film that is not there.
+    for end in ["feed.structure = \"single_loop\"", "seek.velocity_um_s = 50", "supervise.face_um = 30000"] {
+        assert_eq!(settings(&["ends", "--rows", end]).0, Some(0), "{end}");
+    }
+    // 5 to 66 N: a film again, slow ramps while eroding and after a jump, a rise onto the upper stop that the lift did not see.
+    for seed in ["10", "93", "137", "219", "335", "413"] {
+        let set = format!("random set {seed}");
+        assert_eq!(settings(&["random", "--seeds", seed, "--rows", &set]).0, Some(0), "{set}");
+    }
+}
+
+#[test]
 fn a_case_that_presses_is_told_and_one_that_does_not_is_sound() {
     let folder = tempfile::tempdir().unwrap();
     let case = |name: &str, steps: &str| fs::write(folder.path().join(name), format!("seed 1\n{steps}")).unwrap();

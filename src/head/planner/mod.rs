@@ -28,6 +28,7 @@ use super::touch;
 use super::{Refused, Status};
 use crate::feed::Law;
 use crate::gap::OpenCircuit;
+use crate::gap::Quality;
 use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
@@ -38,6 +39,10 @@ use edm_hal_shim::self_test::SelfTest;
 
 /// Counts by which a set point at rest may be beyond where the axis has been: the loop trembles over an edge.
 const TREMBLE: i64 = 1;
+/// Share of the open-circuit voltage from which on a gap is open: discharges are rare.
+const OPEN: f32 = 0.8;
+/// Height above the lowest place so far from which a head on its way up has shown its film, um.
+const AWAY_UM: f32 = 20.0;
 
 /// How a positioning that is to touch the work stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -294,6 +299,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             pulses,
             homes,
             free,
+            open,
             probes,
             set_points,
             toward,
@@ -321,6 +327,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *pulses = allowed;
         *homes = self.looks_for_home();
         *free = self.is_free();
+        *open = self.is_open();
         *probes = self.wanted();
         *set_points = self.follows_set_points();
         *toward = self.toward(*setpoint);
@@ -479,6 +486,20 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.status.homed && !self.at_top()
     }
 
+    /// The gap of a head that feeds or positions is open; one that goes back has left the work.
+    fn is_open(&self) -> bool {
+        let Status { state, gap, open_circuit, .. } = &self.status;
+        match state {
+            State::Seeking | State::Eroding => gap.quality == Quality::Valid && gap.filtered.0 >= OPEN * open_circuit.0,
+            State::Positioning => !gap.touches,
+            State::Retreating | State::Lifting | State::Fault => {
+                let above = self.cleared.saturating_sub(self.status.position);
+                above as f32 > AWAY_UM * self.config.axis.counts_per_um
+            }
+            _ => false,
+        }
+    }
+
     /// The head stands at the upper end of its travel, perhaps against its stop.
     fn at_top(&self) -> bool {
         // The travel begins at 0.
@@ -494,6 +515,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             position: self.status.position,
             velocity: self.status.velocity,
             driven: self.silence.driven(),
+            unseen: self.judged.back_emf.difference(),
             generated: self.config.axis.plant.generating(self.judged.current),
             duty: self.status.duty,
             saturated: self.status.saturated,

@@ -3,7 +3,7 @@
 use super::super::reaction::Motion;
 use super::Planner;
 use crate::head::commissioning::Commissioning;
-use crate::head::config::Structure;
+use crate::head::config::{Config, Structure};
 use crate::head::fault::Fault;
 use crate::head::follow::{Follow, Trajectory};
 use crate::head::state::State;
@@ -133,14 +133,20 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// Where the gap leads, no more force toward the work than it takes to be led; a reflex and a retreat have all of it, upward.
+    /// A gap that leads without a velocity in between leads no faster than a contact may come.
     fn pressing(&self) -> Window {
-        let axis = &self.config.axis;
-        let leads = matches!(self.status.state, State::Seeking | State::Eroding);
-        if !leads || self.config.structure == Structure::SingleLoop {
+        let Config { axis, contact, structure, .. } = &self.config;
+        if !matches!(self.status.state, State::Seeking | State::Eroding) {
             return self.full_window();
         }
-        let emf = axis.plant.back_emf() * larger(self.status.velocity.0, 0.0);
-        Window { low: -axis.duty_limit, high: smaller(self.config.contact.press + emf, axis.duty_limit) }
+        let velocity = self.status.velocity;
+        let emf = axis.plant.back_emf() * larger(velocity.0, 0.0);
+        let press = smaller(contact.press + emf, axis.duty_limit);
+        let slows = *structure == Structure::SingleLoop && self.status.state == State::Eroding;
+        let friction = self.config.supervise.breakaway.friction;
+        let nears = axis.gains.nearing(contact.approach, velocity) + friction;
+        let high = if slows { smaller(press, nears) } else { press };
+        Window { low: -axis.duty_limit, high: larger(high, -axis.duty_limit) }
     }
 
     pub(super) fn full_window(&self) -> Window {
