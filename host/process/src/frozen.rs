@@ -15,7 +15,7 @@ use crate::{Class, Kind, Orders, Parameters, Process, Refused, Stretch, Wires};
 /// Version of the model; 0 is the one in host/sim.
 pub const VERSION: u32 = 1;
 /// [`fingerprint`] of this version.
-pub const FINGERPRINT: u64 = 0x650f_b133_9527_8679;
+pub const FINGERPRINT: u64 = 0xfe0d_b586_ca68_88b9;
 
 /// FNV-1a over what it is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -138,7 +138,7 @@ fn controlled_rc() -> Parameters {
 }
 
 fn sheet() -> Parameters {
-    Parameters { removal_um3_uj: 100.0, thickness_um: 8.0, ..controlled_rc() }
+    Parameters { removal_um3_uj: 100.0, thickness_um: 3.0, ..controlled_rc() }
 }
 
 /// Its capacitor is charged about as soon as a channel recovers.
