@@ -28,8 +28,8 @@ enum Step {
     Ready,
     /// It is.
     Armed,
-    /// It is not to be trusted, or has let go; until the head is disabled anew.
-    Failed(Fault),
+    /// It is not to be trusted, or has let go, which has been said; until the head is disabled anew.
+    Failed,
 }
 
 /// The live signal with what is known of its circuit. Owned by the servo task.
@@ -63,13 +63,13 @@ impl<L: Live> Watch<L> {
         }
     }
 
-    /// A millisecond in a state; whether every task has reported. What is wrong, as long as that concerns the state.
+    /// A millisecond in a state; whether every task has reported. What is wrong, once.
     pub fn millisecond(&mut self, state: State, alive: bool) -> Option<Fault> {
         let read = self.live.armed();
         self.live.arm(false);
         let wanted = !matches!(state, State::Disabled | State::Fault);
         match self.step {
-            Step::Failed(fault) => return wanted.then_some(fault),
+            Step::Failed => return None,
             Step::Armed if !alive => return self.fail(Fault::LiveLost),
             // The flash has been written, which only a head that is not armed may do.
             _ if !alive => self.start(),
@@ -113,7 +113,7 @@ impl<L: Live> Watch<L> {
 
     fn fail(&mut self, fault: Fault) -> Option<Fault> {
         self.live.run(false);
-        self.step = Step::Failed(fault);
+        self.step = Step::Failed;
         Some(fault)
     }
 }

@@ -222,13 +222,9 @@ impl<B: Board> Protocol<B> {
         self.request(Request::Configure);
     }
 
-    /// The planner has judged the newest configuration.
+    /// The planner has judged the newest configuration: the drive orders none while one is on its way.
     fn judged(&mut self) {
-        let verdict = self.ends.head.verdict();
-        if verdict.generation != self.ends.head.generation() {
-            return;
-        }
-        if !verdict.accepted {
+        if !self.ends.head.verdict().accepted {
             self.configuring = Configuring::Done;
             self.drive.refused_configuration();
             self.node.written(Err(Abort::DeviceState), self.drive);

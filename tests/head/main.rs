@@ -3,11 +3,13 @@
 mod any_input;
 mod bench;
 mod beside;
+mod cleared;
 mod commissioning;
 mod edges;
 mod ends;
 mod every_fault;
 mod faults;
+mod follower;
 mod guiding;
 mod hazards;
 mod jumps;

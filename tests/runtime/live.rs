@@ -1,6 +1,6 @@
 //! The live signal of a head, and a circuit behind it that is not as it should be.
 
-use crate::rig::{Host, MS};
+use crate::rig::{Host, ID, MS, place, setting};
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::double::live::Broken;
 use edm_servo_head::head::{Fault, State};
@@ -99,6 +99,45 @@ fn a_circuit_that_would_not_let_go_is_named_before_anybody_enables_the_head() {
 }
 
 #[test]
+fn one_that_takes_hold_of_a_disabled_head_is_named_before_anybody_enables_it() {
+    for broken in [Broken { read: Some(true), ..Broken::default() }, Broken { latch: Some(true), ..Broken::default() }]
+    {
+        let mut host = Host::new(|_| {}, 7);
+        host.head.set_habits(Habits::PROMPT);
+        host.run(50 * MS);
+        assert_eq!((host.head.status().state, host.head.status().fault), (State::Disabled, None));
+        host.head.live().circuit.broken = broken;
+        host.run(2 * MS);
+        expect(&mut host, Fault::LiveStuck, 0xFF0B);
+    }
+}
+
+#[test]
+fn one_that_lets_go_is_named_whatever_weaker_fault_comes_in_the_same_tick() {
+    // The host is silent for 60 ms, and the circuit lets go up to three milliseconds before that is found.
+    let silent = || {
+        let mut host = enabled(8);
+        host.exchange(setting(place("supervise.host_ms"), 60)).unwrap();
+        host
+    };
+    let mut host = silent();
+    let begin = host.head.periods();
+    while host.head.status().fault.is_none() {
+        host.run(1);
+    }
+    assert_eq!(host.head.status().fault, Some(Fault::HostSilent));
+    let found = host.head.periods() - begin;
+    for before in 0..3 * MS {
+        let mut host = silent();
+        host.run(found - before);
+        host.head.live().circuit.broken.live = true;
+        host.run(5 * MS);
+        let status = host.head.status();
+        assert_eq!((status.fault, host.head.drive()), (Some(Fault::LiveLost), Drive::Coast), "{before} ticks before");
+    }
+}
+
+#[test]
 fn one_that_is_stuck_while_the_head_works_is_named_when_it_is_disabled() {
     for broken in [
         Broken { read: Some(true), ..Broken::default() },
@@ -123,6 +162,69 @@ fn one_that_is_stuck_while_the_head_works_is_named_when_it_is_disabled() {
         host.run(2 * MS);
     }
     expect(&mut host, Fault::LiveLost, 0xFF09);
+}
+
+/// A controlword, by its PDO.
+fn control(host: &mut Host, word: u16) {
+    host.send(0x200 + u16::from(ID), &word.to_le_bytes());
+}
+
+#[test]
+fn a_head_that_is_enabled_is_armed_in_the_tick_in_which_its_loop_is_closed() {
+    for period in 0..MS {
+        let mut host = Host::new(|_| {}, 9);
+        host.head.set_habits(Habits::PROMPT);
+        for word in [0x06, 0x07] {
+            control(&mut host, word);
+            host.run(10 * MS + period);
+        }
+        control(&mut host, 0x0F);
+        for _ in 0..5 * MS {
+            host.run(1);
+            if host.head.status().state != State::Disabled {
+                break;
+            }
+        }
+        // The plan comes into force two ticks after it was made.
+        host.run(2);
+        assert!(host.head.live().circuit.enables(), "period {period}: {:?}", host.head.status().state);
+    }
+}
+
+#[test]
+fn a_head_that_is_enabled_while_the_circuit_is_tried_is_armed_when_that_is_over() {
+    let mut host = enabled(10);
+    // One a millisecond: of several the newest counts.
+    for word in [0x06, 0x07] {
+        control(&mut host, word);
+        host.run(MS);
+    }
+    control(&mut host, 0x0F);
+    let closed_before = (0..10 * MS).any(|_| {
+        host.run(1);
+        host.head.status().state == State::Ready && !host.head.live().circuit.enables()
+    });
+    assert!(closed_before, "the trial is over before the head is enabled");
+    host.run(10 * MS);
+    assert_eq!((host.head.status().state, host.head.status().fault), (State::Ready, None));
+    assert!(host.head.live().circuit.enables());
+}
+
+#[test]
+fn a_task_that_is_silent_is_named_in_an_enabled_head_and_ends_the_edges_of_a_disabled_one() {
+    const STARVED: Habits = Habits { protocol: 20_000, ..Habits::PROMPT };
+    let mut host = enabled(11);
+    host.head.set_habits(STARVED);
+    host.run(70 * MS);
+    let status = host.head.status();
+    assert_eq!((status.state, status.fault, host.head.drive()), (State::Fault, Some(Fault::LiveLost), Drive::Coast));
+    let mut host = Host::new(|_| {}, 11);
+    host.head.set_habits(Habits::PROMPT);
+    host.run(50 * MS);
+    assert!(host.head.live().circuit.expires().is_some());
+    host.head.set_habits(STARVED);
+    host.run(70 * MS);
+    assert!(host.head.live().circuit.expires().is_none(), "edges of a head that has a dead task");
 }
 
 #[test]

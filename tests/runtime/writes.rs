@@ -127,6 +127,29 @@ fn a_write_that_the_head_refuses_is_aborted_and_the_dictionary_reads_what_runs()
 }
 
 #[test]
+fn a_setting_that_only_the_planner_can_refuse_is_aborted_and_every_task_runs_what_it_ran() {
+    for seed in 0..12 {
+        let mut host = enabled(seed);
+        // A line beside the head, which no other structure than the path can go along.
+        for (sub, size, value) in [(1, 4, 10_000), (2, 4, 1_000_000), (3, 4, 0), (6, 1, 0), (7, 1, 1), (8, 1, 1)] {
+            host.write(0x200E, sub, size, value);
+        }
+        host.run(5 * MS);
+        assert_eq!(host.read(0x200E, 9), 0, "the head has taken it");
+        let at = place("feed.structure");
+        assert_eq!(host.exchange(setting(at, 1)), Err(Abort::DeviceState.code()), "seed {seed}");
+        let mut known = Settings { commissioned: true, ..Settings::default() };
+        host.learn(&mut known, 0..Settings::COUNT);
+        assert_eq!(known.word(at), Some(2), "seed {seed}");
+        host.expect_runs(&known);
+        let [newest, tasks @ ..] = host.generations();
+        assert_eq!(tasks, [newest; 3], "seed {seed}");
+        // What it does not refuse goes on.
+        host.exchange(setting(place("retreat.persistent_ms"), 123.0f32.to_bits())).unwrap();
+    }
+}
+
+#[test]
 fn settings_of_a_reset_wait_until_the_head_is_disabled_and_show_that() {
     // Another stroke than the one that a reset brings back, then a fault that lasts.
     let mut host = Host::new(|_| {}, 1);
