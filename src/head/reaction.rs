@@ -56,10 +56,10 @@ pub(super) struct Situation {
     pub velocity: CountsPerSecond,
     /// The same, if the encoder does not count any more.
     pub driven: CountsPerSecond,
-    /// By how much the back-EMF has shown more than the encoder, lately.
-    pub unseen: CountsPerSecond,
     /// The same by the motor current, if the winding is shorted.
     pub generated: CountsPerSecond,
+    /// What the back-EMF has shown lately beyond the counts.
+    pub unseen: CountsPerSecond,
     /// Duty of the tick before, and whether it was at a limit.
     pub duty: f32,
     pub saturated: bool,
