@@ -114,26 +114,31 @@ fn one_that_takes_hold_of_a_disabled_head_is_named_before_anybody_enables_it() {
 
 #[test]
 fn one_that_lets_go_is_named_whatever_weaker_fault_comes_in_the_same_tick() {
-    // The host is silent for 60 ms, and the circuit lets go up to three milliseconds before that is found.
-    let silent = || {
-        let mut host = enabled(8);
-        host.exchange(setting(place("supervise.host_ms"), 60)).unwrap();
-        host
-    };
-    let mut host = silent();
-    let begin = host.head.periods();
-    while host.head.status().fault.is_none() {
-        host.run(1);
-    }
-    assert_eq!(host.head.status().fault, Some(Fault::HostSilent));
-    let found = host.head.periods() - begin;
-    for before in 0..3 * MS {
+    // The host is silent for 60 ms, and the circuit lets go up to three milliseconds before that is found. The supervision comes late
+    // by up to a millisecond: in some of these runs in the very tick in which the servo task finds the circuit open.
+    for seed in 0..8 {
+        let silent = || {
+            let mut host = enabled(seed);
+            host.exchange(setting(place("supervise.host_ms"), 60)).unwrap();
+            host.head.set_habits(Habits { supervise: 30, ..Habits::PROMPT });
+            host
+        };
         let mut host = silent();
-        host.run(found - before);
-        host.head.live().circuit.broken.live = true;
-        host.run(5 * MS);
-        let status = host.head.status();
-        assert_eq!((status.fault, host.head.drive()), (Some(Fault::LiveLost), Drive::Coast), "{before} ticks before");
+        let begin = host.head.periods();
+        while host.head.status().fault.is_none() {
+            host.run(1);
+        }
+        assert_eq!(host.head.status().fault, Some(Fault::HostSilent));
+        let found = host.head.periods() - begin;
+        for before in 0..3 * MS {
+            let mut host = silent();
+            host.run(found - before);
+            host.head.live().circuit.broken.live = true;
+            host.run(5 * MS);
+            let status = host.head.status();
+            let expected = (Some(Fault::LiveLost), Drive::Coast);
+            assert_eq!((status.fault, host.head.drive()), expected, "seed {seed}, {before} ticks before");
+        }
     }
 }
 
