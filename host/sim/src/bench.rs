@@ -27,7 +27,7 @@ pub const CALIBRATION_STEPS: u32 = 20_000_000;
 /// Simulated seconds a second of the processor that a slow and busy machine still reaches in the scenarios for which there
 /// is a bound; docs/performance.md says what was measured.
 pub const BOUNDS: &[(&str, f64)] =
-    &[("default", 60.0), ("pulses-100khz", 25.0), ("sinker", 40.0), ("micro-blind", 20.0)];
+    &[("default", 40.0), ("sinker", 40.0), ("sinker-100khz", 8.0), ("micro-blind", 20.0)];
 
 /// Arguments of `edm-sim bench`.
 #[derive(Debug, Args)]
@@ -38,8 +38,8 @@ pub struct Bench {
     /// Runs to take the median of
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     pub runs: u32,
-    /// Simulated seconds a second of the processor that have to be reached [default: 60 in the scenario default, 25 in
-    /// pulses-100khz, 40 in sinker, 20 in micro-blind, as they are; otherwise none]
+    /// Simulated seconds a second of the processor that have to be reached [default: 40 in the scenarios default
+    /// and sinker, 8 in sinker-100khz, 20 in micro-blind, as they are; otherwise none]
     #[arg(long, value_name = "RATIO", value_parser = ratio, allow_hyphen_values = true)]
     pub at_least: Option<f64>,
     /// Write the measurement as JSON

@@ -7,7 +7,7 @@ use crate::machine::Machine;
 use crate::process::Plant;
 use edm_servo_head::head::{Command, Refused, State};
 use edm_servo_head::path::{AXES, Bound, Path, Piece, Plane, Point, Shape, Turn};
-use edm_servo_head::settings::Settings;
+use edm_servo_head::settings::{Declared, SettingError, Settings, Value};
 use edm_servo_head::units::{FRACTION_BITS, Fixed, Nanometres, PLAN_TICKS, TICK_HZ};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -357,7 +357,10 @@ fn reversal_ticks() -> Result<(u32, u32), String> {
 /// can follow at 0.6 m/s; an electrode of 10 mm.
 fn jumping(height_mm: f64) -> (Plant, Settings) {
     let mut plant = Plant::default();
-    (plant.base.count, plant.base.radius, plant.base.surface) = (5.0, 5.0, 9.0);
+    for (key, value) in [("scale.count_um", 5.0), ("model.radius_um", 5000.0), ("workpiece.surface_mm", 9.0)] {
+        // All of them are in their ranges.
+        let _: Result<(), SettingError> = plant.set(key, Value::Number(value));
+    }
     let settings = Settings {
         commissioned: true,
         seek_velocity: 5000.0,

@@ -1,7 +1,7 @@
 //! Scenarios: named sets of values for process and head.
 //!
 //! A scenario file is TOML: `title`, `description`, if it has a depth of its own `depth_mm`, and the tables `[process]` and `[head]`, whose keys are those that
-//! `edm-sim settings` prints (`"generator.on_us" = 160`, quoted or as nested tables). What a file does not name keeps
+//! `edm-sim settings` prints (`"model.on_us" = 160`, quoted or as nested tables). What a file does not name keeps
 //! its default. Every `[[event]]` has a time `at_s`, a `signal` out of the same list and the `value` that it takes then. Every
 //! refusal is one line that names file and line, key, value and what is allowed.
 
@@ -22,11 +22,6 @@ macro_rules! scenarios {
 
 scenarios![
     "default",
-    "pulses-100khz",
-    "pulses-1khz",
-    "mass-0.1kg",
-    "mass-0.4kg",
-    "dirty-gap",
     "roberts-original",
     "sinker",
     "sinker-100khz",
@@ -44,6 +39,15 @@ scenarios![
     "micro-blind-clear",
     "micro-through",
     "micro-through-clear",
+];
+
+/// Names that scenarios had on version 0 of the process model, and what they are on version 1.
+const FORMER: [(&str, &str); 5] = [
+    ("pulses-100khz", "sinker-100khz"),
+    ("pulses-1khz", "sinker-1khz"),
+    ("mass-0.1kg", "sinker-0.1kg"),
+    ("mass-0.4kg", "sinker-0.4kg"),
+    ("dirty-gap", "sinker-dirty"),
 ];
 
 /// Depth of a hole when neither scenario nor command line says another, mm.
@@ -72,6 +76,7 @@ impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
     /// Loads a built-in scenario by name, or a file. `which` is a file if it says so by a separator or `.toml`, or if no
     /// scenario has that name and the file exists.
     pub fn load(which: &str) -> Result<Self, String> {
+        let which = FORMER.iter().find(|(former, _)| *former == which).map_or(which, |(_, name)| name);
         if let Some((_, text)) = BUILT_IN.iter().find(|(name, _)| *name == which) {
             return Self::parse(which, text);
         }
@@ -518,7 +523,7 @@ mod tests {
         ] {
             assert_eq!(hint(typed, &known), expected, "{typed}");
         }
-        assert_eq!(hint("defualt", &["default", "dirty-gap"]), ", did you mean default?");
+        assert_eq!(hint("defualt", &["default", "sinker-dirty"]), ", did you mean default?");
     }
 
     #[test]
@@ -526,6 +531,17 @@ mod tests {
         let s = parse("").unwrap();
         let error = SettingError::Conflict { field: "gap.setpoint_v", rule: "must be below the open-circuit voltage" };
         assert_eq!(s.refusal(error), "gap.setpoint_v = 55: must be below the open-circuit voltage");
+    }
+
+    #[test]
+    fn every_scenario_but_the_original_machine_is_of_version_1_and_a_former_name_still_finds_one() {
+        for (name, text) in BUILT_IN {
+            let setup = crate::run::Setup::parse(name, text).unwrap();
+            assert_eq!(setup.process.version(), u32::from(*name != "roberts-original"), "{name}");
+        }
+        for (former, name) in FORMER {
+            assert_eq!(crate::run::Setup::load(former).unwrap().name, name);
+        }
     }
 
     #[test]

@@ -20,7 +20,7 @@ fn folder() -> TempDir {
     write("unknown.toml", &format!("{head}[head]\n\"gap.setpoint\" = 55\n"));
     write("range.toml", &format!("{head}[process]\n\n\"generator.on_us\" = nan\n"));
     write("type.toml", &format!("{head}[head]\n\"gap.setpoint_v\" = true\n"));
-    write("conflict.toml", &format!("{head}[process]\n\"generator.burn_v\" = 90\n\"generator.open_v\" = 80\n"));
+    write("conflict.toml", &format!("{head}[process]\n\"model.burn_v\" = 90\n\"model.open_v\" = 80\n"));
     write("kept.json", "older");
     fs::create_dir(folder.path().join("sub")).unwrap();
     folder
@@ -110,10 +110,14 @@ fn one_bad_value_among_good_ones_is_enough() {
 
 #[test]
 fn values_that_do_not_fit_together_are_refused() {
-    refused(&["--set", "generator.burn_v=100"], &["generator.burn_v = 100", "must be below generator.open_v"]);
+    refused(&["--set", "model.burn_v=100"], &["model", "burn_v must be below open_v"]);
     refused(&["--set", "gap.setpoint_v=80"], &["gap.setpoint_v = 80", "must be below gap.open_min_v"]);
     refused(&["--set", "workpiece.surface_mm=11.9"], &["workpiece.surface_mm = 11.9", "limit.lower_mm"]);
-    refused(&["--scenario", "conflict.toml"], &["generator.burn_v = 90", "must be below generator.open_v"]);
+    refused(&["--scenario", "conflict.toml"], &["model", "burn_v must be below open_v"]);
+    refused(
+        &["--model", "0", "--set", "generator.burn_v=100"],
+        &["generator.burn_v = 100", "must be below generator.open_v"],
+    );
 }
 
 #[test]
@@ -429,16 +433,21 @@ fn a_scenario_turns_to_the_other_process_model_and_says_so() {
         assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
         serde_json::from_str(&fs::read_to_string(folder.path().join("m.json")).unwrap()).unwrap()
     };
-    let (zero, one) = (report(&[]), report(&["--model", "1"]));
+    let (zero, one) = (report(&["--model", "0"]), report(&[]));
     assert_eq!((&zero["model_version"], &one["model_version"]), (&0.into(), &1.into()));
-    assert_eq!(one["scenario"], "default, model 1, workpiece.surface_mm=0.3");
+    assert_eq!(zero["scenario"], "default, model 0, workpiece.surface_mm=0.3");
     // Version 0 knows no damage; version 1 wears more, and says how far the carrier went without that.
     assert_eq!(zero["damage_mean"], 0.0);
     assert!(one["wear_mm"].as_f64() > zero["wear_mm"].as_f64(), "{one}");
-    assert_eq!(report(&["--scenario", "sinker", "--model", "0"])["discharges"], zero["discharges"]);
+    assert_eq!(
+        report(&["--scenario", "sinker", "--model", "0", "--set", "gap.setpoint_v=65", "--set", "feed.gain_um_s_v=12"])
+            ["discharges"],
+        zero["discharges"]
+    );
     refused(&["--model", "2"], &["--model", "0..=1"]);
     refused(&["--scenario", "sinker", "--set", "actuator.mass_kg=0.3"], &["actuator.mass_kg = 0.3", "version 0"]);
-    refused(&["--set", "model.radius_um=300"], &["model.radius_um = 300", "version 1"]);
+    refused(&["--model", "0", "--set", "model.radius_um=300"], &["model.radius_um = 300", "version 1"]);
+    assert_eq!(report(&["--scenario", "dirty-gap"])["scenario"], "sinker-dirty, workpiece.surface_mm=0.3");
     refused(&["--scenario", "sinker", "--set", "model.radius_um=1"], &["model.radius_um = 1", "20 to 50000 um"]);
 }
 

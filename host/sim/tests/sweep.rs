@@ -8,7 +8,7 @@ use tempfile::TempDir;
 
 /// Four combinations and two seeds of a hole shallow enough for a test; one combination cannot be.
 const GRID: &str = "\
-scenarios = [\"default\", \"dirty-gap\"]
+scenarios = [\"default\", \"sinker-dirty\"]
 seeds = [3, 1]
 depth_mm = 0.003
 [set]
@@ -68,7 +68,7 @@ fn every_combination_is_a_row_and_one_that_fails_loses_no_other() {
     let rows: Vec<csv::StringRecord> = table.records().map(Result::unwrap).collect();
     assert_eq!(rows.len(), RUNS);
     for (k, row) in rows.iter().enumerate() {
-        let (scenario, volts, seed) = (["default", "dirty-gap"][k / 4], ["55", "80"][k / 2 % 2], ["3", "1"][k % 2]);
+        let (scenario, volts, seed) = (["default", "sinker-dirty"][k / 4], ["55", "80"][k / 2 % 2], ["3", "1"][k % 2]);
         assert_eq!((cell(row, "run"), cell(row, "runs")), ((k + 1).to_string(), RUNS.to_string()));
         assert!(cell(row, "scenario").starts_with(scenario), "{row:?}");
         assert_eq!((cell(row, "gap.setpoint_v"), cell(row, "seed")), (volts.into(), seed.into()));
@@ -98,7 +98,8 @@ fn every_combination_is_a_row_and_one_that_fails_loses_no_other() {
 #[test]
 fn a_row_is_the_report_of_the_same_bore() {
     let folder = folder();
-    let bore = ["bore", "--scenario", "dirty-gap", "--seed", "1", "--depth-mm", "0.003", "--quiet", "--json", "r.json"];
+    let bore =
+        ["bore", "--scenario", "sinker-dirty", "--seed", "1", "--depth-mm", "0.003", "--quiet", "--json", "r.json"];
     let sets = ["--set", "gap.setpoint_v=55", "--set", "workpiece.surface_mm=0.3"];
     let done = Command::new(env!("CARGO_BIN_EXE_edm-sim")).args(bore).args(sets).current_dir(folder.path()).status();
     assert!(done.unwrap().success());

@@ -38,12 +38,12 @@ impl Size {
         pulses: 1_000_000,
         estimates: 20_000,
         averaged: 100_000,
-        scenarios: &["default", "pulses-1khz", "sinker", "sinker-dirty", "silicon"],
+        scenarios: &["sinker", "sinker-1khz", "sinker-dirty", "silicon"],
         seeds: 20,
     };
     /// What fits a quarter of a minute.
     pub const SHORT: Size =
-        Size { pulses: 100_000, estimates: 4000, averaged: 20_000, scenarios: &["default", "sinker"], seeds: 2 };
+        Size { pulses: 100_000, estimates: 4000, averaged: 20_000, scenarios: &["sinker", "sinker-dirty"], seeds: 2 };
 }
 
 /// Share of the pulses that are made arcs, %.

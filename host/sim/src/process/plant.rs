@@ -119,8 +119,9 @@ static KEYS: [&str; ALL] = {
 };
 
 impl Default for Plant {
+    /// Version 1.
     fn default() -> Plant {
-        Plant::from(&Parameters::default())
+        Plant { version: 1, ..Plant::from(&Parameters::default()) }
     }
 }
 
@@ -333,29 +334,29 @@ mod tests {
         }
     }
 
-    const ONE: (&str, Value<'_>) = ("model.version", Value::Number(1.0));
+    const ZERO: (&str, Value<'_>) = ("model.version", Value::Number(0.0));
 
     #[test]
     fn a_value_of_the_other_version_is_refused_by_name() {
         let (mass, radius) = (("actuator.mass_kg", Value::Number(0.4)), ("model.radius_um", Value::Number(100.0)));
-        assert_eq!(conflict(&[mass]), None);
-        assert_eq!(conflict(&[ONE, mass]), Some("actuator.mass_kg"));
-        assert_eq!(conflict(&[radius]), Some("model.radius_um"));
-        assert_eq!(conflict(&[radius, ONE]), None);
-        assert_eq!(conflict(&[("model.machine", Value::Word("gao"))]), Some("model.machine"));
+        assert_eq!(conflict(&[mass, ZERO]), None);
+        assert_eq!(conflict(&[mass]), Some("actuator.mass_kg"));
+        assert_eq!(conflict(&[ZERO, radius]), Some("model.radius_um"));
+        assert_eq!(conflict(&[radius]), None);
+        assert_eq!(conflict(&[ZERO, ("model.machine", Value::Word("gao"))]), Some("model.machine"));
         for common in ["workpiece.surface_mm", "scale.count_um", "front_end.hum_v", "actuator.bus_v"] {
-            assert_eq!(conflict(&[ONE, (common, Value::Number(5.0))]), None, "{common}");
+            assert_eq!(conflict(&[(common, Value::Number(5.0))]), None, "{common}");
         }
-        assert_eq!(conflict(&[ONE, ("workpiece.surface_mm", Value::Number(12.0))]), Some("workpiece.surface_mm"));
+        assert_eq!(conflict(&[("workpiece.surface_mm", Value::Number(12.0))]), Some("workpiece.surface_mm"));
         assert_eq!(
-            conflict(&[ONE, ("model.burn_v", Value::Number(99.0)), ("model.open_v", Value::Number(50.0))]),
+            conflict(&[("model.burn_v", Value::Number(99.0)), ("model.open_v", Value::Number(50.0))]),
             Some("model")
         );
     }
 
     #[test]
     fn another_version_keeps_what_both_have() {
-        let mut plant = Plant::default();
+        let mut plant = Plant::from(&Parameters::default());
         for (key, value) in [("scale.count_um", 0.1), ("actuator.mass_kg", 0.4)] {
             plant.set(key, Value::Number(value)).unwrap();
         }
@@ -366,8 +367,7 @@ mod tests {
 
     #[test]
     fn what_nobody_has_published_is_perturbed_within_its_share_by_the_seed_alone() {
-        let mut sinker = Plant::default();
-        sinker.set("model.version", Value::Number(1.0)).unwrap();
+        let sinker = Plant::default();
         let own = sinker.model();
         let perturbed = |seed| {
             let mut plant = sinker;
@@ -384,9 +384,10 @@ mod tests {
             let moves = unpublished(machine).any(|key| key == declared.key) && !set;
             assert_eq!(is != was, moves, "{}: {was} {is}", declared.key);
         }
-        let mut zero = Plant::default();
+        let usual = Plant::from(&Parameters::default());
+        let mut zero = usual;
         zero.perturb(0.3, 1);
-        assert_eq!(zero, Plant::default());
+        assert_eq!(zero, usual);
     }
 
     #[test]

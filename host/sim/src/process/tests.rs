@@ -269,7 +269,7 @@ fn no_parameter_has_the_name_of_a_setting_of_the_head() {
 /// Version 1 with the work `surface_mm` below the upper stop.
 fn version_1(surface_mm: f64, set: &[(&str, f64)]) -> Process {
     let mut plant = Plant::default();
-    for (key, value) in [("model.version", 1.0), ("workpiece.surface_mm", surface_mm)].iter().chain(set) {
+    for (key, value) in [("workpiece.surface_mm", surface_mm)].iter().chain(set) {
         plant.set(key, Value::Number(*value)).unwrap();
     }
     Process::new(plant, 1).unwrap()
@@ -324,7 +324,6 @@ fn version_1_goes_through_a_sheet_without_a_contact_behind_it() {
 fn a_held_gap_of_version_1_stays_and_so_do_swapped_leads() {
     for (reversed, sign) in [(0.0, 1.0), (1.0, -1.0)] {
         let mut plant = Plant::default();
-        plant.set("model.version", Value::Number(1.0)).unwrap();
         plant.set("wiring.gap_reversed", Value::Flag(reversed > 0.0)).unwrap();
         let mut process = Process::new(plant, 1).unwrap();
         process.hold_gap(35.0, 0.5);

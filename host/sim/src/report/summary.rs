@@ -42,7 +42,7 @@ impl fmt::Display for Summary<'_> {
 impl Summary<'_> {
     fn hole(&self) -> String {
         match self.report.hole_depth_mm {
-            Some(depth) if depth > 0.0 => format!("{depth:.3} mm deep (simulated)"),
+            Some(depth) if depth >= 0.0005 => format!("{depth:.3} mm deep (simulated)"),
             Some(_) => "no hole (simulated)".into(),
             None => "of unknown depth".into(),
         }
@@ -51,7 +51,7 @@ impl Summary<'_> {
     fn electrode(&self) -> String {
         let report = self.report;
         let depth = match report.depth_mm {
-            Some(depth) if depth > 0.0 => format!("{depth:.3} mm deep"),
+            Some(depth) if depth >= 0.0005 => format!("{depth:.3} mm deep"),
             Some(_) => "not below the surface".into(),
             None => "of unknown depth".into(),
         };

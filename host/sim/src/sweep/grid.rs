@@ -374,9 +374,9 @@ mod tests {
 
     #[test]
     fn a_file_says_what_is_varied() {
-        let text = "scenarios = [\"default\", \"dirty-gap\"]\nseeds = [3]\ndepth_mm = 0.2\n[set]\ngap.setpoint_v = [55, 60.5]\n\"feed.law\" = \"fixed_rate\"";
+        let text = "scenarios = [\"default\", \"sinker-dirty\"]\nseeds = [3]\ndepth_mm = 0.2\n[set]\ngap.setpoint_v = [55, 60.5]\n\"feed.law\" = \"fixed_rate\"";
         let lists = Lists::parse("g.toml", text).unwrap();
-        assert_eq!(lists.scenarios, ["default", "dirty-gap"]);
+        assert_eq!(lists.scenarios, ["default", "sinker-dirty"]);
         assert_eq!((lists.seeds, lists.depths_mm), (vec![3], vec![0.2]));
         let values = [("feed.law", vec!["fixed_rate"]), ("gap.setpoint_v", vec!["55", "60.5"])];
         let values = values.map(|(key, words)| (key.to_owned(), words.into_iter().map(String::from).collect()));
@@ -425,7 +425,7 @@ mod tests {
         for other in [
             Lists { seeds: vec![2, 1], ..lists() },
             Lists { depths_mm: vec![0.11], ..lists() },
-            Lists { scenarios: vec!["dirty-gap".into()], ..lists() },
+            Lists { scenarios: vec!["sinker-dirty".into()], ..lists() },
             Lists { values: vec![("gap.setpoint_v".into(), vec!["55".into()])], ..lists() },
             Lists { values: vec![("gap.setpoint_v".into(), vec!["56".into()])], ..lists() },
         ] {
