@@ -1,5 +1,5 @@
 //! The task table that the firmware prints on a PC is the one in `main.rs`, and priorities there are what the critical
-//! section counts on. The encoder's tasks are vectors beside RTIC's, which take their priorities from the table.
+//! section counts on.
 
 use edm_hal_shim::board::{BOARDS, F405, TASKS, Task};
 use edm_servo_head::head::Fault;
@@ -7,16 +7,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 const MAIN: &str = include_str!("../firmware/src/main.rs");
-const ENCODER: &str = include_str!("../firmware/src/encoder.rs");
 
-/// Tasks of RTIC in the table.
+/// Tasks of the table that an interrupt runs.
 fn tasks() -> impl Iterator<Item = &'static Task> {
-    TASKS.iter().filter(|task| task.priority > 0 && !task.name.starts_with("encoder_"))
-}
-
-/// Tasks that are vectors.
-fn vectors() -> impl Iterator<Item = &'static Task> {
-    TASKS.iter().filter(|task| task.name.starts_with("encoder_"))
+    TASKS.iter().filter(|task| task.priority > 0)
 }
 
 /// Priority and binding in the task attribute before `fn name(`.
@@ -35,24 +29,18 @@ fn every_task_has_the_priority_and_the_source_of_the_table() {
         assert_eq!(priority, task.priority, "{}", task.name);
         assert_eq!(binds, task.source, "{}", task.name);
     }
-    for task in vectors() {
-        let Task { name, source, .. } = task;
-        assert!(ENCODER.contains(&format!("/// `{name}`.")) && ENCODER.contains(&format!("fn {source}()")), "{name}");
-    }
 }
 
 #[test]
 fn every_task_of_the_firmware_is_in_the_table() {
     assert_eq!(MAIN.matches("#[task(").count(), tasks().count());
-    assert_eq!(ENCODER.matches("#[interrupt]").count(), vectors().count());
 }
 
 #[test]
 fn each_task_says_its_deadline_its_cost_and_what_happens_when_it_is_late() {
-    let functions = tasks().map(|task| (MAIN, task.name)).chain(vectors().map(|task| (ENCODER, task.source)));
-    for (file, name) in functions {
-        let function = file.find(&format!("fn {name}(")).unwrap();
-        let comment = &file[file[..function].rfind("\n\n").unwrap()..function];
+    for Task { name, .. } in tasks() {
+        let function = MAIN.find(&format!("fn {name}(")).unwrap();
+        let comment = &MAIN[MAIN[..function].rfind("\n\n").unwrap()..function];
         let says = |word| comment.contains(word) || comment.contains("As `");
         assert!(says("Deadline:") && says("Cost:") && says("Late"), "{name}");
     }

@@ -11,6 +11,7 @@ use edm_hal_shim::store::{BUFFER, Store};
 use edm_hal_shim::watchdog::Watchdog as _;
 use edm_runtime::board::Caller;
 use edm_runtime::can::{Receive, Transmit};
+use edm_runtime::encoder::Decoder;
 use edm_runtime::gap::Gap;
 use edm_runtime::idle::Idle;
 use edm_runtime::image_store::ImageStore;
@@ -43,6 +44,7 @@ const BUILD_NUMBER: u32 = match u32::from_str_radix(BUILD, 16) {
 #[allow(missing_docs, reason = "each is the task of its name")]
 pub struct Tasks {
     pub reflex: Gated,
+    pub decoder: Decoder<Chip>,
     pub gap: Gap<Chip>,
     pub servo: Servo<Chip>,
     pub plan: Plans<Chip>,
@@ -162,6 +164,7 @@ pub fn start(
     pwm::await_middle();
     Ok(Tasks {
         reflex: machine.reflex,
+        decoder: tasks.decoder,
         gap: tasks.gap,
         servo: tasks.servo,
         plan: tasks.plan,

@@ -3,7 +3,7 @@
 use crate::Board;
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::{Edge, EdgeLines, Line, QuadratureLines};
-use edm_servo_head::encoder::Quadrature;
+use edm_servo_head::encoder::{Quadrature, Seen};
 
 /// Decoder and lines. The three encoder interrupts have one priority, so they share it without a lock.
 pub struct Decoder<B: Board> {
@@ -13,29 +13,25 @@ pub struct Decoder<B: Board> {
 }
 
 impl<B: Board> Decoder<B> {
-    /// For a vector of its own: goes on with the state that the assembled decoder has begun.
-    pub const fn beside(lines: B::Lines, clock: B::Clock, published: B::Published) -> Self {
-        Decoder { lines, clock, quadrature: Quadrature::beside(published) }
-    }
-
-    /// An edge of one line.
+    /// An edge of one line. What is no plain step goes by one call, which has few registers saved at every edge.
     #[inline(always)]
     pub fn edge(&mut self, line: Line) {
         self.lines.acknowledge(line);
         let seen = self.quadrature.seen(self.lines.levels());
-        if self.lines.follows() {
-            self.quadrature.take(seen, || self.clock.now());
+        if seen.is_plain() && self.lines.follows() {
+            self.quadrature.step(seen, || self.clock.now());
         } else {
-            self.unusual();
+            self.rare(seen);
         }
     }
 
+    /// What is no plain step, or the last edge that is served in a tick, or the first of the next.
     #[cold]
-    fn unusual(&mut self) {
-        let levels = self.lines.levels();
-        match self.lines.unusual() {
-            Edge::Last => self.quadrature.edge(levels, || self.clock.now()),
-            Edge::AfterStorm => self.quadrature.resume(levels),
+    fn rare(&mut self, seen: Seen) {
+        if self.lines.follows() || self.lines.unusual() == Edge::Last {
+            self.quadrature.take(seen, || self.clock.now());
+        } else {
+            self.quadrature.resume(self.lines.levels());
         }
     }
 }

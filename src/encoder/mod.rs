@@ -32,7 +32,7 @@ pub use handover::Handover;
 pub use index::{Mark, MarkCheck, MarkSpacing, WrongDistance};
 pub use plausibility::{EncoderFault, Plausibility, PlausibilityLimits};
 pub use position::Position;
-pub use quadrature::Quadrature;
+pub use quadrature::{Quadrature, Seen};
 pub use shared::{DecoderCount, Shared, Snapshot};
 pub use timer::TimerCount;
 pub use velocity::Velocity;

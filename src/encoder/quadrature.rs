@@ -11,8 +11,8 @@
 //! it is a step the wrong way, which only the second counter or the index marks can see. The rate at which the interrupt
 //! keeps this promise is the rated speed of the counter: 300 kcount/s, 3.3 us an edge, 560 cycles at 168 MHz.
 //!
-//! Cost, estimated, with reading the port and the clock, clearing the request, entry and exit: 64 cycles an edge, 120 near an
-//! index mark (`host/fil/tests/edges.rs`). No loop, no lock, no division, no look into a table, and one word of state beside
+//! Cost, estimated, with reading the port and the clock, clearing the request, entry and exit: 80 cycles an edge, 160 near an
+//! index mark (`host/fil/tests/chip/edges.rs`). No loop, no lock, no division, no look into a table, and one word of state beside
 //! the count. The state that slower tasks read is kept in [`Shared`] and nowhere else, so there is nothing to copy.
 
 use super::index::MarkLatch;
@@ -94,6 +94,15 @@ pub struct Seen {
     to: u32,
 }
 
+impl Seen {
+    /// A step, and no index mark near.
+    #[inline(always)]
+    pub fn is_plain(&self) -> bool {
+        // The index line, and what the latch knows of it, lie above the phase.
+        is_step(self.state ^ self.to)
+    }
+}
+
 /// Counts edges of A and B, and latches index marks.
 ///
 /// `S` is where the state is: a [`Shared`] of its own, or a reference to one that slower tasks read too.
@@ -116,11 +125,6 @@ impl<S: Borrow<Shared>> Quadrature<S> {
         quadrature
     }
 
-    /// A further decoder on a state that one has begun, in the same task.
-    pub const fn beside(shared: S) -> Self {
-        Quadrature(shared)
-    }
-
     /// Takes the levels after an edge of A, B or the index line; `now` gives the clock time, once. Levels that have not changed
     /// are neither counted nor illegal: an interrupt that comes late finds its edge already served.
     #[inline(always)]
@@ -129,7 +133,7 @@ impl<S: Borrow<Shared>> Quadrature<S> {
     }
 
     /// The first half of [`Quadrature::edge`], which changes nothing: for an interrupt that decides in between whether it
-    /// serves the edge. Loads in a row take a cycle each.
+    /// serves the edge.
     #[inline(always)]
     pub fn seen(&self, levels: Levels) -> Seen {
         Seen { state: self.0.borrow().state.load(Relaxed), to: lines(levels) }
@@ -137,18 +141,23 @@ impl<S: Borrow<Shared>> Quadrature<S> {
 
     /// The second half of [`Quadrature::edge`].
     #[inline(always)]
-    pub fn take(&mut self, Seen { state, to }: Seen, now: impl FnOnce() -> u32) {
-        let shared = self.0.borrow();
-        // The index line, and what the latch knows of it, lie above the phase.
-        if !is_step(state ^ to) {
-            return self.unusual(to, now(), state);
+    pub fn take(&mut self, seen: Seen, now: impl FnOnce() -> u32) {
+        if seen.is_plain() {
+            self.step(seen, now);
+        } else {
+            self.unusual(seen.to, now(), seen.state);
         }
-        // The clock is read no sooner, which leaves a register that would have to be saved; and behind the count, because a
-        // load behind a load takes one cycle.
-        let before = shared.count.load(Relaxed);
-        let now = now();
+    }
+
+    /// The same for what [`Seen::is_plain`].
+    #[inline(always)]
+    pub fn step(&mut self, Seen { state, to }: Seen, now: impl FnOnce() -> u32) {
+        let shared = self.0.borrow();
+        // In this order, and the clock read no sooner, it takes no register that would have to be saved; a load behind a load
+        // takes one cycle.
         shared.state.store(to, Relaxed);
-        shared.step(before, count(state, to), now);
+        let before = shared.count.load(Relaxed);
+        shared.step(before, count(state, to), now());
     }
 
     /// An edge near an index mark, the same levels again, or an illegal transition.

@@ -13,9 +13,6 @@ const COUNT: u32 = 1;
 pub struct Cycles(());
 
 impl Cycles {
-    /// The counter, for a vector that is not unmasked before it has been started.
-    pub const STARTED: Self = Cycles(());
-
     /// Starts the counter.
     pub fn start(dcb: &mut DCB, dwt: &mut DWT) -> Self {
         dcb.enable_trace();

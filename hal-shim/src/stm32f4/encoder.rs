@@ -3,31 +3,19 @@
 //! *Storm*: more edges in one tick than the interrupt can serve and leave time for the loops. The interrupt then masks
 //! itself; the timer goes on counting, and the servo task opens the lines again with its next tick.
 
-use super::critical::hardware;
 use super::hal::gpio::alt::tim5::{Ch1, Ch2};
 use super::hal::gpio::{ExtiPin, Input, PushPull};
 use super::hal::syscfg::SysCfg;
-use super::pac::Interrupt;
 use super::safety::exti;
 use super::{Board, change, pac, put, reset};
 use crate::board::gpio::gpioa::{PA0, PA1, PA2};
-use crate::board::priority;
 use crate::encoder::{Edge, EdgeGuard, EdgeLines, EncoderTimer, Levels, Line, QuadratureLines};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
-use cortex_m::peripheral::NVIC;
 
 const A: u32 = Board::TABLE.pin("encoder_a").number as u32;
 const B: u32 = Board::TABLE.pin("encoder_b").number as u32;
 const INDEX: u32 = Board::TABLE.pin("encoder_index").number as u32;
 const LINES: u32 = 1 << A | 1 << B | 1 << INDEX;
-
-/// Vectors and priorities.
-const VECTORS: [(Interrupt, u8); 3] = [
-    (Interrupt::EXTI0, priority("encoder_a")),
-    (Interrupt::EXTI1, priority("encoder_b")),
-    (Interrupt::EXTI2, priority("encoder_index")),
-];
-const _: () = assert!(VECTORS[0].1 == VECTORS[1].1 && VECTORS[1].1 == VECTORS[2].1, "the three share a decoder");
 
 // The three lines are read in one load of port A and have a vector each.
 const _: () = assert!(A == 0 && B == 1 && INDEX == 2);
@@ -43,18 +31,12 @@ static UNSERVED: AtomicBool = AtomicBool::new(true);
 /// The lines, as the edge interrupts see them.
 pub struct Lines(());
 
-impl Lines {
-    /// The lines, for a vector: [`new`] unmasks the three when it has configured them.
-    pub const OF_VECTORS: Self = Lines(());
-}
-
 /// TIM5 in encoder mode: four counts a line, up toward the work, 32 bits.
 pub struct Timer(pac::TIM5);
 
-/// Configures pins, interrupt lines, vectors and timer. Until the first [`EdgeGuard::serve`] the lines are masked, as after a
+/// Configures pins, interrupt lines and timer. Until the first [`EdgeGuard::serve`] the lines are masked, as after a
 /// storm.
 pub fn new(
-    nvic: &mut NVIC,
     tim: pac::TIM5,
     a: PA0,
     b: PA1,
@@ -76,14 +58,6 @@ pub fn new(
     put!(tim.cr1(), 1);
     change!(exti().rtsr(), clear 0, set LINES);
     change!(exti().ftsr(), clear 0, set LINES);
-    for (vector, task) in VECTORS {
-        // SAFETY: nobody else sets up these three, whose tasks stand beside those of RTIC. They share nothing that a critical
-        // section guards, and the lines behind them are still masked.
-        unsafe {
-            nvic.set_priority(vector, hardware(task));
-            NVIC::unmask(vector);
-        }
-    }
     (Lines(()), Guard(()), Timer(tim))
 }
 

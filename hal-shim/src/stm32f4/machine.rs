@@ -96,15 +96,8 @@ impl Machine {
             safety::contact(board.dielectric, &mut syscfg),
             Supply::watch(device.PWR, rcc),
         );
-        let (lines, guard, timer) = encoder::new(
-            &mut core.NVIC,
-            device.TIM5,
-            board.encoder_a,
-            board.encoder_b,
-            board.encoder_index,
-            &mut syscfg,
-            rcc,
-        );
+        let (lines, guard, timer) =
+            encoder::new(device.TIM5, board.encoder_a, board.encoder_b, board.encoder_index, &mut syscfg, rcc);
 
         board.gap_voltage.into_analog();
         board.gap_voltage_gated.into_analog();

@@ -252,7 +252,7 @@ fn fast(image: &Image, result: &mut Latency) -> Result<()> {
 /// When the counts are not where the debug information says.
 pub fn lost(session: &mut Session, image: &Image) -> Result<(u64, u64)> {
     let shared = image.find("chip", "ENCODER").context("no symbol of the decoder's state")?;
-    let place = shared + names::offset(image, "Shared", &["count"])?;
+    let place = shared + names::offset(image, "Shared", "count")?;
     let mut least = (u64::MAX, u64::MAX);
     // An edge may be on its way: the smallest of several looks.
     for _ in 0..40 {

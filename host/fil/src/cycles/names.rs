@@ -77,11 +77,11 @@ fn plain(name: &str) -> String {
     }
 }
 
-/// Offset of a field in the structure `name` (last part of its path), found along `path`, field by field.
+/// Offset of a field in the structure `name` (last part of its path).
 ///
 /// # Errors
 /// When there is no such structure or field.
-pub fn offset(image: &Image, name: &str, path: &[&str]) -> Result<u32> {
+pub fn offset(image: &Image, name: &str, field: &str) -> Result<u32> {
     let dwarf = sections(image.file())?;
     let mut units = dwarf.units();
     while let Some(header) = units.next()? {
@@ -91,12 +91,12 @@ pub fn offset(image: &Image, name: &str, path: &[&str]) -> Result<u32> {
             if entry.tag() != gimli::DW_TAG_structure_type || text(&dwarf, &unit, entry)?.as_deref() != Some(name) {
                 continue;
             }
-            if let Some(offset) = member(&dwarf, &unit, entry.offset(), path)? {
+            if let Some(offset) = member(&dwarf, &unit, entry.offset(), field)? {
                 return Ok(offset);
             }
         }
     }
-    Err(anyhow!("the debug information has no {name}.{}", path.join(".")))
+    Err(anyhow!("the debug information has no {name}.{field}"))
 }
 
 type Unit = gimli::Unit<Reader>;
@@ -107,23 +107,15 @@ fn text(dwarf: &gimli::Dwarf<Reader>, unit: &Unit, entry: &Entry) -> Result<Opti
     Ok(Some(dwarf.attr_string(unit, value)?.to_string_lossy()?.into_owned()))
 }
 
-fn member(
-    dwarf: &gimli::Dwarf<Reader>,
-    unit: &Unit,
-    structure: gimli::UnitOffset,
-    path: &[&str],
-) -> Result<Option<u32>> {
-    let Some((first, rest)) = path.split_first() else { return Ok(Some(0)) };
+fn member(dwarf: &gimli::Dwarf<Reader>, unit: &Unit, structure: gimli::UnitOffset, field: &str) -> Result<Option<u32>> {
     let mut tree = unit.entries_tree(Some(structure))?;
     let mut children = tree.root()?.children();
     while let Some(child) = children.next()? {
         let entry = child.entry();
-        if entry.tag() != gimli::DW_TAG_member || text(dwarf, unit, entry)?.as_deref() != Some(first) {
-            continue;
+        if entry.tag() == gimli::DW_TAG_member && text(dwarf, unit, entry)?.as_deref() == Some(field) {
+            let at = entry.attr_value(gimli::DW_AT_data_member_location).and_then(|v| v.udata_value());
+            return Ok(Some(at.unwrap_or(0) as u32));
         }
-        let at = entry.attr_value(gimli::DW_AT_data_member_location).and_then(|v| v.udata_value()).unwrap_or(0);
-        let Some(gimli::AttributeValue::UnitRef(kind)) = entry.attr_value(gimli::DW_AT_type) else { return Ok(None) };
-        return Ok(member(dwarf, unit, kind, rest)?.map(|inner| at as u32 + inner));
     }
     Ok(None)
 }

@@ -40,8 +40,7 @@ pub const INDEX: u8 = 1;
 /// As [`INDEX`].
 pub const OVERLOAD: u8 = 2;
 /// Ends of the names of the functions that give them.
-const MARKED: [(&str, u8); 2] =
-    [("quadrature::Quadrature<S>::unusual", INDEX), ("encoder::Decoder<B>::unusual", OVERLOAD)];
+const MARKED: [(&str, u8); 2] = [("quadrature::Quadrature<S>::unusual", INDEX), ("EdgeLines>::unusual", OVERLOAD)];
 
 /// What each exception has cost.
 pub type Tasks = BTreeMap<Exception, Task>;
