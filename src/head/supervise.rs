@@ -236,7 +236,7 @@ impl Unheld {
 }
 
 /// Whether the motor current follows the duty. An open wire keeps the charge of its filter, and with it one code: a
-/// resting winding may give that as well, but no winding whose voltage changes.
+/// resting winding may give that for some milliseconds as well, but no winding whose voltage changes.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stuck {
     /// Current code, if it was one for a millisecond, and the current that the mean voltage of that would drive at rest, A.
@@ -244,6 +244,8 @@ struct Stuck {
     driven: f32,
     /// Times that this has changed without it.
     steps: u32,
+    /// How long it has been one code.
+    stands: Lasting,
 }
 
 impl Stuck {
@@ -252,13 +254,16 @@ impl Stuck {
     /// Times that it has to.
     const STEPS: u32 = 20;
 
+    /// Milliseconds that it may stand whatever is driven, as [`Supervisor::CODE_MS`]: the noise of amplifier and converter.
+    const MS: u32 = 400;
+
     /// A millisecond with one code, if it was that; whether the code must have changed.
     fn look(&mut self, code: Option<i32>, driven: f32, per_code: f32) -> bool {
         let stands = code.is_some() && code == self.code;
         let step = (driven - self.driven).abs() > Stuck::CODES * per_code;
         self.steps = if stands { self.steps.saturating_add(step.into()) } else { 0 };
         (self.code, self.driven) = (code, driven);
-        self.steps > Stuck::STEPS
+        self.stands.longer_than(Stuck::MS, stands) | (self.steps > Stuck::STEPS)
     }
 }
 

@@ -250,7 +250,10 @@ impl Bench {
             safety: self.safety.unsafe_ones(),
             drive: DriveCodes {
                 // The sensor sits between bridge and coil: it does not know which way round the coil is.
-                motor_current: (2048.0 + self.motor_sign * self.amps() / f64::from(self.settings.motor_amps_per_code))
+                // A code of noise.
+                motor_current: (2048.0
+                    + self.motor_sign * self.amps() / f64::from(self.settings.motor_amps_per_code)
+                    + (self.ticks % 2) as f64)
                     .clamp(0.0, 4095.0) as u16,
                 bus_voltage: (self.bus / f64::from(self.settings.motor_bus_per_code)) as u16,
             },

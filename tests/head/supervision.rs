@@ -33,6 +33,8 @@ struct Watched {
     counted: PulseCounts,
     /// The converter of the drive has stopped.
     stands: bool,
+    /// That of the motor current gives one code in a millisecond.
+    one_code: bool,
 }
 
 impl Watched {
@@ -56,6 +58,7 @@ impl Watched {
             pulses: None,
             counted: PulseCounts::default(),
             stands: false,
+            one_code: false,
         };
         // Disabled; then the loop is closed.
         assert_eq!(watched.first(5), None);
@@ -94,7 +97,8 @@ impl Watched {
         sums.ticks += TICKS_PER_MS;
         sums.newest = code;
         sums.current += code * TICKS_PER_MS as i32;
-        sums.squares = sums.squares.wrapping_add((code * code) as u32 * TICKS_PER_MS);
+        // A sound converter has noise.
+        sums.squares = sums.squares.wrapping_add((code * code) as u32 * TICKS_PER_MS + u32::from(!self.one_code));
         sums.duty += (self.gave * f64::from(Drive::FULL) * f64::from(TICKS_PER_MS)).round() as i32;
         // A sound converter, unless it gives one code.
         let code = if self.now.code == 0 { 2000 + self.ms as u16 % 2 } else { self.now.code };
@@ -497,6 +501,7 @@ fn a_motor_current_that_gives_one_code_while_the_duty_changes_is_lost_and_a_rest
     // A step of a tenth of a volt is 8 mA, three codes; two tenths are six.
     let lost_after = |volts: f64, amps: f64, codes: f64| {
         let mut watched = Watched::new();
+        watched.one_code = true;
         let base = watched.amps;
         (1..=400).find_map(|ms| {
             let up = f64::from(ms & 1);
@@ -510,4 +515,15 @@ fn a_motor_current_that_gives_one_code_while_the_duty_changes_is_lost_and_a_rest
     assert_eq!(lost_after(0.2, 0.2 / 12.4, 0.0), None, "it follows");
     assert_eq!(lost_after(0.1, 0.0, 0.0), None, "three codes may be what a winding does not show");
     assert_eq!(lost_after(0.0, 0.0, 0.0), None, "at rest");
+}
+
+#[test]
+fn a_motor_current_without_noise_is_lost_though_the_head_rests_or_goes_steadily() {
+    let lost_after = |one_code: bool| {
+        let mut watched = Watched::new();
+        watched.one_code = one_code;
+        watched.first(1000)
+    };
+    assert_eq!(lost_after(true), Some((402, Fault::DriveSignalLost)));
+    assert_eq!(lost_after(false), None);
 }

@@ -29,6 +29,7 @@ pub use edm_process::Pulses;
 pub use gated::{DISCHARGE_A, assumed_amps, current_code};
 pub use parameters::Parameters;
 pub use plant::Plant;
+use random::{Cause, Random};
 pub use scale::Edge;
 
 use crate::events::{Event, EventError, Timeline};
@@ -50,6 +51,9 @@ use zero::Zero;
 const TICK_US: f64 = 1e6 / TICK_HZ as f64;
 /// Servo tick in clock ticks.
 const TICK_CLOCK: u32 = CLOCK_HZ / TICK_HZ;
+/// Noise of a conversion of the motor current, codes rms; assumed: a third of a code of the current amplifier (INA240) and as much of
+/// the converter.
+const NOISE_CODES: f64 = 0.5;
 /// What a tick asks of a model.
 #[derive(Clone, Copy, Debug)]
 struct Tick {
@@ -296,6 +300,8 @@ pub struct Process {
     sensors: Sensors,
     /// Converter codes for an ampere of motor current and a volt of the bus.
     codes_per: (f64, f64),
+    /// Of the conversions of motor current.
+    noise: Random,
     timeline: Timeline,
     /// Off-time that the head requests of the generator, ns; its own without.
     pub off_time_ns: Option<u32>,
@@ -329,6 +335,7 @@ impl Process {
                 pulses: PulseCounts::default(),
             },
             codes_per: (1.0 / f64::from(p.amps_per_code), 1.0 / f64::from(p.bus_per_code)),
+            noise: Cause::MotorCurrent.stream(seed),
             timeline: Timeline::default(),
             off_time_ns: None,
             fault_inputs: FaultInputs::default(),
@@ -447,7 +454,11 @@ impl Process {
         // The sensor sits between bridge and coil, so it does not know which way round the coil is.
         let sign = if self.p.motor_reversed { -1.0 } else { 1.0 };
         sensors.drive = DriveCodes {
-            motor_current: code(sign * current, self.codes_per.0, 2048.5),
+            motor_current: code(
+                sign * current,
+                self.codes_per.0,
+                2048.5 + NOISE_CODES * f64::from(normal::one(&mut self.noise)),
+            ),
             bus_voltage: code(bus, self.codes_per.1, 0.5),
         };
     }

@@ -40,6 +40,11 @@ pub fn pair(random: &mut Random) -> [f32; 2] {
     [first, second]
 }
 
+/// One of them.
+pub fn one(random: &mut Random) -> f32 {
+    TABLE[random.next_u64() as usize % QUANTILES]
+}
+
 fn of_word(table: &[f32; QUANTILES], word: u64) -> [f32; PER_WORD] {
     array::from_fn(|k| table[(word >> (BITS as usize * k)) as usize % QUANTILES])
 }

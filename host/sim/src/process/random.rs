@@ -25,6 +25,8 @@ pub enum Cause {
     Gated,
     /// Numbers of the model that are not known.
     Perturbation,
+    /// Noise of the converter of the motor current.
+    MotorCurrent,
 }
 
 impl Cause {

@@ -135,7 +135,7 @@ fn the_codes_of_current_and_bus_read_what_flows() {
         run(&mut process, Drive::Duty(duty), false, 0.5);
         let drive = process.sensors().drive;
         // -4.8 V over 12.4 ohm, against the upper stop or the work: 0.387 A, 144 codes.
-        assert!((2048 - 145..=2048 - 143).contains(&drive.motor_current), "{drive:?}");
+        assert!((2048 - 146..=2048 - 142).contains(&drive.motor_current), "{drive:?}");
         assert_eq!(drive.bus_voltage, 3137);
         assert_eq!(process.truth().position_um > 1000.0, motor_reversed);
     }
@@ -238,7 +238,7 @@ fn a_dead_encoder_hides_the_motion_and_a_faulty_bridge_stops_it() {
     };
     run(&mut process, Drive::Duty(-10_000), false, 0.005);
     assert!(process.sensors().safety.bridge_fault);
-    assert_eq!(process.sensors().drive.motor_current, 2048);
+    assert!(process.sensors().drive.motor_current.abs_diff(2048) <= 2);
     assert!(process.truth().velocity_um_s > 0.0);
 }
 
