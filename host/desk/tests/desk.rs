@@ -315,9 +315,10 @@ fn a_head_is_brought_up_by_hand_and_by_the_guided_check_and_the_report_tells_wha
     let report = &ended["report"];
     assert_eq!(report["passed"], true, "{}", ended["markdown"]);
     let measured = |what| looked_at(&report["checks"], what)["value"].as_f64().unwrap();
-    // Of the model: 0.3 N, 100 V for 160 of 200 us beside the sense supply, 12 mm.
+    // Of the model: 0.3 N sliding and 0.36 N at rest, less the 0.06 N with which its cable helps at the upper stop; 100 V for 160 of
+    // 200 us beside the sense supply; 12 mm.
     for (what, low, high) in [
-        ("friction that it broke away from", 0.3, 0.4),
+        ("friction that it broke away from", 0.24, 0.34),
         ("open-circuit voltage, as seen by this program", 78.0, 86.0),
         ("stroke, as seen by this program", 11.99, 12.03),
     ] {
