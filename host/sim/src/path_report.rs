@@ -321,7 +321,10 @@ pub fn measure(reversals: u64) -> Result<Report, String> {
 /// Servo ticks from the tick that answers a short to a set point that goes back: the most of a minute of erosion.
 fn reversal_ticks() -> Result<(u32, u32), String> {
     let settings = Settings { commissioned: true, seek_velocity: 5000.0, ..Settings::default() };
-    let mut machine = Machine::new(Plant::default(), &settings, 1).map_err(|error| error.to_string())?;
+    // Thirty times the bridges of the default scenario: a minute of that has two shorts.
+    let mut plant = Plant::default();
+    plant.set("model.bridge_hz", Value::Number(10.0)).map_err(|error| error.to_string())?;
+    let mut machine = Machine::new(plant, &settings, 1).map_err(|error| error.to_string())?;
     let told = |refused: Refused| refused.to_string();
     (0..TICK_HZ / 100).for_each(|_| machine.tick());
     machine.command(Command::Enable).map_err(told)?;

@@ -1,8 +1,6 @@
 //! `edm-sim path-report` as a person meets it, and the page that it writes.
 
-use edm_sim::page::Page;
 use serde_json::Value;
-use std::path::Path;
 use std::process::Command;
 
 #[test]
@@ -44,12 +42,4 @@ fn too_few_reversals_are_bad_input() {
         .unwrap();
     assert_eq!(output.status.code(), Some(2));
     assert!(!folder.path().join("path.json").exists());
-}
-
-#[test]
-fn the_page_says_what_is_measured() {
-    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/path.md");
-    let page = Page::read(&page, "cargo sim path-report").unwrap();
-    let measured = edm_sim::path_report::measure(1_000_000).unwrap().table();
-    assert_eq!(page.section().trim(), measured.trim(), "run `cargo sim path-report --docs`");
 }
