@@ -207,7 +207,7 @@ def motor(s, outs):
 
 
 def bus_voltage(s):
-    """Divider of the bridge's own supply, so that an open K1 is seen."""
+    """Divider of the bridge's own supply, so that an open K1 is detected."""
     s.heading(37.0, 33.8, "Bus voltage")
     s.flag(39.0, 32.4, "VDRV", to="left", color=POWER)
     s.wire((39.0, 32.4), (40.4, 32.4), color=POWER)
@@ -238,7 +238,7 @@ def meaning(s):
         (
             "0",
             "0",
-            "coasts: U302A disables the bridge; so do reset, no processor (R302..R304) and a program that is dead (ARMED low)",
+            "coasts: U302A disables the bridge; so do reset, no processor (R302..R304) and a stopped program (ARMED low)",
         ),
     ]
     for i, (fwd, rev, what) in enumerate(rows):

@@ -114,7 +114,7 @@ def live(b):
         f"sheet), R504 {PARTS['R504'].tolerance * 100:.0f} %, C501 {PARTS['C501'].tolerance * 100:.0f} %"
     )
     b.row("live", "live.least", "shortest", percent, low, unit(low, "s"))
-    b.row("live", "live.most", "longest: dead program to bridge and pulses off", "the same", high, unit(high, "s"))
+    b.row("live", "live.most", "longest: stopped program to bridge and pulses off", "the same", high, unit(high, "s"))
     lost = int((low - 2 * tick) / tick)
     b.row(
         "live", "live.lost", "ticks that may be missed",

@@ -24,7 +24,7 @@ class Pin:
 PINS = [
     Pin("gap_voltage", "gap voltage, fixed rate", "PC0", 8, "ADC1_IN10", "{scale}", 2, "gap V fixed rate", "PC5, ADC1_IN15", "PC0 enables the USB supply and has a pull-up"),
     Pin("gap_voltage_gated", "gap voltage, gate-synchronous", "PC1", 9, "ADC2_IN11", "the same", 2, "gap V gated", "PB1, ADC2_IN9", "leaves PC1 for ADC3"),
-    Pin("gap_current", "gap current", "PC2", 10, "ADC2_IN12", "mid-scale = 0 A", 2, "gap I", "PC4, ADC2_IN14", "free pin beside PC5"),
+    Pin("gap_current", "gap current", "PC2", 10, "ADC2_IN12", "mid-scale = 0 A", 2, "gap I", "PC4, ADC2_IN14", "free pin next to PC5"),
     Pin("motor_current", "motor current", "PC3", 11, "ADC3_IN13", "mid-scale = 0 A", 3, "motor I", "PC1, ADC3_IN11", "PC3 is the output of the microphone"),
     Pin("bus_voltage", "bus voltage", "PA3", 17, "ADC3_IN3", "{bus}", 3, "bus voltage"),
     Pin("comparator_high", "gap above 70 %", "PC8", 39, "TIM8_CH3", "high = above", 2, "gap above 70 %"),

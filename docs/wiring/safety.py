@@ -88,7 +88,7 @@ def live(s):
     s.note(
         0.8,
         20.6,
-        f"PB5 changes once a servo tick: U501 starts anew every {v('live.period')}; its pulse is {v('live.width')}, "
+        f"PB5 changes once a servo tick: U501 is retriggered every {v('live.period')}; its pulse is {v('live.width')}, "
         f"{v('live.least')} to {v('live.most')} with all tolerances.\n"
         f"PB5 stuck high or low: the pulse ends, U502 is cleared, pulses and bridge are off within {v('live.most')}, "
         "and stay off until PD2 rises while U501 runs.\n"
@@ -173,13 +173,13 @@ def interlocks(s):
     s.note(
         0.8,
         3.2,
-        "K0 13-14 and K2 13-14 stand in series in the enable (sheet 4). Dielectric: level, flow and temperature contacts in series. "
+        "K0 13-14 and K2 13-14 are in series in the enable (sheet 4). Dielectric: level, flow and temperature contacts in series. "
         "S3: door switch, two positively opened contacts.\n"
         f"K1, K2, KM1: force-guided or mirror contacts. K2: {label('K2')}, {data('K2', 'coil_ohm'):.0f} Ω, gold contacts for "
         f"{s.value('enable.amps')} at {given('generator_v'):.0f} V; releases in {s.value('k2.release')}. "
         f"D501 {label('D501')}, likewise at K1 and KM1.\n"
-        "Opening the door takes K2 and the mains of the generator. Closing it gives neither back: somebody who sees that nobody is inside "
-        "presses S4.",
+        "Opening the door switches off K2 and the mains of the generator. Closing it switches neither on again: press S4 where you see that "
+        "nobody is inside.",
     )
 
 

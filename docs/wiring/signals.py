@@ -8,7 +8,7 @@ from sheet import POWER, Sheet
 
 
 def encoder(s):
-    """Three differential lines to three 3.3 V pins; a line that nobody drives reads high."""
+    """Three differential lines to three 3.3 V pins; an undriven line reads high."""
     s.heading(0.6, 35.2, "Encoder: RS-422")
     y = 24.8
     lines = [("A", 8.0, "PA0 encoder A", 401), ("B", 4.9, "PA1 encoder B", 402), ("I", 1.8, "PA2 index", 403)]
@@ -40,10 +40,10 @@ def encoder(s):
         33.6,
         "Open, shorted or undriven pair: 0 V.\n"
         f"Threshold at most {data('U401', 'threshold_high_v') * 1e3:.0f} mV: reads high,\n"
-        "and stays: no count is made up.\n"
-        "One pair dead: the count goes to and fro\n"
-        "by one. All dead: it stands.\n"
-        "Both are found as encoder lost.",
+        "and stays high: no false count.\n"
+        "One pair failed: the count alternates\n"
+        "by one. All failed: it stands still.\n"
+        "Both are detected: encoder lost.",
     )
 
 
@@ -94,7 +94,7 @@ def can(s):
 
 
 def generator(s):
-    """Gate and enable through a digital isolator; relay contacts stand in series with the enable."""
+    """Gate and enable through a digital isolator; relay contacts are in series with the enable."""
     s.heading(0.6, 22.5, "Pulse generator, isolated")
     y = 13.8
     u = s.chip(
@@ -147,7 +147,7 @@ def generator(s):
     s.note(
         28.2,
         12.6,
-        "Enable: K0 and K2 (sheet 5) stand behind U404. With either open R407 holds it low, whatever U404 does.\n"
+        "Enable: K0 and K2 (sheet 5) are behind U404. With either open R407 holds it low, whatever U404 does.\n"
         f"U409 {label('U409')} on generator +5 V, 100 nF: without supply it takes no current at its input, so that the\n"
         "gate line cannot feed VCC2. Contacts of K0, K2: gold-plated, for "
         f"{s.value('enable.amps')} at {given('generator_v'):.0f} V. The generator has a pull-down of its own.",

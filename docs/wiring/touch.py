@@ -47,7 +47,7 @@ def sense(b):
     touch = (amplifier(0.0, None) - amplifier(0.0, 0.0)) * ratio
     b.row(
         "sense", "sense.earth", "lead of the workpiece broken (GAP-)", "the workpiece is control 0 V", lost,
-        f"open {lost:.1f} V, contact {touch:.1f} V: still right",
+        f"open {lost:.1f} V, contact {touch:.1f} V: still correct",
     )
     b.say("sense.earth_v", lost, f"{lost:.1f} V")
     b.row("sense", "sense.missing", "sense supply missing", "nothing drives the gap", 0.0, "0 V: contact")
@@ -140,13 +140,13 @@ def sense(b):
     for key, what in (("seek_m_s", "5 mm/s"), ("fast_seek_m_s", "20 mm/s")):
         way = given(key) * delay
         b.row(
-            "sense", f"sense.way_{key}", f"way in that time at {what}", "2 N/um (assumed)", way,
+            "sense", f"sense.way_{key}", f"travel in that time at {what}", "2 N/um (assumed)", way,
             f"{unit(way, 'm', 2)}, {way * given('stiffness_n_m'):.1f} N",
         )
     # Faults.
     swing = (given("swing_v") + volts) / r
     b.row(
-        "sense", "sense.swing", f"lasting swing of -{given('swing_v'):.0f} V",
+        "sense", "sense.swing", f"continuous reverse voltage of -{given('swing_v'):.0f} V",
         f"({given('swing_v'):.0f} + {volts:.0f}) V / {unit(r, 'ohm')}; "
         f"rating 2 x {data('R505', 'watts'):.0f} W, F501 {label('F501')}",
         swing, f"{unit(swing, 'A', 2)}, {swing**2 * r:.1f} W",
@@ -189,8 +189,8 @@ def sense(b):
     )
     b.must("reading of a 100 ohm contact, worst", b.numbers["sense.at_100"] + error, high=threshold, name="V")
     b.must("least open-circuit voltage with sense supply", u, high=given("open_least_v"), name="V")
-    b.must("power of R505 and R506 at the lasting swing", swing**2 * r, high=2 * data("R505", "watts") * 0.7, name="W")
-    b.must("current at the lasting swing", swing, high=value("F501"), name="A")
+    b.must("power of R505 and R506 at the continuous reverse voltage", swing**2 * r, high=2 * data("R505", "watts") * 0.7, name="W")
+    b.must("current at the continuous reverse voltage", swing, high=value("F501"), name="A")
     b.must("current of F501, generator reversed, over its rating", reverse / value("F501"), low=3)
     b.must("voltage over one diode", given("open_v") + volts, high=data("D503", "volts") / 2, name="V")
     b.must("power of the sense supply", amps * volts, high=data("U504", "watts"), name="W")
