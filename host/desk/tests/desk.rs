@@ -44,7 +44,7 @@ fn a_hole_is_bored_through_the_api_while_another_session_watches() {
     assert!((surface - 2.0).abs() < 0.005, "the work is 2 mm below home: {ended}");
     let truth = rig.truth();
     assert_eq!((truth.state, truth.pulses, truth.fault), (State::Disabled, false, None));
-    assert!(truth.deepest - 2000 >= 2, "{truth:?}");
+    assert!(truth.deepest - (surface * 1e3).round() as i64 >= 2, "{truth:?}");
     // The watch is taken off with the end.
     let bus = rig.bus();
     assert_eq!(Sdo::new(&bus, 1).read(Address(0x1016, 1)).unwrap(), [0; 4]);
@@ -169,7 +169,7 @@ fn a_hole_that_is_bored_again_is_measured_from_its_first_surface_or_else_somebod
     let surface = first["surface_mm"].as_f64().unwrap();
     assert!((surface - 2.0).abs() < 0.005, "{first}");
     let (before, why) = (rig.truth(), bore(&["--depth", "0.03"]).2);
-    assert!(why.contains("a hole was begun: its surface is at 2.00") && why.contains(" came 0.03"), "{why}");
+    assert!(why.contains("a hole was begun: its surface is at 1.99") && why.contains(" came 0.03"), "{why}");
     assert!(why.trim_end().ends_with("--continue, or --new-surface"), "{why}");
     assert_eq!(rig.truth().deepest, before.deepest, "nothing has moved");
     for depth in ["0.03", "0.04"] {
@@ -536,12 +536,12 @@ fn a_record_of_the_scope_has_a_sample_each_millisecond_in_a_file() {
     assert_eq!(clock.len(), 256);
     assert!(clock.windows(2).all(|pair| pair[1] - pair[0] == 3e6), "3 ms of ns from one to the next: {clock:?}");
     assert!(values(1).iter().all(|mv| (47_900.0..48_100.0).contains(mv)), "{:?}", values(1));
-    assert_eq!((&record["signals"][2]["unit"], values(2)[0]), (&json!("V"), 60.0), "in its unit");
+    assert_eq!((&record["signals"][2]["unit"], values(2)[0]), (&json!("V"), 65.0), "in its unit");
     let text = fs::read_to_string(file).unwrap();
     let lines: Vec<&str> = text.lines().collect();
     assert_eq!((lines.len(), lines[0].split(',').count()), (257, 4), "{}", lines[0]);
     assert!(lines[0].starts_with("time [ms],") && lines[0].ends_with("[V]"), "{}", lines[0]);
-    assert!(lines[256].starts_with("765,") && lines[256].ends_with(",60"), "{}", lines[256]);
+    assert!(lines[256].starts_with("765,") && lines[256].ends_with(",65"), "{}", lines[256]);
 
     // A hand makes it begin; nothing else does.
     let (code, _, why) = run(&rig.way(), &["scope", "6064", "--trigger", "rises", "--level", "1000", "--wait", "0.5"]);

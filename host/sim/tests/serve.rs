@@ -144,7 +144,8 @@ fn three_heads_share_the_bus_with_a_load_and_five_times_the_speed() {
     };
     let (simulated, real) = (after("after", 1), after("in", 1));
     let load = after("frames,", 1);
-    assert!(simulated / real < 5.2 && load > 0.0 && load < 55.0, "{said}");
+    // Both are printed to a tenth of a second.
+    assert!(simulated / real < 6.0 && load > 0.0 && load < 55.0, "{said}");
     // A computer that cannot keep up says so.
     if complained.is_empty() {
         assert!(simulated / real > 4.0 && load > 40.0, "{said}");

@@ -186,7 +186,8 @@ fn a_stranger_bores_a_hole_in_the_page() {
     assert_eq!(page.value("document.querySelector('#progress').value"), 1);
     let truth = rig.truth();
     assert_eq!((truth.state, truth.pulses, truth.fault), (State::Disabled, false, None));
-    assert!(truth.deepest >= 2002, "{truth:?}");
+    // The peaks of a fresh surface are 3 um above its mean, which is at 2 mm.
+    assert!(truth.deepest >= 1999, "{truth:?}");
     // Something is drawn.
     let drawn = "[...document.querySelectorAll('canvas')].every((canvas) => canvas.width > 100
         && canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((byte) => byte))";
@@ -259,9 +260,9 @@ fn the_gap_is_seen_while_a_hole_is_bored() {
         page.until("document.querySelector('#gap-left').innerText.match(/^[0-9]+ s$/)");
         let mut value = |list, what| page.value(&cell(list, what)).as_f64().unwrap();
         let (open, seek) = (value("ladder", "open circuit"), value("ladder", "seek ends"));
-        // Of the model: 100 V. Of the settings: 85 %, 60 V, 20 V.
+        // Of the model: 100 V. Of the settings: 85 %, 65 V, 20 V.
         assert!((90.0..110.0).contains(&open) && (seek - 0.85 * open).abs() < 0.11, "{open} {seek}");
-        assert_eq!((value("ladder", "set point"), value("ladder", "short")), (60.0, 20.0));
+        assert_eq!((value("ladder", "set point"), value("ladder", "short")), (65.0, 20.0));
         let kinds = ["open", "spark", "arc", "short", "no pulse", "uncertain"];
         let all: f64 = kinds.iter().map(|kind| value("shares", kind)).sum();
         assert!((all - 100.0).abs() < 1.0, "{all}");
@@ -292,7 +293,7 @@ fn the_scope_records_an_erosion() {
         page.picture(name);
         let text = page.download("#scope-csv", "scope-node-1.csv");
         assert_eq!(text.lines().count(), 257, "{text}");
-        assert!(text.lines().skip(1).all(|line| line.split(',').nth(2) == Some("60")), "the set point: {text}");
+        assert!(text.lines().skip(1).all(|line| line.split(',').nth(2) == Some("65")), "the set point: {text}");
         page.value("document.querySelector('#record [name=signals]').value = '1008'");
         page.click("#arm");
         page.until("document.querySelector('#recorded').innerText.startsWith('1008: must be an object')");
@@ -312,7 +313,7 @@ fn a_place_with_a_hole_is_asked_about_in_the_page() {
         page.click("#begin");
         page.until("!document.querySelector('#asks').hidden");
         let asks = page.text("#asks");
-        assert!(asks.contains("a hole was begun: its surface is at 2.00"), "{asks}");
+        assert!(asks.contains("a hole was begun: its surface is at 1.99"), "{asks}");
         assert_eq!((rig.truth().state, rig.truth().deepest), (State::Disabled, deepest), "nothing has moved");
         page.picture(name);
         page.value("document.querySelector('[name=depth]').value = 0.004");
