@@ -2,7 +2,7 @@
 
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_servo_head::dsp::chain;
-use edm_servo_head::dsp::decimate::Good;
+use edm_servo_head::dsp::decimate::CodeRange;
 use edm_servo_head::gap::voltage::{Average, Config, Polarity};
 use edm_servo_head::gap::{GapReading, GapSource, Quality, Voltage};
 use edm_servo_head::units::{Hertz, Seconds, Volts};
@@ -201,9 +201,9 @@ fn a_setting_out_of_range_is_named() {
         (Config { volts_per_code: 0.0, ..ok }, "volts per code"),
         (Config { volts_per_code: f32::NAN, ..ok }, "volts per code"),
         (Config { zero_code: 4095, ..ok }, "code at 0 V"),
-        (Config { good: Good { lowest: 411, highest: 4094 }, ..ok }, "code at 0 V"),
-        (Config { good: Good { lowest: 1, highest: 4096 }, ..ok }, "highest good code"),
-        (Config { good: Good { lowest: 3000, highest: 2500 }, ..ok }, "lowest good code"),
+        (Config { good: CodeRange { lowest: 411, highest: 4094 }, ..ok }, "code at 0 V"),
+        (Config { good: CodeRange { lowest: 1, highest: 4096 }, ..ok }, "highest good code"),
+        (Config { good: CodeRange { lowest: 3000, highest: 2500 }, ..ok }, "lowest good code"),
         (Config { short: Volts(0.5), ..ok }, "short threshold (V)"),
         (Config { reversed: Volts(f32::INFINITY), ..ok }, "reversed threshold (V)"),
         (Config { hold_limit: Seconds(0.0), ..ok }, "hold limit (s)"),
@@ -215,7 +215,7 @@ fn a_setting_out_of_range_is_named() {
     for (config, name) in bad {
         assert_eq!(config.build().unwrap_err().name, name);
     }
-    let reads_0_v_as_0 = Config { zero_code: 0, good: Good { lowest: 0, highest: 4094 }, ..ok };
+    let reads_0_v_as_0 = Config { zero_code: 0, good: CodeRange { lowest: 0, highest: 4094 }, ..ok };
     assert!(reads_0_v_as_0.build().is_ok());
 }
 

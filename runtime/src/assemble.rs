@@ -8,7 +8,7 @@ use crate::gap::Gap;
 use crate::idle::Idle;
 use crate::image_store::ImageStore;
 use crate::live::{self, ClockCheck};
-use crate::plan::{Carried, Plans};
+use crate::plan::{Executed, Plans};
 use crate::protocol::{Configuring, Protocol, Uptime};
 use crate::servo::{Chore, FIRST_CHORE, Servo};
 use crate::supervise::Supervise;
@@ -24,7 +24,7 @@ use edm_servo_head::canopen::{Frame, Node};
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, Shared as Published, TimerCount};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{
-    Counters, Estimate, Fault, Follower, Judged, Measured, Plan, Planner, State, Status, Supervisor, TickInput,
+    Counters, Estimate, Fault, Follower, Measured, Monitored, Plan, Planner, State, Status, Supervisor, TickInput,
     WritePermit,
 };
 use edm_servo_head::kept::Kept;
@@ -125,7 +125,7 @@ pub fn assemble<B: Board>(
     let (estimates_in, estimates) = crossings.estimates.split(Estimate::default());
     let (plans_in, plans) = crossings.plans.split(Plan::DISABLED);
     let (measured_in, measured) = crossings.measured.split((Measured::default(), Counters::default()));
-    let (judged_in, judged) = crossings.judged.split(Judged::default());
+    let (judged_in, judged) = crossings.judged.split(Monitored::default());
     let (published_in, published) = crossings.published.split(Status::default());
     let off_time_ns = active.off_time_ns;
     let (head_in, head) = crossings.head.split(HeadConfig { head: active.head, off_time_ns });
@@ -209,7 +209,7 @@ pub fn assemble<B: Board>(
             clock,
             caller,
             signals,
-            carried: Carried::NONE,
+            carried: Executed::NONE,
             raised: (Fault::HostSilent, 0),
             begun: 0,
             made: 0,

@@ -14,8 +14,8 @@ use edm_servo_head::canopen::{Frame, Group};
 use edm_servo_head::gap::pulses::CLASSES;
 use edm_servo_head::gap::{GapReading, voltage};
 use edm_servo_head::head::{
-    Change, Command, Config, Counters, Estimate, Fault, Finding, FollowConfig, Judged, Measured, Plan, Refused, Report,
-    SetPoint, Status, SupervisionConfig, WritePermit,
+    Change, Command, Config, Counters, Estimate, Fault, Finding, FollowConfig, Measured, Monitored, Plan, Refused,
+    Report, SetPoint, Status, SupervisionConfig, WritePermit,
 };
 use edm_servo_head::units;
 
@@ -227,7 +227,7 @@ pub struct Crossings {
     /// Servo task to supervision.
     pub(crate) measured: Latest<(Measured, Counters)>,
     /// Supervision to planner.
-    pub(crate) judged: Latest<Judged>,
+    pub(crate) judged: Latest<Monitored>,
     /// Planner to protocol.
     pub(crate) published: Latest<Status>,
     /// Protocol to planner.

@@ -9,20 +9,20 @@ use edm_crossing::latest::{Reader, Writer};
 use edm_crossing::ring::{Receiver, Sender};
 use edm_hal_shim::clock::Clock;
 use edm_servo_head::head::{
-    Change, Command, Estimate, Fault, Judged, Plan, Planner, Reason, Refused, Status, WritePermit,
+    Change, Command, Estimate, Fault, Monitored, Plan, Planner, Reason, Refused, Status, WritePermit,
 };
 use edm_servo_head::path::Path;
 
 /// The newest commands, and the tick whose estimate they were carried out on: a debugger, or the emulated chip, may look at it.
-pub struct Carried {
+pub struct Executed {
     commands: [Command; REQUESTS],
     count: usize,
     tick: u32,
 }
 
-impl Carried {
+impl Executed {
     /// None yet.
-    pub const NONE: Carried = Carried { commands: [Command::Enable; REQUESTS], count: 0, tick: 0 };
+    pub const NONE: Executed = Executed { commands: [Command::Enable; REQUESTS], count: 0, tick: 0 };
 
     fn push(&mut self, command: Command, tick: u32) {
         if self.tick != tick {
@@ -41,7 +41,7 @@ pub struct Plans<B: Board> {
     pub(crate) clock: B::Clock,
     pub(crate) caller: B::Caller,
     pub(crate) signals: &'static Signals,
-    pub(crate) carried: Carried,
+    pub(crate) carried: Executed,
     /// The newest fault that the protocol has raised, and the tick of the estimate; for a debugger, as those below.
     pub(crate) raised: (Fault, u32),
     /// Ticks of the estimates that the newest plan was begun and that it was made on.
@@ -50,7 +50,7 @@ pub struct Plans<B: Board> {
     /// Tick of what the supervision had judged then.
     pub(crate) looked: u32,
     pub(crate) estimates: Reader<'static, Estimate>,
-    pub(crate) judged: Reader<'static, Judged>,
+    pub(crate) judged: Reader<'static, Monitored>,
     pub(crate) plans: Writer<'static, Plan>,
     pub(crate) requests: Receiver<'static, Request, REQUESTS>,
     pub(crate) answers: Sender<'static, Answer, ANSWERS>,

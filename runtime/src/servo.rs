@@ -20,7 +20,7 @@ use edm_hal_shim::tick::ServoTimer;
 use edm_servo_head::encoder::{DecoderCount, Handover, Snapshot, TimerCount};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{
-    Counters, Estimate, Fault, Follower, Measured, Plan, Reaction, SetPoint, Sight, State, TickInput, TickOutput,
+    Counters, Estimate, Fault, Follower, Measured, Plan, ProbeInputs, Reaction, SetPoint, State, TickInput, TickOutput,
 };
 use edm_servo_head::units::{PLAN_TICKS, TICKS_PER_MS};
 
@@ -40,7 +40,7 @@ pub(crate) enum Chore {
     /// Tells of the millisecond.
     Tell,
     /// Looks at the settings.
-    Look,
+    CheckSettings,
 }
 
 type Forced<B> = <<B as Board>::Forced as ForcedLines>::Mark;
@@ -178,7 +178,7 @@ impl<B: Board> Servo<B> {
         self.once = self.preview.is_some();
         let input = &mut self.input;
         (input.reflex, input.asked) = (false, false);
-        (input.told, input.set_point) = (None, None);
+        (input.reported, input.set_point) = (None, None);
         // Before what waits, which may have come after that SYNC.
         self.synchronise();
         if self.chore == Chore::Compare {
@@ -217,7 +217,7 @@ impl<B: Board> Servo<B> {
         let block = (reading.quality == Quality::Valid).then_some(reading.block);
         let mark = self.handover.mark(self.decoder.mark());
         self.counters.used.mark = mark;
-        self.input.sight = Sight { mark, block };
+        self.input.sight = ProbeInputs { mark, block };
     }
 
     /// The planner is given the estimate of this tick, with the newest gap reading, or the one before, marked as missing.
@@ -265,9 +265,9 @@ impl<B: Board> Servo<B> {
             }
             Chore::Tell => {
                 self.tell(drive);
-                Chore::Look
+                Chore::CheckSettings
             }
-            Chore::Look => {
+            Chore::CheckSettings => {
                 self.look_at_settings();
                 self.millisecond = self.millisecond.wrapping_add(TICKS_PER_MS);
                 Chore::Announce
@@ -353,10 +353,10 @@ impl<B: Board> Servo<B> {
     fn waits(&mut self) {
         self.once = true;
         self.input.asked = true;
-        self.input.told = self.found.take();
+        self.input.reported = self.found.take();
         while let Some(fault) = self.faults.receive() {
-            let told = self.input.told.filter(|told| told.reaction() >= fault.reaction());
-            self.input.told = told.or(Some(fault));
+            let reported = self.input.reported.filter(|reported| reported.reaction() >= fault.reaction());
+            self.input.reported = reported.or(Some(fault));
         }
         self.signals.lost_faults.store(self.faults.lost());
         if self.config.refresh() {

@@ -8,7 +8,7 @@ use edm_crossing::ring::Sender;
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::self_test::Registers;
 use edm_hal_shim::tick::Period;
-use edm_servo_head::head::{Counters, Fault, Judged, Measured, State, SupervisionConfig, Supervisor};
+use edm_servo_head::head::{Counters, Fault, Measured, Monitored, State, SupervisionConfig, Supervisor};
 use edm_servo_head::kept::Kept;
 
 /// Milliseconds between two reports to the log.
@@ -31,7 +31,7 @@ pub struct Supervise<B: Board> {
     pub(crate) kept: Kept<SupervisionConfig>,
     pub(crate) registers: B::Registers,
     pub(crate) faults: Sender<'static, Fault, 8>,
-    pub(crate) judged: Writer<'static, Judged>,
+    pub(crate) judged: Writer<'static, Monitored>,
 }
 
 impl<B: Board> Supervise<B> {

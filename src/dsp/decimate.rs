@@ -5,7 +5,7 @@ use edm_hal_shim::gap::{BLOCK, GapBlock};
 /// The codes that the converter is trusted with; what lies outside is clipped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Good {
+pub struct CodeRange {
     /// Lowest of them.
     pub lowest: u16,
     /// Highest of them.
@@ -27,7 +27,7 @@ pub struct Tally {
 impl Tally {
     /// Looks at the conversions whose bit in `chosen` is set (bit 0 is the oldest), run by run: a generator's pulses make few.
     #[inline]
-    pub fn of(codes: &[u16; BLOCK], chosen: u32, good: Good) -> Self {
+    pub fn of(codes: &[u16; BLOCK], chosen: u32, good: CodeRange) -> Self {
         let mut left = chosen & GapBlock::ALL;
         let count = left.count_ones();
         let (lowest, range) = (u32::from(good.lowest), u32::from(good.highest.wrapping_sub(good.lowest)));
@@ -59,7 +59,7 @@ mod tests {
     use proptest::test_runner::RngSeed;
 
     const ALL: u32 = GapBlock::ALL;
-    const GOOD: Good = Good { lowest: 1, highest: 4094 };
+    const GOOD: CodeRange = CodeRange { lowest: 1, highest: 4094 };
 
     #[test]
     fn only_chosen_conversions_count() {
@@ -85,7 +85,7 @@ mod tests {
 
     #[test]
     fn code_0_is_good_where_the_lowest_good_code_says_so() {
-        let clipped = |code, chosen| Tally::of(&[code; BLOCK], chosen, Good { lowest: 0, highest: 4094 }).clipped;
+        let clipped = |code, chosen| Tally::of(&[code; BLOCK], chosen, CodeRange { lowest: 0, highest: 4094 }).clipped;
         assert_eq!([clipped(0, ALL), clipped(0, 0b111), clipped(4095, 0b111), clipped(4095, 0)], [0, 0, 3, 0]);
     }
 
@@ -108,7 +108,7 @@ mod tests {
         ) {
             let picked = codes.iter().enumerate().filter(|(i, _)| chosen >> i & 1 == 1);
             let outside = picked.filter(|(_, code)| !(lowest..=highest).contains(code)).count();
-            prop_assert_eq!(Tally::of(&codes, chosen, Good { lowest, highest }).clipped as usize, outside);
+            prop_assert_eq!(Tally::of(&codes, chosen, CodeRange { lowest, highest }).clipped as usize, outside);
         }
     }
 }

@@ -44,7 +44,7 @@ pub struct Charged {
 /// Why steps of known gap make no polynomial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Unfit {
+pub enum CalibrationError {
     /// There are fewer than four time constants that differ.
     TooFew,
     /// A step is no number, or its time constant is not from 0 to 100 us.
@@ -53,17 +53,17 @@ pub enum Unfit {
     NotFalling,
 }
 
-impl core::fmt::Display for Unfit {
+impl core::fmt::Display for CalibrationError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
-            Unfit::TooFew => "calibration: at least 4 steps with different time constants are needed",
-            Unfit::Step => "calibration: a time constant must be from 0 to 100 us and a gap a number",
-            Unfit::NotFalling => "calibration: the gap must fall as the time constant rises",
+            CalibrationError::TooFew => "calibration: at least 4 steps with different time constants are needed",
+            CalibrationError::Step => "calibration: a time constant must be from 0 to 100 us and a gap a number",
+            CalibrationError::NotFalling => "calibration: the gap must fall as the time constant rises",
         })
     }
 }
 
-impl core::error::Error for Unfit {}
+impl core::error::Error for CalibrationError {}
 
 impl Material {
     /// 10 mm copper on p-type silicon, 10 to 80 um (\[X\] equation 9).
@@ -105,17 +105,17 @@ impl Material {
     /// Least squares over steps of known gap, each (time constant in us, gap in um); not for a tick.
     ///
     /// The time constants are first brought to -1..=1: as they are, the powers are so alike that f32 could not tell them apart.
-    pub fn fit(steps: &[(f32, f32)]) -> Result<Material, Unfit> {
+    pub fn fit(steps: &[(f32, f32)]) -> Result<Material, CalibrationError> {
         let (mut shortest, mut longest) = (f32::INFINITY, f32::NEG_INFINITY);
         for (tau, gap) in steps {
             if !((0.0..=LONGEST_US).contains(tau) && gap.is_finite()) {
-                return Err(Unfit::Step);
+                return Err(CalibrationError::Step);
             }
             (shortest, longest) = (shortest.min(*tau), longest.max(*tau));
         }
         let (middle, half) = (0.5 * (longest + shortest), 0.5 * (longest - shortest));
         if half.is_nan() || half < 1e-3 {
-            return Err(Unfit::TooFew);
+            return Err(CalibrationError::TooFew);
         }
         let mut rows = [[0.0; TERMS + 1]; TERMS];
         for (tau, gap) in steps {
@@ -126,7 +126,7 @@ impl Material {
                 row.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
             }
         }
-        let [c0, c1, c2, c3] = solve(rows, 1e-5 * steps.len() as f32).ok_or(Unfit::TooFew)?;
+        let [c0, c1, c2, c3] = solve(rows, 1e-5 * steps.len() as f32).ok_or(CalibrationError::TooFew)?;
         // In (tau - middle) / half, then in tau.
         let (c1, c2, c3) = (c1 / half, c2 / (half * half), c3 / (half * half * half));
         let coefficients = [
@@ -139,7 +139,7 @@ impl Material {
             let away = half * (f32::from(place) / f32::from(PLACES / 2) - 1.0);
             c1 + away * (2.0 * c2 + away * 3.0 * c3) < 0.0
         });
-        if falls { Ok(Material { coefficients, shortest, longest }) } else { Err(Unfit::NotFalling) }
+        if falls { Ok(Material { coefficients, shortest, longest }) } else { Err(CalibrationError::NotFalling) }
     }
 }
 
@@ -229,14 +229,14 @@ mod tests {
     #[test]
     fn steps_that_make_no_polynomial_are_refused() {
         let line = |taus: &[f32]| taus.iter().map(|tau| (*tau, 100.0 - 50.0 * tau)).collect::<Vec<_>>();
-        assert_eq!(Material::fit(&[]), Err(Unfit::TooFew));
-        assert_eq!(Material::fit(&line(&[1.0; 20])), Err(Unfit::TooFew));
-        assert_eq!(Material::fit(&line(&[0.5, 1.0, 1.5, 1.5])), Err(Unfit::TooFew));
+        assert_eq!(Material::fit(&[]), Err(CalibrationError::TooFew));
+        assert_eq!(Material::fit(&line(&[1.0; 20])), Err(CalibrationError::TooFew));
+        assert_eq!(Material::fit(&line(&[0.5, 1.0, 1.5, 1.5])), Err(CalibrationError::TooFew));
         assert!(Material::fit(&line(&[0.5, 1.0, 1.2, 1.5])).is_ok());
-        assert_eq!(Material::fit(&[(f32::NAN, 1.0)]), Err(Unfit::Step));
-        assert_eq!(Material::fit(&[(1.0, f32::INFINITY)]), Err(Unfit::Step));
+        assert_eq!(Material::fit(&[(f32::NAN, 1.0)]), Err(CalibrationError::Step));
+        assert_eq!(Material::fit(&[(1.0, f32::INFINITY)]), Err(CalibrationError::Step));
         let rising = [(0.5, 10.0), (0.8, 20.0), (1.1, 30.0), (1.4, 40.0)];
-        assert_eq!(Material::fit(&rising), Err(Unfit::NotFalling));
+        assert_eq!(Material::fit(&rising), Err(CalibrationError::NotFalling));
     }
 
     proptest! {

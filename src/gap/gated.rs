@@ -72,10 +72,10 @@ impl Gated {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::dsp::decimate::Good;
+    use crate::dsp::decimate::CodeRange;
     use std::vec::Vec;
 
-    const GOOD: Good = Good { lowest: 0, highest: 4095 };
+    const GOOD: CodeRange = CodeRange { lowest: 0, highest: 4095 };
 
     /// Averages of blocks cut from a long record of codes, `None` for off-time; zero volts is code 0.
     fn averages(record: &[Option<u16>]) -> Vec<Option<f32>> {

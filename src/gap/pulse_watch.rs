@@ -39,7 +39,7 @@ pub struct PulseWatch {
     /// Pulses in shorts of which the reflex found none.
     unfound: u32,
     /// There was an edge of the gate since the look before.
-    come: bool,
+    gate_seen: bool,
     /// Looks in a row that have found pulses without permission.
     unpermitted: u32,
     /// Looks in a row at new pulses in which gap current, gap voltage have had the same code.
@@ -61,8 +61,8 @@ impl PulseWatch {
     const UNSHOWN: u32 = 1000;
 
     /// Whether there was an edge of the gate between the last two looks.
-    pub fn come(&self) -> bool {
-        self.come
+    pub fn gate_seen(&self) -> bool {
+        self.gate_seen
     }
 
     /// Pulses that the high comparator has not shown, and the low one, thousands, wrapping.
@@ -77,7 +77,7 @@ impl PulseWatch {
         let conversions = since(counts.conversions, self.last.conversions);
         let shorts = since(counts.shorts, self.last.shorts);
         let last = core::mem::replace(&mut self.last, counts);
-        self.come = edges > 0;
+        self.gate_seen = edges > 0;
         let pulses = edges / 2;
 
         for (same, (now, then)) in self.same.iter_mut().zip(counts.newest.iter().zip(&last.newest)) {

@@ -10,7 +10,7 @@
 
 use super::gated::{Gated, PER_BLOCK};
 use super::{GapReading, GapSource, Quality};
-use crate::dsp::decimate::{Good, Tally};
+use crate::dsp::decimate::{CodeRange, Tally};
 use crate::dsp::{OutOfRange, chain, in_range};
 use crate::kept::{Kept, parts};
 use crate::units::{ADC_FULL_SCALE, Seconds, TICKS_PER_MS, Volts, rare};
@@ -62,7 +62,7 @@ pub struct Config {
     /// A filtered voltage of the wrong sign and larger than this means swapped leads, 1..=300 V.
     pub reversed: Volts,
     /// Codes that are not clipped, within 0..=4095; from 0 on for a front end that reads 0 V as code 0.
-    pub good: Good,
+    pub good: CodeRange,
     /// Share of the averaged conversions that have to be clipped for the block to count as saturated, 0.04..=1.
     pub clipped_share: f32,
 }
@@ -81,7 +81,7 @@ impl Default for Config {
             min_gated: 3,
             hold_limit: Seconds(0.02),
             reversed: Volts(20.0),
-            good: Good { lowest: 1, highest: ADC_FULL_SCALE - 1 },
+            good: CodeRange { lowest: 1, highest: ADC_FULL_SCALE - 1 },
             clipped_share: 0.2,
         }
     }
@@ -132,7 +132,7 @@ pub struct Active {
     hold_limit: u32,
     /// Negative.
     reversed: Volts,
-    good: Good,
+    good: CodeRange,
     clipped_share: f32,
 }
 

@@ -232,7 +232,7 @@ enum Step {
 
 /// What commissioning wants until the next plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Wish {
+pub enum Demand {
     /// Duty, positive toward the work.
     Duty(f32),
     /// Pulses, with no duty.
@@ -312,7 +312,7 @@ impl Commissioning {
         (count, duty): (i64, f32),
         gap: &GapReading,
         ticks: u32,
-    ) -> (Wish, Option<Result<Report, Finding>>) {
+    ) -> (Demand, Option<Result<Report, Finding>>) {
         self.ticks = self.ticks.saturating_add(ticks);
         self.still = if count.abs_diff(self.last) <= 1 { self.still.saturating_add(ticks) } else { 0 };
         if self.still == 0 {
@@ -321,17 +321,17 @@ impl Commissioning {
         let moved = count.saturating_sub(self.start);
         let window = Window::symmetric(config.duty);
         let wish = match self.step {
-            Step::PushDown => Wish::Duty(config.duty * self.ramp()),
-            Step::PushUp => Wish::Duty(-config.duty * self.ramp()),
-            Step::Push => Wish::Duty(self.pushing(config)),
-            Step::Return => Wish::Duty(-config.duty),
-            Step::StrokeDown => Wish::Stroke(config.velocity, window),
-            Step::StrokeUp => Wish::Stroke(CountsPerSecond(-config.velocity.0), window),
-            Step::Gap => Wish::Pulses,
-            Step::Rest | Step::Settle => Wish::Duty(0.0),
+            Step::PushDown => Demand::Duty(config.duty * self.ramp()),
+            Step::PushUp => Demand::Duty(-config.duty * self.ramp()),
+            Step::Push => Demand::Duty(self.pushing(config)),
+            Step::Return => Demand::Duty(-config.duty),
+            Step::StrokeDown => Demand::Stroke(config.velocity, window),
+            Step::StrokeUp => Demand::Stroke(CountsPerSecond(-config.velocity.0), window),
+            Step::Gap => Demand::Pulses,
+            Step::Rest | Step::Settle => Demand::Duty(0.0),
         };
         self.look(config, moved, duty);
-        let wished = if let Wish::Duty(duty) = wish { duty } else { 0.0 };
+        let wished = if let Demand::Duty(duty) = wish { duty } else { 0.0 };
         (wish, self.judge(config, plant, moved, wished, gap))
     }
 

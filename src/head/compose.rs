@@ -3,13 +3,17 @@
 use super::command::{Command, Refused};
 use super::commissioning::{Finding, Report};
 use super::config::Config;
+use super::estimate::Estimate;
 use super::fault::Fault;
-use super::follow::{Estimate, Follower, Measured, Plan, TickInput, TickOutput};
+use super::follow::Follower;
 use super::permit::WritePermit;
+use super::plan::Plan;
 use super::planner::Planner;
-use super::probe::Sight;
+use super::probe::ProbeInputs;
 use super::state::Change;
+use super::supervise::Measured;
 use super::supervise::{Counters, Supervisor};
+use super::tick::{TickInput, TickOutput};
 use super::{Status, SupervisionConfig};
 use crate::encoder::Snapshot;
 use crate::gap::{GapReading, Quality};
@@ -55,7 +59,7 @@ pub struct Head<P> {
     plan: Plan,
     measured: Measured,
     /// A fault that the next tick is told of, and whether it is asked for a plan.
-    told: Option<Fault>,
+    reported: Option<Fault>,
     asked: bool,
     status: Status,
 }
@@ -71,7 +75,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             estimate: Estimate::default(),
             plan: Plan::DISABLED,
             measured: Measured::default(),
-            told: None,
+            reported: None,
             asked: false,
             status: Status::default(),
         }
@@ -98,7 +102,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             encoder: inputs.encoder.raw,
             short_ticks: inputs.gap.short_ticks,
             touches: inputs.gap.touches,
-            sight: Sight {
+            sight: ProbeInputs {
                 mark: inputs.encoder.mark,
                 block: (inputs.gap.quality == Quality::Valid).then_some(inputs.gap.block),
             },
@@ -106,9 +110,9 @@ impl<P: DerefMut<Target = Path>> Head<P> {
             drive: inputs.drive,
             safety: inputs.safety,
             reflex: inputs.reflex,
-            told: self.told.take(),
+            reported: self.reported.take(),
             set_point: None,
-            asked: core::mem::take(&mut self.asked) | self.told.is_some(),
+            asked: core::mem::take(&mut self.asked) | self.reported.is_some(),
         };
         let plan = &self.plan;
         let output = self.follower.tick(&input, |generation| (plan.generation == generation).then_some(plan));
@@ -163,7 +167,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
 
     /// A fault found elsewhere; the next tick acts on it.
     pub fn raise(&mut self, fault: Fault) {
-        self.told = Some(fault);
+        self.reported = Some(fault);
         self.asked = true;
     }
 

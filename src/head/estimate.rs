@@ -1,16 +1,75 @@
-//! Estimate: what every servo tick knows of the axis.
+//! Estimate: what every servo tick knows of the axis, and gives to the planner.
 //!
 //! Position and velocity from the encoder, and sums of what the drive draws. Nothing here decides.
 
-use crate::encoder::{Position, Velocity};
-use crate::servo::Drawn;
-use crate::units::{ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, Fixed, TICK_S, Volts, rare};
+use super::Fault;
+use super::probe::{Latched, PROBES};
+use super::tick::SetPoint;
+use crate::encoder::{Mark, Position, Velocity};
+use crate::gap::GapReading;
+use crate::motion::TrajectorySegment;
+use crate::servo::DriveMeans;
+use crate::units::{ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, Fixed, MicrometresPerSecond, TICK_S, Volts, rare};
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
-use edm_hal_shim::safety::DriveCodes;
+use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 
 /// Code of no current.
 const MID_SCALE: i32 = ADC_FULL_SCALE.div_ceil(2) as i32;
+
+/// What the planner sees.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Estimate {
+    /// Counts estimates; a plan has that of its own.
+    pub generation: u32,
+    /// Servo tick, wrapping.
+    pub tick: u32,
+    /// Path coordinate and set point.
+    pub path: Fixed,
+    /// See [`path`](Estimate::path).
+    pub setpoint: Fixed,
+    /// The same when the plan comes into force.
+    pub path_then: Fixed,
+    /// See [`path_then`](Estimate::path_then).
+    pub segment: TrajectorySegment,
+    /// Velocity along the path.
+    pub along: MicrometresPerSecond,
+    /// Position, and the offset that it is given with.
+    pub position: i64,
+    /// See [`position`](Estimate::position).
+    pub offset: i64,
+    /// Which path the coordinate is of.
+    pub paths: u32,
+    /// Velocity.
+    pub velocity: CountsPerSecond,
+    /// Set point less position, counts.
+    pub following: f32,
+    /// Duty of the tick, positive toward the work.
+    pub duty: f32,
+    /// It is at its limit.
+    pub saturated: bool,
+    /// Newest gap reading.
+    pub gap: GapReading,
+    /// Newest index mark, where it is wanted, and where the axis stood there.
+    pub mark: Mark,
+    /// See [`mark`](Estimate::mark).
+    pub marked: i64,
+    /// What the touch probes have kept.
+    pub probes: [Latched; PROBES],
+    /// Safety inputs.
+    pub safety: SafetyInputs,
+    /// A short has been answered by the retreat that was made ready, or a contact that is the end of a motion by rest.
+    pub short: bool,
+    /// The strongest fault that is new.
+    pub reported: Option<Fault>,
+    /// One that casts doubt on the encoder, whose reaction may be weaker.
+    pub doubt: Option<Fault>,
+    /// A set point that a SYNC has released.
+    pub set_point: Option<SetPoint>,
+    /// Plans that were late, since the start.
+    pub late: u32,
+}
 
 /// What has been drawn since the start. All of it wraps: differences over less than 25 s are right.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,11 +97,11 @@ impl Sums {
     }
 
     /// What was drawn since `before`; `amps` to a code, positive toward the work, as the duty is where `sign` is 1.
-    pub fn since(&self, before: &Sums, amps: f32, sign: f32, bus: Volts, moved: i32) -> (Drawn, f32) {
+    pub fn since(&self, before: &Sums, amps: f32, sign: f32, bus: Volts, moved: i32) -> (DriveMeans, f32) {
         let ticks = self.ticks.wrapping_sub(before.ticks).max(1) as f32;
         let (share, time) = (1.0 / ticks, ticks * TICK_S);
         let squares = self.squares.wrapping_sub(before.squares) as f32;
-        let drawn = Drawn {
+        let drawn = DriveMeans {
             over: crate::units::Seconds(time),
             duty: self.duty.wrapping_sub(before.duty) as f32 * share * (sign / f32::from(Drive::FULL)),
             mean: Amps(self.current.wrapping_sub(before.current) as f32 * share * amps),
@@ -127,7 +186,7 @@ impl Estimator {
 
     /// The bridge was given this duty.
     #[inline]
-    pub fn gave(&mut self, duty: i32) {
+    pub fn applied(&mut self, duty: i32) {
         self.sums.duty = self.sums.duty.wrapping_add(duty);
     }
 

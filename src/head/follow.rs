@@ -11,28 +11,29 @@
 //!
 //! A plan that is not there when its tick has come is *late*: the trajectory goes on in a straight line, and when that lasts
 //! the head coasts. Something urgent (a short, a safety input, a fault told, a set point released by SYNC) is acted on in its
-//! own tick, by what the plan in force has made ready for it; the plan under way, which does not know of it, is discarded by
-//! its
+//! own tick, by what the plan in force has made ready for it; the plan under way, which does not know of it, is discarded by its
 //! *generation*, and an estimate is handed over in the same tick.
 //!
 //! Between two plans the set point goes on in a straight line, at the velocity of the plan and in the direction of the
 //! segment under way. The next plan sets it back on the path, from which it can have departed only at a joint.
 
-use super::estimate::{Estimator, Sums};
-use super::probe::{Here, Latched, PROBES, Probes, Sight, Wanted};
-use super::{Fault, Reaction, State, positioning};
+use super::estimate::{Estimate, Estimator};
+use super::plan::{Plan, Touch};
+use super::probe::{Here, Probes};
+use super::supervise::Measured;
+use super::tick::{SetPoint, TickInput, TickOutput};
+use super::trajectory::{Follow, Trajectory};
+use super::{Fault, positioning};
 use crate::encoder::Mark;
 use crate::gap::{GapReading, Quality};
 use crate::kept::{Kept, parts};
-use crate::motion::TrajectorySegment;
-use crate::servo::{AxisLoop, Gains, Output, Pid, PidGains, Window};
+use crate::servo::{AxisLoop, Gains, Output, Pid, PidGains};
 use crate::units::{
-    CountsPerSecond, Fixed, MicrometresPerSecond, Nanometres, PLAN_TICKS, TICK_HZ, TICK_S, TICKS_PER_MS, Volts, rare,
-    smaller, within, within_either,
+    CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_HZ, TICK_S, TICKS_PER_MS, Volts, rare, smaller,
+    within, within_either,
 };
 use edm_hal_shim::bridge::Drive;
-use edm_hal_shim::encoder::RawCount;
-use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
+use edm_hal_shim::safety::SafetyInputs;
 
 /// Ticks from an estimate to the plan that is made of it coming into force.
 pub const LEAD: u32 = 2;
@@ -42,397 +43,6 @@ const LATE: u32 = TICKS_PER_MS / PLAN_TICKS;
 /// A head that the encoder shows rising faster than this may be braked, counts/s. Below, an edge is a millisecond old: a dead
 /// encoder shows its last velocity no longer.
 const RISING: f32 = -1000.0;
-
-/// What is followed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Follow {
-    /// Nothing: the bridge is open.
-    #[default]
-    Nothing,
-    /// The set point.
-    Setpoint,
-    /// A velocity.
-    Velocity,
-    /// A duty.
-    Duty,
-    /// The gap voltage, without a loop in between.
-    Gap,
-}
-
-/// What the ticks carry out until another one comes into force.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Trajectory {
-    /// What is followed.
-    pub follow: Follow,
-    /// Duties allowed.
-    pub window: Window,
-    /// Nothing presses toward the work: only a rise is braked.
-    pub upward: bool,
-    /// Velocity of the set point, or the one to keep.
-    pub velocity: CountsPerSecond,
-    /// Duty to give; that of a loop has it on top.
-    pub duty: f32,
-    /// Gap voltage to keep.
-    pub gap: Volts,
-    /// Velocity along the path.
-    pub along: MicrometresPerSecond,
-    /// Travel along the path in a tick, um.
-    pub advance: Fixed,
-    /// Travel of the axis in a tick, counts.
-    pub travel: Fixed,
-}
-
-impl Trajectory {
-    /// The bridge is open.
-    pub const COAST: Trajectory = Trajectory {
-        follow: Follow::Nothing,
-        window: Window { low: 0.0, high: 0.0 },
-        upward: false,
-        velocity: CountsPerSecond(0.0),
-        duty: 0.0,
-        gap: Volts(0.0),
-        along: MicrometresPerSecond(0.0),
-        advance: Fixed(0),
-        travel: Fixed(0),
-    };
-
-    /// A duty inside a window.
-    pub fn duty(duty: f32, window: Window) -> Trajectory {
-        Trajectory { follow: Follow::Duty, window, duty: window.clamp(duty), ..Trajectory::COAST }
-    }
-
-    /// A velocity, with duties inside a window.
-    pub fn velocity(velocity: CountsPerSecond, window: Window) -> Trajectory {
-        Trajectory { follow: Follow::Velocity, window, velocity, ..Trajectory::COAST }
-    }
-
-    /// A gap voltage, with duties inside a window.
-    pub fn gap(gap: Volts, window: Window) -> Trajectory {
-        Trajectory { follow: Follow::Gap, window, gap, ..Trajectory::COAST }
-    }
-
-    /// A set point that moves on by itself, beside no path.
-    pub fn axis(segment: &TrajectorySegment, window: Window) -> Trajectory {
-        let TrajectorySegment { travel, velocity, .. } = *segment;
-        Trajectory { follow: Follow::Setpoint, window, velocity, travel, ..Trajectory::COAST }
-    }
-}
-
-/// Which safety inputs are a hazard in a state.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Concerns {
-    /// Any at all: not while disabled.
-    pub any: bool,
-    /// A single limit switch: not where switches are what is looked for.
-    pub limits: bool,
-    /// The upper one: a head that was enabled there may leave it.
-    pub upper: bool,
-    /// The dielectric: with pulses.
-    pub dielectric: bool,
-}
-
-impl Concerns {
-    /// The most urgent fault that safety inputs show.
-    pub fn hazard(&self, safety: &SafetyInputs) -> Option<Fault> {
-        let upper = safety.upper_limit && self.upper;
-        match safety {
-            _ if !self.any => None,
-            SafetyInputs { supply_low: true, .. } => Some(Fault::SupplyLow),
-            SafetyInputs { bridge_fault: true, .. } => Some(Fault::BridgeFault),
-            SafetyInputs { emergency_stop: true, .. } => Some(Fault::EmergencyStop),
-            SafetyInputs { lower_limit: true, .. } if upper => Some(Fault::BothLimits),
-            _ if upper && self.limits => Some(Fault::UpperLimit),
-            SafetyInputs { lower_limit: true, .. } if self.limits => Some(Fault::LowerLimit),
-            SafetyInputs { dielectric: true, .. } if self.dielectric => Some(Fault::DielectricNotOk),
-            _ => None,
-        }
-    }
-}
-
-/// What a contact with the work means, in a motion toward it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Touch {
-    /// Nothing: pulses are on, or nobody moves.
-    #[default]
-    Ignored,
-    /// A fault.
-    Fault,
-    /// The end of the motion.
-    End,
-}
-
-/// What the planner decides, and has made ready for what is urgent.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Plan {
-    /// Of the estimate that it was made of.
-    pub generation: u32,
-    /// What to follow.
-    pub trajectory: Trajectory,
-    /// Path coordinate and set point when it comes into force.
-    pub path: Fixed,
-    /// See [`path`](Plan::path).
-    pub setpoint: Fixed,
-    /// Position less the count since the start: a home.
-    pub offset: i64,
-    /// How often the path has begun anew: coordinates of another one mean nothing.
-    pub paths: u32,
-    /// How often the loop's integrator had to be cleared.
-    pub resets: u32,
-    /// How often the encoder was to be believed anew.
-    pub trusts: u32,
-    /// State that it belongs to.
-    pub state: State,
-    /// The loop is closed over the encoder.
-    pub closed: bool,
-    /// Pulses are allowed.
-    pub pulses: bool,
-    /// A reference is looked for: positions of index marks are wanted, and whatever is in the way is no fault.
-    pub homes: bool,
-    /// The head is known to be below the upper end of its travel: no stop is in its way.
-    pub free: bool,
-    /// Nothing tells that the work is near: see [`Measured::open`].
-    pub open: bool,
-    /// What the touch probes wait for.
-    pub probes: Wanted,
-    /// A set point that a SYNC releases may be followed, toward the work at this velocity at most.
-    pub set_points: bool,
-    /// See [`set_points`](Plan::set_points).
-    pub toward: CountsPerSecond,
-    /// By how much it may change the velocity at the most, and the tick after which the set point before it is reached.
-    pub slew: CountsPerSecond,
-    /// See [`slew`](Plan::slew).
-    pub due: u32,
-    /// What a contact means.
-    pub touch: Touch,
-    /// Hazards.
-    pub concerns: Concerns,
-    /// Reaction under way.
-    pub reaction: Option<Reaction>,
-    /// No loop may be closed in a reaction.
-    pub doubted: bool,
-    /// For a short, where the state cares.
-    pub retreat: Option<Trajectory>,
-    /// For a fault whose reaction closes the loop: the way to rest; and the duties of one with limited force.
-    pub stop: Trajectory,
-    /// See [`stop`](Plan::stop).
-    pub limited: Window,
-    /// For a fault whose reaction lifts.
-    pub lift: Trajectory,
-}
-
-impl Plan {
-    /// Of a head that is disabled.
-    pub const DISABLED: Plan = Plan {
-        generation: 0,
-        trajectory: Trajectory::COAST,
-        path: Fixed(0),
-        setpoint: Fixed(0),
-        offset: 0,
-        paths: 0,
-        resets: 0,
-        trusts: 0,
-        state: State::Disabled,
-        closed: false,
-        pulses: false,
-        homes: false,
-        free: false,
-        open: false,
-        probes: Wanted::OFF,
-        set_points: false,
-        toward: CountsPerSecond(0.0),
-        slew: CountsPerSecond(0.0),
-        due: 0,
-        touch: Touch::Ignored,
-        concerns: Concerns { any: false, limits: false, upper: false, dielectric: false },
-        reaction: None,
-        doubted: false,
-        retreat: None,
-        stop: Trajectory::COAST,
-        limited: Window { low: 0.0, high: 0.0 },
-        lift: Trajectory::COAST,
-    };
-
-    /// What is done at once about a fault, and its reaction; `None` where the one under way is as strong.
-    fn answer(&self, fault: Fault) -> Option<(Reaction, Trajectory)> {
-        // A reaction that runs says itself what escalates it: the planner judges the same.
-        let lifts = self.doubted && self.reaction.is_none();
-        let least = if lifts { Reaction::OpenLoopLift } else { Reaction::Retrace };
-        let reaction = fault.reaction().max(least);
-        if self.reaction.is_some_and(|under_way| under_way >= reaction) {
-            return None;
-        }
-        let trajectory = match reaction {
-            Reaction::Coast => Trajectory::COAST,
-            Reaction::OpenLoopLift | Reaction::LiftOnStored | Reaction::EmergencyLift => self.lift,
-            Reaction::ForceLimitedRetract => Trajectory { window: self.limited, ..self.stop },
-            _ => self.stop,
-        };
-        Some((reaction, trajectory))
-    }
-}
-
-impl Default for Plan {
-    fn default() -> Plan {
-        Plan::DISABLED
-    }
-}
-
-/// A set point that a SYNC releases.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct SetPoint {
-    /// Where.
-    pub to: Nanometres,
-    /// The same in counts.
-    pub counts: Fixed,
-    /// Servo ticks in which it is to be reached.
-    pub ticks: u32,
-}
-
-/// What a servo tick sees.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct TickInput {
-    /// The count that the loops use.
-    pub encoder: RawCount,
-    /// Ticks of uninterrupted short, of the newest gap reading.
-    pub short_ticks: u32,
-    /// With pulses off: electrode and work touch.
-    pub touches: bool,
-    /// Filtered gap voltage, if there is a valid one; where [`Follower::wants_gap`] says so.
-    pub gap: Option<Volts>,
-    /// For the touch probes, where [`Follower::probes`] says so.
-    pub sight: Sight,
-    /// Motor current and bus voltage.
-    pub drive: DriveCodes,
-    /// Safety inputs, if any of them is unsafe.
-    pub safety: Option<SafetyInputs>,
-    /// The reflex has begun a retreat since the tick before.
-    pub reflex: bool,
-    /// A fault that another task has found.
-    pub told: Option<Fault>,
-    /// A SYNC has released it.
-    pub set_point: Option<SetPoint>,
-    /// Somebody wants something of the planner.
-    pub asked: bool,
-}
-
-/// What the tick wants of the world until the next one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct TickOutput {
-    /// To the H-bridge.
-    pub drive: Drive,
-    /// To the generator: pulses allowed.
-    pub pulses: bool,
-    /// The planner is to be given an estimate.
-    pub hands_over: bool,
-    /// A plan has come into force, or was late.
-    pub begins: bool,
-}
-
-/// What the planner sees.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Estimate {
-    /// Counts estimates; a plan has that of its own.
-    pub generation: u32,
-    /// Servo tick, wrapping.
-    pub tick: u32,
-    /// Path coordinate and set point.
-    pub path: Fixed,
-    /// See [`path`](Estimate::path).
-    pub setpoint: Fixed,
-    /// The same when the plan comes into force.
-    pub path_then: Fixed,
-    /// See [`path_then`](Estimate::path_then).
-    pub segment: TrajectorySegment,
-    /// Velocity along the path.
-    pub along: MicrometresPerSecond,
-    /// Position, and the offset that it is given with.
-    pub position: i64,
-    /// See [`position`](Estimate::position).
-    pub offset: i64,
-    /// Which path the coordinate is of.
-    pub paths: u32,
-    /// Velocity.
-    pub velocity: CountsPerSecond,
-    /// Set point less position, counts.
-    pub following: f32,
-    /// Duty of the tick, positive toward the work.
-    pub duty: f32,
-    /// It is at its limit.
-    pub saturated: bool,
-    /// Newest gap reading.
-    pub gap: GapReading,
-    /// Newest index mark, where it is wanted, and where the axis stood there.
-    pub mark: Mark,
-    /// See [`mark`](Estimate::mark).
-    pub marked: i64,
-    /// What the touch probes have kept.
-    pub probes: [Latched; PROBES],
-    /// Safety inputs.
-    pub safety: SafetyInputs,
-    /// A short has been answered by the retreat that was made ready, or a contact that is the end of a motion by rest.
-    pub short: bool,
-    /// The strongest fault that is new.
-    pub told: Option<Fault>,
-    /// One that casts doubt on the encoder, whose reaction may be weaker.
-    pub doubt: Option<Fault>,
-    /// A set point that a SYNC has released.
-    pub set_point: Option<SetPoint>,
-    /// Plans that were late, since the start.
-    pub late: u32,
-}
-
-/// What the supervision judges once a millisecond.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Measured {
-    /// Servo tick, wrapping.
-    pub tick: u32,
-    /// State of the plan in force.
-    pub state: State,
-    /// The loop is closed over the encoder.
-    pub closed: bool,
-    /// The set point stands.
-    pub rests: bool,
-    /// The head is known to be below the upper end of its travel.
-    pub free: bool,
-    /// The gap is open, or the work far below: nothing but its friction holds the head, unless it has met a film on its way.
-    pub open: bool,
-    /// A reference is looked for: a head that is stopped has found what is in its way.
-    pub homes: bool,
-    /// Pulses are allowed, for work.
-    pub pulses: bool,
-    /// Times that the encoder was to be believed anew.
-    pub trusts: u32,
-    /// Set point less position, counts.
-    pub following: f32,
-    /// Velocity.
-    pub velocity: CountsPerSecond,
-    /// Duty, positive toward the work.
-    pub duty: f32,
-    /// It is at its limit.
-    pub saturated: bool,
-    /// Quality of the gap reading, and the newest code of its converter.
-    pub quality: Quality,
-    /// See [`quality`](Measured::quality).
-    pub code: u16,
-    /// Pulses are permitted, for work or for commissioning.
-    pub permitted: bool,
-    /// The gap voltage has shown nothing but short for a millisecond.
-    pub short: bool,
-    /// What was drawn.
-    pub sums: Sums,
-    /// Bus voltage, a code.
-    pub bus: u16,
-}
 
 /// What the follower runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -484,7 +94,7 @@ pub struct Follower {
     attentive: bool,
     /// For the estimate of this tick.
     short: bool,
-    told: Option<Fault>,
+    reported: Option<Fault>,
     doubt: Option<Fault>,
     set_point: Option<SetPoint>,
     /// The same in the estimate before: what a late planner has not read is said again.
@@ -518,7 +128,7 @@ impl Follower {
             asked: false,
             attentive: false,
             short: false,
-            told: None,
+            reported: None,
             doubt: None,
             set_point: None,
             said: (false, [None; 2], None),
@@ -671,7 +281,7 @@ impl Follower {
     /// Whether what has come cannot wait for the next estimate.
     fn urgent(&mut self, input: &TickInput, shorted: bool) -> bool {
         let mut urgent = false;
-        if let Some(fault) = input.told {
+        if let Some(fault) = input.reported {
             self.fault(fault);
             self.tell_of(fault);
             urgent = true;
@@ -681,7 +291,7 @@ impl Follower {
             self.safety = safety;
             urgent = true;
         }
-        if let Some(fault) = self.plan.concerns.hazard(&safety) {
+        if let Some(fault) = self.plan.hazards.hazard(&safety) {
             urgent |= self.fault(fault);
         }
         if shorted && let Some(retreat) = self.plan.retreat.take() {
@@ -727,8 +337,8 @@ impl Follower {
         if fault.doubts_encoder() && self.doubt != Some(Fault::EncoderLost) {
             self.doubt = Some(fault);
         }
-        if self.told.is_none_or(|told| told.reaction() < fault.reaction()) {
-            self.told = Some(fault);
+        if self.reported.is_none_or(|reported| reported.reaction() < fault.reaction()) {
+            self.reported = Some(fault);
         }
     }
 
@@ -806,7 +416,7 @@ impl Follower {
         self.saturated = duty.limited;
         // A duty is a share: it fits.
         let code = (duty.value * self.full) as i32;
-        self.estimator.gave(code);
+        self.estimator.applied(code);
         Drive::Duty(code as i16)
     }
 
@@ -844,7 +454,7 @@ impl Follower {
             probes,
             safety,
             short,
-            told,
+            reported,
             doubt,
             set_point,
             late,
@@ -874,12 +484,12 @@ impl Follower {
         *probes = *self.probes.latched();
         *safety = self.safety;
         *short = core::mem::take(&mut self.short);
-        *told = self.told.take();
+        *reported = self.reported.take();
         *doubt = self.doubt.take();
         // Not taken: it would be put together beside both, and copied.
         *set_point = self.set_point;
         self.set_point = None;
-        self.said = (*short, [*told, *doubt], *set_point);
+        self.said = (*short, [*reported, *doubt], *set_point);
         *late = self.late;
     }
 
@@ -930,6 +540,7 @@ fn full(config: &FollowConfig) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::head::Reaction;
     use crate::kept::Parts;
     use crate::settings::Settings;
 
@@ -945,22 +556,25 @@ mod tests {
             follower.unread();
         }
         follower.estimate(&mut estimate, &GapReading::default(), Quality::Valid, &Mark::default());
-        (estimate.short, estimate.told, estimate.set_point)
+        (estimate.short, estimate.reported, estimate.set_point)
     }
 
     #[test]
     fn what_an_estimate_tells_is_told_again_until_somebody_has_read_it() {
-        let told = |fault| TickInput { told: Some(fault), asked: true, ..TickInput::default() };
+        let reported = |fault| TickInput { reported: Some(fault), asked: true, ..TickInput::default() };
         let config = Settings::default().build().unwrap().head.follow();
         let mut follower = Follower::new(config);
         let point = |ticks| Some(SetPoint { ticks, ..SetPoint::default() });
         follower.plan.retreat = Some(Trajectory::COAST);
         let short = TickInput { set_point: point(20), reflex: true, ..TickInput::default() };
         assert_eq!(handed(&mut follower, false, TickInput { asked: true, ..short }), (true, None, point(20)));
-        assert_eq!(handed(&mut follower, true, told(Fault::OverCurrent)), (true, Some(Fault::OverCurrent), point(20)));
+        assert_eq!(
+            handed(&mut follower, true, reported(Fault::OverCurrent)),
+            (true, Some(Fault::OverCurrent), point(20))
+        );
         // The stronger fault, the newer set point.
         assert!(Fault::HostSilent.reaction() < Fault::OverCurrent.reaction());
-        let newer = TickInput { set_point: point(40), ..told(Fault::HostSilent) };
+        let newer = TickInput { set_point: point(40), ..reported(Fault::HostSilent) };
         assert_eq!(handed(&mut follower, true, newer), (true, Some(Fault::OverCurrent), point(40)));
         // Read.
         assert_eq!(handed(&mut follower, false, TickInput::default()), (false, None, None));
@@ -971,7 +585,7 @@ mod tests {
         let mut follower = Follower::new(Settings::default().build().unwrap().head.follow());
         (0..LATE).for_each(|_| follower.miss());
         assert!(Fault::HostSilent.reaction() < Fault::PlanLate.reaction());
-        let weaker = TickInput { told: Some(Fault::HostSilent), ..TickInput::default() };
+        let weaker = TickInput { reported: Some(Fault::HostSilent), ..TickInput::default() };
         assert_eq!(handed(&mut follower, false, weaker).1, Some(Fault::PlanLate));
     }
 
@@ -979,15 +593,15 @@ mod tests {
     fn a_doubt_in_the_encoder_is_told_beside_a_stronger_fault_until_somebody_has_read_it() {
         for fault in [Fault::EncoderLost, Fault::PolarityWrong, Fault::FollowingError] {
             let mut follower = Follower::new(Settings::default().build().unwrap().head.follow());
-            let told = TickInput { told: Some(fault), asked: true, ..TickInput::default() };
-            assert_eq!(handed(&mut follower, false, told).1, Some(fault));
+            let reported = TickInput { reported: Some(fault), asked: true, ..TickInput::default() };
+            assert_eq!(handed(&mut follower, false, reported).1, Some(fault));
             let mut estimate = Estimate::default();
             for _ in 0..5 {
                 (0..LATE).for_each(|_| follower.miss());
                 follower.unread();
                 follower.estimate(&mut estimate, &GapReading::default(), Quality::Valid, &Mark::default());
             }
-            assert_eq!((estimate.told.map(Fault::reaction), estimate.doubt), (Some(Reaction::Coast), Some(fault)));
+            assert_eq!((estimate.reported.map(Fault::reaction), estimate.doubt), (Some(Reaction::Coast), Some(fault)));
         }
     }
 

@@ -11,7 +11,7 @@
 //!
 //! Each has a state of its own and sees of the others only what is handed over: [`Estimate`] down, [`Plan`] up, [`Measured`] to
 //! the [`Supervisor`], which looks at drive and encoder once a millisecond, judges what no single tick can, and tells of
-//! [`Judged`] values and faults. On chip and PC each runs in its task; [`Head`] composes them for one thread.
+//! [`Monitored`] values and faults. On chip and PC each runs in its task; [`Head`] composes them for one thread.
 
 mod command;
 mod commissioning;
@@ -24,6 +24,7 @@ mod follow;
 mod guide;
 mod jump;
 mod permit;
+mod plan;
 mod planner;
 mod positioning;
 mod probe;
@@ -33,30 +34,32 @@ mod route;
 mod silence;
 mod state;
 mod supervise;
+mod tick;
 mod touch;
+mod trajectory;
 
 pub use command::{Command, Refused};
 pub use commissioning::{Config as CommissioningConfig, Contradiction, Finding, Report, Weighed};
 pub use compose::{Head, Inputs};
 pub use config::{Axis, Config, Contact, Lift, Retreat, Seek, Setpoint, Structure};
 pub use ends::Config as EndsConfig;
-pub use estimate::{Estimator, Sums};
+pub use estimate::{Estimate, Estimator, Sums};
 pub use fault::{Fault, Reaction};
-pub use follow::{
-    Concerns, Estimate, Follow, FollowConfig, Follower, LEAD, Measured, Plan, SetPoint, TickInput, TickOutput, Touch,
-    Trajectory,
-};
+pub use follow::{FollowConfig, Follower, LEAD};
 pub use guide::Guidance;
 pub use jump::Config as JumpConfig;
 pub use permit::WritePermit;
+pub use plan::{Hazards, Plan, Touch};
 pub use planner::Planner;
 pub use positioning::{Home, HomingState, MotionLimits};
-pub use probe::{Edge, Latched, PROBES, Probe, Sight, Source, Wanted};
+pub use probe::{Edge, Latched, PROBES, Probe, ProbeInputs, Source, Wanted};
 pub use state::{Change, ChangeLog, Reason, State, TRANSITIONS};
 pub use supervise::{
-    Breakaway, Config as SupervisionConfig, Counters, Judged, Limits as SupervisionLimits, Supervisor,
+    Breakaway, Config as SupervisionConfig, Counters, Limits as SupervisionLimits, Measured, Monitored, Supervisor,
 };
+pub use tick::{SetPoint, TickInput, TickOutput};
 pub use touch::{Config as TouchConfig, Search};
+pub use trajectory::{Follow, Trajectory};
 
 use crate::gap::GapReading;
 use crate::path::Bound;

@@ -94,7 +94,7 @@ impl Wanted {
 /// What a tick sees of the sources.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Sight {
+pub struct ProbeInputs {
     /// Newest index mark.
     pub mark: Mark,
     /// Mean of the newest block, if it is valid.
@@ -155,7 +155,7 @@ impl Probes {
     }
 
     /// One tick.
-    pub fn tick(&mut self, wanted: &Wanted, sight: &Sight, here: &Here) {
+    pub fn tick(&mut self, wanted: &Wanted, sight: &ProbeInputs, here: &Here) {
         self.steady = if self.pulses == here.pulses { self.steady.saturating_add(1) } else { 0 };
         self.pulses = here.pulses;
         // Filters and supplies have settled: between pulses there is no voltage either.
@@ -220,7 +220,7 @@ mod tests {
             self.tick += 1;
             let position = i64::from(self.tick) * 10;
             let here = Here { tick: self.tick, position, marked: mark.count.into(), pulses, touches };
-            self.probes.tick(&self.wanted, &Sight { mark, block: Some(Volts(volts)) }, &here);
+            self.probes.tick(&self.wanted, &ProbeInputs { mark, block: Some(Volts(volts)) }, &here);
         }
 
         fn touch(&mut self, ticks: u32, touches: bool) {

@@ -1,6 +1,7 @@
 //! The way along the path: where the plan in force will have got to, and how fast it may go on from there.
 
-use super::follow::{Estimate, Follow, Trajectory};
+use super::estimate::Estimate;
+use super::trajectory::{Follow, Trajectory};
 use crate::feed::Limiter;
 use crate::path::{AXES, BESIDE_NM, Bound, Path, Piece, Refused};
 use crate::servo::Window;

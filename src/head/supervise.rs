@@ -7,7 +7,6 @@
 
 use super::estimate::{Sums, as_wired};
 use super::fault::Fault;
-use super::follow::Measured;
 use super::state::State;
 use crate::encoder::{MarkCheck, MarkSpacing, Plausibility, PlausibilityLimits, Snapshot};
 use crate::gap::pulses::{self, Pulses, Shares};
@@ -298,6 +297,50 @@ parts!(it: Config {
     [it.plausibility, it.marks, it.encoder_reversed, it.motor_reversed, it.amps_per_code, it.bus_per_code],
 );
 
+/// What the supervision judges once a millisecond.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Measured {
+    /// Servo tick, wrapping.
+    pub tick: u32,
+    /// State of the plan in force.
+    pub state: State,
+    /// The loop is closed over the encoder.
+    pub closed: bool,
+    /// The set point stands.
+    pub rests: bool,
+    /// The head is known to be below the upper end of its travel.
+    pub free: bool,
+    /// The gap is open, or the work far below: nothing but its friction holds the head, unless it has met a film on its way.
+    pub open: bool,
+    /// A reference is looked for: a head that is stopped has found what is in its way.
+    pub homes: bool,
+    /// Pulses are allowed, for work.
+    pub pulses: bool,
+    /// Times that the encoder was to be believed anew.
+    pub trusts: u32,
+    /// Set point less position, counts.
+    pub following: f32,
+    /// Velocity.
+    pub velocity: CountsPerSecond,
+    /// Duty, positive toward the work.
+    pub duty: f32,
+    /// It is at its limit.
+    pub saturated: bool,
+    /// Quality of the gap reading, and the newest code of its converter.
+    pub quality: Quality,
+    /// See [`quality`](Measured::quality).
+    pub code: u16,
+    /// Pulses are permitted, for work or for commissioning.
+    pub permitted: bool,
+    /// The gap voltage has shown nothing but short for a millisecond.
+    pub short: bool,
+    /// What was drawn.
+    pub sums: Sums,
+    /// Bus voltage, a code.
+    pub bus: u16,
+}
+
 /// What the hardware has counted: both counters of the encoder at one instant, and the pulses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -315,7 +358,7 @@ pub struct Counters {
 /// What was looked at: for the planner, hosts and reports.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Judged {
+pub struct Monitored {
     /// Tick of what was measured.
     pub tick: u32,
     /// Motor current, positive toward the work.
@@ -357,7 +400,7 @@ struct Belief {
 /// State of the supervision.
 #[derive(Debug, Default)]
 pub struct Supervisor {
-    judged: Judged,
+    judged: Monitored,
     guard: CurrentGuard,
     sums: Sums,
     /// `None` until the encoder has been read.
@@ -404,7 +447,7 @@ impl Supervisor {
     }
 
     /// What was looked at last.
-    pub fn judged(&self) -> &Judged {
+    pub fn judged(&self) -> &Monitored {
         &self.judged
     }
 
@@ -446,7 +489,7 @@ impl Supervisor {
         let seen = PulseSeen { permitted: now.permitted, watched: now.state != State::Disabled, short: now.short };
         let pulses = self.pulses.look(counters.pulses, seen);
         let arcs = self.classes.look(&limits.arcs, counters.pulses, now.pulses);
-        let gateless = now.quality == Quality::NoGate || limits.gated && !self.pulses.come();
+        let gateless = now.quality == Quality::NoGate || limits.gated && !self.pulses.gate_seen();
         let gate = self.gate.longer_than(limits.gap_ms, now.pulses && gateless);
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;
         self.judged.blocked = blocked;

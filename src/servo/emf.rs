@@ -22,7 +22,7 @@ pub struct BackEmf {
 
 /// What was measured over some ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Drawn {
+pub struct DriveMeans {
     /// How long, short against 20 ms.
     pub over: Seconds,
     /// Mean of the duties that were in force.
@@ -39,7 +39,7 @@ pub struct Drawn {
 
 impl BackEmf {
     /// Takes what was measured since the last time.
-    pub fn update(&mut self, plant: &Plant, drawn: &Drawn) {
+    pub fn update(&mut self, plant: &Plant, drawn: &DriveMeans) {
         let per_volt = plant.counts_per_m / plant.force_constant;
         let inductive = plant.inductance_h * (drawn.end.0 - self.current) / drawn.over.0;
         self.current = drawn.end.0;
@@ -87,7 +87,7 @@ mod tests {
                 let n = ticks as f32;
                 emf.update(
                     &PLANT,
-                    &Drawn {
+                    &DriveMeans {
                         over: Seconds(n * TICK_S),
                         duty: duties / n,
                         mean: Amps(currents / n),

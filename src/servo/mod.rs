@@ -13,7 +13,7 @@ use crate::units::{larger, smaller, within};
 
 pub use axis::{AxisLoop, GRAVITY, Gains, Plant, Tuning};
 pub use current::{CurrentGuard, CurrentLimits};
-pub use emf::{BackEmf, Drawn};
+pub use emf::{BackEmf, DriveMeans};
 pub use pid::{Output, Pid, PidGains};
 pub use presliding::{Config as PreslidingConfig, Presliding};
 

@@ -135,21 +135,21 @@ declare! {
         0x2105:8 retreat_off_limit: f32 = 500.0, (500.0, 1_000_000.0), "retreat.off_limit_um", "um", "docs/architecture.md", rises "a fault would leave the head closer to the work";
 
         /// Moving mass with electrode.
-        0x2106:1 axis_mass: f32 = 0.2, (0.02, 10.0), "axis.mass_kg", "kg", "[R] section 6.1", disabled "loop, lift and second opinion are reckoned from it";
+        0x2106:1 axis_mass: f32 = 0.2, (0.02, 10.0), "axis.mass_kg", "kg", "[R] section 6.1", disabled "loop, lift and encoder check are calculated from it";
         /// Winding resistance.
-        0x2106:2 axis_resistance: f32 = 12.4, (0.1, 200.0), "axis.resistance_ohm", "ohm", "[R] section 7.2, measured", disabled "loop, lift and second opinion are reckoned from it";
+        0x2106:2 axis_resistance: f32 = 12.4, (0.1, 200.0), "axis.resistance_ohm", "ohm", "[R] section 7.2, measured", disabled "loop, lift and encoder check are calculated from it";
         /// Winding inductance.
-        0x2106:3 axis_inductance: f32 = 3.0, (0.0, 100.0), "axis.inductance_mh", "mH", "assumed; not measured in [R]", disabled "loop, lift and second opinion are reckoned from it";
+        0x2106:3 axis_inductance: f32 = 3.0, (0.0, 100.0), "axis.inductance_mh", "mH", "assumed; not measured in [R]", disabled "loop, lift and encoder check are calculated from it";
         /// Force constant; the back-EMF constant in V/(m/s) is the same number.
-        0x2106:4 axis_force_constant: f32 = 7.5, (0.1, 200.0), "axis.force_constant_n_a", "N/A", "[R] section 7.2: 7 N/A and 8 V/(m/s) measured", disabled "loop, lift and second opinion are reckoned from it";
+        0x2106:4 axis_force_constant: f32 = 7.5, (0.1, 200.0), "axis.force_constant_n_a", "N/A", "[R] section 7.2: 7 N/A and 8 V/(m/s) measured", disabled "loop, lift and encoder check are calculated from it";
         /// Bus voltage.
-        0x2106:5 axis_bus: f32 = 48.0, (5.0, 60.0), "axis.bus_v", "V", "[R] section 6.1", disabled "loop, lift and second opinion are reckoned from it";
+        0x2106:5 axis_bus: f32 = 48.0, (5.0, 60.0), "axis.bus_v", "V", "[R] section 6.1", disabled "loop, lift and encoder check are calculated from it";
         /// Lifting force of counterbalance or spring.
-        0x2106:6 axis_counterbalance: f32 = 2.2, (0.0, 100.0), "axis.counterbalance_n", "N", "assumed: a little over the weight, docs/wiring.md", disabled "loop, lift and second opinion are reckoned from it";
+        0x2106:6 axis_counterbalance: f32 = 2.2, (0.0, 100.0), "axis.counterbalance_n", "N", "assumed: a little over the weight, docs/wiring.md", disabled "loop, lift and encoder check are calculated from it";
         /// Stroke between the stops.
-        0x2106:7 axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.1", disabled "loop, lift and second opinion are reckoned from it";
+        0x2106:7 axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.1", disabled "loop, lift and encoder check are calculated from it";
         /// Largest duty.
-        0x2106:8 axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed", disabled "loop, lift and second opinion are reckoned from it";
+        0x2106:8 axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed", disabled "loop, lift and encoder check are calculated from it";
         /// Dry friction at rest: the force, beside the net weight, that begins to move the head.
         0x2106:9 axis_breakaway: f32 = 0.3, (0.0, 20.0), "axis.breakaway_n", "N", "assumed; found by commissioning", falls "a dead encoder would show later";
 
@@ -157,7 +157,7 @@ declare! {
         0x2107:1 motor_reversed: bool = false, (), "motor.reversed", "", "found by commissioning", disabled "the loop would push the wrong way, or too far";
         /// Largest motor current.
         0x2107:2 motor_peak: f32 = 3.0, (0.1, 20.0), "motor.peak_a", "A", "assumed", disabled "the winding could get hotter";
-        /// Motor current that may flow for ever.
+        /// Largest continuous motor current.
         0x2107:3 motor_continuous: f32 = 1.0, (0.1, 20.0), "motor.continuous_a", "A", "assumed", disabled "the winding could get hotter";
         /// Thermal time constant of the winding.
         0x2107:4 motor_thermal: f32 = 20.0, (0.1, 1000.0), "motor.thermal_s", "s", "assumed", disabled "the winding could get hotter";
@@ -175,11 +175,11 @@ declare! {
         /// Distance between index marks; a wrong one means that the encoder lost counts.
         0x2108:3 encoder_marks: f32 = 10_000.0, (100.0, 1_000_000.0), "encoder.mark_distance_um", "um", "[L] section 3: a mark every 10 mm", disabled "the supervision believes it";
         /// Counts by which the distance between marks may differ.
-        0x2108:4 encoder_mark_tolerance: u32 = 2, (0, 1000), "encoder.mark_tolerance", "counts", "assumed", disabled "lost counts could be believed";
-        /// Lasting difference between edge decoder and timer that is still believed.
-        0x2108:5 encoder_difference: u32 = 1, (0, 1000), "encoder.difference", "counts", "assumed: one lost edge pair, two counts, shows", disabled "lost counts could be believed";
+        0x2108:4 encoder_mark_tolerance: u32 = 2, (0, 1000), "encoder.mark_tolerance", "counts", "assumed", disabled "lost counts could stay unnoticed";
+        /// Largest lasting difference between edge decoder and timer.
+        0x2108:5 encoder_difference: u32 = 1, (0, 1000), "encoder.difference", "counts", "assumed: one lost edge pair, two counts, shows", disabled "lost counts could stay unnoticed";
         /// Illegal transitions in a second that are only counted.
-        0x2108:6 encoder_illegal: u32 = 10, (0, 1_000_000), "encoder.illegal_per_s", "", "assumed", disabled "lost counts could be believed";
+        0x2108:6 encoder_illegal: u32 = 10, (0, 1_000_000), "encoder.illegal_per_s", "", "assumed", disabled "lost counts could stay unnoticed";
 
         /// Bandwidth of the velocity loop.
         0x2109:1 servo_velocity_hz: f32 = 200.0, (10.0, 500.0), "servo.velocity_hz", "Hz", "assumed: 64 degrees with L/R of 0.24 ms", live;
@@ -199,9 +199,9 @@ declare! {
         0x210A:2 following_ms: u32 = 10, (1, 10_000), "supervise.following_ms", "ms", "assumed", falls "a fault would show later";
         /// Velocity against a saturated duty that means a wrong polarity.
         0x210A:3 runaway: f32 = 50.0, (1.0, 1000.0), "supervise.runaway_mm_s", "mm/s", "assumed", falls "a fault would show later";
-        /// Difference between encoder velocity and back-EMF velocity that is not believed.
+        /// Difference between encoder velocity and back-EMF velocity above which the encoder is lost.
         0x210A:4 emf_velocity: f32 = 50.0, (1.0, 5000.0), "supervise.emf_mm_s", "mm/s", "assumed", falls "a fault would show later";
-        /// Error of the winding resistance that the comparison with the back-EMF forgives.
+        /// Error of the winding resistance that the comparison with the back-EMF allows for.
         0x210A:5 emf_resistance: f32 = 20.0, (0.0, 100.0), "supervise.emf_resistance_percent", "%", "assumed: copper from 20 to 70 degrees C", falls "a fault would show later";
         /// Time that the encoder may contradict the back-EMF.
         0x210A:6 encoder_ms: u32 = 10, (1, 1000), "supervise.encoder_ms", "ms", "assumed", falls "a fault would show later";
@@ -210,7 +210,7 @@ declare! {
         /// Longest silence of the bus while the loop is closed; 0 does not watch. 1016h watches one host by its heartbeats.
         0x210A:8 host_ms: u32 = 0, (0, 60_000), "supervise.host_ms", "ms", "CiA 301 7.2.8: guarding is off until a host asks for it", falls_from_never "a silent host would show later, or never";
 
-        /// Share of pulses that are arcs, in 200 ms, above which arcs persist; 101 looks for none.
+        /// Share of pulses that are arcs, in 200 ms, above which arcs are persistent; 101 switches this off.
         0x210A:9 arc_share: u32 = 60, (1, 101), "supervise.arc_percent", "%", "assumed: above the 37 % of host/sim/tests/arcs.rs, where the work goes on", falls "persistent arcs would show later, or never";
         /// Time that arcs may have more than that.
         0x210A:10 arc_ms: u32 = 50, (0, 10_000), "supervise.arc_ms", "ms", "assumed", falls "a fault would show later";
@@ -218,17 +218,17 @@ declare! {
         0x210A:11 face: f32 = 1500.0, (0.0, 30_000.0), "supervise.face_um", "um", "assumed; of the electrode", falls "a dead encoder would show later";
 
         /// Longest lift of a head without a closed loop.
-        0x210B:1 lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md", disabled "the lift of a fault is reckoned from it";
+        0x210B:1 lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md", disabled "the lift of a fault is calculated from it";
         /// Force of a force-limited retract about the holding force.
-        0x210B:2 lift_force: f32 = 3.0, (0.5, 15.0), "lift.limited_n", "N", "assumed", disabled "the lift of a fault is reckoned from it";
+        0x210B:2 lift_force: f32 = 3.0, (0.5, 15.0), "lift.limited_n", "N", "assumed", disabled "the lift of a fault is calculated from it";
         /// Bus voltage below which lifting on stored energy ends.
-        0x210B:3 lift_bus_dead: f32 = 15.0, (1.0, 60.0), "lift.bus_dead_v", "V", "assumed", disabled "the lift of a fault is reckoned from it";
+        0x210B:3 lift_bus_dead: f32 = 15.0, (1.0, 60.0), "lift.bus_dead_v", "V", "assumed", disabled "the lift of a fault is calculated from it";
 
         /// Gap voltage below which, with pulses off, the electrode touches the work; 0: no sense supply is fitted.
         0x210D:1 contact_below: f32 = 4.0, (0.0, 100.0), "contact.below_v", "V", "docs/wiring.md: an open gap reads 9.2 V at least, 100 ohm 0.9 V", disabled "contact would not be felt";
         /// Largest velocity toward the work, pulses off, where the axis has not been since it was enabled.
         0x210D:2 contact_approach: f32 = 5.0, (0.1, 5.0), "contact.approach_mm_s", "mm/s", "docs/bring-up.md: what a contact may press", falls "the electrode would hit the work harder";
-        /// Largest force toward the work, beyond weight and friction, while the gap leads along the path: more than film and flushing push up with.
+        /// Largest force toward the work, beyond weight and friction, while a feed law moves the head: more than film and flushing push back with.
         0x210D:3 contact_press: f32 = 5.0, (0.5, 1000.0), "contact.press_n", "N", "docs/bring-up.md: what a contact may press", falls "the electrode would press harder";
 
         /// Time of erosion from one jump to the next; 0 jumps on demand only.
@@ -241,18 +241,18 @@ declare! {
         0x210E:4 jump_acceleration: f32 = 10.0, (0.1, 500.0), "jump.acceleration_m_s2", "m/s^2", "assumed: a fifth of what the actuator of [R] can do", live;
         /// Largest jerk of a jump.
         0x210E:5 jump_jerk: f32 = 2000.0, (10.0, 1e6), "jump.jerk_m_s3", "m/s^3", "assumed: 5 ms to the acceleration", live;
-        /// Float point: length of path before the last good place, behind which a jump or a long retreat returns at speed.
+        /// Float point: length of path above the last eroding position down to which a jump or a long retreat returns at speed.
         0x210E:6 jump_float: f32 = 100.0, (1.0, 10_000.0), "jump.float_um", "um", "assumed: more than a working gap of [R]", rises "the head would come closer to the work at speed";
-        /// Share of arcs, of the pulses that the head has looked at in 200 ms, from which on it jumps; three jumps in vain are a persistent arc; 0: never.
+        /// Share of arcs, of the pulses sampled in 200 ms, from which the head jumps; three jumps without effect are a persistent arc; 0: never.
         0x210E:7 jump_arcs: u32 = 0, (0, 100), "jump.arcs_percent", "%", "assumed: on demand only", live;
 
-        /// Longest spark-out at the end of the path: the law leads on until discharges are rare; 0: none.
+        /// Longest spark-out at the end of the path: the feed law stays on until discharges are rare; 0: none.
         0x210F:1 end_spark_out_ms: f32 = 0.0, (0.0, 600_000.0), "end.spark_out_ms", "ms", "assumed: only where it is asked for", live;
         /// Share of discharges, which is how far the gap voltage lies below that of the open circuit, that is rare.
         0x210F:2 end_rare: f32 = 5.0, (0.1, 50.0), "end.rare_percent", "%", "assumed: beyond scatter of the voltage, far below the 15 % at which a seek finds the work", live;
         /// Time over which that share is taken.
         0x210F:3 end_look_ms: f32 = 200.0, (10.0, 10_000.0), "end.look_ms", "ms", "assumed: 200 pulses at 1 kHz", live;
-        /// Length of path after the work was found, behind which rare discharges at the front mean a break-through; 0: they never do.
+        /// Length of path below the surface from which rare discharges mean a break-through; 0: never.
         0x210F:4 end_through: f32 = 0.0, (0.0, 1_000_000.0), "end.through_um", "um", "assumed: only where it is asked for", live;
         /// Length of path to go back after the end of an erosion, with pulses off, at retreat.velocity_um_s; 0: the head stays.
         0x210F:5 end_lift: f32 = 0.0, (0.0, 1_000_000.0), "end.lift_um", "um", "assumed: only where it is asked for", live;

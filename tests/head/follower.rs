@@ -75,17 +75,17 @@ fn a_set_point_of_a_sync_is_followed_in_its_tick_toward_the_work_no_faster_than_
 #[test]
 fn no_set_point_of_a_sync_moves_a_head_that_reacts_to_a_fault() {
     for fault in [Fault::HostSilent, Fault::FollowingError, Fault::EncoderLost, Fault::OverCurrent] {
-        let told = TickInput { told: Some(fault), asked: true, ..TickInput::default() };
+        let reported = TickInput { reported: Some(fault), asked: true, ..TickInput::default() };
         for by in [-10_000, 10_000] {
             // In the tick after the fault, and in its own.
             let mut follower = carries_out(&positioned());
-            tick(&mut follower, &told);
+            tick(&mut follower, &reported);
             let reacts = *follower.trajectory();
             assert_ne!(reacts, at(1000.0), "{}", fault.name());
             tick(&mut follower, &released(by));
             assert_eq!(*follower.trajectory(), reacts, "{}, {by} counts", fault.name());
             let mut follower = carries_out(&positioned());
-            tick(&mut follower, &TickInput { told: Some(fault), ..released(by) });
+            tick(&mut follower, &TickInput { reported: Some(fault), ..released(by) });
             assert_eq!(*follower.trajectory(), reacts, "{}, {by} counts, at once", fault.name());
         }
     }
@@ -120,8 +120,8 @@ fn a_head_that_touches_stands_in_the_same_tick_whatever_was_ready_for_a_stop() {
 #[test]
 fn a_short_gives_no_drive_to_a_head_that_a_fault_has_let_go() {
     let mut follower = carries_out(&Plan { state: State::Eroding, pulses: true, ..positioned() });
-    let told = TickInput { told: Some(Fault::OverCurrent), asked: true, ..TickInput::default() };
-    let output = tick(&mut follower, &told);
+    let reported = TickInput { reported: Some(Fault::OverCurrent), asked: true, ..TickInput::default() };
+    let output = tick(&mut follower, &reported);
     assert_eq!((output.drive, output.pulses), (Drive::Coast, false));
     let output = tick(&mut follower, &TickInput { reflex: true, short_ticks: 1000, ..TickInput::default() });
     assert_eq!((output.drive, output.pulses), (Drive::Coast, false));
@@ -136,7 +136,7 @@ fn with_an_encoder_in_doubt_a_fault_closes_no_loop() {
         (false, Fault::OverCurrent, Follow::Nothing, false),
     ] {
         let mut follower = carries_out(&Plan { doubted, ..positioned() });
-        tick(&mut follower, &TickInput { told: Some(fault), asked: true, ..TickInput::default() });
+        tick(&mut follower, &TickInput { reported: Some(fault), asked: true, ..TickInput::default() });
         let Plan { trajectory, closed: now, .. } = *follower.plan();
         assert_eq!((trajectory.follow, now), (follow, closed), "{}, in doubt: {doubted}", fault.name());
     }

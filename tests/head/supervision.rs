@@ -24,7 +24,7 @@ struct Watched {
     /// The second counter, where wired, is off by this.
     watch: Option<i32>,
     /// Duty that was in force, current that flowed, A, and voltage of the bus.
-    gave: f64,
+    duty: f64,
     amps: f64,
     bus: f64,
     host_alive: bool,
@@ -51,7 +51,7 @@ impl Watched {
             count: 0,
             ms: 0,
             watch: None,
-            gave: 0.0,
+            duty: 0.0,
             amps: 0.0,
             bus: 48.0,
             host_alive: true,
@@ -99,7 +99,7 @@ impl Watched {
         sums.current += code * TICKS_PER_MS as i32;
         // A sound converter has noise.
         sums.squares = sums.squares.wrapping_add((code * code) as u32 * TICKS_PER_MS + u32::from(!self.one_code));
-        sums.duty += (self.gave * f64::from(Drive::FULL) * f64::from(TICKS_PER_MS)).round() as i32;
+        sums.duty += (self.duty * f64::from(Drive::FULL) * f64::from(TICKS_PER_MS)).round() as i32;
         // A sound converter, unless it gives one code.
         let code = if self.now.code == 0 { 2000 + self.ms as u16 % 2 } else { self.now.code };
         let now = Measured { permitted: self.now.permitted || self.now.pulses, code, ..self.now };
@@ -338,11 +338,11 @@ fn an_encoder_that_contradicts_the_back_emf_is_lost_either_way() {
             (30.0, -30, Some(Fault::EncoderLost)),
         ] {
             let mut watched = Watched::new();
-            watched.gave = generates(mm_s);
+            watched.duty = generates(mm_s);
             watched.counts = counts * way as i32;
             assert_eq!(lost(watched.first(1000)), fault, "{mm_s} mm/s, {counts} counts/ms, {way}");
             let mut watched = Watched::new();
-            (watched.gave, watched.counts, watched.now.closed) = (generates(mm_s), counts * way as i32, false);
+            (watched.duty, watched.counts, watched.now.closed) = (generates(mm_s), counts * way as i32, false);
             assert_eq!(watched.first(1000), None, "without a loop");
         }
         // 1 A of 12.4 ohm: a fifth of 12.4 V is forgiven, and 50 mm/s, 0.375 V.
@@ -350,7 +350,7 @@ fn an_encoder_that_contradicts_the_back_emf_is_lost_either_way() {
             [(0.79, None), (1.21, None), (0.75, Some(Fault::EncoderLost)), (1.25, Some(Fault::EncoderLost))]
         {
             let mut watched = Watched::new();
-            (watched.amps, watched.gave) = (way, way * share * 12.4 / 48.0);
+            (watched.amps, watched.duty) = (way, way * share * 12.4 / 48.0);
             assert_eq!(lost(watched.first(1000)), fault, "{share} of the resistance, {way}");
         }
     }
@@ -386,7 +386,7 @@ fn a_current_is_too_much_either_way_in_every_state() {
             for (amps, fault) in [(3.745, None), (3.755, Some((3, Fault::OverCurrent)))] {
                 let mut watched = Watched::new();
                 watched.now.closed = closed;
-                (watched.amps, watched.gave) = (amps * way, amps * way * 12.4 / 48.0);
+                (watched.amps, watched.duty) = (amps * way, amps * way * 12.4 / 48.0);
                 assert_eq!(watched.first(200), fault, "{amps} A, {way}");
                 let shown = watched.supervisor.judged().current.0;
                 assert!((f64::from(shown) - amps * way).abs() < 0.01, "{shown}");
@@ -413,7 +413,7 @@ fn a_drive_that_is_not_measured_is_named_after_three_milliseconds_unless_it_is_d
 fn a_winding_gets_hot_by_a_current_of_either_sign() {
     for way in [1.0, -1.0] {
         let mut watched = Watched::with(|settings| settings.motor_thermal = 1.0);
-        (watched.amps, watched.gave) = (2.0 * way, 2.0 * way * 12.4 / 48.0);
+        (watched.amps, watched.duty) = (2.0 * way, 2.0 * way * 12.4 / 48.0);
         // 1 A for ever: 1 s * ln(4 / 3) at 2 A.
         assert_eq!(watched.first(280), None);
         assert!(!watched.supervisor.judged().reduced);
@@ -484,11 +484,11 @@ fn a_host_may_be_silent_for_its_time_and_where_none_is_followed() {
 #[test]
 fn of_two_faults_the_more_urgent_is_told() {
     let mut watched = Watched::new();
-    (watched.amps, watched.gave) = (4.0, 4.0 * 12.4 / 48.0);
+    (watched.amps, watched.duty) = (4.0, 4.0 * 12.4 / 48.0);
     assert_eq!(watched.first(2), None);
     watched.bus = 0.0;
     assert_eq!(watched.look(), Some(Fault::OverCurrent), "and the bus sags");
-    (watched.amps, watched.gave) = (0.0, 0.0);
+    (watched.amps, watched.duty) = (0.0, 0.0);
     assert_eq!(watched.look(), Some(Fault::BusSag));
     finds(Some((11, Fault::PolarityWrong)), "polarity, following error", |w| {
         (w.now.saturated, w.now.duty, w.now.velocity) = (true, 0.9, CountsPerSecond(-1e5));
@@ -505,7 +505,7 @@ fn a_motor_current_that_gives_one_code_while_the_duty_changes_is_lost_and_a_rest
         let base = watched.amps;
         (1..=400).find_map(|ms| {
             let up = f64::from(ms & 1);
-            watched.gave = up * volts / 48.0;
+            watched.duty = up * volts / 48.0;
             watched.amps = base + amps * up + 0.00269 * codes * up;
             watched.look()
         })

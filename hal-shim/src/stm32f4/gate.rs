@@ -73,17 +73,17 @@ impl Edges {
 
     /// The gate now. At the beginning of the work on a block; [`Edges::mask`] takes it at least [`SETTLED`] cycles later.
     #[inline]
-    pub fn look(&self) -> Look {
-        Look { count: written::<2>(), open: lines::gate_is_open(), now: self.tim.cnt().read().bits() }
+    pub fn look(&self) -> GateSample {
+        GateSample { count: written::<2>(), open: lines::gate_is_open(), now: self.tim.cnt().read().bits() }
     }
 
     /// Which conversions of the block just completed lie in the on-time. Once a block, after its last conversion and before
     /// the next block's.
     #[inline]
-    pub fn mask(&mut self, mut look: Look) -> u32 {
+    pub fn mask(&mut self, mut look: GateSample) -> u32 {
         // The level belongs to the count only if no edge was on its way into the ring: it must still be so a little later.
         for _ in 0..3 {
-            let Look { count, open, now } = look;
+            let GateSample { count, open, now } = look;
             if (written::<2>(), lines::gate_is_open()) == (count, open) {
                 let new = count.wrapping_sub(self.seen) % RING as u32;
                 let young = new + self.recent;
@@ -113,7 +113,7 @@ const SETTLED: u32 = 32;
 
 /// The gate at a moment: edges so far, level, edge timer.
 #[derive(Clone, Copy)]
-pub struct Look {
+pub struct GateSample {
     count: u32,
     open: bool,
     now: u32,

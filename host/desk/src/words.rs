@@ -64,7 +64,7 @@ pub const fn remedy(fault: Fault) -> &'static str {
         Fault::ClockLost => "report it with the log, restart the board",
         Fault::ReflexLost => "look at the gate line to PB7 and at the gap current, then reset",
         Fault::UnpermittedPulses => "switch the generator off by hand: it does not obey the enable line",
-        Fault::Unfit => "2009h:3 says which part of the self-test; program the board again",
+        Fault::CalibrationError => "2009h:3 says which part of the self-test; program the board again",
         Fault::SupplyLow => "look at the 3.3 V supply",
         Fault::SettingsDamaged => "memory has changed by itself: restart the board; if it comes again, replace it",
         Fault::DriveSignalLost => "look at the wires of motor current and bus voltage",

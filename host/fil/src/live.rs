@@ -15,12 +15,12 @@ pub struct Latch {
     /// How long the monostable runs, ticks.
     pub time: u64,
     /// Level that the chip was last told.
-    told: Option<bool>,
+    reported: Option<bool>,
 }
 
 impl Default for Latch {
     fn default() -> Self {
-        Self { circuit: Circuit::default(), time: MONOSTABLE, told: None }
+        Self { circuit: Circuit::default(), time: MONOSTABLE, reported: None }
     }
 }
 
@@ -38,14 +38,14 @@ impl Latch {
 
     /// When its output changes next; 0 when it has changed.
     pub fn next_change(&self) -> u64 {
-        if self.told == Some(self.circuit.reads()) { self.circuit.expires().unwrap_or(NEVER) } else { 0 }
+        if self.reported == Some(self.circuit.reads()) { self.circuit.expires().unwrap_or(NEVER) } else { 0 }
     }
 
     /// What has changed until `at`.
     pub fn take_change(&mut self, at: u64) -> Option<Change> {
         self.circuit.pass(at);
         let level = self.circuit.reads();
-        (self.told.replace(level) != Some(level)).then_some(Change::Level(ARMED, Some(level)))
+        (self.reported.replace(level) != Some(level)).then_some(Change::Level(ARMED, Some(level)))
     }
 
     /// Pulses and bridge may go on.

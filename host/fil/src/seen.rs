@@ -13,7 +13,7 @@ use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
 use edm_servo_head::gap::pulses::{Config as ArcConfig, Levels};
 use edm_servo_head::head::{
-    Breakaway, Command, Counters, Fault, Home, MotionLimits, Probe, SetPoint, Sight, Source, State, Status,
+    Breakaway, Command, Counters, Fault, Home, MotionLimits, Probe, ProbeInputs, SetPoint, Source, State, Status,
     SupervisionLimits, TickInput,
 };
 use edm_servo_head::motion::Method;
@@ -27,7 +27,7 @@ use std::mem::{offset_of, size_of};
 
 const PLANNER: &str = "edm_servo_head::head::planner::Planner";
 const FOLLOWER: &str = "edm_servo_head::head::follow::Follower";
-const PLAN: &str = "edm_servo_head::head::follow::Plan";
+const PLAN: &str = "edm_servo_head::head::plan::Plan";
 const ESTIMATOR: &str = "edm_servo_head::head::estimate::Estimator";
 const POSITION: &str = "edm_servo_head::encoder::position::Position";
 const PLANS: &str = "edm_runtime::plan::Plans";
@@ -36,7 +36,7 @@ const GAP: &str = "edm_runtime::gap::Gap";
 const RAISED: &str = "(edm_servo_head::head::fault::Fault, u32)";
 const BLOCKS: &str = "core::option::Option<edm_hal_shim::gap::GapBlock>";
 
-const CARRIED: &str = "edm_runtime::plan::Carried";
+const CARRIED: &str = "edm_runtime::plan::Executed";
 const SUPERVISE: &str = "edm_runtime::supervise::Supervise";
 const CONFIG: &str = "edm_servo_head::head::config::Config";
 const LIMITS: &str = "edm_servo_head::head::supervise::Limits";
@@ -178,8 +178,8 @@ impl Places {
             HELD,
             SUPERVISION,
             "edm_servo_head::head::Status",
-            "edm_servo_head::head::follow::TickInput",
-            "edm_servo_head::head::follow::SetPoint",
+            "edm_servo_head::head::tick::TickInput",
+            "edm_servo_head::head::tick::SetPoint",
             "edm_servo_head::head::supervise::Counters",
             "edm_servo_head::gap::GapReading",
             "edm_servo_head::gap::pulses::Config",
@@ -196,9 +196,9 @@ impl Places {
         checked!(layout,
             "edm_servo_head::head::Status" Status: tick, state, fault, position, setpoint, following, velocity, path, gap,
                 gap_setpoint, open_circuit, duty, saturated, current, bus, illegal_transitions, homed, current_reduced;
-            "edm_servo_head::head::follow::TickInput" TickInput: encoder, short_ticks, touches, drive, safety, reflex, told, set_point,
+            "edm_servo_head::head::tick::TickInput" TickInput: encoder, short_ticks, touches, drive, safety, reflex, reported, set_point,
                 asked;
-            "edm_servo_head::head::follow::SetPoint" SetPoint: to, counts, ticks;
+            "edm_servo_head::head::tick::SetPoint" SetPoint: to, counts, ticks;
             "edm_servo_head::head::supervise::Counters" Counters: used, watch;
             "edm_servo_head::gap::GapReading" GapReading: filtered, block, mean, quality, touches,
                 short_ticks;
@@ -634,14 +634,14 @@ fn input(view: &View) -> Result<TickInput> {
         short_ticks: view.word(at!(TickInput, short_ticks))?,
         touches: view.flag(at!(TickInput, touches))?,
         gap: None,
-        sight: Sight::default(),
+        sight: ProbeInputs::default(),
         safety: if there { Some(contacts(&safety)?) } else { None },
         drive: DriveCodes {
             motor_current: drive.half(at!(DriveCodes, motor_current))?,
             bus_voltage: drive.half(at!(DriveCodes, bus_voltage))?,
         },
         reflex: view.flag(at!(TickInput, reflex))?,
-        told: fault(&view.inner(at!(TickInput, told)))?,
+        reported: fault(&view.inner(at!(TickInput, reported)))?,
         set_point: if pointed { Some(set_point(&point)?) } else { None },
         asked: view.flag(at!(TickInput, asked))?,
     })

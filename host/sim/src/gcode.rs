@@ -67,7 +67,7 @@ pub fn read(text: &str) -> Result<Vec<Move>, String> {
     let mut moves = Vec::new();
     for (number, line) in text.lines().enumerate() {
         let number = number + 1;
-        let told = |what: String| format!("line {number}: {what}");
+        let reported = |what: String| format!("line {number}: {what}");
         // A percent sign stands around a program and says nothing; in a comment there may be any letter.
         let plain = |c: char| match c {
             '%' => ' ',
@@ -76,8 +76,8 @@ pub fn read(text: &str) -> Result<Vec<Move>, String> {
             _ => '?',
         };
         let ascii: String = line.chars().map(plain).collect();
-        let words = words(&ascii).map_err(|wrong| told(format!("{wrong}: not a word of G-code")))?;
-        let Line { piece, ends } = modal.carry_out(&words, at).map_err(told)?;
+        let words = words(&ascii).map_err(|wrong| reported(format!("{wrong}: not a word of G-code")))?;
+        let Line { piece, ends } = modal.carry_out(&words, at).map_err(reported)?;
         if let Some((word, piece)) = piece {
             at = piece.to;
             let feed = modal.feed.filter(|_| modal.motion != Some(0));

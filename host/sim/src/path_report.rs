@@ -325,12 +325,12 @@ fn reversal_ticks() -> Result<(u32, u32), String> {
     let mut plant = Plant::default();
     plant.set("model.bridge_hz", Value::Number(10.0)).map_err(|error| error.to_string())?;
     let mut machine = Machine::new(plant, &settings, 1).map_err(|error| error.to_string())?;
-    let told = |refused: Refused| refused.to_string();
+    let reported = |refused: Refused| refused.to_string();
     (0..TICK_HZ / 100).for_each(|_| machine.tick());
-    machine.command(Command::Enable).map_err(told)?;
-    machine.command(Command::SetHome(Nanometres(0))).map_err(told)?;
-    machine.command(Command::MoveBy(Nanometres(8_000_000))).map_err(told)?;
-    machine.command(Command::Start).map_err(told)?;
+    machine.command(Command::Enable).map_err(reported)?;
+    machine.command(Command::SetHome(Nanometres(0))).map_err(reported)?;
+    machine.command(Command::MoveBy(Nanometres(8_000_000))).map_err(reported)?;
+    machine.command(Command::Start).map_err(reported)?;
     let (mut shorts, mut worst) = (0, 0);
     // What was followed in the newest ticks: the planner tells of a change a few ticks later.
     let mut newest: VecDeque<(u32, Fixed)> = VecDeque::new();
@@ -385,12 +385,12 @@ fn jump(height_mm: f64) -> Result<JumpReport, String> {
     let (plant, settings) = jumping(height_mm);
     let count_um = f64::from(settings.encoder_count);
     let mut machine = Machine::new(plant, &settings, 1).map_err(|error| error.to_string())?;
-    let told = |refused: Refused| refused.to_string();
+    let reported = |refused: Refused| refused.to_string();
     (0..TICK_HZ / 100).for_each(|_| machine.tick());
-    machine.command(Command::SetHome(Nanometres(0))).map_err(told)?;
-    machine.command(Command::Enable).map_err(told)?;
-    machine.command(Command::MoveBy(Nanometres(11_000_000))).map_err(told)?;
-    machine.command(Command::Start).map_err(told)?;
+    machine.command(Command::SetHome(Nanometres(0))).map_err(reported)?;
+    machine.command(Command::Enable).map_err(reported)?;
+    machine.command(Command::MoveBy(Nanometres(11_000_000))).map_err(reported)?;
+    machine.command(Command::Start).map_err(reported)?;
     let mut eroding = 0;
     while eroding < TICK_HZ {
         machine.tick();
@@ -400,7 +400,7 @@ fn jump(height_mm: f64) -> Result<JumpReport, String> {
         }
     }
     let before = machine.status().setpoint;
-    machine.command(Command::Jump).map_err(told)?;
+    machine.command(Command::Jump).map_err(reported)?;
     let mut report = JumpReport {
         height_mm: 0.0,
         peak_m_s: 0.0,

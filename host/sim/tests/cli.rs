@@ -213,7 +213,7 @@ fn a_bored_hole_leaves_its_outputs_and_a_summary() {
     assert_eq!(output.status.code(), Some(0), "{stdout}");
     assert!(output.stderr.is_empty(), "no progress bar where nobody looks");
     for words in
-        ["Simulated bore", "mm deep (simulated)", "mm deep, 0.010 mm asked for", "Gap voltage", "Faults       none"]
+        ["Simulated bore", "mm deep (simulated)", "mm deep, 0.010 mm requested", "Gap voltage", "Faults       none"]
     {
         assert!(stdout.contains(words), "{words} in {stdout}");
     }
@@ -330,7 +330,7 @@ fn a_hole_that_is_not_bored_is_exit_code_1_and_says_why() {
         let output = run(folder.path(), &words);
         let stdout = String::from_utf8(output.stdout).unwrap();
         assert_eq!(output.status.code(), Some(1), "{stdout}");
-        for words in ["no hole (simulated)".into(), format!("0.010 mm asked for, stopped: {fault}")] {
+        for words in ["no hole (simulated)".into(), format!("0.010 mm requested, stopped: {fault}")] {
             assert!(stdout.contains(&words), "{words} in {stdout}");
         }
         let report = report(folder.path());

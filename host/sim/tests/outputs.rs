@@ -266,35 +266,32 @@ fn the_verdict_names_what_is_wrong_with_its_value_and_limit() {
         (
             Wrong { off_v: 27.7, ..right },
             &[
-                "gap voltage 82.7 V on average, 27.7 V above the 55.0 V wanted (limit 4.1 V): the gap is too wide",
-                "gap voltage strays by 27.7 V over tenths of a second (limit 5.5 V)",
+                "mean gap voltage 82.7 V, 27.7 V above the set point of 55.0 V (limit 4.1 V): the gap is too wide",
+                "100 ms mean of the gap voltage 27.7 V rms about the set point (limit 5.5 V)",
             ],
         ),
         (
             Wrong { off_v: -5.0, ..right },
-            &["gap voltage 50.0 V on average, 5.0 V below the 55.0 V wanted (limit 4.1 V): the gap is too narrow"],
+            &["mean gap voltage 50.0 V, 5.0 V below the set point of 55.0 V (limit 4.1 V): the gap is too narrow"],
         ),
-        (Wrong { sway_v: 12.0, ..right }, &["gap voltage strays by 8.5 V over tenths of a second (limit 5.5 V)"]),
+        (
+            Wrong { sway_v: 12.0, ..right },
+            &["100 ms mean of the gap voltage 8.5 V rms about the set point (limit 5.5 V)"],
+        ),
         // The trend that is taken out of half a second of a sine is not quite level.
         (
             Wrong { moves: (10.0, 20.0), ..right },
-            &[
-                "electrode swings 21.6 um within half a second (limit 15 um)",
-                "electrode hunts by 9.9 um at 20 Hz (limit 3 um)",
-            ],
+            &["position ripple 21.6 um p-p (limit 15 um)", "largest tone 9.9 um at 20 Hz (limit 3 um)"],
         ),
         // 5.8 mm/s of velocity in 3 um of motion.
-        (
-            Wrong { moves: (3.077, 300.0), ..right },
-            &["electrode vibrates with 4.1 mm/s rms above 50 Hz (limit 1 mm/s)"],
-        ),
+        (Wrong { moves: (3.077, 300.0), ..right }, &["vibration 4.1 mm/s rms above 50 Hz (limit 1 mm/s)"]),
         (Wrong { at_limit: 0.3, ..right }, &["duty at its limit for 30 % of the time (limit 1 %)"]),
         (
             Wrong { arcs: 260, shorts: 100, lost_counts: 2, ..right },
             &[
-                "26 % of the pulses arc (limit 5 %)",
-                "10 % of the pulses are shorts (limit 5 %)",
-                "2 encoder counts lost (limit 0)",
+                "arcs 26 % of the pulses (limit 5 %)",
+                "shorts 10 % of the pulses (limit 5 %)",
+                "2 lost counts (limit 0)",
             ],
         ),
     ] {

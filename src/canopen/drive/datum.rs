@@ -120,7 +120,7 @@ impl Datum {
 
 impl Drive {
     /// Position to a host, counts; saturates.
-    pub(super) fn told(&self, counts: i64) -> i32 {
+    pub(super) fn host_position(&self, counts: i64) -> i32 {
         clamp32(counts.saturating_sub(self.datum.offset))
     }
 
@@ -143,7 +143,7 @@ impl Drive {
             Item::DatumOffset => *offset,
             Item::Wear => *wear,
             Item::Travel => travel,
-            Item::KeptSurface => kept.map_or(NO_SURFACE.into(), |kept| self.told(kept).into()),
+            Item::KeptSurface => kept.map_or(NO_SURFACE.into(), |kept| self.host_position(kept).into()),
             _ => travel.saturating_sub(wear.saturating_sub(hole.wear)),
         };
         clamp32(number).into()
@@ -191,7 +191,7 @@ impl Drive {
         if matches!(as_what, 1 | 4) {
             // They were of the positions before.
             self.set_points.forget();
-            self.set_points.elsewhere();
+            self.set_points.clear_target();
         }
         true
     }

@@ -263,7 +263,7 @@ pub struct Drive {
     /// What was lost of what is stored, until somebody has taken note.
     loss: Option<Loss>,
     /// What the node has told of both.
-    told: (Option<Fault>, Option<Loss>),
+    reported: (Option<Fault>, Option<Loss>),
     loading: Loading,
 
     mode: Mode,
@@ -334,7 +334,7 @@ impl Drive {
             elapsed: 0,
             alarm: None,
             loss: None,
-            told: (None, None),
+            reported: (None, None),
             loading: Loading::default(),
             mode: Mode::None,
             probes: [Probe::default(); PROBES],
@@ -520,7 +520,7 @@ impl Drive {
             Reason::SparkedOut => self.stopped_by = 5,
             Reason::SparkOutTime => self.stopped_by = 6,
             Reason::PathStop => self.stopped_by = 7,
-            Reason::Touched | Reason::NotTouched | Reason::Lifted => self.set_points.elsewhere(),
+            Reason::Touched | Reason::NotTouched | Reason::Lifted => self.set_points.clear_target(),
             Reason::Homed => self.datum.forget(),
             _ => {}
         }
@@ -599,7 +599,7 @@ impl Drive {
             return;
         }
         let now = (self.alarm, self.loss);
-        let before = core::mem::replace(&mut self.told, now);
+        let before = core::mem::replace(&mut self.reported, now);
         let (mut register, mut gone) = (0, false);
         if let Some(fault) = self.alarm {
             let (code, bits) = codes::error_code(fault);
@@ -764,7 +764,7 @@ impl Drive {
 
     /// Position to a host, counts; saturates.
     fn position(&self) -> i32 {
-        self.told(self.status.position)
+        self.host_position(self.status.position)
     }
 
     fn standing(&self) -> bool {

@@ -100,7 +100,7 @@ impl SetPoints {
     }
 
     /// The head is not at its target and yet where it should be: it has touched the work, or was lifted out of it.
-    pub fn elsewhere(&mut self) {
+    pub fn clear_target(&mut self) {
         self.target = None;
     }
 
@@ -201,7 +201,7 @@ impl Drive {
         let target = if word & control::RELATIVE != 0 {
             let from = match (self.value(Item::PositioningOption), self.set_points.target) {
                 (0, Some(target)) => target,
-                (1, _) => self.told(self.status.setpoint.round()),
+                (1, _) => self.host_position(self.status.setpoint.round()),
                 _ => self.position(),
             };
             from.saturating_add(given)
@@ -574,7 +574,7 @@ impl Drive {
         } else {
             (min, max)
         };
-        (self.told(min), self.told(max))
+        (self.host_position(min), self.host_position(max))
     }
 
     fn within_limits(&mut self, target: i32) -> i32 {

@@ -195,7 +195,7 @@ impl Drive {
         self.loss = self.loading.loss();
         if self.loss.is_some() {
             // Once more, though it be the same.
-            self.told.1 = None;
+            self.reported.1 = None;
         }
     }
 

@@ -113,17 +113,17 @@ objects! {
         10 ServoTime: u32, ro, tx, U32, 0, "ns", live, "Servo time: of the newest status; the time stamps of the touch probes are of the same clock, and wrap like it";
     }
     0x2001 "EDM control" {
-        1 ErodeEnable: u8, rw, rx, (0, 2), 0, "", live, "Erode: 1 set points become path, along which the gap leads; 2 set points are followed with pulses on, and the host goes by the feed of 2004h:7 or 8; 0 pulses off";
+        1 ErodeEnable: u8, rw, rx, (0, 2), 0, "", live, "Erode: 1 set points become path, and the feed law moves along it; 2 set points are followed with pulses on, and the host uses the feed of 2004h:7 or 8; 0 pulses off";
         2 ErodeHold: u8, wo, rx, (0, 1), 0, "", live, "Hold: 1 switches pulses off and holds the position";
         3 Commission: u8, wo, no, (0, 1), 0, "", live, "Commissioning: 1 starts it, while disabled; 0 ends it without a result";
         4 CheckResult: u8, ro, no, U8, 0, "", live, "Commissioning result: 0 none yet, 1 passed, from 2 a finding as numbered in docs/objects.md";
         5 Touch: u8, rw, rx, (0, 1), 0, "", live, "Touch: 1 profile position ends where the electrode touches the work, goes back by retreat.clearance_um, and has then reached its target; 0 a contact is a fault";
         6 Touched: i32, ro, tx, I32, 0, "counts", live, "Touched: position of the newest contact that was asked for";
-        7 Jump: u8, wo, rx, (0, 1), 0, "", live, "Jump: 1 leads the head out of the work and back, pulses off meanwhile, while it erodes; by jump.height_um";
+        7 Jump: u8, wo, rx, (0, 1), 0, "", live, "Jump: 1 moves an eroding head out of the hole by jump.height_um and back, with pulses off";
         8 HostFeed: u32, rw, rx, (0, 1_000_000), 0, "um/s", live, "Host's feed: what 1000 of 2004h:8 mean; 0 feed.max_um_s";
     }
     0x2002 "Refused setting" {
-        1 RefusedSetting: u32, ro, no, U32, 0, "", live, "Setting: index times 256 and sub-index of the one that stands in the way";
+        1 RefusedSetting: u32, ro, no, U32, 0, "", live, "Setting: index times 256 and sub-index of the setting that was refused";
         2 RefusedRule: text, ro, no, U8, 0, "", live, "Rule: what it has to satisfy";
         3 RefusedMeasured: i32, ro, no, I32, 0, "", live, "Measured: where the guided check has found the setting wrong, what it measured, in thousandths of the unit; else 0";
         4 RefusedLeast: i32, ro, no, I32, 0, "", live, "Least: that it may be set to after that, in thousandths of the unit";
@@ -142,7 +142,7 @@ objects! {
         5 QueueSegment: u32, ro, tx, U32, 0, "", live, "Segment: number of the one under way, counted since power-on";
         6 PathCoordinate: i32, ro, tx, I32, 0, "um", live, "Path coordinate";
         7 PathFeed: i32, ro, tx, I32, 0, "um/s", live, "Signed feed: velocity along the path that the gap asks for";
-        8 AdaptiveFeed: i16, ro, tx, (-1000, 1000), 0, "per mille", live, "Adaptive feed: velocity along the path that the gap asks of a host that guides the head, of 2001h:8; negative goes back, nothing is forward while the head leads";
+        8 AdaptiveFeed: i16, ro, tx, (-1000, 1000), 0, "per mille", live, "Adaptive feed: velocity along the path that the gap allows a host in guided motion, as a share of 2001h:8; negative is a retreat; never positive while the head itself moves";
     }
     0x2005 "Gap" {
         1 GapVoltage: i16, ro, tx, I16, 0, "0.01 V", live, "Voltage: after the filters";
@@ -222,21 +222,21 @@ objects! {
         4 SegmentCentre1: i32, rw, rx, I32, 0, "nm", live, "Centre 1: of an arc, less its start, along the first axis of its plane";
         5 SegmentCentre2: i32, rw, rx, I32, 0, "nm", live, "Centre 2: the same along the second axis";
         6 SegmentShape: u8, rw, rx, (0, 6), 0, "", live, "Shape: 0 line; arcs: 1 in X-Y from X toward Y, 2 back; 3 in down-X from down toward X, 4 back; 5 in Y-down from Y toward down, 6 back; an end at the start in the plane makes a whole turn";
-        7 SegmentOptions: u8, rw, rx, (0, 7), 0, "", live, "Options: by bits: 0 the end is reckoned from the end of the segment before, 1 no working retreat goes back behind its beginning, 2 an erosion ends at its end, and the next start goes on from there";
+        7 SegmentOptions: u8, rw, rx, (0, 7), 0, "", live, "Options: by bits: 0 the end is relative to the end of the segment before, 1 no retreat passes its start, 2 an erosion ends at its end, and the next start continues there";
         8 SegmentCommit: u8, wo, rx, (0, 1), 0, "", live, "Commit: 1 appends what has been written since the last commit, which must be 1, 2, 3, 6 and 7, of an arc 4 and 5 as well; 0 forgets it, and why one was refused";
         9 SegmentRefused: u8, ro, tx, U8, 0, "", live, "Refused: why a commit was, after which all are until 0 is written to it: as numbered in docs/objects.md for 2000h:4, 252 the path has begun anew and what was appended is gone, 253 one before had no answer yet, 254 not enabled, 255 half written, or a value twice; 0 none was";
         10 SegmentsAppended: u32, ro, tx, U32, 0, "", live, "Appended: segments since power-on";
-        11 RetreatBound: u8, ro, tx, (0, 3), 0, "", live, "Retreat ended by: what a working retreat has come to its end at since the erosion began: 1 nothing older is remembered, 2 the set distance, 3 a mark; 0 none has; a fault keeps it";
-        12 SetpointX: i32, ro, tx, I32, 0, "nm", live, "Set point X: for whoever drives that axis";
+        11 RetreatBound: u8, ro, tx, (0, 3), 0, "", live, "Retreat ended by: what ended a retreat since the erosion began: 1 the oldest segment in memory, 2 the set distance, 3 a mark; 0 nothing; kept over a fault";
+        12 SetpointX: i32, ro, tx, I32, 0, "nm", live, "Set point X: for the drive of that axis";
         13 SetpointY: i32, ro, tx, I32, 0, "nm", live, "Set point Y: the same";
     }
     0x200F "Pulse classes" {
-        1 PulsesOpen: u8, ro, tx, (0, 200), 0, "", live, "Open: looks at pulses, one a millisecond, of the last 176 to 200 ms, that found one not ignited";
-        2 PulsesSpark: u8, ro, tx, (0, 200), 0, "", live, "Spark: that found one";
-        3 PulsesArc: u8, ro, tx, (0, 200), 0, "", live, "Arc: that found one";
-        4 PulsesShort: u8, ro, tx, (0, 200), 0, "", live, "Short: that found one";
-        5 PulsesNone: u8, ro, tx, (0, 200), 0, "", live, "No pulse: since the look before";
-        6 PulsesUncertain: u8, ro, tx, (0, 200), 0, "", live, "Uncertain: there was a pulse, and what was seen of it does not tell";
+        1 PulsesOpen: u8, ro, tx, (0, 200), 0, "", live, "Open: sampled pulses, one a millisecond, of the last 176 to 200 ms, that had not ignited";
+        2 PulsesSpark: u8, ro, tx, (0, 200), 0, "", live, "Spark: sampled pulses that were sparks";
+        3 PulsesArc: u8, ro, tx, (0, 200), 0, "", live, "Arc: sampled pulses that were arcs";
+        4 PulsesShort: u8, ro, tx, (0, 200), 0, "", live, "Short: sampled pulses that were shorts";
+        5 PulsesNone: u8, ro, tx, (0, 200), 0, "", live, "No pulse: samples without a pulse since the sample before";
+        6 PulsesUncertain: u8, ro, tx, (0, 200), 0, "", live, "Uncertain: sampled pulses whose samples do not decide";
     }
     0x2010 "Scope" {
         1 ScopeSignal1: u32, rw, no, U32, 0, "", live, "Signal 1: index times 256 and sub-index of an object of up to 32 bits; 0 none";
@@ -287,7 +287,7 @@ objects! {
     0x606D "Velocity window" { 0 VelocityWindow: u16, rw, no, U16, 1000, "counts/s", store, "Velocity window"; }
     0x606E "Velocity window time" { 0 VelocityTime: u16, rw, no, U16, 5, "ms", store, "Velocity window time"; }
     0x606F "Velocity threshold" { 0 VelocityThreshold: u16, rw, no, U16, 1000, "counts/s", store, "Velocity threshold"; }
-    0x6075 "Motor rated current" { 0 RatedCurrent: u32, ro, no, U32, 0, "mA", live, "Motor rated current: that can flow for ever"; }
+    0x6075 "Motor rated current" { 0 RatedCurrent: u32, ro, no, U32, 0, "mA", live, "Motor rated current: continuous"; }
     0x6077 "Torque actual value" { 0 TorqueActual: i16, ro, tx, I16, 0, "per mille", live, "Torque actual value: force of the motor, of that at 6075h; positive toward the work"; }
     0x6078 "Current actual value" { 0 CurrentActual: i16, ro, tx, I16, 0, "per mille", live, "Current actual value: of 6075h; positive toward the work"; }
     0x6079 "DC link circuit voltage" { 0 BusVoltage: u32, ro, tx, U32, 0, "mV", live, "DC link circuit voltage"; }
@@ -370,7 +370,7 @@ objects! {
         8 HomingMethod8: i8, ro, no, I8, 35, "", live, "Homing method 8: where the axis is";
         9 HomingMethod9: i8, ro, no, I8, 37, "", live, "Homing method 9: the same";
     }
-    0x60F2 "Positioning option code" { 0 PositioningOption: u16, rw, no, (0, 2), 0, "", store, "Positioning option code: what a relative set point of profile position is reckoned from: 0 the target before it, 1 the position demand value, 2 the position actual value"; }
+    0x60F2 "Positioning option code" { 0 PositioningOption: u16, rw, no, (0, 2), 0, "", store, "Positioning option code: reference of a relative set point of profile position: 0 the target before it, 1 the position demand value, 2 the position actual value"; }
     0x60F4 "Following error actual value" { 0 FollowingError: i32, ro, tx, I32, 0, "counts", live, "Following error actual value"; }
     0x60FC "Position demand internal value" { 0 DemandInternal: i32, ro, tx, I32, 0, "counts", live, "Position demand internal value"; }
     0x60FD "Digital inputs" { 0 DigitalInputs: u32, ro, tx, U32, 0, "", live, "Digital inputs: 0 upper limit, 1 lower limit; 16 emergency stop, 17 dielectric, 18 bridge fault, 19 supply low, 20 electrode and work touch, with pulses off"; }

@@ -24,17 +24,17 @@ pub const CLASSES: usize = 6;
 
 /// A look into a pulse, converter codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Look {
+pub struct PulseSample {
     /// Gap current.
     pub current: u16,
     /// Gap voltage.
     pub voltage: u16,
 }
 
-impl Look {
+impl PulseSample {
     /// As the reflex's converter gives it: current, voltage.
-    pub fn of([current, voltage]: [u16; 2]) -> Look {
-        Look { current, voltage }
+    pub fn of([current, voltage]: [u16; 2]) -> PulseSample {
+        PulseSample { current, voltage }
     }
 }
 
@@ -74,7 +74,7 @@ impl Levels {
     }
 
     /// What a pulse was, by one look.
-    pub fn class(&self, look: Look) -> Class {
+    pub fn class(&self, look: PulseSample) -> Class {
         let voltage = self.voltage(look.voltage);
         match look.current >= self.current {
             true => self.burning(voltage, 1),
@@ -106,10 +106,10 @@ pub(super) mod tests {
             (2600, 40, Class::Spark),
             (2600, 0, Class::Short),
         ] {
-            let look = Look { current, voltage: 410 + 10 * volts };
+            let look = PulseSample { current, voltage: 410 + 10 * volts };
             assert_eq!(LEVELS.class(look), class, "{current} {volts} V");
             let swapped = Levels { zero: 3686, reversed: true, ..LEVELS };
-            let look = Look { current, voltage: 3686 - 10 * volts };
+            let look = PulseSample { current, voltage: 3686 - 10 * volts };
             assert_eq!(swapped.class(look), class, "{current} {volts} V, leads swapped");
         }
     }

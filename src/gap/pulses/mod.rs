@@ -17,7 +17,7 @@ mod class;
 mod samples;
 mod shares;
 
-pub use class::{CLASSES, Class, Levels, Look};
+pub use class::{CLASSES, Class, Levels, PulseSample};
 pub use samples::{Boundaries, Config as SamplesConfig, Evidence, Samples};
 pub use shares::{Shares, WINDOW};
 
@@ -72,7 +72,7 @@ impl Pulses {
             return false;
         }
         let class = if counts.conversions != conversions {
-            config.levels.class(Look::of(counts.newest))
+            config.levels.class(PulseSample::of(counts.newest))
         } else if counts.edges != edges {
             Class::Uncertain
         } else {

@@ -357,12 +357,12 @@ mod tests {
             let mut evidence = Evidence::default();
             evidence.samples(&boundaries, &[voltage]);
             evidence.current(true);
-            let look = super::super::Look { current: levels.current, voltage };
-            let told = evidence.class(&boundaries);
+            let look = super::super::PulseSample { current: levels.current, voltage };
+            let reported = evidence.class(&boundaries);
             if levels.voltage(voltage) < boundaries.open {
-                assert_eq!(told, levels.class(look), "{voltage}");
+                assert_eq!(reported, levels.class(look), "{voltage}");
             } else {
-                assert_eq!(told, Class::Uncertain, "{voltage}: current, and not ignited");
+                assert_eq!(reported, Class::Uncertain, "{voltage}: current, and not ignited");
             }
         }
     }

@@ -6,9 +6,9 @@ use crate::head::command::{Command, Refused};
 use crate::head::commissioning::Commissioning;
 use crate::head::config::Structure;
 use crate::head::fault::Fault;
-use crate::head::follow::Concerns;
 use crate::head::guide::Guide;
 use crate::head::permit::WritePermit;
+use crate::head::plan::Hazards;
 use crate::head::positioning::{self, Home, HomingState, MotionLimits, Task};
 use crate::head::probe::{PROBES, Probe, Source};
 use crate::head::proof::{Goal, Proof};
@@ -200,10 +200,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// where pulses follow.
     fn refuse_hazard(&self, pulses: bool) -> Result<(), Refused> {
         let only_upper = self.now.safety.upper_limit && !self.now.safety.lower_limit;
-        let concerns = Concerns { any: true, limits: true, upper: !only_upper, dielectric: pulses };
+        let hazards = Hazards { any: true, limits: true, upper: !only_upper, dielectric: pulses };
         let sagging = self.status.bus < self.config.supervise.bus_min;
-        match concerns.hazard(&self.now.safety) {
-            _ if self.unfit => Err(Refused::StillFaulty(Fault::Unfit)),
+        match hazards.hazard(&self.now.safety) {
+            _ if self.unfit => Err(Refused::StillFaulty(Fault::CalibrationError)),
             Some(fault) => Err(Refused::StillFaulty(fault)),
             None if sagging => Err(Refused::StillFaulty(Fault::BusSag)),
             None => Ok(()),

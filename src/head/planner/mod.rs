@@ -2,7 +2,7 @@
 //!
 //! The [`Planner`] runs below the servo tick, some 4000 times a second, on the [`Estimate`] of one tick, and makes the [`Plan`]
 //! that comes into force [`LEAD`](super::LEAD) ticks later. It sees nothing else of the world but what the supervision has
-//! looked at ([`Judged`]). Commands come in between [`begin`](Planner::begin) and [`plan`](Planner::plan).
+//! looked at ([`Monitored`]). Commands come in between [`begin`](Planner::begin) and [`plan`](Planner::plan).
 
 mod commands;
 mod motion;
@@ -12,10 +12,12 @@ mod touching;
 use super::commissioning::{Commissioning, Finding, Report};
 use super::config::Config;
 use super::ends::Ends;
+use super::estimate::Estimate;
 use super::fault::{Fault, Reaction};
-use super::follow::{Concerns, Estimate, Follow, FollowConfig, LEAD, Plan, Touch, Trajectory};
+use super::follow::{FollowConfig, LEAD};
 use super::guide::{Guidance, Guide};
 use super::jump::Jump;
+use super::plan::{Hazards, Plan, Touch};
 use super::positioning::{HomingState, Task, When};
 use super::probe::{PROBES, Probe, Source, Wanted};
 use super::proof::Proof;
@@ -23,8 +25,9 @@ use super::reaction::{Reacting, Situation, upward};
 use super::route::{Bounds, Route};
 use super::silence::Silence;
 use super::state::{Change, ChangeLog, Reason, State};
-use super::supervise::{Config as SupervisionConfig, Judged};
+use super::supervise::{Config as SupervisionConfig, Monitored};
 use super::touch;
+use super::trajectory::{Follow, Trajectory};
 use super::{Refused, Status};
 use crate::feed::Law;
 use crate::gap::OpenCircuit;
@@ -64,7 +67,7 @@ pub struct Planner<P> {
     changes: ChangeLog,
     route: Route<P>,
     now: Estimate,
-    judged: Judged,
+    judged: Monitored,
     silence: Silence,
     /// Ticks since the estimate before.
     ticks: u32,
@@ -129,7 +132,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             changes: ChangeLog::default(),
             route: Route::new(path, config.axis.nm_per_count, config.retreat.limit),
             now: Estimate::default(),
-            judged: Judged::default(),
+            judged: Monitored::default(),
             silence: Silence::default(),
             ticks: 1,
             offset: 0,
@@ -241,7 +244,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// Takes in the estimate of a tick, and what it tells of.
-    pub fn begin(&mut self, now: &Estimate, judged: &Judged) {
+    pub fn begin(&mut self, now: &Estimate, judged: &Monitored) {
         self.ticks = now.tick.wrapping_sub(self.now.tick).clamp(1, super::TICKS_MOST);
         self.now = *now;
         self.judged = *judged;
@@ -259,17 +262,17 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             self.raise(Fault::EncoderLost);
         }
         if self.unfit && self.status.state == State::Disabled {
-            self.raise(Fault::Unfit);
+            self.raise(Fault::CalibrationError);
         }
         if let Some(fault) = now.doubt {
             self.raise(fault);
         }
-        if let Some(fault) = now.told
-            && now.doubt != now.told
+        if let Some(fault) = now.reported
+            && now.doubt != now.reported
         {
             self.raise(fault);
         }
-        if let Some(fault) = self.concerns().hazard(&self.now.safety) {
+        if let Some(fault) = self.hazards().hazard(&self.now.safety) {
             self.raise(fault);
         }
         if self.presses() {
@@ -306,7 +309,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             slew,
             due,
             touch,
-            concerns,
+            hazards,
             reaction,
             doubted,
             retreat,
@@ -334,7 +337,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *slew = self.slew();
         *due = self.due();
         *touch = self.touch();
-        *concerns = self.concerns();
+        *hazards = self.hazards();
         *reaction = self.reacting.as_ref().map(Reacting::reaction);
         *doubted = self.doubt.is_some();
         *retreat = if retreats { Some(self.ready_retreat()) } else { None };
@@ -612,9 +615,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// Which safety inputs are a hazard in the present state.
-    fn concerns(&self) -> Concerns {
+    fn hazards(&self) -> Hazards {
         let state = self.status.state;
-        Concerns {
+        Hazards {
             any: state != State::Disabled,
             // Commissioning drives from stop to stop, homing looks for the switches, and to a search for the work the lower one is
             // the end of the travel: one open limit is where they turn.

@@ -7,7 +7,7 @@ use crate::encoder::Mark;
 use crate::feed::FeedLaw;
 use crate::gap::Quality;
 use crate::head::command::Refused;
-use crate::head::commissioning::Wish;
+use crate::head::commissioning::Demand;
 use crate::head::config::{Config, Structure};
 use crate::head::ends::{Ends, Place};
 use crate::head::fault::{Fault, Reaction};
@@ -130,9 +130,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return (Motion::Coast, false);
         }
         match wish {
-            Wish::Duty(duty) => (Motion::Duty(duty), false),
-            Wish::Pulses => (Motion::Duty(0.0), true),
-            Wish::Stroke(velocity, window) => (Motion::Stroke(velocity, window), false),
+            Demand::Duty(duty) => (Motion::Duty(duty), false),
+            Demand::Pulses => (Motion::Duty(0.0), true),
+            Demand::Stroke(velocity, window) => (Motion::Stroke(velocity, window), false),
         }
     }
 

@@ -201,13 +201,13 @@ impl Rcc {
     pub fn lose_crystal(&mut self) -> bool {
         self.hse_hz = 0;
         self.hse = Source(NEVER);
-        let told = self.cr >> 19 & 1 == 1;
-        if told {
+        let reported = self.cr >> 19 & 1 == 1;
+        if reported {
             self.cr = self.cr & !(1 << 16 | 1 << 24) | 1;
             (self.hsi, self.pll, self.sws) = (Source(0), Source(NEVER), 0);
             self.cfgr &= !3;
         }
-        told
+        reported
     }
 
     fn settle(&mut self, now: u64) {

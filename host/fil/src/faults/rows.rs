@@ -23,7 +23,7 @@ use Scene::{Disabled, Eroding, Positioning};
 const CONTACT_US: f64 = 110.0;
 /// The live signal: the monostable of 0.4 ms, and up to a millisecond until a task counts as silent.
 pub const LIVE_US: f64 = 1_600.0;
-/// Judged by the supervision within a few milliseconds: its own period, limits of 10 ms.
+/// Monitored by the supervision within a few milliseconds: its own period, limits of 10 ms.
 pub const JUDGED_US: f64 = 15_000.0;
 /// The same of a hand with 30 N against the 22 N that the motor has: 7 ms until it has the head `supervise.following_um` away.
 const HAND_US: f64 = JUDGED_US + 7_000.0;

@@ -34,8 +34,8 @@ fn move_stack(session: &mut Session, to: u32) {
 fn expect_named(session: &mut Session) {
     session.idle(60 * MS).unwrap();
     assert_eq!(session.machine.stats().resets, 1);
-    let told = session.log.iter().find(|line| line.contains("death: Stack"));
-    assert!(told.is_some(), "{:?}", session.log);
+    let reported = session.log.iter().find(|line| line.contains("death: Stack"));
+    assert!(reported.is_some(), "{:?}", session.log);
     assert_eq!(host::read(session, 0x2009, 4).unwrap(), STACK_REACHED_ITS_GUARD);
 }
 

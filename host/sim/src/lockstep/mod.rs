@@ -134,11 +134,11 @@ impl Twin {
 
     fn tick(&mut self, input: &TickInput, counters: &Counters, there: &Status) -> Result<(), String> {
         self.ticks += 1;
-        if input.told.is_some() && !self.found {
+        if input.reported.is_some() && !self.found {
             self.judge();
             self.early = true;
         }
-        self.found &= input.told.is_none();
+        self.found &= input.reported.is_none();
         self.show(input, counters);
         self.core.reports();
         if let Some(point) = input.set_point {
@@ -157,7 +157,7 @@ impl Twin {
             self.core.signals.waiting.set();
         }
         let seen = self.core.servo.input();
-        let told = seen.told;
+        let reported = seen.reported;
         // The first tick comes late, and a block may come while it runs: its reading is of that, and this of the one before.
         if self.ticks > 1 {
             self.compare("short", &(seen.short_ticks, seen.touches), &(input.short_ticks, input.touches))?;
@@ -168,7 +168,7 @@ impl Twin {
         if self.same == Same::Senses {
             return Ok(());
         }
-        self.compare("fault told", &told, &input.told)?;
+        self.compare("fault reported", &reported, &input.reported)?;
         self.compare("tick", &here.tick, &there.tick)?;
         let motion = |s: &Status| (s.position, s.velocity.0.to_bits(), s.following.to_bits(), s.saturated);
         self.compare("motion", &motion(&here), &motion(there))?;
@@ -272,17 +272,17 @@ mod tests {
         Ok(twin.ticks())
     }
 
-    fn told(events: &mut [Event]) -> &mut TickInput {
+    fn reported(events: &mut [Event]) -> &mut TickInput {
         let mut ticks =
             events.iter_mut().filter_map(|event| if let Event::Tick(input, ..) = event { Some(input) } else { None });
-        ticks.find(|input| input.told.is_some()).unwrap()
+        ticks.find(|input| input.reported.is_some()).unwrap()
     }
 
     #[test]
     fn a_fault_of_the_supervision_is_found_here_too() {
         for seed in 0..10 {
             let mut events = day(seed);
-            assert_eq!(told(&mut events).told, Some(Fault::BusSag));
+            assert_eq!(reported(&mut events).reported, Some(Fault::BusSag));
             assert_eq!(replay(&events), Ok(10_000), "seed {seed}");
         }
     }
@@ -292,15 +292,15 @@ mod tests {
         let events = day(1);
         for spoilt in [None, Some(Fault::FollowingError)] {
             let mut another = events.clone();
-            told(&mut another).told = spoilt;
-            assert!(replay(&another).unwrap_err().contains("fault told"), "{spoilt:?}");
+            reported(&mut another).reported = spoilt;
+            assert!(replay(&another).unwrap_err().contains("fault reported"), "{spoilt:?}");
         }
         // Long before its time.
         let mut early = events.clone();
         let tick = |event: &&mut Event| matches!(event, Event::Tick(..));
         let Some(Event::Tick(input, ..)) = early.iter_mut().filter(tick).nth(3000) else { unreachable!() };
-        (input.told, input.asked) = (Some(Fault::BusSag), true);
-        assert!(replay(&early).unwrap_err().contains("fault told"));
+        (input.reported, input.asked) = (Some(Fault::BusSag), true);
+        assert!(replay(&early).unwrap_err().contains("fault reported"));
     }
 
     #[test]

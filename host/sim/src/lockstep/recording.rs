@@ -12,7 +12,7 @@ use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{
-    Command, Counters, Fault, Home, MotionLimits, Probe, SetPoint, Sight, Source, State, Status, TickInput,
+    Command, Counters, Fault, Home, MotionLimits, Probe, ProbeInputs, SetPoint, Source, State, Status, TickInput,
 };
 use edm_servo_head::motion::Method;
 use edm_servo_head::path::{Piece, Shape};
@@ -367,7 +367,7 @@ fn tick_numbers(input: &TickInput, counters: &Counters, status: &Status) -> [u64
         drive,
         safety,
         reflex,
-        told,
+        reported,
         set_point,
         asked,
     } = input;
@@ -389,7 +389,7 @@ fn tick_numbers(input: &TickInput, counters: &Counters, status: &Status) -> [u64
         drive.motor_current.into(),
         drive.bus_voltage.into(),
         flags.iter().rev().fold(0, |bits, flag| bits << 1 | u64::from(*flag)),
-        fault_number(*told),
+        fault_number(*reported),
         set_point.is_some().into(),
         point.to.0 as u64,
         point.counts.0 as u64,
@@ -419,7 +419,7 @@ fn tick_numbers(input: &TickInput, counters: &Counters, status: &Status) -> [u64
 }
 
 fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error> {
-    let [count, last_edge, toward_work, now, short_ticks, motor_current, bus_voltage, flags, told, rest @ ..] =
+    let [count, last_edge, toward_work, now, short_ticks, motor_current, bus_voltage, flags, reported, rest @ ..] =
         *numbers;
     let [pointed, to, counts, ticks, used, used_at, illegal, mark_at, mark_toward, crossings, rest @ ..] = rest;
     let [watched, w_count, w_edge, w_toward, w_now, pulses, newest, tick, position, velocity, setpoint, rest @ ..] =
@@ -437,7 +437,7 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error
         short_ticks: short_ticks as u32,
         touches: flag(7),
         gap: None,
-        sight: Sight::default(),
+        sight: ProbeInputs::default(),
         drive: DriveCodes { motor_current: motor_current as u16, bus_voltage: bus_voltage as u16 },
         safety: SafetyInputs {
             upper_limit: flag(0),
@@ -449,7 +449,7 @@ fn tick_of(numbers: &[u64; TICK]) -> Result<(TickInput, Counters, Status), Error
         }
         .unsafe_ones(),
         reflex: flag(5),
-        told: Fault::ALL.get(told as usize).copied(),
+        reported: Fault::ALL.get(reported as usize).copied(),
         set_point: (pointed != 0).then_some(SetPoint {
             to: Nanometres(to as i64),
             counts: Fixed(counts as i64),
@@ -570,7 +570,7 @@ mod tests {
             ..Counters::default()
         };
         let input = TickInput {
-            told: Some(Fault::BusSag),
+            reported: Some(Fault::BusSag),
             set_point: Some(SetPoint { to: Nanometres(-7), counts: Fixed(-9), ticks: 20 }),
             safety: Some(SafetyInputs { lower_limit: true, supply_low: true, ..SafetyInputs::default() }),
             reflex: true,

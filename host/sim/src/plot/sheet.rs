@@ -157,8 +157,8 @@ fn heading<'a>(area: &Area<'a>, report: &Report, title: &str) -> Drawn<'a> {
     if let (Some(mean), Some(error)) = (report.gap_voltage_v.mean, report.gap_voltage_v.rms_error_100ms) {
         words.push(format!("gap voltage {mean:.1} V, error {error:.1} V rms"));
     }
-    if let Some(swing) = report.position_pp_um_median {
-        words.push(format!("electrode swings {swing:.1} µm"));
+    if let Some(ripple) = report.position_pp_um_median {
+        words.push(format!("position ripple {ripple:.1} µm"));
     }
     text(area, &words.join("  ·  "), (24, 52), 15.0, PALE, false)
 }

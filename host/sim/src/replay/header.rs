@@ -217,7 +217,7 @@ impl Above {
     /// Takes what a line says; whether it was one of these.
     fn take(&mut self, line: u64, first: &str, others: &[String]) -> Result<bool, String> {
         let lower = first.to_ascii_lowercase();
-        let told = |what: &str| lower.strip_prefix(what).map(|_| first[what.len()..].trim().to_owned());
+        let reported = |what: &str| lower.strip_prefix(what).map(|_| first[what.len()..].trim().to_owned());
         let number = |text: &str| text.parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0);
         let promise = |text: &str| {
             let count: Option<f64> = text.rsplit(':').next().and_then(|text| text.trim().parse().ok());
@@ -231,21 +231,21 @@ impl Above {
             self.time = others.first().and_then(|text| time_unit(text));
         } else if lower == "record length" {
             self.promised = others.first().and_then(|text| promise(text));
-        } else if let Some(text) = told("#size=") {
+        } else if let Some(text) = reported("#size=") {
             self.promised = promise(&text);
-        } else if let Some(text) = told("#clock=") {
+        } else if let Some(text) = reported("#clock=") {
             let seconds = number(text.trim_end_matches(['s', 'S']));
             self.clock = Some(seconds.ok_or_else(|| format!("line {line}: {first:.40}: must be a time in s"))?);
-        } else if let Some(text) = told("#channel:") {
+        } else if let Some(text) = reported("#channel:") {
             self.channel = Some(text);
-        } else if let Some(text) = told("#units:") {
+        } else if let Some(text) = reported("#units:") {
             self.units = vec![text];
         } else if lower.starts_with("#timebase=") {
             self.bare = true;
         } else if lower.starts_with("; channels (") {
             let begin = first.split_once(": ").map(|(_, name)| name.to_owned());
             self.source = begin.into_iter().chain(others.iter().cloned()).collect();
-        } else if let Some(text) = told("; samplerate:") {
+        } else if let Some(text) = reported("; samplerate:") {
             let (digits, hertz) = text.split_once(' ').unwrap_or((&text, ""));
             let scale = [("Hz", 1.0), ("kHz", 1e3), ("MHz", 1e6), ("GHz", 1e9)].iter().find(|(unit, _)| *unit == hertz);
             self.rate = number(digits).zip(scale).map(|(digits, (_, scale))| digits * scale);

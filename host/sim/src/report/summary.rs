@@ -1,12 +1,12 @@
-//! The run in words that a machinist understands.
+//! The run in the terms of a machinist (docs/glossary.md).
 
 use super::Report;
 use std::fmt;
 
-/// A short table for a person.
+/// A short table of the main figures.
 #[derive(Clone, Copy, Debug)]
 pub struct Summary<'a> {
-    /// What it tells of.
+    /// The run.
     pub report: &'a Report,
 }
 
@@ -22,8 +22,8 @@ impl fmt::Display for Summary<'_> {
         row("Time", self.time())?;
         row("Gap voltage", self.voltage())?;
         row("Gap", self.gap())?;
-        row("Stability", self.stability())?;
-        row("Sparks", self.sparks())?;
+        row("Position", self.position())?;
+        row("Pulses", self.pulses())?;
         row("Fluid", self.fluid())?;
         if let Some(words) = self.jumps() {
             row("Jumps", words)?;
@@ -56,10 +56,10 @@ impl Summary<'_> {
             None => "of unknown depth".into(),
         };
         let worn = match report.wear_mm {
-            Some(worn) if worn >= 0.000_5 => format!(", worn by {worn:.3} mm"),
+            Some(worn) if worn >= 0.000_5 => format!(", {worn:.3} mm worn"),
             _ => String::new(),
         };
-        let wanted = format!("{depth}{worn}, {:.3} mm asked for", report.target_depth_mm);
+        let wanted = format!("{depth}{worn}, {:.3} mm requested", report.target_depth_mm);
         match report.stop_reason.as_str() {
             "depth reached" | "end of the path" => wanted,
             reason if report.completed => format!("{wanted}; {reason}"),
@@ -77,7 +77,7 @@ impl Summary<'_> {
             words.push("not judged: less than two seconds of undisturbed eroding".into());
         }
         if words.is_empty() {
-            words.push("steady: nothing beyond its limit".into());
+            words.push("steady: all figures within their limits".into());
         }
         words
     }
@@ -91,7 +91,7 @@ impl Summary<'_> {
         let speed = report.sim_time_s / report.wall_time_s.max(1e-3);
         let wall = report.wall_time_s;
         format!(
-            "{} on the machine{rate}; computed in {wall:.1} s, {speed:.0} times as fast",
+            "{} on the machine{rate}; simulated in {wall:.1} s, {speed:.0} times real time",
             duration(report.sim_time_s)
         )
     }
@@ -100,7 +100,9 @@ impl Summary<'_> {
         let voltage = &self.report.gap_voltage_v;
         match (voltage.mean, voltage.setpoint, voltage.rms_error_100ms) {
             (Some(mean), Some(setpoint), Some(error)) => {
-                format!("{mean:.1} V on average, {setpoint:.1} V wanted; tenths of a second stray by {error:.1} V")
+                format!(
+                    "mean {mean:.1} V, set point {setpoint:.1} V; 100 ms mean: {error:.1} V rms about the set point"
+                )
             }
             _ => "not judged: less than two seconds of undisturbed eroding".into(),
         }
@@ -108,40 +110,40 @@ impl Summary<'_> {
 
     fn gap(&self) -> String {
         match (self.report.gap_um.mean, self.report.gap_um.rms_error) {
-            (Some(mean), Some(error)) => format!("{mean:.0} um on average, varies by {error:.1} um"),
+            (Some(mean), Some(error)) => format!("mean {mean:.0} um, {error:.1} um rms about it"),
             _ => "not judged".into(),
         }
     }
 
-    fn stability(&self) -> String {
+    fn position(&self) -> String {
         let report = self.report;
         let retreats = match report.long_retreats {
-            0 => "never backed off more than 5 um".into(),
-            1 => "backed off more than 5 um once".into(),
-            n => format!("backed off more than 5 um {n} times"),
+            0 => "no retreat of more than 5 um".into(),
+            1 => "1 retreat of more than 5 um".into(),
+            n => format!("{n} retreats of more than 5 um"),
         };
-        let Some(swing) = report.position_pp_um_median else { return format!("not judged; {retreats}") };
+        let Some(ripple) = report.position_pp_um_median else { return format!("not judged; {retreats}") };
         let line = match (report.position_line_um.amplitude, report.position_line_um.hz) {
-            (Some(um), Some(hz)) => format!(", at most {um:.1} um of it at one pitch ({hz:.0} Hz)"),
+            (Some(um), Some(hz)) => format!("; largest tone {um:.1} um at {hz:.0} Hz"),
             _ => String::new(),
         };
         let vibration =
-            report.vibration_mm_s.map_or_else(String::new, |mm_s| format!(", {mm_s:.2} mm/s rms above 50 Hz"));
-        format!("electrode swings {swing:.1} um within half a second{line}{vibration}; {retreats}")
+            report.vibration_mm_s.map_or_else(String::new, |mm_s| format!("; {mm_s:.2} mm/s rms above 50 Hz"));
+        format!("ripple {ripple:.1} um p-p (0.5 s window){line}{vibration}; {retreats}")
     }
 
     fn jumps(&self) -> Option<String> {
         match (self.report.jumps, self.report.jumps_cramped) {
             (0, false) => None,
             (0, true) => Some(
-                "none: no room above the work, or no home; lower jump.height_um, or begin deeper in the stroke".into(),
+                "none: no room above the work, or the axis is not homed; lower jump.height_um, or start deeper in the stroke".into(),
             ),
             (n, false) => Some(n.to_string()),
-            (n, true) => Some(format!("{n}, lower than jump.height_um: the stroke leaves no more room above the work")),
+            (n, true) => Some(format!("{n}, lower than jump.height_um: the stroke limits the height")),
         }
     }
 
-    fn sparks(&self) -> String {
+    fn pulses(&self) -> String {
         let report = self.report;
         let (Some(open), Some(spark), Some(arc), Some(short)) =
             (report.open_ratio, report.spark_ratio, report.arc_ratio, report.short_ratio)
@@ -149,12 +151,12 @@ impl Summary<'_> {
             return "no pulses".into();
         };
         format!(
-            "{} discharges; of all pulses {} sparked, {} stayed open, {} shorted, {} arced",
+            "{} discharges; {} sparks, {} open, {} arcs, {} shorts",
             grouped(report.discharges),
             percent(spark),
             percent(open),
-            percent(short),
             percent(arc),
+            percent(short),
         )
     }
 
@@ -162,7 +164,7 @@ impl Summary<'_> {
         let report = self.report;
         let debris = report.debris_mean.map_or_else(|| "not judged".into(), |dirt| format!("{:.1} %", 5.0 * dirt));
         let damage = match report.damage_mean {
-            Some(damage) if damage > 0.0 => format!(", damage by arcs {damage:.2}"),
+            Some(damage) if damage > 0.0 => format!(", arc damage {damage:.2}"),
             _ => String::new(),
         };
         let through = match report.through_ratio {
@@ -170,12 +172,14 @@ impl Summary<'_> {
             _ => String::new(),
         };
         let (film, contact) = (report.film_n_max, report.contact_n_max);
-        format!("debris {debris} by volume{damage}{through}; at most {film:.1} N of film, {contact:.1} N of contact")
+        format!(
+            "debris {debris} by volume{damage}{through}; largest force {film:.1} N of the film, {contact:.1} N of contact"
+        )
     }
 
     fn encoder(&self) -> String {
         match (self.report.lost_counts, self.report.illegal_transitions) {
-            (0, 0) => "no count lost, no illegal transition".into(),
+            (0, 0) => "no lost count, no illegal transition".into(),
             (lost, illegal) => format!("{lost} counts lost, {illegal} illegal transitions"),
         }
     }

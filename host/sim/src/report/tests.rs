@@ -91,7 +91,7 @@ fn a_fault_is_reported_with_its_time() {
     assert_eq!(json["faults"], serde_json::json!([{ "t_s": 12.5, "fault": "following error" }]));
     let text = Summary { report: &report }.to_string();
     assert!(
-        text.contains("Electrode    0.500 mm deep, worn by 0.002 mm, 0.500 mm asked for, stopped: following error"),
+        text.contains("Electrode    0.500 mm deep, 0.002 mm worn, 0.500 mm requested, stopped: following error"),
         "{text}"
     );
     assert!(text.contains("following error at 12.5 s"), "{text}");
@@ -99,21 +99,21 @@ fn a_fault_is_reported_with_its_time() {
 }
 
 #[test]
-fn the_summary_tells_a_machinist_how_it_went() {
+fn the_summary_has_the_figures_of_the_run() {
     let report = Report::new(&job(), &outcome(), &figures(), 2.0);
     assert_eq!(
         Summary { report: &report }.to_string(),
         "  Hole         0.538 mm deep (simulated)\n\
-        \x20 Electrode    0.500 mm deep, worn by 0.002 mm, 0.500 mm asked for\n\
-        \x20 Verdict      steady: nothing beyond its limit\n\
-        \x20 Time         2 min 31 s on the machine, 0.22 mm/min while eroding; computed in 2.0 s, 76 times as fast\n\
-        \x20 Gap voltage  55.1 V on average, 55.0 V wanted; tenths of a second stray by 0.8 V\n\
-        \x20 Gap          38 um on average, varies by 3.1 um\n\
-        \x20 Stability    electrode swings 4.2 um within half a second, at most 0.6 um of it at one pitch (7 Hz), \
-         0.21 mm/s rms above 50 Hz; backed off more than 5 um 2 times\n\
-        \x20 Sparks       630 discharges; of all pulses 62 % sparked, 35 % stayed open, 2.0 % shorted, 1.0 % arced\n\
-        \x20 Fluid        debris 4.5 % by volume, damage by arcs 0.04; at most 3.5 N of film, 0.2 N of contact\n\
-        \x20 Encoder      no count lost, no illegal transition\n\
+        \x20 Electrode    0.500 mm deep, 0.002 mm worn, 0.500 mm requested\n\
+        \x20 Verdict      steady: all figures within their limits\n\
+        \x20 Time         2 min 31 s on the machine, 0.22 mm/min while eroding; simulated in 2.0 s, 76 times real time\n\
+        \x20 Gap voltage  mean 55.1 V, set point 55.0 V; 100 ms mean: 0.8 V rms about the set point\n\
+        \x20 Gap          mean 38 um, 3.1 um rms about it\n\
+        \x20 Position     ripple 4.2 um p-p (0.5 s window); largest tone 0.6 um at 7 Hz; \
+         0.21 mm/s rms above 50 Hz; 2 retreats of more than 5 um\n\
+        \x20 Pulses       630 discharges; 62 % sparks, 35 % open, 1.0 % arcs, 2.0 % shorts\n\
+        \x20 Fluid        debris 4.5 % by volume, arc damage 0.04; largest force 3.5 N of the film, 0.2 N of contact\n\
+        \x20 Encoder      no lost count, no illegal transition\n\
         \x20 Faults       none\n"
     );
 }

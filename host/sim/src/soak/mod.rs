@@ -63,7 +63,7 @@ impl Soak {
             let (seen, broken) =
                 rig::play(&setup, &case, &mut |line| say(&format!("{line}\n"))).map_err(Failure::Failed)?;
             say(&words(&seen));
-            say(&broken.as_ref().map_or_else(|| "nothing is broken\n".into(), |broken| told(&case, broken)));
+            say(&broken.as_ref().map_or_else(|| "nothing is broken\n".into(), |broken| reported(&case, broken)));
             return Ok(broken.is_none());
         }
         let out =
@@ -103,16 +103,16 @@ impl Soak {
         let (case, found) = shrink::shrink(&script::life(*seed), first, |case| {
             rig::play(&setup, case, &mut |_| {}).ok().and_then(|(_, broken)| broken)
         });
-        say(&format!("\nthe first of them, as short as it goes:\n{}", told(&case, &found)));
+        say(&format!("\nthe first of them, as short as it goes:\n{}", reported(&case, &found)));
         if let Some(out) = out {
-            out.write(|file| file.write_all(told(&case, &found).as_bytes())).map_err(Failure::Failed)?;
+            out.write(|file| file.write_all(reported(&case, &found).as_bytes())).map_err(Failure::Failed)?;
         }
         Ok(false)
     }
 }
 
 /// What was broken, and the case: a file for `--case`.
-fn told(case: &Case, broken: &Broken) -> String {
+fn reported(case: &Case, broken: &Broken) -> String {
     format!("# {}: {}\n{case}", broken.what, broken.how)
 }
 

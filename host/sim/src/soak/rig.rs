@@ -84,7 +84,7 @@ pub fn play(setup: &Setup, case: &Case, tell: &mut dyn FnMut(&str)) -> Result<(S
             let outputs = (head.pulses(), head.drive());
             let found = watch.tick(head.status().state, &head.process.truth(), outputs, &setup.head, &mut seen);
             if before != (watch.state, watch.touching) {
-                tell(&told(steps, &head));
+                tell(&reported(steps, &head));
             }
             if let Some((what, how)) = found {
                 return Ok((seen, Some(Broken { steps, what, how })));
@@ -100,7 +100,7 @@ pub fn play(setup: &Setup, case: &Case, tell: &mut dyn FnMut(&str)) -> Result<(S
     Ok((seen, None))
 }
 
-fn told(steps: usize, head: &Head) -> String {
+fn reported(steps: usize, head: &Head) -> String {
     let (status, truth) = (head.status(), head.process.truth());
     format!(
         "{:9.4} s, {steps} steps: {}{}; at {:.1} um, {:.1} mm/s, gap {:.1} um, {:.1} N",

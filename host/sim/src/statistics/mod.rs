@@ -1,6 +1,6 @@
 //! The figures by which control is judged.
 //!
-//! *Judged* is the time in which the feed law leads undisturbed: state eroding, later than [`START_MS`] after eroding
+//! *Monitored* is the time in which the feed law leads undisturbed: state eroding, later than [`START_MS`] after eroding
 //! first began, and at least [`SETTLE_MS`] after anything else (seek, retreat, fault) ended. Windows are laid back to
 //! back into judged time; one that a disturbance cuts short is dropped whole. All this is taken from milliseconds, so
 //! its cost does not show.
