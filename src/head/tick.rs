@@ -29,9 +29,9 @@ pub struct TickInput {
     pub short_ticks: u32,
     /// With pulses off: electrode and work touch.
     pub touches: bool,
-    /// Filtered gap voltage, if there is a valid one; where [`Follower::wants_gap`] says so.
+    /// Filtered gap voltage, if there is a valid one; where [`Follower::wants_gap`](super::Follower::wants_gap) says so.
     pub gap: Option<Volts>,
-    /// For the touch probes, where [`Follower::probes`] says so.
+    /// For the touch probes, where [`Follower::probes`](super::Follower::probes) says so.
     pub sight: ProbeInputs,
     /// Motor current and bus voltage.
     pub drive: DriveCodes,
