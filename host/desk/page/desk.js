@@ -64,10 +64,10 @@ function connect() {
   socket = new WebSocket(`${scheme}://${location.host}/session?token=${encodeURIComponent(token)}`);
   socket.onmessage = (message) => take(JSON.parse(message.data));
   socket.onclose = () => {
-    lost("The program is not there, or refuses this page. A head that was boring retreats by itself.");
+    lost("No connection to the program, or it refuses this page. A head that was boring retreats by itself.");
     commander = null;
     gone();
-    for (const { fail } of asked.values()) fail(new Error("the program is gone"));
+    for (const { fail } of asked.values()) fail(new Error("connection to the program lost"));
     asked.clear();
     show();
     setTimeout(connect, 1000);
@@ -76,7 +76,7 @@ function connect() {
 
 function ask(what) {
   return new Promise((done, fail) => {
-    if (socket.readyState !== WebSocket.OPEN) return fail(new Error("the program is not there"));
+    if (socket.readyState !== WebSocket.OPEN) return fail(new Error("no connection to the program"));
     asked.set(next, { done, fail });
     socket.send(JSON.stringify({ id: next++, ...what }));
   });
@@ -154,10 +154,10 @@ function say(text) {
 
 function show() {
   const mine = commander === me;
-  $("command").textContent = mine ? "Give command back" : "Take command";
+  $("command").textContent = mine ? "Release command" : "Take command";
   $("command").disabled = !mine && commander !== null;
-  $("session").textContent = mine ? "This session commands."
-    : commander === null ? "Nobody commands." : `Session ${commander} commands, this one watches.`;
+  $("session").textContent = mine ? "This session has command."
+    : commander === null ? "No session has command." : `Session ${commander} has command; this session watches.`;
   document.body.classList.toggle("watching", !mine);
   const commands = "#bore *, #asks button, [data-wish], #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
   for (const button of document.querySelectorAll(commands)) {
@@ -166,7 +166,7 @@ function show() {
 }
 
 async function scan() {
-  $("found").replaceChildren(item("li", "Looking ..."));
+  $("found").replaceChildren(item("li", "Scanning ..."));
   clearTimeout(again);
   const found = await ask({ do: "heads" }).catch((error) => lost(error.message)) ?? [];
   const list = found.map(({ node: id, card, why_not }) => {
@@ -182,7 +182,7 @@ async function scan() {
     line.append(choose, ` ${card.name}, hardware ${card.hardware}, software ${card.software}, serial number ${card.serial}: `, place);
     return line;
   });
-  $("found").replaceChildren(...list.length ? list : [item("li", "Nobody answers: are the heads powered, and at this bit rate?")]);
+  $("found").replaceChildren(...list.length ? list : [item("li", "No node answers: check power and bit rate of the heads.")]);
   const heads = found.filter((one) => one.card);
   // One that is switched on later is found without a hand.
   if (!heads.length) again = setTimeout(scan, 3000);
@@ -206,7 +206,7 @@ function choose_head(id, card) {
     measured.delete(id);
     put(id, null);
   }
-  for (const id of ["left", "gap-left", "gap-depth"]) $(id).textContent = "no hole of this program";
+  for (const id of ["left", "gap-left", "gap-depth"]) $(id).textContent = "no hole in progress";
   $("head").textContent = `node ${id}`;
   $("head").title = `${card.name}, serial number ${card.serial}`;
   Object.values(traces).forEach((trace) => trace.clear());
@@ -267,14 +267,14 @@ function progress(run) {
 function gap({ volts, quality, ladder, shares, looks, feed_um_s }) {
   if ($("gap").hidden) return;
   put("gap-volts", volts === null ? null : `${volts.toFixed(1)} V, ${quality}`);
-  if (volts === null) $("gap-quality").textContent = `: ${quality}, it means nothing now`;
+  if (volts === null) $("gap-quality").textContent = `: ${quality}, not valid now`;
   else $("gap-quality").textContent = "";
   put("gap-feed", feed_um_s === null ? null : `${feed_um_s.toFixed(0)} um/s`);
   for (const id of ["ladder", "shares"]) $(id).classList.remove("old");
   const most = 1.1 * Math.max(1, volts ?? 0, ...ladder.map((rung) => rung.volts ?? 0));
   $("ladder").replaceChildren(...ladder.map((rung) => bar(rung.what, rung.from, rung.volts, most, volts)));
   $("shares").replaceChildren(...shares.map((share) => bar(share.what, "", share.percent, 100, null)));
-  put("looks", looks ? `${looks} looks, one a millisecond, soon after a pulse begins: what ignites later counts as open.` : "No pulse was looked at.");
+  put("looks", looks ? `${looks} samples, one per millisecond, soon after the start of a pulse. A pulse that ignites later counts as open.` : "No pulse was sampled.");
 }
 
 // A row with a value as a bar, and a line across it.
@@ -307,7 +307,7 @@ async function record(submit) {
     level: Number(form.get("level")),
     wait_s: Number(form.get("wait")),
   };
-  $("recorded").textContent = "Recording, or waiting for the trigger.";
+  $("recorded").textContent = "Waiting for the trigger, or recording.";
   const done = await want({ do: "scope", node, plan }).catch((error) => {
     $("recorded").textContent = error.message;
     return null;
@@ -340,8 +340,8 @@ function ended({ outcome, failed }) {
   surface = null;
   for (const id of ["depth", "gap-depth", "time", "left", "gap-left"]) put(id, null);
   if (outcome) {
-    tell("doing", `${outcome.reached ? "Bored" : "Ended"}: ${outcome.depth_mm.toFixed(3)} of ${outcome.target_mm} mm by the electrode`
-      + ` in ${outcome.seconds.toFixed(0)} s; the hole is deeper by the gap. ${outcome.why}.`);
+    tell("doing", `${outcome.reached ? "Bored" : "Ended"}: electrode depth ${outcome.depth_mm.toFixed(3)} of ${outcome.target_mm} mm`
+      + ` in ${outcome.seconds.toFixed(0)} s; the hole is deeper by the gap width. ${outcome.why}.`);
     $("progress").value = outcome.reached ? 1 : Math.max(0, outcome.depth_mm / outcome.target_mm);
   } else {
     tell("doing", failed);
@@ -369,7 +369,7 @@ function up_list(checks) {
 }
 
 function brought_up({ name, markdown, report, failed }) {
-  $("up-doing").textContent = failed ?? (report.passed ? "Everything has passed." : "Ended; not everything has passed.");
+  $("up-doing").textContent = failed ?? (report.passed ? "All checks passed." : "Ended; not all checks passed.");
   if (failed) return;
   up_list(report.checks);
   save("up-markdown", `${name}.md`, "text/markdown", markdown);
@@ -424,7 +424,7 @@ function field(line) {
   input.onchange = async () => {
     const written = await want({ do: "set", node, assignments: [`${line.key}=${input.value}`] }).catch(() => null);
     if (written) {
-      $("said").textContent = `${line.key} = ${input.value}${written.check_again ? "; the guided check has to pass again" : ""}`;
+      $("said").textContent = `${line.key} = ${input.value}${written.check_again ? "; the guided check must pass again" : ""}`;
     }
     await read();
   };
@@ -494,7 +494,7 @@ $("read").onclick = () => {
   $("import").hidden = true;
   read().catch(() => {});
 };
-$("save").onclick = () => want({ do: "save", node }).then(() => { $("said").textContent = "The head keeps what it has."; }, () => {});
+$("save").onclick = () => want({ do: "save", node }).then(() => { $("said").textContent = "Settings saved in the head."; }, () => {});
 $("export").onclick = () => {
   const link = document.createElement("a");
   link.href = `settings.toml?node=${node}&token=${encodeURIComponent(token)}`;
@@ -515,7 +515,7 @@ $("compare").onchange = async (change) => {
 $("import").onclick = async () => {
   const written = await want({ do: "import", node, text: file }).catch(() => null);
   if (!written) return;
-  $("said").textContent = `${written.changed.length} settings changed${written.check_again ? "; the guided check has to pass again" : ""}.`;
+  $("said").textContent = `${written.changed.length} settings changed${written.check_again ? "; the guided check must pass again" : ""}.`;
   $("read").onclick();
 };
 addEventListener("hashchange", view);

@@ -25,7 +25,7 @@ const ERODING: &str = "eroding";
 /// Why a wait ended when nothing went wrong.
 const ON_REQUEST: &str = "ended on request";
 /// Why [`Run::alive`] ends a run that nobody commands any more: the head is left to its own retreat.
-pub const GONE: &str = "whoever commanded it has gone";
+pub const GONE: &str = "the session in command is lost";
 /// Time over which a pace is taken, s, and the shortest.
 const PACE_S: f64 = 30.0;
 const LEAST_PACE_S: f64 = 5.0;
@@ -80,9 +80,7 @@ impl Hole {
             }
         }
         if self.surface_mm.is_some() && self.ground.is_some() {
-            return Err(Failure::BadInput(
-                "a surface is given: then there is none to touch off or to continue from".into(),
-            ));
+            return Err(Failure::BadInput("a given surface excludes both a new surface and a hole to continue".into()));
         }
         Ok(())
     }
@@ -117,20 +115,20 @@ impl Hole {
             Some(_) if continues => return Ok(kept),
             None if continues => {
                 return Err(Failure::BadInput(
-                    "no hole to continue: the head keeps no surface of one (2011h:11)".into(),
+                    "no hole to continue: the head has no surface of a hole (2011h:11)".into(),
                 ));
             }
             None if !eroded => return Ok(None),
             None => {
-                "the head has eroded since power-on, and keeps no surface of it: a touch in that hole would find its \
-                     bottom; is there a new surface under the electrode, or where is it?"
+                "the head has eroded since power-on and has no surface of that hole: a touch in it would find its bottom; is the \
+                     electrode above a new surface, or where is the surface?"
                     .into()
             }
             Some(surface) => {
                 let deep = (head.whole(at::DEEPEST)? - surface).max(0) as f64 / per_mm;
                 format!(
-                    "a hole was begun: its surface is at {:.3} mm, the last erosion in it came {deep:.3} mm deep; \
-                     is it to be continued, or is there a new surface under the electrode?",
+                    "a hole was begun: its surface is at {:.3} mm, its last depth {deep:.3} mm; \
+                     continue it, or is the electrode above a new surface?",
                     surface as f64 / per_mm
                 )
             }
@@ -146,7 +144,7 @@ impl Hole {
         }
         let depth = self.depth_mm;
         Err(Failure::BadInput(format!(
-            "depth {depth} mm: must be at most {left:.3} mm, which is left of the stroke {from} (axis.stroke_um, 607Dh:2)"
+            "depth {depth} mm: must be at most {left:.3} mm, the rest of the stroke {from} (axis.stroke_um, 607Dh:2)"
         )))
     }
 }
@@ -303,7 +301,7 @@ impl Run<'_> {
     /// # Errors
     /// What went wrong; the head is disabled or in a fault then, or the error says that it may not be.
     pub fn execute(mut self) -> Result<Outcome, Failure> {
-        self.head.healthy().map_err(|fault| Failure::Failed(format!("a fault stands, reset it first: {fault}")))?;
+        self.head.healthy().map_err(|fault| Failure::Failed(format!("fault active, reset it first: {fault}")))?;
         let known = self.hole.may_begin(self.head)?;
         let velocity = self.head.whole(at::PROFILE_VELOCITY)?;
         let armed = self.head.arm()?;
@@ -327,7 +325,7 @@ impl Run<'_> {
         let _ = self.head.set(at::PROFILE_VELOCITY, velocity);
         armed.disarm();
         let now =
-            now.map_err(|why| Failure::Failed(format!("{why}; it watches this program, and retreats by itself")))?;
+            now.map_err(|why| Failure::Failed(format!("{why}; it monitors this program, and retreats by itself")))?;
         let per_mm = self.live.counts_per_mm();
         let surface_mm = place.surface.map_or(0.0, |counts| counts as f64 / per_mm);
         let depth_mm = place.deepest.map_or(0.0, |deepest| deepest - surface_mm);
@@ -343,7 +341,7 @@ impl Run<'_> {
         };
         let why = match up {
             Ok(()) => format!("{why}; {now}"),
-            Err(_) => format!("{why}; it did not go up; {now}"),
+            Err(_) => format!("{why}; it did not lift; {now}"),
         };
         let seconds = place.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
         let (depth_mm, surface_mm) = (micrometres(depth_mm), micrometres(surface_mm));
@@ -380,7 +378,7 @@ impl Run<'_> {
         self.tell("enabling", place)?;
         head.enable(&mut self.tick())?;
         if head.whole(at::HOMED)? == 0 {
-            self.tell("taking the upper rest for home", place)?;
+            self.tell("homing at the rest position", place)?;
             head.home_here(&mut self.tick())?;
         }
         place.top = head.whole(at::POSITION)?;
@@ -388,14 +386,14 @@ impl Run<'_> {
         let surface = match place.known.surface {
             Some(surface) => surface,
             None => {
-                self.tell("touching the work off", place)?;
+                self.tell("touching off", place)?;
                 head.find_surface(&mut self.tick())?
             }
         };
         place.surface = Some(surface);
         let fits = hole.fits(surface as f64 / per_mm, place.known.end as f64 / per_mm, "below the surface");
         fits.map_err(End::Refused)?;
-        self.tell("going to where pulses begin", place)?;
+        self.tell("moving to the start height", place)?;
         let height = surface - counts(hole.height_mm);
         head.move_to(height, &mut self.tick())?;
 
@@ -487,7 +485,7 @@ impl Run<'_> {
             return Err(End::Wanted(wish));
         }
         if place.began.is_some() && progress.sample.state_number == state::DISABLED {
-            return Err(End::Failed(Failure::Failed("somebody else has disabled the head".into())));
+            return Err(End::Failed(Failure::Failed("another program has disabled the head".into())));
         }
         Ok(wish)
     }

@@ -179,7 +179,7 @@ impl Report {
     pub fn markdown(&self) -> String {
         let Report { date, program, bus, card, build, .. } = self;
         let mut text = format!(
-            "# Bring-up of {}, serial number {}\n\n{date}, node {} at {bus}. Hardware {}, software {}, build {build}. Seen by {program}.\n\n\
+            "# Bring-up of {}, serial number {}\n\n{date}, node {} at {bus}. Hardware {}, software {}, build {build}. Checked by {program}.\n\n\
              **{}.** The steps are those of docs/bring-up.md.\n",
             card.name,
             card.serial,
@@ -193,10 +193,10 @@ impl Report {
             let _ = write!(text, "\n## {step}. {title}\n\n");
             let mut rows = self.checks.iter().filter(|check| check.step == step).peekable();
             if rows.peek().is_none() {
-                text += "Not looked at: no host sees it. Done by, on:\n";
+                text += "Not checked: a host cannot see it. Done by, on:\n";
                 continue;
             }
-            text += "| what | value | should be | |\n| --- | --- | --- | --- |\n";
+            text += "| check | value | allowed | result |\n| --- | --- | --- | --- |\n";
             for check in rows {
                 let (what, allowed) = (&check.what, &check.allowed);
                 let advice = if check.verdict == Verdict::Passed { "" } else { check.advice.as_str() };
@@ -266,7 +266,7 @@ impl Range {
     }
 
     fn said(&self) -> String {
-        format!("{} V to {} V, once", self.0, self.1)
+        format!("{} V to {} V, at least once", self.0, self.1)
     }
 }
 
@@ -352,7 +352,7 @@ impl BringUp<'_> {
     }
 
     fn look_on(&mut self, limits: &Limits, seen: &mut Seen) -> Result<Vec<Check>, Failure> {
-        let mut doing = String::from("looking on");
+        let mut doing = String::from("watching");
         loop {
             (self.alive)()?;
             let checks = self.checks(limits, seen)?;
@@ -420,7 +420,7 @@ impl BringUp<'_> {
         let (alive, wishes) = (self.alive, self.wishes);
         let mut tick = || {
             alive()?;
-            if wishes.now() == Wish::End { Err(Failure::Failed("it was ended on request".into())) } else { Ok(()) }
+            if wishes.now() == Wish::End { Err(Failure::Failed("ended on request".into())) } else { Ok(()) }
         };
         let mut checked = Checked::default();
         let began = Instant::now();
@@ -442,7 +442,7 @@ impl BringUp<'_> {
                 }
                 if began.elapsed() > limits.check_time {
                     let s = limits.check_time.as_secs();
-                    return Err(Failure::Failed(format!("it has not come to its end within {s} s")));
+                    return Err(Failure::Failed(format!("not finished within {s} s")));
                 }
                 if told.elapsed() > PERIOD {
                     told = Instant::now();
@@ -469,7 +469,7 @@ impl BringUp<'_> {
             checked.contradiction =
                 Contradiction { measured: measured? as i32, least: least? as i32, most: most? as i32 };
         } else {
-            checked.why = format!("it was broken off: {}", words::reason(self.head.whole(at::REASON)? as u8));
+            checked.why = format!("aborted: {}", words::reason(self.head.whole(at::REASON)? as u8));
         }
         let said = checked.said();
         seen.checked = Some(checked);
@@ -498,11 +498,11 @@ impl BringUp<'_> {
         add(4, "self-test at the start", (json!(bits), ""), "0".into(), is(bits == 0), advice);
         let end = head.whole(at::LAST_END)?;
         let advice = guide::if_not(4, "starts again and again");
-        add(4, "end of the run before", text(named(at::LAST_END, end)), named(at::LAST_END, 0), is(end == 0), advice);
+        add(4, "end of the previous run", text(named(at::LAST_END, end)), named(at::LAST_END, 0), is(end == 0), advice);
         let stored = head.whole(at::STORED)?;
         let advice = guide::if_not(4, "`settings: LoadReport");
         let allowed = format!("{}, or {}", named(at::STORED, 0), named(at::STORED, 1));
-        add(4, "what is stored", text(named(at::STORED, stored)), allowed, is(stored <= 1), advice);
+        add(4, "stored settings", text(named(at::STORED, stored)), allowed, is(stored <= 1), advice);
         let fault = head.whole(at::FAULT)? as u8;
         let advice = words::fault(fault).map_or("", words::remedy).into();
         add(4, "fault", text(words::fault_line(fault)), words::fault_line(0), is(fault == 0), advice);
@@ -511,7 +511,8 @@ impl BringUp<'_> {
         for bit in CONTACTS {
             let open = inputs >> bit & 1 == 1;
             let done = seen.opened >> bit & 1 == 1 && !open;
-            let advice = if done { String::new() } else { "open it, or pull its cable, and close it again".into() };
+            let advice =
+                if done { String::new() } else { "open the contact, or pull its cable, and close it again".into() };
             let said = if open {
                 "open"
             } else if done {
@@ -531,10 +532,10 @@ impl BringUp<'_> {
         }
         for bit in ALARMS {
             let there = inputs >> bit & 1 == 1;
-            let said = if there { "there" } else { "not there" };
+            let said = if there { "active" } else { "not active" };
             let advice = guide::if_not(9, "processor back: no bridge fault");
             let advice = if bit == 18 { advice } else { words::remedy(edm_servo_head::head::Fault::SupplyLow).into() };
-            add(5, &named(at::INPUTS, bit.into()), text(said.into()), "not there".into(), is(!there), advice);
+            add(5, &named(at::INPUTS, bit.into()), text(said.into()), "not active".into(), is(!there), advice);
         }
 
         let position = seen.position;
@@ -575,7 +576,7 @@ impl BringUp<'_> {
                 quality::REVERSED => guide::if_not(8, "30 V reversed"),
                 quality::VALID => guide::if_not(8, sees),
                 _ => format!(
-                    "{}: without pulses only gap.average = plain shows the voltage; set it for this step",
+                    "{}: set gap.average = plain for this step; without pulses no other average shows the voltage",
                     named(at::GAP_QUALITY, quality)
                 ),
             };
@@ -686,7 +687,7 @@ impl Checked {
         let advice = match self.result {
             Some(result::PASSED) => String::new(),
             Some(number) => words::finding_advice(number, self.stroke_counts, self.contradiction),
-            None => "let the head rest at its upper stop with no workpiece below, then ask for it".into(),
+            None => "let the head rest at its upper stop with no workpiece below, then start the check".into(),
         };
         let result =
             Check { value: self.said().into(), ..row("guided check", None, "", "passed".into(), verdict, &advice) };
@@ -695,10 +696,10 @@ impl Checked {
         [
             result,
             row(
-                "friction that it broke away from",
+                "breakaway force",
                 self.breakaway_n.filter(|_| verdict == Verdict::Passed),
                 "N",
-                "measured, and kept as axis.breakaway_n".into(),
+                "measured, kept in axis.breakaway_n".into(),
                 measured,
                 "",
             ),
@@ -706,12 +707,12 @@ impl Checked {
                 "counterbalance",
                 self.counterbalance_n.filter(|_| verdict == Verdict::Passed),
                 "N",
-                "measured, and kept as axis.counterbalance_n".into(),
+                "measured, kept in axis.counterbalance_n".into(),
                 measured,
                 "",
             ),
             row(
-                "open-circuit voltage, as seen by this program",
+                "open-circuit voltage, read by this program",
                 open_v,
                 "V",
                 format!("{open_min_v} V or more (gap.open_min_v)"),
@@ -719,7 +720,7 @@ impl Checked {
                 "",
             ),
             row(
-                "stroke, as seen by this program",
+                "stroke, read by this program",
                 stroke,
                 "mm",
                 stroke_allowed,

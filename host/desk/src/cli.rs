@@ -32,13 +32,13 @@ const NODE: u8 = 1;
 /// Time in which whoever has moved a head lets go of it before the guided check.
 const HANDS_OFF: Duration = Duration::from_secs(5);
 
-/// Heads of spark erosion machines: found, set, watched, bored with.
+/// Finds servo heads of EDM machines on a bus, shows and sets them, and bores with them.
 #[derive(Debug, Parser)]
 #[command(name = "edm-desk", version, disable_help_subcommand = true)]
 struct Cli {
     #[command(flatten)]
     common: Common,
-    /// Without one: the page
+    /// Default: the page
     #[command(subcommand)]
     command: Option<Command>,
 }
@@ -48,19 +48,19 @@ pub(crate) struct Common {
     /// The bus: socket://HOST:PORT (slcan), a serial port (slcan), socketcand://HOST:PORT/can0, or an interface such as can0
     #[arg(long, global = true, value_name = "BUS", default_value = "socket://127.0.0.1:3333")]
     pub bus: Way,
-    /// Bit rate of an adapter behind slcan
+    /// Bit rate of a slcan adapter
     #[arg(long, global = true, value_name = "BIT/S", default_value_t = 1_000_000, value_parser = bit_rate)]
     pub bit_rate: u32,
-    /// Node-ID of the head: 1, of `heads` all
+    /// Node-ID of the head: default 1; `heads` lists all
     #[arg(long, global = true, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..=127))]
     pub node: Option<u8>,
     /// Node-ID of this program's heartbeat
     #[arg(long, global = true, value_name = "ID", default_value_t = 127, value_parser = clap::value_parser!(u8).range(1..=127))]
     pub host_id: u8,
-    /// Description file of the head, when its program is not of this tree
+    /// Description file of the head, when its firmware is not from this tree
     #[arg(long, global = true, value_name = "FILE")]
     pub eds: Option<PathBuf>,
-    /// One JSON object in the place of text; of `watch`, `gap` and `log` one a line
+    /// JSON instead of text: one object, or one per line for `watch`, `gap` and `log`
     #[arg(long, global = true)]
     pub json: bool,
 }
@@ -69,24 +69,24 @@ pub(crate) struct Common {
 enum Command {
     /// Serves the page for a browser, until Ctrl-C
     Page(Listen),
-    /// Lists the heads on the bus: who they are, what they do, which fault stands
+    /// Lists the heads on the bus: versions, serial number, state, fault
     Heads,
-    /// Shows, changes, keeps and compares settings
+    /// Shows, changes, saves and compares settings
     #[command(subcommand)]
     Settings(Settings),
-    /// Shows what a head does, until Ctrl-C
+    /// Shows state, gap, feed and position of a head, until Ctrl-C
     Watch {
         /// Ends after so many seconds
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
-    /// Shows the gap: voltages from open circuit to short, what its pulses are, feed; until Ctrl-C
+    /// Shows the gap: voltage levels, shares of pulses, feed; until Ctrl-C
     Gap {
         /// Ends after so many seconds
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
-    /// Records up to four objects with the head's own scope, 256 samples; what was before the trigger is not kept
+    /// Records up to four objects with the scope of the head: 256 samples from the trigger on
     Scope(ScopeOptions),
     /// Shows emergencies, faults, refusals and changes of state as they happen, until Ctrl-C
     Log {
@@ -94,13 +94,13 @@ enum Command {
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
-    /// Looks on while somebody does the steps of docs/bring-up.md, and reports what of them a host sees
+    /// Checks the steps of docs/bring-up.md that a host can see, while you do them, and writes a report
     BringUp(BringUpOptions),
-    /// Bores a hole: touches off, erodes to the depth, goes up, disables. Ctrl-C goes up and disables; a second one stops at once
+    /// Bores a hole: touches off, erodes to the depth, lifts, disables. Ctrl-C lifts and disables; a second Ctrl-C stops at once
     Bore(BoreOptions),
-    /// Pulses off, hold, disable. This is no emergency stop: that is a switch at the machine
+    /// Pulses off, hold, disable. This is not an emergency stop: use the switch at the machine
     Stop,
-    /// Resets a fault whose cause is gone
+    /// Resets a fault after its cause is gone
     Reset,
     /// Reads or writes any object of the description file, in its unit as stored
     Object {
@@ -114,21 +114,21 @@ enum Command {
 
 #[derive(Debug, Subcommand)]
 enum Settings {
-    /// All of them, or those whose key or text has a word in it
+    /// Lists all settings, or those with a word in their key or description
     List {
-        /// A word
+        /// Word to look for
         word: Option<String>,
-        /// Those alone that differ from their default
+        /// Only settings that differ from their default
         #[arg(long)]
         changed: bool,
     },
-    /// The values of some
+    /// Shows the values of some settings
     Get {
         /// group.name
         #[arg(required = true)]
         keys: Vec<String>,
     },
-    /// Changes some: all, or none
+    /// Changes settings: all of them, or none
     Set {
         /// group.name=value
         #[arg(required = true, value_name = "KEY=VALUE")]
@@ -136,19 +136,19 @@ enum Settings {
         #[command(flatten)]
         save: Save,
     },
-    /// Writes all to a file
+    /// Writes all settings to a file
     Export {
-        /// Where
+        /// File to write
         file: PathBuf,
     },
-    /// Says where the head differs from a file
+    /// Lists the settings that differ from a file
     Compare {
-        /// The file
+        /// File to compare with
         file: PathBuf,
     },
-    /// Takes over what a file has: all, or nothing
+    /// Writes the settings of a file to the head: all of them, or none
     Import {
-        /// The file
+        /// File to read
         file: PathBuf,
         #[command(flatten)]
         save: Save,
@@ -157,7 +157,7 @@ enum Settings {
 
 #[derive(Debug, Args)]
 struct Save {
-    /// Let the head keep what it has now (1010h:3)
+    /// Save the settings in the head (1010h:3)
     #[arg(long)]
     save: bool,
 }
@@ -167,19 +167,19 @@ struct ScopeOptions {
     /// As in docs/objects.md: 2005:1 6064, or Gap.Voltage
     #[arg(required = true)]
     signals: Vec<String>,
-    /// Time from one sample to the next
+    /// Sample period
     #[arg(long, value_name = "MS", default_value_t = scope::every(), allow_hyphen_values = true)]
     every: u16,
-    /// What begins the record: the first signal is looked at
+    /// Trigger on the first signal
     #[arg(long, value_enum, default_value = "now")]
     trigger: Trigger,
     /// Level of the trigger, in the unit of the first signal
     #[arg(long, value_name = "VALUE", default_value_t = 0.0, allow_hyphen_values = true)]
     level: f64,
-    /// How long to wait for the trigger
+    /// Time-out of the trigger
     #[arg(long, value_name = "S", default_value = "60", value_parser = seconds, allow_hyphen_values = true)]
     wait: f64,
-    /// Where the samples are written
+    /// File for the samples
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
 }
@@ -189,13 +189,13 @@ struct BringUpOptions {
     /// Runs the guided check (2001h:3) when all steps before it have passed; the head moves to both ends of its stroke
     #[arg(long)]
     check: bool,
-    /// With --check: also when what is done by hand is not done again, as long as nothing has failed
+    /// With --check: skip the manual steps, as long as nothing has failed
     #[arg(long, requires = "check")]
     again: bool,
-    /// How long to look on for what is done by hand; Ctrl-C ends it earlier
+    /// Time for the manual steps; Ctrl-C ends it earlier
     #[arg(long, value_name = "S", default_value = "600", value_parser = seconds, allow_hyphen_values = true)]
     wait: f64,
-    /// Folder for the report, a Markdown and a JSON file
+    /// Folder for the report: a Markdown and a JSON file
     #[arg(long, value_name = "FOLDER")]
     report: Option<PathBuf>,
 }
@@ -205,13 +205,13 @@ struct BoreOptions {
     /// Depth of the electrode below the surface
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     depth: f64,
-    /// Where the surface is below home; touched off when not given
+    /// Position of the surface below home; without it the surface is touched off
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     surface: Option<f64>,
-    /// Goes on in the hole that was begun, measured from its surface, which the head keeps
+    /// Continues the hole that was begun, measured from its surface, which the head keeps
     #[arg(long = "continue", conflicts_with_all = ["new_surface", "surface"])]
     continues: bool,
-    /// Touches off although the head has bored before: the electrode is over a place that was not eroded
+    /// Touches off although the head has bored before: the electrode is above a place without a hole
     #[arg(long, conflicts_with = "surface")]
     new_surface: bool,
     /// Height above the surface at which pulses begin
@@ -371,7 +371,7 @@ impl Common {
             let way = bus.way();
             let who = self.node.map_or("no node".into(), |node| format!("no node {node}"));
             return Err(Failure::BadInput(format!(
-                "{way}: {who} answers: are they powered, at this bit rate, named (examples/name_heads.py)?"
+                "{way}: {who} answers: check power, bit rate and node-ID (examples/name_heads.py)"
             )));
         }
         self.say(&found, || found.iter().map(Found::text).collect());
@@ -432,7 +432,7 @@ impl Common {
                     _ => all
                         .iter()
                         .map(|d| {
-                            let has = d.head.as_ref().map_or("not there".into(), ToString::to_string);
+                            let has = d.head.as_ref().map_or("none".into(), ToString::to_string);
                             format!("{:32} head {has}, file {} {}\n", d.key, d.file, d.unit)
                         })
                         .collect(),
@@ -445,8 +445,8 @@ impl Common {
                 }
                 self.say(&written, || {
                     let many = written.changed.len();
-                    let kept = if save { ", and kept" } else { "; `--save` keeps them over a reset" };
-                    let check = if written.check_again { "; the guided check has to pass again" } else { "" };
+                    let kept = if save { " and saved" } else { "; add `--save` to keep them after a reset" };
+                    let check = if written.check_again { "; the guided check must pass again" } else { "" };
                     format!("{many} of {} settings changed{kept}{check}\n", wanted.len())
                 });
             }
@@ -460,7 +460,7 @@ impl Common {
         plan.check(sheet)?;
         let interrupted = interrupted(|| ())?;
         let record = plan.record(&self.head(sheet)?, &mut || {
-            if interrupted() { Err(Failure::Failed("ended before it was full".into())) } else { Ok(()) }
+            if interrupted() { Err(Failure::Failed("ended before the record was full".into())) } else { Ok(()) }
         })?;
         if let Some(file) = csv {
             std::fs::write(file, record.csv()).map_err(|why| Failure::Failed(format!("{}: {why}", file.display())))?;
@@ -514,7 +514,7 @@ impl Common {
                     hands_off = Some(Instant::now() + HANDS_OFF);
                     let s = HANDS_OFF.as_secs();
                     eprintln!(
-                        "the guided check begins in {s} s, and moves the head to both ends: hands off. Ctrl-C ends it"
+                        "the guided check starts in {s} s and moves the head to both ends of its stroke: hands off. Ctrl-C ends it"
                     );
                 } else if hands_off.map_or(progress.ready() || Instant::now() >= end, |at| Instant::now() >= at) {
                     asked = true;
@@ -552,7 +552,7 @@ impl Common {
         let wishes = Arc::new(Wishes::default());
         let asked = wishes.clone();
         let _ = interrupted(move || {
-            // A second one does not wait for the way up.
+            // A second one does not wait for the lift.
             asked.want(if asked.now() == Wish::Leave { Wish::Stop } else { Wish::Leave });
         })?;
         let head = self.head(sheet)?;
@@ -651,7 +651,7 @@ fn watched(now: &Sample) -> String {
     let fault = if now.fault_number == 0 { String::new() } else { format!("  {}", now.fault) };
     let number = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.1}"));
     format!(
-        "{:8.1} s  {:16} {:9.3} mm  gap {:>6} V (wanted {:.1} V)  feed {:>7} um/s{fault}\n",
+        "{:8.1} s  {:16} {:9.3} mm  gap {:>6} V (set point {:.1} V)  feed {:>7} um/s{fault}\n",
         now.at_ms as f64 / 1000.0,
         now.state,
         now.position_mm,
@@ -668,19 +668,19 @@ fn looked_at(check: &Check) -> String {
         format!("\n    {}", check.advice)
     };
     let (step, what, allowed) = (check.step, &check.what, &check.allowed);
-    format!("{step:2}  {:8}  {what}: {}; should be {allowed}{advice}\n", check.verdict.word(), check.said())
+    format!("{step:2}  {:8}  {what}: {}; allowed: {allowed}{advice}\n", check.verdict.word(), check.said())
 }
 
 fn on_the_way(progress: &bore::Progress) -> String {
     let time = if progress.seconds > 0.0 { format!("{:6.0} s", progress.seconds) } else { String::new() };
     let gap = progress.sample.gap_v.map_or(String::new(), |volts| format!(", gap {volts:.1} V"));
-    let left = progress.left_s.map_or(String::new(), |left| format!(", {left:.0} s left at this pace"));
+    let left = progress.left_s.map_or(String::new(), |left| format!(", {left:.0} s left at this rate"));
     format!("{time:8}  {}{gap}{left}", progress.said)
 }
 
 fn bored(outcome: &Outcome) -> String {
     format!(
-        "{:.3} of {:.3} mm deep by the electrode, in {:.0} s; the hole is deeper by the gap. {}\n",
+        "electrode depth {:.3} of {:.3} mm in {:.0} s; the hole is deeper by the gap width. {}\n",
         outcome.depth_mm, outcome.target_mm, outcome.seconds, outcome.why
     )
 }
@@ -693,7 +693,7 @@ fn interrupted(then: impl Fn() + Send + 'static) -> Result<impl Fn() -> bool, Fa
         set.store(true, std::sync::atomic::Ordering::Relaxed);
         then();
     })
-    .map_err(|error| Failure::Failed(format!("Ctrl-C cannot be watched: {error}")))?;
+    .map_err(|error| Failure::Failed(format!("no handler for Ctrl-C: {error}")))?;
     Ok(move || flag.load(std::sync::atomic::Ordering::Relaxed))
 }
 

@@ -72,8 +72,8 @@ impl Gap {
         let seek = open.map(|open| open * percent / 100.0);
         let rung = |what, volts, from| Rung { what, volts, from };
         let ladder = [
-            rung("open circuit", open, "2005h:6, measured when the seek began"),
-            rung("seek ends", seek, "seek.threshold_percent of it"),
+            rung("open circuit", open, "2005h:6, measured at the start of the seek"),
+            rung("seek ends", seek, "seek.threshold_percent of open circuit"),
             rung("set point", Some(head.number(at::SETPOINT)?), "2005h:5"),
             rung("short", Some(head.setting("gap.short_v")?), "gap.short_v"),
         ];

@@ -215,27 +215,27 @@ impl Head {
             Err(SdoError::Silent(..)) => {
                 let way = bus.way();
                 return Err(Failure::BadInput(format!(
-                    "node {node}: nobody answers at {way}; `edm-desk heads` lists who does"
+                    "node {node}: no answer at {way}; `edm-desk heads` lists the nodes that answer"
                 )));
             }
             answer => unsigned(&answer?),
         };
         if kind & 0xFFFF != 402 {
-            let what = format!("no servo drive (device profile {})", kind & 0xFFFF);
-            return Err(Failure::BadInput(format!("node {node}: {what}: this program does not touch it")));
+            let what = format!("not a servo drive (device profile {})", kind & 0xFFFF);
+            return Err(Failure::BadInput(format!("node {node}: {what}: this program does not use it")));
         }
         let part = |sub| sdo.read(Address(0x1018, sub)).map(|bytes| unsigned(&bytes));
         let identity = Identity { vendor: part(1)?, product: part(2)?, revision: part(3)? };
         let known = sheet.identity;
         if (identity.vendor, identity.product) != (known.vendor, known.product) {
             return Err(Failure::BadInput(format!(
-                "node {node}: another device (vendor {:X}h, product {:X}h); the description file is of {} (vendor {:X}h, product {:X}h): give its own with --eds",
+                "node {node}: another device (vendor {:X}h, product {:X}h); the description file is of {} (vendor {:X}h, product {:X}h): give the file of this device with --eds",
                 identity.vendor, identity.product, sheet.product, known.vendor, known.product
             )));
         }
         if identity.revision != known.revision {
             return Err(Failure::BadInput(format!(
-                "node {node}: its objects are revision {}, the description file is of revision {}: give that of its program with --eds",
+                "node {node}: its objects are revision {}, the description file is of revision {}: give the file of its firmware with --eds",
                 identity.revision, known.revision
             )));
         }
@@ -333,7 +333,7 @@ impl Head {
             }
         }
         let Some(slot) = free else {
-            return Err(Failure::Failed(format!("node {}: it watches four other hosts already (1016h)", self.node)));
+            return Err(Failure::Failed(format!("node {}: it already monitors four other hosts (1016h)", self.node)));
         };
         let beat = self.whole(at::PRODUCER)?;
         self.bus.keep_alive(SILENCE);
@@ -374,7 +374,7 @@ impl Head {
             head.refused(before)?;
             Ok(matches!(head.whole(at::STATE)? as u8, state::COMMISSIONING | state::PROVING))
         })?;
-        if begun { Ok(()) } else { Err(Failure::Failed(format!("not begun within {} s", STATE.as_secs()))) }
+        if begun { Ok(()) } else { Err(Failure::Failed(format!("not started within {} s", STATE.as_secs()))) }
     }
 
     /// Takes the place where the head rests for home.
@@ -391,7 +391,7 @@ impl Head {
             head.refused(before)?;
             let word = head.status()?;
             if word & status::ERROR != 0 {
-                return Err(Failure::Failed("homing: no reference was found".into()));
+                return Err(Failure::Failed("homing: no reference found".into()));
             }
             Ok(word & status::TAKEN != 0 && head.whole(at::HOMED)? == 1)
         })?;
@@ -415,7 +415,7 @@ impl Head {
             Ok(head.status()? & status::TAKEN != 0)
         })?;
         self.set(at::CONTROLWORD, 0x0F)?;
-        if over && taken { Ok(()) } else { Err(Failure::Failed("the head did not take the set point".into())) }
+        if over && taken { Ok(()) } else { Err(Failure::Failed("the head did not accept the set point".into())) }
     }
 
     /// Goes there, pulses off.
@@ -450,8 +450,9 @@ impl Head {
             return Ok(self.whole(at::TOUCHED)?);
         }
         let names = self.sheet.get(at::FOUND).map(|object| object.names()).unwrap_or_default();
-        let what = if over { names.get(&outcome).map_or("no answer", String::as_str) } else { "no end of the search" };
-        let help = "are work, SENSE and GAP leads there? or give where it is";
+        let what =
+            if over { names.get(&outcome).map_or("no answer", String::as_str) } else { "the search did not end" };
+        let help = "check work, SENSE and GAP leads, or give the surface position";
         Err(Failure::Failed(format!("the surface was not found: {what}; {help}")))
     }
 
@@ -477,7 +478,7 @@ impl Head {
                     Ok(state::DISABLED) => return Ok("the head is disabled, pulses are off".into()),
                     Ok(state::FAULT) => {
                         let fault = words::fault_line(self.whole(at::FAULT).unwrap_or(0) as u8);
-                        return Ok(format!("the head is in a fault, which keeps pulses off: {fault}"));
+                        return Ok(format!("the head has a fault, pulses are off: {fault}"));
                     }
                     Ok(_) => std::thread::sleep(LOOK),
                     Err(error) => {
@@ -487,9 +488,9 @@ impl Head {
                 }
             }
         }
-        let why = last.map_or("it goes on".into(), |error| error.to_string());
-        let held = if held.is_some() { "; it has been told to hold" } else { "" };
-        Err(Failure::Failed(format!("the head may still be on, stop it by hand: {why}{held}")))
+        let why = last.map_or("it does not stop".into(), |error| error.to_string());
+        let held = if held.is_some() { "; it has the command to hold" } else { "" };
+        Err(Failure::Failed(format!("the head may still be enabled, switch it off at the machine: {why}{held}")))
     }
 
     /// Resets a fault whose cause is gone, and takes note of what was not in force at the start; false when there was no fault.
@@ -510,7 +511,7 @@ impl Head {
             }
             std::thread::sleep(LOOK);
         }
-        Err(Failure::Failed(format!("the fault stays: {}", words::fault_line(self.whole(at::FAULT)? as u8))))
+        Err(Failure::Failed(format!("the fault is still active: {}", words::fault_line(self.whole(at::FAULT)? as u8))))
     }
 
     /// Stores settings and profile, not how this program watches.

@@ -177,7 +177,7 @@ impl Live {
         if self.expected.is_some_and(|since| self.beat.max(Some(since)).is_some_and(|at| at.elapsed() > SILENCE)) {
             let silence = SILENCE.as_millis();
             return Err(Failure::Failed(format!(
-                "node {}: no heartbeat for {silence} ms: look at its power and the cable; it retreats by itself",
+                "node {}: no heartbeat for {silence} ms: check its power and the cable; the head retreats by itself",
                 self.head.node
             )));
         }
@@ -236,7 +236,7 @@ impl Live {
         let node = u16::from(self.head.node);
         while let Ok(heard) = self.heard.try_recv() {
             match (heard.id, heard.data()) {
-                (id, [0]) if id == 0x700 + node => self.tell("has started anew".into()),
+                (id, [0]) if id == 0x700 + node => self.tell("has restarted".into()),
                 (id, [_]) if id == 0x700 + node => self.beat = Some(heard.at),
                 (id, [low, high, ..]) if id == 0x80 + node => {
                     let code = u16::from_le_bytes([*low, *high]);

@@ -58,10 +58,10 @@ const MESSAGE: usize = 1 << 18;
 /// Where the page is served.
 #[derive(Debug, Args)]
 pub struct Listen {
-    /// Where to listen; port 0 takes a free one. Beyond this computer only with --token-file
+    /// Address of the page; port 0 takes a free one. An address other than this computer needs --token-file
     #[arg(long, value_name = "HOST:PORT", default_value = DEFAULT)]
     listen: String,
-    /// File whose first line, 16 characters or more, sessions have to know
+    /// File whose first line, at least 16 letters and digits, every session must give
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
 }
@@ -122,7 +122,7 @@ fn request(text: &str) -> (Value, Result<Ask, String>) {
         Err(error) => return (Value::Null, Err(error.to_string())),
     };
     let id = fields.remove("id").unwrap_or_default();
-    let Some(Value::String(what)) = fields.remove("do") else { return (id, Err("\"do\" must say what".into())) };
+    let Some(Value::String(what)) = fields.remove("do") else { return (id, Err("\"do\" must name a request".into())) };
     (id, serde_json::from_value(json!({ what: fields })).map_err(|error| error.to_string()))
 }
 
@@ -168,7 +168,7 @@ pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Res
     let addresses: Vec<SocketAddr> =
         addresses.map_err(|error| refused(format!("must be a free HOST:PORT: {error}")))?.collect();
     if token.is_none() && !addresses.iter().all(|address| address.ip().is_loopback()) {
-        return Err(refused("beyond this computer only with --token-file FILE".into()));
+        return Err(refused("an address other than this computer needs --token-file FILE".into()));
     }
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -223,7 +223,7 @@ impl Listen {
         let text = std::fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
         let token = text.lines().next().unwrap_or_default().trim();
         if token.len() < TOKEN || !token.chars().all(|c| c.is_ascii_alphanumeric()) {
-            return Err(refused(format!("its first line must be {TOKEN} letters and digits or more")));
+            return Err(refused(format!("its first line must be at least {TOKEN} letters and digits")));
         }
         Ok(Some(token.into()))
     }
@@ -251,10 +251,10 @@ impl Desk {
         let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
         let host = text(header::HOST).unwrap_or_default();
         if text(header::ORIGIN).is_some_and(|origin| origin.split_once("://").is_none_or(|(_, from)| from != host)) {
-            return Err((StatusCode::FORBIDDEN, "the page of another site"));
+            return Err((StatusCode::FORBIDDEN, "page of another site"));
         }
         match &self.token {
-            Some(token) if *token != known.token => Err((StatusCode::UNAUTHORIZED, "the token is another")),
+            Some(token) if *token != known.token => Err((StatusCode::UNAUTHORIZED, "wrong token")),
             Some(_) => Ok(()),
             None => {
                 let name = host.rsplit_once(':').map_or(host, |(name, _)| name);
@@ -383,7 +383,7 @@ impl Desk {
                 | Ask::Reset { .. }
         );
         if commands && self.commander() != Some(session) {
-            return Err(Failure::BadInput("another session commands, or none: take command first".into()));
+            return Err(Failure::BadInput("this session does not have command: take command first".into()));
         }
         match ask {
             Ask::Beat {} => Ok(Value::Null),
@@ -412,7 +412,7 @@ impl Desk {
             }
             Ask::Save { node } => {
                 self.head(node)?.store()?;
-                self.note(node, format!("session {session} has the head keep its settings"));
+                self.note(node, format!("session {session} saves the settings in the head"));
                 Ok(Value::Null)
             }
             Ask::Bore { node, hole } => self.bore(session, node, hole),
@@ -421,7 +421,7 @@ impl Desk {
                     wishes.want(wish);
                     Ok(Value::Null)
                 }
-                _ => Err(Failure::BadInput("nothing is being bored".into())),
+                _ => Err(Failure::BadInput("no hole in progress".into())),
             },
             Ask::Signals {} => {
                 let objects = self.sheet.objects().filter(|object| scope::records(object));
@@ -461,10 +461,10 @@ impl Desk {
         let mut commander = lock(&self.commander);
         let other = commander.filter(|(who, heard)| *who != session && heard.elapsed() < SILENCE);
         if take && other.is_some() {
-            return Err(Failure::BadInput("another session commands: it has to let go first".into()));
+            return Err(Failure::BadInput("another session has command: it must release command first".into()));
         }
         if !take && lock(&self.run).is_some() {
-            return Err(Failure::BadInput("a hole is being bored, or a head brought up: end that first".into()));
+            return Err(Failure::BadInput("a hole or a bring-up is in progress: end it first".into()));
         }
         if take {
             *commander = Some((session, Instant::now()));
@@ -492,7 +492,7 @@ impl Desk {
     fn begin(&self, head: &Head, what: What) -> Result<(), Failure> {
         let mut run = lock(&self.run);
         if run.is_some() {
-            return Err(Failure::BadInput("a hole is being bored, or a head brought up: end that first".into()));
+            return Err(Failure::BadInput("a hole or a bring-up is in progress: end it first".into()));
         }
         *run = Some(Run { node: head.node, bus: head.bus.clone(), what });
         Ok(())
@@ -512,7 +512,7 @@ impl Desk {
                 wishes.want(wish);
                 Ok(Value::Null)
             }
-            _ => Err(Failure::BadInput("no head is being brought up: begin first".into())),
+            _ => Err(Failure::BadInput("no bring-up is running: begin first".into())),
         }
     }
 
@@ -523,7 +523,7 @@ impl Desk {
         self.begin(&head, What::BringUp(wishes.clone()))?;
         let desk = self.clone();
         thread::spawn(move || {
-            desk.note(node, format!("session {session} brings it up"));
+            desk.note(node, format!("session {session} starts a bring-up"));
             let ended = Live::new(&head).and_then(|mut live| {
                 let bring_up = BringUp {
                     head: &head,

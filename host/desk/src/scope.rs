@@ -112,10 +112,7 @@ impl Plan {
         if let Some(range) = sheet.get(at::EVERY).and_then(|object| object.range)
             && !(range.0..=range.1).contains(&self.every_ms.into())
         {
-            return refused(format!(
-                "{} ms from sample to sample: must be {} to {} ms",
-                self.every_ms, range.0, range.1
-            ));
+            return refused(format!("sample period {} ms: must be {} to {} ms", self.every_ms, range.0, range.1));
         }
         if !(0.0..=86_400.0).contains(&self.wait_s) {
             return refused(format!("wait {} s: must be a number from 0 to 86400", self.wait_s));
@@ -164,9 +161,7 @@ impl Plan {
         if !full {
             head.set(at::ARM, 0)?;
             let wait = self.wait_s;
-            return Err(Failure::Failed(format!(
-                "the trigger did not come within {wait} s, or the record was not full in its time"
-            )));
+            return Err(Failure::Failed(format!("no trigger within {wait} s, or the record was not full in time")));
         }
         let data = head.sdo.read_block(at::DATA)?;
         let (samples, _) = data.as_chunks::<{ 4 * SIGNALS }>();

@@ -64,16 +64,13 @@ impl Display for SdoError {
         match self {
             SdoError::Refused(address, code) => write!(f, "{address} refused: {}", words::abort(*code)),
             SdoError::Silent(node, address) => {
-                write!(
-                    f,
-                    "node {node} does not answer ({address}): is it powered, at this bit rate, with this node-ID?"
-                )
+                write!(f, "node {node} does not answer ({address}): check its power, bit rate and node-ID")
             }
             SdoError::Lost(way) => {
-                write!(f, "{way}: the way onto the bus is gone: look at adapter, cable and program there")
+                write!(f, "{way}: connection to the bus lost: check adapter, cable and the program at the other end")
             }
             SdoError::Garbled(node, address) => {
-                write!(f, "node {node} answers {address} with what is no SDO: does another program talk to it as well?")
+                write!(f, "node {node} answers {address} with an invalid SDO: is another program using this node?")
             }
         }
     }

@@ -132,7 +132,7 @@ pub fn parse<'a>(sheet: &'a Sheet, text: &str) -> Result<Vec<Setting<'a>>, Strin
             let revision = values.get("revision").and_then(toml::Value::as_integer);
             if revision.is_some_and(|revision| revision != i64::from(sheet.identity.revision)) {
                 let known = sheet.identity.revision;
-                return Err(format!("it is of revision {}, not {known}", revision.unwrap_or_default()));
+                return Err(format!("revision {}, must be {known}", revision.unwrap_or_default()));
             }
             announced = values.get("settings").and_then(toml::Value::as_integer);
             continue;
@@ -150,9 +150,9 @@ pub fn parse<'a>(sheet: &'a Sheet, text: &str) -> Result<Vec<Setting<'a>>, Strin
     settings.sort_by_key(|setting| setting.object.address);
     match announced {
         Some(count) if count != settings.len() as i64 => {
-            Err(format!("{} settings of the {count} that it announces: it is cut off", settings.len()))
+            Err(format!("{} of {count} settings: the file is truncated", settings.len()))
         }
-        _ if settings.is_empty() => Err("no setting in it".into()),
+        _ if settings.is_empty() => Err("no setting in the file".into()),
         _ => Ok(settings),
     }
 }
@@ -231,7 +231,7 @@ pub fn write(head: &Head, wanted: &[Setting<'_>]) -> Result<Written, Failure> {
         return Err(match pass(head, &before) {
             Ok(()) => Failure::Failed(format!("{why}; nothing was changed")),
             Err((object, _)) => {
-                Failure::Failed(format!("{why}; and {} could not be put back: compare with a file", object.key))
+                Failure::Failed(format!("{why}; and {} could not be restored: compare with a file", object.key))
             }
         });
     }
@@ -273,10 +273,10 @@ fn named(head: &Head, object: &Object, error: &SdoError) -> Failure {
     {
         let other = unsigned(&bytes);
         if let Some(other) = head.sheet.get(Address((other >> 8) as u16, other as u8)) {
-            text += &format!(", {} stands in the way", other.key);
+            text += &format!("; conflicts with {}", other.key);
         }
     }
-    Failure::Failed(format!("{text}; allowed is {}", object.allowed()))
+    Failure::Failed(format!("{text}; allowed: {}", object.allowed()))
 }
 
 #[cfg(test)]
@@ -328,10 +328,10 @@ mod tests {
             ("[gap]\naverage = \"none\"", "must be plain, gated"),
             ("setpoint_v = 50", "must be in a [group]"),
             ("[gap]\nsetpoint_v = ", "line 2: "),
-            ("[file]\nrevision = 9", "it is of revision 9, not "),
-            ("[file]\nsettings = 3\n[gap]\nsetpoint_v = 50", "1 settings of the 3"),
-            ("", "no setting in it"),
-            ("[commission]\npassed = true", "the head alone sets it"),
+            ("[file]\nrevision = 9", "revision 9, must be "),
+            ("[file]\nsettings = 3\n[gap]\nsetpoint_v = 50", "1 of 3 settings"),
+            ("", "no setting in the file"),
+            ("[commission]\npassed = true", "only the head sets it"),
         ] {
             let error = parse(&sheet, text).unwrap_err();
             assert!(error.contains(part), "{text:?}: {error}");

@@ -259,7 +259,7 @@ impl Sheet {
     /// The line, and what is wrong with it.
     pub fn parse(text: &str) -> Result<Sheet, String> {
         let sections = sections(text)?;
-        let device = sections.get("DeviceInfo").ok_or("no [DeviceInfo]: this is no EDS")?;
+        let device = sections.get("DeviceInfo").ok_or("no [DeviceInfo]: not an EDS")?;
         let number = |name: &str| {
             let text = device.get(name).ok_or_else(|| format!("no {name} in [DeviceInfo]"))?;
             unsigned(text).and_then(|n| u32::try_from(n).ok()).ok_or_else(|| format!("{name}={text}: must be a number"))
@@ -284,7 +284,7 @@ impl Sheet {
             objects.insert(address, section.object(address, key, kind));
         }
         if objects.is_empty() {
-            return Err("no object in it: is it cut off?".into());
+            return Err("no object in the file: is it truncated?".into());
         }
         let product = device.get("ProductName").unwrap_or("a device").to_owned();
         Ok(Sheet { identity, product, objects })
@@ -325,14 +325,14 @@ impl Sheet {
     pub fn setting(&self, key: &str) -> Result<&Object, String> {
         self.settings().find(|object| object.key == key).ok_or_else(|| {
             if self.objects().any(|object| object.key == key && SETTINGS.contains(&object.address.0)) {
-                return format!("{key}: the head alone sets it");
+                return format!("{key}: only the head sets it");
             }
             let named = self.like(key);
             let like = match named.as_slice() {
                 [others @ .., last] if !others.is_empty() => format!("{} or {last}", others.join(", ")),
                 _ => named.concat(),
             };
-            format!("{key}: no such setting, did you mean {like}? `edm-desk settings list` shows all")
+            format!("{key}: no such setting, did you mean {like}? `edm-desk settings list` lists all")
         })
     }
 
@@ -511,7 +511,7 @@ mod tests {
             let error = sheet.setting(word).unwrap_err();
             assert!(error.contains(meant), "{error}");
         }
-        assert_eq!(sheet.setting("commission.passed").unwrap_err(), "commission.passed: the head alone sets it");
+        assert_eq!(sheet.setting("commission.passed").unwrap_err(), "commission.passed: only the head sets it");
     }
 
     #[test]
@@ -540,12 +540,12 @@ mod tests {
     #[test]
     fn what_is_no_description_is_refused() {
         for (text, part) in [
-            ("", "this is no EDS"),
+            ("", "not an EDS"),
             ("hello", "line 1: hello: no ="),
             ("[DeviceInfo", "line 1"),
             ("[DeviceInfo]\nVendorNumber=1", "no ProductNumber"),
             ("[DeviceInfo]\nVendorNumber=x\nProductNumber=1\nRevisionNumber=1", "must be a number"),
-            ("[DeviceInfo]\nVendorNumber=1\nProductNumber=1\nRevisionNumber=1", "cut off"),
+            ("[DeviceInfo]\nVendorNumber=1\nProductNumber=1\nRevisionNumber=1", "truncated"),
         ] {
             let error = Sheet::parse(text).unwrap_err();
             assert!(error.contains(part), "{text:?}: {error}");

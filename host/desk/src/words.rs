@@ -24,7 +24,7 @@ pub fn fault(number: u8) -> Option<Fault> {
 pub fn fault_line(number: u8) -> String {
     match fault(number) {
         _ if number == 0 => "none".into(),
-        None => format!("fault {number}, which this program does not know: its head is newer"),
+        None => format!("fault {number}, unknown to this program: the head is newer"),
         Some(fault) => format!("{}: pulses off, {}; {}", fault.name(), fault.reaction().name(), remedy(fault)),
     }
 }
@@ -32,70 +32,70 @@ pub fn fault_line(number: u8) -> String {
 /// What to do about a fault.
 pub const fn remedy(fault: Fault) -> &'static str {
     match fault {
-        Fault::PersistentShort => "look for a carbon bridge or a chip in the gap, flush, then reset",
+        Fault::PersistentShort => "remove a carbon bridge or a chip from the gap, flush, then reset",
         Fault::PersistentArc => "flush more, lengthen the off-time or raise gap.setpoint_v, clean the spot, then reset",
-        Fault::GapSignalInvalid => "look at the gap divider, its converter and the wires between them, then reset",
+        Fault::GapSignalInvalid => "check the gap divider, its converter and the wires between them, then reset",
         Fault::OpenCircuitLow => {
-            "the open gap reads less than gap.open_min_v: is the generator on, its voltage set, are the gap leads at electrode and work? \
-             else lower gap.open_min_v; then reset"
+            "the open gap reads less than gap.open_min_v: check that the generator is on, its voltage, and the gap leads at electrode and \
+             work, or lower gap.open_min_v; then reset"
         }
         Fault::GapReversed => "swap the gap leads at electrode and work, or change gap.reversed, then reset",
-        Fault::GateMissing => "generator on? look at the gate line, then reset",
-        Fault::DielectricNotOk => "look at level, flow and temperature of the dielectric, then reset",
+        Fault::GateMissing => "check that the generator is on, check the gate line, then reset",
+        Fault::DielectricNotOk => "check level, flow and temperature of the dielectric, then reset",
         Fault::HostSilent => {
-            "the program or the cable between it and the head was lost; look at where the electrode is, then reset"
+            "the program or the cable between it and the head was lost; check the position of the electrode, then reset"
         }
-        Fault::LowerLimit => "the travel ends there: look at stroke and depth, move up after the reset",
-        Fault::UpperLimit => "the travel ends there: move down after the reset",
-        Fault::BothLimits => "a wire of the limit switches is broken; release the head by hand",
-        Fault::FollowingError => "something holds the head, or gains and mass do not fit; then reset",
+        Fault::LowerLimit => "end of travel: check stroke and depth, move up after the reset",
+        Fault::UpperLimit => "end of travel: move down after the reset",
+        Fault::BothLimits => "a wire of the limit switches is broken; move the head manually",
+        Fault::FollowingError => "check whether something holds the head, and gains and mass; then reset",
         Fault::EncoderLost => {
-            "look at the encoder's cable, scale and head; the encoder has to prove itself after the reset"
+            "check cable, scale and reading head of the encoder; the head tests the encoder again after the reset"
         }
-        Fault::PolarityWrong => "the motor or the encoder counts the other way: run the guided check again",
-        Fault::BusSag => "look at the 48 V supply and its fuse, then reset",
-        Fault::EmergencyStop => "release the emergency stop when the cause is gone, then reset",
-        Fault::OverCurrent => "look for a shorted coil or cable, then reset",
-        Fault::BridgeFault => "look for a shorted coil or a hot bridge, then reset",
-        Fault::PlanLate => "report it with the log: the program was too slow",
-        Fault::Contact => "the electrode touched the work with pulses off: is anything in the way? then reset",
-        Fault::LiveLost => "the live circuit has let go: look at U501 and U502, restart the board",
-        Fault::LiveStuck => "the live circuit does not let go: do not use the head before it is repaired",
+        Fault::PolarityWrong => "motor or encoder has the wrong direction: run the guided check again",
+        Fault::BusSag => "check the 48 V supply and its fuse, then reset",
+        Fault::EmergencyStop => "remove the cause, release the emergency stop, then reset",
+        Fault::OverCurrent => "check for a shorted coil or cable, then reset",
+        Fault::BridgeFault => "check for a shorted coil or a hot bridge, then reset",
+        Fault::PlanLate => "the firmware was too slow: report it with the log",
+        Fault::Contact => "the electrode touched the work with pulses off: check for obstacles, then reset",
+        Fault::LiveLost => "the live circuit switched off: check U501 and U502, restart the board",
+        Fault::LiveStuck => "the live circuit does not switch off: do not use the head before it is repaired",
         Fault::ClockLost => "report it with the log, restart the board",
-        Fault::ReflexLost => "look at the gate line to PB7 and at the gap current, then reset",
-        Fault::UnpermittedPulses => "switch the generator off by hand: it does not obey the enable line",
-        Fault::CalibrationError => "2009h:3 says which part of the self-test; program the board again",
-        Fault::SupplyLow => "look at the 3.3 V supply",
-        Fault::SettingsDamaged => "memory has changed by itself: restart the board; if it comes again, replace it",
-        Fault::DriveSignalLost => "look at the wires of motor current and bus voltage",
+        Fault::ReflexLost => "check the gate line to PB7 and the gap current, then reset",
+        Fault::UnpermittedPulses => "switch the generator off at its own switch: it does not obey the enable line",
+        Fault::CalibrationError => "2009h:3 has the failed part of the self-test; program the board again",
+        Fault::SupplyLow => "check the 3.3 V supply",
+        Fault::SettingsDamaged => "memory was corrupted: restart the board; if it happens again, replace the board",
+        Fault::DriveSignalLost => "check the wires of motor current and bus voltage",
     }
 }
 
 /// Why a command was refused, by its number in 2000h:4.
 pub fn refusal(number: u8) -> Words {
     let name = match number {
-        WAIT => "more orders than can wait",
+        WAIT => "too many commands waiting",
         _ => {
             REFUSALS.iter().find(|(known, _)| *known == number).map_or("a reason unknown to this program", |row| row.1)
         }
     };
     let advice = match number {
-        1 => "wait until the head has come to rest, or stop it first",
+        1 => "wait until the head is at rest, or stop it first",
         2 => "run the guided check (docs/bring-up.md, step 10)",
         3 => "home the head first",
         4 => "choose a target inside the stroke and the software limits",
-        5 => "the head is there already",
+        5 => "the head is already at the target",
         6 => "wait until a segment is done",
-        7 => "give a target first",
+        7 => "set a target first",
         8 => "remove the cause, then reset the fault again",
         9 => "wait a second",
-        11 => "enable once, so that the encoder can prove itself",
-        12 => "let the path end, or clear it",
-        13 => "fit the sense supply and set contact.below_v, or give where the surface is",
+        11 => "enable once, so that the head can test the encoder",
+        12 => "wait for the end of the path, or clear it",
+        13 => "fit the sense supply and set contact.below_v, or give the surface position",
         14 => "wait until the head is at rest, then reset",
-        15..=17 => "give a shorter or a consistent piece of path",
+        15..=17 => "send a shorter or a consistent path segment",
         18 => "set feed.structure = path",
-        19 => "lower jump.height_um, or begin deeper",
+        19 => "lower jump.height_um, or start deeper",
         21 => "lower touch.first_mm_s",
         WAIT => "send fewer commands at a time",
         _ => "",
@@ -138,7 +138,7 @@ pub fn reason(number: u8) -> &'static str {
 /// An error code of an emergency (603Fh).
 pub fn emergency(code: u16) -> String {
     if code == 0 {
-        return "all errors are gone".into();
+        return "no error active".into();
     }
     let faults: Vec<String> = Fault::ALL
         .iter()
@@ -154,26 +154,26 @@ pub fn emergency(code: u16) -> String {
 /// Why an SDO was refused (CiA 301 7.2.4.3.17), and what to do.
 pub fn abort(code: u32) -> String {
     let text = match code {
-        0x0503_0000 => "the segments came out of order; try again",
+        0x0503_0000 => "segments out of order; try again",
         0x0504_0000 => "the transfer took too long; try again",
         0x0504_0001 => "the node does not know this command",
         0x0504_0002..=0x0504_0004 => "the block transfer was disturbed; try again",
-        0x0504_0005 => "longer than the node can hold",
-        0x0601_0000 => "this access is not possible now",
-        0x0601_0001 => "it can only be written",
-        0x0601_0002 => "it can only be read",
-        0x0602_0000 | 0x0609_0011 => "the head has no such object: its program is older than the description file",
-        0x0604_0041 => "it cannot be mapped into this PDO",
+        0x0504_0005 => "longer than the memory of the node",
+        0x0601_0000 => "this access is not possible",
+        0x0601_0001 => "write only",
+        0x0601_0002 => "read only",
+        0x0602_0000 | 0x0609_0011 => "the head has no such object: its firmware is older than the description file",
+        0x0604_0041 => "the object cannot be mapped to this PDO",
         0x0604_0042 => "the mapped objects are longer than a PDO",
-        0x0604_0043 => "it does not fit another value",
-        0x0606_0000 => "the hardware failed, for instance the memory",
-        0x0607_0010 | 0x0607_0012 | 0x0607_0013 => "its length does not fit the object",
-        0x0609_0030 => "it cannot have this value",
+        0x0604_0043 => "it conflicts with another value",
+        0x0606_0000 => "the hardware failed, for example the memory",
+        0x0607_0010 | 0x0607_0012 | 0x0607_0013 => "wrong length for this object",
+        0x0609_0030 => "value not allowed",
         0x0609_0031 => "the value is too high",
         0x0609_0032 => "the value is too low",
         0x0800_0000 => "the head refuses without a reason",
-        0x0800_0020 => "it cannot be stored",
-        0x0800_0021 => "the head spares its memory, which wears with every save: wait a minute, nothing was saved",
+        0x0800_0020 => "the value cannot be stored",
+        0x0800_0021 => "too many saves, which wear the memory: wait a minute; nothing was saved",
         0x0800_0022 => "not in the present state: stop or disable the head first",
         0x0800_0024 => "there is nothing to read",
         _ => return format!("abort {code:08X}h"),

@@ -117,7 +117,7 @@ impl Browser {
     /// Takes command.
     fn command(&mut self) {
         self.click("#command");
-        self.until("document.querySelector('#command').innerText === 'Give command back'");
+        self.until("document.querySelector('#command').innerText === 'Release command'");
     }
 
     /// A picture of the page as it is, for a person to look at: target/tmp/NAME.png.
@@ -182,7 +182,7 @@ fn a_stranger_bores_a_hole_in_the_page() {
     page.bore(0.002);
     page.until("document.querySelector('#doing').innerText.startsWith('Bored: ')");
     let said = page.text("#doing");
-    assert!(said.contains(" of 0.002 mm by the electrode"), "{said}");
+    assert!(said.contains(" of 0.002 mm in "), "{said}");
     assert_eq!(page.value("document.querySelector('#progress').value"), 1);
     let truth = rig.truth();
     assert_eq!((truth.state, truth.pulses, truth.fault), (State::Disabled, false, None));
@@ -208,7 +208,12 @@ fn a_head_is_brought_up_in_the_page() {
         page.click("#up-begin");
         page.until("document.querySelectorAll('#up-list tr').length > 15");
         let said = page.text("#up-list");
-        assert!(said.contains("no gate: without pulses only gap.average = plain shows the voltage"), "{said}");
+        assert!(
+            said.contains(
+                "no gate: set gap.average = plain for this step; without pulses no other average shows the voltage"
+            ),
+            "{said}"
+        );
         page.view("settings");
         page.until("document.querySelector('[aria-label=\"gap.average\"]')");
         page.value(
@@ -227,12 +232,12 @@ fn a_head_is_brought_up_in_the_page() {
         page.until("document.querySelector('#up-doing').innerText === 'guided check: passed'");
         page.click("#up-report");
         page.until("!document.querySelector('#up-files').hidden");
-        assert_eq!(page.text("#up-doing"), "Everything has passed.");
+        assert_eq!(page.text("#up-doing"), "All checks passed.");
         let file = page.value("document.querySelector('#up-markdown').download").as_str().unwrap().to_owned();
         assert!(file.starts_with("bring-up-1-20") && file.ends_with(".md"), "{file}");
         page.picture(name);
         let text = page.download("#up-markdown", &file);
-        assert!(text.contains("| stroke, as seen by this program | 12.0"), "{text}");
+        assert!(text.contains("| stroke, read by this program | 12.0"), "{text}");
     }
 }
 
@@ -245,9 +250,9 @@ fn the_gap_is_seen_while_a_hole_is_bored() {
         page.view("gap");
         page.until("document.querySelectorAll('#ladder tr').length === 4");
         assert_eq!(page.text("#gap-volts"), "-");
-        assert_eq!(page.text("#gap-quality").trim(), ": no gate, it means nothing now");
+        assert_eq!(page.text("#gap-quality").trim(), ": no gate, not valid now");
         assert!(page.text("#ladder").contains("not known"), "no seek has measured the open circuit");
-        assert_eq!(page.text("#gap-left"), "no hole of this program");
+        assert_eq!(page.text("#gap-left"), "no hole in progress");
         page.bore(0.5);
         page.view("gap");
         let cell = |list: &str, what: &str| {
@@ -318,7 +323,7 @@ fn a_place_with_a_hole_is_asked_about_in_the_page() {
         page.picture(name);
         page.value("document.querySelector('[name=depth]').value = 0.004");
         page.click("#continue");
-        page.until("document.querySelector('#doing').innerText.includes(' of 0.004 mm by the electrode')");
+        page.until("document.querySelector('#doing').innerText.includes(' of 0.004 mm in ')");
         let surface: f64 = asks.split("surface is at ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
         let deep = rig.truth().deepest - (surface * 1e3).round() as i64;
         assert!((4..10).contains(&deep), "from the first surface: {deep} um");
