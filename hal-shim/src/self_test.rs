@@ -1,5 +1,5 @@
 //! What a board finds of itself at its start, before anything of it could drive. A head on a board that has found something is
-//! not enabled (`Fault::CalibrationError` of the core).
+//! not enabled (`Fault::SelfTestFailed` of the core).
 
 /// The part of it that goes on while the head runs.
 pub trait Registers {

@@ -81,7 +81,7 @@ faults! {
     /// Pulses without permission: the generator does not obey.
     UnpermittedPulses = "pulses without permission" => Retrace,
     /// The board has failed its self-test at the start: nothing may be enabled before it has started anew and passed.
-    CalibrationError = "self-test failed" => Coast,
+    SelfTestFailed = "self-test failed" => Coast,
     /// The chip's own supply falls: it may not do much longer what the program says.
     SupplyLow = "supply low" => Coast,
     /// Settings that a task runs have changed by themselves in memory, or registers of the chip that are written once: gains,
@@ -184,7 +184,7 @@ mod tests {
                     LiveLost,
                     LiveStuck,
                     ClockLost,
-                    CalibrationError,
+                    SelfTestFailed,
                     SupplyLow,
                     SettingsDamaged,
                     DriveSignalLost,

@@ -14,7 +14,7 @@ fn caused(fault: Fault) -> Option<Bench> {
         // This head makes its plans in time: tests/runtime/late_plans.rs.
         Fault::PlanLate => return None,
         // This board has passed: tests/runtime/self_test.rs.
-        Fault::CalibrationError => return None,
+        Fault::SelfTestFailed => return None,
         // The circuit is outside, and so is the clock: tests/runtime/live.rs.
         Fault::LiveLost | Fault::LiveStuck | Fault::ClockLost => return None,
         // No bit flips by itself here: tests/runtime/settings_damaged.rs.
@@ -47,7 +47,7 @@ fn caused(fault: Fault) -> Option<Bench> {
     };
     match fault {
         Fault::PersistentArc => bench.arcs = 100,
-        Fault::PlanLate | Fault::CalibrationError | Fault::SettingsDamaged | Fault::OpenCircuitLow => {}
+        Fault::PlanLate | Fault::SelfTestFailed | Fault::SettingsDamaged | Fault::OpenCircuitLow => {}
         Fault::LiveLost | Fault::LiveStuck | Fault::ClockLost => {}
         Fault::PersistentShort => bench.follows = Some(-1.0),
         Fault::GapSignalInvalid => bench.quality = Quality::Missing,

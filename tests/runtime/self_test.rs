@@ -17,10 +17,7 @@ fn it_says_what_has_failed_and_nothing_enables_it() {
             host.write(0x6040, 0, 2, word);
             host.run(20 * MS);
             let status = host.head.status();
-            assert_eq!(
-                (status.state, status.fault, status.closed),
-                (State::Fault, Some(Fault::CalibrationError), false)
-            );
+            assert_eq!((status.state, status.fault, status.closed), (State::Fault, Some(Fault::SelfTestFailed), false));
             assert_eq!(host.head.drive(), Drive::Coast);
         }
         // Why not, as any other fault whose cause is still there.

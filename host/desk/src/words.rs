@@ -64,7 +64,7 @@ pub const fn remedy(fault: Fault) -> &'static str {
         Fault::ClockLost => "report it with the log, restart the board",
         Fault::ReflexLost => "check the gate line to PB7 and the gap current, then reset",
         Fault::UnpermittedPulses => "switch the generator off at its own switch: it does not obey the enable line",
-        Fault::CalibrationError => "2009h:3 has the failed part of the self-test; program the board again",
+        Fault::SelfTestFailed => "2009h:3 has the failed part of the self-test; program the board again",
         Fault::SupplyLow => "check the 3.3 V supply",
         Fault::SettingsDamaged => "memory was corrupted: restart the board; if it happens again, replace the board",
         Fault::DriveSignalLost => "check the wires of motor current and bus voltage",

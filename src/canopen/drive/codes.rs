@@ -52,7 +52,7 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
         Fault::UnpermittedPulses => (0xFF0D, MANUFACTURER),
         Fault::SettingsDamaged => (0xFF0E, MANUFACTURER),
         Fault::DriveSignalLost => (0xFF0F, MANUFACTURER),
-        Fault::CalibrationError => (0xFF10, MANUFACTURER),
+        Fault::SelfTestFailed => (0xFF10, MANUFACTURER),
         Fault::OpenCircuitLow => (0xFF11, MANUFACTURER),
         Fault::GapReversed => (0xFF12, MANUFACTURER),
         // Supply, low voltage.

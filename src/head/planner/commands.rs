@@ -203,7 +203,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let hazards = Hazards { any: true, limits: true, upper: !only_upper, dielectric: pulses };
         let sagging = self.status.bus < self.config.supervise.bus_min;
         match hazards.hazard(&self.now.safety) {
-            _ if self.unfit => Err(Refused::StillFaulty(Fault::CalibrationError)),
+            _ if self.self_test_failed => Err(Refused::StillFaulty(Fault::SelfTestFailed)),
             Some(fault) => Err(Refused::StillFaulty(fault)),
             None if sagging => Err(Refused::StillFaulty(Fault::BusSag)),
             None => Ok(()),

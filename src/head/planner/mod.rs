@@ -119,7 +119,7 @@ pub struct Planner<P> {
     /// A [`super::WritePermit`] is out.
     write_permitted: bool,
     /// The board has failed its self-test.
-    unfit: bool,
+    self_test_failed: bool,
 }
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
@@ -165,7 +165,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             entered: 0,
             upper_limit_excused: false,
             write_permitted: false,
-            unfit: self_test.failed(),
+            self_test_failed: self_test.failed(),
             kept: Kept::NEW,
             config,
         }
@@ -261,8 +261,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if missing && self.status.closed && !stops {
             self.raise(Fault::EncoderLost);
         }
-        if self.unfit && self.status.state == State::Disabled {
-            self.raise(Fault::CalibrationError);
+        if self.self_test_failed && self.status.state == State::Disabled {
+            self.raise(Fault::SelfTestFailed);
         }
         if let Some(fault) = now.doubt {
             self.raise(fault);

@@ -32,7 +32,7 @@ pub fn expect(mut session: Session, found: SelfTest) {
     assert_eq!(host::read(&mut session, 0x2009, 3).unwrap(), u32::from(found.bits()), "{:?}", session.log);
     assert_eq!(
         (session.state().unwrap(), session.fault().unwrap()),
-        (State::Fault as u32, Some(Fault::CalibrationError))
+        (State::Fault as u32, Some(Fault::SelfTestFailed))
     );
     for word in [0x80, 0x06, 0x07, 0x0F, 0x80, 0x00, 0x80] {
         host::write(&mut session, 0x6040, 0, word, 2).unwrap();
@@ -41,7 +41,7 @@ pub fn expect(mut session: Session, found: SelfTest) {
     }
     assert_eq!(
         (session.state().unwrap(), session.fault().unwrap()),
-        (State::Fault as u32, Some(Fault::CalibrationError))
+        (State::Fault as u32, Some(Fault::SelfTestFailed))
     );
 }
 
@@ -127,7 +127,7 @@ fn wherever_the_bit_is_nothing_drives() {
         // Or it does not even come up.
         let Ok(mut session) = booted(&damaged) else { continue };
         assert!(!works(&mut session));
-        named += u32::from(session.fault().is_ok_and(|fault| fault == Some(Fault::CalibrationError)));
+        named += u32::from(session.fault().is_ok_and(|fault| fault == Some(Fault::SelfTestFailed)));
     }
     assert!(named >= 15, "{named} of 20");
 }
