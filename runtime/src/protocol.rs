@@ -222,9 +222,14 @@ impl<B: Board> Protocol<B> {
         self.request(Request::Configure);
     }
 
-    /// The planner has judged the newest configuration: the drive orders none while one is on its way.
+    /// The planner has judged a configuration. A reset of the node orders another one while that of a write is on its way: the verdict
+    /// on the older one says nothing of what the drive says now.
     fn judged(&mut self) {
-        if !self.ends.head.verdict().accepted {
+        let verdict = self.ends.head.verdict();
+        if verdict.generation != self.ends.head.generation() {
+            return;
+        }
+        if !verdict.accepted {
             self.configuring = Configuring::Done;
             self.drive.refused_configuration();
             self.node.written(Err(Abort::DeviceState), self.drive);

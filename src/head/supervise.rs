@@ -253,16 +253,13 @@ impl Stuck {
     /// Times that it has to.
     const STEPS: u32 = 20;
 
-    /// Milliseconds that it may stand whatever is driven, as [`Supervisor::CODE_MS`]: the noise of amplifier and converter.
-    const MS: u32 = 400;
-
     /// A millisecond with one code, if it was that; whether the code must have changed.
     fn look(&mut self, code: Option<i32>, driven: f32, per_code: f32) -> bool {
         let stands = code.is_some() && code == self.code;
         let step = (driven - self.driven).abs() > Stuck::CODES * per_code;
         self.steps = if stands { self.steps.saturating_add(step.into()) } else { 0 };
         (self.code, self.driven) = (code, driven);
-        self.stands.longer_than(Stuck::MS, stands) | (self.steps > Stuck::STEPS)
+        self.stands.longer_than(Supervisor::CODE_MS, stands) | (self.steps > Stuck::STEPS)
     }
 }
 
@@ -432,8 +429,8 @@ impl Supervisor {
     /// Milliseconds that motor current and bus voltage may be without a conversion: one is enough to be sure, and nothing is
     /// decided on a single look.
     const DRIVE_MS: u32 = 2;
-    /// Milliseconds that the gap voltage may show one code. A converter whose noise is a quarter of a code, which is less than the
-    /// data sheet of any has, gives the same code twice with 91 %, and so often never.
+    /// Milliseconds that gap voltage and motor current may show one code. A converter whose noise is a quarter of a code, which is
+    /// less than the data sheet of any has, gives the same code twice with 91 %, and so often never.
     const CODE_MS: u32 = 400;
 
     /// Pulses that the high comparator has not shown, and the low one, thousands, wrapping.

@@ -17,6 +17,14 @@ fn go(bench: &mut Bench, um: i64, mm_s: f32) {
     bench.run(0.1);
 }
 
+/// A head that has been at 1.9 mm, above the surface, and is at 0.2 mm again.
+fn lowered() -> Bench {
+    let mut bench = Bench::ready();
+    go(&mut bench, 1900, 5.0);
+    go(&mut bench, 200, 100.0);
+    bench
+}
+
 /// Goes down by 3 mm, pulses off, until it touches; how fast it does, mm/s. 5 mm/s are allowed where it has never been.
 fn touches_at(bench: &mut Bench, command: impl FnOnce(Nanometres, MotionLimits) -> Command) -> f64 {
     let um = bench.head.status().position + 3000;
@@ -33,9 +41,7 @@ fn touches_at(bench: &mut Bench, command: impl FnOnce(Nanometres, MotionLimits) 
 
 #[test]
 fn where_the_head_has_been_it_goes_fast_and_beyond_that_slowly() {
-    let mut bench = Bench::ready();
-    go(&mut bench, 1900, 5.0);
-    go(&mut bench, 200, 100.0);
+    let mut bench = lowered();
     let (to, limits) = to(2500, 100.0);
     bench.command(Command::Position(to, limits));
     let mut fastest = 0.0f64;
@@ -45,9 +51,7 @@ fn where_the_head_has_been_it_goes_fast_and_beyond_that_slowly() {
     });
     assert_eq!(bench.fault(), Some(Fault::Contact));
     assert!(fastest > 80.0, "{fastest} mm/s");
-    let mut bench = Bench::ready();
-    go(&mut bench, 1900, 5.0);
-    go(&mut bench, 200, 100.0);
+    let mut bench = lowered();
     let mm_s = touches_at(&mut bench, Command::Position);
     assert!(mm_s < 5.5, "{mm_s} mm/s");
 }
@@ -82,9 +86,7 @@ fn another_home_does_not_clear_a_way_that_was_not() {
 
 #[test]
 fn what_was_clear_before_the_head_was_disabled_is_not_so_afterwards() {
-    let mut bench = Bench::ready();
-    go(&mut bench, 1900, 5.0);
-    go(&mut bench, 200, 100.0);
+    let mut bench = lowered();
     bench.command(Command::Disable);
     bench.run(0.1);
     // Other work lies there.
@@ -97,9 +99,7 @@ fn what_was_clear_before_the_head_was_disabled_is_not_so_afterwards() {
 
 #[test]
 fn what_is_to_touch_goes_slowly_wherever_it_has_been() {
-    let mut bench = Bench::ready();
-    go(&mut bench, 1900, 5.0);
-    go(&mut bench, 200, 100.0);
+    let mut bench = lowered();
     bench.surface_um = 1500.0;
     let mm_s = touches_at(&mut bench, Command::Touch);
     assert!(mm_s < 5.5, "{mm_s} mm/s");

@@ -17,7 +17,7 @@ pub struct Inputs {
     /// Change one value after the scenario; may be repeated, the later holds (`edm-sim settings` lists the keys)
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Process model in the place of the scenario's, mostly 1; what the scenario says of the other one does not count
+    /// Process model instead of the scenario's; values of the scenario for the other model are ignored
     #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u32).range(0..=1))]
     pub model: Option<u32>,
     /// Seed of everything random; the same seed gives the same run
