@@ -222,13 +222,11 @@ impl<B: Board> Protocol<B> {
         self.request(Request::Configure);
     }
 
-    /// The planner has judged a configuration. A reset of the node orders another one while that of a write is on its way: the verdict
-    /// on the older one says nothing of what the drive says now.
+    /// The planner has judged the configuration that is on its way. There is never a second one: the drive orders none before it
+    /// knows what became of the last, and [`Protocol::restart`] waits for that, too.
     fn judged(&mut self) {
         let verdict = self.ends.head.verdict();
-        if verdict.generation != self.ends.head.generation() {
-            return;
-        }
+        debug_assert_eq!(verdict.generation, self.ends.head.generation(), "two configurations on their way");
         if !verdict.accepted {
             self.configuring = Configuring::Done;
             self.drive.refused_configuration();
