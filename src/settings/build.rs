@@ -310,8 +310,8 @@ impl Settings {
             },
             ends: EndsConfig {
                 spark_out: Seconds(self.end_spark_out_ms * 1e-3).ticks(),
-                rare: self.end_rare * 0.01,
-                look: Seconds(self.end_look_ms * 1e-3).ticks(),
+                rare: self.end_discharge * 0.01,
+                look: Seconds(self.end_window_ms * 1e-3).ticks(),
                 // Less than a micrometre is one, and not none.
                 through: libm::ceilf(self.end_through) as u32,
                 lift: libm::ceilf(self.end_lift) as u32,

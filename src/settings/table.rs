@@ -246,12 +246,12 @@ declare! {
         /// Share of arcs, of the pulses sampled in 200 ms, from which the head jumps; three jumps without effect are a persistent arc; 0: never.
         0x210E:7 jump_arcs: u32 = 0, (0, 100), "jump.arcs_percent", "%", "assumed: on demand only", live;
 
-        /// Longest spark-out at the end of the path: the feed law stays on until discharges are rare; 0: none.
+        /// Longest spark-out at the end of the path: the feed law stays on until the share of discharges is below end.discharge_percent; 0: none.
         0x210F:1 end_spark_out_ms: f32 = 0.0, (0.0, 600_000.0), "end.spark_out_ms", "ms", "assumed: only where it is asked for", live;
-        /// Share of discharges, which is how far the gap voltage lies below that of the open circuit, that is rare.
-        0x210F:2 end_rare: f32 = 5.0, (0.1, 50.0), "end.rare_percent", "%", "assumed: beyond scatter of the voltage, far below the 15 % at which a seek finds the work", live;
-        /// Time over which that share is taken.
-        0x210F:3 end_look_ms: f32 = 200.0, (10.0, 10_000.0), "end.look_ms", "ms", "assumed: 200 pulses at 1 kHz", live;
+        /// Share of discharges below which they are rare: mean gap voltage below the open-circuit voltage, in percent of it.
+        0x210F:2 end_discharge: f32 = 5.0, (0.1, 50.0), "end.discharge_percent", "%", "assumed: beyond scatter of the voltage, far below the 15 % at which a seek finds the work", live;
+        /// Window of that mean.
+        0x210F:3 end_window_ms: f32 = 200.0, (10.0, 10_000.0), "end.window_ms", "ms", "assumed: 200 pulses at 1 kHz", live;
         /// Length of path below the surface from which rare discharges mean a break-through; 0: never.
         0x210F:4 end_through: f32 = 0.0, (0.0, 1_000_000.0), "end.through_um", "um", "assumed: only where it is asked for", live;
         /// Length of path to go back after the end of an erosion, with pulses off, at retreat.velocity_um_s; 0: the head stays.

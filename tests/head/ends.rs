@@ -11,8 +11,8 @@ const END_UM: f64 = 2200.0;
 /// Eroding toward the end of the path, 0.2 mm into the work, which goes with the head.
 fn near_the_end(change: impl FnOnce(&mut Settings)) -> Bench {
     let mut bench = Bench::with(|settings| {
-        settings.end_rare = 5.0;
-        settings.end_look_ms = 100.0;
+        settings.end_discharge = 5.0;
+        settings.end_window_ms = 100.0;
         change(settings);
     });
     bench.make_ready();
@@ -77,7 +77,7 @@ fn a_spark_out_is_over_when_discharges_are_rare_and_not_a_look_before() {
 fn work_that_is_gone_is_a_break_through_where_it_is_looked_for_and_only_there() {
     for (through, found) in [(0.0, false), (50.0, true), (5000.0, false)] {
         let mut bench = Bench::with(|settings| {
-            (settings.end_through, settings.end_look_ms, settings.end_lift) = (through, 100.0, 500.0);
+            (settings.end_through, settings.end_window_ms, settings.end_lift) = (through, 100.0, 500.0);
         });
         bench.make_ready();
         bench.erode();
@@ -104,7 +104,7 @@ fn work_that_is_gone_is_a_break_through_where_it_is_looked_for_and_only_there() 
 #[test]
 fn the_way_back_over_a_long_retreat_is_no_break_through() {
     let mut bench = Bench::with(|settings| {
-        (settings.end_through, settings.end_look_ms) = (10.0, 50.0);
+        (settings.end_through, settings.end_window_ms) = (10.0, 50.0);
         (settings.retreat_clearance, settings.jump_float) = (800.0, 400.0);
     });
     bench.make_ready();

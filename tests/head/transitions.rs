@@ -127,7 +127,7 @@ fn the_table_of_transitions_is_what_heads_do() {
             for disable in [false, true] {
                 let mut bench = Bench::with(|settings| {
                     (settings.end_lift, settings.end_spark_out_ms) = (lift, spark_out);
-                    (settings.end_through, settings.end_look_ms) = (through, 100.0);
+                    (settings.end_through, settings.end_window_ms) = (through, 100.0);
                 });
                 bench.make_ready();
                 bench.command(Command::MoveTo(um(if through > 0.0 { 3000 } else { 2050 })));

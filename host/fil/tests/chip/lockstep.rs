@@ -44,7 +44,7 @@ fn an_end_with_spark_out_and_lift_of_the_chip_is_that_of_the_native_core_bit_for
     let settings = Settings {
         commissioned: true,
         end_spark_out_ms: 500.0,
-        end_look_ms: 50.0,
+        end_window_ms: 50.0,
         end_lift: 400.0,
         ..Settings::default()
     };
