@@ -89,6 +89,9 @@ pub(super) struct Reacting {
     brakes: Option<f32>,
     /// Ticks for which it has left the braking to the bridge.
     shorted: u32,
+    /// It rose when the winding was looked at last; it may have leapt off its stop, and falls.
+    rises: bool,
+    leaps: bool,
     lifted: bool,
     /// Position in the beginning, or, while holding, lately; ticks for which it has been the same then, and whether the head has
     /// once come to rest.
@@ -133,6 +136,8 @@ impl Reacting {
             grown: 0,
             brakes: None,
             shorted: 0,
+            rises: false,
+            leaps: false,
             lifted: false,
             position: situation.position,
             still: 0,
@@ -273,15 +278,24 @@ impl Reacting {
         if self.lifted {
             return afterwards;
         }
+        if self.leaps && self.brakes == Some(0.0) && self.shorted <= SHOWS {
+            self.shorted = self.shorted.saturating_add(ticks);
+            return 0.0;
+        }
         // One that its loop drove up for long, unseen, shows by its back-EMF that it rises.
         let begun = if now.driven.0 > 0.0 { now.driven.0 } else { smaller(now.driven.0, now.unseen.0) };
         let velocity = if self.shorted > SHOWS { now.generated.0 } else { self.brakes.unwrap_or(begun) };
         if velocity < -RISES * 1e3 * axis.counts_per_um {
             self.shorted = self.shorted.saturating_add(ticks);
-            self.brakes = Some(velocity);
+            (self.brakes, self.rises) = (Some(velocity), true);
             return 0.0;
         }
-        self.shorted = 0;
+        if self.shorted > SHOWS {
+            // The current that showed the end of a rise may have been on its way from one direction to the other: once that is braked,
+            // the winding is looked at again.
+            self.leaps = self.rises || velocity > RISES * 1e3 * axis.counts_per_um;
+            (self.shorted, self.rises) = (0, false);
+        }
         let time = ticks.max(1) as f32 * TICK_S;
         let most = axis.plant.current_window(axis.current.peak, CountsPerSecond(0.0)).high;
         let resting = smaller(axis.gains.holding(), 0.0);
