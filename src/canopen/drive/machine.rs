@@ -1,7 +1,7 @@
 //! How controlword and head move the state machine.
 
-use super::state::{Request, State, control, status};
-use super::{Drive, Order, halts, rises};
+use super::state::{Request, State, control, halts, rises, status};
+use super::{Drive, Order};
 use crate::canopen::objects::Item;
 use crate::head::{self, Command, Fault};
 

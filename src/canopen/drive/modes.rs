@@ -4,8 +4,8 @@
 //! interpolated position become segments of the path, along which the gap leads. While it is 2 they are followed with pulses on,
 //! and the host goes by the feed that the gap asks for.
 
-use super::state::{control, status};
-use super::{Drive, STANDING, SetPoint, codes, halts, rises};
+use super::state::{control, halts, rises, status};
+use super::{Drive, STANDING, SetPoint, codes};
 use crate::canopen::objects::{Decoded, Item};
 use crate::canopen::{Abort, Node, Time};
 use crate::head::{self, Command, Guidance, Home, HomingState, MotionLimits, Refused};

@@ -1,5 +1,8 @@
 //! The scope, 2010h: four signals recorded once a millisecond or slower, read as a domain.
 
+use super::Drive;
+use crate::canopen::objects::Item;
+
 /// Signals.
 pub const SIGNALS: usize = 4;
 /// Samples that fit.
@@ -125,6 +128,20 @@ impl Scope {
             let bytes = signal.copied().unwrap_or(0).to_le_bytes();
             *byte = bytes.get(at % 4).copied().unwrap_or(0);
         }
+    }
+}
+
+impl Drive {
+    /// Takes a sample, once a millisecond.
+    pub(super) fn record(&mut self) {
+        // Reading four objects costs time, a thousand times a second.
+        if !self.scope.runs() {
+            return;
+        }
+        let signals = [Item::ScopeSignal1, Item::ScopeSignal2, Item::ScopeSignal3, Item::ScopeSignal4];
+        let signals = signals.map(|item| self.signal(self.value(item) as u32));
+        let trigger = Trigger { kind: self.value(Item::ScopeTrigger), level: self.value(Item::ScopeLevel) };
+        self.scope.sample(signals, trigger, self.value(Item::ScopeDecimation) as u16);
     }
 }
 

@@ -70,6 +70,16 @@ pub mod status {
     pub const GUARDED: u16 = 1 << 14;
 }
 
+/// Whether a bit has risen.
+pub fn rises(before: u16, now: u16, bit: u16) -> bool {
+    now & !before & bit != 0
+}
+
+/// Whether the controlword halts.
+pub fn halts(word: u16) -> bool {
+    word & control::HALT != 0
+}
+
 impl Request {
     /// The request of a controlword (table of command coding).
     pub fn of(control: u16) -> Request {

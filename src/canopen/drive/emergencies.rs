@@ -1,0 +1,39 @@
+//! Emergencies for faults of the head and for what of the stored values was lost.
+
+use super::stored::Loss;
+use super::{Drive, codes};
+use crate::canopen::{NmtState, Node};
+
+impl Drive {
+    /// Emergencies for what has come, and for what is gone; of a node that waits to be booted when it has been.
+    pub(super) fn tell(&mut self, node: &mut Node) {
+        if node.state() == NmtState::Initialising {
+            return;
+        }
+        let now = (self.alarm, self.loss);
+        let before = core::mem::replace(&mut self.reported, now);
+        let (mut register, mut gone) = (0, false);
+        if let Some(fault) = self.alarm {
+            let (code, bits) = codes::error_code(fault);
+            if before.0 != self.alarm {
+                // A second fault that escalates the first is told of as well, and which one it began with.
+                let first = self.status.first.map_or(0, codes::fault);
+                node.emergency(code, bits, [codes::fault(fault), self.reason, first, 0, 0]);
+            }
+            register |= bits;
+        } else {
+            gone |= before.0.is_some();
+        }
+        if let Some(Loss { code: (code, bits), detail }) = self.loss {
+            if before.1 != self.loss {
+                node.emergency(code, bits, detail);
+            }
+            register |= bits;
+        } else {
+            gone |= before.1.is_some();
+        }
+        if gone {
+            node.emergency_over(register);
+        }
+    }
+}
