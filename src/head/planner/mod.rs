@@ -5,47 +5,46 @@
 //! looked at ([`Monitored`]). Commands come in between [`begin`](Planner::begin) and [`plan`](Planner::plan).
 
 mod commands;
+mod conditions;
+mod eroding;
+mod faults;
+mod guiding;
+mod jumping;
 mod motion;
+mod positions;
+mod ready;
 mod states;
 mod touching;
+mod transitions;
 
 use super::commissioning::{Commissioning, Finding, Report};
 use super::config::Config;
 use super::ends::Ends;
 use super::estimate::Estimate;
-use super::fault::{Fault, Reaction};
-use super::follow::{FollowConfig, LEAD};
+use super::fault::Fault;
+use super::follow::FollowConfig;
 use super::guide::{Guidance, Guide};
 use super::jump::Jump;
-use super::plan::{Hazards, Plan, Touch};
-use super::positioning::{HomingState, Task, When};
-use super::probe::{PROBES, Probe, Source, Wanted};
+use super::plan::Plan;
+use super::positioning::Task;
+use super::probe::{PROBES, Probe};
 use super::proof::Proof;
-use super::reaction::{Reacting, Situation, upward};
-use super::route::{Bounds, Route};
+use super::reaction::Reacting;
+use super::route::Route;
 use super::silence::Silence;
-use super::state::{Change, ChangeLog, Reason, State};
+use super::state::{Change, ChangeLog, State};
 use super::supervise::{Config as SupervisionConfig, Monitored};
 use super::touch;
-use super::trajectory::{Follow, Trajectory};
 use super::{Refused, Status};
 use crate::feed::Law;
 use crate::gap::OpenCircuit;
-use crate::gap::Quality;
 use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
-use crate::servo::{Presliding, Window};
-use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_S, Volts};
+use crate::servo::Presliding;
+use crate::units::Fixed;
 use core::ops::DerefMut;
 use edm_hal_shim::self_test::SelfTest;
-
-/// Counts by which a set point at rest may be beyond where the axis has been: the loop trembles over an edge.
-const TREMBLE: i64 = 1;
-/// Share of the open-circuit voltage from which on a gap is open: discharges are rare.
-const OPEN: f32 = 0.8;
-/// Height above the lowest place so far from which a head on its way up has shown its film, um.
-const AWAY_UM: f32 = 20.0;
 
 /// How a positioning that is to touch the work stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -388,287 +387,6 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         let offset = Fixed::whole(self.offset.wrapping_sub(self.now.offset));
         TrajectorySegment { from: self.now.segment.from.plus(offset), ..self.now.segment }
-    }
-
-    /// A fault found elsewhere: supervision, protocol. While another one's reaction runs, only one that escalates it is taken.
-    pub fn raise(&mut self, fault: Fault) {
-        let reaction = match &self.reacting {
-            Some(reacting) => reacting.escalates(fault),
-            // Over an encoder in doubt no loop is closed.
-            None if self.doubt.is_some() => Some(fault.reaction().max(Reaction::OpenLoopLift)),
-            None => Some(fault.reaction()),
-        };
-        if let Some(reaction) = reaction {
-            self.react_with(fault, reaction);
-        }
-    }
-
-    /// Takes up a reaction to a fault, whatever was done before.
-    fn react_with(&mut self, fault: Fault, reaction: Reaction) {
-        self.end_positioning();
-        self.reacting = Some(Reacting::new(fault, reaction, &self.situation()));
-        self.commissioning = None;
-        self.proof = None;
-        self.status.fault = Some(fault);
-        self.status.first = self.status.first.or(Some(fault));
-        if fault.doubts_encoder() {
-            // What the head moves without its counts is counted by nobody, or wrongly.
-            let blind = fault == Fault::EncoderLost || reaction >= Reaction::OpenLoopLift;
-            let lost = blind || self.doubt == Some(Fault::EncoderLost);
-            self.doubt = Some(if lost { Fault::EncoderLost } else { fault });
-            self.status.homed &= !lost;
-        }
-        self.reset_loop();
-        // A reaction may retrace further than a working retreat.
-        self.route.free_retreat();
-        self.enter(State::Fault, Reason::Fault(fault));
-    }
-
-    fn reset_loop(&mut self) {
-        self.resets = self.resets.wrapping_add(1);
-    }
-
-    fn enter(&mut self, state: State, reason: Reason) {
-        self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
-        if !matches!(state, State::Positioning | State::Homing | State::Jumping | State::Touching) {
-            self.end_positioning();
-        }
-        if !matches!(state, State::Guiding | State::Retreating) {
-            self.guide = None;
-        }
-        self.status.state = state;
-        self.entered = self.status.tick;
-        if state == State::Disabled {
-            // Broken off, or at their end.
-            (self.commissioning, self.proof) = (None, None);
-        }
-        self.status.feed = MicrometresPerSecond(match state {
-            State::Seeking => self.config.seek.velocity.0,
-            State::Retreating | State::Lifting => -self.config.retreat.velocity.0,
-            _ => 0.0,
-        });
-        match state {
-            // Out of the work, whatever bounds a working retreat.
-            State::Lifting => self.route.free_retreat(),
-            State::Fault => {}
-            _ => self.route.set_retreat(self.config.retreat.limit),
-        }
-    }
-
-    /// Ends axis positioning: the path begins where the set point is.
-    fn end_positioning(&mut self) {
-        (self.touching, self.status.approaching) = (Touching::No, false);
-        self.break_off_search();
-        let beside = self.positioning.take().is_some() | self.jump.take().is_some() | self.search.take().is_some();
-        if beside || self.status.state == State::Guiding {
-            if self.status.homing == HomingState::Runs {
-                self.status.homing = HomingState::No;
-            }
-            let here = self.segment().from;
-            self.restart_path_at(here);
-        }
-    }
-
-    /// The path begins where the axis is; a retreat past the beginning leads straight up.
-    fn restart_path(&mut self) {
-        self.restart_path_at(Fixed::whole(self.status.position));
-    }
-
-    /// The path begins at a set point.
-    fn restart_path_at(&mut self, here: Fixed) {
-        let axis = &self.config.axis;
-        let escape = Fixed::whole((axis.escape.0 * axis.counts_per_um) as i64);
-        let top = if self.status.homed { axis.counts(axis.travel.0) } else { here.minus(escape) };
-        self.route.restart(here, top);
-        self.good = Fixed(0);
-        self.status.setpoint = here;
-    }
-
-    /// The head is known to be below the upper end of its travel: no stop is in its way.
-    fn is_free(&self) -> bool {
-        self.status.homed && !self.at_top()
-    }
-
-    /// The gap of a head that feeds or positions is open; one that goes back has left the work.
-    fn is_open(&self) -> bool {
-        let Status { state, gap, open_circuit, .. } = &self.status;
-        match state {
-            State::Seeking | State::Eroding => gap.quality == Quality::Valid && gap.filtered.0 >= OPEN * open_circuit.0,
-            State::Positioning => !gap.touches,
-            State::Retreating | State::Lifting | State::Fault => {
-                let above = self.cleared.saturating_sub(self.status.position);
-                above as f32 > AWAY_UM * self.config.axis.counts_per_um
-            }
-            _ => false,
-        }
-    }
-
-    /// The head stands at the upper end of its travel, perhaps against its stop.
-    fn at_top(&self) -> bool {
-        // The travel begins at 0.
-        self.status.homed && self.status.position <= self.config.axis.off_limit
-    }
-
-    fn situation(&self) -> Situation {
-        Situation {
-            path: self.route.s(),
-            safe: self.route.work().minus(self.config.retreat.safe),
-            blocked: self.route.at_beginning() || self.now.safety.upper_limit,
-            following: self.status.following,
-            position: self.status.position,
-            velocity: self.status.velocity,
-            driven: self.silence.driven(),
-            unseen: self.judged.back_emf.difference(),
-            generated: self.config.axis.plant.generating(self.judged.current),
-            duty: self.status.duty,
-            saturated: self.status.saturated,
-            top: self.at_top() || self.now.safety.upper_limit,
-            homed: self.status.homed,
-            upper_limit: self.now.safety.upper_limit,
-            current_reduced: self.status.current_reduced,
-            bus: self.status.bus,
-        }
-    }
-
-    /// What a contact means now.
-    fn touch(&self) -> Touch {
-        match self.status.state {
-            State::Positioning | State::Homing if self.touching == Touching::Asked => Touch::End,
-            State::Homing if self.looks_for_home() => Touch::End,
-            State::Positioning | State::Homing | State::Jumping => Touch::Fault,
-            State::Touching if self.search.as_ref().is_some_and(touch::Touching::approaches) => Touch::End,
-            _ => Touch::Ignored,
-        }
-    }
-
-    /// Electrode and work touch short of a set point that goes on toward the work, or has come to rest there: the loop would
-    /// press the head on where it has never been, whether or not the set point moves. Nobody is held off the work elsewhere.
-    fn presses(&self) -> bool {
-        let positions = matches!(self.status.state, State::Ready | State::Positioning | State::Homing);
-        let ahead = self.status.setpoint.round().saturating_sub(self.cleared);
-        let touches = self.status.gap.touches && self.touching == Touching::No && !self.looks_for_home();
-        touches && positions && ahead > TREMBLE && self.now.segment.velocity.0 >= 0.0
-    }
-
-    /// Largest velocity toward the work with pulses off: as much as comes down to the approach by the acceleration of the path
-    /// where the axis has not been yet.
-    pub(super) fn toward(&self, from: Fixed) -> CountsPerSecond {
-        let Config { contact, acceleration, axis, .. } = &self.config;
-        let clear = Fixed::whole(self.cleared).minus(from).to_f32();
-        if self.touching != Touching::No || clear <= 0.0 {
-            return contact.approach;
-        }
-        let slowing = 2.0 * acceleration.0 * axis.counts_per_um * clear;
-        CountsPerSecond(libm::sqrtf(contact.approach.0 * contact.approach.0 + slowing))
-    }
-
-    /// What the touch probes wait for.
-    fn wanted(&self) -> Wanted {
-        let on = self.probes.iter().any(|probe| probe.source != Source::Off);
-        let discharge = Volts(self.status.open_circuit.0 * self.config.seek.threshold);
-        Wanted { on, probes: self.probes, discharge }
-    }
-
-    /// Whether a reference is looked for, and not yet gone back from.
-    pub(super) fn looks_for_home(&self) -> bool {
-        matches!(&self.positioning, Some(Task::Home(homing, _)) if homing.looks())
-    }
-
-    /// Whether the supervision has found something in the way of a reference that is looked for.
-    pub(super) fn is_blocked(&self) -> bool {
-        let since = self.judged.tick.wrapping_sub(self.entered).cast_signed() > 0;
-        self.judged.blocked && since && self.looks_for_home()
-    }
-
-    /// Whether the set point of the loop is the path's.
-    fn follows_path(&self) -> bool {
-        let beside = self.positioning.is_some() || self.jump.is_some() || self.search.is_some();
-        !beside && self.status.state != State::Guiding
-    }
-
-    /// Whether a set point that a SYNC releases is followed at once: not where the head leads.
-    fn follows_set_points(&self) -> bool {
-        match &self.guide {
-            Some(guide) => self.status.state == State::Guiding && guide.is_together(),
-            None => self.may_position(self.status.state).is_ok(),
-        }
-    }
-
-    /// Largest change of velocity of a guided head from a plan to the next.
-    fn slew(&self) -> CountsPerSecond {
-        let Config { acceleration, axis, .. } = &self.config;
-        let guided = acceleration.0 * axis.counts_per_um * (PLAN_TICKS as f32 * TICK_S);
-        CountsPerSecond(if self.guide.is_some() { guided } else { f32::INFINITY })
-    }
-
-    /// Tick after which the set point under way is reached, or was.
-    fn due(&self) -> u32 {
-        match self.guide.as_ref().map(|guide| &guide.task).or(self.positioning.as_ref()) {
-            Some(Task::Follow { due, .. }) => *due,
-            _ => self.now.tick,
-        }
-    }
-
-    /// When the plan comes into force.
-    fn when(&self) -> When {
-        When { now: self.now.tick.wrapping_add(LEAD.wrapping_sub(1)), ticks: self.ticks }
-    }
-
-    /// Which safety inputs are a hazard in the present state.
-    fn hazards(&self) -> Hazards {
-        let state = self.status.state;
-        Hazards {
-            any: state != State::Disabled,
-            // Commissioning drives from stop to stop, homing looks for the switches, and to a search for the work the lower one is
-            // the end of the travel: one open limit is where they turn.
-            limits: !matches!(state, State::Commissioning | State::Homing | State::Touching),
-            // The proof may push the head up to its switch, and then begins there.
-            upper: !self.upper_limit_excused && state != State::Proving,
-            dielectric: state.pulses(),
-        }
-    }
-
-    fn bounds(&self) -> Bounds {
-        Bounds { acceleration: self.config.acceleration, upper_limit: self.now.safety.upper_limit, ticks: self.ticks }
-    }
-
-    fn ready_retreat(&self) -> Trajectory {
-        if self.status.state == State::Guiding {
-            // Beside the path, and straight up.
-            let up = if self.now.safety.upper_limit { 0.0 } else { -self.slew().0 };
-            let travel = Fixed::short(up * TICK_S);
-            let segment = TrajectorySegment { velocity: CountsPerSecond(up), travel, ..TrajectorySegment::default() };
-            return Trajectory::axis(&segment, self.full_window().and(self.current_window()));
-        }
-        let up = MicrometresPerSecond(-self.config.retreat.velocity.0);
-        self.route.ready(up, &self.bounds(), self.full_window().and(self.current_window()))
-    }
-
-    /// For two ticks: what is open stays open, what is positioned goes on, what follows the path slows down.
-    fn ready_stop(&self, trajectory: &Trajectory) -> Trajectory {
-        let window = self.ready_window(self.config.axis.duty_limit);
-        match trajectory.follow {
-            Follow::Setpoint if self.follows_path() => {
-                let stop = self.route.ready(MicrometresPerSecond(0.0), &self.bounds(), window);
-                Trajectory { upward: true, ..stop }
-            }
-            Follow::Setpoint => Trajectory { window, upward: true, ..*trajectory },
-            _ => Trajectory::COAST,
-        }
-    }
-
-    /// Duties of a fault's reaction with so much force.
-    fn ready_window(&self, force: f32) -> Window {
-        upward(&self.config, force).and(self.current_window())
-    }
-
-    fn ready_lift(&self) -> Trajectory {
-        let barred = self.status.current_reduced || self.now.safety.upper_limit;
-        if barred || self.status.state == State::Disabled {
-            Trajectory::COAST
-        } else {
-            Trajectory::duty(self.config.lift.duty, self.full_window())
-        }
     }
 }
 

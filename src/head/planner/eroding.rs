@@ -1,0 +1,157 @@
+//! Seek, erosion, and the end of it.
+
+use super::Planner;
+use super::states::REST;
+use crate::feed::FeedLaw;
+use crate::gap::Quality;
+use crate::head::config::{Config, Structure};
+use crate::head::ends::{Ends, Place};
+use crate::head::fault::Fault;
+use crate::head::reaction::Motion;
+use crate::head::state::{Reason, State};
+use crate::path::Path;
+use crate::units::{Fixed, MicrometresPerSecond, Volts, larger};
+use core::ops::DerefMut;
+
+/// Jumps for arcs, one after the other, after which arcs that are still there stay.
+const ARC_JUMPS: u8 = 3;
+
+impl<P: DerefMut<Target = Path>> Planner<P> {
+    pub(super) fn seek(&mut self) {
+        self.watch_short(State::Seeking);
+        if self.status.state != State::Seeking || self.is_stopped() {
+            return;
+        }
+        let gap = self.status.gap;
+        let Some(open) = self.open.volts() else {
+            self.open.observe(&gap, self.ticks);
+            return;
+        };
+        self.status.open_circuit = open;
+        if open < self.config.seek.open_min {
+            self.raise(Fault::OpenCircuitLow);
+            return;
+        }
+        let valid = gap.quality == Quality::Valid;
+        if valid && gap.filtered.0 < open.0 * self.config.seek.threshold {
+            if self.route.found_work() {
+                (self.status.found, self.meets) = (self.status.position, true);
+            }
+            (self.good, self.eroded, self.ends) = (self.route.s(), 0, Ends::default());
+            (self.arc_jumps, self.status.cramped) = (0, false);
+            self.law = self.config.law;
+            if self.config.structure == Structure::SingleLoop {
+                self.reset_loop();
+            }
+            self.enter(State::Eroding, Reason::WorkFound);
+        } else if let Some(reason) = self.reached().filter(|_| self.arrived()) {
+            self.end(reason);
+        }
+    }
+
+    pub(super) fn erode(&mut self) -> Motion {
+        if let Some(reason) = self.ended() {
+            self.end(reason);
+            return self.along(REST);
+        }
+        if self.jump_is_due() && self.begin_jump(false).is_ok() {
+            return self.jump_on();
+        }
+        let arcs = self.judged.arcs;
+        match arcs {
+            // Jumps have not helped.
+            Some(true) if self.arc_jumps >= ARC_JUMPS => {
+                self.raise(Fault::PersistentArc);
+                return self.react();
+            }
+            Some(true) if self.begin_jump(false).is_ok() => {
+                self.arc_jumps = self.arc_jumps.saturating_add(1);
+                return self.jump_on();
+            }
+            Some(false) => self.arc_jumps = 0,
+            _ => {}
+        }
+        let error = self.gap_error();
+        if self.meets && self.status.gap.quality == Quality::Valid && error.0 <= 0.0 {
+            (self.status.found, self.meets) = (self.status.position, false);
+        }
+        match self.config.structure {
+            // In every tick, and not in every plan.
+            Structure::SingleLoop => Motion::Gap(self.status.gap_setpoint),
+            structure => {
+                let wanted = self.config.limits.clamp(self.law.velocity(error, self.ticks));
+                let wanted = self.hastened(wanted);
+                self.status.feed = wanted;
+                if structure == Structure::Path { self.along(wanted) } else { Motion::Velocity(wanted) }
+            }
+        }
+    }
+
+    /// Why the erosion is over, if it is.
+    fn ended(&mut self) -> Option<Reason> {
+        let Config { ends, .. } = &self.config;
+        let deep = |from: Fixed| self.route.is_at_front() && self.route.s().minus(self.route.work()) > from;
+        let reached = self.reached().filter(|_| self.ends.spark_out() || self.arrived());
+        let place = match (reached, ends.through) {
+            (Some(reason), _) => Place::End(reason),
+            (None, from) if from > 0 && deep(Fixed::whole(from.into())) => Place::Deep,
+            _ => Place::Known,
+        };
+        let gap = (self.status.gap.quality == Quality::Valid).then_some(self.status.gap.filtered);
+        self.ends.plan(ends, place, gap, self.status.open_circuit, self.ticks)
+    }
+
+    /// The erosion is over: out of the work, or at rest where it is.
+    fn end(&mut self, reason: Reason) {
+        self.lifts_to = self.route.s().minus(Fixed::whole(self.config.ends.lift.into()));
+        let lifts = self.config.ends.lift > 0;
+        if lifts && self.config.structure != Structure::Path {
+            // The loop is closed over the axis from here on.
+            self.reset_loop();
+        }
+        self.route.pass_stop();
+        self.enter(if lifts { State::Lifting } else { State::Done }, reason);
+    }
+
+    /// Goes on with the lift after the end.
+    pub(super) fn lift_on(&mut self) -> Motion {
+        if self.route.s() > self.lifts_to && !self.route.at_beginning() {
+            return self.along(MicrometresPerSecond(-self.config.retreat.velocity.0));
+        }
+        if self.now.along.0 == 0.0 {
+            self.enter(State::Done, Reason::Lifted);
+        }
+        self.along(REST)
+    }
+
+    /// What of the path's ends is reached.
+    fn reached(&self) -> Option<Reason> {
+        match () {
+            () if self.route.at_end() => Some(Reason::PathEnd),
+            () if self.route.at_stop() => Some(Reason::PathStop),
+            () => None,
+        }
+    }
+
+    /// The axis is on the count that the path asks for.
+    fn arrived(&self) -> bool {
+        self.status.position == self.route.setpoint().round()
+    }
+
+    /// Gap voltage above the setpoint. A reading that is not valid is no reason to move, and neither is a setpoint that is a
+    /// share of a voltage not measured yet; supervision decides how long a bad reading may last.
+    pub(super) fn gap_error(&self) -> Volts {
+        let setpoint = self.status.gap_setpoint;
+        match self.status.gap.quality {
+            Quality::Valid if setpoint.0 > 0.0 => Volts(self.status.gap.filtered.0 - setpoint.0),
+            _ => Volts(0.0),
+        }
+    }
+
+    /// Far behind the last good place, and with nothing in the way, the head goes as fast as it came back.
+    fn hastened(&self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
+        let behind = self.good.minus(self.route.s());
+        let fast = behind > Fixed::whole(self.config.jump.float.into()) && wanted.0 >= self.config.limits.feed.0;
+        if fast { MicrometresPerSecond(larger(self.config.retreat.velocity.0, wanted.0)) } else { wanted }
+    }
+}

@@ -1,0 +1,57 @@
+//! What a plan holds ready for the servo ticks: the motions after a short, a fault, a lost encoder.
+
+use super::Planner;
+use crate::head::reaction::upward;
+use crate::head::route::Bounds;
+use crate::head::state::State;
+use crate::head::trajectory::{Follow, Trajectory};
+use crate::motion::TrajectorySegment;
+use crate::path::Path;
+use crate::servo::Window;
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, TICK_S};
+use core::ops::DerefMut;
+
+impl<P: DerefMut<Target = Path>> Planner<P> {
+    pub(super) fn bounds(&self) -> Bounds {
+        Bounds { acceleration: self.config.acceleration, upper_limit: self.now.safety.upper_limit, ticks: self.ticks }
+    }
+
+    pub(super) fn ready_retreat(&self) -> Trajectory {
+        if self.status.state == State::Guiding {
+            // Beside the path, and straight up.
+            let up = if self.now.safety.upper_limit { 0.0 } else { -self.slew().0 };
+            let travel = Fixed::short(up * TICK_S);
+            let segment = TrajectorySegment { velocity: CountsPerSecond(up), travel, ..TrajectorySegment::default() };
+            return Trajectory::axis(&segment, self.full_window().and(self.current_window()));
+        }
+        let up = MicrometresPerSecond(-self.config.retreat.velocity.0);
+        self.route.ready(up, &self.bounds(), self.full_window().and(self.current_window()))
+    }
+
+    /// For two ticks: what is open stays open, what is positioned goes on, what follows the path slows down.
+    pub(super) fn ready_stop(&self, trajectory: &Trajectory) -> Trajectory {
+        let window = self.ready_window(self.config.axis.duty_limit);
+        match trajectory.follow {
+            Follow::Setpoint if self.follows_path() => {
+                let stop = self.route.ready(MicrometresPerSecond(0.0), &self.bounds(), window);
+                Trajectory { upward: true, ..stop }
+            }
+            Follow::Setpoint => Trajectory { window, upward: true, ..*trajectory },
+            _ => Trajectory::COAST,
+        }
+    }
+
+    /// Duties of a fault's reaction with so much force.
+    pub(super) fn ready_window(&self, force: f32) -> Window {
+        upward(&self.config, force).and(self.current_window())
+    }
+
+    pub(super) fn ready_lift(&self) -> Trajectory {
+        let barred = self.status.current_reduced || self.now.safety.upper_limit;
+        if barred || self.status.state == State::Disabled {
+            Trajectory::COAST
+        } else {
+            Trajectory::duty(self.config.lift.duty, self.full_window())
+        }
+    }
+}
