@@ -53,7 +53,7 @@ pub use codes::{FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
 use super::objects::{COUNT, Item, rows};
 use super::{Event, NmtState, Node, Time};
 use crate::gap::pulses::CLASSES;
-use crate::head::{self, Command, Contradiction, Fault, HomingState, PROBES, Probe, Status};
+use crate::head::{self, Command, Contradiction, Fault, PROBES, Probe, Status};
 use crate::path::AHEAD;
 use crate::settings::{Active, SettingError, Settings};
 use crate::stored::{LoadReport, StoredImage};
@@ -351,10 +351,6 @@ impl Drive {
 
     fn queue_space(&self) -> u16 {
         (AHEAD as u16).saturating_sub(self.status.waiting)
-    }
-
-    fn is_homing(&self) -> bool {
-        self.status.homing == HomingState::Runs
     }
 
     fn happened(&mut self, event: Event) {
