@@ -3,8 +3,8 @@
 use core::borrow::Borrow;
 use edm_hal_shim::stm32f4::pac::Interrupt;
 use edm_hal_shim::stm32f4::{
-    blocks, can, cycles, drive, encoder, flash, gate, gated, generator, lines, live, pwm, registers, safety, timebase,
-    watchdog,
+    blocks, can, cycles, drive, encoder, flash, gate, gated, generator, lines, live, pwm, registers, safety,
+    servo_lines, timebase, watchdog,
 };
 use edm_hal_shim::store::Store;
 use edm_runtime::board::{Board, Caller, Pulse};
@@ -48,7 +48,7 @@ impl Board for Chip {
     type Generator = generator::Interface;
     type Inputs = safety::Inputs;
     type Drive = drive::DriveAdc;
-    type Forced = lines::ServoLines;
+    type Forced = servo_lines::ServoLines;
     type Live = live::Signal;
     type Tick = pwm::Tick;
     type Millisecond = timebase::Millisecond;

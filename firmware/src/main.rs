@@ -39,7 +39,8 @@ mod app {
     use edm_hal_shim::can::Inbox;
     use edm_hal_shim::encoder::Line;
     use edm_hal_shim::stm32f4::gated::Gated;
-    use edm_hal_shim::stm32f4::{panic_handler, safety};
+    use edm_hal_shim::stm32f4::halt::halt;
+    use edm_hal_shim::stm32f4::safety;
     use edm_runtime::can::{Receive, Transmit};
     use edm_runtime::encoder::Decoder;
     use edm_runtime::gap::Gap;
@@ -78,7 +79,7 @@ mod app {
             Ok(Tasks { reflex, decoder, gap, servo, plan, supervise, receive, transmit, protocol, idle }) => {
                 (Shared { decoder, receive, protocol }, Local { reflex, gap, servo, plan, supervise, transmit, idle })
             }
-            Err(error) => panic_handler::halt(error, watchdog),
+            Err(error) => halt(error, watchdog),
         }
     }
 

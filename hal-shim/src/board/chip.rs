@@ -70,6 +70,32 @@ pub const BUS_PRESCALERS: u32 = match (bus_prescaler(APB1_HZ), bus_prescaler(APB
 // Fastest clocks of core and buses (data sheet, operating conditions).
 const _: () = assert!(CORE_HZ <= 168_000_000 && APB1_HZ <= 42_000_000 && APB2_HZ <= 84_000_000);
 
+/// CAN_BTR of each of [`BIT_RATES`](can::BIT_RATES).
+const BTRS: [u32; can::BIT_RATES.len()] = {
+    let mut btrs = [0; can::BIT_RATES.len()];
+    let mut i = 0;
+    while i < btrs.len() {
+        btrs[i] = match can::bit_timing(APB1_HZ, can::BIT_RATES[i]) {
+            Ok(timing) => timing.btr(),
+            Err(_) => panic!("a bit rate that the clock does not give"),
+        };
+        i += 1;
+    }
+    btrs
+};
+
+/// CAN_BTR for one of [`BIT_RATES`](can::BIT_RATES) on this chip.
+pub const fn can_btr(bit_rate: u32) -> Option<u32> {
+    let mut i = 0;
+    while i < BTRS.len() {
+        if can::BIT_RATES[i] == bit_rate {
+            return Some(BTRS[i]);
+        }
+        i += 1;
+    }
+    None
+}
+
 /// Servo tick and PWM, TIM1: one period is one tick, so that a duty takes effect exactly one tick after it was decided.
 /// 8000 steps at least keep the duty finer than the 12 bits of the measurement.
 pub const SERVO: timer::Divider = must!(timer::pwm(TIMER2_HZ, TICK_HZ, 8000));

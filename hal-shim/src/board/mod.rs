@@ -18,7 +18,7 @@ mod table;
 pub use chip::{
     ADC, ADC_HZ, APB1_HZ, APB2_HZ, BLANKING_CLOCK, BLANKING_MOST, BUS_PRESCALERS, CORE_HZ, DAC_STEPS, EDGE_MODULUS,
     FLASH_WAITS, GAP_SAMPLING, GATED_SAMPLING, LOGS, Pll, RAM_END, SAMPLE, SERVO, STACK, STACK_GUARD, STREAMS,
-    SUPERVISE, Stream, TASKS, TICK_HZ, TIMER1_HZ, TIMER2_HZ, TIMERS, Task, Timer, pll, priority, write_chip,
+    SUPERVISE, Stream, TASKS, TICK_HZ, TIMER1_HZ, TIMER2_HZ, TIMERS, Task, Timer, can_btr, pll, priority, write_chip,
 };
 pub use disc::Disc;
 pub use f405::F405;
@@ -114,7 +114,7 @@ macro_rules! board {
                     Some(pll) => pll,
                     None => panic!("a crystal has 4 to 26 MHz in steps of 2 MHz"),
                 },
-                bit_rate: match $crate::timing::can::btr($bit_rate) {
+                bit_rate: match $crate::board::can_btr($bit_rate) {
                     Some(_) => $bit_rate,
                     None => panic!("a bit rate is one of edm_hal_shim::timing::can::BIT_RATES"),
                 },

@@ -6,8 +6,8 @@ use super::hal::can::Can1;
 use super::hal::gpio::alt::can1::{Rx, Tx};
 use super::start::{StartError, within};
 use super::{pac, put};
+use crate::board::can_btr;
 use crate::can::{FifoWords, Inbox, Inboxes, Mailboxes, Overrun, Received, SyncInbox, Trouble};
-use crate::timing::can;
 use bxcan::filter::{BankConfig, ListEntry16};
 use bxcan::{Fifo, Frame, Interrupts, StandardId};
 
@@ -124,7 +124,7 @@ impl crate::can::Filters for Filters {
 
     /// A bus without power or with a stuck level stops nobody: the controller joins by itself when it sees eleven recessive bits.
     fn join(&mut self, bit_rate: u32) {
-        let Some(btr) = can::btr(bit_rate).filter(|btr| self.joined != Some(*btr)) else { return };
+        let Some(btr) = can_btr(bit_rate).filter(|btr| self.joined != Some(*btr)) else { return };
         let can = can1();
         if can.msr().read().inak().bit() {
             put!(can.btr(), btr);

@@ -3,10 +3,10 @@
 //! *Storm*: more edges in one tick than the interrupt can serve and leave time for the loops. The interrupt then masks
 //! itself; the timer goes on counting, and the servo task opens the lines again with its next tick.
 
+use super::exti::exti;
 use super::hal::gpio::alt::tim5::{Ch1, Ch2};
 use super::hal::gpio::{ExtiPin, Input, PushPull};
 use super::hal::syscfg::SysCfg;
-use super::safety::exti;
 use super::{Board, change, pac, put, reset};
 use crate::board::gpio::gpioa::{PA0, PA1, PA2};
 use crate::encoder::{Edge, EdgeGuard, EdgeLines, EncoderTimer, Levels, Line, QuadratureLines};

@@ -3,15 +3,12 @@
 //! [`stop`] and [`retract`] write registers that any priority may write at any moment: a port's set-reset register changes
 //! only the named pins in one store, and the PWM's mode register is theirs and the servo task's. What they did is counted;
 //! the servo task reads the count when its tick begins, and after it has written its own outputs it looks again: when the
-//! count has changed in between, it repeats what was forced ([`ForcedLines::settle`]). So no lock is needed and a decision that
+//! count has changed in between, it repeats what was forced ([`ServoLines`](super::servo_lines::ServoLines)). So no lock is needed and a decision that
 //! was made before the short can never outlive it.
 
-use super::gate::{comparators, gate_edges};
-use super::gated::{conversions, newest, retreats, shorts};
 use super::pins::{high, is_high, low};
 use super::{Board, change, pac, put};
 use crate::board::Pin;
-use crate::reflex::{ForcedLines, PulseCounts};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
 const ALLOW: Pin = Board::TABLE.pin("allow_pulses");
@@ -163,51 +160,23 @@ pub struct Forced {
     pulses: u32,
 }
 
-/// The lines, as the servo task sees them.
-pub struct ServoLines(pub(super) ());
+/// What was forced up to now.
+#[inline(always)]
+pub(super) fn forced() -> Forced {
+    Forced { bridge: FORCED.load(), pulses: KILLED.load() }
+}
 
-impl ForcedLines for ServoLines {
-    type Mark = Forced;
-
+impl Forced {
+    /// Whether the bridge was forced between this moment and a later one.
     #[inline(always)]
-    fn forced(&self) -> Forced {
-        Forced { bridge: FORCED.load(), pulses: KILLED.load() }
-    }
-
-    #[inline(always)]
-    fn bridge_forced(&self, earlier: Forced, later: Forced) -> bool {
-        earlier.bridge != later.bridge
-    }
-
-    #[inline(always)]
-    fn settle(&mut self, seen: Forced) {
-        if self.forced() != seen {
-            repeat(seen);
-        }
-    }
-
-    fn stop(&mut self) {
-        stop();
-    }
-
-    #[inline(always)]
-    fn retreats(&self) -> u32 {
-        retreats()
-    }
-
-    fn pulses(&self) -> PulseCounts {
-        PulseCounts {
-            edges: gate_edges() as u8,
-            conversions: conversions() as u8,
-            shorts: shorts() as u8,
-            comparators: comparators(),
-            newest: newest(),
-        }
+    pub(super) fn bridge_differs(self, later: Forced) -> bool {
+        self.bridge != later.bridge
     }
 }
 
+/// Forces again what was forced since `seen`, over what the servo task has written meanwhile.
 #[cold]
-fn repeat(seen: Forced) {
+pub(super) fn repeat(seen: Forced) {
     let mut bridge = seen.bridge;
     // Twice at the most: reflex or stop may come again while the first is repeated.
     for _ in 0..2 {

@@ -5,9 +5,6 @@
 use super::boot::{Death, died};
 use super::lines;
 use super::stack;
-use super::start::StartError;
-use super::watchdog::Watchdog;
-use crate::watchdog::Watchdog as _;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use cortex_m::peripheral::SCB;
@@ -53,22 +50,4 @@ unsafe fn DefaultHandler(number: i16) -> ! {
 pub fn silent(task: usize) -> ! {
     lines::kill();
     end(Death::Silent, task as u32, 0, || defmt::error!("task {=usize} has fallen silent", task))
-}
-
-/// The head did not start: pins off, the LED blinks, the log says why, for as long as there is power.
-pub fn halt(error: StartError, mut watchdog: Option<Watchdog>) -> ! {
-    lines::kill();
-    defmt::error!("start: {}", error);
-    let mut lit = false;
-    loop {
-        lit = !lit;
-        lines::led(lit);
-        for _ in 0..100 {
-            if let Some(watchdog) = &mut watchdog {
-                watchdog.feed();
-            }
-            // Whatever the clock came to be, some milliseconds.
-            cortex_m::asm::delay(200_000);
-        }
-    }
 }

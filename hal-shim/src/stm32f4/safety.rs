@@ -1,10 +1,11 @@
 //! Safety inputs: levels for the servo task, edges for the stop task.
 
+use super::exti::exti;
 use super::hal::gpio::ExtiPin;
 use super::hal::syscfg::SysCfg;
 use super::pins::Input;
 use super::supply::{self, Supply};
-use super::{Board, change, lines, pac, put};
+use super::{Board, change, lines, put};
 use crate::board::Pin as Place;
 use crate::board::gpio::Pin;
 use crate::safety::{Contact, Safety, SafetyInputs, SafetyPins};
@@ -60,12 +61,6 @@ fn open<const PORT: char>() -> u32 {
 
 /// Conditions that were seen unsafe since the servo task last asked, in the bits of their lines.
 static SEEN: AtomicU32 = AtomicU32::new(0);
-
-pub(super) fn exti() -> &'static pac::exti::RegisterBlock {
-    // SAFETY: the register block is there for ever. The mask and edge registers are changed at start-up, with interrupts
-    // off, and afterwards only by the encoder's storm guard; the pending register clears only bits written as 1.
-    unsafe { &*pac::EXTI::ptr() }
-}
 
 /// The bridge's fault line, which belongs to the timer's break input but can be read.
 pub struct FaultLine(());

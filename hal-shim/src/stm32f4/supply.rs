@@ -5,7 +5,7 @@
 //! falling, and it is content again above 2.96 to 3.10 V, with which 3.2 V at the least (docs/bring-up.md) leaves room (data
 //! sheet, embedded reset and power control block).
 
-use super::safety::exti;
+use super::exti::exti;
 use super::{change, pac, put};
 use crate::self_test::SelfTest;
 

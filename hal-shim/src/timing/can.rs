@@ -7,7 +7,6 @@
 //! of 14 quanta (85.7 %) is nearest. CiA 301 accepts 85 to 90 %. The rate itself is always exact.
 
 use super::Refused;
-use crate::board::APB1_HZ;
 
 /// Bit rates a head offers, bit/s.
 pub const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
@@ -47,32 +46,6 @@ impl BitTiming {
     pub const fn btr(self) -> u32 {
         (self.sjw as u32 - 1) << 24 | (self.ts2 as u32 - 1) << 20 | (self.ts1 as u32 - 1) << 16 | (self.brp as u32 - 1)
     }
-}
-
-/// CAN_BTR of each of [`BIT_RATES`].
-const BTRS: [u32; BIT_RATES.len()] = {
-    let mut btrs = [0; BIT_RATES.len()];
-    let mut i = 0;
-    while i < btrs.len() {
-        btrs[i] = match bit_timing(APB1_HZ, BIT_RATES[i]) {
-            Ok(timing) => timing.btr(),
-            Err(_) => panic!("a bit rate that the clock does not give"),
-        };
-        i += 1;
-    }
-    btrs
-};
-
-/// CAN_BTR for one of [`BIT_RATES`] on this chip.
-pub const fn btr(bit_rate: u32) -> Option<u32> {
-    let mut i = 0;
-    while i < BTRS.len() {
-        if BIT_RATES[i] == bit_rate {
-            return Some(BTRS[i]);
-        }
-        i += 1;
-    }
-    None
 }
 
 /// Bit timing for `bit_rate` (up to 1 Mbit/s) from the controller's clock: the exact rate with the sample point nearest to
@@ -122,7 +95,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const APB1: u32 = APB1_HZ;
+    const APB1: u32 = crate::board::APB1_HZ;
 
     #[test]
     fn the_four_rates_of_a_head_at_42_mhz() {
