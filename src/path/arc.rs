@@ -4,8 +4,9 @@
 //! not as far from the centre as a host gave it. Both ends are therefore met exactly.
 
 use super::angle::{self, Angle, SINE_BITS};
+use super::grid::Grid;
 use super::line::{Line, SLOPE_BITS, product};
-use super::piece::{Grid, Plane, Turn};
+use super::shape::{Plane, Turn};
 use super::{AXES, Point};
 use crate::units::Fixed;
 

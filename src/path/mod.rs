@@ -12,14 +12,18 @@
 
 mod angle;
 mod arc;
+mod grid;
 mod line;
 mod piece;
 mod register;
+mod shape;
 
 pub use arc::Arc;
+pub use grid::REACH;
 pub use line::Line;
-pub use piece::{INCONSISTENCY, Piece, Plane, RADII, REACH, Refused, Segment, Shape, Turn};
+pub use piece::{INCONSISTENCY, Piece, RADII, Refused, Segment};
 pub use register::{AHEAD, BEHIND, Bound, Register};
+pub use shape::{Plane, Shape, Turn};
 
 use crate::units::Fixed;
 

@@ -1,129 +1,23 @@
 //! What a path is made of: pieces as a host gives them, and packed as the register keeps them.
 
 use super::arc::{Arc, Round, distance};
+use super::grid::{Grid, Place, REACH, counts, length, length_um};
 use super::line::{Line, SLOPE_BITS};
+use super::shape::{Plane, Shape};
 use super::{AXES, Point};
-use crate::units::{FRACTION_BITS, Fixed};
+use crate::units::Fixed;
 use core::fmt;
 
-/// How far from where the path begins it may lead along any axis, nm: 1.07 m.
-pub const REACH: i64 = 1 << 30;
 /// Smallest and largest radius, nm.
 pub const RADII: (i64, i64) = (10_000, 1 << 29);
 /// By how much start and end of an arc may differ in their distance from its centre, nm: as much as coordinates in whole um
 /// bring about.
 pub const INCONSISTENCY: i64 = 2_000;
 
-/// Binary places of a length that is kept, um.
-const LENGTH_BITS: u32 = 10;
 /// Jumps of direction that are as good as none: rounding of coordinates.
 const SMOOTH: f32 = 0.002;
 /// Parts of a corner: a jump of 2, back along the same line, takes 254.
 const CORNER: f32 = 127.0;
-
-/// The plane of an arc. The axes of a path are the head's own, down, then X and Y beside it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Plane {
-    /// X and Y (G17): a helix goes down.
-    Xy,
-    /// Down and X (G18).
-    Zx,
-    /// Y and down (G19).
-    Yz,
-}
-
-impl Plane {
-    /// First and second axis of the plane, then the third.
-    #[inline(always)]
-    pub(super) fn pick<T>(self, [down, x, y]: [T; AXES]) -> [T; AXES] {
-        match self {
-            Plane::Xy => [x, y, down],
-            Plane::Zx => [down, x, y],
-            Plane::Yz => [y, down, x],
-        }
-    }
-
-    /// The reverse of [`Plane::pick`].
-    #[inline(always)]
-    pub(super) fn put<T>(self, [u, v, w]: [T; AXES]) -> [T; AXES] {
-        match self {
-            Plane::Xy => [w, u, v],
-            Plane::Zx => [u, v, w],
-            Plane::Yz => [v, w, u],
-        }
-    }
-}
-
-/// Which way around.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Turn {
-    /// From the first axis of the plane toward the second.
-    Forward,
-    /// From the second toward the first.
-    Backward,
-}
-
-/// What a piece of path looks like, by the numbers of 200Eh:6.
-///
-/// An arc goes around a centre in a plane, the third axis going along evenly. Back to where it begins in the plane it is a whole
-/// turn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[repr(u8)]
-pub enum Shape {
-    /// Straight.
-    Line,
-    /// In X-Y, from X toward Y.
-    Xy,
-    /// In X-Y, from Y toward X.
-    XyBack,
-    /// In down-X, from down toward X.
-    Zx,
-    /// In down-X, from X toward down.
-    ZxBack,
-    /// In Y-down, from Y toward down.
-    Yz,
-    /// In Y-down, from down toward Y.
-    YzBack,
-}
-
-impl Shape {
-    /// All, by their numbers.
-    pub const ALL: [Shape; 7] =
-        [Shape::Line, Shape::Xy, Shape::XyBack, Shape::Zx, Shape::ZxBack, Shape::Yz, Shape::YzBack];
-
-    /// By its number.
-    pub fn from_number(number: u8) -> Option<Shape> {
-        Shape::ALL.get(usize::from(number)).copied()
-    }
-
-    /// An arc in a plane.
-    pub fn of(plane: Plane, turn: Turn) -> Shape {
-        match (plane, turn) {
-            (Plane::Xy, Turn::Forward) => Shape::Xy,
-            (Plane::Xy, Turn::Backward) => Shape::XyBack,
-            (Plane::Zx, Turn::Forward) => Shape::Zx,
-            (Plane::Zx, Turn::Backward) => Shape::ZxBack,
-            (Plane::Yz, Turn::Forward) => Shape::Yz,
-            (Plane::Yz, Turn::Backward) => Shape::YzBack,
-        }
-    }
-
-    /// Plane and turn of an arc.
-    pub fn arc(self) -> Option<(Plane, Turn)> {
-        match self {
-            Shape::Line => None,
-            Shape::Xy => Some((Plane::Xy, Turn::Forward)),
-            Shape::XyBack => Some((Plane::Xy, Turn::Backward)),
-            Shape::Zx => Some((Plane::Zx, Turn::Forward)),
-            Shape::ZxBack => Some((Plane::Zx, Turn::Backward)),
-            Shape::Yz => Some((Plane::Yz, Turn::Forward)),
-            Shape::YzBack => Some((Plane::Yz, Turn::Backward)),
-        }
-    }
-}
 
 /// A piece of path, from where the one before ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -190,34 +84,11 @@ impl fmt::Display for Refused {
 
 impl core::error::Error for Refused {}
 
-/// nm per count of each axis.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Grid(pub [i64; AXES]);
-
-impl Grid {
-    /// A length in counts: the nearest.
-    pub fn counts(nm: i64, nm_per_count: i64) -> Fixed {
-        let half = nm_per_count >> 1;
-        let half = if nm < 0 { half.wrapping_neg() } else { half };
-        let scaled = (nm << FRACTION_BITS).wrapping_add(half);
-        Fixed(scaled.checked_div(nm_per_count).unwrap_or(0))
-    }
-
-    /// A length in nm, the nearest; at [`REACH`] where it is longer.
-    pub fn nm(counts: Fixed, nm_per_count: i64) -> i64 {
-        let scaled = counts.0.saturating_mul(nm_per_count);
-        (scaled.saturating_add(1 << (FRACTION_BITS - 1)) >> FRACTION_BITS).clamp(REACH.wrapping_neg(), REACH)
-    }
-}
-
-/// A point as the register keeps it: nm from where the path begins.
-pub(super) type Place = [i32; AXES];
-
 /// A segment as the register keeps it: 28 bytes. It begins where the one before ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Packed {
     pub to: Place,
-    /// um, [`LENGTH_BITS`] places.
+    /// As [`length`] gives it.
     length: u32,
     centre: [i32; 2],
     shape: Shape,
@@ -332,34 +203,6 @@ impl Packed {
     pub fn corner(&self) -> f32 {
         f32::from(self.corner) * (1.0 / CORNER)
     }
-}
-
-/// A place in counts.
-pub(super) fn counts(place: Place, datum: &Point, grid: &Grid) -> Point {
-    let mut point = *datum;
-    for (point, (nm, nm_per_count)) in point.iter_mut().zip(place.iter().zip(&grid.0)) {
-        *point = point.plus(Grid::counts((*nm).into(), *nm_per_count));
-    }
-    point
-}
-
-/// Length of a way in nm, as it is kept: um with [`LENGTH_BITS`] places; 0 only for none.
-pub(super) fn length(travel: [u64; AXES]) -> u32 {
-    let mut sum = 0u64;
-    for travel in travel {
-        sum = sum.saturating_add(travel.saturating_mul(travel));
-    }
-    // As many more places of the root as there is room for.
-    let places = (sum.leading_zeros() >> 1).min(31);
-    let root = (sum << (places << 1)).isqrt();
-    let scaled = (root << LENGTH_BITS).checked_div(1000u64 << places).unwrap_or(0);
-    let least = u64::from(sum > 0);
-    scaled.max(least).min(u32::MAX.into()) as u32
-}
-
-/// A length as it is kept, in um.
-pub(super) fn length_um(kept: u32) -> Fixed {
-    Fixed(i64::from(kept) << (FRACTION_BITS - LENGTH_BITS))
 }
 
 impl Segment {

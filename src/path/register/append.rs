@@ -1,7 +1,9 @@
 //! What is appended: pieces of a host become segments behind the last one.
 
 use super::{AHEAD, Register};
-use crate::path::piece::{Packed, Piece, Place, REACH, Refused, Segment, Shape, counts};
+use crate::path::grid::{Place, REACH};
+use crate::path::piece::{Packed, Piece, Refused, Segment};
+use crate::path::shape::Shape;
 use crate::path::{AXES, Point};
 use crate::units::{FRACTION_BITS, Fixed};
 

@@ -7,8 +7,9 @@ mod step;
 #[cfg(test)]
 mod tests;
 
+use super::grid::{Grid, Place, counts, length, length_um};
 use super::line::Line;
-use super::piece::{Grid, Packed, Place, Segment, counts, length, length_um};
+use super::piece::{Packed, Segment};
 use super::{AXES, Point};
 use crate::units::{FRACTION_BITS, Fixed};
 use heapless::Deque;

@@ -1,8 +1,9 @@
 //! A step along the path, forward and backward, and what stops it short.
 
 use super::{BEHIND, Bound, JOINTS, Register};
+use crate::path::grid::counts;
 use crate::path::line::Line;
-use crate::path::piece::{Packed, counts};
+use crate::path::piece::Packed;
 use crate::units::Fixed;
 
 impl<const N: usize> Register<N> {
