@@ -1,7 +1,7 @@
 //! Faults of the chip itself: what stops, what stands, what dies, what is wrong in its memories.
 
 use super::case::{Case, Expect};
-use super::rows::{JUDGED_US, LIVE_US, ON, STANDS_US, halt};
+use super::limits::{JUDGED_US, LIVE_US, ON, STANDS_US};
 use super::stage::{MS, Scene, Stage, US};
 use crate::commission::{BASE, LENGTH};
 use crate::host;
@@ -61,6 +61,13 @@ fn cleared(register: u32, bits: u32) -> impl Fn(&mut Stage) -> Result<()> {
         let value = soc.read(register, 4)?;
         Ok(soc.write(register, 4, value & !bits)?)
     }
+}
+
+/// The core stands for two milliseconds.
+fn halt(stage: &mut Stage) -> Result<()> {
+    let now = stage.now();
+    stage.rig.machine_mut().halt_until(now + 2 * MS);
+    Ok(())
 }
 
 /// Peripherals that stop.

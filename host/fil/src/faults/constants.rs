@@ -3,7 +3,7 @@
 //! erodes, where they press hardest natively.
 
 use super::case::{CHECK, Case, Expect};
-use super::rows::{ENCODER, ON, STANDS_US};
+use super::limits::{ENCODER, ON, STANDS_US};
 use super::stage::{Scene, Stage};
 use crate::host;
 use anyhow::{Context, Result, ensure};

@@ -4,16 +4,22 @@
 //! | --- | --- |
 //! | `stage` | the head where faults are injected, and what it is seen to do and heard to say |
 //! | `case` | a fault with what is expected, and the row that comes of it |
-//! | `rows` | the fault table, the pins, the bus |
+//! | `limits` | times and names that cases expect |
+//! | `rows` | the fault table |
+//! | `pins` | each input stuck or open |
+//! | `bus` | frames, lines, neighbours, a second master |
 //! | `chip` | peripherals, tasks, clocks, deaths, memories |
 //! | `constants` | settings that do not fit the machine |
 //!
 //! The head is brought to its work once; each row goes on from there ([`crate::machine::Snapshot`]). docs/robustness.md says
 //! how rows are judged.
 
+mod bus;
 mod case;
 mod chip;
 mod constants;
+mod limits;
+mod pins;
 mod rows;
 mod stage;
 
@@ -30,6 +36,22 @@ use std::path::PathBuf;
 
 /// Who writes a section of the page.
 const COMMAND: &str = "cargo fil faults";
+
+/// Every case, in the order of the page.
+fn all() -> Vec<Case> {
+    let mut cases = Vec::new();
+    rows::table(&mut cases);
+    pins::pins(&mut cases);
+    chip::stopped(&mut cases);
+    chip::silent(&mut cases);
+    chip::clocks(&mut cases);
+    chip::deaths(&mut cases);
+    bus::bus(&mut cases);
+    chip::stored(&mut cases);
+    chip::flips(&mut cases);
+    constants::wrong(&mut cases);
+    cases
+}
 
 /// Arguments of `cargo fil faults`.
 #[derive(Debug, Args)]
@@ -69,7 +91,7 @@ impl Faults {
         let chosen = |case: &Case| {
             self.rows.as_ref().is_none_or(|pattern| case.title().contains(pattern)) && (!self.short || case.short)
         };
-        let cases: Vec<Case> = rows::all().into_iter().filter(chosen).skip(i - 1).step_by(n).collect();
+        let cases: Vec<Case> = all().into_iter().filter(chosen).skip(i - 1).step_by(n).collect();
         if self.list {
             cases.iter().for_each(|case| println!("{}", case.title()));
             return Ok(true);
@@ -129,7 +151,7 @@ mod tests {
 
     #[test]
     fn every_fault_of_the_table_is_expected_of_some_row() {
-        let cases = rows::all();
+        let cases = all();
         let expected = |fault: &Fault| {
             cases.iter().any(|case| matches!(case.expect, Expect::Named(names, _) if names.contains(&fault.name())))
         };
@@ -139,7 +161,7 @@ mod tests {
 
     #[test]
     fn rows_have_names_of_their_own_and_the_short_form_has_some_of_each_kind() {
-        let cases = rows::all();
+        let cases = all();
         let names: BTreeSet<_> = cases.iter().map(Case::title).collect();
         assert_eq!(names.len(), cases.len());
         let short = cases.iter().filter(|case| case.short).count();
