@@ -22,6 +22,7 @@ pub mod latency;
 pub mod layout;
 pub mod live;
 pub mod machine;
+pub mod meter;
 pub mod rig;
 pub mod rtt;
 pub mod seen;

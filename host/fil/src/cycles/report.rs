@@ -2,8 +2,8 @@
 
 use super::names::{self, Debug};
 use super::scenes::{self, INDEX, OVERLOAD, Tasks};
-use super::{Cost, Run};
 use crate::image::Image;
+use crate::meter::{Cost, Run};
 use anyhow::Result;
 use edm_soc::Exception;
 use serde::Serialize;

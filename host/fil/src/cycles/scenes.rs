@@ -9,9 +9,10 @@
 //!
 //! *Marks*: after that, an index mark at every eighth count, and then edges faster than the interrupt serves.
 
-use super::{Task, names::Debug};
+use super::names::Debug;
 use crate::host;
 use crate::image::Image;
+use crate::meter::{Task, WAIT_STATES};
 use crate::session::{MS, Session};
 use crate::synthetic::{Behaviour, Traffic};
 use crate::wires::CONTACTS;
@@ -104,7 +105,7 @@ fn ready(image: &Image, behaviour: Behaviour, debug: &Rc<Debug>) -> Result<Sessi
     session.erode()?;
     let access = session.machine.soc().flash_access();
     ensure!(
-        access == (super::WAIT_STATES as u32, true),
+        access == (WAIT_STATES as u32, true),
         "the estimate is for five wait states with prefetch and both caches on; the image has set {access:?}"
     );
     let debug = Rc::clone(debug);

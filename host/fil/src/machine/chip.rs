@@ -1,8 +1,8 @@
 //! What the engine's hooks share: the peripherals, the clock of the processor, decoded code, statistics.
 
 use super::half;
-use crate::cycles::Meter;
 use crate::decode::{Class, Instruction, REFILL, decode};
+use crate::meter::Meter;
 use edm_soc::{Exception, Masks, Soc, World};
 
 /// Half words of flash, and the upper bits of its addresses.

@@ -8,9 +8,9 @@ pub use chip::{Alter, Span, Stats};
 use chip::{Chip, Stop};
 pub use snapshot::Snapshot;
 
-use crate::cycles::{Buses, Marks, Meter};
 use crate::decode::Class;
 use crate::image::Image;
+use crate::meter::{Buses, Marks, Meter};
 use anyhow::{Result, anyhow, bail};
 use edm_soc::{Masks, NEVER, Region, Reset, Soc, World, exception};
 use std::ops::Range;

@@ -1,12 +1,27 @@
 //! Charges every instruction that runs to its address and to the exception that runs it.
+//!
+//! The estimate is that of `timing` with what flash (`accelerator`) and peripherals (`buses`) let the processor wait.
+//! *Warm* is without these waits, *cold* as if the flash accelerator held nothing when the run began.
+//!
+//! Limits. It is a model, not silicon: no contention between processor and DMA for RAM, no alignment of 32-bit instructions,
+//! and what the three modules say they assume. The vector of an exception is fetched while its frame is stored, and the cache
+//! does not see that.
 
-use super::accelerator::{Accelerator, LINE};
-use super::buses::Buses;
-use super::cost::{Cost, Sequence, quotient_bits};
-use super::timing::{Decoder, Kind, Timing};
+mod accelerator;
+mod buses;
+mod cost;
+mod timing;
+
+pub use accelerator::WAIT_STATES;
+pub use buses::Buses;
+pub use cost::Cost;
+
+use accelerator::{Accelerator, LINE};
 use anyhow::Result;
+use cost::{Sequence, quotient_bits};
 use edm_soc::{Exception, Region};
 use std::collections::BTreeMap;
+use timing::{Decoder, Kind, Timing};
 
 /// Start and size of flash; code outside of it is not metered.
 const FLASH: u32 = 0x0800_0000;
