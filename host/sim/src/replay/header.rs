@@ -1,9 +1,18 @@
 //! What stands above the numbers of a recording: which column is what, in which unit, and how many rows are to come.
 
-use super::recording::Channels;
-
 /// Lines in which the header has to end.
 const LINES: u64 = 64;
+
+/// Which channels of an oscilloscope are what.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Channels {
+    /// Gap voltage; the first when nothing is said.
+    pub gap_v: Option<String>,
+    /// Gap current.
+    pub gap_i: Option<String>,
+    /// Gate of the generator.
+    pub gate: Option<String>,
+}
 
 /// The cells of a line, and its number.
 pub type Row = (u64, Vec<String>);

@@ -19,6 +19,8 @@
 //!
 //! Each name may be quoted, and have a unit with a prefix: `CH1(mV)`.
 
+pub use super::header::Channels;
+
 use super::header::{Column, Row, Time, layout};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -33,17 +35,6 @@ const CELL: usize = 256;
 const LOGIC_V: f64 = 1.5;
 /// Share of a step by which it may differ from the others: times are written with few digits.
 const UNEVEN: f64 = 0.5;
-
-/// Which channels of an oscilloscope are what.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Channels {
-    /// Gap voltage; the first when nothing is said.
-    pub gap_v: Option<String>,
-    /// Gap current.
-    pub gap_i: Option<String>,
-    /// Gate of the generator.
-    pub gate: Option<String>,
-}
 
 /// A recording, evenly sampled.
 #[derive(Clone, Debug, Default, PartialEq)]

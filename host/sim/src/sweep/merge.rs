@@ -1,7 +1,7 @@
 //! `edm-sim sweep merge`: the files of shards become the table of the whole grid.
 
-use super::bounds;
 use super::row::{Format, Row, csv_cells};
+use super::table;
 use crate::output::Output;
 use crate::terminal::{Failure, say};
 use clap::Args;
@@ -43,7 +43,7 @@ impl Merge {
         let lines = whole.rows.values().map(|(line, _)| line.as_str());
         let text: String = std::iter::once(heading).chain(lines).collect();
         let rows: Vec<Row> = whole.rows();
-        let (table, broken) = bounds::judge(&rows);
+        let (table, broken) = table::judge(&rows);
         match out {
             Some(out) => {
                 out.write(|file| file.write_all(text.as_bytes())).map_err(Failure::Failed)?;

@@ -6,13 +6,17 @@
 //! | `row` | a run as a line of CSV or JSON |
 //! | `file` | lines in a file that can be continued |
 //! | `merge` | the files of shards, put together |
-//! | `bounds` | what is judged, and the table |
+//! | `figures` | the figures of a run |
+//! | `bounds` | what a run has to keep |
+//! | `table` | the worst of the runs, and what they broke |
 
 mod bounds;
+mod figures;
 pub(crate) mod file;
 pub(crate) mod grid;
 pub(crate) mod merge;
 pub(crate) mod row;
+mod table;
 
 use crate::bore;
 use crate::inputs::shard;
@@ -140,7 +144,7 @@ impl Options {
         let grid = self.grid().map_err(Failure::BadInput)?;
         let files = self.files(&grid).map_err(Failure::BadInput)?;
         let rows = self.making.rows(&grid, files)?;
-        let (table, broken) = bounds::judge(&rows);
+        let (table, broken) = table::judge(&rows);
         say(&table);
         Ok(broken == 0)
     }
