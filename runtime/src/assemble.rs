@@ -125,7 +125,7 @@ pub fn assemble<B: Board>(
     let (estimates_in, estimates) = crossings.estimates.split(Estimate::default());
     let (plans_in, plans) = crossings.plans.split(Plan::DISABLED);
     let (measured_in, measured) = crossings.measured.split((Measured::default(), Counters::default()));
-    let (judged_in, judged) = crossings.judged.split(Monitored::default());
+    let (monitored_in, monitored) = crossings.monitored.split(Monitored::default());
     let (published_in, published) = crossings.published.split(Status::default());
     let off_time_ns = active.off_time_ns;
     let (head_in, head) = crossings.head.split(HeadConfig { head: active.head, off_time_ns });
@@ -209,13 +209,13 @@ pub fn assemble<B: Board>(
             clock,
             caller,
             signals,
-            carried: Executed::NONE,
+            executed: Executed::NONE,
             raised: (Fault::HostSilent, 0),
             begun: 0,
             made: 0,
-            looked: 0,
+            monitored_tick: 0,
             estimates,
-            judged,
+            monitored,
             plans: plans_in,
             requests,
             answers: answers_in,
@@ -234,13 +234,13 @@ pub fn assemble<B: Board>(
             caller,
             signals,
             count: 0,
-            judged_tick: 0,
+            monitored_tick: 0,
             measured,
             kept: Kept::NEW,
             registers: parts.registers,
             config: supervision,
             faults: faults_in,
-            judged: judged_in,
+            monitored: monitored_in,
         },
         receive: Receive { inboxes, sync: parts.sync, clock, caller, signals, received: received_in },
         transmit: Transmit { mailboxes, caller, signals, sending },

@@ -146,7 +146,7 @@ pub enum Answer {
     Command(Command, Result<(), Refused>, u32),
     /// The same for what a SYNC has released.
     SyncPreview(Command, Result<(), Refused>, u32),
-    /// The planner has judged the newest configuration: its crossing says how.
+    /// The planner has accepted or refused the newest configuration; its crossing says which.
     Configured,
     /// No permit for this job: the drive is not disabled.
     NoPermit(StorageJob),
@@ -227,7 +227,7 @@ pub struct Crossings {
     /// Servo task to supervision.
     pub(crate) measured: Latest<(Measured, Counters)>,
     /// Supervision to planner.
-    pub(crate) judged: Latest<Monitored>,
+    pub(crate) monitored: Latest<Monitored>,
     /// Planner to protocol.
     pub(crate) published: Latest<Status>,
     /// Protocol to planner.
@@ -270,7 +270,7 @@ impl Crossings {
             estimates: Latest::new(),
             plans: Latest::new(),
             measured: Latest::new(),
-            judged: Latest::new(),
+            monitored: Latest::new(),
             published: Latest::new(),
             head: Latest::new(),
             servo: Latest::new(),

@@ -41,16 +41,16 @@ pub struct Plans<B: Board> {
     pub(crate) clock: B::Clock,
     pub(crate) caller: B::Caller,
     pub(crate) signals: &'static Signals,
-    pub(crate) carried: Executed,
+    pub(crate) executed: Executed,
     /// The newest fault that the protocol has raised, and the tick of the estimate; for a debugger, as those below.
     pub(crate) raised: (Fault, u32),
     /// Ticks of the estimates that the newest plan was begun and that it was made on.
     pub(crate) begun: u32,
     pub(crate) made: u32,
-    /// Tick of what the supervision had judged then.
-    pub(crate) looked: u32,
+    /// Tick of the supervision's newest values then.
+    pub(crate) monitored_tick: u32,
     pub(crate) estimates: Reader<'static, Estimate>,
-    pub(crate) judged: Reader<'static, Monitored>,
+    pub(crate) monitored: Reader<'static, Monitored>,
     pub(crate) plans: Writer<'static, Plan>,
     pub(crate) requests: Receiver<'static, Request, REQUESTS>,
     pub(crate) answers: Sender<'static, Answer, ANSWERS>,
@@ -70,10 +70,10 @@ impl<B: Board> Plans<B> {
         if !self.estimates.refresh() {
             return;
         }
-        self.judged.refresh();
+        self.monitored.refresh();
         self.begun = self.tick();
-        self.looked = self.judged.get().tick;
-        self.planner.begin(self.estimates.get(), self.judged.get());
+        self.monitored_tick = self.monitored.get().tick;
+        self.planner.begin(self.estimates.get(), self.monitored.get());
         let mut answered = self.set_point();
         while let Some(permit) = self.returned.receive() {
             self.planner.end_write(permit);
@@ -129,7 +129,7 @@ impl<B: Board> Plans<B> {
     }
 
     fn command(&mut self, command: Command) -> Result<(), Refused> {
-        self.carried.push(command, self.estimates.get().tick);
+        self.executed.push(command, self.estimates.get().tick);
         self.planner.command(command)
     }
 

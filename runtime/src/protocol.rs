@@ -180,7 +180,7 @@ impl<B: Board> Protocol<B> {
                     self.known = tick;
                     self.drive.answered(command, result);
                 }
-                Answer::Configured => self.judged(),
+                Answer::Configured => self.configured(),
                 Answer::NoPermit(job) => {
                     self.jobs[0] = None;
                     self.node.answer(job.group(), Err(Abort::DeviceState), self.drive);
@@ -222,9 +222,9 @@ impl<B: Board> Protocol<B> {
         self.request(Request::Configure);
     }
 
-    /// The planner has judged the configuration that is on its way. There is never a second one: the drive orders none before it
+    /// The planner has accepted or refused the newest configuration. There is never a second one: the drive orders none before it
     /// knows what became of the last, and [`Protocol::restart`] waits for that, too.
-    fn judged(&mut self) {
+    fn configured(&mut self) {
         let verdict = self.ends.head.verdict();
         debug_assert_eq!(verdict.generation, self.ends.head.generation(), "two configurations on their way");
         if !verdict.accepted {

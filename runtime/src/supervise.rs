@@ -24,14 +24,14 @@ pub struct Supervise<B: Board> {
     pub(crate) caller: B::Caller,
     pub(crate) signals: &'static Signals,
     pub(crate) count: u32,
-    /// Tick whose measurement was judged last: for a debugger.
-    pub(crate) judged_tick: u32,
+    /// Tick of the newest measurement that the supervision has monitored, for a debugger.
+    pub(crate) monitored_tick: u32,
     pub(crate) measured: Reader<'static, (Measured, Counters)>,
     pub(crate) config: Reader<'static, SupervisionConfig>,
     pub(crate) kept: Kept<SupervisionConfig>,
     pub(crate) registers: B::Registers,
     pub(crate) faults: Sender<'static, Fault, 8>,
-    pub(crate) judged: Writer<'static, Monitored>,
+    pub(crate) monitored: Writer<'static, Monitored>,
 }
 
 impl<B: Board> Supervise<B> {
@@ -88,7 +88,7 @@ impl<B: Board> Supervise<B> {
             self.signals.second.set();
         }
         let supervisor = &self.supervisor;
-        self.judged.write(|judged| *judged = *supervisor.judged());
-        self.judged_tick = self.measured.get().0.tick;
+        self.monitored.write(|monitored| *monitored = *supervisor.monitored());
+        self.monitored_tick = self.measured.get().0.tick;
     }
 }

@@ -118,7 +118,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let output = self.follower.tick(&input, |generation| (plan.generation == generation).then_some(plan));
         if output.hands_over {
             self.follower.estimate(&mut self.estimate, &inputs.gap, inputs.gap.quality, &inputs.encoder.mark);
-            self.planner.begin(&self.estimate, self.supervisor.judged());
+            self.planner.begin(&self.estimate, self.supervisor.monitored());
             self.planner.plan(&mut self.plan);
         }
         if self.follower.number().is_multiple_of(TICKS_PER_MS) {

@@ -397,7 +397,7 @@ struct Belief {
 /// State of the supervision.
 #[derive(Debug, Default)]
 pub struct Supervisor {
-    judged: Monitored,
+    monitored: Monitored,
     guard: CurrentGuard,
     sums: Sums,
     /// `None` until the encoder has been read.
@@ -444,8 +444,8 @@ impl Supervisor {
     }
 
     /// What was looked at last.
-    pub fn judged(&self) -> &Monitored {
-        &self.judged
+    pub fn monitored(&self) -> &Monitored {
+        &self.monitored
     }
 
     /// Looks, and judges; `host_alive` tells of a life sign since the last call. Gives the most urgent new fault.
@@ -454,10 +454,10 @@ impl Supervisor {
         let limits = &config.limits;
         let follows = now.state.follows();
         let closed = now.closed;
-        let judged = &self.judged;
+        let monitored = &self.monitored;
 
-        let bus = closed && judged.bus.0 < limits.bus_min.0;
-        let current = self.current.longer_than(limits.current_ms, judged.current.0.abs() > limits.current_max.0);
+        let bus = closed && monitored.bus.0 < limits.bus_min.0;
+        let current = self.current.longer_than(limits.current_ms, monitored.current.0.abs() > limits.current_max.0);
         let unmeasured = counters.drive_stands || now.bus >= ADC_FULL_SCALE;
         let on = now.state != State::Disabled;
         let drive = self.drive.longer_than(Self::DRIVE_MS, unmeasured && on) | (stuck && on);
@@ -489,8 +489,8 @@ impl Supervisor {
         let gateless = now.quality == Quality::NoGate || limits.gated && !self.pulses.gate_seen();
         let gate = self.gate.longer_than(limits.gap_ms, now.pulses && gateless);
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;
-        self.judged.blocked = blocked;
-        self.judged.arcs = self.classes.jump();
+        self.monitored.blocked = blocked;
+        self.monitored.arcs = self.classes.jump();
 
         [
             (drive, Fault::DriveSignalLost),
@@ -547,12 +547,12 @@ impl Supervisor {
         let stuck = self.stuck.look(now.sums.only_code_since(&self.sums), driven, config.amps_per_code.0);
         self.sums = now.sums;
         self.guard.update(&config.current, squares, drawn.over);
-        self.judged.back_emf.update(&config.plant, &drawn);
-        self.judged.current = drawn.end;
-        self.judged.tick = now.tick;
-        self.judged.bus = bus;
-        self.judged.reduced = self.guard.reduced();
-        self.judged.illegal = illegal;
+        self.monitored.back_emf.update(&config.plant, &drawn);
+        self.monitored.current = drawn.end;
+        self.monitored.tick = now.tick;
+        self.monitored.bus = bus;
+        self.monitored.reduced = self.guard.reduced();
+        self.monitored.illegal = illegal;
 
         let watch = counters.watch.map(|watch| as_wired(reversed, watch));
         let apart = belief.plausibility.look(used, watch, illegal).is_err();
@@ -561,7 +561,7 @@ impl Supervisor {
 
     /// An encoder that stands still while the winding generates, or the reverse, is not believed.
     fn contradicts(&mut self, limits: &Limits, closed: bool) -> bool {
-        let back_emf = &self.judged.back_emf;
+        let back_emf = &self.monitored.back_emf;
         let allowed = limits.velocity.0 + limits.resistance * back_emf.resistive().0;
         let differs = back_emf.difference().0.abs() > allowed;
         self.encoder.longer_than(limits.encoder_ms, closed && differs)

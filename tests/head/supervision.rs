@@ -388,7 +388,7 @@ fn a_current_is_too_much_either_way_in_every_state() {
                 watched.now.closed = closed;
                 (watched.amps, watched.duty) = (amps * way, amps * way * 12.4 / 48.0);
                 assert_eq!(watched.first(200), fault, "{amps} A, {way}");
-                let shown = watched.supervisor.judged().current.0;
+                let shown = watched.supervisor.monitored().current.0;
                 assert!((f64::from(shown) - amps * way).abs() < 0.01, "{shown}");
             }
         }
@@ -416,9 +416,9 @@ fn a_winding_gets_hot_by_a_current_of_either_sign() {
         (watched.amps, watched.duty) = (2.0 * way, 2.0 * way * 12.4 / 48.0);
         // 1 A for ever: 1 s * ln(4 / 3) at 2 A.
         assert_eq!(watched.first(280), None);
-        assert!(!watched.supervisor.judged().reduced);
+        assert!(!watched.supervisor.monitored().reduced);
         assert_eq!(watched.first(20), None);
-        assert!(watched.supervisor.judged().reduced);
+        assert!(watched.supervisor.monitored().reduced);
     }
 }
 

@@ -100,8 +100,8 @@ pub struct Emulated {
     /// Runs of the gap task so far.
     blocks: u64,
     status: Status,
-    /// Tick that the supervision has judged last, and that of the estimate of the newest plan.
-    judged: u32,
+    /// Tick that the supervision has monitored last, and that of the estimate of the newest plan.
+    monitored: u32,
     made: u32,
     /// Ticks that have to wait for a plan which was begun before them, and what came after them.
     held: Vec<Event>,
@@ -111,7 +111,7 @@ pub struct Emulated {
     /// Frames of the head, and when they ended.
     came: VecDeque<(u64, Frame)>,
     /// Commands that the newest plan carried out, and the set point that a SYNC released in the newest tick.
-    carried: Vec<Command>,
+    executed: Vec<Command>,
     released: Option<SetPoint>,
     windows: u64,
 }
@@ -162,13 +162,13 @@ impl Emulated {
             end: 0,
             blocks: 0,
             status: Status::default(),
-            judged: 0,
+            monitored: 0,
             made: 0,
             held: Vec::new(),
             count: 0,
             changes: VecDeque::new(),
             came: VecDeque::new(),
-            carried: Vec::new(),
+            executed: Vec::new(),
             released: None,
             windows: 0,
         };
@@ -306,10 +306,10 @@ impl Emulated {
         let mut status = planned;
         self.places.followed(memory, &mut status)?;
         let (input, counters) = (self.places.input(memory)?, self.places.counters(memory)?);
-        let [begun, made, looked] = self.places.plans(memory)?;
+        let [begun, made, known] = self.places.plans(memory)?;
         let raised = self.places.raised(memory, made)?;
         let commands = self.places.commands(memory, made)?;
-        let judged = self.places.judged(memory)?;
+        let monitored = self.places.monitored(memory)?;
         let stores = before.state == State::Disabled && status.state == State::Disabled;
         if status.tick != before.tick.wrapping_add(1) && matches!(self.witness, Witness::None) && stores {
             // The processor stalls while the flash is erased, and only a disabled head is allowed to.
@@ -326,10 +326,10 @@ impl Emulated {
         }
         let mut plan = Vec::new();
         self.released = input.set_point;
-        self.carried.clear();
+        self.executed.clear();
         if made != self.made {
-            self.carried = commands;
-            plan.extend(self.carried.iter().map(|command| Event::Command(*command)));
+            self.executed = commands;
+            plan.extend(self.executed.iter().map(|command| Event::Command(*command)));
             plan.extend(raised.map(Event::Raised));
             plan.push(Event::Plan(planned));
         }
@@ -340,10 +340,10 @@ impl Emulated {
         if made == status.tick {
             after = plan;
         }
-        if judged != self.judged {
+        if monitored != self.monitored {
             // The plan may have come in between.
-            let planned = made != self.made && looked != judged;
-            match (judged == status.tick, made == status.tick && planned) {
+            let planned = made != self.made && known != monitored;
+            match (monitored == status.tick, made == status.tick && planned) {
                 (_, true) => after.push(Event::Supervised),
                 (true, false) => after.insert(0, Event::Supervised),
                 (false, false) if planned || made == self.made => before.push(Event::Supervised),
@@ -363,7 +363,7 @@ impl Emulated {
             self.tell(before.into_iter())?;
         }
         self.made = made;
-        self.judged = judged;
+        self.monitored = monitored;
         self.status = status;
         Ok(())
     }
@@ -440,8 +440,8 @@ impl Emulated {
     }
 
     /// Commands that the newest tick carried out, and when that tick began.
-    pub fn carried(&self) -> (u64, &[Command]) {
-        (self.end - LOOK, &self.carried)
+    pub fn executed(&self) -> (u64, &[Command]) {
+        (self.end - LOOK, &self.executed)
     }
 
     /// The set point that a SYNC released in the newest tick.

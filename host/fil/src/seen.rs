@@ -36,7 +36,7 @@ const GAP: &str = "edm_runtime::gap::Gap";
 const RAISED: &str = "(edm_servo_head::head::fault::Fault, u32)";
 const BLOCKS: &str = "core::option::Option<edm_hal_shim::gap::GapBlock>";
 
-const CARRIED: &str = "edm_runtime::plan::Executed";
+const EXECUTED: &str = "edm_runtime::plan::Executed";
 const SUPERVISE: &str = "edm_runtime::supervise::Supervise";
 const CONFIG: &str = "edm_servo_head::head::config::Config";
 const LIMITS: &str = "edm_servo_head::head::supervise::Limits";
@@ -103,14 +103,14 @@ pub struct Runs {
 pub struct Places {
     variants: Vec<Variant>,
     /// Commands, how many, and their tick.
-    carried: (u32, u32, u32),
+    executed: (u32, u32, u32),
     status: u32,
     write_permitted: u32,
     input: u32,
     counters: u32,
     followed: Followed,
     raised: (u32, u32),
-    /// Ticks of the plans begun and made, and of what the supervision had judged when it was begun.
+    /// Ticks of the plans begun and made, and of the supervision's newest values when it was begun.
     plans: [u32; 3],
     block: u32,
     /// Limits in the planner's configuration.
@@ -123,8 +123,8 @@ pub struct Places {
     gap: u32,
     /// Which slot the servo task has its gap reading from.
     reading: u32,
-    /// Tick that the supervision has judged.
-    judged: u32,
+    /// Tick that the supervision has monitored last.
+    monitored: u32,
 }
 
 /// Of the follower.
@@ -159,7 +159,7 @@ impl Places {
             ESTIMATOR,
             POSITION,
             PLANS,
-            CARRIED,
+            EXECUTED,
             "edm_servo_head::head::positioning::MotionLimits",
             "edm_servo_head::head::positioning::Home",
             "edm_servo_head::path::piece::Piece",
@@ -225,7 +225,7 @@ impl Places {
         let supervise = symbol("app", "__rtic_internal_local_resource_supervise")?;
         let planner = plan + layout.offset(PLANS, "planner")?;
         let raised = plan + layout.offset(PLANS, "raised")?;
-        let carried = plan + layout.offset(PLANS, "carried")?;
+        let executed = plan + layout.offset(PLANS, "executed")?;
         let follower = servo + layout.offset(SERVO, "follower")?;
         let estimator = follower + layout.offset(FOLLOWER, "estimator")?;
         let followed = |field| layout.offset(FOLLOWER, field).map(|at| follower + at);
@@ -240,10 +240,10 @@ impl Places {
         }
         Ok(Self {
             variants,
-            carried: (
-                carried + layout.offset(CARRIED, "commands")?,
-                carried + layout.offset(CARRIED, "count")?,
-                carried + layout.offset(CARRIED, "tick")?,
+            executed: (
+                executed + layout.offset(EXECUTED, "commands")?,
+                executed + layout.offset(EXECUTED, "count")?,
+                executed + layout.offset(EXECUTED, "tick")?,
             ),
             status: planner + layout.offset(PLANNER, "status")?,
             write_permitted: planner + layout.offset(PLANNER, "write_permitted")?,
@@ -263,7 +263,7 @@ impl Places {
             plans: [
                 plan + layout.offset(PLANS, "begun")?,
                 plan + layout.offset(PLANS, "made")?,
-                plan + layout.offset(PLANS, "looked")?,
+                plan + layout.offset(PLANS, "monitored_tick")?,
             ],
             block: symbol("app", "__rtic_internal_local_resource_gap")? + layout.offset(GAP, "block")?,
             head_limits: planner + layout.offset(PLANNER, "config")? + layout.offset(CONFIG, "supervise")?,
@@ -280,7 +280,7 @@ impl Places {
                 + layout.offset(GAP, "source")?
                 + layout.offset(SOURCE, "active")?,
             reading: servo + layout.offset(SERVO, "reading")? + layout.offset(READER, "taken")?,
-            judged: supervise + layout.offset(SUPERVISE, "judged_tick")?,
+            monitored: supervise + layout.offset(SUPERVISE, "monitored_tick")?,
         })
     }
 
@@ -318,14 +318,14 @@ impl Places {
         Ok(())
     }
 
-    /// Ticks of the estimates that the newest plan was begun and that it was made on, and of what the supervision had judged
+    /// Ticks of the estimates that the newest plan was begun and that it was made on, and of the supervision's newest values
     /// when it was begun.
     ///
     /// # Errors
     /// When there is no memory.
     pub fn plans(&self, memory: &Memory) -> Result<[u32; 3]> {
-        let [begun, made, looked] = self.plans.map(|at| View { region: &memory.sram, at }.word(0));
-        Ok([begun?, made?, looked?])
+        let [begun, made, monitored] = self.plans.map(|at| View { region: &memory.sram, at }.word(0));
+        Ok([begun?, made?, monitored?])
     }
 
     /// Both counters, as the servo task has read them last.
@@ -367,12 +367,12 @@ impl Places {
         ])
     }
 
-    /// Tick that the supervision has judged last.
+    /// Tick that the supervision has monitored last.
     ///
     /// # Errors
     /// When there is no memory.
-    pub fn judged(&self, memory: &Memory) -> Result<u32> {
-        View { region: &memory.sram, at: self.judged }.word(0)
+    pub fn monitored(&self, memory: &Memory) -> Result<u32> {
+        View { region: &memory.sram, at: self.monitored }.word(0)
     }
 
     /// Whether idle changes the flash.
@@ -409,8 +409,8 @@ impl Places {
     /// When what is there cannot be commands.
     pub fn commands(&self, memory: &Memory, tick: u32) -> Result<Vec<Command>> {
         let at = |at| View { region: &memory.sram, at };
-        let (commands, count, carried) = self.carried;
-        if at(carried).word(0)? != tick {
+        let (commands, count, executed) = self.executed;
+        if at(executed).word(0)? != tick {
             return Ok(Vec::new());
         }
         let count = at(count).word(0)? as usize;

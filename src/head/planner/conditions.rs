@@ -97,8 +97,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Whether the supervision has found something in the way of a reference that is looked for.
     pub(super) fn is_blocked(&self) -> bool {
-        let since = self.judged.tick.wrapping_sub(self.entered).cast_signed() > 0;
-        self.judged.blocked && since && self.looks_for_home()
+        let since = self.monitored.tick.wrapping_sub(self.entered).cast_signed() > 0;
+        self.monitored.blocked && since && self.looks_for_home()
     }
 
     /// Whether the set point of the loop is the path's.

@@ -57,7 +57,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if self.jump_is_due() && self.begin_jump(false).is_ok() {
             return self.jump_on();
         }
-        let arcs = self.judged.arcs;
+        let arcs = self.monitored.arcs;
         match arcs {
             // Jumps have not helped.
             Some(true) if self.arc_jumps >= ARC_JUMPS => {

@@ -66,7 +66,7 @@ pub struct Planner<P> {
     changes: ChangeLog,
     route: Route<P>,
     now: Estimate,
-    judged: Monitored,
+    monitored: Monitored,
     silence: Silence,
     /// Ticks since the estimate before.
     ticks: u32,
@@ -131,7 +131,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             changes: ChangeLog::default(),
             route: Route::new(path, config.axis.nm_per_count, config.retreat.limit),
             now: Estimate::default(),
-            judged: Monitored::default(),
+            monitored: Monitored::default(),
             silence: Silence::default(),
             ticks: 1,
             offset: 0,
@@ -243,10 +243,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// Takes in the estimate of a tick, and what it tells of.
-    pub fn begin(&mut self, now: &Estimate, judged: &Monitored) {
+    pub fn begin(&mut self, now: &Estimate, monitored: &Monitored) {
         self.ticks = now.tick.wrapping_sub(self.now.tick).clamp(1, super::TICKS_MOST);
         self.now = *now;
-        self.judged = *judged;
+        self.monitored = *monitored;
         self.route.reconcile(now);
         self.take_in();
         let count = now.position.wrapping_sub(now.offset);
@@ -353,7 +353,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// What the estimate says, for whom it concerns.
     fn take_in(&mut self) {
-        let (now, judged, status) = (&self.now, &self.judged, &mut self.status);
+        let (now, monitored, status) = (&self.now, &self.monitored, &mut self.status);
         let offset = self.offset.wrapping_sub(now.offset);
         status.tick = now.tick;
         status.position = now.position.wrapping_add(offset);
@@ -369,11 +369,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         for edge in status.probes.iter_mut().flat_map(|latched| &mut latched.edges) {
             edge.position = edge.position.wrapping_add(offset);
         }
-        status.current = judged.current;
-        status.bus = judged.bus;
-        status.back_emf = judged.back_emf;
-        status.illegal_transitions = judged.illegal;
-        status.current_reduced = judged.reduced;
+        status.current = monitored.current;
+        status.bus = monitored.bus;
+        status.back_emf = monitored.back_emf;
+        status.illegal_transitions = monitored.illegal;
+        status.current_reduced = monitored.reduced;
         status.gap_setpoint = self.config.setpoint.volts(status.open_circuit);
         if status.closed && status.state.follows() && !status.gap.touches {
             self.cleared = self.cleared.max(status.position);

@@ -155,7 +155,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     pub(super) fn current_window(&self) -> Window {
         let current = &self.config.axis.current;
-        let limit = if self.judged.reduced { current.continuous } else { current.peak };
+        let limit = if self.monitored.reduced { current.continuous } else { current.peak };
         self.config.axis.plant.current_window(limit, self.status.velocity)
     }
 }

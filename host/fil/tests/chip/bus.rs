@@ -63,7 +63,7 @@ fn streams(rig: &mut Emulated, foreign: u16) -> Result<()> {
         }
         for _ in 0..MS / WINDOW {
             rig.tick().map_err(|e| anyhow!(e))?;
-            let (begin, commands) = (rig.carried().0, rig.carried().1.to_vec());
+            let (begin, commands) = (rig.executed().0, rig.executed().1.to_vec());
             ticks.push(begin);
             carried.extend(rig.released().map(|point| (begin, (point.to.0 / 1000) as i32)));
             for command in commands {
