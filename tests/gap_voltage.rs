@@ -167,9 +167,15 @@ fn clipping_in_off_time_spoils_only_the_plain_average() {
 #[test]
 fn swapped_leads_are_told_from_noise_around_zero() {
     for (volts, quality) in [(-19.9, Quality::Valid), (-20.1, Quality::Reversed), (-100.0, Quality::Reversed)] {
-        let reading = run(&mut source(Config::default()), Some(block(volts, GapBlock::ALL)), 100);
+        let reading = run(&mut source(Config::default()), Some(block(volts, GapBlock::ALL >> 3)), 100);
         assert_eq!(reading.quality, quality, "{volts} V");
     }
+}
+
+#[test]
+fn an_input_that_is_at_the_end_of_its_range_in_off_time_too_is_dead_and_not_swapped() {
+    let dead = GapBlock { codes: [0; BLOCK], gate: GapBlock::ALL >> 3 };
+    assert_eq!(run(&mut source(Config::default()), Some(dead), 100).quality, Quality::Saturated);
 }
 
 #[test]

@@ -114,6 +114,9 @@ impl Config {
     }
 }
 
+/// Ticks in which swapped leads show 0 V at least once: 2 ms, two periods of the slowest pulses of \[R\].
+const OFF_TIME: u32 = 2 * TICKS_PER_MS;
+
 /// What the ticks run on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -178,6 +181,8 @@ pub struct Voltage {
     /// Ticks since the newest block with enough gated conversions.
     gateless_ticks: u32,
     short_ticks: u32,
+    /// Ticks of a negative voltage in which every conversion was at the end of the range.
+    clipped_ticks: u32,
     touches: bool,
     /// Sum of so many blocks of this millisecond, codes above zero volts, and the mean of the one before.
     sum: (f32, u32),
@@ -196,6 +201,7 @@ impl Voltage {
             begun: false,
             gateless_ticks: u32::MAX,
             short_ticks: 0,
+            clipped_ticks: 0,
             touches: false,
             sum: (0.0, 0),
             mean: 0.0,
@@ -270,6 +276,15 @@ impl Voltage {
     }
 }
 
+/// Whether a negative voltage is one of swapped leads: their off-time is 0 V. A dead input is at the end of its range all the
+/// time.
+#[cold]
+fn reverses(block: Option<&GapBlock>, good: CodeRange, clipped_ticks: &mut u32) -> bool {
+    let inside = |block: &GapBlock| block.codes.iter().any(|code| (good.lowest..=good.highest).contains(code));
+    *clipped_ticks = if block.is_some_and(inside) { 0 } else { clipped_ticks.saturating_add(1) };
+    *clipped_ticks < OFF_TIME
+}
+
 impl GapSource for Voltage {
     fn update(&mut self, block: Option<&GapBlock>) -> GapReading {
         // What is not converted may be a contact.
@@ -290,7 +305,7 @@ impl GapSource for Voltage {
             Quality::Missing
         } else if active.average == Average::Gated && self.gateless_ticks > active.hold_limit {
             Quality::NoGate
-        } else if filtered < active.reversed {
+        } else if filtered < active.reversed && reverses(block, active.good, &mut self.clipped_ticks) {
             Quality::Reversed
         } else if clipped {
             Quality::Saturated
