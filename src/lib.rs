@@ -1,6 +1,6 @@
 //! Control core of an EDM servo head: everything between raw converter codes and a signed duty.
 //!
-//! The core is `no_std`, allocates nothing, holds no `unsafe` and cannot panic in a tick. It runs as it stands on the
+//! The core is `no_std`, allocates nothing, holds no `unsafe` and cannot panic in a tick. It runs unchanged on the
 //! STM32F405/407, natively against the process model of `host/sim`, and as part of the firmware image on a modelled chip.
 //! Rooms know only the rooms above them:
 //!

@@ -1,6 +1,6 @@
 //! Why an SDO transfer was refused (CiA 301 7.2.4.3.17, table 22).
 
-/// An abort code: what the other side is told when a transfer ends without having changed anything.
+/// An abort code: what the other side receives when a transfer ends and has changed nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u32)]

@@ -155,7 +155,7 @@ pub enum NmtState {
     PreOperational = 127,
 }
 
-/// What the node tells the device.
+/// Events from the node to the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Event {
@@ -208,14 +208,14 @@ pub trait Dictionary {
     /// 8 bytes at least, [`LONGEST`] for strings. Not called for a domain.
     ///
     /// # Errors
-    /// Any; the host is told.
+    /// Any; the host receives it.
     fn read(&self, place: ObjectHandle, out: &mut [u8]) -> Result<usize, Abort>;
 
     /// Takes a value over, whole or not at all. [`Written::Later`] when it is not in force yet: the host's SDO is answered by
     /// [`Node::written`](super::Node::written).
     ///
     /// # Errors
-    /// Any; the host is told, unless the value came by PDO.
+    /// Any; the host receives it, unless the value came by PDO.
     fn write(&mut self, place: ObjectHandle, data: &[u8]) -> Result<Written, Abort>;
 
     /// Length of a domain, bytes, at the start of a transfer.

@@ -1,7 +1,7 @@
 //! Emergency objects, the error register and the list of past errors (CiA 301 7.2.7, 1001h, 1003h, 1014h, 1015h).
 //!
 //! A *cause* is an error of communication that the node itself sees: it is reported once when it appears, and once more as
-//! gone. What the device reports stands beside it, with bits of its own in the error register.
+//! gone. What the device reports is kept separately, with bits of its own in the error register.
 
 use super::device::{HISTORY, INVALID};
 use super::outbox::Outbox;
@@ -74,7 +74,7 @@ pub const ERRORS: &[u16] = &[
     Cause::Late(0).facts().0,
 ];
 
-/// Errors present, past and not yet told.
+/// Errors present, past, and not yet reported.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Emergency {
     causes: u32,

@@ -1,7 +1,7 @@
 //! Frames, node-IDs and time, as the node sees them.
 
-/// A data frame with an 11-bit identifier. Remote frames and 29-bit identifiers mean nothing to this node: whoever
-/// receives them leaves them out.
+/// A data frame with an 11-bit identifier. Remote frames and 29-bit identifiers mean nothing to this node: the
+/// receiver drops them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(align(4))]

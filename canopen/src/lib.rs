@@ -2,13 +2,12 @@
 //!
 //! The device implements [`Dictionary`]: its objects, read and written by place. The [`Node`] answers for network
 //! management, SDO, PDO, SYNC, emergencies and heartbeats, and for the objects 1000h to 1FFFh that configure them. It keeps
-//! no statics: a process can run as many as it likes. Of the device behind it the node knows no more than [`Device`] and
-//! [`Dictionary`] say.
+//! no statics: a process can run several. Of the device the node knows only what [`Device`] and [`Dictionary`] say.
 //!
 //! Terms are those of the standard: an *object* has an index and sub-indices; an *SDO* reads or writes one of them; a *PDO*
 //! carries the values of several, as its *mapping* says, and is called RPDO toward the device and TPDO from it.
 //!
-//! It is a node of its own because none to be had has event and inhibit timers, a heartbeat consumer, writes that are checked
+//! It is written here because no available node has event and inhibit timers, a heartbeat consumer, writes that are checked
 //! before they are taken, and no statics. What it does with each object is in `docs/canopen.md`.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]

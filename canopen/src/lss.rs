@@ -1,6 +1,6 @@
 //! Layer setting services (CiA 305 version 3.0.0): a host gives a node its node-ID and bit rate over the bus itself.
 //!
-//! A node without a node-ID is *unconfigured*: it has not booted, and hears nothing but these services. A node-ID that was
+//! A node without a node-ID is *unconfigured*: it has not booted, and answers only these services. A node-ID that was
 //! configured comes into force with the next reset of communication; an unconfigured node resets itself when it is switched
 //! back to waiting. A bit rate comes into force when it is activated.
 
@@ -15,7 +15,7 @@ const ANSWER: u16 = 0x7E4;
 const UNCONFIGURED: u8 = 255;
 /// Table of bit timings that is meant: that of CiA 301.
 const CIA_TABLE: u8 = 0;
-/// Error codes of *configure*: out of range; of *store*: the medium, and one of our own, told in the byte behind it.
+/// Error codes of *configure*: out of range; of *store*: the medium, and one of our own, in the byte behind it.
 const OUT_OF_RANGE: u8 = 1;
 const MEDIUM: u8 = 2;
 const SPECIFIC: u8 = 255;
@@ -88,7 +88,7 @@ impl BusSettings {
     }
 }
 
-/// What is to be done beside answering.
+/// What is to be done in addition to the answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Todo {
     Nothing,
@@ -174,7 +174,7 @@ impl Slave {
         (self.configuring, self.selected, self.identified, self.storing) = (false, 0, 0, false);
     }
 
-    /// Takes a request, 8 bytes long. An answer comes beside what is to be done.
+    /// Takes a request, 8 bytes long. An answer may come with what is to be done.
     pub fn receive(&mut self, data: &[u8], at: Time) -> (Option<Frame>, Todo) {
         let Ok(request) = <[u8; 8]>::try_from(data) else { return (None, Todo::Nothing) };
         let [command, first, second, ..] = request;
@@ -263,8 +263,8 @@ impl Slave {
         0
     }
 
-    /// A step of a fast scan (CiA 305 6.7): who is unconfigured answers while the bits of a part that are asked for are its own,
-    /// and whoever is asked for its last bits last is the one that is configured.
+    /// A step of a fast scan (CiA 305 6.7): an unconfigured node answers while the bits asked for are its own. The node that
+    /// answers for the last bits is the one that is configured.
     fn scan(&mut self, request: [u8; 8]) -> Option<Frame> {
         let [_, _, _, _, _, bit, part, next] = request;
         if self.active.node.is_some() || self.configuring {
@@ -294,7 +294,7 @@ impl Slave {
         core::mem::take(&mut self.storing).then(|| answer(0x17, codes))
     }
 
-    /// Goes on with a change of the bit rate; whether it has come to its end.
+    /// Continues a change of the bit rate; returns whether it has ended.
     pub fn poll(&mut self, now: Time) -> bool {
         let Some(Change { begun, delay_us }) = self.change else { return false };
         if now >= begun.after(delay_us) {

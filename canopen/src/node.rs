@@ -42,7 +42,7 @@ pub struct Controller {
 ///
 /// Nothing in it waits. Whoever owns it calls [`receive`](Self::receive) with each frame, [`poll`](Self::poll) once a
 /// millisecond, [`synchronised`](Self::synchronised) before a tick that takes set points, and sends what
-/// [`take`](Self::take) yields. After a reset, and at the start, [`boot`](Self::boot) lets it go on.
+/// [`take`](Self::take) yields. After a reset, and at the start, [`boot`](Self::boot) lets it continue.
 #[derive(Clone, Debug)]
 pub struct Node {
     objects: CommunicationObjects,
@@ -70,7 +70,7 @@ impl Node {
     /// with the defaults. Boot-up leaves next, and the node is pre-operational. Stored identifiers contain the node-ID: the
     /// parameters are those of this node, or not to be given.
     ///
-    /// An unconfigured node goes on waiting.
+    /// An unconfigured node continues to wait.
     ///
     /// A value that cannot be gives way to its default. A PDO that has lost a value so, or maps what the dictionary does not
     /// have, is put out of use: bytes would go where the host does not mean them to.
@@ -101,7 +101,7 @@ impl Node {
         adopted.map(|()| restored)
     }
 
-    /// Puts stored values in the place of defaults.
+    /// Replaces defaults by stored values.
     fn restored(
         &self,
         parameters: &mut Parameters,
@@ -242,7 +242,7 @@ impl Node {
         self.objects.emergency.device_well(register);
     }
 
-    /// How the controller of the bus is, once a millisecond if there is one. Until somebody has been heard the node may be
+    /// How the controller of the bus is, once a millisecond if there is one. Until a frame has been received the node may be
     /// alone, which is no error.
     pub fn controller(&mut self, controller: Controller) {
         if self.met {
@@ -307,7 +307,7 @@ impl Node {
                     self.answer(Group::Bus, Err(refused), dictionary);
                 }
             }
-            // What was wrong meanwhile is told when it has booted.
+            // What was wrong meanwhile is reported when it has booted.
             Todo::Begin => {
                 self.lss.reset();
                 dictionary.event(Event::ResetCommunication);

@@ -172,8 +172,8 @@ impl Parameters {
         });
     }
 
-    /// Takes stored values that could have been written one by one, as far as that can be told without the device's
-    /// objects. The rest is in what is returned; `spoiled` tells which PDOs, in the order of [`ALL`](super::device::ALL), have
+    /// Takes stored values that could have been written one by one, as far as that is known without the device's
+    /// objects. The rest is in what is returned; `spoiled` says which PDOs, in the order of [`ALL`](super::device::ALL), have
     /// lost a value.
     pub fn load(&mut self, values: &mut dyn Iterator<Item = Record>, spoiled: &mut [bool; 2 * PDOS]) -> Restored {
         let mut restored = Restored::default();

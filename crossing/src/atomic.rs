@@ -56,7 +56,7 @@ impl Flag {
         set
     }
 
-    /// Sets or clears it. For the one task whose state it tells.
+    /// Sets or clears it. For the one task whose state it is.
     #[inline]
     pub fn store(&self, set: bool) {
         point();

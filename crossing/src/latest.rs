@@ -64,7 +64,7 @@ pub struct Reader<'a, T> {
 pub struct Verdict {
     /// Of the value it speaks of.
     pub generation: u32,
-    /// That value is in force; otherwise the reader has refused it, and whatever it ran before goes on.
+    /// That value is in force; otherwise the reader has refused it and keeps the value before it.
     pub accepted: bool,
 }
 
@@ -140,7 +140,7 @@ impl<T> Writer<'_, T> {
             held.generation = generation;
         });
         point();
-        // Release: the value goes with it. Acquire: whoever had the slot that comes back is done with it.
+        // Release: the value goes with it. Acquire: the reader of the slot that comes back is done with it.
         let middle = self.shared.middle.swap(self.free.index | FRESH, AcqRel);
         self.free = Slot::of(self.slots, middle);
         self.generation = generation;

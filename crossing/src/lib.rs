@@ -10,10 +10,10 @@
 //! | [`ring`] | events: each one counts | what does not fit is counted as lost |
 //! | [`atomic`] | one word that says everything | it is overwritten |
 //!
-//! No side ever waits for the other, so that a crossing has no lock, no priority and no deadline of its own. Each has one
+//! Neither side waits for the other. So a crossing has no lock, no priority and no deadline of its own. Each has one
 //! writer and one reader, which the borrow of `split` enforces; the exceptions among the atomics are named there.
 //!
-//! All of it is sound for threads, too, not merely for one core: `tests/model.rs` tries every order of two threads' steps
+//! All of it is sound for threads too, not only for one core: `tests/model.rs` tries every order of two threads' steps
 //! that the memory model of C11 allows (loom), with the atomics of this package swapped by `cfg(loom)`.
 //!
 //! On a PC one thread can run all tasks: with the feature `preempt` every operation calls [`preempt::point`] before and after

@@ -47,7 +47,7 @@ mod hooked {
     /// What has gone through all rings of a thread, by a count of its own: for tests of what the rings' owners count.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct Tally {
-        /// Events that somebody wanted to send.
+        /// Events that were to be sent.
         pub sent: u64,
         /// Events that were received.
         pub received: u64,

@@ -141,7 +141,7 @@ impl<T, const N: usize> Receiver<'_, T, N> {
         // SAFETY: the ring is not empty, so this slot is filled, and the sender does not touch it before `front` has passed
         // it; that follows at once, so that the event is read out once.
         let event = ring.slot(front).with(|slot| unsafe { (*slot).assume_init_read() });
-        // No point in between: a hook that panics would leave the event here and there, and the sender cannot tell reading
+        // No point in between: a hook that panics would leave the event here and there, and the sender cannot distinguish reading
         // from what was before it. Release: the slot is no longer read.
         ring.front.store(Ring::<T, N>::behind(front), Release);
         preempt::received();

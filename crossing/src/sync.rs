@@ -11,7 +11,7 @@ pub use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize};
 pub use one_core::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize};
 
 /// The same for one core and its interrupts. The core keeps the order of its own accesses for its own interrupts, so that only
-/// the compiler has to be told; the barrier instruction that an order costs between cores, four cycles at each access, would
+/// only the compiler needs a fence; the barrier instruction that an order costs between cores, four cycles at each access, would
 /// buy nothing.
 #[cfg(all(not(loom), target_os = "none"))]
 mod one_core {

@@ -1,6 +1,6 @@
 //! The firmware: which task does what, at which priority, by when.
 //!
-//! On the chip this is an RTIC 2 application. What a task does, and what crosses from one to another, is in `edm_runtime`,
+//! On the chip this is an RTIC 2 application. What a task does, and the data between tasks, are in `edm_runtime`,
 //! which a PC runs as well; the three highest take no lock at all. The core computes, and `edm_hal_shim::stm32f4` knows the
 //! registers. What each task costs in the worst case is in docs/performance.md; the costs named here are estimates.
 //!

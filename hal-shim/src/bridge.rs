@@ -8,7 +8,7 @@ use core::fmt;
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
-/// What the bridge is to do until told otherwise.
+/// What the bridge does until the next command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Drive {
@@ -77,7 +77,7 @@ enum Side {
 /// PWM period lets the direction change under load: on a timer with preload, force the output inactive. Dead time between
 /// the two switches of a half-bridge is the bridge's own.
 ///
-/// After an error every output has been told to go low, whatever the others answered, and the next
+/// After an error every output has been set low, whatever the others answered, and the next
 /// [`apply`](HBridge::apply) sets all of them again.
 pub struct PwmBridge<P, A, B> {
     pwm: P,

@@ -6,6 +6,6 @@ pub trait Clock {
     const HZ: u32;
     /// Ticks since an arbitrary start, wrapping.
     fn now(&self) -> u32;
-    /// Lets it go on where somebody outside the program has stopped it.
+    /// Restarts it where something outside the program has stopped it.
     fn restart(&self) {}
 }

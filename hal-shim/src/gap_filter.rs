@@ -1,7 +1,7 @@
 //! One sample through two low-pass sections and a notch in series: what the gap task does 20 000 times a second.
 //!
 //! The sections are the state-variable sections of the core (`dsp::svf`), which says what they do and why, and designs their
-//! coefficients. Here is the arithmetic of a sample alone, because the chip has it a second time: written by hand, with the
+//! coefficients. Here is the arithmetic of a sample alone, because the chip has it a second time, in assembly, with the
 //! same operations in the same order, and therefore with the same bits (`stm32f4/gap_filter.rs`).
 
 /// What a section multiplies by.

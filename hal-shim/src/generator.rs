@@ -12,7 +12,7 @@ pub trait Generator {
     fn request_off_time(&mut self, off_ns: Option<u32>);
 }
 
-/// The inhibit line on an output pin; a board's [`Generator`] holds one beside its off-time output. `ALLOW` is the level
+/// The inhibit line on an output pin; a board's [`Generator`] holds one next to its off-time output. `ALLOW` is the level
 /// that lets pulses through, `true` for high; the line's pull must be to the other.
 pub struct InhibitPin<O, const ALLOW: bool>(O);
 
@@ -24,7 +24,7 @@ impl<O: OutputPin, const ALLOW: bool> InhibitPin<O, ALLOW> {
         Ok(inhibit)
     }
 
-    /// Lets pulses through or inhibits them. When the pin cannot be set to allow, it is told to inhibit.
+    /// Lets pulses through or inhibits them. When the pin cannot be set to allow, it is set to inhibit.
     #[inline]
     pub fn set_pulses(&mut self, enabled: bool) -> Result<(), O::Error> {
         let result = self.0.set_state(PinState::from(enabled == ALLOW));

@@ -3,7 +3,7 @@
 //! Each trait is the whole contract with one piece of hardware. Where the embedded-hal or embedded-can project has a trait,
 //! that trait is used: pins and PWM of the H-bridge ([`bridge::PwmBridge`]), CAN ([`can`]), flash ([`storage`]).
 //!
-//! Rules for every implementation: nothing blocks without a bound, nothing allocates, and a value that cannot be had is
+//! Rules for every implementation: nothing blocks without a bound, nothing allocates, and a value that is not available is
 //! reported, never replaced by zero.
 #![cfg_attr(not(any(test, feature = "double")), no_std)]
 #![deny(unsafe_code)]
@@ -25,7 +25,7 @@ pub mod safety;
 pub mod seal;
 pub mod self_test;
 #[cfg(all(target_arch = "arm", feature = "chip"))]
-#[allow(unsafe_code, reason = "registers, the two flash sectors, the core-coupled memory, the gap filter by hand")]
+#[allow(unsafe_code, reason = "registers, the two flash sectors, the core-coupled memory, the gap filter in assembly")]
 pub mod stm32f4;
 pub mod storage;
 pub mod task_watchdog;

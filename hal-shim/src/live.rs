@@ -13,6 +13,6 @@ pub trait Live {
     fn run(&mut self, runs: bool);
     /// The level that arms with its rising edge.
     fn arm(&mut self, high: bool);
-    /// The latch has taken hold: pulses and bridge may go on.
+    /// The latch holds: pulses and bridge may be switched on.
     fn armed(&self) -> bool;
 }

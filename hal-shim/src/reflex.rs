@@ -2,7 +2,7 @@
 //!
 //! A pulse is short when, after the blanking, its voltage is below the threshold while current flows and the gate is still
 //! open. Every short pulse is killed. A *run* of consecutive short pulses, or shorts that have lasted too long, starts the
-//! retreat (architecture page, "Short path"). A pulse that was not short ends the run; the count of gate edges tells, so
+//! retreat (architecture page, "Short path"). A pulse that was not short ends the run; the count of gate edges shows it, so
 //! that good pulses cost nothing.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};

@@ -1,7 +1,7 @@
 //! What a board finds of itself at its start, before anything of it could drive. A head on a board that has found something is
 //! not enabled (`Fault::SelfTestFailed` of the core).
 
-/// The part of it that goes on while the head runs.
+/// The part of it that continues while the head runs.
 pub trait Registers {
     /// Looks at one of the registers that are written once: false when all of them have been looked at and one is not what it
     /// was in the first round.

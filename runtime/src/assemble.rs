@@ -77,7 +77,7 @@ pub struct Tasks<B: Board> {
     pub idle: IdleEnds<B>,
 }
 
-/// What the protocol is made of, or whoever stands in its place.
+/// What the protocol is made of, or a test instead of it.
 pub struct Host<B: Board> {
     clock: B::Clock,
     caller: B::Caller,
@@ -102,7 +102,7 @@ pub struct IdleEnds<B: Board> {
     resets: Receiver<'static, Reset, 4>,
 }
 
-/// Tasks over the parts of a board: a disabled head that runs `active` on an empty path. Reflex and generator are told at once.
+/// Tasks over the parts of a board: a disabled head that runs `active` on an empty path. Reflex and generator are set at once.
 ///
 /// # Errors
 /// When the thresholds of the reflex are refused.

@@ -101,7 +101,7 @@ pub trait Board {
     type Caller: Caller;
 }
 
-/// Whoever calls the tasks, and hears what is to be logged. A task that is asked for while it runs, runs once more.
+/// Calls the tasks, and takes what is to be logged. A task that is requested while it runs, runs once more.
 pub trait Caller: Copy {
     /// The planner has an estimate to plan on.
     fn plan(&self);

@@ -1,4 +1,4 @@
-//! Everything that crosses from one task to another.
+//! All data that pass from one task to another.
 //!
 //! [`Signals`] are the atomics, [`Crossings`] the rest; [`assemble`](crate::assemble()) gives each end to its task. Nothing
 //! else is shared: what is not here belongs to one task.
@@ -51,7 +51,7 @@ pub struct Signals {
     pub waiting: Flag,
     /// A millisecond has begun: the protocol does what it does in each.
     pub millisecond: Flag,
-    /// A second has begun: the log is told how the head is.
+    /// A second has begun: the state of the head goes to the log.
     pub second: Flag,
     /// Servo ticks of uninterrupted short: of the gap reading, what every tick looks at.
     pub short_ticks: Word,

@@ -1,4 +1,4 @@
-//! The tasks of a head, and all that crosses between them.
+//! The tasks of a head, and all data that pass between them.
 //!
 //! A *task* is what one interrupt runs, at one priority; a file here is a task with everything it owns. It runs over a
 //! [`Board`], which names one implementation for each trait of hal-shim: the chip's registers in the firmware, the process
@@ -7,14 +7,13 @@
 //! A *crossing* is a value that passes from one priority to another. All of them are declared in [`crossings`], and there are
 //! three kinds (`edm_crossing`):
 //!
-//! - *latest wins*: what is configured, and what is known of the head; never refused, and the writer is told which generation
-//!   runs;
+//! - *latest wins*: configuration and status; a write is never refused, and the writer sees which generation runs;
 //! - *counted ring*: events; one that does not fit is counted, and the count is an object and an emergency;
 //! - *atomics*: flags, counts, words.
 //!
-//! Who calls a task, when, and what may come in between is not decided here: RTIC on the chip by the priorities of
-//! `edm_hal_shim::board::TASKS`, a scheduler on a PC by the same table. There, every operation of a crossing is a place
-//! where a test may let a task of higher priority come in between.
+//! Who calls a task, and when, is not decided here. On the chip it is RTIC, by the priorities of `edm_hal_shim::board::TASKS`.
+//! On a PC it is a scheduler, by the same table: before and after each operation of a crossing a test may let a task of higher
+//! priority run.
 #![no_std]
 #![forbid(unsafe_code)]
 

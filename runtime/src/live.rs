@@ -1,7 +1,7 @@
-//! What the live signal is told, and what is believed of the circuit behind it (`edm_hal_shim::live`).
+//! What drives the live signal, and what is known of the circuit behind it (`edm_hal_shim::live`).
 //!
 //! Edges come while every task reports. The circuit is *armed* when the head leaves its disabled state, never otherwise, and
-//! holds on until it is disabled again. Each time it comes to that, and at the start, the circuit is tried before it is
+//! holds on until it is disabled again. Each time before that, and at the start, the circuit is tried before it is
 //! trusted again: without edges it must let go, and not take hold when it is armed; with edges it must not take hold by itself;
 //! at the start it must take hold once when it is armed. What it is believed to be is compared with what is read back once a
 //! millisecond.
@@ -13,7 +13,7 @@ use edm_servo_head::head::{Fault, State};
 /// Milliseconds without edges after which the latch has let go: the monostable runs for 0.8 ms at most.
 const SILENT: u32 = 1;
 
-/// Where the trial of the circuit, or its use, has come to.
+/// How far the trial of the circuit, or its use, is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Step {
     /// No edges for so many whole milliseconds and a part of one.
@@ -52,7 +52,7 @@ impl<L: Live> Watch<L> {
         self.live.toggle();
     }
 
-    /// The head has come to another state: pulses and bridge are off in it, or are let go on.
+    /// The head has another state, in which pulses and bridge are off, or allowed.
     pub fn enters(&mut self, state: State) {
         match state {
             State::Disabled => self.start(),

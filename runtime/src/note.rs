@@ -1,5 +1,5 @@
-//! What a head has to say to whoever looks after it, beside the objects that a host reads: the log of the chip, or the console
-//! of a PC.
+//! Messages of a head to its operator, in addition to the objects that a host reads: the log of the chip, or the console of a
+//! PC.
 
 use crate::board::Pulse;
 use edm_servo_head::canopen::BootError;

@@ -35,7 +35,7 @@ impl Executed {
     }
 }
 
-/// The planner with what it is asked and what it tells.
+/// The planner with its requests and its answers.
 pub struct Plans<B: Board> {
     pub(crate) planner: Planner<&'static mut Path>,
     pub(crate) clock: B::Clock,

@@ -31,7 +31,7 @@ pub(crate) enum Configuring {
     Done,
     /// The planner has been asked.
     Head,
-    /// The head runs it; gap task and supervision have been told.
+    /// The head runs it; gap task and supervision are to take it.
     Others,
 }
 
@@ -54,7 +54,7 @@ pub struct Protocol<B: Board> {
     pub(crate) outstanding: usize,
     /// The storage job under way, and one that waits for its end: 1010h and layer setting ask independently of each other.
     pub(crate) jobs: [Option<StorageJob>; 2],
-    /// What was lost, as told last.
+    /// What was lost, as reported last.
     pub(crate) lost: Lost,
     /// The tick that knew of the newest command first: an older status is not news.
     pub(crate) known: u32,
@@ -66,7 +66,7 @@ pub struct Protocol<B: Board> {
     pub(crate) resets: Sender<'static, Reset, 4>,
 }
 
-/// The ends of the crossings by which a head is commanded: the protocol's, or those of whoever stands in its place.
+/// The ends of the crossings by which a head is commanded: the protocol's, or those of a test instead of it.
 pub struct HostEnds {
     /// Requests to the planner.
     pub requests: Sender<'static, Request, REQUESTS>,
@@ -156,7 +156,7 @@ impl<B: Board> Protocol<B> {
         }
     }
 
-    /// Frames that have come. What they order goes on at once.
+    /// Received frames. Their orders are passed on at once.
     fn frames(&mut self) {
         while let Some(Arrival { frame, stamp, syncs }) = self.received.receive() {
             self.syncs = syncs;
@@ -169,7 +169,7 @@ impl<B: Board> Protocol<B> {
         }
     }
 
-    /// What planner and servo task tell; whether a millisecond has begun.
+    /// Answers of planner and servo task; whether a millisecond has begun.
     fn news(&mut self, now: u32) -> bool {
         while let Some(answer) = self.ends.answers.receive() {
             if !matches!(answer, Answer::SyncPreview(..)) {
@@ -258,7 +258,7 @@ impl<B: Board> Protocol<B> {
     }
 
     /// Which configuration each task runs, for the host. Those that the planner has refused do not count: gap task and
-    /// supervision are never told of them.
+    /// supervision never receive them.
     fn generations(&mut self) {
         let servo = self.ends.gap.generation();
         let waits = self.configuring == Configuring::Head || self.drive.is_stale();

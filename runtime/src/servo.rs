@@ -264,7 +264,7 @@ impl<B: Board> Servo<B> {
                 Chore::Tell
             }
             Chore::Tell => {
-                self.tell(drive);
+                self.millisecond(drive);
                 Chore::CheckSettings
             }
             Chore::CheckSettings => {
@@ -303,8 +303,8 @@ impl<B: Board> Servo<B> {
         });
     }
 
-    /// A millisecond: whom it concerns.
-    fn tell(&mut self, drive: Drive) {
+    /// A millisecond: arms the bridge, calls the protocol, drives the live signal.
+    fn millisecond(&mut self, drive: Drive) {
         // The PWM, which a fault of the bridge disconnects.
         if drive != Drive::Coast && !self.input.safety.is_some_and(|safety| safety.bridge_fault) {
             self.tick.arm();

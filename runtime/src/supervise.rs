@@ -82,7 +82,7 @@ impl<B: Board> Supervise<B> {
             self.faults.send(fault);
             self.signals.waiting.set();
         }
-        // Lit while all is well, blinking with a fault.
+        // Lit without a fault, blinking with one.
         self.caller.light(measured.state != State::Fault || (self.count / BLINK).is_multiple_of(2));
         if self.count.is_multiple_of(LOG) {
             self.signals.second.set();

@@ -1,6 +1,6 @@
 //! How long the tasks take, for the host (200Ah): newest and longest run, and the share of the processor.
 //!
-//! A run lasts from its beginning to its end, whoever interrupts it; that of the servo task begins when it was due, with the
+//! A run lasts from its beginning to its end, with all interruptions; that of the servo task begins when it was due, with the
 //! period of the PWM.
 
 use edm_crossing::atomic::Word;

@@ -90,7 +90,7 @@ pub struct State {
 }
 
 impl State {
-    /// A chain that has seen `x` for ever.
+    /// A chain that has settled at `x`.
     pub fn settled(x: f32) -> Self {
         let section = svf::settled(x);
         Self { sections: [section; 3], harmonic: section }
@@ -107,7 +107,7 @@ impl State {
         y
     }
 
-    /// The low-pass alone, for whoever shows what goes into the notch: a state is ticked by this or by [`State::tick`].
+    /// The low-pass alone, to show what goes into the notch: a state is ticked by this or by [`State::tick`].
     pub fn low_pass(&mut self, c: &Coefficients, x: f32) -> f32 {
         let ([first, second, _], [first_c, second_c, _]) = (&mut self.sections, &c.sections);
         second.low_pass(second_c, first.low_pass(first_c, x))

@@ -73,7 +73,7 @@ fn tan(x: f32) -> f32 {
     x / (1.0 - xx / (3.0 - xx / (5.0 - xx / (7.0 - xx / 9.0))))
 }
 
-/// A section that has seen `x` for ever.
+/// A section that has settled at `x`.
 pub fn settled(x: f32) -> State {
     State { low: x, ..State::default() }
 }

@@ -58,7 +58,7 @@ impl MarkLatch {
         self.line
     }
 
-    /// The stay goes on.
+    /// The stay continues.
     pub(super) fn stay(&mut self, high: u32) {
         self.line |= high;
     }

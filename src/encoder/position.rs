@@ -47,7 +47,7 @@ impl Position {
         self.counts.saturating_add(i64::from(raw.wrapping_sub(self.raw) as i32))
     }
 
-    /// Says where the axis is now, for homing. The raw count goes on as before, so nothing that is made of differences, such
+    /// Says where the axis is now, for homing. The raw count continues as before, so nothing that is made of differences, such
     /// as the velocity, sees a step.
     pub fn set_position(&mut self, counts: i64) {
         self.counts = counts;

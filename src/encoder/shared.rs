@@ -2,7 +2,7 @@
 //!
 //! One core; the interrupt may pre-empt a reader at any instruction and always finishes before the reader goes on; the
 //! reader never pre-empts the interrupt. So the writer is always consistent and only the reader has to notice that it was
-//! interrupted. Counted edges have different times, so the time of the newest edge tells whether one came: the reader reads
+//! interrupted. Counted edges have different times, so the time of the newest edge shows whether one came: the reader reads
 //! it, the other values and the clock, and the time of the newest edge again. If it has moved, it reads once more.
 //! (Illegal transitions do not move it. They stand alone, nothing has to match them.)
 //!
@@ -166,7 +166,7 @@ impl Shared {
     }
 }
 
-/// Loads in the order of the program. The hardware keeps it for its own interrupts; the compiler has to be told.
+/// Loads in the order of the program. The hardware keeps it for its own interrupts; only the compiler needs a fence.
 #[inline(always)]
 fn load(value: &AtomicU32, interrupt: &mut impl FnMut()) -> u32 {
     compiler_fence(SeqCst);

@@ -6,7 +6,7 @@
 use super::FeedLaw;
 use crate::units::{MicrometresPerSecond, Volts};
 
-/// Decides once a period, and goes on with that until the next.
+/// Decides once a period, and keeps that until the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TwoThresholds {

@@ -47,7 +47,7 @@ pub enum Command {
     Brake(MicrometresPerSecond2),
     /// Pulses on; seek the work and erode along the queue.
     Start,
-    /// Pulses on; tell the feed that the gap asks for, and go on with [`Follow`](Command::Follow) and
+    /// Pulses on; report the feed that the gap asks for, and continue with [`Follow`](Command::Follow) and
     /// [`Position`](Command::Position): a host keeps the path. From a short the head goes straight up, and comes back to where the
     /// host is then.
     Guide,
@@ -57,7 +57,7 @@ pub enum Command {
     Hold,
     /// Commission: check encoder, motor, gap and stroke.
     Commission,
-    /// Acknowledge a fault whose cause is gone and whose reaction has come to its end. A head that was lifted without its
+    /// Acknowledge a fault whose cause is gone and whose reaction has ended. A head that was lifted without its
     /// encoder has no home any more; what casts doubt on the encoder is not gone before it has proved itself.
     ResetFault,
 }
@@ -95,9 +95,9 @@ pub enum Refused {
     Doubted(Fault),
     /// A path is under way or queued: where it has got to is no reference.
     PathActive,
-    /// Axes beside the head's go along with a path coordinate, which `feed.structure` has none of.
+    /// Other axes follow a path coordinate, and this `feed.structure` has none.
     Alone,
-    /// No sense supply is fitted that would tell of a contact.
+    /// No sense supply is fitted that would show a contact.
     NoSense,
     /// The work would be touched faster than what may be stopped by it.
     TooFast {

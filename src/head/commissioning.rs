@@ -13,7 +13,7 @@
 //! 6. the whole stroke is driven at a slow velocity, down to the lower stop and back, and measured. Half the sum of the duties
 //!    that this takes is the net weight, whatever the friction is: what it takes to begin to move, less that, is friction.
 //!
-//! Mass and net weight have to be what the settings say, within what the check itself is sure of. They are reckoned from
+//! Mass and net weight have to be what the settings say, within what the check itself is sure of. They are calculated from
 //! duties with resistance and constant of the motor as set: a wrong one of these, or of the length of a count, shows as a
 //! wrong mass. What the head knows of its weight and friction from then on is what was measured
 //! ([`Settings::learnt`](crate::settings::Settings::learnt)).
@@ -149,7 +149,7 @@ pub struct Report {
     pub mass: Weighed,
     /// Weight less counterbalance, N, positive toward the work.
     pub net_weight: Weighed,
-    /// Dry friction at rest, N: what begins to move the head beside the net weight.
+    /// Dry friction at rest, N: what begins to move the head in addition to the net weight.
     pub friction: Weighed,
     /// Open-circuit voltage.
     pub open: Volts,
@@ -168,7 +168,7 @@ struct Pushed {
 }
 
 impl Pushed {
-    /// Time by which the beginning of a push is known, s: the winding's L/R and two ticks are reckoned with.
+    /// Time by which the beginning of a push is known, s: the winding's L/R and two ticks are included.
     const BEGUN_S: f32 = 0.1e-3;
 
     /// Goes on to a place.

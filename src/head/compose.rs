@@ -58,7 +58,7 @@ pub struct Head<P> {
     estimate: Estimate,
     plan: Plan,
     measured: Measured,
-    /// A fault that the next tick is told of, and whether it is asked for a plan.
+    /// A fault for the next tick, and whether a plan is requested.
     reported: Option<Fault>,
     asked: bool,
     status: Status,
@@ -140,7 +140,7 @@ impl<P: DerefMut<Target = Path>> Head<P> {
 
     fn report(&mut self) {
         self.status = *self.planner.status();
-        self.follower.tell(&mut self.status);
+        self.follower.report(&mut self.status);
     }
 
     /// Carries out a command, or refuses it and changes nothing. What it changes comes into force with the next plan.

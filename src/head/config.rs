@@ -92,12 +92,12 @@ pub struct Lift {
 /// Motion toward the work.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    /// A sense supply tells of contact.
+    /// A sense supply shows a contact.
     pub sensed: bool,
     /// Largest velocity with pulses off where the axis has not been since the loop was closed.
     pub approach: CountsPerSecond,
-    /// Largest duty at rest while the gap leads: weight, friction, and what the electrode may press into whatever does not
-    /// conduct, or into the work when no sense tells of it.
+    /// Largest duty at rest while the gap leads: weight, friction, and what the electrode may press into what does not
+    /// conduct, or into the work when no sense shows it.
     pub press: f32,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Both are judged by the share of discharges: how far the gap voltage lies below the open-circuit voltage that was measured
 //! when the seek began, as a share of that. It is 0 while no pulse ignites and about 1 - [`Setpoint`](super::Setpoint) in a
-//! gap that is kept. Looks into single pulses do not tell: at the end of the blanking a good one has not ignited yet
+//! gap that is kept. Single pulses do not show it: at the end of the blanking a good one has not ignited yet
 //! ([`pulses`](crate::gap::pulses)).
 //!
 //! - *Spark-out* holds the head at the end under the feed law, which may take it back, until discharges have become rare or

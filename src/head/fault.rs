@@ -113,7 +113,7 @@ pub enum Reaction {
     RetractOffLimit,
     /// Decelerate and hold; never further up.
     HoldBelow,
-    /// Stop and hold; released by hand.
+    /// Stop and hold; released manually.
     Hold,
     /// Integrators cleared, back along the path with limited force; becomes [`Reaction::OpenLoopLift`] when the following
     /// error does not shrink.

@@ -1,4 +1,4 @@
-//! Follow: every servo tick goes on along the trajectory in force, and answers at once to what is urgent.
+//! Follow: every servo tick continues the trajectory in force, and acts at once on what is urgent.
 //!
 //! The [`Follower`] runs at the servo tick and the [`Planner`](super::Planner) below it, so neither waits for the other:
 //!
@@ -9,12 +9,12 @@
 //! plan                 plans: some 20 us
 //! ```
 //!
-//! A plan that is not there when its tick has come is *late*: the trajectory goes on in a straight line, and when that lasts
-//! the head coasts. Something urgent (a short, a safety input, a fault told, a set point released by SYNC) is acted on in its
+//! A plan that is not there when its tick has come is *late*: the trajectory continues in a straight line, and when that lasts
+//! the head coasts. Something urgent (a short, a safety input, a reported fault, a set point released by SYNC) is acted on in its
 //! own tick, by what the plan in force has made ready for it; the plan under way, which does not know of it, is discarded by its
 //! *generation*, and an estimate is handed over in the same tick.
 //!
-//! Between two plans the set point goes on in a straight line, at the velocity of the plan and in the direction of the
+//! Between two plans the set point moves in a straight line, at the velocity of the plan and in the direction of the
 //! segment under way. The next plan sets it back on the path, from which it can have departed only at a joint.
 
 use super::estimate::{Estimate, Estimator};
@@ -266,7 +266,7 @@ impl Follower {
         self.in_a_row = self.in_a_row.saturating_add(1);
         if self.in_a_row >= LATE {
             self.fault(Fault::PlanLate);
-            self.tell_of(Fault::PlanLate);
+            self.report_fault(Fault::PlanLate);
         }
     }
 
@@ -283,7 +283,7 @@ impl Follower {
         let mut urgent = false;
         if let Some(fault) = input.reported {
             self.fault(fault);
-            self.tell_of(fault);
+            self.report_fault(fault);
             urgent = true;
         }
         let safety = input.safety.unwrap_or_default();
@@ -331,9 +331,9 @@ impl Follower {
         true
     }
 
-    /// The next estimate tells of a fault, or of a stronger one; and of one that casts doubt on the encoder, which a stronger one
-    /// must not hide.
-    fn tell_of(&mut self, fault: Fault) {
+    /// The next estimate reports a fault, or a stronger one; and one that casts doubt on the encoder, which a stronger one must
+    /// not hide.
+    fn report_fault(&mut self, fault: Fault) {
         if fault.doubts_encoder() && self.doubt != Some(Fault::EncoderLost) {
             self.doubt = Some(fault);
         }
@@ -348,7 +348,7 @@ impl Follower {
             Touch::Ignored => return false,
             Touch::Fault => {
                 self.fault(Fault::Contact);
-                self.tell_of(Fault::Contact);
+                self.report_fault(Fault::Contact);
             }
             Touch::End => {
                 self.plan.trajectory = self.plan.stop;
@@ -425,7 +425,7 @@ impl Follower {
     pub fn unread(&mut self) {
         let (short, faults, set_point) = self.said;
         self.short |= short;
-        faults.into_iter().flatten().for_each(|fault| self.tell_of(fault));
+        faults.into_iter().flatten().for_each(|fault| self.report_fault(fault));
         self.set_point = self.set_point.or(set_point);
     }
 
@@ -520,7 +520,7 @@ impl Follower {
     }
 
     /// What is measured and followed, for a report of every tick.
-    pub fn tell(&self, status: &mut super::Status) {
+    pub fn report(&self, status: &mut super::Status) {
         status.tick = self.tick;
         status.position = self.estimator.position();
         status.velocity = self.estimator.velocity();
@@ -544,7 +544,7 @@ mod tests {
     use crate::kept::Parts;
     use crate::settings::Settings;
 
-    /// Ticks until an estimate is handed over, with `input` in the first; gives what it tells of short, fault and set point. Nobody
+    /// Ticks until an estimate is handed over, with `input` in the first; gives what it reports of short, fault and set point. Nobody
     /// has read the one before where it is `unread`.
     fn handed(follower: &mut Follower, unread: bool, input: TickInput) -> (bool, Option<Fault>, Option<SetPoint>) {
         let mut estimate = Estimate::default();

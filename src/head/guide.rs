@@ -77,7 +77,7 @@ impl Guide {
         }
     }
 
-    /// The reference goes on for the next plan; `from` is what the head follows until then. Whether a set point has become late.
+    /// Moves the reference on for the next plan; `from` is what the head follows until then. Whether a set point has become late.
     pub fn refer(&mut self, from: &TrajectorySegment, seen: &Seen, limit: CountsPerSecond, when: When) -> bool {
         let before = self.reference;
         let gone = Fixed(before.travel.0.wrapping_mul(when.ticks.into()));

@@ -1,6 +1,6 @@
 //! A jump: straight up out of the work, and back to the *float point*, so that fresh dielectric comes where the debris was.
 //!
-//! Pulses are off while the head is away. It goes beside the path, by its own axis alone: whoever drives X and Y need not
+//! Pulses are off while the head is away. It leaves the path, by its own axis alone: what drives X and Y need not
 //! follow at its speed, and no corner slows it. Meanwhile the path coordinate goes back by the float distance, along the path;
 //! the way down ends at the set point of that coordinate, and the rest is gone under gap control. So the electrode arrives at
 //! speed only where it has been, and comes on to the same counts as before.
@@ -24,7 +24,7 @@ pub struct Config {
 /// A jump under way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Jump {
-    /// Up, then down; none before the head has come to rest.
+    /// Up, then down; none before the head rests.
     stroke: Option<SCurve>,
     /// Time of that, parts of a tick, and how much of it goes by in a tick.
     time: u32,

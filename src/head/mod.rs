@@ -10,7 +10,7 @@
 //! ```
 //!
 //! Each has a state of its own and sees of the others only what is handed over: [`Estimate`] down, [`Plan`] up, [`Measured`] to
-//! the [`Supervisor`], which looks at drive and encoder once a millisecond, judges what no single tick can, and tells of
+//! the [`Supervisor`], which looks at drive and encoder once a millisecond, checks what no single tick can, and reports
 //! [`Monitored`] values and faults. On chip and PC each runs in its task; [`Head`] composes them for one thread.
 
 mod command;
@@ -67,7 +67,7 @@ use crate::servo::BackEmf;
 use crate::units::{Amps, CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, Volts};
 use edm_hal_shim::safety::SafetyInputs;
 
-/// Ticks that a plan counts since the one before at the most: a head that was stalled goes on from where it is.
+/// Ticks that a plan counts since the one before at the most: a head that was stalled continues from where it is.
 const TICKS_MOST: u32 = 2 * PLAN_TICKS;
 
 /// What the head knows after a plan: for hosts and reports.
@@ -100,7 +100,7 @@ pub struct Status {
     pub paths: u32,
     /// Set points of X and Y when the newest plan comes into force, um.
     pub beside: [Fixed; 2],
-    /// What the newest working retreat that ran out of path has come to its end at, since the start; a fault keeps it.
+    /// What has ended the newest working retreat that ran out of path, since the start; a fault keeps it.
     pub retreat_ended: Option<Bound>,
     /// Newest gap reading.
     pub gap: GapReading,

@@ -82,7 +82,7 @@ pub struct Plan {
     pub homes: bool,
     /// The head is known to be below the upper end of its travel: no stop is in its way.
     pub free: bool,
-    /// Nothing tells that the work is near: see [`Measured::open`](super::Measured::open).
+    /// Nothing shows that the work is near: see [`Measured::open`](super::Measured::open).
     pub open: bool,
     /// What the touch probes wait for.
     pub probes: Wanted,

@@ -1,6 +1,6 @@
 //! Axis positioning, pulses off: to a position, along a host's set points, to a reference.
 //!
-//! The loop then follows a profile instead of the path; when it comes to rest the path begins anew where it stands. An open
+//! The loop then follows a profile instead of the path; when it rests the path begins anew where it stands. An open
 //! limit switch stops motion toward it, here as everywhere; while homing, it is what is looked for and no fault.
 
 use super::state::Reason;
@@ -65,7 +65,7 @@ pub(super) enum Task {
     Home(Homing, Fixed),
 }
 
-/// How positioning goes on.
+/// The next step of a positioning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Step {
     /// It moves.
@@ -101,7 +101,7 @@ pub(super) fn until(tick: u32, now: u32) -> u32 {
     tick.wrapping_sub(now).cast_signed().max(0).cast_unsigned()
 }
 
-/// When a task goes on: after the tick `now`, `ticks` after the plan before.
+/// When a task continues: after the tick `now`, `ticks` after the plan before.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct When {
     pub now: u32,

@@ -40,7 +40,7 @@ impl Source {
 pub struct Probe {
     /// What it waits for.
     pub source: Source,
-    /// Each edge is kept, in the place of the one before; otherwise the first.
+    /// Each edge is kept instead of the one before; otherwise the first.
     pub every: bool,
     /// Edges that are kept: where the source begins, where it ends.
     pub edges: [bool; 2],
@@ -167,7 +167,7 @@ impl Probes {
                 Source::Index => (sight.mark.crossings, here.marked),
                 Source::Contact if steady && !here.pulses => (here.touches.into(), here.position),
                 Source::Discharge if steady && here.pulses => (discharges.into(), here.position),
-                // Nobody can tell, and nothing does.
+                // Not known.
                 Source::Contact => {
                     *before = None;
                     continue;

@@ -49,7 +49,7 @@ enum Step {
     Compare,
 }
 
-/// What the proof wants, or has come to.
+/// What the proof wants, or its result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Outcome {
     /// This duty.

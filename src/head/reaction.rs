@@ -2,7 +2,7 @@
 //!
 //! No reaction presses toward the work. One that closes the loop may push down only to brake a head that the encoder shows
 //! rising. Otherwise the duty ends at the holding duty, with which nothing accelerates the head. So an encoder that dies
-//! under a reaction, and then reads the same count for ever, cannot drive the electrode into the work: the integrator
+//! under a reaction, and then always reads the same count, cannot drive the electrode into the work: the integrator
 //! winds up against that end. It may drive the head upward until the supervision, or [`Reacting::plan`] itself, contradicts it.
 //!
 //! A lift has no encoder, and the holding duty rests on settings: it never gives a duty toward the work. At zero duty the
@@ -31,7 +31,7 @@ pub(super) enum Motion {
     Jump(TrajectorySegment, f32),
     /// Velocity loop alone.
     Velocity(MicrometresPerSecond),
-    /// Velocity loop beside the path, with the duty inside a window.
+    /// Velocity loop off the path, with the duty inside a window.
     Stroke(CountsPerSecond, Window),
     /// Open loop.
     Duty(f32),
@@ -219,9 +219,9 @@ impl Reacting {
         !pushed && self.still > STANDS || withstood || self.held > TREMBLES
     }
 
-    /// Holds: with what it takes until the head has come to rest, then with limited force and with no more than the current
-    /// that may flow for ever. A head that withstands that force without moving by a count has a dead encoder, unless it has
-    /// come to its upper end.
+    /// Holds: with full force until the head rests, then with limited force and with no more than the continuous
+    /// current. A head that withstands that force without moving by a count has a dead encoder, unless it is
+    /// at its upper end.
     fn hold(
         &mut self,
         config: &Config,

@@ -1,4 +1,4 @@
-//! The way along the path: where the plan in force will have got to, and how fast it may go on from there.
+//! The way along the path: where the plan in force will be, and how fast it may continue from there.
 
 use super::estimate::Estimate;
 use super::trajectory::{Follow, Trajectory};
@@ -8,7 +8,7 @@ use crate::servo::Window;
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, PLAN_TICKS, larger};
 use core::ops::DerefMut;
 
-/// The path with its limits. `P` owns it, wherever there is room for it.
+/// The path with its limits. `P` owns it.
 #[derive(Debug)]
 pub(super) struct Route<P> {
     path: P,
@@ -17,7 +17,7 @@ pub(super) struct Route<P> {
     begun: u32,
     /// Path coordinate where the work was found.
     work: Option<Fixed>,
-    /// What a working retreat has come to its end at.
+    /// What has ended a working retreat.
     ended: Option<Bound>,
 }
 
@@ -97,7 +97,7 @@ impl<P: DerefMut<Target = Path>> Route<P> {
         [x, y]
     }
 
-    /// What a working retreat has come to its end at, the newest since it was forgotten.
+    /// What has ended a working retreat: the newest since it was forgotten.
     pub fn ended(&self) -> Option<Bound> {
         self.ended
     }
@@ -112,7 +112,7 @@ impl<P: DerefMut<Target = Path>> Route<P> {
         self.path.leads_beside()
     }
 
-    /// Forgets what the retreats before have come to their end at.
+    /// Forgets what has ended the retreats before.
     pub fn forget_bound(&mut self) {
         self.ended = None;
     }
@@ -198,7 +198,7 @@ impl<P: DerefMut<Target = Path>> Route<P> {
         self.trajectory(along, window)
     }
 
-    /// The same for later, if it comes to that: nothing is remembered of it.
+    /// The same, prepared for later: nothing is remembered of it.
     pub fn ready(&self, wanted: MicrometresPerSecond, bounds: &Bounds, window: Window) -> Trajectory {
         let mut limiter = self.limiter;
         let along = limit(&mut limiter, &self.path, wanted, &Bounds { ticks: PLAN_TICKS, ..*bounds });
@@ -212,7 +212,7 @@ impl<P: DerefMut<Target = Path>> Route<P> {
         Trajectory { along, ..Trajectory::velocity(CountsPerSecond(along.0 * direction), window) }
     }
 
-    /// The head stands, or goes beside the path.
+    /// The head stands, or moves off the path.
     pub fn stop(&mut self) {
         self.limiter.stop();
     }

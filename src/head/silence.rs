@@ -10,9 +10,9 @@ use crate::units::{CountsPerSecond, TICK_HZ, TICK_S, larger, smaller};
 
 /// Two plans, ticks: in one, a head that bounces off something may be where it was.
 const SILENT: u32 = 8;
-/// The same at the most: after that it has come to rest by itself.
+/// The same at the most: after that it rests by itself.
 const LATE: u32 = 12;
-/// Ticks for which the duty is reckoned with as if nothing else held the head.
+/// Ticks for which the duty counts as if nothing else held the head.
 const DRIVEN: u32 = 100;
 /// Way that it should have gone meanwhile, um and counts.
 const WAY: f32 = 8.0;
@@ -64,7 +64,7 @@ impl Silence {
             return false;
         }
         // What drives it is the answer to the silence; what brakes it may be why it stands. One that is lighter than its settings
-        // say is braked harder than reckoned, but not ahead of its set point.
+        // say is braked harder than calculated, but not ahead of its set point.
         let brakes = smaller((self.given + self.gained) * self.before.signum(), 0.0);
         let moves = smaller(self.before.abs() + brakes, wanted.0.abs() * TICK_S);
         self.way += larger(moves, 0.0) * ticks as f32;

@@ -96,7 +96,7 @@ impl State {
         self.pulses() || matches!(self, State::Jumping | State::Lifting)
     }
 
-    /// Whether the axis is moved by itself, beside any path and with pulses off.
+    /// Whether the axis moves by itself, off the path and with pulses off.
     pub const fn positions(self) -> bool {
         matches!(self, State::Positioning | State::Homing | State::Touching)
     }
@@ -152,7 +152,7 @@ pub enum Reason {
     PathStop,
     /// The end of the path, where discharges have become rare.
     SparkedOut,
-    /// The end of the path, where discharges go on and the time of the spark-out is over.
+    /// The end of the path, where discharges continue and the time of the spark-out is over.
     SparkOutTime,
     /// Discharges have become rare before the end of the path: the electrode is through.
     BrokenThrough,

@@ -31,7 +31,7 @@ pub struct Limits {
     pub breakaway: Breakaway,
     /// Velocity against a saturated duty that means a wrong polarity.
     pub runaway: CountsPerSecond,
-    /// Largest difference between encoder velocity and the one that the back-EMF tells.
+    /// Largest difference between encoder velocity and the one of the back-EMF.
     pub velocity: CountsPerSecond,
     /// Share of the winding's resistive drop by which the back-EMF may be wrong.
     pub resistance: f32,
@@ -49,7 +49,7 @@ pub struct Limits {
     pub current_max: Amps,
     /// For so long.
     pub current_ms: u32,
-    /// When arcs stay, and what tells them from sparks.
+    /// When arcs are persistent, and what distinguishes them from sparks.
     pub arcs: pulses::Config,
 }
 
@@ -96,7 +96,7 @@ impl Breakaway {
     const REST: f32 = 0.01;
     /// Times its friction that begins to move any head, where it is a little more than was learnt.
     const BEGINS: f32 = 1.33;
-    /// Duty beside that of weight and friction that may hold a head in an open gap: of a cable, of weight that was not learnt.
+    /// Duty in addition to that of weight and friction that may hold a head in an open gap: of a cable, of weight that was not learnt.
     const UNKNOWN: f32 = 0.005;
     /// Times its friction, where it turns round.
     const REST_FRICTIONS: f32 = Self::BEGINS * 2.0;
@@ -106,7 +106,7 @@ impl Breakaway {
     /// Counts that a film has to let it go before that can be seen: two, and half as many again.
     const SEEN: f32 = 3.0;
 
-    /// For an axis that a force beside its net weight begins to move, of which the share `compensated` is in the duty already, with
+    /// For an axis that a force in addition to its net weight begins to move, of which the share `compensated` is in the duty already, with
     /// an electrode whose face is a disc of that radius. The margins were found by simulation (docs/decisions.md).
     pub fn of(plant: &Plant, gains: &Gains, friction: Newtons, compensated: f32, face: Micrometres) -> Breakaway {
         let duty = plant.duty(friction);
@@ -158,7 +158,7 @@ impl Standing {
     /// A millisecond under so much duty beyond the friction, toward the work or away from it; whether the head must have been seen
     /// to move.
     fn is_too_long(&mut self, breakaway: &Breakaway, beyond: f32, moves: bool) -> bool {
-        // One that is pushed back comes to rest, and begins anew.
+        // One that is pushed back rests, and begins anew.
         if moves || beyond == 0.0 || beyond * self.impulse < 0.0 {
             *self = Standing::default();
         }
@@ -218,7 +218,7 @@ impl Unheld {
     /// Times the film that was seen, for the narrower gap of the next counts.
     const NARROWS: f32 = 2.0;
 
-    /// A millisecond under so much duty beside what holds the weight, in which the head has gone so many counts since it last
+    /// A millisecond under so much duty in addition to what holds the weight, in which the head has gone so many counts since it last
     /// moved; whether it must have been seen to move.
     fn is_too_long(&mut self, breakaway: &Breakaway, duty: f32, way: Option<u32>, counts: bool, open: bool) -> bool {
         self.taken += larger(duty.abs() - Self::SLIDES * breakaway.friction, 0.0);
@@ -448,7 +448,7 @@ impl Supervisor {
         &self.monitored
     }
 
-    /// Looks, and judges; `host_alive` tells of a life sign since the last call. Gives the most urgent new fault.
+    /// Checks everything once; `host_alive`: a life sign has come since the last call. Returns the most urgent new fault.
     pub fn tick(&mut self, config: &Config, now: &Measured, counters: &Counters, host_alive: bool) -> Option<Fault> {
         let (implausible, stuck) = self.look(config, now, counters);
         let limits = &config.limits;
@@ -572,7 +572,7 @@ impl Supervisor {
     /// drives up, perhaps onto the stop: there it may push.
     fn stands(&mut self, limits: &Limits, now: &Measured) -> bool {
         let breakaway = &limits.breakaway;
-        // One that turns round may be where it was, but its edges tell.
+        // One that turns round may be where it was, but its edges show it.
         let turns = now.velocity.0.abs() >= Breakaway::TURNS;
         let still = !turns && self.belief.as_ref().is_some_and(|belief| !belief.moves);
         // Commissioning drives from stop to stop.

@@ -58,12 +58,12 @@ pub(super) struct Felt {
     pub lower: bool,
 }
 
-/// How a search goes on.
+/// The next step of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Next {
     /// It moves.
     Moves(TrajectorySegment),
-    /// It stands: what it has come to, and where the surface is if it was found.
+    /// It stands: the result, and where the surface is if it was found.
     Ends(Search, Option<i64>),
 }
 
@@ -99,7 +99,7 @@ pub(super) struct Touching {
     backed: bool,
     first: Option<i64>,
     found: Option<i64>,
-    /// It has come to the end of the travel.
+    /// It has reached the end of the travel.
     missed: bool,
     /// Farthest position since the first contact.
     farthest: i64,

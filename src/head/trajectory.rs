@@ -74,7 +74,7 @@ impl Trajectory {
         Trajectory { follow: Follow::Gap, window, gap, ..Trajectory::COAST }
     }
 
-    /// A set point that moves on by itself, beside no path.
+    /// A set point that moves by itself, without a path.
     pub fn axis(segment: &TrajectorySegment, window: Window) -> Trajectory {
         let TrajectorySegment { travel, velocity, .. } = *segment;
         Trajectory { follow: Follow::Setpoint, window, velocity, travel, ..Trajectory::COAST }

@@ -91,7 +91,7 @@ pub struct Clearance {
     pub most: i64,
 }
 
-/// How homing goes on.
+/// The next step of a homing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outcome {
     /// It moves.
@@ -324,7 +324,7 @@ mod tests {
         assert_eq!(home(-1, 24_321, 5_000), Outcome::Missed(Missed::NotThere));
     }
 
-    /// What is in the way at `at`: the outcome, and where the axis has come to rest.
+    /// What is in the way at `at`: the outcome, and where the axis rests.
     fn meet(method: i8, from: i64, at: i64, touches: bool) -> (Outcome, i64) {
         let mut axis = Axis { position: from, crossings: 3, marked: 77 };
         let method = Method::from_number(method).unwrap();

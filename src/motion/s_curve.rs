@@ -52,7 +52,7 @@ impl SCurve {
         let tail = a / j;
         let v = smaller(v, 0.5 * a * (libm::sqrtf(tail * tail + 4.0 * length / a) - tail));
         let ticks = |seconds: f32| ((seconds * TICK_HZ as f32) as u32).saturating_add(1).min(LONGEST);
-        // Each is reckoned with what the one before leaves.
+        // Each is calculated with what the one before leaves.
         let pulse = ticks(length / v);
         let v = length / (pulse as f32 * TICK_S);
         let rise = ticks(v / a);

@@ -8,7 +8,7 @@ pub(super) const SLOPE_BITS: u32 = 26;
 
 /// A straight line, ready to be followed.
 ///
-/// Setpoints are reckoned from the nearer end, so both ends are met exactly and the 2^-27 rounding of the slope amounts to
+/// Set points are calculated from the nearer end, so both ends are met exactly and the 2^-27 rounding of the slope amounts to
 /// less than 0.0001 count per 10 mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

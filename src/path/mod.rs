@@ -8,7 +8,7 @@
 //! *Piece*: what a host queues, a line or an arc in one of three planes. *Segment*: the same in the register, packed; the one
 //! under way is unpacked when a joint is crossed, so that a tick only multiplies. Everything is in whole numbers.
 //!
-//! The first axis is the head's own, down; X and Y beside it are set points for whoever drives them.
+//! The first axis is the head's own, down; X and Y are set points for other drives.
 
 mod angle;
 mod arc;
@@ -29,7 +29,7 @@ use crate::units::Fixed;
 
 /// Axes of a path: down, X and Y.
 pub const AXES: usize = 3;
-/// nm per count of the axes beside the head's: their set points are in um.
+/// nm per count of the other axes: their set points are in um.
 pub const BESIDE_NM: i64 = 1000;
 /// Set points of all axes, counts.
 pub type Point = [Fixed; AXES];

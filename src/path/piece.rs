@@ -31,7 +31,7 @@ pub struct Piece {
     pub centre: [i32; 2],
     /// A working retreat does not go back behind its beginning.
     pub mark: bool,
-    /// An erosion ends at its end, and the next one goes on from there.
+    /// An erosion ends at its end, and the next one continues from there.
     pub stop: bool,
 }
 

@@ -2,7 +2,7 @@
 
 use super::AXES;
 
-/// The plane of an arc. The axes of a path are the head's own, down, then X and Y beside it.
+/// The plane of an arc. The axes of a path are the head's own, down, then X and Y.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Plane {

@@ -8,7 +8,7 @@ use crate::units::{Amps, Seconds};
 pub struct CurrentLimits {
     /// Largest current at any time.
     pub peak: Amps,
-    /// Current that can flow for ever.
+    /// Current that can flow continuously.
     pub continuous: Amps,
     /// Thermal time constant of the winding.
     pub thermal: Seconds,

@@ -1,7 +1,7 @@
 //! A second opinion on velocity: the winding's back-EMF.
 //!
 //! duty * bus = R i + L di/dt + K v, averaged over some ticks, gives v without the encoder. It is a coarse figure (R changes
-//! with temperature, currents are quantised), low-passed over 20 ms, but it tells an axis that moves from one that does
+//! with temperature, currents are quantised), low-passed over 20 ms, but it distinguishes an axis that moves from one that does
 //! not, which is what a dead encoder hides. Each tick's duty and current have to be in the averages: the winding's L/R is a
 //! quarter of a millisecond.
 

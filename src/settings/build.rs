@@ -246,7 +246,7 @@ impl Settings {
         CountsPerSecond((self.jump_velocity * 1e3 * counts_per_um).min(ENCODER_RATE))
     }
 
-    /// What tells pulses apart, in converter codes; `current` is that of the reflex.
+    /// What distinguishes classes of pulses, in converter codes; `current` is that of the reflex.
     fn levels(&self, current: u16) -> pulses::Levels {
         let codes = |volts: f32| (volts / self.gap_volts_per_code) as i32;
         pulses::Levels {

@@ -6,7 +6,7 @@
 //! | 1 | version of this layout, 15h |
 //! | 1 | node-ID that the communication parameters belong to; 0 without any |
 //! | 1 | node-ID of the head; 255: it is to wait for one; 254: it is from 0.1.0, which kept none; 0: none was ever stored |
-//! | 1 | bit rate, by its index in the table of CiA 301; counts beside a node-ID other than 0 |
+//! | 1 | bit rate, by its index in the table of CiA 301; counts with a node-ID other than 0 |
 //! | 1 | what was lost before this was stored, and has not been stored anew: an [`Outcome`]; 0: nothing |
 //! | 2 | number of records |
 //! | 8 each | index (2), sub-index (1), type (1: index of the CiA 301 data type), value (4, shorter ones filled up with zeros) |
@@ -16,7 +16,7 @@
 //! are records alike: an *application* record has an index from 2000h on, a *communication* record one below. What an address
 //! means is the affair of drive and node: which values they pass over or replace by defaults, their [`LoadReport`] says.
 //!
-//! Every version has its checksum at the end, so that a version of the future is told from damage. Images of 0.1.0 had
+//! Every version has its checksum at the end, so that a future version is not taken for damage. Images of 0.1.0 had
 //! another layout, and are translated (`legacy.rs`).
 
 mod legacy;
@@ -37,7 +37,7 @@ const HEAD: usize = 7;
 const RECORD: usize = 8;
 /// Bytes of the checksum.
 const CHECK: usize = 4;
-/// Records that there is room for.
+/// Records that fit.
 pub const ROOM: usize = (MAX_IMAGE - HEAD - CHECK) / RECORD;
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
@@ -71,7 +71,7 @@ impl Outcome {
     const LOSSES: [Outcome; 3] = [Outcome::Older, Outcome::Damaged, Outcome::Unknown];
 }
 
-/// What loading has come to.
+/// Result of loading.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LoadReport {
@@ -203,8 +203,8 @@ impl StoredImage {
         (id.is_some() || node == WAITS).then_some(BusSettings { node: id, bit_rate })
     }
 
-    /// Whether 0.1.0 has stored this, which kept no node-ID: its boards were node 1 at 1 Mbit/s, its virtual heads what they
-    /// were told.
+    /// Whether 0.1.0 has stored this, which kept no node-ID: its boards were node 1 at 1 Mbit/s, its virtual heads what the
+    /// command line said.
     pub fn is_from_0_1_0(&self) -> bool {
         let [_, _, node, ..] = self.bytes;
         node == FROM_0_1_0
@@ -273,7 +273,7 @@ impl StoredImage {
         *id = FROM_0_1_0;
     }
 
-    /// What was lost before, and is still to be told. What there is then is to be [sealed](Self::seal).
+    /// What was lost before, and is still to be reported. What there is then is to be [sealed](Self::seal).
     pub(crate) fn set_lost(&mut self, outcome: Option<Outcome>) {
         let [_, _, _, _, lost, ..] = &mut self.bytes;
         *lost = outcome.map_or(0, |outcome| outcome as u8);

@@ -1,4 +1,4 @@
-//! The communication objects as others are told of it: by address, type, access and default, without a word.
+//! The communication objects as description files list them: address, type, access and default.
 
 use crate::device::Device;
 use crate::objects::{CommunicationObject, Item, TABLE};

@@ -4,7 +4,7 @@
 //! length and checksum are right. Until then, and after any abort, the object is as it was. A value to be read is copied at
 //! the start, so that its segments belong together; a domain is read piece by piece instead.
 //!
-//! A new initiate ends whatever transfer was under way. So that it can be told from the segments of a block download,
+//! A new initiate ends whatever transfer was under way. To distinguish it from the segments of a block download,
 //! blocks are at most [`BLOCK`] segments long: the numbers of these are no initiate's command byte.
 
 mod block_download;
@@ -232,7 +232,7 @@ impl Server {
         self.leave(space);
     }
 
-    /// Ends the transfer under way without a word. What the device works on goes on; nobody hears how it ends.
+    /// Ends the transfer without an answer. The device finishes its write; nobody receives the result.
     fn leave(&mut self, space: &mut Space<'_>) {
         match core::mem::take(&mut self.transfer) {
             Transfer::BlockUpload(_) => space.objects.out.discard(space.objects.id.cob(ANSWER)),

@@ -122,7 +122,7 @@ impl fmt::Display for Table {
             writeln!(f, "  {key} {value} unless set")?;
         }
         for row in self.rows {
-            // Display of a struct does not pad: the pin goes through a fixed width by hand.
+            // Display of a struct does not pad: the pin is padded here.
             let space = if row.pin.number < 10 { " " } else { "" };
             writeln!(f, "  {:<17} {}{space} {:<17} {}", row.signal, row.pin, row.function, row.outside)?;
         }

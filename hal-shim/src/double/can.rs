@@ -84,7 +84,7 @@ impl Bus {
         (bus, nodes)
     }
 
-    /// Lets the pending frame with the most dominant identifier pass, and tells whether there was one. A frame stays
+    /// Lets the pending frame with the most dominant identifier pass, and returns whether there was one. A frame stays
     /// pending while the other node is off the bus: nobody acknowledges it.
     pub fn carry(&self) -> bool {
         if self.0.iter().any(|node| node.borrow().bus_off) {

@@ -23,7 +23,7 @@ pub struct Broken {
     pub arm: bool,
     /// The line that is read back.
     pub read: Option<bool>,
-    /// The monostable: at rest, or running for ever.
+    /// The monostable: at rest, or running without end.
     pub monostable: Option<bool>,
     /// The latch itself.
     pub latch: Option<bool>,
@@ -55,7 +55,7 @@ impl Circuit {
         self.latched &= self.runs();
     }
 
-    /// When the monostable comes to rest.
+    /// When the monostable expires.
     pub fn expires(&self) -> Option<u64> {
         self.until
     }
@@ -64,7 +64,7 @@ impl Circuit {
         self.broken.monostable.unwrap_or(self.until.is_some())
     }
 
-    /// Pulses and bridge may go on.
+    /// Pulses and bridge may be switched on.
     pub fn enables(&self) -> bool {
         self.broken.latch.unwrap_or(self.latched)
     }

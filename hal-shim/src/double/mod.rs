@@ -16,7 +16,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-/// A script of readings: each read takes the next one, and the last one stays for ever.
+/// A script of readings: each read takes the next one, and the last one stays.
 ///
 /// Reads as whatever its items are: [`Levels`] are encoder lines, [`RawCount`] an edge counter, `Option<GapBlock>` a gap
 /// front end, [`SafetyInputs`] the safety inputs, [`DriveCodes`] the drive's converter.
@@ -92,7 +92,7 @@ pub fn quadrature(count: i64) -> Levels {
     Levels { a: quarter == 1 || quarter == 2, b: quarter >= 2, index: false }
 }
 
-/// A clock of `HZ` ticks per second that moves when told to.
+/// A clock of `HZ` ticks per second that a test advances.
 #[derive(Clone, Debug, Default)]
 pub struct TestClock<const HZ: u32>(Rc<Cell<u32>>);
 
@@ -115,7 +115,7 @@ impl<const HZ: u32> Clock for TestClock<HZ> {
     }
 }
 
-/// A pulse generator that remembers what it was told. Starts as released hardware does: inhibited.
+/// A pulse generator that remembers its commands. Starts as released hardware does: inhibited.
 #[derive(Clone, Debug, Default)]
 pub struct TestGenerator(Rc<Cell<(bool, Option<u32>)>>);
 

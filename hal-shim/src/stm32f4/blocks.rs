@@ -59,7 +59,7 @@ impl Blocks {
         put!(adc.sqr3(), CHANNEL);
         power_up(&adc);
         stream.fill(0, INTERRUPT_HALVES | URGENT, adc.dr().as_ptr().cast_const(), CODES.as_flattened())?;
-        // Rising edge of TIM3's trigger output; DMA for ever.
+        // Rising edge of TIM3's trigger output; DMA without end.
         put!(adc.cr2(), 1 | 1 << 8 | 1 << 9 | 0b1000 << 24 | 0b01 << 28);
         Ok(Blocks { edges, _adc: adc, stream })
     }

@@ -84,7 +84,7 @@ pub fn start(
 
 /// Beside the library, which owns the controller and shows none of this: mode, status and filters.
 fn can1() -> &'static pac::can1::RegisterBlock {
-    // SAFETY: the register block is there for ever. Used through this reference: the mode before the library has the
+    // SAFETY: the register block is always there. Used through this reference: the mode before the library has the
     // controller, afterwards transmit status, errors and second FIFO, which are only read, and the filters, which only
     // [`Filters`] writes then.
     unsafe { &*pac::CAN1::ptr() }

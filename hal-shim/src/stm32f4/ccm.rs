@@ -25,7 +25,7 @@ pub fn place<T: Send>(make: impl FnOnce() -> T) -> Option<&'static mut T> {
         return None;
     }
     let slot = (&raw mut MEMORY).cast::<MaybeUninit<T>>();
-    // SAFETY: the memory is large and aligned enough (checked above), lives for ever, and was not taken before: this is its
+    // SAFETY: the memory is large and aligned enough (checked above), is always there, and was not taken before: this is its
     // only reference.
     Some(unsafe { (*slot).write(make()) })
 }

@@ -1,6 +1,6 @@
 //! Clock tree: crystal -> PLL -> 168 MHz core, 84 MHz APB2, 42 MHz APB1 (RM0090 7.2, flash 3.5.1).
 //!
-//! Not the library's: it waits for crystal and PLL for ever. A head without a crystal says so instead.
+//! Not the library's: it waits for crystal and PLL without a time-out. A head without a crystal reports that.
 //!
 //! The clock security system is on: when the crystal stops, the chip falls back to its internal oscillator and raises NMI,
 //! which ends in [`super::dying`].
@@ -17,7 +17,7 @@ const CRYSTAL_POLLS: u32 = 400_000;
 /// The PLL takes at most 300 us.
 const PLL_POLLS: u32 = 20_000;
 
-/// Starts the crystal and the PLL and runs the core from it. On an error the internal oscillator goes on.
+/// Starts the crystal and the PLL and runs the core from it. On an error the internal oscillator stays.
 pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Result<(), StartError> {
     rcc.cr().modify(|_, w| w.hseon().set_bit());
     within(CRYSTAL_POLLS, || rcc.cr().read().hserdy().bit_is_set(), StartError::Crystal)?;

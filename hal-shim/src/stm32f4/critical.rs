@@ -14,7 +14,7 @@ const BITS: u8 = 4;
 /// Hardware priority of the highest task that is masked.
 const CEILING: u8 = hardware(board::priority(board::LOGS));
 
-/// What the interrupt controller is told for a priority of the task table, 1 to 15: its lower numbers come first.
+/// Value for the interrupt controller of a priority of the task table, 1 to 15: its lower numbers come first.
 pub const fn hardware(priority: u8) -> u8 {
     ((1 << BITS) - priority) << (8 - BITS)
 }

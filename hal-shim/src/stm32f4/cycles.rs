@@ -31,7 +31,7 @@ impl Clock for Cycles {
     }
 
     fn restart(&self) {
-        // SAFETY: the register blocks are there for ever; the two enables are set here and at the start alone, where nothing
+        // SAFETY: the register blocks are always there; the two enables are set here and at the start alone, where nothing
         // runs beside it, and cleared by a debugger.
         let (dcb, dwt) = unsafe { (&*DCB::PTR, &*DWT::PTR) };
         // SAFETY: as above.

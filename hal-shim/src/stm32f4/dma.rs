@@ -1,4 +1,4 @@
-//! Streams of DMA2 that fill a ring for ever.
+//! Streams of DMA2 that fill a ring without end.
 
 use super::start::{StartError, within};
 use super::{pac, put, reset};
@@ -35,7 +35,7 @@ pub const FULL: u32 = 1 << 5;
 const RING: u32 = 1 << 13 | 1 << 11 | 1 << 10 | 1 << 8 | 1;
 
 fn dma2() -> &'static pac::dma2::RegisterBlock {
-    // SAFETY: the register block is there for ever. Each stream's registers are used through its one token, and the flag
+    // SAFETY: the register block is always there. Each stream's registers are used through its one token, and the flag
     // registers clear only bits written as 1.
     unsafe { &*pac::DMA2::ptr() }
 }
@@ -44,7 +44,7 @@ impl<const N: usize> Stream<N> {
     /// Position of its flags in the flag register of its half (RM0090 10.5.1).
     const SHIFT: u32 = [0, 6, 16, 22][N % 4];
 
-    /// Fills `ring` from a data register for ever. `options` are further bits of the stream's configuration.
+    /// Fills `ring` from a data register, without end. `options` are further bits of the stream's configuration.
     pub fn fill(
         &mut self,
         channel: u32,

@@ -64,7 +64,7 @@ pub fn new(
 impl QuadratureLines for Lines {
     #[inline(always)]
     fn levels(&self) -> Levels {
-        // SAFETY: the register block is there for ever; reading the inputs changes nothing.
+        // SAFETY: the register block is always there; reading the inputs changes nothing.
         let levels = unsafe { &*pac::GPIOA::ptr() }.idr().read().bits();
         Levels { a: levels >> A & 1 == 1, b: levels >> B & 1 == 1, index: levels >> INDEX & 1 == 1 }
     }
@@ -130,7 +130,7 @@ fn serve_again() {
     UNSERVED.store(true, Relaxed);
     put!(exti().pr(), LINES);
     change!(exti().imr(), clear 0, set LINES);
-    // An edge of its own making: the decoder takes the levels now. Otherwise the next real edge would tell it that the storm is
+    // An edge of its own making: the decoder takes the levels now. Otherwise the next real edge would show it that the storm is
     // over and not be counted, perhaps long after both counters were found to agree.
     put!(exti().swier(), 1 << A);
 }

@@ -2,8 +2,8 @@
 //!
 //! The flash is one bank: while it is written or erased the core stalls, for 16 us a word and up to half a second a sector
 //! (data sheet). So this goes to the settings store alone, which writes only under the permit of the head
-//! ([`Permit`](crate::store::Permit)): disabled, inhibited, and the watchdog told. Not the library's: it waits for a busy
-//! flash for ever.
+//! ([`Permit`](crate::store::Permit)): disabled, inhibited, with a longer watchdog time-out. Not the library's: it waits for a
+//! busy flash without a time-out.
 
 use super::pac;
 use super::{change, put};

@@ -1,4 +1,4 @@
-//! The arithmetic of [`gap_filter`](crate::gap_filter) by hand: 72 cycles with its return, where the compiler takes 96
+//! The arithmetic of [`gap_filter`](crate::gap_filter) in assembly: 72 cycles with its return, where the compiler takes 96
 //! (estimated: DDI 0439, tables 3-1 and 7-1).
 //!
 //! Nine coefficients and eight values of state come by three multiple loads and go by one multiple store, and a section

@@ -29,7 +29,7 @@ const VOLTAGE: u32 = channel("gap_voltage_gated");
 const CURRENT: u32 = channel("gap_current");
 /// Scan; watchdog on the voltage alone, with interrupt; overrun interrupt (RM0090 13.13.2).
 const CR1: u32 = VOLTAGE | 1 << 6 | 1 << 8 | 1 << 9 | 1 << 23 | 1 << 26;
-/// On; DMA for ever; rising edge of TIM4 channel 4.
+/// On; DMA without end; rising edge of TIM4 channel 4.
 const CR2: u32 = 1 | 1 << 8 | 1 << 9 | 0b1001 << 24 | 0b01 << 28;
 const AWD: u32 = 1;
 const OVR: u32 = 1 << 5;
@@ -173,7 +173,7 @@ impl Thresholds {
     }
 
     fn write_voltage(&mut self, (low, high): (u16, u16)) {
-        // SAFETY: the register block is there for ever; the two threshold registers are written here alone.
+        // SAFETY: the register block is always there; the two threshold registers are written here alone.
         let adc = unsafe { &*pac::ADC2::ptr() };
         put!(adc.ltr(), u32::from(low));
         put!(adc.htr(), u32::from(high));

@@ -25,7 +25,7 @@ pub(super) const FORCE_OFF: u32 = 0b100 << 4;
 const PRELOAD: u32 = 1 << 3;
 
 /// A count that tasks of different priorities share with register accesses in a certain order. One core keeps it for its own
-/// interrupts by itself; only the compiler has to be told, which a barrier instruction of four cycles would do as well.
+/// interrupts by itself; only the compiler needs a fence, and a barrier instruction would cost four cycles.
 struct Ordered(AtomicU32);
 
 impl Ordered {
@@ -57,7 +57,7 @@ static REVERSED: AtomicBool = AtomicBool::new(false);
 static KILLED: Ordered = Ordered(AtomicU32::new(0));
 
 fn tim1() -> &'static pac::tim1::RegisterBlock {
-    // SAFETY: the register block is there for ever. Only the mode of channel 1 is used through this reference; the module's
+    // SAFETY: the register block is always there. Only the mode of channel 1 is used through this reference; the module's
     // comment says why two writers of it agree.
     unsafe { &*pac::TIM1::ptr() }
 }
@@ -138,7 +138,7 @@ pub fn kill_pulse() {
 #[inline(never)]
 pub fn kill() {
     cortex_m::interrupt::disable();
-    // SAFETY: the register block is there for ever, and nobody else runs any more.
+    // SAFETY: the register block is always there, and nobody else runs any more.
     let rcc = unsafe { &*pac::RCC::ptr() };
     change!(rcc.ahb1enr(), clear 0, set PORTS);
     change!(rcc.apb2enr(), clear 0, set TIM1);

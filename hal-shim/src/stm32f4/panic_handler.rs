@@ -32,7 +32,7 @@ fn panic(info: &PanicInfo) -> ! {
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     lines::kill();
-    // SAFETY: the register block is there for ever; reading the fault status changes nothing.
+    // SAFETY: the register block is always there; reading the fault status changes nothing.
     let status = unsafe { (*SCB::PTR).cfsr.read() };
     let at = frame.pc();
     let death = if status & stack::FAULTS == 0 { Death::HardFault } else { Death::Stack };

@@ -26,7 +26,7 @@ pub(super) fn port(pin: Place) -> &'static pac::gpioa::RegisterBlock {
     // The ports lie side by side (RM0090 2.3); a pin's port is A to E because only those are handed out.
     let offset = (pac::GPIOB::ptr().addr() - pac::GPIOA::ptr().addr()) * (pin.port as usize - 'A' as usize);
     let address = pac::GPIOA::ptr().wrapping_byte_add(offset);
-    // SAFETY: the register blocks are there for ever and alike from port to port. Only the input register, the set-reset
+    // SAFETY: the register blocks are always there and alike from port to port. Only the input register, the set-reset
     // register, where a store changes nothing but the pins it names, and the lock register are used through this reference.
     unsafe { &*address }
 }

@@ -79,7 +79,7 @@ impl SetDutyCycle for Pwm {
 }
 
 fn tim1() -> &'static pac::tim1::RegisterBlock {
-    // SAFETY: the register block is there for ever. Used through this reference: the flags, which are cleared by writing 0 to
+    // SAFETY: the register block is always there. Used through this reference: the flags, which are cleared by writing 0 to
     // one alone, and the main output enable, which only the servo task sets and only the hardware clears.
     unsafe { &*pac::TIM1::ptr() }
 }
@@ -106,7 +106,7 @@ impl ServoTimer for Tick {
     }
 }
 
-/// Waits for the middle of a period, two periods at the most. A timer that does not run is found by whoever watches the tasks.
+/// Waits for the middle of a period, two periods at the most. A timer that does not run is found by the supervision of the tasks.
 pub fn await_middle() {
     // A poll takes more than four cycles, and far less than 500.
     let _ = (0..5000).any(|_| tim1().cnt().read().bits().wrapping_sub(4500) < 500);

@@ -9,7 +9,7 @@ macro_rules! registers {
         fn register(place: usize) -> Option<u32> {
             let mut turn = 0..;
             $({
-                // SAFETY: the register block is there for ever, and reading one of these changes nothing.
+                // SAFETY: the register block is always there, and reading one of these changes nothing.
                 let block = unsafe { &*pac::$block::ptr() };
                 $(if turn.next() == Some(place) {
                     return Some(block.$register().read().bits() $(& $mask)?);

@@ -1,7 +1,7 @@
 //! The chip's own supply: off while the program is still right, reset before it is wrong.
 //!
 //! At 168 MHz with five wait states the flash wants 2.7 V (RM0090 3.5.1). Brown-out level 3 resets below 2.75 to 2.90 V,
-//! falling; the level of a new chip is none, about 1.7 V. The voltage detector tells before that: below 2.85 to 2.99 V,
+//! falling; the level of a new chip is none, about 1.7 V. The voltage detector reports before that: below 2.85 to 2.99 V,
 //! falling, and it is content again above 2.96 to 3.10 V, with which 3.2 V at the least (docs/bring-up.md) leaves room (data
 //! sheet, embedded reset and power control block).
 

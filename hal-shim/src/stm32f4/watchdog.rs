@@ -56,7 +56,7 @@ const CATCHES: u32 = 0x7F0;
 
 /// Takes back what a debugger must not do to a head.
 fn undo_debugger() {
-    // SAFETY: the register blocks are there for ever, and a debugger alone writes these bits.
+    // SAFETY: the register blocks are always there, and a debugger alone writes these bits.
     let (frozen, demcr) = unsafe { (&(*pac::DBGMCU::ptr()), &(*DCB::PTR).demcr) };
     if frozen.apb1_fz().read().bits() & FREEZES != 0 {
         change!(frozen.apb1_fz(), clear FREEZES, set 0);

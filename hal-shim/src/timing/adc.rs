@@ -17,7 +17,7 @@ pub const SWITCH_OHM: u32 = 6000;
 pub const CAPACITOR_FF: u32 = 7000;
 /// ln 2^14, times 10^4.
 const LN_QUARTER_STEP_E4: u128 = 97_041;
-/// Cycles of a conversion of 12 bits beside the sampling time.
+/// Cycles of a conversion of 12 bits without the sampling time.
 pub const CONVERSION_CYCLES: u32 = 12;
 /// Cycles from an external trigger to the start of sampling (data sheet: 17 cycles per trigger at a sampling time of 3).
 pub const LATENCY_CYCLES: u32 = 2;

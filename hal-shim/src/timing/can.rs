@@ -18,7 +18,7 @@ pub const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
 pub struct BitTiming {
     /// Clock periods in a quantum, 1..=1024.
     pub brp: u16,
-    /// Quanta before the sample point, beside the synchronisation quantum, 1..=16.
+    /// Quanta before the sample point, without the synchronisation quantum, 1..=16.
     pub ts1: u8,
     /// Quanta after the sample point, 1..=8.
     pub ts2: u8,

@@ -206,7 +206,7 @@ impl Core {
             self.plan.run();
             self.status = *self.plan.planner().status();
         }
-        self.servo.follower().tell(&mut self.status);
+        self.servo.follower().report(&mut self.status);
         self.ports.position.set(self.status.position);
     }
 

@@ -273,7 +273,7 @@ impl Scheduler {
     /// What the head knows after its newest tick.
     pub fn status(&self) -> Status {
         let mut status = *self.0.plan.borrow().planner().status();
-        self.0.servo.borrow().follower().tell(&mut status);
+        self.0.servo.borrow().follower().report(&mut status);
         status
     }
 

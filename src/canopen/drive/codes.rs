@@ -90,7 +90,7 @@ pub const LOSSES: &[((u16, u8), &str)] = &[
 /// 2000h:4: more orders than can wait.
 pub const WAIT: u8 = 20;
 
-/// 2000h:9, beside what [`Missed`](crate::motion::Missed) numbers.
+/// 2000h:9, in addition to what [`Missed`](crate::motion::Missed) numbers.
 pub const HOMING_REFUSED: u8 = 5;
 
 /// 2000h:2.

@@ -2,7 +2,7 @@
 //!
 //! The head counts from its home, always: path, limits, marks and homing know nothing else. What a host writes and reads as a
 //! position is less by the *datum*, which it sets by a surface that was touched. Only this drive knows of it, so that nothing
-//! inside the head can be at odds with it; 6063h and 60FCh tell the head's own counts.
+//! inside the head can be at odds with it; 6063h and 60FCh are the head's own counts.
 //!
 //! An electrode that has touched the *reference*, a place that is not eroded, and touches it again after the work, goes deeper
 //! by its *wear*. A hole is as deep as the electrode has travelled since the gap was first the one to keep, less the wear since

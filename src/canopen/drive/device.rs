@@ -4,8 +4,8 @@ use crate::canopen::{Device, PDOS, PdoDefault, mapped};
 
 /// The head as a CANopen device: servo drive (402), with what it maps at first.
 ///
-/// TPDO1 repeats every 50 ms and tells of a change at once, also of what is refused. TPDO3 is for a CNC that keeps the path itself: signed feed and
-/// gap voltage.
+/// TPDO1 repeats every 50 ms and is sent at once after a change or a refusal. TPDO3 is for a CNC that keeps the path itself:
+/// signed feed and gap voltage.
 pub const DEVICE: Device = Device {
     // Profile 402, servo drive.
     device_type: 0x0002_0192,

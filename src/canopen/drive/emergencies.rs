@@ -5,8 +5,8 @@ use super::{Drive, codes};
 use crate::canopen::{NmtState, Node};
 
 impl Drive {
-    /// Emergencies for what has come, and for what is gone; of a node that waits to be booted when it has been.
-    pub(super) fn tell(&mut self, node: &mut Node) {
+    /// Sends emergencies for new errors and for errors that have ended; of a node that waits to be booted, after the boot.
+    pub(super) fn report_errors(&mut self, node: &mut Node) {
         if node.state() == NmtState::Initialising {
             return;
         }
@@ -16,7 +16,7 @@ impl Drive {
         if let Some(fault) = self.alarm {
             let (code, bits) = codes::error_code(fault);
             if before.0 != self.alarm {
-                // A second fault that escalates the first is told of as well, and which one it began with.
+                // A second fault that escalates the first is reported as well, with the first.
                 let first = self.status.first.map_or(0, codes::fault);
                 node.emergency(code, bits, [codes::fault(fault), self.reason, first, 0, 0]);
             }

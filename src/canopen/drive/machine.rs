@@ -15,7 +15,7 @@ impl Drive {
     pub(super) fn control_word(&mut self, word: u16) {
         let before = core::mem::replace(&mut self.control, word);
         if rises(before, word, control::RESET) {
-            // Taken note of, in any state: the next loading tells it again.
+            // Acknowledged, in any state: the next loading reports it again.
             self.loss = None;
         }
         if self.state == State::Fault && rises(before, word, control::RESET) {
@@ -78,7 +78,7 @@ impl Drive {
         }
     }
 
-    /// Leaves operation: at once with option 0, else when the axis has come to rest.
+    /// Leaves operation: at once with option 0, else when the axis rests.
     fn leave(&mut self, to: State, option: i32) {
         self.set_points.forget();
         if option == 0 {

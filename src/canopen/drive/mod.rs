@@ -3,7 +3,7 @@
 //! The drive keeps what the profile needs (state machine, modes, the values that a host writes) and nothing that the head
 //! knows already: actual values come from the newest [`Status`], settings are a [`Settings`], and whatever is to happen is
 //! an [`Order`]. It waits for nobody, so the same code runs in the protocol task of the chip, where orders and status go
-//! through queues, and beside the head on a PC. Every millisecond, in this sequence:
+//! through queues, and next to the head on a PC. Every millisecond, in this sequence:
 //!
 //! ```text
 //! drive.observe(status)                    newest status of the head; changed(change) for each change of state,
@@ -17,11 +17,11 @@
 //! while let Some(frame) = node.take()      to the bus
 //! ```
 //!
-//! Where ticks do not wait for the drive, as on the chip, the head holds ready what [`Drive::preview_sync`] tells it, acts on a
+//! Where ticks do not wait for the drive, as on the chip, the head holds ready what [`Drive::preview_sync`] gives it, acts on a
 //! SYNC by itself, and [`Drive::synchronised`] follows [`Node::synchronised`].
 //!
-//! [`DEVICE`] is what the node is made with. The head's supervision is told that the host is alive: a silent host shows in
-//! 1016h, SYNC or the event timer of an RPDO, and the drive raises the fault.
+//! [`DEVICE`] is what the node is made with. A silent host shows in 1016h, SYNC or the event timer of an RPDO, and the drive raises
+//! the fault; to the head's supervision the host is always alive.
 
 mod codes;
 mod configuration;
@@ -116,9 +116,9 @@ pub struct Drive {
     /// Milliseconds in a fault's reaction, or of braking.
     elapsed: u16,
     alarm: Option<Fault>,
-    /// What was lost of what is stored, until somebody has taken note.
+    /// What was lost of what is stored, until a host has acknowledged it.
     loss: Option<Loss>,
-    /// What the node has told of both.
+    /// What the node has reported of both.
     reported: (Option<Fault>, Option<Loss>),
     loading: Loading,
 
@@ -219,8 +219,8 @@ impl Drive {
     }
 
     /// Values of power-on, from what is stored and, where nothing is, the defaults and `settings`. The head is disabled. What
-    /// of it could not be taken over is told: by what is returned, by 200Bh, and if defaults are in force or an older image,
-    /// by an emergency and the warning bit, until the host stores anew or resets faults.
+    /// of it could not be taken over is in what is returned and in 200Bh. If defaults or an older image are in force, there are
+    /// an emergency and the warning bit as well, until the host stores anew or resets faults.
     pub fn restart(&mut self, settings: Settings, stored: &StoredImage) -> LoadReport {
         self.orders.clear();
         self.follow = None;
@@ -312,7 +312,7 @@ impl Drive {
     pub fn poll(&mut self, now: Time, node: &mut Node) {
         self.interpolate(now);
         self.saves.poll(now);
-        self.tell(node);
+        self.report_errors(node);
     }
 
     /// Set points become path.
@@ -358,7 +358,7 @@ impl Drive {
         match event {
             Event::State(state) => {
                 self.operational = state == NmtState::Operational;
-                // Whoever does all by SDO never was operational.
+                // A host that works by SDO alone never made the node operational.
                 if state == NmtState::Stopped || operational && !self.operational {
                     self.host_lost();
                 }

@@ -18,8 +18,8 @@ impl Drive {
         order.or_else(|| self.follow.take().map(|point| Order::Command(point.command())))
     }
 
-    /// For a head that hears of a SYNC before this drive does: whether the set point that it is to follow from then on,
-    /// [`sync_preview`](Self::sync_preview), is another one now. Asked when orders have been taken; then each SYNC is told to
+    /// For a head that receives a SYNC before this drive does: whether the set point that it is to follow from then on,
+    /// [`sync_preview`](Self::sync_preview), has changed. Called when orders have been taken; each SYNC then needs a call of
     /// [`synchronised`](Self::synchronised).
     pub fn preview_sync(&mut self, node: &Node) -> bool {
         let next = self.set_point_at_sync(node);
@@ -104,7 +104,7 @@ impl Drive {
         }
     }
 
-    /// The same, and no set point is gone on with either.
+    /// The same, and the pending set points are dropped.
     pub(super) fn hold_all(&mut self) {
         self.set(Item::ErodeEnable, 0);
         self.end_commissioning();

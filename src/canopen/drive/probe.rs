@@ -1,6 +1,6 @@
 //! The touch probe (CiA 402-2, 60B8h to 60BDh, 60D0h to 60D8h): what a host writes and reads of [`Probe`].
 //!
-//! The input of both probes is the contact sense. Time stamps are ns of the servo's clock, whose newest tick 2000h:10 tells; they
+//! The input of both probes is the contact sense. Time stamps are ns of the servo's clock, whose newest tick is in 2000h:10; they
 //! wrap after 4.29 s.
 
 use super::Drive;

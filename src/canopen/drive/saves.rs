@@ -24,7 +24,7 @@ impl Saves {
         Saves { left: MOST, since: Time(0) }
     }
 
-    /// Time goes on.
+    /// Counts the time.
     pub fn poll(&mut self, now: Time) {
         if self.left == MOST {
             self.since = now;

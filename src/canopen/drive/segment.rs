@@ -8,7 +8,7 @@ use crate::canopen::objects::Item;
 use crate::head::{Command, Refused};
 use crate::path::{Piece, Shape};
 
-/// Reasons of 200Eh:9 beside those of the head.
+/// Reasons of 200Eh:9 in addition to those of the head.
 const BEGUN_ANEW: u8 = 252;
 const UNANSWERED: u8 = 253;
 const NOT_ENABLED: u8 = 254;

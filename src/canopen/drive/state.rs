@@ -66,7 +66,7 @@ pub mod status {
     pub const MODE_12: u16 = 1 << 12;
     /// Of the mode: following error, homing error.
     pub const MODE_13: u16 = 1 << 13;
-    /// The manufacturer's: turns over with each change of a guarded setting, which a TPDO tells of at once.
+    /// The manufacturer's: turns over with each change of a guarded setting, which a TPDO reports at once.
     pub const GUARDED: u16 = 1 << 14;
 }
 

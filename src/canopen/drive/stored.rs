@@ -36,7 +36,7 @@ const fn group(key: &str) -> u16 {
 const _: () = assert!(Settings::COUNT + STORABLE + STORED <= ROOM);
 const _: () = assert!(500 + STORABLE + STORED <= ROOM);
 
-/// What the drive has to tell of what was stored, until somebody has taken note of it.
+/// What the drive reports of what was stored, until a host acknowledges it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Loss {
     /// Error code of the emergency, and bits of the error register.
@@ -71,7 +71,7 @@ impl Loading {
         (application || whole) && (communication || self.communication.defaulted.is_empty())
     }
 
-    /// What is to be told of it.
+    /// What is to be reported of it.
     fn loss(&self) -> Option<Loss> {
         let LoadReport { outcome, defaulted, .. } = self.report();
         let code = codes::loss(outcome, !defaulted.is_empty())?;
@@ -85,7 +85,7 @@ impl StoredImage {
     /// Keeps what a group of objects is now, instead of what was kept of it.
     ///
     /// # Errors
-    /// There is no room beside records of another program; this is then not to be stored.
+    /// Records of another program leave no room; this is then not to be stored.
     pub fn keep(&mut self, group: Group, drive: &Drive, node: &Node) -> Result<(), Full> {
         let (application, communication) = parts(group);
         self.distrust(application);
@@ -116,7 +116,7 @@ impl StoredImage {
         self.seal();
     }
 
-    /// What is about to become the newest image goes on saying what was lost, until the `application` is stored anew. The
+    /// What is about to become the newest image continues to say what was lost, until the `application` is stored anew. The
     /// commissioning of an older image does not count from then on either.
     fn distrust(&mut self, application: bool) {
         if self.outcome() == Outcome::Older {
@@ -190,7 +190,7 @@ impl Drive {
         LoadReport { outcome: image.outcome(), skipped: restored.skipped, defaulted: restored.defaulted }
     }
 
-    /// What is to be told now.
+    /// What is to be reported now.
     fn note(&mut self) {
         self.loss = self.loading.loss();
         if self.loss.is_some() {
@@ -199,7 +199,7 @@ impl Drive {
         }
     }
 
-    /// Puts stored values in the place of defaults. `doubtful`: commissioning has to look again.
+    /// Replaces defaults by stored values. `doubtful`: commissioning has to look again.
     fn restored(
         &mut self,
         base: Settings,
@@ -276,7 +276,7 @@ impl Drive {
         Ok(())
     }
 
-    /// Whether a value within the range of its object is one that it can have beside the others.
+    /// Whether a value within the range of its object is one that it can have with the others.
     pub(super) fn permits(&self, item: Item, value: i64) -> Result<(), Abort> {
         let number = value as i32;
         match item {

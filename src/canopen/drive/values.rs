@@ -63,7 +63,7 @@ impl Dictionary for Drive {
     }
 
     fn request(&mut self, request: Request) -> Result<(), Abort> {
-        // Flash stalls the processor: only while nothing moves. A head that has just been told to disable gives the permit in
+        // Flash stalls the processor: only while nothing moves. A head that is about to disable gives the permit in
         // its turn, or does not.
         let closed =
             matches!(self.state, State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive);
@@ -347,7 +347,7 @@ impl Drive {
         }
     }
 
-    /// Electrode and work touch, as the sense tells while the generator is off: between pulses there is no voltage either.
+    /// Electrode and work touch, as the sense shows while the generator is off: between pulses there is no voltage either.
     fn touches(&self) -> bool {
         let pulses = self.status.state.pulses() || self.status.state == head::State::Commissioning;
         self.status.gap.touches && !pulses

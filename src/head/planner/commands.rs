@@ -88,7 +88,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             }
             Command::Guide => {
                 self.may_position(state)?;
-                // Nor out of a touch, which would go on into the work, nor while the path is still gone along.
+                // Nor out of a touch, which would go on into the work, nor while the head still moves along the path.
                 let moves = self.positioning.is_none() && self.now.along.0 != 0.0;
                 if self.touching != Touching::No || moves {
                     return Err(Refused::State(state));

@@ -82,7 +82,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
     }
 
-    /// Electrode and work touch short of a set point that goes on toward the work, or has come to rest there: the loop would
+    /// Electrode and work touch short of a set point that moves toward the work, or rests there: the loop would
     /// press the head on where it has never been, whether or not the set point moves. Nobody is held off the work elsewhere.
     pub(super) fn presses(&self) -> bool {
         let positions = matches!(self.status.state, State::Ready | State::Positioning | State::Homing);

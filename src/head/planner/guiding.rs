@@ -14,7 +14,7 @@ use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, larger, smaller
 use core::ops::DerefMut;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
-    /// Follows the host, and tells it the feed that the gap asks for: none forward while the head leads.
+    /// Follows the host, and reports to it the feed that the gap asks for: none forward while the head leads.
     pub(super) fn guide(&mut self) -> Motion {
         self.refer();
         self.measure_open();
@@ -40,7 +40,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         Motion::Axis(self.approach(bounded))
     }
 
-    /// The host goes on, whoever leads.
+    /// The host's set point advances, also while the head leads.
     pub(super) fn refer(&mut self) {
         let (from, seen, when) = (self.segment(), self.seen(), self.when());
         let limit = self.config.axis.gains.velocity_limit();
@@ -62,7 +62,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
     }
 
-    /// No faster than the axis may go, and than what comes to rest by the acceleration before the ends of the travel.
+    /// No faster than the axis may go, and slow enough to stop by the acceleration before the ends of the travel.
     fn within_reach(&self, segment: TrajectorySegment) -> TrajectorySegment {
         let Config { axis, acceleration, .. } = &self.config;
         let limit = axis.gains.velocity_limit().0;

@@ -1,8 +1,8 @@
 //! Plan: states, fault reactions, feed law, limits, the path ahead.
 //!
 //! The [`Planner`] runs below the servo tick, some 4000 times a second, on the [`Estimate`] of one tick, and makes the [`Plan`]
-//! that comes into force [`LEAD`](super::LEAD) ticks later. It sees nothing else of the world but what the supervision has
-//! looked at ([`Monitored`]). Commands come in between [`begin`](Planner::begin) and [`plan`](Planner::plan).
+//! that comes into force [`LEAD`](super::LEAD) ticks later. In addition it sees only the values of the supervision
+//! ([`Monitored`]). Commands come in between [`begin`](Planner::begin) and [`plan`](Planner::plan).
 
 mod commands;
 mod conditions;
@@ -242,7 +242,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.kept.agrees(&self.config)
     }
 
-    /// Takes in the estimate of a tick, and what it tells of.
+    /// Takes in the estimate of a tick, and what it reports.
     pub fn begin(&mut self, now: &Estimate, monitored: &Monitored) {
         self.ticks = now.tick.wrapping_sub(self.now.tick).clamp(1, super::TICKS_MOST);
         self.now = *now;

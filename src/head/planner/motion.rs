@@ -69,7 +69,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
     }
 
-    /// Friction, where a set point is followed. What a fault's reaction may press is reckoned without it.
+    /// Friction, where a set point is followed. What a fault's reaction may press is calculated without it.
     pub(super) fn compensate(&mut self, trajectory: &mut Trajectory) {
         if trajectory.follow == Follow::Setpoint && self.status.state != State::Fault {
             let travel = Fixed(trajectory.travel.0.saturating_mul(PLAN_TICKS.into()));
@@ -80,7 +80,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// The coordinate waits for the axis, where something resists it: film in a narrow gap, friction, a duty at its limit. Else the
-    /// axis would go on to a place that the gap has long asked it not to.
+    /// axis would move on to a place that the gap no longer asks for.
     fn governed(&self, wanted: MicrometresPerSecond) -> MicrometresPerSecond {
         let limits = &self.config.supervise;
         let from = match self.status.state {
@@ -92,14 +92,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         MicrometresPerSecond(wanted.0 * pace(ahead, from))
     }
 
-    /// Share of its velocity with which a motion beside the path goes on, whose set point is so far ahead; `None` where it has waited
+    /// Share of its velocity that a motion off the path keeps, whose set point is so far ahead; `None` where it has waited
     /// for the axis for too long, which is a following error.
     pub(super) fn awaited(&mut self, ahead: f32) -> Option<f32> {
         let pace = pace(ahead, FAST * self.config.supervise.following);
         (!self.waits_too_long(pace < 1.0)).then_some(pace)
     }
 
-    /// The same for a seek, whose set point stands for good where something is in the way that nothing else tells of.
+    /// The same for a seek, whose set point stops where something is in the way that nothing else shows.
     pub(super) fn is_stopped(&mut self) -> bool {
         let pace = pace(self.status.following, self.config.supervise.breakaway.following);
         self.waits_too_long(pace <= 0.0)
@@ -160,7 +160,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 }
 
-/// Share of its velocity with which a set point goes on that is so far ahead of the axis: all of it up to `from`, none of it at three
+/// Share of its velocity that a set point keeps which is so far ahead of the axis: all of it up to `from`, none of it at three
 /// times as much.
 fn pace(ahead: f32, from: f32) -> f32 {
     within((3.0 * from - ahead) / (2.0 * from), 0.0, 1.0)

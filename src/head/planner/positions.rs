@@ -1,4 +1,4 @@
-//! Positioning of the axis beside the path, homing, and the origin of its counts.
+//! Positioning of the axis off the path, homing, and the origin of its counts.
 
 use super::states::REST;
 use super::{Planner, Touching};

@@ -28,7 +28,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.route.ready(up, &self.bounds(), self.full_window().and(self.current_window()))
     }
 
-    /// For two ticks: what is open stays open, what is positioned goes on, what follows the path slows down.
+    /// For two ticks: what is open stays open, a positioning continues, what follows the path slows down.
     pub(super) fn ready_stop(&self, trajectory: &Trajectory) -> Trajectory {
         let window = self.ready_window(self.config.axis.duty_limit);
         match trajectory.follow {

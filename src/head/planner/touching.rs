@@ -1,4 +1,4 @@
-//! The search for a surface: what may begin one, and how the planner goes on with it.
+//! The search for a surface: what may begin one, and how the planner continues it.
 
 use super::Planner;
 use crate::head::command::Refused;

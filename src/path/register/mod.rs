@@ -182,7 +182,7 @@ impl<const N: usize> Register<N> {
         self.now.at(self.s.minus(self.start))
     }
 
-    /// Axis travel for a short travel along the path from the present coordinate, counts: what a setpoint goes on by between
+    /// Axis travel for a short travel along the path from the present coordinate, counts: what a set point moves by between
     /// two steps. A joint in between shows only at the next step.
     #[inline(always)]
     pub fn travel(&self, by: Fixed) -> Point {
@@ -231,7 +231,7 @@ impl<const N: usize> Register<N> {
         self.s >= self.furthest
     }
 
-    /// Whether the path leads another axis than the first, since it began: then that one's place tells nothing of the coordinate.
+    /// Whether the path leads another axis than the first, since it began: then the position of the first says nothing of the coordinate.
     pub fn leads_beside(&self) -> bool {
         self.beside
     }

@@ -3,7 +3,7 @@
 //! stm32f4xx-hal turns on the feature `critical-section-single-core` of cortex-m. With it cortex-m registers a section made
 //! of PRIMASK, which would mask reflex, stop and encoder for as long as a log line takes; and beside the one made of BASEPRI
 //! (`edm_hal_shim::stm32f4::critical`) it does not link, since there is one pair of symbols. Cargo only ever adds features,
-//! and a package in the place of cortex-m cannot use the cortex-m that it replaces. So the line is drawn here:
+//! and a package that replaces cortex-m cannot use the cortex-m that it replaces. So the line is drawn here:
 //! [`set_impl!`] passes over the section of cortex-m, by its name, and takes any other. Should cortex-m rename it, the
 //! firmware does not link.
 //!

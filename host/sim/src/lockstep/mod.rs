@@ -163,7 +163,7 @@ impl Twin {
             self.compare("short", &(seen.short_ticks, seen.touches), &(input.short_ticks, input.touches))?;
         }
         let mut here = Status::default();
-        self.core.servo.follower().tell(&mut here);
+        self.core.servo.follower().report(&mut here);
         self.compare("count", &here.position, &there.position)?;
         if self.same == Same::Senses {
             return Ok(());

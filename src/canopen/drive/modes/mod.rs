@@ -69,7 +69,7 @@ pub struct SetPoints {
     acknowledged: bool,
     /// The newest was refused: the head is at no target.
     missed: bool,
-    /// The head has not yet come to the target under way.
+    /// The head has not yet reached the target under way.
     moving: bool,
     /// Milliseconds within the window.
     within: u16,
@@ -79,7 +79,7 @@ pub struct SetPoints {
     homing_asked: bool,
     /// A set point was cut off at a limit.
     pub(super) limited: bool,
-    /// Erosion begins when the head has come to rest; then what was given last meanwhile.
+    /// Erosion begins when the head rests, with the newest target given until then.
     begins: bool,
     then: Option<i32>,
     buffer: Deque<i32, BUFFER>,
@@ -90,7 +90,7 @@ pub struct SetPoints {
 }
 
 impl SetPoints {
-    /// The head has been told to do something else.
+    /// The head has another command now.
     pub fn forget(&mut self) {
         self.next = None;
         (self.moving, self.missed) = (false, false);
@@ -141,7 +141,7 @@ impl Drive {
         Ok(())
     }
 
-    /// The mode begins to act, or goes on.
+    /// The mode begins to act, or continues.
     pub(super) fn enter_mode(&mut self) {
         self.set_points.forget();
         if !self.moves() {
