@@ -16,9 +16,9 @@
 //! | [`motion`] | profiles and homing: axis positioning |
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
+//! | [`settings`] | what a person sets, checked and built into what the ticks run |
 //! | [`stored`] | what outlives the power: one image, a list of objects with their values |
 //! | [`canopen`] | the head as a CANopen device: drive and objects behind the node of [`edm_canopen`] |
-//! | [`settings`] | what a person sets, checked and built into what the ticks run |
 //!
 //! Sources, cited in the documentation by letter and section: \[R\] Roberts 2014, gap-voltage servo on a short-stroke linear
 //! actuator (thesis); \[L\] Lemeni, quadrature front end; \[X\] Xin et al. 2018, gap distance from the RC charging time;
