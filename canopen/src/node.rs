@@ -284,11 +284,6 @@ impl Node {
         self.lss.pending()
     }
 
-    /// Period of SYNC that the host has announced in 1006h, us; 0: none.
-    pub fn sync_period_us(&self) -> u32 {
-        self.objects.parameters.period
-    }
-
     /// Visits the parameters of the communication objects that are to be stored.
     pub fn parameters(&self, visit: &mut dyn FnMut(Record)) {
         self.objects.parameters.store(visit);

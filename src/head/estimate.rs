@@ -190,11 +190,6 @@ impl Estimator {
         self.sums.duty = self.sums.duty.wrapping_add(duty);
     }
 
-    /// Whether the encoder has been read.
-    pub fn is_started(&self) -> bool {
-        self.started
-    }
-
     /// Position, counts.
     #[inline]
     pub fn position(&self) -> i64 {

@@ -48,9 +48,6 @@ pub struct Cycles {
     /// Fail when a bound of docs/performance.md is not met, too
     #[arg(long)]
     bounds: bool,
-    /// Print so many functions of each task, the most expensive first
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    hot: usize,
 }
 
 impl Cycles {
@@ -61,26 +58,16 @@ impl Cycles {
     pub fn execute(&self, image: &Image) -> Result<()> {
         let path = self.page.clone().map_or_else(|| in_project(Path::new(PAGE)), Ok)?;
         let committed = Page::read(&path, COMMAND).map_err(BadInput)?;
-        let claim = |option, path| Output::claim(option, path).map_err(BadInput);
-        let json = self.json.as_deref().map(|path| claim("--json", path)).transpose()?;
+        let json = Output::claim_any("--json", self.json.as_deref()).map_err(BadInput)?;
         let target = if self.check { None } else { Some(committed.claim().map_err(BadInput)?) };
 
         let measured = report::measure(image)?;
         let section = page::markdown(&measured);
         println!("{section}");
-        for (name, scene) in measured.scenes().into_iter().filter(|_| self.hot > 0) {
-            for (task, functions) in &scene.hot {
-                println!("{name}, {task}:");
-                for (name, cycles) in functions.iter().take(self.hot) {
-                    println!("  {cycles:8.1}  {name}");
-                }
-            }
-        }
         let findings = bounds::wanted(&measured);
         findings.iter().for_each(|finding| println!("{finding}"));
         if let Some(output) = json {
-            let text = serde_json::to_string_pretty(&measured)?;
-            output.write(|to| to.write_all(text.as_bytes())).map_err(|e| anyhow!(e))?;
+            output.write_json(&measured).map_err(|e| anyhow!(e))?;
         }
         if let Some(output) = target {
             committed.write(output, &section).map_err(|e| anyhow!(e))?;

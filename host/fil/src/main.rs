@@ -8,6 +8,7 @@ use edm_fil::machine::Machine;
 use edm_fil::rig::Witness;
 use edm_fil::rtt::Rtt;
 use edm_fil::still::Still;
+use edm_fil::wires::CRYSTAL_HZ;
 use edm_sim::cli::{Bore, EXIT_BAD_INPUT, EXIT_FAILED, Failure};
 use edm_sim::observe::Recorder;
 use edm_sim::output::Output;
@@ -86,16 +87,6 @@ struct Run {
     /// Simulated time, seconds.
     #[arg(long, default_value_t = 1.0, value_parser = seconds)]
     seconds: f64,
-    /// Crystal, Hz.
-    #[arg(long, default_value_t = 8_000_000, value_parser = clap::value_parser!(u64).range(1_000_000..=50_000_000))]
-    hse: u64,
-    /// Charge thread mode so many times its cycles once the first interrupt has come: a polling idle loop then costs
-    /// less host time, interrupts keep their times.
-    #[arg(long, default_value_t = 1)]
-    stretch_idle: u64,
-    /// Let time pass by blocks of code once the first interrupt has come: faster, a few dozen cycles less exact.
-    #[arg(long)]
-    blocks: bool,
 }
 
 fn main() -> ExitCode {
@@ -176,22 +167,15 @@ fn image(elf: &Path) -> Result<Image> {
 
 impl Run {
     fn execute(&self, image: &Image) -> Result<()> {
-        let Run { seconds, hse, stretch_idle, mut blocks } = *self;
         let mut rtt = Rtt::new(image)?;
-        let mut machine = Machine::new(image, Still::default(), hse)?;
-        let end = (seconds * TICK_HZ as f64) as u64;
+        let mut machine = Machine::new(image, Still::default(), CRYSTAL_HZ)?;
+        let end = (self.seconds * TICK_HZ as f64) as u64;
         let start = Instant::now();
         let mut now = 0;
         let mut result = Ok(());
         while now < end && result.is_ok() {
             now = (now + TICK_HZ / 1000).min(end);
             result = machine.run_until(now);
-            if machine.stats().entries.iter().any(|n| *n > 0) {
-                machine.stretch_idle(stretch_idle);
-                if std::mem::take(&mut blocks) {
-                    machine.step_by_blocks()?;
-                }
-            }
             for line in rtt.poll(&machine.soc().memory) {
                 println!("{:10.6} {line}", machine.soc().now() as f64 / TICK_HZ as f64);
             }
@@ -234,12 +218,11 @@ impl Record {
 
 impl Latency {
     fn execute(&self, image: &Image) -> Result<()> {
-        let output = self.json.as_deref().map(|path| Output::claim("--json", path)).transpose().map_err(BadInput)?;
+        let output = Output::claim_any("--json", self.json.as_deref()).map_err(BadInput)?;
         let latency = edm_fil::latency::measure(image, self.step)?;
-        let text = serde_json::to_string_pretty(&latency)?;
-        println!("{text}");
+        println!("{}", serde_json::to_string_pretty(&latency)?);
         if let Some(output) = output {
-            output.write(|to| to.write_all(text.as_bytes())).map_err(|e| anyhow::anyhow!(e))?;
+            output.write_json(&latency).map_err(|e| anyhow::anyhow!(e))?;
         }
         let over = latency.over_bounds();
         if self.check && !over.is_empty() {

@@ -8,6 +8,7 @@ use crate::image::Image;
 use crate::machine::Machine;
 use crate::rtt::Rtt;
 use crate::seen::{Places, Runs};
+use crate::wires::CRYSTAL_HZ;
 use anyhow::{Result, anyhow, bail};
 use edm_hal_shim::bridge::Drive;
 use edm_servo_head::head::{Change, Command, Reason, SetPoint, State, Status};
@@ -19,8 +20,6 @@ use edm_sim::run::{Job, Observer, Outcome, Progress};
 use edm_soc::{CanReply, Frame, Region, TICK_HZ};
 use std::collections::VecDeque;
 
-/// Crystal of the board, Hz.
-const CRYSTAL_HZ: u64 = 8_000_000;
 /// Longest start of the firmware, ticks: the first period of the PWM comes within.
 const START: u64 = TICK_HZ / 10;
 /// Windows between two heartbeats of the host, and windows of a millisecond.

@@ -6,8 +6,8 @@ use crate::image::Image;
 use crate::machine::{Alter, Machine};
 use crate::rtt::Rtt;
 use crate::synthetic::{Behaviour, Rig};
+use crate::wires::CRYSTAL_HZ;
 use anyhow::{Context, Result, bail, ensure};
-use edm_hal_shim::board::F405;
 use edm_servo_head::head::{Command, Fault, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
@@ -69,7 +69,7 @@ impl Session {
         alter: Option<Alter>,
         prepare: impl FnOnce(&mut Soc<Rig>),
     ) -> Result<Self> {
-        let mut machine = Machine::new(image, rig, F405::TABLE.crystal_hz.into())?;
+        let mut machine = Machine::new(image, rig, CRYSTAL_HZ)?;
         if let Some(alter) = alter {
             machine.alter_writes(alter);
         }

@@ -8,6 +8,8 @@ const fn pin(signal: &str) -> Pin {
     Pin::new(port, number)
 }
 
+/// Crystal of the board, Hz.
+pub const CRYSTAL_HZ: u64 = F405::TABLE.crystal_hz as u64;
 /// Output of the bridge's duty.
 pub const PWM: Pin = pin("pwm");
 /// Bridge direction toward the work.

@@ -114,8 +114,7 @@ impl Bench {
     pub fn execute(&self, run: impl Run) -> Result<bool, Failure> {
         let start = Instant::now();
         let job = self.inputs.job()?;
-        let json =
-            self.json.as_deref().map(|path| Output::claim("--json", path)).transpose().map_err(Failure::BadInput)?;
+        let json = Output::claim_any("--json", self.json.as_deref()).map_err(Failure::BadInput)?;
 
         let mut first_progress_s = None;
         let mut runs = Vec::new();
@@ -145,13 +144,7 @@ impl Bench {
             peak_memory_mb: peak_memory_mb(),
         };
         say(&measurement.to_string());
-        let write = |output: Output| {
-            output.write(|file| {
-                serde_json::to_writer_pretty(&mut *file, &measurement)?;
-                file.write_all(b"\n")
-            })
-        };
-        json.map_or(Ok(()), write).map_err(Failure::Failed)?;
+        json.map_or(Ok(()), |output| output.write_json(&measurement)).map_err(Failure::Failed)?;
         Ok(bound.is_none_or(|bound| measurement.realtime_cpu_ratio >= bound))
     }
 }

@@ -4,6 +4,7 @@
 //! written beside its place under a passing name and renamed at the end, so that an interrupted run leaves no half file
 //! and an older file lives until its successor is whole.
 
+use serde::Serialize;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -50,6 +51,11 @@ impl Output {
         Ok(Output { label, target, folder, special })
     }
 
+    /// Claims the file of an option, where one is given.
+    pub fn claim_any(option: &str, path: Option<&Path>) -> Result<Option<Output>, String> {
+        path.map(|path| Output::claim(option, path)).transpose()
+    }
+
     /// Whether this output would replace that file.
     pub fn replaces(&self, path: &Path) -> bool {
         fs::canonicalize(path).is_ok_and(|path| path == self.target)
@@ -79,6 +85,14 @@ impl Output {
     /// Writes the file and puts it in its place.
     pub fn write(self, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), String> {
         self.try_write(fill).map_err(|error| self.failed(&error))
+    }
+
+    /// Writes a value as JSON.
+    pub fn write_json(self, value: &impl Serialize) -> Result<(), String> {
+        self.write(|file| {
+            serde_json::to_writer_pretty(&mut *file, value)?;
+            file.write_all(b"\n")
+        })
     }
 
     fn try_write(&self, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {

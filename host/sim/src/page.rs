@@ -46,6 +46,24 @@ impl Page {
         })
     }
 
+    /// Reads and claims a page of the project that the current directory is in.
+    ///
+    /// # Errors
+    /// When it is not there, has no such section, or cannot be written.
+    pub fn of_project(file: &str, command: &str) -> Result<(Page, Output), String> {
+        Page::claimed(&in_project(Path::new(file))?, command)
+    }
+
+    /// Reads and claims a page.
+    ///
+    /// # Errors
+    /// When it has no such section, or cannot be written.
+    pub fn claimed(path: &Path, command: &str) -> Result<(Page, Output), String> {
+        let page = Page::read(path, command)?;
+        let output = page.claim()?;
+        Ok((page, output))
+    }
+
     /// What the section says.
     pub fn section(&self) -> &str {
         &self.section

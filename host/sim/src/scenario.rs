@@ -92,14 +92,7 @@ impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
 
     /// Reads a scenario; `name` is what messages and reports call it.
     pub fn parse(name: &str, text: &str) -> Result<Self, String> {
-        let at = |offset: usize| {
-            let line = text.get(..offset).unwrap_or(text).matches('\n').count() + 1;
-            format!("{name}:{line}")
-        };
-        let root = DeTable::parse(text).map_err(|error| {
-            let offset = error.span().map_or(0, |span| span.start);
-            format!("{}: not TOML: {}", at(offset), error.message().replace('\n', " "))
-        })?;
+        let (root, at) = read_toml(name, text)?;
         let mut scenario = Scenario {
             name: name.into(),
             title: String::new(),
@@ -278,6 +271,25 @@ pub(crate) fn from_word<'a>(field: &Field, word: &'a str) -> Option<Value<'a>> {
         Kind::Flag => word.parse().ok().map(Value::Flag),
         Kind::Choice(_) => Some(Value::Word(word)),
     }
+}
+
+/// Reads TOML. The second value names the place of an offset in the text: file and line.
+///
+/// # Errors
+/// Place and reason, in one line.
+pub(crate) fn read_toml<'a>(
+    name: &'a str,
+    text: &'a str,
+) -> Result<(Spanned<DeTable<'a>>, impl Fn(usize) -> String + use<'a>), String> {
+    let at = move |offset: usize| {
+        let line = text.get(..offset).unwrap_or(text).matches('\n').count() + 1;
+        format!("{name}:{line}")
+    };
+    let root = DeTable::parse(text).map_err(|error| {
+        let offset = error.span().map_or(0, |span| span.start);
+        format!("{}: not TOML: {}", at(offset), error.message().replace('\n', " "))
+    })?;
+    Ok((root, at))
 }
 
 fn from_toml<'a>(value: &'a Spanned<DeValue<'_>>) -> Option<Value<'a>> {

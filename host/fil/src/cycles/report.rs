@@ -69,9 +69,6 @@ pub struct Scene {
     /// Share of the processor by task, percent.
     #[serde(skip)]
     pub load: BTreeMap<String, f64>,
-    /// Where a run of a task spends its estimated cycles: function and cycles a run, most first.
-    #[serde(skip)]
-    pub hot: BTreeMap<String, Vec<(String, f64)>>,
 }
 
 /// The two scenes.
@@ -115,8 +112,7 @@ pub fn measure(image: &Image) -> Result<Measured> {
             functions.insert(name.to_owned(), rounded(figures.mean));
         }
     }
-    let scenes =
-        Pair { rest: scene(image, &scenes.rest, rest, &debug), moving: scene(image, &scenes.moving, moving, &debug) };
+    let scenes = Pair { rest: scene(image, &scenes.rest, rest), moving: scene(image, &scenes.moving, moving) };
     Ok(Measured { scenes, functions })
 }
 
@@ -141,21 +137,12 @@ fn shares(image: &Image, tasks: &Tasks, debug: &Debug) -> BTreeMap<String, f64> 
     sums.into_iter().map(|(name, cycles)| (name, rounded(cycles))).collect()
 }
 
-fn scene(image: &Image, tasks: &Tasks, load: &BTreeMap<Exception, f64>, debug: &Debug) -> Scene {
+fn scene(image: &Image, tasks: &Tasks, load: &BTreeMap<Exception, f64>) -> Scene {
     let mut scene = Scene::default();
     for (e, task) in tasks {
         let name = names::task(image, *e);
         let Some(mut figures) = Figures::of(&task.runs) else { continue };
         figures.mean = rounded(figures.mean);
-        let mut spent: BTreeMap<String, u64> = BTreeMap::new();
-        for (address, cost) in &task.places {
-            if let Some(first) = debug.functions(*address).into_iter().next() {
-                *spent.entry(first).or_default() += cost.estimate();
-            }
-        }
-        let mut hot: Vec<_> = spent.into_iter().map(|(f, c)| (f, c as f64 / figures.runs as f64)).collect();
-        hot.sort_by(|a, b| b.1.total_cmp(&a.1));
-        scene.hot.insert(name.clone(), hot);
         scene.tasks.insert(name, figures);
     }
     scene.load = load.iter().map(|(e, share)| (names::task(image, *e), 100.0 * share)).collect();

@@ -29,6 +29,7 @@ use anyhow::{Result, anyhow};
 use case::{Case, Undisturbed};
 use clap::Args;
 use edm_sim::faults::row::Campaign;
+use edm_sim::inputs::shard;
 use edm_sim::output::Output;
 use edm_sim::page::Page;
 use stage::{Scene, Stage};
@@ -76,11 +77,6 @@ pub struct Faults {
     page: Option<PathBuf>,
 }
 
-fn shard(text: &str) -> Result<(usize, usize), String> {
-    let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
-    parts.filter(|(i, n)| (1..=*n).contains(i)).ok_or_else(|| "must be I/N, such as 2/4".to_owned())
-}
-
 impl Faults {
     /// Injects what was chosen, with the firmware's log if that is asked for; whether the campaign passes.
     ///
@@ -100,17 +96,15 @@ impl Faults {
             return Err(BadInput("--rows, --shard: no fault is chosen; --list names all".into()).into());
         }
         let bad = |message: String| anyhow!(BadInput(message));
-        let json = self.json.as_deref().map(|path| Output::claim("--json", path)).transpose().map_err(bad)?;
-        let page = self.page.as_deref().map(|path| Page::read(path, COMMAND)).transpose().map_err(bad)?;
-        let target = page.as_ref().map(Page::claim).transpose().map_err(bad)?;
+        let json = Output::claim_any("--json", self.json.as_deref()).map_err(bad)?;
+        let page = self.page.as_deref().map(|path| Page::claimed(path, COMMAND)).transpose().map_err(bad)?;
 
         let campaign = run(image, &cases, log)?;
         print!("{}", campaign.summary());
         if let Some(output) = json {
-            let text = serde_json::to_string_pretty(&campaign)?;
-            output.write(|to| to.write_all(text.as_bytes())).map_err(|e| anyhow!(e))?;
+            output.write_json(&campaign).map_err(|e| anyhow!(e))?;
         }
-        if let (Some(output), Some(page)) = (target, page) {
+        if let Some((page, output)) = page {
             page.write(output, &campaign.section()).map_err(|e| anyhow!(e))?;
         }
         Ok(campaign.passes())

@@ -5,6 +5,7 @@ use crate::commission::{BASE, LENGTH};
 use crate::host::{self, Bus};
 use crate::image::Image;
 use crate::rig::{Emulated, Snapshot, Witness};
+use crate::wires::CRYSTAL_HZ;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use edm_hal_shim::double::live::Broken;
 use edm_servo_head::canopen::drive::error_code;
@@ -30,8 +31,6 @@ pub const TARGET: u32 = 4000;
 const SPEED: u32 = 5000;
 /// Motor current per code about mid-scale, A: docs/wiring.md.
 const AMPS_PER_CODE: f64 = 0.00269;
-/// Crystal of the board, Hz.
-const CRYSTAL_HZ: u64 = 8_000_000;
 /// Supply of the chip, mV.
 const SUPPLY_MV: u32 = 3300;
 

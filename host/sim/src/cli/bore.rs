@@ -74,13 +74,10 @@ impl Bore {
     }
 
     fn claim(&self) -> Result<Outputs, String> {
-        let claim = |option: &str, path: &Option<PathBuf>| {
-            path.as_deref().map(|path: &Path| Output::claim(option, path)).transpose()
-        };
         let outputs = Outputs {
-            json: claim("--json", &self.json)?,
-            trace: claim("--trace", &self.trace)?,
-            plot: claim("--plot", &self.plot)?,
+            json: Output::claim_any("--json", self.json.as_deref())?,
+            trace: Output::claim_any("--trace", self.trace.as_deref())?,
+            plot: Output::claim_any("--plot", self.plot.as_deref())?,
         };
         let all: Vec<&Output> = [&outputs.json, &outputs.trace, &outputs.plot].into_iter().flatten().collect();
         for (i, output) in all.iter().enumerate() {
@@ -101,10 +98,7 @@ impl Bore {
         let mut written = Vec::new();
         if let Some(output) = outputs.json {
             written.push(output.label().to_owned());
-            output.write(|file| {
-                serde_json::to_writer_pretty(&mut *file, report)?;
-                file.write_all(b"\n")
-            })?;
+            output.write_json(report)?;
         }
         if let (Some(output), Some(trace)) = (outputs.trace, recorder.trace) {
             written.push(output.label().to_owned());

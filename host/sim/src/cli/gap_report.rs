@@ -2,10 +2,10 @@
 
 use crate::gap_report::{Size, measure};
 use crate::output::Output;
-use crate::page::{Page, in_project};
+use crate::page::Page;
 use crate::terminal::{Failure, say};
 use clap::Args;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Page with the tables.
 pub const PAGE: &str = "docs/gap-sensing.md";
@@ -32,24 +32,17 @@ impl GapReport {
     /// # Errors
     /// When an output cannot be written.
     pub fn execute(&self) -> Result<bool, Failure> {
-        let claim = |path: &Path| Output::claim("--json", path);
-        let json = self.json.as_deref().map(claim).transpose().map_err(Failure::BadInput)?;
-        let page = self.docs.then(|| Page::read(&in_project(Path::new(PAGE))?, COMMAND)).transpose();
-        let page =
-            page.and_then(|page| page.map(|page| Ok((page.claim()?, page))).transpose()).map_err(Failure::BadInput)?;
+        let json = Output::claim_any("--json", self.json.as_deref()).map_err(Failure::BadInput)?;
+        let page = self.docs.then(|| Page::of_project(PAGE, COMMAND)).transpose().map_err(Failure::BadInput)?;
         let report = measure(if self.short { &Size::SHORT } else { &Size::FULL }).map_err(Failure::Failed)?;
         say(&report.tables);
         for failed in &report.failed {
             say(&format!("not met: {failed}\n"));
         }
         if let Some(output) = json {
-            let write = output.write(|file| {
-                serde_json::to_writer_pretty(&mut *file, &report)?;
-                file.write_all(b"\n")
-            });
-            write.map_err(Failure::Failed)?;
+            output.write_json(&report).map_err(Failure::Failed)?;
         }
-        if let Some((output, page)) = page {
+        if let Some((page, output)) = page {
             page.write(output, &format!("\n{}\n", report.tables)).map_err(Failure::Failed)?;
         }
         Ok(report.holds())

@@ -33,8 +33,7 @@ impl ModelReport {
     /// When a group is unknown, or an output cannot be written.
     pub fn execute(&self) -> Result<bool, Failure> {
         let chosen = report::choose(&self.groups, self.short).map_err(Failure::BadInput)?;
-        let json = self.json.as_deref().map(|path| Output::claim("--json", path)).transpose();
-        let json = json.map_err(Failure::BadInput)?;
+        let json = Output::claim_any("--json", self.json.as_deref()).map_err(Failure::BadInput)?;
         if self.sensitivity {
             let table = report::run_sensitivity();
             say(&table);
@@ -43,11 +42,7 @@ impl ModelReport {
         }
         let report = report::run(&chosen, say);
         if let Some(output) = json {
-            let write = output.write(|file| {
-                serde_json::to_writer_pretty(&mut *file, &report)?;
-                file.write_all(b"\n")
-            });
-            write.map_err(Failure::Failed)?;
+            output.write_json(&report).map_err(Failure::Failed)?;
         }
         if self.docs {
             report.write_page().map_err(Failure::Failed)?;

@@ -1,11 +1,11 @@
 //! `edm-sim path-report`: how exactly a path is gone along and back.
 
 use crate::output::Output;
-use crate::page::{Page, in_project};
+use crate::page::Page;
 use crate::path_report::measure;
 use crate::terminal::{Failure, say};
 use clap::Args;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Page with the table.
 pub const PAGE: &str = "docs/path.md";
@@ -32,21 +32,14 @@ impl PathReport {
     /// # Errors
     /// When an output cannot be written.
     pub fn execute(&self) -> Result<bool, Failure> {
-        let claim = |path: &Path| Output::claim("--json", path);
-        let json = self.json.as_deref().map(claim).transpose().map_err(Failure::BadInput)?;
-        let page = self.docs.then(|| Page::read(&in_project(Path::new(PAGE))?, COMMAND)).transpose();
-        let page =
-            page.and_then(|page| page.map(|page| Ok((page.claim()?, page))).transpose()).map_err(Failure::BadInput)?;
+        let json = Output::claim_any("--json", self.json.as_deref()).map_err(Failure::BadInput)?;
+        let page = self.docs.then(|| Page::of_project(PAGE, COMMAND)).transpose().map_err(Failure::BadInput)?;
         let report = measure(self.reversals).map_err(Failure::Failed)?;
         say(&report.table());
         if let Some(output) = json {
-            let write = output.write(|file| {
-                serde_json::to_writer_pretty(&mut *file, &report)?;
-                file.write_all(b"\n")
-            });
-            write.map_err(Failure::Failed)?;
+            output.write_json(&report).map_err(Failure::Failed)?;
         }
-        if let Some((output, page)) = page {
+        if let Some((page, output)) = page {
             page.write(output, &format!("\n{}\n", report.table())).map_err(Failure::Failed)?;
         }
         Ok(report.holds())

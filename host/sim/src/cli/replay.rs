@@ -7,7 +7,7 @@ use crate::replay::{draw, run};
 use crate::run::Setup;
 use crate::terminal::{Failure, say};
 use clap::Args;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Arguments of `edm-sim replay`.
 #[derive(Debug, Args)]
@@ -95,7 +95,7 @@ impl Replay {
 
     fn claim(&self) -> Result<(Output, Option<Output>), String> {
         let out = Output::claim("--out", &self.out)?;
-        let plot = self.plot.as_deref().map(|path: &Path| Output::claim("--plot", path)).transpose()?;
+        let plot = Output::claim_any("--plot", self.plot.as_deref())?;
         for output in [Some(&out), plot.as_ref()].into_iter().flatten() {
             for input in [Some(&self.input), self.config.as_ref()].into_iter().flatten() {
                 if output.replaces(input) {

@@ -13,7 +13,7 @@ mod laws;
 mod summary;
 
 use crate::output::Output;
-use crate::page::{Page, in_project};
+use crate::page::Page;
 use crate::pool;
 use crate::sweep::file::RowFile;
 use crate::sweep::grid::{self, Choice, Grid, Lists, SET_POINT_FACTOR};
@@ -214,14 +214,14 @@ impl Options {
 struct Outputs<'a> {
     json: Option<Output>,
     plot: Option<&'a Path>,
-    page: Option<(Output, Page)>,
+    page: Option<(Page, Output)>,
     /// The page gets the Pareto fronts alone.
     fronts: bool,
 }
 
 impl Results {
     fn claim(&self, inputs: &[PathBuf], fronts: bool) -> Result<Outputs<'_>, String> {
-        let json = self.json.as_deref().map(|path| Output::claim("--json", path)).transpose()?;
+        let json = Output::claim_any("--json", self.json.as_deref())?;
         if let Some((output, input)) =
             json.as_ref().and_then(|json| Some((json, inputs.iter().find(|input| json.replaces(input))?)))
         {
@@ -231,8 +231,7 @@ impl Results {
             return Err(format!("--plot {}: must be a folder", folder.display()));
         }
         let command = if fronts { FRONTS } else { COMMAND };
-        let page = self.docs.then(|| Page::read(&in_project(Path::new(PAGE))?, command)).transpose()?;
-        let page = page.map(|page| Ok::<_, String>((page.claim()?, page))).transpose()?;
+        let page = self.docs.then(|| Page::of_project(PAGE, command)).transpose()?;
         Ok(Outputs { json, plot: self.plot.as_deref(), page, fronts })
     }
 }
@@ -250,7 +249,7 @@ impl Outputs<'_> {
                 std::fs::write(folder.join(name), picture).map_err(|error| label(&error))?;
             }
         }
-        if let Some((output, page)) = self.page {
+        if let Some((page, output)) = self.page {
             let text = if self.fronts { comparison.fronts() } else { table };
             page.write(output, &format!("\n{text}\n")).map_err(failed)?;
         }

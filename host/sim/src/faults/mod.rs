@@ -75,9 +75,8 @@ impl Options {
     /// # Errors
     /// When it cannot be.
     pub fn claim(&self, command: &str) -> Result<Written, String> {
-        let json = self.json.as_deref().map(|path| Output::claim("--json", path)).transpose()?;
-        let page = self.page.as_deref().map(|path| Page::read(path, command)).transpose()?;
-        let page = page.map(|page| page.claim().map(|output| (page, output))).transpose()?;
+        let json = Output::claim_any("--json", self.json.as_deref())?;
+        let page = self.page.as_deref().map(|path| Page::claimed(path, command)).transpose()?;
         Ok(Written { json, page })
     }
 }
@@ -90,10 +89,7 @@ impl Written {
     pub fn finish(self, campaign: &Campaign, how: &str) -> Result<bool, String> {
         say(&campaign.summary());
         if let Some(output) = self.json {
-            output.write(|file| {
-                serde_json::to_writer_pretty(&mut *file, campaign)?;
-                file.write_all(b"\n")
-            })?;
+            output.write_json(campaign)?;
         }
         if let Some((page, output)) = self.page {
             page.write(output, &format!("{how}\n\n{}", campaign.section()))?;

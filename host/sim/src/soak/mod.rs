@@ -66,8 +66,7 @@ impl Soak {
             say(&broken.as_ref().map_or_else(|| "nothing is broken\n".into(), |broken| reported(&case, broken)));
             return Ok(broken.is_none());
         }
-        let out =
-            self.out.as_deref().map(|path| Output::claim("--out", path)).transpose().map_err(Failure::BadInput)?;
+        let out = Output::claim_any("--out", self.out.as_deref()).map_err(Failure::BadInput)?;
         let (shard, of) = self.shard.unwrap_or((1, 1));
         let lives = (self.hours * 3600.0 / LIFE_S as f64).ceil() as u64;
         let seeds: Vec<u64> = (0..lives).skip(shard - 1).step_by(of).map(|life| self.seed.wrapping_add(life)).collect();

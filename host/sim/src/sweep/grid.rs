@@ -6,7 +6,7 @@
 
 use crate::bore;
 use crate::run::{Job, Setup};
-use crate::scenario::BUILT_IN;
+use crate::scenario::{BUILT_IN, read_toml};
 use std::collections::BTreeSet;
 use std::fmt::Display;
 use toml::Spanned;
@@ -92,14 +92,7 @@ impl Lists {
     /// # Errors
     /// File and line of what cannot be, in one line.
     pub fn parse(name: &str, text: &str) -> Result<Lists, String> {
-        let at = |offset: usize| {
-            let line = text.get(..offset).unwrap_or(text).matches('\n').count() + 1;
-            format!("{name}:{line}")
-        };
-        let root = DeTable::parse(text).map_err(|error| {
-            let offset = error.span().map_or(0, |span| span.start);
-            format!("{}: not TOML: {}", at(offset), error.message().replace('\n', " "))
-        })?;
+        let (root, at) = read_toml(name, text)?;
         let mut lists = Lists::default();
         for (key, value) in root.get_ref() {
             let refused = |message: String| format!("{}: {message}", at(value.span().start));

@@ -36,8 +36,7 @@ impl Merge {
     /// When a file is not a table of the same grid, or a run is missing.
     pub fn execute(&self) -> Result<bool, Failure> {
         let whole = Whole::read(&self.files).map_err(Failure::BadInput)?;
-        let out =
-            self.out.as_deref().map(|path| Output::claim("--out", path)).transpose().map_err(Failure::BadInput)?;
+        let out = Output::claim_any("--out", self.out.as_deref()).map_err(Failure::BadInput)?;
         whole.missing().map_err(Failure::BadInput)?;
         let heading = whole.table.as_ref().map_or("", |(.., heading)| heading);
         let lines = whole.rows.values().map(|(line, _)| line.as_str());
