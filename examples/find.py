@@ -13,7 +13,7 @@ from canopen.profiles.p402 import BaseNode402
 from head import EDS, Head, connect, options
 
 # 2011h:3.
-RUNS, FOUND, MISSED, OUTCOMES = 1, 2, 3, ["never asked for", "under way", "found", "not within reach", "no open gap", "broken off"]
+RUNS, FOUND, MISSED, OUTCOMES = 1, 2, 3, ["not requested", "in progress", "found", "nothing within reach", "no open gap", "aborted"]
 
 
 def surface(head, reach=0):

@@ -11,7 +11,7 @@ use crate::head::Structure;
 
 crate::choice!(Average { Plain = "plain", Gated = "gated" });
 
-/// How the gap setpoint is given.
+/// How the gap set point is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SetpointUnit {
     /// `gap.setpoint_v`.
@@ -28,35 +28,35 @@ declare! {
     /// What a person sets on a head: physical units, ranges, defaults.
     pub struct Settings {
         /// How the gap voltage is averaged.
-        0x2100:1 gap_average: Average = Average::Gated, (), "gap.average", "", "[R] section 6.5.1, the gated average designed there", disabled "loop and reflex believe it";
+        0x2100:1 gap_average: Average = Average::Gated, (), "gap.average", "", "[R] section 6.5.1, the gated average designed there", disabled "loop and reflex rely on it";
         /// Converter code of zero volts.
-        0x2100:2 gap_zero_code: u32 = 410, (0, 4095), "gap.zero_code", "codes", "assumed: divider with offset, docs/wiring.md", disabled "loop and reflex believe it";
+        0x2100:2 gap_zero_code: u32 = 410, (0, 4095), "gap.zero_code", "codes", "assumed: divider with offset, docs/wiring.md", disabled "loop and reflex rely on it";
         /// Gap voltage per converter code.
-        0x2100:3 gap_volts_per_code: f32 = 0.1, (0.001, 1.0), "gap.volts_per_code", "V", "assumed: divider with offset, docs/wiring.md", disabled "loop and reflex believe it";
+        0x2100:3 gap_volts_per_code: f32 = 0.1, (0.001, 1.0), "gap.volts_per_code", "V", "assumed: divider with offset, docs/wiring.md", disabled "loop and reflex rely on it";
         /// The gap leads are swapped.
-        0x2100:4 gap_reversed: bool = false, (), "gap.reversed", "", "found by commissioning", disabled "loop and reflex believe it";
+        0x2100:4 gap_reversed: bool = false, (), "gap.reversed", "", "found by commissioning", disabled "loop and reflex rely on it";
         /// Corner of the low-pass; may be changed while eroding.
         0x2100:5 gap_corner: f32 = 200.0, (20.0, 2000.0), "gap.corner_hz", "Hz", "[R] section 6.5.3", live;
-        /// Mains frequency that the notch takes out.
+        /// Mains frequency that the notch removes.
         0x2100:6 gap_mains: f32 = 50.0, (45.0, 65.0), "gap.mains_hz", "Hz", "[R] section 6.5.3: 50; 60 elsewhere", live;
         /// Notch the second harmonic as well.
         0x2100:7 gap_second_harmonic: bool = false, (), "gap.second_harmonic", "", "[R] section 6.5.3: tried there, left out", live;
         /// Gap voltage below which a gated block is a short.
         0x2100:8 gap_short: f32 = 20.0, (1.0, 200.0), "gap.short_v", "V", "assumed: half the burn voltage of [R]", rises "a lower one would hide shorts";
         /// Converter code of no gap current.
-        0x2100:9 gap_current_zero_code: u32 = 2048, (0, 4095), "gap.current_zero_code", "codes", "docs/wiring.md: mid-scale", disabled "loop and reflex believe it";
+        0x2100:9 gap_current_zero_code: u32 = 2048, (0, 4095), "gap.current_zero_code", "codes", "docs/wiring.md: mid-scale", disabled "loop and reflex rely on it";
         /// Gap current per converter code.
-        0x2100:10 gap_amps_per_code: f32 = 0.0161, (0.0001, 1.0), "gap.amps_per_code", "A", "docs/wiring.md: 50 mV/A", disabled "loop and reflex believe it";
+        0x2100:10 gap_amps_per_code: f32 = 0.0161, (0.0001, 1.0), "gap.amps_per_code", "A", "docs/wiring.md: 50 mV/A", disabled "loop and reflex rely on it";
         /// Gap current from which a low voltage inside a pulse is a short to the reflex.
         0x2100:11 gap_short_amps: f32 = 1.0, (0.05, 100.0), "gap.short_a", "A", "assumed: twice the zero error of docs/wiring.md", falls "a higher one would hide shorts from the reflex";
-        /// Time constant with which the gap voltage rises in a pulse; the reflex looks after three of them, but not before 2
-        /// us.
+        /// Time constant with which the gap voltage rises in a pulse; the reflex samples after three of them, but not
+        /// before 2 us.
         0x2100:12 gap_charging_us: f32 = 0.5, (0.0, 200.0), "gap.charging_us", "us", "assumed: transistor generator; R times C of an RC generator", falls "the reflex is blind for three of them";
         /// Longest hold through off-time before the gate counts as missing.
-        0x2100:13 gap_hold_ms: f32 = 20.0, (1.0, 1000.0), "gap.hold_ms", "ms", "assumed: longer than the longest pulse period of [R], 1 ms", falls "a missing gate would show later";
+        0x2100:13 gap_hold_ms: f32 = 20.0, (1.0, 1000.0), "gap.hold_ms", "ms", "assumed: longer than the longest pulse period of [R], 1 ms", falls "a missing gate would be detected later";
         /// Centre of the notch over the distance of its -3 dB corners.
         0x2100:14 gap_notch_q: f32 = 2.5, (0.5, 30.0), "gap.notch_q", "", "[R] section 6.5.3: corners of 40 and 60 Hz about 50", live;
-        /// How the setpoint is given.
+        /// How the set point is given.
         0x2100:15 gap_setpoint_unit: SetpointUnit = SetpointUnit::Volts, (), "gap.setpoint_unit", "", "[R] section 4.4", live;
         /// Gap voltage to keep.
         0x2100:16 gap_setpoint: f32 = 60.0, (1.0, 300.0), "gap.setpoint_v", "V", "[R] section 4.4: 40 to 60 V while eroding steadily", live;
@@ -70,7 +70,7 @@ declare! {
         0x2100:19 gap_arc: f32 = 34.0, (1.0, 200.0), "gap.arc_below_v", "V", "assumed: midway from arcs of 28 V to sparks of 40 V", rises "a lower one would hide arcs";
 
         /// Off-time requested of the generator; 0 leaves its own.
-        0x2101:1 generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: the generator is set at itself; range of docs/wiring.md", live;
+        0x2101:1 generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: setting of the generator itself; range of docs/wiring.md", live;
 
         /// How the gap error becomes a duty.
         0x2102:1 structure: Structure = Structure::Path, (), "feed.structure", "", "[R] sections 6.6 and 6.7, the last one built", live;
@@ -96,7 +96,7 @@ declare! {
         0x2102:11 acceleration: f32 = 5.0, (0.01, 100.0), "feed.acceleration_m_s2", "m/s^2", "assumed: a tenth of what the actuator of [R] can do", live;
         /// Path velocity of the law two_thresholds, either way.
         0x2102:12 threshold_rate: f32 = 20.0, (0.1, 10_000.0), "feed.threshold_um_s", "um/s", "assumed; [G]: 1 um in a period of 100 ms, 10 um/s", live;
-        /// How far below the setpoint the law two_thresholds still holds: its upper threshold less its lower one.
+        /// Band below the set point in which the law two_thresholds holds: upper threshold minus lower threshold.
         0x2102:13 threshold_band: f32 = 10.0, (0.0, 300.0), "feed.band_v", "V", "[G]: 2TAV 30 and 20 V, or 30 and 10; 1TAV has none", live;
         /// Period of the law two_thresholds.
         0x2102:14 threshold_period_ms: f32 = 100.0, (0.05, 1000.0), "feed.threshold_period_ms", "ms", "[G]: 100 ms", live;
@@ -150,11 +150,11 @@ declare! {
         0x2106:7 axis_stroke: f32 = 12_000.0, (100.0, 1_000_000.0), "axis.stroke_um", "um", "[R] section 6.1", disabled "loop, lift and encoder check are calculated from it";
         /// Largest duty.
         0x2106:8 axis_duty_limit: f32 = 0.9, (0.01, 1.0), "axis.duty_limit", "", "assumed", disabled "loop, lift and encoder check are calculated from it";
-        /// Dry friction at rest: the force, beside the net weight, that begins to move the head.
-        0x2106:9 axis_breakaway: f32 = 0.3, (0.0, 20.0), "axis.breakaway_n", "N", "assumed; found by commissioning", falls "a dead encoder would show later";
+        /// Dry friction at rest: the force, in addition to the net weight, that begins to move the head.
+        0x2106:9 axis_breakaway: f32 = 0.3, (0.0, 20.0), "axis.breakaway_n", "N", "assumed; found by commissioning", falls "a dead encoder would be detected later";
 
         /// A positive duty moves away from the work.
-        0x2107:1 motor_reversed: bool = false, (), "motor.reversed", "", "found by commissioning", disabled "the loop would push the wrong way, or too far";
+        0x2107:1 motor_reversed: bool = false, (), "motor.reversed", "", "found by commissioning", disabled "the loop would move in the wrong direction, or too far";
         /// Largest motor current.
         0x2107:2 motor_peak: f32 = 3.0, (0.1, 20.0), "motor.peak_a", "A", "assumed", disabled "the winding could get hotter";
         /// Largest continuous motor current.
@@ -162,18 +162,18 @@ declare! {
         /// Thermal time constant of the winding.
         0x2107:4 motor_thermal: f32 = 20.0, (0.1, 1000.0), "motor.thermal_s", "s", "assumed", disabled "the winding could get hotter";
         /// Motor current per converter code about mid-scale.
-        0x2107:5 motor_amps_per_code: f32 = 0.00269, (0.0001, 0.1), "motor.amps_per_code", "A", "docs/wiring.md", disabled "the supervision believes it";
+        0x2107:5 motor_amps_per_code: f32 = 0.00269, (0.0001, 0.1), "motor.amps_per_code", "A", "docs/wiring.md", disabled "the supervision relies on it";
         /// Bus voltage per converter code.
-        0x2107:6 motor_bus_per_code: f32 = 0.0153, (0.001, 0.1), "motor.bus_volts_per_code", "V", "docs/wiring.md", disabled "the supervision believes it";
+        0x2107:6 motor_bus_per_code: f32 = 0.0153, (0.001, 0.1), "motor.bus_volts_per_code", "V", "docs/wiring.md", disabled "the supervision relies on it";
         /// Lowest bus voltage to work with.
-        0x2107:7 motor_bus_min: f32 = 36.0, (3.0, 60.0), "motor.bus_min_v", "V", "assumed: three quarters of 48 V", rises "a sagging bus would show later";
+        0x2107:7 motor_bus_min: f32 = 36.0, (3.0, 60.0), "motor.bus_min_v", "V", "assumed: three quarters of 48 V", rises "a sagging bus would be detected later";
 
         /// Length of one encoder count.
-        0x2108:1 encoder_count: f32 = 1.0, (0.05, 100.0), "encoder.count_um", "um", "[R] section 6.1; 0.5 and 5 exist", disabled "the loop would push the wrong way, or too far";
+        0x2108:1 encoder_count: f32 = 1.0, (0.05, 100.0), "encoder.count_um", "um", "[R] section 6.1; 0.5 and 5 exist", disabled "the loop would move in the wrong direction, or too far";
         /// The encoder counts down when moving toward the work.
-        0x2108:2 encoder_reversed: bool = false, (), "encoder.reversed", "", "found by commissioning", disabled "the loop would push the wrong way, or too far";
+        0x2108:2 encoder_reversed: bool = false, (), "encoder.reversed", "", "found by commissioning", disabled "the loop would move in the wrong direction, or too far";
         /// Distance between index marks; a wrong one means that the encoder lost counts.
-        0x2108:3 encoder_marks: f32 = 10_000.0, (100.0, 1_000_000.0), "encoder.mark_distance_um", "um", "[L] section 3: a mark every 10 mm", disabled "the supervision believes it";
+        0x2108:3 encoder_marks: f32 = 10_000.0, (100.0, 1_000_000.0), "encoder.mark_distance_um", "um", "[L] section 3: a mark every 10 mm", disabled "the supervision relies on it";
         /// Counts by which the distance between marks may differ.
         0x2108:4 encoder_mark_tolerance: u32 = 2, (0, 1000), "encoder.mark_tolerance", "counts", "assumed", disabled "lost counts could stay unnoticed";
         /// Largest lasting difference between edge decoder and timer.
@@ -188,34 +188,34 @@ declare! {
         /// Integral time of the velocity loop.
         0x2109:3 servo_integral_ms: f32 = 15.0, (1.0, 10_000.0), "servo.integral_ms", "ms", "assumed", live;
 
-        /// Share of the friction at rest that the duty compensates on top of the loops, over its presliding; 0: none.
-        0x2109:4 servo_friction: f32 = 80.0, (0.0, 100.0), "servo.friction_percent", "%", "assumed: what slides takes less than what begins to", live;
-        /// Length over which a reversal turns the friction round.
-        0x2109:5 servo_presliding: f32 = 0.7, (0.05, 100.0), "servo.presliding_um", "um", "assumed: of guides, 1 to 10 um; the least voltage error of the scenario default", live;
+        /// Share of the breakaway force that the duty compensates, in addition to the loops; 0: none.
+        0x2109:4 servo_friction: f32 = 80.0, (0.0, 100.0), "servo.friction_percent", "%", "assumed: sliding friction is less than breakaway force", live;
+        /// Length over which the friction reverses.
+        0x2109:5 servo_presliding: f32 = 0.7, (0.05, 100.0), "servo.presliding_um", "um", "assumed: 1 to 10 um of guides; the smallest voltage error of the scenario default", live;
 
         /// Largest following error.
-        0x210A:1 following_limit: f32 = 200.0, (20.0, 100_000.0), "supervise.following_um", "um", "assumed", falls "a fault would show later";
-        /// Time that a following error, or a runaway, may last.
-        0x210A:2 following_ms: u32 = 10, (1, 10_000), "supervise.following_ms", "ms", "assumed", falls "a fault would show later";
+        0x210A:1 following_limit: f32 = 200.0, (20.0, 100_000.0), "supervise.following_um", "um", "assumed", falls "a fault would be detected later";
+        /// Longest duration of a following error or a runaway.
+        0x210A:2 following_ms: u32 = 10, (1, 10_000), "supervise.following_ms", "ms", "assumed", falls "a fault would be detected later";
         /// Velocity against a saturated duty that means a wrong polarity.
-        0x210A:3 runaway: f32 = 50.0, (1.0, 1000.0), "supervise.runaway_mm_s", "mm/s", "assumed", falls "a fault would show later";
+        0x210A:3 runaway: f32 = 50.0, (1.0, 1000.0), "supervise.runaway_mm_s", "mm/s", "assumed", falls "a fault would be detected later";
         /// Difference between encoder velocity and back-EMF velocity above which the encoder is lost.
-        0x210A:4 emf_velocity: f32 = 50.0, (1.0, 5000.0), "supervise.emf_mm_s", "mm/s", "assumed", falls "a fault would show later";
+        0x210A:4 emf_velocity: f32 = 50.0, (1.0, 5000.0), "supervise.emf_mm_s", "mm/s", "assumed", falls "a fault would be detected later";
         /// Error of the winding resistance that the comparison with the back-EMF allows for.
-        0x210A:5 emf_resistance: f32 = 20.0, (0.0, 100.0), "supervise.emf_resistance_percent", "%", "assumed: copper from 20 to 70 degrees C", falls "a fault would show later";
-        /// Time that the encoder may contradict the back-EMF.
-        0x210A:6 encoder_ms: u32 = 10, (1, 1000), "supervise.encoder_ms", "ms", "assumed", falls "a fault would show later";
-        /// Time that the gap signal may be bad.
-        0x210A:7 gap_bad_ms: u32 = 20, (1, 1000), "supervise.gap_ms", "ms", "assumed", falls "a fault would show later";
-        /// Longest silence of the bus while the loop is closed; 0 does not watch. 1016h watches one host by its heartbeats.
-        0x210A:8 host_ms: u32 = 0, (0, 60_000), "supervise.host_ms", "ms", "CiA 301 7.2.8: guarding is off until a host asks for it", falls_from_never "a silent host would show later, or never";
+        0x210A:5 emf_resistance: f32 = 20.0, (0.0, 100.0), "supervise.emf_resistance_percent", "%", "assumed: copper from 20 to 70 degrees C", falls "a fault would be detected later";
+        /// Longest time for which the encoder may contradict the back-EMF.
+        0x210A:6 encoder_ms: u32 = 10, (1, 1000), "supervise.encoder_ms", "ms", "assumed", falls "a fault would be detected later";
+        /// Longest time for which the gap signal may be bad.
+        0x210A:7 gap_bad_ms: u32 = 20, (1, 1000), "supervise.gap_ms", "ms", "assumed", falls "a fault would be detected later";
+        /// Longest silence of the bus while the loop is closed; 0: not monitored. 1016h monitors one host by its heartbeats.
+        0x210A:8 host_ms: u32 = 0, (0, 60_000), "supervise.host_ms", "ms", "CiA 301 7.2.8: guarding is off until a host requests it", falls_from_never "a silent host would be detected later, or never";
 
         /// Share of pulses that are arcs, in 200 ms, above which arcs are persistent; 101 switches this off.
-        0x210A:9 arc_share: u32 = 60, (1, 101), "supervise.arc_percent", "%", "assumed: above the 37 % of host/sim/tests/arcs.rs, where the work goes on", falls "persistent arcs would show later, or never";
-        /// Time that arcs may have more than that.
-        0x210A:10 arc_ms: u32 = 50, (0, 10_000), "supervise.arc_ms", "ms", "assumed", falls "a fault would show later";
+        0x210A:9 arc_share: u32 = 60, (1, 101), "supervise.arc_percent", "%", "assumed: above the 37 % of host/sim/tests/arcs.rs, where erosion continues", falls "persistent arcs would be detected later, or never";
+        /// Longest time for which the share of arcs may be above that.
+        0x210A:10 arc_ms: u32 = 50, (0, 10_000), "supervise.arc_ms", "ms", "assumed", falls "a fault would be detected later";
         /// Radius of the electrode's face, as a disc: in a narrow gap the film of dielectric under a large one holds the head.
-        0x210A:11 face: f32 = 1500.0, (0.0, 30_000.0), "supervise.face_um", "um", "assumed; of the electrode", falls "a dead encoder would show later";
+        0x210A:11 face: f32 = 1500.0, (0.0, 30_000.0), "supervise.face_um", "um", "assumed; of the electrode", falls "a dead encoder would be detected later";
 
         /// Longest lift of a head without a closed loop.
         0x210B:1 lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md", disabled "the lift of a fault is calculated from it";
@@ -225,11 +225,11 @@ declare! {
         0x210B:3 lift_bus_dead: f32 = 15.0, (1.0, 60.0), "lift.bus_dead_v", "V", "assumed", disabled "the lift of a fault is calculated from it";
 
         /// Gap voltage below which, with pulses off, the electrode touches the work; 0: no sense supply is fitted.
-        0x210D:1 contact_below: f32 = 4.0, (0.0, 100.0), "contact.below_v", "V", "docs/wiring.md: an open gap reads 9.2 V at least, 100 ohm 0.9 V", disabled "contact would not be felt";
+        0x210D:1 contact_below: f32 = 4.0, (0.0, 100.0), "contact.below_v", "V", "docs/wiring.md: an open gap reads 9.2 V at least, 100 ohm 0.9 V", disabled "contact would not be detected";
         /// Largest velocity toward the work, pulses off, where the axis has not been since it was enabled.
-        0x210D:2 contact_approach: f32 = 5.0, (0.1, 5.0), "contact.approach_mm_s", "mm/s", "docs/bring-up.md: what a contact may press", falls "the electrode would hit the work harder";
+        0x210D:2 contact_approach: f32 = 5.0, (0.1, 5.0), "contact.approach_mm_s", "mm/s", "docs/bring-up.md: largest contact force", falls "the electrode would hit the work harder";
         /// Largest force toward the work, beyond weight and friction, while a feed law moves the head: more than film and flushing push back with.
-        0x210D:3 contact_press: f32 = 5.0, (0.5, 1000.0), "contact.press_n", "N", "docs/bring-up.md: what a contact may press", falls "the electrode would press harder";
+        0x210D:3 contact_press: f32 = 5.0, (0.5, 1000.0), "contact.press_n", "N", "docs/bring-up.md: largest contact force", falls "the electrode would press harder";
 
         /// Time of erosion from one jump to the next; 0 jumps on demand only.
         0x210E:1 jump_every_ms: f32 = 0.0, (0.0, 1e6), "jump.every_ms", "ms", "assumed: on demand only", live;
@@ -247,30 +247,30 @@ declare! {
         0x210E:7 jump_arcs: u32 = 0, (0, 100), "jump.arcs_percent", "%", "assumed: on demand only", live;
 
         /// Longest spark-out at the end of the path: the feed law stays on until the share of discharges is below end.discharge_percent; 0: none.
-        0x210F:1 end_spark_out_ms: f32 = 0.0, (0.0, 600_000.0), "end.spark_out_ms", "ms", "assumed: only where it is asked for", live;
+        0x210F:1 end_spark_out_ms: f32 = 0.0, (0.0, 600_000.0), "end.spark_out_ms", "ms", "assumed: only on request", live;
         /// Share of discharges below which they are rare: mean gap voltage below the open-circuit voltage, in percent of it.
         0x210F:2 end_discharge: f32 = 5.0, (0.1, 50.0), "end.discharge_percent", "%", "assumed: beyond scatter of the voltage, far below the 15 % at which a seek finds the work", live;
         /// Window of that mean.
         0x210F:3 end_window_ms: f32 = 200.0, (10.0, 10_000.0), "end.window_ms", "ms", "assumed: 200 pulses at 1 kHz", live;
         /// Length of path below the surface from which rare discharges mean a break-through; 0: never.
-        0x210F:4 end_through: f32 = 0.0, (0.0, 1_000_000.0), "end.through_um", "um", "assumed: only where it is asked for", live;
+        0x210F:4 end_through: f32 = 0.0, (0.0, 1_000_000.0), "end.through_um", "um", "assumed: only on request", live;
         /// Length of path to go back after the end of an erosion, with pulses off, at retreat.velocity_um_s; 0: the head stays.
-        0x210F:5 end_lift: f32 = 0.0, (0.0, 1_000_000.0), "end.lift_um", "um", "assumed: only where it is asked for", live;
+        0x210F:5 end_lift: f32 = 0.0, (0.0, 1_000_000.0), "end.lift_um", "um", "assumed: only on request", live;
 
-        /// Velocity of the first touch when the surface of the work is looked for, and of every way back from it.
+        /// Velocity of the first touch in a surface search, and of every return from a touch.
         0x2110:1 touch_first: f32 = 5.0, (0.01, 5.0), "touch.first_mm_s", "mm/s", "as contact.approach_mm_s, which it may not exceed", live;
-        /// Velocity of the second touch, which the position found is that of.
+        /// Velocity of the second touch, which gives the position of the surface.
         0x2110:2 touch_second: f32 = 0.5, (0.01, 5.0), "touch.second_mm_s", "mm/s", "assumed: 0.1 um in the 0.2 ms until a contact is known", live;
-        /// Length to go back from a touch: before the next one, and to rest at the end.
+        /// Length to go back after a touch: before the next touch, and at the end.
         0x2110:3 touch_back: f32 = 100.0, (20.0, 10_000.0), "touch.back_um", "um", "assumed: far more than overshoot and play", live;
 
         /// Commissioning has passed with these settings.
-        0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by commissioning", disabled "it says whether the head may be enabled";
+        0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by commissioning", disabled "it decides whether the head may be enabled";
         /// Largest duty of commissioning.
-        0x210C:2 commission_duty: f32 = 0.1, (0.001, 0.5), "commission.duty_limit", "", "assumed", disabled "commissioning runs by it";
+        0x210C:2 commission_duty: f32 = 0.1, (0.001, 0.5), "commission.duty_limit", "", "assumed", disabled "commissioning uses it";
         /// Velocity of the stroke measurement.
-        0x210C:3 commission_velocity: f32 = 5.0, (0.1, 50.0), "commission.velocity_mm_s", "mm/s", "assumed", disabled "commissioning runs by it";
+        0x210C:3 commission_velocity: f32 = 5.0, (0.1, 50.0), "commission.velocity_mm_s", "mm/s", "assumed", disabled "commissioning uses it";
         /// Share of the stroke by which the measured one may differ.
-        0x210C:4 commission_tolerance: f32 = 10.0, (0.1, 50.0), "commission.stroke_tolerance_percent", "%", "assumed", disabled "commissioning runs by it";
+        0x210C:4 commission_tolerance: f32 = 10.0, (0.1, 50.0), "commission.stroke_tolerance_percent", "%", "assumed", disabled "commissioning uses it";
     }
 }

@@ -1,4 +1,4 @@
-//! What is on the bus as a DBC file, for loggers: the PDOs as they are mapped at first, network management, SYNC,
+//! The frames on the bus as a DBC file, for loggers: the PDOs in their default mapping, network management, SYNC,
 //! emergency, SDO and heartbeat.
 
 use crate::eds::scaled;

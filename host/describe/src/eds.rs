@@ -158,7 +158,7 @@ impl Display for ObjectName<'_> {
     }
 }
 
-/// Name of a value; values that only their sub-index tells apart are numbered.
+/// Name of a value; values that differ only in their sub-index are numbered.
 struct Name<'a>(&'a Declaration);
 
 impl Display for Name<'_> {

@@ -1,11 +1,10 @@
-//! Every object of the head in words, and the files that tell others of them: the data sheet for masters ([`eds`]) and the
-//! messages for loggers ([`dbc`]).
+//! Every object of the head in words, and its description files: the EDS for masters ([`eds`]) and the DBC for loggers
+//! ([`dbc`]). It serves hosts of any vendor, the desk, and the object pages in docs/.
 //!
 //! An object is declared where it is served, by address, type, access, range and default: those of the node in
 //! canopen/src/area/objects.rs, those of the drive in src/canopen/objects, settings in src/settings/table.rs. What the chip
-//! has no use for is put beside that here: names and remarks of the node's objects in `node.rs`, its error codes among them,
-//! and the shape that CiA 306-1 asks for. Drive and settings bring their texts in their declarations, which a PC alone
-//! compiles.
+//! does not need is here: names and remarks of the node's objects and error codes in `node.rs`, and the structure of
+//! CiA 306-1. Drive and settings have their texts in their declarations, which are compiled on a PC only.
 
 pub mod dbc;
 mod drive;
@@ -39,7 +38,7 @@ pub struct Declaration {
     pub shape: Shape,
     /// Name of the object: the same for all its values, and for all PDOs of a direction.
     pub object: &'static str,
-    /// Name of this value: the object's own for a variable, the same for values that their sub-index tells apart.
+    /// Name of this value: the object's own for a variable, the same for values that differ in their sub-index.
     pub name: &'static str,
     /// Type of the value.
     pub kind: DataType,
@@ -61,7 +60,7 @@ pub struct Declaration {
     pub stored: bool,
 }
 
-/// Name of what says how many values an object has.
+/// Name of the number of values of an object.
 const HIGHEST: &str = "Highest sub-index supported";
 
 /// Every object, the node's first, by rising index and sub-index.

@@ -68,14 +68,14 @@ const fn value(index: u16, sub: u8) -> Text {
         (0x1001, _) => {
             Text("", "", "bits: 0 any error, 1 current, 2 voltage, 4 communication, 5 profile, 7 the process")
         }
-        (0x1003, 0) => Text("Number of errors", "", "write 0 to forget them"),
+        (0x1003, 0) => Text("Number of errors", "", "write 0 to clear them"),
         (0x1003, _) => Text(
             "Standard error field",
             "",
             "error code as in an emergency, the latest first; 603Fh for drive and process",
         ),
         (0x1005, _) => Text("", "", "the head never sends SYNC"),
-        (0x1006, _) => Text("", "us", "no SYNC for one and a half of these is an error; 0 does not watch"),
+        (0x1006, _) => Text("", "us", "no SYNC for one and a half of these is an error; 0: not monitored"),
         (0x1007, _) => Text("", "us", "synchronous PDOs later than this after SYNC are dropped; 0 unlimited"),
         (0x1010, 1) => Text("Save all parameters", "", SAVE),
         (0x1010, 2) => Text("Save communication parameters", "", SAVE),
@@ -86,10 +86,10 @@ const fn value(index: u16, sub: u8) -> Text {
         (0x1014, _) => Text("", "", "bit 31 set: none are sent"),
         (0x1015, _) => Text("", "100 us", "shortest time between two"),
         (0x1016, 1..) => {
-            Text("Consumer heartbeat time", "ms", "node-ID times 65536 and the longest silence; 0 does not watch")
+            Text("Consumer heartbeat time", "ms", "node-ID times 65536 plus the longest silence; 0: not monitored")
         }
         (0x1017, _) => Text("", "ms", "0 sends none"),
-        (0x1018, 1) => Text("Vendor-ID", "", "0: nobody's"),
+        (0x1018, 1) => Text("Vendor-ID", "", "0: none"),
         (0x1018, 2) => Text("Product code", "", ""),
         (0x1018, 3) => Text("Revision number", "", ""),
         (0x1018, 4) => Text("Serial number", "", "from the chip"),
@@ -97,7 +97,7 @@ const fn value(index: u16, sub: u8) -> Text {
         (0x1029, 1) => Text(
             "Communication error",
             "",
-            "when a watched heartbeat is lost: 0 to pre-operational, 1 no change, 2 to stopped",
+            "when a monitored heartbeat is lost: 0 to pre-operational, 1 no change, 2 to stopped",
         ),
         (0x1200, 1) => Text("COB-ID client to server", "", ""),
         (0x1200, 2) => Text("COB-ID server to client", "", ""),
@@ -107,7 +107,7 @@ const fn value(index: u16, sub: u8) -> Text {
             "bit 31 set: not in use; only then can mapping, inhibit time and SYNC start value change",
         ),
         (0x1400..=0x15FF, 2) => Text("Transmission type", "", "0 to 240 at the next SYNC, 254 and 255 at once"),
-        (0x1400..=0x15FF, 5) => Text("Event timer", "ms", "longest silence; 0 does not watch"),
+        (0x1400..=0x15FF, 5) => Text("Event timer", "ms", "longest silence; 0: not monitored"),
         (0x1800..=0x19FF, 2) => Text(
             "Transmission type",
             "",
@@ -128,7 +128,7 @@ const fn value(index: u16, sub: u8) -> Text {
 }
 
 const SAVE: &str = "write 65766173h, \"save\", while disabled";
-const LOAD: &str = "write 64616F6Ch, \"load\"; the defaults hold from the next reset on";
+const LOAD: &str = "write 64616F6Ch, \"load\"; the defaults are in force from the next reset on";
 
 /// Error codes of the node's own emergencies, and what they mean.
 pub fn errors() -> impl Iterator<Item = (u16, &'static str)> {
@@ -138,14 +138,14 @@ pub fn errors() -> impl Iterator<Item = (u16, &'static str)> {
 const fn error(code: u16) -> &'static str {
     match code {
         0x8100 => "no SYNC for one and a half periods of 1006h",
-        0x8110 => "frames lost: they came faster than they were taken",
-        0x8120 => "error passive: nobody acknowledges, or the wire is bad",
-        0x8130 => "a node of 1016h has fallen silent or restarted",
-        0x8140 => "the controller had to leave the bus",
+        0x8110 => "frames lost: received faster than they were processed",
+        0x8120 => "error passive: no node acknowledges, or the wiring is bad",
+        0x8130 => "a node of 1016h is silent or has restarted",
+        0x8140 => "bus-off: the controller has left the bus",
         0x8210 => "an RPDO was shorter than its mapping and not applied",
         0x8220 => "an RPDO was longer than its mapping; its first bytes were applied",
-        0x8240 => "SYNC with a counter or without, contrary to 1019h",
-        0x6100 => "events inside the device were lost: they came faster than they were taken",
+        0x8240 => "SYNC with or without a counter, contrary to 1019h",
+        0x6100 => "events inside the device lost: faster than they were processed",
         0x8250 => "an RPDO did not come within its event timer",
         _ => "",
     }

@@ -1,4 +1,4 @@
-//! The objects as a page for people.
+//! The page of objects.
 
 use edm_describe::{Declaration, errors, everything};
 use edm_servo_head::canopen::drive::{DEVICE, FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
@@ -15,7 +15,7 @@ pub fn render() -> String {
          [edm-servo-head.eds](edm-servo-head.eds) and [edm-servo-head.dbc](edm-servo-head.dbc); `cargo sim eds` and\n\
          `cargo sim dbc --node-id N` print them. Addresses never move: [canopen.md](canopen.md#addresses-that-never-move).\n\n\
          Positions are encoder counts, positive toward the work; velocities counts/s; accelerations counts/s^2. PDO: R may be\n\
-         received, T transmitted. A star behind the access: stored by 1010h. A refused write changes nothing: a value out of\n\
+         received, T transmitted. * after the access: stored by 1010h. A refused write changes nothing: a value out of\n\
          range is refused with 0609 0031h (high) or 0609 0032h (low), one that does not fit another with 0604 0043h (2002h says\n\
          which setting stands in the way), one that the present state forbids with 0800 0022h.\n",
     );
@@ -96,7 +96,7 @@ fn row(page: &mut String, d: &Declaration) {
 
 fn pdos(page: &mut String) {
     static HEAD: Device = DEVICE;
-    page.push_str("\n## PDOs as they are at first\n\n| PDO | in use | type | event timer | inhibit time | maps |\n| --- | --- | --- | --- | --- | --- |\n");
+    page.push_str("\n## Default PDOs\n\n| PDO | in use | type | event timer | inhibit time | maps |\n| --- | --- | --- | --- | --- | --- |\n");
     let rows = |letter: char, pdos: &'static [PdoDefault]| {
         pdos.iter().zip(1..).map(move |(pdo, number)| {
             let maps = pdo.entries.iter().map(|entry| format!("{:04X}h:{}", entry >> 16, entry >> 8 & 0xFF));
@@ -117,20 +117,20 @@ fn pdos(page: &mut String) {
 /// Faults and the node's own errors.
 fn communication_errors(page: &mut String) {
     page.push_str(
-        "\n## Faults, 2000h:2\n\nAn emergency and 603Fh carry the error code, 1001h the bits of the error register; 0000h: it is over. The emergency has the number behind them, then that of the reason.\n\n| number | error code | 1001h | means |\n| --- | --- | --- | --- |\n",
+        "\n## Faults, 2000h:2\n\nAn emergency and 603Fh carry the error code, 1001h the bits of the error register; 0000h: no fault. The next byte of the emergency is the number of the fault, then that of the reason.\n\n| number | error code | 1001h | means |\n| --- | --- | --- | --- |\n",
     );
     for (number, fault) in (1..).zip(Fault::ALL) {
         let (code, register) = error_code(*fault);
         let _ = writeln!(page, "| {number} | {code:04X}h | {register:02X}h | {} |", fault.name());
     }
     page.push_str(
-        "\n## What is stored is not in force\n\nTold after a reset, with the warning bit of the statusword (bit 7), until the host stores (1010h), restores (1011h), or resets faults (a rising bit 7 of the controlword, in any state); 200Bh says what happened until the next reset. In the emergency, behind the error register: the outcome (200Bh:1), sub-index and index of the first value that gave way to its default, and how many did, up to 255.\n\n| error code | 1001h | means |\n| --- | --- | --- |\n",
+        "\n## What is stored is not in force\n\nReported after a reset, with the warning bit of the statusword (bit 7), until the host stores (1010h), restores (1011h), or resets faults (a rising bit 7 of the controlword, in any state); 200Bh says what happened until the next reset. In the emergency, behind the error register: the outcome (200Bh:1), sub-index and index of the first value that was replaced by its default, and the number of such values, up to 255.\n\n| error code | 1001h | means |\n| --- | --- | --- |\n",
     );
     for ((code, register), name) in LOSSES {
         let _ = writeln!(page, "| {code:04X}h | {register:02X}h | {name} |");
     }
     page.push_str(
-        "\n## Errors of communication\n\nThe same in emergencies; the drive goes on, unless [the host has it watched](hosts.md#when-the-host-falls-silent). Bit 4 of 1001h. The byte behind it in the emergency: which PDO or entry, from 1.\n\n| error code | means |\n| --- | --- |\n",
+        "\n## Errors of communication\n\nThe same in emergencies; the drive continues, unless [the host has requested monitoring](hosts.md#when-the-host-falls-silent). Bit 4 of 1001h. The next byte in the emergency: number of the PDO or entry, from 1.\n\n| error code | means |\n| --- | --- |\n",
     );
     for (code, name) in errors() {
         let _ = writeln!(page, "| {code:04X}h | {name} |");
@@ -145,6 +145,6 @@ fn numbers(page: &mut String) {
         }
     };
     list("Reasons, 2000h:3", &mut REASONS.iter().copied());
-    list("Refusals, 2000h:4", &mut REFUSALS.iter().copied().chain([(WAIT, "more orders than can wait")]));
+    list("Refusals, 2000h:4", &mut REFUSALS.iter().copied().chain([(WAIT, "too many commands waiting")]));
     list("Commissioning, 2001h:4", &mut FINDINGS.iter().copied());
 }

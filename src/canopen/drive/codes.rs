@@ -79,11 +79,11 @@ pub const fn loss(outcome: Outcome, defaulted: bool) -> Option<(u16, u8)> {
 pub const LOSSES: &[((u16, u8), &str)] = &[
     (
         LOSS,
-        "an older image or the defaults are in force: what was stored last is damaged, unfinished, or of an unknown version",
+        "an older image or the defaults are in force: the newest image is damaged, incomplete, or of an unknown version",
     ),
     (
         DEFAULTED,
-        "defaults are in force in the place of stored values that are missing, out of range, or at odds with others",
+        "defaults are in force instead of stored values that are missing, out of range, or in conflict with others",
     ),
 ];
 
@@ -131,17 +131,17 @@ numbered! {
         Reason::HomingStarted => 15 "homing started",
         Reason::Homed => 16 "homed",
         Reason::NotHomed => 17 "no reference found",
-        Reason::ProofStarted => 18 "the encoder proves itself",
-        Reason::Touched => 19 "contact, which was asked for",
+        Reason::ProofStarted => 18 "encoder test started",
+        Reason::Touched => 19 "requested contact",
         Reason::Jumped => 20 "jump begun",
         Reason::Returned => 21 "back from a jump",
         Reason::SparkedOut => 22 "end of the path, discharges are rare",
-        Reason::SparkOutTime => 23 "end of the path, time of the spark-out over",
+        Reason::SparkOutTime => 23 "end of the path, spark-out time over",
         Reason::BrokenThrough => 24 "broken through",
         Reason::Lifted => 25 "lifted out of the work",
         Reason::NotTouched => 26 "no surface found",
         Reason::PathStop => 27 "a stop on the path",
-        Reason::JumpedLow => 28 "jump begun, lower than jump.height_um for want of room above",
+        Reason::JumpedLow => 28 "jump begun, lower than jump.height_um: no room above",
     }
 }
 
@@ -159,14 +159,14 @@ numbered! {
         Refused::Storing => 9 "settings are being stored",
         // 10 has been "settings could not be stored" and means nothing else.
         Refused::Doubted(_) => 11 "after a fault of the encoder the head has to be enabled first",
-        Refused::PathActive => 12 "a path is under way or queued",
+        Refused::PathActive => 12 "a path is active or queued",
         Refused::NoSense => 13 "no sense supply is fitted",
         Refused::Reacting(_) => 14 "the reaction to a fault still moves the head",
         Refused::Path(path::Refused::TooFar { .. }) => 15 "farther than 1073 mm from where the path begins",
         Refused::Path(path::Refused::Radius { .. }) => 16 "a radius outside 0.01 to 536 mm",
-        Refused::Path(path::Refused::Inconsistent { .. }) => 17 "start and end of an arc are not as far from its centre",
-        Refused::Alone => 18 "other axes go along only with feed.structure = path",
-        Refused::NoRoom { .. } => 19 "a jump longer than what is free above",
+        Refused::Path(path::Refused::Inconsistent { .. }) => 17 "start and end of an arc have different distances from its centre",
+        Refused::Alone => 18 "other axes move only with feed.structure = path",
+        Refused::NoRoom { .. } => 19 "a jump higher than the room above",
         // 20 is `WAIT`.
         Refused::TooFast { .. } => 21 "a touch faster than contact.approach_mm_s",
     }

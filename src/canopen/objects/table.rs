@@ -103,31 +103,31 @@ objects! {
     0x2000 "Head" {
         1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving, 13 jumping, 14 lifting, 15 touching";
         2 HeadFault: u8, ro, tx, U8, 0, "", live, "Fault: from 1 in the order of docs/objects.md; 0 none";
-        3 HeadReason: u8, ro, tx, U8, 0, "", live, "Reason: why the state changed last, as numbered in docs/objects.md; 0 it has not";
-        4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Refusal: why a command was refused last, as numbered in docs/objects.md; 0 never";
-        5 HeadHomed: u8, ro, tx, (0, 1), 0, "", live, "Homed: absolute positions mean something";
-        6 HeadFirst: u8, ro, tx, U8, 0, "", live, "First fault: the one it began with; another one than the fault when a second has escalated the reaction";
-        7 Refusals: u8, ro, tx, U8, 0, "", live, "Refusals: commands refused, modulo 256, since power-on; TPDO 1 tells of each at once";
-        8 Guidance: u8, ro, tx, (0, 4), 0, "", live, "Guidance: of a head that a host guides: 0 it is not, 1 follows the host, 2 rests where the host has led it, 3 retreats from a short or returns from there, 4 has braked, the next set point is late";
-        9 HomingError: u8, ro, tx, (0, 5), 0, "", live, "Homing error: why homing has failed last: 1 no such place within the stroke and a fifth, 2 its position would put the axis outside the travel, 3 the axis came up against something, 4 electrode and work have touched, 5 refused, for the reason in 2000h:4; 0 it has not";
-        10 ServoTime: u32, ro, tx, U32, 0, "ns", live, "Servo time: of the newest status; the time stamps of the touch probes are of the same clock, and wrap like it";
+        3 HeadReason: u8, ro, tx, U8, 0, "", live, "Reason: why the state changed last, as numbered in docs/objects.md; 0 no change yet";
+        4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Refusal: why the last command was refused, as numbered in docs/objects.md; 0 none was";
+        5 HeadHomed: u8, ro, tx, (0, 1), 0, "", live, "Homed: absolute positions are valid";
+        6 HeadFirst: u8, ro, tx, U8, 0, "", live, "First fault: the fault that started the reaction; differs from 2000h:2 when a second fault has escalated it";
+        7 Refusals: u8, ro, tx, U8, 0, "", live, "Refusals: commands refused, modulo 256, since power-on; TPDO 1 reports each at once";
+        8 Guidance: u8, ro, tx, (0, 4), 0, "", live, "Guidance: state of a guided motion: 0 not guided, 1 follows the host, 2 at rest at the host's set point, 3 retreats from a short or returns, 4 has braked because the next set point is late";
+        9 HomingError: u8, ro, tx, (0, 5), 0, "", live, "Homing error: why the last homing failed: 1 no reference within 1.2 times the stroke, 2 the axis would be outside the travel, 3 the axis met an obstacle, 4 electrode and work touched, 5 refused for the reason in 2000h:4; 0 no failure";
+        10 ServoTime: u32, ro, tx, U32, 0, "ns", live, "Servo time: of the newest status; wraps; the time stamps of the touch probes are of the same clock";
     }
     0x2001 "EDM control" {
-        1 ErodeEnable: u8, rw, rx, (0, 2), 0, "", live, "Erode: 1 set points become path, and the feed law moves along it; 2 set points are followed with pulses on, and the host uses the feed of 2004h:7 or 8; 0 pulses off";
+        1 ErodeEnable: u8, rw, rx, (0, 2), 0, "", live, "Erode: 1 set points are appended to the path, and the feed law moves along it; 2 set points are followed with pulses on, and the host uses the feed of 2004h:7 or 8; 0 pulses off";
         2 ErodeHold: u8, wo, rx, (0, 1), 0, "", live, "Hold: 1 switches pulses off and holds the position";
         3 Commission: u8, wo, no, (0, 1), 0, "", live, "Commissioning: 1 starts it, while disabled; 0 ends it without a result";
         4 CheckResult: u8, ro, no, U8, 0, "", live, "Commissioning result: 0 none yet, 1 passed, from 2 a finding as numbered in docs/objects.md";
-        5 Touch: u8, rw, rx, (0, 1), 0, "", live, "Touch: 1 profile position ends where the electrode touches the work, goes back by retreat.clearance_um, and has then reached its target; 0 a contact is a fault";
-        6 Touched: i32, ro, tx, I32, 0, "counts", live, "Touched: position of the newest contact that was asked for";
+        5 Touch: u8, rw, rx, (0, 1), 0, "", live, "Touch: 1 a move in profile position ends at the contact with the work, goes back by retreat.clearance_um, and has then reached its target; 0 a contact is a fault";
+        6 Touched: i32, ro, tx, I32, 0, "counts", live, "Touched: position of the newest requested contact";
         7 Jump: u8, wo, rx, (0, 1), 0, "", live, "Jump: 1 moves an eroding head out of the hole by jump.height_um and back, with pulses off";
-        8 HostFeed: u32, rw, rx, (0, 1_000_000), 0, "um/s", live, "Host's feed: what 1000 of 2004h:8 mean; 0 feed.max_um_s";
+        8 HostFeed: u32, rw, rx, (0, 1_000_000), 0, "um/s", live, "Host's feed: that 1000 in 2004h:8 stand for; 0 feed.max_um_s";
     }
     0x2002 "Refused setting" {
         1 RefusedSetting: u32, ro, no, U32, 0, "", live, "Setting: index times 256 and sub-index of the setting that was refused";
-        2 RefusedRule: text, ro, no, U8, 0, "", live, "Rule: what it has to satisfy";
-        3 RefusedMeasured: i32, ro, no, I32, 0, "", live, "Measured: where the guided check has found the setting wrong, what it measured, in thousandths of the unit; else 0";
-        4 RefusedLeast: i32, ro, no, I32, 0, "", live, "Least: that it may be set to after that, in thousandths of the unit";
-        5 RefusedMost: i32, ro, no, I32, 0, "", live, "Most: that it may be set to after that, in thousandths of the unit";
+        2 RefusedRule: text, ro, no, U8, 0, "", live, "Rule: that the setting must satisfy";
+        3 RefusedMeasured: i32, ro, no, I32, 0, "", live, "Measured: value that the guided check measured where it contradicts the setting, in thousandths of the unit; else 0";
+        4 RefusedLeast: i32, ro, no, I32, 0, "", live, "Least: value allowed after that, in thousandths of the unit";
+        5 RefusedMost: i32, ro, no, I32, 0, "", live, "Most: value allowed after that, in thousandths of the unit";
     }
     0x2003 "Stop conditions" {
         1 StopTime: u32, rw, no, U32, 0, "ms", store, "Time limit: of an erosion; 0 unlimited";
@@ -137,25 +137,25 @@ objects! {
     0x2004 "Path queue" {
         1 QueueAppend: i32, wo, rx, I32, 0, "counts", live, "Append: a straight line to this position";
         2 QueueAppendBy: i32, wo, rx, I32, 0, "counts", live, "Append by: a straight line of this length";
-        3 QueueClear: u8, wo, no, (0, 1), 0, "", live, "Clear: 1 forgets the queue";
+        3 QueueClear: u8, wo, no, (0, 1), 0, "", live, "Clear: 1 clears the queue";
         4 QueueSpace: u16, ro, tx, U16, 0, "", live, "Space left: segments that still fit";
-        5 QueueSegment: u32, ro, tx, U32, 0, "", live, "Segment: number of the one under way, counted since power-on";
+        5 QueueSegment: u32, ro, tx, U32, 0, "", live, "Segment: number of the current one, counted since power-on";
         6 PathCoordinate: i32, ro, tx, I32, 0, "um", live, "Path coordinate";
-        7 PathFeed: i32, ro, tx, I32, 0, "um/s", live, "Signed feed: velocity along the path that the gap asks for";
+        7 PathFeed: i32, ro, tx, I32, 0, "um/s", live, "Signed feed: velocity along the path that the gap requests";
         8 AdaptiveFeed: i16, ro, tx, (-1000, 1000), 0, "per mille", live, "Adaptive feed: velocity along the path that the gap allows a host in guided motion, as a share of 2001h:8; negative is a retreat; never positive while the head itself moves";
     }
     0x2005 "Gap" {
         1 GapVoltage: i16, ro, tx, I16, 0, "0.01 V", live, "Voltage: after the filters";
         2 GapBlock: i16, ro, tx, I16, 0, "0.01 V", live, "Block voltage: before the filters";
         3 GapQuality: u8, ro, tx, (0, 4), 0, "", live, "Quality: 0 missing, 1 valid, 2 no gate, 3 saturated, 4 reversed";
-        4 GapShort: u16, ro, tx, U16, 0, "50 us", live, "Short: time without interruption";
+        4 GapShort: u16, ro, tx, U16, 0, "50 us", live, "Short: duration of the present short";
         5 GapSetpoint: i16, ro, tx, I16, 0, "0.01 V", live, "Setpoint: voltage to keep";
         6 GapOpen: i16, ro, tx, I16, 0, "0.01 V", live, "Open-circuit voltage: measured when the seek began";
     }
     0x2006 "Erosion counters" {
-        1 Shorts: u32, ro, tx, U32, 0, "", live, "Shorts: retreats from one since power-on";
+        1 Shorts: u32, ro, tx, U32, 0, "", live, "Shorts: retreats from a short since power-on";
         2 LongRetreats: u32, ro, tx, U32, 0, "", live, "Long retreats: more than 5 um, since power-on";
-        3 ErodingTime: u32, ro, tx, U32, 0, "ms", live, "Eroding time: of the present or last erosion";
+        3 ErodingTime: u32, ro, tx, U32, 0, "ms", live, "Eroding time: of the current or last erosion";
         4 Deepest: i32, ro, tx, I32, 0, "counts", live, "Deepest position: of that erosion";
         5 Jumps: u32, ro, tx, U32, 0, "", live, "Jumps: since power-on";
         6 LateSetPoints: u32, ro, tx, U32, 0, "", live, "Late set points: for which a guided head has braked, since power-on";
@@ -168,13 +168,13 @@ objects! {
     }
     0x2008 "Encoder health" {
         1 Illegal: u32, ro, tx, U32, 0, "", live, "Illegal transitions: since power-on";
-        2 EmfDifference: i32, ro, tx, I32, 0, "counts/s", live, "Back-EMF difference: velocity by it less that of the encoder";
+        2 EmfDifference: i32, ro, tx, I32, 0, "counts/s", live, "Back-EMF difference: velocity from the back-EMF minus velocity from the encoder";
     }
     0x2009 "Build" {
-        1 ResetCause: u32, ro, no, U32, 0, "", live, "Reset cause: as the chip names it";
+        1 ResetCause: u32, ro, no, U32, 0, "", live, "Reset cause: as the chip reports it";
         2 BuildId: text, ro, no, U8, 0, "", live, "Build";
-        3 SelfTest: u8, ro, no, U8, 0, "", live, "Self-test: what has failed at the start, by bits: 0 the image was never sealed, 1 the flash does not hold what was sealed, 2 pins could not be locked, 3 the brown-out reset is not at level 3; 0 passed";
-        4 LastEnd: u8, ro, no, (0, 5), 0, "", live, "Last end: how the run before ended: 0 it did not know, or power was lost; 1 panic, 2 hard fault, 3 an interrupt that nobody serves, such as the crystal's failure, 4 a task fell silent, 5 the stack reached its guard";
+        3 SelfTest: u8, ro, no, U8, 0, "", live, "Self-test: what has failed at the start, by bits: 0 the image was never sealed, 1 the flash differs from the sealed image, 2 pins could not be locked, 3 the brown-out reset is not at level 3; 0 passed";
+        4 LastEnd: u8, ro, no, (0, 5), 0, "", live, "Last end: how the previous run ended: 0 unknown or power loss, 1 panic, 2 hard fault, 3 an interrupt without a handler (failure of the crystal), 4 a task stopped, 5 the stack reached its guard";
     }
     0x200A "Task timers" {
         1 GapLast: u32, ro, no, U32, 0, "ns", live, "Gap task last";
@@ -194,39 +194,39 @@ objects! {
         15 PlanLoad: u16, ro, no, (0, 10_000), 0, "0.01 %", live, "Plan load";
     }
     0x200B "Stored image" {
-        1 StoredOutcome: u8, ro, tx, (0, 4), 0, "", live, "Outcome: of loading it at the last reset: 0 nothing was stored, 1 what was stored last is in force, 2 an older one is, the last one is damaged or was not finished, 3 defaults, it is damaged, 4 defaults, it is of an unknown version";
+        1 StoredOutcome: u8, ro, tx, (0, 4), 0, "", live, "Outcome: of loading at the last reset: 0 nothing stored, 1 newest image in force, 2 older image in force because the newest is damaged or incomplete, 3 defaults because the image is damaged, 4 defaults because the image has an unknown version";
         2 StoredSkipped: u16, ro, no, U16, 0, "", live, "Skipped: values of objects that this program does not have";
         3 StoredSkippedFirst: u32, ro, no, U32, 0, "", live, "First skipped: index times 256 and sub-index; 0 none";
-        4 StoredDefaulted: u16, ro, no, U16, 0, "", live, "Defaulted: values that were missing, out of range, or at odds with others; their defaults are in force";
+        4 StoredDefaulted: u16, ro, no, U16, 0, "", live, "Defaulted: values that were missing, out of range, or in conflict with others; their defaults are in force";
         5 StoredDefaultedFirst: u32, ro, no, U32, 0, "", live, "First defaulted: index times 256 and sub-index; 0 none";
     }
     0x200C "Configuration" {
-        1 GenerationNewest: u32, ro, tx, U32, 0, "", live, "Newest: changes of settings since power-on, those that were refused left out; another than the ones below while the tasks do not run it";
-        2 GenerationServo: u32, ro, tx, U32, 0, "", live, "Servo tick: the one that it runs";
-        3 GenerationGap: u32, ro, tx, U32, 0, "", live, "Gap task: the one that it runs";
-        4 GenerationSupervision: u32, ro, tx, U32, 0, "", live, "Supervision: the one that it runs";
-        5 GuardedChange: u32, ro, tx, U32, 0, "", live, "Last guarded change: changes, modulo 256, of settings that are guarded while the head is enabled, times 2^24, and of the last one index times 256 and sub-index; bit 14 of the statusword turns over with each";
+        1 GenerationNewest: u32, ro, tx, U32, 0, "", live, "Newest: accepted changes of settings since power-on; differs from the ones below until the tasks run it";
+        2 GenerationServo: u32, ro, tx, U32, 0, "", live, "Servo tick: generation that it runs";
+        3 GenerationGap: u32, ro, tx, U32, 0, "", live, "Gap task: generation that it runs";
+        4 GenerationSupervision: u32, ro, tx, U32, 0, "", live, "Supervision: generation that it runs";
+        5 GuardedChange: u32, ro, tx, U32, 0, "", live, "Last guarded change: number of changes of guarded settings while the head is enabled, modulo 256, times 2^24, plus index times 256 plus sub-index of the last one; bit 14 of the statusword toggles with each";
     }
     0x200D "Lost" {
-        1 LostFrames: u32, ro, tx, U32, 0, "", live, "Frames: that came faster than they were taken, since power-on";
-        2 LostEvents: u32, ro, tx, U32, 0, "", live, "Events: between tasks that came faster than they were taken, since power-on";
-        3 LostTicks: u32, ro, tx, U32, 0, "", live, "Servo ticks: that did not come while the head was enabled, by the clock, since power-on";
-        4 LostBlocks: u32, ro, tx, U32, 0, "", live, "Blocks of conversions: that did not come, or were not taken in time, since power-on";
-        5 UnseenHigh: u32, ro, tx, U32, 0, "", live, "High comparator: thousands of pulses in a row of which it has shown no edge, since power-on";
+        1 LostFrames: u32, ro, tx, U32, 0, "", live, "Frames: received faster than they were processed, since power-on";
+        2 LostEvents: u32, ro, tx, U32, 0, "", live, "Events: between tasks, faster than they were processed, since power-on";
+        3 LostTicks: u32, ro, tx, U32, 0, "", live, "Servo ticks: missing by the clock while the head was enabled, since power-on";
+        4 LostBlocks: u32, ro, tx, U32, 0, "", live, "Blocks of conversions: missing, or not processed in time, since power-on";
+        5 UnseenHigh: u32, ro, tx, U32, 0, "", live, "High comparator: thousands of consecutive pulses for which it has shown no edge, since power-on";
         6 UnseenLow: u32, ro, tx, U32, 0, "", live, "Low comparator: the same";
     }
     0x200E "Path segment" {
-        1 SegmentDown: i32, rw, rx, I32, 0, "nm", live, "Down: where it ends along the head's axis";
-        2 SegmentX: i32, rw, rx, I32, 0, "nm", live, "X: where it ends beside the head";
-        3 SegmentY: i32, rw, rx, I32, 0, "nm", live, "Y: where it ends beside the head";
-        4 SegmentCentre1: i32, rw, rx, I32, 0, "nm", live, "Centre 1: of an arc, less its start, along the first axis of its plane";
+        1 SegmentDown: i32, rw, rx, I32, 0, "nm", live, "Down: end along the head's axis";
+        2 SegmentX: i32, rw, rx, I32, 0, "nm", live, "X: end along X";
+        3 SegmentY: i32, rw, rx, I32, 0, "nm", live, "Y: end along Y";
+        4 SegmentCentre1: i32, rw, rx, I32, 0, "nm", live, "Centre 1: of an arc, from its start, along the first axis of its plane";
         5 SegmentCentre2: i32, rw, rx, I32, 0, "nm", live, "Centre 2: the same along the second axis";
         6 SegmentShape: u8, rw, rx, (0, 6), 0, "", live, "Shape: 0 line; arcs: 1 in X-Y from X toward Y, 2 back; 3 in down-X from down toward X, 4 back; 5 in Y-down from Y toward down, 6 back; an end at the start in the plane makes a whole turn";
         7 SegmentOptions: u8, rw, rx, (0, 7), 0, "", live, "Options: by bits: 0 the end is relative to the end of the segment before, 1 no retreat passes its start, 2 an erosion ends at its end, and the next start continues there";
-        8 SegmentCommit: u8, wo, rx, (0, 1), 0, "", live, "Commit: 1 appends what has been written since the last commit, which must be 1, 2, 3, 6 and 7, of an arc 4 and 5 as well; 0 forgets it, and why one was refused";
-        9 SegmentRefused: u8, ro, tx, U8, 0, "", live, "Refused: why a commit was, after which all are until 0 is written to it: as numbered in docs/objects.md for 2000h:4, 252 the path has begun anew and what was appended is gone, 253 one before had no answer yet, 254 not enabled, 255 half written, or a value twice; 0 none was";
+        8 SegmentCommit: u8, wo, rx, (0, 1), 0, "", live, "Commit: 1 appends the segment written since the last commit: sub-indices 1, 2, 3, 6 and 7, for an arc 4 and 5 as well; 0 discards it and clears the refusal";
+        9 SegmentRefused: u8, ro, tx, U8, 0, "", live, "Refused: why a commit was refused; later ones are refused until 0 is written to 200Eh:8: as numbered in docs/objects.md for 2000h:4, 252 the path has begun anew and the appended segments are gone, 253 the commit before has no answer yet, 254 not enabled, 255 incomplete or a value written twice; 0 none was refused";
         10 SegmentsAppended: u32, ro, tx, U32, 0, "", live, "Appended: segments since power-on";
-        11 RetreatBound: u8, ro, tx, (0, 3), 0, "", live, "Retreat ended by: what ended a retreat since the erosion began: 1 the oldest segment in memory, 2 the set distance, 3 a mark; 0 nothing; kept over a fault";
+        11 RetreatBound: u8, ro, tx, (0, 3), 0, "", live, "Retreat ended by: what ended a retreat since the erosion began: 1 the oldest segment in memory, 2 the set distance, 3 a mark; 0 nothing; kept after a fault";
         12 SetpointX: i32, ro, tx, I32, 0, "nm", live, "Set point X: for the drive of that axis";
         13 SetpointY: i32, ro, tx, I32, 0, "nm", live, "Set point Y: the same";
     }
@@ -236,7 +236,7 @@ objects! {
         3 PulsesArc: u8, ro, tx, (0, 200), 0, "", live, "Arc: sampled pulses that were arcs";
         4 PulsesShort: u8, ro, tx, (0, 200), 0, "", live, "Short: sampled pulses that were shorts";
         5 PulsesNone: u8, ro, tx, (0, 200), 0, "", live, "No pulse: samples without a pulse since the sample before";
-        6 PulsesUncertain: u8, ro, tx, (0, 200), 0, "", live, "Uncertain: sampled pulses whose samples do not decide";
+        6 PulsesUncertain: u8, ro, tx, (0, 200), 0, "", live, "Uncertain: sampled pulses that could not be classified";
     }
     0x2010 "Scope" {
         1 ScopeSignal1: u32, rw, no, U32, 0, "", live, "Signal 1: index times 256 and sub-index of an object of up to 32 bits; 0 none";
@@ -252,19 +252,19 @@ objects! {
         11 ScopeData: domain, ro, no, U8, 0, "", live, "Data: samples of signals 1 to 4, 32 bits each, little-endian";
     }
     0x2011 "Surface" {
-        1 SearchStart: u8, wo, rx, (0, 1), 0, "", live, "Find: 1 has the head touch the work twice, pulses off, and go back by touch.back_um; 2001h:6 is where it was";
-        2 SearchReach: i32, rw, rx, (0, i32::MAX as i64), 0, "counts", live, "Reach: no farther away than this; 0 to the end of the travel";
-        3 SearchOutcome: u8, ro, tx, (0, 5), 0, "", live, "Outcome: 0 never asked for, 1 under way, 2 found, 3 nothing within reach, 4 the gap reads as a contact where the head has gone back, 5 broken off";
-        4 SearchOvershoot: u32, ro, tx, U32, 0, "counts", live, "Overshoot: how far past the place found the axis has been";
-        5 SurfaceIs: u8, wo, no, (1, 4), 1, "", live, "What was touched: 1 the work: it has the position of sub-index 6; 2 the reference, by a new electrode; 3 the reference again: wear is measured; 4 the same, and positions are reckoned from the worn face";
-        6 SurfacePosition: i32, rw, no, (-1_000_000_000, 1_000_000_000), 0, "counts", live, "Position: that the surface is to have";
-        7 DatumOffset: i32, ro, tx, I32, 0, "counts", live, "Datum: position of a host's 0 from the home, 6063h less 6064h; 0 after homing and after a reset of the node";
-        8 Wear: i32, ro, tx, I32, 0, "counts", live, "Wear: of the electrode, since it touched the reference first";
-        9 Travel: i32, ro, tx, I32, 0, "counts", live, "Electrode travel: in the newest hole, from where the gap was first the one to keep to the farthest";
-        10 HoleDepth: i32, ro, tx, I32, 0, "counts", live, "Hole depth: that less the wear that was measured since the hole was begun";
-        11 KeptSurface: i32, rw, no, I32, -2_147_483_648, "counts", live, "Kept surface: that the hole under the electrode is measured from, as a host has written it; -2147483648 none, as after homing, a lost home and a reset of the node";
+        1 SearchStart: u8, wo, rx, (0, 1), 0, "", live, "Find: 1 starts a search: the head touches the work twice with pulses off and goes back by touch.back_um; 2001h:6 is the position found";
+        2 SearchReach: i32, rw, rx, (0, i32::MAX as i64), 0, "counts", live, "Reach: largest distance of the search; 0 to the end of the travel";
+        3 SearchOutcome: u8, ro, tx, (0, 5), 0, "", live, "Outcome: 0 not requested, 1 in progress, 2 found, 3 nothing within reach, 4 the gap still reads as a contact after going back, 5 aborted";
+        4 SearchOvershoot: u32, ro, tx, U32, 0, "counts", live, "Overshoot: largest distance of the axis past the position found";
+        5 SurfaceIs: u8, wo, no, (1, 4), 1, "", live, "What was touched: 1 the work: it has the position of sub-index 6; 2 the reference, by a new electrode; 3 the reference again: wear is measured; 4 the same, and positions refer to the worn face";
+        6 SurfacePosition: i32, rw, no, (-1_000_000_000, 1_000_000_000), 0, "counts", live, "Position: assigned to the surface";
+        7 DatumOffset: i32, ro, tx, I32, 0, "counts", live, "Datum: position of a host's zero from home, 6063h minus 6064h; 0 after homing and after a reset of the node";
+        8 Wear: i32, ro, tx, I32, 0, "counts", live, "Wear: of the electrode since its first touch of the reference";
+        9 Travel: i32, ro, tx, I32, 0, "counts", live, "Electrode travel: in the newest hole, from where the gap first reached its set point to the deepest position";
+        10 HoleDepth: i32, ro, tx, I32, 0, "counts", live, "Hole depth: electrode travel minus the wear measured since the hole was begun";
+        11 KeptSurface: i32, rw, no, I32, -2_147_483_648, "counts", live, "Kept surface: from which the hole under the electrode is measured, written by a host; -2147483648 none, as after homing, a lost home and a reset of the node";
     }
-    0x6007 "Abort connection option code" { 0 AbortOption: i16, rw, no, (0, 3), 1, "", store, "Abort connection option code: what the loss of the host does: 0 nothing, 1 fault, 2 disables voltage, 3 quick stop"; }
+    0x6007 "Abort connection option code" { 0 AbortOption: i16, rw, no, (0, 3), 1, "", store, "Abort connection option code: reaction to the loss of the host: 0 none, 1 fault, 2 disable voltage, 3 quick stop"; }
     0x603F "Error code" { 0 ErrorCode: u16, ro, tx, U16, 0, "", live, "Error code"; }
     0x6040 "Controlword" { 0 Controlword: u16, rw, rx, U16, 0, "", live, "Controlword"; }
     0x6041 "Statusword" { 0 Statusword: u16, ro, tx, U16, 0, "", live, "Statusword"; }
@@ -283,7 +283,7 @@ objects! {
     0x6067 "Position window" { 0 PositionWindow: u32, rw, no, U32, 2, "counts", store, "Position window"; }
     0x6068 "Position window time" { 0 PositionTime: u16, rw, no, U16, 5, "ms", store, "Position window time"; }
     0x606B "Velocity demand value" { 0 VelocityDemand: i32, ro, tx, I32, 0, "counts/s", live, "Velocity demand value"; }
-    0x606C "Velocity actual value" { 0 VelocityActual: i32, ro, tx, I32, 0, "counts/s", live, "Velocity actual value: below 3000 counts/s the counts of the last 20 ms"; }
+    0x606C "Velocity actual value" { 0 VelocityActual: i32, ro, tx, I32, 0, "counts/s", live, "Velocity actual value: below 3000 counts/s calculated from the counts of the last 20 ms"; }
     0x606D "Velocity window" { 0 VelocityWindow: u16, rw, no, U16, 1000, "counts/s", store, "Velocity window"; }
     0x606E "Velocity window time" { 0 VelocityTime: u16, rw, no, U16, 5, "ms", store, "Velocity window time"; }
     0x606F "Velocity threshold" { 0 VelocityThreshold: u16, rw, no, U16, 1000, "counts/s", store, "Velocity threshold"; }
@@ -296,7 +296,7 @@ objects! {
         1 RangeMin: i32, ro, no, I32, -2_147_483_648, "counts", live, "Min position range limit: positions do not wrap";
         2 RangeMax: i32, ro, no, I32, 2_147_483_647, "counts", live, "Max position range limit: the same";
     }
-    0x607C "Home offset" { 0 HomeOffset: i32, rw, no, I32, 0, "counts", store, "Home offset: the place found gets the position of minus this"; }
+    0x607C "Home offset" { 0 HomeOffset: i32, rw, no, I32, 0, "counts", store, "Home offset: the position of the reference found is minus this"; }
     0x607D "Software position limit" {
         1 LimitMin: i32, rw, no, I32, -2_147_483_648, "counts", store, "Min position limit";
         2 LimitMax: i32, rw, no, I32, 2_147_483_647, "counts", store, "Max position limit";
@@ -319,15 +319,15 @@ objects! {
         1 FeedCounts: u32, ro, no, U32, 1_000_000, "counts", live, "Feed";
         2 FeedRevolutions: u32, ro, no, U32, 1000, "mm", live, "Shaft revolutions";
     }
-    0x6098 "Homing method" { 0 HomingMethod: i8, rw, no, (-1, 37), 35, "", store, "Homing method: -1 contact with the work, 1 and 2 index mark off the upper or the lower limit switch, 17 and 18 edge of these, 33 and 34 next index mark upward or downward, 35 and 37 where the axis is"; }
+    0x6098 "Homing method" { 0 HomingMethod: i8, rw, no, (-1, 37), 35, "", store, "Homing method: -1 contact with the work, 1 and 2 index mark off the upper or the lower limit switch, 17 and 18 edge of these, 33 and 34 next index mark upward or downward, 35 and 37 present position"; }
     0x6099 "Homing speeds" {
         1 HomingFast: u32, rw, no, RATE, 5000, "counts/s", store, "Speed during search for switch";
         2 HomingSlow: u32, rw, no, RATE, 1000, "counts/s", store, "Speed during search for zero";
     }
     0x609A "Homing acceleration" { 0 HomingAcceleration: u32, rw, no, RATE, 1_000_000, "counts/s^2", store, "Homing acceleration"; }
     0x60B1 "Velocity offset" { 0 VelocityOffset: i32, rw, rx, I32, 0, "counts/s", live, "Velocity offset: of a set point of cyclic synchronous velocity"; }
-    0x60B8 "Touch probe function" { 0 ProbeFunction: u16, rw, rx, U16, 0, "", live, "Touch probe function: by bits, those of probe 2 eight higher: 0 on, 1 every edge instead of the first, 2 and 3 source (0 contact sense, 1 index mark, 2 as in 60D0h), 4 keeps where the source begins, 5 where it ends; a change arms the probe anew"; }
-    0x60B9 "Touch probe status" { 0 ProbeStatus: u16, ro, tx, U16, 0, "", live, "Touch probe status: by bits, those of probe 2 eight higher: 0 on, 1 a beginning is kept, 2 an end is, 6 and 7 turn over with each of them where every edge is kept"; }
+    0x60B8 "Touch probe function" { 0 ProbeFunction: u16, rw, rx, U16, 0, "", live, "Touch probe function: by bits, those of probe 2 eight higher: 0 on, 1 every edge instead of the first, 2 and 3 source (0 contact sense, 1 index mark, 2 as in 60D0h), 4 records where the source begins, 5 where it ends; a change rearms the probe"; }
+    0x60B9 "Touch probe status" { 0 ProbeStatus: u16, ro, tx, U16, 0, "", live, "Touch probe status: by bits, those of probe 2 eight higher: 0 on, 1 a beginning is recorded, 2 an end is recorded, 6 and 7 toggle with each of them when every edge is recorded"; }
     0x60BA "Touch probe position 1 positive value" { 0 ProbeBegun1: i32, ro, tx, I32, 0, "counts", live, "Touch probe position 1 positive value: where its source began"; }
     0x60BB "Touch probe position 1 negative value" { 0 ProbeEnded1: i32, ro, tx, I32, 0, "counts", live, "Touch probe position 1 negative value: where its source ended"; }
     0x60BC "Touch probe position 2 positive value" { 0 ProbeBegun2: i32, ro, tx, I32, 0, "counts", live, "Touch probe position 2 positive value: where its source began"; }
@@ -343,20 +343,20 @@ objects! {
         3 IpOrganisation: u8, rw, no, (0, 0), 0, "", live, "Buffer organisation: first in, first out";
         4 IpPosition: u16, ro, tx, U16, 0, "", live, "Buffer position: set points waiting";
         5 IpRecord: u8, rw, no, (4, 4), 4, "", live, "Size of data record";
-        6 IpClear: u8, wo, no, (0, 1), 0, "", live, "Buffer clear: 0 forgets all set points";
+        6 IpClear: u8, wo, no, (0, 1), 0, "", live, "Buffer clear: 0 discards all set points";
     }
-    0x60C5 "Max acceleration" { 0 MaxAcceleration: u32, rw, no, RATE, 2_147_483_647, "counts/s^2", store, "Max acceleration: 6083h and 609Ah never make a move faster"; }
-    0x60C6 "Max deceleration" { 0 MaxDeceleration: u32, rw, no, RATE, 2_147_483_647, "counts/s^2", store, "Max deceleration: the same for 6084h; a quick stop is not bound by it"; }
+    0x60C5 "Max acceleration" { 0 MaxAcceleration: u32, rw, no, RATE, 2_147_483_647, "counts/s^2", store, "Max acceleration: upper limit of 6083h and 609Ah"; }
+    0x60C6 "Max deceleration" { 0 MaxDeceleration: u32, rw, no, RATE, 2_147_483_647, "counts/s^2", store, "Max deceleration: upper limit of 6084h; does not apply to a quick stop"; }
     0x60D0 "Touch probe source" {
-        1 ProbeSource1: i16, rw, no, (-1, 5), 1, "", store, "Source of probe 1: where 60B8h says so: 1 contact sense, 5 index mark, -1 discharge";
+        1 ProbeSource1: i16, rw, no, (-1, 5), 1, "", store, "Source of probe 1: if 60B8h selects it: 1 contact sense, 5 index mark, -1 discharge";
         2 ProbeSource2: i16, rw, no, (-1, 5), 5, "", store, "Source of probe 2: the same";
     }
     0x60D1 "Touch probe time stamp 1 positive value" { 0 ProbeTimeBegun1: u32, ro, tx, U32, 0, "ns", live, "Touch probe time stamp 1 positive value: when its source began: the servo tick, by the clock of 2000h:10"; }
     0x60D2 "Touch probe time stamp 1 negative value" { 0 ProbeTimeEnded1: u32, ro, tx, U32, 0, "ns", live, "Touch probe time stamp 1 negative value: when its source ended"; }
     0x60D3 "Touch probe time stamp 2 positive value" { 0 ProbeTimeBegun2: u32, ro, tx, U32, 0, "ns", live, "Touch probe time stamp 2 positive value: when its source began"; }
     0x60D4 "Touch probe time stamp 2 negative value" { 0 ProbeTimeEnded2: u32, ro, tx, U32, 0, "ns", live, "Touch probe time stamp 2 negative value: when its source ended"; }
-    0x60D5 "Touch probe 1 positive edge counter" { 0 ProbeCountBegun1: u16, ro, tx, U16, 0, "", live, "Touch probe 1 positive edge counter: beginnings kept since it was armed"; }
-    0x60D6 "Touch probe 1 negative edge counter" { 0 ProbeCountEnded1: u16, ro, tx, U16, 0, "", live, "Touch probe 1 negative edge counter: ends kept since it was armed"; }
+    0x60D5 "Touch probe 1 positive edge counter" { 0 ProbeCountBegun1: u16, ro, tx, U16, 0, "", live, "Touch probe 1 positive edge counter: beginnings recorded since it was armed"; }
+    0x60D6 "Touch probe 1 negative edge counter" { 0 ProbeCountEnded1: u16, ro, tx, U16, 0, "", live, "Touch probe 1 negative edge counter: ends recorded since it was armed"; }
     0x60D7 "Touch probe 2 positive edge counter" { 0 ProbeCountBegun2: u16, ro, tx, U16, 0, "", live, "Touch probe 2 positive edge counter: the same"; }
     0x60D8 "Touch probe 2 negative edge counter" { 0 ProbeCountEnded2: u16, ro, tx, U16, 0, "", live, "Touch probe 2 negative edge counter: the same"; }
     0x60E3 "Supported homing methods" {
@@ -367,7 +367,7 @@ objects! {
         5 HomingMethod5: i8, ro, no, I8, 18, "", live, "Homing method 5: edge of the lower limit switch";
         6 HomingMethod6: i8, ro, no, I8, 33, "", live, "Homing method 6: next index mark upward";
         7 HomingMethod7: i8, ro, no, I8, 34, "", live, "Homing method 7: next index mark downward";
-        8 HomingMethod8: i8, ro, no, I8, 35, "", live, "Homing method 8: where the axis is";
+        8 HomingMethod8: i8, ro, no, I8, 35, "", live, "Homing method 8: present position";
         9 HomingMethod9: i8, ro, no, I8, 37, "", live, "Homing method 9: the same";
     }
     0x60F2 "Positioning option code" { 0 PositioningOption: u16, rw, no, (0, 2), 0, "", store, "Positioning option code: reference of a relative set point of profile position: 0 the target before it, 1 the position demand value, 2 the position actual value"; }
