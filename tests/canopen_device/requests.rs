@@ -571,10 +571,18 @@ fn whatever_is_asked_in_whatever_state_is_done_or_told() {
 const HEAD: &str = "\
 # What a request does, in every state and mode
 
-Written by tests/canopen_device/requests.rs, which runs every case against the process model and checks that what is answered ok is
-done, that what is aborted changes nothing, and that no bit says otherwise. What is shown is 0.4 s later. *ok*: done, or kept as a
-value, without a change of state. *aborted*: 0800 0022h, or the code. *refused*: 2000h:4 has this number, and TPDO 1 tells of it.
-Otherwise the state that it leads to. Where modes of operation (6061h) differ, their numbers stand in front. 6007h is 1.
+tests/canopen_device/requests.rs writes this page. It sends every request to a head on the process model, in every state and mode, and
+checks the answer: *ok* is carried out, *aborted* changes nothing, and no status bit contradicts it. A cell shows the result after 0.4 s:
+
+| cell | meaning |
+| --- | --- |
+| ok | carried out, or stored as a value, without a change of state |
+| aborted | SDO abort 0800 0022h, or the code shown |
+| refused | 2000h:4 has this number; TPDO 1 reports it |
+| a state | the state that the request leads to |
+| 1, 3: ... | result in these modes of operation (6061h), where modes differ |
+
+6007h is 1.
 
 ";
 
