@@ -1,7 +1,7 @@
-//! What a cargo alias cannot do: `cargo xtask docs` writes the files that are generated from declarations, or with `--check`
-//! only tells whether they are current, and checks the list of released objects against its history; `cargo xtask firmware`
-//! builds, checks and seals the firmware of both boards; `cargo flash-head` programs it; `cargo fil` runs it on an emulated
-//! chip.
+//! Tasks of this repository that a cargo alias cannot do, for its developers. `cargo xtask docs` writes the generated files;
+//! with `--check` it only checks them, the links between pages, and the list of released objects against its history.
+//! `cargo xtask firmware` builds, checks and seals the firmware of both boards, `cargo flash-head` programs it, `cargo fil`
+//! runs it on a modelled chip.
 
 use clap::{Parser, Subcommand};
 use edm_describe::{dbc, eds};
@@ -13,6 +13,7 @@ use std::process::ExitCode;
 mod fil;
 mod firmware;
 mod flash;
+mod links;
 mod object_table;
 mod pictures;
 mod released;
@@ -27,11 +28,11 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
-    /// Writes what is generated from declarations: docs/settings.md, docs/objects.md, the EDS and DBC files beside
-    /// them, and the pictures of blocks, states and one millisecond in docs/pictures.
-    /// Checks that docs/released-objects.csv keeps every line that was ever released.
+    /// Writes the files generated from declarations: docs/settings.md, docs/objects.md, the EDS and DBC files, and the
+    /// pictures of blocks, states and one millisecond in docs/pictures. Checks the links between the pages, and that
+    /// docs/released-objects.csv keeps every released line.
     Docs {
-        /// Write nothing; fail if a file is not current.
+        /// Write nothing; fail if a file is not up to date.
         #[arg(long)]
         check: bool,
     },
@@ -55,7 +56,7 @@ enum Task {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         arguments: Vec<OsString>,
     },
-    /// Runs a command of the emulated chip on the firmware as it is, which is built first: `cargo fil`.
+    /// Builds the firmware and runs a command of the modelled chip with it: `cargo fil`.
     #[command(disable_help_flag = true)]
     Fil {
         /// Command and options; `cargo fil --help` lists them.
@@ -72,6 +73,7 @@ fn main() -> ExitCode {
             .and_then(|documents| {
                 documents.iter().try_for_each(|(name, text)| generate(&root.join("docs"), name, text, check))
             })
+            .and_then(|()| links::check(&root).map(|said| println!("{said}")))
             .and_then(|()| released::check(&root).map(|said| println!("{said}")))
             .map(done),
         Task::Firmware => firmware::run(&root).map(done),
@@ -89,7 +91,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// The files in docs/ that follow from declarations.
+/// The files in docs/ that are generated from declarations.
 fn documents() -> Result<Vec<(&'static str, String)>, String> {
     let (mut sheet, mut frames) = (String::new(), String::new());
     // A string takes everything.
@@ -114,7 +116,7 @@ fn generate(docs: &Path, name: &str, text: &str, check: bool) -> Result<(), Stri
     }
     match std::fs::read_to_string(path) {
         Ok(present) if present == text => Ok(()),
-        _ => Err(format!("docs/{name} is not current: run `cargo xtask docs`")),
+        _ => Err(format!("docs/{name} is not up to date: run `cargo xtask docs`")),
     }
 }
 
