@@ -1,7 +1,7 @@
-//! One conversation with a client: what a protocol says waits here until the client takes it.
+//! One conversation with a client: output of a protocol waits here until the client reads it.
 //!
 //! Two threads serve a client: the reader hands bytes to [`Client::receive`], the writer takes them from
-//! [`Client::write_to`]. What waits is bounded by [`WAITING`]: a client that does not read is hung up on.
+//! [`Client::write_to`]. What waits is bounded by [`WAITING`]: a client that does not read is disconnected.
 
 use crate::Frame;
 use crate::hub::{Detached, Port, Sink};
@@ -12,16 +12,16 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 /// Bytes that may wait for a client: about a second of a bus of 1 Mbit/s in slcan.
 pub const WAITING: usize = 1 << 18;
 
-/// Says something to the person who started the program.
+/// Reports to the user.
 pub type Report = Arc<dyn Fn(&str) + Send + Sync>;
 
-/// What a protocol says to its client.
+/// Output of a protocol to its client.
 #[derive(Debug, Default)]
 pub struct Outgoing {
     bytes: Vec<u8>,
     /// After so many bytes, and so long, the rest.
     pause: Option<(usize, Duration)>,
-    /// What the client has not read yet is of no use any more.
+    /// Unread output is obsolete.
     stale: bool,
 }
 
@@ -36,7 +36,7 @@ impl Outgoing {
         self.pause = Some((self.bytes.len(), time));
     }
 
-    /// Drops what waits, and as far as the way allows it what is under way.
+    /// Drops unread output, also that in transit where possible.
     pub fn drop_waiting(&mut self) {
         *self = Outgoing { stale: true, ..Outgoing::default() };
     }
@@ -60,15 +60,15 @@ impl Outgoing {
 
 /// A text protocol, without input or output of its own. Its memory is bounded, whatever the client says.
 pub trait Protocol: Send {
-    /// Said before anything else.
+    /// Greeting.
     fn greeting(&self) -> &'static str {
         ""
     }
-    /// Takes what the client says: appends answers to `out` and frames for the bus to `frames`.
+    /// Takes input of the client: appends answers to `out` and frames for the bus to `frames`.
     fn receive(&mut self, bytes: &[u8], out: &mut Outgoing, frames: &mut Vec<Frame>);
     /// Appends a frame of the bus, if the client wants it. `now`: time since 1970.
     fn frame(&mut self, frame: &Frame, now: Duration, out: &mut Outgoing);
-    /// The client has gone without a word: it wants no more frames.
+    /// The client is gone: it gets no more frames.
     fn hang_up(&mut self);
 }
 
@@ -76,7 +76,7 @@ pub trait Protocol: Send {
 pub enum TooSlow {
     /// The connection is cut, by this.
     Cut(Box<dyn Fn() + Send + Sync>),
-    /// There is no connection to cut: the protocol hangs up, and another client may follow.
+    /// There is no connection to cut: the protocol ends, and another client may follow.
     HangUp,
 }
 
@@ -84,7 +84,7 @@ struct Talk {
     protocol: Box<dyn Protocol>,
     out: Outgoing,
     ended: bool,
-    /// When the client said something last.
+    /// Time of the last input.
     heard: Instant,
 }
 
@@ -92,9 +92,9 @@ struct Talk {
 pub struct Chunk<'a> {
     /// The bytes.
     pub bytes: &'a [u8],
-    /// What was written before and has not been read yet is of no use any more.
+    /// Earlier unread output is obsolete.
     pub fresh: bool,
-    /// Tells whether these bytes are still wanted, for writes that may never end.
+    /// Whether these bytes are still valid, for writes that may never end.
     pub wanted: &'a dyn Fn() -> bool,
 }
 
@@ -116,7 +116,7 @@ impl Client {
         Client { name, talk, wake: Condvar::new(), too_slow, report }
     }
 
-    /// Takes what the client said; its frames go to the bus.
+    /// Takes input of the client; its frames go to the bus.
     pub fn receive(&self, bytes: &[u8], port: &Port) {
         let mut frames = Vec::new();
         let mut talk = self.talk();
@@ -163,7 +163,7 @@ impl Client {
         }
     }
 
-    /// When the client said something last, or came.
+    /// Time of the last input, or of the connection.
     pub fn heard(&self) -> Instant {
         self.talk().heard
     }
@@ -178,7 +178,7 @@ impl Client {
         self.talk().ended
     }
 
-    /// Sees to it that no more than [`WAITING`] bytes wait.
+    /// Ensures that no more than [`WAITING`] bytes wait.
     fn bound(&self, talk: &mut Talk) -> Result<(), Detached> {
         if talk.out.bytes.len() <= WAITING {
             return Ok(());
@@ -186,13 +186,13 @@ impl Client {
         talk.out.drop_waiting();
         match &self.too_slow {
             TooSlow::Cut(cut) => {
-                (self.report)(&format!("{}: cut off, it does not read fast enough", self.name));
+                (self.report)(&format!("{}: disconnected, it does not read fast enough", self.name));
                 talk.ended = true;
                 cut();
                 Err(Detached)
             }
             TooSlow::HangUp => {
-                (self.report)(&format!("{}: closed, nobody reads", self.name));
+                (self.report)(&format!("{}: closed, the client does not read", self.name));
                 talk.protocol.hang_up();
                 Ok(())
             }
@@ -246,7 +246,7 @@ mod tests {
         (0..100_000).for_each(|_| sender.send(&frame(1)));
         assert_eq!((cuts.load(Ordering::Relaxed), hub.ports(), slow.ended()), (1, 2, true));
         assert_eq!(memory.frames.lock().unwrap().len(), 100_000);
-        assert_eq!(*said.lock().unwrap(), ["test: cut off, it does not read fast enough"]);
+        assert_eq!(*said.lock().unwrap(), ["test: disconnected, it does not read fast enough"]);
     }
 
     #[test]
@@ -258,7 +258,7 @@ mod tests {
         serial.receive(b"O\r", &port);
         (0..100_000).for_each(|_| sender.send(&frame(1)));
         assert_eq!(serial.talk().out.bytes, []);
-        assert_eq!(*said.lock().unwrap(), ["test: closed, nobody reads"]);
+        assert_eq!(*said.lock().unwrap(), ["test: closed, the client does not read"]);
         serial.receive(b"O\r", &port);
         sender.send(&frame(1));
         assert_eq!(serial.talk().out.bytes, b"\rt001101\r");

@@ -1,4 +1,4 @@
-//! Foreign traffic: frames of nobody's concern, as many as fill a share of a wire.
+//! Foreign traffic: frames that no node uses, as many as fill a share of a bus.
 
 use crate::Frame;
 use crate::hub::{Detached, Hub, Sink};
@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Frames of 11-bit identifiers that CiA 301 leaves to nobody, and of 29-bit ones, with varying data of all lengths; the
+/// Frames of 11-bit identifiers that CiA 301 does not assign, and of 29-bit ones, with varying data of all lengths; the
 /// same ones every time.
 #[derive(Clone, Debug)]
 pub struct Frames(u64);
@@ -39,7 +39,7 @@ impl Iterator for Frames {
 /// Fills the bus until it is dropped.
 pub struct Filler(Arc<AtomicBool>);
 
-/// Hears nothing.
+/// Receives nothing.
 struct Deaf;
 
 impl Sink for Deaf {
@@ -49,7 +49,7 @@ impl Sink for Deaf {
 }
 
 impl Filler {
-    /// Fills a share of a wire of `bit_rate` bit/s, besides what the others send.
+    /// Fills a share of a bus of `bit_rate` bit/s, in addition to other traffic.
     pub fn new(hub: &Hub, share: f64, bit_rate: u32) -> Filler {
         let stop = Arc::new(AtomicBool::new(false));
         let filler = Filler(stop.clone());

@@ -1,6 +1,6 @@
 //! The hub: every port gets all frames but its own.
 //!
-//! A node that hears itself takes its own process data for another's; so nothing is ever echoed. A frame that is sent has
+//! A node that receives its own frames takes its process data for another's; so nothing is ever echoed. A frame that is sent has
 //! been delivered to every port when [`Port::send`] returns, and all ports see all frames in the same order.
 //!
 //! Delivery never waits. A port that cannot take a frame says so and is detached: one slow program does not stall a bus.

@@ -53,7 +53,7 @@ impl Interface {
         self.0.lost.load(Ordering::Relaxed)
     }
 
-    /// The kernel has taken the interface away, or down.
+    /// The interface is gone or down.
     pub fn has_left(&self) -> bool {
         self.0.left.load(Ordering::Relaxed)
     }
@@ -115,7 +115,7 @@ fn from_kernel(frame: &CanFrame) -> Option<Frame> {
     }
 }
 
-/// What a person can do about an interface that does not open.
+/// Remedy for an interface that does not open.
 fn advice(name: &str, error: &std::io::Error) -> String {
     // AF_CAN is not known to this kernel, or to this container.
     const NO_FAMILY: i32 = 97;

@@ -29,7 +29,7 @@ impl Mailbox {
         frames.extend(self.inner().frames.drain(..));
     }
 
-    /// Waits until a frame is there, somebody rings, or the time has come.
+    /// Waits until a frame is there, the mailbox is rung, or the time has come.
     pub fn wait(&self, until: Instant) {
         let mut inner = self.inner();
         while inner.frames.is_empty() && !inner.rung {

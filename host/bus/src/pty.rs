@@ -1,6 +1,6 @@
 //! A serial port for slcan: a pseudo-terminal that looks like an adapter on a USB port.
 //!
-//! The line is raw, and its far end is kept open here as well: clients come and go, and what they say is never echoed or
+//! The line is raw, and its far end is kept open here as well: clients come and go, and their input is never echoed or
 //! turned into lines.
 
 use crate::client::{Chunk, Client, Protocol, Report, TooSlow};
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
 
-/// How long to wait for a file before looking whether it is still wanted.
+/// How long to wait for a file before looking whether the wait is still valid.
 const PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
 
 /// A serial port. Dropping it ends the conversation and removes the link.
@@ -72,7 +72,7 @@ impl Drop for SerialPort {
     }
 }
 
-/// Joins a bus behind the adapter at a serial port. How fast the serial line is matters to none on USB.
+/// Joins a bus behind the adapter at a serial port. The speed of the serial line does not matter on USB.
 pub(crate) fn connect(
     hub: &Hub,
     device: &Path,
@@ -122,7 +122,7 @@ pub(crate) fn ready(fd: &impl AsFd, what: PollFlags) -> Result<(), Errno> {
     }
 }
 
-/// Writes bytes as fast as they are read, until they are not wanted any more.
+/// Writes bytes as fast as they are read, until they are not valid any more.
 fn write(near: &OwnedFd, far: &OwnedFd, chunk: &Chunk<'_>) -> io::Result<()> {
     if chunk.fresh {
         tcflush(far, QueueSelector::IFlush)?;

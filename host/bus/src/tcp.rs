@@ -1,4 +1,4 @@
-//! Clients by network.
+//! Clients over the network.
 
 use crate::client::{Client, Protocol, Report, TooSlow};
 use crate::hub::Hub;
@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// Clients at the same time on one address. One more takes the place of the one that has said nothing for longest.
+/// Clients at the same time on one address. One more replaces the one that has been silent for longest.
 pub const CLIENTS: usize = 16;
 /// How long a client that has just hung up may take to leave its place.
 const LEAVES: Duration = Duration::from_millis(100);
@@ -21,7 +21,7 @@ const QUIET: Duration = Duration::from_secs(1);
 /// Makes the conversation of a new client.
 pub type Make = fn() -> Box<dyn Protocol>;
 
-/// An address that clients connect to. Dropping it ends their conversations, and nobody can connect any more.
+/// An address that clients connect to. Dropping it ends their conversations and closes the address.
 pub struct Listener {
     address: SocketAddr,
     stop: Arc<AtomicBool>,
@@ -48,7 +48,9 @@ impl Listener {
                 }
                 match stream.and_then(|stream| admit(&hub, stream, make, &report, &clients)) {
                     Ok(None) => {}
-                    Ok(Some(evicted)) => log.say(&format!("{evicted}: hung up on, {CLIENTS} others came after it")),
+                    Ok(Some(evicted)) => {
+                        log.say(&format!("{evicted}: disconnected, {CLIENTS} newer clients are connected"))
+                    }
                     Err(error) => log.say(&format!("a client could not be served: {error}")),
                 }
             }
@@ -95,13 +97,13 @@ impl Log {
         }
         match std::mem::take(&mut self.kept_back) {
             0 => (self.report)(what),
-            more => (self.report)(&format!("{what}; and {more} times the like before")),
+            more => (self.report)(&format!("{what}; and {more} similar events before")),
         }
         self.said = Some(Instant::now());
     }
 }
 
-/// Serves a client by two threads; whose place it has taken, when all were.
+/// Serves a client by two threads; gives the client that it replaced, if any.
 fn admit(
     hub: &Hub,
     stream: TcpStream,
@@ -156,10 +158,10 @@ fn converse(
     Ok(client)
 }
 
-/// Joins a bus that somebody else serves at `address`; the protocol is that of the calling side.
+/// Joins a bus that another program serves at `address`; the protocol is that of the calling side.
 ///
 /// # Errors
-/// When nobody listens there.
+/// When no program listens there.
 pub(crate) fn connect(
     hub: &Hub,
     address: &str,

@@ -148,7 +148,7 @@ fn a_client_that_stops_reading_is_cut_off_and_the_others_lose_nothing() {
     let _good = reader.join().unwrap();
     eventually("the stuck client is off", || bus.hub.ports() == 2);
     let said = bus.said.lock().unwrap();
-    assert!(said.len() == 1 && said[0].ends_with(": cut off, it does not read fast enough"), "{said:?}");
+    assert!(said.len() == 1 && said[0].ends_with(": disconnected, it does not read fast enough"), "{said:?}");
 }
 
 #[test]
@@ -182,7 +182,7 @@ fn clients_leave_without_a_trace_and_one_too_many_takes_the_place_of_the_longest
             read(client, 6);
         }
         let mut newcomer = connect(&listener);
-        assert_eq!(clients[3].read(&mut [0; 1]).unwrap(), 0, "it is hung up on");
+        assert_eq!(clients[3].read(&mut [0; 1]).unwrap(), 0, "it is disconnected");
         newcomer.write_all(b"V\r").unwrap();
         read(&mut newcomer, 6);
         eventually("the others are still on", || bus.hub.ports() == 1 + CLIENTS);
@@ -191,7 +191,7 @@ fn clients_leave_without_a_trace_and_one_too_many_takes_the_place_of_the_longest
     }
     let mut client = connect(&listener);
     eventually("it is on", || bus.hub.ports() == 2);
-    assert!(bus.said.lock().unwrap().iter().all(|said| said.contains("hung up on, 16 others came after it")));
+    assert!(bus.said.lock().unwrap().iter().all(|said| said.contains("disconnected, 16 newer clients are connected")));
     drop(listener);
     assert_eq!(client.read(&mut [0; 1]).unwrap(), 0, "the conversation is over");
     eventually("it is off", || bus.hub.ports() == 1);
@@ -276,7 +276,7 @@ mod serial {
         for _ in 0..2 * WAITING / 22 {
             bus.port.send(&frame(0x181, &[0; 8]));
         }
-        assert_eq!(*bus.said.lock().unwrap(), [format!("{}: closed, nobody reads", link.display())]);
+        assert_eq!(*bus.said.lock().unwrap(), [format!("{}: closed, the client does not read", link.display())]);
     }
 
     #[test]

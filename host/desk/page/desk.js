@@ -159,7 +159,7 @@ function show() {
   $("session").textContent = mine ? "This session has command."
     : commander === null ? "No session has command." : `Session ${commander} has command; this session watches.`;
   document.body.classList.toggle("watching", !mine);
-  const commands = "#bore *, #asks button, [data-wish], #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
+  const commands = "#bore *, #asks button, [data-request], #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
   for (const button of document.querySelectorAll(commands)) {
     button.disabled = !mine || node === null;
   }
@@ -169,25 +169,25 @@ async function scan() {
   $("found").replaceChildren(item("li", "Scanning ..."));
   clearTimeout(again);
   const found = await ask({ do: "heads" }).catch((error) => lost(error.message)) ?? [];
-  const list = found.map(({ node: id, card, why_not }) => {
+  const list = found.map(({ node: id, identity, why_not }) => {
     const line = item("li", "");
-    if (!card) {
+    if (!identity) {
       line.append(why_not);
       return line;
     }
     const choose = item("button", `Node ${id}`);
-    choose.onclick = () => choose_head(id, card);
+    choose.onclick = () => choose_head(id, identity);
     const place = item("span", "");
     place.id = `now-${id}`;
-    line.append(choose, ` ${card.name}, hardware ${card.hardware}, software ${card.software}, serial number ${card.serial}: `, place);
+    line.append(choose, ` ${identity.name}, hardware ${identity.hardware}, software ${identity.software}, serial number ${identity.serial}: `, place);
     return line;
   });
   $("found").replaceChildren(...list.length ? list : [item("li", "No node answers: check power and bit rate of the heads.")]);
-  const heads = found.filter((one) => one.card);
+  const heads = found.filter((one) => one.identity);
   // One that is switched on later is found without a hand.
   if (!heads.length) again = setTimeout(scan, 3000);
   for (const one of heads) does(one.now);
-  if (heads.length && !heads.some((one) => one.node === node)) choose_head(heads[0].node, heads[0].card);
+  if (heads.length && !heads.some((one) => one.node === node)) choose_head(heads[0].node, heads[0].identity);
 }
 
 // What a head does, in the list of heads.
@@ -195,7 +195,7 @@ function does({ node: id, state, homed, position_mm, fault_number, fault }) {
   put(`now-${id}`, `${state}, ${homed ? `at ${position_mm.toFixed(3)} mm` : "not homed"}${fault_number ? `; ${fault}` : ""}`);
 }
 
-function choose_head(id, card) {
+function choose_head(id, identity) {
   if (node === id) return;
   node = id;
   lines = [];
@@ -208,7 +208,7 @@ function choose_head(id, card) {
   }
   for (const id of ["left", "gap-left", "gap-depth"]) $(id).textContent = "no hole in progress";
   $("head").textContent = `node ${id}`;
-  $("head").title = `${card.name}, serial number ${card.serial}`;
+  $("head").title = `${identity.name}, serial number ${identity.serial}`;
   Object.values(traces).forEach((trace) => trace.clear());
   show();
   if (location.hash === "#settings") read();
@@ -460,12 +460,12 @@ $("command").onclick = () => want({ do: "command", take: commander !== me }).cat
 $("reset").onclick = () => want({ do: "reset", node }).catch((error) => lost(error.message));
 $("scan").onclick = scan;
 // What is under the electrode is asked where a hole may have been begun there.
-function bore(ground) {
+function bore(site) {
   const form = new FormData($("bore"));
   const number = (name) => (form.get(name) === "" ? null : Number(form.get(name)));
   surface = null;
   $("asks").hidden = true;
-  const hole = { depth_mm: number("depth"), surface_mm: number("surface"), height_mm: number("height"), ground };
+  const hole = { depth_mm: number("depth"), surface_mm: number("surface"), height_mm: number("height"), site };
   ask({ do: "bore", node, hole }).catch(({ message, asks }) => {
     if (!asks) return say(message);
     $("asks").firstElementChild.textContent = message;
@@ -480,8 +480,8 @@ $("bore").onsubmit = (submit) => {
 };
 $("continue").onclick = () => bore("begun");
 $("new-surface").onclick = () => bore("new");
-for (const button of document.querySelectorAll("[data-wish]")) {
-  button.onclick = () => want({ do: "wish", wish: button.dataset.wish }).catch(() => {});
+for (const button of document.querySelectorAll("[data-request]")) {
+  button.onclick = () => want({ do: "request", request: button.dataset.request }).catch(() => {});
 }
 $("record").onsubmit = record;
 $("up-begin").onclick = () => want({ do: "bring_up", node }).catch(() => {});

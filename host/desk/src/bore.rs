@@ -1,11 +1,11 @@
 //! A hole, from a disabled head to a disabled head.
 //!
 //! The head is watched and watches (heartbeats both ways) before it is enabled. It takes where it rests for home if it has none,
-//! touches the work off with pulses off, goes back a little, and erodes to the depth; then it goes up and is disabled. A wish
-//! comes in between at any time. However this ends, pulses are off afterwards, or the error says that they may not be.
+//! touches the work off with pulses off, goes back a little, and erodes to the depth; then it goes up and is disabled. A request
+//! is accepted at any time. At the end pulses are off, or the error says that they may be on.
 //!
 //! A touch in a hole that was begun finds its bottom. The head keeps the surface of a hole from its first pulse on (2011h:11), and
-//! where there may be one under the electrode somebody has to say whether it is continued, or the surface is a new one.
+//! where there may be one under the electrode the user must say whether to continue it, or to start at a new surface.
 
 use crate::Failure;
 use crate::bus::SILENCE;
@@ -20,11 +20,11 @@ use std::time::{Duration, Instant};
 pub const PERIOD: Duration = Duration::from_millis(50);
 /// Velocity of moves with pulses off, where the head allows it, mm/s.
 const TRAVEL_MM_S: f64 = 20.0;
-/// What is being done while the gap leads.
+/// Activity while the gap leads.
 const ERODING: &str = "eroding";
 /// Why a wait ended when nothing went wrong.
 const ON_REQUEST: &str = "ended on request";
-/// Why [`Run::alive`] ends a run that nobody commands any more: the head is left to its own retreat.
+/// Why [`Run::alive`] ends a run without a commanding session: the head retreats by itself.
 pub const GONE: &str = "the session in command is lost";
 /// Time over which a pace is taken, s, and the shortest.
 const PACE_S: f64 = 30.0;
@@ -32,7 +32,7 @@ const LEAST_PACE_S: f64 = 5.0;
 /// How long a head may take to notice that, beyond the silence that it allows.
 const NOTICES: Duration = Duration::from_secs(2);
 
-/// What is to be bored.
+/// A hole to bore.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 pub struct Hole {
     /// Depth below the surface, by the electrode, mm.
@@ -42,7 +42,7 @@ pub struct Hole {
     pub surface_mm: Option<f64>,
     /// What is under the electrode; needed where a hole may have been begun.
     #[serde(default)]
-    pub ground: Option<Ground>,
+    pub site: Option<Site>,
     /// Height above the surface at which pulses begin, mm.
     #[serde(default = "height")]
     pub height_mm: f64,
@@ -51,7 +51,7 @@ pub struct Hole {
 /// What is under the electrode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Ground {
+pub enum Site {
     /// Work that was not eroded there: its surface is touched off.
     New,
     /// The hole that was begun: it is continued, and measured from the surface that the head keeps.
@@ -64,7 +64,7 @@ pub const fn height() -> f64 {
 }
 
 impl Hole {
-    /// Whether it can be meant.
+    /// Checks the ranges.
     ///
     /// # Errors
     /// What is allowed.
@@ -79,25 +79,25 @@ impl Hole {
                 return Err(Failure::BadInput(format!("{name} {value} mm: must be a number from {low} to {high} mm")));
             }
         }
-        if self.surface_mm.is_some() && self.ground.is_some() {
+        if self.surface_mm.is_some() && self.site.is_some() {
             return Err(Failure::BadInput("a given surface excludes both a new surface and a hole to continue".into()));
         }
         Ok(())
     }
 
-    /// Whether it can be begun where the head is now.
+    /// Checks whether it can be begun at the present position.
     ///
     /// # Errors
-    /// What is allowed, what somebody has to decide, or those of the transfers.
+    /// What is allowed, what the user must decide, or those of the transfers.
     pub fn may_begin(&self, head: &Head) -> Result<Known, Failure> {
         self.check()?;
         let per_mm = head.counts_per_mm()?;
         let mm = |counts: i64| counts as f64 / per_mm;
         let (here, end) = head.room()?;
-        let surface = match (self.surface_mm, self.ground) {
+        let surface = match (self.surface_mm, self.site) {
             (Some(given), _) => Some((given * per_mm).round() as i64),
-            (None, Some(Ground::New)) => None,
-            (None, ground) => self.kept(head, ground.is_some())?,
+            (None, Some(Site::New)) => None,
+            (None, site) => self.kept_surface(head, site.is_some())?,
         };
         match surface {
             Some(surface) => self.fits(mm(surface), mm(end), "below the surface")?,
@@ -106,8 +106,8 @@ impl Hole {
         Ok(Known { surface, end })
     }
 
-    /// The surface that the head keeps, where that is to be gone by; none where there was no erosion.
-    fn kept(&self, head: &Head, continues: bool) -> Result<Option<i64>, Failure> {
+    /// The surface that the head keeps, if the hole is continued from it; none where there was no erosion.
+    fn kept_surface(&self, head: &Head, continues: bool) -> Result<Option<i64>, Failure> {
         let per_mm = head.counts_per_mm()?;
         let kept = Some(head.whole(at::KEPT_SURFACE)?).filter(|kept| *kept != NO_SURFACE);
         let eroded = head.whole(at::ERODING_TIME)? > 0;
@@ -158,12 +158,12 @@ pub struct Known {
     end: i64,
 }
 
-/// What somebody wants of a hole that is being bored.
+/// A request to a hole in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u8)]
-pub enum Wish {
-    /// Bore on.
+pub enum Request {
+    /// Continue boring.
     Go = 0,
     /// Pulses off, hold.
     Pause = 1,
@@ -175,26 +175,26 @@ pub enum Wish {
     Stop = 4,
 }
 
-/// The newest wish; nothing takes back [`Wish::Leave`] but [`Wish::Stop`], and nothing that.
+/// The newest request. Only [`Request::Stop`] replaces [`Request::Leave`], and nothing replaces that.
 #[derive(Debug, Default)]
-pub struct Wishes(AtomicU8);
+pub struct Requests(AtomicU8);
 
-impl Wishes {
-    /// Wants something else.
-    pub fn want(&self, wish: Wish) {
+impl Requests {
+    /// Sets a request.
+    pub fn want(&self, request: Request) {
         let _ = self.0.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| {
-            (now < Wish::Leave as u8 || wish as u8 > now).then_some(wish as u8)
+            (now < Request::Leave as u8 || request as u8 > now).then_some(request as u8)
         });
     }
 
-    /// What is wanted.
-    pub fn now(&self) -> Wish {
+    /// The newest request.
+    pub fn now(&self) -> Request {
         match self.0.load(Ordering::Acquire) {
-            0 => Wish::Go,
-            1 => Wish::Pause,
-            2 => Wish::Back,
-            3 => Wish::Leave,
-            _ => Wish::Stop,
+            0 => Request::Go,
+            1 => Request::Pause,
+            2 => Request::Back,
+            3 => Request::Leave,
+            _ => Request::Stop,
         }
     }
 }
@@ -202,19 +202,19 @@ impl Wishes {
 /// How far it is.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Progress {
-    /// What is being done.
+    /// Present activity.
     pub doing: &'static str,
-    /// The same with how far it is.
+    /// The same, with the depth.
     pub said: String,
-    /// What was wanted last.
-    pub wish: Wish,
+    /// The newest request.
+    pub request: Request,
     /// Depth of the electrode below the surface, mm, once that is known.
     pub depth_mm: Option<f64>,
-    /// Depth asked for, mm.
+    /// Depth requested, mm.
     pub target_mm: f64,
     /// Time since pulses began, s.
     pub seconds: f64,
-    /// Time that the rest takes at the pace of the last half minute, s; nothing while there is no pace, as in a seek.
+    /// Time that the rest takes at the pace of the last half minute, s; none without a pace, as in a seek.
     pub left_s: Option<f64>,
     /// What the head does.
     pub sample: Sample,
@@ -227,7 +227,7 @@ pub struct Outcome {
     pub reached: bool,
     /// Deepest position of the electrode below the surface, mm.
     pub depth_mm: f64,
-    /// Depth asked for, mm.
+    /// Depth requested, mm.
     pub target_mm: f64,
     /// Where the surface is below home, mm.
     pub surface_mm: f64,
@@ -237,10 +237,10 @@ pub struct Outcome {
     pub why: String,
 }
 
-/// Ends a run early: what was wanted, or what failed.
+/// Why a run ends early: a request, or a failure.
 enum End {
-    Wanted(Wish),
-    /// It cannot be, and nothing has gone wrong.
+    Wanted(Request),
+    /// Not possible, without a failure.
     Refused(Failure),
     Failed(Failure),
 }
@@ -251,20 +251,20 @@ impl<E: Into<Failure>> From<E> for End {
     }
 }
 
-/// What a run goes by.
+/// Inputs of a run.
 pub struct Run<'a> {
     /// The head.
     pub head: &'a Head,
     /// What it does.
     pub live: &'a mut Live,
-    /// What is to be bored.
+    /// The hole.
     pub hole: Hole,
-    /// What is wanted meanwhile.
-    pub wishes: &'a Wishes,
-    /// Called 20 times a second and in every wait: says that this program goes on. An error ends the run.
+    /// Requests of the user.
+    pub requests: &'a Requests,
+    /// Called 20 times a second and in every wait: keeps the heartbeat alive. An error ends the run.
     pub alive: &'a dyn Fn() -> Result<(), Failure>,
-    /// Told how far it is.
-    pub told: &'a mut dyn FnMut(&Progress),
+    /// Called with the progress.
+    pub on_progress: &'a mut dyn FnMut(&Progress),
 }
 
 /// What the run has found out.
@@ -290,8 +290,8 @@ impl Pace {
             self.0.pop_front();
         }
         let (then, before) = *self.0.front()?;
-        let (time, way) = (seconds - then, deepest - before);
-        (time >= LEAST_PACE_S && way > 0.0).then(|| (target - deepest).max(0.0) * time / way)
+        let (time, progress) = (seconds - then, deepest - before);
+        (time >= LEAST_PACE_S && progress > 0.0).then(|| (target - deepest).max(0.0) * time / progress)
     }
 }
 
@@ -308,13 +308,13 @@ impl Run<'_> {
         self.live.expect_heartbeat();
         let mut place = Place { known, ..Place::default() };
         let ended = match self.bore(&mut place) {
-            // A wait was ended by a wish.
-            Err(End::Failed(Failure::Failed(why))) if why == ON_REQUEST => Err(End::Wanted(self.wishes.now())),
+            // A wait was ended by a request.
+            Err(End::Failed(Failure::Failed(why))) if why == ON_REQUEST => Err(End::Wanted(self.requests.now())),
             ended => ended,
         };
         // Up only where that is wanted and nothing has gone wrong: a head in doubt is left to its own reaction.
         let up = match &ended {
-            Ok(_) | Err(End::Wanted(Wish::Leave) | End::Refused(_)) => self.up(place.top),
+            Ok(_) | Err(End::Wanted(Request::Leave) | End::Refused(_)) => self.up(place.top),
             _ => Ok(()),
         };
         let now = match &ended {
@@ -324,14 +324,14 @@ impl Run<'_> {
         // Not enabled any more; what the profile was is of no consequence to a head that does not answer.
         let _ = self.head.set(at::PROFILE_VELOCITY, velocity);
         armed.disarm();
-        let now =
-            now.map_err(|why| Failure::Failed(format!("{why}; it monitors this program, and retreats by itself")))?;
+        let now = now
+            .map_err(|why| Failure::Failed(format!("{why}; the head monitors this program and retreats by itself")))?;
         let per_mm = self.live.counts_per_mm();
         let surface_mm = place.surface.map_or(0.0, |counts| counts as f64 / per_mm);
         let depth_mm = place.deepest.map_or(0.0, |deepest| deepest - surface_mm);
         let (reached, why) = match ended {
             Ok(why) => (true, why),
-            Err(End::Wanted(Wish::Stop)) => (false, "stopped".into()),
+            Err(End::Wanted(Request::Stop)) => (false, "stopped".into()),
             Err(End::Wanted(_)) => (false, ON_REQUEST.into()),
             Err(End::Failed(failure) | End::Refused(failure)) => {
                 let depth =
@@ -367,7 +367,7 @@ impl Run<'_> {
         self.head.set(at::ERODE, 0)?;
         self.head.move_to(top, &mut || {
             (self.alive)()?;
-            if self.wishes.now() == Wish::Stop { Err(Failure::Failed(ON_REQUEST.into())) } else { Ok(()) }
+            if self.requests.now() == Request::Stop { Err(Failure::Failed(ON_REQUEST.into())) } else { Ok(()) }
         })
     }
 
@@ -375,10 +375,10 @@ impl Run<'_> {
         let (head, hole) = (self.head, self.hole);
         let per_mm = self.live.counts_per_mm();
         let counts = |mm: f64| (mm * per_mm).round() as i64;
-        self.tell("enabling", place)?;
+        self.report("enabling", place)?;
         head.enable(&mut self.tick())?;
         if head.whole(at::HOMED)? == 0 {
-            self.tell("homing at the rest position", place)?;
+            self.report("homing at the rest position", place)?;
             head.home_here(&mut self.tick())?;
         }
         place.top = head.whole(at::POSITION)?;
@@ -386,14 +386,14 @@ impl Run<'_> {
         let surface = match place.known.surface {
             Some(surface) => surface,
             None => {
-                self.tell("touching off", place)?;
+                self.report("touching off", place)?;
                 head.find_surface(&mut self.tick())?
             }
         };
         place.surface = Some(surface);
         let fits = hole.fits(surface as f64 / per_mm, place.known.end as f64 / per_mm, "below the surface");
         fits.map_err(End::Refused)?;
-        self.tell("moving to the start height", place)?;
+        self.report("moving to the start height", place)?;
         let height = surface - counts(hole.height_mm);
         head.move_to(height, &mut self.tick())?;
 
@@ -403,14 +403,14 @@ impl Run<'_> {
         loop {
             head.set(at::ERODE, 1)?;
             head.start(target, &mut self.tick())?;
-            let wish = loop {
-                let wish = self.tell(ERODING, place)?;
+            let request = loop {
+                let request = self.report(ERODING, place)?;
                 // Not of the sample: that may still be of the move before.
                 if head.status()? & status::REACHED != 0 {
                     return Ok(self.ended()?);
                 }
-                if wish != Wish::Go {
-                    break wish;
+                if request != Request::Go {
+                    break request;
                 }
                 std::thread::sleep(PERIOD);
             };
@@ -418,13 +418,13 @@ impl Run<'_> {
             head.set(at::ERODE, 0)?;
             let mut up = false;
             let doing = |up| if up { "waiting, pulses off" } else { "paused, pulses off" };
-            let mut wish = wish;
-            while wish != Wish::Go {
-                if wish == Wish::Back && !up {
+            let mut request = request;
+            while request != Request::Go {
+                if request == Request::Back && !up {
                     head.move_to(height, &mut self.tick())?;
                     up = true;
                 }
-                wish = self.tell(doing(up), place)?;
+                request = self.report(doing(up), place)?;
                 std::thread::sleep(PERIOD);
             }
         }
@@ -437,21 +437,21 @@ impl Run<'_> {
         Ok(names.get(&by).cloned().unwrap_or_else(|| "target reached".into()))
     }
 
-    /// In waits: goes on, unless the end is wanted.
+    /// In waits: continues, unless the end is requested.
     fn tick(&self) -> impl FnMut() -> Result<(), Failure> + use<'_> {
         || {
             (self.alive)()?;
-            match self.wishes.now() {
-                Wish::Leave | Wish::Stop => Err(Failure::Failed(ON_REQUEST.into())),
+            match self.requests.now() {
+                Request::Leave | Request::Stop => Err(Failure::Failed(ON_REQUEST.into())),
                 _ => Ok(()),
             }
         }
     }
 
-    /// Takes a sample and tells it; what is wanted.
-    fn tell(&mut self, doing: &'static str, place: &mut Place) -> Result<Wish, End> {
+    /// Takes a sample and reports it; gives the newest request.
+    fn report(&mut self, doing: &'static str, place: &mut Place) -> Result<Request, End> {
         (self.alive)()?;
-        let wish = self.wishes.now();
+        let request = self.requests.now();
         let sample = self.live.sample()?;
         let per_mm = self.live.counts_per_mm();
         let surface = place.surface.map(|counts| counts as f64 / per_mm);
@@ -459,7 +459,7 @@ impl Run<'_> {
             place.deepest = Some(place.deepest.unwrap_or(f64::MIN).max(sample.position_mm));
         }
         let seconds = place.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
-        // The erosion begins with a seek, and goes on with one where it was left.
+        // The erosion begins with a seek, also after a pause.
         let doing = if doing == ERODING && sample.state_number == state::SEEKING { "seeking" } else { doing };
         // In the work alone: the way to it says nothing.
         let deep = surface.zip(place.deepest).map(|(surface, deepest)| deepest - surface).filter(|deep| *deep > 0.0);
@@ -468,26 +468,26 @@ impl Run<'_> {
         let progress = Progress {
             doing,
             said: said(doing, depth_mm.filter(|_| place.began.is_some()), self.hole.depth_mm),
-            wish,
+            request,
             depth_mm,
             target_mm: self.hole.depth_mm,
             seconds,
             left_s: left_s.filter(|_| doing == ERODING),
             sample,
         };
-        (self.told)(&progress);
+        (self.on_progress)(&progress);
         if progress.sample.fault_number != 0 {
             return Err(End::Failed(Failure::Failed(progress.sample.fault)));
         }
-        // Of now: who stops a head wishes so before it is disabled.
-        let wish = self.wishes.now();
-        if let Wish::Leave | Wish::Stop = wish {
-            return Err(End::Wanted(wish));
+        // Of now: who stops a head requests so before it is disabled.
+        let request = self.requests.now();
+        if let Request::Leave | Request::Stop = request {
+            return Err(End::Wanted(request));
         }
         if place.began.is_some() && progress.sample.state_number == state::DISABLED {
             return Err(End::Failed(Failure::Failed("another program has disabled the head".into())));
         }
-        Ok(wish)
+        Ok(request)
     }
 }
 
@@ -529,6 +529,6 @@ mod tests {
         assert!((left - 35.0).abs() < 1e-9, "{left}");
         // What was before the last half minute counts no more: it stands still.
         assert!((11..=40).all(|second| pace.left(f64::from(second), 0.3, 1.0).is_none() == (second >= 40)));
-        assert_eq!(pace.left(41.0, 1.2, 1.0), Some(0.0), "deeper than asked for");
+        assert_eq!(pace.left(41.0, 1.2, 1.0), Some(0.0), "deeper than requested");
     }
 }

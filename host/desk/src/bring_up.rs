@@ -1,15 +1,16 @@
-//! Bring-up: what of docs/bring-up.md a host can see, looked at while somebody does the steps; the guided check; a dated report.
+//! Bring-up: checks the steps of docs/bring-up.md that a host can see while the user does them; runs the guided check; makes a
+//! dated report.
 //!
-//! What to see, its limits and what to do otherwise are those of that page ([`crate::guide`]), of the head's settings and of
-//! its dictionary. Nothing moves and no setting changes before the guided check is asked for. The head keeps of that check its
-//! result and the friction; stroke and open-circuit voltage are what this program has seen of them meanwhile.
+//! Checks, limits and advice are those of that page ([`crate::guide`]), of the head's settings and of its dictionary. Nothing
+//! moves and no setting changes before the guided check is requested. The head keeps of that check its
+//! result and the friction; stroke and open-circuit voltage are what this program has observed of them meanwhile.
 //!
 //! The head watches this program, and ends the check by itself when that is gone.
 
 use crate::Failure;
 use crate::bus::SILENCE;
 use crate::guide;
-use crate::head::{Card, Head, at, state};
+use crate::head::{Head, Identity, at, state};
 use crate::live::{Live, Sample};
 use crate::sdo::Address;
 use crate::words;
@@ -22,22 +23,22 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// The step of the guided check.
 pub const CHECK: u8 = 10;
-/// Time between two looks at everything.
+/// Period of all checks.
 const PERIOD: Duration = Duration::from_millis(100);
-/// Time between two looks at what a hand does.
+/// Period of the checks during a manual motion.
 const GLANCE: Duration = Duration::from_millis(10);
-/// Travel by hand that shows the direction of the encoder, mm.
+/// Manual travel that shows the direction of the encoder, mm.
 const BY_HAND_MM: f64 = 0.2;
 /// Counts by which the place after that may differ: one may flicker.
 const SAME: i64 = 1;
-/// What the guided check may take besides its way there and back, each at twice the time that it should take.
+/// Time of the guided check in addition to its travel down and up, each at twice the expected time.
 const CHECK_TIME: Duration = Duration::from_secs(30);
 /// Contacts that are opened one by one; their bits in 60FDh.
 const CONTACTS: [u8; 4] = [0, 1, 16, 17];
-/// What must not be there; their bits in 60FDh.
+/// Inputs that must not be active; their bits in 60FDh.
 const ALARMS: [u8; 2] = [18, 19];
 
-/// What became of a check.
+/// Result of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -49,71 +50,71 @@ pub enum Verdict {
     Failed,
 }
 
-/// One thing that is looked at.
+/// One check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Check {
     /// Step of docs/bring-up.md.
     pub step: u8,
-    /// What it is.
+    /// What is checked.
     pub what: String,
-    /// What it is now, or was when it was seen; nothing where there is no value.
+    /// Value now, or when it was observed; none where there is none.
     pub value: Value,
     /// Its unit; empty for none.
     pub unit: &'static str,
-    /// What it should be.
+    /// Allowed value.
     pub allowed: String,
-    /// What became of it.
+    /// Result.
     pub verdict: Verdict,
-    /// What to do as long as it has not passed.
+    /// Advice until it has passed.
     pub advice: String,
 }
 
-/// What somebody wants of a bring-up.
+/// A request to a bring-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Wish {
-    /// Go on looking.
+pub enum Request {
+    /// Continue checking.
     Look = 0,
     /// The guided check, when all before it has passed.
     Check = 1,
-    /// The guided check, when nothing before it has failed: what is done by hand was seen before.
+    /// The guided check, when nothing before it has failed: the manual steps were observed before.
     CheckAgain = 2,
     /// The report.
     End = 3,
 }
 
-/// The newest wish. Nothing takes back [`Wish::End`].
+/// The newest request. Nothing replaces [`Request::End`].
 #[derive(Debug, Default)]
-pub struct Wishes(AtomicU8);
+pub struct Requests(AtomicU8);
 
-impl Wishes {
-    /// Wants something else.
-    pub fn want(&self, wish: Wish) {
-        self.0.fetch_max(wish as u8, Ordering::AcqRel);
+impl Requests {
+    /// Sets a request.
+    pub fn want(&self, request: Request) {
+        self.0.fetch_max(request as u8, Ordering::AcqRel);
     }
 
-    /// What is wanted.
-    pub fn now(&self) -> Wish {
+    /// The newest request.
+    pub fn now(&self) -> Request {
         match self.0.load(Ordering::Acquire) {
-            0 => Wish::Look,
-            1 => Wish::Check,
-            2 => Wish::CheckAgain,
-            _ => Wish::End,
+            0 => Request::Look,
+            1 => Request::Check,
+            2 => Request::CheckAgain,
+            _ => Request::End,
         }
     }
 
-    /// A check that was asked for is over.
+    /// A requested check is over.
     fn done(&self) {
-        let _ = self.0.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| (now < Wish::End as u8).then_some(0));
+        let _ = self.0.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| (now < Request::End as u8).then_some(0));
     }
 }
 
 /// How far it is.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Progress {
-    /// What is being done, or why what was asked for was not.
+    /// Present activity, or why a request was not carried out.
     pub doing: String,
-    /// Everything that is looked at.
+    /// All checks.
     pub checks: Vec<Check>,
     /// What the head does.
     pub sample: Sample,
@@ -137,15 +138,15 @@ pub struct Report {
     pub date: String,
     /// By which program.
     pub program: String,
-    /// Way onto the bus.
+    /// Connection to the bus.
     pub bus: String,
     /// Which head.
-    pub card: Card,
+    pub identity: Identity,
     /// The head's program (2009h:2).
     pub build: String,
-    /// Everything that was looked at.
+    /// All checks.
     pub checks: Vec<Check>,
-    /// Steps, by number and title, of which no host sees anything.
+    /// Steps, by number and title, that no host can see.
     pub not_looked_at: Vec<(u8, &'static str)>,
     /// Everything has passed.
     pub passed: bool,
@@ -157,7 +158,7 @@ impl Report {
         self.checks.iter().filter(|check| check.verdict == verdict).count()
     }
 
-    /// What came of it, in one line.
+    /// Result in one line.
     pub fn verdict(&self) -> String {
         let [passed, failed, open] =
             [Verdict::Passed, Verdict::Failed, Verdict::NotSeen].map(|verdict| self.count(verdict));
@@ -172,20 +173,20 @@ impl Report {
     /// Name of its files.
     pub fn name(&self) -> String {
         let date: String = self.date.chars().filter(char::is_ascii_digit).collect();
-        format!("bring-up-{}-{date}", self.card.serial)
+        format!("bring-up-{}-{date}", self.identity.serial)
     }
 
     /// As Markdown.
     pub fn markdown(&self) -> String {
-        let Report { date, program, bus, card, build, .. } = self;
+        let Report { date, program, bus, identity, build, .. } = self;
         let mut text = format!(
             "# Bring-up of {}, serial number {}\n\n{date}, node {} at {bus}. Hardware {}, software {}, build {build}. Checked by {program}.\n\n\
              **{}.** The steps are those of docs/bring-up.md.\n",
-            card.name,
-            card.serial,
-            card.node,
-            card.hardware,
-            card.software,
+            identity.name,
+            identity.serial,
+            identity.node,
+            identity.hardware,
+            identity.software,
             self.verdict()
         );
         for (step, title) in guide::steps() {
@@ -241,14 +242,14 @@ struct Limits {
     check_time: Duration,
 }
 
-/// What was seen of the guided check.
+/// What was observed of the guided check.
 #[derive(Default)]
 struct Checked {
     /// 2001h:4; nothing when it was broken off.
     result: Option<u8>,
     /// Why it was broken off.
     why: String,
-    /// Valid gap voltages, as they were seen.
+    /// Valid gap voltages, as they were observed.
     gap_v: Vec<f64>,
     stroke_counts: i64,
     breakaway_n: Option<f64>,
@@ -270,7 +271,7 @@ impl Range {
     }
 }
 
-/// What the gap reads by the sense supply alone.
+/// Gap voltage with the sense supply alone.
 struct Sense {
     open: Range,
     joined: Range,
@@ -285,16 +286,16 @@ impl Sense {
     }
 }
 
-/// What was seen since the beginning.
+/// What was observed since the beginning.
 #[derive(Default)]
-struct Seen {
+struct Observed {
     /// Where the head was.
     start: i64,
     /// Counts that show a direction.
     by_hand: i64,
     lowest: i64,
     highest: i64,
-    /// It was moved toward the work by hand, and has come back.
+    /// It was moved toward the work manually, and has returned.
     returned: bool,
     /// Contacts that have been open, by bits.
     opened: i64,
@@ -308,22 +309,22 @@ struct Seen {
     checked: Option<Checked>,
 }
 
-/// What a bring-up goes by.
+/// Inputs of a bring-up.
 pub struct BringUp<'a> {
     /// The head.
     pub head: &'a Head,
     /// What it does.
     pub live: &'a mut Live,
-    /// What is wanted meanwhile.
-    pub wishes: &'a Wishes,
-    /// Called at each look: says that this program goes on. An error ends it.
+    /// Requests of the user.
+    pub requests: &'a Requests,
+    /// Called at each check: keeps the heartbeat alive. An error ends the bring-up.
     pub alive: &'a dyn Fn() -> Result<(), Failure>,
-    /// Told how far it is.
-    pub told: &'a mut dyn FnMut(&Progress),
+    /// Called with the progress.
+    pub on_progress: &'a mut dyn FnMut(&Progress),
 }
 
 impl BringUp<'_> {
-    /// Looks on until the report is wanted.
+    /// Checks until the report is requested.
     ///
     /// # Errors
     /// What went wrong. A guided check has been ended then, or the error says that it may go on.
@@ -331,19 +332,19 @@ impl BringUp<'_> {
         let limits = Limits::of(self.head)?;
         let start = self.head.whole(at::INTERNAL_POSITION)?;
         let by_hand = (BY_HAND_MM * limits.per_mm) as i64;
-        let mut seen = Seen { start, by_hand, lowest: start, highest: start, ..Seen::default() };
+        let mut observed = Observed { start, by_hand, lowest: start, highest: start, ..Observed::default() };
         // Both ways, as step 7 wants it.
         let armed = self.head.arm()?;
         self.live.expect_heartbeat();
-        let ended = self.look_on(&limits, &mut seen);
+        let ended = self.look_on(&limits, &mut observed);
         armed.disarm();
         let checks = ended?;
         let looked_at = |step: u8| checks.iter().any(|check| check.step == step);
         Ok(Report {
             date: date(SystemTime::now()),
             program: format!("edm-desk {}", env!("CARGO_PKG_VERSION")),
-            bus: self.head.bus.way(),
-            card: self.head.card.clone(),
+            bus: self.head.bus.connection(),
+            identity: self.head.identity.clone(),
             build: String::from_utf8_lossy(&self.head.sdo.read(at::BUILD)?).into_owned(),
             not_looked_at: guide::steps().filter(|(step, _)| !looked_at(*step)).collect(),
             passed: checks.iter().all(|check| check.verdict == Verdict::Passed),
@@ -351,82 +352,83 @@ impl BringUp<'_> {
         })
     }
 
-    fn look_on(&mut self, limits: &Limits, seen: &mut Seen) -> Result<Vec<Check>, Failure> {
+    fn look_on(&mut self, limits: &Limits, observed: &mut Observed) -> Result<Vec<Check>, Failure> {
         let mut doing = String::from("watching");
         loop {
             (self.alive)()?;
-            let checks = self.checks(limits, seen)?;
+            let checks = self.checks(limits, observed)?;
             let sample = self.live.sample()?;
-            (self.told)(&Progress { doing: doing.clone(), checks: checks.clone(), sample });
-            let wish = self.wishes.now();
-            match wish {
-                Wish::Look => {}
-                Wish::End => return Ok(checks),
-                Wish::Check | Wish::CheckAgain => {
+            (self.on_progress)(&Progress { doing: doing.clone(), checks: checks.clone(), sample });
+            let request = self.requests.now();
+            match request {
+                Request::Look => {}
+                Request::End => return Ok(checks),
+                Request::Check | Request::CheckAgain => {
                     let stands = |check: &&Check| match check.verdict {
                         Verdict::Passed => false,
                         Verdict::Failed => true,
-                        Verdict::NotSeen => wish == Wish::Check,
+                        Verdict::NotSeen => request == Request::Check,
                     };
                     let before = checks.iter().filter(|check| check.step < CHECK).find(stands);
                     doing = match before {
                         Some(Check { step, what, verdict, .. }) => {
                             format!("the guided check waits for step {step}, {what}: {}", verdict.word())
                         }
-                        None => self.check(limits, seen)?,
+                        None => self.check(limits, observed)?,
                     };
-                    self.wishes.done();
+                    self.requests.done();
                 }
             }
             let next = Instant::now() + PERIOD;
             while Instant::now() < next {
-                self.glance(seen)?;
+                self.glance(observed)?;
                 std::thread::sleep(GLANCE);
             }
         }
     }
 
-    /// Looks at what a hand does.
-    fn glance(&self, seen: &mut Seen) -> Result<(), Failure> {
+    /// Observes a manual motion.
+    fn glance(&self, observed: &mut Observed) -> Result<(), Failure> {
         let head = self.head;
         let disabled = head.whole(at::STATE)? as u8 == state::DISABLED;
-        seen.inputs = head.whole(at::INPUTS)?;
-        seen.position = head.whole(at::INTERNAL_POSITION)?;
-        seen.quality = head.whole(at::GAP_QUALITY)?;
+        observed.inputs = head.whole(at::INPUTS)?;
+        observed.position = head.whole(at::INTERNAL_POSITION)?;
+        observed.quality = head.whole(at::GAP_QUALITY)?;
         let volts = head.number(at::GAP)?;
-        seen.sense_v = (seen.quality == quality::VALID && disabled).then_some(volts);
+        observed.sense_v = (observed.quality == quality::VALID && disabled).then_some(volts);
         // What the guided check moves is not moved by hand.
-        if !disabled || seen.checked.is_some() {
+        if !disabled || observed.checked.is_some() {
             return Ok(());
         }
-        seen.opened |= seen.inputs;
-        (seen.lowest, seen.highest) = (seen.lowest.min(seen.position), seen.highest.max(seen.position));
-        let moved = seen.highest - seen.start >= seen.by_hand;
-        seen.returned |= moved && (seen.position - seen.start).abs() <= SAME;
+        observed.opened |= observed.inputs;
+        (observed.lowest, observed.highest) =
+            (observed.lowest.min(observed.position), observed.highest.max(observed.position));
+        let moved = observed.highest - observed.start >= observed.by_hand;
+        observed.returned |= moved && (observed.position - observed.start).abs() <= SAME;
         let sense = Sense::of_the_page();
-        if let Some(volts) = seen.sense_v {
+        if let Some(volts) = observed.sense_v {
             if sense.open.has(volts) {
-                seen.sense_open_v.get_or_insert(volts);
+                observed.sense_open_v.get_or_insert(volts);
             }
             if sense.joined.has(volts) {
-                seen.sense_joined_v.get_or_insert(volts);
+                observed.sense_joined_v.get_or_insert(volts);
             }
         }
         Ok(())
     }
 
-    /// The guided check; what came of it.
-    fn check(&mut self, limits: &Limits, seen: &mut Seen) -> Result<String, Failure> {
-        let (alive, wishes) = (self.alive, self.wishes);
+    /// Runs the guided check; gives its result.
+    fn check(&mut self, limits: &Limits, observed: &mut Observed) -> Result<String, Failure> {
+        let (alive, requests) = (self.alive, self.requests);
         let mut tick = || {
             alive()?;
-            if wishes.now() == Wish::End { Err(Failure::Failed("ended on request".into())) } else { Ok(()) }
+            if requests.now() == Request::End { Err(Failure::Failed("ended on request".into())) } else { Ok(()) }
         };
         let mut checked = Checked::default();
         let began = Instant::now();
         let ended = self.head.begin_check(&mut tick).and_then(|()| {
             let place = self.head.whole(at::INTERNAL_POSITION)?;
-            let (mut lowest, mut highest, mut told) = (place, place, Instant::now());
+            let (mut lowest, mut highest, mut reported) = (place, place, Instant::now());
             loop {
                 tick()?;
                 self.head.healthy()?;
@@ -444,13 +446,13 @@ impl BringUp<'_> {
                     let s = limits.check_time.as_secs();
                     return Err(Failure::Failed(format!("not finished within {s} s")));
                 }
-                if told.elapsed() > PERIOD {
-                    told = Instant::now();
+                if reported.elapsed() > PERIOD {
+                    reported = Instant::now();
                     let sample = self.live.sample()?;
                     let mm = (place - lowest) as f64 / limits.per_mm;
                     let doing = format!("guided check: {mm:.3} mm below the upper stop");
-                    let checks = self.checks(limits, seen)?;
-                    (self.told)(&Progress { doing, checks, sample });
+                    let checks = self.checks(limits, observed)?;
+                    (self.on_progress)(&Progress { doing, checks, sample });
                 }
             }
         });
@@ -472,13 +474,13 @@ impl BringUp<'_> {
             checked.why = format!("aborted: {}", words::reason(self.head.whole(at::REASON)? as u8));
         }
         let said = checked.said();
-        seen.checked = Some(checked);
+        observed.checked = Some(checked);
         gone.map_or(Ok(format!("guided check: {said}")), Err)
     }
 
-    /// Looks at everything once.
-    fn checks(&self, limits: &Limits, seen: &mut Seen) -> Result<Vec<Check>, Failure> {
-        self.glance(seen)?;
+    /// Makes all checks once.
+    fn checks(&self, limits: &Limits, observed: &mut Observed) -> Result<Vec<Check>, Failure> {
+        self.glance(observed)?;
         let head = self.head;
         let disabled = head.whole(at::STATE)? as u8 == state::DISABLED;
         let mut checks = Vec::new();
@@ -507,10 +509,10 @@ impl BringUp<'_> {
         let advice = words::fault(fault).map_or("", words::remedy).into();
         add(4, "fault", text(words::fault_line(fault)), words::fault_line(0), is(fault == 0), advice);
 
-        let inputs = seen.inputs;
+        let inputs = observed.inputs;
         for bit in CONTACTS {
             let open = inputs >> bit & 1 == 1;
-            let done = seen.opened >> bit & 1 == 1 && !open;
+            let done = observed.opened >> bit & 1 == 1 && !open;
             let advice =
                 if done { String::new() } else { "open the contact, or pull its cable, and close it again".into() };
             let said = if open {
@@ -538,17 +540,20 @@ impl BringUp<'_> {
             add(5, &named(at::INPUTS, bit.into()), text(said.into()), "not active".into(), is(!there), advice);
         }
 
-        let position = seen.position;
-        let (grew, fell) = (seen.highest - seen.start >= seen.by_hand, seen.start - seen.lowest >= seen.by_hand);
+        let position = observed.position;
+        let (grew, fell) = (
+            observed.highest - observed.start >= observed.by_hand,
+            observed.start - observed.lowest >= observed.by_hand,
+        );
         let verdict = if fell { Verdict::Failed } else { until(grew) };
-        let travel = if fell { seen.lowest - seen.start } else { seen.highest - seen.start };
+        let travel = if fell { observed.lowest - observed.start } else { observed.highest - observed.start };
         let advice = if fell { guide::if_not(6, "the position in the log") } else { by_hand() };
         let value = (rounded(travel as f64 / limits.per_mm), "mm");
-        add(6, "position, moved by hand", value, format!("grows by {BY_HAND_MM} mm or more"), verdict, advice);
-        let back = position - seen.start;
+        add(6, "position, moved manually", value, format!("grows by {BY_HAND_MM} mm or more"), verdict, advice);
+        let back = position - observed.start;
         let advice = if grew { guide::if_not(6, "`0 illegal`") } else { by_hand() };
         let allowed = format!("0 +- {SAME} counts after that");
-        add(6, "and back at the upper stop", (json!(back), "counts"), allowed, until(seen.returned), advice);
+        add(6, "and back at the upper stop", (json!(back), "counts"), allowed, until(observed.returned), advice);
         let illegal = head.whole(at::ILLEGAL)?;
         let advice = guide::if_not(6, "`0 illegal`");
         add(6, "illegal transitions", (json!(illegal), ""), "0".into(), is(illegal == 0), advice);
@@ -561,13 +566,13 @@ impl BringUp<'_> {
         let lost = head.whole(at::FRAMES_LOST)?;
         add(7, "frames lost by the head", (json!(lost), ""), "0".into(), is(lost == 0), advice);
 
-        let (quality, sense) = (seen.quality, Sense::of_the_page());
-        let now = seen.sense_v.map_or(Value::Null, rounded);
+        let (quality, sense) = (observed.quality, Sense::of_the_page());
+        let now = observed.sense_v.map_or(Value::Null, rounded);
         for (what, found, allowed, sees) in [
-            ("gap, nothing near the electrode", seen.sense_open_v, sense.open.said(), "nothing near the electrode"),
+            ("gap, nothing near the electrode", observed.sense_open_v, sense.open.said(), "nothing near the electrode"),
             (
                 "gap, a wire from the electrode to the work",
-                seen.sense_joined_v,
+                observed.sense_joined_v,
                 sense.joined.said(),
                 "100 ohm from electrode",
             ),
@@ -597,7 +602,7 @@ impl BringUp<'_> {
             add(9, "motor current", (rounded(current), "mA"), allowed, is(current.abs() <= most), advice);
         }
 
-        match &seen.checked {
+        match &observed.checked {
             Some(checked) => checks.extend(checked.checks(limits)),
             None => checks.extend(Checked::default().checks(limits)),
         }
@@ -626,7 +631,7 @@ impl Limits {
     fn of(head: &Head) -> Result<Limits, Failure> {
         let value = |key| head.setting(key);
         let stroke_mm = value("axis.stroke_um")? / 1000.0;
-        let way = Duration::from_secs_f64(4.0 * stroke_mm / value("commission.velocity_mm_s")?.max(0.1));
+        let travel = Duration::from_secs_f64(4.0 * stroke_mm / value("commission.velocity_mm_s")?.max(0.1));
         Ok(Limits {
             per_mm: head.counts_per_mm()?,
             bus_min_v: value("motor.bus_min_v")?,
@@ -634,13 +639,13 @@ impl Limits {
             open_min_v: value("gap.open_min_v")?,
             stroke_mm,
             tolerance_mm: stroke_mm * value("commission.stroke_tolerance_percent")? / 100.0,
-            check_time: CHECK_TIME + way,
+            check_time: CHECK_TIME + travel,
         })
     }
 }
 
 impl Checked {
-    /// Open-circuit voltage: the median of what was seen while pulses came, which they do for a moment alone. Without them a
+    /// Open-circuit voltage: the median of what was observed while pulses came, which they do for a moment alone. Without them a
     /// plain average has the sense supply in it, far below; the first values of the filters may be above.
     fn open_v(&self) -> Option<f64> {
         let highest = self.gap_v.iter().copied().fold(0.0, f64::max);
@@ -699,7 +704,7 @@ impl Checked {
                 "breakaway force",
                 self.breakaway_n.filter(|_| verdict == Verdict::Passed),
                 "N",
-                "measured, kept in axis.breakaway_n".into(),
+                "measured, stored in axis.breakaway_n".into(),
                 measured,
                 "",
             ),
@@ -707,7 +712,7 @@ impl Checked {
                 "counterbalance",
                 self.counterbalance_n.filter(|_| verdict == Verdict::Passed),
                 "N",
-                "measured, kept in axis.counterbalance_n".into(),
+                "measured, stored in axis.counterbalance_n".into(),
                 measured,
                 "",
             ),
@@ -732,7 +737,7 @@ impl Checked {
 }
 
 fn by_hand() -> String {
-    "move the head by hand from its upper stop toward the work, and let it go back".into()
+    "move the head manually from its upper stop toward the work, and let it return".into()
 }
 
 /// To the thousandth.

@@ -1,14 +1,14 @@
-//! The desk's place on a bus: who waits for which frame, and the heartbeat that keeps a head going.
+//! The desk's connection to a bus: distribution of frames, and the heartbeat that a head monitors.
 //!
-//! One thread takes every frame as it comes: answers of SDO servers go to whoever asked, and all of them to whoever listens.
-//! The same thread sends this program's heartbeat, and only while somebody has lately said that it may
+//! One thread takes every frame as it comes: answers of SDO servers go to the requesting thread, all frames to the listeners.
+//! The same thread sends this program's heartbeat, and only while it is kept alive
 //! ([`Bus::keep_alive`]): a head that watches it (1016h) retreats by itself when that ends, whatever has ended it.
 
 use crate::Failure;
 use edm_bus::client::Report;
+use edm_bus::connection::Joined;
 use edm_bus::mailbox::Mailbox;
-use edm_bus::way::Joined;
-use edm_bus::{Frame, Hub, Port, Way};
+use edm_bus::{Connection, Frame, Hub, Port};
 use embedded_can::{Frame as _, Id, StandardId};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel, sync_channel};
@@ -49,7 +49,7 @@ impl Heard {
 pub struct Bus(Arc<Place>);
 
 struct Place {
-    way: Way,
+    connection: Connection,
     joined: Joined,
     port: Port,
     mailbox: Arc<Mailbox>,
@@ -69,13 +69,14 @@ impl Bus {
     ///
     /// # Errors
     /// When there is no such bus.
-    pub fn join(way: &Way, bit_rate: u32, host: u8, report: &Report) -> Result<Bus, Failure> {
+    pub fn join(connection: &Connection, bit_rate: u32, host: u8, report: &Report) -> Result<Bus, Failure> {
         let hub = Hub::default();
         let mailbox = Arc::new(Mailbox::default());
         let port = hub.attach(mailbox.clone());
-        let joined = way.join(&hub, bit_rate, report).map_err(|why| Failure::BadInput(format!("--bus {why}")))?;
+        let joined =
+            connection.join(&hub, bit_rate, report).map_err(|why| Failure::BadInput(format!("--bus {why}")))?;
         let place = Arc::new(Place {
-            way: way.clone(),
+            connection: connection.clone(),
             joined,
             port,
             mailbox,
@@ -112,7 +113,7 @@ impl Bus {
         self.0.send(id, data);
     }
 
-    /// The heartbeat goes on for so long from now; zero ends it at once.
+    /// The heartbeat continues for this time from now; zero ends it at once.
     pub fn keep_alive(&self, time: Duration) {
         *lock(&self.0.alive_until) = Some(Instant::now() + time);
     }
@@ -129,14 +130,14 @@ impl Bus {
         receiver
     }
 
-    /// Whether the way onto the bus is gone.
+    /// Whether the connection to the bus is lost.
     pub fn lost(&self) -> bool {
         self.0.joined.lost()
     }
 
-    /// The way onto the bus, in words.
-    pub fn way(&self) -> String {
-        self.0.way.to_string()
+    /// The connection to the bus, in words.
+    pub fn connection(&self) -> String {
+        self.0.connection.to_string()
     }
 
     /// Takes the turn to talk to a node's SDO server.

@@ -1,11 +1,11 @@
-//! The commands. Each ends with one line that says what became of it, or with `--json` with one object.
+//! The commands. Each ends with one line with its result, or with one object with `--json`.
 
 use crate::Failure;
-use crate::bore::{self, Ground, Hole, Outcome, Run, Wish, Wishes};
+use crate::bore::{self, Hole, Outcome, Request, Requests, Run, Site};
 use crate::bring_up::{self, BringUp, Check, Verdict};
 use crate::bus::{Bus, SILENCE};
 use crate::gap::Gap;
-use crate::head::{Card, Head, scan};
+use crate::head::{Head, Identity, scan};
 use crate::live::{Event, Live, Sample};
 use crate::page::{self, Listen};
 use crate::scope::{self, Plan, Trigger};
@@ -13,7 +13,7 @@ use crate::sdo::SdoError;
 use crate::settings::{self, Setting};
 use crate::sheet::{Kind, Sheet};
 use clap::{Args, Parser, Subcommand};
-use edm_bus::Way;
+use edm_bus::Connection;
 use serde::Serialize;
 use std::ffi::OsString;
 use std::io::Write;
@@ -22,14 +22,14 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Exit codes: it did not work; bad input, nothing was done.
+/// Exit codes: failed; bad input, nothing was done.
 const FAILED: u8 = 1;
 const BAD_INPUT: u8 = 2;
 
 /// The head that is meant when none is named.
 const NODE: u8 = 1;
 
-/// Time in which whoever has moved a head lets go of it before the guided check.
+/// Time to let go of a head that was moved manually, before the guided check.
 const HANDS_OFF: Duration = Duration::from_secs(5);
 
 /// Finds servo heads of EDM machines on a bus, shows and sets them, and bores with them.
@@ -47,7 +47,7 @@ struct Cli {
 pub(crate) struct Common {
     /// The bus: socket://HOST:PORT (slcan), a serial port (slcan), socketcand://HOST:PORT/can0, or an interface such as can0
     #[arg(long, global = true, value_name = "BUS", default_value = "socket://127.0.0.1:3333")]
-    pub bus: Way,
+    pub bus: Connection,
     /// Bit rate of a slcan adapter
     #[arg(long, global = true, value_name = "BIT/S", default_value_t = 1_000_000, value_parser = bit_rate)]
     pub bit_rate: u32,
@@ -208,10 +208,10 @@ struct BoreOptions {
     /// Position of the surface below home; without it the surface is touched off
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     surface: Option<f64>,
-    /// Continues the hole that was begun, measured from its surface, which the head keeps
+    /// Continues the hole that was begun, measured from its stored surface
     #[arg(long = "continue", conflicts_with_all = ["new_surface", "surface"])]
     continues: bool,
-    /// Touches off although the head has bored before: the electrode is above a place without a hole
+    /// Touches off a new surface although the head has bored before: there is no hole under the electrode
     #[arg(long, conflicts_with = "surface")]
     new_surface: bool,
     /// Height above the surface at which pulses begin
@@ -368,10 +368,10 @@ impl Common {
         let mut found = find(&bus, sheet);
         found.retain(|one| self.node.is_none_or(|node| node == one.node));
         if found.is_empty() {
-            let way = bus.way();
+            let connection = bus.connection();
             let who = self.node.map_or("no node".into(), |node| format!("no node {node}"));
             return Err(Failure::BadInput(format!(
-                "{way}: {who} answers: check power, bit rate and node-ID (examples/name_heads.py)"
+                "{connection}: {who} answers: check power, bit rate and node-ID (examples/name_heads.py)"
             )));
         }
         self.say(&found, || found.iter().map(Found::text).collect());
@@ -418,7 +418,7 @@ impl Common {
             }
             Settings::Export { file } => {
                 let all = settings::read_all(&head)?;
-                std::fs::write(file, settings::file(&head.card, &all))
+                std::fs::write(file, settings::file(&head.identity, &all))
                     .map_err(|error| Failure::BadInput(format!("{}: {error}", file.display())))?;
                 let (count, file) = (all.len(), file.display().to_string());
                 self.say(&serde_json::json!({ "file": file, "settings": count }), || {
@@ -473,9 +473,9 @@ impl Common {
         if let Some(folder) = options.report.as_ref().filter(|folder| !folder.is_dir()) {
             return Err(Failure::BadInput(format!("--report {}: must be a folder", folder.display())));
         }
-        let wishes = Arc::new(bring_up::Wishes::default());
-        let asked = wishes.clone();
-        let interrupted = interrupted(move || asked.want(bring_up::Wish::End))?;
+        let requests = Arc::new(bring_up::Requests::default());
+        let asked = requests.clone();
+        let interrupted = interrupted(move || asked.want(bring_up::Request::End))?;
         let head = self.head(sheet)?;
         let mut live = Live::new(&head)?;
         let bus = head.bus.clone();
@@ -484,12 +484,12 @@ impl Common {
         let report = BringUp {
             head: &head,
             live: &mut live,
-            wishes: &wishes,
+            requests: &requests,
             alive: &|| {
                 bus.keep_alive(SILENCE);
                 Ok(())
             },
-            told: &mut |progress| {
+            on_progress: &mut |progress| {
                 // With --json stdout has the report alone.
                 for check in &progress.checks {
                     let verdict = (check.step, check.what.clone(), check.verdict);
@@ -507,8 +507,8 @@ impl Common {
                 }
                 if asked {
                     // One that was refused is not asked for again.
-                    if wishes.now() == bring_up::Wish::Look {
-                        wishes.want(bring_up::Wish::End);
+                    if requests.now() == bring_up::Request::Look {
+                        requests.want(bring_up::Request::End);
                     }
                 } else if (progress.ready() || options.again) && options.check && hands_off.is_none() {
                     hands_off = Some(Instant::now() + HANDS_OFF);
@@ -518,10 +518,10 @@ impl Common {
                     );
                 } else if hands_off.map_or(progress.ready() || Instant::now() >= end, |at| Instant::now() >= at) {
                     asked = true;
-                    wishes.want(match (options.check, options.again) {
-                        (false, _) => bring_up::Wish::End,
-                        (true, false) => bring_up::Wish::Check,
-                        (true, true) => bring_up::Wish::CheckAgain,
+                    requests.want(match (options.check, options.again) {
+                        (false, _) => bring_up::Request::End,
+                        (true, false) => bring_up::Request::Check,
+                        (true, true) => bring_up::Request::CheckAgain,
                     });
                 }
             },
@@ -542,18 +542,18 @@ impl Common {
     }
 
     fn bore(&self, sheet: &Arc<Sheet>, options: &BoreOptions) -> Result<(), Failure> {
-        let ground = match (options.continues, options.new_surface) {
-            (true, _) => Some(Ground::Begun),
-            (_, true) => Some(Ground::New),
+        let site = match (options.continues, options.new_surface) {
+            (true, _) => Some(Site::Begun),
+            (_, true) => Some(Site::New),
             _ => None,
         };
-        let hole = Hole { depth_mm: options.depth, surface_mm: options.surface, ground, height_mm: options.height };
+        let hole = Hole { depth_mm: options.depth, surface_mm: options.surface, site, height_mm: options.height };
         hole.check()?;
-        let wishes = Arc::new(Wishes::default());
-        let asked = wishes.clone();
+        let requests = Arc::new(Requests::default());
+        let asked = requests.clone();
         let _ = interrupted(move || {
             // A second one does not wait for the lift.
-            asked.want(if asked.now() == Wish::Leave { Wish::Stop } else { Wish::Leave });
+            asked.want(if asked.now() == Request::Leave { Request::Stop } else { Request::Leave });
         })?;
         let head = self.head(sheet)?;
         let mut live = Live::new(&head)?;
@@ -563,12 +563,12 @@ impl Common {
             head: &head,
             live: &mut live,
             hole,
-            wishes: &wishes,
+            requests: &requests,
             alive: &|| {
                 bus.keep_alive(SILENCE);
                 Ok(())
             },
-            told: &mut |progress| {
+            on_progress: &mut |progress| {
                 if progress.doing != doing || said.elapsed() > Duration::from_secs(1) {
                     (doing, said) = (progress.doing, Instant::now());
                     // With --json stdout has the outcome alone.
@@ -593,16 +593,16 @@ fn from_file<'a>(sheet: &'a Sheet, path: &Path) -> Result<Vec<Setting<'a>>, Fail
     settings::parse(sheet, &text).map_err(named)
 }
 
-/// What answers at a node-ID.
+/// A node that answers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Found {
     /// Node-ID.
     pub node: u8,
     /// Who it is, if it is a head.
-    pub card: Option<Card>,
+    pub identity: Option<Identity>,
     /// What it does.
     pub now: Option<Sample>,
-    /// Why this program does not touch it.
+    /// Why this program does not use it.
     pub why_not: Option<String>,
 }
 
@@ -611,28 +611,28 @@ pub fn find(bus: &Bus, sheet: &Arc<Sheet>) -> Vec<Found> {
     let look = |node| {
         let head = Head::open(bus, node, sheet)?;
         let now = Live::new(&head)?.sample()?;
-        Ok::<_, Failure>((head.card, now))
+        Ok::<_, Failure>((head.identity, now))
     };
     let found = |node| match look(node) {
-        Ok((card, now)) => Found { node, card: Some(card), now: Some(now), why_not: None },
-        Err(why) => Found { node, card: None, now: None, why_not: Some(why.to_string()) },
+        Ok((identity, now)) => Found { node, identity: Some(identity), now: Some(now), why_not: None },
+        Err(why) => Found { node, identity: None, now: None, why_not: Some(why.to_string()) },
     };
     scan(bus).into_iter().map(found).collect()
 }
 
 impl Found {
     fn text(&self) -> String {
-        let (Some(card), Some(now)) = (&self.card, &self.now) else {
+        let (Some(identity), Some(now)) = (&self.identity, &self.now) else {
             return format!("{}\n", self.why_not.as_deref().unwrap_or_default());
         };
         let fault = if now.fault_number == 0 { String::new() } else { format!("\n  fault   {}", now.fault) };
         format!(
             "node {}: {}, hardware {}, software {}, serial number {}\n  state   {}, {}{fault}\n",
-            card.node,
-            card.name,
-            card.hardware,
-            card.software,
-            card.serial,
+            identity.node,
+            identity.name,
+            identity.hardware,
+            identity.software,
+            identity.serial,
             now.state,
             if now.homed { format!("at {:.3} mm", now.position_mm) } else { "not homed".into() },
         )
@@ -685,7 +685,7 @@ fn bored(outcome: &Outcome) -> String {
     )
 }
 
-/// Calls this at each Ctrl-C or end from outside; what it gives says whether there was one.
+/// Calls this at each Ctrl-C or termination signal; the result says whether there was one.
 fn interrupted(then: impl Fn() + Send + 'static) -> Result<impl Fn() -> bool, Failure> {
     let flag = Arc::new(std::sync::atomic::AtomicBool::default());
     let set = flag.clone();

@@ -1,6 +1,6 @@
-//! The gap as the head sees it: voltages from open circuit to short, what its pulses were, the feed that it asks for.
+//! The gap as the head sees it: voltages from open circuit to short, classes of pulses, requested feed.
 //!
-//! What has no meaning now has no value: the voltage without pulses, shares without a look at one, the open-circuit voltage before
+//! A quantity without meaning has no value: the voltage without pulses, shares without a sample, the open-circuit voltage before
 //! a seek has measured it.
 
 use crate::Failure;
@@ -11,7 +11,7 @@ use serde::Serialize;
 
 /// Qualities (2005h:3) of a voltage that means something: valid, at the end of the range, reversed.
 pub const MEASURED: [i64; 3] = [1, 3, 4];
-/// Classes of pulses: looks in 200Fh:1 to 6.
+/// Classes of pulses: samples in 200Fh:1 to 6.
 const CLASSES: u16 = 0x200F;
 
 /// A voltage to compare with.
@@ -25,12 +25,12 @@ pub struct Rung {
     pub from: &'static str,
 }
 
-/// How many of the looks of the last 0.2 s found a kind of pulse.
+/// Share of a pulse class in the samples of the last 0.2 s.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Share {
     /// Which kind.
     pub what: String,
-    /// Of all looks; nothing without any.
+    /// Of all samples; none without any.
     pub percent: Option<f64>,
 }
 
@@ -49,14 +49,14 @@ pub struct Gap {
     pub ladder: [Rung; 4],
     /// What the pulses were.
     pub shares: Vec<Share>,
-    /// Looks at pulses behind the shares, one a millisecond.
+    /// Sampled pulses, one per millisecond.
     pub looks: u32,
-    /// Velocity along the path that the gap asks for, um/s; nothing while nobody goes by it.
+    /// Velocity along the path that the gap requests, um/s; none while it is not used.
     pub feed_um_s: Option<f64>,
 }
 
 impl Gap {
-    /// Looks at it.
+    /// Reads the gap.
     ///
     /// # Errors
     /// Those of the transfers.

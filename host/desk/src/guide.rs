@@ -1,5 +1,5 @@
-//! What docs/bring-up.md says: the titles of its steps, what to see, what to do when it is not there, and the limits that it
-//! gives with their names. Nothing of it is repeated in this program.
+//! Texts of docs/bring-up.md: titles of its steps, what to see, what to do otherwise, and named limits. Nothing of it is
+//! repeated in this program.
 
 /// The page.
 const PAGE: &str = include_str!("../../../docs/bring-up.md");
@@ -22,7 +22,7 @@ pub fn row(step: u8, begins: &str) -> Vec<String> {
     cells.map(|cells| cells.split(" | ").map(|cell| plain(cell).trim().to_owned()).collect()).unwrap_or_default()
 }
 
-/// What to do when that row's sight is not there.
+/// Advice of that row.
 pub fn if_not(step: u8, begins: &str) -> String {
     row(step, begins).pop().unwrap_or_default()
 }

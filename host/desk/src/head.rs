@@ -1,8 +1,8 @@
-//! One head: who it is, its values by address, its state machine (CiA 402), the watch that both sides keep on each other.
+//! One head: identity, values by address, state machine (CiA 402), monitoring in both directions.
 
 use crate::bus::{BEAT, Bus, SILENCE};
 use crate::sdo::{Address, Sdo, SdoError};
-use crate::sheet::{Identity, Object, Sheet, Value};
+use crate::sheet::{DeviceId, Object, Sheet, Value};
 use crate::{Failure, words};
 use serde::Serialize;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ const THERE: Duration = Duration::from_millis(250);
 const STATE: Duration = Duration::from_secs(3);
 /// The longest search for the surface.
 const SEARCH: Duration = Duration::from_secs(60);
-/// Time between two looks at something that is waited for.
+/// Polling period of a wait.
 const LOOK: Duration = Duration::from_millis(10);
 
 /// Objects that are used by their meaning. Their addresses never move (docs/canopen.md).
@@ -30,13 +30,13 @@ pub mod at {
     pub const SERIAL: Address = Address(0x1018, 4);
     /// State of the head.
     pub const STATE: Address = Address(0x2000, 1);
-    /// Fault that stands.
+    /// Active fault.
     pub const FAULT: Address = Address(0x2000, 2);
     /// Why the state changed last.
     pub const REASON: Address = Address(0x2000, 3);
     /// Why a command was refused last.
     pub const REFUSAL: Address = Address(0x2000, 4);
-    /// Absolute positions mean something.
+    /// Absolute positions are valid.
     pub const HOMED: Address = Address(0x2000, 5);
     /// Commands refused, modulo 256.
     pub const REFUSALS: Address = Address(0x2000, 7);
@@ -48,15 +48,15 @@ pub mod at {
     pub const CHECK: Address = Address(0x2001, 3);
     /// How that ended.
     pub const CHECK_RESULT: Address = Address(0x2001, 4);
-    /// What the guided check has measured where it contradicts a setting, the least and the most that may be set, in thousandths.
+    /// Value that the guided check measured where it contradicts a setting, and the range allowed, in thousandths.
     pub const MEASURED: [Address; 3] = [Address(0x2002, 3), Address(0x2002, 4), Address(0x2002, 5)];
     /// Where the electrode touched the work, counts.
     pub const TOUCHED: Address = Address(0x2001, 6);
-    /// Which setting stands in the way of another.
+    /// Setting that another one conflicts with.
     pub const REFUSED_SETTING: Address = Address(0x2002, 1);
     /// What ended the last erosion.
     pub const STOPPED_BY: Address = Address(0x2003, 3);
-    /// Velocity that the gap asks for.
+    /// Velocity that the gap requests.
     pub const FEED: Address = Address(0x2004, 7);
     /// Gap voltage.
     pub const GAP: Address = Address(0x2005, 1);
@@ -72,19 +72,19 @@ pub mod at {
     pub const GAP_QUALITY: Address = Address(0x2005, 3);
     /// Motor current.
     pub const MOTOR_CURRENT: Address = Address(0x2007, 2);
-    /// Transitions of the encoder that cannot be.
+    /// Illegal transitions of the encoder.
     pub const ILLEGAL: Address = Address(0x2008, 1);
     /// The head's program, in words.
     pub const BUILD: Address = Address(0x2009, 2);
-    /// What the head has found of itself at its start.
+    /// Self-test at the start.
     pub const SELF_TEST: Address = Address(0x2009, 3);
-    /// How the run before ended.
+    /// End of the previous run.
     pub const LAST_END: Address = Address(0x2009, 4);
-    /// What became of the image that was stored.
+    /// Outcome of loading the stored image.
     pub const STORED: Address = Address(0x200B, 1);
-    /// Frames that came faster than they were taken.
+    /// Frames received faster than processed.
     pub const FRAMES_LOST: Address = Address(0x200D, 1);
-    /// Has the head find the surface of the work.
+    /// Starts the search for the surface of the work.
     pub const FIND: Address = Address(0x2011, 1);
     /// How that ended.
     pub const FOUND: Address = Address(0x2011, 3);
@@ -133,25 +133,25 @@ pub const NO_SURFACE: i64 = i32::MIN as i64;
 pub mod state {
     /// The loop is open, pulses are off.
     pub const DISABLED: u8 = 0;
-    /// The guided check is under way.
+    /// The guided check runs.
     pub const COMMISSIONING: u8 = 1;
-    /// On the way to the work, with pulses.
+    /// Moves to the work, with pulses.
     pub const SEEKING: u8 = 3;
     /// The gap leads.
     pub const ERODING: u8 = 4;
     /// Back from a short.
     pub const RETREATING: u8 = 5;
-    /// A fault stands.
+    /// A fault is active.
     pub const FAULT: u8 = 8;
-    /// A host leads, by what the gap wants.
+    /// A host leads, with the feed that the gap allows.
     pub const GUIDING: u8 = 11;
-    /// The encoder shows that it counts, before anything else.
+    /// The encoder is tested.
     pub const PROVING: u8 = 12;
     /// Out of the work and back, to flush.
     pub const JUMPING: u8 = 13;
 }
 
-/// How a search for the surface stands, 2011h:3.
+/// State of a search for the surface, 2011h:3.
 mod search {
     pub const UNDER_WAY: i64 = 1;
     pub const FOUND: i64 = 2;
@@ -169,9 +169,9 @@ pub mod status {
     pub const MASK: u16 = 0x6F;
 }
 
-/// Who a head is.
+/// Identity of a head.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Card {
+pub struct Identity {
     /// Node-ID.
     pub node: u8,
     /// Name of the product.
@@ -201,21 +201,21 @@ pub struct Head {
     /// What its objects mean.
     pub sheet: Arc<Sheet>,
     /// Who it is.
-    pub card: Card,
+    pub identity: Identity,
 }
 
 impl Head {
-    /// Looks at who answers at a node-ID.
+    /// Identifies the device at a node-ID.
     ///
     /// # Errors
-    /// When nobody does, or another device, or one that this description file does not describe.
+    /// When there is no answer, another device, or one that this description file does not describe.
     pub fn open(bus: &Bus, node: u8, sheet: &Arc<Sheet>) -> Result<Head, Failure> {
         let sdo = Sdo::new(bus, node);
         let kind = match sdo.probe(at::DEVICE_TYPE, THERE * 4) {
             Err(SdoError::Silent(..)) => {
-                let way = bus.way();
+                let connection = bus.connection();
                 return Err(Failure::BadInput(format!(
-                    "node {node}: no answer at {way}; `edm-desk heads` lists the nodes that answer"
+                    "node {node}: no answer at {connection}; `edm-desk heads` lists the nodes that answer"
                 )));
             }
             answer => unsigned(&answer?),
@@ -225,32 +225,32 @@ impl Head {
             return Err(Failure::BadInput(format!("node {node}: {what}: this program does not use it")));
         }
         let part = |sub| sdo.read(Address(0x1018, sub)).map(|bytes| unsigned(&bytes));
-        let identity = Identity { vendor: part(1)?, product: part(2)?, revision: part(3)? };
-        let known = sheet.identity;
-        if (identity.vendor, identity.product) != (known.vendor, known.product) {
+        let device_id = DeviceId { vendor: part(1)?, product: part(2)?, revision: part(3)? };
+        let known = sheet.device_id;
+        if (device_id.vendor, device_id.product) != (known.vendor, known.product) {
             return Err(Failure::BadInput(format!(
                 "node {node}: another device (vendor {:X}h, product {:X}h); the description file is of {} (vendor {:X}h, product {:X}h): give the file of this device with --eds",
-                identity.vendor, identity.product, sheet.product, known.vendor, known.product
+                device_id.vendor, device_id.product, sheet.product, known.vendor, known.product
             )));
         }
-        if identity.revision != known.revision {
+        if device_id.revision != known.revision {
             return Err(Failure::BadInput(format!(
                 "node {node}: its objects are revision {}, the description file is of revision {}: give the file of its firmware with --eds",
-                identity.revision, known.revision
+                device_id.revision, known.revision
             )));
         }
         let text = |index| -> Result<String, SdoError> {
             Ok(String::from_utf8_lossy(&sdo.read(Address(index, 0))?).into_owned())
         };
-        let card = Card {
+        let identity = Identity {
             node,
             name: text(0x1008)?,
             hardware: text(0x1009)?,
             software: text(0x100A)?,
             serial: unsigned(&sdo.read(at::SERIAL)?),
-            revision: identity.revision,
+            revision: device_id.revision,
         };
-        Ok(Head { bus: bus.clone(), sdo, node, sheet: sheet.clone(), card })
+        Ok(Head { bus: bus.clone(), sdo, node, sheet: sheet.clone(), identity })
     }
 
     /// A whole number.
@@ -317,10 +317,10 @@ impl Head {
         Ok((here, (stroke as i64).min(self.whole(at::LIMIT_MAX)?) - datum))
     }
 
-    /// The head watches this program, and this program the head, from now on.
+    /// From now on head and program monitor each other by heartbeats.
     ///
     /// # Errors
-    /// When four others watch already, or the head refuses.
+    /// When the head already monitors four others, or refuses.
     pub fn arm(&self) -> Result<Armed<'_>, Failure> {
         let (mine, mut free) = (u32::from(self.bus.host()), None);
         for sub in 1..=4 {
@@ -363,7 +363,7 @@ impl Head {
         Ok(())
     }
 
-    /// Starts the guided check; it is under way when this returns.
+    /// Starts the guided check; it runs when this returns.
     ///
     /// # Errors
     /// Why it refuses, in words.
@@ -432,7 +432,7 @@ impl Head {
         if there { Ok(()) } else { Err(Failure::Failed("the target was not reached within a minute".into())) }
     }
 
-    /// Has the head find the surface of the work by touching it, pulses off; where that is, counts.
+    /// Searches the surface of the work by touching it, pulses off; gives its position, counts.
     ///
     /// # Errors
     /// When it refuses, a fault comes, or there is no surface.
@@ -459,7 +459,7 @@ impl Head {
     /// Pulses off, hold, loop open; says what the head is then. The hold ends a guided check as well.
     ///
     /// # Errors
-    /// When that could not be had: somebody has to stop it by hand.
+    /// When that failed: stop the head at the machine.
     pub fn stop(&self) -> Result<String, Failure> {
         // Each is tried, whatever the other said: disabling alone switches pulses off as well.
         let held = (0..3).find_map(|_| self.set(at::HOLD, 1).ok());
@@ -493,7 +493,7 @@ impl Head {
         Err(Failure::Failed(format!("the head may still be enabled, switch it off at the machine: {why}{held}")))
     }
 
-    /// Resets a fault whose cause is gone, and takes note of what was not in force at the start; false when there was no fault.
+    /// Resets a fault whose cause is gone, and acknowledges what was not in force at the start; false when there was no fault.
     ///
     /// # Errors
     /// Why the head keeps it.
@@ -514,7 +514,7 @@ impl Head {
         Err(Failure::Failed(format!("the fault is still active: {}", words::fault_line(self.whole(at::FAULT)? as u8))))
     }
 
-    /// Stores settings and profile, not how this program watches.
+    /// Stores settings and profile, not the monitoring of this program.
     ///
     /// # Errors
     /// Why the head does not.
@@ -522,7 +522,7 @@ impl Head {
         Ok(self.sdo.write(at::STORE_APPLICATION, b"save")?)
     }
 
-    /// An error when the head has refused something since it had refused so much.
+    /// An error when the head has refused a command since this count of refusals.
     fn refused(&self, before: i64) -> Result<(), Failure> {
         if self.whole(at::REFUSALS)? == before {
             return Ok(());
@@ -558,7 +558,7 @@ impl Head {
         Ok(false)
     }
 
-    /// An error when a fault stands.
+    /// An error when a fault is active.
     ///
     /// # Errors
     /// The fault, what the head does about it and what a person can do.
@@ -570,7 +570,7 @@ impl Head {
     }
 }
 
-/// A head that watches this program. Dropped, this program's heartbeat ends: a head that is still enabled retreats.
+/// A head that monitors this program. Dropping it ends this program's heartbeat: a head that is still enabled retreats.
 pub struct Armed<'a> {
     head: &'a Head,
     slot: Address,
@@ -578,10 +578,10 @@ pub struct Armed<'a> {
 }
 
 impl Armed<'_> {
-    /// Ends the watch on a head that is disabled or in a fault; one that is not keeps it.
+    /// Ends the monitoring by a head that is disabled or in a fault; any other head keeps it.
     pub fn disarm(self) {
         if let Ok(state::DISABLED | state::FAULT) = self.head.whole(at::STATE).map(|state| state as u8) {
-            // What is left over is a head that watches a host that may not come again: it is told so when it is enabled.
+            // Otherwise the head would monitor a host that may not return, and report it as lost when it is enabled.
             let _ = self.head.sdo.write(self.slot, &[0; 4]);
             let _ = self.head.set(at::PRODUCER, self.beat);
         }

@@ -1,17 +1,18 @@
-//! The desk: finds heads on a bus, keeps their settings, watches and bores.
+//! The desk serves the person at the machine, in a browser or on the command line (`cargo desk`): it finds heads on a bus,
+//! brings them up, keeps their settings, shows the gap, and bores.
 //!
 //! | room | responsible for |
 //! | --- | --- |
-//! | [`bus`] | the place on a bus: who waits for which frame, the heartbeat |
-//! | [`sdo`] | values from and to a node's dictionary |
+//! | [`bus`] | connection to a bus: distribution of frames, the heartbeat |
+//! | [`sdo`] | reads and writes the dictionary of a node |
 //! | [`sheet`] | the description file (EDS): names, types, units, ranges |
-//! | [`words`] | states, faults, refusals and aborts in words, and what to do |
-//! | [`head`] | one head: who it is, its values by name, its state machine |
+//! | [`words`] | states, faults, refusals and aborts in words, and advice |
+//! | [`head`] | one head: identity, values by name, state machine |
 //! | [`settings`] | list, file, comparison, a staged write |
-//! | [`live`] | what a head does now, and what has happened to it |
-//! | [`bore`] | a hole, from power-off to power-off |
+//! | [`live`] | present state of a head, and its events |
+//! | [`bore`] | a hole, from disabled to disabled |
 //! | [`gap`] | the gap now |
-//! | [`guide`] | what docs/bring-up.md says |
+//! | [`guide`] | texts and limits of docs/bring-up.md |
 //! | [`bring_up`] | its steps that a host can see, the guided check, a report |
 //! | [`scope`] | a record of the head's own scope |
 //! | [`page`] | the same in a browser: one session commands, others watch |
@@ -37,11 +38,11 @@ use std::fmt::{self, Display, Formatter};
 /// Why a command ended early, in one line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Failure {
-    /// The person has to change something; nothing was done.
+    /// Bad input; nothing was done.
     BadInput(String),
-    /// Something went wrong on the way.
+    /// The command failed.
     Failed(String),
-    /// The person has to say what is under the electrode; nothing was done.
+    /// The user must say what is under the electrode; nothing was done.
     Undecided {
         /// What is known of it.
         why: String,

@@ -1,7 +1,7 @@
-//! What a head does now, and what has happened to it.
+//! Present state of a head, and its events.
 //!
-//! What its process data carry is taken from them, as the head maps them and its description file describes them; what they
-//! do not, or not often enough, is read.
+//! Values come from process data, as the head maps them and its description file describes them; values that these lack, or
+//! carry too rarely, are read by SDO.
 
 use crate::bus::{Heard, SILENCE};
 use crate::gap;
@@ -15,9 +15,9 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Age up to which a value of process data is taken for the present one.
 const FRESH: Duration = Duration::from_millis(120);
-/// States in which the feed that the gap asks for means something.
+/// States in which the feed that the gap requests is valid.
 pub const LED: [u8; 5] = [state::SEEKING, state::ERODING, state::RETREATING, state::GUIDING, state::JUMPING];
-/// Events that are kept until somebody takes them.
+/// Events kept until they are taken.
 const EVENTS: usize = 256;
 
 /// What happened.
@@ -57,7 +57,7 @@ pub struct Sample {
     pub fault: String,
     /// Number of the fault, 0 for none.
     pub fault_number: u8,
-    /// Absolute positions mean something.
+    /// Absolute positions are valid.
     pub homed: bool,
     /// Position, positive toward the work.
     pub position_mm: f64,
@@ -69,7 +69,7 @@ pub struct Sample {
     pub setpoint_v: f64,
     /// Open-circuit voltage.
     pub open_v: f64,
-    /// Velocity along the path that the gap asks for; nothing while nobody goes by it.
+    /// Velocity along the path that the gap requests; none while it is not used.
     pub feed_um_s: Option<f64>,
     /// Retreats from a short since power-on.
     pub shorts: u32,
@@ -82,7 +82,7 @@ struct Pdo {
     carries: Vec<(Address, usize)>,
 }
 
-/// A watch on one head.
+/// Observer of one head.
 pub struct Live {
     head: Head,
     heard: Receiver<Heard>,
@@ -147,7 +147,7 @@ impl Live {
         self.expected = Some(Instant::now());
     }
 
-    /// A head that was reset sends none until somebody asks it to.
+    /// A head that was reset sends none until it is requested.
     pub fn expect_no_heartbeat(&mut self) {
         self.expected = None;
     }
@@ -190,7 +190,7 @@ impl Live {
                 if fault_number == 0 { String::new() } else { format!(": {}", words::fault_line(fault_number)) };
             let state = self.state(state_number);
             let why = if reason == state { String::new() } else { format!(" ({reason})") };
-            self.tell(format!("{state}{why}{fault}"));
+            self.report(format!("{state}{why}{fault}"));
         }
         self.last = Some((state_number, fault_number));
         let measured = gap::MEASURED.contains(&(self.number(at::GAP_QUALITY)? as i64));
@@ -224,7 +224,7 @@ impl Live {
         Ok(number.ok_or(SdoError::Garbled(self.head.node, address))?)
     }
 
-    fn tell(&mut self, what: String) {
+    fn report(&mut self, what: String) {
         if self.events.len() == EVENTS {
             self.events.pop_front();
         }
@@ -236,11 +236,11 @@ impl Live {
         let node = u16::from(self.head.node);
         while let Ok(heard) = self.heard.try_recv() {
             match (heard.id, heard.data()) {
-                (id, [0]) if id == 0x700 + node => self.tell("has restarted".into()),
+                (id, [0]) if id == 0x700 + node => self.report("has restarted".into()),
                 (id, [_]) if id == 0x700 + node => self.beat = Some(heard.at),
                 (id, [low, high, ..]) if id == 0x80 + node => {
                     let code = u16::from_le_bytes([*low, *high]);
-                    self.tell(format!("emergency {code:04X}h: {}", words::emergency(code)));
+                    self.report(format!("emergency {code:04X}h: {}", words::emergency(code)));
                 }
                 (id, data) => self.mapped(id, data, heard.at),
             }
@@ -260,7 +260,7 @@ impl Live {
             && self.refusals.replace(count).is_some_and(|last| last != count)
         {
             let words = words::refusal(refusal as u8);
-            self.tell(format!("refused: {}; {}", words.name, words.advice));
+            self.report(format!("refused: {}; {}", words.name, words.advice));
         }
     }
 }

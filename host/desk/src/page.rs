@@ -1,15 +1,15 @@
 //! The page: what the commands do, for a browser.
 //!
-//! One WebSocket a session carries everything: what a session asks for, its answer, and what all sessions are told (samples,
-//! events, how far a run is). One session commands, the others watch; STOP is everybody's. The session that commands answers
-//! each beat of the server, and this program's heartbeat to a head that bores goes on only as long as those answers come:
-//! whether browser, program or cable is lost, the head misses the heartbeat and retreats by itself.
+//! One WebSocket per session carries everything: requests of the session, answers, and messages to all sessions (samples,
+//! events, progress). One session commands, the others watch; every session can STOP. The commanding session answers
+//! each beat of the server, and this program's heartbeat to a head that bores continues only with these answers:
+//! when browser, program or cable is lost, the head misses the heartbeat and retreats by itself.
 //!
-//! It listens on this computer alone unless told otherwise, and then only with a token. A page of another site is refused by
+//! By default it listens on this computer only; any other address needs a token. A page of another site is refused by
 //! its origin, a name of another host by the host header.
 
 use crate::Failure;
-use crate::bore::{self, GONE, Hole, Wish, Wishes};
+use crate::bore::{self, GONE, Hole, Request, Requests};
 use crate::bring_up::{self, BringUp};
 use crate::bus::{Bus, SILENCE, lock};
 use crate::cli::{Common, Found, find, say};
@@ -38,13 +38,13 @@ use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio::sync::{broadcast, mpsc};
 
-/// Where it listens when nothing else is asked for.
+/// Where it listens by default.
 const DEFAULT: &str = "127.0.0.1:8402";
 /// Period of the beats that a commanding session answers.
 const BEAT: Duration = Duration::from_millis(150);
 /// Period of samples of each head.
 const SAMPLES: Duration = Duration::from_millis(200);
-/// Events that a session that comes later is told.
+/// Events kept for sessions that connect later.
 const LOG: usize = 500;
 /// Messages that may wait for a session; one that does not take them misses some.
 const WAITING: usize = 256;
@@ -72,35 +72,35 @@ impl Default for Listen {
     }
 }
 
-/// What a session asks for.
+/// A request of a session.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Ask {
     /// The answer to a beat.
     Beat {},
-    /// To command, or not to any more.
+    /// Take or release command.
     Command { take: bool },
-    /// Who is on the bus.
+    /// List the heads on the bus.
     Heads {},
     /// All settings of a head.
     Settings { node: u8 },
     /// Change some: all, or none.
     Set { node: u8, assignments: Vec<String> },
-    /// Where a head differs from a file.
+    /// Differences of a head from a file.
     Compare { node: u8, text: String },
-    /// Take over a file: all, or nothing.
+    /// Write a file to the head: all, or none.
     Import { node: u8, text: String },
-    /// Keep what the head has.
+    /// Save the settings in the head.
     Save { node: u8 },
     /// Bore.
     Bore { node: u8, hole: Hole },
-    /// Something else of the hole that is being bored.
-    Wish { wish: Wish },
-    /// Look on while somebody brings a head up.
+    /// A request to the hole in progress.
+    Request { request: Request },
+    /// Start a bring-up.
     BringUp { node: u8 },
-    /// The guided check of the bring-up that is under way; `again`: what is done by hand was seen before.
+    /// The guided check of the bring-up in progress; `again`: the manual steps were observed before.
     Check { again: bool },
-    /// The report of it.
+    /// The report of the bring-up.
     Report {},
     /// What the scope can record.
     Signals {},
@@ -128,13 +128,13 @@ fn request(text: &str) -> (Value, Result<Ask, String>) {
 
 /// What all sessions share.
 struct Desk {
-    way: String,
+    connection: String,
     /// The bus, or why there is none.
     bus: Mutex<Result<Bus, String>>,
     sheet: Arc<Sheet>,
     token: Option<String>,
     /// Messages to all sessions.
-    tell: broadcast::Sender<Arc<str>>,
+    messages: broadcast::Sender<Arc<str>>,
     log: Mutex<VecDeque<Event>>,
     watched: Mutex<BTreeSet<u8>>,
     sessions: AtomicU64,
@@ -143,7 +143,7 @@ struct Desk {
     run: Mutex<Option<Run>>,
 }
 
-/// What goes on until it has come to its end: one thing at a time.
+/// The activity in progress: one at a time.
 struct Run {
     node: u8,
     /// The bus that it is on; one that is joined later is another.
@@ -151,10 +151,10 @@ struct Run {
     what: What,
 }
 
-/// With what is wanted of it.
+/// With its requests.
 enum What {
-    Hole(Arc<Wishes>),
-    BringUp(Arc<bring_up::Wishes>),
+    Hole(Arc<Requests>),
+    BringUp(Arc<bring_up::Requests>),
 }
 
 /// Serves the page until the program is stopped.
@@ -184,13 +184,13 @@ pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Res
         if let Err(why) = &joined {
             eprintln!("{why}; {TRIED_AGAIN}");
         }
-        say(&format!("The desk is at http://{at}/{known}\nbus {}\n\nCtrl-C stops it.\n", common.bus));
+        say(&format!("The desk is at http://{at}/{known}\nbus {}\n\nCtrl-C stops the program.\n", common.bus));
         let desk = Arc::new(Desk {
-            way: common.bus.to_string(),
+            connection: common.bus.to_string(),
             bus: Mutex::new(joined),
             sheet: sheet.clone(),
             token,
-            tell: broadcast::channel(WAITING).0,
+            messages: broadcast::channel(WAITING).0,
             log: Mutex::default(),
             watched: Mutex::default(),
             sessions: AtomicU64::new(1),
@@ -264,9 +264,9 @@ impl Desk {
         }
     }
 
-    fn tell(&self, message: &Value) {
-        // Nobody may be there to be told.
-        let _ = self.tell.send(message.to_string().into());
+    fn publish(&self, message: &Value) {
+        // There may be no session.
+        let _ = self.messages.send(message.to_string().into());
     }
 
     fn bus(&self) -> Result<Bus, Failure> {
@@ -284,7 +284,7 @@ impl Desk {
             let is_there = joined.is_ok();
             *lock(&self.bus) = joined;
             if is_there {
-                self.tell(&json!({ "bus": self.way }));
+                self.publish(&json!({ "bus": self.connection }));
             }
         }
     }
@@ -299,7 +299,7 @@ impl Desk {
     }
 
     fn tell_commander(&self) {
-        self.tell(&json!({ "commander": self.commander() }));
+        self.publish(&json!({ "commander": self.commander() }));
     }
 
     fn heard(&self, session: u64) {
@@ -331,35 +331,35 @@ impl Desk {
         }
         let desk = self.clone();
         thread::spawn(move || {
-            let mut told = String::new();
-            while let Err(why) = desk.samples(node, &mut told) {
+            let mut reported = String::new();
+            while let Err(why) = desk.samples(node, &mut reported) {
                 let text = why.to_string();
-                if text != told {
+                if text != reported {
                     desk.note(node, text.trim_start_matches(&format!("node {node}: ")).into());
-                    desk.tell(&json!({ "gone": { "node": node, "why": text } }));
-                    told = text;
+                    desk.publish(&json!({ "gone": { "node": node, "why": text } }));
+                    reported = text;
                 }
                 thread::sleep(SILENCE);
             }
         });
     }
 
-    /// Samples until that fails; then why is not `told` yet.
-    fn samples(&self, node: u8, told: &mut String) -> Result<(), Failure> {
+    /// Samples until that fails; then why is not `reported` yet.
+    fn samples(&self, node: u8, reported: &mut String) -> Result<(), Failure> {
         let head = self.head(node)?;
         let mut live = Live::new(&head)?;
         loop {
             let sample = live.sample()?;
-            told.clear();
-            self.tell(&json!({ "sample": sample }));
-            self.tell(&json!({ "gap": Gap::look(&head)? }));
+            reported.clear();
+            self.publish(&json!({ "sample": sample }));
+            self.publish(&json!({ "gap": Gap::look(&head)? }));
             live.events().into_iter().for_each(|event| self.event(event));
             thread::sleep(SAMPLES);
         }
     }
 
     fn event(&self, event: Event) {
-        self.tell(&json!({ "event": event }));
+        self.publish(&json!({ "event": event }));
         let mut log = lock(&self.log);
         if log.len() == LOG {
             log.pop_front();
@@ -367,7 +367,7 @@ impl Desk {
         log.push_back(event);
     }
 
-    /// Does what a session asks for. Called where it may take its time.
+    /// Carries out a request of a session. Called where it may block.
     fn answer(self: &Arc<Desk>, session: u64, ask: Ask) -> Result<Value, Failure> {
         let commands = matches!(
             ask,
@@ -375,7 +375,7 @@ impl Desk {
                 | Ask::Import { .. }
                 | Ask::Save { .. }
                 | Ask::Bore { .. }
-                | Ask::Wish { .. }
+                | Ask::Request { .. }
                 | Ask::BringUp { .. }
                 | Ask::Check { .. }
                 | Ask::Report {}
@@ -390,7 +390,7 @@ impl Desk {
             Ask::Command { take } => self.command(session, take),
             Ask::Heads {} => {
                 let found = find(&self.bus()?, &self.sheet);
-                found.iter().filter(|found| found.card.is_some()).for_each(|found| self.watch(found.node));
+                found.iter().filter(|found| found.identity.is_some()).for_each(|found| self.watch(found.node));
                 Ok(json!(found.iter().collect::<Vec<&Found>>()))
             }
             Ask::Settings { node } => {
@@ -416,9 +416,9 @@ impl Desk {
                 Ok(Value::Null)
             }
             Ask::Bore { node, hole } => self.bore(session, node, hole),
-            Ask::Wish { wish } => match &*lock(&self.run) {
-                Some(Run { what: What::Hole(wishes), .. }) => {
-                    wishes.want(wish);
+            Ask::Request { request } => match &*lock(&self.run) {
+                Some(Run { what: What::Hole(requests), .. }) => {
+                    requests.want(request);
                     Ok(Value::Null)
                 }
                 _ => Err(Failure::BadInput("no hole in progress".into())),
@@ -432,15 +432,17 @@ impl Desk {
                 Ok(json!({ "record": record, "csv": record.csv() }))
             }
             Ask::BringUp { node } => self.bring_up(session, node),
-            Ask::Check { again } => self.want(if again { bring_up::Wish::CheckAgain } else { bring_up::Wish::Check }),
-            Ask::Report {} => self.want(bring_up::Wish::End),
+            Ask::Check { again } => {
+                self.want(if again { bring_up::Request::CheckAgain } else { bring_up::Request::Check })
+            }
+            Ask::Report {} => self.want(bring_up::Request::End),
             Ask::Stop { node } => {
                 if let Some(run) = &*lock(&self.run)
                     && run.node == node
                 {
                     match &run.what {
-                        What::Hole(wishes) => wishes.want(Wish::Stop),
-                        What::BringUp(wishes) => wishes.want(bring_up::Wish::End),
+                        What::Hole(requests) => requests.want(Request::Stop),
+                        What::BringUp(requests) => requests.want(bring_up::Request::End),
                     }
                 }
                 let now = self.head(node)?.stop()?;
@@ -488,7 +490,7 @@ impl Desk {
         self.event(Event::now(node, what));
     }
 
-    /// Takes the place of what goes on.
+    /// Sets the activity in progress.
     fn begin(&self, head: &Head, what: What) -> Result<(), Failure> {
         let mut run = lock(&self.run);
         if run.is_some() {
@@ -498,7 +500,7 @@ impl Desk {
         Ok(())
     }
 
-    /// Whoever began something still commands.
+    /// Whether the session that began an activity still commands.
     fn commands(&self, session: u64) -> Result<(), Failure> {
         match self.commander() {
             Some(who) if who == session => Ok(()),
@@ -506,21 +508,21 @@ impl Desk {
         }
     }
 
-    fn want(&self, wish: bring_up::Wish) -> Result<Value, Failure> {
+    fn want(&self, request: bring_up::Request) -> Result<Value, Failure> {
         match &*lock(&self.run) {
-            Some(Run { what: What::BringUp(wishes), .. }) => {
-                wishes.want(wish);
+            Some(Run { what: What::BringUp(requests), .. }) => {
+                requests.want(request);
                 Ok(Value::Null)
             }
             _ => Err(Failure::BadInput("no bring-up is running: begin first".into())),
         }
     }
 
-    /// Begins to look on; how it goes on, all sessions are told.
+    /// Starts a bring-up; all sessions get its progress.
     fn bring_up(self: &Arc<Desk>, session: u64, node: u8) -> Result<Value, Failure> {
         let head = self.head(node)?;
-        let wishes = Arc::new(bring_up::Wishes::default());
-        self.begin(&head, What::BringUp(wishes.clone()))?;
+        let requests = Arc::new(bring_up::Requests::default());
+        self.begin(&head, What::BringUp(requests.clone()))?;
         let desk = self.clone();
         thread::spawn(move || {
             desk.note(node, format!("session {session} starts a bring-up"));
@@ -528,14 +530,14 @@ impl Desk {
                 let bring_up = BringUp {
                     head: &head,
                     live: &mut live,
-                    wishes: &wishes,
+                    requests: &requests,
                     alive: &|| desk.commands(session),
-                    told: &mut |progress| desk.tell(&json!({ "bring_up": progress })),
+                    on_progress: &mut |progress| desk.publish(&json!({ "bring_up": progress })),
                 };
                 bring_up.execute()
             });
             *lock(&desk.run) = None;
-            let (what, told) = match ended {
+            let (what, result) = match ended {
                 Ok(report) => {
                     let text = format!("bring-up: {}", report.verdict());
                     let files = json!({ "name": report.name(), "markdown": report.markdown(), "report": report });
@@ -544,23 +546,23 @@ impl Desk {
                 Err(why) => (format!("bring-up: {why}"), json!({ "failed": why.to_string() })),
             };
             desk.note(node, what);
-            desk.tell(&json!({ "brought_up": told }));
+            desk.publish(&json!({ "brought_up": result }));
         });
         Ok(Value::Null)
     }
 
-    /// Begins to bore; how it goes on, all sessions are told.
+    /// Starts boring; all sessions get the progress.
     fn bore(self: &Arc<Desk>, session: u64, node: u8, hole: Hole) -> Result<Value, Failure> {
         let head = self.head(node)?;
         hole.may_begin(&head)?;
-        let wishes = Arc::new(Wishes::default());
-        self.begin(&head, What::Hole(wishes.clone()))?;
+        let requests = Arc::new(Requests::default());
+        self.begin(&head, What::Hole(requests.clone()))?;
         let desk = self.clone();
         thread::spawn(move || {
             desk.note(node, format!("session {session} bores to {} mm", hole.depth_mm));
-            let ended = desk.run(session, &head, hole, &wishes);
+            let ended = desk.run(session, &head, hole, &requests);
             *lock(&desk.run) = None;
-            let (what, told) = match ended {
+            let (what, result) = match ended {
                 Ok(outcome) => {
                     let text = format!("{:.3} of {:.3} mm: {}", outcome.depth_mm, outcome.target_mm, outcome.why);
                     (text, json!({ "outcome": outcome }))
@@ -568,20 +570,20 @@ impl Desk {
                 Err(why) => (why.to_string(), json!({ "failed": why.to_string() })),
             };
             desk.note(node, what);
-            desk.tell(&json!({ "ended": told }));
+            desk.publish(&json!({ "ended": result }));
         });
         Ok(Value::Null)
     }
 
-    fn run(&self, session: u64, head: &Head, hole: Hole, wishes: &Wishes) -> Result<bore::Outcome, Failure> {
+    fn run(&self, session: u64, head: &Head, hole: Hole, requests: &Requests) -> Result<bore::Outcome, Failure> {
         let mut live = Live::new(head)?;
         let run = bore::Run {
             head,
             live: &mut live,
             hole,
-            wishes,
+            requests,
             alive: &|| self.commands(session),
-            told: &mut |progress| self.tell(&json!({ "progress": progress })),
+            on_progress: &mut |progress| self.publish(&json!({ "progress": progress })),
         };
         run.execute()
     }
@@ -606,7 +608,7 @@ async fn export(State(desk): State<Arc<Desk>>, headers: HeaderMap, Query(known):
     let file = move || {
         let head = desk.head(known.node)?;
         let settings = settings::read_all(&head)?;
-        Ok::<_, Failure>(settings::file(&head.card, &settings))
+        Ok::<_, Failure>(settings::file(&head.identity, &settings))
     };
     match tokio::task::spawn_blocking(file).await {
         Ok(Ok(text)) => {
@@ -618,7 +620,7 @@ async fn export(State(desk): State<Arc<Desk>>, headers: HeaderMap, Query(known):
     }
 }
 
-/// What a session is told first.
+/// First message to a session.
 #[derive(Serialize)]
 struct Welcome<'a> {
     you: u64,
@@ -631,13 +633,13 @@ struct Welcome<'a> {
 
 async fn talk(desk: Arc<Desk>, mut socket: WebSocket) {
     let session = desk.sessions.fetch_add(1, Ordering::Relaxed);
-    let mut told = desk.tell.subscribe();
+    let mut messages = desk.messages.subscribe();
     let (answers, mut answered) = mpsc::channel::<String>(WAITING);
     let welcome = Welcome {
         you: session,
         commander: desk.commander(),
         product: &desk.sheet.product,
-        bus: &desk.way,
+        bus: &desk.connection,
         log: lock(&desk.log).iter().cloned().collect(),
         boring: lock(&desk.run).as_ref().map(|run| run.node),
     };
@@ -676,7 +678,7 @@ async fn talk(desk: Arc<Desk>, mut socket: WebSocket) {
                 Some(Err(_)) | None => break,
             },
             Some(answer) = answered.recv() => next = Some(answer),
-            message = told.recv() => match message {
+            message = messages.recv() => match message {
                 Ok(message) => next = Some(message.to_string()),
                 Err(broadcast::error::RecvError::Lagged(_)) => {}
                 Err(broadcast::error::RecvError::Closed) => break,

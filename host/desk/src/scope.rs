@@ -1,5 +1,5 @@
-//! The head's own scope (2010h): up to four signals, 256 samples, one a millisecond or slower, from a trigger on. What was before the
-//! trigger is not kept.
+//! The head's own scope (2010h): up to four signals, 256 samples, one a millisecond or slower, from a trigger on. Samples before the
+//! trigger are not kept.
 
 use crate::Failure;
 use crate::head::{Head, Tick};
@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 pub const SIGNALS: usize = 4;
 /// Samples of a record.
 pub const SAMPLES: u16 = 256;
-/// Time between two looks at whether it is full.
+/// Polling period of its state.
 const LOOK: Duration = Duration::from_millis(10);
 
 /// 2010h.
@@ -87,7 +87,7 @@ pub struct Signal {
 pub struct Record {
     /// Time from one sample to the next, ms.
     pub every_ms: u16,
-    /// The signals that were asked for.
+    /// The requested signals.
     pub signals: Vec<Signal>,
 }
 

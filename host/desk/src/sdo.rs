@@ -1,7 +1,7 @@
-//! SDO client (CiA 301 7.2.4): values from and to the dictionary of a node.
+//! SDO client (CiA 301 7.2.4): reads and writes the dictionary of a node.
 //!
 //! A value of up to four bytes goes in one frame, a longer one in segments, a domain by blocks, as does what is written and
-//! longer than [`SEGMENTED`]. A transfer that is refused or interrupted has changed nothing.
+//! longer than [`SEGMENTED`]. A refused or interrupted transfer changes nothing.
 
 use crate::bus::{Bus, Turn};
 use crate::words;
@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Times that a read is begun anew when it was disturbed.
 const TRIES: u32 = 4;
-/// Silence within a block after which what is missing is asked for again.
+/// Silence within a block after which missing segments are requested again.
 const GAP: Duration = Duration::from_millis(200);
 /// The longest value that is written in segments, bytes.
 pub const SEGMENTED: usize = 28;
@@ -53,7 +53,7 @@ pub enum SdoError {
     Refused(Address, u32),
     /// The node does not answer.
     Silent(u8, Address),
-    /// The way onto the bus is gone.
+    /// The connection to the bus is lost.
     Lost(String),
     /// The node's answers do not make a transfer.
     Garbled(u8, Address),
@@ -66,8 +66,11 @@ impl Display for SdoError {
             SdoError::Silent(node, address) => {
                 write!(f, "node {node} does not answer ({address}): check its power, bit rate and node-ID")
             }
-            SdoError::Lost(way) => {
-                write!(f, "{way}: connection to the bus lost: check adapter, cable and the program at the other end")
+            SdoError::Lost(connection) => {
+                write!(
+                    f,
+                    "{connection}: connection to the bus lost: check adapter, cable and the program at the other end"
+                )
             }
             SdoError::Garbled(node, address) => {
                 write!(f, "node {node} answers {address} with an invalid SDO: is another program using this node?")
@@ -271,7 +274,7 @@ impl Sdo {
     }
 }
 
-/// A transfer under way.
+/// A transfer in progress.
 struct Talk<'a> {
     sdo: &'a Sdo,
     turn: Turn<'a>,
@@ -284,7 +287,7 @@ struct Talk<'a> {
 impl Talk<'_> {
     fn ask(&self, request: [u8; 8]) -> Result<[u8; 8], SdoError> {
         if self.sdo.bus.lost() {
-            return Err(SdoError::Lost(self.sdo.bus.way()));
+            return Err(SdoError::Lost(self.sdo.bus.connection()));
         }
         self.turn.say(request);
         self.hear()
@@ -314,7 +317,7 @@ impl Talk<'_> {
     fn silence(&self) -> SdoError {
         self.turn.say(request(0x80, self.address, abort::TIMED_OUT.to_le_bytes()));
         if self.sdo.bus.lost() {
-            return SdoError::Lost(self.sdo.bus.way());
+            return SdoError::Lost(self.sdo.bus.connection());
         }
         SdoError::Silent(self.sdo.node, self.address)
     }

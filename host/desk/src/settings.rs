@@ -1,11 +1,10 @@
 //! Settings of a head: listed, kept in a file, compared, written in one go.
 //!
-//! A file has a table a group, as `gap.setpoint_v` stands in `[gap]`, and before them `[file]` with the number of settings
-//! that follow: a file that was cut off is noticed. Without `[file]` it is taken for what somebody wrote by hand, and may have a
-//! few settings alone.
+//! A file has one table per group (`gap.setpoint_v` is in `[gap]`), and before them `[file]` with the number of settings:
+//! so a truncated file is detected. A file without `[file]` is a hand-written one, and may have only a few settings.
 
 use crate::Failure;
-use crate::head::{Card, Head, at, unsigned};
+use crate::head::{Head, Identity, at, unsigned};
 use crate::sdo::{Address, SdoError};
 use crate::sheet::{Object, Sheet, Value};
 use serde::Serialize;
@@ -29,7 +28,7 @@ pub struct Line {
     pub value: serde_json::Value,
     /// Unit; empty for none.
     pub unit: String,
-    /// What a head has that nobody has set.
+    /// Default.
     pub default: Option<serde_json::Value>,
     /// The value is another than the default.
     pub changed: bool,
@@ -86,16 +85,16 @@ pub fn read_all(head: &Head) -> Result<Vec<Setting<'_>>, SdoError> {
 }
 
 /// The file that has these settings.
-pub fn file(card: &Card, settings: &[Setting<'_>]) -> String {
+pub fn file(identity: &Identity, settings: &[Setting<'_>]) -> String {
     let mut text = format!(
         "# Settings of node {}, {} {}, serial number {}.\n# edm-desk settings compare FILE, edm-desk settings import FILE\n\n\
          [file]\nof = {:?}\nrevision = {}\nsettings = {}\n",
-        card.node,
-        card.name,
-        card.software,
-        card.serial,
-        card.name,
-        card.revision,
+        identity.node,
+        identity.name,
+        identity.software,
+        identity.serial,
+        identity.name,
+        identity.revision,
         settings.len()
     );
     let mut group = "";
@@ -130,8 +129,8 @@ pub fn parse<'a>(sheet: &'a Sheet, text: &str) -> Result<Vec<Setting<'a>>, Strin
         let values = values.as_table().ok_or_else(|| format!("{group}: must be in a [group], as in `[gap]`"))?;
         if group == "file" {
             let revision = values.get("revision").and_then(toml::Value::as_integer);
-            if revision.is_some_and(|revision| revision != i64::from(sheet.identity.revision)) {
-                let known = sheet.identity.revision;
+            if revision.is_some_and(|revision| revision != i64::from(sheet.device_id.revision)) {
+                let known = sheet.device_id.revision;
                 return Err(format!("revision {}, must be {known}", revision.unwrap_or_default()));
             }
             announced = values.get("settings").and_then(toml::Value::as_integer);
@@ -183,7 +182,7 @@ pub struct Difference {
     pub unit: String,
 }
 
-/// Where a head differs from what is wanted.
+/// Differences of a head from wanted values.
 ///
 /// # Errors
 /// Those of the transfers.
@@ -264,7 +263,7 @@ fn pass<'a>(head: &Head, settings: &[Setting<'a>]) -> Result<(), (&'a Object, Sd
     }
 }
 
-/// A refusal with the setting's name, and the one that stands in the way.
+/// A refusal with the setting's name, and the one it conflicts with.
 fn named(head: &Head, object: &Object, error: &SdoError) -> Failure {
     let SdoError::Refused(_, code) = error else { return error.clone().into() };
     let mut text = format!("{}: {}", object.key, crate::words::abort(*code));
@@ -283,14 +282,14 @@ fn named(head: &Head, object: &Object, error: &SdoError) -> Failure {
 mod tests {
     use super::*;
 
-    fn card() -> Card {
-        Card {
+    fn identity() -> Identity {
+        Identity {
             node: 1,
             name: "EDM servo head".into(),
             hardware: "X".into(),
             software: "0".into(),
             serial: 7,
-            revision: Sheet::own().unwrap().identity.revision,
+            revision: Sheet::own().unwrap().device_id.revision,
         }
     }
 
@@ -302,14 +301,14 @@ mod tests {
     fn a_file_says_what_it_was_made_of() {
         let sheet = Sheet::own().unwrap();
         let settings = defaults(&sheet);
-        assert!(parse(&sheet, &file(&card(), &settings)).unwrap() == settings);
+        assert!(parse(&sheet, &file(&identity(), &settings)).unwrap() == settings);
         assert!(settings.iter().all(|setting| !setting.changed()));
     }
 
     #[test]
     fn a_file_that_was_cut_off_anywhere_is_refused_in_one_line() {
         let sheet = Sheet::own().unwrap();
-        let text = file(&card(), &defaults(&sheet));
+        let text = file(&identity(), &defaults(&sheet));
         let body = text.find("[gap]").unwrap();
         // The last line may lose its unit, which is a remark.
         let last = text.trim_end().rfind('\n').unwrap();

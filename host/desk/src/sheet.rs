@@ -1,7 +1,7 @@
 //! The description file of a head (EDS, CiA 306-1): what its objects are called, what they hold, in which unit and range.
 //!
 //! CiA 306-1 has no place for units, ranges of floats and the names of a choice; edm-describe writes them as comments, and they
-//! are read from there. A file of somebody else without them is good as well: values are then bare numbers.
+//! are read from there. A file without them works too: values are then numbers without a unit.
 
 use crate::sdo::Address;
 use std::collections::BTreeMap;
@@ -223,9 +223,9 @@ impl Object {
     }
 }
 
-/// What 1018h says of a head, but its serial number.
+/// 1018h of a head without its serial number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Identity {
+pub struct DeviceId {
     /// Vendor-ID.
     pub vendor: u32,
     /// Product code.
@@ -238,7 +238,7 @@ pub struct Identity {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sheet {
     /// What it describes.
-    pub identity: Identity,
+    pub device_id: DeviceId,
     /// Name of the product.
     pub product: String,
     objects: BTreeMap<Address, Object>,
@@ -264,7 +264,7 @@ impl Sheet {
             let text = device.get(name).ok_or_else(|| format!("no {name} in [DeviceInfo]"))?;
             unsigned(text).and_then(|n| u32::try_from(n).ok()).ok_or_else(|| format!("{name}={text}: must be a number"))
         };
-        let identity = Identity {
+        let device_id = DeviceId {
             vendor: number("VendorNumber")?,
             product: number("ProductNumber")?,
             revision: number("RevisionNumber")?,
@@ -287,7 +287,7 @@ impl Sheet {
             return Err("no object in the file: is it truncated?".into());
         }
         let product = device.get("ProductName").unwrap_or("a device").to_owned();
-        Ok(Sheet { identity, product, objects })
+        Ok(Sheet { device_id, product, objects })
     }
 
     /// The object at an address.
@@ -295,7 +295,7 @@ impl Sheet {
         self.objects.get(&address)
     }
 
-    /// The object that somebody names: by its address, 2005:1 for instance, or by its key, in any case.
+    /// The object with an address (2005:1) or a key, in upper or lower case.
     ///
     /// # Errors
     /// Why there is none.

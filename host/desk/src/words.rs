@@ -1,7 +1,7 @@
-//! What a head says in numbers, in words, and what a person can do about it.
+//! States, faults, refusals and aborts in words, with advice.
 //!
 //! The numbers and their names are those of the core (`src/canopen/drive/codes.rs`, `src/head/fault.rs`) and of edm-describe;
-//! what to do is said here alone.
+//! the advice is here alone.
 
 use edm_servo_head::canopen::drive::{FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
 use edm_servo_head::head::{Contradiction, Fault, Finding};

@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 #[test]
 fn a_hole_is_bored_through_the_api_while_another_session_watches() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let (mut commands, mut watches) = (desk.session(), desk.session());
     let found = commands.ask(json!({ "do": "heads" })).unwrap();
     assert_eq!((&found[0]["node"], &found[0]["now"]["state"]), (&json!(1), &json!("disabled")));
@@ -53,15 +53,15 @@ fn a_hole_is_bored_through_the_api_while_another_session_watches() {
 #[test]
 fn a_run_is_paused_goes_back_and_on_and_is_stopped_by_whoever_watches() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let (mut commands, mut watches) = (desk.eroding(), desk.session());
-    commands.ask(json!({ "do": "wish", "wish": "pause" })).unwrap();
+    commands.ask(json!({ "do": "request", "request": "pause" })).unwrap();
     rig.until(|truth| !truth.pulses && truth.state == State::HoldingPosition);
-    commands.ask(json!({ "do": "wish", "wish": "back" })).unwrap();
+    commands.ask(json!({ "do": "request", "request": "back" })).unwrap();
     commands.until(|message| message["progress"]["doing"] == "waiting, pulses off");
     // 0.2 mm above the surface.
     assert!((1795..1805).contains(&rig.truth().position), "{:?}", rig.truth());
-    commands.ask(json!({ "do": "wish", "wish": "go" })).unwrap();
+    commands.ask(json!({ "do": "request", "request": "go" })).unwrap();
     commands.until(|message| message["progress"]["sample"]["state"] == "eroding");
     let stopped = watches.ask(json!({ "do": "stop", "node": 1 })).unwrap();
     assert_eq!(stopped["stopped"], "the head is disabled, pulses are off");
@@ -74,7 +74,7 @@ fn a_run_is_paused_goes_back_and_on_and_is_stopped_by_whoever_watches() {
 #[test]
 fn a_browser_that_is_lost_ends_in_the_heads_own_retreat_and_the_log_says_why() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     drop(desk.eroding());
     retreated(&rig);
     let mut later = desk.session();
@@ -87,7 +87,7 @@ fn a_browser_that_is_lost_ends_in_the_heads_own_retreat_and_the_log_says_why() {
 #[test]
 fn a_browser_that_hangs_is_lost_as_well() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let hangs = desk.eroding();
     retreated(&rig);
     drop(hangs);
@@ -96,22 +96,22 @@ fn a_browser_that_hangs_is_lost_as_well() {
 #[test]
 fn a_program_that_is_killed_ends_in_the_heads_own_retreat() {
     let rig = Rig::new();
-    let mut desk = Desk::new(&rig.way());
+    let mut desk = Desk::new(&rig.connection());
     let session = desk.eroding();
     desk.kill();
     retreated(&rig);
     drop(session);
-    let (code, heads, _) = run(&rig.way(), &["heads"]);
+    let (code, heads, _) = run(&rig.connection(), &["heads"]);
     assert_eq!(code, Some(0));
     assert!(heads.contains("host silent: pulses off, retrace; the program or the cable"), "{heads}");
-    assert_eq!(run(&rig.way(), &["reset"]).1, "the fault is reset\n");
+    assert_eq!(run(&rig.connection(), &["reset"]).1, "the fault is reset\n");
     assert_eq!(rig.truth().fault, None);
 }
 
 #[test]
 fn a_cable_that_is_pulled_ends_in_the_heads_own_retreat_and_the_program_says_so() {
     let mut rig = Rig::new();
-    let boring = rig::start(&rig.way(), &["bore", "--depth", "0.5"], Stdio::piped());
+    let boring = rig::start(&rig.connection(), &["bore", "--depth", "0.5"], Stdio::piped());
     rig.until(|truth| truth.state == State::Eroding);
     rig.pull();
     retreated(&rig);
@@ -139,7 +139,7 @@ fn a_hole_that_is_deeper_than_what_is_left_of_the_stroke_is_refused_before_pulse
         ),
         (&["bore", "--depth", "11"], 1, "at most 10.0"),
     ] {
-        let (code, said, why) = run(&rig.way(), arguments);
+        let (code, said, why) = run(&rig.connection(), arguments);
         let last = why.lines().last().unwrap();
         assert_eq!((code, said.as_str()), (Some(exit), ""), "{arguments:?}: {why}");
         assert!(last.contains(part), "{arguments:?}: {part:?} is not in {why}");
@@ -147,7 +147,7 @@ fn a_hole_that_is_deeper_than_what_is_left_of_the_stroke_is_refused_before_pulse
         assert_eq!((truth.state, truth.fault, truth.pulsed), (State::Disabled, None, false), "{arguments:?}");
         assert!(if exit == 2 { truth.deepest < 5 } else { truth.position < 50 }, "{arguments:?}: {truth:?}");
     }
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let mut session = desk.session();
     session.ask(json!({ "do": "command", "take": true })).unwrap();
     let deep = json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 500.0 } });
@@ -159,7 +159,7 @@ fn a_hole_that_is_deeper_than_what_is_left_of_the_stroke_is_refused_before_pulse
 fn a_hole_that_is_bored_again_is_measured_from_its_first_surface_or_else_somebody_says_that_the_place_is_new() {
     let rig = Rig::new();
     let bore = |more: &[&str]| {
-        let (code, said, why) = run(&rig.way(), &[&["--json", "bore"], more].concat());
+        let (code, said, why) = run(&rig.connection(), &[&["--json", "bore"], more].concat());
         (code, serde_json::from_str::<Value>(&said).unwrap_or_default(), why)
     };
     let (code, _, why) = bore(&["--depth", "0.03", "--continue"]);
@@ -195,11 +195,11 @@ fn a_hole_that_is_bored_again_is_measured_from_its_first_surface_or_else_somebod
 #[test]
 fn a_hole_whose_browser_or_program_was_lost_is_asked_about_and_continued() {
     let rig = Rig::new();
-    let mut desk = Desk::new(&rig.way());
+    let mut desk = Desk::new(&rig.connection());
     drop(desk.eroding());
     retreated(&rig);
     desk.kill();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let mut session = desk.session();
     session.ask(json!({ "do": "command", "take": true })).unwrap();
     session.ask(json!({ "do": "reset", "node": 1 })).unwrap();
@@ -207,7 +207,7 @@ fn a_hole_whose_browser_or_program_was_lost_is_asked_about_and_continued() {
     session.send(&json!({ "id": 99, "do": "bore", "node": 1, "hole": { "depth_mm": 0.5 } }).to_string());
     let asks = session.until(|message| message["id"] == 99);
     assert_eq!(asks["asks"]["begun"], true, "{asks}");
-    hole["hole"]["ground"] = "begun".into();
+    hole["hole"]["site"] = "begun".into();
     session.ask(hole).unwrap();
     let going = session.until(|message| message["progress"]["sample"]["state"] == "eroding");
     let place = |what: &str| going["progress"][what].as_f64().unwrap();
@@ -219,7 +219,7 @@ fn a_hole_whose_browser_or_program_was_lost_is_asked_about_and_continued() {
 #[test]
 fn a_head_that_seeks_says_how_far_it_is_above_the_work_and_no_time_is_left_yet() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let mut session = desk.session();
     session.ask(json!({ "do": "command", "take": true })).unwrap();
     session.ask(json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 0.5 } })).unwrap();
@@ -231,9 +231,9 @@ fn a_head_that_seeks_says_how_far_it_is_above_the_work_and_no_time_is_left_yet()
     let goes = session.until(|message| message["progress"]["left_s"].is_number());
     assert!(goes["progress"]["said"].as_str().unwrap().ends_with(" of 0.500 mm"), "{goes}");
     // In the hole a seek has a depth, and no pace of its own.
-    session.ask(json!({ "do": "wish", "wish": "back" })).unwrap();
+    session.ask(json!({ "do": "request", "request": "back" })).unwrap();
     session.until(|message| message["progress"]["doing"] == "waiting, pulses off");
-    session.ask(json!({ "do": "wish", "wish": "go" })).unwrap();
+    session.ask(json!({ "do": "request", "request": "go" })).unwrap();
     let again = session.until(|message| message["progress"]["doing"] == "seeking");
     assert!(again["progress"]["left_s"].is_null(), "{again}");
     session.ask(json!({ "do": "stop", "node": 1 })).unwrap();
@@ -242,7 +242,7 @@ fn a_head_that_seeks_says_how_far_it_is_above_the_work_and_no_time_is_left_yet()
 #[test]
 fn a_program_that_saves_in_a_loop_is_refused_in_words() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let mut session = desk.session();
     session.ask(json!({ "do": "command", "take": true })).unwrap();
     let refused = (0..100).find_map(|_| session.ask(json!({ "do": "save", "node": 1 })).err()).unwrap();
@@ -252,7 +252,7 @@ fn a_program_that_saves_in_a_loop_is_refused_in_words() {
 #[test]
 fn ctrl_c_goes_up_and_disables() {
     let rig = Rig::new();
-    let boring = rig::start(&rig.way(), &["--json", "bore", "--depth", "0.5"], Stdio::piped());
+    let boring = rig::start(&rig.connection(), &["--json", "bore", "--depth", "0.5"], Stdio::piped());
     rig.until(|truth| truth.state == State::Eroding);
     let pid = boring.id().to_string();
     assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
@@ -268,7 +268,7 @@ fn ctrl_c_goes_up_and_disables() {
 #[test]
 fn a_gap_without_pulses_has_no_voltage_and_says_why() {
     let rig = Rig::new();
-    let (code, said, why) = run(&rig.way(), &["--json", "gap", "--seconds", "0.3"]);
+    let (code, said, why) = run(&rig.connection(), &["--json", "gap", "--seconds", "0.3"]);
     assert_eq!((code, why.as_str()), (Some(0), ""));
     let gap: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
     assert_eq!((&gap["volts"], &gap["quality"], &gap["state"]), (&Value::Null, &json!("no gate"), &json!("disabled")));
@@ -284,7 +284,7 @@ fn looked_at<'a>(checks: &'a Value, what: &str) -> &'a Value {
 #[test]
 fn a_head_is_brought_up_by_hand_and_by_the_guided_check_and_the_report_tells_what_was_measured() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let mut session = desk.bringing_up(&rig);
     let plain = json!({ "do": "set", "node": 1, "assignments": ["gap.average=plain"] });
     session.ask(plain).unwrap();
@@ -325,7 +325,7 @@ fn a_head_is_brought_up_by_hand_and_by_the_guided_check_and_the_report_tells_wha
     }
     let text = ended["markdown"].as_str().unwrap();
     for part in
-        ["build virtual", "## 12. Generator", "Not checked: a host cannot see it", "| 12.0", " N | measured, kept"]
+        ["build virtual", "## 12. Generator", "Not checked: a host cannot see it", "| 12.0", " N | measured, stored"]
     {
         assert!(text.contains(part), "{part}: {text}");
     }
@@ -351,10 +351,10 @@ fn the_page_about_the_desk_lists_what_a_rehearsed_bring_up_wants() {
 fn a_guided_check_that_fails_says_why_in_two_files() {
     let rig = Rig::new();
     rig.happen("workpiece.raised_mm", -100.0);
-    assert_eq!(run(&rig.way(), &["settings", "set", "motor.reversed=true"]).0, Some(0));
+    assert_eq!(run(&rig.connection(), &["settings", "set", "motor.reversed=true"]).0, Some(0));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().to_str().unwrap();
-    let (code, said, why) = run(&rig.way(), &["--json", "bring-up", "--check", "--again", "--report", path]);
+    let (code, said, why) = run(&rig.connection(), &["--json", "bring-up", "--check", "--again", "--report", path]);
     assert_eq!(code, Some(1), "{why}");
     let report: Value = serde_json::from_str(&said).unwrap();
     let check = looked_at(&report["checks"], "guided check");
@@ -380,7 +380,7 @@ fn deep_in_the_check(session: &mut Session) {
 fn a_guided_check_ends_when_whoever_asked_for_it_is_gone_or_says_stop() {
     for how in ["stop", "browser", "program"] {
         let rig = Rig::new();
-        let mut desk = Desk::new(&rig.way());
+        let mut desk = Desk::new(&rig.connection());
         let mut session = desk.bringing_up(&rig);
         session.ask(json!({ "do": "check", "again": true })).unwrap();
         deep_in_the_check(&mut session);
@@ -398,7 +398,7 @@ fn a_guided_check_ends_when_whoever_asked_for_it_is_gone_or_says_stop() {
 #[test]
 fn an_emergency_stop_ends_a_guided_check_and_the_report_says_so() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let mut session = desk.bringing_up(&rig);
     session.ask(json!({ "do": "check", "again": true })).unwrap();
     deep_in_the_check(&mut session);
@@ -428,7 +428,7 @@ fn settings_go_to_a_file_are_compared_and_put_back_all_or_none() {
     let file = folder.path().join("head.toml");
     let file = file.to_str().unwrap();
     let ok = |arguments: &[&str]| {
-        let (code, said, complained) = run(&rig.way(), arguments);
+        let (code, said, complained) = run(&rig.connection(), arguments);
         assert_eq!((code, complained.as_str()), (Some(0), ""), "{arguments:?}: {said}");
         said
     };
@@ -446,7 +446,7 @@ fn settings_go_to_a_file_are_compared_and_put_back_all_or_none() {
     ok(&["settings", "set", "gap.setpoint_v=90", "gap.open_min_v=95"]);
     ok(&["settings", "set", "gap.open_min_v=70", "gap.setpoint_v=60"]);
     // The second does not fit: the first is put back.
-    let (code, said, why) = run(&rig.way(), &["settings", "set", "gap.corner_hz=150", "gap.setpoint_v=80"]);
+    let (code, said, why) = run(&rig.connection(), &["settings", "set", "gap.corner_hz=150", "gap.setpoint_v=80"]);
     assert_eq!((code, said.as_str()), (Some(1), ""));
     assert!(
         why.contains("gap.setpoint_v: it conflicts with another value") && why.contains("nothing was changed"),
@@ -493,7 +493,7 @@ fn every_way_of_a_transfer_carries_the_same_value() {
 #[test]
 fn the_whole_dictionary_is_read_in_half_a_second_of_a_bus_of_1_mbit() {
     let paced = Paced::new();
-    let bus = Bus::join(&paced.way.parse().unwrap(), 1_000_000, 126, &(Arc::new(|_: &str| ()) as _)).unwrap();
+    let bus = Bus::join(&paced.connection.parse().unwrap(), 1_000_000, 126, &(Arc::new(|_: &str| ()) as _)).unwrap();
     let head = Head::open(&bus, 1, &Arc::new(Sheet::own().unwrap())).unwrap();
     let (before, began) = (paced.passed(), Instant::now());
     let (mut values, mut refused) = (0, 0);
@@ -525,7 +525,7 @@ fn a_record_of_the_scope_has_a_sample_each_millisecond_in_a_file() {
     let file = folder.path().join("record.csv");
     // The clock of the head, and what does not change.
     let arguments = ["--json", "scope", "2000:10", "6079", "2005:5", "--every", "3", "--csv", file.to_str().unwrap()];
-    let (code, said, why) = run(&rig.way(), &arguments);
+    let (code, said, why) = run(&rig.connection(), &arguments);
     assert_eq!((code, why.as_str()), (Some(0), ""));
     let record: Value = serde_json::from_str(&said).unwrap();
     let values = |place: usize| -> Vec<f64> {
@@ -543,10 +543,11 @@ fn a_record_of_the_scope_has_a_sample_each_millisecond_in_a_file() {
     assert!(lines[256].starts_with("765,") && lines[256].ends_with(",65"), "{}", lines[256]);
 
     // A hand makes it begin; nothing else does.
-    let (code, _, why) = run(&rig.way(), &["scope", "6064", "--trigger", "rises", "--level", "1000", "--wait", "0.5"]);
+    let (code, _, why) =
+        run(&rig.connection(), &["scope", "6064", "--trigger", "rises", "--level", "1000", "--wait", "0.5"]);
     assert!(code == Some(1) && why.contains("no trigger within 0.5 s"), "{why}");
     let waits = rig::start(
-        &rig.way(),
+        &rig.connection(),
         &["--json", "scope", "6064", "--trigger", "rises", "--level", "1000", "--wait", "30"],
         Stdio::piped(),
     );
@@ -568,7 +569,7 @@ fn a_record_of_the_scope_has_a_sample_each_millisecond_in_a_file() {
 fn what_a_command_prints_or_is_asked_for_another_command_takes() {
     let rig = Rig::with_stranger(9);
     let ok = |arguments: &[&str]| {
-        let (code, said, why) = run(&rig.way(), arguments);
+        let (code, said, why) = run(&rig.connection(), arguments);
         assert_eq!((code, why.as_str()), (Some(0), ""), "{arguments:?}");
         said
     };
@@ -588,14 +589,14 @@ fn what_a_command_prints_or_is_asked_for_another_command_takes() {
 #[test]
 fn a_desk_that_is_started_before_its_bus_waits_for_it_and_joins_it_again() {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let way = format!("socket://{port}");
-    let desk = Desk::new(&way);
+    let connection = format!("socket://{port}");
+    let desk = Desk::new(&connection);
     let mut session = desk.session();
     let none = session.ask(json!({ "do": "heads" })).unwrap_err();
     assert!(none.contains("no bus there") && none.contains("tried again every second"), "{none}");
     for _ in 0..2 {
         let mut rig = Rig::at(&port.to_string());
-        session.until(|message| message["bus"] == way);
+        session.until(|message| message["bus"] == connection);
         let found = session.ask(json!({ "do": "heads" })).unwrap();
         assert_eq!(found[0]["now"]["state"], "disabled");
         session.until(|message| message["sample"]["node"] == 1);
@@ -625,7 +626,7 @@ fn two_programs_that_talk_to_one_head_do_not_disturb_each_other() {
 #[test]
 fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
     let rig = Rig::with_stranger(9);
-    let way = rig.way();
+    let connection = rig.connection();
     let folder = tempfile::tempdir().unwrap();
     let put = |name: &str, text: &str| {
         let path = folder.path().join(name);
@@ -638,7 +639,7 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
     let newer = put("newer.eds", &eds.replace("RevisionNumber=0x2", "RevisionNumber=0x3"));
     let whole = folder.path().join("whole.toml");
     let whole = whole.to_str().unwrap();
-    assert_eq!(run(&way, &["settings", "export", whole]).0, Some(0));
+    assert_eq!(run(&connection, &["settings", "export", whole]).0, Some(0));
     let text = fs::read_to_string(whole).unwrap().replace("setpoint_v = 60", "setpoint_v = 50");
     let half = put("half.toml", &text[..text.len() / 2]);
     let broken = put("broken.toml", "[gap]\nsetpoint_v = ");
@@ -685,22 +686,22 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["page", "--token-file", &short], "must be at least 16 letters and digits"),
         (&["dance"], "unrecognized subcommand 'dance'"),
     ] {
-        let (code, said, why) = run(&way, arguments);
+        let (code, said, why) = run(&connection, arguments);
         assert_eq!((code, said.as_str(), why.trim_end().lines().count()), (Some(2), "", 1), "{arguments:?}: {why}");
         assert!(why.contains(part), "{arguments:?}: {part:?} is not in {why}");
     }
-    assert!(run(&way, &["settings", "compare", whole]).1.contains("no difference"), "nothing was written");
+    assert!(run(&connection, &["settings", "compare", whole]).1.contains("no difference"), "nothing was written");
     drop(rig);
-    for (way, part) in [
-        (way.as_str(), "no bus there"),
+    for (connection, part) in [
+        (connection.as_str(), "no bus there"),
         ("/dev/no/adapter", "no adapter there"),
         ("socketcand://127.0.0.1:1/can0", "no bus there"),
         ("nocan7", "nocan7: "),
         ("slcan://x", "must be socket://HOST:PORT"),
     ] {
-        let (code, said, why) = run(way, &["heads"]);
-        assert_eq!((code, said.as_str(), why.trim_end().lines().count()), (Some(2), "", 1), "{way}: {why}");
-        assert!(why.contains(part), "{way}: {why}");
+        let (code, said, why) = run(connection, &["heads"]);
+        assert_eq!((code, said.as_str(), why.trim_end().lines().count()), (Some(2), "", 1), "{connection}: {why}");
+        assert!(why.contains(part), "{connection}: {why}");
     }
     // Somebody listens there, and says nothing.
     let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -711,14 +712,14 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
 #[test]
 fn the_page_of_another_site_another_host_and_who_does_not_know_the_token_are_refused() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     assert_eq!(desk.upgrade("/session", &[("Origin", &format!("http://{}", desk.address))]), 101);
     assert_eq!(desk.upgrade("/session", &[("Origin", "http://evil.example")]), 403);
     assert_eq!(desk.upgrade("/session", &[("Host", "evil.example")]), 403);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("token");
     fs::write(&path, "0123456789abcdef\n").unwrap();
-    let desk = Desk::with(&rig.way(), &["--token-file", path.to_str().unwrap()]);
+    let desk = Desk::with(&rig.connection(), &["--token-file", path.to_str().unwrap()]);
     assert_eq!(desk.upgrade("/session", &[]), 401);
     assert_eq!(desk.upgrade("/session?token=0123456789abcdeX", &[]), 401);
     assert_eq!(desk.upgrade("/session?token=0123456789abcdef", &[]), 101);
@@ -727,7 +728,7 @@ fn the_page_of_another_site_another_host_and_who_does_not_know_the_token_are_ref
 #[test]
 fn nonsense_of_a_session_is_answered_and_nothing_ends() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let mut session = desk.session();
     for text in ["", "{}", "[]", r#"{"id":1,"do":"fly"}"#, r#"{"id":1,"do":"stop","node":700}"#] {
         session.send(text);

@@ -174,7 +174,7 @@ impl Drop for Browser {
 #[test]
 fn a_stranger_bores_a_hole_in_the_page() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
     let found = page.text("#found");
     assert!(found.contains("Node 1") && found.contains("disabled, not homed"), "{found}");
@@ -200,7 +200,7 @@ fn a_stranger_bores_a_hole_in_the_page() {
 fn a_head_is_brought_up_in_the_page() {
     for (wide, dark, name) in [(1280, false, "bring-up-light"), (800, true, "bring-up-dark")] {
         let rig = Rig::new();
-        let desk = Desk::new(&rig.way());
+        let desk = Desk::new(&rig.connection());
         let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
         rig.happen("workpiece.raised_mm", -100.0);
         page.command();
@@ -245,7 +245,7 @@ fn a_head_is_brought_up_in_the_page() {
 fn the_gap_is_seen_while_a_hole_is_bored() {
     for (wide, dark, name) in [(1280, false, "gap-light"), (800, true, "gap-dark")] {
         let rig = Rig::new();
-        let desk = Desk::new(&rig.way());
+        let desk = Desk::new(&rig.connection());
         let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
         page.view("gap");
         page.until("document.querySelectorAll('#ladder tr').length === 4");
@@ -283,7 +283,7 @@ fn the_gap_is_seen_while_a_hole_is_bored() {
 fn the_scope_records_an_erosion() {
     for (wide, dark, name) in [(1280, false, "scope-light"), (800, true, "scope-dark")] {
         let rig = Rig::new();
-        let desk = Desk::new(&rig.way());
+        let desk = Desk::new(&rig.connection());
         let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
         page.bore(0.5);
         page.view("scope");
@@ -309,7 +309,7 @@ fn the_scope_records_an_erosion() {
 fn a_place_with_a_hole_is_asked_about_in_the_page() {
     for (wide, dark, name) in [(1280, false, "asks-light"), (800, true, "asks-dark")] {
         let rig = Rig::new();
-        let desk = Desk::new(&rig.way());
+        let desk = Desk::new(&rig.connection());
         let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
         page.bore(0.002);
         page.until("document.querySelector('#doing').innerText.startsWith('Bored: ')");
@@ -335,7 +335,7 @@ fn a_place_with_a_hole_is_asked_about_in_the_page() {
 fn what_is_not_measured_now_is_grey_and_says_of_when_it_is() {
     for (wide, dark, name) in [(1280, false, "old-light"), (800, true, "old-dark")] {
         let mut rig = Rig::new();
-        let desk = Desk::new(&rig.way());
+        let desk = Desk::new(&rig.connection());
         let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
         let old = |id: &str, begins: &str| {
             format!(
@@ -383,7 +383,7 @@ fn what_is_not_measured_now_is_grey_and_says_of_when_it_is() {
 #[test]
 fn the_escape_key_stops_the_head_from_any_view() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
     page.bore(0.5);
     page.view("settings");
@@ -399,7 +399,7 @@ fn the_escape_key_stops_the_head_from_any_view() {
 #[test]
 fn a_browser_that_is_killed_ends_in_the_heads_own_retreat() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
     page.bore(0.5);
     drop(page);
@@ -410,7 +410,7 @@ fn a_browser_that_is_killed_ends_in_the_heads_own_retreat() {
 #[test]
 fn every_view_fits_light_and_dark_and_has_stop_in_sight() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.way());
+    let desk = Desk::new(&rig.connection());
     let mut grounds = Vec::new();
     for (wide, dark) in [(1280, false), (800, true)] {
         let Some(mut page) = Browser::at(&desk, wide, dark) else { return };

@@ -53,7 +53,7 @@ type Seen = (Mutex<Option<Truth>>, Condvar);
 /// A bus with a head on it, node 1.
 pub struct Rig {
     listener: Option<Listener>,
-    way: String,
+    connection: String,
     seen: Arc<Seen>,
     stop: Arc<AtomicBool>,
     wires: Sender<(&'static str, f64)>,
@@ -113,8 +113,8 @@ impl Rig {
             }
         });
         let listener = Listener::new(&hub, address, || Box::new(Slcan::default()), quiet()).unwrap();
-        let way = format!("socket://{}", listener.address());
-        let rig = Rig { listener: Some(listener), way, seen, stop, wires, _stranger: None };
+        let connection = format!("socket://{}", listener.address());
+        let rig = Rig { listener: Some(listener), connection, seen, stop, wires, _stranger: None };
         rig.until(|_| true);
         rig
     }
@@ -123,8 +123,8 @@ impl Rig {
     pub fn with_stranger(node: u8) -> Rig {
         let mut rig = Rig::new();
         let hub = Hub::default();
-        let way: edm_bus::Way = rig.way.parse().unwrap();
-        let joined = way.join(&hub, 1_000_000, &quiet()).unwrap();
+        let connection: edm_bus::Connection = rig.connection.parse().unwrap();
+        let joined = connection.join(&hub, 1_000_000, &quiet()).unwrap();
         let stranger = Arc::new(Stranger { node, answers: OnceLock::new(), _joined: joined });
         let (sender, answers) = std::sync::mpsc::channel();
         stranger.answers.set(Mutex::new(sender)).unwrap();
@@ -139,13 +139,13 @@ impl Rig {
         self.wires.send((signal, value)).unwrap();
     }
 
-    pub fn way(&self) -> String {
-        self.way.clone()
+    pub fn connection(&self) -> String {
+        self.connection.clone()
     }
 
     /// This process on the bus.
     pub fn bus(&self) -> Bus {
-        Bus::join(&self.way.parse().unwrap(), 1_000_000, 126, &quiet()).unwrap()
+        Bus::join(&self.connection.parse().unwrap(), 1_000_000, 126, &quiet()).unwrap()
     }
 
     /// Cuts everybody off.
@@ -191,7 +191,7 @@ pub const BY_HAND: [(&str, f64, &str, &str); 13] = [
     ("dielectric.lost", 0.0, "dielectric contact", "passed"),
     ("gap.short", 1.0, "gap, a wire from the electrode to the work", "passed"),
     ("gap.short", 0.0, "gap, nothing near the electrode", "passed"),
-    ("hand.force_n", 2.0, "position, moved by hand", "passed"),
+    ("hand.force_n", 2.0, "position, moved manually", "passed"),
     ("hand.force_n", -2.0, "and back at the upper stop", "passed"),
     ("hand.force_n", 0.0, "heartbeat", "passed"),
 ];
@@ -200,7 +200,7 @@ pub const BY_HAND: [(&str, f64, &str, &str); 13] = [
 struct Stranger {
     node: u8,
     answers: OnceLock<Mutex<std::sync::mpsc::Sender<Frame>>>,
-    _joined: edm_bus::way::Joined,
+    _joined: edm_bus::connection::Joined,
 }
 
 impl Sink for Stranger {
@@ -220,15 +220,15 @@ fn quiet() -> Report {
 }
 
 /// Starts the program.
-pub fn start(way: &str, arguments: &[&str], stdout: Stdio) -> Child {
+pub fn start(connection: &str, arguments: &[&str], stdout: Stdio) -> Child {
     let mut command = Command::new(env!("CARGO_BIN_EXE_edm-desk"));
-    command.args(["--bus", way]).args(arguments);
+    command.args(["--bus", connection]).args(arguments);
     command.stdin(Stdio::null()).stdout(stdout).stderr(Stdio::piped()).spawn().unwrap()
 }
 
 /// Runs the program to its end: exit code, stdout, stderr.
-pub fn run(way: &str, arguments: &[&str]) -> (Option<i32>, String, String) {
-    let output = start(way, arguments, Stdio::piped()).wait_with_output().unwrap();
+pub fn run(connection: &str, arguments: &[&str]) -> (Option<i32>, String, String) {
+    let output = start(connection, arguments, Stdio::piped()).wait_with_output().unwrap();
     let text = |bytes| String::from_utf8(bytes).unwrap();
     (output.status.code(), text(output.stdout), text(output.stderr))
 }
@@ -240,12 +240,12 @@ pub struct Desk {
 }
 
 impl Desk {
-    pub fn new(way: &str) -> Desk {
-        Desk::with(way, &[])
+    pub fn new(connection: &str) -> Desk {
+        Desk::with(connection, &[])
     }
 
-    pub fn with(way: &str, options: &[&str]) -> Desk {
-        let mut process = start(way, &[&["page", "--listen", "127.0.0.1:0"], options].concat(), Stdio::piped());
+    pub fn with(connection: &str, options: &[&str]) -> Desk {
+        let mut process = start(connection, &[&["page", "--listen", "127.0.0.1:0"], options].concat(), Stdio::piped());
         let mut line = String::new();
         BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let address = line.split("http://").nth(1).expect(&line).split('/').next().unwrap().to_owned();

@@ -33,7 +33,7 @@ struct Passed {
 /// A bus with a head, node 1.
 pub struct Paced {
     _listener: Listener,
-    pub way: String,
+    pub connection: String,
     passed: Arc<Passed>,
 }
 
@@ -81,8 +81,8 @@ impl Paced {
             }
         });
         let listener = Listener::new(&hub, "127.0.0.1:0", || Box::new(Slcan::default()), quiet()).unwrap();
-        let way = format!("socket://{}", listener.address());
-        Paced { _listener: listener, way, passed }
+        let connection = format!("socket://{}", listener.address());
+        Paced { _listener: listener, connection, passed }
     }
 
     /// Simulated time, ns; bits and frames on the bus.

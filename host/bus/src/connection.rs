@@ -1,4 +1,4 @@
-//! The other side: onto a bus that an adapter, another program or the kernel serves.
+//! The client side: joins a bus that an adapter, another program or the kernel serves.
 
 use crate::client::{Client, Protocol, Report};
 use crate::{Hub, slcan, socketcand, tcp};
@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 /// Where a bus is.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Way {
+pub enum Connection {
     /// slcan by network, `socket://HOST:PORT`.
     Network(String),
     /// slcan at a serial port: an adapter on USB.
@@ -20,40 +20,40 @@ pub enum Way {
     Interface(String),
 }
 
-impl FromStr for Way {
+impl FromStr for Connection {
     type Err = String;
 
-    fn from_str(text: &str) -> Result<Way, String> {
-        let way = if let Some(address) = text.strip_prefix("socket://") {
-            Way::Network(address.into())
+    fn from_str(text: &str) -> Result<Connection, String> {
+        let connection = if let Some(address) = text.strip_prefix("socket://") {
+            Connection::Network(address.into())
         } else if let Some(rest) = text.strip_prefix("socketcand://") {
             let (address, bus) = rest.split_once('/').unwrap_or((rest, "can0"));
-            Way::Socketcand(address.into(), bus.into())
+            Connection::Socketcand(address.into(), bus.into())
         } else if text.contains('/') && !text.contains("://") {
-            Way::Serial(text.into())
+            Connection::Serial(text.into())
         } else {
-            Way::Interface(text.into())
+            Connection::Interface(text.into())
         };
-        let fits = match &way {
-            Way::Network(address) => address.contains(':'),
-            Way::Socketcand(address, bus) => {
+        let fits = match &connection {
+            Connection::Network(address) => address.contains(':'),
+            Connection::Socketcand(address, bus) => {
                 address.contains(':') && !bus.is_empty() && bus.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
             }
-            Way::Serial(_) => true,
-            Way::Interface(name) => (1..16).contains(&name.len()) && !name.contains([':', ' ']),
+            Connection::Serial(_) => true,
+            Connection::Interface(name) => (1..16).contains(&name.len()) && !name.contains([':', ' ']),
         };
         let allowed = "must be socket://HOST:PORT (slcan), a serial port such as /dev/ttyACM0 (slcan), socketcand://HOST:PORT/can0, or an interface such as can0";
-        if fits { Ok(way) } else { Err(allowed.into()) }
+        if fits { Ok(connection) } else { Err(allowed.into()) }
     }
 }
 
-impl Display for Way {
+impl Display for Connection {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
-            Way::Network(address) => write!(f, "socket://{address}"),
-            Way::Serial(path) => write!(f, "{}", path.display()),
-            Way::Socketcand(address, bus) => write!(f, "socketcand://{address}/{bus}"),
-            Way::Interface(name) => f.write_str(name),
+            Connection::Network(address) => write!(f, "socket://{address}"),
+            Connection::Serial(path) => write!(f, "{}", path.display()),
+            Connection::Socketcand(address, bus) => write!(f, "socketcand://{address}/{bus}"),
+            Connection::Interface(name) => f.write_str(name),
         }
     }
 }
@@ -67,11 +67,11 @@ enum Line {
     Interface(crate::kernel::Interface),
 }
 
-impl Way {
+impl Connection {
     /// Joins this bus to a hub. `bit_rate`, bit/s, is for an adapter behind slcan; elsewhere it is set already.
     ///
     /// # Errors
-    /// The way, what is wrong with it, and what helps.
+    /// The connection, its error, and the remedy.
     pub fn join(&self, hub: &Hub, bit_rate: u32, report: &Report) -> Result<Joined, String> {
         let slcan = || -> Result<Box<dyn Protocol>, String> {
             let caller =
@@ -82,28 +82,28 @@ impl Way {
             format!("{self}: no bus there: {error}; `cargo sim serve` makes a virtual one at socket://127.0.0.1:3333")
         };
         let client = match self {
-            Way::Network(address) => tcp::connect(hub, address, slcan()?, report).map_err(nobody)?,
-            Way::Socketcand(address, bus) => {
+            Connection::Network(address) => tcp::connect(hub, address, slcan()?, report).map_err(nobody)?,
+            Connection::Socketcand(address, bus) => {
                 tcp::connect(hub, address, Box::new(socketcand::Caller::new(bus)), report).map_err(nobody)?
             }
             #[cfg(unix)]
-            Way::Serial(path) => crate::pty::connect(hub, path, slcan()?, report)
+            Connection::Serial(path) => crate::pty::connect(hub, path, slcan()?, report)
                 .map_err(|error| format!("{self}: no adapter there: {error}; `dmesg` shows where it was plugged in"))?,
             #[cfg(not(unix))]
-            Way::Serial(_) => return Err(format!("{self}: serial ports only on Unix; use slcan by network")),
+            Connection::Serial(_) => return Err(format!("{self}: serial ports only on Unix; use slcan by network")),
             #[cfg(target_os = "linux")]
-            Way::Interface(name) => {
+            Connection::Interface(name) => {
                 return crate::kernel::Interface::new(hub, name, report.clone()).map(|on| Joined(Line::Interface(on)));
             }
             #[cfg(not(target_os = "linux"))]
-            Way::Interface(_) => return Err(format!("{self}: kernel interfaces only on Linux; use slcan")),
+            Connection::Interface(_) => return Err(format!("{self}: kernel interfaces only on Linux; use slcan")),
         };
         Ok(Joined(Line::Client(client)))
     }
 }
 
 impl Joined {
-    /// Nothing passes any more: the other side has hung up, or the adapter is gone.
+    /// No frames pass any more: the other side has disconnected, or the adapter is gone.
     pub fn lost(&self) -> bool {
         match &self.0 {
             Line::Client(client) => client.ended(),
@@ -132,16 +132,16 @@ mod tests {
 
     #[test]
     fn a_way_is_told_by_its_shape_and_says_itself() {
-        for (text, way) in [
-            ("socket://127.0.0.1:3333", Way::Network("127.0.0.1:3333".into())),
-            ("/dev/ttyACM0", Way::Serial("/dev/ttyACM0".into())),
-            ("socketcand://localhost:29536/vcan0", Way::Socketcand("localhost:29536".into(), "vcan0".into())),
-            ("can0", Way::Interface("can0".into())),
+        for (text, connection) in [
+            ("socket://127.0.0.1:3333", Connection::Network("127.0.0.1:3333".into())),
+            ("/dev/ttyACM0", Connection::Serial("/dev/ttyACM0".into())),
+            ("socketcand://localhost:29536/vcan0", Connection::Socketcand("localhost:29536".into(), "vcan0".into())),
+            ("can0", Connection::Interface("can0".into())),
         ] {
-            assert_eq!((text.parse(), way.to_string()), (Ok(way), text.into()));
+            assert_eq!((text.parse(), connection.to_string()), (Ok(connection), text.into()));
         }
         for text in ["", "socket://", "slcan://127.0.0.1:1", "socketcand://host", "socketcand://h:1/<x>", "can 0"] {
-            assert!(text.parse::<Way>().is_err(), "{text}");
+            assert!(text.parse::<Connection>().is_err(), "{text}");
         }
     }
 
@@ -168,28 +168,28 @@ mod tests {
         let path = folder.path().join("tty");
         let serial = crate::pty::SerialPort::new(&served, &path, report.clone()).unwrap();
         let ways = [
-            Way::Network(listeners[0].address().to_string()),
-            Way::Socketcand(listeners[1].address().to_string(), "can0".into()),
-            Way::Serial(path),
+            Connection::Network(listeners[0].address().to_string()),
+            Connection::Socketcand(listeners[1].address().to_string(), "can0".into()),
+            Connection::Serial(path),
         ];
         let near = Arc::new(Mailbox::default());
         let port = served.attach(near.clone());
         let joined: Vec<Joined> = (1..)
             .zip(&ways)
-            .map(|(id, way)| {
+            .map(|(id, connection)| {
                 let hub = Hub::default();
                 let far = Arc::new(Mailbox::default());
-                let joined = way.join(&hub, 1_000_000, &report).unwrap();
+                let joined = connection.join(&hub, 1_000_000, &report).unwrap();
                 let sender = hub.attach(far.clone());
-                // What arrives has passed the greeting of its way: the answer finds the other side open.
+                // What arrives has passed the greeting of its connection: the answer finds the other side open.
                 sender.send(&frame(id));
-                assert_eq!(next(&near), Some(frame(id)), "{way}");
+                assert_eq!(next(&near), Some(frame(id)), "{connection}");
                 port.send(&frame(100 + id));
-                assert_eq!(next(&far), Some(frame(100 + id)), "{way}");
+                assert_eq!(next(&far), Some(frame(100 + id)), "{connection}");
                 joined
             })
             .collect();
-        assert!(joined.iter().all(|way| !way.lost()));
+        assert!(joined.iter().all(|connection| !connection.lost()));
         drop((listeners, serial));
         let end = Instant::now() + Duration::from_secs(10);
         while !joined[..2].iter().all(Joined::lost) && Instant::now() < end {
@@ -202,8 +202,8 @@ mod tests {
 
     #[test]
     fn an_adapter_that_is_not_there_is_named() {
-        let way = Way::Serial("/dev/no/adapter".into());
-        let Err(error) = way.join(&Hub::default(), 1_000_000, &(Arc::new(|_: &str| ()) as Report)) else {
+        let connection = Connection::Serial("/dev/no/adapter".into());
+        let Err(error) = connection.join(&Hub::default(), 1_000_000, &(Arc::new(|_: &str| ()) as Report)) else {
             panic!("it is there")
         };
         assert!(error.starts_with("/dev/no/adapter: no adapter there: "), "{error}");
