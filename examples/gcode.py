@@ -58,7 +58,7 @@ def by_radius(number, radius, chord, forward):
     """The centre of an arc from its beginning, nm; with a negative radius it is the longer way around."""
     (u, v), length = chord, math.hypot(*chord)
     if not length:
-        raise Wrong(f"line {number}: R: an arc by R ends elsewhere than it begins; a whole turn has its centre in I, J or K")
+        raise Wrong(f"line {number}: R: an arc with R must not end where it begins; give a full circle by I, J or K")
     if length > 2 * abs(radius) + INCONSISTENCY:
         raise Wrong(f"line {number}: R: its ends are {length / 1e6:.3f} mm apart, more than two radii")
     aside = math.sqrt(max(0, radius**2 - length**2 / 4)) / length
@@ -76,7 +76,7 @@ def segments(text):
             if letter == "G":
                 group = next((group for group in GROUPS if value in group), ())
                 if others := [other for other in codes if other in group]:
-                    raise Wrong(f"line {number}: {word}: G{others[0]:g} stands in the same line")
+                    raise Wrong(f"line {number}: {word}: G{others[0]:g} is in the same line")
                 codes.append(value)
             if letter == "G" and value in (0, 1, 2, 3):
                 motion = int(value)
@@ -90,10 +90,10 @@ def segments(text):
                 ends = True
             elif letter in "FRXYZIJK":
                 if letter in given:
-                    raise Wrong(f"line {number}: {word}: {letter} stands twice in the line")
+                    raise Wrong(f"line {number}: {word}: {letter} is twice in the line")
                 given[letter] = value
             elif letter != "G" or value not in PASSED:
-                raise Wrong(f"line {number}: {word}: is not among {WORDS}")
+                raise Wrong(f"line {number}: {word}: must be one of {WORDS}")
         # The unit may stand behind them.
         if "F" in given:
             value = given.pop("F")
@@ -117,7 +117,7 @@ def segments(text):
             segment.shape = SHAPES[plane][3 - motion]
             centres = [letter for letter in "IJK" if letter in given]
             if "R" in given and centres:
-                raise Wrong(f"line {number}: {centres[0]}: an arc by R has no other centre")
+                raise Wrong(f"line {number}: {centres[0]}: an arc with R must have no other centre")
             wrong = [letter for letter in centres if letter not in dict(centre)]
             if "R" in given:
                 by = {"I": end["X"] - at["X"], "J": end["Y"] - at["Y"], "K": end["Z"] - at["Z"]}

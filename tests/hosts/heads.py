@@ -34,7 +34,7 @@ class Server:
         listener.start()
         for line in self.process.stdout:
             self.said += line
-            if "stops it" in line:
+            if "Ctrl-C stops" in line:
                 break
         else:
             listener.join(10)

@@ -336,7 +336,7 @@ impl BringUp<'_> {
         // Both ways, as step 7 wants it.
         let armed = self.head.arm()?;
         self.live.expect_heartbeat();
-        let ended = self.look_on(&limits, &mut observed);
+        let ended = self.observe(&limits, &mut observed);
         armed.disarm();
         let checks = ended?;
         let looked_at = |step: u8| checks.iter().any(|check| check.step == step);
@@ -352,7 +352,7 @@ impl BringUp<'_> {
         })
     }
 
-    fn look_on(&mut self, limits: &Limits, observed: &mut Observed) -> Result<Vec<Check>, Failure> {
+    fn observe(&mut self, limits: &Limits, observed: &mut Observed) -> Result<Vec<Check>, Failure> {
         let mut doing = String::from("watching");
         loop {
             (self.alive)()?;

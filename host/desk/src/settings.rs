@@ -13,7 +13,7 @@ use std::fmt::Write;
 /// A setting and its value in a head.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting<'a> {
-    /// What it is.
+    /// The object.
     pub object: &'a Object,
     /// What the head has.
     pub value: Value,

@@ -1,6 +1,6 @@
-//! The process model around the chip: what the wires of docs/wiring.md carry, at their own instants.
+//! The process model around the chip: the signals of docs/wiring.md, at their own instants.
 //!
-//! The process goes on in *windows* of one servo tick that begin with the periods of the PWM, so that the duty of a window
+//! The process advances in *windows* of one servo tick that begin with the periods of the PWM, so that the duty of a window
 //! is exactly the one in force. A window is computed just after it has begun (16 cycles), under what the chip drives its
 //! pins with at that moment; a direction pin, or the line that allows pulses, that changes inside a window acts on the
 //! next one, up to 50 us late; so does the latch of the live signal. Voltages, edges of gate, comparators and encoder come at
@@ -59,7 +59,7 @@ pub struct Bench {
     /// Without it neither pulses nor bridge.
     pub latch: Latch,
     levels: [[Option<bool>; 16]; 3],
-    /// Lines that somebody has cut or shorted, and what the chip's pin sees instead.
+    /// Lines that are cut or shorted, and the level at the chip's pin.
     stuck: Vec<(Pin, Option<bool>)>,
     /// Codes of converter and channel, whatever is at their pins.
     pub codes: Vec<((u8, u8), u16)>,
@@ -226,8 +226,8 @@ impl Bench {
         self.changes.push_front((0, Change::Level(pin, level)));
     }
 
-    /// Mends every line.
-    pub fn mend_lines(&mut self) {
+    /// Repairs every line.
+    pub fn repair_lines(&mut self) {
         self.codes.clear();
         (self.deaf, self.swapped) = (false, false);
         for (pin, _) in std::mem::take(&mut self.stuck) {

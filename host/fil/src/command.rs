@@ -39,13 +39,13 @@ pub struct Cycles {
     /// Write the figures here as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// The page with the section; without it docs/performance.md of the project around the current directory
+    /// Page with the section [default: docs/performance.md of the project]
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
-    /// Write no page; fail beyond a limit: gap or servo longer than half their period, more than 80 % load
+    /// Write no page; fail if gap or servo take longer than half their period, or the load is above 80 %
     #[arg(long)]
     check: bool,
-    /// Fail when a bound of docs/performance.md is not met, too
+    /// Also fail when a bound of docs/performance.md is not met
     #[arg(long)]
     bounds: bool,
 }
@@ -54,7 +54,7 @@ impl Cycles {
     /// Measures, reports and writes.
     ///
     /// # Errors
-    /// Bad input, a figure beyond its limit, a bound that is asked for and not met.
+    /// Bad input, a figure beyond its limit, a requested bound that is not met.
     pub fn execute(&self, image: &Image) -> Result<()> {
         let path = self.page.clone().map_or_else(|| in_project(Path::new(PAGE)), Ok)?;
         let committed = Page::read(&path, COMMAND).map_err(BadInput)?;

@@ -1,5 +1,5 @@
-//! A hard day of a head: it seeks, erodes, meets a short, backs off, comes back, and then something breaks. Once that is
-//! mended the next thing breaks. What the chip sees meanwhile goes to a [`Witness`].
+//! An exercise for a head: it seeks, erodes, has a short, retreats, returns, and then something breaks. After the repair the
+//! next thing breaks. The inputs of the chip go to a [`Witness`].
 
 use crate::host;
 use crate::image::Image;
@@ -12,7 +12,7 @@ use edm_servo_head::units::{Nanometres, TICK_HZ};
 use edm_sim::machine::Rig as _;
 use edm_sim::process::{FaultInputs, Parameters};
 
-/// What breaks, and what the head has to call it.
+/// What breaks, and the fault that the head must report.
 const BREAKS: [(&str, Fault); 10] = [
     ("a wire across the gap", Fault::PersistentShort),
     ("no pulses", Fault::GateMissing),
@@ -35,7 +35,7 @@ const TARGET: Nanometres = Nanometres(2_000_000);
 pub struct Met {
     /// Servo ticks.
     pub ticks: u64,
-    /// Times that the head backed off from a short.
+    /// Retreats from a short.
     pub retreats: u32,
     /// Faults, in turn.
     pub faults: Vec<Fault>,
@@ -47,7 +47,7 @@ struct Day {
     met: Met,
 }
 
-/// Lets the firmware work for `seconds` at least, to the end of the break that is going on; `seed` is that of the process.
+/// Lets the firmware work for `seconds` at least, to the end of the present fault; `seed` is that of the process.
 ///
 /// # Errors
 /// When the head does something else than it should, or the witness objects.

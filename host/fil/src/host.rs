@@ -6,7 +6,7 @@ use edm_servo_head::path::Piece;
 use edm_servo_head::units::Nanometres;
 use edm_soc::Frame;
 
-/// The firmware's number on the bus: what its flash says, here as on a board that was named so.
+/// Node-ID of the firmware, as stored in its flash.
 pub const NODE: u16 = 1;
 /// Identifiers of the pre-defined connection set (CiA 301 7.3.5).
 const REQUEST: u16 = 0x600 + NODE;
@@ -84,7 +84,7 @@ pub fn lss(bus: &mut impl Bus, request: [u8; 8]) -> Result<Option<[u8; 8]>> {
     Ok(None)
 }
 
-/// Names a head that is alone on its bus and waits for a node-ID; whether it did.
+/// Assigns a node-ID to a head that is alone on its bus and waits for one; whether it took it.
 ///
 /// # Errors
 /// When the head cannot go on.
@@ -109,7 +109,7 @@ pub fn begin(bus: &mut impl Bus) -> Result<()> {
     bus.pass()
 }
 
-/// Waits for the node's boot-up: it listens to nobody before.
+/// Waits for the node's boot-up: it ignores frames before.
 ///
 /// # Errors
 /// When it does not come.
@@ -162,9 +162,9 @@ pub fn command(bus: &mut impl Bus, command: Command) -> Result<()> {
             write(bus, 0x6040, 0, 0, 2)?;
             control(bus, 0x80, 0x4F, 0x40)?;
         }
-        other => bail!("{other:?} is not in this host's repertoire"),
+        other => bail!("{other:?} is not a command of this host"),
     }
-    // The servo task has carried it out by now, and has told.
+    // The servo task has carried it out by now, and has reported it.
     for _ in 0..3 {
         bus.pass()?;
     }

@@ -1,4 +1,4 @@
-//! How late the firmware is: from an event at a pin to what it does about it, with the event at every place of a servo tick.
+//! Latency of the firmware: from an event at a pin to the reaction, with the event at every offset in a servo tick.
 //!
 //! Scene 1, eroding: the axis vibrates at the rated speed, every second pulse meets a short, logs are on. The pulses come a
 //! step later in each tick, so that after a sweep there was one at every offset. Scene 2, holding position: the dielectric
@@ -80,7 +80,7 @@ pub struct Encoder {
 /// The result.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Latency {
-    /// Voltage of a short sampled, to the generator told to stop.
+    /// From the sampled voltage of a short to the inhibited generator.
     pub short_to_pin_us: Spread,
     /// Gate opened into the short, blanking and conversion included.
     pub physical_short_to_pin_us: Spread,

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 type Slice<'a> = EndianSlice<'a, LittleEndian>;
 
-/// Size and fields of the types that were asked for, and the numbers of the variants among them.
+/// Size and fields of the requested types, and the numbers of the variants among them.
 pub struct Layout {
     types: BTreeMap<String, (u64, BTreeMap<String, u64>)>,
     variants: BTreeMap<String, u64>,

@@ -1,7 +1,8 @@
-//! The unmodified firmware on an emulated chip: an ELF runs on a Cortex-M4F, its peripherals are those of [`edm_soc`].
+//! The unmodified firmware on a modelled chip: an ELF runs on a Cortex-M4F, its peripherals are those of [`edm_soc`]. It
+//! serves firmware developers without a board (`cargo fil`): it bores, injects faults, and measures cycles and latency.
 //!
-//! The processor's instructions are Unicorn's business; everything an application profile emulator does not have is done
-//! here: exception entry and return, sleeping, lazy saving of the FPU context, faults, time.
+//! Unicorn runs the processor's instructions; what an emulator for application processors lacks is here: exception entry
+//! and return, sleeping, lazy saving of the FPU context, faults, time.
 //!
 //! Time. Each instruction is hooked and charged the nominal cycles of [`decode`]; the model of the chip is advanced to that
 //! time before the instruction that would see it. Nothing depends on the host's clock: identical inputs give identical runs.

@@ -14,7 +14,7 @@ pub struct Latch {
     pub circuit: Circuit,
     /// How long the monostable runs, ticks.
     pub time: u64,
-    /// Level that the chip was last told.
+    /// Level that the chip last received.
     reported: Option<bool>,
 }
 

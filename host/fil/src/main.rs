@@ -1,4 +1,4 @@
-//! `cargo fil`: the firmware on an emulated chip.
+//! `cargo fil`: the firmware on a modelled chip.
 
 use anyhow::{Result, bail};
 use clap::{Args, Parser, Subcommand};
@@ -20,17 +20,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// The firmware of the EDM servo head on an emulated STM32F405.
+/// The firmware of the EDM servo head on a modelled STM32F405.
 #[derive(Parser)]
 #[command(name = "edm-fil", version, about)]
 struct Arguments {
-    /// The firmware; `cargo fil` builds it and says where it is.
+    /// ELF file of the firmware; `cargo fil` builds it and gives its path.
     #[arg(long, value_name = "FILE")]
     elf: PathBuf,
     /// Print the firmware's log.
     #[arg(long)]
     log: bool,
-    /// Feed what the chip sees to the native core and stop at the first tick in which they differ.
+    /// Run the native core in lockstep with the chip, and stop at the first difference.
     #[arg(long)]
     lockstep: bool,
     #[command(subcommand)]
@@ -41,25 +41,25 @@ struct Arguments {
 enum Command {
     /// Bore a blind hole, with the options of `cargo sim bore`.
     Bore(Bore),
-    /// The head on a CAN bus of this computer, with the options of `cargo sim serve`.
+    /// Serve the head on a CAN bus of this computer, with the options of `cargo sim serve`.
     Serve(edm_sim::serve::Serve),
-    /// Boot and print the log, in a world where nothing happens.
+    /// Boot and print the log, with constant inputs.
     Run(Run),
-    /// Record what the chip sees while the head works, backs off and meets faults: for `cargo test` to replay natively.
+    /// Record the inputs of the chip while the head erodes, retreats and has faults; `cargo test` replays the recording natively.
     Record(Record),
-    /// Instructions and estimated cycles of tasks and functions; writes their section of docs/performance.md.
+    /// Measure instructions and estimated cycles of tasks and functions; writes their section of docs/performance.md.
     Cycles(command::Cycles),
-    /// Injects faults of wires, chip, bus, memories and settings one by one; the table for docs/robustness.md.
+    /// Inject faults into wires, chip, bus, memories and settings one by one (docs/robustness.md).
     Faults(edm_fil::faults::Faults),
-    /// Times from pin to pin, loads and lost counts, with the event at many places of a servo tick.
+    /// Measure times from pin to pin, loads and lost counts, with events at many offsets in a servo tick.
     Latency(Latency),
 }
 
 #[derive(Args)]
 struct Record {
-    /// The recording; without it that of the project around the current directory
+    /// File of the recording [default: that of the project]
     file: Option<PathBuf>,
-    /// Simulated time, seconds; the fault that is going on then is recorded to its end.
+    /// Simulated time, seconds; a fault in progress at the end is recorded to its end.
     #[arg(long, default_value_t = 1.5, value_parser = seconds)]
     seconds: f64,
 }
@@ -119,7 +119,7 @@ fn main() -> ExitCode {
             let done = bore.execute(run).map_err(failed);
             if let (Some((simulated, cpu)), false) = (spent.get(), bore.quiet) {
                 let ratio = simulated / cpu;
-                println!("  {:<12} {ratio:.2} simulated seconds a CPU second ({cpu:.1} s of CPU)", "Speed");
+                println!("  {:<12} {ratio:.2} simulated seconds per second of processor time ({cpu:.1} s)", "Speed");
             }
             done
         }
@@ -134,7 +134,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Time of the processor that this program has taken: another that runs beside it does not count.
+/// Processor time of this program, without other programs.
 fn cpu_time() -> Duration {
     let spent = clock_gettime(ClockId::ProcessCPUTime);
     Duration::new(spent.tv_sec.unsigned_abs(), spent.tv_nsec.unsigned_abs() as u32)
@@ -226,9 +226,9 @@ impl Latency {
         }
         let over = latency.over_bounds();
         if self.check && !over.is_empty() {
-            bail!("out of bounds:\n  {}", over.join("\n  "));
+            bail!("bounds exceeded:\n  {}", over.join("\n  "));
         }
-        over.iter().for_each(|line| println!("out of bounds: {line}"));
+        over.iter().for_each(|line| println!("bound exceeded: {line}"));
         Ok(())
     }
 }

@@ -1,5 +1,5 @@
-//! The emulated head as a rig to bore with: the firmware on the model of the chip, the model of the chip on the bench, the
-//! host on the bus, and whoever compares or records what the chip sees ([`edm_sim::lockstep`]).
+//! The modelled head as a rig to bore with: the firmware on the model of the chip, the model of the chip on the bench, the
+//! host on the bus, and the witness that compares or records the inputs of the chip ([`edm_sim::lockstep`]).
 
 use crate::bench::{Bench, WINDOW};
 use crate::commission::commission;
@@ -25,14 +25,14 @@ const START: u64 = TICK_HZ / 10;
 /// Windows between two heartbeats of the host, and windows of a millisecond.
 const LIFE: u64 = 2000;
 const MS: u64 = 20;
-/// Windows between two looks at the firmware's log.
+/// Windows between two reads of the firmware's log.
 const LOG: u64 = 100;
 /// Factor on the time of thread mode: a round of the idle loop costs host time and finds nothing.
 const STRETCH: u64 = 100;
 /// Exceptions of the servo task, TIM1_UP, and of the gap task, DMA2_STREAM0.
 const SERVO: usize = 16 + 25;
 const GAP: usize = 16 + 56;
-/// Where in a window its tick is looked at, ticks: when the longest has ended, and well before the next block is complete
+/// Where in a window its tick is read, ticks: when the longest has ended, and well before the next block is complete
 /// (44 us). Time that passes by blocks of code may overshoot this by a hundred ticks.
 const LOOK: u64 = 6000;
 /// Time that the first, late tick is given, ticks: 9 us.
@@ -40,11 +40,11 @@ const FIRST: u64 = 1500;
 /// Counter of TIM1.
 const TIM1_CNT: u32 = 0x4001_0024;
 
-/// Who is told what the chip saw.
+/// Receiver of the chip's inputs and results.
 pub enum Witness {
-    /// Nobody.
+    /// None.
     None,
-    /// The native core, which has to come to the same at every tick.
+    /// The native core, which must give the same results at every tick.
     Twin(Box<Twin>),
     /// A recording.
     Recorder(Box<Recorder<Vec<u8>>>),
@@ -84,17 +84,17 @@ pub struct Emulated {
     /// Whether the host gives signs of life.
     pub host_alive: bool,
     places: Places,
-    /// Each tick is looked at, and has to come.
+    /// Each tick is read, and must come.
     watched: bool,
     /// Servo ticks so far.
     ticked: u64,
     /// What an unwatched head has logged.
     logged: Vec<String>,
-    /// Idle changes the flash; it has done so since somebody asked.
+    /// Idle changes the flash; it has done so since the last query.
     stores: bool,
     stored: bool,
     witness: Witness,
-    /// Where the present window is looked at.
+    /// Where the present window is read.
     end: u64,
     /// Runs of the gap task so far.
     blocks: u64,
@@ -264,7 +264,7 @@ impl Emulated {
         Ok(())
     }
 
-    /// From now on nobody looks at the ticks: tasks may fall silent, and the chip may be reset.
+    /// From now on ticks are not read: tasks may stop, and the chip may be reset.
     pub fn unwatched(&mut self) {
         self.watched = false;
         self.witness = Witness::None;
@@ -292,12 +292,12 @@ impl Emulated {
         Ok(())
     }
 
-    /// What an unwatched head has logged since it was last asked for.
+    /// Log of an unwatched head since the last call.
     pub fn logged(&mut self) -> Vec<String> {
         std::mem::take(&mut self.logged)
     }
 
-    /// Reads what the tick of this window saw and came to.
+    /// Reads inputs and results of the tick of this window.
     fn look(&mut self) -> Result<()> {
         let before = self.status;
         let memory = &self.machine.soc().memory;
@@ -332,7 +332,7 @@ impl Emulated {
             plan.extend(raised.map(Event::Raised));
             plan.push(Event::Plan(planned));
         }
-        // What a task does is told when it has come to its end: before this tick, if it was about one before it.
+        // What a task does is reported at its end: before this tick, if it was about one before it.
         let mut before = std::mem::take(&mut self.held);
         let mut after = Vec::new();
         before.splice(..0, if made == status.tick { Vec::new() } else { plan.clone() });
@@ -352,14 +352,14 @@ impl Emulated {
         let waits = begun != made && begun != status.tick;
         if made != self.made {
             // What is held from here on waits for the next plan.
-            self.tell(before.drain(..))?;
+            self.report(before.drain(..))?;
         }
         before.push(Event::Tick(input, counters, status));
         before.extend(after);
         if waits {
             self.held = before;
         } else {
-            self.tell(before.into_iter())?;
+            self.report(before.into_iter())?;
         }
         self.made = made;
         self.monitored = monitored;
@@ -367,11 +367,11 @@ impl Emulated {
         Ok(())
     }
 
-    fn tell(&mut self, mut events: impl Iterator<Item = Event>) -> Result<()> {
+    fn report(&mut self, mut events: impl Iterator<Item = Event>) -> Result<()> {
         events.try_for_each(|event| self.witness.event(&event))
     }
 
-    /// Tells the witness of the newest block, if the gap task has run since the last one.
+    /// Reports the newest block to the witness, if the gap task has run since the last one.
     fn look_at_block(&mut self) -> Result<()> {
         let runs = self.machine.stats().entries[GAP];
         if runs > self.blocks + 1 {
@@ -380,7 +380,7 @@ impl Emulated {
         if runs == self.blocks { Ok(()) } else { self.tell_block(runs) }
     }
 
-    /// Tells the witness of the block that run `run` of the gap task has left.
+    /// Reports to the witness the block that run `run` of the gap task has left.
     fn tell_block(&mut self, run: u64) -> Result<()> {
         let block = self.places.block(&self.machine.soc().memory)?;
         self.blocks = run;
@@ -388,7 +388,7 @@ impl Emulated {
         if self.held.is_empty() {
             return self.witness.event(&block);
         }
-        // The tick before it has not been told of yet.
+        // The tick before it has not been reported yet.
         self.held.push(block);
         Ok(())
     }
@@ -398,7 +398,7 @@ impl Emulated {
         self.machine.soc().now() as f64 / TICK_HZ as f64
     }
 
-    /// Prints what the firmware has logged since the last time, if that was asked for.
+    /// Prints what the firmware has logged since the last time, if requested.
     fn print_log(&mut self) {
         let lines = self.rtt.poll(&self.machine.soc().memory);
         if !self.watched {

@@ -87,12 +87,12 @@ macro_rules! at {
     };
 }
 
-/// Of what the tasks run, as much as is looked at.
+/// Settings that the tasks run, as far as they are read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Runs {
     /// Limits in the planner's configuration.
     pub head: SupervisionLimits,
-    /// Limits that the supervision judges by.
+    /// Limits of the supervision.
     pub supervision: SupervisionLimits,
     /// Codes below which the gap task takes a block for a short.
     pub short: f32,
@@ -115,7 +115,7 @@ pub struct Places {
     block: u32,
     /// Limits in the planner's configuration.
     head_limits: u32,
-    /// Where the slot is whose limits the supervision judges by, and how far behind its beginning they are.
+    /// Where the slot is whose limits the supervision uses, and how far behind its beginning they are.
     limits: (u32, u32),
     short: u32,
     /// Settings of the follower, and of the gap task.

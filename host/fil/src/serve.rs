@@ -1,8 +1,8 @@
-//! `edm-fil serve`: the firmware on the emulated chip on a CAN bus of this computer, in real time; the counterpart of
+//! `edm-fil serve`: the firmware on the modelled chip on a CAN bus of this computer, in real time; the counterpart of
 //! [`edm_sim::serve`], with its options.
 //!
-//! With `--store` the two sectors of flash in which the firmware keeps what hosts store are a file: a power cycle is to end
-//! the program and to start it again. Erasing and programming take their time on the chip; the file is replaced whole.
+//! With `--store` the two sectors of flash in which the firmware keeps what hosts store are a file: for a power cycle, end
+//! the program and start it again. Erasing and programming take their time on the chip; the file is replaced whole.
 
 use crate::commission::{self, commission_as};
 use crate::host::Bus as _;
@@ -34,7 +34,7 @@ struct Chip {
 /// When an option is refused, or the firmware cannot go on.
 pub fn serve(image: &Image, log: bool, options: &Serve) -> Result<(), Failure> {
     if options.nodes != 1 {
-        let message = format!("--nodes {}: the firmware is one head; use `cargo sim serve`", options.nodes);
+        let message = format!("--nodes {}: must be 1 here; `cargo sim serve` serves more heads", options.nodes);
         return Err(Failure::BadInput(message));
     }
     let id = NodeId::new(options.node_id);
@@ -63,8 +63,8 @@ pub fn serve(image: &Image, log: bool, options: &Serve) -> Result<(), Failure> {
     let mut chip = Chip { rig, store };
     chip.keep().map_err(failed)?;
     let title = format!(
-        "Emulated head, {}: the firmware on a modelled chip (scenario {}, {} x real time; everything is simulated)",
-        id.map_or("to be named by LSS".into(), |id| format!("node {}", id.get())),
+        "Modelled chip with the firmware, {} (scenario {}, {} x real time; everything is simulated)",
+        id.map_or("no node-ID until a host assigns one by LSS".into(), |id| format!("node {}", id.get())),
         options.scenario,
         options.speed
     );

@@ -1,4 +1,4 @@
-//! The real firmware on the rig, led to where it is to be measured.
+//! The firmware on the rig, brought to the state in which it is measured.
 
 use crate::commission::commission;
 use crate::host::{self, Bus};
@@ -100,7 +100,7 @@ impl Session {
         Ok(())
     }
 
-    /// Goes on until the head erodes.
+    /// Runs until the head erodes.
     ///
     /// # Errors
     /// When it does not.

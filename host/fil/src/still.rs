@@ -1,4 +1,4 @@
-//! A world in which nothing happens by itself: constant voltages, levels set by hand, a CAN bus with one silent listener.
+//! A world in which nothing happens by itself: constant voltages, levels set by tests, a CAN bus with one silent listener.
 
 use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, World};
 use std::collections::VecDeque;

@@ -1,5 +1,5 @@
 //! A synthetic machine for measuring the firmware: an axis, a gap that conducts near the work, a generator, and edges on
-//! demand. Not the process model: what it does is known by hand, and each of its events can be placed to the tick.
+//! demand. Not the process model: its behaviour is simple and known, and each of its events can be placed to the tick.
 
 use crate::live::Latch;
 use crate::wires::*;
@@ -21,7 +21,7 @@ const VOLTS_PER_CODE: f64 = 0.0153;
 const WEIGHT: f64 = 0.2 * 9.806_65 - 2.2;
 /// Friction, N s/m (assumed).
 const DAMPING: f64 = 2.0;
-/// Counts of vibration about the place of the axis.
+/// Counts of vibration about the position of the axis.
 const SWING: i64 = 4;
 /// Between edges of an axis that does not vibrate, ticks of the chip.
 const REST: u64 = 300;
@@ -50,7 +50,7 @@ pub struct Traffic {
     pub objects: Vec<Frame>,
     /// SYNC.
     pub sync: Option<Frame>,
-    /// Requests, in turn, for ever.
+    /// Requests, in turn, without end.
     pub requests: Vec<Frame>,
     /// Identifier of the answers, and how long a request takes on the bus.
     pub answer: (u32, u64),
@@ -63,7 +63,7 @@ pub struct Short {
     pub opened: u64,
     /// Its voltage was sampled.
     pub sampled: Option<u64>,
-    /// The generator was told to stop.
+    /// The generator was inhibited.
     pub killed: Option<u64>,
 }
 

@@ -1,6 +1,6 @@
 //! What moves the electrode: moving coil, friction, counterbalance, cable, play, stops, contact.
 //!
-//! i = (u - K x')/(R + L s); m x'' = K i + m g - counterbalance - cable - friction - stops + what pushes from outside.
+//! i = (u - K x')/(R + L s); m x'' = K i + m g - counterbalance - cable - friction - stops + external force.
 //! Friction is that of Canudas de Wit, Olsson, Astrom and Lischinsky (IEEE Trans. Automatic Control 40, 1995), with
 //! the velocity dependence of Hess and Soom (1990): z' = v - s0 |v| z/g(v), F = s0 z + s1 z' + s2 v,
 //! g(v) = Fc + (Fs - Fc)/(1 + (v/vs)^2). Before it slides, it is a spring: that is presliding.
@@ -28,7 +28,7 @@ pub enum Winding {
     Volts(f64),
 }
 
-/// What acts on the moving mass besides the axis itself.
+/// Forces on the moving mass other than the axis' own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load {
     /// Force toward the work, N.

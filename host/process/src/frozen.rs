@@ -34,7 +34,7 @@ impl Hash {
         reals.iter().for_each(|real| self.word(real.to_bits()));
     }
 
-    /// What a process has come to, bit by bit.
+    /// State of a process, bit by bit.
     fn process(&mut self, process: &Process) {
         let t = process.truth();
         let n = t.pulses;
@@ -66,7 +66,7 @@ impl Wires for Hash {
     }
 }
 
-/// Everything that a run under the gates' servo has come to, bit by bit.
+/// Result of a run under the gates' servo, bit by bit.
 pub fn outcome(rig: &Rig) -> u64 {
     let mut hash = Hash::NEW;
     hash.process(&rig.process);

@@ -149,7 +149,7 @@ impl Stretch {
     }
 }
 
-/// Whoever is connected to the gap. All times in us since the start, in order.
+/// Observer of the gap. All times in us since the start, in order.
 pub trait Wires {
     /// From now on the gap shows this.
     fn stretch(&mut self, stretch: &Stretch);
@@ -157,7 +157,7 @@ pub trait Wires {
     fn pulse(&mut self, _class: Class, _us: f64) {}
 }
 
-/// Nobody.
+/// No observer.
 impl Wires for () {
     fn stretch(&mut self, _stretch: &Stretch) {}
 }
@@ -171,7 +171,7 @@ pub struct Orders {
     pub off_us: Option<f64>,
     /// Something lies across the gap.
     pub shorted: bool,
-    /// The generator makes no pulses whatever it is told.
+    /// The generator makes no pulses, even if allowed.
     pub dead: bool,
     /// The contact sense supply gives nothing.
     pub senseless: bool,
@@ -259,7 +259,7 @@ struct Last {
     arc: bool,
 }
 
-/// Constants of an RC generator; without a capacitor nobody looks at them.
+/// Constants of an RC generator; without a capacitor they are unused.
 #[derive(Clone, Copy, Debug)]
 struct Capacitor {
     /// One over the time constant of its charging, 1/us.
@@ -366,7 +366,7 @@ impl Generator {
         &self.now
     }
 
-    /// Goes on from `from` to `to`.
+    /// Advances from `from` to `to`.
     #[inline]
     pub fn advance(&mut self, from: f64, to: f64, gap: &mut Gap, orders: &Orders, wires: &mut impl Wires) {
         let touching = orders.shorted || gap.touches();

@@ -1,6 +1,6 @@
 //! An ideal servo for the gates: no converter, no axis, no head, so that what a gate shows is the process.
 //!
-//! The laws are written from the sources' formulas; each moves the electrode by itself. They stand in for the head's laws
+//! The laws are written from the sources' formulas; each moves the electrode by itself. They replace the head's laws
 //! only here.
 
 use crate::math::gone;
@@ -88,7 +88,7 @@ pub struct Motion {
 struct Meter {
     volts: Edge,
     began: f64,
-    /// Volt-microseconds at a time that is reckoned with.
+    /// Volt-microseconds at a time that is integrated.
     sum: f64,
     until: f64,
 }
@@ -127,7 +127,7 @@ impl Wires for Meter {
     }
 }
 
-/// What a run has come to.
+/// Result of a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tally {
     /// Servo cycles of 100 ms.
@@ -143,7 +143,7 @@ pub struct Tally {
 pub struct Rig {
     /// The process.
     pub process: Process,
-    /// What the run has come to.
+    /// Result of the run.
     pub tally: Tally,
     /// Filtered mean voltage, V.
     pub volts: f64,
@@ -331,7 +331,7 @@ impl Rig {
         }
     }
 
-    /// Goes on until a depth, or for so many seconds at most. The time it is then, s.
+    /// Runs until a depth, or for this number of seconds at most. The time it is then, s.
     pub fn bore(&mut self, depth_um: f64, at_most_s: f64) -> f64 {
         while self.process.depth_um() < depth_um && self.t_s() < at_most_s {
             self.step();
@@ -339,7 +339,7 @@ impl Rig {
         self.t_s()
     }
 
-    /// Goes on until a time, s.
+    /// Runs until a time, s.
     pub fn run(&mut self, until_s: f64) {
         while self.t_s() < until_s {
             self.step();

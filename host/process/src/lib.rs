@@ -1,9 +1,10 @@
-//! Simulated electrical discharge machining, pulse by pulse: what a head's wires are connected to.
+//! Process model, version 1: simulated electrical discharge machining, pulse by pulse. It serves the simulator and the
+//! modelled chip, which need a machine at the other end of the head's wires, and people who check it against publications.
 //!
-//! [`Process`] is the gap with its generator, [`axis::Axis`] what moves the electrode. Whoever simulates a machine advances
-//! both in steps of its own: the axis under the drive's voltage and the film's force, then the process with the carrier
-//! where the axis has taken it. What the gap shows reaches [`Wires`] as stretches of voltage and current, from which a
-//! converter, a gate and a comparator can be told; this package knows none of them.
+//! [`Process`] is the gap with its generator, [`axis::Axis`] what moves the electrode. The caller advances
+//! both in its own steps: the axis under the drive's voltage and the film's force, then the process with the carrier
+//! where the axis has taken it. What the gap shows reaches [`Wires`] as stretches of voltage and current, from which
+//! converter, gate and comparator are simulated elsewhere.
 //!
 //! Terms: gap = surface - electrode face, x positive toward the work, 0 at the first surface; the *front* is the gap under
 //! the electrode, the *side* that around it. *Dirt* is the debris of the front in units of 5 % by volume. Units: um, us, V,
@@ -38,7 +39,7 @@ pub struct Process {
     generator: Generator,
     gap: Gap,
     now_us: f64,
-    /// When gap and fluid are looked at next.
+    /// Time of the next update of gap and fluid.
     look_us: f64,
     step_us: f64,
 }
@@ -94,7 +95,7 @@ impl Process {
         self.generator.hold();
     }
 
-    /// Goes on by `us`, with the carrier of the electrode now `carrier_um` below the first surface.
+    /// Advances by `us`, with the carrier of the electrode now `carrier_um` below the first surface.
     #[inline]
     pub fn advance(&mut self, us: f64, carrier_um: f64, orders: &Orders, wires: &mut impl Wires) {
         self.gap.place(carrier_um);

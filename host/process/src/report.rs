@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::{fs, io};
 
-/// What the gates came to.
+/// Results of the gates.
 #[derive(Debug, Serialize)]
 pub struct Report {
     /// Version of the model.
@@ -53,7 +53,7 @@ pub fn run(chosen: &[&str], mut say: impl FnMut(&str)) -> Report {
         gates: Vec::new(),
         tables: vec![("parameters".to_string(), parameters())],
     };
-    let is = if frozen { "the one of its version" } else { "CHANGED: a new version, with its own gates" };
+    let is = if frozen { "unchanged" } else { "CHANGED: needs a new version, with its own gates" };
     say(&format!("model version {}, everything simulated: {is}\n", frozen::VERSION));
     for group in GROUPS.iter().filter(|group| chosen.contains(&group.name)) {
         say(&format!("{}: {}\n", group.name, group.about));
@@ -76,7 +76,7 @@ pub fn run(chosen: &[&str], mut say: impl FnMut(&str)) -> Report {
 }
 
 impl Report {
-    /// Whether the model is the one of its version and all gates that must be met are, but for those that are known to be open; and those are open still.
+    /// Whether the model is unchanged and all required gates are met, except those known to be open, which must still be open.
     pub fn holds(&self) -> bool {
         self.frozen && self.gates.iter().filter(|gate| gate.must()).all(|gate| gate.pass != gate.is_open())
     }
@@ -99,7 +99,7 @@ fn shown(value: f64) -> String {
     if value != 0.0 && value.abs() < 1e-3 { format!("{value:.1e}") } else { format!("{value:.3}") }
 }
 
-/// Replaces what stands between the marks of each table in docs/process-model.md.
+/// Replaces the text between the marks of each table in docs/process-model.md.
 ///
 /// # Errors
 /// When the page cannot be written, or has no place for one of them.

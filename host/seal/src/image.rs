@@ -1,4 +1,4 @@
-//! The image of a board as everybody builds it: `cargo firmware`, every way to flash, the modelled chip and its tests.
+//! The image of a board, built in one way for `cargo firmware`, every flash command, the modelled chip and its tests.
 
 use crate::seal_file;
 use std::path::{Path, PathBuf};

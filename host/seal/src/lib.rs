@@ -1,5 +1,6 @@
-//! Seals an image of the firmware: writes into its section `.seal` what [`edm_hal_shim::seal`] says, so that the head refuses
-//! to be enabled when the flash holds anything else. Every way to flash goes through here: docs/bring-up.md, step 4.
+//! Seals an image of the firmware: writes its length and checksum ([`edm_hal_shim::seal`]) into section `.seal`, so that the
+//! head refuses to be enabled when the flash differs. It serves every command that flashes a board or runs the modelled
+//! chip: docs/bring-up.md, step 4.
 
 pub mod image;
 
@@ -12,8 +13,7 @@ use std::path::Path;
 /// Seals an ELF file. One that was sealed before is sealed anew.
 ///
 /// # Errors
-/// What keeps it from being sealed: it is no ELF of this firmware, or something of it would be flashed where the seal does not
-/// reach.
+/// Why it cannot be sealed: it is no ELF of this firmware, or a part would be flashed outside the sealed range.
 pub fn seal(mut file: Vec<u8>) -> Result<Vec<u8>, String> {
     let (offset, address, segments) = parts(&file)?;
     let (table, program) = contents(address, &segments)?;
@@ -37,7 +37,7 @@ pub fn seal_file(elf: &Path, copy: &Path) -> Result<(), String> {
 
 /// Bytes of a seal.
 const SIZE: usize = size_of::<Seal>();
-/// What an erased flash reads, and so does every byte that no programmer writes.
+/// Content of erased flash.
 const ERASED: u8 = 0xFF;
 
 /// What is flashed from where on.

@@ -1,7 +1,7 @@
 //! `edm-sim bench`: speed and memory of the native loop.
 //!
-//! Speed is counted in seconds of the processor that this process was given, not in those that went by: what else runs on
-//! the computer then matters little. (Little, not nothing: two threads of one core share its units, and both are slower.)
+//! Speed is measured in processor time of this process, not in wall-clock time: other programs on the computer then matter
+//! little. (Little, not nothing: two threads of one core share its units, and both are slower.)
 //!
 //! Seconds on one machine say little about another. The calibration loop is fixed arithmetic of the kind the simulation
 //! does (dependent f32 multiply-adds with a clamp, fed by an integer generator); each run is timed next to a pass of it.
@@ -24,22 +24,22 @@ use std::time::Instant;
 pub const SCHEMA: &str = "edm-sim.bench/2";
 /// Steps in a pass of the calibration loop.
 pub const CALIBRATION_STEPS: u32 = 20_000_000;
-/// Simulated seconds a second of the processor that a slow and busy machine still reaches in the scenarios for which there
-/// is a bound; docs/performance.md says what was measured.
+/// Simulated seconds per second of processor time that a slow and busy machine still reaches in the scenarios with a
+/// bound; docs/performance.md says what was measured.
 pub const BOUNDS: &[(&str, f64)] =
     &[("default", 40.0), ("sinker", 40.0), ("sinker-100khz", 8.0), ("micro-blind", 20.0)];
 
 /// Arguments of `edm-sim bench`.
 #[derive(Debug, Args)]
 pub struct Bench {
-    /// What is bored.
+    /// The hole, the process and the head.
     #[command(flatten)]
     pub inputs: Inputs,
     /// Runs to take the median of
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     pub runs: u32,
-    /// Simulated seconds a second of the processor that have to be reached [default: 40 in the scenarios default
-    /// and sinker, 8 in sinker-100khz, 20 in micro-blind, as they are; otherwise none]
+    /// Least simulated seconds per second of processor time [default: 40 in the scenarios default
+    /// and sinker, 8 in sinker-100khz, 20 in micro-blind, if unchanged; otherwise none]
     #[arg(long, value_name = "RATIO", value_parser = ratio, allow_hyphen_values = true)]
     pub at_least: Option<f64>,
     /// Write the measurement as JSON
@@ -56,9 +56,9 @@ pub struct Measurement {
     pub scenario: String,
     /// Seed of everything random.
     pub seed: u64,
-    /// Simulated seconds a second of the processor, of the median run.
+    /// Simulated seconds per second of processor time, of the median run.
     pub realtime_cpu_ratio: f64,
-    /// What it has to be at least.
+    /// Least value required.
     pub bound: Option<f64>,
     /// Median of the runs.
     pub median: Speed,
@@ -66,7 +66,7 @@ pub struct Measurement {
     pub runs: Vec<Speed>,
     /// From the start of the command to the first progress, s; `None` if there was none.
     pub first_progress_s: Option<f64>,
-    /// Largest memory the process held, MB (10^6 bytes); `None` where the system does not tell.
+    /// Largest memory the process held, MB (10^6 bytes); `None` where the system does not report it.
     pub peak_memory_mb: Option<f64>,
 }
 
@@ -161,15 +161,15 @@ impl fmt::Display for Measurement {
         let Speed { sim_time_s, cpu_time_s, wall_time_s, calibration_s, realtime_cpu_ratio, relative_speed } =
             self.median;
         let bound = match self.bound {
-            Some(bound) if realtime_cpu_ratio < bound => format!("; less than the {bound} that it has to be"),
-            Some(bound) => format!("; at least {bound} wanted"),
+            Some(bound) if realtime_cpu_ratio < bound => format!("; below the bound of {bound}"),
+            Some(bound) => format!("; bound {bound}"),
             None => String::new(),
         };
         writeln!(
             f,
-            "  Real time      {realtime_cpu_ratio:.1} x ({sim_time_s:.1} s simulated in {cpu_time_s:.2} s of the processor, {wall_time_s:.2} s on the clock){bound}"
+            "  Real time      {realtime_cpu_ratio:.1} x ({sim_time_s:.1} s simulated in {cpu_time_s:.2} s of processor time, {wall_time_s:.2} s of wall-clock time){bound}"
         )?;
-        writeln!(f, "  Relative       {relative_speed:.2} s simulated a calibration pass of {calibration_s:.3} s")?;
+        writeln!(f, "  Relative       {relative_speed:.2} s simulated per calibration pass of {calibration_s:.3} s")?;
         let slowest = self.runs.iter().map(|run| run.relative_speed).fold(f64::INFINITY, f64::min);
         let fastest = self.runs.iter().map(|run| run.relative_speed).fold(0.0, f64::max);
         writeln!(f, "  Spread         {slowest:.2} to {fastest:.2}")?;
@@ -207,7 +207,7 @@ fn calibration_loop(steps: u32) -> f32 {
     integral
 }
 
-/// VmHWM of this process; only Linux tells.
+/// VmHWM of this process; only Linux reports it.
 fn peak_memory_mb() -> Option<f64> {
     peak_of(&std::fs::read_to_string("/proc/self/status").ok()?)
 }

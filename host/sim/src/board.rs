@@ -1,7 +1,7 @@
 //! A PC as a board: the process model on the traits that the tasks of a head are written over.
 //!
 //! All parts of a board look at one set of [`Ports`]: what the wires of the process show, and what the head has put on its own.
-//! Nothing in them moves by itself; whoever calls the tasks ([`crate::machine`]) fills the ports before, and takes from them
+//! Nothing in them moves by itself; the caller of the tasks ([`crate::machine`]) fills the ports before, and reads them
 //! afterwards.
 
 use crate::store::Store;
@@ -29,7 +29,7 @@ use embedded_can::Frame as _;
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 
-/// The dry loop of \[R\]: position, noise and imagined erosion in the place of a gap signal.
+/// The dry loop of \[R\]: position, noise and imagined erosion instead of a gap signal.
 pub struct Dry {
     /// What makes readings of positions.
     pub source: Surrogate,
@@ -54,11 +54,11 @@ pub struct Ports {
     pub gap_damaged: Cell<bool>,
     /// A register of the chip has.
     pub register_changed: Cell<bool>,
-    /// Where the clock stands, if it does.
+    /// Count at which the clock is stopped, if it is.
     pub stands_at: Cell<Option<u32>>,
     /// When that is read, if not now.
     pub timer_read_at: Cell<Option<u32>>,
-    /// The time that whoever has read it finds.
+    /// The time that a reader gets.
     reads_at: Cell<Option<u32>>,
     /// Newest block of conversions.
     pub block: Cell<Option<GapBlock>>,
@@ -72,7 +72,7 @@ pub struct Ports {
     pub codes: Cell<DriveCodes>,
     /// The converter of the drive has stopped.
     pub drive_stands: Cell<bool>,
-    /// What the bridge was told.
+    /// Output of the bridge.
     pub drive: Cell<Drive>,
     /// Pulses allowed.
     pub pulses: Cell<bool>,
@@ -80,11 +80,11 @@ pub struct Ports {
     pub live: RefCell<TestLive>,
     /// Off-time requested of the generator, ns.
     pub off_time_ns: Cell<Option<u32>>,
-    /// What the reflex was told.
+    /// Thresholds of the reflex.
     pub thresholds: Cell<Option<Config>>,
     /// Measured position, counts, for the dry loop.
     pub position: Cell<i64>,
-    /// In the place of the gap signal.
+    /// Instead of the gap signal.
     pub dry: RefCell<Option<Dry>>,
     /// A period of the supervision has begun.
     pub period: Cell<bool>,
@@ -104,9 +104,9 @@ pub struct Ports {
     pub listens: RefCell<Vec<u16>>,
     /// Bit rate that the controller is to have, bit/s: frames on this bus have none.
     pub bit_rate: Cell<u32>,
-    /// Gap voltage of the newest block, for whoever looks on.
+    /// Gap voltage of the newest block, for observers.
     pub gap_block: Cell<Volts>,
-    /// Tasks asked for: protocol, transmission, supervision, plan.
+    /// Tasks requested: protocol, transmission, supervision, plan.
     pub wants: [Cell<bool>; 4],
     /// What was noted.
     pub notes: RefCell<Vec<Note>>,
@@ -128,17 +128,17 @@ const IMAGINED: u32 = CLOCK_HZ / 10_000;
 const DEPTH: usize = 3;
 
 impl Ports {
-    /// Ports for as long as the program runs, as those of a chip are there for ever.
+    /// Ports for as long as the program runs, as those of a chip always exist.
     pub fn leak() -> &'static Ports {
         Box::leak(Box::default())
     }
 
-    /// Whether a task was asked for since the last call.
+    /// Whether a task was requested since the last call.
     pub fn wanted(&self, task: usize) -> bool {
         self.wants[task].take()
     }
 
-    /// A frame has come in. What nobody listens to does not pass; what does not fit is lost.
+    /// Receives a frame. The filters drop what the head does not use; what does not fit is lost.
     pub fn arrives(&self, frame: &Frame) -> Option<Inbox> {
         let embedded_can::Id::Standard(id) = frame.id() else { return None };
         let listens = self.listens.borrow();
@@ -313,7 +313,7 @@ impl Registers for Part {
     }
 }
 
-/// There is no reflex beside the ticks: a short is found by the gap task, a safety input by the servo task.
+/// A PC has no reflex: the gap task detects a short, the servo task a safety input.
 impl ForcedLines for Part {
     type Mark = ();
     fn forced(&self) {}

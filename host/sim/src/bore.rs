@@ -55,7 +55,7 @@ pub fn depth_range_mm(setup: &Setup) -> RangeInclusive<f64> {
 /// What cannot be carried out, with line and word.
 pub fn program(setup: &Setup, name: &str, moves: Vec<Move>) -> Result<Program, String> {
     if setup.head.structure != Structure::Path {
-        return Err("only with feed.structure = path other axes go along".into());
+        return Err("other axes move only with feed.structure = path".into());
     }
     let surface_mm = f64::from(setup.process.base.surface);
     let lowest_mm = *depth_range_mm(setup).end();
@@ -215,7 +215,7 @@ pub fn run(
             match ended {
                 Some(Reason::BrokenThrough) => "broken through".into(),
                 Some(Reason::SparkedOut) => format!("{end}, sparked out"),
-                Some(Reason::SparkOutTime) => format!("{end}, time of the spark-out over"),
+                Some(Reason::SparkOutTime) => format!("{end}, spark-out time over"),
                 _ => end.into(),
             }
         }

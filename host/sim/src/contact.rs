@@ -1,13 +1,13 @@
-//! How hard an electrode may press on the work, and on what that hangs.
+//! Largest contact force allowed, and what it depends on.
 
 use crate::process::Truth;
 use edm_servo_head::units::TICKS_PER_MS;
 
-/// Most that an electrode may press with that comes slowly, N.
+/// Largest contact force of a slow approach, N.
 pub const CONTACT_N: f64 = 5.0;
-/// Most that any may press with, N: at 20 mm/s, where coasting alone would press v sqrt(k m) = 12.6 N.
+/// Largest contact force of any approach, N: at 20 mm/s, where coasting alone would press v sqrt(k m) = 12.6 N.
 const MOST_N: f64 = 15.0;
-/// Approaches for which these are promised, um/s; those between them may press with what lies between.
+/// Approaches for which these hold, um/s; in between the limit is interpolated.
 const SLOW_UM_S: f64 = 5_000.0;
 const FAST_UM_S: f64 = 20_000.0;
 /// So fast, um/s, only a work is met that was raised where the head had been before; what is faster may press with more in
@@ -38,7 +38,7 @@ impl Approach {
         self.fastest_um_s * 1e-3
     }
 
-    /// Most that it may press with, N.
+    /// Largest contact force allowed, N.
     pub fn bound(&self) -> f64 {
         let share = (self.fastest_um_s - SLOW_UM_S) / (FAST_UM_S - SLOW_UM_S);
         let more = (self.fastest_um_s / CLEARED_UM_S).max(1.0);

@@ -1,7 +1,7 @@
-//! Events: what goes wrong with the machine, and when.
+//! Events: faults of the machine, and when they happen.
 //!
 //! A scenario file says `[[event]]` with `at_s`, `signal` and `value`; the signals are declared in [`Wires`], and are listed
-//! by `edm-sim settings`. Their defaults are those of a sound machine; an event with the default mends what another broke.
+//! by `edm-sim settings`. Their defaults are those of a sound machine; an event with the default repairs what another broke.
 
 use edm_hal_shim::safety::SafetyInputs;
 use edm_servo_head::declare;
@@ -21,7 +21,7 @@ declare! {
         dielectric: bool = false, (), "dielectric.lost", "", "the head retraces to its safe height";
         /// The H-bridge reports a fault and opens.
         bridge_fault: bool = false, (), "bridge.fault", "", "the head coasts";
-        /// What is missing of the bus voltage.
+        /// Drop of the bus voltage.
         sag: f32 = 0.0, (0.0, 60.0), "bus.sag_v", "V", "the head lifts on stored energy";
         /// Encoder lines A and B are cut.
         encoder: bool = false, (), "encoder.cut", "", "the head lifts without its encoder";
@@ -29,29 +29,29 @@ declare! {
         saturated: bool = false, (), "gap.saturated", "", "the head retraces to its safe height";
         /// A wire lies across the gap.
         short: bool = false, (), "gap.short", "", "the head retraces to its safe height when retreating does not help";
-        /// Pulses arc, whatever the gap is like: so many of them.
-        arcs: f32 = 0.0, (0.0, 100.0), "gap.arcs_percent", "%", "from supervise.arc_percent on the head retraces to its safe height";
+        /// Share of pulses that arc, whatever the gap.
+        arcs: f32 = 0.0, (0.0, 100.0), "gap.arcs_percent", "%", "above supervise.arc_percent the head retraces to its safe height";
         /// The generator makes no pulses.
         generator: bool = false, (), "generator.off", "", "the gate is missing: the head retraces to its safe height";
-        /// Somebody has put a workpiece there that is higher by this; -100 takes it away.
-        raised: f32 = 0.0, (-100.0, 100.0), "workpiece.raised_mm", "mm", "a head that moves into it stops on contact";
-        /// Somebody pushes the head, toward the work or away from it.
-        hand: f32 = 0.0, (-50.0, 50.0), "hand.force_n", "N", "a disabled head goes there and counts; a loop resists";
+        /// The surface of the work is higher by this; -100 removes the work.
+        raised: f32 = 0.0, (-100.0, 100.0), "workpiece.raised_mm", "mm", "a head that moves into the work stops on contact";
+        /// Force of a hand on the head, positive toward the work.
+        hand: f32 = 0.0, (-50.0, 50.0), "hand.force_n", "N", "a disabled head moves and counts; a closed loop resists";
         /// The contact sense supply is off.
         sense: bool = false, (), "sense.off", "", "with pulses off nothing moves toward the work";
-        /// The wire of the generator's gate is cut; pulses go on.
+        /// The wire of the generator's gate is cut; pulses continue.
         gate: bool = false, (), "gate.cut", "", "the head retraces to its safe height";
-        /// The branch of that wire is cut that tells the reflex of pulses.
+        /// The branch of the gate wire to the reflex is cut.
         start: bool = false, (), "gate.start_cut", "", "the reflex is lost: the head retraces to its safe height";
-        /// The generator goes on with its pulses whatever the head permits.
-        disobeys: bool = false, (), "generator.disobeys", "", "with pulses off they are without permission: the head retraces to its safe height";
+        /// The generator pulses without permission of the head.
+        disobeys: bool = false, (), "generator.disobeys", "", "pulses without permission: the head retraces to its safe height";
     }
 }
 
-/// Wires to pull and contacts to open.
+/// State of wires and contacts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FaultInputs {
-    /// Contacts opened besides those that the axis opens. A bridge fault also opens the bridge.
+    /// Contacts opened in addition to those that the axis opens. A bridge fault also opens the bridge.
     pub safety: SafetyInputs,
     /// Bus voltage instead of the set one.
     pub bus_v: Option<f64>,
@@ -61,9 +61,9 @@ pub struct FaultInputs {
     pub encoder_dead: bool,
     /// The generator makes no pulses.
     pub generator_dead: bool,
-    /// The wire of the gate signal is broken; pulses go on.
+    /// The wire of the gate signal is broken; pulses continue.
     pub gate_lost: bool,
-    /// The reflex is not told of pulses.
+    /// The reflex does not see the pulses.
     pub start_lost: bool,
     /// The generator does not obey the inhibit line.
     pub disobeys: bool,
@@ -171,7 +171,7 @@ impl Timeline {
 }
 
 impl Wires {
-    /// Pulls or mends the wires that differ; the others stay as somebody else may have left them.
+    /// Changes the wires that differ; the others stay as they are.
     fn become_these(&self, to: &Wires, fault_inputs: &mut FaultInputs, bus_v: f64) {
         let safety = &mut fault_inputs.safety;
         for (was, is, wire) in [

@@ -1,6 +1,6 @@
 //! A small part of G-code as pieces of path: `WORDS`.
 //!
-//! Z is up, as on a machine; a head counts down. Z0 is the surface of the work, X0 Y0 where the head stands. The gap decides how
+//! Z is up, as on a machine; a head counts down. Z0 is the surface of the work, X0 Y0 is where the head is. The gap decides how
 //! fast a path is eroded: F is a bound for that, in units a minute, and G0 is G1 without the bound. What a post writes at the
 //! beginning and means nothing here is passed over. `examples/gcode.py` accepts the same.
 
@@ -141,7 +141,7 @@ impl Modal {
             let group = group(*letter, *number);
             let same = |other: &&Word<'_>| group.is_some() && self::group(other.letter, other.number) == group;
             if let Some(other) = words.iter().take(place).find(same) {
-                return Err(format!("{text}: {} stands in the same line", other.text));
+                return Err(format!("{text}: {} is in the same line", other.text));
             }
             match (letter, number) {
                 ('G', 0.0..=3.0) if number.fract() == 0.0 => self.motion = Some(*number as u8),
@@ -156,11 +156,11 @@ impl Modal {
                 ('M', 2.0 | 30.0) => ends = true,
                 ('F' | 'R' | 'X' | 'Y' | 'Z' | 'I' | 'J' | 'K', _) => {
                     if given.iter().any(|(other, _)| other == letter) {
-                        return Err(format!("{text}: {letter} stands twice in the line"));
+                        return Err(format!("{text}: {letter} is twice in the line"));
                     }
                     given.push((*letter, word));
                 }
-                _ => return Err(format!("{text}: is not among {WORDS}")),
+                _ => return Err(format!("{text}: must be one of {WORDS}")),
             }
         }
         let spelled =
@@ -213,7 +213,7 @@ impl Modal {
         let turn = if forward { Turn::Forward } else { Turn::Backward };
         piece.shape = Shape::of(self.plane, turn);
         let nm: [i64; 2] = match (length('R'), spelled("R"), spelled("IJK")) {
-            (Some(_), _, Some(word)) => return Err(format!("{word}: an arc by R has no other centre")),
+            (Some(_), _, Some(word)) => return Err(format!("{word}: an arc with R must have no other centre")),
             (Some(radius), Some(word), None) => {
                 let by = [0, 1, 2].map(|axis| (to[axis] - at[axis]) as f64);
                 let chord = match self.plane {
@@ -235,7 +235,7 @@ impl Modal {
         for ((to, nm), (letter, _)) in piece.centre.iter_mut().zip(nm).zip(centre) {
             let far = |_| {
                 let word = spelled("R").or(spelled(&letter.to_string())).unwrap_or(word);
-                format!("{word}: a centre farther away than an arc may be wide")
+                format!("{word}: the centre is farther away than the largest radius")
             };
             *to = i32::try_from(nm).map_err(far)?;
         }
@@ -248,7 +248,7 @@ fn by_radius(chord: [f64; 2], radius: f64, forward: bool) -> Result<[i64; 2], St
     let [u, v] = chord;
     let length = u.hypot(v);
     if length == 0.0 {
-        return Err("an arc by R ends elsewhere than it begins; a whole turn has its centre in I, J or K".into());
+        return Err("an arc with R must not end where it begins; give a full circle by I, J or K".into());
     }
     // Ends in whole um may be that much too far apart for a half turn.
     if length > 2.0 * radius.abs() + INCONSISTENCY as f64 {
@@ -342,32 +342,32 @@ mod tests {
     #[test]
     fn what_is_wrong_is_named_with_line_and_word() {
         for (program, says) in [
-            ("G1 X1\nG5 X2", "line 2: G5: is not among"),
-            ("G1 X1 Q2", "line 1: Q2: is not among"),
-            ("G1 X1\nG1.5 X2", "line 2: G1.5: is not among"),
+            ("G1 X1\nG5 X2", "line 2: G5: must be one of"),
+            ("G1 X1 Q2", "line 1: Q2: must be one of"),
+            ("G1 X1\nG1.5 X2", "line 2: G1.5: must be one of"),
             ("\nX1", "line 2: X1: no G0 to G3"),
-            ("G1 X1 X2", "line 1: X2: X stands twice"),
+            ("G1 X1 X2", "line 1: X2: X is twice"),
             ("G2 X1 K1", "line 1: K1: an arc in G17 has its centre in I and J"),
             ("G3 X1", "line 1: G3: an arc in G17"),
             ("G1 X1 I1", "line 1: I1: only an arc"),
             ("G1 X1 R1", "line 1: R1: only an arc"),
-            ("G2 X1 R1 J1", "line 1: J1: an arc by R"),
-            ("G2 X0 Y0 R1", "line 1: R1: an arc by R ends elsewhere"),
+            ("G2 X1 R1 J1", "line 1: J1: an arc with R"),
+            ("G2 X0 Y0 R1", "line 1: R1: an arc with R must not end where it begins"),
             ("G2 X2.003 R1", "line 1: R1: its ends are 2.003 mm apart"),
             ("G2 X1 R0", "line 1: R0: its ends are 1.000 mm apart"),
-            ("G2 X1 R3000", "line 1: R3000: a centre farther"),
-            ("G1 X1\nG90 G91 X1", "line 2: G91: G90 stands in the same line"),
-            ("G0 G1 X1", "line 1: G1: G0 stands in the same line"),
-            ("G17 G1 X1 G18", "line 1: G18: G17 stands in the same line"),
-            ("G20 G21", "line 1: G21: G20 stands in the same line"),
-            ("G1 G1 X1", "line 1: G1: G1 stands in the same line"),
+            ("G2 X1 R3000", "line 1: R3000: the centre is farther"),
+            ("G1 X1\nG90 G91 X1", "line 2: G91: G90 is in the same line"),
+            ("G0 G1 X1", "line 1: G1: G0 is in the same line"),
+            ("G17 G1 X1 G18", "line 1: G18: G17 is in the same line"),
+            ("G20 G21", "line 1: G21: G20 is in the same line"),
+            ("G1 G1 X1", "line 1: G1: G1 is in the same line"),
             ("G1 X1 F0", "line 1: F0: a feed must be 0.006 or more"),
             ("G1 X1 F-5", "line 1: F-5: a feed must be"),
             ("G20 G1 X1 F.0002", "line 1: F.0002: a feed must be 0.000237 or more"),
-            ("G1 X1 F1 F2", "line 1: F2: F stands twice"),
-            ("G41 X1", "line 1: G41: is not among"),
-            ("M3 S100", "line 1: M3: is not among"),
-            ("G2 X1 I3000", "line 1: I3000: a centre farther"),
+            ("G1 X1 F1 F2", "line 1: F2: F is twice"),
+            ("G41 X1", "line 1: G41: must be one of"),
+            ("M3 S100", "line 1: M3: must be one of"),
+            ("G2 X1 I3000", "line 1: I3000: the centre is farther"),
             ("G1 Xnan", "line 1: Xnan: not a word"),
             ("G1 X1 hello", "line 1: hello: not a word"),
             ("G1 X1 (open", "line 1: (open: not a word"),

@@ -1,11 +1,11 @@
-//! What a run is made from: options that commands share.
+//! The options of a run that commands share.
 
 use crate::bore;
 use crate::run::{Job, Setup};
 use crate::terminal::Failure;
 use clap::Args;
 
-/// Options that say what is bored, in what, and how.
+/// Options of the hole, the process and the head.
 #[derive(Debug, Args)]
 pub struct Inputs {
     /// Depth of the hole, mm [default: that of the scenario, mostly 0.5]
@@ -14,22 +14,22 @@ pub struct Inputs {
     /// Scenario by name (`edm-sim scenarios` lists them), or a scenario file
     #[arg(long, value_name = "FILE|NAME", default_value = "default")]
     pub scenario: String,
-    /// Change one value after the scenario; may be repeated, the later holds (`edm-sim settings` lists the keys)
+    /// Change a value after the scenario; may be repeated, the last one counts (`edm-sim settings` lists the keys)
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Process model instead of the scenario's; values of the scenario for the other model are ignored
+    /// Version of the process model instead of the scenario's; values of the scenario for the other version are ignored
     #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u32).range(0..=1))]
     pub model: Option<u32>,
-    /// Seed of everything random; the same seed gives the same run
+    /// Random seed; the same seed gives the same run
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
     pub seed: u64,
-    /// Run without sparks: position, noise and imagined erosion stand in for the gap signal
+    /// Run without sparks: position, noise and imagined erosion replace the gap signal
     #[arg(long)]
     pub surrogate: bool,
 }
 
 impl Inputs {
-    /// Loads and checks everything that a run depends on.
+    /// Loads and checks the inputs of a run.
     pub fn job(&self) -> Result<Job, Failure> {
         self.checked().map_err(Failure::BadInput)
     }
@@ -47,7 +47,7 @@ impl Inputs {
     }
 }
 
-/// Loads a scenario and applies what the command line changes of it: the version of the process model, then assignments.
+/// Loads a scenario and applies the changes of the command line: the version of the process model, then assignments.
 ///
 /// # Errors
 /// What is wrong with them, in one line.
@@ -71,7 +71,7 @@ pub fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("must be a whole number from 0 to {}", u64::MAX))
 }
 
-/// Reads which part of how many is asked for: `I/N`.
+/// Reads which part of how many is requested: `I/N`.
 ///
 /// # Errors
 /// What it has to be.

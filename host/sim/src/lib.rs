@@ -1,38 +1,39 @@
-//! Process model and native closed loop: the control core bores a hole on a PC.
+//! The simulator: the head's control core in a closed loop with the process model, on a PC. It serves people who set or change
+//! a head without a machine (`cargo sim`), hosts that need a head on a bus (`cargo sim serve`), and the tests.
 //!
 //! | room | responsible for |
 //! | --- | --- |
-//! | [`process`] | machine and process: what the head's wires are connected to |
+//! | [`process`] | machine and process at the other end of the head's wires |
 //! | [`machine`] | the closed loop, tick by tick |
-//! | [`lockstep`] | the native core fed what the chip saw, live or from a recording |
-//! | [`bore`](mod@bore) | a hole, from rest to depth or to the reason why not |
-//! | [`run`] | what passes between the command line and the machine |
-//! | [`events`] | what goes wrong with the machine, and when |
-//! | [`faults`] | fault campaigns: what is injected, and what the head made of it |
+//! | [`lockstep`] | the native core with the inputs of the chip, live or from a recording |
+//! | [`bore`](mod@bore) | a hole, from rest to depth or to a stop |
+//! | [`run`] | data between the command line and the machine |
+//! | [`events`] | faults of the machine, and when they happen |
+//! | [`faults`] | fault campaigns: faults injected, and the reactions of the head |
 //! | [`scenario`] | named sets of values for process and head |
 //! | [`millisecond`] | samples gathered into milliseconds |
-//! | [`observe`] | one sample a tick, fanned out to figures, trace and plot |
-//! | [`statistics`] | the figures by which control is judged |
+//! | [`observe`] | one sample per tick for figures, trace and plot |
+//! | [`statistics`] | the figures by which control is evaluated |
 //! | [`report`] | the run in JSON and in words |
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
 //! | [`pool`] | work on every core |
 //! | [`output`] | files that appear complete or not at all |
-//! | [`path_report`] | how exactly a path is gone along and back |
-//! | [`gap_report`] | what the estimators of the gap can tell |
-//! | [`replay`] | recordings of a gap through the head's own chain |
+//! | [`path_report`] | accuracy of the path in both directions |
+//! | [`gap_report`] | accuracy of the gap estimators |
+//! | [`replay`] | recordings of a gap through the head's filters and classifier |
 //! | [`page`] | a page of the project with a section that a command writes |
-//! | [`store`] | what a virtual head keeps when its power is cut |
-//! | `schedule` | a virtual head whose tasks preempt each other as a seed wants it |
+//! | [`store`] | stored settings of a virtual head |
+//! | `schedule` | a virtual head whose tasks preempt each other by a seed |
 //! | [`serve`] | virtual heads on a CAN bus, in real time |
-//! | [`soak`] | random commands and events, with what must hold checked in every tick |
-//! | [`inputs`] | the options that say what is run, checked |
-//! | [`terminal`] | how a command ends, and what it says |
+//! | [`soak`] | random commands and events, with invariants checked in every tick |
+//! | [`inputs`] | options of a run, checked |
+//! | [`terminal`] | exit codes and messages |
 //! | [`cli`] | commands |
 //! | [`sweep`] | every combination of a grid, against the bounds |
-//! | [`board`] | the process model on the traits that the tasks of a head are written over |
-//! | [`bench`](mod@bench) | speed, in time of the processor, and memory |
+//! | [`board`] | the process model behind the hardware traits of the tasks |
+//! | [`bench`](mod@bench) | speed, in processor time, and memory |
 //!
-//! A room uses rooms beside it, never in a circle: `tests/imports.rs` reads the sources.
+//! Imports between rooms form no circle: `tests/imports.rs` reads the sources.
 
 pub mod bench;
 pub mod board;

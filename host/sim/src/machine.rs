@@ -2,8 +2,8 @@
 //!
 //! [`Core`] is what every head has: process, encoder, gap and servo task, supervision. They are called by priority at their
 //! times, as RTIC calls them on the chip: in each period of the PWM the edges of the encoder, the block of conversions, the
-//! tick, and the plan when it asks for one; every millisecond the supervision. What commands the head is the protocol of a
-//! virtual head ([`crate::serve`]), or, in a [`Machine`], whoever holds it.
+//! tick, and the plan when it requests one; every millisecond the supervision. What commands the head is the protocol of a
+//! virtual head ([`crate::serve`]), or, in a [`Machine`], its owner.
 
 use crate::board::{Dry, PLAN, Part, Pc, Ports, Source};
 use crate::process::{Plant, Process, Sensors};
@@ -26,7 +26,7 @@ use edm_servo_head::units::{Fixed, MicrometresPerSecond, PLAN_TICKS, TICKS_PER_M
 
 /// Gap that counts as right in the dry loop, um.
 const DRY_GAP_UM: f64 = 40.0;
-/// Tick of a millisecond behind which the supervision runs: the head has told of itself in it.
+/// Tick of a millisecond after which the supervision runs: the head has reported in it.
 pub(crate) const SUPERVISED: u32 = 2;
 
 /// A head with its process, wherever the head runs.
@@ -42,7 +42,7 @@ pub trait Rig {
     /// # Errors
     /// When the head cannot go on.
     fn tick(&mut self) -> Result<(), String>;
-    /// Gives the head a command that must be accepted where the run stands. Ticks may pass.
+    /// Gives the head a command that must be accepted in its present state. Ticks may pass.
     ///
     /// # Errors
     /// When it is refused.
@@ -60,7 +60,7 @@ pub trait Rig {
     fn gap_block(&self) -> Volts {
         self.status().gap.block
     }
-    /// Where the imagined surface of the dry loop has got to, um; `None` with a real gap.
+    /// Position of the imagined surface of the dry loop, um; `None` with a real gap.
     fn imagined_surface_um(&self) -> Option<f64> {
         None
     }
@@ -111,9 +111,9 @@ pub struct Core {
     status: Status,
 }
 
-/// The tasks by which a head is commanded, before anybody has chosen them.
+/// The tasks that command a head, before they are chosen.
 pub struct Others {
-    /// Of the protocol, or of whoever stands in its place.
+    /// Of the protocol, or of its substitute.
     pub host: Host<Pc>,
     /// Of idle.
     pub idle: IdleEnds<Pc>,
@@ -169,7 +169,7 @@ impl Core {
         (core, Others { host, idle, receive, transmit })
     }
 
-    /// One period of the PWM: the process goes on for 50 us, then encoder, gap and servo task run on what it shows, and every
+    /// One period of the PWM: the process advances by 50 us, then encoder, gap and servo task run on what it shows, and every
     /// millisecond the supervision. Whether this was its turn.
     pub fn tick(&mut self, process: &mut Process) -> bool {
         self.period(process);
@@ -200,7 +200,7 @@ impl Core {
         self.follow_up();
     }
 
-    /// The plan, if the tick has asked for one; and what is known then.
+    /// The plan, if the tick has requested one; and what is known then.
     pub(crate) fn follow_up(&mut self) {
         if self.ports.wanted(PLAN) {
             self.plan.run();
@@ -210,7 +210,7 @@ impl Core {
         self.ports.position.set(self.status.position);
     }
 
-    /// Whoever commands the head by its ends stands in the place of the protocol, and reports for it.
+    /// Reports in place of the protocol, for a head that is commanded without it.
     pub(crate) fn reports(&self) {
         self.signals.task_watchdog.report(PROTOCOL, self.ports.now.get());
     }
@@ -231,7 +231,7 @@ impl Core {
     }
 }
 
-/// Lets the process go on for a period under what the head has put on its wires.
+/// Advances the process by a period under the outputs of the head.
 pub(crate) fn go_on<'a>(ports: &Ports, process: &'a mut Process) -> &'a Sensors {
     process.off_time_ns = ports.off_time_ns.get();
     if let Some(thresholds) = ports.thresholds.get() {
@@ -252,7 +252,7 @@ pub(crate) fn show(ports: &Ports, process: &Process) {
     ports.pulse_counts.set(sensors.pulses);
 }
 
-/// Head, process and the wires between them; whoever holds it commands the head.
+/// Head, process and the wires between them; the owner commands the head.
 pub struct Machine {
     /// The machine and the process.
     pub process: Process,
@@ -295,13 +295,13 @@ impl Machine {
         self.process.fault_inputs.generator_dead = true;
     }
 
-    /// Where the imagined surface of the dry loop has got to, um; `None` with a real gap.
+    /// Position of the imagined surface of the dry loop, um; `None` with a real gap.
     pub fn imagined_surface_um(&self) -> Option<f64> {
         let dry = self.core.ports.dry.borrow();
         dry.as_ref().map(|dry| f64::from(dry.source.surface().0) + DRY_GAP_UM)
     }
 
-    /// One servo tick: the process goes on for 50 us, then the head looks and decides.
+    /// One servo tick: the process advances by 50 us, then the tasks of the head run.
     pub fn tick(&mut self) {
         if self.host_alive {
             self.core.host_is_alive();
@@ -325,7 +325,7 @@ impl Machine {
         self.core.ports.pulses.get()
     }
 
-    /// What the supervision judges by.
+    /// Limits of the supervision.
     pub fn supervision(&self) -> &SupervisionConfig {
         self.core.supervise.config()
     }

@@ -1,6 +1,6 @@
 //! Samples gathered into milliseconds.
 //!
-//! What looks at 20 000 samples a second has to be cheap: a sample is added to the running [`Millisecond`], and all
+//! Code that runs for 20 000 samples a second must be cheap: a sample is added to the running [`Millisecond`], and all
 //! else works on whole milliseconds.
 
 use crate::process::Pulses;
@@ -14,7 +14,7 @@ pub const VIBRATION_HZ: f64 = 50.0;
 /// What the head was about, the more disturbing the higher.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Phase {
-    /// The feed law leads; control is judged.
+    /// The feed law leads; control is monitored.
     Eroding,
     /// Anything else that is no disturbance: ready, done, holding.
     #[default]

@@ -1,4 +1,4 @@
-//! One sample a tick, fanned out to figures, trace and plot.
+//! One sample per tick, for figures, trace and plot.
 
 use crate::millisecond::Gatherer;
 use crate::output::Output;
@@ -12,15 +12,15 @@ pub trait Run: Fn(&Job, &mut Recorder, &mut dyn FnMut(&Progress)) -> Result<Outc
 
 impl<F: Fn(&Job, &mut Recorder, &mut dyn FnMut(&Progress)) -> Result<Outcome, String>> Run for F {}
 
-/// Looks on for everything that a run leaves behind.
+/// Collects the outputs of a run.
 #[derive(Debug)]
 pub struct Recorder {
     gatherer: Gatherer,
     /// Figures of the run.
     pub statistics: Statistics,
-    /// Table of the run, if asked for.
+    /// Table of the run, if requested.
     pub trace: Option<Trace>,
-    /// Picture of the run, if asked for.
+    /// Picture of the run, if requested.
     pub picture: Option<Picture>,
 }
 

@@ -1,7 +1,7 @@
 //! Files that appear complete or not at all.
 //!
 //! An output is claimed before the run: the claim shows that the file can be written and leaves nothing behind. It is
-//! written beside its place under a passing name and renamed at the end, so that an interrupted run leaves no half file
+//! written next to its place under a temporary name and renamed at the end, so that an interrupted run leaves no half file
 //! and an older file lives until its successor is whole.
 
 use serde::Serialize;
@@ -71,7 +71,7 @@ impl Output {
         &self.target
     }
 
-    /// Option and path, as the person gave them.
+    /// Option and path, as given.
     pub fn label(&self) -> &str {
         &self.label
     }

@@ -21,7 +21,9 @@ pub struct Page {
 pub fn in_project(file: &Path) -> Result<PathBuf, String> {
     let here = std::env::current_dir().map_err(|error| error.to_string())?;
     let found = here.ancestors().map(|folder| folder.join(file)).find(|path| path.exists());
-    found.ok_or_else(|| format!("no {} in {} or above it: say where it is", file.display(), here.display()))
+    found.ok_or_else(|| {
+        format!("no {} in {} or above it: run the command inside the project", file.display(), here.display())
+    })
 }
 
 impl Page {
@@ -77,7 +79,7 @@ impl Page {
         Output::claim("--page", &self.path)
     }
 
-    /// Puts another section in the place of the old one.
+    /// Replaces the section.
     ///
     /// # Errors
     /// When the page cannot be written.

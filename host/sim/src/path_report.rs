@@ -1,4 +1,4 @@
-//! How exactly a path is gone along and back: measured on the register of the head, against the same curves in f64.
+//! Accuracy of the path in both directions: measured on the path register of the head, against the same curves in f64.
 //!
 //! *Mixed path*: 200 lines, arcs, whole turns and helices in all planes, with radii from 0.1 to 100 mm, from a seed. *Exact*:
 //! what its pieces are in real numbers, from the ends and centres in nm that a host gives.
@@ -66,7 +66,7 @@ pub struct JumpReport {
     pub acceleration_ratio: f64,
     /// Largest jerk of the set point over its limit.
     pub jerk_ratio: f64,
-    /// Way of the electrode past the float point before the gap leads, over the float distance.
+    /// Travel of the electrode past the float point before the gap leads, over the float distance.
     pub overshoot_ratio: f64,
     /// Electrode and work have touched, or something was taken for it.
     pub touched: bool,
@@ -263,7 +263,7 @@ pub fn arc_error(points: u32) -> f64 {
 /// Measures. `reversals` is what takes the time: a million of them a second or two.
 ///
 /// # Errors
-/// When the head does not come to erode.
+/// When the head does not begin to erode.
 pub fn measure(reversals: u64) -> Result<Report, String> {
     let pieces = mixed(1);
     let mut path = empty();
@@ -475,9 +475,9 @@ impl Report {
             ),
             ("length of that path", "none".into(), format!("{:.0} mm", self.length_mm)),
             ("joints crossed", "none".into(), self.joints.to_string()),
-            ("coordinates come past again", "none".into(), self.revisits.to_string()),
+            ("coordinates passed again", "none".into(), self.revisits.to_string()),
             ("of these with another set point", "0".into(), self.differing.to_string()),
-            ("error after going back all the way", "0 counts".into(), format!("{} counts", self.retrace_error_counts)),
+            ("error after the full retrace", "0 counts".into(), format!("{} counts", self.retrace_error_counts)),
             (
                 "largest error of the ratio of axes",
                 "0.5 counts".into(),
@@ -489,7 +489,7 @@ impl Report {
                 format!("{:.4} um", self.arc_error_um_max),
             ),
             (
-                "servo ticks from a short to going back, at the most",
+                "servo ticks from a short to the retreat, largest",
                 "0".into(),
                 format!("{}, of {} shorts", self.reversal_ticks, self.shorts),
             ),
@@ -499,7 +499,7 @@ impl Report {
         }
         let _ = writeln!(
             table,
-            "\n| jump | peak, at least | acceleration, jerk of their limits, at most 1 | past the float point, at most 0.1 | touched \
+            "\n| jump | peak, at least | acceleration, jerk of their limits, at most 1 | past the float point, at most 0.1 | contact \
              | away | film | following error |\n| --- | --- | --- | --- | --- | --- | --- | --- |"
         );
         for (jump, (_, least)) in self.jump.iter().zip(JUMPS) {

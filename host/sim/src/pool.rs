@@ -1,10 +1,10 @@
-//! Work on every core.
+//! Runs work on every core.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::channel;
 use std::thread;
 
-/// Does this work with so many workers and hands over what comes of each piece as it is done, in the thread of the caller.
+/// Runs the work with this number of workers; passes each result as it is ready, in the thread of the caller.
 ///
 /// # Errors
 /// That of `finished`; pieces that have begun still end, no further ones begin.
@@ -33,7 +33,7 @@ pub fn run_all<W: Sync, D: Send>(
     })
 }
 
-/// As many workers as were asked for, or one a core.
+/// The requested number of workers, or one per core.
 pub fn workers(jobs: Option<u16>) -> usize {
     jobs.map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from)
 }

@@ -1,4 +1,4 @@
-//! Progress bar on stderr: there from the first moment, silent where nobody looks.
+//! Progress bar on stderr: shown at once, silent where stderr is no terminal.
 
 use crate::run::Progress;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};

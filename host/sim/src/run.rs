@@ -1,4 +1,4 @@
-//! What passes between the command line and the machine.
+//! Data between the command line and the machine.
 //!
 //! The command line hands over a [`Job`] that has been checked; the machine hands back one [`Sample`] a servo tick, a
 //! [`Progress`] now and then, and an [`Outcome`]. All values are the model's truth unless they say otherwise.
@@ -19,7 +19,7 @@ pub struct Job {
     pub setup: Setup,
     /// Depth of the hole below the workpiece's first surface, mm; with a path, of its end.
     pub depth_mm: f64,
-    /// Path to erode along, in the place of straight down.
+    /// Path to erode along, instead of straight down.
     pub path: Option<Program>,
     /// Seed of everything random.
     pub seed: u64,
@@ -51,7 +51,7 @@ pub struct Program {
 }
 
 impl Program {
-    /// Largest feed that the program allows where the path has come to, um/s.
+    /// Largest feed that the program allows at the present path coordinate, um/s.
     pub fn feed(&self, at: Fixed) -> Option<f64> {
         let under_way = self.ends.partition_point(|end| *end < at);
         self.moves.get(under_way).or(self.moves.last())?.feed
@@ -70,7 +70,7 @@ pub struct Sample {
     pub t_s: f64,
     /// Electrode face, positive toward the work, um.
     pub position_um: f64,
-    /// Set points of the axes beside the head's, X and Y, um.
+    /// Set points of the other axes, X and Y, um.
     pub beside_um: [f64; 2],
     /// Position the servo aims at, um.
     pub setpoint_um: f64,
@@ -104,7 +104,7 @@ pub struct Sample {
     pub pulses: Pulses,
 }
 
-/// Looks on, once a servo tick.
+/// Observes a run, once per servo tick.
 pub trait Observer {
     /// Takes the newest sample; its cost is paid 20 000 times in every simulated second.
     fn sample(&mut self, sample: &Sample);
@@ -155,13 +155,13 @@ pub struct Outcome {
     pub crater_um: Option<f64>,
     /// Volume of work removed, mm^3.
     pub removed_mm3: f64,
-    /// Encoder counts by which the head's position and the truth came apart.
+    /// Difference of the head's position and the truth, encoder counts.
     pub lost_counts: u64,
     /// Illegal encoder transitions the head saw.
     pub illegal_transitions: u64,
     /// Jumps made.
     pub jumps: u64,
-    /// Some of those that were due were lower than set, or left out, for want of room above.
+    /// Some due jumps were lower than set, or left out, because there was no room above.
     pub cramped: bool,
     /// Faults in the order they were raised.
     pub faults: Vec<FaultEvent>,

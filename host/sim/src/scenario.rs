@@ -50,7 +50,7 @@ const FORMER: [(&str, &str); 5] = [
     ("dirty-gap", "sinker-dirty"),
 ];
 
-/// Depth of a hole when neither scenario nor command line says another, mm.
+/// Depth of a hole when neither scenario nor command line gives one, mm.
 pub const DEPTH_MM: f64 = 0.5;
 
 /// Values for a run, each within its own limits.
@@ -62,13 +62,13 @@ pub struct Scenario<P, H> {
     pub title: String,
     /// What it is for.
     pub description: String,
-    /// Depth that is bored when nobody asks for another, mm.
+    /// Default depth, mm.
     pub depth_mm: f64,
     /// Values of the process model.
     pub process: P,
     /// Settings of the head.
     pub head: H,
-    /// What goes wrong, and when.
+    /// Faults of the machine, and when they happen.
     pub events: Vec<Event>,
 }
 
@@ -163,7 +163,7 @@ impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
         Ok(())
     }
 
-    /// Puts a refusal by the machine into words, with the value that is in the way.
+    /// A refusal by the machine in words, with the value that caused it.
     pub fn refusal(&self, error: SettingError) -> String {
         let SettingError::Conflict { field, rule } = error else { return error.to_string() };
         let value = value_of(&self.process, field).or_else(|| value_of(&self.head, field));

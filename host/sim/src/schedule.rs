@@ -1,11 +1,11 @@
-//! A virtual head whose tasks preempt each other: by priority, at their times, and otherwise as a seed wants it.
+//! A virtual head whose tasks preempt each other: by priority, at their times, and otherwise by a random seed.
 //!
 //! The tasks are those of [`Head`], which calls them one after the other. Here a task runs as an
-//! interrupt does: when it was asked for it may come *late*, by a time that the seed draws, and at each crossing point of
+//! interrupt does: after the request it may come *late*, by a time that the seed draws, and at each crossing point of
 //! the task that runs (`edm_crossing::preempt`) whatever has a higher priority in `edm_hal_shim::board::TASKS` may come in
-//! as a nested call. Below the servo task that includes whole periods of the PWM, so that time goes on under a task of low
-//! priority and what it looks at changes under its hands. Two tasks of one priority never nest: each is in a `RefCell`,
-//! which would tell.
+//! as a nested call. Below the servo task that includes whole periods of the PWM, so that time passes during a task of low
+//! priority and its inputs change meanwhile. Two tasks of one priority never nest: each is in a `RefCell`, which would
+//! panic.
 //!
 //! Not modelled:
 //!
@@ -13,7 +13,7 @@
 //!   period to come no edge can therefore reach the gap or servo task; instead the newest edge of the period that has just
 //!   ended may be served at one of their points rather than before them.
 //! - Reflex, stop and bridge fault, which share nothing but atomics with the others; a PC has none of them.
-//! - Time within a task: the clock stands between two periods.
+//! - Time within a task: the clock is constant between two periods.
 //! - The two directions of the bus do not wait for each other.
 
 use crate::board::{PLAN, PROTOCOL, Pc, Ports, SUPERVISE, TRANSMIT};
@@ -64,7 +64,7 @@ const PLANS: u8 = priority("plan");
 const CAN: u8 = priority("can_receive");
 const IDLE: u8 = priority("idle");
 
-/// A task below the servo task: it runs when it was asked for.
+/// A task below the servo task: it runs on request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Task {
     Plan,
@@ -107,7 +107,7 @@ pub struct Habits {
 }
 
 impl Habits {
-    /// Nobody comes late, and nobody interrupts: for what is not under test.
+    /// No task comes late, and none interrupts: for what is not under test.
     pub const PROMPT: Habits =
         Habits { plan: 0, late_plans: false, supervise: 0, can: 0, protocol: 0, idle: 0, points: 0, periods: 0 };
     /// Within what the chip can be asked: the controller's three places are emptied in time, the protocol runs within a
@@ -151,12 +151,12 @@ struct Inner {
     habits: Cell<Habits>,
     /// Priority of what runs.
     running: Cell<u8>,
-    /// Period in which the plan that was asked for comes into force, and that of the one under way.
+    /// Period in which the requested plan comes into force, and that of the one in progress.
     due: Cell<Option<u64>>,
     planning: Cell<Option<u64>>,
     /// Periods so far.
     periods: Cell<u64>,
-    /// For each of [`TASKS`] that was asked for: the period in which it may run.
+    /// For each requested one of [`TASKS`]: the period in which it may run.
     release: [Cell<Option<u64>>; TASKS.len()],
     /// The newest edge of the period was not served yet.
     edge: Cell<bool>,
@@ -277,7 +277,7 @@ impl Scheduler {
         status
     }
 
-    /// What the bridge was told.
+    /// Output of the bridge.
     pub fn drive(&self) -> Drive {
         self.0.ports.drive.get()
     }
@@ -312,12 +312,12 @@ impl Scheduler {
         self.0.ports.live.borrow_mut()
     }
 
-    /// Looks at the protocol.
+    /// Reads the protocol.
     pub fn protocol<R>(&self, look: impl FnOnce(&Protocol<Pc>) -> R) -> R {
         look(&self.0.protocol.borrow())
     }
 
-    /// What each task runs, whatever it was told.
+    /// Settings that each task runs.
     pub fn running(&self) -> Running {
         let ports = self.0.ports;
         Running {
@@ -325,11 +325,11 @@ impl Scheduler {
             off_time_ns: ports.off_time_ns.get(),
             gap: *self.0.gap.borrow().source().voltage.active(),
             supervision: *self.0.supervise.borrow().config(),
-            reflex: ports.thresholds.get().expect("the reflex was told at the start"),
+            reflex: ports.thresholds.get().expect("the reflex has thresholds from the start"),
         }
     }
 
-    /// Times that the controller had to drop frames because its places were full, as far as it can tell them apart, and the
+    /// Times that the controller had to drop frames because its places were full, as far as it can distinguish them, and the
     /// frames. Counts of its own, not the head's.
     pub fn overruns(&self) -> (u64, u64) {
         (self.0.ports.overruns.get(), self.0.ports.dropped.get())
@@ -470,7 +470,7 @@ impl Inner {
         }
     }
 
-    /// Whether a task was asked for.
+    /// Whether a task was requested.
     fn asked(&self, task: Task) -> bool {
         let waits = |inbox: Inbox| !self.ports.inboxes[inbox as usize].borrow().is_empty();
         match task {
@@ -483,7 +483,7 @@ impl Inner {
         }
     }
 
-    /// The first task that was asked for, whose time has come and that may interrupt what runs.
+    /// The first requested task whose time has come and that may interrupt the running one.
     fn next(&self) -> Option<usize> {
         let (now, habits) = (self.periods.get(), self.habits.get());
         let mut tasks = TASKS.iter().enumerate().take_while(|(_, (_, priority))| *priority > self.running.get());
@@ -508,7 +508,7 @@ impl Inner {
         })
     }
 
-    /// Runs a task that was asked for.
+    /// Runs a requested task.
     fn run(&self, number: usize) {
         let Some((task, priority)) = TASKS.get(number).copied() else { return };
         self.release[number].set(None);

@@ -1,4 +1,4 @@
-//! What a virtual head keeps when its power is cut: a file that is replaced whole or not at all. Its bytes are those that a
+//! Stored settings of a virtual head: a file that is replaced whole or not at all. Its bytes are those that a
 //! chip has in its flash ([`edm_servo_head::stored`]), checksum included.
 
 use edm_hal_shim::store::{BUFFER, Loaded, Storage};

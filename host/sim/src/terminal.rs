@@ -1,4 +1,4 @@
-//! How a command ends, and what it says to whoever started it.
+//! Exit codes and messages of a command.
 
 use std::io::Write;
 

@@ -46,7 +46,7 @@ impl Trace {
         Ok(Trace { rows, tick: 0, cell: String::new(), failed })
     }
 
-    /// Takes every sample and keeps the first of each millisecond. A failure to write is kept for [`Trace::finish`].
+    /// Takes every sample and keeps the first of each millisecond. [`Trace::finish`] reports a failure to write.
     pub fn sample(&mut self, sample: &Sample) {
         if self.tick == 0 && self.failed.is_none() {
             self.failed = self.row(sample).err();

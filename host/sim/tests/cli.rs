@@ -278,12 +278,12 @@ fn a_path_longer_than_the_register_is_fed_as_it_is_eroded() {
 #[test]
 fn a_path_that_cannot_be_is_refused_with_line_and_word() {
     for (program, message) in [
-        ("G1 Z-1\nG7 X1", "line 2: G7: is not among G0 to G3, G17 to G21, G40, G49"),
+        ("G1 Z-1\nG7 X1", "line 2: G7: must be one of G0 to G3, G17 to G21, G40, G49"),
         ("G1 Z-1\nG1 Z-50", "line 2: Z-50: leads to Z-50.000; the stroke ends at Z-9.800"),
         ("G1 Z2.1", "line 1: Z2.1: leads to Z2.100; the stroke ends at Z2.000"),
         ("G3 X0.001 I0.0005", "line 1: X0.001: a radius of 500 nm is outside 10000 to 536870912 nm"),
         ("G3 X1 I0.4", "line 1: X1: start and end are 400000 and 600000 nm from the centre"),
-        ("G1 Z-1\nG90 G91 Z-1", "line 2: G91: G90 stands in the same line"),
+        ("G1 Z-1\nG90 G91 Z-1", "line 2: G91: G90 is in the same line"),
         ("G1 Z-1 F-5", "line 1: F-5: a feed must be 0.006 or more"),
         ("; nothing", "no move"),
     ] {
@@ -300,7 +300,10 @@ fn a_path_that_cannot_be_is_refused_with_line_and_word() {
     refused(&["--path", "nowhere.ngc"], &["--path nowhere.ngc: cannot be read"]);
     let folder = with_program("G1 Z-1");
     let output = run(folder.path(), &["bore", "--path", "p.ngc", "--json", "p.ngc"]);
-    assert_eq!(String::from_utf8(output.stderr).unwrap(), "edm-sim: --json p.ngc: must not be the program itself\n");
+    assert_eq!(
+        String::from_utf8(output.stderr).unwrap(),
+        "edm-sim: --json p.ngc: must not be the G-code program itself\n"
+    );
 }
 
 #[test]

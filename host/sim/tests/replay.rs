@@ -56,8 +56,8 @@ fn what_cannot_be_used_is_named_with_its_line() {
         (7, "0.000010,55 V,1", "gap_v = \"55 V\""),
         (7, "0.000010,55.0,0.5", "gate = 0.5: must be 0 or 1"),
         (7, "soon,55.0,1", "time = \"soon\""),
-        (7, "0.000002,55.0,1", "does not come after"),
-        (7, "0.000008,55.0,1", "does not come after"),
+        (7, "0.000002,55.0,1", "is not after"),
+        (7, "0.000008,55.0,1", "is not after"),
         (7, "0.0000114,55.0,1", "evenly sampled"),
         (1, "t_s,gap_i", "t_s,gap_i: must be t_s,gap_v[,gap_i][,gate]"),
         (1, "t_s,gap_v,gate,gap_i", "must be t_s,gap_v[,gap_i][,gate]"),
@@ -76,14 +76,14 @@ fn what_cannot_be_used_is_named_with_its_line() {
 fn recordings_without_samples_or_of_a_rate_that_is_not_taken_are_refused() {
     refused("", &[], &["in.csv: is empty"]);
     refused("\n\n", &[], &["in.csv: is empty"]);
-    refused("t_s,gap_v\n", &[], &["holds 0 samples"]);
-    refused("t_s,gap_v\n0,1\n", &[], &["holds 1 samples"]);
-    refused("t_s,gap_v\n0,1\n0.000002,1\n", &[], &["must last 50 us"]);
+    refused("t_s,gap_v\n", &[], &["has 0 samples"]);
+    refused("t_s,gap_v\n0,1\n", &[], &["has 1 samples"]);
+    refused("t_s,gap_v\n0,1\n0.000002,1\n", &[], &["must last at least a servo tick, 50 us"]);
     refused("t_s,gap_v\n0,1\n0.001,1\n", &[], &["1.0000e3 /s: must be from 1e4 to 1e7 /s"]);
     refused("t_s,gap_v\n0,1\n0.00000005,1\n", &[], &["2.0000e7 /s"]);
     refused("CH1(V),t0 = 0s, tInc = -2e-06s\n1\n2\n", &[], &["must be from 1e4 to 1e7"]);
     refused("X,CH1,Start,Increment\nSequence,Volt,0,soon\n0,1\n", &[], &["line 2", "\"soon\": must be a time in s"]);
-    refused(&"no header\n".repeat(100), &[], &["line 1: no header that is known"]);
+    refused(&"no header\n".repeat(100), &[], &["line 1: no known header"]);
 }
 
 #[test]
@@ -296,9 +296,13 @@ fn a_unit_that_a_column_may_not_have_and_rows_that_are_missing_are_refused() {
     refused(
         "Record Length,Analog:1000\nSource,CH1\nSecond,Volt\n0,1\n2e-6,1\n",
         &[],
-        &["line 1: promises 1000 samples; 2"],
+        &["line 1: announces 1000 samples, the file has 2"],
     );
-    refused("#timebase=1(ps)\n,#voltbase=1(uV)\n#size=1\n0,1\n2e-6,1\n", &[], &["line 3: promises 1 samples; 2"]);
+    refused(
+        "#timebase=1(ps)\n,#voltbase=1(uV)\n#size=1\n0,1\n2e-6,1\n",
+        &[],
+        &["line 3: announces 1 samples, the file has 2"],
+    );
     refused("#CHANNEL:CH1\n#CLOCK=soon\n1\n", &[], &["line 2: #CLOCK=soon: must be a time in s"]);
 }
 
@@ -314,7 +318,7 @@ fn a_line_or_a_cell_without_an_end_is_refused_before_it_is_held_in_memory() {
     fs::File::create(&path).unwrap().set_len(1 << 30).unwrap();
     let begin = std::time::Instant::now();
     let error = Recording::read(&path, &Channels::default()).unwrap_err();
-    assert_eq!(error, "line 1: longer than 65536 bytes: not a table of samples");
+    assert_eq!(error, "line 1: longer than 65536 bytes: must be a table of samples");
     assert!(begin.elapsed().as_millis() < 500, "{:?}", begin.elapsed());
 }
 
@@ -334,7 +338,7 @@ fn a_replay_is_a_table_a_picture_and_a_summary() {
     assert_eq!(rows.len(), 240);
     assert_eq!(&rows[239][0], "0.01200");
     assert_eq!(&rows[2][5], "open");
-    assert!(fs::read_to_string(folder.path().join("out.svg")).unwrap().contains("Pulses that ended in a tick"));
+    assert!(fs::read_to_string(folder.path().join("out.svg")).unwrap().contains("Pulses that ended, per tick"));
 }
 
 #[test]

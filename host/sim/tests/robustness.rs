@@ -107,7 +107,7 @@ fn what_cannot_be_run_is_refused() {
     fs::write(folder.path().join("case"), "seed 1\n+1 sleep\n").unwrap();
     for (words, part) in [
         (&["faults", "--rows", "nothing"][..], "--rows nothing: must be part of the name of a fault"),
-        (&["faults", "--rows", "sense.off", "--shard", "100/100"], "none is in part 100/100"),
+        (&["faults", "--rows", "sense.off", "--shard", "100/100"], "no name matches in part 100/100"),
         (&["faults", "--page", "page.md"], "has no section of `cargo sim faults`"),
         (&["faults", "--seeds", "0"], "--seeds"),
         (&["soak", "--hours", "0"], "must be a number from 0.001 to 100000"),

@@ -114,7 +114,7 @@ fn a_line_that_is_wrong_is_answered_and_nothing_stops() {
     let (_, complained) = server.stop();
     let lines: Vec<&str> = complained.lines().filter(|line| !line.starts_with("too slow: ")).collect();
     let unknown = "limit.lower: no such signal, did you mean limit.lower_open?; `edm-sim settings` lists all";
-    assert_eq!(lines, [unknown, "9: no such node"]);
+    assert_eq!(lines, [unknown, "9: no such node on this bus"]);
 }
 
 #[test]
@@ -122,7 +122,7 @@ fn lines_typed_before_the_end_are_all_answered() {
     let mut server = Server::new(&[]);
     (2..102).for_each(|node| server.tell(&format!("{node} gap.short=true")));
     let (_, complained) = server.stop();
-    let answers: Vec<String> = (2..102).map(|node| format!("{node}: no such node")).collect();
+    let answers: Vec<String> = (2..102).map(|node| format!("{node}: no such node on this bus")).collect();
     let lines: Vec<&str> = complained.lines().filter(|line| !line.starts_with("too slow: ")).collect();
     assert_eq!(lines, answers);
 }

@@ -131,7 +131,7 @@ fn shards_merge_to_the_rows_of_an_unsharded_run() {
     for (files, reason) in [
         (&["1.csv", "3.csv"][..], "3 of 8 runs are missing, the first of them is run 2"),
         (&["1.csv", "2.jsonl"], "2.jsonl: is not a table of the same grid"),
-        (&["1.csv", "other.csv"], "run 1 is in the files twice, and they differ"),
+        (&["1.csv", "other.csv"], "run 1 is twice in the files, with different content"),
         (&["g.toml"], "g.toml: is not a table of a sweep"),
         (&["nothing.csv"], "nothing.csv: is not a table of a sweep"),
         (&["nowhere.csv"], "nowhere.csv: cannot be read"),
@@ -229,7 +229,7 @@ fn bad_input_is_one_line_and_nothing_is_written() {
         (&["--seeds", "x"], "--seeds x: must be"),
         (&["--seeds", "0"], "--seeds 0: must be"),
         (&["--scenario", "defualt"], "did you mean default?"),
-        (&["--scenario", "default,default"], "--scenario: is in its list twice"),
+        (&["--scenario", "default,default"], "--scenario: is twice in its list"),
         (&["--depth-mm", "99"], "--depth-mm 99: must be a number from"),
         (&["--depth-mm", "NaN"], "--depth-mm NaN: must be a number from"),
         (&["--depth-mm", "deep"], "--depth-mm"),
@@ -246,10 +246,10 @@ fn bad_input_is_one_line_and_nothing_is_written() {
         (&["--grid", "entry.toml"], "entry.toml:1: seed: no such entry"),
         (&["--grid", "broken.toml"], "broken.toml:1: not TOML"),
         (&["--csv", "nowhere/a.csv"], "--csv nowhere/a.csv: must be a file that can be written"),
-        (&["--csv", "notes.csv"], "--csv notes.csv: holds something else than rows of this grid"),
-        (&["--csv", "unrelated.csv"], "--csv unrelated.csv: holds something else than rows of this grid"),
-        (&["--jsonl", "notes.jsonl"], "--jsonl notes.jsonl: holds something else than rows of this grid"),
-        (&["--jsonl", "notes.csv"], "--jsonl notes.csv: holds something else than rows of this grid"),
+        (&["--csv", "notes.csv"], "--csv notes.csv: has other content than rows of this grid"),
+        (&["--csv", "unrelated.csv"], "--csv unrelated.csv: has other content than rows of this grid"),
+        (&["--jsonl", "notes.jsonl"], "--jsonl notes.jsonl: has other content than rows of this grid"),
+        (&["--jsonl", "notes.csv"], "--jsonl notes.csv: has other content than rows of this grid"),
         (&["--csv", "x", "--jsonl", "./x"], "must be different files"),
         (&["--grid", "g.toml", "--csv", "g.toml"], "--csv g.toml"),
         (&["merge"], "FILE"),
@@ -272,6 +272,6 @@ fn the_rows_of_another_grid_are_left_alone() {
     let with = |seeds: &'static str| [&shallow[..], &["--seeds", seeds]].concat();
     assert_eq!(run(folder.path(), &with("1")).status.code(), Some(0));
     let before = listing(folder.path());
-    refused(folder.path(), &with("2"), "--csv a.csv: holds something else than rows of this grid");
+    refused(folder.path(), &with("2"), "--csv a.csv: has other content than rows of this grid");
     assert_eq!(listing(folder.path()), before);
 }

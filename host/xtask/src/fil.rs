@@ -1,4 +1,4 @@
-//! `cargo fil`: the tools that the emulator is built with, the firmware, the emulator.
+//! `cargo fil`: build tools of the emulator, the firmware, the emulator.
 
 use edm_seal::image::{build, cargo, target};
 use std::ffi::OsString;

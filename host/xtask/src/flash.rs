@@ -1,4 +1,4 @@
-//! Every way to flash: what goes onto a chip is sealed before ([`edm_seal`]).
+//! Flash commands: every image is sealed first ([`edm_seal`]).
 
 use edm_seal::image::{build, cargo};
 use edm_seal::seal_file;

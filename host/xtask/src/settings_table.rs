@@ -1,4 +1,4 @@
-//! The settings as a page for people.
+//! The page of settings.
 
 use edm_servo_head::settings::{Change, Declared, Settings};
 use std::fmt::Write;

@@ -99,7 +99,7 @@ pub struct Adc {
     unread: bool,
     /// DMA requests are stopped until the DMA bit is set anew (§13.8.1).
     dma_stopped: bool,
-    /// It converts no more, whatever it is told.
+    /// It converts no more.
     stopped: bool,
 }
 
@@ -270,7 +270,7 @@ impl Adc {
             Some(Conversion { channel: channel as u8, injected, sampled, done: sampled + self.clock * bits });
     }
 
-    /// A conversion is done. Returns whether it asks for a DMA transfer of DR.
+    /// A conversion is done. Returns whether it requests a DMA transfer of DR.
     pub fn fire(&mut self, now: u64, world: &mut impl World) -> bool {
         let Some(c) = self.running.take_if(|c| c.done <= now) else { return false };
         let code = u32::from(world.sample(self.number, c.channel, c.sampled)).min(0xfff);
@@ -327,7 +327,7 @@ impl Adc {
         dma && !self.dma_stopped
     }
 
-    /// The DMA stream has done its last transfer: without DDS no more are asked for.
+    /// The DMA stream has done its last transfer: without DDS no more are requested.
     pub fn dma_complete(&mut self) {
         self.dma_stopped = self.cr2 & 1 << 9 == 0;
     }

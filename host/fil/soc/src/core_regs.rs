@@ -14,7 +14,7 @@ mod csr {
     pub const COUNTFLAG: u32 = 1 << 16;
 }
 
-/// What a write asks for beyond the register itself.
+/// What a write requests beyond the register itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Request {
     /// Nothing.

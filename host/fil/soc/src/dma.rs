@@ -86,7 +86,7 @@ impl Dma {
         }
     }
 
-    /// A peripheral on `channel` of `stream` asks for one item.
+    /// A peripheral on `channel` of `stream` requests one item.
     pub fn next(&self, stream: usize, channel: u32) -> Option<Transfer> {
         let s = &self.streams[stream];
         if s.cr & cr::EN == 0 || s.cr >> 25 & 7 != channel {

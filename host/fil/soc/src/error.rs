@@ -16,7 +16,7 @@ pub enum Access {
 pub enum Fault {
     /// The register is not modelled.
     Unmodelled,
-    /// The register is modelled, what the value asks for is not (or the manual forbids it).
+    /// The register is modelled, what the value requests is not (or the manual forbids it).
     Unsupported(&'static str),
     /// The peripheral's clock is off or it is held in reset.
     ClockOff,

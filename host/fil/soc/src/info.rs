@@ -24,7 +24,7 @@ pub struct Dbgmcu {
 }
 
 impl Dbgmcu {
-    /// The independent watchdog stands while the core is halted: DBG_IWDG_STOP.
+    /// The independent watchdog stops while the core is halted: DBG_IWDG_STOP.
     pub fn freezes_watchdog(&self) -> bool {
         self.control[1] >> 12 & 1 == 1
     }

@@ -1,4 +1,4 @@
-//! Memory protection unit (ARMv7-M B3.5): one region that nobody may touch, above the default map. Whatever else the unit can
+//! Memory protection unit (ARMv7-M B3.5): one region without access, above the default map. Whatever else the unit can
 //! do is refused: further regions, rights of reading or of one privilege, subregions, less than 4 KiB, itself in HardFault and
 //! NMI.
 
@@ -65,7 +65,7 @@ impl Mpu {
         Ok(())
     }
 
-    /// What nobody may touch; in HardFault and NMI everybody may.
+    /// The region without access; HardFault and NMI have access.
     pub fn forbidden(&self) -> Option<Range<u32>> {
         let region = self.attributes.iter().position(|attributes| attributes & rasr::ENABLE != 0)?;
         let size = 1u32.checked_shl((self.attributes[region] >> 1 & 0x1f) + 1)?;

@@ -188,7 +188,7 @@ impl Rcc {
         self.supply = mv;
     }
 
-    /// Looks at the supply. Returns the detector's output, if it has changed.
+    /// Checks the supply. Returns the detector's output, if it has changed.
     pub fn detect(&mut self) -> Option<bool> {
         let (falling, rising) = PVD[(self.power >> 5 & 7) as usize];
         let threshold = if self.low { rising } else { falling };
@@ -196,7 +196,7 @@ impl Rcc {
         (core::mem::replace(&mut self.low, low) != low).then_some(low)
     }
 
-    /// The crystal stops, or does not start any more. Whether the clock security system tells of it (§7.2.7): then HSE and
+    /// The crystal stops, or does not start any more. Whether the clock security system reports it (§7.2.7): then HSE and
     /// PLL are off and the internal oscillator is the system clock. That TIM1 and TIM8 see a break is not modelled.
     pub fn lose_crystal(&mut self) -> bool {
         self.hse_hz = 0;

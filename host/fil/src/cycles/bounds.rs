@@ -1,4 +1,4 @@
-//! What the estimates must not exceed: limits, which every push keeps, and what is wanted, which is not all met yet.
+//! Bounds of the estimates: limits, which every push must keep, and targets, not all of which are met yet.
 
 use super::report::{Figures, Measured};
 
@@ -9,7 +9,7 @@ const HALF_A_PERIOD: [&str; 2] = ["gap", "servo"];
 /// Share of the processor that a push may not exceed at rest or moving, percent: assumed. The rest is for bursts on the bus.
 const FULL: f64 = 80.0;
 
-/// Estimated cycles wanted at most: task, mean, worst.
+/// Targets of the estimated cycles: task, mean, worst.
 pub type TaskBound = (&'static str, u64, u64);
 
 /// Tasks at rest, and moving.
@@ -48,7 +48,7 @@ impl std::fmt::Display for Finding {
     }
 }
 
-/// What the head cannot do without, with what was measured.
+/// The limits, with what was measured.
 pub fn limits(measured: &Measured) -> Vec<Finding> {
     let mut list = Vec::new();
     for (name, scene) in measured.scenes() {
@@ -61,7 +61,7 @@ pub fn limits(measured: &Measured) -> Vec<Finding> {
     list
 }
 
-/// What is wanted, with what was measured.
+/// The targets, with what was measured.
 pub fn wanted(measured: &Measured) -> Vec<Finding> {
     let mut list = Vec::new();
     for ((scene, tasks), load) in measured.scenes().into_iter().zip(TASKS).zip(LOAD) {

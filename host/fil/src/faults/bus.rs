@@ -41,7 +41,7 @@ pub fn bus(cases: &mut Vec<Case>) {
         cases.push(case.watched(300));
     }
     for (name, reply) in
-        [("bus shorted: bit errors", CanReply::BitError), ("bus cut: nobody acknowledges", CanReply::NoAcknowledge)]
+        [("bus shorted: bit errors", CanReply::BitError), ("bus cut: no acknowledgement", CanReply::NoAcknowledge)]
     {
         cases.push(Case::new(name, Eroding, Named(&["host silent", "2000h:2 host silent"], HOST_US), move |stage| {
             stage.rig.host_alive = false;
@@ -63,7 +63,7 @@ pub fn bus(cases: &mut Vec<Case>) {
     };
     let fine = |_: &mut Stage| Ok(());
     cases.push(
-        Case::new("babbling neighbour above everybody", Eroding, Named(&["host silent"], HOST_US), silent)
+        Case::new("babbling neighbour with the highest priority", Eroding, Named(&["host silent"], HOST_US), silent)
             .meanwhile(babble(0x001, &[0xAA; 8])),
     );
     cases.push(
@@ -83,12 +83,14 @@ pub fn bus(cases: &mut Vec<Case>) {
         stage.rig.send_at(0, Frame::new(0x200 + NODE, &[0, 0]));
         Ok(())
     }));
-    cases.push(Case::new("two masters: the other asks all the time", Eroding, Harmless(None), fine).meanwhile(
-        |stage| {
-            stage.rig.send_at(0, Frame::new(0x600 + NODE, &[0x40, 0x41, 0x60, 0, 0, 0, 0, 0]));
-            Ok(())
-        },
-    ));
+    cases.push(
+        Case::new("two masters: the other sends requests all the time", Eroding, Harmless(None), fine).meanwhile(
+            |stage| {
+                stage.rig.send_at(0, Frame::new(0x600 + NODE, &[0x40, 0x41, 0x60, 0, 0, 0, 0, 0]));
+                Ok(())
+            },
+        ),
+    );
     cases.push(Case::new("two masters: the other widens the supervision", Eroding, Harmless(None), |stage| {
         // 2107h:7, the lowest bus voltage, to 3 V.
         let [a, b, c, d] = 3f32.to_le_bytes();

@@ -1,6 +1,6 @@
-//! A fault to inject, what is expected of the head then, and how the row comes about.
+//! A fault to inject, the expected reaction of the head, and its row.
 
-use super::stage::{Scene, Seen, Stage};
+use super::stage::{Observed, Scene, Stage};
 use anyhow::{Error, Result};
 use edm_servo_head::head::{Fault, Reaction, State};
 use edm_sim::faults::row::Row;
@@ -8,39 +8,39 @@ use edm_sim::faults::row::Row;
 /// Something that is done to the head.
 pub type Act = Box<dyn Fn(&mut Stage) -> Result<()>>;
 
-/// What stands for a second after the fault, at least, so that the current a second later is seen.
+/// Time for which a case is watched at least, so that the current a second after the fault is seen.
 pub const WATCHED_MS: u32 = 1050;
-/// From mending to the reset of the fault: what could not be said before is said, and reactions end.
-const MENDED_MS: u32 = 250;
+/// From the repair to the reset of the fault: late reports arrive, and reactions end.
+const REPAIRED_MS: u32 = 250;
 /// Greatest contact force, N, and motor current a second later, A: docs/robustness.md.
 const CONTACT_N: f64 = 5.0;
 const CURRENT_A: f64 = 1.0;
-/// A hole goes on when it removes so much of what it removes undisturbed, and its gap stays within, um.
+/// A hole continues when it removes this share of the undisturbed removal, and its gap stays within, um.
 const PROGRESS: f64 = 0.5;
 const GAP_UM: (f64, f64) = (3.0, 150.0);
-/// A motion goes on when it ends so near its target, counts.
+/// A motion continues when it ends this near its target, counts.
 const NEAR: i64 = 3;
 
 /// What the head has to do.
 pub enum Expect {
-    /// It says one of these, and its pulses, if they were on, are off within so many microseconds.
+    /// It reports one of these, and its pulses, if they were on, are off within this time in us.
     Named(&'static [&'static str], f64),
-    /// It says nothing and goes on with its work; and if this happens as well, it is named and the pulses are off as promised:
-    /// what the broken part is there for is still done. Without names it is enough that the pulses are off.
+    /// It reports nothing and continues its work; and if this happens as well, it is reported and the pulses are off in time: the
+    /// function of the broken part is still fulfilled. Without names it is enough that the pulses are off.
     Harmless(Option<(Act, &'static [&'static str], f64)>),
-    /// It says nothing and goes on with its work, or one of these: it depends on where the axis is when the line changes.
+    /// It reports nothing and continues its work, or one of these: it depends on where the axis is when the line changes.
     Doubted(&'static [&'static str]),
-    /// It says nothing, its pulses are off within so many microseconds, and it stays in one of these states: an order that hosts may
+    /// It reports nothing, its pulses are off within this time in us, and it stays in one of these states: an order that hosts may
     /// give.
     Obeyed(&'static [State], f64),
 }
 
-/// What takes the cause away.
+/// What removes the cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mend {
-    /// Somebody outside the chip mends what was broken there.
+pub enum Repair {
+    /// The repair is outside the chip.
     Outside,
-    /// Power goes and comes again.
+    /// A power cycle.
     Power,
 }
 
@@ -52,19 +52,19 @@ pub struct Case {
     pub scene: Scene,
     /// What breaks.
     pub inject: Act,
-    /// What goes on every millisecond.
+    /// What happens every millisecond.
     pub meanwhile: Option<Act>,
     /// What is expected.
     pub expect: Expect,
-    /// What takes it away.
-    pub mend: Mend,
+    /// What removes it.
+    pub repair: Repair,
     /// How long it is watched, ms.
     pub watched_ms: u32,
     /// It belongs to the short form.
     pub short: bool,
 }
 
-/// What goes on undisturbed.
+/// The undisturbed run.
 #[derive(Clone, Copy, Debug)]
 pub struct Undisturbed {
     /// Depth that is removed while a case is watched, um.
@@ -72,7 +72,7 @@ pub struct Undisturbed {
 }
 
 impl Case {
-    /// A case that is mended outside.
+    /// A case that is repaired outside.
     pub fn new(
         name: impl Into<String>,
         scene: Scene,
@@ -85,15 +85,15 @@ impl Case {
             inject: Box::new(inject),
             meanwhile: None,
             expect,
-            mend: Mend::Outside,
+            repair: Repair::Outside,
             watched_ms: WATCHED_MS,
             short: false,
         }
     }
 
-    /// Mended by power alone.
+    /// Repaired by a power cycle alone.
     pub fn powered(mut self) -> Self {
-        self.mend = Mend::Power;
+        self.repair = Repair::Power;
         self
     }
 
@@ -120,7 +120,7 @@ impl Case {
         format!("{}{}", self.name, self.scene.suffix())
     }
 
-    /// Injects it and watches; `why` says what did not come as expected.
+    /// Injects it and watches; `why` lists what was not as expected.
     ///
     /// # Errors
     /// What the machine refuses: nothing can be said then.
@@ -128,7 +128,7 @@ impl Case {
         stage.go(self.scene)?;
         let mut why = Vec::new();
         let began = self.watch(stage)?;
-        let goes_on = match self.goes_on(stage, began, undisturbed) {
+        let continues = match self.continues(stage, began, undisturbed) {
             Ok(()) => true,
             Err(reason) => {
                 if matches!(self.expect, Expect::Harmless(_) | Expect::Doubted(_)) {
@@ -154,14 +154,14 @@ impl Case {
                 demand(named(names), format!("one of {names:?} was expected"));
                 demand(off_us.is_none_or(|off| off <= *us), format!("pulses off within {us} us were expected"));
                 let pulses = self.scene == Scene::Eroding && off_us.is_none();
-                demand(!pulses || us.is_infinite(), "the pulses go on".into());
+                demand(!pulses || us.is_infinite(), "the pulses continue".into());
             }
-            Expect::Harmless(_) => demand(said.is_empty(), "nothing was to be said".into()),
+            Expect::Harmless(_) => demand(said.is_empty(), "no report was expected".into()),
             Expect::Doubted(names) => {
                 demand(said.is_empty() || named(names), format!("one of {names:?} was expected, or nothing"));
             }
             Expect::Obeyed(wanted, us) => {
-                demand(said.is_empty(), "nothing was to be said".into());
+                demand(said.is_empty(), "no report was expected".into());
                 demand(state.is_some_and(|state| wanted.contains(&state)), format!("one of {wanted:?} was expected"));
                 let off =
                     if self.scene == Scene::Eroding { off_us.is_some_and(|off| off <= *us) } else { off_us.is_none() };
@@ -176,7 +176,7 @@ impl Case {
         }
         let row = Row {
             fault: self.title(),
-            reaction: reaction(&said, state, &seen, goes_on),
+            reaction: reaction(&said, state, &seen, continues),
             time_us: off_us,
             reported: (!said.is_empty()).then(|| said.join(", ")),
             contact_n,
@@ -187,11 +187,11 @@ impl Case {
         Ok((row, why))
     }
 
-    /// The row of a fault under which the chip does what its model does not follow: a program that runs wild, most likely.
+    /// The row of a fault after which the model cannot follow the chip: most likely a runaway program.
     pub fn lost(&self, stage: &Stage, error: &Error) -> (Row, Vec<String>) {
         let row = Row {
             fault: self.title(),
-            reaction: "runs wild".into(),
+            reaction: "runaway program".into(),
             time_us: stage.off_us(),
             reported: None,
             contact_n: stage.seen().contact_n,
@@ -216,8 +216,8 @@ impl Case {
         Ok(surface)
     }
 
-    /// Whether the work goes on as if nothing were broken.
-    fn goes_on(&self, stage: &mut Stage, surface_um: f64, undisturbed: &Undisturbed) -> Result<(), String> {
+    /// Whether the work continues as if nothing were broken.
+    fn continues(&self, stage: &mut Stage, surface_um: f64, undisturbed: &Undisturbed) -> Result<(), String> {
         // A head that cannot answer may still work.
         let state = stage.state().ok();
         let truth = stage.truth();
@@ -247,41 +247,41 @@ impl Case {
         }
     }
 
-    /// Names a head that has lost its settings, as a host does: it is nobody, and says nothing before it is somebody.
+    /// Assigns a node-ID to a head that has lost its settings, as a host does: without one it sends nothing.
     fn name(&self, stage: &mut Stage) -> Result<()> {
         if stage.boots == 0 && crate::host::name(stage)? {
             stage.say("unconfigured");
             for _ in 0..4 {
                 if stage.boots == 0 {
-                    stage.rest(MENDED_MS)?;
+                    stage.rest(REPAIRED_MS)?;
                 }
             }
         }
         Ok(())
     }
 
-    /// Takes the cause away; whether the head works again. What it says until its fault is reset belongs to the row.
-    fn recover(&self, stage: &mut Stage, seen: &Seen) -> Result<bool> {
+    /// Removes the cause; whether the head works again. Its reports until its fault is reset belong to the row.
+    fn recover(&self, stage: &mut Stage, seen: &Observed) -> Result<bool> {
         if seen.resets > 0 {
             self.name(stage)?;
         }
-        stage.mend();
-        stage.rest(MENDED_MS)?;
+        stage.repair();
+        stage.rest(REPAIRED_MS)?;
         self.ask(stage, seen);
-        if self.mend == Mend::Power {
+        if self.repair == Repair::Power {
             stage.power();
-            stage.rest(MENDED_MS)?;
+            stage.rest(REPAIRED_MS)?;
         }
         let said = stage.said().len();
-        let restarted = self.mend == Mend::Power || seen.resets > 0;
+        let restarted = self.repair == Repair::Power || seen.resets > 0;
         let recovers = stage.recovers(restarted)?;
         // What the trial of an encoder in doubt says is not about the fault.
         stage.said_until(said);
         Ok(recovers)
     }
 
-    /// What objects say that no emergency tells.
-    fn ask(&self, stage: &mut Stage, seen: &Seen) {
+    /// Reads from objects what no emergency reports.
+    fn ask(&self, stage: &mut Stage, seen: &Observed) {
         let said_by_emergency = |stage: &Stage, fault: &Fault| stage.said().iter().any(|said| said == fault.name());
         if let Ok(number) = crate::host::read(stage, 0x2000, 2)
             && let Some(fault) = Fault::ALL.iter().find(|fault| **fault as u32 + 1 == number)
@@ -328,7 +328,7 @@ impl Case {
         }
     }
 
-    /// What the broken part is there for is still done: why not.
+    /// Whether the function of the broken part is still fulfilled: why not.
     fn still_done(&self, stage: &mut Stage, act: &Act, names: &[&str], us: f64) -> Result<Vec<String>> {
         stage.go(self.scene)?;
         (self.inject)(stage)?;
@@ -352,7 +352,7 @@ impl Case {
 /// Before what the guided check has found.
 pub const CHECK: &str = "2001h:4 ";
 
-/// Words of the log in which a program says how the one before ended, or why it does not start.
+/// Words of the log in which a program reports how the previous one ended, or why it does not start.
 const DEATHS: [(&str, &str); 5] = [
     ("death: Panic", "log: panic"),
     ("death: HardFault", "log: hard fault"),
@@ -362,7 +362,7 @@ const DEATHS: [(&str, &str); 5] = [
 ];
 
 /// What the head did, in words.
-fn reaction(said: &[String], state: Option<State>, seen: &Seen, goes_on: bool) -> String {
+fn reaction(said: &[String], state: Option<State>, seen: &Observed, continues: bool) -> String {
     let faults = || Fault::ALL.iter().filter(|fault| said.iter().any(|said| said == fault.name()));
     if seen.resets > 0 {
         return "coast, reset".into();
@@ -382,7 +382,7 @@ fn reaction(said: &[String], state: Option<State>, seen: &Seen, goes_on: bool) -
     }
     match state {
         _ if said.iter().any(|said| said.starts_with(CHECK)) => "refused".into(),
-        _ if goes_on => "goes on".into(),
+        _ if continues => "continues".into(),
         Some(state) => state.name().replace('_', " "),
         None => "silent".into(),
     }

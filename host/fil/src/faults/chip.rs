@@ -1,7 +1,7 @@
-//! Faults of the chip itself: what stops, what stands, what dies, what is wrong in its memories.
+//! Faults of the chip itself: peripherals, tasks, clocks, program ends, memories.
 
 use super::case::{Case, Expect};
-use super::limits::{JUDGED_US, LIVE_US, ON, STANDS_US};
+use super::limits::{LIVE_US, ON, STANDS_US, SUPERVISED_US};
 use super::stage::{MS, Scene, Stage, US};
 use crate::commission::{BASE, LENGTH};
 use crate::host;
@@ -13,11 +13,11 @@ use edm_soc::{Exception, TICK_HZ};
 use Expect::{Harmless, Named};
 use Scene::{Disabled, Eroding};
 
-/// The same behind a processor that stands: the monostable alone, nominally 400 us.
+/// The same with a stopped processor: the monostable alone, nominally 400 us.
 const MONOSTABLE_US: f64 = 460.0;
 /// The supervision is missed later: it may be late by milliseconds.
 const SUPERVISION_US: f64 = 6_000.0;
-/// Every register that is written once has been looked at: what changes behind the look is seen in the next round.
+/// Every register that is written once has been checked: a change after its check is found in the next round.
 const REGISTER_US: f64 = 180_000.0;
 
 /// A task that does not come any more: it is missed by its own watchdog at last, and by the live signal first.
@@ -63,7 +63,7 @@ fn cleared(register: u32, bits: u32) -> impl Fn(&mut Stage) -> Result<()> {
     }
 }
 
-/// The core stands for two milliseconds.
+/// The core is halted for two milliseconds.
 fn halt(stage: &mut Stage) -> Result<()> {
     let now = stage.now();
     stage.rig.machine_mut().halt_until(now + 2 * MS);
@@ -104,7 +104,7 @@ pub fn stopped(cases: &mut Vec<Case>) {
         Case::new(
             "ADC3, motor current and bus voltage, stopped",
             Eroding,
-            Named(&["drive signal lost"], JUDGED_US),
+            Named(&["drive signal lost"], SUPERVISED_US),
             |stage| {
                 stage.rig.machine_mut().soc().stop_converter(3);
                 Ok(())
@@ -142,7 +142,7 @@ fn tasks() -> [(&'static str, u32, Expect); 14] {
     ]
 }
 
-/// Tasks whose interrupt is masked for ever.
+/// Tasks whose interrupt stays masked.
 pub fn silent(cases: &mut Vec<Case>) {
     for (name, interrupt, expect) in tasks() {
         let inject = move |stage: &mut Stage| {
@@ -153,7 +153,7 @@ pub fn silent(cases: &mut Vec<Case>) {
     }
 }
 
-/// Clocks that stand, and a processor that does.
+/// Stopped clocks and a stopped processor.
 pub fn clocks(cases: &mut Vec<Case>) {
     for (name, register, bits) in [("trace unit off", DEMCR, 1 << 24), ("counter off", DWT_CTRL, 1)] {
         let case = Case::new(
@@ -174,7 +174,7 @@ pub fn clocks(cases: &mut Vec<Case>) {
     cases.push(Case::new("core halted for 2 ms", Eroding, Named(&["live signal lost"], MONOSTABLE_US), halt));
     cases.push(
         Case::new(
-            "core halted for 60 ms: the watchdog bites",
+            "core halted for 60 ms: watchdog reset",
             Eroding,
             Named(&["2009h:1 watchdog"], MONOSTABLE_US),
             |stage| {

@@ -1,18 +1,18 @@
-//! `cargo fil faults`: faults injected one by one on the modelled chip with the unmodified ELF, and what the head made of each.
+//! `cargo fil faults`: faults injected one by one on the modelled chip with the unmodified ELF, and the reactions of the head.
 //!
 //! | file | responsible for |
 //! | --- | --- |
-//! | `stage` | the head where faults are injected, and what it is seen to do and heard to say |
-//! | `case` | a fault with what is expected, and the row that comes of it |
-//! | `limits` | times and names that cases expect |
+//! | `stage` | the head when faults are injected, its observed behaviour and its reports |
+//! | `case` | a fault with the expected reaction, and its row |
+//! | `limits` | expected times and reports |
 //! | `rows` | the fault table |
 //! | `pins` | each input stuck or open |
 //! | `bus` | frames, lines, neighbours, a second master |
-//! | `chip` | peripherals, tasks, clocks, deaths, memories |
+//! | `chip` | peripherals, tasks, clocks, program ends, memories |
 //! | `constants` | settings that do not fit the machine |
 //!
-//! The head is brought to its work once; each row goes on from there ([`crate::machine::Snapshot`]). docs/robustness.md says
-//! how rows are judged.
+//! The head is brought to its work once; each row continues from there ([`crate::machine::Snapshot`]). docs/robustness.md says
+//! how rows are evaluated.
 
 mod bus;
 mod case;
@@ -57,31 +57,31 @@ fn all() -> Vec<Case> {
 /// Arguments of `cargo fil faults`.
 #[derive(Debug, Args)]
 pub struct Faults {
-    /// Write rows and counts here as JSON
+    /// Write rows and counts as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Only faults whose name contains this
     #[arg(long, value_name = "PATTERN")]
     rows: Option<String>,
-    /// Only a fault of each kind, for a minute
+    /// Only one fault of each kind: 15 seconds
     #[arg(long)]
     short: bool,
-    /// Name the faults and inject none
+    /// List the faults without injecting them
     #[arg(long)]
     list: bool,
-    /// Every Nth of the faults, beginning with the Ith
+    /// Only part I of N: every Nth fault, beginning with the Ith
     #[arg(long, value_name = "I/N", value_parser = shard)]
     shard: Option<(usize, usize)>,
-    /// Write the table into its section of this page, such as docs/robustness.md
+    /// Write the table into its section of this page (docs/robustness.md)
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
 }
 
 impl Faults {
-    /// Injects what was chosen, with the firmware's log if that is asked for; whether the campaign passes.
+    /// Injects what was chosen, with the firmware's log on request; whether the campaign passes.
     ///
     /// # Errors
-    /// Bad input, or a head that does not come to its work.
+    /// Bad input, or a head that does not begin to erode.
     pub fn execute(&self, image: &Image, log: bool) -> Result<bool> {
         let (i, n) = self.shard.unwrap_or((1, 1));
         let chosen = |case: &Case| {
@@ -93,7 +93,7 @@ impl Faults {
             return Ok(true);
         }
         if cases.is_empty() {
-            return Err(BadInput("--rows, --shard: no fault is chosen; --list names all".into()).into());
+            return Err(BadInput("--rows, --shard: select at least one fault; --list shows all".into()).into());
         }
         let bad = |message: String| anyhow!(BadInput(message));
         let json = Output::claim_any("--json", self.json.as_deref()).map_err(bad)?;

@@ -1,7 +1,9 @@
 //! Faults of the pins: each input of the firmware stuck or open.
 
 use super::case::{Case, Expect};
-use super::limits::{CONTACT_US, ENCODER, GAP_US, HOST_US, JUDGED_US, LIVE, LIVE_US, ON, REFLEX, SIGNAL, STANDS_US};
+use super::limits::{
+    CONTACT_US, ENCODER, GAP_US, HOST_US, LIVE, LIVE_US, ON, REFLEX, SIGNAL, STANDS_US, SUPERVISED_US,
+};
 use super::rows::{anew, converter};
 use super::stage::{Scene, Stage};
 use crate::wires::*;
@@ -46,7 +48,7 @@ pub fn pins(cases: &mut Vec<Case>) {
         }),
         ("gate", GATE[0], None, |_| Named(SIGNAL, GAP_US)),
         ("gate at the blanking timer", GATE[1], None, |_| Named(REFLEX, GAP_US)),
-        // For the log alone: the head goes on, and tells.
+        // For the log alone: the head continues, and reports.
         ("high comparator", COMPARATORS[0], None, |_| Named(&["200Dh:5 high comparator"], ON)),
         ("low comparator", COMPARATORS[1], None, |_| Named(&["200Dh:6 low comparator"], ON)),
         ("upper limit", CONTACTS[0], Some(true), contact!("upper limit")),
@@ -95,11 +97,11 @@ pub fn pins(cases: &mut Vec<Case>) {
         ("motor current", (3, MOTOR_CURRENT), |line| match line {
             // Whichever of the two shows first: the current does not follow the duty, nor the back-EMF the encoder.
             Line::Open => Named(&["drive signal lost", "encoder lost", "following error"], ON),
-            _ => Named(&["over-current"], JUDGED_US),
+            _ => Named(&["over-current"], SUPERVISED_US),
         }),
         ("bus voltage", (3, BUS_VOLTAGE), |line| match line {
-            Line::Low => Named(&["bus voltage sag"], JUDGED_US),
-            Line::High => Named(&["drive signal lost"], JUDGED_US),
+            Line::Low => Named(&["bus voltage sag"], SUPERVISED_US),
+            Line::High => Named(&["drive signal lost"], SUPERVISED_US),
             Line::Open => Harmless(None),
         }),
     ];

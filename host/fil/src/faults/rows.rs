@@ -2,8 +2,8 @@
 
 use super::case::{Case, Expect};
 use super::limits::{
-    ARC_US, CONTACT_US, ENCODER, GAP_US, HAND_US, HOST_US, JUDGED_US, LIVE, LIVE_US, ON, SEEK_US, SHORT_US, SIGNAL,
-    STANDS_US,
+    ARC_US, CONTACT_US, ENCODER, GAP_US, HAND_US, HOST_US, LIVE, LIVE_US, ON, SEEK_US, SHORT_US, SIGNAL, STANDS_US,
+    SUPERVISED_US,
 };
 use super::stage::{PATH, Scene, Stage};
 use crate::host;
@@ -131,13 +131,13 @@ pub fn table(cases: &mut Vec<Case>) {
         add(Case::new(
             "bus voltage 30 V",
             scene,
-            Named(&["bus voltage sag"], JUDGED_US),
+            Named(&["bus voltage sag"], SUPERVISED_US),
             wired(|w| w.bus_v = Some(30.0)),
         ));
         add(Case::new(
             "bus voltage 10 V",
             scene,
-            Named(&["bus voltage sag"], JUDGED_US),
+            Named(&["bus voltage sag"], SUPERVISED_US),
             wired(|w| w.bus_v = Some(10.0)),
         ));
         for (name, amperes) in
@@ -145,7 +145,7 @@ pub fn table(cases: &mut Vec<Case>) {
         {
             let code = (2048.0 + amperes / 0.00269) as u16;
             let inject = move |stage: &mut Stage| converter(stage, (3, MOTOR_CURRENT), code);
-            add(Case::new(name, scene, Named(&["over-current"], JUDGED_US), inject));
+            add(Case::new(name, scene, Named(&["over-current"], SUPERVISED_US), inject));
         }
     }
     let disobeys = wired(|w| w.disobeys = true);
@@ -202,7 +202,7 @@ fn circuits() -> [(&'static str, Broken); 8] {
         ("line of the live signal stuck", Broken { live: true, ..sound }),
         ("line that arms the latch stuck", Broken { arm: true, ..sound }),
         ("monostable at rest", Broken { monostable: Some(false), ..sound }),
-        ("monostable running for ever", Broken { monostable: Some(true), ..sound }),
+        ("monostable never expires", Broken { monostable: Some(true), ..sound }),
         ("latch off", Broken { latch: Some(false), ..sound }),
         ("latch on", Broken { latch: Some(true), ..sound }),
         ("latch read as off", Broken { read: Some(false), ..sound }),

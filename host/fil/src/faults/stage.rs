@@ -1,5 +1,5 @@
-//! A head at the moments at which faults are injected, and what it is seen to do: pins and process from outside, and what it
-//! says on the bus. Nothing is read from the chip's memory but its log, as a probe does.
+//! A head at the moments at which faults are injected, and its observed behaviour: pins and process from outside, and its
+//! frames on the bus. Nothing is read from the chip's memory but its log, as a probe does.
 
 use crate::commission::{BASE, LENGTH};
 use crate::host::{self, Bus};
@@ -58,7 +58,7 @@ impl Scene {
 
 /// What was seen since the fault.
 #[derive(Clone, Debug, Default)]
-pub struct Seen {
+pub struct Observed {
     /// Greatest force between electrode and work, N.
     pub contact_n: f64,
     /// Greatest motor current from a second after the fault on, A.
@@ -74,7 +74,7 @@ pub struct Seen {
 pub struct Program {
     /// Where a panic begins: message, its length, where it was.
     pub panic: u32,
-    /// End of the variables: what lies above is the stack's, or nobody's.
+    /// End of the variables: above are the stack and unused RAM.
     pub free: u32,
 }
 
@@ -103,7 +103,7 @@ pub struct Stage {
     at: u64,
     /// Names in the order in which the head said them.
     said: Vec<String>,
-    seen: Seen,
+    seen: Observed,
     resets: u64,
     /// Whether to print the firmware's log.
     pub log: bool,
@@ -122,7 +122,7 @@ impl Stage {
         let mut rig = Emulated::start(image, &parameters, &settings, SEED, Witness::None)?;
         rig.unwatched();
         let scenes = Vec::new();
-        let (said, seen) = (Vec::new(), Seen::default());
+        let (said, seen) = (Vec::new(), Observed::default());
         let program = Program::find(image)?;
         let mut stage = Self {
             program,
@@ -206,7 +206,7 @@ impl Stage {
         self.boots = 0;
         self.resets = self.rig.machine().stats().resets;
         let gap = self.truth().gap_um;
-        self.seen = Seen { gap_um: (gap, gap), ..Seen::default() };
+        self.seen = Observed { gap_um: (gap, gap), ..Observed::default() };
     }
 
     /// Pulses that something has switched off since `begun`, on its way to the fault, were off at once.
@@ -314,7 +314,7 @@ impl Stage {
     }
 
     /// What was seen since the fault.
-    pub fn seen(&self) -> &Seen {
+    pub fn seen(&self) -> &Observed {
         &self.seen
     }
 
@@ -372,8 +372,8 @@ impl Stage {
         bail!("{} instead of {} after {ms} ms", self.state()?.name(), state.name())
     }
 
-    /// Takes away what was broken outside the chip.
-    pub fn mend(&mut self) {
+    /// Repairs what was broken outside the chip.
+    pub fn repair(&mut self) {
         // Where the work was put for the row it stays, or the head might be in its way.
         let raised_mm = if self.scene == Scene::Positioning { -LOWERED_MM } else { self.wires().raised_mm };
         self.rig.process_mut().fault_inputs = FaultInputs { raised_mm, ..FaultInputs::default() };
@@ -389,13 +389,13 @@ impl Stage {
         let soc = self.rig.machine_mut().soc();
         soc.set_supply(SUPPLY_MV);
         soc.set_crystal(CRYSTAL_HZ);
-        soc.world.mend_lines();
+        soc.world.repair_lines();
         soc.world.reply = CanReply::Acknowledged;
         soc.world.latch.circuit.broken = Broken::default();
         soc.world_changed();
     }
 
-    /// Power goes and comes again.
+    /// A power cycle.
     pub fn power(&mut self) {
         self.rig.machine_mut().soc().ask_reset(Reset::Power);
     }

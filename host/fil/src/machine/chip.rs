@@ -70,7 +70,7 @@ pub struct Span {
 /// Changes what the firmware writes: address, size, value.
 pub type Alter = Box<dyn FnMut(u32, u8, u32) -> u32>;
 
-/// What of the processor decides how it goes on, beside its registers.
+/// State of the processor other than its registers.
 #[derive(Clone)]
 pub struct Moment {
     half: u64,
@@ -90,7 +90,7 @@ pub struct Moment {
     open: Vec<usize>,
 }
 
-/// A write into flash that the engine has done and the flash interface has not judged yet.
+/// A write into flash that the engine has done and the flash interface has not checked yet.
 #[derive(Clone)]
 struct FlashWrite {
     address: u32,
@@ -103,7 +103,7 @@ pub struct Chip<W> {
     pub soc: Soc<W>,
     /// Time of the processor, half ticks.
     pub half: u64,
-    /// Time at which the chip has to be looked at.
+    /// Time at which the peripherals must be advanced.
     pub limit: u64,
     until: u64,
     half_per_cycle: u64,
@@ -135,7 +135,7 @@ pub struct Chip<W> {
     /// Address of FPU registers reserved on the stack and not saved yet (FPCCR.LSPACT).
     pub lazy: Option<u32>,
     pub stats: Stats,
-    /// Cycle accounting, when it was asked for.
+    /// Cycle accounting, if requested.
     pub meter: Option<Box<Meter>>,
     /// Runs of exceptions, when they are recorded, and those that have not ended.
     pub spans: Option<Vec<Span>>,
@@ -415,7 +415,7 @@ impl<W: World> Chip<W> {
         }
     }
 
-    /// Execution goes on at `address` after an exception entry or return: no branch penalty beyond theirs.
+    /// Execution continues at `address` after an exception entry or return: no branch penalty beyond theirs.
     pub fn jump(&mut self, address: u32) {
         self.next = address & !1;
         (self.limit, self.rest) = (0, 0);
@@ -468,7 +468,7 @@ impl<W: World> Chip<W> {
         false
     }
 
-    /// The processor is halted until tick `to`; everything else goes on.
+    /// The processor is halted until tick `to`; everything else continues.
     pub fn halt(&mut self, to: u64) {
         self.settle();
         let ticks = to.saturating_sub(self.soc.now());

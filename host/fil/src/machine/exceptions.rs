@@ -1,4 +1,4 @@
-//! Exception entry and return by hand (ARMv7-M B1.5.6..8), faults (B1.5.14), lazy saving of the FPU context (B1.5.7).
+//! Exception entry and return (ARMv7-M B1.5.6..8), faults (B1.5.14), lazy saving of the FPU context (B1.5.7).
 //!
 //! Only the main stack is modelled: thread mode on the process stack is refused.
 

@@ -31,7 +31,7 @@ const RAM: Range<u64> = 0x1000_0000..0x2002_0000;
 /// it; there is nothing to refuse there.
 const NOT_RAM: [(u64, u64); 3] = [(0, 0x0fff_ffff), (0x1001_0000, 0x1fff_ffff), (0x2002_0000, 0xffff_ffff)];
 
-/// What a hook is told of that the engine may not do.
+/// Refused accesses of the engine, for a hook.
 const REFUSALS: HookType = HookType(HookType::MEM_UNMAPPED.0 | HookType::MEM_PROT.0);
 
 /// Windows of the address space that are peripherals: base and length, multiples of 4 KiB.
@@ -479,7 +479,7 @@ fn masks<W: World>(uc: &mut Unicorn<Chip<W>>) -> Result<Masks, uc_error> {
 }
 
 /// Before the engine calls a hook about an access it puts the place of the instruction into the processor's state, also that
-/// in an IT block. When the access is made all the same, the translated code goes on; it keeps that place to itself, and would
+/// in an IT block. When the access is made all the same, the translated code continues; it keeps that place to itself, and would
 /// leave it for the code behind it, which would be skipped.
 fn leave_it_alone<W>(uc: &mut Unicorn<Chip<W>>) {
     if let Ok(xpsr) = uc.reg_read(R::XPSR)

@@ -1,4 +1,4 @@
-//! A machine at a moment, to go on from there as often as one likes.
+//! A machine at a moment, to continue from it repeatedly.
 //!
 //! The engine keeps what it has translated, so that going back costs a copy of the memories and no more. What the engine has
 //! translated of the flash stays valid only while the program there is the same.
@@ -39,7 +39,7 @@ const REGISTERS: [RegisterARM; 22] = [
 /// Single-precision registers of the FPU.
 const FLOATS: i32 = 32;
 
-/// Everything that decides how a machine goes on.
+/// The complete state of a machine.
 pub struct Snapshot<W: World + 'static> {
     soc: Soc<W>,
     moment: Moment,

@@ -12,7 +12,7 @@
 //!
 //! Assumed, because the manual does not say: a read that has begun is finished before the next, also one ahead of a branch
 //! that leaves it unused; nothing is read ahead that the cache holds; a line that was used from the prefetch is not kept. A
-//! line is asked for when its first instruction runs: the processor itself asks up to three words ahead, which hides some of
+//! line is requested when its first instruction runs: the processor itself requests up to three words ahead, which hides some of
 //! the cycles counted here.
 
 /// Bytes of a line.
@@ -111,7 +111,7 @@ impl Accelerator {
         self.read(now)
     }
 
-    /// Wait for a read that is asked for at `now`.
+    /// Wait for a read that is requested at `now`.
     fn read(&mut self, now: u64) -> u64 {
         let begin = self.free.max(now);
         self.free = begin + 1 + WAIT_STATES;

@@ -77,7 +77,7 @@ impl Sequence {
         self.previous.map(|(at, t)| at + u32::from(t.size))
     }
 
-    /// Penalty of the last instruction now that execution goes on at `address`.
+    /// Penalty of the last instruction now that execution continues at `address`.
     pub fn close(&mut self, address: u32) -> Cost {
         let taken = self.previous.is_some_and(|p| p.1.branch) && self.end() != Some(address);
         let [low, warm, high] = if taken { REFILL } else { [0; 3] };

@@ -20,7 +20,7 @@ use std::f64::consts::{PI, TAU};
 
 /// Share of debris at which ignition, recovery and bridges are given.
 pub const REFERENCE: f64 = 0.05;
-/// Thinnest film that the fluid is reckoned with, um: below that, roughness lets it through (assumed).
+/// Thinnest film that the fluid is calculated with, um: below that, roughness lets it through (assumed).
 const THINNEST: f64 = 1.0;
 /// The same for the film's force: 5 um (assumed).
 const THINNEST_FILM: f64 = 5.0;
@@ -43,7 +43,7 @@ pub struct Fluid {
     side: f64,
     bath: f64,
     entered: f64,
-    /// What gas is reckoned from since the last step.
+    /// Base of the gas since the last step.
     stirring: f64,
     /// What an electrode that turns exchanges at the exchange gap, um^3/us.
     turning: f64,
@@ -102,7 +102,7 @@ impl Fluid {
         self.held = true;
     }
 
-    /// Debris of a discharge; `stirs` is what its gas is reckoned from.
+    /// Debris of a discharge; `stirs` is the base of its gas.
     pub fn enter(&mut self, facet: usize, debris: f64, stirs: f64) {
         if self.held {
             return;

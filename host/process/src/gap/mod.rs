@@ -1,6 +1,6 @@
 //! What is between electrode and work: surfaces, fluid, bridges, the slow disturbance.
 //!
-//! Gap, debris and rates are looked at every `step_us`, and steady in between.
+//! Gap, debris and rates are updated every `step_us`, and steady in between.
 
 mod fluid;
 mod surface;
@@ -159,7 +159,7 @@ impl Gap {
         self.fluid.enter(facet, work + electrode, undisturbed);
     }
 
-    /// Goes on by `us` to the time `now_us` and looks at everything. `forming` says whether bridges can form: there is voltage.
+    /// Advances by `us` to the time `now_us` and updates everything. `forming` says whether bridges can form: there is voltage.
     pub fn step(&mut self, us: f64, now_us: f64, forming: bool) {
         let p = &self.p;
         let mut gap = self.mean_um();

@@ -11,7 +11,7 @@ use crate::random::{Cause, Stream};
 
 /// Peaks are no higher than so many of their mean.
 const HIGHEST: f64 = 4.0;
-/// Narrowest gap that ignition is reckoned with, um.
+/// Narrowest gap that ignition is calculated with, um.
 const NARROWEST: f64 = 1.0;
 /// Gap at which the rate of ignition is given, um.
 const GIVEN_AT: f64 = 50.0;
@@ -130,7 +130,7 @@ impl Surface {
         libm::cbrt(self.crater)
     }
 
-    /// Looks at all facets at a mean gap: `factor` multiplies every rate, `front` is their debris, and `dirt` of it is its
+    /// Updates all facets at a mean gap: `factor` multiplies every rate, `front` is their debris, and `dirt` of it is its
     /// concentration in 5 %. Gives the mean rate at which bridges form, over that of 5 % in a gap of `bridge_um`.
     pub fn look(&mut self, gap_um: f64, factor: f64, front: &[f64; FACETS], dirt: f64) -> f64 {
         let base = gap_um - (self.sums.0 + self.sums.1) / FACETS as f64;

@@ -1,4 +1,4 @@
-//! Gates: what the model must show before a law is judged by it.
+//! Gates: requirements of the model before feed laws are compared with it.
 //!
 //! *Calibration*: published numbers that parameters were fitted to. *Physics*: what must hold of any machine. *Validation*:
 //! published numbers that nothing was fitted to; one that is not met is reported so, with what it hangs on.
@@ -114,7 +114,7 @@ impl Gate {
     }
 }
 
-/// A group of gates, by the name under which it can be asked for.
+/// A group of gates, by the name under which it can be requested.
 pub struct Group {
     /// Name.
     pub name: &'static str,
@@ -128,7 +128,7 @@ pub struct Group {
 /// not, fails.
 pub const OPEN: [&str; 1] = ["buzz, negative control in which nothing comes back, at 0 mm: mean gain, %"];
 
-/// Groups that take less than half a minute together: those that .ci/run asks for.
+/// Groups that take less than half a minute together: those that .ci/run runs.
 pub const SHORT: [&str; 6] = ["charging", "removal", "swing", "depth", "monotony", "hunting"];
 
 /// All groups, in the order in which they should hold.

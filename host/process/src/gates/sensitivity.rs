@@ -1,4 +1,4 @@
-//! One at a time: how far every number that nobody published moves what the gates look at.
+//! Sensitivity: how far every unpublished number, one at a time, moves the results of the gates.
 
 use super::{calibration, each};
 use crate::harness::{Law, Motion, Rig, Voltage};
@@ -7,7 +7,7 @@ use crate::parameters::{Basis, DECLARED, GAO, Machine, Parameters, SINKER, XIN};
 /// What a number is multiplied and divided by.
 pub const FACTOR: f64 = 1.5;
 
-/// Results that are looked at, with their units.
+/// Results compared, with their units.
 pub const RESULTS: [&str; 7] = [
     "sinker at 50 V: time to 0.1 mm, s",
     "arcs there, %",

@@ -10,7 +10,7 @@ const SETTINGS: [Machine; 2] = [GAO, GAO_CLEAR];
 /// Depth to which thresholds and off-times are compared, um; \[G\] went to 1000, which takes the minutes of three hundred.
 const THRESHOLD_UM: f64 = 300.0;
 
-/// What a run of \[G\] has come to.
+/// Result of a run of \[G\].
 struct Run {
     seconds: Mean,
     /// Short cycles, %.

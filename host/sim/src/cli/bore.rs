@@ -16,24 +16,24 @@ use std::time::Instant;
 /// Arguments of `edm-sim bore`.
 #[derive(Debug, Args)]
 pub struct Bore {
-    /// What is bored.
+    /// The hole, the process and the head.
     #[command(flatten)]
     pub inputs: Inputs,
-    /// Erode along a program of G-code instead of straight down: G0 to G3, arcs by I, J, K or by R,
-    /// F as a bound of the feed, from X0 Y0 and the surface of the work, Z0 (docs/path.md); nobody drives X and Y, and the gap is the one below
+    /// Erode along a G-code program instead of straight down: G0 to G3, arcs with I, J, K or R, F limits the feed; begins at
+    /// X0 Y0 and the surface of the work, Z0 (docs/path.md). X and Y are not simulated; the gap is the one below the electrode
     #[arg(long, value_name = "FILE", conflicts_with_all = ["depth_mm", "surrogate"])]
     pub path: Option<PathBuf>,
     /// Write the report as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Write a table, one row a millisecond (t_s, position_um, setpoint_um, velocity_um_s, surface_um, gap_um, gap_v,
+    /// Write a table with one row per millisecond (t_s, position_um, setpoint_um, velocity_um_s, surface_um, gap_um, gap_v,
     /// filtered_v, duty, state, wear_um, debris, damage, contact_n, film_n)
     #[arg(long, value_name = "FILE.csv")]
     pub trace: Option<PathBuf>,
-    /// Draw the run
+    /// Write a plot of the run
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
-    /// Print nothing but errors: no progress bar, no summary
+    /// Print only errors: no progress bar, no summary
     #[arg(long, short)]
     pub quiet: bool,
 }
@@ -82,7 +82,7 @@ impl Bore {
         let all: Vec<&Output> = [&outputs.json, &outputs.trace, &outputs.plot].into_iter().flatten().collect();
         for (i, output) in all.iter().enumerate() {
             if self.path.as_deref().is_some_and(|path| output.replaces(path)) {
-                return Err(format!("{}: must not be the program itself", output.label()));
+                return Err(format!("{}: must not be the G-code program itself", output.label()));
             }
             if output.replaces(Path::new(&self.inputs.scenario)) {
                 return Err(format!("{}: must not be the scenario file itself", output.label()));

@@ -16,7 +16,7 @@ pub fn give(text: &str, out: Option<&Path>) -> Result<(), Failure> {
     output.write(|file| file.write_all(text.as_bytes())).map_err(Failure::Failed)
 }
 
-/// The data sheet.
+/// The data sheet (EDS).
 pub fn eds() -> String {
     let mut text = String::new();
     // A string takes everything.

@@ -1,4 +1,4 @@
-//! `edm-sim gap-report`: what the estimators of the gap can tell.
+//! `edm-sim gap-report`: the accuracy of the gap estimators.
 
 use crate::gap_report::{Size, measure};
 use crate::output::Output;
@@ -15,7 +15,7 @@ pub const COMMAND: &str = "cargo sim gap-report";
 /// Arguments of `edm-sim gap-report`.
 #[derive(Debug, Args)]
 pub struct GapReport {
-    /// A tenth of the pulses and of the seeds: a quarter of a minute
+    /// Run a tenth of the pulses and of the seeds: 15 seconds
     #[arg(long, conflicts_with = "docs")]
     short: bool,
     /// Write the figures as JSON

@@ -33,7 +33,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Simulated EDM servo head: the control core bores holes in a process model.
+/// Simulated EDM servo head: the control core of the head bores holes in a process model
 #[derive(Debug, Parser)]
 #[command(name = "edm-sim", version, disable_help_subcommand = true)]
 pub struct Cli {
@@ -48,19 +48,19 @@ enum Command {
         after_help = "Exit code: 0 hole bored; 1 not bored, or an output failed; 2 bad input, nothing was written."
     )]
     Bore(Bore),
-    /// Run virtual heads in real time, for CAN programs to connect to
+    /// Run virtual heads on a CAN bus in real time; CAN programs connect to it
     Serve(Serve),
-    /// List the scenarios that come with the program
+    /// List the built-in scenarios
     Scenarios,
-    /// List every setting with unit, default, range and source
+    /// List every setting with default, unit, range, meaning and source
     Settings,
-    /// Write the CANopen data sheet (EDS)
+    /// Write the CANopen description file (EDS)
     Eds {
         /// Write to a file instead of the standard output
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
-    /// Write the process data of a node as a DBC file
+    /// Write a DBC file of the frames of a node
     Dbc {
         /// Write to a file instead of the standard output
         #[arg(long, value_name = "FILE")]
@@ -69,40 +69,40 @@ enum Command {
         #[arg(long, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=127))]
         node_id: u8,
     },
-    /// Measure speed, in time of the processor, and memory
+    /// Measure speed (in processor time) and memory
     Bench(Bench),
-    /// Run every combination of scenarios, values and seeds, and check the bounds
+    /// Run every combination of scenarios, values and seeds against the bounds
     Sweep(Sweep),
-    /// Bore with every feed law, with the same seeds, and compare them (docs/feed-laws.md)
+    /// Compare the feed laws with the same seeds (docs/feed-laws.md)
     #[command(
-        after_help = "Exit code: 0 every run was made; 1 one failed, or an output; 2 bad input, nothing was written."
+        after_help = "Exit code: 0 all runs done; 1 a run or an output failed; 2 bad input, nothing was written."
     )]
     Compare(Compare),
-    /// Break every wire, and every pair of them, while the head erodes (docs/robustness.md)
+    /// Inject faults: every wire and every ordered pair of wires, while the head erodes (docs/robustness.md)
     Faults(Faults),
-    /// Random commands and events: what must hold is checked in every tick
+    /// Send random commands and events, and check the invariants in every tick (docs/robustness.md)
     Soak(Soak),
-    /// Run the gates of the process model, version 1 (docs/process-model.md)
+    /// Compare the process model, version 1, with published figures (docs/process-model.md)
     #[command(
-        after_help = "Exit code: 0 the model is that of its version and all gates hold that must; 1 not so, or an output failed; 2 bad input."
+        after_help = "Exit code: 0 the model is unchanged and all required gates are met; 1 otherwise, or an output failed; 2 bad input."
     )]
     ModelReport(ModelReport),
-    /// Measure how exactly a path is gone along and back (docs/path.md)
+    /// Measure the accuracy of the path in both directions (docs/path.md)
     #[command(
-        after_help = "Exit code: 0 everything is within its bound; 1 not so, or an output failed; 2 bad input, nothing was written."
+        after_help = "Exit code: 0 all figures within their bounds; 1 otherwise, or an output failed; 2 bad input, nothing was written."
     )]
     PathReport(PathReport),
-    /// Measure what the estimators of the gap can tell (docs/gap-sensing.md)
+    /// Measure the accuracy of the gap estimators (docs/gap-sensing.md)
     #[command(
-        after_help = "Exit code: 0 everything is within its bound; 1 not so, or an output failed; 2 bad input, nothing was written."
+        after_help = "Exit code: 0 all figures within their bounds; 1 otherwise, or an output failed; 2 bad input, nothing was written."
     )]
     GapReport(GapReport),
-    /// Run a recording of a gap through the head's own filters and classifier (docs/gap-sensing.md)
+    /// Run a recording of a gap through the head's filters and classifier (docs/gap-sensing.md)
     #[command(after_help = "Exit code: 0 done; 1 an output failed; 2 bad input, nothing was written.")]
     Replay(Replay),
 }
 
-/// Reads the command line, does what it says, and gives the exit code.
+/// Runs a command line; gives the exit code.
 pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCode {
     let cli = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli,

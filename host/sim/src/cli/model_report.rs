@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// Arguments of `edm-sim model-report`.
 #[derive(Debug, Args)]
 pub struct ModelReport {
-    /// Groups of gates; all without
+    /// Groups of gates [default: all]
     #[arg(value_name = "GROUP")]
     groups: Vec<String>,
     /// Only the groups that take a few seconds
@@ -18,16 +18,16 @@ pub struct ModelReport {
     /// Write version, fingerprint and gates as JSON
     #[arg(long, value_name = "FILE", conflicts_with = "sensitivity")]
     json: Option<PathBuf>,
-    /// Write the tables of what runs into docs/process-model.md
+    /// Write the tables of the groups that run into docs/process-model.md
     #[arg(long)]
     docs: bool,
-    /// Instead of the gates, multiply and divide every assumed number by 1.5, one at a time: minutes
+    /// Multiply and divide every assumed number by 1.5, one at a time, instead of running the gates; takes minutes
     #[arg(long, conflicts_with_all = ["groups", "short"])]
     sensitivity: bool,
 }
 
 impl ModelReport {
-    /// Runs and reports; true when the model is that of its version and all gates hold that must.
+    /// Runs and reports; true when the model is unchanged and all required gates are met.
     ///
     /// # Errors
     /// When a group is unknown, or an output cannot be written.

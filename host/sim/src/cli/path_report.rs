@@ -1,4 +1,4 @@
-//! `edm-sim path-report`: how exactly a path is gone along and back.
+//! `edm-sim path-report`: the accuracy of the path in both directions.
 
 use crate::output::Output;
 use crate::page::Page;

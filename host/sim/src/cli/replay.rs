@@ -1,4 +1,4 @@
-//! `edm-sim replay`: a recording of a gap through the head's own chain.
+//! `edm-sim replay`: a recording of a gap through the head's filters and classifier.
 
 use crate::output::Output;
 use crate::replay::converter::Gate;
@@ -12,33 +12,33 @@ use std::path::PathBuf;
 /// Arguments of `edm-sim replay`.
 #[derive(Debug, Args)]
 pub struct Replay {
-    /// Recording: CSV with the columns t_s, gap_v and, if there are any, gap_i and gate, or an export of an oscilloscope of Rigol,
-    /// Siglent, Tektronix, Rohde & Schwarz, Hantek or Pico, or of sigrok or Saleae; evenly sampled, 10 kS/s to 10 MS/s
+    /// Recording: CSV with the columns t_s, gap_v and optionally gap_i and gate, or an export of a Rigol, Siglent, Tektronix,
+    /// Rohde & Schwarz, Hantek or Pico oscilloscope, of sigrok or Saleae; evenly sampled, 10 kS/s to 10 MS/s
     #[arg(value_name = "IN.csv")]
     pub input: PathBuf,
-    /// Settings of the head: the table `head` of a scenario file [default: all defaults]
+    /// Settings of the head: the table [head] of a scenario file [default: all defaults]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Change one setting after the file; may be repeated, the later holds (`edm-sim settings` lists the keys)
+    /// Change a setting after the file; may be repeated, the last one counts (`edm-sim settings` lists the keys)
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Channel of the oscilloscope that is the gap voltage, in V [default: the first]
+    /// Channel of the gap voltage, in V [default: the first]
     #[arg(long, value_name = "CHANNEL")]
     pub gap_v: Option<String>,
-    /// Channel that is the gap current, in A
+    /// Channel of the gap current, in A
     #[arg(long, value_name = "CHANNEL")]
     pub gap_i: Option<String>,
-    /// Channel that is the gate of the generator: open from 1.5 V on
+    /// Channel of the generator's gate: open above 1.5 V
     #[arg(long, value_name = "CHANNEL")]
     pub gate: Option<String>,
-    /// Take the gate for open while the gap voltage is at least so much either way, or the current at least gap.short_a
+    /// Derive the gate: open while the gap voltage has at least this magnitude, or the current is at least gap.short_a
     #[arg(long, value_name = "V", value_parser = volts, allow_hyphen_values = true, conflicts_with = "gate")]
     pub gate_above: Option<f32>,
-    /// Write a table, one row a servo tick (t_s, decimated_v, lowpass_v, filtered_v, quality, classes of the pulses that ended,
-    /// their shares, notch_hz, followed_v)
+    /// Write a table with one row per servo tick (t_s, decimated_v, lowpass_v, filtered_v, quality, classes of the pulses that
+    /// ended, their shares, notch_hz, followed_v)
     #[arg(long, value_name = "OUT.csv")]
     pub out: PathBuf,
-    /// Draw it
+    /// Write a plot
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
 }

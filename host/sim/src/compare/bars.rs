@@ -32,7 +32,7 @@ fn sheet((variant, scenario): (&str, &str), laws: &[&Entry]) -> Result<String, S
     let mut svg = String::new();
     let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
     let drawn = root.fill(&WHITE).and_then(|()| {
-        let title = format!("{scenario}: {variant} (simulated; bars: mean and 95 % interval over seeds)");
+        let title = format!("{scenario}: {variant} (simulated; bars: mean and 95 % confidence interval over seeds)");
         let body = root.titled(&title, ("sans-serif", 24).into_font().color(&INK))?;
         for (area, (metric, name, factor)) in body.split_evenly((2, 3)).iter().zip(PANELS) {
             panel(area, laws, metric, name, factor)?;
@@ -45,9 +45,9 @@ fn sheet((variant, scenario): (&str, &str), laws: &[&Entry]) -> Result<String, S
 }
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
+type PlotResult<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
 
-fn panel<'a>(area: &Area<'a>, laws: &[&Entry], metric: &str, name: &str, factor: f64) -> Drawn<'a> {
+fn panel<'a>(area: &Area<'a>, laws: &[&Entry], metric: &str, name: &str, factor: f64) -> PlotResult<'a> {
     let means: Vec<_> = laws.iter().map(|law| law.metric(metric)).collect();
     let ends = means.iter().flatten().map(|mean| (mean.of + mean.ci95.unwrap_or(0.0)) * factor);
     let top = ends.fold(0.0f64, f64::max).max(1e-6) * 1.08;

@@ -1,7 +1,7 @@
-//! The entrants: feed laws with the parameters that were published, fixed before the first comparison.
+//! The feed laws compared, with the parameters that were published, fixed before the first comparison.
 //!
 //! \[G\] gives its thresholds for its own machine, where a plain average of open circuit, over on-time and off-time, reads
-//! 32 V of 80; elsewhere nobody has published any, and a law keeps the set point of the scenario. \[R\] gives structures and no
+//! 32 V of 80; elsewhere none are published, and a law keeps the set point of the scenario. \[R\] gives structures and no
 //! numbers: its laws run with the defaults of docs/settings.md.
 
 use crate::process::Plant;

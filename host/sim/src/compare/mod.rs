@@ -30,7 +30,7 @@ use summary::Comparison;
 const PAGE: &str = "docs/feed-laws.md";
 const COMMAND: &str = "cargo sim compare";
 const FRONTS: &str = "cargo sim compare --set-points";
-/// Scenarios when nobody asks for others: both settings of \[G\]'s machine, and the sinker of \[R\].
+/// Scenarios by default: both settings of \[G\]'s machine, and the sinker of \[R\].
 const SCENARIOS: [&str; 3] = ["micro-blind", "micro-blind-clear", "sinker"];
 
 /// Arguments of `edm-sim compare`.
@@ -47,7 +47,7 @@ pub struct Compare {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// Compare what the tables of all shards hold
+    /// Compare the tables of all shards
     Merge(Merge),
 }
 
@@ -74,15 +74,15 @@ struct Options {
     /// Depth of the holes, mm [default: that of each scenario]
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     depth_mm: Option<f64>,
-    /// Change every number of the model that nobody has published by up to so many per cent, the same for every law of a seed
+    /// Change every unpublished number of the model at random by up to this percentage, the same for every law of a seed
     #[arg(long, value_name = "PCT", default_value_t = 0.0, allow_hyphen_values = true)]
     perturb: f64,
-    /// Bore with every law at these factors of its set point, and tell which are on the Pareto front
+    /// Run every law at these multiples of its set point, and show the Pareto front
     #[arg(long, value_name = "FACTOR,...", value_delimiter = ',', allow_hyphen_values = true)]
     set_points: Vec<f64>,
     #[command(flatten)]
     making: Making,
-    /// Make so many of the runs in --csv again, spread over all, and fail unless they come out the same to the last digit
+    /// Repeat this many of the runs in --csv, spread over all, and fail unless every digit is the same
     #[arg(long, value_name = "N", requires = "csv", conflicts_with_all = ["shard", "json", "plot", "docs"],
           value_parser = clap::value_parser!(u16).range(1..))]
     recompute: Option<u16>,
@@ -93,7 +93,7 @@ struct Results {
     /// Write means and confidence as JSON
     #[arg(long, value_name = "FILE.json")]
     json: Option<PathBuf>,
-    /// Draw a picture for each scenario into this folder
+    /// Write a plot of each scenario into this folder
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
     /// Write the tables into docs/feed-laws.md
@@ -136,7 +136,7 @@ impl Merge {
         whole.missing().map_err(Failure::BadInput)?;
         let rows = whole.rows();
         if rows.iter().any(|row| row.text("law").is_none() || row.text("variant").is_none()) {
-            return Err(Failure::BadInput("the files are of a sweep, not of a comparison".into()));
+            return Err(Failure::BadInput("the files are from a sweep, not from a comparison".into()));
         }
         let outputs = self
             .results
@@ -165,12 +165,12 @@ impl Options {
         .map_err(Failure::Failed)?;
         others.sort_unstable();
         say(&format!(
-            "{} runs made again of {}: {} came out as in the table\n",
+            "{} of {} runs repeated: {} are the same as in the table\n",
             runs.len(),
             grid.len(),
             runs.len() - others.len()
         ));
-        others.iter().for_each(|run| say(&format!("run {run} came out otherwise\n")));
+        others.iter().for_each(|run| say(&format!("run {run} differs\n")));
         Ok(others.is_empty())
     }
 
@@ -188,7 +188,7 @@ impl Options {
         let all = || ENTRANTS.iter().map(|entrant| entrant.name).collect::<Vec<_>>().join(", ");
         for name in &self.laws {
             if !ENTRANTS.iter().any(|entrant| entrant.name == name) {
-                return Err(format!("--laws {name}: no such law here; there are {}", all()));
+                return Err(format!("--laws {name}: no such law; the laws are {}", all()));
             }
         }
         let chosen = ENTRANTS.iter().filter(|e| self.laws.is_empty() || self.laws.iter().any(|name| name == e.name));

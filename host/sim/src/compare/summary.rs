@@ -1,8 +1,8 @@
 //! Means of the runs of a law, and how sure they are.
 //!
 //! The confidence is that of Student's t over seeds: half the width of the interval that holds the mean in 95 of 100
-//! repetitions. Laws bored with the same seeds, so that a difference is judged pair by pair. Runs that did not come to their
-//! depth have no machining time; how many there were stands beside each mean.
+//! repetitions. Laws bored with the same seeds, so that a difference is evaluated pair by pair. Runs that did not reach their
+//! depth have no machining time; their number is next to each mean.
 
 use super::laws::ENTRANTS;
 use crate::sweep::grid::SET_POINT_FACTOR;
@@ -64,7 +64,7 @@ pub struct Entry {
     pub scenario: String,
     pub law: String,
     pub runs: usize,
-    /// Those that came to their depth.
+    /// Those that reached their depth.
     pub complete: usize,
     /// In the order of [`METRICS`].
     pub means: Vec<Option<Mean>>,
@@ -188,11 +188,11 @@ impl Comparison {
             text.push('\n');
         }
         text.push_str(&self.fronts());
-        text.push_str("Mean +- half of its 95 % interval over seeds; simulated. *Time* is that from the first pulse to the depth, seek apart, of holes that were finished;\n*to the first* by pairs of the same seed. A law marked with ~ moves its axis at more than 2 mm/s rms.\n");
+        text.push_str("Mean +- half of the 95 % confidence interval over seeds; simulated. *Time* is from the first pulse to the depth, without the seek, of completed holes;\n*to the first* is the difference to the first law, by pairs of the same seed. A law marked with ~ moves its axis at more than 2 mm/s rms.\n");
         let named = ENTRANTS.iter().filter(|e| self.entries.iter().any(|entry| entry.law == e.name));
         named.for_each(|e| _ = writeln!(text, "- `{}`: {}", e.name, e.source));
         if partly {
-            text.push_str("Only a part of the runs: `edm-sim compare merge` puts all parts together.\n");
+            text.push_str("Part of the runs: `edm-sim compare merge` combines all parts.\n");
         }
         text.push_str(&self.failures);
         text

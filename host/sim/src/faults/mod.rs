@@ -1,10 +1,10 @@
-//! Fault campaigns: what is injected, what the head made of it, and the page that says so. `edm-sim faults` breaks the wires
+//! Fault campaigns: faults injected, reactions of the head, and the page with the results. `edm-sim faults` breaks the wires
 //! of a native head; `cargo fil faults` shares rows, counts and page.
 //!
 //! | file | responsible for |
 //! | --- | --- |
-//! | `row` | a fault and what became of it, as JSON and as a table; how rows are counted |
-//! | `wires` | what is injected natively |
+//! | `row` | a fault and its result, as JSON and as a table; how rows are counted |
+//! | `wires` | faults injected natively |
 //! | `trial` | one case with one seed |
 //! | `sets` | settings that are wrong, through the guided check and under faults |
 
@@ -25,7 +25,7 @@ use edm_servo_head::head::Fault;
 use row::{Campaign, Row};
 use sets::Sets;
 use std::path::PathBuf;
-use trial::Seen;
+use trial::Observed;
 use wires::Case;
 
 /// Who writes the section of the page.
@@ -37,7 +37,7 @@ pub struct Options {
     /// Only faults whose name contains this
     #[arg(long, value_name = "PATTERN", default_value = "")]
     pub rows: String,
-    /// Only every Nth fault, beginning with the Ith: one part of N
+    /// Only part I of N: every Nth fault, beginning with the Ith
     #[arg(long, value_name = "I/N", value_parser = shard, allow_hyphen_values = true)]
     pub shard: Option<(usize, usize)>,
     /// Write the rows and their counts as JSON
@@ -48,14 +48,14 @@ pub struct Options {
     pub page: Option<PathBuf>,
 }
 
-/// What is written when a campaign has come to its end.
+/// Outputs of a campaign.
 pub struct Written {
     json: Option<Output>,
     page: Option<(Page, Output)>,
 }
 
 impl Options {
-    /// Those of the faults that are asked for.
+    /// The faults that are requested.
     ///
     /// # Errors
     /// When there are none.
@@ -65,12 +65,12 @@ impl Options {
             all.into_iter().filter(|one| name(one).contains(&self.rows)).skip(shard - 1).step_by(of).collect();
         if chosen.is_empty() {
             let part = self.shard.map_or_else(String::new, |(shard, of)| format!(" in part {shard}/{of}"));
-            return Err(format!("--rows {}: must be part of the name of a fault; none is{part}", self.rows));
+            return Err(format!("--rows {}: must be part of the name of a fault; no name matches{part}", self.rows));
         }
         Ok(chosen)
     }
 
-    /// Claims what is to be written by this command.
+    /// Claims the outputs of this command.
     ///
     /// # Errors
     /// When it cannot be.
@@ -82,7 +82,7 @@ impl Options {
 }
 
 impl Written {
-    /// Says what came of a campaign, and writes it; whether it passes. On the page `how` it was run comes first.
+    /// Prints and writes the result of a campaign; whether it passes. On the page `how` it was run comes first.
     ///
     /// # Errors
     /// When a file cannot be written.
@@ -104,20 +104,19 @@ pub struct Faults {
     /// Seeds 1 to N
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub seeds: u64,
-    /// Instead of wires, settings that do not fit the machine: through the guided check, which refuses them, or under
-    /// faults that press no harder than 5 N
+    /// Wrong settings instead of broken wires: the guided check must refuse them, or no fault may press more than 5 N
     #[arg(long, value_enum)]
     pub settings: Option<Sets>,
     /// What every campaign has.
     #[command(flatten)]
     pub options: Options,
-    /// Runs at the same time [default: one a core]
+    /// Parallel runs [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
 }
 
 impl Faults {
-    /// Breaks wires and judges; true when the campaign passes.
+    /// Breaks wires and evaluates the reactions; true when the campaign passes.
     ///
     /// # Errors
     /// When the input is refused, a run cannot be made or an output cannot be written.
@@ -159,10 +158,10 @@ impl Faults {
 struct Run {
     seed: u64,
     delay_s: f64,
-    seen: Seen,
+    seen: Observed,
 }
 
-/// The row of a case: the worst of its runs. Those that break a bound are said.
+/// The row of a case: the worst of its runs. Those that break a bound are printed.
 fn worst(case: &Case, runs: &[Run]) -> Row {
     let mut broken = 0;
     for Run { seed, delay_s, seen } in runs {
@@ -172,13 +171,13 @@ fn worst(case: &Case, runs: &[Run]) -> Row {
             say(&format!("{}, seed {seed}, {delay_s} s between: {}\n", case.name(), what.join("; ")));
         }
     }
-    let most = |figure: &dyn Fn(&Seen) -> f64| runs.iter().map(|run| figure(&run.seen)).fold(0.0, f64::max);
+    let most = |figure: &dyn Fn(&Observed) -> f64| runs.iter().map(|run| figure(&run.seen)).fold(0.0, f64::max);
     let times: Option<Vec<f64>> = runs.iter().map(|run| run.seen.time_us).collect();
     let nothing = runs.iter().any(|run| run.seen.named.is_empty());
     let named = together(runs.iter().flat_map(|run| run.seen.named.iter().copied().map(Fault::name)));
     Row {
         fault: case.name(),
-        reaction: together(runs.iter().map(|run| run.seen.reaction.map_or("goes on", |reaction| reaction.name()))),
+        reaction: together(runs.iter().map(|run| run.seen.reaction.map_or("continues", |reaction| reaction.name()))),
         time_us: times.map(|times| times.into_iter().fold(0.0, f64::max)),
         reported: (!nothing).then_some(named),
         contact_n: most(&|seen| seen.contact_n),

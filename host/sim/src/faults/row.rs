@@ -1,5 +1,5 @@
-//! A row: one fault that a campaign has injected, and what the head made of it. `cargo sim faults` and `cargo fil faults` both
-//! give rows, count them and write them here; docs/robustness.md says how they are judged.
+//! A row: one fault that a campaign has injected, and the reaction of the head. `cargo sim faults` and `cargo fil faults` both
+//! make rows, count them and write them here; docs/robustness.md says how they are evaluated.
 
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -9,16 +9,16 @@ pub const COVERED: f64 = 0.99;
 /// Largest share of them that is proved harmless instead of being named.
 pub const HARMLESS: f64 = 0.1;
 
-/// A fault, and what the head made of it; of several runs the worst.
+/// A fault and the reaction of the head; of several runs the worst.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// What was injected.
     pub fault: String,
     /// What the head did about it.
     pub reaction: String,
-    /// From the fault until the pulses were off, us; `None` when they were off before, or went on.
+    /// From the fault until the pulses were off, us; `None` when they were off before, or continued.
     pub time_us: Option<f64>,
-    /// What the head said, by the names of its faults and warnings; `None` when it said nothing.
+    /// Faults and warnings that the head reported, by name; `None` when it reported nothing.
     pub reported: Option<String>,
     /// Greatest force between electrode and work, N.
     pub contact_n: f64,
@@ -95,8 +95,8 @@ impl Campaign {
     /// The counts in a line, then every row that is harmless, missed or breaks a bound.
     pub fn summary(&self) -> String {
         let mut text = format!(
-            "{} injected: {} detected, {} harmless, {} missed; {:.1} % covered (at least {:.0} % wanted, at most {:.0} % of \
-             all harmless)\n",
+            "{} injected: {} detected, {} harmless, {} missed; {:.1} % covered (bounds: at least {:.0} % covered, at most {:.0} % \
+             harmless)\n",
             self.injected,
             self.detected,
             self.harmless,
@@ -165,7 +165,7 @@ impl Row {
     /// The row in a line.
     pub fn words(&self) -> String {
         format!(
-            "{}: {}; said {}; pulses off {}; {:.1} N; {:.2} A; {}",
+            "{}: {}; reported {}; pulses off {}; {:.1} N; {:.2} A; {}",
             self.fault,
             self.reaction,
             self.reported.as_deref().unwrap_or("nothing"),

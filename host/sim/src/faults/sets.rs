@@ -1,5 +1,5 @@
-//! Settings that are wrong, through the front door: the guided check refuses them with the reason, or no fault makes the head
-//! press harder than [`CONTACT_N`]. The machine is that of the scenario `default`.
+//! Wrong settings: the guided check refuses them with the reason, or no fault makes the head press harder than
+//! [`CONTACT_N`]. The machine is that of the scenario `default`.
 
 use super::row::{Campaign, Row};
 use super::trial::{Became, of_settings};
@@ -18,15 +18,15 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 /// Which settings are wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Sets {
-    /// Mass, counterbalance, friction, force constant, resistance and length of a count by 20 and 50 %, alone and in pairs
+    /// Mass, counterbalance, friction, force constant, resistance and length of a count, wrong by 20 and 50 %, alone and in pairs
     Constants,
     /// Every setting at both its ends, one at a time
     Ends,
-    /// For each seed a random set that the guided check accepts
+    /// A random set per seed that the guided check accepts
     Random,
 }
 
-/// What [`Sets::Constants`] makes wrong, and by which factors.
+/// Settings that [`Sets::Constants`] changes, and the factors.
 const CONSTANTS: [&str; 6] = [
     "axis.mass_kg",
     "axis.counterbalance_n",
@@ -38,12 +38,12 @@ const CONSTANTS: [&str; 6] = [
 const FACTORS: [f64; 4] = [0.5, 0.8, 1.2, 1.5];
 /// Most settings that a random set changes.
 const MOST: u32 = 6;
-/// Random sets that are tried for one that the check accepts.
+/// Random sets tried until the check accepts one.
 const DRAWS: u64 = 100;
 
 /// Settings with a name.
 pub struct Set {
-    /// What is wrong.
+    /// Name.
     pub name: String,
     /// All of them.
     pub settings: Settings,
@@ -84,7 +84,7 @@ impl Sets {
         made.map_err(Failure::Failed)?;
         rows.sort_by_key(|(at, _)| *at);
         let campaign = Campaign::new(rows.into_iter().map(|(_, row)| row).collect());
-        let how = "Settings that do not fit the machine: refused by the guided check, or under faults.";
+        let how = "Settings that do not fit the machine: refused by the guided check, or tried under faults.";
         written.finish(&campaign, how).map_err(Failure::Failed)
     }
 }
@@ -95,7 +95,7 @@ fn row(fault: String, became: Became) -> Row {
         Became::Accepted(seen, worst) => {
             let mut reactions = together(seen.named.iter().map(|fault| fault.reaction().name()));
             if !worst.is_empty() {
-                reactions = format!("{reactions}; most force after: {worst}");
+                reactions = format!("{reactions}; largest force after: {worst}");
             }
             (reactions, together(seen.named.iter().copied().map(Fault::name)), seen.contact_n)
         }
@@ -205,5 +205,5 @@ fn random(setup: &Setup, set: &Set) -> Result<Row, String> {
             return Ok(row(format!("{}: {}", set.name, changes.join(" ")), became));
         }
     }
-    Err(format!("{}: the guided check accepts none of {DRAWS}", set.name))
+    Err(format!("{}: the guided check accepts none of {DRAWS} random sets", set.name))
 }

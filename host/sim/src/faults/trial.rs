@@ -1,6 +1,6 @@
-//! One case with one seed: a head that erodes, wires that break, what it makes of them, and whether it erodes again once they
-//! are mended. And a head with settings that may be wrong: what its guided check says of them, and, once it has passed,
-//! how hard it presses under faults.
+//! One case with one seed: a head that erodes, wires that break, the reaction, and whether the head erodes again after the
+//! repair. And a head with settings that may be wrong: the result of its guided check, and, once it has passed, how hard it
+//! presses under faults.
 
 use super::wires::{BURR, BURR_MM_S, Case, WIRES, Wire};
 use crate::contact::Approach;
@@ -10,7 +10,7 @@ use edm_servo_head::head::{Command, Fault, MotionLimits, Reaction, Reason, State
 use edm_servo_head::settings::{Settings, Value};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ, TICKS_PER_MS};
 
-/// Times between two wires, s: in the same tick, before the supervision has looked, before slow reactions have begun, in the
+/// Times between two wires, s: in the same tick, before the supervision has run, before slow reactions have begun, in the
 /// middle of the emergency lift (300 ms), and when every reaction rests.
 pub const DELAYS_S: [f64; 5] = [0.0, 0.001, 0.02, 0.2, 2.0];
 /// Time after which the motor current has to be below the continuous one, s.
@@ -19,11 +19,11 @@ const SETTLED_S: f64 = 1.0;
 const MEAN_TICKS: u32 = 10 * TICKS_PER_MS;
 /// Time that a case is watched for after the last wire, s.
 const WATCHED_S: f64 = 2.0;
-/// Time within which a fault is named at the latest, s: the persistent short takes a second by its setting.
+/// Longest time until a fault is named, s: the persistent short takes a second by its setting.
 const NAMED_S: f64 = 5.0;
-/// Time for each step of the way back to eroding, s.
+/// Time-out of each step of the recovery, s.
 const STEP_S: f64 = 5.0;
-/// Time for the guided check, s.
+/// Time-out of the guided check, s.
 const CHECK_S: f64 = 60.0;
 /// Time that a head with settings that may be wrong is watched for after its wires broke, s: a lift takes 0.3, a proof less.
 const REACTED_S: f64 = 1.2;
@@ -39,10 +39,10 @@ const LIFT: MotionLimits = MotionLimits {
     deceleration: MicrometresPerSecond2(2e6),
 };
 
-/// What came of a case at one delay.
+/// Result of a case at one delay.
 #[derive(Clone, Debug, Default)]
-pub struct Seen {
-    /// From the first wire with a name until the pulses were off, us; `None`: they went on.
+pub struct Observed {
+    /// From the first wire with a name until the pulses were off, us; `None`: they continued.
     pub time_us: Option<f64>,
     /// Faults in their order.
     pub named: Vec<Fault>,
@@ -58,8 +58,8 @@ pub struct Seen {
     pub stuck: Option<String>,
 }
 
-impl Seen {
-    /// What is wrong with it, in a few words each.
+impl Observed {
+    /// What fails, in a few words each.
     pub fn broken(&self, case: &Case) -> Vec<String> {
         let names = case.names();
         let mut broken = Vec::new();
@@ -72,7 +72,7 @@ impl Seen {
         let known = |fault: &Fault| names.contains(fault);
         let right = if case.shows() { self.named.iter().any(known) } else { self.named.iter().all(known) };
         demand(right, format!("named {:?}", self.named));
-        demand(!case.shows() || self.time_us.is_some(), "pulses went on".into());
+        demand(!case.shows() || self.time_us.is_some(), "pulses continued".into());
         let (newtons, mm_s) = self.pressed.unwrap_or_default();
         demand(self.pressed.is_none(), format!("{newtons:.1} N at {mm_s:.1} mm/s"));
         demand(self.current_a < f64::from(Settings::default().motor_continuous), format!("{:.2} A", self.current_a));
@@ -81,7 +81,7 @@ impl Seen {
     }
 }
 
-/// What a head is at when its wires break.
+/// State of a head when its wires break.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum At {
     Positioning,
@@ -103,16 +103,16 @@ const BROKEN: [(At, &[&str]); 8] = [
     (At::Eroding, &["bus.sag_v", "encoder.cut"]),
 ];
 
-/// What became of settings.
+/// Result of settings.
 #[derive(Clone, Debug)]
 pub enum Became {
     /// They do not fit together, or the guided check has refused them.
     Refused(String),
     /// It has passed: the worst of all that was broken, and what that was.
-    Accepted(Seen, String),
+    Accepted(Observed, String),
 }
 
-/// What becomes of settings through the front door: the guided check above no work, what it has learnt, the work put back,
+/// Tries settings: the guided check above no work, what it has learnt, the work put back,
 /// and then every fault of [`BROKEN`] in a bore.
 ///
 /// # Errors
@@ -127,7 +127,7 @@ pub fn of_settings(setup: &Setup, settings: &Settings, seed: u64) -> Result<Beca
         Ok(learnt) => learnt,
         Err(why) => return Ok(Became::Refused(why)),
     };
-    let (mut all, mut worst) = (Seen::default(), String::new());
+    let (mut all, mut worst) = (Observed::default(), String::new());
     for (at, signals) in BROKEN {
         let wires: Vec<&Wire> = WIRES.iter().filter(|wire| signals.contains(&wire.signal)).collect();
         // Settings with which it does not get there are no failure: the wires break where it is.
@@ -138,7 +138,7 @@ pub fn of_settings(setup: &Setup, settings: &Settings, seed: u64) -> Result<Beca
             }
         }
         trial.watch(REACTED_S);
-        let recovered = trial.mend(&wires);
+        let recovered = trial.repair(&wires);
         let seen = std::mem::take(&mut trial.seen);
         if seen.contact_n > all.contact_n {
             all.contact_n = seen.contact_n;
@@ -155,7 +155,7 @@ pub fn of_settings(setup: &Setup, settings: &Settings, seed: u64) -> Result<Beca
 /// A head at work.
 struct Trial {
     machine: Machine,
-    seen: Seen,
+    seen: Observed,
     approach: Approach,
     /// Sum of the current of the running 10 ms, and its ticks.
     sum: (f64, u32),
@@ -164,7 +164,7 @@ struct Trial {
 }
 
 /// What came of a case at every delay, one after the other in the same head: it has to recover from each.
-pub fn run(setup: &Setup, case: &Case, seed: u64) -> Result<Vec<(f64, Seen)>, String> {
+pub fn run(setup: &Setup, case: &Case, seed: u64) -> Result<Vec<(f64, Observed)>, String> {
     let delays = if case.second.is_some() { &DELAYS_S[..] } else { &DELAYS_S[..1] };
     let mut trial = None;
     delays
@@ -189,15 +189,20 @@ impl Trial {
         let settings = Settings { commissioned: true, seek_velocity: 5000.0, ..setup.head };
         let mut trial = Trial::with(setup, &settings, seed)?;
         trial.start()?;
-        trial.seen = Seen::default();
+        trial.seen = Observed::default();
         Ok(trial)
     }
 
     /// A head at rest at its upper stop.
     fn with(setup: &Setup, settings: &Settings, seed: u64) -> Result<Trial, String> {
         let machine = Machine::new(setup.process, settings, seed).map_err(|error| setup.refusal(error))?;
-        let mut trial =
-            Trial { machine, seen: Seen::default(), approach: Approach::default(), sum: (0.0, 0), burr: (0.0, 0.0) };
+        let mut trial = Trial {
+            machine,
+            seen: Observed::default(),
+            approach: Approach::default(),
+            sum: (0.0, 0),
+            burr: (0.0, 0.0),
+        };
         trial.watch(0.01);
         Ok(trial)
     }
@@ -214,13 +219,13 @@ impl Trial {
         let report = match self.machine.next_check() {
             Some(Ok(report)) => report,
             Some(Err(finding)) => return Err(finding.to_string()),
-            None => return Err(format!("check broken off: {:?}", self.machine.status().fault)),
+            None => return Err(format!("check aborted: {:?}", self.machine.status().fault)),
         };
         let learnt = Settings { commissioned: true, ..settings.learnt(&report) };
         let active = learnt.build().map_err(|error| error.to_string())?;
         self.machine.configure(&active).map_err(|refused| refused.to_string())?;
         self.machine.process.happen(BURR, Value::Number(0.0)).map_err(|_| BURR.to_owned())?;
-        self.seen = Seen::default();
+        self.seen = Observed::default();
         Ok(learnt)
     }
 
@@ -250,8 +255,8 @@ impl Trial {
         Ok(())
     }
 
-    /// Wires mended, fault reset, and disabled.
-    fn mend(&mut self, wires: &[&Wire]) -> Result<(), String> {
+    /// Repairs the wires, resets the fault, and disables.
+    fn repair(&mut self, wires: &[&Wire]) -> Result<(), String> {
         for wire in wires {
             let _ = self.machine.process.happen(wire.signal, wire.sound());
         }
@@ -348,7 +353,7 @@ impl Trial {
         }
     }
 
-    /// Takes the causes away, resets the fault, and starts again.
+    /// Removes the causes, resets the fault, and starts again.
     fn recover(&mut self, case: &Case) -> Result<(), String> {
         self.burr = (0.0, 0.0);
         for wire in case.wires() {

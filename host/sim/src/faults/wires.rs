@@ -1,17 +1,17 @@
-//! What is injected: every wire of [`Wires`] broken, alone, and every ordered pair of them.
+//! Faults injected: every wire of [`Wires`], alone, and every ordered pair of them.
 
 use crate::events::Wires;
 use edm_servo_head::head::Fault;
 use edm_servo_head::settings::{Declared, Value};
 
-/// A wire, how it is broken, and what a head that erodes has to call it; `None`: it need not notice.
+/// A wire, how it is broken, and the fault that an eroding head must report; `None`: it need not notice.
 #[derive(Clone, Copy, Debug)]
 pub struct Wire {
     /// Name of the signal.
     pub signal: &'static str,
     /// Its value when broken.
     pub broken: Value<'static>,
-    /// What the head calls it.
+    /// Fault that the head must report.
     pub named: Option<Fault>,
 }
 
@@ -91,12 +91,12 @@ impl Case {
         [Some(self.first), self.second].into_iter().flatten()
     }
 
-    /// Whether the head has to notice.
+    /// Whether the head must report a fault.
     pub fn shows(&self) -> bool {
         self.wires().any(|wire| wire.named.is_some())
     }
 
-    /// What the head may call it. The wire that it sees first decides what becomes of the other.
+    /// Faults that the head may report. The wire that it detects first decides about the other.
     pub fn names(&self) -> Vec<Fault> {
         let mut names: Vec<Fault> = self.wires().filter_map(|wire| wire.named).collect();
         if names.contains(&Fault::UpperLimit) && names.contains(&Fault::LowerLimit) {

@@ -1,7 +1,7 @@
-//! Arcs that stay, on the running head: when it names them, and whether it does where there are none.
+//! Persistent arcs on the running head: when it reports them, and whether it does so without any.
 //!
-//! What there really is, is counted by the process: arcs have had more than their share of all pulses of the last 200 ms
-//! (`supervise.arc_percent`) for their time (`supervise.arc_ms`). The head sees one pulse a millisecond.
+//! The reference is a count in the process: arcs were more than `supervise.arc_percent` of all pulses of the last 200 ms
+//! for `supervise.arc_ms`. The head samples one pulse a millisecond.
 
 use crate::bore::Setup;
 use crate::machine::Machine;
@@ -12,7 +12,7 @@ use edm_servo_head::settings::{Settings, Value};
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use std::collections::VecDeque;
 
-/// Time in which the head has to name arcs that stay, ms.
+/// Time in which the head must report persistent arcs, ms.
 pub const NAMED_MS: u64 = 200;
 /// From when there are arcs, and how long a run is, ms of erosion.
 pub const ARCS_FROM_MS: u64 = 300;
@@ -33,7 +33,7 @@ struct Truth {
 }
 
 impl Truth {
-    /// One more millisecond; whether arcs stay.
+    /// One more millisecond; whether arcs are persistent.
     fn look(&mut self, now: Pulses, settings: &Settings) -> bool {
         self.counts.push_back(now);
         if self.counts.len() <= WINDOW_MS {
@@ -80,7 +80,7 @@ pub struct Named {
     pub fault: Option<Fault>,
     /// When it was there, ms of erosion.
     at: Option<u64>,
-    /// From when on arcs stayed, by the process.
+    /// Since when arcs were persistent, by the process.
     since: Option<u64>,
     /// The earliest that it may be named, ms of erosion.
     earliest: u64,
@@ -92,12 +92,12 @@ impl Named {
         self.fault == Some(Fault::PersistentArc) && self.at.is_some_and(|at| at > self.earliest)
     }
 
-    /// How long after the first arc was brought, ms; the whole run when never.
+    /// How long after the first injected arc, ms; the whole run when never.
     pub fn after_ms(&self) -> u64 {
         self.at.unwrap_or(RUN_MS).saturating_sub(ARCS_FROM_MS)
     }
 
-    /// How long after there were any that stay, ms; the whole run when never.
+    /// How long after arcs became persistent, ms; the whole run when never.
     pub fn late_ms(&self) -> u64 {
         match (self.at, self.since) {
             (Some(at), Some(since)) => at.saturating_sub(since),
@@ -110,7 +110,7 @@ impl Named {
 /// Gives a head in a scenario so many percent of arcs, until it names them.
 ///
 /// # Errors
-/// When the scenario cannot be loaded, or the head does not come to erode.
+/// When the scenario cannot be loaded, or the head does not begin to erode.
 pub fn with_arcs(name: &str, percent: f64, seed: u64) -> Result<Named, String> {
     let (mut machine, settings) = eroding(name, seed)?;
     let mut truth = Truth::default();
@@ -135,7 +135,7 @@ pub fn with_arcs(name: &str, percent: f64, seed: u64) -> Result<Named, String> {
 /// A head on which no arcs were brought.
 #[derive(Clone, Copy, Debug)]
 pub struct Without {
-    /// It named arcs that stay although the process had none until then.
+    /// It reported persistent arcs although the process had none until then.
     pub falsely: bool,
     /// Largest share of arcs that there really was in 200 ms, %.
     pub most: f64,
@@ -144,7 +144,7 @@ pub struct Without {
 /// Lets a head erode.
 ///
 /// # Errors
-/// When the scenario cannot be loaded, or the head does not come to erode.
+/// When the scenario cannot be loaded, or the head does not begin to erode.
 pub fn without_arcs(name: &str, seed: u64) -> Result<Without, String> {
     let (mut machine, settings) = eroding(name, seed)?;
     let (mut truth, mut stay, mut falsely) = (Truth::default(), false, false);
@@ -156,7 +156,7 @@ pub fn without_arcs(name: &str, seed: u64) -> Result<Without, String> {
     Ok(Without { falsely, most: truth.most })
 }
 
-/// What the runs came to.
+/// Result of the runs.
 #[derive(Clone, Debug, Default)]
 pub struct Arcs {
     /// Runs with arcs and without.
@@ -165,14 +165,14 @@ pub struct Arcs {
     pub named_ms_max: u64,
     /// Longest time after the first arc until they were named, ms.
     pub after_ms_max: u64,
-    /// Runs that named arcs without any, or another fault in their place.
+    /// Runs that reported persistent arcs without any, or another fault instead.
     pub falsely: u64,
 }
 
 /// Runs scenarios with so many percent of arcs, and without, with seeds from 1 on.
 ///
 /// # Errors
-/// When a scenario cannot be loaded, or a head does not come to erode.
+/// When a scenario cannot be loaded, or a head does not begin to erode.
 pub fn measure(scenarios: &[&str], percent: f64, seeds: u64) -> Result<Arcs, String> {
     let work: Vec<(&str, u64, bool)> = scenarios
         .iter()

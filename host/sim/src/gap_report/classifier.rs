@@ -3,7 +3,7 @@
 //! *Label*: what the pulse is made of. An open one stays at the open circuit; the others step to what they burn at after a wait
 //! of 0 to 8 conversions (a short: of none) and stay there for a stated number of conversions. Equal priors. Noise is normal
 //! and independent from one conversion to the next. Off-time is 3 to 9 conversions, so pulses fall on blocks anyhow; one
-//! conversion of each pulse is blanked. The classifier is told the levels and the noise, and nothing of the wait.
+//! conversion of each pulse is blanked. The classifier knows the levels and the noise, and nothing of the wait.
 
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_servo_head::gap::pulses::{CLASSES, Class, Samples, SamplesConfig};
@@ -24,7 +24,7 @@ pub type Confusion = [[u64; CLASSES]; LABELS.len()];
 pub struct Case {
     /// Signal to noise of a conversion, relative to what a spark burns at, dB.
     pub snr_db: f64,
-    /// Conversions after ignition; of an open pulse, beside its wait.
+    /// Conversions after ignition; of an open pulse, in addition to its wait.
     pub burns: usize,
     /// Longest wait, conversions.
     pub waits: usize,

@@ -1,4 +1,4 @@
-//! What the estimators of the gap can tell, measured on signals of which everything is known.
+//! Accuracy of the gap estimators, measured on signals of which everything is known.
 //!
 //! All of it is simulated, from seeds: the same figures every time. What runs is the code of the core.
 
@@ -102,9 +102,9 @@ pub struct Report {
     pub tau_error_um_single_max: f64,
     /// See there.
     pub tau_error_um_mean16_max: f64,
-    /// Longest time until the head names arcs that stay, ms.
+    /// Longest time until the head reports persistent arcs, ms.
     pub arc_named_ms_max: u64,
-    /// Runs in which it names some without any.
+    /// Runs in which it reports persistent arcs without any.
     pub arc_false: u64,
     /// The tables of docs/gap-sensing.md.
     #[serde(skip)]
@@ -152,7 +152,7 @@ fn percent(share: f64) -> String {
 /// Measures.
 ///
 /// # Errors
-/// When a head does not come to erode.
+/// When a head does not begin to erode.
 pub fn measure(size: &Size) -> Result<Report, String> {
     let mut sheet = Sheet::default();
     let filter_error_counts_rms_max = filters(&mut sheet);
@@ -186,7 +186,7 @@ fn filters(sheet: &mut Sheet) -> f64 {
     sheet.bounds("Filter and mains notch");
     let (error, cases) = filter::worst();
     let bound = filter::BOUND;
-    let figure = format!("low-pass and notch beside scipy in f64, {cases} cases, the worst");
+    let figure = format!("low-pass and notch compared with scipy in f64, worst of {cases} cases");
     sheet.bound(&figure, &format!("{bound} codes rms"), format!("{error:.4} codes rms"), error <= bound);
     error
 }
@@ -196,18 +196,18 @@ fn notches(sheet: &mut Sheet) -> f64 {
     for case in &notch::CASES {
         let notch::Attenuation { tracked, fixed } = notch::attenuation(case);
         least = least.min(tracked);
-        let figure = format!("drifting +-0.5 Hz at 0.1 Hz/s: {}, the worst second", case.name);
-        let measured = format!("{tracked:.1} dB; a notch at rest {fixed:.1} dB");
+        let figure = format!("drift of +-0.5 Hz at 0.1 Hz/s: {}, worst second", case.name);
+        let measured = format!("{tracked:.1} dB; a fixed notch {fixed:.1} dB");
         sheet.bound(&figure, &format!("{} dB", notch::BOUND_DB), measured, tracked >= notch::BOUND_DB);
     }
     let wandered = notch::wandering_hz(10);
-    let figure = "no hum, noise of 6 V: the notch goes away in a minute, most of 10 seeds";
+    let figure = "no hum, noise of 6 V: drift of the notch in a minute, largest of 10 seeds";
     let holds = wandered <= notch::WANDERING_HZ;
     sheet.bound(figure, &format!("{} Hz", notch::WANDERING_HZ), format!("{wandered:.2} Hz"), holds);
     for hertz in [0.0, 5.0, 10.0, 20.0, 30.0] {
         let [chain, notch] = notch::group_delay_ms(hertz);
         let figure = format!("group delay at {hertz} Hz, low-pass 200 Hz and notch 50 Hz, Q 2.5 (calculated)");
-        sheet.bound(&figure, "none", format!("{chain:.2} ms, of which the notch {notch:.2} ms"), true);
+        sheet.bound(&figure, "none", format!("{chain:.2} ms; notch alone {notch:.2} ms"), true);
     }
     least
 }
@@ -248,8 +248,8 @@ fn classes(sheet: &mut Sheet, size: &Size) -> Classifier {
     }
     let measured = format!("{short_as_spark_20db} of {pulses}");
     let holds = short_as_spark_20db <= SHORTS_AS_SPARKS * pulses / 1_000_000;
-    sheet.bound("shorts taken for sparks, 20 dB", "10 of a million", measured, holds);
-    let figure = "arcs and sparks at 100 kHz, half on (2 or 3 conversions), that were named arc or spark";
+    sheet.bound("shorts classified as sparks, 20 dB", "10 of a million", measured, holds);
+    let figure = "arcs and sparks at 100 kHz, half on (2 or 3 conversions), classified as arc or spark";
     sheet.bound(figure, "0", format!("{fast_named} of {fast}"), fast_named == 0);
     for snr_db in [20.0, 10.0] {
         fewer(sheet, snr_db, pulses);
@@ -257,7 +257,7 @@ fn classes(sheet: &mut Sheet, size: &Size) -> Classifier {
     classifier
 }
 
-/// Conversion by conversion, beside the rule that gets most right.
+/// Conversion by conversion, compared with the best possible rule.
 fn fewer(sheet: &mut Sheet, snr_db: f64, pulses: u64) {
     let bound = format!("{} % wrong beyond Bayes", 100.0 * BEYOND_BAYES);
     sheet.head(
@@ -297,7 +297,7 @@ fn hazards(sheet: &mut Sheet, size: &Size) -> Likelihood {
                 likelihood.chi2 = chi2;
             }
             let (deviation, error) = row.gap_um;
-            let gap = format!("{error:+.2} um on average, deviation {deviation:.2} um");
+            let gap = format!("{error:+.2} um mean, {deviation:.2} um standard deviation");
             sheet.row(&[
                 format!("{khz} kHz, {on_us} us on"),
                 format!("{gap_um} um"),
@@ -313,11 +313,11 @@ fn hazards(sheet: &mut Sheet, size: &Size) -> Likelihood {
     sheet.bounds("Ignition likelihood, bounds");
     let Likelihood { efficiency_min, chi2 } = likelihood;
     let holds = efficiency_min >= likelihood::EFFICIENCY;
-    let figure = "Cramer-Rao bound over variance, the smallest";
+    let figure = "Cramer-Rao bound over variance, smallest";
     sheet.bound(figure, "at least 1 / 1.1 = 0.909", format!("{efficiency_min:.3}"), holds);
     let (low, high) = likelihood::CHI2;
     let holds = (low..=high).contains(&chi2);
-    let figure = "mean square of the error over the stated variance, that furthest from 1";
+    let figure = "mean square of the error over the stated variance, farthest from 1";
     sheet.bound(figure, &format!("{low} to {high}"), format!("{chi2:.3}"), holds);
     likelihood
 }
@@ -348,25 +348,27 @@ fn captures(sheet: &mut Sheet, errors: &charging::Errors) {
         let (rms_bound, most_bound) = charging::BOUNDS[bound];
         let bound = format!("{rms_bound} um rms, {most_bound} um");
         let holds = rms <= rms_bound && most <= most_bound;
-        sheet.bound(&format!("{name}: error"), &bound, format!("{rms:.3} um rms, {most:.3} um at the most"), holds);
+        sheet.bound(&format!("{name}: error"), &bound, format!("{rms:.3} um rms, {most:.3} um largest"), holds);
     }
     let (rms, most) = errors.fitted;
-    let measured = format!("{rms:.3} um rms, {most:.3} um at the most");
+    let measured = format!("{rms:.3} um rms, {most:.3} um largest");
     sheet.bound("polynomial fitted to 15 steps of 16 captures: error", "none", measured, true);
 }
 
 fn persistent(sheet: &mut Sheet, size: &Size, arcs: &arcs::Arcs) {
     sheet.bounds(&format!(
-        "Arcs that stay, {} and {} seeds, {} runs",
+        "Persistent arcs, {} and {} seeds, {} runs",
         size.scenarios.join(", "),
         size.seeds,
         arcs.runs
     ));
-    let figure = format!("{ARCS_PERCENT} % of the pulses arcs: named after they stayed, by the process, at the most");
+    let figure = format!(
+        "{ARCS_PERCENT} % of the pulses arcs: longest time from persistent arcs (by the process) to the report"
+    );
     let (late, falsely) = (arcs.named_ms_max, arcs.falsely);
     sheet.bound(&figure, &format!("{} ms", arcs::NAMED_MS), format!("{late} ms"), late <= arcs::NAMED_MS);
-    sheet.bound("the same, after the first of them", "none", format!("{} ms", arcs.after_ms_max), true);
-    sheet.bound("runs that named them without any, or something else", "0", falsely.to_string(), falsely == 0);
+    sheet.bound("the same, from the first arc", "none", format!("{} ms", arcs.after_ms_max), true);
+    sheet.bound("runs with a false or another report", "0", falsely.to_string(), falsely == 0);
 }
 
 impl Report {

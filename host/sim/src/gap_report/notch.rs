@@ -1,4 +1,4 @@
-//! Hum whose frequency drifts, through the notch that follows it and the one that does not.
+//! Hum of drifting frequency, through a tracking notch and a fixed one.
 
 use edm_servo_head::dsp::chain::{Config, State, Tracked};
 use edm_servo_head::units::{Hertz, TICK_HZ};
@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use std::f64::consts::TAU;
 
-/// What the drifting hum has to be taken down by, dB.
+/// Least attenuation of the drifting hum, dB.
 pub const BOUND_DB: f64 = 40.0;
 /// How far a notch may go without hum, Hz: so far off one of Q 2.5 still takes out 40 dB.
 pub const WANDERING_HZ: f64 = 0.1;
@@ -21,9 +21,9 @@ const SECOND: usize = TICK_HZ as usize;
 pub struct Case {
     /// In words.
     pub name: &'static str,
-    /// About which frequency it drifts, and where the notch is told to begin, Hz.
+    /// About which frequency it drifts, and to which the notch is set at first, Hz.
     mains: f64,
-    told: f32,
+    set_hz: f32,
     /// Its amplitude, and the standard deviation of the noise from one tick to the next, codes.
     hum: f64,
     noise: f64,
@@ -31,13 +31,13 @@ pub struct Case {
 
 /// What is measured.
 pub const CASES: [Case; 4] = [
-    Case { name: "50 Hz, 10 V of hum alone", mains: 50.0, told: 50.0, hum: 100.0, noise: 0.0 },
-    Case { name: "60 Hz, 10 V of hum, told 50 Hz", mains: 60.0, told: 50.0, hum: 100.0, noise: 0.0 },
-    Case { name: "50 Hz, 10 V of hum, noise of 6 V", mains: 50.0, told: 50.0, hum: 100.0, noise: 60.0 },
-    Case { name: "50 Hz, 2 V of hum, noise of 6 V", mains: 50.0, told: 50.0, hum: 20.0, noise: 60.0 },
+    Case { name: "50 Hz, 10 V of hum alone", mains: 50.0, set_hz: 50.0, hum: 100.0, noise: 0.0 },
+    Case { name: "60 Hz, 10 V of hum, set to 50 Hz", mains: 60.0, set_hz: 50.0, hum: 100.0, noise: 0.0 },
+    Case { name: "50 Hz, 10 V of hum, noise of 6 V", mains: 50.0, set_hz: 50.0, hum: 100.0, noise: 60.0 },
+    Case { name: "50 Hz, 2 V of hum, noise of 6 V", mains: 50.0, set_hz: 50.0, hum: 20.0, noise: 60.0 },
 ];
 
-/// What a case comes to, dB: the smallest attenuation of any second.
+/// Result of a case, dB: the smallest attenuation of any second.
 pub struct Attenuation {
     /// Of the notch that follows.
     pub tracked: f64,
@@ -49,7 +49,7 @@ pub struct Attenuation {
 /// in the same way and gets the same noise without it.
 pub fn attenuation(case: &Case) -> Attenuation {
     let config = |mains: f32| Config { mains: Hertz(mains), ..Config::default() };
-    let mut tracked = Tracked::new(&config(case.told)).expect("a mains frequency");
+    let mut tracked = Tracked::new(&config(case.set_hz)).expect("a mains frequency");
     let fixed = config(case.mains as f32).build().expect("a mains frequency");
     let mut states = [State::settled(1000.0); 3];
     let mut random = Xoshiro256PlusPlus::seed_from_u64(5);

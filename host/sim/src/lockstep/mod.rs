@@ -1,12 +1,12 @@
-//! The native tasks beside the firmware's: they are fed what the chip saw, and must come to the same, bit for bit.
+//! The native tasks in lockstep with the firmware's: with the same inputs they must give the same results, bit for bit.
 //!
 //! They are those of the runtime (gap, servo, plan, supervision), over ports that show what the chip saw at its own, upstream
 //! of everything that computes with floats: the converter's codes with the gate, the encoder's counts and times, contacts,
 //! drive codes, the reflex. Commands go through the crossings, to the plan in which the chip's carried them out.
 //!
-//! A fault that a tick finds by itself must be found here, and so must one of the supervision, which judges here when it has
-//! there. A tick may interrupt it between telling and coming to its end: then it judges here before that tick. What the
-//! protocol raises, a host that is silent, is told as a request.
+//! A fault that a tick finds by itself must be found here, and so must one of the supervision, which runs here when it has run
+//! there. A tick may interrupt it between its report and its end: then it runs here before that tick. A fault that the
+//! protocol raises, a silent host, arrives as a request.
 
 mod recording;
 
@@ -22,7 +22,7 @@ use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{Command, Counters, Fault, Status, TickInput};
 use edm_servo_head::settings::{SettingError, Settings};
 
-/// What the chip saw, and what it came to.
+/// Inputs and results of the chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     /// A block of conversions was completed, or lost.
@@ -33,7 +33,7 @@ pub enum Event {
     Raised(Fault),
     /// A plan was made; what is known then.
     Plan(Status),
-    /// The supervision has judged what was measured last.
+    /// The supervision has checked the newest measurement.
     Supervised,
     /// One servo tick: what it saw, both counters as read last, and what the follower knows then.
     Tick(TickInput, Counters, Status),
@@ -57,9 +57,9 @@ pub struct Twin {
     core: Core,
     same: Same,
     ends: HostEnds,
-    /// The supervision has found a fault that no tick was told of yet.
+    /// The supervision has found a fault that no tick has received yet.
     found: bool,
-    /// It has judged before its time.
+    /// It has run before its time.
     early: bool,
     ticks: u64,
 }
@@ -96,14 +96,14 @@ impl Twin {
             Event::Raised(fault) => self.ends.requests.send(Request::Raise(*fault)),
             Event::Plan(status) => return self.plan(status),
             Event::Supervised if std::mem::take(&mut self.early) => {}
-            Event::Supervised => self.judge(),
+            Event::Supervised => self.run_supervision(),
             Event::Tick(input, counters, status) => return self.tick(input, counters, status),
         }
         Ok(())
     }
 
     /// The supervision's millisecond.
-    fn judge(&mut self) {
+    fn run_supervision(&mut self) {
         let waited = self.core.signals.waiting.is_set();
         self.core.signals.waiting.clear();
         // Whether a host is silent is not recorded.
@@ -135,7 +135,7 @@ impl Twin {
     fn tick(&mut self, input: &TickInput, counters: &Counters, there: &Status) -> Result<(), String> {
         self.ticks += 1;
         if input.reported.is_some() && !self.found {
-            self.judge();
+            self.run_supervision();
             self.early = true;
         }
         self.found &= input.reported.is_none();
@@ -179,7 +179,7 @@ impl Twin {
 
     fn plan(&mut self, there: &Status) -> Result<(), String> {
         if !self.core.ports.wanted(PLAN) && self.same == Same::Bits {
-            return Err(format!("tick {}: a plan was made on the chip, and asked for by nobody natively", self.ticks));
+            return Err(format!("tick {}: the chip has made a plan that nothing requested natively", self.ticks));
         }
         self.core.plan.run();
         while self.ends.answers.receive().is_some() {}
@@ -309,6 +309,6 @@ mod tests {
         let at = events.iter().rposition(|event| matches!(event, Event::Plan(_))).unwrap();
         let extra = events[at];
         events.insert(at + 1, extra);
-        assert!(replay(&events).unwrap_err().contains("asked for by nobody"));
+        assert!(replay(&events).unwrap_err().contains("nothing requested natively"));
     }
 }

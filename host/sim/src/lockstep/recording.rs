@@ -40,7 +40,7 @@ pub enum Error {
     Foreign,
     /// A number that its field cannot have.
     Damaged(&'static str),
-    /// The native core comes to something else than the chip did.
+    /// The native core gives another result than the chip.
     Differs(String),
 }
 

@@ -1,8 +1,8 @@
-//! The run as a picture: SVG, the whole run on the left, one second of eroding on the right; a path, if there was one, beside
+//! The run as a picture: SVG, the whole run on the left, one second of eroding on the right; a path, if there was one, next to
 //! them.
 //!
 //! Five panels share the time: depth, gap voltage, gap, debris with damage, duty. Time that is not eroding is shaded. What is drawn is
-//! gathered while the run goes on, in memory that does not grow with it (`buckets`): a band from smallest to largest
+//! gathered during the run, in memory that does not grow with it (`buckets`): a band from smallest to largest
 //! tick, so that nothing short is lost, and a line of means.
 
 mod buckets;
@@ -67,7 +67,7 @@ pub(crate) fn panels(title: &str, more: &str, time: &Range<f64>, panels: &[panel
 }
 
 /// An undisturbed second of eroding. A later one replaces it each time the eroding before it has doubled, so that it ends
-/// up in the later half of the run without anybody knowing the length beforehand.
+/// up in the later half of a run of unknown length.
 #[derive(Debug, Default)]
 struct CloseUp {
     eroding_ms: u64,

@@ -133,7 +133,7 @@ impl View<'_> {
         Panel { name: "Gap, µm", y, curves: vec![banded("gap", GREEN, self.columns, |c| c.gap_um)] }
     }
 
-    /// Debris, and beside it the damage that arcs have left.
+    /// Debris and damage by arcs.
     fn dirt(&self) -> Panel {
         let (debris, damage) = (of(self.columns, |c| c.debris), of(self.columns, |c| c.damage));
         let y = range(debris.iter().chain(&damage).map(|(_, y)| *y).chain([0.0]));
@@ -152,7 +152,7 @@ impl View<'_> {
         };
         let means = self.picture.means.all().iter().copied().filter(|(t, _)| within(t)).collect();
         let label = format!("{} ms mean", self.picture.means.window_ms());
-        let mut wanted = line("wanted", INK, 2, of(self.columns, |c| c.setpoint_v));
+        let mut wanted = line("set point", INK, 2, of(self.columns, |c| c.setpoint_v));
         // The head has no setpoint before it found the work.
         wanted.line.retain(|(_, volts)| *volts > 0.0);
         wanted.dashed = true;

@@ -12,7 +12,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::ops::Range;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
+type PlotResult<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
 
 const SIZE: (u32, u32) = (1600, 1400);
 const HEAD: u32 = 112;
@@ -53,8 +53,8 @@ pub(super) fn panels(title: &str, more: &str, time: &Range<f64>, panels: &[Panel
     Ok(svg)
 }
 
-/// The path as it was asked for, and as the head went along it while it worked: from above and from the side.
-fn path_column<'a>(area: &Area<'a>, picture: &Picture, path: &Program) -> Drawn<'a> {
+/// The requested path, and the path of the head while it worked: from above and from the side.
+fn path_column<'a>(area: &Area<'a>, picture: &Picture, path: &Program) -> PlotResult<'a> {
     let (head, body) = area.split_vertically(HEAD);
     text(&head, &format!("The path: {}", path.name), (64, 86), 17.0, INK, true)?;
     let (_, height) = body.dim_in_pixel();
@@ -74,7 +74,7 @@ fn view<'a>(
     look: impl Fn([f64; 3]) -> (f64, f64),
     path: &Program,
     gone: &[[f64; 3]],
-) -> Drawn<'a> {
+) -> PlotResult<'a> {
     let (asked, gone): (Vec<_>, Vec<_>) =
         (path.outline.iter().copied().map(&look).collect(), gone.iter().copied().map(&look).collect());
     let extent = |values: &mut dyn Iterator<Item = f64>| {
@@ -108,7 +108,7 @@ fn view<'a>(
     };
     // What lies beside the path, a retreat or the way to the work, is not why it is drawn.
     let gone: Vec<_> = gone.into_iter().filter(|(x, y)| across.contains(x) && up.contains(y)).collect();
-    let curves = vec![curve("electrode", BLUE, 2, false, &gone), curve("asked for", INK, 1, true, &asked)];
+    let curves = vec![curve("electrode", BLUE, 2, false, &gone), curve("requested", INK, 1, true, &asked)];
     for Curve { colour, width, dashed, line, .. } in &curves {
         let style = colour.stroke_width(*width);
         if *dashed {
@@ -120,7 +120,7 @@ fn view<'a>(
     legend(area, &Panel { name, y: 0.0..1.0, curves })
 }
 
-fn on<'a>(root: &Area<'a>, picture: &Picture, report: &Report, title: &str) -> Drawn<'a> {
+fn on<'a>(root: &Area<'a>, picture: &Picture, report: &Report, title: &str) -> PlotResult<'a> {
     let (head, body) = root.split_vertically(HEAD);
     let (left, right) = body.split_horizontally(LEFT_COLUMN);
     heading(&head, report, title)?;
@@ -142,7 +142,7 @@ fn on<'a>(root: &Area<'a>, picture: &Picture, report: &Report, title: &str) -> D
     column(&right, &close_up, view(&close_up).close_up())
 }
 
-fn heading<'a>(area: &Area<'a>, report: &Report, title: &str) -> Drawn<'a> {
+fn heading<'a>(area: &Area<'a>, report: &Report, title: &str) -> PlotResult<'a> {
     text(area, &format!("Simulated bore: {title}"), (24, 16), 27.0, INK, true)?;
     let depth = |mm: Option<f64>| mm.map_or("unknown".into(), |mm| format!("{mm:.3} mm"));
     let (hole, electrode) = (depth(report.hole_depth_mm), depth(report.depth_mm));
@@ -164,7 +164,7 @@ fn heading<'a>(area: &Area<'a>, report: &Report, title: &str) -> Drawn<'a> {
 }
 
 /// What the shading means, at the right end of the left column's heading.
-fn shade_legend<'a>(area: &Area<'a>) -> Drawn<'a> {
+fn shade_legend<'a>(area: &Area<'a>) -> PlotResult<'a> {
     let mut x = LEFT_COLUMN as i32 - 20;
     for (phase, name) in SHADED.into_iter().zip(["waiting", "seeking", "retreating", "fault"]).rev() {
         x -= width(name, 14.0, false);
@@ -205,7 +205,7 @@ fn shades(columns: &[Bucket]) -> Vec<(Range<f64>, Phase, u8)> {
     stretches
 }
 
-fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: [Panel; 5]) -> Drawn<'a> {
+fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: [Panel; 5]) -> PlotResult<'a> {
     let time = match (columns.first(), columns.last()) {
         (Some(first), Some(last)) => first.time().0..last.time().1,
         _ => 0.0..1.0,
@@ -214,7 +214,12 @@ fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: [Panel; 5]) -> Drawn<
 }
 
 /// Draws panels, one below the other, over the same time.
-fn stack<'a>(area: &Area<'a>, time: &Range<f64>, shades: &[(Range<f64>, Phase, u8)], panels: &[Panel]) -> Drawn<'a> {
+fn stack<'a>(
+    area: &Area<'a>,
+    time: &Range<f64>,
+    shades: &[(Range<f64>, Phase, u8)],
+    panels: &[Panel],
+) -> PlotResult<'a> {
     let (_, height) = area.dim_in_pixel();
     // The lowest panel is higher by the labels of the time axis, so that all diagrams are of the same height.
     let each = (height + 8 - FOOT) / panels.len().max(1) as u32;
@@ -239,7 +244,7 @@ fn diagram<'a>(
     shades: &[(Range<f64>, Phase, u8)],
     panel: &Panel,
     lowest: bool,
-) -> Drawn<'a> {
+) -> PlotResult<'a> {
     let number = |x: &f64| format!("{}", (x * 1e4).round() / 1e4 + 0.0);
     let time_label = |t: &f64| if lowest { number(t) } else { String::new() };
     let labels = ("sans-serif", 17).into_font().color(&PALE);
@@ -303,7 +308,7 @@ fn within(line: &[(f64, f64)], low: f64, high: f64) -> Vec<Vec<(f64, f64)>> {
 }
 
 /// Name of the panel and its curves, above the diagram.
-fn legend<'a>(area: &Area<'a>, panel: &Panel) -> Drawn<'a> {
+fn legend<'a>(area: &Area<'a>, panel: &Panel) -> PlotResult<'a> {
     text(area, panel.name, (64, 9), 15.0, INK, true)?;
     let mut x = 64 + width(panel.name, 15.0, true) + 16;
     // A single curve is named by its panel.
@@ -324,7 +329,7 @@ fn width(words: &str, pixels: f64, bold: bool) -> i32 {
     (words.chars().count() as f64 * pixels * if bold { 0.64 } else { 0.57 }).round() as i32
 }
 
-fn text<'a>(area: &Area<'a>, words: &str, at: (i32, i32), pixels: f64, colour: RGBColor, bold: bool) -> Drawn<'a> {
+fn text<'a>(area: &Area<'a>, words: &str, at: (i32, i32), pixels: f64, colour: RGBColor, bold: bool) -> PlotResult<'a> {
     // The SVG backend divides sizes by 1.24.
     let style = if bold { FontStyle::Bold } else { FontStyle::Normal };
     let font = ("sans-serif", pixels * 1.24).into_font().style(style).color(&colour);

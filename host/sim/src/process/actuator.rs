@@ -1,6 +1,6 @@
 //! Moving coil, its friction and its stops.
 //!
-//! i = (v - K x')/(R + L s); m x'' = K i - b x' + m g - F_counterbalance - friction + what pushes from outside [R] section
+//! i = (v - K x')/(R + L s); m x'' = K i - b x' + m g - F_counterbalance - friction + external force [R] section
 //! 7.2. x is positive toward the work.
 //!
 //! Four steps a servo tick. In each the winding is solved exactly for the voltage and the velocity it begins with, and the
@@ -23,7 +23,7 @@ const STOP: (f64, f64) = (2e7, 200.0);
 /// With the bridge open the current dies through the diodes against the bus: much faster than L/R (assumed tenfold).
 const DIODES: f64 = 10.0;
 
-/// What acts on the moving mass besides the actuator itself.
+/// Forces on the moving mass other than the actuator's.
 #[derive(Clone, Copy, Debug)]
 pub struct Load {
     /// Force, N.

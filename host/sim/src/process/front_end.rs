@@ -1,7 +1,7 @@
-//! The converter that looks at the gap: noise, hum, gain error, saturation, 12 bits.
+//! The converter of the gap voltage: noise, hum, gain error, saturation, 12 bits.
 //!
 //! Between two events of the gap all conversions see one settled voltage and one gate, so a block is filled stretch by
-//! stretch; only what is left of an edge is reckoned conversion by conversion.
+//! stretch; only the rest of an edge is calculated conversion by conversion.
 
 use super::Parameters;
 use super::normal;

@@ -1,7 +1,7 @@
-//! The converter that looks into each pulse once, as the reflex's does: gap current and gap voltage when the blanking is over.
+//! The converter that samples each pulse once, as the reflex's does: gap current and gap voltage after the blanking.
 //!
 //! Divider and amplifier are those of [`FrontEnd`](super::front_end::FrontEnd): it sees the same zero, gain error and noise,
-//! but no hum, which is slow against what it tells apart.
+//! but no hum, which is slow compared with a pulse.
 
 use super::Parameters;
 use super::normal;
@@ -36,11 +36,11 @@ pub struct Gated {
     noise: f64,
     open_v: f64,
     random: Random,
-    /// Time constant with which the gap voltage rises, as the head believes, ns.
+    /// Time constant with which the gap voltage rises, by the head's settings, ns.
     pub tau_ns: u32,
     /// When the gate opened last, us.
     opened: f64,
-    /// When that pulse will be looked at, us.
+    /// When that pulse will be sampled, us.
     due: Option<f64>,
     /// Gap current and gap voltage of the newest pulse, codes.
     pub newest: [u16; 2],
@@ -63,7 +63,7 @@ impl Gated {
         }
     }
 
-    /// Looks at what a tick until `to` (us) has shown: its stretches, the oldest first, and the current of each if the process
+    /// Samples a tick until `to` (us): its stretches, the oldest first, and the current of each if the process
     /// has any. An edge of the gate while the blanking runs starts no other.
     pub fn look(&mut self, to: f64, stretches: &[Stretch], amps: &[Edge]) {
         let blanking = f64::from((3 * self.tau_ns).max(BLANKING_NS)) * 1e-3;

@@ -1,4 +1,4 @@
-//! Process model: what the head's wires are connected to.
+//! Process model: machine and process at the other end of the head's wires.
 //!
 //! Pulses are events in continuous time, mechanics run in steps of 12.5 or 25 us, conversions happen at their own instants.
 //! All randomness comes from one seed, in a stream of its own for every cause. x is positive toward the work, gap = surface
@@ -68,7 +68,7 @@ struct Tick {
     hand_n: f64,
     /// Pulses may be made.
     pulses: bool,
-    /// Off-time requested; version 0 does not hear of it.
+    /// Off-time requested; version 0 ignores it.
     off_us: Option<f64>,
     /// A wire lies across the gap.
     shorted: bool,
@@ -354,7 +354,7 @@ impl Process {
         self.timeline = Timeline::new(events);
     }
 
-    /// Lets this happen at the beginning of the next tick, besides what is scheduled.
+    /// Lets this happen at the beginning of the next tick, in addition to what is scheduled.
     ///
     /// # Errors
     /// When there is no such signal, or it cannot have this value.

@@ -1,6 +1,6 @@
 //! Normal noise from a table of quantiles.
 //!
-//! A conversion's noise ends in a code, tenths of its deviation apart: [`QUANTILES`] equally likely values in the place of a
+//! A conversion's noise ends in a code, tenths of its deviation apart: [`QUANTILES`] equally likely values instead of a
 //! continuum do not show there. Twelve random bits choose one, so that five come out of a word; drawing the same from an
 //! exact distribution took a quarter of a simulation's time. The largest is 3.7 deviations, the deviation exactly one.
 
@@ -31,7 +31,7 @@ pub fn block(random: &mut Random) -> [f32; BLOCK] {
     values
 }
 
-/// Two of them, at the price of two: the stream goes on as behind a block.
+/// Two of them, at the price of two: the stream continues as after a block.
 pub fn pair(random: &mut Random) -> [f32; 2] {
     let [first, second, ..] = of_word(&TABLE, random.next_u64());
     for _ in 1..BLOCK / PER_WORD {

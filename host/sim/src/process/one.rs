@@ -71,7 +71,7 @@ impl One {
         self.process.hold(debris);
     }
 
-    /// One tick; `travel` is told of every step of the axis: from, to, its number and how many there are.
+    /// One tick; `travel` is called for every step of the axis: from, to, its number and how many there are.
     pub fn advance(&mut self, tick: &Tick, mut travel: impl FnMut(f64, f64, usize, usize)) {
         let winding = match tick.drive {
             Drive::Coast => Winding::Open,

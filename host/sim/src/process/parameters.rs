@@ -4,7 +4,7 @@ use edm_servo_head::declare;
 use edm_servo_head::settings::{Declared, SettingError};
 
 declare! {
-    /// The machine and the process, as they are; what the head believes of them is in its own settings.
+    /// The machine and the process, as they are; the head's settings describe them to the head.
     pub struct Parameters {
         /// Open-circuit voltage.
         open: f32 = 100.0, (20.0, 300.0), "generator.open_v", "V", "[R] section 4.4";
@@ -18,7 +18,7 @@ declare! {
         off: f32 = 40.0, (0.5, 5000.0), "generator.off_us", "us", "assumed: 5 kHz at 80 %";
         /// Time constant with which the gap voltage rises and collapses.
         rise: f32 = 0.2, (0.01, 10.0), "generator.rise_us", "us", "assumed: cable and gap capacitance";
-        /// What the contact sense supply leaves of voltage over an open gap between pulses.
+        /// Voltage of the contact sense supply over an open gap between pulses.
         sense: f32 = 11.1, (0.0, 60.0), "generator.sense_v", "V", "docs/wiring.md";
         /// Shorted pulses in a row after which the generator suspends itself; 0 for never.
         suspend_after: u32 = 0, (0, 1_000_000), "generator.suspend_after", "pulses", "[R] section 6.5: some do; off by default";
@@ -43,9 +43,9 @@ declare! {
         arc_chance: f32 = 0.015, (0.0, 1.0), "arc.chance", "", "assumed: 0.2 % of pulses at the default off-time";
         /// Time constant with which the channel recovers in off-time.
         arc_recovery: f32 = 20.0, (0.1, 1000.0), "arc.recovery_us", "us", "assumed";
-        /// Chance of an arc to be followed by another, at a concentration of 1 and above.
+        /// Chance that an arc is followed by another, at a concentration of 1 and above.
         arc_repeats: f32 = 0.5, (0.0, 0.99), "arc.repeats", "", "assumed";
-        /// Chance of a pulse to find a new bridge of debris, per square of the concentration.
+        /// Chance that a pulse finds a new bridge of debris, per square of the concentration.
         bridge_chance: f32 = 5e-5, (0.0, 1.0), "short.chance", "", "assumed: one in four seconds at 5 kHz";
         /// Mean time that a bridge lasts.
         bridge_ms: f32 = 5.0, (0.01, 10_000.0), "short.mean_ms", "ms", "assumed";
@@ -91,9 +91,9 @@ declare! {
         upper_limit: f32 = -1.0, (-1.0, 1000.0), "limit.upper_mm", "mm", "assumed: none";
         /// Lower limit switch; it opens below this position.
         lower_limit: f32 = 11.8, (0.0, 1000.0), "limit.lower_mm", "mm", "assumed";
-        /// The motor is connected the wrong way round.
+        /// The motor is connected in reverse.
         motor_reversed: bool = false, (), "wiring.motor_reversed", "", "for commissioning";
-        /// The encoder is connected the wrong way round.
+        /// The encoder is connected in reverse.
         encoder_reversed: bool = false, (), "wiring.encoder_reversed", "", "for commissioning";
         /// The gap leads are swapped.
         gap_reversed: bool = false, (), "wiring.gap_reversed", "", "for commissioning";
@@ -104,7 +104,7 @@ declare! {
         marks: f32 = 10.0, (0.1, 1000.0), "scale.mark_mm", "mm", "[L] section 3";
         /// Error of the quarter-period shift between A and B, in counts.
         phase_error: f32 = 0.0, (-0.9, 0.9), "scale.phase_error", "counts", "assumed: none";
-        /// Chance of an edge to be lost on its way to the decoder.
+        /// Chance that an edge is lost before the decoder.
         edge_loss: f32 = 0.0, (0.0, 0.1), "scale.edge_loss", "", "assumed: none";
 
         /// Converter code of zero volts.
@@ -113,7 +113,7 @@ declare! {
         volts_per_code: f32 = 0.1, (0.001, 1.0), "front_end.volts_per_code", "V", "assumed: docs/wiring.md";
         /// Gain error.
         gain_error: f32 = 0.0, (-20.0, 20.0), "front_end.gain_error_percent", "%", "assumed: none";
-        /// White noise of a conversion; without any the head takes the converter for one that gives the same code for ever.
+        /// White noise of a conversion; without noise the head takes the converter for stuck.
         noise: f32 = 0.5, (0.0, 50.0), "front_end.noise_v", "V rms", "assumed";
         /// Amplitude of mains hum.
         hum: f32 = 1.0, (0.0, 50.0), "front_end.hum_v", "V", "[R] section 6.5: seen, amplitude assumed";

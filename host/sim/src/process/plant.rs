@@ -24,11 +24,11 @@ pub struct Plant {
     generator: Option<Generator>,
     /// Its numbers that are others, in the order of [`DECLARED`].
     numbers: [Option<f64>; DECLARED.len()],
-    /// Those of `base` that somebody has named, a bit each.
+    /// Those of `base` that are set, a bit each.
     named: u64,
 }
 
-/// Fields that only version 1 has, besides its numbers.
+/// Fields that only version 1 has, other than its numbers.
 const CHOICES: [Field; 3] = [
     field(
         "model.version",
@@ -155,8 +155,8 @@ impl Plant {
         ALL.get(self.machine)
     }
 
-    /// Changes each number of version 1 that nobody has published by a share of its own, by chance, up to this one; what an
-    /// operator sets at the generator stays. The same seed gives the same numbers, whatever else is different.
+    /// Changes each unpublished number of version 1 by a random share of up to this one; the generator's settings
+    /// stay. The same seed gives the same numbers, whatever else is different.
     pub fn perturb(&mut self, share: f64, seed: u64) {
         const SET: [&str; 4] = ["open_v", "on_us", "off_us", "wait_us"];
         let Some(machine) = self.machine().filter(|_| share > 0.0 && self.version != 0) else { return };

@@ -94,7 +94,7 @@ pub struct Spark {
     phase: Phase,
     /// When the gate opened and will close; the same time twice while it is off.
     gate: (f64, f64),
-    /// Stretches that touch the last interval, in order; the last one goes on.
+    /// Stretches that touch the last interval, in order; the last one continues.
     pub stretches: Vec<Stretch>,
     bridge: Option<Bridge>,
     /// What floats in the gap.
@@ -262,7 +262,7 @@ impl Spark {
         (1.0 + self.c.ignition_debris * self.debris.concentration()) / mean_delay_us(self.c.ignition_scale, gap_um)
     }
 
-    /// Time of the next event before `to`; waiting goes on otherwise.
+    /// Time of the next event before `to`; waiting continues otherwise.
     fn next(&mut self, now: f64, to: f64, gap_um: f64) -> Option<f64> {
         let closes = self.gate.1;
         let at = match self.phase {

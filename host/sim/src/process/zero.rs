@@ -45,7 +45,7 @@ impl Zero {
         self.spark.hold(debris);
     }
 
-    /// One tick; `travel` is told of every step of the axis: from, to, its number and how many there are.
+    /// One tick; `travel` is called for every step of the axis: from, to, its number and how many there are.
     pub fn advance(&mut self, tick: &Tick, travel: impl FnMut(f64, f64, usize, usize)) {
         let before = self.gap_um(tick.surface_m);
         self.move_axis(tick, travel);

@@ -1,4 +1,4 @@
-//! What the head's converter would have made of a recording: blocks of 12-bit codes and gates at 500 kS/s.
+//! A recording as the head's converter would have seen it: blocks of 12-bit codes and gates at 500 kS/s.
 
 use super::recording::Recording;
 use edm_hal_shim::gap::{BLOCK, GapBlock};

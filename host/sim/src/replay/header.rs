@@ -1,4 +1,4 @@
-//! What stands above the numbers of a recording: which column is what, in which unit, and how many rows are to come.
+//! The header of a recording: columns, units and number of rows.
 
 /// Lines in which the header has to end.
 const LINES: u64 = 64;
@@ -6,7 +6,7 @@ const LINES: u64 = 64;
 /// Which channels of an oscilloscope are what.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Channels {
-    /// Gap voltage; the first when nothing is said.
+    /// Gap voltage; the first by default.
     pub gap_v: Option<String>,
     /// Gap current.
     pub gap_i: Option<String>,
@@ -17,7 +17,7 @@ pub struct Channels {
 /// The cells of a line, and its number.
 pub type Row = (u64, Vec<String>);
 
-/// Where the numbers stand.
+/// Where the numbers are.
 pub struct Layout {
     /// Where the time comes from.
     pub time: Time,
@@ -36,12 +36,12 @@ pub struct Layout {
 /// Where the time of a sample comes from.
 pub enum Time {
     /// The first cell, in this unit, s.
-    Told(f64),
+    Given(f64),
     /// By the number of the sample: start and step, s.
     Counted(f64, f64),
 }
 
-/// A column that was asked for.
+/// A requested column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Column {
     /// Its cell.
@@ -146,7 +146,7 @@ impl Channel {
     }
 }
 
-/// Channels by their names, with units that stand elsewhere where none stands there: `V`, `CH1:V`, `(mV)`.
+/// Channels by their names, with units from elsewhere where the name has none: `V`, `CH1:V`, `(mV)`.
 fn channels(names: &[String], units: &[String]) -> Vec<Channel> {
     let mut channels: Vec<Channel> = names.iter().map(|name| Channel::of(name)).collect();
     for (channel, text) in channels.iter_mut().zip(units).filter(|(channel, _)| channel.unit.is_empty()) {
@@ -157,7 +157,7 @@ fn channels(names: &[String], units: &[String]) -> Vec<Channel> {
 
 impl Layout {
     fn new(time: Time, skip: usize, channels: Vec<Channel>) -> Layout {
-        let cells = skip + usize::from(matches!(time, Time::Told(_))) + channels.len();
+        let cells = skip + usize::from(matches!(time, Time::Given(_))) + channels.len();
         Layout { time, cells, skip, own: false, promised: None, channels }
     }
 
@@ -187,7 +187,7 @@ impl Layout {
     }
 
     fn at(&self, place: usize, own: &str, of: &[Quantity]) -> Result<Column, String> {
-        let first = self.skip + usize::from(matches!(self.time, Time::Told(_)));
+        let first = self.skip + usize::from(matches!(self.time, Time::Given(_)));
         let Channel { name, unit: text } = &self.channels[place];
         let known = if text.is_empty() { Some((of[0], 1.0)) } else { unit(text) };
         match known.filter(|(quantity, _)| of.contains(quantity)) {
@@ -266,7 +266,7 @@ impl Above {
         Ok(true)
     }
 
-    /// Names of so many channels: as they were told, or by their numbers.
+    /// Names of channels: as given, or by their numbers.
     fn names(&self, count: usize) -> Vec<String> {
         if self.source.len() == count { self.source.clone() } else { (1..=count).map(|n| format!("CH{n}")).collect() }
     }
@@ -278,7 +278,7 @@ impl Above {
     }
 }
 
-/// Reads the header; gives what it says, and the line behind it where that had to be looked at.
+/// Reads the header; gives what it says, and the line after it where that had to be read.
 ///
 /// # Errors
 /// When there is none that is known.
@@ -297,7 +297,7 @@ pub fn layout(lines: &mut impl Iterator<Item = Result<Row, String>>) -> Result<(
     match newest {
         0 => Err("is empty".into()),
         _ => Err(format!(
-            "line 1: no header that is known in {LINES} lines: must be t_s,gap_v[,gap_i][,gate], or what an oscilloscope of Rigol, \
+            "line 1: no known header in the first {LINES} lines: must be t_s,gap_v[,gap_i][,gate], or what an oscilloscope of Rigol, \
              Siglent, Tektronix, Rohde & Schwarz (RTB), Hantek or Pico, or sigrok or Saleae, exports"
         )),
     }
@@ -322,7 +322,7 @@ fn header(
                 return Err(format!("line {line}: {:.200}: must be t_s,gap_v[,gap_i][,gate]", cells.join(",")));
             }
             let columns = names.iter().map(|name| Channel { name: name.clone(), unit: String::new() }).collect();
-            return Ok(Some((Layout { own: true, ..Layout::new(Time::Told(1.0), 0, columns) }, None)));
+            return Ok(Some((Layout { own: true, ..Layout::new(Time::Given(1.0), 0, columns) }, None)));
         }
         ("x", [names @ .., start, increment])
             if start.eq_ignore_ascii_case("start") && increment.eq_ignore_ascii_case("increment") =>
@@ -335,7 +335,7 @@ fn header(
         }
         ("record length", [count, _, time, value]) if time.parse::<f64>().is_ok() && value.parse::<f64>().is_ok() => {
             above.take(line, first, std::slice::from_ref(count))?;
-            return Ok(Some((Layout::new(Time::Told(1.0), 3, channels(&["CH1".into()], &[])), this())));
+            return Ok(Some((Layout::new(Time::Given(1.0), 3, channels(&["CH1".into()], &[])), this())));
         }
         (_, [.., start, step]) if start.starts_with("t0") && step.starts_with("tInc") => {
             return Ok(Some((counted(channels(&cells[..cells.len() - 2], &[]), 0, [start, step], line)?, None)));
@@ -348,7 +348,7 @@ fn header(
         return Ok(Some((Layout::new(Time::Counted(0.0, step), 0, channels(&[name], &above.units)), this())));
     }
     if above.bare && numbers() && !others.is_empty() {
-        return Ok(Some((Layout::new(Time::Told(1.0), 0, channels(&above.names(others.len()), &[])), this())));
+        return Ok(Some((Layout::new(Time::Given(1.0), 0, channels(&above.names(others.len()), &[])), this())));
     }
     if above.take(line, first, others)? {
         return Ok(None);
@@ -375,7 +375,7 @@ fn header(
         let names = above.names(others.len());
         let own: Vec<String> = others.iter().filter(|cell| !cell.eq_ignore_ascii_case("value")).cloned().collect();
         let units = if above.units.is_empty() || own.len() == others.len() { own } else { above.units.clone() };
-        return Ok(Some((Layout::new(Time::Told(written.unwrap_or(1.0)), 0, channels(&names, &units)), None)));
+        return Ok(Some((Layout::new(Time::Given(written.unwrap_or(1.0)), 0, channels(&names, &units)), None)));
     }
     let below = lines.next().transpose()?;
     let units = below.as_ref().filter(|(_, cells)| cells.first().is_some_and(|cell| time_unit(cell).is_some()));
@@ -384,10 +384,10 @@ fn header(
         None => (written.or(above.sigrok_step()).or(above.time), channels(others, &above.units)),
     };
     let below = if units.is_some() { None } else { below };
-    Ok(Some((Layout::new(Time::Told(scale.unwrap_or(1.0)), 0, columns), below)))
+    Ok(Some((Layout::new(Time::Given(scale.unwrap_or(1.0)), 0, columns), below)))
 }
 
-/// Samples that are counted: start and step stand in cells, alone or as `t0 = -25s`.
+/// Samples that are counted: start and step are in cells, alone or as `t0 = -25s`.
 fn counted(channels: Vec<Channel>, skip: usize, cells: [&String; 2], line: u64) -> Result<Layout, String> {
     let [start, step] = cells.map(|cell| {
         let number = cell.rsplit('=').next().unwrap_or(cell).trim().trim_end_matches('s');

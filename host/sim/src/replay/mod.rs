@@ -1,8 +1,8 @@
-//! Recordings of a gap through the head's own chain: converter, average, low-pass, notch, classes of pulses.
+//! Recordings of a gap through the head's chain: converter, average, low-pass, notch, classes of pulses.
 //!
 //! What runs is the source that the head runs, fed block by block. A recording of fewer samples than the converter takes is
-//! filled in between by straight lines; what its pulses were is not told then, because a classifier would take for many
-//! conversions what was one.
+//! interpolated by straight lines; its pulses are not classified then, because the classifier would count one sample as
+//! many conversions.
 
 pub mod converter;
 mod header;
@@ -49,7 +49,7 @@ pub struct Row {
     pub lowpass_v: f32,
     /// Behind low-pass and notch, V: what the feed law sees.
     pub filtered_v: f32,
-    /// How far the head trusts it.
+    /// Quality by the head.
     pub quality: Quality,
     /// Pulses that ended.
     pub classes: Vec<Class>,
@@ -79,7 +79,7 @@ pub struct Replay {
     pub rows: Vec<Row>,
     /// Pulses of each class, of the whole recording.
     pub pulses: [u64; CLASSES],
-    /// Whether pulses were told apart: sampled often enough, and with a gate.
+    /// Whether pulses were classified: sampled often enough, and with a gate.
     pub classified: bool,
 }
 
@@ -138,7 +138,7 @@ pub fn run(recording: &Recording, settings: &Settings, gate: Gate) -> Result<Rep
         });
     }
     if rows.is_empty() {
-        return Err(format!("lasts {:.1} us: must last 50 us, a servo tick, at least", recording.seconds() * 1e6));
+        return Err(format!("lasts {:.1} us: must last at least a servo tick, 50 us", recording.seconds() * 1e6));
     }
     Ok(Replay { rows, pulses, classified })
 }
@@ -194,18 +194,19 @@ impl Replay {
         })
     }
 
-    /// What it came to, in words.
+    /// Result in words.
     pub fn summary(&self, recording: &Recording) -> String {
         let rate = recording.rate / 1e3;
-        let mut text = format!("Replayed {:.3} s of {rate:.0} kS/s through the head's chain\n\n", recording.seconds());
+        let mut text =
+            format!("Replayed {:.3} s of {rate:.0} kS/s through the head's filters\n\n", recording.seconds());
         let mean = self.rows.iter().map(|row| f64::from(row.filtered_v)).sum::<f64>() / self.rows.len() as f64;
-        text += &format!("  {:<12} {mean:.2} V on average\n", "Filtered");
+        text += &format!("  {:<12} {mean:.2} V mean\n", "Filtered");
         let pulses = if self.classified {
             NAMED.map(|class| format!("{} {}", self.pulses[class as usize], name(class))).join(", ")
         } else if rate < 499.0 {
-            "not told apart: the converter takes 500 kS/s, and what lies between samples is a straight line here".into()
+            "not classified: the recording has less than the 500 kS/s of the converter, and is interpolated".into()
         } else {
-            "not told apart: no gate was recorded (--gate, --gate-above)".into()
+            "not classified: no gate was recorded (use --gate or --gate-above)".into()
         };
         text += &format!("  {:<12} {pulses}\n", "Pulses");
         text

@@ -45,21 +45,21 @@ pub fn draw(replay: &Replay, recording: &Recording, title: &str) -> Result<Strin
         banded("decimated", GREY, rows, |row| row.decimated_v),
         banded("low-pass", ORANGE, rows, |row| row.lowpass_v),
         banded("filtered", BLUE, rows, |row| row.filtered_v),
-        Curve { dashed: true, ..banded("notch that follows", GREEN, rows, |row| row.followed_v) },
+        Curve { dashed: true, ..banded("tracking notch", GREEN, rows, |row| row.followed_v) },
     ];
     let mut panels = vec![panel("Gap voltage, V", voltages)];
     if replay.classified {
         let colours = [GREEN, BLUE, ORANGE, INK, PURPLE];
         let shares = NAMED.into_iter().zip(colours);
         let shares = shares.map(|(class, colour)| curve(name(class), colour, rows, |row| row.percent(class)));
-        panels.push(Panel { name: "Of the pulses of 200 ms, %", y: -4.0..104.0, curves: shares.collect() });
+        panels.push(Panel { name: "Share of pulses in 200 ms, %", y: -4.0..104.0, curves: shares.collect() });
         let count = |class| move |row: &Row| Some(row.classes.iter().filter(|other| **other == class).count() as f64);
         let ended =
             NAMED.into_iter().zip(colours).map(|(class, colour)| curve(name(class), colour, rows, count(class)));
-        panels.push(panel("Pulses that ended in a tick", ended.collect()));
+        panels.push(panel("Pulses that ended, per tick", ended.collect()));
     }
     let notch = curve("notch", BROWN, rows, |row| Some(row.notch_hz.into()));
-    panels.push(panel("Notch that follows the mains, Hz", vec![notch]));
+    panels.push(panel("Tracking notch, Hz", vec![notch]));
     let more =
         format!("{:.4} s of {:.0} kS/s, one value a servo tick of 50 µs", recording.seconds(), recording.rate / 1e3);
     crate::plot::panels(&format!("Replay: {title}"), &more, &(first..last.max(first + 1e-6)), &panels)

@@ -9,7 +9,7 @@
 //! | `Time,X(CH1)[,..]` and `Second,Volt[,..]` | Rigol DS1000E |
 //! | `Record Length,..` to `Source,CH1[,..]` and `Second,Value[,..]` or `Second,Volt[,..]` | Siglent |
 //! | `Model,..` to `TIME,CH1[,..]` | Tektronix MDO, MSO, DPO |
-//! | `Record Length,..,,TIME,VALUE` in the first line: what describes the recording stands left of it | Tektronix TDS |
+//! | `Record Length,..,,TIME,VALUE` in the first line: the description of the recording is left of it | Tektronix TDS |
 //! | `Time,Channel A[,..]` and `(ms),(V)[,..]` | PicoScope 6 and 7 |
 //! | `in s,C1 in V[,..]` | Rohde & Schwarz RTB2000 and its like |
 //! | `#timebase=..`, `,#voltbase=..`, `#size=ROWS` | Hantek DSO2000, DSO5000 |
@@ -68,7 +68,7 @@ impl Recording {
                     Err(error) => return Some(Err(format!("cannot be read: {error}"))),
                     Ok(0) => return None,
                     Ok(length) if length as u64 > LINE => {
-                        return Some(Err(format!("line {line}: longer than {LINE} bytes: not a table of samples")));
+                        return Some(Err(format!("line {line}: longer than {LINE} bytes: must be a table of samples")));
                     }
                     Ok(_) => {}
                 }
@@ -99,7 +99,7 @@ impl Recording {
                 value.ok_or_else(|| format!("line {line}: {name} = {cell:?}: must be a finite number"))
             };
             let value = |column: Column, name: &str| Ok::<f64, String>(column.scale * number(column.cell, name)?);
-            if let Time::Told(unit) = layout.time {
+            if let Time::Given(unit) = layout.time {
                 times.push(unit * number(layout.skip, "time")?);
             }
             at.push(line);
@@ -118,15 +118,15 @@ impl Recording {
         let samples = at.len();
         if let Some((line, promised)) = layout.promised.filter(|(_, promised)| *promised != samples as u64) {
             return Err(format!(
-                "line {line}: promises {promised} samples; {samples} are there: cut off, or put together"
+                "line {line}: announces {promised} samples, the file has {samples}: truncated or joined"
             ));
         }
         if samples < 2 {
-            return Err(format!("holds {samples} samples: two at least are needed"));
+            return Err(format!("has {samples} samples: at least two are needed"));
         }
         (recording.start_s, recording.rate) = match layout.time {
             Time::Counted(start, step) => (start, 1.0 / step),
-            Time::Told(_) => even(&times, &at)?,
+            Time::Given(_) => even(&times, &at)?,
         };
         let rate = recording.rate;
         if !RATES.contains(&rate) {
@@ -164,7 +164,7 @@ fn cells(text: &[u8], line: u64) -> Result<Vec<String>, String> {
     }
 }
 
-/// Start and rate of times that are told, in s and 1/s; `at` are their lines.
+/// Start and rate of given times, in s and 1/s; `at` are their lines.
 fn even(times: &[f64], at: &[u64]) -> Result<(f64, f64), String> {
     let steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let lines = at.iter().skip(1);
@@ -173,7 +173,7 @@ fn even(times: &[f64], at: &[u64]) -> Result<(f64, f64), String> {
     {
         let [before, time] = [pair[0], pair[0] + step];
         return Err(format!(
-            "line {line}: time {time} s does not come after {before} s: unsorted, or written with too few digits"
+            "line {line}: time {time} s is not after {before} s: unsorted, or written with too few digits"
         ));
     }
     let mut sorted = steps.clone();
@@ -181,7 +181,7 @@ fn even(times: &[f64], at: &[u64]) -> Result<(f64, f64), String> {
     let usual = sorted[sorted.len() / 2];
     if let Some((step, line)) = steps.iter().zip(lines).find(|(step, _)| (**step - usual).abs() > UNEVEN * usual) {
         return Err(format!(
-            "line {line}: {step:.4e} s after the sample before, where {usual:.4e} s are usual: must be evenly sampled, without a gap"
+            "line {line}: {step:.4e} s after the sample before instead of {usual:.4e} s: must be evenly sampled, without a gap"
         ));
     }
     let start = times[0];
@@ -189,7 +189,7 @@ fn even(times: &[f64], at: &[u64]) -> Result<(f64, f64), String> {
     let off = |n: usize, time: f64| (time - start - n as f64 * step).abs() > UNEVEN * step;
     if let Some(n) = (0..times.len()).find(|n| off(*n, times[*n])) {
         return Err(format!(
-            "line {}: time {} s is not where {step:.4e} s a sample lead: must be evenly sampled",
+            "line {}: time {} s does not fit {step:.4e} s per sample: must be evenly sampled",
             at[n], times[n]
         ));
     }

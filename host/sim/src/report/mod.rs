@@ -1,7 +1,7 @@
 //! The run in JSON, and in words ([`Summary`]).
 //!
-//! Depth, gap, pulses and losses are the model's truth, not the firmware's belief. Control figures are judged as
-//! [`crate::statistics`] says; a figure for which nothing was judged is `null`.
+//! Depth, gap, pulses and losses are the model's truth, not the firmware's values. Control figures are those of
+//! [`crate::statistics`]; a figure without monitored time is `null`.
 
 mod summary;
 mod verdict;
@@ -16,7 +16,7 @@ use serde::Serialize;
 /// Name and version of the JSON; a key that goes or changes its meaning raises the number.
 pub const SCHEMA: &str = "edm-sim.bore/1";
 
-/// What a run was, in the order of the JSON.
+/// Figures of a run, in the order of the JSON.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// [`SCHEMA`].
@@ -39,7 +39,7 @@ pub struct Report {
     pub wear_mm: Option<f64>,
     /// Share of the face before which nothing is left.
     pub through_ratio: f64,
-    /// Depth asked for, mm.
+    /// Depth requested, mm.
     pub target_depth_mm: f64,
     /// Simulated time, s.
     pub sim_time_s: f64,
@@ -55,15 +55,15 @@ pub struct Report {
     pub gap_voltage_v: GapVoltage,
     /// Gap.
     pub gap_um: Gap,
-    /// Median over 0.5 s windows of the electrode's peak-to-peak, feed taken out, um.
+    /// Position ripple: median over 0.5 s windows of the electrode's peak-to-peak motion without feed, um.
     pub position_pp_um_median: Option<f64>,
-    /// Strongest line of the electrode's motion between 5 and 50 Hz.
+    /// Strongest tone of the electrode's motion between 5 and 50 Hz.
     pub position_line_um: Line,
     /// Velocity of the electrode above 50 Hz, mm/s rms.
     pub vibration_mm_s: Option<f64>,
     /// Velocity of the electrode, mm/s rms.
     pub velocity_mm_s: Option<f64>,
-    /// Share of the time in which the duty came to `axis.duty_limit`.
+    /// Share of the time with the duty at `axis.duty_limit`.
     pub duty_at_limit_ratio: Option<f64>,
     /// Share of pulses that never ignited; the four shares make 1.
     pub open_ratio: Option<f64>,
@@ -81,7 +81,7 @@ pub struct Report {
     pub short_cycle_ratio: Option<f64>,
     /// Shorts of whole milliseconds.
     pub shorts: u64,
-    /// Those that the electrode went back from by more than 5 um before they ended.
+    /// Those from which the electrode retreated by more than 5 um before they ended.
     pub long_retreats_shorted: u64,
     /// Volume removed over the eroding time, mm^3/min.
     pub removal_mm3_min: Option<f64>,
@@ -101,7 +101,7 @@ pub struct Report {
     pub illegal_transitions: u64,
     /// Jumps out of the work.
     pub jumps: u64,
-    /// Jumps that were due were lower than `jump.height_um`, or left out, for want of room above.
+    /// Jumps that were due were lower than `jump.height_um`, or left out, because there was no room above.
     pub jumps_cramped: bool,
     /// Faults in the order they were raised.
     pub faults: Vec<FaultEvent>,
@@ -116,7 +116,7 @@ pub struct GapVoltage {
     pub mean: Option<f64>,
     /// Mean of what the head tried to keep.
     pub setpoint: Option<f64>,
-    /// Deviation of 100 ms means from the setpoint, rms.
+    /// Deviation of 100 ms means from the set point, rms.
     pub rms_error_100ms: Option<f64>,
     /// Scatter of the filtered voltage about its mean, rms.
     pub filtered_rms: Option<f64>,
@@ -133,7 +133,7 @@ pub struct Gap {
     pub rms_error: Option<f64>,
 }
 
-/// A line in the spectrum of the electrode's motion.
+/// A tone in the electrode's motion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Line {
     /// Amplitude (half of peak-to-peak), um.

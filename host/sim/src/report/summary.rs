@@ -1,4 +1,4 @@
-//! The run in the terms of a machinist (docs/glossary.md).
+//! The run in words (docs/glossary.md).
 
 use super::Report;
 use std::fmt;
@@ -67,14 +67,14 @@ impl Summary<'_> {
         }
     }
 
-    /// Whether it went well, or what did not.
+    /// Whether all figures are within their limits, or which are not.
     fn verdict(&self) -> Vec<String> {
         let report = self.report;
         let mut words: Vec<String> = report.findings.iter().map(|finding| finding.text.clone()).collect();
         if !report.completed {
             words.insert(0, format!("stopped: {}", report.stop_reason));
         } else if report.gap_voltage_v.mean.is_none() {
-            words.push("not judged: less than two seconds of undisturbed eroding".into());
+            words.push("not evaluated: less than two seconds of undisturbed eroding".into());
         }
         if words.is_empty() {
             words.push("steady: all figures within their limits".into());
@@ -104,14 +104,14 @@ impl Summary<'_> {
                     "mean {mean:.1} V, set point {setpoint:.1} V; 100 ms mean: {error:.1} V rms about the set point"
                 )
             }
-            _ => "not judged: less than two seconds of undisturbed eroding".into(),
+            _ => "not evaluated: less than two seconds of undisturbed eroding".into(),
         }
     }
 
     fn gap(&self) -> String {
         match (self.report.gap_um.mean, self.report.gap_um.rms_error) {
             (Some(mean), Some(error)) => format!("mean {mean:.0} um, {error:.1} um rms about it"),
-            _ => "not judged".into(),
+            _ => "not evaluated".into(),
         }
     }
 
@@ -122,7 +122,7 @@ impl Summary<'_> {
             1 => "1 retreat of more than 5 um".into(),
             n => format!("{n} retreats of more than 5 um"),
         };
-        let Some(ripple) = report.position_pp_um_median else { return format!("not judged; {retreats}") };
+        let Some(ripple) = report.position_pp_um_median else { return format!("not evaluated; {retreats}") };
         let line = match (report.position_line_um.amplitude, report.position_line_um.hz) {
             (Some(um), Some(hz)) => format!("; largest tone {um:.1} um at {hz:.0} Hz"),
             _ => String::new(),
@@ -162,7 +162,7 @@ impl Summary<'_> {
 
     fn fluid(&self) -> String {
         let report = self.report;
-        let debris = report.debris_mean.map_or_else(|| "not judged".into(), |dirt| format!("{:.1} %", 5.0 * dirt));
+        let debris = report.debris_mean.map_or_else(|| "not evaluated".into(), |dirt| format!("{:.1} %", 5.0 * dirt));
         let damage = match report.damage_mean {
             Some(damage) if damage > 0.0 => format!(", arc damage {damage:.2}"),
             _ => String::new(),
@@ -207,7 +207,7 @@ fn grouped(n: u64) -> String {
     text
 }
 
-/// Whole per cent, but never a zero for what did happen.
+/// Whole per cent, but never zero for a share above zero.
 fn percent(share: f64) -> String {
     match share * 100.0 {
         x if x > 0.0 && x < 0.1 => "< 0.1 %".into(),

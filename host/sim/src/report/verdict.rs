@@ -1,7 +1,7 @@
 //! The figures of a run that are beyond their limits.
 //!
-//! Limits say where a run deserves a look, not where a machine breaks. Those of motion are the bounds of the default
-//! scenario; the others are assumed, and lie well above what the scenarios that work do.
+//! A figure beyond its limit deserves attention; it is not a fault. Limits of motion are the bounds of the default
+//! scenario; the others are assumed, well above the figures of the scenarios that work.
 
 use super::Report;
 use serde::Serialize;
@@ -30,9 +30,9 @@ pub const COUNT_MM: f64 = 0.001;
 pub struct Finding {
     /// Its name in the JSON.
     pub figure: &'static str,
-    /// What it is.
+    /// Value.
     pub value: f64,
-    /// What it may be.
+    /// Limit.
     pub limit: f64,
     /// The same in words.
     pub text: String,

@@ -12,31 +12,31 @@ use std::path::PathBuf;
 /// Arguments of `edm-sim serve`.
 #[derive(Debug, Args)]
 pub struct Serve {
-    /// Ways onto the bus.
+    /// Connections to the bus.
     #[command(flatten)]
     pub links: Links,
-    /// Heads on the bus; 0 for a bus without any
+    /// Number of heads on the bus; 0 for a bus without heads
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(0..=127))]
     pub nodes: u8,
-    /// Node-ID of the first head, 1 to 127; the others follow. 255: none has one until a host names it by LSS
+    /// Node-ID of the first head, 1 to 127; the others follow. 255: heads wait until a host assigns a node-ID by LSS
     #[arg(long, value_name = "ID", default_value_t = 1, value_parser = node_id)]
     pub node_id: u8,
     /// Scenario by name (`edm-sim scenarios` lists them), or a scenario file
     #[arg(long, value_name = "FILE|NAME", default_value = "default")]
     pub scenario: String,
-    /// Change one value after the scenario; may be repeated, the later holds (`edm-sim settings` lists the keys)
+    /// Change a value after the scenario; may be repeated, the last one counts (`edm-sim settings` lists the keys)
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Process model in the place of the scenario's
+    /// Version of the process model instead of the scenario's
     #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u32).range(0..=1))]
     pub model: Option<u32>,
-    /// Seed of everything random; each further head has the next
+    /// Random seed; each further head has the next seed
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
     pub seed: u64,
-    /// Keep what hosts store in files of this folder; without it, it lasts as long as the program
+    /// Folder for the settings that hosts store; without it they are lost at the end of the program
     #[arg(long, value_name = "FOLDER")]
     pub store: Option<PathBuf>,
-    /// Simulated seconds a second
+    /// Speed: simulated seconds per second
     #[arg(long, value_name = "X", default_value = "1", value_parser = speed, allow_hyphen_values = true)]
     pub speed: f64,
 }
@@ -45,12 +45,15 @@ impl Serve {
     /// Serves until it is stopped.
     ///
     /// # Errors
-    /// When an option is refused, a way onto the bus cannot be opened, or the simulation cannot go on.
+    /// When an option is refused, a connection to the bus cannot be opened, or the simulation cannot go on.
     pub fn execute(&self) -> Result<(), Failure> {
         let fleet = self.fleet().map_err(Failure::BadInput)?;
         let heads = match (self.nodes, self.node_id) {
             (0, _) => "A bus without heads".into(),
-            (n, UNCONFIGURED) => format!("{n} virtual head{}, to be named by LSS", if n == 1 { "" } else { "s" }),
+            (n, UNCONFIGURED) => format!(
+                "{n} virtual head{}, without node-ID until a host assigns one by LSS",
+                if n == 1 { "" } else { "s" }
+            ),
             (1, id) => format!("Virtual head, node {id}"),
             (n, id) => format!("{n} virtual heads, nodes {id} to {}", u16::from(id) + u16::from(n) - 1),
         };

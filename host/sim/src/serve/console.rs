@@ -1,4 +1,4 @@
-//! The person at the keyboard, or the program that started this one: lines in, Ctrl-C, the end.
+//! Standard input and Ctrl-C.
 
 use edm_bus::mailbox::Mailbox;
 use std::io::{BufRead, IsTerminal};
@@ -16,7 +16,7 @@ impl Console {
     /// Listens from now on; every word rings the mailbox.
     ///
     /// The end of the standard input stops the program when a person or another program holds the other end. When it comes
-    /// from a file, or from nowhere as in the background, its end means nothing.
+    /// from a file, or from nowhere as in the background, its end is ignored.
     ///
     /// # Errors
     /// When Ctrl-C cannot be caught.

@@ -65,14 +65,14 @@ impl Plant for Fleet {
         }
         let meant = |head: &Head| node.is_none_or(|node| head.node_id().is_some_and(|id| node.parse() == Ok(id.get())));
         if let (Some(node), false) = (node, self.heads.iter().any(meant)) {
-            return Err(format!("{node}: no such node"));
+            return Err(format!("{node}: no such node on this bus"));
         }
         let heads = self.heads.iter_mut().filter(|head| meant(head));
         pull(rest, heads.map(|head| &mut head.process))
     }
 }
 
-/// Pulls or mends a wire of some machines: `SIGNAL=VALUE`.
+/// Breaks or repairs a wire of some machines: `SIGNAL=VALUE`.
 ///
 /// # Errors
 /// What is wrong with it; nothing has happened then.
@@ -322,8 +322,8 @@ mod tests {
         let mut fleet = fleet(5, 2);
         for (line, message) in [
             ("limit.lower_open", "limit.lower_open: must be [NODE] SIGNAL=VALUE"),
-            ("7 gap.short=true", "7: no such node"),
-            ("300 gap.short=true", "300: no such node"),
+            ("7 gap.short=true", "7: no such node on this bus"),
+            ("300 gap.short=true", "300: no such node on this bus"),
             (
                 "limit.lower=true",
                 "limit.lower: no such signal, did you mean limit.lower_open?; `edm-sim settings` lists all",

@@ -2,8 +2,8 @@
 //! cut.
 //!
 //! The frames of a tick come before it: the interrupts of the controller take them, the protocol deals with them, and what it
-//! orders is carried out in the tick that follows. What a task asks for runs as soon as no task of higher priority has
-//! anything to do.
+//! orders is carried out in the tick that follows. A requested task runs as soon as no task of higher
+//! priority is active.
 
 use crate::board::{PROTOCOL, Part, Pc, Ports, TRANSMIT};
 use crate::machine::{Core, Others, show};
@@ -37,7 +37,7 @@ pub struct Head {
     pub(crate) idle: Idle<Pc>,
 }
 
-/// What tasks share, where no task comes in between.
+/// Data that tasks share, without preemption.
 pub(crate) struct Alone<T>(pub T);
 
 impl<T> Mutex for Alone<T> {
@@ -63,8 +63,8 @@ impl Head {
         Ok(head)
     }
 
-    /// A head on this process, that runs these settings, on this node-ID, when nothing is stored; with this serial number, on a board
-    /// that has found this of itself.
+    /// A head on this process. Settings and node-ID apply when nothing is stored; serial number and result of the self-test
+    /// are the board's.
     ///
     /// # Errors
     /// When the settings do not fit together.
@@ -126,7 +126,7 @@ impl Head {
         self.core.ports.pulses.get()
     }
 
-    /// What the bridge was told in the last tick.
+    /// Output of the bridge in the last tick.
     pub fn drive(&self) -> Output {
         self.core.ports.drive.get()
     }
@@ -152,7 +152,7 @@ impl Head {
         sent.extend(self.core.ports.outbox.borrow_mut().drain(..));
     }
 
-    /// Runs what was asked for: transmission before the protocol, by their priorities.
+    /// Runs requested tasks: transmission before the protocol, by their priorities.
     fn wanted(&mut self) {
         loop {
             if self.core.ports.wanted(TRANSMIT) {
@@ -165,17 +165,17 @@ impl Head {
         }
     }
 
-    /// Says what went wrong.
+    /// Prints what went wrong.
     fn complain(&self) {
         for note in self.core.ports.notes.borrow_mut().drain(..) {
             let what = match note {
-                Note::StoreUnreadable => "what is stored cannot be read, and is not used".into(),
+                Note::StoreUnreadable => "the stored settings cannot be read and are not used".into(),
                 Note::Loaded(report) if !report.is_whole() => report.to_string(),
                 Note::BootRefused(error) => format!("communication: {error:?}"),
-                Note::NotStored => "nothing was stored".into(),
+                Note::NotStored => "the settings could not be stored".into(),
                 Note::Lost(Lost { frames, events, ticks, blocks, unseen: [high, low] }) => format!(
                     "lost since the start: {frames} frames, {events} events, {ticks} servo ticks, {blocks} blocks; \
-                     thousands of pulses not seen by the comparators: {high} high, {low} low"
+                     thousands of pulses without an edge of a comparator: {high} high, {low} low"
                 ),
                 _ => continue,
             };

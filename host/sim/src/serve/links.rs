@@ -1,4 +1,4 @@
-//! How CAN programs get onto the bus.
+//! Connections of CAN programs to the bus.
 
 use crate::terminal::Failure;
 use clap::Args;
@@ -12,30 +12,30 @@ use std::path::PathBuf;
 
 /// Bit rate that loads are stated against, bit/s.
 pub const BIT_RATE: u32 = 1_000_000;
-/// Where slcan listens when nothing else is asked for.
+/// Where slcan listens by default.
 const DEFAULT: &str = "127.0.0.1:3333";
 
-/// Options that say which ways there are onto the bus.
+/// Options for the connections to the bus.
 #[derive(Clone, Debug, Default, Args)]
 pub struct Links {
-    /// Listen for slcan by network; port 0 takes a free one [default: 127.0.0.1:3333 when there is no other way]
+    /// Listen for slcan over TCP; port 0 takes a free one [default: 127.0.0.1:3333, unless another connection is given]
     #[arg(long, value_name = "HOST:PORT")]
     pub slcan_tcp: Option<String>,
-    /// Make a serial port for slcan, and a link to it
+    /// Create a pseudo-terminal for slcan with this link
     #[arg(long, value_name = "PATH")]
     pub slcan_pty: Option<PathBuf>,
-    /// Listen for clients of socketcand; port 0 takes a free one
+    /// Listen for socketcand clients; port 0 takes a free one
     #[arg(long, value_name = "HOST:PORT")]
     pub socketcand: Option<String>,
-    /// Join a CAN interface of the Linux kernel, real or virtual
+    /// Join a CAN interface of the Linux kernel (SocketCAN), real or virtual
     #[arg(long, value_name = "IFACE")]
     pub socketcan: Option<String>,
-    /// Fill so many percent of a bus of 1 Mbit/s with foreign frames
+    /// Load the bus with foreign frames, percent of 1 Mbit/s
     #[arg(long, value_name = "PERCENT", value_parser = load)]
     pub load: Option<f64>,
 }
 
-/// Ways that are open; dropping them closes them.
+/// Open connections; dropping them closes them.
 pub struct Open {
     _listeners: Vec<Listener>,
     #[cfg(unix)]
@@ -43,15 +43,15 @@ pub struct Open {
     #[cfg(target_os = "linux")]
     _interface: Option<edm_bus::kernel::Interface>,
     _filler: Option<Filler>,
-    /// One line a way, for the person who wants to connect.
+    /// One line per connection, for the user.
     pub lines: Vec<String>,
 }
 
 impl Links {
-    /// Opens what was asked for.
+    /// Opens the requested connections.
     ///
     /// # Errors
-    /// The option whose way cannot be opened, and why.
+    /// The option whose connection cannot be opened, and why.
     pub fn open(&self, hub: &Hub, report: &Report) -> Result<Open, Failure> {
         let (mut listeners, mut lines) = (Vec::new(), Vec::new());
         let none = self.slcan_pty.is_none() && self.socketcand.is_none() && self.socketcan.is_none();

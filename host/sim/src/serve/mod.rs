@@ -4,7 +4,7 @@
 //! makes the ticks that are due. A frame is taken in the tick after its arrival; what a head sends leaves with the tick. The
 //! clients have threads of their own ([`edm_bus`]).
 //!
-//! Lines on the standard input pull wires: `limit.lower_open=true` at every head, `5 gap.short=true` at node 5. The signals
+//! Lines on the standard input break wires: `limit.lower_open=true` at every head, `5 gap.short=true` at node 5. The signals
 //! are those of the scenario's events.
 
 mod command;
@@ -44,10 +44,10 @@ pub trait Plant {
 /// Silence after a complaint that the computer is too slow.
 const COMPLAINT: Duration = Duration::from_secs(10);
 
-/// Runs a plant at so many times the speed of real time, until it is stopped; `title` is said first.
+/// Runs a plant at so many times the speed of real time, until it is stopped; `title` is printed first.
 ///
 /// # Errors
-/// When a way onto the bus cannot be opened, or the plant cannot go on.
+/// When a connection to the bus cannot be opened, or the plant cannot continue.
 pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Result<(), Failure> {
     let hub = Hub::default();
     let open = links.open(&hub, &(Arc::new(|text: &str| eprintln!("{text}")) as _))?;
@@ -60,7 +60,7 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
         plant.tick(&[], &mut sent).map_err(Failure::Failed)?;
     }
     sent.drain(..).for_each(|frame| port.send(&frame));
-    say(&format!("{title}\n\n  {}\n\nCtrl-C stops it.\n", open.lines.join("\n  ")));
+    say(&format!("{title}\n\n  {}\n\nCtrl-C stops the program.\n", open.lines.join("\n  ")));
 
     let start = Instant::now();
     let mut real_time = RealTime::new(start, speed);
@@ -85,9 +85,7 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
         lost_s += due.lost_s;
         if due.lost_s > 0.0 && complained.is_none_or(|last| last.elapsed() > COMPLAINT) {
             complained = Some(Instant::now());
-            eprintln!(
-                "too slow: {lost_s:.1} s of simulated time lost so far; fewer nodes or a lower --speed would help"
-            );
+            eprintln!("too slow: {lost_s:.1} s of simulated time lost so far; use fewer nodes or a lower --speed");
         }
         mailbox.wait(real_time.next(Instant::now()));
     }
@@ -96,7 +94,7 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
     let occupancy = 100.0 * traffic.occupancy(Default::default(), real_s, BIT_RATE);
     let simulated_s = ticks as f64 / f64::from(edm_servo_head::units::TICK_HZ);
     say(&format!(
-        "Stopped after {simulated_s:.1} s simulated in {real_s:.1} s; {} frames, {occupancy:.1} % of 1 Mbit/s; {} lost on their way in\n",
+        "Stopped after {simulated_s:.1} s simulated in {real_s:.1} s; {} frames, {occupancy:.1} % of 1 Mbit/s; {} received frames lost\n",
         traffic.frames,
         mailbox.lost(),
     ));

@@ -21,7 +21,7 @@ pub struct RealTime {
 pub struct Due {
     /// How many.
     pub ticks: u64,
-    /// Simulated time that was given up because the computer is too slow, s.
+    /// Simulated time lost because the computer is too slow, s.
     pub lost_s: f64,
 }
 
@@ -31,7 +31,7 @@ impl RealTime {
         RealTime { start, speed, done: 0 }
     }
 
-    /// The ticks since the last call. A lag beyond 0.2 s of real time is given up: time stands still for that long.
+    /// The ticks since the last call. A lag beyond 0.2 s of real time is dropped: simulated time stops for that long.
     pub fn due(&mut self, now: Instant) -> Due {
         let rate = self.speed * f64::from(TICK_HZ);
         let reached = (now.saturating_duration_since(self.start).as_secs_f64() * rate) as u64;

@@ -1,4 +1,4 @@
-//! A case: what a host sends and what happens to the wires, as lines of text that can be read, shortened by hand and replayed.
+//! A case: what a host sends and what happens to the wires, as lines of text that can be read, edited and replayed.
 //!
 //! ```text
 //! seed 17
@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Each line waits so many servo ticks of 50 us, then a frame is sent (`can`), or only if the head is enabled (`enabled`), or a
-//! wire breaks or is mended. Behind `#` at the beginning of a line is a comment.
+//! wire breaks or is repaired. Behind `#` at the beginning of a line is a comment.
 
 use crate::events::{Event, Wires};
 use crate::scenario::from_word;

@@ -1,4 +1,4 @@
-//! `edm-sim soak`: random legal commands and random events, with what must hold checked in every tick.
+//! `edm-sim soak`: random legal commands and random events, with invariants checked in every tick.
 //!
 //! | file | responsible for |
 //! | --- | --- |
@@ -21,35 +21,35 @@ use crate::terminal::{Failure, say};
 use case::Case;
 use clap::Args;
 use edm_servo_head::units::TICK_HZ;
-use rig::{Broken, Seen};
+use rig::{Broken, Observed};
 use script::LIFE_S;
 use std::path::PathBuf;
 
 /// Arguments of `edm-sim soak`.
 #[derive(Debug, Args)]
 pub struct Soak {
-    /// Simulated hours, in lives of a minute
+    /// Simulated hours, in lives of one minute each
     #[arg(long, value_name = "H", default_value = "0.1", value_parser = hours, allow_hyphen_values = true)]
     pub hours: f64,
     /// Seed of the first life; the others follow
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// Only every Nth life, beginning with the Ith: one part of N
+    /// Only part I of N: every Nth life, beginning with the Ith
     #[arg(long, value_name = "I/N", value_parser = shard, allow_hyphen_values = true)]
     pub shard: Option<(usize, usize)>,
-    /// Replay a case instead, and tell what happens
+    /// Replay a case file instead, and print what happens
     #[arg(long, value_name = "FILE", conflicts_with_all = ["hours", "seed", "shard", "out"])]
     pub case: Option<PathBuf>,
-    /// Write the shortest case that breaks an invariant here, if there is one
+    /// Write the shortest case that breaks an invariant, if any, to this file
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Lives at the same time [default: one a core]
+    /// Parallel lives [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
 }
 
 impl Soak {
-    /// Lives and looks; true when nothing was broken.
+    /// Runs the lives; true when no invariant was broken.
     ///
     /// # Errors
     /// When the input is refused, a head cannot be made or an output cannot be written.
@@ -63,7 +63,7 @@ impl Soak {
             let (seen, broken) =
                 rig::play(&setup, &case, &mut |line| say(&format!("{line}\n"))).map_err(Failure::Failed)?;
             say(&words(&seen));
-            say(&broken.as_ref().map_or_else(|| "nothing is broken\n".into(), |broken| reported(&case, broken)));
+            say(&broken.as_ref().map_or_else(|| "no invariant is broken\n".into(), |broken| reported(&case, broken)));
             return Ok(broken.is_none());
         }
         let out = Output::claim_any("--out", self.out.as_deref()).map_err(Failure::BadInput)?;
@@ -71,15 +71,17 @@ impl Soak {
         let lives = (self.hours * 3600.0 / LIFE_S as f64).ceil() as u64;
         let seeds: Vec<u64> = (0..lives).skip(shard - 1).step_by(of).map(|life| self.seed.wrapping_add(life)).collect();
         if seeds.is_empty() {
-            return Err(Failure::BadInput(format!("--shard {shard}/{of}: there are only {lives} lives")));
+            return Err(Failure::BadInput(format!(
+                "--shard {shard}/{of}: there are only {lives} lives; must be I/N with N up to that"
+            )));
         }
         let bar = Runs::new(seeds.len(), 0);
-        let mut all = Seen::default();
+        let mut all = Observed::default();
         let mut broken: Vec<(u64, Broken)> = Vec::new();
         let one = |seed: &u64| (*seed, rig::play(&setup, &script::life(*seed), &mut |_| {}));
         let made = pool::run_all(&seeds, pool::workers(self.jobs), one, |(seed, played)| {
             let (seen, found) = played?;
-            all = Seen {
+            all = Observed {
                 ticks: all.ticks + seen.ticks,
                 worked: all.worked + seen.worked,
                 faults: all.faults + seen.faults,
@@ -102,7 +104,7 @@ impl Soak {
         let (case, found) = shrink::shrink(&script::life(*seed), first, |case| {
             rig::play(&setup, case, &mut |_| {}).ok().and_then(|(_, broken)| broken)
         });
-        say(&format!("\nthe first of them, as short as it goes:\n{}", reported(&case, &found)));
+        say(&format!("\nthe first of them, shortened:\n{}", reported(&case, &found)));
         if let Some(out) = out {
             out.write(|file| file.write_all(reported(&case, &found).as_bytes())).map_err(Failure::Failed)?;
         }
@@ -115,10 +117,10 @@ fn reported(case: &Case, broken: &Broken) -> String {
     format!("# {}: {}\n{case}", broken.what, broken.how)
 }
 
-fn words(seen: &Seen) -> String {
+fn words(seen: &Observed) -> String {
     let hours = |ticks: u64| ticks as f64 / f64::from(TICK_HZ) / 3600.0;
     format!(
-        "{:.2} simulated hours, {:.2} of them at work; {} faults, {} contacts, {:.1} N at the most\n",
+        "{:.2} simulated hours, {:.2} of them in motion; {} faults, {} contacts, {:.1} N largest contact force\n",
         hours(seen.ticks),
         hours(seen.worked),
         seen.faults,

@@ -15,13 +15,13 @@ use edm_servo_head::settings::{Settings, Value};
 use edm_servo_head::units::{TICK_HZ, TICKS_PER_MS};
 use embedded_can::{Frame as _, StandardId};
 
-/// Ticks that outputs may follow the state that a host is told of: a plan comes into force two ticks after its estimate.
+/// Ticks that outputs may follow the state that a host sees: a plan comes into force two ticks after its estimate.
 const LAG: u32 = 3;
 /// Time that the motor may draw more than its peak, ticks: as long as the supervision waits, and a millisecond for its look.
 const OVER_PEAK: u32 = 6 * TICKS_PER_MS;
 /// Time after which a head in a fault draws less than the continuous current, ticks.
 const SETTLED: u32 = TICK_HZ;
-/// Gap that is left by whoever puts a workpiece there, um.
+/// Gap left when a workpiece is placed, um.
 const LEFT_UM: f64 = 100.0;
 
 /// An invariant that was broken.
@@ -37,7 +37,7 @@ pub struct Broken {
 
 /// What a life has seen: a soak in which nothing happens shows nothing.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Seen {
+pub struct Observed {
     /// Ticks.
     pub ticks: u64,
     /// Ticks in which the head eroded, positioned or homed.
@@ -66,15 +66,15 @@ struct Watch {
     touching: bool,
 }
 
-/// Plays a case: what was seen, and the first invariant that was broken, if one was. Changes of state and contacts are told
+/// Plays a case: what was seen, and the first invariant that was broken, if one was. Changes of state and contacts are reported
 /// as they come.
 ///
 /// # Errors
 /// When a head cannot be made of the scenario.
-pub fn play(setup: &Setup, case: &Case, tell: &mut dyn FnMut(&str)) -> Result<(Seen, Option<Broken>), String> {
+pub fn play(setup: &Setup, case: &Case, tell: &mut dyn FnMut(&str)) -> Result<(Observed, Option<Broken>), String> {
     let id = (NodeId::new(ID), ID.into());
     let mut head = Head::new(setup, id, case.seed, Store::Memory(None))?;
-    let (mut seen, mut watch, mut sent) = (Seen::default(), Watch::default(), Vec::new());
+    let (mut seen, mut watch, mut sent) = (Observed::default(), Watch::default(), Vec::new());
     for (steps, step) in case.steps.iter().enumerate() {
         // A frame is taken by the tick that follows it.
         for _ in 0..step.after {
@@ -121,7 +121,7 @@ fn arrives(head: &mut Head, id: u16, data: &[u8]) {
     }
 }
 
-/// Nobody pushes a work into the electrode: no loop holds against that.
+/// The work is never pushed into the electrode: no loop holds against that.
 fn happens(head: &mut Head, signal: &str, value: Value<'static>) {
     if let ("workpiece.raised_mm", Value::Number(raised)) = (signal, value) {
         let by = raised - head.process.fault_inputs.raised_mm;
@@ -134,14 +134,14 @@ fn happens(head: &mut Head, signal: &str, value: Value<'static>) {
 }
 
 impl Watch {
-    /// Looks at a tick: the state that a host is told of, what really is, and whether the outputs allow pulses and drive.
+    /// Checks a tick: the state that a host sees, the truth, and whether the outputs allow pulses and drive.
     fn tick(
         &mut self,
         state: State,
         truth: &Truth,
         (pulses, drive): (bool, Drive),
         settings: &Settings,
-        seen: &mut Seen,
+        seen: &mut Observed,
     ) -> Option<(&'static str, String)> {
         seen.ticks += 1;
         seen.worked += u64::from(matches!(state, State::Eroding | State::Positioning | State::Homing));
@@ -194,7 +194,7 @@ impl Watch {
         None
     }
 
-    fn contact(&mut self, truth: &Truth, name: &str, seen: &mut Seen) -> Option<(&'static str, String)> {
+    fn contact(&mut self, truth: &Truth, name: &str, seen: &mut Observed) -> Option<(&'static str, String)> {
         self.approach.tick(truth);
         let touching = truth.contact_n > 0.0;
         seen.contacts += u64::from(touching && !self.touching);
@@ -213,7 +213,7 @@ mod tests {
 
     /// What is broken when a head is like this for so many ticks.
     fn after(ticks: u32, state: State, truth: &Truth, outputs: (bool, Drive)) -> Option<&'static str> {
-        let (mut watch, mut seen, settings) = (Watch::default(), Seen::default(), Settings::default());
+        let (mut watch, mut seen, settings) = (Watch::default(), Observed::default(), Settings::default());
         (0..ticks).find_map(|_| watch.tick(state, truth, outputs, &settings, &mut seen)).map(|(what, _)| what)
     }
 
@@ -248,7 +248,7 @@ mod tests {
     #[test]
     fn a_contact_is_bounded_by_how_fast_the_head_came() {
         for (mm_s, newtons, broken) in [(5.0, 4.9, false), (5.0, 5.1, true), (20.0, 14.9, false), (20.0, 15.1, true)] {
-            let (mut watch, mut seen, settings) = (Watch::default(), Seen::default(), Settings::default());
+            let (mut watch, mut seen, settings) = (Watch::default(), Observed::default(), Settings::default());
             let coming = Truth { gap_um: 1.0, velocity_um_s: mm_s * 1e3, ..Truth::default() };
             let there = Truth { gap_um: -newtons / 2.0, contact_n: newtons, ..Truth::default() };
             let off = (false, Drive::Coast);

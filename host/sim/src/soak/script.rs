@@ -1,7 +1,7 @@
 //! Random lives: what a host may do with a head, in any order, and what may happen to its wires meanwhile.
 //!
-//! Not in it: commissioning, which wants an axis without a workpiece; velocities beyond 20 mm/s, and seeking beyond 5 mm/s, for
-//! which no force is promised; settings of a disabled head, which may tell it anything about its machine. Loop gains are
+//! Excluded: commissioning, which needs an axis without a workpiece; velocities beyond 20 mm/s, and seeking beyond 5 mm/s, for
+//! which no force is guaranteed; settings of a disabled head, which may describe any machine. Loop gains are
 //! changed by a fifth at the most: with others the loop is no loop.
 
 use super::case::{Action, Case, Step};
@@ -34,7 +34,7 @@ struct Script {
     wait: u64,
     /// Ticks so far.
     now: u64,
-    /// Wires that will be mended: when, and which.
+    /// Wires that will be repaired: when, and which.
     broken: Vec<(u64, &'static Wire)>,
 }
 
@@ -48,9 +48,9 @@ pub fn life(seed: u64) -> Case {
     script.home(35);
     while script.now < LIFE_S * u64::from(TICK_HZ) {
         script.something();
-        script.mend(false);
+        script.repair(false);
     }
-    script.mend(true);
+    script.repair(true);
     script.pause(500..501);
     script.frame(0x080, &[]);
     Case { seed, steps: script.steps }
@@ -181,7 +181,7 @@ impl Script {
         }
     }
 
-    /// A wire breaks; it will be mended.
+    /// A wire breaks; it will be repaired.
     fn wire(&mut self) {
         let at = self.below(WIRES.len() as u32) as usize;
         let Some(wire) = WIRES.get(at) else { return };
@@ -193,8 +193,8 @@ impl Script {
         self.broken.push((self.now + u64::from(ms * TICKS_PER_MS), wire));
     }
 
-    /// Mends what is due, or everything.
-    fn mend(&mut self, all: bool) {
+    /// Repairs what is due, or everything.
+    fn repair(&mut self, all: bool) {
         while let Some(at) = self.broken.iter().position(|(due, _)| all || *due <= self.now) {
             let (_, wire) = self.broken.swap_remove(at);
             self.push(Action::Wire(wire.signal, value(wire, false)));

@@ -69,7 +69,7 @@ impl Cycles {
         self.shorts
     }
 
-    /// Those that the electrode went back from by more than 5 um before they ended.
+    /// Those from which the electrode retreated by more than 5 um before they ended.
     pub fn long_retreats(&self) -> u64 {
         self.long_retreats
     }

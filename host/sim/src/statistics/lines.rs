@@ -22,7 +22,7 @@ pub struct Line {
     pub hz: f64,
 }
 
-/// Averages the spectrum of what is judged.
+/// Averages the spectrum of the monitored position.
 #[derive(Debug)]
 pub struct Lines {
     fourier: Fourier,
@@ -46,7 +46,7 @@ impl Lines {
         }
     }
 
-    /// Adds 1 ms of judged position, um.
+    /// Adds 1 ms of monitored position, um.
     pub(super) fn add(&mut self, position_um: f64) {
         self.position_um.push(position_um);
         if self.position_um.len() == SEGMENT {

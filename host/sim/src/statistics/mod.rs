@@ -1,11 +1,11 @@
-//! The figures by which control is judged.
+//! The figures by which control is evaluated.
 //!
 //! *Monitored* is the time in which the feed law leads undisturbed: state eroding, later than [`START_MS`] after eroding
 //! first began, and at least [`SETTLE_MS`] after anything else (seek, retreat, fault) ended. Windows are laid back to
-//! back into judged time; one that a disturbance cuts short is dropped whole. All this is taken from milliseconds, so
+//! back into monitored time; one that a disturbance cuts short is dropped whole. All this is taken from milliseconds, so
 //! its cost does not show.
 //!
-//! Chance alone scatters the filtered voltage (docs/decisions.md, "Process model"): control is judged by means over
+//! Chance alone scatters the filtered voltage (docs/decisions.md, "Process model"): control is evaluated by means over
 //! [`VOLTAGE_MS`] and by position.
 
 mod cycles;
@@ -19,24 +19,24 @@ pub use retreats::Retreats;
 
 use crate::millisecond::{Millisecond, Phase, Span};
 
-/// First eroding that is not judged, ms: the "first 2 s".
+/// First eroding that is not monitored, ms: start-up.
 pub const START_MS: u32 = 2000;
-/// Time after a disturbance that is not judged, ms: three time constants of the 40 to 60 Hz notch (16 ms each).
+/// Time after a disturbance that is not monitored, ms: three time constants of the 40 to 60 Hz notch (16 ms each).
 pub const SETTLE_MS: u32 = 50;
 /// Window of the gap-voltage means, ms.
 pub const VOLTAGE_MS: u32 = 100;
 /// Window of the electrode's peak-to-peak, ms.
 pub const SWING_MS: usize = 500;
 
-/// Decides what is judged.
+/// Decides which time is monitored.
 #[derive(Debug, Default)]
-struct Judge {
+struct Monitoring {
     eroding_ms: Option<u32>,
     undisturbed_ms: u32,
 }
 
-impl Judge {
-    fn judged(&mut self, phase: Phase) -> bool {
+impl Monitoring {
+    fn monitored(&mut self, phase: Phase) -> bool {
         let eroding = phase == Phase::Eroding;
         if eroding || self.eroding_ms.is_some() {
             self.eroding_ms = Some(self.eroding_ms.map_or(0, |ms| ms.saturating_add(1)));
@@ -121,7 +121,7 @@ impl Duty {
         self.0.iter_mut().zip(other.0).for_each(|(ms, other)| *ms += other);
     }
 
-    /// Share of the milliseconds in which the duty came to a limit; `None` when there are none.
+    /// Share of the milliseconds in which the duty reached a limit; `None` when there are none.
     pub fn at_limit(&self, limit: f64) -> Option<f64> {
         let sum = |of: &[u32]| of.iter().map(|ms| f64::from(*ms)).sum::<f64>();
         let (all, at) = (sum(&self.0), sum(self.0.get((limit * 100.0).round() as usize..)?));
@@ -132,10 +132,10 @@ impl Duty {
 /// Figures in the making.
 #[derive(Debug)]
 pub struct Statistics {
-    judge: Judge,
+    monitoring: Monitoring,
     window: Window,
-    /// Whole windows: sums of what is judged tick by tick, and the error of each window's mean.
-    judged: Window,
+    /// Whole windows: sums over monitored ticks, and the error of each window's mean.
+    monitored: Window,
     window_errors: Moments,
     swing: Vec<(f64, f64, f64)>,
     swings: Vec<f64>,
@@ -151,14 +151,14 @@ pub struct Statistics {
     most: (f64, f64),
 }
 
-/// Figures of a run; `None` where nothing was judged.
+/// Figures of a run; `None` without monitored time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
     /// Mean gap voltage, V.
     pub gap_v_mean: Option<f64>,
     /// Mean of the gap voltage to keep, V.
     pub setpoint_v: Option<f64>,
-    /// Deviation of the 100 ms means from the setpoint, V rms.
+    /// Deviation of the 100 ms means from the set point, V rms.
     pub gap_v_rms_error: Option<f64>,
     /// Scatter of the filtered gap voltage about its mean, V rms.
     pub filtered_v_rms: Option<f64>,
@@ -166,9 +166,9 @@ pub struct Figures {
     pub gap_um_mean: Option<f64>,
     /// Scatter of the gap about its mean, um rms.
     pub gap_um_rms: Option<f64>,
-    /// Median over 0.5 s windows of the electrode's peak-to-peak, feed taken out, um.
+    /// Position ripple: median over 0.5 s windows of the electrode's peak-to-peak motion without feed, um.
     pub position_pp_um: Option<f64>,
-    /// Strongest line of the electrode's motion between 5 and 50 Hz.
+    /// Strongest tone of the electrode's motion between 5 and 50 Hz.
     pub line: Option<Line>,
     /// Velocity of the electrode above 50 Hz, mm/s rms.
     pub vibration_mm_s: Option<f64>,
@@ -186,7 +186,7 @@ pub struct Figures {
     pub short_cycle_ratio: Option<f64>,
     /// Shorts of whole milliseconds.
     pub shorts: u64,
-    /// Those that the electrode went back from by more than 5 um before they ended.
+    /// Those from which the electrode retreated by more than 5 um before they ended.
     pub long_retreats_shorted: u64,
     /// Mean debris of the front gap while the feed law leads, in 5 % by volume.
     pub debris: Option<f64>,
@@ -208,9 +208,9 @@ impl Statistics {
     /// Nothing seen yet.
     pub fn new() -> Statistics {
         Statistics {
-            judge: Judge::default(),
+            monitoring: Monitoring::default(),
             window: Window::default(),
-            judged: Window::default(),
+            monitored: Window::default(),
             window_errors: Moments::default(),
             swing: Vec::with_capacity(SWING_MS),
             swings: Vec::new(),
@@ -241,7 +241,7 @@ impl Statistics {
             self.machining_ms = self.since_ms;
         }
         self.most = (self.most.0.max(ms.contact_n), self.most.1.max(ms.film_n));
-        if self.judge.judged(ms.phase) {
+        if self.monitoring.monitored(ms.phase) {
             self.voltage(ms);
             self.position(ms);
             self.lines.add(ms.position_um.mean);
@@ -266,13 +266,13 @@ impl Statistics {
         if window.ms == VOLTAGE_MS {
             let window = std::mem::take(window);
             self.window_errors.add(window.error_v.mean().unwrap_or_default());
-            self.judged.gap_v.merge(&window.gap_v);
-            self.judged.setpoint_v.merge(&window.setpoint_v);
-            self.judged.filtered_v.merge(&window.filtered_v);
-            self.judged.gap_um.merge(&window.gap_um);
-            self.judged.vibration.merge(&window.vibration);
-            self.judged.velocity.merge(&window.velocity);
-            self.judged.duty.merge(&window.duty);
+            self.monitored.gap_v.merge(&window.gap_v);
+            self.monitored.setpoint_v.merge(&window.setpoint_v);
+            self.monitored.filtered_v.merge(&window.filtered_v);
+            self.monitored.gap_um.merge(&window.gap_um);
+            self.monitored.vibration.merge(&window.vibration);
+            self.monitored.velocity.merge(&window.velocity);
+            self.monitored.duty.merge(&window.duty);
         }
     }
 
@@ -294,17 +294,17 @@ impl Statistics {
     pub fn figures(&self) -> Figures {
         let mean = |sum: f64| (self.eroding_ms > 0).then(|| sum / self.eroding_ms as f64);
         Figures {
-            gap_v_mean: self.judged.gap_v.mean(),
-            setpoint_v: self.judged.setpoint_v.mean(),
+            gap_v_mean: self.monitored.gap_v.mean(),
+            setpoint_v: self.monitored.setpoint_v.mean(),
             gap_v_rms_error: self.window_errors.rms(),
-            filtered_v_rms: self.judged.filtered_v.deviation(),
-            gap_um_mean: self.judged.gap_um.mean(),
-            gap_um_rms: self.judged.gap_um.deviation(),
+            filtered_v_rms: self.monitored.filtered_v.deviation(),
+            gap_um_mean: self.monitored.gap_um.mean(),
+            gap_um_rms: self.monitored.gap_um.deviation(),
             position_pp_um: median(self.swings.clone()),
             line: self.lines.strongest(),
-            vibration_mm_s: self.judged.vibration.rms().map(|um_s| um_s * 1e-3),
-            velocity_mm_s: self.judged.velocity.rms().map(|um_s| um_s * 1e-3),
-            duty: self.judged.duty,
+            vibration_mm_s: self.monitored.vibration.rms().map(|um_s| um_s * 1e-3),
+            velocity_mm_s: self.monitored.velocity.rms().map(|um_s| um_s * 1e-3),
+            duty: self.monitored.duty,
             eroding_s: self.eroding_ms as f64 * 1e-3,
             machining_s: self.machining_ms as f64 * 1e-3,
             long_retreats: self.retreats.count(),

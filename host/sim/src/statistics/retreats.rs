@@ -2,7 +2,7 @@
 //!
 //! \[G\] (eq. 9) counts a retreat as long when more than five consecutive retreat steps of 1 um follow each other in servo
 //! cycles of 100 ms; a step forward or a hold ends the run. Here the electrode moves freely, so the same is read from its
-//! true position: a retreat begins at the deepest point, goes on as long as every [`STEP_UM`] more is reached within
+//! true position: a retreat begins at the deepest point, continues as long as every [`STEP_UM`] more is reached within
 //! [`CYCLE_MS`] of the last, and ends with an advance of [`STEP_UM`] or with the pause. Smaller forward motion within it
 //! (noise, counts) does not break it. Counted while eroding and retreating only: the lift when the hole is done and the
 //! reactions to faults are not retreats from the gap's state.
@@ -29,7 +29,7 @@ struct Run {
     from_um: f64,
     /// Highest point since, um.
     to_um: f64,
-    /// Height at which the retreat last went on by a step, um, and the time since.
+    /// Height at which the retreat last continued by a step, um, and the time since.
     step_um: f64,
     pause_ms: u32,
     counted: bool,

@@ -1,4 +1,4 @@
-//! The bounds that the head has to keep.
+//! The bounds of the head.
 
 use super::figures::FIGURES;
 use crate::report::Report;
@@ -32,7 +32,7 @@ const SINKER: &[Kept] = &[
     ("position_line_um.amplitude", 0.0, 3.0),
     ("arc_ratio", 0.01, 0.15),
 ];
-/// What scenarios have to keep besides. Times have two sides: on the same holes a head that is
+/// Bounds of single scenarios. Times have two sides: on the same holes a head that is
 /// suddenly much faster is as likely to have found a hole in the model as one that is slower is to be worse. The ranges are a
 /// quarter and more about what five seeds do.
 const KEPT: &[(&str, &[Kept])] = &[
@@ -87,7 +87,7 @@ pub fn broken(report: &Report) -> Vec<String> {
         let figure = FIGURES.iter().find(|(figure, _)| figure == name).and_then(|(_, figure)| figure(report).as_f64());
         demand(
             figure.is_some_and(|figure| (*least..=*most).contains(&figure)),
-            format!("{name} {figure:?}, not {least} to {most}"),
+            format!("{name} {figure:?}, must be {least} to {most}"),
         );
     }
     broken

@@ -1,8 +1,8 @@
 //! Rows in a file, as they finish: interrupted at any moment, the file can be continued.
 //!
 //! A row is appended in one write, its end of line last; what a killed program has left behind the last end of line is no
-//! row and is cut off. When all is done the rows are put in the order of their numbers, in a new file that takes the place
-//! of the old one, so that it does not matter in which order, or in how many attempts, they were made.
+//! row and is cut off. When all is done the rows are put in the order of their numbers, in a new file that replaces
+//! the old one, so that it does not matter in which order, or in how many attempts, they were made.
 
 use super::grid::Grid;
 use super::row::{Format, Row, columns};
@@ -53,7 +53,7 @@ impl RowFile {
             }
             let bytes = std::fs::read(path).map_err(|error| refused(&format!("cannot be read: {error}")))?;
             let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
-            let other = "holds something else than rows of this grid; it is left as it is";
+            let other = "has other content than rows of this grid; the file is unchanged";
             let text = std::str::from_utf8(bytes.get(..whole).unwrap_or_default()).map_err(|_| refused(other))?;
             found.read(text, grid).ok_or_else(|| refused(other))?;
             let rest = bytes.get(whole..).unwrap_or_default();
@@ -94,7 +94,7 @@ impl RowFile {
         Some(())
     }
 
-    /// Option and path, as the person gave them.
+    /// Option and path, as given.
     pub fn output(&self) -> &Output {
         &self.output
     }

@@ -20,7 +20,7 @@ const LAYOUT: &str = concat!("edm-sim.sweep/3 ", env!("CARGO_PKG_VERSION"));
 /// Column of [`Lists::set_points`].
 pub const SET_POINT_FACTOR: &str = "set_point_factor";
 
-/// What is varied; an empty list is one that nobody gave.
+/// What is varied; an empty list was not given.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lists {
     /// Names or files.
@@ -35,7 +35,7 @@ pub struct Lists {
     pub choices: Vec<Choice>,
     /// Factors of the set point that is chosen then, a column when there are any; a set point that cannot be is left out.
     pub set_points: Vec<f64>,
-    /// Share by which the numbers of the model that nobody has published are changed, each by chance, from the seed.
+    /// Share by which unpublished numbers of the model are changed, each at random, by the seed.
     pub perturbed: f64,
 }
 
@@ -59,7 +59,7 @@ pub struct Grid {
     perturbed: f64,
     /// Keys that are varied.
     pub keys: Vec<String>,
-    /// Tells this grid from any other.
+    /// Identifies this grid.
     pub fingerprint: String,
 }
 
@@ -127,7 +127,7 @@ impl Lists {
         Ok(lists)
     }
 
-    /// Adds `key=value,value,...` of the command line; it takes the place of what the grid file says of the key.
+    /// Adds `key=value,value,...` of the command line; it replaces the key of the grid file.
     ///
     /// # Errors
     /// What is wrong with it.
@@ -211,7 +211,7 @@ impl Grid {
     /// # Errors
     /// A scenario, key, value or depth that cannot be, or a grid of which nothing can be run.
     pub fn new(lists: &Lists) -> Result<Grid, String> {
-        let twice = |name: &dyn Display| format!("{name}: is in its list twice");
+        let twice = |name: &dyn Display| format!("{name}: is twice in its list");
         for (key, values) in &lists.values {
             let each: BTreeSet<&String> = values.iter().collect();
             if each.len() < values.len() {
@@ -244,7 +244,7 @@ impl Grid {
             return Err(message.into_iter().next().cloned().unwrap_or_default());
         }
         if points.is_empty() {
-            return Err("the grid has 0 runs: none of the laws is for these scenarios".into());
+            return Err("the grid has 0 runs: no law applies to these scenarios".into());
         }
         let choices = lists.choices.iter().map(|choice| choice.name.clone());
         let factor = (!lists.set_points.is_empty()).then(|| SET_POINT_FACTOR.to_owned());
@@ -439,7 +439,7 @@ mod tests {
         }
         assert!(refused(&vary("gap.setpont_v=55").unwrap()).starts_with("--set gap.setpont_v = 55: no such setting"));
         assert!(refused(&vary("gap.setpoint_v=55,999").unwrap()).starts_with("--set gap.setpoint_v = 999: must be"));
-        assert_eq!(refused(&vary("gap.setpoint_v=55,55").unwrap()), "gap.setpoint_v: is in its list twice");
+        assert_eq!(refused(&vary("gap.setpoint_v=55,55").unwrap()), "gap.setpoint_v: is twice in its list");
         assert!(
             refused(&Lists { depths_mm: vec![99.0], ..lists() }).starts_with("--depth-mm 99: must be a number from")
         );

@@ -14,7 +14,7 @@ pub struct Merge {
     /// Tables of the shards, all CSV or all JSON lines
     #[arg(value_name = "FILE", required = true)]
     pub files: Vec<PathBuf>,
-    /// Write the whole table, and judge it; without it, it goes to the standard output
+    /// Write the whole table to this file and check the bounds; default: standard output
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 }
@@ -42,7 +42,7 @@ impl Merge {
         let lines = whole.rows.values().map(|(line, _)| line.as_str());
         let text: String = std::iter::once(heading).chain(lines).collect();
         let rows: Vec<Row> = whole.rows();
-        let (table, broken) = table::judge(&rows);
+        let (table, broken) = table::evaluate(&rows);
         match out {
             Some(out) => {
                 out.write(|file| file.write_all(text.as_bytes())).map_err(Failure::Failed)?;
@@ -98,10 +98,10 @@ impl Whole {
             text.get(heading.len()..).unwrap_or_default().split_inclusive('\n').filter(|line| line.ends_with('\n'));
         for (at, line) in lines.enumerate() {
             let number = at + 1 + usize::from(!json);
-            let row = format.row(&columns, line).ok_or_else(|| format!("line {number} is no row of a sweep"))?;
+            let row = format.row(&columns, line).ok_or_else(|| format!("line {number} is not a row of a sweep"))?;
             let cells = (row.text("grid"), row.number("runs"), row.run());
             let (Some(grid), Some(runs), Some(run)) = cells else {
-                return Err(format!("line {number} is no row of a sweep"));
+                return Err(format!("line {number} is not a row of a sweep"));
             };
             let grid = (grid, runs as usize);
             if *self.grid.get_or_insert_with(|| grid.clone()) != grid {
@@ -109,7 +109,7 @@ impl Whole {
             }
             match self.rows.get(&run) {
                 Some((other, _)) if other != line => {
-                    return Err(format!("line {number}: run {run} is in the files twice, and they differ"));
+                    return Err(format!("line {number}: run {run} is twice in the files, with different content"));
                 }
                 _ => self.rows.insert(run, (line.to_owned(), row)),
             };

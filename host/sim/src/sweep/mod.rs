@@ -1,4 +1,4 @@
-//! `edm-sim sweep`: every combination of a grid, against the bounds that the head has to keep.
+//! `edm-sim sweep`: every combination of a grid, against the bounds of the head.
 //!
 //! | file | responsible for |
 //! | --- | --- |
@@ -7,8 +7,8 @@
 //! | `file` | lines in a file that can be continued |
 //! | `merge` | the files of shards, put together |
 //! | `figures` | the figures of a run |
-//! | `bounds` | what a run has to keep |
-//! | `table` | the worst of the runs, and what they broke |
+//! | `bounds` | the bounds of a run |
+//! | `table` | the worst run of each combination, and broken bounds |
 
 mod bounds;
 mod figures;
@@ -32,7 +32,7 @@ use row::{Format, Row};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 
-/// Seeds when nobody asks for others.
+/// Default seeds.
 const SEEDS: &str = "20";
 
 /// Arguments of `edm-sim sweep`.
@@ -47,20 +47,20 @@ pub struct Sweep {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// Put the tables of all shards together: the same rows in the same order as one sweep would have written
+    /// Combine the tables of all shards: the same rows in the same order as one sweep would write
     Merge(merge::Merge),
 }
 
 /// Options of a sweep.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// Read from a TOML file what is varied: scenarios, seeds, depth_mm, and keys with their values in a table `set`
+    /// TOML file with the grid: scenarios, seeds, depth_mm, and keys with their values in a table `set`
     #[arg(long, value_name = "FILE")]
     pub grid: Option<PathBuf>,
     /// Only these scenarios, by name or file
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub scenario: Vec<String>,
-    /// Vary a key; may be repeated, for every combination (`edm-sim settings` lists the keys)
+    /// Vary a key; may be repeated: all combinations are run (`edm-sim settings` lists the keys)
     #[arg(long, value_name = "KEY=VALUE,...")]
     pub set: Vec<String>,
     /// Seeds: N for 1 to N, A..B with both ends, or a list [default: 20]
@@ -71,7 +71,7 @@ pub struct Options {
     pub depth_mm: Vec<f64>,
     #[command(flatten)]
     making: Making,
-    /// The same as JSON, one object a line
+    /// The same as JSON, one object per line
     #[arg(long, value_name = "FILE.jsonl", alias = "json")]
     pub jsonl: Option<PathBuf>,
 }
@@ -79,13 +79,13 @@ pub struct Options {
 /// How the runs of a grid are made.
 #[derive(Debug, Args)]
 pub struct Making {
-    /// Runs at the same time [default: one a core]
+    /// Parallel runs [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Make only every Nth run, beginning with the Ith: one part of N
+    /// Only part I of N: every Nth run, beginning with the Ith
     #[arg(long, value_name = "I/N", value_parser = shard, allow_hyphen_values = true)]
     pub shard: Option<(usize, usize)>,
-    /// Write a row for every run as it finishes; the same command continues what was interrupted
+    /// Write a row for every run as it finishes; the same command continues an interrupted sweep
     #[arg(long, value_name = "FILE.csv")]
     pub csv: Option<PathBuf>,
 }
@@ -144,12 +144,12 @@ impl Options {
         let grid = self.grid().map_err(Failure::BadInput)?;
         let files = self.files(&grid).map_err(Failure::BadInput)?;
         let rows = self.making.rows(&grid, files)?;
-        let (table, broken) = table::judge(&rows);
+        let (table, broken) = table::evaluate(&rows);
         say(&table);
         Ok(broken == 0)
     }
 
-    /// What is varied: the grid file, options before it, and what nobody said as ever.
+    /// The grid: its file, options before it, and defaults.
     fn grid(&self) -> Result<Grid, String> {
         let mut lists = Lists::default();
         if let Some(path) = &self.grid {
@@ -212,5 +212,5 @@ fn make(run: &Run<'_>) -> Result<Report, String> {
         // The time it took is that of a computer with other things to do, and no figure of the run.
         Ok(Report::new(&run.job, &outcome, &recorder.statistics.figures(), 0.0))
     }));
-    made.unwrap_or_else(|_| Err("the simulation broke off; see the message on stderr".into()))
+    made.unwrap_or_else(|_| Err("the simulation stopped; see the message on stderr".into()))
 }

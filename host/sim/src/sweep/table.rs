@@ -4,9 +4,9 @@ use super::row::Row;
 use std::fmt::Write;
 
 /// A table with the worst of each combination, and how many runs broke a bound or failed.
-pub fn judge(rows: &[Row]) -> (String, usize) {
+pub fn evaluate(rows: &[Row]) -> (String, usize) {
     let mut text = String::from(
-        "| scenario | runs | depth error um | 100 ms means V rms | filtered / floor | swing um | line um | long retreats | bounds |\n\
+        "| scenario | runs | depth error um | 100 ms means V rms | filtered / floor | ripple um | tone um | long retreats | bounds |\n\
          | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
     );
     let mut failures = String::new();
@@ -51,7 +51,7 @@ pub fn judge(rows: &[Row]) -> (String, usize) {
             runs.len(),
         );
     }
-    text.push_str("\nWorst of the runs in each column; simulated.\n");
+    text.push_str("\nWorst run in each column; simulated.\n");
     text.push_str(&failures);
     (text, count)
 }

@@ -177,7 +177,7 @@ fn functions(file: &object::File) -> (Extents, Vec<Function>) {
     (Extents(extents), functions)
 }
 
-/// The stretches of a section: address, bytes, and whether they are code. Mapping symbols tell code (`$t`) from data (`$d`);
+/// The stretches of a section: address, bytes, and whether they are code. Mapping symbols separate code (`$t`) from data (`$d`);
 /// what is before the first is data.
 fn stretches<'d>(file: &object::File, start: u32, bytes: &'d [u8]) -> Vec<(u32, &'d [u8], bool)> {
     let end = start + bytes.len() as u32;

@@ -1,4 +1,4 @@
-//! `cargo firmware`: builds the image for each board, checks that a chip would start it, and says where the bytes go.
+//! `cargo firmware`: builds the image for each board, checks that a chip would start it, and reports its size by room.
 //!
 //! Bytes of a *room* come from the line table of the debug information, which knows the source file of every instruction
 //! even after everything has been inlined into the tasks. The largest *frame* is the most that one function takes of the
@@ -28,9 +28,9 @@ const FLASH_LIMIT: u64 = 384 * 1024;
 const RAM_LIMIT: u64 = 64 * 1024;
 /// A value that belongs into a static, not on the stack, shows as a larger frame; and a larger one could step over the guard.
 const FRAME_LIMIT: u32 = STACK_GUARD;
-/// What everything at once may take of the stack; RAM leaves more than twice as much.
+/// Largest stack of all tasks together; RAM leaves more than twice as much.
 const STACK_LIMIT: u32 = STACK;
-/// What RAM has to leave: the stack and its guard.
+/// Least RAM for the stack and its guard.
 const RESERVE: u32 = STACK + STACK_GUARD;
 const _: () = assert!(RAM.end - RAM.start - RAM_LIMIT >= 2 * STACK_LIMIT as u64);
 const FLASH: std::ops::Range<u64> = VECTORS..seal::FLASH_END as u64;
@@ -208,22 +208,22 @@ impl Image {
             return Err(format!("flash {} or RAM {} bytes are over their limits", self.flash, self.ram));
         }
         if self.frame > FRAME_LIMIT {
-            return Err(format!("a function takes {} bytes of stack", self.frame));
+            return Err(format!("a function uses {} bytes of stack, more than allowed", self.frame));
         }
         if tasks.stack > STACK_LIMIT || self.left() < RESERVE.into() {
             let (stack, left) = (tasks.stack, self.left());
             return Err(format!(
-                "the stack gets {stack} bytes deep; {STACK_LIMIT} are allowed, {left} are there with the guard of {STACK_GUARD}"
+                "the stack is {stack} bytes deep; {STACK_LIMIT} are allowed, {left} are free with the guard of {STACK_GUARD}"
             ));
         }
         // RTIC masks while it starts, and a panic for good. Another one is a critical section that would delay the
         // reflex.
         if self.masks > 2 {
-            return Err(format!("PRIMASK is set in {} places, 2 allowed: whose critical section is it?", self.masks));
+            return Err(format!("PRIMASK is set in {} places, 2 are allowed: find the critical section", self.masks));
         }
         if let Some(name) = &self.placed {
             return Err(format!(
-                "section {name} names where this computer keeps the libraries: another one builds another image"
+                "section {name} has a path of this computer's libraries: another computer would build another image"
             ));
         }
         Ok(())

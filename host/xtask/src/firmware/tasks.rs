@@ -1,10 +1,10 @@
-//! What the tasks of an image can reach, and what they take of the stack: no tick panics, and all of them at once fit.
+//! Calls and stack depth of the tasks of an image: no tick panics, and all tasks together fit the stack.
 //!
-//! A *panic* is a call of a routine of `core` that leads to the panic handler. The trap that the compiler puts where it has
-//! proved that nobody gets, such as the arm of a variant that has been dealt with, is none.
+//! A *panic* is a call of a routine of `core` that leads to the panic handler. A trap in code that the
+//! compiler has proved unreachable is none.
 //!
-//! The stack is reckoned from above: each priority is interrupted by each higher one where it is deepest, and by whatever
-//! dies. A function that jumps to another at its end counts as if it kept its frame, a panic as if it went on, and start-up,
+//! The stack is an upper bound: each priority is interrupted by each higher one where it is deepest, and by a fault
+//! handler. A function that jumps to another at its end counts as if it kept its frame, a panic as if it went on, and start-up,
 //! which nothing interrupts, as if it were idle.
 
 use super::graph::{Function, Graph};
@@ -83,7 +83,7 @@ pub const HEAD: Rules = Rules {
         Indirect {
             from: &[],
             to: &["core::fmt::", "core::ptr::drop_in_place<"],
-            why: "nobody calls them: the panic handler takes file and line, not the text, and nothing behind a vtable is dropped",
+            why: "never called: the panic handler takes file and line, not the text, and nothing behind a vtable is dropped",
         },
     ],
     panics: &[
@@ -246,7 +246,7 @@ impl Check<'_> {
         }
     }
 
-    /// Calls and stack pointers that nobody knows, among what can be reached; lines of `rules` that are not needed.
+    /// Unknown calls and stack pointers, among what can be reached; lines of `rules` that are not needed.
     fn unknown(&mut self, reached: &BTreeSet<usize>, rules: &Rules) {
         let mut errors = Vec::new();
         let callers = || reached.iter().map(|number| &self.graph.functions[*number]);
@@ -296,7 +296,7 @@ impl Check<'_> {
     }
 
     /// Routines that panic: what leads to the handler without leaving `core`. What the compiler has taken out of several
-    /// functions belongs to whoever calls it.
+    /// functions belongs to its callers.
     fn routines(&self) -> BTreeSet<usize> {
         let all = 0..self.graph.functions.len();
         let mut routines: BTreeSet<usize> = all

@@ -1,6 +1,6 @@
 //! Thumb instructions, as far as they lead elsewhere or move the stack pointer (ARMv7-M manual, A5 and A7.7).
 //!
-//! By hand: the library that knows every instruction (capstone) wants a C compiler, and the one in Rust (yaxpeax-arm) does
+//! Our own decoder: the library that knows every instruction (capstone) needs a C compiler, and the one in Rust (yaxpeax-arm) does
 //! not know `vpush`. An instruction that is not recognised here is taken for one that does neither.
 
 /// What an instruction does.

@@ -1,4 +1,4 @@
-//! The tasks by priority and what crosses between them: an N-squared chart of the task table and of the declarations in
+//! The tasks by priority and the data between them: an N-squared chart of the task table and of the declarations in
 //! runtime/src/crossings.rs.
 
 use super::svg::{Anchor, Fill, Sheet};
@@ -99,7 +99,7 @@ pub fn draw() -> Result<String, String> {
     let side = BLOCKS.len() as f64;
     let (width, height) = (2.0 * CORNER.0 + side * CELL.0, CORNER.1 + side * CELL.1);
     let mut sheet =
-        Sheet::new(width as u32, (height + 64.0) as u32, "Tasks, their priorities, and what crosses between them");
+        Sheet::new(width as u32, (height + 64.0) as u32, "Tasks, their priorities, and the data between them");
     for (place, Block { name, tasks, .. }) in BLOCKS.iter().enumerate() {
         for column in 0..BLOCKS.len() {
             let (x, y) = corner(place, column);
@@ -129,16 +129,11 @@ pub fn draw() -> Result<String, String> {
             }
         }
     }
-    let legend = "A row has what its task gives, a column what its task takes. A higher number preempts a lower one.";
+    let legend = "A row shows the outputs of its task, a column its inputs. A higher number preempts a lower one.";
     sheet.text((CORNER.0, height + 26.0), 13, Anchor::Start, legend);
     sheet.text((CORNER.0, height + 46.0), 13, Anchor::Start, "upright: the newest value wins");
-    sheet.slanted(
-        (CORNER.0 + 230.0, height + 46.0),
-        13,
-        Anchor::Start,
-        "slanted: a ring, what does not fit is counted",
-    );
-    sheet.text((CORNER.0 + 540.0, height + 46.0), 13, Anchor::Start, "(in brackets): an atomic; not all of them");
+    sheet.slanted((CORNER.0 + 230.0, height + 46.0), 13, Anchor::Start, "slanted: a ring; lost entries are counted");
+    sheet.text((CORNER.0 + 540.0, height + 46.0), 13, Anchor::Start, "(in brackets): an atomic; not all are shown");
     Ok(sheet.finish())
 }
 

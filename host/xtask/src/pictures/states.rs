@@ -41,7 +41,7 @@ struct Arrow {
     at: (f64, f64),
 }
 
-/// What stands still with its loop closed.
+/// States at rest with the loop closed.
 const REST: &[State] = &[Ready, HoldingPosition, Done];
 
 /// How an erosion ends.

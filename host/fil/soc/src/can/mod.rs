@@ -43,7 +43,7 @@ enum Mail {
 pub struct Can {
     mcr: u32,
     mode: Mode,
-    /// Mode asked for, and when it is acknowledged.
+    /// Requested mode, and when it is acknowledged.
     target: Mode,
     change_at: u64,
     msr: u32,

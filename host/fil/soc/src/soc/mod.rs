@@ -29,7 +29,7 @@ use crate::{Error, Fault, NEVER, TICK_HZ};
 pub enum Reset {
     /// Power came up.
     Power,
-    /// The processor asked for it (AIRCR).
+    /// The processor requested it (AIRCR).
     Software,
     /// The independent watchdog.
     Watchdog,
@@ -50,7 +50,7 @@ mod slot {
     pub const COUNT: usize = WATCHDOG + 1;
 }
 
-/// An STM32F405 and its surroundings. A clone goes on by itself, with a processor that is halted, unless somebody has one for
+/// An STM32F405 and its surroundings. A clone continues by itself, with a halted processor, unless an engine runs one for
 /// it: its memories are its own.
 #[derive(Clone)]
 pub struct Soc<W> {
@@ -85,7 +85,7 @@ pub struct Soc<W> {
     dac: Dac,
     dac_out: [u16; 2],
     iwdg: Iwdg,
-    /// HCLK, PCLK1, PCLK2 the peripherals were told.
+    /// HCLK, PCLK1, PCLK2 that the peripherals use.
     clocks: (u64, u64, u64),
     half_ticks: u64,
     spare: Vec<Vec<Event>>,
@@ -226,7 +226,7 @@ impl<W: World> Soc<W> {
         self.error
     }
 
-    /// A reset that was asked for and not yet done with [`Soc::reset`].
+    /// A reset that was requested and not yet done with [`Soc::reset`].
     pub fn reset_request(&self) -> Option<Reset> {
         self.reset
     }
@@ -236,7 +236,7 @@ impl<W: World> Soc<W> {
         self.reset = Some(cause);
     }
 
-    /// The crystal stops for ever. Without the clock security system the processor would stand, which ends in an error.
+    /// The crystal stops. Without the clock security system the processor would stand, which ends in an error.
     pub fn lose_crystal(&mut self) {
         self.hse_hz = 0;
         if self.rcc.lose_crystal() {
@@ -300,7 +300,7 @@ impl<W: World> Soc<W> {
         self.set_due(slot::WORLD, self.world.next_change());
     }
 
-    /// A debugger halts the processor for `ticks`, from now on. What it has told to stand with it does.
+    /// A debugger halts the processor for `ticks`, from now on. What DBGMCU stops with it stops.
     pub fn halt(&mut self, ticks: u64) {
         // The cycle counter stands in debug state (ARMv7-M C1.8.3).
         self.core.slept(ticks);
@@ -372,7 +372,7 @@ impl<W: World> Soc<W> {
         self.set_due(slot::WORLD, next);
     }
 
-    /// Tells the peripherals the frequencies of the clock tree when they have changed.
+    /// Gives the peripherals the frequencies of the clock tree when they have changed.
     fn follow_clocks(&mut self) -> Result<(), Fault> {
         let now = self.now;
         let hclk = self.rcc.hclk(now);

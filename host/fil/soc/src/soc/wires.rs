@@ -234,7 +234,7 @@ impl<W: World> Soc<W> {
         }
     }
 
-    /// What the chip drives a pin with, told to the world when it changes.
+    /// What the chip drives a pin with, reported to the world when it changes.
     fn refresh_drive(&mut self, port: usize, n: u8) {
         let drive = match self.routes[port][usize::from(n)] {
             Some(Signal::Channel(t, c)) => self.timers[usize::from(t) - 1].drive(usize::from(c) - 1),

@@ -20,7 +20,7 @@ impl Timer {
         if self.cnt > self.arr_now { self.mask() } else { self.arr_now }
     }
 
-    /// Tick of the next wrap, or of the next match somebody waits for.
+    /// Tick of the next wrap, or of the next match that is waited for.
     pub(super) fn next_count(&self) -> u64 {
         if !self.ticking() {
             return NEVER;

@@ -51,7 +51,7 @@ pub const KINDS: [Kind; 14] = {
     ]
 };
 
-/// What a timer tells the rest of the chip.
+/// Events of a timer for the rest of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
     /// Rising edge of the trigger output (§18.4.2, MMS).
@@ -186,7 +186,7 @@ impl Timer {
         self.clock = ticks.unwrap_or(0);
     }
 
-    /// What [`Timer::set_clock`] was told.
+    /// Clock from [`Timer::set_clock`].
     pub fn clock(&self) -> Option<u64> {
         (self.clock != 0).then_some(self.clock)
     }
