@@ -39,6 +39,17 @@ pub struct Socketcand {
     message: Option<Vec<u8>>,
 }
 
+/// Takes a byte; the message that it ends, if it does.
+fn whole(message: &mut Option<Vec<u8>>, byte: u8) -> Option<String> {
+    match (byte, &mut *message) {
+        (b'<', _) => *message = Some(Vec::new()),
+        (b'>', _) => return message.take().map(|message| String::from_utf8_lossy(&message).into_owned()),
+        (byte, Some(message)) if message.len() <= LONGEST => message.push(byte),
+        _ => {}
+    }
+    None
+}
+
 impl Protocol for Socketcand {
     fn greeting(&self) -> &'static str {
         "< hi >"
@@ -46,15 +57,8 @@ impl Protocol for Socketcand {
 
     fn receive(&mut self, bytes: &[u8], out: &mut Outgoing, frames: &mut Vec<Frame>) {
         for &byte in bytes {
-            match (byte, &mut self.message) {
-                (b'<', message) => *message = Some(Vec::new()),
-                (b'>', message) => {
-                    if let Some(message) = message.take() {
-                        self.command(&String::from_utf8_lossy(&message), out, frames);
-                    }
-                }
-                (byte, Some(message)) if message.len() <= LONGEST => message.push(byte),
-                _ => {}
+            if let Some(message) = whole(&mut self.message, byte) {
+                self.command(&message, out, frames);
             }
         }
     }
@@ -135,15 +139,8 @@ impl Caller {
 impl Protocol for Caller {
     fn receive(&mut self, bytes: &[u8], out: &mut Outgoing, frames: &mut Vec<Frame>) {
         for &byte in bytes {
-            match (byte, &mut self.message) {
-                (b'<', message) => *message = Some(Vec::new()),
-                (b'>', message) => {
-                    if let Some(message) = message.take() {
-                        self.answered(&String::from_utf8_lossy(&message), out, frames);
-                    }
-                }
-                (byte, Some(message)) if message.len() <= LONGEST => message.push(byte),
-                _ => {}
+            if let Some(message) = whole(&mut self.message, byte) {
+                self.answered(&message, out, frames);
             }
         }
     }

@@ -110,7 +110,7 @@ pub struct Millisecond {
 }
 
 impl Millisecond {
-    fn new(t_s: f64) -> Millisecond {
+    pub(crate) fn new(t_s: f64) -> Millisecond {
         Millisecond {
             t_s,
             phase: Phase::Eroding,

@@ -163,25 +163,15 @@ mod tests {
         let x = f64::from(i);
         let span = Span { mean: x, min: x - 1.0, max: x + 1.0 };
         Bucket::from(&Millisecond {
-            t_s: x / 1000.0,
             phase: if i.is_multiple_of(2) { Phase::Eroding } else { Phase::Seeking },
             position_um: span,
-            beside_um: [0.0; 2],
             surface_um: x,
             gap_um: span,
             gap_v: span,
             filtered_v: span,
-            filtered_square: 0.0,
             setpoint_v: x,
             duty: span,
-            vibration_square: 0.0,
-            wear_um: 0.0,
-            debris: 0.0,
-            damage: 0.0,
-            contact_n: 0.0,
-            film_n: 0.0,
-            velocity_square: 0.0,
-            pulses: Default::default(),
+            ..Millisecond::new(x / 1000.0)
         })
     }
 

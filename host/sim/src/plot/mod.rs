@@ -103,10 +103,8 @@ mod tests {
     pub(super) fn ms(i: u32, phase: Phase) -> Millisecond {
         let span = Span { mean: 1.0, min: 0.0, max: 2.0 };
         Millisecond {
-            t_s: f64::from(i) / 1000.0,
             phase,
             position_um: span,
-            beside_um: [0.0; 2],
             surface_um: 1.0,
             gap_um: span,
             gap_v: span,
@@ -114,14 +112,7 @@ mod tests {
             filtered_square: 1.0,
             setpoint_v: 55.0,
             duty: span,
-            vibration_square: 0.0,
-            wear_um: 0.0,
-            debris: 0.0,
-            damage: 0.0,
-            contact_n: 0.0,
-            film_n: 0.0,
-            velocity_square: 0.0,
-            pulses: Default::default(),
+            ..Millisecond::new(f64::from(i) / 1000.0)
         }
     }
 

@@ -1,6 +1,5 @@
 use super::*;
 use crate::millisecond::Span;
-use crate::process::Pulses;
 use std::f64::consts::TAU;
 
 fn span(x: f64) -> Span {
@@ -11,10 +10,7 @@ fn span(x: f64) -> Span {
 fn quiet(ms: u32) -> Millisecond {
     let t_s = f64::from(ms) / 1000.0;
     Millisecond {
-        t_s,
-        phase: Phase::Eroding,
         position_um: span(3.0 * t_s),
-        beside_um: [0.0; 2],
         surface_um: 3.0 * t_s + 40.0,
         gap_um: span(40.0),
         gap_v: span(55.0),
@@ -22,14 +18,9 @@ fn quiet(ms: u32) -> Millisecond {
         filtered_square: 55.0 * 55.0,
         setpoint_v: 55.0,
         duty: span(-0.1),
-        vibration_square: 0.0,
-        wear_um: 0.0,
         debris: 0.5,
         damage: 0.25,
-        contact_n: 0.0,
-        film_n: 0.0,
-        velocity_square: 0.0,
-        pulses: Pulses::default(),
+        ..Millisecond::new(t_s)
     }
 }
 
