@@ -3,9 +3,10 @@
 use crate::Failure;
 use crate::bore::{self, Hole, Outcome, Request, Requests, Run, Site};
 use crate::bring_up::{self, BringUp, Check, Verdict};
-use crate::bus::{Bus, SILENCE};
+use crate::bus::SILENCE;
+use crate::common::{Common, say};
+use crate::found::{Found, find};
 use crate::gap::Gap;
-use crate::head::{Head, Identity, scan};
 use crate::live::{Event, Live, Sample};
 use crate::page::{self, Listen};
 use crate::scope::{self, Plan, Trigger};
@@ -13,10 +14,7 @@ use crate::sdo::SdoError;
 use crate::settings::{self, Setting};
 use crate::sheet::{Kind, Sheet};
 use clap::{Args, Parser, Subcommand};
-use edm_bus::Connection;
-use serde::Serialize;
 use std::ffi::OsString;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -25,9 +23,6 @@ use std::time::{Duration, Instant};
 /// Exit codes: failed; bad input, nothing was done.
 const FAILED: u8 = 1;
 const BAD_INPUT: u8 = 2;
-
-/// The head that is meant when none is named.
-const NODE: u8 = 1;
 
 /// Time to let go of a head that was moved manually, before the guided check.
 const HANDS_OFF: Duration = Duration::from_secs(5);
@@ -41,28 +36,6 @@ struct Cli {
     /// Default: the page
     #[command(subcommand)]
     command: Option<Command>,
-}
-
-#[derive(Clone, Debug, Args)]
-pub(crate) struct Common {
-    /// The bus: socket://HOST:PORT (slcan), a serial port (slcan), socketcand://HOST:PORT/can0, or an interface such as can0
-    #[arg(long, global = true, value_name = "BUS", default_value = "socket://127.0.0.1:3333")]
-    pub bus: Connection,
-    /// Bit rate of a slcan adapter
-    #[arg(long, global = true, value_name = "BIT/S", default_value_t = 1_000_000, value_parser = bit_rate)]
-    pub bit_rate: u32,
-    /// Node-ID of the head: default 1; `heads` lists all
-    #[arg(long, global = true, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..=127))]
-    pub node: Option<u8>,
-    /// Node-ID of this program's heartbeat
-    #[arg(long, global = true, value_name = "ID", default_value_t = 127, value_parser = clap::value_parser!(u8).range(1..=127))]
-    pub host_id: u8,
-    /// Description file of the head, when its firmware is not from this tree
-    #[arg(long, global = true, value_name = "FILE")]
-    pub eds: Option<PathBuf>,
-    /// JSON instead of text: one object, or one per line for `watch`, `gap` and `log`
-    #[arg(long, global = true)]
-    pub json: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -313,30 +286,6 @@ impl Cli {
 }
 
 impl Common {
-    pub(crate) fn sheet(&self) -> Result<Arc<Sheet>, Failure> {
-        let Some(path) = &self.eds else { return Ok(Arc::new(Sheet::own().map_err(Failure::Failed)?)) };
-        let named = |why: String| Failure::BadInput(format!("--eds {}: {why}", path.display()));
-        let bytes = std::fs::read(path).map_err(|error| named(error.to_string()))?;
-        Ok(Arc::new(Sheet::parse(&String::from_utf8_lossy(&bytes)).map_err(named)?))
-    }
-
-    pub(crate) fn join(&self) -> Result<Bus, Failure> {
-        Bus::join(&self.bus, self.bit_rate, self.host_id, &(Arc::new(|text: &str| eprintln!("{text}")) as _))
-    }
-
-    fn head(&self, sheet: &Arc<Sheet>) -> Result<Head, Failure> {
-        Head::open(&self.join()?, self.node.unwrap_or(NODE), sheet)
-    }
-
-    fn say(&self, value: &impl Serialize, text: impl FnOnce() -> String) {
-        if self.json {
-            // None of the types that are said can fail: their keys are strings.
-            say(&(serde_json::to_string(value).unwrap_or_default() + "\n"));
-        } else {
-            say(&text());
-        }
-    }
-
     fn object(&self, sheet: &Arc<Sheet>, name: &str, value: Option<&str>) -> Result<(), Failure> {
         let object = sheet.named(name).map_err(Failure::BadInput)?;
         let address = object.address;
@@ -593,52 +542,6 @@ fn from_file<'a>(sheet: &'a Sheet, path: &Path) -> Result<Vec<Setting<'a>>, Fail
     settings::parse(sheet, &text).map_err(named)
 }
 
-/// A node that answers.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Found {
-    /// Node-ID.
-    pub node: u8,
-    /// Who it is, if it is a head.
-    pub identity: Option<Identity>,
-    /// What it does.
-    pub now: Option<Sample>,
-    /// Why this program does not use it.
-    pub why_not: Option<String>,
-}
-
-/// Looks for heads.
-pub fn find(bus: &Bus, sheet: &Arc<Sheet>) -> Vec<Found> {
-    let look = |node| {
-        let head = Head::open(bus, node, sheet)?;
-        let now = Live::new(&head)?.sample()?;
-        Ok::<_, Failure>((head.identity, now))
-    };
-    let found = |node| match look(node) {
-        Ok((identity, now)) => Found { node, identity: Some(identity), now: Some(now), why_not: None },
-        Err(why) => Found { node, identity: None, now: None, why_not: Some(why.to_string()) },
-    };
-    scan(bus).into_iter().map(found).collect()
-}
-
-impl Found {
-    fn text(&self) -> String {
-        let (Some(identity), Some(now)) = (&self.identity, &self.now) else {
-            return format!("{}\n", self.why_not.as_deref().unwrap_or_default());
-        };
-        let fault = if now.fault_number == 0 { String::new() } else { format!("\n  fault   {}", now.fault) };
-        format!(
-            "node {}: {}, hardware {}, software {}, serial number {}\n  state   {}, {}{fault}\n",
-            identity.node,
-            identity.name,
-            identity.hardware,
-            identity.software,
-            identity.serial,
-            now.state,
-            if now.homed { format!("at {:.3} mm", now.position_mm) } else { "not homed".into() },
-        )
-    }
-}
-
 fn listed(Setting { object, value }: &Setting<'_>) -> String {
     let changed = match &object.default {
         Some(default) if default != value => format!("  (default {default})"),
@@ -704,14 +607,4 @@ fn end(seconds: Option<f64>) -> Instant {
 fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds| (0.0..=1e9).contains(seconds));
     seconds.ok_or_else(|| "must be a number from 0 to 1000000000".into())
-}
-
-fn bit_rate(text: &str) -> Result<u32, String> {
-    let rate = text.parse().ok().filter(|rate| matches!(rate, 125_000 | 250_000 | 500_000 | 1_000_000));
-    rate.ok_or_else(|| "must be 125000, 250000, 500000 or 1000000".into())
-}
-
-/// Prints to stdout. A reader that has gone (`| head`) is no error.
-pub(crate) fn say(text: &str) {
-    let _ = std::io::stdout().write_all(text.as_bytes());
 }

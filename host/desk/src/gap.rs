@@ -4,8 +4,7 @@
 //! a seek has measured it.
 
 use crate::Failure;
-use crate::head::{Head, at};
-use crate::live::LED;
+use crate::head::{Head, at, state};
 use crate::sdo::Address;
 use serde::Serialize;
 
@@ -85,11 +84,11 @@ impl Gap {
         let looks = counts.iter().map(|(_, count)| count).sum();
         let share = |count| (looks > 0).then(|| f64::from(count) * 100.0 / f64::from(looks));
         let shares = counts.into_iter().map(|(what, count)| Share { what, percent: share(count) }).collect();
-        let state = head.whole(at::STATE)?;
-        let feed_um_s = if LED.contains(&(state as u8)) { Some(head.number(at::FEED)?) } else { None };
+        let now = head.whole(at::STATE)?;
+        let feed_um_s = if state::LED.contains(&(now as u8)) { Some(head.number(at::FEED)?) } else { None };
         Ok(Gap {
             node: head.node,
-            state: named(at::STATE, state),
+            state: named(at::STATE, now),
             volts: MEASURED.contains(&quality).then_some(volts),
             quality: named(at::GAP_QUALITY, quality),
             ladder,

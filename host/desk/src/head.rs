@@ -149,6 +149,8 @@ pub mod state {
     pub const PROVING: u8 = 12;
     /// Out of the work and back, to flush.
     pub const JUMPING: u8 = 13;
+    /// States in which the feed that the gap requests is valid.
+    pub const LED: [u8; 5] = [SEEKING, ERODING, RETREATING, GUIDING, JUMPING];
 }
 
 /// State of a search for the surface, 2011h:3.

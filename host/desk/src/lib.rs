@@ -12,9 +12,11 @@
 //! | [`live`] | present state of a head, and its events |
 //! | [`bore`] | a hole, from disabled to disabled |
 //! | [`gap`] | the gap now |
+//! | [`found`] | the heads on a bus |
 //! | [`guide`] | texts and limits of docs/bring-up.md |
 //! | [`bring_up`] | its steps that a host can see, the guided check, a report |
 //! | [`scope`] | a record of the head's own scope |
+//! | `common` | options of every command |
 //! | [`page`] | the same in a browser: one session commands, others watch |
 //! | [`cli`] | the commands |
 
@@ -22,6 +24,8 @@ pub mod bore;
 pub mod bring_up;
 pub mod bus;
 pub mod cli;
+mod common;
+pub mod found;
 pub mod gap;
 pub mod guide;
 pub mod head;

@@ -15,8 +15,6 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Age up to which a value of process data is taken for the present one.
 const FRESH: Duration = Duration::from_millis(120);
-/// States in which the feed that the gap requests is valid.
-pub const LED: [u8; 5] = [state::SEEKING, state::ERODING, state::RETREATING, state::GUIDING, state::JUMPING];
 /// Events kept until they are taken.
 const EVENTS: usize = 256;
 
@@ -195,7 +193,7 @@ impl Live {
         self.last = Some((state_number, fault_number));
         let measured = gap::MEASURED.contains(&(self.number(at::GAP_QUALITY)? as i64));
         let gap_v = if measured { Some(self.number(at::GAP)?) } else { None };
-        let feed_um_s = if LED.contains(&state_number) { Some(self.number(at::FEED)?) } else { None };
+        let feed_um_s = if state::LED.contains(&state_number) { Some(self.number(at::FEED)?) } else { None };
         Ok(Sample {
             at_ms: self.began.elapsed().as_millis() as u64,
             node: self.head.node,
