@@ -13,6 +13,7 @@ use edm_sim::cli::{Bore, EXIT_BAD_INPUT, EXIT_FAILED, Failure};
 use edm_sim::observe::Recorder;
 use edm_sim::output::Output;
 use edm_sim::run::{Job, Progress};
+use edm_sim::terminal::one_line;
 use edm_soc::TICK_HZ;
 use rustix::time::{ClockId, clock_gettime};
 use std::cell::Cell;
@@ -97,7 +98,7 @@ fn main() -> ExitCode {
             return ExitCode::SUCCESS;
         }
         Err(error) => {
-            eprintln!("edm-fil: {}", one_line(&error.to_string()));
+            eprintln!("edm-fil: {}", one_line("edm-fil", &error.to_string()));
             return ExitCode::from(EXIT_BAD_INPUT);
         }
     };
@@ -138,13 +139,6 @@ fn main() -> ExitCode {
 fn cpu_time() -> Duration {
     let spent = clock_gettime(ClockId::ProcessCPUTime);
     Duration::new(spent.tv_sec.unsigned_abs(), spent.tv_nsec.unsigned_abs() as u32)
-}
-
-/// What clap says, without its hints.
-fn one_line(text: &str) -> String {
-    let body = text.split("\n\nUsage:").next().unwrap_or(text).split("\n\nFor more information").next().unwrap_or(text);
-    let joined = body.split_whitespace().collect::<Vec<_>>().join(" ");
-    joined.strip_prefix("error: ").unwrap_or(&joined).to_owned()
 }
 
 /// A time that a run may last.

@@ -20,3 +20,12 @@ pub enum Failure {
 pub fn say(text: &str) {
     let _ = std::io::stdout().write_all(text.as_bytes());
 }
+
+/// What the argument parser says, without usage and hints on further lines.
+pub fn one_line(program: &str, text: &str) -> String {
+    let body = text.split("\n\nUsage:").next().unwrap_or(text).split("\n\nFor more information").next().unwrap_or(text);
+    let lines = body.lines().map(str::trim).filter(|line| !line.is_empty());
+    let joined = lines.collect::<Vec<_>>().join(" ");
+    let message = joined.strip_prefix("error: ").unwrap_or(&joined);
+    format!("{}; see `{program} --help`", message.trim_end_matches('.'))
+}

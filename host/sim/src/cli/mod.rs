@@ -26,7 +26,7 @@ use crate::observe::Run;
 use crate::serve::Serve;
 use crate::soak::Soak;
 use crate::sweep::Sweep;
-use crate::terminal::say;
+use crate::terminal::{one_line, say};
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 use std::ffi::OsString;
@@ -113,7 +113,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Err(error) if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
             return complain("a command is missing; see `edm-sim --help`", EXIT_BAD_INPUT);
         }
-        Err(error) => return complain(&one_line(&error.to_string()), EXIT_BAD_INPUT),
+        Err(error) => return complain(&one_line("edm-sim", &error.to_string()), EXIT_BAD_INPUT),
     };
     let done = match cli.command {
         Command::Bore(bore) => bore.execute(run),
@@ -151,15 +151,6 @@ fn complain(message: &str, code: u8) -> ExitCode {
     ExitCode::from(code)
 }
 
-/// What the argument parser says, without usage and hints on further lines.
-fn one_line(text: &str) -> String {
-    let body = text.split("\n\nUsage:").next().unwrap_or(text).split("\n\nFor more information").next().unwrap_or(text);
-    let lines = body.lines().map(str::trim).filter(|line| !line.is_empty());
-    let joined = lines.collect::<Vec<_>>().join(" ");
-    let message = joined.strip_prefix("error: ").unwrap_or(&joined);
-    format!("{}; see `edm-sim --help`", message.trim_end_matches('.'))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -176,7 +167,7 @@ mod tests {
             [&["edm-sim"][..], &["edm-sim", "bor"], &["edm-sim", "bore", "--sed", "1"], &["edm-sim", "bore", "x"]]
         {
             let error = Cli::try_parse_from(arguments).unwrap_err();
-            let line = one_line(&error.to_string());
+            let line = one_line("edm-sim", &error.to_string());
             assert!(!line.contains('\n') && !line.contains("Usage"), "{line}");
         }
     }
