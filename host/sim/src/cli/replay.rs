@@ -16,7 +16,7 @@ pub struct Replay {
     /// Rohde & Schwarz, Hantek or Pico oscilloscope, of sigrok or Saleae; evenly sampled, 10 kS/s to 10 MS/s
     #[arg(value_name = "IN.csv")]
     pub input: PathBuf,
-    /// Settings of the head: the table [head] of a scenario file [default: all defaults]
+    /// Settings of the head: the table `head` of a scenario file [default: all defaults]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Change a setting after the file; may be repeated, the last one counts (`edm-sim settings` lists the keys)
