@@ -70,7 +70,7 @@ pub(super) struct OneSector<'f> {
     pub permit: Option<&'f dyn Permit>,
 }
 
-/// Why a view did not do as it was told.
+/// Why a view has failed.
 #[derive(Debug)]
 pub(super) enum Denied {
     Flash,
