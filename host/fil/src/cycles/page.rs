@@ -69,7 +69,6 @@ mod tests {
             load_percent,
             tasks: [("servo".to_owned(), figures(mean, worst)), ("gap".to_owned(), figures(900.0, 950))].into(),
             load: [("servo".to_owned(), 9.25), ("gap".to_owned(), load_percent - 9.25)].into(),
-            ..Scene::default()
         };
         Measured {
             scenes: Pair { rest: scene(servo, worst, 20.1), moving: scene(600.0, 850, 40.2) },
