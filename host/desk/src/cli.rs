@@ -49,13 +49,13 @@ enum Command {
     Settings(Settings),
     /// Shows state, gap, feed and position of a head, until Ctrl-C
     Watch {
-        /// Ends after so many seconds
+        /// Ends after this time
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
     /// Shows the gap: voltage levels, shares of pulses, feed; until Ctrl-C
     Gap {
-        /// Ends after so many seconds
+        /// Ends after this time
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
@@ -63,7 +63,7 @@ enum Command {
     Scope(ScopeOptions),
     /// Shows emergencies, faults, refusals and changes of state as they happen, until Ctrl-C
     Log {
-        /// Ends after so many seconds
+        /// Ends after this time
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
@@ -79,7 +79,7 @@ enum Command {
     Object {
         /// As in docs/objects.md: 2005:1, or Gap.Voltage
         name: String,
-        /// What to write
+        /// Value to write
         #[arg(allow_hyphen_values = true)]
         value: Option<String>,
     },

@@ -36,7 +36,7 @@ pub fn in_project(file: &Path) -> Result<PathBuf> {
 /// Arguments of `cargo fil cycles`.
 #[derive(Debug, Args)]
 pub struct Cycles {
-    /// Write the figures here as JSON
+    /// Write the figures as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Page with the section [default: docs/performance.md of the project]

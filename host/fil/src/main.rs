@@ -67,13 +67,13 @@ struct Record {
 
 #[derive(Args)]
 struct Latency {
-    /// Write the result here as JSON.
+    /// Write the result as JSON.
     #[arg(long)]
     json: Option<PathBuf>,
     /// Cycles from one offset to the next; 1 sweeps all 8400.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=8400))]
     step: u64,
-    /// Fail when a bound is broken.
+    /// Fail when a bound is exceeded.
     #[arg(long)]
     check: bool,
 }
