@@ -58,7 +58,7 @@ fn filtered(config: Config, seconds: f64, mut gap: impl FnMut(f64) -> (f64, bool
     let mut source = Voltage::new(config.build().unwrap());
     let ticks = (f64::from(TICK_HZ) * (1.0 + seconds)) as usize;
     let tick = |tick: usize| {
-        let mut block = GapBlock { codes: [0; BLOCK], gate: 0 };
+        let mut block = GapBlock { codes: [0; BLOCK], gate: 0, ..GapBlock::EMPTY };
         for i in 0..BLOCK {
             let (volts, on) = gap((tick * BLOCK + i) as f64 / f64::from(ADC_HZ));
             block.codes[i] = (f64::from(config.zero_code) + volts / f64::from(config.volts_per_code)).round() as u16;

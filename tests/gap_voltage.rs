@@ -20,7 +20,7 @@ fn source(config: Config) -> Voltage {
 fn block(volts: f32, gate: u32) -> GapBlock {
     let zero = Config::default().zero_code;
     let on = (f32::from(zero) + volts / Config::default().volts_per_code).round() as u16;
-    GapBlock { codes: std::array::from_fn(|i| if gate >> i & 1 == 1 { on } else { zero }), gate }
+    GapBlock { codes: std::array::from_fn(|i| if gate >> i & 1 == 1 { on } else { zero }), gate, ..GapBlock::EMPTY }
 }
 
 fn run(source: &mut Voltage, block: Option<GapBlock>, ticks: usize) -> GapReading {
@@ -36,7 +36,8 @@ fn assert_near(got: Volts, volts: f32, within: f32) {
 fn a_constant_voltage_reads_as_itself_with_either_polarity() {
     for (polarity, code) in [(Polarity::Positive, 2600), (Polarity::Negative, 1400)] {
         let mut source = source(Config { polarity, zero_code: 2000, ..Config::default() });
-        let reading = run(&mut source, Some(GapBlock { codes: [code; BLOCK], gate: GapBlock::ALL }), SETTLED);
+        let reading =
+            run(&mut source, Some(GapBlock { codes: [code; BLOCK], gate: GapBlock::ALL, ..GapBlock::EMPTY }), SETTLED);
         assert_near(reading.filtered, 60.0, 0.001);
         assert_near(reading.block, 60.0, 0.001);
         assert_eq!(reading.quality, Quality::Valid);
@@ -120,7 +121,8 @@ fn a_run_of_shorts_counts_every_tick_since_its_first_block() {
 fn a_short_lies_below_its_threshold_and_what_lies_on_it_is_none() {
     let config = Config { short: Volts(15.0), zero_code: 2000, volts_per_code: 0.125, ..Config::default() };
     for (code, ticks) in [(2000 + 119, 1), (2000 + 120, 0), (2000 - 119, 1), (2000 - 120, 0)] {
-        let reading = source(config).update(Some(&GapBlock { codes: [code; BLOCK], gate: GapBlock::ALL }));
+        let reading =
+            source(config).update(Some(&GapBlock { codes: [code; BLOCK], gate: GapBlock::ALL, ..GapBlock::EMPTY }));
         assert_eq!(reading.short_ticks, ticks, "code {code}");
     }
 }
@@ -174,7 +176,7 @@ fn swapped_leads_are_told_from_noise_around_zero() {
 
 #[test]
 fn an_input_that_is_at_the_end_of_its_range_in_off_time_too_is_dead_and_not_swapped() {
-    let dead = GapBlock { codes: [0; BLOCK], gate: GapBlock::ALL >> 3 };
+    let dead = GapBlock { codes: [0; BLOCK], gate: GapBlock::ALL >> 3, ..GapBlock::EMPTY };
     assert_eq!(run(&mut source(Config::default()), Some(dead), 100).quality, Quality::Saturated);
 }
 
@@ -251,7 +253,7 @@ proptest! {
         let mut source = source(Config::default());
         for event in events {
             let reading = match event {
-                Event::Block(codes, gate) => source.update(Some(&GapBlock { codes, gate })),
+                Event::Block(codes, gate) => source.update(Some(&GapBlock { codes, gate, ..GapBlock::EMPTY })),
                 Event::Nothing => source.update(None),
                 Event::Retune(plain, negative, zero_code, volts_per_code, corner) => {
                     let config = Config {

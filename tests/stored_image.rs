@@ -510,8 +510,12 @@ macro_rules! fixture {
 }
 
 /// Settings that 0.1.0 did not have: the default is in force, and said so.
-const NEWER: [(u16, u8); 34] = [
+const NEWER: [(u16, u8); 38] = [
     (0x2100, 19),
+    (0x2100, 20),
+    (0x2100, 21),
+    (0x2100, 22),
+    (0x2100, 23),
     (0x2102, 12),
     (0x2102, 13),
     (0x2102, 14),

@@ -131,8 +131,8 @@ mod app {
         cx.shared.decoder.edge(Line::Index);
     }
 
-    /// Deadline: the servo tick, 6 us after the block. Averages and filters the block. Cost: 7 us, 20 000 times a second,
-    /// so that the tick waits for it a little.
+    /// Deadline: the servo tick, 6 us after the block. Averages and filters the block, and classifies its pulses. Cost: 15 us, 20 000
+    /// times a second, so that the tick waits for it.
     /// Late: the tick waits for it.
     #[task(binds = DMA2_STREAM0, priority = 6, local = [gap])]
     fn gap(cx: gap::Context) {

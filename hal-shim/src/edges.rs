@@ -1,71 +1,100 @@
-//! Which conversions of a block lie inside the generator's on-time.
+//! Edges of gate and comparators, and which conversions of a block lie inside the generator's on-time.
 //!
-//! The gate's edges are stamped by a timer that runs in phase with the conversions and stored by DMA, so that no pulse
-//! costs the processor anything. Once a block, [`gate_mask`] walks back through the newest stamps and sets, for each stretch of
-//! open gate, the bits of the conversions whose whole aperture lies in it. *Age*: clock cycles before the moment of reading.
+//! The edges are stamped by a timer that runs in phase with the conversions and stored by DMA, so that no pulse
+//! costs the processor anything until a block is read. Once a block, [`take`] moves the new stamps of a line into the block, and
+//! [`gate_mask`] sets, for each stretch of open gate, the bits of the conversions whose whole aperture lies in it.
 //! *Aperture*: the time in which a conversion samples its input.
 
 use crate::board::{ADC, CORE_HZ, EDGE_MODULUS, GAP_SAMPLING, SERVO};
-use crate::gap::{BLOCK, GapBlock};
+use crate::gap::{BLOCK, Edges, GapBlock};
 use crate::timing::adc;
 
-/// Cycles from one conversion to the next.
-const SPACING: u32 = SERVO.steps() as u32 / BLOCK as u32;
 /// Cycles of one converter clock.
 const ADC_CYCLE: u32 = CORE_HZ / ADC.hz;
-/// Cycles that a conversion samples.
-const APERTURE: u32 = GAP_SAMPLING.sample_cycles as u32 * ADC_CYCLE;
 /// Cycles from the trigger to the end of the aperture.
-pub const TRIGGER_TO_END: u32 = adc::LATENCY_CYCLES * ADC_CYCLE + APERTURE;
+pub const TRIGGER_TO_END: u32 = adc::LATENCY_CYCLES * ADC_CYCLE + GapBlock::APERTURE;
 /// Cycles of doubt at either end of an aperture: synchronisation of trigger and stamp, input filter of the stamp.
 const GUARD: u32 = 3 * ADC_CYCLE;
-/// Edges that one block is worth walking back for: 400 000 pulses a second. What lies beyond stays ungated.
-pub const MOST_EDGES: usize = 40;
 
-/// Age of a stamp, cycles; right for edges younger than [`EDGE_MODULUS`].
-pub const fn age(now: u32, stamp: u32) -> u32 {
-    if now >= stamp { now - stamp } else { now + EDGE_MODULUS - stamp }
+// What a block says of its times is what the converter is set to.
+const _: () = assert!(GapBlock::CYCLES as u64 == SERVO.steps());
+const _: () = assert!(GapBlock::APERTURE == GAP_SAMPLING.sample_cycles as u32 * ADC_CYCLE);
+
+/// Cycles from `earlier` to `later`, counts of the edge timer; right below [`EDGE_MODULUS`].
+pub const fn age(later: u32, earlier: u32) -> u32 {
+    if later >= earlier { later - earlier } else { later + EDGE_MODULUS - earlier }
 }
 
-/// Bit i is set when the gate was open during the whole aperture of conversion i of the last block.
-///
-/// `now` is the edge timer at the moment of reading, `open` the gate then, `edges` the stamps of its edges, newest first,
-/// none older than [`EDGE_MODULUS`]; before the oldest of them the gate did not change. `end_phase` is the count of the
-/// edge timer, modulo one tick, at the end of a block's last aperture.
+/// Count of the edge timer at which the newest complete block began, at the moment `now` less than a tick after its end.
+/// `end_phase` is the count, modulo one tick, at the end of a block's last aperture.
+pub const fn block_began(now: u32, end_phase: u32) -> u32 {
+    let since_end = (now + EDGE_MODULUS - end_phase) % GapBlock::CYCLES;
+    age(now, since_end + GapBlock::CYCLES)
+}
+
+/// Moves stamps into a block that began at the count `began`, oldest first: those of the numbers from `taken` to `count`, modulo
+/// `RING`. Stops at the first that is later than the block, which belongs to the next. Gives the number of that, and when it
+/// came, in cycles since the block began.
+#[inline(always)]
+pub fn take<const RING: u32>(
+    edges: &mut Edges,
+    began: u32,
+    mut taken: u32,
+    count: u32,
+    stamp: impl Fn(u32) -> u16,
+) -> (u32, u32) {
+    let mut moved = 0;
+    let mut later = u32::MAX;
+    while taken != count {
+        let mut since = age(u32::from(stamp(taken)), began);
+        if since > GapBlock::CYCLES {
+            if since <= 2 * GapBlock::CYCLES {
+                later = since;
+                break;
+            }
+            // It came before the block and was not there to be taken: an edge on its way into the ring.
+            since = 0;
+        }
+        if let Some(place) = edges.at.get_mut(moved) {
+            *place = since as u16;
+            moved += 1;
+        }
+        taken = taken.wrapping_add(1) % RING;
+    }
+    edges.count = moved as u8;
+    (taken, later)
+}
+
+/// Bit i is set when the gate was open during the whole aperture of conversion i of a block: by its edges, oldest first, and
+/// the edge after its end, cycles since the block began. `open`: when it began.
 #[inline]
-pub fn gate_mask(now: u32, open: bool, edges: impl Iterator<Item = u16>, end_phase: u32) -> u32 {
-    let tick = SERVO.steps() as u32;
-    // Age of the newest end of a last aperture, and age at which the first of its block began.
-    let end = (now % tick + tick - end_phase % tick) % tick;
-    let begin = end + SPACING * (BLOCK as u32 - 1) + APERTURE + GUARD;
+pub fn gate_mask(mut open: bool, edges: &[u16], later: u32) -> u32 {
     let mut mask = 0;
-    let mut open = open;
-    let mut newer = 0;
-    let mut edges = edges.map(|stamp| age(now, u32::from(stamp)));
-    for _ in 0..MOST_EDGES + 1 {
-        // A stretch of one level, from the edge of age `older` to the edge of age `newer`.
-        let older = edges.next().unwrap_or(u32::MAX);
+    let mut first = 0;
+    for at in edges {
+        let at = u32::from(*at);
         if open {
-            mask |= inside(newer, older, end);
+            mask |= GapBlock::ALL.wrapping_shl(first) & !u32::MAX.wrapping_shl(ended(at));
+        } else {
+            first = begun(at);
         }
-        if older >= begin {
-            break;
-        }
-        newer = older;
         open = !open;
     }
-    mask
+    if open { mask | GapBlock::ALL.wrapping_shl(first) & !u32::MAX.wrapping_shl(ended(later)) } else { mask }
 }
 
-/// The conversions whose apertures lie between two edges, as a run of bits: `newer` is less than the age at which the first
-/// conversion of the block began, `end` the age at which the last one ended.
-#[inline]
-fn inside(newer: u32, older: u32, end: u32) -> u32 {
-    // Counted from the newest conversion: the first that ended before the newer edge, and how many began after the older.
-    let first = (newer + GUARD).checked_sub(end + 1).map_or(0, |before| before / SPACING + 1);
-    let Some(after) = older.checked_sub(end + APERTURE + GUARD) else { return 0 };
-    let past = (after / SPACING).min(BLOCK as u32 - 1) + 1;
-    (GapBlock::ALL >> first) & (u32::MAX << (BLOCK as u32 - past))
+/// The first conversion that begins to sample after an edge; [`BLOCK`] when none does.
+#[inline(always)]
+fn begun(at: u32) -> u32 {
+    const BEGIN: u32 = GapBlock::SPACING - GapBlock::APERTURE;
+    // Rounded up: the conversion's number times the spacing is at least what is left.
+    (at + GUARD).saturating_sub(BEGIN).div_ceil(GapBlock::SPACING)
+}
+
+/// How many conversions have sampled before an edge.
+#[inline(always)]
+fn ended(at: u32) -> u32 {
+    (at.saturating_sub(GUARD) / GapBlock::SPACING).min(BLOCK as u32)
 }
 
 #[cfg(test)]
@@ -73,23 +102,15 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Reading happens this long after the last aperture.
-    const LATE: u32 = 300;
-    /// Wherever the block lies in the tick.
-    const PHASE: u32 = 8000;
-    /// A moment of reading.
-    const NOW: u32 = 3 * 8400 + PHASE + LATE;
-
-    /// Mask by ages of the edges, newest first.
-    fn mask(open: bool, ages: &[u32]) -> u32 {
-        let stamps = ages.iter().map(|age| ((NOW + EDGE_MODULUS - age) % EDGE_MODULUS) as u16);
-        gate_mask(NOW % EDGE_MODULUS, open, stamps, PHASE)
+    /// Cycles at which conversion `i` begins and ends to sample.
+    fn aperture(i: u32) -> (u32, u32) {
+        (336 * i + 216, 336 * i + 336)
     }
 
-    /// Ages at which conversion `i` begins and ends to sample.
-    fn aperture(i: u32) -> (u32, u32) {
-        let end = LATE + 336 * (24 - i);
-        (end + 120, end)
+    fn mask(open: bool, edges: &[u32]) -> u32 {
+        let (inside, later): (Vec<u32>, Vec<u32>) = edges.iter().partition(|at| **at <= 8400);
+        let inside: Vec<u16> = inside.into_iter().map(|at| at as u16).collect();
+        gate_mask(open, &inside, later.first().copied().unwrap_or(u32::MAX))
     }
 
     #[test]
@@ -103,43 +124,46 @@ mod tests {
         let (begin, end) = aperture(10);
         let newer_than_10 = GapBlock::ALL & !((1 << 11) - 1);
         // Opened while conversion 10 sampled, then before it began.
-        assert_eq!(mask(true, &[(begin + end) / 2]), newer_than_10);
-        assert_eq!(mask(true, &[begin + GUARD - 1]), newer_than_10);
-        assert_eq!(mask(true, &[begin + GUARD]), newer_than_10 | 1 << 10);
+        assert_eq!(mask(false, &[(begin + end) / 2]), newer_than_10);
+        assert_eq!(mask(false, &[begin - GUARD + 1]), newer_than_10);
+        assert_eq!(mask(false, &[begin - GUARD]), newer_than_10 | 1 << 10);
         // Closed while it sampled, then after it ended.
-        assert_eq!(mask(false, &[(begin + end) / 2]), (1 << 10) - 1);
-        assert_eq!(mask(false, &[end - GUARD + 1]), (1 << 10) - 1);
-        assert_eq!(mask(false, &[end - GUARD]), (1 << 11) - 1);
+        assert_eq!(mask(true, &[(begin + end) / 2]), (1 << 10) - 1);
+        assert_eq!(mask(true, &[end + GUARD - 1]), (1 << 10) - 1);
+        assert_eq!(mask(true, &[end + GUARD]), (1 << 11) - 1);
     }
 
     #[test]
     fn an_off_time_between_two_apertures_costs_no_conversion() {
         let (_, end) = aperture(7);
         let (begin, _) = aperture(8);
-        assert_eq!(mask(true, &[begin + GUARD, end - GUARD]), GapBlock::ALL);
+        assert_eq!(mask(true, &[end + GUARD, begin - GUARD]), GapBlock::ALL);
     }
 
     #[test]
     fn a_spike_shorter_than_an_aperture_gates_nothing() {
         let (begin, end) = aperture(3);
-        assert_eq!(mask(false, &[end + 10, begin - 10]), 0);
+        assert_eq!(mask(false, &[begin + 10, end - 10]), 0);
     }
 
     #[test]
-    fn stamps_across_the_wrap_of_the_timer_are_read_right() {
+    fn an_edge_right_after_the_block_still_falls_into_its_last_conversion() {
+        assert_eq!(mask(true, &[8400 + GUARD - 1]), GapBlock::ALL >> 1);
+        assert_eq!(mask(true, &[8400 + GUARD]), GapBlock::ALL);
+    }
+
+    /// Wherever the block lies in the tick.
+    const PHASE: u32 = 8000;
+
+    #[test]
+    fn a_block_began_a_tick_before_its_end_wherever_the_timer_wraps() {
         for tick in 0..7 {
-            let now = (tick * 8400 + PHASE + LATE) % EDGE_MODULUS;
-            let closed = (now + EDGE_MODULUS - (LATE + 336 * 12 + 60)) % EDGE_MODULUS;
-            let mask = gate_mask(now, false, core::iter::once(closed as u16), PHASE);
-            assert_eq!(mask, (1 << 12) - 1, "tick {tick}");
+            for late in [0, 1, 300, 8399] {
+                let now = (tick * 8400 + PHASE + late) % EDGE_MODULUS;
+                let end = (tick * 8400 + PHASE) % EDGE_MODULUS;
+                assert_eq!(age(end, block_began(now, PHASE)), 8400, "tick {tick}, {late} cycles late");
+            }
         }
-    }
-
-    #[test]
-    fn more_edges_than_are_worth_walking_leave_the_rest_ungated() {
-        // 100 ns on, 100 ns off: no aperture fits. Older than the walk the gate was open: unknown, so not gated.
-        let ages: Vec<u32> = (0..=MOST_EDGES as u32).map(|i| LATE + 17 * i).collect();
-        assert_eq!(mask(true, &ages), 0);
     }
 
     proptest! {
@@ -148,14 +172,44 @@ mod tests {
         fn a_bit_is_set_exactly_when_the_gate_was_open_around_the_whole_aperture(
             open: bool, gaps in prop::collection::vec(40u32..3000, 0..30)
         ) {
-            let ages: Vec<u32> = gaps.iter().scan(0, |sum, gap| { *sum += gap; Some(*sum) }).collect();
-            let level_at = |age: u32| open ^ (ages.iter().filter(|&&edge| edge <= age).count() % 2 == 1);
-            let got = mask(open, &ages);
+            let edges: Vec<u32> = gaps.iter().scan(0, |sum, gap| { *sum += gap; Some(*sum) }).collect();
+            let level_at = |at: u32| open ^ (edges.iter().filter(|&&edge| edge <= at).count() % 2 == 1);
+            let got = mask(open, &edges);
             for i in 0..25 {
                 let (begin, end) = aperture(i);
-                let steady = !ages.iter().any(|&edge| edge > end - GUARD && edge < begin + GUARD);
+                let steady = !edges.iter().any(|&edge| edge + GUARD > begin && edge < end + GUARD);
                 prop_assert_eq!(got >> i & 1 == 1, steady && level_at(end), "conversion {}", i);
             }
+        }
+
+        /// Every stamp is handed over once, in order, in the block in which it came, whenever the blocks are read.
+        #[test]
+        fn no_edge_is_lost_or_taken_twice(
+            gaps in prop::collection::vec(300u32..20_000, 1..200), lates in prop::collection::vec(0u32..8000, 1..20)
+        ) {
+            let times: Vec<u64> = gaps.iter().scan(50_000u64, |sum, gap| { *sum += u64::from(*gap); Some(*sum) }).collect();
+            const RING: u32 = 256;
+            let (mut taken, mut found) = (0usize, vec![]);
+            let blocks = times.last().unwrap() / 8400 + 2;
+            for block in 5..blocks {
+                let end = block * 8400 + u64::from(PHASE);
+                let now = end + u64::from(lates[block as usize % lates.len()]);
+                let came = times.iter().filter(|time| **time <= now).count();
+                let began = block_began((now % u64::from(EDGE_MODULUS)) as u32, PHASE);
+                // The newest of the ring.
+                let stamp = |number: u32| {
+                    let place = (taken..came).find(|n| *n as u32 % RING == number).unwrap();
+                    (times[place] % u64::from(EDGE_MODULUS)) as u16
+                };
+                let mut edges = Edges::NONE;
+                let (next, later) = take::<RING>(&mut edges, began, taken as u32 % RING, came as u32 % RING, stamp);
+                taken += (next.wrapping_sub(taken as u32) % RING) as usize;
+                found.extend(edges.times().iter().map(|at| end - 8400 + u64::from(*at)));
+                let next = times[taken..came].first().map_or(u32::MAX, |time| (time - (end - 8400)) as u32);
+                prop_assert_eq!(later, next);
+            }
+            prop_assert_eq!(&found[..], &times[..found.len()]);
+            prop_assert!(found.len() + 2 >= times.iter().filter(|time| **time < (blocks - 1) * 8400).count());
         }
     }
 }

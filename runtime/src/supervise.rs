@@ -75,7 +75,7 @@ impl<B: Board> Supervise<B> {
         for (unseen, of) in self.signals.unseen.iter().zip(self.supervisor.unseen()) {
             unseen.store(of);
         }
-        for (looks, of) in self.signals.looks.iter().zip(self.supervisor.shares().counts()) {
+        for (looks, of) in self.signals.looks.iter().zip(self.supervisor.shares().half_percents()) {
             looks.store(of.into());
         }
         if let Some(fault) = fault {

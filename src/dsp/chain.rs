@@ -30,11 +30,13 @@ pub struct Config {
     pub notch_q: f32,
     /// Whether a second notch at twice the mains frequency follows.
     pub second_harmonic: bool,
+    /// Whether the notches move with the hum, from `mains` on.
+    pub follow: bool,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { corner: Hertz(200.0), mains: Hertz(50.0), notch_q: 2.5, second_harmonic: false }
+        Self { corner: Hertz(200.0), mains: Hertz(50.0), notch_q: 2.5, second_harmonic: false, follow: false }
     }
 }
 
@@ -49,6 +51,9 @@ impl Config {
             sections: [first, second, svf::notch(mains, q)],
             harmonic: svf::notch(Hertz(2.0 * mains.0), q),
             further: self.second_harmonic.into(),
+            mains,
+            width: svf::Width::new(q),
+            follow: self.follow,
         })
     }
 }
@@ -63,6 +68,10 @@ pub struct Coefficients {
     /// Notches behind that of the mains: 1 with that of its second harmonic, else 0. A number and no `bool`, which the compiler
     /// compares with 1 in a cycle of its own.
     further: u32,
+    /// Where the notches begin, and how wide they are; whether they move.
+    mains: Hertz,
+    width: svf::Width,
+    follow: bool,
 }
 
 impl Coefficients {
@@ -78,6 +87,12 @@ impl Coefficients {
     #[inline]
     pub(crate) fn further(&self) -> u32 {
         self.further
+    }
+
+    /// Where the notches begin, how wide they are, and whether they move.
+    #[inline]
+    pub(crate) fn follows(&self) -> (f32, [f32; 2], bool) {
+        (self.mains.0, self.width.each(), self.follow)
     }
 }
 
@@ -139,31 +154,63 @@ impl State {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Tracked {
     coefficients: Coefficients,
-    width: svf::Width,
     tracker: Tracker,
 }
 
 impl Tracked {
     /// Begins at the mains frequency of the configuration.
-    pub fn new(config: &Config) -> Result<Tracked, OutOfRange> {
-        let coefficients = config.build()?;
-        Ok(Tracked { coefficients, width: svf::Width::new(config.notch_q), tracker: Tracker::new(config.mains) })
+    pub fn new(coefficients: Coefficients) -> Tracked {
+        Tracked { coefficients, tracker: Tracker::new(coefficients.mains) }
     }
 
-    /// As [`State::tick`], and follows the mains.
+    /// As [`State::tick`], and follows the mains where the configuration says so.
     #[inline]
     pub fn tick(&mut self, state: &mut State, x: f32) -> f32 {
         let y = state.tick(&self.coefficients, x);
-        let Coefficients { sections: [_, _, mains], harmonic, further } = &mut self.coefficients;
+        if self.coefficients.follow {
+            self.follow(state);
+        }
+        y
+    }
+
+    #[inline(always)]
+    fn follow(&mut self, state: &State) {
+        rare();
+        let width = self.coefficients.width;
+        let Coefficients { sections: [_, _, mains], harmonic, further, .. } = &mut self.coefficients;
         let harmonic = (*further != 0).then_some(harmonic);
         let [_, _, notch] = &state.sections;
-        self.tracker.tick(notch.band, &mut Notches { mains, harmonic, width: self.width });
-        y
+        self.tracker.tick(notch.band, &mut Notches { mains, harmonic, width });
+    }
+
+    /// Goes on with another configuration: the output stays where it is and moves on from there. Notches that have followed the
+    /// hum stay where they are while mains frequency and Q are the same.
+    pub fn retune(&mut self, state: &mut State, new: &Coefficients) {
+        let old = self.coefficients;
+        self.coefficients = *new;
+        if old.follow && new.follow && (old.mains, old.width) == (new.mains, new.width) {
+            let [.., mains] = &mut self.coefficients.sections;
+            let [.., moved] = old.sections;
+            *mains = moved;
+            if old.further != 0 {
+                self.coefficients.harmonic = old.harmonic;
+            }
+        } else {
+            self.tracker = Tracker::new(new.mains);
+        }
+        state.retune(&old, &self.coefficients);
     }
 
     /// What it runs on now.
     pub fn coefficients(&self) -> &Coefficients {
         &self.coefficients
+    }
+
+    /// Whether what does not follow the hum is still that of a configuration.
+    #[inline]
+    pub fn is_of(&self, configured: &Coefficients) -> bool {
+        let ([first, second, _], [of_first, of_second, _]) = (&self.coefficients.sections, &configured.sections);
+        (first, second, self.coefficients.follows()) == (of_first, of_second, configured.follows())
     }
 
     /// Where the notch is.

@@ -39,6 +39,11 @@ pub(super) struct Width {
 }
 
 impl Width {
+    /// Its numbers, to compare them.
+    pub fn each(&self) -> [f32; 2] {
+        [self.inverse_q, self.grows]
+    }
+
     /// Of a Q from 0.5 on.
     pub fn new(q: f32) -> Width {
         let inverse_q = 1.0 / q;

@@ -201,7 +201,9 @@ mod tests {
     }
 
     fn filter(mains: f32, second_harmonic: bool) -> Tracked {
-        Tracked::new(&Config { mains: Hertz(mains), second_harmonic, ..Config::default() }).unwrap()
+        Tracked::new(
+            Config { mains: Hertz(mains), second_harmonic, follow: true, ..Config::default() }.build().unwrap(),
+        )
     }
 
     #[test]

@@ -13,6 +13,7 @@ mod open_circuit;
 mod pulse_watch;
 pub mod pulses;
 mod surrogate;
+pub mod teach;
 pub mod voltage;
 
 pub use open_circuit::OpenCircuit;
@@ -61,6 +62,8 @@ pub struct GapReading {
     pub short_ticks: u32,
     /// Newest code of the converter, of which noise changes the last bits; 0 where there is none.
     pub code: u16,
+    /// Every pulse since the start, by class, up to the end of the newest block.
+    pub pulses: pulses::Counts,
 }
 
 /// Turns blocks of conversions into readings; one file a source.

@@ -9,11 +9,12 @@
 //! its short run must be set longer than its off-time.
 
 use super::gated::{Gated, PER_BLOCK};
+use super::pulses::{Boundaries, BoundaryConfig, PulseStream};
 use super::{GapReading, GapSource, Quality};
 use crate::dsp::decimate::{CodeRange, Tally};
 use crate::dsp::{OutOfRange, chain, in_range};
 use crate::kept::{Kept, parts};
-use crate::units::{ADC_FULL_SCALE, Seconds, TICKS_PER_MS, Volts, rare};
+use crate::units::{ADC_FULL_SCALE, Hertz, Seconds, TICKS_PER_MS, Volts, rare};
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 
 /// Which conversions the average is made of.
@@ -65,6 +66,8 @@ pub struct Config {
     pub good: CodeRange,
     /// Share of the averaged conversions that have to be clipped for the block to count as saturated, 0.04..=1.
     pub clipped_share: f32,
+    /// What tells pulses apart.
+    pub pulses: BoundaryConfig,
 }
 
 /// Assumed: a divider that reads -41 to 368 V; half the burn voltage of Roberts, about 40 V, for the thresholds.
@@ -83,6 +86,7 @@ impl Default for Config {
             reversed: Volts(20.0),
             good: CodeRange { lowest: 1, highest: ADC_FULL_SCALE - 1 },
             clipped_share: 0.2,
+            pulses: BoundaryConfig::default(),
         }
     }
 }
@@ -110,6 +114,7 @@ impl Config {
             reversed: Volts(-in_range("reversed threshold (V)", self.reversed.0, 1.0, 300.0)?),
             good: self.good,
             clipped_share: in_range("clipped share", self.clipped_share, 0.04, 1.0)?,
+            pulses: self.pulses.build()?,
         })
     }
 }
@@ -137,11 +142,13 @@ pub struct Active {
     reversed: Volts,
     good: CodeRange,
     clipped_share: f32,
+    pulses: Boundaries,
 }
 
 // A part of a word or two: the servo tick may have to wait for the gap task.
 parts!(it: Active {
     average, zero_code, scale, filter, short, contact, min_gated, hold_limit, reversed, good, clipped_share,
+    pulses,
 } by
     [it.average, it.zero_code],
     [it.scale],
@@ -164,6 +171,10 @@ parts!(it: Active {
     [it.filter.each()[10]],
     [it.filter.each()[11]],
     [it.filter.further()],
+    [it.filter.follows()],
+    [it.pulses.words()[0], it.pulses.words()[1], it.pulses.words()[2], it.pulses.words()[3]],
+    [it.pulses.words()[4], it.pulses.words()[5], it.pulses.words()[6], it.pulses.words()[7]],
+    [it.pulses.words()[8], it.pulses.words()[9], it.pulses.words()[10]],
 );
 
 /// The source: [`Config::build`] makes what it runs on.
@@ -172,7 +183,10 @@ parts!(it: Active {
 pub struct Voltage {
     active: Active,
     kept: Kept<Active>,
+    stream: PulseStream,
     filter: chain::State,
+    /// The filters that move, where they are to follow the mains.
+    tracked: chain::Tracked,
     gated: Gated,
     /// Newest average, codes above zero volts; 0 before the first.
     block: f32,
@@ -195,7 +209,9 @@ impl Voltage {
         Self {
             active,
             kept: Kept::NEW,
+            stream: PulseStream::new(active.pulses),
             filter: chain::State::default(),
+            tracked: chain::Tracked::new(active.filter),
             gated: Gated::default(),
             block: 0.0,
             begun: false,
@@ -210,13 +226,14 @@ impl Voltage {
 
     /// Goes on with other settings between two ticks. The reading stays where it is in volts and moves on from there.
     pub fn retune(&mut self, active: Active) {
-        self.filter.retune(&self.active.filter, &active.filter);
+        self.tracked.retune(&mut self.filter, &active.filter);
         let ratio = self.active.scale / active.scale;
         self.filter.scale(ratio);
         self.gated.scale(ratio);
         self.block *= ratio;
         self.sum.0 *= ratio;
         self.mean *= ratio;
+        self.stream.retune(active.pulses);
         self.active = active;
         self.kept = Kept::NEW;
     }
@@ -224,7 +241,12 @@ impl Voltage {
     /// Looks at a word or two of what it runs on: false once they have changed by themselves.
     #[inline]
     pub fn is_intact(&mut self) -> bool {
-        self.kept.agrees(&self.active)
+        self.kept.agrees(&self.active) && (!self.active.filter.follows().2 || self.tracked.is_of(&self.active.filter))
+    }
+
+    /// Where the notch is, and whether there is hum that it follows.
+    pub fn mains(&self) -> (Hertz, bool) {
+        (self.tracked.mains(), self.active.filter.follows().2 && self.tracked.is_locked())
     }
 
     /// What it runs on.
@@ -300,7 +322,12 @@ impl GapSource for Voltage {
             self.mean = self.sum.0 * (1.0 / TICKS_PER_MS as f32);
             self.sum = (0.0, 0);
         }
-        let filtered = Volts(self.filter.tick(&active.filter, codes) * active.scale);
+        let filtered = if active.filter.follows().2 {
+            self.tracked.tick(&mut self.filter, codes)
+        } else {
+            self.filter.tick(&active.filter, codes)
+        };
+        let filtered = Volts(filtered * active.scale);
         let quality = if block.is_none() {
             Quality::Missing
         } else if active.average == Average::Gated && self.gateless_ticks > active.hold_limit {
@@ -312,9 +339,14 @@ impl GapSource for Voltage {
         } else {
             Quality::Valid
         };
+        match block {
+            Some(block) => self.stream.block(block, |_| {}),
+            None => self.stream.lost(),
+        }
         let code = block.map_or(0, |block| block.codes[BLOCK - 1]);
         let (block, mean) = (Volts(codes * active.scale), Volts(self.mean * active.scale));
-        GapReading { filtered, block, mean, quality, touches, short_ticks: self.short_ticks, code }
+        let pulses = *self.stream.counts();
+        GapReading { filtered, block, mean, quality, touches, short_ticks: self.short_ticks, code, pulses }
     }
 }
 

@@ -512,6 +512,7 @@ impl Follower {
             saturated: self.saturated,
             quality,
             code: reading.code,
+            counts: reading.pulses,
             permitted: self.plan.pulses,
             short: input.short_ticks >= TICKS_PER_MS,
             sums: *self.estimator.sums(),

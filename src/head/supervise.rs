@@ -49,7 +49,7 @@ pub struct Limits {
     pub current_max: Amps,
     /// For so long.
     pub current_ms: u32,
-    /// When arcs are persistent, and what distinguishes them from sparks.
+    /// When arcs are persistent.
     pub arcs: pulses::Config,
 }
 
@@ -328,6 +328,8 @@ pub struct Measured {
     pub quality: Quality,
     /// See [`quality`](Measured::quality).
     pub code: u16,
+    /// Every pulse since the start.
+    pub counts: pulses::Counts,
     /// Pulses are permitted, for work or for commissioning.
     pub permitted: bool,
     /// The gap voltage has shown nothing but short for a millisecond.
@@ -485,7 +487,7 @@ impl Supervisor {
         let swapped = gap && now.quality == Quality::Reversed;
         let seen = PulseSeen { permitted: now.permitted, watched: now.state != State::Disabled, short: now.short };
         let pulses = self.pulses.look(counters.pulses, seen);
-        let arcs = self.classes.look(&limits.arcs, counters.pulses, now.pulses);
+        let arcs = self.classes.look(&limits.arcs, &now.counts, now.pulses);
         let gateless = now.quality == Quality::NoGate || limits.gated && !self.pulses.gate_seen();
         let gate = self.gate.longer_than(limits.gap_ms, now.pulses && gateless);
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;

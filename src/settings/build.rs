@@ -124,7 +124,7 @@ impl Settings {
         )?;
         let off_time_ns = (self.generator_off_time_us * 1000.0) as u32;
         let (gap, reflex) = (self.gap()?, self.reflex()?);
-        let head = self.head(axis, reflex.current);
+        let head = self.head(axis);
         Ok(Active { gap, reflex, off_time_ns: (off_time_ns > 0).then_some(off_time_ns), head })
     }
 
@@ -171,6 +171,7 @@ impl Settings {
             mains: Hertz(self.gap_mains),
             notch_q: self.gap_notch_q,
             second_harmonic: self.gap_second_harmonic,
+            follow: self.gap_follow_mains,
         }
     }
 
@@ -185,6 +186,7 @@ impl Settings {
             short: Volts(self.gap_short),
             contact: Volts(self.contact_below),
             hold_limit: Seconds(self.gap_hold_ms * 1e-3),
+            pulses: self.boundaries(),
             ..voltage::Config::default()
         };
         let rule = "with the other gap settings it leaves the converter's range";
@@ -246,20 +248,25 @@ impl Settings {
         CountsPerSecond((self.jump_velocity * 1e3 * counts_per_um).min(ENCODER_RATE))
     }
 
-    /// What distinguishes classes of pulses, in converter codes; `current` is that of the reflex.
-    fn levels(&self, current: u16) -> pulses::Levels {
-        let codes = |volts: f32| (volts / self.gap_volts_per_code) as i32;
-        pulses::Levels {
+    /// What tells pulses apart. Where shorts reach as far as arcs there are no arcs, and so on up.
+    pub fn boundaries(&self) -> pulses::BoundaryConfig {
+        let arc_below = self.gap_arc.max(self.gap_short);
+        let spark = self.gap_spark.max(arc_below);
+        pulses::BoundaryConfig {
+            open: Volts(self.gap_open.max(spark)),
+            spark: Volts(spark),
+            arc_below: Volts(arc_below),
+            short_below: Volts(self.gap_short),
+            noise: Volts(self.gap_noise),
+            volts_per_code: self.gap_volts_per_code,
             zero: self.gap_zero_code as u16,
             reversed: self.gap_reversed,
-            current,
-            short: codes(self.gap_short),
-            // Where shorts reach as far there are no arcs.
-            arc: codes(self.gap_arc).max(codes(self.gap_short)),
+            // The gap has 86 % of its voltage then.
+            blanking: Seconds(2e-6 * self.gap_charging_us),
         }
     }
 
-    fn head(&self, axis: Axis, current: u16) -> Config {
+    fn head(&self, axis: Axis) -> Config {
         let plant = &axis.plant;
         let holding = axis.gains.holding();
         let weight = plant.duty(plant.weight());
@@ -357,12 +364,7 @@ impl Settings {
                 bus_min: Volts(self.motor_bus_min),
                 current_max: Amps(self.motor_peak * 1.25),
                 current_ms: 2,
-                arcs: pulses::Config {
-                    levels: self.levels(current),
-                    share: self.arc_share,
-                    ms: self.arc_ms,
-                    jump: self.jump_arcs,
-                },
+                arcs: pulses::Config { share: self.arc_share, ms: self.arc_ms, jump: self.jump_arcs },
             },
             commissioning: CommissioningConfig {
                 duty: self.commission_duty,

@@ -68,6 +68,14 @@ declare! {
         /// Gap voltage below which a pulse with current, and no short, is an arc: below what sparks in this material burn with, or
         /// they are taken for arcs.
         0x2100:19 gap_arc: f32 = 34.0, (1.0, 200.0), "gap.arc_below_v", "V", "assumed: midway from arcs of 28 V to sparks of 40 V", rises "a lower one would hide arcs";
+        /// Open-circuit voltage of the generator for which gap.spark_v, gap.arc_below_v and gap.short_v hold.
+        0x2100:20 gap_open: f32 = 100.0, (10.0, 400.0), "gap.open_v", "V", "[R] section 4.4", live;
+        /// Burning voltage of a spark. A pulse above the middle between this and gap.open_v has not ignited.
+        0x2100:21 gap_spark: f32 = 40.0, (1.0, 300.0), "gap.spark_v", "V", "[R] section 4.4", live;
+        /// Noise of one conversion of the gap voltage, standard deviation: more of it wants more conversions for a class.
+        0x2100:22 gap_noise: f32 = 4.0, (0.05, 50.0), "gap.noise_v", "V", "assumed: 20 dB below the burning voltage", live;
+        /// The notch follows the mains, from gap.mains_hz on, between 45 and 65 Hz.
+        0x2100:23 gap_follow_mains: bool = false, (), "gap.follow_mains", "", "docs/gap-sensing.md: residue by drift", live;
 
         /// Off-time requested of the generator; 0 leaves its own.
         0x2101:1 generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: setting of the generator itself; range of docs/wiring.md", live;

@@ -40,7 +40,7 @@ prop_compose! {
     ) -> Inputs {
         let [upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, supply_low] = safety;
         Inputs {
-            gap: GapReading { filtered, block, mean: block, quality, touches, short_ticks, code: now as u16 },
+            gap: GapReading { filtered, block, mean: block, quality, touches, short_ticks, code: now as u16, ..GapReading::default() },
             encoder: Snapshot { raw: RawCount { count, last_edge, toward_work, now }, illegal, ..Snapshot::default() },
             safety: SafetyInputs { upper_limit, lower_limit, emergency_stop, dielectric, bridge_fault, supply_low }.unsafe_ones(),
             drive: DriveCodes { motor_current, bus_voltage },

@@ -6,6 +6,7 @@ use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::Snapshot;
+use edm_servo_head::gap::pulses::{Class, Counts};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{Change, Command, Fault, Head, Inputs, LEAD, MotionLimits, State, TickOutput};
 use edm_servo_head::path::Path;
@@ -53,6 +54,7 @@ pub struct Bench {
     /// What of a hundred pulses arcs.
     pub arcs: u32,
     pulses: PulseCounts,
+    counts: Counts,
     pub drive_stands: bool,
     count: i64,
     last_edge: u32,
@@ -96,6 +98,7 @@ impl Bench {
             open_v: OPEN_V,
             arcs: 0,
             pulses: PulseCounts::default(),
+            counts: Counts::default(),
             drive_stands: false,
             count: 0,
             last_edge: 0,
@@ -233,12 +236,13 @@ impl Bench {
         let [edges, conversions] = if self.output.pulses && self.quality != Quality::NoGate { [2, 1] } else { [0; 2] };
         self.pulses.edges = self.pulses.edges.wrapping_add(self.edges.wrapping_add(edges));
         self.pulses.conversions = self.pulses.conversions.wrapping_add(conversions);
-        // Sound converters and comparators: an open pulse, or an arc of 28 V and 10 A, and noise. Evenly mixed over the looks.
-        let looks = self.ticks / 20 * u64::from(self.arcs);
-        let arc = looks % 100 < u64::from(self.arcs);
+        // An open pulse or an arc, evenly mixed.
+        let arc = self.ticks * u64::from(self.arcs) % 100 < u64::from(self.arcs);
+        let class = if arc { Class::Arc } else { Class::Open };
+        self.counts.classes[class as usize] += u32::from(conversions);
+        // A sound converter.
         let noise = (self.ticks % 7) as u16;
-        self.pulses.newest =
-            if arc { [2669, 690].map(|code| code + noise) } else { [2048, 1410].map(|code| code + noise) };
+        self.pulses.newest = [2048, 1410].map(|code| code + noise);
         self.pulses.comparators = [self.pulses.edges; 2];
         self.pulses.shorts = self.pulses.shorts.wrapping_add((self.short_ticks > 0).into());
         let inputs = Inputs {
@@ -311,6 +315,7 @@ impl Bench {
             touches,
             short_ticks: self.short_ticks,
             code: 2000 + (self.ticks % 7) as u16,
+            pulses: self.counts,
         }
     }
 }

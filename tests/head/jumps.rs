@@ -164,7 +164,6 @@ fn arcs_are_jumped_out_of_where_that_is_asked_for() {
     bench.arcs = 30;
     bench.run(2.0);
     assert_eq!((bench.state(), jumps(&mut bench)), (State::Eroding, 0));
-    // 100 of 200 looks and more: after 160 ms at the latest.
     bench.arcs = 90;
     bench.run_until(0.2, |bench| bench.state() == State::Jumping);
     bench.arcs = 0;

@@ -229,7 +229,7 @@ mod tests {
 
     #[test]
     fn a_flaky_front_end_loses_the_block_for_good() {
-        let block = |code| Some(GapBlock { codes: [code; BLOCK], gate: GapBlock::ALL });
+        let block = |code| Some(GapBlock { codes: [code; BLOCK], gate: GapBlock::ALL, ..GapBlock::EMPTY });
         let script = Script::new(block(1));
         script.then([block(2), block(3), None]);
         let mut call = 0;

@@ -96,6 +96,6 @@ impl GapFrontEnd for Blocks {
         for (code, converted) in block.codes.iter_mut().zip(half) {
             *code = converted.load(Relaxed);
         }
-        block.gate = self.edges.mask(look);
+        self.edges.fill(look, block);
     }
 }

@@ -10,7 +10,8 @@ use super::start::StartError;
 use super::timebase::APERTURE_PHASE;
 use super::{lines, pac, put, reset};
 use crate::board::EDGE_MODULUS;
-use crate::edges::{age, gate_mask};
+use crate::edges::{age, block_began, gate_mask, take};
+use crate::gap::{self, GapBlock};
 use crate::reflex::EDGE_COUNT;
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
@@ -23,6 +24,19 @@ static LOW: Ring = Ring([const { AtomicU16::new(0) }; RING]);
 /// Written by DMA, read by tasks: atomics, because both are outside the compiler's sight.
 struct Ring([AtomicU16; RING]);
 
+impl Ring {
+    /// Moves what is not `taken` of `count` stamps into a block that began at the count `began`. Gives how many there were, and when
+    /// the first came that belongs to the next block.
+    #[inline(never)]
+    fn take(&self, edges: &mut gap::Edges, began: u32, taken: &mut u32, count: u32) -> (u32, u32) {
+        let new = count.wrapping_sub(*taken);
+        let stamp = |number: u32| self.0.get(number as usize % RING).map_or(0, |stamp| stamp.load(Relaxed));
+        let (next, later) = take::<EDGE_COUNT>(edges, began, *taken, count, stamp);
+        *taken = next;
+        (new, later)
+    }
+}
+
 /// Items written since the stream was enabled, modulo the ring.
 #[inline(always)]
 fn written<const N: usize>() -> u32 {
@@ -32,9 +46,8 @@ fn written<const N: usize>() -> u32 {
 /// The edge timer and its rings.
 pub struct Edges {
     tim: pac::TIM8,
-    /// Edges of the gate up to the last block, and of the block before: their stamps are younger than the wrap.
-    seen: u32,
-    recent: u32,
+    /// Edges that are in blocks already: of gate and high comparator, modulo the ring.
+    taken: [u32; 2],
     _pins: (Ch1<PushPull>, Ch3<PushPull>, Ch4<PushPull>),
     _streams: (Stream<2>, Stream<4>, Stream<7>),
 }
@@ -63,7 +76,7 @@ impl Edges {
         streams.0.fill(7, 0, from(0), &GATE.0)?;
         streams.1.fill(7, 0, from(2), &HIGH.0)?;
         streams.2.fill(7, 0, from(3), &LOW.0)?;
-        Ok(Edges { tim, seen: 0, recent: 0, _pins: pins, _streams: streams })
+        Ok(Edges { tim, taken: [0; 2], _pins: pins, _streams: streams })
     }
 
     /// The timer, for the time base to start.
@@ -71,52 +84,61 @@ impl Edges {
         &self.tim
     }
 
-    /// The gate now. At the beginning of the work on a block; [`Edges::mask`] takes it at least [`SETTLED`] cycles later.
+    /// The lines now. At the beginning of the work on a block; [`Edges::fill`] takes it at least [`SETTLED`] cycles later.
     #[inline]
     pub fn look(&self) -> GateSample {
-        GateSample { count: written::<2>(), open: lines::gate_is_open(), now: self.tim.cnt().read().bits() }
+        GateSample {
+            counts: [written::<2>(), written::<4>()],
+            levels: lines::gate_and_high(),
+            now: self.tim.cnt().read().bits(),
+        }
     }
 
-    /// Which conversions of the block just completed lie in the on-time. Once a block, after its last conversion and before
-    /// the next block's.
+    /// The edges of the block just completed, and which of its conversions lie in the on-time. Once a block, after its last
+    /// conversion and before the next block's.
     #[inline]
-    pub fn mask(&mut self, mut look: GateSample) -> u32 {
-        // The level belongs to the count only if no edge was on its way into the ring: it must still be so a little later.
+    pub fn fill(&mut self, mut look: GateSample, block: &mut GapBlock) {
+        // The levels belong to the counts only if no edge was on its way into a ring: they must still be so a little later.
         for _ in 0..3 {
-            let GateSample { count, open, now } = look;
-            if (written::<2>(), lines::gate_is_open()) == (count, open) {
-                let new = count.wrapping_sub(self.seen) % RING as u32;
-                let young = new + self.recent;
-                (self.seen, self.recent) = (count, new);
-                let newest_first = (1..young.min(RING as u32) + 1).map(|back| {
-                    let index = count.wrapping_sub(back) % RING as u32;
-                    GATE.0.get(index as usize).map_or(0, |stamp| stamp.load(Relaxed))
-                });
-                return gate_mask(now, open, newest_first, APERTURE_PHASE);
+            let GateSample { counts, levels: [open, high], now } = look;
+            if ([written::<2>(), written::<4>()], lines::gate_and_high()) == (counts, [open, high]) {
+                let began = block_began(now, APERTURE_PHASE);
+                let [gate, highs] = &mut self.taken;
+                let (new, later) = GATE.take(&mut block.gate_edges, began, gate, counts[0]);
+                block.gate_was_open = open ^ odd(new);
+                let (new, _) = HIGH.take(&mut block.high_edges, began, highs, counts[1]);
+                block.was_high = high ^ odd(new);
+                block.gate = gate_mask(block.gate_was_open, block.gate_edges.times(), later);
+                return;
             }
             look = self.look();
             cortex_m::asm::delay(SETTLED);
         }
         // A gate that never rests is no gate.
-        (self.seen, self.recent) = (written::<2>(), 0);
-        0
+        self.forget();
+        (block.gate, block.gate_edges.count, block.high_edges.count) = (0, 0, 0);
     }
 
     /// Blocks were lost: what the rings hold may be older than the wrap.
     pub fn forget(&mut self) {
-        (self.seen, self.recent) = (written::<2>(), 0);
+        self.taken = [written::<2>(), written::<4>()];
     }
 }
 
 /// Cycles in which an edge reaches the ring: longer than the input filter and a DMA transfer.
 const SETTLED: u32 = 32;
 
-/// The gate at a moment: edges so far, level, edge timer.
+/// The lines at a moment: edges so far and levels of gate and high comparator, edge timer.
 #[derive(Clone, Copy)]
 pub struct GateSample {
-    count: u32,
-    open: bool,
+    counts: [u32; 2],
+    levels: [bool; 2],
     now: u32,
+}
+
+#[inline(always)]
+fn odd(count: u32) -> bool {
+    count & 1 == 1
 }
 
 /// What the timer has captured so far.

@@ -15,6 +15,7 @@ const ALLOW: Pin = Board::TABLE.pin("allow_pulses");
 const FORWARD: Pin = Board::TABLE.pin("forward");
 const REVERSE: Pin = Board::TABLE.pin("reverse");
 const GATE: Pin = Board::TABLE.pin("gate");
+const HIGH: Pin = Board::TABLE.pin("comparator_high");
 const BRIDGE_FAULT: Pin = Board::TABLE.pin("bridge_fault");
 const LED: Pin = Board::TABLE.pin("led");
 
@@ -72,6 +73,12 @@ pub fn inhibit() {
 #[inline(always)]
 pub fn gate_is_open() -> bool {
     is_high(GATE)
+}
+
+/// The generator's gate is open, and the gap voltage is above the high comparator's threshold.
+#[inline(always)]
+pub fn gate_and_high() -> [bool; 2] {
+    [is_high(GATE), is_high(HIGH)]
 }
 
 /// The bridge's fault line; low is a fault.

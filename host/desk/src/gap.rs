@@ -10,7 +10,7 @@ use serde::Serialize;
 
 /// Qualities (2005h:3) of a voltage that means something: valid, at the end of the range, reversed.
 pub const MEASURED: [i64; 3] = [1, 3, 4];
-/// Classes of pulses: samples in 200Fh:1 to 6.
+/// Classes of pulses: shares in 200Fh:1 to 6, half percents.
 const CLASSES: u16 = 0x200F;
 
 /// A voltage to compare with.
@@ -24,12 +24,12 @@ pub struct Rung {
     pub from: &'static str,
 }
 
-/// Share of a pulse class in the samples of the last 0.2 s.
+/// Share of a pulse class in all pulses of the last 0.2 s; of no pulse: in the milliseconds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Share {
     /// Which kind.
     pub what: String,
-    /// Of all samples; none without any.
+    /// None where there was no pulse.
     pub percent: Option<f64>,
 }
 
@@ -48,8 +48,8 @@ pub struct Gap {
     pub ladder: [Rung; 4],
     /// What the pulses were.
     pub shares: Vec<Share>,
-    /// Sampled pulses, one per millisecond.
-    pub looks: u32,
+    /// There were pulses.
+    pub pulses: bool,
     /// Velocity along the path that the gap requests, um/s; none while it is not used.
     pub feed_um_s: Option<f64>,
 }
@@ -81,8 +81,8 @@ impl Gap {
             let what = object.key.rsplit('.').next().unwrap_or_default().to_lowercase();
             counts.push((what, head.whole(object.address)? as u32));
         }
-        let looks = counts.iter().map(|(_, count)| count).sum();
-        let share = |count| (looks > 0).then(|| f64::from(count) * 100.0 / f64::from(looks));
+        let pulses = counts.iter().any(|(what, share)| !what.starts_with("no") && *share > 0);
+        let share = |half_percents| pulses.then(|| f64::from(half_percents) * 0.5);
         let shares = counts.into_iter().map(|(what, count)| Share { what, percent: share(count) }).collect();
         let now = head.whole(at::STATE)?;
         let feed_um_s = if state::LED.contains(&(now as u8)) { Some(head.number(at::FEED)?) } else { None };
@@ -93,7 +93,7 @@ impl Gap {
             quality: named(at::GAP_QUALITY, quality),
             ladder,
             shares,
-            looks,
+            pulses,
             feed_um_s,
         })
     }

@@ -15,7 +15,7 @@ use crate::wires::*;
 use edm_hal_shim::bridge::Drive as Bridge;
 use edm_hal_shim::gap::BLOCK;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
-use edm_sim::process::{Parameters, Piece, Plant, Process, assumed_amps, current_code};
+use edm_sim::process::{Parameters, Piece, Plant, Process, THRESHOLDS, assumed_amps, crossing, current_code};
 use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, TICK_HZ, World};
 use std::collections::VecDeque;
 
@@ -23,14 +23,8 @@ use std::collections::VecDeque;
 pub const WINDOW: u64 = TICK_HZ / 20_000;
 /// From the beginning of a window to the moment at which it is computed: outputs that change with the period have changed.
 const SETTLE: u64 = 16;
-/// Shares of the open-circuit voltage at which the comparators switch.
-const HIGH: f64 = 0.7;
-const LOW: f64 = 0.2;
-
 /// Rise times after which a transient is over: e^-40 is 4e-18.
 const SETTLED: f64 = 40.0;
-
-const THRESHOLDS: [f64; 2] = [HIGH, LOW];
 
 /// Process, wires and the host's end of the bus.
 #[derive(Clone)]
@@ -180,7 +174,8 @@ impl Bench {
             }
             let ends = self.pieces.get(i + 1).map_or(f64::INFINITY, |next| next.from_us);
             for (pin, share) in COMPARATORS.into_iter().zip(THRESHOLDS) {
-                let (us, level) = crossing(&piece, share * self.open_v);
+                let (constants, level) = crossing(piece.initial, piece.volts, share * self.open_v);
+                let us = piece.from_us + piece.rise_us * constants;
                 if us < ends {
                     let at = from.saturating_add_signed(ticks(us)).max(from);
                     self.set(&mut edges, at, pin, level);
@@ -303,17 +298,6 @@ impl Bench {
 /// Voltage of a piece. Once what is left of its transient is below a bit of the sum, most of the time, it is spared.
 fn volts(piece: &Piece, us: f64) -> f64 {
     if us - piece.from_us > SETTLED * piece.rise_us { piece.volts } else { piece.at(us) }
-}
-
-/// When the voltage of a piece crosses `threshold`, and whether it is above from then on; if it never crosses, how it is
-/// when the piece begins.
-fn crossing(piece: &Piece, threshold: f64) -> (f64, bool) {
-    let (from, to) = (piece.initial.abs() > threshold, piece.volts.abs() > threshold);
-    if from == to {
-        return (piece.from_us, to);
-    }
-    let share = (piece.volts.abs() - piece.initial.abs()) / (piece.volts.abs() - threshold);
-    (piece.from_us + piece.rise_us * share.ln(), to)
 }
 
 fn ticks(us: f64) -> i64 {

@@ -34,9 +34,9 @@ const SERVO: usize = 16 + 25;
 const GAP: usize = 16 + 56;
 /// Where in a window its tick is read, ticks: when the longest has ended, and well before the next block is complete
 /// (44 us). Time that passes by blocks of code may overshoot this by a hundred ticks.
-const LOOK: u64 = 6000;
-/// Time that the first, late tick is given, ticks: 9 us.
-const FIRST: u64 = 1500;
+const LOOK: u64 = 6700;
+/// Time that the first, late tick is given, ticks: 15 us.
+const FIRST: u64 = 2600;
 /// Counter of TIM1.
 const TIM1_CNT: u32 = 0x4001_0024;
 

@@ -6,12 +6,12 @@ use crate::image::Image;
 use crate::layout::Layout;
 use anyhow::{Context, Result};
 use edm_hal_shim::encoder::RawCount;
-use edm_hal_shim::gap::{BLOCK, GapBlock};
+use edm_hal_shim::gap::{BLOCK, EDGES, Edges, GapBlock};
 use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
-use edm_servo_head::gap::pulses::{Config as ArcConfig, Levels};
+use edm_servo_head::gap::pulses::{CLASSES, Config as ArcConfig, Counts};
 use edm_servo_head::head::{
     Breakaway, Command, Counters, Fault, Home, MotionLimits, Probe, ProbeInputs, SetPoint, Source, State, Status,
     SupervisionLimits, TickInput,
@@ -183,11 +183,12 @@ impl Places {
             "edm_servo_head::head::supervise::Counters",
             "edm_servo_head::gap::GapReading",
             "edm_servo_head::gap::pulses::Config",
-            "edm_servo_head::gap::pulses::class::Levels",
+            "edm_servo_head::gap::pulses::stream::Counts",
             "edm_servo_head::encoder::shared::Snapshot",
             "edm_servo_head::encoder::index::Mark",
             "edm_hal_shim::encoder::RawCount",
             "edm_hal_shim::gap::GapBlock",
+            "edm_hal_shim::gap::Edges",
             "edm_hal_shim::safety::SafetyInputs",
             "edm_hal_shim::safety::DriveCodes",
         ];
@@ -201,18 +202,19 @@ impl Places {
             "edm_servo_head::head::tick::SetPoint" SetPoint: to, counts, ticks;
             "edm_servo_head::head::supervise::Counters" Counters: used, watch;
             "edm_servo_head::gap::GapReading" GapReading: filtered, block, mean, quality, touches,
-                short_ticks;
+                short_ticks, pulses;
             "edm_servo_head::encoder::shared::Snapshot" Snapshot: raw, illegal, mark;
             "edm_servo_head::encoder::index::Mark" Mark: count, toward_work, crossings;
             "edm_hal_shim::encoder::RawCount" RawCount: count, last_edge, toward_work, now;
-            "edm_hal_shim::gap::GapBlock" GapBlock: codes, gate;
+            "edm_hal_shim::gap::GapBlock" GapBlock: codes, gate, gate_edges, high_edges, gate_was_open, was_high;
             "edm_hal_shim::safety::SafetyInputs" SafetyInputs: upper_limit, lower_limit, emergency_stop, dielectric,
                 bridge_fault, supply_low;
             "edm_hal_shim::safety::DriveCodes" DriveCodes: motor_current, bus_voltage;
             "edm_servo_head::head::supervise::Limits" SupervisionLimits: following, following_ms, runaway, velocity, resistance,
                 encoder_ms, gated, gap_ms, host_ms, bus_min, current_max, current_ms, arcs;
-            "edm_servo_head::gap::pulses::Config" ArcConfig: levels, share, ms;
-            "edm_servo_head::gap::pulses::class::Levels" Levels: zero, reversed, current, short, arc;
+            "edm_servo_head::gap::pulses::Config" ArcConfig: share, ms;
+            "edm_servo_head::gap::pulses::stream::Counts" Counts: classes, charged, charging, waited, ignited;
+            "edm_hal_shim::gap::Edges" Edges: at, count;
             "edm_servo_head::head::positioning::MotionLimits" MotionLimits: velocity, acceleration, deceleration;
             "edm_servo_head::head::positioning::Home" Home: method, fast, slow, acceleration, at;
             "edm_servo_head::head::probe::Probe" Probe: source, every, edges, armed;
@@ -484,17 +486,25 @@ impl Places {
     /// # Errors
     /// When there is no memory.
     pub fn block(&self, memory: &Memory) -> Result<Option<GapBlock>> {
-        let view = View { region: &memory.sram, at: self.block };
-        if view.word(0)? == 0 {
+        let block = View { region: &memory.sram, at: self.block };
+        // That there is none is said by a flag that is neither.
+        const { assert!(size_of::<Option<GapBlock>>() == size_of::<GapBlock>()) };
+        let flags = [at!(GapBlock, gate_was_open), at!(GapBlock, was_high)];
+        if flags.into_iter().map(|at| block.byte(at)).collect::<Result<Vec<_>>>()?.into_iter().any(|flag| flag > 1) {
             return Ok(None);
         }
-        // The word before the block says whether there is one.
-        let block = view.inner(size_of::<Option<GapBlock>>() - size_of::<GapBlock>());
         let mut codes = [0; BLOCK];
         for (i, code) in codes.iter_mut().enumerate() {
             *code = block.half(offset_of!(GapBlock, codes) + 2 * i)?;
         }
-        Ok(Some(GapBlock { codes, gate: block.word(offset_of!(GapBlock, gate))? }))
+        Ok(Some(GapBlock {
+            codes,
+            gate: block.word(at!(GapBlock, gate))?,
+            gate_edges: edges(&block.inner(at!(GapBlock, gate_edges)))?,
+            high_edges: edges(&block.inner(at!(GapBlock, high_edges)))?,
+            gate_was_open: block.flag(at!(GapBlock, gate_was_open))?,
+            was_high: block.flag(at!(GapBlock, was_high))?,
+        }))
     }
 }
 
@@ -563,15 +573,7 @@ fn limits(view: &View) -> Result<SupervisionLimits> {
 }
 
 fn arcs(view: &View) -> Result<ArcConfig> {
-    let levels = view.inner(at!(ArcConfig, levels));
     Ok(ArcConfig {
-        levels: Levels {
-            zero: levels.half(at!(Levels, zero))?,
-            reversed: levels.flag(at!(Levels, reversed))?,
-            current: levels.half(at!(Levels, current))?,
-            short: levels.word(at!(Levels, short))?.cast_signed(),
-            arc: levels.word(at!(Levels, arc))?.cast_signed(),
-        },
         share: view.word(at!(ArcConfig, share))?,
         ms: view.word(at!(ArcConfig, ms))?,
         jump: view.word(at!(ArcConfig, jump))?,
@@ -599,7 +601,30 @@ fn reading(view: &View) -> Result<GapReading> {
         touches: view.flag(at!(GapReading, touches))?,
         short_ticks: view.word(at!(GapReading, short_ticks))?,
         code: view.half(at!(GapReading, code))?,
+        pulses: counts(&view.inner(at!(GapReading, pulses)))?,
     })
+}
+
+fn counts(view: &View) -> Result<Counts> {
+    let mut classes = [0; CLASSES];
+    for (i, count) in classes.iter_mut().enumerate() {
+        *count = view.word(at!(Counts, classes) + 4 * i)?;
+    }
+    Ok(Counts {
+        classes,
+        charged: view.word(at!(Counts, charged))?,
+        charging: view.word(at!(Counts, charging))?,
+        waited: view.word(at!(Counts, waited))?,
+        ignited: view.word(at!(Counts, ignited))?,
+    })
+}
+
+fn edges(view: &View) -> Result<Edges> {
+    let mut at = [0; EDGES];
+    for (i, time) in at.iter_mut().enumerate() {
+        *time = view.half(at!(Edges, at) + 2 * i)?;
+    }
+    Ok(Edges { at, count: view.byte(at!(Edges, count))? as u8 })
 }
 
 fn raw(view: &View) -> Result<RawCount> {

@@ -231,12 +231,12 @@ objects! {
         13 SetpointY: i32, ro, tx, I32, 0, "nm", live, "Set point Y: the same";
     }
     0x200F "Pulse classes" {
-        1 PulsesOpen: u8, ro, tx, (0, 200), 0, "", live, "Open: sampled pulses, one a millisecond, of the last 176 to 200 ms, that had not ignited";
-        2 PulsesSpark: u8, ro, tx, (0, 200), 0, "", live, "Spark: sampled pulses that were sparks";
-        3 PulsesArc: u8, ro, tx, (0, 200), 0, "", live, "Arc: sampled pulses that were arcs";
-        4 PulsesShort: u8, ro, tx, (0, 200), 0, "", live, "Short: sampled pulses that were shorts";
-        5 PulsesNone: u8, ro, tx, (0, 200), 0, "", live, "No pulse: samples without a pulse since the sample before";
-        6 PulsesUncertain: u8, ro, tx, (0, 200), 0, "", live, "Uncertain: sampled pulses that could not be classified";
+        1 PulsesOpen: u8, ro, tx, (0, 200), 0, "", live, "Open: share of all pulses of the last 176 to 200 ms that did not ignite, 0.5 %";
+        2 PulsesSpark: u8, ro, tx, (0, 200), 0, "", live, "Spark: share of the pulses that were sparks, 0.5 %";
+        3 PulsesArc: u8, ro, tx, (0, 200), 0, "", live, "Arc: share of the pulses that were arcs, 0.5 %";
+        4 PulsesShort: u8, ro, tx, (0, 200), 0, "", live, "Short: share of the pulses that were shorts, 0.5 %";
+        5 PulsesNone: u8, ro, tx, (0, 200), 0, "", live, "No pulse: share of the milliseconds without a pulse, 0.5 %";
+        6 PulsesUncertain: u8, ro, tx, (0, 200), 0, "", live, "Uncertain: share of the pulses that could not be classified, 0.5 %";
     }
     0x2010 "Scope" {
         1 ScopeSignal1: u32, rw, no, U32, 0, "", live, "Signal 1: index times 256 and sub-index of an object of up to 32 bits; 0 none";

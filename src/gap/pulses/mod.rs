@@ -1,38 +1,50 @@
-//! Classes of pulses: what each one was, how often of late, and whether arcs stay.
+//! Classes of pulses: what each one was, how often of late, and whether arcs persist.
 //!
-//! - *open*: not ignited when it was looked at. *Spark*: burns as a discharge does. *Arc*: burns lower, at the spot of the
-//!   discharge before, which takes away little and leaves a pit. *Short*: current without voltage. *No pulse*: nothing was to
-//!   be looked at. *Uncertain*: there was a pulse, and what was seen of it does not tell.
+//! - *open*: not ignited when its gate closed. *Spark*: burns as a discharge does. *Arc*: burns lower, at the spot of the
+//!   discharge before, which takes away little and leaves a pit. *Short*: current without voltage. *Uncertain*: there was a
+//!   pulse, and what was seen of it does not tell. *No pulse*: a millisecond without one.
 //!
-//! What the head goes by is one look into a pulse: current and voltage that the reflex's converter finds when the blanking is over
-//! (2 us, or three time constants of the charging gap). A spark has an ignition delay, so most are open then; an arc has none
-//! and burns already. The head looks once a millisecond at the newest pulse: a sample of the pulses, 200 in 200 ms.
+//! [`PulseStream`] classifies every pulse by the edges of gate and comparator and by the conversions of its on-time
+//! ([`Evidence`]); docs/gap-sensing.md says how often it is right.
 //!
-//! A discharge that is over before the blanking (a small capacitor's) is uncertain, arc or not.
+//! Arcs are *persistent* by a cumulative sum (Page, Biometrika 41, 1954), once a millisecond, of arcs a among n pulses:
 //!
-//! [`Samples`] tells a pulse by all conversions of its on-time, and by comparators and current where there are any. The head
-//! does not use it yet; docs/gap-sensing.md has what it was measured to tell.
+//! ```text
+//! S <- max(0, S + a - p n)      p: supervise.arc_percent
+//! ```
+//!
+//! S grows where arcs are more than the share p and falls back where they are less, however many pulses there are. What lies above
+//! [`ARCS`] for `supervise.arc_ms` is persistent; the same sum with `jump.arcs_percent` asks for a jump as soon as it lies there.
+//! A window of 200 ms with a share above p would cross that by chance: of 1000
+//! pulses the share has a standard deviation of 1.5 %.
 
 mod class;
 mod samples;
 mod shares;
+mod stream;
 
-pub use class::{CLASSES, Class, Levels, PulseSample};
-pub use samples::{Boundaries, Config as SamplesConfig, Evidence, Samples};
+pub use class::{CLASSES, Class, Levels};
+pub use samples::{Boundaries, Config as BoundaryConfig, Evidence};
 pub use shares::{Shares, WINDOW};
+pub use stream::{Counts, Pulse, PulseStream, UNSHOWN};
 
-use edm_hal_shim::reflex::PulseCounts;
+use crate::units::within;
 
-/// When arcs are persistent, and how pulses are told apart.
+/// Arcs beyond the share of `supervise.arc_percent` that are too many. With 2 % of the pulses fewer arcs than that, 25 000
+/// independent pulses a second come as far, and stay there for 50 ms, once in hours (simulated). With 2 % more it takes 0.2 s at
+/// 25 000 pulses a second, 0.1 s at 100 000 and 1 s at 5000: fewer pulses do not tell.
+pub const ARCS: f32 = 80.0;
+/// Arcs that are counted at the most: the end of persistent arcs shows soon.
+const MOST: f32 = 2.0 * ARCS;
+
+/// When arcs are persistent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    /// How.
-    pub levels: Levels,
-    /// Percent of the pulses seen in [`WINDOW`] ms that are arcs, and more. Above 100 nothing is.
+    /// Percent of the pulses that are arcs, and more. Above 100 nothing is.
     pub share: u32,
     /// For so long, ms.
     pub ms: u32,
-    /// Percent of them that are arcs, and more, which ask for a jump; 0: none do.
+    /// Percent of the pulses that are arcs, and more, which ask for a jump; 0: none do.
     pub jump: u32,
 }
 
@@ -40,17 +52,22 @@ pub struct Config {
 #[derive(Clone, Debug, Default)]
 pub struct Pulses {
     shares: Shares,
-    /// Edges and conversions at the look before.
-    last: [u8; 2],
-    /// Looks in a row at which arcs had more than their share.
+    /// Pulses when they were looked at last.
+    last: Counts,
+    /// The sums S of the [module](self): for the fault, for a jump.
+    arcs: [f32; 2],
+    /// Milliseconds in a row for which it was too large.
     above: u32,
+    /// Milliseconds since it began, and pulses.
+    since: u32,
+    seen: u32,
     /// Arcs ask for a jump; `None` before enough was seen.
     jump: Option<bool>,
 }
 
 impl Pulses {
-    /// Pulses to have seen in [`WINDOW`] ms before a share of them means anything: the standard deviation of a share of
-    /// 40 is 8 % at the most.
+    /// Pulses, and milliseconds, to have seen before a share means anything for a jump: the standard deviation of a share of
+    /// 40 is 8 % at the most, and a jump has to show for a while what it was good for.
     pub const LEAST: u32 = 40;
 
     /// Classes of late.
@@ -63,137 +80,146 @@ impl Pulses {
         self.jump
     }
 
-    /// Looks at the newest pulse, once a millisecond. Whether arcs have had more than their share for their time; without
-    /// permission to pulse everything begins anew.
-    pub fn look(&mut self, config: &Config, counts: PulseCounts, permitted: bool) -> bool {
-        let [edges, conversions] = core::mem::replace(&mut self.last, [counts.edges, counts.conversions]);
+    /// Takes the pulses of a millisecond. Whether arcs are persistent; without permission to pulse everything begins anew.
+    pub fn look(&mut self, config: &Config, counts: &Counts, permitted: bool) -> bool {
+        let new = counts.since(&self.last);
+        self.last = *counts;
         if !permitted {
-            (self.above, self.shares, self.jump) = (0, Shares::default(), None);
+            *self = Pulses { last: self.last, ..Pulses::default() };
             return false;
         }
-        let class = if counts.conversions != conversions {
-            config.levels.class(PulseSample::of(counts.newest))
-        } else if counts.edges != edges {
-            Class::Uncertain
-        } else {
-            Class::NoPulse
-        };
-        let mut look = [0; CLASSES];
-        if let Some(count) = look.get_mut(class as usize) {
-            *count = 1;
+        let pulses = new.total();
+        let mut classes = new.classes.map(|count| count.min(u16::MAX.into()) as u16);
+        if let (0, Some(none)) = (pulses, classes.get_mut(Class::NoPulse as usize)) {
+            *none = 1;
         }
-        self.shares.add(&look);
-        let [open, spark, arcs, short, _, uncertain] = self.shares.counts().map(u32::from);
-        let seen = open + spark + arcs + short + uncertain;
-        let more = |share| seen >= Self::LEAST && arcs * 100 > share * seen;
-        self.jump = (seen >= Self::LEAST).then(|| config.jump > 0 && more(config.jump));
-        let above = more(config.share);
-        self.above = if above { self.above.saturating_add(1) } else { 0 };
+        self.shares.add(&classes);
+        let arcs = new.classes.get(Class::Arc as usize).copied().unwrap_or(0);
+        for (sum, percent) in self.arcs.iter_mut().zip([config.share, config.jump]) {
+            let beyond = arcs as f32 - 0.01 * percent as f32 * pulses as f32;
+            *sum = within(*sum + beyond, 0.0, MOST);
+        }
+        let [persistent, jump] = self.arcs.map(|sum| sum > ARCS);
+        self.seen = self.seen.saturating_add(pulses);
+        self.since = self.since.saturating_add(1);
+        self.above = if persistent { self.above.saturating_add(1) } else { 0 };
+
+        self.jump = (self.seen.min(self.since) >= Self::LEAST).then_some(config.jump > 0 && jump);
         self.above > config.ms
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::class::tests::LEVELS;
     use super::*;
     use proptest::prelude::*;
 
-    const CONFIG: Config = Config { levels: LEVELS, share: 60, ms: 50, jump: 40 };
+    const CONFIG: Config = Config { share: 60, ms: 50, jump: 40 };
 
-    /// Looks, of which a share in percent finds an arc and the others a pulse that has not ignited, one at a rate per look;
-    /// gives the look at which arcs are found to stay, of 2000.
-    fn found(share: u32, conversions: impl Fn(u32) -> u32) -> Option<u32> {
-        let mut pulses = Pulses::default();
-        // Evenly mixed.
-        (1..=2000).find(|n| {
-            let arc = n * share / 100 != (n - 1) * share / 100;
-            let count = conversions(*n) as u8;
-            let newest = if arc { [2600, 690] } else { [2050, 1410] };
-            let counts =
-                PulseCounts { edges: count.wrapping_mul(2), conversions: count, newest, ..PulseCounts::default() };
-            pulses.look(&CONFIG, counts, true)
+    /// So many pulses a millisecond, of which a share in percent are arcs and the others open, evenly mixed; gives the
+    /// millisecond in which arcs are found to be persistent, of 5000.
+    fn found(share: u32, pulses: u32) -> Option<u32> {
+        let (mut watch, mut counts) = (Pulses::default(), Counts::default());
+        (1..=5000).find(|n| {
+            let arcs = n * pulses * share / 100;
+            counts.classes[Class::Arc as usize] = arcs;
+            counts.classes[Class::Open as usize] = n * pulses - arcs;
+            watch.look(&CONFIG, &counts, true)
         })
     }
 
     #[test]
-    fn nothing_but_arcs_are_found_when_their_time_is_over_and_enough_were_seen() {
-        // 40 pulses, and 50 ms more.
-        assert_eq!(found(100, |n| n), Some(40 + 50));
-        // A pulse in four looks.
-        assert_eq!(found(100, |n| n / 4), Some(160 + 50));
+    fn arcs_above_their_share_are_persistent_after_80_too_many_and_their_time() {
+        // 40 % of the pulses are too many: 80 of them, and 50 ms more.
+        assert!(found(100, 1).is_some_and(|ms| (250..=251).contains(&ms)));
+        assert!(found(100, 100).is_some_and(|ms| (52..=53).contains(&ms)));
+        // 2 % too many at 25 kHz, 0.5 a millisecond.
+        assert!(found(62, 25).is_some_and(|ms| (200..215).contains(&ms)));
     }
 
     #[test]
-    fn a_share_below_the_limit_is_never_found_and_one_above_is() {
-        for share in [0, 26, 30, 50, 59, 60] {
-            assert_eq!(found(share, |n| n), None, "{share} %");
+    fn arcs_below_their_share_are_never_persistent() {
+        for share in [0, 30, 50, 58, 60] {
+            for pulses in [1, 5, 25, 100] {
+                assert_eq!(found(share, pulses), None, "{share} %, {pulses} a millisecond");
+            }
         }
-        for share in [62, 70, 90] {
-            assert!(found(share, |n| n).is_some_and(|n| n <= WINDOW as u32 + 50), "{share} %");
-        }
+    }
+
+    #[test]
+    fn a_share_of_two_percent_less_by_chance_is_not_persistent_in_an_hour_and_two_percent_more_is_at_once() {
+        // Independent pulses at 25 kHz, of a congruential generator (Knuth, MMIX).
+        let mut seed = 1u64;
+        let mut chance = |percent: u64| {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 33) % 100 < percent
+        };
+        let mut run = |percent, ms: u32| {
+            let (mut watch, mut counts) = (Pulses::default(), Counts::default());
+            (1..=ms).find(|_| {
+                let arcs = (0..25).filter(|_| chance(percent)).count() as u32;
+                counts.classes[Class::Arc as usize] += arcs;
+                counts.classes[Class::Spark as usize] += 25 - arcs;
+                watch.look(&CONFIG, &counts, true)
+            })
+        };
+        assert_eq!(run(58, 3_600_000), None);
+        let times: Vec<u32> = (0..100).map(|_| run(62, 10_000).expect("2 % too many")).collect();
+        let mean = times.iter().sum::<u32>() / 100;
+        assert!((150..=240).contains(&mean), "{mean} ms");
     }
 
     #[test]
     fn arcs_ask_for_a_jump_from_their_share_on_once_enough_was_seen() {
         for (config, arcs, wanted) in [
             (CONFIG, 100, Some(true)),
-            (CONFIG, 41, Some(true)),
+            (CONFIG, 50, Some(true)),
             (CONFIG, 40, Some(false)),
+            (CONFIG, 30, Some(false)),
             (Config { jump: 0, ..CONFIG }, 100, Some(false)),
         ] {
-            let mut pulses = Pulses::default();
-            for n in 1..=200u32 {
-                let newest = if n <= 2 * arcs { [2600, 690] } else { [2050, 1410] };
-                let counts = PulseCounts { edges: n as u8, conversions: n as u8, newest, ..PulseCounts::default() };
-                pulses.look(&config, counts, true);
+            let (mut pulses, mut counts) = (Pulses::default(), Counts::default());
+            for n in 1..=1000u32 {
+                counts.classes[if n * arcs % 100 < arcs { Class::Arc } else { Class::Open } as usize] += 1;
+                pulses.look(&config, &counts, true);
                 assert_eq!(pulses.jump().is_some(), n >= Pulses::LEAST);
             }
             assert_eq!(pulses.jump(), wanted, "{arcs} %");
-            pulses.look(&config, PulseCounts::default(), false);
+            pulses.look(&config, &counts, false);
             assert_eq!(pulses.jump(), None, "pulses begin anew");
         }
     }
 
     #[test]
-    fn arcs_of_which_few_were_seen_are_none() {
-        // 39 in 200 ms.
-        assert_eq!(found(100, |n| n * 39 / 200), None);
-        assert_eq!(found(100, |_| 0), None);
-    }
-
-    #[test]
     fn without_permission_it_begins_anew() {
-        let mut pulses = Pulses::default();
-        let mut look = |n: u8, permitted| {
-            let counts = PulseCounts { edges: n, conversions: n, newest: [2600, 690], ..PulseCounts::default() };
-            pulses.look(&CONFIG, counts, permitted)
+        let (mut pulses, mut counts) = (Pulses::default(), Counts::default());
+        let mut look = |permitted| {
+            counts.classes[Class::Arc as usize] += 90;
+            pulses.look(&CONFIG, &counts, permitted)
         };
-        assert!(!(1..90).any(|n| look(n, true)));
-        assert!(!look(90, false));
-        assert!(!(91..180).any(|n| look(n, true)));
-        assert!(look(180, true));
+        assert!(!(0..52).any(|_| look(true)));
+        assert!(!look(false));
+        assert!(!(0..52).any(|_| look(true)));
+        assert!(look(true));
     }
 
     #[test]
-    fn pulses_that_are_not_converted_are_uncertain_and_none_are_no_pulse() {
-        let mut pulses = Pulses::default();
-        for edges in [2, 4, 4, 4] {
-            pulses.look(&CONFIG, PulseCounts { edges, ..PulseCounts::default() }, true);
+    fn milliseconds_without_a_pulse_are_counted_as_such() {
+        let (mut pulses, mut counts) = (Pulses::default(), Counts::default());
+        for new in [0, 3, 0, 2] {
+            counts.classes[Class::Uncertain as usize] += new;
+            pulses.look(&CONFIG, &counts, true);
         }
-        assert_eq!(pulses.shares().counts(), [0, 0, 0, 0, 2, 2]);
+        assert_eq!(pulses.shares().counts(), [0, 0, 0, 0, 2, 5]);
     }
 
     proptest! {
         #[test]
-        fn no_counts_make_it_fail(all: Vec<(u8, u8, u16, u16, bool)>, share: u32, ms: u32) {
+        fn no_counts_make_it_fail(all: Vec<([u32; CLASSES], bool)>, share: u32, ms: u32) {
             let mut pulses = Pulses::default();
             let config = Config { share: share % 102, ms, ..CONFIG };
-            for (edges, conversions, current, voltage, permitted) in all {
-                let newest = [current, voltage];
-                pulses.look(&config, PulseCounts { edges, conversions, newest, ..PulseCounts::default() }, permitted);
-                let looks = pulses.shares().counts().iter().map(|count| u32::from(*count)).sum::<u32>();
-                prop_assert!(looks <= WINDOW as u32);
+            for (classes, permitted) in all {
+                pulses.look(&config, &Counts { classes, ..Counts::default() }, permitted);
             }
         }
     }

@@ -1,6 +1,6 @@
 //! How often each class was seen of late.
 
-use super::class::CLASSES;
+use super::class::{CLASSES, Class};
 
 /// Most milliseconds that are remembered.
 pub const WINDOW: usize = BUCKETS * MILLISECONDS as usize;
@@ -43,6 +43,20 @@ impl Shares {
         }
     }
 
+    /// Share of each class in the pulses, half percents, rounded; of no pulse: in the milliseconds.
+    pub fn half_percents(&self) -> [u8; CLASSES] {
+        let none = Class::NoPulse as usize;
+        let counts = self.sums.map(u32::from);
+        let pulses =
+            counts.iter().enumerate().filter(|(class, _)| *class != none).fold(0, |sum, (_, count)| sum + count);
+        let mut class = 0;
+        counts.map(|count| {
+            let all = if class == none { WINDOW as u32 } else { pulses };
+            class += 1;
+            (200 * count + all / 2).checked_div(all).unwrap_or(0).min(200) as u8
+        })
+    }
+
     /// Pulses of each class: open, spark, arc, short, no pulse, uncertain.
     pub fn counts(&self) -> [u16; CLASSES] {
         self.sums
@@ -68,6 +82,15 @@ mod tests {
                 assert_eq!(count, of, "{class} after {n}");
             }
         }
+    }
+
+    #[test]
+    fn shares_are_those_of_all_pulses_and_no_pulse_is_one_of_the_milliseconds() {
+        let mut shares = Shares::default();
+        assert_eq!(shares.half_percents(), [0; CLASSES]);
+        (0..150).for_each(|_| shares.add(&[3, 90, 0, 7, 0, 0]));
+        (0..50).for_each(|_| shares.add(&[0, 0, 0, 0, 1, 0]));
+        assert_eq!(shares.half_percents(), [6, 180, 0, 14, 50, 0]);
     }
 
     #[test]

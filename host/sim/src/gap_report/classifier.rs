@@ -6,8 +6,8 @@
 //! conversion of each pulse is blanked. The classifier knows the levels and the noise, and nothing of the wait.
 
 use edm_hal_shim::gap::{BLOCK, GapBlock};
-use edm_servo_head::gap::pulses::{CLASSES, Class, Samples, SamplesConfig};
-use edm_servo_head::units::Volts;
+use edm_servo_head::gap::pulses::{BoundaryConfig, CLASSES, Class, PulseStream};
+use edm_servo_head::units::{CLOCK_HZ, Seconds, Volts};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -15,6 +15,10 @@ use std::collections::VecDeque;
 
 /// Labels, in the order of the rows of a confusion matrix.
 pub const LABELS: [Class; 4] = [Class::Open, Class::Spark, Class::Arc, Class::Short];
+
+/// What an arc burns at, and a short.
+const ARC: Volts = Volts(28.0);
+const SHORT: Volts = Volts(5.0);
 
 /// How often a label (row) was given a class (column, in the order of [`Class`]).
 pub type Confusion = [[u64; CLASSES]; LABELS.len()];
@@ -40,52 +44,58 @@ impl Case {
         Case { snr_db, burns, waits: 8, blanking: 1, labels: &LABELS }
     }
 
-    fn config(&self) -> SamplesConfig {
-        let config = SamplesConfig::default();
+    fn config(&self) -> BoundaryConfig {
+        let config = BoundaryConfig::default();
         let noise = f64::from(config.spark.0) / 10f64.powf(self.snr_db / 20.0);
-        SamplesConfig { noise: Volts(noise as f32), blanking: self.blanking, ..config }
+        // The gate opens half a conversion before the first.
+        let blanking = Seconds((self.blanking * GapBlock::SPACING) as f32 / CLOCK_HZ as f32);
+        BoundaryConfig { noise: Volts(noise as f32), blanking, short_below: Volts(0.5 * (ARC.0 + SHORT.0)), ..config }
     }
 
     /// Runs so many pulses of a seed.
     pub fn run(&self, pulses: u64, seed: u64) -> Confusion {
         let config = self.config();
-        let mut samples = Samples::new(config.build().expect("levels in order"));
+        let mut stream = PulseStream::new(config.build().expect("levels in order"));
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         let mut labels = VecDeque::new();
         let mut confusion = Confusion::default();
-        let (mut block, mut at) = (GapBlock::EMPTY, 0);
+        let (mut block, mut at, mut open) = (GapBlock::EMPTY, 0, false);
         let mut convert = |volts: Option<f64>, random: &mut Xoshiro256PlusPlus, labels: &mut VecDeque<usize>| {
             let noise: f64 = StandardNormal.sample(random);
             let volts_noise = volts.unwrap_or(0.0) + f64::from(config.noise.0) * noise;
             let code = f64::from(config.zero) + volts_noise / f64::from(config.volts_per_code);
             block.codes[at] = code.round().clamp(0.0, 4095.0) as u16;
             block.gate |= u32::from(volts.is_some()) << at;
+            if volts.is_some() != open {
+                open = !open;
+                block.gate_edges.push((at as u32 * GapBlock::SPACING) as u16);
+            }
             at += 1;
             if at == BLOCK {
-                samples.block(&block, |class| {
+                stream.block(&block, |pulse| {
                     let label = labels.pop_front().expect("no more pulses than there were");
-                    confusion[label][class as usize] += 1;
+                    confusion[label][pulse.class as usize] += 1;
                 });
-                (block, at) = (GapBlock::EMPTY, 0);
+                (block, at) = (GapBlock { gate_was_open: open, ..GapBlock::EMPTY }, 0);
             }
         };
         for _ in 0..pulses {
             let label = self.labels[random.random_range(0..self.labels.len())];
             labels.push_back(LABELS.iter().position(|other| *other == label).expect("a label"));
             let wait = if label == Class::Short { 0 } else { random.random_range(0..=self.waits) };
-            let open = f64::from(config.open.0);
+            let waits = f64::from(config.open.0);
             let burns = match label {
                 Class::Spark => config.spark,
-                Class::Arc => config.arc,
-                Class::Short => config.short,
+                Class::Arc => ARC,
+                Class::Short => SHORT,
                 _ => config.open,
             };
             for _ in 0..self.blanking {
-                let rising = 0.5 * open;
+                let rising = 0.5 * waits;
                 convert(Some(rising), &mut random, &mut labels);
             }
             for n in 0..wait + self.burns {
-                let volts = if n < wait { open } else { f64::from(burns.0) };
+                let volts = if n < wait { waits } else { f64::from(burns.0) };
                 convert(Some(volts), &mut random, &mut labels);
             }
             for _ in 0..random.random_range(3..=9) {
@@ -104,7 +114,7 @@ impl Case {
         let config = self.config();
         let deviation = f64::from(config.noise.0) / (self.burns as f64).sqrt();
         let within = |away: f32| normal(0.5 * f64::from(away) / deviation);
-        let (open, spark, arc, short) = (config.open.0, config.spark.0, config.arc.0, config.short.0);
+        let (open, spark, arc, short) = (config.open.0, config.spark.0, ARC.0, SHORT.0);
         match label {
             Class::Spark => within(open - spark) + within(spark - arc) - 1.0,
             Class::Arc => within(spark - arc) + within(arc - short) - 1.0,

@@ -43,6 +43,7 @@ pub fn cases() -> Vec<Case> {
                 mains: Hertz(number(2)),
                 notch_q: number(3),
                 second_harmonic: number(4) != 0.0,
+                follow: false,
             },
             input: words(sums).map(|sum| u32::from_le_bytes(sum) as f32 / BLOCK as f32).collect(),
             expected: expected.to_vec(),

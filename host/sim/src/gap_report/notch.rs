@@ -1,6 +1,6 @@
 //! Hum of drifting frequency, through a tracking notch and a fixed one.
 
-use edm_servo_head::dsp::chain::{Config, State, Tracked};
+use edm_servo_head::dsp::chain::{Coefficients, Config, State, Tracked};
 use edm_servo_head::units::{Hertz, TICK_HZ};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -49,7 +49,7 @@ pub struct Attenuation {
 /// in the same way and gets the same noise without it.
 pub fn attenuation(case: &Case) -> Attenuation {
     let config = |mains: f32| Config { mains: Hertz(mains), ..Config::default() };
-    let mut tracked = Tracked::new(&config(case.set_hz)).expect("a mains frequency");
+    let mut tracked = Tracked::new(follows(config(case.set_hz)));
     let fixed = config(case.mains as f32).build().expect("a mains frequency");
     let mut states = [State::settled(1000.0); 3];
     let mut random = Xoshiro256PlusPlus::seed_from_u64(5);
@@ -85,7 +85,7 @@ pub fn attenuation(case: &Case) -> Attenuation {
 pub fn wandering_hz(seeds: u64) -> f64 {
     let wander = |seed| {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-        let mut tracked = Tracked::new(&Config::default()).expect("the default configuration");
+        let mut tracked = Tracked::new(follows(Config::default()));
         let mut state = State::settled(1000.0);
         let mut most = 0.0f64;
         for _ in 0..60 * SECOND {
@@ -113,4 +113,8 @@ pub fn group_delay_ms(hertz: f64) -> [f64; 2] {
     let low_pass = delay(200.0, 2.0 * eighth.cos()) + delay(200.0, 2.0 * (3.0 * eighth).cos());
     let notch = delay(50.0, 1.0 / 2.5);
     [low_pass + notch, notch]
+}
+
+fn follows(config: Config) -> Coefficients {
+    Config { follow: true, ..config }.build().expect("a mains frequency")
 }

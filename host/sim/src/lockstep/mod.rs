@@ -193,6 +193,7 @@ impl Twin {
         }
         self.compare("state", &(here.tick, here.state, here.fault), &(there.tick, there.state, there.fault))?;
         self.compare("gap", &bits(&here.gap), &bits(&there.gap))?;
+        self.compare("pulses", &here.gap.pulses, &there.gap.pulses)?;
         self.compare(
             "planned",
             &(here.position, here.setpoint, here.path),

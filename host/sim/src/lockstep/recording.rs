@@ -6,10 +6,11 @@
 
 use super::{Event, Twin};
 use edm_hal_shim::encoder::RawCount;
-use edm_hal_shim::gap::{BLOCK, GapBlock};
+use edm_hal_shim::gap::{BLOCK, Edges, GapBlock};
 use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
+use edm_servo_head::gap::pulses::{CLASSES, Counts};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{
     Command, Counters, Fault, Home, MotionLimits, Probe, ProbeInputs, SetPoint, Source, State, Status, TickInput,
@@ -25,8 +26,10 @@ use flate2::read::DeflateDecoder;
 use flate2::write::DeflateEncoder;
 use std::io::{self, Read, Write};
 
-/// First bytes of a recording, the last of them its version.
-const MAGIC: [u8; 5] = *b"EDMR\x05";
+/// First bytes of a recording, the last of them its version. Version 5 has no edges of gate and comparators, and no counts of
+/// pulses: the senses of the gap voltage can be compared all the same.
+const MAGIC: [u8; 5] = *b"EDMR\x06";
+const FORMER: [u8; 5] = *b"EDMR\x05";
 /// Qualities of a reading by number.
 pub const QUALITIES: [Quality; 5] =
     [Quality::Missing, Quality::Valid, Quality::NoGate, Quality::Saturated, Quality::Reversed];
@@ -69,10 +72,84 @@ struct Last {
     command: [u64; COMMAND],
     tick: [u64; TICK],
     plan: [u64; PLAN],
+    counts: [u64; COUNTS],
+    edges: EdgesOf,
 }
 
 impl Last {
-    const NONE: Last = Last { block: [0; BLOCK + 1], command: [0; COMMAND], tick: [0; TICK], plan: [0; PLAN] };
+    const NONE: Last = Last {
+        block: [0; BLOCK + 1],
+        command: [0; COMMAND],
+        tick: [0; TICK],
+        plan: [0; PLAN],
+        counts: [0; COUNTS],
+        edges: EdgesOf::NONE,
+    };
+}
+
+/// Numbers of [`Counts`].
+const COUNTS: usize = CLASSES + 4;
+
+/// Edges of a block, and the levels when it began.
+#[derive(Clone, Copy, PartialEq)]
+struct EdgesOf {
+    lines: [Edges; 2],
+    levels: [bool; 2],
+}
+
+impl EdgesOf {
+    const NONE: EdgesOf = EdgesOf { lines: [Edges::NONE; 2], levels: [false; 2] };
+
+    fn of(block: &GapBlock) -> EdgesOf {
+        EdgesOf { lines: [block.gate_edges, block.high_edges], levels: [block.gate_was_open, block.was_high] }
+    }
+
+    fn write(&self, to: &mut impl Write) -> io::Result<()> {
+        let [open, high] = self.levels;
+        let mut bytes = vec![7, u8::from(open) | u8::from(high) << 1];
+        for line in &self.lines {
+            bytes.push(line.count);
+            bytes.extend(line.times().iter().flat_map(|at| at.to_le_bytes()));
+        }
+        to.write_all(&bytes)
+    }
+
+    fn read(from: &mut impl Read) -> Result<EdgesOf, Error> {
+        let mut byte = || {
+            let mut byte = [0];
+            from.read_exact(&mut byte).map(|()| byte[0])
+        };
+        let levels = byte()?;
+        let mut edges = EdgesOf { levels: [levels & 1 != 0, levels & 2 != 0], ..EdgesOf::NONE };
+        for line in &mut edges.lines {
+            for _ in 0..byte()? {
+                let at = u16::from_le_bytes([byte()?, byte()?]);
+                if !line.push(at) {
+                    return Err(Error::Damaged("number of edges"));
+                }
+            }
+        }
+        Ok(edges)
+    }
+
+    fn put_into(self, block: &mut GapBlock) {
+        let EdgesOf { lines: [gate, high], levels: [open, above] } = self;
+        (block.gate_edges, block.high_edges) = (gate, high);
+        (block.gate_was_open, block.was_high) = (open, above);
+    }
+}
+
+fn counts_numbers(counts: &Counts) -> [u64; COUNTS] {
+    let Counts { classes, charged, charging, waited, ignited } = *counts;
+    let mut numbers = [0; COUNTS];
+    let all = classes.into_iter().chain([charged, charging, waited, ignited]);
+    numbers.iter_mut().zip(all).for_each(|(number, count)| *number = count.into());
+    numbers
+}
+
+fn counts_of(numbers: &[u64; COUNTS]) -> Counts {
+    let [charged, charging, waited, ignited] = core::array::from_fn(|i| numbers[CLASSES + i] as u32);
+    Counts { classes: core::array::from_fn(|i| numbers[i] as u32), charged, charging, waited, ignited }
 }
 
 /// Writes a recording.
@@ -99,12 +176,25 @@ impl<W: Write> Recorder<W> {
         let Self { to, last } = self;
         match event {
             Event::Block(None) => to.write_all(&[0]),
-            Event::Block(Some(block)) => put(to, 1, &mut last.block, block_numbers(block)),
+            Event::Block(Some(block)) => {
+                let edges = EdgesOf::of(block);
+                if edges != last.edges {
+                    edges.write(to)?;
+                    last.edges = edges;
+                }
+                put(to, 1, &mut last.block, block_numbers(block))
+            }
             Event::Command(command) => put(to, 2, &mut last.command, command_numbers(*command)),
             Event::Raised(fault) => to.write_all(&[4, *fault as u8]),
             Event::Supervised => to.write_all(&[5]),
             Event::Tick(input, counters, status) => put(to, 3, &mut last.tick, tick_numbers(input, counters, status)),
-            Event::Plan(status) => put(to, 6, &mut last.plan, plan_numbers(status)),
+            Event::Plan(status) => {
+                let counts = counts_numbers(&status.gap.pulses);
+                if counts != last.counts {
+                    put(to, 8, &mut last.counts, counts)?;
+                }
+                put(to, 6, &mut last.plan, plan_numbers(status))
+            }
         }
     }
 
@@ -137,7 +227,7 @@ pub fn replay_senses(from: impl Read) -> Result<u64, Error> {
 fn through(twin: fn(&Settings) -> Result<Twin, SettingError>, mut from: impl Read) -> Result<u64, Error> {
     let mut magic = [0; MAGIC.len()];
     from.read_exact(&mut magic)?;
-    if magic != MAGIC {
+    if magic != MAGIC && magic != FORMER {
         return Err(Error::Foreign);
     }
     let settings = Settings { commissioned: true, ..Settings::default() };
@@ -151,7 +241,19 @@ fn through(twin: fn(&Settings) -> Result<Twin, SettingError>, mut from: impl Rea
         }
         let event = match kind {
             [0] => Event::Block(None),
-            [1] => Event::Block(Some(block_of(&get(&mut from, &mut last.block)?))),
+            [7] => {
+                last.edges = EdgesOf::read(&mut from)?;
+                continue;
+            }
+            [8] => {
+                get(&mut from, &mut last.counts)?;
+                continue;
+            }
+            [1] => {
+                let mut block = block_of(&get(&mut from, &mut last.block)?);
+                last.edges.put_into(&mut block);
+                Event::Block(Some(block))
+            }
             [2] => Event::Command(command_of(&get(&mut from, &mut last.command)?)?),
             [3] => {
                 let (input, counters, status) = tick_of(&get(&mut from, &mut last.tick)?)?;
@@ -164,7 +266,11 @@ fn through(twin: fn(&Settings) -> Result<Twin, SettingError>, mut from: impl Rea
                 Event::Raised(*Fault::ALL.get(usize::from(fault)).ok_or(Error::Damaged("fault"))?)
             }
             [5] => Event::Supervised,
-            [6] => Event::Plan(plan_of(&get(&mut from, &mut last.plan)?)?),
+            [6] => {
+                let mut status = plan_of(&get(&mut from, &mut last.plan)?)?;
+                status.gap.pulses = counts_of(&last.counts);
+                Event::Plan(status)
+            }
             _ => return Err(Error::Damaged("event")),
         };
         twin.event(&event).map_err(Error::Differs)?;
@@ -225,7 +331,7 @@ fn block_of(numbers: &[u64; BLOCK + 1]) -> GapBlock {
         before = before.wrapping_add(*number);
         *code = before as u16;
     }
-    GapBlock { codes, gate: numbers[BLOCK] as u32 }
+    GapBlock { codes, gate: numbers[BLOCK] as u32, ..GapBlock::EMPTY }
 }
 
 /// Numbers of a command.
@@ -521,6 +627,7 @@ fn plan_of(numbers: &[u64; PLAN]) -> Result<Status, Error> {
             touches: shorts >> 32 & 1 != 0,
             short_ticks: shorts as u32,
             code: (shorts >> 48) as u16,
+            pulses: Counts::default(),
         },
         open_circuit: Volts(from_float(open)),
         current: Amps(from_float(current)),
@@ -552,8 +659,16 @@ mod tests {
 
     #[test]
     fn numbers_come_back() {
-        let block = GapBlock { codes: core::array::from_fn(|i| (i * 160) as u16 ^ 0x0aa5), gate: 0x01ff_fffe };
+        let codes = core::array::from_fn(|i| (i * 160) as u16 ^ 0x0aa5);
+        let block = GapBlock { codes, gate: 0x01ff_fffe, ..GapBlock::EMPTY };
         assert_eq!(block_of(&block_numbers(&block)), block);
+        let mut edges = EdgesOf { levels: [false, true], ..EdgesOf::NONE };
+        [7, 300, 8000].iter().for_each(|at| assert!(edges.lines[1].push(*at)));
+        let mut bytes = vec![];
+        edges.write(&mut bytes).unwrap();
+        assert!(EdgesOf::read(&mut &bytes[1..]).is_ok_and(|read| read == edges));
+        let counts = Counts { classes: [1, 2, 3, 4, 5, u32::MAX], charged: 7, charging: 8, waited: 9, ignited: 10 };
+        assert_eq!(counts_of(&counts_numbers(&counts)), counts);
         let piece = Piece { shape: Shape::YzBack, to: [-1, 2, i64::MIN], centre: [-3, 4], mark: true, stop: false };
         for command in [
             Command::MoveBy(Nanometres(-1_234_567)),

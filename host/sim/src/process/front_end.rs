@@ -124,6 +124,7 @@ impl FrontEnd {
         GapBlock {
             codes: self.stuck.map_or(codes, |stuck| [stuck; BLOCK]),
             gate: if self.gate_lost { 0 } else { gate },
+            ..GapBlock::EMPTY
         }
     }
 
@@ -337,6 +338,6 @@ mod tests {
     fn a_stuck_converter_and_a_lost_gate_show_nothing_of_the_gap() {
         let mut front = FrontEnd::new(&Parameters::default(), 1);
         (front.stuck, front.gate_lost) = (Some(1234), true);
-        assert_eq!(front.convert(0.0, &[steady(60.0)]), GapBlock { codes: [1234; BLOCK], gate: 0 });
+        assert_eq!(front.convert(0.0, &[steady(60.0)]), GapBlock { codes: [1234; BLOCK], ..GapBlock::EMPTY });
     }
 }

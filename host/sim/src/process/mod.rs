@@ -15,6 +15,7 @@ mod actuator;
 mod debris;
 mod front_end;
 mod gated;
+mod lines;
 mod normal;
 mod one;
 mod parameters;
@@ -35,13 +36,15 @@ pub use scale::Edge;
 use crate::events::{Event, EventError, Timeline};
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::Levels;
-use edm_hal_shim::gap::{BLOCK, GapBlock};
+use edm_hal_shim::gap::GapBlock;
 use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::settings::{SettingError, Value};
 use edm_servo_head::units::{ADC_FULL_SCALE, CLOCK_HZ, TICK_HZ};
 use front_end::FrontEnd;
 use gated::Gated;
+use lines::Lines;
+pub use lines::{THRESHOLDS, crossing};
 use one::One;
 use scale::Scale;
 use spark::Stretch;
@@ -295,6 +298,9 @@ pub struct Process {
     model: Model,
     scale: Scale,
     front: FrontEnd,
+    lines: Lines,
+    /// Open-circuit voltage of the generator, V.
+    open_v: f64,
     gated: Gated,
     ticks: u64,
     sensors: Sensors,
@@ -322,10 +328,12 @@ impl Process {
         Ok(Process {
             model,
             front: FrontEnd::new(&p, seed),
+            lines: Lines::default(),
+            open_v: plant.open_v(),
             gated: Gated::new(&p, plant.open_v(), seed),
             ticks: 0,
             sensors: Sensors {
-                block: GapBlock { codes: [0; BLOCK], gate: 0 },
+                block: GapBlock::EMPTY,
                 edges: Vec::with_capacity(64),
                 timer_count: 0,
                 levels: scale.levels(),
@@ -400,6 +408,8 @@ impl Process {
         self.gated.look(from + TICK_US, self.model.stretches(), self.model.amps());
         self.count_pulses(pulses_before);
         self.sensors.block = self.front.convert(from, self.model.stretches());
+        let (stretches, gate_lost) = (self.model.stretches(), self.front.gate_lost);
+        self.lines.see(&mut self.sensors.block, from, stretches, self.open_v, gate_lost);
 
         self.ticks += 1;
         self.sensors.now = self.sensors.now.wrapping_add(TICK_CLOCK);

@@ -175,10 +175,10 @@ fn held_for_the_shot_floor_the_gap_stays_and_the_front_end_lives() {
             for (k, code) in block.codes.iter().enumerate().filter(|(k, _)| block.gate >> k & 1 == 1) {
                 sum += (f64::from(*code) - 410.0) * 0.1;
                 n += 1.0;
-                assert!(k < BLOCK);
+                assert!(k < edm_hal_shim::gap::BLOCK);
             }
         }
-        (sum / n, n / 60_000.0 / BLOCK as f64)
+        (sum / n, n / 60_000.0 / edm_hal_shim::gap::BLOCK as f64)
     };
     let ((first, gated), (second, _)) = (mean(&mut process), mean(&mut process));
     assert!((first - second).abs() < 0.7 && (first - 60.0).abs() < 1.5, "{first} {second}");
@@ -209,7 +209,8 @@ fn every_fault_input_shows_where_it_should() {
     process.fault_inputs =
         FaultInputs { gate_lost: true, stuck_code: Some(7), bus_v: Some(30.0), ..FaultInputs::default() };
     let sensors = process.advance(Drive::Coast, true);
-    assert_eq!(sensors.block, GapBlock { codes: [7; BLOCK], gate: 0 });
+    let GapBlock { codes, gate, gate_edges, .. } = sensors.block;
+    assert_eq!((codes, gate, gate_edges.count), ([7; edm_hal_shim::gap::BLOCK], 0, 0));
     assert_eq!(sensors.drive.bus_voltage, 1961);
 
     process.fault_inputs = FaultInputs { short: true, ..FaultInputs::default() };

@@ -2,12 +2,16 @@
 
 use super::recording::Recording;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
-use edm_servo_head::units::{ADC_FULL_SCALE, ADC_HZ};
+use edm_servo_head::units::{ADC_FULL_SCALE, ADC_HZ, CLOCK_HZ};
 
 /// A conversion closer to an edge of the gate than this is not gated, s: it takes 0.71 us.
 const GUARD_S: f64 = 0.75e-6;
 /// Of a step of the recording: what is nearer to a sample is that sample, and not a mean of it and a second one.
 const ROUNDING: f64 = 1e-6;
+
+/// Core cycles a second, and from the beginning of a block to the middle of its first conversion.
+const CLOCK: f64 = CLOCK_HZ as f64;
+const MIDDLE: f64 = (GapBlock::SPACING - GapBlock::APERTURE / 2) as f64;
 
 /// How volts become codes.
 #[derive(Clone, Copy, Debug)]
@@ -27,8 +31,9 @@ pub enum Gate {
     Above(f32, f32),
 }
 
-/// Cuts a recording into the blocks that the converter would have made of it; what does not fill one is left out.
-pub fn blocks(recording: &Recording, scale: Scale, gate: Gate) -> impl Iterator<Item = GapBlock> {
+/// Cuts a recording into the blocks that the converter would have made of it; what does not fill one is left out. The high
+/// comparator switches at `high` volts; no edge is finer than a step of the recording.
+pub fn blocks(recording: &Recording, scale: Scale, gate: Gate, high: f64) -> impl Iterator<Item = GapBlock> {
     let open = open(recording, gate);
     let steps = recording.rate / f64::from(ADC_HZ);
     let last = recording.gap_v.len() - 1;
@@ -47,6 +52,23 @@ pub fn blocks(recording: &Recording, scale: Scale, gate: Gate) -> impl Iterator<
             let from = before.min((at - guard).max(0.0).ceil() as usize);
             let to = behind.max((at + guard).floor() as usize).min(last);
             made.gate |= u32::from(open[from..=to].iter().all(|open| *open)) << i;
+        }
+        let begin = block * BLOCK;
+        let cycles = |sample: f64| ((sample - begin as f64 * steps) / recording.rate * CLOCK + MIDDLE).max(0.0) as u16;
+        let from = (begin as f64 * steps).ceil() as usize;
+        let to = (((begin + BLOCK) as f64 * steps).ceil() as usize).min(last + 1);
+        let above = |sample: usize| f64::from(recording.gap_v[sample].abs()) > high;
+        // The first sample of all has none before it: what is open or high then was so before.
+        made.gate_was_open = open[from.saturating_sub(1)];
+        made.was_high = above(from.saturating_sub(1));
+        for sample in from.max(1)..to {
+            let at = cycles(sample as f64 - 0.5);
+            if open[sample] != open[sample - 1] {
+                made.gate_edges.push(at);
+            }
+            if above(sample) != above(sample - 1) {
+                made.high_edges.push(at);
+            }
         }
         made
     })
@@ -84,7 +106,7 @@ mod tests {
     fn a_ramp_is_the_same_ramp_whatever_it_was_sampled_at() {
         for rate in [1e4, 3.3e5, 5e5, 1e6, 7.7e6, 1e7] {
             let ramp = recording(rate, |t| (t * 1e5) as f32, |_| true, 1e-3);
-            let blocks: Vec<GapBlock> = blocks(&ramp, SCALE, Gate::AsRecorded).collect();
+            let blocks: Vec<GapBlock> = blocks(&ramp, SCALE, Gate::AsRecorded, 70.0).collect();
             assert!((19..=20).contains(&blocks.len()), "{rate}: {}", blocks.len());
             for (n, code) in blocks.iter().flat_map(|block| block.codes).enumerate() {
                 assert!((f64::from(code) - 410.0 - 2.0 * n as f64).abs() <= 1.0, "{rate}, {n}: {code}");
@@ -96,7 +118,7 @@ mod tests {
     fn a_conversion_that_an_edge_of_the_gate_falls_into_is_not_gated() {
         // Open from 10 to 30 us: at 10 MS/s the conversion at 10 us is nearer to the edge than it takes, at 30 us as well.
         let fast = recording(1e7, |_| 0.0, |t| (10.05e-6..30.05e-6).contains(&t), 5e-5);
-        let block = blocks(&fast, SCALE, Gate::AsRecorded).next().unwrap();
+        let block = blocks(&fast, SCALE, Gate::AsRecorded, 70.0).next().unwrap();
         assert_eq!(block.gate, 0b111_1111_1100_0000);
     }
 
@@ -106,7 +128,7 @@ mod tests {
         let mut none = recording(5e5, volts, |_| false, 5e-5);
         none.gate = None;
         none.gap_i = Some((0..none.gap_v.len()).map(|n| if (10..15).contains(&n) { 5.0 } else { 0.0 }).collect());
-        let gate = |how| blocks(&none, SCALE, how).next().unwrap().gate;
+        let gate = |how| blocks(&none, SCALE, how, 70.0).next().unwrap().gate;
         assert_eq!(gate(Gate::AsRecorded), GapBlock::ALL);
         assert_eq!(gate(Gate::Above(20.0, 1.0)), (1 << 15) - 1);
         assert_eq!(gate(Gate::Above(20.0, 10.0)), (1 << 10) - 1);

@@ -12,9 +12,11 @@ pub mod recording;
 pub use picture::draw;
 
 use crate::output::Output;
+use crate::process::THRESHOLDS;
 use converter::{Gate, Scale, blocks};
 use edm_servo_head::dsp::chain::{State, Tracked};
-use edm_servo_head::gap::pulses::{CLASSES, Class, Samples, SamplesConfig, Shares};
+
+use edm_servo_head::gap::pulses::{CLASSES, Class, PulseStream, Shares};
 use edm_servo_head::gap::{GapSource, Quality, Voltage};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{ADC_HZ, TICK_HZ, TICKS_PER_MS};
@@ -91,15 +93,12 @@ pub fn run(recording: &Recording, settings: &Settings, gate: Gate) -> Result<Rep
     let active = settings.build().map_err(|error| error.to_string())?;
     let wrong = |error: edm_servo_head::dsp::OutOfRange| error.to_string();
     let mut source = Voltage::new(active.gap);
-    let mut tracked = Tracked::new(&settings.gap_filter()).map_err(wrong)?;
     let filter = settings.gap_filter().build().map_err(wrong)?;
-    let pulses = SamplesConfig {
-        volts_per_code: settings.gap_volts_per_code,
-        zero: settings.gap_zero_code as u16,
-        reversed: settings.gap_reversed,
-        ..SamplesConfig::default()
-    };
-    let mut samples = Samples::new(pulses.build().map_err(wrong)?);
+    let following = edm_servo_head::dsp::chain::Config { follow: true, ..settings.gap_filter() };
+    let mut tracked = Tracked::new(following.build().map_err(wrong)?);
+    let boundaries = settings.boundaries();
+    let mut stream = PulseStream::new(boundaries.build().map_err(wrong)?);
+    let high = THRESHOLDS[0] * f64::from(boundaries.open.0);
     let known = recording.gate.is_some() || matches!(gate, Gate::Above(..));
     let classified = known && recording.rate >= 0.999 * f64::from(ADC_HZ);
     let scale = Scale { zero: settings.gap_zero_code as f32, volts_per_code: settings.gap_volts_per_code };
@@ -109,14 +108,14 @@ pub fn run(recording: &Recording, settings: &Settings, gate: Gate) -> Result<Rep
     let mut beside: Option<[State; 2]> = None;
     let (mut ms, mut shares, mut pulses) = ([0u16; CLASSES], Shares::default(), [0u64; CLASSES]);
     let mut rows = Vec::new();
-    for (tick, block) in blocks(recording, scale, gate).enumerate() {
+    for (tick, block) in blocks(recording, scale, gate, high).enumerate() {
         let reading = source.update(Some(&block));
         let codes = reading.block.0 / per_code;
         let [low_pass, follower] = beside.get_or_insert([State::settled(codes); 2]);
         let (lowpass, followed) = (low_pass.low_pass(&filter, codes), tracked.tick(follower, codes));
         let mut classes = Vec::new();
         if classified {
-            samples.block(&block, |class| classes.push(class));
+            stream.block(&block, |pulse| classes.push(pulse.class));
         }
         for class in &classes {
             ms[*class as usize] += 1;

@@ -1,0 +1,59 @@
+//! Every pulse of the generator is classified by the chip, and counted once.
+
+use crate::common;
+use edm_fil::host;
+use edm_fil::image::Image;
+use edm_fil::rig::{Emulated, Witness};
+use edm_servo_head::gap::pulses::Class;
+use edm_servo_head::head::{Command, State};
+use edm_servo_head::settings::Settings;
+use edm_servo_head::units::Nanometres;
+use edm_sim::machine::Rig as _;
+use edm_sim::run::Setup;
+
+#[test]
+fn the_classes_add_up_to_the_pulses_of_the_generator_at_1_to_100_khz() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    for (name, ticks) in [("sinker-1khz", 20_000), ("sinker", 10_000), ("sinker-100khz", 10_000)] {
+        let Setup { process: mut plant, head, .. } = Setup::load(name).unwrap();
+        let settings = Settings { commissioned: true, ..head };
+        // A short way to the work.
+        plant.base.surface = 0.5;
+        let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
+        host::begin(&mut rig).unwrap();
+        let target = Command::MoveTo(Nanometres(3_000_000));
+        for command in [Command::SetHome(Nanometres(0)), Command::Enable, target, Command::Start] {
+            rig.command(command).unwrap();
+        }
+        let (mut eroded, mut most) = (0, 0u64);
+        for _ in 0..400_000 {
+            rig.tick().unwrap();
+            eroded += u32::from(rig.status().state == State::Eroding);
+            // A status is of the newest plan, four ticks old at the most: the pulses of a quarter of a millisecond may be on their way.
+            let made = rig.process_mut().truth().pulses.total();
+            let counted = u64::from(rig.status().gap.pulses.total());
+            assert!(counted <= made, "{name}: {counted} counted of {made}");
+            most = most.max(made - counted);
+            if eroded == ticks {
+                break;
+            }
+        }
+        assert_eq!(rig.status().state, State::Eroding, "{name}: {:?}", rig.status().fault);
+        rig.command(Command::Hold).unwrap();
+        for _ in 0..100 {
+            rig.tick().unwrap();
+        }
+        let truth = rig.process_mut().truth().pulses;
+        let counts = rig.status().gap.pulses;
+        // The pulse that the hold has cut off is none of the generator's counts.
+        let more = u64::from(counts.total()) - truth.total();
+        assert!(more <= 1 && most <= 40, "{name}: {more} more, {most} on their way; {counts:?}, {truth:?}");
+        let of = |class: Class| u64::from(counts.classes[class as usize]);
+        println!("{name}: {counts:?} of {truth:?}");
+        // What is told is right; a spark that ignites at the very end of its gate is taken for an open pulse.
+        assert!(of(Class::Arc) <= truth.arc && of(Class::Short) <= truth.short, "{name}: {counts:?}, {truth:?}");
+        assert!(of(Class::Spark) <= truth.spark, "{name}: {counts:?}, {truth:?}");
+        assert!(of(Class::Open).abs_diff(truth.open) * 100 <= truth.total(), "{name}: {counts:?}, {truth:?}");
+        assert!(of(Class::Uncertain) * 8 <= truth.total(), "{name}: {counts:?}, {truth:?}");
+    }
+}

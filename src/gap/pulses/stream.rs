@@ -1,0 +1,531 @@
+//! Cuts blocks into pulses, says of each what it was, and counts.
+//!
+//! A pulse is an open gate: from a rise to the next fall of the gate line, however many blocks that takes, and every one is
+//! counted. The comparator for 70 % of the open-circuit voltage shows when the gap was charged and when it ignited:
+//!
+//! - charged, and high to the end: *open*;
+//! - charged, then low: ignited at that moment. What burns is told by the conversions after it ([`Evidence`]);
+//! - never charged: it burned, or was short, from the beginning.
+//!
+//! A comparator that has not shown [`UNSHOWN`] pulses whose conversions are as high as the open circuit is not believed: then the
+//! conversions alone tell when a pulse ignited, and all that needs the moment (waiting and charging times) stands still.
+//!
+//! Waiting time begins where the gap is charged: charging time is no ignition delay.
+
+use super::class::{CLASSES, Class};
+use super::samples::{Boundaries, Evidence};
+use edm_hal_shim::gap::{BLOCK, Edges, GapBlock};
+
+/// High pulses without an edge of the high comparator after which it is not believed. As `PulseWatch` counts.
+pub const UNSHOWN: u32 = 1000;
+/// Cycles between an edge and the middle of the nearest conversion that does not sample it: half an aperture, and doubt.
+const CLEAR: i32 = GapBlock::APERTURE as i32 / 2 + 24;
+/// Cycles of a block.
+const END: i32 = GapBlock::CYCLES as i32;
+
+/// A pulse that is over. Times are core cycles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Pulse {
+    /// What it was.
+    pub class: Class,
+    /// From the opening of the gate to 70 % of the open-circuit voltage; `None`: it never had that.
+    pub charged: Option<u32>,
+    /// From there to the ignition, or to the end of a pulse that did not ignite.
+    pub waited: u32,
+    /// It was seen to ignite.
+    pub ignited: bool,
+}
+
+/// All pulses since the start. Every number wraps: of two readings the difference counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Counts {
+    /// Pulses of each class, in the order of [`Class`].
+    pub classes: [u32; CLASSES],
+    /// Pulses that were charged to 70 %, and the sum of their charging times, core cycles.
+    pub charged: u32,
+    /// See `charged`.
+    pub charging: u32,
+    /// Of those: the sum of their waiting times, core cycles, and how many have ignited.
+    pub waited: u32,
+    /// See `waited`.
+    pub ignited: u32,
+}
+
+impl Counts {
+    /// What has come since an earlier reading.
+    #[inline]
+    pub fn since(&self, earlier: &Counts) -> Counts {
+        Counts {
+            classes: core::array::from_fn(|class| self.class(class).wrapping_sub(earlier.class(class))),
+            charged: self.charged.wrapping_sub(earlier.charged),
+            charging: self.charging.wrapping_sub(earlier.charging),
+            waited: self.waited.wrapping_sub(earlier.waited),
+            ignited: self.ignited.wrapping_sub(earlier.ignited),
+        }
+    }
+
+    fn class(&self, class: usize) -> u32 {
+        self.classes.get(class).copied().unwrap_or(0)
+    }
+
+    /// All pulses.
+    pub fn total(&self) -> u32 {
+        self.classes.iter().fold(0, |sum, count| sum.wrapping_add(*count))
+    }
+
+    #[inline(always)]
+    fn add(&mut self, pulse: &Pulse) {
+        if let Some(count) = self.classes.get_mut(pulse.class as usize) {
+            *count = count.wrapping_add(1);
+        }
+        if let Some(charging) = pulse.charged {
+            self.charged = self.charged.wrapping_add(1);
+            self.charging = self.charging.wrapping_add(charging);
+            self.waited = self.waited.wrapping_add(pulse.waited);
+            self.ignited = self.ignited.wrapping_add(pulse.ignited.into());
+        }
+    }
+}
+
+/// The edges of a line that are still to come in a block.
+struct Coming<'a>(&'a [u16]);
+
+impl<'a> Coming<'a> {
+    #[inline(always)]
+    fn of(edges: &'a Edges) -> Self {
+        Coming(edges.times())
+    }
+
+    /// The next edge before `to`.
+    #[inline(always)]
+    fn before(&mut self, to: i32) -> Option<i32> {
+        let (next, rest) = self.0.split_first()?;
+        let at = i32::from(*next);
+        (at < to).then(|| {
+            self.0 = rest;
+            at
+        })
+    }
+}
+
+/// What is known of the pulse whose gate is open. Times are core cycles since the present block began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+struct Now {
+    opened: i32,
+    charged: Option<i32>,
+    ignited: Option<i32>,
+    /// From when on conversions count, and until when.
+    from: i32,
+    to: i32,
+    evidence: Evidence,
+}
+
+impl Now {
+    /// A block later. What does not happen stays as far away.
+    #[inline(always)]
+    fn shift(&mut self) {
+        self.opened = self.opened.saturating_sub(END);
+        self.from = self.from.saturating_sub(END);
+        self.to = if self.to == i32::MAX { i32::MAX } else { self.to.saturating_sub(END) };
+        self.charged = self.charged.map(|at| at.saturating_sub(END));
+        self.ignited = self.ignited.map(|at| at.saturating_sub(END));
+    }
+}
+
+/// Pulses out of blocks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PulseStream {
+    boundaries: Boundaries,
+    counts: Counts,
+    now: Now,
+    open: bool,
+    high: bool,
+    /// High pulses since the newest edge of the high comparator.
+    unshown: u32,
+}
+
+impl PulseStream {
+    /// Nothing seen yet.
+    pub fn new(boundaries: Boundaries) -> PulseStream {
+        let (counts, now) = (Counts::default(), Now::default());
+        PulseStream { boundaries, counts, now, open: false, high: false, unshown: UNSHOWN }
+    }
+
+    /// Goes on with other boundaries from the next pulse on; the counts go on too.
+    pub fn retune(&mut self, boundaries: Boundaries) {
+        self.boundaries = boundaries;
+        self.now.evidence = Evidence::default();
+    }
+
+    /// All pulses so far.
+    #[inline(always)]
+    pub fn counts(&self) -> &Counts {
+        &self.counts
+    }
+
+    /// A block is missing: what its pulses were is not known, and the one that is open is uncertain.
+    #[cold]
+    pub fn lost(&mut self) {
+        self.now = Now::default();
+    }
+
+    /// Takes a block; gives each pulse whose gate it shows to have closed to `done`.
+    #[inline]
+    pub fn block(&mut self, block: &GapBlock, mut done: impl FnMut(&Pulse)) {
+        let mut highs = Coming::of(&block.high_edges);
+        self.high = block.was_high;
+        if self.open != block.gate_was_open {
+            self.missed(block.gate_was_open);
+        }
+        let mut gates = block.gate_edges.times().iter();
+        loop {
+            let edge = gates.next();
+            let to = edge.map_or(END, |at| i32::from(*at));
+            if self.open {
+                self.until(block, to, &mut highs);
+            } else {
+                self.rest(to, &mut highs);
+            }
+            if edge.is_none() {
+                break;
+            }
+            if self.open {
+                let pulse = self.close(to);
+                self.counts.add(&pulse);
+                done(&pulse);
+            } else {
+                self.begin(to);
+            }
+            self.open = !self.open;
+        }
+        if self.open {
+            self.now.shift();
+        }
+        // What came after the last conversion: of the next block it is the beginning.
+        self.rest(i32::MAX, &mut highs);
+    }
+
+    /// Edges of the gate were missed: begins anew.
+    #[cold]
+    fn missed(&mut self, open: bool) {
+        self.open = open;
+        self.now = Now::default();
+    }
+
+    /// The gate is closed until `to`.
+    #[inline(always)]
+    fn rest(&mut self, to: i32, highs: &mut Coming<'_>) {
+        while highs.before(to).is_some() {
+            self.high = !self.high;
+            self.unshown = 0;
+        }
+    }
+
+    #[inline(always)]
+    fn begin(&mut self, at: i32) {
+        let mut evidence = Evidence::default();
+        let shown = self.unshown < UNSHOWN;
+        let charged = (shown && self.high).then_some(at);
+        if shown && charged.is_none() {
+            // Until it is charged: one that never is has burned from the beginning.
+            evidence.ignite();
+        }
+        let from = at.wrapping_add_unsigned(self.boundaries.blanking());
+        self.now = Now { opened: at, charged, ignited: None, from, to: i32::MAX, evidence };
+    }
+
+    /// The gate stays open until `to`.
+    #[inline(always)]
+    fn until(&mut self, block: &GapBlock, to: i32, highs: &mut Coming<'_>) {
+        while let Some(at) = highs.before(to) {
+            self.unshown = 0;
+            self.high = !self.high;
+            let now = &mut self.now;
+            if !self.high {
+                if now.ignited.is_none() {
+                    // What was converted before belongs to the wait.
+                    now.ignited = Some(at);
+                    now.evidence.ignite();
+                    now.from = at.wrapping_add(CLEAR);
+                }
+            } else if now.ignited.is_some() {
+                // It has gone out, and is charged again.
+                now.to = now.to.min(at.wrapping_sub(CLEAR));
+            } else {
+                now.charged = Some(at);
+                now.evidence = Evidence::default();
+            }
+        }
+        // Of a wait that the comparator sees nothing has to be converted.
+        if self.now.charged.is_none() || self.now.ignited.is_some() {
+            self.samples(block, to);
+        }
+    }
+
+    /// The gated conversions that count and whose middle lies before a moment.
+    #[inline(always)]
+    fn samples(&mut self, block: &GapBlock, to: i32) {
+        let to = to.min(self.now.to);
+        let left = block.gate & u32::MAX.wrapping_shl(before(self.now.from)) & !u32::MAX.wrapping_shl(before(to));
+        if left == 0 {
+            return;
+        }
+        let (begin, end) = (left.trailing_zeros(), u32::BITS - left.leading_zeros());
+        let codes = block.codes.get(begin as usize..end as usize).unwrap_or(&[]);
+        self.now.evidence.samples(&self.boundaries, codes);
+    }
+
+    /// The gate closes.
+    #[inline(always)]
+    fn close(&mut self, at: i32) -> Pulse {
+        let Now { opened, charged, ignited, evidence, .. } = self.now;
+        let Some(charged) = charged else {
+            self.unshown = self.unshown.saturating_add(evidence.is_high().into());
+            let class = evidence.class(&self.boundaries);
+            return Pulse { class, charged: None, waited: 0, ignited: false };
+        };
+        let class = match ignited {
+            None => Class::Open,
+            // A gap that was charged was not short: its discharge is over, or what burned cannot be told.
+            Some(_) => match evidence.class(&self.boundaries) {
+                class @ (Class::Spark | Class::Arc) => class,
+                _ => Class::Uncertain,
+            },
+        };
+        let waited = ignited.unwrap_or(at).wrapping_sub(charged);
+        Pulse {
+            class,
+            charged: Some(charged.wrapping_sub(opened).max(0).unsigned_abs()),
+            waited: waited.max(0).unsigned_abs(),
+            ignited: ignited.is_some(),
+        }
+    }
+}
+
+/// How many conversions of a block have their middle before a moment.
+#[inline(always)]
+fn before(at: i32) -> u32 {
+    /// Middle of the first.
+    const MIDDLE: i32 = (GapBlock::SPACING - GapBlock::APERTURE / 2) as i32;
+    let since = at.saturating_sub(MIDDLE).max(0).unsigned_abs();
+    since.div_ceil(GapBlock::SPACING).min(BLOCK as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::super::samples::Config;
+    use super::*;
+    use crate::units::Volts;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    /// What one pulse is made of, core cycles.
+    #[derive(Clone, Copy, Debug)]
+    struct Made {
+        off: u32,
+        /// From the gate to 70 %; `None`: it burns from the beginning.
+        charges: Option<u32>,
+        waits: u32,
+        /// Volts after ignition; `None`: it stays open.
+        burns: Option<i32>,
+        /// From the ignition to the end of the gate.
+        lasts: u32,
+    }
+
+    impl Made {
+        fn on(&self) -> u32 {
+            self.charges.unwrap_or(0) + if self.charges.is_some() { self.waits } else { 0 } + self.lasts
+        }
+    }
+
+    /// Blocks of pulses on end, and of 100 us without one, with comparators or without.
+    fn blocks(pulses: &[Made], comparators: bool) -> Vec<GapBlock> {
+        let (mut gate, mut high, mut steps) = (Vec::new(), Vec::new(), Vec::new());
+        let mut at = 0u32;
+        steps.push((0, 0));
+        for pulse in pulses {
+            at += pulse.off;
+            gate.push(at);
+            let closes = at + pulse.on();
+            match pulse.charges {
+                Some(charges) => {
+                    steps.push((at, 100));
+                    high.push(at + charges);
+                    let ignites = at + charges + pulse.waits;
+                    if let Some(volts) = pulse.burns {
+                        steps.push((ignites, volts));
+                        high.push(ignites);
+                    } else {
+                        // It falls with the gate.
+                        high.push(closes + 20);
+                    }
+                }
+                None => steps.push((at, pulse.burns.unwrap_or(0))),
+            }
+            at = closes;
+            gate.push(at);
+            steps.push((at, 0));
+        }
+        let level = |edges: &[u32], at: u32| edges.iter().filter(|edge| **edge < at).count() % 2 == 1;
+        let block = |n: u32| {
+            let (begin, end) = (n * 8400, (n + 1) * 8400);
+            let volts = |at: u32| steps.iter().rev().find(|step| step.0 <= at).map_or(0, |step| step.1);
+            let mut block =
+                GapBlock { gate_was_open: level(&gate, begin), was_high: level(&high, begin), ..GapBlock::EMPTY };
+            for i in 0..BLOCK as u32 {
+                let (from, to) = (begin + 336 * i + 216 - 24, begin + 336 * (i + 1) + 24);
+                block.codes[i as usize] = (410 + 10 * volts(to - 24)) as u16;
+                let steady = !gate.iter().any(|edge| (from + 1..to).contains(edge));
+                block.gate |= u32::from(steady && level(&gate, to)) << i;
+            }
+            let inside = |edges: &[u32], into: &mut Edges| {
+                edges
+                    .iter()
+                    .filter(|at| (begin..end).contains(at))
+                    .for_each(|at| assert!(into.push((at - begin) as u16)));
+            };
+            inside(&gate, &mut block.gate_edges);
+            if comparators {
+                inside(&high, &mut block.high_edges);
+            } else {
+                block.was_high = false;
+            }
+            block
+        };
+        (0..at / 8400 + 3).map(block).collect()
+    }
+
+    fn run(pulses: &[Made], comparators: bool) -> (Vec<Pulse>, Counts) {
+        let config = Config { noise: Volts(1.0), ..Config::default() };
+        let mut stream = PulseStream::new(config.build().unwrap());
+        // The comparator is believed from its first edge on.
+        stream.unshown = 0;
+        let mut done = Vec::new();
+        blocks(pulses, comparators).iter().for_each(|block| stream.block(block, |pulse| done.push(*pulse)));
+        (done, *stream.counts())
+    }
+
+    const SPARK: Made = Made { off: 1000, charges: Some(200), waits: 3000, burns: Some(40), lasts: 4000 };
+
+    #[test]
+    fn a_pulse_is_told_by_its_ignition_and_by_what_burns_after_it() {
+        for (made, class) in [
+            (SPARK, Class::Spark),
+            (Made { burns: Some(28), ..SPARK }, Class::Arc),
+            (Made { burns: None, ..SPARK }, Class::Open),
+            (Made { charges: None, burns: Some(28), ..SPARK }, Class::Arc),
+            (Made { charges: None, burns: Some(40), ..SPARK }, Class::Spark),
+            (Made { charges: None, burns: Some(2), ..SPARK }, Class::Short),
+            // Ignited too late to be told, or over before anything is converted.
+            (Made { lasts: 400, ..SPARK }, Class::Uncertain),
+            // It had been charged: what is low after it is no short.
+            (Made { burns: Some(2), ..SPARK }, Class::Uncertain),
+            // As long as a millisecond.
+            (Made { waits: 100_000, lasts: 60_000, ..SPARK }, Class::Spark),
+            (Made { burns: None, waits: 160_000, ..SPARK }, Class::Open),
+        ] {
+            for off in [600, 1000, 5000, 8399] {
+                let (pulses, counts) = run(&[Made { off, ..made }; 7], true);
+                let waited = if made.burns.is_some() { made.waits } else { made.waits + made.lasts };
+                let expected = Pulse {
+                    class,
+                    charged: made.charges,
+                    waited: if made.charges.is_some() { waited } else { 0 },
+                    ignited: made.charges.is_some() && made.burns.is_some(),
+                };
+                assert_eq!(pulses, [expected; 7], "{made:?}, {off} off");
+                assert_eq!((counts.total(), counts.classes[class as usize]), (7, 7));
+                assert_eq!(counts.waited, 7 * expected.waited);
+            }
+        }
+    }
+
+    #[test]
+    fn a_comparator_that_shows_nothing_is_not_believed_after_a_thousand_pulses() {
+        for (made, class) in [(SPARK, Class::Spark), (Made { burns: None, ..SPARK }, Class::Open)] {
+            // Before, nothing is said of a pulse that is high and not shown to be.
+            let (pulses, counts) = run(&[Made { waits: 12_000, ..made }; 1200], false);
+            assert_eq!(pulses.len(), 1200);
+            assert!(pulses[..900].iter().all(|pulse| pulse.class == Class::Uncertain), "{:?}", pulses[0]);
+            assert!(pulses[1010..].iter().all(|pulse| pulse.class == class), "{:?}", pulses[1010]);
+            assert_eq!((counts.charged, counts.waited), (0, 0));
+        }
+    }
+
+    #[test]
+    fn at_100_khz_every_pulse_is_counted_and_arcs_are_told() {
+        // 5 us on, 5 us off: not a whole number of conversions, or all pulses would see the same phase of them.
+        let arc = Made { off: 853, charges: None, waits: 0, burns: Some(28), lasts: 840 };
+        let (pulses, counts) = run(&[arc; 10_000], true);
+        assert_eq!((pulses.len(), counts.total()), (10_000, 10_000));
+        let arcs = counts.classes[Class::Arc as usize];
+        assert!(arcs > 5000 && arcs + counts.classes[Class::Uncertain as usize] == 10_000, "{arcs}");
+        let open = Made { charges: Some(90), waits: 0, burns: None, lasts: 750, ..arc };
+        assert_eq!(run(&[open; 1000], true).1.classes[Class::Open as usize], 1000);
+    }
+
+    #[test]
+    fn a_lost_block_leaves_an_uncertain_pulse_and_no_wrong_one() {
+        let blocks = blocks(&[Made { waits: 30_000, ..SPARK }; 3], true);
+        let mut stream = PulseStream::new(Config::default().build().unwrap());
+        stream.unshown = 0;
+        for (n, block) in blocks.iter().enumerate() {
+            if n == 2 {
+                stream.lost();
+            } else {
+                stream.block(block, |_| {});
+            }
+        }
+        let counts = stream.counts();
+        let [spark, uncertain] = [Class::Spark, Class::Uncertain].map(|class| counts.classes[class as usize]);
+        assert!(spark >= 2 && spark + uncertain == counts.total(), "{counts:?}");
+    }
+
+    proptest! {
+        #[test]
+        fn every_pulse_is_counted_once_however_it_falls_on_blocks(
+            made in prop::collection::vec((400u32..9000, prop::option::of(60u32..400), 0u32..20_000, 0usize..4, 1500u32..9000), 1..60)
+        ) {
+            let burns = [None, Some(40), Some(28), Some(2)];
+            let made: Vec<Made> = made
+                .into_iter()
+                .map(|(off, charges, waits, burn, lasts)| Made { off, charges, waits, burns: burns[burn], lasts })
+                // What never charges burns.
+                .map(|made| if made.charges.is_none() { Made { burns: made.burns.or(Some(2)), ..made } } else { made })
+                .collect();
+            let (pulses, counts) = run(&made, true);
+            prop_assert_eq!(pulses.len(), made.len());
+            prop_assert_eq!(counts.total() as usize, made.len());
+            for (pulse, made) in pulses.iter().zip(&made) {
+                prop_assert_eq!(pulse.charged, made.charges);
+                prop_assert_eq!(pulse.ignited, made.charges.is_some() && made.burns.is_some());
+                let class = match (made.charges, made.burns) {
+                    (Some(_), None) => Class::Open,
+                    (Some(_), Some(2)) => Class::Uncertain,
+                    (_, Some(40)) => Class::Spark,
+                    (_, Some(28)) => Class::Arc,
+                    _ => Class::Short,
+                };
+                prop_assert_eq!(pulse.class, class, "{:?}", made);
+            }
+        }
+
+        #[test]
+        fn no_block_makes_it_fail(
+            blocks: Vec<([u16; BLOCK], u32, Vec<u16>, Vec<u16>, bool, bool)>, reversed: bool
+        ) {
+            let mut stream = PulseStream::new(Config { reversed, ..Config::default() }.build().unwrap());
+            for (codes, gate, gates, highs, gate_was_open, was_high) in blocks {
+                let mut block = GapBlock { codes, gate, gate_was_open, was_high, ..GapBlock::EMPTY };
+                gates.iter().for_each(|at| { block.gate_edges.push(*at); });
+                highs.iter().for_each(|at| { block.high_edges.push(*at); });
+                stream.block(&block, |pulse| assert!(pulse.class != Class::NoPulse));
+            }
+        }
+    }
+}
