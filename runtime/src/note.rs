@@ -8,7 +8,10 @@ use edm_servo_head::head::{Change, Finding, Report, Status};
 use edm_servo_head::stored::LoadReport;
 
 /// Something worth a line.
-#[expect(clippy::large_enum_variant, reason = "the status is noted once a second and passed by reference; nothing keeps one")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "the status is noted once a second and passed by reference; nothing keeps one"
+)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Note {

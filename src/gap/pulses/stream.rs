@@ -4,7 +4,7 @@
 //! counted. The comparator for 70 % of the open-circuit voltage shows when the gap was charged and when it ignited:
 //!
 //! - charged, and high to the end: *open*;
-//! - charged, then low: ignited at that moment. What burns is told by the conversions after it ([`Evidence`]);
+//! - charged, then low: ignited at that moment. The conversions after it classify what burns ([`Evidence`]);
 //! - never charged: it burned, or was short, from the beginning.
 //!
 //! A comparator that has not shown [`UNSHOWN`] pulses whose conversions are as high as the open circuit is not believed: then the
