@@ -8,7 +8,7 @@ const PERIOD: u64 = 8400;
 const HALF_A_PERIOD: [&str; 2] = ["gap", "servo"];
 /// Share of the processor that a push may not exceed at rest or moving, percent: assumed, with every pulse classified. The rest is
 /// for bursts on the bus.
-const FULL: f64 = 88.0;
+pub(super) const FULL: f64 = 88.0;
 
 /// Targets of the estimated cycles: task, mean, worst.
 pub type TaskBound = (&'static str, u64, u64);

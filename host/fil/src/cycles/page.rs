@@ -96,6 +96,7 @@ mod tests {
         // What did not run keeps no bound.
         assert_eq!(kept(&good, "encoder edge"), Some(false));
     }
+
     #[test]
     fn a_task_that_is_too_long_for_its_period_and_a_full_processor_are_beyond_a_limit() {
         let over =
@@ -103,7 +104,9 @@ mod tests {
         assert_eq!(over(&measured(490.0, 4200, 79.0)), Vec::<String>::new());
         assert_eq!(over(&measured(490.0, 4201, 79.0)), ["rest: servo, worst, cycles"]);
         let mut heavy = measured(490.0, 700, 79.0);
-        heavy.scenes.moving.load_percent = 80.1;
+        heavy.scenes.moving.load_percent = bounds::FULL;
+        assert_eq!(over(&heavy), Vec::<String>::new());
+        heavy.scenes.moving.load_percent = bounds::FULL + 0.1;
         assert_eq!(over(&heavy), ["moving: load, %"]);
         let mut absent = measured(490.0, 700, 79.0);
         absent.scenes.rest.tasks.remove("gap");
