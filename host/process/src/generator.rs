@@ -257,6 +257,7 @@ struct Last {
     facet: usize,
     ended: f64,
     arc: bool,
+    burned: f64,
 }
 
 /// Constants of an RC generator; without a capacitor they are unused.
@@ -279,7 +280,7 @@ impl Capacitor {
         let (farad, henry) = (p.capacitor_pf * 1e-12, p.loop_nh * 1e-9);
         Capacitor {
             per_us: 1e-6 / (p.capacitor_ohm * farad),
-            discharge_us: std::f64::consts::PI * (farad * henry).sqrt() * 1e6,
+            discharge_us: p.discharge_us(),
             amps_per_volt: (farad / henry).sqrt(),
             stored: (0.0, -1e12),
             charging: (0.0, 0.0),
@@ -482,7 +483,7 @@ impl Generator {
         if let Some(last) = last {
             // A capacitor that is charged over the gap has no off-time: the voltage comes back by itself.
             let recovered = now - last.ended + if p.kind == Kind::Rc { RISE_DELAYS * rise } else { 0.0 };
-            let over = recovered / gap.recovery_us(last.facet);
+            let over = recovered / gap.recovery_us(last.facet, last.burned, now);
             if !self.held && over < OVER && self.arcs.unit() < libm::exp(-over) {
                 self.count(if last.arc { Class::StableArc } else { Class::Arc }, now, wires);
                 self.burn(now, last.facet, true, wires);
@@ -557,8 +558,9 @@ impl Generator {
         let Phase::Burning { since, facet, watts, energy, arc, .. } = self.phase else { return false };
         let energy = energy + watts * (now - since);
         self.energy += energy;
-        gap.strike(Discharge { facet, energy, arc });
-        self.last = Some(Last { facet, ended: now, arc });
+        let burned = now - since;
+        gap.strike(Discharge { facet, energy, arc, burned_us: burned, at_us: now });
+        self.last = Some(Last { facet, ended: now, arc, burned });
         self.ended = now;
         true
     }

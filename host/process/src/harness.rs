@@ -49,7 +49,12 @@ impl Voltage {
 
     /// The thesis machine: lags and delay assumed, gain fitted to the frequency of its swing.
     pub fn thesis(set: f64) -> Voltage {
-        let gain = crate::parameters::Fitted::VALUES.thesis_gain;
+        Voltage::thesis_of(1, set)
+    }
+
+    /// The same on a version of the model.
+    pub fn thesis_of(version: u32, set: f64) -> Voltage {
+        let gain = crate::parameters::Fitted::of(version).thesis_gain;
         Voltage { set, gain, meter_us: 3e3, axis_us: 4e3, delay_us: 3e3, dead_um_s: 2.0 }
     }
 
@@ -227,6 +232,11 @@ impl Rig {
     /// Time, s.
     pub fn t_s(&self) -> f64 {
         self.process.now_us() * 1e-6
+    }
+
+    /// How far a jump has lifted the electrode, um.
+    pub fn lift_um(&self) -> f64 {
+        self.lift
     }
 
     /// Mean voltage of a held gap so far, V.

@@ -63,6 +63,8 @@ pub struct Truth {
     pub dirt: f64,
     /// Mean damage by arcs; 1 doubles a clean channel's recovery time.
     pub damage: f64,
+    /// Deepest pit that arcs in one place have left, um; 0 in version 1.
+    pub pit_um: f64,
     /// Mean size of craters, um. Roughness goes with it; its size is not claimed.
     pub crater_um: f64,
     /// Energy of all discharges, J.
@@ -177,6 +179,7 @@ impl Process {
             through: surface.through(),
             dirt: self.gap.fluid.dirt(),
             damage: surface.damage(),
+            pit_um: self.gap.pit_um(),
             crater_um: surface.crater_um(),
             energy_j: self.generator.energy * 1e-6,
             pulses: self.generator.pulses,

@@ -1,8 +1,8 @@
 //! The gates as a table, as JSON and in docs/process-model.md.
 
 use crate::frozen;
-use crate::gates::{FACTOR, GROUPS, Gate, RESULTS, Row, SHORT, sensitivity};
-use crate::parameters::{DECLARED, MACHINES, Machine};
+use crate::gates::{FACTOR, FINDINGS, GROUPS, Gate, RESULTS, Row, SHORT, sensitivity};
+use crate::parameters::{DECLARED, MACHINES, Machine, OF_VERSION_1};
 use serde::Serialize;
 use std::fmt::Write;
 use std::{fs, io};
@@ -29,7 +29,7 @@ const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/process-mode
 ///
 /// # Errors
 /// A name that no group has.
-pub fn choose(names: &[String], short: bool) -> Result<Vec<&'static str>, String> {
+pub fn choose(version: u32, names: &[String], short: bool) -> Result<Vec<&'static str>, String> {
     let all: Vec<&'static str> = GROUPS.iter().map(|group| group.name).collect();
     if let Some(unknown) = names.iter().find(|name| !all.contains(&name.as_str())) {
         return Err(format!("{unknown}: no such group of gates; there are {}", all.join(", ")));
@@ -37,30 +37,34 @@ pub fn choose(names: &[String], short: bool) -> Result<Vec<&'static str>, String
     let wanted = |name: &&str| match (names.is_empty(), short) {
         (false, _) => names.iter().any(|other| other == name),
         (true, true) => SHORT.contains(name),
-        (true, false) => true,
+        // Version 1 is held to its own.
+        (true, false) => version > 1 || !FINDINGS.contains(name),
     };
     Ok(all.into_iter().filter(wanted).collect())
 }
 
 /// Runs groups of gates and says what came of each.
-pub fn run(chosen: &[&str], mut say: impl FnMut(&str)) -> Report {
-    let fingerprint = frozen::fingerprint().ok();
-    let frozen = fingerprint == Some(frozen::FINGERPRINT);
+pub fn run(version: u32, chosen: &[&str], mut say: impl FnMut(&str)) -> Report {
+    let fingerprint = frozen::fingerprint(version).ok();
+    let frozen = fingerprint.is_some_and(|hash| frozen::FINGERPRINTS.contains(&(version, hash)));
     let mut report = Report {
-        version: frozen::VERSION,
+        version,
         fingerprint: fingerprint.map(|hash| format!("{hash:016x}")),
         frozen,
         gates: Vec::new(),
-        tables: vec![("parameters".to_string(), parameters())],
+        tables: vec![("parameters".to_string(), parameters()), ("numbers of version 2".to_string(), second())],
     };
     let is = if frozen { "unchanged" } else { "CHANGED: needs a new version, with its own gates" };
-    say(&format!("model version {}, everything simulated: {is}\n", frozen::VERSION));
+    say(&format!("model version {}, everything simulated: {is}\n", version));
     for group in GROUPS.iter().filter(|group| chosen.contains(&group.name)) {
         say(&format!("{}: {}\n", group.name, group.about));
-        let found = (group.run)();
-        report.tables.push((format!("gates of {}", group.name), results(&found)));
+        let found = (group.run)(version);
+        // The page has those of the newest version.
+        if version == 2 {
+            report.tables.push((format!("gates of {}", group.name), results(&found)));
+        }
         for gate in found {
-            let met = match (gate.pass, gate.is_open()) {
+            let met = match (gate.pass, gate.is_open(version)) {
                 (true, _) => "met",
                 (false, true) => "OPEN",
                 (false, false) => "NOT MET",
@@ -78,7 +82,7 @@ pub fn run(chosen: &[&str], mut say: impl FnMut(&str)) -> Report {
 impl Report {
     /// Whether the model is unchanged and all required gates are met, except those known to be open, which must still be open.
     pub fn holds(&self) -> bool {
-        self.frozen && self.gates.iter().filter(|gate| gate.must()).all(|gate| gate.pass != gate.is_open())
+        self.frozen && self.gates.iter().filter(|gate| gate.must()).all(|gate| gate.pass != gate.is_open(self.version))
     }
 
     /// Writes the tables into docs/process-model.md.
@@ -91,8 +95,8 @@ impl Report {
 }
 
 /// Multiplies and divides every assumed number by [`FACTOR`], one at a time, and gives the table.
-pub fn run_sensitivity() -> String {
-    sensitivities(&sensitivity())
+pub fn run_sensitivity(version: u32) -> String {
+    sensitivities(&sensitivity(version))
 }
 
 fn shown(value: f64) -> String {
@@ -137,7 +141,7 @@ fn parameters() -> String {
     table += " what it is | rests on |\n| --- | --- |";
     table += &" --- |".repeat(MACHINES.len());
     table += " --- | --- |\n";
-    for (k, declared) in DECLARED.iter().enumerate() {
+    for (k, declared) in DECLARED.iter().enumerate().take(OF_VERSION_1) {
         let value = |machine: &Machine| machine.parameters().values().nth(k).unwrap_or(f64::NAN);
         let _ = write!(table, "| `{}` | {} |", declared.key, declared.unit);
         for machine in &MACHINES {
@@ -159,6 +163,33 @@ fn parameters() -> String {
             };
             bases.push(format!("{of}: {basis}"));
             last = Some((machine.name, basis));
+        }
+        let _ = writeln!(table, " {} | {} |", declared.doc.trim(), bases.join("; "));
+    }
+    table
+}
+
+/// The numbers of which version 2 has others than version 1, or has alone.
+fn second() -> String {
+    let mut table = String::from("| parameter | unit |");
+    for Machine { name, .. } in MACHINES {
+        let _ = write!(table, " {name} |");
+    }
+    table += " what it is | rests on |\n| --- | --- |";
+    table += &" --- |".repeat(MACHINES.len());
+    table += " --- | --- |\n";
+    for (k, declared) in DECLARED.iter().enumerate() {
+        let value = |machine: &Machine, version| machine.of(version).values().nth(k).unwrap_or(f64::NAN);
+        let differs = |machine: &&Machine| value(machine, 1) != value(machine, 2);
+        if k < OF_VERSION_1 && !MACHINES.iter().any(|machine| differs(&machine)) {
+            continue;
+        }
+        let _ = write!(table, "| `{}` | {} |", declared.key, declared.unit);
+        let mut bases: Vec<String> = Vec::new();
+        for machine in &MACHINES {
+            let _ = write!(table, " {} |", value(machine, 2));
+            let basis = machine.basis(2, declared.key).map(|basis| basis.to_string());
+            bases.extend(basis.filter(|basis| !bases.contains(basis)));
         }
         let _ = writeln!(table, " {} | {} |", declared.doc.trim(), bases.join("; "));
     }
@@ -210,6 +241,7 @@ mod tests {
     fn the_page_shows_the_parameters_as_they_are() {
         let page = fs::read_to_string(PAGE).unwrap();
         assert!(page.contains(&parameters()), "cargo sim model-report charging --docs");
+        assert!(page.contains(&second()), "cargo sim model-report charging --docs");
     }
 
     #[test]

@@ -375,3 +375,55 @@ fn what_does_not_fit_is_refused_before_anything_runs() {
     let p = Parameters { burn_v: 90.0, open_v: 80.0, ..SINKER.parameters() };
     assert_eq!(Process::new(&p, 40.0, 1).unwrap_err().to_string(), "burn_v must be below open_v");
 }
+
+/// A process that arcs for so long at a gap that it keeps, by order, and then as it does by itself for 50 ms; with a retreat between.
+fn after_arcs(arcs_us: f64, retreat_um: f64) -> (f64, f64) {
+    let mut process = Process::new(&SINKER.of(2), 30.0, 1).unwrap();
+    let keeps = |process: &mut Process, us: f64, gap_um: f64, arcs: f64| {
+        let end = process.now_us() + us;
+        while process.now_us() < end {
+            let x = process.depth_um() + process.worn_um() - gap_um;
+            process.advance(50.0, x, &Orders { arcs, ..Orders::default() }, &mut ());
+        }
+    };
+    keeps(&mut process, arcs_us, 30.0, 1.0);
+    if retreat_um > 0.0 {
+        keeps(&mut process, 100e3, 30.0 + retreat_um, 0.0);
+    }
+    let before = process.pulses();
+    keeps(&mut process, 50e3, 30.0, 0.0);
+    let n = process.pulses().since(&before);
+    (n.arc as f64 / n.total() as f64, process.truth().pit_um)
+}
+
+#[test]
+fn arcs_of_version_2_stay_until_a_retreat_and_dig_a_pit_that_grows() {
+    let (few, shallow) = after_arcs(1e3, 0.0);
+    let (stays, deep) = after_arcs(50e3, 0.0);
+    let (goes, _) = after_arcs(50e3, 60.0);
+    assert!(few < 0.3 && stays > 0.9 && goes < 0.3, "{few} {stays} {goes}");
+    assert!(deep > 1.5 * shallow && shallow > 0.0, "{deep} {shallow}");
+}
+
+#[test]
+fn ignition_of_version_2_has_a_reach_that_goes_with_the_voltage() {
+    for open_v in [80.0, 100.0] {
+        let p = Parameters { open_v, ..SINKER.of(2) };
+        let sparks = |um: f64| held(&p, um, 1.0, Orders::default()).0.pulses().spark;
+        // Peaks of 3 um reach that much farther.
+        assert!(sparks(open_v) > 0 && sparks(open_v + 4.0) == 0, "{open_v}");
+    }
+}
+
+#[test]
+fn a_discharge_of_version_2_removes_less_where_the_power_is_dense() {
+    let of = |radius_um: f64| {
+        let p = Parameters { radius_um, ..SINKER.of(2) };
+        let mut rig = Rig::new(&p, Law::Voltage(Voltage::calm(60.0)), Motion::default(), 1).unwrap();
+        rig.run(10.0);
+        let t = rig.process.truth();
+        t.depth_um * p.area_um2() / (t.energy_j * 1e6 * p.removal_um3_uj)
+    };
+    let (small, large) = (of(500.0), of(5000.0));
+    assert!(small < 0.6 * large && large > 0.8, "{small} {large}");
+}

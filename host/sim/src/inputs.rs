@@ -17,8 +17,8 @@ pub struct Inputs {
     /// Change a value after the scenario; may be repeated, the last one counts (`edm-sim settings` lists the keys)
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Version of the process model instead of the scenario's; values of the scenario for the other version are ignored
-    #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u32).range(0..=1))]
+    /// Version of the process model instead of the scenario's; values of the scenario that it has not are ignored
+    #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u32).range(0..=2))]
     pub model: Option<u32>,
     /// Random seed; the same seed gives the same run
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]

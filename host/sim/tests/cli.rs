@@ -447,9 +447,16 @@ fn a_scenario_turns_to_the_other_process_model_and_says_so() {
             ["discharges"],
         zero["discharges"]
     );
-    refused(&["--model", "2"], &["--model", "0..=1"]);
+    let two = report(&["--model", "2"]);
+    assert_eq!(
+        (&two["model_version"], &two["scenario"]),
+        (&2.into(), &"default, model 2, workpiece.surface_mm=0.3".into())
+    );
+    assert_ne!(two["discharges"], one["discharges"]);
+    refused(&["--model", "3"], &["--model", "0..=2"]);
+    refused(&["--set", "model.reach_um_v=1"], &["model.reach_um_v = 1", "version 2"]);
     refused(&["--scenario", "sinker", "--set", "actuator.mass_kg=0.3"], &["actuator.mass_kg = 0.3", "version 0"]);
-    refused(&["--model", "0", "--set", "model.radius_um=300"], &["model.radius_um = 300", "version 1"]);
+    refused(&["--model", "0", "--set", "model.radius_um=300"], &["model.radius_um = 300", "versions 1 and 2"]);
     assert_eq!(report(&["--scenario", "dirty-gap"])["scenario"], "sinker-dirty, workpiece.surface_mm=0.3");
     refused(&["--scenario", "sinker", "--set", "model.radius_um=1"], &["model.radius_um = 1", "20 to 50000 um"]);
 }

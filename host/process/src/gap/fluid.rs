@@ -10,6 +10,9 @@
 //!   the bath. A share of what moves mixes on its way: that, and no free exchange, is what small motions clean by.
 //! - The gas of discharges, buoyancy and drift, and turning exchange front and side; gas, buoyancy and drift exchange side
 //!   and bath, the less the deeper.
+//! - Version 2: the motion is reversible but for its Reynolds number. What enters a widening gap is a cell of its own, which mixes
+//!   with the front as inertia lets it and leaves first when the gap narrows. What the side gap cannot deliver at one atmosphere
+//!   is a void, which closes first.
 //! - A flushing pressure drives bath fluid through the front and the side.
 //! - The film and the side gap resist that flow: [`Fluid::film`] is the same motion's force on the electrode.
 
@@ -28,6 +31,8 @@ const THINNEST_FILM: f64 = 5.0;
 const WIDEST: (f64, f64) = (9.0, 30.0);
 /// Radius of the flushing hole over that of the electrode (assumed).
 const HOLE: f64 = 0.2;
+/// Density of the dielectric, kg/m^3 (kerosene).
+const DENSITY: f64 = 800.0;
 /// Atmospheric pressure, Pa: no film pulls harder on the face.
 const ATMOSPHERE: f64 = 101_325.0;
 
@@ -40,11 +45,17 @@ pub struct Fluid {
     /// Debris of the front, by facet.
     front: [f64; FACETS],
     squeezed: Cell,
+    /// Fluid that has entered the front and not mixed with it: in its volume, but not in its facets.
+    entered_front: Cell,
+    /// Volume of the front that no fluid fills.
+    void: f64,
     side: f64,
     bath: f64,
     entered: f64,
     /// Base of the gas since the last step.
     stirring: f64,
+    /// Share of the gas that moves fluid in the side gap.
+    rises: f64,
     /// What an electrode that turns exchanges at the exchange gap, um^3/us.
     turning: f64,
     /// Share by which the facets even out in a step.
@@ -58,6 +69,15 @@ pub struct Fluid {
 struct Cell {
     volume: f64,
     debris: f64,
+}
+
+impl Cell {
+    /// Takes a share of it away.
+    fn leaves(&mut self, share: f64) -> Cell {
+        let gone = Cell { volume: self.volume * share, debris: self.debris * share };
+        *self = Cell { volume: self.volume - gone.volume, debris: self.debris - gone.debris };
+        gone
+    }
 }
 
 /// What a film and a side gap do to a moving electrode.
@@ -80,10 +100,13 @@ impl Fluid {
             volume: area * gap_um.max(THINNEST),
             front: [0.0; FACETS],
             squeezed: Cell::default(),
+            entered_front: Cell::default(),
+            void: 0.0,
             side: 0.0,
             bath: 0.0,
             entered: 0.0,
             stirring: 0.0,
+            rises: 1.0,
             // A disc that turns drags fluid of its rim's speed through a gap squared: its order of magnitude (assumed).
             turning: turns * p.radius_um * p.exchange_um * p.exchange_um,
             spread: gone(p.step_us / (p.spread_ms * 1e3)),
@@ -94,6 +117,12 @@ impl Fluid {
             },
             held: false,
         }
+    }
+
+    /// Version 2: the gas of now, um^3/us on its base. What rises in the side gap moves no more fluid than a flow of its own.
+    pub fn rises(&mut self, gas: f64) {
+        let most = self.p.gas_level_um_s * 1e-6 * TAU * self.p.radius_um * self.p.side_um;
+        self.rises = if gas > most { most / gas } else { 1.0 };
     }
 
     /// Keeps this concentration everywhere in the front, in units of [`REFERENCE`].
@@ -121,17 +150,22 @@ impl Fluid {
 
     /// What debris of a facet is multiplied by to be its concentration in units of [`REFERENCE`].
     pub fn dirt_per_debris(&self) -> f64 {
-        FACETS as f64 / (self.volume * REFERENCE)
+        FACETS as f64 / (self.mixed() * REFERENCE)
+    }
+
+    /// Volume of the front's fluid in which its debris is.
+    fn mixed(&self) -> f64 {
+        self.volume - self.entered_front.volume - self.void
     }
 
     /// Concentration of the front, in units of [`REFERENCE`].
     pub fn dirt(&self) -> f64 {
-        sum(&self.front) / (self.volume * REFERENCE)
+        sum(&self.front) / (self.mixed() * REFERENCE)
     }
 
     /// By how much of what entered the debris of all cells is off.
     pub fn imbalance(&self) -> f64 {
-        let all = sum(&self.front) + self.squeezed.debris + self.side + self.bath;
+        let all = sum(&self.front) + self.entered_front.debris + self.squeezed.debris + self.side + self.bath;
         (all - self.entered).abs() / self.entered.max(f64::MIN_POSITIVE)
     }
 
@@ -145,7 +179,9 @@ impl Fluid {
             self.front.iter_mut().for_each(|front| *front *= same);
             return;
         }
-        let side_volume = TAU * p.radius_um * p.side_um * (depth_um.max(0.0) + p.mouth * p.side_um);
+        let depth = depth_um.max(0.0);
+        let reached = if p.buffer_um > 0.0 { depth / (1.0 + depth / p.buffer_um) } else { depth };
+        let side_volume = TAU * p.radius_um * p.side_um * (reached + p.mouth * p.side_um);
         let (per_volume, per_side) = (1.0 / volume, 1.0 / side_volume);
         let change = volume - self.volume;
         let before = sum(&self.front);
@@ -155,6 +191,8 @@ impl Fluid {
             let out = front * if change < 0.0 { -change / self.volume } else { 0.0 };
             front -= out;
             self.bath += out;
+        } else if p.reynolds > 0.0 {
+            front = self.moves(us, gap_um, depth, change, front, side_volume);
         } else if change < 0.0 {
             // Mean speed at the rim of a disc: R/(2 g) times that of the gap.
             let rim_mm_s = p.radius_um * -change * per_volume / (2e-3 * us);
@@ -185,11 +223,15 @@ impl Fluid {
             self.side -= drawn;
         }
 
+        let p = &self.p;
         let gas = std::mem::take(&mut self.stirring);
         let wide = gap_um.max(0.0) / p.exchange_um;
         let (gas_width, rest_width) = ((wide * wide).min(WIDEST.0), (wide * wide * wide).min(WIDEST.1));
         let rest = p.rest_mm3_s * 1e3 * us;
         let flow = gas * p.gas_front * gas_width + rest * rest_width + self.turning * us * gas_width;
+        if self.entered_front.volume > 0.0 {
+            front += self.entered_front.leaves(gone(flow * per_volume)).debris;
+        }
 
         // What stands at the rim loses itself in the side gap, by moving to and fro and with the exchange.
         if self.squeezed.volume > 0.0 {
@@ -205,12 +247,15 @@ impl Fluid {
         front -= out;
         self.side += out;
         let deep = depth_um.max(0.0) / p.half_depth_um;
-        let gone_up = self.side * gone((gas * p.gas_side + rest) * per_side / (1.0 + deep * deep));
+        let gone_up = self.side * gone((gas * p.gas_side * self.rises + rest) * per_side / (1.0 + deep * deep));
         self.side -= gone_up;
         self.bath += gone_up;
 
         if p.flush_kpa > 0.0 {
-            let flow = self.flushed_um3_us(gap_um, depth_um) * us;
+            let mut flow = self.flushed_um3_us(gap_um, depth_um) * us;
+            if p.gas_back > 0.0 {
+                flow *= flow / (flow + gas * p.gas_back);
+            }
             let out = front * gone(flow * per_volume);
             let up = self.side * gone(flow * per_side);
             front -= out;
@@ -219,7 +264,7 @@ impl Fluid {
         }
         if through > 0.0 {
             // The bath below takes the front as the bath above takes a hole without depth.
-            let out = front * gone(through * (gas * p.gas_side + rest) * per_volume);
+            let out = front * gone(through * (gas * p.gas_side * self.rises + rest) * per_volume);
             front -= out;
             self.bath += out;
         }
@@ -232,6 +277,57 @@ impl Fluid {
             *facet = (*facet * scale + even) * keeps + gets;
         }
         self.volume = volume;
+    }
+
+    /// What a motion of the gap does to a front with so much debris, in version 2; gives that it has after it.
+    fn moves(&mut self, us: f64, gap_um: f64, depth: f64, change: f64, mut front: f64, side_volume: f64) -> f64 {
+        let core = self.mixed();
+        let p = &self.p;
+        let speed = change.abs() / (self.area * us);
+        let closing = if change < 0.0 { (-change - self.void).max(0.0) } else { 0.0 };
+        self.void = (self.void + change.min(0.0)).max(0.0);
+        if closing > 0.0 {
+            let first =
+                self.entered_front.leaves((closing / self.entered_front.volume.max(f64::MIN_POSITIVE)).min(1.0));
+            let rest = closing - first.volume;
+            let rim_mm_s = p.radius_um * speed / (2e-3 * gap_um.max(THINNEST));
+            let lifts = p.lift_share + (1.0 - p.lift_share) * rim_mm_s / (rim_mm_s + p.lift_mm_s);
+            let out = if rest < core { front * gone(lifts * exponents(rest / core)) } else { front };
+            front -= out;
+            self.squeezed.volume += closing;
+            self.squeezed.debris += first.debris + out;
+            let room = p.memory * side_volume;
+            if self.squeezed.volume > room {
+                let over = self.squeezed.volume - room;
+                let pushed = self.squeezed.debris * over / self.squeezed.volume;
+                let expelled = self.side * gone(over / side_volume);
+                self.squeezed = Cell { volume: room, debris: self.squeezed.debris - pushed };
+                self.side += pushed - expelled;
+                self.bath += expelled;
+            }
+        }
+        let wants = self.void + change.max(0.0);
+        if wants > 0.0 {
+            // Film of a disc, 3 mu/(2 pi g^3), and side gap, at one atmosphere.
+            let g = gap_um.max(THINNEST_FILM) * 1e-6;
+            let film = 1.5 * p.viscosity_mpas * 1e-3 / (PI * g * g * g);
+            let enters = wants.min(ATMOSPHERE / (film + side_resistance(p, depth)) * 1e12 * us);
+            self.void = wants - enters;
+            let back = self.squeezed.leaves((enters / self.squeezed.volume.max(f64::MIN_POSITIVE)).min(1.0));
+            front += back.debris;
+            let fresh = enters - back.volume;
+            let drawn = self.side * gone(fresh / side_volume);
+            self.side -= drawn;
+            self.entered_front.volume += fresh;
+            self.entered_front.debris += drawn;
+        }
+        if self.entered_front.volume > 0.0 {
+            // um times m/s over m^2/s.
+            let reynolds = gap_um.max(THINNEST) * 1e-6 * speed * DENSITY / (p.viscosity_mpas * 1e-3);
+            let mixes = reynolds / (reynolds + p.reynolds);
+            front += self.entered_front.leaves(gone(mixes * change.abs() / self.volume)).debris;
+        }
+        front
     }
 
     /// Flow of the flushing pressure, um^3/us: through the film from the hole to the rim, then through the side gap.
@@ -301,7 +397,7 @@ mod tests {
     /// Concentration after a jump.
     fn after_jump(p: &Parameters, stroke_um: f64, mm_s: f64, depth_um: f64) -> f64 {
         let mut fluid = dirty(p, 35.0);
-        let steps = (stroke_um / mm_s * 10.0) as u32;
+        let steps = ((stroke_um / mm_s * 10.0) as u32).max(2);
         for k in (0..=steps).chain((0..steps).rev()) {
             fluid.step(100.0, 35.0 + stroke_um * f64::from(k) / f64::from(steps), depth_um, 0.0);
         }
@@ -317,6 +413,20 @@ mod tests {
         assert!(long < 0.2, "{long}");
         assert!(short > 2.0 * long, "{short} {long}");
         assert!(slow > 1.2 * long, "{slow} {long}");
+    }
+
+    #[test]
+    fn fluid_of_version_2_is_reversible_but_for_its_reynolds_number() {
+        let p = Parameters { rest_mm3_s: 0.0, mixing: 0.0, ..SINKER.of(2) };
+        // 5 um at 200 Hz, a hundred times.
+        let mut fluid = dirty(&p, 35.0);
+        (0..10_000).for_each(|k| fluid.step(50.0, 35.0 + 2.5 * libm::sin(f64::from(k) * TAU / 100.0), 2000.0, 0.0));
+        assert!((0.9..1.03).contains(&fluid.dirt()), "{}", fluid.dirt());
+        let (slow, fast) = (after_jump(&p, 1000.0, 1.0, 2000.0), after_jump(&p, 1000.0, 100.0, 2000.0));
+        assert!(slow > 2.0 * fast, "{slow} {fast}");
+        // In a deep hole the side gap cannot follow at one atmosphere.
+        let (follows, torn) = (after_jump(&p, 1000.0, 100.0, 8000.0), after_jump(&p, 1000.0, 2000.0, 8000.0));
+        assert!(torn > 1.5 * follows, "{torn} {follows}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ mod surface;
 pub use fluid::{Film, REFERENCE};
 
 use crate::math::gone;
-use crate::parameters::Parameters;
+use crate::parameters::{Kind, Parameters};
 use crate::random::{Cause, Stream};
 use fluid::Fluid;
 use std::f64::consts::TAU;
@@ -22,6 +22,25 @@ pub const FACETS: usize = 16;
 struct Bridge {
     until_us: f64,
     tears_at_um: f64,
+}
+
+/// Time in which the power density that a face bears is averaged, us (assumed).
+const BEARS_US: f64 = 50e3;
+
+/// Heat of an arc's place at which a run of arcs is over, in clean gap's recovery times (assumed).
+const COLD: f64 = 0.1;
+
+/// Place of the last arc.
+#[derive(Clone, Copy, Debug, Default)]
+struct Hot {
+    facet: usize,
+    /// Heat at a time, in clean gap's recovery times.
+    heat: f64,
+    at_us: f64,
+    /// Gap in which the first of a run struck, um.
+    gap_um: f64,
+    /// Volume that the run has taken, um^3.
+    taken: f64,
 }
 
 /// State of the gap.
@@ -38,6 +57,17 @@ pub struct Gap {
     looked_at: f64,
     carrier: f64,
     gap_um: f64,
+    /// The gap as bridges and arcs feel it.
+    slow_gap_um: f64,
+    slow_gap_keeps: f64,
+    hot: Hot,
+    /// Deepest pit of a run of arcs, um; area of a place, um^2.
+    pit_um: f64,
+    spot_um2: f64,
+    /// Energy of a step, uJ; mean power density, W/mm^2, and what a step leaves of it; share of removal that it allows.
+    power: (f64, f64, f64, f64),
+    /// The on-time or, of a capacitor, its discharge, us.
+    full_on_us: f64,
     /// Rate at which bridges form, over `bridge_hz`.
     forms: f64,
     /// Debris of the front in 5 %, and mean damage, at the last look.
@@ -58,6 +88,9 @@ pub(crate) struct Discharge {
     /// uJ.
     pub energy: f64,
     pub arc: bool,
+    /// How long it burned and when it ended, us.
+    pub burned_us: f64,
+    pub at_us: f64,
 }
 
 impl Gap {
@@ -74,6 +107,13 @@ impl Gap {
             looked_at: -gap_um,
             carrier: -gap_um,
             gap_um,
+            slow_gap_um: gap_um,
+            slow_gap_keeps: if p.tear_ms > 0.0 { libm::exp(-p.step_us / (p.tear_ms * 1e3)) } else { 0.0 },
+            hot: Hot::default(),
+            pit_um: 0.0,
+            spot_um2: p.spot * libm::cbrt(p.crater_um3()) * libm::cbrt(p.crater_um3()),
+            power: (0.0, 0.0, libm::exp(-p.step_us / BEARS_US), 1.0),
+            full_on_us: if p.kind == Kind::ControlledRc { p.discharge_us() } else { p.on_us },
             forms: 0.0,
             seen: (0.0, 0.0),
             own_dirt_um: libm::cbrt(p.crater_um3()) / (p.spot * REFERENCE),
@@ -82,7 +122,7 @@ impl Gap {
             slow_random: Stream::new(Cause::Slow, seed),
             bridges: Stream::new(Cause::Bridge, seed),
         };
-        gap.look();
+        gap.look(0.0);
         gap
     }
 
@@ -90,7 +130,7 @@ impl Gap {
     pub fn hold(&mut self, dirt: f64) {
         (self.held, self.slow, self.bridge) = (true, 0.0, None);
         self.fluid.hold(dirt);
-        self.look();
+        self.look(0.0);
     }
 
     /// Mean gap with the carrier where it is, um.
@@ -137,11 +177,55 @@ impl Gap {
         self.p.charging_us(self.gap_um)
     }
 
-    /// Time constant with which the last channel on a facet recovers, us.
-    pub fn recovery_us(&self, facet: usize) -> f64 {
+    /// Time constant with which the last channel on a facet, which burned so long, recovers at a time, us.
+    pub fn recovery_us(&self, facet: usize, burned_us: f64, now_us: f64) -> f64 {
         let debris = self.fluid.front().get(facet).copied().unwrap_or(0.0);
         let dirt = debris * self.fluid.dirt_per_debris() + self.own_dirt_um / self.gap_um.max(1.0);
-        self.p.recovery_us * (1.0 + libm::pow(dirt, self.p.recovery_power) + self.surface.damage_at(facet))
+        let clean = self.p.recovery_us * (1.0 + libm::pow(dirt, self.p.recovery_power) + self.surface.damage_at(facet));
+        if self.p.recovery_heats == 0.0 && self.p.arc_heat == 0.0 {
+            return clean;
+        }
+        let heat = if self.hot.facet == facet { self.heat(now_us) } else { 0.0 };
+        if heat > self.p.arc_stays {
+            return f64::INFINITY;
+        }
+        let hot = self.p.recovery_us * heat;
+        let burned = burned_us / self.full_on_us;
+        let power = self.p.recovery_heats;
+        (clean + hot) * if power == 1.0 { burned } else { libm::pow(burned, power) }
+    }
+
+    /// Heat that the place of the last arc still has, in clean gap's recovery times.
+    fn heat(&self, now_us: f64) -> f64 {
+        let Hot { heat, at_us, gap_um, .. } = self.hot;
+        if heat == 0.0 {
+            return 0.0;
+        }
+        let opened = (self.slow_gap_um - gap_um).max(0.0) / self.p.arc_tear_um;
+        heat * libm::exp(-(now_us - at_us) / (self.p.arc_cool_ms * 1e3) - opened)
+    }
+
+    /// An arc heats its place, which gives how many times it hurts it.
+    fn scorch(&mut self, discharge: &Discharge, work: f64) -> f64 {
+        if self.p.arc_heat == 0.0 {
+            return 1.0;
+        }
+        let left = if self.hot.facet == discharge.facet { self.heat(discharge.at_us) } else { 0.0 };
+        if left < COLD {
+            self.hot = Hot { facet: discharge.facet, gap_um: self.slow_gap_um, ..Hot::default() };
+        } else if self.slow_gap_um < self.hot.gap_um {
+            self.hot.gap_um = self.slow_gap_um;
+        }
+        self.hot.heat = left + self.p.arc_heat * 1e-3 * discharge.burned_us;
+        self.hot.at_us = discharge.at_us;
+        self.hot.taken += work;
+        self.pit_um = self.pit_um.max(self.hot.taken / self.spot_um2);
+        1.0 + left
+    }
+
+    /// Depth of the deepest pit that arcs in one place have left, um.
+    pub fn pit_um(&self) -> f64 {
+        self.pit_um
     }
 
     /// A discharge has ended.
@@ -149,12 +233,18 @@ impl Gap {
         if self.held {
             return;
         }
-        let Discharge { facet, energy, arc } = discharge;
+        let Discharge { facet, energy, arc, .. } = discharge;
         let p = &self.p;
         let undisturbed = energy * p.removal_um3_uj;
-        let work = undisturbed * if arc { p.arc_share } else { 1.0 };
+        let mut work = undisturbed * if arc { p.arc_share } else { 1.0 } * self.power.3;
+        if p.hurt_half > 0.0 {
+            // On carbon a spark takes that.
+            work *= p.hurt_half / (p.hurt_half + self.surface.damage_at(facet));
+        }
         let electrode = work * if p.negative > 0.0 { p.wear_negative } else { p.wear_positive };
-        self.surface.strike(facet, work, electrode, arc);
+        self.power.0 += energy;
+        let hurts = arc.then(|| self.scorch(&discharge, work));
+        self.surface.strike(facet, work, electrode, hurts);
         // Gas goes with the energy, not with the metal.
         self.fluid.enter(facet, work + electrode, undisturbed);
     }
@@ -167,19 +257,31 @@ impl Gap {
             gap -= p.runout_um * libm::sin(now_us * (TAU * 1e-3) / p.turn_ms);
         }
         self.gap_um = gap;
+        self.slow_gap_um =
+            if self.slow_gap_keeps > 0.0 { gap + (self.slow_gap_um - gap) * self.slow_gap_keeps } else { gap };
+        if p.saturate_w_mm2 > 0.0 {
+            // uJ/us are W.
+            let density = std::mem::take(&mut self.power.0) / us / (p.area_um2() * 1e-6);
+            self.power.1 = density + (self.power.1 - density) * self.power.2;
+            let relative = self.power.1 / (p.saturate_w_mm2 * (1.0 + p.saturate_edge_um / p.radius_um));
+            self.power.3 = 1.0 / (1.0 + relative);
+            if p.gas_level_um_s > 0.0 {
+                self.fluid.rises(self.power.1 * p.area_um2() * 1e-6 * p.removal_um3_uj);
+            }
+        }
         self.fluid.step(us, gap, self.hole_um(), self.surface.through());
         if !self.held {
             self.slow = self.slow * self.slow_keeps.0 + self.slow_keeps.1 * self.slow_random.step();
         }
-        self.look();
+        self.look(now_us);
         if self.held {
             return;
         }
         match self.bridge {
-            Some(bridge) if gap > bridge.tears_at_um || now_us > bridge.until_us => self.bridge = None,
+            Some(bridge) if self.slow_gap_um > bridge.tears_at_um || now_us > bridge.until_us => self.bridge = None,
             None if forming && self.bridges.unit() < self.forms * self.p.bridge_hz * us * 1e-6 => {
                 self.bridge = Some(Bridge {
-                    tears_at_um: gap + self.p.tear_um * self.bridges.exponential(),
+                    tears_at_um: self.slow_gap_um + self.p.tear_um * self.bridges.exponential(),
                     until_us: now_us + self.p.bridge_ms * 1e3 * self.bridges.exponential(),
                 });
             }
@@ -187,12 +289,17 @@ impl Gap {
         }
     }
 
-    fn look(&mut self) {
+    fn look(&mut self, now_us: f64) {
         let s = if self.held { 0.0 } else { self.p.slow_log };
         // Of mean 1.
         let factor = libm::exp(s * self.slow - 0.5 * s * s);
         let dirt = self.fluid.dirt_per_debris();
-        self.forms = self.surface.look(self.gap_um, factor, self.fluid.front(), dirt);
+        let heat = self.heat(now_us);
+        if heat < COLD {
+            self.hot.heat = 0.0;
+        }
+        let hot = (heat >= COLD).then_some((self.hot.facet, heat));
+        self.forms = self.surface.look(self.gap_um, factor, self.fluid.front(), dirt, hot);
         self.looked_at = self.carrier;
         self.seen = (self.fluid.dirt(), self.surface.damage());
     }

@@ -44,6 +44,8 @@ pub struct Surface {
     /// Rate of a facet in a clean gap of `GIVEN_AT`, 1/us.
     clean_rate: f64,
     per_dirt: f64,
+    /// One over the square of the largest gap that ignites, 1/um^2; 0 where there is none.
+    per_reach: f64,
     bridge_um: f64,
     mean_peak: f64,
     hurt: f64,
@@ -73,6 +75,7 @@ impl Surface {
             um_per_um3: 1.0 / facet,
             clean_rate: p.ignition * 1e-12 * facet,
             per_dirt: p.ignition_debris,
+            per_reach: if p.reach_um_v > 0.0 { 1.0 / (p.reach_um_v * p.open_v * p.reach_um_v * p.open_v) } else { 0.0 },
             bridge_um: p.bridge_um,
             mean_peak: p.peak_um,
             hurt: p.hurt,
@@ -131,8 +134,16 @@ impl Surface {
     }
 
     /// Updates all facets at a mean gap: `factor` multiplies every rate, `front` is their debris, and `dirt` of it is its
-    /// concentration in 5 %. Gives the mean rate at which bridges form, over that of 5 % in a gap of `bridge_um`.
-    pub fn look(&mut self, gap_um: f64, factor: f64, front: &[f64; FACETS], dirt: f64) -> f64 {
+    /// concentration in 5 %; `hot` is the place of an arc, and its heat. Gives the mean rate at which bridges form, over that
+    /// of 5 % in a gap of `bridge_um`.
+    pub fn look(
+        &mut self,
+        gap_um: f64,
+        factor: f64,
+        front: &[f64; FACETS],
+        dirt: f64,
+        hot: Option<(usize, f64)>,
+    ) -> f64 {
         let base = gap_um - (self.sums.0 + self.sums.1) / FACETS as f64;
         let rate = self.clean_rate * factor * (GIVEN_AT * GIVEN_AT * GIVEN_AT);
         let bridge = self.bridge_um;
@@ -141,11 +152,14 @@ impl Surface {
         for i in 0..FACETS {
             let flat = base + self.depth[i] + self.worn[i];
             let gap = flat - self.peak[i];
-            let near = 1.0 / if gap > NARROWEST { gap } else { NARROWEST };
+            let gap_at_least = if gap > NARROWEST { gap } else { NARROWEST };
+            let near = 1.0 / gap_at_least;
+            let beyond = 1.0 - gap_at_least * gap_at_least * self.per_reach;
+            let reaches = if beyond > 0.0 { beyond } else { 0.0 };
             let dirt = front[i] * dirt;
             let cube = near * near * near;
             let closeness = bridge_cubed * cube;
-            self.rates[i] = rate * (1.0 + self.per_dirt * dirt) * cube;
+            self.rates[i] = rate * (1.0 + self.per_dirt * dirt) * cube * reaches;
             bridges[i] = dirt * closeness * closeness * (1.0 + self.damage[i]);
             (gaps[i], solid[i]) = (gap, flat);
         }
@@ -156,6 +170,10 @@ impl Surface {
                     (gaps[i], solid[i]) = (f64::INFINITY, f64::INFINITY);
                 }
             }
+        }
+        if let Some((facet, heat)) = hot {
+            // Carbon and vapour of a hot place draw the discharges.
+            self.rates[facet] *= 1.0 + heat;
         }
         (self.least, self.solid) = (least(&gaps), least(&solid));
         self.rate = sum(&self.rates);
@@ -173,8 +191,8 @@ impl Surface {
         found.or_else(|| self.rates.iter().rposition(|&rate| rate > 0.0)).unwrap_or(0)
     }
 
-    /// A discharge takes volumes (um^3) from work and electrode at a facet; an arc hurts it, a spark heals it.
-    pub fn strike(&mut self, facet: usize, work: f64, electrode: f64, arc: bool) {
+    /// A discharge takes volumes (um^3) from work and electrode at a facet; an arc hurts it, so many times, a spark heals it.
+    pub fn strike(&mut self, facet: usize, work: f64, electrode: f64, arc: Option<f64>) {
         if facet >= FACETS {
             return;
         }
@@ -190,8 +208,8 @@ impl Surface {
             let through = self.depth.iter().filter(|&&depth| depth >= self.thickness).count();
             self.through = through as f64 / FACETS as f64;
         }
-        if arc {
-            self.damage[facet] = (self.damage[facet] + self.hurt).min(self.most_hurt);
+        if let Some(times) = arc {
+            self.damage[facet] = (self.damage[facet] + self.hurt * times).min(self.most_hurt);
         } else {
             self.peak[facet] = (self.mean_peak * self.random.exponential()).min(HIGHEST * self.mean_peak);
             self.damage[facet] *= 1.0 - self.heal;
@@ -221,7 +239,7 @@ mod tests {
         let mut surface = Surface::new(&SINKER.parameters(), 1);
         let mut last = (f64::INFINITY, f64::INFINITY);
         for k in 1..2000 {
-            let bridges = surface.look(f64::from(k) * 0.1, 1.0, &[1e5; FACETS], 1e-6);
+            let bridges = surface.look(f64::from(k) * 0.1, 1.0, &[1e5; FACETS], 1e-6, None);
             let now = (surface.rate(), bridges);
             assert!(now.0 <= last.0 && now.1 <= last.1);
             last = now;
@@ -233,30 +251,30 @@ mod tests {
         let mut surface = Surface::new(&Parameters { peak_um: 0.0, ..SINKER.parameters() }, 1);
         surface.depth[3] = -10.0;
         surface.sums.0 = -10.0;
-        surface.look(30.0 - 10.0 / 16.0, 1.0, &[0.0; FACETS], 0.0);
+        surface.look(30.0 - 10.0 / 16.0, 1.0, &[0.0; FACETS], 0.0, None);
         assert!((surface.least_um() - 20.0).abs() < 1e-9);
         // (30/20)^3 of fifteen others.
         let struck = (0..18_375).filter(|&k| surface.pick((f64::from(k) + 0.5) / 18_375.0) == 3).count();
         assert_eq!(struck, 3375);
-        surface.strike(3, 10.0 / surface.um_per_um3, 0.0, false);
+        surface.strike(3, 10.0 / surface.um_per_um3, 0.0, None);
         assert!(surface.depth_um().abs() < 1e-12);
     }
 
     #[test]
     fn a_facet_that_is_through_ignites_no_more() {
         let mut surface = Surface::new(&Parameters { thickness_um: 100.0, ..SINKER.parameters() }, 1);
-        surface.strike(5, 101.0 / surface.um_per_um3, 0.0, false);
+        surface.strike(5, 101.0 / surface.um_per_um3, 0.0, None);
         assert_eq!(surface.through(), 1.0 / 16.0);
-        surface.look(40.0, 1.0, &[0.0; FACETS], 0.0);
+        surface.look(40.0, 1.0, &[0.0; FACETS], 0.0, None);
         assert!((0..1000).all(|k| surface.pick(f64::from(k) / 1000.0) != 5));
     }
 
     #[test]
     fn arcs_hurt_and_sparks_heal() {
         let mut surface = Surface::new(&SINKER.parameters(), 1);
-        (0..100).for_each(|_| surface.strike(0, 1.0, 0.0, true));
+        (0..100).for_each(|_| surface.strike(0, 1.0, 0.0, Some(1.0)));
         assert_eq!(surface.damage_at(0), 4.0);
-        (0..100).for_each(|_| surface.strike(0, 1.0, 0.0, false));
+        (0..100).for_each(|_| surface.strike(0, 1.0, 0.0, None));
         let left = 4.0 * libm::exp(100.0 * libm::log(1.0 - SINKER.parameters().heal));
         assert!((surface.damage_at(0) - left).abs() < 1e-9 && surface.damage_at(1) == 0.0);
     }

@@ -66,8 +66,8 @@ pub fn charging_error(p: &Parameters) -> (f64, f64) {
     (worst.0.abs(), worst.1)
 }
 
-pub(super) fn charging() -> Vec<Gate> {
-    let (off, at) = charging_error(&XIN.parameters());
+pub(super) fn charging(version: u32) -> Vec<Gate> {
+    let (off, at) = charging_error(&XIN.of(version));
     vec![Gate::new(
         Kind::Calibration,
         "[X] table 2, charging time: largest error, %",
@@ -102,8 +102,8 @@ pub fn removal(p: &Parameters, seeds: u64, seconds: f64) -> Vec<Removal> {
     by_gap.map(|(&(gap_um, published), rates)| Removal { gap_um, published, simulated: Mean::new(rates) }).collect()
 }
 
-pub(super) fn removals() -> Vec<Gate> {
-    let all = removal(&XIN.parameters(), 4, 200.0);
+pub(super) fn removals(version: u32) -> Vec<Gate> {
+    let all = removal(&XIN.of(version), 4, 200.0);
     let off = |r: &Removal| 100.0 * (r.simulated.of / r.published - 1.0).abs();
     let said = all.iter().map(|r| {
         format!("{} um: {:.1} +- {:.1} mg/min ({} published)", r.gap_um, r.simulated.of, r.simulated.error, r.published)
@@ -128,8 +128,8 @@ pub fn thesis_swing(p: &Parameters, servo: Voltage, seeds: u64) -> (Mean, Mean, 
     (mean(|s| s.um), mean(|s| s.hz), mean(|s| s.volts))
 }
 
-pub(super) fn swings() -> Vec<Gate> {
-    let (um, hz, volts) = thesis_swing(&SINKER.parameters(), Voltage::thesis(50.0), 6);
+pub(super) fn swings(version: u32) -> Vec<Gate> {
+    let (um, hz, volts) = thesis_swing(&SINKER.of(version), Voltage::thesis_of(version, 50.0), 6);
     vec![
         Gate::new(
             Kind::Calibration,

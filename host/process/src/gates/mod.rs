@@ -4,6 +4,7 @@
 //! published numbers that nothing was fitted to; one that is not met is reported so, with what it hangs on.
 
 mod calibration;
+mod findings;
 mod physics;
 mod sensitivity;
 mod speed;
@@ -11,6 +12,7 @@ mod statistics;
 mod validation;
 
 pub use calibration::{Removal, TABLE_2, TABLE_4, charging_error, removal, thesis_swing};
+pub use findings::{SITUATIONS, Situation, arcing_of};
 pub use sensitivity::{FACTOR, RESULTS, Row, sensitivity, unpublished};
 pub use statistics::{Mean, each};
 
@@ -108,9 +110,9 @@ impl Gate {
         matches!(self.kind, Kind::Calibration | Kind::Physics)
     }
 
-    /// Whether it is one of [`OPEN`].
-    pub fn is_open(&self) -> bool {
-        OPEN.contains(&self.name.as_str())
+    /// Whether a version is known not to meet it.
+    pub fn is_open(&self, version: u32) -> bool {
+        OPEN.contains(&(version, self.name.as_str()))
     }
 }
 
@@ -120,19 +122,29 @@ pub struct Group {
     pub name: &'static str,
     /// What it is about.
     pub about: &'static str,
-    /// Runs it.
-    pub run: fn() -> Vec<Gate>,
+    /// Runs it on a version of the model.
+    pub run: fn(u32) -> Vec<Gate>,
 }
 
-/// Gates that must be met and are not, as docs/process-model.md says: a report that finds one of them met, or another one
-/// not, fails.
-pub const OPEN: [&str; 1] = ["buzz, negative control in which nothing comes back, at 0 mm: mean gain, %"];
+/// Gates that must be met and are not, by version, as docs/process-model.md says: a report that finds one of them met, or another
+/// one not, fails. Of version 1 the groups of findings are what version 2 was made for.
+const OPEN: [(u32, &str); 6] = [
+    (1, "buzz, negative control in which nothing comes back, at 0 mm: mean gain, %"),
+    (2, "wider gaps with a lower mean voltage"),
+    (2, "2 mm deep, flushing: too little at 1 kPa: slower than the best by, %"),
+    (2, "5 mm deep, flushing: too little at 1 kPa: slower than the best by, %"),
+    (2, "2 mm deep, flushing: too much at 1 MPa: slower than the best by, %"),
+    (2, "5 mm deep, flushing: too much at 1 MPa: slower than the best by, %"),
+];
+
+/// Groups of gates that version 1 is not held to.
+pub const FINDINGS: [&str; 5] = ["arcing", "flushing", "reach", "micro-buzz", "rc"];
 
 /// Groups that take less than half a minute together: those that .ci/run runs.
 pub const SHORT: [&str; 6] = ["charging", "removal", "swing", "depth", "monotony", "hunting"];
 
 /// All groups, in the order in which they should hold.
-pub const GROUPS: [Group; 14] = [
+pub const GROUPS: [Group; 19] = [
     Group { name: "charging", about: "[X] table 2: charging time against gap", run: calibration::charging },
     Group { name: "removal", about: "[X] table 4: removal against gap", run: calibration::removals },
     Group { name: "swing", about: "[R] section 4.3: the thesis machine's swing", run: calibration::swings },
@@ -146,6 +158,11 @@ pub const GROUPS: [Group; 14] = [
     },
     Group { name: "mass", about: "debris is neither made nor lost", run: physics::mass },
     Group { name: "steps", about: "halving the step changes nothing", run: physics::steps },
+    Group { name: "arcing", about: "arcs do not pay, in any scenario", run: findings::arcing },
+    Group { name: "flushing", about: "jumps and flushing can be too little and too much", run: findings::flushing },
+    Group { name: "reach", about: "[R]: the gap is 20 to 100 um, whatever the face", run: findings::reach },
+    Group { name: "micro-buzz", about: "a buzz of [G]'s machine gains nothing", run: findings::micro_buzz },
+    Group { name: "rc", about: "a plain RC generator sparks", run: findings::rc },
     Group { name: "threshold", about: "[G] figs. 6 and 7: discharge holding threshold", run: validation::threshold },
     Group { name: "retreats", about: "[G] figs. 11 and 14: long retreats and times", run: validation::retreats },
     Group { name: "off-time", about: "[G] fig. 9: short rate against off-time", run: validation::off_time },

@@ -44,7 +44,7 @@ fn bore(conditions: &[(Parameters, Law, Motion)], seeds: u64, depth_um: f64, at_
         .collect()
 }
 
-pub(super) fn buzz() -> Vec<Gate> {
+pub(super) fn buzz(version: u32) -> Vec<Gate> {
     const SETS: [f64; 4] = [45.0, 50.0, 55.0, 60.0];
     const HOLES: [f64; 2] = [0.0, 3000.0];
     let mut gates = Vec::new();
@@ -54,7 +54,7 @@ pub(super) fn buzz() -> Vec<Gate> {
         for depth_um in HOLES {
             let mut conditions = Vec::new();
             for set in SETS {
-                let p = Parameters { depth_um, comes_back, ..SINKER.parameters() };
+                let p = Parameters { depth_um, comes_back, ..SINKER.of(version) };
                 for buzz in [(0.0, 0.0), (5.0, 200.0)] {
                     let motion = Motion { buzz, ..Motion::default() };
                     conditions.push((p, Law::Voltage(Voltage::calm(set)), motion));
@@ -102,11 +102,11 @@ pub(super) fn buzz() -> Vec<Gate> {
     gates
 }
 
-pub(super) fn set_point() -> Vec<Gate> {
+pub(super) fn set_point(version: u32) -> Vec<Gate> {
     const SETS: [f64; 8] = [65.0, 60.0, 55.0, 50.0, 45.0, 40.0, 35.0, 30.0];
     /// Index of the set point 10 V lower.
     const LOWER: usize = 2;
-    let p = SINKER.parameters();
+    let p = SINKER.of(version);
     let conditions = SETS.map(|set| (p, Law::Voltage(Voltage::calm(set)), Motion::default()));
     let bored = bore(&conditions, SEEDS, 200.0, 2000.0);
     let full_burn = p.burn_v * p.on_us / (p.on_us + p.off_us);
@@ -134,8 +134,8 @@ pub(super) fn set_point() -> Vec<Gate> {
 }
 
 /// Rate of removal after 40 s for 160 s, um/s.
-fn rate(depth_um: f64, jump: (f64, f64, f64)) -> Mean {
-    let p = Parameters { depth_um, ..SINKER.parameters() };
+fn rate(version: u32, depth_um: f64, jump: (f64, f64, f64)) -> Mean {
+    let p = Parameters { depth_um, ..SINKER.of(version) };
     let seeds: Vec<u64> = (1..=4).collect();
     Mean::new(&each(&seeds, |&seed| {
         let motion = Motion { jump, ..Motion::default() };
@@ -147,11 +147,11 @@ fn rate(depth_um: f64, jump: (f64, f64, f64)) -> Mean {
     }))
 }
 
-pub(super) fn depth() -> Vec<Gate> {
+pub(super) fn depth(version: u32) -> Vec<Gate> {
     const JUMP: (f64, f64, f64) = (3000.0, 3.0, 100.0);
     const NONE: (f64, f64, f64) = (0.0, 0.0, 0.0);
     let ratio = |jump| {
-        let (shallow, deep) = (rate(500.0, jump), rate(5000.0, jump));
+        let (shallow, deep) = (rate(version, 500.0, jump), rate(version, 5000.0, jump));
         (deep.of / shallow.of, format!("{:.2} over {:.2} um/s at 55 V", deep.of, shallow.of))
     };
     let ((without, said), (with, said_with)) = (ratio(NONE), ratio(JUMP));
@@ -161,13 +161,13 @@ pub(super) fn depth() -> Vec<Gate> {
     ]
 }
 
-pub(super) fn monotony() -> Vec<Gate> {
+pub(super) fn monotony(version: u32) -> Vec<Gate> {
     // Every pulse that waits draws once from a stream of its own, so two gaps meet the same draws and a wider one has to
     // wait longer in every single pulse.
     let (mut volts, mut hazards, mut looked) = (0, 0, 0);
     for machine in MACHINES {
         for dirt in [0.0, 1.0, 4.0] {
-            let p = Parameters { burn_scatter_v: 0.0, runout_um: 0.0, ..machine.parameters() };
+            let p = Parameters { burn_scatter_v: 0.0, runout_um: 0.0, ..machine.of(version) };
             let (mut last_volts, mut last_rate) = (0.0, f64::INFINITY);
             for k in 1..=48 {
                 let um = p.peak_um + p.exchange_um * f64::from(k) / 16.0;
@@ -191,13 +191,13 @@ pub(super) fn monotony() -> Vec<Gate> {
     ]
 }
 
-pub(super) fn mass() -> Vec<Gate> {
+pub(super) fn mass(version: u32) -> Vec<Gate> {
     let jumps = Motion { jump: (3000.0, 3.0, 100.0), buzz: (5.0, 200.0) };
-    let deep = Parameters { depth_um: 3000.0, flush_kpa: 5.0, ..SINKER.parameters() };
-    let through = Parameters { thickness_um: 200.0, ..GAO.parameters() };
+    let deep = Parameters { depth_um: 3000.0, flush_kpa: 5.0, ..SINKER.of(version) };
+    let through = Parameters { thickness_um: 200.0, ..GAO.of(version) };
     let bored = [
-        bore(&[(SINKER.parameters(), Law::Voltage(Voltage::calm(50.0)), jumps)], 2, 300.0, 600.0),
-        bore(&[(deep, Law::Voltage(Voltage::thesis(50.0)), jumps)], 2, 300.0, 600.0),
+        bore(&[(SINKER.of(version), Law::Voltage(Voltage::calm(50.0)), jumps)], 2, 300.0, 600.0),
+        bore(&[(deep, Law::Voltage(Voltage::thesis_of(version, 50.0)), jumps)], 2, 300.0, 600.0),
         bore(&[(through, Law::Fc(200, true), Motion::default())], 2, 300.0, 300.0),
     ];
     let worst = largest(bored.iter().flatten().map(|bored| bored.imbalance));
@@ -205,9 +205,9 @@ pub(super) fn mass() -> Vec<Gate> {
     vec![Gate::new(Kind::Physics, "debris lost or made, share of all", worst, Wanted::AtMost(1e-9), note)]
 }
 
-pub(super) fn steps() -> Vec<Gate> {
+pub(super) fn steps(version: u32) -> Vec<Gate> {
     let halved = |p: Parameters| Parameters { step_us: 0.5 * p.step_us, ..p };
-    let (sinker, gao) = (SINKER.parameters(), GAO.parameters());
+    let (sinker, gao) = (SINKER.of(version), GAO.of(version));
     let mut found: Vec<(String, Mean, Mean)> = Vec::new();
     let seeds: Vec<u64> = (1..=2 * SEEDS).collect();
     for (name, law, p, depth_um) in [
@@ -230,7 +230,7 @@ pub(super) fn steps() -> Vec<Gate> {
     }
     let of = |p: Parameters| {
         let all = each(&seeds, |&seed| {
-            Rig::new(&p, Law::Voltage(Voltage::thesis(50.0)), Motion::default(), seed)
+            Rig::new(&p, Law::Voltage(Voltage::thesis_of(version, 50.0)), Motion::default(), seed)
                 .map_or(f64::NAN, |mut rig| swing(&mut rig, 10.0, 20.0).um)
         });
         Mean::new(&all)

@@ -2,14 +2,16 @@
 
 use super::{Gate, Kind, Wanted};
 use crate::axis::{Axis, Load, Winding};
-use crate::harness::{Law, Rig, Voltage};
-use crate::parameters::{GAO, SINKER};
+use crate::harness::{Law, Motion, Rig, Voltage};
+use crate::parameters::{GAO, Machine, SINKER};
 use cpu_time::ProcessTime;
 
-pub(super) fn speed() -> Vec<Gate> {
+pub(super) fn speed(version: u32) -> Vec<Gate> {
     const SECONDS: f64 = 200.0;
-    let of = |machine, law, least: f64| {
-        let Ok(mut rig) = Rig::of(machine, law, 1) else { return (f64::NAN, String::new()) };
+    let of = |machine: &Machine, law, least: f64| {
+        let Ok(mut rig) = Rig::new(&machine.of(version), law, Motion::default(), 1) else {
+            return (f64::NAN, String::new());
+        };
         let begin = ProcessTime::now();
         rig.run(SECONDS);
         let seconds = begin.elapsed().as_secs_f64();
@@ -19,7 +21,7 @@ pub(super) fn speed() -> Vec<Gate> {
     };
     let (slow, slow_note) = of(&SINKER, Law::Voltage(Voltage::calm(55.0)), 800.0);
     let (fast, fast_note) = of(&GAO, Law::Fc(150, true), 340.0);
-    let axis = axis(20.0);
+    let axis = axis(version, 20.0);
     // Bounds leave the loop with head and converter its share of 250 and 80.
     vec![
         Gate::new(
@@ -47,9 +49,9 @@ pub(super) fn speed() -> Vec<Gate> {
 }
 
 /// An axis that swings, 0.2 mm up and down.
-fn axis(seconds: f64) -> f64 {
+fn axis(version: u32, seconds: f64) -> f64 {
     const STEP_US: f64 = 12.5;
-    let mut axis = Axis::new(&SINKER.parameters(), STEP_US);
+    let mut axis = Axis::new(&SINKER.of(version), STEP_US);
     let begin = ProcessTime::now();
     for step in 0..(seconds * 1e6 / STEP_US) as u64 {
         let load = Load { gap_um: 40.0, ..Load::NONE };

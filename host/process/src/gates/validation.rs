@@ -43,12 +43,12 @@ fn runs(of: &[(Parameters, Law)], depth_um: f64, seeds: u64, at_most_s: f64) -> 
         .collect()
 }
 
-pub(super) fn threshold() -> Vec<Gate> {
+pub(super) fn threshold(version: u32) -> Vec<Gate> {
     const DHT: [u32; 9] = [10, 25, 50, 100, 150, 200, 300, 500, 1000];
     let mut gates = Vec::new();
     for machine in SETTINGS {
         let name = machine.name;
-        let all = runs(&DHT.map(|dht| (machine.parameters(), Law::Fc(dht, true))), THRESHOLD_UM, 3, 20_000.0);
+        let all = runs(&DHT.map(|dht| (machine.of(version), Law::Fc(dht, true))), THRESHOLD_UM, 3, 20_000.0);
         let times = all.iter().map(|run| run.seconds.of).enumerate();
         let best = times.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |best| best.0);
         let said = DHT.iter().zip(&all).map(|(dht, run)| {
@@ -91,7 +91,7 @@ pub(super) fn threshold() -> Vec<Gate> {
     gates
 }
 
-pub(super) fn retreats() -> Vec<Gate> {
+pub(super) fn retreats(version: u32) -> Vec<Gate> {
     const FC: Law = Law::Fc(200, false);
     const LAWS: [(&str, Law); 6] = [
         ("FC 200", FC),
@@ -104,7 +104,7 @@ pub(super) fn retreats() -> Vec<Gate> {
     let mut gates = Vec::new();
     for machine in SETTINGS {
         let name = machine.name;
-        let p = machine.parameters();
+        let p = machine.of(version);
         let blind = runs(&LAWS.map(|(_, law)| (p, law)), 2200.0, 1, 20_000.0);
         let said = |all: &[Run]| {
             let each = LAWS.iter().zip(all).map(|((law, _), run)| {
@@ -131,17 +131,19 @@ pub(super) fn retreats() -> Vec<Gate> {
                 format!("published {published}; hangs on the bubble veil; {}", said(&through)),
             ));
         }
-        gates.push(stages(&machine));
+        gates.push(stages(version, &machine));
     }
     gates
 }
 
 /// \[G\] fig. 8: a touch stage, a stable one, a deep one.
-fn stages(machine: &Machine) -> Gate {
+fn stages(version: u32, machine: &Machine) -> Gate {
     const ENDS_UM: [f64; 3] = [50.0, 700.0, 1000.0];
     let seeds: Vec<u64> = (1..=4).collect();
     let all = each(&seeds, |&seed| {
-        let Ok(mut rig) = Rig::of(machine, Law::Fc(200, true), seed) else { return [f64::NAN; 3] };
+        let Ok(mut rig) = Rig::new(&machine.of(version), Law::Fc(200, true), Motion::default(), seed) else {
+            return [f64::NAN; 3];
+        };
         ENDS_UM.map(|um| {
             let before = rig.tally;
             rig.bore(um, 20_000.0);
@@ -165,11 +167,11 @@ fn stages(machine: &Machine) -> Gate {
     )
 }
 
-pub(super) fn off_time() -> Vec<Gate> {
+pub(super) fn off_time(version: u32) -> Vec<Gate> {
     const OFF_US: [f64; 4] = [6.0, 12.0, 18.0, 24.0];
     let mut gates = Vec::new();
     for machine in SETTINGS {
-        let p = machine.parameters();
+        let p = machine.of(version);
         // The threshold stays the share of pulses that 200 is at 6 us.
         let of = OFF_US.map(|off_us| {
             let dht = (200.0 * (p.on_us + 6.0) / (p.on_us + off_us)).round() as u32;
@@ -200,9 +202,9 @@ pub(super) fn off_time() -> Vec<Gate> {
     gates
 }
 
-pub(super) fn hunting() -> Vec<Gate> {
-    let (um, hz, volts) = calibration::thesis_swing(&SINKER.parameters(), Voltage::cnc(50.0), 6);
-    let (calm, ..) = calibration::thesis_swing(&SINKER.parameters(), Voltage::calm(50.0), 6);
+pub(super) fn hunting(version: u32) -> Vec<Gate> {
+    let (um, hz, volts) = calibration::thesis_swing(&SINKER.of(version), Voltage::cnc(50.0), 6);
+    let (calm, ..) = calibration::thesis_swing(&SINKER.of(version), Voltage::calm(50.0), 6);
     vec![
         Gate::new(
             Kind::Validation,

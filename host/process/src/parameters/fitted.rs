@@ -18,7 +18,12 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    /// The values.
+    /// The values of a version of the model.
+    pub fn of(version: u32) -> Fitted {
+        if version < 2 { Fitted::VALUES } else { Fitted::SECOND }
+    }
+
+    /// Those of version 1.
     pub const VALUES: Fitted = Fitted {
         charge_ohm: 30140.0,
         rounding_um: 25.86,
@@ -26,5 +31,15 @@ impl Fitted {
         xin_removal: 10.25,
         slow_log: 0.761,
         thesis_gain: 147.2,
+    };
+
+    /// Those of version 2.
+    pub const SECOND: Fitted = Fitted {
+        charge_ohm: 30140.0,
+        rounding_um: 25.86,
+        ignition: 810.4,
+        xin_removal: 10.64,
+        slow_log: 0.6538,
+        thesis_gain: 152.1,
     };
 }

@@ -1,7 +1,7 @@
 //! The machines that the sources describe.
 
 use super::Basis::{self, Assumed, Chosen, Fitted, Source};
-use super::{DECLARED, Fitted as Values, Kind, Parameters};
+use super::{DECLARED, Fitted as Values, Kind, Parameters, second};
 
 /// A number in which a machine differs from [`SINKER`].
 #[derive(Clone, Copy, Debug)]
@@ -28,10 +28,15 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Its parameters.
+    /// Its parameters in version 1.
     pub fn parameters(&self) -> Parameters {
+        self.of(1)
+    }
+
+    /// Its parameters in a version of the model: those of version 1, and from 2 on what that changes.
+    pub fn of(&self, version: u32) -> Parameters {
         let mut p = Parameters { kind: self.kind, ..Parameters::default() };
-        for difference in self.differences {
+        for difference in self.differences(version) {
             if let Some(slot) = p.slot(difference.key) {
                 *slot = difference.value;
             }
@@ -39,14 +44,21 @@ impl Machine {
         p
     }
 
-    /// What one of its numbers rests on.
-    pub fn basis(&self, key: &str) -> Option<Basis> {
-        let own = self.differences.iter().find(|difference| difference.key == key).map(|difference| difference.basis);
+    /// Where it differs from the sinker of version 1, in the order in which they apply.
+    fn differences(&self, version: u32) -> impl DoubleEndedIterator<Item = &Difference> {
+        let second = if version < 2 { [&[][..]; 2] } else { [&second::ALL[..], second::of(self.name)] };
+        self.differences.iter().chain(second.into_iter().flatten())
+    }
+
+    /// What one of its numbers rests on in a version.
+    pub fn basis(&self, version: u32, key: &str) -> Option<Basis> {
+        let own = self.differences(version).rfind(|difference| difference.key == key);
+        let own = own.map(|difference| difference.basis);
         own.or_else(|| DECLARED.iter().find(|declared| declared.key == key).map(|declared| declared.basis))
     }
 }
 
-const fn of(key: &'static str, value: f64, basis: Basis) -> Difference {
+pub(super) const fn of(key: &'static str, value: f64, basis: Basis) -> Difference {
     Difference { key, value, basis }
 }
 

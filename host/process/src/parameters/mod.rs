@@ -2,6 +2,7 @@
 
 mod fitted;
 mod machines;
+mod second;
 
 pub use fitted::Fitted;
 pub use machines::{Difference, GAO, GAO_CLEAR, MACHINES, Machine, SINKER, XIN};
@@ -139,6 +140,7 @@ macro_rules! declare {
 use Basis::{Assumed, Chosen, Source};
 const C2: &str = "[X] table 4";
 const C3: &str = "[R]'s swing of 40 um";
+const OFF: Basis = Assumed("version 1 has none");
 
 declare! {
     /// Open-circuit voltage.
@@ -305,7 +307,39 @@ declare! {
     contact_n_um = 2.0, (0.01, 10.0), "N/um", Assumed("");
     /// Damping of that contact.
     contact_n_s_m = 20.0, (0.0, 10_000.0), "N s/m", Assumed("");
+
+    /// Largest gap that ignites, over the open-circuit voltage; 0 for none.
+    reach_um_v = 0.0, (0.0, 100.0), "um/V", OFF;
+    /// Power of the burning time, over half the on-time, with which the recovery time goes.
+    recovery_heats = 0.0, (0.0, 2.0), "", OFF;
+    /// What a millisecond of an arc adds to the recovery of its place, in clean gap's recovery times.
+    arc_heat = 0.0, (0.0, 1000.0), "1/ms", OFF;
+    /// Heat from which on an arc stays until a retreat, in the same times.
+    arc_stays = 3.0, (0.1, 1000.0), "", OFF;
+    /// Damage at which a spark removes half of what it does on a clean place; 0 for none.
+    hurt_half = 0.0, (0.0, 1000.0), "", OFF;
+    /// Time constant with which the place of an arc cools.
+    arc_cool_ms = 10.0, (0.01, 10_000.0), "ms", OFF;
+    /// Distance of a retreat over which the heat of an arc's place counts for e times less.
+    arc_tear_um = 10.0, (0.01, 1000.0), "um", OFF;
+    /// Power density of a large face at which a discharge removes half of what it does alone; 0 for no such limit.
+    saturate_w_mm2 = 0.0, (0.0, 1e6), "W/mm^2", OFF;
+    /// Radius below which a face stands more of that, as its edge is near.
+    saturate_edge_um = 0.0, (0.0, 1e5), "um", OFF;
+    /// Reynolds number of the gap's motion at which half of the fluid that enters mixes; 0 for fluid that mixes all, at any pressure.
+    reynolds = 0.0, (0.0, 1e6), "", OFF;
+    /// Depth of the side gap with which the front exchanges; 0 for all of it.
+    buffer_um = 0.0, (0.0, 1e6), "um", OFF;
+    /// Speed of the gas in the side gap, in volume removed with it, above which more of it moves no more fluid; 0 for none.
+    gas_level_um_s = 0.0, (0.0, 1e6), "um/s", OFF;
+    /// Gas of the discharges that flushing has to push against, over the volume removed with it.
+    gas_back = 0.0, (0.0, 1e6), "", OFF;
+    /// Time for which the gap must have opened to tear a bridge or an arc; 0 for none.
+    tear_ms = 0.0, (0.0, 10_000.0), "ms", OFF;
 }
+
+/// Of the numbers, how many version 1 has; its others are 0, or unused with those.
+pub const OF_VERSION_1: usize = DECLARED.len() - 14;
 
 impl Parameters {
     /// Sets one by its name.
@@ -360,6 +394,11 @@ impl Parameters {
     /// Power of a spark of a transistor generator, uJ/us.
     pub fn burn_power(&self) -> f64 {
         self.burn_v * (self.open_v - self.burn_v) / self.burn_ohm
+    }
+
+    /// Time in which a capacitor's discharge is over, us: half a period of its circuit.
+    pub fn discharge_us(&self) -> f64 {
+        std::f64::consts::PI * (self.capacitor_pf * 1e-12 * self.loop_nh * 1e-9).sqrt() * 1e6
     }
 
     /// Energy that the capacitor gives up between two voltages, uJ.

@@ -82,7 +82,7 @@ enum Command {
     Faults(Faults),
     /// Send random commands and events, and check the invariants in every tick (docs/robustness.md)
     Soak(Soak),
-    /// Compare the process model, version 1, with published figures (docs/process-model.md)
+    /// Compare the process model with published figures (docs/process-model.md)
     #[command(
         after_help = "Exit code: 0 the model is unchanged and all required gates are met; 1 otherwise, or an output failed; 2 bad input."
     )]

@@ -4,11 +4,11 @@
 //! All randomness comes from one seed, in a stream of its own for every cause. x is positive toward the work, gap = surface
 //! - electrode face.
 //!
-//! Axis and gap are those of one of two versions of the model, `Model`: version 0 is here, in `zero`, every parameter with
-//! its source in [`Parameters`]; version 1 is the package `host/process`, put on the same wires in `one`. Encoder, converter,
+//! Axis and gap are those of one version of the model, `Model`: version 0 is here, in `zero`, every parameter with
+//! its source in [`Parameters`]; versions 1 and 2 are the package `host/process`, put on the same wires in `one`. Encoder, converter,
 //! switches and faults are the same for both.
 //!
-//! Everything here is simulated. Nothing of version 0 was fitted to a machine; what of version 1 was, docs/process-model.md
+//! Everything here is simulated. Nothing of version 0 was fitted to a machine; what of the others was, docs/process-model.md
 //! says.
 
 mod actuator;

@@ -1,4 +1,4 @@
-//! Version 1 of the process model, `host/process`, on the wires of a head.
+//! Versions 1 and 2 of the process model, `host/process`, on the wires of a head.
 
 use super::spark::Stretch;
 use super::{Plant, TICK_US, Tick};

@@ -1,13 +1,13 @@
-//! The machine with its process, for either version of the process model.
+//! The machine with its process, for each version of the process model.
 //!
-//! Version 0 is declared in [`Parameters`], version 1 in `host/process`: there every number is one of a published machine,
+//! Version 0 is declared in [`Parameters`], versions 1 and 2 in `host/process`: there every number is one of a published machine,
 //! `model.machine`, unless a scenario names it as `model.NAME`. What the model has nothing to do with is the same for both:
 //! where the work lies, bus, limit switches, wiring, scale and front end. A value of the other version is refused.
 
 use super::Parameters;
 use super::random::Cause;
 use edm_process::gates::unpublished;
-use edm_process::parameters::{Basis, DECLARED, Kind as Generator, MACHINES, Machine, Refused};
+use edm_process::parameters::{Basis, DECLARED, Kind as Generator, MACHINES, Machine, OF_VERSION_1, Refused};
 use edm_servo_head::settings::{Change, Declared, Field, Kind, SettingError, Value};
 use rand::RngExt;
 
@@ -28,19 +28,19 @@ pub struct Plant {
     named: u64,
 }
 
-/// Fields that only version 1 has, other than its numbers.
+/// Fields that version 0 has not, other than numbers.
 const CHOICES: [Field; 3] = [
     field(
         "model.version",
         "",
         "Version of the process model.",
         "docs/process-model.md",
-        Kind::Integer { min: 0, max: 1 },
+        Kind::Integer { min: 0, max: 2 },
     ),
     field(
         "model.machine",
         "",
-        "Machine that version 1 starts from.",
+        "Machine that versions 1 and 2 start from.",
         "docs/process-model.md",
         Kind::Choice(&MACHINE_NAMES),
     ),
@@ -83,8 +83,7 @@ const NUMBERS: usize = BASE + CHOICES.len();
 const ALL: usize = NUMBERS + DECLARED.len();
 const _: () = assert!(BASE <= u64::BITS as usize, "a bit for each field of version 0");
 
-static FIELDS: [Field; ALL] = FIELD_TABLE;
-const FIELD_TABLE: [Field; ALL] = {
+static FIELDS: [Field; ALL] = {
     let mut all = [CHOICES[0]; ALL];
     let mut at = 0;
     while at < ALL {
@@ -112,7 +111,7 @@ static KEYS: [&str; ALL] = {
     let mut keys = [""; ALL];
     let mut at = 0;
     while at < ALL {
-        keys[at] = FIELD_TABLE[at].key;
+        keys[at] = FIELDS[at].key;
         at += 1;
     }
     keys
@@ -141,6 +140,12 @@ impl Plant {
     /// The same with a version of the model, without what belongs to the other one.
     pub fn turned_to(&self, version: u32) -> Plant {
         let mut plant = Plant { version, ..Plant::default() };
+        if version != 0 && self.version != 0 {
+            (plant.machine, plant.generator, plant.numbers) = (self.machine, self.generator, self.numbers);
+            if version == 1 {
+                plant.numbers.iter_mut().skip(OF_VERSION_1).for_each(|number| *number = None);
+            }
+        }
         for at in (0..BASE).filter(|&at| self.named >> at & 1 == 1 && is_common(FIELDS[at].key)) {
             if let Some(value) = self.base.get(at) {
                 // It was checked when it came here.
@@ -155,12 +160,12 @@ impl Plant {
         ALL.get(self.machine)
     }
 
-    /// Changes each unpublished number of version 1 by a random share of up to this one; the generator's settings
+    /// Changes each unpublished number of versions 1 and 2 by a random share of up to this one; the generator's settings
     /// stay. The same seed gives the same numbers, whatever else is different.
     pub fn perturb(&mut self, share: f64, seed: u64) {
         const SET: [&str; 4] = ["open_v", "on_us", "off_us", "wait_us"];
         let Some(machine) = self.machine().filter(|_| share > 0.0 && self.version != 0) else { return };
-        let open: Vec<&str> = unpublished(machine).collect();
+        let open: Vec<&str> = unpublished(self.version, machine).collect();
         let mut random = Cause::Perturbation.stream(seed);
         let values: Vec<f64> = self.model().values().collect();
         for ((declared, value), number) in DECLARED.iter().zip(values).zip(&mut self.numbers) {
@@ -173,7 +178,7 @@ impl Plant {
         }
     }
 
-    /// Name of the machine of version 1; `None` in version 0.
+    /// Name of the machine; `None` in version 0.
     pub fn machine_name(&self) -> Option<&'static str> {
         self.machine().filter(|_| self.version != 0).map(|machine| machine.name)
     }
@@ -184,9 +189,9 @@ impl Plant {
         std::f64::consts::PI * radius_mm * radius_mm
     }
 
-    /// The numbers of version 1.
+    /// The numbers of versions 1 and 2.
     pub fn model(&self) -> edm_process::Parameters {
-        let mut p = self.machine().map(Machine::parameters).unwrap_or_default();
+        let mut p = self.machine().map(|machine| machine.of(self.version)).unwrap_or_default();
         p.kind = self.generator.unwrap_or(p.kind);
         for (declared, number) in DECLARED.iter().zip(self.numbers) {
             if let Some(number) = number {
@@ -216,7 +221,7 @@ impl Plant {
         self.base.fits(self.stroke_mm() as f32)?;
         let foreign = |index: usize, rule| Err(SettingError::Conflict { field: FIELDS[index].key, rule });
         if self.version == 0 {
-            let rule = "belongs to version 1 of the process model, and model.version is 0";
+            let rule = "belongs to versions 1 and 2 of the process model, and model.version is 0";
             if self.machine != 0 || self.generator.is_some() {
                 return foreign(BASE + if self.machine != 0 { 1 } else { 2 }, rule);
             }
@@ -227,7 +232,12 @@ impl Plant {
         }
         let alien = (0..BASE).find(|&at| self.named >> at & 1 == 1 && !is_common(FIELDS[at].key));
         if let Some(at) = alien {
-            return foreign(at, "belongs to version 0 of the process model, and model.version is 1");
+            return foreign(at, "belongs to version 0 of the process model, and model.version is not 0");
+        }
+        let only_2 = self.numbers.iter().skip(OF_VERSION_1).position(Option::is_some);
+        if let Some(at) = only_2.filter(|_| self.version == 1) {
+            let rule = "belongs to version 2 of the process model, and model.version is 1";
+            return foreign(NUMBERS + OF_VERSION_1 + at, rule);
         }
         self.model().check().map_err(|refused| match refused {
             Refused::Conflict(rule) => SettingError::Conflict { field: "model", rule },
@@ -295,7 +305,7 @@ impl Declared for Plant {
         let field = FIELDS.get(index).ok_or(SettingError::UnknownKey)?;
         let refused = SettingError::NotAllowed(field);
         match (index - BASE, value) {
-            (0, Value::Number(x)) if x == 0.0 || x == 1.0 => self.version = x as u32,
+            (0, Value::Number(x)) if x == 0.0 || x == 1.0 || x == 2.0 => self.version = x as u32,
             (1, Value::Word(word)) => {
                 self.machine = MACHINE_NAMES.iter().position(|name| *name == word).ok_or(refused)?;
             }
@@ -343,6 +353,9 @@ mod tests {
         assert_eq!(conflict(&[mass]), Some("actuator.mass_kg"));
         assert_eq!(conflict(&[ZERO, radius]), Some("model.radius_um"));
         assert_eq!(conflict(&[radius]), None);
+        let (reach, two) = (("model.reach_um_v", Value::Number(1.0)), ("model.version", Value::Number(2.0)));
+        assert_eq!(conflict(&[reach]), Some("model.reach_um_v"));
+        assert_eq!(conflict(&[reach, two]), None);
         assert_eq!(conflict(&[ZERO, ("model.machine", Value::Word("gao"))]), Some("model.machine"));
         for common in ["workpiece.surface_mm", "scale.count_um", "front_end.hum_v", "actuator.bus_v"] {
             assert_eq!(conflict(&[(common, Value::Number(5.0))]), None, "{common}");
@@ -363,6 +376,20 @@ mod tests {
         let plant = plant.turned_to(1);
         assert_eq!(plant.validate(), Ok(()));
         assert_eq!((plant.version(), plant.base.count, plant.base.mass), (1, 0.1, 0.2));
+        // Machine and numbers are of versions 1 and 2; version 1 leaves out what only 2 has.
+        let mut plant = Plant::default().turned_to(2);
+        for (key, value) in [("model.radius_um", 123.0), ("model.reach_um_v", 0.5)] {
+            plant.set(key, Value::Number(value)).unwrap();
+        }
+        plant.set("model.machine", Value::Word("gao")).unwrap();
+        assert_eq!(plant.validate(), Ok(()));
+        assert_eq!((plant.model().radius_um, plant.model().reach_um_v), (123.0, 0.5));
+        let plant = plant.turned_to(1);
+        assert_eq!(plant.validate(), Ok(()));
+        assert_eq!(
+            (plant.model().radius_um, plant.model().reach_um_v, plant.machine_name()),
+            (123.0, 0.0, Some("gao"))
+        );
     }
 
     #[test]
@@ -381,7 +408,7 @@ mod tests {
         for (declared, (was, is)) in DECLARED.iter().zip(own.values().zip(one.values())) {
             assert!((is - was).abs() <= 0.3 * was.abs() + 1e-12, "{}: {was} {is}", declared.key);
             let set = ["open_v", "on_us", "off_us", "wait_us"].contains(&declared.key);
-            let moves = unpublished(machine).any(|key| key == declared.key) && !set;
+            let moves = unpublished(1, machine).any(|key| key == declared.key) && !set;
             assert_eq!(is != was, moves, "{}: {was} {is}", declared.key);
         }
         let usual = Plant::from(&Parameters::default());
@@ -403,5 +430,24 @@ mod tests {
         assert_eq!(plant.get(index), Some(Value::Number(123.0)));
         assert!(plant.set("model.radius_um", Value::Number(1.0)).is_err());
         assert_eq!(plant.model().radius_um, 123.0);
+    }
+
+    #[test]
+    fn the_gates_of_every_scenario_run_its_own_numbers() {
+        let built_in = crate::scenario::BUILT_IN;
+        let of = |name: &str| crate::run::Setup::load(name).unwrap().process;
+        for situation in edm_process::gates::SITUATIONS {
+            let Some((name, _)) = built_in.iter().find(|(name, _)| *name == situation.name) else { continue };
+            for version in [1, 2] {
+                assert_eq!(of(name).turned_to(version).model(), situation.of(version), "{name}");
+            }
+        }
+        // The others only differ from one of these in mass, friction, surface or thickness.
+        let gated = |name: &str| edm_process::gates::SITUATIONS.iter().any(|situation| situation.name == name);
+        let others =
+            ["default", "sinker-0.1kg", "sinker-0.4kg", "thesis-machine", "micro-through", "micro-through-clear"];
+        for (name, _) in built_in.iter().filter(|(name, _)| of(name).version() != 0) {
+            assert!(gated(name) || others.contains(name), "{name}: no gates");
+        }
     }
 }

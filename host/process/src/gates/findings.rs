@@ -1,0 +1,385 @@
+//! Gates on every scenario: what a feed law that searches for holes in the model must not find.
+
+use super::statistics::largest;
+use super::{Gate, Kind, Mean, Wanted, each};
+use crate::Pulses;
+use crate::harness::{Law, Motion, Rig, Voltage};
+use crate::parameters::{GAO, GAO_CLEAR, Machine, Parameters, SINKER, XIN};
+
+/// The process of a scenario of host/sim, by its name.
+pub struct Situation {
+    /// Name of the scenario.
+    pub name: &'static str,
+    /// Machine that it starts from.
+    pub machine: &'static Machine,
+    /// Numbers in which it differs.
+    pub numbers: &'static [(&'static str, f64)],
+}
+
+impl Situation {
+    /// Its numbers in a version of the model.
+    pub fn of(&self, version: u32) -> Parameters {
+        let mut p = self.machine.of(version);
+        for (key, value) in self.numbers {
+            // A test sets them all.
+            let _ = p.set(key, *value);
+        }
+        p
+    }
+}
+
+const fn on(machine: &'static Machine, name: &'static str, numbers: &'static [(&'static str, f64)]) -> Situation {
+    Situation { name, machine, numbers }
+}
+
+/// All scenarios with a process of their own, and two more in which version 1 was found to reward arcs.
+pub const SITUATIONS: [Situation; 13] = [
+    on(&SINKER, "sinker", &[]),
+    on(
+        &SINKER,
+        "sinker-100khz",
+        &[
+            ("on_us", 8.02),
+            ("off_us", 2.005),
+            ("cable_us", 0.1),
+            ("charge_ohm", 3000.0),
+            ("recovery_us", 0.3),
+            ("peak_um", 1.0),
+            ("bridge_um", 12.0),
+            ("exchange_um", 20.0),
+            ("step_us", 100.0),
+        ],
+    ),
+    on(&SINKER, "sinker-1khz", &[("on_us", 800.0), ("off_us", 200.0), ("step_us", 500.0)]),
+    on(
+        &SINKER,
+        "sinker-0.1mm",
+        &[
+            ("radius_um", 100.0),
+            ("side_um", 20.0),
+            ("on_us", 20.0),
+            ("off_us", 20.0),
+            ("burn_ohm", 240.0),
+            ("recovery_us", 2.0),
+            ("peak_um", 1.0),
+            ("bridge_um", 5.0),
+            ("exchange_um", 8.0),
+            ("rest_mm3_s", 0.001),
+        ],
+    ),
+    on(
+        &SINKER,
+        "sinker-25mm",
+        &[
+            ("radius_um", 25_000.0),
+            ("burn_ohm", 0.2),
+            ("side_um", 150.0),
+            ("exchange_um", 90.0),
+            ("flush_kpa", 5.0),
+            ("mass_kg", 2.0),
+            ("counterbalance_n", 20.2),
+        ],
+    ),
+    on(&SINKER, "sinker-dirty", &[("depth_um", 1500.0), ("gas_side", 50.0), ("bridge_hz", 1.0)]),
+    on(&SINKER, "sinker-deep", &[("depth_um", 5000.0)]),
+    on(
+        &SINKER,
+        "cavity",
+        &[
+            ("radius_um", 10_000.0),
+            ("depth_um", 2000.0),
+            ("burn_ohm", 2.0),
+            ("side_um", 100.0),
+            ("exchange_um", 70.0),
+            ("flush_kpa", 5.0),
+        ],
+    ),
+    on(&XIN, "silicon", &[]),
+    on(&GAO, "micro-blind", &[]),
+    on(&GAO_CLEAR, "micro-blind-clear", &[]),
+    on(&SINKER, "a hole of 2 mm", &[("depth_um", 2000.0)]),
+    on(&SINKER, "a radius of 0.5 mm", &[("radius_um", 500.0)]),
+];
+
+/// A machine, the law that moves its electrode, and what else does.
+type Condition = (Parameters, Law, Motion);
+
+/// What a machine does in a while, by seed.
+struct Done {
+    /// Depth over time, um/s.
+    rate: Mean,
+    pulses: Pulses,
+    pit_um: f64,
+    gap_um: Mean,
+    /// Debris of the front, in 5 %.
+    dirt: Mean,
+}
+
+impl Done {
+    fn arcs(&self) -> f64 {
+        100.0 * self.pulses.arc as f64 / self.pulses.total().max(1) as f64
+    }
+
+    fn shorts(&self) -> f64 {
+        100.0 * self.pulses.short as f64 / self.pulses.total().max(1) as f64
+    }
+}
+
+/// Runs each condition for some seconds after some others.
+fn work(conditions: &[Condition], seeds: u64, settles_s: f64, lasts_s: f64) -> Vec<Done> {
+    let runs: Vec<(usize, u64)> = (0..conditions.len()).flat_map(|k| (1..=seeds).map(move |seed| (k, seed))).collect();
+    let all = each(&runs, |&(k, seed)| {
+        let (p, law, motion) = &conditions[k];
+        let nothing = ([f64::NAN; 4], Pulses::default());
+        let Ok(mut rig) = Rig::new(p, *law, *motion, seed) else { return nothing };
+        rig.run(settles_s);
+        let (before, pulses) = (rig.process.depth_um(), rig.process.pulses());
+        let (mut gap, mut dirt, mut n) = (0.0, 0.0, 0.0);
+        while rig.t_s() < settles_s + lasts_s {
+            rig.step();
+            if rig.lift_um() == 0.0 {
+                (gap, dirt, n) = (gap + rig.process.gap_um(), dirt + rig.process.dirt(), n + 1.0);
+            }
+        }
+        let rate = (rig.process.depth_um() - before) / lasts_s;
+        ([rate, rig.process.truth().pit_um, gap / n, dirt / n], rig.process.pulses().since(&pulses))
+    });
+    all.chunks(seeds as usize)
+        .map(|runs| {
+            let mean = |k: usize| Mean::new(&runs.iter().map(|run| run.0[k]).collect::<Vec<_>>());
+            Done {
+                rate: mean(0),
+                pulses: runs.iter().fold(Pulses::default(), |sum, run| sum.plus(&run.1)),
+                pit_um: largest(runs.iter().map(|run| run.0[1])),
+                gap_um: mean(2),
+                dirt: mean(3),
+            }
+        })
+        .collect()
+}
+
+/// Mean voltage at a share of the way from full burn to no discharge.
+fn volts(p: &Parameters, share: f64) -> f64 {
+    (p.burn_v + share * (p.open_v - p.burn_v)) * p.on_us / (p.on_us + p.off_us)
+}
+
+fn best(done: &[Done]) -> usize {
+    let rates = done.iter().map(|done| done.rate.of).enumerate();
+    rates.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |best| best.0)
+}
+
+pub(super) fn arcing(version: u32) -> Vec<Gate> {
+    arcing_of(version, "")
+}
+
+/// The gates of the situations whose name has this.
+pub fn arcing_of(version: u32, names: &str) -> Vec<Gate> {
+    /// 35 to 72 V of the sinker.
+    const SHARES: [f64; 8] = [0.06, 0.16, 0.27, 0.37, 0.48, 0.58, 0.69, 0.83];
+    const THRESHOLDS: [u32; 8] = [1000, 700, 500, 300, 200, 150, 100, 50];
+    let mut gates = Vec::new();
+    for situation in SITUATIONS.iter().filter(|situation| situation.name.contains(names)) {
+        let p = situation.of(version);
+        let micro = p.kind == crate::Kind::ControlledRc;
+        let conditions: Vec<Condition> = (0..SHARES.len())
+            .map(|k| {
+                let law = if micro {
+                    Law::Fc(THRESHOLDS[k], true)
+                } else {
+                    Law::Voltage(Voltage::calm(volts(&p, SHARES[k])))
+                };
+                (p, law, Motion::default())
+            })
+            .collect();
+        let done = work(&conditions, 2, 15.0, 40.0);
+        let best = best(&done);
+        let said = done.iter().enumerate().map(|(k, done)| {
+            let set = if micro { format!("{}", THRESHOLDS[k]) } else { format!("{:.0} V", volts(&p, SHARES[k])) };
+            format!(
+                "{set}: {:.3} um/s, arcs {:.1} %, shorts {:.1} %, gap {:.0} um, dirt {:.2}, pit {:.0} um",
+                done.rate.of,
+                done.arcs(),
+                done.shorts(),
+                done.gap_um.of,
+                done.dirt.of,
+                done.pit_um
+            )
+        });
+        gates.push(Gate::new(
+            Kind::Physics,
+            format!("{}: arcs at the best set point, % of pulses", situation.name),
+            done[best].arcs(),
+            Wanted::AtMost(15.0),
+            said.collect::<Vec<_>>().join("; "),
+        ));
+    }
+    gates
+}
+
+/// Index of the best, and by how many percent both ends are worse.
+fn inside(done: &[Done]) -> (usize, f64) {
+    let best = best(done);
+    let of = |k: usize| 100.0 * (1.0 - done[k].rate.of / done[best].rate.of);
+    (best, of(0).min(of(done.len() - 1)))
+}
+
+pub(super) fn flushing(version: u32) -> Vec<Gate> {
+    const DEPTHS: [f64; 2] = [2000.0, 5000.0];
+    const HEIGHTS: [f64; 6] = [50.0, 200.0, 500.0, 1000.0, 3000.0, 10_000.0];
+    const EVERY: [f64; 6] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
+    const SPEEDS: [f64; 7] = [1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0];
+    const PRESSURES: [f64; 7] = [0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0];
+    let mut gates = Vec::new();
+    for depth_um in DEPTHS {
+        let p = Parameters { depth_um, ..SINKER.of(version) };
+        let law = Law::Voltage(Voltage::calm(55.0));
+        let jump = |height: f64, every: f64, speed: f64| {
+            (p, law, Motion { jump: (height, every, speed), ..Motion::default() })
+        };
+        let series: [(&str, &[f64], Vec<Condition>); 3] = [
+            ("height of jumps, um", &HEIGHTS, HEIGHTS.map(|um| jump(um, 1.0, 100.0)).to_vec()),
+            ("interval of jumps, s", &EVERY, EVERY.map(|s| jump(1000.0, s, 100.0)).to_vec()),
+            ("speed of jumps, mm/s", &SPEEDS, SPEEDS.map(|mm_s| jump(1000.0, 1.0, mm_s)).to_vec()),
+        ];
+        for (name, values, conditions) in series {
+            let done = work(&conditions, 3, 30.0, 90.0);
+            let (best, by) = inside(&done);
+            let said = values.iter().zip(&done).map(|(value, done)| {
+                format!(
+                    "{value}: {:.2} um/s, arcs {:.1} %, gap {:.0} um, dirt {:.2}",
+                    done.rate.of,
+                    done.arcs(),
+                    done.gap_um.of,
+                    done.dirt.of
+                )
+            });
+            gates.push(Gate::new(
+                Kind::Physics,
+                format!("{} mm deep: {name}: both ends worse than the best, {}, by, %", depth_um * 1e-3, values[best]),
+                by,
+                Wanted::AtLeast(1.0),
+                said.collect::<Vec<_>>().join("; "),
+            ));
+        }
+    }
+    for depth_um in DEPTHS {
+        let p = Parameters { depth_um, ..SINKER.of(version) };
+        let law = Law::Voltage(Voltage::calm(55.0));
+        let conditions = PRESSURES.map(|flush_kpa| (Parameters { flush_kpa, ..p }, law, Motion::default()));
+        let done = work(&conditions, 3, 30.0, 90.0);
+        let most = done[best(&done)].rate.of;
+        let said = PRESSURES.iter().zip(&done).map(|(kpa, done)| {
+            format!("{kpa} kPa: {:.2} um/s, arcs {:.1} %, dirt {:.2}", done.rate.of, done.arcs(), done.dirt.of)
+        });
+        let said = said.collect::<Vec<_>>().join("; ");
+        for (name, k) in [("too little at 1 kPa", 1), ("too much at 1 MPa", PRESSURES.len() - 1)] {
+            gates.push(Gate::new(
+                Kind::Physics,
+                format!("{} mm deep, flushing: {name}: slower than the best by, %", depth_um * 1e-3),
+                100.0 * (1.0 - done[k].rate.of / most),
+                Wanted::AtLeast(1.0),
+                said.clone(),
+            ));
+        }
+    }
+    const HOLES: [f64; 5] = [500.0, 1000.0, 2000.0, 4000.0, 8000.0];
+    for (name, jump) in [
+        ("without jumps", (0.0, 0.0, 0.0)),
+        ("jumps of 1 mm every 3 s", (1000.0, 3.0, 100.0)),
+        ("jumps of 3 mm every 3 s", (3000.0, 3.0, 100.0)),
+    ] {
+        let conditions = HOLES.map(|depth_um| {
+            let p = Parameters { depth_um, ..SINKER.of(version) };
+            (p, Law::Voltage(Voltage::calm(55.0)), Motion { jump, ..Motion::default() })
+        });
+        let done = work(&conditions, 4, 30.0, 90.0);
+        let rises = done.windows(2).map(|pair| 100.0 * (pair[1].rate.of / pair[0].rate.of - 1.0));
+        let said = HOLES.iter().zip(&done).map(|(um, done)| {
+            format!("{} mm: {:.2} um/s, arcs {:.1} %, dirt {:.2}", um * 1e-3, done.rate.of, done.arcs(), done.dirt.of)
+        });
+        gates.push(Gate::new(
+            Kind::Physics,
+            format!("{name}: largest gain in rate from a hole to the next deeper, %"),
+            largest(rises),
+            Wanted::AtMost(1.0),
+            said.collect::<Vec<_>>().join("; "),
+        ));
+    }
+    gates
+}
+
+pub(super) fn reach(version: u32) -> Vec<Gate> {
+    const RADII: [f64; 5] = [500.0, 1500.0, 5000.0, 10_000.0, 25_000.0];
+    let conditions = RADII.map(|radius_um| {
+        let p = Parameters { radius_um, ..SINKER.of(version) };
+        (p, Law::Voltage(Voltage::calm(60.0)), Motion::default())
+    });
+    let done = work(&conditions, 2, 10.0, 20.0);
+    let gaps = done.iter().map(|done| done.gap_um.of);
+    let said = RADII.iter().zip(&done).map(|(um, done)| format!("{} mm: {:.1} um", um * 1e-3, done.gap_um.of));
+    let said = said.collect::<Vec<_>>().join("; ");
+    vec![
+        Gate::new(
+            Kind::Calibration,
+            "[R], radii from 0.5 to 25 mm at 60 V: largest gap, um",
+            largest(gaps.clone()),
+            Wanted::AtMost(100.0),
+            said,
+        ),
+        Gate::new(
+            Kind::Validation,
+            "[R], radii from 0.5 to 25 mm at 60 V: smallest gap, um",
+            -largest(gaps.map(|gap| -gap)),
+            Wanted::AtLeast(20.0),
+            "",
+        ),
+    ]
+}
+
+pub(super) fn micro_buzz(version: u32) -> Vec<Gate> {
+    let mut gates = Vec::new();
+    for machine in [GAO, GAO_CLEAR] {
+        let p = machine.of(version);
+        let conditions =
+            [(0.0, 0.0), (2.0, 200.0)].map(|buzz| (p, Law::Fc(200, true), Motion { buzz, ..Motion::default() }));
+        let done = work(&conditions, 12, 10.0, 60.0);
+        let gain = done[1].rate.gain(&done[0].rate);
+        let gain = (-gain.of, gain.error);
+        gates.push(Gate::new(
+            Kind::Physics,
+            format!("{}: buzz of 2 um at 200 Hz: gain in rate less two standard errors, %", machine.name),
+            gain.0 - 2.0 * gain.1,
+            Wanted::AtMost(1.0),
+            format!("{:.2} +- {:.2} %", gain.0, gain.1),
+        ));
+    }
+    gates
+}
+
+pub(super) fn rc(version: u32) -> Vec<Gate> {
+    const SHARES: [f64; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
+    let p = Parameters { kind: crate::Kind::Rc, capacitor_pf: 10_000.0, ..SINKER.of(version) };
+    let conditions = SHARES.map(|share| {
+        let set = share * p.open_v;
+        (p, Law::Voltage(Voltage::calm(set)), Motion::default())
+    });
+    let done = work(&conditions, 2, 10.0, 20.0);
+    let best = best(&done);
+    let said = SHARES.iter().zip(&done).map(|(share, done)| {
+        format!(
+            "{:.0} V: {:.2} um/s, arcs {:.1} %, shorts {:.1} %, gap {:.1} um",
+            share * p.open_v,
+            done.rate.of,
+            done.arcs(),
+            done.shorts(),
+            done.gap_um.of
+        )
+    });
+    vec![Gate::new(
+        Kind::Physics,
+        "plain RC, 10 nF: arcs at the best set point, % of pulses",
+        done[best].arcs(),
+        Wanted::AtMost(15.0),
+        said.collect::<Vec<_>>().join("; "),
+    )]
+}
