@@ -12,9 +12,13 @@ pub use limiter::{Limiter, Limits};
 
 use crate::units::{MicrometresPerSecond, Volts};
 
-/// Turns a gap error into a path velocity, once every few servo ticks.
+/// Turns a gap error into a path velocity, at every plan while the head erodes or is guided.
+///
+/// A law starts again from its numbers after each seek, retreat and jump.
 pub trait FeedLaw {
-    /// Path velocity from now on; `ticks` have passed since the last call.
+    /// Path velocity until the next call, um/s: positive feeds, negative retreats. `error` is the gap error, positive when the
+    /// gap is too wide; `ticks` servo ticks of 50 us have passed since the last call: 5, or fewer after an urgent event.
+    /// [`Limits`] apply to the answer.
     fn velocity(&mut self, error: Volts, ticks: u32) -> MicrometresPerSecond;
 }
 

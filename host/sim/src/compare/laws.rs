@@ -9,7 +9,7 @@ use crate::run::Setup;
 use crate::sweep::grid::Assignments;
 
 /// A law, and how it is set.
-pub struct Entrant {
+pub struct Law {
     /// Name in tables.
     pub name: &'static str,
     /// What its numbers rest on.
@@ -19,29 +19,29 @@ pub struct Entrant {
 }
 
 /// All of them; the first is what the others are compared with.
-pub const ENTRANTS: &[Entrant] = &[
-    Entrant {
+pub const LAWS: &[Law] = &[
+    Law {
         name: "increment_by_error",
         source: "[R] 6.7.3; the scenario's gain",
         settings: |_| set(&["feed.law=increment_by_error"]),
     },
-    Entrant {
+    Law {
         name: "rate_by_error",
         source: "[R] 6.7.2; defaults, assumed",
         settings: |_| set(&["feed.law=rate_by_error"]),
     },
-    Entrant { name: "fixed_rate", source: "[R] 6.7.1; defaults, assumed", settings: |_| set(&["feed.law=fixed_rate"]) },
-    Entrant {
+    Law { name: "fixed_rate", source: "[R] 6.7.1; defaults, assumed", settings: |_| set(&["feed.law=fixed_rate"]) },
+    Law {
         name: "1tav",
         source: "[G]: 25 V; elsewhere the scenario's set point",
         settings: |setup| thresholds(setup, &["gap.setpoint_v=25", "feed.band_v=0"], "feed.band_v=0"),
     },
-    Entrant {
+    Law {
         name: "2tav",
         source: "[G]: 30 and 20 V; elsewhere 10 V below the scenario's set point",
         settings: |setup| thresholds(setup, &["gap.setpoint_v=30", "feed.band_v=10"], "feed.band_v=10"),
     },
-    Entrant {
+    Law {
         name: "2tav-wide",
         source: "[G]: 30 and 10 V; elsewhere 20 V below the scenario's set point",
         settings: |setup| thresholds(setup, &["gap.setpoint_v=30", "feed.band_v=20"], "feed.band_v=20"),

@@ -22,7 +22,7 @@ use crate::sweep::row::{Format, Row};
 use crate::sweep::{Making, again};
 use crate::terminal::{Failure, say};
 use clap::{Args, Subcommand};
-use laws::{ENTRANTS, REFLEX};
+use laws::{LAWS, REFLEX};
 use std::path::{Path, PathBuf};
 use summary::Comparison;
 
@@ -185,13 +185,13 @@ impl Options {
         if let Some(factor) = self.set_points.iter().find(|factor| !(0.5..=1.5).contains(*factor)) {
             return Err(format!("--set-points {factor}: must be a number from 0.5 to 1.5"));
         }
-        let all = || ENTRANTS.iter().map(|entrant| entrant.name).collect::<Vec<_>>().join(", ");
+        let all = || LAWS.iter().map(|law| law.name).collect::<Vec<_>>().join(", ");
         for name in &self.laws {
-            if !ENTRANTS.iter().any(|entrant| entrant.name == name) {
+            if !LAWS.iter().any(|law| law.name == name) {
                 return Err(format!("--laws {name}: no such law; the laws are {}", all()));
             }
         }
-        let chosen = ENTRANTS.iter().filter(|e| self.laws.is_empty() || self.laws.iter().any(|name| name == e.name));
+        let chosen = LAWS.iter().filter(|law| self.laws.is_empty() || self.laws.iter().any(|name| name == law.name));
         let seeds = grid::seeds(&self.seeds).map_err(|message| format!("--seeds {message}"))?;
         let scenarios =
             if self.scenarios.is_empty() { SCENARIOS.map(String::from).to_vec() } else { self.scenarios.clone() };

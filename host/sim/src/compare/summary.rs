@@ -4,7 +4,7 @@
 //! repetitions. Laws bored with the same seeds, so that a difference is evaluated pair by pair. Runs that did not reach their
 //! depth have no machining time; their number is next to each mean.
 
-use super::laws::ENTRANTS;
+use super::laws::LAWS;
 use crate::sweep::grid::SET_POINT_FACTOR;
 use crate::sweep::row::Row;
 use serde_json::{Map, Value, json};
@@ -179,7 +179,7 @@ impl Comparison {
         for group in self.groups() {
             let _ = writeln!(text, "### {}, {}\n", group.1, group.0);
             text.push_str(
-                "| law | done | time s | to the first, % | discharges/s | shorts % | short cycles % | arcs % | long retreats in a short | retreats > 5 um | gap rms um | wear um | damage | servo mm/s |\n\
+                "| law | done | time s | to the first, % | discharges/s | shorts % | short cycles % | arcs % | long retreats in a short | back > 5 um | gap rms um | wear um | damage | servo mm/s |\n\
                  | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
             );
             for entry in self.laws(group) {
@@ -189,8 +189,8 @@ impl Comparison {
         }
         text.push_str(&self.fronts());
         text.push_str("Mean +- half of the 95 % confidence interval over seeds; simulated. *Time* is from the first pulse to the depth, without the seek, of completed holes;\n*to the first* is the difference to the first law, by pairs of the same seed. A law marked with ~ moves its axis at more than 2 mm/s rms.\n");
-        let named = ENTRANTS.iter().filter(|e| self.entries.iter().any(|entry| entry.law == e.name));
-        named.for_each(|e| _ = writeln!(text, "- `{}`: {}", e.name, e.source));
+        let named = LAWS.iter().filter(|law| self.entries.iter().any(|entry| entry.law == law.name));
+        named.for_each(|law| _ = writeln!(text, "- `{}`: {}", law.name, law.source));
         if partly {
             text.push_str("Part of the runs: `edm-sim compare merge` combines all parts.\n");
         }
