@@ -138,7 +138,7 @@ impl View<'_> {
         let (debris, damage) = (of(self.columns, |c| c.debris), of(self.columns, |c| c.damage));
         let y = range(debris.iter().chain(&damage).map(|(_, y)| *y).chain([0.0]));
         let curves = vec![line("debris", BROWN, 1, debris), line("damage by arcs", INK, 1, damage)];
-        Panel { name: "Debris, 5 %", y, curves }
+        Panel { name: "Debris (1: 5 %), arc damage", y, curves }
     }
 
     fn duty(&self, y: Range<f64>) -> Panel {

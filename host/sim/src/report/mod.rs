@@ -75,13 +75,13 @@ pub struct Report {
     pub short_ratio: Option<f64>,
     /// Sparks and arcs.
     pub discharges: u64,
-    /// Retreats of more than 5 um.
+    /// Backward moves of the electrode by more than 5 um, whether the feed law or a retreat made them.
     pub long_retreats: u64,
     /// Share of cycles of 100 ms in which nine tenths of the pulses were shorts.
     pub short_cycle_ratio: Option<f64>,
     /// Shorts of whole milliseconds.
     pub shorts: u64,
-    /// Those from which the electrode retreated by more than 5 um before they ended.
+    /// Those from which the electrode moved back by more than 5 um before they ended.
     pub long_retreats_shorted: u64,
     /// Volume removed over the eroding time, mm^3/min.
     pub removal_mm3_min: Option<f64>,

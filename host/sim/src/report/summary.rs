@@ -117,19 +117,19 @@ impl Summary<'_> {
 
     fn position(&self) -> String {
         let report = self.report;
-        let retreats = match report.long_retreats {
-            0 => "no retreat of more than 5 um".into(),
-            1 => "1 retreat of more than 5 um".into(),
-            n => format!("{n} retreats of more than 5 um"),
+        let moves = match report.long_retreats {
+            0 => "no backward move of more than 5 um".into(),
+            1 => "1 backward move of more than 5 um".into(),
+            n => format!("{n} backward moves of more than 5 um"),
         };
-        let Some(ripple) = report.position_pp_um_median else { return format!("not evaluated; {retreats}") };
+        let Some(ripple) = report.position_pp_um_median else { return format!("not evaluated; {moves}") };
         let line = match (report.position_line_um.amplitude, report.position_line_um.hz) {
             (Some(um), Some(hz)) => format!("; largest tone {um:.1} um at {hz:.0} Hz"),
             _ => String::new(),
         };
         let vibration =
             report.vibration_mm_s.map_or_else(String::new, |mm_s| format!("; {mm_s:.2} mm/s rms above 50 Hz"));
-        format!("ripple {ripple:.1} um p-p (0.5 s window){line}{vibration}; {retreats}")
+        format!("ripple {ripple:.1} um p-p (0.5 s window){line}{vibration}; {moves}")
     }
 
     fn jumps(&self) -> Option<String> {

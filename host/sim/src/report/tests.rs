@@ -110,7 +110,7 @@ fn the_summary_has_the_figures_of_the_run() {
         \x20 Gap voltage  mean 55.1 V, set point 55.0 V; 100 ms mean: 0.8 V rms about the set point\n\
         \x20 Gap          mean 38 um, 3.1 um rms about it\n\
         \x20 Position     ripple 4.2 um p-p (0.5 s window); largest tone 0.6 um at 7 Hz; \
-         0.21 mm/s rms above 50 Hz; 2 retreats of more than 5 um\n\
+         0.21 mm/s rms above 50 Hz; 2 backward moves of more than 5 um\n\
         \x20 Pulses       630 discharges; 62 % sparks, 35 % open, 1.0 % arcs, 2.0 % shorts\n\
         \x20 Fluid        debris 4.5 % by volume, arc damage 0.04; largest force 3.5 N of the film, 0.2 N of contact\n\
         \x20 Encoder      no lost count, no illegal transition\n\

@@ -69,7 +69,7 @@ impl Cycles {
         self.shorts
     }
 
-    /// Those from which the electrode retreated by more than 5 um before they ended.
+    /// Those from which the electrode moved back by more than 5 um before they ended.
     pub fn long_retreats(&self) -> u64 {
         self.long_retreats
     }

@@ -180,13 +180,13 @@ pub struct Figures {
     pub eroding_s: f64,
     /// Time from the first pulse at the work to the end of the last eroding, s: with retreats, jumps and holds between, without seeks.
     pub machining_s: f64,
-    /// Retreats of more than 5 um.
+    /// Backward moves of the electrode by more than 5 um.
     pub long_retreats: u64,
     /// Share of cycles of 100 ms that were short.
     pub short_cycle_ratio: Option<f64>,
     /// Shorts of whole milliseconds.
     pub shorts: u64,
-    /// Those from which the electrode retreated by more than 5 um before they ended.
+    /// Those from which the electrode moved back by more than 5 um before they ended.
     pub long_retreats_shorted: u64,
     /// Mean debris of the front gap while the feed law leads, in 5 % by volume.
     pub debris: Option<f64>,

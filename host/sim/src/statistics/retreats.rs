@@ -1,4 +1,4 @@
-//! Long retreats.
+//! Long retreats: backward moves of more than 5 um, whether the feed law or the reflex made them.
 //!
 //! \[G\] (eq. 9) counts a retreat as long when more than five consecutive retreat steps of 1 um follow each other in servo
 //! cycles of 100 ms; a step forward or a hold ends the run. Here the electrode moves freely, so the same is read from its
