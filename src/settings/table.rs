@@ -218,9 +218,9 @@ declare! {
         /// Longest silence of the bus while the loop is closed; 0: not monitored. 1016h monitors one host by its heartbeats.
         0x210A:8 host_ms: u32 = 0, (0, 60_000), "supervise.host_ms", "ms", "CiA 301 7.2.8: guarding is off until a host requests it", falls_from_never "a silent host would be detected later, or never";
 
-        /// Share of pulses that are arcs, in 200 ms, above which arcs are persistent; 101 switches this off.
+        /// Share of all pulses that are arcs above which arcs become persistent; 101 switches this off.
         0x210A:9 arc_share: u32 = 60, (1, 101), "supervise.arc_percent", "%", "assumed: above the 37 % of host/sim/tests/arcs.rs, where erosion continues", falls "persistent arcs would be detected later, or never";
-        /// Longest time for which the share of arcs may be above that.
+        /// Longest time for which too many arcs may last; docs/gap-sensing.md has the rule.
         0x210A:10 arc_ms: u32 = 50, (0, 10_000), "supervise.arc_ms", "ms", "assumed", falls "a fault would be detected later";
         /// Radius of the electrode's face, as a disc: in a narrow gap the film of dielectric under a large one holds the head.
         0x210A:11 face: f32 = 1500.0, (0.0, 30_000.0), "supervise.face_um", "um", "assumed; of the electrode", falls "a dead encoder would be detected later";
@@ -251,7 +251,7 @@ declare! {
         0x210E:5 jump_jerk: f32 = 2000.0, (10.0, 1e6), "jump.jerk_m_s3", "m/s^3", "assumed: 5 ms to the acceleration", live;
         /// Float point: length of path above the last eroding position down to which a jump or a long retreat returns at speed.
         0x210E:6 jump_float: f32 = 100.0, (1.0, 10_000.0), "jump.float_um", "um", "assumed: more than a working gap of [R]", rises "the head would come closer to the work at speed";
-        /// Share of arcs, of the pulses sampled in 200 ms, from which the head jumps; three jumps without effect are a persistent arc; 0: never.
+        /// Share of all pulses that are arcs above which the head jumps; three jumps without effect are a persistent arc; 0: never.
         0x210E:7 jump_arcs: u32 = 0, (0, 100), "jump.arcs_percent", "%", "assumed: on demand only", live;
 
         /// Longest spark-out at the end of the path: the feed law stays on until the share of discharges is below end.discharge_percent; 0: none.

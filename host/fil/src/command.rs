@@ -42,7 +42,7 @@ pub struct Cycles {
     /// Page with the section [default: docs/performance.md of the project]
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
-    /// Write no page; fail if gap or servo take longer than half their period, or the load is above 80 %
+    /// Write no page; fail if gap or servo take longer than half their period, or the load is above 88 %
     #[arg(long)]
     check: bool,
     /// Also fail when a bound of docs/performance.md is not met

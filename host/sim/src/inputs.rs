@@ -23,7 +23,7 @@ pub struct Inputs {
     /// Random seed; the same seed gives the same run
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
     pub seed: u64,
-    /// Run without sparks: position, noise and imagined erosion replace the gap signal
+    /// Run without sparks: the gap signal is calculated from position, noise and an assumed rate of erosion
     #[arg(long)]
     pub surrogate: bool,
 }

@@ -23,7 +23,7 @@ pub struct Job {
     pub path: Option<Program>,
     /// Seed of everything random.
     pub seed: u64,
-    /// Drive the head from position, noise and imagined erosion instead of a gap signal (Roberts, sections 6.3 and 6.8).
+    /// Drive the head from position, noise and an assumed rate of erosion instead of a gap signal (Roberts, sections 6.3 and 6.8).
     pub surrogate: bool,
 }
 

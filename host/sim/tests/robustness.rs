@@ -111,7 +111,7 @@ fn what_cannot_be_run_is_refused() {
         (&["faults", "--page", "page.md"], "has no section of `cargo sim faults`"),
         (&["faults", "--seeds", "0"], "--seeds"),
         (&["soak", "--hours", "0"], "must be a number from 0.001 to 100000"),
-        (&["soak", "--hours", "0.001", "--shard", "2/2"], "there are only 1 lives"),
+        (&["soak", "--hours", "0.001", "--shard", "2/2"], "there are only 1 runs"),
         (&["soak", "--case", "case"], "--case case:2: +1 sleep: must be"),
         (&["soak", "--case", "gone"], "cannot be read"),
     ] {

@@ -16,8 +16,8 @@ pub fn render() -> String {
          `cargo sim dbc --node-id N` print them. Addresses never move: [canopen.md](canopen.md#addresses-that-never-move).\n\n\
          Positions are encoder counts, positive toward the work; velocities counts/s; accelerations counts/s^2. PDO: R may be\n\
          received, T transmitted. * after the access: stored by 1010h. A refused write changes nothing: a value out of\n\
-         range is refused with 0609 0031h (high) or 0609 0032h (low), one that does not fit another with 0604 0043h (2002h says\n\
-         which setting stands in the way), one that the present state forbids with 0800 0022h.\n",
+         range is refused with 0609 0031h (high) or 0609 0032h (low), one that does not fit another with 0604 0043h (2002h names\n\
+         the setting that prevents it), one that the present state forbids with 0800 0022h.\n",
     );
     for (title, from, to) in [
         ("Head and erosion", 0x2000, 0x20FF),

@@ -7,10 +7,10 @@ use std::fmt::Write;
 const GUARDED: &str = "
 ## Guarded while the head is enabled
 
-What supervision, loop and reflex judge by is not widened under a live electrode. A host's write that would is refused with
-abort 0800 0022h, and 2002h tells which setting and what it has to satisfy. Whatever is accepted of them, then or while
-disabled, is told: bit 14 of the statusword turns over, so that TPDO1 is sent at once, and 200Ch:5 counts the changes and has
-the address of the last. All others may change at any time.
+While the head is enabled, no setting may change in a way that weakens supervision, loop or reflex. Such a write is refused with
+abort 0800 0022h; 2002h names the setting and its rule. Every accepted change of these settings, enabled or disabled, toggles
+bit 14 of the statusword, so TPDO1 is sent at once. 200Ch:5 counts the changes and has the address of the last one.
+All others may change at any time.
 
 | key | rule | else |
 | --- | --- | --- |

@@ -28,13 +28,13 @@ use std::path::PathBuf;
 /// Arguments of `edm-sim soak`.
 #[derive(Debug, Args)]
 pub struct Soak {
-    /// Simulated hours, in lives of one minute each
+    /// Simulated hours, in runs of one minute each
     #[arg(long, value_name = "H", default_value = "0.1", value_parser = hours, allow_hyphen_values = true)]
     pub hours: f64,
-    /// Seed of the first life; the others follow
+    /// Seed of the first run; the others follow
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// Only part I of N: every Nth life, beginning with the Ith
+    /// Only part I of N: every Nth run, beginning with the Ith
     #[arg(long, value_name = "I/N", value_parser = shard, allow_hyphen_values = true)]
     pub shard: Option<(usize, usize)>,
     /// Replay a case file instead, and print what happens
@@ -43,13 +43,13 @@ pub struct Soak {
     /// Write the shortest case that breaks an invariant, if any, to this file
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Parallel lives [default: one per core]
+    /// Parallel runs [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
 }
 
 impl Soak {
-    /// Runs the lives; true when no invariant was broken.
+    /// Makes the runs; true when no invariant was broken.
     ///
     /// # Errors
     /// When the input is refused, a head cannot be made or an output cannot be written.
@@ -68,11 +68,11 @@ impl Soak {
         }
         let out = Output::claim_any("--out", self.out.as_deref()).map_err(Failure::BadInput)?;
         let (shard, of) = self.shard.unwrap_or((1, 1));
-        let lives = (self.hours * 3600.0 / LIFE_S as f64).ceil() as u64;
-        let seeds: Vec<u64> = (0..lives).skip(shard - 1).step_by(of).map(|life| self.seed.wrapping_add(life)).collect();
+        let runs = (self.hours * 3600.0 / LIFE_S as f64).ceil() as u64;
+        let seeds: Vec<u64> = (0..runs).skip(shard - 1).step_by(of).map(|run| self.seed.wrapping_add(run)).collect();
         if seeds.is_empty() {
             return Err(Failure::BadInput(format!(
-                "--shard {shard}/{of}: there are only {lives} lives; must be I/N with N up to that"
+                "--shard {shard}/{of}: there are only {runs} runs; must be I/N with N up to that"
             )));
         }
         let bar = Runs::new(seeds.len(), 0);
@@ -96,7 +96,7 @@ impl Soak {
         made.map_err(Failure::Failed)?;
         // Not in the order in which they ended.
         broken.sort_by_key(|(seed, _)| *seed);
-        say(&format!("{} lives: {}", seeds.len(), words(&all)));
+        say(&format!("{} runs: {}", seeds.len(), words(&all)));
         for (seed, found) in &broken {
             say(&format!("seed {seed}, step {}: {}: {}\n", found.steps, found.what, found.how));
         }
