@@ -29,7 +29,7 @@ PINS = [
     Pin("bus_voltage", "bus voltage", "PA3", 17, "ADC3_IN3", "{bus}", 3, "bus voltage"),
     Pin("comparator_high", "gap above 70 %", "PC8", 39, "TIM8_CH3", "high = above", 2, "gap above 70 %"),
     Pin("comparator_low", "gap above 20 %", "PC9", 40, "TIM8_CH4", "high = above", 2, "gap above 20 %"),
-    Pin("gate", "gate", "PC6", 37, "TIM8_CH1", "high = on; one line to PC6 and PB7", 4, "gate"),
+    Pin("gate", "gate", "PC6", 37, "TIM8_CH1, EXTI6", "high = on; one line to PC6 and PB7", 4, "gate"),
     Pin("gate_start", "gate, start of blanking", "PB7", 59, "TIM4_CH2", "the same line", 4, "gate"),
     Pin("encoder_a", "encoder A", "PA0", 14, "TIM5_CH1, EXTI0", "3.3 V", 4, "encoder A"),
     Pin("encoder_b", "encoder B", "PA1", 15, "TIM5_CH2, EXTI1", "3.3 V", 4, "encoder B"),

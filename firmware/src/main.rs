@@ -38,6 +38,7 @@ mod app {
     use crate::start::{Slots, Tasks};
     use edm_hal_shim::can::Inbox;
     use edm_hal_shim::encoder::Line;
+    use edm_hal_shim::stm32f4::ends::{Ends, Over};
     use edm_hal_shim::stm32f4::gated::Gated;
     use edm_hal_shim::stm32f4::halt::halt;
     use edm_hal_shim::stm32f4::safety;
@@ -62,6 +63,8 @@ mod app {
     #[local]
     struct Local {
         reflex: Gated,
+        ends: Ends,
+        over: Over,
         gap: Gap<Chip>,
         servo: Servo<Chip>,
         plan: Plans<Chip>,
@@ -76,9 +79,23 @@ mod app {
     fn init(cx: init::Context) -> (Shared, Local) {
         let mut watchdog = None;
         match start::start(cx.device, cx.core, cx.local.slots, &mut watchdog) {
-            Ok(Tasks { reflex, decoder, gap, servo, plan, supervise, receive, transmit, protocol, idle }) => {
-                (Shared { decoder, receive, protocol }, Local { reflex, gap, servo, plan, supervise, transmit, idle })
-            }
+            Ok(Tasks {
+                reflex,
+                ends,
+                over,
+                decoder,
+                gap,
+                servo,
+                plan,
+                supervise,
+                receive,
+                transmit,
+                protocol,
+                idle,
+            }) => (
+                Shared { decoder, receive, protocol },
+                Local { reflex, ends, over, gap, servo, plan, supervise, transmit, idle },
+            ),
             Err(error) => halt(error, watchdog),
         }
     }
@@ -109,6 +126,20 @@ mod app {
     #[task(binds = PVD, priority = 8)]
     fn supply(_: supply::Context) {
         safety::supply();
+    }
+
+    /// Deadline: 1 us from the edge of the gate to the pin, if the pulse has a pause. Atomics only. Cost: 1.2 us, at the end of each pulse
+    /// while any class has a pause; else it does not run. Late: the next pulse may begin before the pause, which it then has no more.
+    #[task(binds = EXTI9_5, priority = 8, local = [ends])]
+    fn pulse_end(cx: pulse_end::Context) {
+        cx.local.ends.pulse();
+    }
+
+    /// Deadline: 1 us. Lets pulses go on after a pause, if nothing else holds them. Atomics only. Cost: 0.6 us, after each pause. Late: the
+    /// pause is longer; not at all: the servo task ends it.
+    #[task(binds = TIM6_DAC, priority = 8, local = [over])]
+    fn pause_over(cx: pause_over::Context) {
+        cx.local.over.pause();
     }
 
     /// Deadline: one edge spacing, 3.3 us at 300 kcount/s. Atomics only; the decoder, which the three of one priority share without a

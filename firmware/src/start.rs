@@ -2,6 +2,7 @@
 
 use crate::chip::{Chip, Count, ENCODER, Rtic, SIGNALS};
 use core::mem::MaybeUninit;
+use edm_hal_shim::stm32f4::ends::{Ends, Over};
 use edm_hal_shim::stm32f4::gated::Gated;
 use edm_hal_shim::stm32f4::machine::Machine;
 use edm_hal_shim::stm32f4::start::StartError;
@@ -44,6 +45,8 @@ const BUILD_NUMBER: u32 = match u32::from_str_radix(BUILD, 16) {
 #[allow(missing_docs, reason = "each is the task of its name")]
 pub struct Tasks {
     pub reflex: Gated,
+    pub ends: Ends,
+    pub over: Over,
     pub decoder: Decoder<Chip>,
     pub gap: Gap<Chip>,
     pub servo: Servo<Chip>,
@@ -110,7 +113,7 @@ pub fn start(
     slots: &'static mut Slots,
     watchdog: &mut Option<Watchdog>,
 ) -> Result<Tasks, StartError> {
-    let machine = Machine::start(device, core, BUILD_NUMBER, &SIGNALS.reflex, watchdog)?;
+    let machine = Machine::start(device, core, BUILD_NUMBER, (&SIGNALS.reflex, &SIGNALS.pauses), watchdog)?;
     defmt::info!("build {=str}, {}", BUILD, machine.boot);
     if machine.self_test.failed() {
         defmt::error!("{}", machine.self_test);
@@ -164,6 +167,8 @@ pub fn start(
     pwm::await_middle();
     Ok(Tasks {
         reflex: machine.reflex,
+        ends: machine.ends.0,
+        over: machine.ends.1,
         decoder: tasks.decoder,
         gap: tasks.gap,
         servo: tasks.servo,

@@ -20,6 +20,7 @@ pub mod gap;
 pub mod gap_filter;
 pub mod generator;
 pub mod live;
+pub mod pause;
 pub mod reflex;
 pub mod safety;
 pub mod seal;

@@ -170,6 +170,8 @@ pub trait Thresholds {
     /// # Errors
     /// Refused, nothing has changed.
     fn set(&mut self, config: &Config) -> Result<(), Self::Error>;
+    /// Has the end of each pulse looked at while there is any pause; without one it costs nothing.
+    fn watch_ends(&mut self, pauses: &crate::pause::Config);
 }
 
 #[cfg(test)]

@@ -119,6 +119,8 @@ pub fn assemble<B: Board>(
     let Parts { clock, caller, mut thresholds, mut generator, .. } = parts;
     thresholds.set(&active.reflex)?;
     signals.reflex.set(&active.reflex);
+    signals.pauses.set(&active.pause);
+    thresholds.watch_ends(&active.pause);
     generator.request_off_time(active.off_time_ns);
 
     let (reading_in, reading) = crossings.reading.split(GapReading::default());

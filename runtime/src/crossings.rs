@@ -7,6 +7,7 @@ use edm_crossing::atomic::{Counter, Flag, Word};
 use edm_crossing::latest::Latest;
 use edm_crossing::ring::Ring;
 use edm_hal_shim::board;
+use edm_hal_shim::pause::Pauses;
 use edm_hal_shim::reflex::Limits;
 use edm_hal_shim::task_watchdog::TaskWatchdog;
 use edm_servo_head::canopen::drive::TASKS;
@@ -83,6 +84,8 @@ pub struct Signals {
     pub settings_damaged: Flag,
     /// What the reflex acts on.
     pub reflex: Limits,
+    /// Pauses between pulses: whoever may write them, a feed law for instance, changes them from the next pulse on.
+    pub pauses: Pauses,
     /// The clock has not gone as the ticks have: idle starts it again.
     pub clock_lost: Flag,
     /// Whether every task still runs.
@@ -113,6 +116,7 @@ impl Signals {
             host: Flag::new(),
             settings_damaged: Flag::new(),
             reflex: Limits::new(),
+            pauses: Pauses::new(),
             clock_lost: Flag::new(),
             task_watchdog: TaskWatchdog::new(SILENCE),
             times: [const { crate::timers::Times::new() }; TASKS],

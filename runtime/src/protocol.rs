@@ -242,6 +242,8 @@ impl<B: Board> Protocol<B> {
         if self.thresholds.set(&active.reflex).is_err() {
             self.caller.note(&Note::ThresholdsRefused);
         }
+        self.signals.pauses.set(&active.pause);
+        self.thresholds.watch_ends(&active.pause);
         self.caller.supervise();
     }
 

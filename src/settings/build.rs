@@ -15,8 +15,8 @@ use crate::units::{
     ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, CountsPerSecond2, Fixed, Hertz, Micrometres, MicrometresPerSecond,
     MicrometresPerSecond2, Nanometres, Newtons, Seconds, TICK_S, Volts,
 };
-use edm_hal_shim::reflex;
 use edm_hal_shim::timing::adc::Scale;
+use edm_hal_shim::{pause, reflex};
 
 /// What the ticks run.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +27,8 @@ pub struct Active {
     pub reflex: reflex::Config,
     /// Off-time requested of the generator, ns; `None` leaves its own.
     pub off_time_ns: Option<u32>,
+    /// For the pauses between pulses.
+    pub pause: pause::Config,
     /// For the servo tick.
     pub head: Config,
 }
@@ -123,9 +125,9 @@ impl Settings {
             "takes longer than 0.7 s each way with jump.velocity_mm_s, jump.acceleration_m_s2 and jump.jerk_m_s3",
         )?;
         let off_time_ns = (self.generator_off_time_us * 1000.0) as u32;
-        let (gap, reflex) = (self.gap()?, self.reflex()?);
+        let (gap, reflex, pause) = (self.gap()?, self.reflex()?, self.pause()?);
         let head = self.head(axis);
-        Ok(Active { gap, reflex, off_time_ns: (off_time_ns > 0).then_some(off_time_ns), head })
+        Ok(Active { gap, reflex, off_time_ns: (off_time_ns > 0).then_some(off_time_ns), pause, head })
     }
 
     /// The same with what the guided check has measured instead of what was set: friction, and the counterbalance that
@@ -161,6 +163,38 @@ impl Settings {
             voltage: voltage.map_err(|_| refused(const { name("gap.short_v") }))?,
             tau_ns: (self.gap_charging_us * 1000.0) as u32,
             motor_reversed: self.motor_reversed,
+        })
+    }
+
+    /// Pauses in clock cycles, and what tells pulses apart at their end: the levels of [`Settings::boundaries`].
+    fn pause(&self) -> Result<pause::Config, SettingError> {
+        const CYCLES_PER_US: f32 = (CLOCK_HZ / 1_000_000) as f32;
+        let pauses = [
+            (self.generator_pause_open_us, const { name("generator.pause_open_us") }),
+            (self.generator_pause_spark_us, const { name("generator.pause_spark_us") }),
+            (self.generator_pause_arc_us, const { name("generator.pause_arc_us") }),
+            (self.generator_pause_short_us, const { name("generator.pause_short_us") }),
+        ];
+        for (us, key) in pauses {
+            conflict(
+                us > 0.0 && self.gap_average == voltage::Average::Plain,
+                key,
+                "must be 0 with gap.average = plain: without the generator's gate nothing shows the end of a pulse",
+            )?;
+        }
+        let levels = self.boundaries();
+        let ignited = 0.5 * (levels.spark.0 + levels.open.0);
+        let code = |volts: f32| {
+            let above = libm::roundf(volts / levels.volts_per_code);
+            let code = f32::from(levels.zero) + if levels.reversed { -above } else { above };
+            code.clamp(0.0, f32::from(ADC_FULL_SCALE)) as u16
+        };
+        Ok(pause::Config {
+            hold: pauses
+                .map(|(us, _)| if us > 0.0 { ((self.generator_off_time_us + us) * CYCLES_PER_US) as u32 } else { 0 }),
+            levels: [levels.short_below.0, levels.arc_below.0, ignited].map(code),
+            reversed: levels.reversed,
+            blanking: (levels.blanking.0 * CLOCK_HZ as f32) as u32,
         })
     }
 
@@ -455,5 +489,33 @@ mod tests {
         assert_eq!(built(|_| {}).unwrap().off_time_ns, None);
         assert_eq!(built(|s| s.generator_off_time_us = 16.0).unwrap().off_time_ns, Some(16_000));
         conflicts(built(|s| s.generator_off_time_us = 15.9), "generator.off_time_us");
+    }
+    #[test]
+    fn a_pause_lasts_beyond_the_off_time_that_is_requested() {
+        assert_eq!(built(|_| {}).unwrap().pause.hold, [0; 4]);
+        let both = |s: &mut Settings| {
+            (s.generator_off_time_us, s.generator_pause_arc_us, s.generator_pause_short_us) = (40.0, 30.0, 1000.0);
+        };
+        let pause = built(both).unwrap().pause;
+        assert_eq!(pause.hold, [0, 0, 70 * 168, 1040 * 168]);
+        // 20, 34 and 70 V of 0.1 V above code 410; twice 0.5 us of charging.
+        assert_eq!((pause.levels, pause.reversed, pause.blanking), ([610, 750, 1110], false, 168));
+        let longest = |s: &mut Settings| (s.generator_off_time_us, s.generator_pause_open_us) = (200.0, 1000.0);
+        assert_eq!(built(longest).unwrap().pause.hold[0], pause::LONGEST);
+        let swapped = |s: &mut Settings| (s.gap_reversed, s.gap_zero_code) = (true, 3686);
+        assert_eq!(built(swapped).unwrap().pause.levels, [3486, 3346, 2986]);
+    }
+
+    #[test]
+    fn a_pause_without_a_gate_is_refused_by_its_name() {
+        let plain = |s: &mut Settings| s.gap_average = voltage::Average::Plain;
+        assert!(built(plain).is_ok());
+        conflicts(
+            built(|s| {
+                plain(s);
+                s.generator_pause_spark_us = 1.0;
+            }),
+            "generator.pause_spark_us",
+        );
     }
 }

@@ -79,6 +79,15 @@ declare! {
 
         /// Off-time requested of the generator; 0 leaves its own.
         0x2101:1 generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: setting of the generator itself; range of docs/wiring.md", live;
+        /// Pause after a pulse that stayed open: with generator.off_time_us, from the end of the on-time, for which the head inhibits the
+        /// generator; 0: none. Without the gate it cannot be.
+        0x2101:2 generator_pause_open_us: f32 = 0.0, (0.0, 1000.0), "generator.pause_open_us", "us", "assumed: none; [G]: as long as the off-time", live;
+        /// The same after a spark, and after a pulse that nothing classifies.
+        0x2101:3 generator_pause_spark_us: f32 = 0.0, (0.0, 1000.0), "generator.pause_spark_us", "us", "assumed: none", live;
+        /// The same after an arc.
+        0x2101:4 generator_pause_arc_us: f32 = 0.0, (0.0, 1000.0), "generator.pause_arc_us", "us", "assumed: none; [G]: as long as the off-time", live;
+        /// The same after a short.
+        0x2101:5 generator_pause_short_us: f32 = 0.0, (0.0, 1000.0), "generator.pause_short_us", "us", "assumed: none; [G]: as long as the off-time", live;
 
         /// How the gap error becomes a duty.
         0x2102:1 structure: Structure = Structure::Path, (), "feed.structure", "", "[R] sections 6.6 and 6.7, the last one built", live;

@@ -15,7 +15,7 @@ crate::board! {
         gap_current: gpioc.pc2 PC2, "ADC2_IN12", "gap current from the shunt amplifier";
         motor_current: gpioc.pc3 PC3, "ADC3_IN13", "motor current amplifier, mid-scale is zero";
         bus_voltage: gpioa.pa3 PA3, "ADC3_IN3", "drive supply through a divider";
-        gate: gpioc.pc6 PC6, "TIM8_CH1", "generator gate, high in the on-time";
+        gate: gpioc.pc6 PC6, "TIM8_CH1, EXTI6", "generator gate, high in the on-time";
         gate_start: gpiob.pb7 PB7, "TIM4_CH2", "the same line as gate: starts the blanking";
         comparator_high: gpioc.pc8 PC8, "TIM8_CH3", "gap above about 70 % of open circuit";
         comparator_low: gpioc.pc9 PC9, "TIM8_CH4", "gap above about 20 % of open circuit";

@@ -12,6 +12,21 @@ use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 /// Two blocks; the converter fills one while the other is read.
 static CODES: [[AtomicU16; BLOCK]; 2] = [const { [const { AtomicU16::new(0) }; BLOCK] }; 2];
 
+/// Place of the newest conversion of the gap voltage in the ring, from its end.
+#[inline(always)]
+pub(super) fn newest() -> u32 {
+    super::dma::left::<0>()
+}
+
+/// The code at a place.
+#[inline(always)]
+pub(super) fn code(place: u32) -> u16 {
+    let codes = CODES.as_flattened();
+    // As many are left as the ring has when it has just begun anew: the newest is then its last.
+    let place = codes.len().wrapping_sub(1).wrapping_sub(place as usize);
+    codes.get(place).or(codes.last()).map_or(0, |code| code.load(Relaxed))
+}
+
 /// Sampling time of a channel: its register and the bits in it (RM0090 13.13.4).
 pub(super) fn sampling(adc: &pac::adc1::RegisterBlock, channel: u32, smpr: u8) {
     let bits = u32::from(smpr) << (3 * (channel % 10));

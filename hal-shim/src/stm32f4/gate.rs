@@ -25,6 +25,13 @@ static LOW: Ring = Ring([const { AtomicU16::new(0) }; RING]);
 struct Ring([AtomicU16; RING]);
 
 impl Ring {
+    /// Stamp of one of the newest of so many: 1 for the newest.
+    #[inline(always)]
+    fn newest(&self, written: u32, back: u32) -> u32 {
+        let index = written.wrapping_sub(back) as usize % RING;
+        self.0.get(index).map_or(0, |stamp| stamp.load(Relaxed).into())
+    }
+
     /// Moves what is not `taken` of `count` stamps into a block that began at the count `began`. Gives how many there were, and when
     /// the first came that belongs to the next block.
     #[inline(never)]
@@ -162,19 +169,41 @@ pub struct Captures {
 /// The captures now. For a slower task's log.
 pub fn captures() -> Captures {
     let (gate, high, low) = (written::<2>(), written::<4>(), written::<7>());
-    let stamp = |ring: &Ring, back: u32, written: u32| {
-        let index = written.wrapping_sub(back) % RING as u32;
-        ring.0.get(index as usize).map_or(0, |stamp| u32::from(stamp.load(Relaxed)))
-    };
-    let crossed = stamp(&HIGH, 1, high);
+    let crossed = HIGH.newest(high, 1);
     // Of the two newest edges of the gate, the one nearer before the crossing.
-    let gate_to_high = age(crossed, stamp(&GATE, 1, gate)).min(age(crossed, stamp(&GATE, 2, gate)));
+    let gate_to_high = age(crossed, GATE.newest(gate, 1)).min(age(crossed, GATE.newest(gate, 2)));
     Captures { gate, high, low, gate_to_high }
 }
 
 /// Edges of the high comparator and rises of the low one so far, modulo [`EDGE_COUNT`].
 pub fn comparators() -> [u8; 2] {
     [written::<4>() as u8, written::<7>() as u8]
+}
+
+/// Edges of the high comparator so far, modulo [`EDGE_COUNT`]: for the end of a pulse.
+#[inline(always)]
+pub(super) fn high_edges() -> u32 {
+    written::<4>()
+}
+
+/// Stamp of the newest of so many edges of the high comparator.
+#[inline(always)]
+pub(super) fn high_at(edges: u32) -> u32 {
+    HIGH.newest(edges, 1)
+}
+
+/// Stamp of the newest edge but one of the gate.
+#[inline(always)]
+pub(super) fn gate_before() -> u32 {
+    GATE.newest(written::<2>(), 2)
+}
+
+/// Count of the edge timer.
+#[inline(always)]
+pub(super) fn now() -> u32 {
+    // SAFETY: the register block is always there, and reading the counter changes nothing.
+    let tim8 = unsafe { &*pac::TIM8::ptr() };
+    tim8.cnt().read().bits()
 }
 
 /// Edges of the gate so far, modulo [`EDGE_COUNT`]: for the reflex, which must not share a lock with the gap task.

@@ -12,6 +12,7 @@ use super::start::StartError;
 use super::{lines, pac, put, reset};
 use crate::board::{BLANKING_CLOCK, BLANKING_MOST, GATED_SAMPLING};
 use crate::must;
+use crate::pause;
 use crate::reflex::{self, Config, EDGE_COUNT, Limits, Run, Verdict};
 use crate::timing::{Refused, blanking};
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering::Relaxed};
@@ -34,7 +35,8 @@ const CR2: u32 = 1 | 1 << 8 | 1 << 9 | 0b1001 << 24 | 0b01 << 28;
 const AWD: u32 = 1;
 const OVR: u32 = 1 << 5;
 
-/// Short pulses so far, wrapping. For slower tasks.
+/// Short pulses so far, wrapping. For slower tasks, and for the end of a pulse.
+#[inline]
 pub fn shorts() -> u32 {
     SHORTS.load(Relaxed)
 }
@@ -162,6 +164,10 @@ impl reflex::Thresholds for Thresholds {
         self.write_voltage(config.voltage);
         lines::set_reversed(config.motor_reversed);
         Ok(())
+    }
+
+    fn watch_ends(&mut self, pauses: &pause::Config) {
+        super::ends::watch(pauses.pauses());
     }
 }
 

@@ -1,12 +1,14 @@
 //! The pulse generator: inhibit line and off-time request.
 
 use super::hal::dac::{C1, DacExt, DacOut, DacPin};
+use super::lines::Allow;
 use super::pins::Output;
 use super::{Board, pac};
 use crate::board::gpio::Pin;
 use crate::board::gpio::gpioa::PA4;
 use crate::board::{DAC_STEPS, Pin as Place};
 use crate::generator::{Generator, InhibitPin};
+use crate::pause::Permission;
 use core::convert::Infallible;
 
 /// Off-time at full scale of the output, ns: 200 us a full scale of 3.3 V (assumed; a property of the interface, see the
@@ -17,7 +19,9 @@ const ALLOW: Place = Board::TABLE.pin("allow_pulses");
 
 /// The generator's interface. Pulses are inhibited when it is made, as they were by the pull before.
 pub struct Interface {
-    inhibit: InhibitPin<Output<{ ALLOW.port }, { ALLOW.number }>, true>,
+    /// From now on written as [`Allow`], which the tasks share that hold pulses back.
+    _inhibit: InhibitPin<Output<{ ALLOW.port }, { ALLOW.number }>, true>,
+    permission: Permission,
     dac: C1,
 }
 
@@ -33,7 +37,7 @@ impl Interface {
         let mut dac = dac.constrain(off_time.into_analog(), rcc);
         dac.set_value(0);
         dac.enable();
-        Ok(Interface { inhibit, dac })
+        Ok(Interface { _inhibit: inhibit, permission: Permission::new(), dac })
     }
 }
 
@@ -41,7 +45,11 @@ impl Generator for Interface {
     /// After allowing, [`super::lines::settle`] must follow: the reflex may have come in between.
     #[inline]
     fn set_pulses(&mut self, enabled: bool) {
-        let Ok(()) = self.inhibit.set_pulses(enabled);
+        if enabled {
+            self.permission.permit(&Allow);
+        } else {
+            self.permission.forbid(&Allow);
+        }
     }
 
     /// Longer than full scale requests full scale. 0 V is the generator's own setting.

@@ -6,9 +6,10 @@
 //! count has changed in between, it repeats what was forced ([`ServoLines`](super::servo_lines::ServoLines)). So no lock is needed and a decision that
 //! was made before the short can never outlive it.
 
-use super::pins::{high, is_high, low};
+use super::pins::{high, is_high, levels, low};
 use super::{Board, change, pac, put};
 use crate::board::Pin;
+use crate::pause::{self, Word};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
 const ALLOW: Pin = Board::TABLE.pin("allow_pulses");
@@ -56,6 +57,51 @@ static FORCED: Ordered = Ordered(AtomicU32::new(0));
 static REVERSED: AtomicBool = AtomicBool::new(false);
 /// How often a pulse was killed.
 static KILLED: Ordered = Ordered(AtomicU32::new(0));
+/// The words of [`pause`]: permission, what had been forced then, number of the newest pause.
+static PERMITTED: Ordered = Ordered(AtomicU32::new(0));
+static BRIDGE_THEN: Ordered = Ordered(AtomicU32::new(0));
+static PULSES_THEN: Ordered = Ordered(AtomicU32::new(0));
+static PAUSE: Ordered = Ordered(AtomicU32::new(0));
+
+/// The line that allows pulses, for servo task and pauses.
+pub(super) struct Allow;
+
+impl pause::Line for Allow {
+    #[inline(always)]
+    fn forced(&self) -> [u32; 2] {
+        [FORCED.load(), KILLED.load()]
+    }
+
+    #[inline(always)]
+    fn allow(&self) {
+        high(ALLOW);
+    }
+
+    #[inline(always)]
+    fn inhibit(&self) {
+        low(ALLOW);
+    }
+
+    #[inline(always)]
+    fn load(&self, word: Word) -> u32 {
+        shared(word).load()
+    }
+
+    #[inline(always)]
+    fn store(&self, word: Word, value: u32) {
+        shared(word).store(value);
+    }
+}
+
+#[inline(always)]
+fn shared(word: Word) -> &'static Ordered {
+    match word {
+        Word::Permitted => &PERMITTED,
+        Word::Bridge => &BRIDGE_THEN,
+        Word::Pulses => &PULSES_THEN,
+        Word::Pause => &PAUSE,
+    }
+}
 
 fn tim1() -> &'static pac::tim1::RegisterBlock {
     // SAFETY: the register block is always there. Only the mode of channel 1 is used through this reference; the module's
@@ -78,7 +124,9 @@ pub fn gate_is_open() -> bool {
 /// The generator's gate is open, and the gap voltage is above the high comparator's threshold.
 #[inline(always)]
 pub fn gate_and_high() -> [bool; 2] {
-    [is_high(GATE), is_high(HIGH)]
+    // In one load.
+    const _: () = assert!(GATE.port == HIGH.port);
+    levels(GATE, HIGH)
 }
 
 /// The bridge's fault line; low is a fault.
@@ -181,9 +229,18 @@ impl Forced {
     }
 }
 
+/// The servo task has written its outputs, decided without knowing of what was forced since `seen`.
+#[inline(always)]
+pub(super) fn settle(seen: Forced) {
+    pause::decided(&Allow, [seen.bridge, seen.pulses]);
+    if forced() != seen {
+        repeat(seen);
+    }
+}
+
 /// Forces again what was forced since `seen`, over what the servo task has written meanwhile.
 #[cold]
-pub(super) fn repeat(seen: Forced) {
+fn repeat(seen: Forced) {
     let mut bridge = seen.bridge;
     // Twice at the most: reflex or stop may come again while the first is repeated.
     for _ in 0..2 {

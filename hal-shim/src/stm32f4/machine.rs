@@ -7,10 +7,13 @@ use super::clocks;
 use super::cycles::Cycles;
 use super::drive::DriveAdc;
 use super::encoder::{self, Guard, Lines, Timer};
+use super::ends::{Ends, Over};
 use super::flash::SettingsFlash;
 use super::gate::Edges;
 use super::gated::{Gated, Thresholds};
 use super::generator::Interface;
+use super::hal::gpio::PushPull;
+use super::hal::gpio::alt::tim8;
 use super::hal::syscfg::SysCfgExt;
 use super::live::Signal;
 use super::pwm::{self, Bridge, Pwm, Tick};
@@ -24,6 +27,7 @@ use super::supply::{self, Supply};
 use super::timebase::{self, Millisecond};
 use super::watchdog::Watchdog;
 use super::{Board, dma, pac, pins};
+use crate::pause::Pauses;
 use crate::reflex::Limits;
 use crate::self_test::SelfTest;
 
@@ -36,6 +40,7 @@ pub struct Machine {
     pub clock: Cycles,
     pub reflex: Gated,
     pub thresholds: Thresholds,
+    pub ends: (Ends, Over),
     pub lines: Lines,
     pub guard: Guard,
     pub timer: Timer,
@@ -62,7 +67,7 @@ impl Machine {
         mut device: pac::Peripherals,
         mut core: cortex_m::Peripherals,
         build: u32,
-        limits: &'static Limits,
+        (limits, pauses): (&'static Limits, &'static Pauses),
         watchdog: &mut Option<Watchdog>,
     ) -> Result<Machine, StartError> {
         let rcc = &mut device.RCC;
@@ -107,9 +112,11 @@ impl Machine {
         let streams = dma::streams(device.DMA2, rcc);
         blocks::common(&device.ADC_COMMON, rcc);
         let drive = DriveAdc::new(device.ADC3);
+        let mut gate: tim8::Ch1<PushPull> = board.gate.into();
+        let ends = Ends::new(&mut gate, device.TIM6, pauses, &mut syscfg, rcc);
         let edges = Edges::new(
             device.TIM8,
-            (board.gate, board.comparator_high, board.comparator_low),
+            (gate, board.comparator_high, board.comparator_low),
             (streams.s2, streams.s4, streams.s7),
             rcc,
         )?;
@@ -130,6 +137,7 @@ impl Machine {
             clock,
             reflex,
             thresholds,
+            ends,
             lines,
             guard,
             timer,

@@ -25,6 +25,7 @@ pub mod cycles;
 pub mod dma;
 pub mod drive;
 pub mod encoder;
+pub mod ends;
 mod exti;
 pub mod flash;
 pub mod gap_filter;

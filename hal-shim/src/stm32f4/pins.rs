@@ -46,6 +46,13 @@ pub(super) fn is_high(pin: Place) -> bool {
     port(pin).idr().read().bits() >> pin.number & 1 == 1
 }
 
+/// Two inputs of one port, at one moment.
+#[inline(always)]
+pub(super) fn levels(one: Place, other: Place) -> [bool; 2] {
+    let levels = port(one).idr().read().bits();
+    [levels >> one.number & 1 == 1, levels >> other.number & 1 == 1]
+}
+
 /// What could drive, or let pulses through.
 const DRIVING: [Place; 6] = [
     Board::TABLE.pin("allow_pulses"),

@@ -36,6 +36,7 @@ registers! {
     TIM3: cr1, cr2, smcr, psc, arr;
     TIM4: smcr, ccmr1_input, ccmr2_output, ccer;
     TIM5: cr1 & !DIRECTION, smcr, ccmr1_input, ccer, arr;
+    TIM6: dier, psc;
     TIM7: cr1, dier, psc, arr;
     TIM8: cr1, smcr, ccmr1_input, ccmr2_input, ccer, dier, arr;
     ADC1: cr1, cr2 & !STARTS, smpr1, smpr2, sqr1, sqr3;
@@ -69,7 +70,9 @@ const STREAMS: usize = 5;
 fn enabled(n: usize) -> Option<u32> {
     // SAFETY: as above.
     let nvic = unsafe { &*pac::NVIC::PTR };
-    Some(nvic.iser.get(n)?.read())
+    let ends = super::ends::INTERRUPT as usize;
+    let switched = if n == ends / 32 { 1 << (ends % 32) } else { 0 };
+    Some(nvic.iser.get(n)?.read() & !switched)
 }
 const COUNT: usize = REGISTERS + STREAMS + 3;
 

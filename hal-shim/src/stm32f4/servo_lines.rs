@@ -23,9 +23,7 @@ impl ForcedLines for ServoLines {
 
     #[inline(always)]
     fn settle(&mut self, seen: Forced) {
-        if lines::forced() != seen {
-            lines::repeat(seen);
-        }
+        lines::settle(seen);
     }
 
     fn stop(&mut self) {

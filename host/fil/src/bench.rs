@@ -3,7 +3,8 @@
 //! The process advances in *windows* of one servo tick that begin with the periods of the PWM, so that the duty of a window
 //! is exactly the one in force. A window is computed just after it has begun (16 cycles), under what the chip drives its
 //! pins with at that moment; a direction pin, or the line that allows pulses, that changes inside a window acts on the
-//! next one, up to 50 us late; so does the latch of the live signal. Voltages, edges of gate, comparators and encoder come at
+//! next one, up to 50 us late; so does the latch of the live signal. With [`Bench::exact`] what allows pulses acts at once: the rest of the
+//! window is computed again. Voltages, edges of gate, comparators and encoder come at
 //! their own times inside the window.
 //!
 //! Noise and hum of a conversion are those of the nearest conversion of the process model's own block.
@@ -53,6 +54,8 @@ pub struct Bench {
     /// Without it neither pulses nor bridge.
     pub latch: Latch,
     levels: [[Option<bool>; 16]; 3],
+    /// What of them has reached the chip.
+    shown: [[Option<bool>; 16]; 3],
     /// Lines that are cut or shorted, and the level at the chip's pin.
     stuck: Vec<(Pin, Option<bool>)>,
     /// Codes of converter and channel, whatever is at their pins.
@@ -63,6 +66,31 @@ pub struct Bench {
     pub swapped: bool,
     /// Since when there may be no pulses.
     pub off: Option<u64>,
+    /// What allows pulses acts at its own instant, on version 1 of the process model. It costs a copy of the process in each window.
+    pub exact: bool,
+    began: Option<Box<Began>>,
+    /// Edges of the gate, and of the line that allows pulses, with [`Bench::exact`].
+    pub train: Vec<(u64, Line, bool)>,
+}
+
+/// What [`Bench::train`] shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// The generator's gate.
+    Gate,
+    /// Pulses allowed.
+    Allowed,
+}
+
+/// How the present window began, and what has allowed pulses in it since.
+#[derive(Clone)]
+struct Began {
+    process: Process,
+    levels: [[Option<bool>; 16]; 3],
+    bridge: Bridge,
+    pulses: bool,
+    /// Times, us, and whether there may be pulses from then on.
+    permission: Vec<(f64, bool)>,
 }
 
 impl Bench {
@@ -90,11 +118,15 @@ impl Bench {
             allowed: false,
             latch: Latch::default(),
             levels: [[None; 16]; 3],
+            shown: [[None; 16]; 3],
             stuck: Vec::new(),
             codes: Vec::new(),
             deaf: false,
             swapped: false,
             off: Some(0),
+            exact: false,
+            began: None,
+            train: Vec::new(),
         };
         bench.wire(0, 0);
         Ok(bench)
@@ -106,7 +138,7 @@ impl Bench {
     /// When a parameter is refused.
     pub fn mount(&mut self, plant: &Plant, seed: u64) -> Result<(), String> {
         self.process = Process::new(*plant, seed).map_err(|e| e.to_string())?;
-        (self.parameters, self.open_v) = (plant.base, plant.open_v());
+        (self.parameters, self.open_v, self.began) = (plant.base, plant.open_v(), None);
         self.wire(self.window, self.window);
         Ok(())
     }
@@ -154,11 +186,46 @@ impl Bench {
         self.window += WINDOW;
         self.sensed = self.process.sensors().drive;
         let before = self.process.sensors().now;
-        self.process.advance(self.bridge(), self.allowed && self.latch.enables());
+        let (bridge, pulses) = (self.bridge(), self.allowed && self.latch.enables());
+        self.began = self.exact.then(|| {
+            let (process, levels) = (self.process.clone(), self.levels);
+            Box::new(Began { process, levels, bridge, pulses, permission: Vec::new() })
+        });
+        self.process.advance(bridge, pulses);
+        let edges = std::mem::take(&mut self.changes).into_iter().collect();
+        self.changes = self.edges(edges, from, before).into();
+    }
+
+    /// What allows pulses has changed, perhaps: what has not happened yet of the present window is computed again.
+    fn permit(&mut self, at: u64) {
+        let (from, pulses) = (self.window.saturating_sub(WINDOW), self.allowed && self.latch.enables());
+        let Some(began) = self.began.as_mut().filter(|_| (from..self.window).contains(&at)) else { return };
+        if began.permission.last().map_or(began.pulses, |last| last.1) == pulses {
+            return;
+        }
+        began.permission.push((us((at - from) as i64), pulses));
+        let before = began.process.sensors().now;
+        self.process.repeat(&began.process, began.bridge, began.pulses, &began.permission);
+        self.levels = began.levels;
+        let mut edges = self.edges(Vec::new(), from, before);
+        // What is past is past; of what happens now the chip has seen a part, perhaps.
+        let mut shown = self.shown;
+        edges.retain_mut(|(time, change)| {
+            let Change::Level(pin, level) = *change else { return *time >= at };
+            let last = &mut shown[usize::from(pin.port)][usize::from(pin.number)];
+            let new = *time >= at && *last != level;
+            if new {
+                (*last, *time) = (level, (*time).max(at + 1));
+            }
+            new
+        });
+        self.changes = edges.into();
+    }
+
+    /// `edges`, and those of the window that began at `from` and at the count `before` of the clock.
+    fn edges(&mut self, mut edges: Vec<(u64, Change)>, from: u64, before: u32) -> Vec<(u64, Change)> {
         self.pieces.clear();
         self.pieces.extend(self.process.pieces());
-
-        let mut edges = std::mem::take(&mut self.changes).into_iter().collect::<Vec<_>>();
         let encoder = self.process.sensors().edges.clone();
         for (time, levels) in encoder {
             let at = from + u64::from(time.wrapping_sub(before));
@@ -187,7 +254,7 @@ impl Bench {
             edge.0 = edge.0.max(from + SETTLE + 1);
         }
         edges.sort_by_key(|e| e.0);
-        self.changes = edges.into();
+        edges
     }
 
     /// All levels that last until something moves.
@@ -248,6 +315,7 @@ impl Bench {
     fn note(&mut self, at: u64) {
         let on = self.allowed && self.latch.enables();
         self.off = if on { None } else { self.off.or(Some(at)) };
+        self.permit(at);
     }
 
     /// The code that a conversion gives now.
@@ -334,6 +402,12 @@ impl World for Bench {
             return Some(self.arrives(change));
         }
         if let Some((_, change)) = self.changes.pop_front_if(|c| c.0 <= at) {
+            if let Change::Level(pin, level) = change {
+                self.shown[usize::from(pin.port)][usize::from(pin.number)] = level;
+                if pin == GATE[0] && self.exact {
+                    self.train.push((at, Line::Gate, level == Some(true)));
+                }
+            }
             return Some(self.arrives(change));
         }
         while let Some((_, frame)) = self.frames.pop_front_if(|f| f.0 <= at) {
@@ -360,7 +434,12 @@ impl World for Bench {
             }
             FORWARD => self.forward = high,
             REVERSE => self.reverse = high,
-            ALLOW => self.allowed = high,
+            ALLOW => {
+                if self.exact && self.allowed != high {
+                    self.train.push((at, Line::Allowed, high));
+                }
+                self.allowed = high;
+            }
             _ => (),
         }
         self.note(at);

@@ -33,8 +33,8 @@ const STRETCH: u64 = 100;
 const SERVO: usize = 16 + 25;
 const GAP: usize = 16 + 56;
 /// Where in a window its tick is read, ticks: when the longest has ended, and well before the next block is complete
-/// (44 us). Time that passes by blocks of code may overshoot this by a hundred ticks.
-const LOOK: u64 = 6700;
+/// (44 us). Time that passes by blocks of code may overshoot this: by 730 ticks in the settings, in a block with 36 divisions.
+const LOOK: u64 = 6600;
 /// Time that the first, late tick is given, ticks: 15 us.
 const FIRST: u64 = 2600;
 /// Counter of TIM1.
@@ -127,7 +127,10 @@ impl Emulated {
         seed: u64,
         witness: Witness,
     ) -> Result<Self> {
-        Self::power_up(image, plant, seed, witness, |flash| commission(flash, settings))
+        let mut rig = Self::power_up(image, plant, seed, witness, |flash| commission(flash, settings))?;
+        // A pause begins and ends within a window.
+        rig.machine.soc().world.exact = settings.build().is_ok_and(|active| active.pause.pauses());
+        Ok(rig)
     }
 
     /// Powers up a board whose flash `prepare` has written, and waits until its servo ticks.

@@ -67,6 +67,17 @@ pub struct Short {
     pub killed: Option<u64>,
 }
 
+/// The end of a pulse, and what became of the line that allows pulses.
+#[derive(Clone, Copy, Debug)]
+pub struct End {
+    /// The gate closed while pulses were allowed.
+    pub closed: u64,
+    /// They were inhibited.
+    pub inhibited: Option<u64>,
+    /// They were allowed again.
+    pub allowed: Option<u64>,
+}
+
 /// The machine around the chip.
 #[derive(Clone)]
 pub struct Rig {
@@ -100,6 +111,8 @@ pub struct Rig {
     gate_until: u64,
     /// Shorts met.
     pub shorts: Vec<Short>,
+    /// Ends of pulses, but for those that the head has cut off.
+    pub ends: Vec<End>,
     /// Edges of the encoder so far, and the count that they amount to.
     pub edges: Vec<u64>,
     /// Frames of the chip.
@@ -137,6 +150,7 @@ impl Rig {
             pulses: 0,
             gate_until: NEVER,
             shorts: Vec::new(),
+            ends: Vec::new(),
             edges: Vec::new(),
             frames: Vec::new(),
             outputs: Vec::new(),
@@ -294,6 +308,9 @@ impl Rig {
         if self.gate {
             self.gate_until = NEVER;
             self.set_gate(at, false);
+            if self.allowed {
+                self.ends.push(End { closed: at, inhibited: None, allowed: None });
+            }
         } else {
             self.next_pulse = at + self.behaviour.pulse.0;
             if self.permits() {
@@ -402,6 +419,10 @@ impl World for Rig {
                 if self.gate {
                     self.gate_until = self.gate_until.min(at + GATE_OFF);
                 }
+            }
+            if let Some(end) = self.ends.last_mut().filter(|_| self.allowed != on) {
+                let place = if on { &mut end.allowed } else { &mut end.inhibited };
+                place.get_or_insert(at);
             }
             self.allowed = on;
         }

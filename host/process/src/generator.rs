@@ -17,6 +17,9 @@ use crate::random::{Cause, Stream};
 const SETTLED: f64 = 8.0;
 /// Time constants by which a rising voltage delays ignition.
 const RISE_DELAYS: f64 = 11.0 / 6.0;
+/// Longest pause between two pulses that the head may make, us: if it inhibits the generator longer, or within a pulse, the next pulse
+/// finds no channel (assumed).
+const PAUSE_US: f64 = 1200.0;
 /// Time constants after which a channel has recovered, or a capacitor is charged.
 const OVER: f64 = 40.0;
 
@@ -169,6 +172,8 @@ pub struct Orders {
     pub pulses: bool,
     /// Off-time instead of the set one, us.
     pub off_us: Option<f64>,
+    /// Least off-time after a pulse that stayed open, a spark, an arc, a short, us: the generator is inhibited until then.
+    pub pauses_us: [f64; 4],
     /// Something lies across the gap.
     pub shorted: bool,
     /// The generator makes no pulses, even if allowed.
@@ -181,7 +186,15 @@ pub struct Orders {
 
 impl Default for Orders {
     fn default() -> Orders {
-        Orders { pulses: true, off_us: None, shorted: false, dead: false, senseless: false, arcs: 0.0 }
+        Orders {
+            pulses: true,
+            off_us: None,
+            pauses_us: [0.0; 4],
+            shorted: false,
+            dead: false,
+            senseless: false,
+            arcs: 0.0,
+        }
     }
 }
 
@@ -376,7 +389,8 @@ impl Generator {
             if on {
                 self.end_pulse(from, gap, orders, wires);
             }
-            self.last = None;
+            // In a pause between two pulses a channel recovers in its own time.
+            self.last = self.last.filter(|last| !on && from - last.ended < PAUSE_US);
             let senses = !orders.pulses && !touching && !orders.senseless;
             let volts = if senses { self.p.sense_v } else { 0.0 };
             if self.now.volts.to != volts {
@@ -577,8 +591,23 @@ impl Generator {
         }
     }
 
+    /// Least off-time after the pulse that ends, us.
+    fn pause(&self, orders: &Orders) -> f64 {
+        let [open, spark, arc, short] = orders.pauses_us;
+        match self.phase {
+            Phase::Off { .. } => 0.0,
+            Phase::Waiting { .. } => open,
+            Phase::Burning { arc: true, .. } => arc,
+            Phase::Burning { .. } => spark,
+            Phase::Drained if self.last.is_some_and(|last| last.arc) => arc,
+            Phase::Drained => spark,
+            Phase::Shorted => short,
+        }
+    }
+
     #[inline]
     fn end_pulse(&mut self, now: f64, gap: &mut Gap, orders: &Orders, wires: &mut impl Wires) {
+        let pause = self.pause(orders);
         self.strike(now, gap);
         let p = &self.p;
         let suspended = p.suspend_after > 0.0 && f64::from(self.shorts_in_a_row) >= p.suspend_after;
@@ -586,7 +615,7 @@ impl Generator {
             _ if suspended => p.suspend_ms * 1e3,
             // It has none; a pulse that stays open just goes on, and one that is short is looked at again.
             Kind::Rc => 0.0,
-            _ => orders.off_us.unwrap_or(p.off_us),
+            _ => orders.off_us.unwrap_or(p.off_us).max(pause),
         };
         if suspended {
             self.shorts_in_a_row = 0;

@@ -193,6 +193,51 @@ fn the_head_inhibits_pulses_and_sets_the_off_time() {
 }
 
 #[test]
+fn a_pause_follows_the_pulses_of_its_class_alone() {
+    let p = SINKER.parameters();
+    let orders = Orders { arcs: 0.3, pauses_us: [50.0, 60.0, 30.0, 80.0], ..Orders::default() };
+    let (process, seen) = held(&p, 40.0, 1.0, orders);
+    let pulses = process.pulses();
+    assert!(pulses.open > 100 && pulses.spark > 100 && pulses.arc > 100, "{pulses:?}");
+    let mut classes = seen.classes.iter().peekable();
+    for pair in seen.gates().windows(2) {
+        let class = classes.next_if(|(_, at)| (pair[0].0..=pair[0].1).contains(at)).unwrap().0;
+        let off = match class {
+            Class::Open => 50.0,
+            Class::Spark => 60.0,
+            // Its own off-time is longer.
+            Class::Arc | Class::StableArc => 40.0,
+            Class::Short => unreachable!("nothing lies across the gap"),
+        };
+        assert!((pair[1].0 - pair[0].1 - off).abs() < 1e-6, "{class:?} {pair:?}");
+    }
+    let (_, seen) = held(&p, 40.0, 1.0, Orders { shorted: true, ..orders });
+    assert!(seen.gates().windows(2).all(|pair| (pair[1].0 - pair[0].1 - 80.0).abs() < 1e-6));
+    // With an off-time that is requested.
+    let (_, seen) = held(&p, 40.0, 1.0, Orders { off_us: Some(90.0), ..orders });
+    assert!(seen.gates().windows(2).all(|pair| (pair[1].0 - pair[0].1 - 90.0).abs() < 1e-6));
+}
+
+#[test]
+fn a_channel_recovers_while_the_generator_is_inhibited() {
+    // The head holds the generator back between two pulses: what burned before has so much more time.
+    let arcs = |pause_us: f64| {
+        let p = Parameters { off_us: 5.0, ..SINKER.parameters() };
+        let mut process = Process::new(&p, 30.0, 1).unwrap();
+        let x = |process: &Process| process.depth_um() + process.worn_um() - 30.0;
+        for _ in 0..20_000 {
+            let at = x(&process);
+            process.advance(p.on_us + 1.0, at, &Orders::default(), &mut ());
+            process.advance(pause_us, at, &Orders { pulses: false, ..Orders::default() }, &mut ());
+        }
+        let pulses = process.pulses();
+        (pulses.arc as f64 / pulses.discharges() as f64, pulses)
+    };
+    let (short, long) = (arcs(6.0), arcs(60.0));
+    assert!(short.0 > 0.02 && long.0 < 0.5 * short.0, "{short:?} {long:?}");
+}
+
+#[test]
 fn the_generator_suspends_itself_after_shorts() {
     let p = Parameters { suspend_after: 10.0, suspend_ms: 5.0, ..SINKER.parameters() };
     let (_, seen) = held(&p, 40.0, 1.0, Orders { shorted: true, ..Orders::default() });
@@ -268,6 +313,7 @@ fn whatever_is_asked_the_gap_shows_one_voltage_without_jumps_and_gates_in_order(
                 orders = Orders {
                     pulses: draw.unit() < 0.8,
                     off_us: (draw.unit() < 0.3).then_some(300.0 * draw.unit() + 1.0),
+                    pauses_us: [0.0; 4],
                     shorted: draw.unit() < 0.1,
                     dead: draw.unit() < 0.05,
                     senseless: draw.unit() < 0.1,

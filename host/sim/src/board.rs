@@ -14,6 +14,7 @@ use edm_hal_shim::encoder::{Edge, EdgeGuard, EdgeLines, EncoderTimer, Levels, Li
 use edm_hal_shim::gap::{GapBlock, GapFrontEnd};
 use edm_hal_shim::generator::Generator;
 use edm_hal_shim::live::Live;
+use edm_hal_shim::pause;
 use edm_hal_shim::reflex::{Config, ForcedLines, PulseCounts, Thresholds};
 use edm_hal_shim::safety::{DriveCodes, DriveSense, Safety, SafetyInputs};
 use edm_hal_shim::self_test::Registers;
@@ -82,6 +83,8 @@ pub struct Ports {
     pub off_time_ns: Cell<Option<u32>>,
     /// Thresholds of the reflex.
     pub thresholds: Cell<Option<Config>>,
+    /// Pauses between pulses, core cycles from the end of a pulse of each class.
+    pub pauses: Cell<[u32; pause::CLASSES]>,
     /// Measured position, counts, for the dry loop.
     pub position: Cell<i64>,
     /// Instead of the gap signal.
@@ -375,6 +378,9 @@ impl Thresholds for Part {
     fn set(&mut self, config: &Config) -> Result<(), Self::Error> {
         self.0.thresholds.set(Some(*config));
         Ok(())
+    }
+    fn watch_ends(&mut self, pauses: &pause::Config) {
+        self.0.pauses.set(pauses.hold);
     }
 }
 

@@ -22,7 +22,7 @@ use edm_servo_head::gap::{Surrogate, SurrogateConfig, Voltage};
 use edm_servo_head::head::{Change, Command, Fault, Finding, Refused, Report, Status, SupervisionConfig, TickInput};
 use edm_servo_head::path::Path;
 use edm_servo_head::settings::{Active, SettingError, Settings};
-use edm_servo_head::units::{Fixed, MicrometresPerSecond, PLAN_TICKS, TICKS_PER_MS, Volts};
+use edm_servo_head::units::{CLOCK_HZ, Fixed, MicrometresPerSecond, PLAN_TICKS, TICKS_PER_MS, Volts};
 
 /// Gap that counts as right in the dry loop, um.
 const DRY_GAP_UM: f64 = 40.0;
@@ -234,6 +234,7 @@ impl Core {
 /// Advances the process by a period under the outputs of the head.
 pub(crate) fn go_on<'a>(ports: &Ports, process: &'a mut Process) -> &'a Sensors {
     process.off_time_ns = ports.off_time_ns.get();
+    process.pauses_us = ports.pauses.get().map(|cycles| f64::from(cycles) * 1e6 / f64::from(CLOCK_HZ));
     if let Some(thresholds) = ports.thresholds.get() {
         process.look_after(thresholds.tau_ns);
     }
@@ -369,6 +370,7 @@ impl Machine {
         }
         self.ends.gap.write(|slot| *slot = active.gap);
         self.ends.supervision.write(|slot| *slot = active.head.supervision());
+        self.core.ports.pauses.set(active.pause.hold);
         self.core.ports.wants[crate::board::SUPERVISE].set(true);
         Ok(())
     }

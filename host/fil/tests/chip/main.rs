@@ -15,6 +15,7 @@ mod locks;
 mod lockstep;
 mod lss;
 mod mutants;
+mod pauses;
 mod pulses;
 mod reflex;
 mod self_test;

@@ -59,7 +59,7 @@ const TICK_CLOCK: u32 = CLOCK_HZ / TICK_HZ;
 const NOISE_CODES: f64 = 0.5;
 /// What a tick asks of a model.
 #[derive(Clone, Copy, Debug)]
-struct Tick {
+struct Tick<'a> {
     /// When it begins, us.
     from_us: f64,
     /// What the bridge does.
@@ -71,8 +71,12 @@ struct Tick {
     hand_n: f64,
     /// Pulses may be made.
     pulses: bool,
+    /// Changes of that within the tick, us since it began; version 0 ignores them.
+    permission: &'a [(f64, bool)],
     /// Off-time requested; version 0 ignores it.
     off_us: Option<f64>,
+    /// Least off-time after an open pulse, a spark, an arc, a short, us; version 0 ignores it.
+    pauses_us: [f64; 4],
     /// A wire lies across the gap.
     shorted: bool,
     /// The generator makes no pulses.
@@ -116,7 +120,7 @@ impl Model {
     }
 
     #[inline]
-    fn advance(&mut self, tick: &Tick, travel: impl FnMut(f64, f64, usize, usize)) {
+    fn advance(&mut self, tick: &Tick<'_>, travel: impl FnMut(f64, f64, usize, usize)) {
         match self {
             Model::Zero(zero) => zero.advance(tick, travel),
             Model::One(one) => one.advance(tick, travel),
@@ -311,6 +315,11 @@ pub struct Process {
     timeline: Timeline,
     /// Off-time that the head requests of the generator, ns; its own without.
     pub off_time_ns: Option<u32>,
+    /// Least off-time that the head gives an open pulse, a spark, an arc, a short, us: for a head whose own end of a pulse does not see the
+    /// wires, as it has no interrupts. It knows what the pulse was.
+    pub pauses_us: [f64; 4],
+    /// When the head lets pulses through, or inhibits them, within the next tick, us since it begins: for wires that are seen in between.
+    pub permission: Vec<(f64, bool)>,
     /// Wires to pull between two ticks.
     pub fault_inputs: FaultInputs,
 }
@@ -346,6 +355,8 @@ impl Process {
             noise: Cause::MotorCurrent.stream(seed),
             timeline: Timeline::default(),
             off_time_ns: None,
+            pauses_us: [0.0; 4],
+            permission: Vec::new(),
             fault_inputs: FaultInputs::default(),
             scale,
             p,
@@ -384,6 +395,7 @@ impl Process {
         self.front.gate_lost = self.fault_inputs.gate_lost;
         self.scale.dead = self.fault_inputs.encoder_dead;
 
+        let permission = std::mem::take(&mut self.permission);
         let faults = &self.fault_inputs;
         let tick = Tick {
             from_us: from,
@@ -392,7 +404,9 @@ impl Process {
             surface_m: self.first_surface_m(),
             hand_n: faults.hand_n,
             pulses: pulses || faults.disobeys,
+            permission: if faults.disobeys { &[] } else { &permission },
             off_us: self.off_time_ns.map(|ns| f64::from(ns) * 1e-3),
+            pauses_us: self.pauses_us,
             shorted: faults.short,
             dead: faults.generator_dead,
             senseless: faults.sense_off,
@@ -415,6 +429,14 @@ impl Process {
         self.sensors.now = self.sensors.now.wrapping_add(TICK_CLOCK);
         self.sense();
         &self.sensors
+    }
+
+    /// Makes its last tick once more, from how it was `before`, with a permission that changes in it. What was asked of it since stays.
+    pub fn repeat(&mut self, before: &Process, drive: Drive, pulses: bool, permission: &[(f64, bool)]) {
+        let later = std::mem::replace(self, before.clone());
+        self.permission.extend(permission);
+        self.advance(drive, pulses);
+        (self.fault_inputs, self.timeline) = (later.fault_inputs, later.timeline);
     }
 
     /// The gate wire divides on the board: to the timer that counts its edges, and to the one that starts the reflex's

@@ -72,7 +72,7 @@ impl One {
     }
 
     /// One tick; `travel` is called for every step of the axis: from, to, its number and how many there are.
-    pub fn advance(&mut self, tick: &Tick, mut travel: impl FnMut(f64, f64, usize, usize)) {
+    pub fn advance(&mut self, tick: &Tick<'_>, mut travel: impl FnMut(f64, f64, usize, usize)) {
         let winding = match tick.drive {
             Drive::Coast => Winding::Open,
             Drive::Brake => Winding::Volts(0.0),
@@ -91,9 +91,10 @@ impl One {
             Some(held) => self.process.depth_um() + self.process.worn_um() - held,
             None => self.carrier_um(tick.surface_m),
         };
-        let orders = Orders {
+        let mut orders = Orders {
             pulses: tick.pulses,
             off_us: tick.off_us,
+            pauses_us: tick.pauses_us,
             shorted: tick.shorted,
             dead: tick.dead,
             senseless: tick.senseless,
@@ -103,7 +104,12 @@ impl One {
         let over = self.seen.stretches.len() - 1;
         self.seen.stretches.drain(..over);
         self.seen.amps.drain(..over);
-        self.process.advance(TICK_US, carrier_um, &orders, &mut self.seen);
+        let mut from_us = 0.0;
+        for (at_us, pulses) in tick.permission {
+            self.process.advance(at_us - from_us, carrier_um, &orders, &mut self.seen);
+            (from_us, orders.pulses) = (*at_us, *pulses);
+        }
+        self.process.advance(TICK_US - from_us, carrier_um, &orders, &mut self.seen);
     }
 
     /// The electrode's carrier below the first surface, um.

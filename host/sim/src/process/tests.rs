@@ -289,6 +289,11 @@ fn version_1_obeys_permission_and_the_off_time_that_is_requested() {
     assert!(pulses_in(None, true).abs_diff(1000) <= 1);
     assert!(pulses_in(Some(240_000), true).abs_diff(500) <= 1);
     assert_eq!(pulses_in(None, false), 0);
+    process.pauses_us = [240.0; 4];
+    let before = process.truth().pulses.total();
+    run(&mut process, Drive::Coast, true, 0.2);
+    assert!((process.truth().pulses.total() - before).abs_diff(500) <= 1);
+    process.pauses_us = [0.0; 4];
     process.fault_inputs.disobeys = true;
     run(&mut process, Drive::Coast, false, 0.01);
     assert_ne!(process.sensors().block.gate, 0);

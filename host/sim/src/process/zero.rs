@@ -46,7 +46,7 @@ impl Zero {
     }
 
     /// One tick; `travel` is called for every step of the axis: from, to, its number and how many there are.
-    pub fn advance(&mut self, tick: &Tick, travel: impl FnMut(f64, f64, usize, usize)) {
+    pub fn advance(&mut self, tick: &Tick<'_>, travel: impl FnMut(f64, f64, usize, usize)) {
         let before = self.gap_um(tick.surface_m);
         self.move_axis(tick, travel);
         let gap = self.held_gap_um.map_or((before, self.gap_um(tick.surface_m)), |held| (held, held));
@@ -56,7 +56,7 @@ impl Zero {
         spark.advance(tick.from_us, tick.from_us + TICK_US, gap, tick.pulses);
     }
 
-    fn move_axis(&mut self, tick: &Tick, mut travel: impl FnMut(f64, f64, usize, usize)) {
+    fn move_axis(&mut self, tick: &Tick<'_>, mut travel: impl FnMut(f64, f64, usize, usize)) {
         let surface = self.surface_m(tick.surface_m) + self.spark.wear_um * 1e-6;
         let x = self.actuator.x;
         if self.actuator.rests(tick.drive, tick.bus_v, self.contact(surface - x) + tick.hand_n) {

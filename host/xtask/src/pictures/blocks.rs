@@ -14,7 +14,11 @@ struct Block {
 }
 
 const BLOCKS: [Block; 9] = [
-    Block { name: "reflex, stop", tasks: &["reflex", "stop", "bridge_fault", "supply"], called: &[] },
+    Block {
+        name: "reflex, stop",
+        tasks: &["reflex", "stop", "bridge_fault", "supply", "pulse_end", "pause_over"],
+        called: &[],
+    },
     Block { name: "encoder", tasks: &["encoder_a", "encoder_b", "encoder_index"], called: &[] },
     Block { name: "gap", tasks: &["gap"], called: &["gap task"] },
     Block { name: "servo", tasks: &["servo"], called: &["servo task"] },
@@ -30,13 +34,14 @@ const BLOCKS: [Block; 9] = [
 ];
 
 /// What crosses as atomics, which name no ends in crossings.rs: from, to, name.
-const ATOMICS: [(&str, &str, &str); 6] = [
+const ATOMICS: [(&str, &str, &str); 7] = [
     ("reflex, stop", "servo", "retreats"),
     ("encoder", "servo", "count"),
     ("gap", "servo", "short_ticks"),
     ("gap", "servo", "touches"),
     ("CAN", "servo", "syncs"),
     ("protocol", "reflex, stop", "reflex"),
+    ("protocol", "reflex, stop", "pauses"),
 ];
 
 /// Size of a cell and the corner of the first.

@@ -1,0 +1,150 @@
+//! EXTI and TIM6: the end of a pulse, and of the pause after it.
+//!
+//! The falling gate interrupts, but only while there is any pause ([`watch`]). What the pulse was, and what may switch the line on again,
+//! [`pause`] says. TIM6 counts a pause once and interrupts at its end.
+
+use super::exti::exti;
+use super::hal::gpio::ExtiPin;
+use super::hal::syscfg::SysCfg;
+use super::lines::{self, Allow};
+use super::{Board, blocks, change, gate, gated, pac, put, reset};
+use crate::board::{CORE_HZ, TIMER1_HZ};
+use crate::pause::{self, LONGEST, Look, Pauses, Watch};
+use cortex_m::peripheral::NVIC;
+
+/// Interrupt line of the gate.
+const GATE: u32 = 1 << Board::TABLE.pin("gate").number;
+// One vector serves lines 5 to 9, and nothing else here.
+const _: () = assert!(GATE & !0x3E0 == 0);
+/// Its interrupt. It is enabled and disabled, so that [`super::registers`] leaves it alone.
+pub(super) const INTERRUPT: pac::Interrupt = pac::Interrupt::EXTI9_5;
+/// Division of the clock of TIM6, and core cycles of a count.
+const PRESCALER: u32 = 1;
+const COUNT: u32 = CORE_HZ / TIMER1_HZ * (PRESCALER + 1);
+const _: () = assert!(LONGEST / COUNT <= 0xFFFF);
+/// Core cycles from the end of a pulse until its pause is counted, and from the end of the count to the line (estimated).
+const LATE: u32 = 200;
+/// One pulse, enabled; an update interrupts only by the counter.
+const ONCE: u32 = 1 << 3 | 1 << 2 | 1;
+
+/// The front end, at the end of a pulse.
+struct FrontEnd;
+
+impl Look for FrontEnd {
+    #[inline(always)]
+    fn newest(&self) -> u32 {
+        blocks::newest()
+    }
+
+    #[inline(always)]
+    fn code(&self, place: u32) -> u16 {
+        blocks::code(place)
+    }
+
+    #[inline(always)]
+    fn gate_and_high(&self) -> [bool; 2] {
+        lines::gate_and_high()
+    }
+
+    #[inline(always)]
+    fn shorts(&self) -> u32 {
+        gated::shorts()
+    }
+
+    #[inline(always)]
+    fn highs(&self) -> u32 {
+        gate::high_edges()
+    }
+
+    #[inline(always)]
+    fn high_at(&self, highs: u32) -> u32 {
+        gate::high_at(highs)
+    }
+
+    #[inline(always)]
+    fn opened(&self) -> u32 {
+        gate::gate_before()
+    }
+
+    #[inline(always)]
+    fn now(&self) -> u32 {
+        gate::now()
+    }
+}
+
+/// Ends of pulses. Owned by their task.
+pub struct Ends {
+    tim: pac::TIM6,
+    watch: Watch,
+    pauses: &'static Pauses,
+}
+
+/// Ends of pauses. Owned by their task, which never interrupts that of the pulses, nor is interrupted by it.
+pub struct Over(());
+
+impl Ends {
+    /// Configures the timer, and connects the gate's pin to its interrupt line.
+    pub fn new(
+        gate: &mut impl ExtiPin,
+        tim: pac::TIM6,
+        pauses: &'static Pauses,
+        syscfg: &mut SysCfg,
+        rcc: &mut pac::RCC,
+    ) -> (Ends, Over) {
+        gate.make_interrupt_source(syscfg);
+        change!(exti().ftsr(), clear 0, set GATE);
+        change!(exti().imr(), clear 0, set GATE);
+        reset::<pac::TIM6>(rcc);
+        put!(tim.psc(), PRESCALER);
+        put!(tim.egr(), 1);
+        put!(tim.sr(), 0);
+        put!(tim.dier(), 1);
+        (Ends { tim, watch: Watch::new(), pauses }, Over(()))
+    }
+
+    /// The interrupt: a gate has closed.
+    #[inline(always)]
+    pub fn pulse(&mut self) {
+        put!(exti().pr(), GATE);
+        let Some(class) = self.watch.end(self.pauses, &FrontEnd) else { return };
+        let hold = self.pauses.hold(class);
+        if hold == 0 {
+            return;
+        }
+        if pause::hold(&Allow) {
+            self.again();
+        }
+        put!(self.tim.arr(), hold.saturating_sub(LATE) / COUNT + 1);
+        put!(self.tim.cr1(), ONCE);
+    }
+
+    /// A pause lasts that has not been counted: it ends nothing.
+    #[cold]
+    fn again(&mut self) {
+        put!(self.tim.cr1(), 0);
+        put!(self.tim.cnt(), 0);
+        put!(self.tim.sr(), 0);
+        NVIC::unpend(pac::Interrupt::TIM6_DAC);
+    }
+}
+
+impl Over {
+    /// The interrupt: the count is over.
+    #[inline(always)]
+    pub fn pause(&mut self) {
+        // SAFETY: the register block is always there; only the flag is used, and by one task at a time.
+        let tim = unsafe { &*pac::TIM6::ptr() };
+        put!(tim.sr(), 0);
+        pause::release(&Allow);
+    }
+}
+
+/// Ends of pulses interrupt, or not. For a slower task.
+pub(super) fn watch(on: bool) {
+    if on {
+        // SAFETY: a critical section here is one by BASEPRI; and what the interrupt's task works on was there before.
+        unsafe { NVIC::unmask(INTERRUPT) };
+    } else {
+        NVIC::mask(INTERRUPT);
+    }
+}
