@@ -36,6 +36,8 @@ pub trait Tunable: GapSource {
     fn retune(&mut self, active: &voltage::Active);
     /// Looks at a part of the settings: false once they have changed by themselves.
     fn is_intact(&mut self) -> bool;
+    /// One of the [`voltage::SLOW`] words, in turn, and which it is.
+    fn slow(&mut self) -> (usize, u32);
 }
 
 impl Tunable for voltage::Voltage {
@@ -46,6 +48,11 @@ impl Tunable for voltage::Voltage {
     #[inline]
     fn is_intact(&mut self) -> bool {
         voltage::Voltage::is_intact(self)
+    }
+
+    #[inline]
+    fn slow(&mut self) -> (usize, u32) {
+        voltage::Voltage::slow(self)
     }
 }
 

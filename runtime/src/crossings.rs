@@ -76,6 +76,8 @@ pub struct Signals {
     pub unseen: [Word; 2],
     /// Looks at pulses of each class, of the last 200 ms. One may be a millisecond newer than another.
     pub looks: [Word; CLASSES],
+    /// What the gap source says in turns.
+    pub slow: [Word; voltage::SLOW],
     /// Frames did not fit the ring to the controller: the protocol wants to run when it is empty.
     pub backlog: Flag,
     /// A frame came in since the last supervision.
@@ -112,6 +114,7 @@ impl Signals {
             lost_blocks: Word::new(0),
             unseen: [const { Word::new(0) }; 2],
             looks: [const { Word::new(0) }; CLASSES],
+            slow: [const { Word::new(0) }; voltage::SLOW],
             backlog: Flag::new(),
             host: Flag::new(),
             settings_damaged: Flag::new(),

@@ -38,6 +38,10 @@ impl<B: Board> Gap<B> {
         }
         self.signals.short_ticks.store(reading.short_ticks);
         self.signals.touches.store(reading.touches.into());
+        let (turn, word) = self.source.slow();
+        if let Some(slow) = self.signals.slow.get(turn) {
+            slow.store(word);
+        }
         if !self.source.is_intact() {
             self.signals.settings_damaged.set();
         }

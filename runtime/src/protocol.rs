@@ -209,6 +209,7 @@ impl<B: Board> Protocol<B> {
         if whole {
             self.drive.set_timers(self.timers.read(&self.signals.times, now));
             self.drive.set_looks(self.signals.looks.each_ref().map(Word::load));
+            self.drive.set_slow(&self.signals.slow.each_ref().map(Word::load));
         }
         whole
     }

@@ -24,10 +24,11 @@ const PLACES: u8 = 32;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Material {
     /// um / us^3, um / us^2, um / us, um.
-    coefficients: [f32; TERMS],
-    /// Time constants that it was made from, us.
-    shortest: f32,
-    longest: f32,
+    pub coefficients: [f32; TERMS],
+    /// Shortest and longest time constant for which it holds, us.
+    pub shortest: f32,
+    /// See [`shortest`](Material::shortest).
+    pub longest: f32,
 }
 
 /// A gap, and whether the time constant is one of those that the polynomial was made from; beyond, the gap is that of the

@@ -6,9 +6,9 @@
 //! (Cox and Oakes, Analysis of Survival Data, 1984, chapter 3), and its variance is hazard^2 / ignitions at best (Cramer-Rao).
 //! To leave open pulses out, or to average the delays of those that ignited, would be wrong by as much as there are open ones.
 //!
-//! Older pulses count less: with every pulse what is remembered is multiplied by 1 - 1/memory. Then the variance is
-//! hazard^2 (sum of w^2) / (sum of w)^2 over the ignitions with their weights w: after long the same as of 2 memory - 1
-//! pulses that count alike.
+//! Older pulses count less: with every step, of one pulse or of a millisecond's, what is remembered is multiplied by
+//! 1 - 1/memory. Then the variance is hazard^2 (sum of w^2) / (sum of w)^2 over the ignitions with their weights w: after long the
+//! same as of 2 memory - 1 steps that count alike.
 //!
 //! Waiting is timed by captures, not in conversions: at 100 kHz a gate is open for two or three of these.
 
@@ -17,16 +17,17 @@ use crate::units::{CLOCK_HZ, Micrometres, larger};
 
 /// Shortest waiting that a hazard is reckoned from, clock ticks: ignitions without any say that it is beyond what is timed.
 const SHORTEST: f32 = 1.0;
+/// Waiting from which a hazard is formed where nothing ignited, clock ticks: 10 us.
+const LEAST: f32 = 1e-5 * CLOCK_HZ as f32;
+/// Weight of an ignition that has faded.
+const FADED: f32 = 0.5;
 /// Smallest hazard that a gap is reckoned from, 1/s.
 const SMALLEST: f32 = 1e-3;
 
 /// Hazard of ignition, of the newest pulses.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Likelihood {
-    /// What is left of a weight after a pulse, and of its square.
-    keep: f32,
-    keep_squared: f32,
     /// Sum of the weights of the pulses that ignited, and of their squares.
     ignitions: f32,
     squares: f32,
@@ -45,29 +46,31 @@ pub struct Hazard {
 }
 
 impl Likelihood {
-    /// Remembers so many pulses, 1..=100 000.
-    pub fn new(memory: f32) -> Result<Likelihood, OutOfRange> {
-        let keep = 1.0 - 1.0 / in_range("pulses remembered", memory, 1.0, 100_000.0)?;
-        Ok(Likelihood { keep, keep_squared: keep * keep, ignitions: 0.0, squares: 0.0, waited: 0.0 })
-    }
-
-    /// One more pulse: how long it waited, ticks of the core clock, and whether it ignited then.
+    /// Takes a step: how long its pulses waited, ticks of the core clock, and how many of them ignited. What is remembered is
+    /// multiplied by `keep` before, 0..=1.
     #[inline]
-    pub fn pulse(&mut self, waited: u32, ignited: bool) {
-        let one = if ignited { 1.0 } else { 0.0 };
-        self.ignitions = self.keep * self.ignitions + one;
-        self.squares = self.keep_squared * self.squares + one;
-        self.waited = self.keep * self.waited + waited as f32;
+    pub fn step(&mut self, keep: f32, waited: u32, ignited: u32) {
+        let ignited = ignited as f32;
+        self.ignitions = keep * self.ignitions + ignited;
+        self.squares = keep * keep * self.squares + ignited;
+        self.waited = keep * self.waited + waited as f32;
     }
 
     /// The hazard, with its variance; `None` while no ignition is remembered.
     pub fn hazard(&self) -> Option<Hazard> {
         // Less is what has faded.
-        if self.ignitions < 0.5 {
+        if self.ignitions < FADED {
             return None;
         }
         let rate = self.ignitions * CLOCK_HZ as f32 / larger(self.waited, SHORTEST);
         Some(Hazard { rate, variance: self.squares / (self.ignitions * self.ignitions) })
+    }
+
+    /// The hazard of pulses that waited and have not ignited: half an ignition (the estimate by Jeffreys' prior for none, whose
+    /// variance is twice its square); `None` while no waiting is remembered.
+    pub fn rare(&self) -> Option<Hazard> {
+        let waited = self.waited;
+        (waited >= LEAST).then(|| Hazard { rate: FADED * CLOCK_HZ as f32 / larger(waited, SHORTEST), variance: 2.0 })
     }
 }
 
@@ -112,12 +115,12 @@ mod tests {
 
     #[test]
     fn open_pulses_count_by_the_time_that_they_waited() {
-        let mut likelihood = Likelihood::new(100_000.0).unwrap();
+        let mut likelihood = Likelihood::default();
+        assert_eq!((likelihood.hazard(), likelihood.rare()), (None, None));
+        likelihood.step(1.0, 100 * US, 0);
         assert_eq!(likelihood.hazard(), None);
-        likelihood.pulse(100 * US, false);
-        assert_eq!(likelihood.hazard(), None);
-        likelihood.pulse(50 * US, true);
-        likelihood.pulse(50 * US, true);
+        assert!(likelihood.rare().is_some_and(|hazard| (hazard.rate - 5000.0).abs() < 1.0));
+        likelihood.step(1.0, 100 * US, 2);
         let hazard = likelihood.hazard().unwrap();
         assert!((hazard.rate - 10_000.0).abs() < 1.0, "{hazard:?}");
         assert!((hazard.variance - 0.5).abs() < 1e-4, "{hazard:?}");
@@ -125,14 +128,15 @@ mod tests {
 
     #[test]
     fn what_is_older_than_the_memory_is_forgotten() {
-        let mut likelihood = Likelihood::new(50.0).unwrap();
-        (0..1000).for_each(|_| likelihood.pulse(10 * US, true));
-        (0..500).for_each(|_| likelihood.pulse(100 * US, true));
+        let mut likelihood = Likelihood::default();
+        const KEEP: f32 = 1.0 - 1.0 / 50.0;
+        (0..1000).for_each(|_| likelihood.step(KEEP, 10 * US, 1));
+        (0..500).for_each(|_| likelihood.step(KEEP, 100 * US, 1));
         let hazard = likelihood.hazard().unwrap();
         assert!((hazard.rate / 10_000.0 - 1.0).abs() < 1e-3, "{hazard:?}");
         // As of 99 pulses that count alike.
         assert!((hazard.variance * 99.0 - 1.0).abs() < 1e-3, "{hazard:?}");
-        (0..1000).for_each(|_| likelihood.pulse(100 * US, false));
+        (0..1000).for_each(|_| likelihood.step(KEEP, 100 * US, 0));
         assert_eq!(likelihood.hazard(), None);
     }
 
@@ -148,9 +152,6 @@ mod tests {
 
     #[test]
     fn what_is_out_of_range_is_named() {
-        for memory in [0.9, 100_001.0, f32::NAN] {
-            assert_eq!(Likelihood::new(memory).unwrap_err().name, "pulses remembered");
-        }
         assert_eq!(Curve::new(Micrometres(0.0), 1.0, 3.0).unwrap_err().name, "gap of the known hazard (um)");
         assert_eq!(Curve::new(Micrometres(50.0), 0.0, 3.0).unwrap_err().name, "hazard at that gap (1/s)");
         assert_eq!(Curve::new(Micrometres(50.0), 1.0, 0.0).unwrap_err().name, "power of the hazard");
@@ -158,11 +159,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_pulses_make_it_fail(memory in 1f32..100_000.0, pulses: Vec<(u32, bool)>) {
-            let mut likelihood = Likelihood::new(memory).unwrap();
+        fn no_pulses_make_it_fail(keep in 0f32..1.0, pulses: Vec<(u32, u32)>) {
+            let mut likelihood = Likelihood::default();
             for (waited, ignited) in pulses {
-                likelihood.pulse(waited, ignited);
-                if let Some(hazard) = likelihood.hazard() {
+                likelihood.step(keep, waited, ignited);
+                for hazard in [likelihood.hazard(), likelihood.rare()].into_iter().flatten() {
                     prop_assert!(hazard.rate.is_finite() && hazard.variance.is_finite() && hazard.variance > 0.0);
                 }
             }

@@ -7,11 +7,13 @@
 //! Another source is another file that implements [`GapSource`], and its `mod` line.
 
 pub mod charging;
+pub mod controlled;
 mod gated;
 pub mod likelihood;
 mod open_circuit;
 mod pulse_watch;
 pub mod pulses;
+pub mod senses;
 mod surrogate;
 pub mod teach;
 pub mod voltage;

@@ -10,6 +10,7 @@
 
 use super::gated::{Gated, PER_BLOCK};
 use super::pulses::{Boundaries, BoundaryConfig, PulseStream};
+use super::senses::delays::{self, Delays};
 use super::{GapReading, GapSource, Quality};
 use crate::dsp::decimate::{CodeRange, Tally};
 use crate::dsp::{OutOfRange, chain, in_range};
@@ -122,6 +123,18 @@ impl Config {
 /// Ticks in which swapped leads show 0 V at least once: 2 ms, two periods of the slowest pulses of \[R\].
 const OFF_TIME: u32 = 2 * TICKS_PER_MS;
 
+/// What the source says in turns, a word a tick: pulses by ignition delay, then the notch.
+pub const SLOW: usize = delays::BINS + 1;
+/// Where the notch is among them: its frequency, 0.01 Hz, and in this bit whether it follows the mains.
+const NOTCH: usize = delays::BINS;
+const FOLLOWS: u32 = 1 << 31;
+
+/// Frequency of the notch, 0.01 Hz, and whether it follows the mains.
+pub fn mains_of(slow: &[u32; SLOW]) -> (u16, bool) {
+    let word = slow.get(NOTCH).copied().unwrap_or(0);
+    ((word & !FOLLOWS) as u16, word & FOLLOWS != 0)
+}
+
 /// What the ticks run on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -184,6 +197,9 @@ pub struct Voltage {
     active: Active,
     kept: Kept<Active>,
     stream: PulseStream,
+    delays: Delays,
+    /// Which word is said next.
+    turn: u8,
     filter: chain::State,
     /// The filters that move, where they are to follow the mains.
     tracked: chain::Tracked,
@@ -210,6 +226,8 @@ impl Voltage {
             active,
             kept: Kept::NEW,
             stream: PulseStream::new(active.pulses),
+            delays: [0; delays::BINS],
+            turn: 0,
             filter: chain::State::default(),
             tracked: chain::Tracked::new(active.filter),
             gated: Gated::default(),
@@ -242,6 +260,20 @@ impl Voltage {
     #[inline]
     pub fn is_intact(&mut self) -> bool {
         self.kept.agrees(&self.active) && (!self.active.filter.follows().2 || self.tracked.is_of(&self.active.filter))
+    }
+
+    /// One of the [`SLOW`] words, in turn, and which it is.
+    #[inline]
+    pub fn slow(&mut self) -> (usize, u32) {
+        let turn = usize::from(self.turn);
+        self.turn = if turn < NOTCH { self.turn.wrapping_add(1) } else { 0 };
+        (turn, self.delays.get(turn).copied().unwrap_or_else(|| self.notch()))
+    }
+
+    #[cold]
+    fn notch(&self) -> u32 {
+        let (mains, follows) = self.mains();
+        (mains.0 * 100.0 + 0.5) as u32 | if follows { FOLLOWS } else { 0 }
     }
 
     /// Where the notch is, and whether there is hum that it follows.
@@ -340,7 +372,16 @@ impl GapSource for Voltage {
             Quality::Valid
         };
         match block {
-            Some(block) => self.stream.block(block, |_| {}),
+            Some(block) => {
+                let delays = &mut self.delays;
+                self.stream.block(block, |pulse| {
+                    if pulse.ignited
+                        && let Some(count) = delays.get_mut(delays::bin(pulse.waited))
+                    {
+                        *count = count.wrapping_add(1);
+                    }
+                });
+            }
             None => self.stream.lost(),
         }
         let code = block.map_or(0, |block| block.codes[BLOCK - 1]);

@@ -4,6 +4,7 @@ use super::follow::FollowConfig;
 use super::{commissioning, ends, jump, supervise, touch};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
+use crate::gap::controlled::Controlled;
 use crate::kept::parts;
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, PreslidingConfig};
 use crate::units::{
@@ -155,6 +156,10 @@ impl Axis {
 pub struct Config {
     /// Gap voltage to keep.
     pub setpoint: Setpoint,
+    /// What is kept at its set point.
+    pub controlled: Controlled,
+    /// Share of the error of another controlled variable that fades in a plan.
+    pub transfer: f32,
     /// Shape of the loop.
     pub structure: Structure,
     /// Law that leads while eroding, unless the single loop does.
@@ -192,11 +197,11 @@ pub struct Config {
 }
 
 parts!(it: Config {
-    setpoint, structure, law, single, limits, acceleration, contact, touch, seek, retreat, jump, ends, lift, presliding, axis,
+    setpoint, controlled, transfer, structure, law, single, limits, acceleration, contact, touch, seek, retreat, jump, ends, lift, presliding, axis,
     supervise, commissioning, commissioned,
 } by
     [it.setpoint, it.structure, it.limits, it.acceleration, it.contact, it.touch],
-    [it.law],
+    [it.law, it.controlled, it.transfer],
     [it.single, it.commissioned],
     [it.seek],
     [it.retreat],

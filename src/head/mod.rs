@@ -62,6 +62,7 @@ pub use touch::{Config as TouchConfig, Search};
 pub use trajectory::{Follow, Trajectory};
 
 use crate::gap::GapReading;
+use crate::gap::senses::Senses;
 use crate::path::Bound;
 use crate::servo::BackEmf;
 use crate::units::{Amps, CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, Volts};
@@ -104,6 +105,10 @@ pub struct Status {
     pub retreat_ended: Option<Bound>,
     /// Newest gap reading.
     pub gap: GapReading,
+    /// What its pulses say of the gap.
+    pub senses: Senses,
+    /// Gap error that the feed law was given last.
+    pub gap_error: Volts,
     /// Gap voltage to keep.
     pub gap_setpoint: Volts,
     /// Open-circuit voltage measured when the seek began.

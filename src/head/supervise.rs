@@ -10,6 +10,7 @@ use super::fault::Fault;
 use super::state::State;
 use crate::encoder::{MarkCheck, MarkSpacing, Plausibility, PlausibilityLimits, Snapshot};
 use crate::gap::pulses::{self, Pulses, Shares};
+use crate::gap::senses::{self, Senses, Sensing};
 use crate::gap::{PulseFault, PulseSeen, PulseWatch, Quality};
 use crate::kept::parts;
 use crate::servo::{BackEmf, CurrentGuard, CurrentLimits, Gains, Plant};
@@ -51,6 +52,8 @@ pub struct Limits {
     pub current_ms: u32,
     /// When arcs are persistent.
     pub arcs: pulses::Config,
+    /// What hazard, distance and spark frequency are estimated by.
+    pub senses: senses::Config,
 }
 
 /// What no friction withstands.
@@ -372,6 +375,8 @@ pub struct Monitored {
     pub illegal: u32,
     /// Arcs ask for a jump; `None` before enough pulses were seen to say.
     pub arcs: Option<bool>,
+    /// What the pulses say of the gap.
+    pub senses: Senses,
     /// An axis that looks for a reference does not follow: something is in its way, unless its encoder is lost.
     pub blocked: bool,
 }
@@ -423,6 +428,7 @@ pub struct Supervisor {
     stuck: Stuck,
     pulses: PulseWatch,
     classes: Pulses,
+    sensing: Sensing,
 }
 
 impl Supervisor {
@@ -493,6 +499,7 @@ impl Supervisor {
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;
         self.monitored.blocked = blocked;
         self.monitored.arcs = self.classes.jump();
+        self.monitored.senses = *self.sensing.look(&limits.senses, &now.counts, now.pulses);
 
         [
             (drive, Fault::DriveSignalLost),

@@ -4,16 +4,18 @@ use super::{Declared, SetpointUnit, SettingError, Settings, Value, place};
 use crate::dsp::chain;
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::Limits;
-use crate::gap::{pulses, voltage};
+use crate::gap::charging::Material;
+use crate::gap::controlled::ControlledName;
+use crate::gap::{pulses, senses, voltage};
 use crate::head::{
     Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, JumpConfig, Lift, Report, Retreat, Seek,
-    Setpoint, SupervisionLimits, TouchConfig,
+    Setpoint, Structure, SupervisionLimits, TouchConfig,
 };
 use crate::motion::JerkLimits;
 use crate::servo::{CurrentLimits, GRAVITY, Gains, PidGains, Plant, PreslidingConfig, Tuning};
 use crate::units::{
     ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, CountsPerSecond2, Fixed, Hertz, Micrometres, MicrometresPerSecond,
-    MicrometresPerSecond2, Nanometres, Newtons, Seconds, TICK_S, Volts,
+    MicrometresPerSecond2, Nanometres, Newtons, PLAN_TICKS, Seconds, TICK_S, Volts,
 };
 use edm_hal_shim::timing::adc::Scale;
 use edm_hal_shim::{pause, reflex};
@@ -105,6 +107,11 @@ impl Settings {
             const { name("touch.second_mm_s") },
             "must not be above touch.first_mm_s",
         )?;
+        conflict(
+            self.structure == Structure::SingleLoop && self.controlled != ControlledName::GapVoltage,
+            const { name("gap.controlled") },
+            "must be voltage with feed.structure = single_loop, which runs on every block of conversions",
+        )?;
         let nm_per_count = (self.encoder_count * 1000.0 + 0.5) as i64;
         let counts_per_um = 1000.0 / nm_per_count as f32;
         let axis = self.axis(nm_per_count, counts_per_um);
@@ -126,7 +133,7 @@ impl Settings {
         )?;
         let off_time_ns = (self.generator_off_time_us * 1000.0) as u32;
         let (gap, reflex, pause) = (self.gap()?, self.reflex()?, self.pause()?);
-        let head = self.head(axis);
+        let head = self.head(axis, self.senses()?);
         Ok(Active { gap, reflex, off_time_ns: (off_time_ns > 0).then_some(off_time_ns), pause, head })
     }
 
@@ -282,6 +289,17 @@ impl Settings {
         CountsPerSecond((self.jump_velocity * 1e3 * counts_per_um).min(ENCODER_RATE))
     }
 
+    /// What the estimators of hazard, distance and spark frequency run on.
+    fn senses(&self) -> Result<senses::Config, SettingError> {
+        let coefficients = [self.charging_c3, self.charging_c2, self.charging_c1, self.charging_c0];
+        let rule = "must not be above gap.charging_longest_us";
+        let material = Material::new(coefficients, self.charging_shortest, self.charging_longest)
+            .map_err(|_| SettingError::Conflict { field: const { name("gap.charging_shortest_us") }, rule })?;
+        let rule = "is out of its range";
+        senses::Config::new(self.sense_memory, material)
+            .map_err(|_| SettingError::Conflict { field: const { name("gap.memory_ms") }, rule })
+    }
+
     /// What tells pulses apart. Where shorts reach as far as arcs there are no arcs, and so on up.
     pub fn boundaries(&self) -> pulses::BoundaryConfig {
         let arc_below = self.gap_arc.max(self.gap_short);
@@ -300,7 +318,7 @@ impl Settings {
         }
     }
 
-    fn head(&self, axis: Axis) -> Config {
+    fn head(&self, axis: Axis, senses: senses::Config) -> Config {
         let plant = &axis.plant;
         let holding = axis.gains.holding();
         let weight = plant.duty(plant.weight());
@@ -310,6 +328,8 @@ impl Settings {
                 SetpointUnit::Volts => Setpoint::Volts(Volts(self.gap_setpoint)),
                 SetpointUnit::PercentOfOpen => Setpoint::ShareOfOpen(self.gap_setpoint_percent * 0.01),
             },
+            controlled: self.controlled.build(self),
+            transfer: (PLAN_TICKS as f32 * TICK_S * 1e3 / self.transfer_ms).min(1.0),
             structure: self.structure,
             law: self.law.build(self),
             single: PidGains {
@@ -399,6 +419,7 @@ impl Settings {
                 current_max: Amps(self.motor_peak * 1.25),
                 current_ms: 2,
                 arcs: pulses::Config { share: self.arc_share, ms: self.arc_ms, jump: self.jump_arcs },
+                senses,
             },
             commissioning: CommissioningConfig {
                 duty: self.commission_duty,

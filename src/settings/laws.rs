@@ -1,9 +1,10 @@
-//! What each feed law takes of the settings.
+//! What each feed law, and each controlled variable, takes of the settings.
 
 use super::Settings;
 use super::build::ticks;
 use crate::feed::{FixedRate, IncrementByError, RateByError, TwoThresholds};
-use crate::units::{MicrometresPerSecond, Volts};
+use crate::gap::controlled::{Frequency, GapDistance, GapVoltage, IgnitionHazard};
+use crate::units::{Micrometres, MicrometresPerSecond, Volts};
 
 impl From<&Settings> for FixedRate {
     fn from(settings: &Settings) -> Self {
@@ -34,5 +35,29 @@ impl From<&Settings> for TwoThresholds {
             Volts(settings.threshold_band),
             ticks(settings.threshold_period_ms),
         )
+    }
+}
+
+impl From<&Settings> for GapVoltage {
+    fn from(_: &Settings) -> Self {
+        GapVoltage
+    }
+}
+
+impl From<&Settings> for IgnitionHazard {
+    fn from(settings: &Settings) -> Self {
+        IgnitionHazard { setpoint: settings.hazard_setpoint, weight: Volts(settings.hazard_weight) }
+    }
+}
+
+impl From<&Settings> for GapDistance {
+    fn from(settings: &Settings) -> Self {
+        GapDistance { setpoint: Micrometres(settings.distance_setpoint), weight: Volts(settings.distance_weight) }
+    }
+}
+
+impl From<&Settings> for Frequency {
+    fn from(settings: &Settings) -> Self {
+        Frequency { setpoint: settings.frequency_setpoint, weight: Volts(settings.frequency_weight) }
     }
 }

@@ -6,6 +6,7 @@
 
 use crate::declare;
 use crate::feed::LawName;
+use crate::gap::controlled::ControlledName;
 use crate::gap::voltage::Average;
 use crate::head::Structure;
 
@@ -22,6 +23,7 @@ pub enum SetpointUnit {
 crate::choice!(SetpointUnit { Volts = "volts", PercentOfOpen = "percent_of_open" });
 
 crate::choice!(LawName);
+crate::choice!(ControlledName);
 crate::choice!(Structure { SingleLoop = "single_loop", VelocityCascade = "velocity_cascade", Path = "path" });
 
 declare! {
@@ -76,6 +78,36 @@ declare! {
         0x2100:22 gap_noise: f32 = 4.0, (0.05, 50.0), "gap.noise_v", "V", "assumed: 20 dB below the burning voltage", live;
         /// The notch follows the mains, from gap.mains_hz on, between 45 and 65 Hz.
         0x2100:23 gap_follow_mains: bool = false, (), "gap.follow_mains", "", "docs/gap-sensing.md: residue by drift", live;
+        /// Quantity that is kept at its set point.
+        0x2100:24 controlled: ControlledName = ControlledName::GapVoltage, (), "gap.controlled", "", "[R] section 6.5; distance: [X]; frequency: [L]", live;
+        /// Time over which pulses are remembered for hazard, distance and spark frequency.
+        0x2100:25 sense_memory: f32 = 10.0, (1.0, 10_000.0), "gap.memory_ms", "ms", "assumed: 80 pulses at 5 kHz, a hazard known to 12 %", live;
+        /// Time constant with which the difference between two quantities fades after a change of gap.controlled.
+        0x2100:26 transfer_ms: f32 = 500.0, (1.0, 10_000.0), "gap.transfer_ms", "ms", "assumed: slower than the gap loop's 4 Hz", live;
+        /// Hazard of ignition to keep, ignitions a second of waiting.
+        0x2100:27 hazard_setpoint: f32 = 12_600.0, (1.0, 10_000_000.0), "gap.hazard_per_s", "1/s", "docs/gap-sensing.md: 34 um of the sinker at 5 kHz (simulated)", live;
+        /// Gap error of a hazard that is 2.72 times too low.
+        0x2100:28 hazard_weight: f32 = 13.0, (0.01, 1000.0), "gap.hazard_weight_v", "V", "assumed: a third of 36 um at 1.1 V/um", live;
+        /// Gap to keep, by charging time.
+        0x2100:29 distance_setpoint: f32 = 50.0, (5.0, 200.0), "gap.distance_um", "um", "[X] section 4: 40 to 60 um", live;
+        /// Gap error of a micrometre.
+        0x2100:30 distance_weight: f32 = 1.1, (0.01, 100.0), "gap.distance_weight_v", "V/um", "assumed: as the gap voltage of the sinker", live;
+        /// Spark frequency to keep; below the pulse frequency.
+        0x2100:31 frequency_setpoint: f32 = 3000.0, (1.0, 1_000_000.0), "gap.spark_per_s", "1/s", "assumed: 60 % of 5 kHz", live;
+        /// Gap error of a spark frequency that is 2.72 times too low.
+        0x2100:32 frequency_weight: f32 = 20.0, (0.01, 1000.0), "gap.spark_weight_v", "V", "assumed", live;
+        /// Gap by charging time t: c3 t^3 + c2 t^2 + c1 t + c0.
+        0x2100:33 charging_c3: f32 = -50.4, (-1e6, 1e6), "gap.charging_c3", "um/us^3", "[X] equation 9: 10 mm copper on silicon", disabled "a controlled distance relies on it";
+        /// See gap.charging_c3.
+        0x2100:34 charging_c2: f32 = 190.6, (-1e6, 1e6), "gap.charging_c2", "um/us^2", "[X] equation 9", disabled "a controlled distance relies on it";
+        /// See gap.charging_c3.
+        0x2100:35 charging_c1: f32 = -281.6, (-1e6, 1e6), "gap.charging_c1", "um/us", "[X] equation 9", disabled "a controlled distance relies on it";
+        /// See gap.charging_c3.
+        0x2100:36 charging_c0: f32 = 182.6, (-1e6, 1e6), "gap.charging_c0", "um", "[X] equation 9", disabled "a controlled distance relies on it";
+        /// Shortest time constant for which the polynomial holds.
+        0x2100:37 charging_shortest: f32 = 0.52, (0.0, 100.0), "gap.charging_shortest_us", "us", "[X] table 2: 80 um", disabled "a controlled distance relies on it";
+        /// Longest time constant for which the polynomial holds.
+        0x2100:38 charging_longest: f32 = 1.66, (0.0, 100.0), "gap.charging_longest_us", "us", "[X] table 2: 10 um", disabled "a controlled distance relies on it";
 
         /// Off-time requested of the generator; 0 leaves its own.
         0x2101:1 generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: setting of the generator itself; range of docs/wiring.md", live;

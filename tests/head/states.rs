@@ -2,10 +2,11 @@
 
 use crate::bench::{Bench, OPEN_V};
 use edm_servo_head::feed::LawName;
+use edm_servo_head::gap::controlled::ControlledName;
 use edm_servo_head::head::Structure;
-use edm_servo_head::head::{Command, MotionLimits, Reason, Refused, State};
+use edm_servo_head::head::{Command, Fault, MotionLimits, Reason, Refused, State};
 use edm_servo_head::path;
-use edm_servo_head::settings::SetpointUnit;
+use edm_servo_head::settings::{SetpointUnit, Settings};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 
 #[test]
@@ -127,6 +128,27 @@ fn every_structure_and_law_of_roberts_keeps_the_gap() {
             assert!((gap - 30.0).abs() < 3.0, "{structure:?} {law:?}: {gap} um");
         }
     }
+}
+
+#[test]
+fn a_controlled_variable_that_is_not_known_is_a_fault_and_no_head_that_stands_still() {
+    // The bench has voltages, and no pulses with edges.
+    for controlled in ControlledName::ALL.iter().skip(1) {
+        let mut bench = Bench::with(|settings| settings.controlled = *controlled);
+        bench.make_ready();
+        bench.command(Command::MoveTo(Nanometres(4_000_000)));
+        bench.command(Command::Start);
+        bench.run_until(10.0, |bench| bench.state() == State::Eroding);
+        bench.run(0.1);
+        assert_eq!(bench.head.status().fault, Some(Fault::GapSignalInvalid), "{controlled:?}");
+    }
+    // The single loop runs on blocks, which have a voltage and nothing else.
+    let settings = Settings {
+        structure: Structure::SingleLoop,
+        controlled: ControlledName::IgnitionHazard,
+        ..Settings::default()
+    };
+    assert!(settings.build().is_err());
 }
 
 #[test]

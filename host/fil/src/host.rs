@@ -31,14 +31,24 @@ pub trait Bus {
 
 /// The answer to an SDO request: its eight bytes.
 fn ask(bus: &mut impl Bus, request: [u8; 8]) -> Result<[u8; 8]> {
-    while bus.take().is_some() {}
-    bus.send(Frame::new(REQUEST, &request));
     let [_, low, high, sub, ..] = request;
     let index = u16::from_le_bytes([low, high]);
+    answer(bus, request, (index, sub), |data| data[1..4] == request[1..4])
+}
+
+/// The first answer that is wanted, to a request about an object.
+fn answer(
+    bus: &mut impl Bus,
+    request: [u8; 8],
+    (index, sub): (u16, u8),
+    wanted: impl Fn(&[u8; 8]) -> bool,
+) -> Result<[u8; 8]> {
+    while bus.take().is_some() {}
+    bus.send(Frame::new(REQUEST, &request));
     for _ in 0..PATIENCE {
         bus.pass()?;
         while let Some(frame) = bus.take() {
-            if frame.id == ANSWER && frame.data[1..4] == request[1..4] {
+            if frame.id == ANSWER && (wanted(&frame.data) || frame.data[0] == 0x80) {
                 let code = u32::from_le_bytes([frame.data[4], frame.data[5], frame.data[6], frame.data[7]]);
                 ensure!(frame.data[0] != 0x80, "{index:04X}h:{sub} is refused with {code:08X}h");
                 return Ok(frame.data);
@@ -46,6 +56,25 @@ fn ask(bus: &mut impl Bus, request: [u8; 8]) -> Result<[u8; 8]> {
         }
     }
     bail!("{index:04X}h:{sub}: no answer within {PATIENCE} ms")
+}
+
+/// Reads an object of more than four bytes, segment by segment.
+///
+/// # Errors
+/// When the head refuses or does not answer.
+pub fn upload(bus: &mut impl Bus, index: u16, sub: u8) -> Result<Vec<u8>> {
+    let [low, high] = index.to_le_bytes();
+    let [command, _, _, _, a, b, c, d] = ask(bus, [0x40, low, high, sub, 0, 0, 0, 0])?;
+    ensure!(command == 0x41, "{index:04X}h:{sub} is no object of more than four bytes");
+    let length = u32::from_le_bytes([a, b, c, d]) as usize;
+    let (mut bytes, mut toggle) = (Vec::new(), 0);
+    while bytes.len() < length {
+        let data = answer(bus, [0x60 | toggle, 0, 0, 0, 0, 0, 0, 0], (index, sub), |data| data[0] & 0xF0 == toggle)?;
+        let unused = usize::from(data[0] >> 1 & 7);
+        bytes.extend_from_slice(&data[1..8 - unused]);
+        toggle ^= 0x10;
+    }
+    Ok(bytes)
 }
 
 /// Writes an object of `size` bytes.

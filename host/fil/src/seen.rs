@@ -11,7 +11,9 @@ use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
+use edm_servo_head::gap::charging::Material;
 use edm_servo_head::gap::pulses::{CLASSES, Config as ArcConfig, Counts};
+use edm_servo_head::gap::senses::Config as SensesConfig;
 use edm_servo_head::head::{
     Breakaway, Command, Counters, Fault, Home, MotionLimits, Probe, ProbeInputs, SetPoint, Source, State, Status,
     SupervisionLimits, TickInput,
@@ -183,6 +185,8 @@ impl Places {
             "edm_servo_head::head::supervise::Counters",
             "edm_servo_head::gap::GapReading",
             "edm_servo_head::gap::pulses::Config",
+            "edm_servo_head::gap::senses::Config",
+            "edm_servo_head::gap::charging::Material",
             "edm_servo_head::gap::pulses::stream::Counts",
             "edm_servo_head::encoder::shared::Snapshot",
             "edm_servo_head::encoder::index::Mark",
@@ -211,8 +215,10 @@ impl Places {
                 bridge_fault, supply_low;
             "edm_hal_shim::safety::DriveCodes" DriveCodes: motor_current, bus_voltage;
             "edm_servo_head::head::supervise::Limits" SupervisionLimits: following, following_ms, runaway, velocity, resistance,
-                encoder_ms, gated, gap_ms, host_ms, bus_min, current_max, current_ms, arcs;
+                encoder_ms, gated, gap_ms, host_ms, bus_min, current_max, current_ms, arcs, senses;
             "edm_servo_head::gap::pulses::Config" ArcConfig: share, ms;
+            "edm_servo_head::gap::senses::Config" SensesConfig: memory, material;
+            "edm_servo_head::gap::charging::Material" Material: coefficients, shortest, longest;
             "edm_servo_head::gap::pulses::stream::Counts" Counts: classes, charged, charging, waited, ignited;
             "edm_hal_shim::gap::Edges" Edges: at, count;
             "edm_servo_head::head::positioning::MotionLimits" MotionLimits: velocity, acceleration, deceleration;
@@ -569,6 +575,21 @@ fn limits(view: &View) -> Result<SupervisionLimits> {
         current_max: Amps(view.float(at!(SupervisionLimits, current_max))?),
         current_ms: view.word(at!(SupervisionLimits, current_ms))?,
         arcs: arcs(&View { at: view.at + at!(SupervisionLimits, arcs) as u32, ..*view })?,
+        senses: senses(&view.inner(at!(SupervisionLimits, senses)))?,
+    })
+}
+
+fn senses(view: &View) -> Result<SensesConfig> {
+    let material = view.inner(at!(SensesConfig, material));
+    let coefficients = at!(Material, coefficients);
+    let coefficient = |n: usize| material.float(coefficients + 4 * n);
+    Ok(SensesConfig {
+        memory: view.float(at!(SensesConfig, memory))?,
+        material: Material {
+            coefficients: [coefficient(0)?, coefficient(1)?, coefficient(2)?, coefficient(3)?],
+            shortest: material.float(at!(Material, shortest))?,
+            longest: material.float(at!(Material, longest))?,
+        },
     })
 }
 

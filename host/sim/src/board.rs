@@ -275,6 +275,10 @@ impl Tunable for Source {
     fn is_intact(&mut self) -> bool {
         Tunable::is_intact(&mut self.voltage) && !self.ports.gap_damaged.get()
     }
+
+    fn slow(&mut self) -> (usize, u32) {
+        Tunable::slow(&mut self.voltage)
+    }
 }
 
 impl HBridge for Part {

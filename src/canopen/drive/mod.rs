@@ -53,6 +53,8 @@ pub use codes::{FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
 use super::objects::{COUNT, Item, rows};
 use super::{Event, NmtState, Node, Time};
 use crate::gap::pulses::CLASSES;
+use crate::gap::senses::delays::Delays;
+use crate::gap::voltage::{self, SLOW};
 use crate::head::{self, Command, Contradiction, Fault, PROBES, Probe, Status};
 use crate::path::AHEAD;
 use crate::settings::{Active, SettingError, Settings};
@@ -70,6 +72,23 @@ use stored::{Loading, Loss};
 
 /// Velocity below which an axis counts as standing, counts/s.
 const STANDING: f32 = 1000.0;
+
+/// Ignition delays: of now, at the last take, and between the last two takes.
+#[derive(Clone, Copy, Debug, Default)]
+struct Histogram {
+    now: Delays,
+    then: Delays,
+    taken: Delays,
+}
+
+impl Histogram {
+    fn take(&mut self) {
+        for ((taken, then), now) in self.taken.iter_mut().zip(&self.then).zip(&self.now) {
+            *taken = now.wrapping_sub(*then);
+        }
+        self.then = self.now;
+    }
+}
 
 /// A head as a CiA 402 drive. See the [module](self).
 #[derive(Debug)]
@@ -92,6 +111,9 @@ pub struct Drive {
     lost: Lost,
     /// Looks at pulses of each class, of the last 200 ms.
     looks: [u32; CLASSES],
+    delays: Histogram,
+    /// Frequency of the notch, 0.01 Hz, and whether it follows the mains.
+    mains: (u16, bool),
     /// The settings come from a reset and are not a host's write, which could be taken back.
     restarting: bool,
     /// A configuration was ordered and has not come back: there is no other until then.
@@ -176,6 +198,8 @@ impl Drive {
             generations: Generations::default(),
             lost: Lost::default(),
             looks: [0; CLASSES],
+            delays: Histogram::default(),
+            mains: (0, false),
             restarting: false,
             configuring: false,
             stale: false,
@@ -283,6 +307,14 @@ impl Drive {
     /// Looks at pulses of each class, of the last 200 ms, for 200Fh.
     pub fn set_looks(&mut self, looks: [u32; CLASSES]) {
         self.looks = looks;
+    }
+
+    /// What the gap source says in turns, for 2012h.
+    pub fn set_slow(&mut self, slow: &[u32; SLOW]) {
+        for (count, word) in self.delays.now.iter_mut().zip(slow) {
+            *count = *word;
+        }
+        self.mains = voltage::mains_of(slow);
     }
 
     /// Takes the newest status, once a millisecond.

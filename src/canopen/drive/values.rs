@@ -5,6 +5,7 @@ use super::{Drive, Order, TaskTimer, clamp32, codes, probe};
 use crate::canopen::objects::{Decoded, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Written};
 use crate::gap::pulses::Class;
+use crate::gap::senses::delays::Delays;
 use crate::head::{self, Command, Contradiction, Guidance};
 use crate::path::{BESIDE_NM, Bound};
 use crate::settings::{Change, Declared, Kind, SettingError, Settings, place};
@@ -53,12 +54,22 @@ impl Dictionary for Drive {
         }
     }
 
-    fn stream_length(&self, _: ObjectHandle) -> Result<u32, Abort> {
-        Ok(self.scope.length())
+    fn stream_length(&self, place: ObjectHandle) -> Result<u32, Abort> {
+        match item_at(place) {
+            Some(Item::DelaysTaken) => Ok(size_of::<Delays>() as u32),
+            _ => Ok(self.scope.length()),
+        }
     }
 
-    fn stream(&self, _: ObjectHandle, offset: u32, out: &mut [u8]) -> Result<(), Abort> {
-        self.scope.copy(offset, out);
+    fn stream(&self, place: ObjectHandle, offset: u32, out: &mut [u8]) -> Result<(), Abort> {
+        if item_at(place) != Some(Item::DelaysTaken) {
+            self.scope.copy(offset, out);
+            return Ok(());
+        }
+        for (byte, at) in out.iter_mut().zip(offset as usize..) {
+            let bytes = self.delays.taken.get(at / 4).copied().unwrap_or(0).to_le_bytes();
+            *byte = bytes.get(at % 4).copied().unwrap_or(0);
+        }
         Ok(())
     }
 
@@ -230,6 +241,28 @@ impl Drive {
             Item::PulsesShort => self.looks[Class::Short as usize].into(),
             Item::PulsesNone => self.looks[Class::NoPulse as usize].into(),
             Item::PulsesUncertain => self.looks[Class::Uncertain as usize].into(),
+            Item::GapError => centivolts(status.gap_error),
+            Item::HazardRate => status.senses.hazard.map_or(0, |hazard| i64::from(hazard.rate as u32)),
+            Item::HazardDeviation => {
+                status.senses.hazard.map_or(0, |hazard| i64::from((1000.0 * libm::sqrtf(hazard.variance)) as u16))
+            }
+            Item::GapByCharging => {
+                status.senses.distance.map_or(0, |charged| i64::from((100.0 * charged.gap.0) as u16))
+            }
+            Item::ChargingInside => status.senses.distance.map_or(0, |charged| if charged.inside { 1 } else { 2 }),
+            Item::SparkRate => status.senses.frequency.map_or(0, |rate| i64::from(rate as u32)),
+            Item::SparksMissing => match status.senses.frequency {
+                Some(_) => status.senses.missing.into(),
+                None => 2,
+            },
+            Item::PulseAge => status.senses.age.into(),
+            Item::MainsFrequency => self.mains.0.into(),
+            Item::MainsLocked => self.mains.1.into(),
+            Item::CountOpen => status.gap.pulses.class(Class::Open).into(),
+            Item::CountSpark => status.gap.pulses.class(Class::Spark).into(),
+            Item::CountArc => status.gap.pulses.class(Class::Arc).into(),
+            Item::CountShort => status.gap.pulses.class(Class::Short).into(),
+            Item::CountUncertain => status.gap.pulses.class(Class::Uncertain).into(),
             Item::ScopeState => self.scope.phase() as i64,
             Item::ScopeCount => self.scope.count().into(),
             Item::ErrorCode => match self.state {
@@ -320,6 +353,7 @@ impl Drive {
             Item::ScopeSignal1 | Item::ScopeSignal2 | Item::ScopeSignal3 | Item::ScopeSignal4 if value != 0 => {
                 signal_entry(value as u32)?;
             }
+            Item::DelaysTake => self.delays.take(),
             Item::ScopeArm if value == 1 => self.scope.arm(),
             Item::ScopeArm => self.scope.stop(),
             _ => {}
@@ -444,6 +478,12 @@ impl Drive {
     fn may_be_enabled(&self) -> bool {
         self.status.state != head::State::Disabled || self.enabling || self.commissioning
     }
+}
+
+/// What is at a place, where that is a row.
+fn item_at(place: ObjectHandle) -> Option<Item> {
+    let Decoded::Row(number) = Decoded::at(place) else { return None };
+    rows().get(usize::from(number)).map(Row::item)
 }
 
 /// An address as a number; 0 for none.

@@ -264,6 +264,25 @@ objects! {
         10 HoleDepth: i32, ro, tx, I32, 0, "counts", live, "Hole depth: electrode travel minus the wear measured since the hole was begun";
         11 KeptSurface: i32, rw, no, I32, -2_147_483_648, "counts", live, "Kept surface: from which the hole under the electrode is measured, written by a host; -2147483648 none, as after homing, a lost home and a reset of the node";
     }
+    0x2012 "Gap senses" {
+        1 GapError: i16, ro, tx, I16, 0, "0.01 V", live, "Gap error: of gap.controlled, that the feed law acts on; positive in a wide gap";
+        2 HazardRate: u32, ro, tx, U32, 0, "1/s", live, "Hazard: ignitions a second of waiting, of the pulses of the last gap.memory_ms; 0 not known";
+        3 HazardDeviation: u16, ro, tx, U16, 0, "0.1 %", live, "Hazard, standard deviation: of the hazard; 0 not known";
+        4 GapByCharging: u16, ro, tx, U16, 0, "0.01 um", live, "Distance: gap by charging time and gap.charging_c3 to c0; 0 not known";
+        5 ChargingInside: u8, ro, tx, (0, 2), 0, "", live, "Distance, validity: 0 no pulse was seen to charge, 1 within what the polynomial holds for, 2 beyond it: the distance is the nearest end";
+        6 SparkRate: u32, ro, tx, U32, 0, "1/s", live, "Spark frequency: at most one over the time since the newest spark; 0 none or not known";
+        7 SparksMissing: u8, ro, tx, (0, 2), 0, "", live, "Sparks missing: 0 no, 1 none for longer than 13 of their mean periods, 2 no pulses";
+        8 PulseAge: u16, ro, tx, U16, 0, "ms", live, "Pulse age: time since the newest pulse; 65535 longer, or none yet";
+        9 MainsFrequency: u16, ro, tx, U16, 0, "0.01 Hz", live, "Notch frequency";
+        10 MainsLocked: u8, ro, tx, (0, 1), 0, "", live, "Notch follows: 1 there is hum that it follows; 0 none, or gap.follow_mains is off";
+        11 CountOpen: u32, ro, tx, U32, 0, "", live, "Open pulses: since power-on, modulo 2^32; the same for those below";
+        12 CountSpark: u32, ro, tx, U32, 0, "", live, "Sparks";
+        13 CountArc: u32, ro, tx, U32, 0, "", live, "Arcs";
+        14 CountShort: u32, ro, tx, U32, 0, "", live, "Shorts";
+        15 CountUncertain: u32, ro, tx, U32, 0, "", live, "Uncertain pulses";
+        16 DelaysTake: u8, wo, no, (1, 1), 1, "", live, "Take: 1 copies the ignition delays since the last time to sub-index 17";
+        17 DelaysTaken: domain, ro, no, U8, 0, "", live, "Ignition delays: 32 counts of 32 bits, little-endian; bin 0 up to 96 clock cycles of 168 MHz (0.57 us), then two bins an octave, ending at 128, 192, 256, 384, ...; the last without an end";
+    }
     0x6007 "Abort connection option code" { 0 AbortOption: i16, rw, no, (0, 3), 1, "", store, "Abort connection option code: reaction to the loss of the host: 0 none, 1 fault, 2 disable voltage, 3 quick stop"; }
     0x603F "Error code" { 0 ErrorCode: u16, ro, tx, U16, 0, "", live, "Error code"; }
     0x6040 "Controlword" { 0 Controlword: u16, rw, rx, U16, 0, "", live, "Controlword"; }

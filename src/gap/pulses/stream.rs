@@ -58,7 +58,7 @@ impl Counts {
     #[inline]
     pub fn since(&self, earlier: &Counts) -> Counts {
         Counts {
-            classes: core::array::from_fn(|class| self.class(class).wrapping_sub(earlier.class(class))),
+            classes: core::array::from_fn(|class| self.numbered(class).wrapping_sub(earlier.numbered(class))),
             charged: self.charged.wrapping_sub(earlier.charged),
             charging: self.charging.wrapping_sub(earlier.charging),
             waited: self.waited.wrapping_sub(earlier.waited),
@@ -66,7 +66,13 @@ impl Counts {
         }
     }
 
-    fn class(&self, class: usize) -> u32 {
+    /// Pulses of a class.
+    #[inline]
+    pub fn class(&self, class: Class) -> u32 {
+        self.numbered(class as usize)
+    }
+
+    fn numbered(&self, class: usize) -> u32 {
         self.classes.get(class).copied().unwrap_or(0)
     }
 

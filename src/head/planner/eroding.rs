@@ -4,13 +4,14 @@ use super::Planner;
 use super::states::REST;
 use crate::feed::FeedLaw;
 use crate::gap::Quality;
+use crate::gap::controlled::{Controlled, GapVoltage, Sensed, Variable};
 use crate::head::config::{Config, Structure};
 use crate::head::ends::{Ends, Place};
 use crate::head::fault::Fault;
 use crate::head::reaction::Motion;
 use crate::head::state::{Reason, State};
 use crate::path::Path;
-use crate::units::{Fixed, MicrometresPerSecond, Volts, larger};
+use crate::units::{Fixed, MicrometresPerSecond, TICKS_PER_MS, Volts, larger};
 use core::ops::DerefMut;
 
 /// Jumps for arcs, one after the other, after which arcs that are still there stay.
@@ -72,6 +73,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             _ => {}
         }
         let error = self.gap_error();
+        if self.is_blind() {
+            self.raise(Fault::GapSignalInvalid);
+            return self.react();
+        }
         if self.meets && self.status.gap.quality == Quality::Valid && error.0 <= 0.0 {
             (self.status.found, self.meets) = (self.status.position, false);
         }
@@ -138,14 +143,27 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.status.position == self.route.setpoint().round()
     }
 
-    /// Gap voltage above the setpoint. A reading that is not valid is no reason to move, and neither is a setpoint that is a
-    /// share of a voltage not measured yet; supervision decides how long a bad reading may last.
-    pub(super) fn gap_error(&self) -> Volts {
-        let setpoint = self.status.gap_setpoint;
-        match self.status.gap.quality {
-            Quality::Valid if setpoint.0 > 0.0 => Volts(self.status.gap.filtered.0 - setpoint.0),
-            _ => Volts(0.0),
-        }
+    /// Gap error that the head acts on. A reading that is not valid is no reason to move, and neither is a set point that is a share
+    /// of a voltage not measured yet; how long a bad reading may last the supervision decides, and how long the controlled variable
+    /// may be unknown beside a good one, this.
+    pub(super) fn gap_error(&mut self) -> Volts {
+        let status = &mut self.status;
+        let setpoint = status.gap_setpoint;
+        let valid = status.gap.quality == Quality::Valid;
+        let sensed =
+            Sensed { gap: &status.gap, senses: &status.senses, setpoint: (setpoint.0 > 0.0).then_some(setpoint) };
+        let raw = if valid { self.config.controlled.error(&sensed) } else { None };
+        status.gap_error = self.transfer.error(raw, self.config.transfer);
+        // A set point that is a share is not unknown: it is measured at each seek.
+        let unknown = valid && raw.is_none() && self.config.controlled != Controlled::GapVoltage(GapVoltage);
+        self.unknown = if unknown { self.unknown.saturating_add(self.ticks) } else { 0 };
+        self.status.gap_error
+    }
+
+    /// The controlled variable has been unknown for longer than a gap reading may be bad: a head that stands still would not
+    /// show it.
+    pub(super) fn is_blind(&self) -> bool {
+        self.unknown > self.config.supervise.gap_ms.saturating_mul(TICKS_PER_MS)
     }
 
     /// Far behind the last good place, and with nothing in the way, the head goes as fast as it came back.

@@ -19,6 +19,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.refer();
         self.measure_open();
         let error = self.gap_error();
+        if self.is_blind() {
+            self.raise(Fault::GapSignalInvalid);
+            return self.react();
+        }
         let feed = self.config.limits.clamp(self.law.velocity(error, self.ticks));
         let ramp = self.ramp(&MotionLimits {
             velocity: self.config.retreat.velocity,

@@ -38,6 +38,7 @@ use super::touch;
 use super::{Refused, Status};
 use crate::feed::Law;
 use crate::gap::OpenCircuit;
+use crate::gap::controlled::Transfer;
 use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
@@ -75,6 +76,9 @@ pub struct Planner<P> {
     resets: u32,
     trusts: u32,
     law: Law,
+    transfer: Transfer,
+    /// Servo ticks of erosion in which the controlled variable was not known.
+    unknown: u32,
     open: OpenCircuit,
     /// State that a retreat returns to, and the count where it began.
     retreat: (State, i64),
@@ -138,6 +142,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             resets: 0,
             trusts: 0,
             law: config.law,
+            transfer: Transfer::NONE,
+            unknown: 0,
             open: OpenCircuit::new(config.seek.settle),
             retreat: (State::Eroding, 0),
             positioning: None,
@@ -218,6 +224,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         if config.law != self.config.law {
             self.law = config.law;
+        }
+        if core::mem::discriminant(&config.controlled) != core::mem::discriminant(&self.config.controlled) {
+            self.transfer.begin();
         }
         if !matches!(self.status.state, State::Fault | State::Lifting) {
             self.route.set_retreat(config.retreat.limit);
@@ -374,6 +383,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         status.back_emf = monitored.back_emf;
         status.illegal_transitions = monitored.illegal;
         status.current_reduced = monitored.reduced;
+        status.senses = monitored.senses;
         status.gap_setpoint = self.config.setpoint.volts(status.open_circuit);
         if status.closed && status.state.follows() && !status.gap.touches {
             self.cleared = self.cleared.max(status.position);

@@ -5,6 +5,8 @@ use edm_fil::host;
 use edm_fil::image::Image;
 use edm_fil::rig::{Emulated, Witness};
 use edm_servo_head::gap::pulses::Class;
+use edm_servo_head::gap::senses::Sensing;
+use edm_servo_head::gap::senses::delays::BINS;
 use edm_servo_head::head::{Command, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
@@ -39,6 +41,7 @@ fn the_classes_add_up_to_the_pulses_of_the_generator_at_1_to_100_khz() {
             }
         }
         assert_eq!(rig.status().state, State::Eroding, "{name}: {:?}", rig.status().fault);
+        senses(&mut rig, name);
         rig.command(Command::Hold).unwrap();
         for _ in 0..100 {
             rig.tick().unwrap();
@@ -59,4 +62,50 @@ fn the_classes_add_up_to_the_pulses_of_the_generator_at_1_to_100_khz() {
         assert!(of(Class::Open).abs_diff(truth.open) * 100 <= truth.total(), "{name}: {counts:?}, {truth:?}");
         assert!(of(Class::Uncertain) * 8 <= truth.total(), "{name}: {counts:?}, {truth:?}");
     }
+}
+
+/// What the head says of its pulses over the bus is what the same estimators make of the counts on a PC.
+fn senses(rig: &mut Emulated, name: &str) {
+    let config = Settings::default().build().unwrap().head.supervise.senses;
+    let mut sensing = Sensing::default();
+    for _ in 0..200 {
+        for _ in 0..20 {
+            rig.tick().unwrap();
+        }
+        sensing.look(&config, &rig.status().gap.pulses, true);
+    }
+    let before = rig.status().gap.pulses;
+    let mut read = |sub| host::read(rig, 0x2012, sub).unwrap();
+    let [hazard, deviation, distance, sparks, missing, age, notch] = [2, 3, 4, 6, 7, 8, 9].map(&mut read);
+    let classes = [11, 12, 13, 14, 15].map(&mut read);
+    let senses = sensing.senses();
+    println!("{name}: {hazard} /s +- {deviation} per mille, {distance} x 0.01 um, {sparks} sparks/s; {senses:?}");
+    let known = senses.hazard.unwrap();
+    // Another millisecond or two: three standard deviations of ten milliseconds that are a fifth others.
+    let near = |a: f32, b: f32, share: f32| (a - b).abs() <= share * b;
+    assert!(near(hazard as f32, known.rate, 1.5 * known.variance.sqrt()), "{name}: {hazard}, {known:?}");
+    assert!(near(deviation as f32, 1000.0 * known.variance.sqrt(), 0.3), "{name}: {deviation}, {known:?}");
+    assert!(near(distance as f32, 100.0 * senses.distance.unwrap().gap.0, 0.1), "{name}: {distance}, {senses:?}");
+    assert!(
+        near(sparks as f32, senses.frequency.unwrap(), 1.5 * known.variance.sqrt()),
+        "{name}: {sparks}, {senses:?}"
+    );
+    assert!(missing == 0 && age <= 2 && notch == 5000, "{name}: {missing}, {age}, {notch}");
+    let counted = classes.iter().fold(0u32, |sum, count| sum.wrapping_add(*count));
+    let after = rig.status().gap.pulses.total();
+    assert!((before.total()..=after).contains(&counted), "{name}: {counted}");
+
+    // The histogram of the delays has every ignition since the start, and is empty when it is taken again at once.
+    host::write(rig, 0x2012, 16, 1, 1).unwrap();
+    let [delays, ignited] = [histogram(rig), rig.status().gap.pulses.ignited];
+    assert!(delays.abs_diff(ignited) <= ignited / 20 + 40, "{name}: {delays} of {ignited}");
+    host::write(rig, 0x2012, 16, 1, 1).unwrap();
+    assert!(histogram(rig) <= ignited / 10 + 40, "{name}");
+}
+
+/// All counts of the histogram, by a segmented upload.
+fn histogram(rig: &mut Emulated) -> u32 {
+    let bytes = host::upload(rig, 0x2012, 17).unwrap();
+    assert_eq!(bytes.len(), 4 * BINS);
+    bytes.chunks_exact(4).map(|count| u32::from_le_bytes(count.try_into().unwrap())).sum()
 }

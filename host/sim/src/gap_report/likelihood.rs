@@ -70,21 +70,21 @@ pub fn run((_, on_us, gap_um): (f64, f64, f64), trials: u32) -> Row {
     let ignites = 1.0 - (-known * on).exp();
     let curve = Curve::new(Micrometres(50.0), hazard(50.0) as f32, Curve::POWER).expect("a curve in range");
     let mut random = Xoshiro256PlusPlus::seed_from_u64(11);
-    let mut pulse = |likelihood: &mut Likelihood| {
+    let mut pulse = |likelihood: &mut Likelihood, memory: u32| {
         let draw: f64 = random.random();
         let waits = -(1.0 - draw).ln() / known;
-        likelihood.pulse((waits.min(on) * f64::from(CLOCK_HZ)) as u32, waits < on);
+        let keep = 1.0 - 1.0 / memory as f32;
+        likelihood.step(keep, (waits.min(on) * f64::from(CLOCK_HZ)) as u32, (waits < on).into());
     };
-    let memory = |pulses: u32| Likelihood::new(pulses as f32).expect("a memory in range");
     let mut kinds = [Trials::default(), Trials::default()];
     let mut gaps = (0.0, 0.0);
-    let mut long = memory(PULSES / 2);
-    (0..10 * PULSES).for_each(|_| pulse(&mut long));
+    let mut long = Likelihood::default();
+    (0..10 * PULSES).for_each(|_| pulse(&mut long, PULSES / 2));
     for _ in 0..trials {
-        let mut fresh = memory(2 * PULSES);
-        (0..PULSES).for_each(|_| pulse(&mut fresh));
+        let mut fresh = Likelihood::default();
+        (0..PULSES).for_each(|_| pulse(&mut fresh, 2 * PULSES));
         // Until nothing is left of the estimate before.
-        (0..4 * PULSES).for_each(|_| pulse(&mut long));
+        (0..4 * PULSES).for_each(|_| pulse(&mut long, PULSES / 2));
         for (kind, likelihood) in kinds.iter_mut().zip([&fresh, &long]) {
             if let Some(hazard) = likelihood.hazard() {
                 kind.add(known, &hazard);
