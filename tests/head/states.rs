@@ -132,9 +132,9 @@ fn every_structure_and_law_of_roberts_keeps_the_gap() {
 
 #[test]
 fn a_controlled_variable_that_is_not_known_is_a_fault_and_no_head_that_stands_still() {
-    // The bench has voltages, and no pulses with edges.
-    for controlled in ControlledName::ALL.iter().skip(1) {
-        let mut bench = Bench::with(|settings| settings.controlled = *controlled);
+    // The bench has no comparators; sparks it counts by their class.
+    for controlled in [ControlledName::IgnitionHazard, ControlledName::GapDistance] {
+        let mut bench = Bench::with(|settings| settings.controlled = controlled);
         bench.make_ready();
         bench.command(Command::MoveTo(Nanometres(4_000_000)));
         bench.command(Command::Start);
