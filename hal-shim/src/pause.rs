@@ -484,8 +484,10 @@ mod tests {
         on: Cell<bool>,
         forced: Cell<[u32; 2]>,
         words: [Cell<u32>; 4],
-        /// Times that the line was on and should not have been, seen after an event.
+        /// Held, and not released.
         paused: Cell<bool>,
+        /// Times that it was switched on.
+        allowed: Cell<u32>,
     }
 
     impl Scripted {
@@ -499,7 +501,12 @@ mod tests {
                 forced: Cell::new([0; 2]),
                 words: Default::default(),
                 paused: Cell::new(false),
+                allowed: Cell::new(0),
             }
+        }
+
+        fn word(&self, word: Word) -> u32 {
+            self.words[word as usize].get()
         }
 
         /// Before each access.
@@ -523,7 +530,14 @@ mod tests {
                 }
                 Event::Release => {
                     self.paused.set(false);
+                    let trusted = self.forced.get() == [Word::Bridge, Word::Pulses].map(|word| self.word(word));
+                    let permitted = self.word(Word::Permitted) == 1;
+                    let allowed = self.allowed.get();
                     release(self);
+                    // Not for a moment against what was there before, and at its end against nothing that came in between.
+                    let tried = self.allowed.get() != allowed;
+                    assert!(!tried || trusted && permitted, "{:?}", self.script);
+                    assert!(!self.on.get() || !tried || self.forced.get() == [bridge, pulses], "{:?}", self.script);
                 }
                 Event::Kill => {
                     self.on.set(false);
@@ -561,6 +575,7 @@ mod tests {
         fn allow(&self) {
             self.point();
             self.on.set(true);
+            self.allowed.set(self.allowed.get() + 1);
         }
         fn inhibit(&self) {
             self.point();
