@@ -104,8 +104,8 @@ impl Default for Pauses {
 pub trait Look {
     /// Place of the newest conversion of the gap voltage.
     fn newest(&self) -> u32;
-    /// Its code.
-    fn code(&self, place: u32) -> u16;
+    /// Code of the conversion before the one at a place.
+    fn code_before(&self, place: u32) -> u16;
     /// Whether the gate is open, and whether the gap is above 70 % of the open-circuit voltage.
     fn gate_and_high(&self) -> [bool; 2];
     /// Pulses that the reflex has ended so far, wrapping.
@@ -127,11 +127,11 @@ const LATE: u32 = 120;
 const TOGETHER: u32 = 48;
 /// Cycles of one converter clock.
 const ADC_CYCLE: u32 = CORE_HZ / ADC.hz;
-/// Cycles from the end of an aperture until its code is there. Longer than the entry of the task: what is then newest has sampled before
-/// the gate closed.
+/// Cycles from the end of an aperture until its code is there.
 const CONVERTS: u32 = (GAP_SAMPLING.conversion_cycles - GAP_SAMPLING.sample_cycles as u32) * ADC_CYCLE;
-/// Cycles since the newest conversion began to sample, at most, and of doubt.
-const AGE: u32 = GapBlock::APERTURE + CONVERTS + GapBlock::SPACING + 6 * ADC_CYCLE;
+/// Cycles since the conversion before the newest began to sample, at most, and of doubt. The newest may have sampled after the gate closed,
+/// where the task entered later than [`CONVERTS`].
+const AGE: u32 = GapBlock::APERTURE + CONVERTS + 2 * GapBlock::SPACING + 6 * ADC_CYCLE;
 
 /// What the fast path remembers of the pulse before.
 #[derive(Clone, Copy, Debug, Default)]
@@ -178,7 +178,7 @@ impl Watch {
         if on < AGE + LATE + pauses.blanking.load(Relaxed) {
             return Some(Class::Spark);
         }
-        let code = u32::from(look.code(place)) ^ pauses.turns.load(Relaxed);
+        let code = u32::from(look.code_before(place)) ^ pauses.turns.load(Relaxed);
         let [short, arc, open] = pauses.levels.each_ref().map(|level| level.load(Relaxed));
         Some(if code < short {
             Class::Short
@@ -296,7 +296,7 @@ pub fn decided(line: &impl Line, [bridge, pulses]: [u32; 2]) {
     line.store(Word::Pulses, pulses);
 }
 
-/// A pause begins, or another in the place of one that lasts: then true. Only for the fast path.
+/// Begins a pause and inhibits pulses. True where a pause was under way, which this one replaces. Only for the fast path.
 #[inline(always)]
 pub fn hold(line: &impl Line) -> bool {
     line.inhibit();
@@ -339,6 +339,7 @@ mod tests {
         /// When the newest edge of the high comparator since the pulse before came, cycles ago.
         fell: Option<u32>,
         opened: u32,
+        /// Code of the conversion before the newest.
         code: u16,
     }
 
@@ -354,7 +355,7 @@ mod tests {
         fn newest(&self) -> u32 {
             7
         }
-        fn code(&self, place: u32) -> u16 {
+        fn code_before(&self, place: u32) -> u16 {
             assert_eq!(place, 7);
             self.code
         }
@@ -424,8 +425,8 @@ mod tests {
             assert_eq!(class(shown), Some(expected), "{shown:?}");
         }
         assert_eq!(class(Shown { open: true, ..BURNED }), None);
-        // A pulse of 100 kHz and 60 % is long enough.
-        assert!(enough <= 168 * 6);
+        // A pulse of 100 kHz and 80 % is long enough.
+        assert!(enough <= 168 * 8);
     }
 
     #[test]

@@ -18,13 +18,16 @@ pub(super) fn newest() -> u32 {
     super::dma::left::<0>()
 }
 
-/// The code at a place.
+/// Code of the conversion before the one at a place.
 #[inline(always)]
-pub(super) fn code(place: u32) -> u16 {
+pub(super) fn code_before(place: u32) -> u16 {
+    const LAST: usize = 2 * BLOCK - 1;
     let codes = CODES.as_flattened();
+    let place = place as usize;
     // As many are left as the ring has when it has just begun anew: the newest is then its last.
-    let place = codes.len().wrapping_sub(1).wrapping_sub(place as usize);
-    codes.get(place).or(codes.last()).map_or(0, |code| code.load(Relaxed))
+    let before = if place > LAST { LAST - 1 } else { LAST.wrapping_sub(1).wrapping_sub(place) };
+    // Before the first of the ring comes its last.
+    codes.get(before).or(codes.last()).map_or(0, |code| code.load(Relaxed))
 }
 
 /// Sampling time of a channel: its register and the bits in it (RM0090 13.13.4).

@@ -37,8 +37,8 @@ impl Look for FrontEnd {
     }
 
     #[inline(always)]
-    fn code(&self, place: u32) -> u16 {
-        blocks::code(place)
+    fn code_before(&self, place: u32) -> u16 {
+        blocks::code_before(place)
     }
 
     #[inline(always)]

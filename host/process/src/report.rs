@@ -133,7 +133,8 @@ fn results(gates: &[Gate]) -> String {
     format!("{table}\n{notes}")
 }
 
-fn parameters() -> String {
+/// Head of a table of parameters, a column for each machine.
+fn header() -> String {
     let mut table = String::from("| parameter | unit |");
     for Machine { name, .. } in MACHINES {
         let _ = write!(table, " {name} |");
@@ -141,6 +142,11 @@ fn parameters() -> String {
     table += " what it is | rests on |\n| --- | --- |";
     table += &" --- |".repeat(MACHINES.len());
     table += " --- | --- |\n";
+    table
+}
+
+fn parameters() -> String {
+    let mut table = header();
     for (k, declared) in DECLARED.iter().enumerate().take(OF_VERSION_1) {
         let value = |machine: &Machine| machine.parameters().values().nth(k).unwrap_or(f64::NAN);
         let _ = write!(table, "| `{}` | {} |", declared.key, declared.unit);
@@ -171,13 +177,7 @@ fn parameters() -> String {
 
 /// The numbers of which version 2 has others than version 1, or has alone.
 fn second() -> String {
-    let mut table = String::from("| parameter | unit |");
-    for Machine { name, .. } in MACHINES {
-        let _ = write!(table, " {name} |");
-    }
-    table += " what it is | rests on |\n| --- | --- |";
-    table += &" --- |".repeat(MACHINES.len());
-    table += " --- | --- |\n";
+    let mut table = header();
     for (k, declared) in DECLARED.iter().enumerate() {
         let value = |machine: &Machine, version| machine.of(version).values().nth(k).unwrap_or(f64::NAN);
         let differs = |machine: &&Machine| value(machine, 1) != value(machine, 2);

@@ -33,10 +33,11 @@ fn eroding(scenario: &str, controlled: ControlledName, seed: u64) -> (Machine, S
 
 #[test]
 fn every_controlled_variable_keeps_a_gap_of_its_own() {
-    for (scenario, controlled) in [
-        ("sinker", ControlledName::IgnitionHazard),
-        ("sinker", ControlledName::Frequency),
-        ("silicon", ControlledName::GapDistance),
+    // Scenario, variable, mean gap and its rms, um.
+    for (scenario, controlled, gaps, most) in [
+        ("sinker", ControlledName::IgnitionHazard, 28.0..40.0, 8.0),
+        ("sinker", ControlledName::Frequency, 36.0..48.0, 8.0),
+        ("silicon", ControlledName::GapDistance, 43.0..46.0, 1.0),
     ] {
         for seed in 1..=3 {
             let (mut machine, _) = eroding(scenario, controlled, seed);
@@ -55,8 +56,8 @@ fn every_controlled_variable_keeps_a_gap_of_its_own() {
             let rms = (squares / count - mean * mean).sqrt();
             println!("{scenario} {controlled:?} {seed}: gap {mean:.1} um, {rms:.1} um rms, error {error:+.2} V");
             assert!(!fault && count > 50_000.0, "{scenario} {controlled:?}: {:?}", machine.status().fault);
-            assert!((15.0..70.0).contains(&mean) && rms < 12.0, "{scenario} {controlled:?}: {mean} um, {rms} um rms");
-            assert!(error.abs() < 6.0, "{scenario} {controlled:?}: {error} V off on average");
+            assert!(gaps.contains(&mean) && rms < most, "{scenario} {controlled:?}: {mean} um, {rms} um rms");
+            assert!(error.abs() < 2.0, "{scenario} {controlled:?}: {error} V off on average");
         }
     }
 }

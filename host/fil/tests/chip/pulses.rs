@@ -81,9 +81,9 @@ fn senses(rig: &mut Emulated, name: &str) {
     let senses = sensing.senses();
     println!("{name}: {hazard} /s +- {deviation} per mille, {distance} x 0.01 um, {sparks} sparks/s; {senses:?}");
     let known = senses.hazard.unwrap();
-    // Another millisecond or two: three standard deviations of ten milliseconds that are a fifth others.
+    // Another millisecond or two: three standard deviations of ten milliseconds that are a fifth others, and a gap that has moved.
     let near = |a: f32, b: f32, share: f32| (a - b).abs() <= share * b;
-    assert!(near(hazard as f32, known.rate, 1.5 * known.variance.sqrt()), "{name}: {hazard}, {known:?}");
+    assert!(near(hazard as f32, known.rate, 0.1 + 1.5 * known.variance.sqrt()), "{name}: {hazard}, {known:?}");
     assert!(near(deviation as f32, 1000.0 * known.variance.sqrt(), 0.3), "{name}: {deviation}, {known:?}");
     assert!(near(distance as f32, 100.0 * senses.distance.unwrap().gap.0, 0.1), "{name}: {distance}, {senses:?}");
     assert!(
