@@ -167,6 +167,7 @@ pub fn assemble<B: Board>(
             begun: false,
             reading: reading_in,
             settings: gap,
+            run: 0,
         },
         servo: Servo {
             follower: Follower::new(active.head.follow()),
@@ -283,6 +284,7 @@ impl<B: Board> Host<B> {
             uptime: Uptime::new(now, B::Clock::HZ),
             node,
             drive,
+            slow: 0,
             defaults,
             filters: self.filters,
             thresholds: self.thresholds,

@@ -17,6 +17,8 @@ use edm_hal_shim::tick::{Period, ServoTimer};
 use edm_hal_shim::watchdog::Watchdog;
 use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::GapSource;
+use edm_servo_head::gap::pulses::Fit;
+use edm_servo_head::gap::teach::Shown;
 use edm_servo_head::gap::voltage;
 use edm_servo_head::head::WritePermit;
 
@@ -38,6 +40,12 @@ pub trait Tunable: GapSource {
     fn is_intact(&mut self) -> bool;
     /// One of the [`voltage::SLOW`] words, in turn, and which it is.
     fn slow(&mut self) -> (usize, u32);
+    /// Shows what the pulses that end were, from the next block on, or does so no longer.
+    fn collect(&mut self, collects: bool);
+    /// There is something to show.
+    fn has_news(&self) -> bool;
+    /// Whether the levels of pulses fit, and of the pulses that have ended, the newest.
+    fn look(&mut self) -> (Fit, Option<Shown>);
 }
 
 impl Tunable for voltage::Voltage {
@@ -53,6 +61,19 @@ impl Tunable for voltage::Voltage {
     #[inline]
     fn slow(&mut self) -> (usize, u32) {
         voltage::Voltage::slow(self)
+    }
+
+    fn collect(&mut self, collects: bool) {
+        voltage::Voltage::collect(self, collects);
+    }
+
+    #[inline(always)]
+    fn has_news(&self) -> bool {
+        voltage::Voltage::has_news(self)
+    }
+
+    fn look(&mut self) -> (Fit, Option<Shown>) {
+        voltage::Voltage::look(self)
     }
 }
 

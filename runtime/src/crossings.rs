@@ -13,6 +13,7 @@ use edm_hal_shim::task_watchdog::TaskWatchdog;
 use edm_servo_head::canopen::drive::TASKS;
 use edm_servo_head::canopen::{Frame, Group};
 use edm_servo_head::gap::pulses::CLASSES;
+use edm_servo_head::gap::teach::{BURNS, Gathered, Shown, Sum};
 use edm_servo_head::gap::{GapReading, voltage};
 use edm_servo_head::head::{
     Change, Command, Config, Counters, Estimate, Fault, Finding, FollowConfig, Measured, Monitored, Plan, Refused,
@@ -78,6 +79,8 @@ pub struct Signals {
     pub looks: [Word; CLASSES],
     /// What the gap source says in turns.
     pub slow: [Word; voltage::SLOW],
+    /// What is collected of the pulses for a teach-in.
+    pub teaching: Teaching,
     /// Frames did not fit the ring to the controller: the protocol wants to run when it is empty.
     pub backlog: Flag,
     /// A frame came in since the last supervision.
@@ -115,6 +118,7 @@ impl Signals {
             unseen: [const { Word::new(0) }; 2],
             looks: [const { Word::new(0) }; CLASSES],
             slow: [const { Word::new(0) }; voltage::SLOW],
+            teaching: Teaching::new(),
             backlog: Flag::new(),
             host: Flag::new(),
             settings_damaged: Flag::new(),
@@ -124,6 +128,88 @@ impl Signals {
             task_watchdog: TaskWatchdog::new(SILENCE),
             times: [const { crate::timers::Times::new() }; TASKS],
         }
+    }
+}
+
+/// What the gap task collects for a teach-in of the protocol. It is read while nothing is added, but for a pulse at most.
+pub struct Teaching {
+    /// The run that the protocol wants to collect for; 0: none.
+    wanted: Word,
+    /// Whether the levels fit the pulses, whatever is collected.
+    pub fit: Word,
+    /// The run that was collected for, and pulses that burned in it.
+    run: Word,
+    burned: Word,
+    burns: [Word; BURNS],
+    /// Count and sum, its bits those of an `f32`, of open-circuit voltages and of squares.
+    open: [Word; 2],
+    steps: [Word; 2],
+}
+
+impl Teaching {
+    const fn new() -> Teaching {
+        Teaching {
+            wanted: Word::new(0),
+            fit: Word::new(0),
+            run: Word::new(0),
+            burned: Word::new(0),
+            burns: [const { Word::new(0) }; BURNS],
+            open: [const { Word::new(0) }; 2],
+            steps: [const { Word::new(0) }; 2],
+        }
+    }
+
+    /// Collects for a run, or for none.
+    pub fn want(&self, run: u32) {
+        self.wanted.store(run);
+    }
+
+    /// The run to collect for.
+    #[inline(always)]
+    pub fn run(&self) -> u32 {
+        self.wanted.load()
+    }
+
+    /// Forgets what was collected before: of the gap task.
+    pub fn begin(&self, run: u32) {
+        let sums = self.open.iter().chain(&self.steps);
+        self.burns.iter().chain(sums).chain([&self.burned]).for_each(|word| word.store(0));
+        self.run.store(run);
+    }
+
+    /// Adds a pulse: of the gap task.
+    pub fn add(&self, shown: &Shown) {
+        match shown {
+            Shown::Open(volts) => add(&self.open, volts.0),
+            Shown::Burned(volts, step) => {
+                if let Some(count) = self.burns.get(Shown::bin(*volts)) {
+                    count.store(count.load().saturating_add(1));
+                }
+                self.burned.store(self.burned.load().saturating_add(1));
+                if let Some(step) = step {
+                    add(&self.steps, step.0 * step.0);
+                }
+            }
+        }
+    }
+
+    /// The run, and how many pulses have burned in it.
+    pub fn burned(&self) -> (u32, u32) {
+        (self.run.load(), self.burned.load())
+    }
+
+    /// What was collected.
+    pub fn gathered(&self) -> Gathered {
+        let sum = |[count, sum]: &[Word; 2]| Sum { count: count.load(), sum: f32::from_bits(sum.load()) };
+        Gathered { burns: self.burns.each_ref().map(Word::load), open: sum(&self.open), steps: sum(&self.steps) }
+    }
+}
+
+fn add([count, sum]: &[Word; 2], value: f32) {
+    let before = count.load();
+    if before < Sum::MOST {
+        count.store(before.saturating_add(1));
+        sum.store((f32::from_bits(sum.load()) + value).to_bits());
     }
 }
 

@@ -21,6 +21,8 @@ pub struct Gap<B: Board> {
     pub(crate) begun: bool,
     pub(crate) reading: Writer<'static, GapReading>,
     pub(crate) settings: Reader<'static, voltage::Active>,
+    /// Run of the teach-in that it collects for; 0: none.
+    pub(crate) run: u32,
 }
 
 impl<B: Board> Gap<B> {
@@ -45,6 +47,10 @@ impl<B: Board> Gap<B> {
         if !self.source.is_intact() {
             self.signals.settings_damaged.set();
         }
+        let run = self.signals.teaching.run();
+        if run != 0 || self.source.has_news() {
+            self.look(run);
+        }
         if self.settings.is_fresh() {
             self.retune();
         }
@@ -63,6 +69,24 @@ impl<B: Board> Gap<B> {
     fn lost(&mut self) {
         let lost = &self.signals.lost_blocks;
         lost.store(lost.load().wrapping_add(1));
+    }
+
+    /// A teach-in collects pulses, or what was seen of them has changed.
+    #[cold]
+    fn look(&mut self, run: u32) {
+        let teaching = &self.signals.teaching;
+        if core::mem::replace(&mut self.run, run) != run {
+            self.source.collect(run != 0);
+            // One that goes on keeps what it has.
+            if run != 0 && teaching.burned().0 != run {
+                teaching.begin(run);
+            }
+        }
+        let (fit, shown) = self.source.look();
+        teaching.fit.store(fit as u32);
+        if let Some(shown) = shown {
+            teaching.add(&shown);
+        }
     }
 
     /// Other settings, once the reading is out.

@@ -19,7 +19,7 @@ use edm_hal_shim::clock::Clock;
 use edm_hal_shim::reflex::Thresholds;
 use edm_servo_head::canopen::drive::{Drive, Generations, Lost, Order};
 use edm_servo_head::canopen::{Abort, BootError, Controller, Frame, Node, Time};
-use edm_servo_head::gap::voltage;
+use edm_servo_head::gap::voltage::{self, SLOW};
 use edm_servo_head::head::{Change, SetPoint, Status, SupervisionConfig};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::stored::{Full, LoadReport, StoredImage};
@@ -35,6 +35,9 @@ pub(crate) enum Configuring {
     Others,
 }
 
+/// Of those words, so many are taken in a millisecond: all of them in nine.
+const SLOW_A_MS: usize = 4;
+
 /// Node and drive, with the crossings to everybody else.
 pub struct Protocol<B: Board> {
     pub(crate) clock: B::Clock,
@@ -49,6 +52,8 @@ pub struct Protocol<B: Board> {
     pub(crate) filters: Option<B::Filters>,
     pub(crate) thresholds: B::Thresholds,
     pub(crate) timers: Timers,
+    /// Which of the words that the gap source says in turns is taken next.
+    pub(crate) slow: usize,
     pub(crate) configuring: Configuring,
     /// Requests sent and not answered.
     pub(crate) outstanding: usize,
@@ -209,9 +214,30 @@ impl<B: Board> Protocol<B> {
         if whole {
             self.drive.set_timers(self.timers.read(&self.signals.times, now));
             self.drive.set_looks(self.signals.looks.each_ref().map(Word::load));
-            self.drive.set_slow(&self.signals.slow.each_ref().map(Word::load));
+            self.slow();
+            self.teach();
         }
         whole
+    }
+
+    /// Some of what the gap source says in turns goes to the drive.
+    fn slow(&mut self) {
+        for _ in 0..SLOW_A_MS {
+            if let Some(word) = self.signals.slow.get(self.slow) {
+                self.drive.set_slow(self.slow, word.load());
+            }
+            self.slow = if self.slow + 1 < SLOW { self.slow + 1 } else { 0 };
+        }
+    }
+
+    /// What was seen of the pulses goes to the drive, and what it wants to see to the gap task.
+    fn teach(&mut self) {
+        let teaching = &self.signals.teaching;
+        self.drive.set_looks_at_levels(teaching.fit.load(), teaching.burned());
+        teaching.want(self.drive.teaching());
+        if self.drive.learns() {
+            self.drive.taught(&teaching.gathered());
+        }
     }
 
     /// Asks the planner to run what the drive says now.

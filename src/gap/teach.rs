@@ -1,6 +1,8 @@
 //! Levels of pulses, learnt from what burned.
 //!
-//! While the head erodes, one conversion of each pulse that burns is counted in a histogram of 1 V ([`Burns`]). Shorts lie below a
+//! While the head erodes, what a pulse has burned at is counted in a histogram of 1 V ([`Burns`]): the mean of its conversions, which
+//! has less noise than one of them. The noise of one is that of the differences of two neighbours, d:
+//! s = sqrt(sum d^2 / 2 n), whatever they burn at. Shorts lie below a
 //! sixteenth of the open-circuit voltage. What lies above is split in two by the threshold of least error (Kittler and Illingworth,
 //! Pattern Recognition 19, 1986, 41), which takes both sides for normal and finds a rare one too:
 //!
@@ -42,10 +44,70 @@ pub struct Taught {
     pub arc_below: Volts,
     /// Boundary of shorts.
     pub short_below: Volts,
-    /// Standard deviation of a conversion about its level.
+    /// Standard deviation of a conversion, or that of the pulses of one level from each other, where they differ more.
     pub noise: Volts,
-    /// Distance of arcs and sparks, standard deviations; `None`: no arcs were seen, their level is assumed.
+    /// Distance of arcs and sparks, standard deviations of what the pulses burned at; `None`: no arcs were seen, their level is assumed.
     pub apart: Option<f32>,
+}
+
+/// What a pulse has shown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Shown {
+    /// It did not ignite, and was so high at its end.
+    Open(Volts),
+    /// It burned at this mean; and the difference of two of its conversions.
+    Burned(Volts, Option<Volts>),
+}
+
+impl Shown {
+    /// The volt of [`Burns`] that a voltage is counted in.
+    pub fn bin(volts: Volts) -> usize {
+        (volts.0.max(0.0) as usize).min(BURNS - 1)
+    }
+}
+
+/// Sum of so many values.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sum {
+    /// How many.
+    pub count: u32,
+    /// Their sum.
+    pub sum: f32,
+}
+
+impl Sum {
+    /// Values that are added: with more of them the sum has no more bits for the next.
+    pub const MOST: u32 = 1 << 16;
+    /// Fewest values whose mean counts.
+    const LEAST: u32 = 100;
+
+    fn mean(&self) -> Option<f32> {
+        (self.count >= Self::LEAST).then(|| self.sum / self.count as f32)
+    }
+}
+
+/// What many pulses have shown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gathered {
+    /// What they burned at.
+    pub burns: Burns,
+    /// Open-circuit voltages, V.
+    pub open: Sum,
+    /// Squares of the differences of two conversions, V^2.
+    pub steps: Sum,
+}
+
+impl Gathered {
+    /// Learns the levels. Not for a tick: some 10 000 cycles (estimated).
+    ///
+    /// # Errors
+    /// See [`TeachError`].
+    pub fn levels(&self) -> Result<Taught, TeachError> {
+        let open = self.open.mean().ok_or(TeachError::NoOpenCircuit)?;
+        let noise = self.steps.mean().map_or(0.0, |square| libm::sqrtf(0.5 * square));
+        levels(&self.burns, Volts(open), Volts(noise))
+    }
 }
 
 /// Why levels cannot be learnt.
@@ -67,18 +129,19 @@ struct Level {
 }
 
 impl Level {
-    fn of(burns: &Burns, volts: core::ops::Range<usize>) -> Level {
-        let (from, to) = (volts.start, volts.end);
-        let counted = burns.iter().enumerate().filter(|(at, _)| (from..to).contains(at));
-        counted.fold(Level::default(), |level, (at, count)| {
-            // The middle of its volt.
-            let (volts, count) = (at as f32 + 0.5, *count as f32);
-            Level {
-                count: level.count + count,
-                sum: level.sum + count * volts,
-                squares: level.squares + count * volts * volts,
-            }
-        })
+    /// With the pulses of one volt more, the middle of which they are taken for.
+    fn with(&self, at: usize, count: u32) -> Level {
+        let (volts, count) = (at as f32 + 0.5, count as f32);
+        Level {
+            count: self.count + count,
+            sum: self.sum + count * volts,
+            squares: self.squares + count * volts * volts,
+        }
+    }
+
+    /// Without those of another.
+    fn less(&self, other: &Level) -> Level {
+        Level { count: self.count - other.count, sum: self.sum - other.sum, squares: self.squares - other.squares }
     }
 
     fn mean(&self) -> f32 {
@@ -97,38 +160,43 @@ impl Level {
     }
 }
 
-/// Learns the levels from what has burned at an open-circuit voltage. Not for a tick.
+/// Learns the levels from what has burned at an open-circuit voltage, with so much noise of a conversion. Not for a tick.
 ///
 /// # Errors
 /// See [`TeachError`].
-pub fn levels(burns: &Burns, open: Volts) -> Result<Taught, TeachError> {
+pub fn levels(burns: &Burns, open: Volts, noise: Volts) -> Result<Taught, TeachError> {
     if open.0.is_nan() || open.0 <= 0.0 {
         return Err(TeachError::NoOpenCircuit);
     }
     // A short shows what falls over cable and contact: less than this.
     let shorts = ((open.0 / 16.0) as usize + 1).min(BURNS);
-    let all = Level::of(burns, shorts..BURNS);
+    let burning = || burns.iter().enumerate().skip(shorts);
+    let all = burning().fold(Level::default(), |level, (at, count)| level.with(at, *count));
     if all.count < LEAST as f32 {
         return Err(TeachError::TooFew);
     }
-    let sides = |at: usize| (Level::of(burns, shorts..at), Level::of(burns, at..BURNS));
     let enough = |level: &Level| level.count >= RARE * all.count;
     let error = |level: &Level| {
         let share = level.count / all.count;
         share * libm::logf(level.deviation() / share)
     };
-    let split = (shorts + 1..BURNS).map(sides).filter(|(arcs, sparks)| enough(arcs) && enough(sparks)).fold(
-        None,
-        |best: Option<((Level, Level), f32)>, (arcs, sparks)| {
+    let (mut arcs, mut split) = (Level::default(), None::<(Level, f32)>);
+    for (at, count) in burning() {
+        arcs = arcs.with(at, *count);
+        let sparks = all.less(&arcs);
+        if *count > 0 && enough(&arcs) && enough(&sparks) {
             let now = error(&arcs) + error(&sparks);
-            if best.as_ref().is_none_or(|(_, least)| now < *least) { Some(((arcs, sparks), now)) } else { best }
-        },
-    );
-    let (arcs, sparks) = split.map_or((Level::default(), all), |(sides, _)| sides);
+            if split.as_ref().is_none_or(|(_, least)| now < *least) {
+                split = Some((arcs, now));
+            }
+        }
+    }
+    let arcs = split.map_or(Level::default(), |(arcs, _)| arcs);
+    let sparks = all.less(&arcs);
     let both = Level { squares: arcs.spread() + sparks.spread(), count: all.count, sum: 0.0 };
     let apart = (sparks.mean() - arcs.mean()) / both.deviation();
     let two = arcs.count > 0.0 && apart >= APART;
-    let (spark, arc, noise) = if two {
+    let (spark, arc, apart_by) = if two {
         (sparks.mean(), arcs.mean(), both.deviation())
     } else {
         (all.mean(), ASSUMED * all.mean(), all.deviation())
@@ -141,7 +209,7 @@ pub fn levels(burns: &Burns, open: Volts) -> Result<Taught, TeachError> {
         spark: Volts(spark),
         arc_below: Volts(0.5 * (spark + arc)),
         short_below: Volts(0.5 * arc),
-        noise: Volts(noise),
+        noise: Volts(noise.0.max(apart_by)),
         apart: two.then_some(apart),
     })
 }
@@ -172,7 +240,7 @@ mod tests {
                     add(&mut burns, 40_000, spark, noise);
                     add(&mut burns, arcs, arc, noise);
                     add(&mut burns, shorts, 1.5, noise.min(0.5));
-                    let taught = levels(&burns, Volts(open)).unwrap();
+                    let taught = levels(&burns, Volts(open), Volts(0.0)).unwrap();
                     let near = |found: Volts, is: f32| (found.0 - is).abs() < 0.5;
                     assert!(near(taught.spark, spark) && near(taught.arc_below, 0.5 * (spark + arc)), "{taught:?}");
                     assert!(taught.short_below.0 > 5.0 && taught.short_below.0 < arc - 2.0, "{taught:?}");
@@ -187,7 +255,8 @@ mod tests {
     fn without_arcs_their_level_is_assumed_and_said_so() {
         let mut burns = [0; BURNS];
         add(&mut burns, 40_000, 25.0, 1.0);
-        let taught = levels(&burns, Volts(80.0)).unwrap();
+        let taught = levels(&burns, Volts(80.0), Volts(3.0)).unwrap();
+        assert_eq!(taught.noise, Volts(3.0));
         assert_eq!(taught.apart, None);
         assert!((taught.spark.0 - 25.0).abs() < 0.2 && (taught.arc_below.0 - 21.25).abs() < 0.3, "{taught:?}");
     }
@@ -197,19 +266,19 @@ mod tests {
         let mut burns = [0; BURNS];
         add(&mut burns, 40_000, 25.0, 3.0);
         add(&mut burns, 20_000, 18.0, 3.0);
-        assert_eq!(levels(&burns, Volts(80.0)).unwrap().apart, None);
+        assert_eq!(levels(&burns, Volts(80.0), Volts(0.0)).unwrap().apart, None);
     }
 
     #[test]
     fn too_few_pulses_and_no_open_circuit_are_named() {
         let mut burns = [0; BURNS];
-        assert_eq!(levels(&burns, Volts(100.0)), Err(TeachError::TooFew));
+        assert_eq!(levels(&burns, Volts(100.0), Volts(1.0)), Err(TeachError::TooFew));
         add(&mut burns, LEAST / 2, 40.0, 1.0);
-        assert_eq!(levels(&burns, Volts(100.0)), Err(TeachError::TooFew));
+        assert_eq!(levels(&burns, Volts(100.0), Volts(1.0)), Err(TeachError::TooFew));
         add(&mut burns, LEAST, 40.0, 1.0);
         for open in [0.0, f32::NAN, 45.0] {
-            assert_eq!(levels(&burns, Volts(open)), Err(TeachError::NoOpenCircuit), "{open}");
+            assert_eq!(levels(&burns, Volts(open), Volts(1.0)), Err(TeachError::NoOpenCircuit), "{open}");
         }
-        assert!(levels(&[u32::MAX; BURNS], Volts(100.0)).is_ok());
+        assert!(levels(&[u32::MAX; BURNS], Volts(100.0), Volts(1.0)).is_ok());
     }
 }

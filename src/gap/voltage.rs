@@ -9,8 +9,9 @@
 //! its short run must be set longer than its off-time.
 
 use super::gated::{Gated, PER_BLOCK};
-use super::pulses::{Boundaries, BoundaryConfig, PulseStream};
+use super::pulses::{Boundaries, BoundaryConfig, Fit, PulseStream, Seen};
 use super::senses::delays::{self, Delays};
+use super::teach::Shown;
 use super::{GapReading, GapSource, Quality};
 use crate::dsp::decimate::{CodeRange, Tally};
 use crate::dsp::{OutOfRange, chain, in_range};
@@ -129,9 +130,8 @@ pub const SLOW: usize = delays::BINS + 1;
 const NOTCH: usize = delays::BINS;
 const FOLLOWS: u32 = 1 << 31;
 
-/// Frequency of the notch, 0.01 Hz, and whether it follows the mains.
-pub fn mains_of(slow: &[u32; SLOW]) -> (u16, bool) {
-    let word = slow.get(NOTCH).copied().unwrap_or(0);
+/// Frequency of the notch, 0.01 Hz, and whether it follows the mains, as the last of the words has it.
+pub fn mains_of(word: u32) -> (u16, bool) {
     ((word & !FOLLOWS) as u16, word & FOLLOWS != 0)
 }
 
@@ -188,6 +188,7 @@ parts!(it: Active {
     [it.pulses.words()[0], it.pulses.words()[1], it.pulses.words()[2], it.pulses.words()[3]],
     [it.pulses.words()[4], it.pulses.words()[5], it.pulses.words()[6], it.pulses.words()[7]],
     [it.pulses.words()[8], it.pulses.words()[9], it.pulses.words()[10]],
+    [it.pulses.words()[11], it.pulses.words()[12]],
 );
 
 /// The source: [`Config::build`] makes what it runs on.
@@ -281,6 +282,29 @@ impl Voltage {
         (self.tracked.mains(), self.active.filter.follows().2 && self.tracked.is_locked())
     }
 
+    /// Each pulse that ends is to be shown to [`Voltage::look`], or no longer.
+    pub fn collect(&mut self, collects: bool) {
+        self.stream.collect(collects);
+    }
+
+    /// [`Voltage::look`] has something to show.
+    #[inline(always)]
+    pub fn has_news(&self) -> bool {
+        self.stream.has_news()
+    }
+
+    /// Whether the levels of pulses fit, and what was seen of the newest pulse that ended, while collecting.
+    pub fn look(&mut self) -> (Fit, Option<Shown>) {
+        let (fit, seen) = self.stream.take();
+        let per_code = Volts(if self.active.scale < 0.0 { -self.active.scale } else { self.active.scale });
+        let volts = |codes: i32| Volts(codes as f32 * per_code.0);
+        let shown = seen.map(|seen| match seen {
+            Seen::Open(codes) => Shown::Open(volts(codes)),
+            Seen::Burned(codes, step) => Shown::Burned(volts(codes), step.map(volts)),
+        });
+        (fit, shown)
+    }
+
     /// What it runs on.
     pub fn active(&self) -> &Active {
         &self.active
@@ -353,6 +377,7 @@ impl GapSource for Voltage {
         if self.sum.1 >= TICKS_PER_MS {
             self.mean = self.sum.0 * (1.0 / TICKS_PER_MS as f32);
             self.sum = (0.0, 0);
+            self.stream.look();
         }
         let filtered = if active.filter.follows().2 {
             self.tracked.tick(&mut self.filter, codes)

@@ -70,7 +70,8 @@ declare! {
         /// Gap voltage below which a pulse with current, and no short, is an arc: below what sparks in this material burn with, or
         /// they are taken for arcs.
         0x2100:19 gap_arc: f32 = 34.0, (1.0, 200.0), "gap.arc_below_v", "V", "assumed: midway from arcs of 28 V to sparks of 40 V", rises "a lower one would hide arcs";
-        /// Open-circuit voltage of the generator for which gap.spark_v, gap.arc_below_v and gap.short_v hold.
+        /// Open-circuit voltage of the generator for which gap.spark_v, gap.arc_below_v and gap.short_v hold. Where open pulses differ
+        /// from it by more than 15 %, pulses that burned are uncertain. A teach-in, 2013h, finds it and the others.
         0x2100:20 gap_open: f32 = 100.0, (10.0, 400.0), "gap.open_v", "V", "[R] section 4.4", live;
         /// Burning voltage of a spark. A pulse above the middle between this and gap.open_v has not ignited.
         0x2100:21 gap_spark: f32 = 40.0, (1.0, 300.0), "gap.spark_v", "V", "[R] section 4.4", live;

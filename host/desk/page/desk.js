@@ -264,7 +264,7 @@ function progress(run) {
     : `${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`);
 }
 
-function gap({ volts, quality, ladder, shares, pulses, feed_um_s }) {
+function gap({ volts, quality, ladder, shares, levels, pulses, feed_um_s }) {
   if ($("gap").hidden) return;
   put("gap-volts", volts === null ? null : `${volts.toFixed(1)} V, ${quality}`);
   if (volts === null) $("gap-quality").textContent = `: ${quality}, not valid now`;
@@ -274,6 +274,7 @@ function gap({ volts, quality, ladder, shares, pulses, feed_um_s }) {
   const most = 1.1 * Math.max(1, volts ?? 0, ...ladder.map((rung) => rung.volts ?? 0));
   $("ladder").replaceChildren(...ladder.map((rung) => bar(rung.what, rung.from, rung.volts, most, volts)));
   $("shares").replaceChildren(...shares.map((share) => bar(share.what, "", share.percent, 100, null)));
+  $("gap-levels").textContent = levels ?? "";
   put("looks", pulses ? "Shares of all pulses of the last 0.2 s; no pulse: of the milliseconds." : "There were no pulses in the last 0.2 s.");
 }
 

@@ -10,6 +10,11 @@ use serde::Serialize;
 
 /// Qualities (2005h:3) of a voltage that means something: valid, at the end of the range, reversed.
 pub const MEASURED: [i64; 3] = [1, 3, 4];
+/// Whether the levels of pulses fit (2013h:16): do not fit.
+const DO_NOT_FIT: i64 = 2;
+/// What to do then.
+const TEACH: &str = "The levels do not fit this generator: pulses that burned are uncertain, and arcs are not counted. Teach them: \
+    write 1 to 2013h:1, erode, and apply with 2; or set gap.open_v, gap.spark_v, gap.arc_below_v and gap.short_v.";
 /// Classes of pulses: shares in 200Fh:1 to 6, half percents.
 const CLASSES: u16 = 0x200F;
 
@@ -48,6 +53,8 @@ pub struct Gap {
     pub ladder: [Rung; 4],
     /// What the pulses were.
     pub shares: Vec<Share>,
+    /// What is wrong with that, and what to do.
+    pub levels: Option<&'static str>,
     /// There were pulses.
     pub pulses: bool,
     /// Velocity along the path that the gap requests, um/s; none while it is not used.
@@ -84,6 +91,8 @@ impl Gap {
         let pulses = counts.iter().any(|(what, share)| !what.starts_with("no") && *share > 0);
         let share = |half_percents| pulses.then(|| f64::from(half_percents) * 0.5);
         let shares = counts.into_iter().map(|(what, count)| Share { what, percent: share(count) }).collect();
+        // A head of 0.2.0 has no such object.
+        let levels = head.whole(at::LEVELS).is_ok_and(|fit| fit == DO_NOT_FIT).then_some(TEACH);
         let now = head.whole(at::STATE)?;
         let feed_um_s = if state::LED.contains(&(now as u8)) { Some(head.number(at::FEED)?) } else { None };
         Ok(Gap {
@@ -93,6 +102,7 @@ impl Gap {
             quality: named(at::GAP_QUALITY, quality),
             ladder,
             shares,
+            levels,
             pulses,
             feed_um_s,
         })
@@ -111,13 +121,14 @@ impl Gap {
             })
             .collect();
         format!(
-            "{:16} gap {:>8} ({}); {}; {}; feed {}\n",
+            "{:16} gap {:>8} ({}); {}; {}; feed {}{}\n",
             self.state,
             said(self.volts),
             self.quality,
             ladder.join(", "),
             shares.join(", "),
-            self.feed_um_s.map_or("-".into(), |feed| format!("{feed:.0} um/s"))
+            self.feed_um_s.map_or("-".into(), |feed| format!("{feed:.0} um/s")),
+            self.levels.map_or(String::new(), |levels| format!("\n{levels}"))
         )
     }
 }

@@ -66,6 +66,8 @@ pub mod at {
     pub const OPEN: Address = Address(0x2005, 6);
     /// Retreats from a short.
     pub const SHORTS: Address = Address(0x2006, 1);
+    /// Whether the levels of pulses fit.
+    pub const LEVELS: Address = Address(0x2013, 16);
     /// Deepest position of the last erosion.
     pub const DEEPEST: Address = Address(0x2006, 4);
     /// Quality of the gap voltage.

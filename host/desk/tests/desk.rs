@@ -274,6 +274,22 @@ fn a_gap_without_pulses_has_no_voltage_and_says_why() {
     assert_eq!((&gap["volts"], &gap["quality"], &gap["state"]), (&Value::Null, &json!("no gate"), &json!("disabled")));
     assert_eq!((&gap["ladder"][0]["volts"], &gap["ladder"][3]["volts"]), (&Value::Null, &json!(20.0)));
     assert_eq!(gap["shares"].as_array().unwrap().len(), 6);
+    assert_eq!(gap["levels"], Value::Null);
+}
+
+#[test]
+fn levels_that_do_not_fit_are_shown_in_the_gap_with_what_to_do() {
+    let rig = Rig::new();
+    let gap = || run(&rig.connection(), &["gap", "--seconds", "0.3"]).1;
+    let (code, _, why) = run(&rig.connection(), &["settings", "set", "gap.open_v=130"]);
+    assert_eq!(code, Some(0), "{why}");
+    assert!(!gap().contains("do not fit"), "no pulse was seen");
+    let mut boring = rig::start(&rig.connection(), &["bore", "--depth", "0.5"], Stdio::piped());
+    rig.until(|truth| truth.state == State::Eroding);
+    let said = gap();
+    boring.kill().unwrap();
+    boring.wait().unwrap();
+    assert!(said.contains("The levels do not fit this generator") && said.contains("2013h:1"), "{said}");
 }
 
 /// What is looked at under this name.

@@ -24,6 +24,8 @@ use edm_hal_shim::watchdog::{Stuck, Watchdog};
 use edm_runtime::Note;
 use edm_runtime::board::{Board, Caller, Pulse, Tunable};
 use edm_servo_head::encoder::Shared as Published;
+use edm_servo_head::gap::pulses::Fit;
+use edm_servo_head::gap::teach::Shown;
 use edm_servo_head::gap::{GapReading, GapSource, Surrogate, SurrogateConfig, Voltage, voltage};
 use edm_servo_head::units::{CLOCK_HZ, FRACTION_BITS, Fixed, Volts};
 use embedded_can::Frame as _;
@@ -278,6 +280,18 @@ impl Tunable for Source {
 
     fn slow(&mut self) -> (usize, u32) {
         Tunable::slow(&mut self.voltage)
+    }
+
+    fn collect(&mut self, collects: bool) {
+        Tunable::collect(&mut self.voltage, collects);
+    }
+
+    fn has_news(&self) -> bool {
+        Tunable::has_news(&self.voltage)
+    }
+
+    fn look(&mut self) -> (Fit, Option<Shown>) {
+        Tunable::look(&mut self.voltage)
     }
 }
 

@@ -1,6 +1,6 @@
 //! `edm-sim replay` as a person meets it: recordings in, tables and pictures out, one line for what cannot be used.
 
-use edm_servo_head::gap::pulses::Class;
+use edm_servo_head::gap::pulses::{Class, Fit};
 use edm_servo_head::gap::voltage::Average;
 use edm_servo_head::settings::Settings;
 use edm_sim::replay::converter::Gate;
@@ -118,6 +118,28 @@ fn every_pulse_of_the_committed_pulses_is_told() {
     let last = replay.rows.last().unwrap();
     assert_eq!(last.percent(Class::Spark), Some(40.0));
     assert_eq!(replay.pulses, [12, 24, 12, 12, 0, 0]);
+    // And as the head itself counts them.
+    assert_eq!(replay.counted.map(u64::from), replay.pulses);
+}
+
+#[test]
+fn pulses_that_the_levels_do_not_fit_are_uncertain_as_on_the_head() {
+    // The committed pulses over and over, for as many looks as are needed.
+    let mut recording = Recording::read(&waveform("pulses.csv"), &Channels::default()).unwrap();
+    fn again<T: Copy>(values: &[T]) -> Vec<T> {
+        values.iter().copied().cycle().take(80 * values.len()).collect()
+    }
+    recording.gap_v = again(&recording.gap_v);
+    recording.gap_i = recording.gap_i.as_deref().map(again);
+    recording.gate = recording.gate.as_deref().map(again);
+    let levels = |open: f32| Settings { gap_open: open, ..Settings::default() };
+    let [good, bad] = [100.0, 130.0].map(|open| run(&recording, &levels(open), Gate::AsRecorded).unwrap());
+    assert_eq!((good.fit, good.pulses[Class::Uncertain as usize]), (Fit::Fits, 0));
+    assert_eq!(bad.fit, Fit::DoesNotFit);
+    assert!(bad.pulses[Class::Uncertain as usize] > 1000 && bad.summary(&recording).contains("do not fit"));
+    for replay in [good, bad] {
+        assert_eq!(replay.counted.map(u64::from), replay.pulses);
+    }
 }
 
 /// Amplitude of a tone in the second half of a signal of 20 kHz, V.

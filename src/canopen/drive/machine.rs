@@ -162,7 +162,7 @@ impl Drive {
         if self.status.bus >= self.active.head.supervise.bus_min {
             word |= status::VOLTAGE;
         }
-        if self.status.current_reduced || self.status.cramped || self.loss.is_some() {
+        if self.status.current_reduced || self.status.cramped || self.loss.is_some() || self.teach.does_not_fit() {
             word |= status::WARNING;
         }
         if self.guarded >> 24 & 1 != 0 {

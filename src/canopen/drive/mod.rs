@@ -40,6 +40,7 @@ mod scope;
 mod segment;
 mod state;
 mod stored;
+mod teach;
 mod values;
 
 pub use device::DEVICE;
@@ -54,7 +55,7 @@ use super::objects::{COUNT, Item, rows};
 use super::{Event, NmtState, Node, Time};
 use crate::gap::pulses::CLASSES;
 use crate::gap::senses::delays::Delays;
-use crate::gap::voltage::{self, SLOW};
+use crate::gap::voltage;
 use crate::head::{self, Command, Contradiction, Fault, PROBES, Probe, Status};
 use crate::path::AHEAD;
 use crate::settings::{Active, SettingError, Settings};
@@ -69,6 +70,7 @@ use saves::Saves;
 use scope::Scope;
 use segment::Segment;
 use stored::{Loading, Loss};
+use teach::Teach;
 
 /// Velocity below which an axis counts as standing, counts/s.
 const STANDING: f32 = 1000.0;
@@ -161,6 +163,7 @@ pub struct Drive {
     /// The segment that a host writes.
     segment: Segment,
     datum: Datum,
+    teach: Teach,
     /// Not begun anew with the drive: the flash remembers.
     saves: Saves,
     pace: Pace,
@@ -227,6 +230,7 @@ impl Drive {
             appended: 0,
             segment: Segment::default(),
             datum: Datum::default(),
+            teach: Teach::default(),
             saves: Saves::new(),
             pace: Pace::default(),
             reason: 0,
@@ -250,6 +254,7 @@ impl Drive {
         self.follow = None;
         self.set_points = SetPoints::default();
         (self.segment, self.datum) = (Segment::default(), Datum::default());
+        self.forget_teaching();
         (self.control, self.leaving, self.enabling, self.mode) = (0, None, false, Mode::None);
         self.load_defaults();
         (self.restarting, self.stale) = (true, false);
@@ -309,12 +314,12 @@ impl Drive {
         self.looks = looks;
     }
 
-    /// What the gap source says in turns, for 2012h.
-    pub fn set_slow(&mut self, slow: &[u32; SLOW]) {
-        for (count, word) in self.delays.now.iter_mut().zip(slow) {
-            *count = *word;
+    /// One of the words that the gap source says in turns, for 2012h.
+    pub fn set_slow(&mut self, turn: usize, word: u32) {
+        match self.delays.now.get_mut(turn) {
+            Some(count) => *count = word,
+            None => self.mains = voltage::mains_of(word),
         }
-        self.mains = voltage::mains_of(slow);
     }
 
     /// Takes the newest status, once a millisecond.
@@ -337,6 +342,7 @@ impl Drive {
         }
         self.watch_mode();
         self.watch_guiding();
+        self.watch_teaching();
         self.record();
     }
 

@@ -263,6 +263,20 @@ impl Drive {
             Item::CountArc => status.gap.pulses.class(Class::Arc).into(),
             Item::CountShort => status.gap.pulses.class(Class::Short).into(),
             Item::CountUncertain => status.gap.pulses.class(Class::Uncertain).into(),
+            Item::TeachStep
+            | Item::TeachWhy
+            | Item::TeachPulses
+            | Item::TeachNeeded
+            | Item::TeachTime
+            | Item::TeachContact
+            | Item::TeachContactVoltage
+            | Item::TaughtOpen
+            | Item::TaughtSpark
+            | Item::TaughtArc
+            | Item::TaughtShort
+            | Item::TaughtNoise
+            | Item::TaughtApart
+            | Item::LevelsFit => self.teach.number(item),
             Item::ScopeState => self.scope.phase() as i64,
             Item::ScopeCount => self.scope.count().into(),
             Item::ErrorCode => match self.state {
@@ -354,6 +368,7 @@ impl Drive {
                 signal_entry(value as u32)?;
             }
             Item::DelaysTake => self.delays.take(),
+            Item::TeachIn => return self.teach(value),
             Item::ScopeArm if value == 1 => self.scope.arm(),
             Item::ScopeArm => self.scope.stop(),
             _ => {}
@@ -382,7 +397,7 @@ impl Drive {
     }
 
     /// Electrode and work touch, as the sense shows while the generator is off: between pulses there is no voltage either.
-    fn touches(&self) -> bool {
+    pub(super) fn touches(&self) -> bool {
         let pulses = self.status.state.pulses() || self.status.state == head::State::Commissioning;
         self.status.gap.touches && !pulses
     }
@@ -427,27 +442,49 @@ impl Drive {
 
     /// Sets a setting, if it can be with the others and in this state.
     fn write_word(&mut self, field: u16, word: u32) -> Result<Written, Abort> {
+        self.write_words(&[(field, word)])
+    }
+
+    /// Sets settings, if they can be with the others and in this state: all or none.
+    pub(super) fn write_words(&mut self, words: &[(u16, u32)]) -> Result<Written, Abort> {
         let mut pending = self.settings;
-        pending.put_word(field.into(), word).map_err(|error| out_of_range(&error, word))?;
+        for &(field, word) in words {
+            pending.put_word(field.into(), word).map_err(|error| {
+                let (index, sub) = setting_address_at(field.into()).unwrap_or((0, 0));
+                if words.len() > 1 {
+                    (self.wrong, self.contradiction) =
+                        (Some((index, sub, "is out of its range")), Contradiction::default());
+                }
+                out_of_range(&error, word)
+            })?;
+        }
+        let first = words.first().map_or(0, |(field, _)| *field);
         let wired = |settings: &Settings| (settings.gap_reversed, settings.motor_reversed, settings.encoder_reversed);
         let mut active = match pending.build() {
             Ok(active) => active,
             Err(error) => {
                 let (address, rule) = match error {
                     SettingError::Conflict { field, rule } => (setting_address(field), rule),
-                    _ => (setting_address_at(field.into()), "is out of its range"),
+                    _ => (setting_address_at(first.into()), "is out of its range"),
                 };
                 let (index, sub) = address.unwrap_or((0, 0));
                 (self.wrong, self.contradiction) = (Some((index, sub, rule)), Contradiction::default());
                 return Err(Abort::Incompatible);
             }
         };
-        let change = Settings::FIELDS.get(usize::from(field)).map(|field| (field.change, &field.kind));
-        let (change, kind) = change.ok_or(Abort::NoSubIndex)?;
-        if self.may_be_enabled() && !change.permits(kind, self.settings.word(field.into()).unwrap_or(word), word) {
+        // The last of them that is guarded and changes.
+        let mut guarded = None;
+        for &(field, word) in words {
+            let change = Settings::FIELDS.get(usize::from(field)).map(|field| (field.change, &field.kind));
+            let (change, kind) = change.ok_or(Abort::NoSubIndex)?;
             let (index, sub) = setting_address_at(field.into()).unwrap_or((0, 0));
-            (self.wrong, self.contradiction) = (Some((index, sub, change.rule())), Contradiction::default());
-            return Err(Abort::DeviceState);
+            if self.may_be_enabled() && !change.permits(kind, self.settings.word(field.into()).unwrap_or(word), word) {
+                (self.wrong, self.contradiction) = (Some((index, sub, change.rule())), Contradiction::default());
+                return Err(Abort::DeviceState);
+            }
+            if change != Change::Live {
+                guarded = Some(u32::from(index) << 8 | u32::from(sub));
+            }
         }
         if self.stale || self.configuring {
             return Err(Abort::DeviceState);
@@ -459,13 +496,11 @@ impl Drive {
             pending.commissioned = false;
             active.head.commissioned = false;
         }
-        // One at a time: this one can be taken back.
+        // One configuration at a time: this one can be taken back.
         if !self.configure() {
             return Err(Abort::DeviceState);
         }
-        if change != Change::Live {
-            let address =
-                setting_address_at(field.into()).map_or(0, |(index, sub)| u32::from(index) << 8 | u32::from(sub));
+        if let Some(address) = guarded {
             self.guarded = (self.guarded & !0xFF_FFFF).wrapping_add(1 << 24) | address;
         }
         self.settings = pending;

@@ -283,6 +283,24 @@ objects! {
         16 DelaysTake: u8, wo, no, (1, 1), 1, "", live, "Take: 1 copies the ignition delays since the last time to sub-index 17";
         17 DelaysTaken: domain, ro, no, U8, 0, "", live, "Ignition delays: 32 counts of 32 bits, little-endian; bin 0 up to 96 clock cycles of 168 MHz (0.57 us), then two bins an octave, ending at 128, 192, 256, 384, ...; the last without an end";
     }
+    0x2013 "Teach-in" {
+        1 TeachIn: u8, wo, no, (0, 2), 0, "", live, "Teach-in: 1 starts it, 0 ends it, 2 applies its proposal: gap.open_v, gap.spark_v, gap.arc_below_v, gap.short_v and gap.noise_v become sub-indices 10 to 14, all or none; 2002h says why not";
+        2 TeachLeast: u16, rw, no, (0, 3600), 60, "s", live, "Least time: of the third step";
+        3 TeachStep: u8, ro, tx, (0, 6), 0, "", live, "Step: 0 not started, 1 touch: waits for a contact with pulses off, 2 open circuit: waits for pulses across an open gap that begin to spark, 3 sparking, 4 levels are proposed, 5 applied, 6 ended without levels";
+        4 TeachWhy: u8, ro, tx, (0, 5), 0, "", live, "Why not: 1 ended by the host, 2 no pulses are seen: the generator has no gate line, 3 too few pulses burned long enough to be measured, 4 no open-circuit voltage, 5 the proposal was refused; 0 nothing is wrong";
+        5 TeachPulses: u32, ro, tx, U32, 0, "", live, "Pulses: that burned and were measured";
+        6 TeachNeeded: u32, ro, no, U32, 10_000, "", live, "Pulses needed";
+        7 TeachTime: u16, ro, tx, U16, 0, "s", live, "Time: of the third step, with pulses";
+        8 TeachContact: u8, ro, no, (0, 4), 0, "", live, "Contact: 0 not yet, 1 no sense supply is fitted, 2 left out, 3 passed, 4 more than 1.5 V in contact: gap.zero_code is wrong";
+        9 TeachContactVoltage: i16, ro, no, I16, 0, "0.01 V", live, "Contact voltage";
+        10 TaughtOpen: u16, ro, no, U16, 0, "0.01 V", live, "Open circuit: proposed for gap.open_v; 0 none";
+        11 TaughtSpark: u16, ro, no, U16, 0, "0.01 V", live, "Spark: proposed for gap.spark_v";
+        12 TaughtArc: u16, ro, no, U16, 0, "0.01 V", live, "Arc boundary: proposed for gap.arc_below_v";
+        13 TaughtShort: u16, ro, no, U16, 0, "0.01 V", live, "Short boundary: proposed for gap.short_v";
+        14 TaughtNoise: u16, ro, no, U16, 0, "0.01 V", live, "Noise: proposed for gap.noise_v";
+        15 TaughtApart: u16, ro, no, U16, 0, "", live, "Separation: distance of arcs and sparks in tenths of the standard deviation of what they burned at; 0 no arcs were seen, and 0.7 of a spark's voltage is assumed for them";
+        16 LevelsFit: u8, ro, tx, (0, 2), 0, "", live, "Levels: 0 not known yet, 1 fit, 2 do not fit: pulses that burned are uncertain";
+    }
     0x6007 "Abort connection option code" { 0 AbortOption: i16, rw, no, (0, 3), 1, "", store, "Abort connection option code: reaction to the loss of the host: 0 none, 1 fault, 2 disable voltage, 3 quick stop"; }
     0x603F "Error code" { 0 ErrorCode: u16, ro, tx, U16, 0, "", live, "Error code"; }
     0x6040 "Controlword" { 0 Controlword: u16, rw, rx, U16, 0, "", live, "Controlword"; }

@@ -19,11 +19,13 @@
 //! pulses the share has a standard deviation of 1.5 %.
 
 mod class;
+mod looks;
 mod samples;
 mod shares;
 mod stream;
 
 pub use class::{CLASSES, Class, Levels};
+pub use looks::{Fit, Seen};
 pub use samples::{Boundaries, Config as BoundaryConfig, Evidence};
 pub use shares::{Shares, WINDOW};
 pub use stream::{Counts, Pulse, PulseStream, UNSHOWN};

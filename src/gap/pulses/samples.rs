@@ -96,6 +96,7 @@ impl Config {
         Ok(Boundaries::new(
             Levels { zero: self.zero, reversed: self.reversed, short: codes(short_below), arc: codes(arc_below) },
             codes(0.5 * (spark + open)),
+            [open, spark].map(codes),
             [least((arc - short_below).max(0.0)), least(spark - arc_below)],
             blanking as u32,
         ))
@@ -109,6 +110,8 @@ pub struct Boundaries {
     levels: Levels,
     /// What is not ignited lies above.
     open: i32,
+    /// Open circuit, and what a spark burns at.
+    set: [i32; 2],
     /// How far a code lies below that: at code 0, and how it changes with the code.
     at_zero: i32,
     gain: i32,
@@ -122,7 +125,7 @@ pub struct Boundaries {
 
 impl Boundaries {
     /// `least`: conversions that noise makes necessary to name a short, an arc or a spark.
-    fn new(levels: Levels, open: i32, least: [u32; 2], blanking: u32) -> Boundaries {
+    fn new(levels: Levels, open: i32, set: [i32; 2], least: [u32; 2], blanking: u32) -> Boundaries {
         let with = |edges: [u32; 2]| {
             let [short, arc] = core::array::from_fn(|i| larger_of(&least, &edges, i));
             [short, arc, short.min(arc)]
@@ -130,6 +133,7 @@ impl Boundaries {
         Boundaries {
             levels,
             open,
+            set,
             at_zero: open.wrapping_sub(levels.voltage(0)),
             gain: if levels.reversed { 1 } else { -1 },
             shown: with([SHOWN_LEAST; 2]),
@@ -144,19 +148,41 @@ impl Boundaries {
     }
 
     /// All of it, for a comparison.
-    pub fn words(&self) -> [u32; 11] {
-        let Boundaries { levels, open, at_zero, gain, shown, found, blanking } = *self;
+    pub fn words(&self) -> [u32; 13] {
+        let Boundaries { levels, open, set, at_zero, gain, shown, found, blanking } = *self;
         let [short, arc, _] = shown;
         let [found_short, found_arc, _] = found;
         let zero = u32::from(levels.zero) << 16 | u32::from(levels.reversed);
         let signed = [levels.short, levels.arc, open, at_zero, gain].map(i32::cast_unsigned);
         let [a, b, c, d, e] = signed;
-        [zero, a, b, c, d, e, short, arc, found_short, found_arc, blanking]
+        let [set_open, set_spark] = set.map(i32::cast_unsigned);
+        [zero, a, b, c, d, e, short, arc, found_short, found_arc, blanking, set_open, set_spark]
     }
 
     /// Core cycles after the opening of the gate in which nothing is looked at.
     pub fn blanking(&self) -> u32 {
         self.blanking
+    }
+
+    /// Levels and boundaries between them.
+    pub(super) fn levels(&self) -> &Levels {
+        &self.levels
+    }
+
+    /// Boundary to the open circuit.
+    pub(super) fn ignited_below(&self) -> i32 {
+        self.open
+    }
+
+    /// Open circuit, and what a spark burns at, as they are set.
+    pub(super) fn set(&self) -> [i32; 2] {
+        self.set
+    }
+
+    /// Another boundary to the open circuit.
+    pub(super) fn set_ignited_below(&mut self, open: i32) {
+        self.open = open;
+        self.at_zero = open.wrapping_sub(self.levels.voltage(0));
     }
 }
 
@@ -214,6 +240,22 @@ impl Evidence {
     #[inline]
     pub fn is_high(&self) -> bool {
         self.below < 0
+    }
+
+    /// Mean of what burned, if that was so many conversions.
+    pub(super) fn mean(&self, boundaries: &Boundaries, least: u32) -> Option<i32> {
+        let count = i32::try_from(self.burning).ok().filter(|_| self.burning >= least)?;
+        Some(boundaries.open.wrapping_sub(self.below.checked_div(count)?))
+    }
+
+    /// Conversions of what burns.
+    pub(super) fn burning(&self) -> u32 {
+        self.burning
+    }
+
+    /// A comparator has shown the ignition, or that there was no wait.
+    pub(super) fn is_shown(&self) -> bool {
+        self.least < 0
     }
 
     /// What the pulse was, by what was seen until now.

@@ -13,6 +13,7 @@
 //! Waiting time begins where the gap is charged: charging time is no ignition delay.
 
 use super::class::{CLASSES, Class};
+use super::looks::{Fit, Looks, Seen};
 use super::samples::{Boundaries, Evidence};
 use edm_hal_shim::gap::{BLOCK, Edges, GapBlock};
 
@@ -139,6 +140,18 @@ impl Now {
         self.charged = self.charged.map(|at| at.saturating_sub(END));
         self.ignited = self.ignited.map(|at| at.saturating_sub(END));
     }
+
+    /// The gated conversions of a block that count and whose middle lies before a moment, but for what lies between them.
+    #[inline(always)]
+    fn codes<'a>(&self, block: &'a GapBlock, to: i32) -> &'a [u16] {
+        let to = to.min(self.to);
+        let left = block.gate & u32::MAX.wrapping_shl(before(self.from)) & !u32::MAX.wrapping_shl(before(to));
+        if left == 0 {
+            return &[];
+        }
+        let (begin, end) = (left.trailing_zeros(), u32::BITS - left.leading_zeros());
+        block.codes.get(begin as usize..end as usize).unwrap_or(&[])
+    }
 }
 
 /// Pulses out of blocks.
@@ -152,19 +165,44 @@ pub struct PulseStream {
     high: bool,
     /// High pulses since the newest edge of the high comparator.
     unshown: u32,
+    looks: Looks,
 }
 
 impl PulseStream {
     /// Nothing seen yet.
     pub fn new(boundaries: Boundaries) -> PulseStream {
         let (counts, now) = (Counts::default(), Now::default());
-        PulseStream { boundaries, counts, now, open: false, high: false, unshown: UNSHOWN }
+        let looks = Looks::new(&boundaries);
+        PulseStream { boundaries, counts, now, open: false, high: false, unshown: UNSHOWN, looks }
     }
 
     /// Goes on with other boundaries from the next pulse on; the counts go on too.
     pub fn retune(&mut self, boundaries: Boundaries) {
+        self.looks.retune(&boundaries);
         self.boundaries = boundaries;
         self.now.evidence = Evidence::default();
+    }
+
+    /// Looks closely at the next pulse that ends, whether the levels fit it.
+    #[inline(always)]
+    pub fn look(&mut self) {
+        self.looks.look();
+    }
+
+    /// Shows what each pulse that ends burned at, or shows it no longer: [`PulseStream::take`].
+    pub fn collect(&mut self, collects: bool) {
+        self.looks.collect(collects);
+    }
+
+    /// Something is there to take.
+    #[inline(always)]
+    pub fn has_news(&self) -> bool {
+        self.looks.news()
+    }
+
+    /// Whether the levels fit, and of the pulses that ended since, the newest that showed something.
+    pub fn take(&mut self) -> (Fit, Option<Seen>) {
+        self.looks.take()
     }
 
     /// All pulses so far.
@@ -200,7 +238,10 @@ impl PulseStream {
                 break;
             }
             if self.open {
-                let pulse = self.close(to);
+                let mut pulse = self.close(to);
+                if self.looks.are_due() {
+                    pulse.class = self.look_at(block, to, pulse.class, pulse.charged.is_some());
+                }
                 self.counts.add(&pulse);
                 done(&pulse);
             } else {
@@ -275,14 +316,18 @@ impl PulseStream {
     /// The gated conversions that count and whose middle lies before a moment.
     #[inline(always)]
     fn samples(&mut self, block: &GapBlock, to: i32) {
-        let to = to.min(self.now.to);
-        let left = block.gate & u32::MAX.wrapping_shl(before(self.now.from)) & !u32::MAX.wrapping_shl(before(to));
-        if left == 0 {
-            return;
+        let codes = self.now.codes(block, to);
+        if !codes.is_empty() {
+            self.now.evidence.samples(&self.boundaries, codes);
         }
-        let (begin, end) = (left.trailing_zeros(), u32::BITS - left.leading_zeros());
-        let codes = block.codes.get(begin as usize..end as usize).unwrap_or(&[]);
-        self.now.evidence.samples(&self.boundaries, codes);
+    }
+
+    /// Looks closely at the pulse that has closed.
+    #[cold]
+    #[inline(never)]
+    fn look_at(&mut self, block: &GapBlock, to: i32, class: Class, charged: bool) -> Class {
+        let Now { evidence, .. } = self.now;
+        self.looks.at(&mut self.boundaries, &evidence, self.now.codes(block, to), class, charged)
     }
 
     /// The gate closes.
@@ -351,6 +396,11 @@ mod tests {
 
     /// Blocks of pulses on end, and of 100 us without one, with comparators or without.
     fn blocks(pulses: &[Made], comparators: bool) -> Vec<GapBlock> {
+        blocks_of(100, pulses, comparators)
+    }
+
+    /// The same of a generator with this open-circuit voltage.
+    fn blocks_of(open: i32, pulses: &[Made], comparators: bool) -> Vec<GapBlock> {
         let (mut gate, mut high, mut steps) = (Vec::new(), Vec::new(), Vec::new());
         let mut at = 0u32;
         steps.push((0, 0));
@@ -360,7 +410,7 @@ mod tests {
             let closes = at + pulse.on();
             match pulse.charges {
                 Some(charges) => {
-                    steps.push((at, 100));
+                    steps.push((at, open));
                     high.push(at + charges);
                     let ignites = at + charges + pulse.waits;
                     if let Some(volts) = pulse.burns {
@@ -377,23 +427,23 @@ mod tests {
             gate.push(at);
             steps.push((at, 0));
         }
-        let level = |edges: &[u32], at: u32| edges.iter().filter(|edge| **edge < at).count() % 2 == 1;
+        let level = |edges: &[u32], at: u32| edges.partition_point(|edge| *edge < at) % 2 == 1;
+        let within = |edges: &[u32], from: u32, to: u32| {
+            edges.partition_point(|at| *at < from)..edges.partition_point(|at| *at < to)
+        };
         let block = |n: u32| {
             let (begin, end) = (n * 8400, (n + 1) * 8400);
-            let volts = |at: u32| steps.iter().rev().find(|step| step.0 <= at).map_or(0, |step| step.1);
+            let volts = |at: u32| steps[..steps.partition_point(|step| step.0 <= at)].last().map_or(0, |step| step.1);
             let mut block =
                 GapBlock { gate_was_open: level(&gate, begin), was_high: level(&high, begin), ..GapBlock::EMPTY };
             for i in 0..BLOCK as u32 {
                 let (from, to) = (begin + 336 * i + 216 - 24, begin + 336 * (i + 1) + 24);
                 block.codes[i as usize] = (410 + 10 * volts(to - 24)) as u16;
-                let steady = !gate.iter().any(|edge| (from + 1..to).contains(edge));
+                let steady = within(&gate, from + 1, to).is_empty();
                 block.gate |= u32::from(steady && level(&gate, to)) << i;
             }
             let inside = |edges: &[u32], into: &mut Edges| {
-                edges
-                    .iter()
-                    .filter(|at| (begin..end).contains(at))
-                    .for_each(|at| assert!(into.push((at - begin) as u16)));
+                edges[within(edges, begin, end)].iter().for_each(|at| assert!(into.push((at - begin) as u16)));
             };
             inside(&gate, &mut block.gate_edges);
             if comparators {
@@ -414,6 +464,122 @@ mod tests {
         let mut done = Vec::new();
         blocks(pulses, comparators).iter().for_each(|block| stream.block(block, |pulse| done.push(*pulse)));
         (done, *stream.counts())
+    }
+
+    /// 400 open pulses of a generator, then sparks, arcs, open ones and shorts, one in a block at the most.
+    fn mixed([open, spark, arc]: [i32; 3], comparators: bool, pulses: u32) -> Vec<GapBlock> {
+        let of = |n: u32| match n % 10 {
+            _ if n < 400 => Made { off: 1300, burns: None, ..SPARK },
+            0 => Made { off: 1300, burns: None, ..SPARK },
+            1 => Made { off: 1300, charges: None, burns: Some(1), lasts: 7200, ..SPARK },
+            2 | 3 => Made { off: 1300, burns: Some(arc), ..SPARK },
+            _ => Made { off: 1300, burns: Some(spark), waits: 3000 + 97 * (n % 31), ..SPARK },
+        };
+        blocks_of(open, &(0..pulses).map(of).collect::<Vec<_>>(), comparators)
+    }
+
+    /// What comes of them with a look each millisecond: whether the levels fit, and the counts when that was known.
+    fn looked_at(config: &Config, blocks: &[GapBlock]) -> (PulseStream, Vec<(Fit, Counts)>) {
+        let mut stream = PulseStream::new(config.build().unwrap());
+        let mut taken = Vec::new();
+        for (n, block) in blocks.iter().enumerate() {
+            if n % 20 == 0 {
+                stream.look();
+            }
+            stream.block(block, |_| {});
+            if stream.has_news() {
+                let (fit, seen) = stream.take();
+                assert_eq!(seen, None);
+                taken.push((fit, *stream.counts()));
+            }
+        }
+        (stream, taken)
+    }
+
+    /// Generators that the levels do not fit: open circuit, spark, arc.
+    const WEAK: [i32; 3] = [80, 25, 18];
+    const WEAKER: [i32; 3] = [65, 22, 15];
+
+    #[test]
+    fn levels_that_do_not_fit_are_found_in_16_looks_and_no_spark_is_an_arc_from_then_on() {
+        for generator in [WEAK, WEAKER] {
+            for comparators in [true, false] {
+                let blocks = mixed(generator, comparators, 4000);
+                let config = Config { noise: Volts(1.0), ..Config::default() };
+                let (stream, taken) = looked_at(&config, &blocks);
+                let [(Fit::DoesNotFit, before)] = taken[..] else { panic!("{generator:?} {comparators}: {taken:?}") };
+                // 16 ms of them; more where the comparator has to show itself first.
+                assert!(before.total() < 340, "{generator:?} {comparators}: {before:?}");
+                let since = stream.counts().since(&before);
+                let of = |class: Class| since.classes[class as usize];
+                assert_eq!([of(Class::Spark), of(Class::Arc), of(Class::Short)], [0; 3], "{since:?}");
+                // Of 4000 pulses 760 are open.
+                assert_eq!(of(Class::Open), 760 - before.total(), "{generator:?} {comparators}: {since:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_generator_changed_while_it_sparks_is_found_in_a_second_and_shows_when_it_is_back() {
+        let good = mixed([100, 40, 28], true, 1000);
+        let other = mixed(WEAK, true, 16_000);
+        let blocks: Vec<GapBlock> =
+            [&good, &other[500..], &good, &good, &good].into_iter().flatten().copied().collect();
+        let config = Config { noise: Volts(1.0), ..Config::default() };
+        let (_, taken) = looked_at(&config, &blocks);
+        let fits: Vec<Fit> = taken.iter().map(|(fit, _)| *fit).collect();
+        assert_eq!(fits, [Fit::Fits, Fit::DoesNotFit, Fit::Fits]);
+    }
+
+    #[test]
+    fn levels_fit_a_generator_that_is_ten_percent_off_and_its_classes_stay() {
+        for generator in [[100, 40, 28], [110, 41, 29], [90, 39, 27]] {
+            let blocks = mixed(generator, true, 4000);
+            let config = Config { noise: Volts(1.0), ..Config::default() };
+            let (stream, taken) = looked_at(&config, &blocks);
+            assert!(matches!(taken[..], [(Fit::Fits, _)]), "{generator:?}: {taken:?}");
+            let of = |class: Class| stream.counts().classes[class as usize];
+            let all = [of(Class::Open), of(Class::Short), of(Class::Arc), of(Class::Spark)];
+            assert_eq!((all, of(Class::Uncertain)), ([760, 360, 720, 2160], 0), "{generator:?}");
+        }
+    }
+
+    #[test]
+    fn other_levels_are_looked_at_anew_and_collecting_goes_on() {
+        let config = Config { noise: Volts(1.0), ..Config::default() };
+        let blocks = mixed(WEAK, true, 1000);
+        let (mut stream, _) = looked_at(&config, &blocks);
+        stream.collect(true);
+        let taught =
+            Config { open: Volts(80.0), spark: Volts(25.0), arc_below: Volts(21.5), short_below: Volts(9.0), ..config };
+        stream.retune(taught.build().unwrap());
+        assert_eq!(stream.take(), (Fit::Unknown, None));
+        let (mut opens, mut burned) = (0, Vec::new());
+        for (n, block) in blocks.iter().enumerate() {
+            if n % 20 == 0 {
+                stream.look();
+            }
+            stream.block(block, |_| {});
+            match stream.take().1 {
+                Some(Seen::Open(code)) => {
+                    assert_eq!(code, 800);
+                    opens += 1;
+                }
+                Some(Seen::Burned(code, step)) => {
+                    assert!(step.is_none_or(|step| step == 0));
+                    burned.push(code);
+                }
+                None => {}
+            }
+        }
+        assert_eq!(stream.take().0, Fit::Fits);
+        let of = |code| burned.iter().filter(|burned| **burned == code).count();
+        assert_eq!((of(250), of(180), of(10), burned.len()), (360, 120, 60, 540));
+        // One that closes before the first conversion of its block has none at hand.
+        assert!((430..=460).contains(&opens), "{opens} of 460");
+        stream.collect(false);
+        blocks.iter().for_each(|block| stream.block(block, |_| {}));
+        assert_eq!(stream.take(), (Fit::Fits, None));
     }
 
     const SPARK: Made = Made { off: 1000, charges: Some(200), waits: 3000, burns: Some(40), lasts: 4000 };

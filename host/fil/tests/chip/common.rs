@@ -1,5 +1,9 @@
-//! The firmware that the tests run.
+//! The firmware that the tests run, and how it begins to bore.
 
+use edm_fil::rig::Emulated;
+use edm_servo_head::head::Command;
+use edm_servo_head::units::Nanometres;
+use edm_sim::machine::Rig as _;
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -23,4 +27,11 @@ pub fn place(file: &[u8], address: u32) -> usize {
             (word(header) == 1 && offset < word(header + 16)).then(|| (word(header + 4) + offset) as usize)
         })
         .expect("the address is loaded")
+}
+
+/// Makes the present position home, enables the head and bores to a depth.
+pub fn bore(rig: &mut Emulated, depth: Nanometres) {
+    for command in [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(depth), Command::Start] {
+        rig.command(command).unwrap();
+    }
 }

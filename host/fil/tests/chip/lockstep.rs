@@ -52,10 +52,7 @@ fn an_end_with_spark_out_and_lift_of_the_chip_is_that_of_the_native_core_bit_for
     let witness = Witness::twin(&settings).unwrap();
     let mut rig = Emulated::start(&image, &parameters, &settings, 1, witness).unwrap();
     host::begin(&mut rig).unwrap();
-    let target = Command::MoveTo(Nanometres(510_000));
-    for command in [Command::SetHome(Nanometres(0)), Command::Enable, target, Command::Start] {
-        rig.command(command).unwrap();
-    }
+    common::bore(&mut rig, Nanometres(510_000));
     let mut states = Vec::new();
     for _ in 0..400_000 {
         rig.tick().unwrap();
@@ -139,10 +136,7 @@ fn a_jump_of_the_chip_is_that_of_the_native_core_bit_for_bit() {
     let witness = Witness::twin(&settings).unwrap();
     let mut rig = Emulated::start(&image, &parameters, &settings, 1, witness).unwrap();
     host::begin(&mut rig).unwrap();
-    let target = Command::MoveTo(Nanometres(2_000_000));
-    for command in [Command::SetHome(Nanometres(0)), Command::Enable, target, Command::Start] {
-        rig.command(command).unwrap();
-    }
+    common::bore(&mut rig, Nanometres(2_000_000));
     let until = |rig: &mut Emulated, state| {
         for _ in 0..100_000 {
             rig.tick().unwrap();

@@ -40,10 +40,7 @@ fn a_pause_follows_the_pulses_of_its_class_and_every_pulse_is_counted() {
     plant.base.surface = 0.5;
     let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
     host::begin(&mut rig).unwrap();
-    let target = Command::MoveTo(Nanometres(3_000_000));
-    for command in [Command::SetHome(Nanometres(0)), Command::Enable, target, Command::Start] {
-        rig.command(command).unwrap();
-    }
+    common::bore(&mut rig, Nanometres(3_000_000));
     let mut eroded = 0;
     let mut before = rig.process_mut().truth().pulses;
     for _ in 0..400_000 {

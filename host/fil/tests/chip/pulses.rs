@@ -1,14 +1,14 @@
 //! Every pulse of the generator is classified by the chip, and counted once.
 
 use crate::common;
-use edm_fil::host;
+use edm_fil::host::{self, Bus as _};
 use edm_fil::image::Image;
 use edm_fil::rig::{Emulated, Witness};
 use edm_servo_head::gap::pulses::Class;
 use edm_servo_head::gap::senses::Sensing;
 use edm_servo_head::gap::senses::delays::BINS;
 use edm_servo_head::head::{Command, State};
-use edm_servo_head::settings::Settings;
+use edm_servo_head::settings::{Declared as _, Settings, Value};
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
 use edm_sim::run::Setup;
@@ -23,10 +23,7 @@ fn the_classes_add_up_to_the_pulses_of_the_generator_at_1_to_100_khz() {
         plant.base.surface = 0.5;
         let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
         host::begin(&mut rig).unwrap();
-        let target = Command::MoveTo(Nanometres(3_000_000));
-        for command in [Command::SetHome(Nanometres(0)), Command::Enable, target, Command::Start] {
-            rig.command(command).unwrap();
-        }
+        common::bore(&mut rig, Nanometres(3_000_000));
         let (mut eroded, mut most) = (0, 0u64);
         for _ in 0..400_000 {
             rig.tick().unwrap();
@@ -108,4 +105,54 @@ fn histogram(rig: &mut Emulated) -> u32 {
     let bytes = host::upload(rig, 0x2012, 17).unwrap();
     assert_eq!(bytes.len(), 4 * BINS);
     bytes.chunks_exact(4).map(|count| u32::from_le_bytes(count.try_into().unwrap())).sum()
+}
+
+#[test]
+fn a_teach_in_over_the_bus_finds_the_levels_of_another_generator_and_the_chip_runs_them() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let Setup { process: mut plant, head, .. } = Setup::load("sinker").unwrap();
+    // 50 kHz: enough burns in half a second.
+    for (key, value) in
+        [("open_v", 80.0), ("burn_v", 25.0), ("arc_v", 18.0), ("on_us", 16.0), ("off_us", 4.0), ("recovery_us", 0.6)]
+    {
+        plant.set(&format!("model.{key}"), Value::Number(value)).unwrap();
+    }
+    plant.base.surface = 0.2;
+    let settings = Settings { commissioned: true, gap_setpoint: 45.0, gap_open_min: 60.0, ..head };
+    let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
+    host::begin(&mut rig).unwrap();
+    host::write(&mut rig, 0x2013, 2, 0, 2).unwrap();
+    host::write(&mut rig, 0x2013, 1, 1, 1).unwrap();
+    assert_eq!(host::read(&mut rig, 0x2013, 16).unwrap() & 0xFF, 0);
+    common::bore(&mut rig, Nanometres(3_000_000));
+    let step = |rig: &mut Emulated| host::read(rig, 0x2013, 3).unwrap() & 0xFF;
+    let mut before = None;
+    for _ in 0..100 {
+        (0..20).for_each(|_| rig.pass().unwrap());
+        if rig.status().state == State::Eroding && before.is_none() {
+            before = Some(rig.status().gap.pulses);
+            assert_eq!(host::read(&mut rig, 0x2013, 16).unwrap() & 0xFF, 2, "levels do not fit");
+        }
+        if step(&mut rig) > 3 {
+            break;
+        }
+    }
+    let before = before.unwrap_or_else(|| panic!("{:?}", rig.status()));
+    assert_eq!((step(&mut rig), host::read(&mut rig, 0x2013, 4).unwrap() & 0xFF), (4, 0), "{:?}", rig.status());
+    // Nothing was called an arc before.
+    let since = rig.status().gap.pulses.since(&before);
+    assert_eq!([Class::Spark, Class::Arc, Class::Short].map(|class| since.classes[class as usize]), [0; 3]);
+    let proposed = [10, 11, 12, 13, 14].map(|sub| host::read(&mut rig, 0x2013, sub).unwrap() & 0xFFFF);
+    println!("{proposed:?} of {} pulses", host::read(&mut rig, 0x2013, 5).unwrap());
+    let [open, spark, ..] = proposed;
+    assert!(open.abs_diff(8000) < 100 && spark.abs_diff(2500) < 100, "{proposed:?}");
+    rig.command(Command::Hold).unwrap();
+    rig.command(Command::Disable).unwrap();
+    host::write(&mut rig, 0x2013, 1, 2, 1).unwrap();
+    let set = [20, 21, 19, 8, 22]
+        .map(|sub| (f32::from_bits(host::read(&mut rig, 0x2100, sub).unwrap()) * 100.0).round() as u32);
+    assert_eq!(set, proposed);
+    assert_eq!(host::read(&mut rig, 0x2013, 16).unwrap() & 0xFF, 0, "not known yet");
+    let generations = [1, 3].map(|sub| host::read(&mut rig, 0x200C, sub).unwrap());
+    assert_eq!(generations[0], generations[1], "the gap task runs the newest settings");
 }

@@ -16,7 +16,7 @@ use crate::process::THRESHOLDS;
 use converter::{Gate, Scale, blocks};
 use edm_servo_head::dsp::chain::{State, Tracked};
 
-use edm_servo_head::gap::pulses::{CLASSES, Class, PulseStream, Shares};
+use edm_servo_head::gap::pulses::{CLASSES, Class, Fit, PulseStream, Shares};
 use edm_servo_head::gap::{GapSource, Quality, Voltage};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{ADC_HZ, TICK_HZ, TICKS_PER_MS};
@@ -83,6 +83,10 @@ pub struct Replay {
     pub pulses: [u64; CLASSES],
     /// Whether pulses were classified: sampled often enough, and with a gate.
     pub classified: bool,
+    /// Whether the levels fitted them at the end.
+    pub fit: Fit,
+    /// The same pulses as the head has counted them.
+    pub counted: [u32; CLASSES],
 }
 
 /// Runs a recording through the chain.
@@ -107,14 +111,19 @@ pub fn run(recording: &Recording, settings: &Settings, gate: Gate) -> Result<Rep
 
     let mut beside: Option<[State; 2]> = None;
     let (mut ms, mut shares, mut pulses) = ([0u16; CLASSES], Shares::default(), [0u64; CLASSES]);
-    let mut rows = Vec::new();
+    let (mut rows, mut counted) = (Vec::new(), [0; CLASSES]);
     for (tick, block) in blocks(recording, scale, gate, high).enumerate() {
         let reading = source.update(Some(&block));
         let codes = reading.block.0 / per_code;
+        counted = reading.pulses.classes;
         let [low_pass, follower] = beside.get_or_insert([State::settled(codes); 2]);
         let (lowpass, followed) = (low_pass.low_pass(&filter, codes), tracked.tick(follower, codes));
         let mut classes = Vec::new();
         if classified {
+            // As the head does.
+            if (tick + 1).is_multiple_of(TICKS_PER_MS as usize) {
+                stream.look();
+            }
             stream.block(&block, |pulse| classes.push(pulse.class));
         }
         for class in &classes {
@@ -139,7 +148,8 @@ pub fn run(recording: &Recording, settings: &Settings, gate: Gate) -> Result<Rep
     if rows.is_empty() {
         return Err(format!("lasts {:.1} us: must last at least a servo tick, 50 us", recording.seconds() * 1e6));
     }
-    Ok(Replay { rows, pulses, classified })
+    let fit = stream.take().0;
+    Ok(Replay { rows, pulses, classified, fit, counted })
 }
 
 /// Name of a class in tables.
@@ -208,6 +218,11 @@ impl Replay {
             "not classified: no gate was recorded (use --gate or --gate-above)".into()
         };
         text += &format!("  {:<12} {pulses}\n", "Pulses");
+        if self.fit == Fit::DoesNotFit {
+            let say =
+                "do not fit: set gap.open_v, gap.spark_v, gap.arc_below_v and gap.short_v to those of the generator";
+            text += &format!("  {:<12} {say}\n", "Levels");
+        }
         text
     }
 }
