@@ -268,9 +268,14 @@ fn the_gap_is_seen_while_a_hole_is_bored() {
         // Of the model: 100 V. Of the settings: 85 %, 65 V, 20 V.
         assert!((90.0..110.0).contains(&open) && (seek - 0.85 * open).abs() < 0.11, "{open} {seek}");
         assert_eq!((value("ladder", "set point"), value("ladder", "short")), (65.0, 20.0));
-        let kinds = ["open", "spark", "arc", "short", "no pulse", "uncertain"];
-        let all: f64 = kinds.iter().map(|kind| value("shares", kind)).sum();
-        assert!((all - 100.0).abs() < 1.0, "{all}");
+        // At one moment: the page goes on. What is a share of the milliseconds is not one of the pulses.
+        let all = page.value(
+            "[...document.querySelectorAll('#shares tr')]
+             .filter((row) => row.cells[0].firstChild.data !== 'no pulse')
+             .reduce((sum, row) => sum + Number(row.cells[1].innerText), 0)",
+        );
+        let all = all.as_f64().unwrap();
+        assert!((all - 100.0).abs() <= 1.5, "{all}");
         let volts = page.text("#gap-volts");
         let number: f64 = volts.split(' ').next().unwrap().parse().unwrap();
         assert!((5.0..110.0).contains(&number) && volts.ends_with("valid"), "{volts}");
