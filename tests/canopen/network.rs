@@ -155,9 +155,23 @@ fn trouble_of_the_controller_is_an_emergency_unless_the_node_is_alone() {
         bench.node.controller(trouble);
         bench.node.controller(trouble);
         assert_eq!(bench.pass_for(1_000, 0x80 + ID), [[code, 0x81, 0x11, 1, 0, 0, 0, 0]]);
-        bench.node.controller(Controller::default());
+        (0..20).for_each(|_| bench.node.controller(Controller::default()));
         assert_eq!(bench.pass_for(1_000, 0x80 + ID), [[0; 8]]);
     }
+}
+
+#[test]
+fn a_controller_that_leaves_the_bus_and_comes_back_again_and_again_is_one_emergency_until_it_stays() {
+    let mut bench = Bench::operational();
+    let (passive, bus_off) =
+        (Controller { passive: true, ..Controller::default() }, Controller { bus_off: true, ..Controller::default() });
+    for _ in 0..100 {
+        [passive, bus_off, Controller::default()].map(|controller| bench.node.controller(controller));
+    }
+    let (passive, bus_off) = ([0x20, 0x81, 0x11, 1, 0, 0, 0, 0], [0x40, 0x81, 0x11, 1, 0, 0, 0, 0]);
+    assert_eq!(bench.pass_for(1_000, 0x80 + ID), [passive, bus_off]);
+    (0..20).for_each(|_| bench.node.controller(Controller::default()));
+    assert_eq!(bench.pass_for(1_000, 0x80 + ID), [[0, 0, 0x11, 0, 0, 0, 0, 0], [0; 8]]);
 }
 
 #[test]
