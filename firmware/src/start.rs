@@ -25,7 +25,7 @@ use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Record};
 use edm_servo_head::canopen::{BitRate, BusSettings, Node, NodeId};
 use edm_servo_head::gap::Voltage;
 use edm_servo_head::path::Path;
-use edm_servo_head::settings::{SettingError, Settings};
+use edm_servo_head::settings::Settings;
 use edm_servo_head::stored::StoredImage;
 
 /// How a head is reached that has nothing stored: it waits for a node-ID.
@@ -63,7 +63,7 @@ pub struct Slots {
     crossings: Crossings,
     buffer: [u8; BUFFER],
     node: MaybeUninit<Node>,
-    drive: MaybeUninit<Result<Drive, SettingError>>,
+    drive: MaybeUninit<Drive>,
     record: Record,
     image: StoredImage,
 }
@@ -86,17 +86,6 @@ impl Slots {
 #[inline(never)]
 fn place_node(slot: &'static mut MaybeUninit<Node>, settings: BusSettings) -> &'static mut Node {
     slot.write(Node::new(&DEVICE, settings, boot::serial_number()))
-}
-
-#[inline(never)]
-fn place_drive(
-    slot: &'static mut MaybeUninit<Result<Drive, SettingError>>,
-    identity: Identity,
-    record: &'static mut Record,
-    defaults: Settings,
-) -> Result<&'static mut Drive, StartError> {
-    let drive = slot.write(Drive::new(defaults, identity, record));
-    drive.as_mut().map_err(|_| StartError::Settings)
 }
 
 /// Node and drive begin with what is stored.
@@ -130,7 +119,8 @@ pub fn start(
     let unnamed = if image.is_from_0_1_0() { FROM_0_1_0 } else { UNCONFIGURED };
     let node = place_node(&mut slots.node, image.bus().unwrap_or(unnamed));
     let defaults = Settings::with(Board::TABLE.defaults).map_err(|_| StartError::Settings)?;
-    let drive = place_drive(&mut slots.drive, identity, &mut slots.record, defaults)?;
+    let drive =
+        Drive::new_in(&mut slots.drive, defaults, identity, &mut slots.record).map_err(|_| StartError::Settings)?;
     restore(image, node, drive, defaults);
     // What it orders at the start is how the head begins below.
     drive.started();

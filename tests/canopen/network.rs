@@ -166,7 +166,9 @@ fn a_controller_that_leaves_the_bus_and_comes_back_again_and_again_is_one_emerge
     let (passive, bus_off) =
         (Controller { passive: true, ..Controller::default() }, Controller { bus_off: true, ..Controller::default() });
     for _ in 0..100 {
-        [passive, bus_off, Controller::default()].map(|controller| bench.node.controller(controller));
+        for controller in [passive, bus_off, Controller::default()] {
+            bench.node.controller(controller);
+        }
     }
     let (passive, bus_off) = ([0x20, 0x81, 0x11, 1, 0, 0, 0, 0], [0x40, 0x81, 0x11, 1, 0, 0, 0, 0]);
     assert_eq!(bench.pass_for(1_000, 0x80 + ID), [passive, bus_off]);

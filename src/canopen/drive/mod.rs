@@ -61,6 +61,7 @@ use crate::path::AHEAD;
 use crate::settings::{Active, SettingError, Settings};
 use crate::stored::{LoadReport, StoredImage};
 use crate::units::Fixed;
+use core::mem::MaybeUninit;
 use datum::Datum;
 use heapless::Deque;
 use modes::{Mode, SetPoints};
@@ -183,11 +184,32 @@ impl Drive {
     ///
     /// # Errors
     /// The setting that stands in the way.
-    // A drive on the stack, in a frame of its own: the caller's holds another.
-    #[inline(never)]
     pub fn new(settings: Settings, identity: Identity, record: &'static mut Record) -> Result<Drive, SettingError> {
-        let active = settings.build()?;
-        let mut drive = Drive {
+        let mut drive = Self::of(settings.build()?, settings, identity, record);
+        drive.load_defaults();
+        Ok(drive)
+    }
+
+    /// The same in its place: on the way from [`Drive::new`] it would be on the stack twice, 5 KiB each.
+    ///
+    /// # Errors
+    /// As [`Drive::new`].
+    // In a frame of its own, that is off the stack again before anything else runs.
+    #[inline(never)]
+    pub fn new_in<'a>(
+        slot: &'a mut MaybeUninit<Drive>,
+        settings: Settings,
+        identity: Identity,
+        record: &'static mut Record,
+    ) -> Result<&'a mut Drive, SettingError> {
+        let drive = slot.write(Self::of(settings.build()?, settings, identity, record));
+        drive.load_defaults();
+        Ok(drive)
+    }
+
+    #[inline(always)]
+    fn of(active: Active, settings: Settings, identity: Identity, record: &'static mut Record) -> Drive {
+        Drive {
             settings,
             active,
             identity,
@@ -241,9 +263,7 @@ impl Drive {
             wrong: None,
             contradiction: Contradiction::default(),
             scope: Scope::new(record),
-        };
-        drive.load_defaults();
-        Ok(drive)
+        }
     }
 
     /// Values of power-on, from what is stored and, where nothing is, the defaults and `settings`. The head is disabled. What
