@@ -280,6 +280,8 @@ fn sample(machine: &impl Rig, truth: &Truth, home_um: f64) -> Sample {
         contact_n: truth.contact_n,
         film_n: truth.film_n,
         pulses: truth.pulses,
+        counts: status.gap.pulses,
+        senses: status.senses,
     }
 }
 

@@ -5,6 +5,8 @@
 
 use crate::process::Pulses;
 use crate::run::Sample;
+use edm_servo_head::gap::pulses::Counts;
+use edm_servo_head::gap::senses::Senses;
 use edm_servo_head::units::{TICK_HZ, TICKS_PER_MS};
 use std::f64::consts::{PI, SQRT_2};
 
@@ -107,6 +109,10 @@ pub struct Millisecond {
     pub velocity_square: f64,
     /// What became of the pulses until the last tick.
     pub pulses: Pulses,
+    /// What the head takes them for until the last tick.
+    pub counts: Counts,
+    /// What it takes the gap for at the last tick.
+    pub senses: Senses,
 }
 
 impl Millisecond {
@@ -131,6 +137,8 @@ impl Millisecond {
             film_n: 0.0,
             velocity_square: 0.0,
             pulses: Pulses::default(),
+            counts: Counts::default(),
+            senses: Senses::NONE,
         }
     }
 
@@ -150,7 +158,7 @@ impl Millisecond {
         self.contact_n = self.contact_n.max(sample.contact_n);
         self.film_n = self.film_n.max(sample.film_n.abs());
         self.velocity_square += sample.velocity_um_s * sample.velocity_um_s;
-        self.pulses = sample.pulses;
+        (self.pulses, self.counts, self.senses) = (sample.pulses, sample.counts, sample.senses);
     }
 
     /// Makes means of the sums.

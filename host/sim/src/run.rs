@@ -6,6 +6,8 @@
 use crate::gcode::Move;
 use crate::process::{Plant, Pulses};
 use crate::scenario::Scenario;
+use edm_servo_head::gap::pulses::Counts;
+use edm_servo_head::gap::senses::Senses;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Fixed;
 
@@ -102,6 +104,10 @@ pub struct Sample {
     pub film_n: f64,
     /// What became of the pulses so far.
     pub pulses: Pulses,
+    /// What the head takes them for, so far.
+    pub counts: Counts,
+    /// What it takes the gap for.
+    pub senses: Senses,
 }
 
 /// Observes a run, once per servo tick.

@@ -27,7 +27,8 @@ pub struct Bore {
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Write a table with one row per millisecond (t_s, position_um, setpoint_um, velocity_um_s, surface_um, gap_um, gap_v,
-    /// filtered_v, duty, state, wear_um, debris, damage, contact_n, film_n)
+    /// filtered_v, duty, state, wear_um, debris, damage, contact_n, film_n; pulses since the start as the head takes them: open,
+    /// spark, arc, short, uncertain; what it senses: hazard_per_s, hazard_deviation_per_s, distance_um, spark_per_s)
     #[arg(long, value_name = "FILE.csv")]
     pub trace: Option<PathBuf>,
     /// Write a plot of the run

@@ -1,9 +1,42 @@
 //! A run of any length in memory of a fixed size: when the columns are full, neighbours are joined.
 
 use crate::millisecond::{Millisecond, Phase, Span};
+use edm_servo_head::gap::likelihood::Hazard;
 
 /// Phases that are shaded, in the order of [`Bucket::share`].
 pub(super) const SHADED: [Phase; 4] = [Phase::Idle, Phase::Seeking, Phase::Retreating, Phase::Fault];
+
+/// What the head knows of the gap in some of the milliseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Known {
+    /// For how many of them, ms.
+    ms: f64,
+    /// Its mean in those.
+    pub value: f64,
+    /// Standard deviation that the head gives it, mean as well.
+    pub deviation: f64,
+}
+
+impl Known {
+    fn of(known: Option<(f32, f32)>) -> Known {
+        known.map_or(Known::default(), |(value, deviation)| Known {
+            ms: 1.0,
+            value: value.into(),
+            deviation: deviation.into(),
+        })
+    }
+
+    fn join(&self, later: &Known) -> Known {
+        let ms = self.ms + later.ms;
+        let mean = |a: f64, b: f64| if ms > 0.0 { (a * self.ms + b * later.ms) / ms } else { 0.0 };
+        Known { ms, value: mean(self.value, later.value), deviation: mean(self.deviation, later.deviation) }
+    }
+
+    /// Known for some of the time.
+    pub fn is_known(&self) -> bool {
+        self.ms > 0.0
+    }
+}
 
 /// Some milliseconds in one column.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +53,12 @@ pub(super) struct Bucket {
     pub duty: Span,
     pub debris: f64,
     pub damage: f64,
+    /// Hazard of ignition, 1/ms.
+    pub hazard: Known,
+    /// Gap by charging time, um, where the head was calibrated for it.
+    pub distance: Known,
+    /// Sparks a millisecond.
+    pub frequency: Known,
     /// Share of its time in each of [`SHADED`].
     pub share: [f64; 4],
 }
@@ -38,6 +77,13 @@ impl From<&Millisecond> for Bucket {
             duty: ms.duty,
             debris: ms.debris,
             damage: ms.damage,
+            hazard: Known::of(
+                ms.senses.hazard.map(|Hazard { rate, variance }| (rate * 1e-3, rate * 1e-3 * variance.sqrt())),
+            ),
+            distance: Known::of(
+                ms.senses.distance.filter(|charged| charged.inside).map(|charged| (charged.gap.0, 0.0)),
+            ),
+            frequency: Known::of(ms.senses.frequency.map(|rate| (rate * 1e-3, 0.0))),
             share: SHADED.map(|phase| f64::from(phase == ms.phase)),
         }
     }
@@ -64,6 +110,9 @@ impl Bucket {
             duty: span(self.duty, later.duty),
             debris: mean(self.debris, later.debris),
             damage: mean(self.damage, later.damage),
+            hazard: self.hazard.join(&later.hazard),
+            distance: self.distance.join(&later.distance),
+            frequency: self.frequency.join(&later.frequency),
             share,
         }
     }
@@ -193,6 +242,15 @@ mod tests {
         assert_eq!((joined.gap_um.min, joined.gap_um.mean, joined.gap_um.max), (-1.0, 1.5, 4.0));
         assert_eq!(joined.share, [0.0, 0.5, 0.0, 0.0]);
         assert_eq!(joined.surface_um, 1.5);
+    }
+
+    #[test]
+    fn what_is_not_known_all_the_time_is_the_mean_of_when_it_is() {
+        let known = |value, deviation| Known::of(Some((value, deviation)));
+        let joined = known(4.0, 1.0).join(&Known::of(None)).join(&known(1.0, 0.0).join(&known(1.0, 2.0)));
+        assert_eq!((joined.value, joined.deviation, joined.is_known()), (2.0, 1.0, true));
+        let unknown = Known::of(None).join(&Known::of(None));
+        assert_eq!((unknown.is_known(), unknown.value), (false, 0.0));
     }
 
     #[test]

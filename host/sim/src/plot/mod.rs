@@ -1,12 +1,13 @@
 //! The run as a picture: SVG, the whole run on the left, one second of eroding on the right; a path, if there was one, next to
 //! them.
 //!
-//! Five panels share the time: depth, gap voltage, gap, debris with damage, duty. Time that is not eroding is shaded. What is drawn is
+//! The panels share the time: depth, gap voltage, what the head senses of the pulses, gap, debris with damage, duty. Time that is not eroding is shaded. What is drawn is
 //! gathered during the run, in memory that does not grow with it (`buckets`): a band from smallest to largest
 //! tick, so that nothing short is lost, and a line of means.
 
 mod buckets;
 pub(crate) mod panels;
+mod shares;
 mod sheet;
 mod track;
 
@@ -14,6 +15,7 @@ use crate::millisecond::{Millisecond, Phase};
 use crate::report::Report;
 use crate::run::Program;
 use buckets::{Bucket, Buckets, Means};
+use shares::Shares;
 use std::ops::Range;
 use track::Track;
 
@@ -26,11 +28,17 @@ const CLOSE_UP_FROM_MS: u64 = 2000;
 /// Window of the plotted means, ms.
 const MEAN_MS: u32 = crate::statistics::VOLTAGE_MS;
 
+/// Windows of the shares of pulses, ms, and at most so many of them; in the close-up.
+const SHARES_MS: u32 = 100;
+const SHARES: usize = 600;
+const CLOSE_SHARES_MS: u32 = 50;
+
 /// What a picture is drawn from.
 #[derive(Debug)]
 pub struct Picture {
     run: Buckets,
     means: Means,
+    shares: Shares,
     close_up: CloseUp,
     track: Track,
 }
@@ -40,6 +48,7 @@ impl Default for Picture {
         Picture {
             run: Buckets::new(COLUMNS),
             means: Means::new(MEAN_MS, COLUMNS),
+            shares: Shares::new(SHARES_MS, SHARES),
             close_up: CloseUp::default(),
             track: Track::default(),
         }
@@ -51,6 +60,7 @@ impl Picture {
     pub fn add(&mut self, ms: &Millisecond) {
         self.run.add(&Bucket::from(ms));
         self.means.add(ms.t_s, ms.gap_v.mean);
+        self.shares.add(ms);
         self.close_up.add(ms);
         self.track.add(ms);
     }

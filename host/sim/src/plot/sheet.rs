@@ -1,8 +1,9 @@
 //! The sheet: where the panels lie, and how they are drawn.
 
-use super::Picture;
 use super::buckets::{Bucket, SHADED};
-use super::panels::{BLUE, Curve, INK, Panel, View};
+use super::panels::{BAND, BLUE, Curve, INK, Panel, View};
+use super::shares::Shares;
+use super::{CLOSE_SHARES_MS, Picture, SHARES};
 use crate::millisecond::Phase;
 use crate::report::Report;
 use crate::run::Program;
@@ -14,7 +15,9 @@ use std::ops::Range;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type PlotResult<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
 
-const SIZE: (u32, u32) = (1600, 1400);
+const WIDTH: u32 = 1600;
+/// Height of a panel.
+const PANEL: u32 = 215;
 const HEAD: u32 = 112;
 const FOOT: u32 = 54;
 const LEFT_COLUMN: u32 = 960;
@@ -26,11 +29,15 @@ const GRID: RGBColor = RGBColor(0xe4, 0xe8, 0xec);
 /// Draws the picture as SVG.
 pub(super) fn draw(picture: &Picture, report: &Report, title: &str, path: Option<&Program>) -> Result<String, String> {
     let mut svg = String::new();
-    let size = (SIZE.0 + path.map_or(0, |_| PATH_COLUMN), SIZE.1);
+    let run = picture.run.all();
+    let first_surface_um = run.first().map_or(0.0, |column| column.surface_um);
+    let whole = View { picture, columns: &run, shares: &picture.shares, first_surface_um }.whole();
+    let size = (WIDTH + path.map_or(0, |_| PATH_COLUMN), HEAD + FOOT + PANEL * whole.len() as u32);
     let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
     let drawn = root.fill(&WHITE).and_then(|()| {
-        let (sheet, beside) = root.split_horizontally(SIZE.0);
-        on(&sheet, picture, report, title)?;
+        let (sheet, beside) = root.split_horizontally(WIDTH);
+        heading(&sheet, report, title)?;
+        on(&sheet, picture, &run, &whole)?;
         path.map_or(Ok(()), |path| path_column(&beside, picture, path))
     });
     drawn.map_err(|error| error.to_string())?;
@@ -41,7 +48,7 @@ pub(super) fn draw(picture: &Picture, report: &Report, title: &str, path: Option
 /// Draws panels over one time as SVG, under a title and a line that says more.
 pub(super) fn panels(title: &str, more: &str, time: &Range<f64>, panels: &[Panel]) -> Result<String, String> {
     let mut svg = String::new();
-    let root = SVGBackend::with_string(&mut svg, (SIZE.0, HEAD + 260 * panels.len() as u32)).into_drawing_area();
+    let root = SVGBackend::with_string(&mut svg, (WIDTH, HEAD + 260 * panels.len() as u32)).into_drawing_area();
     let drawn = root.fill(&WHITE).and_then(|()| {
         let (head, body) = root.split_vertically(HEAD);
         text(&head, title, (24, 16), 27.0, INK, true)?;
@@ -104,7 +111,7 @@ fn view<'a>(
     mesh.x_labels(5).y_labels(7).x_label_formatter(&number).y_label_formatter(&number).draw()?;
     let curve = |label: &str, colour, width, dashed, line: &[(f64, f64)]| {
         let line = line.to_vec();
-        Curve { label: label.into(), colour, width, dashed, line, band: Vec::new() }
+        Curve { label: label.into(), colour, width, dashed, line, band: Vec::new(), opaque: BAND }
     };
     // What lies beside the path, a retreat or the way to the work, is not why it is drawn.
     let gone: Vec<_> = gone.into_iter().filter(|(x, y)| across.contains(x) && up.contains(y)).collect();
@@ -120,26 +127,26 @@ fn view<'a>(
     legend(area, &Panel { name, y: 0.0..1.0, curves })
 }
 
-fn on<'a>(root: &Area<'a>, picture: &Picture, report: &Report, title: &str) -> PlotResult<'a> {
+fn on<'a>(root: &Area<'a>, picture: &Picture, run: &[Bucket], whole: &[Panel]) -> PlotResult<'a> {
     let (head, body) = root.split_vertically(HEAD);
     let (left, right) = body.split_horizontally(LEFT_COLUMN);
-    heading(&head, report, title)?;
-
-    let run = picture.run.all();
-    let close_up: Vec<Bucket> = picture.close_up.kept.iter().map(Bucket::from).collect();
-    let first_surface_um = run.first().map_or(0.0, |column| column.surface_um);
-    let view = |columns| View { picture, columns, first_surface_um };
-
     text(&head, "The whole run", (64, 86), 17.0, INK, true)?;
     shade_legend(&head)?;
-    column(&left, &run, view(&run).whole())?;
-    text(&left, "lines: means, bands: smallest to largest", (64, (SIZE.1 - HEAD) as i32 - 18), 13.0, PALE, false)?;
+    column(&left, run, whole)?;
+    let (_, height) = body.dim_in_pixel();
+    text(&left, "lines: means, bands: smallest to largest", (64, height as i32 - 18), 13.0, PALE, false)?;
+    text(&right, "sensed: what the head knows", (400, height as i32 - 18), 13.0, PALE, false)?;
+    let close_up: Vec<Bucket> = picture.close_up.kept.iter().map(Bucket::from).collect();
     let (Some(first), Some(last)) = (close_up.first(), close_up.last()) else {
         return text(&right, "No undisturbed second of eroding", (64, 40), 15.0, PALE, false);
     };
     let heading = format!("One second of eroding, from {:.1} to {:.1} s", first.time().0, last.time().1);
     text(&head, &heading, (LEFT_COLUMN as i32 + 64, 86), 17.0, INK, true)?;
-    column(&right, &close_up, view(&close_up).close_up())
+    let mut shares = Shares::new(CLOSE_SHARES_MS, SHARES);
+    picture.close_up.kept.iter().for_each(|ms| shares.add(ms));
+    let first_surface_um = run.first().map_or(0.0, |column| column.surface_um);
+    let view = View { picture, columns: &close_up, shares: &shares, first_surface_um };
+    column(&right, &close_up, &view.close_up())
 }
 
 fn heading<'a>(area: &Area<'a>, report: &Report, title: &str) -> PlotResult<'a> {
@@ -205,12 +212,12 @@ fn shades(columns: &[Bucket]) -> Vec<(Range<f64>, Phase, u8)> {
     stretches
 }
 
-fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: [Panel; 5]) -> PlotResult<'a> {
+fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: &[Panel]) -> PlotResult<'a> {
     let time = match (columns.first(), columns.last()) {
         (Some(first), Some(last)) => first.time().0..last.time().1,
         _ => 0.0..1.0,
     };
-    stack(area, &time, &shades(columns), &panels)
+    stack(area, &time, &shades(columns), panels)
 }
 
 /// Draws panels, one below the other, over the same time.
@@ -273,11 +280,12 @@ fn diagram<'a>(
     mesh.axis_desc_style(("sans-serif", 18).into_font().color(&INK)).draw()?;
     for curve in &panel.curves {
         let inside = |(t, y): &(f64, f64)| (*t, y.clamp(low, high));
-        if !curve.band.is_empty() {
-            let upper = curve.band.iter().map(|(t, _, max)| inside(&(*t, *max)));
-            let lower = curve.band.iter().rev().map(|(t, min, _)| inside(&(*t, *min)));
+        // What is not a number is a gap.
+        for band in curve.band.split(|(_, min, max)| !(min + max).is_finite()).filter(|band| !band.is_empty()) {
+            let upper = band.iter().map(|(t, _, max)| inside(&(*t, *max)));
+            let lower = band.iter().rev().map(|(t, min, _)| inside(&(*t, *min)));
             let outline: Vec<_> = upper.chain(lower).collect();
-            chart.draw_series([Polygon::new(outline, curve.colour.mix(0.25))])?;
+            chart.draw_series([Polygon::new(outline, curve.colour.mix(curve.opaque))])?;
         }
         let style = curve.colour.stroke_width(curve.width);
         for line in within(&curve.line, low, high) {
@@ -298,7 +306,9 @@ fn within(line: &[(f64, f64)], low: f64, high: f64) -> Vec<Vec<(f64, f64)>> {
     for (i, point) in line.iter().enumerate() {
         let near = [i.wrapping_sub(1), i + 1].into_iter().any(|i| line.get(i).is_some_and(inside));
         match parts.last_mut() {
-            Some(part) if inside(point) || near => part.push((point.0, point.1.clamp(low, high))),
+            Some(part) if inside(point) || near && point.1.is_finite() => {
+                part.push((point.0, point.1.clamp(low, high)))
+            }
             Some(part) if part.is_empty() => {}
             _ => parts.push(Vec::new()),
         }
@@ -312,8 +322,13 @@ fn legend<'a>(area: &Area<'a>, panel: &Panel) -> PlotResult<'a> {
     text(area, panel.name, (64, 9), 15.0, INK, true)?;
     let mut x = 64 + width(panel.name, 15.0, true) + 16;
     // A single curve is named by its panel.
-    for Curve { label, colour, width: thick, dashed, .. } in panel.curves.iter().filter(|_| panel.curves.len() > 1) {
+    for Curve { label, colour, width: thick, dashed, line, opaque, .. } in
+        panel.curves.iter().filter(|_| panel.curves.len() > 1)
+    {
         let swatch = colour.stroke_width(thick + 1);
+        if line.is_empty() {
+            area.draw(&Rectangle::new([(x, 11), (x + 21, 23)], colour.mix(*opaque).filled()))?;
+        }
         let pieces = if *dashed { vec![(0, 8), (13, 21)] } else { vec![(0, 21)] };
         for (from, to) in pieces {
             area.draw(&PathElement::new([(x + from, 17), (x + to, 17)], swatch))?;
@@ -346,6 +361,8 @@ mod tests {
         let ys: Vec<Vec<f64>> =
             within(&line, 0.0, 1.0).iter().map(|part| part.iter().map(|(_, y)| *y).collect()).collect();
         assert_eq!(ys, [vec![0.0, 0.5, 1.0], vec![1.0, 0.5, 0.0]]);
+        let with_a_gap = [(0.0, 0.5), (1.0, 0.5), (2.0, f64::NAN), (3.0, 0.5), (4.0, 0.5)];
+        assert_eq!(within(&with_a_gap, 0.0, 1.0), [with_a_gap[..2].to_vec(), with_a_gap[3..].to_vec()]);
         assert!(within(&[], 0.0, 1.0).is_empty());
     }
 }
