@@ -240,6 +240,7 @@ pub fn run(
         shot_floor_rms_v,
         pulses: truth.pulses,
         crater_um: machine.process().crater_um(),
+        pit_um: machine.process().pit_um(),
         removed_mm3: setup.process.face_mm2() * removed_um * 1e-3,
         lost_counts: machine.status().position.abs_diff(machine.true_count() - home),
         illegal_transitions: machine.status().illegal_transitions.into(),

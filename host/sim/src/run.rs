@@ -159,6 +159,8 @@ pub struct Outcome {
     pub pulses: Pulses,
     /// Mean size of the last craters, um; `None` where the model has none.
     pub crater_um: Option<f64>,
+    /// Deepest pit that arcs in one place have left, um; `None` where the model has none.
+    pub pit_um: Option<f64>,
     /// Volume of work removed, mm^3.
     pub removed_mm3: f64,
     /// Difference of the head's position and the truth, encoder counts.

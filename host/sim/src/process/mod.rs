@@ -523,6 +523,14 @@ impl Process {
         }
     }
 
+    /// Deepest pit that arcs in one place have left, um. Version 2 alone has one.
+    pub fn pit_um(&self) -> Option<f64> {
+        match &self.model {
+            Model::One(one) if one.arcs_stay => Some(one.process.truth().pit_um),
+            _ => None,
+        }
+    }
+
     /// What really is.
     #[inline]
     pub fn truth(&self) -> Truth {

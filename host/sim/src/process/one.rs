@@ -16,6 +16,8 @@ const STEPS: usize = 2;
 pub struct One {
     pub axis: Axis,
     pub process: edm_process::Process,
+    /// An arc stays at its place, and leaves a pit there.
+    pub arcs_stay: bool,
     held_gap_um: Option<f64>,
     /// What the electrode met in the last step.
     load: Load,
@@ -59,6 +61,7 @@ impl One {
         Ok(One {
             axis: Axis::new(&p, TICK_US / STEPS as f64),
             process,
+            arcs_stay: p.arc_heat > 0.0,
             held_gap_um: None,
             load: Load::NONE,
             seen,

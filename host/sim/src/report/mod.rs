@@ -91,6 +91,8 @@ pub struct Report {
     pub debris_mean: Option<f64>,
     /// Mean damage of the surfaces by arcs, likewise; 1 doubles a clean channel's recovery time.
     pub damage_mean: Option<f64>,
+    /// Deepest pit that arcs in one place have left, um; version 2 of the model alone has one.
+    pub pit_um: Option<f64>,
     /// Largest force between electrode and work, N.
     pub contact_n_max: f64,
     /// Largest force of the dielectric's film on the electrode, N.
@@ -197,6 +199,7 @@ impl Report {
             crater_um: outcome.crater_um.and_then(tidy),
             debris_mean: figures.debris.and_then(tidy),
             damage_mean: figures.damage.and_then(tidy),
+            pit_um: outcome.pit_um.and_then(tidy),
             contact_n_max: rounded(figures.contact_n),
             film_n_max: rounded(figures.film_n),
             lost_counts: outcome.lost_counts,

@@ -167,13 +167,17 @@ impl Summary<'_> {
             Some(damage) if damage > 0.0 => format!(", arc damage {damage:.2}"),
             _ => String::new(),
         };
+        let pit = match report.pit_um {
+            Some(pit) if pit > 0.0 => format!(", deepest pit of arcs {pit:.1} um"),
+            _ => String::new(),
+        };
         let through = match report.through_ratio {
             share if share > 0.0 => format!("; {} of the face is through", percent(share)),
             _ => String::new(),
         };
         let (film, contact) = (report.film_n_max, report.contact_n_max);
         format!(
-            "debris {debris} by volume{damage}{through}; largest force {film:.1} N of the film, {contact:.1} N of contact"
+            "debris {debris} by volume{damage}{pit}{through}; largest force {film:.1} N of the film, {contact:.1} N of contact"
         )
     }
 

@@ -19,6 +19,7 @@ fn outcome() -> Outcome {
         shot_floor_rms_v: Some(3.7),
         pulses: Pulses { open: 350, spark: 620, arc: 10, short: 20, stable_arc: 0 },
         crater_um: Some(12.5),
+        pit_um: Some(1.25),
         removed_mm3: 3.8,
         lost_counts: 0,
         illegal_transitions: 0,
@@ -65,7 +66,7 @@ fn the_json_has_exactly_these_keys_in_this_order() {
          \"wall_time_s\":2.0,\"gap_voltage_v\":{\"mean\":55.1,\"setpoint\":55.0,\"rms_error_100ms\":0.8,\"filtered_rms\":4.0,\
          \"shot_floor_rms\":3.7},\"gap_um\":{\"mean\":38.2,\"rms_error\":3.1},\"position_pp_um_median\":4.2,\
          \"position_line_um\":{\"amplitude\":0.6,\"hz\":7.2},\"vibration_mm_s\":0.21,\"velocity_mm_s\":0.25,\"duty_at_limit_ratio\":null,\"open_ratio\":0.35,\"spark_ratio\":0.62,\
-         \"arc_ratio\":0.01,\"short_ratio\":0.02,\"discharges\":630,\"long_retreats\":2,\"short_cycle_ratio\":0.02,\"shorts\":4,\"long_retreats_shorted\":1,\"removal_mm3_min\":1.572414,\"crater_um\":12.5,\"debris_mean\":0.9,\"damage_mean\":0.04,\"contact_n_max\":0.25,\"film_n_max\":3.5,\"lost_counts\":0,\
+         \"arc_ratio\":0.01,\"short_ratio\":0.02,\"discharges\":630,\"long_retreats\":2,\"short_cycle_ratio\":0.02,\"shorts\":4,\"long_retreats_shorted\":1,\"removal_mm3_min\":1.572414,\"crater_um\":12.5,\"debris_mean\":0.9,\"damage_mean\":0.04,\"pit_um\":1.25,\"contact_n_max\":0.25,\"film_n_max\":3.5,\"lost_counts\":0,\
          \"illegal_transitions\":0,\"jumps\":0,\"jumps_cramped\":false,\"faults\":[],\"findings\":[]}"
     );
 }
@@ -112,7 +113,7 @@ fn the_summary_has_the_figures_of_the_run() {
         \x20 Position     ripple 4.2 um p-p (0.5 s window); largest tone 0.6 um at 7 Hz; \
          0.21 mm/s rms above 50 Hz; 2 backward moves of more than 5 um\n\
         \x20 Pulses       630 discharges; 62 % sparks, 35 % open, 1.0 % arcs, 2.0 % shorts\n\
-        \x20 Fluid        debris 4.5 % by volume, arc damage 0.04; largest force 3.5 N of the film, 0.2 N of contact\n\
+        \x20 Fluid        debris 4.5 % by volume, arc damage 0.04, deepest pit of arcs 1.2 um; largest force 3.5 N of the film, 0.2 N of contact\n\
         \x20 Encoder      no lost count, no illegal transition\n\
         \x20 Faults       none\n"
     );
