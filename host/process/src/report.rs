@@ -1,7 +1,7 @@
-//! The gates as a table, as JSON and in docs/process-model.md.
+//! The gates as tables, as JSON, in docs/process-model.md and, with all that was found, in docs/process-model-tables.md.
 
 use crate::frozen;
-use crate::gates::{FACTOR, FINDINGS, GROUPS, Gate, RESULTS, Row, SHORT, sensitivity};
+use crate::gates::{FACTOR, FINDINGS, Figure, GROUPS, Gate, RESULTS, Row, SHORT, sensitivity};
 use crate::parameters::{DECLARED, MACHINES, Machine, OF_VERSION_1};
 use serde::Serialize;
 use std::fmt::Write;
@@ -18,12 +18,40 @@ pub struct Report {
     pub frozen: bool,
     /// Each of the gates.
     pub gates: Vec<Gate>,
-    /// Tables for the page, by the name of their place.
+    /// Diagrams of the groups that have some.
     #[serde(skip)]
-    tables: Vec<(String, String)>,
+    pub figures: Vec<Drawn>,
+    #[serde(skip)]
+    tables: Vec<Table>,
 }
 
+/// Diagrams of a group of gates.
+#[derive(Debug)]
+pub struct Drawn {
+    /// Name of the group.
+    pub name: &'static str,
+    /// What it is about.
+    pub about: &'static str,
+    /// The diagrams.
+    pub figures: Vec<Figure>,
+}
+
+/// A table for a page, by the name of its place there.
+#[derive(Debug)]
+pub struct Table {
+    page: &'static str,
+    name: String,
+    text: String,
+}
+
+/// The page on the model: what was found of each gate.
 const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/process-model.md");
+/// Numbers, and all that belongs to what was found.
+const TABLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/process-model-tables.md");
+
+fn table(page: &'static str, name: impl Into<String>, text: String) -> Table {
+    Table { page, name: name.into(), text }
+}
 
 /// Groups by their names; all without a name, the short ones for `short`.
 ///
@@ -52,7 +80,8 @@ pub fn run(version: u32, chosen: &[&str], mut say: impl FnMut(&str)) -> Report {
         fingerprint: fingerprint.map(|hash| format!("{hash:016x}")),
         frozen,
         gates: Vec::new(),
-        tables: vec![("parameters".to_string(), parameters()), ("numbers of version 2".to_string(), second())],
+        figures: Vec::new(),
+        tables: vec![table(TABLES, "parameters", parameters()), table(TABLES, "numbers of version 2", second())],
     };
     let is = if frozen { "unchanged" } else { "CHANGED: needs a new version, with its own gates" };
     say(&format!("model version {}, everything simulated: {is}\n", version));
@@ -61,7 +90,12 @@ pub fn run(version: u32, chosen: &[&str], mut say: impl FnMut(&str)) -> Report {
         let found = (group.run)(version);
         // The page has those of the newest version.
         if version == 2 {
-            report.tables.push((format!("gates of {}", group.name), results(&found)));
+            report.tables.push(table(PAGE, format!("gates of {}", group.name), results(&found)));
+            report.tables.push(table(TABLES, format!("runs of {}", group.name), notes(&found)));
+        }
+        let figures: Vec<Figure> = found.iter().flat_map(|gate| gate.figures.clone()).collect();
+        if !figures.is_empty() {
+            report.figures.push(Drawn { name: group.name, about: group.about, figures });
         }
         for gate in found {
             let met = match (gate.pass, gate.is_open(version)) {
@@ -79,58 +113,76 @@ pub fn run(version: u32, chosen: &[&str], mut say: impl FnMut(&str)) -> Report {
     report
 }
 
+/// Diagrams of a group of gates on a version of the model.
+pub fn figures(version: u32, name: &str) -> Vec<Figure> {
+    let groups = GROUPS.iter().filter(|group| group.name == name);
+    groups.flat_map(|group| (group.run)(version)).flat_map(|gate| gate.figures).collect()
+}
+
 impl Report {
     /// Whether the model is unchanged and all required gates are met, except those known to be open, which must still be open.
     pub fn holds(&self) -> bool {
         self.frozen && self.gates.iter().filter(|gate| gate.must()).all(|gate| gate.pass != gate.is_open(self.version))
     }
 
-    /// Writes the tables into docs/process-model.md.
+    /// Writes the tables into their pages.
     ///
     /// # Errors
-    /// When the page cannot be written, or has no place for one of them.
-    pub fn write_page(&self) -> Result<(), String> {
-        into_page(&self.tables)
+    /// When a page cannot be written, or has no place for one of them.
+    pub fn write_pages(&self) -> Result<(), String> {
+        self.tables.iter().try_for_each(Table::write)
     }
 }
 
 /// Multiplies and divides every assumed number by [`FACTOR`], one at a time, and gives the table.
-pub fn run_sensitivity(version: u32) -> String {
-    sensitivities(&sensitivity(version))
+pub fn run_sensitivity(version: u32) -> Table {
+    table(TABLES, "sensitivity", sensitivities(&sensitivity(version)))
 }
 
 fn shown(value: f64) -> String {
     if value != 0.0 && value.abs() < 1e-3 { format!("{value:.1e}") } else { format!("{value:.3}") }
 }
 
-/// Replaces the text between the marks of each table in docs/process-model.md.
-///
-/// # Errors
-/// When the page cannot be written, or has no place for one of them.
-pub fn into_page(tables: &[(String, String)]) -> Result<(), String> {
-    let failed = |error: io::Error| format!("{PAGE}: {error}");
-    let mut page = fs::read_to_string(PAGE).map_err(failed)?;
-    for (name, table) in tables {
+impl Table {
+    /// The table.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Replaces the text between its marks in its page.
+    ///
+    /// # Errors
+    /// When the page cannot be written, or has no place for it.
+    pub fn write(&self) -> Result<(), String> {
+        let Table { page: file, name, text } = self;
+        let failed = |error: io::Error| format!("{file}: {error}");
+        let mut page = fs::read_to_string(file).map_err(failed)?;
         let (begin, end) = (format!("<!-- {name}: written by model-report -->\n"), format!("<!-- end of {name} -->"));
         let (Some(from), Some(to)) = (page.find(&begin), page.find(&end)) else {
-            return Err(format!("{PAGE} has no place for the table of {name}"));
+            return Err(format!("{file} has no place for the table of {name}"));
         };
-        page.replace_range(from + begin.len()..to, table);
+        page.replace_range(from + begin.len()..to, text);
+        fs::write(file, page).map_err(failed)
     }
-    fs::write(PAGE, page).map_err(failed)
 }
 
 fn results(gates: &[Gate]) -> String {
     let mut table = String::from("| gate | kind | found | wanted | met |\n| --- | --- | --- | --- | --- |\n");
-    let mut notes = String::new();
-    for Gate { name, kind, value, wanted, pass, note } in gates {
+    for Gate { name, kind, value, wanted, pass, .. } in gates {
         let (kind, met) = (format!("{kind:?}").to_lowercase(), if *pass { "yes" } else { "**no**" });
         let _ = writeln!(table, "| {name} | {kind} | {} | {wanted} | {met} |", shown(*value));
+    }
+    table
+}
+
+fn notes(gates: &[Gate]) -> String {
+    let mut notes = String::new();
+    for Gate { name, note, .. } in gates {
         if !note.is_empty() && !notes.contains(note.as_str()) {
             let _ = writeln!(notes, "- {name}: {note}.");
         }
     }
-    format!("{table}\n{notes}")
+    notes
 }
 
 /// Head of a table of parameters, a column for each machine.
@@ -238,8 +290,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_page_shows_the_parameters_as_they_are() {
-        let page = fs::read_to_string(PAGE).unwrap();
+    fn the_tables_show_the_parameters_as_they_are() {
+        let page = fs::read_to_string(TABLES).unwrap();
         assert!(page.contains(&parameters()), "cargo sim model-report charging --docs");
         assert!(page.contains(&second()), "cargo sim model-report charging --docs");
     }

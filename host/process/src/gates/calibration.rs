@@ -1,7 +1,7 @@
 //! Published numbers that parameters were fitted to.
 
 use super::statistics::largest;
-use super::{Gate, Kind, Mean, Wanted, each};
+use super::{Figure, Gate, Kind, Mean, Wanted, each};
 use crate::harness::{Law, Motion, Rig, Swing, Voltage, swing};
 use crate::parameters::{Parameters, SINKER, XIN};
 use crate::{Orders, Process, Stretch, Wires};
@@ -47,17 +47,27 @@ impl Wires for Capture {
     }
 }
 
+/// Charging time that is captured at a gap (um), us.
+fn charging_time(p: &Parameters, gap: f64) -> f64 {
+    let p = Parameters { sense_v: 0.0, ..*p };
+    let Ok(mut process) = Process::new(&p, gap, 1) else { return f64::NAN };
+    process.hold(0.0);
+    let mut wires = Capture { volts: CAPTURE * p.open_v, captured: Vec::new() };
+    process.advance(10.0 * (p.on_us + p.off_us), -gap, &Orders::default(), &mut wires);
+    Mean::new(&wires.captured).of
+}
+
+/// Mean of the three times of a row of \[X\] table 2, us.
+fn published_time(times: &[f64; 3]) -> f64 {
+    times.iter().sum::<f64>() / 3.0
+}
+
 /// Largest share by which a captured charging time is off \[X\] table 2, percent, and where, um.
 pub fn charging_error(p: &Parameters) -> (f64, f64) {
-    let p = Parameters { sense_v: 0.0, ..*p };
     let mut worst = (0.0, 0.0);
     for (gap, times) in TABLE_2 {
-        let Ok(mut process) = Process::new(&p, gap, 1) else { return (f64::NAN, gap) };
-        process.hold(0.0);
-        let mut wires = Capture { volts: CAPTURE * p.open_v, captured: Vec::new() };
-        process.advance(10.0 * (p.on_us + p.off_us), -gap, &Orders::default(), &mut wires);
-        let seen = Mean::new(&wires.captured).of;
-        let wanted = times.iter().sum::<f64>() / 3.0;
+        let seen = charging_time(p, gap);
+        let wanted = published_time(&times);
         let off = 100.0 * (seen / wanted - 1.0);
         if off.is_nan() || off.abs() > f64::abs(worst.0) {
             worst = (off, gap);
@@ -68,13 +78,19 @@ pub fn charging_error(p: &Parameters) -> (f64, f64) {
 
 pub(super) fn charging(version: u32) -> Vec<Gate> {
     let (off, at) = charging_error(&XIN.of(version));
-    vec![Gate::new(
-        Kind::Calibration,
-        "[X] table 2, charging time: largest error, %",
-        off,
-        Wanted::AtMost(6.0),
-        format!("at {at} um, of 15 gaps from 10 to 80 um"),
-    )]
+    let figure = Figure::new("Charging time to 63 % against gap", "gap, um", "charging time, us")
+        .published("[X] table 2", TABLE_2.map(|(gap, times)| (gap, published_time(&times))))
+        .line("simulated", (8..=84).step_by(4).map(|um| (um.into(), charging_time(&XIN.of(version), um.into()))));
+    vec![
+        Gate::new(
+            Kind::Calibration,
+            "[X] table 2, charging time: largest error, %",
+            off,
+            Wanted::AtMost(6.0),
+            format!("at {at} um, of 15 gaps from 10 to 80 um"),
+        )
+        .drawn([figure]),
+    ]
 }
 
 /// Removal at a gap.
@@ -108,13 +124,31 @@ pub(super) fn removals(version: u32) -> Vec<Gate> {
     let said = all.iter().map(|r| {
         format!("{} um: {:.1} +- {:.1} mg/min ({} published)", r.gap_um, r.simulated.of, r.simulated.error, r.published)
     });
-    vec![Gate::new(
-        Kind::Calibration,
-        "[X] table 4, removal: largest error, %",
-        largest(all.iter().map(off)),
-        Wanted::AtMost(5.0),
-        said.collect::<Vec<_>>().join("; "),
-    )]
+    vec![
+        Gate::new(
+            Kind::Calibration,
+            "[X] table 4, removal: largest error, %",
+            largest(all.iter().map(off)),
+            Wanted::AtMost(5.0),
+            said.collect::<Vec<_>>().join("; "),
+        )
+        .drawn([Figure::new("Removal against gap", "gap, um", "removal, mg/min")
+            .published("[X] table 4", TABLE_4)
+            .curve("simulated", all.iter().map(|r| (r.gap_um, r.simulated)))]),
+    ]
+}
+
+/// Electrode about its mean for a second after ten, um over s.
+pub(super) fn motion(p: &Parameters, servo: Voltage) -> Vec<(f64, f64)> {
+    let Ok(mut rig) = Rig::new(p, Law::Voltage(servo), Motion::default(), 1) else { return Vec::new() };
+    rig.run(10.0);
+    let mut all = Vec::new();
+    for ms in 0..1000 {
+        rig.run(10.0 + 1e-3 * f64::from(ms));
+        all.push((1e-3 * f64::from(ms), rig.x));
+    }
+    let mean = all.iter().map(|(_, x)| x).sum::<f64>() / all.len() as f64;
+    all.iter().map(|(t, x)| (*t, x - mean)).collect()
 }
 
 /// Swing of a servo's electrode, mean of these seeds.
@@ -137,7 +171,15 @@ pub(super) fn swings(version: u32) -> Vec<Gate> {
             um.of,
             Wanted::Between(36.0, 44.0),
             format!("+- {:.1}; sine of the same rms; published about 40", um.error),
-        ),
+        )
+        .drawn([Figure::new(
+            "Thesis machine at 50 V, one seed; [R]: 40 um p-p, 20 Hz",
+            "time, s",
+            "about its mean, um",
+        )
+        .line("simulated", motion(&SINKER.of(version), Voltage::thesis_of(version, 50.0)))
+        .limit("", 20.0)
+        .limit("", -20.0)]),
         Gate::new(
             Kind::Calibration,
             "[R] section 4.3, thesis machine: frequency of the swing, Hz",

@@ -1,7 +1,7 @@
 //! What must hold of any machine.
 
 use super::statistics::largest;
-use super::{Gate, Kind, Mean, Wanted, each};
+use super::{Figure, Gate, Kind, Mean, Wanted, each};
 use crate::Pulses;
 use crate::gap::Gap;
 use crate::harness::{Law, Motion, Rig, Voltage, swing};
@@ -73,14 +73,24 @@ pub(super) fn buzz(version: u32) -> Vec<Gate> {
         };
         format!("at 45, 50, 55, 60 V: {} at 0 mm; {} at 3 mm", of(0), of(1))
     };
+    let figure = |name: &str, gains: &[Mean]| {
+        let of = |hole: usize| SETS.into_iter().zip(gains.iter().skip(hole * SETS.len()).copied()).collect::<Vec<_>>();
+        Figure::new(name, "set point, V", "gain in time, %").curve("0 mm", of(0)).curve("3 mm deep", of(1))
+    };
     let worst = |of: fn(&Mean) -> f64| largest(gains[0].iter().map(of));
-    gates.push(Gate::new(
-        Kind::Physics,
-        "buzz of 5 um peak to peak at 200 Hz: largest gain in time, %",
-        worst(|gain| gain.of),
-        Wanted::AtMost(2.0),
-        said(&gains[0]),
-    ));
+    gates.push(
+        Gate::new(
+            Kind::Physics,
+            "buzz of 5 um peak to peak at 200 Hz: largest gain in time, %",
+            worst(|gain| gain.of),
+            Wanted::AtMost(2.0),
+            said(&gains[0]),
+        )
+        .drawn([
+            figure("Buzz of 5 um p-p at 200 Hz", &gains[0]).limit("gate", 2.0),
+            figure("The same where nothing comes back (false model)", &gains[1]),
+        ]),
+    );
     gates.push(Gate::new(
         Kind::Physics,
         "buzz: largest standard error of a gain, %",
@@ -116,13 +126,22 @@ pub(super) fn set_point(version: u32) -> Vec<Gate> {
         let (arcs, shorts) = (b.share(b.pulses.arc), b.share(b.pulses.short));
         format!("{set} V: {:.1} +- {:.1} s, arcs {arcs:.1} %, shorts {shorts:.2} %", b.seconds.of, b.seconds.error)
     });
-    let mut gates = vec![Gate::new(
-        Kind::Physics,
-        "set point of the shortest time over the reading at full burn, V",
-        SETS[best] - full_burn,
-        Wanted::AtLeast(8.0),
-        said.collect::<Vec<_>>().join("; "),
-    )];
+    let mut gates = vec![
+        Gate::new(
+            Kind::Physics,
+            "set point of the shortest time over the reading at full burn, V",
+            SETS[best] - full_burn,
+            Wanted::AtLeast(8.0),
+            said.collect::<Vec<_>>().join("; "),
+        )
+        .drawn([
+            Figure::new("Time to 0.2 mm", "set point, V", "time, s")
+                .curve("simulated", SETS.into_iter().zip(bored.iter().map(|b| b.seconds))),
+            Figure::new("Arcs", "set point, V", "arcs, % of pulses")
+                .line("simulated", SETS.into_iter().zip(bored.iter().map(|b| b.share(b.pulses.arc))))
+                .limit("gate, at the best set point", 15.0),
+        ]),
+    ];
     let Some(lower) = bored.get(best + LOWER) else { return gates };
     let arcs = |b: &Bored| b.share(b.pulses.arc);
     let slower = 100.0 * (lower.seconds.of / bored[best].seconds.of - 1.0);
@@ -152,11 +171,16 @@ pub(super) fn depth(version: u32) -> Vec<Gate> {
     const NONE: (f64, f64, f64) = (0.0, 0.0, 0.0);
     let ratio = |jump| {
         let (shallow, deep) = (rate(version, 500.0, jump), rate(version, 5000.0, jump));
-        (deep.of / shallow.of, format!("{:.2} over {:.2} um/s at 55 V", deep.of, shallow.of))
+        let said = format!("{:.2} over {:.2} um/s at 55 V", deep.of, shallow.of);
+        (deep.of / shallow.of, said, [(0.5, shallow), (5.0, deep)])
     };
-    let ((without, said), (with, said_with)) = (ratio(NONE), ratio(JUMP));
+    let ((without, said, plain), (with, said_with, jumps)) = (ratio(NONE), ratio(JUMP));
+    let figure = Figure::new("Rate at two depths, 55 V", "depth, mm", "rate, um/s")
+        .curve("without jumps", plain)
+        .curve("jumps of 3 mm every 3 s", jumps);
     vec![
-        Gate::new(Kind::Physics, "rate at 5 mm over rate at 0.5 mm", without, Wanted::AtMost(1.0 / 3.0), said),
+        Gate::new(Kind::Physics, "rate at 5 mm over rate at 0.5 mm", without, Wanted::AtMost(1.0 / 3.0), said)
+            .drawn([figure]),
         Gate::new(Kind::Physics, "the same with jumps of 3 mm every 3 s", with, Wanted::AtLeast(0.8), said_with),
     ]
 }
@@ -165,10 +189,13 @@ pub(super) fn monotony(version: u32) -> Vec<Gate> {
     // Every pulse that waits draws once from a stream of its own, so two gaps meet the same draws and a wider one has to
     // wait longer in every single pulse.
     let (mut volts, mut hazards, mut looked) = (0, 0, 0);
+    let mut figures = Vec::new();
     for machine in MACHINES {
+        let mut figure = Figure::new(machine.name, "gap, um", "mean voltage, V");
         for dirt in [0.0, 1.0, 4.0] {
             let p = Parameters { burn_scatter_v: 0.0, runout_um: 0.0, ..machine.of(version) };
             let (mut last_volts, mut last_rate) = (0.0, f64::INFINITY);
+            let mut curve = Vec::new();
             for k in 1..=48 {
                 let um = p.peak_um + p.exchange_um * f64::from(k) / 16.0;
                 let mut gap = Gap::new(&p, um, 1);
@@ -181,12 +208,16 @@ pub(super) fn monotony(version: u32) -> Vec<Gate> {
                 hazards += u32::from(gap.rate(1e9) > last_rate);
                 (last_volts, last_rate) = (mean, gap.rate(1e9));
                 looked += 1;
+                curve.push((um, mean));
             }
+            figure = figure.line(format!("debris {:.0} %", 5.0 * dirt), curve);
         }
+        figures.push(figure);
     }
     let note = format!("{looked} pairs: four machines, dirt 0, 1, 4, gaps from peaks to three working gaps");
     vec![
-        Gate::new(Kind::Physics, "wider gaps with a lower mean voltage", volts.into(), Wanted::AtMost(0.0), note),
+        Gate::new(Kind::Physics, "wider gaps with a lower mean voltage", volts.into(), Wanted::AtMost(0.0), note)
+            .drawn(figures),
         Gate::new(Kind::Physics, "wider gaps with a higher hazard", hazards.into(), Wanted::AtMost(0.0), ""),
     ]
 }
@@ -244,11 +275,17 @@ pub(super) fn steps(version: u32) -> Vec<Gate> {
     let said = found.iter().map(|(name, whole, half)| {
         format!("{name}: {:.4} +- {:.4}, halved {:.4} +- {:.4}", whole.of, whole.error, half.of, half.error)
     });
-    vec![Gate::new(
-        Kind::Physics,
-        "step halved: largest change over what is allowed (2 % or 3 standard errors)",
-        largest(found.iter().map(beyond)),
-        Wanted::AtMost(1.0),
-        said.collect::<Vec<_>>().join("; "),
-    )]
+    vec![
+        Gate::new(
+            Kind::Physics,
+            "step halved: largest change over what is allowed (2 % or 3 standard errors)",
+            largest(found.iter().map(beyond)),
+            Wanted::AtMost(1.0),
+            said.collect::<Vec<_>>().join("; "),
+        )
+        .drawn([Figure::new("Step halved: change over what is allowed", "", "share")
+            .places(["time", "arcs", "shorts", "[G] time", "[G] arcs", "[G] shorts", "swing"])
+            .line("simulated", found.iter().enumerate().map(|(k, row)| (k as f64, beyond(row))))
+            .limit("gate", 1.0)]),
+    ]
 }

@@ -1,10 +1,12 @@
 //! `edm-sim model-report`: the gates of the process model, which `host/process` holds.
 
 use crate::output::Output;
+use crate::plot;
 use crate::terminal::{Failure, say};
 use clap::Args;
 use edm_process::report;
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `edm-sim model-report`.
 #[derive(Debug, Args)]
@@ -21,7 +23,13 @@ pub struct ModelReport {
     /// Write version, fingerprint and gates as JSON
     #[arg(long, value_name = "FILE", conflicts_with = "sensitivity")]
     json: Option<PathBuf>,
-    /// Write the tables of the groups that run into docs/process-model.md
+    /// Draw the groups that run into this folder, an SVG each
+    #[arg(long, value_name = "DIR", conflicts_with = "sensitivity")]
+    plot: Option<PathBuf>,
+    /// With --plot: draw version 1 beside, dashed; takes twice the time
+    #[arg(long, requires = "plot")]
+    beside: bool,
+    /// Write the tables of the groups that run into docs/process-model.md and docs/process-model-tables.md
     #[arg(long)]
     docs: bool,
     /// Multiply and divide every assumed number by 1.5, one at a time, instead of running the gates; takes minutes
@@ -39,17 +47,31 @@ impl ModelReport {
         let json = Output::claim_any("--json", self.json.as_deref()).map_err(Failure::BadInput)?;
         if self.sensitivity {
             let table = report::run_sensitivity(self.model);
-            say(&table);
-            let page = |table| report::into_page(&[("sensitivity".into(), table)]);
-            return if self.docs { page(table).map(|()| true).map_err(Failure::Failed) } else { Ok(true) };
+            say(table.text());
+            return if self.docs { table.write().map(|()| true).map_err(Failure::Failed) } else { Ok(true) };
         }
         let report = report::run(self.model, &chosen, say);
         if let Some(output) = json {
             output.write_json(&report).map_err(Failure::Failed)?;
         }
+        if let Some(folder) = &self.plot {
+            self.draw(&report, folder).map_err(Failure::Failed)?;
+        }
         if self.docs {
-            report.write_page().map_err(Failure::Failed)?;
+            report.write_pages().map_err(Failure::Failed)?;
         }
         Ok(report.holds())
+    }
+
+    fn draw(&self, report: &report::Report, folder: &Path) -> Result<(), String> {
+        fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+        for group in &report.figures {
+            let other = if self.beside && self.model != 1 { report::figures(1, group.name) } else { Vec::new() };
+            let more = format!("simulated, version {}; bars: standard errors; black: published", self.model);
+            let svg = plot::figures(&format!("{}: {}", group.name, group.about), &more, &group.figures, &other)?;
+            let file = folder.join(format!("{}.svg", group.name));
+            fs::write(&file, svg).map_err(|error| format!("{}: {error}", file.display()))?;
+        }
+        Ok(())
     }
 }

@@ -6,6 +6,7 @@
 //! tick, so that nothing short is lost, and a line of means.
 
 mod buckets;
+mod figures;
 pub(crate) mod panels;
 mod shares;
 mod sheet;
@@ -15,6 +16,7 @@ use crate::millisecond::{Millisecond, Phase};
 use crate::report::Report;
 use crate::run::Program;
 use buckets::{Bucket, Buckets, Means};
+use edm_process::gates::Figure;
 use shares::Shares;
 use std::ops::Range;
 use track::Track;
@@ -74,6 +76,13 @@ impl Picture {
 /// Draws panels over one time as SVG, under a title and a line that says more.
 pub(crate) fn panels(title: &str, more: &str, time: &Range<f64>, panels: &[panels::Panel]) -> Result<String, String> {
     sheet::panels(title, more, time, panels).map_err(|error| format!("the plot could not be drawn: {error}"))
+}
+
+/// Draws the figures of a group of gates as SVG, with those of version 1 beside them where there are any.
+pub(crate) fn figures(title: &str, more: &str, this: &[Figure], other: &[Figure]) -> Result<String, String> {
+    let pairs: Vec<figures::Pair> =
+        this.iter().enumerate().map(|(k, this)| figures::Pair { this, other: other.get(k) }).collect();
+    figures::draw(title, more, &pairs).map_err(|error| format!("the figures could not be drawn: {error}"))
 }
 
 /// An undisturbed second of eroding. A later one replaces it each time the eroding before it has doubled, so that it ends

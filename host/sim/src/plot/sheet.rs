@@ -23,8 +23,8 @@ const FOOT: u32 = 54;
 const LEFT_COLUMN: u32 = 960;
 /// Width of the column in which a path is drawn.
 const PATH_COLUMN: u32 = 600;
-const PALE: RGBColor = RGBColor(0x66, 0x70, 0x7a);
-const GRID: RGBColor = RGBColor(0xe4, 0xe8, 0xec);
+pub(super) const PALE: RGBColor = RGBColor(0x66, 0x70, 0x7a);
+pub(super) const GRID: RGBColor = RGBColor(0xe4, 0xe8, 0xec);
 
 /// Draws the picture as SVG.
 pub(super) fn draw(picture: &Picture, report: &Report, title: &str, path: Option<&Program>) -> Result<String, String> {
@@ -340,11 +340,18 @@ fn legend<'a>(area: &Area<'a>, panel: &Panel) -> PlotResult<'a> {
 }
 
 /// About as wide as a text gets in a wide sans-serif font, pixels: an SVG does not know its reader's font.
-fn width(words: &str, pixels: f64, bold: bool) -> i32 {
+pub(super) fn width(words: &str, pixels: f64, bold: bool) -> i32 {
     (words.chars().count() as f64 * pixels * if bold { 0.64 } else { 0.57 }).round() as i32
 }
 
-fn text<'a>(area: &Area<'a>, words: &str, at: (i32, i32), pixels: f64, colour: RGBColor, bold: bool) -> PlotResult<'a> {
+pub(super) fn text<'a>(
+    area: &Area<'a>,
+    words: &str,
+    at: (i32, i32),
+    pixels: f64,
+    colour: RGBColor,
+    bold: bool,
+) -> PlotResult<'a> {
     // The SVG backend divides sizes by 1.24.
     let style = if bold { FontStyle::Bold } else { FontStyle::Normal };
     let font = ("sans-serif", pixels * 1.24).into_font().style(style).color(&colour);
