@@ -14,7 +14,7 @@
 //! ```
 //!
 //! S grows where arcs are more than the share p and falls back where they are less, however many pulses there are. What lies above
-//! [`ARCS`] for `supervise.arc_ms` is persistent. So is a second sum above [`FEW`], with a share that is higher by [`MARKED`], that was above
+//! [`ARCS`] for `supervise.arc_ms` is persistent. So is a second sum above [`FEW`], with a share that is higher by 7 %, that was above
 //! half of [`FEW`] for as long (several sums side by side: Lorden, Annals of Mathematical Statistics 42, 1971). The first sum with
 //! `jump.arcs_percent` asks for a jump as soon as it is above [`ARCS`]. A window of 200 ms with a share above p would cross that by chance: of 1000
 //! pulses the share has a standard deviation of 1.5 %.
@@ -37,7 +37,7 @@ use crate::units::within;
 /// independent pulses a second come as far, and stay there for 50 ms, once in hours (simulated). With 2 % more it takes 0.2 s at
 /// 25 000 pulses a second, 0.1 s at 100 000 and 1 s at 5000: fewer pulses do not tell.
 pub const ARCS: f32 = 80.0;
-/// The same for the second sum, whose share is higher by [`MARKED`]. It finds what is far above `supervise.arc_percent` with few pulses:
+/// The same for the second sum, whose share is higher by 7 %. It finds what is far above `supervise.arc_percent` with few pulses:
 /// 75 % for 60 takes 240 pulses with it, 530 with the first; 0.67 is the slope of the likelihood ratio of 0.75 against 0.58. With 2 % below
 /// `supervise.arc_percent` both sums together come as far once in 12 h at 1000 pulses a second (simulated).
 pub const FEW: f32 = 19.0;

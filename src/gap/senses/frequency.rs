@@ -55,7 +55,7 @@ impl SparkFrequency {
         (self.quiet >= LEAST).then(|| smaller(self.counted(), most))
     }
 
-    /// No spark for longer than [`MISSING`] periods, though there are pulses.
+    /// No spark for longer than `MISSING` periods, though there are pulses.
     pub fn is_missing(&self) -> bool {
         self.quiet >= LEAST && self.since as f32 * MS * self.then > MISSING
     }

@@ -4,7 +4,7 @@
 //! counts less: every millisecond, what is remembered is multiplied by 1 - 1/memory, where `memory` is `gap.memory_ms`. After
 //! long, that is the same as 2 memory - 1 milliseconds that count alike.
 //!
-//! Each estimator is a file: `hazard` is [`Likelihood`], [`distance`] and [`frequency`] are here.
+//! Each estimator is a file: `hazard` is [`Likelihood`], `distance` and `frequency` are here.
 
 pub mod delays;
 mod distance;
@@ -52,7 +52,7 @@ pub struct Senses {
     pub distance: Option<Charged>,
     /// Sparks a second; `None` without pulses.
     pub frequency: Option<f32>,
-    /// No spark for longer than [`frequency::MISSING`] of their mean periods.
+    /// No spark for longer than 13 of their mean periods.
     pub missing: bool,
 }
 
