@@ -9,6 +9,7 @@ mod flood;
 mod guided;
 mod host_lost;
 mod leftover;
+mod live;
 mod probe;
 mod requests;
 mod rig;

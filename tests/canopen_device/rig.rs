@@ -183,6 +183,58 @@ impl Rig {
         self.try_read(index, sub).unwrap_or_else(|abort| panic!("{index:04x}:{sub:02x}: {abort:#010x}"))
     }
 
+    /// A value of any length, in segments.
+    pub fn upload(&mut self, index: u16, sub: u8) -> Vec<u8> {
+        let [low, high] = index.to_le_bytes();
+        let answer = self.exchange([0x40, low, high, sub, 0, 0, 0, 0]);
+        assert_eq!(answer[0], 0x41, "announced: {answer:x?}");
+        let length = u32::from_le_bytes(answer[4..].try_into().unwrap()) as usize;
+        let (mut value, mut toggle) = (Vec::new(), 0);
+        loop {
+            let [command, data @ ..] = self.exchange([0x60 | toggle, 0, 0, 0, 0, 0, 0, 0]);
+            assert_eq!(command & 0xF0, toggle, "{command:x}");
+            value.extend(&data[..7 - usize::from(command >> 1 & 7)]);
+            if command & 1 != 0 {
+                assert_eq!(value.len(), length);
+                return value;
+            }
+            toggle ^= 0x10;
+        }
+    }
+
+    /// The same by blocks of so many segments, with the checksum.
+    pub fn block_upload(&mut self, index: u16, sub: u8, block: u8) -> Vec<u8> {
+        let [low, high] = index.to_le_bytes();
+        let answer = self.exchange([0xA4, low, high, sub, block, 0, 0, 0]);
+        assert_eq!(answer[0], 0xC6, "{answer:x?}");
+        let length = u32::from_le_bytes(answer[4..].try_into().unwrap()) as usize;
+        let (mut value, mut next) = (Vec::new(), [0xA3, 0, 0, 0, 0, 0, 0, 0]);
+        loop {
+            let seen = self.sent.len();
+            self.send(0x600 + u16::from(ID), &next);
+            self.run(40);
+            let answers = self.sent[seen..].iter().filter(|(_, frame)| frame.id() == 0x580 + u16::from(ID));
+            let (mut segment, mut complete) = (0, false);
+            for (_, frame) in answers {
+                assert_eq!(frame.data()[0] & 0x7F, segment + 1);
+                segment += 1;
+                value.extend(&frame.data()[1..]);
+                complete = frame.data()[0] & 0x80 != 0;
+            }
+            next = [0xA2, segment, block, 0, 0, 0, 0, 0];
+            if complete {
+                break;
+            }
+            assert_eq!(segment, block, "a block that is not full, and not the last");
+        }
+        let [command, crc_low, crc_high, ..] = self.exchange(next);
+        assert_eq!(command & 0xE3, 0xC1);
+        value.truncate(value.len() - usize::from(command >> 2 & 7));
+        assert_eq!((value.len(), crc(&value)), (length, u16::from_le_bytes([crc_low, crc_high])));
+        self.send(0x600 + u16::from(ID), &[0xA1, 0, 0, 0, 0, 0, 0, 0]);
+        value
+    }
+
     pub fn read_real(&mut self, (index, sub): (u16, u8)) -> f32 {
         f32::from_bits(self.read(index, sub))
     }
@@ -222,4 +274,11 @@ impl Rig {
         self.until(ms, |rig| rig.status() & 0x0400 != 0);
         self.control(0x0F);
     }
+}
+
+/// Checksum of block transfers, bit by bit from the polynomial.
+fn crc(data: &[u8]) -> u16 {
+    data.iter().fold(0, |crc: u16, byte| {
+        (0..8).fold(crc ^ u16::from(*byte) << 8, |crc, _| crc << 1 ^ if crc & 0x8000 != 0 { 0x1021 } else { 0 })
+    })
 }
