@@ -1,6 +1,6 @@
 // The page of the desk: views over one WebSocket. What a head means comes in words and units from the program.
 
-import { Trace } from "./trace.js";
+import { Histogram, Trace } from "./trace.js";
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") ?? "";
@@ -9,6 +9,8 @@ const traces = {
   gap: new Trace($("trace-gap"), 20),
   feed: new Trace($("trace-feed"), 20),
 };
+
+const histogram = new Histogram($("delays"));
 
 let socket = null;
 let me = 0, commander = null, node = null;
@@ -19,7 +21,7 @@ let surface = null, drawn = false, records = [];
 const measured = new Map();
 // Places of what a head measures.
 const LIVE = ["state", "position", "depth", "gap-now", "wanted", "feed", "time", "left", "shorts", "doing",
-  "gap-volts", "gap-feed", "looks", "gap-depth", "gap-left"];
+  "gap-volts", "gap-feed", "looks", "gap-depth", "gap-left", "kept", "hazard", "sparks", "distance", "age", "notch", "delayed"];
 
 // Puts what is measured now in its place. Where nothing is (null) the last value stays, grey, and says of when it is.
 function put(id, text) {
@@ -50,7 +52,7 @@ function clock(date) {
 function gone(from = null) {
   if (from === null || from === node) {
     for (const id of LIVE.filter((id) => measured.has(id))) put(id, null);
-    for (const id of ["ladder", "shares"]) $(id).classList.add("old");
+    for (const id of ["ladder", "shares", "stack", "verdict"]) $(id).classList.add("old");
     for (const trace of Object.values(traces)) trace.until ??= clock(new Date());
     draw();
   }
@@ -264,28 +266,79 @@ function progress(run) {
     : `${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`);
 }
 
-function gap({ volts, quality, ladder, shares, levels, pulses, feed_um_s }) {
+// A number with at least three digits.
+function digits(number) {
+  const exact = Math.abs(number) < 10 ? 2 : Math.abs(number) < 100 ? 1 : 0;
+  return number.toFixed(exact);
+}
+
+function gap({ volts, quality, ladder, verdict, good, shares, no_pulse_percent, levels, pulses, pulse_count, feed_um_s, senses, controlled, delays }) {
   if ($("gap").hidden) return;
   put("gap-volts", volts === null ? null : `${volts.toFixed(1)} V, ${quality}`);
   if (volts === null) $("gap-quality").textContent = `: ${quality}, not valid now`;
   else $("gap-quality").textContent = "";
   put("gap-feed", feed_um_s === null ? null : `${feed_um_s.toFixed(0)} um/s`);
-  for (const id of ["ladder", "shares"]) $(id).classList.remove("old");
+  for (const id of ["ladder", "shares", "stack", "verdict"]) $(id).classList.remove("old");
+  $("verdict").textContent = verdict;
+  $("verdict").classList.toggle("good", good === true);
+  $("verdict").classList.toggle("poor", good === false);
   const most = 1.1 * Math.max(1, volts ?? 0, ...ladder.map((rung) => rung.volts ?? 0));
   $("ladder").replaceChildren(...ladder.map((rung) => bar(rung.what, rung.from, rung.volts, most, volts)));
-  $("shares").replaceChildren(...shares.map((share) => bar(share.what, "", share.percent, 100, null)));
+  $("shares").replaceChildren(...shares.map((share) => bar(share.what, "", share.percent, 100, null, share.what)));
+  const order = ["spark", "open", "uncertain", "arc", "short"];
+  const stacked = shares.filter((share) => share.percent > 0).sort((a, b) => order.indexOf(a.what) - order.indexOf(b.what));
+  const all = stacked.reduce((sum, share) => sum + share.percent, 0);
+  $("stack").replaceChildren(...stacked.map((share) => {
+    const part = item("div", "");
+    part.className = share.what;
+    part.style.width = `${100 * share.percent / all}%`;
+    part.title = `${share.what} ${share.percent.toFixed(1)} %`;
+    return part;
+  }));
   $("gap-levels").textContent = levels ?? "";
-  put("looks", pulses ? "Shares of all pulses of the last 0.2 s; no pulse: of the milliseconds." : "There were no pulses in the last 0.2 s.");
+  $("gap-levels").hidden = levels === null;
+  put("looks", !pulses ? "There were no pulses in the last 0.2 s."
+    : `Of ${pulse_count === null ? "all" : `all ${pulse_count}`} pulses since the last look, five times a second, as the head classifies them.`
+    + (no_pulse_percent > 0 ? ` ${no_pulse_percent} % of the milliseconds had none.` : ""));
+  sensed(senses, controlled);
+  delayed(delays);
+}
+
+// What the head senses beside the voltage; null of a head that does not.
+function sensed(senses, controlled) {
+  const { hazard_per_s = null, hazard_deviation_per_s = null, sparks_per_s = null, distance_um = null, pulse_age_ms = null } = senses ?? {};
+  put("hazard", hazard_per_s === null ? null : `${digits(hazard_per_s / 1000)} ± ${digits(hazard_deviation_per_s / 1000)} /ms`);
+  put("sparks", sparks_per_s === null ? null : `${digits(sparks_per_s / 1000)} /ms${senses.sparks_missing ? ", missing now" : ""}`);
+  put("distance", distance_um === null ? null : senses.distance_beyond ? "beyond its range" : `${distance_um.toFixed(1)} um`);
+  put("age", pulse_age_ms === null ? null : pulse_age_ms < 1 ? "less than 1 ms ago" : `${pulse_age_ms} ms ago`);
+  put("notch", senses === null ? null : `${senses.notch_hz.toFixed(2)} Hz, ${senses.notch_follows ? "follows the mains" : "fixed"}`);
+  if (controlled === null) {
+    $("kept-what").textContent = "voltage";
+    return put("kept", null);
+  }
+  const { what, setpoint, now, unit, error_v } = controlled;
+  $("kept-what").textContent = `${what}, set point ${setpoint.toFixed(1)} ${unit}`;
+  // The error is not of the same instant; of a voltage, the difference says it.
+  const error = what === "voltage" || error_v === null ? "" : `, gap error ${error_v > 0 ? "+" : ""}${error_v.toFixed(1)} V`;
+  put("kept", now === null ? null : `${digits(now)} ${unit}${error}`);
+}
+
+// Ignition delays of the last second.
+function delayed(delays) {
+  const total = delays?.counts.reduce((sum, count) => sum + count, 0) ?? 0;
+  put("delayed", total ? `${total} pulses ignited in ${delays.seconds.toFixed(1)} s; pulses an octave` : null);
+  histogram.show(delays?.counts ?? [], delays?.ends_us ?? []);
 }
 
 // A row with a value as a bar, and a line across it.
-function bar(what, from, value, most, mark) {
+function bar(what, from, value, most, mark, kind = null) {
   const row = item("tr", "");
   const name = item("td", what);
   if (from) name.append(item("small", from));
   const room = item("td", "");
   const shade = item("div", "");
   shade.className = "bar";
+  if (kind) shade.classList.add(kind);
   shade.style.width = `${100 * Math.max(0, value ?? 0) / most}%`;
   room.append(shade);
   if (mark !== null) {

@@ -48,15 +48,9 @@ export class Trace {
 
   draw() {
     const { canvas, points } = this;
-    const width = canvas.clientWidth, height = canvas.clientHeight;
-    if (!width || !height) return;
-    const scale = devicePixelRatio || 1;
-    canvas.width = width * scale;
-    canvas.height = height * scale;
-    const g = canvas.getContext("2d");
-    g.scale(scale, scale);
-    const style = getComputedStyle(canvas);
-    const colour = (name) => style.getPropertyValue(name).trim();
+    const made = prepare(canvas);
+    if (!made) return;
+    const { g, width, height, colour } = made;
     const values = points.map((point) => point.value).filter((value) => value !== null);
     if (!values.length) values.push(this.target ?? 0);
     // A short spike does not decide the scale: it is cut off.
@@ -71,10 +65,6 @@ export class Trace {
     const end = points.length ? points.at(-1).at : this.span;
     const x = (at) => MARGIN.left + (1 - (end - at) / this.span) * (width - MARGIN.left - MARGIN.right);
     const y = (value) => MARGIN.top + (high - value) / (high - low) * (height - MARGIN.top - MARGIN.bottom);
-    g.font = style.font;
-    g.fillStyle = colour("--quiet");
-    g.strokeStyle = colour("--line");
-    g.lineWidth = 1;
     g.textAlign = "right";
     g.textBaseline = "middle";
     const digits = Math.max(0, -Math.floor(Math.log10(step)));
@@ -110,6 +100,70 @@ export class Trace {
     }
     g.stroke();
   }
+}
+
+// Counts in bins of a logarithmic scale, as counts an octave: the bins are not equally wide.
+export class Histogram {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.counts = [];
+    this.ends = [];
+    new ResizeObserver(() => this.draw()).observe(canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+  }
+
+  // `ends`: where each bin ends, us; the last one has no end.
+  show(counts, ends) {
+    [this.counts, this.ends] = [counts, ends];
+    this.draw();
+  }
+
+  draw() {
+    const { canvas, counts, ends } = this;
+    const made = prepare(canvas);
+    if (!made || !counts.length) return;
+    const { g, width, height, colour } = made;
+    // The first bin begins at 0, and the last has no end: as wide as the octave's half that they would be.
+    const edges = [ends[0] / 1.5, ...ends.slice(0, -1), ends.at(-2) * 4 / 3].map(Math.log2);
+    const density = counts.map((count, bin) => count / (edges[bin + 1] - edges[bin]));
+    const most = Math.max(4, ...density);
+    const wide = width - MARGIN.left - MARGIN.right, base = height - MARGIN.bottom;
+    const x = (octave) => MARGIN.left + (octave - edges[0]) / (edges.at(-1) - edges[0]) * wide;
+    const y = (count) => base - count / most * (base - MARGIN.top);
+    g.textAlign = "right";
+    g.textBaseline = "middle";
+    const step = Math.max(1, nice(most / 3));
+    for (let count = 0; count <= most; count += step) {
+      line(g, MARGIN.left, y(count), width - MARGIN.right, y(count));
+      g.fillText(count, MARGIN.left - 6, y(count));
+    }
+    g.textAlign = "center";
+    for (const [us, text] of [[1, "1 us"], [10, "10 us"], [100, "100 us"], [1000, "1 ms"], [10_000, "10 ms"]]) {
+      const at = x(Math.log2(us));
+      line(g, at, base, at, base + 4);
+      g.fillText(text, at, height - 8);
+    }
+    g.fillStyle = colour("--trace");
+    density.forEach((count, bin) => g.fillRect(x(edges[bin]), y(count), x(edges[bin + 1]) - x(edges[bin]) - 0.5, base - y(count)));
+  }
+}
+
+// A canvas as large as it is shown, blank; null where it is not shown.
+function prepare(canvas) {
+  const width = canvas.clientWidth, height = canvas.clientHeight;
+  if (!width || !height) return null;
+  const scale = devicePixelRatio || 1;
+  canvas.width = width * scale;
+  canvas.height = height * scale;
+  const g = canvas.getContext("2d");
+  g.scale(scale, scale);
+  const style = getComputedStyle(canvas);
+  const colour = (name) => style.getPropertyValue(name).trim();
+  g.font = style.font;
+  g.fillStyle = colour("--quiet");
+  g.strokeStyle = colour("--line");
+  g.lineWidth = 1;
+  return { g, width, height, colour };
 }
 
 function line(g, x0, y0, x1, y1) {

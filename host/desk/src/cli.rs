@@ -6,7 +6,7 @@ use crate::bring_up::{self, BringUp, Check, Verdict};
 use crate::bus::SILENCE;
 use crate::common::{Common, say};
 use crate::found::{Found, find};
-use crate::gap::Gap;
+use crate::gap;
 use crate::live::{Event, Live, Sample};
 use crate::page::{self, Listen};
 use crate::scope::{self, Plan, Trigger};
@@ -53,7 +53,7 @@ enum Command {
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
-    /// Shows the gap: voltage levels, shares of pulses, feed; until Ctrl-C
+    /// Shows the gap: voltage levels, shares of all pulses, hazard, distance, sparks, what is controlled, feed; until Ctrl-C
     Gap {
         /// Ends after this time
         #[arg(long, value_name = "S", value_parser = seconds)]
@@ -239,10 +239,10 @@ impl Cli {
             }
             Command::Gap { seconds } => {
                 let interrupted = interrupted(|| ())?;
-                let head = common.head(&sheet)?;
+                let mut watch = gap::Watch::new(&common.head(&sheet)?);
                 let end = end(*seconds);
                 while Instant::now() < end && !interrupted() {
-                    let gap = Gap::look(&head)?;
+                    let gap = watch.look()?;
                     common.say(&gap, || gap.text());
                     std::thread::sleep(Duration::from_millis(200));
                 }

@@ -14,7 +14,7 @@ use crate::bring_up::{self, BringUp};
 use crate::bus::{Bus, SILENCE, lock};
 use crate::common::{Common, say};
 use crate::found::{Found, find};
-use crate::gap::Gap;
+use crate::gap::Watch;
 use crate::head::Head;
 use crate::live::{Event, Live};
 use crate::scope::{self, Plan};
@@ -348,12 +348,12 @@ impl Desk {
     /// Samples until that fails; then why is not `reported` yet.
     fn samples(&self, node: u8, reported: &mut String) -> Result<(), Failure> {
         let head = self.head(node)?;
-        let mut live = Live::new(&head)?;
+        let (mut live, mut watch) = (Live::new(&head)?, Watch::new(&head));
         loop {
             let sample = live.sample()?;
             reported.clear();
             self.publish(&json!({ "sample": sample }));
-            self.publish(&json!({ "gap": Gap::look(&head)? }));
+            self.publish(&json!({ "gap": watch.look()? }));
             live.events().into_iter().for_each(|event| self.event(event));
             thread::sleep(SAMPLES);
         }

@@ -273,7 +273,19 @@ fn a_gap_without_pulses_has_no_voltage_and_says_why() {
     let gap: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
     assert_eq!((&gap["volts"], &gap["quality"], &gap["state"]), (&Value::Null, &json!("no gate"), &json!("disabled")));
     assert_eq!((&gap["ladder"][0]["volts"], &gap["ladder"][3]["volts"]), (&Value::Null, &json!(20.0)));
-    assert_eq!(gap["shares"].as_array().unwrap().len(), 6);
+    assert_eq!(gap["shares"].as_array().unwrap().len(), 5);
+    assert!(gap["shares"].as_array().unwrap().iter().all(|share| share["percent"].is_null()), "{gap}");
+    assert_eq!((&gap["verdict"], &gap["good"], &gap["delays"]), (&json!("No pulses"), &Value::Null, &Value::Null));
+    let senses = &gap["senses"];
+    for unknown in ["hazard_per_s", "hazard_deviation_per_s", "distance_um", "sparks_per_s", "pulse_age_ms"] {
+        assert_eq!(senses[unknown], Value::Null, "{unknown}");
+    }
+    assert_eq!((&senses["notch_hz"], &senses["notch_follows"]), (&json!(50.0), &json!(false)));
+    let controlled = &gap["controlled"];
+    assert_eq!(
+        (&controlled["what"], &controlled["setpoint"], &controlled["now"]),
+        (&json!("voltage"), &json!(65.0), &Value::Null)
+    );
     assert_eq!(gap["levels"], Value::Null);
 }
 
@@ -290,6 +302,112 @@ fn levels_that_do_not_fit_are_shown_in_the_gap_with_what_to_do() {
     boring.kill().unwrap();
     boring.wait().unwrap();
     assert!(said.contains("The levels do not fit this generator") && said.contains("2013h:1"), "{said}");
+}
+
+/// Shares of open pulses, sparks, arcs and shorts, and uncertain pulses, %, of all of them.
+fn percents(counts: [f64; 5]) -> [f64; 5] {
+    let all: f64 = counts.iter().sum();
+    counts.map(|count| 100.0 * count / all)
+}
+
+#[test]
+fn shares_of_pulses_mean_the_same_in_the_desk_in_the_head_and_in_the_summary_of_a_bore() {
+    let rig = Rig::new();
+    let mut boring = rig::start(&rig.connection(), &["bore", "--depth", "0.5"], Stdio::piped());
+    rig.until(|truth| truth.state == State::Eroding);
+    // Past the start-up.
+    let begin = rig.truth().made;
+    rig.until(|truth| truth.made.spark > begin.spark + 4000);
+    let bus = rig.bus();
+    let sdo = Sdo::new(&bus, 1);
+    let counted = || -> [f64; 5] {
+        let count = |sub| u32::from_le_bytes(sdo.read(Address(0x2012, sub)).unwrap().try_into().unwrap()).into();
+        [11, 12, 13, 14, 15].map(count)
+    };
+    let made = || {
+        let made = rig.truth().made;
+        [made.open, made.spark, made.arc, made.short, 0].map(|count| count as f64)
+    };
+    let (made_before, counted_before) = (made(), counted());
+    let (code, said, why) = run(&rig.connection(), &["--json", "gap", "--seconds", "4"]);
+    let (made_after, counted_after) = (made(), counted());
+    boring.kill().unwrap();
+    boring.wait().unwrap();
+    assert_eq!((code, why.as_str()), (Some(0), ""));
+    let new = |after: [f64; 5], before: [f64; 5]| std::array::from_fn(|class| after[class] - before[class]);
+    let (summary, head) = (percents(new(made_after, made_before)), percents(new(counted_after, counted_before)));
+    let looks: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!(looks.len() >= 5, "{}", looks.len());
+    let share = |look: &Value, what: &str| {
+        let shares = look["shares"].as_array().unwrap();
+        shares.iter().find(|share| share["what"] == what).unwrap()["percent"].as_f64().unwrap()
+    };
+    let names = ["open", "spark", "arc", "short", "uncertain"];
+    for look in &looks {
+        let all: f64 = names.iter().map(|what| share(look, what)).sum();
+        assert!((all - 100.0).abs() < 1e-6, "{all}: {look}");
+    }
+    let count = |look: &Value| look["pulse_count"].as_f64().unwrap_or(0.0);
+    let all: f64 = looks.iter().map(count).sum();
+    let desk = names.map(|what| looks.iter().map(|look| share(look, what) * count(look)).sum::<f64>() / all);
+    let counted: f64 = new(counted_after, counted_before).iter().sum();
+    assert!(all > 0.5 * counted && all < counted, "{all} of {counted} pulses");
+    println!("summary {summary:.1?}, head {head:.1?}, desk {desk:.1?}");
+    // A gap that sparks; and a share that is of anything but all pulses is elsewhere.
+    assert!(summary[1] > 60.0, "{summary:?}");
+    for class in 0..5 {
+        // Sparks that ignite with the end of their gate are open or uncertain to the head: 1.1 % of the pulses here.
+        let away = (head[class] - summary[class]).abs();
+        assert!(away < 2.0, "the head: {head:.1?}, the summary: {summary:.1?}");
+        // It is not there for the whole of this time.
+        let away = (desk[class] - head[class]).abs();
+        assert!(away < 2.0, "the desk: {desk:.1?}, the head: {head:.1?}");
+    }
+
+    // What else is known of such a gap.
+    let last = looks.last().unwrap();
+    assert_eq!(last["levels"], Value::Null);
+    let number = |value: &Value| value.as_f64().unwrap_or_else(|| panic!("{value}: {last}"));
+    let senses = &last["senses"];
+    let hazard = number(&senses["hazard_per_s"]);
+    let spread = number(&senses["hazard_deviation_per_s"]) / hazard;
+    assert!((2000.0..60_000.0).contains(&hazard) && (0.02..0.5).contains(&spread), "{hazard} {spread}");
+    assert!((500.0..5100.0).contains(&number(&senses["sparks_per_s"])), "{senses}");
+    assert_eq!((&senses["distance_beyond"], &senses["pulse_age_ms"]), (&json!(true), &json!(0.0)), "{senses}");
+    let error = number(&last["controlled"]["error_v"]);
+    assert!(error.abs() < 60.0 && last["controlled"]["unit"] == "V", "{last}");
+    // Ignition delays of a second, which is two simulated: those that have ignited, where the model has them.
+    let delays = &last["delays"];
+    let counts: Vec<f64> = delays["counts"].as_array().unwrap().iter().map(number).collect();
+    let ends: Vec<f64> =
+        delays["ends_us"].as_array().unwrap().iter().map(|end| end.as_f64().unwrap_or(f64::MAX)).collect();
+    let seconds = number(&delays["seconds"]);
+    let total: f64 = counts.iter().sum();
+    assert!((0.9..2.0).contains(&seconds) && counts.len() == 32 && ends.len() == 32, "{delays}");
+    assert!((1000.0..5000.0).contains(&(total / seconds / 2.0)), "{total} in {seconds} s");
+    // No pulse is longer than its gate, 160 us of 200.
+    let late: f64 =
+        counts.iter().zip(&ends[1..]).skip(1).filter(|(_, end)| **end > 512.0).map(|(count, _)| count).sum();
+    assert_eq!(late, 0.0, "{counts:?} {ends:?}");
+}
+
+#[test]
+fn what_the_head_senses_is_recorded_by_name() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.connection());
+    let mut session = desk.eroding();
+    let names = ["Gap senses.Hazard", "Gap senses.Distance", "Gap senses.Sparks", "Gap senses.Notch frequency"];
+    let plan = json!({ "do": "scope", "node": 1, "plan": { "signals": names, "wait_s": 10 } });
+    let record = session.ask(plan).unwrap()["record"].clone();
+    let values = |place: usize| -> Vec<f64> {
+        record["signals"][place]["values"].as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
+    };
+    assert!(values(0).iter().all(|hazard| (100.0..1e6).contains(hazard)), "{:?}", values(0));
+    assert!(values(1).iter().all(|um| (10.0..81.0).contains(um)), "in its unit: {:?}", values(1));
+    let sparks = values(2);
+    assert!(sparks.windows(2).all(|pair| (0.0..7.0).contains(&(pair[1] - pair[0]))), "{sparks:?}");
+    assert!(sparks[255] - sparks[0] > 256.0, "{sparks:?}");
+    assert!(values(3).iter().all(|hz| *hz == 50.0), "in its unit: {:?}", values(3));
 }
 
 /// What is looked at under this name.

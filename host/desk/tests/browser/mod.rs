@@ -189,7 +189,7 @@ fn a_stranger_bores_a_hole_in_the_page() {
     // The peaks of a fresh surface are 3 um above its mean, which is at 2 mm.
     assert!(truth.deepest >= 1999, "{truth:?}");
     // Something is drawn.
-    let drawn = "[...document.querySelectorAll('canvas')].every((canvas) => canvas.width > 100
+    let drawn = "[...document.querySelectorAll('#run canvas')].every((canvas) => canvas.width > 100
         && canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((byte) => byte))";
     assert_eq!(page.value(drawn), true);
     page.view("log");
@@ -268,10 +268,9 @@ fn the_gap_is_seen_while_a_hole_is_bored() {
         // Of the model: 100 V. Of the settings: 85 %, 65 V, 20 V.
         assert!((90.0..110.0).contains(&open) && (seek - 0.85 * open).abs() < 0.11, "{open} {seek}");
         assert_eq!((value("ladder", "set point"), value("ladder", "short")), (65.0, 20.0));
-        // At one moment: the page goes on. What is a share of the milliseconds is not one of the pulses.
+        // At one moment: the page goes on.
         let all = page.value(
             "[...document.querySelectorAll('#shares tr')]
-             .filter((row) => row.cells[0].firstChild.data !== 'no pulse')
              .reduce((sum, row) => sum + Number(row.cells[1].innerText), 0)",
         );
         let all = all.as_f64().unwrap();
@@ -280,7 +279,45 @@ fn the_gap_is_seen_while_a_hole_is_bored() {
         let number: f64 = volts.split(' ').next().unwrap().parse().unwrap();
         assert!((5.0..110.0).contains(&number) && volts.ends_with("valid"), "{volts}");
         assert!(page.text("#gap-depth").ends_with(" of 0.5 mm"));
+        // Whether it sparks well is said, drawn, and in sight.
+        let stacked =
+            "[...document.querySelectorAll('#stack div')].reduce((sum, part) => sum + parseFloat(part.style.width), 0)";
+        let stacked = page.value(stacked).as_f64().unwrap();
+        assert!((stacked - 100.0).abs() <= 0.01, "{stacked}");
+        page.until("/^Sparks well: [0-9]+ % of all pulses$/.test(document.querySelector('#verdict').innerText)");
+        for (id, like) in [
+            ("kept-what", "voltage, set point 65.0 V"),
+            ("kept", "[0-9.]+ V"),
+            ("hazard", "[0-9.]+ ± [0-9.]+ .ms"),
+            ("sparks", "[0-9.]+ .ms(, missing now)?"),
+            ("distance", "beyond its range"),
+            ("age", "less than 1 ms ago"),
+            ("notch", "50.00 Hz, fixed"),
+            ("delayed", "[0-9]{3,} pulses ignited in [0-9.]+ s; pulses an octave"),
+        ] {
+            page.until(&format!("/^{like}$/.test(document.querySelector('#{id}').innerText)"));
+            let old = page.value(&format!("document.querySelector('#{id}').classList.contains('old')"));
+            assert_eq!(old, false, "{id}");
+        }
+        // Bars of the histogram, in the colour of the traces.
+        let bars = "(() => { const canvas = document.querySelector('#delays'), g = canvas.getContext('2d');
+            const probe = g.fillStyle; g.fillStyle = getComputedStyle(canvas).getPropertyValue('--trace').trim();
+            const [r, gr, b] = g.fillStyle.match(/[0-9a-f]{2}/g).map((two) => parseInt(two, 16)); g.fillStyle = probe;
+            const { data } = g.getImageData(0, 0, canvas.width, canvas.height); let count = 0;
+            for (let at = 0; at < data.length; at += 4) count += data[at] === r && data[at + 1] === gr && data[at + 2] === b;
+            return count; })()";
+        assert!(page.value(bars).as_f64().unwrap() > 1000.0, "{:?}", page.value(bars));
+        if wide == 1280 {
+            let bottom = page.value("document.querySelector('#gap').getBoundingClientRect().bottom + scrollY");
+            assert!(bottom.as_f64().unwrap() <= 800.0, "it does not fit a screen of 1280 by 800: {bottom}");
+        }
         page.picture(name);
+        // Without pulses nothing of that is of now.
+        page.click("#stop");
+        for id in ["hazard", "sparks", "distance", "age", "kept"] {
+            page.until(&format!("/, at [0-9:]{{8}}$/.test(document.querySelector('#{id}').innerText)"));
+        }
+        page.until("document.querySelector('#verdict').innerText === 'No pulses'");
     }
 }
 

@@ -13,6 +13,7 @@ use edm_desk::bus::Bus;
 use edm_servo_head::canopen::NodeId;
 use edm_servo_head::head::{Fault, State};
 use edm_servo_head::settings::Value as Setting;
+use edm_sim::process::Pulses;
 use edm_sim::run::Setup;
 use edm_sim::serve::head::Head;
 use edm_sim::store::Store;
@@ -46,6 +47,8 @@ pub struct Truth {
     pub pulsed: bool,
     pub position: i64,
     pub deepest: i64,
+    /// Pulses that the process made, as the summary of a bore counts them.
+    pub made: Pulses,
 }
 
 type Seen = (Mutex<Option<Truth>>, Condvar);
@@ -105,6 +108,7 @@ impl Rig {
                     pulsed,
                     position: status.position,
                     deepest,
+                    made: head.process.truth().pulses,
                 });
                 told.1.notify_all();
                 while Instant::now() < due {
