@@ -160,7 +160,7 @@ impl Watch {
         if killed {
             return Some(Class::Short);
         }
-        if high {
+        if high && crossed {
             return Some(Class::Open);
         }
         let now = look.now();
@@ -176,8 +176,9 @@ impl Watch {
             }
         }
         if on < AGE + LATE + pauses.blanking.load(Relaxed) {
-            return Some(Class::Spark);
+            return Some(if high { Class::Open } else { Class::Spark });
         }
+        // Without an edge a comparator that is high shows nothing, as where it is stuck.
         let code = u32::from(look.code_before(place)) ^ pauses.turns.load(Relaxed);
         let [short, arc, open] = pauses.levels.each_ref().map(|level| level.load(Relaxed));
         Some(if code < short {
@@ -201,7 +202,7 @@ pub enum Word {
     Bridge,
     /// The same: pulses.
     Pulses,
-    /// Number of the newest pause; odd while it lasts.
+    /// Number of the newest pause: twice the number of those before it, and one more while it lasts, two when it is over.
     Pause,
 }
 
@@ -301,8 +302,14 @@ pub fn decided(line: &impl Line, [bridge, pulses]: [u32; 2]) {
 pub fn hold(line: &impl Line) -> bool {
     line.inhibit();
     let pause = line.load(Word::Pause);
-    line.store(Word::Pause, (pause | 1).wrapping_add(2));
+    line.store(Word::Pause, pause.wrapping_add(1) | 1);
     pause & 1 == 1
+}
+
+/// Pauses that have begun so far, modulo 2^31.
+pub fn begun(line: &impl Line) -> u32 {
+    let pause = line.load(Word::Pause);
+    pause / 2 + (pause & 1)
 }
 
 /// The pause is over. Only for the fast path.
@@ -410,9 +417,14 @@ mod tests {
             // The reflex knows better, whatever is seen.
             (Shown { killed: true, high: true, ..code(1410) }, Short),
             // High to the end, or fallen with the gate, before or after it.
-            (Shown { high: true, ..code(410) }, Open),
+            (Shown { high: true, fell: Some(7000), ..code(410) }, Open),
             (Shown { fell: Some(0), ..code(1410) }, Open),
             (Shown { fell: Some(LATE + TOGETHER - 1), ..code(410) }, Open),
+            // High in every pulse, without an edge: a comparator that is stuck, or a gap that has kept its voltage.
+            (Shown { high: true, ..code(680) }, Arc),
+            (Shown { high: true, ..code(410) }, Short),
+            (Shown { high: true, ..code(1410) }, Open),
+            (Shown { high: true, opened: enough - 1, ..code(410) }, Open),
             // Ignited after a delay.
             (Shown { fell: Some(LATE + TOGETHER), ..code(1410) }, Spark),
             (Shown { fell: Some(8000), ..code(410) }, Spark),
@@ -654,6 +666,29 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn pauses_are_counted_also_where_one_takes_the_place_of_another() {
+        let line = Scripted::new(Vec::new());
+        let mut permission = Permission::new();
+        for (event, count) in [
+            (Event::Hold, 1),
+            (Event::Release, 1),
+            (Event::Hold, 2),
+            (Event::Hold, 3),
+            (Event::Release, 3),
+            (Event::Release, 3),
+        ] {
+            line.tick(&mut permission, true);
+            line.happen(event);
+            assert_eq!(begun(&line), count, "{event:?}");
+        }
+        line.words[Word::Pause as usize].set(u32::MAX - 1);
+        line.happen(Event::Hold);
+        assert_eq!((begun(&line), line.on.get()), (1 << 31, false));
+        line.happen(Event::Release);
+        assert_eq!(begun(&line), 0);
     }
 
     #[test]

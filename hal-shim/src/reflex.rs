@@ -172,6 +172,8 @@ pub trait Thresholds {
     fn set(&mut self, config: &Config) -> Result<(), Self::Error>;
     /// Has the end of each pulse looked at while there is any pause; without one it costs nothing.
     fn watch_ends(&mut self, pauses: &crate::pause::Config);
+    /// Pauses that have begun so far, modulo 2^31.
+    fn pauses_begun(&self) -> u32;
 }
 
 #[cfg(test)]

@@ -214,6 +214,7 @@ impl<B: Board> Protocol<B> {
         if whole {
             self.drive.set_timers(self.timers.read(&self.signals.times, now));
             self.drive.set_looks(self.signals.looks.each_ref().map(Word::load));
+            self.drive.set_pauses(self.thresholds.pauses_begun());
             self.slow();
             self.teach();
         }

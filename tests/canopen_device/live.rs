@@ -137,3 +137,10 @@ fn the_ignition_delays_are_read_in_segments_and_by_blocks() {
     assert_eq!(read(&mut rig), bytes(std::array::from_fn(|bin| u32::MAX - bin as u32)));
     assert_eq!(rig.try_write(0x2012, 16, &[2]), Err(0x0609_0031));
 }
+
+#[test]
+fn pauses_are_counted() {
+    let mut rig = Rig::new(|_, _| {});
+    rig.drive.set_pauses(u32::MAX - 1);
+    assert_eq!(rig.read(0x2012, 18), u32::MAX - 1);
+}

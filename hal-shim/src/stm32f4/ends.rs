@@ -139,6 +139,11 @@ impl Over {
     }
 }
 
+/// Pauses that have begun so far, modulo 2^31.
+pub(super) fn begun() -> u32 {
+    pause::begun(&Allow)
+}
+
 /// Ends of pulses interrupt, or not. For a slower task.
 pub(super) fn watch(on: bool) {
     if on {

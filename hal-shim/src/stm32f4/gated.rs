@@ -169,6 +169,10 @@ impl reflex::Thresholds for Thresholds {
     fn watch_ends(&mut self, pauses: &pause::Config) {
         super::ends::watch(pauses.pauses());
     }
+
+    fn pauses_begun(&self) -> u32 {
+        super::ends::begun()
+    }
 }
 
 impl Thresholds {

@@ -392,6 +392,23 @@ fn shares_of_pulses_mean_the_same_in_the_desk_in_the_head_and_in_the_summary_of_
 }
 
 #[test]
+fn pauses_are_seen_to_begin_where_they_are_set() {
+    let rig = Rig::new();
+    let (code, _, why) = run(&rig.connection(), &["settings", "set", "generator.pause_spark_us=20"]);
+    assert_eq!((code, why.as_str()), (Some(0), ""));
+    let mut boring = rig::start(&rig.connection(), &["bore", "--depth", "0.5"], Stdio::piped());
+    rig.until(|truth| truth.made.spark > 1000);
+    let bus = rig.bus();
+    let sdo = Sdo::new(&bus, 1);
+    let begun = u32::from_le_bytes(sdo.read(Address(0x2012, 18)).unwrap().try_into().unwrap());
+    let made = rig.truth().made;
+    boring.kill().unwrap();
+    boring.wait().unwrap();
+    // After sparks, and after no other pulse.
+    assert!((1000..=made.spark).contains(&u64::from(begun)), "{begun} of {made:?}");
+}
+
+#[test]
 fn what_the_head_senses_is_recorded_by_name() {
     let rig = Rig::new();
     let desk = Desk::new(&rig.connection());

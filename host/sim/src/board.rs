@@ -87,6 +87,8 @@ pub struct Ports {
     pub thresholds: Cell<Option<Config>>,
     /// Pauses between pulses, core cycles from the end of a pulse of each class.
     pub pauses: Cell<[u32; pause::CLASSES]>,
+    /// Pauses that the process has begun so far, wrapping.
+    pub pauses_begun: Cell<u32>,
     /// Measured position, counts, for the dry loop.
     pub position: Cell<i64>,
     /// Instead of the gap signal.
@@ -399,6 +401,9 @@ impl Thresholds for Part {
     }
     fn watch_ends(&mut self, pauses: &pause::Config) {
         self.0.pauses.set(pauses.hold);
+    }
+    fn pauses_begun(&self) -> u32 {
+        self.0.pauses_begun.get() & (u32::MAX >> 1)
     }
 }
 

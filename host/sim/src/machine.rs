@@ -6,7 +6,7 @@
 //! virtual head ([`crate::serve`]), or, in a [`Machine`], its owner.
 
 use crate::board::{Dry, PLAN, Part, Pc, Ports, Source};
-use crate::process::{Plant, Process, Sensors};
+use crate::process::{Plant, Process, Pulses, Sensors};
 use edm_hal_shim::encoder::Line;
 use edm_runtime::assemble::{Host, IdleEnds};
 use edm_runtime::can::{Receive, Transmit};
@@ -187,6 +187,7 @@ impl Core {
     fn period(&mut self, process: &mut Process) {
         let ports = self.ports;
         self.ticks = self.ticks.wrapping_add(1);
+        let made = process.made();
         let sensors = go_on(ports, process);
         for &(time, levels) in &sensors.edges {
             ports.now.set(time);
@@ -195,6 +196,7 @@ impl Core {
             self.decoder.edge(Line::A);
         }
         show(ports, process);
+        self.count_pauses(&process.made().since(&made));
         self.gap.block();
         self.servo.tick();
         self.follow_up();
@@ -208,6 +210,14 @@ impl Core {
         }
         self.servo.follower().report(&mut self.status);
         self.ports.position.set(self.status.position);
+    }
+
+    /// The process makes the pauses, as the fast path does on the chip.
+    fn count_pauses(&self, pulses: &Pulses) {
+        let ended = [pulses.open, pulses.spark, pulses.arc, pulses.short];
+        let held = ended.into_iter().zip(self.ports.pauses.get()).filter(|(_, hold)| *hold > 0);
+        let new: u32 = held.map(|(ended, _)| ended as u32).sum();
+        self.ports.pauses_begun.set(self.ports.pauses_begun.get().wrapping_add(new));
     }
 
     /// Reports in place of the protocol, for a head that is commanded without it.

@@ -115,6 +115,8 @@ pub struct Drive {
     /// Looks at pulses of each class, of the last 200 ms.
     looks: [u32; CLASSES],
     delays: Histogram,
+    /// Pauses begun.
+    pauses: u32,
     /// Frequency of the notch, 0.01 Hz, and whether it follows the mains.
     mains: (u16, bool),
     /// The settings come from a reset and are not a host's write, which could be taken back.
@@ -224,6 +226,7 @@ impl Drive {
             lost: Lost::default(),
             looks: [0; CLASSES],
             delays: Histogram::default(),
+            pauses: 0,
             mains: (0, false),
             restarting: false,
             configuring: false,
@@ -332,6 +335,11 @@ impl Drive {
     /// Looks at pulses of each class, of the last 200 ms, for 200Fh.
     pub fn set_looks(&mut self, looks: [u32; CLASSES]) {
         self.looks = looks;
+    }
+
+    /// Pauses begun so far, modulo 2^31, for 2012h.
+    pub fn set_pauses(&mut self, begun: u32) {
+        self.pauses = begun;
     }
 
     /// One of the words that the gap source says in turns, for 2012h.

@@ -263,6 +263,7 @@ impl Drive {
             Item::CountArc => status.gap.pulses.class(Class::Arc).into(),
             Item::CountShort => status.gap.pulses.class(Class::Short).into(),
             Item::CountUncertain => status.gap.pulses.class(Class::Uncertain).into(),
+            Item::Pauses => self.pauses.into(),
             Item::TeachStep
             | Item::TeachWhy
             | Item::TeachPulses

@@ -282,6 +282,7 @@ objects! {
         15 CountUncertain: u32, ro, tx, U32, 0, "", live, "Uncertain pulses";
         16 DelaysTake: u8, wo, no, (1, 1), 1, "", live, "Take: 1 copies the ignition delays since the last time to sub-index 17";
         17 DelaysTaken: domain, ro, no, U8, 0, "", live, "Ignition delays: 32 counts of 32 bits, little-endian; bin 0 up to 96 clock cycles of 168 MHz (0.57 us), then two bins an octave, ending at 128, 192, 256, 384, ...; the last without an end";
+        18 Pauses: u32, ro, tx, U32, 0, "", live, "Pauses: of generator.pause_*, begun since power-on, modulo 2^31";
     }
     0x2013 "Teach-in" {
         1 TeachIn: u8, wo, no, (0, 2), 0, "", live, "Teach-in: 1 starts it, 0 ends it, 2 applies its proposal: gap.open_v, gap.spark_v, gap.arc_below_v, gap.short_v and gap.noise_v become sub-indices 10 to 14, all or none; 2002h says why not";

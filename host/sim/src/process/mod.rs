@@ -458,6 +458,11 @@ impl Process {
         }
     }
 
+    /// Pulses so far.
+    pub(crate) fn made(&self) -> Pulses {
+        self.model.pulses()
+    }
+
     fn bus(&self) -> f64 {
         self.fault_inputs.bus_v.unwrap_or(self.p.bus.into())
     }
