@@ -12,8 +12,10 @@ use std::time::{Duration, Instant};
 
 /// How long a server may take; storing may stall the head for half a second.
 const PATIENCE: Duration = Duration::from_secs(2);
+/// A transfer by blocks that has not advanced for so long has ended, whatever is heard.
+const STALLED: Duration = Duration::from_millis(500);
 /// Times that a read is begun anew when it was disturbed.
-const TRIES: u32 = 4;
+const TRIES: u32 = 8;
 /// Silence within a block after which missing segments are requested again.
 const GAP: Duration = Duration::from_millis(200);
 /// The longest value that is written in segments, bytes.
@@ -107,9 +109,12 @@ impl Sdo {
     /// When the node refuses or does not answer.
     pub fn read(&self, address: Address) -> Result<Vec<u8>, SdoError> {
         // Another program that talks to the same server ends a transfer in segments: a new one is answered.
-        for _ in 1..TRIES {
+        for tried in 1..TRIES {
             match self.probe(address, PATIENCE) {
-                Err(SdoError::Garbled(..) | SdoError::Refused(_, abort::TOGGLE | abort::COMMAND)) => {}
+                // Two programs that try again at once meet again: each waits for a time of its own.
+                Err(SdoError::Garbled(..) | SdoError::Refused(_, abort::TOGGLE | abort::COMMAND)) => {
+                    std::thread::sleep(tried * Duration::from_millis(3 + u64::from(std::process::id() % 11)));
+                }
                 done => return done,
             }
         }
@@ -144,6 +149,7 @@ impl Sdo {
         let mut value = Vec::new();
         talk.turn.say([0xA3, 0, 0, 0, 0, 0, 0, 0]);
         let (mut complete, mut quiet) = (false, 0);
+        let mut advanced = Instant::now();
         while !complete {
             let mut segment = 0;
             loop {
@@ -162,12 +168,17 @@ impl Sdo {
                         let number = command & 0x7F;
                         quiet = 0;
                         if number == segment + 1 {
+                            advanced = Instant::now();
                             segment = number;
                             value.extend_from_slice(&data);
                             complete = command & 0x80 != 0;
                         }
                         if value.len() > LONGEST {
                             return Err(talk.give_up(abort::OUT_OF_MEMORY));
+                        }
+                        // Another program has ended the transfer, and what is heard are the answers to it.
+                        if advanced.elapsed() > STALLED {
+                            return Err(talk.give_up(abort::COMMAND));
                         }
                         if number == BLOCK || command & 0x80 != 0 {
                             break;
