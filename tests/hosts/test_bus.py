@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import signal
+import socket
 import time
 
 import can
@@ -69,8 +70,23 @@ def test_ten_thousand_frames_each_way_at_once_and_none_is_lost(server):
     b.shutdown()
 
 
+def not_reading(server):
+    """A socketcand client that reads nothing once it gets frames. Few frames fill its buffer, and with short segments
+    the server's, which grows with them."""
+    host, port = server.socketcand
+    client = socket.socket()
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, 536)
+    client.connect((host, int(port)))
+    for asked, answer in ((b"", b"< hi >"), (b"< open can0 >", b"< ok >"), (b"< rawmode >", b"< ok >")):
+        client.sendall(asked)
+        assert client.recv(len(answer), socket.MSG_WAITALL) == answer
+    return client
+
+
 def test_a_program_that_stops_reading_is_cut_off_and_the_others_go_on(server):
-    good, stuck, sender = server.bus("slcan-tcp"), server.bus("socketcand"), server.bus("slcan-pty")
+    good, sender = server.bus("slcan-tcp"), server.bus("slcan-pty")
+    stuck = not_reading(server)
     time.sleep(0.1)
     frame = message(0x181, data=bytes(8))
     got = []
@@ -83,12 +99,14 @@ def test_a_program_that_stops_reading_is_cut_off_and_the_others_go_on(server):
         sent += 100
         while sent - len(got) > 1000 and time.monotonic() < end:
             time.sleep(0.001)
+    assert server.complaints, f"{sent} frames, and nobody was cut off"
     assert "disconnected, it does not read fast enough" in server.complaints[0]
     while len(got) < sent and time.monotonic() < end:
         time.sleep(0.01)
     assert len(got) == sent
     notifier.stop()
-    for bus in (good, sender, stuck):
+    stuck.close()
+    for bus in (good, sender):
         bus.shutdown()
 
 
