@@ -15,7 +15,7 @@ use std::fmt::Write;
 type Figure = fn(&Row) -> Option<f64>;
 
 /// The metrics, by their names in the JSON.
-pub const METRICS: [(&str, Figure); 18] = [
+pub const METRICS: [(&str, Figure); 19] = [
     ("machining_time_s", |r| r.number("machining_time_s").filter(|_| is_complete(r))),
     // Over the machining time too: that of the row is over the eroding time.
     ("mrr_mm3_min", |r| {
@@ -37,6 +37,8 @@ pub const METRICS: [(&str, Figure); 18] = [
     ("gap_rms_um", |r| r.number("gap_um.rms_error")),
     ("wear_um", |r| Some(r.number("wear_mm")? * 1e3)),
     ("damage", |r| r.number("damage_mean")),
+    // None on a version of the model without pits.
+    ("pit_um", |r| r.number("pit_um")),
     ("roughness_um", |r| r.number("crater_um")),
     ("servo_rms_mm_s", |r| r.number("velocity_mm_s")),
     ("depth_mm", |r| r.number("hole_depth_mm")),

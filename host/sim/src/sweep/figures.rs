@@ -45,6 +45,7 @@ pub const FIGURES: &[(&str, Figure)] = &[
     ("crater_um", |r| json!(r.crater_um)),
     ("debris_mean", |r| json!(r.debris_mean)),
     ("damage_mean", |r| json!(r.damage_mean)),
+    ("pit_um", |r| json!(r.pit_um)),
     ("contact_n_max", |r| json!(r.contact_n_max)),
     ("film_n_max", |r| json!(r.film_n_max)),
     ("lost_counts", |r| json!(r.lost_counts)),

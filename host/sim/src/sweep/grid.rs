@@ -15,7 +15,7 @@ use toml::de::{DeTable, DeValue};
 /// Most runs of a grid.
 const MOST: usize = 1_000_000;
 /// Name of this layout of runs and rows: files of another are not continued.
-const LAYOUT: &str = concat!("edm-sim.sweep/3 ", env!("CARGO_PKG_VERSION"));
+const LAYOUT: &str = concat!("edm-sim.sweep/4 ", env!("CARGO_PKG_VERSION"));
 
 /// Column of [`Lists::set_points`].
 pub const SET_POINT_FACTOR: &str = "set_point_factor";
