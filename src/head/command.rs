@@ -1,6 +1,7 @@
 //! What a host may ask, and why it may be refused. A refused command changes nothing.
 
 use super::fault::Fault;
+use super::inch::Carry;
 use super::positioning::{Home, MotionLimits};
 use super::probe::{PROBES, Probe};
 use super::state::State;
@@ -53,7 +54,10 @@ pub enum Command {
     Guide,
     /// While eroding: straight up and back, pulses off meanwhile.
     Jump,
-    /// Pulses off; hold the position. A jump comes back before.
+    /// What the coarse axis that carries the head has done. To a head that has asked it is the answer; one at rest takes it as where
+    /// it is now.
+    Carry(Carry),
+    /// Pulses off; hold the position. A jump comes back before, and a head that waits for the coarse axis when its host has answered.
     Hold,
     /// Commission: check encoder, motor, gap and stroke.
     Commission,

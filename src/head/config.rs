@@ -1,7 +1,7 @@
 //! What the head's tick runs: built from the settings, swapped whole.
 
 use super::follow::FollowConfig;
-use super::{commissioning, ends, jump, supervise, touch};
+use super::{commissioning, ends, inch, jump, supervise, touch};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
 use crate::gap::controlled::Controlled;
@@ -180,6 +180,8 @@ pub struct Config {
     pub retreat: Retreat,
     /// Jump.
     pub jump: jump::Config,
+    /// How a coarse axis carries the head.
+    pub inch: inch::Config,
     /// End of an erosion.
     pub ends: ends::Config,
     /// Open-loop lift.
@@ -197,7 +199,7 @@ pub struct Config {
 }
 
 parts!(it: Config {
-    setpoint, controlled, transfer, structure, law, single, limits, acceleration, contact, touch, seek, retreat, jump, ends, lift, presliding, axis,
+    setpoint, controlled, transfer, structure, law, single, limits, acceleration, contact, touch, seek, retreat, jump, inch, ends, lift, presliding, axis,
     supervise, commissioning, commissioned,
 } by
     [it.setpoint, it.structure, it.limits, it.acceleration, it.contact, it.touch],
@@ -205,7 +207,7 @@ parts!(it: Config {
     [it.single, it.commissioned],
     [it.seek],
     [it.retreat],
-    [it.jump, it.ends],
+    [it.jump, it.inch, it.ends],
     [it.lift, it.presliding],
     [it.axis],
     [it.supervise],

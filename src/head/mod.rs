@@ -22,6 +22,7 @@ mod estimate;
 mod fault;
 mod follow;
 mod guide;
+mod inch;
 mod jump;
 mod permit;
 mod plan;
@@ -47,6 +48,7 @@ pub use estimate::{Estimate, Estimator, Sums};
 pub use fault::{Fault, Reaction};
 pub use follow::{FollowConfig, Follower, LEAD};
 pub use guide::Guidance;
+pub use inch::{Carry, Config as InchConfig, Inch, SeenBy};
 pub use jump::Config as JumpConfig;
 pub use permit::WritePermit;
 pub use plan::{Hazards, Plan, Touch};
@@ -158,4 +160,16 @@ pub struct Status {
     pub guidance: Guidance,
     /// Set points of a guiding host that were late, since power-up, wrapping.
     pub late_set_points: u32,
+    /// How it stands to the coarse axis.
+    pub inch: Inch,
+    /// Distance by which the coarse axis has carried the head since the home was found, counts, as the head counts it.
+    pub carried: i64,
+    /// The same by the host's scale of the coarse axis, and where that was asked to go last.
+    pub coarse: i64,
+    /// See [`coarse`](Status::coarse).
+    pub carry_to: i64,
+    /// Moves of the coarse axis that the head has gone on after, since power-up, wrapping.
+    pub inches: u32,
+    /// How much farther than asked it has moved, as the newest touch of the bottom says, counts.
+    pub inch_error: i64,
 }

@@ -41,11 +41,13 @@ pub enum State {
     Lifting,
     /// Pulses off, looking for the surface of the work by touching it.
     Touching,
+    /// Pulses off, out of the work while a coarse axis carries the head on: the inch-worm.
+    Inching,
 }
 
 impl State {
     /// Every state.
-    pub const ALL: [State; 16] = [
+    pub const ALL: [State; 17] = [
         State::Disabled,
         State::Commissioning,
         State::Ready,
@@ -62,6 +64,7 @@ impl State {
         State::Jumping,
         State::Lifting,
         State::Touching,
+        State::Inching,
     ];
 
     /// Name in reports.
@@ -80,6 +83,7 @@ impl State {
             State::Jumping => "jumping",
             State::Lifting => "lifting",
             State::Touching => "touching",
+            State::Inching => "inching",
             State::Done => "done",
             State::HoldingPosition => "holding_position",
             State::Fault => "fault",
@@ -91,9 +95,9 @@ impl State {
         matches!(self, State::Seeking | State::Eroding | State::Retreating | State::Guiding)
     }
 
-    /// Whether an erosion is under way: with pulses, in a jump between them, or in the lift after them.
+    /// Whether an erosion is under way: with pulses, in a jump or a move of the coarse axis between them, or in the lift after them.
     pub const fn works(self) -> bool {
-        self.pulses() || matches!(self, State::Jumping | State::Lifting)
+        self.pulses() || matches!(self, State::Jumping | State::Inching | State::Lifting)
     }
 
     /// Whether the axis moves by itself, off the path and with pulses off.
@@ -168,6 +172,12 @@ pub enum Reason {
     JumpedLow,
     /// A jump is back at the float point.
     Returned,
+    /// The end of the stroke, before that of the path: the coarse axis is needed.
+    StrokeEnd,
+    /// The coarse axis has carried the head on.
+    Carried,
+    /// The host has refused to move the coarse axis.
+    CarryRefused,
 }
 
 /// Every change of state there is and what it is made for, but for two rules: a fault is entered from every state, and
@@ -235,6 +245,14 @@ pub const TRANSITIONS: &[(State, State, Reason)] = &[
     (State::Jumping, State::Eroding, Reason::Returned),
     (State::Jumping, State::HoldingPosition, Reason::Held),
     (State::Jumping, State::Positioning, Reason::Held),
+    (State::Seeking, State::Inching, Reason::StrokeEnd),
+    (State::Eroding, State::Inching, Reason::StrokeEnd),
+    (State::Inching, State::Seeking, Reason::Carried),
+    (State::Inching, State::Eroding, Reason::Carried),
+    (State::Inching, State::HoldingPosition, Reason::CarryRefused),
+    (State::Inching, State::HoldingPosition, Reason::NotTouched),
+    (State::Inching, State::HoldingPosition, Reason::Held),
+    (State::Inching, State::Positioning, Reason::Held),
     (State::Guiding, State::Retreating, Reason::Short),
     (State::Guiding, State::HoldingPosition, Reason::Held),
     (State::Guiding, State::Positioning, Reason::Held),

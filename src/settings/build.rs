@@ -8,8 +8,8 @@ use crate::gap::charging::Material;
 use crate::gap::controlled::ControlledName;
 use crate::gap::{pulses, senses, voltage};
 use crate::head::{
-    Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, JumpConfig, Lift, Report, Retreat, Seek,
-    Setpoint, Structure, SupervisionLimits, TouchConfig,
+    Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, InchConfig, JumpConfig, Lift, Report, Retreat,
+    Seek, SeenBy, Setpoint, Structure, SupervisionLimits, TouchConfig,
 };
 use crate::motion::JerkLimits;
 use crate::servo::{CurrentLimits, GRAVITY, Gains, PidGains, Plant, PreslidingConfig, Tuning};
@@ -130,6 +130,22 @@ impl Settings {
             jump_s.iter().sum::<f32>() > JUMP_S,
             const { name("jump.height_um") },
             "takes longer than 0.7 s each way with jump.velocity_mm_s, jump.acceleration_m_s2 and jump.jerk_m_s3",
+        )?;
+        let taken = self.inch_step + self.inch_reserve + self.inch_clearance + self.retreat_off_limit;
+        conflict(
+            self.inch_step > 0.0 && taken > self.axis_stroke,
+            const { name("inch.step_um") },
+            "leaves, with inch.reserve_um, inch.clearance_um and retreat.off_limit_um, nothing of axis.stroke_um",
+        )?;
+        conflict(
+            self.inch_step > 0.0 && self.inch_tolerance >= self.inch_clearance,
+            const { name("inch.tolerance_um") },
+            "must be below inch.clearance_um",
+        )?;
+        conflict(
+            self.inch_step > 0.0 && self.inch_seen == SeenBy::Touch && self.contact_below == 0.0,
+            const { name("inch.seen") },
+            "must be word without a sense supply: contact.below_v is 0",
         )?;
         let off_time_ns = (self.generator_off_time_us * 1000.0) as u32;
         let (gap, reflex, pause) = (self.gap()?, self.reflex()?, self.pause()?);
@@ -368,6 +384,14 @@ impl Settings {
                     jerk: self.jump_jerk * 1e6 * axis.counts_per_um,
                 },
                 float: self.jump_float as u32,
+            },
+            inch: InchConfig {
+                step: (self.inch_step * axis.counts_per_um) as i64,
+                reserve: (self.inch_reserve * axis.counts_per_um) as i64,
+                clearance: (self.inch_clearance * axis.counts_per_um) as i64,
+                tolerance: (self.inch_tolerance * axis.counts_per_um) as i64,
+                patience: Seconds(self.inch_patience).ticks().max(1),
+                seen: self.inch_seen,
             },
             ends: EndsConfig {
                 spark_out: Seconds(self.end_spark_out_ms * 1e-3).ticks(),

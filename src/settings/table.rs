@@ -8,7 +8,7 @@ use crate::declare;
 use crate::feed::LawName;
 use crate::gap::controlled::ControlledName;
 use crate::gap::voltage::Average;
-use crate::head::Structure;
+use crate::head::{SeenBy, Structure};
 
 crate::choice!(Average { Plain = "plain", Gated = "gated" });
 
@@ -22,6 +22,7 @@ pub enum SetpointUnit {
 }
 crate::choice!(SetpointUnit { Volts = "volts", PercentOfOpen = "percent_of_open" });
 
+crate::choice!(SeenBy { Word = "word", Touch = "touch" });
 crate::choice!(LawName);
 crate::choice!(ControlledName);
 crate::choice!(Structure { SingleLoop = "single_loop", VelocityCascade = "velocity_cascade", Path = "path" });
@@ -313,6 +314,20 @@ declare! {
         0x2110:2 touch_second: f32 = 0.5, (0.01, 5.0), "touch.second_mm_s", "mm/s", "assumed: 0.1 um in the 0.2 ms until a contact is known", live;
         /// Length to go back after a touch: before the next touch, and at the end.
         0x2110:3 touch_back: f32 = 100.0, (20.0, 10_000.0), "touch.back_um", "um", "assumed: far more than overshoot and play", live;
+
+        /// Distance that the coarse axis is asked to move by when the stroke ends before the path; 0: it is not asked, and no path leads
+        /// beyond the travel.
+        0x2111:1 inch_step: f32 = 0.0, (0.0, 1_000_000.0), "inch.step_um", "um", "[R] section 8; assumed: no coarse axis answers", disabled "the travel of a path depends on it";
+        /// Length above the lower end of the travel at which the coarse axis is asked for.
+        0x2111:2 inch_reserve: f32 = 300.0, (20.0, 10_000.0), "inch.reserve_um", "um", "assumed: more than a gap and the overshoot of a touch", rises "a smaller one would lead the head closer to its lower stop";
+        /// Length by which the head goes up beyond the step: so much the coarse axis may go too far.
+        0x2111:3 inch_clearance: f32 = 500.0, (20.0, 10_000.0), "inch.clearance_um", "um", "assumed: many times the error of a machine axis", rises "a smaller one would leave the electrode closer to the bottom while the coarse axis moves";
+        /// Largest difference between the move that was asked for and the one that the host or a touch of the bottom says.
+        0x2111:4 inch_tolerance: f32 = 50.0, (1.0, 10_000.0), "inch.tolerance_um", "um", "assumed: more than the error of a machine axis", falls "a larger one would believe a wrong move";
+        /// Time for the coarse axis to move.
+        0x2111:5 inch_patience: f32 = 60.0, (0.1, 3600.0), "inch.patience_s", "s", "assumed: a person can look", live;
+        /// What shows how far it has moved: the host's word, or a touch of the bottom before and after it.
+        0x2111:6 inch_seen: SeenBy = SeenBy::Word, (), "inch.seen", "", "[R] section 8", disabled "the bottom must have been touched before the move";
 
         /// Commissioning has passed with these settings.
         0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by commissioning", disabled "it decides whether the head may be enabled";

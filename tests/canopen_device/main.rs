@@ -8,6 +8,7 @@ mod edm;
 mod flood;
 mod guided;
 mod host_lost;
+mod inching;
 mod leftover;
 mod live;
 mod probe;

@@ -12,6 +12,7 @@ mod faults;
 mod follower;
 mod guiding;
 mod hazards;
+mod inching;
 mod jumps;
 mod permit;
 mod positioning;

@@ -1,7 +1,7 @@
 //! The changes of state that a head makes are those of the table, and it makes all of them.
 
 use crate::bench::Bench;
-use edm_servo_head::head::{Command, Fault, Home, MotionLimits, Reason, State, TRANSITIONS};
+use edm_servo_head::head::{Carry, Command, Fault, Home, MotionLimits, Reason, SeenBy, State, TRANSITIONS};
 use edm_servo_head::motion::Method;
 use edm_servo_head::path::{Piece, Shape};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
@@ -206,6 +206,51 @@ fn the_table_of_transitions_is_what_heads_do() {
             bench.run(0.1);
             note(&mut bench, &mut seen);
         }
+    }
+    // Moves of a coarse axis, and all that comes between.
+    let carries = |answer: Option<Carry>, then: Option<Command>, touch: bool, seeks: bool, seen: &mut Seen| {
+        let mut bench = Bench::with(|settings| {
+            (settings.inch_step, settings.feed_max) = (1000.0, 2000.0);
+            (settings.axis_stroke, settings.seek_velocity) = (3000.0, 5000.0);
+            settings.inch_seen = if touch { SeenBy::Touch } else { SeenBy::Word };
+        });
+        bench.make_ready();
+        bench.command(Command::MoveTo(um(4000)));
+        bench.command(Command::Start);
+        bench.surface_um = if seeks { 1e6 } else { 2000.0 };
+        for _ in 0..200_000 {
+            bench.tick();
+            if bench.output.pulses && !seeks {
+                bench.surface_um = bench.surface_um.max(bench.um() + 40.0);
+            }
+            if bench.state() == State::Inching {
+                break;
+            }
+        }
+        if touch {
+            bench.surface_um = 1e6;
+        }
+        bench.run(1.0);
+        if let Some(answer) = answer {
+            bench.surface_um -= if answer == Carry::Refused { 0.0 } else { 1000.0 };
+            bench.command(Command::Carry(answer));
+        }
+        match then {
+            Some(Command::ResetFault) => bench.head.raise(Fault::HostSilent),
+            Some(then) => bench.command(then),
+            None => {}
+        }
+        bench.run(1.0);
+        note(&mut bench, seen);
+    };
+    for seeks in [false, true] {
+        carries(Some(Carry::AsAsked), None, false, seeks, &mut seen);
+    }
+    carries(Some(Carry::Refused), None, false, false, &mut seen);
+    carries(Some(Carry::AsAsked), Some(Command::Hold), false, false, &mut seen);
+    carries(None, None, true, false, &mut seen);
+    for then in [brake, Command::Disable, Command::ResetFault] {
+        carries(None, Some(then), false, false, &mut seen);
     }
     let rules = |&(from, to, reason): &(State, State, Reason)| match reason {
         Reason::Fault(_) => to == State::Fault,

@@ -142,6 +142,9 @@ numbered! {
         Reason::NotTouched => 26 "no surface found",
         Reason::PathStop => 27 "a stop on the path",
         Reason::JumpedLow => 28 "jump begun, lower than jump.height_um: no room above",
+        Reason::StrokeEnd => 29 "end of the stroke: the coarse axis is asked for",
+        Reason::Carried => 30 "carried on by the coarse axis",
+        Reason::CarryRefused => 31 "the host refused to move the coarse axis",
     }
 }
 

@@ -165,6 +165,16 @@ impl Drive {
         waits && rests && self.fresh && self.standing() && !self.status.reacting
     }
 
+    /// Whether the head waits for the coarse axis.
+    pub(super) fn is_inching(&self) -> bool {
+        self.status.state == State::Inching
+    }
+
+    /// Whether a host may say where the coarse axis is: in answer, or where positions may change their meaning.
+    pub(super) fn may_carry(&self) -> bool {
+        self.is_inching() || self.may_shift()
+    }
+
     /// Whether a surface may be looked for, as far as the drive knows.
     pub(super) fn may_search(&self) -> bool {
         let mode = matches!(self.mode, Mode::None | Mode::ProfilePosition | Mode::Homing);

@@ -3,7 +3,7 @@
 use super::state::{Request, State, control, halts, rises, status};
 use super::{Drive, Order};
 use crate::canopen::objects::Item;
-use crate::head::{self, Command, Fault};
+use crate::head::{self, Command, Fault, Inch};
 
 /// Longest braking that is waited for, and coasting after a reaction, ms.
 const PATIENCE: u16 = 1000;
@@ -164,6 +164,12 @@ impl Drive {
         }
         if self.status.current_reduced || self.status.cramped || self.loss.is_some() || self.teach.does_not_fit() {
             word |= status::WARNING;
+        }
+        if matches!(self.status.inch, Inch::Late | Inch::Contradicts) {
+            word |= status::WARNING;
+        }
+        if self.status.inch == Inch::Asks {
+            word |= status::ASKS;
         }
         if self.guarded >> 24 & 1 != 0 {
             word |= status::GUARDED;

@@ -68,6 +68,8 @@ pub mod status {
     pub const MODE_13: u16 = 1 << 13;
     /// The manufacturer's: turns over with each change of a guarded setting, which a TPDO reports at once.
     pub const GUARDED: u16 = 1 << 14;
+    /// The manufacturer's: the host is asked to move the coarse axis.
+    pub const ASKS: u16 = 1 << 15;
 }
 
 /// Whether a bit has risen.

@@ -6,7 +6,7 @@ use crate::canopen::objects::{Decoded, Item, Row, entry, rows, setting_address, 
 use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Written};
 use crate::gap::pulses::Class;
 use crate::gap::senses::delays::Delays;
-use crate::head::{self, Command, Contradiction, Guidance};
+use crate::head::{self, Carry, Command, Contradiction, Guidance, Inch};
 use crate::path::{BESIDE_NM, Bound};
 use crate::settings::{Change, Declared, Kind, SettingError, Settings, place};
 use crate::units::{FRACTION_BITS, Volts};
@@ -227,6 +227,13 @@ impl Drive {
             Item::DatumOffset | Item::Wear | Item::Travel | Item::HoleDepth | Item::KeptSurface => {
                 self.datum_number(item)
             }
+            Item::InchState => status.inch as i64,
+            Item::InchAsks => (status.inch == Inch::Asks).into(),
+            Item::CarryTo => clamp32(status.carry_to).into(),
+            Item::CoarsePlace => clamp32(status.coarse).into(),
+            Item::Carried => clamp32(status.carried).into(),
+            Item::Inches => status.inches.into(),
+            Item::InchError => clamp32(status.inch_error).into(),
             Item::Deepest => self.host_position(self.value(Item::Deepest).into()).into(),
             Item::GuardedChange => self.guarded.into(),
             Item::LostFrames => self.lost.frames.into(),
@@ -350,6 +357,18 @@ impl Drive {
             }
             Item::SurfaceIs => return done(self.take_surface(value)),
             Item::KeptSurface => self.keep_surface(number),
+            Item::CoarsePlace => {
+                let carry = Carry::To(self.nanometres(number));
+                return done(self.may_carry() && self.command(Command::Carry(carry)));
+            }
+            Item::CarryAnswer if value != 0 && number != before => {
+                let carry = if value == 1 { Carry::AsAsked } else { Carry::Refused };
+                if !(self.is_inching() && self.command(Command::Carry(carry))) {
+                    return Err(Abort::DeviceState);
+                }
+            }
+            // Its answer to the question before.
+            Item::CarryAnswer if value != 0 && self.status.inch == Inch::Asks => return Err(Abort::DeviceState),
             Item::TargetVelocity => self.may_run(number != before)?,
             Item::Commission if value == 1 => return done(self.commission()),
             Item::Commission => self.end_commissioning(),

@@ -11,7 +11,7 @@ macro_rules! objects {
     })+) => {
         /// What an object is.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        #[repr(u8)]
+        #[repr(u16)]
         pub enum Item {
             $($(#[doc = $name] $item,)+)+
         }
@@ -101,7 +101,7 @@ const RATE: (i64, i64) = (1, i32::MAX as i64);
 
 objects! {
     0x2000 "Head" {
-        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving, 13 jumping, 14 lifting, 15 touching";
+        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving, 13 jumping, 14 lifting, 15 touching, 16 inching";
         2 HeadFault: u8, ro, tx, U8, 0, "", live, "Fault: from 1 in the order of docs/objects.md; 0 none";
         3 HeadReason: u8, ro, tx, U8, 0, "", live, "Reason: why the state changed last, as numbered in docs/objects.md; 0 no change yet";
         4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Refusal: why the last command was refused, as numbered in docs/objects.md; 0 none was";
@@ -301,6 +301,16 @@ objects! {
         14 TaughtNoise: u16, ro, no, U16, 0, "0.01 V", live, "Noise: proposed for gap.noise_v";
         15 TaughtApart: u16, ro, no, U16, 0, "", live, "Separation: distance of arcs and sparks in tenths of the standard deviation of what they burned at; 0 no arcs were seen, and 0.7 of a spark's voltage is assumed for them";
         16 LevelsFit: u8, ro, tx, (0, 2), 0, "", live, "Levels: 0 not known yet, 1 fit, 2 do not fit: pulses that burned are uncertain";
+    }
+    0x2014 "Inch-worm" {
+        1 InchState: u8, ro, tx, (0, 5), 0, "", live, "State: 0 the coarse axis is not needed, 1 the head touches the bottom or goes up, 2 asks the host to move the coarse axis to 2014h:3, 3 looks for the bottom or goes back to it, 4 late: no answer in inch.patience_s, or held, 5 contradiction: what the host said, or the bottom, is farther than inch.tolerance_um from what was asked";
+        2 InchAsks: u8, ro, tx, (0, 1), 0, "", live, "Asks: 1 while the host is to move the coarse axis to 2014h:3; the same as bit 15 of the statusword";
+        3 CarryTo: i32, ro, tx, I32, 0, "counts", live, "Carry to: distance from its place at the home, positive toward the work, to which the coarse axis is to carry the head";
+        4 CoarsePlace: i32, rw, both, I32, 0, "counts", live, "Coarse axis: where it is by the scale of the host, from its place at the home; a host writes it as the answer, or while the head rests";
+        5 CarryAnswer: u8, rw, rx, (0, 2), 0, "", live, "Answer: a change to 1 says that the coarse axis has moved to 2014h:3, a change to 2 that it has not and will not; 0 before the next answer";
+        6 Carried: i32, ro, tx, I32, 0, "counts", live, "Carried: distance by which it has carried the head, as the head counts it";
+        7 Inches: u32, ro, tx, U32, 0, "", live, "Moves: of the coarse axis after which the head went on, since power-on";
+        8 InchError: i32, ro, tx, I32, 0, "counts", live, "Error: of the newest move that a touch of the bottom has measured, positive too far";
     }
     0x6007 "Abort connection option code" { 0 AbortOption: i16, rw, no, (0, 3), 1, "", store, "Abort connection option code: reaction to the loss of the host: 0 none, 1 fault, 2 disable voltage, 3 quick stop"; }
     0x603F "Error code" { 0 ErrorCode: u16, ro, tx, U16, 0, "", live, "Error code"; }

@@ -65,6 +65,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             Command::Home(home) => self.home(state, &home),
             Command::Probe(probes) => self.probe(&probes),
             Command::Brake(deceleration) => self.brake(state, deceleration),
+            Command::Carry(carry) => self.carry(state, carry),
+            Command::Start if self.ask_again() => Ok(()),
             Command::Start => {
                 if !matches!(state, State::Ready | State::HoldingPosition | State::Done) {
                     return Err(Refused::State(state));
@@ -116,6 +118,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 }
                 if let Some(jump) = &mut self.jump {
                     jump.holds = true;
+                    return Ok(());
+                }
+                if self.hold_inch() {
                     return Ok(());
                 }
                 if self.positioning.is_some() || self.guide.is_some() || self.search.is_some() {
@@ -222,6 +227,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return Err(Refused::OutOfTravel { target: at, min, max });
         }
         self.move_origin(self.config.axis.counts(at).round());
+        self.forget_carrying();
         self.status.homed = true;
         self.restart_path();
         Ok(())
@@ -244,14 +250,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return Err(Refused::Alone);
         }
         let (up, down) = self.route.extent(piece).map_err(Refused::Path)?;
-        self.within_travel(Nanometres(up))?;
-        self.within_travel(Nanometres(down))?;
+        self.within(self.reach(), Nanometres(up))?;
+        self.within(self.reach(), Nanometres(down))?;
         self.route.append(piece).map_err(Refused::Path)
     }
 
     fn queue(&mut self, state: State, to: Fixed) -> Result<(), Refused> {
         self.may_queue(state)?;
-        let (min, max) = self.config.axis.travel;
+        let (min, max) = self.reach();
         let outside = to < self.config.axis.counts(min) || to > self.config.axis.counts(max);
         if self.status.homed && outside {
             let target = Nanometres(to.round().saturating_mul(self.config.axis.nm_per_count));
@@ -316,7 +322,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if self.guide.is_none() {
             self.may_position(state)?;
         }
-        let (min, max) = self.config.axis.travel;
+        let (min, max) = self.travel();
         let to = if self.status.homed { to.max(min).min(max) } else { to };
         // The tick of this estimate follows it already, where a SYNC has released it.
         let due = positioning::due(self.due(), self.now.tick.wrapping_sub(1), ticks);
@@ -339,7 +345,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return Ok(());
         }
         self.break_off_search();
-        let searched = self.search.take().is_some();
+        let searched = self.search.take().is_some() | self.end_carrying();
         if searched || state == State::Guiding && self.now.segment.velocity.0 != 0.0 {
             self.positioning = Some(Task::Brake(deceleration));
             self.enter(State::Positioning, Reason::Held);
@@ -414,7 +420,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     fn within_travel(&self, to: Nanometres) -> Result<(), Refused> {
-        let (min, max) = self.config.axis.travel;
+        self.within(self.travel(), to)
+    }
+
+    fn within(&self, (min, max): (Nanometres, Nanometres), to: Nanometres) -> Result<(), Refused> {
         if self.status.homed && (to < min || to > max) {
             return Err(Refused::OutOfTravel { target: to, min, max });
         }

@@ -42,8 +42,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// The head stands at the upper end of its travel, perhaps against its stop.
     pub(super) fn at_top(&self) -> bool {
-        // The travel begins at 0.
-        self.status.homed && self.status.position <= self.config.axis.off_limit
+        // The travel begins at 0, and the coarse axis takes it along.
+        let own = self.status.position.saturating_sub(self.status.carried);
+        self.status.homed && own <= self.config.axis.off_limit
     }
 
     /// What a contact means now.
@@ -51,7 +52,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         match self.status.state {
             State::Positioning | State::Homing if self.touching == Touching::Asked => Touch::End,
             State::Homing if self.looks_for_home() => Touch::End,
-            State::Positioning | State::Homing | State::Jumping => Touch::Fault,
+            State::Inching if self.feels() => Touch::End,
+            State::Positioning | State::Homing | State::Jumping | State::Inching => Touch::Fault,
             State::Touching if self.search.as_ref().is_some_and(touch::Touching::approaches) => Touch::End,
             _ => Touch::Ignored,
         }
@@ -103,7 +105,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Whether the set point of the loop is the path's.
     pub(super) fn follows_path(&self) -> bool {
-        let beside = self.positioning.is_some() || self.jump.is_some() || self.search.is_some();
+        let beside = self.positioning.is_some() || self.jump.is_some() || self.search.is_some() || self.inch.is_some();
         !beside && self.status.state != State::Guiding
     }
 

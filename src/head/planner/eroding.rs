@@ -47,6 +47,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             self.enter(State::Eroding, Reason::WorkFound);
         } else if let Some(reason) = self.reached().filter(|_| self.arrived()) {
             self.end(reason);
+        } else if self.stroke_ends() {
+            self.begin_inch();
         }
     }
 
@@ -54,6 +56,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if let Some(reason) = self.ended() {
             self.end(reason);
             return self.along(REST);
+        }
+        if self.stroke_ends() {
+            self.begin_inch();
+            return self.inch_on();
         }
         if self.jump_is_due() && self.begin_jump(false).is_ok() {
             return self.jump_on();
@@ -120,7 +126,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Goes on with the lift after the end.
     pub(super) fn lift_on(&mut self) -> Motion {
-        if self.route.s() > self.lifts_to && !self.route.at_beginning() {
+        if self.route.s() > self.lifts_to && !self.route.at_beginning() && !self.is_spent() {
             return self.along(MicrometresPerSecond(-self.config.retreat.velocity.0));
         }
         if self.now.along.0 == 0.0 {

@@ -65,7 +65,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         Situation {
             path: self.route.s(),
             safe: self.route.work().minus(self.config.retreat.safe),
-            blocked: self.route.at_beginning() || self.now.safety.upper_limit,
+            blocked: self.route.at_beginning() || self.now.safety.upper_limit || self.is_spent(),
             following: self.status.following,
             position: self.status.position,
             velocity: self.status.velocity,

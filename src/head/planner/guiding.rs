@@ -76,7 +76,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             true => smaller(limit, libm::sqrtf(twice * larger(room.to_f32(), 0.0))),
             false => limit,
         };
-        let (min, max) = axis.travel;
+        let (min, max) = self.travel();
         let up = stops(segment.from.minus(axis.counts(min)));
         let down = stops(axis.counts(max).minus(segment.from));
         let velocity = within(segment.velocity.0, -up, down);

@@ -33,7 +33,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return Err(Refused::StillFaulty(Fault::UpperLimit));
         }
         let axis = &self.config.axis;
-        let (top, _) = axis.travel;
+        let (top, _) = self.travel();
         let from = self.segment().from;
         let free = from.minus(axis.counts(top));
         let height = Fixed::whole(self.config.jump.height.into());

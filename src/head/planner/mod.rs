@@ -9,6 +9,7 @@ mod conditions;
 mod eroding;
 mod faults;
 mod guiding;
+mod inching;
 mod jumping;
 mod motion;
 mod positions;
@@ -24,6 +25,7 @@ use super::estimate::Estimate;
 use super::fault::Fault;
 use super::follow::FollowConfig;
 use super::guide::{Guidance, Guide};
+use super::inch::Inching;
 use super::jump::Jump;
 use super::plan::Plan;
 use super::positioning::Task;
@@ -86,6 +88,7 @@ pub struct Planner<P> {
     /// While guiding, and in a retreat from there.
     guide: Option<Guide>,
     jump: Option<Jump>,
+    inch: Option<Inching>,
     presliding: Presliding,
     /// The search for a surface under way.
     search: Option<touch::Touching>,
@@ -149,6 +152,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             positioning: None,
             guide: None,
             jump: None,
+            inch: None,
             presliding: Presliding::default(),
             search: None,
             ends: Ends::default(),
@@ -283,7 +287,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if let Some(fault) = self.hazards().hazard(&self.now.safety) {
             self.raise(fault);
         }
-        if self.presses() {
+        if self.presses() || self.is_run_into() {
             self.raise(Fault::Contact);
         }
     }

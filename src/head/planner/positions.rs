@@ -91,6 +91,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if inside {
             let here = self.segment().from.plus(Fixed::whole(shift));
             self.move_origin(position);
+            self.forget_carrying();
             self.restart_path_at(here);
             self.status.homed = true;
         }

@@ -13,7 +13,8 @@ use core::ops::DerefMut;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
     pub(super) fn bounds(&self) -> Bounds {
-        Bounds { acceleration: self.config.acceleration, upper_limit: self.now.safety.upper_limit, ticks: self.ticks }
+        let upper_limit = self.now.safety.upper_limit || self.is_spent();
+        Bounds { acceleration: self.config.acceleration, upper_limit, ticks: self.ticks }
     }
 
     pub(super) fn ready_retreat(&self) -> Trajectory {

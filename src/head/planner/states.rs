@@ -34,6 +34,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             State::Ready | State::Done | State::HoldingPosition => self.along(REST),
             State::Positioning | State::Homing => self.position_axis(),
             State::Jumping => self.jump_on(),
+            State::Inching => self.inch_on(),
             State::Touching => self.touch_on(),
             State::Lifting => self.lift_on(),
             State::Seeking if self.open.volts().is_none() => self.along(REST),
@@ -125,13 +126,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let (back_to, began) = self.retreat;
         let gone = began.saturating_sub(self.status.position);
         let shorted = self.status.gap.short_ticks > 0;
-        let clear = gone >= self.config.retreat.clearance || self.route.at_beginning();
+        let clear = gone >= self.config.retreat.clearance || self.route.at_beginning() || self.is_spent();
         if !shorted && clear {
             self.law = self.config.law;
             self.enter(back_to, Reason::GapRecovered);
         } else if shorted
             && (self.status.tick.wrapping_sub(self.entered) > self.config.retreat.persistent
-                || self.route.is_exhausted())
+                || self.route.is_exhausted()
+                || self.is_spent())
         {
             self.raise(Fault::PersistentShort);
         }

@@ -30,7 +30,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return Err(Refused::TooFast { velocity: um(touch.first.0), most: um(approach.0) });
         }
         // A head without a home may look for as long as its travel, and go back as far.
-        let (min, max) = axis.travel;
+        let (min, max) = self.travel();
         let (here, length) = (self.segment().from, axis.counts(Nanometres(max.0.saturating_sub(min.0))));
         let (top, bottom) = match self.status.homed {
             true => (axis.counts(min), axis.counts(max)),

@@ -10,7 +10,7 @@ use core::ops::DerefMut;
 impl<P: DerefMut<Target = Path>> Planner<P> {
     pub(super) fn enter(&mut self, state: State, reason: Reason) {
         self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
-        if !matches!(state, State::Positioning | State::Homing | State::Jumping | State::Touching) {
+        if !matches!(state, State::Positioning | State::Homing | State::Jumping | State::Inching | State::Touching) {
             self.end_positioning();
         }
         if !matches!(state, State::Guiding | State::Retreating) {
@@ -44,6 +44,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         (self.touching, self.status.approaching) = (Touching::No, false);
         self.break_off_search();
         let beside = self.positioning.take().is_some() | self.jump.take().is_some() | self.search.take().is_some();
+        let beside = beside | self.end_carrying();
         if beside || self.status.state == State::Guiding {
             if self.status.homing == HomingState::Runs {
                 self.status.homing = HomingState::No;
@@ -62,7 +63,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     pub(super) fn restart_path_at(&mut self, here: Fixed) {
         let axis = &self.config.axis;
         let escape = Fixed::whole((axis.escape.0 * axis.counts_per_um) as i64);
-        let top = if self.status.homed { axis.counts(axis.travel.0) } else { here.minus(escape) };
+        let top = if self.status.homed { axis.counts(self.travel().0) } else { here.minus(escape) };
         self.route.restart(here, top);
         self.good = Fixed(0);
         self.status.setpoint = here;

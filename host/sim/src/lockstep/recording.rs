@@ -13,7 +13,7 @@ use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::pulses::{CLASSES, Counts};
 use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{
-    Command, Counters, Fault, Home, MotionLimits, Probe, ProbeInputs, SetPoint, Source, State, Status, TickInput,
+    Carry, Command, Counters, Fault, Home, MotionLimits, Probe, ProbeInputs, SetPoint, Source, State, Status, TickInput,
 };
 use edm_servo_head::motion::Method;
 use edm_servo_head::path::{Piece, Shape};
@@ -353,6 +353,9 @@ fn command_numbers(command: Command) -> [u64; COMMAND] {
         Command::Guide => (11, 0),
         Command::Jump => (19, 0),
         Command::FindSurface(reach) => (20, reach.0),
+        Command::Carry(Carry::To(to)) => (22, to.0),
+        Command::Carry(Carry::AsAsked) => (23, 0),
+        Command::Carry(Carry::Refused) => (24, 0),
         Command::Position(to, limits) | Command::Touch(to, limits) => {
             let MotionLimits { velocity, acceleration, deceleration } = limits;
             let number = if matches!(command, Command::Touch(..)) { 16 } else { 12 };
@@ -440,6 +443,9 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
             };
             Command::Probe([probe(a)?, probe(b)?])
         }
+        22 => Command::Carry(Carry::To(nm)),
+        23 => Command::Carry(Carry::AsAsked),
+        24 => Command::Carry(Carry::Refused),
         15 => Command::Brake(MicrometresPerSecond2(float(a))),
         _ => return Err(Error::Damaged("command")),
     })

@@ -4,8 +4,8 @@
 
 use super::svg::{Anchor, Fill, Sheet};
 use edm_servo_head::head::State::{
-    Commissioning, Disabled, Done, Eroding, Fault, Guiding, HoldingPosition, Homing, Jumping, Lifting, Positioning,
-    Proving, Ready, Retreating, Seeking, Touching,
+    Commissioning, Disabled, Done, Eroding, Fault, Guiding, HoldingPosition, Homing, Inching, Jumping, Lifting,
+    Positioning, Proving, Ready, Retreating, Seeking, Touching,
 };
 use edm_servo_head::head::{Reason, State, TRANSITIONS};
 
@@ -26,6 +26,7 @@ fn place(state: State) -> ((f64, f64), (f64, f64)) {
         Guiding => ((610.0, 380.0), (120.0, 44.0)),
         Retreating => ((810.0, 285.0), (120.0, 44.0)),
         Jumping => ((610.0, 64.0), (120.0, 44.0)),
+        Inching => ((810.0, 64.0), (120.0, 44.0)),
         Lifting => ((440.0, 455.0), (110.0, 40.0)),
         Fault => ((610.0, 520.0), (120.0, 44.0)),
     }
@@ -243,6 +244,32 @@ const ARROWS: &[Arrow] = &[
         &[(610.0, 76.0), (580.0, 76.0), (580.0, 30.0), (300.0, 30.0), (300.0, 50.0)],
         "quick stop",
         (400.0, 24.0),
+    ),
+    arrow(
+        &[Seeking, Eroding],
+        Inching,
+        &[Reason::StrokeEnd],
+        &[(862.0, 160.0), (862.0, 108.0)],
+        "end of the stroke",
+        (754.0, 152.0),
+    ),
+    arrow(&[Inching], Eroding, &[Reason::Carried], &[(895.0, 108.0), (895.0, 160.0)], "carried", (901.0, 140.0)),
+    arrow(&[Inching], Seeking, &[Reason::Carried], &[(895.0, 108.0), (895.0, 160.0)], "", (901.0, 140.0)),
+    arrow(
+        &[Inching],
+        HoldingPosition,
+        &[Reason::CarryRefused, Reason::NotTouched, Reason::Held],
+        &[(870.0, 64.0), (870.0, 44.0), (590.0, 44.0), (590.0, 289.0), (445.0, 289.0)],
+        "hold, refused, no bottom",
+        (744.0, 38.0),
+    ),
+    arrow(
+        &[Inching],
+        Positioning,
+        &[Reason::Held],
+        &[(905.0, 64.0), (905.0, 18.0), (315.0, 18.0), (315.0, 50.0)],
+        "quick stop",
+        (744.0, 13.0),
     ),
     arrow(
         &[Guiding],

@@ -12,7 +12,12 @@ impl Drive {
         let (min, max) = if self.status.homed {
             let axis = &self.active.head.axis;
             let counts = |nm: Nanometres| nm.0.checked_div(axis.nm_per_count).unwrap_or(0);
-            (counts(axis.travel.0).max(min), counts(axis.travel.1).min(max))
+            let carried = self.status.carried;
+            let (top, bottom) = (counts(axis.travel.0), counts(axis.travel.1));
+            // A path that a coarse axis carries the head along ends below the travel.
+            let carries = self.erodes() && self.active.head.inch.step > 0;
+            let bottom = if carries { i64::MAX } else { bottom.saturating_add(carried) };
+            (top.saturating_add(carried).max(min), bottom.min(max))
         } else {
             (min, max)
         };
