@@ -7,6 +7,7 @@
 
 use crate::board::{ADC, CORE_HZ, EDGE_MODULUS, GAP_SAMPLING, SERVO};
 use crate::gap::{BLOCK, Edges, GapBlock};
+use crate::reflex::EDGE_COUNT;
 use crate::timing::adc;
 
 /// Cycles of one converter clock.
@@ -23,6 +24,63 @@ const _: () = assert!(GapBlock::APERTURE == GAP_SAMPLING.sample_cycles as u32 * 
 /// Cycles from `earlier` to `later`, counts of the edge timer; right below [`EDGE_MODULUS`].
 pub const fn age(later: u32, earlier: u32) -> u32 {
     if later >= earlier { later - earlier } else { later + EDGE_MODULUS - earlier }
+}
+
+/// What the blocks so far say of gate and high comparator, for whoever comes later than the stamps can tell: they wrap after seven ticks.
+///
+/// The end of a pulse reads it as it was a block ago. An edge that it has is older than a tick; one that it has not is younger than three,
+/// and its stamp is right.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Seen(
+    /// Edges of the gate, of the high comparator, modulo [`EDGE_COUNT`], and [`Seen::DELAYED`].
+    u32,
+);
+
+impl Seen {
+    const MASK: u32 = EDGE_COUNT - 1;
+    const HIGH: u32 = 8;
+    /// The newest edge of the high comparator came after the newest of the gate.
+    const DELAYED: u32 = 1 << 16;
+
+    /// As a word.
+    #[inline(always)]
+    pub const fn word(self) -> u32 {
+        self.0
+    }
+
+    /// Of a word.
+    #[inline(always)]
+    pub const fn of(word: u32) -> Seen {
+        Seen(word)
+    }
+
+    /// With the edges of a block, up to these numbers.
+    #[inline(always)]
+    pub fn block(self, [gate, high]: [u32; 2], block: &GapBlock) -> Seen {
+        let delayed = match (block.high_edges.times().last(), block.gate_edges.times().last()) {
+            (None, None) => self.0 & Seen::DELAYED != 0,
+            (high, gate) => high.is_some() && high >= gate,
+        };
+        Seen(gate & Seen::MASK | (high & Seen::MASK) << Seen::HIGH | if delayed { Seen::DELAYED } else { 0 })
+    }
+
+    /// The gate has closed with the newest of so many edges: whether the one by which it had opened is old.
+    #[inline(always)]
+    pub const fn opened(self, gate: u32) -> bool {
+        gate.wrapping_sub(self.0) & Seen::MASK <= 1
+    }
+
+    /// Whether the newest of so many edges of the high comparator is old.
+    #[inline(always)]
+    pub const fn high(self, highs: u32) -> bool {
+        highs & Seen::MASK == self.0 >> Seen::HIGH & Seen::MASK
+    }
+
+    /// Of edges that are both old: the high comparator's newest came after the gate's.
+    #[inline(always)]
+    pub const fn delayed(self) -> bool {
+        self.0 & Seen::DELAYED != 0
+    }
 }
 
 /// Count of the edge timer at which the newest complete block began, at the moment `now` less than a tick after its end.

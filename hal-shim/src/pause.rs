@@ -9,8 +9,8 @@
 //! stop has acted since that decision's inputs were read ([`release`]). Otherwise the line stays off, and the servo's next decision
 //! counts. The rules are written over [`Line`], so that a PC can interrupt them at every access.
 
-use crate::board::{ADC, CORE_HZ, GAP_SAMPLING};
-use crate::edges::age;
+use crate::board::{ADC, CORE_HZ, GAP_SAMPLING, TIMER1_HZ};
+use crate::edges::{Seen, age};
 use crate::gap::GapBlock;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -31,6 +31,13 @@ pub enum Class {
 pub const CLASSES: usize = 4;
 /// Longest hold, core cycles: 1.2 ms.
 pub const LONGEST: u32 = CORE_HZ / 1_000_000 * 1200;
+
+/// Division of the clock of the timer that counts a pause, and core cycles of a count.
+pub const PRESCALER: u32 = 1;
+const COUNT: u32 = CORE_HZ / TIMER1_HZ * (PRESCALER + 1);
+const _: () = assert!(LONGEST / COUNT <= 0xFFFF);
+/// Core cycles from the end of a pulse until its pause is counted, and from the end of the count to the line (estimated).
+const LAG: u32 = 200;
 
 /// What a person set, in the units of the fast path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +65,8 @@ impl Config {
 
 /// The same where the fast path reads it. Any slower task may write it, and change one hold alone.
 pub struct Pauses {
-    hold: [AtomicU32; CLASSES],
+    /// Reload of the timer, so that the fast path does not calculate it.
+    reload: [AtomicU32; CLASSES],
     levels: [AtomicU32; 3],
     /// Turns a code over where the leads are swapped.
     turns: AtomicU32,
@@ -69,7 +77,7 @@ impl Pauses {
     /// No pause.
     pub const fn new() -> Pauses {
         Pauses {
-            hold: [const { AtomicU32::new(0) }; CLASSES],
+            reload: [const { AtomicU32::new(0) }; CLASSES],
             levels: [const { AtomicU32::new(0) }; 3],
             turns: AtomicU32::new(0),
             blanking: AtomicU32::new(0),
@@ -84,13 +92,14 @@ impl Pauses {
             level.store(u32::from(code) ^ turns, Relaxed);
         }
         self.blanking.store(config.blanking, Relaxed);
-        self.hold.iter().zip(config.hold).for_each(|(hold, cycles)| hold.store(cycles.min(LONGEST), Relaxed));
+        let reload = |cycles: u32| if cycles == 0 { 0 } else { cycles.min(LONGEST).saturating_sub(LAG) / COUNT + 1 };
+        self.reload.iter().zip(config.hold).for_each(|(place, cycles)| place.store(reload(cycles), Relaxed));
     }
 
-    /// Core cycles from the end of a pulse of this class to the end of its pause; 0: none.
+    /// Reload of the timer that counts the pause after a pulse of this class; 0: none.
     #[inline(always)]
-    pub fn hold(&self, class: Class) -> u32 {
-        self.hold.get(class as usize).map_or(0, |hold| hold.load(Relaxed))
+    pub fn reload(&self, class: Class) -> u32 {
+        self.reload.get(class as usize).map_or(0, |reload| reload.load(Relaxed))
     }
 }
 
@@ -114,8 +123,13 @@ pub trait Look {
     fn highs(&self) -> u32;
     /// When the newest of so many came.
     fn high_at(&self, highs: u32) -> u32;
-    /// When the gate opened. The edge that has just come is in its place: the entry of a task takes longer than that.
-    fn opened(&self) -> u32;
+    /// Edges of the gate so far, modulo any number. The edge that has just come is in its place: the entry of a task takes longer than
+    /// that.
+    fn gates(&self) -> u32;
+    /// When the newest but one of so many came.
+    fn opened(&self, gates: u32) -> u32;
+    /// Which of these edges are so old that the edge timer may have wrapped since.
+    fn seen(&self) -> Seen;
     /// Now.
     fn now(&self) -> u32;
 }
@@ -163,19 +177,26 @@ impl Watch {
         if high && crossed {
             return Some(Class::Open);
         }
-        let now = look.now();
-        let on = age(now, look.opened());
+        let (now, gates) = (look.now(), look.gates());
+        // Both ages are right where the edge is not old.
+        let on = age(now, look.opened(gates));
         if crossed {
-            let fell = age(now, look.high_at(highs));
-            if fell < LATE + TOGETHER {
-                return Some(Class::Open);
-            }
-            if fell <= on {
-                // It had a delay.
+            let seen = look.seen();
+            // It had a delay where the edge came after the opening. Of two of which one is old that one came first.
+            let delayed = if seen.high(highs) {
+                seen.opened(gates) && seen.delayed()
+            } else {
+                let fell = age(now, look.high_at(highs));
+                if fell < LATE + TOGETHER {
+                    return Some(Class::Open);
+                }
+                fell <= on || seen.opened(gates)
+            };
+            if delayed {
                 return Some(Class::Spark);
             }
         }
-        if on < AGE + LATE + pauses.blanking.load(Relaxed) {
+        if on < AGE + LATE + pauses.blanking.load(Relaxed) && !look.seen().opened(gates) {
             return Some(if high { Class::Open } else { Class::Spark });
         }
         // Without an edge a comparator that is high shows nothing, as where it is stuck.
@@ -331,6 +352,7 @@ pub fn release(line: &impl Line) {
 mod tests {
     use super::*;
     use crate::board::EDGE_MODULUS;
+    use crate::reflex::EDGE_COUNT;
     use std::cell::{Cell, RefCell};
 
     /// Codes of 20, 34 and 70 V at 0.1 V above code 410; charging takes 1 us.
@@ -379,8 +401,15 @@ mod tests {
             assert_eq!(highs, 2);
             ago(self.fell.unwrap())
         }
-        fn opened(&self) -> u32 {
+        fn gates(&self) -> u32 {
+            2
+        }
+        fn opened(&self, gates: u32) -> u32 {
+            assert_eq!(gates, 2);
             ago(self.opened)
+        }
+        fn seen(&self) -> Seen {
+            Seen::default()
         }
         fn now(&self) -> u32 {
             NOW
@@ -441,6 +470,132 @@ mod tests {
         assert!(enough <= 168 * 8);
     }
 
+    /// Gate and high comparator as timer, DMA and gap task have them; times are cycles without end.
+    #[derive(Default)]
+    struct Wires {
+        gate: Vec<u64>,
+        high: Vec<u64>,
+        now: u64,
+        /// Edges that are in blocks, what the newest block has of them, and what a block ago.
+        taken: [usize; 2],
+        seen: [Seen; 2],
+        blocks: u64,
+    }
+
+    impl Wires {
+        /// Goes on to a time, block by block. The gap task runs so many cycles after each.
+        fn until(&mut self, now: u64, late: u64) {
+            while (self.blocks + 1) * u64::from(GapBlock::CYCLES) + late <= now {
+                let began = self.blocks * u64::from(GapBlock::CYCLES);
+                self.blocks += 1;
+                let mut block = GapBlock::EMPTY;
+                for ((edges, taken), all) in [&mut block.gate_edges, &mut block.high_edges]
+                    .into_iter()
+                    .zip(&mut self.taken)
+                    .zip([&self.gate, &self.high])
+                {
+                    let new = all[*taken..].iter().take_while(|at| **at <= began + u64::from(GapBlock::CYCLES));
+                    new.for_each(|at| {
+                        assert!(edges.push((at - began) as u16));
+                        *taken += 1;
+                    });
+                }
+                let [newest, before] = &mut self.seen;
+                *before = *newest;
+                *newest = newest.block(self.taken.map(|taken| taken as u32 % EDGE_COUNT), &block);
+            }
+            self.now = now;
+        }
+
+        fn stamp(at: u64) -> u32 {
+            (at % u64::from(EDGE_MODULUS)) as u32
+        }
+    }
+
+    impl Look for Wires {
+        fn newest(&self) -> u32 {
+            0
+        }
+        /// An arc's.
+        fn code_before(&self, _: u32) -> u16 {
+            680
+        }
+        fn gate_and_high(&self) -> [bool; 2] {
+            [self.gate.len() % 2 == 1, self.high.len() % 2 == 1]
+        }
+        fn shorts(&self) -> u32 {
+            0
+        }
+        fn highs(&self) -> u32 {
+            self.high.len() as u32 % EDGE_COUNT
+        }
+        fn high_at(&self, highs: u32) -> u32 {
+            assert_eq!(highs, self.highs());
+            Wires::stamp(*self.high.last().unwrap())
+        }
+        fn gates(&self) -> u32 {
+            self.gate.len() as u32 % EDGE_COUNT
+        }
+        fn opened(&self, gates: u32) -> u32 {
+            assert_eq!(gates, self.gates());
+            Wires::stamp(self.gate[self.gate.len() - 2])
+        }
+        fn seen(&self) -> Seen {
+            self.seen[1]
+        }
+        fn now(&self) -> u32 {
+            Wires::stamp(self.now)
+        }
+    }
+
+    #[test]
+    fn a_pulse_of_any_length_is_told_by_its_edges_also_where_their_stamps_have_wrapped() {
+        // Xorshift64 (Marsaglia 2003).
+        let mut state = 1u64;
+        let mut random = move |from: u64, to: u64| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            from + state % (to - from)
+        };
+        let pauses = Pauses::new();
+        pauses.set(&LEVELS);
+        let (mut wires, mut watch) = (Wires::default(), Watch::new());
+        let (mut at, mut wrong) = (100_000, Vec::new());
+        for n in 0..200_000 {
+            // 10 us to 2 ms, burning from the beginning, after a delay, or not at all.
+            let on = 1680 * 200f64.powf(random(0, 1000) as f64 / 1000.0) as u64;
+            let kind = [Class::Arc, Class::Spark, Class::Open][random(0, 3) as usize];
+            wires.until(at, random(0, 6000));
+            wires.gate.push(at);
+            let closes = at + on;
+            if kind != Class::Arc {
+                wires.high.push(at + 168);
+                // What ignites with the end of the gate is taken for open.
+                let ignites = random(at + 300, closes - 200);
+                wires.high.push(if kind == Class::Spark { ignites } else { closes - 20 });
+            }
+            wires.until(closes, random(0, 6000));
+            wires.gate.push(closes);
+            // The gap of an open pulse keeps its voltage for a while, or falls with the gate.
+            let keeps = kind == Class::Open && random(0, 2) == 1;
+            if keeps {
+                let _ = wires.high.pop();
+            }
+            wires.until(closes + random(40, LATE.into()), 0);
+            let found = watch.end(&pauses, &wires);
+            if found != Some(kind) {
+                wrong.push((n, kind, found, on));
+            }
+            let off = random(400, 30_000);
+            if keeps {
+                wires.high.push(closes + random(150, 390));
+            }
+            at = closes + off;
+        }
+        assert!(wrong.is_empty(), "{} of 200000: {:?}", wrong.len(), &wrong[..wrong.len().min(9)]);
+    }
+
     #[test]
     fn edges_and_shorts_are_those_since_the_pulse_before() {
         let pauses = Pauses::new();
@@ -459,11 +614,12 @@ mod tests {
     #[test]
     fn a_hold_is_bounded_and_changes_alone() {
         let pauses = Pauses::new();
-        assert_eq!(pauses.hold(Class::Arc), 0);
+        assert_eq!(pauses.reload(Class::Arc), 0);
         assert!(!Config::NONE.pauses() && LEVELS.pauses());
-        pauses.set(&Config { hold: [0, 1, u32::MAX, 3], ..LEVELS });
-        let holds = [Class::Open, Class::Spark, Class::Arc, Class::Short].map(|class| pauses.hold(class));
-        assert_eq!(holds, [0, 1, LONGEST, 3]);
+        pauses.set(&Config { hold: [0, 1, u32::MAX, 2000], ..LEVELS });
+        let reloads = [Class::Open, Class::Spark, Class::Arc, Class::Short].map(|class| pauses.reload(class));
+        // 84 MHz by two; 200 cycles go by beside the count.
+        assert_eq!(reloads, [0, 1, (LONGEST - 200) / 4 + 1, 451]);
     }
 
     /// What may happen to the line while a task of lower priority is at work.

@@ -8,8 +8,8 @@ use super::hal::gpio::ExtiPin;
 use super::hal::syscfg::SysCfg;
 use super::lines::{self, Allow};
 use super::{Board, blocks, change, gate, gated, pac, put, reset};
-use crate::board::{CORE_HZ, TIMER1_HZ};
-use crate::pause::{self, LONGEST, Look, Pauses, Watch};
+use crate::edges::Seen;
+use crate::pause::{self, Look, PRESCALER, Pauses, Watch};
 use cortex_m::peripheral::NVIC;
 
 /// Interrupt line of the gate.
@@ -18,12 +18,6 @@ const GATE: u32 = 1 << Board::TABLE.pin("gate").number;
 const _: () = assert!(GATE & !0x3E0 == 0);
 /// Its interrupt. It is enabled and disabled, so that [`super::registers`] leaves it alone.
 pub(super) const INTERRUPT: pac::Interrupt = pac::Interrupt::EXTI9_5;
-/// Division of the clock of TIM6, and core cycles of a count.
-const PRESCALER: u32 = 1;
-const COUNT: u32 = CORE_HZ / TIMER1_HZ * (PRESCALER + 1);
-const _: () = assert!(LONGEST / COUNT <= 0xFFFF);
-/// Core cycles from the end of a pulse until its pause is counted, and from the end of the count to the line (estimated).
-const LATE: u32 = 200;
 /// One pulse, enabled; an update interrupts only by the counter.
 const ONCE: u32 = 1 << 3 | 1 << 2 | 1;
 
@@ -62,8 +56,18 @@ impl Look for FrontEnd {
     }
 
     #[inline(always)]
-    fn opened(&self) -> u32 {
-        gate::gate_before()
+    fn gates(&self) -> u32 {
+        gate::gate_edges()
+    }
+
+    #[inline(always)]
+    fn opened(&self, gates: u32) -> u32 {
+        gate::gate_before(gates)
+    }
+
+    #[inline(always)]
+    fn seen(&self) -> Seen {
+        gate::seen()
     }
 
     #[inline(always)]
@@ -107,14 +111,14 @@ impl Ends {
     pub fn pulse(&mut self) {
         put!(exti().pr(), GATE);
         let Some(class) = self.watch.end(self.pauses, &FrontEnd) else { return };
-        let hold = self.pauses.hold(class);
-        if hold == 0 {
+        let reload = self.pauses.reload(class);
+        if reload == 0 {
             return;
         }
         if pause::hold(&Allow) {
             self.again();
         }
-        put!(self.tim.arr(), hold.saturating_sub(LATE) / COUNT + 1);
+        put!(self.tim.arr(), reload);
         put!(self.tim.cr1(), ONCE);
     }
 

@@ -10,16 +10,19 @@ use super::start::StartError;
 use super::timebase::APERTURE_PHASE;
 use super::{lines, pac, put, reset};
 use crate::board::EDGE_MODULUS;
-use crate::edges::{age, block_began, gate_mask, take};
+use crate::edges::{Seen, age, block_began, gate_mask, take};
 use crate::gap::{self, GapBlock};
 use crate::reflex::EDGE_COUNT;
-use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
+use core::sync::atomic::{AtomicU16, AtomicU32, Ordering::Relaxed};
 
 /// Stamps kept of each line.
 const RING: usize = EDGE_COUNT as usize;
 static GATE: Ring = Ring([const { AtomicU16::new(0) }; RING]);
 static HIGH: Ring = Ring([const { AtomicU16::new(0) }; RING]);
 static LOW: Ring = Ring([const { AtomicU16::new(0) }; RING]);
+
+/// What was [`Seen`] a block ago.
+static SEEN: AtomicU32 = AtomicU32::new(0);
 
 /// Written by DMA, read by tasks: atomics, because both are outside the compiler's sight.
 struct Ring([AtomicU16; RING]);
@@ -55,6 +58,8 @@ pub struct Edges {
     tim: pac::TIM8,
     /// Edges that are in blocks already: of gate and high comparator, modulo the ring.
     taken: [u32; 2],
+    /// With the newest block.
+    seen: Seen,
     _pins: (Ch1<PushPull>, Ch3<PushPull>, Ch4<PushPull>),
     _streams: (Stream<2>, Stream<4>, Stream<7>),
 }
@@ -83,7 +88,7 @@ impl Edges {
         streams.0.fill(7, 0, from(0), &GATE.0)?;
         streams.1.fill(7, 0, from(2), &HIGH.0)?;
         streams.2.fill(7, 0, from(3), &LOW.0)?;
-        Ok(Edges { tim, taken: [0; 2], _pins: pins, _streams: streams })
+        Ok(Edges { tim, taken: [0; 2], seen: Seen::default(), _pins: pins, _streams: streams })
     }
 
     /// The timer, for the time base to start.
@@ -116,6 +121,8 @@ impl Edges {
                 let (new, _) = HIGH.take(&mut block.high_edges, began, highs, counts[1]);
                 block.was_high = high ^ odd(new);
                 block.gate = gate_mask(block.gate_was_open, block.gate_edges.times(), later);
+                SEEN.store(self.seen.word(), Relaxed);
+                self.seen = self.seen.block(self.taken, block);
                 return;
             }
             look = self.look();
@@ -192,10 +199,16 @@ pub(super) fn high_at(edges: u32) -> u32 {
     HIGH.newest(edges, 1)
 }
 
-/// Stamp of the newest edge but one of the gate.
+/// Stamp of the newest but one of so many edges of the gate.
 #[inline(always)]
-pub(super) fn gate_before() -> u32 {
-    GATE.newest(written::<2>(), 2)
+pub(super) fn gate_before(edges: u32) -> u32 {
+    GATE.newest(edges, 2)
+}
+
+/// Which edges are too old for their stamps.
+#[inline(always)]
+pub(super) fn seen() -> Seen {
+    Seen::of(SEEN.load(Relaxed))
 }
 
 /// Count of the edge timer.
@@ -206,7 +219,7 @@ pub(super) fn now() -> u32 {
     tim8.cnt().read().bits()
 }
 
-/// Edges of the gate so far, modulo [`EDGE_COUNT`]: for the reflex, which must not share a lock with the gap task.
+/// Edges of the gate so far, modulo [`EDGE_COUNT`]: for the reflex and the end of a pulse, which must not share a lock with the gap task.
 #[inline(always)]
 pub fn gate_edges() -> u32 {
     written::<2>()
