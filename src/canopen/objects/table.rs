@@ -270,7 +270,7 @@ objects! {
         3 HazardDeviation: u16, ro, tx, U16, 0, "0.1 %", live, "Hazard, standard deviation: of the hazard; 0 not known";
         4 GapByCharging: u16, ro, tx, U16, 0, "0.01 um", live, "Distance: gap by charging time and gap.charging_c3 to c0; 0 not known";
         5 ChargingInside: u8, ro, tx, (0, 2), 0, "", live, "Distance, validity: 0 no pulse was seen to charge, 1 within what the polynomial holds for, 2 beyond it: the distance is the nearest end";
-        6 SparkRate: u32, ro, tx, U32, 0, "1/s", live, "Spark frequency: at most one over the time since the newest spark; 0 none or not known";
+        6 SparkRate: u32, ro, tx, U32, 0, "1/s", live, "Spark frequency: at most 13 over the time since the newest spark; 0 none or not known";
         7 SparksMissing: u8, ro, tx, (0, 2), 0, "", live, "Sparks missing: 0 no, 1 none for longer than 13 of their mean periods, 2 no pulses";
         8 PulseAge: u16, ro, tx, U16, 0, "ms", live, "Pulse age: time since the newest pulse; 65535 longer, or none yet";
         9 MainsFrequency: u16, ro, tx, U16, 0, "0.01 Hz", live, "Notch frequency";

@@ -1,8 +1,9 @@
 //! Spark frequency: sparks a second, by their number, and by the time since the newest one.
 //!
 //! The generator of \[L\] gives the control a square wave whose frequency stands for the mean sparking voltage: the more sparks,
-//! the narrower the gap. Here the sparks themselves are counted. A frequency that is only counted stands still where its
-//! signal ends, and so does what is controlled by it; therefore it is never more than one over the time since the newest spark.
+//! the narrower the gap. Here the sparks themselves are counted. A frequency that is only counted follows the end of its signal as
+//! slowly as it forgets. Therefore it is never more than what could have been silent for so long: [`MISSING`] over the time since the
+//! newest spark. One over that time would be too little: at 3000 sparks a second one millisecond in twenty has none by chance.
 
 use crate::gap::pulses::{Class, Counts};
 use crate::units::{larger, smaller};
@@ -51,7 +52,7 @@ impl SparkFrequency {
 
     /// Sparks a second; `None` where no pulse is remembered.
     pub fn rate(&self) -> Option<f32> {
-        let most = if self.since > 0 { 1.0 / (self.since as f32 * MS) } else { f32::INFINITY };
+        let most = if self.since > 0 { MISSING / (self.since as f32 * MS) } else { f32::INFINITY };
         (self.quiet >= LEAST).then(|| smaller(self.counted(), most))
     }
 
@@ -88,20 +89,45 @@ mod tests {
 
     #[test]
     fn a_frequency_never_stands_still_where_sparks_stay_away() {
-        let mut frequency = SparkFrequency::default();
-        // One spark in 10 ms, on average and evenly.
-        (0..1000).for_each(|n| frequency.millisecond(0.99, &new(u32::from(n % 10 == 0), 5)));
-        assert!(!frequency.is_missing());
-        let mut last = f32::INFINITY;
-        for ms in 1..=200u32 {
-            frequency.millisecond(0.99, &new(0, 5));
-            let rate = frequency.rate().unwrap();
-            assert!(rate <= last && rate <= 1000.0 / ms as f32, "{ms}: {rate}");
-            last = rate;
+        // One spark in 10 ms, on average and evenly; and three in each.
+        for (sparks, every) in [(1, 10), (3, 1)] {
+            let mut frequency = SparkFrequency::default();
+            (0..1000).for_each(|n| frequency.millisecond(0.99, &new(if n % every == 0 { sparks } else { 0 }, 5)));
+            assert!(!frequency.is_missing());
+            let mut last = f32::INFINITY;
+            for ms in 1..=200u32 {
+                frequency.millisecond(0.99, &new(0, 5));
+                let rate = frequency.rate().unwrap();
+                assert!(rate < last && rate <= MISSING * 1000.0 / ms as f32, "{ms}: {rate}");
+                // What limits it is that sparks are missing, and nothing else.
+                assert!(frequency.is_missing() || rate == frequency.counted(), "{ms}: {rate}");
+                last = rate;
+            }
+            assert!(frequency.is_missing() && (every > 1 || last < 0.2 * frequency.counted()), "{last}");
+            frequency.millisecond(0.99, &new(1, 5));
+            assert!(!frequency.is_missing());
         }
-        assert!(frequency.is_missing());
-        frequency.millisecond(0.99, &new(1, 5));
-        assert!(!frequency.is_missing());
+    }
+
+    #[test]
+    fn a_millisecond_without_a_spark_is_no_dip_of_the_frequency() {
+        use rand::{RngExt, SeedableRng};
+        use rand_xoshiro::Xoshiro256PlusPlus;
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        for (sparks, pulses) in [(3, 5), (1, 5), (6, 10)] {
+            let mut frequency = SparkFrequency::default();
+            let (mut least, mut silent) = (f32::INFINITY, 0);
+            for ms in 0..60_000u32 {
+                let sparked = (0..pulses).filter(|_| rng.random_range(0..pulses) < sparks).count() as u32;
+                silent += u32::from(sparked == 0);
+                frequency.millisecond(0.99, &new(sparked, pulses - sparked));
+                if ms > 1000 {
+                    least = least.min(frequency.rate().unwrap() / (1000 * sparks) as f32);
+                }
+            }
+            // 199 ms count alike: less than 200 sparks deviate by 7 % rms, and five times as much is no chance.
+            assert!(least > 0.65 && silent > 0, "{sparks} of {pulses}: {least}, {silent}");
+        }
     }
 
     #[test]
