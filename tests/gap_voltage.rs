@@ -86,6 +86,24 @@ fn off_time_holds_until_the_limit_and_then_the_gate_is_missing() {
 }
 
 #[test]
+fn pulses_with_too_few_conversions_to_judge_show_the_gate_and_are_averaged() {
+    let mut source = source(Config { hold_limit: Seconds(0.005), ..Config::default() });
+    // 4 us of 55: a pulse or none in a block, with one or two conversions.
+    for n in 0..2000 {
+        let gate = [0b1, 0b11 << 9, 0, 0b1 << 24][n % 4];
+        let reading = source.update(Some(&block(60.0, gate)));
+        assert_eq!((reading.quality, reading.short_ticks), (Quality::Valid, 0), "tick {n}");
+        assert_near(reading.block, 60.0, 0.01);
+    }
+    // A run of shorts that nothing judges any more is over at the hold limit all the same.
+    run(&mut source, Some(block(0.0, 0b111)), 10);
+    assert_eq!(run(&mut source, Some(block(60.0, 0b11)), 100).short_ticks, 110);
+    assert_eq!(run(&mut source, Some(block(60.0, 0b11)), 1).short_ticks, 0);
+    assert_eq!(run(&mut source, Some(block(0.0, 0)), 100).quality, Quality::Valid);
+    assert_eq!(run(&mut source, Some(block(0.0, 0)), 1).quality, Quality::NoGate);
+}
+
+#[test]
 fn a_plain_average_needs_no_gate() {
     let mut source = source(Config { average: Average::Plain, ..Config::default() });
     assert_eq!(run(&mut source, Some(block(0.0, 0)), SETTLED).quality, Quality::Valid);

@@ -60,7 +60,8 @@ pub struct Config {
     pub min_gated: u32,
     /// A block without a gate whose mean is closer to 0 V than this is a contact, 0..=300 V; 0: contact is not sensed.
     pub contact: Volts,
-    /// Longest time without a gated block before the gate counts as missing, 0.001..=10 s.
+    /// Longest time without a gated conversion before the gate counts as missing, and without a judged block before a run of shorts is
+    /// over, 0.001..=10 s.
     pub hold_limit: Seconds,
     /// A filtered voltage of the wrong sign and larger than this means swapped leads, 1..=300 V.
     pub reversed: Volts,
@@ -209,8 +210,9 @@ pub struct Voltage {
     block: f32,
     /// There has been an average.
     begun: bool,
-    /// Ticks since the newest block with enough gated conversions.
+    /// Ticks since the newest gated conversion, and since the newest block with enough of them.
     gateless_ticks: u32,
+    unjudged_ticks: u32,
     short_ticks: u32,
     /// Ticks of a negative voltage in which every conversion was at the end of the range.
     clipped_ticks: u32,
@@ -235,6 +237,7 @@ impl Voltage {
             block: 0.0,
             begun: false,
             gateless_ticks: u32::MAX,
+            unjudged_ticks: u32::MAX,
             short_ticks: 0,
             clipped_ticks: 0,
             touches: false,
@@ -325,6 +328,10 @@ impl Voltage {
         }
         let on = Tally::of(&block.codes, block.gate, active.good);
         let above = on.above(active.zero_code);
+        if on.count > 0 {
+            // Pulses too short for a judgement show the gate, and are averaged.
+            self.gateless_ticks = 0;
+        }
         let gated = self.gated.block(&on, block.gate, above);
         let (sample, used) = match active.average {
             Average::Gated => (gated, on),
@@ -345,11 +352,11 @@ impl Voltage {
         ((on.count >= active.min_gated).then_some(short), clips(&used))
     }
 
-    /// Counts the run of shorts and the time without a gate.
+    /// Counts the run of shorts.
     #[inline]
     fn count(&mut self, short: Option<bool>) {
-        self.gateless_ticks = if short.is_some() { 0 } else { self.gateless_ticks.saturating_add(1) };
-        let lasts = short.unwrap_or(self.short_ticks > 0 && self.gateless_ticks <= self.active.hold_limit);
+        self.unjudged_ticks = if short.is_some() { 0 } else { self.unjudged_ticks.saturating_add(1) };
+        let lasts = short.unwrap_or(self.short_ticks > 0 && self.unjudged_ticks <= self.active.hold_limit);
         self.short_ticks = if lasts { self.short_ticks.saturating_add(1) } else { 0 };
     }
 }
@@ -367,6 +374,7 @@ impl GapSource for Voltage {
     fn update(&mut self, block: Option<&GapBlock>) -> GapReading {
         // What is not converted may be a contact.
         self.touches = self.active.contact > 0.0;
+        self.gateless_ticks = self.gateless_ticks.saturating_add(1);
         let (short, clipped) = block.map_or((None, false), |block| self.take(block));
         self.count(short);
         let active = &self.active;

@@ -24,7 +24,7 @@ fn pulses(name: &str, set: impl Fn(&mut Settings)) -> Pulses {
     for command in [Command::SetHome(Nanometres(0)), Command::Enable, target, Command::Start] {
         machine.command(command).unwrap();
     }
-    let until = (0..100_000).find(|_| {
+    let until = (0..200_000).find(|_| {
         machine.tick();
         machine.status().state == State::Eroding
     });
@@ -56,4 +56,12 @@ fn arcs_get_fewer_with_a_pause_after_arcs() {
     };
     let (without, with) = (share(0.0), share(200.0));
     assert!(without.0 > 0.01 && with.0 < 0.8 * without.0, "{without:?} {with:?}");
+}
+
+#[test]
+fn short_pulses_with_a_long_off_time_show_their_gate() {
+    // 4 us in 54: one or two conversions, too few to judge a short by.
+    let spaced = pulses("micro-blind", |settings| settings.generator_off_time_us = 50.0);
+    let us = spaced.total() as f64 * 54.0;
+    assert!((0.9..=1.001).contains(&(us / (f64::from(TICKS) * 50.0))), "{spaced:?}");
 }
