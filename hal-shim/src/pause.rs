@@ -51,22 +51,28 @@ pub struct Config {
     pub reversed: bool,
     /// Core cycles after the opening of the gate in which the gap charges.
     pub blanking: u32,
+    /// A feed law may ask for pauses: see [`Pauses::set_least`].
+    pub asked: bool,
 }
 
 impl Config {
     /// No pause: nothing has to watch the pulses.
-    pub const NONE: Config = Config { hold: [0; CLASSES], levels: [0; 3], reversed: false, blanking: 0 };
+    pub const NONE: Config = Config { hold: [0; CLASSES], levels: [0; 3], reversed: false, blanking: 0, asked: false };
 
-    /// Some class has a pause.
+    /// Some class has a pause, or may have one.
     pub fn pauses(&self) -> bool {
-        self.hold != [0; CLASSES]
+        self.asked || self.hold != [0; CLASSES]
     }
 }
 
-/// The same where the fast path reads it. Any slower task may write it, and change one hold alone.
+/// The same where the fast path reads it. One slower task sets it, and another one the least pause.
 pub struct Pauses {
-    /// Reload of the timer, so that the fast path does not calculate it.
+    /// Reload of the timer for the longer of what is set and the least, so that the fast path calculates nothing.
     reload: [AtomicU32; CLASSES],
+    set: [AtomicU32; CLASSES],
+    least: AtomicU32,
+    /// Times that either was changed.
+    changes: AtomicU32,
     levels: [AtomicU32; 3],
     /// Turns a code over where the leads are swapped.
     turns: AtomicU32,
@@ -78,6 +84,9 @@ impl Pauses {
     pub const fn new() -> Pauses {
         Pauses {
             reload: [const { AtomicU32::new(0) }; CLASSES],
+            set: [const { AtomicU32::new(0) }; CLASSES],
+            least: AtomicU32::new(0),
+            changes: AtomicU32::new(0),
             levels: [const { AtomicU32::new(0) }; 3],
             turns: AtomicU32::new(0),
             blanking: AtomicU32::new(0),
@@ -92,8 +101,39 @@ impl Pauses {
             level.store(u32::from(code) ^ turns, Relaxed);
         }
         self.blanking.store(config.blanking, Relaxed);
-        let reload = |cycles: u32| if cycles == 0 { 0 } else { cycles.min(LONGEST).saturating_sub(LAG) / COUNT + 1 };
-        self.reload.iter().zip(config.hold).for_each(|(place, cycles)| place.store(reload(cycles), Relaxed));
+        self.set.iter().zip(config.hold).for_each(|(set, cycles)| set.store(cycles.min(LONGEST), Relaxed));
+        self.combine();
+    }
+
+    /// Least pause of every class from the next pulse on, core cycles from the end of the pulse; 0: none. Nothing happens where the ends
+    /// of pulses are not watched: [`Config::pauses`].
+    pub fn set_least(&self, cycles: u32) {
+        let cycles = cycles.min(LONGEST);
+        if self.least.load(Relaxed) != cycles {
+            self.least.store(cycles, Relaxed);
+            self.combine();
+        }
+    }
+
+    /// Whoever is interrupted by the other one combines again: its values were old. That happens once at most between two plans.
+    fn combine(&self) {
+        self.changes.store(self.changes.load(Relaxed).wrapping_add(1), Relaxed);
+        for _ in 0..4 {
+            let changes = self.changes.load(Relaxed);
+            for (place, cycles) in self.reload.iter().zip(self.holds()) {
+                let reload = if cycles == 0 { 0 } else { cycles.saturating_sub(LAG) / COUNT + 1 };
+                place.store(reload, Relaxed);
+            }
+            if self.changes.load(Relaxed) == changes {
+                break;
+            }
+        }
+    }
+
+    /// Core cycles from the end of a pulse of each class to the end of its pause; 0: none.
+    pub fn holds(&self) -> [u32; CLASSES] {
+        let least = self.least.load(Relaxed);
+        self.set.each_ref().map(|set| set.load(Relaxed).max(least))
     }
 
     /// Reload of the timer that counts the pause after a pulse of this class; 0: none.
@@ -357,7 +397,7 @@ mod tests {
 
     /// Codes of 20, 34 and 70 V at 0.1 V above code 410; charging takes 1 us.
     const LEVELS: Config =
-        Config { hold: [100, 200, 300, 400], levels: [610, 750, 1110], reversed: false, blanking: 168 };
+        Config { hold: [100, 200, 300, 400], levels: [610, 750, 1110], reversed: false, blanking: 168, asked: false };
 
     /// A pulse as the wires show it, when the time is read.
     #[derive(Clone, Copy, Debug)]
@@ -425,6 +465,21 @@ mod tests {
         let swapped = Shown { code: 4095 - shown.code, ..shown };
         assert_eq!(Watch::new().end(&pauses, &swapped), class, "{shown:?}");
         class
+    }
+
+    #[test]
+    fn the_least_pause_is_that_of_every_class_whose_own_is_shorter_and_goes_again() {
+        let pauses = Pauses::new();
+        pauses.set(&LEVELS);
+        pauses.set_least(250);
+        assert_eq!(pauses.holds(), [250, 250, 300, 400]);
+        pauses.set(&Config { hold: [0, 0, 0, 500], ..LEVELS });
+        assert_eq!(pauses.holds(), [250, 250, 250, 500]);
+        pauses.set_least(u32::MAX);
+        assert_eq!(pauses.holds(), [LONGEST; 4]);
+        pauses.set_least(0);
+        assert_eq!(pauses.holds(), [0, 0, 0, 500]);
+        assert!(Config { asked: true, ..Config::NONE }.pauses());
     }
 
     #[test]

@@ -12,6 +12,7 @@ use edm_servo_head::head::{
     Change, Command, Estimate, Fault, Monitored, Plan, Planner, Reason, Refused, Status, WritePermit,
 };
 use edm_servo_head::path::Path;
+use edm_servo_head::units::CLOCK_HZ;
 
 /// The newest commands, and the tick whose estimate they were carried out on: a debugger, or the emulated chip, may look at it.
 pub struct Executed {
@@ -85,6 +86,7 @@ impl<B: Board> Plans<B> {
         }
         let planner = &mut self.planner;
         self.plans.write(|plan| planner.plan(plan));
+        self.signals.pauses.set_least((planner.generator().off_time.0 * CLOCK_HZ as f32) as u32);
         self.published.write(|status| *status = *planner.status());
         while let Some(change) = planner.next_change() {
             self.changes.send(change);

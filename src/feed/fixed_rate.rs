@@ -1,7 +1,7 @@
 //! Fixed rate: full feed or full retreat by the sign of the error (\[R\] section 6.7.1).
 
-use super::FeedLaw;
-use crate::units::{MicrometresPerSecond, Volts};
+use super::{Answer, FeedLaw, View};
+use crate::units::MicrometresPerSecond;
 
 /// Feeds or retreats at one velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,11 +12,13 @@ pub struct FixedRate {
 }
 
 impl FeedLaw for FixedRate {
-    fn velocity(&mut self, error: Volts, _: u32) -> MicrometresPerSecond {
-        let rate = self.rate.0;
-        MicrometresPerSecond(if error.0 > 0.0 {
+    type State = ();
+
+    fn act(&self, (): &mut (), view: &View<'_>) -> Answer {
+        let (rate, error) = (self.rate.0, view.error.0);
+        Answer::feed(if error > 0.0 {
             rate
-        } else if error.0 < 0.0 {
+        } else if error < 0.0 {
             -rate
         } else {
             0.0
@@ -27,12 +29,13 @@ impl FeedLaw for FixedRate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::feed::acts;
 
     #[test]
     fn a_wide_gap_feeds_a_narrow_one_retreats_and_the_right_one_stays() {
-        let mut law = FixedRate { rate: MicrometresPerSecond(50.0) };
-        assert_eq!(law.velocity(Volts(0.01), 1).0, 50.0);
-        assert_eq!(law.velocity(Volts(-40.0), 1).0, -50.0);
-        assert_eq!(law.velocity(Volts(0.0), 1).0, 0.0);
+        let law = FixedRate { rate: MicrometresPerSecond(50.0) };
+        assert_eq!(acts(&law, &mut (), 0.01, 1), 50.0);
+        assert_eq!(acts(&law, &mut (), -40.0, 1), -50.0);
+        assert_eq!(acts(&law, &mut (), 0.0, 1), 0.0);
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! Each axis' share of the move is not this law's business: the path gives every axis its share of the one coordinate.
 
-use super::FeedLaw;
-use crate::units::{MicrometresPerSecond, Volts};
+use super::period::Period;
+use super::{Answer, FeedLaw, View};
 
 /// Samples the error once a period and spreads the increment over it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,50 +13,56 @@ pub struct IncrementByError {
     per_volt: f32,
     /// Period, servo ticks.
     period: u32,
-    left: u32,
+}
+
+/// What is fixed for the period.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Increment {
+    period: Period,
     velocity: f32,
 }
 
 impl IncrementByError {
     /// Law with a velocity of `per_volt` um/s for each volt of error, sampled every `period` servo ticks (at least one).
     pub fn new(per_volt: f32, period: u32) -> Self {
-        IncrementByError { per_volt, period: period.max(1), left: 0, velocity: 0.0 }
+        IncrementByError { per_volt, period: period.max(1) }
     }
 }
 
 impl FeedLaw for IncrementByError {
-    fn velocity(&mut self, error: Volts, ticks: u32) -> MicrometresPerSecond {
-        self.left = self.left.saturating_sub(ticks);
-        if self.left == 0 {
-            self.left = self.period;
-            self.velocity = error.0 * self.per_volt;
+    type State = Increment;
+
+    fn act(&self, state: &mut Increment, view: &View<'_>) -> Answer {
+        if state.period.begins(self.period, view.ticks) {
+            state.velocity = view.error.0 * self.per_volt;
         }
-        MicrometresPerSecond(self.velocity)
+        Answer::feed(state.velocity)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::feed::acts;
 
     #[test]
     fn the_increment_of_a_period_is_fixed_at_its_start() {
-        let mut law = IncrementByError::new(20.0, 3);
+        let (law, mut state) = (IncrementByError::new(20.0, 3), Increment::default());
         let errors = [2.0, 9.0, 9.0, -1.0, 9.0, 9.0, 0.5];
-        let velocities = errors.map(|error| law.velocity(Volts(error), 1).0);
+        let velocities = errors.map(|error| acts(&law, &mut state, error, 1));
         assert_eq!(velocities, [40.0, 40.0, 40.0, -20.0, -20.0, -20.0, 10.0]);
     }
 
     #[test]
     fn a_period_that_ends_between_two_calls_lasts_until_the_second() {
-        let mut law = IncrementByError::new(20.0, 7);
-        let velocities = [1.0, 2.0, 3.0, 4.0].map(|error| law.velocity(Volts(error), 5).0);
+        let (law, mut state) = (IncrementByError::new(20.0, 7), Increment::default());
+        let velocities = [1.0, 2.0, 3.0, 4.0].map(|error| acts(&law, &mut state, error, 5));
         assert_eq!(velocities, [20.0, 20.0, 60.0, 60.0]);
     }
 
     #[test]
     fn a_period_of_one_tick_follows_every_error() {
-        let mut law = IncrementByError::new(20.0, 1);
-        assert_eq!([1.0, -1.0, 0.0].map(|error| law.velocity(Volts(error), 1).0), [20.0, -20.0, 0.0]);
+        let (law, mut state) = (IncrementByError::new(20.0, 1), Increment::default());
+        assert_eq!([1.0, -1.0, 0.0].map(|error| acts(&law, &mut state, error, 1)), [20.0, -20.0, 0.0]);
     }
 }

@@ -1,6 +1,6 @@
 //! Rate by error: a standard velocity at a standard error, in proportion, clamped (\[R\] section 6.7.2).
 
-use super::FeedLaw;
+use super::{Answer, FeedLaw, View};
 use crate::units::{MicrometresPerSecond, Volts, within};
 
 /// Velocity in proportion to the gap error, up to a multiple of the standard one.
@@ -20,22 +20,25 @@ impl RateByError {
 }
 
 impl FeedLaw for RateByError {
-    fn velocity(&mut self, error: Volts, _: u32) -> MicrometresPerSecond {
-        MicrometresPerSecond(within(error.0 * self.per_volt, -self.clamp.0, self.clamp.0))
+    type State = ();
+
+    fn act(&self, (): &mut (), view: &View<'_>) -> Answer {
+        Answer::feed(within(view.error.0 * self.per_volt, -self.clamp.0, self.clamp.0))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::feed::acts;
 
     #[test]
     fn the_standard_error_gives_the_standard_velocity_and_the_clamp_holds_both_ways() {
-        let mut law = RateByError::new(MicrometresPerSecond(100.0), Volts(5.0), MicrometresPerSecond(400.0));
-        assert_eq!(law.velocity(Volts(5.0), 1).0, 100.0);
-        assert_eq!(law.velocity(Volts(-2.5), 1).0, -50.0);
-        assert_eq!(law.velocity(Volts(19.9), 1).0, 398.0);
-        assert_eq!(law.velocity(Volts(20.1), 1).0, 400.0);
-        assert_eq!(law.velocity(Volts(-60.0), 1).0, -400.0);
+        let law = RateByError::new(MicrometresPerSecond(100.0), Volts(5.0), MicrometresPerSecond(400.0));
+        assert_eq!(acts(&law, &mut (), 5.0, 1), 100.0);
+        assert_eq!(acts(&law, &mut (), -2.5, 1), -50.0);
+        assert_eq!(acts(&law, &mut (), 19.9, 1), 398.0);
+        assert_eq!(acts(&law, &mut (), 20.1, 1), 400.0);
+        assert_eq!(acts(&law, &mut (), -60.0, 1), -400.0);
     }
 }

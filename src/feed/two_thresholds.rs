@@ -3,7 +3,8 @@
 //!
 //! The upper threshold is the gap setpoint. \[G\] averages over the off-time as well: `gap.average` = plain is that.
 
-use super::FeedLaw;
+use super::period::Period;
+use super::{Answer, FeedLaw, View};
 use crate::units::{MicrometresPerSecond, Volts};
 
 /// Decides once a period, and keeps that until the next.
@@ -16,41 +17,49 @@ pub struct TwoThresholds {
     band: Volts,
     /// Period, servo ticks.
     period: u32,
-    left: u32,
+}
+
+/// What is decided for the period.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Decided {
+    period: Period,
     velocity: f32,
 }
 
 impl TwoThresholds {
     /// Law that moves at `rate`, holds down to `band` below the setpoint, and decides every `period` servo ticks (at least one).
     pub fn new(rate: MicrometresPerSecond, band: Volts, period: u32) -> Self {
-        TwoThresholds { rate, band, period: period.max(1), left: 0, velocity: 0.0 }
+        TwoThresholds { rate, band, period: period.max(1) }
     }
 }
 
 impl FeedLaw for TwoThresholds {
-    fn velocity(&mut self, error: Volts, ticks: u32) -> MicrometresPerSecond {
-        self.left = self.left.saturating_sub(ticks);
-        if self.left == 0 {
-            self.left = self.period;
-            self.velocity = if error.0 >= 0.0 {
+    type State = Decided;
+
+    fn act(&self, state: &mut Decided, view: &View<'_>) -> Answer {
+        if state.period.begins(self.period, view.ticks) {
+            let error = view.error.0;
+            state.velocity = if error >= 0.0 {
                 self.rate.0
-            } else if error.0 < -self.band.0 {
+            } else if error < -self.band.0 {
                 -self.rate.0
             } else {
                 0.0
             };
         }
-        MicrometresPerSecond(self.velocity)
+        Answer::feed(state.velocity)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::feed::acts;
 
     fn velocities(band: f32, period: u32, errors: &[f32]) -> Vec<f32> {
-        let mut law = TwoThresholds::new(MicrometresPerSecond(10.0), Volts(band), period);
-        errors.iter().map(|error| law.velocity(Volts(*error), 5).0).collect()
+        let (law, mut state) =
+            (TwoThresholds::new(MicrometresPerSecond(10.0), Volts(band), period), Decided::default());
+        errors.iter().map(|error| acts(&law, &mut state, *error, 5)).collect()
     }
 
     #[test]

@@ -38,6 +38,7 @@ mod supervise;
 mod tick;
 mod touch;
 mod trajectory;
+mod transfer;
 
 pub use command::{Command, Refused};
 pub use commissioning::{Config as CommissioningConfig, Contradiction, Finding, Report, Weighed};

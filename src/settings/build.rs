@@ -80,6 +80,11 @@ impl Settings {
             const { name("gap.setpoint_v") },
             "must be below gap.open_min_v, or the head would only ever feed",
         )?;
+        conflict(
+            self.law.needs_pulses() && self.gap_average == voltage::Average::Plain,
+            const { name("feed.law") },
+            "counts pulses, which gap.average = plain does not show: set gap.average to gated, or another law",
+        )?;
         conflict(self.gap_short >= self.gap_open_min, const { name("gap.short_v") }, "must be below gap.open_min_v")?;
         conflict(
             self.motor_continuous > self.motor_peak,
@@ -218,6 +223,7 @@ impl Settings {
             levels: [levels.short_below.0, levels.arc_below.0, ignited].map(code),
             reversed: levels.reversed,
             blanking: (levels.blanking.0 * CLOCK_HZ as f32) as u32,
+            asked: self.law.asks_off_time(),
         })
     }
 

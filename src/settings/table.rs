@@ -151,6 +151,56 @@ declare! {
         0x2102:13 threshold_band: f32 = 10.0, (0.0, 300.0), "feed.band_v", "V", "[G]: 2TAV 30 and 20 V, or 30 and 10; 1TAV has none", live;
         /// Period of the law two_thresholds.
         0x2102:14 threshold_period_ms: f32 = 100.0, (0.05, 1000.0), "feed.threshold_period_ms", "ms", "[G]: 100 ms", live;
+        /// Step of the laws pulse_counts and pulse_control, either way.
+        0x2102:15 pulses_step: f32 = 1.0, (0.01, 100.0), "feed.pulses_step_um", "um", "[G]: 1 um", live;
+        /// Period of pulse_counts and pulse_control.
+        0x2102:16 pulses_period_ms: f32 = 100.0, (0.25, 1000.0), "feed.pulses_period_ms", "ms", "[G]: 100 ms", live;
+        /// Share of shorts from which pulse_counts and pulse_control step back.
+        0x2102:17 pulses_short_percent: f32 = 90.0, (1.0, 100.0), "feed.pulses_short_percent", "%", "[G]: 90 %", live;
+        /// Discharges of a period from which they hold.
+        0x2102:18 pulses_discharges: u32 = 150, (1, 1_000_000), "feed.pulses_discharges", "", "[G]: 100 to 300, best 150, of some 10 000 pulses", live;
+        /// Share of open pulses from which they step forward, with fewer discharges.
+        0x2102:19 pulses_open_percent: f32 = 50.0, (1.0, 100.0), "feed.pulses_open_percent", "%", "assumed: [G] does not publish it", live;
+        /// Time for which they close the pulses after a period that is none of these; 0: never.
+        0x2102:20 pulses_closed_ms: f32 = 10.0, (0.0, 1000.0), "feed.pulses_closed_ms", "ms", "assumed: [G] does not publish it", live;
+        /// Weight w of the periods before in the mean direction of pulse_control.
+        0x2102:21 direction_weight: f32 = 0.8, (0.0, 0.999), "feed.direction_weight", "", "assumed: [G] does not publish it; 5 periods", live;
+        /// Periods over which pulse_control averages the share of shorts.
+        0x2102:22 shorts_periods: u32 = 5, (1, 16), "feed.shorts_periods", "", "assumed: [G] does not publish it", live;
+        /// Mean direction, either way, above which pulse_control may lengthen the off-time: 1 is a step in every period.
+        0x2102:23 direction_limit: f32 = 0.3, (0.0, 1.0), "feed.direction_limit", "", "assumed: [G] does not publish it", live;
+        /// Mean share of shorts above which it does.
+        0x2102:24 shorts_limit_percent: f32 = 10.0, (0.0, 100.0), "feed.shorts_limit_percent", "%", "assumed: [G] does not publish it", live;
+        /// Off-time that pulse_control asks for.
+        0x2102:25 long_off_time_us: f32 = 12.0, (1.0, 1000.0), "feed.long_off_time_us", "us", "[G]: 6 us doubled", live;
+        /// Time for which it does.
+        0x2102:26 long_off_ms: f32 = 200.0, (1.0, 10_000.0), "feed.long_off_ms", "ms", "assumed: [G] does not publish it", live;
+        /// Forgetting factor of the law minimum_variance. Its set point is gap.distance_um, held in 10 to 80 um.
+        0x2102:27 forgetting: f32 = 0.98, (0.9, 1.0), "feed.forgetting", "", "assumed: 50 periods; [X] does not publish it", live;
+        /// Period of minimum_variance.
+        0x2102:28 variance_period_ms: f32 = 100.0, (1.0, 1000.0), "feed.variance_period_ms", "ms", "[X] section 4: 0.1 s", live;
+        /// Path velocity of the law spark_frequency without sparks; at gap.spark_per_s it stands.
+        0x2102:29 frequency_rate: f32 = 100.0, (0.1, 10_000.0), "feed.frequency_um_s", "um/s", "assumed: [L] publishes no gain", live;
+        /// Share of open pulses that the law gap_ratio keeps.
+        0x2102:30 ratio_open_percent: f32 = 25.0, (0.0, 100.0), "feed.ratio_open_percent", "%", "assumed", live;
+        /// Weight of shorts and arcs against open pulses in gap_ratio.
+        0x2102:31 ratio_weight: f32 = 2.0, (0.0, 100.0), "feed.ratio_weight", "", "assumed", live;
+        /// Path velocity of gap_ratio for a share that is off by one.
+        0x2102:32 ratio_gain: f32 = 100.0, (0.1, 10_000.0), "feed.ratio_um_s", "um/s", "assumed", live;
+        /// Integral time of gap_ratio; 0: no integral.
+        0x2102:33 ratio_integral_ms: f32 = 1000.0, (0.0, 100_000.0), "feed.ratio_integral_ms", "ms", "assumed", live;
+        /// Period of gap_ratio.
+        0x2102:34 ratio_period_ms: f32 = 10.0, (0.25, 1000.0), "feed.ratio_period_ms", "ms", "assumed", live;
+        /// Gap that the law observed_gap keeps: the one that ignites at gap.hazard_per_s.
+        0x2102:35 observed_gap: f32 = 34.0, (1.0, 200.0), "feed.observed_um", "um", "docs/gap-sensing.md: 34 um of the sinker (simulated)", live;
+        /// Path velocity of observed_gap for a um too much.
+        0x2102:36 observed_gain: f32 = 20.0, (0.1, 1000.0), "feed.observed_per_s", "1/s", "assumed", live;
+        /// Standard deviations of the estimate by which observed_gap keeps a wider gap.
+        0x2102:37 observed_caution: f32 = 0.0, (0.0, 10.0), "feed.observed_caution", "", "assumed", live;
+        /// How much the gap wanders by what is not seen, in the root of a second, for observed_gap.
+        0x2102:38 observed_noise: f32 = 5.0, (0.1, 1000.0), "feed.observed_noise_um", "um", "assumed", live;
+        /// How much the velocity of the surface does.
+        0x2102:39 observed_drift: f32 = 20.0, (0.0, 10_000.0), "feed.observed_drift_um_s", "um/s", "assumed", live;
 
         /// Proportional gain of the single loop, duty per volt of gap error.
         0x2103:1 single_p: f32 = 0.001, (0.0, 1.0), "single.p", "1/V", "assumed", live;

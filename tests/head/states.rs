@@ -3,11 +3,12 @@
 use crate::bench::{Bench, OPEN_V};
 use edm_servo_head::feed::LawName;
 use edm_servo_head::gap::controlled::ControlledName;
+use edm_servo_head::gap::voltage::Average;
 use edm_servo_head::head::Structure;
 use edm_servo_head::head::{Command, Fault, MotionLimits, Reason, Refused, State};
 use edm_servo_head::path;
 use edm_servo_head::settings::{SetpointUnit, Settings};
-use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
+use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ, TICKS_PER_MS};
 
 #[test]
 fn a_head_that_was_never_enabled_coasts_with_pulses_off() {
@@ -111,9 +112,9 @@ fn the_setpoint_may_be_a_share_of_the_measured_open_circuit_voltage() {
 }
 
 #[test]
-fn every_structure_and_law_of_roberts_keeps_the_gap() {
+fn every_structure_and_law_of_the_voltage_keeps_the_gap() {
     for structure in [Structure::SingleLoop, Structure::VelocityCascade, Structure::Path] {
-        for &law in LawName::ALL {
+        for &law in LawName::ALL.iter().filter(|law| !law.needs_pulses()) {
             let mut bench = Bench::with(|settings| {
                 settings.structure = structure;
                 settings.law = law;
@@ -128,6 +129,60 @@ fn every_structure_and_law_of_roberts_keeps_the_gap() {
             assert!((gap - 30.0).abs() < 3.0, "{structure:?} {law:?}: {gap} um");
         }
     }
+}
+
+#[test]
+fn a_change_of_the_law_while_eroding_is_no_step_of_the_commanded_velocity() {
+    let law = |law| move |settings: &mut Settings| settings.law = law;
+    for from in [LawName::IncrementByError, LawName::FixedRate, LawName::SparkFrequency] {
+        for to in [LawName::FixedRate, LawName::RateByError, LawName::GapRatio, LawName::SparkFrequency] {
+            let mut bench = Bench::with(law(from));
+            bench.make_ready();
+            bench.erode();
+            // A gap that is too wide by 5 um: every law wants something else.
+            bench.surface_um += 5.0;
+            bench.run(0.05);
+            let before = bench.head.status().feed.0;
+            let settings = Settings { law: to, ..bench.settings };
+            bench.head.configure(settings.build().unwrap().head).unwrap();
+            bench.run(0.000_25);
+            let after = bench.head.status().feed.0;
+            assert!((after - before).abs() < 3.0, "{from:?} to {to:?}: from {before} to {after} um/s");
+        }
+    }
+}
+
+#[test]
+fn a_law_that_closes_the_pulses_does_so_for_its_time_and_without_a_fault() {
+    let mut bench = Bench::with(|settings| settings.law = LawName::PulseCounts);
+    // Neither short, nor open, nor discharges with a delay.
+    bench.arcs = 60;
+    bench.make_ready();
+    bench.command(Command::MoveTo(Nanometres(4_000_000)));
+    bench.command(Command::Start);
+    bench.run_until(10.0, |bench| bench.state() == State::Eroding);
+    let mut closed = 0;
+    for _ in 0..TICK_HZ {
+        bench.tick();
+        closed += u32::from(!bench.output.pulses);
+    }
+    assert_eq!((bench.state(), bench.fault()), (State::Eroding, None));
+    // 10 ms of every period of 100 ms but the first.
+    let ms = closed / TICKS_PER_MS;
+    assert!((80..=100).contains(&ms), "pulses closed for {ms} ms of a second");
+}
+
+#[test]
+fn a_law_that_sees_nothing_is_a_fault_and_no_head_that_stands_still() {
+    let mut bench = Bench::with(|settings| settings.law = LawName::ObservedGap);
+    bench.make_ready();
+    bench.command(Command::MoveTo(Nanometres(4_000_000)));
+    bench.command(Command::Start);
+    bench.run_until(10.0, |bench| bench.state() == State::Eroding);
+    bench.run(0.2);
+    assert_eq!(bench.head.status().fault, Some(Fault::GapSignalInvalid));
+    let settings = Settings { law: LawName::ObservedGap, gap_average: Average::Plain, ..Settings::default() };
+    assert!(settings.build().is_err());
 }
 
 #[test]

@@ -85,8 +85,10 @@ pub struct Ports {
     pub off_time_ns: Cell<Option<u32>>,
     /// Thresholds of the reflex.
     pub thresholds: Cell<Option<Config>>,
-    /// Pauses between pulses, core cycles from the end of a pulse of each class.
-    pub pauses: Cell<[u32; pause::CLASSES]>,
+    /// Pauses between pulses, and whether the ends of pulses are watched.
+    pub pauses: Cell<Option<&'static pause::Pauses>>,
+    /// See `pauses`.
+    pub ends_watched: Cell<bool>,
     /// Pauses that the process has begun so far, wrapping.
     pub pauses_begun: Cell<u32>,
     /// Measured position, counts, for the dry loop.
@@ -135,6 +137,11 @@ const IMAGINED: u32 = CLOCK_HZ / 10_000;
 const DEPTH: usize = 3;
 
 impl Ports {
+    /// Pauses between pulses, core cycles from the end of a pulse of each class.
+    pub fn holds(&self) -> [u32; pause::CLASSES] {
+        self.pauses.get().filter(|_| self.ends_watched.get()).map_or([0; pause::CLASSES], pause::Pauses::holds)
+    }
+
     /// Ports for as long as the program runs, as those of a chip always exist.
     pub fn leak() -> &'static Ports {
         Box::leak(Box::default())
@@ -400,7 +407,7 @@ impl Thresholds for Part {
         Ok(())
     }
     fn watch_ends(&mut self, pauses: &pause::Config) {
-        self.0.pauses.set(pauses.hold);
+        self.0.ends_watched.set(pauses.pauses());
     }
     fn pauses_begun(&self) -> u32 {
         self.0.pauses_begun.get() & (u32::MAX >> 1)

@@ -135,6 +135,7 @@ impl Core {
     /// The same over ports that show something already.
     pub fn on(ports: &'static Ports, active: &Active) -> (Core, Others) {
         let signals: &'static Signals = Box::leak(Box::default());
+        ports.pauses.set(Some(&signals.pauses));
         let crossings: &'static mut Crossings = Box::leak(Box::default());
         let path: &'static mut Path = Box::leak(Box::new(Path::EMPTY));
         let published: &'static Published = Box::leak(Box::default());
@@ -215,7 +216,7 @@ impl Core {
     /// The process makes the pauses, as the fast path does on the chip.
     fn count_pauses(&self, pulses: &Pulses) {
         let ended = [pulses.open, pulses.spark, pulses.arc, pulses.short];
-        let held = ended.into_iter().zip(self.ports.pauses.get()).filter(|(_, hold)| *hold > 0);
+        let held = ended.into_iter().zip(self.ports.holds()).filter(|(_, hold)| *hold > 0);
         let new: u32 = held.map(|(ended, _)| ended as u32).sum();
         self.ports.pauses_begun.set(self.ports.pauses_begun.get().wrapping_add(new));
     }
@@ -244,7 +245,7 @@ impl Core {
 /// Advances the process by a period under the outputs of the head.
 pub(crate) fn go_on<'a>(ports: &Ports, process: &'a mut Process) -> &'a Sensors {
     process.off_time_ns = ports.off_time_ns.get();
-    process.pauses_us = ports.pauses.get().map(|cycles| f64::from(cycles) * 1e6 / f64::from(CLOCK_HZ));
+    process.pauses_us = ports.holds().map(|cycles| f64::from(cycles) * 1e6 / f64::from(CLOCK_HZ));
     if let Some(thresholds) = ports.thresholds.get() {
         process.look_after(thresholds.tau_ns);
     }
@@ -380,7 +381,8 @@ impl Machine {
         }
         self.ends.gap.write(|slot| *slot = active.gap);
         self.ends.supervision.write(|slot| *slot = active.head.supervision());
-        self.core.ports.pauses.set(active.pause.hold);
+        self.core.signals.pauses.set(&active.pause);
+        self.core.ports.ends_watched.set(active.pause.pauses());
         self.core.ports.wants[crate::board::SUPERVISE].set(true);
         Ok(())
     }

@@ -83,47 +83,6 @@ variables! {
     3 frequency::Frequency;
 }
 
-/// Bumpless transfer: after a change of the variable the gap error goes on from where it was, and what that is off by fades.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Transfer {
-    /// Error that was given last.
-    last: f32,
-    /// What is added to the error of the new variable; before that was known, `None`.
-    offset: Option<f32>,
-    /// Nothing is added any more, and nothing is to be found out.
-    over: bool,
-}
-
-/// Offset that no feed law can tell from none, V: a tenth of the noise of a filtered voltage.
-const GONE: f32 = 0.01;
-
-impl Transfer {
-    /// No change yet.
-    pub const NONE: Transfer = Transfer { last: 0.0, offset: None, over: true };
-
-    /// The variable is another one from here on.
-    pub fn begin(&mut self) {
-        (self.offset, self.over) = (None, false);
-    }
-
-    /// Error to act on: `raw` is that of the variable, and `fades` the share of the offset that fades until the next call. What
-    /// is not known is no reason to move.
-    pub fn error(&mut self, raw: Option<Volts>, fades: f32) -> Volts {
-        let Some(Volts(raw)) = raw else { return Volts(0.0) };
-        if !self.over {
-            let offset = match self.offset {
-                None => self.last - raw,
-                Some(offset) => offset * (1.0 - fades),
-            };
-            self.over = offset.abs() < GONE;
-            self.offset = (!self.over).then_some(offset);
-        }
-        self.last = raw + self.offset.unwrap_or(0.0);
-        Volts(self.last)
-    }
-}
-
 /// Natural logarithm of a ratio of two rates; what is no rate counts as the smallest.
 fn e_folds(over: f32, under: f32) -> f32 {
     use crate::units::{larger, within};
@@ -179,25 +138,6 @@ mod tests {
             assert!(e_folds(over, under).abs() <= 20.0, "{over} {under}");
         }
         assert_eq!(e_folds(3.0, 3.0), 0.0);
-    }
-
-    #[test]
-    fn a_transfer_begins_without_a_step_and_fades() {
-        let mut transfer = Transfer::NONE;
-        assert_eq!(transfer.error(Some(Volts(5.0)), 0.1), Volts(5.0));
-        transfer.begin();
-        // Not known yet.
-        assert_eq!(transfer.error(None, 0.1), Volts(0.0));
-        assert_eq!(transfer.error(Some(Volts(-20.0)), 0.1), Volts(5.0));
-        let mut last = 5.0;
-        for _ in 0..100 {
-            let Volts(error) = transfer.error(Some(Volts(-20.0)), 0.1);
-            assert!(error <= last && last - error <= 2.5 + 1e-3, "{error}");
-            last = error;
-        }
-        assert_eq!(last, -20.0);
-        // Over: what comes of the variable is given as it is.
-        assert_eq!(transfer.error(Some(Volts(7.0)), 0.1), Volts(7.0));
     }
 
     proptest! {

@@ -73,6 +73,26 @@ impl Counts {
         self.numbered(class as usize)
     }
 
+    /// Pulses that burned or were short from the beginning, so briefly that no conversion shows which: uncertain, and never charged.
+    fn unclear(&self) -> u32 {
+        let certain =
+            self.class(Class::Short).wrapping_add(self.class(Class::Arc)).wrapping_add(self.class(Class::Spark));
+        let burned = self.class(Class::Uncertain).wrapping_add(certain);
+        // Of those that burned, the ones with a delay were charged.
+        self.class(Class::Uncertain).min(burned.saturating_sub(self.ignited))
+    }
+
+    /// Shorts, and pulses that conduct from the beginning and are too brief to tell: \[G\] takes these for shorts.
+    pub fn shorted(&self) -> u32 {
+        self.class(Class::Short).wrapping_add(self.unclear())
+    }
+
+    /// Discharges that are no arcs, brief ones with an ignition delay among them.
+    pub fn discharged(&self) -> u32 {
+        let all = self.class(Class::Spark).wrapping_add(self.class(Class::Uncertain));
+        all.wrapping_sub(self.unclear())
+    }
+
     fn numbered(&self, class: usize) -> u32 {
         self.classes.get(class).copied().unwrap_or(0)
     }

@@ -1,6 +1,7 @@
 //! What a host may ask of a planner.
 
 use super::{Planner, Touching};
+use crate::feed::After;
 use crate::gap::OpenCircuit;
 use crate::head::command::{Command, Refused};
 use crate::head::commissioning::Commissioning;
@@ -103,9 +104,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 if task.is_none() {
                     self.restart_path_at(from.from);
                 }
-                self.law = self.config.law;
                 self.route.forget_bound();
                 self.enter(State::Guiding, Reason::Started);
+                self.lead(|_| After::Start);
                 let rests = Task::Brake(self.counts2(self.config.acceleration));
                 self.guide = Some(Guide::new(task.unwrap_or(rests), from));
                 Ok(())

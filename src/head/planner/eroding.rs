@@ -2,7 +2,7 @@
 
 use super::Planner;
 use super::states::REST;
-use crate::feed::FeedLaw;
+use crate::feed::{After, Motion as Moves, View};
 use crate::gap::Quality;
 use crate::gap::controlled::{Controlled, GapVoltage, Sensed, Variable};
 use crate::head::config::{Config, Structure};
@@ -11,7 +11,7 @@ use crate::head::fault::Fault;
 use crate::head::reaction::Motion;
 use crate::head::state::{Reason, State};
 use crate::path::Path;
-use crate::units::{Fixed, MicrometresPerSecond, TICKS_PER_MS, Volts, larger};
+use crate::units::{Fixed, Micrometres, MicrometresPerSecond, TICKS_PER_MS, Volts, larger};
 use core::ops::DerefMut;
 
 /// Jumps for arcs, one after the other, after which arcs that are still there stay.
@@ -40,11 +40,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             }
             (self.good, self.eroded, self.ends) = (self.route.s(), 0, Ends::default());
             (self.arc_jumps, self.status.cramped) = (0, false);
-            self.law = self.config.law;
             if self.config.structure == Structure::SingleLoop {
                 self.reset_loop();
             }
             self.enter(State::Eroding, Reason::WorkFound);
+            self.lead(|_| After::Start);
         } else if let Some(reason) = self.reached().filter(|_| self.arrived()) {
             self.end(reason);
         } else if self.stroke_ends() {
@@ -78,8 +78,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             Some(false) => self.arc_jumps = 0,
             _ => {}
         }
-        let error = self.gap_error();
-        if self.is_blind() {
+        let (error, unknown) = self.gap_error();
+        let (wanted, blind) = match self.config.structure {
+            // In every tick, and not in every plan.
+            Structure::SingleLoop => (REST, false),
+            _ => self.feed(error),
+        };
+        if self.is_blind(unknown || blind) {
             self.raise(Fault::GapSignalInvalid);
             return self.react();
         }
@@ -87,10 +92,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             (self.status.found, self.meets) = (self.status.position, false);
         }
         match self.config.structure {
-            // In every tick, and not in every plan.
             Structure::SingleLoop => Motion::Gap(self.status.gap_setpoint),
             structure => {
-                let wanted = self.config.limits.clamp(self.law.velocity(error, self.ticks));
                 let wanted = self.hastened(wanted);
                 self.status.feed = wanted;
                 if structure == Structure::Path { self.along(wanted) } else { Motion::Velocity(wanted) }
@@ -149,26 +152,56 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.status.position == self.route.setpoint().round()
     }
 
+    /// Path velocity that the law wants, within its limits, and whether it is blind.
+    pub(super) fn feed(&mut self, error: Volts) -> (MicrometresPerSecond, bool) {
+        let place = self.place();
+        let way = place.minus(self.looked).to_f32();
+        self.looked = place;
+        let moved = if self.leads() { way } else { way / self.config.axis.counts_per_um };
+        let view = View {
+            error,
+            gap: &self.status.gap,
+            senses: &self.status.senses,
+            motion: Moves { place: self.route.s(), moved: Micrometres(moved), velocity: self.now.along },
+            ticks: self.ticks,
+        };
+        let answer = self.law.act(&self.config.law, &view);
+        self.generator = answer.generator;
+        let wanted = self.config.limits.clamp(answer.velocity);
+        (MicrometresPerSecond(self.changeover.value(Some(wanted.0), self.config.transfer)), answer.blind)
+    }
+
+    /// The feed law moves along the path.
+    fn leads(&self) -> bool {
+        self.config.structure == Structure::Path && self.status.state != State::Guiding
+    }
+
+    /// Where the head is for the law.
+    pub(super) fn place(&self) -> Fixed {
+        if self.leads() { self.route.s() } else { Fixed::whole(self.status.position) }
+    }
+
     /// Gap error that the head acts on. A reading that is not valid is no reason to move, and neither is a set point that is a share
-    /// of a voltage not measured yet; how long a bad reading may last the supervision decides, and how long the controlled variable
-    /// may be unknown beside a good one, this.
-    pub(super) fn gap_error(&mut self) -> Volts {
+    /// of a voltage not measured yet. And whether the controlled variable is unknown beside a good reading.
+    pub(super) fn gap_error(&mut self) -> (Volts, bool) {
         let status = &mut self.status;
         let setpoint = status.gap_setpoint;
         let valid = status.gap.quality == Quality::Valid;
         let sensed =
             Sensed { gap: &status.gap, senses: &status.senses, setpoint: (setpoint.0 > 0.0).then_some(setpoint) };
         let raw = if valid { self.config.controlled.error(&sensed) } else { None };
-        status.gap_error = self.transfer.error(raw, self.config.transfer);
+        let error = self.transfer.value(raw.map(|volts| volts.0), self.config.transfer);
+        status.gap_error = Volts(error);
         // A set point that is a share is not unknown: it is measured at each seek.
         let unknown = valid && raw.is_none() && self.config.controlled != Controlled::GapVoltage(GapVoltage);
-        self.unknown = if unknown { self.unknown.saturating_add(self.ticks) } else { 0 };
-        self.status.gap_error
+        (self.status.gap_error, unknown)
     }
 
-    /// The controlled variable has been unknown for longer than a gap reading may be bad: a head that stands still would not
-    /// show it.
-    pub(super) fn is_blind(&self) -> bool {
+    /// What the law needs has been unknown for longer than a gap reading may be bad, which the supervision watches: a head that
+    /// stands still would not show it.
+    pub(super) fn is_blind(&mut self, now: bool) -> bool {
+        let valid = self.status.gap.quality == Quality::Valid;
+        self.unknown = if now && valid { self.unknown.saturating_add(self.ticks) } else { 0 };
         self.unknown > self.config.supervise.gap_ms.saturating_mul(TICKS_PER_MS)
     }
 

@@ -2,7 +2,6 @@
 
 use super::Planner;
 use super::states::REST;
-use crate::feed::FeedLaw;
 use crate::head::config::Config;
 use crate::head::fault::Fault;
 use crate::head::positioning::MotionLimits;
@@ -18,12 +17,12 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     pub(super) fn guide(&mut self) -> Motion {
         self.refer();
         self.measure_open();
-        let error = self.gap_error();
-        if self.is_blind() {
+        let (error, unknown) = self.gap_error();
+        let (feed, blind) = self.feed(error);
+        if self.is_blind(unknown || blind) {
             self.raise(Fault::GapSignalInvalid);
             return self.react();
         }
-        let feed = self.config.limits.clamp(self.law.velocity(error, self.ticks));
         let ramp = self.ramp(&MotionLimits {
             velocity: self.config.retreat.velocity,
             acceleration: self.config.acceleration,

@@ -2,6 +2,7 @@
 
 use super::Planner;
 use super::states::REST;
+use crate::feed::After;
 use crate::head::command::Refused;
 use crate::head::inch::{Carry, Inch, Inching, Phase, SeenBy};
 use crate::head::positioning::MotionLimits;
@@ -318,11 +319,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn end_inch(&mut self, inch: &Inching) {
         self.inch = None;
         self.status.inch = Inch::No;
-        self.law = self.config.law;
         match inch.ends {
             Some(reason) => self.enter(State::HoldingPosition, reason),
             None if inch.seeks => self.enter(State::Seeking, Reason::Carried),
-            None => self.enter(State::Eroding, Reason::Carried),
+            None => {
+                self.enter(State::Eroding, Reason::Carried);
+                self.lead(After::Jump);
+            }
         }
     }
 

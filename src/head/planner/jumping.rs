@@ -2,6 +2,7 @@
 
 use super::Planner;
 use super::states::REST;
+use crate::feed::After;
 use crate::head::command::Refused;
 use crate::head::fault::Fault;
 use crate::head::jump::Jump;
@@ -74,11 +75,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         let holds = jump.holds;
         self.jump = None;
-        self.law = self.config.law;
         if holds {
             self.enter(State::HoldingPosition, Reason::Held);
         } else {
             self.enter(State::Eroding, Reason::Returned);
+            self.lead(After::Jump);
         }
         self.along(REST)
     }

@@ -37,15 +37,15 @@ use super::silence::Silence;
 use super::state::{Change, ChangeLog, State};
 use super::supervise::{Config as SupervisionConfig, Monitored};
 use super::touch;
+use super::transfer::Transfer;
 use super::{Refused, Status};
-use crate::feed::Law;
+use crate::feed::{After, Generator, Leading};
 use crate::gap::OpenCircuit;
-use crate::gap::controlled::Transfer;
 use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Presliding;
-use crate::units::Fixed;
+use crate::units::{Fixed, Micrometres};
 use core::ops::DerefMut;
 use edm_hal_shim::self_test::SelfTest;
 
@@ -77,9 +77,15 @@ pub struct Planner<P> {
     offset: i64,
     resets: u32,
     trusts: u32,
-    law: Law,
+    law: Leading,
+    /// What the law wants of the generator.
+    generator: Generator,
+    /// Where the law has looked last: along the path, um; beside it, counts of the axis.
+    looked: Fixed,
+    /// After a change of the controlled variable: the gap error. After one of the law: the path velocity.
     transfer: Transfer,
-    /// Servo ticks of erosion in which the controlled variable was not known.
+    changeover: Transfer,
+    /// Servo ticks of erosion in which the controlled variable, or what the law looks at, was not known.
     unknown: u32,
     open: OpenCircuit,
     /// State that a retreat returns to, and the count where it began.
@@ -144,8 +150,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             offset: 0,
             resets: 0,
             trusts: 0,
-            law: config.law,
+            law: Leading::new(&config.law),
+            generator: Generator::FREE,
+            looked: Fixed(0),
             transfer: Transfer::NONE,
+            changeover: Transfer::NONE,
             unknown: 0,
             open: OpenCircuit::new(config.seek.settle),
             retreat: (State::Eroding, 0),
@@ -190,6 +199,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         &self.config
     }
 
+    /// What the feed law wants of the generator since the newest plan.
+    pub fn generator(&self) -> &Generator {
+        &self.generator
+    }
+
     /// What the follower has to run for it.
     pub fn follow_config(&self) -> FollowConfig {
         self.config.follow()
@@ -227,7 +241,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return Err(Refused::Alone);
         }
         if config.law != self.config.law {
-            self.law = config.law;
+            self.law.retune(&config.law);
+            self.changeover.begin();
         }
         if core::mem::discriminant(&config.controlled) != core::mem::discriminant(&self.config.controlled) {
             self.transfer.begin();
@@ -235,13 +250,25 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if !matches!(self.status.state, State::Fault | State::Lifting) {
             self.route.set_retreat(config.retreat.limit);
         }
+        let restructured = config.structure != self.config.structure;
         let rescaled = config.axis.nm_per_count != self.config.axis.nm_per_count;
         self.adopt(config);
+        if restructured {
+            self.looked = self.place();
+        }
         if rescaled {
             self.route.scale(self.config.axis.nm_per_count);
             self.restart_path();
         }
         Ok(())
+    }
+
+    /// The feed law leads from here on.
+    fn lead(&mut self, after: fn(Micrometres) -> After) {
+        let behind = Micrometres(self.good.minus(self.route.s()).to_f32());
+        self.law.resume(&self.config.law, after(behind));
+        self.changeover = Transfer::NONE;
+        self.looked = self.place();
     }
 
     /// What is run from here on, and what it is compared with.

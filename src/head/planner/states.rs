@@ -1,6 +1,7 @@
 //! What each state does, and when it is left.
 
 use super::Planner;
+use crate::feed::{After, Generator};
 use crate::head::commissioning::Demand;
 use crate::head::config::Config;
 use crate::head::fault::{Fault, Reaction};
@@ -17,6 +18,7 @@ pub(super) const REST: MicrometresPerSecond = MicrometresPerSecond(0.0);
 impl<P: DerefMut<Target = Path>> Planner<P> {
     /// State transitions, then the motion of the state and whether it needs pulses.
     pub(super) fn decide(&mut self) -> (Motion, bool) {
+        self.generator = Generator::FREE;
         self.upper_limit_excused &= self.now.safety.upper_limit;
         match self.status.state {
             State::Seeking => self.seek(),
@@ -48,7 +50,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             State::Fault => self.react(),
         };
         // The state of now: a path that ended in this plan has ended its pulses too.
-        (motion, self.status.state.pulses())
+        (motion, self.status.state.pulses() && !self.generator.closed)
     }
 
     pub(super) fn along(&self, velocity: MicrometresPerSecond) -> Motion {
@@ -128,8 +130,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let shorted = self.status.gap.short_ticks > 0;
         let clear = gone >= self.config.retreat.clearance || self.route.at_beginning() || self.is_spent();
         if !shorted && clear {
-            self.law = self.config.law;
             self.enter(back_to, Reason::GapRecovered);
+            self.lead(After::Retreat);
         } else if shorted
             && (self.status.tick.wrapping_sub(self.entered) > self.config.retreat.persistent
                 || self.route.is_exhausted()

@@ -46,6 +46,35 @@ pub const LAWS: &[Law] = &[
         source: "[G]: 30 and 10 V; elsewhere 20 V below the scenario's set point",
         settings: |setup| thresholds(setup, &["gap.setpoint_v=30", "feed.band_v=20"], "feed.band_v=20"),
     },
+    Law {
+        name: "fc",
+        source: "[G]: FC, 1 um every 100 ms, 150 discharges; elsewhere 1.5 % of what the generator makes",
+        settings: |setup| counted(setup, "pulse_counts"),
+    },
+    Law {
+        name: "fpcc",
+        source: "[G]: FPCC, as fc; off-time doubled; weights and thresholds are chosen (docs/settings.md)",
+        settings: |setup| counted(setup, "pulse_control"),
+    },
+    Law {
+        name: "minimum_variance",
+        source: "[X]: 0.1 s, 50 um; where the charging curve of its material holds",
+        settings: |setup| if is_of_xin(&setup.process) { set(&["feed.law=minimum_variance"]) } else { None },
+    },
+    Law {
+        name: "spark_frequency",
+        source: "[L]; 60 % of the pulses, chosen",
+        settings: |setup| {
+            let sparks = format!("gap.spark_per_s={}", 0.6 * pulses_per_s(setup));
+            Some(vec!["feed.law=spark_frequency".into(), sparks])
+        },
+    },
+    Law { name: "gap_ratio", source: "defaults, chosen", settings: |_| set(&["feed.law=gap_ratio"]) },
+    Law {
+        name: "observed_gap",
+        source: "our own; defaults for the sinker, elsewhere not tuned",
+        settings: |_| set(&["feed.law=observed_gap"]),
+    },
 ];
 
 /// How the reflex retreats: the pulse is killed at once either way.
@@ -67,6 +96,28 @@ fn thresholds(setup: &Setup, published: &[&str], elsewhere: &str) -> Option<Vec<
     let own = [elsewhere];
     let rest: Vec<&str> = if is_of_gao(&setup.process) { [&plain, published].concat() } else { own.to_vec() };
     set(&[&step[..], &rest].concat())
+}
+
+/// FC and FPCC with the published numbers; discharges in proportion to the pulses of a period.
+fn counted(setup: &Setup, law: &str) -> Option<Vec<String>> {
+    let discharges = (0.015 * pulses_per_s(setup) * 0.1).round().max(1.0);
+    let off_us = 2.0 * setup.process.model().off_us;
+    let own = [
+        format!("feed.law={law}"),
+        format!("feed.pulses_discharges={discharges}"),
+        format!("feed.long_off_time_us={off_us}"),
+    ];
+    Some(own.into())
+}
+
+/// Pulses a second of a generator whose pulses all stay open.
+fn pulses_per_s(setup: &Setup) -> f64 {
+    let parameters = setup.process.model();
+    1e6 / (parameters.on_us + parameters.off_us)
+}
+
+fn is_of_xin(plant: &Plant) -> bool {
+    plant.machine_name().is_some_and(|name| name.starts_with("xin"))
 }
 
 fn is_of_gao(plant: &Plant) -> bool {
