@@ -62,6 +62,7 @@ pub mod report;
 pub mod run;
 pub mod scenario;
 pub mod schedule;
+pub mod search;
 pub mod serve;
 pub mod soak;
 pub mod statistics;

@@ -23,6 +23,7 @@ use crate::bench::Bench;
 use crate::compare::Compare;
 use crate::faults::Faults;
 use crate::observe::Run;
+use crate::search::Search;
 use crate::serve::Serve;
 use crate::soak::Soak;
 use crate::sweep::Sweep;
@@ -78,6 +79,11 @@ enum Command {
         after_help = "Exit code: 0 all runs done; 1 a run or an output failed; 2 bad input, nothing was written."
     )]
     Compare(Compare),
+    /// Search the parameters of a feed law on holes that are not reported (docs/feed-laws.md)
+    #[command(
+        after_help = "Exit code: 0 searched; 1 the table could not be written; 2 bad input, nothing was written."
+    )]
+    Search(Search),
     /// Inject faults: every wire and every ordered pair of wires, while the head erodes (docs/robustness.md)
     Faults(Faults),
     /// Send random commands and events, and check the invariants in every tick (docs/robustness.md)
@@ -120,6 +126,7 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Command::Serve(serve) => serve.execute().map(|()| true),
         Command::Sweep(sweep) => sweep.execute(),
         Command::Compare(compare) => compare.execute(),
+        Command::Search(search) => search.execute(),
         Command::Faults(faults) => faults.execute(),
         Command::Soak(soak) => soak.execute(),
         Command::ModelReport(report) => report.execute(),
