@@ -5,6 +5,7 @@
 //! the way down ends at the set point of that coordinate, and the rest is gone under gap control. So the electrode arrives at
 //! speed only where it has been, and comes on to the same counts as before.
 
+use super::rhythm;
 use crate::motion::{JerkLimits, PART, SCurve, TrajectorySegment};
 use crate::units::{CountsPerSecond, Fixed, PLAN_TICKS, TICK_HZ};
 
@@ -13,8 +14,10 @@ use crate::units::{CountsPerSecond, Fixed, PLAN_TICKS, TICK_HZ};
 pub struct Config {
     /// Servo ticks of erosion between two jumps; 0: on demand only.
     pub every: u32,
-    /// Height, counts.
+    /// Height, counts; of an adaptive jump the least.
     pub height: u32,
+    /// When interval and height adapt themselves.
+    pub adaptive: rhythm::Config,
     /// Limits of the motion.
     pub limits: JerkLimits,
     /// Length of path before the last good place from which the gap leads, um.

@@ -31,6 +31,7 @@ mod positioning;
 mod probe;
 mod proof;
 mod reaction;
+mod rhythm;
 mod route;
 mod silence;
 mod state;
@@ -56,6 +57,7 @@ pub use plan::{Hazards, Plan, Touch};
 pub use planner::Planner;
 pub use positioning::{Home, HomingState, MotionLimits};
 pub use probe::{Edge, Latched, PROBES, Probe, ProbeInputs, Source, Wanted};
+pub use rhythm::Config as JumpRhythm;
 pub use state::{Change, ChangeLog, Reason, State, TRANSITIONS};
 pub use supervise::{
     Breakaway, Config as SupervisionConfig, Counters, Limits as SupervisionLimits, Measured, Monitored, Supervisor,
@@ -64,6 +66,7 @@ pub use tick::{SetPoint, TickInput, TickOutput};
 pub use touch::{Config as TouchConfig, Search};
 pub use trajectory::{Follow, Trajectory};
 
+use crate::feed::Order;
 use crate::gap::GapReading;
 use crate::gap::senses::Senses;
 use crate::path::Bound;
@@ -110,6 +113,8 @@ pub struct Status {
     pub gap: GapReading,
     /// What its pulses say of the gap.
     pub senses: Senses,
+    /// What the order test has found last.
+    pub order: Order,
     /// Gap error that the feed law was given last.
     pub gap_error: Volts,
     /// Gap voltage to keep.

@@ -8,8 +8,8 @@ use crate::gap::charging::Material;
 use crate::gap::controlled::ControlledName;
 use crate::gap::{pulses, senses, voltage};
 use crate::head::{
-    Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, InchConfig, JumpConfig, Lift, Report, Retreat,
-    Seek, SeenBy, Setpoint, Structure, SupervisionLimits, TouchConfig,
+    Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, InchConfig, JumpConfig, JumpRhythm, Lift,
+    Report, Retreat, Seek, SeenBy, Setpoint, Structure, SupervisionLimits, TouchConfig,
 };
 use crate::motion::JerkLimits;
 use crate::servo::{CurrentLimits, GRAVITY, Gains, PidGains, Plant, PreslidingConfig, Tuning};
@@ -126,11 +126,23 @@ impl Settings {
             const { name("axis.duty_limit") },
             "must be able to lift axis.mass_kg with a fifth to spare",
         )?;
+        let highest =
+            if self.jump_adaptive > 0.0 { self.jump_height.max(self.jump_height_most) } else { self.jump_height };
         let jump_s = [
-            self.jump_height * counts_per_um / self.jump_velocity(counts_per_um).0,
+            highest * counts_per_um / self.jump_velocity(counts_per_um).0,
             self.jump_velocity * 1e-3 / self.jump_acceleration,
             self.jump_acceleration / self.jump_jerk,
         ];
+        conflict(
+            self.jump_adaptive > 0.0 && self.jump_every_ms == 0.0,
+            const { name("jump.adaptive_percent") },
+            "needs jump.every_ms, the longest interval",
+        )?;
+        conflict(
+            self.jump_adaptive > 0.0 && self.gap_average == voltage::Average::Plain,
+            const { name("jump.adaptive_percent") },
+            "counts pulses, which gap.average = plain does not show",
+        )?;
         conflict(
             jump_s.iter().sum::<f32>() > JUMP_S,
             const { name("jump.height_um") },
@@ -384,6 +396,14 @@ impl Settings {
             jump: JumpConfig {
                 every: Seconds(self.jump_every_ms * 1e-3).ticks(),
                 height: (self.jump_height * axis.counts_per_um) as u32,
+                adaptive: JumpRhythm {
+                    share: self.jump_adaptive / 100.0,
+                    interval: (ticks(self.jump_least_ms.min(self.jump_every_ms)), ticks(self.jump_every_ms)),
+                    height: {
+                        let counts = |um: f32| (um * axis.counts_per_um) as u32;
+                        (counts(self.jump_height), counts(self.jump_height_most.max(self.jump_height)))
+                    },
+                },
                 limits: JerkLimits {
                     velocity: self.jump_velocity(axis.counts_per_um),
                     acceleration: CountsPerSecond2(self.jump_acceleration * 1e6 * axis.counts_per_um),

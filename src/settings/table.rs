@@ -346,6 +346,12 @@ declare! {
         0x210E:6 jump_float: f32 = 100.0, (1.0, 10_000.0), "jump.float_um", "um", "assumed: more than a working gap of [R]", rises "the head would come closer to the work at speed";
         /// Share of all pulses that are arcs above which the head jumps; three jumps without effect are a persistent arc; 0: never.
         0x210E:7 jump_arcs: u32 = 0, (0, 100), "jump.arcs_percent", "%", "assumed: on demand only", live;
+        /// Adaptive jumps: share of arcs and shorts among burned pulses at the end of an interval, to which the head adapts interval and height; 0: periodic.
+        0x210E:8 jump_adaptive: f32 = 0.0, (0.0, 50.0), "jump.adaptive_percent", "%", "assumed: periodic", live;
+        /// Shortest interval of adaptive jumps; the longest is jump.every_ms.
+        0x210E:9 jump_least_ms: f32 = 200.0, (10.0, 1e6), "jump.least_ms", "ms", "assumed", live;
+        /// Largest height of adaptive jumps; the least is jump.height_um.
+        0x210E:10 jump_height_most: f32 = 1000.0, (10.0, 1_000_000.0), "jump.height_most_um", "um", "assumed: all are alike", live;
 
         /// Longest spark-out at the end of the path: the feed law stays on until the share of discharges is below end.discharge_percent; 0: none.
         0x210F:1 end_spark_out_ms: f32 = 0.0, (0.0, 600_000.0), "end.spark_out_ms", "ms", "assumed: only on request", live;

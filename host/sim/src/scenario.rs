@@ -32,6 +32,7 @@ scenarios![
     "sinker-25mm",
     "sinker-dirty",
     "sinker-deep",
+    "sinker-deep-jumps",
     "cavity",
     "thesis-machine",
     "silicon",

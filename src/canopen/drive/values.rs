@@ -271,6 +271,11 @@ impl Drive {
             Item::CountShort => status.gap.pulses.class(Class::Short).into(),
             Item::CountUncertain => status.gap.pulses.class(Class::Uncertain).into(),
             Item::Pauses => self.pauses.into(),
+            Item::OrderFound => status.order.order.into(),
+            Item::OrderPeriods => status.order.periods.into(),
+            Item::OrderRise1 => rise(status.order.rises[0]),
+            Item::OrderRise2 => rise(status.order.rises[1]),
+            Item::OrderRise3 => rise(status.order.rises[2]),
             Item::TeachStep
             | Item::TeachWhy
             | Item::TeachPulses
@@ -567,4 +572,9 @@ fn signal_entry(address: u32) -> Result<Entry, Abort> {
 fn copy(bytes: &[u8], out: &mut [u8]) -> Result<usize, Abort> {
     out.get_mut(..bytes.len()).ok_or(Abort::General)?.copy_from_slice(bytes);
     Ok(bytes.len())
+}
+
+/// A rise of the determinant ratio, in hundredths.
+fn rise(ratio: f32) -> i64 {
+    i64::from((ratio * 100.0) as u32)
 }

@@ -9,6 +9,7 @@ use crate::head::config::{Config, Structure};
 use crate::head::ends::{Ends, Place};
 use crate::head::fault::Fault;
 use crate::head::reaction::Motion;
+use crate::head::rhythm::Rhythm;
 use crate::head::state::{Reason, State};
 use crate::path::Path;
 use crate::units::{Fixed, Micrometres, MicrometresPerSecond, TICKS_PER_MS, Volts, larger};
@@ -39,7 +40,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 (self.status.found, self.meets) = (self.status.position, true);
             }
             (self.good, self.eroded, self.ends) = (self.route.s(), 0, Ends::default());
-            (self.arc_jumps, self.status.cramped) = (0, false);
+            (self.arc_jumps, self.status.cramped, self.rhythm) = (0, false, Rhythm::default());
             if self.config.structure == Structure::SingleLoop {
                 self.reset_loop();
             }
@@ -167,6 +168,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         };
         let answer = self.law.act(&self.config.law, &view);
         self.generator = answer.generator;
+        if let Some(order) = self.law.order() {
+            self.status.order = *order;
+        }
         let wanted = self.config.limits.clamp(answer.velocity);
         (MicrometresPerSecond(self.changeover.value(Some(wanted.0), self.config.transfer)), answer.blind)
     }

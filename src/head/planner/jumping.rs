@@ -16,8 +16,12 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// So much erosion since the last jump.
     pub(super) fn jump_is_due(&mut self) -> bool {
         self.eroded = self.eroded.saturating_add(self.ticks);
-        let every = self.config.jump.every;
-        let due = every > 0 && self.eroded >= every;
+        let jump = &self.config.jump;
+        let due = match jump.every {
+            0 => false,
+            _ if jump.adaptive.share > 0.0 => self.rhythm.is_due(&jump.adaptive, &self.status.gap.pulses, self.eroded),
+            every => self.eroded >= every,
+        };
         // One for which there is no room at all is left out.
         self.eroded = if due { 0 } else { self.eroded };
         due
@@ -37,7 +41,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let (top, _) = self.travel();
         let from = self.segment().from;
         let free = from.minus(axis.counts(top));
-        let height = Fixed::whole(self.config.jump.height.into());
+        let adapts = !commanded && self.config.jump.adaptive.share > 0.0;
+        let height = if adapts { self.rhythm.height(&self.config.jump.adaptive) } else { self.config.jump.height };
+        let height = Fixed::whole(height.into());
         let margin = Fixed::whole((self.config.jump.float as f32 * axis.counts_per_um) as i64);
         let cramped = free < height;
         let led = if cramped { free.minus(margin) } else { height };
@@ -79,6 +85,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             self.enter(State::HoldingPosition, Reason::Held);
         } else {
             self.enter(State::Eroding, Reason::Returned);
+            self.rhythm.begin(&self.config.jump.adaptive, &self.status.gap.pulses);
             self.lead(After::Jump);
         }
         self.along(REST)

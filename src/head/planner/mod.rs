@@ -32,6 +32,7 @@ use super::positioning::Task;
 use super::probe::{PROBES, Probe};
 use super::proof::Proof;
 use super::reaction::Reacting;
+use super::rhythm::Rhythm;
 use super::route::Route;
 use super::silence::Silence;
 use super::state::{Change, ChangeLog, State};
@@ -105,6 +106,7 @@ pub struct Planner<P> {
     meets: bool,
     /// Ticks of erosion since the last jump.
     eroded: u32,
+    rhythm: Rhythm,
     /// Jumps for arcs since there were fewer.
     arc_jumps: u8,
     /// Ticks for which a set point has waited for the axis.
@@ -168,6 +170,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             lifts_to: Fixed(0),
             meets: false,
             eroded: 0,
+            rhythm: Rhythm::default(),
             arc_jumps: 0,
             waited: 0,
             good: Fixed(0),

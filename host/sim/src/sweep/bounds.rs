@@ -46,6 +46,7 @@ const KEPT: &[(&str, &[Kept])] = &[
     ("sinker-25mm", &[("sim_time_s", 130.0, 240.0), ("position_pp_um_median", 5.0, 35.0)]),
     ("sinker-dirty", &[("sim_time_s", 94.0, 157.0), ("arc_ratio", 0.05, 0.3)]),
     ("sinker-deep", &[("sim_time_s", 42.0, 77.0), ("arc_ratio", 0.05, 0.4)]),
+    ("sinker-deep-jumps", &[("sim_time_s", 12.0, 29.0), ("arc_ratio", 0.004, 0.05)]),
     ("cavity", &[("sim_time_s", 125.0, 225.0), ("position_pp_um_median", 5.0, 35.0)]),
     // [R] section 4.2 has about 40 um at 17 to 20 Hz.
     (
