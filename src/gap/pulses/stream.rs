@@ -248,7 +248,8 @@ impl PulseStream {
         let mut gates = block.gate_edges.times().iter();
         loop {
             let edge = gates.next();
-            let to = edge.map_or(END, |at| i32::from(*at));
+            // What came with the end of the block, or after its last conversion, is in no other block.
+            let to = edge.map_or(i32::MAX, |at| i32::from(*at));
             if self.open {
                 self.until(block, to, &mut highs);
             } else {
@@ -272,8 +273,6 @@ impl PulseStream {
         if self.open {
             self.now.shift();
         }
-        // What came after the last conversion: of the next block it is the beginning.
-        self.rest(i32::MAX, &mut highs);
     }
 
     /// Edges of the gate were missed: begins anew.
@@ -394,6 +393,34 @@ mod tests {
     use crate::units::Volts;
     use proptest::prelude::*;
     use std::vec::Vec;
+
+    #[test]
+    fn an_edge_of_the_comparator_with_the_end_of_a_block_is_not_lost() {
+        let block = |high: &[u16], gate: &[u16], open, was_high| {
+            let mut block = GapBlock { codes: [810; BLOCK], gate: GapBlock::ALL, ..GapBlock::EMPTY };
+            high.iter().for_each(|at| assert!(block.high_edges.push(*at)));
+            gate.iter().for_each(|at| assert!(block.gate_edges.push(*at)));
+            (block.gate_was_open, block.was_high) = (open, was_high);
+            block
+        };
+        // The end is 8400; a recording has edges until the first conversion of the next block.
+        for at in [8399, 8400, 8401, 8675] {
+            let mut pulses = PulseStream::new(Config::default().build().unwrap());
+            let mut found = Vec::new();
+            let blocks = [
+                // It shows the comparator, and the next pulse opens.
+                block(&[1100, 2000], &[1000, 2000, 4000], false, false),
+                // It is charged, and ignites with the end.
+                block(&[100, at], &[], true, false),
+                block(&[], &[7000], true, false),
+                // It opens, and is charged with the end.
+                block(&[at], &[8000], false, false),
+                block(&[3000], &[7000], true, true),
+            ];
+            blocks.iter().for_each(|block| pulses.block(block, |pulse| found.push((pulse.class, pulse.ignited))));
+            assert_eq!(found[1..], [(Class::Spark, true); 2], "{at}");
+        }
+    }
 
     /// What one pulse is made of, core cycles.
     #[derive(Clone, Copy, Debug)]
