@@ -70,12 +70,16 @@ pub struct Pulses {
     seen: u32,
     /// Arcs ask for a jump; `None` before enough was seen.
     jump: Option<bool>,
+    /// Milliseconds without permission.
+    off: u32,
 }
 
 impl Pulses {
     /// Pulses, and milliseconds, to have seen before a share means anything for a jump: the standard deviation of a share of
     /// 40 is 8 % at the most, and a jump has to show for a while what it was good for.
     pub const LEAST: u32 = 40;
+    /// Milliseconds without permission, at most, that only interrupt the sums of the fault: a jump may take 1.4 s there and back.
+    const BREAK: u32 = 2000;
 
     /// Classes of late.
     pub fn shares(&self) -> &Shares {
@@ -87,14 +91,20 @@ impl Pulses {
         self.jump
     }
 
-    /// Takes the pulses of a millisecond. Whether arcs are persistent; without permission to pulse everything begins anew.
+    /// Takes the pulses of a millisecond. Whether arcs are persistent. Without permission to pulse, shares and what asks for a jump begin
+    /// anew. The sums of the fault do where the jump was one for arcs, which is to show what it was good for; a jump by time interrupts
+    /// them, or arcs would never be persistent among jumps that follow each other soon.
     pub fn look(&mut self, config: &Config, counts: &Counts, permitted: bool) -> bool {
         let new = counts.since(&self.last);
         self.last = *counts;
         if !permitted {
-            *self = Pulses { last: self.last, ..Pulses::default() };
+            let begins = self.off == 0 && self.jump == Some(true) || self.off >= Self::BREAK;
+            let [_, many, few] = self.arcs;
+            let (arcs, above) = if begins { ([0.0; 3], [0; 2]) } else { ([0.0, many, few], self.above) };
+            *self = Pulses { last: self.last, off: self.off.saturating_add(1), arcs, above, ..Pulses::default() };
             return false;
         }
+        self.off = 0;
         let pulses = new.total();
         let mut classes = new.classes.map(|count| count.min(u16::MAX.into()) as u16);
         if let (0, Some(none)) = (pulses, classes.get_mut(Class::NoPulse as usize)) {
@@ -224,16 +234,44 @@ mod tests {
     }
 
     #[test]
-    fn without_permission_it_begins_anew() {
-        let (mut pulses, mut counts) = (Pulses::default(), Counts::default());
-        let mut look = |permitted| {
-            counts.classes[Class::Arc as usize] += 90;
-            pulses.look(&CONFIG, &counts, permitted)
+    fn after_a_jump_for_arcs_and_after_two_seconds_without_permission_it_begins_anew() {
+        for (config, off, anew) in [
+            (Config { jump: 40, ..CONFIG }, 1, true),
+            (Config { jump: 0, ..CONFIG }, 1, false),
+            (Config { jump: 0, ..CONFIG }, Pulses::BREAK, false),
+            (Config { jump: 0, ..CONFIG }, Pulses::BREAK + 1, true),
+        ] {
+            let (mut pulses, mut counts) = (Pulses::default(), Counts::default());
+            let mut look = |permitted| {
+                counts.classes[Class::Arc as usize] += 90;
+                pulses.look(&config, &counts, permitted)
+            };
+            assert!(!(0..50).any(|_| look(true)));
+            assert!(!(0..off).any(|_| look(false)));
+            assert_eq!((0..50).any(|_| look(true)), !anew, "{config:?}, {off} ms");
+            assert!(look(true));
+        }
+    }
+
+    #[test]
+    fn jumps_by_time_do_not_hide_persistent_arcs_nor_make_them() {
+        // 25 kHz, 180 ms between two jumps of 20 ms.
+        let run = |percent: u64, seconds: u32| {
+            let (mut watch, mut counts, mut chance) = (Pulses::default(), Counts::default(), Chance(7));
+            let config = Config { jump: 0, ..CONFIG };
+            (1..=seconds * 1000).find(|ms| {
+                let permitted = ms % 200 < 180;
+                if permitted {
+                    let arcs = (0..25).filter(|_| chance.next() % 100 < percent).count() as u32;
+                    counts.classes[Class::Arc as usize] += arcs;
+                    counts.classes[Class::Spark as usize] += 25 - arcs;
+                }
+                watch.look(&config, &counts, permitted)
+            })
         };
-        assert!(!(0..50).any(|_| look(true)));
-        assert!(!look(false));
-        assert!(!(0..50).any(|_| look(true)));
-        assert!(look(true));
+        let found = run(62, 10);
+        assert!(found.is_some_and(|ms| ms < 1000), "{found:?}");
+        assert_eq!(run(58, 3600), None);
     }
 
     #[test]
