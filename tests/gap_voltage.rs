@@ -206,7 +206,6 @@ fn other_settings_move_the_reading_smoothly_from_where_it_is() {
         (Config { volts_per_code: 0.05, ..before }, 30.0),
         (Config { zero_code: 510, ..before }, 50.0),
         (Config { polarity: Polarity::Negative, ..before }, -60.0),
-        (Config { average: Average::Plain, ..before }, 60.0 * 16.0 / 25.0),
         (Config { filter: filter(20.0), ..before }, 60.0),
         (Config { filter: filter(2000.0), ..before }, 60.0),
     ];
@@ -218,6 +217,50 @@ fn other_settings_move_the_reading_smoothly_from_where_it_is() {
         assert_near(run(&mut source, Some(on), 1).filtered, 60.0, 0.01);
         assert_near(run(&mut source, Some(on), SETTLED).filtered, end, 0.01);
     }
+}
+
+#[test]
+fn another_average_takes_over_without_a_step_and_takes_the_open_circuit_along() {
+    // 5 kHz: 160 us at 70 V, 40 us of pause.
+    let pulses = [GapBlock::ALL, GapBlock::ALL, GapBlock::ALL, 0b11111].map(|gate| block(70.0, gate));
+    let (gated, plain) = (Config::default(), Config { average: Average::Plain, ..Config::default() });
+    for (from, to, begin, end) in [(gated, plain, 70.0, 56.0), (plain, gated, 56.0, 70.0)] {
+        let mut source = source(from);
+        let mut train = pulses.iter().cycle();
+        let mut next = |source: &mut Voltage| source.update(train.next());
+        (0..SETTLED).for_each(|_| {
+            next(&mut source);
+        });
+        assert_near(next(&mut source).mean, begin, 0.5);
+        source.retune(to.build().unwrap());
+        let mut last = next(&mut source);
+        for _ in 0..2 * SETTLED {
+            let reading = next(&mut source);
+            // 14 V in half a second: 0.03 V a millisecond at the steepest, and what is left of the pulses in the plain average.
+            assert!(
+                (reading.filtered.0 - last.filtered.0).abs() < 0.01,
+                "{} V, {} V",
+                last.filtered.0,
+                reading.filtered.0
+            );
+            last = reading;
+        }
+        assert_near(last.filtered, end, 0.05);
+        assert!((1.0 + last.regauged - end / begin).abs() < 2e-3, "{last:?}");
+    }
+}
+
+#[test]
+fn without_pulses_another_average_is_read_at_once() {
+    let mut source = source(Config::default());
+    run(&mut source, Some(block(60.0, GapBlock::ALL)), SETTLED);
+    let mut idle = block(0.0, 0);
+    idle.codes = block(30.0, GapBlock::ALL).codes;
+    run(&mut source, Some(idle), 100);
+    source.retune(Config { average: Average::Plain, ..Config::default() }.build().unwrap());
+    let reading = source.update(Some(&idle));
+    assert_near(reading.block, 30.0, 0.01);
+    assert_eq!((reading.quality, reading.regauged), (Quality::Valid, 0.0));
 }
 
 #[test]
@@ -236,6 +279,7 @@ fn a_setting_out_of_range_is_named() {
         (Config { min_gated: 0, ..ok }, "fewest gated conversions"),
         (Config { min_gated: 26, ..ok }, "fewest gated conversions"),
         (Config { clipped_share: 0.0, ..ok }, "clipped share"),
+        (Config { transfer: Seconds(0.0), ..ok }, "transfer (s)"),
         (Config { filter: chain::Config { corner: Hertz(10.0), ..ok.filter }, ..ok }, "low-pass corner (Hz)"),
     ];
     for (config, name) in bad {

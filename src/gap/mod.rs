@@ -6,6 +6,7 @@
 //!
 //! Another source is another file that implements [`GapSource`], and its `mod` line.
 
+mod blend;
 pub mod charging;
 pub mod controlled;
 mod gated;
@@ -64,6 +65,8 @@ pub struct GapReading {
     pub short_ticks: u32,
     /// Newest code of the converter, of which noise changes the last bits; 0 where there is none.
     pub code: u16,
+    /// By which share the same gap reads higher than with the average at power-up; 0 until that is changed between pulses.
+    pub regauged: f32,
     /// Every pulse since the start, by class, up to the end of the newest block.
     pub pulses: pulses::Counts,
 }

@@ -8,6 +8,7 @@
 //! because off-time reads 0 V as a short does. A machine whose gate is not wired reports every conversion as gated:
 //! its short run must be set longer than its off-time.
 
+use super::blend::Blend;
 use super::gated::{Gated, PER_BLOCK};
 use super::pulses::{Boundaries, BoundaryConfig, Fit, PulseStream, Seen};
 use super::senses::delays::{self, Delays};
@@ -16,7 +17,7 @@ use super::{GapReading, GapSource, Quality};
 use crate::dsp::decimate::{CodeRange, Tally};
 use crate::dsp::{OutOfRange, chain, in_range};
 use crate::kept::{Kept, parts};
-use crate::units::{ADC_FULL_SCALE, Hertz, Seconds, TICKS_PER_MS, Volts, rare};
+use crate::units::{ADC_FULL_SCALE, Hertz, Seconds, TICK_S, TICKS_PER_MS, Volts, rare};
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 
 /// Which conversions the average is made of.
@@ -69,6 +70,8 @@ pub struct Config {
     pub good: CodeRange,
     /// Share of the averaged conversions that have to be clipped for the block to count as saturated, 0.04..=1.
     pub clipped_share: f32,
+    /// Time constant with which one average gives way to the other, 0.001..=10 s.
+    pub transfer: Seconds,
     /// What tells pulses apart.
     pub pulses: BoundaryConfig,
 }
@@ -89,6 +92,7 @@ impl Default for Config {
             reversed: Volts(20.0),
             good: CodeRange { lowest: 1, highest: ADC_FULL_SCALE - 1 },
             clipped_share: 0.2,
+            transfer: Seconds(0.5),
             pulses: BoundaryConfig::default(),
         }
     }
@@ -117,6 +121,7 @@ impl Config {
             reversed: Volts(-in_range("reversed threshold (V)", self.reversed.0, 1.0, 300.0)?),
             good: self.good,
             clipped_share: in_range("clipped share", self.clipped_share, 0.04, 1.0)?,
+            fade: TICK_S / in_range("transfer (s)", self.transfer.0, 0.001, 10.0)?,
             pulses: self.pulses.build()?,
         })
     }
@@ -156,13 +161,15 @@ pub struct Active {
     reversed: Volts,
     good: CodeRange,
     clipped_share: f32,
+    /// Share of one average that gives way to the other in a tick.
+    fade: f32,
     pulses: Boundaries,
 }
 
 // A part of a word or two: the servo tick may have to wait for the gap task.
 parts!(it: Active {
     average, zero_code, scale, filter, short, contact, min_gated, hold_limit, reversed, good, clipped_share,
-    pulses,
+    fade, pulses,
 } by
     [it.average, it.zero_code],
     [it.scale],
@@ -171,7 +178,7 @@ parts!(it: Active {
     [it.min_gated, it.hold_limit],
     [it.reversed.0],
     [it.good],
-    [it.clipped_share],
+    [it.clipped_share, it.fade],
     [it.filter.each()[0]],
     [it.filter.each()[1]],
     [it.filter.each()[2]],
@@ -206,6 +213,7 @@ pub struct Voltage {
     /// The filters that move, where they are to follow the mains.
     tracked: chain::Tracked,
     gated: Gated,
+    blend: Blend,
     /// Newest average, codes above zero volts; 0 before the first.
     block: f32,
     /// There has been an average.
@@ -234,6 +242,7 @@ impl Voltage {
             filter: chain::State::default(),
             tracked: chain::Tracked::new(active.filter),
             gated: Gated::default(),
+            blend: Blend::new(active.average == Average::Plain),
             block: 0.0,
             begun: false,
             gateless_ticks: u32::MAX,
@@ -246,7 +255,8 @@ impl Voltage {
         }
     }
 
-    /// Goes on with other settings between two ticks. The reading stays where it is in volts and moves on from there.
+    /// Goes on with other settings between two ticks. The reading stays where it is in volts and moves on from there; to another
+    /// average slowly, while there are pulses.
     pub fn retune(&mut self, active: Active) {
         self.tracked.retune(&mut self.filter, &active.filter);
         let ratio = self.active.scale / active.scale;
@@ -256,6 +266,9 @@ impl Voltage {
         self.sum.0 *= ratio;
         self.mean *= ratio;
         self.stream.retune(active.pulses);
+        if self.active.average != active.average {
+            self.blend.begin(active.average == Average::Plain, self.gateless_ticks <= OFF_TIME);
+        }
         self.active = active;
         self.kept = Kept::NEW;
     }
@@ -334,10 +347,16 @@ impl Voltage {
         }
         let gated = self.gated.block(&on, block.gate, above);
         let (sample, used) = match active.average {
-            Average::Gated => (gated, on),
-            Average::Plain => {
+            Average::Gated if !self.blend.changes() => (gated, on),
+            average => {
                 let all = Tally::of(&block.codes, GapBlock::ALL, active.good);
-                (Some(all.above(active.zero_code) as f32 * PER_BLOCK), all)
+                let mut sample = all.above(active.zero_code) as f32 * PER_BLOCK;
+                if self.blend.changes() {
+                    rare();
+                    let plain = self.blend.block(on.count, active.fade);
+                    sample = gated.map_or(sample, |gated| gated + plain * (sample - gated));
+                }
+                (Some(sample), if average == Average::Plain { all } else { on })
             }
         };
         if let Some(sample) = sample {
@@ -420,7 +439,8 @@ impl GapSource for Voltage {
         let code = block.map_or(0, |block| block.codes[BLOCK - 1]);
         let (block, mean) = (Volts(codes * active.scale), Volts(self.mean * active.scale));
         let pulses = *self.stream.counts();
-        GapReading { filtered, block, mean, quality, touches, short_ticks: self.short_ticks, code, pulses }
+        let regauged = self.blend.regauged();
+        GapReading { filtered, block, mean, quality, touches, short_ticks: self.short_ticks, code, regauged, pulses }
     }
 }
 

@@ -261,6 +261,7 @@ impl Settings {
             short: Volts(self.gap_short),
             contact: Volts(self.contact_below),
             hold_limit: Seconds(self.gap_hold_ms * 1e-3),
+            transfer: Seconds(self.transfer_ms * 1e-3),
             pulses: self.boundaries(),
             ..voltage::Config::default()
         };

@@ -30,8 +30,9 @@ crate::choice!(Structure { SingleLoop = "single_loop", VelocityCascade = "veloci
 declare! {
     /// What a person sets on a head: physical units, ranges, defaults.
     pub struct Settings {
-        /// How the gap voltage is averaged.
-        0x2100:1 gap_average: Average = Average::Gated, (), "gap.average", "", "[R] section 6.5.1, the gated average designed there", disabled "loop and reflex rely on it";
+        /// How the gap voltage is averaged. With pulses on, the reading goes from one average to the other with gap.transfer_ms, and what
+        /// was measured as the open circuit with it.
+        0x2100:1 gap_average: Average = Average::Gated, (), "gap.average", "", "[R] section 6.5.1, the gated average designed there", live;
         /// Converter code of zero volts.
         0x2100:2 gap_zero_code: u32 = 410, (0, 4095), "gap.zero_code", "codes", "assumed: divider with offset, docs/wiring.md", disabled "loop and reflex rely on it";
         /// Gap voltage per converter code.
@@ -84,7 +85,7 @@ declare! {
         0x2100:24 controlled: ControlledName = ControlledName::GapVoltage, (), "gap.controlled", "", "[R] section 6.5; distance: [X]; frequency: [L]", live;
         /// Time over which pulses are remembered for hazard, distance and spark frequency.
         0x2100:25 sense_memory: f32 = 10.0, (1.0, 10_000.0), "gap.memory_ms", "ms", "assumed: 80 pulses at 5 kHz, a hazard known to 12 %", live;
-        /// Time constant with which the difference between two quantities fades after a change of gap.controlled.
+        /// Time constant with which the difference between two quantities fades after a change of gap.controlled or gap.average.
         0x2100:26 transfer_ms: f32 = 500.0, (1.0, 10_000.0), "gap.transfer_ms", "ms", "assumed: slower than the gap loop's 4 Hz", live;
         /// Hazard of ignition to keep, ignitions a second of waiting.
         0x2100:27 hazard_setpoint: f32 = 12_600.0, (1.0, 10_000_000.0), "gap.hazard_per_s", "1/s", "docs/gap-sensing.md: 34 um of the sinker at 5 kHz (simulated)", live;

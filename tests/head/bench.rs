@@ -316,6 +316,7 @@ impl Bench {
             short_ticks: self.short_ticks,
             code: 2000 + (self.ticks % 7) as u16,
             pulses: self.counts,
+            regauged: 0.0,
         }
     }
 }

@@ -2,8 +2,9 @@
 
 use edm_servo_head::gap::Quality;
 use edm_servo_head::gap::controlled::ControlledName;
+use edm_servo_head::gap::voltage::Average;
 use edm_servo_head::head::{Command, State};
-use edm_servo_head::settings::Settings;
+use edm_servo_head::settings::{SetpointUnit, Settings};
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use edm_sim::machine::Machine;
 use edm_sim::run::Setup;
@@ -21,14 +22,18 @@ fn eroding(scenario: &str, controlled: ControlledName, seed: u64) -> (Machine, S
     process.base.surface = 0.5;
     let settings = Settings { commissioned: true, controlled, ..head };
     let mut machine = Machine::new(process, &settings, seed).unwrap();
-    run(&mut machine, 0.01, |_| false);
+    erode(&mut machine);
+    (machine, settings)
+}
+
+fn erode(machine: &mut Machine) {
+    run(machine, 0.01, |_| false);
     for command in
         [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(Nanometres(3_000_000)), Command::Start]
     {
         machine.command(command).unwrap();
     }
-    assert!(run(&mut machine, 5.0, |machine| machine.status().state == State::Eroding), "{scenario}");
-    (machine, settings)
+    assert!(run(machine, 5.0, |machine| machine.status().state == State::Eroding), "{:?}", machine.status());
 }
 
 #[test]
@@ -83,4 +88,55 @@ fn another_controlled_variable_begins_without_a_step_of_the_gap_error() {
             run(&mut machine, 0.05, |_| false);
         }
     }
+}
+
+#[test]
+fn another_average_while_eroding_moves_neither_the_gap_error_nor_the_gap() {
+    let Setup { mut process, head, .. } = Setup::load("sinker").unwrap();
+    process.base.surface = 0.5;
+    let gated = Settings {
+        commissioned: true,
+        gap_setpoint_unit: SetpointUnit::PercentOfOpen,
+        gap_average: Average::Gated,
+        ..head
+    };
+    let plain = Settings { gap_average: Average::Plain, ..gated };
+    // Two heads with the same process, one of which changes its average: of the gap itself both see the same.
+    let [mut changes, mut stays] = [0, 1].map(|_| {
+        let mut machine = Machine::new(process, &gated, 1).unwrap();
+        erode(&mut machine);
+        run(&mut machine, 1.0, |_| false);
+        machine
+    });
+    let error = |machine: &mut Machine, settings: &Settings| {
+        machine.configure(&settings.build().unwrap()).unwrap();
+        let mut sum = 0.0;
+        run(machine, 0.02, |machine| {
+            sum += machine.status().gap_error.0 / 400.0;
+            false
+        });
+        sum
+    };
+    let open = changes.status().open_circuit.0;
+    let errors = [error(&mut changes, &plain), error(&mut stays, &gated)];
+    // The averages are 14 V apart.
+    assert!((errors[0] - errors[1]).abs() < 3.0, "{errors:?} V");
+    let gap = |machine: &mut Machine| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        let faulted = run(machine, 6.0, |machine| {
+            (sum, count) = (sum + machine.process.truth().gap_um, count + 1.0);
+            machine.status().fault.is_some()
+        });
+        assert!(!faulted, "{:?}", machine.status().fault);
+        sum / count
+    };
+    let gaps = [gap(&mut changes), gap(&mut stays)];
+    let now = changes.status().open_circuit.0;
+    println!("gap {gaps:?} um, errors {errors:?} V, open circuit {open} V, then {now} V");
+    assert!((gaps[0] - gaps[1]).abs() < 3.0, "{gaps:?} um");
+    assert!((now - 0.8 * open).abs() < 1.5, "{now} V of {open} V");
+    let _ = error(&mut changes, &gated);
+    let back = gap(&mut changes);
+    let now = changes.status().open_circuit.0;
+    assert!((back - gaps[1]).abs() < 3.0 && (now - open).abs() < 1.5, "{back} um of {gaps:?}, {now} V of {open} V");
 }

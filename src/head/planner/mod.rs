@@ -46,7 +46,7 @@ use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Presliding;
-use crate::units::{Fixed, Micrometres};
+use crate::units::{Fixed, Micrometres, Volts};
 use core::ops::DerefMut;
 use edm_hal_shim::self_test::SelfTest;
 
@@ -89,6 +89,8 @@ pub struct Planner<P> {
     /// Servo ticks of erosion in which the controlled variable, or what the law looks at, was not known.
     unknown: u32,
     open: OpenCircuit,
+    /// What readings are regauged by.
+    regauged: f32,
     /// State that a retreat returns to, and the count where it began.
     retreat: (State, i64),
     positioning: Option<Task>,
@@ -159,6 +161,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             changeover: Transfer::NONE,
             unknown: 0,
             open: OpenCircuit::new(config.seek.settle),
+            regauged: 0.0,
             retreat: (State::Eroding, 0),
             positioning: None,
             guide: None,
@@ -418,6 +421,12 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         status.illegal_transitions = monitored.illegal;
         status.current_reduced = monitored.reduced;
         status.senses = monitored.senses;
+        if status.gap.regauged != self.regauged {
+            let ratio = (1.0 + status.gap.regauged) / (1.0 + self.regauged);
+            self.regauged = status.gap.regauged;
+            status.open_circuit = Volts(status.open_circuit.0 * ratio);
+            self.open.scale(ratio);
+        }
         status.gap_setpoint = self.config.setpoint.volts(status.open_circuit);
         if status.closed && status.state.follows() && !status.gap.touches {
             self.cleared = self.cleared.max(status.position);

@@ -633,7 +633,7 @@ fn plan_of(numbers: &[u64; PLAN]) -> Result<Status, Error> {
             touches: shorts >> 32 & 1 != 0,
             short_ticks: shorts as u32,
             code: (shorts >> 48) as u16,
-            pulses: Counts::default(),
+            ..GapReading::default()
         },
         open_circuit: Volts(from_float(open)),
         current: Amps(from_float(current)),
