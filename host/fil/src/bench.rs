@@ -71,6 +71,8 @@ pub struct Bench {
     began: Option<Box<Began>>,
     /// Edges of the gate, and of the line that allows pulses, with [`Bench::exact`].
     pub train: Vec<(u64, Line, bool)>,
+    /// When the gate has fallen, as the chip saw it, where somebody wants to know.
+    pub falls: Option<Vec<u64>>,
 }
 
 /// What [`Bench::train`] shows.
@@ -127,6 +129,7 @@ impl Bench {
             exact: false,
             began: None,
             train: Vec::new(),
+            falls: None,
         };
         bench.wire(0, 0);
         Ok(bench)
@@ -406,6 +409,9 @@ impl World for Bench {
                 self.shown[usize::from(pin.port)][usize::from(pin.number)] = level;
                 if pin == GATE[0] && self.exact {
                     self.train.push((at, Line::Gate, level == Some(true)));
+                }
+                if let Some(falls) = self.falls.as_mut().filter(|_| pin == GATE[0] && level == Some(false)) {
+                    falls.push(at);
                 }
             }
             return Some(self.arrives(change));

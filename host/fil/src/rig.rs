@@ -7,7 +7,7 @@ use crate::host::{self, Bus};
 use crate::image::Image;
 use crate::machine::Machine;
 use crate::rtt::Rtt;
-use crate::seen::{Places, Runs};
+use crate::seen::{Places, Pulses, Runs};
 use crate::wires::CRYSTAL_HZ;
 use anyhow::{Result, anyhow, bail};
 use edm_hal_shim::bridge::Drive;
@@ -457,6 +457,19 @@ impl Emulated {
     /// When there is no memory.
     pub fn runs(&mut self) -> Result<Runs> {
         self.places.runs(&self.machine.soc().memory)
+    }
+
+    /// Pulses that the tasks have counted.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn pulses(&mut self) -> Result<Pulses> {
+        self.places.pulses(&self.machine.soc().memory)
+    }
+
+    /// When the present window began.
+    pub fn window_began(&self) -> u64 {
+        self.end - LOOK
     }
 
     /// Whether the firmware has changed its flash since the last call.

@@ -44,6 +44,10 @@ const CONFIG: &str = "edm_servo_head::head::config::Config";
 const LIMITS: &str = "edm_servo_head::head::supervise::Limits";
 const SOURCE: &str = "edm_servo_head::gap::voltage::Voltage";
 const ACTIVE: &str = "edm_servo_head::gap::voltage::Active";
+const STREAM: &str = "edm_servo_head::gap::pulses::stream::PulseStream";
+const SUPERVISOR: &str = "edm_servo_head::head::supervise::Supervisor";
+const PULSES: &str = "edm_servo_head::gap::pulses::Pulses";
+const SHARES: &str = "edm_servo_head::gap::pulses::shares::Shares";
 const READER: &str = "edm_crossing::latest::Reader";
 const SLOT: &str = "edm_crossing::latest::Slot<edm_servo_head::head::supervise::Config>";
 const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::Config>";
@@ -127,6 +131,21 @@ pub struct Places {
     reading: u32,
     /// Tick that the supervision has monitored last.
     monitored: u32,
+    /// Pulses that the gap task has counted, those that the supervision has looked at, and the shares that it has of them.
+    counted: u32,
+    looked: u32,
+    shares: u32,
+}
+
+/// Pulses that the tasks know of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pulses {
+    /// All, up to the newest block.
+    pub counted: Counts,
+    /// All, up to the newest millisecond.
+    pub looked: Counts,
+    /// Those of the last 176 to 200 ms, by class.
+    pub shares: [u16; CLASSES],
 }
 
 /// Of the follower.
@@ -174,6 +193,10 @@ impl Places {
             CONFIG,
             LIMITS,
             SOURCE,
+            STREAM,
+            SUPERVISOR,
+            PULSES,
+            SHARES,
             ACTIVE,
             READER,
             SLOT,
@@ -206,7 +229,7 @@ impl Places {
             "edm_servo_head::head::tick::SetPoint" SetPoint: to, counts, ticks;
             "edm_servo_head::head::supervise::Counters" Counters: used, watch;
             "edm_servo_head::gap::GapReading" GapReading: filtered, block, mean, quality, touches,
-                short_ticks, pulses;
+                short_ticks, regauged, pulses;
             "edm_servo_head::encoder::shared::Snapshot" Snapshot: raw, illegal, mark;
             "edm_servo_head::encoder::index::Mark" Mark: count, toward_work, crossings;
             "edm_hal_shim::encoder::RawCount" RawCount: count, last_edge, toward_work, now;
@@ -235,6 +258,7 @@ impl Places {
         let raised = plan + layout.offset(PLANS, "raised")?;
         let executed = plan + layout.offset(PLANS, "executed")?;
         let follower = servo + layout.offset(SERVO, "follower")?;
+        let supervised = supervise + layout.offset(SUPERVISE, "supervisor")? + layout.offset(SUPERVISOR, "classes")?;
         let estimator = follower + layout.offset(FOLLOWER, "estimator")?;
         let followed = |field| layout.offset(FOLLOWER, field).map(|at| follower + at);
         let mut variants = Vec::new();
@@ -289,6 +313,12 @@ impl Places {
                 + layout.offset(SOURCE, "active")?,
             reading: servo + layout.offset(SERVO, "reading")? + layout.offset(READER, "taken")?,
             monitored: supervise + layout.offset(SUPERVISE, "monitored_tick")?,
+            counted: symbol("app", "__rtic_internal_local_resource_gap")?
+                + layout.offset(GAP, "source")?
+                + layout.offset(SOURCE, "stream")?
+                + layout.offset(STREAM, "counts")?,
+            looked: supervised + layout.offset(PULSES, "last")?,
+            shares: supervised + layout.offset(PULSES, "shares")? + layout.offset(SHARES, "sums")?,
         })
     }
 
@@ -373,6 +403,19 @@ impl Places {
             ("supervision", slot + behind, limits),
             ("gap task", self.gap, size_of::<edm_servo_head::gap::voltage::Active>() as u32),
         ])
+    }
+
+    /// Pulses that the tasks have counted.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn pulses(&self, memory: &Memory) -> Result<Pulses> {
+        let at = |at| View { region: &memory.sram, at };
+        let mut shares = [0; CLASSES];
+        for (i, share) in shares.iter_mut().enumerate() {
+            *share = at(self.shares).half(2 * i)?;
+        }
+        Ok(Pulses { counted: counts(&at(self.counted))?, looked: counts(&at(self.looked))?, shares })
     }
 
     /// Tick that the supervision has monitored last.
@@ -622,6 +665,7 @@ fn reading(view: &View) -> Result<GapReading> {
         touches: view.flag(at!(GapReading, touches))?,
         short_ticks: view.word(at!(GapReading, short_ticks))?,
         code: view.half(at!(GapReading, code))?,
+        regauged: view.float(at!(GapReading, regauged))?,
         pulses: counts(&view.inner(at!(GapReading, pulses)))?,
     })
 }

@@ -6,6 +6,7 @@ mod bore;
 mod bursts;
 mod bus;
 mod common;
+mod counts;
 mod cycles;
 mod edges;
 mod engine;
