@@ -16,7 +16,14 @@ impl Observer for Nobody {
 }
 
 fn bored(scenario: &str, seed: u64, surrogate: bool) -> Outcome {
-    let job = Job { setup: Setup::load(scenario).unwrap(), depth_mm: 0.03, seed, surrogate, path: None };
+    let job = Job {
+        setup: Setup::load(scenario).unwrap(),
+        depth_mm: 0.03,
+        seed,
+        surrogate,
+        path: None,
+        coarse_error_um: 0.0,
+    };
     bore::bore(&job, &mut Nobody, &mut |_| {}).unwrap()
 }
 

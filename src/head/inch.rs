@@ -67,6 +67,11 @@ pub enum Inch {
     Contradicts,
 }
 
+impl Inch {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Inch; 6] = [Inch::No, Inch::Prepares, Inch::Asks, Inch::Returns, Inch::Late, Inch::Contradicts];
+}
+
 /// What a carried head does next.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Phase {

@@ -1,7 +1,7 @@
 //! The host at the other end of the bus: an ordinary CANopen master, as far as a head needs one.
 
 use anyhow::{Result, bail, ensure};
-use edm_servo_head::head::Command;
+use edm_servo_head::head::{Carry, Command};
 use edm_servo_head::path::Piece;
 use edm_servo_head::units::Nanometres;
 use edm_soc::Frame;
@@ -182,6 +182,14 @@ pub fn command(bus: &mut impl Bus, command: Command) -> Result<()> {
             let reach = counts(bus, reach)?;
             write(bus, 0x2011, 2, reach, 4)?;
             write(bus, 0x2011, 1, 1, 1)?;
+        }
+        Command::Carry(Carry::To(to)) => {
+            let to = counts(bus, to)?;
+            write(bus, 0x2014, 4, to, 4)?;
+        }
+        Command::Carry(answer) => {
+            write(bus, 0x2014, 5, 0, 1)?;
+            write(bus, 0x2014, 5, if answer == Carry::AsAsked { 1 } else { 2 }, 1)?;
         }
         Command::Start => write(bus, 0x2001, 1, 1, 1)?,
         Command::Jump => write(bus, 0x2001, 7, 1, 1)?,

@@ -536,6 +536,10 @@ impl Rig for Emulated {
         &self.status
     }
 
+    fn carry(&mut self, mm: f64) {
+        self.process_mut().fault_inputs.carried_mm = mm;
+    }
+
     fn true_count(&self) -> i64 {
         self.count
     }

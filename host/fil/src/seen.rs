@@ -15,8 +15,8 @@ use edm_servo_head::gap::charging::Material;
 use edm_servo_head::gap::pulses::{CLASSES, Config as ArcConfig, Counts};
 use edm_servo_head::gap::senses::Config as SensesConfig;
 use edm_servo_head::head::{
-    Breakaway, Command, Counters, Fault, Home, MotionLimits, Probe, ProbeInputs, SetPoint, Source, State, Status,
-    SupervisionLimits, TickInput,
+    Breakaway, Carry, Command, Counters, Fault, Home, Inch, MotionLimits, Probe, ProbeInputs, SetPoint, Source, State,
+    Status, SupervisionLimits, TickInput,
 };
 use edm_servo_head::motion::Method;
 use edm_servo_head::path::{Piece, Shape};
@@ -223,7 +223,8 @@ impl Places {
         let layout = Layout::read(image.file(), &wanted)?;
         checked!(layout,
             "edm_servo_head::head::Status" Status: tick, state, fault, position, setpoint, following, velocity, path, gap,
-                gap_setpoint, open_circuit, duty, saturated, current, bus, illegal_transitions, homed, current_reduced;
+                gap_setpoint, open_circuit, duty, saturated, current, bus, illegal_transitions, homed, current_reduced, inch, carried,
+                coarse, carry_to;
             "edm_servo_head::head::tick::TickInput" TickInput: encoder, short_ticks, touches, drive, safety, reflex, reported, set_point,
                 asked;
             "edm_servo_head::head::tick::SetPoint" SetPoint: to, counts, ticks;
@@ -495,6 +496,12 @@ impl Places {
                 if touches { Command::Touch(nm()?, limits) } else { Command::Position(nm()?, limits) }
             }
             "FindSurface" => Command::FindSurface(nm()?),
+            // Its number, and behind it the place.
+            "Carry" => Command::Carry(match view.byte(first)? {
+                0 => Carry::To(Nanometres(view.long(first + size_of::<i64>())?)),
+                1 => Carry::AsAsked,
+                _ => Carry::Refused,
+            }),
             "Follow" => Command::Follow(nm()?, view.word(second)?),
             "Home" => {
                 let home = view.inner(first);
@@ -811,6 +818,10 @@ fn status(view: &View) -> Result<Status> {
         safety: contacts(&view.inner(at!(Status, safety)))?,
         homed: view.flag(at!(Status, homed))?,
         current_reduced: view.flag(at!(Status, current_reduced))?,
+        inch: *Inch::ALL.get(view.byte(at!(Status, inch))?).context("an answer to no question")?,
+        carried: view.long(at!(Status, carried))?,
+        coarse: view.long(at!(Status, coarse))?,
+        carry_to: view.long(at!(Status, carry_to))?,
         ..Status::default()
     })
 }

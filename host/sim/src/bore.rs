@@ -1,11 +1,12 @@
 //! A hole, from a head at rest to its depth or to the reason why not.
 
+use crate::coarse::Coarse;
 use crate::gcode::Move;
 use crate::machine::{Machine, Rig};
 use crate::process::{Process, Truth};
 use crate::run::{FaultEvent, Job, Observer, Outcome, Program, Progress, Sample};
 use edm_servo_head::gap::{GapSource, Voltage};
-use edm_servo_head::head::{Command, Reason, State, Structure};
+use edm_servo_head::head::{Command, Reason, SeenBy, State, Structure};
 use edm_servo_head::path::{AHEAD, AXES, BESIDE_NM, Path, Piece, Point, Shape};
 use edm_servo_head::settings::{SettingError, Settings};
 use edm_servo_head::units::{FRACTION_BITS, Fixed, Nanometres, TICK_HZ};
@@ -40,9 +41,16 @@ pub fn check(setup: &Setup) -> Result<(), SettingError> {
     Ok(())
 }
 
-/// Depths that can be bored, mm: from a micrometre to the lower end of the stroke, or to the lower limit switch.
+/// Deepest hole of a head that a coarse axis carries, mm.
+const DEEPEST: f64 = 500.0;
+
+/// Depths that can be bored, mm: from a micrometre to the lower end of the stroke, or to the lower limit switch. A coarse axis carries
+/// the head on.
 pub fn depth_range_mm(setup: &Setup) -> RangeInclusive<f64> {
     let p = &setup.process;
+    if setup.head.inch_step > 0.0 {
+        return 0.001..=DEEPEST;
+    }
     let lowest = (p.stroke_mm() as f32).min(p.base.lower_limit).min(setup.head.axis_stroke * 1e-3);
     // In whole micrometres, so that the limit reads as a person would write it.
     let whole = |mm: f64| (mm * 1000.0).floor() / 1000.0;
@@ -157,9 +165,18 @@ pub fn run(
     let mut lifted_from_um = None;
     let mut eroding = Means::default();
     let (mut jumps, mut cramped) = (0, false);
+    let by_word = setup.head.inch_seen == SeenBy::Word;
+    let mut coarse = Coarse::new(job.coarse_error_um, by_word, job.seed);
     let mut tick = 0;
     let state = loop {
         machine.tick()?;
+        if setup.head.inch_step > 0.0 {
+            let answer = coarse.tick(machine.status(), f64::from(setup.head.encoder_count) * 1e3);
+            machine.carry(coarse.place_um() * 1e-3);
+            if let Some(answer) = answer {
+                machine.command(Command::Carry(answer))?;
+            }
+        }
         tick += 1;
         let truth = machine.process().truth();
         let sample = sample(machine, &truth, home_um);
@@ -242,10 +259,12 @@ pub fn run(
         crater_um: machine.process().crater_um(),
         pit_um: machine.process().pit_um(),
         removed_mm3: setup.process.face_mm2() * removed_um * 1e-3,
-        lost_counts: machine.status().position.abs_diff(machine.true_count() - home),
+        lost_counts: (machine.status().position - machine.status().carried).abs_diff(machine.true_count() - home),
         illegal_transitions: machine.status().illegal_transitions.into(),
         jumps,
         cramped,
+        inches: coarse.moves(),
+        carried_mm: coarse.place_um() * 1e-3,
         faults,
     })
 }

@@ -35,6 +35,8 @@ declare! {
         generator: bool = false, (), "generator.off", "", "the gate is missing: the head retraces to its safe height";
         /// The surface of the work is higher by this; -100 removes the work.
         raised: f32 = 0.0, (-100.0, 100.0), "workpiece.raised_mm", "mm", "a head that moves into the work stops on contact";
+        /// A coarse axis has carried the head toward the work by this.
+        carried: f32 = 0.0, (-1000.0, 1000.0), "coarse.carried_mm", "mm", "the head takes no notice before its host says so (2014h)";
         /// Force of a hand on the head, positive toward the work.
         hand: f32 = 0.0, (-50.0, 50.0), "hand.force_n", "N", "a disabled head moves and counts; a closed loop resists";
         /// The contact sense supply is off.
@@ -73,6 +75,8 @@ pub struct FaultInputs {
     pub sense_off: bool,
     /// The workpiece is higher by this, mm.
     pub raised_mm: f64,
+    /// A coarse axis has carried the head toward the work by this, mm.
+    pub carried_mm: f64,
     /// Force on the head, N.
     pub hand_n: f64,
     /// Share of the pulses that arc whatever the gap is like.
@@ -197,6 +201,9 @@ impl Wires {
         }
         if self.arcs != to.arcs {
             fault_inputs.arcs = f64::from(to.arcs) * 0.01;
+        }
+        if self.carried != to.carried {
+            fault_inputs.carried_mm = to.carried.into();
         }
         if self.raised != to.raised {
             fault_inputs.raised_mm = to.raised.into();

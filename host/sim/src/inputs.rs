@@ -23,6 +23,9 @@ pub struct Inputs {
     /// Random seed; the same seed gives the same run
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
     pub seed: u64,
+    /// Largest error of a move of the coarse axis that carries the head, um; it is there where inch.step_um is not 0
+    #[arg(long, value_name = "UM", default_value_t = 5.0, value_parser = coarse_error)]
+    pub coarse_error_um: f64,
     /// Run without sparks: the gap signal is calculated from position, noise and an assumed rate of erosion
     #[arg(long)]
     pub surrogate: bool,
@@ -43,7 +46,14 @@ impl Inputs {
         let depth_mm = depth.ok_or_else(|| {
             format!("--depth-mm {asked}: must be a number from {} to {} mm", range.start(), range.end())
         })?;
-        Ok(Job { setup, depth_mm, path: None, seed: self.seed, surrogate: self.surrogate })
+        Ok(Job {
+            setup,
+            depth_mm,
+            path: None,
+            seed: self.seed,
+            surrogate: self.surrogate,
+            coarse_error_um: self.coarse_error_um,
+        })
     }
 }
 
@@ -61,6 +71,15 @@ pub fn setup(scenario: &str, model: Option<u32>, assignments: &[String]) -> Resu
         setup.set(assignment).map_err(|message| format!("--set {message}"))?;
     }
     Ok(setup)
+}
+
+/// Reads an error of the coarse axis.
+///
+/// # Errors
+/// What it has to be.
+pub fn coarse_error(text: &str) -> Result<f64, String> {
+    let error = text.parse().ok().filter(|error| (0.0..=1000.0).contains(error));
+    error.ok_or_else(|| "must be a number from 0 to 1000 um".into())
 }
 
 /// Reads a seed.

@@ -39,6 +39,7 @@ pub mod bench;
 pub mod board;
 pub mod bore;
 pub mod cli;
+pub mod coarse;
 pub mod compare;
 pub mod contact;
 pub mod events;

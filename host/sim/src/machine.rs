@@ -52,6 +52,8 @@ pub trait Rig {
     /// # Errors
     /// When they are refused.
     fn limit_feed(&mut self, settings: &Settings) -> Result<(), String>;
+    /// Has a coarse axis carry the head to so many mm from where it was.
+    fn carry(&mut self, mm: f64);
     /// The true count at the moment that the position of the status is of.
     fn true_count(&self) -> i64 {
         self.process().truth().count
@@ -86,6 +88,9 @@ impl Rig for Machine {
     fn limit_feed(&mut self, settings: &Settings) -> Result<(), String> {
         let active = settings.build().map_err(|error| error.to_string())?;
         Machine::configure(self, &active).map_err(|refused| format!("feed.max_um_s was refused: {refused}"))
+    }
+    fn carry(&mut self, mm: f64) {
+        self.process.fault_inputs.carried_mm = mm;
     }
     fn gap_block(&self) -> Volts {
         self.core.ports.gap_block.get()

@@ -27,6 +27,8 @@ pub struct Job {
     pub seed: u64,
     /// Drive the head from position, noise and an assumed rate of erosion instead of a gap signal (Roberts, sections 6.3 and 6.8).
     pub surrogate: bool,
+    /// Largest error of a move of the coarse axis, um, where `inch.step_um` asks for one.
+    pub coarse_error_um: f64,
 }
 
 impl Job {
@@ -171,6 +173,10 @@ pub struct Outcome {
     pub jumps: u64,
     /// Some due jumps were lower than set, or left out, because there was no room above.
     pub cramped: bool,
+    /// Moves of the coarse axis, and how far it has carried the head, mm.
+    pub inches: u64,
+    /// See [`inches`](Outcome::inches).
+    pub carried_mm: f64,
     /// Faults in the order they were raised.
     pub faults: Vec<FaultEvent>,
 }

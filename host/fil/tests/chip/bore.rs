@@ -27,7 +27,7 @@ fn job(depth_mm: f64) -> Job {
     let mut setup = Setup::load("default").unwrap();
     // A short way to the work.
     setup.set("workpiece.surface_mm=0.3").unwrap();
-    Job { setup, depth_mm, path: None, seed: 1, surrogate: false }
+    Job { setup, depth_mm, path: None, seed: 1, surrogate: false, coarse_error_um: 0.0 }
 }
 
 fn chip(depth_mm: f64) -> (Outcome, Means) {

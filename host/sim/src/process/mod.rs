@@ -263,7 +263,7 @@ impl Piece {
 pub struct Truth {
     /// Time since the start, s.
     pub t_s: f64,
-    /// Electrode carrier, um below the upper stop.
+    /// Electrode carrier, um below the upper stop before a coarse axis has carried that.
     pub position_um: f64,
     /// Electrode face, um: the carrier less wear.
     pub face_um: f64,
@@ -401,7 +401,7 @@ impl Process {
             from_us: from,
             drive: if faults.safety.bridge_fault { Drive::Coast } else { drive },
             bus_v: self.bus(),
-            surface_m: self.first_surface_m(),
+            surface_m: self.surface_below_m(),
             hand_n: faults.hand_n,
             pulses: pulses || faults.disobeys,
             permission: if faults.disobeys { &[] } else { &permission },
@@ -467,7 +467,12 @@ impl Process {
         self.fault_inputs.bus_v.unwrap_or(self.p.bus.into())
     }
 
-    /// First surface of the work, m below the upper stop.
+    /// The same below the upper stop of the head, which a coarse axis may have carried.
+    fn surface_below_m(&self) -> f64 {
+        self.first_surface_m() - self.fault_inputs.carried_mm * 1e-3
+    }
+
+    /// First surface of the work, m below the place where the upper stop is before a coarse axis has carried it.
     fn first_surface_m(&self) -> f64 {
         (f64::from(self.p.surface) - self.fault_inputs.raised_mm) * 1e-3
     }
@@ -541,8 +546,9 @@ impl Process {
     pub fn truth(&self) -> Truth {
         let Inside { x, v, i, removed_um, wear_um, debris, damage, through } = self.model.inside();
         let first_m = self.first_surface_m();
-        let (contact_n, film_n) = self.model.forces_n(first_m);
-        let position_um = x * 1e6;
+        let below_m = self.surface_below_m();
+        let (contact_n, film_n) = self.model.forces_n(below_m);
+        let position_um = x * 1e6 + self.fault_inputs.carried_mm * 1e3;
         Truth {
             t_s: self.ticks as f64 * TICK_US * 1e-6,
             position_um,
@@ -550,7 +556,7 @@ impl Process {
             velocity_um_s: v * 1e6,
             surface_um: (first_m + removed_um * 1e-6) * 1e6,
             first_surface_um: f64::from(self.p.surface) * 1e3,
-            gap_um: self.model.gap_um(first_m),
+            gap_um: self.model.gap_um(below_m),
             count: self.scale.true_count(x),
             pulses: self.model.pulses(),
             wear_um,

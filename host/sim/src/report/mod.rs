@@ -105,6 +105,10 @@ pub struct Report {
     pub jumps: u64,
     /// Jumps that were due were lower than `jump.height_um`, or left out, because there was no room above.
     pub jumps_cramped: bool,
+    /// Moves of the coarse axis.
+    pub inches: u64,
+    /// How far it has carried the head, mm.
+    pub carried_mm: f64,
     /// Faults in the order they were raised.
     pub faults: Vec<FaultEvent>,
     /// What is beyond its limit; empty when nothing is.
@@ -206,6 +210,8 @@ impl Report {
             illegal_transitions: outcome.illegal_transitions,
             jumps: outcome.jumps,
             jumps_cramped: outcome.cramped,
+            inches: outcome.inches,
+            carried_mm: rounded(outcome.carried_mm),
             faults: outcome.faults.clone(),
             findings: Vec::new(),
         };

@@ -28,6 +28,9 @@ impl fmt::Display for Summary<'_> {
         if let Some(words) = self.jumps() {
             row("Jumps", words)?;
         }
+        if report.inches > 0 {
+            row("Coarse axis", format!("{} moves, head carried by {:.3} mm", report.inches, report.carried_mm))?;
+        }
         row("Encoder", self.encoder())?;
         if report.faults.is_empty() {
             row("Faults", "none".into())?;

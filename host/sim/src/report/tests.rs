@@ -4,7 +4,14 @@ use crate::run::Setup;
 use crate::statistics;
 
 fn job() -> Job {
-    Job { setup: Setup::load("default").unwrap(), depth_mm: 0.5, path: None, seed: 7, surrogate: false }
+    Job {
+        setup: Setup::load("default").unwrap(),
+        depth_mm: 0.5,
+        path: None,
+        seed: 7,
+        surrogate: false,
+        coarse_error_um: 0.0,
+    }
 }
 
 fn outcome() -> Outcome {
