@@ -60,3 +60,27 @@ fn the_chip_bores_the_hole_of_the_native_core_within_the_stated_statistics() {
 fn the_same_seed_bores_the_same_hole() {
     assert_eq!(chip(0.003), chip(0.003));
 }
+
+#[test]
+fn the_chip_asks_for_a_coarse_axis_and_goes_on_at_the_same_count() {
+    let mut job = job(0.02);
+    // The head ends 0.1 mm above the end of a stroke of 1 mm, and the work begins below that.
+    for assignment in [
+        "workpiece.surface_mm=1.1",
+        "axis.stroke_um=1000",
+        "inch.step_um=150",
+        "inch.reserve_um=100",
+        "inch.clearance_um=50",
+        "inch.tolerance_um=20",
+        "seek.velocity_um_s=1000",
+    ] {
+        job.setup.set(assignment).unwrap();
+    }
+    job.coarse_error_um = 5.0;
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let there = edm_fil::rig::bore(&image, false, false, &job, &mut Means::default(), &mut |_| {}).unwrap();
+    assert!(there.completed, "{there:?}");
+    assert_eq!((there.inches, there.lost_counts), (2, 0));
+    let off_um = 1e3 * (there.depth_mm + there.wear_mm - 0.02);
+    assert!(off_um.abs() <= 2.0, "{off_um} um");
+}

@@ -30,6 +30,8 @@ fn outcome() -> Outcome {
         removed_mm3: 3.8,
         lost_counts: 0,
         illegal_transitions: 0,
+        inches: 0,
+        carried_mm: 0.0,
         jumps: 0,
         cramped: false,
         faults: vec![],
@@ -74,7 +76,7 @@ fn the_json_has_exactly_these_keys_in_this_order() {
          \"shot_floor_rms\":3.7},\"gap_um\":{\"mean\":38.2,\"rms_error\":3.1},\"position_pp_um_median\":4.2,\
          \"position_line_um\":{\"amplitude\":0.6,\"hz\":7.2},\"vibration_mm_s\":0.21,\"velocity_mm_s\":0.25,\"duty_at_limit_ratio\":null,\"open_ratio\":0.35,\"spark_ratio\":0.62,\
          \"arc_ratio\":0.01,\"short_ratio\":0.02,\"discharges\":630,\"long_retreats\":2,\"short_cycle_ratio\":0.02,\"shorts\":4,\"long_retreats_shorted\":1,\"removal_mm3_min\":1.572414,\"crater_um\":12.5,\"debris_mean\":0.9,\"damage_mean\":0.04,\"pit_um\":1.25,\"contact_n_max\":0.25,\"film_n_max\":3.5,\"lost_counts\":0,\
-         \"illegal_transitions\":0,\"jumps\":0,\"jumps_cramped\":false,\"faults\":[],\"findings\":[]}"
+         \"illegal_transitions\":0,\"jumps\":0,\"jumps_cramped\":false,\"inches\":0,\"carried_mm\":0.0,\"faults\":[],\"findings\":[]}"
     );
 }
 

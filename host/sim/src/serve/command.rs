@@ -7,6 +7,7 @@ use crate::inputs::{seed, setup};
 use crate::run::Setup;
 use crate::terminal::Failure;
 use clap::Args;
+use edm_servo_head::canopen::NodeId;
 use std::path::PathBuf;
 
 /// Arguments of `edm-sim serve`.
@@ -21,6 +22,9 @@ pub struct Serve {
     /// Node-ID of the first head, 1 to 127; the others follow. 255: heads wait until a host assigns a node-ID by LSS
     #[arg(long, value_name = "ID", default_value_t = 1, value_parser = node_id)]
     pub node_id: u8,
+    /// One node more, behind the heads: a coarse axis that carries them
+    #[arg(long)]
+    pub coarse_axis: bool,
     /// Scenario by name (`edm-sim scenarios` lists them), or a scenario file
     #[arg(long, value_name = "FILE|NAME", default_value = "default")]
     pub scenario: String,
@@ -57,6 +61,10 @@ impl Serve {
             (1, id) => format!("Virtual head, node {id}"),
             (n, id) => format!("{n} virtual heads, nodes {id} to {}", u16::from(id) + u16::from(n) - 1),
         };
+        let heads = match self.coarse_axis {
+            true => format!("{heads}, and a coarse axis, node {}", u16::from(self.node_id) + u16::from(self.nodes)),
+            false => heads,
+        };
         let title =
             format!("{heads} (scenario {}, {} x real time; everything is simulated)", self.scenario, self.speed);
         super::run(&title, &self.links, self.speed, &mut { fleet })
@@ -74,7 +82,7 @@ impl Serve {
 
     fn fleet(&self) -> Result<Fleet, String> {
         let setup = self.setup()?;
-        let last = u16::from(self.node_id) + u16::from(self.nodes);
+        let last = u16::from(self.node_id) + u16::from(self.nodes) + u16::from(self.coarse_axis);
         if last > 128 && self.node_id != UNCONFIGURED {
             return Err(format!(
                 "--nodes {}: must be at most {} from --node-id {} on, because node-IDs end at 127",
@@ -83,7 +91,13 @@ impl Serve {
                 self.node_id
             ));
         }
-        Fleet::new(&setup, self.node_id, self.nodes, self.seed, self.store.as_deref())
+        let fleet = Fleet::new(&setup, self.node_id, self.nodes, self.seed, self.store.as_deref())?;
+        if !self.coarse_axis {
+            return Ok(fleet);
+        }
+        let id = self.node_id.checked_add(self.nodes).and_then(NodeId::new);
+        let id = id.ok_or("--coarse-axis: needs --node-id 1 to 127, and room behind the heads")?;
+        fleet.carried(id, self.seed.wrapping_add(self.nodes.into()), self.store.as_deref())
     }
 }
 

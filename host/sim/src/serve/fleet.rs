@@ -21,7 +21,19 @@ pub struct Fleet {
     /// What the heads sent in the last tick, and which of them.
     sent: Vec<(usize, Frame)>,
     sending: Vec<Frame>,
+    /// The last head is a coarse axis that carries the others.
+    carries: bool,
 }
+
+/// A coarse axis: a head with a long stroke and no work near.
+const COARSE: [&str; 6] = [
+    "model.cable_n_mm=0",
+    "model.stroke_mm=300",
+    "axis.stroke_um=300000",
+    "workpiece.surface_mm=299",
+    "limit.lower_mm=298",
+    "inch.step_um=0",
+];
 
 impl Fleet {
     /// Heads that have just been switched on: `count` of them from node-ID `first` on, or all [`UNCONFIGURED`], each with the
@@ -39,7 +51,22 @@ impl Fleet {
             Head::new(setup, (node, serial.into()), seed.wrapping_add(index.into()), Store::new(store, &name)?)
         };
         let heads = (0..count).map(head).collect::<Result<_, String>>()?;
-        Ok(Fleet { heads, sent: Vec::new(), sending: Vec::new() })
+        Ok(Fleet { heads, sent: Vec::new(), sending: Vec::new(), carries: false })
+    }
+
+    /// The same with one node more, which stands for a coarse axis of the machine: where it is, it has carried the heads.
+    ///
+    /// # Errors
+    /// When the folder of its store cannot be made.
+    pub fn carried(mut self, id: NodeId, seed: u64, store: Option<&Path>) -> Result<Fleet, String> {
+        let mut setup = Setup::load("default")?;
+        for assignment in COARSE {
+            setup.set(assignment)?;
+        }
+        let store = Store::new(store, &format!("node-{}", id.get()))?;
+        self.heads.push(Head::new(&setup, (Some(id), id.get().into()), seed, store)?);
+        self.carries = true;
+        Ok(self)
     }
 }
 
@@ -51,6 +78,10 @@ impl Plant for Fleet {
             head.tick(came.iter().chain(others), &mut self.sending);
             self.sent.extend(self.sending.iter().map(|frame| (at, *frame)));
             sent.append(&mut self.sending);
+        }
+        if let (true, [heads @ .., axis]) = (self.carries, &mut self.heads[..]) {
+            let mm = axis.process.truth().position_um * 1e-3;
+            heads.iter_mut().for_each(|head| head.process.fault_inputs.carried_mm = mm);
         }
         Ok(())
     }
@@ -301,6 +332,23 @@ mod tests {
             assert!(status.following.abs() < 20.0, "{ms}: {status:?}");
         }
         assert_eq!(answers, [MS, MS], "both answers to every SYNC, in its own tick");
+    }
+
+    #[test]
+    fn a_coarse_axis_is_the_last_node_and_carries_the_others() {
+        let mut fleet = fleet(1, 2).carried(NodeId::new(3).unwrap(), 9, None).unwrap();
+        let booted = sent(&mut fleet, &[], 10);
+        assert_eq!(booted[..3], [frame(0x701, &[0]), frame(0x702, &[0]), frame(0x703, &[0])]);
+        let surface = fleet.heads[0].process.truth().surface_um;
+        fleet.line("3 hand.force_n=0.7").unwrap();
+        sent(&mut fleet, &[], 50);
+        let [one, two, axis] = [0, 1, 2].map(|at| fleet.heads[at].process.truth());
+        assert!(axis.position_um > 300.0, "{axis:?}");
+        for head in [one, two] {
+            assert!((head.position_um - axis.position_um).abs() < 50.0, "{head:?}");
+            assert_eq!(head.surface_um, surface);
+            assert!((head.gap_um + head.face_um - surface).abs() < 50.0, "{head:?}");
+        }
     }
 
     #[test]
