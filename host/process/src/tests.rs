@@ -473,3 +473,29 @@ fn a_discharge_of_version_2_removes_less_where_the_power_is_dense() {
     let (small, large) = (of(500.0), of(5000.0));
     assert!(small < 0.6 * large && large > 0.8, "{small} {large}");
 }
+
+#[test]
+fn no_channel_of_version_2_ignites_below_its_burn_voltage() {
+    let least = |version: u32| {
+        let p = Parameters { burn_scatter_v: 0.0, runout_um: 0.0, ..XIN.of(version) };
+        // A dirty narrow gap ignites while the voltage rises.
+        let (_, seen) = held(&p, 9.0, 4.0, Orders::default());
+        let burning = seen.stretches.iter().filter(|s| s.volts.to == p.burn_v);
+        burning.map(|s| s.volts.from / p.burn_v).fold(f64::INFINITY, f64::min)
+    };
+    assert!((1.0 - 1e-6..1.3).contains(&least(2)) && least(1) < 0.9, "{} {}", least(2), least(1));
+}
+
+#[test]
+fn a_plain_rc_generator_of_version_2_arcs_when_its_resistance_is_too_small() {
+    let arcs = |over_least: f64| {
+        let p = Parameters { kind: Kind::Rc, capacitor_pf: 10_000.0, ..SINKER.of(2) };
+        let p = Parameters { capacitor_ohm: over_least * p.least_ohm(), ..p };
+        let mut rig = Rig::new(&p, Law::Voltage(Voltage::calm(65.0)), Motion::default(), 1).unwrap();
+        rig.run(2.0);
+        let n = rig.process.pulses();
+        n.arc as f64 / n.total() as f64
+    };
+    let (half, twice) = (arcs(0.5), arcs(2.0));
+    assert!(half > 0.5 && (1e-4..0.05).contains(&twice), "{half} {twice}");
+}

@@ -41,9 +41,9 @@ fn every_number_moves_a_run_and_what_all_generators_have_in_common_moves_each_of
         let transistor = matches!(kind, Kind::IsoFrequency | Kind::IsoEnergy);
         match key {
             "wait_us" => matches!(kind, Kind::IsoFrequency | Kind::ControlledRc),
-            // In version 2 the recovery time is that of a full on-time.
-            "on_us" => kind == Kind::Rc && version == 1,
-            "off_us" => kind == Kind::Rc,
+            "on_us" | "off_us" => kind == Kind::Rc,
+            // In version 2 it goes with the burning time alone.
+            "recovery_us" => kind == Kind::Rc && version == 2,
             "charge_ohm" | "permittivity" | "rounding_um" => !transistor,
             "burn_ohm" => kind == Kind::Rc,
             "short_v" => kind == Kind::ControlledRc,

@@ -66,7 +66,7 @@ pub struct Gap {
     spot_um2: f64,
     /// Energy of a step, uJ; mean power density, W/mm^2, and what a step leaves of it; share of removal that it allows.
     power: (f64, f64, f64, f64),
-    /// The on-time or, of a capacitor, its discharge, us.
+    /// Burning time whose recovery time is that of the parameters, us: the on-time or, of a capacitor, its discharge.
     full_on_us: f64,
     /// Rate at which bridges form, over `bridge_hz`.
     forms: f64,
@@ -113,7 +113,12 @@ impl Gap {
             pit_um: 0.0,
             spot_um2: p.spot * libm::cbrt(p.crater_um3()) * libm::cbrt(p.crater_um3()),
             power: (0.0, 0.0, libm::exp(-p.step_us / BEARS_US), 1.0),
-            full_on_us: if p.kind == Kind::ControlledRc { p.discharge_us() } else { p.on_us },
+            full_on_us: match p.kind {
+                Kind::ControlledRc => p.discharge_us(),
+                // It has no on-time.
+                Kind::Rc if p.recovery_rc > 0.0 => p.recovery_us / p.recovery_rc,
+                _ => p.on_us,
+            },
             forms: 0.0,
             seen: (0.0, 0.0),
             own_dirt_um: libm::cbrt(p.crater_um3()) / (p.spot * REFERENCE),

@@ -39,7 +39,7 @@ impl Fitted {
         rounding_um: 25.86,
         ignition: 810.4,
         xin_removal: 10.64,
-        slow_log: 0.6538,
-        thesis_gain: 152.1,
+        slow_log: 0.6594,
+        thesis_gain: 151.5,
     };
 }

@@ -336,10 +336,14 @@ declare! {
     gas_back = 0.0, (0.0, 1e6), "", OFF;
     /// Time for which the gap must have opened to tear a bridge or an arc; 0 for none.
     tear_ms = 0.0, (0.0, 10_000.0), "ms", OFF;
+    /// Share of the burn voltage below which nothing ignites.
+    ignites_above = 0.0, (0.0, 1.0), "", OFF;
+    /// Recovery time of a plain RC generator's channel in a clean gap, over the time that its discharge burned; 0 for that of a transistor.
+    recovery_rc = 0.0, (0.0, 1000.0), "", OFF;
 }
 
 /// Of the numbers, how many version 1 has; its others are 0, or unused with those.
-pub const OF_VERSION_1: usize = DECLARED.len() - 14;
+pub const OF_VERSION_1: usize = DECLARED.len() - 16;
 
 impl Parameters {
     /// Sets one by its name.
@@ -399,6 +403,11 @@ impl Parameters {
     /// Time in which a capacitor's discharge is over, us: half a period of its circuit.
     pub fn discharge_us(&self) -> f64 {
         std::f64::consts::PI * (self.capacitor_pf * 1e-12 * self.loop_nh * 1e-9).sqrt() * 1e6
+    }
+
+    /// Least charging resistance of a plain RC generator, ohm: 30 sqrt(L/C), a rule of textbooks; with less, sparks become arcs.
+    pub fn least_ohm(&self) -> f64 {
+        30.0 * (self.loop_nh * 1e-9 / (self.capacitor_pf * 1e-12)).sqrt()
     }
 
     /// Energy that the capacitor gives up between two voltages, uJ.

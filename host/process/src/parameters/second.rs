@@ -5,7 +5,7 @@ use super::Fitted as Values;
 use super::machines::{Difference, of as to};
 
 /// Of all machines.
-pub(super) const ALL: [Difference; 17] = [
+pub(super) const ALL: [Difference; 19] = [
     to("reach_um_v", 1.0, Source("[R]: the gap is 20 to 100 um at 100 V")),
     to("recovery_heats", 1.0, Assumed("a surface that was heated for a time cools in as much")),
     to("arc_heat", 2.0, Chosen("the gates of arcing")),
@@ -22,6 +22,8 @@ pub(super) const ALL: [Difference; 17] = [
     to("gas_back", 1500.0, Assumed("1.4 mm^3 a joule")),
     to("tear_ms", 20.0, Assumed("a bridge that touches again within this is not torn")),
     to("ignition_debris", 1.0, Assumed("most ignitions of a dirty gap are at particles")),
+    to("ignites_above", 1.0, Source("the burn voltage: below it no channel burns")),
+    to("recovery_rc", 5.8, Chosen("the textbooks' least resistance of an RC generator")),
     to("ignition", Values::SECOND.ignition, Fitted("[X] table 4")),
 ];
 
