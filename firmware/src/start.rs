@@ -88,11 +88,25 @@ fn place_node(slot: &'static mut MaybeUninit<Node>, settings: BusSettings) -> &'
     slot.write(Node::new(&DEVICE, settings, boot::serial_number()))
 }
 
-/// Node and drive begin with what is stored.
 #[inline(never)]
-fn restore(image: &StoredImage, node: &mut Node, drive: &mut Drive, defaults: Settings) {
+fn defaults() -> Result<Settings, StartError> {
+    Settings::with(Board::TABLE.defaults).map_err(|_| StartError::Settings)
+}
+
+/// The drive, with the board's defaults and what is stored; the node begins with that, too.
+#[inline(never)]
+fn place_drive(
+    slot: &'static mut MaybeUninit<Drive>,
+    record: &'static mut Record,
+    identity: Identity,
+    image: &StoredImage,
+    node: &mut Node,
+) -> Result<&'static mut Drive, StartError> {
+    let defaults = defaults()?;
+    let drive = Drive::new_in(slot, defaults, identity, record).map_err(|_| StartError::Settings)?;
     Rtic.note(&Note::Loaded(drive.restart(defaults, image)));
     Rtic.note(&Note::booted(drive.boot(node, image)));
+    Ok(drive)
 }
 
 /// Starts the board, then the head, disabled and inhibited. `watchdog` keeps the watchdog when something does not start.
@@ -118,10 +132,7 @@ pub fn start(
     let image = image_store.load();
     let unnamed = if image.is_from_0_1_0() { FROM_0_1_0 } else { UNCONFIGURED };
     let node = place_node(&mut slots.node, image.bus().unwrap_or(unnamed));
-    let defaults = Settings::with(Board::TABLE.defaults).map_err(|_| StartError::Settings)?;
-    let drive =
-        Drive::new_in(&mut slots.drive, defaults, identity, &mut slots.record).map_err(|_| StartError::Settings)?;
-    restore(image, node, drive, defaults);
+    let drive = place_drive(&mut slots.drive, &mut slots.record, identity, image, node)?;
     // What it orders at the start is how the head begins below.
     drive.started();
     let path: &'static mut Path = ccm::place(|| Path::EMPTY).ok_or(StartError::Memory)?;
@@ -166,7 +177,7 @@ pub fn start(
         supervise: tasks.supervise,
         receive: tasks.receive,
         transmit: tasks.transmit,
-        protocol: tasks.host.protocol(node, drive, defaults),
+        protocol: tasks.host.protocol(node, drive, defaults()?),
         idle: tasks.idle.idle(watchdog, image_store),
     })
 }

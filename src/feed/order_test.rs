@@ -71,7 +71,8 @@ pub struct Testing {
     mean: Option<f32>,
     /// y and u, the newest pair first.
     history: [f32; SIZE],
-    sums: [[f32; SIZE]; SIZE],
+    /// Upper half of H, row by row.
+    sums: [f32; SIZE * (SIZE + 1) / 2],
     answer: Answer,
     found: Order,
 }
@@ -86,7 +87,7 @@ impl Default for Testing {
             up: false,
             mean: None,
             history: [0.0; SIZE],
-            sums: [[0.0; SIZE]; SIZE],
+            sums: [0.0; SIZE * (SIZE + 1) / 2],
             answer: Answer::default(),
             found: Order::default(),
         }
@@ -109,16 +110,28 @@ impl Testing {
 
     fn sum(&mut self) {
         let history = self.history;
-        for (row, x) in self.sums.iter_mut().zip(history) {
-            for (sum, y) in row.iter_mut().zip(history) {
+        let mut sums = self.sums.iter_mut();
+        for (n, x) in history.iter().enumerate() {
+            for (y, sum) in history.iter().skip(n).zip(&mut sums) {
                 *sum += x * y;
             }
         }
     }
 
+    /// H of the largest order.
+    fn matrix(&self) -> [[f32; SIZE]; SIZE] {
+        let mut matrix = [[0.0; SIZE]; SIZE];
+        let mut sums = self.sums.iter();
+        for (n, row) in matrix.iter_mut().enumerate() {
+            // What is below the diagonal nobody reads.
+            row.iter_mut().skip(n).zip(&mut sums).for_each(|(place, sum)| *place = *sum);
+        }
+        matrix
+    }
+
     /// Order by the sums.
     fn judge(&mut self) {
-        let pivots = pivots(&self.sums);
+        let pivots = pivots(self.matrix());
         let pair = |n: usize| pivots.get(2 * n).copied().unwrap_or(0.0) * pivots.get(2 * n + 1).copied().unwrap_or(0.0);
         // DR(n) = 1 / (pair n); it rises by the pair before over the pair.
         self.found.rises = core::array::from_fn(|n| pair(n) / larger(pair(n + 1), f32::MIN_POSITIVE));
@@ -127,9 +140,8 @@ impl Testing {
     }
 }
 
-/// D of L D L'.
-fn pivots(matrix: &[[f32; SIZE]; SIZE]) -> [f32; SIZE] {
-    let mut m = *matrix;
+/// D of L D L', of the upper half of a symmetric matrix.
+fn pivots(mut m: [[f32; SIZE]; SIZE]) -> [f32; SIZE] {
     let mut pivots = [0.0; SIZE];
     for (n, place) in pivots.iter_mut().enumerate() {
         let Some(row) = m.get(n).copied() else { break };

@@ -199,7 +199,7 @@ pub const RAM_END: u32 = 0x2002_0000;
 /// What everything at once may take of the stack, bytes; RAM leaves more than twice as much.
 pub const STACK: u32 = 32 * 1024;
 /// What lies below and nobody may touch, bytes: no frame may be larger.
-pub const STACK_GUARD: u32 = 8 * 1024;
+pub const STACK_GUARD: u32 = 16 * 1024;
 
 /// A task of the firmware.
 #[derive(Clone, Copy, Debug)]

@@ -86,8 +86,9 @@ struct Image {
     rooms: BTreeMap<String, u64>,
     flash: u64,
     ram: u64,
-    /// Largest frame, bytes.
+    /// Largest frame, bytes, and whose it is.
     frame: u32,
+    largest: String,
     /// Instructions that set PRIMASK.
     masks: usize,
     /// A section that names the folder of the libraries.
@@ -103,6 +104,7 @@ fn shown(path: &Path) -> PathBuf {
 
 impl Image {
     fn read(file: &object::File, graph: &Graph) -> Result<Image, String> {
+        let largest = graph.functions.iter().max_by_key(|function| function.frame);
         let mut image = Image {
             sections: Vec::new(),
             vectors: None,
@@ -110,7 +112,8 @@ impl Image {
             rooms: lines::rooms(file).map_err(|e| format!("debug information: {e}"))?,
             flash: 0,
             ram: 0,
-            frame: graph.functions.iter().map(|function| function.frame).max().unwrap_or(0),
+            frame: largest.map_or(0, |function| function.frame),
+            largest: largest.map_or_else(String::new, |function| function.name.clone()),
             masks: graph.masks,
             placed: None,
         };
@@ -155,13 +158,14 @@ impl Image {
             println!("  {name:<14} {address:#010x} {size:>7}");
         }
         println!(
-            "  flash {:.1} of {} KiB, RAM {:.1} of {} KiB, largest frame {} of {} bytes, vector table in place",
+            "  flash {:.1} of {} KiB, RAM {:.1} of {} KiB, largest frame {} of {} bytes ({}), vector table in place",
             kib(self.flash),
             FLASH_LIMIT / 1024,
             kib(self.ram),
             RAM_LIMIT / 1024,
             self.frame,
-            FRAME_LIMIT
+            FRAME_LIMIT,
+            self.largest
         );
         println!(
             "  stack at most {:.1} of {} KiB: each line at its deepest on top of the next, with {EXCEPTION} bytes for an \
@@ -208,7 +212,10 @@ impl Image {
             return Err(format!("flash {} or RAM {} bytes are over their limits", self.flash, self.ram));
         }
         if self.frame > FRAME_LIMIT {
-            return Err(format!("a function uses {} bytes of stack, more than allowed", self.frame));
+            return Err(format!(
+                "{} uses {} bytes of stack, more than the allowed {FRAME_LIMIT}",
+                self.largest, self.frame
+            ));
         }
         if tasks.stack > STACK_LIMIT || self.left() < RESERVE.into() {
             let (stack, left) = (tasks.stack, self.left());
@@ -253,6 +260,7 @@ mod tests {
             flash: FLASH_LIMIT,
             ram: RAM_LIMIT,
             frame: FRAME_LIMIT,
+            largest: String::new(),
             masks: 2,
             placed: None,
         }
