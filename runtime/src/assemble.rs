@@ -194,6 +194,7 @@ pub fn assemble<B: Board>(
             input: TickInput::default(),
             counters: Counters::default(),
             fresh: false,
+            sighted: false,
             quality: Quality::Missing,
             once: false,
             millisecond: FIRST_CHORE,

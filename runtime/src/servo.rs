@@ -77,6 +77,8 @@ pub struct Servo<B: Board> {
     pub(crate) counters: Counters,
     /// A gap reading has come since the newest estimate.
     pub(crate) fresh: bool,
+    /// The probes have looked in this tick.
+    pub(crate) sighted: bool,
     /// Quality of the newest gap reading.
     pub(crate) quality: Quality,
     /// Something in the input was for its tick alone.
@@ -154,7 +156,8 @@ impl<B: Board> Servo<B> {
         if self.follower.wants_gap() {
             self.take_reading();
         }
-        if self.follower.probes() {
+        self.sighted = self.follower.probes();
+        if self.sighted {
             self.sight();
         }
         let (input, signals) = (&mut self.input, self.signals);
@@ -226,7 +229,8 @@ impl<B: Board> Servo<B> {
         let fresh = self.reading.refresh() | core::mem::take(&mut self.fresh);
         let reading = self.reading.get();
         self.quality = if fresh { reading.quality } else { Quality::Missing };
-        let mark = self.handover.mark(self.decoder.mark());
+        // A tick sees one mark: what comes after the probes have looked belongs to the next.
+        let mark = if self.sighted { self.input.sight.mark } else { self.handover.mark(self.decoder.mark()) };
         self.counters.used.mark = mark;
         let (follower, quality) = (&mut self.follower, self.quality);
         if self.estimates.is_unread() {
