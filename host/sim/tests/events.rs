@@ -72,8 +72,8 @@ fn every_signal_brings_its_fault_and_nothing_is_rammed() {
         ("gate.start_cut", Fault::ReflexLost),
     ];
     // Of the sense supply, another workpiece and pulses without permission nothing is noticed while pulses are on, and a
-    // hand is held off: below, tests/contact.rs, tests/canopen_device/settings.rs. Arcs: arcs.rs.
-    assert_eq!(faults.len() + 5, Wires::FIELDS.len());
+    // hand is held off, and of a coarse axis that moves unasked: below, tests/contact.rs, tests/canopen_device/settings.rs. Arcs: arcs.rs.
+    assert_eq!(faults.len() + 6, Wires::FIELDS.len());
     for (signal, fault) in faults {
         let (machine, before, after) = after(signal);
         assert_eq!(machine.status().fault, Some(fault), "{signal}");

@@ -76,9 +76,9 @@ fn hole(image: &Image, name: &str, set: &[(&str, f64)], seed: u64, pulses: u64) 
                 (*sum, *before) = (0, counted);
             }
         }
-        // The supervision has looked at what there was a millisecond ago, or now.
+        // The servo task measures once a millisecond, and the supervision looks once a millisecond: two, and 100 pulses in each.
         let late = counted.since(&seen.looked);
-        assert!(late.total() <= 125 && seen.looked.total() as usize <= total, "{name}: {late:?}");
+        assert!(late.total() <= 205 && seen.looked.total() as usize <= total, "{name}: {late:?}");
         // Shares are those of the last 176 to 200 ms, and begin anew with every permission.
         eroded = if rig.status().state == State::Eroding { eroded + 1 } else { 0 };
         if ticks.is_multiple_of(20) {

@@ -442,10 +442,17 @@ mod tests {
                 assert_eq!(of(name).turned_to(version).model(), situation.of(version), "{name}");
             }
         }
-        // The others only differ from one of these in mass, friction, surface or thickness.
+        // The others only differ from one of these in mass, friction, surface, thickness or jumps.
         let gated = |name: &str| edm_process::gates::SITUATIONS.iter().any(|situation| situation.name == name);
-        let others =
-            ["default", "sinker-0.1kg", "sinker-0.4kg", "thesis-machine", "micro-through", "micro-through-clear"];
+        let others = [
+            "default",
+            "sinker-0.1kg",
+            "sinker-0.4kg",
+            "sinker-deep-jumps",
+            "thesis-machine",
+            "micro-through",
+            "micro-through-clear",
+        ];
         for (name, _) in built_in.iter().filter(|(name, _)| of(name).version() != 0) {
             assert!(gated(name) || others.contains(name), "{name}: no gates");
         }

@@ -9,6 +9,8 @@ type Figure = fn(&Report) -> Value;
 /// All of them.
 pub const FIGURES: &[(&str, Figure)] = &[
     ("model_version", |r| json!(r.model_version)),
+    ("carried_mm", |r| json!(r.carried_mm)),
+    ("inches", |r| json!(r.inches)),
     ("completed", |r| json!(r.completed)),
     ("stop_reason", |r| json!(r.stop_reason)),
     ("depth_mm", |r| json!(r.depth_mm)),
