@@ -95,8 +95,10 @@ pub(super) enum Phase {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Inching {
     pub phase: Phase,
-    /// The bottom, where it was touched before the move, counts.
-    pub bottom: Option<i64>,
+    /// The bottom, where it was touched before the move, counts and fractions.
+    pub bottom: Option<Fixed>,
+    /// Where the set point was at the newest slow touch: it says more than a count, and trails as much each time.
+    pub felt: Option<Fixed>,
     /// Where the head waits, counts.
     pub waits_at: i64,
     /// Path coordinate of the float point.

@@ -126,6 +126,11 @@ impl Touching {
         matches!(self.step, Step::Approach(_))
     }
 
+    /// The place found, once it is touched.
+    pub fn found(&self) -> Option<i64> {
+        self.found
+    }
+
     /// Counts by which the axis was beyond the place found, so far.
     pub fn overshoot(&self) -> u32 {
         let beyond = self.found.map_or(0, |found| self.farthest.saturating_sub(found));

@@ -62,7 +62,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             SeenBy::Word => Phase::Rises(self.waiting_place(from)),
         };
         let seeks = self.status.state == State::Seeking;
-        self.inch = Some(Inching { phase, bottom: None, waits_at: self.waiting_place(from), float, seeks, ends: None });
+        self.inch = Some(Inching { phase, bottom: None, felt: None, waits_at: self.waiting_place(from), float, seeks, ends: None });
         self.status.inch = Inch::Prepares;
         self.enter(State::Inching, Reason::StrokeEnd);
     }
@@ -147,7 +147,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 // The counts are still those before the move.
                 Some(bottom) => {
                     let step = to.saturating_sub(self.status.coarse);
-                    let expected = bottom.saturating_sub(step);
+                    let expected = bottom.round().saturating_sub(step);
                     self.status.carry_to = to;
                     let search = self.bottom_search(expected.saturating_add(config.tolerance), self.status.position);
                     Phase::Checks(search)
@@ -206,6 +206,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Positions are those of a new home: what has carried the head before is in it.
     pub(super) fn forget_carrying(&mut self) {
         (self.status.carried, self.status.coarse, self.status.carry_to) = (0, 0, 0);
+        self.carried_rest = Fixed(0);
     }
 
     /// Something else comes between; whether there was anything.
@@ -234,8 +235,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                     self.status.inch = Inch::Returns;
                     stands
                 }
-                Next::Ends(_, bottom @ Some(at)) => {
-                    let waits_at = self.waiting_place(at);
+                Next::Ends(_, Some(at)) => {
+                    let (waits_at, bottom) = (self.waiting_place(at), self.inch.and_then(|inch| inch.felt));
                     self.inch = Some(Inching { phase: Phase::Rises(waits_at), bottom, waits_at, ..inch });
                     stands
                 }
@@ -266,7 +267,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                     Motion::Axis(self.approach(segment))
                 }
                 Next::Ends(_, found) => {
-                    self.check(&inch, found);
+                    self.check(&inch, found.and(self.inch.and_then(|inch| inch.felt)));
                     // In the counts after it.
                     Motion::Axis(TrajectorySegment { from: self.segment().from, ..TrajectorySegment::default() })
                 }
@@ -296,14 +297,17 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// The bottom was touched, or not, after the move.
-    fn check(&mut self, inch: &Inching, found: Option<i64>) {
+    fn check(&mut self, inch: &Inching, found: Option<Fixed>) {
         let asked = self.status.carry_to.saturating_sub(self.status.coarse);
         let moved = match (inch.bottom, found) {
-            (Some(before), Some(now)) => Some(before.saturating_sub(now)),
+            (Some(before), Some(now)) => Some(before.minus(now)),
             _ => None,
         };
-        match moved.filter(|moved| moved.abs_diff(asked) <= self.config.inch.tolerance.unsigned_abs()) {
-            Some(moved) => {
+        match moved.filter(|moved| moved.round().abs_diff(asked) <= self.config.inch.tolerance.unsigned_abs()) {
+            Some(exact) => {
+                let all = exact.plus(self.carried_rest);
+                let moved = all.round();
+                self.carried_rest = all.minus(Fixed::whole(moved));
                 self.status.inch_error = moved.saturating_sub(asked);
                 self.move_with(moved, self.status.carry_to);
                 self.status.inches = self.status.inches.wrapping_add(1);
@@ -336,8 +340,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             upper: self.now.safety.upper_limit,
             lower: self.now.safety.lower_limit,
         };
-        let mut profile = self.profile();
-        search.plan(&mut profile, &felt, self.ticks)
+        let (mut profile, before) = (self.profile(), search.found());
+        let next = search.plan(&mut profile, &felt, self.ticks);
+        if before != search.found()
+            && let Some(inch) = &mut self.inch
+        {
+            inch.felt = Some(self.status.setpoint);
+        }
+        next
     }
 
     /// The set point, as at the plan before.

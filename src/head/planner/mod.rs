@@ -98,6 +98,8 @@ pub struct Planner<P> {
     guide: Option<Guide>,
     jump: Option<Jump>,
     inch: Option<Inching>,
+    /// What of the touched moves of the coarse axis is no whole count.
+    carried_rest: Fixed,
     presliding: Presliding,
     /// The search for a surface under way.
     search: Option<touch::Touching>,
@@ -167,6 +169,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             guide: None,
             jump: None,
             inch: None,
+            carried_rest: Fixed(0),
             presliding: Presliding::default(),
             search: None,
             ends: Ends::default(),
