@@ -6,7 +6,7 @@ use super::positioning::{Home, MotionLimits};
 use super::probe::{PROBES, Probe};
 use super::state::State;
 use crate::path::{self, Piece};
-use crate::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
+use crate::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Newtons};
 use core::fmt;
 
 /// A request from host, keyboard or test.
@@ -44,6 +44,8 @@ pub enum Command {
     Home(Home),
     /// What the touch probes are to do from now on, whatever the head does. One that is armed anew has another number.
     Probe([Probe; PROBES]),
+    /// Add this force, positive toward the work, while a stream of set points is followed.
+    Push(Newtons),
     /// Come to rest with this deceleration, pulses off, and hold.
     Brake(MicrometresPerSecond2),
     /// Pulses on; seek the work and erode along the queue.

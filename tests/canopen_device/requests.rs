@@ -2,7 +2,7 @@
 //! bit says otherwise. The runs make docs/requests.md: `EDM_WRITE_DOCS=1 cargo test --test canopen_device requests`.
 
 use crate::rig::{ID, Rig};
-use edm_servo_head::head::{Fault, Guidance, State};
+use edm_servo_head::head::{Fault, Guidance, Inch, State};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -151,6 +151,24 @@ fn jumping(mode: u8) -> Rig {
     rig
 }
 
+/// Waits for a coarse axis.
+fn inching(mode: u8) -> Rig {
+    let mut rig = ready(mode);
+    rig.control(0);
+    rig.run(20);
+    for (sub, um) in [(1, 100.0f32), (2, 100.0), (3, 60.0), (4, 20.0)] {
+        rig.write(0x2111, sub, &um.to_le_bytes());
+    }
+    rig.write(0x2106, 7, &900.0f32.to_le_bytes());
+    rig.run(20);
+    rig.enable();
+    rig.write32(0x2004, 1, 4000);
+    rig.write(0x2001, 1, &[1]);
+    rig.until(3000, |rig| rig.machine.status().inch == Inch::Asks);
+    rig.run(20);
+    rig
+}
+
 fn touching(mode: u8) -> Rig {
     let mut rig = ready(mode);
     rig.write(0x2011, 1, &[1]);
@@ -192,6 +210,7 @@ const SITUATIONS: &[Situation] = &[
     ("homing", &[6], homing),
     ("eroding", ALL, eroding),
     ("jumping", ALL, jumping),
+    ("inching", ALL, inching),
     ("touching", &[0, 1, 6], touching),
     ("guided", &[1, 7, 8, 9], guided),
     ("fault reaction", ALL, reacting),
@@ -231,6 +250,12 @@ fn arrives(rig: &mut Rig, target: i64) -> bool {
         rig.step();
         (rig.position() - target).abs() <= 3
     })
+}
+
+/// Pulses are off, the coarse axis is not asked for any more, and whether it still moves only the host knows: the head waits for its word.
+fn waits(rig: &Rig) -> bool {
+    let status = rig.machine.status();
+    status.state == State::Inching && status.inch == Inch::Late
 }
 
 fn enabled(rig: &Rig) -> bool {
@@ -289,7 +314,7 @@ const REQUESTS: &[Request] = &[
     Request {
         name: "2001h:1 = 0",
         ask: |rig| rig.try_write(0x2001, 1, &[0]),
-        done: |_, rig| !rig.machine.status().state.works() && rig.read(0x2001, 1) == 0,
+        done: |_, rig| (!rig.machine.status().state.works() || waits(rig)) && rig.read(0x2001, 1) == 0,
     },
     Request {
         name: "2001h:1 = 1",
@@ -310,7 +335,7 @@ const REQUESTS: &[Request] = &[
         ask: |rig| rig.try_write(0x2001, 2, &[1]),
         done: |_, rig| {
             let state = rig.machine.status().state;
-            !state.works() && !matches!(state, State::Positioning | State::Homing)
+            waits(rig) || !state.works() && !matches!(state, State::Positioning | State::Homing)
         },
     },
     Request {
@@ -361,6 +386,36 @@ const REQUESTS: &[Request] = &[
             let there = before.position - if rig.read(0x6061, 0) == 3 { 20 } else { 0 };
             rig.read(0x60FF, 0) as i32 == -2000 && (!runs || rig.position() < there || arrives(rig, there - 1))
         },
+    },
+    Request {
+        name: "60B0h",
+        ask: |rig| rig.try_write(0x60B0, 0, &(-30i32).to_le_bytes()),
+        done: |_, rig| {
+            let halts = rig.read(0x6040, 0) & 0x100 != 0;
+            let follows = rig.read(0x6061, 0) == 8 && enabled(rig) && rig.read(0x2001, 1) != 1 && !halts;
+            let target = i64::from(rig.read(0x607A, 0) as i32) - 30;
+            rig.read(0x60B0, 0) as i32 == -30 && (!follows || arrives(rig, target))
+        },
+    },
+    Request {
+        name: "60B2h",
+        ask: |rig| rig.try_write(0x60B2, 0, &(-50i16).to_le_bytes()),
+        done: |_, rig| rig.read(0x60B2, 0) as i16 == -50,
+    },
+    Request {
+        name: "2014h:4 (coarse axis)",
+        ask: |rig| rig.try_write(0x2014, 4, &100i32.to_le_bytes()),
+        done: |_, rig| rig.read(0x2014, 4) == 100,
+    },
+    Request {
+        name: "2014h:5 = 1 (carried)",
+        ask: |rig| rig.try_write(0x2014, 5, &[1]),
+        done: |_, rig| rig.read(0x2014, 7) == 1,
+    },
+    Request {
+        name: "2014h:5 = 2 (refused)",
+        ask: |rig| rig.try_write(0x2014, 5, &[2]),
+        done: |_, rig| rig.read(0x2014, 1) != 2,
     },
     Request {
         name: "60C1h:1",
@@ -442,7 +497,8 @@ fn lies(rig: &mut Rig) -> Vec<String> {
         rig.write(0x60C2, 1, &[1]);
         rig.write(0x60C2, 2, &[-3i8 as u8]);
         let there = rig.position() as i32 - 4;
-        match rig.try_write(0x607A, 0, &there.to_le_bytes()) {
+        let offset = rig.read(0x60B0, 0) as i32;
+        match rig.try_write(0x607A, 0, &(there - offset).to_le_bytes()) {
             Ok(()) => {
                 rig.run(60);
                 if (rig.position() as i32 - there).abs() > 3 {

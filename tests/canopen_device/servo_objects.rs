@@ -181,3 +181,75 @@ fn positions_do_not_wrap() {
     assert_eq!((rig.read(0x607B, 1) as i32, rig.read(0x607B, 2) as i32), (i32::MIN, i32::MAX));
     assert_eq!(rig.try_write(0x607B, 1, &[0; 4]), Err(0x0601_0002));
 }
+
+#[test]
+fn a_position_offset_moves_the_set_point_of_a_cyclic_host_and_of_no_other() {
+    let mut rig = Rig::ready();
+    rig.mode(1);
+    rig.move_to(1000, 3000);
+    rig.mode(8);
+    rig.write(0x60C2, 1, &[10]);
+    rig.write32(0x607A, 0, 1000);
+    rig.write32(0x60B0, 0, 40);
+    rig.run(100);
+    assert!((rig.position() - 1040).abs() <= 2, "{}", rig.position());
+    rig.write32(0x607A, 0, 1010);
+    rig.run(100);
+    assert!((rig.position() - 1050).abs() <= 2, "{}", rig.position());
+    // Whoever comes back to the mode stays where it is.
+    rig.mode(1);
+    rig.mode(8);
+    rig.run(200);
+    assert!((rig.position() - 1050).abs() <= 2, "{}", rig.position());
+    rig.mode(1);
+    rig.move_to(900, 3000);
+    assert!((rig.position() - 900).abs() <= 2, "{}", rig.position());
+}
+
+#[test]
+fn a_torque_offset_pushes_at_once_in_a_cyclic_mode_until_the_loops_have_made_up_for_it() {
+    // How far the head gives way to it, counts, either way.
+    let strays = |mode: u8, per_mille: i16| {
+        let mut rig = Rig::ready();
+        rig.mode(1);
+        rig.move_to(1000, 3000);
+        rig.mode(mode);
+        rig.write(0x60C2, 1, &[1]);
+        if mode == 8 {
+            rig.write32(0x607A, 0, 1000);
+        }
+        rig.run(200);
+        let at = rig.position();
+        rig.write(0x60B2, 0, &per_mille.to_le_bytes());
+        let (mut least, mut most) = (0, 0);
+        for _ in 0..100 {
+            rig.step();
+            (least, most) = (least.min(rig.position() - at), most.max(rig.position() - at));
+        }
+        rig.run(300);
+        assert!((rig.position() - at).abs() <= 2, "{per_mille}: {:?}", rig.machine.status());
+        (least, most)
+    };
+    let (up, down) = strays(8, 150);
+    assert!(down >= 3 && up >= -2, "{up} to {down} counts");
+    let (up, down) = strays(8, -150);
+    assert!(up <= -3 && down <= 2, "{up} to {down} counts");
+    let (up, down) = strays(1, 150);
+    assert!(up >= -1 && down <= 1, "{up} to {down} counts in profile position");
+}
+
+#[test]
+fn the_outputs_of_a_head_and_the_version_of_its_profile_can_be_read() {
+    let mut rig = Rig::ready();
+    assert_eq!((rig.read(0x67FE, 0), rig.read(0x60FE, 2)), (0x0003_0000, 0));
+    assert_eq!(rig.read(0x60FE, 1), 1 << 17, "the loop is closed");
+    rig.mode(1);
+    rig.write(0x2001, 1, &[1]);
+    rig.write32(0x607A, 0, 4000);
+    rig.control(0x1F);
+    rig.run(100);
+    assert_eq!(rig.read(0x60FE, 1), 1 << 17 | 1 << 16, "pulses are allowed");
+    rig.control(0);
+    rig.run(10);
+    assert_eq!(rig.read(0x60FE, 1), 0);
+}

@@ -21,7 +21,7 @@ use edm_servo_head::head::{
 use edm_servo_head::motion::Method;
 use edm_servo_head::path::{Piece, Shape};
 use edm_servo_head::units::{
-    Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Volts,
+    Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Newtons, Volts,
 };
 use edm_sim::lockstep::QUALITIES;
 use edm_soc::{Memory, Region};
@@ -496,6 +496,7 @@ impl Places {
                 if touches { Command::Touch(nm()?, limits) } else { Command::Position(nm()?, limits) }
             }
             "FindSurface" => Command::FindSurface(nm()?),
+            "Push" => Command::Push(Newtons(view.float(first)?)),
             // Its number, and behind it the place.
             "Carry" => Command::Carry(match view.byte(first)? {
                 0 => Carry::To(Nanometres(view.long(first + size_of::<i64>())?)),

@@ -314,6 +314,11 @@ impl Drive {
             Item::EncoderRevolutions | Item::FeedRevolutions => axis.nm_per_count,
             Item::IpPosition => self.set_points.waiting().into(),
             Item::FollowingError => i64::from(status.following as i32),
+            Item::PhysicalOutputs => {
+                i64::from(status.state.pulses()) << 16
+                    | i64::from(status.closed) << 17
+                    | i64::from(status.inch == Inch::Asks) << 18
+            }
             Item::DigitalInputs => {
                 let safety = &status.safety;
                 i64::from(safety.upper_limit)
@@ -402,6 +407,8 @@ impl Drive {
         self.segment.written(item);
         match item {
             Item::TargetVelocity => self.velocity_written(before),
+            Item::PositionOffset if number != before => self.offset_written(),
+            Item::TorqueOffset if number != before => self.push(),
             Item::ErodeEnable => self.erode_written(before),
             _ => {}
         }

@@ -380,7 +380,9 @@ objects! {
         2 HomingSlow: u32, rw, no, RATE, 1000, "counts/s", store, "Speed during search for zero";
     }
     0x609A "Homing acceleration" { 0 HomingAcceleration: u32, rw, no, RATE, 1_000_000, "counts/s^2", store, "Homing acceleration"; }
+    0x60B0 "Position offset" { 0 PositionOffset: i32, rw, rx, I32, 0, "counts", live, "Position offset: added to a set point of cyclic synchronous position"; }
     0x60B1 "Velocity offset" { 0 VelocityOffset: i32, rw, rx, I32, 0, "counts/s", live, "Velocity offset: of a set point of cyclic synchronous velocity"; }
+    0x60B2 "Torque offset" { 0 TorqueOffset: i16, rw, rx, (-1000, 1000), 0, "per mille", live, "Torque offset: force of the motor in addition to that of the loops, of 6075h, while set points of a cyclic mode are followed; positive toward the work"; }
     0x60B8 "Touch probe function" { 0 ProbeFunction: u16, rw, rx, U16, 0, "", live, "Touch probe function: by bits, those of probe 2 eight higher: 0 on, 1 every edge instead of the first, 2 and 3 source (0 contact sense, 1 index mark, 2 as in 60D0h), 4 records where the source begins, 5 where it ends; a change rearms the probe"; }
     0x60B9 "Touch probe status" { 0 ProbeStatus: u16, ro, tx, U16, 0, "", live, "Touch probe status: by bits, those of probe 2 eight higher: 0 on, 1 a beginning is recorded, 2 an end is recorded, 6 and 7 toggle with each of them when every edge is recorded"; }
     0x60BA "Touch probe position 1 positive value" { 0 ProbeBegun1: i32, ro, tx, I32, 0, "counts", live, "Touch probe position 1 positive value: where its source began"; }
@@ -429,6 +431,11 @@ objects! {
     0x60F4 "Following error actual value" { 0 FollowingError: i32, ro, tx, I32, 0, "counts", live, "Following error actual value"; }
     0x60FC "Position demand internal value" { 0 DemandInternal: i32, ro, tx, I32, 0, "counts", live, "Position demand internal value"; }
     0x60FD "Digital inputs" { 0 DigitalInputs: u32, ro, tx, U32, 0, "", live, "Digital inputs: 0 upper limit, 1 lower limit; 16 emergency stop, 17 dielectric, 18 bridge fault, 19 supply low, 20 electrode and work touch, with pulses off"; }
+    0x60FE "Digital outputs" {
+        1 PhysicalOutputs: u32, ro, tx, U32, 0, "", live, "Physical outputs: 16 pulses are allowed, 17 the loop is closed, 18 the coarse axis is asked for";
+        2 OutputMask: u32, ro, no, U32, 0, "", live, "Bit mask: outputs that a host may set: none";
+    }
     0x60FF "Target velocity" { 0 TargetVelocity: i32, rw, rx, I32, 0, "counts/s", live, "Target velocity"; }
     0x6502 "Supported drive modes" { 0 SupportedModes: u32, ro, no, U32, 0x1E5, "", live, "Supported drive modes"; }
+    0x67FE "Version number" { 0 ProfileVersion: u32, ro, no, U32, 0x0003_0000, "", live, "Version number: of the drive profile, by bytes from the second highest on: 3.0.0, that of IEC 61800-7-201:2007"; }
 }

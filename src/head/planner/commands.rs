@@ -66,6 +66,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             Command::Home(home) => self.home(state, &home),
             Command::Probe(probes) => self.probe(&probes),
             Command::Brake(deceleration) => self.brake(state, deceleration),
+            Command::Push(force) => {
+                self.push = self.config.axis.plant.duty(force);
+                Ok(())
+            }
             Command::Carry(carry) => self.carry(state, carry),
             Command::Start if self.ask_again() => Ok(()),
             Command::Start => {

@@ -62,7 +62,15 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             SeenBy::Word => Phase::Rises(self.waiting_place(from)),
         };
         let seeks = self.status.state == State::Seeking;
-        self.inch = Some(Inching { phase, bottom: None, felt: None, waits_at: self.waiting_place(from), float, seeks, ends: None });
+        self.inch = Some(Inching {
+            phase,
+            bottom: None,
+            felt: None,
+            waits_at: self.waiting_place(from),
+            float,
+            seeks,
+            ends: None,
+        });
         self.status.inch = Inch::Prepares;
         self.enter(State::Inching, Reason::StrokeEnd);
     }

@@ -101,6 +101,8 @@ pub struct Planner<P> {
     /// What of the touched moves of the coarse axis is no whole count.
     carried_rest: Fixed,
     presliding: Presliding,
+    /// Duty of a host on top of that of the loops, while set points of a stream are followed.
+    push: f32,
     /// The search for a surface under way.
     search: Option<touch::Touching>,
     /// What of the erosion's end has come, and the path coordinate of the lift after it.
@@ -171,6 +173,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             inch: None,
             carried_rest: Fixed(0),
             presliding: Presliding::default(),
+            push: 0.0,
             search: None,
             ends: Ends::default(),
             lifts_to: Fixed(0),

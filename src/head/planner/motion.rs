@@ -5,6 +5,7 @@ use super::Planner;
 use crate::head::commissioning::Commissioning;
 use crate::head::config::{Config, Structure};
 use crate::head::fault::Fault;
+use crate::head::positioning::Task;
 use crate::head::state::State;
 use crate::head::trajectory::{Follow, Trajectory};
 use crate::motion::TrajectorySegment;
@@ -69,8 +70,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
     }
 
-    /// Friction, where a set point is followed. What a fault's reaction may press is calculated without it.
+    /// Friction, where a set point is followed, and what a host adds. What a fault's reaction may press is calculated without it.
     pub(super) fn compensate(&mut self, trajectory: &mut Trajectory) {
+        let streams = |task: &Task| matches!(task, Task::Follow { .. });
+        let guided = self.guide.as_ref().is_some_and(|guide| guide.is_together() && streams(&guide.task));
+        if guided || self.status.state == State::Positioning && self.positioning.as_ref().is_some_and(streams) {
+            trajectory.duty += self.push;
+        }
         if trajectory.follow == Follow::Setpoint && self.status.state != State::Fault {
             let travel = Fixed(trajectory.travel.0.saturating_mul(PLAN_TICKS.into()));
             trajectory.duty += self.presliding.travel(&self.config.presliding, travel);

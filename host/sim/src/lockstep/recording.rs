@@ -19,7 +19,7 @@ use edm_servo_head::motion::Method;
 use edm_servo_head::path::{Piece, Shape};
 use edm_servo_head::settings::{SettingError, Settings};
 use edm_servo_head::units::{
-    Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Volts,
+    Amps, CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Newtons, Volts,
 };
 use flate2::Compression;
 use flate2::read::DeflateDecoder;
@@ -353,6 +353,7 @@ fn command_numbers(command: Command) -> [u64; COMMAND] {
         Command::Guide => (11, 0),
         Command::Jump => (19, 0),
         Command::FindSurface(reach) => (20, reach.0),
+        Command::Push(force) => return [25, 0, float(force.0), 0, 0, 0],
         Command::Carry(Carry::To(to)) => (22, to.0),
         Command::Carry(Carry::AsAsked) => (23, 0),
         Command::Carry(Carry::Refused) => (24, 0),
@@ -443,6 +444,7 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
             };
             Command::Probe([probe(a)?, probe(b)?])
         }
+        25 => Command::Push(Newtons(float(a))),
         22 => Command::Carry(Carry::To(nm)),
         23 => Command::Carry(Carry::AsAsked),
         24 => Command::Carry(Carry::Refused),

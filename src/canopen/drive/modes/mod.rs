@@ -83,6 +83,8 @@ pub struct SetPoints {
     begins: bool,
     then: Option<i32>,
     buffer: Deque<i32, BUFFER>,
+    /// Force that the head has been told to add, N; kept where set points are forgotten.
+    push: f32,
     /// Where the set points of cyclic synchronous velocity have led, nm times ticks in a second.
     led: Option<i64>,
     /// When the next set point is due.
@@ -132,7 +134,7 @@ impl Drive {
                 self.halt();
             }
             self.mode = mode;
-            self.set_points = SetPoints::default();
+            self.set_points = SetPoints { push: self.set_points.push, ..SetPoints::default() };
             self.enter_mode();
             // Set points of the new mode wait until the axis stands.
             let waits = self.erodes() && self.status.state == head::State::Positioning;
@@ -144,13 +146,17 @@ impl Drive {
     /// The mode begins to act, or continues.
     pub(super) fn enter_mode(&mut self) {
         self.set_points.forget();
+        self.push();
         if !self.moves() {
             return;
         }
         match self.mode {
             Mode::ProfileVelocity => self.run(),
             // A host that has said nothing yet wants no motion.
-            Mode::CyclicPosition => self.set(Item::TargetPosition, self.position()),
+            Mode::CyclicPosition => {
+                let target = self.position().saturating_sub(self.value(Item::PositionOffset));
+                self.set(Item::TargetPosition, target);
+            }
             Mode::CyclicVelocity => self.set(Item::TargetVelocity, 0),
             _ => {}
         }
@@ -262,6 +268,8 @@ impl Drive {
             }
             Mode::CyclicPosition | Mode::CyclicVelocity => {
                 let leads = self.erodes() || matches!(self.status.guidance, Guidance::Leads | Guidance::Waits);
+                // One that waits for its coarse axis follows nobody.
+                let leads = leads || self.status.state == head::State::Inching;
                 let following = following && self.mode == Mode::CyclicPosition;
                 bit(status::MODE_12, self.moves() && !leads) | bit(status::MODE_13, following)
             }

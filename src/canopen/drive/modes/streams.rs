@@ -6,7 +6,7 @@ use crate::canopen::drive::{Drive, SetPoint};
 use crate::canopen::objects::{Decoded, Item};
 use crate::canopen::{Abort, Node, Time};
 use crate::head::Command;
-use crate::units::TICK_HZ;
+use crate::units::{Newtons, TICK_HZ};
 
 impl Drive {
     /// 607Ah has been written.
@@ -14,13 +14,34 @@ impl Drive {
         if self.mode != Mode::CyclicPosition || !self.moves() {
             return Ok(());
         }
-        let target = self.within_limits(target);
+        let target = self.within_limits(target.saturating_add(self.value(Item::PositionOffset)));
         self.set_points.target = Some(target);
         if self.erodes() {
             return if self.erode_to(target) { Ok(()) } else { Err(Abort::DeviceState) };
         }
         self.follow_to(target);
         Ok(())
+    }
+
+    /// 60B0h has been written: the newest set point is followed with it.
+    pub(in super::super) fn offset_written(&mut self) {
+        if self.mode == Mode::CyclicPosition && self.moves() && !self.erodes() {
+            let target = self.value(Item::TargetPosition).saturating_add(self.value(Item::PositionOffset));
+            let target = self.within_limits(target);
+            self.set_points.target = Some(target);
+            self.follow_to(target);
+        }
+    }
+
+    /// The force that the head adds while it follows set points: 60B2h in a cyclic mode, else none.
+    pub(in super::super) fn push(&mut self) {
+        let cyclic = matches!(self.mode, Mode::CyclicPosition | Mode::CyclicVelocity) && self.moves();
+        let share = if cyclic { self.value(Item::TorqueOffset) } else { 0 };
+        let axis = &self.active.head.axis;
+        let force = share as f32 * 1e-3 * axis.current.continuous.0 * axis.plant.force_constant;
+        if force != core::mem::replace(&mut self.set_points.push, force) {
+            self.command(Command::Push(Newtons(force)));
+        }
     }
 
     fn follow_to(&mut self, target: i32) {
@@ -35,11 +56,16 @@ impl Drive {
     /// What the next SYNC makes of 607Ah.
     pub(in super::super) fn set_point_at_sync(&self, node: &Node) -> Option<SetPoint> {
         const TARGET: Decoded = Decoded::Row(Item::TargetPosition as u16);
+        const OFFSET: Decoded = Decoded::Row(Item::PositionOffset as u16);
         if self.mode != Mode::CyclicPosition || !self.moves() || self.erodes() {
             return None;
         }
-        let target = i32::from_le_bytes(node.ahead(TARGET.place(), self)?);
-        Some(self.following(self.clamped(target)))
+        let ahead = |at: Decoded| node.ahead(at.place(), self).map(i32::from_le_bytes);
+        let (target, offset) = (ahead(TARGET), ahead(OFFSET));
+        target.or(offset)?;
+        let target = target.unwrap_or(self.value(Item::TargetPosition));
+        let offset = offset.unwrap_or(self.value(Item::PositionOffset));
+        Some(self.following(self.clamped(target.saturating_add(offset))))
     }
 
     /// 60C1h:1 has been written.
