@@ -54,7 +54,7 @@ const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::
 const SUPERVISION: &str = "edm_servo_head::head::supervise::Config";
 const COMMAND: &str = "edm_servo_head::head::command::Command";
 /// Variants of [`Command`], and the number of fields that each has.
-const VARIANTS: [(&str, usize); 21] = [
+const VARIANTS: [(&str, usize); 23] = [
     ("Enable", 0),
     ("Disable", 0),
     ("SetHome", 1),
@@ -69,6 +69,8 @@ const VARIANTS: [(&str, usize); 21] = [
     ("Follow", 2),
     ("Home", 1),
     ("Probe", 1),
+    ("Carry", 1),
+    ("Push", 1),
     ("Brake", 1),
     ("Start", 0),
     ("Guide", 0),
