@@ -13,7 +13,7 @@ use crate::parameters::{DECLARED, GAO, GAO_CLEAR, MACHINES, OF_VERSION_1, SINKER
 use crate::{Class, Kind, Orders, Parameters, Process, Refused, Stretch, Wires};
 
 /// Version of the model that a scenario has unless it names another; 0 is the one in host/sim.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Versions of the model and their [`fingerprint`].
 pub const FINGERPRINTS: [(u32, u64); 2] = [(1, 0xfe0d_b586_ca68_88b9), (2, 0x0dca_08ea_a2a9_c02a)];
 

@@ -1,4 +1,4 @@
-//! Process model, version 1: simulated electrical discharge machining, pulse by pulse. It serves the simulator and the
+//! Process model, versions 1 and 2: simulated electrical discharge machining, pulse by pulse. It serves the simulator and the
 //! modelled chip, which need a machine at the other end of the head's wires, and people who check it against publications.
 //!
 //! [`Process`] is the gap with its generator, [`axis::Axis`] what moves the electrode. The caller advances

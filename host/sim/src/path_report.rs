@@ -359,7 +359,8 @@ fn reversal_ticks() -> Result<(u32, u32), String> {
 /// What a jump is measured with: the axis of the default scenario, 0.2 kg, and an encoder of 5 um, whose edges the decoder
 /// can follow at 0.6 m/s; an electrode of 10 mm.
 fn jumping(height_mm: f64) -> (Plant, Settings) {
-    let mut plant = Plant::default();
+    // On version 2 the law leads sooner on so large a face: it feeds 8 um in the time for which the electrode is watched.
+    let mut plant = Plant::default().turned_to(1);
     for (key, value) in [("scale.count_um", 5.0), ("model.radius_um", 5000.0), ("workpiece.surface_mm", 9.0)] {
         // All of them are in their ranges.
         let _: Result<(), SettingError> = plant.set(key, Value::Number(value));

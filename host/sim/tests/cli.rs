@@ -436,7 +436,7 @@ fn a_scenario_turns_to_the_other_process_model_and_says_so() {
         assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
         serde_json::from_str(&fs::read_to_string(folder.path().join("m.json")).unwrap()).unwrap()
     };
-    let (zero, one) = (report(&["--model", "0"]), report(&[]));
+    let (zero, one) = (report(&["--model", "0"]), report(&["--model", "1"]));
     assert_eq!((&zero["model_version"], &one["model_version"]), (&0.into(), &1.into()));
     assert_eq!(zero["scenario"], "default, model 0, workpiece.surface_mm=0.3");
     // Version 0 knows no damage; version 1 wears more, and says how far the carrier went without that.
@@ -447,14 +447,12 @@ fn a_scenario_turns_to_the_other_process_model_and_says_so() {
             ["discharges"],
         zero["discharges"]
     );
-    let two = report(&["--model", "2"]);
-    assert_eq!(
-        (&two["model_version"], &two["scenario"]),
-        (&2.into(), &"default, model 2, workpiece.surface_mm=0.3".into())
-    );
+    let two = report(&[]);
+    assert_eq!((&two["model_version"], &two["scenario"]), (&2.into(), &"default, workpiece.surface_mm=0.3".into()));
+    assert_eq!(one["scenario"], "default, model 1, workpiece.surface_mm=0.3");
     assert_ne!(two["discharges"], one["discharges"]);
     refused(&["--model", "3"], &["--model", "0..=2"]);
-    refused(&["--set", "model.reach_um_v=1"], &["model.reach_um_v = 1", "version 2"]);
+    refused(&["--model", "1", "--set", "model.reach_um_v=1"], &["model.reach_um_v = 1", "version 2"]);
     refused(&["--scenario", "sinker", "--set", "actuator.mass_kg=0.3"], &["actuator.mass_kg = 0.3", "version 0"]);
     refused(&["--model", "0", "--set", "model.radius_um=300"], &["model.radius_um = 300", "versions 1 and 2"]);
     assert_eq!(report(&["--scenario", "dirty-gap"])["scenario"], "sinker-dirty, workpiece.surface_mm=0.3");
@@ -467,7 +465,7 @@ fn the_model_report_runs_the_gates_that_are_asked_for() {
     let output = run(folder.path(), &["model-report", "charging", "--json", "g.json"]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let found: Value = serde_json::from_str(&fs::read_to_string(folder.path().join("g.json")).unwrap()).unwrap();
-    assert_eq!((&found["version"], &found["frozen"]), (&1.into(), &true.into()));
+    assert_eq!((&found["version"], &found["frozen"]), (&2.into(), &true.into()));
     let gates = found["gates"].as_array().unwrap();
     assert!(!gates.is_empty());
     for gate in gates {

@@ -9,7 +9,6 @@ const SCENARIO: &str = "\
 title = \"Short\"
 description = \"A shallow hole.\"
 [process]
-\"model.version\" = 2
 \"workpiece.surface_mm\" = 0.3
 ";
 const OF_ALL: [&str; 8] =

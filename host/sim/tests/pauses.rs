@@ -51,11 +51,13 @@ fn the_off_time_after_a_spark_is_longer_by_its_pause() {
 #[test]
 fn arcs_get_fewer_with_a_pause_after_arcs() {
     let share = |pause_us: f32| {
-        let pulses = pulses("sinker", |settings| settings.generator_pause_arc_us = pause_us);
+        let pulses = pulses("sinker-dirty", |settings| settings.generator_pause_arc_us = pause_us);
         (pulses.arc as f64 / pulses.total() as f64, pulses)
     };
     let (without, with) = (share(0.0), share(200.0));
     assert!(without.0 > 0.01 && with.0 < 0.8 * without.0, "{without:?} {with:?}");
+    // What a pause after an arc can do is to end its run.
+    assert!(with.1.stable_arc * 10 < without.1.stable_arc, "{without:?} {with:?}");
 }
 
 #[test]

@@ -11,7 +11,7 @@ use std::process::ExitCode;
 #[derive(Parser)]
 struct Arguments {
     /// Version of the model.
-    #[arg(long, value_name = "VERSION", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=2))]
+    #[arg(long, value_name = "VERSION", default_value_t = edm_process::frozen::VERSION, value_parser = clap::value_parser!(u32).range(1..=2))]
     model: u32,
     /// Only says by how much the values in the source are off the fit; fails when one is by more than a hundredth.
     #[arg(long)]

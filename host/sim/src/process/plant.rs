@@ -6,6 +6,7 @@
 
 use super::Parameters;
 use super::random::Cause;
+use edm_process::frozen::VERSION;
 use edm_process::gates::unpublished;
 use edm_process::parameters::{Basis, DECLARED, Kind as Generator, MACHINES, Machine, OF_VERSION_1, Refused};
 use edm_servo_head::settings::{Change, Declared, Field, Kind, SettingError, Value};
@@ -118,9 +119,9 @@ static KEYS: [&str; ALL] = {
 };
 
 impl Default for Plant {
-    /// Version 1.
+    /// The version of a scenario that names none.
     fn default() -> Plant {
-        Plant { version: 1, ..Plant::from(&Parameters::default()) }
+        Plant { version: VERSION, ..Plant::from(&Parameters::default()) }
     }
 }
 
@@ -353,9 +354,9 @@ mod tests {
         assert_eq!(conflict(&[mass]), Some("actuator.mass_kg"));
         assert_eq!(conflict(&[ZERO, radius]), Some("model.radius_um"));
         assert_eq!(conflict(&[radius]), None);
-        let (reach, two) = (("model.reach_um_v", Value::Number(1.0)), ("model.version", Value::Number(2.0)));
-        assert_eq!(conflict(&[reach]), Some("model.reach_um_v"));
-        assert_eq!(conflict(&[reach, two]), None);
+        let (reach, one) = (("model.reach_um_v", Value::Number(1.0)), ("model.version", Value::Number(1.0)));
+        assert_eq!(conflict(&[reach, one]), Some("model.reach_um_v"));
+        assert_eq!(conflict(&[reach]), None);
         assert_eq!(conflict(&[ZERO, ("model.machine", Value::Word("gao"))]), Some("model.machine"));
         for common in ["workpiece.surface_mm", "scale.count_um", "front_end.hum_v", "actuator.bus_v"] {
             assert_eq!(conflict(&[(common, Value::Number(5.0))]), None, "{common}");
@@ -377,7 +378,8 @@ mod tests {
         assert_eq!(plant.validate(), Ok(()));
         assert_eq!((plant.version(), plant.base.count, plant.base.mass), (1, 0.1, 0.2));
         // Machine and numbers are of versions 1 and 2; version 1 leaves out what only 2 has.
-        let mut plant = Plant::default().turned_to(2);
+        let mut plant = Plant::default();
+        assert_eq!(plant.version(), 2);
         for (key, value) in [("model.radius_um", 123.0), ("model.reach_um_v", 0.5)] {
             plant.set(key, Value::Number(value)).unwrap();
         }
@@ -408,7 +410,7 @@ mod tests {
         for (declared, (was, is)) in DECLARED.iter().zip(own.values().zip(one.values())) {
             assert!((is - was).abs() <= 0.3 * was.abs() + 1e-12, "{}: {was} {is}", declared.key);
             let set = ["open_v", "on_us", "off_us", "wait_us"].contains(&declared.key);
-            let moves = unpublished(1, machine).any(|key| key == declared.key) && !set;
+            let moves = unpublished(VERSION, machine).any(|key| key == declared.key) && !set;
             assert_eq!(is != was, moves, "{}: {was} {is}", declared.key);
         }
         let usual = Plant::from(&Parameters::default());

@@ -267,9 +267,9 @@ fn no_parameter_has_the_name_of_a_setting_of_the_head() {
     }
 }
 
-/// Version 1 with the work `surface_mm` below the upper stop.
-fn version_1(surface_mm: f64, set: &[(&str, f64)]) -> Process {
-    let mut plant = Plant::default();
+/// A version of host/process with the work `surface_mm` below the upper stop.
+fn of_version(version: u32, surface_mm: f64, set: &[(&str, f64)]) -> Process {
+    let mut plant = Plant::default().turned_to(version);
     for (key, value) in [("workpiece.surface_mm", surface_mm)].iter().chain(set) {
         plant.set(key, Value::Number(*value)).unwrap();
     }
@@ -277,62 +277,71 @@ fn version_1(surface_mm: f64, set: &[(&str, f64)]) -> Process {
 }
 
 #[test]
-fn version_1_obeys_permission_and_the_off_time_that_is_requested() {
-    let mut process = version_1(0.04, &[]);
-    let mut pulses_in = |off_time_ns, pulses| {
-        process.off_time_ns = off_time_ns;
+fn versions_1_and_2_obey_permission_and_the_off_time_that_is_requested() {
+    for version in [1, 2] {
+        let mut process = of_version(version, 0.04, &[]);
+        let mut pulses_in = |off_time_ns, pulses| {
+            process.off_time_ns = off_time_ns;
+            let before = process.truth().pulses.total();
+            run(&mut process, Drive::Coast, pulses, 0.2);
+            process.truth().pulses.total() - before
+        };
+        // 160 us on; 40 us off of its own.
+        assert!(pulses_in(None, true).abs_diff(1000) <= 1);
+        assert!(pulses_in(Some(240_000), true).abs_diff(500) <= 1);
+        assert_eq!(pulses_in(None, false), 0);
+        process.pauses_us = [240.0; 4];
         let before = process.truth().pulses.total();
-        run(&mut process, Drive::Coast, pulses, 0.2);
-        process.truth().pulses.total() - before
-    };
-    // 160 us on; 40 us off of its own.
-    assert!(pulses_in(None, true).abs_diff(1000) <= 1);
-    assert!(pulses_in(Some(240_000), true).abs_diff(500) <= 1);
-    assert_eq!(pulses_in(None, false), 0);
-    process.pauses_us = [240.0; 4];
-    let before = process.truth().pulses.total();
-    run(&mut process, Drive::Coast, true, 0.2);
-    assert!((process.truth().pulses.total() - before).abs_diff(500) <= 1);
-    process.pauses_us = [0.0; 4];
-    process.fault_inputs.disobeys = true;
-    run(&mut process, Drive::Coast, false, 0.01);
-    assert_ne!(process.sensors().block.gate, 0);
+        run(&mut process, Drive::Coast, true, 0.2);
+        assert!((process.truth().pulses.total() - before).abs_diff(500) <= 1);
+        process.pauses_us = [0.0; 4];
+        process.fault_inputs.disobeys = true;
+        run(&mut process, Drive::Coast, false, 0.01);
+        assert_ne!(process.sensors().block.gate, 0);
+    }
 }
 
 #[test]
-fn version_1_is_stopped_by_contact_shorts_there_and_says_so() {
-    let mut process = version_1(2.0, &[]);
-    run(&mut process, Drive::Duty(700), true, 2.0);
-    let truth = process.truth();
-    // 2.03 N of coil and 0.24 N of counterbalance surplus, and what the bristles of the friction have taken up.
-    assert!((1.4..2.2).contains(&truth.contact_n), "{}", truth.contact_n);
-    assert!((1990.0..2010.0).contains(&truth.position_um), "{}", truth.position_um);
-    run(&mut process, Drive::Duty(700), true, 0.1);
-    assert_eq!(process.truth().pulses.short - truth.pulses.short, 500);
-    // (100 V - 1 V)/15 ohm.
-    let amps = process.pieces().filter(|piece| piece.gate).filter_map(|piece| piece.amps_at(49.0)).last();
-    assert!(amps.is_none_or(|amps| (amps - 6.6).abs() < 0.01), "{amps:?}");
+fn versions_1_and_2_are_stopped_by_contact_short_there_and_say_so() {
+    for version in [1, 2] {
+        let mut process = of_version(version, 2.0, &[]);
+        run(&mut process, Drive::Duty(700), true, 2.0);
+        let truth = process.truth();
+        // 2.03 N of coil and 0.24 N of counterbalance surplus, and what the bristles of the friction have taken up.
+        assert!((1.4..2.2).contains(&truth.contact_n), "{}", truth.contact_n);
+        assert!((1990.0..2010.0).contains(&truth.position_um), "{}", truth.position_um);
+        run(&mut process, Drive::Duty(700), true, 0.1);
+        assert_eq!(process.truth().pulses.short - truth.pulses.short, 500);
+        // (100 V - 1 V)/15 ohm.
+        let amps = process.pieces().filter(|piece| piece.gate).filter_map(|piece| piece.amps_at(49.0)).last();
+        assert!(amps.is_none_or(|amps| (amps - 6.6).abs() < 0.01), "{amps:?}");
+    }
 }
 
 #[test]
-fn version_1_goes_through_a_sheet_without_a_contact_behind_it() {
-    let mut process = version_1(0.02, &[("model.thickness_um", 10.0), ("model.removal_um3_uj", 100.0)]);
-    run(&mut process, Drive::Coast, true, 5.0);
-    assert_eq!(process.truth().through, 1.0);
-    let pulses = process.truth().pulses;
-    run(&mut process, Drive::Duty(700), true, 0.5);
-    let truth = process.truth();
-    assert!(truth.position_um > 1000.0 && truth.contact_n == 0.0, "{truth:?}");
-    assert_eq!((truth.pulses.discharges(), truth.pulses.short), (pulses.discharges(), pulses.short));
+fn versions_1_and_2_go_through_a_sheet_without_a_contact_behind_it() {
+    for version in [1, 2] {
+        let mut process = of_version(version, 0.02, &[("model.thickness_um", 10.0), ("model.removal_um3_uj", 100.0)]);
+        run(&mut process, Drive::Coast, true, 5.0);
+        assert_eq!(process.truth().through, 1.0);
+        let pulses = process.truth().pulses;
+        run(&mut process, Drive::Duty(700), true, 0.5);
+        let truth = process.truth();
+        assert!(truth.position_um > 1000.0 && truth.contact_n == 0.0, "{truth:?}");
+        assert_eq!((truth.pulses.discharges(), truth.pulses.short), (pulses.discharges(), pulses.short));
+    }
 }
 
 #[test]
-fn a_held_gap_of_version_1_stays_and_so_do_swapped_leads() {
-    for (reversed, sign) in [(0.0, 1.0), (1.0, -1.0)] {
-        let mut plant = Plant::default();
+fn a_held_gap_of_versions_1_and_2_stays_and_so_do_swapped_leads() {
+    // The gaps that the sinker works in.
+    for (version, gap_um, reversed, sign) in
+        [(1, 35.0, 0.0, 1.0), (1, 35.0, 1.0, -1.0), (2, 40.0, 0.0, 1.0), (2, 40.0, 1.0, -1.0)]
+    {
+        let mut plant = Plant::default().turned_to(version);
         plant.set("wiring.gap_reversed", Value::Flag(reversed > 0.0)).unwrap();
         let mut process = Process::new(plant, 1).unwrap();
-        process.hold_gap(35.0, 0.5);
+        process.hold_gap(gap_um, 0.5);
         let (mut sum, mut n) = (0.0, 0.0);
         for _ in 0..20_000 {
             let block = process.advance(Drive::Duty(3000), true).block;

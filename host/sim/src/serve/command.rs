@@ -32,7 +32,7 @@ pub struct Serve {
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     /// Version of the process model instead of the scenario's
-    #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u32).range(0..=1))]
+    #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u32).range(0..=2))]
     pub model: Option<u32>,
     /// Random seed; each further head has the next seed
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]

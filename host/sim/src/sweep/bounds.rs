@@ -10,44 +10,45 @@ const COUNT_MM: f64 = 0.001;
 /// A figure that a scenario has to keep: its name, the least and the most.
 type Kept = (&'static str, f64, f64);
 
-/// Its set point and gain make it calm: ten seeds find 148 to 150 s, 4.5 to 4.9 V, 10.8 to 11.0 V of which a gap held still has 4.7 to
-/// 5.0, 12.9 to 13.6 um, 1.9 to 2.1 um, 4.2 to 4.7 % of arcs.
+/// Its set point and gain make it calm: ten seeds find 153 to 156 s, 4.1 to 4.4 V, 9.9 to 10.2 V of which a gap held still has 4.7 to
+/// 5.0, 11.6 to 12.4 um, 1.8 to 1.9 um, 2.3 to 2.5 % of arcs.
 const DEFAULT: &[Kept] = &[
-    ("sim_time_s", 115.0, 190.0),
-    ("gap_voltage_v.rms_error_100ms", 0.0, 5.8),
-    ("gap_voltage_v.filtered_rms", 0.0, 13.2),
+    ("sim_time_s", 115.0, 195.0),
+    ("gap_voltage_v.rms_error_100ms", 0.0, 5.5),
+    ("gap_voltage_v.filtered_rms", 0.0, 12.7),
     ("position_pp_um_median", 5.0, 15.0),
-    ("position_line_um.amplitude", 0.0, 3.0),
-    ("arc_ratio", 0.01, 0.06),
+    ("position_line_um.amplitude", 0.0, 2.4),
+    ("arc_ratio", 0.01, 0.04),
 ];
-/// Of the sinker of \[R\], as ten seeds find it: 139 to 142 s, 3.6 to 3.8 V, 10.0 to 10.2 V of which a gap held still has 4.2 to
-/// 4.5, 16.2 to 17.1 um, 2.7 to 2.9 um, 8 % of arcs. Its slow disturbance, which was fitted to the swing of a real machine, moves
-/// the gap that ignites as well by a quarter rms: 34 um by 8.6, so a head that follows has a swing, and 24 um, the sine of that,
+/// Of the sinker of \[R\], as ten seeds find it: 155 to 158 s, 3.0 to 3.3 V, 9.1 to 9.3 V of which a gap held still has 4.1 to
+/// 4.4, 15.2 to 16.1 um, 2.5 to 2.6 um, 4 % of arcs. Its slow disturbance, which was fitted to the swing of a real machine, moves
+/// the gap that ignites as well by 22 % rms: 40 um by 8.8, so a head that follows has a swing, and 25 um, the sine of that,
 /// would be all of it.
 const SINKER: &[Kept] = &[
-    ("sim_time_s", 110.0, 180.0),
-    ("gap_voltage_v.rms_error_100ms", 0.0, 4.8),
-    ("gap_voltage_v.filtered_rms", 0.0, 12.8),
-    ("position_pp_um_median", 5.0, 24.0),
+    ("sim_time_s", 116.0, 198.0),
+    ("gap_voltage_v.rms_error_100ms", 0.0, 4.3),
+    ("gap_voltage_v.filtered_rms", 0.0, 11.7),
+    ("position_pp_um_median", 5.0, 20.0),
     ("position_line_um.amplitude", 0.0, 3.0),
-    ("arc_ratio", 0.01, 0.15),
+    ("arc_ratio", 0.015, 0.07),
 ];
 /// Bounds of single scenarios. Times have two sides: on the same holes a head that is
 /// suddenly much faster is as likely to have found a hole in the model as one that is slower is to be worse. The ranges are a
-/// quarter and more about what five seeds do.
+/// quarter and more about what seeds do: three on version 2 of the process model, five on version 1, which the thesis machine is
+/// on.
 const KEPT: &[(&str, &[Kept])] = &[
     ("default", DEFAULT),
     ("sinker", SINKER),
-    ("sinker-100khz", &[("sim_time_s", 19.0, 35.0), ("arc_ratio", 0.01, 0.3)]),
-    ("sinker-1khz", &[("sim_time_s", 62.0, 105.0), ("arc_ratio", 0.0, 0.15)]),
-    ("sinker-0.1kg", &[("sim_time_s", 46.0, 77.0), ("position_pp_um_median", 5.0, 25.0)]),
-    ("sinker-0.4kg", &[("sim_time_s", 46.0, 79.0), ("position_pp_um_median", 5.0, 25.0)]),
-    ("sinker-0.1mm", &[("sim_time_s", 13.0, 28.0), ("short_ratio", 0.0, 0.12)]),
-    ("sinker-25mm", &[("sim_time_s", 130.0, 240.0), ("position_pp_um_median", 5.0, 35.0)]),
-    ("sinker-dirty", &[("sim_time_s", 94.0, 157.0), ("arc_ratio", 0.05, 0.3)]),
-    ("sinker-deep", &[("sim_time_s", 42.0, 77.0), ("arc_ratio", 0.05, 0.4)]),
-    ("sinker-deep-jumps", &[("sim_time_s", 12.0, 29.0), ("arc_ratio", 0.004, 0.05)]),
-    ("cavity", &[("sim_time_s", 125.0, 225.0), ("position_pp_um_median", 5.0, 35.0)]),
+    ("sinker-100khz", &[("sim_time_s", 18.5, 33.0), ("arc_ratio", 0.03, 0.12)]),
+    ("sinker-1khz", &[("sim_time_s", 61.0, 106.0), ("arc_ratio", 0.0, 0.01)]),
+    ("sinker-0.1kg", &[("sim_time_s", 49.0, 86.0), ("position_pp_um_median", 5.0, 21.0)]),
+    ("sinker-0.4kg", &[("sim_time_s", 49.0, 86.0), ("position_pp_um_median", 5.0, 21.0)]),
+    ("sinker-0.1mm", &[("sim_time_s", 8.5, 18.0), ("short_ratio", 0.01, 0.12)]),
+    ("sinker-25mm", &[("sim_time_s", 75.0, 130.0), ("position_pp_um_median", 4.0, 15.0)]),
+    ("sinker-dirty", &[("sim_time_s", 128.0, 218.0), ("arc_ratio", 0.08, 0.25)]),
+    ("sinker-deep", &[("sim_time_s", 85.0, 147.0), ("arc_ratio", 0.12, 0.4)]),
+    ("sinker-deep-jumps", &[("sim_time_s", 15.0, 28.0), ("arc_ratio", 0.005, 0.04)]),
+    ("cavity", &[("sim_time_s", 74.0, 125.0), ("position_pp_um_median", 5.0, 22.0)]),
     // [R] section 4.2 has about 40 um at 17 to 20 Hz.
     (
         "thesis-machine",
@@ -58,11 +59,11 @@ const KEPT: &[(&str, &[Kept])] = &[
             ("position_line_um.hz", 15.0, 25.0),
         ],
     ),
-    ("silicon", &[("sim_time_s", 57.0, 96.0), ("gap_voltage_v.rms_error_100ms", 0.0, 4.0)]),
-    ("micro-blind", &[("sim_time_s", 26.0, 46.0), ("short_ratio", 0.005, 0.1), ("wear_mm", 0.008, 0.02)]),
-    ("micro-blind-clear", &[("sim_time_s", 13.0, 27.0), ("short_ratio", 0.002, 0.1), ("wear_mm", 0.008, 0.02)]),
-    ("micro-through", &[("sim_time_s", 32.0, 56.0), ("short_ratio", 0.005, 0.1), ("through_ratio", 1.0, 1.0)]),
-    ("micro-through-clear", &[("sim_time_s", 17.0, 32.0), ("short_ratio", 0.002, 0.1), ("through_ratio", 1.0, 1.0)]),
+    ("silicon", &[("sim_time_s", 59.0, 100.0), ("gap_voltage_v.rms_error_100ms", 0.0, 3.0)]),
+    ("micro-blind", &[("sim_time_s", 24.5, 43.0), ("short_ratio", 0.005, 0.1), ("wear_mm", 0.008, 0.02)]),
+    ("micro-blind-clear", &[("sim_time_s", 11.5, 22.0), ("short_ratio", 0.002, 0.1), ("wear_mm", 0.008, 0.02)]),
+    ("micro-through", &[("sim_time_s", 29.0, 52.0), ("short_ratio", 0.005, 0.1), ("through_ratio", 1.0, 1.0)]),
+    ("micro-through-clear", &[("sim_time_s", 14.0, 27.0), ("short_ratio", 0.002, 0.1), ("through_ratio", 1.0, 1.0)]),
 ];
 
 /// What a run breaks, in a few words each.
@@ -100,10 +101,10 @@ mod tests {
     use crate::scenario::BUILT_IN;
 
     #[test]
-    fn every_scenario_of_version_1_keeps_figures_that_there_are() {
+    fn every_scenario_of_versions_1_and_2_keeps_figures_that_there_are() {
         for (name, text) in BUILT_IN {
             let setup = Setup::parse(name, text).unwrap();
-            assert_eq!(KEPT.iter().any(|(kept, _)| kept == name), setup.process.version() == 1, "{name}");
+            assert_eq!(KEPT.iter().any(|(kept, _)| kept == name), setup.process.version() != 0, "{name}");
         }
         for (scenario, figure, least, most) in
             KEPT.iter().flat_map(|(s, kept)| kept.iter().map(move |k| (s, k.0, k.1, k.2)))
