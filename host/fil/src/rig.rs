@@ -35,6 +35,8 @@ const GAP: usize = 16 + 56;
 /// Where in a window its tick is read, ticks: when the longest has ended, and well before the next block is complete
 /// (44 us). Time that passes by blocks of code may overshoot this: by 730 ticks in the settings, in a block with 36 divisions.
 const LOOK: u64 = 6600;
+/// Ticks between two looks at a plan under way: 1 us, and no plan takes less than ten.
+const PLAN: u64 = 168;
 /// Time that the first, late tick is given, ticks: 15 us.
 const FIRST: u64 = 2600;
 /// Counter of TIM1.
@@ -240,6 +242,10 @@ impl Emulated {
         }
         self.count = soc.world.process.truth().count;
         self.end += WINDOW;
+        self.executed.clear();
+        if self.watched {
+            self.end_plan()?;
+        }
         self.machine.run_until(self.end)?;
         let soc = self.machine.soc();
         self.came.extend(soc.world.sent.drain(..));
@@ -300,6 +306,37 @@ impl Emulated {
         std::mem::take(&mut self.logged)
     }
 
+    /// Reports a plan that was under way when the last tick was read, as soon as it has ended: an urgent one may follow it, and
+    /// end, before the next is read.
+    fn end_plan(&mut self) -> Result<()> {
+        let [begun, mut made, _] = self.places.plans(&self.machine.soc().memory)?;
+        if begun == made {
+            return Ok(());
+        }
+        while begun != made {
+            let next = self.machine.soc().now() + PLAN;
+            if next >= self.end {
+                return Ok(());
+            }
+            self.machine.run_until(next)?;
+            made = self.places.plans(&self.machine.soc().memory)?[1];
+        }
+        let planned = self.places.planned(&self.machine.soc().memory)?;
+        let plan = self.take_plan(made, planned)?;
+        let held = std::mem::take(&mut self.held);
+        self.report(plan.into_iter().chain(held))
+    }
+
+    /// What a plan that has ended has carried out, and what it has found.
+    fn take_plan(&mut self, made: u32, planned: Status) -> Result<Vec<Event>> {
+        let memory = &self.machine.soc().memory;
+        let raised = self.places.raised(memory, made)?;
+        self.executed = self.places.commands(memory, made)?;
+        self.made = made;
+        let commands = self.executed.iter().map(|command| Event::Command(*command));
+        Ok(commands.chain(raised.map(Event::Raised)).chain([Event::Plan(planned)]).collect())
+    }
+
     /// Reads inputs and results of the tick of this window.
     fn look(&mut self) -> Result<()> {
         let before = self.status;
@@ -309,8 +346,6 @@ impl Emulated {
         self.places.followed(memory, &mut status)?;
         let (input, counters) = (self.places.input(memory)?, self.places.counters(memory)?);
         let [begun, made, known] = self.places.plans(memory)?;
-        let raised = self.places.raised(memory, made)?;
-        let commands = self.places.commands(memory, made)?;
         let monitored = self.places.monitored(memory)?;
         let stores = before.state == State::Disabled && status.state == State::Disabled;
         if status.tick != before.tick.wrapping_add(1) && matches!(self.witness, Witness::None) && stores {
@@ -326,15 +361,9 @@ impl Emulated {
             let reason = Reason::Fault(fault);
             self.changes.push_back(Change { tick: status.tick, from: before.state, to: status.state, reason });
         }
-        let mut plan = Vec::new();
         self.released = input.set_point;
-        self.executed.clear();
-        if made != self.made {
-            self.executed = commands;
-            plan.extend(self.executed.iter().map(|command| Event::Command(*command)));
-            plan.extend(raised.map(Event::Raised));
-            plan.push(Event::Plan(planned));
-        }
+        let ended = made != self.made;
+        let plan = if ended { self.take_plan(made, planned)? } else { Vec::new() };
         // What a task does is reported at its end: before this tick, if it was about one before it.
         let mut before = std::mem::take(&mut self.held);
         let mut after = Vec::new();
@@ -344,16 +373,16 @@ impl Emulated {
         }
         if monitored != self.monitored {
             // The plan may have come in between.
-            let planned = made != self.made && known != monitored;
+            let planned = ended && known != monitored;
             match (monitored == status.tick, made == status.tick && planned) {
                 (_, true) => after.push(Event::Supervised),
                 (true, false) => after.insert(0, Event::Supervised),
-                (false, false) if planned || made == self.made => before.push(Event::Supervised),
+                (false, false) if planned || !ended => before.push(Event::Supervised),
                 (false, false) => before.insert(0, Event::Supervised),
             }
         }
         let waits = begun != made && begun != status.tick;
-        if made != self.made {
+        if ended {
             // What is held from here on waits for the next plan.
             self.report(before.drain(..))?;
         }
@@ -364,7 +393,6 @@ impl Emulated {
         } else {
             self.report(before.into_iter())?;
         }
-        self.made = made;
         self.monitored = monitored;
         self.status = status;
         Ok(())
