@@ -1,14 +1,53 @@
 // The page of the desk: views over one WebSocket. What a head means comes in words and units from the program.
 
-import { Histogram, Trace } from "./trace.js";
+import { Chart, Histogram, seen } from "./plots.js";
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") ?? "";
-const traces = {
-  depth: new Trace($("trace-depth"), 0.05),
-  gap: new Trace($("trace-gap"), 20),
-  feed: new Trace($("trace-feed"), 20),
-};
+
+// Colours of the states, by their number (2000h:1): what moves without pulses, what erodes, what goes back, what waits, what is wrong.
+const SHADES = { 3: "--seeking", 4: "--eroding", 5: "--retreating", 7: "--holding", 8: "--fault", 11: "--eroding", 13: "--jumping" };
+const SEEKING = 3, AT_REST = [0, 2, 6], LED = [3, 4, 5, 11, 13];
+let states = {};
+const shade = (state) => SHADES[state] ?? (AT_REST.includes(state) ? "--idle" : "--moving");
+
+// The last bore, as the program keeps it and as it goes on.
+let bored = null;
+const chart = new Chart($("chart"), [
+  { height: () => tall(0.42), down: true, strip: true, ranges: { mm: depths },
+    signals: [{ name: "Depth", unit: "mm", colour: "--trace", digits: 3 }, { name: "target", unit: "mm", colour: "--target", digits: 3, dash: [6, 4] }] },
+  { height: () => tall(0.3), ranges: { V: volts },
+    signals: [{ name: "Gap voltage", unit: "V", colour: "--trace" }, { name: "set point", unit: "V", colour: "--target", dash: [6, 4] }] },
+  { height: () => tall(0.28), ranges: { "um/s": feeds }, signals: [{ name: "Feed", unit: "um/s", colour: "--trace", digits: 0 }] },
+], { named: (state) => [states[state] ?? `state ${state}`, shade(state)], note: $("chart-note") });
+
+// The plots end with the window, and are never too low to read.
+function tall(share) {
+  const room = innerHeight - ($("chart").getBoundingClientRect().top + scrollY) - 3 * 26 - 44;
+  return Math.max(90, Math.floor(share * Math.max(330, room)));
+}
+
+// The scale of the hole: a way home does not make it a flat line.
+function depths(u) {
+  const deep = Math.max(bored?.target ?? 0, bored?.deepest ?? 0, 0.002);
+  const whole = [-Math.max(0.06 * deep, 0.02), 1.06 * deep];
+  if (!chart.zoom && chart.last === null) return whole;
+  const [low, high] = seen(u, 1);
+  if (low === null || high < whole[0]) return whole;
+  const pad = Math.max(0.1 * (high - low), 0.001);
+  return [Math.max(whole[0], low - pad), Math.min(whole[1], high + pad)];
+}
+
+function volts(u, min, max) {
+  return [0, 1.1 * Math.max(max ?? 0, 20)];
+}
+
+function feeds(u) {
+  // A seek is fast, and of no interest beside the feed in the hole.
+  const [low, high] = seen(u, 1, (place) => bored?.points[place]?.[1] !== SEEKING);
+  const [least, most] = [Math.min(low ?? 0, -20), Math.max(high ?? 0, 20)];
+  return [1.1 * least, 1.1 * most];
+}
 
 const histogram = new Histogram($("delays"));
 
@@ -16,7 +55,12 @@ let socket = null;
 let me = 0, commander = null, node = null;
 let asked = new Map(), next = 1;
 let again = 0, lines = [], file = null, differences = null;
-let surface = null, drawn = false, records = [];
+let drawn = false, scope = null, kept = null;
+let signals = [], events = [];
+// What was typed in a setting and refused, and why.
+const typed = new Map();
+// When what is put was measured, if not now.
+let measured_at = null;
 // What was measured last, and when, by the id of its place.
 const measured = new Map();
 // Places of what a head measures.
@@ -28,11 +72,17 @@ function put(id, text) {
   const place = $(id);
   if (!place) return;
   if (text !== null) {
-    measured.set(id, { text, at: new Date() });
+    measured.set(id, { text, at: measured_at ?? new Date() });
     place.textContent = text;
   } else if (!place.classList.contains("old")) {
     const last = measured.get(id);
-    place.textContent = last ? `${last.text}, at ${clock(last.at)}` : "-";
+    place.textContent = last?.text ?? "-";
+    if (last) {
+      const comma = item("span", ", "), when = item("small", `at ${clock(last.at)}`);
+      comma.className = "comma";
+      when.className = "when";
+      place.append(comma, when);
+    }
   }
   place.classList.toggle("old", text === null);
 }
@@ -53,8 +103,7 @@ function gone(from = null) {
   if (from === null || from === node) {
     for (const id of LIVE.filter((id) => measured.has(id))) put(id, null);
     for (const id of ["ladder", "shares", "stack", "verdict"]) $(id).classList.add("old");
-    for (const trace of Object.values(traces)) trace.until ??= clock(new Date());
-    draw();
+    $("state").style.removeProperty("background");
   }
   for (const place of document.querySelectorAll("[id^=now-]")) {
     if (from === null || place.id === `now-${from}`) put(place.id, null);
@@ -84,10 +133,12 @@ function ask(what) {
   });
 }
 
-// A button's request: what is refused is shown.
-function want(what) {
+// A button's request: what is refused is shown in its view; without a view, below the header.
+function want(what, view = null) {
+  if (view) say(view, "");
   return ask(what).catch((error) => {
-    say(error.message);
+    if (view) say(view, error.message, true);
+    else notice(error.message);
     throw error;
   });
 }
@@ -107,20 +158,24 @@ function take(message) {
     commander = message.welcome.commander;
     $("bus").textContent = bus;
     $("lost").hidden = true;
-    $("events").replaceChildren();
-    log.forEach(event);
+    states = message.welcome.states;
+    events = log;
+    logged();
     show();
     scan();
-    ask({ do: "signals" }).then((all) => $("signals").replaceChildren(...all.map(([address, key]) => new Option(key, address))), () => {});
+    last_bore();
+    ask({ do: "signals" }).then(name_signals, () => {});
   } else if ("commander" in message) {
     commander = message.commander;
     show();
   } else if (message.sample) {
     does(message.sample);
-    if (message.sample.node === node) sample(message.sample);
+    if (message.sample.node === node) sample(message.sample, message.point);
   } else if (message.progress) {
     does(message.progress.sample);
-    if (message.progress.sample.node === node) progress(message.progress);
+    if (message.progress.sample.node === node) progress(message.progress, message.point);
+  } else if (message.record) {
+    if (message.record.node === node) bore_is(message.record);
   } else if (message.gap) {
     if (message.gap.node === node) gap(message.gap);
   } else if (message.bring_up) {
@@ -128,9 +183,11 @@ function take(message) {
   } else if (message.brought_up) {
     brought_up(message.brought_up);
   } else if (message.event) {
-    event(message.event);
+    events.push(message.event);
+    if (events.length > 1000) events.shift();
+    if (!$("log").hidden) logged();
   } else if (message.ended) {
-    ended(message.ended);
+    if (message.node === node) ended(message.ended);
   } else if (message.gone) {
     gone(message.gone.node);
     if (message.gone.node === node) lost(message.gone.why);
@@ -139,7 +196,7 @@ function take(message) {
     $("lost").hidden = true;
     scan();
   } else if (message.error) {
-    say(message.error);
+    notice(message.error);
   }
 }
 
@@ -148,10 +205,17 @@ function lost(why) {
   $("lost").hidden = false;
 }
 
-function say(text) {
-  $("said").textContent = text;
-  tell("doing", text);
-  $("up-doing").textContent = text;
+// What a view has to say stands in that view.
+function say(view, text, bad = false) {
+  const place = $(`${view}-said`);
+  place.textContent = text;
+  place.classList.toggle("wrong", bad);
+}
+
+// What belongs to no view: the answer to a button of the header.
+function notice(text) {
+  $("notice").firstElementChild.textContent = text;
+  $("notice").hidden = false;
 }
 
 function show() {
@@ -170,7 +234,7 @@ function show() {
 async function scan() {
   $("found").replaceChildren(item("li", "Scanning ..."));
   clearTimeout(again);
-  const found = await ask({ do: "heads" }).catch((error) => lost(error.message)) ?? [];
+  const found = await want({ do: "heads" }, "heads").catch(() => null) ?? [];
   const list = found.map(({ node: id, identity, why_not }) => {
     const line = item("li", "");
     if (!identity) {
@@ -202,7 +266,8 @@ function choose_head(id, identity) {
   node = id;
   lines = [];
   differences = null;
-  surface = null;
+  bored = kept = null;
+  typed.clear();
   $("asks").hidden = true;
   for (const id of LIVE.filter((id) => id !== "doing")) {
     measured.delete(id);
@@ -211,59 +276,107 @@ function choose_head(id, identity) {
   for (const id of ["left", "gap-left", "gap-depth"]) $(id).textContent = "no hole in progress";
   $("head").textContent = `node ${id}`;
   $("head").title = `${identity.name}, serial number ${identity.serial}`;
-  Object.values(traces).forEach((trace) => trace.clear());
+  for (const id of ["depth", "target", "electrode"]) $(id).textContent = id === "depth" ? "-" : "";
+  chart.set([], []);
+  last_bore();
   show();
   if (location.hash === "#settings") read();
 }
 
-function sample(now) {
+function sample(now, point = null) {
   put("state", now.state);
-  $("state").dataset.state = now.state;
+  $("state").style.background = `var(${shade(now.state_number)})`;
   $("fault").hidden = now.fault_number === 0;
   $("fault").firstElementChild.textContent = `Fault: ${now.fault}`;
   put("position", now.homed ? `${now.position_mm.toFixed(3)} mm` : "not homed");
-  const depth = surface === null ? null : now.position_mm - surface;
-  put("depth", depth === null ? null : `${depth.toFixed(3)} mm`);
+  const deep = now.surface_mm === null || !now.homed ? null : now.position_mm - now.surface_mm;
+  $("electrode").textContent = deep === null ? "surface not known" : deep < 0 ? `electrode ${(-deep).toFixed(3)} mm above the work`
+    : `electrode ${deep.toFixed(3)} mm deep`;
   put("gap-now", now.gap_v === null ? null : `${now.gap_v.toFixed(1)} V`);
   put("wanted", `${now.setpoint_v.toFixed(1)} V`);
   $("lost").hidden = true;
   put("feed", now.feed_um_s === null ? null : `${now.feed_um_s.toFixed(0)} um/s`);
   put("shorts", now.shorts);
-  const at = performance.now();
-  for (const trace of Object.values(traces)) trace.until = null;
-  traces.depth.add(at, depth);
-  traces.gap.add(at, now.gap_v);
-  traces.gap.target = now.setpoint_v;
-  traces.feed.add(at, now.feed_um_s);
-  if (!drawn) requestAnimationFrame(draw);
-  drawn = true;
+  if (point && bored) {
+    bored.points.push(point);
+    deepens(point);
+    deepest();
+    if (!drawn) requestAnimationFrame(draw);
+    drawn = true;
+  }
+}
+
+// The last bore of the head, from the program: it is there whoever has seen it.
+function last_bore() {
+  if (node === null) return;
+  const of = node;
+  ask({ do: "record", node }).then((record) => { if (record && of === node) bore_is(record); }, () => {});
+}
+
+function bore_is(record) {
+  // Until the head has a surface, what pulses began at.
+  const first = record.points.find(([, state]) => LED.includes(state));
+  bored = { points: record.points, run: record.run, surface: record.surface_mm ?? first?.[2] ?? 0, target: record.target_mm, deepest: 0 };
+  record.points.forEach(deepens);
+  deepest();
+  if (record.gap) {
+    const [at, gap] = record.gap;
+    if (kept === null || kept.at < at) kept = { at: new Date(at), gap };
+  }
+  if (record.ended) ended(record.ended);
+  draw();
+}
+
+// Only where the gap leads: the way home is not of the hole.
+function deepens([, state, position]) {
+  if (LED.includes(state)) bored.deepest = Math.max(bored.deepest, position - bored.surface);
+}
+
+function deepest() {
+  tell("depth", `${bored.deepest.toFixed(3)} mm`);
+  $("target").textContent = bored.target === null ? "" : `of ${bored.target.toFixed(3)} mm; `;
 }
 
 function draw() {
   drawn = false;
-  if (!$("run").hidden) Object.values(traces).forEach((trace) => trace.draw());
+  if ($("run").hidden) return;
+  const points = bored?.points ?? [];
+  const column = (place) => points.map((point) => point[place]);
+  let work = false;
+  const depth = points.map(([, state, position]) => (work ||= LED.includes(state)) ? position - bored.surface : null);
+  const target = bored?.target ?? null;
+  chart.set(column(0), [depth, points.map(() => target), column(3), column(4), column(5)], column(1));
 }
 
-function progress(run) {
+function progress(run, point) {
   $("asks").hidden = true;
-  if (run.depth_mm !== null && surface === null) {
-    surface = run.sample.position_mm - run.depth_mm;
-    traces.depth.clear();
+  sample(run.sample, point);
+  if (bored && run.deepest_mm !== null) {
+    bored.target = run.target_mm;
+    bored.deepest = Math.max(bored.deepest, run.deepest_mm);
   }
-  if (run.depth_mm === null) surface = null;
-  sample(run.sample);
-  traces.depth.target = run.depth_mm === null ? null : run.target_mm;
+  $("depth-what").textContent = "Depth, by the electrode";
   put("doing", run.said);
-  $("progress").value = Math.max(0, (run.depth_mm ?? 0) / run.target_mm);
-  put("time", run.seconds > 0 ? `${run.seconds.toFixed(0)} s` : null);
+  tell("depth", run.deepest_mm === null ? "-" : `${run.deepest_mm.toFixed(3)} mm`);
+  $("target").textContent = `of ${run.target_mm.toFixed(3)} mm; `;
+  $("progress").value = Math.max(0, (run.deepest_mm ?? 0) / run.target_mm);
+  put("time", run.seconds > 0 ? lasts(run.seconds) : null);
   for (const id of ["left", "gap-left"]) {
-    if (run.left_s !== null) put(id, `${run.left_s.toFixed(0)} s`);
+    if (run.left_s !== null) put(id, lasts(run.left_s));
     else if (measured.has(id)) put(id, null);
-    else $(id).textContent = "not known";
+    else $(id).textContent = "-";
   }
   if (run.depth_mm === null) $("gap-depth").textContent = "surface not known";
   else put("gap-depth", run.depth_mm < 0 ? `${(-run.depth_mm).toFixed(3)} mm above the work; target ${run.target_mm} mm`
     : `${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`);
+}
+
+// A duration: 45 s, 3 min 20 s, 2 h 5 min.
+function lasts(seconds) {
+  const whole = Math.round(seconds);
+  if (whole < 120) return `${whole} s`;
+  if (whole < 7200) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
+  return `${Math.floor(whole / 3600)} h ${Math.floor(whole % 3600 / 60)} min`;
 }
 
 // A number with at least three digits.
@@ -272,14 +385,20 @@ function digits(number) {
   return number.toFixed(exact);
 }
 
-function gap({ volts, quality, ladder, verdict, good, shares, no_pulse_percent, levels, pulses, pulse_count, feed_um_s, senses, controlled, delays }) {
+function gap(now) {
+  // The look at the end of the pulses counts some, and senses none.
+  if (now.pulses && now.volts !== null) kept = { at: new Date(), gap: now };
   if ($("gap").hidden) return;
+  const { volts, quality, ladder, feed_um_s, levels } = now;
   put("gap-volts", volts === null ? null : `${volts.toFixed(1)} V, ${quality}`);
   if (volts === null) $("gap-quality").textContent = `: ${quality}, not valid now`;
   else $("gap-quality").textContent = "";
   put("gap-feed", feed_um_s === null ? null : `${feed_um_s.toFixed(0)} um/s`);
-  for (const id of ["ladder", "shares", "stack", "verdict"]) $(id).classList.remove("old");
-  $("verdict").textContent = verdict;
+  // Without pulses the last ones stay, grey, with their time.
+  const old = !now.pulses && kept !== null, { pulses, shares, verdict, good, pulse_count, no_pulse_percent, delays, controlled } = old ? kept.gap : now;
+  for (const id of ["shares", "stack", "verdict"]) $(id).classList.toggle("old", old);
+  $("ladder").classList.remove("old");
+  $("verdict").textContent = old ? `No pulses now. At ${clock(kept.at)}: ${verdict}` : verdict;
   $("verdict").classList.toggle("good", good === true);
   $("verdict").classList.toggle("poor", good === false);
   const most = 1.1 * Math.max(1, volts ?? 0, ...ladder.map((rung) => rung.volts ?? 0));
@@ -300,8 +419,14 @@ function gap({ volts, quality, ladder, verdict, good, shares, no_pulse_percent, 
   put("looks", !pulses ? "There were no pulses in the last 0.2 s."
     : `Of ${pulse_count === null ? "all" : `all ${pulse_count}`} pulses since the last look, five times a second, as the head classifies them.`
     + (no_pulse_percent > 0 ? ` ${no_pulse_percent} % of the milliseconds had none.` : ""));
-  sensed(senses, controlled);
-  delayed(delays);
+  if (old && !measured.has("hazard")) {
+    // A page that was not there then.
+    measured_at = kept.at;
+    sensed(kept.gap.senses, controlled);
+    measured_at = null;
+  }
+  sensed(now.senses, now.controlled);
+  delayed(delays, old);
 }
 
 // What the head senses beside the voltage; null of a head that does not.
@@ -324,9 +449,10 @@ function sensed(senses, controlled) {
 }
 
 // Ignition delays of the last second.
-function delayed(delays) {
+function delayed(delays, old) {
   const total = delays?.counts.reduce((sum, count) => sum + count, 0) ?? 0;
-  put("delayed", total ? `${total} pulses ignited in ${delays.seconds.toFixed(1)} s; pulses an octave` : null);
+  $("delays").classList.toggle("old", old);
+  put("delayed", total && !old ? `${total} pulses ignited in ${delays.seconds.toFixed(1)} s; pulses an octave` : null);
   histogram.show(delays?.counts ?? [], delays?.ends_us ?? []);
 }
 
@@ -351,34 +477,55 @@ function bar(what, from, value, most, mark, kind = null) {
   return row;
 }
 
+// A signal as a person reads it: its name and its unit.
+const named = (key, unit) => (unit ? `${key}, ${unit}` : key);
+
+function name_signals(all) {
+  signals = all.map(([address, key, unit]) => ({ address, text: named(key, unit) }));
+  $("signals").replaceChildren(...signals.map(({ address, text }) => {
+    const option = new Option(address);
+    option.value = text;
+    return option;
+  }));
+  const fields = [...document.querySelectorAll("#record [name=signals]")];
+  if (fields.every((field) => !field.value)) {
+    ["2005h:1", "2005h:5", "6064h:0", "2004h:7"].forEach((address, place) => {
+      fields[place].value = signals.find((signal) => signal.address === address)?.text ?? address;
+    });
+  }
+}
+
+const COLOURS = ["--trace", "--target", "--third", "--fourth"];
+
 async function record(submit) {
   submit.preventDefault();
   const form = new FormData($("record"));
+  const address = (text) => signals.find((signal) => signal.text === text)?.address ?? text;
   const plan = {
-    signals: form.getAll("signals").map((text) => text.trim()).filter((text) => text),
+    signals: form.getAll("signals").map((text) => text.trim()).filter((text) => text).map(address),
     every_ms: Number(form.get("every")),
     trigger: form.get("trigger"),
     level: Number(form.get("level")),
     wait_s: Number(form.get("wait")),
   };
+  const before = $("recorded").textContent;
   $("recorded").textContent = "Waiting for the trigger, or recording.";
-  const done = await want({ do: "scope", node, plan }).catch((error) => {
-    $("recorded").textContent = error.message;
-    return null;
-  });
-  if (!done) return;
-  const { every_ms, signals } = done.record;
-  const drawn = signals.map(({ key, unit, values }) => {
-    const figure = item("figure", ""), canvas = item("canvas", "");
-    figure.append(item("figcaption", unit ? `${key}, ${unit}` : key), canvas);
-    const most = Math.max(...values.map(Math.abs), 1);
-    return { figure, values, trace: new Trace(canvas, 1e-3 * most) };
-  });
-  records.forEach((trace) => trace.close());
-  records = drawn.map(({ trace }) => trace);
-  $("records").replaceChildren(...drawn.map(({ figure }) => figure));
-  drawn.forEach(({ trace, values }) => trace.show(values, every_ms));
-  $("recorded").textContent = `${signals[0].values.length} samples, one every ${every_ms} ms.`;
+  const done = await want({ do: "scope", node, plan }, "scope").catch(() => null);
+  if (!done) {
+    $("recorded").textContent = before;
+    return;
+  }
+  const { every_ms, signals: recorded } = done.record;
+  scope?.close();
+  const digits = (values) => Math.max(...values.map(Math.abs)) < 10 ? 3 : 1;
+  scope = new Chart($("records"), [{
+    height: () => Math.max(300, innerHeight - ($("records").getBoundingClientRect().top + scrollY) - 66),
+    signals: recorded.map(({ key, unit, values }, place) => ({ name: key, unit, colour: COLOURS[place], digits: digits(values), scale: unit || "1" })),
+  }], { time: "ms", note: $("records-note") });
+  scope.least = every_ms;
+  scope.set(recorded[0].values.map((value, place) => place * every_ms), recorded.map(({ values }) => values));
+  $("recorded").textContent = `${recorded[0].values.length} samples, one every ${every_ms} ms.`;
+  $("records-note").textContent = "Drag to zoom, double click for all; click to measure from there.";
   save("scope-csv", `scope-node-${node}.csv`, "text/csv", done.csv);
   $("scope-file").hidden = false;
 }
@@ -391,14 +538,20 @@ function save(id, name, type, text) {
 }
 
 function ended({ outcome, failed }) {
-  surface = null;
-  for (const id of ["depth", "gap-depth", "time", "left", "gap-left"]) put(id, null);
+  $("depth-what").textContent = "Last hole: depth, by the electrode";
+  for (const id of ["gap-depth", "gap-left", "left"]) tell(id, "no hole in progress");
   if (outcome) {
-    tell("doing", `${outcome.reached ? "Bored" : "Ended"}: electrode depth ${outcome.depth_mm.toFixed(3)} of ${outcome.target_mm} mm`
-      + ` in ${outcome.seconds.toFixed(0)} s; the hole is deeper by the gap width. ${outcome.why}.`);
+    tell("doing", outcome.said);
+    if (bored) bored.deepest = outcome.depth_mm;
+    tell("depth", `${outcome.depth_mm.toFixed(3)} mm`);
+    tell("gap-depth", `last hole: ${outcome.depth_mm.toFixed(3)} of ${outcome.target_mm} mm`);
+    tell("time", lasts(outcome.seconds));
+    tell("left", "-");
     $("progress").value = outcome.reached ? 1 : Math.max(0, outcome.depth_mm / outcome.target_mm);
   } else {
     tell("doing", failed);
+    tell("left", "-");
+    put("time", null);
   }
 }
 
@@ -431,16 +584,21 @@ function brought_up({ name, markdown, report, failed }) {
   $("up-files").hidden = false;
 }
 
-function event({ unix_ms, node: from, what }) {
-  const line = item("li", "");
-  line.append(item("time", new Date(unix_ms).toLocaleTimeString("en-GB")), ` node ${from}: ${what}`);
-  $("events").prepend(line);
-  while ($("events").childElementCount > 1000) $("events").lastElementChild.remove();
+// The newest event first.
+function logged() {
+  const kind = $("log-kind").value, word = $("log-word").value.toLowerCase();
+  const shown = events.filter((event) => (!kind || event.kind === kind) && event.what.toLowerCase().includes(word)).reverse();
+  $("events").replaceChildren(...shown.map(({ unix_ms, node: from, kind, what }) => {
+    const line = item("li", "");
+    line.className = kind;
+    line.append(item("time", new Date(unix_ms).toLocaleTimeString("en-GB")), item("b", from ? `node ${from}` : "desk"), item("span", what));
+    return line;
+  }));
 }
 
 async function read() {
   if (node === null) return;
-  lines = await want({ do: "settings", node });
+  lines = await want({ do: "settings", node }, "settings");
   list();
 }
 
@@ -460,6 +618,11 @@ function list() {
       const value = item("td", "");
       value.className = "value";
       value.append(field(line), ` ${line.unit}`);
+      if (typed.has(line.key)) {
+        const why = item("small", `${typed.get(line.key).why}. The head has ${line.value} ${line.unit}`.trim());
+        why.className = "wrong";
+        value.append(why);
+      }
       row.append(name, value);
       if (differences !== null) row.append(item("td", String(other.get(line.key).file)));
       row.append(item("td", `${line.allowed}; default ${line.default ?? "unknown"}`));
@@ -473,14 +636,23 @@ function field(line) {
   const words = typeof line.value === "string" ? line.allowed.split(", ") : typeof line.value === "boolean" ? ["true", "false"] : null;
   const input = document.createElement(words ? "select" : "input");
   if (words) input.append(...words.map((word) => new Option(word, word)));
-  input.value = String(line.value);
+  // What was refused stays in its field, with the reason beside it.
+  const wrong = typed.get(line.key);
+  input.value = wrong?.text ?? String(line.value);
+  input.classList.toggle("wrong", wrong !== undefined);
   input.setAttribute("aria-label", line.key);
   input.onchange = async () => {
-    const written = await want({ do: "set", node, assignments: [`${line.key}=${input.value}`] }).catch(() => null);
-    if (written) {
-      $("said").textContent = `${line.key} = ${input.value}${written.check_again ? "; the guided check must pass again" : ""}`;
+    const text = input.value;
+    try {
+      const written = await ask({ do: "set", node, assignments: [`${line.key}=${text}`] });
+      typed.delete(line.key);
+      await read();
+      say("settings", `${line.key} = ${text}${written.check_again ? "; the guided check must pass again" : ""}`);
+    } catch (error) {
+      if (text === String(line.value)) typed.delete(line.key);
+      else typed.set(line.key, { text, why: error.message });
+      list();
     }
-    await read();
   };
   return input;
 }
@@ -496,11 +668,13 @@ function view() {
   for (const section of document.querySelectorAll("main > section")) section.hidden = section.id !== name;
   for (const link of document.querySelectorAll("nav a")) link.classList.toggle("here", link.hash === `#${name}`);
   if (name === "settings") read().catch(() => {});
+  if (name === "log") logged();
+  if (name === "scope") scope?.draw();
   draw();
 }
 
 function stop() {
-  if (node !== null) want({ do: "stop", node }).then((now) => say(now.stopped), () => {});
+  if (node !== null) want({ do: "stop", node }).then((now) => notice(`STOP: ${now.stopped}.`), () => {});
 }
 
 $("stop").onclick = stop;
@@ -511,17 +685,24 @@ addEventListener("keydown", (key) => {
   }
 }, true);
 $("command").onclick = () => want({ do: "command", take: commander !== me }).catch(() => {});
-$("reset").onclick = () => want({ do: "reset", node }).catch((error) => lost(error.message));
+$("reset").onclick = () => want({ do: "reset", node }).catch(() => {});
+$("seen").onclick = () => { $("notice").hidden = true; };
 $("scan").onclick = scan;
 // What is under the electrode is asked where a hole may have been begun there.
 function bore(site) {
   const form = new FormData($("bore"));
   const number = (name) => (form.get(name) === "" ? null : Number(form.get(name)));
-  surface = null;
   $("asks").hidden = true;
+  say("run", "");
+  const fields = [...document.querySelectorAll("#bore input")];
+  for (const field of fields) field.classList.remove("wrong");
   const hole = { depth_mm: number("depth"), surface_mm: number("surface"), height_mm: number("height"), site };
   ask({ do: "bore", node, hole }).catch(({ message, asks }) => {
-    if (!asks) return say(message);
+    if (!asks) {
+      // The program names the field first.
+      fields.find((field) => message.startsWith(`${field.name} `))?.classList.add("wrong");
+      return say("run", message, true);
+    }
     $("asks").firstElementChild.textContent = message;
     $("continue").hidden = !asks.begun;
     $("asks").hidden = false;
@@ -535,20 +716,26 @@ $("bore").onsubmit = (submit) => {
 $("continue").onclick = () => bore("begun");
 $("new-surface").onclick = () => bore("new");
 for (const button of document.querySelectorAll("[data-request]")) {
-  button.onclick = () => want({ do: "request", request: button.dataset.request }).catch(() => {});
+  button.onclick = () => want({ do: "request", request: button.dataset.request }, "run").catch(() => {});
+}
+for (const button of document.querySelectorAll("[data-last]")) {
+  button.onclick = () => chart.look(button.dataset.last ? Number(button.dataset.last) : null);
 }
 $("record").onsubmit = record;
-$("up-begin").onclick = () => want({ do: "bring_up", node }).catch(() => {});
-$("up-check").onclick = () => want({ do: "check", again: $("up-again").checked }).catch(() => {});
-$("up-report").onclick = () => want({ do: "report" }).catch(() => {});
+$("log-kind").onchange = logged;
+$("log-word").oninput = logged;
+$("up-begin").onclick = () => want({ do: "bring_up", node }, "bring-up").catch(() => {});
+$("up-check").onclick = () => want({ do: "check", again: $("up-again").checked }, "bring-up").catch(() => {});
+$("up-report").onclick = () => want({ do: "report" }, "bring-up").catch(() => {});
 $("search").oninput = list;
 $("changed").onchange = list;
 $("read").onclick = () => {
   file = differences = null;
+  typed.clear();
   $("import").hidden = true;
   read().catch(() => {});
 };
-$("save").onclick = () => want({ do: "save", node }).then(() => { $("said").textContent = "Settings saved in the head."; }, () => {});
+$("save").onclick = () => want({ do: "save", node }, "settings").then(() => say("settings", "Settings saved in the head."), () => {});
 $("export").onclick = () => {
   const link = document.createElement("a");
   link.href = `settings.toml?node=${node}&token=${encodeURIComponent(token)}`;
@@ -560,17 +747,19 @@ $("compare").onchange = async (change) => {
   if (!chosen) return;
   const text = await chosen.text();
   change.target.value = "";
-  differences = await want({ do: "compare", node, text }).catch(() => null);
+  differences = await want({ do: "compare", node, text }, "settings").catch(() => null);
   file = differences?.length ? text : null;
   $("import").hidden = file === null;
-  if (differences) $("said").textContent = differences.length ? `${differences.length} settings differ from ${chosen.name}.` : "No difference.";
+  if (differences) say("settings", differences.length ? `${differences.length} settings differ from ${chosen.name}.` : "No difference.");
   list();
 };
 $("import").onclick = async () => {
-  const written = await want({ do: "import", node, text: file }).catch(() => null);
+  const written = await want({ do: "import", node, text: file }, "settings").catch(() => null);
   if (!written) return;
-  $("said").textContent = `${written.changed.length} settings changed${written.check_again ? "; the guided check must pass again" : ""}.`;
-  $("read").onclick();
+  file = differences = null;
+  $("import").hidden = true;
+  await read().catch(() => {});
+  say("settings", `${written.changed.length} settings changed${written.check_again ? "; the guided check must pass again" : ""}.`);
 };
 addEventListener("hashchange", view);
 view();

@@ -22,6 +22,8 @@ pub const PERIOD: Duration = Duration::from_millis(50);
 const TRAVEL_MM_S: f64 = 20.0;
 /// Activity while the gap leads.
 const ERODING: &str = "eroding";
+/// The erosion ended at its depth, 2003h:3.
+const BY_DEPTH: i64 = 1;
 /// Why a wait ended when nothing went wrong.
 const ON_REQUEST: &str = "ended on request";
 /// Why [`Run::alive`] ends a run without a commanding session: the head retreats by itself.
@@ -210,6 +212,8 @@ pub struct Progress {
     pub request: Request,
     /// Depth of the electrode below the surface, mm, once that is known.
     pub depth_mm: Option<f64>,
+    /// Depth of the hole by the electrode: its greatest depth, mm, once it was in the work.
+    pub deepest_mm: Option<f64>,
     /// Depth requested, mm.
     pub target_mm: f64,
     /// Time since pulses began, s.
@@ -233,8 +237,10 @@ pub struct Outcome {
     pub surface_mm: f64,
     /// Time from the first pulse, s.
     pub seconds: f64,
-    /// Why it ended, and what the head is now.
+    /// Why it ended.
     pub why: String,
+    /// All of that in words, and what the head is now.
+    pub said: String,
 }
 
 /// Why a run ends early: a request, or a failure.
@@ -339,13 +345,17 @@ impl Run<'_> {
                 return Err(Failure::Failed(format!("not bored{depth}: {failure}; {now}")));
             }
         };
-        let why = match up {
-            Ok(()) => format!("{why}; {now}"),
-            Err(_) => format!("{why}; it did not lift; {now}"),
-        };
         let seconds = place.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
-        let (depth_mm, surface_mm) = (micrometres(depth_mm), micrometres(surface_mm));
-        Ok(Outcome { reached, depth_mm, target_mm: self.hole.depth_mm, surface_mm, seconds, why })
+        let (depth_mm, surface_mm, target_mm) = (micrometres(depth_mm), micrometres(surface_mm), self.hole.depth_mm);
+        let lifted = if up.is_ok() { "" } else { "It did not lift. " };
+        let said = format!(
+            "{}: {:.3} of {target_mm:.3} mm in {seconds:.0} s, by the electrode; the hole is deeper by the gap. {}. {lifted}{}.",
+            if reached { "Bored" } else { "Ended" },
+            depth_mm.max(0.0),
+            capital(&why),
+            capital(&now),
+        );
+        Ok(Outcome { reached, depth_mm, target_mm, surface_mm, seconds, why, said })
     }
 
     /// Lets the heartbeat end: the head retreats along its path, and says what it is then. One that does not is stopped.
@@ -433,8 +443,11 @@ impl Run<'_> {
     /// What ended the erosion, as the head says it.
     fn ended(&self) -> Result<String, Failure> {
         let by = self.head.whole(at::STOPPED_BY)?;
+        if by == BY_DEPTH {
+            return Ok("depth reached".into());
+        }
         let names = self.head.sheet.get(at::STOPPED_BY).map(|object| object.names()).unwrap_or_default();
-        Ok(names.get(&by).cloned().unwrap_or_else(|| "target reached".into()))
+        Ok(names.get(&by).map_or_else(|| "target reached".into(), |name| format!("ended by {name}")))
     }
 
     /// In waits: continues, unless the end is requested.
@@ -470,6 +483,7 @@ impl Run<'_> {
             said: said(doing, depth_mm.filter(|_| place.began.is_some()), self.hole.depth_mm),
             request,
             depth_mm,
+            deepest_mm: deep,
             target_mm: self.hole.depth_mm,
             seconds,
             left_s: left_s.filter(|_| doing == ERODING),
@@ -489,6 +503,12 @@ impl Run<'_> {
         }
         Ok(request)
     }
+}
+
+/// A sentence begins with it.
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
 fn micrometres(mm: f64) -> f64 {

@@ -7,7 +7,7 @@ use crate::bus::SILENCE;
 use crate::common::{Common, say};
 use crate::found::{Found, find};
 use crate::gap;
-use crate::live::{Event, Live, Sample};
+use crate::live::{Event, Kind as EventKind, Live, Sample};
 use crate::page::{self, Listen};
 use crate::scope::{self, Plan, Trigger};
 use crate::sdo::SdoError;
@@ -253,7 +253,7 @@ impl Cli {
                 let end = end(*seconds);
                 let interrupted = interrupted(|| ())?;
                 let mut live = Live::new(&common.head(&sheet)?)?;
-                let began = Event::now(0, String::new()).unix_ms;
+                let began = Event::now(0, EventKind::Program, String::new()).unix_ms;
                 while Instant::now() < end && !interrupted() {
                     live.sample()?;
                     for event in live.events() {
@@ -582,10 +582,7 @@ fn on_the_way(progress: &bore::Progress) -> String {
 }
 
 fn bored(outcome: &Outcome) -> String {
-    format!(
-        "electrode depth {:.3} of {:.3} mm in {:.0} s; the hole is deeper by the gap width. {}\n",
-        outcome.depth_mm, outcome.target_mm, outcome.seconds, outcome.why
-    )
+    format!("{}\n", outcome.said)
 }
 
 /// Calls this at each Ctrl-C or termination signal; the result says whether there was one.

@@ -31,6 +31,7 @@ pub mod guide;
 pub mod head;
 pub mod live;
 pub mod page;
+pub mod record;
 pub mod scope;
 pub mod sdo;
 pub mod settings;

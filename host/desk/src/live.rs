@@ -5,7 +5,7 @@
 
 use crate::bus::{Heard, SILENCE};
 use crate::gap;
-use crate::head::{Head, at, state, unsigned};
+use crate::head::{Head, NO_SURFACE, at, state, unsigned};
 use crate::sdo::{Address, SdoError};
 use crate::{Failure, words};
 use serde::Serialize;
@@ -15,6 +15,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Age up to which a value of process data is taken for the present one.
 const FRESH: Duration = Duration::from_millis(120);
+/// Time after which the surface of the hole is read again.
+const KEPT: Duration = Duration::from_secs(1);
 /// Events kept until they are taken.
 const EVENTS: usize = 256;
 
@@ -23,17 +25,33 @@ const EVENTS: usize = 256;
 pub struct Event {
     /// When, ms since 1970.
     pub unix_ms: u64,
-    /// Node-ID.
+    /// Node-ID; 0 for this program.
     pub node: u8,
+    /// Of what kind.
+    pub kind: Kind,
     /// In words.
     pub what: String,
 }
 
+/// Kind of an event.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// What this program or a session of its page did.
+    Program,
+    /// A change of state.
+    State,
+    /// A fault, or an emergency message.
+    Fault,
+    /// A command was refused.
+    Refusal,
+}
+
 impl Event {
     /// What happens now.
-    pub fn now(node: u8, what: String) -> Event {
+    pub fn now(node: u8, kind: Kind, what: String) -> Event {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        Event { unix_ms: since.as_millis() as u64, node, what }
+        Event { unix_ms: since.as_millis() as u64, node, kind, what }
     }
 }
 
@@ -47,7 +65,6 @@ pub struct Sample {
     /// State, in words.
     pub state: String,
     /// Number of the state.
-    #[serde(skip)]
     pub state_number: u8,
     /// Why the state changed last.
     pub reason: &'static str,
@@ -61,6 +78,8 @@ pub struct Sample {
     pub position_mm: f64,
     /// Deepest position of the present or last erosion.
     pub deepest_mm: f64,
+    /// Surface that the hole under the electrode is measured from, as the head keeps it (2011h:11).
+    pub surface_mm: Option<f64>,
     /// Gap voltage after the filters; nothing while it is not measured, as without pulses.
     pub gap_v: Option<f64>,
     /// Gap voltage to keep.
@@ -96,6 +115,10 @@ pub struct Live {
     events: VecDeque<Event>,
     last: Option<(u8, u8)>,
     refusals: Option<u32>,
+    /// Surface of the hole, and when it was read.
+    surface: Option<(Instant, Option<f64>)>,
+    /// There were pulses at the last sample.
+    pulses: bool,
 }
 
 impl Live {
@@ -131,8 +154,15 @@ impl Live {
             events: VecDeque::new(),
             last: None,
             refusals: None,
+            surface: None,
+            pulses: false,
             head: head.clone(),
         })
+    }
+
+    /// Names of the states, by number.
+    pub fn states(&self) -> &BTreeMap<i64, String> {
+        &self.states
     }
 
     /// The state of this number, in words.
@@ -188,7 +218,8 @@ impl Live {
                 if fault_number == 0 { String::new() } else { format!(": {}", words::fault_line(fault_number)) };
             let state = self.state(state_number);
             let why = if reason == state { String::new() } else { format!(" ({reason})") };
-            self.report(format!("{state}{why}{fault}"));
+            let kind = if fault.is_empty() { Kind::State } else { Kind::Fault };
+            self.report(kind, format!("{state}{why}{fault}"));
         }
         self.last = Some((state_number, fault_number));
         let measured = gap::MEASURED.contains(&(self.number(at::GAP_QUALITY)? as i64));
@@ -205,12 +236,30 @@ impl Live {
             homed: self.number(at::HOMED)? != 0.0,
             position_mm: self.number(at::POSITION)? / per_mm,
             deepest_mm: self.number(at::DEEPEST)? / per_mm,
+            surface_mm: self.surface(state_number)?,
             gap_v,
             setpoint_v: self.number(at::SETPOINT)?,
             open_v: self.number(at::OPEN)?,
             feed_um_s,
             shorts: self.number(at::SHORTS)? as u32,
         })
+    }
+
+    /// The surface that the head keeps, mm. It is read again when it is old, and when pulses have been switched on since.
+    fn surface(&mut self, state_number: u8) -> Result<Option<f64>, Failure> {
+        let pulses = state::LED.contains(&state_number);
+        if let Some((read, surface)) = self.surface
+            && read.elapsed() < KEPT
+            && (self.pulses || !pulses)
+        {
+            self.pulses = pulses;
+            return Ok(surface);
+        }
+        self.pulses = pulses;
+        let kept = Some(self.head.whole(at::KEPT_SURFACE)?).filter(|kept| *kept != NO_SURFACE);
+        let surface = kept.map(|counts| counts as f64 / self.counts_per_mm);
+        self.surface = Some((Instant::now(), surface));
+        Ok(surface)
     }
 
     /// A value in its unit.
@@ -222,11 +271,11 @@ impl Live {
         Ok(number.ok_or(SdoError::Garbled(self.head.node, address))?)
     }
 
-    fn report(&mut self, what: String) {
+    fn report(&mut self, kind: Kind, what: String) {
         if self.events.len() == EVENTS {
             self.events.pop_front();
         }
-        self.events.push_back(Event::now(self.head.node, what));
+        self.events.push_back(Event::now(self.head.node, kind, what));
     }
 
     /// Takes what was heard.
@@ -234,11 +283,12 @@ impl Live {
         let node = u16::from(self.head.node);
         while let Ok(heard) = self.heard.try_recv() {
             match (heard.id, heard.data()) {
-                (id, [0]) if id == 0x700 + node => self.report("has restarted".into()),
+                (id, [0]) if id == 0x700 + node => self.report(Kind::State, "has restarted".into()),
                 (id, [_]) if id == 0x700 + node => self.beat = Some(heard.at),
                 (id, [low, high, ..]) if id == 0x80 + node => {
                     let code = u16::from_le_bytes([*low, *high]);
-                    self.report(format!("emergency {code:04X}h: {}", words::emergency(code)));
+                    let kind = if code == 0 { Kind::State } else { Kind::Fault };
+                    self.report(kind, format!("emergency {code:04X}h: {}", words::emergency(code)));
                 }
                 (id, data) => self.mapped(id, data, heard.at),
             }
@@ -258,7 +308,7 @@ impl Live {
             && self.refusals.replace(count).is_some_and(|last| last != count)
         {
             let words = words::refusal(refusal as u8);
-            self.report(format!("refused: {}; {}", words.name, words.advice));
+            self.report(Kind::Refusal, format!("refused: {}; {}", words.name, words.advice));
         }
     }
 }

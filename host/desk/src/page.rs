@@ -15,8 +15,9 @@ use crate::bus::{Bus, SILENCE, lock};
 use crate::common::{Common, say};
 use crate::found::{Found, find};
 use crate::gap::Watch;
-use crate::head::Head;
-use crate::live::{Event, Live};
+use crate::head::{Head, at};
+use crate::live::{Event, Kind, Live, Sample};
+use crate::record::{Point, Recorder, Taken};
 use crate::scope::{self, Plan};
 use crate::settings::{self, Line};
 use crate::sheet::Sheet;
@@ -29,7 +30,7 @@ use axum::routing::get;
 use clap::Args;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -103,6 +104,8 @@ enum Ask {
     Check { again: bool },
     /// The report of the bring-up.
     Report {},
+    /// The last bore of a head.
+    Record { node: u8 },
     /// What the scope can record.
     Signals {},
     /// A record of the scope.
@@ -138,6 +141,8 @@ struct Desk {
     messages: broadcast::Sender<Arc<str>>,
     log: Mutex<VecDeque<Event>>,
     watched: Mutex<BTreeSet<u8>>,
+    /// The last bore of each head.
+    recorders: Mutex<BTreeMap<u8, Recorder>>,
     sessions: AtomicU64,
     /// Who commands, and when that session was heard last.
     commander: Mutex<Option<(u64, Instant)>>,
@@ -194,16 +199,21 @@ pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Res
             messages: broadcast::channel(WAITING).0,
             log: Mutex::default(),
             watched: Mutex::default(),
+            recorders: Mutex::default(),
             sessions: AtomicU64::new(1),
             commander: Mutex::default(),
             run: Mutex::default(),
         });
+        let bus = if lock(&desk.bus).is_ok() { "joined" } else { "not there yet" };
+        desk.note(0, format!("the program has started; bus {}: {bus}", desk.connection));
         let (joins, common) = (desk.clone(), common.clone());
         thread::spawn(move || joins.stay_joined(&common));
         let app = Router::new()
             .route("/", get(|| file("text/html", include_str!("../page/index.html"))))
             .route("/desk.js", get(|| file("text/javascript", include_str!("../page/desk.js"))))
-            .route("/trace.js", get(|| file("text/javascript", include_str!("../page/trace.js"))))
+            .route("/plots.js", get(|| file("text/javascript", include_str!("../page/plots.js"))))
+            .route("/uPlot.js", get(|| file("text/javascript", include_str!("../page/uplot/uPlot.iife.min.js"))))
+            .route("/uPlot.css", get(|| file("text/css", include_str!("../page/uplot/uPlot.min.css"))))
             .route("/desk.css", get(|| file("text/css", include_str!("../page/desk.css"))))
             .route("/session", get(session))
             .route("/settings.toml", get(export))
@@ -278,13 +288,17 @@ impl Desk {
     fn stay_joined(&self, common: &Common) {
         loop {
             thread::sleep(SILENCE);
-            if lock(&self.bus).as_ref().is_ok_and(|bus| !bus.lost()) {
-                continue;
+            let had = lock(&self.bus).as_ref().map(Bus::lost).map_err(drop);
+            match had {
+                Ok(false) => continue,
+                Ok(true) => self.note(0, format!("the bus is lost: {}; {TRIED_AGAIN}", self.connection)),
+                Err(()) => {}
             }
             let joined = join(common);
             let is_there = joined.is_ok();
             *lock(&self.bus) = joined;
             if is_there {
+                self.note(0, format!("bus joined: {}", self.connection));
                 self.publish(&json!({ "bus": self.connection }));
             }
         }
@@ -349,14 +363,46 @@ impl Desk {
     fn samples(&self, node: u8, reported: &mut String) -> Result<(), Failure> {
         let head = self.head(node)?;
         let (mut live, mut watch) = (Live::new(&head)?, Watch::new(&head));
+        let identity = &head.identity;
+        self.note(
+            node,
+            format!("{}, software {}, serial number {}", identity.name, identity.software, identity.serial),
+        );
         loop {
             let sample = live.sample()?;
             reported.clear();
-            self.publish(&json!({ "sample": sample }));
-            self.publish(&json!({ "gap": watch.look()? }));
+            let point = self.take(&sample);
+            self.publish(&json!({ "sample": sample, "point": point }));
+            let gap = watch.look()?;
+            self.publish(&json!({ "gap": gap }));
+            // The look at the end of the pulses counts some, and senses none.
+            if gap.pulses && gap.volts.is_some() {
+                let at = Event::now(node, Kind::State, String::new()).unix_ms;
+                lock(&self.recorders).entry(node).or_default().last.gap = Some((at, gap));
+            }
             live.events().into_iter().for_each(|event| self.event(event));
             thread::sleep(SAMPLES);
         }
+    }
+
+    /// Takes a sample to the record of its head; the point that it has become there.
+    fn take(&self, sample: &Sample) -> Option<Point> {
+        match lock(&self.recorders).entry(sample.node).or_default().take(sample, Instant::now()) {
+            Taken::Nothing => return None,
+            Taken::Point(point) => return Some(point),
+            Taken::New => {}
+        }
+        self.publish(&json!({ "record": self.record(sample.node) }));
+        None
+    }
+
+    /// The last bore of a head; null where there was none.
+    fn record(&self, node: u8) -> Value {
+        let recorders = lock(&self.recorders);
+        recorders
+            .get(&node)
+            .filter(|recorder| recorder.last.run > 0)
+            .map_or(Value::Null, |recorder| json!(recorder.last))
     }
 
     fn event(&self, event: Event) {
@@ -401,7 +447,7 @@ impl Desk {
             }
             Ask::Set { node, assignments } => {
                 let wanted = settings::assignments(&self.sheet, &assignments).map_err(Failure::BadInput)?;
-                self.write(node, &wanted)
+                self.write(session, node, &wanted)
             }
             Ask::Compare { node, text } => {
                 let wanted = settings::parse(&self.sheet, &text).map_err(Failure::BadInput)?;
@@ -409,7 +455,7 @@ impl Desk {
             }
             Ask::Import { node, text } => {
                 let wanted = settings::parse(&self.sheet, &text).map_err(Failure::BadInput)?;
-                self.write(node, &wanted)
+                self.write(session, node, &wanted)
             }
             Ask::Save { node } => {
                 self.head(node)?.store()?;
@@ -424,9 +470,10 @@ impl Desk {
                 }
                 _ => Err(Failure::BadInput("no hole in progress".into())),
             },
+            Ask::Record { node } => Ok(self.record(node)),
             Ask::Signals {} => {
                 let objects = self.sheet.objects().filter(|object| scope::records(object));
-                Ok(objects.map(|object| json!([object.address.to_string(), object.key])).collect())
+                Ok(objects.map(|object| json!([object.address.to_string(), object.key, object.unit])).collect())
             }
             Ask::Scope { node, plan } => {
                 let record = plan.record(&self.head(node)?, &mut || self.commands(session))?;
@@ -475,20 +522,21 @@ impl Desk {
             *commander = None;
         }
         drop(commander);
+        self.note(0, format!("session {session} {} command", if take { "takes" } else { "releases" }));
         self.tell_commander();
         Ok(Value::Null)
     }
 
-    fn write(&self, node: u8, wanted: &[settings::Setting<'_>]) -> Result<Value, Failure> {
+    fn write(&self, session: u64, node: u8, wanted: &[settings::Setting<'_>]) -> Result<Value, Failure> {
         let written = settings::write(&self.head(node)?, wanted)?;
         if !written.changed.is_empty() {
-            self.note(node, format!("settings changed: {}", written.changed.join(", ")));
+            self.note(node, format!("session {session} has changed {}", written.said.join(", ")));
         }
         Ok(json!(written))
     }
 
     fn note(&self, node: u8, what: String) {
-        self.event(Event::now(node, what));
+        self.event(Event::now(node, Kind::Program, what));
     }
 
     /// Sets the activity in progress.
@@ -561,17 +609,29 @@ impl Desk {
         let desk = self.clone();
         thread::spawn(move || {
             desk.note(node, format!("session {session} bores to {} mm", hole.depth_mm));
+            let before = {
+                let mut recorders = lock(&desk.recorders);
+                let recorder = recorders.entry(node).or_default();
+                recorder.target_mm = Some(hole.depth_mm);
+                recorder.last.run
+            };
             let ended = desk.run(session, &head, hole, &requests);
             *lock(&desk.run) = None;
             let (what, result) = match ended {
-                Ok(outcome) => {
-                    let text = format!("{:.3} of {:.3} mm: {}", outcome.depth_mm, outcome.target_mm, outcome.why);
-                    (text, json!({ "outcome": outcome }))
-                }
+                Ok(outcome) => (outcome.said.clone(), json!({ "outcome": outcome })),
                 Err(why) => (why.to_string(), json!({ "failed": why.to_string() })),
             };
             desk.note(node, what);
-            desk.publish(&json!({ "ended": result }));
+            {
+                let mut recorders = lock(&desk.recorders);
+                let recorder = recorders.entry(node).or_default();
+                recorder.target_mm = None;
+                // One that has not had pulses is no bore.
+                if recorder.last.run != before {
+                    recorder.last.ended = result.clone();
+                }
+            }
+            desk.publish(&json!({ "ended": result, "node": node }));
         });
         Ok(Value::Null)
     }
@@ -584,7 +644,10 @@ impl Desk {
             hole,
             requests,
             alive: &|| self.commands(session),
-            on_progress: &mut |progress| self.publish(&json!({ "progress": progress })),
+            on_progress: &mut |progress| {
+                let point = self.take(&progress.sample);
+                self.publish(&json!({ "progress": progress, "point": point }));
+            },
         };
         run.execute()
     }
@@ -630,6 +693,8 @@ struct Welcome<'a> {
     bus: &'a str,
     log: Vec<Event>,
     boring: Option<u8>,
+    /// Names of the states by number.
+    states: BTreeMap<i64, String>,
 }
 
 async fn talk(desk: Arc<Desk>, mut socket: WebSocket) {
@@ -643,6 +708,7 @@ async fn talk(desk: Arc<Desk>, mut socket: WebSocket) {
         bus: &desk.connection,
         log: lock(&desk.log).iter().cloned().collect(),
         boring: lock(&desk.run).as_ref().map(|run| run.node),
+        states: desk.sheet.get(at::STATE).map(|object| object.names()).unwrap_or_default(),
     };
     let mut next = Some(json!({ "welcome": welcome }).to_string());
     let mut beat = tokio::time::interval(BEAT);

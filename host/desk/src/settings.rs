@@ -205,6 +205,9 @@ pub fn compare(head: &Head, wanted: &[Setting<'_>]) -> Result<Vec<Difference>, S
 pub struct Written {
     /// `group.name` of those that have another value now.
     pub changed: Vec<String>,
+    /// Each of them with its old and its new value, in words.
+    #[serde(skip)]
+    pub said: Vec<String>,
     /// They have taken away the pass of the guided check.
     pub check_again: bool,
 }
@@ -235,7 +238,13 @@ pub fn write(head: &Head, wanted: &[Setting<'_>]) -> Result<Written, Failure> {
         });
     }
     let check_again = passed == 1 && head.whole(at::COMMISSIONED)? == 0;
-    Ok(Written { changed: new.iter().map(|setting| setting.object.key.clone()).collect(), check_again })
+    let said = before.iter().filter_map(|old| {
+        let now = new.iter().find(|new| new.object == old.object)?;
+        let line = format!("{} {} -> {} {}", old.object.key, old.value, now.value, old.object.unit);
+        Some(line.trim_end().to_owned())
+    });
+    let said = said.collect();
+    Ok(Written { changed: new.iter().map(|setting| setting.object.key.clone()).collect(), said, check_again })
 }
 
 /// Writes, again and again while that gets further.

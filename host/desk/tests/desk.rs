@@ -45,6 +45,21 @@ fn a_hole_is_bored_through_the_api_while_another_session_watches() {
     let truth = rig.truth();
     assert_eq!((truth.state, truth.pulses, truth.fault), (State::Disabled, false, None));
     assert!(truth.deepest - (surface * 1e3).round() as i64 >= 2, "{truth:?}");
+    assert!(
+        outcome["said"].as_str().unwrap().ends_with("Depth reached. The head is disabled, pulses are off."),
+        "{ended}"
+    );
+    // Whoever comes later finds the hole as it was, and what was done.
+    let mut later = desk.session();
+    let record = later.ask(json!({ "do": "record", "node": 1 })).unwrap();
+    assert_eq!((&record["target_mm"], &record["ended"]["outcome"]), (&json!(0.002), outcome));
+    let deep = record["deepest_mm"].as_f64().unwrap() - record["surface_mm"].as_f64().unwrap();
+    assert!(deep <= depth && record["points"].as_array().unwrap().len() > 5, "{record}");
+    assert!(record["gap"][1]["pulses"] == true, "{record}");
+    let log = later.welcome["log"].to_string();
+    for part in ["the program has started", "EDM servo head, software", "takes command", "bores to 0.002 mm"] {
+        assert!(log.contains(part), "{part}: {log}");
+    }
     // The watch is taken off with the end.
     let bus = rig.bus();
     assert_eq!(Sdo::new(&bus, 1).read(Address(0x1016, 1)).unwrap(), [0; 4]);
@@ -68,7 +83,9 @@ fn a_run_is_paused_goes_back_and_on_and_is_stopped_by_whoever_watches() {
     let truth = rig.truth();
     assert_eq!((truth.state, truth.pulses), (State::Disabled, false));
     let ended = commands.until(|message| !message["ended"].is_null());
-    assert!(ended["ended"]["outcome"]["why"].as_str().unwrap().starts_with("stopped; "), "{ended}");
+    assert_eq!(ended["ended"]["outcome"]["why"], "stopped", "{ended}");
+    let said = ended["ended"]["outcome"]["said"].as_str().unwrap();
+    assert!(said.ends_with("by the gap. Stopped. The head is disabled, pulses are off."), "{said}");
 }
 
 #[test]

@@ -100,6 +100,19 @@ impl Browser {
         assert_eq!(held, true, "{expression} in vain");
     }
 
+    /// Loads the page again, as F5 does.
+    fn reload(&mut self) {
+        self.value("window.before = true");
+        self.call("Page.reload", json!({}));
+        let there = "!window.before && document.querySelector('#found button') !== null";
+        let end = Instant::now() + PATIENCE;
+        // Between two pages there is nothing to evaluate in.
+        while self.call("Runtime.evaluate", json!({ "expression": there }))["result"]["value"] != true {
+            assert!(Instant::now() < end, "not loaded again");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     fn text(&mut self, selector: &str) -> String {
         self.value(&format!("document.querySelector('{selector}').innerText")).as_str().unwrap().to_owned()
     }
@@ -176,6 +189,9 @@ fn a_stranger_bores_a_hole_in_the_page() {
     let rig = Rig::new();
     let desk = Desk::new(&rig.connection());
     let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.view("log");
+    assert!(page.text("#events").contains("the program has started"), "{}", page.text("#events"));
+    page.view("heads");
     let found = page.text("#found");
     assert!(found.contains("Node 1") && found.contains("disabled, not homed"), "{found}");
     assert_eq!(page.value("document.querySelector('#begin').disabled"), true, "this session only watches");
@@ -188,12 +204,132 @@ fn a_stranger_bores_a_hole_in_the_page() {
     assert_eq!((truth.state, truth.pulses, truth.fault), (State::Disabled, false, None));
     // The peaks of a fresh surface are 3 um above its mean, which is at 2 mm.
     assert!(truth.deepest >= 1999, "{truth:?}");
-    // Something is drawn.
-    let drawn = "[...document.querySelectorAll('#run canvas')].every((canvas) => canvas.width > 100
-        && canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((byte) => byte))";
-    assert_eq!(page.value(drawn), true);
+    page.until(DRAWN);
     page.view("log");
-    assert_ne!(page.text("#events"), "");
+    assert!(page.text("#events").contains("bores to 0.002 mm"), "{}", page.text("#events"));
+}
+
+/// Something is drawn in each pane.
+const DRAWN: &str = "document.querySelectorAll('#chart canvas').length === 3
+    && [...document.querySelectorAll('#chart canvas')].every((canvas) => canvas.width > 100
+    && canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((byte) => byte))";
+
+/// A colour of the page as the bytes that are drawn.
+fn shade(page: &mut Browser, name: &str) -> Value {
+    page.value(&format!(
+        "(() => {{ const g = document.createElement('canvas').getContext('2d');
+         g.fillStyle = getComputedStyle(document.documentElement).getPropertyValue('{name}').trim();
+         return g.fillStyle.match(/[0-9a-f]{{2}}/g).map((two) => parseInt(two, 16)); }})()"
+    ))
+}
+
+#[test]
+fn a_hole_stays_as_it_was_bored_when_the_head_has_gone_home_and_in_a_page_that_is_loaded_later() {
+    for (wide, dark, name) in [(1280, false, "bored-light"), (800, true, "bored-dark")] {
+        let rig = Rig::new();
+        let desk = Desk::new(&rig.connection());
+        let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
+        page.call(
+            "Emulation.setDeviceMetricsOverride",
+            json!({ "width": wide, "height": 800, "deviceScaleFactor": 1, "mobile": false }),
+        );
+        page.bore(0.03);
+        page.until("document.querySelector('#doing').innerText.startsWith('Bored: ')");
+        for again in [false, true] {
+            if again {
+                page.reload();
+                page.until("document.querySelector('#doing').innerText.startsWith('Bored: ')");
+            }
+            page.until("/^0.03[0-9] mm$/.test(document.querySelector('#depth').innerText)");
+            assert_eq!(page.text("#target").trim(), "of 0.030 mm;");
+            page.until(
+                "/^electrode [12].[0-9]{3} mm above the work$/.test(document.querySelector('#electrode').innerText)",
+            );
+            assert!(page.text("#doing").ends_with("Depth reached. The head is disabled, pulses are off."));
+            page.until(DRAWN);
+            // The depth has the hole's scale, grows downward, and its line reaches the target near the lower edge of the pane.
+            let traced = shade(&mut page, "--trace");
+            let rows = page.value(&format!(
+                "(() => {{ const canvas = document.querySelector('#chart canvas'), g = canvas.getContext('2d');
+                 const {{ data, width, height }} = g.getImageData(0, 0, canvas.width, canvas.height);
+                 const rows = []; for (let at = 0; at < data.length; at += 4)
+                   if ({traced}.every((byte, place) => Math.abs(byte - data[at + place]) < 3)) rows.push(Math.floor(at / 4 / width) / height);
+                 return [Math.min(...rows), Math.max(...rows)]; }})()"
+            ));
+            let (high, low) = (rows[0].as_f64().unwrap(), rows[1].as_f64().unwrap());
+            assert!(high < 0.5 && low > 0.85, "the hole is a flat line: {rows}");
+            // The strip of states, in the colour of each.
+            for state in ["--eroding", "--moving"] {
+                let shade = shade(&mut page, state);
+                let seen = page.value(&format!(
+                    "(() => {{ const canvas = document.querySelector('#chart canvas'), g = canvas.getContext('2d');
+                     const {{ data }} = g.getImageData(0, 0, canvas.width, 26); let count = 0;
+                     for (let at = 0; at < data.length; at += 4) count += {shade}.every((byte, place) => byte === data[at + place]);
+                     return count; }})()"
+                ));
+                assert!(seen.as_i64().unwrap() > 20, "{state}: {seen}");
+            }
+            // From two metres: digits of 8 mm on a screen of 96 dots an inch.
+            for (id, least) in [("depth", 36.0), ("gap-now", 27.0), ("left", 27.0), ("state", 20.0)] {
+                let size =
+                    page.value(&format!("parseFloat(getComputedStyle(document.querySelector('#{id}')).fontSize)"));
+                assert!(size.as_f64().unwrap() >= least, "{id}: {size}");
+            }
+            let edges = page.value(
+                "[document.querySelector('#chart').getBoundingClientRect().top, document.querySelector('#chart').getBoundingClientRect().bottom,
+                 document.querySelector('#chart').getBoundingClientRect().right]",
+            );
+            let edge = |place: usize| edges[place].as_f64().unwrap();
+            assert!(edge(2) > f64::from(wide) - 40.0, "half of the page is empty: {edges}");
+            assert!(edge(0) < 560.0 && (wide < 1280 || edge(1) <= 800.0), "the plots are below the fold: {edges}");
+            page.picture(&format!("{name}{}", if again { "-again" } else { "" }));
+            // The gap keeps its last pulses as well.
+            page.view("gap");
+            page.until("/^No pulses now. At [0-9:]{8}: /.test(document.querySelector('#verdict').innerText)");
+            page.until("document.querySelectorAll('#stack div').length > 1");
+            page.until("/^[0-9.]+ ± [0-9.]+ .ms/.test(document.querySelector('#hazard').innerText)");
+            page.picture(&format!("{name}-gap{}", if again { "-again" } else { "" }));
+            page.view("run");
+        }
+    }
+}
+
+#[test]
+fn what_is_refused_stands_in_its_own_view_and_at_its_field_which_keeps_what_was_typed() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.connection());
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.command();
+    page.view("run");
+    page.value("document.querySelector('[name=depth]').value = 500");
+    page.click("#begin");
+    page.until("document.querySelector('#run-said').innerText.startsWith('depth 500 mm: must be at most')");
+    assert_eq!(page.value("document.querySelector('[name=depth]').classList.contains('wrong')"), true);
+    page.view("settings");
+    page.until("document.querySelector('[aria-label=\"gap.setpoint_v\"]')");
+    let type_in = |page: &mut Browser, text: &str| {
+        page.value(&format!(
+            "(() => {{ const field = document.querySelector('[aria-label=\"gap.setpoint_v\"]');
+             field.value = '{text}'; field.onchange(); }})()"
+        ));
+    };
+    type_in(&mut page, "5000");
+    page.until("document.querySelector('#list small.wrong')");
+    let why = page.text("#list small.wrong");
+    assert!(why.contains("must be a number from 1 to 300 V") && why.ends_with("The head has 65 V"), "{why}");
+    let field = page.value("document.querySelector('[aria-label=\"gap.setpoint_v\"]').value");
+    assert_eq!(field, "5000", "what was typed");
+    // Nothing of that in another view.
+    for said in ["settings-said", "scope-said", "heads-said", "bring-up-said"] {
+        assert_eq!(page.value(&format!("document.querySelector('#{said}').textContent")), "", "{said}");
+    }
+    assert_eq!(page.value("document.querySelector('#doing').textContent"), "No hole in progress.");
+    page.picture("settings-light");
+    type_in(&mut page, "60");
+    page.until("document.querySelector('#settings-said').innerText === 'gap.setpoint_v = 60'");
+    assert_eq!(page.value("document.querySelector('#list small.wrong')"), Value::Null);
+    page.view("log");
+    page.until("document.querySelector('#events').innerText.includes('has changed gap.setpoint_v 65 -> 60 V')");
 }
 
 #[test]
@@ -315,9 +451,9 @@ fn the_gap_is_seen_while_a_hole_is_bored() {
         // Without pulses nothing of that is of now.
         page.click("#stop");
         for id in ["hazard", "sparks", "distance", "age", "kept"] {
-            page.until(&format!("/, at [0-9:]{{8}}$/.test(document.querySelector('#{id}').innerText)"));
+            page.until(&format!("/at [0-9:]{{8}}$/.test(document.querySelector('#{id}').innerText)"));
         }
-        page.until("document.querySelector('#verdict').innerText === 'No pulses'");
+        page.until("/^No pulses now. At [0-9:]{8}: /.test(document.querySelector('#verdict').innerText)");
     }
 }
 
@@ -331,9 +467,16 @@ fn the_scope_records_an_erosion() {
         page.view("scope");
         page.click("#arm");
         page.until("document.querySelector('#recorded').innerText === '256 samples, one every 1 ms.'");
-        assert_eq!(page.value("document.querySelectorAll('#records canvas').length"), 4);
+        // In one pane, chosen by their names and units.
+        page.until("document.querySelectorAll('#records canvas').length === 1");
+        let chosen = page
+            .value("[...document.querySelectorAll('#record [name=signals]')].map((field) => field.value).join('; ')");
+        assert_eq!(
+            chosen,
+            "Gap.Voltage, V; Gap.Setpoint, V; Position actual value, counts; Path queue.Signed feed, um/s"
+        );
         let captions = page.text("#records");
-        assert!(captions.contains("Voltage, V") && captions.contains("um/s"), "{captions}");
+        assert!(captions.contains("Gap.Voltage, V") && captions.contains("um/s"), "{captions}");
         let drawn = "[...document.querySelectorAll('#records canvas')].every((canvas) => canvas.width > 100
             && canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((byte) => byte))";
         page.until(drawn);
@@ -343,8 +486,61 @@ fn the_scope_records_an_erosion() {
         assert!(text.lines().skip(1).all(|line| line.split(',').nth(2) == Some("65")), "the set point: {text}");
         page.value("document.querySelector('#record [name=signals]').value = '1008'");
         page.click("#arm");
-        page.until("document.querySelector('#recorded').innerText.startsWith('1008: must be an object')");
+        page.until("document.querySelector('#scope-said').innerText.startsWith('1008: must be an object')");
+        assert_eq!(page.text("#recorded"), "256 samples, one every 1 ms.", "the record before stays");
+        zoomed(&mut page);
     }
+}
+
+/// Drags a tenth of the width of the record: it is shown that much larger; a double click shows all of it. A click is a mark, from
+/// which differences are measured.
+fn zoomed(page: &mut Browser) {
+    page.value("document.querySelector('#records').scrollIntoView()");
+    let place = page.value(
+        "(() => { const at = document.querySelector('#records .u-over').getBoundingClientRect();
+         return [at.left, at.top, at.width, at.height]; })()",
+    );
+    let [left, top, width, height]: [f64; 4] = std::array::from_fn(|side| place[side].as_f64().unwrap());
+    let mouse = |page: &mut Browser, kind: &str, share: f64, clicks: i32| {
+        let (x, y) = (left + share * width, top + 0.5 * height);
+        let button = if kind == "mouseMoved" && clicks == 0 { "none" } else { "left" };
+        page.call(
+            "Input.dispatchMouseEvent",
+            json!({ "type": kind, "x": x, "y": y, "button": button, "clickCount": clicks, "buttons": i32::from(button == "left") }),
+        );
+    };
+    let seen = "document.querySelector('#records .u-legend').innerText";
+    let at = |page: &mut Browser, share: f64| -> f64 {
+        page.value(&format!(
+            "document.querySelector('#records .u-over').dispatchEvent(new MouseEvent('mousemove',
+            {{ clientX: {}, clientY: {}, bubbles: true }}))",
+            left + share * width,
+            top + 0.5 * height
+        ));
+        let text = page.value("new Promise((done) => setTimeout(() => done(document.querySelector('#records .u-series:first-child .u-value').textContent), 50))");
+        text.as_str().unwrap().trim_end_matches(" ms").parse().unwrap()
+    };
+    let before = at(page, 0.9) - at(page, 0.1);
+    assert!((before - 204.0).abs() < 3.0, "{before}");
+    mouse(page, "mousePressed", 0.4, 1);
+    mouse(page, "mouseMoved", 0.45, 1);
+    mouse(page, "mouseMoved", 0.5, 1);
+    mouse(page, "mouseReleased", 0.5, 1);
+    std::thread::sleep(Duration::from_millis(300));
+    let zoomed = at(page, 0.9) - at(page, 0.1);
+    assert!((zoomed - 20.4).abs() < 3.0, "{zoomed}: {}", page.value(seen));
+    for count in [1, 2] {
+        mouse(page, "mousePressed", 0.5, count);
+        mouse(page, "mouseReleased", 0.5, count);
+    }
+    std::thread::sleep(Duration::from_millis(300));
+    let whole = at(page, 0.9) - at(page, 0.1);
+    assert!((whole - 204.0).abs() < 3.0, "{whole}");
+    std::thread::sleep(Duration::from_millis(600));
+    mouse(page, "mousePressed", 0.2, 1);
+    mouse(page, "mouseReleased", 0.2, 1);
+    at(page, 0.6);
+    page.until("/^From the mark: .10[0-9] ms; Gap.Voltage [+-][0-9.]+ V;/.test(document.querySelector('#records-note').innerText)");
 }
 
 #[test]
@@ -382,24 +578,25 @@ fn what_is_not_measured_now_is_grey_and_says_of_when_it_is() {
         let old = |id: &str, begins: &str| {
             format!(
                 "document.querySelector('#{id}').classList.contains('old')
-                 && /^{begins}.*, at [0-9:]{{8}}$/.test(document.querySelector('#{id}').innerText)"
+                 && /^{begins}[^]*at [0-9:]{{8}}$/.test(document.querySelector('#{id}').innerText)"
             )
         };
         let live = |id: &str| format!("!document.querySelector('#{id}').classList.contains('old')");
         page.bore(0.5);
-        for id in ["gap-now", "depth", "feed", "position", "state"] {
+        for id in ["gap-now", "feed", "position", "state"] {
             page.until(&live(id));
         }
         page.view("heads");
         page.until("document.querySelector('#now-1').innerText.startsWith('eroding, at 2.')");
-        // Disabled, pulses off: neither gap nor feed nor depth are measured, and the position is.
+        // Disabled, pulses off: neither gap nor feed are measured, and the position is. The depth is that of the hole.
         page.view("run");
         page.click("#stop");
         page.until("document.querySelector('#state').innerText === 'disabled'");
-        for (id, begins) in [("gap-now", "[0-9.]+ V"), ("depth", "-?[0-9.]+ mm"), ("feed", "-?[0-9]+ um.s")] {
+        for (id, begins) in [("gap-now", "[0-9.]+ V"), ("feed", "-?[0-9]+ um.s")] {
             page.until(&old(id, begins));
         }
         assert_eq!(page.value(&live("position")), true);
+        page.until("/^[0-9.]+ mm$/.test(document.querySelector('#depth').innerText)");
         page.picture(&format!("{name}-disabled"));
         page.value("document.querySelector('[name=depth]').value = 0.5");
         page.click("#begin");
