@@ -61,6 +61,8 @@ let signals = [], events = [];
 const typed = new Map();
 // When what is put was measured, if not now.
 let measured_at = null;
+// Since when there is no bus, ms since 1970. Since when this page has asked for command again.
+let bus_lost = null, again_s = 30, retaken = false;
 // What was measured last, and when, by the id of its place.
 const measured = new Map();
 // Places of what a head measures.
@@ -115,7 +117,8 @@ function connect() {
   socket = new WebSocket(`${scheme}://${location.host}/session?token=${encodeURIComponent(token)}`);
   socket.onmessage = (message) => take(JSON.parse(message.data));
   socket.onclose = () => {
-    lost("No connection to the program, or it refuses this page. A head that was boring retreats by itself.");
+    bus_lost = null;
+    lost("No connection to the program, or it refuses this page. The program pauses a hole that nobody commands; when the program is lost, the head retreats by itself.");
     commander = null;
     gone();
     for (const { fail } of asked.values()) fail(new Error("connection to the program lost"));
@@ -146,7 +149,10 @@ function want(what, view = null) {
 function take(message) {
   if (message.beat) {
     // Not by a timer: those of a page in the background are slowed down.
-    if (commander === me) socket.send(JSON.stringify({ id: 0, do: "beat" }));
+    if (commander === me) {
+      socket.send(JSON.stringify({ id: 0, do: "beat" }));
+      keep_command();
+    }
   } else if (message.id) {
     const waiting = asked.get(message.id);
     asked.delete(message.id);
@@ -156,8 +162,11 @@ function take(message) {
     const { you, log, bus } = message.welcome;
     me = you;
     commander = message.welcome.commander;
+    again_s = message.welcome.again_s;
+    bus_is_lost(message.welcome.bus_lost);
+    take_again();
     $("bus").textContent = bus;
-    $("lost").hidden = true;
+    $("lost").hidden = bus_lost === null;
     states = message.welcome.states;
     events = log;
     logged();
@@ -167,6 +176,9 @@ function take(message) {
     ask({ do: "signals" }).then(name_signals, () => {});
   } else if ("commander" in message) {
     commander = message.commander;
+    // Another session commands now: this one does not come back by itself.
+    if (commander !== null && commander !== me) sessionStorage.removeItem("commanded");
+    take_again();
     show();
   } else if (message.sample) {
     does(message.sample);
@@ -191,16 +203,43 @@ function take(message) {
   } else if (message.gone) {
     gone(message.gone.node);
     if (message.gone.node === node) lost(message.gone.why);
+  } else if (message.bus_lost) {
+    bus_is_lost(message.bus_lost);
   } else if (message.bus) {
     // It was not there, or has come back.
-    $("lost").hidden = true;
+    if (message.since !== null) notice(`The bus is there. It was gone from ${clock(new Date(message.since))} to ${clock(new Date())}.`);
+    bus_is_lost(null);
     scan();
   } else if (message.error) {
     notice(message.error);
   }
 }
 
-function lost(why) {
+// When this page has commanded last. A page that is loaded again, or was asleep, takes command again within that time, where no other
+// has it meanwhile; sessionStorage is this tab's alone.
+function keep_command() {
+  const now = Date.now();
+  if (now - Number(sessionStorage.getItem("commanded") ?? 0) > 500) sessionStorage.setItem("commanded", now);
+}
+
+function take_again() {
+  const last = Number(sessionStorage.getItem("commanded") ?? 0);
+  if (commander !== null || retaken || Date.now() - last > 1000 * again_s) return;
+  retaken = true;
+  ask({ do: "command", take: true }).catch(() => {}).finally(() => { retaken = false; });
+}
+
+function bus_is_lost(since) {
+  bus_lost = since;
+  if (since === null) $("lost").hidden = true;
+  else lost();
+}
+
+function lost(why = null) {
+  if (bus_lost !== null) {
+    const seconds = Math.max(0, Math.round((Date.now() - bus_lost) / 1000));
+    why = `The bus has been gone since ${clock(new Date(bus_lost))} (${lasts(seconds)}). It is tried again every second. A head that was boring retreats by itself.`;
+  }
   $("lost").textContent = why;
   $("lost").hidden = false;
 }
@@ -294,14 +333,15 @@ function sample(now, point = null) {
     : `electrode ${deep.toFixed(3)} mm deep`;
   put("gap-now", now.gap_v === null ? null : `${now.gap_v.toFixed(1)} V`);
   put("wanted", `${now.setpoint_v.toFixed(1)} V`);
-  $("lost").hidden = true;
+  if (bus_lost === null) $("lost").hidden = true;
   put("feed", now.feed_um_s === null ? null : `${now.feed_um_s.toFixed(0)} um/s`);
   put("shorts", now.shorts);
   if (point && bored) {
     bored.points.push(point);
     deepens(point);
     deepest();
-    if (!drawn) requestAnimationFrame(draw);
+    // Points come 25 times a second; the eye needs less.
+    if (!drawn) setTimeout(draw, 200);
     drawn = true;
   }
 }
@@ -357,6 +397,7 @@ function progress(run, point) {
   }
   $("depth-what").textContent = "Depth, by the electrode";
   put("doing", run.said);
+  $("paused").hidden = !run.unwatched;
   tell("depth", run.deepest_mm === null ? "-" : `${run.deepest_mm.toFixed(3)} mm`);
   $("target").textContent = `of ${run.target_mm.toFixed(3)} mm; `;
   $("progress").value = Math.max(0, (run.deepest_mm ?? 0) / run.target_mm);
@@ -538,6 +579,7 @@ function save(id, name, type, text) {
 }
 
 function ended({ outcome, failed }) {
+  $("paused").hidden = true;
   $("depth-what").textContent = "Last hole: depth, by the electrode";
   for (const id of ["gap-depth", "gap-left", "left"]) tell(id, "no hole in progress");
   if (outcome) {
@@ -563,7 +605,13 @@ function bring_up({ doing, checks }) {
   up_list(checks);
 }
 
+let up_listed = "";
+
 function up_list(checks) {
+  // They come 20 times a second, mostly as they were.
+  const text = JSON.stringify(checks);
+  if (text === up_listed) return;
+  up_listed = text;
   $("up-list").replaceChildren(...checks.map((check) => {
     const row = item("tr", "");
     row.className = check.verdict;
@@ -684,7 +732,15 @@ addEventListener("keydown", (key) => {
     stop();
   }
 }, true);
-$("command").onclick = () => want({ do: "command", take: commander !== me }).catch(() => {});
+$("command").onclick = () => {
+  if (commander === me) sessionStorage.removeItem("commanded");
+  want({ do: "command", take: commander !== me }).catch(() => {});
+};
+$("go-on").onclick = async () => {
+  if (commander !== me) await want({ do: "command", take: true });
+  await want({ do: "request", request: "go" });
+};
+setInterval(() => { if (bus_lost !== null) lost(); }, 1000);
 $("reset").onclick = () => want({ do: "reset", node }).catch(() => {});
 $("seen").onclick = () => { $("notice").hidden = true; };
 $("scan").onclick = scan;

@@ -13,7 +13,7 @@ use crate::head::{Head, NO_SURFACE, at, state, status};
 use crate::live::{Live, Sample};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::time::{Duration, Instant};
 
 /// Time between two samples.
@@ -28,6 +28,8 @@ const BY_DEPTH: i64 = 1;
 const ON_REQUEST: &str = "ended on request";
 /// Why [`Run::alive`] ends a run without a commanding session: the head retreats by itself.
 pub const GONE: &str = "the session in command is lost";
+/// Activity while it waits since nobody has command.
+const UNWATCHED: &str = "paused, pulses off: no session has command";
 /// Time over which a pace is taken, s, and the shortest.
 const PACE_S: f64 = 30.0;
 const LEAST_PACE_S: f64 = 5.0;
@@ -179,19 +181,39 @@ pub enum Request {
 
 /// The newest request. Only [`Request::Stop`] replaces [`Request::Leave`], and nothing replaces that.
 #[derive(Debug, Default)]
-pub struct Requests(AtomicU8);
+pub struct Requests {
+    newest: AtomicU8,
+    /// It is that of nobody: nobody has command.
+    unwatched: AtomicBool,
+}
 
 impl Requests {
     /// Sets a request.
     pub fn want(&self, request: Request) {
-        let _ = self.0.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| {
+        self.unwatched.store(false, Ordering::Release);
+        let _ = self.newest.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| {
             (now < Request::Leave as u8 || request as u8 > now).then_some(request as u8)
         });
     }
 
+    /// Nobody has command: a hole that goes on is lifted, and waits. True when that is new.
+    pub fn unwatched(&self) -> bool {
+        let (go, back) = (Request::Go as u8, Request::Back as u8);
+        let new = self.newest.compare_exchange(go, back, Ordering::AcqRel, Ordering::Acquire).is_ok();
+        if new {
+            self.unwatched.store(true, Ordering::Release);
+        }
+        new
+    }
+
+    /// Whether it waits since nobody has command.
+    pub fn is_unwatched(&self) -> bool {
+        self.unwatched.load(Ordering::Acquire)
+    }
+
     /// The newest request.
     pub fn now(&self) -> Request {
-        match self.0.load(Ordering::Acquire) {
+        match self.newest.load(Ordering::Acquire) {
             0 => Request::Go,
             1 => Request::Pause,
             2 => Request::Back,
@@ -210,6 +232,8 @@ pub struct Progress {
     pub said: String,
     /// The newest request.
     pub request: Request,
+    /// It waits because no session has command.
+    pub unwatched: bool,
     /// Depth of the electrode below the surface, mm, once that is known.
     pub depth_mm: Option<f64>,
     /// Depth of the hole by the electrode: its greatest depth, mm, once it was in the work.
@@ -410,25 +434,33 @@ impl Run<'_> {
         let target = surface + counts(hole.depth_mm);
         head.set(at::KEPT_SURFACE, surface)?;
         place.began = Some(Instant::now());
+        let mut up = true;
         loop {
-            head.set(at::ERODE, 1)?;
-            head.start(target, &mut self.tick())?;
-            let request = loop {
-                let request = self.report(ERODING, place)?;
-                // Not of the sample: that may still be of the move before.
-                if head.status()? & status::REACHED != 0 {
-                    return Ok(self.ended()?);
-                }
-                if request != Request::Go {
-                    break request;
-                }
-                std::thread::sleep(PERIOD);
+            let mut request = self.requests.now();
+            if request == Request::Go {
+                head.set(at::ERODE, 1)?;
+                head.start(target, &mut self.tick())?;
+                request = loop {
+                    let request = self.report(ERODING, place)?;
+                    // Not of the sample: that may still be of the move before.
+                    if head.status()? & status::REACHED != 0 {
+                        return Ok(self.ended()?);
+                    }
+                    if request != Request::Go {
+                        break request;
+                    }
+                    std::thread::sleep(PERIOD);
+                };
+                // Pulses go off, the head holds.
+                head.set(at::ERODE, 0)?;
+                up = false;
+            }
+            let requests = self.requests;
+            let doing = |up| match up {
+                true if requests.is_unwatched() => UNWATCHED,
+                true => "waiting, pulses off",
+                false => "paused, pulses off",
             };
-            // Pulses go off, the head holds.
-            head.set(at::ERODE, 0)?;
-            let mut up = false;
-            let doing = |up| if up { "waiting, pulses off" } else { "paused, pulses off" };
-            let mut request = request;
             while request != Request::Go {
                 if request == Request::Back && !up {
                     head.move_to(height, &mut self.tick())?;
@@ -482,6 +514,7 @@ impl Run<'_> {
             doing,
             said: said(doing, depth_mm.filter(|_| place.began.is_some()), self.hole.depth_mm),
             request,
+            unwatched: self.requests.is_unwatched(),
             depth_mm,
             deepest_mm: deep,
             target_mm: self.hole.depth_mm,

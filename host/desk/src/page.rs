@@ -2,8 +2,10 @@
 //!
 //! One WebSocket per session carries everything: requests of the session, answers, and messages to all sessions (samples,
 //! events, progress). One session commands, the others watch; every session can STOP. The commanding session answers
-//! each beat of the server, and this program's heartbeat to a head that bores continues only with these answers:
-//! when browser, program or cable is lost, the head misses the heartbeat and retreats by itself.
+//! each beat of the server. This program is the head's host in a hole: when it or the cable is lost, the head misses the heartbeat
+//! and retreats by itself. When no session has commanded for a while, the hole is paused: pulses off, electrode up, until a session
+//! takes command and goes on. With `--unwatched retreat`, and always in a guided check, the heartbeat continues only with the answers
+//! of the session in command.
 //!
 //! By default it listens on this computer only; any other address needs a token. A page of another site is refused by
 //! its origin, a name of another host by the host header.
@@ -27,7 +29,7 @@ use axum::extract::{Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -42,6 +44,10 @@ use tokio::sync::{broadcast, mpsc};
 
 /// Where it listens by default.
 const DEFAULT: &str = "127.0.0.1:8402";
+/// Time without a session in command until a hole is paused, s. A page takes command again by itself in this time.
+const UNWATCHED_S: f64 = 30.0;
+/// Period at which a change of command is noticed.
+const NOTICED: Duration = Duration::from_millis(250);
 /// Period of the beats that a commanding session answers.
 const BEAT: Duration = Duration::from_millis(150);
 /// Period of samples of each head.
@@ -66,11 +72,31 @@ pub struct Listen {
     /// File whose first line, at least 16 letters and digits, every session must give
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
+    /// When no session has command in a hole: pause (pulses off, up, and wait), or have the head retreat within 1 s, in a fault
+    #[arg(long, value_enum, default_value = "pause")]
+    unwatched: Unwatched,
+    /// Time without a session in command until a hole is paused
+    #[arg(long, value_name = "S", default_value_t = UNWATCHED_S, value_parser = after, allow_hyphen_values = true)]
+    unwatched_after: f64,
+}
+
+/// What happens to a hole without a session in command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Unwatched {
+    /// It is paused after a while, and a session goes on with it.
+    Pause,
+    /// It ends in the head's own retreat.
+    Retreat,
+}
+
+fn after(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (1.0..=86_400.0).contains(seconds));
+    seconds.ok_or_else(|| "must be a number from 1 to 86400 s".into())
 }
 
 impl Default for Listen {
     fn default() -> Listen {
-        Listen { listen: DEFAULT.into(), token_file: None }
+        Listen { listen: DEFAULT.into(), token_file: None, unwatched: Unwatched::Pause, unwatched_after: UNWATCHED_S }
     }
 }
 
@@ -146,6 +172,12 @@ struct Desk {
     sessions: AtomicU64,
     /// Who commands, and when that session was heard last.
     commander: Mutex<Option<(u64, Instant)>>,
+    /// When a session in command was heard last.
+    commanded: Mutex<Instant>,
+    unwatched: Unwatched,
+    unwatched_after: Duration,
+    /// Since when there is no bus, ms since 1970.
+    lost_since: Mutex<Option<u64>>,
     run: Mutex<Option<Run>>,
 }
 
@@ -190,6 +222,7 @@ pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Res
         if let Err(why) = &joined {
             eprintln!("{why}; {TRIED_AGAIN}");
         }
+        let lost_since = joined.is_err().then(unix_ms);
         say(&format!("The desk is at http://{at}/{known}\nbus {}\n\nCtrl-C stops the program.\n", common.bus));
         let desk = Arc::new(Desk {
             connection: common.bus.to_string(),
@@ -202,12 +235,18 @@ pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Res
             recorders: Mutex::default(),
             sessions: AtomicU64::new(1),
             commander: Mutex::default(),
+            commanded: Mutex::new(Instant::now()),
+            unwatched: listen.unwatched,
+            unwatched_after: Duration::from_secs_f64(listen.unwatched_after),
+            lost_since: Mutex::new(lost_since),
             run: Mutex::default(),
         });
         let bus = if lock(&desk.bus).is_ok() { "joined" } else { "not there yet" };
         desk.note(0, format!("the program has started; bus {}: {bus}", desk.connection));
         let (joins, common) = (desk.clone(), common.clone());
         thread::spawn(move || joins.stay_joined(&common));
+        let notices = desk.clone();
+        thread::spawn(move || notices.notice_commander());
         let app = Router::new()
             .route("/", get(|| file("text/html", include_str!("../page/index.html"))))
             .route("/desk.js", get(|| file("text/javascript", include_str!("../page/desk.js"))))
@@ -238,6 +277,11 @@ impl Listen {
         }
         Ok(Some(token.into()))
     }
+}
+
+/// Now, ms since 1970.
+fn unix_ms() -> u64 {
+    Event::now(0, Kind::Program, String::new()).unix_ms
 }
 
 async fn file(kind: &'static str, text: &'static str) -> impl IntoResponse {
@@ -291,7 +335,12 @@ impl Desk {
             let had = lock(&self.bus).as_ref().map(Bus::lost).map_err(drop);
             match had {
                 Ok(false) => continue,
-                Ok(true) => self.note(0, format!("the bus is lost: {}; {TRIED_AGAIN}", self.connection)),
+                Ok(true) => {
+                    let since = unix_ms();
+                    *lock(&self.lost_since) = Some(since);
+                    self.note(0, format!("the bus is lost: {}; {TRIED_AGAIN}", self.connection));
+                    self.publish(&json!({ "bus_lost": since }));
+                }
                 Err(()) => {}
             }
             let joined = join(common);
@@ -299,7 +348,8 @@ impl Desk {
             *lock(&self.bus) = joined;
             if is_there {
                 self.note(0, format!("bus joined: {}", self.connection));
-                self.publish(&json!({ "bus": self.connection }));
+                let since = lock(&self.lost_since).take();
+                self.publish(&json!({ "bus": self.connection, "since": since }));
             }
         }
     }
@@ -321,13 +371,43 @@ impl Desk {
         let mut commander = lock(&self.commander);
         if let Some((who, heard)) = commander.as_mut()
             && *who == session
+            // One that slept for longer takes command, and does not just have it.
+            && heard.elapsed() < self.unwatched_after
         {
             *heard = Instant::now();
-            // Whoever bores is watched by the head; this is what keeps it going.
-            if let Some(run) = &*lock(&self.run) {
+            *lock(&self.commanded) = Instant::now();
+            let alone = |what: &What| matches!(what, What::BringUp(_)) || self.unwatched == Unwatched::Retreat;
+            if let Some(run) = &*lock(&self.run)
+                && alone(&run.what)
+            {
                 run.bus.keep_alive(SILENCE);
             }
         }
+    }
+
+    /// Tells the sessions when the one in command falls silent, or is heard again.
+    fn notice_commander(&self) {
+        let mut told = None;
+        loop {
+            thread::sleep(NOTICED);
+            let now = self.commander();
+            if std::mem::replace(&mut told, now) != now {
+                self.tell_commander();
+            }
+        }
+    }
+
+    /// Called all the time in a hole: whether it goes on.
+    fn hosts(&self, session: u64, head: &Head, requests: &Requests) -> Result<(), Failure> {
+        if self.unwatched == Unwatched::Retreat {
+            return self.commands(session);
+        }
+        head.bus.keep_alive(SILENCE);
+        if lock(&self.commanded).elapsed() >= self.unwatched_after && requests.unwatched() {
+            let seconds = self.unwatched_after.as_secs();
+            self.note(head.node, format!("no session has had command for {seconds} s: the hole is paused, pulses off"));
+        }
+        Ok(())
     }
 
     fn left(&self, session: u64) {
@@ -377,8 +457,7 @@ impl Desk {
             self.publish(&json!({ "gap": gap }));
             // The look at the end of the pulses counts some, and senses none.
             if gap.pulses && gap.volts.is_some() {
-                let at = Event::now(node, Kind::State, String::new()).unix_ms;
-                lock(&self.recorders).entry(node).or_default().last.gap = Some((at, gap));
+                lock(&self.recorders).entry(node).or_default().last.gap = Some((unix_ms(), gap));
             }
             live.events().into_iter().for_each(|event| self.event(event));
             thread::sleep(SAMPLES);
@@ -518,6 +597,7 @@ impl Desk {
         }
         if take {
             *commander = Some((session, Instant::now()));
+            *lock(&self.commanded) = Instant::now();
         } else if other.is_none() {
             *commander = None;
         }
@@ -643,7 +723,7 @@ impl Desk {
             live: &mut live,
             hole,
             requests,
-            alive: &|| self.commands(session),
+            alive: &|| self.hosts(session, head, requests),
             on_progress: &mut |progress| {
                 let point = self.take(&progress.sample);
                 self.publish(&json!({ "progress": progress, "point": point }));
@@ -693,6 +773,10 @@ struct Welcome<'a> {
     bus: &'a str,
     log: Vec<Event>,
     boring: Option<u8>,
+    /// Since when there is no bus, ms since 1970.
+    bus_lost: Option<u64>,
+    /// For how long a page takes command again by itself, s.
+    again_s: f64,
     /// Names of the states by number.
     states: BTreeMap<i64, String>,
 }
@@ -708,6 +792,8 @@ async fn talk(desk: Arc<Desk>, mut socket: WebSocket) {
         bus: &desk.connection,
         log: lock(&desk.log).iter().cloned().collect(),
         boring: lock(&desk.run).as_ref().map(|run| run.node),
+        bus_lost: *lock(&desk.lost_since),
+        again_s: desk.unwatched_after.as_secs_f64(),
         states: desk.sheet.get(at::STATE).map(|object| object.names()).unwrap_or_default(),
     };
     let mut next = Some(json!({ "welcome": welcome }).to_string());

@@ -89,9 +89,9 @@ fn a_run_is_paused_goes_back_and_on_and_is_stopped_by_whoever_watches() {
 }
 
 #[test]
-fn a_browser_that_is_lost_ends_in_the_heads_own_retreat_and_the_log_says_why() {
+fn a_browser_that_is_lost_ends_in_the_heads_own_retreat_where_that_is_set_and_the_log_says_why() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.connection());
+    let desk = Desk::with(&rig.connection(), &["--unwatched", "retreat"]);
     drop(desk.eroding());
     retreated(&rig);
     let mut later = desk.session();
@@ -104,10 +104,67 @@ fn a_browser_that_is_lost_ends_in_the_heads_own_retreat_and_the_log_says_why() {
 #[test]
 fn a_browser_that_hangs_is_lost_as_well() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.connection());
+    let desk = Desk::with(&rig.connection(), &["--unwatched", "retreat"]);
     let hangs = desk.eroding();
     retreated(&rig);
     drop(hangs);
+}
+
+#[test]
+fn a_hole_that_nobody_commands_is_paused_keeps_its_place_and_is_gone_on_with() {
+    for lost in ["closed", "asleep"] {
+        let rig = Rig::new();
+        let desk = Desk::with(&rig.connection(), &["--unwatched-after", "2"]);
+        let session = desk.eroding();
+        let mut watches = desk.session();
+        let asleep = if lost == "closed" {
+            drop(session);
+            None
+        } else {
+            Some(session)
+        };
+        // It goes on for that time, and nobody is in the way of another session.
+        watches.until(|message| message["commander"].is_null() && message.get("commander").is_some());
+        assert!(rig.truth().pulses, "{lost}");
+        let paused = watches.until(|message| message["progress"]["unwatched"] == true);
+        let began = paused["progress"]["sample"]["position_mm"].as_f64().unwrap()
+            - paused["progress"]["depth_mm"].as_f64().unwrap();
+        let waits =
+            watches.until(|message| message["progress"]["doing"] == "paused, pulses off: no session has command");
+        assert!(waits["progress"]["sample"]["position_mm"].as_f64().unwrap() < 2.0, "{waits}");
+        let truth = rig.truth();
+        assert_eq!((truth.fault, truth.pulses), (None, false), "{lost}: {truth:?}");
+        assert!((1795..1805).contains(&truth.position), "above the work by 0.2 mm: {truth:?}");
+        // For longer than the head waits for its host, and longer than the program waits for a session.
+        std::thread::sleep(Duration::from_secs(3));
+        assert_eq!(rig.truth().fault, None, "the program is its host");
+        watches.ask(json!({ "do": "command", "take": true })).unwrap();
+        watches.ask(json!({ "do": "request", "request": "go" })).unwrap();
+        let goes = watches.until(|message| message["progress"]["sample"]["state"] == "eroding");
+        let surface = goes["progress"]["sample"]["position_mm"].as_f64().unwrap()
+            - goes["progress"]["depth_mm"].as_f64().unwrap();
+        assert_eq!((goes["progress"]["unwatched"] == false, (surface - began).abs() < 1e-9), (true, true), "{goes}");
+        let log = desk.session().welcome["log"].to_string();
+        assert!(log.contains("no session has had command for 2 s: the hole is paused"), "{log}");
+        watches.ask(json!({ "do": "stop", "node": 1 })).unwrap();
+        drop(asleep);
+    }
+}
+
+#[test]
+fn a_hole_whose_session_comes_back_in_time_is_not_paused() {
+    let rig = Rig::new();
+    let desk = Desk::with(&rig.connection(), &["--unwatched-after", "2"]);
+    drop(desk.eroding());
+    let mut back = desk.session();
+    back.ask(json!({ "do": "command", "take": true })).unwrap();
+    let end = Instant::now() + Duration::from_secs(4);
+    back.until(|message| {
+        assert_ne!(message["progress"]["unwatched"], true, "{message}");
+        Instant::now() > end
+    });
+    let truth = rig.truth();
+    assert_eq!((truth.fault, truth.pulses), (None, true), "{truth:?}");
 }
 
 #[test]
@@ -212,7 +269,7 @@ fn a_hole_that_is_bored_again_is_measured_from_its_first_surface_or_else_somebod
 #[test]
 fn a_hole_whose_browser_or_program_was_lost_is_asked_about_and_continued() {
     let rig = Rig::new();
-    let mut desk = Desk::new(&rig.connection());
+    let mut desk = Desk::with(&rig.connection(), &["--unwatched", "retreat"]);
     drop(desk.eroding());
     retreated(&rig);
     desk.kill();
@@ -856,6 +913,8 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["page", "--listen", &taken], "must be a free HOST:PORT"),
         (&["page", "--listen", "nonsense"], "must be a free HOST:PORT"),
         (&["page", "--listen", "0.0.0.0:0"], "an address other than this computer needs --token-file"),
+        (&["page", "--unwatched-after", "0"], "must be a number from 1 to 86400 s"),
+        (&["page", "--unwatched", "dance"], "[possible values: pause, retreat]"),
         (&["page", "--token-file", &short], "must be at least 16 letters and digits"),
         (&["dance"], "unrecognized subcommand 'dance'"),
     ] {

@@ -102,9 +102,17 @@ impl Browser {
 
     /// Loads the page again, as F5 does.
     fn reload(&mut self) {
+        self.load("document.querySelector('#found button') !== null");
+    }
+
+    fn reload_without_heads(&mut self) {
+        self.load("document.querySelector('#found') !== null");
+    }
+
+    fn load(&mut self, there: &str) {
         self.value("window.before = true");
         self.call("Page.reload", json!({}));
-        let there = "!window.before && document.querySelector('#found button') !== null";
+        let there = format!("!window.before && {there}");
         let end = Instant::now() + PATIENCE;
         // Between two pages there is nothing to evaluate in.
         while self.call("Runtime.evaluate", json!({ "expression": there }))["result"]["value"] != true {
@@ -638,12 +646,85 @@ fn the_escape_key_stops_the_head_from_any_view() {
 #[test]
 fn a_browser_that_is_killed_ends_in_the_heads_own_retreat() {
     let rig = Rig::new();
-    let desk = Desk::new(&rig.connection());
+    let desk = Desk::with(&rig.connection(), &["--unwatched", "retreat"]);
     let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
     page.bore(0.5);
     drop(page);
     let truth = rig.until(|truth| truth.fault.is_some() && !truth.reacting);
     assert_eq!((truth.fault, truth.pulses), (Some(Fault::HostSilent), false));
+}
+
+#[test]
+fn a_hole_goes_on_through_reloads_and_a_page_that_was_asleep_and_commands_again_by_itself() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.connection());
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.bore(0.5);
+    for _ in 0..3 {
+        let made = rig.truth().made.spark;
+        page.reload();
+        page.until("document.querySelector('#command').innerText === 'Release command'");
+        page.until("document.querySelector('#state').innerText === 'eroding'");
+        page.until("document.querySelector('#target').textContent.trim() === 'of 0.500 mm;'");
+        rig.until(|truth| truth.made.spark > made + 1000);
+    }
+    // Longer than a session may be silent, shorter than the time until a pause.
+    page.value("(() => { const end = Date.now() + 3000; while (Date.now() < end); })()");
+    page.until("document.querySelector('#command').innerText === 'Release command'");
+    let truth = rig.truth();
+    assert_eq!((truth.state, truth.pulses, truth.fault), (State::Eroding, true, None));
+    // It commands in truth.
+    page.click("[data-request=pause]");
+    rig.until(|truth| !truth.pulses && truth.state == State::HoldingPosition);
+    page.click("#stop");
+}
+
+#[test]
+fn a_hole_whose_browser_was_killed_is_gone_on_with_by_one_click_in_another() {
+    let rig = Rig::new();
+    let desk = Desk::with(&rig.connection(), &["--unwatched-after", "2"]);
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.bore(0.5);
+    drop(page);
+    let truth = rig.until(|truth| !truth.pulses && truth.position < 1850);
+    assert_eq!(truth.fault, None);
+    for (wide, dark, name) in [(1280, false, "paused-light"), (800, true, "paused-dark")] {
+        let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
+        page.until("!document.querySelector('#paused').hidden");
+        page.view("run");
+        page.picture(name);
+        assert_eq!(rig.truth().pulses, false, "not by itself");
+        if dark {
+            page.click("#go-on");
+            page.until("document.querySelector('#state').innerText === 'eroding'");
+            page.until("document.querySelector('#paused').hidden");
+            let truth = rig.truth();
+            assert_eq!((truth.pulses, truth.fault), (true, None));
+            page.click("#stop");
+        }
+    }
+}
+
+#[test]
+fn a_bus_that_was_gone_is_found_again_and_the_page_says_since_when() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let mut rig = Rig::at(&port);
+    let desk = Desk::new(&rig.connection());
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.until("document.querySelector('#state').innerText === 'disabled'");
+    rig.pull();
+    page.until("/^The bus has been gone since [0-9:]{8} .[1-9][0-9]* s.. It is tried again/.test(document.querySelector('#lost').innerText)");
+    page.until("document.querySelector('#state').classList.contains('old')");
+    // Also in a page that comes later.
+    page.reload_without_heads();
+    page.until("document.querySelector('#lost').innerText.startsWith('The bus has been gone since ')");
+    drop(rig);
+    let rig = Rig::at(&port);
+    page.until("/^The bus is there. It was gone from [0-9:]{8} to [0-9:]{8}/.test(document.querySelector('#notice').innerText)");
+    page.until("document.querySelector('#lost').hidden && document.querySelector('#state').innerText === 'disabled'");
+    page.bore(0.002);
+    page.until("document.querySelector('#doing').innerText.startsWith('Bored: ')");
+    assert_eq!(rig.truth().fault, None);
 }
 
 #[test]
