@@ -13,7 +13,9 @@ use crate::scope::{self, Plan, Trigger};
 use crate::sdo::SdoError;
 use crate::settings::{self, Setting};
 use crate::sheet::{Kind, Sheet};
-use clap::{Args, Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap_complete::Shell;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -75,6 +77,16 @@ enum Command {
     Stop,
     /// Resets a fault after its cause is gone
     Reset,
+    /// Lists what the scope can record: address, name, unit
+    Signals {
+        /// Word to look for
+        word: Option<String>,
+    },
+    /// Prints a script that completes commands and options in a shell
+    Completion {
+        /// As in `source <(edm-desk completion bash)`
+        shell: Shell,
+    },
     /// Reads or writes any object of the description file, in its unit as stored
     Object {
         /// As in docs/objects.md: 2005:1, or Gap.Voltage
@@ -194,13 +206,11 @@ struct BoreOptions {
 
 /// Runs a command line.
 pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let cli = match Cli::try_parse_from(arguments) {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let cli = match Cli::try_parse_from(&arguments) {
         Ok(cli) => cli,
         Err(error) if error.use_stderr() => {
-            // One line, as everywhere: what clap adds below is in --help.
-            let text = error.to_string();
-            let lines: Vec<&str> = text.lines().take_while(|line| !line.is_empty()).map(str::trim).collect();
-            eprintln!("{}", lines.join(" ").trim_start_matches("error: "));
+            eprintln!("{}", refusal(&error, &arguments));
             return ExitCode::from(BAD_INPUT);
         }
         Err(help) => {
@@ -212,9 +222,45 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("{failure}");
-            ExitCode::from(if matches!(failure, Failure::BadInput(_)) { BAD_INPUT } else { FAILED })
+            let code = if matches!(failure, Failure::BadInput(_)) { BAD_INPUT } else { FAILED };
+            if cli.common.json {
+                say(&format!("{}\n", serde_json::json!({ "error": failure.to_string(), "exit": code })));
+            }
+            ExitCode::from(code)
         }
     }
+}
+
+/// What is wrong with a command line and what would be right, in one line as everywhere: what clap adds below is in --help.
+fn refusal(error: &clap::Error, arguments: &[OsString]) -> String {
+    let text = error.to_string();
+    let lines: Vec<&str> = text.lines().take_while(|line| !line.is_empty()).map(str::trim).collect();
+    let why = lines.join(" ").trim_start_matches("error: ").to_owned();
+    let tips: Vec<&str> = text.lines().filter_map(|line| line.trim().strip_prefix("tip: ")).collect();
+    let (path, command) = meant(arguments);
+    let commands: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).collect();
+    match error.kind() {
+        _ if !tips.is_empty() => format!("{why}: {}", tips.join("; ")),
+        ErrorKind::InvalidSubcommand | ErrorKind::MissingSubcommand => {
+            format!("{why}: the commands of `{path}` are {}", commands.join(", "))
+        }
+        ErrorKind::UnknownArgument | ErrorKind::MissingRequiredArgument => {
+            format!("{why}; `{path} --help` lists what it takes")
+        }
+        _ => why,
+    }
+}
+
+/// The command that was meant, as far as it was understood.
+fn meant(arguments: &[OsString]) -> (String, clap::Command) {
+    let (mut path, mut command) = (String::from("edm-desk"), Cli::command());
+    for argument in arguments.iter().skip(1).filter_map(|argument| argument.to_str()) {
+        if let Some(next) = command.find_subcommand(argument).cloned() {
+            path = format!("{path} {argument}");
+            command = next;
+        }
+    }
+    (path, command)
 }
 
 impl Cli {
@@ -273,6 +319,41 @@ impl Cli {
                 common.say(&serde_json::json!({ "stopped": what }), || format!("{what}\n"));
                 Ok(())
             }
+            Command::Signals { word } => {
+                let word = word.as_deref().unwrap_or_default().to_lowercase();
+                let signals: Vec<_> = sheet
+                    .objects()
+                    .filter(|object| scope::records(object))
+                    .filter(|object| format!("{} {}", object.key, object.doc).to_lowercase().contains(&word))
+                    .collect();
+                if signals.is_empty() {
+                    return Err(Failure::BadInput(format!(
+                        "{word}: no signal has this word in its name or description"
+                    )));
+                }
+                let json: Vec<_> = signals
+                    .iter()
+                    .map(|object| {
+                        serde_json::json!({ "address": object.address.to_string(), "key": object.key, "unit": object.unit })
+                    })
+                    .collect();
+                common.say(&json, || {
+                    signals
+                        .iter()
+                        .map(|object| {
+                            let line = format!("{:9} {:40} {}", object.address.to_string(), object.key, object.unit);
+                            format!("{}\n", line.trim_end())
+                        })
+                        .collect()
+                });
+                Ok(())
+            }
+            Command::Completion { shell } => {
+                let mut script = Vec::new();
+                clap_complete::generate(*shell, &mut Cli::command(), "edm-desk", &mut script);
+                say(&String::from_utf8_lossy(&script));
+                Ok(())
+            }
             Command::Object { name, value } => common.object(&sheet, name, value.as_deref()),
             Command::Reset => {
                 let reset = common.head(&sheet)?.reset()?;
@@ -298,7 +379,10 @@ impl Common {
         let bytes = match (object.kind, value) {
             (Kind::Domain, _) => head.sdo.read_block(address)?,
             (_, None) => head.sdo.read(address)?,
-            (_, Some(_)) => return Ok(()),
+            (_, Some(text)) => {
+                self.say(&serde_json::json!({ "key": object.key, "written": text }), String::new);
+                return Ok(());
+            }
         };
         let value = object.decode(&bytes).ok_or(SdoError::Garbled(head.node, address))?;
         let json = serde_json::Value::from(&value);
@@ -520,8 +604,11 @@ impl Common {
             on_progress: &mut |progress| {
                 if progress.doing != doing || said.elapsed() > Duration::from_secs(1) {
                     (doing, said) = (progress.doing, Instant::now());
-                    // With --json stdout has the outcome alone.
-                    eprintln!("{}", on_the_way(progress));
+                    if self.json {
+                        self.say(progress, String::new);
+                    } else {
+                        eprintln!("{}", on_the_way(progress));
+                    }
                 }
             },
         }

@@ -31,7 +31,7 @@ pub(crate) struct Common {
     /// Description file of the head, when its firmware is not from this tree
     #[arg(long, global = true, value_name = "FILE")]
     pub eds: Option<PathBuf>,
-    /// JSON instead of text: one object, or one per line for `watch`, `gap` and `log`
+    /// JSON instead of text: one object, or one per line for `watch`, `gap`, `log` and `bore`; an error is an object as well
     #[arg(long, global = true)]
     pub json: bool,
 }

@@ -14,7 +14,7 @@ use crate::Failure;
 use crate::bore::{self, GONE, Hole, Request, Requests};
 use crate::bring_up::{self, BringUp};
 use crate::bus::{Bus, SILENCE, lock};
-use crate::common::{Common, say};
+use crate::common::Common;
 use crate::found::{Found, find};
 use crate::gap::Watch;
 use crate::head::{Head, at};
@@ -223,7 +223,10 @@ pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Res
             eprintln!("{why}; {TRIED_AGAIN}");
         }
         let lost_since = joined.is_err().then(unix_ms);
-        say(&format!("The desk is at http://{at}/{known}\nbus {}\n\nCtrl-C stops the program.\n", common.bus));
+        let address = format!("http://{at}/{known}");
+        common.say(&json!({ "page": address, "bus": common.bus.to_string() }), || {
+            format!("The desk is at {address}\nbus {}\n\nCtrl-C stops the program.\n", common.bus)
+        });
         let desk = Arc::new(Desk {
             connection: common.bus.to_string(),
             bus: Mutex::new(joined),

@@ -304,17 +304,22 @@ impl Sheet {
         if let Some(object) = by(|key, text| key == text).or_else(|| by(str::eq_ignore_ascii_case)) {
             return Ok(object);
         }
-        let address: Address = text.parse().map_err(|why| format!("{text}: {why}, or a name as Gap.Voltage"))?;
+        let Ok(address) = text.parse::<Address>() else {
+            let like = either(&like(self.objects(), text));
+            return Err(format!(
+                "{text}: no such object, did you mean {like}? An address is as 2005:1 or 6041; `edm-desk signals` lists what a scope records"
+            ));
+        };
         self.get(address).ok_or_else(|| format!("{address}: not in the description file; docs/objects.md lists all"))
     }
 
     /// Every object.
-    pub fn objects(&self) -> impl Iterator<Item = &Object> {
+    pub fn objects(&self) -> impl Iterator<Item = &Object> + Clone {
         self.objects.values()
     }
 
     /// Every setting that a host may write.
-    pub fn settings(&self) -> impl Iterator<Item = &Object> {
+    pub fn settings(&self) -> impl Iterator<Item = &Object> + Clone {
         self.objects().filter(|object| SETTINGS.contains(&object.address.0) && object.writable)
     }
 
@@ -327,29 +332,32 @@ impl Sheet {
             if self.objects().any(|object| object.key == key && SETTINGS.contains(&object.address.0)) {
                 return format!("{key}: only the head sets it");
             }
-            let named = self.like(key);
-            let like = match named.as_slice() {
-                [others @ .., last] if !others.is_empty() => format!("{} or {last}", others.join(", ")),
-                _ => named.concat(),
-            };
+            let like = either(&like(self.settings(), key));
             format!("{key}: no such setting, did you mean {like}? `edm-desk settings list` lists all")
         })
     }
+}
 
-    /// Keys of settings that may have been meant: those with the word in them, or in their text, or else the one that is spelled
-    /// like it.
-    fn like(&self, word: &str) -> Vec<&str> {
-        let low = word.to_lowercase();
-        let has = |text: &str| text.to_lowercase().contains(&low);
-        let in_key = self.settings().filter(|object| has(&object.key));
-        let in_text = self.settings().filter(|object| !has(&object.key) && has(&object.doc));
-        let with: Vec<&str> = in_key.chain(in_text).take(LIKE).map(|object| object.key.as_str()).collect();
-        // A key that is spelled out is misspelled.
-        if word.contains('.') || with.is_empty() {
-            let near = |object: &&Object| (1e6 * strsim::jaro(&object.key, word)) as u32;
-            return self.settings().max_by_key(near).map(|object| object.key.as_str()).into_iter().collect();
-        }
-        with
+/// Keys of objects that may have been meant: those with the word in them, or in their text, or else the one that is spelled like it.
+fn like<'a>(objects: impl Iterator<Item = &'a Object> + Clone, word: &str) -> Vec<&'a str> {
+    let low = word.to_lowercase();
+    let has = |text: &str| text.to_lowercase().contains(&low);
+    let in_key = objects.clone().filter(|object| has(&object.key));
+    let in_text = objects.clone().filter(|object| !has(&object.key) && has(&object.doc));
+    let with: Vec<&str> = in_key.chain(in_text).take(LIKE).map(|object| object.key.as_str()).collect();
+    // A key that is spelled out is misspelled.
+    if word.contains('.') || with.is_empty() {
+        let near = |object: &&Object| (1e6 * strsim::jaro(&object.key.to_lowercase(), &low)) as u32;
+        return objects.max_by_key(near).map(|object| object.key.as_str()).into_iter().collect();
+    }
+    with
+}
+
+/// Alternatives as a sentence has them.
+fn either(keys: &[&str]) -> String {
+    match keys {
+        [others @ .., last] if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+        _ => keys.concat(),
     }
 }
 

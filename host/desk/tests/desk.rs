@@ -234,7 +234,7 @@ fn a_hole_that_is_bored_again_is_measured_from_its_first_surface_or_else_somebod
     let rig = Rig::new();
     let bore = |more: &[&str]| {
         let (code, said, why) = run(&rig.connection(), &[&["--json", "bore"], more].concat());
-        (code, serde_json::from_str::<Value>(&said).unwrap_or_default(), why)
+        (code, said.lines().last().map_or(Value::Null, |line| serde_json::from_str(line).unwrap()), why)
     };
     let (code, _, why) = bore(&["--depth", "0.03", "--continue"]);
     assert!(code == Some(2) && why.contains("no hole to continue"), "{why}");
@@ -332,8 +332,13 @@ fn ctrl_c_goes_up_and_disables() {
     assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
     let output = boring.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1), "the depth was not reached");
-    let outcome: Value = serde_json::from_slice(&output.stdout).unwrap();
+    // A line a second, and the outcome, and that it is none that was wanted.
+    let text = String::from_utf8(output.stdout).unwrap();
+    let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let [ways @ .., outcome, error] = lines.as_slice() else { panic!("{text}") };
+    assert!(ways.iter().any(|way| way["doing"] == "eroding" && way["sample"]["setpoint_v"] == 65.0), "{text}");
     assert_eq!((&outcome["reached"], &outcome["target_mm"]), (&json!(false), &json!(0.5)));
+    assert_eq!((&error["error"], &error["exit"]), (&json!("the depth was not reached"), &json!(1)));
     let truth = rig.truth();
     assert_eq!((truth.state, truth.fault, truth.pulses), (State::Disabled, None, false));
     assert!(truth.position < 100, "it went up: {truth:?}");
@@ -586,7 +591,9 @@ fn a_guided_check_that_fails_says_why_in_two_files() {
     let path = folder.path().to_str().unwrap();
     let (code, said, why) = run(&rig.connection(), &["--json", "bring-up", "--check", "--again", "--report", path]);
     assert_eq!(code, Some(1), "{why}");
-    let report: Value = serde_json::from_str(&said).unwrap();
+    let (report, error) = said.split_once('\n').unwrap();
+    let report: Value = serde_json::from_str(report).unwrap();
+    assert!(error.starts_with("{\"error\":\"the bring-up is not complete"), "{error}");
     let check = looked_at(&report["checks"], "guided check");
     assert_eq!((&check["value"], &check["verdict"]), (&json!("motor reversed"), &json!("failed")));
     assert_eq!(check["advice"], "the motor pushes the wrong way: change motor.reversed");
@@ -814,6 +821,26 @@ fn what_a_command_prints_or_is_asked_for_another_command_takes() {
     assert_eq!(name, "Gap.Setpoint");
     assert_eq!(ok(&["object", name]), printed);
     assert!(ok(&["scope", name, "gap.voltage"]).starts_with("Gap.Setpoint "));
+    let signals = ok(&["signals", "gap.set"]);
+    assert!(signals.lines().any(|line| line.split_whitespace().eq(["2005h:5", "Gap.Setpoint", "V"])), "{signals}");
+    let json: Value = serde_json::from_str(&ok(&["--json", "signals", "gap.setpoint"])).unwrap();
+    assert_eq!(json[0], json!({ "address": "2005h:5", "key": "Gap.Setpoint", "unit": "V" }));
+    assert_eq!(ok(&["--json", "object", "2001:2", "1"]), "{\"key\":\"EDM control.Hold\",\"written\":\"1\"}\n");
+    let (code, said, why) = run(&rig.connection(), &["--json", "settings", "get", "friction"]);
+    let error: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!((code, error["exit"].as_i64(), error["error"].as_str()), (Some(2), Some(2), Some(why.trim_end())));
+    // A script that the shell itself takes, and that knows the commands.
+    let script = ok(&["completion", "bash"]);
+    let words = format!(
+        "{script}\nCOMP_WORDS=(edm-desk bo); COMP_CWORD=1; _edm__desk edm-desk bo edm-desk; echo \"${{COMPREPLY[@]}}\""
+    );
+    let completed = std::process::Command::new("bash").args(["-c", &words]).output().unwrap();
+    assert_eq!(
+        String::from_utf8(completed.stdout).unwrap().trim(),
+        "bore",
+        "{completed:?}",
+        completed = completed.stderr
+    );
 }
 
 #[test]
@@ -904,7 +931,9 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["scope"], "<SIGNALS>"),
         (&["scope", "3000:1"], "3000h:1: not in the description file"),
         (&["scope", "1008"], "1008: must be an object with a number"),
-        (&["scope", "x"], "x: must be as 2005:1 or 6041"),
+        (&["scope", "Gap.Voltag"], "Gap.Voltag: no such object, did you mean Gap.Voltage?"),
+        (&["scope", "hazard"], "hazard: no such object, did you mean Gap senses.Hazard"),
+        (&["signals", "friccion"], "friccion: no signal has this word"),
         (&["scope", "6064", "6064", "6064", "6064", "6064"], "5 signals: must be 1 to 4"),
         (&["scope", "6064", "--every", "0"], "sample period 0 ms: must be 1 to 60000 ms"),
         (&["scope", "6064", "--trigger", "rises", "--level", "1e12"], "level 1000000000000: must be a value"),
@@ -916,7 +945,12 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["page", "--unwatched-after", "0"], "must be a number from 1 to 86400 s"),
         (&["page", "--unwatched", "dance"], "[possible values: pause, retreat]"),
         (&["page", "--token-file", &short], "must be at least 16 letters and digits"),
-        (&["dance"], "unrecognized subcommand 'dance'"),
+        (&["dance"], "unrecognized subcommand 'dance': the commands of `edm-desk` are page, heads, settings"),
+        (&["bor"], "unrecognized subcommand 'bor': a similar subcommand exists: 'bore'"),
+        (&["settings", "dance"], "the commands of `edm-desk settings` are list, get, set, export, compare, import"),
+        (&["bore", "--depht", "3"], "a similar argument exists: '--depth'"),
+        (&["bore", "--xyz"], "`edm-desk bore --help` lists what it takes"),
+        (&["completion", "tcsh"], "[possible values: bash"),
     ] {
         let (code, said, why) = run(&connection, arguments);
         assert_eq!((code, said.as_str(), why.trim_end().lines().count()), (Some(2), "", 1), "{arguments:?}: {why}");
