@@ -223,6 +223,49 @@ fn a_guided_chip_is_the_native_core_bit_for_bit() {
     assert!(twin.ticks() > 700 * u64::from(PERIOD));
 }
 
+/// Offsets of a host in cyclic synchronous position: the place that 60B0h adds is where the axis of the model goes, and the force of
+/// 60B2h pushes it the way of its sign, until the loops have made up for it.
+#[test]
+fn offsets_of_position_and_force_move_the_axis_of_the_chip_as_that_of_the_native_core() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let settings = Settings { commissioned: true, ..Settings::default() };
+    let witness = Witness::twin(&settings).unwrap();
+    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, witness).unwrap();
+    host::begin(&mut rig).unwrap();
+    rig.command(Command::SetHome(Nanometres(0))).unwrap();
+    host::write(&mut rig, 0x60C2, 1, 10, 1).unwrap();
+    host::write(&mut rig, 0x6060, 0, 8, 1).unwrap();
+    rig.command(Command::Enable).unwrap();
+    let rest = |rig: &mut Emulated| {
+        (0..4000).for_each(|_| rig.tick().unwrap());
+        rig.process().truth().position_um
+    };
+    host::write(&mut rig, 0x607A, 0, 400, 4).unwrap();
+    let before = rest(&mut rig);
+    host::write(&mut rig, 0x60B0, 0, 60, 4).unwrap();
+    host::write(&mut rig, 0x607A, 0, 400, 4).unwrap();
+    let after = rest(&mut rig);
+    assert!((after - before - 60.0).abs() <= 2.0, "from {before} to {after} um");
+    for per_mille in [150i16, -150, 0] {
+        let at = rest(&mut rig);
+        host::write(&mut rig, 0x60B2, 0, u32::from(per_mille.cast_unsigned()), 2).unwrap();
+        let (mut least, mut most) = (0.0f64, 0.0f64);
+        for _ in 0..1000 {
+            rig.tick().unwrap();
+            let off = rig.process().truth().position_um - at;
+            (least, most) = (least.min(off), most.max(off));
+        }
+        // It is taken back in the last round: then the other way.
+        let down = if per_mille == 0 { 150.0 } else { f64::from(per_mille) };
+        let (with, against) = if down > 0.0 { (most, -least) } else { (-least, most) };
+        assert!(with >= 3.0 && with > against, "{per_mille}: {least} to {most} um");
+        let left = rest(&mut rig) - at;
+        assert!(left.abs() <= 2.0, "{per_mille}: {left} um from where it was");
+    }
+    let Witness::Twin(twin) = rig.into_witness() else { unreachable!() };
+    assert!(twin.ticks() > 10_000);
+}
+
 /// The chip homes on contact under both touch probes, past an index mark: what its objects say is what the native core has kept,
 /// and where the model has work and mark.
 #[test]
