@@ -71,6 +71,22 @@ fn disabled(mode: u8) -> Rig {
     rig
 }
 
+fn ready_to_switch_on(mode: u8) -> Rig {
+    let mut rig = ready(mode);
+    rig.control(0x06);
+    rig.run(20);
+    rig
+}
+
+/// In the guided check.
+fn commissioning(mode: u8) -> Rig {
+    let mut rig = disabled(mode);
+    rig.write(0x2001, 3, &[1]);
+    rig.run(50);
+    assert_eq!(rig.machine.status().state, State::Commissioning);
+    rig
+}
+
 fn switched_on(mode: u8) -> Rig {
     let mut rig = ready(mode);
     rig.control(0x07);
@@ -143,6 +159,40 @@ fn eroding(mode: u8) -> Rig {
     rig
 }
 
+/// On its way to the work, pulses on.
+fn seeking(mode: u8) -> Rig {
+    let mut rig = ready(mode);
+    rig.write32(0x2004, 1, 4000);
+    rig.write(0x2001, 1, &[1]);
+    rig.until(200, |rig| rig.machine.status().state == State::Seeking);
+    rig.run(20);
+    rig
+}
+
+/// At the end of its path, which is above the work.
+fn done(mode: u8) -> Rig {
+    let mut rig = ready(mode);
+    rig.write32(0x2004, 1, 850);
+    rig.write(0x2001, 1, &[1]);
+    rig.until(3000, |rig| rig.machine.status().state == State::Done);
+    rig.run(20);
+    rig
+}
+
+/// Goes back from there, for half a second.
+fn lifting(mode: u8) -> Rig {
+    let mut rig = disabled(mode);
+    rig.write(0x210F, 5, &200.0f32.to_le_bytes());
+    rig.write(0x2105, 3, &400.0f32.to_le_bytes());
+    rig.run(20);
+    rig.enable();
+    rig.write32(0x2004, 1, 850);
+    rig.write(0x2001, 1, &[1]);
+    rig.until(3000, |rig| rig.machine.status().state == State::Lifting);
+    rig.run(20);
+    rig
+}
+
 fn jumping(mode: u8) -> Rig {
     let mut rig = eroding(mode);
     rig.write(0x2001, 7, &[1]);
@@ -201,6 +251,8 @@ fn faulty(mode: u8) -> Rig {
 
 const SITUATIONS: &[Situation] = &[
     ("switch on disabled", ALL, disabled),
+    ("commissioning", ALL, commissioning),
+    ("ready to switch on", ALL, ready_to_switch_on),
     ("switched on", ALL, switched_on),
     ("enabled, at rest", ALL, ready),
     ("enabled, a path waits", ALL, queued),
@@ -208,8 +260,11 @@ const SITUATIONS: &[Situation] = &[
     ("quick stop active", ALL, quick_stopped),
     ("moving", &[1, 3, 7, 8, 9], moving),
     ("homing", &[6], homing),
+    ("seeking", ALL, seeking),
     ("eroding", ALL, eroding),
     ("jumping", ALL, jumping),
+    ("lifting", ALL, lifting),
+    ("done", ALL, done),
     ("inching", ALL, inching),
     ("touching", &[0, 1, 6], touching),
     ("guided", &[1, 7, 8, 9], guided),

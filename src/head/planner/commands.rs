@@ -366,7 +366,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 Ok(())
             }
             _ if state.follows() => {
-                if state.pulses() {
+                // An erosion, or the lift after it.
+                if state.works() {
                     self.enter(State::HoldingPosition, Reason::Held);
                 }
                 Ok(())
