@@ -66,7 +66,7 @@ let bus_lost = null, again_s = 30, retaken = false;
 // What was measured last, and when, by the id of its place.
 const measured = new Map();
 // Places of what a head measures.
-const LIVE = ["state", "position", "depth", "gap-now", "wanted", "feed", "time", "left", "shorts", "doing",
+const LIVE = ["state", "position", "jog-position", "depth", "gap-now", "wanted", "feed", "time", "left", "shorts", "doing",
   "gap-volts", "gap-feed", "looks", "gap-depth", "gap-left", "kept", "hazard", "sparks", "distance", "age", "notch", "delayed"];
 
 // Puts what is measured now in its place. Where nothing is (null) the last value stays, grey, and says of when it is.
@@ -192,6 +192,16 @@ function take(message) {
     if (message.gap.node === node) gap(message.gap);
   } else if (message.bring_up) {
     if (message.bring_up.sample.node === node) bring_up(message.bring_up);
+  } else if (message.jog) {
+    if (message.jog.sample.node === node) {
+      sample(message.jog.sample);
+      tell("jog-doing", message.jog.doing);
+    }
+  } else if (message.jogged) {
+    if (message.node === node) {
+      tell("jog-doing", "not enabled");
+      if (message.jogged.failed) say("run", message.jogged.said, true);
+    }
   } else if (message.brought_up) {
     brought_up(message.brought_up);
   } else if (message.event) {
@@ -264,7 +274,7 @@ function show() {
   $("session").textContent = mine ? "This session has command."
     : commander === null ? "No session has command." : `Session ${commander} has command; this session watches.`;
   document.body.classList.toggle("watching", !mine);
-  const commands = "#bore *, #asks button, [data-request], #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
+  const commands = "#bore input, #bore button, #asks button, [data-request], #jog button, #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
   for (const button of document.querySelectorAll(commands)) {
     button.disabled = !mine || node === null;
   }
@@ -312,7 +322,7 @@ function choose_head(id, identity) {
     measured.delete(id);
     put(id, null);
   }
-  for (const id of ["left", "gap-left", "gap-depth"]) $(id).textContent = "no hole in progress";
+  for (const id of ["gap-left", "gap-depth"]) $(id).textContent = "no hole in progress";
   $("head").textContent = `node ${id}`;
   $("head").title = `${identity.name}, serial number ${identity.serial}`;
   for (const id of ["depth", "target", "electrode"]) $(id).textContent = id === "depth" ? "-" : "";
@@ -327,7 +337,7 @@ function sample(now, point = null) {
   $("state").style.background = `var(${shade(now.state_number)})`;
   $("fault").hidden = now.fault_number === 0;
   $("fault").firstElementChild.textContent = `Fault: ${now.fault}`;
-  put("position", now.homed ? `${now.position_mm.toFixed(3)} mm` : "not homed");
+  for (const id of ["position", "jog-position"]) put(id, now.homed ? `${now.position_mm.toFixed(3)} mm` : "not homed");
   const deep = now.surface_mm === null || !now.homed ? null : now.position_mm - now.surface_mm;
   $("electrode").textContent = deep === null ? "surface not known" : deep < 0 ? `electrode ${(-deep).toFixed(3)} mm above the work`
     : `electrode ${deep.toFixed(3)} mm deep`;
@@ -573,7 +583,7 @@ async function record(submit) {
 
 // Has a link save a text.
 function save(id, name, type, text) {
-  URL.revokeObjectURL($(id).href);
+  if ($(id).href.startsWith("blob:")) URL.revokeObjectURL($(id).href);
   $(id).href = URL.createObjectURL(new Blob([text], { type }));
   $(id).download = name;
 }
@@ -581,7 +591,7 @@ function save(id, name, type, text) {
 function ended({ outcome, failed }) {
   $("paused").hidden = true;
   $("depth-what").textContent = "Last hole: depth, by the electrode";
-  for (const id of ["gap-depth", "gap-left", "left"]) tell(id, "no hole in progress");
+  for (const id of ["gap-depth", "gap-left"]) tell(id, "no hole in progress");
   if (outcome) {
     tell("doing", outcome.said);
     if (bored) bored.deepest = outcome.depth_mm;
@@ -752,11 +762,13 @@ function bore(site) {
   say("run", "");
   const fields = [...document.querySelectorAll("#bore input")];
   for (const field of fields) field.classList.remove("wrong");
-  const hole = { depth_mm: number("depth"), surface_mm: number("surface"), height_mm: number("height"), site };
+  const keys = { jump_every_ms: "jump.every_ms", jump_height_um: "jump.height_um", spark_out_ms: "end.spark_out_ms" };
+  const given = Object.keys(keys).filter((name) => number(name) !== null).map((name) => [name, number(name)]);
+  const hole = { depth_mm: number("depth"), surface_mm: number("surface"), height_mm: number("height"), site, with: Object.fromEntries(given) };
   ask({ do: "bore", node, hole }).catch(({ message, asks }) => {
     if (!asks) {
       // The program names the field first.
-      fields.find((field) => message.startsWith(`${field.name} `))?.classList.add("wrong");
+      fields.find((field) => message.startsWith(`${keys[field.name] ?? field.name} `))?.classList.add("wrong");
       return say("run", message, true);
     }
     $("asks").firstElementChild.textContent = message;
@@ -777,6 +789,22 @@ for (const button of document.querySelectorAll("[data-request]")) {
 for (const button of document.querySelectorAll("[data-last]")) {
   button.onclick = () => chart.look(button.dataset.last ? Number(button.dataset.last) : null);
 }
+$("jog-begin").onclick = () => want({ do: "jog", node }, "run").catch(() => {});
+$("jog-end").onclick = () => want({ do: "end_jog" }, "run").catch(() => {});
+for (const button of document.querySelectorAll("[data-step]")) {
+  button.onclick = () => want({ do: "step", by_mm: Number(button.dataset.step) }, "run").catch(() => {});
+}
+// What the head has stands in the empty fields.
+$("more").ontoggle = async () => {
+  if (!$("more").open || node === null) return;
+  const all = await ask({ do: "settings", node }).catch(() => []);
+  for (const [name, key] of [["jump_every_ms", "jump.every_ms"], ["jump_height_um", "jump.height_um"], ["spark_out_ms", "end.spark_out_ms"]]) {
+    document.querySelector(`[name=${name}]`).placeholder = all.find((line) => line.key === key)?.value ?? "as set";
+  }
+};
+$("log-save").onclick = () => save("log-save", "desk.log", "text/plain", [...$("events").children]
+  .map((line) => [...line.children].map((part) => part.textContent).join("  ")).reverse().join("\n") + "\n");
+$("log-save").href = "#log";
 $("record").onsubmit = record;
 $("log-kind").onchange = logged;
 $("log-word").oninput = logged;

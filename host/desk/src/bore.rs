@@ -50,6 +50,33 @@ pub struct Hole {
     /// Height above the surface at which pulses begin, mm.
     #[serde(default = "height")]
     pub height_mm: f64,
+    /// What is to be set before; the settings of the head otherwise.
+    #[serde(default)]
+    pub with: With,
+}
+
+/// Settings that belong to a hole. They stay in the head after it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(default)]
+pub struct With {
+    /// `jump.every_ms`.
+    pub jump_every_ms: Option<f64>,
+    /// `jump.height_um`.
+    pub jump_height_um: Option<f64>,
+    /// `end.spark_out_ms`.
+    pub spark_out_ms: Option<f64>,
+}
+
+impl With {
+    /// Their keys and values.
+    pub fn assignments(&self) -> Vec<String> {
+        let all = [
+            ("jump.every_ms", self.jump_every_ms),
+            ("jump.height_um", self.jump_height_um),
+            ("end.spark_out_ms", self.spark_out_ms),
+        ];
+        all.iter().filter_map(|(key, value)| value.map(|value| format!("{key}={value}"))).collect()
+    }
 }
 
 /// What is under the electrode.

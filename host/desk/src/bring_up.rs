@@ -747,7 +747,7 @@ fn rounded(value: f64) -> Value {
 
 /// A time as UTC (proleptic Gregorian calendar; the algorithm is `civil_from_days` of Howard Hinnant, "chrono-Compatible
 /// Low-Level Date Algorithms").
-fn date(time: SystemTime) -> String {
+pub(crate) fn date(time: SystemTime) -> String {
     let seconds = time.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     let (days, second) = (seconds / 86_400 + 719_468, seconds % 86_400);
     let (era, day) = (days / 146_097, days % 146_097);

@@ -1,7 +1,7 @@
 //! The commands. Each ends with one line with its result, or with one object with `--json`.
 
 use crate::Failure;
-use crate::bore::{self, Hole, Outcome, Request, Requests, Run, Site};
+use crate::bore::{self, Hole, Outcome, Request, Requests, Run, Site, With};
 use crate::bring_up::{self, BringUp, Check, Verdict};
 use crate::bus::SILENCE;
 use crate::common::{Common, say};
@@ -65,6 +65,9 @@ enum Command {
     Scope(ScopeOptions),
     /// Shows emergencies, faults, refusals and changes of state as they happen, until Ctrl-C
     Log {
+        /// Shows what `page --log FILE` has kept, instead
+        #[arg(long, value_name = "FILE")]
+        file: Option<PathBuf>,
         /// Ends after this time
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
@@ -202,6 +205,22 @@ struct BoreOptions {
     /// Height above the surface at which pulses begin
     #[arg(long, value_name = "MM", default_value_t = bore::height(), allow_hyphen_values = true)]
     height: f64,
+    #[command(flatten)]
+    with: WithOptions,
+}
+
+/// Settings that belong to a hole; they stay in the head.
+#[derive(Debug, Args)]
+struct WithOptions {
+    /// Sets jump.every_ms first: time from one jump to the next, 0 for none
+    #[arg(long, value_name = "MS", allow_hyphen_values = true)]
+    jump_every: Option<f64>,
+    /// Sets jump.height_um first
+    #[arg(long, value_name = "UM", allow_hyphen_values = true)]
+    jump_height: Option<f64>,
+    /// Sets end.spark_out_ms first: longest spark-out at the end, 0 for none
+    #[arg(long, value_name = "MS", allow_hyphen_values = true)]
+    spark_out: Option<f64>,
 }
 
 /// Runs a command line.
@@ -295,7 +314,20 @@ impl Cli {
                 Ok(())
             }
             Command::Scope(options) => common.scope(&sheet, options),
-            Command::Log { seconds } => {
+            Command::Log { file: Some(file), .. } => {
+                let events =
+                    page::events(file).map_err(|why| Failure::BadInput(format!("--file {}: {why}", file.display())))?;
+                for event in &events {
+                    common.say(event, || {
+                        let at = std::time::UNIX_EPOCH + Duration::from_millis(event.unix_ms);
+                        let (date, node) = (bring_up::date(at), event.node);
+                        let who = if node == 0 { "desk".into() } else { format!("node {node}") };
+                        format!("{date}  {who}  {}\n", event.what)
+                    });
+                }
+                Ok(())
+            }
+            Command::Log { seconds, .. } => {
                 let end = end(*seconds);
                 let interrupted = interrupted(|| ())?;
                 let mut live = Live::new(&common.head(&sheet)?)?;
@@ -580,8 +612,11 @@ impl Common {
             (_, true) => Some(Site::New),
             _ => None,
         };
-        let hole = Hole { depth_mm: options.depth, surface_mm: options.surface, site, height_mm: options.height };
+        let WithOptions { jump_every, jump_height, spark_out } = options.with;
+        let with = With { jump_every_ms: jump_every, jump_height_um: jump_height, spark_out_ms: spark_out };
+        let hole = Hole { depth_mm: options.depth, surface_mm: options.surface, site, height_mm: options.height, with };
         hole.check()?;
+        let wanted = settings::assignments(sheet, &with.assignments()).map_err(Failure::BadInput)?;
         let requests = Arc::new(Requests::default());
         let asked = requests.clone();
         let _ = interrupted(move || {
@@ -589,6 +624,15 @@ impl Common {
             asked.want(if asked.now() == Request::Leave { Request::Stop } else { Request::Leave });
         })?;
         let head = self.head(sheet)?;
+        let undecided = |why| match why {
+            Failure::Undecided { why, begun: true } => Failure::BadInput(format!("{why} --continue, or --new-surface")),
+            Failure::Undecided { why, .. } => Failure::BadInput(format!("{why} --new-surface, or --surface MM")),
+            why => why,
+        };
+        if !wanted.is_empty() {
+            hole.may_begin(&head).map_err(undecided)?;
+            settings::write(&head, &wanted)?;
+        }
         let mut live = Live::new(&head)?;
         let bus = head.bus.clone();
         let (mut doing, mut said) = ("", Instant::now());
@@ -613,11 +657,7 @@ impl Common {
             },
         }
         .execute()
-        .map_err(|why| match why {
-            Failure::Undecided { why, begun: true } => Failure::BadInput(format!("{why} --continue, or --new-surface")),
-            Failure::Undecided { why, .. } => Failure::BadInput(format!("{why} --new-surface, or --surface MM")),
-            why => why,
-        })?;
+        .map_err(undecided)?;
         self.say(&outcome, || bored(&outcome));
         if outcome.reached { Ok(()) } else { Err(Failure::Failed("the depth was not reached".into())) }
     }

@@ -29,6 +29,7 @@ pub mod found;
 pub mod gap;
 pub mod guide;
 pub mod head;
+pub mod jog;
 pub mod live;
 pub mod page;
 pub mod record;

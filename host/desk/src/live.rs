@@ -8,7 +8,7 @@ use crate::gap;
 use crate::head::{Head, NO_SURFACE, at, state, unsigned};
 use crate::sdo::{Address, SdoError};
 use crate::{Failure, words};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -21,7 +21,7 @@ const KEPT: Duration = Duration::from_secs(1);
 const EVENTS: usize = 256;
 
 /// What happened.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
 pub struct Event {
     /// When, ms since 1970.
     pub unix_ms: u64,
@@ -34,7 +34,7 @@ pub struct Event {
 }
 
 /// Kind of an event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
     /// What this program or a session of its page did.

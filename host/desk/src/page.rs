@@ -18,6 +18,7 @@ use crate::common::Common;
 use crate::found::{Found, find};
 use crate::gap::Watch;
 use crate::head::{Head, at};
+use crate::jog::{self, Jog};
 use crate::live::{Event, Kind, Live, Sample};
 use crate::record::{Point, Recorder, Taken};
 use crate::scope::{self, Plan};
@@ -33,8 +34,10 @@ use clap::{Args, ValueEnum};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -78,6 +81,9 @@ pub struct Listen {
     /// Time without a session in command until a hole is paused
     #[arg(long, value_name = "S", default_value_t = UNWATCHED_S, value_parser = after, allow_hyphen_values = true)]
     unwatched_after: f64,
+    /// File that the log is appended to, one JSON object a line. Its last events are shown again at the next start
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
 }
 
 /// What happens to a hole without a session in command.
@@ -96,7 +102,13 @@ fn after(text: &str) -> Result<f64, String> {
 
 impl Default for Listen {
     fn default() -> Listen {
-        Listen { listen: DEFAULT.into(), token_file: None, unwatched: Unwatched::Pause, unwatched_after: UNWATCHED_S }
+        Listen {
+            listen: DEFAULT.into(),
+            token_file: None,
+            unwatched: Unwatched::Pause,
+            unwatched_after: UNWATCHED_S,
+            log: None,
+        }
     }
 }
 
@@ -124,6 +136,12 @@ enum Ask {
     Bore { node: u8, hole: Hole },
     /// A request to the hole in progress.
     Request { request: Request },
+    /// Enable the head to move it by hand.
+    Jog { node: u8 },
+    /// A step of that, positive toward the work.
+    Step { by_mm: f64 },
+    /// The end of that.
+    EndJog {},
     /// Start a bring-up.
     BringUp { node: u8 },
     /// The guided check of the bring-up in progress; `again`: the manual steps were observed before.
@@ -166,6 +184,8 @@ struct Desk {
     /// Messages to all sessions.
     messages: broadcast::Sender<Arc<str>>,
     log: Mutex<VecDeque<Event>>,
+    /// Where events are kept.
+    file: Option<Mutex<File>>,
     watched: Mutex<BTreeSet<u8>>,
     /// The last bore of each head.
     recorders: Mutex<BTreeMap<u8, Recorder>>,
@@ -193,6 +213,7 @@ struct Run {
 enum What {
     Hole(Arc<Requests>),
     BringUp(Arc<bring_up::Requests>),
+    Jog(Arc<jog::Requests>),
 }
 
 /// Serves the page until the program is stopped.
@@ -208,6 +229,7 @@ pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Res
     if token.is_none() && !addresses.iter().all(|address| address.ip().is_loopback()) {
         return Err(refused("an address other than this computer needs --token-file FILE".into()));
     }
+    let (log, log_file) = listen.log.as_deref().map_or(Ok((VecDeque::new(), None)), kept)?;
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -233,7 +255,8 @@ pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Res
             sheet: sheet.clone(),
             token,
             messages: broadcast::channel(WAITING).0,
-            log: Mutex::default(),
+            log: Mutex::new(log),
+            file: log_file.map(Mutex::new),
             watched: Mutex::default(),
             recorders: Mutex::default(),
             sessions: AtomicU64::new(1),
@@ -280,6 +303,24 @@ impl Listen {
         }
         Ok(Some(token.into()))
     }
+}
+
+/// The last events of a file, and the file to append to.
+fn kept(path: &Path) -> Result<(VecDeque<Event>, Option<File>), Failure> {
+    let refused = |why: String| Failure::BadInput(format!("--log {}: {why}", path.display()));
+    let mut events = if path.exists() { events(path).map_err(refused)? } else { Vec::new() };
+    let file = OpenOptions::new().create(true).append(true).open(path).map_err(|why| refused(why.to_string()))?;
+    Ok((events.split_off(events.len().saturating_sub(LOG)).into(), Some(file)))
+}
+
+/// Events that [`Listen::log`] has kept.
+///
+/// # Errors
+/// What is wrong, with the line.
+pub(crate) fn events(path: &Path) -> Result<Vec<Event>, String> {
+    let text = std::fs::read_to_string(path).map_err(|why| why.to_string())?;
+    let lines = (1..).zip(text.lines()).filter(|(_, line)| !line.is_empty());
+    lines.map(|(number, line)| serde_json::from_str(line).map_err(|why| format!("line {number}: {why}"))).collect()
 }
 
 /// Now, ms since 1970.
@@ -379,7 +420,7 @@ impl Desk {
         {
             *heard = Instant::now();
             *lock(&self.commanded) = Instant::now();
-            let alone = |what: &What| matches!(what, What::BringUp(_)) || self.unwatched == Unwatched::Retreat;
+            let alone = |what: &What| !matches!(what, What::Hole(_)) || self.unwatched == Unwatched::Retreat;
             if let Some(run) = &*lock(&self.run)
                 && alone(&run.what)
             {
@@ -489,6 +530,10 @@ impl Desk {
 
     fn event(&self, event: Event) {
         self.publish(&json!({ "event": event }));
+        if let Some(file) = &self.file {
+            // A disk that is full is no reason to end a hole.
+            let _ = writeln!(lock(file), "{}", json!(event));
+        }
         let mut log = lock(&self.log);
         if log.len() == LOG {
             log.pop_front();
@@ -505,6 +550,9 @@ impl Desk {
                 | Ask::Save { .. }
                 | Ask::Bore { .. }
                 | Ask::Request { .. }
+                | Ask::Jog { .. }
+                | Ask::Step { .. }
+                | Ask::EndJog {}
                 | Ask::BringUp { .. }
                 | Ask::Check { .. }
                 | Ask::Report {}
@@ -561,6 +609,12 @@ impl Desk {
                 let record = plan.record(&self.head(node)?, &mut || self.commands(session))?;
                 Ok(json!({ "record": record, "csv": record.csv() }))
             }
+            Ask::Jog { node } => self.jog(session, node),
+            Ask::Step { by_mm } => self.jogs(|requests| requests.step(by_mm)),
+            Ask::EndJog {} => self.jogs(|requests| {
+                requests.end();
+                Ok(())
+            }),
             Ask::BringUp { node } => self.bring_up(session, node),
             Ask::Check { again } => {
                 self.want(if again { bring_up::Request::CheckAgain } else { bring_up::Request::Check })
@@ -573,6 +627,7 @@ impl Desk {
                     match &run.what {
                         What::Hole(requests) => requests.want(Request::Stop),
                         What::BringUp(requests) => requests.want(bring_up::Request::End),
+                        What::Jog(requests) => requests.end(),
                     }
                 }
                 let now = self.head(node)?.stop()?;
@@ -596,7 +651,7 @@ impl Desk {
             return Err(Failure::BadInput("another session has command: it must release command first".into()));
         }
         if !take && lock(&self.run).is_some() {
-            return Err(Failure::BadInput("a hole or a bring-up is in progress: end it first".into()));
+            return Err(Failure::BadInput("a hole, a bring-up or a jog is in progress: end it first".into()));
         }
         if take {
             *commander = Some((session, Instant::now()));
@@ -626,7 +681,7 @@ impl Desk {
     fn begin(&self, head: &Head, what: What) -> Result<(), Failure> {
         let mut run = lock(&self.run);
         if run.is_some() {
-            return Err(Failure::BadInput("a hole or a bring-up is in progress: end it first".into()));
+            return Err(Failure::BadInput("a hole, a bring-up or a jog is in progress: end it first".into()));
         }
         *run = Some(Run { node: head.node, bus: head.bus.clone(), what });
         Ok(())
@@ -683,10 +738,48 @@ impl Desk {
         Ok(Value::Null)
     }
 
+    /// A request to the jog in progress.
+    fn jogs(&self, request: impl FnOnce(&jog::Requests) -> Result<(), Failure>) -> Result<Value, Failure> {
+        match &*lock(&self.run) {
+            Some(Run { what: What::Jog(requests), .. }) => request(requests).map(|()| Value::Null),
+            _ => Err(Failure::BadInput("the head is not enabled to jog: begin first".into())),
+        }
+    }
+
+    /// Enables a head that a session moves; it alone keeps it going.
+    fn jog(self: &Arc<Desk>, session: u64, node: u8) -> Result<Value, Failure> {
+        let head = self.head(node)?;
+        let requests = Arc::new(jog::Requests::default());
+        self.begin(&head, What::Jog(requests.clone()))?;
+        let desk = self.clone();
+        thread::spawn(move || {
+            desk.note(node, format!("session {session} jogs"));
+            let ended = Live::new(&head).and_then(|mut live| {
+                let jog = Jog {
+                    head: &head,
+                    live: &mut live,
+                    requests: &requests,
+                    alive: &|| desk.commands(session),
+                    on_progress: &mut |progress| desk.publish(&json!({ "jog": progress })),
+                };
+                jog.execute()
+            });
+            *lock(&desk.run) = None;
+            let (said, failed) = ended.map_or_else(|why| (why.to_string(), true), |now| (now, false));
+            desk.note(node, format!("jog ended: {said}"));
+            desk.publish(&json!({ "jogged": { "said": said, "failed": failed }, "node": node }));
+        });
+        Ok(Value::Null)
+    }
+
     /// Starts boring; all sessions get the progress.
     fn bore(self: &Arc<Desk>, session: u64, node: u8, hole: Hole) -> Result<Value, Failure> {
+        let wanted = settings::assignments(&self.sheet, &hole.with.assignments()).map_err(Failure::BadInput)?;
         let head = self.head(node)?;
         hole.may_begin(&head)?;
+        if lock(&self.run).is_none() && !wanted.is_empty() {
+            self.write(session, node, &wanted)?;
+        }
         let requests = Arc::new(Requests::default());
         self.begin(&head, What::Hole(requests.clone()))?;
         let desk = self.clone();

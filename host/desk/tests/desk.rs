@@ -324,6 +324,96 @@ fn a_program_that_saves_in_a_loop_is_refused_in_words() {
 }
 
 #[test]
+fn a_head_is_moved_by_hand_in_steps_within_its_travel_and_is_disabled_at_the_end() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.connection());
+    let mut session = desk.session();
+    session.ask(json!({ "do": "heads" })).unwrap();
+    session.ask(json!({ "do": "command", "take": true })).unwrap();
+    let step = |session: &mut Session, by_mm: f64| session.ask(json!({ "do": "step", "by_mm": by_mm }));
+    assert!(step(&mut session, 0.1).unwrap_err().contains("begin first"));
+    session.ask(json!({ "do": "jog", "node": 1 })).unwrap();
+    session.until(|message| message["jog"]["doing"] == "holding, pulses off");
+    // Several at once are one way.
+    for by_mm in [0.5, 0.1, 0.01, -0.1] {
+        step(&mut session, by_mm).unwrap();
+    }
+    let there = |session: &mut Session, mm: f64| {
+        session.until(|message| {
+            let position = message["jog"]["sample"]["position_mm"].as_f64();
+            message["jog"]["doing"] == "holding, pulses off" && position.is_some_and(|at| (at - mm).abs() < 0.002)
+        });
+    };
+    there(&mut session, 0.51);
+    step(&mut session, -0.5).unwrap();
+    there(&mut session, 0.01);
+    let refused = step(&mut session, -0.5).unwrap_err();
+    assert!(refused.starts_with("to -0.49") && refused.ends_with(" to 12.000 mm, the travel"), "{refused}");
+    let bore = json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 0.1 } });
+    assert!(session.ask(bore).unwrap_err().contains("or a jog is in progress"));
+    // Down to the work: the head finds the contact itself, goes back, and says so.
+    step(&mut session, 2.5).unwrap();
+    let ended = session.until(|message| !message["jogged"].is_null());
+    assert!(ended["jogged"]["said"].as_str().unwrap().starts_with("contact: "), "{ended}");
+    let truth = rig.until(|truth| !truth.reacting);
+    assert_eq!((truth.fault, truth.pulsed), (Some(Fault::Contact), false), "{truth:?}");
+    session.ask(json!({ "do": "reset", "node": 1 })).unwrap();
+    session.ask(json!({ "do": "jog", "node": 1 })).unwrap();
+    session.until(|message| message["jog"]["doing"] == "holding, pulses off");
+    session.ask(json!({ "do": "end_jog" })).unwrap();
+    session.until(|message| message["jogged"]["said"] == "the head is disabled, pulses are off");
+    assert_eq!(rig.truth().state, State::Disabled);
+    // Whoever jogs is there: without him the head goes home by itself.
+    session.ask(json!({ "do": "jog", "node": 1 })).unwrap();
+    session.until(|message| message["jog"]["doing"] == "holding, pulses off");
+    drop(session);
+    rig.until(|truth| matches!(truth.state, State::Disabled | State::Fault) && !truth.pulses);
+}
+
+#[test]
+fn jumps_and_a_spark_out_are_set_with_a_hole() {
+    let rig = Rig::new();
+    let bore = ["bore", "--depth", "0.5", "--jump-every", "300", "--jump-height", "200", "--spark-out", "1500"];
+    let mut boring = rig::start(&rig.connection(), &bore, Stdio::piped());
+    rig.until(|truth| truth.state == State::Jumping);
+    boring.kill().unwrap();
+    boring.wait().unwrap();
+    let keys = ["--json", "settings", "get", "jump.every_ms", "jump.height_um", "end.spark_out_ms"];
+    let set: Value = serde_json::from_str(&run(&rig.connection(), &keys).1).unwrap();
+    assert_eq!(
+        [&set[0]["value"], &set[1]["value"], &set[2]["value"]],
+        [&json!(300.0), &json!(200.0), &json!(1500.0)],
+        "{set}"
+    );
+}
+
+#[test]
+fn the_log_of_the_page_is_kept_in_a_file_and_shown_again() {
+    let rig = Rig::new();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("desk.log");
+    let path = file.to_str().unwrap();
+    for round in 1..=2 {
+        let desk = Desk::with(&rig.connection(), &["--log", path]);
+        let mut session = desk.session();
+        let before = session.welcome["log"].to_string();
+        assert_eq!(before.contains("has changed gap.setpoint_v 65 -> 60 V"), round == 2, "{before}");
+        session.ask(json!({ "do": "command", "take": true })).unwrap();
+        let set = json!({ "do": "set", "node": 1, "assignments": ["gap.setpoint_v=60"] });
+        session.ask(set).unwrap();
+    }
+    let (code, said, why) = run(&rig.connection(), &["log", "--file", path]);
+    assert_eq!((code, why.as_str()), (Some(0), ""));
+    let changes =
+        said.lines().filter(|line| line.ends_with(" UTC  node 1  session 1 has changed gap.setpoint_v 65 -> 60 V"));
+    assert_eq!(changes.count(), 1, "{said}");
+    assert_eq!(said.matches("the program has started").count(), 2, "{said}");
+    fs::write(&file, "{\n").unwrap();
+    let (code, _, why) = run(&rig.connection(), &["page", "--listen", "127.0.0.1:0", "--log", path]);
+    assert!(code == Some(2) && why.contains("desk.log: line 1: "), "{why}");
+}
+
+#[test]
 fn ctrl_c_goes_up_and_disables() {
     let rig = Rig::new();
     let boring = rig::start(&rig.connection(), &["--json", "bore", "--depth", "0.5"], Stdio::piped());
@@ -541,7 +631,7 @@ fn a_head_is_brought_up_by_hand_and_by_the_guided_check_and_the_report_tells_wha
     session.until(|message| message["bring_up"]["sample"]["state"] == "commissioning");
     assert_eq!(
         session.ask(json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 0.1 } })).unwrap_err(),
-        "a hole or a bring-up is in progress: end it first"
+        "a hole, a bring-up or a jog is in progress: end it first"
     );
     session.until(|message| message["bring_up"]["doing"] == "guided check: passed");
     session.ask(json!({ "do": "report" })).unwrap();

@@ -313,6 +313,25 @@ fn what_is_refused_stands_in_its_own_view_and_at_its_field_which_keeps_what_was_
     page.click("#begin");
     page.until("document.querySelector('#run-said').innerText.startsWith('depth 500 mm: must be at most')");
     assert_eq!(page.value("document.querySelector('[name=depth]').classList.contains('wrong')"), true);
+    page.click("#more summary");
+    page.until("document.querySelector('[name=jump_height_um]').placeholder === '1000'");
+    page.value(
+        "document.querySelector('[name=depth]').value = 0.1; document.querySelector('[name=jump_height_um]').value = 1",
+    );
+    page.click("#begin");
+    page.until("document.querySelector('[name=jump_height_um]').classList.contains('wrong')");
+    let why = page.text("#run-said");
+    assert!(why.contains("jump.height_um") && why.contains("must be a number from 10 to 1000000 um"), "{why}");
+    page.click("#jog summary");
+    page.picture("run-wrong-light");
+    page.click("#jog [data-step=\"0.1\"]");
+    page.until("document.querySelector('#run-said').innerText.startsWith('the head is not enabled to jog')");
+    page.click("#jog-begin");
+    page.until("document.querySelector('#jog-doing').innerText === 'holding, pulses off'");
+    page.click("#jog [data-step=\"0.1\"]");
+    page.until("/^0.(099|10[01]) mm$/.test(document.querySelector('#jog-position').innerText)");
+    page.click("#jog-end");
+    page.until("document.querySelector('#jog-doing').innerText === 'not enabled' && document.querySelector('#state').innerText === 'disabled'");
     page.view("settings");
     page.until("document.querySelector('[aria-label=\"gap.setpoint_v\"]')");
     let type_in = |page: &mut Browser, text: &str| {
