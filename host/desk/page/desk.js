@@ -1,6 +1,6 @@
 // The page of the desk: views over one WebSocket. What a head means comes in words and units from the program.
 
-import { Chart, Histogram, seen } from "./plots.js";
+import { Chart, Histogram, Ladder, seen } from "./plots.js";
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") ?? "";
@@ -49,7 +49,11 @@ function feeds(u) {
   return [1.1 * least, 1.1 * most];
 }
 
-const histogram = new Histogram($("delays"));
+const histogram = new Histogram($("delays")), levels_now = new Ladder($("levels"));
+// Colours of the levels, from the open circuit down.
+const RUNGS = ["--quiet", "--seeking", "--target", "--short"];
+// Gap voltages of the last ten seconds, with their time.
+let lately = [];
 
 let socket = null;
 let me = 0, commander = null, node = null;
@@ -322,7 +326,7 @@ function choose_head(id, identity) {
     measured.delete(id);
     put(id, null);
   }
-  for (const id of ["gap-left", "gap-depth"]) $(id).textContent = "no hole in progress";
+  $("gap-target").textContent = "no hole in progress";
   $("head").textContent = `node ${id}`;
   $("head").title = `${identity.name}, serial number ${identity.serial}`;
   for (const id of ["depth", "target", "electrode"]) $(id).textContent = id === "depth" ? "-" : "";
@@ -417,9 +421,8 @@ function progress(run, point) {
     else if (measured.has(id)) put(id, null);
     else $(id).textContent = "-";
   }
-  if (run.depth_mm === null) $("gap-depth").textContent = "surface not known";
-  else put("gap-depth", run.depth_mm < 0 ? `${(-run.depth_mm).toFixed(3)} mm above the work; target ${run.target_mm} mm`
-    : `${run.depth_mm.toFixed(3)} of ${run.target_mm} mm`);
+  tell("gap-depth", run.deepest_mm === null ? "-" : `${run.deepest_mm.toFixed(3)} mm`);
+  $("gap-target").textContent = `of ${run.target_mm.toFixed(3)} mm`;
 }
 
 // A duration: 45 s, 3 min 20 s, 2 h 5 min.
@@ -452,9 +455,13 @@ function gap(now) {
   $("verdict").textContent = old ? `No pulses now. At ${clock(kept.at)}: ${verdict}` : verdict;
   $("verdict").classList.toggle("good", good === true);
   $("verdict").classList.toggle("poor", good === false);
-  const most = 1.1 * Math.max(1, volts ?? 0, ...ladder.map((rung) => rung.volts ?? 0));
-  $("ladder").replaceChildren(...ladder.map((rung) => bar(rung.what, rung.from, rung.volts, most, volts)));
-  $("shares").replaceChildren(...shares.map((share) => bar(share.what, "", share.percent, 100, null, share.what)));
+  const at = performance.now();
+  lately = volts === null ? [] : [...lately.filter(([then]) => at - then < 10_000), [at, volts]];
+  const band = lately.length ? [Math.min(...lately.map(([, value]) => value)), Math.max(...lately.map(([, value]) => value))] : null;
+  levels_now.show(ladder.map((rung, place) => ({ ...rung, colour: RUNGS[place] })), volts, band);
+  // The same for who does not see pictures.
+  $("ladder").replaceChildren(...ladder.map((rung) => bar(rung.what, rung.from, rung.volts)));
+  $("shares").replaceChildren(...shares.map((share) => bar(share.what, "", share.percent, share.what)));
   const order = ["spark", "open", "uncertain", "arc", "short"];
   const stacked = shares.filter((share) => share.percent > 0).sort((a, b) => order.indexOf(a.what) - order.indexOf(b.what));
   const all = stacked.reduce((sum, share) => sum + share.percent, 0);
@@ -467,9 +474,9 @@ function gap(now) {
   }));
   $("gap-levels").textContent = levels ?? "";
   $("gap-levels").hidden = levels === null;
-  put("looks", !pulses ? "There were no pulses in the last 0.2 s."
-    : `Of ${pulse_count === null ? "all" : `all ${pulse_count}`} pulses since the last look, five times a second, as the head classifies them.`
-    + (no_pulse_percent > 0 ? ` ${no_pulse_percent} % of the milliseconds had none.` : ""));
+  put("looks", !pulses ? "no pulses in the last 0.2 s"
+    : `of ${pulse_count === null ? "all" : `all ${pulse_count}`} pulses since the last look`
+    + (no_pulse_percent > 0 ? `; ${no_pulse_percent} % of the milliseconds had none` : ""));
   if (old && !measured.has("hazard")) {
     // A page that was not there then.
     measured_at = kept.at;
@@ -507,22 +514,17 @@ function delayed(delays, old) {
   histogram.show(delays?.counts ?? [], delays?.ends_us ?? []);
 }
 
-// A row with a value as a bar, and a line across it.
-function bar(what, from, value, most, mark, kind = null) {
+// A row with a value, and as a bar of so many percent.
+function bar(what, from, value, kind = null) {
   const row = item("tr", "");
   const name = item("td", what);
   if (from) name.append(item("small", from));
   const room = item("td", "");
-  const shade = item("div", "");
-  shade.className = "bar";
-  if (kind) shade.classList.add(kind);
-  shade.style.width = `${100 * Math.max(0, value ?? 0) / most}%`;
-  room.append(shade);
-  if (mark !== null) {
-    const line = item("div", "");
-    line.className = "mark";
-    line.style.left = `${100 * Math.min(1, Math.max(0, mark) / most)}%`;
-    room.append(line);
+  if (kind) {
+    const shade = item("div", "");
+    shade.className = `bar ${kind}`;
+    shade.style.width = `${Math.max(0, value ?? 0)}%`;
+    room.append(shade);
   }
   row.append(name, item("td", value === null ? "not known" : value.toFixed(1)), room);
   return row;
@@ -591,12 +593,14 @@ function save(id, name, type, text) {
 function ended({ outcome, failed }) {
   $("paused").hidden = true;
   $("depth-what").textContent = "Last hole: depth, by the electrode";
-  for (const id of ["gap-depth", "gap-left"]) tell(id, "no hole in progress");
+  tell("gap-left", "-");
+  $("gap-target").textContent = "no hole in progress";
   if (outcome) {
     tell("doing", outcome.said);
     if (bored) bored.deepest = outcome.depth_mm;
     tell("depth", `${outcome.depth_mm.toFixed(3)} mm`);
-    tell("gap-depth", `last hole: ${outcome.depth_mm.toFixed(3)} of ${outcome.target_mm} mm`);
+    tell("gap-depth", `${outcome.depth_mm.toFixed(3)} mm`);
+    $("gap-target").textContent = `of ${outcome.target_mm.toFixed(3)} mm, last hole`;
     tell("time", lasts(outcome.seconds));
     tell("left", "-");
     $("progress").value = outcome.reached ? 1 : Math.max(0, outcome.depth_mm / outcome.target_mm);

@@ -231,6 +231,68 @@ function padded(u, min, max) {
   return [min - pad, max + pad];
 }
 
+// Voltages one above the other, from 0 to above the open circuit: levels as lines, the present voltage as a pointer, and as a band what
+// it was in the last ten seconds.
+export class Ladder {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.rungs = [];
+    this.volts = null;
+    this.band = null;
+    new ResizeObserver(() => this.draw()).observe(canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+  }
+
+  // `rungs`: [{ what, volts, colour }]; `band`: lowest and highest voltage of late.
+  show(rungs, volts, band) {
+    Object.assign(this, { rungs, volts, band });
+    this.draw();
+  }
+
+  draw() {
+    const { canvas, volts, band } = this, width = canvas.clientWidth, height = canvas.clientHeight;
+    if (!width || !height) return;
+    const scale = devicePixelRatio || 1;
+    canvas.width = width * scale;
+    canvas.height = height * scale;
+    const g = canvas.getContext("2d");
+    g.scale(scale, scale);
+    g.font = getComputedStyle(canvas).font;
+    g.textBaseline = "middle";
+    const rungs = this.rungs.filter((rung) => rung.volts !== null).sort((a, b) => b.volts - a.volts);
+    const most = 1.08 * Math.max(10, volts ?? 0, ...rungs.map((rung) => rung.volts));
+    const y = (value) => height - 10 - Math.min(1, Math.max(0, value) / most) * (height - 20);
+    const left = 8, right = 58;
+    g.fillStyle = colour("--back");
+    g.fillRect(left, y(most), right - left, y(0) - y(most));
+    if (band) {
+      g.fillStyle = colour("--trace");
+      g.globalAlpha = 0.25;
+      g.fillRect(left, y(band[1]), right - left, Math.max(2, y(band[0]) - y(band[1])));
+      g.globalAlpha = 1;
+    }
+    let above = -Infinity;
+    for (const rung of rungs) {
+      g.fillStyle = colour(rung.colour);
+      g.fillRect(left, y(rung.volts) - 1.5, right - left, 3);
+      // Names that would lie on each other move down.
+      const at = Math.max(y(rung.volts), above + 17);
+      above = at;
+      g.textAlign = "left";
+      g.fillText(`${rung.volts.toFixed(0)} V ${rung.what}`, right + 22, at);
+    }
+    if (volts !== null) {
+      g.fillStyle = colour("--text");
+      g.beginPath();
+      g.moveTo(right - 14, y(volts));
+      g.lineTo(right + 14, y(volts) - 11);
+      g.lineTo(right + 14, y(volts) + 11);
+      g.fill();
+      g.fillRect(left, y(volts) - 1.5, right - left, 3);
+    }
+  }
+}
+
 // Counts in bins of a logarithmic scale, as counts an octave: the bins are not equally wide.
 export class Histogram {
   constructor(canvas) {

@@ -49,6 +49,8 @@ use tokio::sync::{broadcast, mpsc};
 const DEFAULT: &str = "127.0.0.1:8402";
 /// Time without a session in command until a hole is paused, s. A page takes command again by itself in this time.
 const UNWATCHED_S: f64 = 30.0;
+/// For how long a hole's thread may be busy, as with a transfer that is repeated, until this program does not count as alive.
+const HUNG: Duration = Duration::from_secs(3);
 /// Period at which a change of command is noticed.
 const NOTICED: Duration = Duration::from_millis(250);
 /// Period of the beats that a commanding session answers.
@@ -446,7 +448,7 @@ impl Desk {
         if self.unwatched == Unwatched::Retreat {
             return self.commands(session);
         }
-        head.bus.keep_alive(SILENCE);
+        head.bus.keep_alive(HUNG);
         if lock(&self.commanded).elapsed() >= self.unwatched_after && requests.unwatched() {
             let seconds = self.unwatched_after.as_secs();
             self.note(head.node, format!("no session has had command for {seconds} s: the hole is paused, pulses off"));

@@ -415,7 +415,7 @@ fn the_gap_is_seen_while_a_hole_is_bored() {
         assert_eq!(page.text("#gap-volts"), "-");
         assert_eq!(page.text("#gap-quality").trim(), ": no gate, not valid now");
         assert!(page.text("#ladder").contains("not known"), "no seek has measured the open circuit");
-        assert_eq!(page.text("#gap-left"), "no hole in progress");
+        assert_eq!((page.text("#gap-left").as_str(), page.text("#gap-target").as_str()), ("-", "no hole in progress"));
         page.bore(0.5);
         page.view("gap");
         let cell = |list: &str, what: &str| {
@@ -441,7 +441,24 @@ fn the_gap_is_seen_while_a_hole_is_bored() {
         let volts = page.text("#gap-volts");
         let number: f64 = volts.split(' ').next().unwrap().parse().unwrap();
         assert!((5.0..110.0).contains(&number) && volts.ends_with("valid"), "{volts}");
-        assert!(page.text("#gap-depth").ends_with(" of 0.5 mm"));
+        assert_eq!(page.text("#gap-target"), "of 0.500 mm");
+        page.until("/^0.[0-9]{3} mm$/.test(document.querySelector('#gap-depth').innerText)");
+        // The ladder: each level in its colour, the present voltage as a pointer.
+        for name in ["--quiet", "--seeking", "--target", "--short", "--text"] {
+            let shade = shade(&mut page, name);
+            page.until(&format!(
+                "(() => {{ const canvas = document.querySelector('#levels'), g = canvas.getContext('2d');
+                 const {{ data }} = g.getImageData(0, 0, canvas.width, canvas.height); let count = 0;
+                 for (let at = 0; at < data.length; at += 4) count += {shade}.every((byte, place) => byte === data[at + place]);
+                 return count > 60; }})()"
+            ));
+        }
+        // It does not grow.
+        let high = page.value("document.querySelector('#levels').clientHeight");
+        std::thread::sleep(Duration::from_millis(700));
+        assert_eq!(page.value("document.querySelector('#levels').clientHeight"), high);
+        let size = page.value("parseFloat(getComputedStyle(document.querySelector('#verdict')).fontSize)");
+        assert!(size.as_f64().unwrap() >= 32.0, "{size}");
         // Whether it sparks well is said, drawn, and in sight.
         let stacked =
             "[...document.querySelectorAll('#stack div')].reduce((sum, part) => sum + parseFloat(part.style.width), 0)";
