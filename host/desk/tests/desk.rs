@@ -152,6 +152,59 @@ fn a_hole_that_nobody_commands_is_paused_keeps_its_place_and_is_gone_on_with() {
 }
 
 #[test]
+fn a_hole_that_loses_program_link_or_browser_at_any_of_ten_moments_is_safe_and_says_why() {
+    // From the request on: enabling, homing, touching off, on the way, seeking, eroding. Simulated time passes twice as fast.
+    for (moment, ms) in [0, 60, 150, 300, 500, 800, 1200, 1800, 2500, 4000].into_iter().enumerate() {
+        let mut rig = Rig::new();
+        let mut desk = Desk::with(&rig.connection(), &["--unwatched-after", "1"]);
+        let mut session = desk.session();
+        session.ask(json!({ "do": "heads" })).unwrap();
+        session.ask(json!({ "do": "command", "take": true })).unwrap();
+        session.ask(json!({ "do": "bore", "node": 1, "hole": { "depth_mm": 0.5 } })).unwrap();
+        let end = Instant::now() + Duration::from_millis(ms);
+        session.until(|_| Instant::now() >= end);
+        let before = rig.truth();
+        let said = format!("moment {moment}, {ms} ms, {before:?}");
+        match moment % 3 {
+            // The head is on its own: it is disabled, or goes back by itself.
+            kind @ (0 | 1) => {
+                if kind == 0 {
+                    desk.kill()
+                } else {
+                    rig.pull()
+                }
+                let truth = rig.until(|truth| {
+                    !truth.pulses && !truth.reacting && matches!(truth.state, State::Disabled | State::Fault)
+                });
+                assert!(matches!(truth.fault, None | Some(Fault::HostSilent)), "{said}: {truth:?}");
+                // The program that has no link says why the hole ended.
+                if kind == 1 {
+                    let ended = session.until(|message| !message["ended"].is_null());
+                    let why = ended["ended"]["failed"].as_str().unwrap_or_default();
+                    assert!(why.contains("connection to the bus lost") || why.contains("no answer"), "{said}: {ended}");
+                }
+            }
+            // The program is its host: it waits above the work, without a fault.
+            _ => {
+                drop(session);
+                let mut watches = desk.session();
+                let waits = watches
+                    .until(|message| message["progress"]["doing"] == "paused, pulses off: no session has command");
+                assert_eq!(waits["progress"]["sample"]["fault_number"], 0, "{said}");
+                let truth = rig.truth();
+                assert_eq!((truth.pulses, truth.fault), (false, None), "{said}: {truth:?}");
+                assert!(truth.position < 1850, "{said}: {truth:?}");
+            }
+        }
+        // And stays so.
+        let pulsed = rig.truth().made;
+        std::thread::sleep(Duration::from_millis(300));
+        let truth = rig.truth();
+        assert!(!truth.pulses && truth.made.spark == pulsed.spark, "{said}: {truth:?}");
+    }
+}
+
+#[test]
 fn a_hole_whose_session_comes_back_in_time_is_not_paused() {
     let rig = Rig::new();
     let desk = Desk::with(&rig.connection(), &["--unwatched-after", "2"]);
