@@ -82,7 +82,7 @@ def main():
                 flush=True,
             )
             if picture and pin("edm-head.erodes"):
-                subprocess.run(["import", "-window", "root", picture], check=False)
+                subprocess.run(["import", "-display", os.environ["EDM_DISPLAY"], "-window", "root", picture], check=False)
         time.sleep(0.02)
     deepest = pin("edm-head.deepest") - stat.g5x_offset[2]
     print(f"bored in {time.monotonic() - began:.0f} s, deepest Z {deepest:.4f} mm")
