@@ -1,6 +1,7 @@
 """A small part of G-code as segments of path, as docs/path.md lists it.
 
-Z is up, as on a machine; a head counts down. The gap decides how fast a path is eroded: F is a bound for that.
+Z is up, as on a machine; a head counts down. The gap decides how fast a path is eroded: F is a bound for that. A program that
+switches pulses (M3, M5), as LinuxCNC runs it, erodes between the two.
 """
 
 import dataclasses
@@ -14,9 +15,9 @@ SHAPES = {17: (1, 2), 18: (4, 3), 19: (6, 5)}
 CENTRES = {17: (("I", 1), ("J", 1)), 18: (("K", -1), ("I", 1)), 19: (("J", 1), ("K", -1))}
 NM = {20: 25_400_000, 21: 1_000_000}
 # Words that contradict each other, and those that say what holds here anyway.
-GROUPS = ((0, 1, 2, 3), (17, 18, 19), (20, 21), (90, 91))
-PASSED = (40, 49, 80, 94)
-WORDS = "G0 to G3, G17 to G21, G40, G49, G80, G90, G91, G94, F, M2, M30"
+GROUPS = {"G": ((0, 1, 2, 3, 4, 10), (17, 18, 19), (20, 21), (90, 91)), "M": ((3, 5),)}
+PASSED = {"G": (4, 40, 49, 54, 80, 94), "M": (52,)}
+WORDS = "G0 to G4, G10, G17 to G21, G40, G49, G54, G80, G90, G91, G94, F, M2, M3 S, M5, M30, M52 P"
 # Smallest feed, um/s: that of feed.max_um_s. Ends in whole um may be so far too far apart for a half turn, nm.
 SLOWEST = 0.1
 INCONSISTENCY = 2000
@@ -68,16 +69,37 @@ def by_radius(number, radius, chord, forward):
 
 def segments(text):
     """The path of a program: from X0 Y0 Z0, the surface of the work."""
+    path, off, on = [], None, None
+    for number, word, at, segment in moves(text):
+        if word == "M3" and not on:
+            if on is None and (at["X"], at["Y"]) != (0, 0):
+                raise Wrong(f"line {number}: M3: the head is at X0 Y0, and erodes from there")
+            if off not in (None, at):
+                raise Wrong(f"line {number}: M3: must be where M5 was; a head erodes one path")
+            if on is None:
+                path.clear()
+            on = True
+        elif word == "M5" and on:
+            on, off = False, at
+        elif segment and on is not False:
+            path.append(segment)
+    return iter(path)
+
+
+def moves(text):
+    """The segments of a program, and where it switches pulses: line, word, where it is before, segment."""
     at, plane, unit, absolute, motion, feed = dict.fromkeys("XYZ", 0), 17, 21, True, None, None
     for number, line in enumerate(text.splitlines(), 1):
-        given, ends, codes = {}, False, []
-        for letter, value in words(number, line):
+        given, ends, seen, pulses = {}, False, [], None
+        found = words(number, line)
+        offset, waits = ("G", 10) in found, ("G", 4) in found
+        for letter, value in found:
             word = f"{letter}{value:g}"
-            if letter == "G":
-                group = next((group for group in GROUPS if value in group), ())
-                if others := [other for other in codes if other in group]:
-                    raise Wrong(f"line {number}: {word}: G{others[0]:g} is in the same line")
-                codes.append(value)
+            if letter in GROUPS:
+                group = next((group for group in GROUPS[letter] if value in group), ())
+                if others := [other for of, other in seen if of == letter and other in group]:
+                    raise Wrong(f"line {number}: {word}: {letter}{others[0]:g} is in the same line")
+                seen.append((letter, value))
             if letter == "G" and value in (0, 1, 2, 3):
                 motion = int(value)
             elif letter == "G" and value in SHAPES:
@@ -88,12 +110,24 @@ def segments(text):
                 absolute = value == 90
             elif letter == "M" and value in (2, 30):
                 ends = True
+            elif letter == "M" and value in (3, 5):
+                pulses = word
+            elif letter == "G" and value == 10:
+                # Z0 is the surface, whatever a machine has to be told to have it there.
+                if ("P", 1) not in found or not {("L", 2), ("L", 20)} & set(found):
+                    raise Wrong(f"line {number}: {word}: must be G10 L2 P1 or G10 L20 P1")
+            elif offset and letter in "XYZLP" or letter == "P" and (waits or ("M", 52) in found):
+                pass
+            elif letter == "S" and ("M", 3) in found:
+                pass
             elif letter in "FRXYZIJK":
                 if letter in given:
                     raise Wrong(f"line {number}: {word}: {letter} is twice in the line")
                 given[letter] = value
-            elif letter != "G" or value not in PASSED:
+            elif value not in PASSED.get(letter, ()):
                 raise Wrong(f"line {number}: {word}: must be one of {WORDS}")
+        if pulses:
+            yield number, pulses, at, None
         # The unit may stand behind them.
         if "F" in given:
             value = given.pop("F")
@@ -132,7 +166,7 @@ def segments(text):
         elif centre := [letter for letter in "IJKR" if letter in given]:
             raise Wrong(f"line {number}: {centre[0]}: only an arc has a centre or a radius")
         if motion >= 2 or end != at:
-            yield segment
+            yield number, None, at, segment
         if ends:
             return
         at = end

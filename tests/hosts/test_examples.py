@@ -53,15 +53,15 @@ def test_heads_that_wait_for_a_node_id_are_named_beside_those_that_have_one(tmp_
 
 @pytest.mark.parametrize("touch", [(), ("--touch",)])
 def test_a_hole_deeper_than_the_stroke_is_bored_with_a_coarse_axis(tmp_path, touch):
-    # Material that goes five times as fast.
-    fast = ("model.removal_um3_uj=2", "feed.max_um_s=500", "workpiece.surface_mm=11.66")
-    server = Server(tmp_path, "--coarse-axis", "--speed", "2", *(word for one in fast for word in ("--set", one)))
-    words = [sys.executable, "-u", INCH, "--channel", server.tcp, "--surface-mm", "11.66", "--depth-mm", "0.36"]
+    # Material that goes five times as fast, and work that begins just above the end of the stroke.
+    fast = ("model.removal_um3_uj=2", "feed.max_um_s=500", "workpiece.surface_mm=11.92", "inch.reserve_um=50", "limit.lower_mm=12")
+    server = Server(tmp_path, "--coarse-axis", *(word for one in fast for word in ("--set", one)))
+    words = [sys.executable, "-u", INCH, "--channel", server.tcp, "--surface-mm", "11.92", "--depth-mm", "0.1"]
     said = subprocess.run([*words, "--step-mm", "3", *touch], capture_output=True, text=True, timeout=120, check=False)
     assert said.returncode == 0, said.stdout + said.stderr
     bored = next(line for line in said.stdout.splitlines() if line.startswith("bored"))
     _, _, depth, _, _, moves, *_, carried, _ = bored.split()
-    assert abs(float(depth) - 0.36) <= 0.002 and moves == "1" and abs(float(carried) - 3) <= 0.01, bored
+    assert abs(float(depth) - 0.1) <= 0.002 and moves == "1" and abs(float(carried) - 3) <= 0.01, bored
     assert "out of the hole" in said.stdout
     server.stop()
 

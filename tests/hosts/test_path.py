@@ -56,9 +56,25 @@ def test_what_a_post_writes_around_a_program_is_passed_over():
     assert feeds == pytest.approx([None, 100, 100, None, 2540])
 
 
+def test_a_program_of_a_machine_erodes_between_its_switching_pulses_on_and_off():
+    found = list(segments((EXAMPLES / "linuxcnc" / "hole.ngc").read_text()))
+    assert [(segment.line, segment.down, segment.x, segment.y) for segment in found] == [(9, 20_000, 0, 0)]
+    found = segments("G0 X1 Z2\nX0\nM3 S1 G1 Z-1\nM5 G0 Z3\nZ-1\nM3 S1\nX1\nM2")
+    assert [(segment.down, segment.x) for segment in found] == [(1_000_000, 0), (1_000_000, 1_000_000)]
+    assert len(list(segments("M5\nG1 Z-1\nG4 P1\nX1\nM5"))) == 2, "no M3"
+
+
 @pytest.mark.parametrize(
     ("program", "says"),
     [
+        ("M4 S100", "line 1: M4: must be one of"),
+        ("G1 X1 S100", "line 1: S100: must be one of"),
+        ("G1 X1 P1", "line 1: P1: must be one of"),
+        ("G1 X1 G4 P1", "line 1: G4: G1 is in the same line"),
+        ("G10 L2 P2 Z1", "line 1: G10: must be G10 L2 P1"),
+        ("M3 M5", "line 1: M5: M3 is in the same line"),
+        ("G0 X1\nM3 S1\nG1 Z-1", "line 2: M3: the head is at X0 Y0"),
+        ("M3\nG1 Z-1\nM5\nG0 X1\nM3\nG1 Z-2", "line 5: M3: must be where M5 was"),
         ("G1 X1\nG5 X2", "line 2: G5: must be one of"),
         ("G1 X1 Q2", "line 1: Q2: must be one of"),
         ("\nX1", "line 2: no G0 to G3"),
@@ -82,6 +98,48 @@ def test_what_is_wrong_is_named_with_line_and_word(program, says):
     with pytest.raises(Wrong) as wrong:
         list(segments(program))
     assert says in str(wrong.value)
+
+
+def orbit(*words):
+    words = [sys.executable, EXAMPLES / "orbit.py", *words]
+    return subprocess.run(words, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.parametrize("shape", ["circle", "square", "sphere"])
+def test_an_orbit_is_wider_than_the_electrode_by_the_undersize_and_as_deep_as_asked(shape):
+    written = orbit("--shape", shape, "--undersize-mm", "0.3", "--depth-mm", "0.5", "--pitch-mm", "0.07")
+    found = list(segments(written.stdout))
+    assert max(segment.down for segment in found) == found[-1].down == 500_000
+    assert (found[-1].x, found[-1].y) == (0, 0)
+    for segment, before in zip(found[1:-1], found):
+        radius, down = max(abs(segment.x), abs(segment.y)), segment.down
+        if shape == "sphere":
+            # As far from the centre of the sphere in every place.
+            assert abs((radius**2 + (down - 200_000) ** 2) ** 0.5 - 300_000) < 200
+        else:
+            assert radius == 300_000
+        if segment.shape:
+            # A whole turn around X0 Y0.
+            assert (segment.x, segment.y) == (before.x, before.y) == tuple(-at for at in segment.centre)
+        assert down >= before.down
+    if shape == "square":
+        corners = {(segment.x, segment.y) for segment in found if segment.down == 500_000 and abs(segment.y) == 300_000}
+        assert corners == {(x, y) for x in (-300_000, 300_000) for y in (-300_000, 300_000)}
+    else:
+        assert found[-2].shape == 1 and found[-2].down == found[-3].down, "the last turn stays where it is"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--undersize-mm", "0.005"), "must be from 0.01 to 500"),
+        (("--pitch-mm", "0"), "must be above 0"),
+        (("--shape", "sphere", "--undersize-mm", "0.1", "--depth-mm", "0.05"), "at most the depth"),
+    ],
+)
+def test_an_orbit_that_cannot_be_says_why(words, says):
+    refused = orbit(*words)
+    assert refused.returncode == 2 and says in refused.stderr
 
 
 def eroded(server, *words):

@@ -3,14 +3,17 @@
 //! Z is up, as on a machine; a head counts down. Z0 is the surface of the work, X0 Y0 is where the head is. The gap decides how
 //! fast a path is eroded: F is a bound for that, in units a minute, and G0 is G1 without the bound. What a post writes at the
 //! beginning and means nothing here is passed over. `examples/gcode.py` accepts the same.
+//!
+//! A program that switches pulses (M3, M5), as LinuxCNC runs it (`examples/linuxcnc`), erodes between the two: what comes before M3
+//! leads to the start of the path, and what comes after M5 out of the work.
 
 use edm_servo_head::path::{AXES, INCONSISTENCY, Piece, Plane, Shape, Turn};
 use g_code::emit::Field;
 use g_code::parse::ast::{Span, Spanned};
 use g_code::parse::snippet_parser;
 
-/// What is understood; G40, G49, G80 and G94 say what holds here anyway.
-const WORDS: &str = "G0 to G3, G17 to G21, G40, G49, G80, G90, G91, G94, F, M2, M30";
+/// What is understood; G40, G49, G54, G80 and G94 say what holds here anyway, G4, G10 and M52 what a head needs not be told.
+const WORDS: &str = "G0 to G4, G10, G17 to G21, G40, G49, G54, G80, G90, G91, G94, F, M2, M3 S, M5, M30, M52 P";
 /// nm in a millimetre and in an inch.
 const MM: f64 = 1e6;
 const INCH: f64 = 25.4e6;
@@ -48,6 +51,8 @@ struct Line {
     piece: Option<(String, Piece)>,
     /// The program ends with it.
     ends: bool,
+    /// It switches pulses, before it moves.
+    pulses: Option<(String, bool)>,
 }
 
 /// A letter with its number, and how it is written.
@@ -65,6 +70,8 @@ pub fn read(text: &str) -> Result<Vec<Move>, String> {
     let mut modal = Modal { motion: None, plane: Plane::Xy, unit: MM, absolute: true, feed: None };
     let mut at = [0; AXES];
     let mut moves = Vec::new();
+    // Where pulses were switched off, once they were on; whether they are.
+    let (mut off, mut on) = (None, None);
     for (number, line) in text.lines().enumerate() {
         let number = number + 1;
         let reported = |what: String| format!("line {number}: {what}");
@@ -77,11 +84,30 @@ pub fn read(text: &str) -> Result<Vec<Move>, String> {
         };
         let ascii: String = line.chars().map(plain).collect();
         let words = words(&ascii).map_err(|wrong| reported(format!("{wrong}: not a word of G-code")))?;
-        let Line { piece, ends } = modal.carry_out(&words, at).map_err(reported)?;
+        let Line { piece, ends, pulses } = modal.carry_out(&words, at).map_err(reported)?;
+        match pulses {
+            Some((word, true)) if on != Some(true) => {
+                let [_, x, y] = at;
+                if on.is_none() && (x, y) != (0, 0) {
+                    return Err(reported(format!("{word}: the head is at X0 Y0, and erodes from there")));
+                }
+                if off.is_some_and(|off| off != at) {
+                    return Err(reported(format!("{word}: must be where M5 was; a head erodes one path")));
+                }
+                if on.is_none() {
+                    moves.clear();
+                }
+                on = Some(true);
+            }
+            Some((_, false)) if on == Some(true) => (on, off) = (Some(false), Some(at)),
+            _ => {}
+        }
         if let Some((word, piece)) = piece {
             at = piece.to;
             let feed = modal.feed.filter(|_| modal.motion != Some(0));
-            moves.push(Move { line: number, word, piece, feed });
+            if on != Some(false) {
+                moves.push(Move { line: number, word, piece, feed });
+            }
         }
         if ends {
             break;
@@ -123,10 +149,11 @@ fn words(line: &str) -> Result<Vec<Word<'_>>, &str> {
 /// Words of which a line may have one: they contradict each other.
 fn group(letter: char, number: f64) -> Option<u8> {
     Some(match (letter, number) {
-        ('G', 0.0..=3.0) => 0,
+        ('G', 0.0..=4.0 | 10.0) => 0,
         ('G', 17.0..=19.0) => 1,
         ('G', 20.0..=21.0) => 2,
         ('G', 90.0..=91.0) => 3,
+        ('M', 3.0 | 5.0) => 4,
         _ => return None,
     })
 }
@@ -135,7 +162,9 @@ impl Modal {
     /// Takes the words of a line: the piece that they make from a point, and whether the program ends.
     fn carry_out(&mut self, words: &[Word<'_>], at: [i64; AXES]) -> Result<Line, String> {
         let mut given: Vec<(char, &Word<'_>)> = Vec::new();
-        let mut ends = false;
+        let (mut ends, mut pulses) = (false, None);
+        let has = |letter, number| words.iter().any(|word: &Word<'_>| (word.letter, word.number) == (letter, number));
+        let (waits, offset) = (has('G', 4.0), has('G', 10.0));
         for (place, word) in words.iter().enumerate() {
             let Word { letter, number, text } = word;
             let group = group(*letter, *number);
@@ -150,10 +179,19 @@ impl Modal {
                 ('G', 19.0) => self.plane = Plane::Yz,
                 ('G', 20.0) => self.unit = INCH,
                 ('G', 21.0) => self.unit = MM,
-                ('G', 40.0 | 49.0 | 80.0 | 94.0) => {}
+                ('G', 4.0 | 40.0 | 49.0 | 54.0 | 80.0 | 94.0) => {}
+                // Z0 is the surface, whatever a machine has to be told to have it there.
+                ('G', 10.0) if has('P', 1.0) && (has('L', 2.0) || has('L', 20.0)) => {}
+                ('G', 10.0) => return Err(format!("{text}: must be G10 L2 P1 or G10 L20 P1")),
                 ('G', 90.0) => self.absolute = true,
                 ('G', 91.0) => self.absolute = false,
                 ('M', 2.0 | 30.0) => ends = true,
+                ('M', 3.0 | 5.0) => pulses = Some((text.to_string(), *number == 3.0)),
+                ('M', 52.0) => {}
+                ('P', _) if waits || offset || has('M', 52.0) => {}
+                ('L', _) if offset => {}
+                ('S', _) if has('M', 3.0) => {}
+                ('X' | 'Y' | 'Z', _) if offset => {}
                 ('F' | 'R' | 'X' | 'Y' | 'Z' | 'I' | 'J' | 'K', _) => {
                     if given.iter().any(|(other, _)| other == letter) {
                         return Err(format!("{text}: {letter} is twice in the line"));
@@ -175,10 +213,10 @@ impl Modal {
             self.feed = Some(feed);
         }
         let Some(word) = spelled("Z").or(spelled("XY")).or(spelled("IJKR")) else {
-            return Ok(Line { piece: None, ends });
+            return Ok(Line { piece: None, ends, pulses });
         };
         let piece = self.piece(word, &given, at)?;
-        Ok(Line { piece: piece.map(|piece| (word.into(), piece)), ends })
+        Ok(Line { piece: piece.map(|piece| (word.into(), piece)), ends, pulses })
     }
 
     /// The piece that words of a line make; none where they lead nowhere.
@@ -328,6 +366,23 @@ mod tests {
     }
 
     #[test]
+    fn a_program_of_a_machine_erodes_between_its_switching_pulses_on_and_off() {
+        let moves = read(include_str!("../../../examples/linuxcnc/hole.ngc")).unwrap();
+        let line = piece(Shape::Line, [20_000, 0, 0], [0; 2]);
+        assert_eq!(moves.iter().map(|m| (m.line, m.piece)).collect::<Vec<_>>(), [(9, line)]);
+        assert_eq!(
+            read(include_str!("../../../examples/linuxcnc/deep_hole.ngc")).unwrap()[0].piece.to,
+            [1_000_000, 0, 0]
+        );
+        let ends = |program: &str| read(program).unwrap().iter().map(|m| m.piece.to).collect::<Vec<_>>();
+        assert_eq!(ends("M5\nG1 Z-1\nG4 P1\nX1\nM5"), [[1_000_000, 0, 0], [1_000_000, 1_000_000, 0]], "no M3");
+        assert_eq!(
+            ends("G0 X1 Z2\nX0\nM3 S1 G1 Z-1\nM5 G0 Z3\nZ-1\nM3 S1\nX1\nM2"),
+            [[1_000_000, 0, 0], [1_000_000, 1_000_000, 0]]
+        );
+    }
+
+    #[test]
     fn a_feed_holds_from_its_line_on_for_everything_but_a_rapid() {
         let found = read("G1 X1\nG1 X2 F6\nX3\nG0 X4\nG20 F6 G1 X0\nF.012 G21\nX1").unwrap();
         let feeds: Vec<Option<f64>> = found.iter().map(|m| m.feed).collect();
@@ -366,7 +421,15 @@ mod tests {
             ("G20 G1 X1 F.0002", "line 1: F.0002: a feed must be 0.000237 or more"),
             ("G1 X1 F1 F2", "line 1: F2: F is twice"),
             ("G41 X1", "line 1: G41: must be one of"),
-            ("M3 S100", "line 1: M3: must be one of"),
+            ("M4 S100", "line 1: M4: must be one of"),
+            ("G1 X1 S100", "line 1: S100: must be one of"),
+            ("G1 X1 P1", "line 1: P1: must be one of"),
+            ("G1 X1 G4 P1", "line 1: G4: G1 is in the same line"),
+            ("G10 L2 P2 Z1", "line 1: G10: must be G10 L2 P1"),
+            ("M3 M5", "line 1: M5: M3 is in the same line"),
+            ("G0 X1\nM3 S1\nG1 Z-1", "line 2: M3: the head is at X0 Y0"),
+            ("M3\nG1 Z-1\nM5\nG0 X1\nM3\nG1 Z-2", "line 5: M3: must be where M5 was"),
+            ("G1 Z-1\nM3 S1\nM5", "no move"),
             ("G2 X1 I3000", "line 1: I3000: the centre is farther"),
             ("G1 Xnan", "line 1: Xnan: not a word"),
             ("G1 X1 hello", "line 1: hello: not a word"),
