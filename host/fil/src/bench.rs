@@ -357,6 +357,13 @@ impl Bench {
         (f64::from(code) + moved * per_volt).round().clamp(0.0, 4095.0) as u16
     }
 
+    /// What an oscilloscope sees at a moment of this window: gap voltage with the noise of the nearest conversion, and gate.
+    pub fn scope(&self, at: u64) -> (f32, bool) {
+        let p = &self.parameters;
+        let volts = (f32::from(self.gap_voltage(at)) - p.zero_code as f32) * p.volts_per_code;
+        (volts, self.piece(at).is_some_and(|(piece, _)| piece.gate))
+    }
+
     fn gap_current(&self, at: u64) -> u16 {
         let assumed = |piece: &Piece| assumed_amps(piece.gate, piece.volts, self.open_v);
         let amps = self.piece(at).map_or(0.0, |(piece, us)| piece.amps_at(us).unwrap_or_else(|| assumed(piece)));

@@ -11,6 +11,7 @@ use crate::seen::{Places, Pulses, Runs};
 use crate::wires::CRYSTAL_HZ;
 use anyhow::{Result, anyhow, bail};
 use edm_hal_shim::bridge::Drive;
+use edm_hal_shim::gap::GapBlock;
 use edm_servo_head::head::{Change, Command, Reason, SetPoint, State, Status};
 use edm_servo_head::settings::Settings;
 use edm_sim::lockstep::{Event, Recorder, Twin};
@@ -493,6 +494,14 @@ impl Emulated {
     /// When there is no memory.
     pub fn pulses(&mut self) -> Result<Pulses> {
         self.places.pulses(&self.machine.soc().memory)
+    }
+
+    /// The newest block that the gap task has taken.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn block(&mut self) -> Result<Option<GapBlock>> {
+        self.places.block(&self.machine.soc().memory)
     }
 
     /// When the present window began.

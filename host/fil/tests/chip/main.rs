@@ -5,6 +5,7 @@ use edm_hal_shim::gap_filter;
 mod bore;
 mod bursts;
 mod bus;
+mod classes;
 mod common;
 mod counts;
 mod cycles;

@@ -1,11 +1,10 @@
 //! A recording as the head's converter would have seen it: blocks of 12-bit codes and gates at 500 kS/s.
 
 use super::recording::Recording;
+use edm_hal_shim::edges::gate_mask;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_servo_head::units::{ADC_FULL_SCALE, ADC_HZ, CLOCK_HZ};
 
-/// A conversion closer to an edge of the gate than this is not gated, s: it takes 0.71 us.
-const GUARD_S: f64 = 0.75e-6;
 /// Of a step of the recording: what is nearer to a sample is that sample, and not a mean of it and a second one.
 const ROUNDING: f64 = 1e-6;
 
@@ -32,16 +31,19 @@ pub enum Gate {
 }
 
 /// Cuts a recording into the blocks that the converter would have made of it; what does not fill one is left out. The high
-/// comparator switches at `high` volts; no edge is finer than a step of the recording.
+/// comparator switches at `high` volts; no edge is finer than a step of the recording. Conversions are gated as on the head, by the edges,
+/// and not where a conversion is made of two samples and the gate is closed at one.
 pub fn blocks(recording: &Recording, scale: Scale, gate: Gate, high: f64) -> impl Iterator<Item = GapBlock> {
     let open = open(recording, gate);
     let steps = recording.rate / f64::from(ADC_HZ);
     let last = recording.gap_v.len() - 1;
     // A rate reckoned from times that are rounded is off by less than this.
     let conversions = (last as f64 / steps + 1e-3) as usize + 1;
-    let guard = GUARD_S * recording.rate;
+    // Samples from the beginning of a block to the middle of its first conversion.
+    let ahead = (MIDDLE / CLOCK * recording.rate).ceil() as usize;
     (0..conversions / BLOCK).map(move |block| {
         let mut made = GapBlock::EMPTY;
+        let mut whole = 0;
         for (i, code) in made.codes.iter_mut().enumerate() {
             let at = ((block * BLOCK + i) as f64 * steps).min(last as f64);
             let at = if (at - at.round()).abs() < ROUNDING { at.round() } else { at };
@@ -49,12 +51,11 @@ pub fn blocks(recording: &Recording, scale: Scale, gate: Gate, high: f64) -> imp
             let share = (at - at.floor()) as f32;
             let volts = recording.gap_v[before] * (1.0 - share) + recording.gap_v[behind] * share;
             *code = (scale.zero + volts / scale.volts_per_code).round().clamp(0.0, ADC_FULL_SCALE.into()) as u16;
-            let from = before.min((at - guard).max(0.0).ceil() as usize);
-            let to = behind.max((at + guard).floor() as usize).min(last);
-            made.gate |= u32::from(open[from..=to].iter().all(|open| *open)) << i;
+            whole |= u32::from(open[before] && open[behind]) << i;
         }
         let begin = block * BLOCK;
-        let cycles = |sample: f64| ((sample - begin as f64 * steps) / recording.rate * CLOCK + MIDDLE).max(0.0) as u16;
+        let cycles =
+            |sample: f64| ((sample - begin as f64 * steps) / recording.rate * CLOCK + MIDDLE).round().max(0.0) as u16;
         let from = (begin as f64 * steps).ceil() as usize;
         let to = (((begin + BLOCK) as f64 * steps).ceil() as usize).min(last + 1);
         let above = |sample: usize| f64::from(recording.gap_v[sample].abs()) > high;
@@ -70,6 +71,13 @@ pub fn blocks(recording: &Recording, scale: Scale, gate: Gate, high: f64) -> imp
                 made.high_edges.push(at);
             }
         }
+        // The apertures of the first and the last conversion reach beyond the samples of the block.
+        let (first, end) = (from.saturating_sub(ahead + 1), (to + ahead).min(last + 1));
+        let edges: Vec<u16> = (first + 1..end)
+            .filter(|sample| open[*sample] != open[sample - 1])
+            .map(|sample| cycles(sample as f64 - 0.5))
+            .collect();
+        made.gate = whole & gate_mask(open[first], &edges, u32::MAX);
         made
     })
 }
