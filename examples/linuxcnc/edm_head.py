@@ -3,7 +3,7 @@
 
 Each period it sends the position that LinuxCNC commands (CiA 402, cyclic synchronous position) and a SYNC, and passes on what
 the head answers: position, adaptive feed, gap voltage, state, counters. With pulses on the head is guided (2001h:1 = 2).
-With `--coarse-node` another drive, axis W, carries the head: when the stroke of the head ends, the component holds the
+`touch` looks for the surface of the work. With `--coarse-node` another drive, axis W, carries the head: when the stroke of the head ends, the component holds the
 program and moves W and Z against each other by external offsets (inch-worm). docs/hosts.md says how to start it.
 """
 
@@ -21,6 +21,8 @@ import hal
 HOST, BEAT, SILENCE = 127, 0.1, 1.0
 # States of 2000h:1.
 SEEKING, RETREATING, FAULT, GUIDING = 3, 5, 8, 11
+# Outcomes of a search for the surface, 2011h:3.
+RUNS, FOUND = 1, 2
 # Bits of the statusword: reached, follows the set points (modes 8 and 9).
 REACHED, FOLLOWS = 1 << 10, 1 << 12
 # Objects of the PDOs: index, sub-index, bits. The first two of each are sent with every SYNC, the others with every 20th.
@@ -211,7 +213,7 @@ class Machine:
         self.coarse = Drive("the coarse axis", args.coarse_node) if args.coarse_node else None
         self.link = Link(bus, [self.head] + ([self.coarse] if self.coarse else []), args.period_ms, args.speed)
         self.link.before, self.link.after = self.command, self.publish
-        self.following = self.guided = False
+        self.following = self.guided = self.touching = False
         self.feed = 0.0
         # Of the external offsets, mm.
         self.carried = 0.0
@@ -228,9 +230,9 @@ class Machine:
         pins, head = self.pins, self.head
         leads = self.guided and not head.status & FOLLOWS
         pins["retreating"] = leads
-        # While the head leads, in a retreat from a short and on the way back, its distance is no following error.
+        # While the head leads, in a retreat from a short or a touch and on the way back, its distance is no following error.
         error = head.mm() - pins["z-cmd"]
-        pins["z-fb"] = pins["z-cmd"] if leads else head.mm()
+        pins["z-fb"] = pins["z-cmd"] if leads or self.touching else head.mm()
         pins["z-error"] = error if self.following else 0.0
         if leads:
             pins["retreat-most"] = max(pins["retreat-most"], error)
@@ -267,6 +269,33 @@ class Machine:
         self.link.write(self.head, 0x2001, 1, 8, 2 if on else 0)
         self.link.wait("the head to be guided", lambda: (self.head.state in (GUIDING, RETREATING)) == on)
         self.guided = on
+
+    def touch(self):
+        """The head looks for the work below it by itself, pulses off, and comes back to where LinuxCNC has it."""
+        head, link, pins = self.head, self.link, self.pins
+        self.touching, self.following = True, False
+        link.write(head, 0x6060, 0, 8, 1)
+        link.wait("mode 1", lambda: head.mode == 1)
+        link.write(head, 0x2011, 1, 8, 1)
+        outcome = RUNS
+        while outcome == RUNS:
+            self.check()
+            outcome = link.read(head, 0x2011, 3)
+        if outcome != FOUND:
+            raise Trouble(f"no surface: {outcome}, as docs/objects.md numbers it (2011h:3)")
+        counts = link.read(head, 0x2001, 6)
+        counts -= (counts & 1 << 31) << 1
+        pins["surface"] = -counts / head.counts_per_mm + (self.coarse.mm() if self.coarse else 0.0)
+        head.go(pins["z-cmd"])
+        link.cycle()
+        head.word = 0x1F
+        link.wait("the set point to be taken", lambda: head.status & 1 << 12)
+        head.word = 0x0F
+        link.wait("the way back", lambda: head.status & REACHED and abs(head.mm() - pins["z-cmd"]) <= ARRIVED_MM, 30)
+        link.write(head, 0x6060, 0, 8, 8)
+        link.wait("mode 8", lambda: head.mode == 8)
+        self.touching, self.following = False, True
+        print(f"edm-head: the surface is at {pins['surface']:.4f} mm", flush=True)
 
     def follow_feed(self):
         """What 1000 of 2004h:8 stand for is F of the program."""
@@ -356,6 +385,12 @@ class Machine:
                 self.pulses(bool(pins["pulses"]))
             if self.guided:
                 self.follow_feed()
+            if pins["touch"] and not pins["touched"]:
+                if self.guided:
+                    raise Trouble("a touch needs pulses off (M5)")
+                pins["inhibit"] = True
+                self.touch()
+            pins["touched"] = pins["touch"]
             if self.coarse:
                 self.inch()
             pins["inhibit"], pins["pulses-on"] = False, self.guided
@@ -405,7 +440,7 @@ class Machine:
 
     def off(self):
         """The loops are open, pulses are off, the program is held."""
-        self.following = self.guided = False
+        self.following = self.guided = self.touching = False
         self.pins["fault"] = self.pins["inhibit"] = True
         self.pins["holds"] = self.pins["pulses-on"] = False
         for drive in self.link.drives:
@@ -433,9 +468,9 @@ def main():
     if log := os.environ.get("EDM_LOG"):
         sys.stdout = sys.stderr = open(log, "a", buffering=1)
     pins = hal.component("edm-head")
-    given = [("z-cmd", hal.HAL_FLOAT), ("close", hal.HAL_BIT), ("enable", hal.HAL_BIT), ("pulses", hal.HAL_BIT), ("feed", hal.HAL_FLOAT)]
-    told = [(name, hal.HAL_FLOAT) for name in ("z-fb", "z-error", "retreat-most", "adaptive-feed", "gap-feed", "gap-voltage", "place", "deepest", "eroding-s")]
-    told += [(name, hal.HAL_BIT) for name in ("fault", "inhibit", "pulses-on", "retreating", "holds", "erodes")]
+    given = [("z-cmd", hal.HAL_FLOAT), ("close", hal.HAL_BIT), ("enable", hal.HAL_BIT), ("pulses", hal.HAL_BIT), ("touch", hal.HAL_BIT), ("feed", hal.HAL_FLOAT)]
+    told = [(name, hal.HAL_FLOAT) for name in ("z-fb", "z-error", "retreat-most", "adaptive-feed", "gap-feed", "gap-voltage", "place", "deepest", "surface", "eroding-s")]
+    told += [(name, hal.HAL_BIT) for name in ("fault", "inhibit", "pulses-on", "retreating", "holds", "erodes", "touched")]
     told += [(name, hal.HAL_U32) for name in ("state", "fault-number", "shorts", "long-retreats", "late", "moves")]
     told += [("z-offset", hal.HAL_S32), ("w-offset", hal.HAL_S32)]
     if args.coarse_node:

@@ -84,8 +84,10 @@ def main():
             if picture and pin("edm-head.erodes"):
                 subprocess.run(["import", "-display", os.environ["EDM_DISPLAY"], "-window", "root", picture], check=False)
         time.sleep(0.02)
-    deepest = pin("edm-head.deepest") - stat.g5x_offset[2]
-    print(f"bored in {time.monotonic() - began:.0f} s, deepest Z {deepest:.4f} mm")
+    stat.poll()
+    surface = stat.g5x_offset[2]
+    deepest = pin("edm-head.deepest") - surface
+    print(f"ended after {time.monotonic() - began:.0f} s, deepest Z {deepest:.4f} mm, Z0 at {surface:.4f} mm")
     print(
         f"shorts {pin('edm-head.shorts')}, long retreats {pin('edm-head.long-retreats')}, late set points {pin('edm-head.late')}, "
         f"farthest retreat {1000 * pin('edm-head.retreat-most'):.0f} um, moves of the coarse axis {pin('edm-head.moves')}"
