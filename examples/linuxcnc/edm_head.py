@@ -233,7 +233,7 @@ class Machine:
         # While the head leads, in a retreat from a short or a touch and on the way back, its distance is no following error.
         error = head.mm() - pins["z-cmd"]
         pins["z-fb"] = pins["z-cmd"] if leads or self.touching else head.mm()
-        pins["z-error"] = error if self.following else 0.0
+        pins["z-error"] = error if self.following or self.touching else 0.0
         if leads:
             pins["retreat-most"] = max(pins["retreat-most"], error)
         pins["adaptive-feed"] = max(-1.0, min(1.0, head.share / 1000)) if self.guided else 1.0
@@ -431,7 +431,6 @@ class Machine:
         except Ended:
             pass
         finally:
-            signal.signal(signal.SIGTERM, signal.SIG_IGN)
             self.off()
             for drive in self.link.drives:
                 # Whoever comes next has a watch of its own.
@@ -448,6 +447,9 @@ class Machine:
 
 
 def end(*_):
+    # Once: what switches off is not to be interrupted.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     raise Ended
 
 
