@@ -51,6 +51,7 @@ pub struct Bus(Arc<Place>);
 struct Place {
     connection: Connection,
     joined: Joined,
+    hub: Hub,
     port: Port,
     mailbox: Arc<Mailbox>,
     /// Node-ID of the heartbeats.
@@ -78,6 +79,7 @@ impl Bus {
         let place = Arc::new(Place {
             connection: connection.clone(),
             joined,
+            hub,
             port,
             mailbox,
             host,
@@ -128,6 +130,12 @@ impl Bus {
         let (sender, receiver) = sync_channel(WAITING);
         lock(&self.0.listeners).push(sender);
         receiver
+    }
+
+    /// Everything that passes from now on, also what this program sends, while the port is kept.
+    pub fn tap(&self) -> (Port, Arc<Mailbox>) {
+        let mailbox = Arc::new(Mailbox::default());
+        (self.0.hub.attach(mailbox.clone()), mailbox)
     }
 
     /// Whether the connection to the bus is lost.

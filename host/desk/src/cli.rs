@@ -13,6 +13,7 @@ use crate::scope::{self, Plan, Trigger};
 use crate::sdo::SdoError;
 use crate::settings::{self, Setting};
 use crate::sheet::{Kind, Sheet};
+use crate::trace::{self, Recording};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
@@ -63,6 +64,22 @@ enum Command {
     },
     /// Records up to four objects with the scope of the head: 256 samples from the trigger on
     Scope(ScopeOptions),
+    /// Records every frame on the bus to a file, as `candump -L`, until Ctrl-C; sends nothing
+    Record {
+        /// File that frames are appended to
+        file: PathBuf,
+        /// Ends after this time
+        #[arg(long, value_name = "S", value_parser = seconds)]
+        seconds: Option<f64>,
+    },
+    /// Shows what a recording says: states, emergencies, refusals, who writes what. Needs no bus
+    Replay {
+        /// File of `record` or of `candump -L`
+        file: PathBuf,
+        /// Sends what the hosts in the recording sent to the bus instead, at the recorded times, as to `cargo sim serve`
+        #[arg(long)]
+        play: bool,
+    },
     /// Shows emergencies, faults, refusals and changes of state as they happen, until Ctrl-C
     Log {
         /// Shows what `page --log FILE` has kept, instead
@@ -314,6 +331,25 @@ impl Cli {
                 Ok(())
             }
             Command::Scope(options) => common.scope(&sheet, options),
+            Command::Record { file, seconds } => {
+                let interrupted = interrupted(|| ())?;
+                let end = end(*seconds);
+                let bus = common.join()?;
+                let recording = Recording::begin(&bus, &sheet, file)?;
+                while Instant::now() < end && !interrupted() && !bus.lost() {
+                    std::thread::sleep(Duration::from_millis(50));
+                }
+                let (frames, path) = (recording.frames(), file.display().to_string());
+                common.say(&serde_json::json!({ "file": path, "frames": frames }), || {
+                    format!("{frames} frames in {path}\n")
+                });
+                if bus.lost() {
+                    Err(Failure::Failed("the bus was lost; what came before is in the file".into()))
+                } else {
+                    Ok(())
+                }
+            }
+            Command::Replay { file, play } => common.replay(&sheet, file, *play),
             Command::Log { file: Some(file), .. } => {
                 let events =
                     page::events(file).map_err(|why| Failure::BadInput(format!("--file {}: {why}", file.display())))?;
@@ -425,6 +461,24 @@ impl Common {
                 format!("{} = {value} {scale}{}\n", object.key, object.unit)
             },
         );
+        Ok(())
+    }
+
+    fn replay(&self, sheet: &Arc<Sheet>, file: &Path, play: bool) -> Result<(), Failure> {
+        let named = |why: String| Failure::BadInput(format!("{}: {why}", file.display()));
+        let text = std::fs::read_to_string(file).map_err(|why| named(why.to_string()))?;
+        let frames = trace::read(&text, sheet).map_err(named)?;
+        if play {
+            let interrupted = interrupted(|| ())?;
+            let bus = self.join()?;
+            let sent = trace::play(&frames, &bus, || !interrupted() && !bus.lost());
+            self.say(&serde_json::json!({ "sent": sent }), || format!("{sent} frames of hosts sent\n"));
+            return Ok(());
+        }
+        let mut reader = trace::Reader::new(sheet);
+        for said in frames.iter().flat_map(|frame| reader.take(frame)) {
+            self.say(&said, || format!("{:10.3} s  node {}  {}\n", said.at_s, said.node, said.what));
+        }
         Ok(())
     }
 

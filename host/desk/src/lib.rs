@@ -37,6 +37,7 @@ pub mod scope;
 pub mod sdo;
 pub mod settings;
 pub mod sheet;
+pub mod trace;
 pub mod words;
 
 use std::fmt::{self, Display, Formatter};

@@ -24,6 +24,7 @@ use crate::record::{Point, Recorder, Taken};
 use crate::scope::{self, Plan};
 use crate::settings::{self, Line};
 use crate::sheet::Sheet;
+use crate::trace::Recording;
 use axum::Router;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Query, State};
@@ -86,6 +87,9 @@ pub struct Listen {
     /// File that the log is appended to, one JSON object a line. Its last events are shown again at the next start
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
+    /// File that every frame on the bus is appended to, as `candump -L`; `edm-desk replay` reads it
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
 }
 
 /// What happens to a hole without a session in command.
@@ -110,6 +114,7 @@ impl Default for Listen {
             unwatched: Unwatched::Pause,
             unwatched_after: UNWATCHED_S,
             log: None,
+            record: None,
         }
     }
 }
@@ -186,6 +191,9 @@ struct Desk {
     /// Messages to all sessions.
     messages: broadcast::Sender<Arc<str>>,
     log: Mutex<VecDeque<Event>>,
+    /// Where frames are recorded.
+    record: Option<PathBuf>,
+    recording: Mutex<Option<Recording>>,
     /// Where events are kept.
     file: Option<Mutex<File>>,
     watched: Mutex<BTreeSet<u8>>,
@@ -258,6 +266,8 @@ pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Res
             token,
             messages: broadcast::channel(WAITING).0,
             log: Mutex::new(log),
+            record: listen.record.clone(),
+            recording: Mutex::default(),
             file: log_file.map(Mutex::new),
             watched: Mutex::default(),
             recorders: Mutex::default(),
@@ -269,6 +279,7 @@ pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Res
             lost_since: Mutex::new(lost_since),
             run: Mutex::default(),
         });
+        desk.record_bus()?;
         let bus = if lock(&desk.bus).is_ok() { "joined" } else { "not there yet" };
         desk.note(0, format!("the program has started; bus {}: {bus}", desk.connection));
         let (joins, common) = (desk.clone(), common.clone());
@@ -393,11 +404,22 @@ impl Desk {
             let is_there = joined.is_ok();
             *lock(&self.bus) = joined;
             if is_there {
+                if let Err(why) = self.record_bus() {
+                    self.note(0, format!("the bus is not recorded: {why}"));
+                }
                 self.note(0, format!("bus joined: {}", self.connection));
                 let since = lock(&self.lost_since).take();
                 self.publish(&json!({ "bus": self.connection, "since": since }));
             }
         }
+    }
+
+    /// Records the bus that is there now.
+    fn record_bus(&self) -> Result<(), Failure> {
+        let bus = lock(&self.bus).clone();
+        let (Some(path), Ok(bus)) = (&self.record, bus) else { return Ok(()) };
+        *lock(&self.recording) = Some(Recording::begin(&bus, &self.sheet, path)?);
+        Ok(())
     }
 
     fn head(&self, node: u8) -> Result<Head, Failure> {

@@ -241,6 +241,8 @@ pub struct Sheet {
     pub device_id: DeviceId,
     /// Name of the product.
     pub product: String,
+    /// CRC-32 of its text.
+    pub fingerprint: u32,
     objects: BTreeMap<Address, Object>,
 }
 
@@ -287,7 +289,8 @@ impl Sheet {
             return Err("no object in the file: is it truncated?".into());
         }
         let product = device.get("ProductName").unwrap_or("a device").to_owned();
-        Ok(Sheet { device_id, product, objects })
+        let fingerprint = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(text.as_bytes());
+        Ok(Sheet { device_id, product, fingerprint, objects })
     }
 
     /// The object at an address.

@@ -441,6 +441,54 @@ fn jumps_and_a_spark_out_are_set_with_a_hole() {
 }
 
 #[test]
+fn a_recorded_hole_is_read_without_a_bus_and_bored_again_by_a_virtual_head() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("hole.log");
+    let path = file.to_str().unwrap();
+    let truth = {
+        let rig = Rig::new();
+        let recording = rig::start(&rig.connection(), &["--json", "record", path], Stdio::piped());
+        let end = Instant::now() + Duration::from_secs(20);
+        while !fs::read_to_string(&file).is_ok_and(|text| text.ends_with('\n')) {
+            assert!(Instant::now() < end);
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        let (code, _, why) = run(&rig.connection(), &["bore", "--depth", "0.002", "--spark-out", "100"]);
+        assert_eq!(code, Some(0), "{why}");
+        std::thread::sleep(Duration::from_millis(500));
+        let pid = recording.id().to_string();
+        assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+        let output = recording.wait_with_output().unwrap();
+        let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let lines = fs::read_to_string(&file).unwrap().lines().count() as u64;
+        assert_eq!(said["frames"].as_u64(), Some(lines - 1), "and the line of the description file");
+        rig.truth()
+    };
+    // No bus there any more.
+    let (code, said, why) = run("socket://127.0.0.1:1", &["replay", path]);
+    assert_eq!((code, why.as_str()), (Some(0), ""));
+    for part in [
+        "a host writes end.spark_out_ms = 100 ms",
+        "a host writes EDM control.Erode = 1",
+        "  eroding",
+        "network command: start",
+    ] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    // Another head gets the same commands at the same times. The recording is of twice real time, as this head is.
+    let rig = Rig::new();
+    let (code, said, why) = run(&rig.connection(), &["--json", "replay", path, "--play"]);
+    assert_eq!((code, why.as_str()), (Some(0), ""));
+    assert!(serde_json::from_str::<Value>(&said).unwrap()["sent"].as_u64().unwrap() > 100, "{said}");
+    let again = rig.truth();
+    assert!(again.pulsed && (again.deepest - truth.deepest).abs() < 20, "{again:?}, {truth:?}");
+    let text = fs::read_to_string(&file).unwrap().replacen("description file ", "description file 0", 1);
+    fs::write(&file, text).unwrap();
+    let (code, _, why) = run("socket://127.0.0.1:1", &["replay", path]);
+    assert!(code == Some(2) && why.contains("line 1: recorded with description file 0"), "{why}");
+}
+
+#[test]
 fn the_log_of_the_page_is_kept_in_a_file_and_shown_again() {
     let rig = Rig::new();
     let folder = tempfile::tempdir().unwrap();
