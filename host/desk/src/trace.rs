@@ -148,7 +148,7 @@ fn one(line: &str) -> Option<Option<Recorded>> {
     }
     let id = u16::from_str_radix(id, 16).ok().filter(|id| *id < 0x800)?;
     let bytes = data.as_bytes().chunks(2);
-    let byte = |two: &[u8]| u8::from_str_radix(std::str::from_utf8(two).ok()?, 16).ok();
+    let byte = |two: &[u8]| u8::from_str_radix(std::str::from_utf8(two).ok().filter(|two| two.len() == 2)?, 16).ok();
     let data: Option<Vec<u8>> = bytes.map(byte).collect();
     Some(Some(Recorded { at_s, id, data: data.filter(|data| data.len() <= 8)? }))
 }
