@@ -295,10 +295,12 @@ async function scan() {
       return line;
     }
     const choose = item("button", `Node ${id}`);
+    choose.className = "main";
     choose.onclick = () => choose_head(id, identity);
     const place = item("span", "");
     place.id = `now-${id}`;
-    line.append(choose, ` ${identity.name}, hardware ${identity.hardware}, software ${identity.software}, serial number ${identity.serial}: `, place);
+    const who = `${identity.name}, hardware ${identity.hardware}, software ${identity.software}, serial number ${identity.serial}`;
+    line.append(choose, item("span", who), place);
     return line;
   });
   $("found").replaceChildren(...list.length ? list : [item("li", "No node answers: check power and bit rate of the heads.")]);

@@ -13,6 +13,7 @@ use crate::scope::{self, Plan, Trigger};
 use crate::sdo::SdoError;
 use crate::settings::{self, Setting};
 use crate::sheet::{Kind, Sheet};
+use crate::table::{Row, Table};
 use crate::trace::{self, Recording};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand};
@@ -224,6 +225,12 @@ struct BoreOptions {
     height: f64,
     #[command(flatten)]
     with: WithOptions,
+    /// Technology table: rows from rough to fine, as examples/technology.toml
+    #[arg(long, value_name = "FILE")]
+    table: Option<PathBuf>,
+    /// With --table: does not ask for Enter where the generator is to be set differently
+    #[arg(long, requires = "table")]
+    no_wait: bool,
 }
 
 /// Settings that belong to a hole; they stay in the head.
@@ -671,6 +678,29 @@ impl Common {
         let hole = Hole { depth_mm: options.depth, surface_mm: options.surface, site, height_mm: options.height, with };
         hole.check()?;
         let wanted = settings::assignments(sheet, &with.assignments()).map_err(Failure::BadInput)?;
+        let table = match &options.table {
+            None => None,
+            Some(file) => {
+                let named = |why: String| Failure::BadInput(format!("--table {}: {why}", file.display()));
+                let text = std::fs::read_to_string(file).map_err(|why| named(why.to_string()))?;
+                Some(Table::parse(sheet, &text).map_err(named)?)
+            }
+        };
+        // Without a table it is one row, which leaves nothing.
+        let plain = Row {
+            name: String::new(),
+            leaves_um: 0.0,
+            undersize_um: None,
+            generator: String::new(),
+            settings: wanted.clone(),
+        };
+        let rows = table.as_ref().map_or(std::slice::from_ref(&plain), |table| &table.rows);
+        if let Some(first) = rows.first().filter(|first| hole.depth_mm * 1000.0 - first.leaves_um < 1.0) {
+            return Err(Failure::BadInput(format!(
+                "depth {} mm: row {:?} leaves {} um: must be deeper",
+                hole.depth_mm, first.name, first.leaves_um
+            )));
+        }
         let requests = Arc::new(Requests::default());
         let asked = requests.clone();
         let _ = interrupted(move || {
@@ -683,37 +713,58 @@ impl Common {
             Failure::Undecided { why, .. } => Failure::BadInput(format!("{why} --new-surface, or --surface MM")),
             why => why,
         };
-        if !wanted.is_empty() {
-            hole.may_begin(&head).map_err(undecided)?;
-            settings::write(&head, &wanted)?;
-        }
         let mut live = Live::new(&head)?;
         let bus = head.bus.clone();
         let (mut doing, mut said) = ("", Instant::now());
-        let outcome = Run {
-            head: &head,
-            live: &mut live,
-            hole,
-            requests: &requests,
-            alive: &|| {
-                bus.keep_alive(SILENCE);
-                Ok(())
-            },
-            on_progress: &mut |progress| {
-                if progress.doing != doing || said.elapsed() > Duration::from_secs(1) {
-                    (doing, said) = (progress.doing, Instant::now());
-                    if self.json {
-                        self.say(progress, String::new);
-                    } else {
-                        eprintln!("{}", on_the_way(progress));
-                    }
+        let mut generator = "";
+        for (place, row) in rows.iter().enumerate() {
+            let mut hole = Hole { depth_mm: hole.depth_mm - row.leaves_um / 1000.0, ..hole };
+            if place > 0 {
+                (hole.site, hole.surface_mm) = (Some(Site::Begun), None);
+            }
+            hole.may_begin(&head).map_err(undecided)?;
+            // The row's own come last.
+            settings::write(&head, &wanted)?;
+            settings::write(&head, &row.settings)?;
+            if table.is_some() {
+                let undersize = row.undersize_um.map_or(String::new(), |um| format!(", undersize {um} um a side"));
+                eprintln!("row {}: to {:.3} mm; generator: {}{undersize}", row.name, hole.depth_mm, row.generator);
+            }
+            if std::mem::replace(&mut generator, &row.generator) != row.generator && !options.no_wait {
+                eprintln!("set the generator, then press Enter");
+                let answered = std::io::stdin().read_line(&mut String::new()).is_ok_and(|count| count > 0);
+                if !answered || requests.now() != Request::Go {
+                    return Err(Failure::Failed(format!("row {}: not begun, the head is disabled", row.name)));
                 }
-            },
+            }
+            let outcome = Run {
+                head: &head,
+                live: &mut live,
+                hole,
+                requests: &requests,
+                alive: &|| {
+                    bus.keep_alive(SILENCE);
+                    Ok(())
+                },
+                on_progress: &mut |progress| {
+                    if progress.doing != doing || said.elapsed() > Duration::from_secs(1) {
+                        (doing, said) = (progress.doing, Instant::now());
+                        if self.json {
+                            self.say(progress, String::new);
+                        } else {
+                            eprintln!("{}", on_the_way(progress));
+                        }
+                    }
+                },
+            }
+            .execute()
+            .map_err(undecided)?;
+            self.say(&outcome, || bored(&outcome));
+            if !outcome.reached {
+                return Err(Failure::Failed("the depth was not reached".into()));
+            }
         }
-        .execute()
-        .map_err(undecided)?;
-        self.say(&outcome, || bored(&outcome));
-        if outcome.reached { Ok(()) } else { Err(Failure::Failed("the depth was not reached".into())) }
+        Ok(())
     }
 }
 

@@ -37,6 +37,7 @@ pub mod scope;
 pub mod sdo;
 pub mod settings;
 pub mod sheet;
+pub mod table;
 pub mod trace;
 pub mod words;
 

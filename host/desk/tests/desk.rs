@@ -489,6 +489,45 @@ fn a_recorded_hole_is_read_without_a_bus_and_bored_again_by_a_virtual_head() {
 }
 
 #[test]
+fn a_hole_is_bored_by_a_table_from_rough_to_fine_from_one_surface() {
+    let rig = Rig::new();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("table.toml");
+    let text = "electrode = \"copper\"\nwork = \"steel\"\n[[row]]\nname = \"rough\"\nleaves_um = 4\n[row.generator]\non_us = 160\n\
+                [row.settings.gap]\nsetpoint_v = 65\n[[row]]\nname = \"fine\"\n[row.generator]\non_us = 50\n\
+                [row.settings.gap]\nsetpoint_v = 68\n[row.settings.end]\nspark_out_ms = 300\n";
+    fs::write(&file, text).unwrap();
+    let path = file.to_str().unwrap();
+    let (code, said, why) =
+        run(&rig.connection(), &["--json", "bore", "--depth", "0.01", "--table", path, "--no-wait"]);
+    assert_eq!(code, Some(0), "{why}");
+    let outcomes: Vec<Value> = said
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).unwrap())
+        .filter(|line| line["reached"] == true)
+        .collect();
+    assert_eq!(outcomes.len(), 2, "{said}");
+    assert_eq!((&outcomes[0]["target_mm"], &outcomes[1]["target_mm"]), (&json!(0.006), &json!(0.01)));
+    assert_eq!(outcomes[0]["surface_mm"], outcomes[1]["surface_mm"], "measured from one surface");
+    assert!(
+        why.contains("row rough: to 0.006 mm; generator: on_us 160")
+            && why.contains("row fine: to 0.010 mm; generator: on_us 50"),
+        "{why}"
+    );
+    let set: Value =
+        serde_json::from_str(&run(&rig.connection(), &["--json", "settings", "get", "gap.setpoint_v"]).1).unwrap();
+    assert_eq!(set[0]["value"], 68.0);
+    // Nobody is there to set the generator.
+    let (code, _, why) = run(&rig.connection(), &["bore", "--depth", "0.02", "--table", path, "--continue"]);
+    assert!(
+        code == Some(1) && why.contains("set the generator, then press Enter") && why.contains("row rough: not begun"),
+        "{why}"
+    );
+    let (code, _, why) = run(&rig.connection(), &["bore", "--depth", "0.004", "--table", path, "--continue"]);
+    assert!(code == Some(2) && why.contains("row \"rough\" leaves 4 um: must be deeper"), "{why}");
+}
+
+#[test]
 fn the_log_of_the_page_is_kept_in_a_file_and_shown_again() {
     let rig = Rig::new();
     let folder = tempfile::tempdir().unwrap();
