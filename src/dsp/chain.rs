@@ -136,8 +136,9 @@ impl State {
         if old.further != 0 {
             svf::retune(&mut self.harmonic, &old.harmonic, &new.harmonic);
         } else {
-            // Not ticked until now: would start from what the mains notch gives.
-            self.harmonic = svf::settled(self.sections[2].low);
+            // Not ticked until now: it starts from what the mains notch gives, which its integrators do not where there is hum.
+            let ([_, low_pass, mains], [_, _, of_mains]) = (&self.sections, &old.sections);
+            self.harmonic = svf::settled(low_pass.low - (of_mains.r - of_mains.g) * mains.band);
         }
     }
 
@@ -304,6 +305,24 @@ mod tests {
                 let y = (0..60_000).fold(0.0, |_, _| state.tick(&c, x));
                 assert!((y - x).abs() < 0.01 / config.notch_q, "{y} for {x} with {config:?}");
             }
+        }
+    }
+
+    #[test]
+    fn the_second_harmonic_comes_without_a_step_also_where_there_is_hum() {
+        let [old, new] = [false, true].map(|harmonic| config(200.0, 50.0, harmonic).build().unwrap());
+        let hum =
+            |n: u32| 700.0 + 100.0 * (core::f32::consts::TAU * 50.0 * (n % TICK_HZ) as f32 / TICK_HZ as f32).sin();
+        // Wherever in a period.
+        for phase in [0, 50, 100, 170, 333] {
+            let mut state = State::settled(700.0);
+            (0..2 * TICK_HZ + phase).for_each(|n| {
+                state.tick(&old, hum(n));
+            });
+            state.retune(&old, &new);
+            let worst = (2 * TICK_HZ + phase..3 * TICK_HZ).map(|n| (state.tick(&new, hum(n)) - 700.0).abs());
+            let worst = worst.fold(0.0, f32::max);
+            assert!(worst < 2.0, "{phase}: {worst}");
         }
     }
 

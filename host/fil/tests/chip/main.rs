@@ -17,6 +17,7 @@ mod locks;
 mod lockstep;
 mod lss;
 mod mutants;
+mod notch;
 mod pauses;
 mod pulses;
 mod reflex;
