@@ -45,6 +45,9 @@ pub struct Cycles {
     /// Write no page; fail if gap or servo take longer than half their period, or the load is above 88 %
     #[arg(long)]
     check: bool,
+    /// Print where a task spends its cycles, by function, and measure nothing else
+    #[arg(long, value_name = "TASK")]
+    profile: Option<String>,
     /// Also fail when a bound of docs/performance.md is not met
     #[arg(long)]
     bounds: bool,
@@ -56,6 +59,10 @@ impl Cycles {
     /// # Errors
     /// Bad input, a figure beyond its limit, a requested bound that is not met.
     pub fn execute(&self, image: &Image) -> Result<()> {
+        if let Some(task) = &self.profile {
+            print!("{}", report::profile(image, task)?);
+            return Ok(());
+        }
         let path = self.page.clone().map_or_else(|| in_project(Path::new(PAGE)), Ok)?;
         let committed = Page::read(&path, COMMAND).map_err(BadInput)?;
         let json = Output::claim_any("--json", self.json.as_deref()).map_err(BadInput)?;

@@ -23,6 +23,13 @@ const WEIGHT: f64 = 0.2 * 9.806_65 - 2.2;
 const DAMPING: f64 = 2.0;
 /// Counts of vibration about the position of the axis.
 const SWING: i64 = 4;
+/// A pulse is charged to this, and burns at that, V.
+const OPEN: f64 = 100.0;
+const BURN: f64 = 40.0;
+/// Shorter waits are none, ticks of the chip.
+const CHARGES: u64 = 100;
+/// Share of the on-time by which ignitions are spread about their mean (assumed).
+const SPREAD: f64 = 0.4;
 /// Between edges of an axis that does not vibrate, ticks of the chip.
 const REST: u64 = 300;
 /// The generator closes the gate so long after it is no longer allowed (assumed).
@@ -109,6 +116,8 @@ pub struct Rig {
     next_pulse: u64,
     pulses: u64,
     gate_until: u64,
+    /// When the pulse under way ignites.
+    ignites: u64,
     /// Shorts met.
     pub shorts: Vec<Short>,
     /// Ends of pulses, but for those that the head has cut off.
@@ -149,6 +158,7 @@ impl Rig {
             next_pulse: 0,
             pulses: 0,
             gate_until: NEVER,
+            ignites: NEVER,
             shorts: Vec::new(),
             ends: Vec::new(),
             edges: Vec::new(),
@@ -230,8 +240,25 @@ impl Rig {
         self.count
     }
 
-    fn gap_volts(&self) -> f64 {
-        if !self.gate || self.shorted() { 0.0 } else { ((self.work - self.x) * 2e6).clamp(0.0, 100.0) }
+    /// Mean of the pulse under way, V.
+    fn mean_volts(&self) -> f64 {
+        if !self.gate || self.shorted() { 0.0 } else { ((self.work - self.x) * 2e6).clamp(0.0, OPEN) }
+    }
+
+    /// The pulse under way waits at [`OPEN`] and burns at [`BURN`], so long that the mean comes to that of its place; nearer to the work than
+    /// that it burns lower from its beginning.
+    fn gap_volts(&self, at: u64) -> f64 {
+        let mean = self.mean_volts();
+        if mean > BURN && at < self.ignites { OPEN } else { mean.min(BURN) }
+    }
+
+    /// Share of the on-time after which the pulse that begins ignites; 1: not at all.
+    fn waits(&self) -> f64 {
+        let share = (self.mean_volts() - BURN) / (OPEN - BURN);
+        // Of the number of the pulse, multiplied by the golden section of 2^64.
+        let chance = (self.pulses.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) as f64 / f64::from(u32::MAX);
+        let spread = SPREAD * share.min(1.0 - share).max(0.0);
+        share + spread * (2.0 * chance - 1.0)
     }
 
     fn duty(&self) -> f64 {
@@ -267,12 +294,21 @@ impl Rig {
 
     fn set_gate(&mut self, at: u64, open: bool) {
         self.gate = open;
-        let volts = self.gap_volts();
+        self.ignites = NEVER;
         for pin in GATE {
             self.level(at, pin, open);
         }
-        for (pin, threshold) in COMPARATORS.into_iter().zip([70.0, 20.0]) {
+        if open && self.mean_volts() < OPEN {
+            let waits = (self.waits().clamp(0.0, 1.0) * (self.gate_until - at) as f64) as u64;
+            // What would not wait for the comparator burns from its beginning.
+            self.ignites = at + if waits < CHARGES { 0 } else { waits };
+        }
+        let volts = self.gap_volts(at);
+        for (pin, threshold) in COMPARATORS.into_iter().zip([0.7 * OPEN, 20.0]) {
             self.level(at, pin, volts > threshold);
+        }
+        if open && self.ignites > at && self.ignites < self.gate_until {
+            self.level(self.ignites, COMPARATORS[0], false);
         }
     }
 
@@ -351,7 +387,7 @@ impl Rig {
 
 impl World for Rig {
     fn sample(&mut self, adc: u8, channel: u8, at: u64) -> u16 {
-        let volts = self.gap_volts();
+        let volts = self.gap_volts(at);
         let code = match (adc, channel) {
             (1, GAP) => 410.0 + volts * 10.0,
             (2, GATED) => {

@@ -13,10 +13,12 @@ pub(super) const FULL: f64 = 88.0;
 /// Targets of the estimated cycles: task, mean, worst.
 pub type TaskBound = (&'static str, u64, u64);
 
-/// Tasks at rest, and moving.
-pub const TASKS: [&[TaskBound]; 2] = [&[("servo", 500, 800)], &[("servo", 650, 900)]];
-/// Share of the processor at rest, and moving, percent.
-pub const LOAD: [f64; 2] = [22.0, 50.0];
+/// Tasks at rest, moving, and at 100 000 pulses a second.
+pub const TASKS: [&[TaskBound]; 3] = [&[("servo", 500, 800)], &[("servo", 650, 900)], &[]];
+/// Share of the processor at rest, moving, and at 100 000 pulses a second, percent.
+pub const LOAD: [Option<f64>; 3] = [Some(22.0), Some(50.0), None];
+/// Share of the gap task in the same scenes, percent.
+pub const GAP: [Option<f64>; 3] = [Some(18.0), None, Some(25.0)];
 /// Functions and paths, cycles of a run.
 pub const FUNCTIONS: &[(&str, u64)] =
     &[("encoder edge", 65), ("encoder index", 120), ("encoder overload", 100), ("gap filter", 80)];
@@ -65,7 +67,7 @@ pub fn limits(measured: &Measured) -> Vec<Finding> {
 /// The targets, with what was measured.
 pub fn wanted(measured: &Measured) -> Vec<Finding> {
     let mut list = Vec::new();
-    for ((scene, tasks), load) in measured.scenes().into_iter().zip(TASKS).zip(LOAD) {
+    for (((scene, tasks), load), gap) in measured.scenes().into_iter().zip(TASKS).zip(LOAD).zip(GAP) {
         for (task, mean, worst) in tasks {
             let found = scene.1.tasks.get(*task);
             let mut add = |what, bound: u64, figure: fn(&Figures) -> f64| {
@@ -75,7 +77,13 @@ pub fn wanted(measured: &Measured) -> Vec<Finding> {
             add("mean", *mean, |f| f.mean);
             add("worst", *worst, |f| f.worst as f64);
         }
-        list.push(Finding { what: format!("{}: load, %", scene.0), measured: Some(scene.1.load_percent), bound: load });
+        if let Some(bound) = load {
+            list.push(Finding { what: format!("{}: load, %", scene.0), measured: Some(scene.1.load_percent), bound });
+        }
+        if let Some(bound) = gap {
+            let measured = scene.1.load.get("gap").copied();
+            list.push(Finding { what: format!("{}: gap, %", scene.0), measured, bound });
+        }
     }
     for (name, bound) in FUNCTIONS {
         let measured = measured.functions.get(*name).copied();

@@ -19,6 +19,7 @@ pub fn markdown(measured: &Measured) -> String {
     let titles = [
         "rest: eroding, 25 000 pulses/s",
         "moving: eroding, 100 kcount/s, 10 000 shorts/s, SYNC at 1 kHz, 2 RPDO, 4 TPDO, SDO back to back",
+        "pulses-100khz: eroding, 100 000 pulses/s",
     ];
     for (((name, scene), title), bound) in measured.scenes().into_iter().zip(titles).zip(bounds::TASKS) {
         page += &format!(
@@ -42,14 +43,17 @@ pub fn markdown(measured: &Measured) -> String {
             );
         }
     }
-    page += "\n| load, % of the processor | rest | moving |\n| --- | --- | --- |\n";
-    let [(_, rest), (_, moving)] = measured.scenes();
+    page += "\n| load, % of the processor | rest | moving | pulses-100khz |\n| --- | --- | --- | --- |\n";
+    let [(_, rest), (_, moving), (_, fast)] = measured.scenes();
     for task in moving.load.keys() {
         let of = |scene: &Scene| scene.load.get(task).copied().unwrap_or(0.0);
-        page += &format!("| {task} | {:.2} | {:.2} |\n", of(rest), of(moving));
+        page += &format!("| {task} | {:.2} | {:.2} | {:.2} |\n", of(rest), of(moving), of(fast));
     }
-    page += &format!("| all | {:.1} | {:.1} |\n", rest.load_percent, moving.load_percent);
-    page += &format!("| at most | {:.0} | {:.0} |\n", bounds::LOAD[0], bounds::LOAD[1]);
+    page += &format!("| all | {:.1} | {:.1} | {:.1} |\n", rest.load_percent, moving.load_percent, fast.load_percent);
+    for (what, bounds) in [("gap, at most", bounds::GAP), ("all, at most", bounds::LOAD)] {
+        let [rest, moving, fast] = bounds.map(|bound| bound.map_or_else(String::new, |bound| format!("{bound:.0}")));
+        page += &format!("| {what} | {rest} | {moving} | {fast} |\n");
+    }
     page += "\n| function or path | cycles a run | at most |\n| --- | --- | --- |\n";
     for (name, cycles) in &measured.functions {
         let most = bounds::FUNCTIONS.iter().find(|b| b.0 == name).map_or_else(String::new, |b| b.1.to_string());
@@ -71,7 +75,11 @@ mod tests {
             load: [("servo".to_owned(), 9.25), ("gap".to_owned(), load_percent - 9.25)].into(),
         };
         Measured {
-            scenes: Pair { rest: scene(servo, worst, 20.1), moving: scene(600.0, 850, 40.2) },
+            scenes: Pair {
+                rest: scene(servo, worst, 20.1),
+                moving: scene(600.0, 850, 40.2),
+                fast: scene(servo, 700, 30.0),
+            },
             functions: [("gap filter".to_owned(), filter), ("PID".to_owned(), 40.0)].into(),
         }
     }

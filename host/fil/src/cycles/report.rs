@@ -74,13 +74,15 @@ pub struct Scene {
     pub load: BTreeMap<String, f64>,
 }
 
-/// The two scenes.
+/// The scenes.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Pair {
     /// Eroding at rest.
     pub rest: Scene,
     /// Eroding on a moving axis, with a busy host.
     pub moving: Scene,
+    /// Eroding at rest, with 100 000 pulses a second.
+    pub fast: Scene,
 }
 
 /// What was measured.
@@ -99,9 +101,9 @@ pub struct Measured {
 pub fn measure(image: &Image) -> Result<Measured> {
     let debug = Rc::new(Debug::new(image)?);
     let scenes = scenes::run(image, &debug)?;
-    let [rest, moving] = &scenes.load;
+    let [rest, moving, fast] = &scenes.load;
     let mut functions = BTreeMap::new();
-    for tasks in [&scenes.rest, &scenes.moving] {
+    for tasks in [&scenes.rest, &scenes.moving, &scenes.fast] {
         for (name, cycles) in shares(image, tasks, &debug) {
             let most = functions.entry(name).or_insert(cycles);
             *most = cycles.max(*most);
@@ -115,7 +117,11 @@ pub fn measure(image: &Image) -> Result<Measured> {
             functions.insert(name.to_owned(), rounded(figures.mean));
         }
     }
-    let scenes = Pair { rest: scene(image, &scenes.rest, rest), moving: scene(image, &scenes.moving, moving) };
+    let scenes = Pair {
+        rest: scene(image, &scenes.rest, rest),
+        moving: scene(image, &scenes.moving, moving),
+        fast: scene(image, &scenes.fast, fast),
+    };
     Ok(Measured { scenes, functions })
 }
 
@@ -140,6 +146,36 @@ fn shares(image: &Image, tasks: &Tasks, debug: &Debug) -> BTreeMap<String, f64> 
     sums.into_iter().map(|(name, cycles)| (name, rounded(cycles))).collect()
 }
 
+/// Where a task spends its cycles in a scene: functions that are not inlined into others, and what is inlined into them, cycles a run.
+///
+/// # Errors
+/// When the firmware does not erode.
+pub fn profile(image: &Image, wanted: &str) -> Result<String> {
+    let debug = Rc::new(Debug::new(image)?);
+    let scenes = scenes::run(image, &debug)?;
+    let mut text = String::new();
+    for (scene, tasks) in [("rest", &scenes.rest), ("fast", &scenes.fast), ("moving", &scenes.moving)] {
+        let Some((_, task)) = tasks.iter().find(|(e, _)| names::task(image, **e) == wanted) else { continue };
+        let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
+        let runs = task.runs.len() as f64;
+        for (address, cost) in &task.places {
+            let inside = debug.functions(*address);
+            let chain: Vec<&str> = inside.iter().rev().map(|name| name.rsplit("::").next().unwrap_or(name)).collect();
+            let sum = sums.entry(chain.join(" > ")).or_default();
+            sum.0 += cost.estimate() as f64 / runs;
+            sum.1 += cost.instructions as f64 / runs;
+        }
+        let mut sums: Vec<_> = sums.into_iter().collect();
+        sums.sort_by(|a, b| b.1.0.total_cmp(&a.1.0));
+        let all: f64 = sums.iter().map(|sum| sum.1.0).sum();
+        text += &format!("{scene}: {wanted}, {all:.1} cycles a run\n");
+        for (chain, (cycles, instructions)) in sums.iter().take_while(|sum| sum.1.0 >= 1.0) {
+            text += &format!("{cycles:8.1} {instructions:8.1}  {chain}\n");
+        }
+    }
+    Ok(text)
+}
+
 fn scene(image: &Image, tasks: &Tasks, load: &BTreeMap<Exception, f64>) -> Scene {
     let mut scene = Scene::default();
     for (e, task) in tasks {
@@ -155,7 +191,7 @@ fn scene(image: &Image, tasks: &Tasks, load: &BTreeMap<Exception, f64>) -> Scene
 
 impl Measured {
     /// Names of the scenes, and the scenes.
-    pub fn scenes(&self) -> [(&'static str, &Scene); 2] {
-        [("rest", &self.scenes.rest), ("moving", &self.scenes.moving)]
+    pub fn scenes(&self) -> [(&'static str, &Scene); 3] {
+        [("rest", &self.scenes.rest), ("moving", &self.scenes.moving), ("pulses-100khz", &self.scenes.fast)]
     }
 }

@@ -7,6 +7,8 @@
 //! follow each other without a pause: readings, a setting, a command. (The head never sends SYNC itself.) In the end the
 //! emergency stop opens.
 //!
+//! *Pulses-100khz*: as *rest*, with 100 000 pulses a second, half of the time on.
+//!
 //! *Marks*: after that, an index mark at every eighth count, and then edges faster than the interrupt serves.
 
 use super::names::Debug;
@@ -52,8 +54,10 @@ pub struct Scenes {
     pub rest: Tasks,
     /// Moving, with the stop.
     pub moving: Tasks,
-    /// Share of the processor of each task without the stop, in either, 0..=1.
-    pub load: [BTreeMap<Exception, f64>; 2],
+    /// At rest, with 100 000 pulses a second.
+    pub fast: Tasks,
+    /// Share of the processor of each task without the stop, in each, 0..=1.
+    pub load: [BTreeMap<Exception, f64>; 3],
     /// Index marks and too many edges.
     pub marks: Tasks,
 }
@@ -69,6 +73,10 @@ pub fn run(image: &Image, debug: &Rc<Debug>) -> Result<Scenes> {
     let rest = take(&mut session)?;
     let at_rest = load(&rest);
 
+    let mut session = ready(image, Behaviour { pulse: (10 * US, 5 * US), ..still }, debug)?;
+    session.idle(LENGTH)?;
+    let fast = take(&mut session)?;
+
     let mut session = ready(image, Behaviour { edges_per_s: MOVING, shorts: (2, 5), ..still }, debug)?;
     connect(&mut session)?;
     let start = session.now();
@@ -80,7 +88,7 @@ pub fn run(image: &Image, debug: &Rc<Debug>) -> Result<Scenes> {
     session.idle(LENGTH)?;
     let state = reported_state(&session);
     ensure!(state == Some(State::Eroding as u8), "the head does not stay eroding on the moving axis: state {state:?}");
-    let load = [at_rest, load(&take(&mut session)?)];
+    let load = [at_rest, load(&take(&mut session)?), load(&fast)];
     let now = session.now();
     session.machine.soc().world.level(now + 1, CONTACTS[2], true);
     session.machine.soc().world_changed();
@@ -96,7 +104,7 @@ pub fn run(image: &Image, debug: &Rc<Debug>) -> Result<Scenes> {
     world.vibrate(TOO_MANY);
     session.idle(MARKS)?;
     let marks = take(&mut session)?;
-    Ok(Scenes { rest, moving, load, marks })
+    Ok(Scenes { rest, moving, fast, load, marks })
 }
 
 /// The firmware, eroding and metered.
