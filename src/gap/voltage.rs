@@ -438,7 +438,7 @@ impl GapSource for Voltage {
         }
         let code = block.map_or(0, |block| block.codes[BLOCK - 1]);
         let (block, mean) = (Volts(codes * active.scale), Volts(self.mean * active.scale));
-        let pulses = *self.stream.counts();
+        let pulses = self.stream.counts().copied();
         let regauged = self.blend.regauged();
         GapReading { filtered, block, mean, quality, touches, short_ticks: self.short_ticks, code, regauged, pulses }
     }

@@ -94,6 +94,26 @@ impl Blocks {
     }
 }
 
+/// Two codes of the ring, at any of its places.
+#[repr(C, packed(2))]
+struct Pair(u32);
+
+/// The codes of a block, two at a time: the compiler does not join atomics.
+#[inline(always)]
+fn copy(half: &[AtomicU16; BLOCK], codes: &mut [u16; BLOCK]) {
+    let from = half.as_ptr().cast::<Pair>();
+    let (pairs, rest) = codes.as_chunks_mut::<2>();
+    for (i, pair) in pairs.iter_mut().enumerate() {
+        // SAFETY: both codes are in `half`, and a word may begin at any half word (the core reads it by one instruction). Only DMA
+        // writes them, which the compiler does not see: volatile.
+        let Pair(word) = unsafe { from.add(i).read_volatile() };
+        *pair = [word as u16, (word >> 16) as u16];
+    }
+    for (code, converted) in rest.iter_mut().zip(&half[2 * (BLOCK / 2)..]) {
+        *code = converted.load(Relaxed);
+    }
+}
+
 impl GapFrontEnd for Blocks {
     #[inline]
     fn block(&mut self, block: &mut Option<GapBlock>) {
@@ -111,9 +131,7 @@ impl GapFrontEnd for Blocks {
         };
         let look = self.edges.look();
         let block = block.get_or_insert(GapBlock::EMPTY);
-        for (code, converted) in block.codes.iter_mut().zip(half) {
-            *code = converted.load(Relaxed);
-        }
+        copy(half, &mut block.codes);
         self.edges.fill(look, block);
     }
 }

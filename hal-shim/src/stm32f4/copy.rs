@@ -3,8 +3,8 @@
 //! The compiler's own library copies a word in some 5.5 cycles; eight words by one load and one store come to 2.75 each
 //! (estimated: DDI 0439, table 3-1). Its names are weak there, so these are what is linked.
 
-// SAFETY, of all three: AAPCS: destination in r0, source in r1, bytes in r2, and r0 to r3, r12 and the flags are its own.
-// Whoever calls has so many bytes at both places, which do not overlap. They are called by their names alone, whose meaning is
+// SAFETY, of all: AAPCS: destination in r0, source in r1, bytes in r2, and r0 to r3, r12 and the flags are its own.
+// Whoever calls has so many bytes at both places, which do not overlap but in a move. They are called by their names alone, whose meaning is
 // that of the run-time ABI for the Arm architecture (IHI 0043, section 5.3.2).
 
 /// Copies bytes between places of any alignment.
@@ -26,6 +26,7 @@ pub unsafe extern "C" fn __aeabi_memcpy(to: *mut u8, from: *const u8, bytes: usi
 
 unsafe extern "C" {
     fn memcpy(to: *mut u8, from: *const u8, bytes: usize) -> *mut u8;
+    fn memmove(to: *mut u8, from: *const u8, bytes: usize) -> *mut u8;
 }
 
 /// Copies bytes between double words.
@@ -36,6 +37,34 @@ unsafe extern "C" {
 #[unsafe(naked)]
 pub unsafe extern "C" fn __aeabi_memcpy8(to: *mut u8, from: *const u8, bytes: usize) {
     core::arch::naked_asm!("b {words}", words = sym __aeabi_memcpy4)
+}
+
+/// Moves bytes between words: the compiler says so where it does not know that the places are two.
+///
+/// # Safety
+/// So many bytes at both places, which begin at words.
+#[unsafe(no_mangle)]
+#[unsafe(naked)]
+pub unsafe extern "C" fn __aeabi_memmove4(to: *mut u8, from: *const u8, bytes: usize) {
+    core::arch::naked_asm!(
+        // From the lower end on, unless the upper part of what is read would have been written by then.
+        "subs r3, r0, r1",
+        "cmp r3, r2",
+        "bhs {words}",
+        "b {any}",
+        words = sym __aeabi_memcpy4,
+        any = sym memmove,
+    )
+}
+
+/// Moves bytes between double words.
+///
+/// # Safety
+/// As [`__aeabi_memmove4`].
+#[unsafe(no_mangle)]
+#[unsafe(naked)]
+pub unsafe extern "C" fn __aeabi_memmove8(to: *mut u8, from: *const u8, bytes: usize) {
+    core::arch::naked_asm!("b {words}", words = sym __aeabi_memmove4)
 }
 
 /// Copies bytes between words.

@@ -86,10 +86,16 @@ impl Looks {
         *self = Looks { why: self.why & COLLECT, news: true, ..Looks::new(boundaries) };
     }
 
-    /// A pulse that ends is to be looked at.
+    /// A pulse of this class is to be looked at. What is uncertain tells nothing of the levels: the next one may.
     #[inline(always)]
-    pub fn are_due(&self) -> bool {
-        self.why != 0
+    pub fn are_due(&self, class: Class) -> bool {
+        self.why != 0 && (class != Class::Uncertain || self.why & COLLECT != 0)
+    }
+
+    /// Nothing is to be learned of pulses, but the levels do not fit them.
+    #[inline(always)]
+    pub fn only_doubt(&self) -> bool {
+        self.why == DOUBT
     }
 
     /// Looks at the next pulse that ends.
@@ -156,10 +162,7 @@ impl Looks {
         if let Some((kind, fits)) = fits.filter(|_| self.why & LOOK != 0) {
             self.judge(boundaries, kind, fits);
         }
-        match class {
-            Class::Spark | Class::Arc | Class::Short if self.why & DOUBT != 0 => Class::Uncertain,
-            class => class,
-        }
+        if self.why & DOUBT != 0 { doubted(class) } else { class }
     }
 
     /// One more look.
@@ -182,6 +185,14 @@ impl Looks {
             false => Fit::Fits,
         };
         self.news |= core::mem::replace(&mut self.fit, fit) != fit;
+    }
+}
+
+/// What a pulse is where the levels do not fit.
+pub(super) fn doubted(class: Class) -> Class {
+    match class {
+        Class::Spark | Class::Arc | Class::Short => Class::Uncertain,
+        class => class,
     }
 }
 

@@ -13,7 +13,7 @@
 //! Waiting time begins where the gap is charged: charging time is no ignition delay.
 
 use super::class::{CLASSES, Class};
-use super::looks::{Fit, Looks, Seen};
+use super::looks::{Fit, Looks, Seen, doubted};
 use super::samples::{Boundaries, Evidence};
 use edm_hal_shim::gap::{BLOCK, Edges, GapBlock};
 
@@ -65,6 +65,14 @@ impl Counts {
             waited: self.waited.wrapping_sub(earlier.waited),
             ignited: self.ignited.wrapping_sub(earlier.ignited),
         }
+    }
+
+    /// A copy, word by word: as a whole it is copied by a function of the library, which takes four times as long.
+    #[inline(always)]
+    pub fn copied(&self) -> Counts {
+        let [a, b, c, d, e, f] = self.classes;
+        let Counts { charged, charging, waited, ignited, .. } = *self;
+        Counts { classes: [a, b, c, d, e, f], charged, charging, waited, ignited }
     }
 
     /// Pulses of a class.
@@ -161,17 +169,22 @@ impl Now {
         self.ignited = self.ignited.map(|at| at.saturating_sub(END));
     }
 
-    /// The gated conversions of a block that count and whose middle lies before a moment, but for what lies between them.
+    /// The gated conversions of a block that count and whose middle lies before a moment.
     #[inline(always)]
     fn codes<'a>(&self, block: &'a GapBlock, to: i32) -> &'a [u16] {
-        let to = to.min(self.to);
-        let left = block.gate & u32::MAX.wrapping_shl(before(self.from)) & !u32::MAX.wrapping_shl(before(to));
-        if left == 0 {
-            return &[];
-        }
-        let (begin, end) = (left.trailing_zeros(), u32::BITS - left.leading_zeros());
-        block.codes.get(begin as usize..end as usize).unwrap_or(&[])
+        codes(block, self.from, to.min(self.to))
     }
+}
+
+/// The gated conversions of a block whose middle lies between two moments, but for what lies between them.
+#[inline(always)]
+fn codes(block: &GapBlock, from: i32, to: i32) -> &[u16] {
+    let left = block.gate & u32::MAX.wrapping_shl(before(from)) & !u32::MAX.wrapping_shl(before(to));
+    if left == 0 {
+        return &[];
+    }
+    let (begin, end) = (left.trailing_zeros(), u32::BITS - left.leading_zeros());
+    block.codes.get(begin as usize..end as usize).unwrap_or(&[])
 }
 
 /// Pulses out of blocks.
@@ -186,6 +199,8 @@ pub struct PulseStream {
     /// High pulses since the newest edge of the high comparator.
     unshown: u32,
     looks: Looks,
+    #[cfg(test)]
+    stepwise: bool,
 }
 
 impl PulseStream {
@@ -193,7 +208,17 @@ impl PulseStream {
     pub fn new(boundaries: Boundaries) -> PulseStream {
         let (counts, now) = (Counts::default(), Now::default());
         let looks = Looks::new(&boundaries);
-        PulseStream { boundaries, counts, now, open: false, high: false, unshown: UNSHOWN, looks }
+        PulseStream {
+            boundaries,
+            counts,
+            now,
+            open: false,
+            high: false,
+            unshown: UNSHOWN,
+            looks,
+            #[cfg(test)]
+            stepwise: false,
+        }
     }
 
     /// Goes on with other boundaries from the next pulse on; the counts go on too.
@@ -260,12 +285,22 @@ impl PulseStream {
             }
             if self.open {
                 let mut pulse = self.close(to);
-                if self.looks.are_due() {
-                    pulse.class = self.look_at(block, to, pulse.class, pulse.charged.is_some());
+                if self.looks.are_due(pulse.class) {
+                    let Now { evidence, from, to: end, .. } = self.now;
+                    let charged = pulse.charged.is_some();
+                    pulse.class = self.look_at(block, from, to.min(end), &evidence, pulse.class, charged);
                 }
                 self.counts.add(&pulse);
                 done(&pulse);
             } else {
+                if let Some(falls) = gates.as_slice().first()
+                    && let Some(pulse) = self.whole(block, to, i32::from(*falls), &mut highs)
+                {
+                    gates.next();
+                    self.counts.add(&pulse);
+                    done(&pulse);
+                    continue;
+                }
                 self.begin(to);
             }
             self.open = !self.open;
@@ -273,6 +308,68 @@ impl PulseStream {
         if self.open {
             self.now.shift();
         }
+    }
+
+    /// A pulse that a block has from its beginning to its end, in one go: what it was, as [`PulseStream::begin`] and what follows find it
+    /// step by step. `None` where that is needed: the comparator is not believed, or was high before, or has more edges than a charge
+    /// and an ignition.
+    #[inline(always)]
+    fn whole(&mut self, block: &GapBlock, opened: i32, closed: i32, highs: &mut Coming<'_>) -> Option<Pulse> {
+        if self.high || self.unshown >= UNSHOWN || self.stepwise() {
+            return None;
+        }
+        let before = |at: Option<&u16>| at.map(|at| i32::from(*at)).filter(|at| *at < closed);
+        let charged = before(highs.0.first());
+        let ignited = charged.and_then(|_| before(highs.0.get(1)));
+        let blanked = opened.wrapping_add_unsigned(self.boundaries.blanking());
+        let mut evidence = Evidence::default();
+        let (from, mut pulse) = match (charged, ignited) {
+            (Some(charged), None) => {
+                highs.0 = highs.0.get(1..)?;
+                (self.high, self.unshown) = (true, 0);
+                (blanked, ended(opened, charged, None, closed, Class::Open))
+            }
+            (Some(charged), Some(ignited)) => {
+                if before(highs.0.get(2)).is_some() {
+                    return None;
+                }
+                highs.0 = highs.0.get(2..)?;
+                self.unshown = 0;
+                let from = ignited.wrapping_add(CLEAR);
+                let class = burned(self.burning(block, from, closed, &mut evidence));
+                (from, ended(opened, charged, Some(ignited), closed, class))
+            }
+            (None, _) => {
+                let class = self.burning(block, blanked, closed, &mut evidence);
+                self.unshown = self.unshown.saturating_add(evidence.is_high().into());
+                (blanked, Pulse { class, charged: None, waited: 0, ignited: false })
+            }
+        };
+        if self.looks.are_due(pulse.class) {
+            let charged = pulse.charged.is_some();
+            pulse.class = self.look_at(block, from, closed, &evidence, pulse.class, charged);
+        }
+        Some(pulse)
+    }
+
+    /// What burned between two moments of a block.
+    #[inline(always)]
+    fn burning(&self, block: &GapBlock, from: i32, to: i32, evidence: &mut Evidence) -> Class {
+        evidence.ignite();
+        let codes = codes(block, from, to);
+        if !codes.is_empty() {
+            evidence.samples(&self.boundaries, codes);
+        }
+        evidence.class(&self.boundaries)
+    }
+
+    /// Tests compare what is found in one go with what is found step by step.
+    #[inline(always)]
+    fn stepwise(&self) -> bool {
+        #[cfg(test)]
+        return self.stepwise;
+        #[cfg(not(test))]
+        false
     }
 
     /// Edges of the gate were missed: begins anew.
@@ -341,12 +438,22 @@ impl PulseStream {
         }
     }
 
-    /// Looks closely at the pulse that has closed.
+    /// Looks closely at a pulse that has closed: its evidence, and the conversions that it is of.
     #[cold]
     #[inline(never)]
-    fn look_at(&mut self, block: &GapBlock, to: i32, class: Class, charged: bool) -> Class {
-        let Now { evidence, .. } = self.now;
-        self.looks.at(&mut self.boundaries, &evidence, self.now.codes(block, to), class, charged)
+    fn look_at(
+        &mut self,
+        block: &GapBlock,
+        from: i32,
+        to: i32,
+        evidence: &Evidence,
+        class: Class,
+        charged: bool,
+    ) -> Class {
+        if self.looks.only_doubt() {
+            return doubted(class);
+        }
+        self.looks.at(&mut self.boundaries, evidence, codes(block, from, to), class, charged)
     }
 
     /// The gate closes.
@@ -360,19 +467,30 @@ impl PulseStream {
         };
         let class = match ignited {
             None => Class::Open,
-            // A gap that was charged was not short: its discharge is over, or what burned cannot be told.
-            Some(_) => match evidence.class(&self.boundaries) {
-                class @ (Class::Spark | Class::Arc) => class,
-                _ => Class::Uncertain,
-            },
+            Some(_) => burned(evidence.class(&self.boundaries)),
         };
-        let waited = ignited.unwrap_or(at).wrapping_sub(charged);
-        Pulse {
-            class,
-            charged: Some(charged.wrapping_sub(opened).max(0).unsigned_abs()),
-            waited: waited.max(0).unsigned_abs(),
-            ignited: ignited.is_some(),
-        }
+        ended(opened, charged, ignited, at, class)
+    }
+}
+
+/// What a pulse was that has ignited after it was charged, by what burned: it was no short. Its discharge is over, or what burned cannot be
+/// told.
+#[inline(always)]
+fn burned(class: Class) -> Class {
+    match class {
+        Class::Spark | Class::Arc => class,
+        _ => Class::Uncertain,
+    }
+}
+
+/// A pulse that was charged, and has closed.
+#[inline(always)]
+fn ended(opened: i32, charged: i32, ignited: Option<i32>, closed: i32, class: Class) -> Pulse {
+    Pulse {
+        class,
+        charged: Some(charged.wrapping_sub(opened).max(0).unsigned_abs()),
+        waited: ignited.unwrap_or(closed).wrapping_sub(charged).max(0).unsigned_abs(),
+        ignited: ignited.is_some(),
     }
 }
 
@@ -664,6 +782,25 @@ mod tests {
         }
     }
 
+    /// The same blocks, step by step and in one go.
+    fn both(blocks: &[GapBlock], config: Config) -> [(Vec<Pulse>, Vec<(Fit, Option<Seen>)>, Counts); 2] {
+        [false, true].map(|stepwise| {
+            let mut stream = PulseStream::new(config.build().unwrap());
+            (stream.unshown, stream.stepwise) = (0, stepwise);
+            let (mut done, mut seen) = (Vec::new(), Vec::new());
+            for (n, block) in blocks.iter().enumerate() {
+                // With looks, without, and with a teach-in.
+                stream.collect(n % 5 == 4);
+                if n % 3 != 0 {
+                    stream.look();
+                }
+                stream.block(block, |pulse| done.push(*pulse));
+                seen.push(stream.take());
+            }
+            (done, seen, *stream.counts())
+        })
+    }
+
     #[test]
     fn a_comparator_that_shows_nothing_is_not_believed_after_a_thousand_pulses() {
         for (made, class) in [(SPARK, Class::Spark), (Made { burns: None, ..SPARK }, Class::Open)] {
@@ -732,6 +869,31 @@ mod tests {
                 };
                 prop_assert_eq!(pulse.class, class, "{:?}", made);
             }
+        }
+
+        #[test]
+        fn a_pulse_within_a_block_is_the_same_in_one_go_and_step_by_step(
+            blocks in prop::collection::vec(
+                (any::<[u16; BLOCK]>(), any::<u32>(), prop::collection::vec(0u16..8400, 0..12),
+                 prop::collection::vec(0u16..8700, 0..16), any::<bool>()),
+                1..60
+            ),
+            scale in 0u16..3
+        ) {
+            let (mut open, mut made) = (false, Vec::new());
+            for (codes, gate, mut gates, mut highs, was_high) in blocks {
+                gates.sort_unstable();
+                highs.sort_unstable();
+                // Codes of all kinds, and such as pulses have.
+                let codes = codes.map(|code| if scale == 0 { code } else { 400 + code % (400 * scale) });
+                let mut block = GapBlock { codes, gate, gate_was_open: open, was_high, ..GapBlock::EMPTY };
+                gates.iter().for_each(|at| { block.gate_edges.push(*at); });
+                highs.iter().for_each(|at| { block.high_edges.push(*at); });
+                open ^= gates.len() % 2 == 1;
+                made.push(block);
+            }
+            let [one, other] = both(&made, Config::default());
+            prop_assert_eq!(one, other);
         }
 
         #[test]
