@@ -174,6 +174,8 @@ pub trait Thresholds {
     fn watch_ends(&mut self, pauses: &crate::pause::Config);
     /// Pauses that have begun so far, modulo 2^31.
     fn pauses_begun(&self) -> u32;
+    /// Blocks of 50 us so far in which the gate closed so often that it rings, wrapping: the ends of its pulses were not all looked at.
+    fn gate_rung(&self) -> u32;
 }
 
 #[cfg(test)]

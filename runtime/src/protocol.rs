@@ -150,6 +150,7 @@ impl<B: Board> Protocol<B> {
             ticks: self.signals.lost_ticks.load(),
             blocks: self.signals.lost_blocks.load(),
             unseen: [high.load(), low.load()],
+            rings: self.thresholds.gate_rung(),
         };
         let before = core::mem::replace(&mut self.lost, lost);
         let (overrun, events) = (lost.frames != before.frames, Lost { frames: before.frames, ..lost } != before);

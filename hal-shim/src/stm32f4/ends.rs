@@ -2,6 +2,9 @@
 //!
 //! The falling gate interrupts, but only while there is any pause ([`watch`]). What the pulse was, and what may switch the line on again,
 //! [`pause`] says. TIM6 counts a pause once and interrupts at its end.
+//!
+//! A gate that rings would interrupt without end, above every control task. After [`MOST`] ends in a block none is served until a block has
+//! fewer ([`calm`]); the blocks until then are counted ([`rung`]).
 
 use super::exti::exti;
 use super::hal::gpio::ExtiPin;
@@ -10,6 +13,7 @@ use super::lines::{self, Allow};
 use super::{Board, blocks, change, gate, gated, pac, put, reset};
 use crate::edges::Seen;
 use crate::pause::{self, Look, PRESCALER, Pauses, Watch};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 use cortex_m::peripheral::NVIC;
 
 /// Interrupt line of the gate.
@@ -18,6 +22,16 @@ const GATE: u32 = 1 << Board::TABLE.pin("gate").number;
 const _: () = assert!(GATE & !0x3E0 == 0);
 /// Its interrupt. It is enabled and disabled, so that [`super::registers`] leaves it alone.
 pub(super) const INTERRUPT: pac::Interrupt = pac::Interrupt::EXTI9_5;
+/// Ends of pulses that are served in a block: 200 000 a second, twice as many as the fastest generator makes.
+const MOST: u32 = 10;
+/// Ends since the newest block began to be worked on.
+static ENDS: AtomicU32 = AtomicU32::new(0);
+/// There were more than are served, and no block with fewer since.
+static RINGS: AtomicBool = AtomicBool::new(false);
+/// Blocks of which that is true.
+static RUNG: AtomicU32 = AtomicU32::new(0);
+/// Ends of pulses are to interrupt.
+static WATCHES: AtomicBool = AtomicBool::new(false);
 /// One pulse, enabled; an update interrupts only by the counter.
 const ONCE: u32 = 1 << 3 | 1 << 2 | 1;
 
@@ -110,6 +124,11 @@ impl Ends {
     #[inline(always)]
     pub fn pulse(&mut self) {
         put!(exti().pr(), GATE);
+        let ends = ENDS.load(Relaxed).wrapping_add(1);
+        ENDS.store(ends, Relaxed);
+        if ends > MOST {
+            return rings();
+        }
         let Some(class) = self.watch.end(self.pauses, &FrontEnd) else { return };
         let reload = self.pauses.reload(class);
         if reload == 0 {
@@ -132,6 +151,13 @@ impl Ends {
     }
 }
 
+/// Too many ends: no more of them until the gate rests.
+#[cold]
+fn rings() {
+    NVIC::mask(INTERRUPT);
+    RINGS.store(true, Relaxed);
+}
+
 impl Over {
     /// The interrupt: the count is over.
     #[inline(always)]
@@ -150,10 +176,38 @@ pub(super) fn begun() -> u32 {
 
 /// Ends of pulses interrupt, or not. For a slower task.
 pub(super) fn watch(on: bool) {
+    // Before it is masked: the gap task, which comes between, must not unmask it afterwards.
+    WATCHES.store(on, Relaxed);
     if on {
         // SAFETY: a critical section here is one by BASEPRI; and what the interrupt's task works on was there before.
         unsafe { NVIC::unmask(INTERRUPT) };
     } else {
         NVIC::mask(INTERRUPT);
     }
+}
+
+/// A block with so many edges of the gate has come: ends of pulses are served again, where there were too many, and are not any more.
+#[inline(always)]
+pub(super) fn calm(edges: u32) {
+    // First the count: whoever masks in between is found by the next block.
+    ENDS.store(0, Relaxed);
+    if RINGS.load(Relaxed) {
+        serve(edges);
+    }
+}
+
+#[cold]
+fn serve(edges: u32) {
+    RUNG.store(RUNG.load(Relaxed).wrapping_add(1), Relaxed);
+    if edges <= 2 * MOST {
+        RINGS.store(false, Relaxed);
+        if WATCHES.load(Relaxed) {
+            watch(true);
+        }
+    }
+}
+
+/// Blocks so far in which the gate closed more often than is served.
+pub(super) fn rung() -> u32 {
+    RUNG.load(Relaxed)
 }

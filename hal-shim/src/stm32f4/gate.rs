@@ -8,7 +8,7 @@ use super::hal::gpio::PushPull;
 use super::hal::gpio::alt::tim8::{Ch1, Ch3, Ch4};
 use super::start::StartError;
 use super::timebase::APERTURE_PHASE;
-use super::{lines, pac, put, reset};
+use super::{ends, lines, pac, put, reset};
 use crate::board::EDGE_MODULUS;
 use crate::edges::{Seen, age, block_began, gate_mask, take};
 use crate::gap::{self, GapBlock};
@@ -117,6 +117,7 @@ impl Edges {
                 let began = block_began(now, APERTURE_PHASE);
                 let [gate, highs] = &mut self.taken;
                 let (new, later) = GATE.take(&mut block.gate_edges, began, gate, counts[0]);
+                ends::calm(new);
                 block.gate_was_open = open ^ odd(new);
                 let (new, _) = HIGH.take(&mut block.high_edges, began, highs, counts[1]);
                 block.was_high = high ^ odd(new);
@@ -129,6 +130,7 @@ impl Edges {
             cortex_m::asm::delay(SETTLED);
         }
         // A gate that never rests is no gate.
+        ends::calm(u32::MAX);
         self.forget();
         (block.gate, block.gate_edges.count, block.high_edges.count) = (0, 0, 0);
     }

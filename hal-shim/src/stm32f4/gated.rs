@@ -173,6 +173,10 @@ impl reflex::Thresholds for Thresholds {
     fn pauses_begun(&self) -> u32 {
         super::ends::begun()
     }
+
+    fn gate_rung(&self) -> u32 {
+        super::ends::rung()
+    }
 }
 
 impl Thresholds {

@@ -97,4 +97,6 @@ pub struct Lost {
     pub blocks: u32,
     /// Pulses that the high comparator has not shown, and the low one, thousands.
     pub unseen: [u32; 2],
+    /// Blocks in which the gate rang, and pauses were left out.
+    pub rings: u32,
 }

@@ -242,6 +242,7 @@ impl Drive {
             Item::LostBlocks => self.lost.blocks.into(),
             Item::UnseenHigh => self.lost.unseen[0].into(),
             Item::UnseenLow => self.lost.unseen[1].into(),
+            Item::GateRings => self.lost.rings.into(),
             Item::PulsesOpen => self.looks[Class::Open as usize].into(),
             Item::PulsesSpark => self.looks[Class::Spark as usize].into(),
             Item::PulsesArc => self.looks[Class::Arc as usize].into(),

@@ -180,3 +180,42 @@ fn a_pause_that_its_timer_does_not_end_ends_with_the_servo_task() {
     session.idle(200 * MS).unwrap();
     assert_eq!(session.fault().unwrap(), Some(edm_servo_head::head::Fault::SettingsDamaged));
 }
+
+/// The gate's wire rings at 1 MHz, as a broken shield beside a generator may make it: twenty milliseconds of edges.
+#[test]
+fn a_gate_that_rings_takes_neither_the_processor_nor_the_pauses_that_come_after_it() {
+    const SERVO: usize = 16 + 25;
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    for pauses in [[20.0; 4], [0.0, 0.0, 0.0, 20.0], [1.0; 4]] {
+        let behaviour = Behaviour { edges_per_s: 0, pulse: (40 * US, 20 * US), shorts: (0, 1) };
+        let mut session = eroding(&image, behaviour, pauses);
+        let rung = host::read(&mut session, 0x200D, 7).unwrap();
+        assert_eq!(rung, 0, "{pauses:?}");
+        let from = session.machine.soc().now() + MS;
+        for edge in 0..40_000 {
+            for pin in edm_fil::wires::GATE {
+                session.machine.soc().world.level(from + edge * US / 2, pin, edge % 2 == 0);
+            }
+        }
+        session.idle(2 * MS).unwrap();
+        let runs = |session: &Session| [SERVO, usize::from(PULSE_END)].map(|e| session.machine.stats().entries[e]);
+        let before = runs(&session);
+        session.idle(10 * MS).unwrap();
+        let [ticks, ends] = std::array::from_fn(|i| runs(&session)[i] - before[i]);
+        println!("{pauses:?}: {ticks} ticks, {ends} ends of pulses in 10 ms");
+        assert!(ticks >= 199, "{pauses:?}: {ticks} ticks of 200");
+        // Of ten thousand: none after the first block.
+        assert!(ends <= 11, "{pauses:?}: {ends} ends");
+        session.idle(20 * MS).unwrap();
+        let fault = session.fault().unwrap_or_else(|error| panic!("{pauses:?}: {error}, log {:?}", session.log));
+        assert_eq!(fault, None, "{pauses:?}");
+        let rung = host::read(&mut session, 0x200D, 7).unwrap();
+        assert!((300..=410).contains(&rung), "{pauses:?}: {rung} of 400 blocks");
+        // It rests: every pulse is looked at again, and none is one too many.
+        let (before, pulses) = (runs(&session)[1], session.machine.soc().world.pulses());
+        session.idle(10 * MS).unwrap();
+        let (seen, made) = (runs(&session)[1] - before, session.machine.soc().world.pulses() - pulses);
+        assert!(made >= 120 && seen.abs_diff(made) <= 1, "{pauses:?}: {seen} of {made}");
+        assert_eq!(host::read(&mut session, 0x200D, 7).unwrap(), rung, "{pauses:?}");
+    }
+}

@@ -173,9 +173,9 @@ impl Head {
                 Note::Loaded(report) if !report.is_whole() => report.to_string(),
                 Note::BootRefused(error) => format!("communication: {error:?}"),
                 Note::NotStored => "the settings could not be stored".into(),
-                Note::Lost(Lost { frames, events, ticks, blocks, unseen: [high, low] }) => format!(
+                Note::Lost(Lost { frames, events, ticks, blocks, unseen: [high, low], rings }) => format!(
                     "lost since the start: {frames} frames, {events} events, {ticks} servo ticks, {blocks} blocks; \
-                     thousands of pulses without an edge of a comparator: {high} high, {low} low"
+                     thousands of pulses without an edge of a comparator: {high} high, {low} low; blocks with a ringing gate: {rings}"
                 ),
                 _ => continue,
             };
