@@ -156,6 +156,9 @@ PARTS = expanded(
         "Q401": part("60 V MOSFET", rating="logic level"),
         "D403": part("1N4007"),
         "Y401": part("24 V", rating="≤ 1 A"),
+        "R421": part("100", 5),
+        "R422": part("10 k", 5),
+        "Q402": part("60 V MOSFET", rating="logic level"),
         # Sheet 5: live signal.
         "R501..R503": part("10 k", 5),
         "R504": part("40.2 k", 1),

@@ -15,6 +15,7 @@ OUTPUTS = (
     "arm",
     "off_time",
     "flush_valve",
+    "carry",
     "led",
     "can_rx",
     "can_tx",

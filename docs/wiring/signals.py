@@ -260,6 +260,29 @@ def small(s):
     s.note(28.6, 2.9, "Q401 logic-level\nMOSFET, 60 V")
 
 
+def move_me(s):
+    """The line that asks a machine for its coarse axis."""
+    s.heading(33.0, 10.5, "Move me: the coarse axis")
+    s.transistor(40.4, 7.9, "Q402")
+    s.ground(40.4, 6.1)
+    s.flag(36.0, 6.73, "PB2 move me", to="left")
+    s.wire((36.0, 6.73), (36.6, 6.73))
+    s.dot(36.6, 6.73)
+    s.fit(elm.Resistor, (36.6, 6.73), (36.6, 5.1), "R422", "left")
+    s.ground(36.6, 5.1)
+    s.fit(elm.Resistor, (36.6, 6.73), (39.57, 6.73), "R421", "split")
+    s.wire((40.4, 7.9), (40.4, 8.7), (43.4, 8.7))
+    s.terminal(43.4, 8.7, "move me, low = asked", to="right")
+    s.wire((42.4, 5.1), (43.4, 5.1))
+    s.ground(42.4, 5.1)
+    s.terminal(43.4, 5.1, "0 V", to="right")
+    s.note(
+        43.0,
+        7.8,
+        "To a 24 V input of the machine that has its\nload to +24 V, or to a relay with a diode.\nQ402 as Q401.",
+    )
+
+
 def sheet(book):
     s = Sheet(4, "Signals", book)
     encoder(s)
@@ -267,4 +290,5 @@ def sheet(book):
     generator(s)
     contacts(s)
     small(s)
+    move_me(s)
     return s

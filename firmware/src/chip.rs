@@ -112,6 +112,10 @@ impl Caller for Rtic {
         lines::led(lit);
     }
 
+    fn ask(&self, asks: bool) {
+        lines::ask(asks);
+    }
+
     fn pulse(&self) -> Pulse {
         Pulse { shorts: gated::shorts(), codes: gated::newest() }
     }

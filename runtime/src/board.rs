@@ -143,6 +143,8 @@ pub trait Caller: Copy {
     fn note(&self, note: &Note);
     /// Lights or darkens the status light.
     fn light(&self, lit: bool);
+    /// Raises or lowers the line that asks for a move of the coarse axis.
+    fn ask(&self, asks: bool);
     /// What the reflex has seen so far.
     fn pulse(&self) -> Pulse;
 }

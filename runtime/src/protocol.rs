@@ -20,7 +20,7 @@ use edm_hal_shim::reflex::Thresholds;
 use edm_servo_head::canopen::drive::{Drive, Generations, Lost, Order};
 use edm_servo_head::canopen::{Abort, BootError, Controller, Frame, Node, Time};
 use edm_servo_head::gap::voltage::{self, SLOW};
-use edm_servo_head::head::{Change, SetPoint, Status, SupervisionConfig};
+use edm_servo_head::head::{Change, Inch, SetPoint, Status, SupervisionConfig};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::stored::{Full, LoadReport, StoredImage};
 
@@ -202,6 +202,7 @@ impl<B: Board> Protocol<B> {
             let status = self.ends.published.get();
             if status.tick.wrapping_sub(self.known) as i32 >= 0 {
                 self.drive.observe(status);
+                self.caller.ask(status.inch == Inch::Asks);
             }
         }
         while let Some(change) = self.ends.changes.receive() {

@@ -39,5 +39,6 @@ crate::board! {
         step_direction: gpiob.pb10 PB10, "TIM2_CH3", "reserved: direction of a host";
         spark_frequency: gpioa.pa6 PA6, "TIM13_CH1", "reserved: frequency-coded gap voltage";
         flush_valve: gpiob.pb14 PB14, "GPIO out", "reserved: flushing valve; 10 k to ground";
+        carry: gpiob.pb2 PB2, "GPIO out", "asks for a move of the coarse axis, high; 10 k to ground";
     }
 }

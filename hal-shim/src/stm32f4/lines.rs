@@ -19,6 +19,7 @@ const GATE: Pin = Board::TABLE.pin("gate");
 const HIGH: Pin = Board::TABLE.pin("comparator_high");
 const BRIDGE_FAULT: Pin = Board::TABLE.pin("bridge_fault");
 const LED: Pin = Board::TABLE.pin("led");
+const CARRY: Pin = Board::TABLE.pin("carry");
 
 /// Modes of TIM1's channel 1 with its compare register preloaded (RM0090 17.4.7).
 pub(super) const PWM_MODE: u32 = 0b110 << 4 | PRELOAD;
@@ -206,6 +207,11 @@ pub fn kill() {
 /// Lights or darkens the status LED.
 pub fn led(lit: bool) {
     if lit { high(LED) } else { low(LED) }
+}
+
+/// Raises or lowers the line that asks for a move of the coarse axis.
+pub fn ask(asks: bool) {
+    if asks { high(CARRY) } else { low(CARRY) }
 }
 
 /// What was forced so far, as one moment saw it.

@@ -87,6 +87,7 @@ impl Machine {
         let live = Signal::new(board.live, board.arm, board.armed);
         board.led.into_push_pull_output();
         board.flush_valve.into_push_pull_output();
+        board.carry.into_push_pull_output();
 
         let boot = boot::begin(rcc, build);
         *watchdog = Some(Watchdog::start(device.IWDG)?);

@@ -494,6 +494,8 @@ impl Caller for Part {
         }
     }
     fn light(&self, _: bool) {}
+
+    fn ask(&self, _: bool) {}
     fn pulse(&self) -> Pulse {
         Pulse::default()
     }

@@ -1,8 +1,16 @@
 //! The hole that the firmware bores on the chip, beside the one that the native core bores.
 
 use crate::common;
+use edm_fil::host::{self, Bus as _};
 use edm_fil::image::Image;
+use edm_fil::rig::{Emulated, Witness};
+use edm_hal_shim::board::F405;
+use edm_servo_head::head::Inch;
+use edm_servo_head::settings::Settings;
+use edm_servo_head::units::Nanometres;
 use edm_sim::bore::{self, Setup};
+use edm_sim::machine::Rig as _;
+use edm_sim::process::Parameters;
 use edm_sim::run::{Job, Observer, Outcome, Sample};
 
 /// Means while eroding.
@@ -83,4 +91,47 @@ fn the_chip_asks_for_a_coarse_axis_and_goes_on_at_the_same_count() {
     assert_eq!((there.inches, there.lost_counts), (2, 0));
     let off_um = 1e3 * (there.depth_mm + there.wear_mm - 0.02);
     assert!(off_um.abs() <= 2.0, "{off_um} um");
+}
+
+/// The line that asks a machine for its coarse axis is the bit of 60FEh, on the pin of the board.
+#[test]
+fn the_chip_asks_for_the_coarse_axis_on_a_pin_until_it_has_moved() {
+    /// Output register of port B (RM0090 8.4.6).
+    const GPIOB_ODR: u32 = 0x4002_0414;
+    let pin = F405::TABLE.pin("carry");
+    assert_eq!(pin.port, 'B');
+    let settings = Settings {
+        commissioned: true,
+        axis_stroke: 1000.0,
+        inch_step: 150.0,
+        inch_reserve: 100.0,
+        inch_clearance: 50.0,
+        inch_tolerance: 20.0,
+        seek_velocity: 1000.0,
+        ..Settings::default()
+    };
+    let parameters = Parameters { surface: 1.1, ..Parameters::default() };
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let mut rig = Emulated::start(&image, &parameters, &settings, 1, Witness::None).unwrap();
+    host::begin(&mut rig).unwrap();
+    let asks = |rig: &mut Emulated| {
+        let line = rig.machine_mut().soc().read(GPIOB_ODR, 4).unwrap() >> pin.number & 1 == 1;
+        let [told, outputs] = [(0x2014, 2), (0x60FE, 1)].map(|(index, sub)| host::read(rig, index, sub).unwrap());
+        assert_eq!((told == 1, outputs >> 18 & 1 == 1), (line, line));
+        line
+    };
+    assert!(!asks(&mut rig));
+    common::bore(&mut rig, Nanometres(1_300_000));
+    let mut passes = 0;
+    while rig.status().inch != Inch::Asks {
+        rig.pass().unwrap();
+        passes += 1;
+        assert!(passes < 20_000, "{:?}", rig.status());
+    }
+    (0..3).for_each(|_| rig.pass().unwrap());
+    assert!(asks(&mut rig));
+    // Refused: the head goes back, and asks no more.
+    host::write(&mut rig, 0x2014, 5, 2, 1).unwrap();
+    (0..20).for_each(|_| rig.pass().unwrap());
+    assert!(!asks(&mut rig));
 }
