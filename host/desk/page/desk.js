@@ -278,9 +278,10 @@ function show() {
   $("session").textContent = mine ? "This session has command."
     : commander === null ? "No session has command." : `Session ${commander} has command; this session watches.`;
   document.body.classList.toggle("watching", !mine);
-  const commands = "#bore input, #bore button, #asks button, [data-request], #jog button, #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
+  const commands = "#name, #bore input, #bore button, #asks button, [data-request], #jog button, #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
   for (const button of document.querySelectorAll(commands)) {
-    button.disabled = !mine || node === null;
+    // A bus with new heads alone has none that is chosen.
+    button.disabled = !mine || node === null && button.id !== "name";
   }
 }
 
@@ -760,6 +761,12 @@ setInterval(() => { if (bus_lost !== null) lost(); }, 1000);
 $("reset").onclick = () => want({ do: "reset", node }).catch(() => {});
 $("seen").onclick = () => { $("notice").hidden = true; };
 $("scan").onclick = scan;
+$("name").onclick = async () => {
+  const named = await want({ do: "name" }, "heads").catch(() => null);
+  if (!named) return;
+  await scan();
+  say("heads", named.length ? named.map(({ node, serial }) => `Serial number ${serial} is node ${node}.`).join(" ") : "No head waits for a node-ID.");
+};
 // What is under the electrode is asked where a hole may have been begun there.
 function bore(site) {
   const form = new FormData($("bore"));

@@ -8,6 +8,7 @@ use crate::common::{Common, say};
 use crate::found::{Found, find};
 use crate::gap;
 use crate::live::{Event, Kind as EventKind, Live, Sample};
+use crate::lss;
 use crate::page::{self, Listen};
 use crate::scope::{self, Plan, Trigger};
 use crate::sdo::SdoError;
@@ -48,6 +49,8 @@ enum Command {
     Page(Listen),
     /// Lists the heads on the bus: versions, serial number, state, fault
     Heads,
+    /// Gives a node-ID to every head that waits for one (LSS): the free ones from --node on, 1 by default
+    Name,
     /// Shows, changes, saves and compares settings
     #[command(subcommand)]
     Settings(Settings),
@@ -314,6 +317,17 @@ impl Cli {
         match self.command.as_ref().unwrap_or(&page) {
             Command::Page(listen) => page::serve(listen, common, &sheet),
             Command::Heads => common.heads(&sheet),
+            Command::Name => {
+                let mut count = 0;
+                lss::name_all(&common.join()?, common.node.unwrap_or(1), |named| {
+                    count += 1;
+                    common.say(&named, || format!("serial number {} is node {}\n", named.serial, named.node));
+                })?;
+                if count == 0 && !common.json {
+                    say("no head waits for a node-ID\n");
+                }
+                Ok(())
+            }
             Command::Settings(command) => common.settings(&sheet, command),
             Command::Watch { seconds } => {
                 let end = end(*seconds);
@@ -497,7 +511,7 @@ impl Common {
             let connection = bus.connection();
             let who = self.node.map_or("no node".into(), |node| format!("no node {node}"));
             return Err(Failure::BadInput(format!(
-                "{connection}: {who} answers: check power, bit rate and node-ID (examples/name_heads.py)"
+                "{connection}: {who} answers: check power and bit rate; `edm-desk name` gives node-IDs to heads without one"
             )));
         }
         self.say(&found, || found.iter().map(Found::text).collect());

@@ -31,6 +31,7 @@ pub mod guide;
 pub mod head;
 pub mod jog;
 pub mod live;
+pub mod lss;
 pub mod page;
 pub mod record;
 pub mod scope;

@@ -20,6 +20,7 @@ use crate::gap::Watch;
 use crate::head::{Head, at};
 use crate::jog::{self, Jog};
 use crate::live::{Event, Kind, Live, Sample};
+use crate::lss;
 use crate::record::{Point, Recorder, Taken};
 use crate::scope::{self, Plan};
 use crate::settings::{self, Line};
@@ -129,6 +130,8 @@ enum Ask {
     Command { take: bool },
     /// List the heads on the bus.
     Heads {},
+    /// Give node-IDs to the heads that wait for one.
+    Name {},
     /// All settings of a head.
     Settings { node: u8 },
     /// Change some: all, or none.
@@ -569,7 +572,8 @@ impl Desk {
     fn answer(self: &Arc<Desk>, session: u64, ask: Ask) -> Result<Value, Failure> {
         let commands = matches!(
             ask,
-            Ask::Set { .. }
+            Ask::Name {}
+                | Ask::Set { .. }
                 | Ask::Import { .. }
                 | Ask::Save { .. }
                 | Ask::Bore { .. }
@@ -593,6 +597,20 @@ impl Desk {
                 let found = find(&self.bus()?, &self.sheet);
                 found.iter().filter(|found| found.identity.is_some()).for_each(|found| self.watch(found.node));
                 Ok(json!(found.iter().collect::<Vec<&Found>>()))
+            }
+            Ask::Name {} => {
+                if lock(&self.run).is_some() {
+                    return Err(Failure::BadInput("a hole, a bring-up or a jog is in progress: end it first".into()));
+                }
+                let mut all = Vec::new();
+                let named = lss::name_all(&self.bus()?, 1, |named| {
+                    self.note(
+                        named.node,
+                        format!("session {session} names serial number {} node {}", named.serial, named.node),
+                    );
+                    all.push(named);
+                });
+                named.map(|()| json!(all))
             }
             Ask::Settings { node } => {
                 let head = self.head(node)?;

@@ -489,6 +489,20 @@ fn a_recorded_hole_is_read_without_a_bus_and_bored_again_by_a_virtual_head() {
 }
 
 #[test]
+fn a_head_without_a_node_id_is_named_and_keeps_its_name() {
+    let rig = Rig::unnamed();
+    let (code, _, why) = run(&rig.connection(), &["heads"]);
+    assert!(code == Some(2) && why.contains("`edm-desk name` gives node-IDs"), "{why}");
+    let (code, said, why) = run(&rig.connection(), &["--node", "7", "name"]);
+    assert_eq!((code, said.as_str(), why.as_str()), (Some(0), "serial number 1 is node 7\n", ""));
+    assert_eq!(run(&rig.connection(), &["name"]).1, "no head waits for a node-ID\n");
+    // It has stored that: a reset of the node does not take it away.
+    rig.bus().send(0, &[0x81, 7]);
+    std::thread::sleep(Duration::from_millis(500));
+    assert!(run(&rig.connection(), &["heads"]).1.starts_with("node 7: EDM servo head"));
+}
+
+#[test]
 fn a_hole_is_bored_by_a_table_from_rough_to_fine_from_one_surface() {
     let rig = Rig::new();
     let folder = tempfile::tempdir().unwrap();

@@ -59,7 +59,9 @@ impl Browser {
         let size = json!({ "width": wide, "height": 900, "deviceScaleFactor": 1, "mobile": false });
         browser.call("Emulation.setDeviceMetricsOverride", size);
         browser.call("Page.navigate", json!({ "url": format!("http://{}/", desk.address) }));
-        browser.until("document.querySelector('#found button')");
+        browser.until(
+            "document.querySelector('#found li') && !document.querySelector('#found').innerText.startsWith('Scanning')",
+        );
         Some(browser)
     }
 
@@ -357,6 +359,21 @@ fn what_is_refused_stands_in_its_own_view_and_at_its_field_which_keeps_what_was_
     assert_eq!(page.value("document.querySelector('#list small.wrong')"), Value::Null);
     page.view("log");
     page.until("document.querySelector('#events').innerText.includes('has changed gap.setpoint_v 65 -> 60 V')");
+}
+
+#[test]
+fn a_new_head_gets_its_node_id_in_the_page() {
+    let rig = Rig::unnamed();
+    let desk = Desk::new(&rig.connection());
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.until("document.querySelector('#found').innerText.startsWith('No node answers')");
+    page.command();
+    page.click("#name");
+    page.until("document.querySelector('#heads-said').innerText === 'Serial number 1 is node 1.'");
+    page.until("document.querySelector('#now-1').innerText === 'disabled, not homed'");
+    page.picture("heads-light");
+    page.click("#name");
+    page.until("document.querySelector('#heads-said').innerText === 'No head waits for a node-ID.'");
 }
 
 #[test]

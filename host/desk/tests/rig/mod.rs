@@ -70,6 +70,15 @@ impl Rig {
 
     /// Where others find its bus.
     pub fn at(address: &str) -> Rig {
+        Rig::of(address, NodeId::new(1))
+    }
+
+    /// With a head that waits for a node-ID.
+    pub fn unnamed() -> Rig {
+        Rig::of("127.0.0.1:0", None)
+    }
+
+    fn of(address: &str, node: Option<NodeId>) -> Rig {
         let hub = Hub::default();
         let (seen, stop) = (Arc::new(Seen::default()), Arc::new(AtomicBool::default()));
         let mailbox = Arc::new(Mailbox::default());
@@ -79,7 +88,7 @@ impl Rig {
         thread::spawn(move || {
             let setup = Setup::load("default").unwrap();
             let store = Store::new(None, "node-1").unwrap();
-            let mut head = Head::new(&setup, (NodeId::new(1), 1), 1, store).unwrap();
+            let mut head = Head::new(&setup, (node, 1), 1, store).unwrap();
             let (mut came, mut sent, mut deepest, mut pulsed) = (Vec::new(), Vec::new(), 0, false);
             let mut due = Instant::now();
             while !ends.load(Ordering::Relaxed) {
