@@ -782,8 +782,11 @@ mod tests {
         }
     }
 
+    /// Pulses, what was seen of each, and counts.
+    type Told = (Vec<Pulse>, Vec<(Fit, Option<Seen>)>, Counts);
+
     /// The same blocks, step by step and in one go.
-    fn both(blocks: &[GapBlock], config: Config) -> [(Vec<Pulse>, Vec<(Fit, Option<Seen>)>, Counts); 2] {
+    fn both(blocks: &[GapBlock], config: Config) -> [Told; 2] {
         [false, true].map(|stepwise| {
             let mut stream = PulseStream::new(config.build().unwrap());
             (stream.unshown, stream.stepwise) = (0, stepwise);
