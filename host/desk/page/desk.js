@@ -572,18 +572,54 @@ async function record(submit) {
     return;
   }
   const { every_ms, signals: recorded } = done.record;
+  show_record(recorded[0].values.map((value, place) => place * every_ms), recorded);
+  $("recorded").textContent = `${recorded[0].values.length} samples, one every ${every_ms} ms.`;
+  save("scope-csv", `scope-node-${node}.csv`, "text/csv", done.csv);
+  $("scope-file").hidden = false;
+}
+
+// Draws a record in one pane: times, ms, and { key, unit, values } of each signal.
+function show_record(times, recorded) {
   scope?.close();
   const digits = (values) => Math.max(...values.map(Math.abs)) < 10 ? 3 : 1;
   scope = new Chart($("records"), [{
     height: () => Math.max(300, innerHeight - ($("records").getBoundingClientRect().top + scrollY) - 66),
     signals: recorded.map(({ key, unit, values }, place) => ({ name: key, unit, colour: COLOURS[place], digits: digits(values), scale: unit || "1" })),
   }], { time: "ms", note: $("records-note") });
-  scope.least = every_ms;
-  scope.set(recorded[0].values.map((value, place) => place * every_ms), recorded.map(({ values }) => values));
-  $("recorded").textContent = `${recorded[0].values.length} samples, one every ${every_ms} ms.`;
+  scope.least = 1;
+  scope.set(times, recorded.map(({ values }) => values));
   $("records-note").textContent = "Drag to zoom, double click for all; click to measure from there.";
-  save("scope-csv", `scope-node-${node}.csv`, "text/csv", done.csv);
-  $("scope-file").hidden = false;
+}
+
+// A record that was saved, as the CSV file of the scope has it: time [ms], and a column for each signal.
+function parse_record(text) {
+  const [first, ...lines] = text.trim().split(/\r?\n/);
+  // A name with a comma is quoted.
+  const names = (first.match(/"[^"]*"|[^,]+/g) ?? []).map((name) => name.replaceAll('"', ""));
+  const rows = lines.map((line) => line.split(",").map(Number));
+  if (names[0] !== "time [ms]" || names.length < 2 || !rows.length) throw new Error("must begin with time [ms] and the names of signals");
+  const wrong = rows.findIndex((row) => row.length !== names.length || !row.every(Number.isFinite));
+  if (wrong >= 0) throw new Error(`line ${wrong + 2}: must have ${names.length} numbers`);
+  const recorded = names.slice(1).map((name, place) => {
+    const [, key, unit] = name.match(/^(.*?)(?: \[(.*)\])?$/);
+    return { key, unit: unit ?? "", values: rows.map((row) => row[place + 1]) };
+  });
+  return [rows.map((row) => row[0]), recorded.slice(0, COLOURS.length)];
+}
+
+async function open_record(change) {
+  const [chosen] = change.target.files;
+  if (!chosen) return;
+  try {
+    const [times, recorded] = parse_record(await chosen.text());
+    show_record(times, recorded);
+    say("scope", "");
+    $("recorded").textContent = `${times.length} samples of ${chosen.name}.`;
+    $("scope-file").hidden = true;
+  } catch (error) {
+    say("scope", `${chosen.name}: ${error.message}`, true);
+  }
+  change.target.value = "";
 }
 
 // Has a link save a text.
@@ -818,6 +854,7 @@ $("more").ontoggle = async () => {
 $("log-save").onclick = () => save("log-save", "desk.log", "text/plain", [...$("events").children]
   .map((line) => [...line.children].map((part) => part.textContent).join("  ")).reverse().join("\n") + "\n");
 $("log-save").href = "#log";
+$("scope-open").onchange = open_record;
 $("record").onsubmit = record;
 $("log-kind").onchange = logged;
 $("log-word").oninput = logged;

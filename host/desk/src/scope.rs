@@ -182,9 +182,12 @@ pub fn records(object: &Object) -> bool {
 impl Record {
     /// As a table: time from the trigger, ms, and the signals, with their units in the first line.
     pub fn csv(&self) -> String {
-        let named = |signal: &Signal| match signal.unit.as_str() {
-            "" => signal.key.clone(),
-            unit => format!("{} [{unit}]", signal.key),
+        let named = |signal: &Signal| {
+            let name = match signal.unit.as_str() {
+                "" => signal.key.clone(),
+                unit => format!("{} [{unit}]", signal.key),
+            };
+            if name.contains(',') { format!("\"{name}\"") } else { name }
         };
         let mut text = String::from("time [ms]");
         // A string takes everything; so it does below.

@@ -1005,6 +1005,11 @@ fn a_record_of_the_scope_has_a_sample_each_millisecond_in_a_file() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("record.csv");
     // The clock of the head, and what does not change.
+    let comma = folder.path().join("comma.csv");
+    let named = ["scope", "Gap senses.Hazard, standard deviation", "--csv", comma.to_str().unwrap()];
+    assert_eq!(run(&rig.connection(), &named).0, Some(0));
+    let first = fs::read_to_string(comma).unwrap().lines().next().unwrap().to_owned();
+    assert_eq!(first, "time [ms],\"Gap senses.Hazard, standard deviation [%]\"");
     let arguments = ["--json", "scope", "2000:10", "6079", "2005:5", "--every", "3", "--csv", file.to_str().unwrap()];
     let (code, said, why) = run(&rig.connection(), &arguments);
     assert_eq!((code, why.as_str()), (Some(0), ""));

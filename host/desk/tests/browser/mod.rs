@@ -550,6 +550,24 @@ fn the_scope_records_an_erosion() {
         page.until("document.querySelector('#scope-said').innerText.startsWith('1008: must be an object')");
         assert_eq!(page.text("#recorded"), "256 samples, one every 1 ms.", "the record before stays");
         zoomed(&mut page);
+        // A record that was saved is shown again; what is none says why.
+        let open = |page: &mut Browser, name: &str, text: &str| {
+            page.value(&format!(
+                "(() => {{ const all = new DataTransfer(); all.items.add(new File([{}], '{name}'));
+                 const field = document.querySelector('#scope-open'); field.files = all.files; field.onchange({{ target: field }}); }})()",
+                json!(text)
+            ));
+        };
+        open(&mut page, "saved.csv", &text);
+        page.until("document.querySelector('#recorded').innerText === '256 samples of saved.csv.'");
+        page.until("document.querySelector('#records').innerText.includes('Gap.Voltage, V')");
+        open(&mut page, "comma.csv", "time [ms],\"Gap senses.Hazard, standard deviation [%]\"\n0,1\n1,2\n");
+        page.until("document.querySelector('#records').innerText.includes('Gap senses.Hazard, standard deviation, %')");
+        open(&mut page, "saved.csv", &text);
+        page.until("document.querySelector('#recorded').innerText === '256 samples of saved.csv.'");
+        open(&mut page, "broken.csv", "time [ms],a [V]\n0,1\n1,x\n");
+        page.until("document.querySelector('#scope-said').innerText === 'broken.csv: line 3: must have 2 numbers'");
+        assert_eq!(page.text("#recorded"), "256 samples of saved.csv.");
     }
 }
 
