@@ -1194,7 +1194,7 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["page", "--unwatched-after", "0"], "must be a number from 1 to 86400 s"),
         (&["page", "--unwatched", "dance"], "[possible values: pause, retreat]"),
         (&["page", "--token-file", &short], "must be at least 16 letters and digits"),
-        (&["dance"], "unrecognized subcommand 'dance': the commands of `edm-desk` are page, heads, settings"),
+        (&["dance"], "unrecognized subcommand 'dance': the commands of `edm-desk` are page, heads, name, settings"),
         (&["bor"], "unrecognized subcommand 'bor': a similar subcommand exists: 'bore'"),
         (&["settings", "dance"], "the commands of `edm-desk settings` are list, get, set, export, compare, import"),
         (&["bore", "--depht", "3"], "a similar argument exists: '--depth'"),
