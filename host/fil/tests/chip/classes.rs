@@ -186,15 +186,16 @@ fn thrice(on_us: f64, off_us: f64, noise_v: f64, pulses: usize, rate: f64) {
     let of = |class: Class| chip.classes.iter().filter(|of| **of == class).count();
     let kinds = [Class::Open, Class::Spark, Class::Arc].map(of);
     assert!(kinds.iter().all(|count| *count > pulses / 20), "{kinds:?}");
-    let differ = compare("a native head's own blocks", pulses, &chip.classes, &own.classes);
-    assert_eq!(differ, []);
-    let differ = compare("a recording", pulses, &chip.classes, &replayed);
-    assert!(differ.len() * 1000 <= pulses, "{} of {pulses}", differ.len());
-    for (n, class) in differ {
-        assert!(
-            beside.iter().any(|(_, native)| native.classes.get(n) == Some(&class)),
-            "pulse {n}: {:?}, in the recording {class:?}",
-            chip.classes[n]
-        );
+    // Stamps and conversions are off by a few cycles: what differs, lies there.
+    for (name, with) in [("a native head's own blocks", &own.classes), ("a recording", &replayed)] {
+        let differ = compare(name, pulses, &chip.classes, with);
+        assert!(differ.len() * 1000 <= pulses, "{name}: {} of {pulses}", differ.len());
+        for (n, class) in differ {
+            assert!(
+                beside.iter().any(|(_, native)| native.classes.get(n) == Some(&class)),
+                "pulse {n}: {:?}, in {name} {class:?}",
+                chip.classes[n]
+            );
+        }
     }
 }
