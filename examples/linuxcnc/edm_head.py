@@ -20,7 +20,7 @@ import hal
 # Node-ID that this program's heartbeats carry, their period and the longest silence of either side, s.
 HOST, BEAT, SILENCE = 127, 0.1, 1.0
 # States of 2000h:1.
-SEEKING, RETREATING, FAULT, GUIDING = 3, 5, 8, 11
+RETREATING, GUIDING = 5, 11
 # Outcomes of a search for the surface, 2011h:3.
 RUNS, FOUND = 1, 2
 # Bits of the statusword: reached, follows the set points (modes 8 and 9).
@@ -34,8 +34,8 @@ SENT = [
     [(0x2006, 6, 32), (0x2006, 3, 32)],
 ]
 FORMATS = ["<Hih", "<BBBbh", "<II", "<II"]
-# mm per count of an external offset, and what counts as arrived, mm.
-OFFSET_MM, ARRIVED_MM = 1e-4, 0.0015
+# mm per count of an external offset, what counts as arrived, and as close enough to follow, mm.
+OFFSET_MM, ARRIVED_MM, NEAR_MM = 1e-4, 0.0015, 0.05
 
 
 class Trouble(Exception):
@@ -213,7 +213,8 @@ class Machine:
         self.coarse = Drive("the coarse axis", args.coarse_node) if args.coarse_node else None
         self.link = Link(bus, [self.head] + ([self.coarse] if self.coarse else []), args.period_ms, args.speed)
         self.link.before, self.link.after = self.command, self.publish
-        self.following = self.guided = self.touching = False
+        # Apart, the head moves by itself with pulses off.
+        self.following = self.guided = self.apart = False
         self.feed = 0.0
         # Of the external offsets, mm.
         self.carried = 0.0
@@ -232,8 +233,8 @@ class Machine:
         pins["retreating"] = leads
         # While the head leads, in a retreat from a short or a touch and on the way back, its distance is no following error.
         error = head.mm() - pins["z-cmd"]
-        pins["z-fb"] = pins["z-cmd"] if leads or self.touching else head.mm()
-        pins["z-error"] = error if self.following or self.touching else 0.0
+        pins["z-fb"] = pins["z-cmd"] if leads or self.apart else head.mm()
+        pins["z-error"] = error if self.following or self.apart else 0.0
         if leads:
             pins["retreat-most"] = max(pins["retreat-most"], error)
         pins["adaptive-feed"] = max(-1.0, min(1.0, head.share / 1000)) if self.guided else 1.0
@@ -265,15 +266,18 @@ class Machine:
     def pulses(self, on):
         """Guided with pulses, or without."""
         if not on:
-            self.guided = False
+            # Out of a retreat it comes back without pulses.
+            self.apart, self.guided = not self.head.status & FOLLOWS, False
         self.link.write(self.head, 0x2001, 1, 8, 2 if on else 0)
         self.link.wait("the head to be guided", lambda: (self.head.state in (GUIDING, RETREATING)) == on)
-        self.guided = on
+        if self.apart:
+            self.link.wait("the way back", lambda: abs(self.head.mm() - self.pins["z-cmd"]) <= NEAR_MM, 30)
+        self.apart, self.guided = False, on
 
     def touch(self):
         """The head looks for the work below it by itself, pulses off, and comes back to where LinuxCNC has it."""
         head, link, pins = self.head, self.link, self.pins
-        self.touching, self.following = True, False
+        self.apart, self.following = True, False
         link.write(head, 0x6060, 0, 8, 1)
         link.wait("mode 1", lambda: head.mode == 1)
         link.write(head, 0x2011, 1, 8, 1)
@@ -294,7 +298,7 @@ class Machine:
         link.wait("the way back", lambda: head.status & REACHED and abs(head.mm() - pins["z-cmd"]) <= ARRIVED_MM, 30)
         link.write(head, 0x6060, 0, 8, 8)
         link.wait("mode 8", lambda: head.mode == 8)
-        self.touching, self.following = False, True
+        self.apart, self.following = False, True
         print(f"edm-head: the surface is at {pins['surface']:.4f} mm", flush=True)
 
     def follow_feed(self):
@@ -370,7 +374,7 @@ class Machine:
         pins["z-offset"] = pins["w-offset"] = 0
         self.carried, self.feed = 0.0, 0.0
         for axis, drive in (("z", self.head), ("w", self.coarse)):
-            if drive and abs(pins[f"{axis}-cmd"] - drive.mm()) > 0.05:
+            if drive and abs(pins[f"{axis}-cmd"] - drive.mm()) > NEAR_MM:
                 raise Trouble(f"LinuxCNC has {axis.upper()} at {pins[f'{axis}-cmd']:.3f} mm, it is at {drive.mm():.3f}")
         self.following = True
         while pins["enable"] and pins["close"]:
@@ -439,7 +443,7 @@ class Machine:
 
     def off(self):
         """The loops are open, pulses are off, the program is held."""
-        self.following = self.guided = self.touching = False
+        self.following = self.guided = self.apart = False
         self.pins["fault"] = self.pins["inhibit"] = True
         self.pins["holds"] = self.pins["pulses-on"] = False
         for drive in self.link.drives:
