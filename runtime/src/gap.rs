@@ -44,7 +44,8 @@ impl<B: Board> Gap<B> {
         if let Some(slow) = self.signals.slow.get(turn) {
             slow.store(word);
         }
-        if !self.source.is_intact() {
+        // One tick of four: all parts have had their turn within 6 ms.
+        if turn % 4 == 0 && !self.source.is_intact() {
             self.signals.settings_damaged.set();
         }
         let run = self.signals.teaching.run();

@@ -37,7 +37,7 @@ impl Ring {
 
     /// Moves what is not `taken` of `count` stamps into a block that began at the count `began`. Gives how many there were, and when
     /// the first came that belongs to the next block.
-    #[inline(never)]
+    #[inline(always)]
     fn take(&self, edges: &mut gap::Edges, began: u32, taken: &mut u32, count: u32) -> (u32, u32) {
         let new = count.wrapping_sub(*taken);
         let stamp = |number: u32| self.0.get(number as usize % RING).map_or(0, |stamp| stamp.load(Relaxed));
@@ -45,6 +45,15 @@ impl Ring {
         *taken = next;
         (new, later)
     }
+}
+
+/// Moves the stamps of both lines: those of the gate, how many there were, when the first came that belongs to the next block; then how
+/// many of the high comparator. Both in one call, out of the way of the task's registers.
+#[inline(never)]
+fn take_both(block: &mut GapBlock, began: u32, [gate, high]: &mut [u32; 2], counts: [u32; 2]) -> ([u32; 2], u32) {
+    let (gates, later) = GATE.take(&mut block.gate_edges, began, gate, counts[0]);
+    let (highs, _) = HIGH.take(&mut block.high_edges, began, high, counts[1]);
+    ([gates, highs], later)
 }
 
 /// Items written since the stream was enabled, modulo the ring.
@@ -115,12 +124,10 @@ impl Edges {
             let GateSample { counts, levels: [open, high], now } = look;
             if ([written::<2>(), written::<4>()], lines::gate_and_high()) == (counts, [open, high]) {
                 let began = block_began(now, APERTURE_PHASE);
-                let [gate, highs] = &mut self.taken;
-                let (new, later) = GATE.take(&mut block.gate_edges, began, gate, counts[0]);
-                ends::calm(new);
-                block.gate_was_open = open ^ odd(new);
-                let (new, _) = HIGH.take(&mut block.high_edges, began, highs, counts[1]);
-                block.was_high = high ^ odd(new);
+                let ([gates, highs], later) = take_both(block, began, &mut self.taken, counts);
+                ends::calm(gates);
+                block.gate_was_open = open ^ odd(gates);
+                block.was_high = high ^ odd(highs);
                 block.gate = gate_mask(block.gate_was_open, block.gate_edges.times(), later);
                 SEEN.store(self.seen.word(), Relaxed);
                 self.seen = self.seen.block(self.taken, block);
