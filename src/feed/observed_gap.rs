@@ -10,7 +10,13 @@
 //! A pulse that burned from the beginning has ignited without waiting: shorts and arcs show a narrow gap. After a retreat the gap is
 //! as wide as the way back from where it was bridged.
 //!
-//! The velocity is w + k (g - g0 - c s), s the standard deviation of the estimate: unsure, it keeps further away.
+//! The velocity is w + k (g - m g0 - c s), s the standard deviation of the estimate: unsure, it keeps further away.
+//!
+//! **What bridges cost decides how narrow is best.** At a rate of sparks that goes with g^-3 and one of bridges that goes with g^-6 (as
+//! in the process model), each of which costs a retreat and the way back, most is removed where the time lost is half of all; a
+//! little less costs next to nothing and spares arcs and wear. So m grows while the head is on its way back from a retreat, and shrinks
+//! while it keeps the gap, in the proportion at which the allowed share of the time is lost: a proportional count of lost
+//! milliseconds, and no model of bridges. m is 1 where there are hardly any.
 
 use super::period::Pulses;
 use super::{After, Answer, FeedLaw, View};
@@ -31,6 +37,9 @@ const UNSURE: f32 = 0.5;
 const DRIFTS: f32 = 20.0;
 /// Most information of a look, over one over the variance: what is all but certain is not, for the model is not.
 const MOST: f32 = 10.0;
+/// How fast the gap to keep is made wider, 1/s, and to how many times the one that is set.
+const WIDENING: f32 = 0.2;
+const WIDEST: f32 = 2.5;
 
 /// Numbers of the law.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,6 +54,8 @@ pub struct ObservedGap {
     caution: f32,
     /// Change of the variances in a look: of the gap, um^2, and of the drift, um^2/s^2.
     noise: [f32; 2],
+    /// Share of the time that may be lost on the way back from retreats.
+    lost: f32,
 }
 
 /// What the law remembers.
@@ -61,19 +72,25 @@ pub struct Estimate {
     gaps: f32,
     drifts: f32,
     both: f32,
+    /// By what the gap to keep is more than m = 1.
+    wider: f32,
+    /// On the way back from a retreat.
+    returning: bool,
     /// Until the next look.
     answer: Answer,
 }
 
 impl ObservedGap {
     /// Law that keeps a `gap` in which waiting pulses ignite `hazard` times a second, with `gain` 1/s, `caution` standard deviations
-    /// away, for a gap that wanders by `gap_noise` um and a drift that does by `drift_noise` um/s in the root of a second.
+    /// away, for a gap that wanders by `gap_noise` um and a drift that does by `drift_noise` um/s in the root of a second, and that
+    /// is kept wider where more than the share `lost` of the time is lost after retreats.
     pub fn new(
         gap: Micrometres,
         hazard: f32,
         gain: f32,
         caution: f32,
         [gap_noise, drift_noise]: [f32; 2],
+        lost: f32,
     ) -> ObservedGap {
         ObservedGap {
             gap: larger(gap.0, 1.0),
@@ -81,6 +98,7 @@ impl ObservedGap {
             gain,
             caution,
             noise: [gap_noise * gap_noise * T, drift_noise * drift_noise * T],
+            lost,
         }
     }
 
@@ -88,6 +106,15 @@ impl ObservedGap {
     fn begin(&self, state: &mut Estimate, gap: f32, deviation: f32) {
         state.gap = within(gap, RANGE.0 * self.gap, RANGE.1 * self.gap);
         (state.gaps, state.both) = (deviation * deviation, 0.0);
+    }
+
+    /// The gap to keep, um: wider the more of the time is lost on the way back to it.
+    fn kept(&self, state: &mut Estimate) -> f32 {
+        let kept = self.gap * (1.0 + state.wider);
+        state.returning &= state.gap > kept;
+        let rate = if state.returning { 1.0 - self.lost } else { -self.lost };
+        state.wider = within(state.wider + WIDENING * T * rate, 0.0, WIDEST - 1.0);
+        kept
     }
 
     /// A millisecond goes by.
@@ -137,25 +164,30 @@ impl FeedLaw for ObservedGap {
         }
         let moved = core::mem::take(&mut state.way);
         self.predict(state, moved);
-        // None that is charged for long: no comparator shows when pulses ignite.
-        if view.senses.hazard.is_none() {
+        let burned = if view.senses.hazard.is_some() {
+            new.class(Class::Short).wrapping_add(new.class(Class::Arc))
+        } else {
+            // None is charged for long: a short, or no comparator that shows when pulses ignite.
+            new.shorted().wrapping_add(new.class(Class::Arc))
+        };
+        if view.senses.hazard.is_none() && burned == 0 {
             state.answer = Answer::BLIND;
             return state.answer;
         }
-        let burned = new.class(Class::Short).wrapping_add(new.class(Class::Arc));
         let ignited = new.ignited.wrapping_add(burned.min(new.total().wrapping_sub(new.charged)));
         self.correct(state, new.waited as f32, ignited as f32);
-        let away = self.caution * Approximate::sqrt(state.gaps);
-        state.answer = Answer::feed(state.drift + self.gain * (state.gap - self.gap - away));
+        let away = self.kept(state) + self.caution * Approximate::sqrt(state.gaps);
+        state.answer = Answer::feed(state.drift + self.gain * (state.gap - away));
         state.answer
     }
 
     fn resume(&self, state: &mut Estimate, after: After) {
         // What is eroded goes on.
-        let (drift, drifts) = (state.drift, state.drifts);
+        let Estimate { drift, drifts, wider, .. } = *state;
         *state = Estimate::default();
         if let After::Retreat(behind) | After::Jump(behind) = after {
-            (state.drift, state.drifts) = (drift, larger(drifts, 1.0));
+            (state.drift, state.drifts, state.wider) = (drift, larger(drifts, 1.0), wider);
+            state.returning = matches!(after, After::Retreat(_));
             let gap = if matches!(after, After::Retreat(_)) { behind.0 } else { self.gap + behind.0 };
             self.begin(state, gap, UNSURE * self.gap);
         }
@@ -170,7 +202,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn law() -> ObservedGap {
-        ObservedGap::new(Micrometres(36.0), 12_600.0, 20.0, 0.0, [5.0, 20.0])
+        ObservedGap::new(Micrometres(36.0), 12_600.0, 20.0, 0.0, [5.0, 20.0], 0.5)
     }
 
     /// A gap that ignites by chance, seen in milliseconds of 10 pulses of up to 100 us; its true width, um, after each.
@@ -273,6 +305,42 @@ mod tests {
         assert_eq!(state.gap, 12.0);
         law.resume(&mut state, After::Jump(Micrometres(20.0)));
         assert_eq!(state.gap, 56.0);
+    }
+
+    #[test]
+    fn where_bridges_cost_more_than_their_share_of_the_time_the_gap_is_kept_wider() {
+        // Ways back of so many milliseconds, one every 100 ms.
+        let kept = |back: u32| {
+            let (law, mut state) = (law(), Estimate::default());
+            for _ in 0..1000 {
+                law.resume(&mut state, After::Retreat(Micrometres(120.0)));
+                for ms in 0..100 {
+                    state.gap = if ms < back { 120.0 } else { 30.0 };
+                    law.kept(&mut state);
+                }
+            }
+            law.kept(&mut state)
+        };
+        assert_eq!(kept(30), 36.0);
+        assert!((36.0..37.0).contains(&kept(50)), "{}", kept(50));
+        assert!(kept(60) > 36.0 * WIDEST * 0.99, "{}", kept(60));
+        // Another law, or another start, begins with the gap that is set.
+        let (law, mut state) = (law(), Estimate { wider: 1.0, ..Estimate::default() });
+        law.resume(&mut state, After::Start);
+        assert_eq!(law.kept(&mut state), 36.0);
+    }
+
+    #[test]
+    fn a_short_that_lasts_is_a_narrow_gap_and_not_a_blind_law() {
+        let (law, mut state, mut pulsed) = (law(), Estimate::default(), Pulsed::default());
+        for _ in 0..20 {
+            // Too brief to tell, and never charged.
+            pulsed.add([0, 0, 0, 0, 0, 10]);
+            for _ in 0..4 {
+                pulsed.act(&law, &mut state, 5);
+            }
+        }
+        assert!(!state.answer.blind && state.answer.velocity.0 < 0.0 && state.gap < 20.0, "{state:?}");
     }
 
     #[test]

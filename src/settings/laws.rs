@@ -109,6 +109,7 @@ impl From<&Settings> for ObservedGap {
             settings.observed_gain,
             settings.observed_caution,
             [settings.observed_noise, settings.observed_drift],
+            settings.observed_lost * 1e-2,
         )
     }
 }

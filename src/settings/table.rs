@@ -202,6 +202,8 @@ declare! {
         0x2102:38 observed_noise: f32 = 5.0, (0.1, 1000.0), "feed.observed_noise_um", "um", "assumed", live;
         /// How much the velocity of the surface does.
         0x2102:39 observed_drift: f32 = 20.0, (0.0, 10_000.0), "feed.observed_drift_um_s", "um/s", "assumed", live;
+        /// Share of the time that observed_gap may lose on the way back from retreats; above, it keeps a gap up to 2.5 times as wide.
+        0x2102:40 observed_lost: f32 = 50.0, (5.0, 100.0), "feed.observed_lost_percent", "%", "src/feed/observed_gap.rs: most is removed at 50", live;
 
         /// Proportional gain of the single loop, duty per volt of gap error.
         0x2103:1 single_p: f32 = 0.001, (0.0, 1.0), "single.p", "1/V", "assumed", live;

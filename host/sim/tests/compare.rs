@@ -11,8 +11,18 @@ description = \"A shallow hole.\"
 [process]
 \"workpiece.surface_mm\" = 0.3
 ";
-const OF_ALL: [&str; 8] =
-    ["--scenarios", "s.toml", "--laws", "increment_by_error,fixed_rate", "--seeds", "2", "--depth-mm", "0.003"];
+const OF_ALL: [&str; 10] = [
+    "--scenarios",
+    "s.toml",
+    "--laws",
+    "increment_by_error,fixed_rate",
+    "--variants",
+    "reflex,late-reflex",
+    "--seeds",
+    "2",
+    "--depth-mm",
+    "0.003",
+];
 
 fn run(folder: &Path, words: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_edm-sim")).arg("compare").args(words).current_dir(folder).output().unwrap()
@@ -40,7 +50,7 @@ fn laws_are_compared_by_mean_and_confidence_in_words_json_and_pictures() {
     assert!(text(&output.stdout).contains("| fixed_rate | 2 of 2 |"), "{}", text(&output.stdout));
     let json: serde_json::Value =
         serde_json::from_str(&fs::read_to_string(folder.path().join("c.json")).unwrap()).unwrap();
-    let cell = &json["variants"]["reflex 1 ms, published"]["laws"]["increment_by_error"]["s.toml"];
+    let cell = &json["variants"]["reflex 1 ms"]["laws"]["increment_by_error"]["s.toml"];
     // The mean of the rows.
     let mut rows = csv::Reader::from_path(folder.path().join("c.csv")).unwrap();
     let names = rows.headers().unwrap().clone();
@@ -147,8 +157,8 @@ fn set_points_are_tried_for_every_law_and_the_front_is_told() {
     let output = run(folder.path(), &with(&["--set-points", "0.9,1", "--csv", "c.csv"]));
     let said = text(&output.stdout);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-    assert!(said.contains("### s.toml, reflex 1 ms, published, set point x 0.9\n"), "{said}");
-    let front = said.split("### Pareto front of s.toml, reflex 1 ms, published\n").nth(1).unwrap();
+    assert!(said.contains("### s.toml, reflex 1 ms, set point x 0.9\n"), "{said}");
+    let front = said.split("### Pareto front of s.toml, reflex 1 ms\n").nth(1).unwrap();
     let first = front.lines().nth(3).unwrap();
     assert!(first.starts_with("| increment_by_error | ") || first.starts_with("| fixed_rate | "), "{front}");
     // 54 and 60 V.
@@ -164,6 +174,7 @@ fn bad_input_is_one_line_and_nothing_is_written() {
     for (words, message) in [
         (&["--laws", "pid"][..], "--laws pid: no such law; the laws are increment_by_error, "),
         (&["--seeds", "0"], "--seeds 0: must be "),
+        (&["--variants", "none"], "--variants none: no such variant; the variants are reflex, late-reflex, pauses"),
         (&["--perturb", "51"], "--perturb 51: must be a number from 0 to 50 %"),
         (&["--set-points", "1.6"], "--set-points 1.6: must be a number from 0.5 to 1.5"),
         (&["--scenarios", "nowhere"], "--scenario nowhere: no such scenario"),

@@ -32,6 +32,8 @@ const MARKS: u64 = 5 * MS;
 const MOVING: u64 = 100_000;
 const TOO_MANY: u64 = 1_500_000;
 const US: u64 = TICK_HZ / 1_000_000;
+/// An axis at rest.
+const STILL: Behaviour = Behaviour { edges_per_s: 0, pulse: (40 * US, 20 * US), shorts: (0, 1) };
 /// A frame of eight bytes at 1 Mbit/s, stuffed at worst.
 const FRAME: u64 = 135 * US;
 
@@ -67,17 +69,16 @@ pub struct Scenes {
 /// # Errors
 /// When it does not erode, or runs without the accelerator that the estimate is made for.
 pub fn run(image: &Image, debug: &Rc<Debug>) -> Result<Scenes> {
-    let still = Behaviour { edges_per_s: 0, pulse: (40 * US, 20 * US), shorts: (0, 1) };
-    let mut session = ready(image, still, debug)?;
+    let mut session = still(image, debug)?;
     session.idle(LENGTH)?;
     let rest = take(&mut session)?;
     let at_rest = load(&rest);
 
-    let mut session = ready(image, Behaviour { pulse: (10 * US, 5 * US), ..still }, debug)?;
+    let mut session = ready(image, Behaviour { pulse: (10 * US, 5 * US), ..STILL }, debug)?;
     session.idle(LENGTH)?;
     let fast = take(&mut session)?;
 
-    let mut session = ready(image, Behaviour { edges_per_s: MOVING, shorts: (2, 5), ..still }, debug)?;
+    let mut session = ready(image, Behaviour { edges_per_s: MOVING, shorts: (2, 5), ..STILL }, debug)?;
     connect(&mut session)?;
     let start = session.now();
     let world = &mut session.machine.soc().world;
@@ -107,6 +108,14 @@ pub fn run(image: &Image, debug: &Rc<Debug>) -> Result<Scenes> {
     Ok(Scenes { rest, moving, fast, load, marks })
 }
 
+/// The firmware at rest, eroding and metered.
+///
+/// # Errors
+/// When it does not erode.
+pub fn still(image: &Image, debug: &Rc<Debug>) -> Result<Session> {
+    ready(image, STILL, debug)
+}
+
 /// The firmware, eroding and metered.
 fn ready(image: &Image, behaviour: Behaviour, debug: &Rc<Debug>) -> Result<Session> {
     let mut session = Session::ready(image, behaviour)?;
@@ -132,15 +141,24 @@ fn reported_state(session: &Session) -> Option<u8> {
     states.next().map(|f| f.data[4])
 }
 
-fn clear(session: &mut Session) {
+/// Measures anew from here on.
+pub fn clear(session: &mut Session) {
     if let Some(meter) = session.machine.meter() {
         meter.clear();
     }
 }
 
-fn take(session: &mut Session) -> Result<Tasks> {
+/// What was measured since.
+///
+/// # Errors
+/// What the meter could not measure.
+pub fn metered(session: &mut Session) -> Result<&Tasks> {
     let Some(meter) = session.machine.meter() else { bail!("no meter") };
-    let mut tasks = meter.tasks().map_err(|e| anyhow!("{e:#}"))?.clone();
+    meter.tasks().map_err(|e| anyhow!("{e:#}"))
+}
+
+fn take(session: &mut Session) -> Result<Tasks> {
+    let mut tasks = metered(session)?.clone();
     // Thread mode has no runs.
     tasks.remove(&0);
     Ok(tasks)

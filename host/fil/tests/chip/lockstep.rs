@@ -6,11 +6,13 @@ use edm_fil::host;
 use edm_fil::image::Image;
 use edm_fil::rig::Emulated;
 use edm_fil::rig::Witness;
+use edm_servo_head::feed::LawName;
 use edm_servo_head::head::{Command, Fault, Search, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
 use edm_sim::process::Parameters;
+use edm_sim::run::Setup;
 use std::collections::BTreeSet;
 
 /// Each kind of break comes once in 20 seconds. `EDM_SEEDS=2` runs a minute of each of two processes instead.
@@ -311,4 +313,31 @@ fn the_probes_of_the_chip_keep_what_those_of_the_native_core_do() {
     let edges = [contact.edges[0], contact.edges[1], index.edges[0]];
     assert_eq!(edges.map(|edge| edge.position), positions.map(i64::from));
     assert_eq!(edges.map(|edge| edge.tick.wrapping_mul(50_000)), times);
+}
+
+/// Three tenths of a second of erosion with each. The order test only moves; minimum variance needs the charging of its own machine.
+#[test]
+fn every_feed_law_on_the_chip_is_that_of_the_native_core_bit_for_bit() {
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    for (law, name) in LawName::ALL.iter().zip(LawName::NAMES) {
+        let scenario = if *law == LawName::MinimumVariance { "silicon" } else { "default" };
+        let mut setup = Setup::load(scenario).unwrap();
+        for assignment in ["workpiece.surface_mm=0.3", &format!("feed.law={name}")] {
+            setup.set(assignment).unwrap();
+        }
+        setup.head.commissioned = true;
+        let witness = Witness::twin(&setup.head).unwrap();
+        let mut rig = Emulated::start(&image, setup.process, &setup.head, 1, witness).unwrap();
+        host::begin(&mut rig).unwrap();
+        common::bore(&mut rig, Nanometres(400_000));
+        let mut eroded = 0;
+        for _ in 0..60_000 {
+            rig.tick().unwrap_or_else(|e| panic!("{name}: {e}"));
+            eroded += u32::from(rig.status().state.pulses());
+            if eroded > 6000 {
+                break;
+            }
+        }
+        assert!(eroded > 6000 && rig.status().fault.is_none(), "{name}: {:?}", rig.status());
+    }
 }

@@ -1,4 +1,5 @@
-//! The feed laws compared, with the parameters that were published, fixed before the first comparison.
+//! The feed laws compared: with the parameters that were published, fixed before the first comparison, and with those that
+//! the same search found for each of them ([`crate::search::best`]).
 //!
 //! \[G\] gives its thresholds for its own machine, where a plain average of open circuit, over on-time and off-time, reads
 //! 32 V of 80; elsewhere none are published, and a law keeps the set point of the scenario. \[R\] gives structures and no
@@ -6,6 +7,7 @@
 
 use crate::process::Plant;
 use crate::run::Setup;
+use crate::search::best;
 use crate::sweep::grid::Assignments;
 
 /// A law, and how it is set.
@@ -72,16 +74,50 @@ pub const LAWS: &[Law] = &[
     Law { name: "gap_ratio", source: "defaults, chosen", settings: |_| set(&["feed.law=gap_ratio"]) },
     Law {
         name: "observed_gap",
-        source: "our own; defaults for the sinker, elsewhere not tuned",
-        settings: |_| set(&["feed.law=observed_gap"]),
+        source: "our own; the head's defaults, which are for the sinker",
+        settings: |_| {
+            set(&[
+                "feed.law=observed_gap",
+                "gap.hazard_per_s=12600",
+                "feed.observed_um=34",
+                "feed.observed_per_s=20",
+                "feed.observed_caution=0",
+                "feed.observed_noise_um=5",
+                "feed.observed_drift_um_s=20",
+                "feed.observed_lost_percent=50",
+            ])
+        },
     },
+    Law {
+        name: "increment_by_error-searched",
+        source: SEARCHED,
+        settings: |s| best::settings(s, "increment_by_error"),
+    },
+    Law { name: "1tav-searched", source: SEARCHED, settings: |s| best::settings(s, "1tav") },
+    Law { name: "2tav-searched", source: SEARCHED, settings: |s| best::settings(s, "2tav") },
+    Law { name: "fc-searched", source: SEARCHED, settings: |s| best::settings(s, "fc") },
+    Law { name: "fpcc-searched", source: SEARCHED, settings: |s| best::settings(s, "fpcc") },
+    Law { name: "spark_frequency-searched", source: SEARCHED, settings: |s| best::settings(s, "spark_frequency") },
+    Law { name: "gap_ratio-searched", source: SEARCHED, settings: |s| best::settings(s, "gap_ratio") },
+    Law { name: "hazard-searched", source: SEARCHED, settings: |s| best::settings(s, "hazard") },
+    Law { name: "observed_gap-searched", source: SEARCHED, settings: |s| best::settings(s, "observed_gap") },
+    Law { name: "2tav-fast", source: FAST, settings: |s| best::settings(s, "2tav-fast") },
+    Law { name: "fc-fast", source: FAST, settings: |s| best::settings(s, "fc-fast") },
+    Law { name: "fpcc-fast", source: FAST, settings: |s| best::settings(s, "fpcc-fast") },
 ];
 
-/// How the reflex retreats: the pulse is killed at once either way.
-pub const REFLEX: [(&str, Assignments); 2] = [
-    ("reflex 1 ms", |_| Some(Vec::new())),
+const SEARCHED: &str = "parameters that `cargo sim search` found, at the published period";
+const FAST: &str = "the same, the period searched too";
+
+/// What all laws have in common, and what may be different for all of them; the first one by default.
+pub const VARIANTS: [(&str, &str, Assignments); 3] = [
+    ("reflex", "reflex 1 ms", |_| Some(Vec::new())),
     // The latest that the head takes: no law of 100 ms sees a short that has ended before.
-    ("reflex 100 ms", |_| set(&["retreat.after_ms=100", "retreat.after_shorts=1000"])),
+    ("late-reflex", "reflex 100 ms", |_| set(&["retreat.after_ms=100", "retreat.after_shorts=1000"])),
+    ("pauses", "reflex 1 ms, off-time by class", |setup| {
+        let us = if is_of_gao(&setup.process) { 50 } else { 100 };
+        Some(["spark", "arc", "short"].map(|class| format!("generator.pause_{class}_us={us}")).into())
+    }),
 ];
 
 fn set(assignments: &[&str]) -> Option<Vec<String>> {
@@ -120,6 +156,7 @@ fn is_of_xin(plant: &Plant) -> bool {
     plant.machine_name().is_some_and(|name| name.starts_with("xin"))
 }
 
-fn is_of_gao(plant: &Plant) -> bool {
+/// Whether the machine is that of \[G\].
+pub fn is_of_gao(plant: &Plant) -> bool {
     plant.machine_name().is_some_and(|name| name.starts_with("gao"))
 }

@@ -22,7 +22,8 @@ use crate::sweep::row::{Format, Row};
 use crate::sweep::{Making, again};
 use crate::terminal::{Failure, say};
 use clap::{Args, Subcommand};
-use laws::{LAWS, REFLEX};
+pub use laws::is_of_gao;
+use laws::{LAWS, VARIANTS};
 use std::path::{Path, PathBuf};
 use summary::Comparison;
 
@@ -68,6 +69,12 @@ struct Options {
     /// Scenarios, by name or file [default: micro-blind, micro-blind-clear, sinker]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     scenarios: Vec<String>,
+    /// What all laws have in common: reflex, late-reflex (100 ms), pauses (off-time by class) [default: reflex]
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    variants: Vec<String>,
+    /// Version of the process model [default: that of each scenario]
+    #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u8).range(1..=2))]
+    model: Option<u8>,
     /// Seeds, the same for every law: N for 1 to N, A..B with both ends, or a list
     #[arg(long, value_name = "SEEDS", default_value = "20", allow_hyphen_values = true)]
     seeds: String,
@@ -195,18 +202,30 @@ impl Options {
         let seeds = grid::seeds(&self.seeds).map_err(|message| format!("--seeds {message}"))?;
         let scenarios =
             if self.scenarios.is_empty() { SCENARIOS.map(String::from).to_vec() } else { self.scenarios.clone() };
-        let variant = |reflex: &str| match self.perturb {
-            0.0 => format!("{reflex}, published"),
-            share => format!("{reflex}, published, model +-{share} %"),
+        if let Some(name) = self.variants.iter().find(|name| !VARIANTS.iter().any(|(known, ..)| known == name)) {
+            let all = VARIANTS.map(|(known, ..)| known).join(", ");
+            return Err(format!("--variants {name}: no such variant; the variants are {all}"));
+        }
+        let variant = |name: &str| match self.perturb {
+            0.0 => name.to_owned(),
+            share => format!("{name}, model +-{share} %"),
         };
+        let common = VARIANTS.iter().enumerate().filter(|(i, (name, ..))| {
+            if self.variants.is_empty() { *i == 0 } else { self.variants.iter().any(|wanted| wanted == name) }
+        });
+        let values = self.model.map(|version| ("model.version".to_owned(), vec![version.to_string()]));
         let choices = vec![
-            Choice { name: "variant".into(), options: REFLEX.map(|(name, set)| (variant(name), set)).to_vec() },
+            Choice {
+                name: "variant".into(),
+                options: common.map(|(_, (_, name, set))| (variant(name), *set)).collect(),
+            },
             Choice { name: "law".into(), options: chosen.map(|e| (e.name.to_owned(), e.settings)).collect() },
         ];
         let depths_mm = self.depth_mm.into_iter().collect();
         let perturbed = self.perturb * 1e-2;
         let set_points = self.set_points.clone();
-        Grid::new(&Lists { scenarios, seeds, depths_mm, choices, set_points, perturbed, ..Lists::default() })
+        let values = values.into_iter().collect();
+        Grid::new(&Lists { scenarios, seeds, depths_mm, values, choices, set_points, perturbed })
     }
 }
 

@@ -181,8 +181,8 @@ impl Comparison {
         for group in self.groups() {
             let _ = writeln!(text, "### {}, {}\n", group.1, group.0);
             text.push_str(
-                "| law | done | time s | to the first, % | discharges/s | shorts % | short cycles % | arcs % | long retreats in a short | back > 5 um | gap rms um | wear um | damage | servo mm/s |\n\
-                 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+                "| law | done | time s | to the first, % | arcs % | shorts % | short cycles % | long retreats in a short | gap rms um | wear um |\n\
+                 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
             );
             for entry in self.laws(group) {
                 let _ = writeln!(text, "{}", entry.row());
@@ -291,16 +291,12 @@ impl Entry {
             format!("{} of {}", self.complete, self.runs),
             of("machining_time_s", 1.0, 1),
             cell(self.longer, 100.0, 1),
-            of("discharges_per_s", 1.0, 0),
+            of("arc_ratio", 100.0, 2),
             of("short_ratio", 100.0, 2),
             of("short_cycle_ratio", 100.0, 2),
-            of("arc_ratio", 100.0, 2),
             of("ldr_short", 1.0, 1),
-            of("retreats_5um", 1.0, 1),
             of("gap_rms_um", 1.0, 2),
             of("wear_um", 1.0, 1),
-            of("damage", 1.0, 3),
-            of("servo_rms_mm_s", 1.0, 3),
         ];
         format!("| {} |", cells.join(" | "))
     }

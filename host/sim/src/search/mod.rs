@@ -4,12 +4,14 @@
 //! | --- | --- |
 //! | `space` | what may be varied of each law, and in which range |
 //! | `training` | the holes that are bored for it, none of which is reported, and the score |
+//! | `best` | what was found, for `edm-sim compare` |
 //! | `table` | a row for each set of parameters, which a search goes on from |
 //!
 //! The optimiser is the particle swarm of the crate argmin, which needs no gradient and stands a rough objective; parameters are
 //! coordinates of a cube, logarithmic where their range is wide. Every set of parameters bores the same holes with the same seeds, so
 //! the objective has no noise. A search is repeatable: with the rows of the same command, what was tried is not tried again.
 
+pub mod best;
 mod space;
 mod table;
 mod training;

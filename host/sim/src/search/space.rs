@@ -30,11 +30,12 @@ const fn linear(name: &'static str, from: f64, to: f64) -> Dimension {
     Dimension { name, range: (from, to), logarithmic: false }
 }
 
-/// Set point as a share of the open-circuit voltage: both machines, whatever their voltage.
-const SET_POINT: Dimension = linear("gap.setpoint_percent", 40.0, 80.0);
+/// Set point as a share of the open-circuit voltage: both machines, whatever their voltage. Where few pulses discharge, the mean is
+/// close to that.
+const SET_POINT: Dimension = linear("gap.setpoint_percent", 40.0, 98.5);
 
-/// Set point of the hazard, as ignitions in an on-time of waiting.
-const IGNITIONS: Dimension = log("ignitions in an on-time", 0.003, 10.0);
+/// Set point of the hazard, as the share of pulses that then discharge, %.
+const DISCHARGING: Dimension = log("discharging_percent", 0.5, 95.0);
 
 /// All of them.
 pub const LAWS: &[Law] = &[
@@ -106,7 +107,7 @@ pub const LAWS: &[Law] = &[
     },
     Law {
         name: "spark_frequency",
-        dimensions: &[log("gap.spark_percent", 2.0, 95.0), log("feed.frequency_um_s", 2.0, 1000.0)],
+        dimensions: &[log("gap.spark_percent", 0.5, 95.0), log("feed.frequency_um_s", 2.0, 1000.0)],
         settings: |setup, v| {
             let sparks = v[0] * 1e-2 * pulses_per_s(setup);
             set("spark_frequency", &[("gap.spark_per_s", sparks), ("feed.frequency_um_s", v[1])])
@@ -115,7 +116,7 @@ pub const LAWS: &[Law] = &[
     Law {
         name: "gap_ratio",
         dimensions: &[
-            linear("feed.ratio_open_percent", 5.0, 98.0),
+            log("not_open_percent", 0.5, 95.0),
             log("feed.ratio_weight", 0.3, 30.0),
             log("feed.ratio_um_s", 2.0, 1000.0),
             log("feed.ratio_integral_ms", 50.0, 10_000.0),
@@ -129,18 +130,21 @@ pub const LAWS: &[Law] = &[
                 "feed.ratio_integral_ms",
                 "feed.ratio_period_ms",
             ];
-            set("gap_ratio", &zipped(&keys, v))
+            let mut values = zipped(&keys, v);
+            values[0].1 = 100.0 - v[0];
+            set("gap_ratio", &values)
         },
     },
     Law {
         name: "observed_gap",
         dimensions: &[
-            IGNITIONS,
-            log("feed.observed_um", 1.0, 200.0),
-            log("feed.observed_per_s", 0.1, 200.0),
-            linear("feed.observed_caution", 0.0, 2.0),
-            log("feed.observed_noise_um", 0.1, 100.0),
-            log("feed.observed_drift_um_s", 0.1, 300.0),
+            DISCHARGING,
+            log("feed.observed_um", 2.0, 100.0),
+            log("feed.observed_per_s", 0.5, 100.0),
+            linear("feed.observed_caution", 0.0, 1.5),
+            log("feed.observed_noise_um", 0.3, 30.0),
+            log("feed.observed_drift_um_s", 0.3, 100.0),
+            linear("feed.observed_lost_percent", 10.0, 80.0),
         ],
         settings: |setup, v| {
             let keys = [
@@ -149,20 +153,21 @@ pub const LAWS: &[Law] = &[
                 "feed.observed_caution",
                 "feed.observed_noise_um",
                 "feed.observed_drift_um_s",
+                "feed.observed_lost_percent",
             ];
-            let (ignitions, v) = v.split_first()?;
+            let (percent, v) = v.split_first()?;
             let mut values = zipped(&keys, v);
-            values.push(("gap.hazard_per_s", hazard(setup, *ignitions)));
+            values.push(("gap.hazard_per_s", hazard(setup, *percent)));
             set("observed_gap", &values)
         },
     },
     Law {
         name: "hazard",
-        dimensions: &[IGNITIONS, log("feed.gain_um_s_v", 0.1, 100.0), log("gap.memory_ms", 1.0, 100.0)],
+        dimensions: &[DISCHARGING, log("feed.gain_um_s_v", 0.1, 100.0), log("gap.memory_ms", 1.0, 100.0)],
         settings: |setup, v| {
-            let (ignitions, v) = v.split_first()?;
+            let (percent, v) = v.split_first()?;
             let mut values = zipped(&["feed.gain_um_s_v", "gap.memory_ms"], v);
-            values.push(("gap.hazard_per_s", hazard(setup, *ignitions)));
+            values.push(("gap.hazard_per_s", hazard(setup, *percent)));
             let mut all = set("increment_by_error", &values)?;
             all.push("gap.controlled=hazard".into());
             Some(all)
@@ -174,7 +179,7 @@ const COUNTED: &[Dimension] = &[
     log("feed.pulses_step_um_100ms", 0.1, 10.0),
     linear("feed.pulses_short_percent", 2.0, 95.0),
     log("discharges_percent", 0.2, 90.0),
-    linear("feed.pulses_open_percent", 5.0, 95.0),
+    log("not_open_percent", 0.5, 95.0),
 ];
 
 impl Law {
@@ -200,9 +205,9 @@ fn pulses_per_s(setup: &Setup) -> f64 {
     1e6 / (model.on_us + model.off_us)
 }
 
-/// Hazard, 1/s, of so many ignitions in an on-time.
-fn hazard(setup: &Setup, ignitions: f64) -> f64 {
-    ignitions * 1e6 / setup.process.model().on_us
+/// Hazard, 1/s, at which so many percent of the pulses ignite within their on-time.
+fn hazard(setup: &Setup, percent: f64) -> f64 {
+    -(1.0 - percent * 1e-2).ln() * 1e6 / setup.process.model().on_us
 }
 
 fn zipped<'a>(keys: &[&'a str], values: &[f64]) -> Vec<(&'a str, f64)> {
@@ -218,18 +223,26 @@ fn set(law: &str, values: &[(&str, f64)]) -> Option<Vec<String>> {
 fn keyed(setup: &Setup, law: &str, keys: &[&str], values: &[f64]) -> Option<Vec<String>> {
     let (percent, values) = values.split_first()?;
     let mut all = zipped(keys, values);
-    all.push(("gap.setpoint_v", percent * 1e-2 * setup.process.model().open_v));
+    all.extend(set_point(setup, *percent));
     set(law, &all)
+}
+
+/// A set point of the voltage, in percent of the open circuit, and the least open circuit, which has to be above it.
+fn set_point(setup: &Setup, percent: f64) -> [(&'static str, f64); 2] {
+    let open = setup.process.model().open_v;
+    let volts = percent * 1e-2 * open;
+    let least = f64::from(setup.head.gap_open_min);
+    [("gap.setpoint_v", volts), ("gap.open_min_v", least.max(volts + 5e-3 * open))]
 }
 
 fn thresholds(setup: &Setup, percent: f64, rate: f64, band_percent: f64, period_ms: f64) -> Option<Vec<String>> {
     let open = setup.process.model().open_v;
-    let values = [
-        ("gap.setpoint_v", percent * 1e-2 * open),
+    let mut values = vec![
         ("feed.threshold_um_s", rate),
         ("feed.band_v", band_percent * 1e-2 * open),
         ("feed.threshold_period_ms", period_ms),
     ];
+    values.extend(set_point(setup, percent));
     set("two_thresholds", &values)
 }
 
@@ -239,7 +252,7 @@ fn counted(setup: &Setup, law: &str, v: &[f64], period_ms: f64) -> Option<Vec<St
     let values = [
         ("feed.pulses_step_um", (v[0] * period_ms / 100.0).max(0.01)),
         ("feed.pulses_short_percent", v[1]),
-        ("feed.pulses_open_percent", v[3]),
+        ("feed.pulses_open_percent", 100.0 - v[3]),
         ("feed.pulses_period_ms", period_ms),
     ];
     let mut all = set(law, &values)?;
@@ -290,7 +303,7 @@ mod tests {
     fn values_are_those_of_the_range_to_three_digits() {
         let law = LAWS.iter().find(|law| law.name == "increment_by_error").unwrap();
         assert_eq!(law.values(&[0.0, 1.0]), [40.0, 100.0]);
-        assert_eq!(law.values(&[0.5, 0.5]), [60.0, 5.48]);
+        assert_eq!(law.values(&[0.5, 0.5]), [69.2, 5.48]);
         assert_eq!(law.values(&[-1.0, 2.0]), [40.0, 100.0]);
     }
 }

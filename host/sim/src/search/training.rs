@@ -1,7 +1,7 @@
 //! The holes that are bored in a search, and the score of parameters.
 //!
 //! None of them is reported: other depths of the same machines, and numbers of the process model that are off by up to 20 % at random,
-//! by seeds that no comparison uses. The reference is the default law as the scenario sets it, in the same hole.
+//! by seeds that no comparison uses. The reference is the head's default law with the scenario's gain, in the same hole.
 
 use super::space::Law;
 use super::table::Tried;
@@ -13,6 +13,8 @@ use crate::run::{Job, Setup};
 use clap::ValueEnum;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+/// Law of the reference.
+const REFERENCE: &str = "feed.law=increment_by_error";
 /// Share by which unpublished numbers of the model are off.
 const PERTURBED: f64 = 0.2;
 /// Seeds, far from those of comparisons.
@@ -69,7 +71,7 @@ impl Training {
         let mut jobs = Vec::new();
         for (name, different, own_mm) in machine.holes() {
             let mut setup = Setup::load(name)?;
-            different.iter().try_for_each(|assignment| setup.set(assignment))?;
+            different.iter().chain(&[REFERENCE]).try_for_each(|assignment| setup.set(assignment))?;
             let depth_mm = depth_mm.unwrap_or(*own_mm);
             let range = bore::depth_range_mm(&setup);
             if !range.contains(&depth_mm) {
