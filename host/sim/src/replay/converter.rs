@@ -73,11 +73,12 @@ pub fn blocks(recording: &Recording, scale: Scale, gate: Gate, high: f64) -> imp
         }
         // The apertures of the first and the last conversion reach beyond the samples of the block.
         let (first, end) = (from.saturating_sub(ahead + 1), (to + ahead).min(last + 1));
-        let edges: Vec<u16> = (first + 1..end)
+        let mut edges = (first + 1..end)
             .filter(|sample| open[*sample] != open[sample - 1])
             .map(|sample| cycles(sample as f64 - 0.5))
-            .collect();
-        made.gate = whole & gate_mask(open[first], &edges, u32::MAX);
+            .peekable();
+        let inside: Vec<u16> = std::iter::from_fn(|| edges.next_if(|at| u32::from(*at) <= GapBlock::CYCLES)).collect();
+        made.gate = whole & gate_mask(open[first], &inside, edges.next().map_or(u32::MAX, u32::from));
         made
     })
 }
