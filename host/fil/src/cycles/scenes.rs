@@ -74,7 +74,8 @@ pub fn run(image: &Image, debug: &Rc<Debug>) -> Result<Scenes> {
     let rest = take(&mut session)?;
     let at_rest = load(&rest);
 
-    let mut session = ready(image, Behaviour { pulse: (10 * US, 5 * US), ..STILL }, debug)?;
+    // No whole number of conversions: or every pulse would see the same phase of them, and one in which none lies well within.
+    let mut session = ready(image, Behaviour { pulse: (10 * US + 7, 5 * US + 3), ..STILL }, debug)?;
     session.idle(LENGTH)?;
     let fast = take(&mut session)?;
 
