@@ -534,7 +534,8 @@ mod tests {
         assert_eq!(sheet.named("gap.setpoint_v").unwrap().key, "gap.setpoint_v");
         // Every name that is printed names that object, or one before it that has the same name.
         assert!(sheet.objects().all(|object| sheet.named(&object.key).unwrap().key == object.key));
-        assert!(sheet.named("Gap.Colour").unwrap_err().contains("must be as 2005:1 or 6041, or a name"));
+        let error = sheet.named("Gap.Colour").unwrap_err();
+        assert!(error.contains("did you mean") && error.contains("2005:1 or 6041"), "{error}");
         assert!(sheet.named("3000:1").unwrap_err().contains("3000h:1: not in the description file"));
     }
 
