@@ -675,7 +675,7 @@ fn what_is_not_measured_now_is_grey_and_says_of_when_it_is() {
             page.until(&old(id, begins));
         }
         assert_eq!(page.value(&live("position")), true);
-        page.until("/^[0-9.]+ mm$/.test(document.querySelector('#depth').innerText)");
+        page.until("/^-?[0-9.]+ mm$/.test(document.querySelector('#depth').innerText)");
         page.picture(&format!("{name}-disabled"));
         page.value("document.querySelector('[name=depth]').value = 0.5");
         page.click("#begin");

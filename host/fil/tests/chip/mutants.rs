@@ -114,8 +114,9 @@ fn interrupt_priorities_inverted() {
     };
     let found = check(common::firmware(), Some(Box::new(alter))).expect("the fault was not noticed");
     // The servo task interrupts the gap task; where, says how long that takes. Either it finds no new reading and does not
-    // move, or it moves, and the interrupts of the encoder wait for all others: counts are lost, or the head says so.
-    let expected = ["does not erode", "counts lost", "EncoderLost"];
+    // move, or it moves, and the interrupts of the encoder wait for all others: counts are lost, or the head says so. Or what waits for
+    // the protocol waits for ticks: they are missing.
+    let expected = ["does not erode", "counts lost", "EncoderLost", "ClockLost"];
     assert!(expected.iter().any(|text| found.contains(text)), "noticed, but otherwise than expected: {found}");
 }
 

@@ -71,11 +71,6 @@ pub const HEAD: Rules = Rules {
             why: "the node knows its device as `dyn Dictionary`, and some functions of its own by their addresses",
         },
         Indirect {
-            from: &["<edm_canopen::"],
-            to: &["defmt::export::istr"],
-            why: "a log function that is called several times in a row",
-        },
-        Indirect {
             from: &["edm_store::", "sequential_storage::", "<&mut T as embedded_storage_async::"],
             to: &[" as edm_store::Cells>::", " as edm_store::Permit>::", " as sequential_storage::map::Value>::"],
             why: "the store knows flash and permit as traits, and its library what is stored",
@@ -92,12 +87,6 @@ pub const HEAD: Rules = Rules {
             to: &["core::panicking::panic_fmt"],
             task: LOGS,
             why: "the log asserts that it is not taken twice, and given back by who took it",
-        },
-        Panics {
-            from: &["edm_canopen::"],
-            to: &["core::slice::copy_from_slice"],
-            task: "protocol",
-            why: "copying checks that two lengths agree, which were made to",
         },
         Panics {
             from: &["edm_store::", "<edm_store::", "sequential_storage::", "<&mut T as embedded_storage_async::"],
