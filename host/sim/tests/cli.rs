@@ -278,7 +278,7 @@ fn a_path_longer_than_the_register_is_fed_as_it_is_eroded() {
 #[test]
 fn a_path_that_cannot_be_is_refused_with_line_and_word() {
     for (program, message) in [
-        ("G1 Z-1\nG7 X1", "line 2: G7: must be one of G0 to G3, G17 to G21, G40, G49"),
+        ("G1 Z-1\nG7 X1", "line 2: G7: must be one of G0 to G4, G10, G17 to G21, G40, G49"),
         ("G1 Z-1\nG1 Z-50", "line 2: Z-50: leads to Z-50.000; the stroke ends at Z-9.800"),
         ("G1 Z2.1", "line 1: Z2.1: leads to Z2.100; the stroke ends at Z2.000"),
         ("G3 X0.001 I0.0005", "line 1: X0.001: a radius of 500 nm is outside 10000 to 536870912 nm"),

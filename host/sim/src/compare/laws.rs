@@ -7,7 +7,7 @@
 
 use crate::process::Plant;
 use crate::run::Setup;
-use crate::search::best;
+use crate::search::best::{self, is_of_gao};
 use crate::sweep::grid::Assignments;
 
 /// A law, and how it is set.
@@ -154,9 +154,4 @@ fn pulses_per_s(setup: &Setup) -> f64 {
 
 fn is_of_xin(plant: &Plant) -> bool {
     plant.machine_name().is_some_and(|name| name.starts_with("xin"))
-}
-
-/// Whether the machine is that of \[G\].
-pub fn is_of_gao(plant: &Plant) -> bool {
-    plant.machine_name().is_some_and(|name| name.starts_with("gao"))
 }

@@ -22,7 +22,6 @@ use crate::sweep::row::{Format, Row};
 use crate::sweep::{Making, again};
 use crate::terminal::{Failure, say};
 use clap::{Args, Subcommand};
-pub use laws::is_of_gao;
 use laws::{LAWS, VARIANTS};
 use std::path::{Path, PathBuf};
 use summary::Comparison;

@@ -1,7 +1,6 @@
 //! The best parameters of each law that its search has found: what `edm-sim search merge` printed, kept for comparisons.
 
 use super::space;
-use crate::compare::is_of_gao;
 use crate::process::Plant;
 use crate::run::Setup;
 
@@ -43,6 +42,11 @@ pub fn settings(setup: &Setup, law: &str) -> Option<Vec<String>> {
     let best = BEST.iter().find(|best| best.law == law && best.of_gao == of_gao)?;
     let law = space::LAWS.iter().find(|law| law.name == best.law)?;
     (law.settings)(setup, best.values)
+}
+
+/// Whether the machine is that of \[G\].
+pub fn is_of_gao(plant: &Plant) -> bool {
+    plant.machine_name().is_some_and(|name| name.starts_with("gao"))
 }
 
 /// Its holes are those of the training, or like them.
