@@ -47,7 +47,7 @@ const KEPT: &[(&str, &[Kept])] = &[
     ("sinker-25mm", &[("sim_time_s", 75.0, 130.0), ("position_pp_um_median", 4.0, 15.0)]),
     ("sinker-dirty", &[("sim_time_s", 128.0, 218.0), ("arc_ratio", 0.08, 0.25)]),
     ("sinker-deep", &[("sim_time_s", 85.0, 147.0), ("arc_ratio", 0.12, 0.4)]),
-    ("sinker-deep-jumps", &[("sim_time_s", 15.0, 28.0), ("arc_ratio", 0.005, 0.04)]),
+    ("sinker-deep-jumps", &[("sim_time_s", 15.0, 28.0), ("arc_ratio", 0.001, 0.02)]),
     ("cavity", &[("sim_time_s", 74.0, 125.0), ("position_pp_um_median", 5.0, 22.0)]),
     // [R] section 4.2 has about 40 um at 17 to 20 Hz.
     (
