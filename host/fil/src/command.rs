@@ -1,6 +1,6 @@
 //! `cargo fil cycles`, and what the commands share: bad input, files of the project.
 
-use crate::cycles::{bounds, laws, page, report};
+use crate::cycles::{bounds, page, report};
 use crate::image::Image;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
@@ -51,9 +51,6 @@ pub struct Cycles {
     /// Also fail when a bound of docs/performance.md is not met
     #[arg(long)]
     bounds: bool,
-    /// Measure what each feed law costs instead
-    #[arg(long, conflicts_with_all = ["json", "page", "check", "bounds"])]
-    laws: bool,
 }
 
 impl Cycles {
@@ -64,10 +61,6 @@ impl Cycles {
     pub fn execute(&self, image: &Image) -> Result<()> {
         if let Some(task) = &self.profile {
             print!("{}", report::profile(image, task)?);
-            return Ok(());
-        }
-        if self.laws {
-            println!("{}", laws::table(&laws::measure(image)?));
             return Ok(());
         }
         let path = self.page.clone().map_or_else(|| in_project(Path::new(PAGE)), Ok)?;

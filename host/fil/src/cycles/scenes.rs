@@ -110,10 +110,7 @@ pub fn run(image: &Image, debug: &Rc<Debug>) -> Result<Scenes> {
 }
 
 /// The firmware at rest, eroding and metered.
-///
-/// # Errors
-/// When it does not erode.
-pub fn still(image: &Image, debug: &Rc<Debug>) -> Result<Session> {
+fn still(image: &Image, debug: &Rc<Debug>) -> Result<Session> {
     ready(image, STILL, debug)
 }
 
@@ -143,23 +140,15 @@ fn reported_state(session: &Session) -> Option<u8> {
 }
 
 /// Measures anew from here on.
-pub fn clear(session: &mut Session) {
+fn clear(session: &mut Session) {
     if let Some(meter) = session.machine.meter() {
         meter.clear();
     }
 }
 
-/// What was measured since.
-///
-/// # Errors
-/// What the meter could not measure.
-pub fn metered(session: &mut Session) -> Result<&Tasks> {
-    let Some(meter) = session.machine.meter() else { bail!("no meter") };
-    meter.tasks().map_err(|e| anyhow!("{e:#}"))
-}
-
 fn take(session: &mut Session) -> Result<Tasks> {
-    let mut tasks = metered(session)?.clone();
+    let Some(meter) = session.machine.meter() else { bail!("no meter") };
+    let mut tasks = meter.tasks().map_err(|e| anyhow!("{e:#}"))?.clone();
     // Thread mode has no runs.
     tasks.remove(&0);
     Ok(tasks)
