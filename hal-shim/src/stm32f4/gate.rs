@@ -122,6 +122,10 @@ impl Edges {
         // The levels belong to the counts only if no edge was on its way into a ring: they must still be so a little later.
         for _ in 0..LOOKS {
             let GateSample { counts, levels: [open, high], now } = look;
+            // More edges than a block holds: it rings, and to tell its pulses apart would take longer than the block.
+            if counts[0].wrapping_sub(self.taken[0]) as usize % RING > gap::EDGES {
+                break;
+            }
             if ([written::<2>(), written::<4>()], lines::gate_and_high()) == (counts, [open, high]) {
                 let began = block_began(now, APERTURE_PHASE);
                 let ([gates, highs], later) = take_both(block, began, &mut self.taken, counts);
@@ -136,7 +140,7 @@ impl Edges {
             look = self.look();
             cortex_m::asm::delay(SETTLED);
         }
-        // A gate that never rests is no gate.
+        // A gate that never rests, or rings, is no gate.
         ends::calm(u32::MAX);
         self.forget();
         (block.gate, block.gate_edges.count, block.high_edges.count) = (0, 0, 0);

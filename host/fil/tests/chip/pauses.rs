@@ -134,7 +134,8 @@ fn the_line_is_low_a_microsecond_after_the_pulse_and_high_again_in_time() {
         mean(|end| end.1)
     );
     let tasks = session.machine.meter().unwrap().tasks().unwrap();
-    for (name, exception, bound) in [("pulse_end", PULSE_END, 215), ("pause_over", PAUSE_OVER, 105)] {
+    // The count that guards against a ringing gate takes 11 of the first.
+    for (name, exception, bound) in [("pulse_end", PULSE_END, 230), ("pause_over", PAUSE_OVER, 105)] {
         let runs: Vec<u64> = tasks[&exception].runs.iter().map(|run| run.cost.estimate()).collect();
         let mean = runs.iter().sum::<u64>() / runs.len() as u64;
         println!("{name}: {mean} cycles estimated, at most {:?}, {} runs", runs.iter().max(), runs.len());
