@@ -110,6 +110,8 @@ class Head(BaseNode402):
             pdo.save()
         self.beat = network.send_periodic(0x700 + HOST, b"\x05", BEAT)
         self.sdo[0x1016][1].raw = HOST << 16 | round(1000 * SILENCE)
+        # The head watches from the next one on: before it can be enabled.
+        network.send_message(0x700 + HOST, b"\x05")
         self.nmt.add_heartbeat_callback(self.heard_of)
         self.heard = time.monotonic()
         self.sdo[0x1017].raw = round(1000 * BEAT)

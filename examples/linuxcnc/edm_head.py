@@ -166,6 +166,8 @@ class Link:
             self.map(drive, 0x1800 + number, 0x180 + (number << 8) + drive.node, 20 if number > 1 else 1, SENT[number])
         self.write(drive, 0x60C2, 1, 8, self.period_ms)
         self.write(drive, 0x1016, 1, 32, HOST << 16 | round(1000 * SILENCE))
+        # The drive watches from the next one on: before it can be enabled.
+        self.send(0x700 + HOST, b"\x05")
         drive.counts_per_mm = self.read(drive, 0x608F, 1) / self.read(drive, 0x608F, 2)
         self.send(0, bytes([1, drive.node]))
 

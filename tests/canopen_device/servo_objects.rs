@@ -50,7 +50,7 @@ fn range(values: &[f64]) -> [f64; 3] {
 }
 
 #[test]
-fn a_slow_head_reads_as_fast_as_it_goes_and_strays_little_from_its_way() {
+fn a_slow_head_reads_as_fast_as_it_goes_and_deviates_little_from_its_path() {
     for velocity in [100, 200, 500, 1000, 2000] {
         let mut rig = cyclic();
         streams(&mut rig, 300, velocity);
@@ -69,7 +69,7 @@ fn a_slow_head_reads_as_fast_as_it_goes_and_strays_little_from_its_way() {
         let goes = (to_um - from_um) / (to_s - from_s);
         let off: Vec<f64> = way.iter().map(|(s, um)| um - from_um - goes * (s - from_s)).collect();
         let ([least, mean, most], [up, _, down]) = (range(&read), range(&off));
-        println!("{goes:.0} counts/s: reads {least:.0} to {most:.0}, mean {mean:.1}; strays by {:.2} um", down - up);
+        println!("{goes:.0} counts/s: reads {least:.0} to {most:.0}, mean {mean:.1}; deviates by {:.2} um", down - up);
         // A count is 50 counts/s, and the head goes in steps of one or two.
         assert!((mean - goes).abs() < 3.0 + 0.01 * goes, "{goes}: {mean}");
         assert!(least > 0.95 * goes - 50.0 && most < 1.05 * goes + 50.0, "{goes}: {least} to {most}");
@@ -208,8 +208,8 @@ fn a_position_offset_moves_the_set_point_of_a_cyclic_host_and_of_no_other() {
 
 #[test]
 fn a_torque_offset_pushes_at_once_in_a_cyclic_mode_until_the_loops_have_made_up_for_it() {
-    // How far the head gives way to it, counts, either way.
-    let strays = |mode: u8, per_mille: i16| {
+    // Largest deviation of the position in either direction, counts.
+    let deviates = |mode: u8, per_mille: i16| {
         let mut rig = Rig::ready();
         rig.mode(1);
         rig.move_to(1000, 3000);
@@ -230,11 +230,11 @@ fn a_torque_offset_pushes_at_once_in_a_cyclic_mode_until_the_loops_have_made_up_
         assert!((rig.position() - at).abs() <= 2, "{per_mille}: {:?}", rig.machine.status());
         (least, most)
     };
-    let (up, down) = strays(8, 150);
+    let (up, down) = deviates(8, 150);
     assert!(down >= 3 && up >= -2, "{up} to {down} counts");
-    let (up, down) = strays(8, -150);
+    let (up, down) = deviates(8, -150);
     assert!(up <= -3 && down <= 2, "{up} to {down} counts");
-    let (up, down) = strays(1, 150);
+    let (up, down) = deviates(1, 150);
     assert!(up >= -1 && down <= 1, "{up} to {down} counts in profile position");
 }
 

@@ -102,7 +102,7 @@ impl Bus {
                 frames.drain(..).for_each(|frame| place.dispatch(frame));
                 let now = Instant::now();
                 if beat <= now && lock(&place.alive_until).is_some_and(|until| now < until) {
-                    place.send(0x700 + u16::from(place.host), &[OPERATIONAL]);
+                    place.beat();
                     beat = now + BEAT;
                 }
             }
@@ -118,6 +118,11 @@ impl Bus {
     /// The heartbeat continues for this time from now; zero ends it at once.
     pub fn keep_alive(&self, time: Duration) {
         *lock(&self.0.alive_until) = Some(Instant::now() + time);
+    }
+
+    /// A heartbeat now: a head watches from the first one on that comes after it was told to.
+    pub fn beat(&self) {
+        self.0.beat();
     }
 
     /// Node-ID of the heartbeat.
@@ -184,6 +189,10 @@ impl Drop for Turn<'_> {
 }
 
 impl Place {
+    fn beat(&self) {
+        self.send(0x700 + u16::from(self.host), &[OPERATIONAL]);
+    }
+
     fn send(&self, id: u16, data: &[u8]) {
         if let Some(frame) = StandardId::new(id).and_then(|id| Frame::new(id, data)) {
             self.port.send(&frame);

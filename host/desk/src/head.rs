@@ -342,6 +342,8 @@ impl Head {
         let beat = self.whole(at::PRODUCER)?;
         self.bus.keep_alive(SILENCE);
         self.sdo.write(slot, &(mine << 16 | SILENCE.as_millis() as u32).to_le_bytes())?;
+        // Before anything is enabled. Without it a link that is lost within the first period would never be missed.
+        self.bus.beat();
         self.set(at::PRODUCER, BEAT.as_millis() as i64)?;
         self.bus.send(0, &[1, self.node]);
         Ok(Armed { head: self, slot, beat })

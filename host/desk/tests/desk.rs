@@ -174,9 +174,7 @@ fn a_hole_that_loses_program_link_or_browser_at_any_of_ten_moments_is_safe_and_s
                     rig.pull()
                 }
                 let truth = rig.until(|truth| {
-                    // Open: lost just behind the touch, some heads stay ready, without pulses, and do not name the host as silent.
-                    let rests = matches!(truth.state, State::Disabled | State::Fault | State::Ready);
-                    !truth.pulses && !truth.reacting && rests
+                    !truth.pulses && !truth.reacting && matches!(truth.state, State::Disabled | State::Fault)
                 });
                 assert!(matches!(truth.fault, None | Some(Fault::HostSilent)), "{said}: {truth:?}");
                 // The program that has no link says why the hole ended.
@@ -203,6 +201,26 @@ fn a_hole_that_loses_program_link_or_browser_at_any_of_ten_moments_is_safe_and_s
         std::thread::sleep(Duration::from_millis(300));
         let truth = rig.truth();
         assert!(!truth.pulses && truth.made.spark == pulsed.spark, "{said}: {truth:?}");
+    }
+}
+
+/// A head watches from the first heartbeat on that comes after 1016h was written (CiA 301 7.5.2.17).
+#[test]
+fn a_head_that_is_told_to_watch_this_program_hears_it_before_anything_else() {
+    let rig = Rig::new();
+    let (bus, beside) = (rig.bus(), rig.bus());
+    let head = Head::open(&bus, 1, &Arc::new(Sheet::own().unwrap())).unwrap();
+    for _ in 0..5 {
+        let heard = beside.listen();
+        let armed = head.arm().unwrap();
+        let came: Vec<(u16, Vec<u8>)> = std::iter::from_fn(|| heard.recv_timeout(Duration::from_secs(5)).ok())
+            .map(|frame| (frame.id, frame.data().to_vec()))
+            .take_while(|frame| *frame != (0, vec![1, 1]))
+            .collect();
+        let at = |so: &dyn Fn(&(u16, Vec<u8>)) -> bool| came.iter().rposition(so);
+        let told = at(&|(id, data)| *id == 0x601 && data[..3] == [0x23, 0x16, 0x10]).unwrap();
+        assert!(at(&|(id, _)| *id == 0x77E) > Some(told), "{came:x?}");
+        armed.disarm();
     }
 }
 

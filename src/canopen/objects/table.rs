@@ -214,7 +214,7 @@ objects! {
         4 LostBlocks: u32, ro, tx, U32, 0, "", live, "Blocks of conversions: missing, or not processed in time, since power-on";
         5 UnseenHigh: u32, ro, tx, U32, 0, "", live, "High comparator: thousands of consecutive pulses for which it has shown no edge, since power-on";
         6 UnseenLow: u32, ro, tx, U32, 0, "", live, "Low comparator: the same";
-        7 GateRings: u32, ro, tx, U32, 0, "", live, "Gate rings: blocks of 50 us in which the gate closed more than 10 times, since power-on; pulses have no pause until it rests";
+        7 GateRings: u32, ro, tx, U32, 0, "", live, "Gate rings: blocks of 50 us in which the gate closed more than 7 times, since power-on; pulses have no pause until it rests";
     }
     0x200E "Path segment" {
         1 SegmentDown: i32, rw, rx, I32, 0, "nm", live, "Down: end along the head's axis";

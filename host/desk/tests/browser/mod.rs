@@ -143,7 +143,7 @@ impl Browser {
         self.until("document.querySelector('#command').innerText === 'Release command'");
     }
 
-    /// A picture of the page as it is, for a person to look at: target/tmp/NAME.png.
+    /// A picture of the page as it is, for a person to look at, among the temporary files of tests.
     fn picture(&mut self, name: &str) {
         self.value("scrollTo(0, 0)");
         let picture = self.call("Page.captureScreenshot", json!({ "captureBeyondViewport": true }));
