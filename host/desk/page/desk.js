@@ -443,8 +443,7 @@ function digits(number) {
 }
 
 function gap(now) {
-  // The look at the end of the pulses counts some, and senses none.
-  if (now.pulses && now.volts !== null) kept = { at: new Date(), gap: now };
+  if (now.whole || (now.pulses && now.volts !== null && !kept?.gap.whole)) kept = { at: new Date(), gap: now };
   if ($("gap").hidden) return;
   const { volts, quality, ladder, feed_um_s, levels } = now;
   put("gap-volts", volts === null ? null : `${volts.toFixed(1)} V, ${quality}`);

@@ -335,6 +335,13 @@ struct Place {
     pace: Pace,
 }
 
+impl Place {
+    /// The electrode was at this position, mm.
+    fn deeper(&mut self, position_mm: f64) {
+        self.deepest = Some(self.deepest.unwrap_or(f64::MIN).max(position_mm));
+    }
+}
+
 /// How fast a hole becomes deeper.
 #[derive(Debug, Default)]
 struct Pace(VecDeque<(f64, f64)>);
@@ -471,6 +478,8 @@ impl Run<'_> {
                     let request = self.report(ERODING, place)?;
                     // Not of the sample: that may still be of the move before.
                     if head.status()? & status::REACHED != 0 {
+                        // The electrode was there between two samples, mostly.
+                        place.deeper(head.whole(at::DEEPEST)? as f64 / per_mm);
                         return Ok(self.ended()?);
                     }
                     if request != Request::Go {
@@ -528,7 +537,7 @@ impl Run<'_> {
         let per_mm = self.live.counts_per_mm();
         let surface = place.surface.map(|counts| counts as f64 / per_mm);
         if place.began.is_some() {
-            place.deepest = Some(place.deepest.unwrap_or(f64::MIN).max(sample.position_mm));
+            place.deeper(sample.deepest());
         }
         let seconds = place.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
         // The erosion begins with a seek, also after a pause.

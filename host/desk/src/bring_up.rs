@@ -429,6 +429,8 @@ impl BringUp<'_> {
         let ended = self.head.begin_check(&mut tick).and_then(|()| {
             let place = self.head.whole(at::INTERNAL_POSITION)?;
             let (mut lowest, mut highest, mut reported) = (place, place, Instant::now());
+            // Not read anew meanwhile: pulses are on for 0.3 s, and the voltage in that time is what this program is to see.
+            let checks = self.checks(limits, observed)?;
             loop {
                 tick()?;
                 self.head.healthy()?;
@@ -451,8 +453,7 @@ impl BringUp<'_> {
                     let sample = self.live.sample()?;
                     let mm = (place - lowest) as f64 / limits.per_mm;
                     let doing = format!("guided check: {mm:.3} mm below the upper stop");
-                    let checks = self.checks(limits, observed)?;
-                    (self.on_progress)(&Progress { doing, checks, sample });
+                    (self.on_progress)(&Progress { doing, checks: checks.clone(), sample });
                 }
             }
         });
@@ -676,7 +677,9 @@ impl Checked {
             Some(_) => Verdict::Failed,
             None => Verdict::NotSeen,
         };
-        let open_v = self.open_v();
+        // The head has seen an open circuit where its check has passed: this program came too late for it.
+        let late = |volts: &f64| self.result == Some(result::PASSED) && *volts < *open_min_v;
+        let open_v = self.open_v().filter(|volts| !late(volts));
         // Measured to its end, or by a check that has found it wrong.
         let whole = matches!(self.result, Some(result::PASSED | result::STROKE));
         let stroke = whole.then(|| self.stroke_counts as f64 / limits.per_mm);
@@ -722,7 +725,11 @@ impl Checked {
                 "V",
                 format!("{open_min_v} V or more (gap.open_min_v)"),
                 within(open_v, |value, limits| value >= limits.open_min_v),
-                "",
+                if verdict == Verdict::Passed && open_v.is_none() {
+                    "this program was too slow to see it: repeat the check"
+                } else {
+                    ""
+                },
             ),
             row(
                 "stroke, read by this program",

@@ -170,6 +170,8 @@ pub struct Gap {
     pub no_pulse_percent: f64,
     /// What is wrong with that, and what to do.
     pub levels: Option<&'static str>,
+    /// Pulses, voltage and hazard are all of this look. The one at the end of the pulses counts some, and senses nothing.
+    pub whole: bool,
     /// There were pulses.
     pub pulses: bool,
     /// How many since the last look; nothing at the first one.
@@ -455,6 +457,7 @@ impl Gap {
             shares,
             no_pulse_percent,
             levels,
+            whole: pulses && volts.is_some() && senses.as_ref().is_none_or(|senses| senses.hazard_per_s.is_some()),
             pulses,
             pulse_count,
             feed_um_s,
@@ -462,6 +465,11 @@ impl Gap {
             controlled,
             delays: None,
         })
+    }
+
+    /// Whether it is kept in the place of an earlier one: a head without comparators has no whole look.
+    pub fn replaces(&self, kept: Option<&Gap>) -> bool {
+        self.whole || (self.pulses && self.volts.is_some() && !kept.is_some_and(|kept| kept.whole))
     }
 
     /// In one line.

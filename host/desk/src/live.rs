@@ -121,6 +121,14 @@ pub struct Live {
     pulses: bool,
 }
 
+impl Sample {
+    /// The deepest position that it knows of, mm. While the head erodes that is of this erosion, by the head, which sees what lies
+    /// between two samples; otherwise where the electrode is now.
+    pub fn deepest(&self) -> f64 {
+        if state::LED.contains(&self.state_number) { self.position_mm.max(self.deepest_mm) } else { self.position_mm }
+    }
+}
+
 impl Live {
     /// Begins to watch.
     ///

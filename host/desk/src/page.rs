@@ -526,10 +526,12 @@ impl Desk {
             self.publish(&json!({ "sample": sample, "point": point }));
             let gap = watch.look()?;
             self.publish(&json!({ "gap": gap }));
-            // The look at the end of the pulses counts some, and senses none.
-            if gap.pulses && gap.volts.is_some() {
-                lock(&self.recorders).entry(node).or_default().last.gap = Some((unix_ms(), gap));
+            let mut recorders = lock(&self.recorders);
+            let kept = &mut recorders.entry(node).or_default().last.gap;
+            if gap.replaces(kept.as_ref().map(|(_, gap)| gap)) {
+                *kept = Some((unix_ms(), gap));
             }
+            drop(recorders);
             live.events().into_iter().for_each(|event| self.event(event));
             thread::sleep(SAMPLES);
         }

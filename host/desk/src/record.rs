@@ -102,7 +102,7 @@ impl Recorder {
         };
         if pulses {
             record.surface_mm = sample.surface_mm;
-            record.deepest_mm = Some(record.deepest_mm.unwrap_or(f64::MIN).max(sample.position_mm));
+            record.deepest_mm = Some(record.deepest_mm.unwrap_or(f64::MIN).max(sample.deepest()));
         }
         self.passed += 1;
         if self.passed < self.every {

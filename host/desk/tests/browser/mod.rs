@@ -413,12 +413,12 @@ fn a_head_is_brought_up_in_the_page() {
         page.until("document.querySelector('#up-doing').innerText === 'guided check: passed'");
         page.click("#up-report");
         page.until("!document.querySelector('#up-files').hidden");
-        assert_eq!(page.text("#up-doing"), "All checks passed.");
+        assert_eq!(page.text("#up-doing"), "All checks passed.", "{}", page.text("#up-list"));
         let file = page.value("document.querySelector('#up-markdown').download").as_str().unwrap().to_owned();
         assert!(file.starts_with("bring-up-1-20") && file.ends_with(".md"), "{file}");
         page.picture(name);
         let text = page.download("#up-markdown", &file);
-        assert!(text.contains("| stroke, read by this program | 12.0"), "{text}");
+        assert!(text.contains(" | 12 mm +- 1.2 mm (axis.stroke_um) | passed"), "{text}");
     }
 }
 
