@@ -71,7 +71,7 @@ let bus_lost = null, again_s = 30, retaken = false;
 const measured = new Map();
 // Places of what a head measures.
 const LIVE = ["state", "position", "jog-position", "depth", "gap-now", "wanted", "feed", "time", "left", "shorts", "doing",
-  "gap-volts", "gap-feed", "looks", "gap-depth", "gap-left", "kept", "hazard", "sparks", "distance", "age", "notch", "delayed"];
+  "beside", "gap-volts", "gap-feed", "looks", "gap-depth", "gap-left", "kept", "hazard", "sparks", "distance", "age", "notch", "delayed"];
 
 // Puts what is measured now in its place. Where nothing is (null) the last value stays, grey, and says of when it is.
 function put(id, text) {
@@ -278,11 +278,13 @@ function show() {
   $("session").textContent = mine ? "This session has command."
     : commander === null ? "No session has command." : `Session ${commander} has command; this session watches.`;
   document.body.classList.toggle("watching", !mine);
-  const commands = "#name, #bore input, #bore button, #asks button, [data-request], #jog button, #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
+  const commands = "#name, #bore input, #bore textarea, #bore button, #asks button, [data-request], #jog button, #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
   for (const button of document.querySelectorAll(commands)) {
     // A bus with new heads alone has none that is chosen.
     button.disabled = !mine || node === null && button.id !== "name";
   }
+  // The program has its own.
+  if (program.value.trim()) $("bore").elements.depth.disabled = true;
 }
 
 async function scan() {
@@ -417,7 +419,9 @@ function progress(run, point) {
   $("paused").hidden = !run.unwatched;
   tell("depth", run.deepest_mm === null ? "-" : `${run.deepest_mm.toFixed(3)} mm`);
   $("target").textContent = `of ${run.target_mm.toFixed(3)} mm; `;
-  $("progress").value = Math.max(0, (run.deepest_mm ?? 0) / run.target_mm);
+  $("progress").value = run.share ?? 0;
+  $("beside-row").hidden = run.beside_mm === null;
+  put("beside", run.beside_mm && run.beside_mm.map((mm) => mm.toFixed(3)).join(", ") + " mm");
   put("time", run.seconds > 0 ? lasts(run.seconds) : null);
   for (const id of ["left", "gap-left"]) {
     if (run.left_s !== null) put(id, lasts(run.left_s));
@@ -644,6 +648,7 @@ function ended({ outcome, failed }) {
     $("progress").value = outcome.reached ? 1 : Math.max(0, outcome.depth_mm / outcome.target_mm);
   } else {
     tell("doing", failed);
+    if (program.value) show_line(failed);
     tell("left", "-");
     put("time", null);
   }
@@ -802,21 +807,49 @@ $("name").onclick = async () => {
   await scan();
   say("heads", named.length ? named.map(({ node, serial }) => `Serial number ${serial} is node ${node}.`).join(" ") : "No head waits for a node-ID.");
 };
+// A program takes the place of the depth.
+const program = $("bore").elements.program;
+let program_name = null;
+program.oninput = () => {
+  program_name = null;
+  program.classList.remove("wrong");
+  show();
+};
+$("program-open").onchange = async (change) => {
+  const [chosen] = change.target.files;
+  if (!chosen) return;
+  program.value = await chosen.text();
+  program.oninput();
+  program_name = chosen.name;
+  change.target.value = "";
+};
+// Shows the line that is refused.
+function show_line(message) {
+  const line = Number(message.match(/program line (\d+):/)?.[1] ?? 0);
+  if (!line) return;
+  const before = program.value.split("\n").slice(0, line - 1).join("\n").length + (line > 1 ? 1 : 0);
+  $("path").open = true;
+  program.focus();
+  program.setSelectionRange(before, before + program.value.split("\n")[line - 1].length);
+}
+
 // What is under the electrode is asked where a hole may have been begun there.
 function bore(site) {
   const form = new FormData($("bore"));
-  const number = (name) => (form.get(name) === "" ? null : Number(form.get(name)));
+  const number = (name) => (form.get(name) ? Number(form.get(name)) : null);
   $("asks").hidden = true;
   say("run", "");
-  const fields = [...document.querySelectorAll("#bore input")];
+  const fields = [...document.querySelectorAll("#bore input, #bore textarea")];
   for (const field of fields) field.classList.remove("wrong");
   const keys = { jump_every_ms: "jump.every_ms", jump_height_um: "jump.height_um", spark_out_ms: "end.spark_out_ms" };
   const given = Object.keys(keys).filter((name) => number(name) !== null).map((name) => [name, number(name)]);
-  const hole = { depth_mm: number("depth"), surface_mm: number("surface"), height_mm: number("height"), site, with: Object.fromEntries(given) };
-  ask({ do: "bore", node, hole }).catch(({ message, asks }) => {
+  const text = program.value.trim() ? program.value : null;
+  const hole = { depth_mm: number("depth") ?? 0, surface_mm: number("surface"), height_mm: number("height"), site, with: Object.fromEntries(given) };
+  ask({ do: "bore", node, hole, program: text, name: program_name }).catch(({ message, asks }) => {
     if (!asks) {
       // The program names the field first.
       fields.find((field) => message.startsWith(`${keys[field.name] ?? field.name} `))?.classList.add("wrong");
+      show_line(message);
       return say("run", message, true);
     }
     $("asks").firstElementChild.textContent = message;

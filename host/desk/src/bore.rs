@@ -2,17 +2,21 @@
 //!
 //! The head is watched and watches (heartbeats both ways) before it is enabled. It takes where it rests for home if it has none,
 //! touches the work off with pulses off, goes back a little, and erodes to the depth; then it goes up and is disabled. A request
-//! is accepted at any time. At the end pulses are off, or the error says that they may be on.
+//! is accepted at any time. At the end pulses are off, or the error says that they may be on. A G-code program takes the place of the
+//! depth: the head erodes along its path.
 //!
 //! A touch in a hole that was begun finds its bottom. The head keeps the surface of a hole from its first pulse on (2011h:11), and
 //! where there may be one under the electrode the user must say whether to continue it, or to start at a new surface.
 
-use crate::Failure;
 use crate::bus::SILENCE;
 use crate::head::{Head, NO_SURFACE, at, state, status};
 use crate::live::{Live, Sample};
+use crate::track::{self, Track};
+use crate::{Failure, words};
+use edm_gcode::Program;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::time::{Duration, Instant};
 
@@ -37,9 +41,10 @@ const LEAST_PACE_S: f64 = 5.0;
 const NOTICES: Duration = Duration::from_secs(2);
 
 /// A hole to bore.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Hole {
-    /// Depth below the surface, by the electrode, mm.
+    /// Depth below the surface, by the electrode, mm; with a program, its greatest.
+    #[serde(default)]
     pub depth_mm: f64,
     /// Where the surface is below home, mm, when neither touched off nor kept by the head.
     #[serde(default)]
@@ -53,6 +58,9 @@ pub struct Hole {
     /// What is to be set before; the settings of the head otherwise.
     #[serde(default)]
     pub with: With,
+    /// Path to erode along, instead of straight down.
+    #[serde(skip)]
+    pub program: Option<Arc<Program>>,
 }
 
 /// Settings that belong to a hole. They stay in the head after it.
@@ -95,13 +103,30 @@ pub const fn height() -> f64 {
 }
 
 impl Hole {
+    /// The same along a program.
+    ///
+    /// # Errors
+    /// What of the program cannot be carried out, with its line.
+    pub fn along(self, name: &str, text: &str) -> Result<Hole, Failure> {
+        let program = Program::parse(name, text).map_err(|why| Failure::BadInput(format!("program {why}")))?;
+        Ok(Hole { depth_mm: program.deepest_mm(), program: Some(Arc::new(program)), ..self })
+    }
+
+    /// What is done, for a log.
+    pub fn what(&self) -> String {
+        match &self.program {
+            Some(program) => format!("erodes along {}, {:.3} mm", program.name, program.length_mm),
+            None => format!("bores to {} mm", self.depth_mm),
+        }
+    }
+
     /// Checks the ranges.
     ///
     /// # Errors
     /// What is allowed.
     pub fn check(&self) -> Result<(), Failure> {
         for (name, value, low, high) in [
-            ("depth", Some(self.depth_mm), 0.001, 1000.0),
+            ("depth", self.program.is_none().then_some(self.depth_mm), 0.001, 1000.0),
             ("surface", self.surface_mm, -1000.0, 1000.0),
             ("height", Some(self.height_mm), 0.05, 10.0),
         ] {
@@ -170,6 +195,10 @@ impl Hole {
     /// Whether the stroke is long enough for it.
     fn fits(&self, from_mm: f64, end_mm: f64, from: &str) -> Result<(), Failure> {
         let left = end_mm - from_mm;
+        if let Some(program) = &self.program {
+            // How far up it may lead, the head says.
+            return program.within(f64::INFINITY, left).map_err(|why| Failure::BadInput(format!("program {why}")));
+        }
         if self.depth_mm <= left {
             return Ok(());
         }
@@ -267,6 +296,12 @@ pub struct Progress {
     pub deepest_mm: Option<f64>,
     /// Depth requested, mm.
     pub target_mm: f64,
+    /// Share of the depth, or of the length of the program.
+    pub share: Option<f64>,
+    /// Line of the program.
+    pub line: Option<usize>,
+    /// Set points of X and Y, mm, of a program that leads them.
+    pub beside_mm: Option<[f64; 2]>,
     /// Time since pulses began, s.
     pub seconds: f64,
     /// Time that the rest takes at the pace of the last half minute, s; none without a pace, as in a seek.
@@ -333,6 +368,8 @@ struct Place {
     began: Option<Instant>,
     deepest: Option<f64>,
     pace: Pace,
+    /// On the program.
+    track: Option<track::Place>,
 }
 
 impl Place {
@@ -347,7 +384,7 @@ impl Place {
 struct Pace(VecDeque<(f64, f64)>);
 
 impl Pace {
-    /// Takes time in the erosion, s, and greatest depth, mm; the time that is left to a target.
+    /// Takes time in the erosion, s, and greatest depth or length of path, mm; the time that is left to a target.
     fn left(&mut self, seconds: f64, deepest: f64, target: f64) -> Option<f64> {
         self.0.push_back((seconds, deepest));
         while self.0.get(1).is_some_and(|(then, _)| seconds - then >= PACE_S) {
@@ -423,7 +460,7 @@ impl Run<'_> {
         while Instant::now() < end {
             let fault = self.head.whole(at::FAULT)? as u8;
             if fault != 0 {
-                return Ok(crate::words::fault_line(fault));
+                return Ok(words::fault_line(fault));
             }
             std::thread::sleep(PERIOD);
         }
@@ -440,7 +477,7 @@ impl Run<'_> {
     }
 
     fn bore(&mut self, place: &mut Place) -> Result<String, End> {
-        let (head, hole) = (self.head, self.hole);
+        let (head, hole) = (self.head, self.hole.clone());
         let per_mm = self.live.counts_per_mm();
         let counts = |mm: f64| (mm * per_mm).round() as i64;
         self.report("enabling", place)?;
@@ -467,19 +504,55 @@ impl Run<'_> {
 
         let target = surface + counts(hole.depth_mm);
         head.set(at::KEPT_SURFACE, surface)?;
+        let track = hole.program.clone().map(|program| Track::new(head, program, surface));
+        let mut track = track.transpose()?;
+        if let Some(track) = &mut track {
+            // Where the head refuses any of it there have been no pulses yet.
+            while !track.is_appended() && head.whole(at::SPACE)? > 1 {
+                track.append().map_err(End::Refused)?;
+                self.report("sending the program", place)?;
+            }
+        }
         place.began = Some(Instant::now());
+        let ended = self.erode(place, height, target, track.as_mut());
+        // The setting is that of the head again, however it has ended.
+        let restored = track.as_mut().map_or(Ok(()), Track::end);
+        let ended = ended?;
+        restored?;
+        Ok(ended)
+    }
+
+    /// Erodes to a depth or along a program, and waits when that is requested.
+    fn erode(
+        &mut self,
+        place: &mut Place,
+        height: i64,
+        target: i64,
+        mut track: Option<&mut Track<'_>>,
+    ) -> Result<String, End> {
+        let head = self.head;
         let mut up = true;
         loop {
             let mut request = self.requests.now();
             if request == Request::Go {
                 head.set(at::ERODE, 1)?;
-                head.start(target, &mut self.tick())?;
+                if track.is_none() {
+                    head.start(target, &mut self.tick())?;
+                }
                 request = loop {
+                    if let Some(track) = &mut track {
+                        track.append()?;
+                        place.track = Some(track.place()?);
+                    }
                     let request = self.report(ERODING, place)?;
                     // Not of the sample: that may still be of the move before.
-                    if head.status()? & status::REACHED != 0 {
+                    let reached = match &track {
+                        None => head.status()? & status::REACHED != 0,
+                        Some(track) => self.is_over(track)?,
+                    };
+                    if reached {
                         // The electrode was there between two samples, mostly.
-                        place.deeper(head.whole(at::DEEPEST)? as f64 / per_mm);
+                        place.deeper(head.whole(at::DEEPEST)? as f64 / self.live.counts_per_mm());
                         return Ok(self.ended()?);
                     }
                     if request != Request::Go {
@@ -498,7 +571,8 @@ impl Run<'_> {
                 false => "paused, pulses off",
             };
             while request != Request::Go {
-                if request == Request::Back && !up {
+                // Off its path a head would have to begin it anew: there it waits with pulses off.
+                if request == Request::Back && !up && track.is_none() {
                     head.move_to(height, &mut self.tick())?;
                     up = true;
                 }
@@ -508,11 +582,25 @@ impl Run<'_> {
         }
     }
 
+    /// Whether the head has come to the end of a program.
+    fn is_over(&self, track: &Track<'_>) -> Result<bool, Failure> {
+        match self.head.whole(at::STATE)? as u8 {
+            state::DONE if track.is_appended() => Ok(true),
+            // It was faster than the segments came.
+            state::DONE => self.head.set(at::ERODE, 1).map(|()| false).map_err(Failure::from),
+            state::HOLDING => {
+                let why = words::reason(self.head.whole(at::REASON)? as u8);
+                Err(Failure::Failed(format!("the head holds: {why}")))
+            }
+            _ => Ok(false),
+        }
+    }
+
     /// What ended the erosion, as the head says it.
     fn ended(&self) -> Result<String, Failure> {
         let by = self.head.whole(at::STOPPED_BY)?;
         if by == BY_DEPTH {
-            return Ok("depth reached".into());
+            return Ok(if self.hole.program.is_some() { "end of the program" } else { "depth reached" }.into());
         }
         let names = self.head.sheet.get(at::STOPPED_BY).map(|object| object.names()).unwrap_or_default();
         Ok(names.get(&by).map_or_else(|| "target reached".into(), |name| format!("ended by {name}")))
@@ -544,16 +632,25 @@ impl Run<'_> {
         let doing = if doing == ERODING && sample.state_number == state::SEEKING { "seeking" } else { doing };
         // In the work alone: the way to it says nothing.
         let deep = surface.zip(place.deepest).map(|(surface, deepest)| deepest - surface).filter(|deep| *deep > 0.0);
-        let left_s = deep.and_then(|deep| place.pace.left(seconds, deep, self.hole.depth_mm));
+        let (done, whole) = match (&self.hole.program, place.track) {
+            (None, _) => (deep, self.hole.depth_mm),
+            (Some(program), track) => (track.map(|track| track.done_mm), program.length_mm),
+        };
+        let left_s = done.and_then(|done| place.pace.left(seconds, done, whole));
+        let line = place.track.map(|track| track.line);
+        let leads = self.hole.program.as_ref().is_some_and(|program| program.leads_beside());
         let depth_mm = surface.map(|surface| sample.position_mm - surface);
         let progress = Progress {
             doing,
-            said: said(doing, depth_mm.filter(|_| place.began.is_some()), self.hole.depth_mm),
+            said: said(doing, line, depth_mm.filter(|_| place.began.is_some()), self.hole.depth_mm),
             request,
             unwatched: self.requests.is_unwatched(),
             depth_mm,
             deepest_mm: deep,
             target_mm: self.hole.depth_mm,
+            share: done.map(|done| (done / whole).min(1.0)),
+            line,
+            beside_mm: place.track.filter(|_| leads).map(|track| track.beside_mm),
             seconds,
             left_s: left_s.filter(|_| doing == ERODING),
             sample,
@@ -585,9 +682,10 @@ fn micrometres(mm: f64) -> f64 {
 }
 
 /// What is being done, and how far it is.
-fn said(doing: &str, depth_mm: Option<f64>, target_mm: f64) -> String {
+fn said(doing: &str, line: Option<usize>, depth_mm: Option<f64>, target_mm: f64) -> String {
+    let doing = line.map_or(doing.into(), |line| format!("{doing}, line {line}"));
     match depth_mm.map(micrometres) {
-        None => doing.into(),
+        None => doing,
         Some(depth) if depth < 0.0 => format!("{doing}: {:.3} mm above the work", -depth),
         Some(depth) => format!("{doing}: {:.3} of {target_mm:.3} mm", depth.abs()),
     }
@@ -605,8 +703,9 @@ mod tests {
             (Some(-0.0004), "eroding: 0.000 of 0.030 mm"),
             (Some(0.0301), "eroding: 0.030 of 0.030 mm"),
         ] {
-            assert_eq!(said("eroding", depth, 0.03), text);
+            assert_eq!(said("eroding", None, depth, 0.03), text);
         }
+        assert_eq!(said("eroding", Some(7), Some(0.01), 0.03), "eroding, line 7: 0.010 of 0.030 mm");
     }
 
     #[test]

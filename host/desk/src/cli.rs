@@ -212,8 +212,11 @@ struct BringUpOptions {
 #[derive(Debug, Args)]
 struct BoreOptions {
     /// Depth of the electrode below the surface
-    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
-    depth: f64,
+    #[arg(long, value_name = "MM", allow_hyphen_values = true, required_unless_present = "path")]
+    depth: Option<f64>,
+    /// Erodes along a G-code program instead: what `cargo sim bore --path` and LinuxCNC take (docs/path.md); Z0 is the surface
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["depth", "table"])]
+    path: Option<PathBuf>,
     /// Position of the surface below home; without it the surface is touched off
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     surface: Option<f64>,
@@ -689,7 +692,17 @@ impl Common {
         };
         let WithOptions { jump_every, jump_height, spark_out } = options.with;
         let with = With { jump_every_ms: jump_every, jump_height_um: jump_height, spark_out_ms: spark_out };
-        let hole = Hole { depth_mm: options.depth, surface_mm: options.surface, site, height_mm: options.height, with };
+        let depth_mm = options.depth.unwrap_or_default();
+        let hole = Hole { depth_mm, surface_mm: options.surface, site, height_mm: options.height, with, program: None };
+        let hole = match &options.path {
+            None => hole,
+            Some(file) => {
+                let named = |why: String| Failure::BadInput(format!("--path {}: {why}", file.display()));
+                let text = std::fs::read_to_string(file).map_err(|why| named(why.to_string()))?;
+                let name = file.file_name().unwrap_or_default().to_string_lossy();
+                hole.along(&name, &text).map_err(|why| named(why.to_string()))?
+            }
+        };
         hole.check()?;
         let wanted = settings::assignments(sheet, &with.assignments()).map_err(Failure::BadInput)?;
         let table = match &options.table {
@@ -709,7 +722,8 @@ impl Common {
             settings: wanted.clone(),
         };
         let rows = table.as_ref().map_or(std::slice::from_ref(&plain), |table| &table.rows);
-        if let Some(first) = rows.first().filter(|first| hole.depth_mm * 1000.0 - first.leaves_um < 1.0) {
+        let too_shallow = |first: &&Row| table.is_some() && hole.depth_mm * 1000.0 - first.leaves_um < 1.0;
+        if let Some(first) = rows.first().filter(too_shallow) {
             return Err(Failure::BadInput(format!(
                 "depth {} mm: row {:?} leaves {} um: must be deeper",
                 hole.depth_mm, first.name, first.leaves_um
@@ -729,10 +743,10 @@ impl Common {
         };
         let mut live = Live::new(&head)?;
         let bus = head.bus.clone();
-        let (mut doing, mut said) = ("", Instant::now());
+        let (mut doing, mut said) = (("", None), Instant::now());
         let mut generator = "";
         for (place, row) in rows.iter().enumerate() {
-            let mut hole = Hole { depth_mm: hole.depth_mm - row.leaves_um / 1000.0, ..hole };
+            let mut hole = Hole { depth_mm: hole.depth_mm - row.leaves_um / 1000.0, ..hole.clone() };
             if place > 0 {
                 (hole.site, hole.surface_mm) = (Some(Site::Begun), None);
             }
@@ -761,8 +775,9 @@ impl Common {
                     Ok(())
                 },
                 on_progress: &mut |progress| {
-                    if progress.doing != doing || said.elapsed() > Duration::from_secs(1) {
-                        (doing, said) = (progress.doing, Instant::now());
+                    let now = (progress.doing, progress.line);
+                    if now != doing || said.elapsed() > Duration::from_secs(1) {
+                        (doing, said) = (now, Instant::now());
                         if self.json {
                             self.say(progress, String::new);
                         } else {
@@ -775,7 +790,8 @@ impl Common {
             .map_err(undecided)?;
             self.say(&outcome, || bored(&outcome));
             if !outcome.reached {
-                return Err(Failure::Failed("the depth was not reached".into()));
+                let what = if options.path.is_some() { "the end of the program" } else { "the depth" };
+                return Err(Failure::Failed(format!("{what} was not reached")));
             }
         }
         Ok(())

@@ -56,6 +56,12 @@ pub mod at {
     pub const REFUSED_SETTING: Address = Address(0x2002, 1);
     /// What ended the last erosion.
     pub const STOPPED_BY: Address = Address(0x2003, 3);
+    /// Segments that still fit in the path.
+    pub const SPACE: Address = Address(0x2004, 4);
+    /// Number of the segment under way, counted as those that were appended.
+    pub const SEGMENT: Address = Address(0x2004, 5);
+    /// Path coordinate, um.
+    pub const PATH: Address = Address(0x2004, 6);
     /// Velocity that the gap requests.
     pub const FEED: Address = Address(0x2004, 7);
     /// Gap voltage.
@@ -76,6 +82,18 @@ pub mod at {
     pub const MOTOR_CURRENT: Address = Address(0x2007, 2);
     /// Illegal transitions of the encoder.
     pub const ILLEGAL: Address = Address(0x2008, 1);
+    /// A part of a path segment: end 1 to 3 (down, X, Y), centre 4 and 5, nm; shape 6, options 7.
+    pub const fn piece(part: u8) -> Address {
+        Address(0x200E, part)
+    }
+    /// Appends it; 0 takes note of a refusal.
+    pub const COMMIT: Address = Address(0x200E, 8);
+    /// Why one was refused.
+    pub const PIECE_REFUSED: Address = Address(0x200E, 9);
+    /// Segments appended since power-on.
+    pub const APPENDED: Address = Address(0x200E, 10);
+    /// Set points of X and Y, nm.
+    pub const BESIDE: [Address; 2] = [Address(0x200E, 12), Address(0x200E, 13)];
     /// The head's program, in words.
     pub const BUILD: Address = Address(0x2009, 2);
     /// Self-test at the start.
@@ -143,6 +161,10 @@ pub mod state {
     pub const ERODING: u8 = 4;
     /// Back from a short.
     pub const RETREATING: u8 = 5;
+    /// The path has ended.
+    pub const DONE: u8 = 6;
+    /// Stopped, pulses off.
+    pub const HOLDING: u8 = 7;
     /// A fault is active.
     pub const FAULT: u8 = 8;
     /// A host leads, with the feed that the gap allows.

@@ -11,6 +11,7 @@
 //! | [`settings`] | list, file, comparison, a staged write |
 //! | [`live`] | present state of a head, and its events |
 //! | [`bore`] | a hole, from disabled to disabled |
+//! | [`track`] | a G-code program on its way into the head |
 //! | [`gap`] | the gap now |
 //! | [`found`] | the heads on a bus |
 //! | [`guide`] | texts and limits of docs/bring-up.md |
@@ -40,6 +41,7 @@ pub mod settings;
 pub mod sheet;
 pub mod table;
 pub mod trace;
+pub mod track;
 pub mod words;
 
 use std::fmt::{self, Display, Formatter};

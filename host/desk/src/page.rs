@@ -142,8 +142,16 @@ enum Ask {
     Import { node: u8, text: String },
     /// Save the settings in the head.
     Save { node: u8 },
-    /// Bore.
-    Bore { node: u8, hole: Hole },
+    /// Bore; along a G-code program instead of to a depth where there is one.
+    Bore {
+        node: u8,
+        hole: Hole,
+        #[serde(default)]
+        program: Option<String>,
+        /// Name of its file.
+        #[serde(default)]
+        name: Option<String>,
+    },
     /// A request to the hole in progress.
     Request { request: Request },
     /// Enable the head to move it by hand.
@@ -636,7 +644,11 @@ impl Desk {
                 self.note(node, format!("session {session} saves the settings in the head"));
                 Ok(Value::Null)
             }
-            Ask::Bore { node, hole } => self.bore(session, node, hole),
+            Ask::Bore { node, hole, program, name } => {
+                let name = name.as_deref().unwrap_or("the program");
+                let hole = program.map_or(Ok(hole.clone()), |text| hole.along(name, &text))?;
+                self.bore(session, node, hole)
+            }
             Ask::Request { request } => match &*lock(&self.run) {
                 Some(Run { what: What::Hole(requests), .. }) => {
                     requests.want(request);
@@ -828,7 +840,7 @@ impl Desk {
         self.begin(&head, What::Hole(requests.clone()))?;
         let desk = self.clone();
         thread::spawn(move || {
-            desk.note(node, format!("session {session} bores to {} mm", hole.depth_mm));
+            desk.note(node, format!("session {session} {}", hole.what()));
             let before = {
                 let mut recorders = lock(&desk.recorders);
                 let recorder = recorders.entry(node).or_default();

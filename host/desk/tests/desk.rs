@@ -13,6 +13,7 @@ use rig::paced::Paced;
 use rig::{BY_HAND, Desk, Rig, Session, run};
 use serde_json::{Value, json};
 use std::fs;
+use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -588,6 +589,49 @@ fn the_log_of_the_page_is_kept_in_a_file_and_shown_again() {
     fs::write(&file, "{\n").unwrap();
     let (code, _, why) = run(&rig.connection(), &["page", "--listen", "127.0.0.1:0", "--log", path]);
     assert!(code == Some(2) && why.contains("desk.log: line 1: "), "{why}");
+}
+
+#[test]
+fn a_program_that_linuxcnc_takes_is_eroded_along_its_path_and_its_feed_bounds_that_of_the_head() {
+    let rig = Rig::new();
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let feed_max = || -> Value {
+        let said = run(&rig.connection(), &["--json", "settings", "get", "feed.max_um_s"]).1;
+        serde_json::from_str::<Value>(&said).unwrap()[0]["value"].clone()
+    };
+    let before = feed_max();
+    // What is wrong is known before anything moves.
+    for (text, part) in [
+        ("G1 Z-0.01\nG5 X1\n", "line 2: G5: must be one of"),
+        ("G1 Z-30\n", "line 1: Z-30: leads to Z-30.000; the stroke ends at Z-"),
+    ] {
+        let (code, _, why) = run(&rig.connection(), &["bore", "--path", &put("wrong.ngc", text)]);
+        assert!(code == Some(2) && why.contains(part), "{why}");
+    }
+    assert!(!rig.truth().pulsed && rig.truth().deepest < 100);
+    let slot = "G10 L20 P1 Z0\nM3 S1\nM52 P1\nG1 Z-0.003 F30\nX0.008 F0.3\nG3 X0.028 I0.01\nM5\nM52 P0\nG0 Z5\nM2\n";
+    let mut boring =
+        rig::start(&rig.connection(), &["--json", "bore", "--path", &put("slot.ngc", slot)], Stdio::piped());
+    let mut lines = BufReader::new(boring.stdout.take().unwrap()).lines().map(|line| line.unwrap());
+    let Some(slow) = lines.find(|line| line.contains("\"line\":5")) else {
+        panic!("not along line 5: {:?}", boring.wait_with_output().unwrap())
+    };
+    assert_eq!(feed_max(), 5.0, "F0.3, in um/s: {slow}");
+    let rest: Vec<Value> = lines.map(|line| serde_json::from_str(&line).unwrap()).collect();
+    assert!(boring.wait().unwrap().success(), "{rest:?}");
+    let [ways @ .., outcome] = rest.as_slice() else { panic!("{rest:?}") };
+    let last = ways.last().unwrap();
+    assert!(last["share"].as_f64().unwrap() > 0.3 && last["beside_mm"][0].as_f64().unwrap() > 0.005, "{last}");
+    assert!(outcome["reached"] == true && outcome["why"] == "end of the program", "{outcome}");
+    let deep = rig.truth().deepest - (outcome["surface_mm"].as_f64().unwrap() * 1000.0).round() as i64;
+    assert!((3..6).contains(&deep), "{deep} of 3 um");
+    assert_eq!(feed_max(), before);
+    assert_eq!((rig.truth().state, rig.truth().pulses), (State::Disabled, false));
 }
 
 #[test]
@@ -1199,6 +1243,8 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["settings", "get", "friction"], "did you mean servo.friction_percent"),
         (&["settings", "get", "gap.setpoint"], "did you mean gap.setpoint_v?"),
         (&["bore"], "--depth <MM>"),
+        (&["bore", "--path", &absent], "absent: "),
+        (&["bore", "--path", &half, "--depth", "1"], "'--path <FILE>' cannot be used with '--depth <MM>'"),
         (&["bore", "--depth", "nan"], "depth NaN mm: must be a number from 0.001 to 1000 mm"),
         (&["bore", "--depth", "0.1", "--height", "-1"], "height -1 mm: must be a number from 0.05 to 10 mm"),
         (&["bring-up", "--report", &absent], "absent: must be a folder"),

@@ -1,15 +1,15 @@
 //! A hole, from a head at rest to its depth or to the reason why not.
 
 use crate::coarse::Coarse;
-use crate::gcode::Move;
 use crate::machine::{Machine, Rig};
 use crate::process::{Process, Truth};
-use crate::run::{FaultEvent, Job, Observer, Outcome, Program, Progress, Sample};
+use crate::run::{FaultEvent, Job, Observer, Outcome, Progress, Sample};
+use edm_gcode::Program;
 use edm_servo_head::gap::{GapSource, Voltage};
 use edm_servo_head::head::{Command, Reason, SeenBy, State, Structure};
-use edm_servo_head::path::{AHEAD, AXES, BESIDE_NM, Path, Piece, Point, Shape};
+use edm_servo_head::path::{AHEAD, Piece, Shape};
 use edm_servo_head::settings::{SettingError, Settings};
-use edm_servo_head::units::{FRACTION_BITS, Fixed, Nanometres, TICK_HZ};
+use edm_servo_head::units::{Fixed, Nanometres, TICK_HZ};
 use std::ops::RangeInclusive;
 
 pub use crate::run::Setup;
@@ -26,8 +26,6 @@ const PATIENCE_S: f64 = 60.0;
 /// Open loop in which the shot floor is measured, and the settling of filters and debris before it, ticks.
 const FLOOR: u32 = 5 * TICK_HZ;
 const FLOOR_SETTLE: u32 = 2 * TICK_HZ;
-/// Points of an arc that are drawn.
-const ARC_POINTS: i64 = 64;
 
 /// Checks the values against each other.
 pub fn check(setup: &Setup) -> Result<(), SettingError> {
@@ -57,44 +55,16 @@ pub fn depth_range_mm(setup: &Setup) -> RangeInclusive<f64> {
     0.001..=whole(f64::from(lowest) - f64::from(p.base.surface) + 1e-6)
 }
 
-/// Checks a path against the machine, and works out where it leads.
+/// Checks a path against the machine.
 ///
 /// # Errors
 /// What cannot be carried out, with line and word.
-pub fn program(setup: &Setup, name: &str, moves: Vec<Move>) -> Result<Program, String> {
+pub fn program(setup: &Setup, program: Program) -> Result<Program, String> {
     if setup.head.structure != Structure::Path {
         return Err("other axes move only with feed.structure = path".into());
     }
-    let surface_mm = f64::from(setup.process.base.surface);
-    let lowest_mm = *depth_range_mm(setup).end();
-    // A register of its own goes along it once.
-    let mut path = Box::new(Path::EMPTY);
-    path.scale([BESIDE_NM; AXES]);
-    path.restart([Fixed(0); AXES], [Fixed(0); AXES]);
-    let mm = |point: Point| point.map(|um| um.0 as f64 / (1u64 << FRACTION_BITS) as f64 / 1e3);
-    let mut outline = vec![mm(path.setpoint())];
-    let mut ends = Vec::new();
-    for Move { line, word, piece, .. } in &moves {
-        let refused = |what: String| format!("line {line}: {word}: {what}");
-        let (up, down) = path.extent(piece).map_err(|wrong| refused(wrong.to_string()))?;
-        let (up, down) = (up as f64 * 1e-6, down as f64 * 1e-6);
-        if -up > surface_mm || down > lowest_mm {
-            let (reach, limit) = if down > lowest_mm { (-down, -lowest_mm) } else { (-up, surface_mm) };
-            return Err(refused(format!("leads to Z{reach:.3}; the stroke ends at Z{limit:.3}")));
-        }
-        let begin = path.s();
-        path.append(piece).map_err(|wrong| refused(wrong.to_string()))?;
-        let length = path.ahead_of(begin);
-        let points = if piece.shape == Shape::Line { 1 } else { ARC_POINTS };
-        for point in 1..=points {
-            let to = begin.plus(Fixed((i128::from(length.0) * i128::from(point) / i128::from(points)) as i64));
-            path.step(to.minus(path.s()));
-            outline.push(mm(path.setpoint()));
-        }
-        ends.push(path.s());
-    }
-    let length_mm = f64::from(path.s().to_f32()) * 1e-3;
-    Ok(Program { name: name.into(), moves, ends, length_mm, outline })
+    program.within(f64::from(setup.process.base.surface), *depth_range_mm(setup).end())?;
+    Ok(program)
 }
 
 /// Bores a hole: one sample a servo tick to `observer`, progress every 100 ms of simulated time.

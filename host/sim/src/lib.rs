@@ -45,7 +45,6 @@ pub mod contact;
 pub mod events;
 pub mod faults;
 pub mod gap_report;
-pub mod gcode;
 pub mod inputs;
 pub mod lockstep;
 pub mod machine;

@@ -3,13 +3,12 @@
 //! The command line hands over a [`Job`] that has been checked; the machine hands back one [`Sample`] a servo tick, a
 //! [`Progress`] now and then, and an [`Outcome`]. All values are the model's truth unless they say otherwise.
 
-use crate::gcode::Move;
 use crate::process::{Plant, Pulses};
 use crate::scenario::Scenario;
+use edm_gcode::Program;
 use edm_servo_head::gap::pulses::Counts;
 use edm_servo_head::gap::senses::Senses;
 use edm_servo_head::settings::Settings;
-use edm_servo_head::units::Fixed;
 
 /// Values for a run.
 pub type Setup = Scenario<Plant, Settings>;
@@ -36,34 +35,6 @@ impl Job {
     pub fn label(&self) -> String {
         let path = self.path.as_ref().map(|path| format!(", {}", path.name)).unwrap_or_default();
         format!("{}{path}{}", self.setup.name, if self.surrogate { ", surrogate" } else { "" })
-    }
-}
-
-/// A path that was checked, from X0 Y0 in the surface of the work.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Program {
-    /// Name of its file.
-    pub name: String,
-    /// Its pieces.
-    pub moves: Vec<Move>,
-    /// Path coordinates of their ends, from X0 Y0 Z0.
-    pub ends: Vec<Fixed>,
-    /// Length, mm.
-    pub length_mm: f64,
-    /// Points of it in their order: down, X, Y, mm.
-    pub outline: Vec<[f64; 3]>,
-}
-
-impl Program {
-    /// Largest feed that the program allows at the present path coordinate, um/s.
-    pub fn feed(&self, at: Fixed) -> Option<f64> {
-        let under_way = self.ends.partition_point(|end| *end < at);
-        self.moves.get(under_way).or(self.moves.last())?.feed
-    }
-
-    /// Depth of its end, mm.
-    pub fn depth_mm(&self) -> f64 {
-        self.outline.last().map_or(0.0, |[down, ..]| *down)
     }
 }
 

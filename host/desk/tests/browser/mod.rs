@@ -219,6 +219,40 @@ fn a_stranger_bores_a_hole_in_the_page() {
     assert!(page.text("#events").contains("bores to 0.002 mm"), "{}", page.text("#events"));
 }
 
+#[test]
+fn a_program_is_eroded_from_the_page_and_what_is_wrong_in_it_is_marked_in_its_line() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.connection());
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.command();
+    page.view("run");
+    page.click("#path summary");
+    let type_in = |page: &mut Browser, text: &str| {
+        page.value(&format!(
+            "(() => {{ const field = document.querySelector('[name=program]'); field.value = '{text}'; field.oninput(); }})()"
+        ));
+    };
+    type_in(&mut page, "G1 Z-0.002 F30\\nG5 X1\\nM2");
+    assert_eq!(page.value("document.querySelector('[name=depth]').disabled"), true, "the program has the depth");
+    page.click("#begin");
+    page.until("document.querySelector('#run-said').innerText.startsWith('program line 2: G5: must be one of')");
+    let marked = "(() => { const field = document.querySelector('[name=program]');
+        return field.classList.contains('wrong') && field.value.slice(field.selectionStart, field.selectionEnd); })()";
+    assert_eq!(page.value(marked), "G5 X1");
+    page.picture("run-program-wrong");
+    type_in(&mut page, "G1 Z-0.002 F30\\nX0.004\\nM2");
+    page.click("#begin");
+    page.until("/line [12]: /.test(document.querySelector('#doing').innerText)");
+    page.until("document.querySelector('#doing').innerText.startsWith('Bored: ')");
+    assert!(page.text("#doing").contains("End of the program"), "{}", page.text("#doing"));
+    let beside = page.text("#beside");
+    assert!(beside.starts_with("0.00") && beside.contains(", 0.000 mm"), "{beside}");
+    assert_eq!(page.value("document.querySelector('#progress').value"), 1);
+    page.picture("run-program");
+    let truth = rig.truth();
+    assert!(truth.deepest >= 1999 && !truth.pulses, "{truth:?}");
+}
+
 /// Something is drawn in each pane.
 const DRAWN: &str = "document.querySelectorAll('#chart canvas').length === 3
     && [...document.querySelectorAll('#chart canvas')].every((canvas) => canvas.width > 100

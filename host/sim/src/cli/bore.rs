@@ -1,7 +1,6 @@
 //! `edm-sim bore`: check, run, report.
 
 use crate::bore;
-use crate::gcode;
 use crate::inputs::Inputs;
 use crate::observe::{Recorder, Run};
 use crate::output::Output;
@@ -10,6 +9,7 @@ use crate::report::{Report, Summary};
 use crate::run::Job;
 use crate::terminal::{Failure, say};
 use clap::Args;
+use edm_gcode::Program;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -121,7 +121,7 @@ impl Bore {
 fn take_path(job: &mut Job, path: &Path) -> Result<(), String> {
     let text = std::fs::read_to_string(path).map_err(|error| format!("cannot be read: {error}"))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let program = bore::program(&job.setup, &name, gcode::read(&text)?)?;
+    let program = bore::program(&job.setup, Program::parse(&name, &text)?)?;
     job.depth_mm = program.depth_mm();
     job.path = Some(program);
     Ok(())

@@ -14,8 +14,8 @@ mod track;
 
 use crate::millisecond::{Millisecond, Phase};
 use crate::report::Report;
-use crate::run::Program;
 use buckets::{Bucket, Buckets, Means};
+use edm_gcode::Program;
 use edm_process::gates::Figure;
 use shares::Shares;
 use std::ops::Range;

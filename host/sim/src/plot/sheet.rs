@@ -6,7 +6,7 @@ use super::shares::Shares;
 use super::{CLOSE_SHARES_MS, Picture, SHARES};
 use crate::millisecond::Phase;
 use crate::report::Report;
-use crate::run::Program;
+use edm_gcode::Program;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};

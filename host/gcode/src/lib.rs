@@ -7,6 +7,10 @@
 //! A program that switches pulses (M3, M5), as LinuxCNC runs it (`examples/linuxcnc`), erodes between the two: what comes before M3
 //! leads to the start of the path, and what comes after M5 out of the work.
 
+mod program;
+
+pub use program::Program;
+
 use edm_servo_head::path::{AXES, INCONSISTENCY, Piece, Plane, Shape, Turn};
 use g_code::emit::Field;
 use g_code::parse::ast::{Span, Spanned};
