@@ -13,6 +13,7 @@ pub struct FixedRate {
 
 impl FeedLaw for FixedRate {
     type State = ();
+    const BY_ERROR: bool = true;
 
     fn act(&self, (): &mut (), view: &View<'_>) -> Answer {
         let (rate, error) = (self.rate.0, view.error.0);

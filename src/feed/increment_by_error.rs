@@ -31,6 +31,7 @@ impl IncrementByError {
 
 impl FeedLaw for IncrementByError {
     type State = Increment;
+    const BY_ERROR: bool = true;
 
     fn act(&self, state: &mut Increment, view: &View<'_>) -> Answer {
         if state.period.begins(self.period, view.ticks) {

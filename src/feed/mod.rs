@@ -98,6 +98,8 @@ pub trait FeedLaw {
     type State: Copy + Default + core::fmt::Debug;
     /// It needs pulses that are told apart: `gap.average` = plain shows none.
     const NEEDS_PULSES: bool = false;
+    /// It acts on the error of the controlled variable, and on nothing else.
+    const BY_ERROR: bool = false;
     /// It may ask for an off-time: the ends of pulses are watched.
     const ASKS_OFF_TIME: bool = false;
 
@@ -168,6 +170,11 @@ macro_rules! laws {
             /// See [`FeedLaw::NEEDS_PULSES`].
             pub fn needs_pulses(self) -> bool {
                 match self { $(LawName::$law => <$law as FeedLaw>::NEEDS_PULSES,)+ }
+            }
+
+            /// See [`FeedLaw::BY_ERROR`].
+            pub fn by_error(self) -> bool {
+                match self { $(LawName::$law => <$law as FeedLaw>::BY_ERROR,)+ }
             }
 
             /// See [`FeedLaw::ASKS_OFF_TIME`].

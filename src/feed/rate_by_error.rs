@@ -21,6 +21,7 @@ impl RateByError {
 
 impl FeedLaw for RateByError {
     type State = ();
+    const BY_ERROR: bool = true;
 
     fn act(&self, (): &mut (), view: &View<'_>) -> Answer {
         Answer::feed(within(view.error.0 * self.per_volt, -self.clamp.0, self.clamp.0))

@@ -35,6 +35,7 @@ impl TwoThresholds {
 
 impl FeedLaw for TwoThresholds {
     type State = Decided;
+    const BY_ERROR: bool = true;
 
     fn act(&self, state: &mut Decided, view: &View<'_>) -> Answer {
         if state.period.begins(self.period, view.ticks) {

@@ -1,6 +1,6 @@
 //! `cargo fil cycles`, and what the commands share: bad input, files of the project.
 
-use crate::cycles::{bounds, page, report};
+use crate::cycles::{bounds, laws, page, report};
 use crate::image::Image;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
@@ -48,6 +48,9 @@ pub struct Cycles {
     /// Print where a task spends its cycles, by function, and measure nothing else
     #[arg(long, value_name = "TASK")]
     profile: Option<String>,
+    /// Print what each feed law costs, and measure nothing else; --json writes it
+    #[arg(long, conflicts_with_all = ["profile", "page", "check", "bounds"])]
+    laws: bool,
     /// Also fail when a bound of docs/performance.md is not met
     #[arg(long)]
     bounds: bool,
@@ -62,6 +65,12 @@ impl Cycles {
         if let Some(task) = &self.profile {
             print!("{}", report::profile(image, task)?);
             return Ok(());
+        }
+        if self.laws {
+            let json = Output::claim_any("--json", self.json.as_deref()).map_err(BadInput)?;
+            let measured = laws::measure(image)?;
+            print!("{}", laws::table(&measured));
+            return json.map_or(Ok(()), |output| output.write_json(&measured).map_err(|e| anyhow!(e)));
         }
         let path = self.page.clone().map_or_else(|| in_project(Path::new(PAGE)), Ok)?;
         let committed = Page::read(&path, COMMAND).map_err(BadInput)?;

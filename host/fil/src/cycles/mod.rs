@@ -7,6 +7,7 @@
 //! [`meter`](crate::meter) has the estimate and its limits.
 
 pub mod bounds;
+pub mod laws;
 pub mod names;
 pub mod page;
 pub mod report;

@@ -126,7 +126,7 @@ pub fn measure(image: &Image) -> Result<Measured> {
 }
 
 /// To a tenth: what is printed is what is compared.
-fn rounded(value: f64) -> f64 {
+pub(super) fn rounded(value: f64) -> f64 {
     (value * 10.0).round() / 10.0
 }
 

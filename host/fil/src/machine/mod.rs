@@ -71,7 +71,7 @@ impl<W: World + 'static> Machine<W> {
         let mut uc =
             Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, Chip::new(soc)).map_err(engine("create"))?;
         uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(engine("processor model"))?;
-        let pace = uc.add_code_hook(1, 0, |uc, address, _| before(uc, address as u32)).map_err(engine("code hook"))?;
+        let pace = code_hook(&mut uc)?;
         let mut machine = Self { uc, pace, guarded: None };
         machine.map_memories()?;
         machine.map_peripherals()?;
@@ -294,6 +294,16 @@ impl<W: World + 'static> Machine<W> {
         self.uc.ctl_flush_tb().map_err(engine("flush"))
     }
 
+    /// From now on time passes by instructions again, as at power-up.
+    ///
+    /// # Errors
+    /// When the engine refuses.
+    pub fn step_by_instructions(&mut self) -> Result<()> {
+        self.uc.remove_hook(self.pace).map_err(engine("remove the block hook"))?;
+        self.pace = code_hook(&mut self.uc)?;
+        self.uc.ctl_flush_tb().map_err(engine("flush"))
+    }
+
     /// Starts cycle accounting, with marks at some addresses. It takes several times the host time.
     ///
     /// # Errors
@@ -487,6 +497,10 @@ fn leave_it_alone<W>(uc: &mut Unicorn<Chip<W>>) {
     {
         let _ = uc.reg_write(R::XPSR, xpsr & !IT);
     }
+}
+
+fn code_hook<W: World + 'static>(uc: &mut Unicorn<'static, Chip<W>>) -> Result<UcHookId> {
+    uc.add_code_hook(1, 0, |uc, address, _| before(uc, address as u32)).map_err(engine("code hook"))
 }
 
 /// Runs before each instruction: lets time pass, stops the engine when something has to happen first.

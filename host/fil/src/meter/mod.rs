@@ -34,12 +34,18 @@ const RETURN: u64 = 10;
 
 /// Says of an address which marks a run bears that comes by: a bit each.
 pub type Marks = Box<dyn Fn(u32) -> u8>;
+/// Mark of the addresses whose cost is counted by itself, with what they call.
+pub const PART: u8 = 0x80;
+/// Link register.
+const LR: u8 = 14;
 
 /// One run of an exception.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Run {
     /// Entry and return included, interrupting exceptions not.
     pub cost: Cost,
+    /// Spent at addresses with the mark [`PART`], and in what was called from there.
+    pub part: Cost,
     /// Marks of the places that it came by.
     pub marks: u8,
 }
@@ -59,8 +65,26 @@ struct Level {
     exception: Exception,
     run: u32,
     cost: Cost,
+    part: Cost,
+    /// Whether the last instruction belongs to the part, and where what it has called returns to.
+    inside: bool,
+    returns: Option<u32>,
     marks: u8,
     sequence: Sequence,
+}
+
+impl Level {
+    /// The instruction at `address`, `marked` as one of the part or not, runs next.
+    fn follow(&mut self, address: u32, marked: bool, register: impl Fn(u8) -> u32) {
+        if self.returns == Some(address) {
+            self.returns = None;
+        }
+        // A call is what leaves the address behind it in the link register.
+        if self.inside && !marked && self.returns.is_none() {
+            self.returns = self.sequence.end().filter(|end| register(LR) & !1 == *end);
+        }
+        self.inside = marked || self.returns.is_some();
+    }
 }
 
 /// Meter of one chip.
@@ -105,7 +129,16 @@ impl Meter {
 
     fn begin(&mut self, exception: Exception, cost: Cost) {
         self.runs += 1;
-        self.levels.push(Level { exception, run: self.runs, cost, marks: 0, sequence: Sequence::default() });
+        self.levels.push(Level {
+            exception,
+            run: self.runs,
+            cost,
+            part: Cost::default(),
+            inside: false,
+            returns: None,
+            marks: 0,
+            sequence: Sequence::default(),
+        });
     }
 
     /// Forgets what was counted; what is running is not counted any more.
@@ -131,6 +164,7 @@ impl Meter {
         let Some(mut level) = self.levels.pop() else { return };
         let end = level.sequence.close(u32::MAX);
         level.cost += end;
+        level.part += if level.inside { end } else { Cost::default() };
         self.now += end.warm + RETURN;
         if level.run == 0 {
             return;
@@ -139,7 +173,7 @@ impl Meter {
         if let Some(last) = level.sequence.last() {
             *task.places.entry(last).or_default() += end;
         }
-        task.runs.push(Run { cost: level.cost, marks: level.marks });
+        task.runs.push(Run { cost: level.cost, part: level.part, marks: level.marks });
     }
 
     /// The processor itself takes `cycles` in the running exception: FPU registers saved or restored.
@@ -155,6 +189,7 @@ impl Meter {
         self.now += cost.estimate();
         let Some(level) = self.levels.last_mut() else { return };
         level.cost += cost;
+        level.part += if level.inside { cost } else { Cost::default() };
         if let (Some(last), true) = (level.sequence.last(), level.run != 0) {
             *self.tasks.entry(level.exception).or_default().places.entry(last).or_default() += cost;
         }
@@ -187,6 +222,9 @@ impl Meter {
             if penalty != Cost::default() {
                 self.add(penalty);
             }
+        }
+        if let Some(level) = self.levels.last_mut() {
+            level.follow(address, marks & PART != 0, &register);
         }
         self.charge(address, &t, |s| s.step(address, &t, quotient));
     }

@@ -101,12 +101,19 @@ pub const LAWS: &[Law] = &[
     Law { name: "gap_ratio-searched", source: SEARCHED, settings: |s| best::settings(s, "gap_ratio") },
     Law { name: "hazard-searched", source: SEARCHED, settings: |s| best::settings(s, "hazard") },
     Law { name: "observed_gap-searched", source: SEARCHED, settings: |s| best::settings(s, "observed_gap") },
+    Law {
+        name: "increment_by_error-pauses",
+        source: PAUSES,
+        settings: |s| best::settings(s, "increment_by_error-pauses"),
+    },
+    Law { name: "observed_gap-pauses", source: PAUSES, settings: |s| best::settings(s, "observed_gap-pauses") },
     Law { name: "2tav-fast", source: FAST, settings: |s| best::settings(s, "2tav-fast") },
     Law { name: "fc-fast", source: FAST, settings: |s| best::settings(s, "fc-fast") },
     Law { name: "fpcc-fast", source: FAST, settings: |s| best::settings(s, "fpcc-fast") },
 ];
 
 const SEARCHED: &str = "parameters that `cargo sim search` found, at the published period";
+const PAUSES: &str = "the same, with the off-time by class searched too";
 const FAST: &str = "the same, the period searched too";
 
 /// What all laws have in common, and what may be different for all of them; the first one by default.

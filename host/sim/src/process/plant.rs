@@ -177,6 +177,14 @@ impl Plant {
                 *number = Some((value * (1.0 + share * drawn)).clamp(least, most));
             }
         }
+        // An arc burns no higher than a spark: the model refuses one that does.
+        let model = self.model();
+        if model.arc_v > model.burn_v
+            && let Some((_, arc_v)) =
+                DECLARED.iter().zip(&mut self.numbers).find(|(declared, _)| declared.key == "arc_v")
+        {
+            *arc_v = Some(model.burn_v);
+        }
     }
 
     /// Name of the machine; `None` in version 0.
@@ -417,6 +425,13 @@ mod tests {
         let mut zero = usual;
         zero.perturb(0.3, 1);
         assert_eq!(zero, usual);
+        // Whatever the seed, it is a model.
+        for seed in 0..200 {
+            let mut gao = sinker;
+            gao.set("model.machine", Value::Word("gao")).unwrap();
+            gao.perturb(0.3, seed);
+            assert_eq!(gao.model().check(), Ok(()), "seed {seed}");
+        }
     }
 
     #[test]

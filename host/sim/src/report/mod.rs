@@ -11,6 +11,8 @@ pub use verdict::Finding;
 
 use crate::run::{FaultEvent, Job, Outcome};
 use crate::statistics::Figures;
+use edm_servo_head::gap::controlled::ControlledName;
+use edm_servo_head::head::Structure;
 use serde::Serialize;
 
 /// Name and version of the JSON; a key that goes or changes its meaning raises the number.
@@ -120,9 +122,9 @@ pub struct Report {
 pub struct GapVoltage {
     /// Mean.
     pub mean: Option<f64>,
-    /// Mean of what the head tried to keep.
+    /// Mean of what the head tried to keep; `None` where its law goes by something else.
     pub setpoint: Option<f64>,
-    /// Deviation of 100 ms means from the set point, rms.
+    /// Deviation of 100 ms means from the set point, rms; likewise.
     pub rms_error_100ms: Option<f64>,
     /// Scatter of the filtered voltage about its mean, rms.
     pub filtered_rms: Option<f64>,
@@ -157,6 +159,9 @@ impl Report {
         // An electrode that stands above the work has made no hole.
         let depth = |mm: f64| tidy(mm).map(|depth| depth.max(0.0));
         let hole_depth_mm = depth(outcome.hole_depth_mm);
+        let head = &job.setup.head;
+        let by_error = head.structure == Structure::SingleLoop || head.law.by_error();
+        let keeps_voltage = head.controlled == ControlledName::GapVoltage && by_error;
         let mut report = Report {
             schema: SCHEMA,
             scenario: job.label(),
@@ -176,8 +181,8 @@ impl Report {
             wall_time_s: rounded(wall_time_s),
             gap_voltage_v: GapVoltage {
                 mean: figures.gap_v_mean.and_then(tidy),
-                setpoint: figures.setpoint_v.and_then(tidy),
-                rms_error_100ms: figures.gap_v_rms_error.and_then(tidy),
+                setpoint: figures.setpoint_v.filter(|_| keeps_voltage).and_then(tidy),
+                rms_error_100ms: figures.gap_v_rms_error.filter(|_| keeps_voltage).and_then(tidy),
                 filtered_rms: figures.filtered_v_rms.and_then(tidy),
                 shot_floor_rms: outcome.shot_floor_rms_v.and_then(tidy),
             },
@@ -189,7 +194,7 @@ impl Report {
             },
             vibration_mm_s: figures.vibration_mm_s.and_then(tidy),
             velocity_mm_s: figures.velocity_mm_s.and_then(tidy),
-            duty_at_limit_ratio: figures.duty.at_limit(job.setup.head.axis_duty_limit.into()).and_then(tidy),
+            duty_at_limit_ratio: figures.duty.at_limit(head.axis_duty_limit.into()).and_then(tidy),
             open_ratio: share(pulses.open),
             spark_ratio: share(pulses.spark),
             arc_ratio: share(pulses.arc),

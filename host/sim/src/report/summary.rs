@@ -107,6 +107,7 @@ impl Summary<'_> {
                     "mean {mean:.1} V, set point {setpoint:.1} V; 100 ms mean: {error:.1} V rms about the set point"
                 )
             }
+            (Some(mean), ..) => format!("mean {mean:.1} V; no set point: the feed law goes by something else"),
             _ => "not evaluated: less than two seconds of undisturbed eroding".into(),
         }
     }

@@ -182,6 +182,18 @@ fn a_figure_at_its_limit_is_no_finding_and_one_beyond_it_is() {
         assert_eq!(found(at, good), [""; 0], "{figure}");
         assert_eq!(found(beyond, good), [figure]);
     }
+    // A law that does not go by the voltage has no set point of it to miss.
+    for assignment in ["feed.law=observed_gap", "feed.law=pulse_counts", "gap.controlled=hazard"] {
+        let mut job = job();
+        job.setup.set(assignment).unwrap();
+        let far = Figures { gap_v_mean: Some(78.6), gap_v_rms_error: Some(18.6), ..usual };
+        let report = Report::new(&job, &Outcome { pulses: good, ..outcome() }, &far, 2.0);
+        assert_eq!(report.findings, [], "{assignment}");
+        let volts = report.gap_voltage_v;
+        assert_eq!((volts.mean, volts.setpoint, volts.rms_error_100ms), (Some(78.6), None, None), "{assignment}");
+        let text = Summary { report: &report }.to_string();
+        assert!(text.contains("Gap voltage  mean 78.6 V; no set point: the feed law goes by something else"), "{text}");
+    }
     for (hole_depth_mm, through, figures) in
         [(0.499_1, 0.0, &[][..]), (0.498, 0.0, &["hole_depth_mm"][..]), (0.2, 1.0, &[][..])]
     {

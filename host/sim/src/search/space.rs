@@ -135,30 +135,27 @@ pub const LAWS: &[Law] = &[
             set("gap_ratio", &values)
         },
     },
+    Law { name: "observed_gap", dimensions: OBSERVED, settings: observed },
     Law {
-        name: "observed_gap",
+        name: "observed_gap-pauses",
         dimensions: &[
-            DISCHARGING,
-            log("feed.observed_um", 2.0, 100.0),
-            log("feed.observed_per_s", 0.5, 100.0),
-            linear("feed.observed_caution", 0.0, 1.5),
-            log("feed.observed_noise_um", 0.3, 30.0),
-            log("feed.observed_drift_um_s", 0.3, 100.0),
-            linear("feed.observed_lost_percent", 10.0, 80.0),
+            OBSERVED[0],
+            OBSERVED[1],
+            OBSERVED[2],
+            OBSERVED[3],
+            OBSERVED[4],
+            OBSERVED[5],
+            OBSERVED[6],
+            PAUSES[0],
+            PAUSES[1],
         ],
+        settings: |setup, v| paused(observed(setup, v.get(..7)?)?, v.get(7..)?),
+    },
+    Law {
+        name: "increment_by_error-pauses",
+        dimensions: &[SET_POINT, log("feed.gain_um_s_v", 0.3, 100.0), PAUSES[0], PAUSES[1]],
         settings: |setup, v| {
-            let keys = [
-                "feed.observed_um",
-                "feed.observed_per_s",
-                "feed.observed_caution",
-                "feed.observed_noise_um",
-                "feed.observed_drift_um_s",
-                "feed.observed_lost_percent",
-            ];
-            let (percent, v) = v.split_first()?;
-            let mut values = zipped(&keys, v);
-            values.push(("gap.hazard_per_s", hazard(setup, *percent)));
-            set("observed_gap", &values)
+            paused(keyed(setup, "increment_by_error", &["feed.gain_um_s_v"], v.get(..2)?)?, v.get(2..)?)
         },
     },
     Law {
@@ -174,6 +171,43 @@ pub const LAWS: &[Law] = &[
         },
     },
 ];
+
+const OBSERVED: &[Dimension] = &[
+    DISCHARGING,
+    log("feed.observed_um", 2.0, 100.0),
+    log("feed.observed_per_s", 0.5, 100.0),
+    linear("feed.observed_caution", 0.0, 1.5),
+    log("feed.observed_noise_um", 0.3, 30.0),
+    log("feed.observed_drift_um_s", 0.3, 100.0),
+    linear("feed.observed_lost_percent", 10.0, 80.0),
+];
+
+fn observed(setup: &Setup, v: &[f64]) -> Option<Vec<String>> {
+    let keys = [
+        "feed.observed_um",
+        "feed.observed_per_s",
+        "feed.observed_caution",
+        "feed.observed_noise_um",
+        "feed.observed_drift_um_s",
+        "feed.observed_lost_percent",
+    ];
+    let (percent, v) = v.split_first()?;
+    let mut values = zipped(&keys, v);
+    values.push(("gap.hazard_per_s", hazard(setup, *percent)));
+    set("observed_gap", &values)
+}
+
+/// Off-time by class: after a spark, and after an arc or a short.
+const PAUSES: &[Dimension] =
+    &[log("generator.pause_spark_us", 5.0, 300.0), log("generator.pause_arc_us, generator.pause_short_us", 5.0, 300.0)];
+
+fn paused(mut settings: Vec<String>, v: &[f64]) -> Option<Vec<String>> {
+    let &[spark, bad] = v else { return None };
+    settings.extend(
+        [("spark", spark), ("arc", bad), ("short", bad)].map(|(class, us)| format!("generator.pause_{class}_us={us}")),
+    );
+    Some(settings)
+}
 
 const COUNTED: &[Dimension] = &[
     log("feed.pulses_step_um_100ms", 0.1, 10.0),

@@ -22,8 +22,11 @@ pub fn evaluate(rows: &[Row]) -> (String, usize) {
     names.dedup();
     for of in names {
         let runs: Vec<&Row> = rows.iter().filter(|row| name(row) == of).collect();
-        let worst =
-            |figure: &dyn Fn(&Row) -> Option<f64>| runs.iter().filter_map(|row| figure(row)).fold(0.0f64, f64::max);
+        // A law that does not go by the voltage has no error of it.
+        let worst = |places: usize, figure: &dyn Fn(&Row) -> Option<f64>| {
+            let most = runs.iter().filter_map(|row| figure(row)).reduce(f64::max);
+            most.map_or_else(|| "-".into(), |most| format!("{most:.places$}"))
+        };
         let mut kept = 0;
         for row in &runs {
             let failed = row.text("error").map(|error| format!("failed: {error}"));
@@ -37,17 +40,17 @@ pub fn evaluate(rows: &[Row]) -> (String, usize) {
         }
         let _ = writeln!(
             text,
-            "| {of} | {} | {:.2} | {:.2} | {:.2} | {:.1} | {:.1} | {:.0} | {kept} of {} |",
+            "| {of} | {} | {} | {} | {} | {} | {} | {} | {kept} of {} |",
             runs.len(),
-            worst(&|r| {
+            worst(2, &|r| {
                 let worn = if r.number("model_version")? == 0.0 { 0.0 } else { r.number("wear_mm")? };
                 Some((r.number("depth_mm")? + worn - r.number("target_depth_mm")?).abs() * 1e3)
             }),
-            worst(&|r| r.number("gap_voltage_v.rms_error_100ms")),
-            worst(&|r| Some(r.number("gap_voltage_v.filtered_rms")? / r.number("gap_voltage_v.shot_floor_rms")?)),
-            worst(&|r| r.number("position_pp_um_median")),
-            worst(&|r| r.number("position_line_um.amplitude")),
-            worst(&|r| r.number("long_retreats")),
+            worst(2, &|r| r.number("gap_voltage_v.rms_error_100ms")),
+            worst(2, &|r| Some(r.number("gap_voltage_v.filtered_rms")? / r.number("gap_voltage_v.shot_floor_rms")?)),
+            worst(1, &|r| r.number("position_pp_um_median")),
+            worst(1, &|r| r.number("position_line_um.amplitude")),
+            worst(0, &|r| r.number("long_retreats")),
             runs.len(),
         );
     }
