@@ -55,7 +55,7 @@ fn a_hole_is_bored_through_the_api_while_another_session_watches() {
     let record = later.ask(json!({ "do": "record", "node": 1 })).unwrap();
     assert_eq!((&record["target_mm"], &record["ended"]["outcome"]), (&json!(0.002), outcome));
     let deep = record["deepest_mm"].as_f64().unwrap() - record["surface_mm"].as_f64().unwrap();
-    assert!(deep <= depth && record["points"].as_array().unwrap().len() > 5, "{record}");
+    assert!(deep <= depth + 1e-6 && record["points"].as_array().unwrap().len() > 5, "{record}");
     assert!(record["gap"][1]["pulses"] == true, "{record}");
     let log = later.welcome["log"].to_string();
     for part in ["the program has started", "EDM servo head, software", "takes command", "bores to 0.002 mm"] {
@@ -639,6 +639,8 @@ fn ctrl_c_goes_up_and_disables() {
     let rig = Rig::new();
     let boring = rig::start(&rig.connection(), &["--json", "bore", "--depth", "0.5"], Stdio::piped());
     rig.until(|truth| truth.state == State::Eroding);
+    // The program looks twenty times a second.
+    std::thread::sleep(Duration::from_millis(500));
     let pid = boring.id().to_string();
     assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
     let output = boring.wait_with_output().unwrap();

@@ -110,8 +110,8 @@ mod tests {
     fn a_program_knows_its_depth_its_length_and_what_it_allows_where() {
         let program = Program::parse("cup", "G1 Z-1 F6\nG18 G2 X2 I1 K0\nG1 Z-0.5").unwrap();
         assert_eq!((program.depth_mm(), program.leads_beside()), (0.5, true));
-        // The arc leads up by its radius, from Z-1.
-        assert!((program.deepest_mm() - 1.0).abs() < 1e-6, "{}", program.deepest_mm());
+        // Seen from the end of Y, X to the right, Z points down: the clockwise half circle leads down by its radius, from Z-1.
+        assert!((program.deepest_mm() - 2.0).abs() < 1e-6, "{}", program.deepest_mm());
         let length = 1.0 + core::f64::consts::PI + 0.5;
         assert!((program.length_mm - length).abs() < 1e-3, "{}", program.length_mm);
         assert_eq!((program.ends.len(), program.outline.len()), (3, 1 + 1 + 64 + 1));

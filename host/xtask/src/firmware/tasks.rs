@@ -4,8 +4,8 @@
 //! compiler has proved unreachable is none.
 //!
 //! The stack is an upper bound: each priority is interrupted by each higher one where it is deepest, and by a fault
-//! handler. A function that jumps to another at its end counts as if it kept its frame, a panic as if it went on, and start-up,
-//! which nothing interrupts, as if it were idle.
+//! handler. A function that jumps to another at its end counts as if it kept its frame, a panic as if it went on. What start-up calls
+//! runs with interrupts masked: only a fault handler comes on top of it.
 
 use super::graph::{Function, Graph};
 use edm_hal_shim::board::{LOGS, TASKS, Task};
@@ -25,6 +25,8 @@ pub struct Rules {
     tasks: &'static [Task],
     /// Vectors that are no tasks and never come back.
     dying: &'static [&'static str],
+    /// Functions of start-up that enable interrupts when all their calls are done.
+    starts: &'static [&'static str],
     indirect: &'static [Indirect],
     panics: &'static [Panics],
     recursions: &'static [Recursion],
@@ -64,6 +66,7 @@ struct Recursion {
 pub const HEAD: Rules = Rules {
     tasks: TASKS,
     dying: &["HardFault", "DefaultHandler"],
+    starts: &["__rtic_init_resources"],
     indirect: &[
         Indirect {
             from: &["edm_canopen::"],
@@ -113,6 +116,8 @@ pub struct Report {
     pub levels: Vec<Level>,
     /// Ways to a panic that may be, by why they may.
     pub panics: BTreeMap<&'static str, Vec<String>>,
+    /// The deepest of start-up, bytes.
+    pub starting: u32,
     /// The deepest that the stack can get, bytes.
     pub stack: u32,
 }
@@ -138,6 +143,7 @@ impl fmt::Display for Report {
             let tasks = format!("{priority} {}", names.join(", "));
             writeln!(f, "  {tasks:<44} {functions:>9} {indirect:>9} {stack:>9}")?;
         }
+        writeln!(f, "  {:<44} {:>29}", "  start-up, with interrupts masked", self.starting)?;
         writeln!(f, "  no task can panic, but:")?;
         for (why, ways) in &self.panics {
             writeln!(f, "    {why}:")?;
@@ -165,7 +171,10 @@ pub fn check(graph: &Graph, rules: &Rules, place: &dyn Fn(u32) -> String) -> Res
     let all: BTreeSet<usize> = roots.iter().flat_map(|root| check.reached(root.function).into_keys()).collect();
     check.unknown(&all, rules);
     let panics = check.panics(&roots, rules);
-    let depths = check.depths(&all, rules);
+    check.recursions(&all, rules);
+    let starting = check.depths()[graph.reset];
+    check.start_is_over(rules);
+    let depths = check.depths();
 
     let mut levels = BTreeMap::<_, Level>::new();
     for Root { name, priority, function } in roots {
@@ -180,9 +189,13 @@ pub fn check(graph: &Graph, rules: &Rules, place: &dyn Fn(u32) -> String) -> Res
         level.stack = level.stack.max(depths[function]);
     }
     let levels: Vec<Level> = levels.into_values().collect();
-    let frames = levels.iter().filter(|level| level.priority != Some(0)).count() as u32;
-    let stack = levels.iter().map(|level| level.stack).sum::<u32>() + frames * EXCEPTION;
-    if check.errors.is_empty() { Ok(Report { levels, panics, stack }) } else { Err(check.errors) }
+    let above = |dies: bool| {
+        let above = levels.iter().filter(move |level| level.priority != Some(0) && (!dies || level.priority.is_none()));
+        above.map(|level| level.stack + EXCEPTION).sum::<u32>()
+    };
+    let idle = levels.iter().filter(|level| level.priority == Some(0)).map(|level| level.stack).sum::<u32>();
+    let stack = (idle + above(false)).max(starting + above(true));
+    if check.errors.is_empty() { Ok(Report { levels, panics, starting, stack }) } else { Err(check.errors) }
 }
 
 struct Check<'a> {
@@ -357,16 +370,10 @@ impl Check<'_> {
         panics
     }
 
-    /// The deepest stack of each function with those that it calls, bytes.
-    fn depths(&mut self, reached: &BTreeSet<usize>, rules: &Rules) -> Vec<u32> {
-        let mut depths = vec![0; self.graph.functions.len()];
+    /// What calls itself ends, for a reason that is in a line.
+    fn recursions(&mut self, reached: &BTreeSet<usize>, rules: &Rules) {
         let mut stale: Vec<_> = rules.recursions.iter().collect();
-        // Those that are called come before those that call.
         for round in tarjan_scc(&self.calls) {
-            let outside = round.iter().flat_map(|number| self.calls.neighbors(*number));
-            let below = outside.map(|callee| depths[callee]).max().unwrap_or(0);
-            let frames: u32 = round.iter().map(|number| self.graph.functions[*number].frame).sum();
-            round.iter().for_each(|number| depths[*number] = frames + below);
             let recursive = round.len() > 1 || self.calls.contains_edge(round[0], round[0]);
             if !recursive || !reached.contains(&round[0]) {
                 continue;
@@ -381,6 +388,34 @@ impl Check<'_> {
         }
         let stale = stale.iter().map(|rule| format!("no recursion through {} any more: {}", rule.through, rule.why));
         self.errors.extend(stale);
+    }
+
+    /// Takes away what start-up has called before it enabled interrupts.
+    fn start_is_over(&mut self, rules: &Rules) {
+        for name in rules.starts {
+            let found: Vec<usize> = self.calls.nodes().filter(|number| self.graph.is(*number, name)).collect();
+            if found.is_empty() {
+                self.errors.push(format!("no function is {name}: where are interrupts enabled?"));
+            }
+            for number in found {
+                let callees: Vec<usize> = self.calls.neighbors(number).collect();
+                callees.into_iter().for_each(|callee| {
+                    self.calls.remove_edge(number, callee);
+                });
+            }
+        }
+    }
+
+    /// The deepest stack of each function with those that it calls, bytes.
+    fn depths(&self) -> Vec<u32> {
+        let mut depths = vec![0; self.graph.functions.len()];
+        // Those that are called come before those that call.
+        for round in tarjan_scc(&self.calls) {
+            let outside = round.iter().flat_map(|number| self.calls.neighbors(*number));
+            let below = outside.map(|callee| depths[callee]).max().unwrap_or(0);
+            let frames: u32 = round.iter().map(|number| self.graph.functions[*number].frame).sum();
+            round.iter().for_each(|number| depths[*number] = frames + below);
+        }
         depths
     }
 }
@@ -442,6 +477,7 @@ mod tests {
             Task { name: "idle", priority: 0, source: "-", deadline: "" },
         ],
         dying: &["HardFault"],
+        starts: &[],
         indirect: &[],
         panics: &[],
         recursions: &[],
@@ -597,6 +633,25 @@ mod tests {
         let stacks: Vec<_> = report.levels.iter().map(|level| (level.names[0], level.stack)).collect();
         assert_eq!(stacks, [("HardFault", 4), ("servo", 24 + 16 + 4), ("protocol", 4 + 1024), ("idle", 16 + 1024)]);
         assert_eq!(report.stack, 4 + 44 + 1028 + 1040 + 3 * EXCEPTION);
+    }
+
+    #[test]
+    fn nothing_but_a_fault_comes_on_top_of_what_start_up_calls() {
+        let rules = Rules { starts: &["starts"], ..RULES };
+        let functions = [
+            ("Reset", "push {r4, lr}\nbl starts\nbl idle\nb ."),
+            ("starts", "push {r4, lr}\nsub sp, #16\nbl deep\nadd sp, #16\npop {r4, pc}"),
+            ("idle", "sub sp, #4\nadd sp, #4\nbx lr"),
+            ("TIM1", "sub sp, #32\nadd sp, #32\nbx lr"),
+            ("deep", "sub.w sp, sp, #1024\nadd.w sp, sp, #1024\nbx lr"),
+        ];
+        let report = checked(&image(&functions, ""), &rules).unwrap();
+        assert_eq!((report.starting, report.stack), (8 + 24 + 1024, 8 + 24 + 1024 + EXCEPTION));
+        // Without deep calls it is the tasks: its own frame stays while interrupts are on.
+        let functions = functions.map(|(name, code)| (name, if name == "deep" { "bx lr" } else { code }));
+        let report = checked(&image(&functions, ""), &rules).unwrap();
+        assert_eq!((report.starting, report.stack), (32, 8 + 24 + 32 + 3 * EXCEPTION));
+        refused(&image(&[], ""), &rules, "no function is starts");
     }
 
     #[test]
