@@ -50,7 +50,7 @@ pub struct OrderTest {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Order {
-    /// Order, 1..=[`MOST`]; 0 before the test is over.
+    /// Order, 1 to 3; 0 before the test is over.
     pub order: u8,
     /// DR(n) over DR(n - 1) for the orders, the first over DR(0) = 1 / det H(1).
     pub rises: [f32; MOST],
