@@ -170,7 +170,7 @@ pub struct Gap {
     pub no_pulse_percent: f64,
     /// What is wrong with that, and what to do.
     pub levels: Option<&'static str>,
-    /// Pulses, voltage and hazard are all of this look. The one at the end of the pulses counts some, and senses nothing.
+    /// Pulses, voltage and hazard were all measured in this look. A look at the end of the pulses counts pulses, but measures nothing.
     pub whole: bool,
     /// There were pulses.
     pub pulses: bool,
@@ -467,7 +467,7 @@ impl Gap {
         })
     }
 
-    /// Whether it is kept in the place of an earlier one: a head without comparators has no whole look.
+    /// Whether it replaces the one that is kept. A head without comparators never measures the hazard: there the newest with pulses is kept.
     pub fn replaces(&self, kept: Option<&Gap>) -> bool {
         self.whole || (self.pulses && self.volts.is_some() && !kept.is_some_and(|kept| kept.whole))
     }
