@@ -16,8 +16,11 @@
 //! | [`motion`] | profiles and homing: axis positioning |
 //! | [`servo`] | position and velocity loops, limits |
 //! | [`head`] | states, fault reactions, supervision; wires the rooms together |
+//! | [`scope`] | signals of the servo tick, recorded around a trigger or a fault |
 //! | [`settings`] | what a person sets, checked and built into what the ticks run |
+//! | [`technology`] | rows of settings from roughing to finishing, for one hole |
 //! | [`stored`] | what outlives the power: one image, a list of objects with their values |
+//! | [`backup`] | what survives a power cut in the memory with a cell: the hole, the work done |
 //! | [`canopen`] | the head as a CANopen device: drive and objects behind the node of [`edm_canopen`] |
 //!
 //! Sources, cited in the documentation by letter and section: \[R\] Roberts 2014, gap-voltage servo on a short-stroke linear
@@ -26,6 +29,7 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod backup;
 pub mod canopen;
 pub mod dsp;
 pub mod encoder;
@@ -35,7 +39,9 @@ pub mod head;
 pub mod kept;
 pub mod motion;
 pub mod path;
+pub mod scope;
 pub mod servo;
 pub mod settings;
 pub mod stored;
+pub mod technology;
 pub mod units;

@@ -12,8 +12,10 @@ pub const TICK_S: f32 = 1.0 / TICK_HZ as f32;
 pub const ADC_HZ: u32 = TICK_HZ * edm_hal_shim::gap::BLOCK as u32;
 /// Ticks of the 1 kHz supervision.
 pub const TICKS_PER_MS: u32 = TICK_HZ / 1000;
-/// Ticks from one plan of the head's motion to the next at the most: 4 kHz (`head/follow.rs`).
+/// Ticks from one plan of the head's motion to the next at the most, where it may move fast: 4 kHz (`head/follow.rs`).
 pub const PLAN_TICKS: u32 = 5;
+/// The same of a head that erodes and hardly moves: 2 kHz, 100 times the 20 Hz of the gap loop.
+pub const CALM_TICKS: u32 = 2 * PLAN_TICKS;
 /// Rate of the clock that times encoder edges: the core clock, Hz.
 pub const CLOCK_HZ: u32 = 168_000_000;
 /// Full scale of a 12-bit conversion.

@@ -22,6 +22,7 @@ fn bored(scenario: &str, seed: u64, surrogate: bool) -> Outcome {
         seed,
         surrogate,
         path: None,
+        table: None,
         coarse_error_um: 0.0,
     };
     bore::bore(&job, &mut Nobody, &mut |_| {}).unwrap()

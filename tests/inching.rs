@@ -27,7 +27,7 @@ fn short_stroke(seen: SeenBy, seed: u64) -> Outcome {
         ..setup.head
     };
     bore::check(&setup).unwrap();
-    let job = Job { setup, depth_mm: 0.5, path: None, seed, surrogate: false, coarse_error_um: 5.0 };
+    let job = Job { setup, depth_mm: 0.5, path: None, table: None, seed, surrogate: false, coarse_error_um: 5.0 };
     bore::bore(&job, &mut Nobody, &mut |_| {}).unwrap()
 }
 

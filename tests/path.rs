@@ -6,6 +6,8 @@ use edm_servo_head::path::{
 use edm_servo_head::units::{Fixed, MicrometresPerSecond2};
 use edm_sim::path_report::{self, Exact, arc, empty, go, mixed};
 use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 
 const ACCELERATION: MicrometresPerSecond2 = MicrometresPerSecond2(5e6);
 
@@ -303,4 +305,51 @@ proptest! {
             start = start.plus(path.ahead_of(start));
         }
     }
+}
+
+#[test]
+fn an_escape_from_anywhere_on_a_path_leads_along_its_line_and_back_to_the_same_set_points() {
+    let mut path = whole(7);
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(3);
+    let mut before = None;
+    for _ in 0..2000 {
+        let s = path.s().0 + ((random.random_range(-0.3..1.0) * 3e5) * f64::from(1 << 24)) as i64;
+        go(&mut path, Fixed(s.max(1 << 24)));
+        if path.at_end() {
+            break;
+        }
+        let (s, here, direction) = (path.s(), path.setpoint(), path.direction());
+        let by: [i32; AXES] = std::array::from_fn(|_| random.random_range(-1_000_000..1_000_000));
+        path.escape(by);
+        assert_eq!((path.s(), path.setpoint()), (s, here), "it begins where the path is left");
+        let length = by.iter().map(|nm| f64::from(*nm).powi(2)).sum::<f64>().sqrt();
+        for _ in 0..4 {
+            let off = random.random_range(0.0..length * 1.2e-3);
+            let bound = path.step(Fixed(s.0 - (off * f64::from(1 << 24)) as i64 - path.s().0));
+            let (reached, over) = (off.min(length * 1e-3), off > length * 1e-3 + 0.01);
+            assert_eq!(bound == Some(Bound::Distance), over, "{off} of {length} nm");
+            // Another escape is none: it is one line.
+            path.escape([1000; AXES]);
+            for ((now, here), by) in path.setpoint().iter().zip(&here).zip(by) {
+                let (um, expected) = (f64::from(now.minus(*here).to_f32()), reached * f64::from(by) / length);
+                assert!((um - expected).abs() < 0.002, "{um} of {expected} um");
+            }
+        }
+        // Where an escape is left it does not matter how: the path goes on in the same step.
+        let on = Fixed(random.random_range(0..1 << 24));
+        go(&mut path, s.plus(on));
+        let beyond = path.setpoint();
+        go(&mut path, s);
+        assert_eq!((path.setpoint(), path.direction()), (here, direction));
+        go(&mut path, s.plus(on));
+        assert_eq!(path.setpoint(), beyond);
+        assert_eq!(path.off(), None);
+        if let Some((s, here)) = before {
+            go(&mut path, s);
+            assert_eq!(path.setpoint(), here, "and so does the retrace");
+        }
+        before = Some((s, here));
+        go(&mut path, s.plus(on));
+    }
+    assert!(before.is_some());
 }

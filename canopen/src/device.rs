@@ -75,6 +75,8 @@ pub struct Device {
     pub revision: u32,
     /// 1017h, ms.
     pub heartbeat: u16,
+    /// Longest update that 1F50h:1 takes, bytes.
+    pub update: u32,
     /// 1400h to 1403h and 1600h to 1603h.
     pub receive: [PdoDefault; PDOS],
     /// 1800h to 1803h and 1A00h to 1A03h.

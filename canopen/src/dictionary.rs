@@ -8,7 +8,7 @@
 
 use super::Abort;
 
-/// Longest value that is read or written whole, bytes. Longer ones are [`DataType::Domain`] and can only be read.
+/// Longest value that is read or written whole, bytes. Longer ones are [`DataType::Domain`], read or written piece by piece.
 pub const LONGEST: usize = 252;
 
 /// Static data types (CiA 301 7.4.7.1, table 44). The number is the type's own index.
@@ -138,6 +138,25 @@ pub enum Request {
     Store(Group),
     /// From the next reset on, use the defaults: 1011h, signature "load".
     Restore(Group),
+    /// Part of an update of the program: 1F50h and 1F51h.
+    Update(Update),
+}
+
+/// Parts of an update (CiA 302-3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Update {
+    /// 1F51h:1 = 0: nothing may move from now on.
+    Stop,
+    /// 1F51h:1 = 3: forget what was staged, and make room for another program. The answer says that it has begun; when it has
+    /// ended, 1F57h:1 does.
+    Clear,
+    /// Take what [`Node::piece`](super::Node::piece) has.
+    Piece,
+    /// The same, and it is the last: look whether all of it is right.
+    Last,
+    /// 1F51h:1 = 1: start the program that was staged.
+    Start,
 }
 
 /// States of network management (CiA 301 7.3.2.2). The number is the one in the heartbeat.

@@ -108,6 +108,7 @@ impl Emergency {
     }
 
     /// A cause has appeared.
+    #[inline(never)]
     pub fn raise(&mut self, cause: Cause) {
         let (code, bit, which) = cause.facts();
         if self.causes & bit == 0 {
@@ -117,6 +118,7 @@ impl Emergency {
     }
 
     /// A cause is gone.
+    #[inline(never)]
     pub fn clear(&mut self, cause: Cause) {
         let (_, bit, _) = cause.facts();
         if self.causes & bit != 0 {
@@ -150,6 +152,7 @@ impl Emergency {
         self.waiting.clear();
     }
 
+    #[inline(never)]
     fn report(&mut self, code: u16, detail: [u8; 5]) {
         // Additional information, the high half, is the first two bytes of the detail.
         let [low, high, ..] = detail;
@@ -160,6 +163,7 @@ impl Emergency {
         self.queue(code, detail);
     }
 
+    #[inline(never)]
     fn queue(&mut self, code: u16, [a, b, c, d, e]: [u8; 5]) {
         let [low, high] = code.to_le_bytes();
         let emergency = [low, high, self.register(), a, b, c, d, e];

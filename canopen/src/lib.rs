@@ -34,7 +34,8 @@ pub use abort::Abort;
 pub use communication::{DefaultValue, OwnObject, own_objects};
 pub use device::{Device, ENTRIES, PDOS, PdoDefault, mapped};
 pub use dictionary::{
-    Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, ObjectHandle, Request, Written,
+    Access, DataType, Dictionary, Entry, Event, Group, LONGEST, Mapping, NmtState, ObjectHandle, Request, Update,
+    Written,
 };
 pub use emergency::ERRORS;
 pub use frame::{Frame, NodeId, Time};

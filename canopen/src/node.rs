@@ -233,6 +233,27 @@ impl Node {
         }
     }
 
+    /// The part of an update that [`Update`](super::Update) asks to be taken: its place in the update and its bytes, whole words.
+    /// `None`: whoever sent it has given up.
+    pub fn piece(&self) -> Option<(u32, &[u8])> {
+        self.server.piece()
+    }
+
+    /// What 1F56h:1 reads: by which the program that runs is known.
+    pub fn set_program(&mut self, id: u32) {
+        self.objects.program = id;
+    }
+
+    /// What 1F57h:1 reads (CiA 302-3): bit 0 in progress, bits 1 to 7 an error.
+    pub fn set_flash(&mut self, status: u32) {
+        self.objects.flash = status;
+    }
+
+    /// Begins anew, as when a host resets the node.
+    pub fn begin_anew(&mut self, dictionary: &mut dyn Dictionary) {
+        self.reset(Event::ResetNode, dictionary);
+    }
+
     /// The value written last, [`Written::Later`](super::Written::Later), is in force or was refused. Too late is no harm.
     pub fn written(&mut self, result: Result<(), Abort>, dictionary: &mut dyn Dictionary) {
         self.server.written(result, &mut Space { objects: &mut self.objects, dictionary });

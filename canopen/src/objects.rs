@@ -3,8 +3,8 @@
 use super::device::Direction::{self, Receive, Transmit};
 use super::device::{CONSUMERS, ENTRIES, HISTORY, PDOS};
 use super::{Abort, Access, DataType};
-use Access::{Const, ReadOnly, ReadWrite};
-use DataType::{Unsigned8, Unsigned16, Unsigned32, VisibleString};
+use Access::{Const, ReadOnly, ReadWrite, WriteOnly};
+use DataType::{Domain, Unsigned8, Unsigned16, Unsigned32, VisibleString};
 
 /// What a value is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,6 +42,11 @@ pub(super) enum Item {
     Start,
     MapCount(Direction),
     MapEntry(Direction),
+    /// An update of the program (CiA 302-3).
+    Program,
+    Control,
+    ProgramId,
+    FlashStatus,
 }
 
 impl Item {
@@ -153,12 +158,19 @@ pub(super) const TABLE: &[Row] = &[
     pdo(0x1800, 6, Unsigned8, Item::Start),
     pdo(0x1A00, 0, Unsigned8, Item::MapCount(Transmit)),
     entries(0x1A00, Item::MapEntry(Transmit)),
+    highest(0x1F50, 2, 1),
+    row(0x1F50, 1, Domain, WriteOnly, Item::Program),
+    row(0x1F51, 1, Unsigned8, ReadWrite, Item::Control),
+    highest(0x1F56, 2, 1),
+    row(0x1F56, 1, Unsigned32, ReadOnly, Item::ProgramId),
+    row(0x1F57, 1, Unsigned32, ReadOnly, Item::FlashStatus),
 ];
 
 impl Row {
     /// Whether its values are stored.
     pub const fn is_stored(&self) -> bool {
-        matches!(self.access, ReadWrite) && !matches!(self.item, Item::ErrorCount | Item::Store | Item::Restore)
+        matches!(self.access, ReadWrite)
+            && !matches!(self.item, Item::ErrorCount | Item::Store | Item::Restore | Item::Control)
     }
 
     /// Values in it.

@@ -26,6 +26,7 @@ impl Outbox {
     }
 
     /// Queues a frame; false when there is no room.
+    #[inline(never)]
     pub fn put(&mut self, frame: Frame) -> bool {
         let at = self.from(frame.id().wrapping_add(1));
         let free = self.0.push(Frame::default()).is_ok();

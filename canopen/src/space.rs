@@ -2,7 +2,7 @@
 
 use super::communication::CommunicationObjects;
 use super::objects::{CommunicationObject, find};
-use super::{Abort, Access, DataType, Dictionary, ObjectHandle, Written};
+use super::{Abort, Access, DataType, Dictionary, LONGEST, ObjectHandle, Written};
 
 /// Index and sub-index.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,6 +78,13 @@ impl Space<'_> {
             At::Own(object) => self.objects.write(object, data, self.dictionary),
             At::Device(place) => self.dictionary.write(place, data),
         }
+    }
+
+    /// Looks up what is to be written by a transfer in parts: whether in pieces, and how long it may be.
+    pub fn target(&self, address: Address, announced: Option<u32>) -> Result<bool, Abort> {
+        let streams = self.writable(address, announced)?.kind == DataType::Domain;
+        let most = if streams { self.objects.device.update } else { LONGEST as u32 };
+        if announced.is_some_and(|announced| announced > most) { Err(Abort::OutOfMemory) } else { Ok(streams) }
     }
 
     pub fn stream_length(&self, object: Object) -> Result<u32, Abort> {

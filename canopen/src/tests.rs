@@ -12,6 +12,7 @@ pub(super) const DEVICE: Device = Device {
     product: 1,
     revision: 0x0001_0000,
     heartbeat: 0,
+    update: 2000,
     receive: [
         PdoDefault { valid: true, ..PdoDefault::UNUSED },
         PdoDefault::UNUSED,

@@ -53,6 +53,10 @@ def expanded(table):
 
 PARTS = expanded(
     {
+        # Sheet 1: supply of the backup SRAM.
+        "BT101": part("3 V", rating="CR2032"),
+        "D101": part("BAT54", rating="Schottky"),
+        "C101": part("100 n", 10),
         # Sheet 2: gap voltage.
         "FB1": part("5 turns", rating="both leads through one ferrite core"),
         "R201..R210": part("100 k", 0.1, "25 ppm, 1206", volts=200.0, watts=0.25),

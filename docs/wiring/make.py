@@ -88,7 +88,7 @@ def stale_pages(book):
 
 def unmatched():
     """Parts of the table that no sheet shows, and parts on a sheet that the table does not have."""
-    kinds = "RV|RS|FB|KM|[RCDFKLQUY]"
+    kinds = "BT|RV|RS|FB|KM|[RCDFKLQUY]"
     text = " ".join((HERE / f"{stem}.svg").read_text() for stem in SHEETS if (HERE / f"{stem}.svg").exists())
     shown = {f"{kind}{n}" for kind, n in re.findall(rf"\b({kinds})(\d+)", text)}
     for kind, low, high in re.findall(rf"\b({kinds})(\d{{3}})\.\.\1?(\d{{3}})", text):

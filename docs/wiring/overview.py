@@ -16,6 +16,7 @@ OUTPUTS = (
     "off_time",
     "flush_valve",
     "carry",
+    "step_ready",
     "led",
     "can_rx",
     "can_tx",
@@ -133,6 +134,7 @@ def supplies(s):
         ("5 V", "from 24 V; encoder, U408", "black"),
         ("3V3", "from 5 V, 300 mA", "black"),
         ("3V3A", "3V3 by 600 Ω ferrite, 10 µ: VDDA, U20x, U304", "black"),
+        ("VBAT", f"BT101 {label('BT101')} CR2032 by D101 {label('D101')}, C101 {label('C101')}", "black"),
     ]
     for i, (name, what, color) in enumerate(rows):
         s.text(23.6, 5.6 - 0.85 * i, name, color=color)
@@ -153,7 +155,7 @@ def processor(s):
         ("6  PH1", "8 MHz crystal"),
         ("31, 47  VCAP", "2.2 µ each"),
         ("19,32,48,64 VDD", "3V3, 100 n each"),
-        ("1  VBAT", "3V3"),
+        ("1  VBAT", "BT101 by D101, C101"),
         ("13  VDDA", "3V3A"),
         ("12,18,63 VSS", "0 V"),
     ]

@@ -52,8 +52,9 @@ PINS = [
     Pin("led", "status LED", "PB1", 27, "GPIO out", "high = lit, 1 k in series", 1, "status LED, 1 k", "PD13, GPIO out", "LD3 orange, on the board"),
     Pin("flush_valve", "flush valve (reserved)", "PB14", 35, "GPIO out", "{R418} down", 4, "flush valve"),
     Pin("carry", "move me (coarse axis)", "PB2", 28, "GPIO out", "high = asked, {R422} down", 4, "move me"),
-    Pin("step", "step (reserved)", "PA15", 50, "TIM2_ETR", "isolated input", 4, "step"),
-    Pin("step_direction", "direction (reserved)", "PB10", 29, "TIM2_CH3", "isolated input", 4, "direction", "PB11, TIM2_CH4", "PB10 clocks the microphone"),
+    Pin("step", "step of a host", "PA15", 50, "TIM2_CH1", "isolated input, low = current", 4, "step"),
+    Pin("step_direction", "direction of a host", "PB10", 29, "TIM2_CH3", "isolated input, low = current", 4, "direction", "PB11, TIM2_CH4", "PB10 clocks the microphone"),
+    Pin("step_ready", "ready for steps", "PC10", 51, "GPIO out", "high = ready, {R422} down", 4, "ready for steps"),
     Pin("spark_frequency", "spark frequency (reserved)", "PA6", 22, "TIM13_CH1", "isolated input", 4, "spark frequency"),
 ]
 # fmt: on
@@ -65,7 +66,7 @@ OTHERS = [
     ("boot", "BOOT0", "60", "", "10 k down", "1"),
 ]
 
-FREE = "PA5, PA7, PA9..PA12, PB3, PB6, PB11, PC4, PC5, PC10, PC14, PC15"
+FREE = "PA5, PA7, PA9..PA12, PB3, PB6, PB11, PC4, PC5, PC14, PC15"
 
 # Alternate function of what a pin does, [DS] table of alternate functions.
 ALTERNATE = {"TIM1": "AF1", "TIM2": "AF1", "TIM4": "AF2", "TIM5": "AF2", "TIM8": "AF3", "TIM13": "AF9", "CAN1": "AF9"}

@@ -262,7 +262,7 @@ def small(s):
 
 def move_me(s):
     """The line that asks a machine for its coarse axis."""
-    s.heading(33.0, 10.5, "Move me: the coarse axis")
+    s.heading(33.0, 10.5, "Move me, ready: one of two")
     s.transistor(40.4, 7.9, "Q402")
     s.ground(40.4, 6.1)
     s.flag(36.0, 6.73, "PB2 move me", to="left")
@@ -279,7 +279,7 @@ def move_me(s):
     s.note(
         43.0,
         7.8,
-        "To a 24 V input of the machine that has its\nload to +24 V, or to a relay with a diode.\nQ402 as Q401.",
+        "To a 24 V input of the machine that has its\nload to +24 V, or to a relay with a diode.\nQ402 as Q401. PC10 ready for steps: the same.",
     )
 
 

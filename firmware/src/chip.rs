@@ -3,8 +3,8 @@
 use core::borrow::Borrow;
 use edm_hal_shim::stm32f4::pac::Interrupt;
 use edm_hal_shim::stm32f4::{
-    blocks, can, cycles, drive, encoder, flash, gate, gated, generator, lines, live, pwm, registers, safety,
-    servo_lines, timebase, watchdog,
+    backup, blocks, can, cycles, drive, encoder, flash, gate, gated, generator, lines, live, pwm, registers, safety,
+    servo_lines, stage, steps, timebase, watchdog,
 };
 use edm_hal_shim::store::Store;
 use edm_runtime::board::{Board, Caller, Pulse};
@@ -52,6 +52,7 @@ impl Board for Chip {
     type Live = live::Signal;
     type Tick = pwm::Tick;
     type Millisecond = timebase::Millisecond;
+    type Steps = steps::Counter;
     type Registers = registers::Registers;
     type Thresholds = gated::Thresholds;
     type Inboxes = can::Receiver;
@@ -60,6 +61,8 @@ impl Board for Chip {
     type Filters = can::Filters;
     type Watchdog = watchdog::Watchdog;
     type Storage = Store<flash::SettingsFlash, WritePermit>;
+    type Backup = backup::BackupSram;
+    type Stage = stage::StageFlash;
     type Caller = Rtic;
 }
 
@@ -114,6 +117,10 @@ impl Caller for Rtic {
 
     fn ask(&self, asks: bool) {
         lines::ask(asks);
+    }
+
+    fn takes_steps(&self, takes: bool) {
+        lines::takes_steps(takes);
     }
 
     fn pulse(&self) -> Pulse {

@@ -2,6 +2,8 @@
 
 use crate::chip::{Chip, Count, ENCODER, Rtic, SIGNALS};
 use core::mem::MaybeUninit;
+use edm_hal_shim::stage::Stage as _;
+use edm_hal_shim::stm32f4::boot::Cause;
 use edm_hal_shim::stm32f4::ends::{Ends, Over};
 use edm_hal_shim::stm32f4::gated::Gated;
 use edm_hal_shim::stm32f4::machine::Machine;
@@ -21,10 +23,12 @@ use edm_runtime::protocol::Protocol;
 use edm_runtime::servo::Servo;
 use edm_runtime::supervise::Supervise;
 use edm_runtime::{Crossings, Note, Parts, assemble};
+use edm_servo_head::backup::Keeper;
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Record};
 use edm_servo_head::canopen::{BitRate, BusSettings, Node, NodeId};
 use edm_servo_head::gap::Voltage;
 use edm_servo_head::path::Path;
+use edm_servo_head::scope::Memory;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::stored::StoredImage;
 
@@ -40,6 +44,8 @@ const BUILD_NUMBER: u32 = match u32::from_str_radix(BUILD, 16) {
     Ok(build) => build,
     Err(_) => 0,
 };
+
+const _: () = assert!(ccm::KEPT == Memory::WORDS);
 
 /// Every task with what it owns.
 #[allow(missing_docs, reason = "each is the task of its name")]
@@ -133,9 +139,16 @@ pub fn start(
     let unnamed = if image.is_from_0_1_0() { FROM_0_1_0 } else { UNCONFIGURED };
     let node = place_node(&mut slots.node, image.bus().unwrap_or(unnamed));
     let drive = place_drive(&mut slots.drive, &mut slots.record, identity, image, node)?;
+    node.set_program(machine.stage.id());
+    let mut keeper = Keeper::new(machine.backup);
+    drive.recall(keeper.load());
     // What it orders at the start is how the head begins below.
     drive.started();
     let path: &'static mut Path = ccm::place(|| Path::EMPTY).ok_or(StartError::Memory)?;
+    let scope = Memory::over(ccm::kept()).ok_or(StartError::Memory)?;
+    if machine.boot.cause == Cause::Power {
+        scope.clear();
+    }
     let can = machine.can.inspect_err(|error| defmt::error!("CAN: {}", error)).ok();
     let parts = Parts {
         clock: machine.clock,
@@ -156,9 +169,11 @@ pub fn start(
         live: machine.live,
         tick: machine.tick,
         millisecond: machine.millisecond,
+        steps: machine.steps,
         thresholds: machine.thresholds,
         can,
         sync: machine.sync,
+        scope,
     };
     let tasks =
         assemble(parts, &mut slots.crossings, &SIGNALS, drive.active(), path).map_err(|_| StartError::Settings)?;
@@ -178,6 +193,6 @@ pub fn start(
         receive: tasks.receive,
         transmit: tasks.transmit,
         protocol: tasks.host.protocol(node, drive, defaults()?),
-        idle: tasks.idle.idle(watchdog, image_store),
+        idle: tasks.idle.idle(watchdog, image_store, keeper, machine.stage),
     })
 }

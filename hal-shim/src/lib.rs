@@ -8,6 +8,7 @@
 #![cfg_attr(not(any(test, feature = "double")), no_std)]
 #![deny(unsafe_code)]
 
+pub mod backup;
 pub mod board;
 pub mod bridge;
 pub mod can;
@@ -25,6 +26,8 @@ pub mod reflex;
 pub mod safety;
 pub mod seal;
 pub mod self_test;
+pub mod stage;
+pub mod steps;
 #[cfg(all(target_arch = "arm", feature = "chip"))]
 #[allow(unsafe_code, reason = "registers, the two flash sectors, the core-coupled memory, the gap filter in assembly")]
 pub mod stm32f4;

@@ -11,6 +11,7 @@ use crate::live::{self, ClockCheck};
 use crate::plan::{Executed, Plans};
 use crate::protocol::{Configuring, Protocol, Uptime};
 use crate::servo::{Chore, FIRST_CHORE, Servo};
+use crate::staging::Staging;
 use crate::supervise::Supervise;
 use crate::timers::Timers;
 use edm_crossing::ring::{Receiver, Sender};
@@ -19,6 +20,7 @@ use edm_hal_shim::encoder::QuadratureLines;
 use edm_hal_shim::generator::Generator;
 use edm_hal_shim::reflex::{ForcedLines, Thresholds};
 use edm_hal_shim::self_test::SelfTest;
+use edm_servo_head::backup::Keeper;
 use edm_servo_head::canopen::drive::{Drive, Lost};
 use edm_servo_head::canopen::{Frame, Node};
 use edm_servo_head::encoder::{DecoderCount, Handover, Quadrature, Shared as Published, TimerCount};
@@ -29,6 +31,7 @@ use edm_servo_head::head::{
 };
 use edm_servo_head::kept::Kept;
 use edm_servo_head::path::Path;
+use edm_servo_head::scope::{Memory, Recorder, Scales, Setup, Snapshots};
 use edm_servo_head::settings::{Active, Settings};
 
 pub use crate::protocol::HostEnds;
@@ -56,10 +59,13 @@ pub struct Parts<B: Board> {
     pub live: B::Live,
     pub tick: B::Tick,
     pub millisecond: B::Millisecond,
+    pub steps: B::Steps,
     pub thresholds: B::Thresholds,
     /// `None` when the controller did not start.
     pub can: Option<(B::Inboxes, B::Mailboxes, B::Filters)>,
     pub sync: B::Sync,
+    /// What the scope records into.
+    pub scope: Memory,
 }
 
 /// Every task with what it owns, but for protocol and idle: those need what is stored, [`Host::protocol`] and
@@ -87,6 +93,7 @@ pub struct Host<B: Board> {
     received: Receiver<'static, Arrival, 32>,
     sending: Sender<'static, Frame, 8>,
     resets: Sender<'static, Reset, 4>,
+    scope: Memory,
     /// By which the head is commanded.
     pub ends: HostEnds,
 }
@@ -131,7 +138,9 @@ pub fn assemble<B: Board>(
     let (published_in, published) = crossings.published.split(Status::default());
     let off_time_ns = active.off_time_ns;
     let (head_in, head) = crossings.head.split(HeadConfig { head: active.head, off_time_ns });
-    let (servo_in, servo) = crossings.servo.split(ServoConfig { follow: active.head.follow(), off_time_ns });
+    let scales = Scales::of(&active.head.axis);
+    let (servo_in, servo) = crossings.servo.split(ServoConfig { follow: active.head.follow(), off_time_ns, scales });
+    let (setups_in, setups) = crossings.setups.split(Setup::default());
     let (previews_in, previews) = crossings.previews.split((None, 0));
     let (gap_in, gap) = crossings.gap.split(active.gap);
     let (supervision_in, supervision) = crossings.supervision.split(active.head.supervision());
@@ -143,6 +152,7 @@ pub fn assemble<B: Board>(
     let (resets_in, resets) = crossings.resets.split();
     let (changes_in, changes) = crossings.changes.split();
     let (commissioned_in, commissioned) = crossings.commissioned.split();
+    let (evidence_in, evidence) = crossings.evidence.split();
     let (received_in, received) = crossings.received.split();
     let (sending_in, sending) = crossings.sending.split();
 
@@ -154,6 +164,9 @@ pub fn assemble<B: Board>(
     let quadrature = Quadrature::on(decoder, parts.lines.levels(), clock.now());
     let forced = parts.forced.forced();
     let retreats = parts.forced.retreats();
+    let (recorder, snapshots) = (Recorder::new(parts.scope.record, 1), Snapshots::new(parts.scope));
+    signals.record.store(recorder.phase().0 as u32);
+    signals.snapshot.store(snapshots.kept().word());
     signals.task_watchdog.start(clock.now());
     Ok(Tasks {
         decoder: Decoder { lines: parts.lines, clock, quadrature },
@@ -200,6 +213,10 @@ pub fn assemble<B: Board>(
             millisecond: FIRST_CHORE,
             chore: Chore::Announce,
             preview: None,
+            recorder,
+            snapshots,
+            scales,
+            setups,
             reading,
             faults,
             config: servo,
@@ -210,6 +227,7 @@ pub fn assemble<B: Board>(
         },
         plan: Plans {
             planner: Planner::new(active.head, path, parts.self_test),
+            steps: parts.steps,
             clock,
             caller,
             signals,
@@ -230,6 +248,7 @@ pub fn assemble<B: Board>(
             published: published_in,
             changes: changes_in,
             commissioned: commissioned_in,
+            evidence: evidence_in,
         },
         supervise: Supervise {
             millisecond: parts.millisecond,
@@ -257,16 +276,19 @@ pub fn assemble<B: Board>(
             received,
             sending: sending_in,
             resets: resets_in,
+            scope: parts.scope,
             ends: HostEnds {
                 requests: requests_in,
                 answers,
                 head: head_in,
                 previews: previews_in,
+                setups: setups_in,
                 gap: gap_in,
                 supervision: supervision_in,
                 published,
                 changes,
                 commissioned,
+                evidence,
             },
         },
         idle: IdleEnds { clock, caller, guard: parts.guard, signals, granted, returned: returned_in, resets },
@@ -278,6 +300,7 @@ impl<B: Board> Host<B> {
     /// nothing stored.
     pub fn protocol(self, node: &'static mut Node, drive: &'static mut Drive, defaults: Settings) -> Protocol<B> {
         let now = self.clock.now();
+        drive.set_scope(self.scope);
         Protocol {
             clock: self.clock,
             caller: self.caller,
@@ -306,10 +329,19 @@ impl<B: Board> Host<B> {
 
 impl<B: Board> IdleEnds<B> {
     /// Idle, with the watchdog running closely.
-    pub fn idle(self, watchdog: B::Watchdog, image_store: ImageStore<B>) -> Idle<B> {
+    pub fn idle(
+        self,
+        watchdog: B::Watchdog,
+        image_store: ImageStore<B>,
+        keeper: Keeper<B::Backup>,
+        stage: B::Stage,
+    ) -> Idle<B> {
         Idle {
             watchdog,
             image_store,
+            keeper,
+            kept: self.clock.now(),
+            staging: Staging::new(stage),
             guard: self.guard,
             clock: self.clock,
             caller: self.caller,

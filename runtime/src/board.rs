@@ -2,6 +2,7 @@
 
 use crate::Note;
 use core::borrow::Borrow;
+use edm_hal_shim::backup::BackupMemory;
 use edm_hal_shim::bridge::HBridge;
 use edm_hal_shim::can::{Filters, Inboxes, Mailboxes, SyncInbox};
 use edm_hal_shim::clock::Clock;
@@ -12,6 +13,8 @@ use edm_hal_shim::live::Live;
 use edm_hal_shim::reflex::{ForcedLines, Thresholds};
 use edm_hal_shim::safety::{DriveSense, Safety};
 use edm_hal_shim::self_test::Registers;
+use edm_hal_shim::stage::Stage;
+use edm_hal_shim::steps::StepInput;
 use edm_hal_shim::store::Storage;
 use edm_hal_shim::tick::{Period, ServoTimer};
 use edm_hal_shim::watchdog::Watchdog;
@@ -109,6 +112,8 @@ pub trait Board {
     type Tick: ServoTimer;
     /// Timer of the supervision.
     type Millisecond: Period;
+    /// Counter of a host's steps.
+    type Steps: StepInput;
     /// Registers that are written once.
     type Registers: Registers;
     /// Thresholds of the reflex.
@@ -125,6 +130,10 @@ pub trait Board {
     type Watchdog: Watchdog;
     /// What is stored when the power is cut.
     type Storage: Storage<WritePermit>;
+    /// Memory with a cell.
+    type Backup: BackupMemory;
+    /// Where the next program is staged.
+    type Stage: Stage;
     /// Whoever calls the tasks.
     type Caller: Caller;
 }
@@ -145,6 +154,8 @@ pub trait Caller: Copy {
     fn light(&self, lit: bool);
     /// Raises or lowers the line that asks for a move of the coarse axis.
     fn ask(&self, asks: bool);
+    /// Raises or lowers the line that lets a host step.
+    fn takes_steps(&self, takes: bool);
     /// What the reflex has seen so far.
     fn pulse(&self) -> Pulse;
 }

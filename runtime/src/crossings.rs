@@ -11,14 +11,15 @@ use edm_hal_shim::pause::Pauses;
 use edm_hal_shim::reflex::Limits;
 use edm_hal_shim::task_watchdog::TaskWatchdog;
 use edm_servo_head::canopen::drive::TASKS;
-use edm_servo_head::canopen::{Frame, Group};
+use edm_servo_head::canopen::{Frame, Group, Update};
 use edm_servo_head::gap::pulses::CLASSES;
 use edm_servo_head::gap::teach::{BURNS, Gathered, Shown, Sum};
 use edm_servo_head::gap::{GapReading, voltage};
 use edm_servo_head::head::{
-    Change, Command, Config, Counters, Estimate, Fault, Finding, FollowConfig, Measured, Monitored, Plan, Refused,
-    Report, SetPoint, Status, SupervisionConfig, WritePermit,
+    Change, Command, Config, Counters, Estimate, Evidence, Fault, Finding, FollowConfig, Measured, Monitored, Plan,
+    Refused, Report, SetPoint, Status, SupervisionConfig, WritePermit,
 };
+use edm_servo_head::scope::{Scales, Setup};
 use edm_servo_head::units;
 
 // The rates of the hardware are those that the core was made for.
@@ -77,10 +78,16 @@ pub struct Signals {
     pub unseen: [Word; 2],
     /// Looks at pulses of each class, of the last 200 ms. One may be a millisecond newer than another.
     pub looks: [Word; CLASSES],
+    /// Steps of a host, changes of their direction within one, and times that it changed too fast.
+    pub steps: [Word; 3],
     /// What the gap source says in turns.
     pub slow: [Word; voltage::SLOW],
     /// What is collected of the pulses for a teach-in.
     pub teaching: Teaching,
+    /// How the record of the scope stands: its phase, and above it the number of the newest order that was taken.
+    pub record: Word,
+    /// The last snapshot.
+    pub snapshot: Word,
     /// Frames did not fit the ring to the controller: the protocol wants to run when it is empty.
     pub backlog: Flag,
     /// A frame came in since the last supervision.
@@ -117,8 +124,11 @@ impl Signals {
             lost_blocks: Word::new(0),
             unseen: [const { Word::new(0) }; 2],
             looks: [const { Word::new(0) }; CLASSES],
+            steps: [const { Word::new(0) }; 3],
             slow: [const { Word::new(0) }; voltage::SLOW],
             teaching: Teaching::new(),
+            record: Word::new(0),
+            snapshot: Word::new(0),
             backlog: Flag::new(),
             host: Flag::new(),
             settings_damaged: Flag::new(),
@@ -265,6 +275,8 @@ pub enum StorageJob {
     Store(Group),
     /// Forgets a group of objects.
     Restore(Group),
+    /// A part of an update of the program.
+    Update(Update),
 }
 
 impl StorageJob {
@@ -272,6 +284,8 @@ impl StorageJob {
     pub fn group(self) -> Group {
         match self {
             StorageJob::Store(group) | StorageJob::Restore(group) => group,
+            // Asked for, and answered, by SDO.
+            StorageJob::Update(_) => Group::All,
         }
     }
 }
@@ -304,6 +318,8 @@ pub struct ServoConfig {
     pub follow: FollowConfig,
     /// Off-time requested of the generator, ns.
     pub off_time_ns: Option<u32>,
+    /// Units of what is recorded.
+    pub scales: Scales,
 }
 
 /// What commissioning found.
@@ -331,6 +347,8 @@ pub struct Crossings {
     pub(crate) previews: Latest<Preview>,
     /// Protocol to gap task.
     pub(crate) gap: Latest<voltage::Active>,
+    /// Protocol to servo task.
+    pub(crate) setups: Latest<Setup>,
     /// Protocol to supervision.
     pub(crate) supervision: Latest<SupervisionConfig>,
     /// Supervision to servo task.
@@ -349,6 +367,8 @@ pub struct Crossings {
     pub(crate) changes: Ring<Change, 16>,
     /// Planner to protocol.
     pub(crate) commissioned: Ring<Commissioned, 2>,
+    /// Planner to protocol.
+    pub(crate) evidence: Ring<Evidence, 2>,
     /// Receive interrupts to protocol.
     pub(crate) received: Ring<Arrival, 32>,
     /// Protocol to transmit interrupt.
@@ -369,6 +389,7 @@ impl Crossings {
             servo: Latest::new(),
             previews: Latest::new(),
             gap: Latest::new(),
+            setups: Latest::new(),
             supervision: Latest::new(),
             faults: Ring::new(),
             requests: Ring::new(),
@@ -378,6 +399,7 @@ impl Crossings {
             resets: Ring::new(),
             changes: Ring::new(),
             commissioned: Ring::new(),
+            evidence: Ring::new(),
             received: Ring::new(),
             sending: Ring::new(),
         }

@@ -1,4 +1,4 @@
-//! What has no deadline: the task watchdog, the log, what is stored in flash, the resets of a host.
+//! What has no deadline: the task watchdog, the log, what is kept and stored, the resets of a host.
 
 use crate::Board;
 use crate::board::Caller;
@@ -6,10 +6,13 @@ use crate::crossings::{MS, Reset, Signals, StorageJob};
 use crate::image_store::ImageStore;
 use crate::note::Note;
 use crate::protocol::Protocol;
+use crate::staging::{Due, Piece, Staging};
 use edm_crossing::ring::{Receiver, Sender};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::EdgeGuard;
 use edm_hal_shim::watchdog::Watchdog;
+use edm_servo_head::backup::Keeper;
+use edm_servo_head::canopen::Update;
 use edm_servo_head::head::WritePermit;
 use rtic_core::Mutex;
 
@@ -17,10 +20,17 @@ use rtic_core::Mutex;
 /// comes at once.
 const START_UP: u32 = 50 * MS;
 
+/// Cycles between two looks at what is to be kept over a power cut: less than a count of feed in a hole, at 0.1 mm/s.
+const KEEPS: u32 = 10 * MS;
+
 /// What idle owns.
 pub struct Idle<B: Board> {
     pub(crate) watchdog: B::Watchdog,
     pub(crate) image_store: ImageStore<B>,
+    pub(crate) keeper: Keeper<B::Backup>,
+    /// Count of the newest look at what is to be kept.
+    pub(crate) kept: u32,
+    pub(crate) staging: Staging<B::Stage>,
     pub(crate) guard: B::Guard,
     pub(crate) clock: B::Clock,
     pub(crate) caller: B::Caller,
@@ -47,8 +57,22 @@ impl<B: Board> Idle<B> {
             self.caller.note(&Note::Status(status));
             self.caller.note(&Note::Pulses(self.caller.pulse()));
         }
+        let now = self.clock.now();
+        if now.wrapping_sub(self.kept) >= KEEPS {
+            self.kept = now;
+            let backup = protocol.lock(|protocol| protocol.drive().backup());
+            self.keeper.keep(&backup);
+        }
         if let Some((job, permit)) = self.granted.receive() {
-            self.change(job, permit, protocol);
+            match job {
+                StorageJob::Update(update) => self.update(update, permit, protocol),
+                _ => self.change(job, permit, protocol),
+            }
+        }
+        match self.staging.due(self.clock.now()) {
+            Due::Nothing => {}
+            Due::Sector => self.erase(protocol),
+            Due::Restart => self.restart(protocol),
         }
         let begun = match self.resets.peek() {
             None => false,
@@ -73,6 +97,49 @@ impl<B: Board> Idle<B> {
         }
     }
 
+    /// A part of an update of the program.
+    fn update(&mut self, update: Update, permit: WritePermit, protocol: &mut impl Mutex<T = Protocol<B>>) {
+        let piece = protocol.lock(|protocol| protocol.node().piece().and_then(Piece::of));
+        let patient = Staging::<B::Stage>::takes_long(update).then(|| self.watchdog.erase());
+        let (result, permit) = self.staging.run(update, piece, permit, self.clock.now());
+        if patient.is_some_and(|patient| patient.and(self.watchdog.normal()).is_err()) {
+            self.caller.note(&Note::WatchdogStuck);
+        }
+        self.give_back(permit);
+        let status = self.staging.status();
+        protocol.lock(|protocol| protocol.updated(result, status));
+    }
+
+    /// Erases one sector of the stage; the processor stands still meanwhile.
+    fn erase(&mut self, protocol: &mut impl Mutex<T = Protocol<B>>) {
+        let patient = self.watchdog.erase();
+        let clock = self.clock;
+        let permit = self.staging.erase(|| clock.now());
+        if patient.and(self.watchdog.normal()).is_err() {
+            self.caller.note(&Note::WatchdogStuck);
+        }
+        self.guard.missed();
+        self.signals.task_watchdog.start(self.clock.now());
+        self.give_back(permit);
+        let status = self.staging.status();
+        protocol.lock(|protocol| protocol.staged(status));
+    }
+
+    /// Starts the program that was staged.
+    fn restart(&mut self, protocol: &mut impl Mutex<T = Protocol<B>>) {
+        let permit = self.staging.restart();
+        self.give_back(permit);
+        let id = self.staging.id();
+        protocol.lock(|protocol| protocol.begin_anew(id));
+    }
+
+    fn give_back(&mut self, permit: Option<WritePermit>) {
+        if let Some(permit) = permit {
+            self.returned.send(permit);
+            self.signals.waiting.set();
+        }
+    }
+
     fn change(&mut self, job: StorageJob, permit: WritePermit, protocol: &mut impl Mutex<T = Protocol<B>>) {
         let compose = |image: &mut _| protocol.lock(|protocol| protocol.keep(job, image));
         let result = self.image_store.change(&permit, &mut self.watchdog, compose);
@@ -80,8 +147,7 @@ impl<B: Board> Idle<B> {
         self.guard.missed();
         self.signals.task_watchdog.start(self.clock.now());
         // Back before anybody is answered, who may want the next.
-        self.returned.send(permit);
-        self.signals.waiting.set();
+        self.give_back(Some(permit));
         protocol.lock(|protocol| protocol.done(job, result));
     }
 }

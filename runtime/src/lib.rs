@@ -30,6 +30,7 @@ pub mod note;
 pub mod plan;
 pub mod protocol;
 pub mod servo;
+mod staging;
 pub mod supervise;
 pub mod timers;
 

@@ -8,10 +8,12 @@ use crate::crossings::{
 use edm_crossing::latest::{Reader, Writer};
 use edm_crossing::ring::{Receiver, Sender};
 use edm_hal_shim::clock::Clock;
+use edm_hal_shim::steps::{Found, StepInput};
 use edm_servo_head::head::{
-    Change, Command, Estimate, Fault, Monitored, Plan, Planner, Reason, Refused, Status, WritePermit,
+    Change, Command, Estimate, Evidence, Fault, Monitored, Plan, Planner, Reason, Refused, Status, WritePermit,
 };
 use edm_servo_head::path::Path;
+use edm_servo_head::scope::Scales;
 use edm_servo_head::units::CLOCK_HZ;
 
 /// The newest commands, and the tick whose estimate they were carried out on: a debugger, or the emulated chip, may look at it.
@@ -39,6 +41,7 @@ impl Executed {
 /// The planner with its requests and its answers.
 pub struct Plans<B: Board> {
     pub(crate) planner: Planner<&'static mut Path>,
+    pub(crate) steps: B::Steps,
     pub(crate) clock: B::Clock,
     pub(crate) caller: B::Caller,
     pub(crate) signals: &'static Signals,
@@ -62,6 +65,7 @@ pub struct Plans<B: Board> {
     pub(crate) published: Writer<'static, Status>,
     pub(crate) changes: Sender<'static, Change, 16>,
     pub(crate) commissioned: Sender<'static, Commissioned, 2>,
+    pub(crate) evidence: Sender<'static, Evidence, 2>,
 }
 
 impl<B: Board> Plans<B> {
@@ -71,10 +75,14 @@ impl<B: Board> Plans<B> {
         if !self.estimates.refresh() {
             return;
         }
-        self.monitored.refresh();
         self.begun = self.tick();
-        self.monitored_tick = self.monitored.get().tick;
-        self.planner.begin(self.estimates.get(), self.monitored.get());
+        if self.monitored.refresh() {
+            let monitored = self.monitored.get();
+            self.monitored_tick = monitored.tick;
+            self.planner.watch(monitored);
+        }
+        self.planner.begin(self.estimates.get());
+        self.count_steps();
         let mut answered = self.set_point();
         while let Some(permit) = self.returned.receive() {
             self.planner.end_write(permit);
@@ -93,6 +101,9 @@ impl<B: Board> Plans<B> {
             if let (Reason::CommissioningEnded, Some(result)) = (change.reason, planner.commissioning_result()) {
                 self.commissioned.send(result);
             }
+        }
+        if let Some(evidence) = planner.evidence() {
+            self.evidence.send(evidence);
         }
         self.signals.lost_changes.store(planner.lost_changes());
         if !planner.is_intact() {
@@ -115,6 +126,28 @@ impl<B: Board> Plans<B> {
     /// What the newest plan was made of.
     pub fn estimate(&self) -> &Estimate {
         self.estimates.get()
+    }
+
+    /// What a host has stepped since the plan before.
+    fn count_steps(&mut self) {
+        let [counted, within, lost] = &self.signals.steps;
+        let mut sum = 0i32;
+        let Plans { planner, steps, .. } = self;
+        let polarity = planner.config().step.polarity;
+        let found = steps.read(polarity, |run| {
+            sum = sum.wrapping_add(run);
+            planner.step(run);
+        });
+        if sum != 0 {
+            counted.store(counted.load().wrapping_add_signed(sum));
+        }
+        if found != Found::default() {
+            if found.lost {
+                self.planner.lose_steps();
+            }
+            within.store(within.load().wrapping_add(found.within));
+            lost.store(lost.load().wrapping_add(found.lost.into()));
+        }
     }
 
     /// A SYNC has released a set point, which the servo task follows since.
@@ -161,7 +194,8 @@ impl<B: Board> Plans<B> {
             let HeadConfig { head, off_time_ns } = *self.config.get();
             if self.planner.configure(head).is_ok() {
                 let follow = self.planner.follow_config();
-                self.servo.write(|slot| *slot = ServoConfig { follow, off_time_ns });
+                let scales = Scales::of(&head.axis);
+                self.servo.write(|slot| *slot = ServoConfig { follow, off_time_ns, scales });
                 self.signals.waiting.set();
                 self.config.accept();
             } else {

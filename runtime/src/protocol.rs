@@ -18,9 +18,10 @@ use edm_hal_shim::can::{Filters, Trouble};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::reflex::Thresholds;
 use edm_servo_head::canopen::drive::{Drive, Generations, Lost, Order};
-use edm_servo_head::canopen::{Abort, BootError, Controller, Frame, Node, Time};
+use edm_servo_head::canopen::{Abort, BootError, Controller, Frame, Group, Node, Time};
 use edm_servo_head::gap::voltage::{self, SLOW};
-use edm_servo_head::head::{Change, Inch, SetPoint, Status, SupervisionConfig};
+use edm_servo_head::head::{Change, Evidence, Inch, SetPoint, Status, SupervisionConfig};
+use edm_servo_head::scope::Setup;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::stored::{Full, LoadReport, StoredImage};
 
@@ -81,6 +82,8 @@ pub struct HostEnds {
     pub head: Writer<'static, HeadConfig>,
     /// What the next SYNC releases.
     pub previews: Writer<'static, Preview>,
+    /// What the servo task is to record.
+    pub setups: Writer<'static, Setup>,
     /// What the gap task is to run.
     pub gap: Writer<'static, voltage::Active>,
     /// What the supervision is to judge by.
@@ -91,6 +94,8 @@ pub struct HostEnds {
     pub changes: Receiver<'static, Change, 16>,
     /// Results of commissionings.
     pub commissioned: Receiver<'static, Commissioned, 2>,
+    /// What a head shows that measures itself.
+    pub evidence: Receiver<'static, Evidence, 2>,
 }
 
 impl<B: Board> Protocol<B> {
@@ -141,7 +146,7 @@ impl<B: Board> Protocol<B> {
         filters.join(self.node.bus().bit_rate.hz());
         let frames = self.signals.overruns.read().wrapping_add(self.received.lost());
         let ends = &self.ends;
-        let rings = [ends.changes.lost(), ends.commissioned.lost(), ends.answers.lost()];
+        let rings = [ends.changes.lost(), ends.commissioned.lost(), ends.evidence.lost(), ends.answers.lost()];
         let before_them = [self.signals.lost_faults.load(), self.signals.lost_changes.load()];
         let [high, low] = &self.signals.unseen;
         let lost = Lost {
@@ -203,6 +208,7 @@ impl<B: Board> Protocol<B> {
             if status.tick.wrapping_sub(self.known) as i32 >= 0 {
                 self.drive.observe(status);
                 self.caller.ask(status.inch == Inch::Asks);
+                self.caller.takes_steps(status.takes_steps);
             }
         }
         while let Some(change) = self.ends.changes.receive() {
@@ -213,10 +219,15 @@ impl<B: Board> Protocol<B> {
             self.caller.note(&Note::Checked(result));
             self.drive.checked(result);
         }
+        while let Some(evidence) = self.ends.evidence.receive() {
+            self.drive.evidence(&evidence);
+        }
         if whole {
             self.drive.set_timers(self.timers.read(&self.signals.times, now));
             self.drive.set_looks(self.signals.looks.each_ref().map(Word::load));
             self.drive.set_pauses(self.thresholds.pauses_begun());
+            self.drive.set_steps(self.signals.steps.each_ref().map(Word::load));
+            self.drive.set_recorded(self.signals.record.load(), self.signals.snapshot.load());
             self.slow();
             self.teach();
         }
@@ -304,6 +315,10 @@ impl<B: Board> Protocol<B> {
 
     /// Hands the drive's orders on, as long as there is room for any, and then what it will order at the next SYNC.
     fn orders(&mut self) {
+        if let Some(setup) = self.drive.recording() {
+            self.ends.setups.write(|slot| *slot = setup);
+            self.signals.waiting.set();
+        }
         while self.outstanding < REQUESTS && self.resets.room() > 0 {
             if let [None, next @ Some(_)] = &mut self.jobs
                 && let Some(job) = next.take()
@@ -326,6 +341,7 @@ impl<B: Board> Protocol<B> {
                 Order::Raise(fault) => self.request(Request::Raise(fault)),
                 Order::Store(group) => self.store(StorageJob::Store(group)),
                 Order::Restore(group) => self.store(StorageJob::Restore(group)),
+                Order::Update(update) => self.store(StorageJob::Update(update)),
             }
         }
     }
@@ -384,6 +400,7 @@ impl<B: Board> Protocol<B> {
                 image.forget(group);
                 Ok(())
             }
+            StorageJob::Update(_) => Ok(()),
         }
     }
 
@@ -391,6 +408,26 @@ impl<B: Board> Protocol<B> {
     pub fn done(&mut self, job: StorageJob, result: Result<(), Abort>) {
         self.jobs[0] = None;
         self.drive.stored(self.node, job.group(), result);
+    }
+
+    /// A part of an update of the program is done, and how the stage is.
+    pub(crate) fn updated(&mut self, result: Result<(), Abort>, status: u32) {
+        self.jobs[0] = None;
+        self.staged(status);
+        self.node.answer(Group::All, result, self.drive);
+        self.caller.protocol();
+    }
+
+    /// How the stage of the next program is.
+    pub(crate) fn staged(&mut self, status: u32) {
+        self.node.set_flash(status);
+    }
+
+    /// The program, known by this, begins anew.
+    pub(crate) fn begin_anew(&mut self, id: u32) {
+        self.node.set_program(id);
+        self.node.begin_anew(self.drive);
+        self.caller.protocol();
     }
 
     /// The drive begins anew with what is stored; `None` while a configuration is on its way to the tasks, which takes less

@@ -22,6 +22,7 @@ use edm_servo_head::gap::{GapReading, Quality};
 use edm_servo_head::head::{
     Counters, Estimate, Fault, Follower, Measured, Plan, ProbeInputs, Reaction, SetPoint, State, TickInput, TickOutput,
 };
+use edm_servo_head::scope::{Recorder, Scales, Setup, Snapshots, View};
 use edm_servo_head::units::{PLAN_TICKS, TICKS_PER_MS};
 
 /// Tick in which the first chore is due: the estimates begin with tick 1, and the supervision is then given what it judges when a
@@ -37,6 +38,8 @@ pub(crate) enum Chore {
     Compare,
     /// Gives the supervision what it judges.
     Measure,
+    /// Takes a sample of what is kept around a fault.
+    Record,
     /// Tells of the millisecond.
     Tell,
     /// Looks at the settings.
@@ -88,6 +91,11 @@ pub struct Servo<B: Board> {
     pub(crate) chore: Chore,
     /// What the next SYNC releases, and how many had come before.
     pub(crate) preview: Option<(SetPoint, u32)>,
+    /// The scope: what a host wants recorded, and what is recorded around faults.
+    pub(crate) recorder: Recorder,
+    pub(crate) snapshots: Snapshots,
+    pub(crate) scales: Scales,
+    pub(crate) setups: Reader<'static, Setup>,
     pub(crate) reading: Reader<'static, GapReading>,
     pub(crate) faults: Receiver<'static, Fault, 8>,
     pub(crate) config: Reader<'static, ServoConfig>,
@@ -140,6 +148,9 @@ impl<B: Board> Servo<B> {
             self.begins();
         } else if self.follower.number().wrapping_sub(self.millisecond) as i32 >= 0 {
             self.chore(output.drive);
+        }
+        if self.recorder.runs() {
+            self.record();
         }
         self.signals.times[SERVO].ran(self.tick.since_due());
         self.live.toggle();
@@ -265,6 +276,10 @@ impl<B: Board> Servo<B> {
             Chore::Compare => Chore::Measure,
             Chore::Measure => {
                 self.measure();
+                Chore::Record
+            }
+            Chore::Record => {
+                self.snapshot();
                 Chore::Tell
             }
             Chore::Tell => {
@@ -305,6 +320,33 @@ impl<B: Board> Servo<B> {
             *pulses = counters.pulses;
             *drive_stands = counters.drive_stands;
         });
+    }
+
+    /// A sample of what a host wants recorded.
+    #[cold]
+    #[inline(never)]
+    fn record(&mut self) {
+        if self.recorder.wants_gap() {
+            self.fresh |= self.reading.refresh();
+        }
+        let Servo { follower, input, reading, scales, recorder, .. } = self;
+        if recorder.tick(&View { follower, input, reading: reading.get(), scales }) {
+            self.say_record();
+        }
+    }
+
+    /// How the record stands: behind its last word, so that whoever is told may read all of them.
+    fn say_record(&mut self) {
+        let (phase, serial) = self.recorder.phase();
+        self.signals.record.store(serial << 8 | phase as u32);
+    }
+
+    /// A sample of what is kept around a fault.
+    fn snapshot(&mut self) {
+        let Servo { follower, input, reading, scales, snapshots, .. } = self;
+        if snapshots.tick(&View { follower, input, reading: reading.get(), scales }) {
+            self.signals.snapshot.store(self.snapshots.kept().word());
+        }
     }
 
     /// A millisecond: arms the bridge, calls the protocol, drives the live signal.
@@ -364,9 +406,15 @@ impl<B: Board> Servo<B> {
         }
         self.signals.lost_faults.store(self.faults.lost());
         if self.config.refresh() {
-            let ServoConfig { follow, off_time_ns } = self.config.get();
+            let ServoConfig { follow, off_time_ns, scales } = self.config.get();
+            self.scales = *scales;
             self.follower.configure(follow);
             self.generator.request_off_time(*off_time_ns);
+        }
+        if self.setups.refresh() {
+            let Servo { follower, input, reading, scales, recorder, setups, .. } = self;
+            recorder.order(setups.get(), &View { follower, input, reading: reading.get(), scales });
+            self.say_record();
         }
         if self.previews.refresh() {
             let (point, syncs) = *self.previews.get();

@@ -12,6 +12,17 @@ pub struct CodeRange {
     pub highest: u16,
 }
 
+/// Sum of codes, two at a time: the compiler reads them as a word.
+#[inline(always)]
+pub fn sum(codes: &[u16]) -> u32 {
+    let (pairs, rest) = codes.as_chunks::<2>();
+    let of_pairs = pairs.iter().fold(0u32, |sum, [a, b]| {
+        let pair = u32::from(*a) | u32::from(*b) << 16;
+        sum.wrapping_add(pair & 0xffff).wrapping_add(pair >> 16)
+    });
+    rest.iter().fold(of_pairs, |sum, code| sum.wrapping_add((*code).into()))
+}
+
 /// Counts and sums over the chosen conversions of a block.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

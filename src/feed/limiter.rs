@@ -1,7 +1,7 @@
 //! Limits that every motion along the path shares: acceleration, and what can still be stopped before an end.
 
 use crate::units::{
-    Micrometres, MicrometresPerSecond, MicrometresPerSecond2, PLAN_TICKS, TICK_HZ, TICK_S, larger, smaller, within,
+    CALM_TICKS, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, TICK_HZ, TICK_S, larger, smaller, within,
 };
 use micromath::F32Ext as Approximate;
 
@@ -30,7 +30,7 @@ pub struct Limiter {
 }
 
 impl Limiter {
-    /// Velocity from now on; `ticks` have passed since the last call, and at most [`PLAN_TICKS`] will until the next.
+    /// Velocity from now on; `ticks` have passed since the last call, and at most [`CALM_TICKS`] will until the next.
     /// `ahead` and `behind` give the lengths left toward either end: the head can always stop within them, v^2 <= 2 a d.
     pub fn limit(
         &mut self,
@@ -71,7 +71,7 @@ fn stoppable(a: MicrometresPerSecond2, distance: Micrometres, speed: f32) -> f32
     let distance = larger(distance.0, 0.0);
     let square = a.0 * distance;
     let stop = if speed * speed <= square { speed } else { Approximate::sqrt(square) };
-    smaller(stop, distance * (TICK_HZ / PLAN_TICKS) as f32)
+    smaller(stop, distance * (TICK_HZ / CALM_TICKS) as f32)
 }
 
 #[cfg(test)]
@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn the_head_stops_before_either_end_from_any_speed() {
-        for (direction, ticks) in [(1.0f32, 1), (-1.0, 1), (1.0, PLAN_TICKS), (-1.0, PLAN_TICKS)] {
+        for (direction, ticks) in [(1.0f32, 1), (-1.0, 1), (1.0, CALM_TICKS), (-1.0, CALM_TICKS)] {
             let mut limiter = Limiter::default();
             let mut left = 30.0f32;
             let mut fastest = 0.0f32;

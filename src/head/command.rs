@@ -40,6 +40,10 @@ pub enum Command {
     /// Reach a host's next set point in so many servo ticks, pulses off unless the head is guided. Those of a stream may be late
     /// by half of them.
     Follow(Nanometres, u32),
+    /// Follow the steps of a host from here on, between two positions, pulses off. While they are followed: other bounds.
+    Step(Nanometres, Nanometres),
+    /// The steps of a host become path from here on, along which the head erodes. Anything that ends the erosion but its end ends it.
+    Record,
     /// Look for a reference. Not while pulses are on, nor with a path to go.
     Home(Home),
     /// What the touch probes are to do from now on, whatever the head does. One that is armed anew has another number.
@@ -63,6 +67,10 @@ pub enum Command {
     Hold,
     /// Commission: check encoder, motor, gap and stroke.
     Commission,
+    /// Measure motor, mass and friction: straight up over the travel of `identify.travel_um`, and back.
+    Identify,
+    /// Measure the frequency response of the loop: straight up over the travel of `tune.travel_um`, and back.
+    Tune,
     /// Acknowledge a fault whose cause is gone and whose reaction has ended. A head that was lifted without its
     /// encoder has no home any more; what casts doubt on the encoder is not gone before it has proved itself.
     ResetFault,
@@ -89,6 +97,8 @@ pub enum Refused {
     },
     /// The path does not take it; while its queue is full, try again when a segment is done.
     Path(path::Refused),
+    /// Steps come already: from which of them on they were followed nobody would know.
+    StepsCome,
     /// Nothing queued.
     NoPath,
     /// The cause of this fault is still there.
@@ -112,7 +122,7 @@ pub enum Refused {
         /// Largest velocity toward the work.
         most: MicrometresPerSecond,
     },
-    /// A jump would lead beyond the upper end of the travel.
+    /// A jump, an identification or a tuning would lead beyond the upper end of the travel.
     NoRoom {
         /// Its height.
         height: Nanometres,
@@ -126,11 +136,14 @@ impl fmt::Display for Refused {
         match self {
             Refused::State(state) => write!(f, "not possible while {}", state.name()),
             Refused::NotCommissioned => f.write_str("commissioning (commission) has not passed yet"),
-            Refused::NotHomed => f.write_str("an absolute move, or a jump, needs a homed axis"),
+            Refused::NotHomed => {
+                f.write_str("an absolute move, a jump, an identification or a tuning needs a homed axis")
+            }
             Refused::OutOfTravel { target, min, max } => {
                 write!(f, "target {} um is outside the travel of {} to {} um", target.um().0, min.um().0, max.um().0)
             }
             Refused::Path(refused) => write!(f, "{refused}"),
+            Refused::StepsCome => f.write_str("steps come already: they have to rest for 10 ms"),
             Refused::NoPath => f.write_str("no move is queued"),
             Refused::StillFaulty(fault) => write!(f, "the cause is still there: {}", fault.name()),
             Refused::Reacting(fault) => write!(f, "the reaction to {} still moves the head", fault.name()),
@@ -140,7 +153,7 @@ impl fmt::Display for Refused {
             Refused::NoRoom { height, free } => {
                 write!(
                     f,
-                    "a jump of {:.0} um is longer than the {:.0} um that are free above",
+                    "a motion of {:.0} um upward is longer than the {:.0} um that are free above",
                     height.um().0,
                     free.um().0
                 )

@@ -96,6 +96,11 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         self.planner.config()
     }
 
+    /// A host has stepped, positive toward the work.
+    pub fn step(&mut self, steps: i32) {
+        self.planner.step(steps);
+    }
+
     /// One servo tick.
     pub fn tick(&mut self, inputs: &Inputs) -> TickOutput {
         let input = TickInput {
@@ -118,7 +123,8 @@ impl<P: DerefMut<Target = Path>> Head<P> {
         let output = self.follower.tick(&input, |generation| (plan.generation == generation).then_some(plan));
         if output.hands_over {
             self.follower.estimate(&mut self.estimate, &inputs.gap, inputs.gap.quality, &inputs.encoder.mark);
-            self.planner.begin(&self.estimate, self.supervisor.monitored());
+            self.planner.watch(self.supervisor.monitored());
+            self.planner.begin(&self.estimate);
             self.planner.plan(&mut self.plan);
         }
         if self.follower.number().is_multiple_of(TICKS_PER_MS) {

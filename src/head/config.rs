@@ -1,11 +1,12 @@
 //! What the head's tick runs: built from the settings, swapped whole.
 
 use super::follow::FollowConfig;
-use super::{commissioning, ends, inch, jump, supervise, touch};
+use super::{commissioning, ends, identify, inch, jump, orbit, steps, supervise, touch, tune};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
 use crate::gap::controlled::Controlled;
 use crate::kept::parts;
+use crate::path::AXES;
 use crate::servo::{CurrentLimits, Gains, PidGains, Plant, PreslidingConfig};
 use crate::units::{
     Amps, CountsPerSecond, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, Nanometres, Seconds, Volts,
@@ -73,6 +74,17 @@ pub struct Retreat {
     pub safe: Fixed,
     /// Length to retract off an open lower limit switch.
     pub off_limit: Fixed,
+    /// Where it leads instead of back along the path.
+    pub escape: Option<Escape>,
+}
+
+/// The line that a retreat from a short takes off the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Escape {
+    /// Where it leads at the most, from where it begins, nm: down, X, Y.
+    pub by: [i32; AXES],
+    /// Travel of the axis on the way back, counts per um of the line.
+    pub down: f32,
 }
 
 /// What the head lifts with when it cannot or must not close the loop: duties that are never toward the work.
@@ -180,8 +192,12 @@ pub struct Config {
     pub retreat: Retreat,
     /// Jump.
     pub jump: jump::Config,
+    /// What is made of a depth instead of a straight line.
+    pub orbit: Option<orbit::Config>,
     /// How a coarse axis carries the head.
     pub inch: inch::Config,
+    /// How steps of a host move the axis.
+    pub step: steps::Config,
     /// End of an erosion.
     pub ends: ends::Config,
     /// Open-loop lift.
@@ -194,24 +210,28 @@ pub struct Config {
     pub supervise: supervise::Limits,
     /// Commissioning.
     pub commissioning: commissioning::Config,
+    /// Identification.
+    pub identify: identify::Config,
+    /// Tuning.
+    pub tune: tune::Config,
     /// Whether commissioning has passed with these settings.
     pub commissioned: bool,
 }
 
 parts!(it: Config {
-    setpoint, controlled, transfer, structure, law, single, limits, acceleration, contact, touch, seek, retreat, jump, inch, ends, lift, presliding, axis,
-    supervise, commissioning, commissioned,
+    setpoint, controlled, transfer, structure, law, single, limits, acceleration, contact, touch, seek, retreat, jump, orbit, inch, step, ends, lift, presliding, axis,
+    supervise, commissioning, identify, tune, commissioned,
 } by
     [it.setpoint, it.structure, it.limits, it.acceleration, it.contact, it.touch],
     [it.law, it.controlled, it.transfer],
     [it.single, it.commissioned],
     [it.seek],
     [it.retreat],
-    [it.jump, it.inch, it.ends],
+    [it.jump, it.orbit, it.inch, it.step, it.ends],
     [it.lift, it.presliding],
     [it.axis],
     [it.supervise],
-    [it.commissioning],
+    [it.commissioning, it.identify, it.tune],
 );
 
 impl Config {

@@ -61,6 +61,8 @@ pub struct Estimate {
     pub safety: SafetyInputs,
     /// A short has been answered by the retreat that was made ready, or a contact that is the end of a motion by rest.
     pub short: bool,
+    /// The path coordinate at which that retreat has left the path, if it is an escape.
+    pub left: Option<Fixed>,
     /// The strongest fault that is new.
     pub reported: Option<Fault>,
     /// One that casts doubt on the encoder, whose reaction may be weaker.

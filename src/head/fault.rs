@@ -94,9 +94,16 @@ faults! {
     OpenCircuitLow = "open-circuit voltage low" => Retrace,
     /// The gap voltage has the wrong sign.
     GapReversed = "gap leads swapped" => Retrace,
+    /// Steps of a host were to be followed and could not be: they came too fast, or their direction was lost.
+    StepsNotFollowed = "steps not followed" => Hold,
 }
 
 impl Fault {
+    /// Its number to a host, 2000h:2; 0 is none.
+    pub const fn number(self) -> u8 {
+        (self as u8).wrapping_add(1)
+    }
+
     /// Whether it casts doubt on the encoder: no loop is closed over it again before it has proved itself.
     pub const fn doubts_encoder(self) -> bool {
         matches!(self, Fault::EncoderLost | Fault::PolarityWrong | Fault::FollowingError)
@@ -170,7 +177,7 @@ mod tests {
             ),
             (&[LowerLimit, Contact], Reaction::RetractOffLimit),
             (&[UpperLimit], Reaction::HoldBelow),
-            (&[BothLimits], Reaction::Hold),
+            (&[BothLimits, StepsNotFollowed], Reaction::Hold),
             (&[FollowingError], Reaction::ForceLimitedRetract),
             (&[EncoderLost], Reaction::OpenLoopLift),
             (&[BusSag], Reaction::LiftOnStored),
@@ -196,6 +203,6 @@ mod tests {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 29);
+        assert_eq!(Fault::ALL.len(), 30);
     }
 }

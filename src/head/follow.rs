@@ -3,7 +3,7 @@
 //! The [`Follower`] runs at the servo tick and the [`Planner`](super::Planner) below it, so neither waits for the other:
 //!
 //! ```text
-//! tick       T                 T+1               T+2 = T + LEAD            T+5 = T + PLAN_TICKS
+//! tick       T                 T+1               T+2 = T + LEAD            T+5 = T + PLAN_TICKS, or CALM_TICKS
 //! follow     hands over an     follows           the plan of T comes       hands over the next estimate
 //!            estimate                            into force
 //! plan                 plans: some 20 us
@@ -94,6 +94,8 @@ pub struct Follower {
     attentive: bool,
     /// For the estimate of this tick.
     short: bool,
+    /// Where the newest retreat that was an escape has left the path.
+    left: Option<Fixed>,
     reported: Option<Fault>,
     doubt: Option<Fault>,
     set_point: Option<SetPoint>,
@@ -128,6 +130,7 @@ impl Follower {
             asked: false,
             attentive: false,
             short: false,
+            left: None,
             reported: None,
             doubt: None,
             set_point: None,
@@ -179,6 +182,37 @@ impl Follower {
         self.estimator.position()
     }
 
+    /// Measured velocity.
+    pub fn velocity(&self) -> CountsPerSecond {
+        self.estimator.velocity()
+    }
+
+    /// Set point less position, counts.
+    pub fn following(&self) -> f32 {
+        self.following
+    }
+
+    /// Duty of the newest tick, positive toward the work.
+    pub fn duty(&self) -> f32 {
+        self.duty
+    }
+
+    /// It is at its limit.
+    pub fn is_saturated(&self) -> bool {
+        self.saturated
+    }
+
+    /// Code of the motor current above mid-scale.
+    pub fn current_code(&self) -> i32 {
+        self.estimator.sums().newest
+    }
+
+    /// A short that is a reason to retreat: by the reflex, or by its duration.
+    #[inline]
+    pub fn is_shorted(&self, input: &TickInput) -> bool {
+        input.reflex | (input.short_ticks >= self.config.trigger)
+    }
+
     /// What is in force.
     pub fn plan(&self) -> &Plan {
         &self.plan
@@ -213,7 +247,7 @@ impl Follower {
         }
         let mut hands_over = self.tick == self.next;
         // One test for a tick in which there is nothing.
-        let shorted = input.reflex | (input.short_ticks >= self.config.trigger);
+        let shorted = self.is_shorted(input);
         if shorted | input.touches | input.asked | input.safety.is_some() | self.attentive {
             hands_over |= self.is_urgent(input, shorted);
         }
@@ -242,6 +276,7 @@ impl Follower {
             self.probes.want(&plan.probes);
         }
         self.plan = *plan;
+        self.next = self.tick.wrapping_sub(LEAD).wrapping_add(plan.ticks);
         self.in_a_row = 0;
     }
 
@@ -295,6 +330,7 @@ impl Follower {
             urgent |= self.fault(fault);
         }
         if shorted && let Some(retreat) = self.plan.retreat.take() {
+            self.left = self.plan.escapes.then_some(self.plan.path);
             self.plan.trajectory = retreat;
             self.plan.set_points = false;
             self.short = true;
@@ -322,6 +358,7 @@ impl Follower {
     fn fault(&mut self, fault: Fault) -> bool {
         let Some((reaction, trajectory)) = self.plan.answer(fault) else { return false };
         self.plan.reaction = Some(reaction);
+        self.plan.fault = Some(fault);
         self.plan.pulses = false;
         self.plan.retreat = None;
         self.plan.set_points = false;
@@ -454,6 +491,7 @@ impl Follower {
             probes,
             safety,
             short,
+            left,
             reported,
             doubt,
             set_point,
@@ -484,6 +522,7 @@ impl Follower {
         *probes = *self.probes.latched();
         *safety = self.safety;
         *short = core::mem::take(&mut self.short);
+        *left = if *short { self.left } else { None };
         *reported = self.reported.take();
         *doubt = self.doubt.take();
         // Not taken: it would be put together beside both, and copied.

@@ -4,7 +4,7 @@
 //!               encoder, drive                    gap reading, commands
 //!                    |                                    |
 //! servo tick   estimate -> follow -> duty     plan task: states, law, limits, path
-//! 20 kHz           |          ^               4 kHz       |         ^
+//! 20 kHz           |          ^               2 or 4 kHz  |         ^
 //!                  |          +---- plan, two ticks later-+         |
 //!                  +--------------- estimate of a tick -------------+
 //! ```
@@ -22,8 +22,11 @@ mod estimate;
 mod fault;
 mod follow;
 mod guide;
+mod identified;
+mod identify;
 mod inch;
 mod jump;
+mod orbit;
 mod permit;
 mod plan;
 mod planner;
@@ -35,47 +38,54 @@ mod rhythm;
 mod route;
 mod silence;
 mod state;
+mod steps;
 mod supervise;
 mod tick;
 mod touch;
 mod trajectory;
 mod transfer;
+mod tune;
 
 pub use command::{Command, Refused};
 pub use commissioning::{Config as CommissioningConfig, Contradiction, Finding, Report, Weighed};
 pub use compose::{Head, Inputs};
-pub use config::{Axis, Config, Contact, Lift, Retreat, Seek, Setpoint, Structure};
+pub use config::{Axis, Config, Contact, Escape, Lift, Retreat, Seek, Setpoint, Structure};
 pub use ends::Config as EndsConfig;
 pub use estimate::{Estimate, Estimator, Sums};
 pub use fault::{Fault, Reaction};
 pub use follow::{FollowConfig, Follower, LEAD};
 pub use guide::Guidance;
+pub use identified::{Identified, Scale};
+pub use identify::{Config as IdentifyConfig, Stage, Summed};
 pub use inch::{Carry, Config as InchConfig, Inch, SeenBy};
 pub use jump::Config as JumpConfig;
+pub use orbit::{Config as OrbitConfig, OrbitShape};
 pub use permit::WritePermit;
 pub use plan::{Hazards, Plan, Touch};
-pub use planner::Planner;
+pub use planner::{Evidence, Planner};
 pub use positioning::{Home, HomingState, MotionLimits};
 pub use probe::{Edge, Latched, PROBES, Probe, ProbeInputs, Source, Wanted};
 pub use rhythm::Config as JumpRhythm;
 pub use state::{Change, ChangeLog, Reason, State, TRANSITIONS};
+pub use steps::{Config as StepConfig, Unfollowed};
 pub use supervise::{
-    Breakaway, Config as SupervisionConfig, Counters, Limits as SupervisionLimits, Measured, Monitored, Supervisor,
+    Breakaway, Config as SupervisionConfig, Counters, Limits as SupervisionLimits, Measured, Monitored, Row, Supervisor,
 };
 pub use tick::{SetPoint, TickInput, TickOutput};
 pub use touch::{Config as TouchConfig, Search};
 pub use trajectory::{Follow, Trajectory};
+pub use tune::{Config as TuneConfig, POINTS, Point, Step as TuneStep, WORDS as POINT_WORDS};
 
 use crate::feed::Order;
 use crate::gap::GapReading;
 use crate::gap::senses::Senses;
 use crate::path::Bound;
 use crate::servo::BackEmf;
-use crate::units::{Amps, CountsPerSecond, Fixed, MicrometresPerSecond, PLAN_TICKS, Volts};
+use crate::units::{Amps, CALM_TICKS, CountsPerSecond, Fixed, MicrometresPerSecond, Volts};
 use edm_hal_shim::safety::SafetyInputs;
 
 /// Ticks that a plan counts since the one before at the most: a head that was stalled continues from where it is.
-const TICKS_MOST: u32 = 2 * PLAN_TICKS;
+const TICKS_MOST: u32 = 2 * CALM_TICKS;
 
 /// What the head knows after a plan: for hosts and reports.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -164,6 +174,10 @@ pub struct Status {
     pub cramped: bool,
     /// How it stands to a host that guides it.
     pub guidance: Guidance,
+    /// What an identification does.
+    pub stage: Stage,
+    /// What a tuning does.
+    pub tunes: TuneStep,
     /// Set points of a guiding host that were late, since power-up, wrapping.
     pub late_set_points: u32,
     /// How it stands to the coarse axis.
@@ -178,4 +192,10 @@ pub struct Status {
     pub inches: u32,
     /// How much farther than asked it has moved, as the newest touch of the bottom says, counts.
     pub inch_error: i64,
+    /// Why the steps of a host, which were to be followed last, are not.
+    pub unfollowed: Unfollowed,
+    /// They become path, and the head takes more of them.
+    pub records: bool,
+    /// See [`records`](Status::records); also while they are followed.
+    pub takes_steps: bool,
 }

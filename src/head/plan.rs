@@ -4,7 +4,7 @@ use super::probe::Wanted;
 use super::trajectory::Trajectory;
 use super::{Fault, Reaction, State};
 use crate::servo::Window;
-use crate::units::{CountsPerSecond, Fixed};
+use crate::units::{CountsPerSecond, Fixed, PLAN_TICKS};
 use edm_hal_shim::safety::SafetyInputs;
 
 /// Which safety inputs are a hazard in a state.
@@ -58,6 +58,8 @@ pub enum Touch {
 pub struct Plan {
     /// Of the estimate that it was made of.
     pub generation: u32,
+    /// Ticks from that estimate to the next at the most.
+    pub ticks: u32,
     /// What to follow.
     pub trajectory: Trajectory,
     /// Path coordinate and set point when it comes into force.
@@ -100,10 +102,14 @@ pub struct Plan {
     pub hazards: Hazards,
     /// Reaction under way.
     pub reaction: Option<Reaction>,
+    /// Fault that it is for.
+    pub fault: Option<Fault>,
     /// No loop may be closed in a reaction.
     pub doubted: bool,
     /// For a short, where the state cares.
     pub retreat: Option<Trajectory>,
+    /// That leaves the path: an escape.
+    pub escapes: bool,
     /// For a fault whose reaction closes the loop: the way to rest; and the duties of one with limited force.
     pub stop: Trajectory,
     /// See [`stop`](Plan::stop).
@@ -116,6 +122,7 @@ impl Plan {
     /// Of a head that is disabled.
     pub const DISABLED: Plan = Plan {
         generation: 0,
+        ticks: PLAN_TICKS,
         trajectory: Trajectory::COAST,
         path: Fixed(0),
         setpoint: Fixed(0),
@@ -137,8 +144,10 @@ impl Plan {
         touch: Touch::Ignored,
         hazards: Hazards { any: false, limits: false, upper: false, dielectric: false },
         reaction: None,
+        fault: None,
         doubted: false,
         retreat: None,
+        escapes: false,
         stop: Trajectory::COAST,
         limited: Window { low: 0.0, high: 0.0 },
         lift: Trajectory::COAST,

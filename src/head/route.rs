@@ -5,7 +5,9 @@ use super::trajectory::{Follow, Trajectory};
 use crate::feed::Limiter;
 use crate::path::{AXES, BESIDE_NM, Bound, Path, Piece, Refused};
 use crate::servo::Window;
-use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, MicrometresPerSecond2, PLAN_TICKS, larger};
+use crate::units::{
+    CountsPerSecond, Fixed, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, PLAN_TICKS, TICK_S, larger,
+};
 use core::ops::DerefMut;
 
 /// The path with its limits. `P` owns it.
@@ -53,6 +55,35 @@ impl<P: DerefMut<Target = Path>> Route<P> {
                 self.ended = Some(self.path.bound());
             }
             self.limiter.go_on_from(now.along);
+        }
+    }
+
+    /// Leaves the path at a coordinate where it was, for a line to so many nm away.
+    pub fn escape(&mut self, at: Fixed, by: [i32; AXES]) {
+        let by_then = at.minus(self.path.s());
+        self.path.step(by_then);
+        self.path.escape(by);
+    }
+
+    /// How far off the path an escape is, um.
+    pub fn off(&self) -> Option<Fixed> {
+        self.path.off()
+    }
+
+    /// The beginning of an escape that leads along its line by `down` counts of the axis in each um, prepared for later.
+    pub fn ready_escape(&self, wanted: MicrometresPerSecond, down: f32, bounds: &Bounds, window: Window) -> Trajectory {
+        let far = || Micrometres(f32::INFINITY);
+        let along = Limiter::default().limit(wanted, bounds.acceleration, PLAN_TICKS, far, far);
+        let velocity = CountsPerSecond(along.0 * down);
+        let travel = Fixed::short(velocity.0 * TICK_S);
+        Trajectory {
+            follow: Follow::Setpoint,
+            window,
+            velocity,
+            along,
+            advance: along.per_tick(),
+            travel,
+            ..Trajectory::COAST
         }
     }
 

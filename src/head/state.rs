@@ -43,11 +43,13 @@ pub enum State {
     Touching,
     /// Pulses off, out of the work while a coarse axis carries the head on: the inch-worm.
     Inching,
+    /// Pulses off, moving to measure motor, mass and friction, or the response of the loop: an identification or a tuning.
+    Identifying,
 }
 
 impl State {
     /// Every state.
-    pub const ALL: [State; 17] = [
+    pub const ALL: [State; 18] = [
         State::Disabled,
         State::Commissioning,
         State::Ready,
@@ -65,6 +67,7 @@ impl State {
         State::Lifting,
         State::Touching,
         State::Inching,
+        State::Identifying,
     ];
 
     /// Name in reports.
@@ -84,6 +87,7 @@ impl State {
             State::Lifting => "lifting",
             State::Touching => "touching",
             State::Inching => "inching",
+            State::Identifying => "identifying",
             State::Done => "done",
             State::HoldingPosition => "holding_position",
             State::Fault => "fault",
@@ -102,7 +106,7 @@ impl State {
 
     /// Whether the axis moves by itself, off the path and with pulses off.
     pub const fn positions(self) -> bool {
-        matches!(self, State::Positioning | State::Homing | State::Touching)
+        matches!(self, State::Positioning | State::Homing | State::Touching | State::Identifying)
     }
 
     /// Whether the head works in a closed loop: what a host may move and has to keep watch over. A fault's reaction may have
@@ -178,6 +182,14 @@ pub enum Reason {
     Carried,
     /// The host has refused to move the coarse axis.
     CarryRefused,
+    /// Commanded: identification.
+    IdentificationStarted,
+    /// Everything is measured, and the head is back where it began.
+    Identified,
+    /// Commanded: tuning.
+    TuningStarted,
+    /// The response is measured, and the head is back where it began.
+    Tuned,
 }
 
 /// Every change of state there is and what it is made for, but for two rules: a fault is entered from every state, and
@@ -260,6 +272,15 @@ pub const TRANSITIONS: &[(State, State, Reason)] = &[
     (State::Retreating, State::Eroding, Reason::GapRecovered),
     (State::Retreating, State::Guiding, Reason::GapRecovered),
     (State::Retreating, State::HoldingPosition, Reason::Held),
+    (State::Ready, State::Identifying, Reason::IdentificationStarted),
+    (State::Done, State::Identifying, Reason::IdentificationStarted),
+    (State::HoldingPosition, State::Identifying, Reason::IdentificationStarted),
+    (State::Identifying, State::Ready, Reason::Identified),
+    (State::Ready, State::Identifying, Reason::TuningStarted),
+    (State::Done, State::Identifying, Reason::TuningStarted),
+    (State::HoldingPosition, State::Identifying, Reason::TuningStarted),
+    (State::Identifying, State::Ready, Reason::Tuned),
+    (State::Identifying, State::Positioning, Reason::Held),
     (State::Fault, State::Disabled, Reason::FaultReset),
 ];
 

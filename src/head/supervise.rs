@@ -18,6 +18,7 @@ use crate::units::{
     ADC_FULL_SCALE, Amps, CountsPerSecond, Micrometres, Newtons, TICKS_PER_MS, Volts, larger, smaller, within,
 };
 use core::f32::consts::PI;
+use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::reflex::PulseCounts;
 
@@ -379,6 +380,30 @@ pub struct Monitored {
     pub senses: Senses,
     /// An axis that looks for a reference does not follow: something is in its way, unless its encoder is lost.
     pub blocked: bool,
+    /// The newest look as whole numbers.
+    pub row: Row,
+}
+
+/// What was drawn and moved from one look to the next, in codes and counts, positive toward the work: exact, for sums.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Row {
+    /// Tick of the look.
+    pub tick: u32,
+    /// Ticks since the look before.
+    pub ticks: u32,
+    /// Sum of the duties given to the bridge.
+    pub duty: i32,
+    /// Sum of the current codes above mid-scale.
+    pub current: i32,
+    /// By how much the newest current code is above the newest of the look before.
+    pub step: i32,
+    /// The same of the duty.
+    pub turn: i32,
+    /// Counts moved.
+    pub moved: i32,
+    /// Bus voltage, a code.
+    pub bus: u16,
 }
 
 /// What follows the encoder.
@@ -407,6 +432,8 @@ pub struct Supervisor {
     monitored: Monitored,
     guard: CurrentGuard,
     sums: Sums,
+    /// Newest duty, as the bridge was given it.
+    duty: i32,
     /// `None` until the encoder has been read.
     belief: Option<Belief>,
     following: Lasting,
@@ -554,6 +581,20 @@ impl Supervisor {
         let (drawn, squares) = now.sums.since(&self.sums, sign * config.amps_per_code.0, sign, bus, moved);
         let driven = drawn.duty * bus.0 / config.plant.resistance_ohm;
         let stuck = self.stuck.look(now.sums.only_code_since(&self.sums), driven, config.amps_per_code.0);
+        let way = if config.motor_reversed { -1 } else { 1 };
+        let duty = (now.duty * f32::from(Drive::FULL)) as i32;
+        let (was, sums) = (self.sums, now.sums);
+        self.monitored.row = Row {
+            tick: now.tick,
+            ticks: sums.ticks.wrapping_sub(was.ticks),
+            duty: sums.duty.wrapping_sub(was.duty).wrapping_mul(way),
+            current: sums.current.wrapping_sub(was.current).wrapping_mul(way),
+            step: sums.newest.wrapping_sub(was.newest).wrapping_mul(way),
+            turn: duty.wrapping_sub(self.duty),
+            moved,
+            bus: now.bus,
+        };
+        self.duty = duty;
         self.sums = now.sums;
         self.guard.update(&config.current, squares, drawn.over);
         self.monitored.back_emf.update(&config.plant, &drawn);
@@ -587,7 +628,12 @@ impl Supervisor {
         // Commissioning drives from stop to stop.
         let loops = now.closed && now.state != State::Commissioning && (now.state != State::Fault || now.free);
         let more = now.duty - self.needed;
-        self.needed = if loops { self.needed + more * Breakaway::LATELY } else { breakaway.holding };
+        self.needed = match now.state {
+            _ if loops => self.needed + more * Breakaway::LATELY,
+            // Without a loop for a push: what was needed before still is.
+            State::Identifying => self.needed,
+            _ => breakaway.holding,
+        };
         let beyond = now.duty - breakaway.holding;
         let push = smaller(more.abs(), beyond.abs());
         let following = now.following.abs();

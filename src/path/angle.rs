@@ -69,6 +69,7 @@ pub(super) fn cos_sin(angle: Angle) -> [i32; 2] {
 }
 
 /// Angle of a vector, by turning it onto the first axis (Volder's CORDIC); 0 for none.
+#[inline(never)]
 pub(super) fn of([x, y]: [i32; 2]) -> Angle {
     // Room for the gain of 1.65, and places below the last.
     let (mut x, mut y) = (i64::from(x) << 28, i64::from(y) << 28);

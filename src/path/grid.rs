@@ -33,6 +33,7 @@ impl Grid {
 pub(super) type Place = [i32; AXES];
 
 /// A place in counts.
+#[inline(never)]
 pub(super) fn counts(place: Place, datum: &Point, grid: &Grid) -> Point {
     let mut point = *datum;
     for (point, (nm, nm_per_count)) in point.iter_mut().zip(place.iter().zip(&grid.0)) {

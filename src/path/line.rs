@@ -29,6 +29,7 @@ impl Line {
     /// Line between two points in counts, of a length in um along the path. A point when it has none.
     ///
     /// An axis moves by less than 32 counts per um.
+    #[inline(never)]
     pub(super) fn new(from: Point, to: Point, length: Fixed) -> Line {
         if length.0 <= 0 {
             return Line::point(to);

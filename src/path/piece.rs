@@ -191,11 +191,7 @@ impl Packed {
 
     /// Remembers how much the direction jumps at its beginning, from that of the one before; both of length 1.
     pub fn join(&mut self, before: [f32; AXES], after: [f32; AXES]) {
-        let mut square = 0.0;
-        for (before, after) in before.iter().zip(&after) {
-            square += (after - before) * (after - before);
-        }
-        let jump = libm::sqrtf(square);
+        let jump = jump(before, after);
         self.corner = if jump < SMOOTH { 0 } else { libm::ceilf(jump * CORNER) as u8 };
     }
 
@@ -205,9 +201,18 @@ impl Packed {
     }
 }
 
+/// How much a direction jumps: 2 for back along the same line; both of length 1.
+pub(super) fn jump(before: [f32; AXES], after: [f32; AXES]) -> f32 {
+    let mut square = 0.0;
+    for (before, after) in before.iter().zip(&after) {
+        square += (after - before) * (after - before);
+    }
+    libm::sqrtf(square)
+}
+
 impl Segment {
     /// Axis setpoints at a distance from the start, counts.
-    #[inline]
+    #[inline(never)]
     pub fn at(&self, distance: Fixed) -> Point {
         match self {
             Segment::Line(line) => line.at(distance),

@@ -8,6 +8,7 @@ mod current;
 mod emf;
 mod pid;
 mod presliding;
+mod regress;
 
 use crate::units::{larger, smaller, within};
 
@@ -16,6 +17,7 @@ pub use current::{CurrentGuard, CurrentLimits};
 pub use emf::{BackEmf, DriveMeans};
 pub use pid::{Output, Pid, PidGains};
 pub use presliding::{Config as PreslidingConfig, Presliding};
+pub use regress::{Fit, Normal, WIDTH};
 
 /// The duties allowed at this tick, both included. It contains zero, but for a fault's reaction: that never holds with less
 /// than the weight.

@@ -8,8 +8,9 @@ use crate::gap::charging::Material;
 use crate::gap::controlled::ControlledName;
 use crate::gap::{pulses, senses, voltage};
 use crate::head::{
-    Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, InchConfig, JumpConfig, JumpRhythm, Lift,
-    Report, Retreat, Seek, SeenBy, Setpoint, Structure, SupervisionLimits, TouchConfig,
+    Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, Escape, IdentifyConfig, InchConfig, JumpConfig,
+    JumpRhythm, Lift, OrbitConfig, OrbitShape, Report, Retreat, Seek, SeenBy, Setpoint, StepConfig, Structure,
+    SupervisionLimits, TouchConfig, TuneConfig,
 };
 use crate::motion::JerkLimits;
 use crate::servo::{CurrentLimits, GRAVITY, Gains, PidGains, Plant, PreslidingConfig, Tuning};
@@ -17,6 +18,7 @@ use crate::units::{
     ADC_FULL_SCALE, Amps, CLOCK_HZ, CountsPerSecond, CountsPerSecond2, Fixed, Hertz, Micrometres, MicrometresPerSecond,
     MicrometresPerSecond2, Nanometres, Newtons, PLAN_TICKS, Seconds, TICK_S, Volts,
 };
+use edm_hal_shim::steps::Polarity;
 use edm_hal_shim::timing::adc::Scale;
 use edm_hal_shim::{pause, reflex};
 
@@ -40,12 +42,35 @@ const JUMP_S: f32 = 0.7;
 /// Rate of counts for which the edge decoder is rated, 1/s: docs/architecture.md.
 const ENCODER_RATE: f32 = 300_000.0;
 
+/// Velocity, mm/s, and counts from which on an identification takes a head for moving: presliding is slower, and friction hardly less
+/// there than at rest (assumed).
+const BEGUN: (f32, i64) = (1.0, 3);
+/// Times its breakaway, as set, by which the force of a push grows in a second, and the share of the current's duty that it does at
+/// least.
+const GROWS: (f32, f32) = (1.5, 0.05);
+
+/// Share of tune.current_a with which its strokes turn round, of tune.travel_um that this may take, and of supervise.following_um by which the
+/// head may swing.
+const RAMP: f32 = 0.5;
+const TURNS: f32 = 0.2;
+const SWING: f32 = 0.15;
+
 /// Most friction that is believed, N: the end of the range of axis.breakaway_n.
 const BREAKAWAY_MOST: f32 = 20.0;
 
 /// Servo ticks in so many milliseconds, at least one.
 pub(super) fn ticks(ms: f32) -> u32 {
     Seconds(ms * 1e-3).ticks().max(1)
+}
+
+/// The number from 1 to `of` that `times` of make it, by halving: less than a power of a library takes.
+#[inline(never)]
+fn root(of: f32, times: u32) -> f32 {
+    let halved = |(low, high): (f32, f32), _| {
+        let middle = 0.5 * (low + high);
+        if (0..times).fold(1.0, |product, _| product * middle) > of { (low, middle) } else { (middle, high) }
+    };
+    (0..32).fold((1.0, of), halved).0
 }
 
 fn um(length: f32) -> Fixed {
@@ -148,6 +173,16 @@ impl Settings {
             const { name("jump.height_um") },
             "takes longer than 0.7 s each way with jump.velocity_mm_s, jump.acceleration_m_s2 and jump.jerk_m_s3",
         )?;
+        conflict(
+            self.structure != Structure::Path && [self.escape_up, self.escape_x, self.escape_y] != [0.0; 3],
+            const { name("escape.up_um") },
+            "and escape.x_um, escape.y_um need feed.structure = path, or must be 0",
+        )?;
+        conflict(
+            self.structure != Structure::Path && self.orbit_shape != OrbitShape::None,
+            const { name("orbit.shape") },
+            "must be none without feed.structure = path",
+        )?;
         let taken = self.inch_step + self.inch_reserve + self.inch_clearance + self.retreat_off_limit;
         conflict(
             self.inch_step > 0.0 && taken > self.axis_stroke,
@@ -163,6 +198,21 @@ impl Settings {
             self.inch_step > 0.0 && self.inch_seen == SeenBy::Touch && self.contact_below == 0.0,
             const { name("inch.seen") },
             "must be word without a sense supply: contact.below_v is 0",
+        )?;
+        conflict(
+            self.identify_current > self.motor_peak,
+            const { name("identify.current_a") },
+            "must not be above motor.peak_a",
+        )?;
+        conflict(
+            self.tune_current > self.motor_peak,
+            const { name("tune.current_a") },
+            "must not be above motor.peak_a",
+        )?;
+        conflict(
+            self.tune_lowest * 2.0 > self.tune_highest,
+            const { name("tune.lowest_hz") },
+            "must be at most half of tune.highest_hz",
         )?;
         let off_time_ns = (self.generator_off_time_us * 1000.0) as u32;
         let (gap, reflex, pause) = (self.gap()?, self.reflex()?, self.pause()?);
@@ -319,6 +369,21 @@ impl Settings {
         }
     }
 
+    /// What is made of a depth.
+    fn orbit(&self) -> Option<OrbitConfig> {
+        let nm = |um: f32| (um * 1e3) as i64;
+        let (radius, pitch) = (nm(self.orbit_radius), nm(self.orbit_pitch));
+        (self.orbit_shape != OrbitShape::None).then_some(OrbitConfig { shape: self.orbit_shape, radius, pitch })
+    }
+
+    /// Where a retreat from a short leads off the path, if it does.
+    fn escape(&self, counts_per_um: f32) -> Option<Escape> {
+        let by = [-self.escape_up, self.escape_x, self.escape_y];
+        let length = libm::sqrtf(by.iter().map(|um| um * um).sum());
+        let down = self.escape_up / length * counts_per_um;
+        (length > 0.0).then_some(Escape { by: by.map(|um| (um * 1e3) as i32), down })
+    }
+
     /// Largest velocity of a jump.
     fn jump_velocity(&self, counts_per_um: f32) -> CountsPerSecond {
         CountsPerSecond((self.jump_velocity * 1e3 * counts_per_um).min(ENCODER_RATE))
@@ -393,7 +458,9 @@ impl Settings {
                 persistent: ticks(self.retreat_persistent_ms),
                 safe: um(self.retreat_safe),
                 off_limit: um(self.retreat_off_limit),
+                escape: self.escape(axis.counts_per_um),
             },
+            orbit: self.orbit(),
             jump: JumpConfig {
                 every: Seconds(self.jump_every_ms * 1e-3).ticks(),
                 height: (self.jump_height * axis.counts_per_um) as u32,
@@ -419,6 +486,12 @@ impl Settings {
                 tolerance: (self.inch_tolerance * axis.counts_per_um) as i64,
                 patience: Seconds(self.inch_patience).ticks().max(1),
                 seen: self.inch_seen,
+            },
+            step: StepConfig {
+                polarity: Polarity { rises: self.step_inverted, reversed: self.step_reversed },
+                counts: self.step_counts,
+                steps: self.step_steps,
+                smooth: ticks(self.step_smooth_ms).max(PLAN_TICKS),
             },
             ends: EndsConfig {
                 spark_out: Seconds(self.end_spark_out_ms * 1e-3).ticks(),
@@ -482,8 +555,50 @@ impl Settings {
                 velocity: CountsPerSecond(self.commission_velocity * 1000.0 * axis.counts_per_um),
                 open_min: Volts(self.gap_open_min),
             },
+            identify: self.identify(&axis),
+            tune: self.tune(&axis),
             commissioned: self.commissioned,
             axis,
+        }
+    }
+
+    /// How an identification moves.
+    fn identify(&self, axis: &Axis) -> IdentifyConfig {
+        let Axis { plant, counts_per_um, gains, .. } = axis;
+        let velocity = self.identify_velocity * 1000.0 * counts_per_um;
+        let newtons = plant.force_constant * self.identify_current;
+        let duty = (self.identify_current * plant.resistance_ohm / plant.bus.0).min(0.5 * self.axis_duty_limit);
+        let grows = (GROWS.0 * plant.duty(Newtons(self.axis_breakaway))).max(GROWS.1 * duty);
+        IdentifyConfig {
+            travel: (self.identify_travel * counts_per_um) as i64,
+            duty,
+            // The edge decoder is the limit where counts are short.
+            velocity: CountsPerSecond(velocity.min(0.5 * ENCODER_RATE).min(gains.velocity_limit().0)),
+            acceleration: CountsPerSecond2(newtons / plant.mass_kg * plant.counts_per_m),
+            grows: (grows * PLAN_TICKS as f32 * TICK_S, 2.0 * duty),
+            begun: (CountsPerSecond(BEGUN.0 * 1000.0 * counts_per_um), BEGUN.1),
+        }
+    }
+
+    /// How a tuning moves.
+    #[inline(never)]
+    fn tune(&self, axis: &Axis) -> TuneConfig {
+        let Axis { plant, counts_per_um, gains, .. } = axis;
+        let travel = self.tune_travel * counts_per_um;
+        let newtons = RAMP * plant.force_constant * self.tune_current;
+        let acceleration = newtons / plant.mass_kg * plant.counts_per_m;
+        // The edge decoder is the limit where counts are short.
+        let most = (0.5 * ENCODER_RATE).min(gains.velocity_limit().0).min(libm::sqrtf(TURNS * travel * acceleration));
+        TuneConfig {
+            travel: travel as i64,
+            duty: (self.tune_current * plant.resistance_ohm / plant.bus.0).min(0.5 * self.axis_duty_limit),
+            swing: SWING * self.following_limit * counts_per_um,
+            velocity: CountsPerSecond((self.tune_velocity * 1000.0 * counts_per_um).min(most)),
+            acceleration: CountsPerSecond2(acceleration),
+            lowest: self.tune_lowest,
+            ratio: root(self.tune_highest / self.tune_lowest, self.tune_points.max(2) - 1),
+            points: self.tune_points,
+            mm: 1e-3 / counts_per_um,
         }
     }
 }

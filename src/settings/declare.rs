@@ -481,6 +481,7 @@ macro_rules! declare {
             }
 
             /// Takes the values of words that were checked. One by one: made at once they would all wait in registers.
+            #[inline(never)]
             $vis fn take_words(&mut self, words: &[u32; Self::COUNT]) {
                 let [$($name,)+] = words;
                 $(self.$name = $crate::settings::Setting::from_word(*$name);)+

@@ -8,7 +8,7 @@ use crate::declare;
 use crate::feed::LawName;
 use crate::gap::controlled::ControlledName;
 use crate::gap::voltage::Average;
-use crate::head::{SeenBy, Structure};
+use crate::head::{OrbitShape, SeenBy, Structure};
 
 crate::choice!(Average { Plain = "plain", Gated = "gated" });
 
@@ -22,6 +22,7 @@ pub enum SetpointUnit {
 }
 crate::choice!(SetpointUnit { Volts = "volts", PercentOfOpen = "percent_of_open" });
 
+crate::choice!(OrbitShape { None = "none", Circle = "circle", Square = "square", Sphere = "sphere" });
 crate::choice!(SeenBy { Word = "word", Touch = "touch" });
 crate::choice!(LawName);
 crate::choice!(ControlledName);
@@ -387,6 +388,65 @@ declare! {
         0x2111:5 inch_patience: f32 = 60.0, (0.1, 3600.0), "inch.patience_s", "s", "assumed: a person can look", live;
         /// What shows how far it has moved: the host's word, or a touch of the bottom before and after it.
         0x2111:6 inch_seen: SeenBy = SeenBy::Word, (), "inch.seen", "", "[R] section 8", disabled "the bottom must have been touched before the move";
+
+        /// Counts by which step.steps steps of a host move the axis in mode -1.
+        0x2112:1 step_counts: u32 = 1, (1, 1_000_000), "step.counts", "counts", "assumed: a step is a count", disabled "the place of the axis depends on it";
+        /// Steps of a host that move the axis by step.counts.
+        0x2112:2 step_steps: u32 = 1, (1, 1_000_000), "step.steps", "", "assumed: a step is a count", disabled "the place of the axis depends on it";
+        /// The direction input leads away from the work while a current flows in it.
+        0x2112:3 step_reversed: bool = false, (), "step.reversed", "", "docs/wiring.md: a current is toward the work", disabled "the direction of motion depends on it";
+        /// A step begins where the current in the step input ends.
+        0x2112:4 step_inverted: bool = false, (), "step.inverted", "", "docs/wiring.md: a step begins with the current", disabled "a step is counted where it begins";
+        /// Time constant with which the set point follows the steps; at least that of a plan, 0.25 ms.
+        0x2112:5 step_smooth_ms: f32 = 2.0, (0.0, 100.0), "step.smooth_ms", "ms", "assumed: a step a plan makes no step of the velocity", disabled "the place of the axis depends on it";
+
+        /// Escape: a retreat from a short leads along this vector instead of back along the path, and no farther; here upward. With escape.x_um
+        /// and escape.y_um 0 as well: along the path.
+        0x2113:1 escape_up: f32 = 0.0, (0.0, 100_000.0), "escape.up_um", "um", "assumed: back along the path", live;
+        /// The same along X: a set point for the drive of that axis.
+        0x2113:2 escape_x: f32 = 0.0, (-100_000.0, 100_000.0), "escape.x_um", "um", "assumed: back along the path", live;
+        /// The same along Y.
+        0x2113:3 escape_y: f32 = 0.0, (-100_000.0, 100_000.0), "escape.y_um", "um", "assumed: back along the path", live;
+
+        /// What the head makes of a depth that is given as a set point while it erodes, so that the cavity is wider than the electrode: circles or
+        /// squares in which it sinks, or circles over half a sphere; X and Y are set points for their drives. From the next set point on.
+        0x2116:1 orbit_shape: OrbitShape = OrbitShape::None, (), "orbit.shape", "", "assumed: straight down", live;
+        /// Radius of the orbit: the undersize of the electrode on each side.
+        0x2116:2 orbit_radius: f32 = 20.0, (10.0, 500_000.0), "orbit.radius_um", "um", "assumed", live;
+        /// How far it sinks in a turn; on a sphere, length of its surface from one ring to the next.
+        0x2116:3 orbit_pitch: f32 = 10.0, (1.0, 100_000.0), "orbit.pitch_um", "um", "assumed", live;
+
+        /// Largest distance by which a touch may be above the kept place of a hole that is to be gone on with.
+        0x2115:1 resume_agree: f32 = 10.0, (0.1, 100.0), "resume.agree_um", "um", "assumed: more than the roughness of both surfaces; a touch finds their peaks", live;
+        /// Largest distance of the bottom, as touched, beyond the deepest place of the electrode.
+        0x2115:2 resume_gap: f32 = 100.0, (1.0, 1000.0), "resume.gap_um", "um", "largest gap of docs/glossary.md: 5 to 100 um", live;
+        /// Largest wear by which the surface, or the reference, may be touched deeper than before.
+        0x2115:3 resume_wear: f32 = 50.0, (0.1, 10_000.0), "resume.wear_um", "um", "assumed: more would be another electrode", live;
+
+        /// Longest wait, pulses off, at the beginning of each row of a technology table for the word that the generator is set for it (201Ch:19);
+        /// 0: the head does not wait.
+        0x2119:1 technology_answer: f32 = 0.0, (0.0, 3600.0), "technology.answer_s", "s", "assumed: nobody answers", live;
+
+        /// Length above the head that an identification moves in.
+        0x2114:1 identify_travel: f32 = 2000.0, (200.0, 50_000.0), "identify.travel_um", "um", "assumed: half of it is way enough for its fastest stroke", live;
+        /// Current of the steps that an identification puts on the winding; its strokes accelerate with as much at the most.
+        0x2114:2 identify_current: f32 = 0.3, (0.02, 10.0), "identify.current_a", "A", "assumed: a hundred codes of docs/wiring.md", live;
+        /// Velocity of its fastest stroke.
+        0x2114:3 identify_velocity: f32 = 50.0, (2.0, 200.0), "identify.velocity_mm_s", "mm/s", "assumed: its back-EMF is a hundred times what a conversion of the current is worth", live;
+
+        /// Length above the head that a tuning moves in.
+        0x2118:1 tune_travel: f32 = 3000.0, (500.0, 50_000.0), "tune.travel_um", "um", "assumed: a window and what comes before it at tune.velocity_mm_s", live;
+        /// Current that the largest sine of a tuning drives at rest.
+        0x2118:2 tune_current: f32 = 0.5, (0.02, 10.0), "tune.current_a", "A", "assumed: at 1 kHz it moves 0.2 kg by a quarter of a count of 1 um", live;
+        /// Velocity of its strokes at the most; low frequencies take slower ones. The loop is measured as it is at that velocity: slower, the velocity
+        /// of the encoder comes later.
+        0x2118:3 tune_velocity: f32 = 25.0, (1.0, 200.0), "tune.velocity_mm_s", "mm/s", "assumed: an edge of 1 um in every tick", live;
+        /// Lowest frequency.
+        0x2118:4 tune_lowest: f32 = 10.0, (2.0, 200.0), "tune.lowest_hz", "Hz", "assumed: a sixth of servo.position_hz", live;
+        /// Highest frequency.
+        0x2118:5 tune_highest: f32 = 1000.0, (20.0, 1200.0), "tune.highest_hz", "Hz", "assumed: the loop has lost 180 degrees below", live;
+        /// Frequencies, in equal ratios.
+        0x2118:6 tune_points: u32 = 25, (3, 32), "tune.points", "", "assumed: twelve a decade", live;
 
         /// Commissioning has passed with these settings.
         0x210C:1 commissioned: bool = false, (), "commission.passed", "", "set by commissioning", disabled "it decides whether the head may be enabled";

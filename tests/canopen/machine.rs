@@ -42,6 +42,7 @@ pub const DEVICE: Device = Device {
     software: "1.0",
     vendor: 0x1234,
     product: 0x5678,
+    update: 2000,
     revision: 0x0001_0002,
     heartbeat: 0,
     receive: [

@@ -12,4 +12,5 @@ mod process_data;
 mod sdo;
 mod services;
 mod store;
+mod update;
 mod watched;

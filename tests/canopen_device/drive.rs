@@ -368,10 +368,10 @@ fn the_first_tpdo_tells_of_a_change_at_once_and_repeats_every_50_ms() {
 #[test]
 fn negative_and_unknown_modes_are_refused() {
     let mut rig = Rig::ready();
-    assert_eq!(rig.try_write(0x6060, 0, &[0xFF]), Err(0x0609_0032));
+    assert_eq!(rig.try_write(0x6060, 0, &[0xFE]), Err(0x0609_0032));
     assert_eq!(rig.try_write(0x6060, 0, &[10]), Err(0x0609_0031));
     assert_eq!(rig.try_write(0x6060, 0, &[4]), Err(0x0609_0030));
-    assert_eq!(rig.read(0x6502, 0), 0x1E5);
+    assert_eq!(rig.read(0x6502, 0), 0x101E5);
 }
 
 #[test]

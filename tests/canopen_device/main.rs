@@ -17,5 +17,8 @@ mod rig;
 mod segments;
 mod servo_objects;
 mod settings;
+mod shared;
+mod steps;
 mod sync_preview;
+mod technology;
 mod unconfigured;

@@ -13,6 +13,8 @@ use edm_sim::process::Parameters;
 pub const ID: u8 = 5;
 
 pub struct Rig {
+    /// Its node-ID.
+    pub id: u8,
     pub node: Node,
     pub drive: Drive,
     pub machine: Machine,
@@ -26,17 +28,22 @@ pub struct Rig {
 
 impl Rig {
     pub fn new(change: impl FnOnce(&mut Settings, &mut Parameters)) -> Rig {
+        Rig::with_id(ID, change)
+    }
+
+    /// One of several on a bus.
+    pub fn with_id(id: u8, change: impl FnOnce(&mut Settings, &mut Parameters)) -> Rig {
         let mut settings = Settings { commissioned: true, ..Settings::default() };
         let mut parameters = Parameters::default();
         change(&mut settings, &mut parameters);
         let record = Box::leak(Box::new(BLANK));
         let mut drive =
             Drive::new(settings, Identity { reset_cause: 7, build: "test", ..Identity::default() }, record).unwrap();
-        let mut node = Node::new(&DEVICE, BusSettings::at_1_mbit(NodeId::new(ID)), 1234);
+        let mut node = Node::new(&DEVICE, BusSettings::at_1_mbit(NodeId::new(id)), 1234);
         node.boot(None, &mut drive).unwrap();
         let machine = Machine::new(&parameters, &settings, 1).unwrap();
         let mut rig =
-            Rig { node, drive, machine, image: StoredImage::NOTHING, sent: Vec::new(), ms: 0, states: Vec::new() };
+            Rig { id, node, drive, machine, image: StoredImage::NOTHING, sent: Vec::new(), ms: 0, states: Vec::new() };
         rig.run(20);
         rig
     }
@@ -44,7 +51,14 @@ impl Rig {
     /// Operational, homed at the upper limit, enabled in no mode.
     pub fn ready() -> Rig {
         let mut rig = Rig::new(|_, _| {});
-        rig.send(0, &[1, ID]);
+        rig.make_ready();
+        rig
+    }
+
+    /// The same, of one that was made otherwise.
+    pub fn make_ready(&mut self) {
+        let rig = self;
+        rig.send(0, &[1, rig.id]);
         rig.enable();
         rig.write(0x6098, 0, &[35]);
         rig.write(0x6060, 0, &[6]);
@@ -52,12 +66,12 @@ impl Rig {
         rig.control(0x1F);
         rig.until(100, |rig| rig.status() & 0x3400 == 0x1400);
         rig.control(0x0F);
-        rig
     }
 
     /// One millisecond.
     pub fn step(&mut self) {
         let now = Time(self.ms * 1000);
+        self.drive.set_steps(self.machine.steps());
         self.drive.observe(self.machine.status());
         while let Some(change) = self.machine.next_change() {
             self.states.push(change.to);
@@ -110,6 +124,8 @@ impl Rig {
                 self.image.forget(group);
                 self.drive.stored(&mut self.node, group, Ok(()));
             }
+            // Answered by idle, which this rig has not: tests/runtime.
+            Order::Update(_) => {}
             Order::ResetNode => {
                 let defaults = Settings { commissioned: true, ..Settings::default() };
                 self.drive.restart(defaults, &self.image);
@@ -142,11 +158,11 @@ impl Rig {
     }
 
     fn exchange(&mut self, request: [u8; 8]) -> [u8; 8] {
-        self.send(0x600 + u16::from(ID), &request);
+        self.send(0x600 + u16::from(self.id), &request);
         for _ in 0..10 {
             let seen = self.sent.len();
             self.step();
-            let answer = self.sent[seen..].iter().find(|(_, frame)| frame.id() == 0x580 + u16::from(ID));
+            let answer = self.sent[seen..].iter().find(|(_, frame)| frame.id() == 0x580 + u16::from(self.id));
             if let Some((_, frame)) = answer {
                 return frame.data().try_into().unwrap();
             }
@@ -211,9 +227,9 @@ impl Rig {
         let (mut value, mut next) = (Vec::new(), [0xA3, 0, 0, 0, 0, 0, 0, 0]);
         loop {
             let seen = self.sent.len();
-            self.send(0x600 + u16::from(ID), &next);
+            self.send(0x600 + u16::from(self.id), &next);
             self.run(40);
-            let answers = self.sent[seen..].iter().filter(|(_, frame)| frame.id() == 0x580 + u16::from(ID));
+            let answers = self.sent[seen..].iter().filter(|(_, frame)| frame.id() == 0x580 + u16::from(self.id));
             let (mut segment, mut complete) = (0, false);
             for (_, frame) in answers {
                 assert_eq!(frame.data()[0] & 0x7F, segment + 1);
@@ -231,7 +247,7 @@ impl Rig {
         assert_eq!(command & 0xE3, 0xC1);
         value.truncate(value.len() - usize::from(command >> 2 & 7));
         assert_eq!((value.len(), crc(&value)), (length, u16::from_le_bytes([crc_low, crc_high])));
-        self.send(0x600 + u16::from(ID), &[0xA1, 0, 0, 0, 0, 0, 0, 0]);
+        self.send(0x600 + u16::from(self.id), &[0xA1, 0, 0, 0, 0, 0, 0, 0]);
         value
     }
 

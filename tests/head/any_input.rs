@@ -62,6 +62,8 @@ fn command() -> impl Strategy<Value = Command> {
         3 => Just(Command::Start),
         1 => Just(Command::Hold),
         1 => Just(Command::Commission),
+        1 => Just(Command::Identify),
+        1 => Just(Command::Tune),
         3 => Just(Command::ResetFault),
     ]
 }

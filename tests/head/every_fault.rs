@@ -35,7 +35,7 @@ fn caused(fault: Fault) -> Option<Bench> {
             bench
         }
         // With pulses off.
-        Fault::Contact | Fault::UnpermittedPulses => Bench::ready(),
+        Fault::Contact | Fault::UnpermittedPulses | Fault::StepsNotFollowed => Bench::ready(),
         Fault::OpenCircuitLow => {
             let mut bench = Bench::ready();
             bench.open_v = 65.0;
@@ -71,6 +71,10 @@ fn caused(fault: Fault) -> Option<Bench> {
         Fault::DriveSignalLost => bench.drive_stands = true,
         Fault::OverCurrent => bench.extra_amps = 4.0,
         Fault::BridgeFault => bench.safety.bridge_fault = true,
+        Fault::StepsNotFollowed => {
+            bench.command(Command::Step(Nanometres(0), Nanometres(3_000_000)));
+            bench.head.step(5000);
+        }
         Fault::SupplyLow => bench.safety.supply_low = true,
         Fault::Contact => {
             let ramp = MicrometresPerSecond2(1e6);

@@ -207,6 +207,41 @@ fn the_table_of_transitions_is_what_heads_do() {
             note(&mut bench, &mut seen);
         }
     }
+    // Identifications and tunings, out of every rest, that end in each way.
+    for measures in [Command::Identify, Command::Tune] {
+        for then in [None, Some(Command::Hold), Some(Command::Disable), Some(Command::ResetFault)] {
+            for rest in [State::Ready, State::HoldingPosition, State::Done] {
+                let mut bench = Bench::with(|settings| {
+                    (settings.identify_travel, settings.tune_travel) = (500.0, 500.0);
+                    (settings.tune_points, settings.tune_lowest) = (3, 50.0);
+                });
+                bench.make_ready();
+                bench.surface_um = 1e6;
+                bench.command(Command::MoveTo(um(1000)));
+                bench.command(Command::Start);
+                bench.run_until(3.0, |bench| bench.state() == State::Done);
+                match rest {
+                    State::Ready => {
+                        let (velocity, acceleration) = (MicrometresPerSecond(2e4), MicrometresPerSecond2(1e7));
+                        let limits = MotionLimits { velocity, acceleration, deceleration: acceleration };
+                        bench.command(Command::Position(um(1100), limits));
+                        bench.run_until(3.0, |bench| bench.state() == State::Ready);
+                    }
+                    State::HoldingPosition => bench.command(Command::Hold),
+                    _ => {}
+                }
+                bench.command(measures);
+                bench.run(0.1);
+                match then {
+                    Some(Command::ResetFault) => bench.head.raise(Fault::HostSilent),
+                    Some(then) => bench.command(then),
+                    None => bench.run_until(30.0, |bench| bench.state() == State::Ready),
+                }
+                bench.run(0.1);
+                note(&mut bench, &mut seen);
+            }
+        }
+    }
     // Moves of a coarse axis, and all that comes between.
     let carries = |answer: Option<Carry>, then: Option<Command>, touch: bool, seeks: bool, seen: &mut Seen| {
         let mut bench = Bench::with(|settings| {

@@ -217,7 +217,7 @@ fn a_head_that_is_enabled_while_the_circuit_is_tried_is_armed_when_that_is_over(
 
 #[test]
 fn a_task_that_is_silent_is_named_in_an_enabled_head_and_ends_the_edges_of_a_disabled_one() {
-    const STARVED: Habits = Habits { protocol: 20_000, ..Habits::PROMPT };
+    const STARVED: Habits = Habits { protocol: 2_000_000, ..Habits::PROMPT };
     let mut host = enabled(11);
     host.head.set_habits(STARVED);
     host.run(70 * MS);

@@ -8,4 +8,5 @@ mod losses;
 mod rig;
 mod self_test;
 mod settings_damaged;
+mod update;
 mod writes;

@@ -91,7 +91,7 @@ impl Host {
         let mut settings = Settings { commissioned: true, ..Settings::default() };
         change(&mut settings);
         let process = Process::new(&Parameters::default(), seed).unwrap();
-        let head = Head::of(process, settings, (NodeId::new(ID), ID.into()), Store::Memory(None), self_test).unwrap();
+        let head = Head::of(process, settings, (NodeId::new(ID), ID.into()), Store::memory(None), self_test).unwrap();
         let mut host = Host {
             head: Scheduler::of(head, seed),
             asked: 0,

@@ -30,6 +30,9 @@ pub(super) struct CommunicationObjects {
     pub receive: [Receive; PDOS],
     pub transmit: [Transmit; PDOS],
     pub out: Outbox,
+    /// 1F56h:1 and 1F57h:1.
+    pub program: u32,
+    pub flash: u32,
 }
 
 fn resolve(
@@ -65,6 +68,8 @@ impl CommunicationObjects {
             receive: Default::default(),
             transmit: Default::default(),
             out: Outbox::default(),
+            program: 0,
+            flash: 0,
         }
     }
 
@@ -140,6 +145,10 @@ impl CommunicationObjects {
             Item::PastError => self.emergency.past(sub).ok_or(Abort::NoData)?,
             // Stores on command, not by itself.
             Item::Store | Item::Restore => 1,
+            // The program runs, also while another is staged.
+            Item::Control => 1,
+            Item::ProgramId => self.program,
+            Item::FlashStatus => self.flash,
             Item::Vendor => self.device.vendor,
             Item::Product => self.device.product,
             Item::Revision => self.device.revision,

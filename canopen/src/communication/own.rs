@@ -71,13 +71,13 @@ fn default(device: &Device, mut defaults: Parameters, object: CommunicationObjec
         Item::Vendor => number(device.vendor),
         Item::Product => number(device.product),
         Item::Revision => number(device.revision),
-        Item::Serial | Item::PastError => DefaultValue::Unknown,
+        Item::Serial | Item::PastError | Item::Program | Item::ProgramId => DefaultValue::Unknown,
         Item::Service(base) => DefaultValue::NodeId(base.into()),
         Item::EmergencyId => DefaultValue::NodeId(defaults.emergency_id),
         Item::PdoId(_) => DefaultValue::NodeId(defaults.get(object)),
         Item::Fixed(value) => number(value.into()),
-        Item::ErrorRegister | Item::ErrorCount => number(0),
-        Item::Store | Item::Restore => number(1),
+        Item::ErrorRegister | Item::ErrorCount | Item::FlashStatus => number(0),
+        Item::Store | Item::Restore | Item::Control => number(1),
         _ => number(defaults.get(object)),
     }
 }

@@ -6,7 +6,7 @@ use crate::emergency::Cause;
 use crate::objects::{CommunicationObject, Item};
 use crate::parameters::{Pdo, validate};
 use crate::pdo::Map;
-use crate::{Abort, Dictionary, Group, Request, Written};
+use crate::{Abort, Dictionary, Group, Request, Update, Written};
 
 /// "save", first letter first on the bus (CiA 301 7.5.2.13).
 const SAVE: u32 = u32::from_le_bytes(*b"save");
@@ -36,7 +36,9 @@ impl CommunicationObjects {
         bytes.get_mut(..data.len()).ok_or(Abort::LengthTooHigh)?.copy_from_slice(data);
         let value = u32::from_le_bytes(bytes);
         match object.item {
-            Item::Store | Item::Restore => return request(object, value, dictionary),
+            Item::Store | Item::Restore | Item::Control => return request(object, value, dictionary),
+            // Only a transfer in pieces has one.
+            Item::Program => return Err(Abort::LengthTooLow),
             Item::ErrorCount if value == 0 => self.emergency.forget(),
             Item::ErrorCount => return Err(Abort::InvalidValue),
             item => {
@@ -110,6 +112,10 @@ fn request(object: CommunicationObject, value: u32, dictionary: &mut dyn Diction
     let request = match (object.item, value) {
         (Item::Store, SAVE) => Request::Store(group(object.sub)),
         (Item::Restore, LOAD) => Request::Restore(group(object.sub)),
+        (Item::Control, 0) => Request::Update(Update::Stop),
+        (Item::Control, 1) => Request::Update(Update::Start),
+        (Item::Control, 3) => Request::Update(Update::Clear),
+        (Item::Control, _) => return Err(Abort::InvalidValue),
         _ => return Err(Abort::NotStored),
     };
     dictionary.request(request)?;

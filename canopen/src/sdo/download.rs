@@ -1,5 +1,6 @@
 //! Expedited and segmented download: a value to the device (CiA 301 7.2.4.3.3, 7.2.4.3.4).
 
+use super::stream::Stream;
 use super::{Address, Buffer, Outcome, Step, Transfer, addressed, commit, segment, word};
 use crate::Abort;
 use crate::space::Space;
@@ -10,17 +11,15 @@ pub(super) struct Download {
     announced: Option<u32>,
     received: usize,
     toggle: bool,
+    pub stream: Stream,
 }
+
+/// Bytes of a domain that are handed on at once: eight segments' worth of words.
+const PIECE: usize = 224;
 
 impl Download {
     /// Command byte `001x nnes`: e expedited, s size given, n bytes without data.
-    pub fn initiate(
-        request: [u8; 8],
-        address: Address,
-        transfer: &mut Transfer,
-        buffer: &Buffer,
-        space: &mut Space<'_>,
-    ) -> Outcome {
+    pub fn initiate(request: [u8; 8], address: Address, transfer: &mut Transfer, space: &mut Space<'_>) -> Outcome {
         let [command, _, _, _, value @ ..] = request;
         let (expedited, sized) = (command & 0x02 != 0, command & 0x01 != 0);
         let answer = addressed(0x60, address, [0; 4]);
@@ -32,9 +31,8 @@ impl Download {
             return commit(address, data, answer, space);
         }
         let announced = sized.then_some(word(request));
-        space.writable(address, announced)?;
-        buffer.get(announced.unwrap_or(0) as usize)?;
-        *transfer = Transfer::Download(Self { announced, received: 0, toggle: false });
+        let stream = Stream::new(space.target(address, announced)?);
+        *transfer = Transfer::Download(Self { announced, received: 0, toggle: false, stream });
         Ok(Step::Answer(answer))
     }
 
@@ -52,15 +50,19 @@ impl Download {
         if self.announced.is_some_and(|announced| end > announced as usize) {
             return Err(Abort::LengthTooHigh);
         }
-        buffer.put(self.received, data)?;
+        self.stream.put(self.received, data, buffer)?;
         self.received = end;
         let answer = segment(0x20 | command & 0x10, &[]);
         if command & 0x01 == 0 {
             self.toggle = !self.toggle;
-            return Ok(Step::Answer(answer));
+            let enough = self.stream.streams && self.stream.rest(end, buffer)?.len() >= PIECE;
+            return if enough { self.stream.hand_on(end, answer, space) } else { Ok(Step::Answer(answer)) };
         }
         if self.announced.is_some_and(|announced| end < announced as usize) {
             return Err(Abort::LengthTooLow);
+        }
+        if self.stream.streams {
+            return self.stream.end(end, answer, space);
         }
         commit(address, buffer.get(end)?, answer, space)
     }

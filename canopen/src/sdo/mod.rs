@@ -2,7 +2,8 @@
 //!
 //! A value to be written is *staged*: it collects in a buffer and reaches its object when all of it is there and its
 //! length and checksum are right. Until then, and after any abort, the object is as it was. A value to be read is copied at
-//! the start, so that its segments belong together; a domain is read piece by piece instead.
+//! the start, so that its segments belong together; a domain is read piece by piece instead. One that is written goes to the
+//! device in pieces as well, which sees to it itself that half of one does nothing.
 //!
 //! A new initiate ends whatever transfer was under way. To distinguish it from the segments of a block download,
 //! blocks are at most [`BLOCK`] segments long: the numbers of these are no initiate's command byte.
@@ -11,6 +12,7 @@ mod block_download;
 mod block_upload;
 mod crc;
 mod download;
+mod stream;
 mod upload;
 
 use super::dictionary::LONGEST;
@@ -20,6 +22,7 @@ use block_download::BlockDownload;
 use block_upload::BlockUpload;
 use download::Download;
 use heapless::Deque;
+use stream::Stream;
 use upload::Upload;
 
 /// Base of the identifiers of requests.
@@ -49,9 +52,27 @@ enum Transfer {
     BlockUpload(BlockUpload),
     /// The device works on a request, which may take long; the answer if it succeeds.
     Device([u8; 8]),
+    /// The device takes a piece of a download; the answer if it can, and whether that was all.
+    Piece(Pieces, [u8; 8], bool),
     /// The device brings a value into force, which takes a moment; the answer if it succeeds, unless nobody waits for it any
     /// more.
     Write(Option<[u8; 8]>),
+}
+
+/// A download while the device takes a piece of it.
+#[derive(Clone, Copy, Debug)]
+enum Pieces {
+    Segments(Download),
+    Block(BlockDownload),
+}
+
+impl Pieces {
+    fn stream(&mut self) -> &mut Stream {
+        match self {
+            Pieces::Segments(transfer) => &mut transfer.stream,
+            Pieces::Block(transfer) => &mut transfer.stream,
+        }
+    }
 }
 
 /// What to do next, unless the transfer is to be aborted.
@@ -66,6 +87,8 @@ enum Step {
     Over,
     /// The device will say how its request ends; the answer if it ends well.
     Device([u8; 8]),
+    /// The device will say whether it has taken a piece; the answer if it has, and whether that is all.
+    Piece([u8; 8], bool),
     /// The device will say whether the value is in force; the answer if it is.
     Write([u8; 8]),
 }
@@ -79,6 +102,12 @@ struct Buffer([u8; LONGEST]);
 impl Buffer {
     fn get(&self, length: usize) -> Result<&[u8], Abort> {
         self.0.get(..length).ok_or(Abort::OutOfMemory)
+    }
+
+    fn drop_first(&mut self, length: usize) {
+        if length <= LONGEST {
+            self.0.copy_within(length.., 0);
+        }
     }
 
     fn put(&mut self, offset: usize, data: &[u8]) -> Result<(), Abort> {
@@ -179,7 +208,7 @@ impl Server {
     fn initiate(&mut self, request: [u8; 8], space: &mut Space<'_>) -> Outcome {
         let Self { transfer, address, buffer, .. } = self;
         match request[0] >> 5 {
-            1 => Download::initiate(request, *address, transfer, buffer, space),
+            1 => Download::initiate(request, *address, transfer, space),
             2 => Upload::initiate(*address, transfer, buffer, space),
             5 => BlockUpload::initiate(request, *address, transfer, buffer, space),
             _ => BlockDownload::initiate(request, *address, transfer, space),
@@ -193,7 +222,7 @@ impl Server {
             Transfer::Upload(transfer) => transfer.go_on(request, buffer, space),
             Transfer::BlockDownload(transfer) => transfer.go_on(request, *address, buffer, space),
             Transfer::BlockUpload(transfer) => transfer.go_on(request),
-            Transfer::Device(_) | Transfer::Write(_) => Err(Abort::Command),
+            Transfer::Device(_) | Transfer::Piece(..) | Transfer::Write(_) => Err(Abort::Command),
             Transfer::Idle => {
                 *address = Address::default();
                 Err(Abort::Command)
@@ -212,6 +241,15 @@ impl Server {
             }
             Ok(Step::Device(answer)) => {
                 self.transfer = Transfer::Device(answer);
+                return;
+            }
+            Ok(Step::Piece(answer, all)) => {
+                let pieces = match self.transfer {
+                    Transfer::Download(transfer) => Pieces::Segments(transfer),
+                    Transfer::BlockDownload(transfer) => Pieces::Block(transfer),
+                    _ => return,
+                };
+                self.transfer = Transfer::Piece(pieces, answer, all);
                 return;
             }
             Ok(Step::Write(answer)) => {
@@ -236,7 +274,7 @@ impl Server {
     fn leave(&mut self, space: &mut Space<'_>) {
         match core::mem::take(&mut self.transfer) {
             Transfer::BlockUpload(_) => space.objects.out.discard(space.objects.id.cob(ANSWER)),
-            Transfer::Device(_) => self.given_up = self.given_up.saturating_add(1),
+            Transfer::Device(_) | Transfer::Piece(..) => self.given_up = self.given_up.saturating_add(1),
             Transfer::Write(_) => self.transfer = Transfer::Write(None),
             _ => {}
         }
@@ -250,7 +288,8 @@ impl Server {
 
     /// Sends segments of a block upload while there is room, and gives up a client that has fallen silent.
     pub fn poll(&mut self, now: Time, space: &mut Space<'_>) {
-        let waits = !matches!(self.transfer, Transfer::Idle | Transfer::Device(_) | Transfer::Write(_));
+        let waits =
+            !matches!(self.transfer, Transfer::Idle | Transfer::Device(_) | Transfer::Piece(..) | Transfer::Write(_));
         if waits && now > self.heard.after(TIMEOUT_US) {
             self.stop(space);
             self.finish(Err(Abort::TimedOut), space);
@@ -278,6 +317,22 @@ impl Server {
             self.given_up = self.given_up.saturating_sub(1);
         } else if let Transfer::Device(answer) = self.transfer {
             self.finish(result.map(|()| Step::Last(answer)), space);
+        } else if let Transfer::Piece(mut pieces, answer, all) = self.transfer {
+            pieces.stream().taken(&mut self.buffer);
+            self.transfer = match pieces {
+                Pieces::Segments(transfer) => Transfer::Download(transfer),
+                Pieces::Block(transfer) => Transfer::BlockDownload(transfer),
+            };
+            self.finish(result.map(|()| if all { Step::Last(answer) } else { Step::Answer(answer) }), space);
+        }
+    }
+
+    /// What the device is about to take of a download, and where it belongs.
+    pub fn piece(&self) -> Option<(u32, &[u8])> {
+        match &self.transfer {
+            Transfer::Piece(Pieces::Segments(transfer), ..) => transfer.stream.piece(&self.buffer),
+            Transfer::Piece(Pieces::Block(transfer), ..) => transfer.stream.piece(&self.buffer),
+            _ => None,
         }
     }
 

@@ -137,7 +137,10 @@ pub struct Timer {
 /// Timers in use.
 pub const TIMERS: &[Timer] = &[
     Timer { name: "TIM1", does: "PWM of the bridge and servo tick; its start starts TIM3 and TIM8" },
-    Timer { name: "TIM2", does: "reserved: steps of a host, 32 bits" },
+    Timer {
+        name: "TIM2",
+        does: "counts both edges of a host's steps, 32 bits; channel 3 stamps edges of their direction",
+    },
     Timer { name: "TIM3", does: "its update triggers ADC1" },
     Timer { name: "TIM4", does: "blanking: one pulse from the gate on channel 2; channel 4 triggers ADC2" },
     Timer { name: "TIM5", does: "encoder mode, 32 bits" },
@@ -150,26 +153,34 @@ pub const TIMERS: &[Timer] = &[
 /// A DMA stream, the request that feeds it and its work.
 #[derive(Clone, Copy, Debug)]
 pub struct Stream {
-    /// Stream of DMA2.
+    /// Its controller, 1 or 2.
+    pub dma: u8,
+    /// Its number.
     pub stream: u8,
-    /// Channel, which selects the request (RM0090 table 43).
+    /// Channel, which selects the request (RM0090 tables 42 and 43).
     pub channel: u8,
     /// The request.
     pub request: &'static str,
 }
 
-/// Streams of DMA2 in use.
+/// Streams in use.
 pub const STREAMS: &[Stream] = &[
-    Stream { stream: 0, channel: 0, request: "ADC1" },
-    Stream { stream: 2, channel: 7, request: "TIM8_CH1" },
-    Stream { stream: 3, channel: 1, request: "ADC2" },
-    Stream { stream: 4, channel: 7, request: "TIM8_CH3" },
-    Stream { stream: 7, channel: 7, request: "TIM8_CH4" },
+    Stream { dma: 1, stream: 1, channel: 3, request: "TIM2_CH3" },
+    Stream { dma: 2, stream: 0, channel: 0, request: "ADC1" },
+    Stream { dma: 2, stream: 2, channel: 7, request: "TIM8_CH1" },
+    Stream { dma: 2, stream: 3, channel: 1, request: "ADC2" },
+    Stream { dma: 2, stream: 4, channel: 7, request: "TIM8_CH3" },
+    Stream { dma: 2, stream: 7, channel: 7, request: "TIM8_CH4" },
 ];
 
-/// RM0090 table 43, as far as the head could use it: request, stream, channel.
+/// RM0090 tables 42 and 43, as far as the head could use them: request, stream, channel.
 #[cfg(test)]
 const REQUESTS: &[(&str, u8, u8)] = &[
+    ("TIM2_CH1", 5, 3),
+    ("TIM2_CH2", 6, 3),
+    ("TIM2_CH3", 1, 3),
+    ("TIM2_CH4", 6, 3),
+    ("TIM2_CH4", 7, 3),
     ("ADC1", 0, 0),
     ("ADC1", 4, 0),
     ("ADC2", 2, 1),
@@ -187,7 +198,8 @@ const _: () = {
     while i < STREAMS.len() {
         let mut j = i + 1;
         while j < STREAMS.len() {
-            assert!(STREAMS[i].stream != STREAMS[j].stream, "a DMA stream is used twice");
+            let same = STREAMS[i].dma == STREAMS[j].dma && STREAMS[i].stream == STREAMS[j].stream;
+            assert!(!same, "a DMA stream is used twice");
             j += 1;
         }
         i += 1;
@@ -198,8 +210,10 @@ const _: () = {
 pub const RAM_END: u32 = 0x2002_0000;
 /// What everything at once may take of the stack, bytes; RAM leaves more than twice as much.
 pub const STACK: u32 = 32 * 1024;
-/// What lies below and nobody may touch, bytes: no frame may be larger.
-pub const STACK_GUARD: u32 = 16 * 1024;
+/// What lies below and nobody may touch as data, bytes: no frame may be larger. It holds the code that runs from RAM.
+pub const STACK_GUARD: u32 = 32 * 1024;
+/// Where that code is fetched: SRAM1 appears at address 0.
+pub const FAST: u32 = RAM_END - STACK - STACK_GUARD - 0x2000_0000;
 
 /// A task of the firmware.
 #[derive(Clone, Copy, Debug)]
@@ -289,9 +303,9 @@ pub fn write_chip(f: &mut dyn fmt::Write) -> fmt::Result {
     for timer in TIMERS {
         writeln!(f, "  {:<6} {}", timer.name, timer.does)?;
     }
-    writeln!(f, "DMA2")?;
-    for stream in STREAMS {
-        writeln!(f, "  stream {} channel {}  {}", stream.stream, stream.channel, stream.request)?;
+    writeln!(f, "DMA")?;
+    for Stream { dma, stream, channel, request } in STREAMS {
+        writeln!(f, "  DMA{dma} stream {stream} channel {channel}  {request}")?;
     }
     writeln!(f, "Tasks, highest priority first")?;
     for task in TASKS {

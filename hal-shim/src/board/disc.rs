@@ -47,10 +47,11 @@ crate::board! {
         can_rx: gpiod.pd0 PD0, "CAN1_RX", "from the transceiver";
         can_tx: gpiod.pd1 PD1, "CAN1_TX", "to the transceiver";
         led: gpiod.pd13 PD13, "GPIO out", "LD3, orange, high is lit";
-        step: gpioa.pa15 PA15, "TIM2_ETR", "reserved: steps of a host";
-        step_direction: gpiob.pb11 PB11, "TIM2_CH4", "reserved: direction of a host";
+        step: gpioa.pa15 PA15, "TIM2_CH1", "steps of a host; isolated input, low while a current flows";
+        step_direction: gpiob.pb11 PB11, "TIM2_CH4", "direction of a host; isolated input";
         spark_frequency: gpioa.pa6 PA6, "TIM13_CH1", "reserved: frequency-coded gap voltage";
         flush_valve: gpiob.pb14 PB14, "GPIO out", "reserved: flushing valve; 10 k to ground";
+        step_ready: gpioc.pc10 PC10, "GPIO out", "high lets a host step; 10 k to ground";
         carry: gpiob.pb2 PB2, "GPIO out", "asks for a move of the coarse axis, high; 10 k to ground";
     }
 }

@@ -35,10 +35,11 @@ crate::board! {
         can_rx: gpiob.pb8 PB8, "CAN1_RX", "from the transceiver";
         can_tx: gpiob.pb9 PB9, "CAN1_TX", "to the transceiver";
         led: gpiob.pb1 PB1, "GPIO out", "status LED, high is lit";
-        step: gpioa.pa15 PA15, "TIM2_ETR", "reserved: steps of a host";
-        step_direction: gpiob.pb10 PB10, "TIM2_CH3", "reserved: direction of a host";
+        step: gpioa.pa15 PA15, "TIM2_CH1", "steps of a host; isolated input, low while a current flows";
+        step_direction: gpiob.pb10 PB10, "TIM2_CH3", "direction of a host; isolated input";
         spark_frequency: gpioa.pa6 PA6, "TIM13_CH1", "reserved: frequency-coded gap voltage";
         flush_valve: gpiob.pb14 PB14, "GPIO out", "reserved: flushing valve; 10 k to ground";
+        step_ready: gpioc.pc10 PC10, "GPIO out", "high lets a host step; 10 k to ground";
         carry: gpiob.pb2 PB2, "GPIO out", "asks for a move of the coarse axis, high; 10 k to ground";
     }
 }

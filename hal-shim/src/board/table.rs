@@ -60,6 +60,20 @@ pub struct Table {
 }
 
 impl Table {
+    /// Number of the chip, such as 405 of "STM32F405RG, LQFP64": by which an update is for this board.
+    pub const fn chip(&self) -> u32 {
+        let name = self.name.as_bytes();
+        let (mut i, mut number) = (0, 0);
+        // Behind "STM32F".
+        while i < 3 {
+            let digit = name[6 + i];
+            assert!(digit.is_ascii_digit(), "a board is named after its chip");
+            number = 10 * number + (digit - b'0') as u32;
+            i += 1;
+        }
+        number
+    }
+
     /// The pin of a signal; a signal that is not there does not compile in a constant.
     pub const fn pin(&self, signal: &str) -> Pin {
         let mut i = 0;
@@ -110,6 +124,22 @@ impl Table {
             }
             i += 1;
         }
+    }
+}
+
+impl Table {
+    /// Channel of the timer that a signal's function names, such as 3 for TIM2_CH3.
+    pub const fn timer_channel(&self, signal: &str) -> u8 {
+        let mut i = 0;
+        while i < self.rows.len() {
+            if same(self.rows[i].signal.as_bytes(), signal.as_bytes()) {
+                let (name, _) = word(self.rows[i].function.as_bytes(), 0);
+                assert!(name.len() == 8 && same(name.split_at(3).0, b"TIM"), "not a channel of a timer");
+                return number(name.split_at(7).1);
+            }
+            i += 1;
+        }
+        panic!("no such signal on this board")
     }
 }
 
@@ -271,5 +301,12 @@ mod tests {
     fn the_channel_of_a_converter_input_is_read_from_its_function() {
         assert_eq!((F405::TABLE.adc_channel("gap_voltage"), F405::TABLE.adc_channel("bus_voltage")), (10, 3));
         assert!(std::panic::catch_unwind(|| F405::TABLE.adc_channel("pwm")).is_err());
+    }
+
+    #[test]
+    fn the_channel_of_a_timer_is_read_from_its_function() {
+        let channels = BOARDS.iter().map(|(_, table)| table.timer_channel("step_direction")).collect::<Vec<_>>();
+        assert_eq!((F405::TABLE.timer_channel("step"), channels), (1, vec![3, 4]));
+        assert!(std::panic::catch_unwind(|| F405::TABLE.timer_channel("bridge_fault")).is_err());
     }
 }

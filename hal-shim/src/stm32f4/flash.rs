@@ -8,6 +8,7 @@
 use super::pac;
 use super::{change, put};
 use crate::storage::{ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use core::sync::atomic::{AtomicBool, Ordering::SeqCst};
 
 /// First of the two sectors; memory.x keeps the program out of them.
 const FIRST_SECTOR: u32 = 1;
@@ -27,6 +28,14 @@ const ERRORS: u32 = 0xF2;
 const BUSY: u32 = 1 << 16;
 /// Polls of a busy flash: each stalls until it answers, so that even an erase takes few.
 const POLLS: u32 = 1 << 24;
+
+/// The caches are being emptied: the supervision, which comes between, does not look at their register then.
+static CACHES_CHANGE: AtomicBool = AtomicBool::new(false);
+
+/// Whether FLASH_ACR is what it is to be.
+pub fn access_is_settled() -> bool {
+    !CACHES_CHANGE.load(SeqCst)
+}
 
 /// Why the flash refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
@@ -80,9 +89,11 @@ impl SettingsFlash {
         let result = run(self);
         put!(self.0.cr(), LOCK);
         // What was read before may sit in the caches.
+        CACHES_CHANGE.store(true, SeqCst);
         change!(self.0.acr(), clear 1 << 9 | 1 << 10, set 0);
         change!(self.0.acr(), clear 0, set 1 << 11 | 1 << 12);
         change!(self.0.acr(), clear 1 << 11 | 1 << 12, set 1 << 9 | 1 << 10);
+        CACHES_CHANGE.store(false, SeqCst);
         result
     }
 

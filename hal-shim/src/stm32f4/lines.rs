@@ -20,6 +20,7 @@ const HIGH: Pin = Board::TABLE.pin("comparator_high");
 const BRIDGE_FAULT: Pin = Board::TABLE.pin("bridge_fault");
 const LED: Pin = Board::TABLE.pin("led");
 const CARRY: Pin = Board::TABLE.pin("carry");
+const STEP_READY: Pin = Board::TABLE.pin("step_ready");
 
 /// Modes of TIM1's channel 1 with its compare register preloaded (RM0090 17.4.7).
 pub(super) const PWM_MODE: u32 = 0b110 << 4 | PRELOAD;
@@ -212,6 +213,11 @@ pub fn led(lit: bool) {
 /// Raises or lowers the line that asks for a move of the coarse axis.
 pub fn ask(asks: bool) {
     if asks { high(CARRY) } else { low(CARRY) }
+}
+
+/// Raises or lowers the line that lets a host step.
+pub fn takes_steps(takes: bool) {
+    if takes { high(STEP_READY) } else { low(STEP_READY) }
 }
 
 /// What was forced so far, as one moment saw it.

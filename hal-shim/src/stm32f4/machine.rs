@@ -1,5 +1,6 @@
 //! Everything of a board, started in the order that keeps it harmless, and handed out in parts.
 
+use super::backup::BackupSram;
 use super::blocks::{self, Blocks};
 use super::boot::{self, Boot};
 use super::can::{self, Filters, Receiver, Sender, SyncWaits};
@@ -13,7 +14,7 @@ use super::gate::Edges;
 use super::gated::{Gated, Thresholds};
 use super::generator::Interface;
 use super::hal::gpio::PushPull;
-use super::hal::gpio::alt::tim8;
+use super::hal::gpio::alt::{tim2, tim8};
 use super::hal::syscfg::SysCfgExt;
 use super::live::Signal;
 use super::pwm::{self, Bridge, Pwm, Tick};
@@ -22,7 +23,9 @@ use super::safety::{self, Inputs};
 use super::self_test;
 use super::servo_lines::ServoLines;
 use super::stack;
+use super::stage::StageFlash;
 use super::start::StartError;
+use super::steps::Counter;
 use super::supply::{self, Supply};
 use super::timebase::{self, Millisecond};
 use super::watchdog::Watchdog;
@@ -53,10 +56,13 @@ pub struct Machine {
     pub live: Signal,
     pub tick: Tick,
     pub millisecond: Millisecond,
+    pub steps: Counter,
     /// `None`, with the reason, when the controller does not answer: the head is then as good as without a host.
     pub can: Result<(Receiver, Sender, Filters), StartError>,
     pub sync: SyncWaits,
     pub flash: SettingsFlash,
+    pub backup: BackupSram,
+    pub stage: StageFlash,
 }
 
 impl Machine {
@@ -88,6 +94,7 @@ impl Machine {
         board.led.into_push_pull_output();
         board.flush_valve.into_push_pull_output();
         board.carry.into_push_pull_output();
+        board.step_ready.into_push_pull_output();
 
         let boot = boot::begin(rcc, build);
         *watchdog = Some(Watchdog::start(device.IWDG)?);
@@ -95,6 +102,7 @@ impl Machine {
         let clock = Cycles::start(&mut core.DCB, &mut core.DWT);
 
         let mut syscfg = device.SYSCFG.constrain(rcc);
+        let backup = BackupSram::start(&device.PWR, rcc);
         let inputs = Inputs::new(
             safety::contact(board.upper_limit, &mut syscfg),
             safety::contact(board.lower_limit, &mut syscfg),
@@ -104,6 +112,10 @@ impl Machine {
         );
         let (lines, guard, timer) =
             encoder::new(device.TIM5, board.encoder_a, board.encoder_b, board.encoder_index, &mut syscfg, rcc);
+
+        let _: tim2::Ch1<PushPull> = board.step.into();
+        board.step_direction.into_alternate::<1>();
+        let steps = Counter::new(device.TIM2, device.DMA1, rcc)?;
 
         board.gap_voltage.into_analog();
         board.gap_voltage_gated.into_analog();
@@ -151,9 +163,12 @@ impl Machine {
             live,
             tick: Tick(()),
             millisecond,
+            steps,
             can,
             sync: SyncWaits(()),
             flash,
+            backup,
+            stage: StageFlash::new(),
         })
     }
 }

@@ -14,6 +14,7 @@
 //! stays off, and the pulses inhibited, until the servo task drives for the first time; it cannot before clocks, converters,
 //! timers and one whole block of conversions have been seen to work.
 
+pub mod backup;
 pub mod blocks;
 pub mod boot;
 pub mod can;
@@ -27,6 +28,7 @@ pub mod drive;
 pub mod encoder;
 pub mod ends;
 mod exti;
+mod fast;
 pub mod flash;
 pub mod gap_filter;
 pub mod gate;
@@ -44,7 +46,9 @@ pub mod safety;
 pub mod self_test;
 pub mod servo_lines;
 pub mod stack;
+pub mod stage;
 pub mod start;
+pub mod steps;
 pub mod supply;
 pub mod timebase;
 pub mod watchdog;

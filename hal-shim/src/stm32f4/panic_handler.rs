@@ -33,9 +33,9 @@ fn panic(info: &PanicInfo) -> ! {
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     lines::kill();
     // SAFETY: the register block is always there; reading the fault status changes nothing.
-    let status = unsafe { (*SCB::PTR).cfsr.read() };
+    let (status, address) = unsafe { ((*SCB::PTR).cfsr.read(), (*SCB::PTR).mmfar.read()) };
     let at = frame.pc();
-    let death = if status & stack::FAULTS == 0 { Death::HardFault } else { Death::Stack };
+    let death = if stack::refused(status, address) { Death::Stack } else { Death::HardFault };
     end(death, status, at, || defmt::error!("hard fault at {=u32:#010x}, status {=u32:#010x}", at, status))
 }
 

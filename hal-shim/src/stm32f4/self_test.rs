@@ -1,7 +1,7 @@
 //! The self-test at the start: see [`crate::self_test`].
 
 use super::{change, pac, put};
-use crate::seal::{PROGRAM, Seal, VECTORS};
+use crate::seal::{BOOT, BOOT_LENGTH, PROGRAM, Seal};
 use crate::self_test::SelfTest;
 
 /// Clock gate of the CRC unit (RM0090 7.3.10).
@@ -12,10 +12,20 @@ const CRC: u32 = 1 << 12;
 #[used]
 static SEAL: Seal = Seal::NONE;
 
+/// Room for the boot loader; it is linked by itself, and filled in with its sum.
+#[unsafe(link_section = ".boot")]
+#[used]
+static LOADER: [u8; BOOT_LENGTH as usize] = [0xFF; BOOT_LENGTH as usize];
+
+/// What was built, by its seal.
+pub fn seal() -> Seal {
+    // SAFETY: a place of this image, and aligned; volatile, because what it holds is not what it is declared to.
+    unsafe { (&raw const SEAL).read_volatile() }
+}
+
 /// Whether the flash holds what was built. First of all, from the internal oscillator: some 20 ms (on the modelled chip).
 pub fn image(crc: &pac::CRC, rcc: &pac::RCC) -> SelfTest {
-    // SAFETY: a place of this image, and aligned; volatile, because what it holds is not what it is declared to.
-    let seal = unsafe { (&raw const SEAL).read_volatile() };
+    let seal = seal();
     if seal == Seal::NONE {
         return SelfTest::UNSEALED;
     }
@@ -24,9 +34,14 @@ pub fn image(crc: &pac::CRC, rcc: &pac::RCC) -> SelfTest {
     }
     change!(rcc.ahb1enr(), clear 0, set CRC);
     put!(crc.cr(), 1);
-    add(crc, VECTORS, (&raw const SEAL).expose_provenance() as u32);
-    add(crc, PROGRAM, PROGRAM + seal.length);
-    if crc.dr().read().bits() == seal.crc { SelfTest::PASSED } else { SelfTest::DAMAGED }
+    let place = (&raw const SEAL).expose_provenance() as u32;
+    add(crc, PROGRAM, place);
+    add(crc, place + size_of::<Seal>() as u32, PROGRAM + seal.length);
+    let program = crc.dr().read().bits();
+    put!(crc.cr(), 1);
+    // A word and its own sum make zero.
+    add(crc, BOOT, BOOT + BOOT_LENGTH);
+    if program == seal.crc && crc.dr().read().bits() == 0 { SelfTest::PASSED } else { SelfTest::DAMAGED }
 }
 
 /// Words of the flash from one address up to another.

@@ -3,6 +3,9 @@
 //! The guard is larger than any frame (`cargo firmware` refuses an image with a larger one), so that no function steps over
 //! it. Who touches it ends in HardFault, where the unit is off: the handler has the guard and what lies below for its own
 //! stack. The pins come first there, and after the reset the last words name the stack.
+//!
+//! The same bytes hold the code that runs from RAM ([`super::fast`]), which is fetched through the code region: there it may be
+//! read, and nothing of SRAM1 may be written.
 
 use crate::board::{RAM_END, STACK, STACK_GUARD};
 use cortex_m::peripheral::MPU;
@@ -15,19 +18,31 @@ const _: () = assert!(STACK_GUARD.is_power_of_two() && STACK_GUARD >= 32 && BASE
 const REGION: u32 = 1 << 4;
 /// No access at all, nothing to be executed, of 2^(SIZE + 1) bytes; enabled.
 const NO_ACCESS: u32 = 1 << 28 | (STACK_GUARD.ilog2() - 1) << 1 | 1;
+/// Region 1: SRAM1 where code is fetched, read only, cached as memory is by default (B3.5.9), of 128 KiB.
+const CODE: u32 = 1 << 4 | 1;
+const READ_ONLY: u32 = 6 << 24 | 1 << 17 | 16 << 1 | 1;
 /// The default map elsewhere; enabled, but not in HardFault and NMI.
 const ENABLE: u32 = 1 << 2 | 1;
 
-/// Data that the guard refuses, in the fault status: DACCVIOL, MUNSTKERR, MSTKERR, MLSPERR (B3.2.15). There is no other region.
-pub const FAULTS: u32 = 1 << 1 | 1 << 3 | 1 << 4 | 1 << 5;
+/// Data that a region refuses, in the fault status: DACCVIOL, MUNSTKERR, MSTKERR, MLSPERR; and whether its address is known
+/// (MMARVALID, B3.2.15).
+const FAULTS: u32 = 1 << 1 | 1 << 3 | 1 << 4 | 1 << 5;
+const KNOWN: u32 = 1 << 7;
+
+/// Whether a fault of this status and address (MMFAR) is one of the guard.
+pub fn refused(status: u32, address: u32) -> bool {
+    status & FAULTS != 0 && (status & KNOWN == 0 || address >= BASE)
+}
 
 /// Sets the guard up.
 pub fn guard(mpu: &mut MPU) {
-    // SAFETY: nothing that this program uses lies in the region: variables end below (`cargo firmware` looks), and the stack
-    // above.
+    // SAFETY: nothing that this program uses as data lies in the guard: variables end below (`cargo firmware` looks), and the stack
+    // above. Nothing is written where code is fetched.
     unsafe {
         mpu.rbar.write(BASE | REGION);
         mpu.rasr.write(NO_ACCESS);
+        mpu.rbar.write(CODE);
+        mpu.rasr.write(READ_ONLY);
         mpu.ctrl.write(ENABLE);
     }
     cortex_m::asm::dsb();

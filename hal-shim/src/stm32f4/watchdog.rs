@@ -17,8 +17,8 @@ const SLOWEST_HZ: u32 = 17_000;
 
 /// Time-out in normal operation, at the most: how long a dead core can leave the bridge driving.
 const NORMAL_MS: u32 = 30;
-/// Time-out while flash is erased, at the least, with the fastest oscillator: an erase of 16 KiB takes 0.5 s at most.
-const ERASE_MS: u32 = 1000;
+/// Time-out while flash is erased, at the least, with the fastest oscillator: an erase of 128 KiB takes 2 s at most.
+const ERASE_MS: u32 = 2500;
 const FASTEST_HZ: u32 = 47_000;
 
 /// Prescaler / 4 and / 64 as codes of IWDG_PR, and their reloads.

@@ -106,9 +106,9 @@ fn values(out: &mut impl Write, id: u32, declaration: &Declaration) -> fmt::Resu
         REASONS.iter().try_for_each(|(number, text)| write!(out, " {number} \"{text}\""))?;
         return writeln!(out, " ;");
     }
-    // "0 disabled, 1 ready" and nothing else.
+    // "-1 steps of a host, 0 none" and nothing else.
     let named =
-        || declaration.doc.split(", ").map(|part| part.split_once(' ').filter(|(n, _)| n.parse::<u8>().is_ok()));
+        || declaration.doc.split(", ").map(|part| part.split_once(' ').filter(|(n, _)| n.parse::<i16>().is_ok()));
     if named().any(|part| part.is_none()) {
         return Ok(());
     }
@@ -218,5 +218,6 @@ mod tests {
         assert!(file.contains("BO_ 133 Emergency5: 8 Head5\n"));
         assert!(file.contains("BO_ 128 SYNC: 0 Host\n"));
         assert!(file.contains("VAL_ 901 HeadState 0 \"disabled\" 1 \"commissioning\""));
+        assert!(file.contains("VAL_ 389 ModesOfOperationDisplay -1 \"steps of a host\" 0 \"none\""), "{file}");
     }
 }

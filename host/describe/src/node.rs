@@ -55,6 +55,10 @@ const fn object(index: u16) -> (Shape, &'static str) {
         0x1600..=0x17FF => (Record, "RPDO mapping parameter"),
         0x1800..=0x19FF => (Record, "TPDO communication parameter"),
         0x1A00..=0x1BFF => (Record, "TPDO mapping parameter"),
+        0x1F50 => (Array, "Program data"),
+        0x1F51 => (Array, "Program control"),
+        0x1F56 => (Array, "Program software identification"),
+        0x1F57 => (Array, "Flash status identification"),
         _ => (Variable, ""),
     }
 }
@@ -122,6 +126,18 @@ const fn value(index: u16, sub: u8) -> Text {
         (0x1600..=0x17FF | 0x1A00..=0x1BFF, _) => {
             Text("Application object", "", "index times 65536, sub-index times 256, length in bits")
         }
+        (0x1F50, 1) => Text("Update", "", "the file of an update, by blocks or segments, after 1F51h:1 = 3"),
+        (0x1F51, 1) => Text(
+            "Program 1",
+            "",
+            "while disabled: 0 refused unless nothing can move, 3 makes room for an update, 1 starts the one that was staged. Reads 1",
+        ),
+        (0x1F56, 1) => Text("Program 1", "", "sum of the program that runs, as in the file of an update"),
+        (0x1F57, 1) => Text(
+            "Program 1",
+            "",
+            "bit 0 in progress; bits 1 to 7: 1 nothing staged, 2 unknown format, 3 wrong sum, 4 not cleared, 5 flash failed, 63 other",
+        ),
         (_, 0) => Text(HIGHEST, "", ""),
         _ => Text("", "", ""),
     }

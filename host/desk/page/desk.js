@@ -1,6 +1,6 @@
 // The page of the desk: views over one WebSocket. What a head means comes in words and units from the program.
 
-import { Chart, Histogram, Ladder, seen } from "./plots.js";
+import { Bode, Chart, Histogram, Ladder, seen } from "./plots.js";
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") ?? "";
@@ -67,11 +67,13 @@ const typed = new Map();
 let measured_at = null;
 // Since when there is no bus, ms since 1970. Since when this page has asked for command again.
 let bus_lost = null, again_s = 30, retaken = false;
+// Whether the head is homed, and a hole that waits in it is offered.
+let homed = null, offered = false;
 // What was measured last, and when, by the id of its place.
 const measured = new Map();
 // Places of what a head measures.
 const LIVE = ["state", "position", "jog-position", "depth", "gap-now", "wanted", "feed", "time", "left", "shorts", "doing",
-  "beside", "gap-volts", "gap-feed", "looks", "gap-depth", "gap-left", "kept", "hazard", "sparks", "distance", "age", "notch", "delayed"];
+  "row", "beside", "gap-volts", "gap-feed", "looks", "gap-depth", "gap-left", "kept", "hazard", "sparks", "distance", "age", "notch", "delayed"];
 
 // Puts what is measured now in its place. Where nothing is (null) the last value stays, grey, and says of when it is.
 function put(id, text) {
@@ -206,6 +208,20 @@ function take(message) {
       tell("jog-doing", "not enabled");
       if (message.jogged.failed) say("run", message.jogged.said, true);
     }
+  } else if (message.identify) {
+    if (message.identify.sample.node === node) {
+      sample(message.identify.sample);
+      tell("identify-doing", message.identify.doing);
+    }
+  } else if (message.identified) {
+    if (message.node === node) identified(message.identified);
+  } else if (message.tune) {
+    if (message.tune.sample.node === node) {
+      sample(message.tune.sample);
+      tell("tune-doing", message.tune.doing);
+    }
+  } else if (message.tuned) {
+    if (message.node === node) tuned(message.tuned);
   } else if (message.brought_up) {
     brought_up(message.brought_up);
   } else if (message.event) {
@@ -278,7 +294,7 @@ function show() {
   $("session").textContent = mine ? "This session has command."
     : commander === null ? "No session has command." : `Session ${commander} has command; this session watches.`;
   document.body.classList.toggle("watching", !mine);
-  const commands = "#name, #bore input, #bore textarea, #bore button, #asks button, [data-request], #jog button, #up-begin, #up-check, #up-report, #arm, #reset, #save, #import, #list input, #list select";
+  const commands = "#name, #bore input, #bore textarea, #bore button, #asks button, #generator-set, [data-request], #jog button, #identify button, #identify input, #take-over, #tune button, #tune input, #tune-rows button, #up-begin, #up-check, #up-report, #arm, #arm-fast, #reset, #save, #import, #list input, #list select";
   for (const button of document.querySelectorAll(commands)) {
     // A bus with new heads alone has none that is chosen.
     button.disabled = !mine || node === null && button.id !== "name";
@@ -309,6 +325,7 @@ async function scan() {
   $("found").replaceChildren(...list.length ? list : [item("li", "No node answers: check power and bit rate of the heads.")]);
   const heads = found.filter((one) => one.identity);
   // One that is switched on later is found without a hand.
+  name_nodes(heads.map((one) => one.node));
   if (!heads.length) again = setTimeout(scan, 3000);
   for (const one of heads) does(one.now);
   if (heads.length && !heads.some((one) => one.node === node)) choose_head(heads[0].node, heads[0].identity);
@@ -322,6 +339,10 @@ function does({ node: id, state, homed, position_mm, fault_number, fault }) {
 function choose_head(id, identity) {
   if (node === id) return;
   node = id;
+  if (!$("motor").hidden) {
+    found_last();
+    tuned_last();
+  }
   lines = [];
   differences = null;
   bored = kept = null;
@@ -336,6 +357,7 @@ function choose_head(id, identity) {
   $("head").title = `${identity.name}, serial number ${identity.serial}`;
   for (const id of ["depth", "target", "electrode"]) $(id).textContent = id === "depth" ? "-" : "";
   chart.set([], []);
+  homed = null;
   last_bore();
   show();
   if (location.hash === "#settings") read();
@@ -353,6 +375,15 @@ function sample(now, point = null) {
   put("gap-now", now.gap_v === null ? null : `${now.gap_v.toFixed(1)} V`);
   put("wanted", `${now.setpoint_v.toFixed(1)} V`);
   if (bus_lost === null) $("lost").hidden = true;
+  if (now.homed !== homed) {
+    homed = now.homed;
+    // It is being gone on with, or was homed by another program: then it is asked about when something is to be bored.
+    if (homed && offered) {
+      offered = false;
+      $("asks").hidden = true;
+    }
+    if (!homed) offer();
+  }
   put("feed", now.feed_um_s === null ? null : `${now.feed_um_s.toFixed(0)} um/s`);
   put("shorts", now.shorts);
   if (point && bored) {
@@ -370,6 +401,18 @@ function last_bore() {
   if (node === null) return;
   const of = node;
   ask({ do: "record", node }).then((record) => { if (record && of === node) bore_is(record); }, () => {});
+}
+
+// A hole that waits in the head since a power cut or a new home is offered, whoever has bored it.
+function offer() {
+  const of = node;
+  ask({ do: "waits", node }).then((why) => {
+    if (of !== node || (!why && !offered)) return;
+    offered = why !== null;
+    $("asks").firstElementChild.textContent = why ?? "";
+    $("continue").hidden = false;
+    $("asks").hidden = why === null;
+  }, () => {});
 }
 
 function bore_is(record) {
@@ -420,6 +463,10 @@ function progress(run, point) {
   tell("depth", run.deepest_mm === null ? "-" : `${run.deepest_mm.toFixed(3)} mm`);
   $("target").textContent = `of ${run.target_mm.toFixed(3)} mm; `;
   $("progress").value = run.share ?? 0;
+  $("row-row").hidden = run.row === null;
+  put("row", run.row && `${run.row.number} of ${run.row.of}, ${run.row.name}`);
+  $("generator").hidden = !run.row?.waits;
+  if (run.row?.waits) $("generator").querySelector("span").textContent = `${run.row.generator} (row ${run.row.number}, ${run.row.name})`;
   $("beside-row").hidden = run.beside_mm === null;
   put("beside", run.beside_mm && run.beside_mm.map((mm) => mm.toFixed(3)).join(", ") + " mm");
   put("time", run.seconds > 0 ? lasts(run.seconds) : null);
@@ -539,8 +586,21 @@ function bar(what, from, value, kind = null) {
 // A signal as a person reads it: its name and its unit.
 const named = (key, unit) => (unit ? `${key}, ${unit}` : key);
 
-function name_signals(all) {
-  signals = all.map(([address, key, unit]) => ({ address, text: named(key, unit) }));
+// Signals of the servo tick: those of a new page.
+const CHOSEN = ["position", "set_point", "following_error", "velocity", "duty", "current", "gap_voltage", "state"];
+
+function name_signals({ ticks, objects }) {
+  if (!$("ticks").children.length) {
+    $("ticks").replaceChildren(...ticks.map(([name, unit, what]) => {
+      const label = item("label", ` ${named(name.replaceAll("_", " "), unit)}`), box = document.createElement("input");
+      Object.assign(box, { type: "checkbox", name: "signals", value: name, checked: CHOSEN.includes(name) });
+      label.title = what;
+      label.prepend(box);
+      return label;
+    }));
+    choose_ticks();
+  }
+  signals = objects.map(([address, key, unit]) => ({ address, text: named(key, unit) }));
   $("signals").replaceChildren(...signals.map(({ address, text }) => {
     const option = new Option(address);
     option.value = text;
@@ -555,6 +615,66 @@ function name_signals(all) {
 }
 
 const COLOURS = ["--trace", "--target", "--third", "--fourth"];
+
+// What was chosen of the servo tick, and what follows from it: eight at the most, the signals to compare, the time that fits.
+function choose_ticks() {
+  const form = $("record-fast"), boxes = [...form.querySelectorAll("[name=signals]")], chosen = boxes.filter((box) => box.checked);
+  boxes.forEach((box) => { box.disabled = !box.checked && chosen.length >= 8; });
+  const of = form.elements.of, before = of.value;
+  of.replaceChildren(...chosen.map((box) => new Option(box.parentElement.textContent.trim(), box.value)));
+  if (chosen.some((box) => box.value === before)) of.value = before;
+  const compares = ["rises", "falls"].includes(form.elements.trigger.value);
+  form.querySelectorAll(".levels").forEach((label) => { label.hidden = !compares; });
+  const ms = chosen.length ? Math.floor(4096 / chosen.length) * Number(form.elements.every.value) : 0;
+  $("span").textContent = chosen.length ? `${+ms.toPrecision(3)} ms` : "choose a signal";
+}
+
+function speed() {
+  $("record-fast").hidden = !$("fast").checked;
+  $("record").hidden = $("fast").checked;
+  scope?.draw();
+}
+
+// Heads that can be recorded side by side: only where there are several.
+function name_nodes(nodes) {
+  $("on-heads").hidden = nodes.length < 2;
+  $("on-heads").replaceChildren("Heads: ", ...nodes.map((one) => {
+    const label = item("label", ` ${one}`), box = document.createElement("input");
+    Object.assign(box, { type: "checkbox", name: "nodes", value: one, checked: one === node });
+    label.prepend(box);
+    return label;
+  }));
+}
+
+async function record_fast(submit) {
+  submit.preventDefault();
+  const form = new FormData($("record-fast"));
+  const nodes = $("on-heads").hidden ? [node] : form.getAll("nodes").map(Number);
+  if (!form.getAll("signals").length) return say("scope", "Choose a signal first.", true);
+  const plan = {
+    signals: form.getAll("signals"), every_ms: Number(form.get("every")), trigger: form.get("trigger"), level: Number(form.get("level")),
+    of: ["rises", "falls"].includes(form.get("trigger")) ? form.get("of") : null, before: Number(form.get("before")), wait_s: Number(form.get("wait")),
+  };
+  const before = $("recorded").textContent;
+  $("recorded").textContent = "Waiting for the trigger, or recording.";
+  const done = await want({ do: "fast", nodes: nodes.length ? nodes : [node], plan }, "scope").catch(() => null);
+  if (done) show_ticks(done, `scope-node-${nodes.join("-")}.csv`);
+  else $("recorded").textContent = before;
+}
+
+async function show_snapshot() {
+  const done = await want({ do: "snapshot", node }, "scope").catch(() => undefined);
+  if (done === null) say("scope", "The head has no snapshot: no fault since its power came.");
+  else if (done) show_ticks(done, `fault-node-${node}.csv`);
+}
+
+function show_ticks({ record: { every_ms, before, begun, signals: recorded }, csv }, name) {
+  const samples = recorded[0].values.length;
+  show_record(Array.from({ length: samples }, (_, place) => +((place - before) * every_ms).toFixed(2)), recorded, before > 0 || begun !== "at once");
+  $("recorded").textContent = `${samples} samples, one every ${every_ms} ms. Begun by: ${begun}.`;
+  save("scope-csv", name, "text/csv", csv);
+  $("scope-file").hidden = false;
+}
 
 async function record(submit) {
   submit.preventDefault();
@@ -575,22 +695,32 @@ async function record(submit) {
     return;
   }
   const { every_ms, signals: recorded } = done.record;
-  show_record(recorded[0].values.map((value, place) => place * every_ms), recorded);
+  show_record(recorded[0].values.map((value, place) => place * every_ms), recorded, false, true);
   $("recorded").textContent = `${recorded[0].values.length} samples, one every ${every_ms} ms.`;
   save("scope-csv", `scope-node-${node}.csv`, "text/csv", done.csv);
   $("scope-file").hidden = false;
 }
 
-// Draws a record in one pane: times, ms, and { key, unit, values } of each signal.
-function show_record(times, recorded) {
+// Draws a record: times, ms, and { key, unit, values } of each signal. In one pane, or in one for each unit with states as a strip above.
+// `marked`: differences are measured from the trigger, time 0.
+function show_record(times, recorded, marked = false, one = recorded.length <= COLOURS.length) {
   scope?.close();
   const digits = (values) => Math.max(...values.map(Math.abs)) < 10 ? 3 : 1;
-  scope = new Chart($("records"), [{
-    height: () => Math.max(300, innerHeight - ($("records").getBoundingClientRect().top + scrollY) - 66),
-    signals: recorded.map(({ key, unit, values }, place) => ({ name: key, unit, colour: COLOURS[place], digits: digits(values), scale: unit || "1" })),
-  }], { time: "ms", note: $("records-note") });
-  scope.least = 1;
-  scope.set(times, recorded.map(({ values }) => values));
+  const strip = one ? undefined : recorded.find(({ key }) => key === "state"), drawn = recorded.filter((signal) => signal !== strip);
+  const units = one || !drawn.length ? [null] : [...new Set(drawn.map(({ unit }) => unit))];
+  const panes = units.map((unit) => drawn.filter((signal) => unit === null || signal.unit === unit));
+  const room = () => innerHeight - ($("records").getBoundingClientRect().top + scrollY) - 26 - 30 * panes.length;
+  scope = new Chart($("records"), panes.map((pane, number) => ({
+    height: () => Math.max(one ? 300 : 72, room() / panes.length),
+    strip: number === 0 && strip !== undefined,
+    signals: pane.map(({ key, unit, values }, place) => ({
+      name: key.replaceAll("_", " "), unit, colour: COLOURS[place % COLOURS.length], digits: digits(values), scale: unit || "1",
+      ...(place < COLOURS.length ? {} : { dash: [6, 4] }),
+    })),
+  })), { time: "ms", note: $("records-note"), named: (state) => [states[state] ?? `state ${state}`, shade(state)] });
+  scope.least = times.length > 1 ? Math.min(1, times.at(-1) - times[0]) : 1;
+  scope.marked = marked ? 0 : null;
+  scope.set(times, panes.flat().map(({ values }) => values), strip?.values ?? []);
   $("records-note").textContent = "Drag to zoom, double click for all; click to measure from there.";
 }
 
@@ -607,7 +737,7 @@ function parse_record(text) {
     const [, key, unit] = name.match(/^(.*?)(?: \[(.*)\])?$/);
     return { key, unit: unit ?? "", values: rows.map((row) => row[place + 1]) };
   });
-  return [rows.map((row) => row[0]), recorded.slice(0, COLOURS.length)];
+  return [rows.map((row) => row[0]), recorded];
 }
 
 async function open_record(change) {
@@ -615,7 +745,7 @@ async function open_record(change) {
   if (!chosen) return;
   try {
     const [times, recorded] = parse_record(await chosen.text());
-    show_record(times, recorded);
+    show_record(times, recorded, times[0] < 0);
     say("scope", "");
     $("recorded").textContent = `${times.length} samples of ${chosen.name}.`;
     $("scope-file").hidden = true;
@@ -633,7 +763,7 @@ function save(id, name, type, text) {
 }
 
 function ended({ outcome, failed }) {
-  $("paused").hidden = true;
+  $("paused").hidden = $("generator").hidden = true;
   $("depth-what").textContent = "Last hole: depth, by the electrode";
   tell("gap-left", "-");
   $("gap-target").textContent = "no hole in progress";
@@ -648,7 +778,7 @@ function ended({ outcome, failed }) {
     $("progress").value = outcome.reached ? 1 : Math.max(0, outcome.depth_mm / outcome.target_mm);
   } else {
     tell("doing", failed);
-    if (program.value) show_line(failed);
+    show_line(failed);
     tell("left", "-");
     put("time", null);
   }
@@ -773,9 +903,118 @@ function view() {
   for (const section of document.querySelectorAll("main > section")) section.hidden = section.id !== name;
   for (const link of document.querySelectorAll("nav a")) link.classList.toggle("here", link.hash === `#${name}`);
   if (name === "settings") read().catch(() => {});
+  if (name === "motor") {
+    found_last();
+    tuned_last();
+  }
   if (name === "log") logged();
   if (name === "scope") scope?.draw();
   draw();
+}
+
+// What an identification has found: a row each, beside the setting.
+function values_are(values) {
+  const known = values.some(({ value }) => value !== 0);
+  $("found-values").replaceChildren(...(known ? values : []).map(({ name, key, unit, value, uncertainty, set }) => {
+    const differs = set !== null && Math.abs(set - value) > uncertainty;
+    const row = document.createElement("tr");
+    const cells = [name, value.toPrecision(4), `\u00b1 ${uncertainty.toPrecision(2)}`, unit, set === null ? "" : `${Number(set.toPrecision(5))}`, differs ? "differs" : ""];
+    row.append(...cells.map((text) => item("td", text)));
+    row.title = key ?? "";
+    row.classList.toggle("differs", differs);
+    return row;
+  }));
+  $("take-over").hidden = !known;
+}
+
+function found_last() {
+  values_are([]);
+  if (node !== null) ask({ do: "identified", node }).then(values_are, () => {});
+}
+
+function identified({ failed, values }) {
+  tell("identify-doing", "");
+  if (failed) return say("motor", failed, true);
+  values_are(values);
+  say("motor", "Identified. The head is disabled.");
+}
+
+// What a tuning has measured: gains with their margins, the loop over frequency, a step before and after.
+const bode = new Bode($("bode"));
+let steps = null;
+
+function tuning_is(outcome) {
+  $("tune-table").hidden = !outcome;
+  bode.show([]);
+  steps?.close();
+  steps = null;
+  $("tune-rows").replaceChildren();
+  if (!outcome) return;
+  const { before, proposal, ziegler_nichols: rules, after, step_before, step_after } = outcome;
+  const loops = [
+    { name: "as it was", of: before, step: step_before, colour: "--trace", points: true, button: after && ["Revert", () => revert(before.gains)] },
+    { name: "proposal", of: proposal, colour: "--target", dash: [6, 4], button: !after && ["Accept", () => tune("proposal")] },
+    { name: "Ziegler-Nichols", of: rules, colour: "--short", dash: [2, 3], button: !after && ["Accept", () => tune("ziegler_nichols")] },
+    { name: "measured again", of: after, step: step_after, colour: "--eroding", points: true },
+  ].filter(({ of }) => of);
+  $("tune-rows").append(...loops.map(({ name, of: { gains, margins }, step, button }) => {
+    const row = document.createElement("tr");
+    const low = !margins || margins.phase_deg < 45 || margins.gain_db < 6;
+    const cells = [name, gains.velocity_hz.toFixed(0), gains.position_hz.toFixed(0), gains.integral_ms.toFixed(1)];
+    cells.push(...(margins ? [
+      `${margins.crossover_hz.toFixed(0)} Hz`, `${margins.phase_deg.toFixed(1)} \u00b1 ${margins.phase_off_deg.toFixed(1)}\u00b0`,
+      `${margins.gain_db.toFixed(1)} \u00b1 ${margins.gain_off_db.toFixed(1)} dB`,
+    ] : ["crosses over nowhere", "", ""]));
+    const settled = step && (step.settled_ms === null ? "does not settle" : `${step.settled_ms.toFixed(1)} ms`);
+    cells.push(step ? `${step.beyond_um.toFixed(1)} um beyond, ${settled}` : "");
+    row.append(...cells.map((text) => item("td", text)));
+    row.classList.toggle("differs", low);
+    row.title = low ? "below 45 degrees or 6 dB" : "";
+    const cell = document.createElement("td");
+    if (button) {
+      const press = item("button", button[0]);
+      press.onclick = button[1];
+      press.disabled = commander !== me;
+      cell.append(press);
+    }
+    row.append(cell);
+    return row;
+  }));
+  bode.show(loops.map(({ name, of, colour, dash, points }) => ({ name, colour, dash, points, bode: of.bode })));
+  stepped([["before", step_before, "--trace"], ["after", step_after, "--eroding"]].filter(([, step]) => step));
+}
+
+// Steps one over the other, as a way from where they began, um.
+function stepped(all) {
+  const samples = all[0][1].record, set = samples.signals.find(({ key }) => key === "set_point").values;
+  const times = set.map((_, place) => +((place - samples.before) * samples.every_ms).toFixed(3));
+  const way = (values) => values.map((at) => (values[0] - at) * 1000);
+  const signals = [{ name: "Set point", unit: "um", colour: "--target", dash: [6, 4] }, ...all.map(([name, , shade]) => ({ name, unit: "um", colour: shade }))];
+  steps = new Chart($("steps"), [{ height: 220, signals }], { time: "ms" });
+  steps.set(times, [way(set), ...all.map(([, step]) => way(step.record.signals.find(({ key }) => key === "position").values))]);
+}
+
+function tuned_last() {
+  tuning_is(null);
+  if (node !== null) ask({ do: "tuned", node }).then(tuning_is, () => {});
+}
+
+function tuned(outcome) {
+  tell("tune-doing", "");
+  if (outcome.failed) return say("tune", outcome.failed, true);
+  tuning_is(outcome);
+  say("tune", outcome.after ? "The new gains are in force; \u201cSave in head\u201d keeps them after a reset. The head is disabled." : "Measured; nothing is written. The head is disabled.");
+}
+
+function tune(accept) {
+  const fields = new FormData($("tune")), number = (name) => (fields.get(name) === "" ? null : Number(fields.get(name)));
+  say("tune", "");
+  want({ do: "tune", node, at_mm: number("at"), bandwidth_hz: number("bandwidth"), accept }, "tune").catch(() => {});
+}
+
+async function revert(gains) {
+  const assignments = Object.entries(gains).map(([name, value]) => `servo.${name}=${value}`);
+  if (await want({ do: "set", node, assignments }, "tune").catch(() => null)) say("tune", "The gains are as they were.");
 }
 
 function stop() {
@@ -823,14 +1062,27 @@ $("program-open").onchange = async (change) => {
   program_name = chosen.name;
   change.target.value = "";
 };
-// Shows the line that is refused.
+// A table has the head make the depth row after row.
+const table = $("bore").elements.table;
+table.oninput = () => table.classList.remove("wrong");
+$("table-open").onchange = async (change) => {
+  const [chosen] = change.target.files;
+  if (!chosen) return;
+  table.value = await chosen.text();
+  table.oninput();
+  change.target.value = "";
+};
+$("generator-set").onclick = () => want({ do: "generator_set" }, "run").catch(() => null);
+// Shows the line that is refused, of a program or a table.
 function show_line(message) {
-  const line = Number(message.match(/program line (\d+):/)?.[1] ?? 0);
-  if (!line) return;
-  const before = program.value.split("\n").slice(0, line - 1).join("\n").length + (line > 1 ? 1 : 0);
-  $("path").open = true;
-  program.focus();
-  program.setSelectionRange(before, before + program.value.split("\n")[line - 1].length);
+  const [, what, number] = message.match(/(program|table) line (\d+):/) ?? [];
+  if (!what) return;
+  const [text, around] = what === "table" ? [table, "rows"] : [program, "path"];
+  const lines = text.value.split("\n"), line = Math.min(Number(number), lines.length);
+  const before = lines.slice(0, line - 1).join("\n").length + (line > 1 ? 1 : 0);
+  $(around).open = true;
+  text.focus();
+  text.setSelectionRange(before, before + lines[line - 1].length);
 }
 
 // What is under the electrode is asked where a hole may have been begun there.
@@ -845,7 +1097,8 @@ function bore(site) {
   const given = Object.keys(keys).filter((name) => number(name) !== null).map((name) => [name, number(name)]);
   const text = program.value.trim() ? program.value : null;
   const hole = { depth_mm: number("depth") ?? 0, surface_mm: number("surface"), height_mm: number("height"), site, with: Object.fromEntries(given) };
-  ask({ do: "bore", node, hole, program: text, name: program_name }).catch(({ message, asks }) => {
+  const rows = table.value.trim() ? table.value : null;
+  ask({ do: "bore", node, hole, program: text, name: program_name, table: rows }).catch(({ message, asks }) => {
     if (!asks) {
       // The program names the field first.
       fields.find((field) => message.startsWith(`${keys[field.name] ?? field.name} `))?.classList.add("wrong");
@@ -870,6 +1123,22 @@ for (const button of document.querySelectorAll("[data-request]")) {
 for (const button of document.querySelectorAll("[data-last]")) {
   button.onclick = () => chart.look(button.dataset.last ? Number(button.dataset.last) : null);
 }
+$("identify").onsubmit = (submit) => {
+  submit.preventDefault();
+  const at = new FormData($("identify")).get("at");
+  say("motor", "");
+  want({ do: "identify", node, at_mm: at === "" ? null : Number(at) }, "motor").catch(() => {});
+};
+$("tune").onsubmit = (submit) => {
+  submit.preventDefault();
+  tune("nothing");
+};
+$("take-over").onclick = async () => {
+  const values = await want({ do: "take_over", node }, "motor").catch(() => null);
+  if (!values) return;
+  values_are(values);
+  say("motor", "Taken over into the settings; \u201cSave in head\u201d keeps them after a reset.");
+};
 $("jog-begin").onclick = () => want({ do: "jog", node }, "run").catch(() => {});
 $("jog-end").onclick = () => want({ do: "end_jog" }, "run").catch(() => {});
 for (const button of document.querySelectorAll("[data-step]")) {
@@ -888,6 +1157,10 @@ $("log-save").onclick = () => save("log-save", "desk.log", "text/plain", [...$("
 $("log-save").href = "#log";
 $("scope-open").onchange = open_record;
 $("record").onsubmit = record;
+$("record-fast").onsubmit = record_fast;
+$("record-fast").onchange = choose_ticks;
+$("fast").onchange = $("slow").onchange = speed;
+$("snapshot").onclick = show_snapshot;
 $("log-kind").onchange = logged;
 $("log-word").oninput = logged;
 $("up-begin").onclick = () => want({ do: "bring_up", node }, "bring-up").catch(() => {});

@@ -231,6 +231,74 @@ function padded(u, min, max) {
   return [min - pad, max + pad];
 }
 
+// Size and phase of loops over a logarithmic frequency.
+export class Bode {
+  constructor(host) {
+    this.host = host;
+    this.loops = [];
+    this.plots = [];
+    new ResizeObserver(() => this.draw()).observe(host);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+  }
+
+  // `loops`: [{ name, colour, dash, points, bode: { hz, db, deg, off_db, off_deg } }]. What was measured has a band of what it may be wrong by.
+  show(loops) {
+    this.loops = loops;
+    this.draw();
+  }
+
+  draw() {
+    for (const plot of this.plots) plot.destroy();
+    this.plots = [];
+    this.host.replaceChildren();
+    const width = this.host.clientWidth, loops = this.loops.filter(({ bode }) => bode.hz.length);
+    if (!width || !loops.length) return;
+    const key = uPlot.sync("bode");
+    this.plots = [["db", "dB", "off_db", 0], ["deg", "degrees", "off_deg", -180]].map(([column, unit, off, line], place) => {
+      const tables = loops.flatMap(({ bode }) => {
+        const bands = bode[off].length ? [-1, 1].map((sign) => [bode.hz, bode[column].map((value, at) => value + sign * bode[off][at])]) : [];
+        return [[bode.hz, bode[column]], ...bands];
+      });
+      const series = loops.flatMap(({ name, colour: shade, dash, points, bode }) => {
+        const one = { label: `${name}, ${unit}`, stroke: () => colour(shade), width: 1.5, dash, spanGaps: true, points: { show: Boolean(points), size: 5 }, value: (u, value) => number(value, 1) };
+        const band = { label: "band", stroke: () => colour(shade), width: 0.5, dash: [2, 3], spanGaps: true, points: { show: false }, value: () => "" };
+        return [one, ...(bode[off].length ? [band, band] : [])];
+      });
+      const quiet = () => colour("--quiet"), grid = { stroke: () => colour("--line"), width: 1 };
+      const axis = { stroke: quiet, font: "12px system-ui, sans-serif", grid, ticks: { show: false } };
+      const options = {
+        width, height: 230, scales: { x: { time: false, distr: 3 }, y: { range: padded } },
+        padding: [6, 24, 0, 0],
+        axes: [
+          { ...axis, size: 26, gap: 2, values: (u, splits) => splits.map((at) => (at === null ? "" : `${at} Hz`)) },
+          { ...axis, size: LEFT, gap: 4, space: 26, label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" },
+        ],
+        series: [{ label: "frequency", value: (u, at) => (at ? `${at.toFixed(1)} Hz` : "-") }, ...series],
+        legend: { live: true, mount: (u, element) => u.root.prepend(element) },
+        cursor: { sync: { key: key.key }, drag: { x: true, y: false } },
+        hooks: { draw: [(u) => {
+          const y = u.valToPos(line, "y", true), { ctx, bbox } = u;
+          if (y < bbox.top || y > bbox.top + bbox.height) return;
+          ctx.save();
+          ctx.strokeStyle = colour("--text");
+          ctx.lineWidth = devicePixelRatio || 1;
+          ctx.beginPath();
+          ctx.moveTo(bbox.left, y);
+          ctx.lineTo(bbox.left + bbox.width, y);
+          ctx.stroke();
+          ctx.restore();
+        }] },
+      };
+      const plot = new uPlot(options, uPlot.join(tables), this.host);
+      plot.root.querySelectorAll(".u-legend .u-series").forEach((entry, at) => {
+        if (at > 0 && series[at - 1].label === "band") entry.style.display = "none";
+      });
+      key.sub(plot);
+      return plot;
+    });
+  }
+}
+
 // Voltages one above the other, from 0 to above the open circuit: levels as lines, the present voltage as a pointer, and as a band what
 // it was in the last ten seconds.
 export class Ladder {

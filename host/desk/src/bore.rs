@@ -6,14 +6,16 @@
 //! depth: the head erodes along its path.
 //!
 //! A touch in a hole that was begun finds its bottom. The head keeps the surface of a hole from its first pulse on (2011h:11), and
-//! where there may be one under the electrode the user must say whether to continue it, or to start at a new surface.
+//! where there may be one under the electrode the user must say whether to continue it, or to start at a new surface. After a power
+//! cut or a new home a hole waits in the head (201Ah): to continue it the head touches what it knows, and checks that.
 
 use crate::bus::SILENCE;
-use crate::head::{Head, NO_SURFACE, at, state, status};
+use crate::head::{Head, NO_SURFACE, WAITS, at, state, status};
 use crate::live::{Live, Sample};
 use crate::track::{self, Track};
-use crate::{Failure, words};
+use crate::{Failure, table, words};
 use edm_gcode::Program;
+use edm_technology::File;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -26,6 +28,8 @@ pub const PERIOD: Duration = Duration::from_millis(50);
 const TRAVEL_MM_S: f64 = 20.0;
 /// Activity while the gap leads.
 const ERODING: &str = "eroding";
+/// Activity while the head waits for the generator.
+const WAITS_FOR_GENERATOR: &str = "waiting until the generator is set, pulses off";
 /// The erosion ended at its depth, 2003h:3.
 const BY_DEPTH: i64 = 1;
 /// Why a wait ended when nothing went wrong.
@@ -52,6 +56,9 @@ pub struct Hole {
     /// What is under the electrode; needed where a hole may have been begun.
     #[serde(default)]
     pub site: Option<Site>,
+    /// What is touched to go on with a hole that waits.
+    #[serde(default)]
+    pub touched: Touched,
     /// Height above the surface at which pulses begin, mm.
     #[serde(default = "height")]
     pub height_mm: f64,
@@ -61,6 +68,9 @@ pub struct Hole {
     /// Path to erode along, instead of straight down.
     #[serde(skip)]
     pub program: Option<Arc<Program>>,
+    /// Technology table whose rows the head runs.
+    #[serde(skip)]
+    pub table: Option<Arc<File>>,
 }
 
 /// Settings that belong to a hole. They stay in the head after it.
@@ -97,6 +107,19 @@ pub enum Site {
     Begun,
 }
 
+/// What the electrode touches to go on with a hole; the number is the one in 201Ah:2.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Touched {
+    /// The bottom of the hole.
+    #[default]
+    Bottom = 1,
+    /// The surface of the work beside it.
+    Beside = 2,
+    /// The reference.
+    Reference = 3,
+}
+
 /// Default of [`Hole::height_mm`].
 pub const fn height() -> f64 {
     0.2
@@ -112,11 +135,27 @@ impl Hole {
         Ok(Hole { depth_mm: program.deepest_mm(), program: Some(Arc::new(program)), ..self })
     }
 
+    /// The same by a technology table.
+    ///
+    /// # Errors
+    /// What is wrong with the table, or its first row with this depth.
+    pub fn by(self, table: File) -> Result<Hole, Failure> {
+        if let Some(first) = table.rows.first().filter(|first| self.depth_mm * 1000.0 - first.leaves_um < 1.0) {
+            let (depth, name, leaves) = (self.depth_mm, &first.name, first.leaves_um);
+            let why = format!("depth {depth} mm: row {name:?} leaves {leaves} um: must be deeper");
+            return Err(Failure::BadInput(why));
+        }
+        Ok(Hole { table: Some(Arc::new(table)), ..self })
+    }
+
     /// What is done, for a log.
     pub fn what(&self) -> String {
         match &self.program {
             Some(program) => format!("erodes along {}, {:.3} mm", program.name, program.length_mm),
-            None => format!("bores to {} mm", self.depth_mm),
+            None => {
+                let by = |table: &Arc<File>| format!(" by a table of {} rows", table.rows.len());
+                format!("bores to {} mm{}", self.depth_mm, self.table.as_ref().map_or(String::new(), by))
+            }
         }
     }
 
@@ -150,16 +189,34 @@ impl Hole {
         let per_mm = head.counts_per_mm()?;
         let mm = |counts: i64| counts as f64 / per_mm;
         let (here, end) = head.room()?;
+        let waits = head.whole(at::KEPT_STATE)? == WAITS;
+        self.row(head)?;
+        let goes_on = waits && self.surface_mm.is_none() && self.site == Some(Site::Begun);
         let surface = match (self.surface_mm, self.site) {
             (Some(given), _) => Some((given * per_mm).round() as i64),
             (None, Some(Site::New)) => None,
+            (None, Some(Site::Begun)) if waits => None,
+            (None, None) if waits => return Err(Failure::Undecided { why: waiting(head)?, begun: true }),
             (None, site) => self.kept_surface(head, site.is_some())?,
         };
         match surface {
             Some(surface) => self.fits(mm(surface), mm(end), "below the surface")?,
+            // Where it is shows when it has been touched.
+            None if goes_on => {}
             None => self.fits(mm(here), mm(end), "from here")?,
         }
-        Ok(Known { surface, end })
+        Ok(Known { surface, end, goes_on })
+    }
+
+    /// Row of the table to begin with: a hole that is continued goes on in its row.
+    fn row(&self, head: &Head) -> Result<usize, Failure> {
+        let Some(table) = self.table.as_ref().filter(|_| self.site == Some(Site::Begun)) else { return Ok(1) };
+        let (row, rows) = (head.whole(at::KEPT_ROW)?.max(1) as usize, table.rows.len());
+        if row > rows {
+            let why = format!("the hole was in row {row} of its table: this one has {rows}");
+            return Err(Failure::BadInput(why));
+        }
+        Ok(row)
     }
 
     /// The surface that the head keeps, if the hole is continued from it; none where there was no erosion.
@@ -209,6 +266,25 @@ impl Hole {
     }
 }
 
+/// The hole that waits, in words.
+///
+/// # Errors
+/// Those of the transfers.
+pub fn waiting(head: &Head) -> Result<String, Failure> {
+    let per_mm = head.counts_per_mm()?;
+    let mm = |counts: i64| counts as f64 / per_mm;
+    let (deep, target) = (mm(head.whole(at::KEPT_DEPTH)?), mm(head.whole(at::KEPT_TARGET)?));
+    let of = if target > 0.0 { format!("of {target:.3} mm ") } else { String::new() };
+    let row = match head.whole(at::KEPT_ROW)? {
+        0 => String::new(),
+        row => format!(", in row {row} of its table"),
+    };
+    Ok(format!(
+        "a hole {of}waits since the head has lost its power or its home: {deep:.3} mm deep{row}; go on with it, or is the electrode above \
+         a new surface?"
+    ))
+}
+
 /// What is known before anything moves, counts.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Known {
@@ -216,6 +292,8 @@ pub struct Known {
     surface: Option<i64>,
     /// The end of the stroke.
     end: i64,
+    /// It waits: its place shows when the electrode has touched.
+    goes_on: bool,
 }
 
 /// A request to a hole in progress.
@@ -241,6 +319,8 @@ pub struct Requests {
     newest: AtomicU8,
     /// It is that of nobody: nobody has command.
     unwatched: AtomicBool,
+    /// The generator is set as the row wants it.
+    generator: AtomicBool,
 }
 
 impl Requests {
@@ -260,6 +340,11 @@ impl Requests {
             self.unwatched.store(true, Ordering::Release);
         }
         new
+    }
+
+    /// The generator is set as the row under way wants it.
+    pub fn generator_is_set(&self) {
+        self.generator.store(true, Ordering::Release);
     }
 
     /// Whether it waits since nobody has command.
@@ -300,6 +385,8 @@ pub struct Progress {
     pub share: Option<f64>,
     /// Line of the program.
     pub line: Option<usize>,
+    /// Row of the technology table.
+    pub row: Option<table::Now>,
     /// Set points of X and Y, mm, of a program that leads them.
     pub beside_mm: Option<[f64; 2]>,
     /// Time since pulses began, s.
@@ -370,6 +457,8 @@ struct Place {
     pace: Pace,
     /// On the program.
     track: Option<track::Place>,
+    /// In the table.
+    row: Option<table::Now>,
 }
 
 impl Place {
@@ -404,6 +493,10 @@ impl Run<'_> {
     pub fn execute(mut self) -> Result<Outcome, Failure> {
         self.head.healthy().map_err(|fault| Failure::Failed(format!("fault active, reset it first: {fault}")))?;
         let known = self.hole.may_begin(self.head)?;
+        table::clear(self.head)?;
+        if let Some(table) = &self.hole.table {
+            table::load(self.head, table)?;
+        }
         let velocity = self.head.whole(at::PROFILE_VELOCITY)?;
         let armed = self.head.arm()?;
         self.live.expect_heartbeat();
@@ -424,6 +517,7 @@ impl Run<'_> {
         };
         // Not enabled any more; what the profile was is of no consequence to a head that does not answer.
         let _ = self.head.set(at::PROFILE_VELOCITY, velocity);
+        let _ = table::clear(self.head);
         armed.disarm();
         let now = now
             .map_err(|why| Failure::Failed(format!("{why}; the head monitors this program and retreats by itself")))?;
@@ -483,13 +577,18 @@ impl Run<'_> {
         self.report("enabling", place)?;
         head.enable(&mut self.tick())?;
         if head.whole(at::HOMED)? == 0 {
-            self.report("homing at the rest position", place)?;
-            head.home_here(&mut self.tick())?;
+            self.report("homing", place)?;
+            head.home(&mut self.tick())?;
         }
         place.top = head.whole(at::POSITION)?;
         head.set(at::PROFILE_VELOCITY, counts(TRAVEL_MM_S))?;
         let surface = match place.known.surface {
             Some(surface) => surface,
+            None if place.known.goes_on => {
+                self.report("touching, to go on with the hole", place)?;
+                head.find_surface(&mut self.tick())?;
+                head.go_on(hole.touched as u8, &mut self.tick()).map_err(End::Refused)?
+            }
             None => {
                 self.report("touching off", place)?;
                 head.find_surface(&mut self.tick())?
@@ -504,6 +603,9 @@ impl Run<'_> {
 
         let target = surface + counts(hole.depth_mm);
         head.set(at::KEPT_SURFACE, surface)?;
+        if hole.table.is_some() {
+            head.set(at::TABLE_ROW, hole.row(head).map_err(End::Refused)? as i64)?;
+        }
         let track = hole.program.clone().map(|program| Track::new(head, program, surface));
         let mut track = track.transpose()?;
         if let Some(track) = &mut track {
@@ -519,6 +621,10 @@ impl Run<'_> {
         let restored = track.as_mut().map_or(Ok(()), Track::end);
         let ended = ended?;
         restored?;
+        if hole.table.is_some() {
+            // What makes the hole deeper begins with the first row again.
+            head.set(at::KEPT_ROW, 0)?;
+        }
         Ok(ended)
     }
 
@@ -543,6 +649,9 @@ impl Run<'_> {
                     if let Some(track) = &mut track {
                         track.append()?;
                         place.track = Some(track.place()?);
+                    }
+                    if let Some(table) = &self.hole.table {
+                        place.row = Some(self.row(table)?);
                     }
                     let request = self.report(ERODING, place)?;
                     // Not of the sample: that may still be of the move before.
@@ -580,6 +689,19 @@ impl Run<'_> {
                 std::thread::sleep(PERIOD);
             }
         }
+    }
+
+    /// The row under way; the head goes on with it when somebody has set the generator.
+    fn row(&self, table: &File) -> Result<table::Now, Failure> {
+        let now = table::now(self.head, table)?;
+        let asked = &self.requests.generator;
+        if !now.waits {
+            // What was said before the head asked is of another row.
+            asked.store(false, Ordering::Release);
+        } else if asked.swap(false, Ordering::AcqRel) {
+            self.head.set(at::GENERATOR_SET, now.number as i64)?;
+        }
+        Ok(now)
     }
 
     /// Whether the head has come to the end of a program.
@@ -629,7 +751,11 @@ impl Run<'_> {
         }
         let seconds = place.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
         // The erosion begins with a seek, also after a pause.
-        let doing = if doing == ERODING && sample.state_number == state::SEEKING { "seeking" } else { doing };
+        let doing = match sample.state_number {
+            state::SEEKING if doing == ERODING => "seeking",
+            _ if doing == ERODING && place.row.as_ref().is_some_and(|row| row.waits) => WAITS_FOR_GENERATOR,
+            _ => doing,
+        };
         // In the work alone: the way to it says nothing.
         let deep = surface.zip(place.deepest).map(|(surface, deepest)| deepest - surface).filter(|deep| *deep > 0.0);
         let (done, whole) = match (&self.hole.program, place.track) {
@@ -642,7 +768,7 @@ impl Run<'_> {
         let depth_mm = surface.map(|surface| sample.position_mm - surface);
         let progress = Progress {
             doing,
-            said: said(doing, line, depth_mm.filter(|_| place.began.is_some()), self.hole.depth_mm),
+            said: said(doing, line, place.row.as_ref(), depth_mm.filter(|_| place.began.is_some()), self.hole.depth_mm),
             request,
             unwatched: self.requests.is_unwatched(),
             depth_mm,
@@ -650,6 +776,7 @@ impl Run<'_> {
             target_mm: self.hole.depth_mm,
             share: done.map(|done| (done / whole).min(1.0)),
             line,
+            row: place.row.clone(),
             beside_mm: place.track.filter(|_| leads).map(|track| track.beside_mm),
             seconds,
             left_s: left_s.filter(|_| doing == ERODING),
@@ -682,8 +809,9 @@ fn micrometres(mm: f64) -> f64 {
 }
 
 /// What is being done, and how far it is.
-fn said(doing: &str, line: Option<usize>, depth_mm: Option<f64>, target_mm: f64) -> String {
+fn said(doing: &str, line: Option<usize>, row: Option<&table::Now>, depth_mm: Option<f64>, target_mm: f64) -> String {
     let doing = line.map_or(doing.into(), |line| format!("{doing}, line {line}"));
+    let doing = row.map_or(doing.clone(), |row| format!("{doing}, row {} of {} ({})", row.number, row.of, row.name));
     match depth_mm.map(micrometres) {
         None => doing,
         Some(depth) if depth < 0.0 => format!("{doing}: {:.3} mm above the work", -depth),
@@ -703,9 +831,9 @@ mod tests {
             (Some(-0.0004), "eroding: 0.000 of 0.030 mm"),
             (Some(0.0301), "eroding: 0.030 of 0.030 mm"),
         ] {
-            assert_eq!(said("eroding", None, depth, 0.03), text);
+            assert_eq!(said("eroding", None, None, depth, 0.03), text);
         }
-        assert_eq!(said("eroding", Some(7), Some(0.01), 0.03), "eroding, line 7: 0.010 of 0.030 mm");
+        assert_eq!(said("eroding", Some(7), None, Some(0.01), 0.03), "eroding, line 7: 0.010 of 0.030 mm");
     }
 
     #[test]

@@ -1,24 +1,30 @@
 //! The commands. Each ends with one line with its result, or with one object with `--json`.
 
 use crate::Failure;
-use crate::bore::{self, Hole, Outcome, Request, Requests, Run, Site, With};
+use crate::bore::{self, Hole, Outcome, Request, Requests, Run, Site, Touched, With};
 use crate::bring_up::{self, BringUp, Check, Verdict};
 use crate::bus::SILENCE;
 use crate::common::{Common, say};
+use crate::fast;
 use crate::found::{Found, find};
 use crate::gap;
+use crate::head::Head;
+use crate::identify::{self, Identify, Outcome as Identified};
 use crate::live::{Event, Kind as EventKind, Live, Sample};
 use crate::lss;
 use crate::page::{self, Listen};
-use crate::scope::{self, Plan, Trigger};
+use crate::scope::{self, Plan, Record};
 use crate::sdo::SdoError;
 use crate::settings::{self, Setting};
 use crate::sheet::{Kind, Sheet};
-use crate::table::{Row, Table};
+use crate::table;
 use crate::trace::{self, Recording};
+use crate::tune::{Accept, Tune};
+use crate::update::{self, Doing, Update};
 use clap::error::ErrorKind;
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
+use edm_technology::{File, Row};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -66,7 +72,7 @@ enum Command {
         #[arg(long, value_name = "S", value_parser = seconds)]
         seconds: Option<f64>,
     },
-    /// Records up to four objects with the scope of the head: 256 samples from the trigger on
+    /// Records up to eight signals of the servo tick with the scope of the head, 16 KiB around a trigger; or four objects, 256 samples from the trigger on
     Scope(ScopeOptions),
     /// Records every frame on the bus to a file, as `candump -L`, until Ctrl-C; sends nothing
     Record {
@@ -95,13 +101,25 @@ enum Command {
     },
     /// Checks the steps of docs/bring-up.md that a host can see, while you do them, and writes a report
     BringUp(BringUpOptions),
+    /// Measures resistance, inductance, force constant, mass, friction and counterbalance: the head moves up by identify.travel_um and back, pulses off
+    Identify(IdentifyOptions),
+    /// The head measures the frequency response of its loop: margins, a proposal of gains, a step before and after
+    Tune(TuneOptions),
     /// Bores a hole: touches off, erodes to the depth, lifts, disables. Ctrl-C lifts and disables; a second Ctrl-C stops at once
     Bore(BoreOptions),
+    /// Checks a technology table and lists its rows; needs no bus without --load
+    Table {
+        /// As examples/technology.toml
+        file: PathBuf,
+        /// Writes it to the head, which checks it with its own settings and takes it into use
+        #[arg(long)]
+        load: bool,
+    },
     /// Pulses off, hold, disable. This is not an emergency stop: use the switch at the machine
     Stop,
     /// Resets a fault after its cause is gone
     Reset,
-    /// Lists what the scope can record: address, name, unit
+    /// Lists what the scope can record: signals of the servo tick, name and unit; objects, address, name and unit
     Signals {
         /// Word to look for
         word: Option<String>,
@@ -110,6 +128,11 @@ enum Command {
     Completion {
         /// As in `source <(edm-desk completion bash)`
         shell: Shell,
+    },
+    /// Gives a disabled head another program, over the bus: the file of its board that `cargo firmware` writes
+    Update {
+        /// As target/firmware/edm-servo-head-board-f405.update
+        file: PathBuf,
     },
     /// Reads or writes any object of the description file, in its unit as stored
     Object {
@@ -173,24 +196,85 @@ struct Save {
 
 #[derive(Debug, Args)]
 struct ScopeOptions {
-    /// As in docs/objects.md: 2005:1 6064, or Gap.Voltage
-    #[arg(required = true)]
+    /// Signals of the servo tick by name, as `signals` lists them: position gap_voltage; or objects, as in docs/objects.md: 2005:1, Gap.Voltage
+    #[arg(required_unless_present_any = ["snapshot", "last", "show"])]
     signals: Vec<String>,
-    /// Sample period
-    #[arg(long, value_name = "MS", default_value_t = scope::every(), allow_hyphen_values = true)]
-    every: u16,
-    /// Trigger on the first signal
+    /// Sample period; default: 0.05 for signals of the servo tick, 1 for objects
+    #[arg(long, value_name = "MS", allow_hyphen_values = true)]
+    every: Option<f64>,
+    /// What begins the record
     #[arg(long, value_enum, default_value = "now")]
-    trigger: Trigger,
-    /// Level of the trigger, in the unit of the first signal
+    trigger: Begin,
+    /// Signal that is compared with the level; default: the first
+    #[arg(long, value_name = "SIGNAL")]
+    of: Option<String>,
+    /// Level of the trigger, in the unit of that signal
     #[arg(long, value_name = "VALUE", default_value_t = 0.0, allow_hyphen_values = true)]
     level: f64,
+    /// Share of the record from before the trigger; signals of the servo tick only. Default: 50
+    #[arg(long, value_name = "PERCENT", allow_hyphen_values = true)]
+    pre: Option<f64>,
+    /// Records on these heads, side by side; signals of the servo tick only
+    #[arg(long, value_name = "ID,ID", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=127), conflicts_with = "node")]
+    nodes: Vec<u8>,
     /// Time-out of the trigger
     #[arg(long, value_name = "S", default_value = "60", value_parser = seconds, allow_hyphen_values = true)]
     wait: f64,
     /// File for the samples
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
+    /// Reads what the head has recorded around its last fault instead
+    #[arg(long, conflicts_with_all = ["signals", "every", "trigger", "of", "level", "pre", "nodes"])]
+    snapshot: bool,
+    /// Reads the record that the head has instead: of a trigger that came after the wait, or before a reset
+    #[arg(long, conflicts_with_all = ["signals", "every", "trigger", "of", "level", "pre", "nodes", "snapshot"])]
+    last: bool,
+    /// Shows a CSV file of a record instead; needs no bus
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["signals", "every", "trigger", "of", "level", "pre", "nodes", "snapshot", "last", "csv"])]
+    show: Option<PathBuf>,
+}
+
+/// What begins a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Begin {
+    /// Nothing: at once
+    Now,
+    /// The signal rises to the level
+    Rises,
+    /// The signal falls to the level
+    Falls,
+    /// The first object changes; objects only
+    Changes,
+    /// The state changes; the rest is for signals of the servo tick only
+    State,
+    /// A fault
+    Fault,
+    /// A short retreats
+    Short,
+}
+
+impl Begin {
+    fn of_objects(self) -> Option<scope::Trigger> {
+        Some(match self {
+            Begin::Now => scope::Trigger::Now,
+            Begin::Rises => scope::Trigger::Rises,
+            Begin::Falls => scope::Trigger::Falls,
+            Begin::Changes => scope::Trigger::Changes,
+            Begin::State | Begin::Fault | Begin::Short => return None,
+        })
+    }
+
+    fn of_ticks(self) -> Option<fast::Trigger> {
+        Some(match self {
+            Begin::Now => fast::Trigger::Now,
+            Begin::Rises => fast::Trigger::Rises,
+            Begin::Falls => fast::Trigger::Falls,
+            Begin::State => fast::Trigger::State,
+            Begin::Fault => fast::Trigger::Fault,
+            Begin::Short => fast::Trigger::Short,
+            Begin::Changes => return None,
+        })
+    }
 }
 
 #[derive(Debug, Args)]
@@ -210,6 +294,42 @@ struct BringUpOptions {
 }
 
 #[derive(Debug, Args)]
+struct IdentifyOptions {
+    /// Goes to this position below home first; without it the head identifies where it is
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    at: Option<f64>,
+    /// Makes the values settings: axis.resistance_ohm, axis.inductance_mh, axis.force_constant_n_a, axis.mass_kg, axis.breakaway_n, axis.counterbalance_n
+    #[arg(long)]
+    take_over: bool,
+    #[command(flatten)]
+    save: Save,
+}
+
+#[derive(Debug, Args)]
+struct TuneOptions {
+    /// Goes to this position below home first; without it the head tunes where it is
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    at: Option<f64>,
+    /// Highest bandwidth that is wanted; without it as high as 52 degrees and 8 dB allow
+    #[arg(long, value_name = "HZ", allow_hyphen_values = true)]
+    bandwidth: Option<f64>,
+    /// Writes the proposed gains, and measures again
+    #[arg(long)]
+    accept: bool,
+    /// The same with the gains of Ziegler and Nichols
+    #[arg(long, conflicts_with = "accept")]
+    accept_ziegler_nichols: bool,
+    /// File with the gains of before: written before new ones are, read by --revert
+    #[arg(long, value_name = "FILE", default_value = "gains-before.toml")]
+    before: PathBuf,
+    /// Writes the gains of that file back; nothing moves
+    #[arg(long, conflicts_with_all = ["accept", "accept_ziegler_nichols", "at", "bandwidth"])]
+    revert: bool,
+    #[command(flatten)]
+    save: Save,
+}
+
+#[derive(Debug, Args)]
 struct BoreOptions {
     /// Depth of the electrode below the surface
     #[arg(long, value_name = "MM", allow_hyphen_values = true, required_unless_present = "path")]
@@ -220,9 +340,12 @@ struct BoreOptions {
     /// Position of the surface below home; without it the surface is touched off
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     surface: Option<f64>,
-    /// Continues the hole that was begun, measured from its stored surface
-    #[arg(long = "continue", conflicts_with_all = ["new_surface", "surface"])]
+    /// Continues the hole that was begun, measured from its stored surface; after a power cut it is touched before
+    #[arg(long = "continue", visible_alias = "resume", conflicts_with_all = ["new_surface", "surface"])]
     continues: bool,
+    /// With --continue after a power cut or a new home: what is under the electrode to be touched
+    #[arg(long, value_enum, default_value = "bottom", requires = "continues")]
+    touched: Touched,
     /// Touches off a new surface although the head has bored before: there is no hole under the electrode
     #[arg(long, conflicts_with = "surface")]
     new_surface: bool,
@@ -231,10 +354,10 @@ struct BoreOptions {
     height: f64,
     #[command(flatten)]
     with: WithOptions,
-    /// Technology table: rows from rough to fine, as examples/technology.toml
+    /// Technology table, whose rows from rough to fine the head runs, as examples/technology.toml (docs/technology.md)
     #[arg(long, value_name = "FILE")]
     table: Option<PathBuf>,
-    /// With --table: does not ask for Enter where the generator is to be set differently
+    /// With --table: the head does not wait, and nobody is asked for Enter, where the generator is to be set differently
     #[arg(long, requires = "table")]
     no_wait: bool,
 }
@@ -405,7 +528,10 @@ impl Cli {
                 Ok(())
             }
             Command::BringUp(options) => common.bring_up(&sheet, options),
+            Command::Identify(options) => common.identify(&sheet, options),
+            Command::Tune(options) => common.tune(&sheet, options),
             Command::Bore(options) => common.bore(&sheet, options),
+            Command::Table { file, load } => common.table(&sheet, file, *load),
             Command::Stop => {
                 let what = common.head(&sheet)?.stop()?;
                 common.say(&serde_json::json!({ "stopped": what }), || format!("{what}\n"));
@@ -418,25 +544,30 @@ impl Cli {
                     .filter(|object| scope::records(object))
                     .filter(|object| format!("{} {}", object.key, object.doc).to_lowercase().contains(&word))
                     .collect();
-                if signals.is_empty() {
+                let ticks: Vec<_> = fast::signals()
+                    .filter(|(name, _, doc)| format!("{name} {doc}").to_lowercase().contains(&word))
+                    .collect();
+                if signals.is_empty() && ticks.is_empty() {
                     return Err(Failure::BadInput(format!(
                         "{word}: no signal has this word in its name or description"
                     )));
                 }
-                let json: Vec<_> = signals
+                let of_ticks =
+                    ticks.iter().map(|(key, unit, doc)| serde_json::json!({ "key": key, "unit": unit, "what": doc }));
+                let json: Vec<_> = of_ticks
+                    .chain(signals
                     .iter()
                     .map(|object| {
                         serde_json::json!({ "address": object.address.to_string(), "key": object.key, "unit": object.unit })
                     })
-                    .collect();
+                    ).collect();
                 common.say(&json, || {
-                    signals
-                        .iter()
-                        .map(|object| {
-                            let line = format!("{:9} {:40} {}", object.address.to_string(), object.key, object.unit);
-                            format!("{}\n", line.trim_end())
-                        })
-                        .collect()
+                    let of_ticks = ticks.iter().map(|(key, unit, doc)| format!("{key:17} {unit:5} {doc}\n"));
+                    let objects = signals.iter().map(|object| {
+                        let line = format!("{:9} {:40} {}", object.address.to_string(), object.key, object.unit);
+                        format!("{}\n", line.trim_end())
+                    });
+                    of_ticks.chain(objects).collect()
                 });
                 Ok(())
             }
@@ -447,6 +578,30 @@ impl Cli {
                 Ok(())
             }
             Command::Object { name, value } => common.object(&sheet, name, value.as_deref()),
+            Command::Update { file } => {
+                let update = Update::read(file)?;
+                let mut said = None;
+                let outcome = update::update(&common.join()?, common.node(), &update, |doing| {
+                    // Not each of a thousand blocks.
+                    let now = match doing {
+                        Doing::Sending(percent) => Doing::Sending(percent / 10 * 10),
+                        other => other,
+                    };
+                    if said.replace(now) != Some(now) {
+                        match now {
+                            Doing::Room => {
+                                eprintln!("makes room in the flash: up to 8 s, in which the head may not answer")
+                            }
+                            Doing::Sending(percent) => eprintln!("sent {percent} %"),
+                            Doing::Starting => {
+                                eprintln!("copies and starts: up to 8 s. Should the power fail, it begins again")
+                            }
+                        }
+                    }
+                })?;
+                common.say(&outcome, || outcome.text());
+                Ok(())
+            }
             Command::Reset => {
                 let reset = common.head(&sheet)?.reset()?;
                 common.say(&serde_json::json!({ "reset": reset }), || {
@@ -598,18 +753,78 @@ impl Common {
     }
 
     fn scope(&self, sheet: &Arc<Sheet>, options: &ScopeOptions) -> Result<(), Failure> {
-        let ScopeOptions { signals, every, trigger, level, wait, csv } = options;
-        let plan = Plan { signals: signals.clone(), every_ms: *every, trigger: *trigger, level: *level, wait_s: *wait };
-        plan.check(sheet)?;
-        let interrupted = interrupted(|| ())?;
-        let record = plan.record(&self.head(sheet)?, &mut || {
-            if interrupted() { Err(Failure::Failed("ended before the record was full".into())) } else { Ok(()) }
-        })?;
-        if let Some(file) = csv {
+        let record = self.recorded(sheet, options)?;
+        if let Some(file) = &options.csv {
             std::fs::write(file, record.csv()).map_err(|why| Failure::Failed(format!("{}: {why}", file.display())))?;
         }
         self.say(&record, || record.text());
         Ok(())
+    }
+
+    fn recorded(&self, sheet: &Arc<Sheet>, options: &ScopeOptions) -> Result<Record, Failure> {
+        let ScopeOptions { signals, every, trigger, of, level, pre, nodes, wait, snapshot, last, show, .. } = options;
+        let refused = |why: String| Err(Failure::BadInput(why));
+        if let Some(file) = show {
+            let named = |why: String| Failure::BadInput(format!("{}: {why}", file.display()));
+            let bytes = std::fs::read(file).map_err(|error| named(error.to_string()))?;
+            return Record::from_csv(&String::from_utf8_lossy(&bytes)).map_err(named);
+        }
+        if *snapshot {
+            let none = || Failure::Failed("the head has no snapshot: no fault since its power came".into());
+            return fast::snapshot(&self.head(sheet)?)?.ok_or_else(none);
+        }
+        if *last {
+            let none = || Failure::Failed("the head has no record: none is complete since its power came".into());
+            return fast::last(&self.head(sheet)?)?.ok_or_else(none);
+        }
+        let interrupted = interrupted(|| ())?;
+        let mut tick = || {
+            if interrupted() { Err(Failure::Failed("ended before the record was full".into())) } else { Ok(()) }
+        };
+        if signals.iter().any(|name| fast::has(name)) {
+            let Some(trigger) = trigger.of_ticks() else {
+                return refused(
+                    "trigger changes: must be now, rises, falls, state, fault or short for signals of the servo tick"
+                        .into(),
+                );
+            };
+            let plan = fast::Plan {
+                signals: signals.clone(),
+                every_ms: every.unwrap_or(fast::every()),
+                trigger,
+                of: of.clone(),
+                level: *level,
+                before: pre.unwrap_or(fast::before()),
+                wait_s: *wait,
+            };
+            plan.check()?;
+            let heads: Vec<Head> = match nodes.as_slice() {
+                [] => vec![self.head(sheet)?],
+                nodes => {
+                    let bus = self.join()?;
+                    nodes.iter().map(|node| Head::open(&bus, *node, sheet)).collect::<Result<_, _>>()?
+                }
+            };
+            return plan.record(&heads, &mut tick);
+        }
+        let Some(trigger) = trigger.of_objects() else {
+            return refused(
+                "this trigger is for signals of the servo tick: must be now, rises, falls or changes for objects"
+                    .into(),
+            );
+        };
+        if of.is_some() || pre.is_some() || !nodes.is_empty() {
+            return refused(
+                "--of, --pre and --nodes are for signals of the servo tick: `edm-desk signals` lists them".into(),
+            );
+        }
+        let every = every.unwrap_or_else(|| scope::every().into());
+        if every.fract() != 0.0 || !(0.0..=f64::from(u16::MAX)).contains(&every) {
+            return refused(format!("sample period {every} ms: must be 1 to 60000 ms, whole, for objects"));
+        }
+        let plan = Plan { signals: signals.clone(), every_ms: every as u16, trigger, level: *level, wait_s: *wait };
+        plan.check(sheet)?;
+        plan.record(&self.head(sheet)?, &mut tick)
     }
 
     fn bring_up(&self, sheet: &Arc<Sheet>, options: &BringUpOptions) -> Result<(), Failure> {
@@ -684,6 +899,121 @@ impl Common {
         if left { Ok(()) } else { Err(Failure::Failed(format!("the bring-up is not complete: {}", report.verdict()))) }
     }
 
+    fn identify(&self, sheet: &Arc<Sheet>, options: &IdentifyOptions) -> Result<(), Failure> {
+        let interrupted = interrupted(|| ())?;
+        let head = self.head(sheet)?;
+        let mut live = Live::new(&head)?;
+        let bus = head.bus.clone();
+        let mut doing = String::new();
+        let mut outcome = Identify {
+            head: &head,
+            live: &mut live,
+            at_mm: options.at,
+            alive: &|| {
+                bus.keep_alive(SILENCE);
+                if interrupted() { Err(Failure::Failed("ended by Ctrl-C".into())) } else { Ok(()) }
+            },
+            on_progress: &mut |progress| {
+                if progress.doing != doing {
+                    doing.clone_from(&progress.doing);
+                    eprintln!("{doing}");
+                }
+            },
+        }
+        .execute()?;
+        if options.take_over {
+            identify::take_over(&head)?;
+            if options.save.save {
+                head.store()?;
+            }
+            outcome = Identified { values: identify::values(&head)?, taken_over: true, ..outcome };
+        }
+        self.say(&outcome, || {
+            let lines: String = outcome.values.iter().map(identify::Value::text).collect();
+            let end = match (options.take_over, options.save.save) {
+                (true, true) => "taken over into the settings and saved\n",
+                (true, false) => "taken over into the settings; add `--save` to keep them after a reset\n",
+                (false, _) => "",
+            };
+            lines + end
+        });
+        Ok(())
+    }
+
+    fn tune(&self, sheet: &Arc<Sheet>, options: &TuneOptions) -> Result<(), Failure> {
+        let file = &options.before;
+        let named = |why: String| Failure::BadInput(format!("{}: {why}", file.display()));
+        if options.revert {
+            let text = std::fs::read_to_string(file).map_err(|why| named(why.to_string()))?;
+            let wanted = settings::parse(sheet, &text).map_err(named)?;
+            if let Some(other) = wanted.iter().find(|setting| !setting.object.key.starts_with("servo.")) {
+                return Err(named(format!("{} is no gain", other.object.key)));
+            }
+            let head = self.head(sheet)?;
+            let written = settings::write(&head, &wanted)?;
+            if options.save.save {
+                head.store()?;
+            }
+            self.say(&written, || written.said.iter().map(|line| format!("{line}\n")).collect());
+            return Ok(());
+        }
+        let interrupted = interrupted(|| ())?;
+        let head = self.head(sheet)?;
+        let mut live = Live::new(&head)?;
+        let bus = head.bus.clone();
+        let accepts = options.accept || options.accept_ziegler_nichols;
+        if accepts {
+            let before: Vec<_> = head
+                .sheet
+                .settings()
+                .filter(|object| object.key.starts_with("servo."))
+                .map(|object| settings::read(&head, object))
+                .collect::<Result<_, _>>()?;
+            std::fs::write(file, settings::file(&head.identity, &before)).map_err(|why| named(why.to_string()))?;
+        }
+        let mut doing = String::new();
+        let run = Tune {
+            head: &head,
+            live: &mut live,
+            at_mm: options.at,
+            wanted_hz: options.bandwidth,
+            accept: match (options.accept, options.accept_ziegler_nichols) {
+                (true, _) => Accept::Proposal,
+                (_, true) => Accept::ZieglerNichols,
+                _ => Accept::Nothing,
+            },
+            known: None,
+            alive: &|| {
+                bus.keep_alive(SILENCE);
+                if interrupted() { Err(Failure::Failed("ended by Ctrl-C".into())) } else { Ok(()) }
+            },
+            on_progress: &mut |progress| {
+                if progress.doing != doing {
+                    doing.clone_from(&progress.doing);
+                    eprintln!("{doing}");
+                }
+            },
+        };
+        let outcome = run.execute()?;
+        if outcome.after.is_some() && options.save.save {
+            head.store()?;
+        }
+        self.say(&outcome, || {
+            let end = match (&outcome.after, options.save.save) {
+                (Some(_), true) => "the new gains are in force and saved",
+                (Some(_), false) => "the new gains are in force; `--save` keeps them after a reset",
+                (None, _) if accepts => "nothing was written",
+                (None, _) => "nothing was written; `--accept` writes the proposal",
+            };
+            let back = outcome
+                .after
+                .as_ref()
+                .map(|_| format!("; `edm-desk tune --revert --before {}` writes the old ones back", file.display()));
+            outcome.text() + end + &back.unwrap_or_default() + "\n"
+        });
+        Ok(())
+    }
+
     fn bore(&self, sheet: &Arc<Sheet>, options: &BoreOptions) -> Result<(), Failure> {
         let site = match (options.continues, options.new_surface) {
             (true, _) => Some(Site::Begun),
@@ -693,7 +1023,16 @@ impl Common {
         let WithOptions { jump_every, jump_height, spark_out } = options.with;
         let with = With { jump_every_ms: jump_every, jump_height_um: jump_height, spark_out_ms: spark_out };
         let depth_mm = options.depth.unwrap_or_default();
-        let hole = Hole { depth_mm, surface_mm: options.surface, site, height_mm: options.height, with, program: None };
+        let hole = Hole {
+            depth_mm,
+            surface_mm: options.surface,
+            site,
+            touched: options.touched,
+            height_mm: options.height,
+            with,
+            program: None,
+            table: None,
+        };
         let hole = match &options.path {
             None => hole,
             Some(file) => {
@@ -705,30 +1044,14 @@ impl Common {
         };
         hole.check()?;
         let wanted = settings::assignments(sheet, &with.assignments()).map_err(Failure::BadInput)?;
-        let table = match &options.table {
-            None => None,
+        let hole = match &options.table {
+            None => hole,
             Some(file) => {
-                let named = |why: String| Failure::BadInput(format!("--table {}: {why}", file.display()));
-                let text = std::fs::read_to_string(file).map_err(|why| named(why.to_string()))?;
-                Some(Table::parse(sheet, &text).map_err(named)?)
+                let table = table_from(file)?;
+                // Where the generator has to be set differently, the head waits.
+                hole.by(if options.no_wait { table } else { table.waiting(table::PATIENCE_S) })?
             }
         };
-        // Without a table it is one row, which leaves nothing.
-        let plain = Row {
-            name: String::new(),
-            leaves_um: 0.0,
-            undersize_um: None,
-            generator: String::new(),
-            settings: wanted.clone(),
-        };
-        let rows = table.as_ref().map_or(std::slice::from_ref(&plain), |table| &table.rows);
-        let too_shallow = |first: &&Row| table.is_some() && hole.depth_mm * 1000.0 - first.leaves_um < 1.0;
-        if let Some(first) = rows.first().filter(too_shallow) {
-            return Err(Failure::BadInput(format!(
-                "depth {} mm: row {:?} leaves {} um: must be deeper",
-                hole.depth_mm, first.name, first.leaves_um
-            )));
-        }
         let requests = Arc::new(Requests::default());
         let asked = requests.clone();
         let _ = interrupted(move || {
@@ -744,58 +1067,99 @@ impl Common {
         let mut live = Live::new(&head)?;
         let bus = head.bus.clone();
         let (mut doing, mut said) = (("", None), Instant::now());
-        let mut generator = "";
-        for (place, row) in rows.iter().enumerate() {
-            let mut hole = Hole { depth_mm: hole.depth_mm - row.leaves_um / 1000.0, ..hole.clone() };
-            if place > 0 {
-                (hole.site, hole.surface_mm) = (Some(Site::Begun), None);
-            }
-            hole.may_begin(&head).map_err(undecided)?;
-            // The row's own come last.
-            settings::write(&head, &wanted)?;
-            settings::write(&head, &row.settings)?;
-            if table.is_some() {
-                let undersize = row.undersize_um.map_or(String::new(), |um| format!(", undersize {um} um a side"));
-                eprintln!("row {}: to {:.3} mm; generator: {}{undersize}", row.name, hole.depth_mm, row.generator);
-            }
-            if std::mem::replace(&mut generator, &row.generator) != row.generator && !options.no_wait {
-                eprintln!("set the generator, then press Enter");
-                let answered = std::io::stdin().read_line(&mut String::new()).is_ok_and(|count| count > 0);
-                if !answered || requests.now() != Request::Go {
-                    return Err(Failure::Failed(format!("row {}: not begun, the head is disabled", row.name)));
+        hole.may_begin(&head).map_err(undecided)?;
+        settings::write(&head, &wanted)?;
+        let table = hole.table.clone();
+        let (mut row, mut asks) = (0, false);
+        let outcome = Run {
+            head: &head,
+            live: &mut live,
+            hole,
+            requests: &requests,
+            alive: &|| {
+                bus.keep_alive(SILENCE);
+                Ok(())
+            },
+            on_progress: &mut |progress| {
+                if let (Some(table), Some(now)) = (&table, &progress.row)
+                    && std::mem::replace(&mut row, now.number) != now.number
+                    && let Some(row) = table.rows.get(now.number - 1)
+                {
+                    (asks, doing) = (false, ("", None));
+                    eprintln!("{}", begins(row, progress.target_mm));
                 }
-            }
-            let outcome = Run {
-                head: &head,
-                live: &mut live,
-                hole,
-                requests: &requests,
-                alive: &|| {
-                    bus.keep_alive(SILENCE);
-                    Ok(())
-                },
-                on_progress: &mut |progress| {
-                    let now = (progress.doing, progress.line);
-                    if now != doing || said.elapsed() > Duration::from_secs(1) {
-                        (doing, said) = (now, Instant::now());
-                        if self.json {
-                            self.say(progress, String::new);
-                        } else {
-                            eprintln!("{}", on_the_way(progress));
-                        }
+                if progress.row.as_ref().is_some_and(|now| now.waits) && !std::mem::replace(&mut asks, true) {
+                    eprintln!("set the generator, then press Enter");
+                    let requests = requests.clone();
+                    std::thread::spawn(move || {
+                        let answered = std::io::stdin().read_line(&mut String::new()).is_ok_and(|count| count > 0);
+                        if answered { requests.generator_is_set() } else { requests.want(Request::Leave) }
+                    });
+                }
+                let now = (progress.doing, progress.line);
+                if now != doing || said.elapsed() > Duration::from_secs(1) {
+                    (doing, said) = (now, Instant::now());
+                    if self.json {
+                        self.say(progress, String::new);
+                    } else {
+                        eprintln!("{}", on_the_way(progress));
                     }
-                },
-            }
-            .execute()
-            .map_err(undecided)?;
-            self.say(&outcome, || bored(&outcome));
-            if !outcome.reached {
-                let what = if options.path.is_some() { "the end of the program" } else { "the depth" };
-                return Err(Failure::Failed(format!("{what} was not reached")));
-            }
+                }
+            },
+        }
+        .execute()
+        .map_err(undecided)?;
+        self.say(&outcome, || bored(&outcome));
+        if !outcome.reached {
+            let what = if options.path.is_some() { "the end of the program" } else { "the depth" };
+            return Err(Failure::Failed(format!("{what} was not reached")));
         }
         Ok(())
     }
+
+    /// Checks a table, lists it, and has a head check it too.
+    fn table(&self, sheet: &Arc<Sheet>, file: &Path, load: bool) -> Result<(), Failure> {
+        let table = table_from(file)?;
+        if load {
+            let head = self.head(sheet)?;
+            let named = |why: Failure| Failure::BadInput(format!("{}: {why}", file.display()));
+            table::load(&head, &table).map_err(named)?;
+        }
+        let lines: Vec<table::Line> = table.rows.iter().map(Into::into).collect();
+        let whole =
+            serde_json::json!({ "electrode": table.electrode, "work": table.work, "loaded": load, "rows": lines });
+        self.say(&whole, || {
+            let mut text = format!("{} on {}\n", table.electrode, table.work);
+            for (number, line) in (1..).zip(&lines) {
+                let table::Line { name, leaves_um, undersize_um, generator, settings } = line;
+                let undersize = undersize_um.map_or(String::new(), |um| format!(", undersize {um} um a side"));
+                text += &format!("{number}  {name}: leaves {leaves_um} um{undersize}\n");
+                for (what, values) in [("generator", generator.clone()), ("settings", settings.join(", "))] {
+                    if !values.is_empty() {
+                        text += &format!("   {what:10} {values}\n");
+                    }
+                }
+            }
+            if load {
+                text += "the head has it in use: a set point of profile position with 2001h:1 = 1 is a depth\n";
+            }
+            text
+        });
+        Ok(())
+    }
+}
+
+fn table_from(file: &Path) -> Result<File, Failure> {
+    let named = |why: String| Failure::BadInput(format!("--table {}: {why}", file.display()));
+    let text = std::fs::read_to_string(file).map_err(|why| named(why.to_string()))?;
+    table::parse(&text).map_err(named)
+}
+
+/// What a row of a table wants, in words.
+fn begins(row: &Row, depth_mm: f64) -> String {
+    let undersize = row.undersize_um.map_or(String::new(), |um| format!(", undersize {um} um a side"));
+    let generator = if row.generator.is_empty() { "as it is" } else { &row.generator };
+    format!("row {}: to {:.3} mm; generator: {generator}{undersize}", row.name, depth_mm - row.leaves_um / 1000.0)
 }
 
 fn from_file<'a>(sheet: &'a Sheet, path: &Path) -> Result<Vec<Setting<'a>>, Failure> {

@@ -49,7 +49,12 @@ impl Common {
     }
 
     pub(crate) fn head(&self, sheet: &Arc<Sheet>) -> Result<Head, Failure> {
-        Head::open(&self.join()?, self.node.unwrap_or(NODE), sheet)
+        Head::open(&self.join()?, self.node(), sheet)
+    }
+
+    /// Node-ID of the head that is meant.
+    pub(crate) fn node(&self) -> u8 {
+        self.node.unwrap_or(NODE)
     }
 
     pub(crate) fn say(&self, value: &impl Serialize, text: impl FnOnce() -> String) {

@@ -12,6 +12,10 @@ use std::time::{Duration, Instant};
 const THERE: Duration = Duration::from_millis(250);
 /// How long a state of the drive may take.
 const STATE: Duration = Duration::from_secs(3);
+/// The longest homing.
+const HOMING: Duration = Duration::from_secs(60);
+/// Homing at the present position.
+const HERE: i64 = 35;
 /// The longest search for the surface.
 const SEARCH: Duration = Duration::from_secs(60);
 /// Polling period of a wait.
@@ -54,6 +58,8 @@ pub mod at {
     pub const TOUCHED: Address = Address(0x2001, 6);
     /// Setting that another one conflicts with.
     pub const REFUSED_SETTING: Address = Address(0x2002, 1);
+    /// Rule that it has to satisfy, in words.
+    pub const REFUSED_RULE: Address = Address(0x2002, 2);
     /// What ended the last erosion.
     pub const STOPPED_BY: Address = Address(0x2003, 3);
     /// Segments that still fit in the path.
@@ -136,6 +142,32 @@ pub mod at {
     pub const DATUM: Address = Address(0x2011, 7);
     /// Voltage of the motor's supply.
     pub const BUS_VOLTAGE: Address = Address(0x6079, 0);
+    /// Whether a hole is kept, and waits.
+    pub const KEPT_STATE: Address = Address(0x201A, 1);
+    /// Goes on with a hole that waits.
+    pub const GO_ON: Address = Address(0x201A, 2);
+    /// Why it was not gone on with.
+    pub const GO_ON_REFUSED: Address = Address(0x201A, 3);
+    /// Depth of that hole, and the one it was to have, counts.
+    pub const KEPT_DEPTH: Address = Address(0x201A, 4);
+    /// See [`KEPT_DEPTH`].
+    pub const KEPT_TARGET: Address = Address(0x201A, 5);
+    /// Row of a technology table that it was in, from 1; 0 none.
+    pub const KEPT_ROW: Address = Address(0x201A, 7);
+    /// A part of a technology table.
+    pub const fn technology(sub: u8) -> Address {
+        Address(0x201C, sub)
+    }
+    /// Takes it into use.
+    pub const TABLE_USE: Address = technology(2);
+    /// Why it was not, and the row that is wrong.
+    pub const TABLE_REFUSED: [Address; 2] = [technology(3), technology(4)];
+    /// Row under way, or to begin with.
+    pub const TABLE_ROW: Address = technology(5);
+    /// How far it is.
+    pub const TABLE_STATE: Address = technology(6);
+    /// The generator is set for this row.
+    pub const GENERATOR_SET: Address = technology(19);
     /// Encoder counts ...
     pub const INCREMENTS: Address = Address(0x608F, 1);
     /// ... in so many millimetres.
@@ -146,8 +178,13 @@ pub mod at {
     pub const INPUTS: Address = Address(0x60FD, 0);
 }
 
+/// What [`Head::place_to_measure`] does while the head moves, in words.
+pub const MOVES: &str = "moves to its place, pulses off";
 /// The head keeps no surface of a hole.
 pub const NO_SURFACE: i64 = i32::MIN as i64;
+
+/// A hole waits to be gone on with, 201Ah:1.
+pub const WAITS: i64 = 1;
 
 /// States of 2000h:1.
 pub mod state {
@@ -410,12 +447,30 @@ impl Head {
     /// # Errors
     /// When it refuses, or a fault comes.
     pub fn home_here(&self, tick: Tick<'_>) -> Result<(), Failure> {
+        let method = self.whole(at::HOMING_METHOD)?;
+        self.set(at::HOMING_METHOD, HERE)?;
+        let homed = self.home_as_set(tick);
+        self.set(at::HOMING_METHOD, method)?;
+        homed
+    }
+
+    /// Takes a home in the way that is set in the head (6098h), by default where it is. A home at the work would be another one in each hole.
+    ///
+    /// # Errors
+    /// When it refuses, or finds none.
+    pub fn home(&self, tick: Tick<'_>) -> Result<(), Failure> {
+        match self.whole(at::HOMING_METHOD)? {
+            ..0 => self.home_here(tick),
+            _ => self.home_as_set(tick),
+        }
+    }
+
+    fn home_as_set(&self, tick: Tick<'_>) -> Result<(), Failure> {
         let before = self.whole(at::REFUSALS)?;
-        self.set(at::HOMING_METHOD, 35)?;
         self.set(at::MODE, 6)?;
         self.set(at::CONTROLWORD, 0x0F)?;
         self.set(at::CONTROLWORD, 0x1F)?;
-        let homed = self.wait(Duration::from_secs(10), tick, |head| {
+        let homed = self.wait(HOMING, tick, |head| {
             head.refused(before)?;
             let word = head.status()?;
             if word & status::ERROR != 0 {
@@ -425,7 +480,32 @@ impl Head {
         })?;
         self.set(at::CONTROLWORD, 0x0F)?;
         self.set(at::MODE, 1)?;
-        if homed { Ok(()) } else { Err(Failure::Failed("not homed within 10 s".into())) }
+        if homed { Ok(()) } else { Err(Failure::Failed(format!("not homed within {} s", HOMING.as_secs()))) }
+    }
+
+    /// Goes on with the hole that waits, by what was touched last, once the head has come to rest; gives its surface, counts.
+    ///
+    /// # Errors
+    /// Why its place is not known.
+    pub fn go_on(&self, touched: u8, tick: Tick<'_>) -> Result<i64, Failure> {
+        /// 201Ah:3: the head is not at rest.
+        const NOT_AT_REST: i64 = 12;
+        let mut refused = None;
+        self.wait(STATE, tick, |head| {
+            let Err(error) = head.set(at::GO_ON, touched.into()) else {
+                refused = None;
+                return Ok(true);
+            };
+            let why = head.whole(at::GO_ON_REFUSED)?;
+            refused = Some((why, error));
+            Ok(why != NOT_AT_REST)
+        })?;
+        if let Some((why, error)) = refused {
+            let names = self.sheet.get(at::GO_ON_REFUSED).map(|object| object.names()).unwrap_or_default();
+            let why = names.get(&why).filter(|_| why != 0).cloned().unwrap_or_else(|| error.to_string());
+            return Err(Failure::Failed(format!("the hole is not gone on with: {why}")));
+        }
+        Ok(self.whole(at::KEPT_SURFACE)?)
     }
 
     /// Gives a set point of profile position; it has been taken when this returns.
@@ -444,6 +524,41 @@ impl Head {
         })?;
         self.set(at::CONTROLWORD, 0x0F)?;
         if over && taken { Ok(()) } else { Err(Failure::Failed("the head did not accept the set point".into())) }
+    }
+
+    /// Enables and homes it, and takes it where it is to measure itself, mm below home, with room above for the length of a setting; to
+    /// stay where it is without a place. `moving` is called while it moves.
+    ///
+    /// # Errors
+    /// When there is no such room; those of [`Head::enable`], [`Head::home_here`] and [`Head::move_to`].
+    pub fn place_to_measure(
+        &self,
+        at_mm: Option<f64>,
+        travel: &str,
+        tick: Tick<'_>,
+        moving: Tick<'_>,
+    ) -> Result<(), Failure> {
+        self.enable(tick)?;
+        if self.whole(at::HOMED)? == 0 {
+            self.home_here(tick)?;
+        }
+        let (per_mm, (here, end)) = (self.counts_per_mm()?, self.room()?);
+        let needs = self.setting(travel)? / 1000.0;
+        let target = at_mm.map_or(here, |mm| (mm * per_mm).round() as i64);
+        let (mm, end_mm) = (target as f64 / per_mm, end as f64 / per_mm);
+        if target > end || mm < needs {
+            let help = if at_mm.is_none() { "; `--at MM` goes to another place first, pulses off" } else { "" };
+            return Err(Failure::BadInput(format!(
+                "at {mm:.3} mm: must be from {needs:.3} mm, the room that {travel} needs above, to {end_mm:.3} mm{help}"
+            )));
+        }
+        if target == here {
+            return Ok(());
+        }
+        self.move_to(target, &mut || {
+            tick()?;
+            moving()
+        })
     }
 
     /// Goes there, pulses off.
@@ -551,7 +666,10 @@ impl Head {
     }
 
     /// An error when the head has refused a command since this count of refusals.
-    fn refused(&self, before: i64) -> Result<(), Failure> {
+    ///
+    /// # Errors
+    /// Why, in words.
+    pub(crate) fn refused(&self, before: i64) -> Result<(), Failure> {
         if self.whole(at::REFUSALS)? == before {
             return Ok(());
         }

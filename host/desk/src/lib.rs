@@ -16,8 +16,12 @@
 //! | [`found`] | the heads on a bus |
 //! | [`guide`] | texts and limits of docs/bring-up.md |
 //! | [`bring_up`] | its steps that a host can see, the guided check, a report |
-//! | [`scope`] | a record of the head's own scope |
+//! | [`fast`] | a record of the servo tick, the snapshot of a fault |
+//! | [`scope`] | a record of any objects, once a millisecond |
+//! | [`identify`] | the head measures motor, mass and friction |
+//! | [`tune`] | the response of the loop, margins, gains |
 //! | `common` | options of every command |
+//! | [`update`] | another program for a head |
 //! | [`page`] | the same in a browser: one session commands, others watch |
 //! | [`cli`] | the commands |
 
@@ -26,10 +30,12 @@ pub mod bring_up;
 pub mod bus;
 pub mod cli;
 mod common;
+pub mod fast;
 pub mod found;
 pub mod gap;
 pub mod guide;
 pub mod head;
+pub mod identify;
 pub mod jog;
 pub mod live;
 pub mod lss;
@@ -42,6 +48,8 @@ pub mod sheet;
 pub mod table;
 pub mod trace;
 pub mod track;
+pub mod tune;
+pub mod update;
 pub mod words;
 
 use std::fmt::{self, Display, Formatter};

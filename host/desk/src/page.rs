@@ -15,9 +15,11 @@ use crate::bore::{self, GONE, Hole, Request, Requests};
 use crate::bring_up::{self, BringUp};
 use crate::bus::{Bus, SILENCE, lock};
 use crate::common::Common;
+use crate::fast;
 use crate::found::{Found, find};
 use crate::gap::Watch;
-use crate::head::{Head, at};
+use crate::head::{Head, WAITS, at};
+use crate::identify::{self, Identify};
 use crate::jog::{self, Jog};
 use crate::live::{Event, Kind, Live, Sample};
 use crate::lss;
@@ -25,7 +27,9 @@ use crate::record::{Point, Recorder, Taken};
 use crate::scope::{self, Plan};
 use crate::settings::{self, Line};
 use crate::sheet::Sheet;
+use crate::table;
 use crate::trace::Recording;
+use crate::tune::{Accept, Outcome as Tuned, Tune};
 use axum::Router;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Query, State};
@@ -40,7 +44,7 @@ use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -102,6 +106,10 @@ enum Unwatched {
     Retreat,
 }
 
+fn busy() -> Failure {
+    Failure::BadInput("a hole, a bring-up, an identification, a tuning or a jog is in progress: end it first".into())
+}
+
 fn after(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds| (1.0..=86_400.0).contains(seconds));
     seconds.ok_or_else(|| "must be a number from 1 to 86400 s".into())
@@ -151,11 +159,32 @@ enum Ask {
         /// Name of its file.
         #[serde(default)]
         name: Option<String>,
+        /// Technology table, whose rows the head runs.
+        #[serde(default)]
+        table: Option<String>,
     },
     /// A request to the hole in progress.
     Request { request: Request },
+    /// The generator is set as the row of the hole in progress wants it.
+    GeneratorSet {},
     /// Enable the head to move it by hand.
     Jog { node: u8 },
+    /// Measure motor, mass and friction, at a place below home or where the head is.
+    Identify { node: u8, at_mm: Option<f64> },
+    /// What was found last.
+    Identified { node: u8 },
+    /// Make that settings.
+    TakeOver { node: u8 },
+    /// Measure the loop; write what is accepted, and measure again.
+    Tune {
+        node: u8,
+        at_mm: Option<f64>,
+        bandwidth_hz: Option<f64>,
+        #[serde(default)]
+        accept: Accept,
+    },
+    /// What came of that last; null without one.
+    Tuned { node: u8 },
     /// A step of that, positive toward the work.
     Step { by_mm: f64 },
     /// The end of that.
@@ -168,10 +197,16 @@ enum Ask {
     Report {},
     /// The last bore of a head.
     Record { node: u8 },
+    /// A hole that waits in a head since a power cut or a new home, in words; null without one.
+    Waits { node: u8 },
     /// What the scope can record.
     Signals {},
-    /// A record of the scope.
+    /// A record of any objects.
     Scope { node: u8, plan: Plan },
+    /// A record of the servo ticks of one head or several.
+    Fast { nodes: Vec<u8>, plan: fast::Plan },
+    /// What a head has recorded around its last fault.
+    Snapshot { node: u8 },
     /// Pulses off, disable.
     Stop { node: u8 },
     /// Reset a fault.
@@ -210,6 +245,8 @@ struct Desk {
     watched: Mutex<BTreeSet<u8>>,
     /// The last bore of each head.
     recorders: Mutex<BTreeMap<u8, Recorder>>,
+    /// What the last tuning of each head has measured.
+    tuned: Mutex<BTreeMap<u8, Tuned>>,
     sessions: AtomicU64,
     /// Who commands, and when that session was heard last.
     commander: Mutex<Option<(u64, Instant)>>,
@@ -235,6 +272,8 @@ enum What {
     Hole(Arc<Requests>),
     BringUp(Arc<bring_up::Requests>),
     Jog(Arc<jog::Requests>),
+    /// An identification, or a tuning.
+    Identify(Arc<AtomicBool>),
 }
 
 /// Serves the page until the program is stopped.
@@ -282,6 +321,7 @@ pub(crate) fn serve(listen: &Listen, common: &Common, sheet: &Arc<Sheet>) -> Res
             file: log_file.map(Mutex::new),
             watched: Mutex::default(),
             recorders: Mutex::default(),
+            tuned: Mutex::default(),
             sessions: AtomicU64::new(1),
             commander: Mutex::default(),
             commanded: Mutex::new(Instant::now()),
@@ -588,13 +628,18 @@ impl Desk {
                 | Ask::Save { .. }
                 | Ask::Bore { .. }
                 | Ask::Request { .. }
+                | Ask::GeneratorSet {}
                 | Ask::Jog { .. }
+                | Ask::Identify { .. }
+                | Ask::TakeOver { .. }
+                | Ask::Tune { .. }
                 | Ask::Step { .. }
                 | Ask::EndJog {}
                 | Ask::BringUp { .. }
                 | Ask::Check { .. }
                 | Ask::Report {}
                 | Ask::Scope { .. }
+                | Ask::Fast { .. }
                 | Ask::Reset { .. }
         );
         if commands && self.commander() != Some(session) {
@@ -609,9 +654,7 @@ impl Desk {
                 Ok(json!(found.iter().collect::<Vec<&Found>>()))
             }
             Ask::Name {} => {
-                if lock(&self.run).is_some() {
-                    return Err(Failure::BadInput("a hole, a bring-up or a jog is in progress: end it first".into()));
-                }
+                self.idle()?;
                 let mut all = Vec::new();
                 let named = lss::name_all(&self.bus()?, 1, |named| {
                     self.note(
@@ -644,9 +687,19 @@ impl Desk {
                 self.note(node, format!("session {session} saves the settings in the head"));
                 Ok(Value::Null)
             }
-            Ask::Bore { node, hole, program, name } => {
+            Ask::Bore { node, hole, program, name, table } => {
                 let name = name.as_deref().unwrap_or("the program");
                 let hole = program.map_or(Ok(hole.clone()), |text| hole.along(name, &text))?;
+                let hole = match table {
+                    None => hole,
+                    Some(_) if hole.program.is_some() => {
+                        return Err(Failure::BadInput("table excludes a program: it makes a hole of a depth".into()));
+                    }
+                    Some(text) => {
+                        let table = table::parse(&text).map_err(|why| Failure::BadInput(format!("table {why}")))?;
+                        hole.by(table.waiting(table::PATIENCE_S))?
+                    }
+                };
                 self.bore(session, node, hole)
             }
             Ask::Request { request } => match &*lock(&self.run) {
@@ -656,16 +709,51 @@ impl Desk {
                 }
                 _ => Err(Failure::BadInput("no hole in progress".into())),
             },
+            Ask::GeneratorSet {} => match &*lock(&self.run) {
+                Some(Run { what: What::Hole(requests), .. }) => {
+                    requests.generator_is_set();
+                    Ok(Value::Null)
+                }
+                _ => Err(Failure::BadInput("no hole in progress".into())),
+            },
             Ask::Record { node } => Ok(self.record(node)),
+            Ask::Waits { node } => {
+                let head = self.head(node)?;
+                let waits = head.whole(at::KEPT_STATE)? == WAITS;
+                Ok(if waits { json!(bore::waiting(&head)?) } else { Value::Null })
+            }
             Ask::Signals {} => {
                 let objects = self.sheet.objects().filter(|object| scope::records(object));
-                Ok(objects.map(|object| json!([object.address.to_string(), object.key, object.unit])).collect())
+                let objects: Vec<_> =
+                    objects.map(|object| json!([object.address.to_string(), object.key, object.unit])).collect();
+                Ok(json!({ "ticks": fast::signals().collect::<Vec<_>>(), "objects": objects }))
             }
             Ask::Scope { node, plan } => {
                 let record = plan.record(&self.head(node)?, &mut || self.commands(session))?;
                 Ok(json!({ "record": record, "csv": record.csv() }))
             }
+            Ask::Fast { nodes, plan } => {
+                plan.check()?;
+                let heads = nodes.iter().map(|node| self.head(*node)).collect::<Result<Vec<_>, _>>()?;
+                let record = plan.record(&heads, &mut || self.commands(session))?;
+                Ok(json!({ "record": record, "csv": record.csv() }))
+            }
+            Ask::Snapshot { node } => Ok(match fast::snapshot(&self.head(node)?)? {
+                Some(record) => json!({ "record": record, "csv": record.csv() }),
+                None => Value::Null,
+            }),
             Ask::Jog { node } => self.jog(session, node),
+            Ask::Identify { node, at_mm } => self.identify(session, node, at_mm),
+            Ask::Identified { node } => Ok(json!(identify::values(&self.head(node)?)?)),
+            Ask::TakeOver { node } => {
+                self.idle()?;
+                let head = self.head(node)?;
+                identify::take_over(&head)?;
+                self.note(node, format!("session {session} has taken the identified values over into the settings"));
+                Ok(json!(identify::values(&head)?))
+            }
+            Ask::Tune { node, at_mm, bandwidth_hz, accept } => self.tune(session, node, (at_mm, bandwidth_hz), accept),
+            Ask::Tuned { node } => Ok(json!(lock(&self.tuned).get(&node))),
             Ask::Step { by_mm } => self.jogs(|requests| requests.step(by_mm)),
             Ask::EndJog {} => self.jogs(|requests| {
                 requests.end();
@@ -684,6 +772,7 @@ impl Desk {
                         What::Hole(requests) => requests.want(Request::Stop),
                         What::BringUp(requests) => requests.want(bring_up::Request::End),
                         What::Jog(requests) => requests.end(),
+                        What::Identify(ends) => ends.store(true, Ordering::Release),
                     }
                 }
                 let now = self.head(node)?.stop()?;
@@ -706,8 +795,8 @@ impl Desk {
         if take && other.is_some() {
             return Err(Failure::BadInput("another session has command: it must release command first".into()));
         }
-        if !take && lock(&self.run).is_some() {
-            return Err(Failure::BadInput("a hole, a bring-up or a jog is in progress: end it first".into()));
+        if !take {
+            self.idle()?;
         }
         if take {
             *commander = Some((session, Instant::now()));
@@ -733,11 +822,16 @@ impl Desk {
         self.event(Event::now(node, Kind::Program, what));
     }
 
+    /// Nothing is in progress.
+    fn idle(&self) -> Result<(), Failure> {
+        if lock(&self.run).is_some() { Err(busy()) } else { Ok(()) }
+    }
+
     /// Sets the activity in progress.
     fn begin(&self, head: &Head, what: What) -> Result<(), Failure> {
         let mut run = lock(&self.run);
         if run.is_some() {
-            return Err(Failure::BadInput("a hole, a bring-up or a jog is in progress: end it first".into()));
+            return Err(busy());
         }
         *run = Some(Run { node: head.node, bus: head.bus.clone(), what });
         Ok(())
@@ -824,6 +918,94 @@ impl Desk {
             let (said, failed) = ended.map_or_else(|why| (why.to_string(), true), |now| (now, false));
             desk.note(node, format!("jog ended: {said}"));
             desk.publish(&json!({ "jogged": { "said": said, "failed": failed }, "node": node }));
+        });
+        Ok(Value::Null)
+    }
+
+    /// Identifies a head; the session keeps it going.
+    fn identify(self: &Arc<Desk>, session: u64, node: u8, at_mm: Option<f64>) -> Result<Value, Failure> {
+        let head = self.head(node)?;
+        let ends = Arc::new(AtomicBool::new(false));
+        self.begin(&head, What::Identify(ends.clone()))?;
+        let desk = self.clone();
+        thread::spawn(move || {
+            desk.note(node, format!("session {session} identifies"));
+            let ended = Live::new(&head).and_then(|mut live| {
+                let run = Identify {
+                    head: &head,
+                    live: &mut live,
+                    at_mm,
+                    alive: &|| match ends.load(Ordering::Acquire) {
+                        true => Err(Failure::Failed("ended on request".into())),
+                        false => desk.commands(session),
+                    },
+                    on_progress: &mut |progress| desk.publish(&json!({ "identify": progress })),
+                };
+                run.execute()
+            });
+            *lock(&desk.run) = None;
+            match ended {
+                Ok(outcome) => {
+                    desk.note(node, "identified".into());
+                    desk.publish(&json!({ "identified": outcome, "node": node }));
+                }
+                Err(why) => {
+                    desk.note(node, format!("identification ended: {why}"));
+                    desk.publish(&json!({ "identified": { "failed": why.to_string() }, "node": node }));
+                }
+            }
+        });
+        Ok(Value::Null)
+    }
+
+    /// Measures the loop of a head; the session keeps it going.
+    fn tune(
+        self: &Arc<Desk>,
+        session: u64,
+        node: u8,
+        (at_mm, wanted_hz): (Option<f64>, Option<f64>),
+        accept: Accept,
+    ) -> Result<Value, Failure> {
+        let head = self.head(node)?;
+        let ends = Arc::new(AtomicBool::new(false));
+        self.begin(&head, What::Identify(ends.clone()))?;
+        let desk = self.clone();
+        thread::spawn(move || {
+            desk.note(node, format!("session {session} tunes"));
+            // What is in force now was measured after the last new gains, or before none.
+            let last = lock(&desk.tuned).get(&node).cloned();
+            let known = last.map(|last| match (last.after, last.step_after) {
+                (Some(after), Some(step)) => (after, step),
+                _ => (last.before, last.step_before),
+            });
+            let ended = Live::new(&head).and_then(|mut live| {
+                let run = Tune {
+                    head: &head,
+                    live: &mut live,
+                    at_mm,
+                    wanted_hz,
+                    accept,
+                    known: known.filter(|_| accept != Accept::Nothing),
+                    alive: &|| match ends.load(Ordering::Acquire) {
+                        true => Err(Failure::Failed("ended on request".into())),
+                        false => desk.commands(session),
+                    },
+                    on_progress: &mut |progress| desk.publish(&json!({ "tune": progress })),
+                };
+                run.execute()
+            });
+            *lock(&desk.run) = None;
+            match ended {
+                Ok(outcome) => {
+                    desk.note(node, "the loop is measured".into());
+                    desk.publish(&json!({ "tuned": outcome, "node": node }));
+                    lock(&desk.tuned).insert(node, outcome);
+                }
+                Err(why) => {
+                    desk.note(node, format!("tuning ended: {why}"));
+                    desk.publish(&json!({ "tuned": { "failed": why.to_string() }, "node": node }));
+                }
+            }
         });
         Ok(Value::Null)
     }

@@ -48,6 +48,17 @@ pub enum Trigger {
     Changes = 3,
 }
 
+impl Trigger {
+    fn text(self) -> &'static str {
+        match self {
+            Trigger::Now => "at once",
+            Trigger::Rises => "level, rising",
+            Trigger::Falls => "level, falling",
+            Trigger::Changes => "change",
+        }
+    }
+}
+
 /// What is to be recorded.
 #[derive(Clone, Debug, Deserialize)]
 pub struct Plan {
@@ -83,10 +94,14 @@ pub struct Signal {
 }
 
 /// What was recorded.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Record {
     /// Time from one sample to the next, ms.
-    pub every_ms: u16,
+    pub every_ms: f64,
+    /// Samples from before the trigger.
+    pub before: usize,
+    /// What has begun it.
+    pub begun: String,
     /// The requested signals.
     pub signals: Vec<Signal>,
 }
@@ -170,7 +185,9 @@ impl Plan {
             unit: object.unit.clone(),
             values: samples.iter().filter_map(|sample| object.number(sample.get(4 * place..)?)).collect(),
         };
-        Ok(Record { every_ms: self.every_ms, signals: objects.iter().enumerate().map(signal).collect() })
+        let every_ms = self.every_ms.into();
+        let begun = self.trigger.text().to_owned();
+        Ok(Record { every_ms, before: 0, begun, signals: objects.iter().enumerate().map(signal).collect() })
     }
 }
 
@@ -196,12 +213,56 @@ impl Record {
         });
         let count = self.signals.first().map_or(0, |signal| signal.values.len());
         for place in 0..count {
-            let _ = write!(text, "\n{}", place * usize::from(self.every_ms));
+            // Whole servo ticks.
+            let ms = ((place as f64 - self.before as f64) * self.every_ms * 100.0).round() / 100.0;
+            let _ = write!(text, "\n{ms}");
             for signal in &self.signals {
                 let _ = signal.values.get(place).map(|value| write!(text, ",{value}"));
             }
         }
         text + "\n"
+    }
+
+    /// Of such a table.
+    ///
+    /// # Errors
+    /// The first line that is none of it, and what it must be.
+    pub fn from_csv(text: &str) -> Result<Record, String> {
+        let mut lines = text.lines();
+        // A name with a comma is quoted.
+        let mut quoted = false;
+        let names: Vec<String> = lines
+            .next()
+            .unwrap_or_default()
+            .split(|letter| {
+                quoted ^= letter == '"';
+                letter == ',' && !quoted
+            })
+            .map(|name| name.replace('"', ""))
+            .collect();
+        let [time, names @ ..] = names.as_slice() else { return Err("is empty".into()) };
+        if time != "time [ms]" || names.is_empty() {
+            return Err("must begin with time [ms] and the names of signals".into());
+        }
+        let named = |name: &String| match name.strip_suffix(']').and_then(|name| name.rsplit_once(" [")) {
+            Some((key, unit)) => Signal { key: key.into(), unit: unit.into(), values: Vec::new() },
+            None => Signal { key: name.clone(), unit: String::new(), values: Vec::new() },
+        };
+        let (mut signals, mut times): (Vec<Signal>, _) = (names.iter().map(named).collect(), Vec::new());
+        for (number, line) in lines.enumerate() {
+            let row: Option<Vec<f64>> =
+                line.split(',').map(|text| text.parse().ok().filter(|x: &f64| x.is_finite())).collect();
+            let row = row.filter(|row| row.len() == signals.len() + 1);
+            let Some([time, values @ ..]) = row.as_deref() else {
+                return Err(format!("line {}: must have {} numbers", number + 2, signals.len() + 1));
+            };
+            times.push(*time);
+            signals.iter_mut().zip(values).for_each(|(signal, value)| signal.values.push(*value));
+        }
+        let [first, .., last] = times.as_slice() else { return Err("must have two samples or more".into()) };
+        let every_ms = (last - first) / (times.len() - 1) as f64;
+        let before = times.iter().filter(|time| **time < 0.0).count();
+        Ok(Record { every_ms: (every_ms * 100.0).round() / 100.0, before, begun: "not in the file".into(), signals })
     }
 
     /// What there is, in a line a signal.
@@ -217,6 +278,7 @@ impl Record {
                 self.every_ms
             )
         };
-        self.signals.iter().map(line).collect()
+        let lines: String = self.signals.iter().map(line).collect();
+        format!("{lines}trigger: {}, {} samples before it\n", self.begun, self.before)
     }
 }

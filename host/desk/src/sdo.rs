@@ -249,6 +249,14 @@ impl Sdo {
     /// # Errors
     /// When the node refuses or does not answer.
     pub fn write_block(&self, address: Address, value: &[u8]) -> Result<(), SdoError> {
+        self.write_block_with(address, value, &mut |_| {})
+    }
+
+    /// The same, and says after each block how many bytes the node has.
+    ///
+    /// # Errors
+    /// When the node refuses or does not answer.
+    pub fn write_block_with(&self, address: Address, value: &[u8], on: &mut dyn FnMut(usize)) -> Result<(), SdoError> {
         let talk = self.talk(address, PATIENCE)?;
         let answer = talk.ask(request(0xC6, address, (value.len() as u32).to_le_bytes()))?;
         if answer[0] & 0xFB != 0xA0 || !addressed(answer, address) {
@@ -270,6 +278,7 @@ impl Sdo {
             }
             done += usize::from(taken);
             block = usize::from(next);
+            on((7 * done).min(value.len()));
         }
         let sum = if checked { CRC.checksum(value).to_le_bytes() } else { [0; 2] };
         let empty = (7 * count - value.len()).min(7) as u8;

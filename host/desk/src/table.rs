@@ -1,148 +1,141 @@
-//! A technology table: rows from rough to fine, each with settings of the head and what the generator is to be set to.
-//!
-//! A row erodes to the depth of the hole less what it leaves for the next one. The head sets no generator: what a row says of it is for the
-//! person, who is asked to set it before the row begins.
+//! A technology table in a head: written, checked and taken into use there. The head runs its rows.
 
-use crate::settings::{self, Setting};
-use crate::sheet::Sheet;
-use serde::Deserialize;
-use std::collections::BTreeMap;
+use crate::Failure;
+use crate::head::{Head, at};
+use crate::sdo::Address;
+use edm_servo_head::settings::Settings;
+use edm_technology::{File, Row, setting};
+use serde::Serialize;
+use std::time::{Duration, Instant};
 
-/// As a file has it.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Written {
-    electrode: String,
-    work: String,
-    row: Vec<WrittenRow>,
+/// States of 201Ch:6.
+mod state {
+    pub const CHECKS: i64 = 1;
+    pub const READY: i64 = 2;
+    pub const WAITS: i64 = 4;
+    pub const UNANSWERED: i64 = 8;
+    pub const REFUSED: i64 = 9;
 }
 
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct WrittenRow {
-    name: String,
-    #[serde(default)]
-    leaves_um: f64,
-    #[serde(default)]
-    undersize_um: Option<f64>,
-    #[serde(default)]
-    generator: BTreeMap<String, toml::Value>,
-    #[serde(default)]
-    settings: toml::Table,
+/// Of 201Ch:3: the row does not end deeper than the one before.
+const NO_SETTING: i64 = 2;
+
+/// Time that the check of a table may take: a millisecond a row.
+const CHECKED: Duration = Duration::from_secs(1);
+
+/// Longest wait of a head for the person who sets the generator, s: the most that it allows.
+pub const PATIENCE_S: f32 = 3600.0;
+
+/// The row under way.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Now {
+    /// Its number, from 1.
+    pub number: usize,
+    /// Rows of the table.
+    pub of: usize,
+    /// Its name.
+    pub name: String,
+    /// What the generator is to be set to, in words.
+    pub generator: String,
+    /// The head waits, pulses off, until that is done.
+    pub waits: bool,
 }
 
-/// Rows for one pair of materials.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Table<'a> {
-    /// Material of the electrode.
-    pub electrode: String,
-    /// Material of the work.
-    pub work: String,
-    /// From rough to fine.
-    pub rows: Vec<Row<'a>>,
-}
-
-/// One row.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Row<'a> {
+/// A row as a program reads it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Line {
     /// Its name.
     pub name: String,
     /// It ends so far above the depth of the hole, um.
     pub leaves_um: f64,
-    /// The electrode is so much smaller than the hole, a side, um: for the person, as the generator.
+    /// The electrode is so much smaller than the hole, a side, um.
     pub undersize_um: Option<f64>,
-    /// What the generator is to be set to, in words; empty for nothing.
+    /// What the generator is to be set to.
     pub generator: String,
     /// Settings of the head.
-    pub settings: Vec<Setting<'a>>,
+    pub settings: Vec<String>,
 }
 
-impl<'a> Table<'a> {
-    /// Reads a file.
-    ///
-    /// # Errors
-    /// The first thing that is wrong with it, and what is allowed.
-    pub fn parse(sheet: &'a Sheet, text: &str) -> Result<Table<'a>, String> {
-        let written: Written = toml::from_str(text).map_err(|error| {
-            let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].matches('\n').count() + 1);
-            format!("line {line}: {}", error.message().replace('\n', ", "))
-        })?;
-        let mut rows: Vec<Row<'a>> = Vec::new();
-        for row in written.row {
-            let named = |why: String| format!("row {:?}: {why}", row.name);
-            if !(0.0..=1e6).contains(&row.leaves_um) {
-                return Err(named(format!("leaves_um = {}: must be a number from 0 to 1000000 um", row.leaves_um)));
-            }
-            if let Some(before) = rows.last()
-                && row.leaves_um >= before.leaves_um
-            {
-                let (name, leaves) = (&before.name, before.leaves_um);
-                return Err(named(format!(
-                    "leaves_um = {}: must be less than the {leaves} of {name:?}",
-                    row.leaves_um
-                )));
-            }
-            let settings = match row.settings.is_empty() {
-                true => Vec::new(),
-                false => settings::parse(sheet, &row.settings.to_string()).map_err(named)?,
-            };
-            let generator: Vec<String> =
-                row.generator.iter().map(|(name, value)| format!("{name} {}", word(value))).collect();
-            let WrittenRow { name, leaves_um, undersize_um, .. } = row;
-            rows.push(Row { name, leaves_um, undersize_um, generator: generator.join(", "), settings });
-        }
-        match rows.last() {
-            None => Err("no [[row]]".into()),
-            Some(last) if last.leaves_um != 0.0 => {
-                Err(format!("row {:?}: leaves_um = {}: the last row must leave 0", last.name, last.leaves_um))
-            }
-            Some(_) => Ok(Table { electrode: written.electrode, work: written.work, rows }),
+impl From<&Row> for Line {
+    fn from(row: &Row) -> Line {
+        let Row { name, leaves_um, undersize_um, generator, settings, .. } = row;
+        Line {
+            name: name.clone(),
+            leaves_um: *leaves_um,
+            undersize_um: *undersize_um,
+            generator: generator.clone(),
+            settings: settings.iter().map(setting).collect(),
         }
     }
 }
 
-fn word(value: &toml::Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+/// Reads a table, and checks it with the defaults of a head.
+///
+/// # Errors
+/// The first thing that is wrong with it, and what is allowed.
+pub fn parse(text: &str) -> Result<File, String> {
+    let file = File::parse(text)?;
+    file.check(&Settings::default())?;
+    Ok(file)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Takes what table a head has out of use.
+///
+/// # Errors
+/// Those of the transfers.
+pub fn clear(head: &Head) -> Result<(), Failure> {
+    Ok(head.set(at::TABLE_USE, 0)?)
+}
 
-    const FILE: &str = include_str!("../../../examples/technology.toml");
-
-    #[test]
-    fn the_example_has_rows_from_rough_to_fine() {
-        let sheet = Sheet::own().unwrap();
-        let table = Table::parse(&sheet, FILE).unwrap();
-        assert_eq!((table.electrode.as_str(), table.work.as_str()), ("copper", "steel"));
-        let names: Vec<_> = table.rows.iter().map(|row| (row.name.as_str(), row.leaves_um)).collect();
-        assert_eq!(names, [("rough", 60.0), ("medium", 20.0), ("fine", 0.0)]);
-        assert!(table.rows[0].generator.contains("on_us 160") && table.rows.iter().all(|row| !row.settings.is_empty()));
+/// Has a head take a table into use.
+///
+/// # Errors
+/// The row that it refuses, the setting and the rule.
+pub fn load(head: &Head, table: &File) -> Result<(), Failure> {
+    for write in table.writes() {
+        head.set(at::technology(write.sub), write.value.into())?;
     }
+    head.set(at::TABLE_USE, 1)?;
+    let end = Instant::now() + CHECKED;
+    while head.whole(at::TABLE_STATE)? == state::CHECKS && Instant::now() < end {}
+    if head.whole(at::TABLE_STATE)? == state::READY {
+        return Ok(());
+    }
+    let [_, row] = at::TABLE_REFUSED;
+    let row = table.rows.get((head.whole(row)? - 1).max(0) as usize);
+    let (name, line) = row.map_or(("", 1), |row| (row.name.as_str(), row.line));
+    Err(Failure::BadInput(format!("table line {line}: row {name:?}: {}", refused(head)?)))
+}
 
-    #[test]
-    fn what_is_wrong_is_named_with_its_row() {
-        let sheet = Sheet::own().unwrap();
-        let head = "electrode = \"copper\"\nwork = \"steel\"\n";
-        for (rows, part) in [
-            ("", "missing field `row`"),
-            ("row = []", "no [[row]]"),
-            ("[[row]]\nname = \"a\"\nleaves_um = 5", "row \"a\": leaves_um = 5: the last row must leave 0"),
-            ("[[row]]\nname = \"a\"\nleaves_um = -1", "row \"a\": leaves_um = -1: must be a number from 0"),
-            (
-                "[[row]]\nname = \"a\"\nleaves_um = 5\n[[row]]\nname = \"b\"\nleaves_um = 5",
-                "row \"b\": leaves_um = 5: must be less than the 5 of \"a\"",
-            ),
-            (
-                "[[row]]\nname = \"a\"\n[row.settings.gap]\nsetpoint_v = 500",
-                "row \"a\": gap.setpoint_v = 500: must be a number from 1 to 300 V",
-            ),
-            ("[[row]]\nname = \"a\"\n[row.settings.gap]\nsetpiont_v = 50", "did you mean gap.setpoint_v?"),
-            ("[[row]]\nname = \"a\"\ncolour = 1", "line 5: unknown field `colour`"),
-        ] {
-            let why = Table::parse(&sheet, &format!("{head}{rows}")).unwrap_err();
-            assert!(why.contains(part), "{part}: {why}");
+/// Why the head has refused it, in words.
+fn refused(head: &Head) -> Result<String, Failure> {
+    let [why, _] = at::TABLE_REFUSED;
+    let why = head.whole(why)?;
+    if why == NO_SETTING {
+        return Ok("must leave less than the row before".into());
+    }
+    let setting = head.whole(at::REFUSED_SETTING)? as u32;
+    let object = head.sheet.get(Address((setting >> 8) as u16, setting as u8));
+    let (key, allowed) = object.map_or_else(Default::default, |object| (object.key.clone(), object.allowed()));
+    let rule = String::from_utf8_lossy(&head.sdo.read(at::REFUSED_RULE)?).into_owned();
+    Ok(if rule.is_empty() { format!("{key}: must be {allowed}") } else { format!("{key} {rule}") })
+}
+
+/// The row under way.
+///
+/// # Errors
+/// Those of the transfers; an erosion that a row has ended.
+pub fn now(head: &Head, table: &File) -> Result<Now, Failure> {
+    let number = head.whole(at::TABLE_ROW)?.max(1) as usize;
+    let row = table.rows.get(number - 1);
+    let name = row.map_or(String::new(), |row| row.name.clone());
+    let why = match head.whole(at::TABLE_STATE)? {
+        state::UNANSWERED => "the generator was not set within technology.answer_s",
+        state::REFUSED => "its settings contradict those that were changed since",
+        at => {
+            let generator = row.map_or(String::new(), |row| row.generator.clone());
+            return Ok(Now { number, of: table.rows.len(), name, generator, waits: at == state::WAITS });
         }
-    }
+    };
+    Err(Failure::Failed(format!("row {name:?}: {why}")))
 }

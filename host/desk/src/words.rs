@@ -67,6 +67,9 @@ pub const fn remedy(fault: Fault) -> &'static str {
         Fault::SelfTestFailed => "2009h:3 has the failed part of the self-test; program the board again",
         Fault::SupplyLow => "check the 3.3 V supply",
         Fault::SettingsDamaged => "memory was corrupted: restart the board; if it happens again, replace the board",
+        Fault::StepsNotFollowed => {
+            "2016h:5 says why; have the host step slower, or check its direction line, then reset"
+        }
         Fault::DriveSignalLost => "check the wires of motor current and bus voltage",
     }
 }
@@ -97,6 +100,7 @@ pub fn refusal(number: u8) -> Words {
         18 => "set feed.structure = path",
         19 => "lower jump.height_um, or start deeper",
         21 => "lower touch.first_mm_s",
+        22 => "stop the steps for 10 ms first",
         WAIT => "send fewer commands at a time",
         _ => "",
     };

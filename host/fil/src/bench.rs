@@ -16,6 +16,7 @@ use crate::wires::*;
 use edm_hal_shim::bridge::Drive as Bridge;
 use edm_hal_shim::gap::BLOCK;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
+use edm_sim::process::steps::StepEdge;
 use edm_sim::process::{Parameters, Piece, Plant, Process, THRESHOLDS, assumed_amps, crossing, current_code};
 use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, TICK_HZ, World};
 use std::collections::VecDeque;
@@ -236,6 +237,9 @@ impl Bench {
                 self.set(&mut edges, at, pin, level);
             }
         }
+        for StepEdge { us, line, high } in self.process.steps.edges().to_vec() {
+            self.set(&mut edges, from.saturating_add_signed(ticks(us)), STEPS[line as usize], high);
+        }
         for i in 0..self.pieces.len() {
             let piece = self.pieces[i];
             let begins = from.saturating_add_signed(ticks(piece.from_us)).max(from);
@@ -269,6 +273,10 @@ impl Bench {
         }
         for pin in GATE.into_iter().chain(COMPARATORS) {
             self.set(&mut edges, at, pin, false);
+        }
+        let (steps, _) = self.process.steps.counted();
+        for (pin, level) in STEPS.into_iter().zip([steps.half & 1 == 1, steps.high]) {
+            self.set(&mut edges, at, pin, level);
         }
         self.wire_into(&mut edges, at.max(earliest));
         self.changes.extend(edges);
@@ -445,6 +453,7 @@ impl World for Bench {
                     self.forced.push(self.bridge());
                 }
             }
+            STEP_READY => self.process.steps.ready = high,
             FORWARD => self.forward = high,
             REVERSE => self.reverse = high,
             ALLOW => {

@@ -42,10 +42,10 @@ pub struct Cycles {
     /// Page with the section [default: docs/performance.md of the project]
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
-    /// Write no page; fail if gap or servo take longer than half their period, or the load is above 88 %
+    /// Write no page; fail if gap or servo take longer than half their period, or the load above its limit
     #[arg(long)]
     check: bool,
-    /// Print where a task spends its cycles, by function, and measure nothing else
+    /// Print where a task spends its cycles, or of "all" tasks each function of the image, and measure nothing else
     #[arg(long, value_name = "TASK")]
     profile: Option<String>,
     /// Print what each feed law costs, and measure nothing else; --json writes it

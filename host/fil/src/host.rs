@@ -77,6 +77,59 @@ pub fn upload(bus: &mut impl Bus, index: u16, sub: u8) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// Reads an object by blocks of 127 segments (CiA 301 7.2.4.3.12); checks their sum.
+///
+/// # Errors
+/// When the head refuses, does not answer, or a segment is missing.
+pub fn block_upload(bus: &mut impl Bus, index: u16, sub: u8) -> Result<Vec<u8>> {
+    const BLOCK: u8 = 127;
+    let [low, high] = index.to_le_bytes();
+    let [command, _, _, _, a, b, c, d] = ask(bus, [0xA4, low, high, sub, BLOCK, 0, 0, 0])?;
+    ensure!(command == 0xC6, "{index:04X}h:{sub}: {command:02X}h is no answer to a block upload");
+    let length = u32::from_le_bytes([a, b, c, d]) as usize;
+    let (mut bytes, mut expected, mut patience) = (Vec::new(), 1, PATIENCE);
+    bus.send(Frame::new(REQUEST, &[0xA3, 0, 0, 0, 0, 0, 0, 0]));
+    let [_, crc_low, crc_high, ..] = loop {
+        ensure!(patience > 0, "{index:04X}h:{sub}: nothing for {PATIENCE} ms, {} of {length} bytes", bytes.len());
+        patience -= 1;
+        bus.pass()?;
+        let mut end = None;
+        while let Some(frame) = bus.take() {
+            let [command, data @ ..] = frame.data;
+            if frame.id != ANSWER {
+                continue;
+            }
+            patience = PATIENCE;
+            if expected == 0 {
+                ensure!(command & 0xE3 == 0xC1, "{index:04X}h:{sub}: {command:02X}h instead of the end");
+                bytes.truncate(length);
+                end = Some(frame.data);
+                continue;
+            }
+            ensure!(command & 0x7F == expected, "{index:04X}h:{sub}: segment {command:02X}h instead of {expected}");
+            bytes.extend_from_slice(&data);
+            let last = command & 0x80 != 0;
+            if last || expected == BLOCK {
+                bus.send(Frame::new(REQUEST, &[0xA2, expected, BLOCK, 0, 0, 0, 0, 0]));
+                expected = 0;
+            }
+            expected = if last { 0 } else { expected + 1 };
+        }
+        if let Some(end) = end {
+            break end;
+        }
+    };
+    bus.send(Frame::new(REQUEST, &[0xA1, 0, 0, 0, 0, 0, 0, 0]));
+    bus.pass()?;
+    // CRC-16 of the polynomial 1021h from 0 (CiA 301 7.2.4.3.16).
+    let sum = bytes.iter().fold(0u16, |sum, byte| {
+        let sum = sum ^ u16::from(*byte) << 8;
+        (0..8).fold(sum, |sum, _| if sum & 0x8000 == 0 { sum << 1 } else { sum << 1 ^ 0x1021 })
+    });
+    ensure!(sum == u16::from_le_bytes([crc_low, crc_high]), "{index:04X}h:{sub}: wrong sum of the blocks");
+    Ok(bytes)
+}
+
 /// Writes an object of `size` bytes.
 ///
 /// # Errors
@@ -195,6 +248,8 @@ pub fn command(bus: &mut impl Bus, command: Command) -> Result<()> {
         Command::Jump => write(bus, 0x2001, 7, 1, 1)?,
         Command::Hold => write(bus, 0x2001, 2, 1, 1)?,
         Command::Commission => write(bus, 0x2001, 3, 1, 1)?,
+        Command::Identify => write(bus, 0x2018, 1, 1, 1)?,
+        Command::Tune => write(bus, 0x201B, 1, 1, 1)?,
         Command::ResetFault => {
             write(bus, 0x6040, 0, 0, 2)?;
             control(bus, 0x80, 0x4F, 0x40)?;
@@ -226,7 +281,10 @@ fn append(bus: &mut impl Bus, piece: &Piece) -> Result<()> {
 }
 
 /// A position or a length, counts.
-fn counts(bus: &mut impl Bus, length: Nanometres) -> Result<u32> {
+///
+/// # Errors
+/// When the head refuses or does not answer.
+pub fn counts(bus: &mut impl Bus, length: Nanometres) -> Result<u32> {
     let per_count = i64::from(read(bus, 0x608F, 2)?.max(1)) * 1_000_000 / i64::from(read(bus, 0x608F, 1)?.max(1));
     Ok((length.0 / per_count.max(1)) as i32 as u32)
 }

@@ -260,7 +260,7 @@ pub fn lost(session: &mut Session, image: &Image) -> Result<(u64, u64)> {
         let soc = session.machine.soc();
         let truth = soc.world.count();
         let away = |count: u32| i64::from(count.wrapping_sub(truth as u32) as i32).unsigned_abs();
-        let isr = away(soc.memory.sram.load(place, 4).context("the decoder's state is not in RAM")?);
+        let isr = away(soc.memory.ram(place).load(place, 4).context("the decoder's state is not in RAM")?);
         let timer = away(soc.read(TIM5_CNT, 4)?);
         least = (least.0.min(isr), least.1.min(timer));
     }

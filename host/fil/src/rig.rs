@@ -14,11 +14,15 @@ use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::gap::GapBlock;
 use edm_servo_head::head::{Change, Command, Reason, SetPoint, State, Status};
 use edm_servo_head::settings::Settings;
+use edm_servo_head::technology::Pulse;
+use edm_servo_head::units::Nanometres;
+use edm_sim::commanded::Sdo;
 use edm_sim::lockstep::{Event, Recorder, Twin};
 use edm_sim::machine::Rig;
 use edm_sim::process::{Plant, Process};
 use edm_sim::run::{Job, Observer, Outcome, Progress};
 use edm_soc::{CanReply, Frame, Region, TICK_HZ};
+use edm_technology::File;
 use std::collections::VecDeque;
 
 /// Longest start of the firmware, ticks: the first period of the PWM comes within.
@@ -107,6 +111,9 @@ pub struct Emulated {
     made: u32,
     /// Ticks that have to wait for a plan which was begun before them, and what came after them.
     held: Vec<Event>,
+    /// Plans that were late, and whether the one under way is: it is over for the ticks that wait for it, and comes behind them.
+    late: u32,
+    missed: bool,
     /// True count at the beginning of the window, where the servo task reads the encoder.
     count: i64,
     changes: VecDeque<Change>,
@@ -170,6 +177,8 @@ impl Emulated {
             monitored: 0,
             made: 0,
             held: Vec::new(),
+            late: 0,
+            missed: false,
             count: 0,
             changes: VecDeque::new(),
             came: VecDeque::new(),
@@ -322,9 +331,16 @@ impl Emulated {
             self.machine.run_until(next)?;
             made = self.places.plans(&self.machine.soc().memory)?[1];
         }
+        if self.places.late(&self.machine.soc().memory)? != self.late {
+            // The tick that it has missed comes before it, and is read next.
+            return Ok(());
+        }
         let planned = self.places.planned(&self.machine.soc().memory)?;
         let plan = self.take_plan(made, planned)?;
         let held = std::mem::take(&mut self.held);
+        if std::mem::take(&mut self.missed) {
+            return self.report(held.into_iter().chain(plan));
+        }
         self.report(plan.into_iter().chain(held))
     }
 
@@ -363,14 +379,17 @@ impl Emulated {
             self.changes.push_back(Change { tick: status.tick, from: before.state, to: status.state, reason });
         }
         self.released = input.set_point;
+        let late = self.places.late(memory)?;
+        self.missed |= std::mem::replace(&mut self.late, late) != late;
         let ended = made != self.made;
         let plan = if ended { self.take_plan(made, planned)? } else { Vec::new() };
         // What a task does is reported at its end: before this tick, if it was about one before it.
         let mut before = std::mem::take(&mut self.held);
         let mut after = Vec::new();
-        before.splice(..0, if made == status.tick { Vec::new() } else { plan.clone() });
-        if made == status.tick {
+        if made == status.tick || ended && std::mem::take(&mut self.missed) {
             after = plan;
+        } else {
+            before.splice(..0, plan);
         }
         if monitored != self.monitored {
             // The plan may have come in between.
@@ -596,8 +615,31 @@ impl Rig for Emulated {
         host::command(self, command).map_err(|e| format!("{e:#}"))
     }
 
+    fn erode_by(&mut self, table: &File, to: Nanometres) -> Result<(), String> {
+        let to = host::counts(self, to).map_err(|e| format!("{e:#}"))?;
+        edm_sim::commanded::erode_by(self, table, i64::from(to.cast_signed()))
+    }
+
+    fn row(&mut self) -> Result<Option<u8>, String> {
+        let mut read = |sub| Sdo::read(self, 0x201C, sub);
+        let (phase, row) = (read(6)?, read(5)?);
+        let pulse = Pulse { on_ns: read(15)?, off_ns: read(16)?, current_ma: read(17)?, polarity: read(18)? as u8 };
+        self.process_mut().set_generator(&pulse);
+        Ok(edm_sim::commanded::row_of(phase, row))
+    }
+
     fn limit_feed(&mut self, settings: &Settings) -> Result<(), String> {
         host::write(self, 0x2102, 9, settings.feed_max.to_bits(), 4).map_err(|e| format!("{e:#}"))
+    }
+}
+
+impl Sdo for Emulated {
+    fn write(&mut self, index: u16, sub: u8, value: u32, size: u8) -> Result<(), String> {
+        host::write(self, index, sub, value, size).map_err(|e| format!("{e:#}"))
+    }
+
+    fn read(&mut self, index: u16, sub: u8) -> Result<u32, String> {
+        host::read(self, index, sub).map_err(|e| format!("{e:#}"))
     }
 }
 

@@ -62,7 +62,7 @@ impl Rtt {
 
     fn drain(&mut self, memory: &Memory) {
         let Some(block) = self.block else { return };
-        let region = if memory.ccm.load(block, 4).is_some() { &memory.ccm } else { &memory.sram };
+        let region = memory.ram(block);
         let word = |offset| region.load(block + offset, 4);
         let (Some(buffer), Some(size), Some(write), Some(mut read)) =
             (word(BUFFER), word(SIZE), word(WRITE), word(READ))

@@ -54,7 +54,7 @@ const HELD: &str = "edm_crossing::latest::Held<edm_servo_head::head::supervise::
 const SUPERVISION: &str = "edm_servo_head::head::supervise::Config";
 const COMMAND: &str = "edm_servo_head::head::command::Command";
 /// Variants of [`Command`], and the number of fields that each has.
-const VARIANTS: [(&str, usize); 23] = [
+const VARIANTS: [(&str, usize); 27] = [
     ("Enable", 0),
     ("Disable", 0),
     ("SetHome", 1),
@@ -71,12 +71,16 @@ const VARIANTS: [(&str, usize); 23] = [
     ("Probe", 1),
     ("Carry", 1),
     ("Push", 1),
+    ("Step", 2),
+    ("Record", 0),
     ("Brake", 1),
     ("Start", 0),
     ("Guide", 0),
     ("Jump", 0),
     ("Hold", 0),
     ("Commission", 0),
+    ("Identify", 0),
+    ("Tune", 0),
     ("ResetFault", 0),
 ];
 
@@ -120,6 +124,7 @@ pub struct Places {
     raised: (u32, u32),
     /// Ticks of the plans begun and made, and of the supervision's newest values when it was begun.
     plans: [u32; 3],
+    late: u32,
     block: u32,
     /// Limits in the planner's configuration.
     head_limits: u32,
@@ -295,6 +300,7 @@ impl Places {
                 velocity: estimator + layout.offset(ESTIMATOR, "now")?,
             },
             raised: (raised + layout.offset(RAISED, "__0")?, raised + layout.offset(RAISED, "__1")?),
+            late: followed("late")?,
             plans: [
                 plan + layout.offset(PLANS, "begun")?,
                 plan + layout.offset(PLANS, "made")?,
@@ -330,7 +336,7 @@ impl Places {
     /// # Errors
     /// When it lies outside the memory.
     pub fn reading(&self, memory: &Memory) -> Result<u32> {
-        View { region: &memory.sram, at: self.reading }.word(0)
+        View::new(memory, self.reading).word(0)
     }
 
     /// What the planner knew after its newest plan, but for the back-EMF estimate.
@@ -338,7 +344,7 @@ impl Places {
     /// # Errors
     /// When what is there cannot be a status.
     pub fn planned(&self, memory: &Memory) -> Result<Status> {
-        status(&View { region: &memory.sram, at: self.status })
+        status(&View::new(memory, self.status))
     }
 
     /// Writes over it what the follower knows after its newest tick.
@@ -346,7 +352,7 @@ impl Places {
     /// # Errors
     /// When there is no memory.
     pub fn followed(&self, memory: &Memory, status: &mut Status) -> Result<()> {
-        let at = |at| View { region: &memory.sram, at };
+        let at = |at| View::new(memory, at);
         let places = &self.followed;
         status.tick = at(places.tick).word(0)?;
         status.path = Fixed(at(places.path).long(0)?);
@@ -365,8 +371,16 @@ impl Places {
     /// # Errors
     /// When there is no memory.
     pub fn plans(&self, memory: &Memory) -> Result<[u32; 3]> {
-        let [begun, made, monitored] = self.plans.map(|at| View { region: &memory.sram, at }.word(0));
+        let [begun, made, monitored] = self.plans.map(|at| View::new(memory, at).word(0));
         Ok([begun?, made?, monitored?])
+    }
+
+    /// Plans that were not there when they were due, since power-up.
+    ///
+    /// # Errors
+    /// When there is no memory.
+    pub fn late(&self, memory: &Memory) -> Result<u32> {
+        View::new(memory, self.late).word(0)
     }
 
     /// Both counters, as the servo task has read them last.
@@ -374,7 +388,7 @@ impl Places {
     /// # Errors
     /// When there is no memory.
     pub fn counters(&self, memory: &Memory) -> Result<Counters> {
-        counters(&View { region: &memory.sram, at: self.counters })
+        counters(&View::new(memory, self.counters))
     }
 
     /// What the tasks run.
@@ -382,7 +396,7 @@ impl Places {
     /// # Errors
     /// When there is no memory.
     pub fn runs(&self, memory: &Memory) -> Result<Runs> {
-        let at = |at| View { region: &memory.sram, at };
+        let at = |at| View::new(memory, at);
         let (slot, behind) = self.limits;
         let slot = at(slot).word(0)?;
         Ok(Runs {
@@ -398,7 +412,7 @@ impl Places {
     /// When there is no memory.
     pub fn settings_in_use(&self, memory: &Memory) -> Result<[(&'static str, u32, u32); 4]> {
         let (slot, behind) = self.limits;
-        let slot = View { region: &memory.sram, at: slot }.word(0)?;
+        let slot = View::new(memory, slot).word(0)?;
         let limits = size_of::<SupervisionLimits>() as u32;
         Ok([
             ("servo tick", self.follower, size_of::<edm_servo_head::head::FollowConfig>() as u32),
@@ -413,7 +427,7 @@ impl Places {
     /// # Errors
     /// When there is no memory.
     pub fn pulses(&self, memory: &Memory) -> Result<Pulses> {
-        let at = |at| View { region: &memory.sram, at };
+        let at = |at| View::new(memory, at);
         let mut shares = [0; CLASSES];
         for (i, share) in shares.iter_mut().enumerate() {
             *share = at(self.shares).half(2 * i)?;
@@ -426,7 +440,7 @@ impl Places {
     /// # Errors
     /// When there is no memory.
     pub fn monitored(&self, memory: &Memory) -> Result<u32> {
-        View { region: &memory.sram, at: self.monitored }.word(0)
+        View::new(memory, self.monitored).word(0)
     }
 
     /// Whether idle changes the flash.
@@ -434,7 +448,7 @@ impl Places {
     /// # Errors
     /// When there is no memory.
     pub fn write_permitted(&self, memory: &Memory) -> Result<bool> {
-        View { region: &memory.sram, at: self.write_permitted }.flag(0)
+        View::new(memory, self.write_permitted).flag(0)
     }
 
     /// What the newest tick saw.
@@ -442,7 +456,7 @@ impl Places {
     /// # Errors
     /// When what is there cannot be an input.
     pub fn input(&self, memory: &Memory) -> Result<TickInput> {
-        input(&View { region: &memory.sram, at: self.input })
+        input(&View::new(memory, self.input))
     }
 
     /// The fault that the protocol raised with the plan on the estimate of tick `tick`.
@@ -450,7 +464,7 @@ impl Places {
     /// # Errors
     /// When what is there cannot be a fault.
     pub fn raised(&self, memory: &Memory, tick: u32) -> Result<Option<Fault>> {
-        let at = |at| View { region: &memory.sram, at };
+        let at = |at| View::new(memory, at);
         let (fault, raised) = self.raised;
         let fault = at(fault).byte(0)?;
         let fault = *Fault::ALL.get(fault).context("a fault that is none")?;
@@ -462,7 +476,7 @@ impl Places {
     /// # Errors
     /// When what is there cannot be commands.
     pub fn commands(&self, memory: &Memory, tick: u32) -> Result<Vec<Command>> {
-        let at = |at| View { region: &memory.sram, at };
+        let at = |at| View::new(memory, at);
         let (commands, count, executed) = self.executed;
         if at(executed).word(0)? != tick {
             return Ok(Vec::new());
@@ -505,6 +519,8 @@ impl Places {
                 1 => Carry::AsAsked,
                 _ => Carry::Refused,
             }),
+            "Record" => Command::Record,
+            "Step" => Command::Step(nm()?, Nanometres(view.long(second)?)),
             "Follow" => Command::Follow(nm()?, view.word(second)?),
             "Home" => {
                 let home = view.inner(first);
@@ -536,6 +552,8 @@ impl Places {
             "Guide" => Command::Guide,
             "Hold" => Command::Hold,
             "Commission" => Command::Commission,
+            "Identify" => Command::Identify,
+            "Tune" => Command::Tune,
             _ => Command::ResetFault,
         })
     }
@@ -545,7 +563,7 @@ impl Places {
     /// # Errors
     /// When there is no memory.
     pub fn block(&self, memory: &Memory) -> Result<Option<GapBlock>> {
-        let block = View { region: &memory.sram, at: self.block };
+        let block = View::new(memory, self.block);
         // That there is none is said by a flag that is neither.
         const { assert!(size_of::<Option<GapBlock>>() == size_of::<GapBlock>()) };
         let flags = [at!(GapBlock, gate_was_open), at!(GapBlock, was_high)];
@@ -573,11 +591,14 @@ struct View<'a> {
     at: u32,
 }
 
-impl View<'_> {
+impl<'a> View<'a> {
+    fn new(memory: &'a Memory, at: u32) -> View<'a> {
+        View { region: memory.ram(at), at }
+    }
     fn load(&self, offset: usize, size: usize) -> Result<u32> {
         self.region.load(self.at + offset as u32, size).context("the firmware's data lie outside of memory")
     }
-    fn inner(&self, offset: usize) -> View<'_> {
+    fn inner(&self, offset: usize) -> View<'a> {
         View { region: self.region, at: self.at + offset as u32 }
     }
     fn word(&self, offset: usize) -> Result<u32> {

@@ -162,6 +162,13 @@ impl Session {
         Ok(())
     }
 
+    /// The machine was put back to this time.
+    pub fn go_back(&mut self, now: u64) {
+        (self.now, self.taken) = (now, self.machine.soc().world.frames.len());
+        self.log.clear();
+        self.rtt.forget();
+    }
+
     /// Present time, ticks of the chip.
     pub fn now(&self) -> u64 {
         self.now

@@ -168,7 +168,9 @@ impl Rig {
         let [a, b, index] = ENCODER;
         let low = CONTACTS.into_iter().chain([a, b, index]).chain(GATE).chain(COMPARATORS);
         low.for_each(|pin| rig.level(0, pin, false));
-        rig.level(0, BRIDGE_FAULT, true);
+        for pin in STEPS.into_iter().chain([BRIDGE_FAULT]) {
+            rig.level(0, pin, true);
+        }
         rig
     }
 

@@ -26,6 +26,10 @@ pub const ARM: Pin = pin("arm");
 pub const ARMED: Pin = pin("armed");
 /// Encoder lines A, B and index.
 pub const ENCODER: [Pin; 3] = [pin("encoder_a"), pin("encoder_b"), pin("encoder_index")];
+/// Lets a host step.
+pub const STEP_READY: Pin = pin("step_ready");
+/// Steps of a host, and their direction.
+pub const STEPS: [Pin; 2] = [pin("step"), pin("step_direction")];
 /// The generator's gate, at both its pins.
 pub const GATE: [Pin; 2] = [pin("gate"), pin("gate_start")];
 /// Comparators of the gap voltage: high, low.

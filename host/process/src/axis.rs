@@ -118,6 +118,7 @@ impl Axis {
     }
 
     /// One step.
+    #[inline]
     pub fn step(&mut self, winding: Winding, load: &Load) {
         let p = &self.p;
         let dt = self.step_s;

@@ -225,10 +225,14 @@ struct Rise {
 }
 
 impl Rise {
-    /// From an origin with a time constant. Nothing counts below this share of the end, from 0 to below 1.
-    fn new(origin: f64, us: f64, burns: f64) -> Rise {
-        let idle = if burns > 0.0 { us * Rise::integral(exponents(burns)).0 } else { 0.0 };
-        Rise { origin, us, per_us: 1.0 / us, idle }
+    /// From an origin with a time constant, of which the first `idle` do not count.
+    fn new(origin: f64, us: f64, idle: f64) -> Rise {
+        Rise { origin, us, per_us: 1.0 / us, idle: us * idle }
+    }
+
+    /// Time constants that do not count where nothing counts below this share of the end, from 0 to below 1.
+    fn idle(burns: f64) -> f64 {
+        if burns > 0.0 { Rise::integral(exponents(burns)).0 } else { 0.0 }
     }
 
     /// Time that has counted so many time constants after the origin, in time constants, and the cube of the voltage: the
@@ -333,8 +337,8 @@ pub struct Generator {
     phase: Phase,
     gate: (f64, f64),
     rise: Rise,
-    /// Share of the open-circuit voltage below which nothing ignites.
-    burns_from: f64,
+    /// See [`Rise::idle`]: of the share of the open-circuit voltage below which nothing ignites.
+    idle: f64,
     now: Stretch,
     last: Option<Last>,
     /// When the last discharge ended.
@@ -354,14 +358,14 @@ pub struct Generator {
 impl Generator {
     /// Gate off.
     pub fn new(p: &Parameters, seed: u64) -> Generator {
-        let burns_from = p.ignites_above * p.burn_v / p.open_v;
+        let idle = Rise::idle(p.ignites_above * p.burn_v / p.open_v);
         Generator {
             p: *p,
             capacitor: Capacitor::new(p),
             phase: Phase::Off { due: 0.0 },
             gate: (0.0, 0.0),
-            rise: Rise::new(0.0, p.cable_us, burns_from),
-            burns_from,
+            rise: Rise::new(0.0, p.cable_us, idle),
+            idle,
             now: Stretch {
                 volts: Edge { us: p.cable_us, ..Edge::default() },
                 amps: Edge { us: p.cable_us, ..Edge::default() },
@@ -378,6 +382,16 @@ impl Generator {
             arcs: Stream::new(Cause::Arc, seed),
             burns: Stream::new(Cause::Burn, seed),
         }
+    }
+
+    /// What it is set to.
+    pub(crate) fn parameters(&self) -> &Parameters {
+        &self.p
+    }
+
+    /// It is set anew, from the next pulse on.
+    pub(crate) fn set(&mut self, p: &Parameters) {
+        self.p = *p;
     }
 
     /// Chance ignition only.
@@ -515,7 +529,7 @@ impl Generator {
             }
         }
         self.rise =
-            if rise == self.rise.us { Rise { origin, ..self.rise } } else { Rise::new(origin, rise, self.burns_from) };
+            if rise == self.rise.us { Rise { origin, ..self.rise } } else { Rise::new(origin, rise, self.idle) };
         let counted = if origin < now { self.rise.counted(now) } else { 0.0 };
         self.phase = Phase::Waiting { draw: self.ignition.unit(), spent: 0.0, counted };
         self.show(now, open, rise, 0.0, wires);
@@ -652,7 +666,7 @@ mod tests {
     fn time_counts_with_the_cube_of_a_rising_voltage() {
         // From the beginning, and from 40 % of the end on.
         for burns in [0.0, 0.4] {
-            let rise = Rise::new(100.0, 3.0, burns);
+            let rise = Rise::new(100.0, 3.0, Rise::idle(burns));
             let (mut sum, mut last) = (0.0, 0.0);
             const STEP_US: f64 = 0.001;
             for k in 0..150_000 {

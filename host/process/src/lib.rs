@@ -44,6 +44,19 @@ pub struct Process {
     step_us: f64,
 }
 
+/// What of a generator is set anew.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Setting {
+    /// On-time, us.
+    pub on_us: Option<f64>,
+    /// Off-time, us.
+    pub off_us: Option<f64>,
+    /// Current of a spark, A.
+    pub amps: Option<f64>,
+    /// The electrode is negative.
+    pub negative: Option<bool>,
+}
+
 /// What really is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Truth {
@@ -89,6 +102,26 @@ impl Process {
             look_us: p.step_us,
             step_us: p.step_us,
         })
+    }
+
+    /// Sets a transistor generator anew while the process runs: what is given of on-time and off-time, us, current of a spark, A, and
+    /// whether the electrode is negative. Best between pulses: one under way ends by its old times at the old power.
+    ///
+    /// # Errors
+    /// What does not fit, and the generator stays as it is; one with a capacitor has other settings.
+    pub fn set_generator(&mut self, set: &Setting) -> Result<(), Refused> {
+        let mut p = *self.generator.parameters();
+        if !matches!(p.kind, Kind::IsoFrequency | Kind::IsoEnergy) {
+            return Err(Refused::Conflict("only a transistor generator can be set while the process runs"));
+        }
+        p.on_us = set.on_us.unwrap_or(p.on_us);
+        p.off_us = set.off_us.unwrap_or(p.off_us);
+        p.burn_ohm = set.amps.map_or(p.burn_ohm, |amps| (p.open_v - p.burn_v) / amps);
+        p.negative = set.negative.map_or(p.negative, |negative| if negative { 1.0 } else { 0.0 });
+        p.check()?;
+        self.generator.set(&p);
+        self.gap.set(&p);
+        Ok(())
     }
 
     /// Holds the debris at `dirt`, without erosion, arcs, bridges and slow disturbance: chance ignition alone.

@@ -1,6 +1,7 @@
 //! The image of a board, built in one way for `cargo firmware`, every flash command, the modelled chip and its tests.
 
-use crate::seal_file;
+use crate::{replace, seal_file, update};
+use edm_hal_shim::board::BOARDS;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -17,27 +18,61 @@ pub fn cargo() -> Command {
     Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
 }
 
-/// Builds and seals the firmware for a board, named by its feature, and says where it is.
+/// Builds and seals the firmware for a board, named by its feature, and says where it is. Beside it is the update of the same
+/// image, with the ending `.update`.
 ///
 /// # Errors
 /// It does not build, or it cannot be sealed.
 pub fn build(root: &Path, feature: &str) -> Result<PathBuf, String> {
+    let program = ["-p", "edm-firmware", "--bin", "edm-servo-head", "--no-default-features", "--features", feature];
+    let linked = compile(root, &program, "edm-servo-head")?;
+    let folder = target(root).join("firmware");
+    let elf = folder.join(format!("edm-servo-head-{feature}.elf"));
+    std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    seal_file(&linked, &loader(root)?, &elf)?;
+    let table = BOARDS.iter().find(|(name, _)| *name == feature).map(|(_, table)| table);
+    let board = table.ok_or_else(|| format!("no board has the feature {feature}"))?.chip();
+    let file = std::fs::read(&elf).map_err(|e| format!("{}: {e}", elf.display()))?;
+    let update = update::make(&file, board, version(), commit(root))?;
+    let path = elf.with_extension("update");
+    replace(&path, &update)?;
+    Ok(elf)
+}
+
+/// Builds the boot loader, the same for each board, and says where its ELF file is.
+///
+/// # Errors
+/// It does not build.
+pub fn loader(root: &Path) -> Result<PathBuf, String> {
+    compile(root, &["-p", "edm-boot", "--bin", "edm-boot-loader"], "edm-boot-loader")
+}
+
+fn compile(root: &Path, arguments: &[&str], name: &str) -> Result<PathBuf, String> {
     let status = cargo()
         .current_dir(root)
-        .args(["build", "--profile", "firmware", "-p", "edm-firmware", "--bin", "edm-servo-head", "--target", TARGET])
-        .args(["--no-default-features", "--features", feature])
+        .args(["build", "--profile", "firmware", "--target", TARGET])
+        .args(arguments)
         .args(["--config", &same_everywhere(&libraries()?)])
         .status()
         .map_err(|e| format!("cargo: {e}"))?;
     if !status.success() {
-        return Err(format!("the firmware does not build with {feature}"));
+        return Err(format!("{name} does not build: {}", arguments.join(" ")));
     }
-    let target = target(root);
-    let folder = target.join("firmware");
-    let elf = folder.join(format!("edm-servo-head-{feature}.elf"));
-    std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    seal_file(&target.join(TARGET).join("firmware/edm-servo-head"), &elf)?;
-    Ok(elf)
+    Ok(target(root).join(TARGET).join("firmware").join(name))
+}
+
+/// Version of this project: major in the high half, minor in the low half.
+fn version() -> u32 {
+    let part = |text: &str| text.parse::<u32>().unwrap_or(0);
+    part(env!("CARGO_PKG_VERSION_MAJOR")) << 16 | part(env!("CARGO_PKG_VERSION_MINOR"))
+}
+
+/// The commit, as firmware/build.rs has it; 0: unknown.
+fn commit(root: &Path) -> u32 {
+    let output = Command::new("git").current_dir(root).args(["rev-parse", "--short=8", "HEAD"]).output();
+    let text = output.ok().filter(|output| output.status.success()).map(|output| output.stdout).unwrap_or_default();
+    let text = String::from_utf8_lossy(&text);
+    text.get(..8).and_then(|digits| u32::from_str_radix(digits, 16).ok()).unwrap_or(0)
 }
 
 /// Where cargo keeps the sources of the libraries.

@@ -4,6 +4,7 @@
 //! Nothing in them moves by itself; the caller of the tasks ([`crate::machine`]) fills the ports before, and reads them
 //! afterwards.
 
+use crate::battery::Battery;
 use crate::store::Store;
 use edm_bus::Frame;
 use edm_hal_shim::bridge::{Drive, HBridge};
@@ -19,6 +20,7 @@ use edm_hal_shim::reflex::{Config, ForcedLines, PulseCounts, Thresholds};
 use edm_hal_shim::safety::{DriveCodes, DriveSense, Safety, SafetyInputs};
 use edm_hal_shim::self_test::Registers;
 use edm_hal_shim::self_test::SelfTest;
+use edm_hal_shim::steps::{Account, Counted, Found, Polarity, Ring, STAMPS, StepInput};
 use edm_hal_shim::tick::{Period, ServoTimer};
 use edm_hal_shim::watchdog::{Stuck, Watchdog};
 use edm_runtime::Note;
@@ -31,6 +33,7 @@ use edm_servo_head::units::{CLOCK_HZ, FRACTION_BITS, Fixed, Volts};
 use embedded_can::Frame as _;
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
+use std::sync::atomic::AtomicU32;
 
 /// The dry loop of \[R\]: position, noise and imagined erosion instead of a gap signal.
 pub struct Dry {
@@ -95,6 +98,14 @@ pub struct Ports {
     pub position: Cell<i64>,
     /// Instead of the gap signal.
     pub dry: RefCell<Option<Dry>>,
+    /// The line that lets a host step.
+    pub takes_steps: Cell<bool>,
+    /// What the timer of the steps has counted, its stamps, and how far they are taken.
+    pub steps: Cell<Counted>,
+    /// See `steps`.
+    pub stamps: Stamps,
+    /// See `steps`.
+    stepped: Cell<Option<Account>>,
     /// A period of the supervision has begun.
     pub period: Cell<bool>,
     /// Frames that came: SYNC, everything else.
@@ -121,6 +132,15 @@ pub struct Ports {
     pub notes: RefCell<Vec<Note>>,
     /// A task that has fallen silent.
     pub silent: Cell<Option<usize>>,
+}
+
+/// Stamps of a change of direction.
+pub struct Stamps(pub Ring);
+
+impl Default for Stamps {
+    fn default() -> Stamps {
+        Stamps([const { AtomicU32::new(0) }; STAMPS])
+    }
 }
 
 /// Number of the protocol in [`Ports::wants`].
@@ -190,6 +210,7 @@ impl Board for Pc {
     type Generator = Part;
     type Inputs = Part;
     type Drive = Part;
+    type Steps = Part;
     type Registers = Part;
     type Forced = Part;
     type Live = Part;
@@ -202,6 +223,8 @@ impl Board for Pc {
     type Filters = Part;
     type Watchdog = Part;
     type Storage = Store;
+    type Backup = Battery;
+    type Stage = crate::stage::Memory;
     type Caller = Part;
 }
 
@@ -251,7 +274,9 @@ impl EncoderTimer for Part {
 
 impl GapFrontEnd for Part {
     fn block(&mut self, block: &mut Option<GapBlock>) {
-        *block = self.0.block.take();
+        // Not `take`, which copies it twice.
+        *block = self.0.block.get();
+        self.0.block.set(None);
     }
 }
 
@@ -334,6 +359,16 @@ impl DriveSense for Part {
 
     fn stands(&mut self) -> bool {
         self.0.drive_stands.get()
+    }
+}
+
+impl StepInput for Part {
+    fn read(&mut self, polarity: Polarity, run: impl FnMut(i32)) -> Found {
+        let Ports { steps, stamps, stepped, .. } = self.0;
+        let mut account = stepped.get().unwrap_or_else(|| Account::new(steps.get(), &stamps.0));
+        let found = account.read(steps.get(), &stamps.0, polarity, run);
+        stepped.set(Some(account));
+        found
     }
 }
 
@@ -496,6 +531,9 @@ impl Caller for Part {
     fn light(&self, _: bool) {}
 
     fn ask(&self, _: bool) {}
+    fn takes_steps(&self, takes: bool) {
+        self.0.takes_steps.set(takes);
+    }
     fn pulse(&self) -> Pulse {
         Pulse::default()
     }

@@ -2,14 +2,15 @@
 
 use crate::coarse::Coarse;
 use crate::machine::{Machine, Rig};
-use crate::process::{Process, Truth};
-use crate::run::{FaultEvent, Job, Observer, Outcome, Progress, Sample};
+use crate::process::{Process, Pulses, Truth};
+use crate::run::{FaultEvent, Job, Observer, Outcome, Progress, RowOutcome, Sample};
 use edm_gcode::Program;
 use edm_servo_head::gap::{GapSource, Voltage};
 use edm_servo_head::head::{Command, Reason, SeenBy, State, Structure};
 use edm_servo_head::path::{AHEAD, Piece, Shape};
 use edm_servo_head::settings::{SettingError, Settings};
 use edm_servo_head::units::{Fixed, Nanometres, TICK_HZ};
+use edm_technology::File;
 use std::ops::RangeInclusive;
 
 pub use crate::run::Setup;
@@ -53,6 +54,19 @@ pub fn depth_range_mm(setup: &Setup) -> RangeInclusive<f64> {
     // In whole micrometres, so that the limit reads as a person would write it.
     let whole = |mm: f64| (mm * 1000.0).floor() / 1000.0;
     0.001..=whole(f64::from(lowest) - f64::from(p.base.surface) + 1e-6)
+}
+
+/// Checks a technology table against machine and settings.
+///
+/// # Errors
+/// Row and setting, and what is allowed.
+pub fn table(setup: &Setup, depth_mm: f64, table: File) -> Result<File, String> {
+    table.check(&setup.head)?;
+    let first = table.rows.first().map_or(0.0, |row| row.leaves_um);
+    if depth_mm * 1e3 - first < 1.0 {
+        return Err(format!("leaves {first} um in its first row, which is not less than the depth of {depth_mm} mm"));
+    }
+    Ok(table)
 }
 
 /// Checks a path against the machine.
@@ -108,12 +122,15 @@ pub fn run(
     let home = machine.true_count();
     let home_um = home as f64 * f64::from(setup.process.base.count);
     let nm = |depth_um: f64| ((first_surface_um + depth_um - home_um) * 1e3).round() as i64;
+    let surface = Fixed::whole(nm(0.0)).0 / 1000;
     machine.command(Command::SetHome(Nanometres(0)))?;
     machine.command(Command::Enable)?;
     // Pieces that wait until there is room for them.
     let pieces = || job.path.iter().flat_map(|path| &path.moves).map(|one| one.piece);
     let mut waiting = pieces();
+    let mut rows = Rows::default();
     match pieces().next() {
+        None if job.table.is_some() => {}
         None => machine.command(Command::MoveTo(Nanometres(nm(job.depth_mm * 1e3))))?,
         // Such a program is begun beside the work.
         Some(Piece { shape: Shape::Line, to: [..0, _, _], .. }) => {}
@@ -122,7 +139,10 @@ pub fn run(
     for piece in waiting.by_ref().take(AHEAD / 2) {
         machine.command(Command::AppendTo(below(piece, nm(0.0))))?;
     }
-    machine.command(Command::Start)?;
+    match &job.table {
+        Some(table) => machine.erode_by(table, Nanometres(nm(job.depth_mm * 1e3)))?,
+        None => machine.command(Command::Start)?,
+    }
     // What the program allows where the head is, um/s.
     let mut allowed = None;
 
@@ -152,7 +172,20 @@ pub fn run(
         let sample = sample(machine, &truth, home_um);
         observer.sample(&sample);
         let state = machine.status().state;
-        let surface = Fixed::whole(nm(0.0)).0 / 1000;
+        if let Some(table) = &job.table {
+            // A row begins with a seek, and a head that is done may have more of them.
+            if state != rows.state
+                && matches!(state, State::Seeking | State::Retreating)
+                && rows.state != State::Retreating
+                || state == State::Done
+            {
+                rows.now = machine.row()?;
+            }
+            rows.state = state;
+            let depth_um =
+                machine.status().position as f64 * f64::from(setup.head.encoder_count) - nm(0.0) as f64 * 1e-3;
+            rows.take(table, job.depth_mm, &setup.head, &sample, depth_um, machine.process().crater_um());
+        }
         let feed = job.path.as_ref().and_then(|path| path.feed(Fixed(machine.status().path.0 - surface)));
         if feed != allowed && state == State::Eroding {
             allowed = feed;
@@ -189,7 +222,7 @@ pub fn run(
             progress(&Progress { sim_time_s: sample.t_s, done_mm: done_um * 1e-3, state: sample.state });
         }
         let over = fault_tick.is_some_and(|from| tick - from >= AFTERMATH);
-        if state == State::Done || over || tick >= limit {
+        if state == State::Done && rows.now.is_none() || over || tick >= limit {
             break state;
         }
     };
@@ -235,6 +268,7 @@ pub fn run(
         cramped,
         inches: coarse.moves(),
         carried_mm: coarse.place_um() * 1e-3,
+        rows: rows.all,
         faults,
     })
 }
@@ -272,6 +306,58 @@ fn sample(machine: &impl Rig, truth: &Truth, home_um: f64) -> Sample {
         pulses: truth.pulses,
         counts: status.gap.pulses,
         senses: status.senses,
+    }
+}
+
+/// Rows of a table as they run.
+#[derive(Default)]
+struct Rows {
+    state: State,
+    /// The one under way, from 1.
+    now: Option<u8>,
+    all: Vec<RowOutcome>,
+    number: u8,
+    /// Pulses before the newest, ticks of it in erosion.
+    before: Pulses,
+    eroding: f64,
+}
+
+impl Rows {
+    /// Takes a tick: its sample, and how deep the head is, um.
+    fn take(
+        &mut self,
+        table: &File,
+        target_mm: f64,
+        head: &Settings,
+        sample: &Sample,
+        depth_um: f64,
+        crater_um: Option<f64>,
+    ) {
+        if let Some(number) = self.now.filter(|number| *number != self.number) {
+            let row = usize::from(number).checked_sub(1).and_then(|at| table.rows.get(at));
+            let name = row.map_or(String::new(), |row| row.name.clone());
+            self.all.push(RowOutcome { name, from_s: sample.t_s, ..RowOutcome::default() });
+            (self.number, self.before, self.eroding) = (number, sample.pulses, 0.0);
+        }
+        let (Some(newest), Some(row)) =
+            (self.all.last_mut(), usize::from(self.number).checked_sub(1).and_then(|at| table.rows.get(at)))
+        else {
+            return;
+        };
+        newest.to_s = sample.t_s;
+        (newest.depth_mm, newest.crater_um) = (depth_um * 1e-3, crater_um);
+        let ends_um = target_mm * 1e3 - row.leaves_um;
+        newest.off_counts = ((depth_um - ends_um) / f64::from(head.encoder_count)).round() as i64;
+        let pulses = sample.pulses.since(&self.before);
+        let share = |pulses: u64, all: u64| pulses as f64 / all.max(1) as f64;
+        newest.spark_ratio = share(pulses.spark, pulses.total());
+        newest.arc_ratio = share(pulses.arc, pulses.total());
+        if sample.state == State::Eroding.name() {
+            self.eroding += 1.0;
+            newest.eroding_s += 1.0 / f64::from(TICK_HZ);
+            newest.gap_um += (sample.gap_um - newest.gap_um) / self.eroding;
+            newest.gap_v += (f64::from(sample.filtered_v) - newest.gap_v) / self.eroding;
+        }
     }
 }
 

@@ -39,6 +39,10 @@ declare! {
         carried: f32 = 0.0, (-1000.0, 1000.0), "coarse.carried_mm", "mm", "the head takes no notice before its host says so (2014h)";
         /// Force of a hand on the head, positive toward the work.
         hand: f32 = 0.0, (-50.0, 50.0), "hand.force_n", "N", "a disabled head moves and counts; a closed loop resists";
+        /// Steps at the step and direction inputs, positive toward the work.
+        steps: f32 = 0.0, (-500_000.0, 500_000.0), "step.hz", "1/s", "2016h counts them; in mode -1 the axis follows";
+        /// The host that sends these steps waits while the line *ready for steps* is low.
+        waits: bool = false, (), "step.waits", "", "no step is sent before the head takes it";
         /// The contact sense supply is off.
         sense: bool = false, (), "sense.off", "", "with pulses off nothing moves toward the work";
         /// The wire of the generator's gate is cut; pulses continue.
@@ -79,6 +83,10 @@ pub struct FaultInputs {
     pub carried_mm: f64,
     /// Force on the head, N.
     pub hand_n: f64,
+    /// Steps a second at the step input, positive toward the work.
+    pub step_hz: f64,
+    /// The host that sends them waits while the head takes none.
+    pub step_waits: bool,
     /// Share of the pulses that arc whatever the gap is like.
     pub arcs: f64,
 }
@@ -191,6 +199,7 @@ impl Wires {
             (self.start, to.start, &mut fault_inputs.start_lost),
             (self.disobeys, to.disobeys, &mut fault_inputs.disobeys),
             (self.sense, to.sense, &mut fault_inputs.sense_off),
+            (self.waits, to.waits, &mut fault_inputs.step_waits),
         ] {
             if was != is {
                 *wire = is;
@@ -198,6 +207,9 @@ impl Wires {
         }
         if self.hand != to.hand {
             fault_inputs.hand_n = to.hand.into();
+        }
+        if self.steps != to.steps {
+            fault_inputs.step_hz = to.steps.into();
         }
         if self.arcs != to.arcs {
             fault_inputs.arcs = f64::from(to.arcs) * 0.01;

@@ -50,6 +50,7 @@ impl Inputs {
             setup,
             depth_mm,
             path: None,
+            table: None,
             seed: self.seed,
             surrogate: self.surrogate,
             coarse_error_um: self.coarse_error_um,

@@ -7,6 +7,7 @@
 //! | [`machine`] | the closed loop, tick by tick |
 //! | [`lockstep`] | the native core with the inputs of the chip, live or from a recording |
 //! | [`bore`](mod@bore) | a hole, from rest to depth or to a stop |
+//! | [`commanded`] | the same on a head that is commanded over its bus, by a technology table |
 //! | [`run`] | data between the command line and the machine |
 //! | [`events`] | faults of the machine, and when they happen |
 //! | [`faults`] | fault campaigns: faults injected, and the reactions of the head |
@@ -35,17 +36,20 @@
 //!
 //! Imports between rooms form no circle: `tests/imports.rs` reads the sources.
 
+pub mod battery;
 pub mod bench;
 pub mod board;
 pub mod bore;
 pub mod cli;
 pub mod coarse;
+pub mod commanded;
 pub mod compare;
 pub mod contact;
 pub mod events;
 pub mod faults;
 pub mod gap_report;
 pub mod inputs;
+pub mod kinds;
 pub mod lockstep;
 pub mod machine;
 pub mod millisecond;
@@ -65,6 +69,7 @@ pub mod schedule;
 pub mod search;
 pub mod serve;
 pub mod soak;
+pub mod stage;
 pub mod statistics;
 pub mod store;
 pub mod sweep;

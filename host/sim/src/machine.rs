@@ -8,6 +8,7 @@
 use crate::board::{Dry, PLAN, Part, Pc, Ports, Source};
 use crate::process::{Plant, Process, Pulses, Sensors};
 use edm_hal_shim::encoder::Line;
+use edm_hal_shim::steps::STAMPS;
 use edm_runtime::assemble::{Host, IdleEnds};
 use edm_runtime::can::{Receive, Transmit};
 use edm_runtime::crossings::{Answer, HeadConfig, PROTOCOL, Request};
@@ -19,10 +20,15 @@ use edm_runtime::supervise::Supervise;
 use edm_runtime::{Crossings, HostEnds, Parts, Signals, Tasks, assemble};
 use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::{Surrogate, SurrogateConfig, Voltage};
-use edm_servo_head::head::{Change, Command, Fault, Finding, Refused, Report, Status, SupervisionConfig, TickInput};
+use edm_servo_head::head::{
+    Change, Command, Evidence, Fault, Finding, Refused, Report, Status, SupervisionConfig, TickInput,
+};
 use edm_servo_head::path::Path;
+use edm_servo_head::scope::Memory;
 use edm_servo_head::settings::{Active, SettingError, Settings};
-use edm_servo_head::units::{CLOCK_HZ, Fixed, MicrometresPerSecond, PLAN_TICKS, TICKS_PER_MS, Volts};
+use edm_servo_head::units::{CLOCK_HZ, Fixed, MicrometresPerSecond, Nanometres, PLAN_TICKS, TICKS_PER_MS, Volts};
+use edm_technology::File;
+use std::sync::atomic::Ordering::Relaxed;
 
 /// Gap that counts as right in the dry loop, um.
 const DRY_GAP_UM: f64 = 40.0;
@@ -52,6 +58,20 @@ pub trait Rig {
     /// # Errors
     /// When they are refused.
     fn limit_feed(&mut self, settings: &Settings) -> Result<(), String>;
+    /// Has the head make a hole of this depth row after row of a table, by itself. Ticks may pass.
+    ///
+    /// # Errors
+    /// When it is refused, or the rig has no drive that could.
+    fn erode_by(&mut self, _table: &File, _to: Nanometres) -> Result<(), String> {
+        Err("a table of technology needs a head that is commanded over its bus".into())
+    }
+    /// Row of the table under way, from 1. Ticks may pass.
+    ///
+    /// # Errors
+    /// When the head does not answer.
+    fn row(&mut self) -> Result<Option<u8>, String> {
+        Ok(None)
+    }
     /// Has a coarse axis carry the head to so many mm from where it was.
     fn carry(&mut self, mm: f64);
     /// The true count at the moment that the position of the status is of.
@@ -164,9 +184,11 @@ impl Core {
             live: part,
             tick: part,
             millisecond: part,
+            steps: part,
             thresholds: part,
             can: Some((part, part, part)),
             sync: part,
+            scope: Memory::leak(),
         };
         let Ok(tasks) = assemble(parts, crossings, signals, active, path);
         let Tasks { decoder, gap, servo, plan, supervise, receive, transmit, host, idle } = tasks;
@@ -250,6 +272,7 @@ impl Core {
 /// Advances the process by a period under the outputs of the head.
 pub(crate) fn go_on<'a>(ports: &Ports, process: &'a mut Process) -> &'a Sensors {
     process.off_time_ns = ports.off_time_ns.get();
+    process.steps.ready = ports.takes_steps.get();
     process.pauses_us = ports.holds().map(|cycles| f64::from(cycles) * 1e6 / f64::from(CLOCK_HZ));
     if let Some(thresholds) = ports.thresholds.get() {
         process.look_after(thresholds.tau_ns);
@@ -267,6 +290,14 @@ pub(crate) fn show(ports: &Ports, process: &Process) {
     ports.safety.set(sensors.safety);
     ports.codes.set(sensors.drive);
     ports.pulse_counts.set(sensors.pulses);
+    let (counted, ring) = process.steps.counted();
+    let mut number = ports.steps.get().stamps;
+    while number != counted.stamps {
+        let place = number as usize % STAMPS;
+        ports.stamps.0[place].store(ring[place], Relaxed);
+        number = (number + 1) % STAMPS as u32;
+    }
+    ports.steps.set(counted);
 }
 
 /// Head, process and the wires between them; the owner commands the head.
@@ -325,6 +356,7 @@ impl Machine {
         }
         self.core.reports();
         self.core.tick(&mut self.process);
+        self.core.ports.takes_steps.set(self.core.status().takes_steps);
     }
 
     /// What the head knows after the last tick.
@@ -335,6 +367,11 @@ impl Machine {
     /// What the head saw in the last tick.
     pub fn input(&self) -> &TickInput {
         self.core.input()
+    }
+
+    /// What the plan task has counted of a host's steps, as the drive takes it.
+    pub fn steps(&self) -> [u32; 3] {
+        self.core.signals.steps.each_ref().map(edm_crossing::atomic::Word::load)
     }
 
     /// Whether the generator may pulse after the last tick.
@@ -355,6 +392,11 @@ impl Machine {
     /// Oldest result of commissioning not read yet.
     pub fn next_check(&mut self) -> Option<Result<Report, Finding>> {
         self.ends.commissioned.receive()
+    }
+
+    /// What the head has shown that measures itself, oldest first.
+    pub fn next_evidence(&mut self) -> Option<Evidence> {
+        self.ends.evidence.receive()
     }
 
     /// Lets the head carry out a command with its next plan, which this waits for.

@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    edm_sim::cli::main(std::env::args_os(), edm_sim::bore::bore)
+    edm_sim::cli::main(std::env::args_os(), edm_sim::commanded::bore)
 }

@@ -59,12 +59,9 @@ impl Span {
     /// Takes a tick; until the last of them the mean is a sum.
     fn add(&mut self, x: f64) {
         self.mean += x;
-        if x < self.min {
-            self.min = x;
-        }
-        if x > self.max {
-            self.max = x;
-        }
+        // Without a branch: noise takes one in five of them the other way.
+        self.min = if x < self.min { x } else { self.min };
+        self.max = if x > self.max { x } else { self.max };
     }
 }
 
@@ -146,23 +143,19 @@ impl Millisecond {
         let filtered = f64::from(sample.filtered_v);
         self.phase = self.phase.max(phase);
         self.position_um.add(sample.position_um);
-        (self.beside_um, self.surface_um) = (sample.beside_um, sample.surface_um);
         self.gap_um.add(sample.gap_um);
         self.gap_v.add(f64::from(sample.gap_v));
         self.filtered_v.add(filtered);
         self.filtered_square += filtered * filtered;
-        self.setpoint_v = f64::from(sample.setpoint_v);
         self.duty.add(f64::from(sample.duty));
         self.vibration_square += vibration * vibration;
-        (self.wear_um, self.debris, self.damage) = (sample.wear_um, sample.debris, sample.damage);
         self.contact_n = self.contact_n.max(sample.contact_n);
         self.film_n = self.film_n.max(sample.film_n.abs());
         self.velocity_square += sample.velocity_um_s * sample.velocity_um_s;
-        (self.pulses, self.counts, self.senses) = (sample.pulses, sample.counts, sample.senses);
     }
 
-    /// Makes means of the sums.
-    fn finish(mut self) -> Millisecond {
+    /// Makes means of the sums, and takes from the last tick what is of that alone.
+    fn finish(mut self, last: &Sample) -> Millisecond {
         let spans = [&mut self.position_um, &mut self.gap_um, &mut self.gap_v, &mut self.filtered_v, &mut self.duty];
         for span in spans {
             span.mean /= f64::from(TICKS_PER_MS);
@@ -170,6 +163,10 @@ impl Millisecond {
         self.filtered_square /= f64::from(TICKS_PER_MS);
         self.vibration_square /= f64::from(TICKS_PER_MS);
         self.velocity_square /= f64::from(TICKS_PER_MS);
+        (self.beside_um, self.surface_um) = (last.beside_um, last.surface_um);
+        self.setpoint_v = f64::from(last.setpoint_v);
+        (self.wear_um, self.debris, self.damage) = (last.wear_um, last.debris, last.damage);
+        (self.pulses, self.counts, self.senses) = (last.pulses, last.counts, last.senses);
         self
     }
 }
@@ -227,7 +224,7 @@ impl Gatherer {
             return None;
         }
         self.ticks = 0;
-        self.running.take().map(Millisecond::finish)
+        self.running.take().map(|running| running.finish(sample))
     }
 }
 

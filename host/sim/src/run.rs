@@ -9,6 +9,7 @@ use edm_gcode::Program;
 use edm_servo_head::gap::pulses::Counts;
 use edm_servo_head::gap::senses::Senses;
 use edm_servo_head::settings::Settings;
+use edm_technology::File;
 
 /// Values for a run.
 pub type Setup = Scenario<Plant, Settings>;
@@ -22,6 +23,8 @@ pub struct Job {
     pub depth_mm: f64,
     /// Path to erode along, instead of straight down.
     pub path: Option<Program>,
+    /// Technology table by which the head makes the hole row after row.
+    pub table: Option<File>,
     /// Seed of everything random.
     pub seed: u64,
     /// Drive the head from position, noise and an assumed rate of erosion instead of a gap signal (Roberts, sections 6.3 and 6.8).
@@ -34,7 +37,9 @@ impl Job {
     /// Scenario and what was changed on the command line, for reports.
     pub fn label(&self) -> String {
         let path = self.path.as_ref().map(|path| format!(", {}", path.name)).unwrap_or_default();
-        format!("{}{path}{}", self.setup.name, if self.surrogate { ", surrogate" } else { "" })
+        let table =
+            self.table.as_ref().map(|table| format!(", {} on {}", table.electrode, table.work)).unwrap_or_default();
+        format!("{}{path}{table}{}", self.setup.name, if self.surrogate { ", surrogate" } else { "" })
     }
 }
 
@@ -148,6 +153,35 @@ pub struct Outcome {
     pub inches: u64,
     /// See [`inches`](Outcome::inches).
     pub carried_mm: f64,
+    /// Rows of a technology table, in the order in which they ran.
+    pub rows: Vec<RowOutcome>,
     /// Faults in the order they were raised.
     pub faults: Vec<FaultEvent>,
+}
+
+/// A row of a technology table, as it ran.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct RowOutcome {
+    /// Its name.
+    pub name: String,
+    /// When it began, and when the next did, s.
+    pub from_s: f64,
+    /// See [`from_s`](RowOutcome::from_s).
+    pub to_s: f64,
+    /// Time in state *eroding*, s.
+    pub eroding_s: f64,
+    /// Depth of the electrode at its end, by the head, mm.
+    pub depth_mm: f64,
+    /// Counts by which that is deeper than the row is to end.
+    pub off_counts: i64,
+    /// Mean gap while eroding, um.
+    pub gap_um: f64,
+    /// Mean gap voltage while eroding, V.
+    pub gap_v: f64,
+    /// Shares of its pulses: sparks, arcs.
+    pub spark_ratio: f64,
+    /// See [`spark_ratio`](RowOutcome::spark_ratio).
+    pub arc_ratio: f64,
+    /// Mean size of the last craters, um; `None` where the model has none.
+    pub crater_um: Option<f64>,
 }

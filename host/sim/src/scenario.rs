@@ -7,6 +7,7 @@
 
 use crate::events::{AT, Event, EventError, Wires};
 use edm_servo_head::settings::{Declared, Field, Kind, SettingError, Value};
+use edm_technology::from_toml;
 use std::fs;
 use std::path::{MAIN_SEPARATOR, Path};
 use toml::Spanned;
@@ -291,18 +292,6 @@ pub(crate) fn read_toml<'a>(
         format!("{}: not TOML: {}", at(offset), error.message().replace('\n', " "))
     })?;
     Ok((root, at))
-}
-
-fn from_toml<'a>(value: &'a Spanned<DeValue<'_>>) -> Option<Value<'a>> {
-    match value.get_ref() {
-        DeValue::Integer(digits) => {
-            i64::from_str_radix(digits.as_str(), digits.radix()).ok().map(|whole| Value::Number(whole as f64))
-        }
-        DeValue::Float(digits) => digits.as_str().parse().ok().map(Value::Number),
-        DeValue::Boolean(flag) => Some(Value::Flag(*flag)),
-        DeValue::String(word) => Some(Value::Word(word)),
-        DeValue::Datetime(_) | DeValue::Array(_) | DeValue::Table(_) => None,
-    }
 }
 
 fn unknown<'a>(key: &str, word: &str, fields: impl Iterator<Item = &'a Field>) -> String {

@@ -1,17 +1,20 @@
 //! Stored settings of a virtual head: a file that is replaced whole or not at all. Its bytes are those that a
 //! chip has in its flash ([`edm_servo_head::stored`]), checksum included.
 
+use crate::battery::Battery;
 use edm_hal_shim::store::{BUFFER, Loaded, Storage};
 use edm_servo_head::head::WritePermit;
+use std::cell::RefCell;
 use std::fs;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 /// The store of one head; without a folder it forgets with the program.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub enum Store {
-    /// Kept as long as the program runs.
-    Memory(Option<Vec<u8>>),
+    /// Kept as long as the program runs; a clone is the same one.
+    Memory(Rc<RefCell<Option<Vec<u8>>>>),
     /// Kept in this file.
     File(PathBuf),
 }
@@ -22,14 +25,27 @@ impl Store {
     /// # Errors
     /// When the folder cannot be made.
     pub fn new(folder: Option<&Path>, name: &str) -> Result<Store, String> {
-        let Some(folder) = folder else { return Ok(Store::Memory(None)) };
+        let Some(folder) = folder else { return Ok(Store::memory(None)) };
         fs::create_dir_all(folder).map_err(|error| format!("--store {}: cannot be made: {error}", folder.display()))?;
         Ok(Store::File(folder.join(format!("{name}.stored"))))
     }
 
+    /// A store that forgets with the program, with an image in it or none.
+    pub fn memory(image: Option<Vec<u8>>) -> Store {
+        Store::Memory(Rc::new(RefCell::new(image)))
+    }
+
+    /// The memory with a cell of the same head.
+    pub fn battery(&self) -> Battery {
+        match self {
+            Store::Memory(_) => Battery::new(None),
+            Store::File(path) => Battery::new(Some(&path.with_extension("kept"))),
+        }
+    }
+
     fn read(&self) -> Result<Option<Vec<u8>>, String> {
         match self {
-            Store::Memory(image) => Ok(image.clone()),
+            Store::Memory(image) => Ok(image.borrow().clone()),
             Store::File(path) => match fs::read(path) {
                 Ok(image) => Ok(Some(image)),
                 Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
@@ -52,7 +68,7 @@ impl Storage<WritePermit> for Store {
     fn save(&mut self, image: &[u8], _: &mut [u8; BUFFER], _: &WritePermit) -> Result<(), String> {
         let path = match self {
             Store::Memory(kept) => {
-                *kept = Some(image.to_vec());
+                *kept.borrow_mut() = Some(image.to_vec());
                 return Ok(());
             }
             Store::File(path) => path,

@@ -73,7 +73,8 @@ fn every_signal_brings_its_fault_and_nothing_is_rammed() {
     ];
     // Of the sense supply, another workpiece and pulses without permission nothing is noticed while pulses are on, and a
     // hand is held off, and of a coarse axis that moves unasked: below, tests/contact.rs, tests/canopen_device/settings.rs. Arcs: arcs.rs.
-    assert_eq!(faults.len() + 6, Wires::FIELDS.len());
+    // Steps of a host and what it heeds: tests/canopen_device/steps.rs.
+    assert_eq!(faults.len() + 8, Wires::FIELDS.len());
     for (signal, fault) in faults {
         let (machine, before, after) = after(signal);
         assert_eq!(machine.status().fault, Some(fault), "{signal}");
@@ -140,7 +141,7 @@ fn a_fault_whose_cause_has_gone_can_be_reset_and_the_hole_goes_on() {
 fn a_bore_with_an_event_ends_with_its_fault() {
     let mut setup = Setup::load("default").unwrap();
     setup.events = vec![event(AT_S, "limit.lower_open", true)];
-    let job = Job { setup, depth_mm: 0.5, path: None, seed: 1, surrogate: false, coarse_error_um: 0.0 };
+    let job = Job { setup, depth_mm: 0.5, path: None, table: None, seed: 1, surrogate: false, coarse_error_um: 0.0 };
     let outcome = bore::bore(&job, &mut Recorder::new(None, false).unwrap(), &mut |_| {}).unwrap();
     assert_eq!((outcome.completed, outcome.stop_reason.as_str()), (false, "lower limit"));
     assert!((outcome.faults[0].t_s - AT_S).abs() < 2e-4, "{:?}", outcome.faults);

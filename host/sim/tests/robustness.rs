@@ -51,7 +51,7 @@ fn parts_of_a_campaign_are_the_whole_campaign() {
     let mut whole = faults("1/1");
     parts.sort();
     whole.sort();
-    assert_eq!((parts.len(), &parts), (16, &whole));
+    assert_eq!((parts.len(), &parts), (17, &whole));
 }
 
 /// Rows of a campaign of settings.

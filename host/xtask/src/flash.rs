@@ -1,7 +1,7 @@
 //! Flash commands: every image is sealed first ([`edm_seal`]).
 
-use edm_seal::image::{build, cargo};
-use edm_seal::seal_file;
+use edm_seal::image::{build, cargo, loader};
+use edm_seal::{seal, seal_file};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
@@ -15,14 +15,16 @@ pub fn embed(root: &Path, feature: &str, section: &str, arguments: &[OsString]) 
 }
 
 /// Runs a command on a sealed copy of the ELF file among its arguments: the first that is a file.
-pub fn sealed(arguments: &[OsString]) -> Result<ExitCode, String> {
+pub fn sealed(root: &Path, arguments: &[OsString]) -> Result<ExitCode, String> {
     let (program, arguments) = arguments.split_first().ok_or("no command that is to have the sealed image")?;
     let place = arguments.iter().position(|argument| Path::new(argument).is_file());
     let place = place.ok_or("none of the arguments is an ELF file")?;
     let mut arguments = arguments.to_vec();
     let elf = PathBuf::from(&arguments[place]);
     let copy = elf.with_extension("sealed");
-    seal_file(&elf, &copy)?;
+    // What is wrong with it comes before a build.
+    std::fs::read(&elf).map_err(|e| e.to_string()).and_then(seal).map_err(|e| format!("{}: {e}", elf.display()))?;
+    seal_file(&elf, &loader(root)?, &copy)?;
     arguments[place] = copy.into_os_string();
     let mut command = Command::new(program);
     command.args(arguments);
@@ -58,7 +60,7 @@ mod tests {
     fn a_command_gets_the_sealed_copy_in_the_place_of_the_image() {
         let error = |arguments: &[&str]| {
             let arguments: Vec<_> = arguments.iter().map(OsString::from).collect();
-            sealed(&arguments).expect_err("refused")
+            sealed(Path::new("."), &arguments).expect_err("refused")
         };
         assert!(error(&[]).contains("no command"));
         assert!(error(&["true", "--chip", "no-file"]).contains("none of the arguments"));

@@ -79,7 +79,7 @@ fn main() -> ExitCode {
         Task::Firmware => firmware::run(&root).map(done),
         Task::Link => firmware::link(&root).map(done),
         Task::Flash { feature, section, arguments } => flash::embed(&root, &feature, &section, &arguments),
-        Task::Sealed { arguments } => flash::sealed(&arguments),
+        Task::Sealed { arguments } => flash::sealed(&root, &arguments),
         Task::Fil { arguments } => return fil::run(&root, &arguments),
     };
     match result {

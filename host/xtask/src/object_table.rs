@@ -4,6 +4,7 @@ use edm_describe::{Declaration, errors, everything};
 use edm_servo_head::canopen::drive::{DEVICE, FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
 use edm_servo_head::canopen::{Access, DefaultValue, Device, Mapping, PdoDefault};
 use edm_servo_head::head::Fault;
+use edm_servo_head::scope::SIGNAL_TEXTS;
 use std::fmt::Write;
 
 /// The page, as Markdown.
@@ -147,4 +148,11 @@ fn numbers(page: &mut String) {
     list("Reasons, 2000h:3", &mut REASONS.iter().copied());
     list("Refusals, 2000h:4", &mut REFUSALS.iter().copied().chain([(WAIT, "too many commands waiting")]));
     list("Commissioning, 2001h:4", &mut FINDINGS.iter().copied());
+    page.push_str(
+        "\n## Signals of the fast scope, 2019h:1\n\n| number | name | one step | means |\n| --- | --- | --- | --- |\n",
+    );
+    for (number, name, step, unit, means) in SIGNAL_TEXTS {
+        let step = if *step == 0.003_906_25 { "1/256".to_owned() } else { step.to_string() };
+        let _ = writeln!(page, "| {number} | {name} | {} | {means} |", format!("{step} {unit}").trim_end());
+    }
 }

@@ -55,6 +55,7 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
         Fault::SelfTestFailed => (0xFF10, MANUFACTURER),
         Fault::OpenCircuitLow => (0xFF11, MANUFACTURER),
         Fault::GapReversed => (0xFF12, MANUFACTURER),
+        Fault::StepsNotFollowed => (0xFF13, MANUFACTURER),
         // Supply, low voltage.
         Fault::SupplyLow => (0x5110, VOLTAGE),
     };
@@ -92,11 +93,6 @@ pub const WAIT: u8 = 20;
 
 /// 2000h:9, in addition to what [`Missed`](crate::motion::Missed) numbers.
 pub const HOMING_REFUSED: u8 = 5;
-
-/// 2000h:2.
-pub const fn fault(fault: Fault) -> u8 {
-    (fault as u8).wrapping_add(1)
-}
 
 macro_rules! numbered {
     ($(#[$doc:meta])* $function:ident($type:ty) $names:ident { $($pattern:pat => $number:literal $name:literal,)+ }) => {
@@ -145,6 +141,10 @@ numbered! {
         Reason::StrokeEnd => 29 "end of the stroke: the coarse axis is asked for",
         Reason::Carried => 30 "carried on by the coarse axis",
         Reason::CarryRefused => 31 "the host refused to move the coarse axis",
+        Reason::IdentificationStarted => 32 "identification started",
+        Reason::Identified => 33 "identified",
+        Reason::TuningStarted => 34 "tuning started",
+        Reason::Tuned => 35 "response measured",
     }
 }
 
@@ -169,8 +169,9 @@ numbered! {
         Refused::Path(path::Refused::Radius { .. }) => 16 "a radius outside 0.01 to 536 mm",
         Refused::Path(path::Refused::Inconsistent { .. }) => 17 "start and end of an arc have different distances from its centre",
         Refused::Alone => 18 "other axes move only with feed.structure = path",
-        Refused::NoRoom { .. } => 19 "a jump higher than the room above",
+        Refused::NoRoom { .. } => 19 "a jump, an identification or a tuning higher than the room above",
         // 20 is `WAIT`.
+        Refused::StepsCome => 22 "steps come already",
         Refused::TooFast { .. } => 21 "a touch faster than contact.approach_mm_s",
     }
 }

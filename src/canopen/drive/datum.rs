@@ -12,6 +12,7 @@
 //! the coordinates that it means something in, so that it outlives the host.
 
 use super::{Drive, Mode, clamp32};
+use crate::backup;
 use crate::canopen::objects::Item;
 use crate::head::{Guidance, Search, State, Status};
 use crate::units::Nanometres;
@@ -90,6 +91,33 @@ impl Datum {
         self.hole.bottom = self.hole.bottom.max(status.position);
     }
 
+    /// Where the surface of the hole under the electrode is.
+    pub fn kept(&self) -> Option<i64> {
+        self.kept
+    }
+
+    /// The surface that was found last.
+    pub fn surface(&self) -> Option<i64> {
+        self.surface
+    }
+
+    /// The reference, and how much deeper it was touched last.
+    pub fn reference(&self) -> (Option<i64>, i64) {
+        (self.reference, self.wear)
+    }
+
+    /// The head's position of a host's 0.
+    pub fn offset(&self) -> i64 {
+        self.offset
+    }
+
+    /// What is known of a hole that is gone on with.
+    pub fn recall(&mut self, hole: &backup::Hole) {
+        (self.kept, self.reference, self.wear) = (Some(hole.surface), hole.reference, hole.wear);
+        // What a datum takes into account nobody knows any more.
+        self.included = None;
+    }
+
     /// What was touched is the work, and has this position.
     fn set(&mut self, surface: i64, position: i32) {
         self.offset = surface.saturating_sub(position.into());
@@ -125,6 +153,7 @@ impl Drive {
     }
 
     /// A host's position.
+    #[inline(never)]
     pub(super) fn place(&self, counts: i32) -> Nanometres {
         let counts = i64::from(counts).saturating_add(self.datum.offset);
         Nanometres(counts.saturating_mul(self.active.head.axis.nm_per_count))
@@ -152,11 +181,17 @@ impl Drive {
     /// The hole under the electrode is measured from this position of a host, or from none.
     pub(super) fn keep_surface(&mut self, position: i32) {
         let place = i64::from(position).saturating_add(self.datum.offset);
-        self.datum.kept = (position != NO_SURFACE).then_some(place);
+        let kept = (position != NO_SURFACE).then_some(place);
+        // A hole that is gone on with is no new one.
+        if kept != self.datum.kept {
+            let scale = self.scale();
+            self.resume.surface(kept, scale);
+        }
+        self.datum.kept = kept;
     }
 
     /// Whether nothing moves, and no set points come by themselves: they would mean something else from one to the next.
-    fn may_shift(&self) -> bool {
+    pub(super) fn may_shift(&self) -> bool {
         let waits = matches!(self.mode, Mode::None | Mode::ProfilePosition | Mode::Homing) || !self.acts();
         let rests = matches!(
             self.status.state,

@@ -17,6 +17,7 @@ pub const DEVICE: Device = Device {
     product: 1,
     revision: 0x0000_0002,
     heartbeat: 0,
+    update: edm_hal_shim::seal::LONGEST_UPDATE,
     receive: [
         PdoDefault { valid: true, entries: &[mapped(0x6040, 0, 16)], ..PdoDefault::UNUSED },
         PdoDefault { valid: true, entries: &[mapped(0x607A, 0, 32)], ..PdoDefault::UNUSED },

@@ -3,6 +3,7 @@
 use super::stored::Loss;
 use super::{Drive, codes};
 use crate::canopen::{NmtState, Node};
+use crate::head::Fault;
 
 impl Drive {
     /// Sends emergencies for new errors and for errors that have ended; of a node that waits to be booted, after the boot.
@@ -17,8 +18,9 @@ impl Drive {
             let (code, bits) = codes::error_code(fault);
             if before.0 != self.alarm {
                 // A second fault that escalates the first is reported as well, with the first.
-                let first = self.status.first.map_or(0, codes::fault);
-                node.emergency(code, bits, [codes::fault(fault), self.reason, first, 0, 0]);
+                let first = self.status.first.map_or(0, Fault::number);
+                let cause = if fault == Fault::StepsNotFollowed { self.status.unfollowed as u8 } else { 0 };
+                node.emergency(code, bits, [fault.number(), self.reason, first, cause, 0]);
             }
             register |= bits;
         } else {

@@ -12,6 +12,8 @@ impl Drive {
     /// A change of the head's state.
     pub fn changed(&mut self, change: Change) {
         self.reason = codes::reason(change.reason);
+        self.watch_identification(&change);
+        self.watch_tuning(&change);
         match change.reason {
             Reason::Short => {
                 let count = self.value(Item::Shorts).wrapping_add(1);
@@ -27,8 +29,16 @@ impl Drive {
             Reason::SparkOutTime => self.stopped_by = 6,
             Reason::PathStop => self.stopped_by = 7,
             Reason::Touched | Reason::NotTouched | Reason::Lifted => self.set_points.clear_target(),
-            Reason::Homed => self.datum.forget(),
+            Reason::Homed => {
+                self.datum.forget();
+                self.resume.homed();
+            }
             _ => {}
+        }
+        let depth = matches!(change.reason, Reason::PathEnd) && change.from != head::State::Seeking;
+        let ended = depth || matches!(change.reason, Reason::SparkedOut | Reason::SparkOutTime);
+        if ended && !self.technology.has_more() || matches!(change.reason, Reason::BrokenThrough) {
+            self.resume.ended();
         }
     }
 
@@ -44,7 +54,7 @@ impl Drive {
             _ => {}
         }
         self.retreating = state == head::State::Retreating;
-        let eroding = state.works();
+        let eroding = state.works() || self.technology.is_busy();
         if eroding && !self.eroding {
             self.set(Item::ErodingTime, 0);
             self.set(Item::Deepest, i32::MIN);

@@ -1,6 +1,6 @@
 //! What passes between the [`Drive`](super::Drive) and other tasks: orders and set points to the head, facts from the board.
 
-use crate::canopen::Group;
+use crate::canopen::{Group, Update};
 use crate::head::{Command, Fault};
 use crate::units::Nanometres;
 use edm_hal_shim::self_test::SelfTest;
@@ -21,6 +21,8 @@ pub enum Order {
     Store(Group),
     /// Forget what is stored, from the next reset on: `StoredImage::forget`. Then `Drive::stored`.
     Restore(Group),
+    /// A part of an update of the program, under a `WritePermit`; then `Node::answer` with any group that has one.
+    Update(Update),
     /// The host has reset the node: `Drive::restart` with what is stored, then `Drive::boot`.
     ResetNode,
     /// The host has reset communication: `Drive::boot`.

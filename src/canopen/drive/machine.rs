@@ -1,9 +1,9 @@
 //! How controlword and head move the state machine.
 
 use super::state::{Request, State, control, halts, rises, status};
-use super::{Drive, Order};
+use super::{Drive, Order, codes};
 use crate::canopen::objects::Item;
-use crate::head::{self, Command, Fault, Inch};
+use crate::head::{self, Command, Fault, Inch, Refused};
 
 /// Longest braking that is waited for, and coasting after a reaction, ms.
 const PATIENCE: u16 = 1000;
@@ -39,7 +39,9 @@ impl Drive {
             (ReadyToSwitchOn, Request::SwitchOn) => self.state = SwitchedOn,
             (ReadyToSwitchOn | SwitchedOn, Request::EnableOperation) => {
                 self.state = SwitchedOn;
-                if !self.enabling {
+                if self.refuses_steps() {
+                    self.refuses(codes::refused(Refused::StepsCome));
+                } else if !self.enabling {
                     self.enabling = self.command(Command::Enable);
                 }
             }
@@ -96,6 +98,7 @@ impl Drive {
     }
 
     /// Comes to rest on the ramp of an object.
+    #[inline(never)]
     pub(super) fn brake(&mut self, deceleration: Item) {
         self.set_points.forget();
         self.follow = None;

@@ -30,23 +30,30 @@ mod device;
 mod emergencies;
 mod erosion;
 mod exchange;
+mod fast;
+mod identify;
 mod machine;
 mod modes;
 mod orders;
 mod pace;
 mod probe;
+mod resume;
 mod saves;
 mod scope;
 mod segment;
 mod state;
+mod steps;
 mod stored;
 mod teach;
+mod technology;
+mod tune;
 mod values;
 
 pub use device::DEVICE;
 pub use exchange::{Generations, Identity, Lost, Order, SetPoint, TASKS, TaskTimer};
 pub use scope::{BLANK, Record};
 pub use state::State;
+pub use technology::Phase as TechnologyPhase;
 
 #[cfg(not(target_os = "none"))]
 pub use codes::{FINDINGS, LOSSES, REASONS, REFUSALS, WAIT, error_code};
@@ -63,15 +70,21 @@ use crate::stored::{LoadReport, StoredImage};
 use crate::units::Fixed;
 use core::mem::MaybeUninit;
 use datum::Datum;
+use fast::Fast;
 use heapless::Deque;
+use identify::Found;
 use modes::{Mode, SetPoints};
 use orders::ORDERS;
 use pace::Pace;
+use resume::Resume;
 use saves::Saves;
 use scope::Scope;
 use segment::Segment;
+use steps::Steps;
 use stored::{Loading, Loss};
 use teach::Teach;
+use technology::Technology;
+use tune::Tuned;
 
 /// Velocity below which an axis counts as standing, counts/s.
 const STANDING: f32 = 1000.0;
@@ -117,6 +130,7 @@ pub struct Drive {
     delays: Histogram,
     /// Pauses begun.
     pauses: u32,
+    steps: Steps,
     /// Frequency of the notch, 0.01 Hz, and whether it follows the mains.
     mains: (u16, bool),
     /// The settings come from a reset and are not a host's write, which could be taken back.
@@ -166,7 +180,12 @@ pub struct Drive {
     /// The segment that a host writes.
     segment: Segment,
     datum: Datum,
+    /// Not begun anew with the drive either: a reset is what it is for.
+    resume: Resume,
     teach: Teach,
+    technology: Technology,
+    found: Found,
+    tuned: Tuned,
     /// Not begun anew with the drive: the flash remembers.
     saves: Saves,
     pace: Pace,
@@ -179,6 +198,7 @@ pub struct Drive {
     /// What the guided check has measured instead.
     contradiction: Contradiction,
     scope: Scope,
+    fast: Fast,
 }
 
 impl Drive {
@@ -227,6 +247,7 @@ impl Drive {
             looks: [0; CLASSES],
             delays: Histogram::default(),
             pauses: 0,
+            steps: Steps::default(),
             mains: (0, false),
             restarting: false,
             configuring: false,
@@ -255,7 +276,11 @@ impl Drive {
             appended: 0,
             segment: Segment::default(),
             datum: Datum::default(),
+            resume: Resume::default(),
             teach: Teach::default(),
+            technology: Technology::default(),
+            found: Found::default(),
+            tuned: Tuned::NONE,
             saves: Saves::new(),
             pace: Pace::default(),
             reason: 0,
@@ -266,6 +291,7 @@ impl Drive {
             wrong: None,
             contradiction: Contradiction::default(),
             scope: Scope::new(record),
+            fast: Fast::default(),
         }
     }
 
@@ -278,6 +304,7 @@ impl Drive {
         self.set_points = SetPoints::default();
         (self.segment, self.datum) = (Segment::default(), Datum::default());
         self.forget_teaching();
+        self.technology.forget();
         (self.control, self.leaving, self.enabling, self.mode) = (0, None, false, Mode::None);
         self.load_defaults();
         (self.restarting, self.stale) = (true, false);
@@ -342,6 +369,12 @@ impl Drive {
         self.pauses = begun;
     }
 
+    /// Steps of a host so far, changes of their direction within one, and times that it changed too fast, for 2016h. Once a
+    /// millisecond.
+    pub fn set_steps(&mut self, [counted, turns, lost]: [u32; 3]) {
+        self.steps.observe(counted, turns, lost);
+    }
+
     /// One of the words that the gap source says in turns, for 2012h.
     pub fn set_slow(&mut self, turn: usize, word: u32) {
         match self.delays.now.get_mut(turn) {
@@ -363,11 +396,13 @@ impl Drive {
             self.stale = !self.configure();
         }
         self.watch_erosion();
+        self.watch_hole();
         self.watch_fault();
         self.commissioning &= !self.fresh;
         if self.fresh {
             self.follow_head();
         }
+        self.watch_technology();
         self.watch_mode();
         self.watch_guiding();
         self.watch_teaching();
@@ -378,6 +413,7 @@ impl Drive {
     pub fn poll(&mut self, now: Time, node: &mut Node) {
         self.interpolate(now);
         self.saves.poll(now);
+        self.count_time(now);
         self.report_errors(node);
     }
 

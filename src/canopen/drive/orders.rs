@@ -61,6 +61,7 @@ impl Drive {
         }
     }
 
+    #[inline(never)]
     pub(super) fn order(&mut self, order: Order) -> bool {
         self.fresh = false;
         let stops = match order {

@@ -22,9 +22,11 @@ use crate::settings::{Declared, SettingError, Settings, place};
 use crate::stored::{Full, LoadReport, Outcome, Putting, ROOM, StoredImage};
 
 /// Settings whose groups, and settings which themselves, commissioning is about.
-const CHECKED_GROUPS: [u16; 3] = [group("axis.mass_kg"), group("motor.reversed"), group("encoder.count_um")];
+const CHECKED_GROUPS: [u16; 3] = [group("axis.mass_kg"), group("motor.reversed"), ENCODER];
 const CHECKED: [usize; 2] = [place(Settings::KEYS, "gap.reversed"), PASSED];
 const PASSED: usize = place(Settings::KEYS, "commission.passed");
+/// Group of those that say what a count is.
+pub(super) const ENCODER: u16 = group("encoder.count_um");
 const LEARNT: usize = place(Settings::KEYS, "axis.breakaway_n");
 
 /// Index of the group of a setting.
@@ -257,7 +259,9 @@ impl Drive {
 
     /// Puts what is to be stored.
     fn store(&self, putting: &mut Putting<'_>) {
-        for (place, word) in self.settings.words().into_iter().enumerate() {
+        // A row that has just ended may not have left yet.
+        let settings = self.technology.without_row(&self.settings);
+        for (place, word) in settings.words().into_iter().enumerate() {
             if let (Some((index, sub)), Some((kind, _))) = (setting_address_at(place), setting_kind(place as u16)) {
                 putting.put(Record::new(index, sub, kind, word));
             }

@@ -3,10 +3,10 @@
 use super::state::State;
 use super::{Drive, Order, TaskTimer, clamp32, codes, probe};
 use crate::canopen::objects::{Decoded, Item, Row, entry, rows, setting_address, setting_address_at, setting_kind};
-use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Written};
+use crate::canopen::{Abort, DataType, Dictionary, Entry, Event, ObjectHandle, Request, Update, Written};
 use crate::gap::pulses::Class;
 use crate::gap::senses::delays::Delays;
-use crate::head::{self, Carry, Command, Contradiction, Guidance, Inch};
+use crate::head::{self, Carry, Command, Contradiction, Fault, Guidance, Inch};
 use crate::path::{BESIDE_NM, Bound};
 use crate::settings::{Change, Declared, Kind, SettingError, Settings, place};
 use crate::units::{FRACTION_BITS, Volts};
@@ -57,14 +57,27 @@ impl Dictionary for Drive {
     fn stream_length(&self, place: ObjectHandle) -> Result<u32, Abort> {
         match item_at(place) {
             Some(Item::DelaysTaken) => Ok(size_of::<Delays>() as u32),
+            Some(item @ (Item::FastData | Item::SnapshotData)) => Ok(self.fast.length(item)),
+            Some(Item::TuneData) => Ok(self.tuned.length()),
             _ => Ok(self.scope.length()),
         }
     }
 
     fn stream(&self, place: ObjectHandle, offset: u32, out: &mut [u8]) -> Result<(), Abort> {
-        if item_at(place) != Some(Item::DelaysTaken) {
-            self.scope.copy(offset, out);
-            return Ok(());
+        match item_at(place) {
+            Some(Item::DelaysTaken) => {}
+            Some(item @ (Item::FastData | Item::SnapshotData)) => {
+                self.fast.copy(item, offset, out);
+                return Ok(());
+            }
+            Some(Item::TuneData) => {
+                self.tuned.copy(offset, out);
+                return Ok(());
+            }
+            _ => {
+                self.scope.copy(offset, out);
+                return Ok(());
+            }
         }
         for (byte, at) in out.iter_mut().zip(offset as usize..) {
             let bytes = self.delays.taken.get(at / 4).copied().unwrap_or(0).to_le_bytes();
@@ -81,12 +94,15 @@ impl Dictionary for Drive {
         if closed || self.enabling || self.fresh && self.status.state != head::State::Disabled {
             return Err(Abort::DeviceState);
         }
-        if !self.saves.take() {
+        // What wears the flash out.
+        let wears = !matches!(request, Request::Update(Update::Stop | Update::Piece | Update::Last | Update::Start));
+        if wears && !self.saves.take() {
             return Err(Abort::LocalControl);
         }
         let order = match request {
             Request::Store(group) => Order::Store(group),
             Request::Restore(group) => Order::Restore(group),
+            Request::Update(update) => Order::Update(update),
         };
         if self.order(order) { Ok(()) } else { Err(Abort::DeviceState) }
     }
@@ -129,8 +145,8 @@ impl Drive {
         // Below an axis of many counts to the millimetre: 10^6 nm over the nm of a count.
         match item {
             Item::HeadState => status.state as i64,
-            Item::HeadFault => status.fault.map_or(0, codes::fault).into(),
-            Item::HeadFirst => status.first.map_or(0, codes::fault).into(),
+            Item::HeadFault => status.fault.map_or(0, Fault::number).into(),
+            Item::HeadFirst => status.first.map_or(0, Fault::number).into(),
             Item::HeadReason => self.reason.into(),
             Item::HeadRefusal => self.refusal.into(),
             Item::HeadHomed => status.homed.into(),
@@ -227,6 +243,30 @@ impl Drive {
             Item::DatumOffset | Item::Wear | Item::Travel | Item::HoleDepth | Item::KeptSurface => {
                 self.datum_number(item)
             }
+            Item::KeptState
+            | Item::GoOnRefused
+            | Item::KeptDepth
+            | Item::KeptTarget
+            | Item::KeptPath
+            | Item::KeptRow
+            | Item::KeptHome
+            | Item::KeptHeadState
+            | Item::WorkOn
+            | Item::WorkEroding
+            | Item::WorkPulses
+            | Item::WorkArcs
+            | Item::WorkShorts
+            | Item::WorkHoles => self.resume_number(item),
+            Item::TechnologyRows
+            | Item::TechnologyUse
+            | Item::TechnologyWhy
+            | Item::TechnologyWrongRow
+            | Item::TechnologyRow
+            | Item::TechnologyState
+            | Item::PulseOnTime
+            | Item::PulseOffTime
+            | Item::PulseCurrent
+            | Item::PulsePolarity => self.technology_number(item),
             Item::InchState => status.inch as i64,
             Item::InchAsks => (status.inch == Inch::Asks).into(),
             Item::CarryTo => clamp32(status.carry_to).into(),
@@ -272,11 +312,34 @@ impl Drive {
             Item::CountShort => status.gap.pulses.class(Class::Short).into(),
             Item::CountUncertain => status.gap.pulses.class(Class::Uncertain).into(),
             Item::Pauses => self.pauses.into(),
+            Item::StepCount => self.steps.counted.cast_signed().into(),
+            Item::StepRate => self.steps.rate.into(),
+            Item::StepTurns => self.steps.turns.into(),
+            Item::StepsLost => self.steps.lost.into(),
+            Item::StepsTaken => status.takes_steps.into(),
+            Item::StepsUnfollowed => status.unfollowed as i64,
             Item::OrderFound => status.order.order.into(),
             Item::OrderPeriods => status.order.periods.into(),
             Item::OrderRise1 => rise(status.order.rises[0]),
             Item::OrderRise2 => rise(status.order.rises[1]),
             Item::OrderRise3 => rise(status.order.rises[2]),
+            Item::IdentifyStep
+            | Item::IdentifyWhy
+            | Item::FoundResistance
+            | Item::FoundResistanceOff
+            | Item::FoundInductance
+            | Item::FoundInductanceOff
+            | Item::FoundConstant
+            | Item::FoundConstantOff
+            | Item::FoundMass
+            | Item::FoundMassOff
+            | Item::FoundBreakaway
+            | Item::FoundBreakawayOff
+            | Item::FoundSliding
+            | Item::FoundSlidingOff
+            | Item::FoundCounterbalance
+            | Item::FoundCounterbalanceOff => self.found.number(item, self.status.stage),
+            Item::TuneStep | Item::TuneWhy | Item::TunePoints => self.tuned.number(item, self.status.tunes),
             Item::TeachStep
             | Item::TeachWhy
             | Item::TeachPulses
@@ -293,6 +356,8 @@ impl Drive {
             | Item::LevelsFit => self.teach.number(item),
             Item::ScopeState => self.scope.phase() as i64,
             Item::ScopeCount => self.scope.count().into(),
+            Item::FastState => self.fast.phase().into(),
+            Item::Snapshots => self.fast.snapshots().into(),
             Item::ErrorCode => match self.state {
                 State::Fault | State::FaultReactionActive => {
                     self.alarm.map_or(0, |fault| codes::error_code(fault).0).into()
@@ -319,6 +384,7 @@ impl Drive {
                 i64::from(status.state.pulses()) << 16
                     | i64::from(status.closed) << 17
                     | i64::from(status.inch == Inch::Asks) << 18
+                    | i64::from(status.takes_steps) << 19
             }
             Item::DigitalInputs => {
                 let safety = &status.safety;
@@ -345,6 +411,7 @@ impl Drive {
             Item::Mode => self.set_mode(value)?,
             Item::ErodeEnable => self.may_erode(value)?,
             Item::TargetPosition => self.target_written(number)?,
+            Item::PathPlace => self.place_written(number),
             Item::IpData => self.data_written(number)?,
             Item::IpClear if value == 0 => self.clear_buffer(),
             Item::FollowingWindow => {
@@ -368,6 +435,18 @@ impl Drive {
             }
             Item::SurfaceIs => return done(self.take_surface(value)),
             Item::KeptSurface => self.keep_surface(number),
+            Item::GoOn => return done(self.go_on(value)),
+            Item::KeptRow => return done(self.resume.row(value as u16)),
+            Item::TechnologyUse
+            | Item::TechnologyRow
+            | Item::RowBegin
+            | Item::RowLeaves
+            | Item::RowOnTime
+            | Item::RowOffTime
+            | Item::RowCurrent
+            | Item::RowPolarity
+            | Item::RowSetting
+            | Item::RowValue => return self.technology_written(item, value),
             Item::CoarsePlace => {
                 let carry = Carry::To(self.nanometres(number));
                 return done(self.may_carry() && self.command(Command::Carry(carry)));
@@ -400,8 +479,11 @@ impl Drive {
             }
             Item::DelaysTake => self.delays.take(),
             Item::TeachIn => return self.teach(value),
+            Item::Identify => return self.identify(value),
+            Item::Tune => return self.tune(value),
             Item::ScopeArm if value == 1 => self.scope.arm(),
             Item::ScopeArm => self.scope.stop(),
+            Item::FastArm => self.arm_fast(value == 1)?,
             _ => {}
         }
         self.set(item, number);
@@ -441,7 +523,7 @@ impl Drive {
     }
 
     /// Set points of the axis, and not the path, lead the head.
-    fn is_positioned(&self) -> bool {
+    pub(super) fn is_positioned(&self) -> bool {
         self.fresh && (self.status.state.positions() || self.status.guidance != Guidance::No)
     }
 
@@ -536,6 +618,7 @@ impl Drive {
         if let Some(address) = guarded {
             self.guarded = (self.guarded & !0xFF_FFFF).wrapping_add(1 << 24) | address;
         }
+        self.technology.keep(words);
         self.settings = pending;
         self.active = active;
         (self.wrong, self.contradiction) = (None, Contradiction::default());

@@ -210,16 +210,15 @@ pub fn entry(index: u16, sub: u8) -> Result<Entry, Abort> {
         };
         return Ok(Entry { kind, access, mapping: Mapping::No, place: found.place() });
     }
-    let mut highest = None;
-    for (number, row) in (0u16..).zip(TABLE) {
-        if row.index == index {
-            if row.sub == sub {
-                let place = Decoded::Row(number).place();
-                return Ok(Entry { kind: row.kind, access: row.access, mapping: row.mapping, place });
-            }
-            highest = Some(row.sub);
-        }
+    // Rows rise by index and sub-index.
+    let number = TABLE.partition_point(|row| row.address() < (index, sub));
+    if let Some(row) = TABLE.get(number).filter(|row| row.address() == (index, sub)) {
+        let place = Decoded::Row(number as u16).place();
+        return Ok(Entry { kind: row.kind, access: row.access, mapping: row.mapping, place });
     }
+    let behind = TABLE.partition_point(|row| row.index <= index);
+    let last = behind.checked_sub(1).and_then(|number| TABLE.get(number));
+    let highest = last.filter(|row| row.index == index).map(|row| row.sub);
     match (highest, sub) {
         (None, _) => Err(Abort::NoObject),
         (Some(highest), 0) if highest > 0 => Ok(Entry {

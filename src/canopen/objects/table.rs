@@ -96,12 +96,14 @@ const U16: (i64, i64) = (0, u16::MAX as i64);
 const U8: (i64, i64) = (0, u8::MAX as i64);
 const I8: (i64, i64) = (i8::MIN as i64, i8::MAX as i64);
 const I16: (i64, i64) = (i16::MIN as i64, i16::MAX as i64);
+/// Number of a signal of the scope, or none.
+const SIGNAL: (i64, i64) = (0, crate::scope::Signal::LAST as i64);
 /// A ramp or a velocity of nothing would never end.
 const RATE: (i64, i64) = (1, i32::MAX as i64);
 
 objects! {
     0x2000 "Head" {
-        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving, 13 jumping, 14 lifting, 15 touching, 16 inching";
+        1 HeadState: u8, ro, tx, U8, 0, "", live, "State: 0 disabled, 1 commissioning, 2 ready, 3 seeking, 4 eroding, 5 retreating, 6 done, 7 holding position, 8 fault, 9 positioning, 10 homing, 11 guiding, 12 proving, 13 jumping, 14 lifting, 15 touching, 16 inching, 17 identifying";
         2 HeadFault: u8, ro, tx, U8, 0, "", live, "Fault: from 1 in the order of docs/objects.md; 0 none";
         3 HeadReason: u8, ro, tx, U8, 0, "", live, "Reason: why the state changed last, as numbered in docs/objects.md; 0 no change yet";
         4 HeadRefusal: u8, ro, tx, U8, 0, "", live, "Refusal: why the last command was refused, as numbered in docs/objects.md; 0 none was";
@@ -320,6 +322,102 @@ objects! {
         4 OrderRise2: u32, ro, no, U32, 0, "0.01", live, "Rise 2: from order 1 to 2";
         5 OrderRise3: u32, ro, no, U32, 0, "0.01", live, "Rise 3: from order 2 to 3";
     }
+    0x2016 "Step and direction" {
+        1 StepCount: i32, ro, tx, I32, 0, "", live, "Steps: counted since power-on, those toward the work less the others; wraps";
+        2 StepRate: i32, ro, tx, I32, 0, "1/s", live, "Rate: steps a second, of the last 10 ms";
+        3 StepTurns: u32, ro, tx, U32, 0, "", live, "Turns within a step: changes of direction while a step was active, since power-on; the step counts as it began";
+        4 StepsLost: u32, ro, tx, U32, 0, "", live, "Lost: times that the direction changed faster than is followed, 62 times in 250 us, since power-on";
+        5 StepsUnfollowed: u8, ro, tx, (0, 4), 0, "", live, "Not followed: why the steps, which mode -1 was to follow or record, are not: 1 they came faster than the axis may go, 2 their direction was lost, 3 they turned while the path queue was full, 4 the path that they record leads out of the travel; 0 they are, or were not asked for";
+        6 StepsTaken: u8, ro, tx, (0, 1), 0, "", live, "Ready: 1 the head follows or records steps and has room for more; the same as the output line";
+    }
+    0x2017 "Path place" {
+        1 PathPlace: i32, rw, rx, I32, 0, "nm", live, "Place: set point of this axis from another head that leads a path, 200Eh:12 or 13 there, received in a PDO of that head; followed at SYNC in cyclic synchronous position, instead of 607Ah";
+        2 PathOrigin: i32, rw, no, I32, 0, "nm", live, "Origin: position of this axis at which that set point is 0";
+    }
+    0x2018 "Identification" {
+        1 Identify: u8, wo, no, (0, 2), 0, "", live, "Identification: 1 starts it, while the homed head holds its position: it moves up by identify.travel_um at the most, and back; 0 ends it and holds; 2, while disabled, makes the newest result settings of axis.*, all or none; 2002h says why not";
+        2 IdentifyStep: u8, ro, tx, (0, 8), 0, "", live, "Step: 0 not started, 1 rises, 2 strokes with steps of voltage, 3 strokes for the motor constant, 4 strokes for mass and friction, 5 pushes from rest, 6 returns, 7 finished, 8 ended without a result";
+        3 IdentifyWhy: u8, ro, tx, (0, 4), 0, "", live, "Why not: 1 ended by the host, 2 a fault, or disabled, 3 the motion does not show what it is to show, 4 the settings were refused; 0 nothing is wrong";
+        4 FoundResistance: u32, ro, no, U32, 0, "mohm", live, "Resistance: of the winding, for axis.resistance_ohm; 0 none was found";
+        5 FoundResistanceOff: u32, ro, no, U32, 0, "mohm", live, "Resistance uncertainty";
+        6 FoundInductance: u32, ro, no, U32, 0, "uH", live, "Inductance: of the winding, for axis.inductance_mh";
+        7 FoundInductanceOff: u32, ro, no, U32, 0, "uH", live, "Inductance uncertainty";
+        8 FoundConstant: u32, ro, no, U32, 0, "mN/A", live, "Force constant: for axis.force_constant_n_a";
+        9 FoundConstantOff: u32, ro, no, U32, 0, "mN/A", live, "Force constant uncertainty";
+        10 FoundMass: u32, ro, no, U32, 0, "mg", live, "Mass: that moves, for axis.mass_kg";
+        11 FoundMassOff: u32, ro, no, U32, 0, "mg", live, "Mass uncertainty";
+        12 FoundBreakaway: u32, ro, no, U32, 0, "mN", live, "Breakaway: force beyond the net weight that begins to move the head, for axis.breakaway_n";
+        13 FoundBreakawayOff: u32, ro, no, U32, 0, "mN", live, "Breakaway uncertainty";
+        14 FoundSliding: u32, ro, no, U32, 0, "mN", live, "Sliding friction";
+        15 FoundSlidingOff: u32, ro, no, U32, 0, "mN", live, "Sliding friction uncertainty";
+        16 FoundCounterbalance: i32, ro, no, I32, 0, "mN", live, "Counterbalance: lifting force where the identification began, for axis.counterbalance_n";
+        17 FoundCounterbalanceOff: u32, ro, no, U32, 0, "mN", live, "Counterbalance uncertainty";
+    }
+    0x2019 "Fast scope" {
+        1 FastSignal1: u8, rw, no, SIGNAL, 0, "", live, "Signal 1: number as in docs/objects.md; 0 none";
+        2 FastSignal2: u8, rw, no, SIGNAL, 0, "", live, "Signal 2: the same; none behind the first 0 is recorded";
+        3 FastSignal3: u8, rw, no, SIGNAL, 0, "", live, "Signal 3";
+        4 FastSignal4: u8, rw, no, SIGNAL, 0, "", live, "Signal 4";
+        5 FastSignal5: u8, rw, no, SIGNAL, 0, "", live, "Signal 5";
+        6 FastSignal6: u8, rw, no, SIGNAL, 0, "", live, "Signal 6";
+        7 FastSignal7: u8, rw, no, SIGNAL, 0, "", live, "Signal 7";
+        8 FastSignal8: u8, rw, no, SIGNAL, 0, "", live, "Signal 8";
+        9 FastEvery: u16, rw, no, (1, 20_000), 1, "50 us", live, "Period: time from one sample to the next";
+        10 FastTrigger: u8, rw, no, (0, 5), 0, "", live, "Trigger: 0 at once, 1 a signal rises to the level, 2 falls to it, 3 the state changes, 4 a fault, 5 a short retreats, by the reflex or by its duration";
+        11 FastSource: u8, rw, no, (1, 8), 1, "", live, "Trigger signal: which of the signals is compared with the level";
+        12 FastLevel: i32, rw, no, I32, 0, "", live, "Trigger level: counted in steps of that signal";
+        13 FastBefore: u8, rw, no, (0, 100), 50, "%", live, "Before: share of the record from before the trigger";
+        14 FastArm: u8, rw, no, (0, 1), 0, "", live, "Arm: 1 arms, 0 ends the record with what there is";
+        15 FastState: u8, ro, tx, (0, 3), 0, "", live, "State: 0 nothing recorded, 1 waits for the trigger, 2 records, 3 complete; kept over a reset without loss of power";
+        16 FastData: domain, ro, no, U8, 0, "", live, "Record: little-endian words of 32 bits: mark and version 43530001h; bytes: signals, cause (trigger plus 1, 0 stopped), fault, 0; numbers of signals 1 to 4, 5 to 8; period; samples; sample of the trigger from the oldest on; servo tick of the trigger; then the samples, the oldest first";
+        17 Snapshots: u32, ro, tx, U32, 0, "", live, "Snapshots: number of the last one, which is taken at each fault; kept over a reset without loss of power";
+        18 SnapshotData: domain, ro, no, U8, 0, "", live, "Last snapshot: 128 samples of eight signals, one every 2 ms, 75 % before the fault; in the form of sub-index 16";
+    }
+    0x201A "Kept hole" {
+        1 KeptState: u8, ro, tx, (0, 3), 0, "", live, "State: 0 no hole is kept, 1 a hole from before a reset, a power cut or a new home waits to be gone on with, 2 the hole under way is kept, 3 the record of a hole is damaged";
+        2 GoOn: u8, wo, no, (0, 3), 0, "", live, "Go on: with the hole that waits, after homing and a search of 2011h:1: 1 what was touched is its bottom, 2 the surface of the work beside it, 3 the reference; then 2011h:11 is its surface; 0 gives it up";
+        3 GoOnRefused: u8, ro, tx, (0, 13), 0, "", live, "Refused: why the last attempt to go on was refused: 0 it was not, 1 no hole waits, 2 the record is damaged, 3 not homed, 4 homed by another method or offset, 5 other settings of the encoder, 6 the encoder was lost in the hole, 7 nothing was touched since homing, 8 the home is no index mark: the bottom alone does not place the hole, 9 touched above what is kept, 10 touched deeper than gap or wear explain, 11 no reference was touched before, 12 the head is not at rest, 13 the coarse axis (2014h:6) is not where it was";
+        4 KeptDepth: i32, ro, tx, I32, 0, "counts", live, "Depth: deepest place of the electrode below the surface of the kept hole";
+        5 KeptTarget: i32, ro, no, I32, 0, "counts", live, "Target: the newest one below that surface";
+        6 KeptPath: i32, ro, no, I32, 0, "um", live, "Path coordinate: the newest in the hole";
+        7 KeptRow: u16, rw, no, U16, 0, "", live, "Row: of a technology table, as the host numbers it; kept with the hole under way";
+        8 KeptHome: i8, ro, no, I8, 0, "", live, "Homing method: by which its counts were found";
+        9 KeptHeadState: u8, ro, no, U8, 0, "", live, "State of the head: the newest in the hole, as 2000h:1";
+        10 WorkOn: u32, ro, no, U32, 0, "s", live, "Operating time: under power, over all power cuts";
+        11 WorkEroding: u32, ro, no, U32, 0, "s", live, "Eroding time: of all erosions";
+        12 WorkPulses: u32, ro, no, U32, 0, "1000", live, "Pulses: thousands";
+        13 WorkArcs: u32, ro, no, U32, 0, "1000", live, "Arcs: thousands";
+        14 WorkShorts: u32, ro, no, U32, 0, "1000", live, "Shorts: thousands";
+        15 WorkHoles: u32, ro, no, U32, 0, "", live, "Holes: erosions that ended at their depth or broke through";
+    }
+    0x201B "Tuning" {
+        1 Tune: u8, wo, no, (0, 1), 0, "", live, "Tuning: 1 measures the frequency response of the loop, while the homed head holds its position: it moves up by tune.travel_um at the most, and back; 0 ends it and holds; 2002h says why not";
+        2 TuneStep: u8, ro, tx, (0, 5), 0, "", live, "Step: 0 not started, 1 rises, 2 measures, 3 returns, 4 finished, 5 ended without all points";
+        3 TuneWhy: u8, ro, tx, (0, 3), 0, "", live, "Why not: 1 ended by the host, 2 a fault, or disabled, 3 a frequency does not show in the motion; 0 nothing is wrong";
+        4 TunePoints: u8, ro, tx, (0, 32), 0, "", live, "Points: measured so far";
+        5 TuneData: domain, ro, no, U8, 0, "", live, "Response: each point as eight little-endian REAL32: frequency, Hz; amplitude of the sine, duty; the loop opened at the duty, -C/U: real and imaginary part, deviation; velocity of the head to a duty of 1, mm/s: the same";
+    }
+    0x201C "Technology" {
+        1 TechnologyRows: u8, ro, no, (0, 8), 0, "", live, "Rows: of the table that was written";
+        2 TechnologyUse: u8, rw, no, (0, 1), 0, "", live, "Use: 1 has the table checked, a row a millisecond, and takes it into use: sub-index 6 leaves 1, and set points of profile position with 2001h:1 = 1 are then depths of holes that are made row after row; 0 takes it out of use, and rows may be written";
+        3 TechnologyWhy: u8, ro, no, (0, 5), 0, "", live, "Refused: why it was not taken into use: 1 it has no row, 2 the row does not end deeper than the one before, 3 a setting that may not change at any time while the head is enabled, 4 a value out of the range of its setting, 5 settings that contradict each other; 2002h has setting and rule; 0 it was not refused";
+        4 TechnologyWrongRow: u8, ro, no, (0, 8), 0, "", live, "Refused row: the first that is wrong";
+        5 TechnologyRow: u8, rw, tx, (0, 8), 0, "", live, "Row: under way, or that the next set point begins with; a host may write it while no row is under way; 0 no table is in use";
+        6 TechnologyState: u8, ro, tx, (0, 9), 0, "", live, "State: 0 no table is in use, 1 is checked, 2 waits for a set point, 3 the settings of the row come into force, pulses off, 4 waits for sub-index 19, pulses off, 5 erodes to the depth of the row, 6 every row is done, 7 interrupted by a hold, a halt, a stop or a fault: what starts the erosion again goes on with the row, 8 the generator did not answer within technology.answer_s, 9 the settings of the row contradict those changed since";
+        7 RowBegin: u8, wo, no, (1, 8), 1, "", live, "Begin: a row of this number; those behind it are gone; the sub-indices below belong to it; only out of use";
+        8 RowSetting: u32, rw, no, U32, 0, "", live, "Setting: index times 256 and sub-index of one that the row has, of those that may change at any time; 12 a row at the most";
+        9 RowValue: u32, wo, no, U32, 0, "", live, "Value: of that setting, the bits as in its object; adds it to the row";
+        10 RowLeaves: u32, rw, no, (0, 1_000_000_000), 0, "nm", live, "Leaves: height above the depth of the hole at which the row ends; less than that of the row before";
+        11 RowOnTime: u32, rw, no, (0, 10_000_000), 0, "ns", live, "On-time: that the generator is to be set to; 0 not said; the same for the three below";
+        12 RowOffTime: u32, rw, no, (0, 10_000_000), 0, "ns", live, "Off-time";
+        13 RowCurrent: u32, rw, no, (0, 1_000_000), 0, "mA", live, "Current: of a discharge";
+        14 RowPolarity: u8, rw, no, (0, 2), 0, "", live, "Polarity: of the electrode: 1 negative, 2 positive";
+        15 PulseOnTime: u32, ro, tx, U32, 0, "ns", live, "Generator on-time: of the row of sub-index 5, for whatever sets the generator; 0 not said, or no table is in use";
+        16 PulseOffTime: u32, ro, tx, U32, 0, "ns", live, "Generator off-time: the same";
+        17 PulseCurrent: u32, ro, tx, U32, 0, "mA", live, "Generator current: the same";
+        18 PulsePolarity: u8, ro, tx, (0, 2), 0, "", live, "Generator polarity: the same, 1 electrode negative, 2 positive";
+        19 GeneratorAnswer: u8, rw, rx, (0, 8), 0, "", live, "Generator is set: for the row of this number; 0 when a row begins; waited for if technology.answer_s is not 0";
+    }
     0x6007 "Abort connection option code" { 0 AbortOption: i16, rw, no, (0, 3), 1, "", store, "Abort connection option code: reaction to the loss of the host: 0 none, 1 fault, 2 disable voltage, 3 quick stop"; }
     0x603F "Error code" { 0 ErrorCode: u16, ro, tx, U16, 0, "", live, "Error code"; }
     0x6040 "Controlword" { 0 Controlword: u16, rw, rx, U16, 0, "", live, "Controlword"; }
@@ -329,8 +427,8 @@ objects! {
     0x605C "Disable operation option code" { 0 DisableOption: i16, rw, no, (0, 1), 1, "", store, "Disable operation option code"; }
     0x605D "Halt option code" { 0 HaltOption: i16, rw, no, (1, 2), 1, "", store, "Halt option code"; }
     0x605E "Fault reaction option code" { 0 FaultOption: i16, rw, no, (-1, -1), -1, "", live, "Fault reaction option code"; }
-    0x6060 "Modes of operation" { 0 Mode: i8, rw, rx, (0, 9), 0, "", live, "Modes of operation: 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position, 9 cyclic synchronous velocity"; }
-    0x6061 "Modes of operation display" { 0 ModeDisplay: i8, ro, tx, (0, 9), 0, "", live, "Modes of operation display: 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position, 9 cyclic synchronous velocity"; }
+    0x6060 "Modes of operation" { 0 Mode: i8, rw, rx, (-1, 9), 0, "", live, "Modes of operation: -1 steps of a host, 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position, 9 cyclic synchronous velocity"; }
+    0x6061 "Modes of operation display" { 0 ModeDisplay: i8, ro, tx, (-1, 9), 0, "", live, "Modes of operation display: -1 steps of a host, 0 none, 1 profile position, 3 profile velocity, 6 homing, 7 interpolated position, 8 cyclic synchronous position, 9 cyclic synchronous velocity"; }
     0x6062 "Position demand value" { 0 PositionDemand: i32, ro, tx, I32, 0, "counts", live, "Position demand value"; }
     0x6063 "Position actual internal value" { 0 PositionInternal: i32, ro, tx, I32, 0, "counts", live, "Position actual internal value"; }
     0x6064 "Position actual value" { 0 PositionActual: i32, ro, tx, I32, 0, "counts", live, "Position actual value"; }
@@ -433,10 +531,10 @@ objects! {
     0x60FC "Position demand internal value" { 0 DemandInternal: i32, ro, tx, I32, 0, "counts", live, "Position demand internal value"; }
     0x60FD "Digital inputs" { 0 DigitalInputs: u32, ro, tx, U32, 0, "", live, "Digital inputs: 0 upper limit, 1 lower limit; 16 emergency stop, 17 dielectric, 18 bridge fault, 19 supply low, 20 electrode and work touch, with pulses off"; }
     0x60FE "Digital outputs" {
-        1 PhysicalOutputs: u32, ro, tx, U32, 0, "", live, "Physical outputs: 16 pulses are allowed, 17 the loop is closed, 18 the coarse axis is asked for";
+        1 PhysicalOutputs: u32, ro, tx, U32, 0, "", live, "Physical outputs: 16 pulses are allowed, 17 the loop is closed, 18 the coarse axis is asked for, 19 steps are taken";
         2 OutputMask: u32, ro, no, U32, 0, "", live, "Bit mask: outputs that a host may set: none";
     }
     0x60FF "Target velocity" { 0 TargetVelocity: i32, rw, rx, I32, 0, "counts/s", live, "Target velocity"; }
-    0x6502 "Supported drive modes" { 0 SupportedModes: u32, ro, no, U32, 0x1E5, "", live, "Supported drive modes"; }
+    0x6502 "Supported drive modes" { 0 SupportedModes: u32, ro, no, U32, 0x101E5, "", live, "Supported drive modes: bit 16 is mode -1"; }
     0x67FE "Version number" { 0 ProfileVersion: u32, ro, no, U32, 0x0003_0000, "", live, "Version number: of the drive profile, by bytes from the second highest on: 3.0.0, that of IEC 61800-7-201:2007"; }
 }

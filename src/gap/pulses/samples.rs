@@ -18,6 +18,7 @@
 //! that what rises at the start of a pulse is left out (`blanking`).
 
 use super::class::{Class, Levels};
+use crate::dsp::decimate::sum;
 use crate::dsp::{OutOfRange, in_range};
 use crate::units::{ADC_FULL_SCALE, CLOCK_HZ, Seconds, Volts};
 
@@ -215,7 +216,7 @@ impl Evidence {
         if self.least < 0 {
             // All of them burn: the sum is enough.
             let count = codes.len() as u32;
-            let sum = codes.iter().fold(0i32, |sum, code| sum.wrapping_add(i32::from(*code)));
+            let sum = sum(codes).cast_signed();
             let below = at_zero.wrapping_mul(count.cast_signed()).wrapping_add(gain.wrapping_mul(sum));
             (self.burning, self.below) = (self.burning.wrapping_add(count), self.below.wrapping_add(below));
             return;

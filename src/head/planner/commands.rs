@@ -63,6 +63,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             Command::Touch(to, limits) => self.position(state, to, &limits, true),
             Command::FindSurface(reach) => self.find_surface(state, reach),
             Command::Follow(to, ticks) => self.follow_to(state, to, ticks),
+            Command::Record => self.begin_record(state),
+            Command::Step(least, most) => self.follow_steps(state, least, most),
             Command::Home(home) => self.home(state, &home),
             Command::Probe(probes) => self.probe(&probes),
             Command::Brake(deceleration) => self.brake(state, deceleration),
@@ -128,12 +130,15 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 if self.hold_inch() {
                     return Ok(());
                 }
-                if self.positioning.is_some() || self.guide.is_some() || self.search.is_some() {
+                let beside = self.search.is_some() || self.measures();
+                if self.positioning.is_some() || self.guide.is_some() || beside {
                     return self.brake(state, self.config.acceleration);
                 }
                 self.enter(State::HoldingPosition, Reason::Held);
                 Ok(())
             }
+            Command::Identify => self.identify(state),
+            Command::Tune => self.tune(state),
             Command::Commission => {
                 if state != State::Disabled {
                     return Err(Refused::State(state));
@@ -208,7 +213,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// A head may leave its upper limit downward, so that one alone is no reason to refuse; the dielectric matters only
     /// where pulses follow.
-    fn refuse_hazard(&self, pulses: bool) -> Result<(), Refused> {
+    pub(super) fn refuse_hazard(&self, pulses: bool) -> Result<(), Refused> {
         let only_upper = self.now.safety.upper_limit && !self.now.safety.lower_limit;
         let hazards = Hazards { any: true, limits: true, upper: !only_upper, dielectric: pulses };
         let sagging = self.status.bus < self.config.supervise.bus_min;
@@ -243,6 +248,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if !state.follows() || beside {
             return Err(Refused::State(state));
         }
+        if self.orbit.is_some_and(|(_, begun)| begun == self.route.begun()) {
+            return Err(Refused::PathActive);
+        }
         Ok(())
     }
 
@@ -260,7 +268,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.route.append(piece).map_err(Refused::Path)
     }
 
-    fn queue(&mut self, state: State, to: Fixed) -> Result<(), Refused> {
+    pub(super) fn queue(&mut self, state: State, to: Fixed) -> Result<(), Refused> {
         self.may_queue(state)?;
         let (min, max) = self.reach();
         let outside = to < self.config.axis.counts(min) || to > self.config.axis.counts(max);
@@ -268,7 +276,10 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             let target = Nanometres(to.round().saturating_mul(self.config.axis.nm_per_count));
             return Err(Refused::OutOfTravel { target, min, max });
         }
-        self.route.push_line(to).map_err(Refused::Path)
+        match self.config.orbit {
+            Some(orbit) if to > self.route.end() => self.orbit_to(orbit, to),
+            _ => self.route.push_line(to).map_err(Refused::Path),
+        }
     }
 
     /// Gives the permit to write flash, or says why not.
@@ -342,6 +353,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Comes to rest on a ramp; what moves along the path stops by the acceleration of the path.
     fn brake(&mut self, state: State, deceleration: MicrometresPerSecond2) -> Result<(), Refused> {
         let deceleration = self.counts2(deceleration);
+        self.stepper = None;
         if self.jump.take().is_some() {
             // Beside the path, which is over with that.
             let deceleration = CountsPerSecond2(larger(self.config.jump.limits.acceleration.0, deceleration.0));
@@ -350,7 +362,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             return Ok(());
         }
         self.break_off_search();
-        let searched = self.search.take().is_some() | self.end_carrying();
+        let searched = self.search.take().is_some() | self.end_carrying() | self.break_off_measurement();
         if searched || state == State::Guiding && self.now.segment.velocity.0 != 0.0 {
             self.positioning = Some(Task::Brake(deceleration));
             self.enter(State::Positioning, Reason::Held);
@@ -416,7 +428,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         Ok(())
     }
 
-    fn take_up(&mut self, state: State, task: Task) {
+    pub(super) fn take_up(&mut self, state: State, task: Task) {
+        self.stepper = None;
         self.positioning = Some(task);
         self.touching = Touching::No;
         if self.status.state != state {

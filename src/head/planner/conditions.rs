@@ -31,6 +31,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let Status { state, gap, open_circuit, .. } = &self.status;
         match state {
             State::Seeking | State::Eroding => gap.quality == Quality::Valid && gap.filtered.0 >= OPEN * open_circuit.0,
+            // Not while identifying: what holds the head by its settings is what is in question.
             State::Positioning => !gap.touches,
             State::Retreating | State::Lifting | State::Fault => {
                 let above = self.cleared.saturating_sub(self.status.position);
@@ -53,7 +54,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             State::Positioning | State::Homing if self.touching == Touching::Asked => Touch::End,
             State::Homing if self.looks_for_home() => Touch::End,
             State::Inching if self.feels() => Touch::End,
-            State::Positioning | State::Homing | State::Jumping | State::Inching => Touch::Fault,
+            State::Positioning | State::Homing | State::Jumping | State::Inching | State::Identifying => Touch::Fault,
             State::Touching if self.search.as_ref().is_some_and(touch::Touching::approaches) => Touch::End,
             _ => Touch::Ignored,
         }
@@ -99,13 +100,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Whether the supervision has found something in the way of a reference that is looked for.
     pub(super) fn is_blocked(&self) -> bool {
-        let since = self.monitored.tick.wrapping_sub(self.entered).cast_signed() > 0;
-        self.monitored.blocked && since && self.looks_for_home()
+        let since = self.watched.tick.wrapping_sub(self.entered).cast_signed() > 0;
+        self.watched.blocked && since && self.looks_for_home()
     }
 
     /// Whether the set point of the loop is the path's.
     pub(super) fn follows_path(&self) -> bool {
         let beside = self.positioning.is_some() || self.jump.is_some() || self.search.is_some() || self.inch.is_some();
+        let beside = beside || self.measures();
         !beside && self.status.state != State::Guiding
     }
 

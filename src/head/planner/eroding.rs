@@ -65,7 +65,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if self.jump_is_due() && self.begin_jump(false).is_ok() {
             return self.jump_on();
         }
-        let arcs = self.monitored.arcs;
+        let arcs = self.watched.arcs;
         match arcs {
             // Jumps have not helped.
             Some(true) if self.arc_jumps >= ARC_JUMPS => {

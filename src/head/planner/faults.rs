@@ -12,6 +12,7 @@ const TREMBLE: i64 = 1;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
     /// A fault found elsewhere: supervision, protocol. While another one's reaction runs, only one that escalates it is taken.
+    #[inline(never)]
     pub fn raise(&mut self, fault: Fault) {
         let reaction = match &self.reacting {
             Some(reacting) => reacting.escalates(fault),
@@ -25,6 +26,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// Takes up a reaction to a fault, whatever was done before.
+    #[inline(never)]
     pub(super) fn react_with(&mut self, fault: Fault, reaction: Reaction) {
         self.end_positioning();
         self.reacting = Some(Reacting::new(fault, reaction, &self.situation()));
@@ -70,8 +72,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             position: self.status.position,
             velocity: self.status.velocity,
             driven: self.silence.driven(),
-            unseen: self.monitored.back_emf.difference(),
-            generated: self.config.axis.plant.generating(self.monitored.current),
+            unseen: self.status.back_emf.difference(),
+            generated: self.config.axis.plant.generating(self.status.current),
             duty: self.status.duty,
             saturated: self.status.saturated,
             top: self.at_top() || self.now.safety.upper_limit,

@@ -16,6 +16,7 @@ use core::ops::DerefMut;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
     /// Upper and lower end of the travel, where the coarse axis has carried it.
+    #[inline(never)]
     pub(super) fn travel(&self) -> (Nanometres, Nanometres) {
         let axis = &self.config.axis;
         let by = self.status.carried.saturating_mul(axis.nm_per_count);

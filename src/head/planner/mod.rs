@@ -1,22 +1,27 @@
 //! Plan: states, fault reactions, feed law, limits, the path ahead.
 //!
-//! The [`Planner`] runs below the servo tick, some 4000 times a second, on the [`Estimate`] of one tick, and makes the [`Plan`]
+//! The [`Planner`] runs below the servo tick, 4000 times a second, 2000 in slow erosion, on the [`Estimate`] of one tick, and makes the [`Plan`]
 //! that comes into force [`LEAD`](super::LEAD) ticks later. In addition it sees only the values of the supervision
-//! ([`Monitored`]). Commands come in between [`begin`](Planner::begin) and [`plan`](Planner::plan).
+//! ([`Monitored`]), a thousand times a second. Commands come in between [`begin`](Planner::begin) and [`plan`](Planner::plan).
 
 mod commands;
 mod conditions;
 mod eroding;
 mod faults;
 mod guiding;
+mod identifying;
 mod inching;
 mod jumping;
 mod motion;
+mod orbiting;
 mod positions;
 mod ready;
 mod states;
+mod stepping;
 mod touching;
 mod transitions;
+
+pub use identifying::Evidence;
 
 use super::commissioning::{Commissioning, Finding, Report};
 use super::config::Config;
@@ -25,8 +30,10 @@ use super::estimate::Estimate;
 use super::fault::Fault;
 use super::follow::FollowConfig;
 use super::guide::{Guidance, Guide};
+use super::identify::{Identify, Stage};
 use super::inch::Inching;
 use super::jump::Jump;
+use super::orbit::Orbit;
 use super::plan::Plan;
 use super::positioning::Task;
 use super::probe::{PROBES, Probe};
@@ -36,18 +43,22 @@ use super::rhythm::Rhythm;
 use super::route::Route;
 use super::silence::Silence;
 use super::state::{Change, ChangeLog, State};
-use super::supervise::{Config as SupervisionConfig, Monitored};
+use super::steps::{Recorder, Stepper};
+use super::supervise::{Config as SupervisionConfig, Monitored, Row};
 use super::touch;
 use super::transfer::Transfer;
+use super::tune::{Step as TuneStep, Tune};
 use super::{Refused, Status};
+use crate::encoder::Mark;
 use crate::feed::{After, Generator, Leading};
 use crate::gap::OpenCircuit;
 use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
-use crate::path::Path;
+use crate::path::{AXES, Path};
 use crate::servo::Presliding;
-use crate::units::{Fixed, Micrometres, Volts};
+use crate::units::{Fixed, Micrometres, MicrometresPerSecond, Volts};
 use core::ops::DerefMut;
+use edm_hal_shim::safety::SafetyInputs;
 use edm_hal_shim::self_test::SelfTest;
 
 /// How a positioning that is to touch the work stands.
@@ -61,6 +72,30 @@ enum Touching {
     Done,
 }
 
+/// What of the newest estimate is asked for after [`Planner::begin`], and is not in the status.
+#[derive(Clone, Copy, Debug, Default)]
+struct Now {
+    generation: u32,
+    tick: u32,
+    segment: TrajectorySegment,
+    along: MicrometresPerSecond,
+    offset: i64,
+    paths: u32,
+    mark: Mark,
+    marked: i64,
+    safety: SafetyInputs,
+    short: bool,
+}
+
+/// The same of what the supervision says.
+#[derive(Clone, Copy, Debug, Default)]
+struct Watched {
+    tick: u32,
+    arcs: Option<bool>,
+    blocked: bool,
+    row: Row,
+}
+
 /// The part of a head that decides. `P` owns the path: a `Box<Path>`, or a `&'static mut Path`.
 #[derive(Debug)]
 pub struct Planner<P> {
@@ -69,8 +104,8 @@ pub struct Planner<P> {
     status: Status,
     changes: ChangeLog,
     route: Route<P>,
-    now: Estimate,
-    monitored: Monitored,
+    now: Now,
+    watched: Watched,
     silence: Silence,
     /// Ticks since the estimate before.
     ticks: u32,
@@ -94,6 +129,12 @@ pub struct Planner<P> {
     /// State that a retreat returns to, and the count where it began.
     retreat: (State, i64),
     positioning: Option<Task>,
+    /// Follows steps of a host, as a positioning.
+    stepper: Option<Stepper>,
+    /// Makes a path of them.
+    recorder: Option<Recorder>,
+    /// Ticks since the newest of them.
+    unstepped: u32,
     /// While guiding, and in a retreat from there.
     guide: Option<Guide>,
     jump: Option<Jump>,
@@ -108,6 +149,10 @@ pub struct Planner<P> {
     /// What of the erosion's end has come, and the path coordinate of the lift after it.
     ends: Ends,
     lifts_to: Fixed,
+    /// The orbit under way, and the path that it is of.
+    orbit: Option<(Orbit, u32)>,
+    /// Where an escape from here leads, nm.
+    escape: [i32; AXES],
     /// The work has been found, and the gap is still wider than the one to keep.
     meets: bool,
     /// Ticks of erosion since the last jump.
@@ -130,6 +175,10 @@ pub struct Planner<P> {
     proof: Option<Proof>,
     /// Times that a proof has pushed the head downward in vain.
     descents: u32,
+    /// The identification under way.
+    identify: Option<Identify>,
+    /// The tuning under way.
+    tune: Option<Tune>,
     commissioning: Option<Commissioning>,
     commissioned: Option<Result<Report, Finding>>,
     /// Tick in which the present state was entered.
@@ -151,8 +200,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             status: Status::default(),
             changes: ChangeLog::default(),
             route: Route::new(path, config.axis.nm_per_count, config.retreat.limit),
-            now: Estimate::default(),
-            monitored: Monitored::default(),
+            now: Now::default(),
+            watched: Watched::default(),
             silence: Silence::default(),
             ticks: 1,
             offset: 0,
@@ -168,6 +217,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             regauged: 0.0,
             retreat: (State::Eroding, 0),
             positioning: None,
+            stepper: None,
+            recorder: None,
+            unstepped: 0,
             guide: None,
             jump: None,
             inch: None,
@@ -177,6 +229,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             search: None,
             ends: Ends::default(),
             lifts_to: Fixed(0),
+            orbit: None,
+            escape: [0; AXES],
             meets: false,
             eroded: 0,
             rhythm: Rhythm::default(),
@@ -190,6 +244,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             doubt: None,
             proof: None,
             descents: 0,
+            identify: None,
+            tune: None,
             commissioning: None,
             commissioned: None,
             entered: 0,
@@ -264,6 +320,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         let restructured = config.structure != self.config.structure;
         let rescaled = config.axis.nm_per_count != self.config.axis.nm_per_count;
+        if let Some(tune) = &mut self.tune
+            && self.config.axis.gains != config.axis.gains
+        {
+            tune.restart();
+        }
         self.adopt(config);
         if restructured {
             self.looked = self.place();
@@ -294,13 +355,42 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.kept.agrees(&self.config)
     }
 
+    /// What the supervision says, once a millisecond, before [`begin`](Planner::begin).
+    pub fn watch(&mut self, monitored: &Monitored) {
+        let Monitored { tick, current, bus, back_emf, reduced, illegal, arcs, senses, blocked, row } = monitored;
+        self.watched = Watched { tick: *tick, arcs: *arcs, blocked: *blocked, row: *row };
+        let status = &mut self.status;
+        status.current = *current;
+        status.bus = *bus;
+        status.back_emf = *back_emf;
+        status.illegal_transitions = *illegal;
+        status.current_reduced = *reduced;
+        status.senses = *senses;
+    }
+
     /// Takes in the estimate of a tick, and what it reports.
-    pub fn begin(&mut self, now: &Estimate, monitored: &Monitored) {
+    pub fn begin(&mut self, now: &Estimate) {
         self.ticks = now.tick.wrapping_sub(self.now.tick).clamp(1, super::TICKS_MOST);
-        self.now = *now;
-        self.monitored = *monitored;
+        self.now = Now {
+            generation: now.generation,
+            tick: now.tick,
+            segment: now.segment,
+            along: now.along,
+            offset: now.offset,
+            paths: now.paths,
+            mark: now.mark,
+            marked: now.marked,
+            safety: now.safety,
+            short: now.short,
+        };
+        if let Some(at) = now.left
+            && now.paths == self.route.begun()
+        {
+            self.route.escape(at, self.escape);
+        }
+        self.unstepped = self.unstepped.saturating_add(self.ticks);
         self.route.reconcile(now);
-        self.take_in();
+        self.take_in(now);
         let count = now.position.wrapping_sub(now.offset);
         let missing = self.silence.look(&self.config, count, now.duty, now.segment.velocity, self.ticks);
         // Where a head may meet its stop, standing still says nothing.
@@ -333,14 +423,20 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     /// Decides, and writes the plan.
     pub fn plan(&mut self, plan: &mut Plan) {
+        if self.orbit.is_some() {
+            self.orbit_on();
+        }
+        self.record_steps();
         let (motion, allowed) = self.decide();
         let mut followed = self.trajectory(motion);
-        self.compensate(&mut followed);
+        let next = self.plan_ticks(&followed);
+        self.compensate(&mut followed, next);
         self.status.reacting = self.reacting.as_ref().is_some_and(Reacting::moves);
         let retreats = matches!(self.status.state, State::Seeking | State::Eroding | State::Guiding);
         // One field after the other: a whole plan would be put together beside it, and copied.
         let Plan {
             generation,
+            ticks,
             trajectory,
             path,
             setpoint,
@@ -362,13 +458,16 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             touch,
             hazards,
             reaction,
+            fault,
             doubted,
             retreat,
+            escapes,
             stop,
             limited,
             lift,
         } = plan;
         *generation = self.now.generation;
+        *ticks = next;
         *trajectory = followed;
         *path = self.route.s();
         *setpoint = self.status.setpoint;
@@ -390,22 +489,27 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *touch = self.touch();
         *hazards = self.hazards();
         *reaction = self.reacting.as_ref().map(Reacting::reaction);
+        *fault = self.status.fault;
         *doubted = self.doubt.is_some();
+        *escapes = retreats && self.ready_to_escape();
         *retreat = if retreats { Some(self.ready_retreat()) } else { None };
         *stop = self.ready_stop(&followed);
         *limited = self.ready_window(self.config.lift.limited);
         *lift = self.ready_lift();
         self.status.path = self.route.s();
-        self.status.waiting = self.route.waiting();
+        // An orbit is one segment of its host.
+        self.status.waiting = if self.orbit.is_some() { 0 } else { self.route.waiting() };
         self.status.beside = self.route.beside();
         self.status.paths = self.route.begun();
         self.status.retreat_ended = self.route.ended();
         self.status.guidance = self.guide.as_ref().map_or(Guidance::No, Guide::guidance);
+        self.status.stage = self.identify.as_ref().map_or(Stage::None, Identify::stage);
+        self.status.tunes = self.tune.as_ref().map_or(TuneStep::None, Tune::step);
     }
 
     /// What the estimate says, for whom it concerns.
-    fn take_in(&mut self) {
-        let (now, monitored, status) = (&self.now, &self.monitored, &mut self.status);
+    fn take_in(&mut self, now: &Estimate) {
+        let status = &mut self.status;
         let offset = self.offset.wrapping_sub(now.offset);
         status.tick = now.tick;
         status.position = now.position.wrapping_add(offset);
@@ -421,12 +525,6 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         for edge in status.probes.iter_mut().flat_map(|latched| &mut latched.edges) {
             edge.position = edge.position.wrapping_add(offset);
         }
-        status.current = monitored.current;
-        status.bus = monitored.bus;
-        status.back_emf = monitored.back_emf;
-        status.illegal_transitions = monitored.illegal;
-        status.current_reduced = monitored.reduced;
-        status.senses = monitored.senses;
         if status.gap.regauged != self.regauged {
             let ratio = (1.0 + status.gap.regauged) / (1.0 + self.regauged);
             self.regauged = status.gap.regauged;
@@ -440,6 +538,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// What is followed when the plan comes into force, if nothing is decided.
+    #[inline(never)]
     fn segment(&self) -> TrajectorySegment {
         if self.route.begun() != self.now.paths {
             return TrajectorySegment { from: self.route.setpoint(), ..TrajectorySegment::default() };

@@ -11,11 +11,13 @@ use crate::head::trajectory::{Follow, Trajectory};
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Window;
-use crate::units::{Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_HZ, larger, smaller, within};
+use crate::units::{CALM_TICKS, Fixed, MicrometresPerSecond, PLAN_TICKS, TICK_HZ, larger, smaller, within};
 use core::ops::DerefMut;
 
 /// Following error from which a fast motion waits, of the largest that is allowed.
 const FAST: f32 = 0.2;
+/// Velocity below which a set point moves by no more than a count between two plans, counts/s.
+const CALM: f32 = (TICK_HZ / CALM_TICKS) as f32;
 /// Ticks for which a set point may wait for the axis: 1 s, in which 10 N lift a face of 25 mm from a gap of 15 um (Stefan).
 const WAITS: u32 = TICK_HZ;
 
@@ -70,19 +72,27 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
     }
 
-    /// Friction, where a set point is followed, and what a host adds. What a fault's reaction may press is calculated without it.
-    pub(super) fn compensate(&mut self, trajectory: &mut Trajectory) {
+    /// Friction, where a set point is followed for so many ticks, and what a host adds. What a fault's reaction may press is calculated without it.
+    pub(super) fn compensate(&mut self, trajectory: &mut Trajectory, ticks: u32) {
         let streams = |task: &Task| matches!(task, Task::Follow { .. });
         let guided = self.guide.as_ref().is_some_and(|guide| guide.is_together() && streams(&guide.task));
         if guided || self.status.state == State::Positioning && self.positioning.as_ref().is_some_and(streams) {
             trajectory.duty += self.push;
         }
         if trajectory.follow == Follow::Setpoint && self.status.state != State::Fault {
-            let travel = Fixed(trajectory.travel.0.saturating_mul(PLAN_TICKS.into()));
+            let travel = Fixed(trajectory.travel.0.saturating_mul(ticks.into()));
             trajectory.duty += self.presliding.travel(&self.config.presliding, travel);
         } else {
             self.presliding.forget();
         }
+    }
+
+    /// Ticks until the next estimate. Where a set point hardly moves, and no encoder that has died would be missed by its speed, the
+    /// feed law loses nothing; whatever is urgent asks for a plan at once.
+    pub(super) fn plan_ticks(&self, trajectory: &Trajectory) -> u32 {
+        let calm = self.status.state == State::Eroding && self.jump.is_none();
+        let slow = trajectory.velocity.0 > -CALM && trajectory.velocity.0 < CALM;
+        if calm && slow { CALM_TICKS } else { PLAN_TICKS }
     }
 
     /// The coordinate waits for the axis, where something resists it: film in a narrow gap, friction, a duty at its limit. Else the
@@ -161,7 +171,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     pub(super) fn current_window(&self) -> Window {
         let current = &self.config.axis.current;
-        let limit = if self.monitored.reduced { current.continuous } else { current.peak };
+        let limit = if self.status.current_reduced { current.continuous } else { current.peak };
         self.config.axis.plant.current_window(limit, self.status.velocity)
     }
 }

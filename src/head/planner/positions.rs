@@ -29,6 +29,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let seen = Seen { touches, blocked, ..self.seen() };
         let limit = self.config.axis.gains.velocity_limit();
         let when = self.when();
+        let stepped = self.lead_by_steps(when);
         let Some(task) = &mut self.positioning else {
             self.enter(State::Ready, Reason::Arrived);
             return self.along(REST);
@@ -46,7 +47,14 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 let ahead = self.status.following.copysign(self.status.following * segment.velocity.0);
                 let Some(pace) = self.awaited(if waits { ahead } else { 0.0 }) else { return self.react() };
                 let slowed = segment.at(CountsPerSecond(segment.velocity.0 * pace));
-                return Motion::Axis(self.approach(if pace < 1.0 { slowed } else { segment }));
+                let segment = self.approach(if pace < 1.0 { slowed } else { segment });
+                if let Some((to, held)) = stepped {
+                    self.status.approaching |= held;
+                    if self.falls_behind(to, &segment) {
+                        return self.react();
+                    }
+                }
+                return Motion::Axis(segment);
             }
             Step::Ends(Reason::Arrived) if self.touching == Touching::Done => Reason::Touched,
             Step::Ends(reason) => reason,
@@ -69,6 +77,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// Toward the work faster than the approach only where the axis has been.
+    #[inline(never)]
     pub(super) fn approach(&mut self, segment: TrajectorySegment) -> TrajectorySegment {
         let most = self.toward(segment.from);
         self.status.approaching = segment.velocity.0 > most.0;

@@ -1,6 +1,7 @@
 //! What a plan holds ready for the servo ticks: the motions after a short, a fault, a lost encoder.
 
 use super::Planner;
+use crate::head::config::Escape;
 use crate::head::reaction::upward;
 use crate::head::route::Bounds;
 use crate::head::state::State;
@@ -8,7 +9,7 @@ use crate::head::trajectory::{Follow, Trajectory};
 use crate::motion::TrajectorySegment;
 use crate::path::Path;
 use crate::servo::Window;
-use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, TICK_S};
+use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, Nanometres, TICK_S};
 use core::ops::DerefMut;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
@@ -25,8 +26,35 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             let segment = TrajectorySegment { velocity: CountsPerSecond(up), travel, ..TrajectorySegment::default() };
             return Trajectory::axis(&segment, self.full_window().and(self.current_window()));
         }
-        let up = MicrometresPerSecond(-self.config.retreat.velocity.0);
-        self.route.ready(up, &self.bounds(), self.full_window().and(self.current_window()))
+        let (up, window) = (-self.config.retreat.velocity.0, self.full_window().and(self.current_window()));
+        if let Some(escape) = self.leaves_path() {
+            let up = if self.bounds().upper_limit { 0.0 } else { up };
+            return self.route.ready_escape(MicrometresPerSecond(up), escape.down, &self.bounds(), window);
+        }
+        self.route.ready(MicrometresPerSecond(up), &self.bounds(), window)
+    }
+
+    /// What a short would take the head off its path by, now.
+    fn leaves_path(&self) -> Option<Escape> {
+        let escape = self.config.retreat.escape?;
+        let erodes = matches!(self.status.state, State::Seeking | State::Eroding) && self.route.off().is_none();
+        erodes.then_some(escape)
+    }
+
+    /// Whether a short would begin an escape. Where that leads, not above the travel, is remembered.
+    pub(super) fn ready_to_escape(&mut self) -> bool {
+        let Some(Escape { by, .. }) = self.leaves_path() else { return false };
+        let [up, ..] = by.map(i64::from);
+        let (Nanometres(top), _) = self.travel();
+        let here = self.route.setpoint().round().saturating_mul(self.config.axis.nm_per_count);
+        let room = top.saturating_sub(here).min(0);
+        self.escape = if self.status.homed && up < room {
+            let share = room as f32 / up as f32;
+            by.map(|nm| (nm as f32 * share) as i32)
+        } else {
+            by
+        };
+        true
     }
 
     /// For two ticks: what is open stays open, a positioning continues, what follows the path slows down.

@@ -38,6 +38,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             State::Jumping => self.jump_on(),
             State::Inching => self.inch_on(),
             State::Touching => self.touch_on(),
+            State::Identifying => self.identify_on(),
             State::Lifting => self.lift_on(),
             State::Seeking if self.open.volts().is_none() => self.along(REST),
             State::Seeking => self.along(self.config.seek.velocity),
@@ -117,6 +118,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if self.now.short || self.status.gap.short_ticks >= self.config.retreat.trigger {
             self.retreat = (from, self.status.position);
             self.good = self.good.max(self.route.s());
+            if !self.now.short && self.ready_to_escape() {
+                self.route.escape(self.route.s(), self.escape);
+            }
             self.enter(State::Retreating, Reason::Short);
             if let Some(guide) = &mut self.guide {
                 guide.part();
@@ -126,7 +130,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
 
     fn end_retreat(&mut self) {
         let (back_to, began) = self.retreat;
-        let gone = began.saturating_sub(self.status.position);
+        let gone = match self.route.off() {
+            // Sideways the axis need not move.
+            Some(off) => (off.to_f32() * self.config.axis.counts_per_um) as i64,
+            None => began.saturating_sub(self.status.position),
+        };
         let shorted = self.status.gap.short_ticks > 0;
         let clear = gone >= self.config.retreat.clearance || self.route.at_beginning() || self.is_spent();
         if !shorted && clear {

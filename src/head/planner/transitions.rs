@@ -8,13 +8,20 @@ use crate::units::{Fixed, MicrometresPerSecond};
 use core::ops::DerefMut;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
+    #[inline(never)]
     pub(super) fn enter(&mut self, state: State, reason: Reason) {
         self.changes.push(Change { tick: self.status.tick, from: self.status.state, to: state, reason });
-        if !matches!(state, State::Positioning | State::Homing | State::Jumping | State::Inching | State::Touching) {
+        if !matches!(
+            state,
+            State::Positioning | State::Homing | State::Jumping | State::Inching | State::Touching | State::Identifying
+        ) {
             self.end_positioning();
         }
         if !matches!(state, State::Guiding | State::Retreating) {
             self.guide = None;
+        }
+        if !matches!(state, State::Ready | State::Done) && !state.works() {
+            self.recorder = None;
         }
         self.status.state = state;
         self.entered = self.status.tick;
@@ -43,8 +50,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     pub(super) fn end_positioning(&mut self) {
         (self.touching, self.status.approaching) = (Touching::No, false);
         self.break_off_search();
+        self.stepper = None;
         let beside = self.positioning.take().is_some() | self.jump.take().is_some() | self.search.take().is_some();
-        let beside = beside | self.end_carrying();
+        let beside = beside | self.end_carrying() | self.break_off_measurement();
         if beside || self.status.state == State::Guiding {
             if self.status.homing == HomingState::Runs {
                 self.status.homing = HomingState::No;

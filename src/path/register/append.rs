@@ -76,7 +76,7 @@ impl<const N: usize> Register<N> {
     }
 
     /// Direction in um per um.
-    fn unit(&self, direction: [f32; AXES]) -> [f32; AXES] {
+    pub(super) fn unit(&self, direction: [f32; AXES]) -> [f32; AXES] {
         let mut unit = direction;
         for (unit, nm_per_count) in unit.iter_mut().zip(&self.nm_per_count) {
             *unit *= *nm_per_count as f32 * 1e-3;

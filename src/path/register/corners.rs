@@ -15,6 +15,9 @@ impl<const N: usize> Register<N> {
     /// Length of path ahead. A corner counts as an end as much farther away as the speed is that it may be passed with:
     /// v^2 = a d, with the v that no axis changes by more than `acceleration` does in the time of a plan.
     pub fn ahead(&self, acceleration: MicrometresPerSecond2) -> Micrometres {
+        if self.is_off() {
+            return self.ahead_off(acceleration);
+        }
         let mut least = self.newest.minus(self.s).to_f32();
         let Some(length) = self.length(self.current) else { return Micrometres(least) };
         let mut joint = self.start.plus(length);
@@ -38,6 +41,9 @@ impl<const N: usize> Register<N> {
     /// Length that a retreat can still cover; corners as in [`Register::ahead`].
     pub fn behind(&self, acceleration: MicrometresPerSecond2) -> Micrometres {
         let mut least = self.left_behind().0;
+        if self.is_off() {
+            return Micrometres(least);
+        }
         let mut joint = self.start;
         let mut slot = self.current;
         for looked in 0..JOINTS {
@@ -56,7 +62,7 @@ impl<const N: usize> Register<N> {
 }
 
 /// What a corner adds to the length before it, um. Beyond the last joint that is looked at nothing is known.
-fn passing(corner: f32, acceleration: MicrometresPerSecond2, looked: usize) -> f32 {
+pub(super) fn passing(corner: f32, acceleration: MicrometresPerSecond2, looked: usize) -> f32 {
     if looked.wrapping_add(1) == JOINTS {
         0.0
     } else if corner > 0.0 {

@@ -2,11 +2,13 @@
 
 mod append;
 mod corners;
+mod escape;
 mod retreat;
 mod step;
 #[cfg(test)]
 mod tests;
 
+use self::escape::Off;
 use super::grid::{Grid, Place, counts, length, length_um};
 use super::line::Line;
 use super::piece::{Packed, Segment};
@@ -75,6 +77,7 @@ pub struct Register<const N: usize> {
     passed: Fixed,
     /// A piece leads another axis than the first.
     beside: bool,
+    off: Off,
 }
 
 impl<const N: usize> Register<N> {
@@ -99,6 +102,7 @@ impl<const N: usize> Register<N> {
         marked: false,
         passed: Fixed(0),
         beside: false,
+        off: Off::NONE,
     };
 
     /// Sets the nm per count of each axis, 50 at least: for a path that is begun anew from now on.
@@ -128,7 +132,7 @@ impl<const N: usize> Register<N> {
         let from = counts(back, &here, &self.grid());
         let length = length_um(length(back.map(|nm| nm.unsigned_abs().into())));
         self.lead = if length.0 > 0 { Line::new(from, here, length) } else { Line::point(here) };
-        self.current = 0;
+        (self.current, self.off) = (0, Off::NONE);
         self.now = Segment::Line(self.lead);
         self.oldest = Fixed(0).minus(length);
         self.start = self.oldest;

@@ -6,6 +6,9 @@ use crate::units::{Fixed, Micrometres};
 impl<const N: usize> Register<N> {
     /// Where a retreat ends, and what ends it there.
     pub(super) fn floor(&self) -> (Fixed, Bound) {
+        if self.is_off() {
+            return (self.start, Bound::Distance);
+        }
         let distance = self.furthest.minus(self.retreat);
         let (floor, bound) =
             if distance >= self.oldest { (distance, Bound::Distance) } else { (self.oldest, Bound::Memory) };

@@ -20,13 +20,16 @@ impl<const N: usize> Register<N> {
 
     /// A joint has been crossed.
     #[cold]
-    fn ready(&mut self) {
+    pub(super) fn ready(&mut self) {
         if let Some(now) = self.unpacked(self.current) {
             self.now = now;
         }
     }
 
     fn forward(&mut self, wanted: Fixed) -> Option<Bound> {
+        if self.is_off() && self.come_back(wanted) {
+            return None;
+        }
         for _ in 0..JOINTS {
             let Some(length) = self.length(self.current) else { return Some(Bound::End) };
             let end = self.start.plus(length);
@@ -98,7 +101,7 @@ impl<const N: usize> Register<N> {
     /// Whether a stop before that is reached, and not over.
     pub fn at_stop(&self) -> bool {
         let ends = |length| self.s >= self.start.plus(length) && !self.at_end();
-        self.stops(self.current, self.s) && self.length(self.current).is_some_and(ends)
+        !self.is_off() && self.stops(self.current, self.s) && self.length(self.current).is_some_and(ends)
     }
 
     /// The stop that is reached is over.

@@ -219,6 +219,40 @@ fn a_stranger_bores_a_hole_in_the_page() {
     assert!(page.text("#events").contains("bores to 0.002 mm"), "{}", page.text("#events"));
 }
 
+/// The same with the firmware on the modelled chip, which `.ci/release desk` has put on a bus: several times slower than a head.
+#[test]
+fn a_stranger_bores_a_hole_with_the_firmware_in_the_page() {
+    let Ok(connection) = std::env::var("EDM_CHIP_BUS") else { return };
+    let desk = Desk::new(&connection);
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    let at_last = |page: &mut Browser, condition: &str| {
+        let end = Instant::now() + 10 * PATIENCE;
+        while page.value(condition) != true {
+            assert!(Instant::now() < end, "{condition}: {}", page.text("body"));
+            std::thread::sleep(Duration::from_millis(200));
+        }
+    };
+    page.view("heads");
+    at_last(&mut page, "document.querySelector('#found').innerText.includes('Node 1')");
+    page.command();
+    page.view("scope");
+    page.click("#record-fast button");
+    at_last(&mut page, "document.querySelector('#scope-said').innerText.includes('samples')");
+    page.view("run");
+    page.value("document.querySelector('[name=depth]').value = 0.002");
+    page.click("#begin");
+    at_last(&mut page, "document.querySelector('#doing').innerText.startsWith('Bored: ')");
+    assert!(page.text("#doing").contains(" of 0.002 mm in "), "{}", page.text("#doing"));
+    page.view("motor");
+    page.click("#identify-begin");
+    at_last(&mut page, "document.querySelector('#found-values').rows.length > 5");
+    page.picture("motor-of-the-firmware");
+    page.click("#identify-begin");
+    at_last(&mut page, "document.querySelector('#state').innerText === 'identifying'");
+    page.click("#stop");
+    at_last(&mut page, "document.querySelector('#state').innerText === 'disabled'");
+}
+
 #[test]
 fn a_program_is_eroded_from_the_page_and_what_is_wrong_in_it_is_marked_in_its_line() {
     let rig = Rig::new();
@@ -253,10 +287,83 @@ fn a_program_is_eroded_from_the_page_and_what_is_wrong_in_it_is_marked_in_its_li
     assert!(truth.deepest >= 1999 && !truth.pulses, "{truth:?}");
 }
 
+#[test]
+fn a_table_runs_from_the_page_which_says_the_row_and_asks_for_the_generator() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.connection());
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.command();
+    page.view("run");
+    page.click("#rows summary");
+    assert_eq!(page.value("document.querySelector('#row-row').offsetHeight"), 0, "no table is under way");
+    let type_in = |page: &mut Browser, fine: &str| {
+        let head = "electrode = 'copper'\\nwork = 'steel'\\n[[row]]\\nname = 'rough'\\nleaves_um = 2\\n";
+        let text = format!("{head}generator.on_us = 160\\n[[row]]\\nname = 'fine'\\n{fine}");
+        page.value(&format!(
+            "(() => {{ const field = document.querySelector('[name=table]'); field.value = \"{text}\"; field.oninput(); }})()"
+        ));
+    };
+    page.value("document.querySelector('[name=depth]').value = 0.004");
+    type_in(&mut page, "settings.gap.setpoint_v = 500");
+    page.click("#begin");
+    page.until("document.querySelector('#run-said').innerText.startsWith('table line 9: row \"fine\": gap.setpoint_v = 500: must be')");
+    let marked = "(() => { const field = document.querySelector('[name=table]');
+        return field.classList.contains('wrong') && field.value.slice(field.selectionStart, field.selectionEnd); })()";
+    assert_eq!(page.value(marked), "settings.gap.setpoint_v = 500");
+    page.picture("run-table-wrong");
+    type_in(&mut page, "generator.on_us = 60");
+    page.click("#begin");
+    for (row, generator) in [("1 of 2, rough", "on_us 160 (row 1, rough)"), ("2 of 2, fine", "on_us 60 (row 2, fine)")]
+    {
+        page.until(&format!("document.querySelector('#generator span').innerText === '{generator}'"));
+        assert!(!rig.truth().pulses);
+        assert_eq!(page.text("#row"), row);
+        page.picture(if row.starts_with('1') { "run-table-waits" } else { "run-table-waits-fine" });
+        page.click("#generator-set");
+        page.until("document.querySelector('#generator').hidden");
+    }
+    page.until("document.querySelector('#doing').innerText.startsWith('Bored: ')");
+    assert_eq!(page.value("document.querySelector('#progress').value"), 1);
+}
+
 /// Something is drawn in each pane.
 const DRAWN: &str = "document.querySelectorAll('#chart canvas').length === 3
     && [...document.querySelectorAll('#chart canvas')].every((canvas) => canvas.width > 100
     && canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((byte) => byte))";
+
+#[test]
+fn a_loop_is_measured_and_gets_other_gains_in_the_page_and_the_old_ones_back() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.connection());
+    let set =
+        ["servo.velocity_hz=90", "servo.position_hz=45", "tune.travel_um=1500", "tune.points=6", "tune.lowest_hz=60"];
+    let (_, _, error) = crate::rig::run(&rig.connection(), &[&["settings", "set"][..], &set].concat());
+    assert_eq!(error, "");
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.view("motor");
+    assert_eq!(page.value("document.querySelector('#tune-begin').disabled"), true, "this session only watches");
+    page.command();
+    page.value("document.querySelector('#tune [name=at]').value = 1.8");
+    page.click("#tune-begin");
+    page.until("document.querySelector('#tune-doing').innerText.includes('of 6 frequencies')");
+    page.until("document.querySelectorAll('#tune-rows tr').length === 3");
+    let rows = page.text("#tune-rows");
+    assert!(rows.contains("as it was") && rows.contains("proposal") && rows.contains("Ziegler-Nichols"), "{rows}");
+    page.until("document.querySelectorAll('#bode canvas').length === 2 && document.querySelector('#steps canvas')");
+    page.click("#tune-rows tr:nth-child(2) button");
+    page.until("document.querySelectorAll('#tune-rows tr').length === 4");
+    let said = page.text("#tune-said");
+    assert!(said.contains("The new gains are in force"), "{said}");
+    page.picture("loop");
+    page.click("#tune-rows tr:first-child button");
+    page.until("document.querySelector('#tune-said').innerText === 'The gains are as they were.'");
+    let (_, said, _) = crate::rig::run(&rig.connection(), &["settings", "get", "servo.velocity_hz"]);
+    assert!(said.contains("90"), "{said}");
+    // Whoever comes later sees it.
+    page.reload();
+    page.view("motor");
+    page.until("document.querySelectorAll('#tune-rows tr').length === 4");
+}
 
 /// A colour of the page as the bytes that are drawn.
 fn shade(page: &mut Browser, name: &str) -> Value {
@@ -561,6 +668,7 @@ fn the_scope_records_an_erosion() {
         let Some(mut page) = Browser::at(&desk, wide, dark) else { return };
         page.bore(0.5);
         page.view("scope");
+        page.click("#slow");
         page.click("#arm");
         page.until("document.querySelector('#recorded').innerText === '256 samples, one every 1 ms.'");
         // In one pane, chosen by their names and units.
@@ -603,6 +711,45 @@ fn the_scope_records_an_erosion() {
         open(&mut page, "broken.csv", "time [ms],a [V]\n0,1\n1,x\n");
         page.until("document.querySelector('#scope-said').innerText === 'broken.csv: line 3: must have 2 numbers'");
         assert_eq!(page.text("#recorded"), "256 samples of saved.csv.");
+    }
+}
+
+#[test]
+fn the_page_shows_servo_ticks_around_a_fault_and_what_the_head_has_kept_of_it() {
+    for (dark, name) in [(false, "fast-light"), (true, "fast-dark")] {
+        let rig = Rig::new();
+        let desk = Desk::new(&rig.connection());
+        let Some(mut page) = Browser::at(&desk, 1280, dark) else { return };
+        page.bore(0.5);
+        page.view("scope");
+        page.until("document.querySelectorAll('#ticks input:checked').length === 8");
+        assert_eq!(page.text("#span"), "25.6 ms", "that is how much fits");
+        assert!(page.value("document.querySelector('#ticks input:not(:checked)').disabled").as_bool().unwrap());
+        page.value("document.querySelector('#record-fast [name=trigger]').value = 'fault'");
+        page.click("#arm-fast");
+        page.until("document.querySelector('#recorded').innerText.startsWith('Waiting')");
+        std::thread::sleep(std::time::Duration::from_millis(500));
+        rig.happen("stop.open", 1.0);
+        page.until(
+            "document.querySelector('#recorded').innerText === '512 samples, one every 0.05 ms. Begun by: fault: emergency stop.'",
+        );
+        // A pane a unit, and the states above them.
+        page.until("document.querySelectorAll('#records canvas').length === 6");
+        for caption in
+            ["gap voltage, V", "set point, mm", "following error, um", "duty, %", "current, mA", "velocity, mm/s"]
+        {
+            assert!(page.text("#records").contains(caption), "{caption}: {}", page.text("#records"));
+        }
+        page.picture(name);
+        let text = page.download("#scope-csv", "scope-node-1.csv");
+        let times: Vec<&str> = text.lines().skip(1).map(|line| line.split(',').next().unwrap()).collect();
+        assert_eq!((times[0], times[256], times.len()), ("-12.8", "0", 512));
+        // By itself, and without command.
+        page.click("#snapshot");
+        page.until(
+            "/^[0-9]+ samples, one every 2 ms. Begun by: fault: emergency stop.$/.test(document.querySelector('#recorded').innerText)",
+        );
+        page.picture(&format!("{name}-fault"));
     }
 }
 

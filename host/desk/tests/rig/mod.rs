@@ -63,6 +63,66 @@ pub struct Rig {
     _stranger: Option<Port>,
 }
 
+/// A head that goes on until it is stopped: what it is, and its wires.
+fn turn(
+    hub: &Hub,
+    node: Option<NodeId>,
+    stop: &Arc<AtomicBool>,
+    machine: &'static [&'static str],
+) -> (Arc<Seen>, Sender<(&'static str, f64)>) {
+    let (seen, ends) = (Arc::new(Seen::default()), stop.clone());
+    let mailbox = Arc::new(Mailbox::default());
+    let port = hub.attach(mailbox.clone());
+    let told = seen.clone();
+    let (wires, pulled) = channel::<(&str, f64)>();
+    thread::spawn(move || {
+        let mut setup = Setup::load("default").unwrap();
+        machine.iter().for_each(|assignment| setup.set(assignment).unwrap());
+        let store = Store::new(None, "node-1").unwrap();
+        let mut head = Head::new(&setup, (node, 1), 1, store).unwrap();
+        let (mut came, mut sent, mut deepest, mut pulsed) = (Vec::new(), Vec::new(), 0, false);
+        let mut due = Instant::now();
+        while !ends.load(Ordering::Relaxed) {
+            // A computer that is too slow makes simulated time slower.
+            due = due.max(Instant::now() - Duration::from_millis(20)) + Duration::from_millis(1) / SPEED;
+            mailbox.take(&mut came);
+            for (signal, value) in pulled.try_iter() {
+                if signal == "power.cut" {
+                    head = head.cut_power(value).unwrap();
+                    continue;
+                }
+                let number = head.process.happen(signal, Setting::Number(value));
+                // A flag, where it is no number.
+                number.or_else(|_| head.process.happen(signal, Setting::Flag(value != 0.0))).unwrap();
+            }
+            for tick in 0..TICKS {
+                let frames: &[Frame] = if tick == 0 { &came } else { &[] };
+                head.tick(frames.iter(), &mut sent);
+                sent.drain(..).for_each(|frame| port.send(&frame));
+            }
+            came.clear();
+            let status = head.status();
+            deepest = deepest.max(status.position);
+            pulsed |= head.pulses();
+            *told.0.lock().unwrap() = Some(Truth {
+                state: status.state,
+                fault: status.fault,
+                reacting: status.reacting,
+                pulses: head.pulses(),
+                pulsed,
+                position: status.position,
+                deepest,
+                made: head.process.truth().pulses,
+            });
+            told.1.notify_all();
+            while Instant::now() < due {
+                mailbox.wait(due);
+            }
+        }
+    });
+    (seen, wires)
+}
+
 impl Rig {
     pub fn new() -> Rig {
         Rig::at("127.0.0.1:0")
@@ -70,61 +130,30 @@ impl Rig {
 
     /// Where others find its bus.
     pub fn at(address: &str) -> Rig {
-        Rig::of(address, NodeId::new(1))
+        Rig::of(address, &[NodeId::new(1)], &[])
+    }
+
+    /// On a machine with an upper limit switch and an index mark below it, which is home.
+    pub fn with_a_mark() -> Rig {
+        const MACHINE: &[&str] = &["limit.upper_mm=0.1", "scale.mark_mm=0.5", "encoder.mark_distance_um=500"];
+        Rig::of("127.0.0.1:0", &[NodeId::new(1)], MACHINE)
     }
 
     /// With a head that waits for a node-ID.
     pub fn unnamed() -> Rig {
-        Rig::of("127.0.0.1:0", None)
+        Rig::of("127.0.0.1:0", &[None], &[])
     }
 
-    fn of(address: &str, node: Option<NodeId>) -> Rig {
+    /// With a second head beside it, of this node-ID, that nobody looks into.
+    pub fn with_second(node: u8) -> Rig {
+        Rig::of("127.0.0.1:0", &[NodeId::new(1), NodeId::new(node)], &[])
+    }
+
+    fn of(address: &str, nodes: &[Option<NodeId>], machine: &'static [&'static str]) -> Rig {
         let hub = Hub::default();
-        let (seen, stop) = (Arc::new(Seen::default()), Arc::new(AtomicBool::default()));
-        let mailbox = Arc::new(Mailbox::default());
-        let port = hub.attach(mailbox.clone());
-        let (told, ends) = (seen.clone(), stop.clone());
-        let (wires, pulled) = channel::<(&str, f64)>();
-        thread::spawn(move || {
-            let setup = Setup::load("default").unwrap();
-            let store = Store::new(None, "node-1").unwrap();
-            let mut head = Head::new(&setup, (node, 1), 1, store).unwrap();
-            let (mut came, mut sent, mut deepest, mut pulsed) = (Vec::new(), Vec::new(), 0, false);
-            let mut due = Instant::now();
-            while !ends.load(Ordering::Relaxed) {
-                // A computer that is too slow makes simulated time slower.
-                due = due.max(Instant::now() - Duration::from_millis(20)) + Duration::from_millis(1) / SPEED;
-                mailbox.take(&mut came);
-                for (signal, value) in pulled.try_iter() {
-                    let number = head.process.happen(signal, Setting::Number(value));
-                    // A flag, where it is no number.
-                    number.or_else(|_| head.process.happen(signal, Setting::Flag(value != 0.0))).unwrap();
-                }
-                for tick in 0..TICKS {
-                    let frames: &[Frame] = if tick == 0 { &came } else { &[] };
-                    head.tick(frames.iter(), &mut sent);
-                    sent.drain(..).for_each(|frame| port.send(&frame));
-                }
-                came.clear();
-                let status = head.status();
-                deepest = deepest.max(status.position);
-                pulsed |= head.pulses();
-                *told.0.lock().unwrap() = Some(Truth {
-                    state: status.state,
-                    fault: status.fault,
-                    reacting: status.reacting,
-                    pulses: head.pulses(),
-                    pulsed,
-                    position: status.position,
-                    deepest,
-                    made: head.process.truth().pulses,
-                });
-                told.1.notify_all();
-                while Instant::now() < due {
-                    mailbox.wait(due);
-                }
-            }
-        });
+        let stop = Arc::new(AtomicBool::default());
+        let heads: Vec<_> = nodes.iter().map(|node| turn(&hub, *node, &stop, machine)).collect();
+        let (seen, wires) = heads.into_iter().next().unwrap();
         let listener = Listener::new(&hub, address, || Box::new(Slcan::default()), quiet()).unwrap();
         let connection = format!("socket://{}", listener.address());
         let rig = Rig { listener: Some(listener), connection, seen, stop, wires, _stranger: None };

@@ -108,6 +108,12 @@ impl CoreRegs {
         self.mpu.forbidden().filter(|_| !self.nvic.nesting().iter().any(|running| faults.contains(running)))
     }
 
+    /// Addresses that the processor may not write; as [`Self::forbidden`].
+    pub fn read_only(&self) -> Option<Range<u32>> {
+        let faults = [exception::NMI, exception::HARD_FAULT];
+        self.mpu.read_only().filter(|_| !self.nvic.nesting().iter().any(|running| faults.contains(running)))
+    }
+
     /// The processor's clock changes: `half_ticks` of a cycle.
     pub(crate) fn set_cycle(&mut self, half_ticks: u64, now: u64) {
         self.settle(now);

@@ -16,7 +16,12 @@ pub struct Exti {
     /// SYSCFG_EXTICR1..4: port of each line.
     select: [u32; 4],
     compensation: bool,
+    /// SRAM1 appears at address 0, and not flash (MEMRMP).
+    pub remapped: bool,
 }
+
+/// MEM_MODE of SRAM1.
+const SRAM1: u32 = 3;
 
 impl Exti {
     /// Port whose pin `n` feeds line `n`.
@@ -75,12 +80,14 @@ impl Exti {
 
     /// SYSCFG back to its reset state.
     pub fn reset_syscfg(&mut self) {
-        (self.select, self.compensation) = ([0; 4], false);
+        (self.select, self.compensation, self.remapped) = ([0; 4], false, false);
     }
 
     pub fn read_syscfg(&self, offset: u32) -> Result<u32, Fault> {
         match offset {
-            0x00 | 0x04 => Ok(0),
+            // MEMRMP: MEM_MODE.
+            0x00 => Ok(if self.remapped { SRAM1 } else { 0 }),
+            0x04 => Ok(0),
             0x08..=0x14 => Ok(self.select[(offset as usize - 8) / 4]),
             // CMPCR: the compensation cell is ready as soon as it is on.
             0x20 => Ok(if self.compensation { 0x101 } else { 0 }),
@@ -92,8 +99,8 @@ impl Exti {
         match offset {
             0x08..=0x14 => self.select[(offset as usize - 8) / 4] = value & 0xffff,
             0x20 => self.compensation = value & 1 == 1,
-            0x00 if value == 0 => (),
-            0x00 => return Err(Fault::Unsupported("memory remap is not modelled")),
+            0x00 if matches!(value, 0 | SRAM1) => self.remapped = value == SRAM1,
+            0x00 => return Err(Fault::Unsupported("a memory other than flash or SRAM1 at address 0")),
             _ => return Err(Fault::Unmodelled),
         }
         Ok(())

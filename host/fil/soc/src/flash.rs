@@ -47,16 +47,39 @@ pub struct Flash {
     options: u32,
     /// Erases of each sector since reset: wear, and a check that only the reserved ones are touched.
     pub erases: [u32; 12],
+    /// Erases and programmed words so far; in which one the power fails; and whether it just has.
+    pub operations: u64,
+    pub cut: Option<u64>,
+    pub failed: bool,
 }
 
 impl Flash {
     pub fn new() -> Self {
-        Self { acr: 0, sr: 0, cr: cr::LOCK, keys: 0, busy_until: 0, options: FACTORY, erases: [0; 12] }
+        Self {
+            acr: 0,
+            sr: 0,
+            cr: cr::LOCK,
+            keys: 0,
+            busy_until: 0,
+            options: FACTORY,
+            erases: [0; 12],
+            operations: 0,
+            cut: None,
+            failed: false,
+        }
+    }
+
+    /// Counts an operation; whether the power fails in it.
+    fn begins(&mut self) -> bool {
+        self.failed = self.cut == Some(self.operations);
+        self.operations += 1;
+        self.failed
     }
 
     /// Registers after reset; option bytes and wear stay.
     pub fn reset(&mut self) {
-        *self = Self { erases: self.erases, options: self.options, ..Self::new() };
+        let Self { erases, options, operations, .. } = *self;
+        *self = Self { erases, options, operations, ..Self::new() };
     }
 
     /// Sets the brown-out level of the option bytes, 0 (off) to 3 (§3.9.10).
@@ -119,7 +142,9 @@ impl Flash {
         let size = [0x4000, 0x1_0000, 0x2_0000].iter().position(|&l| l == len).unwrap_or(0);
         let width = (self.cr >> 8 & 3) as usize;
         let time = ERASE_MS[size].get(width).ok_or(Fault::Unsupported("64-bit erase needs external Vpp"))?;
-        for word in (base..base + len).step_by(4) {
+        // A cut leaves half of it as it was.
+        let end = base + if self.begins() { len / 2 } else { len };
+        for word in (base..end).step_by(4) {
             flash.store(word, 4, u32::MAX);
         }
         self.erases[n as usize] += 1;
@@ -134,7 +159,9 @@ impl Flash {
         } else if size != 1 << (self.cr >> 8 & 3) {
             self.sr |= 1 << 6; // PGPERR: width is not PSIZE
         } else if let Some(old) = flash.load(address, size) {
-            flash.store(address, size, old & value); // programming only clears bits
+            // Programming only clears bits; a cut leaves some of them.
+            let kept = if self.begins() { 0x5a5a_a5a5 } else { 0 };
+            flash.store(address, size, old & (value | kept));
             self.busy_until = now + PROGRAM;
         }
     }

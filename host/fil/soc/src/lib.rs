@@ -15,6 +15,7 @@
 #![forbid(unsafe_code)]
 
 mod adc;
+mod backup;
 mod can;
 mod core_regs;
 mod crc;

@@ -103,6 +103,17 @@ impl Memory {
         }
     }
 
+    /// The RAM that an address is in: core-coupled, or else SRAM, which may not have it either.
+    pub fn ram(&self, address: u32) -> &Region {
+        if self.ccm.place(address).is_some() { &self.ccm } else { &self.sram }
+    }
+
+    /// RAM has been without power.
+    pub fn scramble(&self, seed: u64) {
+        let words = self.sram.words.iter().chain(&*self.ccm.words);
+        crate::backup::noise(seed).zip(words).for_each(|(noise, word)| word.store(noise, Relaxed));
+    }
+
     /// What a DMA transfer from `address` reads; `None` is a bus error.
     pub fn dma_load(&self, address: u32, size: usize) -> Option<u32> {
         self.sram.load(address, size).or_else(|| self.flash.load(address, size))

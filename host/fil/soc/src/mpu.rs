@@ -1,6 +1,6 @@
-//! Memory protection unit (ARMv7-M B3.5): one region without access, above the default map. Whatever else the unit can
-//! do is refused: further regions, rights of reading or of one privilege, subregions, less than 4 KiB, itself in HardFault and
-//! NMI.
+//! Memory protection unit (ARMv7-M B3.5): one region without access and one of code that is read only, above the default map.
+//! Whatever else the unit can do is refused: further regions, rights of one privilege, subregions, less than 4 KiB, itself in
+//! HardFault and NMI.
 
 use crate::error::Fault;
 use std::ops::Range;
@@ -10,7 +10,10 @@ const REGIONS: usize = 8;
 mod rasr {
     pub const ENABLE: u32 = 1;
     pub const SUBREGIONS: u32 = 0xff << 8;
+    pub const NEVER_EXECUTED: u32 = 1 << 28;
     pub const ACCESS: u32 = 7 << 24;
+    pub const NO_ACCESS: u32 = 0;
+    pub const READ_ONLY: u32 = 6 << 24;
 }
 
 #[derive(Clone, Default)]
@@ -54,10 +57,16 @@ impl Mpu {
             0xe000_eda0 => {
                 let region = self.region();
                 self.attributes[region] = value;
-                let others = self.attributes.iter().filter(|attributes| *attributes & rasr::ENABLE != 0).count();
-                let simple = value & (rasr::ACCESS | rasr::SUBREGIONS) == 0 && value >> 1 & 0x1f >= 11;
-                if value & rasr::ENABLE != 0 && (others > 1 || !simple) {
-                    return Err(Fault::Unsupported("one region of the MPU, without any access, of 4 KiB or more"));
+                let alike = |other: &u32| other & rasr::ENABLE != 0 && (other ^ value) & rasr::ACCESS == 0;
+                let code = value & (rasr::ACCESS | rasr::NEVER_EXECUTED) == rasr::READ_ONLY;
+                let right = code || value & rasr::ACCESS == rasr::NO_ACCESS;
+                let simple = right && value & rasr::SUBREGIONS == 0 && value >> 1 & 0x1f >= 11;
+                if value & rasr::ENABLE != 0
+                    && (self.attributes.iter().filter(|other| alike(other)).count() > 1 || !simple)
+                {
+                    return Err(Fault::Unsupported(
+                        "regions of the MPU other than one without access and one of read-only code, of 4 KiB or more",
+                    ));
                 }
             }
             _ => return Err(Fault::Unmodelled),
@@ -67,7 +76,17 @@ impl Mpu {
 
     /// The region without access; HardFault and NMI have access.
     pub fn forbidden(&self) -> Option<Range<u32>> {
-        let region = self.attributes.iter().position(|attributes| attributes & rasr::ENABLE != 0)?;
+        self.with(rasr::NO_ACCESS)
+    }
+
+    /// The region that may be read and executed, and not written.
+    pub fn read_only(&self) -> Option<Range<u32>> {
+        self.with(rasr::READ_ONLY)
+    }
+
+    fn with(&self, access: u32) -> Option<Range<u32>> {
+        let wanted = rasr::ENABLE | access;
+        let region = self.attributes.iter().position(|it| it & (rasr::ENABLE | rasr::ACCESS) == wanted)?;
         let size = 1u32.checked_shl((self.attributes[region] >> 1 & 0x1f) + 1)?;
         // An address that is not a multiple of the size counts as the one below that is (B3.5.8).
         let start = self.base[region] & !(size - 1);
@@ -90,7 +109,11 @@ mod tests {
         mpu.write(RASR, 11 << 1 | 1).unwrap();
         assert_eq!((mpu.forbidden(), mpu.read(RBAR)), (None, Ok(0x2001_9002)));
         mpu.write(CTRL, 5).unwrap();
-        assert_eq!(mpu.forbidden(), Some(0x2001_9000..0x2001_a000));
+        assert_eq!((mpu.forbidden(), mpu.read_only()), (Some(0x2001_9000..0x2001_a000), None));
+        mpu.write(RBAR, 1 << 4 | 1).unwrap();
+        mpu.write(RASR, 6 << 24 | 16 << 1 | 1).unwrap();
+        assert_eq!((mpu.forbidden(), mpu.read_only()), (Some(0x2001_9000..0x2001_a000), Some(0..0x2_0000)));
+        mpu.write(RBAR, 0x2001_9000 | 1 << 4 | 2).unwrap();
         mpu.write(RASR, 11 << 1).unwrap();
         assert_eq!(mpu.forbidden(), None);
     }
@@ -102,7 +125,8 @@ mod tests {
             registers.iter().any(|(address, value)| mpu.write(*address, *value).is_err())
         };
         assert!(refused(&[(CTRL, 1)]) && refused(&[(CTRL, 7)]) && refused(&[(0xe000_eda4, 0)]));
-        assert!(refused(&[(RASR, 10 << 1 | 1)]) && refused(&[(RASR, 6 << 24 | 11 << 1 | 1)]));
+        assert!(refused(&[(RASR, 10 << 1 | 1)]) && refused(&[(RASR, 1 << 28 | 6 << 24 | 11 << 1 | 1)]));
+        assert!(refused(&[(RASR, 3 << 24 | 11 << 1 | 1)]));
         assert!(refused(&[(RASR, 11 << 1 | 1), (RBAR, 1 << 4 | 1), (RASR, 11 << 1 | 1)]));
         assert!(!refused(&[(RASR, 11 << 1 | 1), (RASR, 12 << 1 | 1)]));
     }

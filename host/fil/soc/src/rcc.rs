@@ -71,6 +71,8 @@ pub struct Rcc {
     /// Source in use, as SWS reads.
     sws: u32,
     power: u32,
+    /// The regulator of the backup SRAM, BRE: no reset changes it.
+    backup: bool,
     /// Supply, mV, and whether the detector finds it low.
     supply: u32,
     low: bool,
@@ -105,6 +107,7 @@ impl Rcc {
             lsi: Source(NEVER),
             sws: 0,
             power: 0x4000,
+            backup: false,
             supply: 3300,
             low: false,
         }
@@ -162,8 +165,8 @@ impl Rcc {
     pub fn read_power(&self, offset: u32) -> Result<u32, Fault> {
         match offset {
             0 => Ok(self.power),
-            // VOSRDY; the wait for the regulator is part of the PLL's lock time. PVDO.
-            4 => Ok(1 << 14 | u32::from(self.low) << 2),
+            // VOSRDY; the wait for the regulator is part of the PLL's lock time. PVDO, BRE and BRR.
+            4 => Ok(1 << 14 | u32::from(self.low) << 2 | u32::from(self.backup) << 9 | u32::from(self.backup) << 3),
             _ => Err(Fault::Unmodelled),
         }
     }
@@ -175,8 +178,29 @@ impl Rcc {
                 self.power = value & 0x43f0;
                 Ok(())
             }
+            4 if !self.backup_open() => {
+                Err(Fault::Unsupported("a write to the protected backup domain (DBP) has no effect"))
+            }
+            4 => {
+                self.backup = value & 1 << 9 != 0;
+                Ok(())
+            }
             _ => Err(Fault::Unmodelled),
         }
+    }
+
+    /// Writes to the backup domain are allowed: DBP.
+    pub fn backup_open(&self) -> bool {
+        self.power & 1 << 8 != 0
+    }
+
+    /// VBAT supplies the backup SRAM.
+    pub fn backup_kept(&self) -> bool {
+        self.backup
+    }
+
+    pub fn keep_backup(&mut self, on: bool) {
+        self.backup = on;
     }
 
     /// The supply in mV, also after a reset.

@@ -4,6 +4,7 @@ use crate::image::Image;
 use addr2line::{Context, LookupResult, demangle_auto};
 use anyhow::{Context as _, Result, anyhow};
 use edm_hal_shim::board::TASKS;
+use edm_hal_shim::seal::PROGRAM;
 use edm_soc::Exception;
 use gimli::{EndianArcSlice, LittleEndian, Reader as _};
 use object::{Object, ObjectSection};
@@ -123,7 +124,7 @@ fn member(dwarf: &gimli::Dwarf<Reader>, unit: &Unit, structure: gimli::UnitOffse
 /// Name of the task that exception `e` runs: by its vector's symbol, which the task table knows. A vector that the table does
 /// not know is the dispatcher of the software task.
 pub fn task(image: &Image, e: Exception) -> String {
-    let vector = image.word(0x0800_0000 + 4 * u32::from(e)).unwrap_or(0);
+    let vector = image.word(PROGRAM + 4 * u32::from(e)).unwrap_or(0);
     let names: Vec<_> = image.symbols().filter(|s| s.1 == vector).map(|s| s.0).collect();
     TASKS
         .iter()

@@ -87,8 +87,8 @@ mod tests {
     #[test]
     fn a_page_says_what_was_measured() {
         let page = markdown(&measured(490.0, 700, 79.0));
-        assert!(page.contains("| rest: servo | 2 | 0 | 0 | 0 | 0 | 0 | 1 | 490.0 | 700 | 500, 800 |"), "{page}");
-        assert!(page.contains("| gap filter | 79.0 | 80 |"), "{page}");
+        assert!(page.contains("| rest: servo | 2 | 0 | 0 | 0 | 0 | 0 | 1 | 490.0 | 700 | 650, 1000 |"), "{page}");
+        assert!(page.contains("| gap filter | 79.0 | 85 |"), "{page}");
     }
 
     #[test]
@@ -96,8 +96,8 @@ mod tests {
         let kept = |m: &Measured, what: &str| {
             bounds::wanted(m).into_iter().find(|f| f.what.starts_with(what)).map(|f| f.kept())
         };
-        let good = measured(500.0, 800, 80.0);
-        let bad = measured(500.1, 801, 80.1);
+        let good = measured(650.0, 1000, 85.0);
+        let bad = measured(650.1, 1001, 85.1);
         for what in ["rest: servo, mean", "rest: servo, worst", "gap filter"] {
             assert_eq!((kept(&good, what), kept(&bad, what)), (Some(true), Some(false)), "{what}");
         }
@@ -112,9 +112,9 @@ mod tests {
         assert_eq!(over(&measured(490.0, 4200, 79.0)), Vec::<String>::new());
         assert_eq!(over(&measured(490.0, 4201, 79.0)), ["rest: servo, worst, cycles"]);
         let mut heavy = measured(490.0, 700, 79.0);
-        heavy.scenes.moving.load_percent = bounds::FULL;
+        heavy.scenes.moving.load_percent = bounds::FULL[1];
         assert_eq!(over(&heavy), Vec::<String>::new());
-        heavy.scenes.moving.load_percent = bounds::FULL + 0.1;
+        heavy.scenes.moving.load_percent = bounds::FULL[1] + 0.1;
         assert_eq!(over(&heavy), ["moving: load, %"]);
         let mut absent = measured(490.0, 700, 79.0);
         absent.scenes.rest.tasks.remove("gap");

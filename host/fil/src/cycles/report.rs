@@ -146,6 +146,31 @@ fn shares(image: &Image, tasks: &Tasks, debug: &Debug) -> BTreeMap<String, f64> 
     sums.into_iter().map(|(name, cycles)| (name, rounded(cycles))).collect()
 }
 
+/// Instead of the name of a task: every one, by function of the image.
+const ALL: &str = "all";
+
+/// What each function of the image takes of the processor and how much of that it waits for flash and peripherals, with its bytes: by
+/// this memory.x says what lies in RAM.
+fn functions(image: &Image, tasks: &Tasks) -> String {
+    let starts: BTreeMap<u32, &str> =
+        image.symbols().filter(|(name, _)| !name.starts_with('$')).map(|(name, at)| (at & !1, name)).collect();
+    let mut sums: BTreeMap<u32, (f64, f64)> = BTreeMap::new();
+    for (address, cost) in tasks.values().flat_map(|task| &task.places) {
+        let Some((start, _)) = starts.range(..=*address).next_back() else { continue };
+        let sum = sums.entry(*start).or_default();
+        sum.0 += 100.0 * cost.estimate() as f64 / scenes::LENGTH as f64;
+        sum.1 += 100.0 * cost.waits as f64 / scenes::LENGTH as f64;
+    }
+    let mut sums: Vec<_> = sums.into_iter().collect();
+    sums.sort_by(|a, b| b.1.1.total_cmp(&a.1.1));
+    let mut text = String::from("moving: percent of the processor, of that waiting, bytes, function\n");
+    for (start, (share, waits)) in sums {
+        let end = starts.range(start + 1..).next().map_or(start, |(end, _)| *end);
+        text += &format!("{share:6.2} {waits:6.2} {:6}  {}\n", end - start, starts.get(&start).unwrap_or(&"?"));
+    }
+    text
+}
+
 /// Where a task spends its cycles in a scene: functions that are not inlined into others, and what is inlined into them, cycles a run.
 ///
 /// # Errors
@@ -153,6 +178,9 @@ fn shares(image: &Image, tasks: &Tasks, debug: &Debug) -> BTreeMap<String, f64> 
 pub fn profile(image: &Image, wanted: &str) -> Result<String> {
     let debug = Rc::new(Debug::new(image)?);
     let scenes = scenes::run(image, &debug)?;
+    if wanted == ALL {
+        return Ok(functions(image, &scenes.moving));
+    }
     let mut text = String::new();
     for (scene, tasks) in [("rest", &scenes.rest), ("fast", &scenes.fast), ("moving", &scenes.moving)] {
         let Some((_, task)) = tasks.iter().find(|(e, _)| names::task(image, **e) == wanted) else { continue };

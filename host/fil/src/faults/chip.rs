@@ -6,7 +6,7 @@ use super::stage::{MS, Scene, Stage, US};
 use crate::commission::{BASE, LENGTH};
 use crate::host;
 use anyhow::{Context, Result, ensure};
-use edm_hal_shim::board::{RAM_END, STACK};
+use edm_hal_shim::board::{FAST, RAM_END, STACK};
 use edm_hal_shim::seal::PROGRAM;
 use edm_soc::{Exception, TICK_HZ};
 
@@ -19,6 +19,8 @@ const MONOSTABLE_US: f64 = 460.0;
 const SUPERVISION_US: f64 = 6_000.0;
 /// Every register that is written once has been checked: a change after its check is found in the next round.
 const REGISTER_US: f64 = 180_000.0;
+/// Code in RAM is compared within 0.52 s (hal-shim/src/stm32f4/fast.rs).
+const COMPARED_US: f64 = 560_000.0;
 
 /// A task that does not come any more: it is missed by its own watchdog at last, and by the live signal first.
 const SILENT: &[&str] = &["live signal lost", "log: task silent", "2009h:1 reset by the program", "2009h:1 watchdog"];
@@ -357,8 +359,18 @@ pub fn stored(cases: &mut Vec<Case>) {
 /// one, of the exponent and the sign, spread over the words.
 const FLIPS: [(f32, u32); 4] = [(0.1, 30), (0.35, 22), (0.6, 31), (0.85, 12)];
 
-/// Bits of the settings in RAM.
+/// Bits of the settings and of the code in RAM.
 pub fn flips(cases: &mut Vec<Case>) {
+    cases.push(
+        Case::new("code in RAM: a bit flipped", Eroding, Named(&["settings damaged"], COMPARED_US), |stage| {
+            // In front of the first function, where nobody runs.
+            let (at, sram) = (0x2000_0000 + FAST + 8, &stage.rig.machine_mut().soc().memory.sram);
+            let word = sram.load(at, 4).context("no memory")?;
+            sram.store(at, 4, word ^ 1 << 5).context("no memory")
+        })
+        .powered()
+        .short(),
+    );
     for (i, name) in ["servo tick", "planner", "supervision", "gap task"].into_iter().enumerate() {
         for (share, bit) in FLIPS {
             let title = format!("settings of the {name} in RAM: bit {bit} of the word at {:.0} %", 100.0 * share);
@@ -367,9 +379,9 @@ pub fn flips(cases: &mut Vec<Case>) {
                     let areas = stage.rig.settings_in_use()?;
                     let (_, base, bytes) = *areas.get(i).context("no such settings")?;
                     let at = base / 4 * 4 + (bytes as f32 * share) as u32 / 4 * 4;
-                    let sram = &stage.rig.machine_mut().soc().memory.sram;
-                    let word = sram.load(at, 4).context("no memory")?;
-                    sram.store(at, 4, word ^ 1 << bit).context("no memory")
+                    let ram = stage.rig.machine_mut().soc().memory.ram(at);
+                    let word = ram.load(at, 4).context("no memory")?;
+                    ram.store(at, 4, word ^ 1 << bit).context("no memory")
                 })
                 .powered(),
             );

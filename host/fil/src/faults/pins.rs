@@ -1,13 +1,16 @@
 //! Faults of the pins: each input of the firmware stuck or open.
 
-use super::case::{Case, Expect};
+use super::case::{Case, Expect, WATCHED_MS};
 use super::limits::{
     CONTACT_US, ENCODER, GAP_US, HOST_US, LIVE, LIVE_US, ON, REFLEX, SIGNAL, STANDS_US, SUPERVISED_US,
 };
 use super::rows::{anew, converter};
 use super::stage::{Scene, Stage};
+use crate::host;
 use crate::wires::*;
+use edm_sim::process::steps::Move;
 use edm_soc::Pin;
+use std::cell::Cell;
 
 use Expect::{Doubted, Harmless, Named};
 use Scene::{Eroding, Positioning};
@@ -124,6 +127,7 @@ pub fn pins(cases: &mut Vec<Case>) {
             }
         }
     }
+    steps(cases);
     for (_, how) in LINES {
         let names = &["host silent", "2000h:2 host silent", "bus-off"];
         cases.push(Case::new(format!("pin CAN receive {how}"), Eroding, Named(names, HOST_US), |stage| {
@@ -131,4 +135,22 @@ pub fn pins(cases: &mut Vec<Case>) {
             Ok(())
         }));
     }
+}
+
+/// A host that sends steps faster than the axis may go, until it gives up the mode that follows them.
+fn steps(cases: &mut Vec<Case>) {
+    const MODE: u16 = 0x6060;
+    const FOLLOWS: u32 = 0xFF;
+    let inject = |stage: &mut Stage| {
+        host::write(stage, MODE, 0, FOLLOWS, 1)?;
+        stage.rest(20)?;
+        stage.rig.process_mut().steps.send(Move::Steps(100_000, 400_000.0));
+        Ok(())
+    };
+    let left = Cell::new(WATCHED_MS / 2);
+    let case = Case::new("steps at 400 kHz", Positioning, Named(&["steps not followed"], ON), inject);
+    cases.push(case.meanwhile(move |stage| {
+        left.set(left.get().saturating_sub(1));
+        if left.get() == 1 { host::write(stage, MODE, 0, 0, 1) } else { Ok(()) }
+    }));
 }

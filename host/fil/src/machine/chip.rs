@@ -5,9 +5,20 @@ use crate::decode::{Class, Instruction, REFILL, decode};
 use crate::meter::Meter;
 use edm_soc::{Exception, Masks, Soc, World};
 
-/// Half words of flash, and the upper bits of its addresses.
-const HALF_WORDS: usize = 0x8_0000;
+/// Half words of flash, and the upper bits of its addresses. Behind them those of SRAM1, as it appears at address 0.
+const FLASH_WORDS: usize = 0x8_0000;
 const FLASH: u32 = 0x080;
+const SRAM1: u32 = 0x1_c000;
+const HALF_WORDS: usize = FLASH_WORDS + SRAM1 as usize / 2;
+
+/// Place of an address among what was decoded; `None` where code never runs from, or not for long.
+#[inline]
+fn slot(address: u32) -> Option<usize> {
+    if address >> 20 == FLASH {
+        return Some((address as usize / 2) % FLASH_WORDS);
+    }
+    (address < SRAM1).then_some(FLASH_WORDS + address as usize / 2)
+}
 
 /// Why the hook stopped the engine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -128,6 +139,8 @@ pub struct Chip<W> {
     flash_write: Option<FlashWrite>,
     /// Code was fetched from RAM.
     pub code_in_ram: bool,
+    /// The engine has SRAM1 at address 0.
+    sram_at_zero: bool,
     /// The engine may write flash, because it just had to.
     pub flash_open: bool,
     /// CONTROL.FPCA: the running code has an FPU context.
@@ -167,6 +180,7 @@ impl<W: World> Chip<W> {
             bad_address: 0,
             flash_write: None,
             code_in_ram: false,
+            sram_at_zero: false,
             flash_open: false,
             fpca: false,
             lazy: None,
@@ -212,6 +226,26 @@ impl<W: World> Chip<W> {
         (self.stop, self.limit, self.masks) = (None, 0, None);
     }
 
+    /// Whether the engine has to have SRAM1 at address 0, if it has something else there.
+    pub fn remap(&self) -> Option<bool> {
+        let wanted = self.soc.sram_at_zero();
+        (wanted != self.sram_at_zero).then_some(wanted)
+    }
+
+    /// The engine has it there now, or not. What was decoded there is something else.
+    pub fn remapped(&mut self, sram_at_zero: bool) {
+        self.sram_at_zero = sram_at_zero;
+        self.code[FLASH_WORDS..].fill(Instruction::default());
+        self.blocks[FLASH_WORDS..].fill(Block::default());
+        self.limit = 0;
+    }
+
+    /// Forgets what was decoded: there may be another program.
+    pub fn forget_code(&mut self) {
+        self.code.fill(Instruction::default());
+        self.blocks.fill(Block::default());
+    }
+
     /// Processor state after reset.
     pub fn restart(&mut self) {
         (self.sleeping, self.fpca, self.lazy, self.limit) = (false, false, None, 0);
@@ -233,8 +267,8 @@ impl<W: World> Chip<W> {
     /// taken.
     #[inline]
     pub fn fast(&mut self, address: u32) -> bool {
-        let known = self.code[address as usize / 2 % HALF_WORDS];
-        let plain = known.size != 0 && known.class == Class::Plain && address >> 20 == FLASH;
+        let Some(known) = slot(address).map(|index| self.code[index]) else { return false };
+        let plain = known.size != 0 && known.class == Class::Plain;
         let float = known.class == Class::Float && known.size != 0 && self.fpca;
         if address != self.next || self.half >= self.limit || !(plain || float) || self.meter.is_some() {
             return false;
@@ -246,8 +280,8 @@ impl<W: World> Chip<W> {
     /// The way of almost all blocks: known, nothing due, no FPU context to make. Returns whether it was taken.
     #[inline]
     pub fn fast_block(&mut self, address: u32, size: u32) -> bool {
-        let known = self.blocks[address as usize / 2 % HALF_WORDS];
-        let plain = u32::from(known.size) == size && address >> 20 == FLASH && !(known.waits || known.masks);
+        let Some(known) = slot(address).map(|index| self.blocks[index]) else { return false };
+        let plain = u32::from(known.size) == size && !(known.waits || known.masks);
         if !plain || self.half >= self.limit || (known.float && !self.fpca) {
             return false;
         }
@@ -257,9 +291,10 @@ impl<W: World> Chip<W> {
 
     /// The block of `size` bytes at `address`, decoded once.
     pub fn block(&mut self, address: u32, size: u32) -> Block {
-        let index = address as usize / 2 % HALF_WORDS;
-        let known = self.blocks[index];
-        if u32::from(known.size) == size && address >> 20 == FLASH {
+        let index = slot(address);
+        if let Some(known) = index.map(|index| self.blocks[index])
+            && u32::from(known.size) == size
+        {
             return known;
         }
         let mut block = Block { size: size as u16, ..Block::default() };
@@ -273,7 +308,7 @@ impl<W: World> Chip<W> {
             block.masks |= instruction.class == Class::Masks;
             at += u32::from(instruction.size);
         }
-        if address >> 20 == FLASH {
+        if let Some(index) = index {
             self.blocks[index] = block;
         }
         block
@@ -291,29 +326,27 @@ impl<W: World> Chip<W> {
 
     /// The instruction at `address`, decoded once.
     pub fn instruction(&mut self, address: u32) -> Instruction {
-        let index = address as usize / 2 % HALF_WORDS;
-        let known = self.code[index];
-        if known.size != 0 && address >> 20 == FLASH { known } else { self.decode(address, index) }
+        let known = slot(address).map(|index| self.code[index]).filter(|known| known.size != 0);
+        known.unwrap_or_else(|| self.decode(address))
     }
 
-    fn decode(&mut self, address: u32, index: usize) -> Instruction {
-        let memory = &self.soc.memory;
+    fn decode(&mut self, address: u32) -> Instruction {
+        let (memory, zero) = (&self.soc.memory, if self.soc.sram_at_zero() { 0x2000_0000 } else { 0x0800_0000 });
         let half_word = |a: u32| {
-            let flash = a | if a >> 20 == 0 { 0x0800_0000 } else { 0 };
-            memory.flash.load(flash, 2).or_else(|| memory.sram.load(a, 2)).unwrap_or(0) as u16
+            let a = a | if a >> 20 == 0 { zero } else { 0 };
+            memory.flash.load(a, 2).or_else(|| memory.sram.load(a, 2)).unwrap_or(0) as u16
         };
-        let instruction =
-            Instruction { in_it: self.code[index].in_it, ..decode(half_word(address), half_word(address + 2)) };
-        if address >> 20 != FLASH {
-            return instruction;
-        }
+        let decoded = decode(half_word(address), half_word(address + 2));
+        let Some(index) = slot(address) else { return decoded };
+        let instruction = Instruction { in_it: self.code[index].in_it, ..decoded };
         self.code[index] = instruction;
         // Mark the members of the block an IT opens, so that they are known when they are met.
         let mut at = address + 2;
         for _ in 0..instruction.opens {
-            let member = at as usize / 2 % HALF_WORDS;
-            self.code[member].in_it = true;
-            self.code[member].size = 0;
+            if let Some(member) = slot(at) {
+                self.code[member].in_it = true;
+                self.code[member].size = 0;
+            }
             at += u32::from(decode(half_word(at), 0).size);
         }
         instruction
@@ -431,7 +464,11 @@ impl<W: World> Chip<W> {
         }
         self.half_per_cycle = self.soc.half_ticks_per_cycle();
         self.limit = half(self.soc.next_event()).min(self.until);
-        self.flash_open || self.soc.error().is_some() || self.soc.reset_request().is_some() || self.time_is_up()
+        self.flash_open
+            || self.remap().is_some()
+            || self.soc.error().is_some()
+            || self.soc.reset_request().is_some()
+            || self.time_is_up()
     }
 
     /// Brings the peripherals to the processor's time.

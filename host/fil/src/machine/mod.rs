@@ -21,6 +21,9 @@ use unicorn_engine::{
 /// Flash, where code runs from.
 const FLASH: Range<u64> = 0x0800_0000..0x0810_0000;
 
+/// SRAM1 at address 0, as far as code lies there, and what flash fills there.
+const AT_ZERO: [u64; 2] = [0x1_c000, 0x10_0000];
+
 /// Bits of xPSR that hold the place in an IT block (ARMv7-M B1.4.2).
 const IT: u64 = 0x0600_fc00;
 
@@ -156,10 +159,29 @@ impl<W: World + 'static> Machine<W> {
         self.uc.ctl_flush_tlb().map_err(engine("flush"))
     }
 
+    /// Lets the engine find at address 0 what the chip has there now. Data that is written there is not modelled: the MPU refuses it.
+    fn follow_remap(&mut self) -> Result<()> {
+        let Some(wanted) = self.uc.get_data().remap() else { return Ok(()) };
+        let memory = &self.uc.get_data().soc.memory;
+        let store = if wanted { &memory.sram } else { &memory.flash }.words().as_ptr() as usize;
+        self.uc.mem_unmap(0, AT_ZERO[usize::from(wanted)]).map_err(engine("unmap memory"))?;
+        // SAFETY: as in `map_memories`.
+        unsafe { self.uc.mem_map_ptr(0, AT_ZERO[usize::from(!wanted)], Prot::READ | Prot::EXEC, store as *mut _) }
+            .map_err(engine("map memory"))?;
+        self.uc.get_data_mut().remapped(wanted);
+        self.uc.ctl_flush_tb().map_err(engine("flush"))?;
+        self.uc.ctl_flush_tlb().map_err(engine("flush"))
+    }
+
     /// Whether the MPU refuses some of these bytes.
     fn refuses(&mut self, from: u32, bytes: u32) -> bool {
         let forbidden = self.uc.get_data_mut().soc.core().forbidden();
         forbidden.is_some_and(|range| from < range.end && from.saturating_add(bytes) > range.start)
+    }
+
+    /// Whether it refuses to write there.
+    fn refuses_writes(&mut self, at: u32) -> bool {
+        self.uc.get_data_mut().soc.core().read_only().is_some_and(|range| range.contains(&at))
     }
 
     /// Lets the engine take addresses as they are. Its own view of the processor would have every page executable, and it
@@ -317,6 +339,20 @@ impl<W: World + 'static> Machine<W> {
             true
         };
         self.uc.add_mem_hook(HookType::MEM_READ, 0x0800_0000, 0x080f_ffff, read).map_err(engine("read hook"))?;
+        let shared = |uc: &mut Unicorn<Chip<W>>, _: MemType, _: u64, _: usize, _: i64| {
+            leave_it_alone(uc);
+            if let Some(meter) = &mut uc.get_data_mut().meter {
+                meter.share();
+            }
+            true
+        };
+        let access = HookType(HookType::MEM_READ.0 | HookType::MEM_WRITE.0);
+        for from in [0, 0x2000_0000] {
+            self.uc.add_mem_hook(access, from, from + AT_ZERO[0] - 1, shared).map_err(engine("hook on RAM"))?;
+        }
+        // What was translated before does not call them.
+        self.uc.ctl_flush_tb().map_err(engine("flush"))?;
+        self.uc.ctl_flush_tlb().map_err(engine("flush"))?;
         let chip = self.uc.get_data_mut();
         let (core, apb1, apb2) = chip.soc.clocks();
         chip.meter = Some(Box::new(Meter::new(Buses::new(core / apb1, core / apb2), marks)?));
@@ -382,6 +418,7 @@ impl<W: World + 'static> Machine<W> {
                 return Ok(());
             }
             self.follow_mpu()?;
+            self.follow_remap()?;
             self.execute()?;
         }
     }
@@ -438,7 +475,8 @@ impl<W: World + 'static> Machine<W> {
             ) => {
                 let address = self.uc.get_data().bad_address;
                 self.set(R::PC, at | 1)?;
-                if self.refuses(address, 4) {
+                let written = matches!(result, Err(uc_error::WRITE_UNMAPPED | uc_error::WRITE_PROT));
+                if self.refuses(address, 4) || written && self.refuses_writes(address) {
                     return self.fault(exception::MEM_MANAGE, 1 << 1 | 1 << 7, Some(address));
                 }
                 self.fault(exception::BUS_FAULT, 1 << 9 | 1 << 15, Some(address))
@@ -453,6 +491,9 @@ impl<W: World + 'static> Machine<W> {
     fn reset(&mut self, cause: Reset) -> Result<()> {
         self.uc.get_data_mut().soc.reset(cause);
         self.uc.get_data_mut().stats.resets += 1;
+        // A boot loader may have written another program.
+        self.uc.get_data_mut().forget_code();
+        self.uc.ctl_flush_tb().map_err(engine("flush"))?;
         self.start()
     }
 
@@ -567,7 +608,10 @@ fn slow_block<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32, size: u32) {
 fn measure<W: World>(uc: &mut Unicorn<Chip<W>>, address: u32) {
     let Some(mut meter) = uc.get_data_mut().meter.take() else { return };
     let register = |n: u8| uc.reg_read(R::R0 as i32 + i32::from(n)).unwrap_or(0) as u32;
-    meter.step(address, &uc.get_data().soc.memory.flash, register);
+    let memory = &uc.get_data().soc.memory;
+    let code =
+        |a: u32| if a < FLASH.start as u32 { memory.sram.load(a | 0x2000_0000, 1) } else { memory.flash.load(a, 1) };
+    meter.step(address, code, register);
     uc.get_data_mut().meter = Some(meter);
 }
 

@@ -1,7 +1,7 @@
 //! A machine at a moment, to continue from it repeatedly.
 //!
 //! The engine keeps what it has translated, so that going back costs a copy of the memories and no more. What the engine has
-//! translated of the flash stays valid only while the program there is the same.
+//! translated of the flash stays valid as long as all of it is the same.
 
 use super::chip::{Chip, Moment};
 use super::{Machine, R, engine};
@@ -77,6 +77,8 @@ impl<W: World + Clone + 'static> Machine<W> {
         let chip: &mut Chip<W> = self.uc.get_data_mut();
         // The engine has mapped the memories that are there.
         let (kept, memory) = (&snapshot.soc.memory, &chip.soc.memory);
+        let words = kept.flash.words().iter().zip(memory.flash.words());
+        let same = words.into_iter().all(|(kept, now)| kept.load(Relaxed) == now.load(Relaxed));
         copy(&kept.flash, &memory.flash);
         copy(&kept.sram, &memory.sram);
         copy(&kept.ccm, &memory.ccm);
@@ -84,7 +86,10 @@ impl<W: World + Clone + 'static> Machine<W> {
         std::mem::swap(&mut soc.memory, &mut chip.soc.memory);
         chip.soc = soc;
         chip.go_on_from(&snapshot.moment);
-        if std::mem::take(&mut chip.code_in_ram) {
+        if !same {
+            chip.forget_code();
+        }
+        if std::mem::take(&mut chip.code_in_ram) || !same {
             // What was there is not there any more.
             self.uc.ctl_flush_tb().map_err(engine("flush"))?;
             self.uc.ctl_flush_tlb().map_err(engine("flush"))?;

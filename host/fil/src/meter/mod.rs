@@ -3,6 +3,10 @@
 //! The estimate is that of `timing` with what flash (`accelerator`) and peripherals (`buses`) let the processor wait.
 //! *Warm* is without these waits, *cold* as if the flash accelerator held nothing when the run began.
 //!
+//! Code in SRAM1, where it appears at address 0, does not wait (RM0090 2.3.1), but each access of such code to data in
+//! SRAM1 is charged a cycle (`SHARED`): fetches and data come over two buses into one memory, and the bus matrix lets one
+//! of them wait (2.1.9). That is an upper bound: the processor reads ahead, and has often no need of the bus just then.
+//!
 //! Limits. It is a model, not silicon: no contention between processor and DMA for RAM, no alignment of 32-bit instructions,
 //! and what the three modules say they assume. The vector of an exception is fetched while its frame is stored, and the cache
 //! does not see that.
@@ -19,11 +23,15 @@ pub use cost::Cost;
 use accelerator::{Accelerator, LINE};
 use anyhow::Result;
 use cost::{Sequence, quotient_bits};
-use edm_soc::{Exception, Region};
+use edm_soc::Exception;
 use std::collections::BTreeMap;
 use timing::{Decoder, Kind, Timing};
 
-/// Start and size of flash; code outside of it is not metered.
+/// Cycles that an access to data in SRAM1 takes longer while code is fetched from there.
+const SHARED: u64 = 1;
+/// Bytes at address 0 that may be SRAM1.
+const SRAM1: u32 = 0x1_c000;
+/// Start and size of flash; code elsewhere but at address 0 is not metered.
 const FLASH: u32 = 0x0800_0000;
 const FLASH_SIZE: u32 = 0x10_0000;
 /// Lines of 128 bits; those of code first, then those read as data: the accelerator holds them apart (RM0090 3.5.2).
@@ -116,7 +124,7 @@ impl Meter {
             accelerator: Accelerator::new(),
             buses,
             now: 0,
-            code: vec![None; FLASH_SIZE as usize / 2],
+            code: vec![None; (FLASH_SIZE + SRAM1) as usize / 2],
             levels: Vec::new(),
             met: vec![0; 2 * LINES],
             runs: 0,
@@ -196,22 +204,23 @@ impl Meter {
     }
 
     /// The instruction at `address` runs next; `register` gives the content of a core register.
-    pub fn step(&mut self, address: u32, flash: &Region, register: impl Fn(u8) -> u32) {
-        if address.wrapping_sub(FLASH) >= FLASH_SIZE || self.error.is_some() {
+    /// `code` is the byte at an address.
+    pub fn step(&mut self, address: u32, code: impl Fn(u32) -> Option<u32>, register: impl Fn(u8) -> u32) {
+        if (address >= SRAM1 && address.wrapping_sub(FLASH) >= FLASH_SIZE) || self.error.is_some() {
             return;
         }
         let end = self.levels.last().and_then(|l| l.sequence.end());
         // Skipped members of an IT block, for which the engine calls no hook: at most four.
         if let Some(mut at) = end.filter(|e| (1..=16).contains(&address.wrapping_sub(*e))) {
             let last = self.levels.last().and_then(|l| l.sequence.last()).unwrap_or(0);
-            let branched = self.timing(last, flash).is_none_or(|t| t.0.branch);
+            let branched = self.timing(last, &code).is_none_or(|t| t.0.branch);
             while !branched && at < address {
-                let Some((t, _)) = self.timing(at, flash) else { return };
+                let Some((t, _)) = self.timing(at, &code) else { return };
                 self.charge(at, &t, |s| s.skip(at, &t));
                 at += u32::from(t.size);
             }
         }
-        let Some((t, marks)) = self.timing(address, flash) else { return };
+        let Some((t, marks)) = self.timing(address, &code) else { return };
         let quotient = match t.kind {
             Kind::Divide => quotient_bits(&t, register(t.operands.0), register(t.operands.1)),
             _ => 0,
@@ -249,11 +258,20 @@ impl Meter {
         self.add(Cost { lines: new.into(), waits, ..Cost::default() });
     }
 
+    /// Data in SRAM1 is read or written by the last instruction.
+    pub fn share(&mut self) {
+        let last = self.levels.last().and_then(|level| level.sequence.last());
+        if last.is_some_and(|at| at < SRAM1) {
+            self.add(Cost::wait(SHARED));
+        }
+    }
+
     fn charge(&mut self, address: u32, t: &Timing, cost: impl FnOnce(&mut Sequence) -> Cost) {
         let Some(level) = self.levels.last_mut() else { return };
         let mut cost = cost(&mut level.sequence);
         let last = address + u32::from(t.size) - 1;
-        for at in [address, last] {
+        // RAM does not wait.
+        for at in [address, last].into_iter().filter(|at| *at >= FLASH) {
             cost.waits += self.accelerator.fetch(at, self.now + cost.waits);
             if let Some(met) = self.met.get_mut((at.wrapping_sub(FLASH) / LINE) as usize) {
                 cost.lines += u64::from(std::mem::replace(met, level.run) != level.run);
@@ -265,12 +283,13 @@ impl Meter {
         self.add(cost);
     }
 
-    fn timing(&mut self, address: u32, flash: &Region) -> Option<(Timing, u8)> {
-        let slot = (address.wrapping_sub(FLASH) / 2) as usize;
+    fn timing(&mut self, address: u32, code: &impl Fn(u32) -> Option<u32>) -> Option<(Timing, u8)> {
+        let place = if address < SRAM1 { FLASH_SIZE + address } else { address.wrapping_sub(FLASH) };
+        let slot = (place / 2) as usize;
         if let Some(t) = self.code.get(slot).copied().flatten() {
             return Some(t);
         }
-        let bytes: Vec<u8> = (0..4).map_while(|i| flash.load(address + i, 1)).map(|b| b as u8).collect();
+        let bytes: Vec<u8> = (0..4).map_while(|i| code(address + i)).map(|b| b as u8).collect();
         match self.decoder.decode(address, &bytes) {
             Ok(t) => {
                 let known = Some((t, (self.marks)(address)));

@@ -35,7 +35,7 @@ fn job(depth_mm: f64) -> Job {
     let mut setup = Setup::load("default").unwrap();
     // A short way to the work.
     setup.set("workpiece.surface_mm=0.3").unwrap();
-    Job { setup, depth_mm, path: None, seed: 1, surrogate: false, coarse_error_um: 0.0 }
+    Job { setup, depth_mm, path: None, table: None, seed: 1, surrogate: false, coarse_error_um: 0.0 }
 }
 
 fn chip(depth_mm: f64) -> (Outcome, Means) {
@@ -67,6 +67,21 @@ fn the_chip_bores_the_hole_of_the_native_core_within_the_stated_statistics() {
 #[test]
 fn the_same_seed_bores_the_same_hole() {
     assert_eq!(chip(0.003), chip(0.003));
+}
+
+#[test]
+fn the_chip_runs_the_rows_of_a_table_one_after_the_other() {
+    let rows = "electrode = 'copper'\nwork = 'steel'\n\
+        [[row]]\nname = 'rough'\nleaves_um = 2\ngenerator.on_us = 160\nsettings.gap.setpoint_v = 65\n\
+        [[row]]\nname = 'fine'\ngenerator.on_us = 60\ngenerator.off_us = 20\nsettings.gap.setpoint_v = 60\nsettings.feed.law = 'two_thresholds'";
+    let table = Some(edm_technology::File::parse(rows).unwrap());
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let job = Job { table, ..job(0.004) };
+    let outcome = edm_fil::rig::bore(&image, false, false, &job, &mut Means::default(), &mut |_| {}).unwrap();
+    assert!(outcome.completed, "{}", outcome.stop_reason);
+    let rows: Vec<_> = outcome.rows.iter().map(|row| (row.name.as_str(), row.off_counts.abs() <= 1)).collect();
+    assert_eq!(rows, [("rough", true), ("fine", true)]);
+    assert_eq!((outcome.lost_counts, outcome.illegal_transitions), (0, 0));
 }
 
 #[test]

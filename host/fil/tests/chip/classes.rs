@@ -190,7 +190,9 @@ fn thrice(on_us: f64, off_us: f64, noise_v: f64, pulses: usize, rate: f64) {
     for (name, with) in [("a native head's own blocks", &own.classes), ("a recording", &replayed)] {
         let differ = compare(name, pulses, &chip.classes, with);
         assert!(differ.len() * 1000 <= pulses, "{name}: {} of {pulses}", differ.len());
-        for (n, class) in differ {
+        // A sample of the recording has a noise of its own: one that both call by a name has the same, but for such an edge.
+        let named = |n: usize, class| class != Class::Uncertain && chip.classes.get(n) != Some(&Class::Uncertain);
+        for (n, class) in differ.into_iter().filter(|(n, class)| named(*n, *class)) {
             assert!(
                 beside.iter().any(|(_, native)| native.classes.get(n) == Some(&class)),
                 "pulse {n}: {:?}, in {name} {class:?}",

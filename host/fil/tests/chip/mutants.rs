@@ -8,6 +8,7 @@ use edm_fil::image::Image;
 use edm_fil::latency::{RATED_SCENE, lost};
 use edm_fil::machine::Alter;
 use edm_fil::session::{MS, Session};
+use edm_hal_shim::seal::PROGRAM;
 use edm_soc::TICK_HZ;
 
 const TIM1_CCER: u32 = 0x4001_0020;
@@ -115,8 +116,8 @@ fn interrupt_priorities_inverted() {
     let found = check(common::firmware(), Some(Box::new(alter))).expect("the fault was not noticed");
     // The servo task interrupts the gap task; where, says how long that takes. Either it finds no new reading and does not
     // move, or it moves, and the interrupts of the encoder wait for all others: counts are lost, or the head says so. Or what waits for
-    // the protocol waits for ticks: they are missing.
-    let expected = ["does not erode", "counts lost", "EncoderLost", "ClockLost"];
+    // the protocol waits for ticks: they are missing, or blocks of conversions are.
+    let expected = ["does not erode", "counts lost", "EncoderLost", "ClockLost", "blocks of conversions"];
     assert!(expected.iter().any(|text| found.contains(text)), "noticed, but otherwise than expected: {found}");
 }
 
@@ -139,7 +140,7 @@ fn a_dma_length_off_by_one() {
 fn an_interrupt_without_a_handler() {
     let mut file = common::firmware().to_vec();
     let default = Image::parse(file.clone()).unwrap().symbol("DefaultHandler").expect("there is a default handler");
-    let vector = common::place(&file, 0x0800_0000 + 4 * (16 + 6));
+    let vector = common::place(&file, PROGRAM + 4 * (16 + 6));
     file[vector..vector + 4].copy_from_slice(&(default | 1).to_le_bytes());
     let found = check(&edm_seal::seal(file).unwrap(), None).expect("the fault was not noticed");
     assert_says(&found, "death: Unexpected, detail: 6");

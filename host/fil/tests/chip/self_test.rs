@@ -8,7 +8,7 @@ use edm_fil::machine::Alter;
 use edm_fil::session::{MS, Session};
 use edm_fil::synthetic::Rig;
 use edm_fil::wires::{ALLOW, ARM, FORWARD, LIVE, PWM, REVERSE};
-use edm_hal_shim::seal::{PROGRAM, VECTORS};
+use edm_hal_shim::seal::{BOOT, BOOT_LENGTH, PROGRAM};
 use edm_hal_shim::self_test::SelfTest;
 use edm_servo_head::head::{Fault, State};
 use edm_soc::{Drive, Pin};
@@ -103,7 +103,9 @@ fn a_flipped_bit_is_named() {
     // The vector of the window watchdog, which is not in use, the last constant, and the seal itself: the program can still
     // tell.
     let constant = image.symbol("__erodata").unwrap() - 1;
-    let places = [VECTORS + 4 * 16, constant].map(|address| place(file, address));
+    // And the last bytes in the room of the boot loader, which it does not need, with its sum.
+    let rest = BOOT + BOOT_LENGTH - 8;
+    let places = [PROGRAM + 4 * 16, constant, rest, rest + 4].map(|address| place(file, address));
     for at in places.into_iter().chain([seal(file), seal(file) + 3, seal(file) + 4]) {
         let mut damaged = file.to_vec();
         damaged[at] ^= 1 << 4;

@@ -7,8 +7,8 @@ use edm_fil::latency::RATED_SCENE;
 use edm_fil::machine::Alter;
 use edm_fil::session::{MS, Session};
 use edm_fil::synthetic::Rig;
-use edm_hal_shim::board::{RAM_END, STACK, STACK_GUARD};
-use edm_hal_shim::seal::VECTORS;
+use edm_hal_shim::board::{FAST, RAM_END, STACK, STACK_GUARD};
+use edm_hal_shim::seal::PROGRAM;
 
 /// Where what may be touched begins.
 const END: u32 = RAM_END - STACK;
@@ -73,7 +73,7 @@ fn a_function_that_reaches_into_the_guard_switches_off_and_is_named() {
     // A stack that begins so low that start-up does not fit.
     for room in [256, 1024, 2048] {
         let mut file = common::firmware().to_vec();
-        let first = place(&file, VECTORS);
+        let first = place(&file, PROGRAM);
         file[first..first + 4].copy_from_slice(&(END + room).to_le_bytes());
         let image = Image::parse(edm_seal::seal(file).unwrap()).unwrap();
         let mut session = Session::booted(&image, Rig::new(RATED_SCENE), None).unwrap();
@@ -82,6 +82,20 @@ fn a_function_that_reaches_into_the_guard_switches_off_and_is_named() {
         // It starts again and again.
         assert!(session.machine.stats().resets > 0);
         assert!(session.log.iter().all(|line| !line.contains("death: HardFault")), "{:?}", session.log);
+    }
+}
+
+#[test]
+fn nobody_writes_code_that_runs_from_ram() {
+    // Where it is fetched, and as data, which is the guard of the stack.
+    for (to, death) in [(FAST + 0x100, "death: HardFault"), (0x2000_0000 + FAST + 0x100, "death: Stack")] {
+        let mut session = Session::ready(&image(), RATED_SCENE).unwrap();
+        session.erode().unwrap();
+        let copy = image().symbol("memcpy").unwrap();
+        session.machine.call(copy, &[to, PROGRAM, 4]).unwrap();
+        session.idle(60 * MS).unwrap();
+        assert_eq!(session.machine.stats().resets, 1);
+        assert!(session.log.iter().any(|line| line.contains(death)), "{:?}", session.log);
     }
 }
 

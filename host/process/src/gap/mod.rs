@@ -131,6 +131,15 @@ impl Gap {
         gap
     }
 
+    /// The generator is set anew: craters become larger or smaller. How long a channel recovers still goes with how long it burns, over
+    /// the on-time of the machine.
+    pub(crate) fn set(&mut self, p: &Parameters) {
+        let across = libm::cbrt(p.crater_um3());
+        self.p = *p;
+        self.spot_um2 = p.spot * across * across;
+        self.own_dirt_um = across / (p.spot * REFERENCE);
+    }
+
     /// From now on nothing but chance ignition at this concentration of debris, in 5 %.
     pub fn hold(&mut self, dirt: f64) {
         (self.held, self.slow, self.bridge) = (true, 0.0, None);

@@ -10,6 +10,7 @@ use crate::run::Job;
 use crate::terminal::{Failure, say};
 use clap::Args;
 use edm_gcode::Program;
+use edm_technology::File;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -23,6 +24,10 @@ pub struct Bore {
     /// X0 Y0 and the surface of the work, Z0 (docs/path.md). X and Y are not simulated; the gap is the one below the electrode
     #[arg(long, value_name = "FILE", conflicts_with_all = ["depth_mm", "surrogate"])]
     pub path: Option<PathBuf>,
+    /// Make the hole by a technology table, row after row, as examples/technology.toml (docs/technology.md); the head runs the rows by
+    /// itself, and the generator follows them
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["path", "surrogate"])]
+    pub table: Option<PathBuf>,
     /// Write the report as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -52,6 +57,10 @@ impl Bore {
         if let Some(path) = &self.path {
             take_path(&mut job, path)
                 .map_err(|wrong| Failure::BadInput(format!("--path {}: {wrong}", path.display())))?;
+        }
+        if let Some(table) = &self.table {
+            take_table(&mut job, table)
+                .map_err(|wrong| Failure::BadInput(format!("--table {}: {wrong}", table.display())))?;
         }
         let outputs = self.claim().map_err(Failure::BadInput)?;
         let mut recorder = Recorder::new(outputs.trace.as_ref(), outputs.plot.is_some()).map_err(Failure::Failed)?;
@@ -84,6 +93,9 @@ impl Bore {
         for (i, output) in all.iter().enumerate() {
             if self.path.as_deref().is_some_and(|path| output.replaces(path)) {
                 return Err(format!("{}: must not be the G-code program itself", output.label()));
+            }
+            if self.table.as_deref().is_some_and(|table| output.replaces(table)) {
+                return Err(format!("{}: must not be the technology table itself", output.label()));
             }
             if output.replaces(Path::new(&self.inputs.scenario)) {
                 return Err(format!("{}: must not be the scenario file itself", output.label()));
@@ -124,5 +136,12 @@ fn take_path(job: &mut Job, path: &Path) -> Result<(), String> {
     let program = bore::program(&job.setup, Program::parse(&name, &text)?)?;
     job.depth_mm = program.depth_mm();
     job.path = Some(program);
+    Ok(())
+}
+
+/// Has a job make its hole by the technology table in a file.
+fn take_table(job: &mut Job, file: &Path) -> Result<(), String> {
+    let text = std::fs::read_to_string(file).map_err(|error| format!("cannot be read: {error}"))?;
+    job.table = Some(bore::table(&job.setup, job.depth_mm, File::parse(&text)?)?);
     Ok(())
 }

@@ -44,6 +44,8 @@ pub const WIRES: &[Wire] = &[
     flag("gate.start_cut", Some(Fault::ReflexLost)),
     // Noticed once the head wants no pulses.
     flag("generator.disobeys", None),
+    // Only mode -1 follows them.
+    Wire { signal: "step.hz", broken: Value::Number(100_000.0), named: None },
 ];
 
 const fn flag(signal: &'static str, named: Option<Fault>) -> Wire {
@@ -117,8 +119,9 @@ mod tests {
 
     #[test]
     fn every_wire_is_in_the_campaign_once_and_can_be_broken_and_mended() {
-        // A coarse axis is no wire: tests/inching.rs.
-        let wires = || Wires::FIELDS.iter().filter(|field| field.key != "coarse.carried_mm");
+        // A coarse axis is no wire (tests/inching.rs), nor what a host heeds (tests/canopen_device/steps.rs).
+        let others = ["coarse.carried_mm", "step.waits"];
+        let wires = || Wires::FIELDS.iter().filter(|field| !others.contains(&field.key));
         assert_eq!(WIRES.len(), wires().count());
         let mut process = Process::new(&Parameters::default(), 1).unwrap();
         for field in wires() {

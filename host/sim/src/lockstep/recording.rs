@@ -357,11 +357,15 @@ fn command_numbers(command: Command) -> [u64; COMMAND] {
         Command::Carry(Carry::To(to)) => (22, to.0),
         Command::Carry(Carry::AsAsked) => (23, 0),
         Command::Carry(Carry::Refused) => (24, 0),
+        Command::Identify => (28, 0),
+        Command::Tune => (29, 0),
         Command::Position(to, limits) | Command::Touch(to, limits) => {
             let MotionLimits { velocity, acceleration, deceleration } = limits;
             let number = if matches!(command, Command::Touch(..)) { 16 } else { 12 };
             return [number, to.0 as u64, float(velocity.0), float(acceleration.0), float(deceleration.0), 0];
         }
+        Command::Record => (27, 0),
+        Command::Step(least, most) => return [26, least.0 as u64, most.0 as u64, 0, 0, 0],
         Command::Follow(to, ticks) => return [13, to.0 as u64, ticks.into(), 0, 0, 0],
         Command::Home(Home { method, fast, slow, acceleration, at }) => {
             return [14, at.0 as u64, float(fast.0), float(slow.0), float(acceleration.0), method as u64];
@@ -444,10 +448,14 @@ fn command_of(&[number, nm, a, b, c, d]: &[u64; COMMAND]) -> Result<Command, Err
             };
             Command::Probe([probe(a)?, probe(b)?])
         }
+        27 => Command::Record,
+        26 => Command::Step(nm, Nanometres(a as i64)),
         25 => Command::Push(Newtons(float(a))),
         22 => Command::Carry(Carry::To(nm)),
         23 => Command::Carry(Carry::AsAsked),
         24 => Command::Carry(Carry::Refused),
+        28 => Command::Identify,
+        29 => Command::Tune,
         15 => Command::Brake(MicrometresPerSecond2(float(a))),
         _ => return Err(Error::Damaged("command")),
     })

@@ -6,6 +6,7 @@ use super::shares::Shares;
 use super::{CLOSE_SHARES_MS, Picture, SHARES};
 use crate::millisecond::Phase;
 use crate::report::Report;
+use crate::run::RowOutcome;
 use edm_gcode::Program;
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -37,7 +38,7 @@ pub(super) fn draw(picture: &Picture, report: &Report, title: &str, path: Option
     let drawn = root.fill(&WHITE).and_then(|()| {
         let (sheet, beside) = root.split_horizontally(WIDTH);
         heading(&sheet, report, title)?;
-        on(&sheet, picture, &run, &whole)?;
+        on(&sheet, picture, &run, &whole, &report.rows)?;
         path.map_or(Ok(()), |path| path_column(&beside, picture, path))
     });
     drawn.map_err(|error| error.to_string())?;
@@ -53,7 +54,7 @@ pub(super) fn panels(title: &str, more: &str, time: &Range<f64>, panels: &[Panel
         let (head, body) = root.split_vertically(HEAD);
         text(&head, title, (24, 16), 27.0, INK, true)?;
         text(&head, more, (24, 52), 15.0, PALE, false)?;
-        stack(&body, time, &[], panels)
+        stack(&body, time, &Marks::default(), panels)
     });
     drawn.map_err(|error| error.to_string())?;
     drop(root);
@@ -127,12 +128,21 @@ fn view<'a>(
     legend(area, &Panel { name, y: 0.0..1.0, curves })
 }
 
-fn on<'a>(root: &Area<'a>, picture: &Picture, run: &[Bucket], whole: &[Panel]) -> PlotResult<'a> {
+/// What lies behind the curves of all panels.
+#[derive(Default)]
+struct Marks {
+    /// Stretches of time with a phase, and how much of it they are.
+    shades: Vec<(Range<f64>, Phase, u8)>,
+    /// Where a row of a technology table begins, and its name.
+    rows: Vec<(f64, String)>,
+}
+
+fn on<'a>(root: &Area<'a>, picture: &Picture, run: &[Bucket], whole: &[Panel], rows: &[RowOutcome]) -> PlotResult<'a> {
     let (head, body) = root.split_vertically(HEAD);
     let (left, right) = body.split_horizontally(LEFT_COLUMN);
     text(&head, "The whole run", (64, 86), 17.0, INK, true)?;
     shade_legend(&head)?;
-    column(&left, run, whole)?;
+    column(&left, run, whole, rows)?;
     let (_, height) = body.dim_in_pixel();
     text(&left, "lines: means, bands: smallest to largest", (64, height as i32 - 18), 13.0, PALE, false)?;
     text(&right, "sensed: what the head knows", (400, height as i32 - 18), 13.0, PALE, false)?;
@@ -146,7 +156,7 @@ fn on<'a>(root: &Area<'a>, picture: &Picture, run: &[Bucket], whole: &[Panel]) -
     picture.close_up.kept.iter().for_each(|ms| shares.add(ms));
     let first_surface_um = run.first().map_or(0.0, |column| column.surface_um);
     let view = View { picture, columns: &close_up, shares: &shares, first_surface_um };
-    column(&right, &close_up, &view.close_up())
+    column(&right, &close_up, &view.close_up(), &[])
 }
 
 fn heading<'a>(area: &Area<'a>, report: &Report, title: &str) -> PlotResult<'a> {
@@ -212,21 +222,17 @@ fn shades(columns: &[Bucket]) -> Vec<(Range<f64>, Phase, u8)> {
     stretches
 }
 
-fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: &[Panel]) -> PlotResult<'a> {
+fn column<'a>(area: &Area<'a>, columns: &[Bucket], panels: &[Panel], rows: &[RowOutcome]) -> PlotResult<'a> {
     let time = match (columns.first(), columns.last()) {
         (Some(first), Some(last)) => first.time().0..last.time().1,
         _ => 0.0..1.0,
     };
-    stack(area, &time, &shades(columns), panels)
+    let rows = rows.iter().map(|row| (row.from_s, row.name.clone())).collect();
+    stack(area, &time, &Marks { shades: shades(columns), rows }, panels)
 }
 
 /// Draws panels, one below the other, over the same time.
-fn stack<'a>(
-    area: &Area<'a>,
-    time: &Range<f64>,
-    shades: &[(Range<f64>, Phase, u8)],
-    panels: &[Panel],
-) -> PlotResult<'a> {
+fn stack<'a>(area: &Area<'a>, time: &Range<f64>, marks: &Marks, panels: &[Panel]) -> PlotResult<'a> {
     let (_, height) = area.dim_in_pixel();
     // The lowest panel is higher by the labels of the time axis, so that all diagrams are of the same height.
     let each = (height + 8 - FOOT) / panels.len().max(1) as u32;
@@ -239,7 +245,7 @@ fn stack<'a>(
             let (a, b) = rest.split_vertically(each);
             (a, Some(b))
         };
-        diagram(&this, time, shades, panel, lowest)?;
+        diagram(&this, time, marks, panel, (i == 0, lowest))?;
         rest = below.unwrap_or(rest);
     }
     Ok(())
@@ -248,9 +254,9 @@ fn stack<'a>(
 fn diagram<'a>(
     area: &Area<'a>,
     time: &Range<f64>,
-    shades: &[(Range<f64>, Phase, u8)],
+    marks: &Marks,
     panel: &Panel,
-    lowest: bool,
+    (first, lowest): (bool, bool),
 ) -> PlotResult<'a> {
     let number = |x: &f64| format!("{}", (x * 1e4).round() / 1e4 + 0.0);
     let time_label = |t: &f64| if lowest { number(t) } else { String::new() };
@@ -265,7 +271,7 @@ fn diagram<'a>(
     let (low, high) = (panel.y.start.min(panel.y.end), panel.y.start.max(panel.y.end));
     // A retreat of milliseconds in a run of minutes would be too thin to see.
     let least = (time.end - time.start) / 500.0;
-    for (stretch, phase, strength) in shades {
+    for (stretch, phase, strength) in &marks.shades {
         let wider = ((least - (stretch.end - stretch.start)) / 2.0).max(0.0);
         let stretch = (stretch.start - wider).max(time.start)..(stretch.end + wider).min(time.end);
         let colour = shade(*phase, f64::from(*strength) / 4.0).filled();
@@ -278,6 +284,14 @@ fn diagram<'a>(
         mesh.x_desc("time, s");
     }
     mesh.axis_desc_style(("sans-serif", 18).into_font().color(&INK)).draw()?;
+    for (from, name) in &marks.rows {
+        let (bottom, top) = ((*from, panel.y.start), (*from, panel.y.end));
+        chart.draw_series([PathElement::new([bottom, top], PALE.stroke_width(1))])?;
+        if first {
+            let font = ("sans-serif", 17).into_font().color(&INK);
+            chart.draw_series([EmptyElement::at(top) + Text::new(name.clone(), (4, 3), font)])?;
+        }
+    }
     for curve in &panel.curves {
         let inside = |(t, y): &(f64, f64)| (*t, y.clamp(low, high));
         // What is not a number is a gap.

@@ -135,16 +135,16 @@ impl FrontEnd {
         if now.settled(begins) {
             return;
         }
-        if self.fades.0 != now.rise {
-            self.fades = (now.rise, libm::exp(-PERIOD_US / now.rise));
-        }
         let mut left = now.at(begins) - now.volts;
         for (edge, code) in (1..=of.len()).zip(seen) {
             *code = (base + (now.volts + left) * self.per_volt) as f32;
-            left *= self.fades.1;
             if now.settled(begins + edge as f64 * PERIOD_US) {
                 break;
             }
+            if self.fades.0 != now.rise {
+                self.fades = (now.rise, libm::exp(-PERIOD_US / now.rise));
+            }
+            left *= self.fades.1;
         }
     }
 

@@ -28,6 +28,9 @@ pub fn assumed_amps(gate: bool, volts: f64, open_v: f64) -> f64 {
     if gate && volts.abs() < BURNING * open_v { DISCHARGE_A } else { 0.0 }
 }
 
+/// A stretch, and the current of it.
+type Seen<'a> = (&'a Stretch, Option<&'a Edge>);
+
 /// State of the converter.
 #[derive(Clone, Debug)]
 pub struct Gated {
@@ -67,21 +70,33 @@ impl Gated {
     /// has any. An edge of the gate while the blanking runs starts no other.
     pub fn look(&mut self, to: f64, stretches: &[Stretch], amps: &[Edge]) {
         let blanking = f64::from((3 * self.tau_ns).max(BLANKING_NS)) * 1e-3;
+        // The newest sample is all that is read after a tick; of the others there is only the noise they draw.
+        let mut newest = None;
         for (k, now) in stretches.iter().enumerate() {
             let end = stretches.get(k + 1).map_or(to, |next| next.from);
-            self.convert(end, now, amps.get(k));
+            self.sample(end, (now, amps.get(k)), &mut newest);
             if now.gate.0 < now.gate.1 && now.gate.0 > self.opened {
                 self.opened = now.gate.0;
                 self.due = self.due.or(Some(now.gate.0 + blanking));
-                self.convert(end, now, amps.get(k));
+                self.sample(end, (now, amps.get(k)), &mut newest);
             }
+        }
+        if let Some((due, (now, amps))) = newest {
+            self.convert(due, now, amps);
         }
     }
 
-    /// Converts if it is due before `end` of a stretch.
-    fn convert(&mut self, end: f64, now: &Stretch, amps: Option<&Edge>) {
+    /// Samples if it is due before `end` of a stretch.
+    fn sample<'a>(&mut self, end: f64, seen: Seen<'a>, newest: &mut Option<(f64, Seen<'a>)>) {
         let Some(due) = self.due.filter(|due| *due < end) else { return };
         self.due = None;
+        if newest.replace((due, seen)).is_some() {
+            normal::skip_pair(&mut self.random);
+        }
+    }
+
+    /// Converts what is due within a stretch.
+    fn convert(&mut self, due: f64, now: &Stretch, amps: Option<&Edge>) {
         let gate = now.gate.0 < now.gate.1;
         let flowing = amps.map_or_else(|| assumed_amps(gate, now.volts, self.open_v), |amps| amps.at(due - now.from));
         let [of_current, of_voltage] = normal::pair(&mut self.random).map(f64::from);

@@ -36,19 +36,21 @@ impl Lines {
         let threshold = THRESHOLDS[0] * open_v;
         for (k, now) in stretches.iter().enumerate() {
             let push = |edges: &mut Edges, at: f64| edges.push(((at - from) * CYCLES_PER_US + OFFSET).max(0.0) as u16);
-            let begins = now.from.max(from);
+            // Cheaper than `max` and `min`, which have an answer for what is no number.
+            let begins = if now.from > from { now.from } else { from };
             let gate = now.gate.0 < now.gate.1 && !gate_lost;
             if gate != self.gate {
                 self.gate = gate;
                 push(&mut block.gate_edges, begins);
             }
-            let ends = stretches.get(k + 1).map_or(end, |next| next.from).min(end);
             if (now.volts.abs() > threshold) == self.high {
                 continue;
             }
+            let ends = stretches.get(k + 1).map_or(end, |next| next.from);
             let (constants, level) = crossing(now.initial, now.volts, threshold);
-            let at = (now.from + constants * now.rise).max(begins);
-            if at < ends {
+            let crosses = now.from + constants * now.rise;
+            let at = if crosses > begins { crosses } else { begins };
+            if at < ends && at < end {
                 self.high = level;
                 push(&mut block.high_edges, at);
             }

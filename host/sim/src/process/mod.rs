@@ -23,10 +23,13 @@ mod plant;
 mod random;
 mod scale;
 mod spark;
+pub mod steps;
 mod zero;
 
 pub use crate::events::FaultInputs;
 pub use edm_process::Pulses;
+use edm_process::Setting;
+use edm_servo_head::technology::Pulse;
 pub use gated::{DISCHARGE_A, assumed_amps, current_code};
 pub use parameters::Parameters;
 pub use plant::Plant;
@@ -48,6 +51,7 @@ pub use lines::{THRESHOLDS, crossing};
 use one::One;
 use scale::Scale;
 use spark::Stretch;
+use steps::Steps;
 use zero::Zero;
 
 /// Servo tick, us.
@@ -173,6 +177,7 @@ impl Model {
         }
     }
 
+    #[inline(always)]
     fn inside(&self) -> Inside {
         match self {
             Model::Zero(zero) => Inside {
@@ -322,6 +327,8 @@ pub struct Process {
     pub permission: Vec<(f64, bool)>,
     /// Wires to pull between two ticks.
     pub fault_inputs: FaultInputs,
+    /// Step and direction outputs of a host.
+    pub steps: Steps,
 }
 
 impl Process {
@@ -358,9 +365,25 @@ impl Process {
             pauses_us: [0.0; 4],
             permission: Vec::new(),
             fault_inputs: FaultInputs::default(),
+            steps: Steps::default(),
             scale,
             p,
         })
+    }
+
+    /// Sets the generator as a row of a technology table says; what it does not say stays. Nothing where the model has no such generator.
+    pub fn set_generator(&mut self, pulse: &Pulse) {
+        let said = |value: u32| (value > 0).then(|| f64::from(value) * 1e-3);
+        let set = Setting {
+            on_us: said(pulse.on_ns),
+            off_us: said(pulse.off_ns),
+            amps: said(pulse.current_ma),
+            negative: (pulse.polarity > 0).then_some(pulse.polarity == 1),
+        };
+        if let Model::One(one) = &mut self.model {
+            // A generator that cannot be set so stays as it is, as a real one does.
+            let _ = one.process.set_generator(&set);
+        }
     }
 
     /// The head's time constant with which the gap voltage rises, ns: its reflex looks into a pulse after three of them.
@@ -391,6 +414,8 @@ impl Process {
     pub fn advance(&mut self, drive: Drive, pulses: bool) -> &Sensors {
         let from = self.ticks as f64 * TICK_US;
         self.timeline.advance(self.ticks, &mut self.fault_inputs, self.p.bus.into());
+        self.steps.waits |= self.fault_inputs.step_waits;
+        self.steps.advance(self.fault_inputs.step_hz);
         self.front.stuck = self.fault_inputs.stuck_code;
         self.front.gate_lost = self.fault_inputs.gate_lost;
         self.scale.dead = self.fault_inputs.encoder_dead;
@@ -541,8 +566,8 @@ impl Process {
         }
     }
 
-    /// What really is.
-    #[inline]
+    /// What really is. Inlined, so that nobody pays for what he does not read of it.
+    #[inline(always)]
     pub fn truth(&self) -> Truth {
         let Inside { x, v, i, removed_um, wear_um, debris, damage, through } = self.model.inside();
         let first_m = self.first_surface_m();

@@ -40,6 +40,13 @@ pub fn pair(random: &mut Random) -> [f32; 2] {
     [first, second]
 }
 
+/// Leaves out a [`pair`].
+pub fn skip_pair(random: &mut Random) {
+    for _ in 0..BLOCK / PER_WORD {
+        random.next_u64();
+    }
+}
+
 /// One of them.
 pub fn one(random: &mut Random) -> f32 {
     TABLE[random.next_u64() as usize % QUANTILES]

@@ -105,8 +105,10 @@ impl One {
         };
         // The last one goes on.
         let over = self.seen.stretches.len() - 1;
-        self.seen.stretches.drain(..over);
-        self.seen.amps.drain(..over);
+        self.seen.stretches.swap(0, over);
+        self.seen.stretches.truncate(1);
+        self.seen.amps.swap(0, over);
+        self.seen.amps.truncate(1);
         let mut from_us = 0.0;
         for (at_us, pulses) in tick.permission {
             self.process.advance(at_us - from_us, carrier_um, &orders, &mut self.seen);

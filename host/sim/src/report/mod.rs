@@ -9,7 +9,7 @@ mod verdict;
 pub use summary::Summary;
 pub use verdict::Finding;
 
-use crate::run::{FaultEvent, Job, Outcome};
+use crate::run::{FaultEvent, Job, Outcome, RowOutcome};
 use crate::statistics::Figures;
 use edm_servo_head::gap::controlled::ControlledName;
 use edm_servo_head::head::Structure;
@@ -111,6 +111,9 @@ pub struct Report {
     pub inches: u64,
     /// How far it has carried the head, mm.
     pub carried_mm: f64,
+    /// Rows of a technology table, in the order in which they ran.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub rows: Vec<RowOutcome>,
     /// Faults in the order they were raised.
     pub faults: Vec<FaultEvent>,
     /// What is beyond its limit; empty when nothing is.
@@ -161,7 +164,8 @@ impl Report {
         let hole_depth_mm = depth(outcome.hole_depth_mm);
         let head = &job.setup.head;
         let by_error = head.structure == Structure::SingleLoop || head.law.by_error();
-        let keeps_voltage = head.controlled == ControlledName::GapVoltage && by_error;
+        // Rows have set points and laws of their own.
+        let keeps_voltage = head.controlled == ControlledName::GapVoltage && by_error && job.table.is_none();
         let mut report = Report {
             schema: SCHEMA,
             scenario: job.label(),
@@ -217,6 +221,7 @@ impl Report {
             jumps_cramped: outcome.cramped,
             inches: outcome.inches,
             carried_mm: rounded(outcome.carried_mm),
+            rows: outcome.rows.clone(),
             faults: outcome.faults.clone(),
             findings: Vec::new(),
         };

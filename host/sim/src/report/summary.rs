@@ -1,6 +1,7 @@
 //! The run in words (docs/glossary.md).
 
 use super::Report;
+use crate::run::RowOutcome;
 use std::fmt;
 
 /// A short table of the main figures.
@@ -20,6 +21,9 @@ impl fmt::Display for Summary<'_> {
             row("Verdict", words)?;
         }
         row("Time", self.time())?;
+        for run in &report.rows {
+            row("Row", one_row(run))?;
+        }
         row("Gap voltage", self.voltage())?;
         row("Gap", self.gap())?;
         row("Position", self.position())?;
@@ -107,6 +111,7 @@ impl Summary<'_> {
                     "mean {mean:.1} V, set point {setpoint:.1} V; 100 ms mean: {error:.1} V rms about the set point"
                 )
             }
+            (Some(mean), ..) if !self.report.rows.is_empty() => format!("mean {mean:.1} V of all rows"),
             (Some(mean), ..) => format!("mean {mean:.1} V; no set point: the feed law goes by something else"),
             _ => "not evaluated: less than two seconds of undisturbed eroding".into(),
         }
@@ -191,6 +196,22 @@ impl Summary<'_> {
             (lost, illegal) => format!("{lost} counts lost, {illegal} illegal transitions"),
         }
     }
+}
+
+/// A row of a technology table.
+fn one_row(row: &RowOutcome) -> String {
+    let crater = row.crater_um.map_or_else(String::new, |um| format!(", craters {um:.1} um"));
+    format!(
+        "{}: {}, to {:.3} mm ({:+} counts); gap {:.0} um at {:.1} V, {} sparks, {} arcs{crater}",
+        row.name,
+        duration(row.to_s - row.from_s),
+        row.depth_mm,
+        row.off_counts,
+        row.gap_um,
+        row.gap_v,
+        percent(row.spark_ratio),
+        percent(row.arc_ratio),
+    )
 }
 
 /// "2 min 31 s", "12.3 s".

@@ -8,6 +8,7 @@ fn job() -> Job {
         setup: Setup::load("default").unwrap(),
         depth_mm: 0.5,
         path: None,
+        table: None,
         seed: 7,
         surrogate: false,
         coarse_error_um: 0.0,
@@ -34,6 +35,7 @@ fn outcome() -> Outcome {
         carried_mm: 0.0,
         jumps: 0,
         cramped: false,
+        rows: vec![],
         faults: vec![],
     }
 }

@@ -80,7 +80,15 @@ impl Training {
             for seed in SEEDS {
                 let mut setup = setup.clone();
                 setup.process.perturb(PERTURBED, seed);
-                jobs.push(Job { setup, depth_mm, path: None, seed, surrogate: false, coarse_error_um: 0.0 });
+                jobs.push(Job {
+                    setup,
+                    depth_mm,
+                    path: None,
+                    table: None,
+                    seed,
+                    surrogate: false,
+                    coarse_error_um: 0.0,
+                });
             }
         }
         let depth_mm = jobs.first().map_or(0.0, |job| job.depth_mm);

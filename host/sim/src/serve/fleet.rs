@@ -98,8 +98,24 @@ impl Plant for Fleet {
         if let (Some(node), false) = (node, self.heads.iter().any(meant)) {
             return Err(format!("{node}: no such node on this bus"));
         }
+        if let Some(seconds) = rest.strip_prefix("power.cut=") {
+            return self.cut_power(seconds, meant);
+        }
         let heads = self.heads.iter_mut().filter(|head| meant(head));
         pull(rest, heads.map(|head| &mut head.process))
+    }
+}
+
+impl Fleet {
+    /// The power of some heads is cut for so many seconds.
+    fn cut_power(&mut self, seconds: &str, meant: impl Fn(&Head) -> bool) -> Result<(), String> {
+        let seconds = seconds.parse().ok().filter(|seconds| (0.0..=60.0).contains(seconds));
+        let seconds = seconds.ok_or("power.cut must be 0 to 60 s")?;
+        for head in std::mem::take(&mut self.heads) {
+            let head = if meant(&head) { head.cut_power(seconds).map_err(|error| error.to_string())? } else { head };
+            self.heads.push(head);
+        }
+        Ok(())
     }
 }
 

@@ -5,10 +5,12 @@
 //! orders is carried out in the tick that follows. A requested task runs as soon as no task of higher
 //! priority is active.
 
+use crate::battery::Battery;
 use crate::board::{PROTOCOL, Part, Pc, Ports, TRANSMIT};
 use crate::machine::{Core, Others, show};
 use crate::process::Process;
 use crate::run::Setup;
+use crate::stage::Memory;
 use crate::store::Store;
 use edm_bus::Frame;
 use edm_hal_shim::bridge::Drive as Output;
@@ -20,10 +22,13 @@ use edm_runtime::can::{Receive, Transmit};
 use edm_runtime::idle::Idle;
 use edm_runtime::image_store::ImageStore;
 use edm_runtime::protocol::Protocol;
+use edm_servo_head::backup::Keeper;
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Lost};
 use edm_servo_head::canopen::{BusSettings, Node, NodeId};
 use edm_servo_head::head::Status;
 use edm_servo_head::settings::{SettingError, Settings};
+use edm_servo_head::technology::Pulse;
+use edm_servo_head::units::TICK_HZ;
 use rtic_core::Mutex;
 
 /// A head on the bus.
@@ -35,6 +40,19 @@ pub struct Head {
     pub(crate) transmit: Transmit<Pc>,
     pub(crate) protocol: Alone<Protocol<Pc>>,
     pub(crate) idle: Idle<Pc>,
+    kept: Kept,
+    /// What its generator is set to, as a row of a technology table says.
+    pulse: Pulse,
+}
+
+/// What a head is when its power comes back.
+#[derive(Clone)]
+struct Kept {
+    settings: Settings,
+    id: (Option<NodeId>, u32),
+    store: Store,
+    battery: Battery,
+    self_test: SelfTest,
 }
 
 /// Data that tasks share, without preemption.
@@ -71,10 +89,34 @@ impl Head {
     pub fn of(
         process: Process,
         settings: Settings,
-        (node, serial): (Option<NodeId>, u32),
+        id: (Option<NodeId>, u32),
         store: Store,
         self_test: SelfTest,
     ) -> Result<Head, SettingError> {
+        let battery = store.battery();
+        Head::switched_on(process, Kept { settings, id, store, battery, self_test })
+    }
+
+    /// The power is cut for some seconds: the bridge coasts, pulses are off. What is stored and what the memory with a cell keeps is there
+    /// afterwards, the process goes on.
+    ///
+    /// # Errors
+    /// When the settings do not fit together.
+    pub fn cut_power(self, seconds: f64) -> Result<Head, SettingError> {
+        let Head { mut process, kept, .. } = self;
+        for _ in 0..(seconds * f64::from(TICK_HZ)) as u64 {
+            process.advance(Output::Coast, false);
+        }
+        Head::switched_on(process, kept)
+    }
+
+    /// The memory with a cell.
+    pub fn battery(&self) -> &Battery {
+        &self.kept.battery
+    }
+
+    fn switched_on(process: Process, kept: Kept) -> Result<Head, SettingError> {
+        let Kept { settings, id: (node, serial), store, battery, self_test } = kept.clone();
         // For as long as the program runs, as on the chip.
         let record = Box::leak(Box::new(BLANK));
         let build = concat!("virtual ", env!("CARGO_PKG_VERSION"));
@@ -90,6 +132,8 @@ impl Head {
         let node = Box::leak(Box::new(Node::new(&DEVICE, bus, serial)));
         Part(ports).note(&Note::Loaded(drive.restart(settings, image)));
         Part(ports).note(&Note::booted(drive.boot(node, image)));
+        let mut keeper = Keeper::new(battery);
+        drive.recall(keeper.load());
         drive.started();
         show(ports, &process);
         let (core, others) = Core::on(ports, drive.active());
@@ -97,8 +141,8 @@ impl Head {
         edm_hal_shim::can::Filters::listen(&mut Part(ports), sync, &others_of_node);
         let Others { host, idle, receive, transmit } = others;
         let protocol = Alone(host.protocol(node, drive, settings));
-        let idle = idle.idle(Part(ports), image_store);
-        Ok(Head { process, core, receive, transmit, protocol, idle })
+        let idle = idle.idle(Part(ports), image_store, keeper, Memory::default());
+        Ok(Head { process, core, receive, transmit, protocol, idle, kept, pulse: Pulse::default() })
     }
 
     /// What the head knows after the last tick.
@@ -145,6 +189,11 @@ impl Head {
         let supervised = self.core.tick(&mut self.process);
         self.wanted();
         if supervised {
+            // Whatever sets a generator on the bus does it within a millisecond.
+            let pulse = self.protocol().drive().pulse();
+            if std::mem::replace(&mut self.pulse, pulse) != pulse {
+                self.process.set_generator(&pulse);
+            }
             self.idle.round(&mut self.protocol);
             self.wanted();
             self.complain();
@@ -241,7 +290,7 @@ mod tests {
             let mut bad = good.clone();
             bad[bit / 8] ^= 1 << (bit % 8);
             // As read from a file, without the time that files take.
-            let outcome = image.load(Store::Memory(Some(bad)).load(&mut [0; BUFFER]).unwrap());
+            let outcome = image.load(Store::memory(Some(bad)).load(&mut [0; BUFFER]).unwrap());
             assert_eq!(outcome, Outcome::Damaged, "bit {bit}");
         }
         for bit in [0, 20, 8 * good.len() - 1] {

@@ -73,7 +73,7 @@ struct Watch {
 /// When a head cannot be made of the scenario.
 pub fn play(setup: &Setup, case: &Case, tell: &mut dyn FnMut(&str)) -> Result<(Observed, Option<Broken>), String> {
     let id = (NodeId::new(ID), ID.into());
-    let mut head = Head::new(setup, id, case.seed, Store::Memory(None))?;
+    let mut head = Head::new(setup, id, case.seed, Store::memory(None))?;
     let (mut seen, mut watch, mut sent) = (Observed::default(), Watch::default(), Vec::new());
     for (steps, step) in case.steps.iter().enumerate() {
         // A frame is taken by the tick that follows it.

@@ -265,7 +265,15 @@ impl Grid {
         let seed = *self.seeds.get(index % self.seeds.len())?;
         let mut setup = point.setup.clone();
         setup.process.perturb(self.perturbed, seed);
-        let job = Job { setup, depth_mm: point.depth_mm, path: None, seed, surrogate: false, coarse_error_um: 0.0 };
+        let job = Job {
+            setup,
+            depth_mm: point.depth_mm,
+            path: None,
+            table: None,
+            seed,
+            surrogate: false,
+            coarse_error_um: 0.0,
+        };
         Some(Run { number, values: &point.values, job, refusal: point.refusal.as_deref() })
     }
 }

@@ -3,7 +3,8 @@
 //! A function is what a symbol says is one. Each branch that leaves it is a call: `bl`, a jump at its end, a conditional one,
 //! and falling out of its end. Arms of a jump table lie within their function and are read with it. A *taken* function is one
 //! whose address is anywhere but in the vector table: in data, in a literal pool, or in the two halves of `movw` and `movt`.
-//! Only such a function can be called by an address that a register holds.
+//! Only such a function can be called by an address that a register holds. A *thunk* is a jump of the linker's between flash and RAM:
+//! it loads the address of the one function that it calls.
 
 use super::thumb::{Branch, Effect, effects};
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
@@ -24,6 +25,10 @@ pub struct Function {
     pub indirect: Vec<u32>,
     /// Where the stack pointer is set to what cannot be known.
     pub dynamic: Vec<u32>,
+    /// Runs from RAM.
+    pub fast: bool,
+    /// Is a jump of the linker's.
+    pub thunk: bool,
 }
 
 /// All functions of an image.
@@ -41,6 +46,8 @@ pub struct Graph {
     pub masks: usize,
 }
 
+/// Begins the names of the linker's thunks.
+const THUNK: &str = "__Thumb";
 /// The vector table's section.
 const VECTOR_TABLE: &str = ".vector_table";
 
@@ -54,6 +61,10 @@ impl Graph {
         let mut graph = Self { functions, ..Self::default() };
         for section in file.sections().filter(super::allocated) {
             let bytes = section.data().map_err(|e| e.to_string())?;
+            // The boot loader is another program, and calls nothing of this one.
+            if section.name() == Ok(".boot") {
+                continue;
+            }
             if section.name() == Ok(VECTOR_TABLE) {
                 // The first is the stack pointer.
                 let mut vectors = words(bytes)
@@ -82,6 +93,7 @@ impl Graph {
         let mut low = BTreeMap::new();
         // The function that goes on behind the instruction before.
         let mut open: Option<usize> = None;
+        let mut thunk = None;
         for (at, effect) in effects(address, bytes) {
             // Padding between functions belongs to none.
             let Some(number) = extents.owner(at) else { continue };
@@ -102,7 +114,10 @@ impl Graph {
                     open = open.filter(|_| kind == Branch::Maybe);
                 }
                 Effect::Indirect => {
-                    function.indirect.push(at);
+                    match thunk.take().filter(|_| function.thunk) {
+                        Some(callee) => function.calls.push((at, callee)),
+                        None => function.indirect.push(at),
+                    }
                     open = None;
                 }
                 Effect::End => open = None,
@@ -112,7 +127,12 @@ impl Graph {
                     low.insert(register, half);
                 }
                 Effect::High { register, half } => {
-                    self.taken.extend(low.get(&register).and_then(|low| extents.named(half << 16 | low)));
+                    let named = low.get(&register).and_then(|low| extents.named(half << 16 | low));
+                    if function.thunk {
+                        thunk = named;
+                    } else {
+                        self.taken.extend(named);
+                    }
                 }
                 Effect::Masks => self.masks += 1,
                 Effect::None => {}
@@ -171,7 +191,9 @@ fn functions(file: &object::File) -> (Extents, Vec<Function>) {
         .map(|((start, (size, symbols)), next)| {
             let end = if size == 0 { next } else { start + size };
             let name = symbols.first().map_or_else(String::new, |name| format!("{:#}", rustc_demangle::demangle(name)));
-            ((start, end), Function { name, symbols, ..Function::default() })
+            let fast = super::FAST.contains(&start.into());
+            let thunk = name.starts_with(THUNK);
+            ((start, end), Function { name, symbols, fast, thunk, ..Function::default() })
         })
         .unzip();
     (Extents(extents), functions)

@@ -4,7 +4,7 @@
 //! even after everything has been inlined into the tasks. The largest *frame* is the most that one function takes of the
 //! stack. What tasks can reach, and how deep the stack gets, is read in the machine code: [`graph`] and [`tasks`].
 
-use edm_hal_shim::board::{BOARDS, RAM_END, STACK, STACK_GUARD, Table};
+use edm_hal_shim::board::{self, BOARDS, RAM_END, STACK, STACK_GUARD, Table};
 use edm_hal_shim::seal;
 use edm_seal::image::{TARGET, build, cargo, libraries, target};
 use object::{Object, ObjectSection, SectionKind};
@@ -19,22 +19,25 @@ mod thumb;
 use graph::Graph;
 use tasks::{EXCEPTION, Report};
 
-/// Where the chip looks for its vector table, and where the program may begin.
-const VECTORS: u64 = seal::VECTORS as u64;
+/// Where the program begins, with its vector table.
 const PROGRAM: u64 = seal::PROGRAM as u64;
-/// The sectors in between, behind that of vector table and seal, hold the settings.
-const SETTINGS: std::ops::Range<u64> = VECTORS + 0x4000..PROGRAM;
+/// The sector of the boot loader, which is linked by itself; the two behind it hold the settings.
+const LOADER: std::ops::Range<u64> = seal::BOOT as u64..seal::BOOT as u64 + 0x4000;
+const SETTINGS: std::ops::Range<u64> = LOADER.end..PROGRAM;
 const FLASH_LIMIT: u64 = 384 * 1024;
 const RAM_LIMIT: u64 = 64 * 1024;
-/// A value that belongs into a static, not on the stack, shows as a larger frame; and a larger one could step over the guard.
-const FRAME_LIMIT: u32 = STACK_GUARD;
+/// A value that belongs into a static, not on the stack, shows as a larger frame; and a larger one could step over the guard, or
+/// leave too little of it to the handler of the fault.
+const FRAME_LIMIT: u32 = STACK_GUARD / 2;
 /// Largest stack of all tasks together; RAM leaves more than twice as much.
 const STACK_LIMIT: u32 = STACK;
 /// Least RAM for the stack and its guard.
 const RESERVE: u32 = STACK + STACK_GUARD;
 const _: () = assert!(RAM.end - RAM.start - RAM_LIMIT >= 2 * STACK_LIMIT as u64);
-const FLASH: std::ops::Range<u64> = VECTORS..seal::FLASH_END as u64;
+const FLASH: std::ops::Range<u64> = seal::BOOT as u64..seal::STAGE as u64;
 const RAM: std::ops::Range<u64> = 0x2000_0000..RAM_END as u64;
+/// Code that runs from RAM; its bytes are in flash as well.
+const FAST: std::ops::Range<u64> = board::FAST as u64..board::FAST as u64 + STACK_GUARD as u64;
 
 /// Builds, checks and reports every board. The images are left in `firmware/` of the target directory, a name each.
 pub fn run(root: &Path) -> Result<(), String> {
@@ -128,14 +131,14 @@ impl Image {
             if data.windows(libraries.len().max(1)).any(|bytes| bytes == libraries) {
                 image.placed = Some(name.clone());
             }
-            if name == ".vector_table" && address == VECTORS {
+            if name == ".vector_table" && address == PROGRAM {
                 image.vectors = data.first_chunk::<8>().map(|b| {
                     let [a, b, c, d, e, f, g, h] = *b;
                     (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]))
                 });
             }
             // Initial values of variables are in flash as well.
-            if FLASH.contains(&address) || name == ".data" {
+            if (FLASH.contains(&address) && !LOADER.contains(&address)) || name == ".data" || FAST.contains(&address) {
                 image.flash += size;
             }
             if RAM.contains(&address) {
@@ -186,7 +189,7 @@ impl Image {
     /// What keeps a chip from starting this image.
     fn starts(&self) -> Result<(), String> {
         let (stack, reset) =
-            self.vectors.ok_or("no vector table at 0x08000000: were the linker arguments replaced?")?;
+            self.vectors.ok_or("no vector table at 0x0800C000: were the linker arguments replaced?")?;
         let in_program = |address: u64| address >= PROGRAM && FLASH.contains(&address);
         if !(RAM.contains(&u64::from(stack)) || u64::from(stack) == RAM.end) || stack % 8 != 0 {
             return Err(format!("the initial stack pointer {stack:#010x} is not in RAM"));
@@ -207,6 +210,11 @@ impl Image {
             if *address < SETTINGS.end && address + size > SETTINGS.start && FLASH.contains(address) {
                 return Err(format!("section {name} lies in the sectors of the settings"));
             }
+        }
+        if let Some((name, ..)) =
+            self.sections.iter().find(|(_, address, size)| address + size > FLASH.end && FLASH.contains(address))
+        {
+            return Err(format!("section {name} reaches into the sectors of the next program"));
         }
         if self.flash > FLASH_LIMIT || self.ram > RAM_LIMIT {
             return Err(format!("flash {} or RAM {} bytes are over their limits", self.flash, self.ram));
@@ -243,8 +251,9 @@ fn kib(bytes: u64) -> f64 {
 
 fn allocated<'d>(section: &impl ObjectSection<'d>) -> bool {
     let debug = matches!(section.kind(), SectionKind::Debug | SectionKind::DebugString | SectionKind::Metadata);
-    !debug
-        && (FLASH.contains(&section.address()) || RAM.contains(&section.address()) || section.name() == Ok(".ccmram"))
+    let address = section.address();
+    let placed = FLASH.contains(&address) || RAM.contains(&address) || FAST.contains(&address);
+    !debug && (placed || section.name() == Ok(".ccmram"))
 }
 
 #[cfg(test)]
@@ -253,7 +262,7 @@ mod tests {
 
     fn good() -> Image {
         Image {
-            sections: vec![(".vector_table".to_owned(), VECTORS, 392), (".text".to_owned(), PROGRAM, 60_000)],
+            sections: vec![(".vector_table".to_owned(), PROGRAM, 392), (".text".to_owned(), PROGRAM + 0x200, 60_000)],
             vectors: Some((0x2002_0000, 0x0800_C001)),
             entry: 0x0800_C001,
             rooms: BTreeMap::new(),

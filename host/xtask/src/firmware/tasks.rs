@@ -27,6 +27,11 @@ pub struct Rules {
     dying: &'static [&'static str],
     /// Functions of start-up that enable interrupts when all their calls are done.
     starts: &'static [&'static str],
+    /// The priority from which on tasks run from RAM, and what they call; `None`: no image of this kind has code there.
+    fast: Option<u8>,
+    /// What is in the names of those that may lie in flash all the same: once a millisecond or less, once in a fault, or a short loop,
+    /// which the flash accelerator keeps and which would share RAM with what it copies.
+    flash: &'static [&'static str],
     indirect: &'static [Indirect],
     panics: &'static [Panics],
     recursions: &'static [Recursion],
@@ -67,6 +72,23 @@ pub const HEAD: Rules = Rules {
     tasks: TASKS,
     dying: &["HardFault", "DefaultHandler"],
     starts: &["__rtic_init_resources"],
+    fast: Some(4),
+    flash: &[
+        "Servo<B>::sight",
+        "Gap<B>::look",
+        "Gap<B>::retune",
+        "Velocity::new",
+        "Velocity::stand",
+        "Follower::miss",
+        "Follower::probe",
+        "Follower::unread",
+        "Recorder::complete",
+        "Recorder::order",
+        "pause::follow",
+        "memclr",
+        "memcpy",
+        "memmove",
+    ],
     indirect: &[
         Indirect {
             from: &["edm_canopen::"],
@@ -172,6 +194,7 @@ pub fn check(graph: &Graph, rules: &Rules, place: &dyn Fn(u32) -> String) -> Res
     check.unknown(&all, rules);
     let panics = check.panics(&roots, rules);
     check.recursions(&all, rules);
+    check.fast(&roots, rules);
     let starting = check.depths()[graph.reset];
     check.start_is_over(rules);
     let depths = check.depths();
@@ -390,6 +413,31 @@ impl Check<'_> {
         self.errors.extend(stale);
     }
 
+    /// What runs often lies in RAM; what dies with a stack that has reached its guard does not lie where that stack goes on.
+    fn fast(&mut self, roots: &[Root], rules: &Rules) {
+        let Some(least) = rules.fast else { return };
+        let mut wrong = BTreeSet::new();
+        for Root { name, priority, function } in roots {
+            for number in self.reached(*function).into_keys() {
+                let Function { name: callee, fast, thunk, .. } = &self.graph.functions[number];
+                match (priority, fast) {
+                    (None, true) => {
+                        wrong.insert(format!(
+                            "{name} reaches {callee}, over which its stack may grow: not in .fast (memory.x)"
+                        ));
+                    }
+                    (Some(priority), false) if *priority >= least && !thunk && !has(callee, rules.flash) => {
+                        wrong.insert(format!(
+                            "{name} reaches {callee}, which lies in flash: name it in memory.x, in .fast"
+                        ));
+                    }
+                    _ => {}
+                }
+            }
+        }
+        self.errors.extend(wrong);
+    }
+
     /// Takes away what start-up has called before it enabled interrupts.
     fn start_is_over(&mut self, rules: &Rules) {
         for name in rules.starts {
@@ -478,6 +526,8 @@ mod tests {
         ],
         dying: &["HardFault"],
         starts: &[],
+        fast: None,
+        flash: &[],
         indirect: &[],
         panics: &[],
         recursions: &[],

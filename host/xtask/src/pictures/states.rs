@@ -4,8 +4,8 @@
 
 use super::svg::{Anchor, Fill, Sheet};
 use edm_servo_head::head::State::{
-    Commissioning, Disabled, Done, Eroding, Fault, Guiding, HoldingPosition, Homing, Inching, Jumping, Lifting,
-    Positioning, Proving, Ready, Retreating, Seeking, Touching,
+    Commissioning, Disabled, Done, Eroding, Fault, Guiding, HoldingPosition, Homing, Identifying, Inching, Jumping,
+    Lifting, Positioning, Proving, Ready, Retreating, Seeking, Touching,
 };
 use edm_servo_head::head::{Reason, State, TRANSITIONS};
 
@@ -29,6 +29,7 @@ fn place(state: State) -> ((f64, f64), (f64, f64)) {
         Inching => ((810.0, 64.0), (120.0, 44.0)),
         Lifting => ((440.0, 455.0), (110.0, 40.0)),
         Fault => ((610.0, 520.0), (120.0, 44.0)),
+        Identifying => ((345.0, 596.0), (130.0, 40.0)),
     }
 }
 
@@ -121,6 +122,30 @@ const ARROWS: &[Arrow] = &[
         (137.0, 122.0),
     ),
     arrow(&[Touching], Positioning, &[Reason::Held], &[(160.0, 57.0), (240.0, 57.0)], "hold", (184.0, 51.0)),
+    arrow(
+        REST,
+        Identifying,
+        &[Reason::IdentificationStarted, Reason::TuningStarted],
+        &[(392.0, 425.0), (392.0, 596.0)],
+        "identify, tune",
+        (318.0, 586.0),
+    ),
+    arrow(
+        &[Identifying],
+        Ready,
+        &[Reason::Identified, Reason::Tuned],
+        &[(424.0, 596.0), (424.0, 425.0)],
+        "measured",
+        (430.0, 586.0),
+    ),
+    arrow(
+        &[Identifying],
+        Positioning,
+        &[Reason::Held],
+        &[(345.0, 616.0), (195.0, 616.0), (195.0, 88.0), (240.0, 88.0)],
+        "hold",
+        (260.0, 610.0),
+    ),
     arrow(REST, Homing, &[Reason::HomingStarted], &[(450.0, 175.0), (450.0, 94.0)], "home", (406.0, 140.0)),
     arrow(
         &[Homing],
@@ -314,7 +339,7 @@ fn agrees() -> Result<(), String> {
 
 pub fn draw() -> Result<String, String> {
     agrees()?;
-    let mut sheet = Sheet::new(960, 590, "States of the head and what changes them");
+    let mut sheet = Sheet::new(960, 650, "States of the head and what changes them");
     sheet.rect((290.0, 175.0), (170.0, 250.0), Fill::Light);
     sheet.text((375.0, 200.0), 13, Anchor::Middle, "loop closed, at rest");
     sheet.rect((585.0, 160.0), (365.0, 285.0), Fill::Light);

@@ -14,6 +14,9 @@ impl Drive {
 
     /// Whether 2001h:1 may be written: a host may guide only where set points are followed, and not out of an erosion.
     pub(in super::super) fn may_erode(&self, enable: i64) -> Result<(), Abort> {
+        if enable == 2 && self.mode == Mode::Steps {
+            return Err(Abort::DeviceState);
+        }
         let followed = !matches!(self.mode, Mode::None | Mode::ProfileVelocity | Mode::Homing)
             && !self.is_homing()
             && self.status.state != head::State::Touching;
@@ -29,6 +32,7 @@ impl Drive {
         let enable = self.value(Item::ErodeEnable);
         let works = self.status.state.works();
         match enable {
+            _ if self.mode == Mode::Steps && enable != before => self.record_written(),
             // Nothing to end.
             0 if before == 0 && !works => {}
             0 => {
@@ -44,7 +48,7 @@ impl Drive {
                 self.set_points.then = None;
                 if self.set_points.begins {
                     self.command(Command::Hold);
-                } else if self.moves() {
+                } else if self.moves() && !(self.mode == Mode::ProfilePosition && self.resume_rows()) {
                     self.command(Command::Start);
                 }
             }
@@ -68,6 +72,9 @@ impl Drive {
         if self.set_points.begins {
             self.set_points.then = Some(target);
             return true;
+        }
+        if self.technology.in_use() && self.mode == Mode::ProfilePosition {
+            return self.begin_rows(target);
         }
         self.command(Command::MoveTo(self.place(target))) && self.command(Command::Start)
     }

@@ -35,6 +35,7 @@ impl Drive {
             acceleration: self.acceleration(Item::HomingAcceleration),
             at: self.nanometres(self.value(Item::HomeOffset).saturating_neg()),
         };
+        self.resume.homes(method, self.value(Item::HomeOffset));
         // A new reference begins where the axis is at rest.
         self.command(Command::Home(home));
     }

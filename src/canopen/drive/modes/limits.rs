@@ -7,6 +7,7 @@ use crate::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres};
 
 impl Drive {
     /// Software limits and travel, which count from the home, as positions of a host, counts.
+    #[inline(never)]
     pub(super) fn limits(&self) -> (i32, i32) {
         let (min, max) = (self.value(Item::LimitMin).into(), self.value(Item::LimitMax).into());
         let (min, max) = if self.status.homed {

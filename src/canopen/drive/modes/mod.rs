@@ -8,6 +8,7 @@ mod erode_enable;
 mod homing;
 mod limits;
 mod profile_position;
+mod stepping;
 mod streams;
 mod velocity;
 
@@ -24,8 +25,10 @@ const BUFFER: usize = 32;
 /// Mode of operation. The number is that of 6060h.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[repr(u8)]
+#[repr(i8)]
 pub enum Mode {
+    /// Follows the steps of a host.
+    Steps = -1,
     /// None.
     #[default]
     None = 0,
@@ -46,6 +49,7 @@ pub enum Mode {
 impl Mode {
     fn from_number(number: i64) -> Option<Mode> {
         Some(match number {
+            -1 => Mode::Steps,
             0 => Mode::None,
             1 => Mode::ProfilePosition,
             3 => Mode::ProfileVelocity,
@@ -89,6 +93,10 @@ pub struct SetPoints {
     led: Option<i64>,
     /// When the next set point is due.
     due: Option<Time>,
+    /// Limits that the head has been told to follow steps within.
+    bounds: Option<(i32, i32)>,
+    /// It is to be told as soon as the axis rests.
+    steps_due: bool,
 }
 
 impl SetPoints {
@@ -97,7 +105,8 @@ impl SetPoints {
         self.next = None;
         (self.moving, self.missed) = (false, false);
         self.buffer.clear();
-        (self.due, self.led) = (None, None);
+        (self.due, self.led, self.bounds) = (None, None, None);
+        self.steps_due = false;
         (self.begins, self.then) = (false, None);
     }
 
@@ -109,6 +118,16 @@ impl SetPoints {
     /// The head is not at its target and yet where it should be: it has touched the work, or was lifted out of it.
     pub fn clear_target(&mut self) {
         self.target = None;
+    }
+
+    /// Rows of a table lead to a target.
+    pub fn lead_to(&mut self, target: i32) {
+        (self.moving, self.target, self.within) = (true, Some(target), 0);
+    }
+
+    /// They have led here.
+    pub fn led_to(&mut self, target: i32) {
+        self.target = Some(target);
     }
 
     /// Set points waiting.
@@ -126,6 +145,10 @@ impl Drive {
         }
         if mode != self.mode {
             let begins = self.set_points.begins;
+            if mode == Mode::Steps {
+                // They are followed with pulses off.
+                self.set(Item::ErodeEnable, 0);
+            }
             if self.acts() && (self.mode != Mode::None || self.status.state == head::State::Touching) {
                 // Pulses stop with the mode that wanted them.
                 if self.status.state.works() {
@@ -152,6 +175,7 @@ impl Drive {
         }
         match self.mode {
             Mode::ProfileVelocity => self.run(),
+            Mode::Steps => self.set_points.steps_due = true,
             // A host that has said nothing yet wants no motion.
             Mode::CyclicPosition => {
                 let target = self.position().saturating_sub(self.value(Item::PositionOffset));
@@ -180,6 +204,7 @@ impl Drive {
             match (self.mode, self.set_points.target) {
                 (Mode::ProfilePosition, Some(target)) if !starts => self.go(target),
                 (Mode::ProfileVelocity, _) => self.run(),
+                (Mode::Steps, _) => self.set_points.steps_due = true,
                 _ => {}
             }
         }
@@ -200,11 +225,12 @@ impl Drive {
 
     /// What the status says of the set points, once a millisecond.
     pub(super) fn watch_mode(&mut self) {
+        self.watch_steps();
         let state = self.status.state;
         let busy = match self.status.guidance {
             Guidance::No => state.works() || state.positions(),
             guidance => guidance != Guidance::Rests,
-        };
+        } || self.technology.is_busy();
         if self.fresh && !busy && self.set_points.moving {
             self.set_points.moving = false;
             if let Some(next) = self.set_points.next.take() {
@@ -261,6 +287,9 @@ impl Drive {
                 bit(status::REACHED, reached) | bit(status::MODE_12, zero)
             }
             Mode::Homing => self.homing_bits(still),
+            Mode::Steps => {
+                bit(status::MODE_12, self.follows_steps() || self.status.records) | bit(status::MODE_13, following)
+            }
             Mode::Interpolated => {
                 let active = self.moves() && self.control & control::START != 0;
                 let reached = reached && set_points.buffer.is_empty();

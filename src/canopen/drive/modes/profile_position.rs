@@ -27,7 +27,15 @@ impl Drive {
         } else {
             given
         };
+        // Rows lead to one depth; a host that goes on gives it again.
+        if self.technology.is_busy() && !self.technology.leads_to(target) {
+            self.refuses(codes::refused(Refused::PathActive));
+            return;
+        }
         (self.set_points.acknowledged, self.set_points.missed) = (true, false);
+        if self.technology.is_busy() {
+            return;
+        }
         if self.set_points.moving && word & control::IMMEDIATELY == 0 && !self.erodes() {
             self.set_points.next = Some(target);
         } else if !halts(word) {

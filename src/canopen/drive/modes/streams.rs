@@ -6,7 +6,7 @@ use crate::canopen::drive::{Drive, SetPoint};
 use crate::canopen::objects::{Decoded, Item};
 use crate::canopen::{Abort, Node, Time};
 use crate::head::Command;
-use crate::units::{Newtons, TICK_HZ};
+use crate::units::{Nanometres, Newtons, TICK_HZ};
 
 impl Drive {
     /// 607Ah has been written.
@@ -21,6 +21,25 @@ impl Drive {
         }
         self.follow_to(target);
         Ok(())
+    }
+
+    /// 2017h:1 has been written.
+    pub(in super::super) fn place_written(&mut self, place: i32) {
+        if self.mode == Mode::CyclicPosition && self.moves() && !self.erodes() {
+            let point = self.placed(place);
+            self.set_points.target = None;
+            self.fresh = false;
+            self.follow = Some(point);
+        }
+    }
+
+    /// The set point that a place on the path of another head is for this axis, within the limits.
+    fn placed(&self, place: i32) -> SetPoint {
+        let (low, high) = self.limits();
+        let origin = i64::from(self.value(Item::PathOrigin)).saturating_add(self.datum_nm());
+        let to = origin.saturating_add(place.into());
+        let to = Nanometres(to.max(self.place(low).0).min(self.place(high).0));
+        SetPoint { to, ticks: self.period() }
     }
 
     /// 60B0h has been written: the newest set point is followed with it.
@@ -53,14 +72,18 @@ impl Drive {
         SetPoint { to: self.place(target), ticks: self.period() }
     }
 
-    /// What the next SYNC makes of 607Ah.
+    /// What the next SYNC makes of 607Ah, or of 2017h:1.
     pub(in super::super) fn set_point_at_sync(&self, node: &Node) -> Option<SetPoint> {
+        const PLACE: Decoded = Decoded::Row(Item::PathPlace as u16);
         const TARGET: Decoded = Decoded::Row(Item::TargetPosition as u16);
         const OFFSET: Decoded = Decoded::Row(Item::PositionOffset as u16);
         if self.mode != Mode::CyclicPosition || !self.moves() || self.erodes() {
             return None;
         }
         let ahead = |at: Decoded| node.ahead(at.place(), self).map(i32::from_le_bytes);
+        if let Some(place) = ahead(PLACE) {
+            return Some(self.placed(place));
+        }
         let (target, offset) = (ahead(TARGET), ahead(OFFSET));
         target.or(offset)?;
         let target = target.unwrap_or(self.value(Item::TargetPosition));

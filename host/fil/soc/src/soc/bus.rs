@@ -13,6 +13,7 @@ use crate::world::World;
 pub(super) enum Block {
     Timer(usize),
     Adc,
+    Backup(usize),
     Can,
     Crc,
     Dac,
@@ -29,8 +30,8 @@ pub(super) enum Block {
 struct Entry(u32, &'static str, Gate, Block);
 
 /// Base, name, clock gate (§7.3.10..14) and kind of each modelled peripheral; 1 KiB each.
-const MAP: [Entry; 35] = {
-    use Block::{Adc, Can, Crc, Dac, Dma, Exti, Flash, Gpio, Iwdg, Pwr, Rcc, Syscfg, Timer};
+const MAP: [Entry; 39] = {
+    use Block::{Adc, Backup, Can, Crc, Dac, Dma, Exti, Flash, Gpio, Iwdg, Pwr, Rcc, Syscfg, Timer};
     use Gate::{Ahb1, Always, Apb1, Apb2};
     [
         Entry(0x4000_0000, "TIM2", Apb1(0), Timer(1)),
@@ -66,13 +67,17 @@ const MAP: [Entry; 35] = {
         Entry(0x4002_3000, "CRC", Ahb1(12), Crc),
         Entry(0x4002_3800, "RCC", Always, Rcc),
         Entry(0x4002_3c00, "FLASH", Always, Flash),
+        Entry(0x4002_4000, "BKPSRAM", Ahb1(18), Backup(0)),
+        Entry(0x4002_4400, "BKPSRAM", Ahb1(18), Backup(1)),
+        Entry(0x4002_4800, "BKPSRAM", Ahb1(18), Backup(2)),
+        Entry(0x4002_4c00, "BKPSRAM", Ahb1(18), Backup(3)),
         Entry(0x4002_6000, "DMA1", Ahb1(21), Dma(0)),
         Entry(0x4002_6400, "DMA2", Ahb1(22), Dma(1)),
     ]
 };
 
 /// Peripherals of the chip that are not modelled, so that an error can name them.
-const OTHERS: [(u32, &str); 26] = [
+const OTHERS: [(u32, &str); 25] = [
     (0x4000_2800, "RTC"),
     (0x4000_2c00, "WWDG"),
     (0x4000_3400, "I2S2ext"),
@@ -91,7 +96,6 @@ const OTHERS: [(u32, &str); 26] = [
     (0x4001_1400, "USART6"),
     (0x4001_2c00, "SDIO"),
     (0x4001_3000, "SPI1"),
-    (0x4002_4000, "BKPSRAM"),
     (0x4002_8000, "ETH"),
     (0x4004_0000, "OTG_HS"),
     (0x5000_0000, "OTG_FS"),
@@ -229,6 +233,7 @@ impl<W: World> Soc<W> {
         match block {
             Block::Timer(n) => self.with_timer(n, |t, now, out| t.read(offset, now, out)),
             Block::Adc => self.read_adc(offset),
+            Block::Backup(n) => Ok(self.backup.words[n << 8 | offset as usize >> 2]),
             Block::Can => self.can.read(offset, now),
             Block::Crc => self.crc.read(offset),
             Block::Dac => self.dac.read(offset),
@@ -257,6 +262,15 @@ impl<W: World> Soc<W> {
                 }
             }
             Block::Adc => self.write_adc(offset, value)?,
+            // §5.1.2: protected after a reset. The chip ignores such a write; a program that does one is wrong.
+            Block::Backup(_) if !self.rcc.backup_open() => {
+                return Err(Fault::Unsupported("a write to the protected backup domain (DBP) has no effect"));
+            }
+            Block::Backup(n) => {
+                if self.backup.write(n << 8 | offset as usize >> 2, value) {
+                    self.cut_power(true);
+                }
+            }
             Block::Can => {
                 self.can.write(offset, value, now)?;
                 self.refresh_can();
@@ -276,6 +290,7 @@ impl<W: World> Soc<W> {
             }
             Block::Flash => {
                 self.flash.write(offset, value, now, &self.memory.flash)?;
+                self.fail_with_flash();
                 self.follow_clocks()?;
             }
             Block::Gpio(n) => {
@@ -309,6 +324,13 @@ impl<W: World> Soc<W> {
     /// A write of the processor into the flash array: programming.
     pub fn program(&mut self, address: u32, size: u8, value: u32) {
         self.flash.program(address, size.into(), value, self.now, &self.memory.flash);
+        self.fail_with_flash();
+    }
+
+    fn fail_with_flash(&mut self) {
+        if std::mem::take(&mut self.flash.failed) {
+            self.ask_reset(Reset::Power);
+        }
     }
 
     /// Resets the peripherals whose reset bit is set.

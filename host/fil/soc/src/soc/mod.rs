@@ -6,6 +6,7 @@ pub(crate) mod tests;
 mod wires;
 
 use crate::adc::Adc;
+use crate::backup::Backup;
 use crate::can::Can;
 use crate::core_regs::CoreRegs;
 use crate::crc::Crc;
@@ -79,6 +80,9 @@ pub struct Soc<W> {
     timers: [Timer; 14],
     adcs: [Adc; 3],
     adc_common: u32,
+    backup: Backup,
+    /// The power is cut, and whether the backup SRAM keeps its words.
+    cut: Option<bool>,
     dma: [Dma; 2],
     can: Can,
     crc: Crc,
@@ -116,6 +120,8 @@ impl<W: World> Soc<W> {
             timers: KINDS.map(Timer::new),
             adcs: [1, 2, 3].map(Adc::new),
             adc_common: 0,
+            backup: Backup::new(),
+            cut: None,
             dma: [Dma::new(), Dma::new()],
             can: Can::new(),
             crc: Crc::new(),
@@ -140,8 +146,13 @@ impl<W: World> Soc<W> {
         let _ = self.follow_clocks();
     }
 
-    /// Resets everything but memory, the levels from outside and time.
+    /// Resets everything but memory, the levels from outside and time. After a cut of the power memory is noise.
     pub fn reset(&mut self, cause: Reset) {
+        if let Some(kept) = self.cut.take() {
+            self.memory.scramble(self.now);
+            self.rcc.keep_backup(kept);
+            self.backup.power_is_back(kept, self.now);
+        }
         let flags = flag::PIN
             | match cause {
                 Reset::Power => flag::POWER,
@@ -150,8 +161,9 @@ impl<W: World> Soc<W> {
             };
         let kept = self.rcc.read(0x74, self.now).unwrap_or(0) & 0xfe00_0000;
         let kept = if cause == Reset::Power { 0 } else { kept };
-        let supply = self.rcc.supply();
+        let (supply, regulator) = (self.rcc.supply(), self.rcc.backup_kept());
         self.rcc = Rcc::new(self.hse_hz, flags | kept);
+        self.rcc.keep_backup(regulator);
         self.rcc.set_supply(supply);
         self.core = CoreRegs::new();
         self.flash.reset();
@@ -195,6 +207,11 @@ impl<W: World> Soc<W> {
         self.clocks
     }
 
+    /// Whether SRAM1 appears at address 0; else flash does.
+    pub fn sram_at_zero(&self) -> bool {
+        self.exti.remapped
+    }
+
     /// Wait states of the flash, and whether it reads ahead and keeps instructions and data.
     pub fn flash_access(&self) -> (u32, bool) {
         (self.flash.latency(), self.flash.accelerated())
@@ -203,6 +220,16 @@ impl<W: World> Soc<W> {
     /// Tick until which the processor is stalled by a flash operation.
     pub fn stalled_until(&self) -> u64 {
         self.flash.busy_until
+    }
+
+    /// Erases and programmed words of the flash so far.
+    pub fn flash_operations(&self) -> u64 {
+        self.flash.operations
+    }
+
+    /// Lets the power fail in one of them, by its number, and come back at once.
+    pub fn cut_in(&mut self, operation: Option<u64>) {
+        self.flash.cut = operation;
     }
 
     /// Erases of each flash sector since power-up.
@@ -214,6 +241,18 @@ impl<W: World> Soc<W> {
     pub fn set_supply(&mut self, mv: u32) {
         self.rcc.set_supply(mv);
         self.refresh_supply();
+    }
+
+    /// The power is cut and comes back before the next instruction. RAM is noise then; the backup SRAM too, unless VBAT has a `cell` and
+    /// its regulator was on (§5.1.2).
+    pub fn cut_power(&mut self, cell: bool) {
+        self.cut = Some(cell && self.rcc.backup_kept());
+        self.reset = Some(Reset::Power);
+    }
+
+    /// The power is cut so many writes into the backup SRAM from now on.
+    pub fn cut_at_backup_write(&mut self, writes: u32) {
+        self.backup.cut_after(writes);
     }
 
     /// Sets the brown-out level of the option bytes, 0 (off, as on a new chip) to 3.

@@ -286,6 +286,47 @@ fn dma_stores_the_stamp_of_each_edge() {
 }
 
 #[test]
+fn steps_are_counted_by_both_edges_and_each_change_of_direction_is_stamped() {
+    let mut soc = running();
+    let (tim2, s1) = (0x4000_0000, 0x4002_6000 + 0x10 + 0x18);
+    let (step, direction) = (Pin::new('A', 15), Pin::new('B', 10));
+    // PA15 and PB10 are TIM2_CH1 and TIM2_CH3.
+    set(&mut soc, &[(GPIOA + 0x24, 1 << 28), (GPIOA, 0xa800_0000), (GPIOB + 0x24, 1 << 8), (GPIOB, 0x280 | 2 << 20)]);
+    set(&mut soc, &[(s1 + 4, 4), (s1 + 8, tim2 + 0x3c), (s1 + 12, 0x2000_2000)]);
+    set(&mut soc, &[(s1, 3 << 25 | 2 << 13 | 2 << 11 | 1 << 10 | 1 << 8 | 1)]);
+    set(
+        &mut soc,
+        &[(tim2 + 0x18, 4 << 4 | 1), (tim2 + 0x1c, 4 << 4 | 1), (tim2 + 0x20, 0xb00), (tim2 + 0x0c, 1 << 11)],
+    );
+    set(&mut soc, &[(tim2 + 0x08, 4 << 4 | 7), (tim2, 1)]);
+    level(&mut soc, 10, step, true);
+    level(&mut soc, 10, direction, true);
+    wait(&mut soc, 1000);
+    set(&mut soc, &[(tim2 + 0x24, 1)]);
+    let half = |soc: &mut Soc<Bench>| get(soc, tim2 + 0x24);
+    for _ in 0..3 {
+        level(&mut soc, 168, step, false);
+        level(&mut soc, 168, step, true);
+    }
+    wait(&mut soc, 100);
+    assert_eq!(half(&mut soc), 7);
+    // 143 ns of filter: what is shorter is no step.
+    level(&mut soc, 168, step, false);
+    level(&mut soc, 23, step, true);
+    level(&mut soc, 168, step, false);
+    level(&mut soc, 25, step, true);
+    level(&mut soc, 168, direction, false);
+    wait(&mut soc, 100);
+    level(&mut soc, 168, step, false);
+    level(&mut soc, 80, direction, true);
+    wait(&mut soc, 100);
+    let stamp = |i: u32| soc.memory.sram.load(0x2000_2000 + 4 * i, 4).unwrap();
+    assert_eq!([stamp(1), stamp(2)], [9, 10]);
+    assert_eq!((half(&mut soc), get(&mut soc, s1 + 4)), (10, 1));
+    assert_eq!(soc.error(), None);
+}
+
+#[test]
 fn dma_into_core_coupled_memory_is_a_transfer_error() {
     let mut soc = running();
     let s0 = DMA2 + 0x10;

@@ -25,12 +25,21 @@ fn slaves(master: u8) -> &'static [(usize, u32)] {
     }
 }
 
+/// DMA1 and DMA2, as places.
+const DMA1: usize = 0;
+const DMA2: usize = 1;
+
 /// Streams of DMA2 and their channel that serve a converter (§10.3.3, table 43).
 const ADC_STREAMS: [[(usize, u32); 2]; 3] = [[(0, 0), (4, 0)], [(2, 1), (3, 1)], [(0, 2), (1, 2)]];
 
-/// Streams of DMA2 and their channel that serve request `source` of TIM1 or TIM8 (table 43).
-fn timer_streams(timer: u8, source: u8) -> &'static [(usize, u32)] {
-    match (timer, source) {
+/// The controller, its streams and their channel that serve request `source` of TIM2 (table 42), TIM1 or TIM8 (table 43).
+fn timer_streams(timer: u8, source: u8) -> (usize, &'static [(usize, u32)]) {
+    let streams: &[(usize, u32)] = match (timer, source) {
+        (2, 0) => &[(1, 3), (7, 3)],
+        (2, 1) => &[(5, 3)],
+        (2, 2) => &[(6, 3)],
+        (2, 3) => &[(1, 3)],
+        (2, 4) => &[(6, 3), (7, 3)],
         (1, 0) => &[(5, 6)],
         (1, 1) => &[(1, 6), (3, 6), (6, 0)],
         (1, 2) => &[(2, 6), (6, 0)],
@@ -43,7 +52,8 @@ fn timer_streams(timer: u8, source: u8) -> &'static [(usize, u32)] {
         (8, 3) => &[(4, 7), (2, 0)],
         (8, 4 | 6) => &[(7, 7)],
         _ => &[],
-    }
+    };
+    (if timer == 2 { DMA1 } else { DMA2 }, streams)
 }
 
 /// Interrupt of each DMA stream (§12.2, vector table).
@@ -77,7 +87,8 @@ impl<W: World> Soc<W> {
             }
             Event::Output(channel, level) => self.trigger_adcs(Trigger::Output(number, channel + 1), level),
             Event::Dma(source) => {
-                self.serve_dma(timer_streams(number, source));
+                let (controller, streams) = timer_streams(number, source);
+                self.serve_dma(controller, streams);
             }
             Event::Waveform => {
                 for i in 0..self.timer_pins[n].len() {
@@ -123,7 +134,7 @@ impl<W: World> Soc<W> {
 
     pub(super) fn fire_adc(&mut self, n: usize) {
         if self.adcs[n].fire(self.now, &mut self.world) {
-            let stopped = self.serve_dma(&ADC_STREAMS[n]);
+            let stopped = self.serve_dma(DMA2, &ADC_STREAMS[n]);
             if stopped {
                 self.adcs[n].dma_complete();
             }
@@ -131,9 +142,9 @@ impl<W: World> Soc<W> {
         self.refresh_adc(n);
     }
 
-    /// One DMA transfer by the first of `streams` that is set up for it. Returns whether the stream has stopped with it.
-    fn serve_dma(&mut self, streams: &[(usize, u32)]) -> bool {
-        let Some((stream, transfer)) = streams.iter().find_map(|&(s, c)| Some((s, self.dma[1].next(s, c)?))) else {
+    /// One DMA transfer by the first of `streams` of a controller that is set up for it. Returns whether the stream has stopped with it.
+    fn serve_dma(&mut self, n: usize, streams: &[(usize, u32)]) -> bool {
+        let Some((stream, transfer)) = streams.iter().find_map(|&(s, c)| Some((s, self.dma[n].next(s, c)?))) else {
             return false;
         };
         let value = match transfer.from {
@@ -142,9 +153,9 @@ impl<W: World> Soc<W> {
             from => self.memory.dma_load(from, transfer.size),
         };
         let moved = value.and_then(|v| self.memory.dma_store(transfer.to, transfer.size, v)).is_some();
-        let stopped = self.dma[1].done(stream, moved);
-        let request = self.dma[1].request(stream);
-        self.core.nvic.set_line(DMA_LINES[1][stream], request);
+        let stopped = self.dma[n].done(stream, moved);
+        let request = self.dma[n].request(stream);
+        self.core.nvic.set_line(DMA_LINES[n][stream], request);
         stopped
     }
 
@@ -327,7 +338,7 @@ impl<W: World> Soc<W> {
                 self.refresh_port(n);
             }
             Block::Syscfg => self.exti.reset_syscfg(),
-            Block::Adc | Block::Exti | Block::Flash | Block::Iwdg | Block::Pwr | Block::Rcc => (),
+            Block::Adc | Block::Backup(_) | Block::Exti | Block::Flash | Block::Iwdg | Block::Pwr | Block::Rcc => (),
         }
     }
 

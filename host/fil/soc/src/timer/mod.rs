@@ -2,7 +2,7 @@
 //! §20 basic). Counting is in [`count`], inputs in [`input`], outputs in [`output`].
 //!
 //! Counting up, edge-aligned; encoder modes count both ways. Centre-aligned and down counting, complementary outputs, DMA
-//! requests of others than TIM1 and TIM8, and gated mode are refused.
+//! requests of others than TIM1, TIM2 and TIM8, and gated mode are refused.
 
 mod count;
 mod input;
@@ -247,8 +247,8 @@ impl Timer {
                 self.base = now;
                 self.smcr = value & 0xfff7;
             }
-            0x0c if value & 0x2000 != 0 || value & 0x5f00 != 0 && !self.kind.advanced => {
-                return Err(Fault::Unsupported("timer DMA requests are modelled for TIM1 and TIM8 only"));
+            0x0c if value & 0x2000 != 0 || value & 0x5f00 != 0 && !self.kind.advanced && self.kind.number != 2 => {
+                return Err(Fault::Unsupported("timer DMA requests are modelled for TIM1, TIM2 and TIM8 only"));
             }
             0x0c => self.dier = value & 0x5fff,
             0x10 => self.sr &= value,
