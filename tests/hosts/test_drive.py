@@ -96,10 +96,11 @@ def test_a_session_from_boot_up_to_a_hole(tmp_path, link, program):
     drive.controlword = 0x0F
     host.write(0x607A, WORK + 10)
     drive.controlword = 0x1F
-    eventually("it erodes", lambda: host.read(0x2000, 1) == 4, 10)
+    eventually("it erodes", lambda: host.read(0x2000, 1) == 4, 30)
     volts = [host.read(0x2005, 1) / 100 for _ in range(50) if not time.sleep(0.02)]
     assert 30 < sum(volts) / len(volts) < 90, volts
-    eventually("the hole is bored", lambda: drive.statusword & 1 << 10, 60)
+    # The chip runs slower than time on a busy machine.
+    eventually("the hole is bored", lambda: drive.statusword & 1 << 10, 60 if program == "virtual" else 240)
     assert host.position() >= WORK + 10 - 2
     assert host.read(0x2003, 3) == 1, "depth has ended it"
     assert host.emergencies == []

@@ -2,6 +2,8 @@
 
 mod chip;
 mod exceptions;
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+mod near;
 mod snapshot;
 
 pub use chip::{Alter, Span, Stats};
@@ -74,6 +76,8 @@ impl<W: World + 'static> Machine<W> {
         let mut uc =
             Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, Chip::new(soc)).map_err(engine("create"))?;
         uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(engine("processor model"))?;
+        #[cfg(all(target_os = "linux", target_env = "gnu"))]
+        near::limit(&uc)?;
         let pace = code_hook(&mut uc)?;
         let mut machine = Self { uc, pace, guarded: None };
         machine.map_memories()?;
