@@ -1,4 +1,4 @@
-//! Another program for a head, over the bus (CiA 302-3): docs/canopen.md, "Update".
+//! Another program for a head, over the bus (CiA 302-3): docs/canopen.md, "Firmware update".
 
 use crate::Failure;
 use crate::bus::Bus;
