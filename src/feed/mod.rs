@@ -29,7 +29,7 @@ pub struct View<'a> {
     pub senses: &'a Senses,
     /// How the head moves.
     pub motion: Motion,
-    /// Servo ticks of 50 us since the last call: 5, or fewer after an urgent event.
+    /// Servo ticks of 50 us since the last call: 10 in slow erosion, else 5, fewer after an urgent event, at most 20.
     pub ticks: u32,
 }
 
