@@ -226,6 +226,7 @@ fn a_stranger_bores_a_hole_with_the_firmware_in_the_page() {
     let desk = Desk::new(&connection);
     let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
     let at_last = |page: &mut Browser, condition: &str| {
+        println!("waits for {condition}");
         let end = Instant::now() + 10 * PATIENCE;
         while page.value(condition) != true {
             assert!(Instant::now() < end, "{condition}: {}", page.text("body"));
@@ -237,13 +238,17 @@ fn a_stranger_bores_a_hole_with_the_firmware_in_the_page() {
     page.command();
     page.view("scope");
     page.click("#record-fast button");
-    at_last(&mut page, "document.querySelector('#scope-said').innerText.includes('samples')");
+    at_last(&mut page, "document.querySelector('#recorded').innerText.includes('samples')");
     page.view("run");
     page.value("document.querySelector('[name=depth]').value = 0.002");
     page.click("#begin");
     at_last(&mut page, "document.querySelector('#doing').innerText.startsWith('Bored: ')");
     assert!(page.text("#doing").contains(" of 0.002 mm in "), "{}", page.text("#doing"));
+    // The work is 2 mm below home: too near for the default.
+    let (_, _, error) = crate::rig::run(&connection, &["settings", "set", "identify.travel_um=1500"]);
+    assert_eq!(error, "");
     page.view("motor");
+    page.value("document.querySelector('#identify [name=at]').value = 1.8");
     page.click("#identify-begin");
     at_last(&mut page, "document.querySelector('#found-values').rows.length > 5");
     page.picture("motor-of-the-firmware");
