@@ -965,8 +965,8 @@ function tuning_is(outcome) {
       `${margins.crossover_hz.toFixed(0)} Hz`, `${margins.phase_deg.toFixed(1)} \u00b1 ${margins.phase_off_deg.toFixed(1)}\u00b0`,
       `${margins.gain_db.toFixed(1)} \u00b1 ${margins.gain_off_db.toFixed(1)} dB`,
     ] : ["crosses over nowhere", "", ""]));
-    const settled = step && (step.settled_ms === null ? "does not settle" : `${step.settled_ms.toFixed(1)} ms`);
-    cells.push(step ? `${step.beyond_um.toFixed(1)} um beyond, ${settled}` : "");
+    const settled = step && (step.settled_ms === null ? "does not settle" : `settled after ${step.settled_ms.toFixed(1)} ms`);
+    cells.push(step ? `overshoot ${step.overshoot_um.toFixed(1)} um, ${settled}` : "");
     row.append(...cells.map((text) => item("td", text)));
     row.classList.toggle("differs", low);
     row.title = low ? "below 45 degrees or 6 dB" : "";

@@ -115,7 +115,7 @@ export class Chart {
     const quiet = () => colour("--quiet"), line = () => colour("--line");
     const axis = (scale, place) => ({
       scale, side: place === 0 ? 3 : 1, size: place === 0 ? LEFT : 56, show: place < 2, stroke: quiet, gap: 4,
-      font: "12px system-ui, sans-serif", grid: { show: place === 0, stroke: line, width: 1 }, ticks: { show: false }, space: 26,
+      font: "12px system-ui, sans-serif", grid: { show: place === 0, stroke: line, width: 1 }, ticks: { show: false }, space: 16,
       ...(units.length > 1 ? { label: scale, labelSize: 18, labelFont: "12px system-ui, sans-serif" } : {}),
     });
     const x = {
@@ -268,7 +268,7 @@ export class Bode {
       const axis = { stroke: quiet, font: "12px system-ui, sans-serif", grid, ticks: { show: false } };
       const options = {
         width, height: 230, scales: { x: { time: false, distr: 3 }, y: { range: padded } },
-        padding: [6, 24, 0, 0],
+        padding: [6, 34, 0, 0],
         axes: [
           { ...axis, size: 26, gap: 2, values: (u, splits) => splits.map((at) => (at === null ? "" : `${at} Hz`)) },
           { ...axis, size: LEFT, gap: 4, space: 26, label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" },

@@ -575,8 +575,8 @@ fn a_loop_is_measured_gets_the_proposed_gains_and_goes_back() {
     // Both are seen: a head lags a little, and not by the height.
     for of in ["step_before", "step_after"] {
         assert!(outcome[of]["record"]["signals"][1]["values"].as_array().unwrap().len() > 500);
-        let (peak, beyond) = (number(&outcome[of]["peak_um"]), number(&outcome[of]["beyond_um"]));
-        assert!((1.0..60.0).contains(&peak) && beyond < 60.0, "{of}: {peak} {beyond}");
+        let (peak, overshoot) = (number(&outcome[of]["peak_um"]), number(&outcome[of]["overshoot_um"]));
+        assert!((1.0..60.0).contains(&peak) && overshoot < 60.0, "{of}: {peak} {overshoot}");
     }
     let proposed = ["velocity_hz", "position_hz", "integral_ms"].map(|of| number(&outcome["proposal"]["gains"][of]));
     assert!(gains().iter().zip(proposed).all(|(is, wanted)| (is - wanted).abs() < 1e-3), "{:?}", gains());

@@ -79,8 +79,8 @@ pub struct Stepped {
     pub record: Record,
     /// Largest distance of the head from its set point on the way, um.
     pub peak_um: f64,
-    /// By how much it goes beyond the target, um.
-    pub beyond_um: f64,
+    /// Overshoot over the target, um.
+    pub overshoot_um: f64,
     /// Time from the set point's arrival until the head stays within 5 um, or two counts, ms; nothing where it does not.
     pub settled_ms: Option<f64>,
 }
@@ -160,10 +160,10 @@ impl Outcome {
         for (name, step) in [("before", Some(&self.step_before)), ("after", self.step_after.as_ref())] {
             let Some(step) = step else { continue };
             let settled = step.settled_ms.map_or("does not settle".into(), |ms| format!("settled after {ms:.1} ms"));
-            let Stepped { peak_um, beyond_um, .. } = step;
+            let Stepped { peak_um, overshoot_um, .. } = step;
             let _ = writeln!(
                 text,
-                "step of {STEP_UM} um {name}: at most {peak_um:.1} um from the set point, {beyond_um:.1} um beyond, {settled}"
+                "step of {STEP_UM} um {name}: at most {peak_um:.1} um from the set point, overshoot {overshoot_um:.1} um, {settled}"
             );
         }
         if self.proposal.is_none() {
@@ -347,20 +347,20 @@ impl Stepped {
     /// Of a record; two counts in mm.
     fn of(record: Record, counts: f64) -> Stepped {
         let signal = |key: &str| record.signals.iter().find(|signal| signal.key == key);
-        let (mut peak_um, mut beyond_um, mut settled_ms) = (0.0, 0.0, None);
+        let (mut peak_um, mut overshoot_um, mut settled_ms) = (0.0, 0.0, None);
         if let (Some(set), Some(position)) = (signal("set_point"), signal("position")) {
             let target = set.values.last().copied().unwrap_or_default();
             let within = counts.max(SETTLED_UM * 1e-3);
             let off = |(set, at): (&f64, &f64)| (set - at).abs() * 1e3;
             peak_um = set.values.iter().zip(&position.values).map(off).fold(0.0, f64::max);
-            beyond_um = position.values.iter().map(|at| (target - at) * 1e3).fold(0.0, f64::max);
+            overshoot_um = position.values.iter().map(|at| (target - at) * 1e3).fold(0.0, f64::max);
             let there = set.values.iter().rposition(|at| *at != target).map_or(0, |last| last + 1);
             let last = position.values.iter().rposition(|at| (at - target).abs() > within).map_or(0, |last| last + 1);
             if last < position.values.len() {
                 settled_ms = Some(last.saturating_sub(there) as f64 * record.every_ms);
             }
         }
-        Stepped { record, peak_um, beyond_um, settled_ms }
+        Stepped { record, peak_um, overshoot_um, settled_ms }
     }
 }
 
