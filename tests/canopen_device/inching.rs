@@ -13,14 +13,7 @@ fn seeking() -> Rig {
         (settings.axis_stroke, settings.inch_step, settings.inch_patience) = (3000.0, 1500.0, 2.0);
         (settings.seek_velocity, parameters.surface) = (5000.0, 11.0);
     });
-    rig.send(0, &[1, 5]);
-    rig.enable();
-    rig.write(0x6098, 0, &[35]);
-    rig.write(0x6060, 0, &[6]);
-    rig.control(0x0F);
-    rig.control(0x1F);
-    rig.until(100, |rig| rig.status() & 0x3400 == 0x1400);
-    rig.control(0x0F);
+    rig.make_ready();
     rig.mode(1);
     rig.write(0x2001, 1, &[1]);
     rig.write32(0x607A, 0, 6000);

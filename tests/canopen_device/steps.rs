@@ -7,14 +7,7 @@ use edm_sim::process::steps::Move;
 /// 500 um below its upper stop, in mode -1, with these settings.
 fn following(change: impl FnOnce(&mut edm_servo_head::settings::Settings)) -> Rig {
     let mut rig = Rig::new(|settings, _| change(settings));
-    rig.send(0, &[1, crate::rig::ID]);
-    rig.enable();
-    rig.write(0x6098, 0, &[35]);
-    rig.write(0x6060, 0, &[6]);
-    rig.control(0x0F);
-    rig.control(0x1F);
-    rig.until(100, |rig| rig.status() & 0x3400 == 0x1400);
-    rig.control(0x0F);
+    rig.make_ready();
     rig.mode(1);
     rig.write32(0x607A, 0, 500);
     rig.control(0x1F);
