@@ -67,6 +67,19 @@ const INJECTED: [Trigger; 16] = [
     Trigger::Exti(15),
 ];
 
+/// What a converter does each time it is triggered, where that is one conversion which its stream takes away.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Routine {
+    /// What triggers it.
+    pub source: Trigger,
+    /// What it converts.
+    pub channel: u8,
+    /// Ticks from the trigger until sampling ends, and until the conversion is done.
+    pub sampled: u64,
+    /// See `sampled`.
+    pub done: u64,
+}
+
 #[derive(Clone, Copy, Debug)]
 struct Conversion {
     channel: u8,
@@ -228,6 +241,12 @@ impl Adc {
         regular || injected
     }
 
+    /// Whether `source` triggers anything here.
+    pub fn listens(&self, source: Trigger) -> bool {
+        let regular = self.cr2 >> 28 & 3 != 0 && REGULAR[(self.cr2 >> 24 & 15) as usize] == source;
+        regular || self.cr2 >> 20 & 3 != 0 && INJECTED[(self.cr2 >> 16 & 15) as usize] == source
+    }
+
     fn start(&mut self, now: u64) {
         // An overrun stops the converter until it is cleared (§13.8.2); a trigger inside a sequence is not seen.
         if self.cr2 & 1 == 0 || self.sr & sr::OVR != 0 || self.running.is_some() || self.stopped {
@@ -263,11 +282,36 @@ impl Adc {
             let p = self.position;
             self.sqr[2 - p / 6] >> (5 * (p % 6)) & 31
         };
-        let setting = if channel < 10 { self.smpr[1] >> (3 * channel) } else { self.smpr[0] >> (3 * (channel - 10)) };
-        let sampled = now + self.clock * SAMPLING[(setting & 7) as usize];
+        let sampled = now + self.sampling(channel);
         let bits = 12 - 2 * u64::from(self.cr1 >> 24 & 3);
         self.running =
             Some(Conversion { channel: channel as u8, injected, sampled, done: sampled + self.clock * bits });
+    }
+
+    /// Ticks for which a channel is sampled.
+    fn sampling(&self, channel: u32) -> u64 {
+        let setting = if channel < 10 { self.smpr[1] >> (3 * channel) } else { self.smpr[0] >> (3 * (channel - 10)) };
+        self.clock * SAMPLING[(setting & 7) as usize]
+    }
+
+    /// What it does from now on, if that is the same each time, with no interrupt and nothing injected.
+    pub fn routine(&self) -> Option<Routine> {
+        let at_rest = self.running.is_none() && !self.stopped && !self.unread && !self.dma_stopped;
+        // One channel at full resolution, no watchdog, no interrupts; DMA, not continuous, rising edge alone, nothing injected.
+        let plain = self.cr1 == 0 && self.cr2 & 0x3030_0503 == 0x1000_0101;
+        if !at_rest || !plain || self.sr & sr::OVR != 0 {
+            return None;
+        }
+        let channel = self.sqr[2] & 31;
+        let sampled = self.sampling(channel);
+        let source = REGULAR[(self.cr2 >> 24 & 15) as usize];
+        Some(Routine { source, channel: channel as u8, sampled, done: sampled + 12 * self.clock })
+    }
+
+    /// It has done so, and gave `code` the last time.
+    pub fn done_routine(&mut self, code: u32) {
+        (self.position, self.dr) = (1, code);
+        self.sr = self.sr & !sr::EOC | sr::STRT;
     }
 
     /// A conversion is done. Returns whether it requests a DMA transfer of DR.

@@ -99,6 +99,13 @@ impl Dma {
         Some(Transfer { from: s.par, to: base.wrapping_add(index * size as u32), size })
     }
 
+    /// Items that a stream moves before it raises a flag.
+    pub fn before_flag(&self, stream: usize) -> u32 {
+        let s = &self.streams[stream];
+        let (done, half) = (s.total - s.ndtr, s.total / 2);
+        (if done < half { half - done } else { s.ndtr }).saturating_sub(1)
+    }
+
     /// The item was moved (or met a bus error). Returns whether the stream has stopped.
     pub fn done(&mut self, stream: usize, moved: bool) -> bool {
         let s = &mut self.streams[stream];

@@ -105,8 +105,23 @@ const OTHERS: [(u32, &str); 25] = [
     (0xe000_0000, "ITM"),
 ];
 
+/// Where the peripherals begin.
+const FIRST: u32 = 0x4000_0000;
+
+/// Place in [`MAP`] of what answers in each KiB of theirs.
+const PLACES: [Option<u8>; 0x9a] = {
+    let mut places = [None; 0x9a];
+    let mut i = 0;
+    while i < MAP.len() {
+        places[((MAP[i].0 - FIRST) >> 10) as usize] = Some(i as u8);
+        i += 1;
+    }
+    places
+};
+
 fn find(address: u32) -> Option<&'static Entry> {
-    MAP.iter().find(|e| e.0 == address & !0x3ff)
+    let place = PLACES.get((address.checked_sub(FIRST)? >> 10) as usize)?;
+    MAP.get(usize::from((*place)?))
 }
 
 /// Registers that may be written by half word at a word address: their upper half is reserved.
@@ -257,8 +272,10 @@ impl<W: World> Soc<W> {
         match block {
             Block::Timer(n) => {
                 self.with_timer(n, |t, now, out: &mut Vec<Event>| t.write(offset, value, now, out))?;
-                if offset == 0x44 {
-                    self.refresh_break(n);
+                match offset {
+                    0x08 => self.end_shared_routine(),
+                    0x44 => self.refresh_break(n),
+                    _ => (),
                 }
             }
             Block::Adc => self.write_adc(offset, value)?,
@@ -281,6 +298,7 @@ impl<W: World> Soc<W> {
                 self.report_dac();
             }
             Block::Dma(n) => {
+                self.end_routine_by(n, offset);
                 self.dma[n].write(offset, value)?;
                 self.refresh_dma(n);
             }
@@ -308,6 +326,7 @@ impl<W: World> Soc<W> {
                 self.refresh_supply();
             }
             Block::Rcc => {
+                self.end_routine();
                 self.rcc.write(offset, value, now)?;
                 if let 0x10..=0x24 = offset {
                     self.reset_blocks();
@@ -352,6 +371,7 @@ impl<W: World> Soc<W> {
 
     fn read_adc(&mut self, offset: u32) -> Result<u32, Fault> {
         let n = (offset >> 8) as usize;
+        self.end_routine_of(n);
         if n < 3 {
             if !self.rcc.enabled(Self::adc_gate(n)) {
                 return Err(Fault::ClockOff);
@@ -369,12 +389,14 @@ impl<W: World> Soc<W> {
 
     fn write_adc(&mut self, offset: u32, value: u32) -> Result<(), Fault> {
         let n = (offset >> 8) as usize;
+        self.end_routine_of(n);
         if n < 3 {
             if !self.rcc.enabled(Self::adc_gate(n)) {
                 return Err(Fault::ClockOff);
             }
             self.adcs[n].write(offset & 0xff, value, self.now)?;
             self.refresh_adc(n);
+            self.end_shared_routine();
             return Ok(());
         }
         match offset {

@@ -1,6 +1,8 @@
-//! The chip put together: time, event queue, reset. Registers are reached in [`bus`], signals run in [`wires`].
+//! The chip put together: time, event queue, reset. Registers are reached in [`bus`], signals run in [`wires`], what needs no event
+//! of its own is in [`routine`].
 
 mod bus;
+mod routine;
 #[cfg(test)]
 pub(crate) mod tests;
 mod wires;
@@ -93,6 +95,8 @@ pub struct Soc<W> {
     clocks: (u64, u64, u64),
     half_ticks: u64,
     spare: Vec<Vec<Event>>,
+    /// Conversions that are made without events.
+    routine: Option<routine::Conversions>,
 }
 
 impl<W: World> Soc<W> {
@@ -131,6 +135,7 @@ impl<W: World> Soc<W> {
             clocks: (0, 0, 0),
             half_ticks: 0,
             spare: Vec::new(),
+            routine: None,
         };
         soc.start();
         soc
@@ -161,6 +166,7 @@ impl<W: World> Soc<W> {
             };
         let kept = self.rcc.read(0x74, self.now).unwrap_or(0) & 0xfe00_0000;
         let kept = if cause == Reset::Power { 0 } else { kept };
+        self.routine = None;
         let (supply, regulator) = (self.rcc.supply(), self.rcc.backup_kept());
         self.rcc = Rcc::new(self.hse_hz, flags | kept);
         self.rcc.keep_backup(regulator);
@@ -192,7 +198,8 @@ impl<W: World> Soc<W> {
         self.now
     }
 
-    /// Tick of the next event, or an earlier one; nothing changes by itself before.
+    /// Tick of the next event, or an earlier one; nothing changes by itself before, but codes of conversions that nothing takes note
+    /// of ([`routine`]), which are in memory once time has passed.
     pub fn next_event(&self) -> u64 {
         self.next
     }
@@ -293,6 +300,7 @@ impl<W: World> Soc<W> {
 
     /// A converter, 1 to 3, stops for good.
     pub fn stop_converter(&mut self, number: usize) {
+        self.end_routine();
         if let Some(adc) = self.adcs.get_mut(number.wrapping_sub(1)) {
             adc.stop();
         }
@@ -360,10 +368,12 @@ impl<W: World> Soc<W> {
             if at > to {
                 break;
             }
+            self.make_conversions(at, slot);
             // Due in the past: an output made the world answer at once.
             self.now = self.now.max(at);
             self.fire(slot);
         }
+        self.make_conversions(to, slot::COUNT);
         self.now = self.now.max(to);
     }
 
@@ -452,6 +462,7 @@ impl<W: World> Soc<W> {
         let divider = 2 * (u64::from(self.adc_common >> 16 & 3) + 1);
         let p2 = self.clocks.2;
         let ticks = if TICK_HZ.is_multiple_of(p2) && p2 / divider <= 36_000_000 { TICK_HZ / p2 * divider } else { 0 };
+        self.end_routine();
         for adc in &mut self.adcs {
             adc.clock = ticks;
         }

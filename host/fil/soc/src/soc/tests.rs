@@ -52,6 +52,7 @@ const TIM4: u32 = 0x4000_0800;
 const TIM8: u32 = 0x4001_0400;
 const ADC1: u32 = 0x4001_2000;
 const ADC2: u32 = 0x4001_2100;
+const ADC3: u32 = 0x4001_2200;
 const DMA2: u32 = 0x4002_6400;
 const EXTI: u32 = 0x4001_3c00;
 const SYSCFG: u32 = 0x4001_3800;
@@ -235,6 +236,79 @@ fn a_timer_triggers_conversions_and_dma_fills_the_buffer_half_by_half() {
     soc.advance(start + 50 * 336 + 27 * 8);
     assert_eq!(get(&mut soc, DMA2) & 0x3f, 0x30);
     assert_eq!(soc.error(), None);
+}
+
+/// The same, but a converter that is off listens to the trigger as well: each conversion is an event then.
+fn sampling_by_events(soc: &mut Soc<Bench>) {
+    set(soc, &[(ADC3 + 0x08, 8 << 24 | 1 << 28)]);
+    sampling(soc);
+}
+
+#[test]
+fn conversions_that_nothing_takes_note_of_need_no_events() {
+    for (begin, few) in [(sampling as fn(&mut Soc<Bench>), true), (sampling_by_events, false)] {
+        let mut soc = running();
+        begin(&mut soc);
+        let (end, mut events) = (soc.now() + 100 * 336, 0);
+        while soc.next_event() <= end {
+            soc.advance(soc.next_event());
+            events += 1;
+        }
+        assert_eq!(events < 30, few, "{events}");
+    }
+}
+
+#[test]
+fn conversions_without_events_are_those_with_events() {
+    let accesses: [(u32, Option<u32>); 16] = [
+        (TIM3, None),
+        (TIM3 + 0x10, None),
+        (TIM3 + 0x10, Some(0)),
+        (TIM3 + 0x24, None),
+        (TIM3 + 0x24, Some(5)),
+        (TIM3 + 0x2c, Some(200)),
+        (TIM3 + 0x2c, Some(167)),
+        (ADC1, None),
+        (ADC1 + 0x4c, None),
+        (ADC1 + 0x0c, Some(0)),
+        (ADC1 + 0x300, None),
+        (DMA2, None),
+        (DMA2 + 0x08, Some(0x3f)),
+        (DMA2 + 0x14, None),
+        (GPIOA + 0x10, None),
+        (RCC + 0x44, Some(0x0007_4703)),
+    ];
+    for seed in 0..200u64 {
+        let (mut quiet, mut loud) = (running(), running());
+        sampling(&mut quiet);
+        sampling_by_events(&mut loud);
+        loud.advance(quiet.now());
+        quiet.advance(loud.now());
+        // Any numbers (MMIX).
+        let mut random = seed;
+        let mut any = |below: u64| {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (random >> 33) % below
+        };
+        for _ in 0..30 {
+            let (ticks, (address, value)) = (any(3000), accesses[any(16) as usize]);
+            let code = any(4096) as u16;
+            let seen = [&mut quiet, &mut loud].map(|soc| {
+                wait(soc, ticks);
+                soc.world.codes[10] = code;
+                let read = match value {
+                    None => get(soc, address),
+                    Some(value) => {
+                        set(soc, &[(address, value)]);
+                        0
+                    }
+                };
+                let codes: Vec<_> = (0..50).map(|i| soc.memory.sram.load(0x2000_1000 + 2 * i, 2)).collect();
+                (soc.now(), read, codes, soc.world.sampled.clone(), soc.nvic().pending())
+            });
+            assert!(seen[0] == seen[1], "seed {seed}: {address:#x} {value:x?}: {:?} {:?}", seen[0], seen[1]);
+        }
+    }
 }
 
 #[test]

@@ -13,7 +13,7 @@ use crate::timer::{Event, KINDS, Timer, sr};
 use crate::world::{Drive, Pin, World};
 
 /// Slaves that can listen to the trigger output of a timer, and as which of their ITR0..3 (RM0090 tables 93, 97, 101).
-fn slaves(master: u8) -> &'static [(usize, u32)] {
+pub(super) fn slaves(master: u8) -> &'static [(usize, u32)] {
     match master {
         1 => &[(2, 0), (3, 0), (4, 0), (8, 0)],
         2 => &[(1, 1), (3, 1), (4, 1), (5, 0), (8, 1), (9, 0)],
@@ -27,10 +27,10 @@ fn slaves(master: u8) -> &'static [(usize, u32)] {
 
 /// DMA1 and DMA2, as places.
 const DMA1: usize = 0;
-const DMA2: usize = 1;
+pub(super) const DMA2: usize = 1;
 
 /// Streams of DMA2 and their channel that serve a converter (§10.3.3, table 43).
-const ADC_STREAMS: [[(usize, u32); 2]; 3] = [[(0, 0), (4, 0)], [(2, 1), (3, 1)], [(0, 2), (1, 2)]];
+pub(super) const ADC_STREAMS: [[(usize, u32); 2]; 3] = [[(0, 0), (4, 0)], [(2, 1), (3, 1)], [(0, 2), (1, 2)]];
 
 /// The controller, its streams and their channel that serve request `source` of TIM2 (table 42), TIM1 or TIM8 (table 43).
 fn timer_streams(timer: u8, source: u8) -> (usize, &'static [(usize, u32)]) {
@@ -62,6 +62,9 @@ const DMA_LINES: [[u8; 8]; 2] = [[11, 12, 13, 14, 15, 16, 17, 47], [56, 57, 58, 
 impl<W: World> Soc<W> {
     /// Runs `f` on a timer and lets everything it causes happen.
     pub(super) fn with_timer<T>(&mut self, n: usize, f: impl FnOnce(&mut Timer, u64, &mut Vec<Event>) -> T) -> T {
+        if self.routine.is_some_and(|routine| routine.timer == n) {
+            self.end_routine();
+        }
         let mut out = self.spare.pop().unwrap_or_default();
         let result = f(&mut self.timers[n], self.now, &mut out);
         self.set_due(slot::TIMER + n, self.timers[n].due());
@@ -140,6 +143,7 @@ impl<W: World> Soc<W> {
             }
         }
         self.refresh_adc(n);
+        self.begin_routine(n);
     }
 
     /// One DMA transfer by the first of `streams` of a controller that is set up for it. Returns whether the stream has stopped with it.
@@ -148,7 +152,11 @@ impl<W: World> Soc<W> {
             return false;
         };
         let value = match transfer.from {
-            0x4001_2000..0x4001_2300 => self.adcs[(transfer.from >> 8 & 3) as usize].read(transfer.from & 0xff).ok(),
+            0x4001_2000..0x4001_2300 => {
+                let adc = (transfer.from >> 8 & 3) as usize;
+                self.end_routine_of(adc);
+                self.adcs[adc].read(transfer.from & 0xff).ok()
+            }
             0x4000_0000..0x6000_0000 => self.read_word(transfer.from).map_err(|f| self.fail(transfer.from, f)).ok(),
             from => self.memory.dma_load(from, transfer.size),
         };

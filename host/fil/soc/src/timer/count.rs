@@ -35,6 +35,25 @@ impl Timer {
         self.base + counts * self.step()
     }
 
+    /// Ticks between two update events, if it does nothing but trigger with each from now on: no interrupt, no DMA, no output, no
+    /// value that comes into force, no input on its way.
+    pub fn routine(&self) -> Option<u64> {
+        let triggers = self.cr2 & 0x70 == 0x20 && self.cr1 & (cr1::UDIS | cr1::OPM) == 0;
+        let silent = self.dier == 0 && self.ccer == 0 && self.ccmr == [0; 2] && self.due() == self.next_count();
+        let steady = (self.psc, self.arr, self.ccr) == (self.psc_now, self.arr_now, self.ccr_now);
+        let each = (self.rcr, self.repeat) == (0, 0) && self.cnt <= self.arr_now;
+        (self.ticking() && triggers && silent && steady && each).then(|| (u64::from(self.arr_now) + 1) * self.step())
+    }
+
+    /// It has done so a number of times.
+    pub fn done_routine(&mut self, times: u64, period: u64, out: &mut Vec<Event>) {
+        if let Some(more) = times.checked_sub(1) {
+            // One time is like the other.
+            self.settle(self.next_count(), out);
+            self.base += more * period;
+        }
+    }
+
     /// Brings counter and flags up to `now`.
     pub(super) fn settle(&mut self, now: u64, out: &mut Vec<Event>) {
         while self.ticking() {
