@@ -491,7 +491,7 @@ impl Run<'_> {
     /// # Errors
     /// What went wrong; the head is disabled or in a fault then, or the error says that it may not be.
     pub fn execute(mut self) -> Result<Outcome, Failure> {
-        self.head.healthy().map_err(|fault| Failure::Failed(format!("fault active, reset it first: {fault}")))?;
+        self.head.free()?;
         let known = self.hole.may_begin(self.head)?;
         table::clear(self.head)?;
         if let Some(table) = &self.hole.table {

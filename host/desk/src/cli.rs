@@ -382,7 +382,11 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let cli = match Cli::try_parse_from(&arguments) {
         Ok(cli) => cli,
         Err(error) if error.use_stderr() => {
-            eprintln!("{}", refusal(&error, &arguments));
+            let why = refusal(&error, &arguments);
+            eprintln!("{why}");
+            if arguments.iter().any(|argument| argument == "--json") {
+                say_failure(&why, BAD_INPUT);
+            }
             return ExitCode::from(BAD_INPUT);
         }
         Err(help) => {
@@ -396,11 +400,16 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             eprintln!("{failure}");
             let code = if matches!(failure, Failure::BadInput(_)) { BAD_INPUT } else { FAILED };
             if cli.common.json {
-                say(&format!("{}\n", serde_json::json!({ "error": failure.to_string(), "exit": code })));
+                say_failure(&failure.to_string(), code);
             }
             ExitCode::from(code)
         }
     }
+}
+
+/// A failure for a program that reads JSON.
+fn say_failure(why: &str, code: u8) {
+    say(&format!("{}\n", serde_json::json!({ "error": why, "exit": code })));
 }
 
 /// What is wrong with a command line and what would be right, in one line as everywhere: what clap adds below is in --help.
@@ -685,7 +694,7 @@ impl Common {
             Settings::Import { file, save } => (from_file(sheet, file)?, save.save),
             Settings::Compare { file } => (from_file(sheet, file)?, false),
             Settings::Get { keys } => {
-                keys.iter().try_for_each(|key| sheet.setting(key).map(|_| ())).map_err(Failure::BadInput)?;
+                keys.iter().try_for_each(|key| sheet.readable(key).map(|_| ())).map_err(Failure::BadInput)?;
                 (Vec::new(), false)
             }
             Settings::List { .. } | Settings::Export { .. } => (Vec::new(), false),
@@ -708,7 +717,7 @@ impl Common {
             Settings::Get { keys } => {
                 let mut lines = Vec::new();
                 for key in keys {
-                    let object = sheet.setting(key).map_err(Failure::BadInput)?;
+                    let object = sheet.readable(key).map_err(Failure::BadInput)?;
                     lines.push(settings::read(&head, object)?);
                 }
                 let values: Vec<_> = lines.iter().map(Setting::line).collect();
@@ -995,14 +1004,16 @@ impl Common {
             },
         };
         let outcome = run.execute()?;
-        if outcome.after.is_some() && options.save.save {
+        let settles = outcome.step_after.as_ref().is_none_or(|step| step.settled_ms.is_some());
+        if outcome.after.is_some() && options.save.save && settles {
             head.store()?;
         }
         self.say(&outcome, || {
             let end = match (&outcome.after, options.save.save) {
-                (Some(_), true) => "the new gains are in force and saved",
+                (Some(_), true) if settles => "the new gains are in force and saved",
+                (Some(_), true) => "the new gains are in force and not saved",
                 (Some(_), false) => "the new gains are in force; `--save` keeps them after a reset",
-                (None, _) if accepts => "nothing was written",
+                (None, _) if accepts || outcome.proposal.is_none() => "nothing was written",
                 (None, _) => "nothing was written; `--accept` writes the proposal",
             };
             let back = outcome
@@ -1011,7 +1022,10 @@ impl Common {
                 .map(|_| format!("; `edm-desk tune --revert --before {}` writes the old ones back", file.display()));
             outcome.text() + end + &back.unwrap_or_default() + "\n"
         });
-        Ok(())
+        if settles || !options.save.save {
+            return Ok(());
+        }
+        Err(Failure::Failed("not saved: a step does not settle with the new gains".into()))
     }
 
     fn bore(&self, sheet: &Arc<Sheet>, options: &BoreOptions) -> Result<(), Failure> {

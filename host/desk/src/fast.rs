@@ -94,6 +94,12 @@ pub fn signals() -> impl Iterator<Item = (&'static str, &'static str, &'static s
     SIGNAL_TEXTS.iter().zip(rows()).map(|(text, row)| (row.name, row.scaled(1.0).1, text.4))
 }
 
+/// The signal of the servo tick that is spelled like this.
+pub fn like(text: &str) -> Option<&'static str> {
+    let near = |name: &&str| (1e3 * strsim::jaro(name, &text.to_lowercase())) as u32;
+    rows().map(|row| row.name).filter(|name| near(name) > 850).max_by_key(near)
+}
+
 /// Whether this names a signal of the servo tick.
 pub fn has(name: &str) -> bool {
     rows().any(|row| row.name == name)

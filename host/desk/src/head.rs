@@ -4,6 +4,7 @@ use crate::bus::{BEAT, Bus, SILENCE};
 use crate::sdo::{Address, Sdo, SdoError};
 use crate::sheet::{DeviceId, Object, Sheet, Value};
 use crate::{Failure, words};
+use edm_servo_head::head::State;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -20,6 +21,8 @@ const HERE: i64 = 35;
 const SEARCH: Duration = Duration::from_secs(60);
 /// Polling period of a wait.
 const LOOK: Duration = Duration::from_millis(10);
+/// Longest stop of a motion that a program has just ended.
+const STOPS: Duration = Duration::from_millis(500);
 
 /// Objects that are used by their meaning. Their addresses never move (docs/canopen.md).
 pub mod at {
@@ -210,8 +213,32 @@ pub mod state {
     pub const PROVING: u8 = 12;
     /// Out of the work and back, to flush.
     pub const JUMPING: u8 = 13;
+    /// Positions the axis.
+    pub const POSITIONING: u8 = 9;
+    /// Looks for a reference.
+    pub const HOMING: u8 = 10;
+    /// Looks for the surface of the work.
+    pub const TOUCHING: u8 = 15;
+    /// Out of the work while a coarse axis carries the head.
+    pub const INCHING: u8 = 16;
+    /// Moves to measure itself.
+    pub const IDENTIFYING: u8 = 17;
     /// States in which the feed that the gap requests is valid.
     pub const LED: [u8; 5] = [SEEKING, ERODING, RETREATING, GUIDING, JUMPING];
+    /// States in which a head does what a host has asked for: another one does not take it out of that.
+    pub const BUSY: [u8; 11] = [
+        COMMISSIONING,
+        SEEKING,
+        ERODING,
+        RETREATING,
+        POSITIONING,
+        HOMING,
+        GUIDING,
+        JUMPING,
+        TOUCHING,
+        INCHING,
+        IDENTIFYING,
+    ];
 }
 
 /// State of a search for the surface, 2011h:3.
@@ -702,6 +729,28 @@ impl Head {
             std::thread::sleep(LOOK);
         }
         Ok(false)
+    }
+
+    /// Whether this program may have the head do something; nothing is changed.
+    ///
+    /// # Errors
+    /// When a fault is active, or the head does what another program has asked for and does not stop within the time that a stop takes.
+    pub fn free(&self) -> Result<(), Failure> {
+        self.healthy().map_err(|fault| Failure::Failed(format!("fault active, reset it first: {fault}")))?;
+        let start = Instant::now();
+        loop {
+            let now = self.whole(at::STATE)? as u8;
+            if !state::BUSY.contains(&now) {
+                return Ok(());
+            }
+            if start.elapsed() > STOPS {
+                let name = State::ALL.get(usize::from(now)).map_or("busy", |state| state.name());
+                return Err(Failure::BadInput(format!(
+                    "the head is {name}, for another program: let that end, or stop the head first (`edm-desk stop`)"
+                )));
+            }
+            std::thread::sleep(LOOK);
+        }
     }
 
     /// An error when a fault is active.

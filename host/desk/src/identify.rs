@@ -109,7 +109,7 @@ impl Identify<'_> {
     /// # Errors
     /// What went wrong; the head is disabled or in a fault then, or the error says that it may not be.
     pub fn execute(mut self) -> Result<Outcome, Failure> {
-        self.head.healthy().map_err(|fault| Failure::Failed(format!("fault active, reset it first: {fault}")))?;
+        self.head.free()?;
         if let Some(at_mm) = self.at_mm.filter(|at_mm| !at_mm.is_finite() || *at_mm < 0.0) {
             return Err(Failure::BadInput(format!("at {at_mm} mm: must be a number from 0 mm, the home")));
         }

@@ -109,7 +109,7 @@ impl Jog<'_> {
     /// # Errors
     /// What went wrong; the head is disabled or in a fault then, or the error says that it may not be.
     pub fn execute(mut self) -> Result<String, Failure> {
-        self.head.healthy().map_err(|fault| Failure::Failed(format!("fault active, reset it first: {fault}")))?;
+        self.head.free()?;
         let velocity = self.head.whole(at::PROFILE_VELOCITY)?;
         let armed = self.head.arm()?;
         self.live.expect_heartbeat();

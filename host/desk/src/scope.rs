@@ -118,7 +118,12 @@ impl Plan {
         }
         let mut objects = Vec::new();
         for text in &self.signals {
-            let object = sheet.named(text).map_err(Failure::BadInput)?;
+            let object = sheet.named(text).map_err(|why| match crate::fast::like(text) {
+                Some(signal) if !text.contains('.') => {
+                    Failure::BadInput(format!("{text}: no such signal, did you mean {signal}?"))
+                }
+                _ => Failure::BadInput(why),
+            })?;
             if !records(object) {
                 return refused(format!("{text}: must be an object with a number of up to 32 bits"));
             }

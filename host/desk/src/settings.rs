@@ -280,7 +280,8 @@ fn named(head: &Head, object: &Object, error: &SdoError) -> Failure {
         && let Ok(bytes) = head.sdo.read(at::REFUSED_SETTING)
     {
         let other = unsigned(&bytes);
-        if let Some(other) = head.sheet.get(Address((other >> 8) as u16, other as u8)) {
+        let other = head.sheet.get(Address((other >> 8) as u16, other as u8));
+        if let Some(other) = other.filter(|other| other.address != object.address) {
             text += &format!("; conflicts with {}", other.key);
         }
     }

@@ -326,6 +326,15 @@ impl Sheet {
         self.objects().filter(|object| SETTINGS.contains(&object.address.0) && object.writable)
     }
 
+    /// A setting by its key, be it one that only the head sets.
+    ///
+    /// # Errors
+    /// As [`setting`](Sheet::setting).
+    pub fn readable(&self, key: &str) -> Result<&Object, String> {
+        let found = self.objects().find(|object| object.key == key && SETTINGS.contains(&object.address.0));
+        found.map_or_else(|| self.setting(key), Ok)
+    }
+
     /// A setting by its key.
     ///
     /// # Errors

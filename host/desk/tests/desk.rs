@@ -13,7 +13,7 @@ use rig::paced::Paced;
 use rig::{BY_HAND, Desk, Rig, Session, run, start};
 use serde_json::{Value, json};
 use std::fs;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::process::Stdio;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -612,6 +612,56 @@ fn a_tuning_in_the_page_is_stopped_and_one_that_ends_is_kept_for_who_comes_later
     assert!(ended["tuned"]["proposal"]["margins"]["phase_deg"].as_f64().unwrap() > 45.0, "{ended}");
     assert_eq!(desk.session().ask(json!({ "do": "tuned", "node": 1 })).unwrap(), ended["tuned"]);
     assert_eq!(rig.truth().state, State::Disabled);
+}
+
+#[test]
+fn a_head_that_bores_is_left_to_the_program_that_commands_it() {
+    let rig = Rig::new();
+    let mut boring = rig::start(&rig.connection(), &["bore", "--depth", "0.5"], Stdio::piped());
+    rig.until(|truth| truth.state == State::Eroding);
+    for other in [&["identify", "--at", "1.8"][..], &["tune"], &["bore", "--depth", "0.1", "--new-surface"]] {
+        let (code, said, error) = run(&rig.connection(), &[&["--json"][..], other].concat());
+        assert_eq!(code, Some(2), "{other:?}: {error}");
+        assert!(error.contains("for another program: let that end, or stop the head first"), "{other:?}: {error}");
+        assert!(serde_json::from_str::<Value>(said.lines().last().unwrap()).unwrap()["error"].is_string(), "{said}");
+        let truth = rig.truth();
+        assert!(truth.pulses && truth.fault.is_none(), "{other:?}: {truth:?}");
+    }
+    boring.kill().unwrap();
+    boring.wait().unwrap();
+}
+
+#[test]
+fn a_tuning_whose_gains_another_program_changes_says_so() {
+    let rig = Rig::new();
+    let (_, _, error) = run(&rig.connection(), &[&["settings", "set"][..], &SHORT].concat());
+    assert_eq!(error, "");
+    let mut tuning = rig::start(&rig.connection(), &["tune", "--at", "1.8"], Stdio::piped());
+    rig.until(|truth| truth.state == State::Identifying);
+    let (code, _, error) = run(&rig.connection(), &["settings", "set", "servo.integral_ms=20"]);
+    assert_eq!(code, Some(0), "{error}");
+    let mut said = String::new();
+    tuning.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+    assert_eq!(tuning.wait().unwrap().code(), Some(1), "{said}");
+    assert!(said.contains("another program has changed servo.*: measure again"), "{said}");
+}
+
+#[test]
+fn what_is_wrong_in_a_command_line_is_said_in_json_as_well_and_names_what_was_meant() {
+    let rig = Rig::new();
+    let desk = |arguments: &[&str]| run(&rig.connection(), arguments);
+    let (code, said, _) = desk(&["--json", "bore", "--depth", "abc"]);
+    assert_eq!(code, Some(2));
+    let refusal: Value = serde_json::from_str(&said).unwrap();
+    assert!(refusal["error"].as_str().unwrap().contains("'abc'") && refusal["exit"] == 2, "{said}");
+    let error = desk(&["scope", "posiion"]).2;
+    assert!(error.contains("no such signal, did you mean position?"), "{error}");
+    let error = desk(&["tune", "--bandwidth", "0"]).2;
+    assert!(error.contains("bandwidth 0 Hz: must be above 0 Hz"), "{error}");
+    let (code, said, error) = desk(&["settings", "get", "commission.passed"]);
+    assert!(code == Some(0) && said.starts_with("commission.passed"), "{said} {error}");
+    let error = desk(&["settings", "set", "commission.passed=true"]).2;
+    assert!(error.contains("only the head sets it"), "{error}");
 }
 
 #[test]

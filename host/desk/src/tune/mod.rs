@@ -37,6 +37,8 @@ const STEP_UM: f64 = 200.0;
 /// Distance from its target within which a step has settled, um; counts at least.
 const SETTLED_UM: f64 = 5.0;
 const SETTLED_COUNTS: f64 = 2.0;
+/// What else may show as a fault or as no response.
+const UNHELD: &str = "a loop that its gains do not hold shows so too: begin with the defaults of servo.*";
 /// Time between two samples of it, ms.
 const SAMPLE_MS: f64 = 0.1;
 /// What is recorded of it.
@@ -103,6 +105,8 @@ pub struct Outcome {
     pub node: u8,
     /// The loop as it was.
     pub before: Response,
+    /// Highest bandwidth that was asked for, Hz.
+    pub wanted_hz: Option<f64>,
     /// A proposal; nothing where no gains keep the margins.
     pub proposal: Option<Candidate>,
     /// Gains by the rules of Ziegler and Nichols, beside it.
@@ -167,7 +171,13 @@ impl Outcome {
             );
         }
         if self.proposal.is_none() {
-            text += "no gains of the form of the defaults keep 45 degrees and 6 dB: identify the head, look at its mechanics\n";
+            let wanted = self.wanted_hz.map_or(String::new(), |hz| format!(" with at most {hz} Hz of bandwidth"));
+            let _ = writeln!(
+                text,
+                "no proposal: no gains of the form of the defaults keep 45 degrees and 6 dB up to {:.0} Hz, the highest frequency measured{wanted}. \
+                 Raise tune.highest_hz, identify the head, look at its mechanics",
+                self.before.highest_hz()
+            );
         }
         text
     }
@@ -200,14 +210,13 @@ impl Tune<'_> {
     /// What went wrong; the head is disabled or in a fault then, or the error says that it may not be. Gains that were written are
     /// written back.
     pub fn execute(mut self) -> Result<Outcome, Failure> {
-        self.head.healthy().map_err(|fault| Failure::Failed(format!("fault active, reset it first: {fault}")))?;
-        let refused =
-            |what: &str, value: f64| Err(Failure::BadInput(format!("{what} {value}: must be a number from 0")));
+        self.head.free()?;
+        let refused = |text: String| Err(Failure::BadInput(text));
         if let Some(at_mm) = self.at_mm.filter(|at_mm| !at_mm.is_finite() || *at_mm < 0.0) {
-            return refused("at", at_mm);
+            return refused(format!("at {at_mm} mm: must be a number from 0 mm, the home"));
         }
         if let Some(hz) = self.wanted_hz.filter(|hz| !hz.is_finite() || *hz <= 0.0) {
-            return refused("bandwidth", hz);
+            return refused(format!("bandwidth {hz} Hz: must be above 0 Hz"));
         }
         let armed = self.head.arm()?;
         self.live.expect_heartbeat();
@@ -234,8 +243,16 @@ impl Tune<'_> {
         };
         let proposal = before.propose(self.wanted_hz).map(|(gains, _)| Candidate::of(&before, gains));
         let ziegler_nichols = Candidate::of(&before, before.ziegler_nichols());
-        let mut outcome =
-            Outcome { node: head.node, before, proposal, ziegler_nichols, step_before, after: None, step_after: None };
+        let mut outcome = Outcome {
+            node: head.node,
+            before,
+            wanted_hz: self.wanted_hz,
+            proposal,
+            ziegler_nichols,
+            step_before,
+            after: None,
+            step_after: None,
+        };
         let accepted = match self.accept {
             Accept::Nothing => return Ok(outcome),
             Accept::ZieglerNichols => outcome.ziegler_nichols.gains,
@@ -278,7 +295,7 @@ impl Tune<'_> {
             (self.alive)()?;
             let sample = self.live.sample()?;
             if sample.fault_number != 0 {
-                return Err(Failure::Failed(sample.fault));
+                return Err(Failure::Failed(format!("{}; {UNHELD}", sample.fault)));
             }
             head.refused(refusals)?;
             let step = head.whole(STEP)?;
@@ -296,12 +313,15 @@ impl Tune<'_> {
                 });
             }
             match step {
+                FINISHED if begun && self::gains(head)? != gains => {
+                    return Err(Failure::Failed("another program has changed servo.*: measure again".into()));
+                }
                 FINISHED if begun => {
                     let points = Point::decode(&head.sdo.read(DATA)?);
                     let shows = "the loop does not show: raise tune.current_a, or identify the head first";
                     return Response::new(gains, axis, points).ok_or_else(|| Failure::Failed(shows.into()));
                 }
-                ENDED if begun => return Err(Failure::Failed(format!("no response: {}", word(head, WHY)?))),
+                ENDED if begun => return Err(Failure::Failed(format!("no response: {}; {UNHELD}", word(head, WHY)?))),
                 _ if !begun && start.elapsed() > BEGINS => {
                     return Err(Failure::Failed(format!("not begun within {} s", BEGINS.as_secs())));
                 }

@@ -290,12 +290,18 @@ impl Response {
             let velocity_hz = low * (high / low).powf(f64::from(step) / 240.0);
             let gains = self.formed(velocity_hz);
             let Some(margins) = self.with(&gains) else { continue };
-            let wanted = wanted_hz.is_none_or(|wanted| margins.crossover_hz <= wanted);
+            // What was not measured is not promised.
+            let wanted = margins.crossover_hz <= self.highest_hz().min(wanted_hz.unwrap_or(f64::MAX));
             if wanted && margins.keeps(RESERVE_DEG, RESERVE_DB) {
                 best = Some((gains, margins));
             }
         }
         best
+    }
+
+    /// Highest frequency that was measured, Hz.
+    pub fn highest_hz(&self) -> f64 {
+        self.points.last().map_or(0.0, |point| point.hz)
     }
 
     /// Gains of one form: position loop and integral time by the bandwidth that the motor, not its settings, gives the velocity loop.
