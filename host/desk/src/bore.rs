@@ -651,7 +651,7 @@ impl Run<'_> {
                         place.track = Some(track.place()?);
                     }
                     if let Some(table) = &self.hole.table {
-                        place.row = Some(self.row(table)?);
+                        place.row = self.row(table)?.or(place.row.take());
                     }
                     let request = self.report(ERODING, place)?;
                     // Not of the sample: that may still be of the move before.
@@ -692,8 +692,8 @@ impl Run<'_> {
     }
 
     /// The row under way; the head goes on with it when somebody has set the generator.
-    fn row(&self, table: &File) -> Result<table::Now, Failure> {
-        let now = table::now(self.head, table)?;
+    fn row(&self, table: &File) -> Result<Option<table::Now>, Failure> {
+        let Some(now) = table::now(self.head, table)? else { return Ok(None) };
         let asked = &self.requests.generator;
         if !now.waits {
             // What was said before the head asked is of another row.
@@ -701,7 +701,7 @@ impl Run<'_> {
         } else if asked.swap(false, Ordering::AcqRel) {
             self.head.set(at::GENERATOR_SET, now.number as i64)?;
         }
-        Ok(now)
+        Ok(Some(now))
     }
 
     /// Whether the head has come to the end of a program.
@@ -792,7 +792,9 @@ impl Run<'_> {
             return Err(End::Wanted(request));
         }
         if place.began.is_some() && progress.sample.state_number == state::DISABLED {
-            return Err(End::Failed(Failure::Failed("another program has disabled the head".into())));
+            let restarted = self.head.whole(at::HOMED).is_ok_and(|homed| homed == 0);
+            let why = if restarted { "the head has restarted" } else { "another program has disabled the head" };
+            return Err(End::Failed(Failure::Failed(why.into())));
         }
         Ok(request)
     }

@@ -272,7 +272,7 @@ fn pass<'a>(head: &Head, settings: &[Setting<'a>]) -> Result<(), (&'a Object, Sd
     }
 }
 
-/// A refusal with the setting's name, and the one it conflicts with.
+/// A refusal with the setting's name, and the rule that it or another one would break.
 fn named(head: &Head, object: &Object, error: &SdoError) -> Failure {
     let SdoError::Refused(_, code) = error else { return error.clone().into() };
     let mut text = format!("{}: {}", object.key, crate::words::abort(*code));
@@ -280,9 +280,9 @@ fn named(head: &Head, object: &Object, error: &SdoError) -> Failure {
         && let Ok(bytes) = head.sdo.read(at::REFUSED_SETTING)
     {
         let other = unsigned(&bytes);
-        let other = head.sheet.get(Address((other >> 8) as u16, other as u8));
-        if let Some(other) = other.filter(|other| other.address != object.address) {
-            text += &format!("; conflicts with {}", other.key);
+        let rule = head.sdo.read(at::REFUSED_RULE).unwrap_or_default();
+        if let Some(other) = head.sheet.get(Address((other >> 8) as u16, other as u8)) {
+            text += &format!("; {} {}", other.key, String::from_utf8_lossy(&rule));
         }
     }
     Failure::Failed(format!("{text}; allowed: {}", object.allowed()))

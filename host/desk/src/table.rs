@@ -121,20 +121,21 @@ fn refused(head: &Head) -> Result<String, Failure> {
     Ok(if rule.is_empty() { format!("{key}: must be {allowed}") } else { format!("{key} {rule}") })
 }
 
-/// The row under way.
+/// The row under way; `None` before the first and after the last.
 ///
 /// # Errors
 /// Those of the transfers; an erosion that a row has ended.
-pub fn now(head: &Head, table: &File) -> Result<Now, Failure> {
-    let number = head.whole(at::TABLE_ROW)?.max(1) as usize;
-    let row = table.rows.get(number - 1);
+pub fn now(head: &Head, table: &File) -> Result<Option<Now>, Failure> {
+    let number = head.whole(at::TABLE_ROW)? as usize;
+    let row = number.checked_sub(1).and_then(|place| table.rows.get(place));
     let name = row.map_or(String::new(), |row| row.name.clone());
     let why = match head.whole(at::TABLE_STATE)? {
         state::UNANSWERED => "the generator was not set within technology.answer_s",
         state::REFUSED => "its settings contradict those that were changed since",
         at => {
             let generator = row.map_or(String::new(), |row| row.generator.clone());
-            return Ok(Now { number, of: table.rows.len(), name, generator, waits: at == state::WAITS });
+            let waits = at == state::WAITS;
+            return Ok((number > 0).then_some(Now { number, of: table.rows.len(), name, generator, waits }));
         }
     };
     Err(Failure::Failed(format!("row {name:?}: {why}")))
