@@ -80,6 +80,9 @@ impl<B: Board> Plans<B> {
             let monitored = self.monitored.get();
             self.monitored_tick = monitored.tick;
             self.planner.watch(monitored);
+            if !self.planner.is_intact() {
+                self.signals.settings_damaged.set();
+            }
         }
         self.planner.begin(self.estimates.get());
         self.count_steps();
@@ -106,9 +109,6 @@ impl<B: Board> Plans<B> {
             self.evidence.send(evidence);
         }
         self.signals.lost_changes.store(planner.lost_changes());
-        if !planner.is_intact() {
-            self.signals.settings_damaged.set();
-        }
         if answered {
             self.caller.protocol();
         }

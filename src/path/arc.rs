@@ -3,11 +3,12 @@
 //! Along the line goes whatever is not circular: the third axis of a helix, and the few nanometres by which start and end are
 //! not as far from the centre as a host gave it. Both ends are therefore met exactly.
 
+use super::Point;
 use super::angle::{self, Angle, SINE_BITS};
 use super::grid::Grid;
 use super::line::{Line, SLOPE_BITS, product};
+use super::piece::Here;
 use super::shape::{Plane, Turn};
-use super::{AXES, Point};
 use crate::units::Fixed;
 
 /// An arc, ready to be followed.
@@ -124,23 +125,22 @@ impl Arc {
         self.length
     }
 
-    /// Axis setpoints at a distance from the start, counts. Outside 0..=length the nearer end is given.
-    #[inline]
-    pub fn at(&self, distance: Fixed) -> Point {
-        let [a, b, c] = self.way.at(distance);
-        let [x, y, z] = self.circle(angle::cos_sin(self.angle(distance)));
-        [a.near(x), b.near(y), c.near(z)]
-    }
-
-    /// Axis travel per path travel at a distance from the start, counts per um, [`SLOPE_BITS`] places.
+    /// See [`Segment::here`](super::Segment::here).
     #[inline(never)]
-    pub(super) fn slope(&self, distance: Fixed) -> [i32; AXES] {
-        let [cosine, sine] = angle::cos_sin(self.angle(distance));
+    pub(super) fn here(&self, distance: Fixed) -> Here {
+        let turned = angle::cos_sin(self.angle(distance));
+        let [cosine, sine] = turned;
         let [ru, rv] = self.rim;
         let part = |rim: i32, share: i32| (i64::from(rim).wrapping_mul(i64::from(share)) >> SINE_BITS) as i32;
-        let [x, y, z] = self.plane.put([part(ru, sine.wrapping_neg()), part(rv, cosine), 0]);
-        let [a, b, c] = self.way.slope();
-        [a.saturating_add(x), b.saturating_add(y), c.saturating_add(z)]
+        let rim = self.plane.put([part(ru, sine.wrapping_neg()), part(rv, cosine), 0]);
+        let mut here = self.way.here(distance);
+        for (at, around) in here.at.iter_mut().zip(self.circle(turned)) {
+            *at = at.near(around);
+        }
+        for (slope, around) in here.slope.iter_mut().zip(rim) {
+            *slope = slope.saturating_add(around);
+        }
+        here
     }
 
     #[inline]

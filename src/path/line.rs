@@ -1,5 +1,6 @@
 //! A straight segment.
 
+use super::piece::Here;
 use super::{AXES, Point};
 use crate::units::Fixed;
 
@@ -64,9 +65,9 @@ impl Line {
         self.to
     }
 
-    /// Axis setpoints at a distance from the start, counts. Outside 0..=length the nearer end is given.
+    /// See [`Segment::here`](super::Segment::here).
     #[inline]
-    pub fn at(&self, distance: Fixed) -> Point {
+    pub(super) fn here(&self, distance: Fixed) -> Here {
         let left = Fixed(self.length.0.wrapping_sub(distance.0));
         let from_start = distance <= left;
         let (anchor, along) = if from_start {
@@ -74,16 +75,11 @@ impl Line {
         } else {
             (&self.to, Fixed(left.0.max(0).wrapping_neg()))
         };
-        let mut setpoint = *anchor;
-        for (setpoint, slope) in setpoint.iter_mut().zip(&self.slope) {
-            *setpoint = setpoint.near(product::<SLOPE_BITS>(along, *slope));
+        let mut here = Here { at: *anchor, slope: self.slope };
+        for (at, slope) in here.at.iter_mut().zip(&self.slope) {
+            *at = at.near(product::<SLOPE_BITS>(along, *slope));
         }
-        setpoint
-    }
-
-    /// Axis travel per path travel, counts per um, [`SLOPE_BITS`] places.
-    pub(super) fn slope(&self) -> [i32; AXES] {
-        self.slope
+        here
     }
 }
 
@@ -110,17 +106,17 @@ mod tests {
     #[test]
     fn both_ends_are_met_exactly() {
         let line = line([3, -4, 0], 5);
-        assert_eq!(line.at(Fixed(0)), [Fixed(0); AXES]);
-        assert_eq!(line.at(line.length()), [3, -4, 0].map(Fixed::whole));
-        assert_eq!(line.at(Fixed::whole(-1)), [Fixed(0); AXES]);
-        assert_eq!(line.at(Fixed::whole(6)), line.end());
+        assert_eq!(line.here(Fixed(0)).at, [Fixed(0); AXES]);
+        assert_eq!(line.here(line.length()).at, [3, -4, 0].map(Fixed::whole));
+        assert_eq!(line.here(Fixed::whole(-1)).at, [Fixed(0); AXES]);
+        assert_eq!(line.here(Fixed::whole(6)).at, line.end());
     }
 
     #[test]
     fn a_line_of_no_length_is_its_point() {
         let point = line([3, -4, 9], 0);
-        assert_eq!(point.at(Fixed::whole(1)), [3, -4, 9].map(Fixed::whole));
-        assert_eq!(point.slope(), [0; AXES]);
+        let Here { at, slope } = point.here(Fixed::whole(1));
+        assert_eq!((at, slope), ([3, -4, 9].map(Fixed::whole), [0; AXES]));
     }
 
     proptest! {
@@ -130,7 +126,7 @@ mod tests {
             prop_assume!(x != 0 || y != 0);
             let length = Fixed((((x * x + y * y) as f64).sqrt() * (1u32 << FRACTION_BITS) as f64) as i64);
             let line = Line::new([Fixed(0); AXES], [x, y, 0].map(Fixed::whole), length);
-            let [a, b, _] = line.at(Fixed((line.length().0 as f64 * part) as i64));
+            let [a, b, _] = line.here(Fixed((line.length().0 as f64 * part) as i64)).at;
             let one = (1u64 << FRACTION_BITS) as f64;
             let cross = (a.0 as f64 * y as f64 - b.0 as f64 * x as f64) / one / line.length().to_f32() as f64;
             prop_assert!(cross.abs() < 2e-4, "{cross}");

@@ -2,7 +2,7 @@
 
 use super::arc::{Arc, Round, distance};
 use super::grid::{Grid, Place, REACH, counts, length, length_um};
-use super::line::{Line, SLOPE_BITS};
+use super::line::{Line, SLOPE_BITS, product};
 use super::shape::{Plane, Shape};
 use super::{AXES, Point};
 use crate::units::Fixed;
@@ -211,12 +211,11 @@ pub(super) fn jump(before: [f32; AXES], after: [f32; AXES]) -> f32 {
 }
 
 impl Segment {
-    /// Axis setpoints at a distance from the start, counts.
-    #[inline(never)]
-    pub fn at(&self, distance: Fixed) -> Point {
+    /// What is at a distance from the start. Outside 0..=length it is what is at the nearer end.
+    pub(super) fn here(&self, distance: Fixed) -> Here {
         match self {
-            Segment::Line(line) => line.at(distance),
-            Segment::Arc(arc) => arc.at(distance),
+            Segment::Line(line) => line.here(distance),
+            Segment::Arc(arc) => arc.here(distance),
         }
     }
 
@@ -227,25 +226,27 @@ impl Segment {
             Segment::Arc(arc) => arc.length(),
         }
     }
+}
 
-    /// Axis travel for a short travel `by` along the path from a distance from the start, counts.
+/// What is at a place: worked out once, when the head gets there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Here {
+    /// Set points of all axes, counts.
+    pub at: Point,
+    /// Counts per um of path, [`SLOPE_BITS`] binary places.
+    pub slope: [i32; AXES],
+}
+
+impl Here {
+    /// Axis travel for a short travel along the path, counts.
     #[inline(always)]
-    pub fn travel(&self, distance: Fixed, by: Fixed) -> Point {
-        self.slope(distance).map(|slope| super::line::product::<SLOPE_BITS>(by, slope))
+    pub fn travel(&self, by: Fixed) -> Point {
+        self.slope.map(|slope| product::<SLOPE_BITS>(by, slope))
     }
 
-    /// Axis travel per path travel at a distance from the start, counts per um.
+    /// Axis travel per path travel, counts per um.
     #[inline(always)]
-    pub fn direction(&self, distance: Fixed) -> [f32; AXES] {
-        self.slope(distance).map(|slope| slope as f32 * (1.0 / (1u32 << SLOPE_BITS) as f32))
-    }
-
-    /// Inlined, so that of a line nothing is worked out for axes that nobody asks about.
-    #[inline(always)]
-    fn slope(&self, distance: Fixed) -> [i32; AXES] {
-        match self {
-            Segment::Line(line) => line.slope(),
-            Segment::Arc(arc) => arc.slope(distance),
-        }
+    pub fn direction(&self) -> [f32; AXES] {
+        self.slope.map(|slope| slope as f32 * (1.0 / (1u32 << SLOPE_BITS) as f32))
     }
 }

@@ -3,6 +3,7 @@
 use crate::rig::{ID, Rig};
 use edm_hal_shim::store::Loaded;
 use edm_servo_head::canopen::Dictionary;
+use edm_servo_head::canopen::drive::Order;
 use edm_servo_head::canopen::objects::setting_address;
 use edm_servo_head::feed::LawName;
 use edm_servo_head::head::{Fault, State};
@@ -326,6 +327,24 @@ fn a_change_of_a_guarded_setting_turns_a_bit_of_the_statusword_over_and_is_told_
     assert_eq!(told(&mut rig), (1 << 14, 1 << 24 | number));
     rig.write(index, sub, &31u32.to_le_bytes());
     assert_eq!(told(&mut rig), (0, 2 << 24 | number));
+}
+
+#[test]
+fn a_setting_that_is_written_as_it_is_asks_nothing_of_the_tasks_and_is_no_change() {
+    let mut rig = Rig::new(|_, _| {});
+    let (index, sub) = address("supervise.gap_ms");
+    let [low, high] = index.to_le_bytes();
+    for (ms, changes) in [(30, 1), (30, 1), (31, 2), (31, 2), (30, 3)] {
+        let before = rig.read(0x200C, 5) >> 24;
+        let seen = rig.sent.len();
+        rig.send(0x600 + u16::from(ID), &[0x23, low, high, sub, ms, 0, 0, 0]);
+        let order = rig.drive.take();
+        assert_eq!(matches!(order, Some(Order::Configure)), changes != before, "{ms} ms");
+        order.into_iter().for_each(|order| rig.carry_out(order));
+        rig.run(1);
+        assert_eq!(rig.sent.get(seen).map(|(_, frame)| frame.data()[0]), Some(0x60));
+        assert_eq!((rig.read(0x200C, 5) >> 24, rig.read(index, sub)), (changes, u32::from(ms)));
+    }
 }
 
 #[test]

@@ -562,6 +562,13 @@ impl Drive {
 
     /// Sets settings, if they can be with the others and in this state: all or none.
     pub(super) fn write_words(&mut self, words: &[(u16, u32)]) -> Result<Written, Abort> {
+        // Hosts write all settings of a file, few of which differ. Nothing is computed anew, and no task asked.
+        let same = |&(field, word): &(u16, u32)| self.settings.word(field.into()) == Some(word);
+        if !self.stale && !self.configuring && words.iter().all(same) {
+            self.technology.keep(words);
+            (self.wrong, self.contradiction) = (None, Contradiction::default());
+            return Ok(Written::Now);
+        }
         let mut pending = self.settings;
         for &(field, word) in words {
             pending.put_word(field.into(), word).map_err(|error| {

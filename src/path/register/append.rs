@@ -37,13 +37,15 @@ impl<const N: usize> Register<N> {
             slots => self.unpacked(slots).unwrap_or(Segment::Line(self.lead)),
         };
         if before.length().0 > 0 {
-            packed.join(self.unit(before.direction(before.length())), self.unit(next.direction(Fixed(0))));
+            let (end, begin) = (before.here(before.length()), next.here(Fixed(0)));
+            packed.join(self.unit(end.direction()), self.unit(begin.direction()));
         }
         self.segments.push_back(packed).map_err(|_| Refused::QueueFull)?;
         self.beside |= (x, y) != (to_x, to_y) || piece.shape != Shape::Line;
         if self.current == 0 && self.lead.length().0 == 0 && self.segments.len() == 1 {
             // Only what the register holds can be gone back along.
-            (self.current, self.now) = (1, next);
+            self.current = 1;
+            self.enter(next, self.start);
             self.come_past(&packed);
         }
         self.newest = self.newest.plus(packed.length());

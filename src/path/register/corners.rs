@@ -18,12 +18,11 @@ impl<const N: usize> Register<N> {
         if self.is_off() {
             return self.ahead_off(acceleration);
         }
-        let mut least = self.newest.minus(self.s).to_f32();
-        let Some(length) = self.length(self.current) else { return Micrometres(least) };
-        let mut joint = self.start.plus(length);
+        let mut least = self.newest.from(self.s);
+        let mut joint = self.end;
         let mut slot = self.current.wrapping_add(1);
         for looked in 0..JOINTS {
-            let left = joint.minus(self.s).to_f32();
+            let left = joint.from(self.s);
             if left >= least {
                 break;
             }
@@ -47,7 +46,7 @@ impl<const N: usize> Register<N> {
         let mut joint = self.start;
         let mut slot = self.current;
         for looked in 0..JOINTS {
-            let left = self.s.minus(joint).to_f32();
+            let left = self.s.from(joint);
             if left >= least {
                 break;
             }

@@ -36,12 +36,12 @@ impl<const N: usize> Register<N> {
         }
         let here: Point = self.setpoint();
         let line = Line::new(counts(by, &here, &self.grid()), here, length);
-        let (out, on) = (Segment::Line(line).direction(length), self.direction());
+        let (out, on) = (line.here(length).direction(), self.direction());
         let corner = jump(self.unit(out), self.unit(on));
         self.off = Off { length, joint: self.s, resumes: self.start, corner };
         let [_, x, y] = by;
         self.beside |= (x, y) != (0, 0);
-        (self.now, self.start) = (Segment::Line(line), self.s.minus(length));
+        self.enter(Segment::Line(line), self.s.minus(length));
     }
 
     /// The coordinate is on an escape.
@@ -54,16 +54,11 @@ impl<const N: usize> Register<N> {
         self.is_off().then(|| self.off.joint.minus(self.s))
     }
 
-    /// Goes forward on an escape; whether that is all of it.
-    pub(super) fn come_back(&mut self, wanted: Fixed) -> bool {
+    /// Back on the path, where it was left.
+    pub(super) fn come_back(&mut self) {
         let Off { joint, resumes, .. } = self.off;
-        if wanted < joint {
-            self.s = wanted;
-            return true;
-        }
         (self.s, self.start, self.off) = (joint, resumes, Off::NONE);
         self.ready();
-        false
     }
 
     /// Length ahead on an escape, the corner at its end as in [`Register::ahead`].

@@ -11,7 +11,7 @@ mod tests;
 use self::escape::Off;
 use super::grid::{Grid, Place, counts, length, length_um};
 use super::line::Line;
-use super::piece::{Packed, Segment};
+use super::piece::{Here, Packed, Segment};
 use super::{AXES, Point};
 use crate::units::{FRACTION_BITS, Fixed};
 use heapless::Deque;
@@ -59,9 +59,11 @@ pub struct Register<const N: usize> {
     /// Slot under way, and what is there.
     current: usize,
     now: Segment,
-    /// Path coordinate at its start.
+    /// Path coordinates at its start and at its end.
     start: Fixed,
+    end: Fixed,
     s: Fixed,
+    here: Here,
     /// Path coordinates of the oldest remembered and the newest queued point.
     oldest: Fixed,
     newest: Fixed,
@@ -92,7 +94,9 @@ impl<const N: usize> Register<N> {
         current: 0,
         now: Segment::Line(Line::point([Fixed(0); AXES])),
         start: Fixed(0),
+        end: Fixed(0),
         s: Fixed(0),
+        here: Here { at: [Fixed(0); AXES], slope: [0; AXES] },
         oldest: Fixed(0),
         newest: Fixed(0),
         furthest: Fixed(0),
@@ -133,10 +137,9 @@ impl<const N: usize> Register<N> {
         let length = length_um(length(back.map(|nm| nm.unsigned_abs().into())));
         self.lead = if length.0 > 0 { Line::new(from, here, length) } else { Line::point(here) };
         (self.current, self.off) = (0, Off::NONE);
-        self.now = Segment::Line(self.lead);
         self.oldest = Fixed(0).minus(length);
-        self.start = self.oldest;
         (self.s, self.newest, self.furthest) = (Fixed(0), Fixed(0), Fixed(0));
+        self.enter(Segment::Line(self.lead), self.oldest);
         (self.mark, self.marked, self.passed, self.beside) = (Fixed(0), false, Fixed(0), false);
     }
 
@@ -180,23 +183,34 @@ impl<const N: usize> Register<N> {
         Some(segment.unpack(place, start, &self.datum, &grid))
     }
 
+    /// What begins at a coordinate is under way.
+    fn enter(&mut self, now: Segment, start: Fixed) {
+        (self.now, self.start, self.end) = (now, start, start.plus(now.length()));
+        self.look();
+    }
+
+    /// The coordinate has changed.
+    fn look(&mut self) {
+        self.here = self.now.here(self.s.minus(self.start));
+    }
+
     /// Axis setpoints at the present coordinate, counts.
     #[inline]
     pub fn setpoint(&self) -> Point {
-        self.now.at(self.s.minus(self.start))
+        self.here.at
     }
 
     /// Axis travel for a short travel along the path from the present coordinate, counts: what a set point moves by between
     /// two steps. A joint in between shows only at the next step.
     #[inline(always)]
     pub fn travel(&self, by: Fixed) -> Point {
-        self.now.travel(self.s.minus(self.start), by)
+        self.here.travel(by)
     }
 
     /// Axis travel per path travel at the present coordinate, counts per um.
     #[inline(always)]
     pub fn direction(&self) -> [f32; AXES] {
-        self.now.direction(self.s.minus(self.start))
+        self.here.direction()
     }
 
     /// Path coordinate, um.

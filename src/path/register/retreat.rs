@@ -17,7 +17,7 @@ impl<const N: usize> Register<N> {
 
     /// Length that a retreat can still cover.
     pub fn left_behind(&self) -> Micrometres {
-        Micrometres(self.s.minus(self.floor().0).to_f32())
+        Micrometres(self.s.from(self.floor().0))
     }
 
     /// Sets how far a retreat may go behind the furthest point; marks bound it as well.

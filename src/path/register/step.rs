@@ -10,10 +10,19 @@ impl<const N: usize> Register<N> {
     /// Steps along the path, positive toward the work, and says what stopped it short.
     pub fn step(&mut self, by: Fixed) -> Option<Bound> {
         let wanted = self.s.plus(by);
-        let before = self.start;
-        let bound = if by.0 >= 0 { self.forward(wanted) } else { self.backward(wanted) };
-        if self.start != before {
+        let before = (self.start, self.s);
+        let bound = if by.0 < 0 {
+            self.backward(wanted)
+        } else if wanted < self.end {
+            self.arrive(wanted);
+            None
+        } else {
+            self.forward(wanted)
+        };
+        if self.start != before.0 {
             self.ready();
+        } else if self.s != before.1 {
+            self.look();
         }
         bound
     }
@@ -22,17 +31,18 @@ impl<const N: usize> Register<N> {
     #[cold]
     pub(super) fn ready(&mut self) {
         if let Some(now) = self.unpacked(self.current) {
-            self.now = now;
+            self.enter(now, self.start);
         }
     }
 
+    /// To the end of what is under way, or beyond it.
+    #[cold]
     fn forward(&mut self, wanted: Fixed) -> Option<Bound> {
-        if self.is_off() && self.come_back(wanted) {
-            return None;
+        if self.is_off() {
+            self.come_back();
         }
         for _ in 0..JOINTS {
-            let Some(length) = self.length(self.current) else { return Some(Bound::End) };
-            let end = self.start.plus(length);
+            let end = self.end;
             if wanted <= end {
                 self.arrive(wanted);
                 return None;
@@ -43,7 +53,7 @@ impl<const N: usize> Register<N> {
             }
             let next = self.current.wrapping_add(1);
             let Some(segment) = self.segment(next).copied() else { return Some(Bound::End) };
-            self.start = end;
+            (self.start, self.end) = (end, end.plus(segment.length()));
             self.current = next;
             self.come_past(&segment);
             let lead = usize::from(self.lead.length().0 > 0);
@@ -59,6 +69,16 @@ impl<const N: usize> Register<N> {
         // A bound set behind the head's back must not push it forward.
         let floor = floor.min(self.s);
         let (wanted, bound) = if wanted < floor { (floor, Some(bound)) } else { (wanted, None) };
+        if wanted >= self.start {
+            self.arrive(wanted);
+            return bound;
+        }
+        self.across(wanted, bound)
+    }
+
+    /// Back across joints.
+    #[cold]
+    fn across(&mut self, wanted: Fixed, bound: Option<Bound>) -> Option<Bound> {
         for _ in 0..JOINTS {
             if wanted >= self.start {
                 self.arrive(wanted);
@@ -100,8 +120,7 @@ impl<const N: usize> Register<N> {
 
     /// Whether a stop before that is reached, and not over.
     pub fn at_stop(&self) -> bool {
-        let ends = |length| self.s >= self.start.plus(length) && !self.at_end();
-        !self.is_off() && self.stops(self.current, self.s) && self.length(self.current).is_some_and(ends)
+        self.s >= self.end && !self.at_end() && !self.is_off() && self.stops(self.current, self.s)
     }
 
     /// The stop that is reached is over.

@@ -36,6 +36,7 @@ const RESERVE: u32 = STACK + STACK_GUARD;
 const _: () = assert!(RAM.end - RAM.start - RAM_LIMIT >= 2 * STACK_LIMIT as u64);
 const FLASH: std::ops::Range<u64> = seal::BOOT as u64..seal::STAGE as u64;
 const RAM: std::ops::Range<u64> = 0x2000_0000..RAM_END as u64;
+const SHARED: std::ops::Range<u64> = RAM_END as u64..(RAM_END + board::SHARED) as u64;
 /// Code that runs from RAM; its bytes are in flash as well.
 const FAST: std::ops::Range<u64> = board::FAST as u64..board::FAST as u64 + STACK_GUARD as u64;
 
@@ -137,11 +138,13 @@ impl Image {
                     (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]))
                 });
             }
+            let shared = SHARED.contains(&address);
             // Initial values of variables are in flash as well.
-            if (FLASH.contains(&address) && !LOADER.contains(&address)) || name == ".data" || FAST.contains(&address) {
+            let copied = name == ".data" || FAST.contains(&address) || shared;
+            if (FLASH.contains(&address) && !LOADER.contains(&address)) || copied {
                 image.flash += size;
             }
-            if RAM.contains(&address) {
+            if RAM.contains(&address) || shared {
                 image.ram += size;
             }
             image.sections.push((name, address, size));
@@ -252,7 +255,7 @@ fn kib(bytes: u64) -> f64 {
 fn allocated<'d>(section: &impl ObjectSection<'d>) -> bool {
     let debug = matches!(section.kind(), SectionKind::Debug | SectionKind::DebugString | SectionKind::Metadata);
     let address = section.address();
-    let placed = FLASH.contains(&address) || RAM.contains(&address) || FAST.contains(&address);
+    let placed = [FLASH, RAM, SHARED, FAST].iter().any(|range| range.contains(&address));
     !debug && (placed || section.name() == Ok(".ccmram"))
 }
 
