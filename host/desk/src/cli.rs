@@ -1081,6 +1081,7 @@ impl Common {
         let mut live = Live::new(&head)?;
         let bus = head.bus.clone();
         let (mut doing, mut said) = (("", None), Instant::now());
+        head.free()?;
         hole.may_begin(&head).map_err(undecided)?;
         settings::write(&head, &wanted)?;
         let table = hole.table.clone();
@@ -1102,7 +1103,11 @@ impl Common {
                     (asks, doing) = (false, ("", None));
                     eprintln!("{}", begins(row, progress.target_mm));
                 }
-                if progress.row.as_ref().is_some_and(|now| now.waits) && !std::mem::replace(&mut asks, true) {
+                let waits = progress.row.as_ref().is_some_and(|now| now.waits);
+                if waits && options.no_wait {
+                    // A row may ask for it by its own technology.answer_s.
+                    requests.generator_is_set();
+                } else if waits && !std::mem::replace(&mut asks, true) {
                     eprintln!("set the generator, then press Enter");
                     let requests = requests.clone();
                     std::thread::spawn(move || {

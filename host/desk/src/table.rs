@@ -13,6 +13,7 @@ mod state {
     pub const CHECKS: i64 = 1;
     pub const READY: i64 = 2;
     pub const WAITS: i64 = 4;
+    pub const DONE: i64 = 6;
     pub const UNANSWERED: i64 = 8;
     pub const REFUSED: i64 = 9;
 }
@@ -132,6 +133,7 @@ pub fn now(head: &Head, table: &File) -> Result<Option<Now>, Failure> {
     let why = match head.whole(at::TABLE_STATE)? {
         state::UNANSWERED => "the generator was not set within technology.answer_s",
         state::REFUSED => "its settings contradict those that were changed since",
+        state::READY | state::DONE => return Ok(None),
         at => {
             let generator = row.map_or(String::new(), |row| row.generator.clone());
             let waits = at == state::WAITS;

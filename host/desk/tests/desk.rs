@@ -754,7 +754,8 @@ fn a_hole_is_bored_by_a_table_from_rough_to_fine_from_one_surface() {
     let file = folder.path().join("table.toml");
     let text = "electrode = \"copper\"\nwork = \"steel\"\n[[row]]\nname = \"rough\"\nleaves_um = 4\n[row.generator]\non_us = 160\n\
                 [row.settings.gap]\nsetpoint_v = 65\n[[row]]\nname = \"fine\"\n[row.generator]\non_us = 50\n\
-                [row.settings.gap]\nsetpoint_v = 68\n[row.settings.end]\nspark_out_ms = 300\n";
+                [row.settings.gap]\nsetpoint_v = 68\n[row.settings.end]\nspark_out_ms = 300\n\
+                [row.settings.technology]\nanswer_s = 60\n";
     fs::write(&file, text).unwrap();
     let path = file.to_str().unwrap();
     let (code, said, why) =
@@ -771,6 +772,7 @@ fn a_hole_is_bored_by_a_table_from_rough_to_fine_from_one_surface() {
             && why.contains("row fine: to 0.010 mm; generator: on_us 50"),
         "{why}"
     );
+    assert_eq!(why.matches("row rough: ").count(), 1, "after the last row there is none: {why}");
     let rows = said.lines().filter(|line| line.contains("\"row\":{\"number\":2,\"of\":2,\"name\":\"fine\""));
     assert!(rows.count() > 0, "{said}");
     // The settings of the rows were theirs alone.
