@@ -114,7 +114,9 @@ impl Gpio {
         })
     }
 
-    pub fn write(&mut self, offset: u32, value: u32) -> Result<(), Fault> {
+    /// Returns the pins that may be something else now.
+    pub fn write(&mut self, offset: u32, value: u32) -> Result<u16, Fault> {
+        let before = self.odr;
         match offset {
             0x00 => self.moder = self.unlocked(self.moder, value, 2, 0),
             0x04 => self.otyper = self.unlocked(self.otyper, value, 1, 0) & 0xffff,
@@ -128,7 +130,7 @@ impl Gpio {
             0x24 => self.afr[1] = self.unlocked(self.afr[1], value, 4, 8),
             _ => return Err(Fault::Unmodelled),
         }
-        Ok(())
+        Ok(if let 0x14 | 0x18 = offset { (before ^ self.odr) as u16 } else { u16::MAX })
     }
 
     /// The lock key: 1, 0, 1 with the same pins each time, and then a read, for which the model does not wait (§8.4.8). Once it
@@ -201,7 +203,9 @@ mod tests {
             [&[ON, OFF][..], &[ON, ON, ON], &[OFF, ON, OFF], &[ON, 0, ON], &[ON, OFF, 1 << 16 | 2], &[ON, OFF, OFF, ON]]
         {
             let mut g = Gpio::new(2);
-            wrong.iter().for_each(|value| g.write(0x1c, *value).unwrap());
+            for value in wrong {
+                g.write(0x1c, *value).unwrap();
+            }
             assert_eq!(g.read(0x1c).unwrap() >> 16, 0, "{wrong:x?}");
         }
     }
@@ -213,6 +217,13 @@ mod tests {
         assert_eq!(g.read(0x14), Ok(1 << 5));
         g.write(0x18, 1 << 21).unwrap();
         assert_eq!(g.read(0x14), Ok(0));
+    }
+
+    #[test]
+    fn an_output_register_says_which_pins_it_has_changed_and_the_others_may_change_all() {
+        let mut g = Gpio::new(2);
+        let writes = [(0x18, 0b101), (0x18, 1 << 16 | 0b110), (0x14, 0b111), (0x00, 0)];
+        assert_eq!(writes.map(|(offset, value)| g.write(offset, value).unwrap()), [0b101, 0b011, 0b001, u16::MAX]);
     }
 
     #[test]

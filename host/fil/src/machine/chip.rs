@@ -129,7 +129,10 @@ pub struct Chip<W> {
     /// The masks when they were read last; `None` when something else has written them since.
     pub masks: Option<Masks>,
     code: Box<[Instruction; HALF_WORDS]>,
+    /// Blocks in the order in which they were met, and which of them begins at each address: side by side they stay in the cache.
+    /// The first is that of addresses at which none is known.
     blocks: Vec<Block>,
+    begins: Box<[u16; HALF_WORDS]>,
     /// Last instruction, and where it ends.
     pub last: u32,
     next: u32,
@@ -172,7 +175,8 @@ impl<W: World> Chip<W> {
             masks_changed: false,
             masks: None,
             code: Box::new([Instruction::default(); HALF_WORDS]),
-            blocks: vec![Block::default(); HALF_WORDS],
+            blocks: vec![Block::default()],
+            begins: Box::new([0; HALF_WORDS]),
             last: 0,
             next: 0,
             stop: None,
@@ -236,14 +240,15 @@ impl<W: World> Chip<W> {
     pub fn remapped(&mut self, sram_at_zero: bool) {
         self.sram_at_zero = sram_at_zero;
         self.code[FLASH_WORDS..].fill(Instruction::default());
-        self.blocks[FLASH_WORDS..].fill(Block::default());
+        self.begins[FLASH_WORDS..].fill(0);
         self.limit = 0;
     }
 
     /// Forgets what was decoded: there may be another program.
     pub fn forget_code(&mut self) {
         self.code.fill(Instruction::default());
-        self.blocks.fill(Block::default());
+        self.begins.fill(0);
+        self.blocks.truncate(1);
     }
 
     /// Processor state after reset.
@@ -280,7 +285,7 @@ impl<W: World> Chip<W> {
     /// The way of almost all blocks: known, nothing due, no FPU context to make. Returns whether it was taken.
     #[inline]
     pub fn fast_block(&mut self, address: u32, size: u32) -> bool {
-        let Some(known) = slot(address).map(|index| self.blocks[index]) else { return false };
+        let Some(known) = slot(address).map(|index| self.known_block(index)) else { return false };
         let plain = u32::from(known.size) == size && !(known.waits || known.masks);
         if !plain || self.half >= self.limit || (known.float && !self.fpca) {
             return false;
@@ -292,7 +297,7 @@ impl<W: World> Chip<W> {
     /// The block of `size` bytes at `address`, decoded once.
     pub fn block(&mut self, address: u32, size: u32) -> Block {
         let index = slot(address);
-        if let Some(known) = index.map(|index| self.blocks[index])
+        if let Some(known) = index.map(|index| self.known_block(index))
             && u32::from(known.size) == size
         {
             return known;
@@ -309,9 +314,24 @@ impl<W: World> Chip<W> {
             at += u32::from(instruction.size);
         }
         if let Some(index) = index {
-            self.blocks[index] = block;
+            self.remember(index, block);
         }
         block
+    }
+
+    #[inline]
+    fn known_block(&self, index: usize) -> Block {
+        self.blocks[usize::from(self.begins[index])]
+    }
+
+    fn remember(&mut self, index: usize, block: Block) {
+        let known = usize::from(self.begins[index]);
+        if known > 0 {
+            self.blocks[known] = block;
+        } else if let Ok(next) = u16::try_from(self.blocks.len()) {
+            self.begins[index] = next;
+            self.blocks.push(block);
+        }
     }
 
     /// Counts a whole block, and the branch that led to it.

@@ -312,8 +312,8 @@ impl<W: World> Soc<W> {
                 self.follow_clocks()?;
             }
             Block::Gpio(n) => {
-                self.gpio[n].write(offset, value)?;
-                self.refresh_port(n);
+                let pins = self.gpio[n].write(offset, value)?;
+                self.refresh_pins(n, pins);
             }
             Block::Iwdg => {
                 if self.iwdg.write(offset, value, now)? {

@@ -219,7 +219,12 @@ impl<W: World> Soc<W> {
 
     /// A port's registers have changed: signals, drives and levels of its pins follow.
     pub(super) fn refresh_port(&mut self, port: usize) {
-        for n in 0..16 {
+        self.refresh_pins(port, u16::MAX);
+    }
+
+    /// The same for some of its pins.
+    pub(super) fn refresh_pins(&mut self, port: usize, pins: u16) {
+        for n in (0..16).filter(|n| pins >> n & 1 == 1) {
             let signal = match self.gpio[port].mode(n) {
                 Mode::Alternate(af) => pins::signal(port as u8, n, af),
                 _ => None,
