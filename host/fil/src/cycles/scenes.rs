@@ -193,7 +193,7 @@ fn traffic() -> Traffic {
             read(0x2000, 1),
             read(0x6041, 0),
             read(0x6064, 0),
-            // Bandwidth of the velocity loop, as it is by default.
+            // Bandwidth of the velocity loop: but for the first time what it is already. A host that changes it so often is none.
             request(0x23, 0x2109, 1, 160f32.to_bits()),
             read(0x2005, 2),
             // Target of the path.
