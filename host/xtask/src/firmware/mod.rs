@@ -266,7 +266,7 @@ mod tests {
     fn good() -> Image {
         Image {
             sections: vec![(".vector_table".to_owned(), PROGRAM, 392), (".text".to_owned(), PROGRAM + 0x200, 60_000)],
-            vectors: Some((0x2002_0000, 0x0800_C001)),
+            vectors: Some((RAM_END, 0x0800_C001)),
             entry: 0x0800_C001,
             rooms: BTreeMap::new(),
             flash: FLASH_LIMIT,
@@ -291,9 +291,9 @@ mod tests {
         };
         refused(Image { vectors: None, ..good() }, "vector table");
         refused(Image { vectors: Some((0, 0x0800_C001)), ..good() }, "stack pointer");
-        refused(Image { vectors: Some((0x2002_0004, 0x0800_C001)), ..good() }, "stack pointer");
-        refused(Image { vectors: Some((0x2002_0000, 0)), ..good() }, "reset vector");
-        refused(Image { vectors: Some((0x2002_0000, 0x0800_C000)), ..good() }, "reset vector");
+        refused(Image { vectors: Some((RAM_END + 4, 0x0800_C001)), ..good() }, "stack pointer");
+        refused(Image { vectors: Some((RAM_END, 0)), ..good() }, "reset vector");
+        refused(Image { vectors: Some((RAM_END, 0x0800_C000)), ..good() }, "reset vector");
         refused(Image { entry: 0, ..good() }, "differ");
         refused(Image { frame: FRAME_LIMIT + 1, ..good() }, "stack");
         refused(Image { masks: 3, ..good() }, "PRIMASK");
