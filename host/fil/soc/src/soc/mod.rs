@@ -199,7 +199,7 @@ impl<W: World> Soc<W> {
     }
 
     /// Tick of the next event, or an earlier one; nothing changes by itself before, but codes of conversions that nothing takes note
-    /// of ([`routine`]), which are in memory once time has passed.
+    /// of (`routine`), which are in memory once time has passed.
     pub fn next_event(&self) -> u64 {
         self.next
     }
