@@ -171,7 +171,7 @@ pub(super) struct Identify {
 
 /// What the head is to do until the next plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Wish {
+pub(super) enum Demand {
     /// Follow a set point with a duty on top of its loop.
     Follow(TrajectorySegment, f32),
     /// Give a duty.
@@ -246,7 +246,7 @@ impl Identify {
     }
 
     /// Goes on. What a stage that is over has summed up has to be [taken](Self::take) before the next plan.
-    pub fn plan(&mut self, config: &Config, seen: &Seen, row: &Row) -> Wish {
+    pub fn plan(&mut self, config: &Config, seen: &Seen, row: &Row) -> Demand {
         self.look(config, row);
         if self.stage == Stage::Motion && seen.velocity.0 != 0.0 {
             let [down, up] = &mut self.duties;
@@ -255,10 +255,10 @@ impl Identify {
         }
         self.plans = self.plans.saturating_add(1);
         let before = self.stage;
-        let wish = if before == Stage::Breakaway { self.push(config, seen, row) } else { self.stroke(config, seen) };
+        let demand = if before == Stage::Breakaway { self.push(config, seen, row) } else { self.stroke(config, seen) };
         let sums = matches!(before, Stage::Sweep | Stage::Motion | Stage::Breakaway);
         self.over = (sums && self.stage != before).then_some(before);
-        wish
+        demand
     }
 
     /// What a stage that is over has summed up, once.
@@ -267,7 +267,7 @@ impl Identify {
         Some(Summed { stage, normal: core::mem::replace(&mut self.normal, Normal::NONE) })
     }
 
-    fn stroke(&mut self, config: &Config, seen: &Seen) -> Wish {
+    fn stroke(&mut self, config: &Config, seen: &Seen) -> Demand {
         let (target, ramp) = self.leg(config);
         let (segment, there) = toward(seen, target, &ramp);
         let mut duty = 0.0;
@@ -283,19 +283,19 @@ impl Identify {
                 self.rests = segment.from;
                 self.enter(Stage::Breakaway);
             }
-            Stage::Return => return Wish::End,
+            Stage::Return => return Demand::End,
             _ => self.strokes = self.strokes.saturating_add(1),
         }
-        Wish::Follow(segment, duty)
+        Demand::Follow(segment, duty)
     }
 
     /// From rest a duty that grows until the head moves.
-    fn push(&mut self, config: &Config, seen: &Seen, row: &Row) -> Wish {
+    fn push(&mut self, config: &Config, seen: &Seen, row: &Row) -> Demand {
         if let Some(from) = self.pushed {
             match self.pushing(config, seen, row, from) {
-                Push::Grows(duty) => return Wish::Duty(duty),
-                Push::InVain => return Wish::Stuck,
-                Push::Fails if self.failed >= FAILS => return Wish::Stuck,
+                Push::Grows(duty) => return Demand::Duty(duty),
+                Push::InVain => return Demand::Stuck,
+                Push::Fails if self.failed >= FAILS => return Demand::Stuck,
                 Push::Fails => self.failed = self.failed.saturating_add(1),
                 Push::Over => {}
             }
@@ -303,7 +303,7 @@ impl Identify {
             self.strokes = self.strokes.saturating_add(1);
             self.rests = Fixed::whole(seen.position);
             // Whatever was followed before.
-            return Wish::Follow(TrajectorySegment { from: self.rests, ..TrajectorySegment::default() }, 0.0);
+            return Demand::Follow(TrajectorySegment { from: self.rests, ..TrajectorySegment::default() }, 0.0);
         }
         if self.strokes >= PUSHES.wrapping_add(2 * self.failed) {
             self.settle();
@@ -319,13 +319,13 @@ impl Identify {
                     }
                     (self.pushed, self.plans, self.peak) = (Some(seen.position), 0, 0.0);
                 }
-                return Wish::Duty(self.rest_duty());
+                return Demand::Duty(self.rest_duty());
             }
             // Friction does not hold it there.
             (self.plans, self.rests) = (0, Fixed::whole(seen.position));
         }
         let (segment, _) = toward(seen, self.rests, &self.leg(config).1);
-        Wish::Follow(segment, 0.0)
+        Demand::Follow(segment, 0.0)
     }
 
     /// In the middle between what the strokes took one way and the other: the duty at which friction holds a head.

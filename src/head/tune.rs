@@ -16,7 +16,7 @@
 //! The sine is as large as lets the head swing by a fifth of its velocity, or by [`Config::swing`]: with more, friction would turn round.
 
 use super::follow::LEAD;
-use super::identify::{Seen, Wish, toward};
+use super::identify::{Demand, Seen, toward};
 use crate::motion::Ramp;
 use crate::units::{CountsPerSecond, CountsPerSecond2, Fixed, PLAN_TICKS, TICK_HZ, TICK_S, larger, smaller, within};
 use core::f32::consts::TAU;
@@ -263,7 +263,7 @@ impl Tune {
 
     /// Goes on.
     #[inline(never)]
-    pub fn plan(&mut self, config: &Config, seen: &Seen) -> Wish {
+    pub fn plan(&mut self, config: &Config, seen: &Seen) -> Demand {
         if let Some((given, phase)) = self.given.take() {
             self.look(config, seen, given, phase);
         }
@@ -289,7 +289,7 @@ impl Tune {
         }
         if there {
             match self.step {
-                Step::Return => return Wish::End,
+                Step::Return => return Demand::End,
                 Step::Measure => {
                     self.strokes = self.strokes.saturating_add(1);
                     self.down = !self.down;
@@ -301,7 +301,7 @@ impl Tune {
                 _ => self.step = Step::Measure,
             }
         }
-        Wish::Follow(segment, duty)
+        Demand::Follow(segment, duty)
     }
 
     /// The next sample of the sine.

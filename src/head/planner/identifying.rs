@@ -4,7 +4,7 @@ use super::Planner;
 use crate::head::Status;
 use crate::head::command::Refused;
 use crate::head::fault::Fault;
-use crate::head::identify::{Identify, Seen, Summed, Wish};
+use crate::head::identify::{Demand, Identify, Seen, Summed};
 use crate::head::reaction::Motion;
 use crate::head::state::{Reason, State};
 use crate::head::tune::{Point, Tune};
@@ -91,28 +91,28 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let from = self.segment();
         let Status { position, velocity, duty, saturated, following, late_plans: late, .. } = self.status;
         let seen = Seen { from, position, velocity, duty, saturated, following, ticks: self.ticks, late };
-        let wish = match (&mut self.identify, &mut self.tune) {
+        let demand = match (&mut self.identify, &mut self.tune) {
             (Some(identify), _) => identify.plan(&self.config.identify, &seen, &self.watched.row),
             (_, Some(tune)) => tune.plan(&self.config.tune, &seen),
-            _ => Wish::End,
+            _ => Demand::End,
         };
-        match wish {
-            Wish::Follow(segment, duty) => {
+        match demand {
+            Demand::Follow(segment, duty) => {
                 let gain = (segment.velocity.0 - from.velocity.0) / (self.ticks as f32 * TICK_S);
                 Motion::Jump(segment, duty + self.config.axis.plant.accelerating(gain))
             }
-            Wish::Duty(duty) => {
+            Demand::Duty(duty) => {
                 if self.status.closed {
                     // Whatever comes between closes the loop where the axis is then.
                     self.restart_path();
                 }
                 Motion::Duty(duty)
             }
-            Wish::Stuck => {
+            Demand::Stuck => {
                 self.raise(Fault::EncoderLost);
                 self.react()
             }
-            Wish::End => {
+            Demand::End => {
                 let reason = if self.tune.is_some() { Reason::Tuned } else { Reason::Identified };
                 self.enter(State::Ready, reason);
                 Motion::Axis(TrajectorySegment { from: self.segment().from, ..TrajectorySegment::default() })

@@ -3,7 +3,7 @@
 use super::Planner;
 use crate::head::command::Refused;
 use crate::head::orbit::{Config, Orbit};
-use crate::path::{Path, Refused as Unfit};
+use crate::path::{self, Path};
 use crate::units::{Fixed, Nanometres};
 use core::ops::DerefMut;
 
@@ -34,7 +34,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         while !over && pieces > 0 && self.route.waiting() < AHEAD {
             pieces = pieces.saturating_sub(1);
             over = match orbit.next() {
-                Some(piece) => !matches!(self.route.append(&piece), Ok(()) | Err(Unfit::NoLength)),
+                Some(piece) => !matches!(self.route.append(&piece), Ok(()) | Err(path::Refused::NoLength)),
                 None => {
                     pieces = 0;
                     self.route.waiting() == 0
