@@ -1,4 +1,4 @@
-//! The path as a host sees it: lines, arcs and helices, gone along and back.
+//! The path as a host sees it: lines, arcs and helices, followed forward and back.
 
 use edm_servo_head::path::{
     AHEAD, AXES, Bound, INCONSISTENCY, Path, Piece, Plane, Point, RADII, REACH, Refused, Shape, Turn,
@@ -271,7 +271,7 @@ proptest! {
         prop_assert!(exact.off_circle(at) <= 0.1, "{} um", exact.off_circle(at));
     }
 
-    /// Nothing of what a host may give makes it panic, and what it takes can be gone along and back.
+    /// Nothing of what a host may give makes it panic, and what it takes can be followed forward and back.
     #[test]
     fn any_piece_is_taken_or_refused(
         pieces in prop::collection::vec((any::<[i32; 3]>(), any::<[i32; 2]>(), 0u8..7, any::<[bool; 2]>()), 1..20),

@@ -97,7 +97,7 @@ fn a_retreat_runs_the_orbit_backward_through_the_same_set_points() {
             last = s;
             let [down, x, y] = place(&bench);
             if shape == OrbitShape::Circle && (1.0..DEPTH - 1.0).contains(&down) {
-                // One place of the helix, whichever way it is gone along.
+                // One place of the helix, in feed and in retreat.
                 let turns = y.atan2(x) / core::f64::consts::TAU;
                 let off = down / PITCH - turns;
                 assert!((off - off.round()).abs() < 0.01 && (x.hypot(y) - RADIUS).abs() < 0.05, "{down} {x} {y}");

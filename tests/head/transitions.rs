@@ -121,7 +121,7 @@ fn the_table_of_transitions_is_what_heads_do() {
             note(&mut bench, &mut seen);
         }
     }
-    // Ends that take a path which is gone along to its last count, with and without a lift.
+    // Ends that take a path followed to its last count, with and without a lift.
     for (lift, spark_out, through) in [(0.0, 0.0, 0.0), (0.0, 500.0, 0.0), (0.0, 5000.0, 0.0), (0.0, 0.0, 10.0)] {
         for lift in [lift, 300.0] {
             for disable in [false, true] {
