@@ -15,20 +15,25 @@ const CRC_CR: usize = 0x4002_3008;
 const AHB1ENR: usize = 0x4002_3830;
 const CRC_CLOCK: u32 = 1 << 12;
 
-const PG: u32 = 1;
-const SER: u32 = 1 << 1;
+/// FLASH_CR and FLASH_SR (RM0090 3.9): programming.
+pub const PG: u32 = 1;
+/// Erase of a sector.
+pub const SER: u32 = 1 << 1;
 /// Words of 32 bits.
-const PSIZE: u32 = 0b10 << 8;
-const START: u32 = 1 << 16;
-const LOCK: u32 = 1 << 31;
+pub const PSIZE: u32 = 0b10 << 8;
+/// Start of an erase.
+pub const START: u32 = 1 << 16;
+/// The registers are locked.
+pub const LOCK: u32 = 1 << 31;
 /// Alignment, parallelism, sequence, protection, operation.
-const ERRORS: u32 = 0xF2;
-const BUSY: u32 = 1 << 16;
+pub const ERRORS: u32 = 0xF2;
+/// Erasing or programming.
+pub const BUSY: u32 = 1 << 16;
 /// Data cache: enabled, and reset.
 const CACHE: u32 = 1 << 10;
 const CACHE_RESET: u32 = 1 << 12;
 /// Polls of a busy flash: each stalls until it answers, so that even an erase takes few.
-const POLLS: u32 = 1 << 24;
+pub const POLLS: u32 = 1 << 24;
 
 fn get(address: usize) -> u32 {
     // SAFETY: a register of this module, or a word of the flash: always there, and reading it changes nothing.

@@ -9,6 +9,7 @@ use super::pac;
 use super::{change, put};
 use crate::storage::{ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use core::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use edm_boot::chip::{BUSY, ERRORS, LOCK, PG, POLLS, PSIZE, SER, START};
 
 /// First of the two sectors; memory.x keeps the program out of them.
 const FIRST_SECTOR: u32 = 1;
@@ -16,18 +17,6 @@ const FIRST_SECTOR: u32 = 1;
 const SECTOR: u32 = 16 * 1024;
 const BASE: usize = 0x0800_0000 + (FIRST_SECTOR * SECTOR) as usize;
 const SIZE: usize = 2 * SECTOR as usize;
-
-const PG: u32 = 1;
-const SER: u32 = 1 << 1;
-/// Words of 32 bits.
-const PSIZE: u32 = 0b10 << 8;
-const START: u32 = 1 << 16;
-const LOCK: u32 = 1 << 31;
-/// Alignment, parallelism, sequence, protection, operation.
-const ERRORS: u32 = 0xF2;
-const BUSY: u32 = 1 << 16;
-/// Polls of a busy flash: each stalls until it answers, so that even an erase takes few.
-const POLLS: u32 = 1 << 24;
 
 /// The caches are being emptied: the supervision, which comes between, does not look at their register then.
 static CACHES_CHANGE: AtomicBool = AtomicBool::new(false);
