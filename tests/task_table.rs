@@ -62,7 +62,7 @@ fn sources(folder: &Path) -> Vec<(PathBuf, String)> {
 
 #[test]
 fn nothing_but_the_registers_is_unsafe() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let registers = root.join("hal-shim/src/stm32f4");
     for folder in ["src", "canopen", "runtime", "hal-shim/src", "host/sim", "host/xtask"] {
         for (path, text) in sources(&root.join(folder)) {
@@ -75,7 +75,7 @@ fn nothing_but_the_registers_is_unsafe() {
 
 #[test]
 fn no_register_is_waited_for_without_a_bound() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     for (path, text) in sources(&root.join("hal-shim/src/stm32f4")) {
         let endless = text.lines().filter(|line| {
             let line = line.trim_start();

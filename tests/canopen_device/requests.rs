@@ -671,7 +671,7 @@ fn whatever_is_asked_in_whatever_state_is_done_or_told() {
     let names: Vec<_> = SITUATIONS.iter().map(|(name, ..)| *name).collect();
     writeln!(page, "| request | {} |\n|{}", names.join(" | "), " --- |".repeat(names.len() + 1)).unwrap();
     writeln!(page, "{}", rows.join("\n")).unwrap();
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/requests.md");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/requests.md");
     if std::env::var_os("EDM_WRITE_DOCS").is_some() {
         std::fs::write(path, page).unwrap();
     } else {

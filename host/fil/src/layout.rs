@@ -13,8 +13,16 @@ type Slice<'a> = EndianSlice<'a, LittleEndian>;
 
 /// Size and fields of the requested types, and the numbers of the variants among them.
 pub struct Layout {
-    types: BTreeMap<String, (u64, BTreeMap<String, u64>)>,
+    types: BTreeMap<String, Type>,
     variants: BTreeMap<String, u64>,
+}
+
+/// A structure.
+struct Type {
+    size: u64,
+    fields: BTreeMap<String, u64>,
+    /// Where its numbers of four bytes are, those of the structures in it as well: never padding.
+    words: Vec<u32>,
 }
 
 impl Layout {
@@ -63,14 +71,19 @@ impl Layout {
                         let full = if wanted.contains(&bare.as_str()) { bare } else { full };
                         if wanted.contains(&full.as_str()) {
                             let size = entry.attr_value(gimli::DW_AT_byte_size).and_then(|v| v.udata_value());
-                            types.entry(full.clone()).or_insert((size.unwrap_or(0), BTreeMap::new()));
+                            if !types.contains_key(&full) {
+                                let mut words = Vec::new();
+                                numbers(&unit, entry.offset(), 0, &mut words)?;
+                                let (size, fields) = (size.unwrap_or(0), BTreeMap::new());
+                                types.insert(full.clone(), Type { size, fields, words });
+                            }
                             inside = Some((full, depth));
                         }
                     }
                     (gimli::DW_TAG_member, Some((full, d))) if depth == d + 1 => {
                         let at = entry.attr_value(gimli::DW_AT_data_member_location).and_then(|v| v.udata_value());
-                        if let (Some(at), Some((_, fields))) = (at, types.get_mut(full)) {
-                            fields.insert(name, at);
+                        if let (Some(at), Some(found)) = (at, types.get_mut(full)) {
+                            found.fields.insert(name, at);
                         }
                     }
                     _ => (),
@@ -88,8 +101,13 @@ impl Layout {
     /// # Errors
     /// When there is no such field.
     pub fn offset(&self, of: &str, field: &str) -> Result<u32> {
-        let at = self.types.get(of).and_then(|(_, fields)| fields.get(field));
+        let at = self.types.get(of).and_then(|found| found.fields.get(field));
         Ok(*at.with_context(|| format!("{of} has no field {field}"))? as u32)
+    }
+
+    /// Places of the numbers of four bytes in a type, in bytes from its first, ascending; none of an unknown type.
+    pub fn words(&self, of: &str) -> &[u32] {
+        self.types.get(of).map_or(&[], |found| &found.words)
     }
 
     /// Number of a variant, by the path of its own type: the first word of a value of the enumeration.
@@ -105,7 +123,7 @@ impl Layout {
     /// # Errors
     /// The first difference.
     pub fn same(&self, of: &str, size: usize, fields: &[(&str, usize)]) -> Result<()> {
-        let there = self.types.get(of).map(|t| t.0);
+        let there = self.types.get(of).map(|found| found.size);
         if there != Some(size as u64) {
             bail!("{of} has {size} bytes here and {there:?} in the firmware");
         }
@@ -117,6 +135,33 @@ impl Layout {
         }
         Ok(())
     }
+}
+
+/// Adds the places of the numbers of four bytes in the structure at `offset`, which lies `base` bytes behind the first.
+fn numbers(unit: &Unit<Slice<'_>>, offset: gimli::UnitOffset, base: u64, words: &mut Vec<u32>) -> Result<()> {
+    let mut tree = unit.entries_tree(Some(offset))?;
+    let mut children = tree.root()?.children();
+    while let Some(child) = children.next()? {
+        let member = child.entry();
+        let at = member.attr_value(gimli::DW_AT_data_member_location).and_then(|value| value.udata_value());
+        let (Some(at), Some(AttributeValue::UnitRef(of))) = (at, member.attr_value(gimli::DW_AT_type)) else {
+            continue;
+        };
+        let of = unit.entry(of)?;
+        match of.tag() {
+            gimli::DW_TAG_structure_type => numbers(unit, of.offset(), base + at, words)?,
+            gimli::DW_TAG_base_type
+                if of.attr_value(gimli::DW_AT_byte_size).and_then(|size| size.udata_value()) == Some(4) =>
+            {
+                words.push((base + at) as u32);
+            }
+            _ => (),
+        }
+    }
+    if base == 0 {
+        words.sort_unstable();
+    }
+    Ok(())
 }
 
 fn name<'a>(

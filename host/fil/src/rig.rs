@@ -572,11 +572,11 @@ impl Emulated {
         Ok(true)
     }
 
-    /// Where the tasks keep the settings that they run: whose, first address, bytes.
+    /// Where the tasks keep the numbers that they run: whose, and the address of each setting of four bytes.
     ///
     /// # Errors
     /// When there is no memory.
-    pub fn settings_in_use(&mut self) -> Result<[(&'static str, u32, u32); 4]> {
+    pub fn settings_in_use(&mut self) -> Result<[(&'static str, Vec<u32>); 4]> {
         self.places.settings_in_use(&self.machine.soc().memory)
     }
 

@@ -29,6 +29,7 @@ use std::mem::{offset_of, size_of};
 
 const PLANNER: &str = "edm_servo_head::head::planner::Planner";
 const FOLLOWER: &str = "edm_servo_head::head::follow::Follower";
+const FOLLOW: &str = "edm_servo_head::head::follow::FollowConfig";
 const PLAN: &str = "edm_servo_head::head::plan::Plan";
 const ESTIMATOR: &str = "edm_servo_head::head::estimate::Estimator";
 const POSITION: &str = "edm_servo_head::encoder::position::Position";
@@ -134,6 +135,8 @@ pub struct Places {
     /// Settings of the follower, and of the gap task.
     follower: u32,
     gap: u32,
+    /// Places of the numbers among the settings of the follower, the supervision and the gap task, from their first byte.
+    settings: [Vec<u32>; 3],
     /// Which slot the servo task has its gap reading from.
     reading: u32,
     /// Tick that the supervision has monitored last.
@@ -183,6 +186,7 @@ impl Places {
         let mut wanted = vec![
             PLANNER,
             FOLLOWER,
+            FOLLOW,
             PLAN,
             ESTIMATOR,
             POSITION,
@@ -316,6 +320,7 @@ impl Places {
                 + layout.offset(GAP, "source")?
                 + layout.offset(SOURCE, "active")?
                 + layout.offset(ACTIVE, "short")?,
+            settings: [FOLLOW, LIMITS, ACTIVE].map(|of| layout.words(of).to_vec()),
             follower: follower + layout.offset(FOLLOWER, "config")?,
             gap: symbol("app", "__rtic_internal_local_resource_gap")?
                 + layout.offset(GAP, "source")?
@@ -406,19 +411,20 @@ impl Places {
         })
     }
 
-    /// Where the tasks keep the settings that they run: whose, first address, bytes.
+    /// Where the tasks keep the numbers that they run: whose, and the address of each setting of four bytes.
     ///
     /// # Errors
     /// When there is no memory.
-    pub fn settings_in_use(&self, memory: &Memory) -> Result<[(&'static str, u32, u32); 4]> {
+    pub fn settings_in_use(&self, memory: &Memory) -> Result<[(&'static str, Vec<u32>); 4]> {
         let (slot, behind) = self.limits;
         let slot = View::new(memory, slot).word(0)?;
-        let limits = size_of::<SupervisionLimits>() as u32;
+        let [follower, limits, gap] = &self.settings;
+        let at = |base: u32, words: &[u32]| words.iter().map(|word| base + word).collect();
         Ok([
-            ("servo tick", self.follower, size_of::<edm_servo_head::head::FollowConfig>() as u32),
-            ("planner", self.head_limits, limits),
-            ("supervision", slot + behind, limits),
-            ("gap task", self.gap, size_of::<edm_servo_head::gap::voltage::Active>() as u32),
+            ("servo tick", at(self.follower, follower)),
+            ("planner", at(self.head_limits, limits)),
+            ("supervision", at(slot + behind, limits)),
+            ("gap task", at(self.gap, gap)),
         ])
     }
 

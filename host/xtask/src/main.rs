@@ -36,8 +36,11 @@ enum Task {
         #[arg(long)]
         check: bool,
     },
-    /// Builds the firmware for both boards, prints its sizes and checks that a chip would start it.
-    Firmware,
+    /// Builds the firmware for every board, or for one, prints its sizes and checks that a chip would start it.
+    Firmware {
+        /// Feature of the board
+        feature: Option<String>,
+    },
     /// Links the firmware in an environment that sets RUSTFLAGS, and checks that a chip would start it.
     Link,
     /// Builds and seals the image of a board and has cargo-embed program it: `cargo flash-head`.
@@ -76,7 +79,7 @@ fn main() -> ExitCode {
             .and_then(|()| links::check(&root).map(|said| println!("{said}")))
             .and_then(|()| released::check(&root).map(|said| println!("{said}")))
             .map(done),
-        Task::Firmware => firmware::run(&root).map(done),
+        Task::Firmware { feature } => firmware::run(&root, feature.as_deref()).map(done),
         Task::Link => firmware::link(&root).map(done),
         Task::Flash { feature, section, arguments } => flash::embed(&root, &feature, &section, &arguments),
         Task::Sealed { arguments } => flash::sealed(&root, &arguments),

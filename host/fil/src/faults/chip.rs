@@ -355,8 +355,8 @@ pub fn stored(cases: &mut Vec<Case>) {
     );
 }
 
-/// Bits that flip in the settings that tasks run: word, as a share of all, and bit. One of a small mantissa bit, of a large
-/// one, of the exponent and the sign, spread over the words.
+/// Bits that flip in the settings that tasks run: number, as a share of all, and bit. One of a small mantissa bit, of a large
+/// one, of the exponent and the sign, spread over the numbers.
 const FLIPS: [(f32, u32); 4] = [(0.1, 30), (0.35, 22), (0.6, 31), (0.85, 12)];
 
 /// Bits of the settings and of the code in RAM.
@@ -373,12 +373,12 @@ pub fn flips(cases: &mut Vec<Case>) {
     );
     for (i, name) in ["servo tick", "planner", "supervision", "gap task"].into_iter().enumerate() {
         for (share, bit) in FLIPS {
-            let title = format!("settings of the {name} in RAM: bit {bit} of the word at {:.0} %", 100.0 * share);
+            let title = format!("settings of the {name} in RAM: bit {bit} of the number at {:.0} %", 100.0 * share);
             cases.push(
                 Case::new(title, Eroding, Named(&["settings damaged"], STANDS_US), move |stage| {
                     let areas = stage.rig.settings_in_use()?;
-                    let (_, base, bytes) = *areas.get(i).context("no such settings")?;
-                    let at = base / 4 * 4 + (bytes as f32 * share) as u32 / 4 * 4;
+                    let (_, numbers) = areas.get(i).context("no such settings")?;
+                    let at = *numbers.get((numbers.len() as f32 * share) as usize).context("no such number")?;
                     let ram = stage.rig.machine_mut().soc().memory.ram(at);
                     let word = ram.load(at, 4).context("no memory")?;
                     ram.store(at, 4, word ^ 1 << bit).context("no memory")

@@ -8,6 +8,7 @@ use edm_fil::machine::Machine;
 use edm_fil::still::Still;
 use edm_hal_shim::gap_filter;
 use edm_soc::TICK_HZ;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
@@ -16,20 +17,28 @@ const RESULT: u32 = 0x2000_0000;
 const SCENARIO: u32 = 0x2000_00f0;
 const MS: u64 = TICK_HZ / 1000;
 
-/// Builds the test firmware once.
+/// Builds the test firmware unless it is newer than its sources: each test may be a process of its own.
 fn firmware() -> &'static Path {
     static ELF: OnceLock<PathBuf> = OnceLock::new();
     ELF.get_or_init(|| {
         let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/firmware");
         let elf = Path::new(env!("CARGO_TARGET_TMPDIR")).join("traps.elf");
+        let lock = File::create(elf.with_extension("lock")).expect("a file for the lock");
+        lock.lock().expect("one process builds at a time");
+        let changed = |path: &Path| path.metadata().and_then(|data| data.modified()).ok();
+        let mut files = sources.read_dir().expect("the sources").map(|file| file.expect("a source").path());
+        if files.all(|file| changed(&file) < changed(&elf)) {
+            return elf;
+        }
         let status = Command::new("rustc")
             .args(["--edition", "2024", "--target", "thumbv7em-none-eabihf", "-Copt-level=2", "-Cpanic=abort"])
             .arg(format!("-Clink-arg=-T{}", sources.join("link.x").display()))
             .arg("-o")
-            .args([&elf, &sources.join("traps.rs")])
+            .args([&elf.with_extension("part"), &sources.join("traps.rs")])
             .status()
             .expect("rustc runs");
         assert!(status.success(), "the test firmware does not build");
+        fs::rename(elf.with_extension("part"), &elf).expect("whole or not at all");
         elf
     })
 }

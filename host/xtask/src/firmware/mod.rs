@@ -40,10 +40,21 @@ const SHARED: std::ops::Range<u64> = RAM_END as u64..(RAM_END + board::SHARED) a
 /// Code that runs from RAM; its bytes are in flash as well.
 const FAST: std::ops::Range<u64> = board::FAST as u64..board::FAST as u64 + STACK_GUARD as u64;
 
-/// Builds, checks and reports every board. The images are left in `firmware/` of the target directory, a name each.
-pub fn run(root: &Path) -> Result<(), String> {
+/// Builds, checks and reports every board, or the one that has the feature `only`. The images are left in `firmware/` of the
+/// target directory, a name each.
+///
+/// # Errors
+/// An image that does not build or that a check refuses; a feature that no board has.
+pub fn run(root: &Path, only: Option<&str>) -> Result<(), String> {
     let root = root.canonicalize().map_err(|e| e.to_string())?;
+    if let Some(only) = only.filter(|only| BOARDS.iter().all(|(feature, _)| feature != only)) {
+        let features: Vec<_> = BOARDS.iter().map(|(feature, _)| *feature).collect();
+        return Err(format!("no board has the feature {only}; boards: {}", features.join(", ")));
+    }
     for (feature, Table { name, .. }) in BOARDS {
+        if only.is_some_and(|only| only != *feature) {
+            continue;
+        }
         let elf = build(&root, feature)?;
         let data = std::fs::read(&elf).map_err(|e| format!("{}: {e}", elf.display()))?;
         let file = object::File::parse(&*data).map_err(|e| e.to_string())?;
