@@ -145,10 +145,13 @@ mod tests {
         }
     }
 
-    /// The next frame within ten seconds.
+    /// Time after which a test hangs.
+    const HANGS: Duration = Duration::from_secs(300);
+
+    /// The next frame, unless it hangs.
     fn next(mailbox: &Mailbox) -> Option<crate::Frame> {
         let mut frames = Vec::new();
-        let end = Instant::now() + Duration::from_secs(10);
+        let end = Instant::now() + HANGS;
         while frames.is_empty() && Instant::now() < end {
             mailbox.wait(end);
             mailbox.take(&mut frames);
@@ -191,7 +194,7 @@ mod tests {
             .collect();
         assert!(joined.iter().all(|connection| !connection.lost()));
         drop((listeners, serial));
-        let end = Instant::now() + Duration::from_secs(10);
+        let end = Instant::now() + HANGS;
         while !joined[..2].iter().all(Joined::lost) && Instant::now() < end {
             std::thread::yield_now();
         }
