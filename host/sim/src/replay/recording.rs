@@ -58,7 +58,15 @@ impl Recording {
     /// What is wrong, with the number of the line.
     pub fn read(path: &Path, channels: &Channels) -> Result<Recording, String> {
         let file = File::open(path).map_err(|error| format!("cannot be read: {error}"))?;
-        let (mut file, mut line, mut text) = (BufReader::new(file), 0, Vec::new());
+        Self::read_from(file, channels)
+    }
+
+    /// Reads a recording from a stream of its bytes, and of a line that is too long no more than shows it and a buffer.
+    ///
+    /// # Errors
+    /// As for [`Recording::read`].
+    pub fn read_from(bytes: impl Read, channels: &Channels) -> Result<Recording, String> {
+        let (mut file, mut line, mut text) = (BufReader::new(bytes), 0, Vec::new());
         // A reader of CSV passes over empty lines without counting them.
         let rows = std::iter::from_fn(|| {
             loop {
