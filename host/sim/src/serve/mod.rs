@@ -63,7 +63,7 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
     say(&format!("{title}\n\n  {}\n\nCtrl-C stops the program.\n", open.lines.join("\n  ")));
 
     let start = Instant::now();
-    let mut real_time = RealTime::new(start, speed);
+    let (mut real_time, mut looked) = (RealTime::new(start, speed), start);
     let (mut ticks, mut lost_s, mut complained) = (0u64, 0.0, None::<Instant>);
     loop {
         // Asked before the lines are read: those typed before the end are still obeyed.
@@ -74,7 +74,8 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
         if stopped {
             break;
         }
-        let due = real_time.due(Instant::now());
+        looked = Instant::now();
+        let due = real_time.due(looked);
         for _ in 0..due.ticks {
             mailbox.take(&mut came);
             plant.tick(&came, &mut sent).map_err(Failure::Failed)?;
@@ -89,7 +90,7 @@ pub fn run(title: &str, links: &Links, speed: f64, plant: &mut impl Plant) -> Re
         }
         mailbox.wait(real_time.next(Instant::now()));
     }
-    let real_s = start.elapsed().as_secs_f64();
+    let real_s = looked.duration_since(start).as_secs_f64();
     let traffic = hub.traffic();
     let occupancy = 100.0 * traffic.occupancy(Default::default(), real_s, BIT_RATE);
     let simulated_s = ticks as f64 / f64::from(edm_servo_head::units::TICK_HZ);
