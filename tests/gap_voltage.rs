@@ -7,7 +7,6 @@ use edm_servo_head::gap::voltage::{Average, Config, Polarity};
 use edm_servo_head::gap::{GapReading, GapSource, Quality, Voltage};
 use edm_servo_head::units::{Hertz, Seconds, Volts};
 use proptest::prelude::*;
-use proptest::test_runner::RngSeed;
 
 /// Ticks after which every filter has come to rest.
 const SETTLED: usize = 40_000;
@@ -306,7 +305,7 @@ fn event() -> impl Strategy<Value = Event> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: RngSeed::Fixed(3), failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn no_sequence_of_codes_gates_and_settings_makes_a_reading_that_is_no_number(

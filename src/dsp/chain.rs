@@ -231,7 +231,6 @@ mod tests {
     use super::*;
     use crate::units::TICK_HZ;
     use proptest::prelude::*;
-    use proptest::test_runner::RngSeed;
     use std::vec::Vec;
 
     const CORNERS: [f32; 7] = [20.0, 67.0, 89.0, 100.0, 195.0, 200.0, 2000.0];
@@ -381,8 +380,6 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { rng_seed: RngSeed::Fixed(3), ..ProptestConfig::default() })]
-
         #[test]
         fn no_sequence_of_codes_and_changes_drives_the_output_away(
             runs in prop::collection::vec((0..21_usize, any::<bool>(), prop::collection::vec(any::<u16>(), 1..400)), 1..12),
