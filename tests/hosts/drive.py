@@ -1,12 +1,14 @@
 """A head as python canopen sees it: the network, the drive, what both tests and examples do with them."""
 
 import subprocess
-import time
 
 import canopen
 from canopen.profiles.p402 import BaseNode402
 
-from heads import PROGRAMS, eventually
+from heads import HANGS, PROGRAMS, eventually
+
+# Simulated time from a heartbeat to the next, ms.
+BEAT_MS = 10
 
 
 def eds(folder):
@@ -24,24 +26,36 @@ class Host:
         self.network.connect()
         self.drive = BaseNode402(node, description)
         self.network.add_node(self.drive)
-        # A loaded computer lets simulated time go more slowly than its clock: nothing here is about how long an answer takes.
-        self.drive.sdo.RESPONSE_TIMEOUT = 10
-        for wait in ["RESET_FAULT", "SWITCH_OP_MODE", "SWITCH_STATE_FINAL", "SWITCH_STATE_SINGLE", "CHECK_TPDO"]:
-            setattr(self.drive, f"TIMEOUT_{wait}", 10)
+        # Nothing here is about how long an answer takes.
+        self.drive.sdo.RESPONSE_TIMEOUT = HANGS
+        for wait in ["SWITCH_OP_MODE", "SWITCH_STATE_FINAL", "SWITCH_STATE_SINGLE", "CHECK_TPDO"]:
+            setattr(self.drive, f"TIMEOUT_{wait}", HANGS)
+        # The library waits here for what it does afterwards.
+        self.drive.TIMEOUT_RESET_FAULT = 0
+        self.beats = 0
+        self.drive.nmt.add_heartbeat_callback(self._beat)
         self.emergencies = []
         self.drive.emcy.add_callback(lambda error: self.emergencies.append(error.code))
+
+    def _beat(self, _):
+        self.beats += 1
+
+    def sleep(self, seconds):
+        """Waits until so much simulated time has passed, which may go more slowly than that of a clock."""
+        until = self.beats + 1 + seconds * 1000 / BEAT_MS
+        eventually("simulated time passes", lambda: self.beats >= until)
 
     def boot(self):
         """Resets the node, and waits for its boot-up."""
         self.drive.nmt.state = "RESET"
-        self.drive.nmt.wait_for_bootup(5)
+        self.drive.nmt.wait_for_bootup(HANGS)
 
     def set_up(self):
         """Maps what the state machine needs, and goes operational."""
         drive = self.drive
         drive.nmt.state = "PRE-OPERATIONAL"
-        self.write(0x1017, 100)
-        drive.nmt.wait_for_heartbeat(5)
+        self.write(0x1017, BEAT_MS)
+        drive.nmt.wait_for_heartbeat(HANGS)
         drive.tpdo.read()
         drive.rpdo.read()
         for pdo in [*drive.tpdo.values(), *drive.rpdo.values()]:
@@ -83,7 +97,7 @@ class Host:
 
     def home(self, method=35):
         self.write(0x6098, method)
-        return self.drive.homing(timeout=20)
+        return self.drive.homing(timeout=HANGS)
 
     def move(self, target):
         """Profile position: new set point, acknowledged, reached."""
@@ -95,13 +109,10 @@ class Host:
         drive.controlword = 0x1F
         eventually("the set point is acknowledged", lambda: drive.statusword & 1 << 12)
         drive.controlword = 0x0F
-        eventually("the target is reached", lambda: drive.statusword & 1 << 10, 20)
+        eventually("the target is reached", lambda: drive.statusword & 1 << 10)
 
-    def stream(self, positions, period_s=0.01):
-        """Cyclic synchronous position: a set point and a SYNC each period; the positions that came back, one for each.
-
-        A loaded computer lets simulated time go more slowly than its clock: the next SYNC waits for the answer to the last.
-        """
+    def stream(self, positions):
+        """Cyclic synchronous position: a set point and a SYNC each heartbeat; the positions that came back, one for each."""
         drive = self.drive
         back = []
         drive.tpdo[2].add_callback(lambda pdo: back.append(pdo[0].raw))
@@ -111,15 +122,12 @@ class Host:
         eventually("an answer to the first SYNC", lambda: back)
         back.clear()
         drive.op_mode = "CYCLIC SYNCHRONOUS POSITION"
-        due = time.monotonic()
         for position in positions:
-            answered = len(back)
+            answered, beat = len(back), self.beats
             drive.rpdo[2][0].raw = position
             drive.rpdo[2].transmit()
             self.network.sync.transmit()
-            eventually("an answer to the SYNC", lambda: len(back) > answered)
-            due += period_s
-            time.sleep(max(0.0, due - time.monotonic()))
+            eventually("an answer to the SYNC, and the next heartbeat", lambda: len(back) > answered and self.beats > beat)
         return back
 
     def close(self):

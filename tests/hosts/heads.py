@@ -17,6 +17,10 @@ PROGRAMS = {
 }
 
 
+# Time after which a test hangs, s.
+HANGS = 300.0
+
+
 class Server:
     """A head, or several, with all ways onto its bus."""
 
@@ -37,17 +41,19 @@ class Server:
             if "Ctrl-C stops" in line:
                 break
         else:
-            listener.join(10)
+            listener.join(HANGS)
             raise RuntimeError("it did not start: " + "".join(self.complaints))
         self.tcp = re.search(r"socket://\S+", self.said)[0]
         self.socketcand = re.search(r"socketcand +(\S+):(\d+)", self.said).groups()
 
     def bus(self, link):
         """A program on the bus, by one of LINKS."""
-        if link == "slcan-tcp":
-            return can.Bus(interface="slcan", channel=self.tcp, bitrate=1_000_000, sleep_after_open=0)
-        if link == "slcan-pty":
-            return can.Bus(interface="slcan", channel=self.pty, bitrate=1_000_000, sleep_after_open=0)
+        if link.startswith("slcan"):
+            channel = self.tcp if link == "slcan-tcp" else self.pty
+            bus = can.Bus(interface="slcan", channel=channel, bitrate=1_000_000, sleep_after_open=0)
+            # What answers has been opened.
+            assert bus.get_version(HANGS) != (None, None)
+            return bus
         host, port = self.socketcand
         return can.Bus(interface="socketcand", channel="can0", host=host, port=int(port), tcp_tune=True)
 
@@ -61,14 +67,14 @@ class Server:
         if self.process.poll() is None:
             self.process.stdin.close()
         last = self.process.stdout.read()
-        assert self.process.wait(10) == 0, "".join(self.complaints)
+        assert self.process.wait(HANGS) == 0, "".join(self.complaints)
         return last
 
 
-def eventually(what, done, seconds=5.0):
+def eventually(what, done):
     """Waits until `done` gives something, and gives it back."""
-    end = time.monotonic() + seconds
+    end = time.monotonic() + HANGS
     while not (found := done()):
-        assert time.monotonic() < end, f"not within {seconds} s: {what}"
+        assert time.monotonic() < end, f"never: {what}"
         time.sleep(0.001)
     return found

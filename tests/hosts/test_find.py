@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from heads import Server
+from heads import HANGS, Server
 
 sys.path.append(str(pathlib.Path(__file__).parents[2] / "examples"))
 
@@ -64,7 +64,7 @@ def test_a_place_without_an_edge_or_without_work_is_said(head_and_table):
 def test_the_program_moves_another_drive_between_the_touches(tmp_path):
     server = Server(tmp_path, "--nodes", "2")
     words = [sys.executable, find.__file__, "edge", "--channel", server.tcp, "--right-mm", "1"]
-    ended = subprocess.run(words, capture_output=True, text=True, timeout=60)
+    ended = subprocess.run(words, capture_output=True, text=True, timeout=HANGS)
     # The work of a virtual head is endless.
     assert "at 1 mm there is work as well" in ended.stderr and "the head is disabled" in ended.stdout
     server.stop()

@@ -8,7 +8,7 @@ import types
 
 import can
 
-from heads import Server, eventually
+from heads import HANGS, Server, eventually
 
 FOLDER = pathlib.Path(__file__).parents[2] / "examples" / "linuxcnc"
 # The module of HAL comes with LinuxCNC; the component's classes need nothing of it but pins by name.
@@ -83,28 +83,28 @@ class Cnc:
     def __enter__(self):
         self.pins["feed"] = self.FEED
         self.thread.start()
-        eventually("the component is ready", lambda: self.pins.is_ready, 10)
+        eventually("the component is ready", lambda: self.pins.is_ready)
         self.pins["close"] = True
-        eventually("the loop is closed", lambda: not self.pins["fault"], 20)
+        eventually("the loop is closed", lambda: not self.pins["fault"])
         self.pins["enable"] = True
-        eventually("it follows", lambda: not self.pins["inhibit"], 10)
+        eventually("it follows", lambda: not self.pins["inhibit"])
         return self
 
     def __exit__(self, *_):
         self.ends = True
-        self.thread.join(20)
+        self.thread.join(HANGS)
         assert not self.thread.is_alive()
 
-    def go(self, z, seconds=20):
+    def go(self, z):
         """G0, or G1 by the gap."""
         self.target = z
-        eventually(f"Z {z}", lambda: self.z == z or self.pins["fault"], seconds)
+        eventually(f"Z {z}", lambda: self.z == z or self.pins["fault"])
         assert not self.pins["fault"]
 
     def switch(self, pulses):
         """M3 or M5."""
         self.pins["pulses"] = pulses
-        eventually("pulses", lambda: bool(self.pins["pulses-on"]) == pulses, 10)
+        eventually("pulses", lambda: bool(self.pins["pulses-on"]) == pulses)
 
 
 def test_it_bores_by_the_feed_of_the_gap_and_a_retreat_is_no_following_error(tmp_path):
@@ -118,10 +118,10 @@ def test_it_bores_by_the_feed_of_the_gap_and_a_retreat_is_no_following_error(tmp
         eventually("it retreats", lambda: cnc.pins["retreating"])
         eventually("it is far away", lambda: cnc.pins["retreat-most"] > 0.2)
         server.tell("gap.short=false")
-        eventually("it is back", lambda: not cnc.pins["retreating"], 10)
+        eventually("it is back", lambda: not cnc.pins["retreating"])
         assert cnc.error > 0.2 and cnc.deviation < 0.05, (cnc.error, cnc.deviation)
         eventually("it is counted", lambda: cnc.pins["long-retreats"] == 1)
-        cnc.go(-2.02, 60)
+        cnc.go(-2.02)
         eventually("it is deep", lambda: abs(cnc.pins["deepest"] + 2.02) <= 0.002)
         # M5 in the middle of another retreat: it comes back without pulses.
         cnc.deviation = 0.0
@@ -142,7 +142,7 @@ def test_a_touch_tells_the_surface_and_comes_back(tmp_path):
         eventually("it has come", lambda: abs(cnc.pins["z-fb"] + 1.5) < 0.003)
         cnc.deviation = 0.0
         cnc.pins["touch"] = True
-        eventually("it has touched", lambda: cnc.pins["touched"], 20)
+        eventually("it has touched", lambda: cnc.pins["touched"])
         cnc.pins["touch"] = False
         assert abs(cnc.pins["surface"] + 2) < 0.01
         eventually("it is back", lambda: abs(cnc.pins["z-fb"] + 1.5) < 0.003)
@@ -160,7 +160,7 @@ def test_a_fault_of_the_head_is_one_of_its_amplifier_and_ends_with_the_cause(tmp
         eventually("it has been off", lambda: not cnc.pins["holds"])
         eventually("the reaction has ended", lambda: cnc.machine.head.status & 0x4F == 0x08)
         cnc.pins["close"] = True
-        eventually("the loop is closed anew", lambda: not cnc.pins["fault"], 20)
+        eventually("the loop is closed anew", lambda: not cnc.pins["fault"])
     server.stop()
 
 
@@ -171,13 +171,13 @@ def test_a_coarse_axis_carries_the_head_down_and_up_again(tmp_path):
         cnc.go(-0.4)
         cnc.switch(True)
         cnc.adaptive = True
-        cnc.go(-0.65, 90)
+        cnc.go(-0.65)
         cnc.switch(False)
         cnc.adaptive = False
         # At the end of the head's stroke once; its place and that of the coarse axis are the electrode's.
         assert cnc.pins["moves"] == 1 and abs(cnc.pins["w-fb"] + 0.3) <= 0.002
         assert abs(cnc.pins["deepest"] + 0.65) <= 0.003 and cnc.pins["z-fb"] > -0.6
         cnc.go(-0.1)
-        eventually("the coarse axis is at its home", lambda: abs(cnc.pins["w-fb"]) <= 0.002, 20)
+        eventually("the coarse axis is at its home", lambda: abs(cnc.pins["w-fb"]) <= 0.002)
         assert cnc.pins["moves"] == 2
     server.stop()

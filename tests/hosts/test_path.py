@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from heads import Server
+from heads import HANGS, Server
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 sys.path.append(str(EXAMPLES))
@@ -102,7 +102,7 @@ def test_what_is_wrong_is_named_with_line_and_word(program, says):
 
 def orbit(*words):
     words = [sys.executable, EXAMPLES / "orbit.py", *words]
-    return subprocess.run(words, capture_output=True, text=True, timeout=60)
+    return subprocess.run(words, capture_output=True, text=True, timeout=HANGS)
 
 
 @pytest.mark.parametrize("shape", ["circle", "square", "sphere"])
@@ -144,7 +144,7 @@ def test_an_orbit_that_cannot_be_says_why(words, says):
 
 def eroded(server, *words):
     words = [sys.executable, EXAMPLES / "path.py", "--channel", server.tcp, *words]
-    return subprocess.run(words, capture_output=True, text=True, timeout=180)
+    return subprocess.run(words, capture_output=True, text=True, timeout=HANGS)
 
 
 def test_a_head_erodes_along_a_program_to_its_end(tmp_path):
