@@ -69,6 +69,10 @@ let measured_at = null;
 let bus_lost = null, again_s = 30, retaken = false;
 // Whether the head is homed, and a hole that waits in it is offered.
 let homed = null, offered = false;
+// The activity in progress, { node, what }: whose it is whichever head is chosen.
+let run = null;
+// Heads of the last scan: who they are, by node.
+let heads = new Map();
 // What was measured last, and when, by the id of its place.
 const measured = new Map();
 // Places of what a head measures.
@@ -170,6 +174,7 @@ function take(message) {
     commander = message.welcome.commander;
     again_s = message.welcome.again_s;
     bus_is_lost(message.welcome.bus_lost);
+    run_is(message.welcome.run);
     take_again();
     $("bus").textContent = bus;
     $("lost").hidden = bus_lost === null;
@@ -186,6 +191,8 @@ function take(message) {
     if (commander !== null && commander !== me) sessionStorage.removeItem("commanded");
     take_again();
     show();
+  } else if ("run" in message) {
+    run_is(message.run);
   } else if (message.sample) {
     does(message.sample);
     if (message.sample.node === node) sample(message.sample, message.point);
@@ -259,6 +266,14 @@ function take_again() {
   ask({ do: "command", take: true }).catch(() => {}).finally(() => { retaken = false; });
 }
 
+// Whose activity is in progress stands above every view, and on the buttons that act on it.
+function run_is(now) {
+  run = now;
+  $("in-progress").hidden = run === null;
+  if (run) $("in-progress").firstElementChild.textContent = `In progress: ${run.what} of node ${run.node}.`;
+  show();
+}
+
 function bus_is_lost(since) {
   bus_lost = since;
   if (since === null) $("lost").hidden = true;
@@ -282,8 +297,9 @@ function say(view, text, bad = false) {
 }
 
 // What belongs to no view: the answer to a button of the header.
-function notice(text) {
+function notice(text, bad = false) {
   $("notice").firstElementChild.textContent = text;
+  $("notice").classList.toggle("bad", bad);
   $("notice").hidden = false;
 }
 
@@ -299,6 +315,12 @@ function show() {
     // A bus with new heads alone has none that is chosen.
     button.disabled = !mine || node === null && button.id !== "name";
   }
+  // Requests act on the head of the activity in progress; what moves a head by hand, only on the chosen one.
+  const other = run !== null && run.node !== node;
+  $("choose-run").hidden = !other || !heads.has(run.node);
+  $("whose").hidden = !other;
+  if (other) $("whose").textContent = `These buttons act on node ${run.node}; chosen is node ${node}.`;
+  for (const button of document.querySelectorAll("[data-step], #up-check")) button.disabled ||= other;
   // The program has its own.
   if (program.value.trim()) $("bore").elements.depth.disabled = true;
 }
@@ -323,12 +345,14 @@ async function scan() {
     return line;
   });
   $("found").replaceChildren(...list.length ? list : [item("li", "No node answers: check power and bit rate of the heads.")]);
-  const heads = found.filter((one) => one.identity);
+  const there = found.filter((one) => one.identity);
+  heads = new Map(there.map((one) => [one.node, one.identity]));
   // One that is switched on later is found without a hand.
-  name_nodes(heads.map((one) => one.node));
-  if (!heads.length) again = setTimeout(scan, 3000);
-  for (const one of heads) does(one.now);
-  if (heads.length && !heads.some((one) => one.node === node)) choose_head(heads[0].node, heads[0].identity);
+  name_nodes([...heads.keys()]);
+  if (!there.length) again = setTimeout(scan, 3000);
+  for (const one of there) does(one.now);
+  if (there.length && !heads.has(node)) choose_head(there[0].node, there[0].identity);
+  show();
 }
 
 // What a head does, in the list of heads.
@@ -1017,15 +1041,34 @@ async function revert(gains) {
   if (await want({ do: "set", node, assignments }, "tune").catch(() => null)) say("tune", "The gains are as they were.");
 }
 
+// STOP of every head on the bus; each is named with what it is then.
 function stop() {
-  if (node !== null) want({ do: "stop", node }).then((now) => notice(`STOP: ${now.stopped}.`), () => {});
+  want({ do: "stop" }).then(({ stopped }) => {
+    const silent = stopped.filter((one) => !one.stopped).map((one) => `node ${one.node} ${one.now}`);
+    const all = stopped.map((one) => `node ${one.node}: ${one.now}`).join("; ");
+    notice(stopped.length ? `STOP: ${all}.` : "STOP: no head answers, none was stopped: switch them off at the machine.", silent.length > 0 || !stopped.length);
+  }, () => {});
 }
 
+// What text is typed in.
+const is_text = (place) => place instanceof HTMLTextAreaElement || place instanceof HTMLInputElement && !["checkbox", "radio", "file", "button", "submit"].includes(place.type);
+
 $("stop").onclick = stop;
+// What a text field had when it got the focus.
+let had = "";
+addEventListener("focusin", ({ target }) => { had = target.value; });
+// Esc is STOP, but in a text field: there it takes back what was typed, or clears a search, and leaves the field. The next one is STOP.
 addEventListener("keydown", (key) => {
   if (key.key === "Escape") {
     key.preventDefault();
-    stop();
+    if (!is_text(key.target)) return stop();
+    key.target.value = key.target.type === "search" ? "" : had;
+    key.target.dispatchEvent(new Event("input", { bubbles: true }));
+    key.target.blur();
+  } else if (key.key === "Enter" && key.target instanceof HTMLInputElement && is_text(key.target)) {
+    // Enter confirms what was typed; only a button moves a head.
+    key.preventDefault();
+    key.target.blur();
   }
 }, true);
 $("command").onclick = () => {
@@ -1038,6 +1081,7 @@ $("go-on").onclick = async () => {
 };
 setInterval(() => { if (bus_lost !== null) lost(); }, 1000);
 $("reset").onclick = () => want({ do: "reset", node }).catch(() => {});
+$("choose-run").onclick = () => choose_head(run.node, heads.get(run.node));
 $("seen").onclick = () => { $("notice").hidden = true; };
 $("scan").onclick = scan;
 $("name").onclick = async () => {
@@ -1142,7 +1186,7 @@ $("take-over").onclick = async () => {
 $("jog-begin").onclick = () => want({ do: "jog", node }, "run").catch(() => {});
 $("jog-end").onclick = () => want({ do: "end_jog" }, "run").catch(() => {});
 for (const button of document.querySelectorAll("[data-step]")) {
-  button.onclick = () => want({ do: "step", by_mm: Number(button.dataset.step) }, "run").catch(() => {});
+  button.onclick = () => want({ do: "step", node, by_mm: Number(button.dataset.step) }, "run").catch(() => {});
 }
 // What the head has stands in the empty fields.
 $("more").ontoggle = async () => {
@@ -1164,7 +1208,7 @@ $("snapshot").onclick = show_snapshot;
 $("log-kind").onchange = logged;
 $("log-word").oninput = logged;
 $("up-begin").onclick = () => want({ do: "bring_up", node }, "bring-up").catch(() => {});
-$("up-check").onclick = () => want({ do: "check", again: $("up-again").checked }, "bring-up").catch(() => {});
+$("up-check").onclick = () => want({ do: "check", node, again: $("up-again").checked }, "bring-up").catch(() => {});
 $("up-report").onclick = () => want({ do: "report" }, "bring-up").catch(() => {});
 $("search").oninput = list;
 $("changed").onchange = list;

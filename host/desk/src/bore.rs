@@ -642,7 +642,8 @@ impl Run<'_> {
             let mut request = self.requests.now();
             if request == Request::Go {
                 head.set(at::ERODE, 1)?;
-                if track.is_none() {
+                // Paused where it was, a head goes on along the path that it has: the same target again leads nowhere.
+                if track.is_none() && up {
                     head.start(target, &mut self.tick())?;
                 }
                 request = loop {

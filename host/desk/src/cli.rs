@@ -5,6 +5,7 @@ use crate::bore::{self, Hole, Outcome, Request, Requests, Run, Site, Touched, Wi
 use crate::bring_up::{self, BringUp, Check, Verdict};
 use crate::bus::SILENCE;
 use crate::common::{Common, say};
+use crate::deed::Deed;
 use crate::fast;
 use crate::found::{Found, find};
 use crate::gap;
@@ -17,6 +18,7 @@ use crate::scope::{self, Plan, Record};
 use crate::sdo::SdoError;
 use crate::settings::{self, Setting};
 use crate::sheet::{Kind, Sheet};
+use crate::stop::{self, Stopped};
 use crate::table;
 use crate::trace::{self, Recording};
 use crate::tune::{Accept, Tune};
@@ -25,6 +27,7 @@ use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use edm_technology::{File, Row};
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -115,7 +118,7 @@ enum Command {
         #[arg(long)]
         load: bool,
     },
-    /// Pulses off, hold, disable. This is not an emergency stop: use the switch at the machine
+    /// Pulses off, hold, disable: every head on the bus, whoever commands it. This is not an emergency stop: use the switch at the machine
     Stop,
     /// Resets a fault after its cause is gone
     Reset,
@@ -467,7 +470,7 @@ impl Cli {
             Command::Watch { seconds } => {
                 let end = end(*seconds);
                 let interrupted = interrupted(|| ())?;
-                let mut live = Live::new(&common.head(&sheet)?)?;
+                let mut live = Live::new(&common.head(&sheet, Deed::Reads)?)?;
                 while Instant::now() < end && !interrupted() {
                     let sample = live.sample()?;
                     common.say(&sample, || watched(&sample));
@@ -477,7 +480,7 @@ impl Cli {
             }
             Command::Gap { seconds } => {
                 let interrupted = interrupted(|| ())?;
-                let mut watch = gap::Watch::new(&common.head(&sheet)?);
+                let mut watch = gap::Watch::new(&common.head(&sheet, Deed::Reads)?);
                 let end = end(*seconds);
                 while Instant::now() < end && !interrupted() {
                     let gap = watch.look()?;
@@ -522,7 +525,7 @@ impl Cli {
             Command::Log { seconds, .. } => {
                 let end = end(*seconds);
                 let interrupted = interrupted(|| ())?;
-                let mut live = Live::new(&common.head(&sheet)?)?;
+                let mut live = Live::new(&common.head(&sheet, Deed::Reads)?)?;
                 let began = Event::now(0, EventKind::Program, String::new()).unix_ms;
                 while Instant::now() < end && !interrupted() {
                     live.sample()?;
@@ -542,9 +545,23 @@ impl Cli {
             Command::Bore(options) => common.bore(&sheet, options),
             Command::Table { file, load } => common.table(&sheet, file, *load),
             Command::Stop => {
-                let what = common.head(&sheet)?.stop()?;
-                common.say(&serde_json::json!({ "stopped": what }), || format!("{what}\n"));
-                Ok(())
+                let bus = common.join()?;
+                let all = stop::stop(&bus, &sheet, &BTreeSet::new(), |one| {
+                    if !common.json {
+                        say(&format!("{}\n", one.text()));
+                    }
+                });
+                common.say(&serde_json::json!({ "stopped": all }), String::new);
+                let mut missed: Vec<_> = all.iter().filter(|one| !one.stopped).map(Stopped::text).collect();
+                let named = common.node.filter(|node| all.iter().all(|one| one.node != *node));
+                missed.extend(named.map(|node| format!("node {node}: no head answers, it was not stopped")));
+                if all.is_empty() && missed.is_empty() {
+                    missed.push(format!("{}: no head answers, none was stopped", bus.connection()));
+                }
+                match missed.join("; ") {
+                    missed if missed.is_empty() => Ok(()),
+                    missed => Err(Failure::Failed(format!("{missed}: switch it off at the machine"))),
+                }
             }
             Command::Signals { word } => {
                 let word = word.as_deref().unwrap_or_default().to_lowercase();
@@ -612,7 +629,7 @@ impl Cli {
                 Ok(())
             }
             Command::Reset => {
-                let reset = common.head(&sheet)?.reset()?;
+                let reset = common.head(&sheet, Deed::Moves)?.reset()?;
                 common.say(&serde_json::json!({ "reset": reset }), || {
                     if reset { "the fault is reset\n".into() } else { "there was no fault to reset\n".into() }
                 });
@@ -627,8 +644,9 @@ impl Common {
         let object = sheet.named(name).map_err(Failure::BadInput)?;
         let address = object.address;
         let new = value.map(|text| object.parse(text)).transpose().map_err(Failure::BadInput)?;
-        let head = self.head(sheet)?;
-        if let Some(bytes) = new.and_then(|value| object.encode(&value)) {
+        let new = new.and_then(|value| object.encode(&value));
+        let head = self.head(sheet, new.as_ref().map_or(Deed::Reads, |bytes| Deed::of_writing(address, bytes)))?;
+        if let Some(bytes) = new {
             head.sdo.write(address, &bytes)?;
         }
         // A command cannot be read; a domain is long.
@@ -699,7 +717,13 @@ impl Common {
             }
             Settings::List { .. } | Settings::Export { .. } => (Vec::new(), false),
         };
-        let head = self.head(sheet)?;
+        let deed = match command {
+            Settings::Set { .. } | Settings::Import { .. } => Deed::Sets,
+            Settings::List { .. } | Settings::Get { .. } | Settings::Export { .. } | Settings::Compare { .. } => {
+                Deed::Reads
+            }
+        };
+        let head = self.head(sheet, deed)?;
         match command {
             Settings::List { word, changed } => {
                 let all = settings::read_all(&head)?;
@@ -780,11 +804,11 @@ impl Common {
         }
         if *snapshot {
             let none = || Failure::Failed("the head has no snapshot: no fault since its power came".into());
-            return fast::snapshot(&self.head(sheet)?)?.ok_or_else(none);
+            return fast::snapshot(&self.head(sheet, Deed::Reads)?)?.ok_or_else(none);
         }
         if *last {
             let none = || Failure::Failed("the head has no record: none is complete since its power came".into());
-            return fast::last(&self.head(sheet)?)?.ok_or_else(none);
+            return fast::last(&self.head(sheet, Deed::Reads)?)?.ok_or_else(none);
         }
         let interrupted = interrupted(|| ())?;
         let mut tick = || {
@@ -808,7 +832,7 @@ impl Common {
             };
             plan.check()?;
             let heads: Vec<Head> = match nodes.as_slice() {
-                [] => vec![self.head(sheet)?],
+                [] => vec![self.head(sheet, Deed::Reads)?],
                 nodes => {
                     let bus = self.join()?;
                     nodes.iter().map(|node| Head::open(&bus, *node, sheet)).collect::<Result<_, _>>()?
@@ -833,7 +857,7 @@ impl Common {
         }
         let plan = Plan { signals: signals.clone(), every_ms: every as u16, trigger, level: *level, wait_s: *wait };
         plan.check(sheet)?;
-        plan.record(&self.head(sheet)?, &mut tick)
+        plan.record(&self.head(sheet, Deed::Reads)?, &mut tick)
     }
 
     fn bring_up(&self, sheet: &Arc<Sheet>, options: &BringUpOptions) -> Result<(), Failure> {
@@ -843,7 +867,7 @@ impl Common {
         let requests = Arc::new(bring_up::Requests::default());
         let asked = requests.clone();
         let interrupted = interrupted(move || asked.want(bring_up::Request::End))?;
-        let head = self.head(sheet)?;
+        let head = self.head(sheet, Deed::Moves)?;
         let mut live = Live::new(&head)?;
         let bus = head.bus.clone();
         let end = end(Some(options.wait));
@@ -910,7 +934,7 @@ impl Common {
 
     fn identify(&self, sheet: &Arc<Sheet>, options: &IdentifyOptions) -> Result<(), Failure> {
         let interrupted = interrupted(|| ())?;
-        let head = self.head(sheet)?;
+        let head = self.head(sheet, Deed::Moves)?;
         let mut live = Live::new(&head)?;
         let bus = head.bus.clone();
         let mut doing = String::new();
@@ -958,7 +982,7 @@ impl Common {
             if let Some(other) = wanted.iter().find(|setting| !setting.object.key.starts_with("servo.")) {
                 return Err(named(format!("{} is no gain", other.object.key)));
             }
-            let head = self.head(sheet)?;
+            let head = self.head(sheet, Deed::Moves)?;
             let written = settings::write(&head, &wanted)?;
             if options.save.save {
                 head.store()?;
@@ -967,7 +991,7 @@ impl Common {
             return Ok(());
         }
         let interrupted = interrupted(|| ())?;
-        let head = self.head(sheet)?;
+        let head = self.head(sheet, Deed::Moves)?;
         let mut live = Live::new(&head)?;
         let bus = head.bus.clone();
         let accepts = options.accept || options.accept_ziegler_nichols;
@@ -1072,7 +1096,7 @@ impl Common {
             // A second one does not wait for the lift.
             asked.want(if asked.now() == Request::Leave { Request::Stop } else { Request::Leave });
         })?;
-        let head = self.head(sheet)?;
+        let head = self.head(sheet, Deed::Moves)?;
         let undecided = |why| match why {
             Failure::Undecided { why, begun: true } => Failure::BadInput(format!("{why} --continue, or --new-surface")),
             Failure::Undecided { why, .. } => Failure::BadInput(format!("{why} --new-surface, or --surface MM")),
@@ -1140,7 +1164,7 @@ impl Common {
     fn table(&self, sheet: &Arc<Sheet>, file: &Path, load: bool) -> Result<(), Failure> {
         let table = table_from(file)?;
         if load {
-            let head = self.head(sheet)?;
+            let head = self.head(sheet, Deed::Sets)?;
             let named = |why: Failure| Failure::BadInput(format!("{}: {why}", file.display()));
             table::load(&head, &table).map_err(named)?;
         }

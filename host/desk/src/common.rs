@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use crate::bus::Bus;
+use crate::deed::Deed;
 use crate::head::Head;
 use crate::sheet::Sheet;
 use clap::Args;
@@ -48,8 +49,11 @@ impl Common {
         Bus::join(&self.bus, self.bit_rate, self.host_id, &(Arc::new(|text: &str| eprintln!("{text}")) as _))
     }
 
-    pub(crate) fn head(&self, sheet: &Arc<Sheet>) -> Result<Head, Failure> {
-        Head::open(&self.join()?, self.node(), sheet)
+    /// The head that is meant, for a command that does this to it.
+    pub(crate) fn head(&self, sheet: &Arc<Sheet>, deed: Deed) -> Result<Head, Failure> {
+        let head = Head::open(&self.join()?, self.node(), sheet)?;
+        head.may(deed)?;
+        Ok(head)
     }
 
     /// Node-ID of the head that is meant.

@@ -4,7 +4,6 @@ use crate::bus::{BEAT, Bus, SILENCE};
 use crate::sdo::{Address, Sdo, SdoError};
 use crate::sheet::{DeviceId, Object, Sheet, Value};
 use crate::{Failure, words};
-use edm_servo_head::head::State;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -21,8 +20,6 @@ const HERE: i64 = 35;
 const SEARCH: Duration = Duration::from_secs(60);
 /// Polling period of a wait.
 const LOOK: Duration = Duration::from_millis(10);
-/// Longest stop of a motion that a program has just ended.
-const STOPS: Duration = Duration::from_millis(500);
 
 /// Objects that are used by their meaning. Their addresses never move (docs/canopen.md).
 pub mod at {
@@ -195,6 +192,8 @@ pub mod state {
     pub const DISABLED: u8 = 0;
     /// The guided check runs.
     pub const COMMISSIONING: u8 = 1;
+    /// Enabled, at rest, pulses off.
+    pub const READY: u8 = 2;
     /// Moves to the work, with pulses.
     pub const SEEKING: u8 = 3;
     /// The gap leads.
@@ -213,32 +212,8 @@ pub mod state {
     pub const PROVING: u8 = 12;
     /// Out of the work and back, to flush.
     pub const JUMPING: u8 = 13;
-    /// Positions the axis.
-    pub const POSITIONING: u8 = 9;
-    /// Looks for a reference.
-    pub const HOMING: u8 = 10;
-    /// Looks for the surface of the work.
-    pub const TOUCHING: u8 = 15;
-    /// Out of the work while a coarse axis carries the head.
-    pub const INCHING: u8 = 16;
-    /// Moves to measure itself.
-    pub const IDENTIFYING: u8 = 17;
     /// States in which the feed that the gap requests is valid.
     pub const LED: [u8; 5] = [SEEKING, ERODING, RETREATING, GUIDING, JUMPING];
-    /// States in which a head does what a host has asked for: another one does not take it out of that.
-    pub const BUSY: [u8; 11] = [
-        COMMISSIONING,
-        SEEKING,
-        ERODING,
-        RETREATING,
-        POSITIONING,
-        HOMING,
-        GUIDING,
-        JUMPING,
-        TOUCHING,
-        INCHING,
-        IDENTIFYING,
-    ];
 }
 
 /// State of a search for the surface, 2011h:3.
@@ -274,6 +249,14 @@ pub struct Identity {
     pub serial: u32,
     /// Revision of its objects.
     pub revision: u32,
+}
+
+impl Identity {
+    /// That of a head which nobody has asked: its node-ID alone.
+    pub fn unread(node: u8) -> Identity {
+        let name = String::new();
+        Identity { node, name: name.clone(), hardware: name.clone(), software: name, serial: 0, revision: 0 }
+    }
 }
 
 /// Called again and again while something is waited for; an error ends the wait.
@@ -553,11 +536,27 @@ impl Head {
         if over && taken { Ok(()) } else { Err(Failure::Failed("the head did not accept the set point".into())) }
     }
 
-    /// Enables and homes it, and takes it where it is to measure itself, mm below home, with room above for the length of a setting; to
-    /// stay where it is without a place. `moving` is called while it moves.
+    /// Place where the head measures itself, counts: `at_mm` below home, or where the head is; nothing moves.
     ///
     /// # Errors
-    /// When there is no such room; those of [`Head::enable`], [`Head::home_here`] and [`Head::move_to`].
+    /// When it is not within the travel, with room above for the length of the setting `travel`; those of the transfers.
+    pub fn place(&self, at_mm: Option<f64>, travel: &str) -> Result<i64, Failure> {
+        let (per_mm, (here, end)) = (self.counts_per_mm()?, self.room()?);
+        let needs = self.setting(travel)? / 1000.0;
+        let (mm, end_mm) = (at_mm.unwrap_or(here as f64 / per_mm), end as f64 / per_mm);
+        if !(needs..=end_mm).contains(&mm) {
+            let help = if at_mm.is_none() { "; `--at MM` goes to another place first, pulses off" } else { "" };
+            return Err(Failure::BadInput(format!(
+                "at {mm:.3} mm: must be from {needs:.3} mm, the room that {travel} needs above, to {end_mm:.3} mm{help}"
+            )));
+        }
+        Ok(at_mm.map_or(here, |mm| (mm * per_mm).round() as i64))
+    }
+
+    /// Enables and homes it, and takes it to its [`Head::place`] to measure itself. `moving` is called while it moves.
+    ///
+    /// # Errors
+    /// Those of [`Head::place`], [`Head::enable`], [`Head::home_here`] and [`Head::move_to`].
     pub fn place_to_measure(
         &self,
         at_mm: Option<f64>,
@@ -569,17 +568,8 @@ impl Head {
         if self.whole(at::HOMED)? == 0 {
             self.home_here(tick)?;
         }
-        let (per_mm, (here, end)) = (self.counts_per_mm()?, self.room()?);
-        let needs = self.setting(travel)? / 1000.0;
-        let target = at_mm.map_or(here, |mm| (mm * per_mm).round() as i64);
-        let (mm, end_mm) = (target as f64 / per_mm, end as f64 / per_mm);
-        if target > end || mm < needs {
-            let help = if at_mm.is_none() { "; `--at MM` goes to another place first, pulses off" } else { "" };
-            return Err(Failure::BadInput(format!(
-                "at {mm:.3} mm: must be from {needs:.3} mm, the room that {travel} needs above, to {end_mm:.3} mm{help}"
-            )));
-        }
-        if target == here {
+        let target = self.place(at_mm, travel)?;
+        if self.room()?.0 == target {
             return Ok(());
         }
         self.move_to(target, &mut || {
@@ -729,28 +719,6 @@ impl Head {
             std::thread::sleep(LOOK);
         }
         Ok(false)
-    }
-
-    /// Whether this program may have the head do something; nothing is changed.
-    ///
-    /// # Errors
-    /// When a fault is active, or the head does what another program has asked for and does not stop within the time that a stop takes.
-    pub fn free(&self) -> Result<(), Failure> {
-        self.healthy().map_err(|fault| Failure::Failed(format!("fault active, reset it first: {fault}")))?;
-        let start = Instant::now();
-        loop {
-            let now = self.whole(at::STATE)? as u8;
-            if !state::BUSY.contains(&now) {
-                return Ok(());
-            }
-            if start.elapsed() > STOPS {
-                let name = State::ALL.get(usize::from(now)).map_or("busy", |state| state.name());
-                return Err(Failure::BadInput(format!(
-                    "the head is {name}, for another program: let that end, or stop the head first (`edm-desk stop`)"
-                )));
-            }
-            std::thread::sleep(LOOK);
-        }
     }
 
     /// An error when a fault is active.

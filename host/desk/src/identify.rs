@@ -78,6 +78,9 @@ pub struct Progress {
     pub sample: Sample,
 }
 
+/// Setting with the length that an identification needs above the head.
+pub const TRAVEL: &str = "identify.travel_um";
+
 /// What has been found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outcome {
@@ -110,9 +113,7 @@ impl Identify<'_> {
     /// What went wrong; the head is disabled or in a fault then, or the error says that it may not be.
     pub fn execute(mut self) -> Result<Outcome, Failure> {
         self.head.free()?;
-        if let Some(at_mm) = self.at_mm.filter(|at_mm| !at_mm.is_finite() || *at_mm < 0.0) {
-            return Err(Failure::BadInput(format!("at {at_mm} mm: must be a number from 0 mm, the home")));
-        }
+        self.head.place(self.at_mm, TRAVEL)?;
         let armed = self.head.arm()?;
         self.live.expect_heartbeat();
         let found = self.run();
@@ -129,7 +130,7 @@ impl Identify<'_> {
 
     fn run(&mut self) -> Result<(), Failure> {
         let (live, on_progress, alive) = (&mut *self.live, &mut *self.on_progress, self.alive);
-        self.head.place_to_measure(self.at_mm, "identify.travel_um", &mut || alive(), &mut || {
+        self.head.place_to_measure(self.at_mm, TRAVEL, &mut || alive(), &mut || {
             on_progress(&Progress { doing: MOVES.into(), sample: live.sample()? });
             Ok(())
         })?;

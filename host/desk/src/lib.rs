@@ -8,6 +8,8 @@
 //! | [`sheet`] | the description file (EDS): names, types, units, ranges |
 //! | [`words`] | states, faults, refusals and aborts in words, and advice |
 //! | [`head`] | one head: identity, values by name, state machine |
+//! | [`deed`] | what a program may do to a head that another one moves |
+//! | [`stop`] | STOP, of every head on the bus |
 //! | [`settings`] | list, file, comparison, a staged write |
 //! | [`live`] | present state of a head, and its events |
 //! | [`bore`] | a hole, from disabled to disabled |
@@ -30,6 +32,7 @@ pub mod bring_up;
 pub mod bus;
 pub mod cli;
 mod common;
+pub mod deed;
 pub mod fast;
 pub mod found;
 pub mod gap;
@@ -45,6 +48,7 @@ pub mod scope;
 pub mod sdo;
 pub mod settings;
 pub mod sheet;
+pub mod stop;
 pub mod table;
 pub mod trace;
 pub mod track;

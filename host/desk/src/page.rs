@@ -15,6 +15,7 @@ use crate::bore::{self, GONE, Hole, Request, Requests};
 use crate::bring_up::{self, BringUp};
 use crate::bus::{Bus, SILENCE, lock};
 use crate::common::Common;
+use crate::deed::Deed;
 use crate::fast;
 use crate::found::{Found, find};
 use crate::gap::Watch;
@@ -27,9 +28,10 @@ use crate::record::{Point, Recorder, Taken};
 use crate::scope::{self, Plan};
 use crate::settings::{self, Line};
 use crate::sheet::Sheet;
+use crate::stop;
 use crate::table;
 use crate::trace::Recording;
-use crate::tune::{Accept, Outcome as Tuned, Tune};
+use crate::tune::{self, Accept, Outcome as Tuned, Tune};
 use axum::Router;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Query, State};
@@ -37,7 +39,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use clap::{Args, ValueEnum};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs::{File, OpenOptions};
@@ -108,6 +110,16 @@ enum Unwatched {
 
 fn busy() -> Failure {
     Failure::BadInput("a hole, a bring-up, an identification, a tuning or a jog is in progress: end it first".into())
+}
+
+/// An activity of one head takes no request that moves another.
+fn same(node: u8, of: Option<u8>) -> Result<(), Failure> {
+    match of.filter(|of| *of != node) {
+        Some(of) => {
+            Err(Failure::BadInput(format!("node {of}: in progress is what moves node {node}: choose that head")))
+        }
+        None => Ok(()),
+    }
 }
 
 fn after(text: &str) -> Result<f64, String> {
@@ -185,14 +197,14 @@ enum Ask {
     },
     /// What came of that last; null without one.
     Tuned { node: u8 },
-    /// A step of that, positive toward the work.
-    Step { by_mm: f64 },
+    /// A step of the jog in progress, positive toward the work; refused where that is another head's.
+    Step { node: u8, by_mm: f64 },
     /// The end of that.
     EndJog {},
     /// Start a bring-up.
     BringUp { node: u8 },
-    /// The guided check of the bring-up in progress; `again`: the manual steps were observed before.
-    Check { again: bool },
+    /// The guided check of the bring-up in progress, refused where that is another head's; `again`: the manual steps were observed before.
+    Check { node: u8, again: bool },
     /// The report of the bring-up.
     Report {},
     /// The last bore of a head.
@@ -207,10 +219,44 @@ enum Ask {
     Fast { nodes: Vec<u8>, plan: fast::Plan },
     /// What a head has recorded around its last fault.
     Snapshot { node: u8 },
-    /// Pulses off, disable.
-    Stop { node: u8 },
+    /// Pulses off, disable: every head on the bus.
+    Stop {},
     /// Reset a fault.
     Reset { node: u8 },
+}
+
+impl Ask {
+    /// What a request does, and the head that it does it to; none where that is the activity's in progress, or no head's.
+    fn deed(&self) -> (Deed, Option<u8>) {
+        match self {
+            Ask::Beat {} | Ask::Command { .. } | Ask::Heads {} | Ask::Signals {} => (Deed::Reads, None),
+            Ask::Settings { node }
+            | Ask::Compare { node, .. }
+            | Ask::Identified { node }
+            | Ask::Tuned { node }
+            | Ask::Record { node }
+            | Ask::Waits { node }
+            | Ask::Snapshot { node } => (Deed::Reads, Some(*node)),
+            Ask::Stop {}
+            | Ask::Request { request: Request::Pause | Request::Back | Request::Leave | Request::Stop, .. }
+            | Ask::EndJog {}
+            | Ask::Report {} => (Deed::Stops, None),
+            // A record ends another one, and moves nothing.
+            Ask::Scope { .. } | Ask::Fast { .. } => (Deed::Sets, None),
+            Ask::Set { node, .. } | Ask::Import { node, .. } | Ask::Save { node } | Ask::TakeOver { node } => {
+                (Deed::Sets, Some(*node))
+            }
+            // Heads without a node-ID are nobody's.
+            Ask::Name {} | Ask::GeneratorSet {} | Ask::Request { request: Request::Go, .. } => (Deed::Moves, None),
+            Ask::Step { .. } | Ask::Check { .. } => (Deed::Moves, None),
+            Ask::Bore { node, .. }
+            | Ask::Jog { node }
+            | Ask::Identify { node, .. }
+            | Ask::Tune { node, .. }
+            | Ask::BringUp { node }
+            | Ask::Reset { node } => (Deed::Moves, Some(*node)),
+        }
+    }
 }
 
 /// A request, and its id as far as it has one: `{"id": 3, "do": "stop", "node": 1}`.
@@ -274,6 +320,19 @@ enum What {
     Jog(Arc<jog::Requests>),
     /// An identification, or a tuning.
     Identify(Arc<AtomicBool>),
+}
+
+/// Whose it is and what, for a page: "a hole".
+impl Serialize for Run {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let what = match &self.what {
+            What::Hole(_) => "a hole",
+            What::BringUp(_) => "a bring-up",
+            What::Jog(_) => "a jog",
+            What::Identify(_) => "an identification or tuning",
+        };
+        json!({ "node": self.node, "what": what }).serialize(serializer)
+    }
 }
 
 /// Serves the page until the program is stopped.
@@ -620,31 +679,8 @@ impl Desk {
 
     /// Carries out a request of a session. Called where it may block.
     fn answer(self: &Arc<Desk>, session: u64, ask: Ask) -> Result<Value, Failure> {
-        let commands = matches!(
-            ask,
-            Ask::Name {}
-                | Ask::Set { .. }
-                | Ask::Import { .. }
-                | Ask::Save { .. }
-                | Ask::Bore { .. }
-                | Ask::Request { .. }
-                | Ask::GeneratorSet {}
-                | Ask::Jog { .. }
-                | Ask::Identify { .. }
-                | Ask::TakeOver { .. }
-                | Ask::Tune { .. }
-                | Ask::Step { .. }
-                | Ask::EndJog {}
-                | Ask::BringUp { .. }
-                | Ask::Check { .. }
-                | Ask::Report {}
-                | Ask::Scope { .. }
-                | Ask::Fast { .. }
-                | Ask::Reset { .. }
-        );
-        if commands && self.commander() != Some(session) {
-            return Err(Failure::BadInput("this session does not have command: take command first".into()));
-        }
+        let (deed, node) = ask.deed();
+        self.may(session, deed, node)?;
         match ask {
             Ask::Beat {} => Ok(Value::Null),
             Ask::Command { take } => self.command(session, take),
@@ -754,20 +790,21 @@ impl Desk {
             }
             Ask::Tune { node, at_mm, bandwidth_hz, accept } => self.tune(session, node, (at_mm, bandwidth_hz), accept),
             Ask::Tuned { node } => Ok(json!(lock(&self.tuned).get(&node))),
-            Ask::Step { by_mm } => self.jogs(|requests| requests.step(by_mm)),
-            Ask::EndJog {} => self.jogs(|requests| {
+            Ask::Step { node, by_mm } => self.jogs(Some(node), |requests| requests.step(by_mm)),
+            Ask::EndJog {} => self.jogs(None, |requests| {
                 requests.end();
                 Ok(())
             }),
             Ask::BringUp { node } => self.bring_up(session, node),
-            Ask::Check { again } => {
-                self.want(if again { bring_up::Request::CheckAgain } else { bring_up::Request::Check })
+            Ask::Check { node, again } => {
+                self.want(Some(node), if again { bring_up::Request::CheckAgain } else { bring_up::Request::Check })
             }
-            Ask::Report {} => self.want(bring_up::Request::End),
-            Ask::Stop { node } => {
-                if let Some(run) = &*lock(&self.run)
-                    && run.node == node
-                {
+            Ask::Report {} => self.want(None, bring_up::Request::End),
+            Ask::Stop {} => {
+                // Each head that this program knows is told at once.
+                let mut known = lock(&self.watched).clone();
+                if let Some(run) = &*lock(&self.run) {
+                    known.insert(run.node);
                     match &run.what {
                         What::Hole(requests) => requests.want(Request::Stop),
                         What::BringUp(requests) => requests.want(bring_up::Request::End),
@@ -775,9 +812,10 @@ impl Desk {
                         What::Identify(ends) => ends.store(true, Ordering::Release),
                     }
                 }
-                let now = self.head(node)?.stop()?;
-                self.note(node, format!("STOP by session {session}: {now}"));
-                Ok(json!({ "stopped": now }))
+                let stopped = stop::stop(&self.bus()?, &self.sheet, &known, |one| {
+                    self.note(one.node, format!("STOP by session {session}: {}", one.now));
+                });
+                Ok(json!({ "stopped": stopped }))
             }
             Ask::Reset { node } => {
                 let reset = self.head(node)?.reset()?;
@@ -818,6 +856,21 @@ impl Desk {
         Ok(json!(written))
     }
 
+    /// Whether a session may do that to a head: that of the activity in progress is this program's to set, others go by
+    /// [`Head::may`].
+    fn may(&self, session: u64, deed: Deed, node: Option<u8>) -> Result<(), Failure> {
+        if deed > Deed::Stops && self.commander() != Some(session) {
+            return Err(Failure::BadInput("this session does not have command: take command first".into()));
+        }
+        let Some(node) = node.filter(|_| deed > Deed::Stops) else { return Ok(()) };
+        match &*lock(&self.run) {
+            Some(_) if deed == Deed::Moves => return Err(busy()),
+            Some(run) if run.node == node => return Ok(()),
+            _ => {}
+        }
+        self.head(node)?.may(deed)
+    }
+
     fn note(&self, node: u8, what: String) {
         self.event(Event::now(node, Kind::Program, what));
     }
@@ -833,8 +886,15 @@ impl Desk {
         if run.is_some() {
             return Err(busy());
         }
-        *run = Some(Run { node: head.node, bus: head.bus.clone(), what });
+        let run = run.insert(Run { node: head.node, bus: head.bus.clone(), what });
+        self.publish(&json!({ "run": run }));
         Ok(())
+    }
+
+    /// Ends the activity in progress.
+    fn over(&self) {
+        *lock(&self.run) = None;
+        self.publish(&json!({ "run": Value::Null }));
     }
 
     /// Whether the session that began an activity still commands.
@@ -845,9 +905,11 @@ impl Desk {
         }
     }
 
-    fn want(&self, request: bring_up::Request) -> Result<Value, Failure> {
+    /// A request to the bring-up in progress; one that names a head is refused where that is another one's.
+    fn want(&self, of: Option<u8>, request: bring_up::Request) -> Result<Value, Failure> {
         match &*lock(&self.run) {
-            Some(Run { what: What::BringUp(requests), .. }) => {
+            Some(Run { node, what: What::BringUp(requests), .. }) => {
+                same(*node, of)?;
                 requests.want(request);
                 Ok(Value::Null)
             }
@@ -873,7 +935,7 @@ impl Desk {
                 };
                 bring_up.execute()
             });
-            *lock(&desk.run) = None;
+            desk.over();
             let (what, result) = match ended {
                 Ok(report) => {
                     let text = format!("bring-up: {}", report.verdict());
@@ -888,10 +950,17 @@ impl Desk {
         Ok(Value::Null)
     }
 
-    /// A request to the jog in progress.
-    fn jogs(&self, request: impl FnOnce(&jog::Requests) -> Result<(), Failure>) -> Result<Value, Failure> {
+    /// A request to the jog in progress; one that names a head is refused where that is another one's.
+    fn jogs(
+        &self,
+        of: Option<u8>,
+        request: impl FnOnce(&jog::Requests) -> Result<(), Failure>,
+    ) -> Result<Value, Failure> {
         match &*lock(&self.run) {
-            Some(Run { what: What::Jog(requests), .. }) => request(requests).map(|()| Value::Null),
+            Some(Run { node, what: What::Jog(requests), .. }) => {
+                same(*node, of)?;
+                request(requests).map(|()| Value::Null)
+            }
             _ => Err(Failure::BadInput("the head is not enabled to jog: begin first".into())),
         }
     }
@@ -914,7 +983,7 @@ impl Desk {
                 };
                 jog.execute()
             });
-            *lock(&desk.run) = None;
+            desk.over();
             let (said, failed) = ended.map_or_else(|why| (why.to_string(), true), |now| (now, false));
             desk.note(node, format!("jog ended: {said}"));
             desk.publish(&json!({ "jogged": { "said": said, "failed": failed }, "node": node }));
@@ -925,6 +994,7 @@ impl Desk {
     /// Identifies a head; the session keeps it going.
     fn identify(self: &Arc<Desk>, session: u64, node: u8, at_mm: Option<f64>) -> Result<Value, Failure> {
         let head = self.head(node)?;
+        head.place(at_mm, identify::TRAVEL)?;
         let ends = Arc::new(AtomicBool::new(false));
         self.begin(&head, What::Identify(ends.clone()))?;
         let desk = self.clone();
@@ -943,7 +1013,7 @@ impl Desk {
                 };
                 run.execute()
             });
-            *lock(&desk.run) = None;
+            desk.over();
             match ended {
                 Ok(outcome) => {
                     desk.note(node, "identified".into());
@@ -967,6 +1037,7 @@ impl Desk {
         accept: Accept,
     ) -> Result<Value, Failure> {
         let head = self.head(node)?;
+        head.place(at_mm, tune::TRAVEL)?;
         let ends = Arc::new(AtomicBool::new(false));
         self.begin(&head, What::Identify(ends.clone()))?;
         let desk = self.clone();
@@ -994,7 +1065,7 @@ impl Desk {
                 };
                 run.execute()
             });
-            *lock(&desk.run) = None;
+            desk.over();
             match ended {
                 Ok(outcome) => {
                     desk.note(node, "the loop is measured".into());
@@ -1030,7 +1101,7 @@ impl Desk {
                 recorder.last.run
             };
             let ended = desk.run(session, &head, hole, &requests);
-            *lock(&desk.run) = None;
+            desk.over();
             let (what, result) = match ended {
                 Ok(outcome) => (outcome.said.clone(), json!({ "outcome": outcome })),
                 Err(why) => (why.to_string(), json!({ "failed": why.to_string() })),
@@ -1106,7 +1177,8 @@ struct Welcome<'a> {
     product: &'a str,
     bus: &'a str,
     log: Vec<Event>,
-    boring: Option<u8>,
+    /// The activity in progress.
+    run: Value,
     /// Since when there is no bus, ms since 1970.
     bus_lost: Option<u64>,
     /// For how long a page takes command again by itself, s.
@@ -1125,7 +1197,7 @@ async fn talk(desk: Arc<Desk>, mut socket: WebSocket) {
         product: &desk.sheet.product,
         bus: &desk.connection,
         log: lock(&desk.log).iter().cloned().collect(),
-        boring: lock(&desk.run).as_ref().map(|run| run.node),
+        run: json!(*lock(&desk.run)),
         bus_lost: *lock(&desk.lost_since),
         again_s: desk.unwatched_after.as_secs_f64(),
         states: desk.sheet.get(at::STATE).map(|object| object.names()).unwrap_or_default(),

@@ -17,6 +17,9 @@ use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use std::time::{Duration, Instant};
 
+/// Setting with the length that a tuning needs above the head.
+pub const TRAVEL: &str = "tune.travel_um";
+
 const TUNE: Address = Address(0x201B, 1);
 const STEP: Address = Address(0x201B, 2);
 const WHY: Address = Address(0x201B, 3);
@@ -212,12 +215,10 @@ impl Tune<'_> {
     pub fn execute(mut self) -> Result<Outcome, Failure> {
         self.head.free()?;
         let refused = |text: String| Err(Failure::BadInput(text));
-        if let Some(at_mm) = self.at_mm.filter(|at_mm| !at_mm.is_finite() || *at_mm < 0.0) {
-            return refused(format!("at {at_mm} mm: must be a number from 0 mm, the home"));
-        }
         if let Some(hz) = self.wanted_hz.filter(|hz| !hz.is_finite() || *hz <= 0.0) {
             return refused(format!("bandwidth {hz} Hz: must be above 0 Hz"));
         }
+        self.head.place(self.at_mm, TRAVEL)?;
         let armed = self.head.arm()?;
         self.live.expect_heartbeat();
         let found = self.run();
@@ -278,7 +279,7 @@ impl Tune<'_> {
     /// Enabled, homed, where it is to tune.
     fn place(&mut self) -> Result<(), Failure> {
         let (live, on_progress, alive) = (&mut *self.live, &mut *self.on_progress, self.alive);
-        self.head.place_to_measure(self.at_mm, "tune.travel_um", &mut || alive(), &mut || {
+        self.head.place_to_measure(self.at_mm, TRAVEL, &mut || alive(), &mut || {
             on_progress(&Progress { doing: MOVES.into(), points: None, sample: live.sample()? });
             Ok(())
         })

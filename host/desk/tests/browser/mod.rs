@@ -132,6 +132,16 @@ impl Browser {
         self.value(&format!("document.querySelector('{selector}').click()"));
     }
 
+    /// Presses a key, which types a text.
+    fn key(&mut self, key: &str, code: u32, text: &str) {
+        let kind = if text.is_empty() { "rawKeyDown" } else { "keyDown" };
+        for kind in [kind, "keyUp"] {
+            let text = if kind == "keyUp" { "" } else { text };
+            let key = json!({ "type": kind, "key": key, "text": text, "windowsVirtualKeyCode": code });
+            self.call("Input.dispatchKeyEvent", key);
+        }
+    }
+
     fn view(&mut self, name: &str) {
         self.click(&format!("nav a[href=\"#{name}\"]"));
         self.until(&format!("!document.getElementById('{name}').hidden"));
@@ -892,13 +902,76 @@ fn the_escape_key_stops_the_head_from_any_view() {
     let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
     page.bore(0.5);
     page.view("settings");
-    for kind in ["rawKeyDown", "keyUp"] {
-        let key = json!({ "type": kind, "key": "Escape", "code": "Escape", "windowsVirtualKeyCode": 27 });
-        page.call("Input.dispatchKeyEvent", key);
-    }
+    page.key("Escape", 27, "");
     page.until("document.querySelector('#state').innerText === 'disabled'");
     let truth = rig.truth();
     assert_eq!((truth.state, truth.pulses), (State::Disabled, false));
+}
+
+#[test]
+fn escape_in_a_text_field_takes_back_what_was_typed_and_enter_moves_nothing() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.connection());
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.view("run");
+    page.command();
+    for (view, field) in [("run", "#bore [name=depth]"), ("motor", "#identify [name=at]"), ("motor", "#tune [name=at]")]
+    {
+        page.view(view);
+        page.value(&format!("document.querySelector('{field}').focus()"));
+        page.key("1", 49, "1");
+        page.key("Enter", 13, "\r");
+        page.until(&format!("document.querySelector('{field}').value.includes('1')"));
+        // The next request is answered after whatever Enter has asked for.
+        page.until("document.activeElement === document.body");
+        assert_eq!(page.value("document.querySelector('#in-progress').hidden"), true, "{field}");
+        assert_eq!(rig.truth().state, State::Disabled, "{field}");
+    }
+    page.view("run");
+    page.value("document.querySelector('#bore [name=depth]').value = '0.5'");
+    page.click("#begin");
+    rig.until(|truth| truth.state == State::Eroding);
+    // Another page watches: its search is no STOP.
+    let Some(mut watches) = Browser::at(&desk, 1280, false) else { return };
+    watches.view("settings");
+    watches.value("document.querySelector('#search').focus()");
+    watches.key("g", 71, "g");
+    watches.until("document.querySelector('#search').value === 'g'");
+    watches.key("Escape", 27, "");
+    watches.until("document.querySelector('#search').value === '' && document.activeElement === document.body");
+    let truth = rig.truth();
+    assert!(truth.pulses && truth.state == State::Eroding, "{truth:?}");
+    watches.key("Escape", 27, "");
+    rig.until(|truth| truth.state == State::Disabled && !truth.pulses);
+}
+
+#[test]
+fn run_says_whose_hole_it_is_acts_on_that_head_and_stop_stops_both() {
+    let rig = Rig::with_second(2);
+    let desk = Desk::new(&rig.connection());
+    let Some(mut page) = Browser::at(&desk, 1280, false) else { return };
+    page.until("document.querySelectorAll('#found button').length === 2");
+    page.value("document.querySelectorAll('#found button')[1].click()");
+    page.until("document.querySelector('#head').innerText === 'node 2'");
+    page.bore(0.5);
+    rig.until_of(1, |truth| truth.state == State::Eroding);
+    page.until("document.querySelector('#whose').hidden");
+    page.view("heads");
+    page.value("document.querySelectorAll('#found button')[0].click()");
+    page.until("document.querySelector('#head').innerText === 'node 1'");
+    page.view("run");
+    page.until("document.querySelector('#in-progress').innerText.startsWith('In progress: a hole of node 2.')");
+    page.until("document.querySelector('#whose').innerText === 'These buttons act on node 2; chosen is node 1.'");
+    page.picture("run-of-another-head");
+    page.click("[data-request=pause]");
+    rig.until_of(1, |truth| truth.state == State::HoldingPosition && !truth.pulses);
+    page.click("[data-request=go]");
+    rig.until_of(1, |truth| truth.state == State::Eroding && truth.pulses);
+    page.key("Escape", 27, "");
+    rig.until_of(1, |truth| truth.state == State::Disabled && !truth.pulses);
+    page.until("document.querySelector('#notice').innerText.includes('node 1: the head is disabled, pulses are off; node 2: the head is disabled')");
+    page.until("document.querySelector('#in-progress').hidden && document.querySelector('#whose').hidden");
+    page.picture("stopped-two-heads");
 }
 
 #[test]

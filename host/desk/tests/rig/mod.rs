@@ -57,7 +57,8 @@ type Seen = (Mutex<Option<Truth>>, Condvar);
 pub struct Rig {
     listener: Option<Listener>,
     connection: String,
-    seen: Arc<Seen>,
+    /// By place: the head that tests look into first, a second one beside it.
+    seen: Vec<Arc<Seen>>,
     stop: Arc<AtomicBool>,
     wires: Sender<(&'static str, f64)>,
     _stranger: Option<Port>,
@@ -81,12 +82,16 @@ fn turn(
         let store = Store::new(None, "node-1").unwrap();
         let mut head = Head::new(&setup, (node, 1), 1, store).unwrap();
         let (mut came, mut sent, mut deepest, mut pulsed) = (Vec::new(), Vec::new(), 0, false);
-        let mut due = Instant::now();
+        let (mut due, mut cut) = (Instant::now(), false);
         while !ends.load(Ordering::Relaxed) {
             // A computer that is too slow makes simulated time slower.
             due = due.max(Instant::now() - Duration::from_millis(20)) + Duration::from_millis(1) / SPEED;
             mailbox.take(&mut came);
             for (signal, value) in pulled.try_iter() {
+                if signal == "cable.cut" {
+                    cut = value != 0.0;
+                    continue;
+                }
                 if signal == "power.cut" {
                     head = head.cut_power(value).unwrap();
                     continue;
@@ -96,9 +101,9 @@ fn turn(
                 number.or_else(|_| head.process.happen(signal, Setting::Flag(value != 0.0))).unwrap();
             }
             for tick in 0..TICKS {
-                let frames: &[Frame] = if tick == 0 { &came } else { &[] };
+                let frames: &[Frame] = if tick == 0 && !cut { &came } else { &[] };
                 head.tick(frames.iter(), &mut sent);
-                sent.drain(..).for_each(|frame| port.send(&frame));
+                sent.drain(..).filter(|_| !cut).for_each(|frame| port.send(&frame));
             }
             came.clear();
             let status = head.status();
@@ -144,7 +149,7 @@ impl Rig {
         Rig::of("127.0.0.1:0", &[None], &[])
     }
 
-    /// With a second head beside it, of this node-ID, that nobody looks into.
+    /// With a second head beside it, of this node-ID.
     pub fn with_second(node: u8) -> Rig {
         Rig::of("127.0.0.1:0", &[NodeId::new(1), NodeId::new(node)], &[])
     }
@@ -153,7 +158,8 @@ impl Rig {
         let hub = Hub::default();
         let stop = Arc::new(AtomicBool::default());
         let heads: Vec<_> = nodes.iter().map(|node| turn(&hub, *node, &stop, machine)).collect();
-        let (seen, wires) = heads.into_iter().next().unwrap();
+        let (seen, wires): (Vec<_>, Vec<_>) = heads.into_iter().unzip();
+        let wires = wires.into_iter().next().unwrap();
         let listener = Listener::new(&hub, address, || Box::new(Slcan::default()), quiet()).unwrap();
         let connection = format!("socket://{}", listener.address());
         let rig = Rig { listener: Some(listener), connection, seen, stop, wires, _stranger: None };
@@ -201,8 +207,14 @@ impl Rig {
 
     /// What the head is as soon as it is so.
     pub fn until(&self, so: impl Fn(&Truth) -> bool) -> Truth {
+        self.until_of(0, so)
+    }
+
+    /// What the head at this place is as soon as it is so.
+    pub fn until_of(&self, place: usize, so: impl Fn(&Truth) -> bool) -> Truth {
         let end = Instant::now() + PATIENCE;
-        let mut seen = self.seen.0.lock().unwrap();
+        let of = &self.seen[place];
+        let mut seen = of.0.lock().unwrap();
         loop {
             if let Some(truth) = *seen
                 && so(&truth)
@@ -210,7 +222,7 @@ impl Rig {
                 return truth;
             }
             assert!(Instant::now() < end, "in vain: {seen:?}");
-            seen = self.seen.1.wait_timeout(seen, PATIENCE).unwrap().0;
+            seen = of.1.wait_timeout(seen, PATIENCE).unwrap().0;
         }
     }
 }
