@@ -372,10 +372,14 @@ function choose_head(id, identity) {
   bored = kept = null;
   typed.clear();
   $("asks").hidden = true;
-  for (const id of LIVE.filter((id) => id !== "doing")) {
+  // What belongs to the head before.
+  for (const id of LIVE) {
     measured.delete(id);
     put(id, null);
   }
+  tell("doing", "No hole in progress.");
+  for (const id of ["row-row", "beside-row", "paused", "generator"]) $(id).hidden = true;
+  $("progress").value = 0;
   $("gap-target").textContent = "no hole in progress";
   $("head").textContent = `node ${id}`;
   $("head").title = `${identity.name}, serial number ${identity.serial}`;

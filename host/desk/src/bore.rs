@@ -10,7 +10,7 @@
 //! cut or a new home a hole waits in the head (201Ah): to continue it the head touches what it knows, and checks that.
 
 use crate::bus::SILENCE;
-use crate::head::{Head, NO_SURFACE, WAITS, at, state, status};
+use crate::head::{DISABLED, Head, NO_SURFACE, WAITS, at, state, status};
 use crate::live::{Live, Sample};
 use crate::track::{self, Track};
 use crate::{Failure, table, words};
@@ -32,6 +32,7 @@ const ERODING: &str = "eroding";
 const WAITS_FOR_GENERATOR: &str = "waiting until the generator is set, pulses off";
 /// The erosion ended at its depth, 2003h:3.
 const BY_DEPTH: i64 = 1;
+const BY_NOTHING: i64 = 0;
 /// Why a wait ended when nothing went wrong.
 const ON_REQUEST: &str = "ended on request";
 /// Why [`Run::alive`] ends a run without a commanding session: the head retreats by itself.
@@ -646,6 +647,7 @@ impl Run<'_> {
                 if track.is_none() && up {
                     head.start(target, &mut self.tick())?;
                 }
+                let mut leads = false;
                 request = loop {
                     if let Some(track) = &mut track {
                         track.append()?;
@@ -656,10 +658,22 @@ impl Run<'_> {
                     }
                     let request = self.report(ERODING, place)?;
                     // Not of the sample: that may still be of the move before.
+                    let holds = head.whole(at::STATE)? as u8 == state::HOLDING;
                     let reached = match &track {
-                        None => head.status()? & status::REACHED != 0,
+                        None => {
+                            head.whole(at::STOPPED_BY)? != BY_NOTHING
+                                && (holds || head.status()? & status::REACHED != 0)
+                        }
                         Some(track) => self.is_over(track)?,
                     };
+                    // Not before the head has gone on, nor where it waits for its generator.
+                    leads = !place.row.as_ref().is_some_and(|row| row.waits) && (leads || !holds);
+                    if holds && leads && request == Request::Go && !reached {
+                        let why = words::reason(head.whole(at::REASON)? as u8);
+                        return Err(End::Failed(Failure::Failed(format!(
+                            "another program has stopped the head: {why}"
+                        ))));
+                    }
                     if reached {
                         // The electrode was there between two samples, mostly.
                         place.deeper(head.whole(at::DEEPEST)? as f64 / self.live.counts_per_mm());
@@ -794,7 +808,7 @@ impl Run<'_> {
         }
         if place.began.is_some() && progress.sample.state_number == state::DISABLED {
             let restarted = self.head.whole(at::HOMED).is_ok_and(|homed| homed == 0);
-            let why = if restarted { "the head has restarted" } else { "another program has disabled the head" };
+            let why = if restarted { "the head has restarted" } else { DISABLED };
             return Err(End::Failed(Failure::Failed(why.into())));
         }
         Ok(request)

@@ -10,9 +10,10 @@ use edm_bus::connection::Joined;
 use edm_bus::mailbox::Mailbox;
 use edm_bus::{Connection, Frame, Hub, Port};
 use embedded_can::{Frame as _, Id, StandardId};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -55,7 +56,7 @@ struct Place {
     port: Port,
     mailbox: Arc<Mailbox>,
     /// Node-ID of the heartbeats.
-    host: u8,
+    host: AtomicU8,
     /// By node: who waits for an answer of its SDO server.
     asked: Vec<Mutex<Option<Sender<[u8; 8]>>>>,
     /// By node: one conversation at a time.
@@ -82,7 +83,7 @@ impl Bus {
             hub,
             port,
             mailbox,
-            host,
+            host: AtomicU8::new(host),
             asked: (0..NODES).map(|_| Mutex::default()).collect(),
             turns: (0..NODES).map(|_| Mutex::default()).collect(),
             listeners: Mutex::default(),
@@ -125,9 +126,24 @@ impl Bus {
         self.0.beat();
     }
 
-    /// Node-ID of the heartbeat.
-    pub fn host(&self) -> u8 {
-        self.0.host
+    /// Takes a node-ID for the heartbeat that nobody else on the bus uses, the one given or the next below: a head that watches the
+    /// heartbeat of one program must not be content with another's. Listens for three periods, unless this program beats already.
+    pub fn claim_host(&self) -> u8 {
+        let mut host = self.0.host.load(Ordering::Relaxed);
+        if lock(&self.0.alive_until).is_some_and(|until| Instant::now() < until) {
+            return host;
+        }
+        let (heard, end, mut used) = (self.listen(), Instant::now() + 3 * BEAT, BTreeSet::new());
+        while let Ok(frame) = heard.recv_timeout(end.saturating_duration_since(Instant::now())) {
+            if let 0x701..=0x77F = frame.id {
+                used.insert((frame.id & 0x7F) as u8);
+            }
+        }
+        while host > 1 && used.contains(&host) {
+            host -= 1;
+        }
+        self.0.host.store(host, Ordering::Relaxed);
+        host
     }
 
     /// Everything that is heard from now on.
@@ -155,7 +171,19 @@ impl Bus {
 
     /// Takes the turn to talk to a node's SDO server.
     pub(crate) fn turn(&self, node: u8) -> Option<Turn<'_>> {
-        let turn = lock(self.0.turns.get(usize::from(node))?);
+        self.with(node, lock(self.0.turns.get(usize::from(node))?))
+    }
+
+    /// Takes the turn if nobody has it.
+    pub(crate) fn turn_now(&self, node: u8) -> Option<Turn<'_>> {
+        match self.0.turns.get(usize::from(node))?.try_lock() {
+            Ok(turn) => self.with(node, turn),
+            Err(TryLockError::Poisoned(turn)) => self.with(node, turn.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
+        }
+    }
+
+    fn with<'a>(&'a self, node: u8, turn: MutexGuard<'a, ()>) -> Option<Turn<'a>> {
         let (sender, answers) = channel();
         *lock(self.0.asked.get(usize::from(node))?) = Some(sender);
         Some(Turn { bus: self, node, answers, _turn: turn })
@@ -190,7 +218,7 @@ impl Drop for Turn<'_> {
 
 impl Place {
     fn beat(&self) {
-        self.send(0x700 + u16::from(self.host), &[OPERATIONAL]);
+        self.send(0x700 + u16::from(self.host.load(Ordering::Relaxed)), &[OPERATIONAL]);
     }
 
     fn send(&self, id: u16, data: &[u8]) {

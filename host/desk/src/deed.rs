@@ -27,12 +27,14 @@ pub enum Deed {
 impl Deed {
     /// Deed of writing an object, least significant byte first.
     pub fn of_writing(address: Address, bytes: &[u8]) -> Deed {
-        /// Controlword: what "operation enabled" needs; halt.
+        /// Controlword: what "operation enabled" needs; a set point; halt.
         const ENABLED: u8 = 0x0F;
+        const SET_POINT: u8 = 0x10;
         const HALT: u8 = 1;
         let stops = match (address, bytes) {
-            (at::CONTROLWORD, &[low, high, ..]) => low & ENABLED != ENABLED && low & 0x80 == 0 || high & HALT != 0,
+            (at::CONTROLWORD, &[low, high, ..]) => low & ENABLED != ENABLED || high & HALT != 0 && low & SET_POINT == 0,
             (at::HOLD, &[what, ..]) => what != 0,
+            (at::ERODE, &[what, ..]) => what == 0,
             _ => false,
         };
         if stops { Deed::Stops } else { Deed::Moves }
@@ -93,16 +95,17 @@ mod tests {
     fn what_takes_a_head_out_of_operation_is_never_refused() {
         let control = |word: u16| Deed::of_writing(at::CONTROLWORD, &word.to_le_bytes());
         for (what, word) in
-            [("disable voltage", 0), ("quick stop", 2), ("shutdown", 6), ("disable operation", 7), ("halt", 0x10F)]
+            [("disable voltage", 0), ("quick stop", 0x82), ("shutdown", 6), ("disable operation", 7), ("halt", 0x10F)]
         {
             assert_eq!(control(word), Deed::Stops, "{what}");
         }
-        for (what, word) in [("enable operation", 0x0F), ("set point", 0x1F), ("fault reset", 0x80)] {
+        for (what, word) in [("enable operation", 0x0F), ("set point", 0x1F), ("halt and set point", 0x11F)] {
             assert_eq!(control(word), Deed::Moves, "{what}");
         }
         assert_eq!(Deed::of_writing(at::HOLD, &[1]), Deed::Stops);
         assert_eq!(Deed::of_writing(at::HOLD, &[0]), Deed::Moves);
         assert_eq!(Deed::of_writing(at::ERODE, &[1]), Deed::Moves);
+        assert_eq!(Deed::of_writing(at::ERODE, &[0]), Deed::Stops);
         assert_eq!(Deed::of_writing(at::CONTROLWORD, &[]), Deed::Moves);
         for now in 0..State::ALL.len() as u8 {
             assert!(!Deed::Reads.disturbs(now) && !Deed::Stops.disturbs(now));

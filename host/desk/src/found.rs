@@ -32,7 +32,7 @@ pub fn find(bus: &Bus, sheet: &Arc<Sheet>) -> Vec<Found> {
         Ok((identity, now)) => Found { node, identity: Some(identity), now: Some(now), why_not: None },
         Err(why) => Found { node, identity: None, now: None, why_not: Some(why.to_string()) },
     };
-    scan(bus).into_iter().map(found).collect()
+    scan(bus).into_keys().map(found).collect()
 }
 
 impl Found {

@@ -5,6 +5,7 @@ use crate::sdo::{Address, Sdo, SdoError};
 use crate::sheet::{DeviceId, Object, Sheet, Value};
 use crate::{Failure, words};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -180,6 +181,8 @@ pub mod at {
 
 /// What [`Head::place_to_measure`] does while the head moves, in words.
 pub const MOVES: &str = "moves to its place, pulses off";
+/// Why an activity ends whose head somebody else has stopped.
+pub const DISABLED: &str = "another program has disabled the head";
 /// The head keeps no surface of a hole.
 pub const NO_SURFACE: i64 = i32::MIN as i64;
 
@@ -395,7 +398,7 @@ impl Head {
     /// # Errors
     /// When the head already monitors four others, or refuses.
     pub fn arm(&self) -> Result<Armed<'_>, Failure> {
-        let (mine, mut free) = (u32::from(self.bus.host()), None);
+        let (mine, mut free) = (u32::from(self.bus.claim_host()), None);
         for sub in 1..=4 {
             let watch = unsigned(&self.sdo.read(Address(0x1016, sub))?);
             if watch >> 16 == mine || watch & 0xFFFF == 0 && free.is_none() {
@@ -486,6 +489,7 @@ impl Head {
             if word & status::ERROR != 0 {
                 return Err(Failure::Failed("homing: no reference found".into()));
             }
+            head.enabled()?;
             Ok(word & status::TAKEN != 0 && head.whole(at::HOMED)? == 1)
         })?;
         self.set(at::CONTROLWORD, 0x0F)?;
@@ -587,6 +591,7 @@ impl Head {
         self.start(counts, tick)?;
         let there = self.wait(Duration::from_secs(60), tick, |head| {
             head.refused(before)?;
+            head.enabled()?;
             Ok(head.status()? & status::REACHED != 0)
         })?;
         if there { Ok(()) } else { Err(Failure::Failed("the target was not reached within a minute".into())) }
@@ -604,7 +609,11 @@ impl Head {
             head.refused(before)?;
             Ok(head.whole(at::FOUND)? == search::UNDER_WAY)
         })?;
-        let over = began && self.wait(SEARCH, tick, |head| Ok(head.whole(at::FOUND)? != search::UNDER_WAY))?;
+        let over = began
+            && self.wait(SEARCH, tick, |head| {
+                head.enabled()?;
+                Ok(head.whole(at::FOUND)? != search::UNDER_WAY)
+            })?;
         let outcome = self.whole(at::FOUND)?;
         if over && outcome == search::FOUND {
             return Ok(self.whole(at::TOUCHED)?);
@@ -721,6 +730,14 @@ impl Head {
         Ok(false)
     }
 
+    /// An error when the head is disabled: what this program has enabled, somebody else has stopped.
+    ///
+    /// # Errors
+    /// That; those of the transfer.
+    pub fn enabled(&self) -> Result<(), Failure> {
+        if self.whole(at::STATE)? as u8 == state::DISABLED { Err(Failure::Failed(DISABLED.into())) } else { Ok(()) }
+    }
+
     /// An error when a fault is active.
     ///
     /// # Errors
@@ -762,20 +779,38 @@ pub(crate) fn unsigned(bytes: &[u8]) -> u32 {
     bytes.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
 }
 
-/// Node-IDs that answer.
-pub fn scan(bus: &Bus) -> Vec<u8> {
-    let heard = bus.listen();
-    // Taken in the same order by everybody: no two scans wait for each other.
-    let turns: Vec<_> = (1..=127).filter_map(|node| bus.turn(node)).collect();
-    turns.iter().for_each(|turn| turn.say([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]));
-    let mut nodes = Vec::new();
-    let end = Instant::now() + THERE;
-    while let Ok(frame) = heard.recv_timeout(end.saturating_duration_since(Instant::now())) {
-        if let 0x581..=0x5FF = frame.id {
-            nodes.push((frame.id & 0x7F) as u8);
+/// Nodes that answer, with their device type (1000h:0).
+pub fn scan(bus: &Bus) -> BTreeMap<u8, u32> {
+    /// Upload of 1000h:0.
+    const ASK: [u8; 8] = [0x40, 0x00, 0x10, 0, 0, 0, 0, 0];
+    let mut nodes = BTreeMap::new();
+    let mut take = |node, answer: [u8; 8]| match answer {
+        [0x43, 0x00, 0x10, 0, a, b, c, d] => _ = nodes.insert(node, u32::from_le_bytes([a, b, c, d])),
+        // It is there, whatever it says.
+        _ => _ = nodes.entry(node).or_insert(0),
+    };
+    // Nobody waits for a turn while holding others: a node that is silent would keep all of them from being stopped.
+    let turns: Vec<_> = (1..=127).map(|node| (node, bus.turn_now(node))).collect();
+    turns.iter().filter_map(|(_, turn)| turn.as_ref()).for_each(|turn| turn.say(ASK));
+    let (end, mut busy) = (Instant::now() + THERE, Vec::new());
+    for (node, turn) in &turns {
+        match turn {
+            Some(turn) => {
+                if let Some(answer) = turn.hear(end.saturating_duration_since(Instant::now())) {
+                    take(*node, answer);
+                }
+            }
+            None => busy.push(*node),
         }
     }
-    nodes.sort_unstable();
-    nodes.dedup();
+    drop(turns);
+    for node in busy {
+        if let Some(turn) = bus.turn(node) {
+            turn.say(ASK);
+            if let Some(answer) = turn.hear(THERE) {
+                take(node, answer);
+            }
+        }
+    }
     nodes
 }

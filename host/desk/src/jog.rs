@@ -149,6 +149,7 @@ impl Jog<'_> {
             if sample.fault_number != 0 {
                 return Err(Failure::Failed(sample.fault));
             }
+            head.enabled()?;
             (self.on_progress)(&Progress { doing, target_mm: Some(target as f64 / per_mm), sample });
             tick()?;
             // All that were requested meanwhile are one move.

@@ -48,7 +48,7 @@ pub struct Named {
 /// When a head refuses, or no node-ID is free. What was named before that stays named.
 pub fn name_all(bus: &Bus, first: u8, mut on_named: impl FnMut(Named)) -> Result<(), Failure> {
     let heard = bus.listen();
-    let taken = scan(bus);
+    let taken: Vec<u8> = scan(bus).into_keys().collect();
     let mut free = (first..=127).filter(|node| !taken.contains(node));
     let send = |data: [u8; 8]| bus.send(REQUESTS, &data);
     send([SWITCH, WAITING, 0, 0, 0, 0, 0, 0]);

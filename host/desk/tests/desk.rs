@@ -532,7 +532,7 @@ fn an_identification_in_the_page_is_stopped_and_its_head_keeps_its_settings() {
     session.until(|message| message["identify"]["doing"].as_str().is_some_and(|doing| doing.contains("strokes")));
     let jog = session.ask(json!({ "do": "jog", "node": 1 })).unwrap_err();
     assert!(jog.contains("an identification, a tuning or a jog is in progress"), "{jog}");
-    session.ask(json!({ "do": "stop", "node": 1 })).unwrap();
+    session.send(r#"{"do":"stop"}"#);
     let ended = session.until(|message| !message["identified"].is_null());
     assert!(ended["identified"]["failed"].is_string(), "{ended}");
     let truth = rig.until(|truth| truth.state == State::Disabled);
@@ -613,7 +613,7 @@ fn a_tuning_in_the_page_is_stopped_and_one_that_ends_is_kept_for_who_comes_later
     session.until(|message| message["tune"]["points"].as_array().is_some_and(|points| points.len() == 1));
     let jog = session.ask(json!({ "do": "jog", "node": 1 })).unwrap_err();
     assert!(jog.contains("a tuning or a jog is in progress"), "{jog}");
-    session.ask(json!({ "do": "stop", "node": 1 })).unwrap();
+    session.send(r#"{"do":"stop"}"#);
     let ended = session.until(|message| !message["tuned"].is_null());
     assert!(ended["tuned"]["failed"].is_string(), "{ended}");
     rig.until(|truth| truth.state == State::Disabled && truth.fault.is_none());
@@ -658,11 +658,61 @@ fn a_head_that_bores_is_left_to_the_program_that_commands_it() {
         assert_eq!(run(&rig.connection(), reads).0, Some(0), "{reads:?}");
         assert!(rig.truth().pulses, "{reads:?}");
     }
-    // What makes a head safer is never refused: a quick stop, as any other host may write it.
-    assert_eq!(run(&rig.connection(), &["object", "6040", "2"]).0, Some(0));
-    rig.until(|truth| !truth.pulses);
     boring.kill().unwrap();
     boring.wait().unwrap();
+}
+
+#[test]
+fn a_hole_that_another_program_stops_ends_in_a_failure_and_goes_nowhere() {
+    for (object, value) in [("6040", "271"), ("6040", "2"), ("6040", "7"), ("2001:2", "1"), ("2001:1", "0")] {
+        let rig = Rig::new();
+        let boring = rig::start(&rig.connection(), &["bore", "--depth", "0.5"], Stdio::null());
+        rig.until(|truth| truth.state == State::Eroding);
+        // What makes a head safer is never refused.
+        assert_eq!(run(&rig.connection(), &["object", object, value]).0, Some(0), "{object}={value}");
+        let ended = boring.wait_with_output().unwrap();
+        let said = String::from_utf8(ended.stderr).unwrap();
+        assert!(ended.status.code() == Some(1) && said.contains("another program has"), "{object}={value}: {said}");
+        let truth = rig.until(|truth| truth.state == State::Disabled);
+        assert!(
+            !truth.pulses && truth.fault.is_none() && truth.position <= truth.deepest,
+            "{object}={value}: {truth:?}"
+        );
+    }
+}
+
+#[test]
+fn a_jog_that_another_program_stops_is_over_and_takes_no_step_into_what_comes_after() {
+    let rig = Rig::new();
+    let desk = Desk::new(&rig.connection());
+    let mut session = desk.session();
+    session.ask(json!({ "do": "command", "take": true })).unwrap();
+    session.ask(json!({ "do": "jog", "node": 1 })).unwrap();
+    session.until(|message| message["jog"]["doing"] == "holding, pulses off");
+    assert_eq!(run(&rig.connection(), &["stop"]).0, Some(0));
+    let jogged = session.until(|message| !message["jogged"].is_null());
+    assert!(jogged["jogged"]["said"].as_str().unwrap().contains("another program has disabled the head"), "{jogged}");
+    let step = session.ask(json!({ "do": "step", "node": 1, "by_mm": 1.0 })).unwrap_err();
+    assert!(step.contains("not enabled to jog"), "{step}");
+}
+
+#[test]
+fn a_head_watches_its_own_program_and_not_another_one_on_the_same_bus() {
+    let rig = Rig::with_second(2);
+    let bore = |node| {
+        let arguments = ["--node", node, "bore", "--depth", "0.5", "--new-surface"];
+        rig::start(&rig.connection(), &arguments, Stdio::null())
+    };
+    let mut first = bore("1");
+    rig.until(|truth| truth.state == State::Eroding);
+    let mut second = bore("2");
+    rig.until_of(1, |truth| truth.state == State::Eroding);
+    first.kill().unwrap();
+    first.wait().unwrap();
+    assert_eq!(rig.until(|truth| truth.fault.is_some()).fault, Some(Fault::HostSilent));
+    assert!(rig.until_of(1, |_| true).pulses);
+    second.kill().unwrap();
+    second.wait().unwrap();
 }
 
 #[test]

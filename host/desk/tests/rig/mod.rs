@@ -33,8 +33,8 @@ use tungstenite::{Message, WebSocket};
 const SPEED: u32 = 2;
 /// Servo ticks a millisecond.
 const TICKS: u32 = 20;
-/// The longest that anything may take.
-const PATIENCE: Duration = Duration::from_secs(50);
+/// What takes longer hangs.
+const PATIENCE: Duration = Duration::from_secs(240);
 
 /// What the head is.
 #[derive(Clone, Copy, Debug)]
