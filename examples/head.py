@@ -96,7 +96,8 @@ class Head(BaseNode402):
     def __init__(self, network, node):
         super().__init__(node, str(EDS))
         network.add_node(self)
-        self.sdo.RESPONSE_TIMEOUT = 1.0
+        # A busy computer may be late. That a head is gone shows in its heartbeat, not here.
+        self.sdo.RESPONSE_TIMEOUT = 5.0
         self.nmt.state = "PRE-OPERATIONAL"
         self.tpdo.read()
         self.rpdo.read()

@@ -779,7 +779,7 @@ pub(crate) fn unsigned(bytes: &[u8]) -> u32 {
     bytes.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
 }
 
-/// Nodes that answer, with their device type (1000h:0).
+/// Nodes that answer, with their device type (1000h:0); 0 where nothing but answers to others, or an abort, was heard.
 pub fn scan(bus: &Bus) -> BTreeMap<u8, u32> {
     /// Upload of 1000h:0.
     const ASK: [u8; 8] = [0x40, 0x00, 0x10, 0, 0, 0, 0, 0];
@@ -794,13 +794,16 @@ pub fn scan(bus: &Bus) -> BTreeMap<u8, u32> {
     turns.iter().filter_map(|(_, turn)| turn.as_ref()).for_each(|turn| turn.say(ASK));
     let (end, mut busy) = (Instant::now() + THERE, Vec::new());
     for (node, turn) in &turns {
-        match turn {
-            Some(turn) => {
-                if let Some(answer) = turn.hear(end.saturating_duration_since(Instant::now())) {
-                    take(*node, answer);
-                }
+        let Some(turn) = turn else {
+            busy.push(*node);
+            continue;
+        };
+        // Another program that talks to the node is answered in between.
+        while let Some(answer) = turn.hear(end.saturating_duration_since(Instant::now())) {
+            take(*node, answer);
+            if answer[1..4] == ASK[1..4] {
+                break;
             }
-            None => busy.push(*node),
         }
     }
     drop(turns);

@@ -54,7 +54,8 @@ pub fn stop(bus: &Bus, sheet: &Arc<Sheet>, known: &BTreeSet<u8>, mut said: impl 
     let (scans, found) = (bus.clone(), sender.clone());
     thread::spawn(move || {
         while Instant::now() < end {
-            let drives = scan(&scans).into_iter().filter(|(_, kind)| kind & 0xFFFF == DRIVE);
+            // What did not say what it is may be a head that is talking to another program.
+            let drives = scan(&scans).into_iter().filter(|(_, kind)| matches!(kind & 0xFFFF, 0 | DRIVE));
             drives.for_each(|(node, _)| _ = found.send(Said::Found(node)));
             if found.send(Said::Scanned).is_err() {
                 return;
