@@ -502,208 +502,32 @@ fn whichever_bit_of_it_flips_in_the_flash_the_image_before_is_in_force_and_calle
     }
 }
 
-/// A file that 0.1.0 has written.
-macro_rules! fixture {
-    ($name:literal) => {
-        &include_bytes!(concat!("fixtures/0.1.0/", $name))[..]
-    };
-}
-
-/// Settings that 0.1.0 did not have, in the order of their addresses: the default is in force, and the report names it.
-const NEWER: &[(u16, u8)] = &[
-    (0x2100, 19),
-    (0x2100, 20),
-    (0x2100, 21),
-    (0x2100, 22),
-    (0x2100, 23),
-    (0x2100, 24),
-    (0x2100, 25),
-    (0x2100, 26),
-    (0x2100, 27),
-    (0x2100, 28),
-    (0x2100, 29),
-    (0x2100, 30),
-    (0x2100, 31),
-    (0x2100, 32),
-    (0x2100, 33),
-    (0x2100, 34),
-    (0x2100, 35),
-    (0x2100, 36),
-    (0x2100, 37),
-    (0x2100, 38),
-    (0x2101, 2),
-    (0x2101, 3),
-    (0x2101, 4),
-    (0x2101, 5),
-    (0x2102, 12),
-    (0x2102, 13),
-    (0x2102, 14),
-    (0x2102, 15),
-    (0x2102, 16),
-    (0x2102, 17),
-    (0x2102, 18),
-    (0x2102, 19),
-    (0x2102, 20),
-    (0x2102, 21),
-    (0x2102, 22),
-    (0x2102, 23),
-    (0x2102, 24),
-    (0x2102, 25),
-    (0x2102, 26),
-    (0x2102, 27),
-    (0x2102, 28),
-    (0x2102, 29),
-    (0x2102, 30),
-    (0x2102, 31),
-    (0x2102, 32),
-    (0x2102, 33),
-    (0x2102, 34),
-    (0x2102, 35),
-    (0x2102, 36),
-    (0x2102, 37),
-    (0x2102, 38),
-    (0x2102, 39),
-    (0x2102, 40),
-    (0x2106, 9),
-    (0x2109, 4),
-    (0x2109, 5),
-    (0x210A, 9),
-    (0x210A, 10),
-    (0x210A, 11),
-    (0x210D, 1),
-    (0x210D, 2),
-    (0x210D, 3),
-    (0x210E, 8),
-    (0x210E, 9),
-    (0x210E, 10),
-    (0x210E, 1),
-    (0x210E, 2),
-    (0x210E, 3),
-    (0x210E, 4),
-    (0x210E, 5),
-    (0x210E, 6),
-    (0x210E, 7),
-    (0x210F, 1),
-    (0x210F, 2),
-    (0x210F, 3),
-    (0x210F, 4),
-    (0x210F, 5),
-    (0x2110, 1),
-    (0x2110, 2),
-    (0x2110, 3),
-    (0x2111, 1),
-    (0x2111, 2),
-    (0x2111, 3),
-    (0x2111, 4),
-    (0x2111, 5),
-    (0x2111, 6),
-    (0x2112, 1),
-    (0x2112, 2),
-    (0x2112, 3),
-    (0x2112, 4),
-    (0x2112, 5),
-    (0x2113, 1),
-    (0x2113, 2),
-    (0x2113, 3),
-    (0x2116, 1),
-    (0x2116, 2),
-    (0x2116, 3),
-    (0x2115, 1),
-    (0x2115, 2),
-    (0x2115, 3),
-    (0x2114, 1),
-    (0x2114, 2),
-    (0x2114, 3),
-    (0x2118, 1),
-    (0x2118, 2),
-    (0x2118, 3),
-    (0x2118, 4),
-    (0x2118, 5),
-    (0x2118, 6),
-    (0x2119, 1),
-    (0x6007, 0),
-    (0x60C5, 0),
-    (0x60C6, 0),
-    (0x60D0, 1),
-    (0x60D0, 2),
-    (0x60F2, 0),
-];
-
-fn is_whole_but_for_the_newer(report: &LoadReport) -> bool {
-    *report == LoadReport { outcome: Outcome::Newest, defaulted: listed(NEWER), ..LoadReport::default() }
-}
-
-/// Whether every object that is listed as 0.1.0 had it reads the same, if it was stored.
-fn reads_as_listed(head: &mut Head, list: &[u8], stored: impl Fn(u16) -> bool) {
-    let mut compared = 0;
-    for line in std::str::from_utf8(list).unwrap().lines() {
-        let [index, sub, value] = line.split(',').collect::<Vec<_>>()[..] else { panic!("{line}") };
-        let index = u16::from_str_radix(&index[2..], 16).unwrap();
-        let expected = u32::from_str_radix(value, 16).unwrap();
-        if stored(index) {
-            assert_eq!(head.read(index, sub.parse().unwrap()), expected, "{line}");
-            compared += 1;
-        }
-    }
-    assert!(compared > 100);
-}
+/// What a virtual head of node-ID 5 has stored with the program of commit e04a51ff, two of three values others than their defaults.
+const STORED: &[u8] = include_bytes!("fixtures/node-5.stored");
 
 #[test]
-fn what_0_1_0_has_stored_in_a_file_is_in_force_with_every_value() {
-    let all = |_| true;
-    let (application, communication) = (|index| index >= 0x2000, |index| index < 0x2000);
-    let everything: fn(u16) -> bool = all;
-    for (file, list, stored) in [
-        (fixture!("node-5-defaults.stored"), fixture!("node-5-defaults.csv"), everything),
-        (fixture!("node-5-changed.stored"), fixture!("node-5-changed.csv"), everything),
-        (fixture!("node-5-application.stored"), fixture!("node-5-changed.csv"), application),
-        (fixture!("node-5-communication.stored"), fixture!("node-5-changed.csv"), communication),
-    ] {
-        let mut image = StoredImage::NOTHING;
-        assert_eq!(image.load(Loaded::Newest(file)), Outcome::Newest);
-        let (mut head, report) = Head::new(ID, &image);
-        let application = records(&image).iter().any(|record| record.index >= 0x2000);
-        assert!(if application { is_whole_but_for_the_newer(&report) } else { report.is_whole() }, "{report}");
-        reads_as_listed(&mut head, list, stored);
-        // And is stored from then on as everything is.
-        let (mut head, report) = Head::new(ID, &image_of(&records(&image)));
-        assert!(if application { is_whole_but_for_the_newer(&report) } else { report.is_whole() }, "{report}");
-        reads_as_listed(&mut head, list, stored);
-    }
-}
-
-#[test]
-fn what_0_1_0_has_stored_in_a_flash_is_in_force_with_every_value() {
-    for (cells, list) in [
-        (fixture!("flash-defaults.bin"), fixture!("flash-defaults.csv")),
-        (fixture!("flash-changed.bin"), fixture!("flash-changed.csv")),
-    ] {
-        let (mut flash, mut image) = (Flash::default(), StoredImage::NOTHING);
-        flash.cells().copy_from_slice(cells);
-        assert_eq!(load(&mut flash, &mut image), Outcome::Newest);
-        assert_eq!(image.bus(), Some(BusSettings::at_1_mbit(NodeId::new(1))), "as every board was");
-        let (mut head, report) = Head::new(1, &image);
-        assert!(is_whole_but_for_the_newer(&report), "{report}");
-        reads_as_listed(&mut head, list, |_| true);
-        // The next image goes behind it.
-        save(&mut flash, head.stored().bytes()).unwrap();
-        assert_eq!(load(&mut flash, &mut image), Outcome::Newest);
-        let (mut head, _) = Head::new(1, &image);
-        reads_as_listed(&mut head, list, |_| true);
-    }
-}
-
-#[test]
-fn an_image_of_0_1_0_that_is_no_such_image_is_damaged() {
-    let file = fixture!("node-5-changed.stored");
+fn what_an_earlier_program_has_stored_in_this_format_is_in_force_with_every_value() {
     let mut image = StoredImage::NOTHING;
-    // Parts, version and fingerprint of the settings, of the values of the profile, of the communication parameters, node-ID.
-    for (byte, value) in [(0, 4), (1, 2), (2, 0), (5, 0), (315, 2), (572, 2), (573, 0), (573, 128)] {
-        let mut bad = file.to_vec();
-        bad[byte] = value;
-        assert_eq!(image.load(Loaded::Newest(&bad)), Outcome::Damaged, "byte {byte}");
+    assert_eq!(image.load(Loaded::Newest(STORED)), Outcome::Newest);
+    assert_eq!((image.bytes(), image.node()), (STORED, Some(node())));
+    let (mut head, report) = Head::new(ID, &image);
+    assert_eq!((report.outcome, report.skipped), (Outcome::Newest, Listed::default()), "{report}");
+    let stored = records(&image);
+    for &Record { index, sub, value, .. } in &stored {
+        // So settings that are newer than the image are all that can be replaced by their defaults.
+        assert_eq!(head.read(index, sub), value, "{index:x}:{sub}");
     }
-    for length in [0, 1, 943] {
-        assert_eq!(image.load(Loaded::Newest(&file[..length])), Outcome::Damaged);
-    }
+    assert!(stored.len() > 300);
+}
+
+#[test]
+fn the_format_of_0_1_0_is_refused_as_damage_is() {
+    // Both parts, version 1 and fingerprint of its settings; no checksum.
+    let mut old = vec![0; 944];
+    old[..6].copy_from_slice(&[3, 1, 0xB8, 0x9D, 0x4A, 0x0D]);
+    let mut image = StoredImage::NOTHING;
+    assert_eq!(image.load(Loaded::Newest(&old)), Outcome::Damaged);
+    let (head, report) = Head::new(ID, &image);
+    assert_eq!((report.outcome, image.bus(), image.records().count()), (Outcome::Damaged, None, 0));
+    assert_eq!(*head.drive.settings(), Settings::default());
 }

@@ -25,7 +25,7 @@ use edm_runtime::supervise::Supervise;
 use edm_runtime::{Crossings, Note, Parts, assemble};
 use edm_servo_head::backup::Keeper;
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Record};
-use edm_servo_head::canopen::{BitRate, BusSettings, Node, NodeId};
+use edm_servo_head::canopen::{BitRate, BusSettings, Node};
 use edm_servo_head::gap::Voltage;
 use edm_servo_head::path::Path;
 use edm_servo_head::scope::Memory;
@@ -35,8 +35,6 @@ use edm_servo_head::stored::StoredImage;
 /// How a head is reached that has nothing stored: it waits for a node-ID.
 const UNCONFIGURED: BusSettings =
     BusSettings { node: None, bit_rate: BitRate::from_hz(Board::TABLE.bit_rate).unwrap() };
-/// How a head is reached that 0.1.0 has stored something for.
-const FROM_0_1_0: BusSettings = BusSettings::at_1_mbit(Some(NodeId::FIRST));
 /// Commit of this build, eight hexadecimal digits.
 const BUILD: &str = env!("EDM_BUILD");
 /// The same as a number.
@@ -136,8 +134,7 @@ pub fn start(
         last_end: machine.boot.death as u8,
     };
     let image = image_store.load();
-    let unnamed = if image.is_from_0_1_0() { FROM_0_1_0 } else { UNCONFIGURED };
-    let node = place_node(&mut slots.node, image.bus().unwrap_or(unnamed));
+    let node = place_node(&mut slots.node, image.bus().unwrap_or(UNCONFIGURED));
     let drive = place_drive(&mut slots.drive, &mut slots.record, identity, image, node)?;
     node.set_program(machine.stage.id());
     let mut keeper = Keeper::new(machine.backup);

@@ -5,7 +5,7 @@
 //! | --- | --- |
 //! | 1 | version of this layout, 15h |
 //! | 1 | node-ID that the communication parameters belong to; 0 without any |
-//! | 1 | node-ID of the head; 255: it is to wait for one; 254: it is from 0.1.0, which kept none; 0: none was ever stored |
+//! | 1 | node-ID of the head; 255: it is to wait for one; 0: none was ever stored |
 //! | 1 | bit rate, by its index in the table of CiA 301; counts with a node-ID other than 0 |
 //! | 1 | what was lost before this was stored, and has not been stored anew: an [`Outcome`]; 0: nothing |
 //! | 2 | number of records |
@@ -16,21 +16,16 @@
 //! are records alike: an *application* record has an index from 2000h on, a *communication* record one below. What an address
 //! means is the affair of drive and node: which values they pass over or replace by defaults, their [`LoadReport`] says.
 //!
-//! Every version has its checksum at the end, so that a future version is not taken for damage. Images of 0.1.0 had
-//! another layout, and are translated (`legacy.rs`).
-
-mod legacy;
+//! Every version has its checksum at the end, so that a future version is not taken for damage.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 use edm_canopen::{BitRate, BusSettings, Listed, NodeId, Record};
 use edm_hal_shim::store::{Loaded, MAX_IMAGE};
 
-/// Version of the layout: two bits away from 0 to 3, with which images of 0.1.0 begin.
+/// Version of the layout.
 const VERSION: u8 = 0x15;
 /// Node-ID of a head that is to wait for one.
 const WAITS: u8 = 255;
-/// In the place of the node-ID of a head that 0.1.0 has stored no communication parameters for.
-const FROM_0_1_0: u8 = 254;
 /// Bytes before the records.
 const HEAD: usize = 7;
 /// Bytes of a record.
@@ -203,13 +198,6 @@ impl StoredImage {
         (id.is_some() || node == WAITS).then_some(BusSettings { node: id, bit_rate })
     }
 
-    /// Whether 0.1.0 has stored this, which kept no node-ID: its boards were node 1 at 1 Mbit/s, its virtual heads what the
-    /// command line said.
-    pub fn is_from_0_1_0(&self) -> bool {
-        let [_, _, node, ..] = self.bytes;
-        node == FROM_0_1_0
-    }
-
     /// Takes out the records of the application, of the communication area, or both. What remains is to be
     /// [sealed](Self::seal).
     pub(crate) fn remove(&mut self, application: bool, communication: bool) {
@@ -267,12 +255,6 @@ impl StoredImage {
         (*id, *rate) = (node.map_or(WAITS, NodeId::get), bit_rate as u8);
     }
 
-    /// It is an image of 0.1.0 without a node-ID.
-    fn set_from_0_1_0(&mut self) {
-        let [_, _, id, ..] = &mut self.bytes;
-        *id = FROM_0_1_0;
-    }
-
     /// What was lost before, and is still to be reported. What there is then is to be [sealed](Self::seal).
     pub(crate) fn set_lost(&mut self, outcome: Option<Outcome>) {
         let [_, _, _, _, lost, ..] = &mut self.bytes;
@@ -308,9 +290,6 @@ impl StoredImage {
 
     /// Takes an image over.
     fn read(&mut self, image: &[u8]) -> Result<(), Outcome> {
-        if legacy::is_it(image) {
-            return legacy::read(image, self).ok_or(Outcome::Damaged);
-        }
         let (content, check) = image.split_last_chunk::<CHECK>().ok_or(Outcome::Damaged)?;
         if CRC.checksum(content) != u32::from_le_bytes(*check) {
             return Err(Outcome::Damaged);

@@ -245,19 +245,6 @@ mod tests {
     }
 
     #[test]
-    fn heads_that_0_1_0_has_stored_settings_for_keep_their_node_ids() {
-        let folder = tempfile::tempdir().unwrap();
-        let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/0.1.0");
-        for node in [5, 6] {
-            let file = folder.path().join(format!("node-{node}.stored"));
-            std::fs::copy(fixtures.join("node-5-application.stored"), file).unwrap();
-        }
-        let fleet = Fleet::new(&Setup::load("default").unwrap(), 5, 2, 1, Some(folder.path())).unwrap();
-        let ids: Vec<_> = fleet.heads.iter().map(|head| head.node_id().map(NodeId::get)).collect();
-        assert_eq!(ids, [Some(5), Some(6)]);
-    }
-
-    #[test]
     fn an_sdo_is_answered_in_the_tick_that_takes_it() {
         let mut fleet = fleet(5, 1);
         sent(&mut fleet, &[], 10);

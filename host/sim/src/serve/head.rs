@@ -304,24 +304,4 @@ mod tests {
         fs::write(&path, &good).unwrap();
         assert!(switched_on(folder.path()).protocol().drive().settings().commissioned);
     }
-
-    #[test]
-    fn a_file_of_0_1_0_is_in_force_with_every_setting() {
-        let folder = tempfile::tempdir().unwrap();
-        let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/0.1.0");
-        fs::copy(fixtures.join("node-5-changed.stored"), folder.path().join("node-5.stored")).unwrap();
-        let head = switched_on(folder.path());
-        assert_eq!(head.protocol().drive().loaded().outcome, Outcome::Newest);
-        let list = fs::read_to_string(fixtures.join("node-5-changed.csv")).unwrap();
-        let mut compared = 0;
-        for (place, (index, sub)) in Settings::ADDRESSES.iter().enumerate() {
-            let Some(line) = list.lines().find(|line| line.starts_with(&format!("0x{index:04X},{sub},"))) else {
-                continue;
-            };
-            let word = u32::from_str_radix(line.rsplit(',').next().unwrap(), 16).unwrap();
-            assert_eq!(head.protocol().drive().settings().word(place), Some(word), "{line}");
-            compared += 1;
-        }
-        assert_eq!(compared, 84);
-    }
 }
