@@ -43,15 +43,6 @@ scenarios![
     "micro-through-clear",
 ];
 
-/// Names that scenarios had on version 0 of the process model, and what they are on version 1.
-const FORMER: [(&str, &str); 5] = [
-    ("pulses-100khz", "sinker-100khz"),
-    ("pulses-1khz", "sinker-1khz"),
-    ("mass-0.1kg", "sinker-0.1kg"),
-    ("mass-0.4kg", "sinker-0.4kg"),
-    ("dirty-gap", "sinker-dirty"),
-];
-
 /// Depth of a hole when neither scenario nor command line gives one, mm.
 pub const DEPTH_MM: f64 = 0.5;
 
@@ -78,7 +69,6 @@ impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
     /// Loads a built-in scenario by name, or a file. `which` is a file if it says so by a separator or `.toml`, or if no
     /// scenario has that name and the file exists.
     pub fn load(which: &str) -> Result<Self, String> {
-        let which = FORMER.iter().find(|(former, _)| *former == which).map_or(which, |(_, name)| name);
         if let Some((_, text)) = BUILT_IN.iter().find(|(name, _)| *name == which) {
             return Self::parse(which, text);
         }
@@ -536,7 +526,7 @@ mod tests {
     }
 
     #[test]
-    fn every_scenario_has_the_version_of_the_model_that_is_said_of_it_and_a_former_name_still_finds_one() {
+    fn every_scenario_has_the_version_of_the_model_that_is_said_of_it() {
         for (name, text) in BUILT_IN {
             let setup = crate::run::Setup::parse(name, text).unwrap();
             let version = match *name {
@@ -545,9 +535,6 @@ mod tests {
                 _ => 2,
             };
             assert_eq!(setup.process.version(), version, "{name}");
-        }
-        for (former, name) in FORMER {
-            assert_eq!(crate::run::Setup::load(former).unwrap().name, name);
         }
     }
 

@@ -455,7 +455,7 @@ fn a_scenario_turns_to_the_other_process_model_and_says_so() {
     refused(&["--model", "1", "--set", "model.reach_um_v=1"], &["model.reach_um_v = 1", "version 2"]);
     refused(&["--scenario", "sinker", "--set", "actuator.mass_kg=0.3"], &["actuator.mass_kg = 0.3", "version 0"]);
     refused(&["--model", "0", "--set", "model.radius_um=300"], &["model.radius_um = 300", "versions 1 and 2"]);
-    assert_eq!(report(&["--scenario", "dirty-gap"])["scenario"], "sinker-dirty, workpiece.surface_mm=0.3");
+    refused(&["--scenario", "dirty-gap"], &["dirty-gap", "no such scenario"]);
     refused(&["--scenario", "sinker", "--set", "model.radius_um=1"], &["model.radius_um = 1", "20 to 50000 um"]);
 }
 

@@ -26,10 +26,8 @@ use flate2::read::DeflateDecoder;
 use flate2::write::DeflateEncoder;
 use std::io::{self, Read, Write};
 
-/// First bytes of a recording, the last of them its version. Version 5 has no edges of gate and comparators, and no counts of
-/// pulses: the senses of the gap voltage can be compared all the same.
+/// First bytes of a recording, the last of them its version.
 const MAGIC: [u8; 5] = *b"EDMR\x06";
-const FORMER: [u8; 5] = *b"EDMR\x05";
 /// Qualities of a reading by number.
 pub const QUALITIES: [Quality; 5] =
     [Quality::Missing, Quality::Valid, Quality::NoGate, Quality::Saturated, Quality::Reversed];
@@ -216,7 +214,7 @@ pub fn replay(from: impl Read) -> Result<u64, Error> {
 }
 
 /// The same, but only what the head makes of its signals has to agree: counts exactly, shorts and quality of the gap signal,
-/// its filtered voltage within 1 V. A recording of an older version passes as long as the senses are the same.
+/// its filtered voltage within 1 V. A recording of older firmware passes as long as the senses are the same.
 ///
 /// # Errors
 /// When it cannot be read, or at the first difference.
@@ -227,7 +225,7 @@ pub fn replay_senses(from: impl Read) -> Result<u64, Error> {
 fn through(twin: fn(&Settings) -> Result<Twin, SettingError>, mut from: impl Read) -> Result<u64, Error> {
     let mut magic = [0; MAGIC.len()];
     from.read_exact(&mut magic)?;
-    if magic != MAGIC && magic != FORMER {
+    if magic != MAGIC {
         return Err(Error::Foreign);
     }
     let settings = Settings { commissioned: true, ..Settings::default() };
@@ -714,7 +712,7 @@ mod tests {
 
     #[test]
     fn a_file_that_is_none_or_ends_early_is_refused() {
-        assert!(matches!(replay(&b"EDMR\x01..."[..]), Err(Error::Foreign)));
+        assert!(matches!(replay(&b"EDMR\x05..."[..]), Err(Error::Foreign)));
         assert!(matches!(replay(&b"ED"[..]), Err(Error::Io(_))));
         let mut recorder = Recorder::new(Vec::new()).unwrap();
         recorder.event(&Event::Tick(TickInput::default(), Counters::default(), status())).unwrap();
