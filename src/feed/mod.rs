@@ -12,7 +12,6 @@ mod limiter;
 mod period;
 
 pub use limiter::{Limiter, Limits};
-pub use order_test::Order;
 
 use crate::gap::GapReading;
 use crate::gap::senses::Senses;
@@ -214,8 +213,7 @@ laws! {
     8 gap_ratio::GapRatio;
     /// Our own: the gap is estimated from ignitions and from the head's motion.
     9 observed_gap::ObservedGap;
-    /// No feed, but a test: which order the model of \[X\] needs.
-    10 order_test::OrderTest;
+    // 10 was a test that did not feed, in programs between 0.2.0 and the release after it, and in no release.
 }
 
 /// The law that leads, with what it remembers.
@@ -231,14 +229,6 @@ impl Leading {
     /// What the law wants. `law` is the one of the last [`resume`](Leading::resume) or [`retune`](Leading::retune).
     pub fn act(&mut self, law: &Law, view: &View<'_>) -> Answer {
         law.act(&mut self.0, view)
-    }
-
-    /// What the order test has found, while it leads.
-    pub fn order(&self) -> Option<&Order> {
-        match &self.0 {
-            State::OrderTest(testing) => Some(testing.found()),
-            _ => None,
-        }
     }
 
     /// The law leads from here on.

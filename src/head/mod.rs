@@ -76,7 +76,6 @@ pub use touch::{Config as TouchConfig, Search};
 pub use trajectory::{Follow, Trajectory};
 pub use tune::{Config as TuneConfig, POINTS, Point, Step as TuneStep, WORDS as POINT_WORDS};
 
-use crate::feed::Order;
 use crate::gap::GapReading;
 use crate::gap::senses::Senses;
 use crate::path::Bound;
@@ -123,8 +122,6 @@ pub struct Status {
     pub gap: GapReading,
     /// What its pulses say of the gap.
     pub senses: Senses,
-    /// What the order test has found last.
-    pub order: Order,
     /// Gap error that the feed law was given last.
     pub gap_error: Volts,
     /// Gap voltage to keep.

@@ -3,8 +3,8 @@
 use super::Settings;
 use super::build::ticks;
 use crate::feed::{
-    FixedRate, GapRatio, IncrementByError, MinimumVariance, ObservedGap, OrderTest, PulseControl, PulseCounts,
-    RateByError, SparkFrequency, TwoThresholds,
+    FixedRate, GapRatio, IncrementByError, MinimumVariance, ObservedGap, PulseControl, PulseCounts, RateByError,
+    SparkFrequency, TwoThresholds,
 };
 use crate::gap::controlled::{Frequency, GapDistance, GapVoltage, IgnitionHazard};
 use crate::units::{Micrometres, MicrometresPerSecond, Seconds, Volts};
@@ -92,12 +92,6 @@ impl From<&Settings> for GapRatio {
             settings.ratio_integral_ms * 1e-3,
             ticks(settings.ratio_period_ms),
         )
-    }
-}
-
-impl From<&Settings> for OrderTest {
-    fn from(settings: &Settings) -> Self {
-        OrderTest { setpoint: Micrometres(settings.distance_setpoint) }
     }
 }
 

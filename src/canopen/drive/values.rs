@@ -318,11 +318,6 @@ impl Drive {
             Item::StepsLost => self.steps.lost.into(),
             Item::StepsTaken => status.takes_steps.into(),
             Item::StepsUnfollowed => status.unfollowed as i64,
-            Item::OrderFound => status.order.order.into(),
-            Item::OrderPeriods => status.order.periods.into(),
-            Item::OrderRise1 => rise(status.order.rises[0]),
-            Item::OrderRise2 => rise(status.order.rises[1]),
-            Item::OrderRise3 => rise(status.order.rises[2]),
             Item::IdentifyStep
             | Item::IdentifyWhy
             | Item::FoundResistance
@@ -670,9 +665,4 @@ fn signal_entry(address: u32) -> Result<Entry, Abort> {
 fn copy(bytes: &[u8], out: &mut [u8]) -> Result<usize, Abort> {
     out.get_mut(..bytes.len()).ok_or(Abort::General)?.copy_from_slice(bytes);
     Ok(bytes.len())
-}
-
-/// A rise of the determinant ratio, in hundredths.
-fn rise(ratio: f32) -> i64 {
-    i64::from((ratio * 100.0) as u32)
 }

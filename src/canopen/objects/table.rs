@@ -315,13 +315,6 @@ objects! {
         7 Inches: u32, ro, tx, U32, 0, "", live, "Moves: of the coarse axis after which the head went on, since power-on";
         8 InchError: i32, ro, tx, I32, 0, "counts", live, "Error: of the newest move that a touch of the bottom has measured, positive too far";
     }
-    0x2015 "Order test" {
-        1 OrderFound: u8, ro, tx, (0, 3), 0, "", live, "Order: of the model that feed.law = minimum_variance needs, found by feed.law = order_test; 0 the test is not over";
-        2 OrderPeriods: u16, ro, tx, U16, 0, "", live, "Periods: of 100, summed so far";
-        3 OrderRise1: u32, ro, no, U32, 0, "0.01", live, "Rise 1: of the determinant ratio from order 0 to 1";
-        4 OrderRise2: u32, ro, no, U32, 0, "0.01", live, "Rise 2: from order 1 to 2";
-        5 OrderRise3: u32, ro, no, U32, 0, "0.01", live, "Rise 3: from order 2 to 3";
-    }
     0x2016 "Step and direction" {
         1 StepCount: i32, ro, tx, I32, 0, "", live, "Steps: counted since power-on, those toward the work less the others; wraps";
         2 StepRate: i32, ro, tx, I32, 0, "1/s", live, "Rate: steps a second, of the last 10 ms";

@@ -168,9 +168,6 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         };
         let answer = self.law.act(&self.config.law, &view);
         self.generator = answer.generator;
-        if let Some(order) = self.law.order() {
-            self.status.order = *order;
-        }
         let wanted = self.config.limits.clamp(answer.velocity);
         (MicrometresPerSecond(self.changeover.value(Some(wanted.0), self.config.transfer)), answer.blind)
     }

@@ -315,7 +315,7 @@ fn the_probes_of_the_chip_keep_what_those_of_the_native_core_do() {
     assert_eq!(edges.map(|edge| edge.tick.wrapping_mul(50_000)), times);
 }
 
-/// Three tenths of a second of erosion with each. The order test only moves; minimum variance needs the charging of its own machine.
+/// Three tenths of a second of erosion with each. Minimum variance needs the charging of its own machine.
 #[test]
 fn every_feed_law_on_the_chip_is_that_of_the_native_core_bit_for_bit() {
     let image = Image::parse(common::firmware().to_vec()).unwrap();
