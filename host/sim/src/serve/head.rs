@@ -241,7 +241,6 @@ mod tests {
     use super::*;
     use edm_hal_shim::store::Storage as _;
     use edm_servo_head::canopen::Group;
-    use edm_servo_head::settings::Declared;
     use edm_servo_head::stored::{LoadReport, Outcome, StoredImage};
     use embedded_can::{Frame as _, StandardId};
     use std::fs;
