@@ -2,11 +2,11 @@
 //! stops.
 
 use edm_servo_head::head::{Command, Fault, Finding, MotionLimits, Reason, Report, State};
-use edm_servo_head::settings::{Settings, Value};
+use edm_servo_head::settings::{Declared as _, Settings, Value};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
 use edm_sim::bore::{self, Setup};
 use edm_sim::machine::Machine;
-use edm_sim::process::{FaultInputs, Parameters};
+use edm_sim::process::{FaultInputs, Plant};
 use edm_sim::run::{Job, Observer, Outcome, Sample};
 
 struct Nobody;
@@ -53,13 +53,26 @@ fn the_dry_loop_goes_to_its_depth_without_a_spark() {
     assert_eq!(outcome.pulses.spark + outcome.pulses.short, 0);
 }
 
-/// A machine that has been eroding for a second.
-fn eroding(seed: u64) -> Machine {
-    eroding_with(&Settings { commissioned: true, ..Settings::default() }, &Parameters::default(), seed)
+fn plant(values: &[(&str, f64)]) -> Plant {
+    Plant::with(values).unwrap()
 }
 
-fn eroding_with(settings: &Settings, parameters: &Parameters, seed: u64) -> Machine {
-    let mut machine = Machine::new(parameters, settings, seed).unwrap();
+/// A machine whose friction breaks away at so many newtons, and slides at five sixths of that.
+fn rubbing(breakaway: f32) -> Plant {
+    plant(&[("model.stiction_n", f64::from(breakaway)), ("model.friction_n", f64::from(breakaway) / 1.2)])
+}
+
+fn of_radius(mm: f32) -> Plant {
+    plant(&[("model.radius_um", 1e3 * f64::from(mm))])
+}
+
+/// A machine that has been eroding for a second.
+fn eroding(seed: u64) -> Machine {
+    eroding_with(&Settings { commissioned: true, ..Settings::default() }, Plant::default(), seed)
+}
+
+fn eroding_with(settings: &Settings, plant: Plant, seed: u64) -> Machine {
+    let mut machine = Machine::new(plant, settings, seed).unwrap();
     run(&mut machine, 0.01);
     for command in
         [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(Nanometres(3_000_000)), Command::Start]
@@ -105,7 +118,7 @@ fn a_fault_of_the_machine_is_noticed_in_time_and_moves_the_head_away_from_the_wo
 fn eroding_against(friction: f32) -> impl Iterator<Item = (u64, Machine)> {
     (1..=50).map(move |seed| {
         let settings = Settings { commissioned: true, axis_breakaway: friction, ..Settings::default() };
-        (seed, eroding_with(&settings, &Parameters { friction, ..Parameters::default() }, seed))
+        (seed, eroding_with(&settings, rubbing(friction), seed))
     })
 }
 
@@ -130,7 +143,7 @@ fn an_encoder_that_dies_while_eroding_is_named_before_the_electrode_presses_into
 
 /// A head that erodes with an electrode of so many mm radius, whose face it has been told.
 fn eroding_with_face(radius: f32, seed: u64) -> Machine {
-    eroding_with(&with_face(radius), &Parameters { radius, ..Parameters::default() }, seed)
+    eroding_with(&with_face(radius), of_radius(radius), seed)
 }
 
 fn with_face(radius_mm: f32) -> Settings {
@@ -191,7 +204,7 @@ fn a_jump_waits_for_a_head_that_the_film_under_a_large_face_holds() {
                 jump_jerk: jerk,
                 ..with_face(radius)
             };
-            let mut machine = eroding_with(&settings, &Parameters { radius, ..Parameters::default() }, seed);
+            let mut machine = eroding_with(&settings, of_radius(radius), seed);
             for _ in 0..3 {
                 let what = format!("{radius} mm, {velocity} mm/s, seed {seed}");
                 let [_, up, following] = moved(&mut machine, Command::Jump, State::Jumping, &what);
@@ -208,7 +221,7 @@ fn a_face_that_no_force_of_the_head_lifts_is_a_following_error_in_time() {
     let radius = 50.0;
     // Larger than the settings may say, and pressed into a gap from which nothing takes it off.
     let settings = Settings { contact_press: 1000.0, ..with_face(30.0) };
-    let mut machine = eroding_with(&settings, &Parameters { radius, ..Parameters::default() }, 1);
+    let mut machine = eroding_with(&settings, of_radius(radius), 1);
     machine.command(Command::Jump).unwrap();
     run(&mut machine, 0.9);
     assert_eq!((machine.status().state, machine.status().fault), (State::Jumping, None));
@@ -262,10 +275,10 @@ fn friction_alone_is_never_taken_for_a_dead_encoder() {
     }
 }
 
-fn check(parameters: Parameters) -> Result<Report, Finding> {
+fn check(mut plant: Plant) -> Result<Report, Finding> {
     // No workpiece: it lies at the very end of the stroke.
-    let parameters = Parameters { surface: parameters.stroke - 0.01, ..parameters };
-    let mut machine = Machine::new(&parameters, &Settings::default(), 1).unwrap();
+    plant.installation.surface = plant.stroke_mm() as f32 - 0.01;
+    let mut machine = Machine::new(plant, &Settings::default(), 1).unwrap();
     run(&mut machine, 0.01);
     machine.command(Command::Commission).unwrap();
     for _ in 0..30 * TICK_HZ {
@@ -279,22 +292,18 @@ fn check(parameters: Parameters) -> Result<Report, Finding> {
 
 #[test]
 fn the_commissioning_passes_a_right_machine_and_names_each_wrong_wire() {
-    assert_eq!(check(Parameters::default()).err(), None);
-    let wrong = |change: fn(&mut Parameters)| {
-        let mut parameters = Parameters::default();
-        change(&mut parameters);
-        check(parameters).err()
-    };
-    assert_eq!(wrong(|p| p.motor_reversed = true), Some(Finding::MotorReversed));
-    assert_eq!(wrong(|p| p.encoder_reversed = true), Some(Finding::EncoderReversed));
-    assert_eq!(wrong(|p| p.gap_reversed = true), Some(Finding::GapReversed));
-    assert!(matches!(wrong(|p| p.stroke = 25.0), Some(Finding::Stroke(_))));
+    assert_eq!(check(Plant::default()).err(), None);
+    let wrong = |key, value| check(plant(&[(key, value)])).err();
+    assert_eq!(wrong("wiring.motor_reversed", 1.0), Some(Finding::MotorReversed));
+    assert_eq!(wrong("wiring.encoder_reversed", 1.0), Some(Finding::EncoderReversed));
+    assert_eq!(wrong("wiring.gap_reversed", 1.0), Some(Finding::GapReversed));
+    assert!(matches!(wrong("model.stroke_mm", 25.0), Some(Finding::Stroke(_))));
 }
 
 #[test]
 fn commissioning_finds_the_friction_that_the_supervision_judges_by() {
     for friction in [0.05, 0.3, 1.0] {
-        let report = check(Parameters { friction, ..Parameters::default() }).unwrap();
+        let report = check(rubbing(friction)).unwrap();
         let found = report.friction.value;
         // The push goes on growing until a motion shows.
         assert!((friction..friction + 0.05).contains(&found), "{found} N instead of {friction}");
@@ -302,13 +311,15 @@ fn commissioning_finds_the_friction_that_the_supervision_judges_by() {
 }
 
 /// Heads that hold their place above the work, pulses off, as they came out of the erosion.
-fn holding(friction: f32, change: impl Fn(&mut Parameters)) -> impl Iterator<Item = (u64, Machine)> {
-    let mut parameters = Parameters { friction, ..Parameters::default() };
-    change(&mut parameters);
-    let face = parameters.radius * 1e3;
+fn holding(friction: f32, other: &[(&str, f64)]) -> impl Iterator<Item = (u64, Machine)> {
+    let mut plant = rubbing(friction);
+    for (key, value) in other {
+        plant.set(key, Value::Number(*value)).unwrap();
+    }
+    let face = plant.model().radius_um as f32;
     let settings = Settings { commissioned: true, axis_breakaway: friction, face, ..Settings::default() };
     (1..=10).map(move |seed| {
-        let mut machine = eroding_with(&settings, &parameters, seed);
+        let mut machine = eroding_with(&settings, plant, seed);
         machine.command(Command::Hold).unwrap();
         run(&mut machine, 0.5);
         (seed, machine)
@@ -318,7 +329,7 @@ fn holding(friction: f32, change: impl Fn(&mut Parameters)) -> impl Iterator<Ite
 #[test]
 fn an_encoder_that_dies_while_the_head_holds_its_place_does_not_let_it_press_into_the_work() {
     for friction in [0.05, 0.3, 1.0] {
-        for (seed, mut machine) in holding(friction, |_| ()) {
+        for (seed, mut machine) in holding(friction, &[]) {
             let from = machine.process.truth().position_um;
             machine.process.fault_inputs.encoder_dead = true;
             for _ in 0..20 * TICK_HZ {
@@ -336,8 +347,8 @@ fn an_encoder_that_dies_while_the_head_holds_its_place_does_not_let_it_press_int
 
 #[test]
 fn a_head_that_holds_its_place_is_never_taken_for_one_whose_encoder_is_dead() {
-    let changes: [fn(&mut Parameters); 4] =
-        [|_| (), |p| p.radius = 12.0, |p| p.radius = 25.0, |p| p.counterbalance += 0.2];
+    let changes: [&[(&str, f64)]; 4] =
+        [&[], &[("model.radius_um", 12e3)], &[("model.radius_um", 25e3)], &[("model.counterbalance_n", 2.4)]];
     for (change, friction) in changes.iter().flat_map(|change| [0.05, 0.3, 1.0].map(|friction| (change, friction))) {
         for (seed, mut machine) in holding(friction, change).take(4) {
             run(&mut machine, 10.0);
@@ -350,7 +361,7 @@ fn a_head_that_holds_its_place_is_never_taken_for_one_whose_encoder_is_dead() {
 /// What an emergency stop finds 20 ms after this: named in the end, and how far the head has risen, um.
 fn stopped(friction: f32, seed: u64, before: FaultInputs) -> (Vec<Fault>, f64) {
     let settings = Settings { commissioned: true, axis_breakaway: friction, ..Settings::default() };
-    let mut machine = eroding_with(&settings, &Parameters { friction, ..Parameters::default() }, seed);
+    let mut machine = eroding_with(&settings, rubbing(friction), seed);
     let from = machine.process.truth().position_um;
     machine.process.fault_inputs = before;
     run(&mut machine, 0.02);
@@ -388,7 +399,7 @@ const LIFT: MotionLimits = MotionLimits {
 
 /// A head that is in a jump, or else under way toward the work, for so many ms; its velocity, mm/s.
 fn under_way(settings: &Settings, command: Command, state: State, ms: u32) -> Option<(Machine, f64)> {
-    let mut machine = eroding_with(settings, &Parameters::default(), 1);
+    let mut machine = eroding_with(settings, Plant::default(), 1);
     if state == State::Positioning {
         machine.command(Command::Hold).unwrap();
         run(&mut machine, 0.05);

@@ -5,7 +5,7 @@ use edm_servo_head::motion::{Method, Missed};
 use edm_servo_head::settings::{Settings, Value};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
 use edm_sim::machine::Machine;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 
 /// What a contact may press, N: at the approach of 5 mm/s, and at 20 mm/s through space that has been cleared.
 const APPROACHING: f64 = 5.0;
@@ -24,7 +24,7 @@ fn at(mm_s: f32) -> MotionLimits {
 /// Enabled, homed at the upper stop; the work is 2 mm below.
 fn ready(settings: &Settings, seed: u64) -> Machine {
     let settings = Settings { commissioned: true, ..*settings };
-    let mut machine = Machine::new(&Parameters::default(), &settings, seed).unwrap();
+    let mut machine = Machine::new(Plant::default(), &settings, seed).unwrap();
     run(&mut machine, 0.01);
     for command in [Command::SetHome(Nanometres(0)), Command::Enable] {
         machine.command(command).unwrap();
@@ -154,7 +154,7 @@ fn first_touch(machine: &mut Machine, seconds: f64) -> Option<i64> {
     let mut count = None;
     for _ in 0..(seconds * f64::from(TICK_HZ)) as u64 {
         machine.tick();
-        if count.is_none() && machine.process.truth().gap_um <= 0.0 {
+        if count.is_none() && machine.process.truth().least_um <= 0.0 {
             count = Some(machine.process.truth().count);
         }
     }
@@ -203,7 +203,7 @@ fn a_probe_keeps_the_count_and_the_tick_of_a_contact() {
             for _ in 0..(0.4 / f64::from(velocity) * f64::from(TICK_HZ)) as u64 + 4000 {
                 machine.tick();
                 let (truth, tick) = (machine.process.truth(), machine.status().tick);
-                let touches = truth.gap_um <= 0.0;
+                let touches = truth.least_um <= 0.0;
                 if touches {
                     touched = touched.or(Some((truth.count, tick)));
                     left = None;

@@ -1,8 +1,11 @@
 //! The f32 filter chain against `scipy.signal` in f64, on the vectors of tests/vectors/make.py.
 
+#[path = "gates/gap/filter.rs"]
+mod filter;
+
 use edm_servo_head::dsp::chain::Config;
 use edm_servo_head::units::Hertz;
-use edm_sim::gap_report::filter::{BOUND, cases};
+use filter::{BOUND, cases};
 
 #[test]
 fn every_case_agrees_with_the_reference_within_a_hundredth_of_a_code() {

@@ -1,10 +1,13 @@
 //! The path as a host sees it: lines, arcs and helices, followed forward and back.
 
+#[path = "gates/mixed.rs"]
+mod mixed;
+
 use edm_servo_head::path::{
     AHEAD, AXES, Bound, INCONSISTENCY, Path, Piece, Plane, Point, RADII, REACH, Refused, Shape, Turn,
 };
 use edm_servo_head::units::{Fixed, MicrometresPerSecond2};
-use edm_sim::path_report::{self, Exact, arc, empty, go, mixed};
+use mixed::{Exact, arc, empty, go, mixed};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -21,13 +24,6 @@ fn whole(seed: u64) -> Box<Path> {
         path.append(&piece).unwrap();
     }
     path
-}
-
-#[test]
-fn a_hundred_thousand_reversals_give_the_identical_set_point_at_every_revisit_and_end_at_0_counts() {
-    let report = path_report::measure(100_000).unwrap();
-    assert!(report.revisits > 50_000 && report.joints > 10_000, "{report:?}");
-    assert!(report.holds(), "{report:?}");
 }
 
 #[test]

@@ -32,11 +32,11 @@ fn frame(id: u16, data: &[u8]) -> Frame {
 }
 
 impl Host {
-    /// A head with the default levels on this generator, 12.5 kHz; lines are more of the scenario. On version 1 of the process model, in which
-    /// arcs by order are a share of the pulses and nothing more: on version 2 they heat their place and stay.
+    /// A head with the default levels on this generator, 12.5 kHz; lines are more of the scenario. Arcs by order are a
+    /// share of the pulses and nothing more: they do not heat their place, and do not stay.
     fn new([open, spark, arc]: Volts, process: &str, head: &str, seed: u64) -> Host {
         let text = format!(
-            "title = 't'\ndescription = 'd'\n[process]\n'model.version' = 1\n'model.machine' = 'sinker'\n'model.open_v' = {open}\n\
+            "title = 't'\ndescription = 'd'\n[process]\n'model.arc_heat' = 0\n'model.machine' = 'sinker'\n'model.open_v' = {open}\n\
              'model.burn_v' = {spark}\n'model.arc_v' = {arc}\n'model.on_us' = 64\n'model.off_us' = 16\n\
              'workpiece.surface_mm' = 0.3\n{process}\n[head]\n'gap.setpoint_v' = {}\n'gap.open_min_v' = {}\n{head}\n",
             0.6 * open,

@@ -5,7 +5,7 @@ use edm_servo_head::head::{Command, Fault, MotionLimits, Reason, Refused, Search
 use edm_servo_head::settings::{Settings, Value};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
 use edm_sim::machine::Machine;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 
 /// What a contact may press, N.
 const PRESSES: f64 = 5.0;
@@ -18,9 +18,9 @@ fn um(um: i64) -> Nanometres {
 }
 
 /// Enabled, homed at the upper stop; the work is 2 mm below.
-fn ready(settings: &Settings, parameters: &Parameters, seed: u64) -> Machine {
+fn ready(settings: &Settings, plant: Plant, seed: u64) -> Machine {
     let settings = Settings { commissioned: true, ..*settings };
-    let mut machine = Machine::new(parameters, &settings, seed).unwrap();
+    let mut machine = Machine::new(plant, &settings, seed).unwrap();
     run(&mut machine, 0.01);
     for command in [Command::SetHome(Nanometres(0)), Command::Enable] {
         machine.command(command).unwrap();
@@ -54,11 +54,11 @@ fn search(machine: &mut Machine, reach: Nanometres) -> f64 {
     panic!("never ends: {:?}", machine.status());
 }
 
-/// The count at which the face of the electrode meets the work, by the truth.
+/// The count at which the face of the electrode meets the highest peak of the work, by the truth.
 fn surface(machine: &Machine) -> f64 {
     let truth = machine.process.truth();
     let offset = machine.status().position - truth.count;
-    truth.surface_um + truth.wear_um + offset as f64
+    truth.position_um + truth.least_um + offset as f64
 }
 
 fn move_to(machine: &mut Machine, to: Nanometres) {
@@ -79,10 +79,15 @@ fn the_surface_is_found_to_a_count_however_fast_the_first_touch_is() {
     let mut hardest = 0.0f64;
     for seed in 1..=SEEDS {
         for (first, friction) in [(0.5, 0.1), (2.0, 0.3), (5.0, 0.1), (5.0, 0.3)] {
-            let surface_mm = 1.5 + 0.0377 * seed as f32;
-            let parameters = Parameters { friction, surface: surface_mm, ..Parameters::default() };
+            let surface_mm = 1.5 + 0.0377 * seed as f64;
+            let plant = Plant::with(&[
+                ("model.friction_n", friction / 1.2),
+                ("model.stiction_n", friction),
+                ("workpiece.surface_mm", surface_mm),
+            ])
+            .unwrap();
             let settings = Settings { touch_first: first, ..Settings::default() };
-            let mut machine = ready(&settings, &parameters, seed);
+            let mut machine = ready(&settings, plant, seed);
             let force = search(&mut machine, Nanometres(0));
             assert_eq!(reasons(&mut machine), [Reason::Positioned, Reason::Touched]);
             let status = *machine.status();
@@ -91,7 +96,7 @@ fn the_surface_is_found_to_a_count_however_fast_the_first_touch_is() {
             assert!((-1.0..=1.0).contains(&off), "{first} mm/s, {friction} N, seed {seed}: off by {off} counts");
             assert!(force > 0.0 && force <= PRESSES, "{first} mm/s, {friction} N, seed {seed}: {force} N");
             assert!(status.overshoot <= OVERSHOOT, "{first} mm/s, {friction} N, seed {seed}: {}", status.overshoot);
-            let back = machine.process.truth().gap_um;
+            let back = machine.process.truth().least_um;
             assert!((95.0..105.0).contains(&back), "{first} mm/s, {friction} N, seed {seed}: {back} um above it");
             hardest = hardest.max(force);
         }
@@ -103,13 +108,13 @@ fn the_surface_is_found_to_a_count_however_fast_the_first_touch_is() {
 fn the_overshoot_told_is_how_far_the_electrode_was_past_the_surface() {
     let mut told = 0;
     for seed in 1..=SEEDS {
-        let parameters = Parameters { surface: 1.5 + 0.0377 * seed as f32, ..Parameters::default() };
-        let mut machine = ready(&Settings::default(), &parameters, seed);
+        let plant = Plant::with(&[("workpiece.surface_mm", 1.5 + 0.0377 * seed as f64)]).unwrap();
+        let mut machine = ready(&Settings::default(), plant, seed);
         machine.command(Command::FindSurface(Nanometres(0))).unwrap();
         let mut deepest = f64::MIN;
         while machine.status().search == Search::Runs {
             machine.tick();
-            deepest = deepest.max(-machine.process.truth().gap_um);
+            deepest = deepest.max(-machine.process.truth().least_um);
         }
         let overshoot = machine.status().overshoot;
         assert!((f64::from(overshoot) - deepest).abs() <= 1.5, "seed {seed}: {overshoot} for {deepest} um");
@@ -122,7 +127,7 @@ fn the_overshoot_told_is_how_far_the_electrode_was_past_the_surface() {
 fn nothing_within_reach_is_an_answer_and_no_fault() {
     for (reach, ends) in [(um(500), 500), (um(1000), 1000), (um(0), 11_000)] {
         let settings = Settings { axis_stroke: 11_000.0, ..Settings::default() };
-        let mut machine = ready(&settings, &Parameters::default(), 1);
+        let mut machine = ready(&settings, Plant::default(), 1);
         machine.process.happen("workpiece.raised_mm", Value::Number(-100.0)).unwrap();
         let force = search(&mut machine, reach);
         let status = machine.status();
@@ -135,8 +140,8 @@ fn nothing_within_reach_is_an_answer_and_no_fault() {
 
 #[test]
 fn a_lower_limit_switch_on_the_way_is_the_end_of_it_and_no_fault() {
-    let parameters = Parameters { lower_limit: 4.0, ..Parameters::default() };
-    let mut machine = ready(&Settings::default(), &parameters, 1);
+    let plant = Plant::with(&[("limit.lower_mm", 4.0)]).unwrap();
+    let mut machine = ready(&Settings::default(), plant, 1);
     machine.process.happen("workpiece.raised_mm", Value::Number(-100.0)).unwrap();
     machine.command(Command::FindSurface(um(0))).unwrap();
     let mut deepest = 0.0f64;
@@ -158,8 +163,8 @@ fn a_lower_limit_switch_on_the_way_is_the_end_of_it_and_no_fault() {
 
 #[test]
 fn work_right_below_the_upper_limit_switch_is_found_without_a_fault() {
-    let parameters = Parameters { upper_limit: 1.95, ..Parameters::default() };
-    let mut machine = ready(&Settings::default(), &parameters, 1);
+    let plant = Plant::with(&[("limit.upper_mm", 1.95)]).unwrap();
+    let mut machine = ready(&Settings::default(), plant, 1);
     search(&mut machine, um(0));
     let highest = machine.process.truth().position_um;
     run(&mut machine, 0.1);
@@ -172,7 +177,7 @@ fn work_right_below_the_upper_limit_switch_is_found_without_a_fault() {
 #[test]
 fn a_head_that_touches_already_goes_back_first_and_finds_the_same_surface() {
     for seed in 1..=SEEDS {
-        let mut machine = ready(&Settings::default(), &Parameters::default(), seed);
+        let mut machine = ready(&Settings::default(), Plant::default(), seed);
         move_to(&mut machine, um(1500));
         // The work is put against the electrode, hardly so: one that presses on it looks like an encoder that has died.
         for tenths in 0.. {
@@ -192,7 +197,7 @@ fn a_head_that_touches_already_goes_back_first_and_finds_the_same_surface() {
 #[test]
 fn a_gap_that_never_reads_open_is_told_and_nothing_goes_toward_the_work() {
     for signal in ["sense.off", "gap.saturated", "gap.short"] {
-        let mut machine = ready(&Settings::default(), &Parameters::default(), 1);
+        let mut machine = ready(&Settings::default(), Plant::default(), 1);
         move_to(&mut machine, um(1000));
         machine.process.happen(signal, Value::Flag(true)).unwrap();
         run(&mut machine, 0.05);
@@ -210,7 +215,7 @@ fn a_gap_that_never_reads_open_is_told_and_nothing_goes_toward_the_work() {
 
 #[test]
 fn work_that_is_taken_away_between_the_touches_is_not_found() {
-    let mut machine = ready(&Settings::default(), &Parameters::default(), 1);
+    let mut machine = ready(&Settings::default(), Plant::default(), 1);
     machine.command(Command::FindSurface(um(0))).unwrap();
     while machine.process.truth().contact_n == 0.0 {
         machine.tick();
@@ -227,7 +232,7 @@ fn work_that_is_taken_away_between_the_touches_is_not_found() {
 /// At moments all through a search, `then` is done.
 fn interrupted(then: impl Fn(&mut Machine, u64)) {
     for moment in 0..60 {
-        let mut machine = ready(&Settings::default(), &Parameters::default(), moment);
+        let mut machine = ready(&Settings::default(), Plant::default(), moment);
         move_to(&mut machine, um(1800));
         machine.command(Command::FindSurface(um(0))).unwrap();
         let force = run(&mut machine, moment as f64 * 7e-3);
@@ -276,7 +281,7 @@ fn disabling_holding_braking_and_stopping_break_a_search_off_wherever_it_is() {
 
 #[test]
 fn what_is_asked_for_where_it_cannot_be_is_refused_and_nothing_moves() {
-    let mut machine = ready(&Settings::default(), &Parameters::default(), 1);
+    let mut machine = ready(&Settings::default(), Plant::default(), 1);
     let before = machine.process.truth().count;
     let beyond = |target: i64| Refused::OutOfTravel { target: um(target), min: um(0), max: um(12_000) };
     assert_eq!(machine.command(Command::FindSurface(um(12_001))), Err(beyond(12_001)));
@@ -296,10 +301,10 @@ fn what_is_asked_for_where_it_cannot_be_is_refused_and_nothing_moves() {
 
     let slow = Settings { contact_approach: 1.0, ..Settings::default() };
     let too_fast = Refused::TooFast { velocity: MicrometresPerSecond(5000.0), most: MicrometresPerSecond(1000.0) };
-    let mut machine = ready(&slow, &Parameters::default(), 1);
+    let mut machine = ready(&slow, Plant::default(), 1);
     assert_eq!(machine.command(Command::FindSurface(um(0))), Err(too_fast));
     let blind = Settings { contact_below: 0.0, ..Settings::default() };
-    let mut blind = ready(&blind, &Parameters::default(), 1);
+    let mut blind = ready(&blind, Plant::default(), 1);
     assert_eq!(blind.command(Command::FindSurface(um(0))), Err(Refused::NoSense));
     for machine in [machine, blind] {
         assert_eq!((machine.process.truth().count, machine.status().search), (before, Search::Never));
@@ -311,7 +316,7 @@ fn what_is_asked_for_where_it_cannot_be_is_refused_and_nothing_moves() {
 #[test]
 fn a_search_right_after_pulses_waits_for_the_sense_supply() {
     for seed in 1..=SEEDS {
-        let mut machine = ready(&Settings::default(), &Parameters::default(), seed);
+        let mut machine = ready(&Settings::default(), Plant::default(), seed);
         machine.command(Command::MoveTo(um(2100))).unwrap();
         machine.command(Command::Start).unwrap();
         while machine.status().state != State::Eroding {

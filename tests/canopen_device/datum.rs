@@ -2,7 +2,7 @@
 
 use crate::rig::Rig;
 use edm_servo_head::head::State;
-use edm_servo_head::settings::Value;
+use edm_servo_head::settings::{Declared as _, Value};
 
 /// Found, not within reach, not open: 2011h:3.
 const FOUND: u32 = 2;
@@ -31,11 +31,11 @@ fn touch(rig: &mut Rig, as_what: u8) {
 
 /// Homed, in profile position, with an electrode that loses half of what the work does.
 fn worn() -> Rig {
-    let mut rig = Rig::new(|settings, parameters| {
+    let mut rig = Rig::new(|settings, plant| {
         settings.seek_settle_ms = 10.0;
         settings.end_lift = 300.0;
-        parameters.surface = 0.9;
-        parameters.wear = 50.0;
+        plant.installation.surface = 0.9;
+        plant.set("model.wear_positive", Value::Number(0.5)).unwrap();
     });
     rig.send(0, &[1, crate::rig::ID]);
     rig.enable();

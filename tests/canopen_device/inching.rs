@@ -9,9 +9,9 @@ const WARNING: u16 = 1 << 7;
 
 /// A head of a short stroke in the open, that is to go far below its travel.
 fn seeking() -> Rig {
-    let mut rig = Rig::new(|settings, parameters| {
+    let mut rig = Rig::new(|settings, plant| {
         (settings.axis_stroke, settings.inch_step, settings.inch_patience) = (3000.0, 1500.0, 2.0);
-        (settings.seek_velocity, parameters.surface) = (5000.0, 11.0);
+        (settings.seek_velocity, plant.installation.surface) = (5000.0, 11.0);
     });
     rig.make_ready();
     rig.mode(1);

@@ -92,7 +92,7 @@ fn every_edge_turns_a_bit_over_and_a_pdo_tells_of_it_at_once() {
 
 #[test]
 fn an_index_mark_is_kept_where_the_decoder_has_timed_it() {
-    let mut rig = Rig::new(|_, parameters| parameters.surface = 11.5);
+    let mut rig = Rig::new(|_, plant| plant.installation.surface = 11.5);
     rig.send(0, &[1, crate::rig::ID]);
     rig.enable();
     arm(&mut rig, (ON | INDEX | EVERY | BEGINS | ENDS) << 8);

@@ -39,11 +39,11 @@ const ALL: &[u8] = &[0, 1, 3, 6, 7, 8, 9];
 
 /// Enabled 300 um above the work, home.
 fn ready(mode: u8) -> Rig {
-    let mut rig = Rig::new(|settings, parameters| {
+    let mut rig = Rig::new(|settings, plant| {
         settings.seek_settle_ms = 10.0;
         settings.jump_height = 200.0;
         (settings.touch_first, settings.touch_second) = (0.2, 0.2);
-        parameters.surface = 0.9;
+        plant.installation.surface = 0.9;
     });
     rig.send(0, &[1, ID]);
     rig.enable();

@@ -8,7 +8,7 @@ use edm_servo_head::settings::Settings;
 use edm_servo_head::stored::StoredImage;
 use edm_servo_head::units::TICKS_PER_MS;
 use edm_sim::machine::Machine;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 
 pub const ID: u8 = 5;
 
@@ -27,21 +27,21 @@ pub struct Rig {
 }
 
 impl Rig {
-    pub fn new(change: impl FnOnce(&mut Settings, &mut Parameters)) -> Rig {
+    pub fn new(change: impl FnOnce(&mut Settings, &mut Plant)) -> Rig {
         Rig::with_id(ID, change)
     }
 
     /// One of several on a bus.
-    pub fn with_id(id: u8, change: impl FnOnce(&mut Settings, &mut Parameters)) -> Rig {
+    pub fn with_id(id: u8, change: impl FnOnce(&mut Settings, &mut Plant)) -> Rig {
         let mut settings = Settings { commissioned: true, ..Settings::default() };
-        let mut parameters = Parameters::default();
-        change(&mut settings, &mut parameters);
+        let mut plant = Plant::default();
+        change(&mut settings, &mut plant);
         let record = Box::leak(Box::new(BLANK));
         let mut drive =
             Drive::new(settings, Identity { reset_cause: 7, build: "test", ..Identity::default() }, record).unwrap();
         let mut node = Node::new(&DEVICE, BusSettings::at_1_mbit(NodeId::new(id)), 1234);
         node.boot(None, &mut drive).unwrap();
-        let machine = Machine::new(&parameters, &settings, 1).unwrap();
+        let machine = Machine::new(plant, &settings, 1).unwrap();
         let mut rig =
             Rig { id, node, drive, machine, image: StoredImage::NOTHING, sent: Vec::new(), ms: 0, states: Vec::new() };
         rig.run(20);

@@ -359,10 +359,11 @@ fn a_silent_host_is_never_unwatched_again_while_the_head_is_enabled() {
 }
 
 /// A head with no work below, as it is commissioned, which has not been.
-fn uncommissioned(friction: f32) -> Rig {
-    let mut rig = Rig::new(|settings, parameters| {
+fn uncommissioned(friction: f64) -> Rig {
+    let mut rig = Rig::new(|settings, plant| {
         settings.commissioned = false;
-        parameters.friction = friction;
+        plant.set("model.stiction_n", Value::Number(friction)).unwrap();
+        plant.set("model.friction_n", Value::Number(friction / 1.2)).unwrap();
     });
     rig.machine.process.happen("workpiece.raised_mm", Value::Number(-100.0)).unwrap();
     rig.send(0, &[1, 5]);
@@ -397,7 +398,7 @@ fn the_friction_that_commissioning_has_felt_is_what_the_supervision_judges_by() 
         rig.run(5);
         let learnt = rig.read_real(address("axis.breakaway_n"));
         // The push goes on growing while the head begins to move.
-        assert!((friction..friction + 0.1).contains(&learnt), "{friction} N: {learnt}");
+        assert!((friction..friction + 0.1).contains(&f64::from(learnt)), "{friction} N: {learnt}");
         let expected = rig.drive.active().head.supervise.breakaway;
         assert_eq!(rig.machine.supervision().limits.breakaway, expected, "{friction} N: the task runs it");
         assert_ne!(expected, Settings::default().build().unwrap().head.supervise.breakaway);

@@ -32,7 +32,7 @@ impl Bus {
         let mut heads: Vec<Rig> = NODES
             .iter()
             .map(|id| {
-                let mut rig = Rig::with_id(*id, |settings, parameters| {
+                let mut rig = Rig::with_id(*id, |settings, plant| {
                     // The set points are 2 ms late, and a servo takes its time where the gap reverses the feed: 2.4 counts at 0.2 mm/s
                     // and 60 Hz, 5.2 in a retreat of 1 mm/s.
                     settings.retreat_velocity = 100.0;
@@ -41,7 +41,7 @@ impl Bus {
                     settings.jump_height = 500.0;
                     settings.jump_float = 50.0;
                     // X and Y move nothing that could touch.
-                    parameters.surface = if *id == NODES[0] { 2.0 } else { 11.9 };
+                    plant.installation.surface = if *id == NODES[0] { 2.0 } else { 11.9 };
                 });
                 rig.make_ready();
                 rig

@@ -8,7 +8,7 @@ use edm_servo_head::canopen::NodeId;
 use edm_servo_head::canopen::objects::{setting_address_at, setting_kind};
 use edm_servo_head::settings::{Declared, Settings};
 use edm_servo_head::units::{PLAN_TICKS, TICKS_PER_MS};
-use edm_sim::process::{Parameters, Process};
+use edm_sim::process::{Plant, Process};
 use edm_sim::schedule::{Habits, Scheduler};
 use edm_sim::serve::head::Head;
 use edm_sim::store::Store;
@@ -90,7 +90,7 @@ impl Host {
     fn with(change: impl FnOnce(&mut Settings), broken: Broken, self_test: SelfTest, seed: u64) -> Host {
         let mut settings = Settings { commissioned: true, ..Settings::default() };
         change(&mut settings);
-        let process = Process::new(&Parameters::default(), seed).unwrap();
+        let process = Process::new(Plant::default(), seed).unwrap();
         let head = Head::of(process, settings, (NodeId::new(ID), ID.into()), Store::memory(None), self_test).unwrap();
         let mut host = Host {
             head: Scheduler::of(head, seed),

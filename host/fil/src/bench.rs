@@ -8,8 +8,6 @@
 //! their own times inside the window.
 //!
 //! Noise and hum of a conversion are those of the nearest conversion of the process model's own block.
-//!
-//! A discharge or a short carries the current of the process, or what `edm_sim::process` assumes where it has none.
 
 use crate::live::Latch;
 use crate::wires::*;
@@ -17,7 +15,7 @@ use edm_hal_shim::bridge::Drive as Bridge;
 use edm_hal_shim::gap::BLOCK;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_sim::process::steps::StepEdge;
-use edm_sim::process::{Parameters, Piece, Plant, Process, THRESHOLDS, assumed_amps, crossing, current_code};
+use edm_sim::process::{Installation, Piece, Plant, Process, THRESHOLDS, crossing, current_code};
 use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, TICK_HZ, World};
 use std::collections::VecDeque;
 
@@ -37,7 +35,7 @@ pub struct Bench {
     pub sent: VecDeque<(u64, Frame)>,
     /// What becomes of the frames that it sends.
     pub reply: CanReply,
-    parameters: Parameters,
+    installation: Installation,
     /// Open-circuit voltage of the generator, V.
     open_v: f64,
     window: u64,
@@ -67,7 +65,7 @@ pub struct Bench {
     pub swapped: bool,
     /// Since when there may be no pulses.
     pub off: Option<u64>,
-    /// What allows pulses acts at its own instant, on version 1 of the process model. It costs a copy of the process in each window.
+    /// What allows pulses acts at its own instant. It costs a copy of the process in each window.
     pub exact: bool,
     began: Option<Box<Began>>,
     /// Edges of the gate, and of the line that allows pulses, with [`Bench::exact`].
@@ -108,7 +106,7 @@ impl Bench {
             process,
             sent: VecDeque::new(),
             reply: CanReply::Acknowledged,
-            parameters: plant.base,
+            installation: plant.installation,
             open_v: plant.open_v(),
             window: 0,
             changes: VecDeque::new(),
@@ -142,7 +140,7 @@ impl Bench {
     /// When a parameter is refused.
     pub fn mount(&mut self, plant: &Plant, seed: u64) -> Result<(), String> {
         self.process = Process::new(*plant, seed).map_err(|e| e.to_string())?;
-        (self.parameters, self.open_v, self.began) = (plant.base, plant.open_v(), None);
+        (self.installation, self.open_v, self.began) = (plant.installation, plant.open_v(), None);
         self.wire(self.window, self.window);
         Ok(())
     }
@@ -350,7 +348,7 @@ impl Bench {
     }
 
     fn gap_voltage(&self, at: u64) -> u16 {
-        let Some((piece, us)) = self.piece(at) else { return self.parameters.zero_code as u16 };
+        let Some((piece, us)) = self.piece(at) else { return self.installation.zero_code as u16 };
         // Noise and hum: what the nearest conversion of the model's block has beside its voltage.
         let nearest = ((us / 2.0).max(0.0) as usize).min(BLOCK - 1);
         let then = 2.0 * nearest as f64 + 1.0;
@@ -360,21 +358,20 @@ impl Bench {
         if moved == 0.0 || self.process.fault_inputs.stuck_code.is_some() {
             return code;
         }
-        let p = &self.parameters;
+        let p = &self.installation;
         let per_volt = (1.0 + f64::from(p.gain_error) * 0.01) / f64::from(p.volts_per_code);
         (f64::from(code) + moved * per_volt).round().clamp(0.0, 4095.0) as u16
     }
 
     /// What an oscilloscope sees at a moment of this window: gap voltage with the noise of the nearest conversion, and gate.
     pub fn scope(&self, at: u64) -> (f32, bool) {
-        let p = &self.parameters;
+        let p = &self.installation;
         let volts = (f32::from(self.gap_voltage(at)) - p.zero_code as f32) * p.volts_per_code;
         (volts, self.piece(at).is_some_and(|(piece, _)| piece.gate))
     }
 
     fn gap_current(&self, at: u64) -> u16 {
-        let assumed = |piece: &Piece| assumed_amps(piece.gate, piece.volts, self.open_v);
-        let amps = self.piece(at).map_or(0.0, |(piece, us)| piece.amps_at(us).unwrap_or_else(|| assumed(piece)));
+        let amps = self.piece(at).map_or(0.0, |(piece, us)| piece.amps_at(us));
         // Noise of two codes: what the voltage has at that moment decides.
         let noise = f64::from(self.gap_voltage(at) % 5) - 2.0;
         (current_code(amps) + noise) as u16

@@ -4,13 +4,14 @@
 use crate::host;
 use crate::image::Image;
 use crate::rig::{Emulated, Witness};
-use anyhow::{Result, anyhow, bail, ensure};
+use anyhow::{Error, Result, anyhow, bail, ensure};
 use edm_hal_shim::safety::SafetyInputs;
 use edm_servo_head::head::{Command, Fault, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use edm_sim::machine::Rig as _;
-use edm_sim::process::{FaultInputs, Parameters};
+use edm_sim::process::FaultInputs;
+use edm_sim::run::Setup;
 
 /// What breaks, and the fault that the head must report.
 const BREAKS: [(&str, Fault); 10] = [
@@ -52,9 +53,10 @@ struct Day {
 /// # Errors
 /// When the head does something else than it should, or the witness objects.
 pub fn run(image: &Image, seconds: f64, seed: u64, witness: Witness) -> Result<(Witness, Met)> {
-    let settings = Settings { commissioned: true, ..Settings::default() };
-    let parameters = Parameters { surface: SURFACE_MM, ..Parameters::default() };
-    let rig = Emulated::start(image, &parameters, &settings, seed, witness)?;
+    let mut setup = Setup::load("default").map_err(Error::msg)?;
+    setup.process.installation.surface = SURFACE_MM;
+    let settings = Settings { commissioned: true, ..setup.head };
+    let rig = Emulated::start(image, setup.process, &settings, seed, witness)?;
     let mut day = Day { rig, met: Met::default() };
     day.rest(0.01)?;
     host::begin(&mut day.rig)?;

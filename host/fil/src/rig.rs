@@ -130,13 +130,7 @@ impl Emulated {
     ///
     /// # Errors
     /// When the firmware does not start, or is not built from the sources of this program.
-    pub fn start(
-        image: &Image,
-        plant: impl Into<Plant>,
-        settings: &Settings,
-        seed: u64,
-        witness: Witness,
-    ) -> Result<Self> {
+    pub fn start(image: &Image, plant: Plant, settings: &Settings, seed: u64, witness: Witness) -> Result<Self> {
         let mut rig = Self::power_up(image, plant, seed, witness, |flash| commission(flash, settings))?;
         // A pause begins and ends within a window.
         rig.machine.soc().world.exact = settings.build().is_ok_and(|active| active.pause.pauses());
@@ -149,13 +143,12 @@ impl Emulated {
     /// As [`Emulated::start`].
     pub fn power_up(
         image: &Image,
-        plant: impl Into<Plant>,
+        plant: Plant,
         seed: u64,
         witness: Witness,
         prepare: impl FnOnce(&Region) -> Result<()>,
     ) -> Result<Self> {
         let places = Places::find(image)?;
-        let plant = plant.into();
         let bench = Bench::new(&plant, seed).map_err(|e| anyhow!(e))?;
         let mut machine = Machine::new(image, bench, CRYSTAL_HZ)?;
         prepare(&machine.soc().memory.flash)?;

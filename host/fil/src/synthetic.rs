@@ -3,7 +3,7 @@
 
 use crate::live::Latch;
 use crate::wires::*;
-use edm_sim::process::{DISCHARGE_A, current_code};
+use edm_sim::process::current_code;
 use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, TICK_HZ, World};
 use std::collections::BTreeMap;
 
@@ -26,6 +26,8 @@ const SWING: i64 = 4;
 /// A pulse is charged to this, and burns at that, V.
 const OPEN: f64 = 100.0;
 const BURN: f64 = 40.0;
+/// Current of a discharge or a short, A (assumed).
+const DISCHARGE_A: f64 = 10.0;
 /// Shorter waits are none, ticks of the chip.
 const CHARGES: u64 = 100;
 /// Share of the on-time by which ignitions are spread about their mean (assumed).

@@ -6,7 +6,7 @@
 //! head cuts off before it ignites is none of these.
 //!
 //! Ignition is a hazard that runs while the pulse waits, so a gap that moves meanwhile counts as it moves. It goes with the
-//! cube of the field, so while the voltage rises, time counts for less: the integral of (1 - e^-t)^3. In version 2 it counts from
+//! cube of the field, so while the voltage rises, time counts for less: the integral of (1 - e^-t)^3. It counts from
 //! the burn voltage on: below that no channel could burn.
 
 use crate::gap::{Discharge, Gap};

@@ -49,13 +49,7 @@ impl Voltage {
 
     /// The thesis machine: lags and delay assumed, gain fitted to the frequency of its swing.
     pub fn thesis(set: f64) -> Voltage {
-        Voltage::thesis_of(1, set)
-    }
-
-    /// The same on a version of the model.
-    pub fn thesis_of(version: u32, set: f64) -> Voltage {
-        let gain = crate::parameters::Fitted::of(version).thesis_gain;
-        Voltage { set, gain, meter_us: 3e3, axis_us: 4e3, delay_us: 3e3, dead_um_s: 2.0 }
+        Voltage { set, gain: 151.5, meter_us: 3e3, axis_us: 4e3, delay_us: 3e3, dead_um_s: 2.0 }
     }
 
     /// The slow CNC axis of \[R\] section 4.5, on the same signal (assumed).
@@ -221,7 +215,7 @@ impl Rig {
     /// # Errors
     /// When its parameters do not fit.
     pub fn of(machine: &Machine, law: Law, seed: u64) -> Result<Rig, Refused> {
-        Rig::new(&machine.parameters(), law, Motion::default(), seed)
+        Rig::new(&machine.of(), law, Motion::default(), seed)
     }
 
     /// Another off-time from now on.

@@ -1,4 +1,4 @@
-//! Process model, versions 1 and 2: simulated electrical discharge machining, pulse by pulse. It serves the simulator and the
+//! Process model: simulated electrical discharge machining, pulse by pulse. It serves the simulator and the
 //! modelled chip, which need a machine at the other end of the head's wires, and people who check it against publications.
 //!
 //! [`Process`] is the gap with its generator, [`axis::Axis`] what moves the electrode. The caller advances
@@ -16,15 +16,12 @@
 #![forbid(unsafe_code)]
 
 pub mod axis;
-pub mod frozen;
 pub mod gap;
-pub mod gates;
 pub mod generator;
 pub mod harness;
 pub mod math;
 pub mod parameters;
 pub mod random;
-pub mod report;
 
 pub use gap::Film;
 pub use generator::{Class, Edge, Orders, Pulses, Stretch, Wires};
@@ -76,7 +73,7 @@ pub struct Truth {
     pub dirt: f64,
     /// Mean damage by arcs; 1 doubles a clean channel's recovery time.
     pub damage: f64,
-    /// Deepest pit that arcs in one place have left, um; 0 in version 1.
+    /// Deepest pit that arcs in one place have left, um.
     pub pit_um: f64,
     /// Mean size of craters, um. Roughness goes with it; its size is not claimed.
     pub crater_um: f64,
@@ -206,7 +203,7 @@ impl Process {
         Truth {
             t_s: self.now_us * 1e-6,
             gap_um: self.gap.mean_um(),
-            least_um: surface.least_um(),
+            least_um: self.gap.least_um(),
             depth_um: surface.depth_um(),
             worn_um: surface.worn_um(),
             through: surface.through(),

@@ -50,10 +50,10 @@ pub fn depth_range_mm(setup: &Setup) -> RangeInclusive<f64> {
     if setup.head.inch_step > 0.0 {
         return 0.001..=DEEPEST;
     }
-    let lowest = (p.stroke_mm() as f32).min(p.base.lower_limit).min(setup.head.axis_stroke * 1e-3);
+    let lowest = (p.stroke_mm() as f32).min(p.installation.lower_limit).min(setup.head.axis_stroke * 1e-3);
     // In whole micrometres, so that the limit reads as a person would write it.
     let whole = |mm: f64| (mm * 1000.0).floor() / 1000.0;
-    0.001..=whole(f64::from(lowest) - f64::from(p.base.surface) + 1e-6)
+    0.001..=whole(f64::from(lowest) - f64::from(p.installation.surface) + 1e-6)
 }
 
 /// Checks a technology table against machine and settings.
@@ -77,7 +77,7 @@ pub fn program(setup: &Setup, program: Program) -> Result<Program, String> {
     if setup.head.structure != Structure::Path {
         return Err("other axes move only with feed.structure = path".into());
     }
-    program.within(f64::from(setup.process.base.surface), *depth_range_mm(setup).end())?;
+    program.within(f64::from(setup.process.installation.surface), *depth_range_mm(setup).end())?;
     Ok(program)
 }
 
@@ -89,11 +89,11 @@ pub fn bore(job: &Job, observer: &mut impl Observer, progress: &mut dyn FnMut(&P
     // The virtual head's commissioning counts as passed: it needs an axis without a workpiece.
     let settings = Settings { commissioned: true, ..setup.head };
     let refused = |error| setup.refusal(error);
-    let first_surface_um = f64::from(setup.process.base.surface) * 1e3;
+    let first_surface_um = f64::from(setup.process.installation.surface) * 1e3;
     let mut plant = setup.process;
     if job.surrogate {
         // The dry loop is run without a workpiece: it lies at the very end of the stroke.
-        plant.base.surface = plant.stroke_mm() as f32 * 0.999;
+        plant.installation.surface = plant.stroke_mm() as f32 * 0.999;
     }
     let mut machine = Machine::new(plant, &settings, job.seed).map_err(refused)?;
     machine.process.schedule(&setup.events);
@@ -114,13 +114,13 @@ pub fn run(
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, String> {
     let setup = &job.setup;
-    let first_surface_um = f64::from(setup.process.base.surface) * 1e3;
+    let first_surface_um = f64::from(setup.process.installation.surface) * 1e3;
     for _ in 0..REST {
         machine.tick()?;
     }
     // Home is where the head rests: not quite the stop's zero, because the stop gives way.
     let home = machine.true_count();
-    let home_um = home as f64 * f64::from(setup.process.base.count);
+    let home_um = home as f64 * f64::from(setup.process.installation.count);
     let nm = |depth_um: f64| ((first_surface_um + depth_um - home_um) * 1e3).round() as i64;
     let surface = Fixed::whole(nm(0.0)).0 / 1000;
     machine.command(Command::SetHome(Nanometres(0)))?;
@@ -324,15 +324,7 @@ struct Rows {
 
 impl Rows {
     /// Takes a tick: its sample, and how deep the head is, um.
-    fn take(
-        &mut self,
-        table: &File,
-        target_mm: f64,
-        head: &Settings,
-        sample: &Sample,
-        depth_um: f64,
-        crater_um: Option<f64>,
-    ) {
+    fn take(&mut self, table: &File, target_mm: f64, head: &Settings, sample: &Sample, depth_um: f64, crater_um: f64) {
         if let Some(number) = self.now.filter(|number| *number != self.number) {
             let row = usize::from(number).checked_sub(1).and_then(|at| table.rows.get(at));
             let name = row.map_or(String::new(), |row| row.name.clone());

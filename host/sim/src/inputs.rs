@@ -17,9 +17,6 @@ pub struct Inputs {
     /// Change a value after the scenario; may be repeated, the last one counts (`edm-sim settings` lists the keys)
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Version of the process model instead of the scenario's; values of the scenario that it has not are ignored
-    #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u32).range(0..=2))]
-    pub model: Option<u32>,
     /// Random seed; the same seed gives the same run
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
     pub seed: u64,
@@ -38,7 +35,7 @@ impl Inputs {
     }
 
     fn checked(&self) -> Result<Job, String> {
-        let setup = setup(&self.scenario, self.model, &self.set)?;
+        let setup = setup(&self.scenario, &self.set)?;
         bore::check(&setup).map_err(|error| setup.refusal(error))?;
         let range = bore::depth_range_mm(&setup);
         let asked = self.depth_mm.clone().unwrap_or_else(|| setup.depth_mm.to_string());
@@ -58,16 +55,12 @@ impl Inputs {
     }
 }
 
-/// Loads a scenario and applies the changes of the command line: the version of the process model, then assignments.
+/// Loads a scenario and applies the changes of the command line.
 ///
 /// # Errors
 /// What is wrong with them, in one line.
-pub fn setup(scenario: &str, model: Option<u32>, assignments: &[String]) -> Result<Setup, String> {
+pub fn setup(scenario: &str, assignments: &[String]) -> Result<Setup, String> {
     let mut setup = Setup::load(scenario)?;
-    if let Some(version) = model.filter(|version| *version != setup.process.version()) {
-        setup.process = setup.process.turned_to(version);
-        setup.name = format!("{}, model {version}", setup.name);
-    }
     for assignment in assignments {
         setup.set(assignment).map_err(|message| format!("--set {message}"))?;
     }

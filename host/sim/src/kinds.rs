@@ -1,5 +1,5 @@
 //! Five machines that the settings do not know, for tests of the measurements that a head makes of itself, and the loop that it should
-//! find. Simulated: version 2 of the process model, with its noise of converters and its LuGre friction.
+//! find. Simulated: the process model, with its noise of converters and its LuGre friction.
 
 use crate::bore::Setup;
 use crate::machine::Machine;
@@ -132,7 +132,7 @@ pub fn with(kind: &Kind, seed: u64, mm: f64, change: impl FnOnce(&mut Settings))
 pub fn try_with(kind: &Kind, seed: u64, mm: f64, change: impl FnOnce(&mut Settings)) -> Option<(Machine, Settings)> {
     let setup = Setup::load("default").unwrap();
     let mut random = Random::seed_from_u64(seed);
-    let mut process = setup.process.turned_to(2);
+    let mut process = setup.process;
     for (key, value) in [
         ("model.coil_ohm", kind.ohm),
         ("model.coil_mh", kind.mh),
@@ -217,7 +217,7 @@ pub fn size(a: Complex) -> f64 {
     a.0.hypot(a.1)
 }
 
-/// Motor and mass as they are: position, m, to a duty of 1 that is held for a tick. Version 2 of the process model takes two steps a tick:
+/// Motor and mass as they are: position, m, to a duty of 1 that is held for a tick. The process model takes two steps a tick:
 /// winding exactly, then velocity, then position, each from the one before. That is 25 us earlier than in nature, and here as well.
 pub fn position(kind: &Kind, hz: f64) -> Complex {
     let w = std::f64::consts::TAU * hz;

@@ -19,8 +19,6 @@
 //! | [`trace`], [`plot`] | the run as a table and as a picture |
 //! | [`pool`] | work on every core |
 //! | [`output`] | files that appear complete or not at all |
-//! | [`path_report`] | accuracy of the path in both directions |
-//! | [`gap_report`] | accuracy of the gap estimators |
 //! | [`replay`] | recordings of a gap through the head's filters and classifier |
 //! | [`page`] | a page of the project with a section that a command writes |
 //! | [`store`] | stored settings of a virtual head |
@@ -47,7 +45,6 @@ pub mod compare;
 pub mod contact;
 pub mod events;
 pub mod faults;
-pub mod gap_report;
 pub mod inputs;
 pub mod kinds;
 pub mod lockstep;
@@ -56,7 +53,6 @@ pub mod millisecond;
 pub mod observe;
 pub mod output;
 pub mod page;
-pub mod path_report;
 pub mod plot;
 pub mod pool;
 pub mod process;

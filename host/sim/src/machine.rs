@@ -316,7 +316,7 @@ impl Machine {
     ///
     /// # Errors
     /// When the values do not fit together.
-    pub fn new(plant: impl Into<Plant>, settings: &Settings, seed: u64) -> Result<Machine, SettingError> {
+    pub fn new(plant: Plant, settings: &Settings, seed: u64) -> Result<Machine, SettingError> {
         let active = settings.build()?;
         let process = Process::new(plant, seed)?;
         let (core, others) = Core::new(&active, &process);

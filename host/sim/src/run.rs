@@ -135,10 +135,10 @@ pub struct Outcome {
     pub shot_floor_rms_v: Option<f64>,
     /// What became of the pulses.
     pub pulses: Pulses,
-    /// Mean size of the last craters, um; `None` where the model has none.
-    pub crater_um: Option<f64>,
-    /// Deepest pit that arcs in one place have left, um; `None` where the model has none.
-    pub pit_um: Option<f64>,
+    /// Mean size of the last craters, um.
+    pub crater_um: f64,
+    /// Deepest pit that arcs in one place have left, um.
+    pub pit_um: f64,
     /// Volume of work removed, mm^3.
     pub removed_mm3: f64,
     /// Difference of the head's position and the truth, encoder counts.
@@ -182,6 +182,6 @@ pub struct RowOutcome {
     pub spark_ratio: f64,
     /// See [`spark_ratio`](RowOutcome::spark_ratio).
     pub arc_ratio: f64,
-    /// Mean size of the last craters, um; `None` where the model has none.
-    pub crater_um: Option<f64>,
+    /// Mean size of the last craters, um.
+    pub crater_um: f64,
 }

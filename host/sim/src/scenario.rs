@@ -526,19 +526,6 @@ mod tests {
     }
 
     #[test]
-    fn every_scenario_has_the_version_of_the_model_that_is_said_of_it() {
-        for (name, text) in BUILT_IN {
-            let setup = crate::run::Setup::parse(name, text).unwrap();
-            let version = match *name {
-                "roberts-original" => 0,
-                "thesis-machine" => 1,
-                _ => 2,
-            };
-            assert_eq!(setup.process.version(), version, "{name}");
-        }
-    }
-
-    #[test]
     fn an_unknown_scenario_is_refused_with_the_names_there_are() {
         let error = Scenario::<Process, Head>::load("defualt").unwrap_err();
         assert!(

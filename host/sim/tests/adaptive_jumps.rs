@@ -9,7 +9,7 @@ use edm_sim::run::Setup;
 /// Erodes the deep hole for 24 s: depth, um, share of arcs, and jumps.
 fn erode(seed: u64, set: impl Fn(&mut Settings)) -> (i64, f64, u32) {
     let Setup { mut process, head, .. } = Setup::load("sinker-deep-jumps").unwrap();
-    process.base.surface = 1.5;
+    process.installation.surface = 1.5;
     let mut settings = Settings { commissioned: true, ..head };
     set(&mut settings);
     let mut machine = Machine::new(process, &settings, seed).unwrap();

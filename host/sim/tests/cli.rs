@@ -18,7 +18,7 @@ fn folder() -> TempDir {
     write("good.toml", &format!("{head}[head]\n\"gap.setpoint_v\" = 55\n"));
     write("broken.toml", &format!("{head}[head\n"));
     write("unknown.toml", &format!("{head}[head]\n\"gap.setpoint\" = 55\n"));
-    write("range.toml", &format!("{head}[process]\n\n\"generator.on_us\" = nan\n"));
+    write("range.toml", &format!("{head}[process]\n\n\"model.on_us\" = nan\n"));
     write("type.toml", &format!("{head}[head]\n\"gap.setpoint_v\" = true\n"));
     write("conflict.toml", &format!("{head}[process]\n\"model.burn_v\" = 90\n\"model.open_v\" = 80\n"));
     write("kept.json", "older");
@@ -82,7 +82,7 @@ fn a_value_out_of_range_of_the_wrong_type_or_not_a_number_is_refused() {
         ("gap.setpoint_v", ""),
         ("gap.second_harmonic", "1"),
         ("gap.average", "median"),
-        ("generator.on_us", "0"),
+        ("model.on_us", "0"),
         ("front_end.zero_code", "4096"),
         ("front_end.zero_code", "1.5"),
         ("front_end.zero_code", "-1"),
@@ -95,7 +95,7 @@ fn a_value_out_of_range_of_the_wrong_type_or_not_a_number_is_refused() {
 #[test]
 fn an_unknown_key_is_refused_with_the_nearest() {
     refused(&["--set", "gap.setpont_v=60"], &["--set gap.setpont_v = 60", "did you mean gap.setpoint_v?"]);
-    refused(&["--set", "generator.on=160"], &["did you mean generator.on_us?"]);
+    refused(&["--set", "model.on=160"], &["did you mean model.on_us?"]);
     refused(&["--set", "nonsense=160"], &["nonsense = 160", "no such setting", "edm-sim settings"]);
     refused(&["--set", "gap.setpoint_v"], &["gap.setpoint_v", "must be key=value"]);
 }
@@ -114,10 +114,6 @@ fn values_that_do_not_fit_together_are_refused() {
     refused(&["--set", "gap.setpoint_v=80"], &["gap.setpoint_v = 80", "must be below gap.open_min_v"]);
     refused(&["--set", "workpiece.surface_mm=11.9"], &["workpiece.surface_mm = 11.9", "limit.lower_mm"]);
     refused(&["--scenario", "conflict.toml"], &["model", "burn_v must be below open_v"]);
-    refused(
-        &["--model", "0", "--set", "generator.burn_v=100"],
-        &["generator.burn_v = 100", "must be below generator.open_v"],
-    );
 }
 
 #[test]
@@ -143,7 +139,7 @@ fn a_scenario_that_is_missing_or_malformed_is_refused() {
     refused(&["--scenario", "sub"], &["--scenario sub", "cannot be read"]);
     refused(&["--scenario", "broken.toml"], &["broken.toml:3", "not TOML"]);
     refused(&["--scenario", "unknown.toml"], &["unknown.toml:4", "gap.setpoint = 55", "did you mean gap.setpoint_v?"]);
-    refused(&["--scenario", "range.toml"], &["range.toml:5", "generator.on_us = nan", &allowed("generator.on_us")]);
+    refused(&["--scenario", "range.toml"], &["range.toml:5", "model.on_us = nan", &allowed("model.on_us")]);
     refused(&["--scenario", "type.toml"], &["type.toml:4", "gap.setpoint_v = true", &allowed("gap.setpoint_v")]);
 }
 
@@ -424,60 +420,4 @@ fn descriptions_go_to_the_file_of_out_and_are_what_the_standard_output_gets() {
         assert!(said.lines().count() == 1 && said.contains("--out sub: must be a file"), "{said}");
         assert!(refused.stdout.is_empty() && listing(folder.path()) == before);
     }
-}
-
-#[test]
-fn a_scenario_turns_to_the_other_process_model_and_says_so() {
-    let folder = folder();
-    let report = |words: &[&str]| -> Value {
-        let mut all = vec!["bore", "--depth-mm", "0.005", "--set", "workpiece.surface_mm=0.3", "--json", "m.json"];
-        all.extend(words);
-        let output = run(folder.path(), &all);
-        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_str(&fs::read_to_string(folder.path().join("m.json")).unwrap()).unwrap()
-    };
-    let (zero, one) = (report(&["--model", "0"]), report(&["--model", "1"]));
-    assert_eq!((&zero["model_version"], &one["model_version"]), (&0.into(), &1.into()));
-    assert_eq!(zero["scenario"], "default, model 0, workpiece.surface_mm=0.3");
-    // Version 0 knows no damage; version 1 wears more, and says how far the carrier went without that.
-    assert_eq!(zero["damage_mean"], 0.0);
-    assert!(one["wear_mm"].as_f64() > zero["wear_mm"].as_f64(), "{one}");
-    assert_eq!(
-        report(&["--scenario", "sinker", "--model", "0", "--set", "gap.setpoint_v=65", "--set", "feed.gain_um_s_v=12"])
-            ["discharges"],
-        zero["discharges"]
-    );
-    let two = report(&[]);
-    assert_eq!((&two["model_version"], &two["scenario"]), (&2.into(), &"default, workpiece.surface_mm=0.3".into()));
-    assert_eq!(one["scenario"], "default, model 1, workpiece.surface_mm=0.3");
-    assert_ne!(two["discharges"], one["discharges"]);
-    refused(&["--model", "3"], &["--model", "0..=2"]);
-    refused(&["--model", "1", "--set", "model.reach_um_v=1"], &["model.reach_um_v = 1", "version 2"]);
-    refused(&["--scenario", "sinker", "--set", "actuator.mass_kg=0.3"], &["actuator.mass_kg = 0.3", "version 0"]);
-    refused(&["--model", "0", "--set", "model.radius_um=300"], &["model.radius_um = 300", "versions 1 and 2"]);
-    refused(&["--scenario", "dirty-gap"], &["dirty-gap", "no such scenario"]);
-    refused(&["--scenario", "sinker", "--set", "model.radius_um=1"], &["model.radius_um = 1", "20 to 50000 um"]);
-}
-
-#[test]
-fn the_model_report_runs_the_gates_that_are_asked_for() {
-    let folder = folder();
-    let output = run(folder.path(), &["model-report", "charging", "--json", "g.json"]);
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    let found: Value = serde_json::from_str(&fs::read_to_string(folder.path().join("g.json")).unwrap()).unwrap();
-    assert_eq!((&found["version"], &found["frozen"]), (&2.into(), &true.into()));
-    let gates = found["gates"].as_array().unwrap();
-    assert!(!gates.is_empty());
-    for gate in gates {
-        assert_eq!((&gate["kind"], &gate["pass"]), (&"calibration".into(), &true.into()), "{gate}");
-        assert!(gate["name"].is_string() && gate["value"].is_number() && gate["wanted"].is_string(), "{gate}");
-    }
-    let before = listing(folder.path());
-    for words in [&["model-report", "nonsense"][..], &["model-report", "charging", "--json", "sub"]] {
-        let output = run(folder.path(), words);
-        let error = String::from_utf8(output.stderr).unwrap();
-        assert_eq!((output.status.code(), error.lines().count()), (Some(2), 1), "{error}");
-        assert!(output.stdout.is_empty());
-    }
-    assert_eq!(listing(folder.path()), before);
 }

@@ -55,7 +55,7 @@ fn case(n: usize) -> Case {
 /// A head that erodes, with a jump after so many milliseconds of it.
 fn eroding(case: &Case, every_ms: f32, seed: u64) -> Machine {
     let setup = Setup::load(case.scenario).unwrap();
-    let mut process = setup.process.turned_to(1);
+    let mut process = setup.process;
     // A counterbalance that lifts an eighth more than the mass weighs.
     let [force, believed] = case.masses.map(|mass| 1.125 * 9.80665 * mass);
     for (key, value) in

@@ -18,7 +18,7 @@ fn run(machine: &mut Machine, seconds: f64, mut until: impl FnMut(&Machine) -> b
 /// A head that erodes, a short way from where it began.
 fn eroding(scenario: &str, set: impl Fn(&mut Settings)) -> Machine {
     let Setup { mut process, head, .. } = Setup::load(scenario).unwrap();
-    process.base.surface = if scenario == "micro-blind" { 0.05 } else { 0.5 };
+    process.installation.surface = if scenario == "micro-blind" { 0.05 } else { 0.5 };
     let mut settings = Settings { commissioned: true, ..head };
     set(&mut settings);
     let mut machine = Machine::new(process, &settings, 1).unwrap();

@@ -17,7 +17,7 @@ fn pulses(name: &str, set: impl Fn(&mut Settings)) -> Pulses {
     let Setup { process: mut plant, head, .. } = Setup::load(name).unwrap();
     let mut settings = Settings { commissioned: true, ..head };
     set(&mut settings);
-    plant.base.surface = 0.5;
+    plant.installation.surface = 0.5;
     let mut machine = Machine::new(plant, &settings, 1).unwrap();
     (0..100).for_each(|_| machine.tick());
     let target = Command::MoveTo(Nanometres(3_000_000));

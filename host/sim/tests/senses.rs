@@ -4,7 +4,7 @@ use edm_servo_head::gap::Quality;
 use edm_servo_head::gap::controlled::ControlledName;
 use edm_servo_head::gap::voltage::Average;
 use edm_servo_head::head::{Command, State};
-use edm_servo_head::settings::{SetpointUnit, Settings};
+use edm_servo_head::settings::{Declared as _, SetpointUnit, Settings, Value};
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use edm_sim::machine::Machine;
 use edm_sim::run::Setup;
@@ -19,9 +19,10 @@ fn run(machine: &mut Machine, seconds: f64, mut until: impl FnMut(&Machine) -> b
 /// A head that erodes, a short way from where it began, with its settings.
 fn eroding(scenario: &str, controlled: ControlledName, seed: u64) -> (Machine, Settings) {
     let Setup { process, head, .. } = Setup::load(scenario).unwrap();
-    // On version 2 an arc that stays is no ignition that the hazard counts: one seed of three ends with a persistent arc.
-    let mut process = process.turned_to(1);
-    process.base.surface = 0.5;
+    let mut process = process;
+    // An arc that stays is no ignition that the hazard counts, and one seed of three ended with it.
+    process.set("model.arc_heat", Value::Number(0.0)).unwrap();
+    process.installation.surface = 0.5;
     let settings = Settings { commissioned: true, controlled, ..head };
     let mut machine = Machine::new(process, &settings, seed).unwrap();
     erode(&mut machine);
@@ -95,7 +96,7 @@ fn another_controlled_variable_begins_without_a_step_of_the_gap_error() {
 #[test]
 fn another_average_while_eroding_moves_neither_the_gap_error_nor_the_gap() {
     let Setup { mut process, head, .. } = Setup::load("sinker").unwrap();
-    process.base.surface = 0.5;
+    process.installation.surface = 0.5;
     let gated = Settings {
         commissioned: true,
         gap_setpoint_unit: SetpointUnit::PercentOfOpen,

@@ -116,17 +116,12 @@ fn a_row_is_the_report_of_the_same_bore() {
 }
 
 #[test]
-fn the_deepest_pit_of_arcs_is_in_the_row_of_a_model_that_has_pits() {
+fn the_deepest_pit_of_arcs_is_in_the_row() {
     let folder = folder();
-    let set = |version: &str| format!("model.version={version}");
-    for (version, has) in [("1", false), ("2", true)] {
-        let file = format!("{version}.jsonl");
-        let words = ["--scenario", "sinker-deep", "--seeds", "1", "--depth-mm", "0.003", "--set", &set(version)];
-        run(folder.path(), &[&words[..], &["--jsonl", &file]].concat());
-        let row: serde_json::Value = serde_json::from_str(&read(folder.path(), &file)).unwrap();
-        assert_eq!(row["model_version"].to_string(), version);
-        assert_eq!(row["pit_um"].as_f64().is_some_and(|um| um > 0.0), has, "{row}");
-    }
+    let words = ["--scenario", "sinker-deep", "--seeds", "1", "--depth-mm", "0.003", "--jsonl", "pits.jsonl"];
+    run(folder.path(), &words);
+    let row: serde_json::Value = serde_json::from_str(&read(folder.path(), "pits.jsonl")).unwrap();
+    assert!(row["pit_um"].as_f64().is_some_and(|um| um > 0.0), "{row}");
 }
 
 #[test]

@@ -6,14 +6,15 @@ use crate::host::{self, Bus};
 use crate::image::Image;
 use crate::rig::{Emulated, Snapshot, Witness};
 use crate::wires::CRYSTAL_HZ;
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Error, Result, anyhow, bail, ensure};
 use edm_hal_shim::double::live::Broken;
 use edm_servo_head::canopen::drive::error_code;
 use edm_servo_head::head::{Command, Fault, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
-use edm_sim::process::{FaultInputs, Parameters, Truth};
+use edm_sim::process::{FaultInputs, Truth};
+use edm_sim::run::Setup;
 use edm_soc::{CanReply, Frame, Reset, TICK_HZ};
 
 /// Ticks of the chip in a microsecond and in a millisecond.
@@ -117,9 +118,10 @@ impl Stage {
     /// # Errors
     /// When it does not get there.
     pub fn new(image: &Image) -> Result<Self> {
-        let settings = Settings { commissioned: true, ..Settings::default() };
-        let parameters = Parameters { surface: SURFACE_MM, ..Parameters::default() };
-        let mut rig = Emulated::start(image, &parameters, &settings, SEED, Witness::None)?;
+        let mut setup = Setup::load("default").map_err(Error::msg)?;
+        setup.process.installation.surface = SURFACE_MM;
+        let settings = Settings { commissioned: true, ..setup.head };
+        let mut rig = Emulated::start(image, setup.process, &settings, SEED, Witness::None)?;
         rig.unwatched();
         let scenes = Vec::new();
         let (said, seen) = (Vec::new(), Observed::default());

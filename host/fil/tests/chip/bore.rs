@@ -10,7 +10,7 @@ use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_sim::bore::{self, Setup};
 use edm_sim::machine::Rig as _;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 use edm_sim::run::{Job, Observer, Outcome, Sample};
 
 /// Means while eroding.
@@ -125,9 +125,9 @@ fn the_chip_asks_for_the_coarse_axis_on_a_pin_until_it_has_moved() {
         seek_velocity: 1000.0,
         ..Settings::default()
     };
-    let parameters = Parameters { surface: 1.1, ..Parameters::default() };
+    let plant = Plant::with(&[("workpiece.surface_mm", 1.1)]).unwrap();
     let image = Image::parse(common::firmware().to_vec()).unwrap();
-    let mut rig = Emulated::start(&image, &parameters, &settings, 1, Witness::None).unwrap();
+    let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::None).unwrap();
     host::begin(&mut rig).unwrap();
     let asks = |rig: &mut Emulated| {
         let line = rig.machine_mut().soc().read(GPIOB_ODR, 4).unwrap() >> pin.number & 1 == 1;

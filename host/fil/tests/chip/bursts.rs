@@ -9,7 +9,7 @@ use edm_fil::rig::{Emulated, Witness};
 use edm_servo_head::canopen::objects::{setting_address_at, setting_kind};
 use edm_servo_head::settings::{Declared, Kind, Settings};
 use edm_sim::machine::Rig as _;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 use edm_soc::{Frame, TICK_HZ};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -42,7 +42,7 @@ impl Master {
     fn new(seed: u64) -> Master {
         let image = Image::parse(common::firmware().to_vec()).unwrap();
         let known = Settings { commissioned: true, ..Settings::default() };
-        let mut rig = Emulated::start(&image, &Parameters::default(), &known, seed, Witness::None).unwrap();
+        let mut rig = Emulated::start(&image, Plant::default(), &known, seed, Witness::None).unwrap();
         host::begin(&mut rig).unwrap();
         Master { random: Xoshiro256PlusPlus::seed_from_u64(seed), rig, known, asked: 0, seen: Seen::default() }
     }

@@ -12,7 +12,7 @@ use edm_servo_head::head::Command;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 use edm_soc::{CanReply, Frame, TICK_HZ};
 
 const US: u64 = TICK_HZ / 1_000_000;
@@ -26,7 +26,7 @@ const FOREIGN: u32 = 5;
 fn started() -> Result<Emulated> {
     let image = Image::parse(common::firmware().to_vec())?;
     let settings = Settings { commissioned: true, ..Settings::default() };
-    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, Witness::None)?;
+    let mut rig = Emulated::start(&image, Plant::default(), &settings, 1, Witness::None)?;
     host::begin(&mut rig)?;
     Ok(rig)
 }

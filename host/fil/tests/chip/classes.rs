@@ -111,7 +111,7 @@ fn thrice(on_us: f64, off_us: f64, noise_v: f64, pulses: usize, rate: f64) {
     for (key, value) in [("model.on_us", on_us), ("model.off_us", off_us), ("front_end.noise_v", noise_v)] {
         plant.set(key, Value::Number(value)).unwrap();
     }
-    plant.base.surface = 0.2;
+    plant.installation.surface = 0.2;
     let settings = Settings { commissioned: true, ..head };
     let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::None).unwrap();
     host::begin(&mut rig).unwrap();

@@ -42,10 +42,10 @@ pub fn bore(rig: &mut Emulated, depth: Nanometres) {
     }
 }
 
-/// A head on the default machine with version 2 of the process model, enabled and at rest so many um below its home, 9 mm above the work.
+/// A head on the default machine enabled and at rest so many um below its home, 9 mm above the work.
 pub fn at_rest(um: u32, settings: impl FnOnce(Settings) -> Settings) -> Emulated {
     let setup = Setup::load("default").unwrap();
-    let mut process = setup.process.turned_to(2);
+    let mut process = setup.process;
     process.set("workpiece.surface_mm", Value::Number(9.0)).unwrap();
     let settings = settings(Settings { commissioned: true, ..setup.head });
     let image = Image::parse(firmware().to_vec()).unwrap();

@@ -35,7 +35,7 @@ fn hole(image: &Image, name: &str, set: &[(&str, f64)], seed: u64, pulses: u64) 
     for (key, value) in set {
         plant.set(&format!("model.{key}"), Value::Number(*value)).unwrap();
     }
-    plant.base.surface = 0.2;
+    plant.installation.surface = 0.2;
     let settings = Settings { commissioned: true, ..head };
     let mut rig = Emulated::start(image, plant, &settings, seed, Witness::None).unwrap();
     host::begin(&mut rig).unwrap();

@@ -5,7 +5,7 @@ use edm_fil::host::{self, Bus as _};
 use edm_fil::image::Image;
 use edm_fil::rig::{Emulated, Witness};
 use edm_servo_head::settings::Settings;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 use edm_soc::{Frame, TICK_HZ};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -15,7 +15,7 @@ const MS: u64 = TICK_HZ / 1000;
 fn started() -> Emulated {
     let image = Image::parse(common::firmware().to_vec()).unwrap();
     let settings = Settings { commissioned: true, ..Settings::default() };
-    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, Witness::None).unwrap();
+    let mut rig = Emulated::start(&image, Plant::default(), &settings, 1, Witness::None).unwrap();
     host::begin(&mut rig).unwrap();
     rig
 }

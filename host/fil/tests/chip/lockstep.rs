@@ -11,7 +11,7 @@ use edm_servo_head::head::{Command, Fault, Search, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 use edm_sim::run::Setup;
 use std::collections::BTreeSet;
 
@@ -50,9 +50,9 @@ fn an_end_with_spark_out_and_lift_of_the_chip_is_that_of_the_native_core_bit_for
         end_lift: 400.0,
         ..Settings::default()
     };
-    let parameters = Parameters { surface: 0.5, ..Parameters::default() };
+    let plant = Plant::with(&[("workpiece.surface_mm", 0.5)]).unwrap();
     let witness = Witness::twin(&settings).unwrap();
-    let mut rig = Emulated::start(&image, &parameters, &settings, 1, witness).unwrap();
+    let mut rig = Emulated::start(&image, plant, &settings, 1, witness).unwrap();
     host::begin(&mut rig).unwrap();
     common::bore(&mut rig, Nanometres(510_000));
     let mut states = Vec::new();
@@ -75,9 +75,9 @@ fn an_end_with_spark_out_and_lift_of_the_chip_is_that_of_the_native_core_bit_for
 fn a_search_for_the_surface_on_the_chip_is_that_of_the_native_core_bit_for_bit() {
     let image = Image::parse(common::firmware().to_vec()).unwrap();
     let settings = Settings { commissioned: true, ..Settings::default() };
-    let parameters = Parameters { surface: 0.5037, ..Parameters::default() };
+    let plant = Plant::with(&[("workpiece.surface_mm", 0.5037)]).unwrap();
     let witness = Witness::twin(&settings).unwrap();
-    let mut rig = Emulated::start(&image, &parameters, &settings, 1, witness).unwrap();
+    let mut rig = Emulated::start(&image, plant, &settings, 1, witness).unwrap();
     host::begin(&mut rig).unwrap();
     for command in [Command::SetHome(Nanometres(0)), Command::Enable] {
         rig.command(command).unwrap();
@@ -134,9 +134,9 @@ fn a_jump_of_the_chip_is_that_of_the_native_core_bit_for_bit() {
         jump_jerk: 12_000.0,
         ..Settings::default()
     };
-    let parameters = Parameters { surface: 1.2, ..Parameters::default() };
+    let plant = Plant::with(&[("workpiece.surface_mm", 1.2)]).unwrap();
     let witness = Witness::twin(&settings).unwrap();
-    let mut rig = Emulated::start(&image, &parameters, &settings, 1, witness).unwrap();
+    let mut rig = Emulated::start(&image, plant, &settings, 1, witness).unwrap();
     host::begin(&mut rig).unwrap();
     common::bore(&mut rig, Nanometres(2_000_000));
     let until = |rig: &mut Emulated, state| {
@@ -176,7 +176,7 @@ fn a_guided_chip_is_the_native_core_bit_for_bit() {
     let image = Image::parse(common::firmware().to_vec()).unwrap();
     let settings = Settings { commissioned: true, ..Settings::default() };
     let witness = Witness::twin(&settings).unwrap();
-    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, witness).unwrap();
+    let mut rig = Emulated::start(&image, Plant::default(), &settings, 1, witness).unwrap();
     host::begin(&mut rig).unwrap();
     host::write(&mut rig, 0x1401, 2, 1, 1).unwrap();
     rig.command(Command::SetHome(Nanometres(0))).unwrap();
@@ -232,7 +232,7 @@ fn offsets_of_position_and_force_move_the_axis_of_the_chip_as_that_of_the_native
     let image = Image::parse(common::firmware().to_vec()).unwrap();
     let settings = Settings { commissioned: true, ..Settings::default() };
     let witness = Witness::twin(&settings).unwrap();
-    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, witness).unwrap();
+    let mut rig = Emulated::start(&image, Plant::default(), &settings, 1, witness).unwrap();
     host::begin(&mut rig).unwrap();
     rig.command(Command::SetHome(Nanometres(0))).unwrap();
     host::write(&mut rig, 0x60C2, 1, 10, 1).unwrap();
@@ -274,9 +274,9 @@ fn offsets_of_position_and_force_move_the_axis_of_the_chip_as_that_of_the_native
 fn the_probes_of_the_chip_keep_what_those_of_the_native_core_do() {
     let image = Image::parse(common::firmware().to_vec()).unwrap();
     let settings = Settings { commissioned: true, encoder_marks: 1000.0, ..Settings::default() };
-    let parameters = Parameters { surface: 1.2, marks: 1.0, ..Parameters::default() };
+    let plant = Plant::with(&[("workpiece.surface_mm", 1.2), ("scale.mark_mm", 1.0)]).unwrap();
     let witness = Witness::twin(&settings).unwrap();
-    let mut rig = Emulated::start(&image, &parameters, &settings, 1, witness).unwrap();
+    let mut rig = Emulated::start(&image, plant, &settings, 1, witness).unwrap();
     host::begin(&mut rig).unwrap();
     for command in [Command::SetHome(Nanometres(0)), Command::Enable] {
         rig.command(command).unwrap();

@@ -8,16 +8,15 @@ use edm_fil::image::Image;
 use edm_fil::rig::{Emulated, Witness};
 use edm_servo_head::canopen::BitRate;
 use edm_servo_head::settings::Settings;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 use edm_soc::{Frame, Reset, TICK_HZ};
 
 /// A chip whose flash has settings, but no node-ID.
 fn unconfigured() -> Result<Emulated> {
     let image = Image::parse(common::firmware().to_vec())?;
     let settings = Settings { commissioned: true, ..Settings::default() };
-    let mut rig = Emulated::power_up(&image, &Parameters::default(), 1, Witness::None, |flash| {
-        commission_as(flash, &settings, None)
-    })?;
+    let mut rig =
+        Emulated::power_up(&image, Plant::default(), 1, Witness::None, |flash| commission_as(flash, &settings, None))?;
     rig.unwatched();
     rest(&mut rig, 100)?;
     Ok(rig)

@@ -17,7 +17,7 @@ const FINDS: usize = 10;
 /// Amplitude of the hum, V, and how far its frequency drifts either way, at 0.1 Hz/s.
 const HUM: f64 = 10.0;
 const DRIFTS: f64 = 0.5;
-/// As `cargo sim gap-report` wants it, dB.
+/// As `tests/gates/gap/notch.rs` wants it, dB.
 const BOUND_DB: f64 = 40.0;
 /// Objects of the settings: notch the second harmonic, follow the mains.
 const HARMONIC: u8 = 7;

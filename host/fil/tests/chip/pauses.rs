@@ -37,7 +37,7 @@ fn a_pause_follows_the_pulses_of_its_class_and_every_pulse_is_counted() {
         generator_pause_arc_us: 100.0,
         ..head
     };
-    plant.base.surface = 0.5;
+    plant.installation.surface = 0.5;
     let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
     host::begin(&mut rig).unwrap();
     common::bore(&mut rig, Nanometres(3_000_000));

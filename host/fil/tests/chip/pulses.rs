@@ -20,7 +20,7 @@ fn the_classes_add_up_to_the_pulses_of_the_generator_at_1_to_100_khz() {
         let Setup { process: mut plant, head, .. } = Setup::load(name).unwrap();
         let settings = Settings { commissioned: true, ..head };
         // A short way to the work.
-        plant.base.surface = 0.5;
+        plant.installation.surface = 0.5;
         let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
         host::begin(&mut rig).unwrap();
         common::bore(&mut rig, Nanometres(3_000_000));
@@ -117,7 +117,7 @@ fn a_teach_in_over_the_bus_finds_the_levels_of_another_generator_and_the_chip_ru
     {
         plant.set(&format!("model.{key}"), Value::Number(value)).unwrap();
     }
-    plant.base.surface = 0.2;
+    plant.installation.surface = 0.2;
     let settings = Settings { commissioned: true, gap_setpoint: 45.0, gap_open_min: 60.0, ..head };
     let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
     host::begin(&mut rig).unwrap();

@@ -9,15 +9,16 @@ use edm_servo_head::head::{Command, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 
 /// What the bridge is forced to when a wire falls across the gap of an eroding head.
 fn forced(reversed: bool) -> Vec<Drive> {
     let image = Image::parse(common::firmware().to_vec()).unwrap();
     let settings = Settings { commissioned: true, motor_reversed: reversed, ..Settings::default() };
     // Work close to the stop: the seek is short.
-    let parameters = Parameters { motor_reversed: reversed, surface: 0.3, ..Parameters::default() };
-    let mut rig = Emulated::start(&image, &parameters, &settings, 1, Witness::None).unwrap();
+    let plant = Plant::with(&[("wiring.motor_reversed", f64::from(u8::from(reversed))), ("workpiece.surface_mm", 0.3)])
+        .unwrap();
+    let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::None).unwrap();
     host::begin(&mut rig).unwrap();
     for command in
         [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(Nanometres(2_000_000)), Command::Start]

@@ -11,7 +11,7 @@ use edm_servo_head::scope::{Phase, STREAM_HEADER, Signal};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 use edm_soc::{Reset, TICK_HZ};
 
 const SIGNALS: [Signal; 8] = [
@@ -34,8 +34,8 @@ fn armed() -> Result<Emulated> {
     let image = Image::parse(common::firmware().to_vec())?;
     let settings = Settings { commissioned: true, ..Settings::default() };
     // Work close to the stop: the seek is short.
-    let parameters = Parameters { surface: 0.3, ..Parameters::default() };
-    let mut rig = Emulated::start(&image, &parameters, &settings, 1, Witness::None)?;
+    let plant = Plant::with(&[("workpiece.surface_mm", 0.3)]).unwrap();
+    let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::None)?;
     host::begin(&mut rig)?;
     assert_eq!(state(&mut rig)?, Phase::Idle as u32, "what the memory holds at power-up is no record");
     for command in
@@ -126,7 +126,7 @@ fn a_record_around_a_retreat_of_the_reflex_is_what_the_ticks_did_and_outlives_a_
 fn a_fault_leaves_a_snapshot_that_a_host_reads_after_a_reset() -> Result<()> {
     let image = Image::parse(common::firmware().to_vec())?;
     let settings = Settings { commissioned: true, ..Settings::default() };
-    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, Witness::None)?;
+    let mut rig = Emulated::start(&image, Plant::default(), &settings, 1, Witness::None)?;
     host::begin(&mut rig)?;
     host::command(&mut rig, Command::SetHome(Nanometres(0)))?;
     host::command(&mut rig, Command::Enable)?;

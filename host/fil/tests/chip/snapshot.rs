@@ -8,7 +8,7 @@ use edm_servo_head::head::Command;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 use edm_soc::{Frame, Reset};
 
 /// 100 ms: frames of the head, instructions and interrupts so far, where the head is.
@@ -26,8 +26,8 @@ fn run(rig: &mut Emulated) -> (Vec<(u64, Frame)>, u64, Vec<u64>, f64, u64) {
 fn a_machine_that_goes_back_goes_on_as_it_did() {
     let image = Image::parse(common::firmware().to_vec()).unwrap();
     let settings = Settings { commissioned: true, ..Settings::default() };
-    let parameters = Parameters { surface: 0.05, ..Parameters::default() };
-    let mut rig = Emulated::start(&image, &parameters, &settings, 1, Witness::None).unwrap();
+    let plant = Plant::with(&[("workpiece.surface_mm", 0.05)]).unwrap();
+    let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::None).unwrap();
     host::begin(&mut rig).unwrap();
     for command in
         [Command::SetHome(Nanometres(0)), Command::Enable, Command::MoveTo(Nanometres(1_000_000)), Command::Start]

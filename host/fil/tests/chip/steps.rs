@@ -10,14 +10,14 @@ use edm_servo_head::head::Command;
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
-use edm_sim::process::Parameters;
+use edm_sim::process::Plant;
 use edm_sim::process::steps::Move;
 
 /// A disabled head on the bus.
 fn head() -> Emulated {
     let image = Image::parse(common::firmware().to_vec()).unwrap();
     let settings = Settings { commissioned: true, ..Settings::default() };
-    let mut rig = Emulated::start(&image, &Parameters::default(), &settings, 1, Witness::None).unwrap();
+    let mut rig = Emulated::start(&image, Plant::default(), &settings, 1, Witness::None).unwrap();
     host::begin(&mut rig).unwrap();
     rig
 }

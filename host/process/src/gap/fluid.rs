@@ -10,7 +10,7 @@
 //!   the bath. A share of what moves mixes on its way: that, and no free exchange, is what small motions clean by.
 //! - The gas of discharges, buoyancy and drift, and turning exchange front and side; gas, buoyancy and drift exchange side
 //!   and bath, the less the deeper.
-//! - Version 2: the motion is reversible but for its Reynolds number. What enters a widening gap is a cell of its own, which mixes
+//! - The motion is reversible but for its Reynolds number. What enters a widening gap is a cell of its own, which mixes
 //!   with the front as inertia lets it and leaves first when the gap narrows. What the side gap cannot deliver at one atmosphere
 //!   is a void, which closes first.
 //! - A flushing pressure drives bath fluid through the front and the side.
@@ -119,7 +119,7 @@ impl Fluid {
         }
     }
 
-    /// Version 2: the gas of now, um^3/us on its base. What rises in the side gap moves no more fluid than a flow of its own.
+    /// The gas of now, um^3/us on its base. What rises in the side gap moves no more fluid than a flow of its own.
     pub fn rises(&mut self, gas: f64) {
         let most = self.p.gas_level_um_s * 1e-6 * TAU * self.p.radius_um * self.p.side_um;
         self.rises = if gas > most { most / gas } else { 1.0 };
@@ -279,7 +279,7 @@ impl Fluid {
         self.volume = volume;
     }
 
-    /// What a motion of the gap does to a front with so much debris, in version 2; gives that it has after it.
+    /// What a motion of the gap does to a front with so much debris; gives that it has after it.
     fn moves(&mut self, us: f64, gap_um: f64, depth: f64, change: f64, mut front: f64, side_volume: f64) -> f64 {
         let core = self.mixed();
         let p = &self.p;
@@ -369,7 +369,7 @@ mod tests {
 
     #[test]
     fn whatever_moves_no_debris_is_made_or_lost() {
-        for p in [SINKER.parameters(), GAO.parameters(), Parameters { flush_kpa: 20.0, ..SINKER.parameters() }] {
+        for p in [SINKER.of(), GAO.of(), Parameters { flush_kpa: 20.0, ..SINKER.of() }] {
             let g0 = p.exchange_um;
             let mut fluid = dirty(&p, g0);
             for k in 0..200_000 {
@@ -385,7 +385,7 @@ mod tests {
 
     #[test]
     fn a_gap_that_narrows_and_opens_again_gets_its_debris_back() {
-        let p = Parameters { rest_mm3_s: 0.0, mixing: 0.0, ..SINKER.parameters() };
+        let p = Parameters { rest_mm3_s: 0.0, mixing: 0.0, ..SINKER.of() };
         for (comes_back, kept) in [(1.0, 0.999..1.001), (0.0, 0.7..0.85)] {
             let mut fluid = dirty(&Parameters { comes_back, ..p }, 35.0);
             fluid.step(100.0, 28.0, 0.0, 0.0);
@@ -406,7 +406,8 @@ mod tests {
 
     #[test]
     fn a_jump_cleans_by_stroke_and_by_speed() {
-        let p = SINKER.parameters();
+        // Fluid that mixes all.
+        let p = Parameters { reynolds: 0.0, ..SINKER.of() };
         let long = after_jump(&p, 3000.0, 100.0, 2000.0);
         let short = after_jump(&p, 300.0, 100.0, 2000.0);
         let slow = after_jump(&p, 3000.0, 1.0, 2000.0);
@@ -416,8 +417,8 @@ mod tests {
     }
 
     #[test]
-    fn fluid_of_version_2_is_reversible_but_for_its_reynolds_number() {
-        let p = Parameters { rest_mm3_s: 0.0, mixing: 0.0, ..SINKER.of(2) };
+    fn fluid_is_reversible_but_for_its_reynolds_number() {
+        let p = Parameters { rest_mm3_s: 0.0, mixing: 0.0, ..SINKER.of() };
         // 5 um at 200 Hz, a hundred times.
         let mut fluid = dirty(&p, 35.0);
         (0..10_000).for_each(|k| fluid.step(50.0, 35.0 + 2.5 * libm::sin(f64::from(k) * TAU / 100.0), 2000.0, 0.0));
@@ -431,7 +432,7 @@ mod tests {
 
     #[test]
     fn a_flushing_pressure_cleans() {
-        let p = SINKER.parameters();
+        let p = SINKER.of();
         let left = |flush_kpa| {
             let mut fluid = dirty(&Parameters { flush_kpa, ..p }, 35.0);
             (0..1000).for_each(|_| fluid.step(100.0, 35.0, 3000.0, 0.0));
@@ -442,7 +443,7 @@ mod tests {
 
     #[test]
     fn the_film_is_that_of_a_disc_and_the_side_gap_adds_to_it() {
-        let fluid = Fluid::new(&SINKER.parameters(), 50.0);
+        let fluid = Fluid::new(&SINKER.of(), 50.0);
         // 3 pi mu R^4/(2 h^3) of 2 mPa s, 1.5 mm and 50 um.
         let film = fluid.film(50.0, 0.0);
         assert!((film.damping - 0.381_7).abs() < 1e-3, "{}", film.damping);

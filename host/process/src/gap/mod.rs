@@ -162,9 +162,14 @@ impl Gap {
         self.carrier = carrier_um;
     }
 
+    /// Gap over the highest peak, um, with the carrier where it is: below zero electrode and work touch.
+    pub fn least_um(&self) -> f64 {
+        self.surface.least_um() - (self.carrier - self.looked_at)
+    }
+
     /// Electrode and work touch.
     pub fn touches(&self) -> bool {
-        self.surface.least_um() - (self.carrier - self.looked_at) <= 0.0
+        self.least_um() <= 0.0
     }
 
     /// Distance of the solid surfaces with the carrier there, um: below zero they push. Peaks only touch.

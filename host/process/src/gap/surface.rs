@@ -236,7 +236,7 @@ mod tests {
 
     #[test]
     fn a_wider_gap_ignites_less_and_bridges_less() {
-        let mut surface = Surface::new(&SINKER.parameters(), 1);
+        let mut surface = Surface::new(&SINKER.of(), 1);
         let mut last = (f64::INFINITY, f64::INFINITY);
         for k in 1..2000 {
             let bridges = surface.look(f64::from(k) * 0.1, 1.0, &[1e5; FACETS], 1e-6, None);
@@ -248,7 +248,7 @@ mod tests {
 
     #[test]
     fn sparks_strike_where_it_is_narrow_and_level_it() {
-        let mut surface = Surface::new(&Parameters { peak_um: 0.0, ..SINKER.parameters() }, 1);
+        let mut surface = Surface::new(&Parameters { peak_um: 0.0, reach_um_v: 0.0, ..SINKER.of() }, 1);
         surface.depth[3] = -10.0;
         surface.sums.0 = -10.0;
         surface.look(30.0 - 10.0 / 16.0, 1.0, &[0.0; FACETS], 0.0, None);
@@ -262,7 +262,7 @@ mod tests {
 
     #[test]
     fn a_facet_that_is_through_ignites_no_more() {
-        let mut surface = Surface::new(&Parameters { thickness_um: 100.0, ..SINKER.parameters() }, 1);
+        let mut surface = Surface::new(&Parameters { thickness_um: 100.0, ..SINKER.of() }, 1);
         surface.strike(5, 101.0 / surface.um_per_um3, 0.0, None);
         assert_eq!(surface.through(), 1.0 / 16.0);
         surface.look(40.0, 1.0, &[0.0; FACETS], 0.0, None);
@@ -271,11 +271,11 @@ mod tests {
 
     #[test]
     fn arcs_hurt_and_sparks_heal() {
-        let mut surface = Surface::new(&SINKER.parameters(), 1);
+        let mut surface = Surface::new(&SINKER.of(), 1);
         (0..100).for_each(|_| surface.strike(0, 1.0, 0.0, Some(1.0)));
         assert_eq!(surface.damage_at(0), 4.0);
         (0..100).for_each(|_| surface.strike(0, 1.0, 0.0, None));
-        let left = 4.0 * libm::exp(100.0 * libm::log(1.0 - SINKER.parameters().heal));
+        let left = 4.0 * libm::exp(100.0 * libm::log(1.0 - SINKER.of().heal));
         assert!((surface.damage_at(0) - left).abs() < 1e-9 && surface.damage_at(1) == 0.0);
     }
 }

@@ -1,7 +1,7 @@
 //! The machines that the sources describe.
 
 use super::Basis::{self, Assumed, Chosen, Fitted, Source};
-use super::{DECLARED, Fitted as Values, Kind, Parameters, second};
+use super::{DECLARED, Kind, Parameters};
 
 /// A number in which a machine differs from [`SINKER`].
 #[derive(Clone, Copy, Debug)]
@@ -28,15 +28,10 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Its parameters in version 1.
-    pub fn parameters(&self) -> Parameters {
-        self.of(1)
-    }
-
-    /// Its parameters in a version of the model: those of version 1, and from 2 on what that changes.
-    pub fn of(&self, version: u32) -> Parameters {
+    /// Its parameters.
+    pub fn of(&self) -> Parameters {
         let mut p = Parameters { kind: self.kind, ..Parameters::default() };
-        for difference in self.differences(version) {
+        for difference in self.differences {
             if let Some(slot) = p.slot(difference.key) {
                 *slot = difference.value;
             }
@@ -44,21 +39,28 @@ impl Machine {
         p
     }
 
-    /// Where it differs from the sinker of version 1, in the order in which they apply.
-    fn differences(&self, version: u32) -> impl DoubleEndedIterator<Item = &Difference> {
-        let second = if version < 2 { [&[][..]; 2] } else { [&second::ALL[..], second::of(self.name)] };
-        self.differences.iter().chain(second.into_iter().flatten())
-    }
-
-    /// What one of its numbers rests on in a version.
-    pub fn basis(&self, version: u32, key: &str) -> Option<Basis> {
-        let own = self.differences(version).rfind(|difference| difference.key == key);
+    /// What one of its numbers rests on.
+    pub fn basis(&self, key: &str) -> Option<Basis> {
+        let own = self.differences.iter().find(|difference| difference.key == key);
         let own = own.map(|difference| difference.basis);
         own.or_else(|| DECLARED.iter().find(|declared| declared.key == key).map(|declared| declared.basis))
     }
+
+    /// Names of the numbers of its process that are assumed or chosen, and not zero.
+    pub fn unpublished(&self) -> impl Iterator<Item = &'static str> {
+        let at = |key: &str| DECLARED.iter().position(|declared| declared.key == key).unwrap_or(DECLARED.len());
+        let of_axis = at("step_us")..at("reach_um_v");
+        let numbers = DECLARED.iter().zip(self.of().values()).enumerate();
+        let open = numbers.filter(|(k, (declared, value))| {
+            let switch = matches!(declared.key, "negative" | "comes_back" | "depth_um" | "thickness_um");
+            let rests = matches!(self.basis(declared.key), Some(Basis::Assumed(_) | Basis::Chosen(_)));
+            *value != 0.0 && !switch && rests && !of_axis.contains(k)
+        });
+        open.map(|(_, (declared, _))| declared.key).collect::<Vec<_>>().into_iter()
+    }
 }
 
-pub(super) const fn of(key: &'static str, value: f64, basis: Basis) -> Difference {
+const fn of(key: &'static str, value: f64, basis: Basis) -> Difference {
     Difference { key, value, basis }
 }
 
@@ -82,14 +84,15 @@ pub const XIN: Machine = Machine {
         of("side_um", 60.0, Assumed("")),
         of("slow_log", 0.3, Assumed("a larger face averages")),
         of("burn_ohm", 12.0, Assumed("5 A; no source gives the current")),
-        of("removal_um3_uj", Values::VALUES.xin_removal, Fitted("[X] table 4")),
+        of("removal_um3_uj", 10.64, Fitted("[X] table 4")),
         of("exchange_um", 50.0, Assumed("the working gap")),
-        of("rest_mm3_s", 5.0, Chosen("debris well below 5 %, as removal does not fall at 40 um in [X] table 4")),
+        of("gas_front", 35.0, Chosen("the gates of depth")),
+        of("rest_mm3_s", 30.0, Chosen("debris well below 5 %, as removal does not fall at 40 um in [X] table 4")),
         of("step_us", 250.0, Assumed("half a period")),
     ],
 };
 
-const GAO_COMMON: [Difference; 27] = [
+const GAO_COMMON: [Difference; 28] = [
     of("open_v", 80.0, Source("[G] table 1")),
     of("burn_v", 25.0, Assumed("")),
     of("arc_v", 20.0, Assumed("")),
@@ -113,14 +116,15 @@ const GAO_COMMON: [Difference; 27] = [
     of("bridge_um", 5.5, Chosen("about 200 discharges in a cycle, [G] fig. 7")),
     of("bridge_ms", 600.0, Assumed("little energy burns it")),
     of("exchange_um", 8.0, Assumed("the working gap")),
+    of("gas_front", 35.0, Chosen("the gates of depth")),
     of("rest_mm3_s", 0.001, Assumed("besides what turning exchanges")),
     of("half_depth_um", 1500.0, Assumed("")),
     of("step_us", 100.0, Assumed("ten periods; the gates halve it")),
     of("viscosity_mpas", 1.0, Source("water at 20 degrees C")),
 ];
 
-const fn with<const N: usize>(more: [Difference; N]) -> [Difference; 31] {
-    let mut all = [GAO_COMMON[0]; 31];
+const fn with<const N: usize>(more: [Difference; N]) -> [Difference; 32] {
+    let mut all = [GAO_COMMON[0]; 32];
     let mut i = 0;
     while i < GAO_COMMON.len() {
         all[i] = GAO_COMMON[i];

@@ -1,10 +1,7 @@
 //! Parameters of a machine with its process: each with unit, range and what it rests on.
 
-mod fitted;
 mod machines;
-mod second;
 
-pub use fitted::Fitted;
 pub use machines::{Difference, GAO, GAO_CLEAR, MACHINES, Machine, SINKER, XIN};
 
 use std::fmt;
@@ -14,7 +11,7 @@ use std::fmt;
 pub enum Basis {
     /// Published, or a constant of nature.
     Source(&'static str),
-    /// Fitted to calibration data by `cargo run -p edm-process --bin fit`.
+    /// Fitted to calibration data.
     Fitted(&'static str),
     /// Chosen by hand among what is plausible, with these gates in view.
     Chosen(&'static str),
@@ -137,10 +134,10 @@ macro_rules! declare {
     };
 }
 
-use Basis::{Assumed, Chosen, Source};
+use Basis::{Assumed, Chosen, Fitted, Source};
 const C2: &str = "[X] table 4";
 const C3: &str = "[R]'s swing of 40 um";
-const OFF: Basis = Assumed("version 1 has none");
+const ARCING: &str = "the gates of arcing";
 
 declare! {
     /// Open-circuit voltage.
@@ -162,11 +159,11 @@ declare! {
     /// Time constant of generator and cable, to which the gap's own is added.
     cable_us = 0.2, (0.01, 10.0), "us", Assumed("");
     /// Resistance through which the gap's own capacitance is charged.
-    charge_ohm = Fitted::VALUES.charge_ohm, (0.0, 1e6), "ohm", Basis::Fitted("[X] table 2");
+    charge_ohm = 30140.0, (0.0, 1e6), "ohm", Fitted("[X] table 2");
     /// Relative permittivity of the dielectric.
     permittivity = 2.1, (1.0, 100.0), "", Source("hydrocarbon oil");
     /// Gap below which the apparent capacitance levels off.
-    rounding_um = Fitted::VALUES.rounding_um, (0.0, 100.0), "um", Basis::Fitted("[X] table 2");
+    rounding_um = 25.86, (0.0, 100.0), "um", Fitted("[X] table 2");
     /// What the contact sense supply leaves over an open gap between pulses.
     sense_v = 11.1, (0.0, 60.0), "V", Source("docs/wiring.md");
     /// Resistance that limits the current of a discharge, or of a short; of an RC generator that of the short alone.
@@ -196,11 +193,11 @@ declare! {
     turn_ms = 0.0, (0.0, 10_000.0), "ms", Assumed("none");
 
     /// Ignitions a second and square millimetre of a clean gap of 50 um.
-    ignition = Fitted::VALUES.ignition, (1.0, 1e6), "1/(s mm^2)", Basis::Fitted(C2);
+    ignition = 810.4, (1.0, 1e6), "1/(s mm^2)", Fitted(C2);
     /// Share by which debris of 5 % raises it.
-    ignition_debris = 0.3, (0.0, 10.0), "", Assumed("");
+    ignition_debris = 1.0, (0.0, 10.0), "", Assumed("most ignitions of a dirty gap are at particles");
     /// The slow disturbance of ignition: deviation of its logarithm.
-    slow_log = Fitted::VALUES.slow_log, (0.0, 3.0), "", Basis::Fitted(C3);
+    slow_log = 0.6594, (0.0, 3.0), "", Fitted(C3);
     /// The slow disturbance's corner: its spectrum is 1/(1 + (f/corner)^2).
     slow_hz = 5.3, (0.01, 1000.0), "Hz", Assumed("well below the 20 Hz of the swing");
     /// Mean height of the surfaces' peaks.
@@ -209,7 +206,7 @@ declare! {
     veil_us = 0.0, (0.0, 10_000.0), "us", Assumed("the face is larger");
 
     /// Volume that a microjoule in the discharge removes from the work.
-    removal_um3_uj = 0.375, (0.0, 100.0), "um^3/uJ", Assumed("60 um^3 a microsecond, for the 0.2 mm/min of [R] section 4.2");
+    removal_um3_uj = 0.9, (0.0, 100.0), "um^3/uJ", Chosen("the 0.2 mm/min of [R] section 4.2, at its power density");
     /// Share of that which an arc achieves.
     arc_share = 0.05, (0.0, 1.0), "", Chosen("the gates of the set point");
     /// Volume that the electrode loses over that of the work, electrode positive.
@@ -226,7 +223,7 @@ declare! {
     /// Debris of a discharge counts on its own spot as if spread over this many crater widths squared.
     spot = 25.0, (1.0, 1000.0), "", Chosen("the gates of the set point");
     /// Damage that an arc leaves on its facet; at 1 the clean gap's recovery takes twice as long.
-    hurt = 0.1, (0.0, 1.0), "", Chosen("the gates of the set point");
+    hurt = 0.06, (0.0, 1.0), "", Chosen(ARCING);
     /// Share of the damage that a spark removes from its facet.
     heal = 0.015, (0.0, 1.0), "", Chosen("the gates of the set point");
     /// Most damage that a facet can have.
@@ -244,7 +241,7 @@ declare! {
     /// Gap at which the exchanges below are given.
     exchange_um = 35.0, (1.0, 500.0), "um", Assumed("the working gap");
     /// Fluid that gas exchanges between front and side, over the volume removed with it.
-    gas_front = 35.0, (0.0, 1e5), "", Chosen("the gates of depth");
+    gas_front = 14.6, (0.0, 1e5), "", Assumed("13 mm^3 a joule");
     /// The same between side and bath.
     gas_side = 100.0, (0.0, 1e5), "", Chosen("the gates of depth");
     /// Fluid that front, side and bath exchange without gas.
@@ -309,41 +306,38 @@ declare! {
     contact_n_s_m = 20.0, (0.0, 10_000.0), "N s/m", Assumed("");
 
     /// Largest gap that ignites, over the open-circuit voltage; 0 for none.
-    reach_um_v = 0.0, (0.0, 100.0), "um/V", OFF;
+    reach_um_v = 1.0, (0.0, 100.0), "um/V", Source("[R]: the gap is 20 to 100 um at 100 V");
     /// Power of the burning time, over half the on-time, with which the recovery time goes.
-    recovery_heats = 0.0, (0.0, 2.0), "", OFF;
+    recovery_heats = 1.0, (0.0, 2.0), "", Assumed("a surface that was heated for a time cools in as much");
     /// What a millisecond of an arc adds to the recovery of its place, in clean gap's recovery times.
-    arc_heat = 0.0, (0.0, 1000.0), "1/ms", OFF;
+    arc_heat = 2.0, (0.0, 1000.0), "1/ms", Chosen(ARCING);
     /// Heat from which on an arc stays until a retreat, in the same times.
-    arc_stays = 3.0, (0.1, 1000.0), "", OFF;
+    arc_stays = 3.0, (0.1, 1000.0), "", Chosen(ARCING);
     /// Damage at which a spark removes half of what it does on a clean place; 0 for none.
-    hurt_half = 0.0, (0.0, 1000.0), "", OFF;
+    hurt_half = 1.0, (0.0, 1000.0), "", Assumed("");
     /// Time constant with which the place of an arc cools.
-    arc_cool_ms = 10.0, (0.01, 10_000.0), "ms", OFF;
+    arc_cool_ms = 10.0, (0.01, 10_000.0), "ms", Assumed("diffusion over a third of a millimetre of steel");
     /// Distance of a retreat over which the heat of an arc's place counts for e times less.
-    arc_tear_um = 10.0, (0.01, 1000.0), "um", OFF;
+    arc_tear_um = 10.0, (0.01, 1000.0), "um", Assumed("a fraction of the gap");
     /// Power density of a large face at which a discharge removes half of what it does alone; 0 for no such limit.
-    saturate_w_mm2 = 0.0, (0.0, 1e6), "W/mm^2", OFF;
+    saturate_w_mm2 = 4.0, (0.0, 1e6), "W/mm^2", Source("the rule of 10 A/cm^2, at 40 V");
     /// Radius below which a face stands more of that, as its edge is near.
-    saturate_edge_um = 0.0, (0.0, 1e5), "um", OFF;
+    saturate_edge_um = 1500.0, (0.0, 1e5), "um", Assumed("");
     /// Reynolds number of the gap's motion at which half of the fluid that enters mixes; 0 for fluid that mixes all, at any pressure.
-    reynolds = 0.0, (0.0, 1e6), "", OFF;
+    reynolds = 15.0, (0.0, 1e6), "", Assumed("inertia beside viscosity");
     /// Depth of the side gap with which the front exchanges; 0 for all of it.
-    buffer_um = 0.0, (0.0, 1e6), "um", OFF;
+    buffer_um = 3000.0, (0.0, 1e6), "um", Chosen("the gates of depth");
     /// Speed of the gas in the side gap, in volume removed with it, above which more of it moves no more fluid; 0 for none.
-    gas_level_um_s = 0.0, (0.0, 1e6), "um/s", OFF;
+    gas_level_um_s = 30.0, (0.0, 1e6), "um/s", Chosen(ARCING);
     /// Gas of the discharges that flushing has to push against, over the volume removed with it.
-    gas_back = 0.0, (0.0, 1e6), "", OFF;
+    gas_back = 1500.0, (0.0, 1e6), "", Assumed("1.4 mm^3 a joule");
     /// Time for which the gap must have opened to tear a bridge or an arc; 0 for none.
-    tear_ms = 0.0, (0.0, 10_000.0), "ms", OFF;
+    tear_ms = 20.0, (0.0, 10_000.0), "ms", Assumed("a bridge that touches again within this is not torn");
     /// Share of the burn voltage below which nothing ignites.
-    ignites_above = 0.0, (0.0, 1.0), "", OFF;
+    ignites_above = 1.0, (0.0, 1.0), "", Source("the burn voltage: below it no channel burns");
     /// Recovery time of a plain RC generator's channel in a clean gap, over the time that its discharge burned; 0 for that of a transistor.
-    recovery_rc = 0.0, (0.0, 1000.0), "", OFF;
+    recovery_rc = 5.8, (0.0, 1000.0), "", Chosen("the textbooks' least resistance of an RC generator");
 }
-
-/// Of the numbers, how many version 1 has; its others are 0, or unused with those.
-pub const OF_VERSION_1: usize = DECLARED.len() - 16;
 
 impl Parameters {
     /// Sets one by its name.
@@ -440,7 +434,7 @@ mod tests {
     #[test]
     fn every_machine_is_within_the_ranges_and_says_what_it_rests_on() {
         for machine in MACHINES {
-            machine.parameters().check().unwrap();
+            machine.of().check().unwrap();
             for difference in machine.differences {
                 assert!(DECLARED.iter().any(|declared| declared.key == difference.key), "{}", difference.key);
             }

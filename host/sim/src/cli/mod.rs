@@ -6,17 +6,11 @@
 
 mod bore;
 mod describe;
-mod gap_report;
-mod model_report;
-mod path_report;
 mod replay;
 mod tables;
 
 pub use crate::terminal::{EXIT_BAD_INPUT, EXIT_FAILED, Failure};
 pub use bore::Bore;
-pub use gap_report::GapReport;
-pub use model_report::ModelReport;
-pub use path_report::PathReport;
 pub use replay::Replay;
 
 use crate::bench::Bench;
@@ -88,21 +82,6 @@ enum Command {
     Faults(Faults),
     /// Send random commands and events, and check the invariants in every tick (docs/robustness.md)
     Soak(Soak),
-    /// Compare the process model with published figures (docs/process-model.md)
-    #[command(
-        after_help = "Exit code: 0 the model is unchanged and all required gates are met; 1 otherwise, or an output failed; 2 bad input."
-    )]
-    ModelReport(ModelReport),
-    /// Measure the accuracy of the path in both directions (docs/path.md)
-    #[command(
-        after_help = "Exit code: 0 all figures within their bounds; 1 otherwise, or an output failed; 2 bad input, nothing was written."
-    )]
-    PathReport(PathReport),
-    /// Measure the accuracy of the gap estimators (docs/gap-sensing.md)
-    #[command(
-        after_help = "Exit code: 0 all figures within their bounds; 1 otherwise, or an output failed; 2 bad input, nothing was written."
-    )]
-    GapReport(GapReport),
     /// Run a recording of a gap through the head's filters and classifier (docs/gap-sensing.md)
     #[command(after_help = "Exit code: 0 done; 1 an output failed; 2 bad input, nothing was written.")]
     Replay(Replay),
@@ -129,9 +108,6 @@ pub fn main(arguments: impl Iterator<Item = OsString>, run: impl Run) -> ExitCod
         Command::Search(search) => search.execute(),
         Command::Faults(faults) => faults.execute(),
         Command::Soak(soak) => soak.execute(),
-        Command::ModelReport(report) => report.execute(),
-        Command::PathReport(report) => report.execute(),
-        Command::GapReport(report) => report.execute(),
         Command::Replay(replay) => replay.execute().map(|()| true),
         Command::Bench(bench) => bench.execute(run),
         Command::Scenarios => tables::scenarios().map(|text| {

@@ -71,9 +71,6 @@ struct Options {
     /// What all laws have in common: reflex, late-reflex (100 ms), pauses (off-time by class) [default: reflex]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     variants: Vec<String>,
-    /// Version of the process model [default: that of each scenario]
-    #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u8).range(1..=2))]
-    model: Option<u8>,
     /// Seeds, the same for every law: N for 1 to N, A..B with both ends, or a list
     #[arg(long, value_name = "SEEDS", default_value = "20", allow_hyphen_values = true)]
     seeds: String,
@@ -212,7 +209,6 @@ impl Options {
         let common = VARIANTS.iter().enumerate().filter(|(i, (name, ..))| {
             if self.variants.is_empty() { *i == 0 } else { self.variants.iter().any(|wanted| wanted == name) }
         });
-        let values = self.model.map(|version| ("model.version".to_owned(), vec![version.to_string()]));
         let choices = vec![
             Choice {
                 name: "variant".into(),
@@ -223,8 +219,7 @@ impl Options {
         let depths_mm = self.depth_mm.into_iter().collect();
         let perturbed = self.perturb * 1e-2;
         let set_points = self.set_points.clone();
-        let values = values.into_iter().collect();
-        Grid::new(&Lists { scenarios, seeds, depths_mm, values, choices, set_points, perturbed })
+        Grid::new(&Lists { scenarios, seeds, depths_mm, values: Vec::new(), choices, set_points, perturbed })
     }
 }
 

@@ -37,7 +37,6 @@ pub const METRICS: [(&str, Figure); 19] = [
     ("gap_rms_um", |r| r.number("gap_um.rms_error")),
     ("wear_um", |r| Some(r.number("wear_mm")? * 1e3)),
     ("damage", |r| r.number("damage_mean")),
-    // None on a version of the model without pits.
     ("pit_um", |r| r.number("pit_um")),
     ("roughness_um", |r| r.number("crater_um")),
     ("servo_rms_mm_s", |r| r.number("velocity_mm_s")),

@@ -115,7 +115,7 @@ impl Case {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::process::{Parameters, Process};
+    use crate::process::{Plant, Process};
 
     #[test]
     fn every_wire_is_in_the_campaign_once_and_can_be_broken_and_mended() {
@@ -123,7 +123,7 @@ mod tests {
         let others = ["coarse.carried_mm", "step.waits"];
         let wires = || Wires::FIELDS.iter().filter(|field| !others.contains(&field.key));
         assert_eq!(WIRES.len(), wires().count());
-        let mut process = Process::new(&Parameters::default(), 1).unwrap();
+        let mut process = Process::new(Plant::default(), 1).unwrap();
         for field in wires() {
             let mut of = WIRES.iter().filter(|wire| wire.signal == field.key);
             let (wire, another) = (of.next().unwrap(), of.next());

@@ -228,13 +228,13 @@ fn bits(reading: &GapReading) -> (u32, u32, Quality, bool, u32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::process::{Parameters, Process};
+    use crate::process::{Plant, Process};
     use edm_servo_head::head::State;
 
     /// What a head sees that is enabled, and whose bus voltage sags: the supervision finds that.
     fn day(seed: u64) -> Vec<Event> {
         let settings = Settings { commissioned: true, ..Settings::default() };
-        let mut process = Process::new(&Parameters::default(), seed).unwrap();
+        let mut process = Process::new(Plant::default(), seed).unwrap();
         let (mut core, others) = Core::new(&settings.build().unwrap(), &process);
         let mut ends = others.host.ends;
         let (mut events, mut enabled) = (Vec::new(), None);

@@ -1,8 +1,8 @@
-//! Figures of the process model's gates: panels beside and below each other, each with axes of its own.
+//! Figures of what was found: panels beside and below each other, each with axes of its own.
 
 use super::panels::{BLUE, GREEN, INK, ORANGE, PURPLE, range};
 use super::sheet::{GRID, PALE, text, width};
-use edm_process::gates::{Curve, Figure};
+use super::{Curve, Figure};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -24,20 +24,14 @@ const COLOURS: [RGBColor; 4] = [BLUE, ORANGE, GREEN, PURPLE];
 /// Points beyond which a curve shows its line alone.
 const DOTTED: usize = 25;
 
-/// A figure, and the curves of another version of the model, dashed.
-pub(super) struct Pair<'a> {
-    pub this: &'a Figure,
-    pub other: Option<&'a Figure>,
-}
-
 /// Draws them as SVG, under a title and a line that says more.
-pub(super) fn draw(title: &str, more: &str, pairs: &[Pair]) -> Result<String, String> {
-    let columns = match pairs.len() {
+pub(super) fn draw(title: &str, more: &str, of: &[Figure]) -> Result<String, String> {
+    let columns = match of.len() {
         0 | 1 => 1,
         2 | 4 => 2,
         _ => 3,
     };
-    let rows = pairs.len().div_ceil(columns);
+    let rows = of.len().div_ceil(columns);
     let mut svg = String::new();
     // A single panel is narrower than its title.
     let wide = (PANEL.0 * columns as u32).max(720);
@@ -46,8 +40,8 @@ pub(super) fn draw(title: &str, more: &str, pairs: &[Pair]) -> Result<String, St
         let (head, body) = root.split_vertically(HEAD);
         text(&head, title, (20, 12), 20.0, INK, true)?;
         text(&head, more, (20, 40), 13.0, PALE, false)?;
-        for (area, pair) in body.split_evenly((rows, columns)).iter().zip(pairs) {
-            panel(area, pair)?;
+        for (area, figure) in body.split_evenly((rows, columns)).iter().zip(of) {
+            panel(area, figure)?;
         }
         Ok(())
     });
@@ -56,11 +50,9 @@ pub(super) fn draw(title: &str, more: &str, pairs: &[Pair]) -> Result<String, St
     Ok(svg)
 }
 
-fn panel<'a>(area: &Area<'a>, pair: &Pair) -> PlotResult<'a> {
-    let figure = pair.this;
+fn panel<'a>(area: &Area<'a>, figure: &Figure) -> PlotResult<'a> {
     let scale = |x: f64| if figure.log { x.log10() } else { x };
-    let curves = || figure.curves.iter().chain(pair.other.iter().flat_map(|other| &other.curves));
-    let points = || curves().flat_map(|curve| &curve.points).filter(|point| point[1].is_finite());
+    let points = || figure.curves.iter().flat_map(|curve| &curve.points).filter(|point| point[1].is_finite());
     let across = if figure.places.is_empty() {
         range(points().map(|point| scale(point[0])))
     } else {
@@ -100,32 +92,21 @@ fn panel<'a>(area: &Area<'a>, pair: &Pair) -> PlotResult<'a> {
         let pos = Pos::new(HPos::Left, VPos::Top);
         chart.draw_series([Text::new(format!(" {name}"), (x, up.end), small.pos(pos))])?;
     }
-    for (other, of) in [(true, pair.other), (false, Some(figure))] {
-        let Some(of) = of else { continue };
-        for (curve, colour) in of.curves.iter().zip(colours(of)) {
-            // Published values are those of both.
-            if curve.published && other {
-                continue;
-            }
-            let line: Vec<(f64, f64)> = curve.points.iter().map(|point| (scale(point[0]), point[1])).collect();
-            let joined = !curve.published && figure.places.is_empty();
-            if joined && other {
-                chart.draw_series(DashedLineSeries::new(line.clone(), 6, 5, colour.stroke_width(1)))?;
-            } else if joined {
-                chart.draw_series([PathElement::new(line.clone(), colour.stroke_width(2))])?;
-            }
-            for &[x, y, error] in curve.points.iter().filter(|point| point[2] > 0.0 && !other) {
-                let bar = vec![(scale(x), y - error), (scale(x), y + error)];
-                chart.draw_series([PathElement::new(bar, colour.stroke_width(2))])?;
-            }
-            if curve.points.len() <= DOTTED {
-                let filled = if other { colour.stroke_width(1) } else { colour.filled() };
-                let size = if curve.published { 5 } else { 4 };
-                chart.draw_series(line.iter().map(|&at| Circle::new(at, size, filled)))?;
-            }
+    for (curve, colour) in figure.curves.iter().zip(colours(figure)) {
+        let line: Vec<(f64, f64)> = curve.points.iter().map(|point| (scale(point[0]), point[1])).collect();
+        if !curve.published && figure.places.is_empty() {
+            chart.draw_series([PathElement::new(line.clone(), colour.stroke_width(2))])?;
+        }
+        for &[x, y, error] in curve.points.iter().filter(|point| point[2] > 0.0) {
+            let bar = vec![(scale(x), y - error), (scale(x), y + error)];
+            chart.draw_series([PathElement::new(bar, colour.stroke_width(2))])?;
+        }
+        if curve.points.len() <= DOTTED {
+            let size = if curve.published { 5 } else { 4 };
+            chart.draw_series(line.iter().map(|&at| Circle::new(at, size, colour.filled())))?;
         }
     }
-    legend(area, pair)
+    legend(area, figure)
 }
 
 /// Published values are black; the others have a colour each.
@@ -152,29 +133,18 @@ fn across_label(figure: &Figure, across: &Range<f64>, x: f64) -> String {
 }
 
 /// Name of the panel, and below it its curves.
-fn legend<'a>(area: &Area<'a>, pair: &Pair) -> PlotResult<'a> {
-    let figure = pair.this;
+fn legend<'a>(area: &Area<'a>, figure: &Figure) -> PlotResult<'a> {
     text(area, &figure.name, (NAMES, 8), 14.0, INK, true)?;
-    let mut entries: Vec<(&str, RGBColor, char)> = Vec::new();
-    let kind = |curve: &Curve| if curve.published { 'o' } else { '-' };
-    entries.extend(figure.curves.iter().zip(colours(figure)).map(|(curve, c)| (curve.name.as_str(), c, kind(curve))));
-    if pair.other.is_some() {
-        entries.push(("version 1", PALE, ':'));
-    }
     let (mut x, mut y) = (NAMES, 31);
-    for (name, colour, kind) in entries {
+    for (Curve { name, published, .. }, colour) in figure.curves.iter().zip(colours(figure)) {
         let wide = 26 + width(name, 13.0, false) + 12;
         if x + wide > PANEL.0 as i32 && x > NAMES {
             (x, y) = (NAMES, y + 20);
         }
-        match kind {
-            'o' => area.draw(&Circle::new((x + 10, y + 7), 5, colour.filled()))?,
-            ':' => {
-                for from in [0, 11] {
-                    area.draw(&PathElement::new([(x + from, y + 7), (x + from + 6, y + 7)], colour.stroke_width(1)))?;
-                }
-            }
-            _ => area.draw(&PathElement::new([(x, y + 7), (x + 20, y + 7)], colour.stroke_width(3)))?,
+        if *published {
+            area.draw(&Circle::new((x + 10, y + 7), 5, colour.filled()))?;
+        } else {
+            area.draw(&PathElement::new([(x, y + 7), (x + 20, y + 7)], colour.stroke_width(3)))?;
         }
         text(area, name, (x + 26, y), 13.0, PALE, false)?;
         x += wide;
@@ -208,9 +178,8 @@ mod tests {
 
     #[test]
     fn a_figure_names_its_axes_its_curves_and_its_limit() {
-        let (this, other) = (figure(true), figure(true));
-        let svg = draw("title", "more", &[Pair { this: &this, other: Some(&other) }]).unwrap();
-        for words in ["title", "more", "of a test", "gap, um", "time, s", "simulated", "[X]", "gate", "version 1"] {
+        let svg = draw("title", "more", &[figure(true)]).unwrap();
+        for words in ["title", "more", "of a test", "gap, um", "time, s", "simulated", "[X]", "gate"] {
             assert!(svg.contains(words), "{words}");
         }
     }

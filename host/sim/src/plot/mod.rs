@@ -6,6 +6,7 @@
 //! tick, so that nothing short is lost, and a line of means.
 
 mod buckets;
+mod figure;
 mod figures;
 pub(crate) mod panels;
 mod shares;
@@ -16,7 +17,7 @@ use crate::millisecond::{Millisecond, Phase};
 use crate::report::Report;
 use buckets::{Bucket, Buckets, Means};
 use edm_gcode::Program;
-use edm_process::gates::Figure;
+pub use figure::{Curve, Figure};
 use shares::Shares;
 use std::ops::Range;
 use track::Track;
@@ -78,11 +79,12 @@ pub(crate) fn panels(title: &str, more: &str, time: &Range<f64>, panels: &[panel
     sheet::panels(title, more, time, panels).map_err(|error| format!("the plot could not be drawn: {error}"))
 }
 
-/// Draws the figures of a group of gates as SVG, with those of version 1 beside them where there are any.
-pub(crate) fn figures(title: &str, more: &str, this: &[Figure], other: &[Figure]) -> Result<String, String> {
-    let pairs: Vec<figures::Pair> =
-        this.iter().enumerate().map(|(k, this)| figures::Pair { this, other: other.get(k) }).collect();
-    figures::draw(title, more, &pairs).map_err(|error| format!("the figures could not be drawn: {error}"))
+/// Draws figures beside and below each other as SVG, under a title and a line that says more.
+///
+/// # Errors
+/// When they cannot be drawn.
+pub fn figures(title: &str, more: &str, of: &[Figure]) -> Result<String, String> {
+    figures::draw(title, more, of).map_err(|error| format!("the figures could not be drawn: {error}"))
 }
 
 /// An undisturbed second of eroding. A later one replaces it each time the eroding before it has doubled, so that it ends

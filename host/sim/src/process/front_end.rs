@@ -3,10 +3,10 @@
 //! Between two events of the gap all conversions see one settled voltage and one gate, so a block is filled stretch by
 //! stretch; only the rest of an edge is calculated conversion by conversion.
 
-use super::Parameters;
+use super::Installation;
+use super::model::Stretch;
 use super::normal;
 use super::random::{Cause, Random};
-use super::spark::Stretch;
 use edm_hal_shim::gap::{BLOCK, GapBlock};
 use edm_servo_head::units::{ADC_FULL_SCALE, ADC_HZ};
 use rand::RngExt;
@@ -78,11 +78,10 @@ impl Hum {
 
 impl FrontEnd {
     /// Front end whose mains starts at a phase of its own.
-    pub fn new(p: &Parameters, seed: u64) -> FrontEnd {
+    pub fn new(p: &Installation, seed: u64) -> FrontEnd {
         let mut random = Cause::FrontEnd.stream(seed);
         let per_volt = (1.0 + f64::from(p.gain_error) * 0.01) / f64::from(p.volts_per_code);
         let phase = TAU * random.random::<f64>();
-        let rise = f64::from(p.rise);
         FrontEnd {
             per_volt,
             zero: p.zero_code.into(),
@@ -94,7 +93,7 @@ impl FrontEnd {
                 step: (1.0, 0.0),
                 pointer: (libm::cos(phase), libm::sin(phase)),
             },
-            fades: (rise, libm::exp(-PERIOD_US / rise)),
+            fades: (0.0, 0.0),
             noise: (f64::from(p.noise) * per_volt) as f32,
             random,
             stuck: None,
@@ -197,15 +196,15 @@ mod tests {
     use std::f64::consts::FRAC_1_SQRT_2;
 
     fn steady(volts: f64) -> Stretch {
-        Stretch { from: -1e9, volts, initial: volts, rise: 0.2, gate: (-1e9, 1e18) }
+        Stretch { from: -1e9, volts, initial: volts, rise: 0.2, gate: (-1e9, 1e18), ..Stretch::default() }
     }
 
-    fn quiet() -> Parameters {
-        Parameters { noise: 0.0, hum: 0.0, ..Parameters::default() }
+    fn quiet() -> Installation {
+        Installation { noise: 0.0, hum: 0.0, ..Installation::default() }
     }
 
     /// Mean and rms about it, V, as the head's defaults read the codes.
-    fn moments(p: &Parameters, volts: f64) -> (f64, f64) {
+    fn moments(p: &Installation, volts: f64) -> (f64, f64) {
         let mut front = FrontEnd::new(p, 3);
         let (mut sum, mut square, mut n) = (0.0, 0.0, 0.0);
         for tick in 0..8000 {
@@ -222,7 +221,7 @@ mod tests {
 
     #[test]
     fn it_reads_volts_with_half_a_volt_of_noise() {
-        let (mean, rms) = moments(&Parameters { noise: 0.5, ..quiet() }, 60.0);
+        let (mean, rms) = moments(&Installation { noise: 0.5, ..quiet() }, 60.0);
         assert!((mean - 60.0).abs() < 0.01, "{mean}");
         // The rounding to codes adds 0.1 V / sqrt(12).
         assert!((rms - 0.5f64.hypot(0.0289)).abs() < 0.005, "{rms}");
@@ -230,13 +229,13 @@ mod tests {
 
     #[test]
     fn hum_of_one_volt_adds_its_rms() {
-        let (_, rms) = moments(&Parameters { hum: 1.0, ..quiet() }, 60.0);
+        let (_, rms) = moments(&Installation { hum: 1.0, ..quiet() }, 60.0);
         assert!((rms - FRAC_1_SQRT_2).abs() < 0.01, "{rms}");
     }
 
     #[test]
     fn the_noise_of_one_conversion_tells_nothing_of_the_next() {
-        let mut front = FrontEnd::new(&Parameters { noise: 0.5, ..quiet() }, 3);
+        let mut front = FrontEnd::new(&Installation { noise: 0.5, ..quiet() }, 3);
         let codes: Vec<f64> = (0..4000)
             .flat_map(|tick| front.convert(f64::from(tick) * 50.0, &[steady(60.0)]).codes)
             .map(f64::from)
@@ -251,7 +250,7 @@ mod tests {
 
     #[test]
     fn the_mains_drifts_about_its_frequency_and_no_farther() {
-        let mut front = FrontEnd::new(&Parameters { hum: 20.0, mains_drift: 0.2, ..quiet() }, 3);
+        let mut front = FrontEnd::new(&Installation { hum: 20.0, mains_drift: 0.2, ..quiet() }, 3);
         // Rising passages through zero in each quarter of the drift, against 50 Hz.
         let mut crossings = Vec::new();
         let mut before = u16::MAX;
@@ -272,7 +271,7 @@ mod tests {
     #[test]
     fn a_gain_error_scales_what_is_read() {
         for (percent, code) in [(0.0, 1010), (5.0, 1040), (-5.0, 980)] {
-            let mut front = FrontEnd::new(&Parameters { gain_error: percent, ..quiet() }, 1);
+            let mut front = FrontEnd::new(&Installation { gain_error: percent, ..quiet() }, 1);
             assert_eq!(front.convert(0.0, &[steady(60.0)]).codes[0], code);
         }
     }
@@ -288,8 +287,16 @@ mod tests {
     #[test]
     fn only_conversions_well_inside_on_time_are_gated() {
         let mut front = FrontEnd::new(&quiet(), 1);
-        let off = |from: f64, initial| Stretch { from, volts: 0.0, initial, rise: 0.2, gate: (from, from) };
-        let on = |from, volts, initial| Stretch { from, volts, initial, rise: 0.2, gate: (9.3, 31.5) };
+        let off = |from: f64, initial| Stretch {
+            from,
+            volts: 0.0,
+            initial,
+            rise: 0.2,
+            gate: (from, from),
+            ..Stretch::default()
+        };
+        let on =
+            |from, volts, initial| Stretch { from, volts, initial, rise: 0.2, gate: (9.3, 31.5), ..Stretch::default() };
         let stretches = [off(-100.0, 0.0), on(9.3, 100.0, 0.0), on(20.0, 40.0, 100.0), off(31.5, 40.0)];
         // Conversions at 1, 3, 5 ... us: 11 (k = 5) to 29 (k = 14); 31 (k = 15) is 0.5 us before the edge.
         let block = front.convert(0.0, &stretches);
@@ -299,17 +306,18 @@ mod tests {
 
     #[test]
     fn a_block_filled_by_stretches_is_that_of_conversions_one_by_one() {
-        let mut random = Cause::Ignition.stream(9);
+        let mut random = Cause::Encoder.stream(9);
         for _ in 0..2000 {
             let rise = random.random_range(0.05..5.0);
-            let mut stretches = vec![Stretch { from: -3.0, volts: 0.0, initial: 0.0, rise, gate: (-3.0, -3.0) }];
+            let mut stretches =
+                vec![Stretch { from: -3.0, volts: 0.0, initial: 0.0, rise, gate: (-3.0, -3.0), ..Stretch::default() }];
             let mut time = 0.0;
             while time < 50.0 {
                 time += random.random_range(0.01..20.0);
                 let last = stretches[stretches.len() - 1];
                 let gate = (time, if last.gate.0 < last.gate.1 { time } else { time + random.random_range(0.5..40.0) });
                 let volts = random.random_range(-20.0..120.0);
-                stretches.push(Stretch { from: time, volts, initial: last.at(time), rise, gate });
+                stretches.push(Stretch { from: time, volts, initial: last.at(time), rise, gate, ..Stretch::default() });
             }
             let block = FrontEnd::new(&quiet(), 1).convert(0.0, &stretches);
             for (k, code) in block.codes.into_iter().enumerate() {
@@ -326,7 +334,8 @@ mod tests {
     #[test]
     fn the_edge_of_a_pulse_is_an_exponential() {
         let mut front = FrontEnd::new(&quiet(), 1);
-        let stretch = Stretch { from: 0.0, volts: 100.0, initial: 0.0, rise: 2.0, gate: (0.0, 1e9) };
+        let stretch =
+            Stretch { from: 0.0, volts: 100.0, initial: 0.0, rise: 2.0, gate: (0.0, 1e9), ..Stretch::default() };
         let block = front.convert(0.0, &[stretch]);
         for (k, at) in [(0, 1.0), (1, 3.0), (4, 9.0)] {
             let volts = 100.0 * (1.0 - f64::exp(-at / 2.0));
@@ -336,7 +345,7 @@ mod tests {
 
     #[test]
     fn a_stuck_converter_and_a_lost_gate_show_nothing_of_the_gap() {
-        let mut front = FrontEnd::new(&Parameters::default(), 1);
+        let mut front = FrontEnd::new(&Installation::default(), 1);
         (front.stuck, front.gate_lost) = (Some(1234), true);
         assert_eq!(front.convert(0.0, &[steady(60.0)]), GapBlock { codes: [1234; BLOCK], ..GapBlock::EMPTY });
     }

@@ -3,18 +3,13 @@
 //! Divider and amplifier are those of [`FrontEnd`](super::front_end::FrontEnd): it sees the same zero, gain error and noise,
 //! but no hum, which is slow compared with a pulse.
 
-use super::Parameters;
+use super::Installation;
+use super::model::Stretch;
 use super::normal;
 use super::random::{Cause, Random};
-use super::spark::Stretch;
 use edm_hal_shim::timing::BLANKING_NS;
-use edm_process::Edge;
 use edm_servo_head::units::ADC_FULL_SCALE;
 
-/// Current of a discharge or a short, A: assumed where the process has no current.
-pub const DISCHARGE_A: f64 = 10.0;
-/// Share of the open-circuit voltage above which none flows there.
-const BURNING: f64 = 0.75;
 /// Noise of the current sensor and its conversion, codes rms (assumed).
 const CURRENT_NOISE: f64 = 1.5;
 
@@ -23,21 +18,12 @@ pub fn current_code(amperes: f64) -> f64 {
     2048.0 + amperes * 1000.0 / 16.1
 }
 
-/// Current in a pulse whose process has none, by the voltage that the gap tends to, V.
-pub fn assumed_amps(gate: bool, volts: f64, open_v: f64) -> f64 {
-    if gate && volts.abs() < BURNING * open_v { DISCHARGE_A } else { 0.0 }
-}
-
-/// A stretch, and the current of it.
-type Seen<'a> = (&'a Stretch, Option<&'a Edge>);
-
 /// State of the converter.
 #[derive(Clone, Debug)]
 pub struct Gated {
     per_volt: f64,
     zero: f64,
     noise: f64,
-    open_v: f64,
     random: Random,
     /// Time constant with which the gap voltage rises, by the head's settings, ns.
     pub tau_ns: u32,
@@ -51,13 +37,12 @@ pub struct Gated {
 
 impl Gated {
     /// Nothing converted yet.
-    pub fn new(p: &Parameters, open_v: f64, seed: u64) -> Gated {
+    pub fn new(p: &Installation, seed: u64) -> Gated {
         let per_volt = (1.0 + f64::from(p.gain_error) * 0.01) / f64::from(p.volts_per_code);
         Gated {
             per_volt,
             zero: p.zero_code.into(),
             noise: f64::from(p.noise) * per_volt,
-            open_v,
             random: Cause::Gated.stream(seed),
             tau_ns: 0,
             opened: 0.0,
@@ -66,39 +51,37 @@ impl Gated {
         }
     }
 
-    /// Samples a tick until `to` (us): its stretches, the oldest first, and the current of each if the process
-    /// has any. An edge of the gate while the blanking runs starts no other.
-    pub fn look(&mut self, to: f64, stretches: &[Stretch], amps: &[Edge]) {
+    /// Samples a tick until `to` (us): its stretches, the oldest first. An edge of the gate while the blanking runs starts no other.
+    pub fn look(&mut self, to: f64, stretches: &[Stretch]) {
         let blanking = f64::from((3 * self.tau_ns).max(BLANKING_NS)) * 1e-3;
         // The newest sample is all that is read after a tick; of the others there is only the noise they draw.
         let mut newest = None;
         for (k, now) in stretches.iter().enumerate() {
             let end = stretches.get(k + 1).map_or(to, |next| next.from);
-            self.sample(end, (now, amps.get(k)), &mut newest);
+            self.sample(end, now, &mut newest);
             if now.gate.0 < now.gate.1 && now.gate.0 > self.opened {
                 self.opened = now.gate.0;
                 self.due = self.due.or(Some(now.gate.0 + blanking));
-                self.sample(end, (now, amps.get(k)), &mut newest);
+                self.sample(end, now, &mut newest);
             }
         }
-        if let Some((due, (now, amps))) = newest {
-            self.convert(due, now, amps);
+        if let Some((due, now)) = newest {
+            self.convert(due, now);
         }
     }
 
     /// Samples if it is due before `end` of a stretch.
-    fn sample<'a>(&mut self, end: f64, seen: Seen<'a>, newest: &mut Option<(f64, Seen<'a>)>) {
+    fn sample<'a>(&mut self, end: f64, now: &'a Stretch, newest: &mut Option<(f64, &'a Stretch)>) {
         let Some(due) = self.due.filter(|due| *due < end) else { return };
         self.due = None;
-        if newest.replace((due, seen)).is_some() {
+        if newest.replace((due, now)).is_some() {
             normal::skip_pair(&mut self.random);
         }
     }
 
     /// Converts what is due within a stretch.
-    fn convert(&mut self, due: f64, now: &Stretch, amps: Option<&Edge>) {
-        let gate = now.gate.0 < now.gate.1;
-        let flowing = amps.map_or_else(|| assumed_amps(gate, now.volts, self.open_v), |amps| amps.at(due - now.from));
+    fn convert(&mut self, due: f64, now: &Stretch) {
+        let flowing = now.amps.at(due - now.from);
         let [of_current, of_voltage] = normal::pair(&mut self.random).map(f64::from);
         // Cheaper than `round`, which is a call on processors without an instruction for it.
         let code = |exact: f64| (exact.clamp(0.0, ADC_FULL_SCALE.into()) + 0.5) as i32 as u16;
@@ -112,16 +95,19 @@ impl Gated {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use edm_process::Edge;
 
     const OPEN_V: f64 = 100.0;
     const RISE: f64 = 0.2;
 
     fn quiet() -> Gated {
-        Gated::new(&Parameters { noise: 0.0, ..Parameters::default() }, OPEN_V, 1)
+        Gated::new(&Installation { noise: 0.0, ..Installation::default() }, 1)
     }
 
+    /// A stretch in which 10 A flow, unless the gap is open.
     fn stretch(from: f64, volts: f64, initial: f64, gate: (f64, f64)) -> Stretch {
-        Stretch { from, volts, initial, rise: RISE, gate }
+        let to = if gate.0 < gate.1 && volts < OPEN_V { 10.0 } else { 0.0 };
+        Stretch { from, volts, initial, rise: RISE, amps: Edge { from: to, to, us: 0.0 }, gate }
     }
 
     /// What is found of a pulse from 10 to 40 us that ignites after a delay and then has this voltage.
@@ -133,7 +119,7 @@ mod tests {
             stretch(10.0 + delay, volts, OPEN_V, gate),
             stretch(40.0, 0.0, volts, (40.0, 40.0)),
         ];
-        gated.look(50.0, &stretches, &[]);
+        gated.look(50.0, &stretches);
         let [current, voltage] = gated.newest.map(i32::from);
         // Whole volts, and amperes.
         [(current - 2048) * 161 / 10_000, (voltage - 410 + 5) / 10]
@@ -163,28 +149,28 @@ mod tests {
     fn a_look_that_is_due_after_the_tick_is_taken_in_the_next() {
         let mut gated = quiet();
         let pulse = stretch(49.0, 28.0, 0.0, (49.0, 80.0));
-        gated.look(50.0, &[pulse], &[]);
+        gated.look(50.0, &[pulse]);
         assert_eq!(gated.newest, [0; 2]);
-        gated.look(100.0, &[pulse, stretch(80.0, 0.0, 28.0, (80.0, 80.0))], &[]);
+        gated.look(100.0, &[pulse, stretch(80.0, 0.0, 28.0, (80.0, 80.0))]);
         assert_eq!(gated.newest[1], 410 + 280);
     }
 
     #[test]
-    fn a_current_that_the_process_has_is_that_of_the_moment() {
+    fn the_current_is_that_of_the_moment() {
         let mut gated = quiet();
-        let pulse = stretch(10.0, 40.0, 0.0, (10.0, 40.0));
-        gated.look(50.0, &[pulse], &[Edge { from: 5.0, to: 0.0, us: 2.0 }]);
+        let pulse = Stretch { amps: Edge { from: 5.0, to: 0.0, us: 2.0 }, ..stretch(10.0, 40.0, 0.0, (10.0, 40.0)) };
+        gated.look(50.0, &[pulse]);
         let amps = (f64::from(gated.newest[0]) - 2048.0) * 0.0161;
         assert!((amps - 5.0 * (-1.0f64).exp()).abs() < 0.1, "{amps}");
     }
 
     #[test]
     fn both_codes_have_noise() {
-        let mut gated = Gated::new(&Parameters::default(), OPEN_V, 1);
+        let mut gated = Gated::new(&Installation::default(), 1);
         let mut seen = std::collections::BTreeSet::new();
         for n in 0..100 {
             let from = 100.0 * f64::from(n) + 10.0;
-            gated.look(from + 50.0, &[stretch(from, 40.0, 0.0, (from, from + 30.0))], &[]);
+            gated.look(from + 50.0, &[stretch(from, 40.0, 0.0, (from, from + 30.0))]);
             seen.insert(gated.newest);
         }
         assert!(seen.len() > 30, "{seen:?}");

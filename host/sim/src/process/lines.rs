@@ -1,6 +1,6 @@
 //! Edges of gate and comparators, for the head's block and for the wires of the modelled chip.
 
-use super::spark::Stretch;
+use super::model::Stretch;
 use edm_hal_shim::gap::{Edges, GapBlock};
 
 /// Shares of the open-circuit voltage at which the comparators switch.
@@ -65,8 +65,16 @@ mod tests {
     #[test]
     fn edges_come_at_their_times_and_levels_go_on_from_block_to_block() {
         let mut lines = Lines::default();
-        let off = |from, initial| Stretch { from, volts: 0.0, initial, rise: 1.0, gate: (from, from) };
-        let on = |from, volts, initial| Stretch { from, volts, initial, rise: 1.0, gate: (10.0, 70.0) };
+        let off =
+            |from, initial| Stretch { from, volts: 0.0, initial, rise: 1.0, gate: (from, from), ..Stretch::default() };
+        let on = |from, volts, initial| Stretch {
+            from,
+            volts,
+            initial,
+            rise: 1.0,
+            gate: (10.0, 70.0),
+            ..Stretch::default()
+        };
         let mut block = GapBlock::EMPTY;
         lines.see(&mut block, 0.0, &[off(-9.0, 0.0), on(10.0, 100.0, 0.0)], 100.0, false);
         let cycles = |us: f64| (us * 168.0 + 108.0) as u16;
@@ -85,7 +93,8 @@ mod tests {
     #[test]
     fn what_rises_slowly_crosses_in_the_block_in_which_it_does() {
         let mut lines = Lines::default();
-        let slow = Stretch { from: 0.0, volts: 100.0, initial: 0.0, rise: 50.0, gate: (0.0, 500.0) };
+        let slow =
+            Stretch { from: 0.0, volts: 100.0, initial: 0.0, rise: 50.0, gate: (0.0, 500.0), ..Stretch::default() };
         let mut edges = vec![];
         for tick in 0..4 {
             let mut block = GapBlock::EMPTY;

@@ -4,34 +4,27 @@
 //! All randomness comes from one seed, in a stream of its own for every cause. x is positive toward the work, gap = surface
 //! - electrode face.
 //!
-//! Axis and gap are those of one version of the model, `Model`: version 0 is here, in `zero`, every parameter with
-//! its source in [`Parameters`]; versions 1 and 2 are the package `host/process`, put on the same wires in `one`. Encoder, converter,
-//! switches and faults are the same for both.
+//! Axis and gap are the package `host/process`, put on the wires of a head in `model`. Encoder, converter, switches and faults are here.
 //!
-//! Everything here is simulated. Nothing of version 0 was fitted to a machine; what of the others was, docs/process-model.md
-//! says.
+//! Everything here is simulated; what of it was fitted to a machine, docs/process-model.md says.
 
-mod actuator;
-mod debris;
 mod front_end;
 mod gated;
+mod installation;
 mod lines;
+mod model;
 mod normal;
-mod one;
-mod parameters;
 mod plant;
 mod random;
 mod scale;
-mod spark;
 pub mod steps;
-mod zero;
 
 pub use crate::events::FaultInputs;
 pub use edm_process::Pulses;
 use edm_process::Setting;
 use edm_servo_head::technology::Pulse;
-pub use gated::{DISCHARGE_A, assumed_amps, current_code};
-pub use parameters::Parameters;
+pub use gated::current_code;
+pub use installation::Installation;
 pub use plant::Plant;
 use random::{Cause, Random};
 pub use scale::Edge;
@@ -48,11 +41,9 @@ use front_end::FrontEnd;
 use gated::Gated;
 use lines::Lines;
 pub use lines::{THRESHOLDS, crossing};
-use one::One;
+use model::Model;
 use scale::Scale;
-use spark::Stretch;
 use steps::Steps;
-use zero::Zero;
 
 /// Servo tick, us.
 const TICK_US: f64 = 1e6 / TICK_HZ as f64;
@@ -64,8 +55,6 @@ const NOISE_CODES: f64 = 0.5;
 /// What a tick asks of a model.
 #[derive(Clone, Copy, Debug)]
 struct Tick<'a> {
-    /// When it begins, us.
-    from_us: f64,
     /// What the bridge does.
     drive: Drive,
     bus_v: f64,
@@ -75,11 +64,11 @@ struct Tick<'a> {
     hand_n: f64,
     /// Pulses may be made.
     pulses: bool,
-    /// Changes of that within the tick, us since it began; version 0 ignores them.
+    /// Changes of that within the tick, us since it began.
     permission: &'a [(f64, bool)],
-    /// Off-time requested; version 0 ignores it.
+    /// Off-time requested.
     off_us: Option<f64>,
-    /// Least off-time after an open pulse, a spark, an arc, a short, us; version 0 ignores it.
+    /// Least off-time after an open pulse, a spark, an arc, a short, us.
     pauses_us: [f64; 4],
     /// A wire lies across the gap.
     shorted: bool,
@@ -89,127 +78,6 @@ struct Tick<'a> {
     senseless: bool,
     /// Share of the pulses that arc whatever the gap is like.
     arcs: f64,
-}
-
-/// Axis and gap.
-#[derive(Clone, Debug)]
-enum Model {
-    Zero(Box<Zero>),
-    One(Box<One>),
-}
-
-/// What a model knows of axis and gap.
-struct Inside {
-    x: f64,
-    v: f64,
-    i: f64,
-    removed_um: f64,
-    wear_um: f64,
-    debris: f64,
-    damage: f64,
-    through: f64,
-}
-
-impl Model {
-    fn new(plant: &Plant, seed: u64) -> Result<Model, SettingError> {
-        plant.validate()?;
-        Ok(match plant.version() {
-            0 => Model::Zero(Box::new(Zero::new(&plant.base, seed))),
-            _ => {
-                let one = One::new(plant, seed);
-                let refused = |_| SettingError::Conflict { field: "model", rule: "does not fit" };
-                Model::One(Box::new(one.map_err(refused)?))
-            }
-        })
-    }
-
-    #[inline]
-    fn advance(&mut self, tick: &Tick<'_>, travel: impl FnMut(f64, f64, usize, usize)) {
-        match self {
-            Model::Zero(zero) => zero.advance(tick, travel),
-            Model::One(one) => one.advance(tick, travel),
-        }
-    }
-
-    fn hold_gap(&mut self, um: f64, debris: f64) {
-        match self {
-            Model::Zero(zero) => zero.hold_gap(um, debris),
-            Model::One(one) => one.hold_gap(um, debris),
-        }
-    }
-
-    /// What the gap showed in the last tick, in order of time.
-    fn stretches(&self) -> &[Stretch] {
-        match self {
-            Model::Zero(zero) => zero.stretches(),
-            Model::One(one) => one.stretches(),
-        }
-    }
-
-    /// The current of each of them; version 0 has none.
-    fn amps(&self) -> &[edm_process::Edge] {
-        match self {
-            Model::Zero(_) => &[],
-            Model::One(one) => one.amps(),
-        }
-    }
-
-    fn pulses(&self) -> Pulses {
-        match self {
-            Model::Zero(zero) => zero.spark.pulses,
-            Model::One(one) => one.process.pulses(),
-        }
-    }
-
-    /// Gap over the first surface at `first_m`, um.
-    fn gap_um(&self, first_m: f64) -> f64 {
-        match self {
-            Model::Zero(zero) => zero.gap_um(first_m),
-            Model::One(one) => one.gap_um(first_m),
-        }
-    }
-
-    /// Force of a contact and of the film on the electrode, N.
-    fn forces_n(&self, first_m: f64) -> (f64, f64) {
-        match self {
-            Model::Zero(zero) => zero.forces_n(zero.gap_um(first_m)),
-            Model::One(one) => one.forces_n(),
-        }
-    }
-
-    #[inline(always)]
-    fn inside(&self) -> Inside {
-        match self {
-            Model::Zero(zero) => Inside {
-                x: zero.actuator.x,
-                v: zero.actuator.v,
-                i: zero.actuator.i,
-                removed_um: zero.spark.removed_um,
-                wear_um: zero.spark.wear_um,
-                debris: zero.spark.debris.concentration(),
-                damage: 0.0,
-                through: 0.0,
-            },
-            Model::One(one) => Inside {
-                x: one.axis.x,
-                v: one.axis.v,
-                i: one.axis.i,
-                removed_um: one.process.depth_um(),
-                wear_um: one.process.worn_um(),
-                debris: one.process.dirt(),
-                damage: one.process.damage(),
-                through: one.process.through(),
-            },
-        }
-    }
-
-    /// Position of the scale, m, and motor current, A.
-    fn axis(&self) -> (f64, f64) {
-        match self {
-            Model::Zero(zero) => (zero.actuator.x, zero.actuator.i),
-            Model::One(one) => (one.axis.x, one.axis.i),
-        }
-    }
 }
 
 /// What the head's wires show after a tick.
@@ -244,8 +112,8 @@ pub struct Piece {
     pub volts: f64,
     /// Time constant of that, us.
     pub rise_us: f64,
-    /// Current, A, from when it began on; version 0 has none.
-    pub amps: Option<edm_process::Edge>,
+    /// Current, A, from when it began on.
+    pub amps: edm_process::Edge,
     /// Gate on.
     pub gate: bool,
 }
@@ -257,9 +125,9 @@ impl Piece {
         self.volts + (self.initial - self.volts) * (-age / self.rise_us).exp()
     }
 
-    /// Current at a time, A; `None` where the model has none.
-    pub fn amps_at(&self, us: f64) -> Option<f64> {
-        Some(self.amps?.at((us - self.from_us).max(0.0)))
+    /// Current at a time, A.
+    pub fn amps_at(&self, us: f64) -> f64 {
+        self.amps.at((us - self.from_us).max(0.0))
     }
 }
 
@@ -278,8 +146,10 @@ pub struct Truth {
     pub surface_um: f64,
     /// Surface before the first spark, um.
     pub first_surface_um: f64,
-    /// Gap, um; negative in contact.
+    /// Mean gap, um; negative in contact.
     pub gap_um: f64,
+    /// Gap over the highest peak of the surface, um: what touches first.
+    pub least_um: f64,
     /// Count of an encoder that makes no mistakes.
     pub count: i64,
     /// Pulses so far.
@@ -292,9 +162,9 @@ pub struct Truth {
     pub current_a: f64,
     /// Debris of the front gap, in 5 % by volume.
     pub debris: f64,
-    /// Mean damage of the surfaces by arcs: 1 doubles a clean channel's recovery time. Version 0 has none.
+    /// Mean damage of the surfaces by arcs: 1 doubles a clean channel's recovery time.
     pub damage: f64,
-    /// Share of the face before which nothing is left. Version 0 has blind holes only.
+    /// Share of the face before which nothing is left.
     pub through: f64,
     /// Force of the dielectric's film on the electrode, N, positive toward the work.
     pub film_n: f64,
@@ -303,7 +173,7 @@ pub struct Truth {
 /// The machine and the process.
 #[derive(Clone, Debug)]
 pub struct Process {
-    p: Parameters,
+    around: Installation,
     model: Model,
     scale: Scale,
     front: FrontEnd,
@@ -336,17 +206,18 @@ impl Process {
     ///
     /// # Errors
     /// When a number does not fit.
-    pub fn new(plant: impl Into<Plant>, seed: u64) -> Result<Process, SettingError> {
-        let plant = plant.into();
-        let model = Model::new(&plant, seed)?;
-        let p = plant.base;
+    pub fn new(plant: Plant, seed: u64) -> Result<Process, SettingError> {
+        plant.validate()?;
+        let refused = |_| SettingError::Conflict { field: "model", rule: "does not fit" };
+        let model = Model::new(&plant, seed).map_err(refused)?;
+        let p = plant.installation;
         let scale = Scale::new(&p, seed);
         Ok(Process {
             model,
             front: FrontEnd::new(&p, seed),
             lines: Lines::default(),
             open_v: plant.open_v(),
-            gated: Gated::new(&p, plant.open_v(), seed),
+            gated: Gated::new(&p, seed),
             ticks: 0,
             sensors: Sensors {
                 block: GapBlock::EMPTY,
@@ -367,11 +238,11 @@ impl Process {
             fault_inputs: FaultInputs::default(),
             steps: Steps::default(),
             scale,
-            p,
+            around: p,
         })
     }
 
-    /// Sets the generator as a row of a technology table says; what it does not say stays. Nothing where the model has no such generator.
+    /// Sets the generator as a row of a technology table says; what it does not say stays.
     pub fn set_generator(&mut self, pulse: &Pulse) {
         let said = |value: u32| (value > 0).then(|| f64::from(value) * 1e-3);
         let set = Setting {
@@ -380,10 +251,8 @@ impl Process {
             amps: said(pulse.current_ma),
             negative: (pulse.polarity > 0).then_some(pulse.polarity == 1),
         };
-        if let Model::One(one) = &mut self.model {
-            // A generator that cannot be set so stays as it is, as a real one does.
-            let _ = one.process.set_generator(&set);
-        }
+        // A generator that cannot be set so stays as it is, as a real one does.
+        let _ = self.model.process.set_generator(&set);
     }
 
     /// The head's time constant with which the gap voltage rises, ns: its reflex looks into a pulse after three of them.
@@ -413,7 +282,7 @@ impl Process {
     /// Advances by one servo tick under the head's outputs and gives what its wires show at the end.
     pub fn advance(&mut self, drive: Drive, pulses: bool) -> &Sensors {
         let from = self.ticks as f64 * TICK_US;
-        self.timeline.advance(self.ticks, &mut self.fault_inputs, self.p.bus.into());
+        self.timeline.advance(self.ticks, &mut self.fault_inputs, self.around.bus.into());
         self.steps.waits |= self.fault_inputs.step_waits;
         self.steps.advance(self.fault_inputs.step_hz);
         self.front.stuck = self.fault_inputs.stuck_code;
@@ -423,7 +292,6 @@ impl Process {
         let permission = std::mem::take(&mut self.permission);
         let faults = &self.fault_inputs;
         let tick = Tick {
-            from_us: from,
             drive: if faults.safety.bridge_fault { Drive::Coast } else { drive },
             bus_v: self.bus(),
             surface_m: self.surface_below_m(),
@@ -437,14 +305,14 @@ impl Process {
             senseless: faults.sense_off,
             arcs: faults.arcs,
         };
-        let pulses_before = self.model.pulses();
+        let pulses_before = self.model.process.pulses();
         let (scale, now, edges) = (&mut self.scale, self.sensors.now, &mut self.sensors.edges);
         edges.clear();
         self.model.advance(&tick, |from, to, step, steps| {
             let ticks = f64::from(TICK_CLOCK) / steps as f64;
             scale.travel(from, to, now.wrapping_add((step as f64 * ticks) as u32), ticks, edges);
         });
-        self.gated.look(from + TICK_US, self.model.stretches(), self.model.amps());
+        self.gated.look(from + TICK_US, self.model.stretches());
         self.count_pulses(pulses_before);
         self.sensors.block = self.front.convert(from, self.model.stretches());
         let (stretches, gate_lost) = (self.model.stretches(), self.front.gate_lost);
@@ -469,7 +337,7 @@ impl Process {
     fn count_pulses(&mut self, before: Pulses) {
         let counts = &mut self.sensors.pulses;
         let add = |count: &mut u8, more: u64| *count = count.wrapping_add(more as u8);
-        let after = self.model.pulses();
+        let after = self.model.process.pulses();
         let new = after.total() - before.total();
         if !self.fault_inputs.gate_lost {
             add(&mut counts.edges, 2 * new);
@@ -485,11 +353,11 @@ impl Process {
 
     /// Pulses so far.
     pub(crate) fn made(&self) -> Pulses {
-        self.model.pulses()
+        self.model.process.pulses()
     }
 
     fn bus(&self) -> f64 {
-        self.fault_inputs.bus_v.unwrap_or(self.p.bus.into())
+        self.fault_inputs.bus_v.unwrap_or(self.around.bus.into())
     }
 
     /// The same below the upper stop of the head, which a coarse axis may have carried.
@@ -499,27 +367,27 @@ impl Process {
 
     /// First surface of the work, m below the place where the upper stop is before a coarse axis has carried it.
     fn first_surface_m(&self) -> f64 {
-        (f64::from(self.p.surface) - self.fault_inputs.raised_mm) * 1e-3
+        (f64::from(self.around.surface) - self.fault_inputs.raised_mm) * 1e-3
     }
 
     fn sense(&mut self) {
         let bus = self.bus();
-        let (x, current) = self.model.axis();
+        let (x, current) = (self.model.axis.x, self.model.axis.i);
         let sensors = &mut self.sensors;
         sensors.levels = self.scale.levels();
         sensors.timer_count = self.scale.timer();
         let x_mm = x * 1e3;
         let opened = self.fault_inputs.safety;
         sensors.safety = SafetyInputs {
-            upper_limit: opened.upper_limit || x_mm < self.p.upper_limit.into(),
-            lower_limit: opened.lower_limit || x_mm > self.p.lower_limit.into(),
+            upper_limit: opened.upper_limit || x_mm < self.around.upper_limit.into(),
+            lower_limit: opened.lower_limit || x_mm > self.around.lower_limit.into(),
             ..opened
         };
         let code = |value: f64, per_unit: f64, zero: f64| {
             (zero + value * per_unit).clamp(0.0, f64::from(ADC_FULL_SCALE)) as i32 as u16
         };
         // The sensor sits between bridge and coil, so it does not know which way round the coil is.
-        let sign = if self.p.motor_reversed { -1.0 } else { 1.0 };
+        let sign = if self.around.motor_reversed { -1.0 } else { 1.0 };
         sensors.drive = DriveCodes {
             motor_current: code(
                 sign * current,
@@ -539,57 +407,52 @@ impl Process {
     pub fn pieces(&self) -> impl Iterator<Item = Piece> + '_ {
         let began = self.ticks.saturating_sub(1) as f64 * TICK_US;
         let gate_lost = self.fault_inputs.gate_lost;
-        let amps = self.model.amps();
-        self.model.stretches().iter().enumerate().map(move |(k, s)| Piece {
+        self.model.stretches().iter().map(move |s| Piece {
             from_us: s.from - began,
             initial: s.initial,
             volts: s.volts,
             rise_us: s.rise,
-            amps: amps.get(k).copied(),
+            amps: s.amps,
             gate: s.gate.0 < s.gate.1 && !gate_lost,
         })
     }
 
-    /// Mean size of the last craters, um. Version 0 has none.
-    pub fn crater_um(&self) -> Option<f64> {
-        match &self.model {
-            Model::Zero(_) => None,
-            Model::One(one) => Some(one.process.truth().crater_um),
-        }
+    /// Mean size of the last craters, um.
+    pub fn crater_um(&self) -> f64 {
+        self.model.process.truth().crater_um
     }
 
-    /// Deepest pit that arcs in one place have left, um. Version 2 alone has one.
-    pub fn pit_um(&self) -> Option<f64> {
-        match &self.model {
-            Model::One(one) if one.arcs_stay => Some(one.process.truth().pit_um),
-            _ => None,
-        }
+    /// Deepest pit that arcs in one place have left, um.
+    pub fn pit_um(&self) -> f64 {
+        self.model.process.truth().pit_um
     }
 
     /// What really is. Inlined, so that nobody pays for what he does not read of it.
     #[inline(always)]
     pub fn truth(&self) -> Truth {
-        let Inside { x, v, i, removed_um, wear_um, debris, damage, through } = self.model.inside();
+        let Model { axis, process, .. } = &self.model;
+        let (x, wear_um) = (axis.x, process.worn_um());
         let first_m = self.first_surface_m();
         let below_m = self.surface_below_m();
-        let (contact_n, film_n) = self.model.forces_n(below_m);
+        let (contact_n, film_n) = self.model.forces_n();
         let position_um = x * 1e6 + self.fault_inputs.carried_mm * 1e3;
         Truth {
             t_s: self.ticks as f64 * TICK_US * 1e-6,
             position_um,
             face_um: position_um - wear_um,
-            velocity_um_s: v * 1e6,
-            surface_um: (first_m + removed_um * 1e-6) * 1e6,
-            first_surface_um: f64::from(self.p.surface) * 1e3,
+            velocity_um_s: axis.v * 1e6,
+            surface_um: (first_m + process.depth_um() * 1e-6) * 1e6,
+            first_surface_um: f64::from(self.around.surface) * 1e3,
             gap_um: self.model.gap_um(below_m),
+            least_um: process.truth().least_um,
             count: self.scale.true_count(x),
-            pulses: self.model.pulses(),
+            pulses: process.pulses(),
             wear_um,
             contact_n,
-            current_a: i,
-            debris,
-            damage,
-            through,
+            current_a: axis.i,
+            debris: process.dirt(),
+            damage: process.damage(),
+            through: process.through(),
             film_n,
         }
     }

@@ -1,47 +1,33 @@
-//! The machine with its process, for each version of the process model.
+//! The machine with its process and what stands around it.
 //!
-//! Version 0 is declared in [`Parameters`], versions 1 and 2 in `host/process`: there every number is one of a published machine,
-//! `model.machine`, unless a scenario names it as `model.NAME`. What the model has nothing to do with is the same for both:
-//! where the work lies, bus, limit switches, wiring, scale and front end. A value of the other version is refused.
+//! Numbers of machine and process are declared in `host/process`: each is one of a published machine, `model.machine`, unless a scenario
+//! names it as `model.NAME`. What stands around them is an [`Installation`].
 
-use super::Parameters;
+use super::Installation;
 use super::random::Cause;
-use edm_process::frozen::VERSION;
-use edm_process::gates::unpublished;
-use edm_process::parameters::{Basis, DECLARED, Kind as Generator, MACHINES, Machine, OF_VERSION_1, Refused};
+use edm_process::parameters::{Basis, DECLARED, Kind as Generator, MACHINES, Machine, Refused};
 use edm_servo_head::settings::{Change, Declared, Field, Kind, SettingError, Value};
 use rand::RngExt;
 
 /// What a person sets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plant {
-    /// Version 0, and what both have.
-    pub base: Parameters,
-    /// Version of the process model.
-    version: u32,
+    /// What stands around machine and process.
+    pub installation: Installation,
     /// Index of the machine in [`MACHINES`].
     machine: usize,
     /// Its generator, when it is another one.
     generator: Option<Generator>,
     /// Its numbers that are others, in the order of [`DECLARED`].
     numbers: [Option<f64>; DECLARED.len()],
-    /// Those of `base` that are set, a bit each.
-    named: u64,
 }
 
-/// Fields that version 0 has not, other than numbers.
-const CHOICES: [Field; 3] = [
-    field(
-        "model.version",
-        "",
-        "Version of the process model.",
-        "docs/process-model.md",
-        Kind::Integer { min: 0, max: 2 },
-    ),
+/// Fields of the model other than numbers.
+const CHOICES: [Field; 2] = [
     field(
         "model.machine",
         "",
-        "Machine that versions 1 and 2 start from.",
+        "Machine that the numbers start from.",
         "docs/process-model.md",
         Kind::Choice(&MACHINE_NAMES),
     ),
@@ -78,20 +64,19 @@ const fn field(key: &'static str, unit: &'static str, doc: &'static str, source:
     Field { key, unit, doc, source, kind, change: Change::Live, hazard: "" }
 }
 
-/// Where the fields of version 1 begin, and how many there are of all.
-const BASE: usize = Parameters::COUNT;
-const NUMBERS: usize = BASE + CHOICES.len();
+/// Where the fields of the model begin, where its numbers, and how many fields there are.
+const MODEL: usize = Installation::COUNT;
+const NUMBERS: usize = MODEL + CHOICES.len();
 const ALL: usize = NUMBERS + DECLARED.len();
-const _: () = assert!(BASE <= u64::BITS as usize, "a bit for each field of version 0");
 
 static FIELDS: [Field; ALL] = {
     let mut all = [CHOICES[0]; ALL];
     let mut at = 0;
     while at < ALL {
-        all[at] = if at < BASE {
-            Parameters::FIELDS[at]
+        all[at] = if at < MODEL {
+            Installation::FIELDS[at]
         } else if at < NUMBERS {
-            CHOICES[at - BASE]
+            CHOICES[at - MODEL]
         } else {
             let number = &DECLARED[at - NUMBERS];
             let source = match number.basis {
@@ -119,41 +104,24 @@ static KEYS: [&str; ALL] = {
 };
 
 impl Default for Plant {
-    /// The version of a scenario that names none.
+    /// The sinker in the usual surroundings.
     fn default() -> Plant {
-        Plant { version: VERSION, ..Plant::from(&Parameters::default()) }
-    }
-}
-
-impl From<&Parameters> for Plant {
-    /// Version 0.
-    fn from(base: &Parameters) -> Plant {
-        Plant { base: *base, version: 0, machine: 0, generator: None, numbers: [None; DECLARED.len()], named: 0 }
+        Plant { installation: Installation::default(), machine: 0, generator: None, numbers: [None; DECLARED.len()] }
     }
 }
 
 impl Plant {
-    /// Version of the process model.
-    pub fn version(&self) -> u32 {
-        self.version
-    }
-
-    /// The same with a version of the model, without what belongs to the other one.
-    pub fn turned_to(&self, version: u32) -> Plant {
-        let mut plant = Plant { version, ..Plant::default() };
-        if version != 0 && self.version != 0 {
-            (plant.machine, plant.generator, plant.numbers) = (self.machine, self.generator, self.numbers);
-            if version == 1 {
-                plant.numbers.iter_mut().skip(OF_VERSION_1).for_each(|number| *number = None);
-            }
+    /// The sinker with these values; what is no number is 0 or 1.
+    ///
+    /// # Errors
+    /// The first value that is refused, or a key that there is not.
+    pub fn with(values: &[(&str, f64)]) -> Result<Plant, SettingError> {
+        let mut plant = Plant::default();
+        for &(key, value) in values {
+            let is_flag = FIELDS.iter().any(|field| field.key == key && matches!(field.kind, Kind::Flag));
+            plant.set(key, if is_flag { Value::Flag(value != 0.0) } else { Value::Number(value) })?;
         }
-        for at in (0..BASE).filter(|&at| self.named >> at & 1 == 1 && is_common(FIELDS[at].key)) {
-            if let Some(value) = self.base.get(at) {
-                // It was checked when it came here.
-                let _: Result<(), SettingError> = plant.put(at, value);
-            }
-        }
-        plant
+        Ok(plant)
     }
 
     fn machine(&self) -> Option<&'static Machine> {
@@ -161,12 +129,12 @@ impl Plant {
         ALL.get(self.machine)
     }
 
-    /// Changes each unpublished number of versions 1 and 2 by a random share of up to this one; the generator's settings
-    /// stay. The same seed gives the same numbers, whatever else is different.
+    /// Changes each unpublished number by a random share of up to this one; the generator's settings stay. The same seed gives the same
+    /// numbers, whatever else is different.
     pub fn perturb(&mut self, share: f64, seed: u64) {
         const SET: [&str; 4] = ["open_v", "on_us", "off_us", "wait_us"];
-        let Some(machine) = self.machine().filter(|_| share > 0.0 && self.version != 0) else { return };
-        let open: Vec<&str> = unpublished(self.version, machine).collect();
+        let Some(machine) = self.machine().filter(|_| share > 0.0) else { return };
+        let open: Vec<&str> = machine.unpublished().collect();
         let mut random = Cause::Perturbation.stream(seed);
         let values: Vec<f64> = self.model().values().collect();
         for ((declared, value), number) in DECLARED.iter().zip(values).zip(&mut self.numbers) {
@@ -187,20 +155,20 @@ impl Plant {
         }
     }
 
-    /// Name of the machine; `None` in version 0.
-    pub fn machine_name(&self) -> Option<&'static str> {
-        self.machine().filter(|_| self.version != 0).map(|machine| machine.name)
+    /// Name of the machine.
+    pub fn machine_name(&self) -> &'static str {
+        self.machine().map_or("", |machine| machine.name)
     }
 
     /// Face of the electrode, mm^2.
     pub fn face_mm2(&self) -> f64 {
-        let radius_mm = if self.version == 0 { self.base.radius.into() } else { self.model().radius_um * 1e-3 };
+        let radius_mm = self.model().radius_um * 1e-3;
         std::f64::consts::PI * radius_mm * radius_mm
     }
 
-    /// The numbers of versions 1 and 2.
+    /// The numbers of machine and process.
     pub fn model(&self) -> edm_process::Parameters {
-        let mut p = self.machine().map(|machine| machine.of(self.version)).unwrap_or_default();
+        let mut p = self.machine().map(|machine| machine.of()).unwrap_or_default();
         p.kind = self.generator.unwrap_or(p.kind);
         for (declared, number) in DECLARED.iter().zip(self.numbers) {
             if let Some(number) = number {
@@ -213,53 +181,27 @@ impl Plant {
 
     /// Stroke between the stops, mm.
     pub fn stroke_mm(&self) -> f64 {
-        if self.version == 0 { self.base.stroke.into() } else { self.model().stroke_mm }
+        self.model().stroke_mm
     }
 
     /// Open-circuit voltage, V.
     pub fn open_v(&self) -> f64 {
-        if self.version == 0 { self.base.open.into() } else { self.model().open_v }
+        self.model().open_v
     }
 
     /// Checks every number, alone and against the others.
     ///
     /// # Errors
-    /// The first that does not fit, or belongs to the other version.
+    /// The first that does not fit.
     pub fn validate(&self) -> Result<(), SettingError> {
-        self.base.check()?;
-        self.base.fits(self.stroke_mm() as f32)?;
-        let foreign = |index: usize, rule| Err(SettingError::Conflict { field: FIELDS[index].key, rule });
-        if self.version == 0 {
-            let rule = "belongs to versions 1 and 2 of the process model, and model.version is 0";
-            if self.machine != 0 || self.generator.is_some() {
-                return foreign(BASE + if self.machine != 0 { 1 } else { 2 }, rule);
-            }
-            return match self.numbers.iter().position(Option::is_some) {
-                Some(at) => foreign(NUMBERS + at, rule),
-                None => self.base.validate(),
-            };
-        }
-        let alien = (0..BASE).find(|&at| self.named >> at & 1 == 1 && !is_common(FIELDS[at].key));
-        if let Some(at) = alien {
-            return foreign(at, "belongs to version 0 of the process model, and model.version is not 0");
-        }
-        let only_2 = self.numbers.iter().skip(OF_VERSION_1).position(Option::is_some);
-        if let Some(at) = only_2.filter(|_| self.version == 1) {
-            let rule = "belongs to version 2 of the process model, and model.version is 1";
-            return foreign(NUMBERS + OF_VERSION_1 + at, rule);
-        }
+        self.installation.check()?;
+        self.installation.fits(self.stroke_mm() as f32)?;
         self.model().check().map_err(|refused| match refused {
             Refused::Conflict(rule) => SettingError::Conflict { field: "model", rule },
             Refused::Range(declared, _) => SettingError::Conflict { field: declared.path, rule: "is out of its range" },
             Refused::Unknown => SettingError::UnknownKey,
         })
     }
-}
-
-/// Whether both versions have a field of [`Parameters`].
-fn is_common(key: &str) -> bool {
-    matches!(key, "workpiece.surface_mm" | "actuator.bus_v")
-        || ["limit.", "wiring.", "scale.", "front_end."].iter().any(|group| key.starts_with(group))
 }
 
 impl Declared for Plant {
@@ -291,13 +233,12 @@ impl Declared for Plant {
     }
 
     fn get(&self, index: usize) -> Option<Value<'static>> {
-        if index < BASE {
-            return self.base.get(index);
+        if index < MODEL {
+            return self.installation.get(index);
         }
-        match index - BASE {
-            0 => Some(Value::Number(self.version.into())),
-            1 => MACHINE_NAMES.get(self.machine).map(|name| Value::Word(name)),
-            2 => {
+        match index - MODEL {
+            0 => MACHINE_NAMES.get(self.machine).map(|name| Value::Word(name)),
+            1 => {
                 let kind = self.model().kind;
                 Generator::ALL.iter().find(|(other, _)| *other == kind).map(|(_, name)| Value::Word(name))
             }
@@ -306,23 +247,20 @@ impl Declared for Plant {
     }
 
     fn put(&mut self, index: usize, value: Value<'_>) -> Result<(), SettingError> {
-        if index < BASE {
-            self.base.put(index, value)?;
-            self.named |= 1 << index;
-            return Ok(());
+        if index < MODEL {
+            return self.installation.put(index, value);
         }
         let field = FIELDS.get(index).ok_or(SettingError::UnknownKey)?;
         let refused = SettingError::NotAllowed(field);
-        match (index - BASE, value) {
-            (0, Value::Number(x)) if x == 0.0 || x == 1.0 || x == 2.0 => self.version = x as u32,
-            (1, Value::Word(word)) => {
+        match (index - MODEL, value) {
+            (0, Value::Word(word)) => {
                 self.machine = MACHINE_NAMES.iter().position(|name| *name == word).ok_or(refused)?;
             }
-            (2, Value::Word(word)) => {
+            (1, Value::Word(word)) => {
                 let (kind, _) = Generator::ALL.iter().find(|(_, name)| *name == word).ok_or(refused)?;
                 self.generator = Some(*kind);
             }
-            (3.., Value::Number(x)) => {
+            (2.., Value::Number(x)) => {
                 let at = index - NUMBERS;
                 let fits = DECLARED.get(at).is_some_and(|declared| (declared.range.0..=declared.range.1).contains(&x));
                 *self.numbers.get_mut(at).filter(|_| fits).ok_or(refused)? = Some(x);
@@ -333,7 +271,7 @@ impl Declared for Plant {
     }
 
     fn check(&self) -> Result<(), SettingError> {
-        self.base.check()
+        self.installation.check()
     }
 }
 
@@ -341,65 +279,20 @@ impl Declared for Plant {
 mod tests {
     use super::*;
 
-    fn conflict(set: &[(&str, Value<'_>)]) -> Option<&'static str> {
-        let mut plant = Plant::default();
-        for (key, value) in set {
-            plant.set(key, *value).unwrap();
-        }
-        match plant.validate() {
-            Ok(()) => None,
-            Err(SettingError::Conflict { field, .. }) => Some(field),
-            Err(error) => panic!("{error}"),
-        }
-    }
-
-    const ZERO: (&str, Value<'_>) = ("model.version", Value::Number(0.0));
-
     #[test]
-    fn a_value_of_the_other_version_is_refused_by_name() {
-        let (mass, radius) = (("actuator.mass_kg", Value::Number(0.4)), ("model.radius_um", Value::Number(100.0)));
-        assert_eq!(conflict(&[mass, ZERO]), None);
-        assert_eq!(conflict(&[mass]), Some("actuator.mass_kg"));
-        assert_eq!(conflict(&[ZERO, radius]), Some("model.radius_um"));
-        assert_eq!(conflict(&[radius]), None);
-        let (reach, one) = (("model.reach_um_v", Value::Number(1.0)), ("model.version", Value::Number(1.0)));
-        assert_eq!(conflict(&[reach, one]), Some("model.reach_um_v"));
-        assert_eq!(conflict(&[reach]), None);
-        assert_eq!(conflict(&[ZERO, ("model.machine", Value::Word("gao"))]), Some("model.machine"));
-        for common in ["workpiece.surface_mm", "scale.count_um", "front_end.hum_v", "actuator.bus_v"] {
-            assert_eq!(conflict(&[(common, Value::Number(5.0))]), None, "{common}");
-        }
-        assert_eq!(conflict(&[("workpiece.surface_mm", Value::Number(12.0))]), Some("workpiece.surface_mm"));
-        assert_eq!(
-            conflict(&[("model.burn_v", Value::Number(99.0)), ("model.open_v", Value::Number(50.0))]),
-            Some("model")
-        );
-    }
-
-    #[test]
-    fn another_version_keeps_what_both_have() {
-        let mut plant = Plant::from(&Parameters::default());
-        for (key, value) in [("scale.count_um", 0.1), ("actuator.mass_kg", 0.4)] {
-            plant.set(key, Value::Number(value)).unwrap();
-        }
-        let plant = plant.turned_to(1);
-        assert_eq!(plant.validate(), Ok(()));
-        assert_eq!((plant.version(), plant.base.count, plant.base.mass), (1, 0.1, 0.2));
-        // Machine and numbers are of versions 1 and 2; version 1 leaves out what only 2 has.
-        let mut plant = Plant::default();
-        assert_eq!(plant.version(), 2);
-        for (key, value) in [("model.radius_um", 123.0), ("model.reach_um_v", 0.5)] {
-            plant.set(key, Value::Number(value)).unwrap();
-        }
-        plant.set("model.machine", Value::Word("gao")).unwrap();
-        assert_eq!(plant.validate(), Ok(()));
-        assert_eq!((plant.model().radius_um, plant.model().reach_um_v), (123.0, 0.5));
-        let plant = plant.turned_to(1);
-        assert_eq!(plant.validate(), Ok(()));
-        assert_eq!(
-            (plant.model().radius_um, plant.model().reach_um_v, plant.machine_name()),
-            (123.0, 0.0, Some("gao"))
-        );
+    fn values_that_do_not_fit_each_other_are_refused_by_name() {
+        let conflict = |values: &[(&str, f64)]| match Plant::with(values).unwrap().validate() {
+            Err(SettingError::Conflict { field, .. }) => field,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(conflict(&[("workpiece.surface_mm", 12.0)]), "workpiece.surface_mm");
+        assert_eq!(conflict(&[("limit.lower_mm", 0.5), ("limit.upper_mm", 0.5)]), "limit.lower_mm");
+        assert_eq!(conflict(&[("scale.mark_mm", 0.3), ("scale.count_um", 100.0)]), "scale.mark_mm");
+        assert_eq!(conflict(&[("model.burn_v", 99.0), ("model.open_v", 50.0)]), "model");
+        assert!(matches!(
+            Plant::with(&[("model.mass_kg", f64::NAN)]),
+            Err(SettingError::NotAllowed(field)) if field.key == "model.mass_kg"
+        ));
     }
 
     #[test]
@@ -418,13 +311,9 @@ mod tests {
         for (declared, (was, is)) in DECLARED.iter().zip(own.values().zip(one.values())) {
             assert!((is - was).abs() <= 0.3 * was.abs() + 1e-12, "{}: {was} {is}", declared.key);
             let set = ["open_v", "on_us", "off_us", "wait_us"].contains(&declared.key);
-            let moves = unpublished(VERSION, machine).any(|key| key == declared.key) && !set;
+            let moves = machine.unpublished().any(|key| key == declared.key) && !set;
             assert_eq!(is != was, moves, "{}: {was} {is}", declared.key);
         }
-        let usual = Plant::from(&Parameters::default());
-        let mut zero = usual;
-        zero.perturb(0.3, 1);
-        assert_eq!(zero, usual);
         // Whatever the seed, it is a model.
         for seed in 0..200 {
             let mut gao = sinker;
@@ -447,31 +336,5 @@ mod tests {
         assert_eq!(plant.get(index), Some(Value::Number(123.0)));
         assert!(plant.set("model.radius_um", Value::Number(1.0)).is_err());
         assert_eq!(plant.model().radius_um, 123.0);
-    }
-
-    #[test]
-    fn the_gates_of_every_scenario_run_its_own_numbers() {
-        let built_in = crate::scenario::BUILT_IN;
-        let of = |name: &str| crate::run::Setup::load(name).unwrap().process;
-        for situation in edm_process::gates::SITUATIONS {
-            let Some((name, _)) = built_in.iter().find(|(name, _)| *name == situation.name) else { continue };
-            for version in [1, 2] {
-                assert_eq!(of(name).turned_to(version).model(), situation.of(version), "{name}");
-            }
-        }
-        // The others only differ from one of these in mass, friction, surface, thickness or jumps.
-        let gated = |name: &str| edm_process::gates::SITUATIONS.iter().any(|situation| situation.name == name);
-        let others = [
-            "default",
-            "sinker-0.1kg",
-            "sinker-0.4kg",
-            "sinker-deep-jumps",
-            "thesis-machine",
-            "micro-through",
-            "micro-through-clear",
-        ];
-        for (name, _) in built_in.iter().filter(|(name, _)| of(name).version() != 0) {
-            assert!(gated(name) || others.contains(name), "{name}: no gates");
-        }
     }
 }

@@ -3,7 +3,7 @@
 //! Line A changes before every odd count, B before every even one, a quarter period behind A when moving toward the work
 //! [L]; a phase error shifts B. The index line is high for the one count in which a mark lies.
 
-use super::Parameters;
+use super::Installation;
 use super::random::{Cause, Random};
 use edm_hal_shim::encoder::Levels;
 use rand::RngExt;
@@ -34,7 +34,7 @@ pub struct Scale {
 
 impl Scale {
     /// Scale whose count 0 is centred on the upper stop.
-    pub fn new(p: &Parameters, seed: u64) -> Scale {
+    pub fn new(p: &Installation, seed: u64) -> Scale {
         let per_metre = 1e6 / f64::from(p.count);
         let mut scale = Scale {
             per_metre,
@@ -162,7 +162,7 @@ mod tests {
     }
 
     /// Straight pieces of one tick each, as a decoder sees them.
-    fn walk(p: &Parameters, turns: &[f64]) -> Walk {
+    fn walk(p: &Installation, turns: &[f64]) -> Walk {
         let mut scale = Scale::new(p, 1);
         let mut decoder = Quadrature::new(scale.levels(), 0);
         let (mut x, mut now) = (0.0, 0u32);
@@ -186,7 +186,7 @@ mod tests {
     #[test]
     fn the_decoder_counts_what_the_scale_moves_and_so_does_the_timer() {
         for n in 1..=TURNS.len() {
-            let walk = walk(&Parameters::default(), &TURNS[..n]);
+            let walk = walk(&Installation::default(), &TURNS[..n]);
             assert_eq!((walk.lag(), walk.illegal), (0, 0));
             assert_eq!(i64::from(walk.scale.timer() as i32), walk.seen);
         }
@@ -195,7 +195,7 @@ mod tests {
     #[test]
     fn a_phase_error_shifts_every_other_edge_and_loses_none() {
         for phase_error in [-0.9, -0.4, 0.4, 0.9] {
-            let p = Parameters { phase_error, ..Parameters::default() };
+            let p = Installation { phase_error, ..Installation::default() };
             for n in 1..=TURNS.len() {
                 let walk = walk(&p, &TURNS[..n]);
                 assert!(walk.lag().abs() <= 1);
@@ -204,7 +204,7 @@ mod tests {
         }
         let times = |phase_error| {
             let mut edges = Vec::new();
-            let mut scale = Scale::new(&Parameters { phase_error, ..Parameters::default() }, 1);
+            let mut scale = Scale::new(&Installation { phase_error, ..Installation::default() }, 1);
             scale.travel(0.0, 4e-6, 0, 400.0, &mut edges);
             edges.iter().map(|edge| edge.0).collect::<Vec<_>>()
         };
@@ -217,7 +217,7 @@ mod tests {
     #[test]
     fn a_leads_b_toward_the_work_and_the_mark_is_one_count_wide() {
         let mut edges = Vec::new();
-        let mut scale = Scale::new(&Parameters { marks: 0.1, ..Parameters::default() }, 1);
+        let mut scale = Scale::new(&Installation { marks: 0.1, ..Installation::default() }, 1);
         assert_eq!(scale.levels(), Levels { a: false, b: false, index: true });
         scale.travel(0.0, 101e-6, 0, 1e6, &mut edges);
         assert_eq!((edges[0].1.a, edges[0].1.b), (true, false));
@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn lost_edges_are_illegal_transitions_and_lose_counts() {
-        let p = Parameters { edge_loss: 0.1, ..Parameters::default() };
+        let p = Installation { edge_loss: 0.1, ..Installation::default() };
         let turns: Vec<f64> = (1..100).map(|k| f64::from(k) * 20e-6).collect();
         let walk = walk(&p, &turns);
         // 1980 edges, a tenth lost; two in a row look like none.
@@ -237,14 +237,14 @@ mod tests {
 
     #[test]
     fn a_scale_wired_the_wrong_way_counts_down() {
-        let walk = walk(&Parameters { encoder_reversed: true, ..Parameters::default() }, &[25.2e-6]);
+        let walk = walk(&Installation { encoder_reversed: true, ..Installation::default() }, &[25.2e-6]);
         assert_eq!((walk.seen, walk.scale.timer() as i32, walk.illegal), (-25, -25, 0));
     }
 
     #[test]
     fn a_dead_encoder_stands_still_and_both_counters_go_on_from_there() {
         for (missed, jumped) in [(48, 0), (49, 1), (50, 0), (51, -1)] {
-            let mut scale = Scale::new(&Parameters::default(), 1);
+            let mut scale = Scale::new(&Installation::default(), 1);
             let decoder = &mut Quadrature::new(scale.levels(), 0);
             let mut edges = Vec::new();
             let resumed = f64::from(missed) * 1e-6;

@@ -4,8 +4,8 @@ use super::*;
 use edm_servo_head::settings::{Declared, Settings};
 use std::f64::consts::PI;
 
-fn process(p: Parameters) -> Process {
-    Process::new(&p, 1).unwrap()
+fn process(values: &[(&str, f64)]) -> Process {
+    Process::new(Plant::with(values).unwrap(), 1).unwrap()
 }
 
 fn run(process: &mut Process, drive: Drive, pulses: bool, seconds: f64) {
@@ -14,20 +14,22 @@ fn run(process: &mut Process, drive: Drive, pulses: bool, seconds: f64) {
     }
 }
 
-fn zero(process: &mut Process) -> &mut Zero {
-    let Model::Zero(zero) = &mut process.model else { panic!("version 0") };
-    zero
-}
-
 /// Neither friction nor weight: what is left is put there by the test.
-fn weightless() -> Parameters {
-    Parameters { friction: 0.0, counterbalance: 0.2 * 9.80665, ..Parameters::default() }
+const WEIGHTLESS: [(&str, f64); 4] = [
+    ("model.friction_n", 0.0),
+    ("model.stiction_n", 0.0),
+    ("model.counterbalance_n", 0.2 * 9.80665),
+    ("model.cable_n_mm", 0.0),
+];
+
+fn weightless(values: &[(&str, f64)]) -> Process {
+    process(&[&WEIGHTLESS, values].concat())
 }
 
 #[test]
 fn the_same_seed_gives_the_same_run_and_another_seed_another() {
     let codes = |seed| {
-        let mut process = Process::new(&Parameters::default(), seed).unwrap();
+        let mut process = Process::new(Plant::default(), seed).unwrap();
         process.hold_gap(30.0, 0.0);
         (0..1000).map(|_| process.advance(Drive::Coast, true).block).collect::<Vec<_>>()
     };
@@ -37,20 +39,20 @@ fn the_same_seed_gives_the_same_run_and_another_seed_another() {
 
 #[test]
 fn what_one_cause_draws_leaves_the_others_as_they_were() {
-    let truth = |p: Parameters| {
-        let mut process = process(Parameters { surface: 0.05, ..p });
+    let truth = |values: &[(&str, f64)]| {
+        let mut process = process(&[&[("workpiece.surface_mm", 0.05)], values].concat());
         run(&mut process, Drive::Coast, true, 5.0);
         process.truth()
     };
-    let usual = truth(Parameters::default());
+    let usual = truth(&[]);
     assert!(usual.pulses.spark > 10_000);
-    assert_eq!(truth(Parameters { noise: 3.0, hum: 0.0, burn_scatter: 0.0, ..Parameters::default() }), usual);
-    assert_ne!(truth(Parameters { ignition_scale: 0.11, ..Parameters::default() }), usual);
+    assert_eq!(truth(&[("front_end.noise_v", 3.0), ("front_end.hum_v", 0.0), ("scale.edge_loss", 0.01)]), usual);
+    assert_ne!(truth(&[("model.ignition_debris", 0.4)]), usual);
 }
 
 #[test]
 fn the_resting_head_stays_at_its_stop_at_count_zero_with_no_switch_open() {
-    let mut process = process(Parameters::default());
+    let mut process = process(&[]);
     run(&mut process, Drive::Coast, false, 1.0);
     let truth = process.truth();
     assert_eq!(truth.count, 0);
@@ -61,7 +63,7 @@ fn the_resting_head_stays_at_its_stop_at_count_zero_with_no_switch_open() {
 
 #[test]
 fn a_head_left_alone_rises_to_its_upper_stop_when_friction_lets_it() {
-    let mut process = process(Parameters { friction: 0.1, ..Parameters::default() });
+    let mut process = process(&[("model.friction_n", 0.1), ("model.stiction_n", 0.12)]);
     run(&mut process, Drive::Duty(200), false, 0.3);
     assert!(process.truth().position_um > 1000.0);
     run(&mut process, Drive::Coast, false, 2.0);
@@ -69,29 +71,14 @@ fn a_head_left_alone_rises_to_its_upper_stop_when_friction_lets_it() {
 }
 
 #[test]
-fn driven_onto_the_work_it_is_stopped_by_contact_and_shorts() {
-    let mut process = process(Parameters::default());
-    run(&mut process, Drive::Duty(700), true, 2.0);
-    let truth = process.truth();
-    // 2.03 N of coil and 0.24 N of counterbalance surplus, give or take 0.3 N of friction.
-    assert!((1.4..2.2).contains(&truth.contact_n), "{}", truth.contact_n);
-    assert!((truth.gap_um + truth.contact_n / 2.0).abs() < 1e-6);
-    let shorts = truth.pulses.short;
-    run(&mut process, Drive::Duty(700), true, 0.1);
-    assert_eq!(process.truth().pulses.short - shorts, 500);
-}
-
-#[test]
 fn a_squeezed_film_thins_as_its_formula_says() {
     // 1 N on a film of 3 pi mu R^4 / (2 h^3): 1/h^2 grows by 4 F / (3 pi mu R^4) a second.
-    let p = Parameters {
-        counterbalance: 0.2 * 9.80665 - 1.0,
-        surface: 0.05,
-        viscosity: 100.0,
-        radius: 10.0,
-        ..weightless()
-    };
-    let mut process = process(p);
+    let mut process = weightless(&[
+        ("model.counterbalance_n", 0.2 * 9.80665 - 1.0),
+        ("workpiece.surface_mm", 0.05),
+        ("model.viscosity_mpas", 100.0),
+        ("model.radius_um", 10e3),
+    ]);
     run(&mut process, Drive::Coast, false, 2.0);
     let growth = 4.0 / (3.0 * PI * 0.1 * 1e-8);
     let expected = 1e6 / (1.0 / (50e-6f64 * 50e-6) + growth * 2.0).sqrt();
@@ -103,11 +90,13 @@ fn a_squeezed_film_thins_as_its_formula_says() {
 fn the_atmosphere_limits_how_hard_the_film_holds_the_electrode_down() {
     // The face has 314 mm^2: 31.8 N at most. The coil pulls up with 26 N, or 29 N and a weightless 6 N.
     let lift = |counterbalance, duty| {
-        let p = Parameters { counterbalance, surface: 0.0, viscosity: 100.0, radius: 10.0, ..weightless() };
-        let mut process = process(Parameters { upper_limit: -1.0, ..p });
-        // Starts on the work; the stop above would carry the pull, so it first goes down with the work gone.
-        zero(&mut process).actuator.x = 1e-3;
-        zero(&mut process).spark.removed_um = 1003.0;
+        let mut process = weightless(&[
+            ("model.counterbalance_n", counterbalance),
+            ("workpiece.surface_mm", 1.0),
+            ("model.viscosity_mpas", 100.0),
+            ("model.radius_um", 10e3),
+        ]);
+        process.model.axis.x = 1e-3 - 3e-6;
         run(&mut process, Drive::Duty(duty), false, 0.01);
         1000.0 - process.truth().position_um
     };
@@ -117,12 +106,11 @@ fn the_atmosphere_limits_how_hard_the_film_holds_the_electrode_down() {
 
 #[test]
 fn limit_switches_open_on_their_side_of_their_place() {
-    let p = Parameters { upper_limit: 0.05, stroke: 12.0, lower_limit: 11.8, surface: 11.9, ..weightless() };
-    let mut process = process(p);
+    let mut process = weightless(&[("limit.upper_mm", 0.05), ("limit.lower_mm", 11.8), ("workpiece.surface_mm", 11.9)]);
     for (mm, upper, lower) in
         [(0.0, true, false), (0.049, true, false), (0.051, false, false), (11.79, false, false), (11.81, false, true)]
     {
-        zero(&mut process).actuator.x = mm * 1e-3;
+        process.model.axis.x = mm * 1e-3;
         let safety = process.advance(Drive::Brake, false).safety;
         assert_eq!((safety.upper_limit, safety.lower_limit), (upper, lower), "{mm} mm");
     }
@@ -130,9 +118,10 @@ fn limit_switches_open_on_their_side_of_their_place() {
 
 #[test]
 fn the_codes_of_current_and_bus_read_what_flows() {
-    for (motor_reversed, duty) in [(false, -1000), (true, -1000)] {
-        let mut process = process(Parameters { motor_reversed, stroke: 2.5, ..Parameters::default() });
-        run(&mut process, Drive::Duty(duty), false, 0.5);
+    for motor_reversed in [false, true] {
+        let mut process =
+            process(&[("wiring.motor_reversed", f64::from(u8::from(motor_reversed))), ("model.stroke_mm", 2.5)]);
+        run(&mut process, Drive::Duty(-1000), false, 0.5);
         let drive = process.sensors().drive;
         // -4.8 V over 12.4 ohm, against the upper stop or the work: 0.387 A, 144 codes.
         assert!((2048 - 146..=2048 - 142).contains(&drive.motor_current), "{drive:?}");
@@ -143,7 +132,7 @@ fn the_codes_of_current_and_bus_read_what_flows() {
 
 #[test]
 fn edges_timer_and_truth_agree_wherever_the_head_goes() {
-    let mut process = process(Parameters::default());
+    let mut process = process(&[]);
     let mut count = 0i64;
     let mut last = process.sensors().levels;
     for tick in 0..40_000u32 {
@@ -165,32 +154,8 @@ fn edges_timer_and_truth_agree_wherever_the_head_goes() {
 }
 
 #[test]
-fn held_for_the_shot_floor_the_gap_stays_and_the_front_end_lives() {
-    let mut process = process(Parameters::default());
-    process.hold_gap(35.0, 1.0);
-    let mean = |process: &mut Process| {
-        let (mut sum, mut n) = (0.0, 0.0);
-        for _ in 0..60_000 {
-            let block = process.advance(Drive::Duty(3000), true).block;
-            for (k, code) in block.codes.iter().enumerate().filter(|(k, _)| block.gate >> k & 1 == 1) {
-                sum += (f64::from(*code) - 410.0) * 0.1;
-                n += 1.0;
-                assert!(k < edm_hal_shim::gap::BLOCK);
-            }
-        }
-        (sum / n, n / 60_000.0 / edm_hal_shim::gap::BLOCK as f64)
-    };
-    let ((first, gated), (second, _)) = (mean(&mut process), mean(&mut process));
-    assert!((first - second).abs() < 0.7 && (first - 60.0).abs() < 1.5, "{first} {second}");
-    // On-time is 80 %, and conversions come at odd microseconds after its edges: none is too close to one.
-    assert!((gated - 0.8).abs() < 0.001, "{gated}");
-    let truth = process.truth();
-    assert_eq!((truth.surface_um, truth.wear_um, truth.pulses.short), (2000.0, 0.0, 0));
-}
-
-#[test]
 fn without_pulses_the_front_end_sees_the_sense_supply_with_hum_and_noise_and_no_gate() {
-    let mut process = process(Parameters::default());
+    let mut process = process(&[]);
     process.advance(Drive::Coast, false);
     for _ in 0..4000 {
         let block = process.advance(Drive::Coast, false).block;
@@ -202,7 +167,7 @@ fn without_pulses_the_front_end_sees_the_sense_supply_with_hum_and_noise_and_no_
 
 #[test]
 fn every_fault_input_shows_where_it_should() {
-    let mut process = process(Parameters { surface: 0.03, ..Parameters::default() });
+    let mut process = process(&[("workpiece.surface_mm", 0.03)]);
     run(&mut process, Drive::Coast, true, 0.01);
     assert_ne!(process.sensors().block.gate, 0);
 
@@ -227,7 +192,7 @@ fn every_fault_input_shows_where_it_should() {
 
 #[test]
 fn a_dead_encoder_hides_the_motion_and_a_faulty_bridge_stops_it() {
-    let mut process = process(weightless());
+    let mut process = weightless(&[]);
     process.fault_inputs.encoder_dead = true;
     run(&mut process, Drive::Duty(500), false, 0.02);
     assert_eq!((process.sensors().timer_count, process.sensors().edges.len()), (0, 0));
@@ -244,22 +209,6 @@ fn a_dead_encoder_hides_the_motion_and_a_faulty_bridge_stops_it() {
 }
 
 #[test]
-fn a_bad_parameter_is_refused_by_name() {
-    let conflict = |p: Parameters| match Process::new(&p, 1) {
-        Err(SettingError::Conflict { field, .. }) => field,
-        other => panic!("{:?}", other.map(|_| ())),
-    };
-    let p = Parameters::default();
-    assert_eq!(conflict(Parameters { burn: 99.0, open: 50.0, ..p }), "generator.burn_v");
-    assert_eq!(conflict(Parameters { arc_burn: 41.0, ..p }), "arc.burn_v");
-    assert_eq!(conflict(Parameters { surface: 12.0, ..p }), "workpiece.surface_mm");
-    assert_eq!(conflict(Parameters { lower_limit: 0.5, upper_limit: 0.5, ..p }), "limit.lower_mm");
-    assert_eq!(conflict(Parameters { marks: 0.3, count: 100.0, ..p }), "scale.mark_mm");
-    let p = Parameters { mass: f32::NAN, ..p };
-    assert!(matches!(Process::new(&p, 1), Err(SettingError::NotAllowed(field)) if field.key == "actuator.mass_kg"));
-}
-
-#[test]
 fn no_parameter_has_the_name_of_a_setting_of_the_head() {
     for field in Plant::FIELDS {
         assert!(Settings::FIELDS.iter().all(|other| other.key != field.key), "{}", field.key);
@@ -267,81 +216,63 @@ fn no_parameter_has_the_name_of_a_setting_of_the_head() {
     }
 }
 
-/// A version of host/process with the work `surface_mm` below the upper stop.
-fn of_version(version: u32, surface_mm: f64, set: &[(&str, f64)]) -> Process {
-    let mut plant = Plant::default().turned_to(version);
-    for (key, value) in [("workpiece.surface_mm", surface_mm)].iter().chain(set) {
-        plant.set(key, Value::Number(*value)).unwrap();
-    }
-    Process::new(plant, 1).unwrap()
-}
-
 #[test]
-fn versions_1_and_2_obey_permission_and_the_off_time_that_is_requested() {
-    for version in [1, 2] {
-        let mut process = of_version(version, 0.04, &[]);
-        let mut pulses_in = |off_time_ns, pulses| {
-            process.off_time_ns = off_time_ns;
-            let before = process.truth().pulses.total();
-            run(&mut process, Drive::Coast, pulses, 0.2);
-            process.truth().pulses.total() - before
-        };
-        // 160 us on; 40 us off of its own.
-        assert!(pulses_in(None, true).abs_diff(1000) <= 1);
-        assert!(pulses_in(Some(240_000), true).abs_diff(500) <= 1);
-        assert_eq!(pulses_in(None, false), 0);
-        process.pauses_us = [240.0; 4];
+fn permission_and_the_off_time_that_is_requested_are_obeyed() {
+    let mut process = process(&[("workpiece.surface_mm", 0.04)]);
+    let mut pulses_in = |off_time_ns, pulses| {
+        process.off_time_ns = off_time_ns;
         let before = process.truth().pulses.total();
-        run(&mut process, Drive::Coast, true, 0.2);
-        assert!((process.truth().pulses.total() - before).abs_diff(500) <= 1);
-        process.pauses_us = [0.0; 4];
-        process.fault_inputs.disobeys = true;
-        run(&mut process, Drive::Coast, false, 0.01);
-        assert_ne!(process.sensors().block.gate, 0);
-    }
+        run(&mut process, Drive::Coast, pulses, 0.2);
+        process.truth().pulses.total() - before
+    };
+    // 160 us on; 40 us off of its own.
+    assert!(pulses_in(None, true).abs_diff(1000) <= 1);
+    assert!(pulses_in(Some(240_000), true).abs_diff(500) <= 1);
+    assert_eq!(pulses_in(None, false), 0);
+    process.pauses_us = [240.0; 4];
+    let before = process.truth().pulses.total();
+    run(&mut process, Drive::Coast, true, 0.2);
+    assert!((process.truth().pulses.total() - before).abs_diff(500) <= 1);
+    process.pauses_us = [0.0; 4];
+    process.fault_inputs.disobeys = true;
+    run(&mut process, Drive::Coast, false, 0.01);
+    assert_ne!(process.sensors().block.gate, 0);
 }
 
 #[test]
-fn versions_1_and_2_are_stopped_by_contact_short_there_and_say_so() {
-    for version in [1, 2] {
-        let mut process = of_version(version, 2.0, &[]);
-        run(&mut process, Drive::Duty(700), true, 2.0);
-        let truth = process.truth();
-        // 2.03 N of coil and 0.24 N of counterbalance surplus, and what the bristles of the friction have taken up.
-        assert!((1.4..2.2).contains(&truth.contact_n), "{}", truth.contact_n);
-        assert!((1990.0..2010.0).contains(&truth.position_um), "{}", truth.position_um);
-        run(&mut process, Drive::Duty(700), true, 0.1);
-        assert_eq!(process.truth().pulses.short - truth.pulses.short, 500);
-        // (100 V - 1 V)/15 ohm.
-        let amps = process.pieces().filter(|piece| piece.gate).filter_map(|piece| piece.amps_at(49.0)).last();
-        assert!(amps.is_none_or(|amps| (amps - 6.6).abs() < 0.01), "{amps:?}");
-    }
+fn driven_onto_the_work_it_is_stopped_by_contact_shorts_there_and_says_so() {
+    let mut process = process(&[]);
+    run(&mut process, Drive::Duty(700), true, 2.0);
+    let truth = process.truth();
+    // 2.03 N of coil and 0.24 N of counterbalance surplus, and what the bristles of the friction have taken up.
+    assert!((1.4..2.2).contains(&truth.contact_n), "{}", truth.contact_n);
+    assert!((1990.0..2010.0).contains(&truth.position_um), "{}", truth.position_um);
+    run(&mut process, Drive::Duty(700), true, 0.1);
+    assert_eq!(process.truth().pulses.short - truth.pulses.short, 500);
+    // (100 V - 1 V)/15 ohm.
+    let amps = process.pieces().filter(|piece| piece.gate).map(|piece| piece.amps_at(49.0)).last();
+    assert!(amps.is_none_or(|amps| (amps - 6.6).abs() < 0.01), "{amps:?}");
 }
 
 #[test]
-fn versions_1_and_2_go_through_a_sheet_without_a_contact_behind_it() {
-    for version in [1, 2] {
-        let mut process = of_version(version, 0.02, &[("model.thickness_um", 10.0), ("model.removal_um3_uj", 100.0)]);
-        run(&mut process, Drive::Coast, true, 5.0);
-        assert_eq!(process.truth().through, 1.0);
-        let pulses = process.truth().pulses;
-        run(&mut process, Drive::Duty(700), true, 0.5);
-        let truth = process.truth();
-        assert!(truth.position_um > 1000.0 && truth.contact_n == 0.0, "{truth:?}");
-        assert_eq!((truth.pulses.discharges(), truth.pulses.short), (pulses.discharges(), pulses.short));
-    }
+fn it_goes_through_a_sheet_without_a_contact_behind_it() {
+    let mut process =
+        process(&[("workpiece.surface_mm", 0.02), ("model.thickness_um", 10.0), ("model.removal_um3_uj", 100.0)]);
+    run(&mut process, Drive::Coast, true, 5.0);
+    assert_eq!(process.truth().through, 1.0);
+    let pulses = process.truth().pulses;
+    run(&mut process, Drive::Duty(700), true, 0.5);
+    let truth = process.truth();
+    assert!(truth.position_um > 1000.0 && truth.contact_n == 0.0, "{truth:?}");
+    assert_eq!((truth.pulses.discharges(), truth.pulses.short), (pulses.discharges(), pulses.short));
 }
 
 #[test]
-fn a_held_gap_of_versions_1_and_2_stays_and_so_do_swapped_leads() {
-    // The gaps that the sinker works in.
-    for (version, gap_um, reversed, sign) in
-        [(1, 35.0, 0.0, 1.0), (1, 35.0, 1.0, -1.0), (2, 40.0, 0.0, 1.0), (2, 40.0, 1.0, -1.0)]
-    {
-        let mut plant = Plant::default().turned_to(version);
-        plant.set("wiring.gap_reversed", Value::Flag(reversed > 0.0)).unwrap();
-        let mut process = Process::new(plant, 1).unwrap();
-        process.hold_gap(gap_um, 0.5);
+fn a_held_gap_stays_and_so_do_swapped_leads() {
+    // The gap that the sinker works in.
+    for (reversed, sign) in [(0.0, 1.0), (1.0, -1.0)] {
+        let mut process = process(&[("wiring.gap_reversed", reversed)]);
+        process.hold_gap(40.0, 0.5);
         let (mut sum, mut n) = (0.0, 0.0);
         for _ in 0..20_000 {
             let block = process.advance(Drive::Duty(3000), true).block;

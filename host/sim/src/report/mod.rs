@@ -25,8 +25,6 @@ pub struct Report {
     pub schema: &'static str,
     /// Scenario, and what was changed on the command line.
     pub scenario: String,
-    /// Version of the process model.
-    pub model_version: u32,
     /// Seed of everything random.
     pub seed: u64,
     /// Depth reached, and no fault.
@@ -93,7 +91,7 @@ pub struct Report {
     pub debris_mean: Option<f64>,
     /// Mean damage of the surfaces by arcs, likewise; 1 doubles a clean channel's recovery time.
     pub damage_mean: Option<f64>,
-    /// Deepest pit that arcs in one place have left, um; version 2 of the model alone has one.
+    /// Deepest pit that arcs in one place have left, um.
     pub pit_um: Option<f64>,
     /// Largest force between electrode and work, N.
     pub contact_n_max: f64,
@@ -169,7 +167,6 @@ impl Report {
         let mut report = Report {
             schema: SCHEMA,
             scenario: job.label(),
-            model_version: job.setup.process.version(),
             seed: job.seed,
             completed: outcome.completed,
             stop_reason: outcome.stop_reason.clone(),
@@ -209,10 +206,10 @@ impl Report {
             shorts: figures.shorts,
             long_retreats_shorted: figures.long_retreats_shorted,
             removal_mm3_min: tidy(outcome.removed_mm3.max(0.0) / figures.eroding_s * 60.0),
-            crater_um: outcome.crater_um.and_then(tidy),
+            crater_um: tidy(outcome.crater_um),
             debris_mean: figures.debris.and_then(tidy),
             damage_mean: figures.damage.and_then(tidy),
-            pit_um: outcome.pit_um.and_then(tidy),
+            pit_um: tidy(outcome.pit_um),
             contact_n_max: rounded(figures.contact_n),
             film_n_max: rounded(figures.film_n),
             lost_counts: outcome.lost_counts,

@@ -200,9 +200,8 @@ impl Summary<'_> {
 
 /// A row of a technology table.
 fn one_row(row: &RowOutcome) -> String {
-    let crater = row.crater_um.map_or_else(String::new, |um| format!(", craters {um:.1} um"));
     format!(
-        "{}: {}, to {:.3} mm ({:+} counts); gap {:.0} um at {:.1} V, {} sparks, {} arcs{crater}",
+        "{}: {}, to {:.3} mm ({:+} counts); gap {:.0} um at {:.1} V, {} sparks, {} arcs, craters {:.1} um",
         row.name,
         duration(row.to_s - row.from_s),
         row.depth_mm,
@@ -211,6 +210,7 @@ fn one_row(row: &RowOutcome) -> String {
         row.gap_v,
         percent(row.spark_ratio),
         percent(row.arc_ratio),
+        row.crater_um,
     )
 }
 

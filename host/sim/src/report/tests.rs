@@ -26,8 +26,8 @@ fn outcome() -> Outcome {
         sim_time_s: 151.0,
         shot_floor_rms_v: Some(3.7),
         pulses: Pulses { open: 350, spark: 620, arc: 10, short: 20, stable_arc: 0 },
-        crater_um: Some(12.5),
-        pit_um: Some(1.25),
+        crater_um: 12.5,
+        pit_um: 1.25,
         removed_mm3: 3.8,
         lost_counts: 0,
         illegal_transitions: 0,
@@ -71,7 +71,7 @@ fn the_json_has_exactly_these_keys_in_this_order() {
     let json = serde_json::to_string(&Report::new(&job(), &outcome(), &figures(), 2.0)).unwrap();
     assert_eq!(
         json,
-        "{\"schema\":\"edm-sim.bore/1\",\"scenario\":\"default\",\"model_version\":2,\"seed\":7,\"completed\":true,\
+        "{\"schema\":\"edm-sim.bore/1\",\"scenario\":\"default\",\"seed\":7,\"completed\":true,\
          \"stop_reason\":\"depth reached\",\"depth_mm\":0.5,\"hole_depth_mm\":0.5382,\"wear_mm\":0.002,\"through_ratio\":0.0,\"target_depth_mm\":0.5,\"sim_time_s\":151.0,\
          \"eroding_time_s\":145.0,\"machining_time_s\":147.5,\"rate_mm_min\":0.222703,\
          \"wall_time_s\":2.0,\"gap_voltage_v\":{\"mean\":55.1,\"setpoint\":55.0,\"rms_error_100ms\":0.8,\"filtered_rms\":4.0,\

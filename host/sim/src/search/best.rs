@@ -62,12 +62,12 @@ pub fn settings(setup: &Setup, law: &str) -> Option<Vec<String>> {
 
 /// Whether the machine is that of \[G\].
 pub fn is_of_gao(plant: &Plant) -> bool {
-    plant.machine_name().is_some_and(|name| name.starts_with("gao"))
+    plant.machine_name().starts_with("gao")
 }
 
 /// Its holes are those of the training, or like them.
 fn is_a_sinker(plant: &Plant) -> bool {
-    plant.machine_name() == Some("sinker")
+    plant.machine_name() == "sinker"
 }
 
 #[cfg(test)]

@@ -31,9 +31,6 @@ pub struct Serve {
     /// Change a value after the scenario; may be repeated, the last one counts (`edm-sim settings` lists the keys)
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Version of the process model instead of the scenario's
-    #[arg(long, value_name = "VERSION", value_parser = clap::value_parser!(u32).range(0..=2))]
-    pub model: Option<u32>,
     /// Random seed; each further head has the next seed
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
     pub seed: u64,
@@ -75,7 +72,7 @@ impl Serve {
     /// # Errors
     /// What is wrong with them.
     pub fn setup(&self) -> Result<Setup, String> {
-        let setup = setup(&self.scenario, self.model, &self.set)?;
+        let setup = setup(&self.scenario, &self.set)?;
         bore::check(&setup).map_err(|error| setup.refusal(error))?;
         Ok(setup)
     }

@@ -8,7 +8,6 @@ type Figure = fn(&Report) -> Value;
 
 /// All of them.
 pub const FIGURES: &[(&str, Figure)] = &[
-    ("model_version", |r| json!(r.model_version)),
     ("carried_mm", |r| json!(r.carried_mm)),
     ("inches", |r| json!(r.inches)),
     ("completed", |r| json!(r.completed)),

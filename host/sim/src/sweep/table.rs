@@ -43,8 +43,7 @@ pub fn evaluate(rows: &[Row]) -> (String, usize) {
             "| {of} | {} | {} | {} | {} | {} | {} | {} | {kept} of {} |",
             runs.len(),
             worst(2, &|r| {
-                let worn = if r.number("model_version")? == 0.0 { 0.0 } else { r.number("wear_mm")? };
-                Some((r.number("depth_mm")? + worn - r.number("target_depth_mm")?).abs() * 1e3)
+                Some((r.number("depth_mm")? + r.number("wear_mm")? - r.number("target_depth_mm")?).abs() * 1e3)
             }),
             worst(2, &|r| r.number("gap_voltage_v.rms_error_100ms")),
             worst(2, &|r| Some(r.number("gap_voltage_v.filtered_rms")? / r.number("gap_voltage_v.shot_floor_rms")?)),

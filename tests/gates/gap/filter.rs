@@ -9,10 +9,10 @@ pub const BOUND: f64 = 0.01;
 /// Ticks from one value of the reference to the next.
 const STRIDE: usize = 20;
 
-const CASES: &str = include_str!("../../../../tests/vectors/cases.csv");
-const EXPECTED: &[u8] = include_bytes!("../../../../tests/vectors/expected.f64");
-const TONES: &[u8] = include_bytes!("../../../../tests/vectors/tones.sums");
-const PULSES: &[u8] = include_bytes!("../../../../tests/vectors/pulses.sums");
+const CASES: &str = include_str!("../../vectors/cases.csv");
+const EXPECTED: &[u8] = include_bytes!("../../vectors/expected.f64");
+const TONES: &[u8] = include_bytes!("../../vectors/tones.sums");
+const PULSES: &[u8] = include_bytes!("../../vectors/pulses.sums");
 
 /// A signal, how it is filtered, and what comes out by the reference.
 pub struct Case {
@@ -63,10 +63,4 @@ impl Case {
         let squares: f64 = at_stride.zip(&self.expected).map(|(y, e)| (y - e).powi(2)).sum();
         (squares / self.expected.len() as f64).sqrt()
     }
-}
-
-/// Largest difference of all cases, and how many there are.
-pub fn worst() -> (f64, usize) {
-    let cases = cases();
-    (cases.iter().map(|case| case.error(case.config)).fold(0.0, f64::max), cases.len())
 }

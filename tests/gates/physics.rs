@@ -1,11 +1,12 @@
 //! What must hold of any machine.
 
-use super::statistics::largest;
-use super::{Figure, Gate, Kind, Mean, Wanted, each};
-use crate::Pulses;
-use crate::gap::Gap;
-use crate::harness::{Law, Motion, Rig, Voltage, swing};
-use crate::parameters::{GAO, MACHINES, Parameters, SINKER};
+use super::gate::{Gate, Kind, Wanted};
+use super::statistics::{Mean, each, largest};
+use edm_process::Pulses;
+use edm_process::gap::Gap;
+use edm_process::harness::{Law, Motion, Rig, Voltage, swing};
+use edm_process::parameters::{GAO, MACHINES, Parameters, SINKER};
+use edm_sim::plot::Figure;
 
 /// Seeds of a mean.
 const SEEDS: u64 = 8;
@@ -44,7 +45,7 @@ fn bore(conditions: &[(Parameters, Law, Motion)], seeds: u64, depth_um: f64, at_
         .collect()
 }
 
-pub(super) fn buzz(version: u32) -> Vec<Gate> {
+pub fn buzz() -> Vec<Gate> {
     const SETS: [f64; 4] = [45.0, 50.0, 55.0, 60.0];
     const HOLES: [f64; 2] = [0.0, 3000.0];
     let mut gates = Vec::new();
@@ -54,7 +55,7 @@ pub(super) fn buzz(version: u32) -> Vec<Gate> {
         for depth_um in HOLES {
             let mut conditions = Vec::new();
             for set in SETS {
-                let p = Parameters { depth_um, comes_back, ..SINKER.of(version) };
+                let p = Parameters { depth_um, comes_back, ..SINKER.of() };
                 for buzz in [(0.0, 0.0), (5.0, 200.0)] {
                     let motion = Motion { buzz, ..Motion::default() };
                     conditions.push((p, Law::Voltage(Voltage::calm(set)), motion));
@@ -112,11 +113,11 @@ pub(super) fn buzz(version: u32) -> Vec<Gate> {
     gates
 }
 
-pub(super) fn set_point(version: u32) -> Vec<Gate> {
+pub fn set_point() -> Vec<Gate> {
     const SETS: [f64; 8] = [65.0, 60.0, 55.0, 50.0, 45.0, 40.0, 35.0, 30.0];
     /// Index of the set point 10 V lower.
     const LOWER: usize = 2;
-    let p = SINKER.of(version);
+    let p = SINKER.of();
     let conditions = SETS.map(|set| (p, Law::Voltage(Voltage::calm(set)), Motion::default()));
     let bored = bore(&conditions, SEEDS, 200.0, 2000.0);
     let full_burn = p.burn_v * p.on_us / (p.on_us + p.off_us);
@@ -153,8 +154,8 @@ pub(super) fn set_point(version: u32) -> Vec<Gate> {
 }
 
 /// Rate of removal after 40 s for 160 s, um/s.
-fn rate(version: u32, depth_um: f64, jump: (f64, f64, f64)) -> Mean {
-    let p = Parameters { depth_um, ..SINKER.of(version) };
+fn rate(depth_um: f64, jump: (f64, f64, f64)) -> Mean {
+    let p = Parameters { depth_um, ..SINKER.of() };
     let seeds: Vec<u64> = (1..=4).collect();
     Mean::new(&each(&seeds, |&seed| {
         let motion = Motion { jump, ..Motion::default() };
@@ -166,11 +167,11 @@ fn rate(version: u32, depth_um: f64, jump: (f64, f64, f64)) -> Mean {
     }))
 }
 
-pub(super) fn depth(version: u32) -> Vec<Gate> {
+pub fn depth() -> Vec<Gate> {
     const JUMP: (f64, f64, f64) = (3000.0, 3.0, 100.0);
     const NONE: (f64, f64, f64) = (0.0, 0.0, 0.0);
     let ratio = |jump| {
-        let (shallow, deep) = (rate(version, 500.0, jump), rate(version, 5000.0, jump));
+        let (shallow, deep) = (rate(500.0, jump), rate(5000.0, jump));
         let said = format!("{:.2} over {:.2} um/s at 55 V", deep.of, shallow.of);
         (deep.of / shallow.of, said, [(0.5, shallow), (5.0, deep)])
     };
@@ -185,7 +186,7 @@ pub(super) fn depth(version: u32) -> Vec<Gate> {
     ]
 }
 
-pub(super) fn monotony(version: u32) -> Vec<Gate> {
+pub fn monotony() -> Vec<Gate> {
     // Every pulse that waits draws once from a stream of its own, so two gaps meet the same draws and a wider one has to
     // wait longer in every single pulse.
     let (mut volts, mut hazards, mut looked) = (0, 0, 0);
@@ -193,7 +194,7 @@ pub(super) fn monotony(version: u32) -> Vec<Gate> {
     for machine in MACHINES {
         let mut figure = Figure::new(machine.name, "gap, um", "mean voltage, V");
         for dirt in [0.0, 1.0, 4.0] {
-            let p = Parameters { burn_scatter_v: 0.0, runout_um: 0.0, ..machine.of(version) };
+            let p = Parameters { burn_scatter_v: 0.0, runout_um: 0.0, ..machine.of() };
             let (mut last_volts, mut last_rate) = (0.0, f64::INFINITY);
             let mut curve = Vec::new();
             for k in 1..=48 {
@@ -222,13 +223,13 @@ pub(super) fn monotony(version: u32) -> Vec<Gate> {
     ]
 }
 
-pub(super) fn mass(version: u32) -> Vec<Gate> {
+pub fn mass() -> Vec<Gate> {
     let jumps = Motion { jump: (3000.0, 3.0, 100.0), buzz: (5.0, 200.0) };
-    let deep = Parameters { depth_um: 3000.0, flush_kpa: 5.0, ..SINKER.of(version) };
-    let through = Parameters { thickness_um: 200.0, ..GAO.of(version) };
+    let deep = Parameters { depth_um: 3000.0, flush_kpa: 5.0, ..SINKER.of() };
+    let through = Parameters { thickness_um: 200.0, ..GAO.of() };
     let bored = [
-        bore(&[(SINKER.of(version), Law::Voltage(Voltage::calm(50.0)), jumps)], 2, 300.0, 600.0),
-        bore(&[(deep, Law::Voltage(Voltage::thesis_of(version, 50.0)), jumps)], 2, 300.0, 600.0),
+        bore(&[(SINKER.of(), Law::Voltage(Voltage::calm(50.0)), jumps)], 2, 300.0, 600.0),
+        bore(&[(deep, Law::Voltage(Voltage::thesis(50.0)), jumps)], 2, 300.0, 600.0),
         bore(&[(through, Law::Fc(200, true), Motion::default())], 2, 300.0, 300.0),
     ];
     let worst = largest(bored.iter().flatten().map(|bored| bored.imbalance));
@@ -236,9 +237,9 @@ pub(super) fn mass(version: u32) -> Vec<Gate> {
     vec![Gate::new(Kind::Physics, "debris lost or made, share of all", worst, Wanted::AtMost(1e-9), note)]
 }
 
-pub(super) fn steps(version: u32) -> Vec<Gate> {
+pub fn steps() -> Vec<Gate> {
     let halved = |p: Parameters| Parameters { step_us: 0.5 * p.step_us, ..p };
-    let (sinker, gao) = (SINKER.of(version), GAO.of(version));
+    let (sinker, gao) = (SINKER.of(), GAO.of());
     let mut found: Vec<(String, Mean, Mean)> = Vec::new();
     let seeds: Vec<u64> = (1..=2 * SEEDS).collect();
     for (name, law, p, depth_um) in [
@@ -261,7 +262,7 @@ pub(super) fn steps(version: u32) -> Vec<Gate> {
     }
     let of = |p: Parameters| {
         let all = each(&seeds, |&seed| {
-            Rig::new(&p, Law::Voltage(Voltage::thesis_of(version, 50.0)), Motion::default(), seed)
+            Rig::new(&p, Law::Voltage(Voltage::thesis(50.0)), Motion::default(), seed)
                 .map_or(f64::NAN, |mut rig| swing(&mut rig, 10.0, 20.0).um)
         });
         Mean::new(&all)

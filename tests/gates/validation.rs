@@ -1,10 +1,12 @@
 //! Published numbers that nothing was fitted to. The laws of \[G\] are the ideal ones of the harness, in both settings of its
 //! machine.
 
-use super::statistics::largest;
-use super::{Figure, Gate, Kind, Mean, Wanted, calibration, each};
-use crate::harness::{Law, Motion, Rig, Voltage};
-use crate::parameters::{GAO, GAO_CLEAR, Machine, Parameters, SINKER};
+use super::calibration;
+use super::gate::{Gate, Kind, Wanted};
+use super::statistics::{Mean, each, largest};
+use edm_process::harness::{Law, Motion, Rig, Voltage};
+use edm_process::parameters::{GAO, GAO_CLEAR, Machine, Parameters, SINKER};
+use edm_sim::plot::Figure;
 
 const SETTINGS: [Machine; 2] = [GAO, GAO_CLEAR];
 /// Depth to which thresholds and off-times are compared, um; \[G\] went to 1000, which takes the minutes of three hundred.
@@ -43,12 +45,12 @@ fn runs(of: &[(Parameters, Law)], depth_um: f64, seeds: u64, at_most_s: f64) -> 
         .collect()
 }
 
-pub(super) fn threshold(version: u32) -> Vec<Gate> {
+pub fn threshold() -> Vec<Gate> {
     const DHT: [u32; 9] = [10, 25, 50, 100, 150, 200, 300, 500, 1000];
     let mut gates = Vec::new();
     for machine in SETTINGS {
         let name = machine.name;
-        let all = runs(&DHT.map(|dht| (machine.of(version), Law::Fc(dht, true))), THRESHOLD_UM, 3, 20_000.0);
+        let all = runs(&DHT.map(|dht| (machine.of(), Law::Fc(dht, true))), THRESHOLD_UM, 3, 20_000.0);
         let times = all.iter().map(|run| run.seconds.of).enumerate();
         let best = times.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |best| best.0);
         let said = DHT.iter().zip(&all).map(|(dht, run)| {
@@ -106,7 +108,7 @@ pub(super) fn threshold(version: u32) -> Vec<Gate> {
     gates
 }
 
-pub(super) fn retreats(version: u32) -> Vec<Gate> {
+pub fn retreats() -> Vec<Gate> {
     const FC: Law = Law::Fc(200, false);
     const LAWS: [(&str, Law); 6] = [
         ("FC 200", FC),
@@ -119,7 +121,7 @@ pub(super) fn retreats(version: u32) -> Vec<Gate> {
     let mut gates = Vec::new();
     for machine in SETTINGS {
         let name = machine.name;
-        let p = machine.of(version);
+        let p = machine.of();
         let blind = runs(&LAWS.map(|(_, law)| (p, law)), 2200.0, 1, 20_000.0);
         let figure = |what: &str, y, of: &[Run], value: fn(&Run) -> Mean| {
             Figure::new(format!("{name}: {what}"), "law of [G]", y)
@@ -163,17 +165,17 @@ pub(super) fn retreats(version: u32) -> Vec<Gate> {
         if let Some(gate) = gates.last_mut() {
             gate.figures.push(times);
         }
-        gates.push(stages(version, &machine));
+        gates.push(stages(&machine));
     }
     gates
 }
 
 /// \[G\] fig. 8: a touch stage, a stable one, a deep one.
-fn stages(version: u32, machine: &Machine) -> Gate {
+fn stages(machine: &Machine) -> Gate {
     const ENDS_UM: [f64; 3] = [50.0, 700.0, 1000.0];
     let seeds: Vec<u64> = (1..=4).collect();
     let all = each(&seeds, |&seed| {
-        let Ok(mut rig) = Rig::new(&machine.of(version), Law::Fc(200, true), Motion::default(), seed) else {
+        let Ok(mut rig) = Rig::new(&machine.of(), Law::Fc(200, true), Motion::default(), seed) else {
             return [f64::NAN; 3];
         };
         ENDS_UM.map(|um| {
@@ -206,11 +208,11 @@ fn stages(version: u32, machine: &Machine) -> Gate {
     .curve("simulated", [(0.0, touch), (1.0, stable), (2.0, deep)])])
 }
 
-pub(super) fn off_time(version: u32) -> Vec<Gate> {
+pub fn off_time() -> Vec<Gate> {
     const OFF_US: [f64; 4] = [6.0, 12.0, 18.0, 24.0];
     let mut gates = Vec::new();
     for machine in SETTINGS {
-        let p = machine.of(version);
+        let p = machine.of();
         // The threshold stays the share of pulses that 200 is at 6 us.
         let of = OFF_US.map(|off_us| {
             let dht = (200.0 * (p.on_us + 6.0) / (p.on_us + off_us)).round() as u32;
@@ -250,9 +252,9 @@ pub(super) fn off_time(version: u32) -> Vec<Gate> {
     gates
 }
 
-pub(super) fn hunting(version: u32) -> Vec<Gate> {
-    let (um, hz, volts) = calibration::thesis_swing(&SINKER.of(version), Voltage::cnc(50.0), 6);
-    let (calm, ..) = calibration::thesis_swing(&SINKER.of(version), Voltage::calm(50.0), 6);
+pub fn hunting() -> Vec<Gate> {
+    let (um, hz, volts) = calibration::thesis_swing(&SINKER.of(), Voltage::cnc(50.0), 6);
+    let (calm, ..) = calibration::thesis_swing(&SINKER.of(), Voltage::calm(50.0), 6);
     vec![
         Gate::new(
             Kind::Validation,
@@ -269,8 +271,8 @@ pub(super) fn hunting(version: u32) -> Vec<Gate> {
             "time, s",
             "about its mean, um",
         )
-        .line("CNC axis", calibration::motion(&SINKER.of(version), Voltage::cnc(50.0)))
-        .line("loop of 3 Hz", calibration::motion(&SINKER.of(version), Voltage::calm(50.0)))]),
+        .line("CNC axis", calibration::motion(&SINKER.of(), Voltage::cnc(50.0)))
+        .line("loop of 3 Hz", calibration::motion(&SINKER.of(), Voltage::calm(50.0)))]),
         Gate::new(
             Kind::Validation,
             "slow CNC axis over a loop of 3 Hz: swing",

@@ -1,14 +1,16 @@
 //! Sensitivity: how far every unpublished number, one at a time, moves the results of the gates.
 
-use super::{calibration, each};
-use crate::harness::{Law, Motion, Rig, Voltage};
-use crate::parameters::{Basis, DECLARED, GAO, Machine, OF_VERSION_1, Parameters, SINKER, XIN};
+use super::calibration;
+use super::gate::Gate;
+use super::statistics::each;
+use edm_process::harness::{Law, Motion, Rig, Voltage};
+use edm_process::parameters::{DECLARED, GAO, Machine, Parameters, SINKER, XIN};
 
 /// What a number is multiplied and divided by.
-pub const FACTOR: f64 = 1.5;
+const FACTOR: f64 = 1.5;
 
 /// Results compared, with their units.
-pub const RESULTS: [&str; 7] = [
+const RESULTS: [&str; 7] = [
     "sinker at 50 V: time to 0.1 mm, s",
     "arcs there, %",
     "thesis machine: swing, um",
@@ -18,50 +20,28 @@ pub const RESULTS: [&str; 7] = [
     "short cycles there, %",
 ];
 
-/// Results with a number changed.
-#[derive(Clone, Debug)]
-pub struct Row {
-    /// Name of the parameter; empty for none.
-    pub key: &'static str,
-    /// What it is multiplied by.
-    pub factor: f64,
-    /// In the order of [`RESULTS`].
-    pub results: [f64; 7],
-}
-
 /// Numbers of the process that are assumed or chosen for any of the three machines and are not zero in all of them.
-fn looked_at(version: u32) -> Vec<&'static str> {
-    let open =
-        |key: &&str| [SINKER, XIN, GAO].iter().any(|machine| unpublished(version, machine).any(|other| other == *key));
+fn looked_at() -> Vec<&'static str> {
+    let open = |key: &&str| [SINKER, XIN, GAO].iter().any(|machine| machine.unpublished().any(|other| other == *key));
     DECLARED.iter().map(|declared| declared.key).filter(open).collect()
 }
 
-/// Numbers of the process that are assumed or chosen for a machine, and not zero.
-pub fn unpublished(version: u32, machine: &Machine) -> impl Iterator<Item = &'static str> {
-    let begins_axis = DECLARED.iter().position(|declared| declared.key == "step_us").unwrap_or(DECLARED.len());
-    let of_process = DECLARED.iter().zip(machine.of(version).values()).enumerate();
-    let of_process = of_process.filter(|(k, _)| *k < begins_axis || (version > 1 && *k >= OF_VERSION_1));
-    let open: Vec<&'static str> = of_process
-        .map(|(_, of)| of)
-        .filter(|(declared, value)| {
-            let switch = matches!(declared.key, "negative" | "comes_back" | "depth_um" | "thickness_um");
-            let basis = machine.basis(version, declared.key);
-            *value != 0.0 && !switch && matches!(basis, Some(Basis::Assumed(_) | Basis::Chosen(_)))
-        })
-        .map(|(declared, _)| declared.key)
-        .collect();
-    open.into_iter()
+/// First as it is, then every number down and up.
+pub fn sensitivity() -> Vec<Gate> {
+    let mut all = vec![("nothing", 1.0)];
+    all.extend(looked_at().into_iter().flat_map(|key| [(key, 1.0 / FACTOR), (key, FACTOR)]));
+    let found = each(&all, |&(key, factor)| results(key, factor));
+    let rows = all.iter().zip(found).flat_map(|(&(key, factor), results)| {
+        RESULTS
+            .into_iter()
+            .zip(results)
+            .map(move |(what, value)| Gate::figure(format!("{key} by {factor:.3}: {what}"), value, ""))
+    });
+    rows.collect()
 }
 
-/// The table: first as it is, then every number up and down.
-pub fn sensitivity(version: u32) -> Vec<Row> {
-    let mut all = vec![("", 1.0)];
-    all.extend(looked_at(version).into_iter().flat_map(|key| [(key, 1.0 / FACTOR), (key, FACTOR)]));
-    each(&all, |&(key, factor)| Row { key, factor, results: results(version, key, factor) })
-}
-
-fn changed(version: u32, machine: &Machine, key: &str, factor: f64) -> Parameters {
-    let mut p = machine.of(version);
+fn changed(machine: &Machine, key: &str, factor: f64) -> Parameters {
+    let mut p = machine.of();
     if let Some(k) = DECLARED.iter().position(|declared| declared.key == key) {
         let value = p.values().nth(k).unwrap_or(0.0) * factor;
         let (least, most) = DECLARED[k].range;
@@ -71,10 +51,10 @@ fn changed(version: u32, machine: &Machine, key: &str, factor: f64) -> Parameter
     p
 }
 
-fn results(version: u32, key: &str, factor: f64) -> [f64; 7] {
+fn results(key: &str, factor: f64) -> [f64; 7] {
     const NOTHING: Motion = Motion { buzz: (0.0, 0.0), jump: (0.0, 0.0, 0.0) };
     const SEEDS: u64 = 2;
-    let p = changed(version, &SINKER, key, factor);
+    let p = changed(&SINKER, key, factor);
     let (mut seconds, mut arcs, mut pulses) = (0.0, 0, 0);
     for seed in 1..=SEEDS {
         let Ok(mut rig) = Rig::new(&p, Law::Voltage(Voltage::calm(50.0)), NOTHING, seed) else { return [f64::NAN; 7] };
@@ -82,8 +62,8 @@ fn results(version: u32, key: &str, factor: f64) -> [f64; 7] {
         arcs += rig.process.pulses().arc;
         pulses += rig.process.pulses().total();
     }
-    let swing = Rig::new(&p, Law::Voltage(Voltage::thesis_of(version, 50.0)), NOTHING, 1)
-        .map_or(f64::NAN, |mut rig| crate::harness::swing(&mut rig, 5.0, 20.0).um);
+    let swing = Rig::new(&p, Law::Voltage(Voltage::thesis(50.0)), NOTHING, 1)
+        .map_or(f64::NAN, |mut rig| edm_process::harness::swing(&mut rig, 5.0, 20.0).um);
     let rate = |depth_um| {
         let p = Parameters { depth_um, ..p };
         let Ok(mut rig) = Rig::new(&p, Law::Voltage(Voltage::calm(55.0)), NOTHING, 1) else { return f64::NAN };
@@ -93,7 +73,7 @@ fn results(version: u32, key: &str, factor: f64) -> [f64; 7] {
         rig.process.depth_um() - before
     };
     let removed = |gap| {
-        let Ok(mut rig) = Rig::new(&changed(version, &XIN, key, factor), Law::Gap(gap), NOTHING, 1) else {
+        let Ok(mut rig) = Rig::new(&changed(&XIN, key, factor), Law::Gap(gap), NOTHING, 1) else {
             return f64::NAN;
         };
         rig.run(10.0);
@@ -104,7 +84,7 @@ fn results(version: u32, key: &str, factor: f64) -> [f64; 7] {
     let ends = |at: usize| calibration::TABLE_4.get(at).map_or(f64::NAN, |row| row.0);
     let (mut micro_s, mut short) = (0.0, 0.0);
     for seed in 1..=SEEDS {
-        let p = changed(version, &GAO, key, factor);
+        let p = changed(&GAO, key, factor);
         let Ok(mut rig) = Rig::new(&p, Law::Fc(200, true), NOTHING, seed) else { return [f64::NAN; 7] };
         micro_s += rig.bore(200.0, 1000.0) / SEEDS as f64;
         short += 100.0 * rig.tally.short_cycles as f64 / rig.tally.cycles as f64 / SEEDS as f64;

@@ -1,10 +1,11 @@
 //! Published numbers that parameters were fitted to.
 
-use super::statistics::largest;
-use super::{Figure, Gate, Kind, Mean, Wanted, each};
-use crate::harness::{Law, Motion, Rig, Swing, Voltage, swing};
-use crate::parameters::{Parameters, SINKER, XIN};
-use crate::{Orders, Process, Stretch, Wires};
+use super::gate::{Gate, Kind, Wanted};
+use super::statistics::{Mean, each, largest};
+use edm_process::harness::{Law, Motion, Rig, Swing, Voltage, swing};
+use edm_process::parameters::{Parameters, SINKER, XIN};
+use edm_process::{Orders, Process, Stretch, Wires};
+use edm_sim::plot::Figure;
 
 /// \[X\] table 2: gap in um, three charging times in us.
 pub const TABLE_2: [(f64, [f64; 3]); 15] = [
@@ -76,11 +77,11 @@ pub fn charging_error(p: &Parameters) -> (f64, f64) {
     (worst.0.abs(), worst.1)
 }
 
-pub(super) fn charging(version: u32) -> Vec<Gate> {
-    let (off, at) = charging_error(&XIN.of(version));
+pub fn charging() -> Vec<Gate> {
+    let (off, at) = charging_error(&XIN.of());
     let figure = Figure::new("Charging time to 63 % against gap", "gap, um", "charging time, us")
         .published("[X] table 2", TABLE_2.map(|(gap, times)| (gap, published_time(&times))))
-        .line("simulated", (8..=84).step_by(4).map(|um| (um.into(), charging_time(&XIN.of(version), um.into()))));
+        .line("simulated", (8..=84).step_by(4).map(|um| (um.into(), charging_time(&XIN.of(), um.into()))));
     vec![
         Gate::new(
             Kind::Calibration,
@@ -118,8 +119,8 @@ pub fn removal(p: &Parameters, seeds: u64, seconds: f64) -> Vec<Removal> {
     by_gap.map(|(&(gap_um, published), rates)| Removal { gap_um, published, simulated: Mean::new(rates) }).collect()
 }
 
-pub(super) fn removals(version: u32) -> Vec<Gate> {
-    let all = removal(&XIN.of(version), 4, 200.0);
+pub fn removals() -> Vec<Gate> {
+    let all = removal(&XIN.of(), 4, 200.0);
     let off = |r: &Removal| 100.0 * (r.simulated.of / r.published - 1.0).abs();
     let said = all.iter().map(|r| {
         format!("{} um: {:.1} +- {:.1} mg/min ({} published)", r.gap_um, r.simulated.of, r.simulated.error, r.published)
@@ -139,7 +140,7 @@ pub(super) fn removals(version: u32) -> Vec<Gate> {
 }
 
 /// Electrode about its mean for a second after ten, um over s.
-pub(super) fn motion(p: &Parameters, servo: Voltage) -> Vec<(f64, f64)> {
+pub fn motion(p: &Parameters, servo: Voltage) -> Vec<(f64, f64)> {
     let Ok(mut rig) = Rig::new(p, Law::Voltage(servo), Motion::default(), 1) else { return Vec::new() };
     rig.run(10.0);
     let mut all = Vec::new();
@@ -162,8 +163,8 @@ pub fn thesis_swing(p: &Parameters, servo: Voltage, seeds: u64) -> (Mean, Mean, 
     (mean(|s| s.um), mean(|s| s.hz), mean(|s| s.volts))
 }
 
-pub(super) fn swings(version: u32) -> Vec<Gate> {
-    let (um, hz, volts) = thesis_swing(&SINKER.of(version), Voltage::thesis_of(version, 50.0), 6);
+pub fn swings() -> Vec<Gate> {
+    let (um, hz, volts) = thesis_swing(&SINKER.of(), Voltage::thesis(50.0), 6);
     vec![
         Gate::new(
             Kind::Calibration,
@@ -177,7 +178,7 @@ pub(super) fn swings(version: u32) -> Vec<Gate> {
             "time, s",
             "about its mean, um",
         )
-        .line("simulated", motion(&SINKER.of(version), Voltage::thesis_of(version, 50.0)))
+        .line("simulated", motion(&SINKER.of(), Voltage::thesis(50.0)))
         .limit("", 20.0)
         .limit("", -20.0)]),
         Gate::new(

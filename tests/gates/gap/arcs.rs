@@ -3,13 +3,12 @@
 //! The reference is a count in the process: arcs were more than `supervise.arc_percent` of all pulses of the last 200 ms
 //! for `supervise.arc_ms`. The head samples one pulse a millisecond.
 
-use crate::bore::Setup;
-use crate::machine::Machine;
-use crate::pool::{run_all, workers};
-use crate::process::Pulses;
 use edm_servo_head::head::{Command, Fault, Refused, State};
 use edm_servo_head::settings::{Settings, Value};
 use edm_servo_head::units::{Nanometres, TICK_HZ};
+use edm_sim::machine::Machine;
+use edm_sim::process::Pulses;
+use edm_sim::run::Setup;
 use std::collections::VecDeque;
 
 /// Time in which the head must report persistent arcs, ms.
@@ -28,8 +27,6 @@ struct Truth {
     counts: VecDeque<Pulses>,
     /// Milliseconds in a row for which arcs have had more than their share.
     above: u64,
-    /// Largest share that they have had, %.
-    most: f64,
 }
 
 impl Truth {
@@ -42,7 +39,6 @@ impl Truth {
         let Some(then) = self.counts.pop_front() else { return false };
         let since = now.since(&then);
         let share = 100.0 * since.arc as f64 / since.total().max(LEAST) as f64;
-        self.most = self.most.max(share);
         self.above = if share > f64::from(settings.arc_share) { self.above + 1 } else { 0 };
         self.above > u64::from(settings.arc_ms)
     }
@@ -137,8 +133,6 @@ pub fn with_arcs(name: &str, percent: f64, seed: u64) -> Result<Named, String> {
 pub struct Without {
     /// It reported persistent arcs although the process had none until then.
     pub falsely: bool,
-    /// Largest share of arcs that there really was in 200 ms, %.
-    pub most: f64,
 }
 
 /// Lets a head erode.
@@ -153,46 +147,5 @@ pub fn without_arcs(name: &str, seed: u64) -> Result<Without, String> {
         stay |= truth.look(machine.process.truth().pulses, &settings);
         falsely |= !stay && machine.status().fault == Some(Fault::PersistentArc);
     }
-    Ok(Without { falsely, most: truth.most })
-}
-
-/// Result of the runs.
-#[derive(Clone, Debug, Default)]
-pub struct Arcs {
-    /// Runs with arcs and without.
-    pub runs: u64,
-    /// Longest time after there were any until they were named, ms.
-    pub named_ms_max: u64,
-    /// Longest time after the first arc until they were named, ms.
-    pub after_ms_max: u64,
-    /// Runs that reported persistent arcs without any, or another fault instead.
-    pub falsely: u64,
-}
-
-/// Runs scenarios with so many percent of arcs, and without, with seeds from 1 on.
-///
-/// # Errors
-/// When a scenario cannot be loaded, or a head does not begin to erode.
-pub fn measure(scenarios: &[&str], percent: f64, seeds: u64) -> Result<Arcs, String> {
-    let work: Vec<(&str, u64, bool)> = scenarios
-        .iter()
-        .flat_map(|name| (1..=seeds).flat_map(move |seed| [(*name, seed, true), (*name, seed, false)]))
-        .collect();
-    let mut arcs = Arcs::default();
-    let run = |&(name, seed, with): &(&str, u64, bool)| -> Result<([u64; 2], bool), String> {
-        if with {
-            with_arcs(name, percent, seed).map(|named| ([named.late_ms(), named.after_ms()], !named.rightly()))
-        } else {
-            without_arcs(name, seed).map(|without| ([0; 2], without.falsely))
-        }
-    };
-    run_all(&work, workers(None), run, |done| {
-        let ([late_ms, after_ms], falsely) = done?;
-        arcs.runs += 1;
-        arcs.after_ms_max = arcs.after_ms_max.max(after_ms);
-        arcs.named_ms_max = arcs.named_ms_max.max(late_ms);
-        arcs.falsely += u64::from(falsely);
-        Ok(())
-    })?;
-    Ok(arcs)
+    Ok(Without { falsely })
 }

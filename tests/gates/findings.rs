@@ -1,105 +1,34 @@
 //! Gates on every scenario: what a feed law that searches for holes in the model must not find.
 
-use super::statistics::largest;
-use super::{Figure, Gate, Kind, Mean, Wanted, each};
-use crate::Pulses;
-use crate::harness::{Law, Motion, Rig, Voltage};
-use crate::parameters::{GAO, GAO_CLEAR, Machine, Parameters, SINKER, XIN};
+use super::gate::{Gate, Kind, Wanted};
+use super::statistics::{Mean, each, largest};
+use edm_process::Pulses;
+use edm_process::harness::{Law, Motion, Rig, Voltage};
+use edm_process::parameters::{GAO, GAO_CLEAR, Parameters, SINKER};
+use edm_sim::plot::Figure;
+use edm_sim::run::Setup;
 
-/// The process of a scenario of host/sim, by its name.
-pub struct Situation {
-    /// Name of the scenario.
-    pub name: &'static str,
-    /// Machine that it starts from.
-    pub machine: &'static Machine,
-    /// Numbers in which it differs.
-    pub numbers: &'static [(&'static str, f64)],
-}
-
-impl Situation {
-    /// Its numbers in a version of the model.
-    pub fn of(&self, version: u32) -> Parameters {
-        let mut p = self.machine.of(version);
-        for (key, value) in self.numbers {
-            // A test sets them all.
-            let _ = p.set(key, *value);
-        }
-        p
-    }
-}
-
-const fn on(machine: &'static Machine, name: &'static str, numbers: &'static [(&'static str, f64)]) -> Situation {
-    Situation { name, machine, numbers }
-}
-
-/// All scenarios with a process of their own, and two more in which version 1 was found to reward arcs.
-pub const SITUATIONS: [Situation; 13] = [
-    on(&SINKER, "sinker", &[]),
-    on(
-        &SINKER,
+/// Scenarios whose process is another than the others', and two holes in which an earlier model was found to reward arcs.
+fn situations() -> Vec<(&'static str, Parameters)> {
+    const SCENARIOS: [&str; 11] = [
+        "sinker",
         "sinker-100khz",
-        &[
-            ("on_us", 8.02),
-            ("off_us", 2.005),
-            ("cable_us", 0.1),
-            ("charge_ohm", 3000.0),
-            ("recovery_us", 0.3),
-            ("peak_um", 1.0),
-            ("bridge_um", 12.0),
-            ("exchange_um", 20.0),
-            ("step_us", 100.0),
-        ],
-    ),
-    on(&SINKER, "sinker-1khz", &[("on_us", 800.0), ("off_us", 200.0), ("step_us", 500.0)]),
-    on(
-        &SINKER,
+        "sinker-1khz",
         "sinker-0.1mm",
-        &[
-            ("radius_um", 100.0),
-            ("side_um", 20.0),
-            ("on_us", 20.0),
-            ("off_us", 20.0),
-            ("burn_ohm", 240.0),
-            ("recovery_us", 2.0),
-            ("peak_um", 1.0),
-            ("bridge_um", 5.0),
-            ("exchange_um", 8.0),
-            ("rest_mm3_s", 0.001),
-        ],
-    ),
-    on(
-        &SINKER,
         "sinker-25mm",
-        &[
-            ("radius_um", 25_000.0),
-            ("burn_ohm", 0.2),
-            ("side_um", 150.0),
-            ("exchange_um", 90.0),
-            ("flush_kpa", 5.0),
-            ("mass_kg", 2.0),
-            ("counterbalance_n", 20.2),
-        ],
-    ),
-    on(&SINKER, "sinker-dirty", &[("depth_um", 1500.0), ("gas_side", 50.0), ("bridge_hz", 1.0)]),
-    on(&SINKER, "sinker-deep", &[("depth_um", 5000.0)]),
-    on(
-        &SINKER,
+        "sinker-dirty",
+        "sinker-deep",
         "cavity",
-        &[
-            ("radius_um", 10_000.0),
-            ("depth_um", 2000.0),
-            ("burn_ohm", 2.0),
-            ("side_um", 100.0),
-            ("exchange_um", 70.0),
-            ("flush_kpa", 5.0),
-        ],
-    ),
-    on(&XIN, "silicon", &[]),
-    on(&GAO, "micro-blind", &[]),
-    on(&GAO_CLEAR, "micro-blind-clear", &[]),
-    on(&SINKER, "a hole of 2 mm", &[("depth_um", 2000.0)]),
-    on(&SINKER, "a radius of 0.5 mm", &[("radius_um", 500.0)]),
-];
+        "silicon",
+        "micro-blind",
+        "micro-blind-clear",
+    ];
+    let model = |name| Setup::load(name).expect("a scenario").process.model();
+    let mut all: Vec<(&str, Parameters)> = SCENARIOS.map(|name| (name, model(name))).into();
+    all.push(("a hole of 2 mm", Parameters { depth_um: 2000.0, ..SINKER.of() }));
+    all.push(("a radius of 0.5 mm", Parameters { radius_um: 500.0, ..SINKER.of() }));
+    all
+}
 
 /// A machine, the law that moves its electrode, and what else does.
 type Condition = (Parameters, Law, Motion);
@@ -168,19 +97,13 @@ fn best(done: &[Done]) -> usize {
     rates.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |best| best.0)
 }
 
-pub(super) fn arcing(version: u32) -> Vec<Gate> {
-    arcing_of(version, "")
-}
-
-/// The gates of the situations whose name has this.
-pub fn arcing_of(version: u32, names: &str) -> Vec<Gate> {
+pub fn arcing() -> Vec<Gate> {
     /// 35 to 72 V of the sinker.
     const SHARES: [f64; 8] = [0.06, 0.16, 0.27, 0.37, 0.48, 0.58, 0.69, 0.83];
     const THRESHOLDS: [u32; 8] = [1000, 700, 500, 300, 200, 150, 100, 50];
     let mut gates = Vec::new();
-    for situation in SITUATIONS.iter().filter(|situation| situation.name.contains(names)) {
-        let p = situation.of(version);
-        let micro = p.kind == crate::Kind::ControlledRc;
+    for (name, p) in situations() {
+        let micro = p.kind == edm_process::Kind::ControlledRc;
         let conditions: Vec<Condition> = (0..SHARES.len())
             .map(|k| {
                 let law = if micro {
@@ -209,7 +132,7 @@ pub fn arcing_of(version: u32, names: &str) -> Vec<Gate> {
         let of = |value: fn(&Done) -> f64, over: f64| {
             done.iter().enumerate().map(|(k, done)| (sets(k), value(done) * over)).collect::<Vec<_>>()
         };
-        let figure = Figure::new(situation.name, if micro { "threshold" } else { "set point, V" }, "%")
+        let figure = Figure::new(name, if micro { "threshold" } else { "set point, V" }, "%")
             .line("rate, % of the best", of(|done| done.rate.of, 100.0 / done[best].rate.of))
             .line("arcs, % of pulses", of(Done::arcs, 1.0))
             .limit("", 15.0);
@@ -217,7 +140,7 @@ pub fn arcing_of(version: u32, names: &str) -> Vec<Gate> {
         gates.push(
             Gate::new(
                 Kind::Physics,
-                format!("{}: arcs at the best set point, % of pulses", situation.name),
+                format!("{name}: arcs at the best set point, % of pulses"),
                 done[best].arcs(),
                 Wanted::AtMost(15.0),
                 said.collect::<Vec<_>>().join("; "),
@@ -235,7 +158,7 @@ fn inside(done: &[Done]) -> (usize, f64) {
     (best, of(0).min(of(done.len() - 1)))
 }
 
-pub(super) fn flushing(version: u32) -> Vec<Gate> {
+pub fn flushing() -> Vec<Gate> {
     const DEPTHS: [f64; 2] = [2000.0, 5000.0];
     const HEIGHTS: [f64; 6] = [50.0, 200.0, 500.0, 1000.0, 3000.0, 10_000.0];
     const EVERY: [f64; 6] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
@@ -256,7 +179,7 @@ pub(super) fn flushing(version: u32) -> Vec<Gate> {
     let [heights, intervals, speeds, pressures, holes] = &mut figures;
     let deep = |depth_um: f64| format!("{} mm deep", depth_um * 1e-3);
     for depth_um in DEPTHS {
-        let p = Parameters { depth_um, ..SINKER.of(version) };
+        let p = Parameters { depth_um, ..SINKER.of() };
         let law = Law::Voltage(Voltage::calm(55.0));
         let jump = |height: f64, every: f64, speed: f64| {
             (p, law, Motion { jump: (height, every, speed), ..Motion::default() })
@@ -290,7 +213,7 @@ pub(super) fn flushing(version: u32) -> Vec<Gate> {
         }
     }
     for depth_um in DEPTHS {
-        let p = Parameters { depth_um, ..SINKER.of(version) };
+        let p = Parameters { depth_um, ..SINKER.of() };
         let law = Law::Voltage(Voltage::calm(55.0));
         let conditions = PRESSURES.map(|flush_kpa| (Parameters { flush_kpa, ..p }, law, Motion::default()));
         let done = work(&conditions, 3, 30.0, 90.0);
@@ -318,7 +241,7 @@ pub(super) fn flushing(version: u32) -> Vec<Gate> {
         ("jumps of 3 mm every 3 s", (3000.0, 3.0, 100.0)),
     ] {
         let conditions = HOLES.map(|depth_um| {
-            let p = Parameters { depth_um, ..SINKER.of(version) };
+            let p = Parameters { depth_um, ..SINKER.of() };
             (p, Law::Voltage(Voltage::calm(55.0)), Motion { jump, ..Motion::default() })
         });
         let done = work(&conditions, 4, 30.0, 90.0);
@@ -342,10 +265,10 @@ pub(super) fn flushing(version: u32) -> Vec<Gate> {
     gates
 }
 
-pub(super) fn reach(version: u32) -> Vec<Gate> {
+pub fn reach() -> Vec<Gate> {
     const RADII: [f64; 5] = [500.0, 1500.0, 5000.0, 10_000.0, 25_000.0];
     let conditions = RADII.map(|radius_um| {
-        let p = Parameters { radius_um, ..SINKER.of(version) };
+        let p = Parameters { radius_um, ..SINKER.of() };
         (p, Law::Voltage(Voltage::calm(60.0)), Motion::default())
     });
     let done = work(&conditions, 2, 10.0, 20.0);
@@ -381,11 +304,11 @@ fn faster(before: &Mean, rate: &Mean) -> Mean {
     Mean { of: -less.of, ..less }
 }
 
-pub(super) fn micro_buzz(version: u32) -> Vec<Gate> {
+pub fn micro_buzz() -> Vec<Gate> {
     let mut gates: Vec<Gate> = Vec::new();
     let mut gains = Vec::new();
     for machine in [GAO, GAO_CLEAR] {
-        let p = machine.of(version);
+        let p = machine.of();
         let conditions =
             [(0.0, 0.0), (2.0, 200.0)].map(|buzz| (p, Law::Fc(200, true), Motion { buzz, ..Motion::default() }));
         let done = work(&conditions, 36, 10.0, 60.0);
@@ -411,15 +334,15 @@ pub(super) fn micro_buzz(version: u32) -> Vec<Gate> {
 }
 
 /// A condition of a plain RC generator: capacitor, pF, and resistance over the least of textbooks.
-fn rc_at(version: u32, capacitor_pf: f64, over_least: f64) -> Condition {
-    let p = Parameters { kind: crate::Kind::Rc, capacitor_pf, ..SINKER.of(version) };
+fn rc_at(capacitor_pf: f64, over_least: f64) -> Condition {
+    let p = Parameters { kind: edm_process::Kind::Rc, capacitor_pf, ..SINKER.of() };
     let p = Parameters { capacitor_ohm: over_least * p.least_ohm(), ..p };
     (p, Law::Voltage(Voltage::calm(0.65 * p.open_v)), Motion::default())
 }
 
 /// Arcs against the resistance of a plain RC generator. Textbooks have a least one, 30 sqrt(L/C), below which sparks become arcs: the
 /// recovery time was chosen by it with 10 nF, the other capacitors are held out.
-fn rc_least(version: u32) -> Vec<Gate> {
+fn rc_least() -> Vec<Gate> {
     const RATIOS: [f64; 6] = [0.25, 0.5, 1.0, 1.5, 2.25, 4.5];
     const HALF: usize = 1;
     const MORE: usize = 3;
@@ -428,7 +351,7 @@ fn rc_least(version: u32) -> Vec<Gate> {
     let mut gates = Vec::new();
     let mut figure = Figure::new("Arcs at 65 V", "resistance over 30 sqrt(L/C)", "arcs, % of pulses").log();
     for (pf, name, kind) in CAPACITORS {
-        let done = work(&RATIOS.map(|ratio| rc_at(version, pf, ratio)), 2, 3.0, 7.0);
+        let done = work(&RATIOS.map(|ratio| rc_at(pf, ratio)), 2, 3.0, 7.0);
         let said = RATIOS.iter().zip(&done).map(|(ratio, done)| {
             format!("{ratio}: {:.3} um/s, arcs {:.2} %, shorts {:.1} %", done.rate.of, done.arcs(), done.shorts())
         });
@@ -450,9 +373,9 @@ fn rc_least(version: u32) -> Vec<Gate> {
     gates
 }
 
-pub(super) fn rc(version: u32) -> Vec<Gate> {
+pub fn rc() -> Vec<Gate> {
     const SHARES: [f64; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
-    let p = Parameters { kind: crate::Kind::Rc, capacitor_pf: 10_000.0, ..SINKER.of(version) };
+    let p = Parameters { kind: edm_process::Kind::Rc, capacitor_pf: 10_000.0, ..SINKER.of() };
     let conditions = SHARES.map(|share| {
         let set = share * p.open_v;
         (p, Law::Voltage(Voltage::calm(set)), Motion::default())
@@ -487,20 +410,6 @@ pub(super) fn rc(version: u32) -> Vec<Gate> {
                 .limit("gate, at the best set point", 15.0),
         ]),
     ];
-    gates.extend(rc_least(version));
+    gates.extend(rc_least());
     gates
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_higher_rate_is_a_gain() {
-        let rate = |of| Mean { of, error: 0.03 };
-        let (gain, loss) = (faster(&rate(2.0), &rate(2.1)), faster(&rate(2.0), &rate(1.9)));
-        assert!((gain.of - 5.0).abs() < 1e-9 && (loss.of + 5.0).abs() < 1e-9);
-        // 1.5 and 1.43 % of a rate of 1.05.
-        assert!((gain.error - 2.17).abs() < 0.01, "{}", gain.error);
-    }
 }

@@ -13,6 +13,12 @@ pub struct Mean {
     pub error: f64,
 }
 
+impl From<Mean> for (f64, f64) {
+    fn from(mean: Mean) -> (f64, f64) {
+        (mean.of, mean.error)
+    }
+}
+
 impl Mean {
     /// Of these.
     pub fn new(all: &[f64]) -> Mean {
@@ -56,27 +62,4 @@ pub fn each<T: Sync, R: Send>(of: &[T], run: impl Fn(&T) -> R + Sync) -> Vec<R> 
     let mut results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
     results.sort_by_key(|(k, _)| *k);
     results.into_iter().map(|(_, result)| result).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_was_not_found_is_not_the_largest_of_nothing() {
-        assert_eq!(largest([1.0, 3.0, 2.0]), 3.0);
-        assert!(largest([1.0, f64::NAN, 2.0]).is_nan() && largest([f64::NAN, 2.0]).is_nan());
-    }
-
-    #[test]
-    fn results_come_in_the_order_of_what_was_asked() {
-        let all: Vec<u64> = (0..100).collect();
-        assert_eq!(each(&all, |x| x * x), all.iter().map(|x| x * x).collect::<Vec<_>>());
-    }
-
-    #[test]
-    fn a_gain_is_a_share_of_what_it_was_before() {
-        let gain = Mean::new(&[100.0, 102.0]).gain(&Mean::new(&[90.0, 92.0]));
-        assert!((gain.of - 100.0 * 10.0 / 101.0).abs() < 1e-9 && (1.2..1.5).contains(&gain.error), "{gain:?}");
-    }
 }

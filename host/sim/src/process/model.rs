@@ -1,6 +1,5 @@
-//! Versions 1 and 2 of the process model, `host/process`, on the wires of a head.
+//! The process model of `host/process` on the wires of a head.
 
-use super::spark::Stretch;
 use super::{Plant, TICK_US, Tick};
 use edm_hal_shim::bridge::Drive;
 use edm_process::axis::{Axis, Load, Winding};
@@ -10,14 +9,46 @@ use edm_process::{Edge, Orders, Wires};
 /// stop. Half the step changes time, swing and arcs by less than their scatter
 /// (six seeds of sinker-0.4kg, silicon and thesis-machine).
 const STEPS: usize = 2;
+/// Time constants of an edge after which a stretch counts as settled: 3e-4 of the step.
+const SETTLED: f64 = 8.0;
+
+/// Stretch of constant gap condition, as the wires show it; times in us since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stretch {
+    /// When it began.
+    pub from: f64,
+    /// Voltage it tends to, V.
+    pub volts: f64,
+    /// Voltage when it began, V.
+    pub initial: f64,
+    /// Time constant of the way from one to the other.
+    pub rise: f64,
+    /// Current, A.
+    pub amps: Edge,
+    /// When the generator's gate opened and will close, the same time twice while it is off.
+    pub gate: (f64, f64),
+}
+
+impl Stretch {
+    /// Whether the edge is over at a time inside the stretch.
+    pub fn settled(&self, time: f64) -> bool {
+        time - self.from > SETTLED * self.rise
+    }
+
+    /// Gap voltage at a time inside the stretch, V.
+    pub fn at(&self, time: f64) -> f64 {
+        if self.settled(time) {
+            return self.volts;
+        }
+        self.volts + (self.initial - self.volts) * libm::exp((self.from - time) / self.rise)
+    }
+}
 
 /// State of axis and gap.
 #[derive(Clone, Debug)]
-pub struct One {
+pub struct Model {
     pub axis: Axis,
     pub process: edm_process::Process,
-    /// An arc stays at its place, and leaves a pit there.
-    pub arcs_stay: bool,
     held_gap_um: Option<f64>,
     /// What the electrode met in the last step.
     load: Load,
@@ -30,8 +61,6 @@ pub struct One {
 #[derive(Clone, Debug)]
 struct Seen {
     stretches: Vec<Stretch>,
-    /// The current of each.
-    amps: Vec<Edge>,
     /// The gap leads are swapped: -1.
     sign: f64,
 }
@@ -41,31 +70,28 @@ impl Wires for Seen {
     fn stretch(&mut self, stretch: &edm_process::Stretch) {
         let edm_process::Stretch { from, volts, gate, amps } = *stretch;
         let (initial, settles) = (self.sign * volts.from, self.sign * volts.to);
-        self.stretches.push(Stretch { from, volts: settles, initial, rise: volts.us, gate });
-        self.amps.push(amps);
+        self.stretches.push(Stretch { from, volts: settles, initial, rise: volts.us, amps, gate });
     }
 }
 
-impl One {
+impl Model {
     /// At rest at the upper stop above a fresh workpiece.
     ///
     /// # Errors
     /// When a number does not fit.
-    pub fn new(plant: &Plant, seed: u64) -> Result<One, edm_process::Refused> {
-        let (p, base) = (plant.model(), &plant.base);
+    pub fn new(plant: &Plant, seed: u64) -> Result<Model, edm_process::Refused> {
+        let (p, around) = (plant.model(), &plant.installation);
         let sign = |reversed| if reversed { -1.0 } else { 1.0 };
-        let process = edm_process::Process::new(&p, f64::from(base.surface) * 1e3, seed)?;
-        let mut seen =
-            Seen { stretches: Vec::with_capacity(64), amps: Vec::with_capacity(64), sign: sign(base.gap_reversed) };
+        let process = edm_process::Process::new(&p, f64::from(around.surface) * 1e3, seed)?;
+        let mut seen = Seen { stretches: Vec::with_capacity(64), sign: sign(around.gap_reversed) };
         seen.stretch(process.stretch());
-        Ok(One {
+        Ok(Model {
             axis: Axis::new(&p, TICK_US / STEPS as f64),
             process,
-            arcs_stay: p.arc_heat > 0.0,
             held_gap_um: None,
             load: Load::NONE,
             seen,
-            sign: sign(base.motor_reversed),
+            sign: sign(around.motor_reversed),
         })
     }
 
@@ -107,8 +133,6 @@ impl One {
         let over = self.seen.stretches.len() - 1;
         self.seen.stretches.swap(0, over);
         self.seen.stretches.truncate(1);
-        self.seen.amps.swap(0, over);
-        self.seen.amps.truncate(1);
         let mut from_us = 0.0;
         for (at_us, pulses) in tick.permission {
             self.process.advance(at_us - from_us, carrier_um, &orders, &mut self.seen);
@@ -134,10 +158,5 @@ impl One {
 
     pub fn stretches(&self) -> &[Stretch] {
         &self.seen.stretches
-    }
-
-    /// The current of each, A.
-    pub fn amps(&self) -> &[Edge] {
-        &self.seen.amps
     }
 }

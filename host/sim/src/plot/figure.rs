@@ -1,10 +1,7 @@
-//! What a gate found as a diagram, for whoever draws it.
-
-use super::Mean;
-use serde::Serialize;
+//! Curves of what was found, for whoever draws them.
 
 /// Curves over one axis.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub struct Figure {
     /// What it shows.
     pub name: String,
@@ -25,7 +22,7 @@ pub struct Figure {
 }
 
 /// A curve of a figure.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub struct Curve {
     /// Name.
     pub name: String,
@@ -36,43 +33,53 @@ pub struct Curve {
 }
 
 impl Figure {
-    pub(super) fn new(name: impl Into<String>, x: &'static str, y: &'static str) -> Figure {
+    /// No curve yet.
+    pub fn new(name: impl Into<String>, x: &'static str, y: &'static str) -> Figure {
         let (places, curves, limits, marks) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         Figure { name: name.into(), x, y, log: false, places, curves, limits, marks }
     }
 
-    pub(super) fn log(self) -> Figure {
+    /// x is logarithmic.
+    pub fn log(self) -> Figure {
         Figure { log: true, ..self }
     }
 
     /// x are places with these names.
-    pub(super) fn places<'a>(self, names: impl IntoIterator<Item = &'a str>) -> Figure {
+    pub fn places<'a>(self, names: impl IntoIterator<Item = &'a str>) -> Figure {
         Figure { places: names.into_iter().map(str::to_owned).collect(), ..self }
     }
 
-    pub(super) fn curve(mut self, name: impl Into<String>, points: impl IntoIterator<Item = (f64, Mean)>) -> Figure {
-        let points = points.into_iter().map(|(x, y)| [x, y.of, y.error]).collect();
+    /// A simulated curve: over x, y with its standard error.
+    pub fn curve<Y: Into<(f64, f64)>>(
+        mut self,
+        name: impl Into<String>,
+        points: impl IntoIterator<Item = (f64, Y)>,
+    ) -> Figure {
+        let points = points.into_iter().map(|(x, y)| (x, y.into())).map(|(x, (y, error))| [x, y, error]).collect();
         self.curves.push(Curve { name: name.into(), published: false, points });
         self
     }
 
     /// A curve whose scatter is unknown or does not show.
-    pub(super) fn line(self, name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Figure {
-        self.curve(name, points.into_iter().map(|(x, of)| (x, Mean { of, error: 0.0 })))
+    pub fn line(self, name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Figure {
+        self.curve(name, points.into_iter().map(|(x, y)| (x, (y, 0.0))))
     }
 
-    pub(super) fn published(mut self, name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Figure {
+    /// Published values.
+    pub fn published(mut self, name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Figure {
         let points = points.into_iter().map(|(x, y)| [x, y, 0.0]).collect();
         self.curves.push(Curve { name: name.into(), published: true, points });
         self
     }
 
-    pub(super) fn limit(mut self, name: impl Into<String>, y: f64) -> Figure {
+    /// A limit on y.
+    pub fn limit(mut self, name: impl Into<String>, y: f64) -> Figure {
         self.limits.push((name.into(), y));
         self
     }
 
-    pub(super) fn mark(mut self, name: impl Into<String>, x: f64) -> Figure {
+    /// A published value on x.
+    pub fn mark(mut self, name: impl Into<String>, x: f64) -> Figure {
         self.marks.push((name.into(), x));
         self
     }
