@@ -11,7 +11,7 @@ const DAY: &[u8] = include_bytes!("recordings/day.edmr");
 #[test]
 fn the_native_core_makes_the_same_of_the_signals_of_seconds_of_the_chip() {
     let ticks = replay_senses(DAY).unwrap_or_else(|e| panic!("{e}; where that is meant: cargo fil record"));
-    assert!(ticks > 40_000, "{ticks}");
+    assert!(ticks > 20_000, "{ticks}");
 }
 
 #[test]

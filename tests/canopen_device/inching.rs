@@ -107,7 +107,8 @@ fn at_rest_a_host_says_where_the_coarse_axis_is() {
     let before = rig.position() as i32;
     rig.write32(0x2014, 4, -2000);
     rig.run(3);
-    assert_eq!((rig.read(0x2014, 6) as i32, rig.position() as i32), (-2000, before - 2000));
+    assert_eq!(rig.read(0x2014, 6) as i32, -2000);
+    assert!((rig.position() as i32 - before + 2000).abs() <= 1, "{} from {before}", rig.position());
     // The travel goes along.
     rig.write32(0x607A, 0, -1000);
     rig.control(0x1F);

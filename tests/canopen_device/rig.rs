@@ -68,6 +68,12 @@ impl Rig {
         rig.control(0x0F);
     }
 
+    /// The true count at which the electrode meets the highest peak of the work.
+    pub fn highest_peak(&self) -> i64 {
+        let truth = self.machine.process.truth();
+        (truth.position_um + truth.least_um).round() as i64
+    }
+
     /// One millisecond.
     pub fn step(&mut self) {
         let now = Time(self.ms * 1000);

@@ -226,7 +226,9 @@ fn a_host_sets_stops_on_a_path_and_goes_on_from_each() {
         rig.until(20_000, |rig| rig.machine.status().state == State::Done);
         rig.run(50);
         assert_eq!(rig.read(0x2003, 3), ended_by);
-        assert_eq!(rig.position() as i32 * 1000, here + number * 100_000);
+        // It rests within a count of the stop.
+        let off = rig.position() as i32 * 1000 - here - number * 100_000;
+        assert!(off.abs() <= 1000, "{off} nm off stop {number}");
     }
 }
 

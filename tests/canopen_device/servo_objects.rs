@@ -70,9 +70,9 @@ fn a_slow_head_reads_as_fast_as_it_goes_and_deviates_little_from_its_path() {
         let off: Vec<f64> = way.iter().map(|(s, um)| um - from_um - goes * (s - from_s)).collect();
         let ([least, mean, most], [up, _, down]) = (range(&read), range(&off));
         println!("{goes:.0} counts/s: reads {least:.0} to {most:.0}, mean {mean:.1}; deviates by {:.2} um", down - up);
-        // A count is 50 counts/s, and the head goes in steps of one or two.
+        // A count is 50 counts/s, and the head goes in steps of one or two, which its friction makes uneven.
         assert!((mean - goes).abs() < 3.0 + 0.01 * goes, "{goes}: {mean}");
-        assert!(least > 0.95 * goes - 50.0 && most < 1.05 * goes + 50.0, "{goes}: {least} to {most}");
+        assert!(least > 0.95 * goes - 60.0 && most < 1.05 * goes + 60.0, "{goes}: {least} to {most}");
         assert!(down - up < 4.0, "{goes}: {} um", down - up);
     }
 }

@@ -397,8 +397,8 @@ fn the_friction_that_commissioning_has_felt_is_what_the_supervision_judges_by() 
         rig.until(20_000, |rig| rig.read(0x2001, 4) != 0);
         rig.run(5);
         let learnt = rig.read_real(address("axis.breakaway_n"));
-        // The push goes on growing while the head begins to move.
-        assert!((friction..friction + 0.1).contains(&f64::from(learnt)), "{friction} N: {learnt}");
+        // In front of it bristles creep, and the push goes on growing while the head begins to move.
+        assert!((0.98 * friction..friction + 0.1).contains(&f64::from(learnt)), "{friction} N: {learnt}");
         let expected = rig.drive.active().head.supervise.breakaway;
         assert_eq!(rig.machine.supervision().limits.breakaway, expected, "{friction} N: the task runs it");
         assert_ne!(expected, Settings::default().build().unwrap().head.supervise.breakaway);

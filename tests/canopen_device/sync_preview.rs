@@ -218,8 +218,8 @@ fn whatever_a_host_sends_what_is_released_is_what_would_be_ordered() {
             // What a fault or a wrong step of the state machine has ended begins anew.
             if n % 100 == 99 {
                 for rig in [&mut plain, &mut early] {
-                    // The answers to the frames before.
-                    rig.run(2);
+                    // The answers to the frames before, and the reaction to a fault, which lasts until the head stands.
+                    rig.run(60);
                     rig.send(0, &[1, 5]);
                     rig.write(0x6060, 0, &[8]);
                     for word in [0x80u16, 0x06, 0x07, 0x0F] {

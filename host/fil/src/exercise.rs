@@ -55,7 +55,7 @@ struct Day {
 pub fn run(image: &Image, seconds: f64, seed: u64, witness: Witness) -> Result<(Witness, Met)> {
     let mut setup = Setup::load("default").map_err(Error::msg)?;
     setup.process.installation.surface = SURFACE_MM;
-    let settings = Settings { commissioned: true, ..setup.head };
+    let settings = Settings { commissioned: true, ..Settings::default() };
     let rig = Emulated::start(image, setup.process, &settings, seed, witness)?;
     let mut day = Day { rig, met: Met::default() };
     day.rest(0.01)?;

@@ -1,6 +1,6 @@
 //! Identification on machines that the settings do not know: what is found covers the truth, and whatever comes between ends it safely.
 //!
-//! Simulated: five machines on version 2 of the process model, with its noise of converters and its LuGre friction. The short form
+//! Simulated: five machines on the process model, with its noise of converters and its LuGre friction. The short form
 //! identifies each once. `EDM_IDENTIFY=20` does so with twenty seeds each, and prints the rows that docs/commissioning.md sums up.
 
 use edm_servo_head::head::{Command, Evidence, Fault, Identified, Reason, Scale, Stage, State, Weighed};

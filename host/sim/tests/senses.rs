@@ -43,8 +43,8 @@ fn erode(machine: &mut Machine) {
 fn every_controlled_variable_keeps_a_gap_of_its_own() {
     // Scenario, variable, mean gap and its rms, um.
     for (scenario, controlled, gaps, most) in [
-        ("sinker", ControlledName::IgnitionHazard, 28.0..40.0, 8.0),
-        ("sinker", ControlledName::Frequency, 36.0..48.0, 8.0),
+        ("sinker", ControlledName::IgnitionHazard, 36.0..48.0, 8.0),
+        ("sinker", ControlledName::Frequency, 44.0..56.0, 8.0),
         ("silicon", ControlledName::GapDistance, 43.0..46.0, 1.0),
     ] {
         for seed in 1..=3 {

@@ -1,6 +1,6 @@
 //! Tuning: the response that a head measures is that of its loop, whatever comes between ends it safely, and it stays where it may.
 //!
-//! Simulated: five machines on version 2 of the process model, whose settings are off by up to a quarter. `EDM_TUNE=8` takes eight seeds each.
+//! Simulated: five machines on the process model, whose settings are off by up to a quarter. `EDM_TUNE=8` takes eight seeds each.
 
 use edm_servo_head::head::{Command, Evidence, Fault, Point, Reason, State, TuneStep};
 use edm_servo_head::settings::{Settings, Value};

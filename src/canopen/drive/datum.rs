@@ -193,11 +193,13 @@ impl Drive {
     /// Whether nothing moves, and no set points come by themselves: they would mean something else from one to the next.
     pub(super) fn may_shift(&self) -> bool {
         let waits = matches!(self.mode, Mode::None | Mode::ProfilePosition | Mode::Homing) || !self.acts();
-        let rests = matches!(
-            self.status.state,
-            State::Disabled | State::Ready | State::HoldingPosition | State::Done | State::Fault
-        );
-        waits && rests && self.fresh && self.standing() && !self.status.reacting
+        // A loop that has just arrived trembles by a count, and its set point stands all the same.
+        let rests = match self.status.state {
+            State::Ready | State::HoldingPosition | State::Done => true,
+            State::Disabled | State::Fault => self.standing(),
+            _ => false,
+        };
+        waits && rests && self.fresh && !self.status.reacting
     }
 
     /// Whether the head waits for the coarse axis.

@@ -257,14 +257,17 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     fn append(&mut self, state: State, piece: &Piece) -> Result<(), Refused> {
         self.may_queue(state)?;
         let [_, to_x, to_y] = piece.to;
-        let [_, x, y] = self.route.end_nm();
+        let [from, x, y] = self.route.end_nm();
         let beside = (to_x, to_y) != (x, y) || piece.shape != Shape::Line;
         if beside && self.config.structure != Structure::Path {
             return Err(Refused::Alone);
         }
         let (up, down) = self.route.extent(piece).map_err(Refused::Path)?;
-        self.within(self.reach(), Nanometres(up))?;
-        self.within(self.reach(), Nanometres(down))?;
+        // A head that rests a count outside its travel may go back into it.
+        let (top, bottom) = self.reach();
+        let reach = (top.min(Nanometres(from)), bottom.max(Nanometres(from)));
+        self.within(reach, Nanometres(up))?;
+        self.within(reach, Nanometres(down))?;
         self.route.append(piece).map_err(Refused::Path)
     }
 

@@ -101,9 +101,10 @@ fn a_search_for_the_surface_on_the_chip_is_that_of_the_native_core_bit_for_bit()
         if found == Search::Found {
             surface = i64::from(host::read(&mut rig, 0x2001, 6).unwrap().cast_signed());
             let truth = rig.process().truth();
-            let off = surface as f64 - truth.surface_um - (rig.status().position - truth.count) as f64;
+            let peak = truth.position_um + truth.least_um;
+            let off = surface as f64 - peak - (rig.status().position - truth.count) as f64;
             assert!(off.abs() <= 1.0, "{surface}: off by {off} counts");
-            assert!(force > 0.0 && force <= 5.0, "{force} N");
+            assert!(force <= 5.0, "{force} N");
         }
     }
     // It becomes the datum, and the head goes where that is meant: 150 um above the surface.
@@ -292,7 +293,7 @@ fn the_probes_of_the_chip_keep_what_those_of_the_native_core_do() {
     for _ in 0..8000 {
         rig.tick().unwrap();
         let truth = rig.process().truth();
-        if touched.is_none() && truth.gap_um <= 0.0 {
+        if touched.is_none() && truth.least_um <= 0.0 {
             touched = Some((truth.count, rig.status().tick));
         }
     }
