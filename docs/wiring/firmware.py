@@ -10,7 +10,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = "docs/settings.md"
 BOARDS = {"f405": "hal-shim/src/board/f405.rs", "disc": "hal-shim/src/board/disc.rs"}
 CHIP = "hal-shim/src/board/chip.rs"
-MODEL = "host/sim/src/process/parameters.rs"
+INSTALLATION = "host/sim/src/process/installation.rs"
+MACHINE = "host/process/src/parameters/mod.rs"
 
 # Half a percent: what rounding a setting to three digits may cost.
 TOLERANCE = 0.005
@@ -105,18 +106,22 @@ def compare(book):
     path = "src/settings/build.rs"
     least = re.search(r"generator_off_time_us < ([\d.]+)", read(path))
     found.equal(f"{path}, least generator.off_time_us", least and least[1], n["off.own"] * 1e6)
-    text = read(MODEL)
+    around, machine = read(INSTALLATION), read(MACHINE)
     for key, expected in {
         "front_end.zero_code": n["gap.zero_code"],
         "front_end.volts_per_code": n["gap.volts_per_code"],
         "front_end.amps_per_code": n["motor.amps_per_code"],
         "front_end.bus_volts_per_code": n["motor.bus_volts_per_code"],
-        "actuator.resistance_ohm": given("coil_ohm"),
-        "actuator.inductance_mh": given("coil_h") * 1e3,
-        "actuator.force_constant_n_a": given("force_n_a"),
     }.items():
-        match = re.search(rf'= ([\d.]+), \([^)]*\), "{re.escape(key)}"', text)
-        found.equal(f"{MODEL}, {key}", match and match[1], expected)
+        match = re.search(rf'= ([\d.]+), \([^)]*\), "{re.escape(key)}"', around)
+        found.equal(f"{INSTALLATION}, {key}", match and match[1], expected)
+    for key, expected in {
+        "coil_ohm": given("coil_ohm"),
+        "coil_mh": given("coil_h") * 1e3,
+        "force_n_a": given("force_n_a"),
+    }.items():
+        match = re.search(rf"^ *{key} = ([\d.]+),", machine, re.MULTILINE)
+        found.equal(f"{MACHINE}, {key}", match and match[1], expected)
     return found
 
 
