@@ -79,7 +79,7 @@ pub struct Gate {
     pub pass: bool,
     /// What belongs to it: spread, neighbours, what it hangs on.
     pub note: String,
-    /// The same as diagrams.
+    /// Diagrams of the value beside what it hangs on.
     pub figures: Vec<Figure>,
 }
 
