@@ -52,7 +52,10 @@ fn ready(mode: u8) -> Rig {
     rig.until(100, |rig| rig.status() & 0x3400 == 0x1400);
     rig.control(0x0F);
     rig.mode(1);
+    let velocity = rig.read(0x6081, 0).cast_signed();
+    rig.write32(0x6081, 0, 20_000);
     rig.move_to(600, 3000);
+    rig.write32(0x6081, 0, velocity);
     rig.mode(mode);
     rig
 }

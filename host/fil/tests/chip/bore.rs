@@ -7,7 +7,7 @@ use edm_fil::rig::{Emulated, Witness};
 use edm_hal_shim::board::F405;
 use edm_servo_head::head::Inch;
 use edm_servo_head::settings::Settings;
-use edm_servo_head::units::Nanometres;
+use edm_servo_head::units::{Nanometres, TICK_HZ};
 use edm_sim::bore::{self, Setup};
 use edm_sim::machine::Rig as _;
 use edm_sim::process::Plant;
@@ -66,7 +66,19 @@ fn the_chip_bores_the_hole_of_the_native_core_within_the_stated_statistics() {
 
 #[test]
 fn the_same_seed_bores_the_same_hole() {
-    assert_eq!(chip(0.003), chip(0.003));
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    let [first, second] = [(); 2].map(|()| {
+        let Setup { process, head, .. } = job(0.001).setup;
+        let settings = Settings { commissioned: true, ..head };
+        let mut rig = Emulated::start(&image, process, &settings, 1, Witness::None).unwrap();
+        host::begin(&mut rig).unwrap();
+        common::bore(&mut rig, Nanometres(1_000_000));
+        // A second of it in the work.
+        (0..2 * TICK_HZ).for_each(|_| rig.tick().unwrap());
+        assert!(rig.process().truth().pulses.discharges() > 2000);
+        (rig.process().truth(), *rig.status())
+    });
+    assert_eq!(first, second);
 }
 
 #[test]

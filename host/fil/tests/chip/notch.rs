@@ -13,7 +13,7 @@ use edm_sim::run::Setup;
 
 const SECOND: usize = 20_000;
 /// Seconds to find the hum.
-const FINDS: usize = 10;
+const FINDS: usize = 5;
 /// Amplitude of the hum, V, and how far its frequency drifts either way, at 0.1 Hz/s.
 const HUM: f64 = 10.0;
 const DRIFTS: f64 = 0.5;

@@ -104,8 +104,9 @@ fn control(session: &mut Session, value: u8) -> Option<[u8; 8]> {
     ask(session, &[[0x2F, 0x51, 0x1F, 1, value, 0, 0, 0]])
 }
 
-/// The whole update, as a host makes it; `None` when the head has fallen silent or refused something.
-fn over_can(session: &mut Session) -> Option<()> {
+/// The first half of an update, as a host makes it: what was staged is erased. `None` when the head has fallen silent or refused
+/// something.
+fn erased(session: &mut Session) -> Option<()> {
     control(session, 0)?;
     control(session, 3)?;
     // Four erases of a second each, and a pause before each.
@@ -115,6 +116,11 @@ fn over_can(session: &mut Session) -> Option<()> {
             break;
         }
     }
+    Some(())
+}
+
+/// The second half: the program, and the order to start it.
+fn sent(session: &mut Session) -> Option<()> {
     let update = update();
     let [a, b, c, d] = (update.len() as u32).to_le_bytes();
     ask(session, &[[0xC2, 0x50, 0x1F, 1, a, b, c, d]])?;
@@ -151,9 +157,11 @@ fn head() -> Session {
 #[test]
 fn an_update_over_can_is_started_and_a_cut_in_it_leaves_a_program_that_starts() {
     let mut session = head();
-    let moment = session.machine.snapshot().unwrap();
-    let began = session.now();
-    assert_eq!(over_can(&mut session), Some(()), "{:?}", session.log);
+    let mut moments = vec![(session.machine.snapshot().unwrap(), session.now())];
+    assert_eq!(erased(&mut session), Some(()), "{:?}", session.log);
+    let erases = session.machine.soc().flash_operations();
+    moments.push((session.machine.snapshot().unwrap(), session.now()));
+    assert_eq!(sent(&mut session), Some(()), "{:?}", session.log);
     // No watchdog has bitten, whatever was erased.
     assert_eq!(session.machine.stats().resets, 0);
     let staged = session.machine.soc().flash_operations();
@@ -166,10 +174,14 @@ fn an_update_over_can_is_started_and_a_cut_in_it_leaves_a_program_that_starts() 
     let every = std::env::var_os("EDM_EVERY_CUT").is_some();
     let some = [1, 3, 60, staged - 2, staged - 1];
     for cut in (0..staged).filter(|cut| if every { cut % 8 == 0 } else { some.contains(cut) }) {
-        session.machine.restore(&moment).unwrap();
-        session.go_back(began);
+        // What comes before the cut is what it was.
+        let (moment, began) = &moments[usize::from(cut > erases)];
+        session.machine.restore(moment).unwrap();
+        session.go_back(*began);
         session.machine.soc().cut_in(Some(cut));
-        over_can(&mut session);
+        if cut > erases || erased(&mut session).is_some() {
+            sent(&mut session);
+        }
         session.idle(1500 * MS).unwrap();
         let (there, started) = new(session.machine.soc());
         assert!(started, "cut {cut}: nothing starts");
