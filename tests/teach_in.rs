@@ -37,7 +37,7 @@ impl Host {
     fn new([open, spark, arc]: Volts, process: &str, head: &str, seed: u64) -> Host {
         let text = format!(
             "title = 't'\ndescription = 'd'\n[process]\n'model.arc_heat' = 0\n'model.machine' = 'sinker'\n'model.open_v' = {open}\n\
-             'model.burn_v' = {spark}\n'model.arc_v' = {arc}\n'model.on_us' = 64\n'model.off_us' = 16\n\
+             'front_end.comparators_for_v' = {open}\n'model.burn_v' = {spark}\n'model.arc_v' = {arc}\n'model.on_us' = 64\n'model.off_us' = 16\n\
              'workpiece.surface_mm' = 0.3\n{process}\n[head]\n'gap.setpoint_v' = {}\n'gap.open_min_v' = {}\n{head}\n",
             0.6 * open,
             0.75 * open

@@ -163,8 +163,13 @@ macro_rules! laws {
         impl LawName {
             /// Every law, by number.
             pub const ALL: &'static [LawName] = &[$(LawName::$law),+];
-            /// Their names, by number.
-            pub const NAMES: &'static [&'static str] = &[$(stringify!($name)),+];
+            /// Their names, by number; the number of a law that has gone has none.
+            pub const NAMES: &'static [&'static str] = &{
+                let mut names = [""; { [$($number),+] }[LawName::ALL.len() - 1] + 1];
+                $(names[$number] = stringify!($name);)+
+                $(assert!($number != GONE, "this number belonged to a law that has gone");)+
+                names
+            };
 
             /// See [`FeedLaw::NEEDS_PULSES`].
             pub fn needs_pulses(self) -> bool {
@@ -192,6 +197,9 @@ macro_rules! laws {
     };
 }
 
+/// Number of a law that has gone: a test that did not feed.
+const GONE: usize = 10;
+
 laws! {
     /// Section 6.7.1 of \[R\].
     0 fixed_rate::FixedRate;
@@ -213,7 +221,6 @@ laws! {
     8 gap_ratio::GapRatio;
     /// Our own: the gap is estimated from ignitions and from the head's motion.
     9 observed_gap::ObservedGap;
-    // 10 was a test that did not feed, in programs between 0.2.0 and the release after it, and in no release.
 }
 
 /// The law that leads, with what it remembers.

@@ -87,7 +87,9 @@ impl Rhythm {
             self.judge_height(config, dirt(&counts.since(&began)));
         }
         let turned = self.has_turned(config, counts, eroded);
-        let due = eroded as f32 >= self.interval || turned;
+        // A head that has not come back to the work has nothing to take away: it would jump off again, and never come there.
+        let back = eroded as f32 >= self.interval && dirt(&counts.since(&began)).1 >= ENOUGH;
+        let due = back || turned || eroded >= config.interval.1;
         if due {
             let (share, burned) = dirt(&counts.since(&self.settled.unwrap_or(began)));
             let change = libm::sqrtf(config.share / larger(share, 0.01 * config.share));
@@ -176,6 +178,25 @@ mod tests {
     fn a_gap_that_turns_dirty_gets_its_jump_at_once() {
         let (seconds, _) = jumps(|seconds, _| if seconds > 0.6 { 0.5 } else { 0.0 }, 20);
         assert!((0.55..0.7).contains(&seconds), "{seconds} s");
+    }
+
+    #[test]
+    fn a_head_that_needs_longer_for_the_way_back_than_its_interval_comes_there() {
+        let (mut rhythm, mut counts) =
+            (Rhythm { interval: 4_000.0, height: 500.0, ..Rhythm::default() }, Counts::default());
+        rhythm.begin(&CONFIG, &counts);
+        let mut eroded = 0;
+        while !rhythm.is_due(&CONFIG, &counts, eroded) {
+            eroded += 20;
+            let arrived = u32::from(eroded > 10_000);
+            counts.classes[Class::Spark as usize] += arrived;
+            counts.ignited += arrived;
+        }
+        assert!((10_400..10_500).contains(&eroded), "{eroded} ticks");
+        assert!(rhythm.interval > 4_000.0);
+        // Where nothing burns, the longest interval counts.
+        rhythm.begin(&CONFIG, &counts);
+        assert!(!rhythm.is_due(&CONFIG, &counts, 39_980) && rhythm.is_due(&CONFIG, &counts, 40_000));
     }
 
     #[test]

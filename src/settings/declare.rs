@@ -50,7 +50,7 @@ pub enum Kind {
     },
     /// True or false.
     Flag,
-    /// One of these names.
+    /// One of these names, by its place; an empty one is of no value any more.
     Choice(&'static [&'static str]),
 }
 
@@ -61,7 +61,7 @@ impl Kind {
             Kind::Number { min, max } => (*min..=*max).contains(&f32::from_bits(word)),
             Kind::Integer { min, max } => (*min..=*max).contains(&word),
             Kind::Flag => word <= 1,
-            Kind::Choice(names) => (word as usize) < names.len(),
+            Kind::Choice(_) => self.value(word).is_some(),
         }
     }
 
@@ -71,7 +71,9 @@ impl Kind {
             Kind::Number { .. } => Some(Value::Number(f32::from_bits(word).into())),
             Kind::Integer { .. } => Some(Value::Number(word.into())),
             Kind::Flag => Some(Value::Flag(word != 0)),
-            Kind::Choice(names) => names.get(word as usize).map(|name| Value::Word(name)),
+            Kind::Choice(names) => {
+                names.get(word as usize).filter(|name| !name.is_empty()).map(|name| Value::Word(name))
+            }
         }
     }
 
@@ -82,7 +84,8 @@ impl Kind {
             (Kind::Integer { .. }, Value::Number(x)) => Some(x as u32).filter(|whole| f64::from(*whole) == x),
             (Kind::Flag, Value::Flag(x)) => Some(x.into()),
             (Kind::Choice(names), Value::Word(word)) => {
-                names.iter().position(|name| *name == word).map(|place| place as u32)
+                let place = names.iter().position(|name| *name == word && !word.is_empty());
+                place.map(|place| place as u32)
             }
             _ => None,
         }
@@ -187,7 +190,7 @@ impl fmt::Display for Allowed<'_> {
             Kind::Flag => f.write_str("true or false"),
             Kind::Choice(names) => {
                 f.write_str("one of ")?;
-                for (i, name) in names.iter().enumerate() {
+                for (i, name) in names.iter().filter(|name| !name.is_empty()).enumerate() {
                     write!(f, "{}{name}", if i == 0 { "" } else { ", " })?;
                 }
                 Ok(())
@@ -264,7 +267,7 @@ impl Setting for bool {
 
 /// A setting that is one of a few names.
 pub trait Choice: Setting + PartialEq + 'static {
-    /// The names, in the order of declaration.
+    /// The name of each word; an empty one where a word is of no value any more.
     const NAMES: &'static [&'static str];
 }
 
@@ -283,14 +286,18 @@ macro_rules! choice {
             const NAMES: &'static [&'static str] = $names;
         }
 
-        // The names are in the order of the enum.
+        // Each value has a name, in the order of the enum.
         const _: () = {
-            let all: &[$type] = $all;
-            let mut at = 0;
+            let (all, names): (&[$type], &[&str]) = ($all, $names);
+            let (mut at, mut word) = (0, 0);
             while at < all.len() {
-                assert!(all[at] as usize == at, "values of a choice count from 0");
-                at += 1;
+                while names[word].is_empty() {
+                    word += 1;
+                }
+                assert!(all[at] as usize == word, "names of a choice are in the order of its values, which count from 0");
+                (at, word) = (at + 1, word + 1);
             }
+            assert!(word == names.len(), "a name of a choice without a value");
         };
 
         impl $crate::settings::Setting for $type {
@@ -299,7 +306,7 @@ macro_rules! choice {
             }
             fn from_word(word: u32) -> Self {
                 let all: &[$type] = $all;
-                all.get(word as usize).copied().unwrap_or(all[0])
+                all.iter().copied().find(|value| *value as u32 == word).unwrap_or(all[0])
             }
         }
     };

@@ -15,7 +15,7 @@ use edm_hal_shim::bridge::Drive as Bridge;
 use edm_hal_shim::gap::BLOCK;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_sim::process::steps::StepEdge;
-use edm_sim::process::{Installation, Piece, Plant, Process, THRESHOLDS, crossing, current_code};
+use edm_sim::process::{Installation, Piece, Plant, Process, crossing, current_code, discharges};
 use edm_soc::{CanReply, Change, Drive, Frame, NEVER, Pin, TICK_HZ, World};
 use std::collections::VecDeque;
 
@@ -23,6 +23,8 @@ use std::collections::VecDeque;
 pub const WINDOW: u64 = TICK_HZ / 20_000;
 /// From the beginning of a window to the moment at which it is computed: outputs that change with the period have changed.
 const SETTLE: u64 = 16;
+/// Length of a pulse that a discharge couples into a line that is cut (assumed).
+const COUPLED: u64 = TICK_HZ / 10_000_000;
 /// Rise times after which a transient is over: e^-40 is 4e-18.
 const SETTLED: f64 = 40.0;
 
@@ -36,8 +38,6 @@ pub struct Bench {
     /// What becomes of the frames that it sends.
     pub reply: CanReply,
     installation: Installation,
-    /// Open-circuit voltage of the generator, V.
-    open_v: f64,
     window: u64,
     changes: VecDeque<(u64, Change)>,
     frames: VecDeque<(u64, Frame)>,
@@ -57,6 +57,8 @@ pub struct Bench {
     shown: [[Option<bool>; 16]; 3],
     /// Lines that are cut or shorted, and the level at the chip's pin.
     stuck: Vec<(Pin, Option<bool>)>,
+    /// Lines of the encoder that are cut and pick up what discharges couple into them.
+    floating: Vec<Pin>,
     /// Codes of converter and channel, whatever is at their pins.
     pub codes: Vec<((u8, u8), u16)>,
     /// The receiver's line is cut: no frame comes, and none of the chip's is read back.
@@ -107,7 +109,6 @@ impl Bench {
             sent: VecDeque::new(),
             reply: CanReply::Acknowledged,
             installation: plant.installation,
-            open_v: plant.open_v(),
             window: 0,
             changes: VecDeque::new(),
             frames: VecDeque::new(),
@@ -121,6 +122,7 @@ impl Bench {
             levels: [[None; 16]; 3],
             shown: [[None; 16]; 3],
             stuck: Vec::new(),
+            floating: Vec::new(),
             codes: Vec::new(),
             deaf: false,
             swapped: false,
@@ -140,7 +142,7 @@ impl Bench {
     /// When a parameter is refused.
     pub fn mount(&mut self, plant: &Plant, seed: u64) -> Result<(), String> {
         self.process = Process::new(*plant, seed).map_err(|e| e.to_string())?;
-        (self.installation, self.open_v, self.began) = (plant.installation, plant.open_v(), None);
+        (self.installation, self.began) = (plant.installation, None);
         self.wire(self.window, self.window);
         Ok(())
     }
@@ -232,7 +234,8 @@ impl Bench {
         for (time, levels) in encoder {
             let at = from + u64::from(time.wrapping_sub(before));
             for (pin, level) in ENCODER.into_iter().zip([levels.a, levels.b, levels.index]) {
-                self.set(&mut edges, at, pin, level);
+                let edges = if self.floating.contains(&pin) { &mut Vec::new() } else { &mut edges };
+                self.set(edges, at, pin, level);
             }
         }
         for StepEdge { us, line, high } in self.process.steps.edges().to_vec() {
@@ -244,9 +247,15 @@ impl Bench {
             for pin in GATE {
                 self.set(&mut edges, begins, pin, piece.gate);
             }
+            if i > 0 && piece.from_us >= 0.0 && discharges(&self.pieces[i - 1].amps, &piece.amps) {
+                let pulse = |pin| {
+                    [(begins, Some(true)), (begins + COUPLED, None)].map(|(at, level)| (at, Change::Level(pin, level)))
+                };
+                edges.extend(self.floating.iter().copied().flat_map(pulse));
+            }
             let ends = self.pieces.get(i + 1).map_or(f64::INFINITY, |next| next.from_us);
-            for (pin, share) in COMPARATORS.into_iter().zip(THRESHOLDS) {
-                let (constants, level) = crossing(piece.initial, piece.volts, share * self.open_v);
+            for (pin, threshold) in COMPARATORS.into_iter().zip(self.process.comparators_v()) {
+                let (constants, level) = crossing(piece.initial, piece.volts, threshold);
                 let us = piece.from_us + piece.rise_us * constants;
                 if us < ends {
                     let at = from.saturating_add_signed(ticks(us)).max(from);
@@ -291,9 +300,15 @@ impl Bench {
         self.set(edges, at, BRIDGE_FAULT, !bridge_fault);
     }
 
-    /// Cuts or shorts the line of a pin: the chip sees this level, or its own pull.
+    /// Cuts or shorts the line of a pin: the chip sees this level, or its own pull. Where discharges couple into the encoder's lines,
+    /// one that is cut has a pulse at each.
     pub fn stick(&mut self, pin: Pin, level: Option<bool>) {
-        self.stuck.push((pin, level));
+        if level.is_none() && self.installation.spark_edges > 0.0 && ENCODER.contains(&pin) {
+            self.floating.push(pin);
+            self.changes.retain(|(_, change)| !matches!(change, Change::Level(of, _) if *of == pin));
+        } else {
+            self.stuck.push((pin, level));
+        }
         self.changes.push_front((0, Change::Level(pin, level)));
     }
 
@@ -301,7 +316,8 @@ impl Bench {
     pub fn repair_lines(&mut self) {
         self.codes.clear();
         (self.deaf, self.swapped) = (false, false);
-        for (pin, _) in std::mem::take(&mut self.stuck) {
+        let stuck = std::mem::take(&mut self.stuck).into_iter().map(|(pin, _)| pin);
+        for pin in stuck.chain(std::mem::take(&mut self.floating)) {
             let level = match pin {
                 ARMED => Some(self.latch.circuit.reads()),
                 _ => self.levels[usize::from(pin.port)][usize::from(pin.number)],

@@ -1,9 +1,10 @@
 //! The generator, and what each pulse becomes.
 //!
 //! A pulse begins with the generator's gate. If electrode and work touch, or a bridge joins them, it is *short*. It is an
-//! *arc* when the channel of the last discharge has not recovered: no delay, lower voltage, little removal; one after
-//! another is a *stable* arc. Otherwise it waits; ignited in time it is a *spark*, else it stays *open*. A pulse that the
-//! head cuts off before it ignites is none of these.
+//! *arc* when the channel of the last discharge has not recovered: lower voltage, little removal, and mostly no delay; one after
+//! another is a *stable* arc. Otherwise it waits; ignited in time it is a *spark*, else it stays *open*. Some sparks do not wait,
+//! and some arcs do, so that a delay alone does not tell one from the other. A pulse that the head cuts off before it ignites is
+//! none of these.
 //!
 //! Ignition is a hazard that runs while the pulse waits, so a gap that moves meanwhile counts as it moves. It goes with the
 //! cube of the field, so while the voltage rises, time counts for less: the integral of (1 - e^-t)^3. It counts from
@@ -21,6 +22,8 @@ const RISE_DELAYS: f64 = 11.0 / 6.0;
 /// Longest pause between two pulses that the head may make, us: if it inhibits the generator longer, or within a pulse, the next pulse
 /// finds no channel (assumed).
 const PAUSE_US: f64 = 1200.0;
+/// Shortest delay of an arc that has one, us.
+const LATE_US: f64 = 0.2;
 /// Time constants after which a channel has recovered, or a capacitor is charged.
 const OVER: f64 = 40.0;
 
@@ -29,11 +32,11 @@ const OVER: f64 = 40.0;
 pub enum Class {
     /// Never ignited.
     Open,
-    /// Ignited after a delay.
+    /// Ignited where the field was high, mostly after a delay.
     Spark,
-    /// Ignited at once at the spot of the last spark.
+    /// Ignited at the spot of the last spark, mostly at once.
     Arc,
-    /// Ignited at once at the spot of the last arc.
+    /// Ignited at the spot of the last arc, mostly at once.
     StableArc,
     /// Electrode and work touched, or a bridge joined them.
     Short,
@@ -206,6 +209,8 @@ enum Phase {
     /// Gate on, not ignited. It ignites when the hazard reaches -ln(1 - draw); `spent` of it has run when `counted` of the
     /// time had counted.
     Waiting { draw: f64, spent: f64, counted: f64 },
+    /// Gate on; it ignites at a time, at a place.
+    Fated { at: f64, facet: usize, class: Class },
     /// Burning since a time, until a time unless cut off; `watts` of power, or `energy` at once.
     Burning { since: f64, ends: f64, facet: usize, watts: f64, energy: f64, arc: bool },
     /// The capacitor has nothing left for the rest of the gate.
@@ -339,6 +344,8 @@ pub struct Generator {
     rise: Rise,
     /// See [`Rise::idle`]: of the share of the open-circuit voltage below which nothing ignites.
     idle: f64,
+    /// Time constants in which a voltage rises to that.
+    burns_from: f64,
     now: Stretch,
     last: Option<Last>,
     /// When the last discharge ended.
@@ -353,12 +360,14 @@ pub struct Generator {
     place: Stream,
     arcs: Stream,
     burns: Stream,
+    prompt: Stream,
 }
 
 impl Generator {
     /// Gate off.
     pub fn new(p: &Parameters, seed: u64) -> Generator {
-        let idle = Rise::idle(p.ignites_above * p.burn_v / p.open_v);
+        let burns = p.ignites_above * p.burn_v / p.open_v;
+        let idle = Rise::idle(burns);
         Generator {
             p: *p,
             capacitor: Capacitor::new(p),
@@ -366,6 +375,7 @@ impl Generator {
             gate: (0.0, 0.0),
             rise: Rise::new(0.0, p.cable_us, idle),
             idle,
+            burns_from: exponents(burns),
             now: Stretch {
                 volts: Edge { us: p.cable_us, ..Edge::default() },
                 amps: Edge { us: p.cable_us, ..Edge::default() },
@@ -381,6 +391,7 @@ impl Generator {
             place: Stream::new(Cause::Place, seed),
             arcs: Stream::new(Cause::Arc, seed),
             burns: Stream::new(Cause::Burn, seed),
+            prompt: Stream::new(Cause::Prompt, seed),
         }
     }
 
@@ -432,6 +443,7 @@ impl Generator {
                 Phase::Off { due } => due.max(now),
                 Phase::Burning { ends, .. } => ends,
                 Phase::Drained | Phase::Shorted => closes,
+                Phase::Fated { at, .. } => at.min(closes),
                 Phase::Waiting { draw, spent, counted } => {
                     let rate = gap.rate(now - self.ended);
                     let will_have = self.rise.counted(closes.min(to));
@@ -456,10 +468,10 @@ impl Generator {
                 Phase::Off { .. } => self.begin_pulse(now, gap, touching, orders.arcs, wires),
                 Phase::Waiting { .. } if now < closes => {
                     let facet = gap.surface.pick(self.place.unit());
-                    self.count(Class::Spark, now, wires);
-                    self.burn(now, facet, false, wires);
+                    self.ignite(now, facet, Class::Spark, wires);
                 }
-                Phase::Waiting { .. } => {
+                Phase::Fated { facet, class, .. } if now < closes => self.ignite(now, facet, class, wires),
+                Phase::Waiting { .. } | Phase::Fated { .. } => {
                     self.count(Class::Open, now, wires);
                     self.end_pulse(now, gap, orders, wires);
                 }
@@ -514,25 +526,47 @@ impl Generator {
         // Without the order nothing is drawn for it: the run of a seed stays what it was.
         if arcs > 0.0 && self.arcs.unit() < arcs {
             let facet = last.map_or_else(|| gap.surface.pick(self.place.unit()), |last| last.facet);
-            let stays = last.is_some_and(|last| last.arc);
-            self.count(if stays { Class::StableArc } else { Class::Arc }, now, wires);
-            return self.burn(now, facet, true, wires);
+            return self.begin_arc(now, facet, last.is_some_and(|last| last.arc), (open, rise), wires);
         }
         if let Some(last) = last {
             // A capacitor that is charged over the gap has no off-time: the voltage comes back by itself.
             let recovered = now - last.ended + if p.kind == Kind::Rc { RISE_DELAYS * rise } else { 0.0 };
             let over = recovered / gap.recovery_us(last.facet, last.burned, now);
             if !self.held && over < OVER && self.arcs.unit() < libm::exp(-over) {
-                self.count(if last.arc { Class::StableArc } else { Class::Arc }, now, wires);
-                self.burn(now, last.facet, true, wires);
-                return;
+                return self.begin_arc(now, last.facet, last.arc, (open, rise), wires);
             }
         }
         self.rise =
             if rise == self.rise.us { Rise { origin, ..self.rise } } else { Rise::new(origin, rise, self.idle) };
         let counted = if origin < now { self.rise.counted(now) } else { 0.0 };
-        self.phase = Phase::Waiting { draw: self.ignition.unit(), spent: 0.0, counted };
+        let draw = self.ignition.unit();
+        // One that would ignite in the gap of now does so at once. A capacitor that is charged over the gap has no beginning.
+        if p.kind != Kind::Rc && self.prompt.unit() < p.prompt_sparks {
+            let waits = self.rise.counted(self.gate.1);
+            if draw < gone(gap.rate(now - self.ended) * waits) {
+                let (at, facet) = (now + rise * self.burns_from, gap.surface.pick(self.place.unit()));
+                self.phase = Phase::Fated { at, facet, class: Class::Spark };
+                return self.show(now, open, rise, 0.0, wires);
+            }
+        }
+        self.phase = Phase::Waiting { draw, spent: 0.0, counted };
         self.show(now, open, rise, 0.0, wires);
+    }
+
+    fn ignite(&mut self, now: f64, facet: usize, class: Class, wires: &mut impl Wires) {
+        self.count(class, now, wires);
+        self.burn(now, facet, class != Class::Spark, wires);
+    }
+
+    /// A pulse becomes an arc, at once or after a delay in which it has a voltage that rises so.
+    fn begin_arc(&mut self, now: f64, facet: usize, stays: bool, (open, us): (f64, f64), wires: &mut impl Wires) {
+        let class = if stays { Class::StableArc } else { Class::Arc };
+        if self.p.kind == Kind::Rc || self.prompt.unit() >= self.p.late_arcs {
+            return self.ignite(now, facet, class, wires);
+        }
+        let at = now + LATE_US + (self.p.late_arc_us - LATE_US) * self.prompt.unit();
+        self.phase = Phase::Fated { at, facet, class };
+        self.show(now, open, us, 0.0, wires);
     }
 
     /// The rest of this pulse is short.
@@ -621,7 +655,7 @@ impl Generator {
         let [open, spark, arc, short] = orders.pauses_us;
         match self.phase {
             Phase::Off { .. } => 0.0,
-            Phase::Waiting { .. } => open,
+            Phase::Waiting { .. } | Phase::Fated { .. } => open,
             Phase::Burning { arc: true, .. } => arc,
             Phase::Burning { .. } => spark,
             Phase::Drained if self.last.is_some_and(|last| last.arc) => arc,

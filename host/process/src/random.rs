@@ -20,6 +20,8 @@ pub enum Cause {
     Peak,
     /// The slow disturbance of ignition.
     Slow,
+    /// Sparks without a delay, and arcs with one.
+    Prompt,
     /// Of the harness: what its ideal instruments are off by.
     Instrument,
 }

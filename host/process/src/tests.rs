@@ -100,7 +100,7 @@ fn pulses_of_a_fixed_energy_burn_alike_whenever_they_ignite() {
 
 #[test]
 fn a_pulse_waits_burns_and_carries_its_current() {
-    let p = Parameters { burn_scatter_v: 0.0, ..SINKER.of() };
+    let p = Parameters { burn_scatter_v: 0.0, prompt_sparks: 0.0, ..SINKER.of() };
     let (_, seen) = held(&p, 40.0, 0.0, Orders::default());
     let spark = seen.classes.iter().position(|c| c.0 == Class::Spark).unwrap();
     let at = seen.classes[spark].1;
@@ -111,6 +111,26 @@ fn a_pulse_waits_burns_and_carries_its_current() {
     assert!((burning.volts_at(at + 10.0) - 40.0).abs() < 0.1 && (burning.amps_at(at + 10.0) - 4.0).abs() < 0.01);
     let after = seen.stretches.iter().find(|s| s.from > at).unwrap();
     assert_eq!((after.volts.to, after.amps.to, after.gate.0 < after.gate.1), (p.sense_v, 0.0, false));
+}
+
+#[test]
+fn a_delay_alone_tells_no_spark_from_an_arc() {
+    let p = SINKER.of();
+    let (_, seen) = held(&p, 40.0, 0.0, Orders { arcs: 0.3, ..Orders::default() });
+    let delays = |arc: bool| -> Vec<f64> {
+        let classes: &[Class] = if arc { &[Class::Arc, Class::StableArc] } else { &[Class::Spark] };
+        let of = |at: f64| seen.stretches.iter().find(|s| s.from == at).map(|s| at - s.gate.0);
+        seen.classes.iter().filter(|(class, _)| classes.contains(class)).filter_map(|&(_, at)| of(at)).collect()
+    };
+    let share = |of: &[f64], most: f64| of.iter().filter(|&&us| us <= most).count() as f64 / of.len() as f64;
+    let (sparks, arcs) = (delays(false), delays(true));
+    assert!(sparks.len() > 1000 && arcs.len() > 500, "{} {}", sparks.len(), arcs.len());
+    let (prompt, at_once) = (share(&sparks, p.cable_us), share(&arcs, 0.0));
+    assert!((prompt - p.prompt_sparks).abs() < 0.03, "{prompt} of the sparks");
+    assert!((at_once - 1.0 + p.late_arcs).abs() < 0.03, "{at_once} of the arcs");
+    assert!(arcs.iter().all(|&us| us == 0.0 || (0.2..=p.late_arc_us + 1e-9).contains(&us)));
+    // And some sparks are as early as late arcs.
+    assert!(share(&sparks, p.late_arc_us) > prompt);
 }
 
 #[test]

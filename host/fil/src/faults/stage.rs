@@ -120,6 +120,7 @@ impl Stage {
     pub fn new(image: &Image) -> Result<Self> {
         let mut setup = Setup::load("default").map_err(Error::msg)?;
         setup.process.installation.surface = SURFACE_MM;
+        setup.process.installation.couple();
         let settings = Settings { commissioned: true, ..setup.head };
         let mut rig = Emulated::start(image, setup.process, &settings, SEED, Witness::None)?;
         rig.unwatched();

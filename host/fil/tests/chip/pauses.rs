@@ -8,7 +8,7 @@ use edm_fil::rig::{Emulated, Witness};
 use edm_fil::session::{MS, Session};
 use edm_fil::synthetic::{Behaviour, End};
 use edm_servo_head::head::{Command, State};
-use edm_servo_head::settings::Settings;
+use edm_servo_head::settings::{Declared as _, Settings, Value};
 use edm_servo_head::units::Nanometres;
 use edm_sim::machine::Rig as _;
 use edm_sim::run::Setup;
@@ -38,6 +38,8 @@ fn a_pause_follows_the_pulses_of_its_class_and_every_pulse_is_counted() {
         ..head
     };
     plant.installation.surface = 0.5;
+    // A pulse that ignites after a delay is a spark to the fast path, whatever it burns at.
+    plant.set("model.late_arcs", Value::Number(0.0)).unwrap();
     let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
     host::begin(&mut rig).unwrap();
     common::bore(&mut rig, Nanometres(3_000_000));

@@ -118,6 +118,7 @@ fn a_teach_in_over_the_bus_finds_the_levels_of_another_generator_and_the_chip_ru
         plant.set(&format!("model.{key}"), Value::Number(value)).unwrap();
     }
     plant.installation.surface = 0.2;
+    plant.installation.comparators_for = 80.0;
     let settings = Settings { commissioned: true, gap_setpoint: 45.0, gap_open_min: 60.0, ..head };
     let mut rig = Emulated::start(&image, plant, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
     host::begin(&mut rig).unwrap();

@@ -146,6 +146,12 @@ declare! {
     burn_v = 40.0, (10.0, 100.0), "V", Assumed("[R] section 4.4 erodes at mean voltages from 40 V up");
     /// Scatter of the burn voltage from one discharge to the next, rms.
     burn_scatter_v = 1.0, (0.0, 20.0), "V", Assumed("[R] section 6.5.1: it did not vary much");
+    /// Share of the sparks that ignite as soon as the voltage can burn, with no delay that an instrument would show.
+    prompt_sparks = 0.12, (0.0, 1.0), "", Assumed("5 to 20 %: a real gap is not as even as its model");
+    /// Share of the arcs that ignite after a delay, evenly between 0.2 us and `late_arc_us`.
+    late_arcs = 0.15, (0.0, 1.0), "", Assumed("10 to 20 %");
+    /// Longest of these delays.
+    late_arc_us = 3.0, (0.2, 100.0), "us", Assumed("");
     /// Burn voltage of an arc.
     arc_v = 28.0, (5.0, 100.0), "V", Assumed("lower than a spark's");
     /// Voltage of a short.

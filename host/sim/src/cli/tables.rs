@@ -55,7 +55,7 @@ fn allowed(field: &Field) -> String {
         Kind::Number { min, max } => format!("{min} to {max}"),
         Kind::Integer { min, max } => format!("{min} to {max}, whole"),
         Kind::Flag => "true, false".into(),
-        Kind::Choice(names) => names.join(", "),
+        Kind::Choice(names) => names.iter().copied().filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", "),
     }
 }
 

@@ -126,7 +126,8 @@ impl Faults {
         }
         let cases = self.options.choose(Case::all(), Case::name).map_err(Failure::BadInput)?;
         let written = self.options.claim(COMMAND).map_err(Failure::BadInput)?;
-        let setup = Setup::load("default").map_err(Failure::Failed)?;
+        let mut setup = Setup::load("default").map_err(Failure::Failed)?;
+        setup.process.installation.couple();
 
         let work: Vec<(usize, u64)> =
             (0..cases.len()).flat_map(|case| (1..=self.seeds).map(move |seed| (case, seed))).collect();

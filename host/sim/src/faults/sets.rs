@@ -52,7 +52,8 @@ pub struct Set {
 impl Sets {
     /// Tries them all; true when none presses.
     pub(super) fn execute(self, faults: &Faults) -> Result<bool, Failure> {
-        let setup = Setup::load("default").map_err(Failure::Failed)?;
+        let mut setup = Setup::load("default").map_err(Failure::Failed)?;
+        setup.process.installation.couple();
         // A fast seek shortens the campaign.
         let base = Settings { seek_velocity: 5000.0, ..setup.head };
         let all = match self {
@@ -150,7 +151,7 @@ fn extremes(kind: &Kind) -> Vec<Value<'static>> {
         Kind::Number { min, max } => [min, max].map(|end| Value::Number(end.into())).into(),
         Kind::Integer { min, max } => [min, max].map(|end| Value::Number(end.into())).into(),
         Kind::Flag => [false, true].map(Value::Flag).into(),
-        Kind::Choice(names) => names.iter().copied().map(Value::Word).collect(),
+        Kind::Choice(names) => names.iter().copied().filter(|name| !name.is_empty()).map(Value::Word).collect(),
     }
 }
 

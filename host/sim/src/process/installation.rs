@@ -36,6 +36,17 @@ declare! {
         volts_per_code: f32 = 0.1, (0.001, 1.0), "front_end.volts_per_code", "V", "assumed: docs/wiring.md";
         /// Gain error.
         gain_error: f32 = 0.0, (-20.0, 20.0), "front_end.gain_error_percent", "%", "assumed: none";
+        /// Open-circuit voltage of which somebody has set the comparators to 70 and 20 %; 0: that of the machine as published. It does not
+        /// move with the one there is.
+        comparators_for: f32 = 0.0, (0.0, 300.0), "front_end.comparators_for_v", "V", "assumed: a potentiometer is set once";
+        /// Error of the comparators' thresholds.
+        comparator_error: f32 = 0.0, (-30.0, 30.0), "front_end.comparator_error_percent", "%", "assumed: up to 20 either way, by hand";
+        /// Most by which a discharge disturbs the conversion of the gap voltage that it meets.
+        spark_gap: f32 = 0.0, (0.0, 100.0), "front_end.spark_v", "V", "assumed: none";
+        /// Most by which a discharge disturbs a conversion of the bus voltage.
+        spark_bus: f32 = 0.0, (0.0, 50.0), "front_end.spark_bus_v", "V", "assumed: none";
+        /// Chance that a discharge shows as a pulse on A and B together.
+        spark_edges: f32 = 0.0, (0.0, 1.0), "scale.spark_edges", "", "assumed: none, with differential receivers";
         /// White noise of a conversion; without noise the head takes the converter for stuck.
         noise: f32 = 0.5, (0.0, 50.0), "front_end.noise_v", "V rms", "assumed";
         /// Amplitude of mains hum.
@@ -52,6 +63,11 @@ declare! {
 }
 
 impl Installation {
+    /// Lets discharges couple into the lines beside theirs, as campaigns have them (assumed).
+    pub fn couple(&mut self) {
+        (self.spark_gap, self.spark_bus, self.spark_edges) = (10.0, 2.0, 1e-4);
+    }
+
     /// Checks what stands around the machine against a stroke in mm.
     ///
     /// # Errors

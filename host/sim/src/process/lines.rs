@@ -29,11 +29,11 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// Puts the edges of the tick that begins at `from` (us) into its block, under the stretches that touch it, the oldest first.
-    pub fn see(&mut self, block: &mut GapBlock, from: f64, stretches: &[Stretch], open_v: f64, gate_lost: bool) {
+    /// Puts the edges of the tick that begins at `from` (us) into its block, under the stretches that touch it, the oldest first; the
+    /// comparator switches at `threshold` (V).
+    pub fn see(&mut self, block: &mut GapBlock, from: f64, stretches: &[Stretch], threshold: f64, gate_lost: bool) {
         (block.gate_was_open, block.was_high) = (self.gate, self.high);
         let end = from + f64::from(GapBlock::CYCLES) / CYCLES_PER_US;
-        let threshold = THRESHOLDS[0] * open_v;
         for (k, now) in stretches.iter().enumerate() {
             let push = |edges: &mut Edges, at: f64| edges.push(((at - from) * CYCLES_PER_US + OFFSET).max(0.0) as u16);
             // Cheaper than `max` and `min`, which have an answer for what is no number.
@@ -76,7 +76,7 @@ mod tests {
             ..Stretch::default()
         };
         let mut block = GapBlock::EMPTY;
-        lines.see(&mut block, 0.0, &[off(-9.0, 0.0), on(10.0, 100.0, 0.0)], 100.0, false);
+        lines.see(&mut block, 0.0, &[off(-9.0, 0.0), on(10.0, 100.0, 0.0)], 70.0, false);
         let cycles = |us: f64| (us * 168.0 + 108.0) as u16;
         assert_eq!((block.gate_was_open, block.was_high), (false, false));
         assert_eq!(block.gate_edges.times(), [cycles(10.0)]);
@@ -84,7 +84,7 @@ mod tests {
         assert_eq!(block.high_edges.times(), [cycles(10.0 - 0.3f64.ln())]);
         let mut next = GapBlock::EMPTY;
         let stretches = [on(10.0, 100.0, 0.0), on(60.0, 40.0, 100.0), off(70.0, 40.0)];
-        lines.see(&mut next, 50.0, &stretches, 100.0, false);
+        lines.see(&mut next, 50.0, &stretches, 70.0, false);
         assert_eq!((next.gate_was_open, next.was_high), (true, true));
         assert_eq!(next.gate_edges.times(), [cycles(20.0)]);
         assert_eq!(next.high_edges.times(), [cycles(10.0 + 2f64.ln())]);
@@ -98,7 +98,7 @@ mod tests {
         let mut edges = vec![];
         for tick in 0..4 {
             let mut block = GapBlock::EMPTY;
-            lines.see(&mut block, f64::from(tick) * 50.0, &[slow], 100.0, false);
+            lines.see(&mut block, f64::from(tick) * 50.0, &[slow], 70.0, false);
             edges.extend(
                 block.high_edges.times().iter().map(|at| f64::from(tick) * 50.0 + (f64::from(*at) - 108.0) / 168.0),
             );

@@ -8,6 +8,7 @@
 //!
 //! Everything here is simulated; what of it was fitted to a machine, docs/process-model.md says.
 
+mod coupling;
 mod front_end;
 mod gated;
 mod installation;
@@ -30,6 +31,8 @@ use random::{Cause, Random};
 pub use scale::Edge;
 
 use crate::events::{Event, EventError, Timeline};
+use coupling::Coupling;
+pub use coupling::discharges;
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::Levels;
 use edm_hal_shim::gap::GapBlock;
@@ -178,8 +181,9 @@ pub struct Process {
     scale: Scale,
     front: FrontEnd,
     lines: Lines,
-    /// Open-circuit voltage of the generator, V.
-    open_v: f64,
+    coupling: Coupling,
+    /// Voltages at which the high and the low comparator switch, V.
+    comparators_v: [f64; 2],
     gated: Gated,
     ticks: u64,
     sensors: Sensors,
@@ -216,7 +220,8 @@ impl Process {
             model,
             front: FrontEnd::new(&p, seed),
             lines: Lines::default(),
-            open_v: plant.open_v(),
+            coupling: Coupling::new(&p, seed),
+            comparators_v: plant.comparators_v(),
             gated: Gated::new(&p, seed),
             ticks: 0,
             sensors: Sensors {
@@ -316,11 +321,15 @@ impl Process {
         self.count_pulses(pulses_before);
         self.sensors.block = self.front.convert(from, self.model.stretches());
         let (stretches, gate_lost) = (self.model.stretches(), self.front.gate_lost);
-        self.lines.see(&mut self.sensors.block, from, stretches, self.open_v, gate_lost);
+        let [high, _] = self.comparators_v;
+        self.lines.see(&mut self.sensors.block, from, stretches, high, gate_lost);
 
+        let (clock, levels) = (self.sensors.now, self.sensors.levels);
         self.ticks += 1;
         self.sensors.now = self.sensors.now.wrapping_add(TICK_CLOCK);
         self.sense();
+        let encoder = (levels, self.fault_inputs.encoder_dead);
+        self.coupling.disturb(&mut self.sensors, (from, clock), encoder, self.model.stretches());
         &self.sensors
     }
 
@@ -349,6 +358,11 @@ impl Process {
                 counts.newest = [current, self.fault_inputs.stuck_code.unwrap_or(voltage)];
             }
         }
+    }
+
+    /// Voltages at which the high and the low comparator switch, V.
+    pub fn comparators_v(&self) -> [f64; 2] {
+        self.comparators_v
     }
 
     /// Pulses so far.

@@ -4,6 +4,7 @@
 //! names it as `model.NAME`. What stands around them is an [`Installation`].
 
 use super::Installation;
+use super::lines::THRESHOLDS;
 use super::random::Cause;
 use edm_process::parameters::{Basis, DECLARED, Kind as Generator, MACHINES, Machine, Refused};
 use edm_servo_head::settings::{Change, Declared, Field, Kind, SettingError, Value};
@@ -184,9 +185,12 @@ impl Plant {
         self.model().stroke_mm
     }
 
-    /// Open-circuit voltage, V.
-    pub fn open_v(&self) -> f64 {
-        self.model().open_v
+    /// Voltages at which the high and the low comparator switch, V.
+    pub fn comparators_v(&self) -> [f64; 2] {
+        let set = f64::from(self.installation.comparators_for);
+        let published = || self.machine().map_or(0.0, |machine| machine.of().open_v);
+        let open_v = if set > 0.0 { set } else { published() };
+        THRESHOLDS.map(|share| share * open_v * (1.0 + 0.01 * f64::from(self.installation.comparator_error)))
     }
 
     /// Checks every number, alone and against the others.

@@ -19,6 +19,8 @@ pub enum Cause {
     Perturbation,
     /// Noise of the converter of the motor current.
     MotorCurrent,
+    /// What discharges couple into other lines.
+    Coupling,
 }
 
 impl Cause {

@@ -287,3 +287,44 @@ fn a_held_gap_stays_and_so_do_swapped_leads() {
         assert_eq!((process.truth().wear_um, process.truth().pulses.short), (0.0, 0));
     }
 }
+
+#[test]
+fn comparators_stay_where_somebody_has_set_them() {
+    let volts = |values: &[(&str, f64)]| Plant::with(values).unwrap().comparators_v();
+    assert_eq!(volts(&[]), [70.0, 20.0]);
+    assert_eq!(volts(&[("model.open_v", 120.0)]), [70.0, 20.0]);
+    let [high, low] = volts(&[("front_end.comparators_for_v", 80.0), ("front_end.comparator_error_percent", -20.0)]);
+    assert!((high - 44.8).abs() < 1e-4 && (low - 12.8).abs() < 1e-4, "{high} {low}");
+}
+
+#[test]
+fn a_discharge_shows_on_lines_that_do_not_carry_it_as_often_and_as_strongly_as_was_set() {
+    // Pulses on A and B together, largest deviation of a bus code, and conversions that differ.
+    let with = |spark_v: f64, bus_v: f64, edges: f64| {
+        let values = [("front_end.spark_v", spark_v), ("front_end.spark_bus_v", bus_v), ("scale.spark_edges", edges)];
+        let make = |values: &[(&str, f64)]| {
+            let mut process = Process::new(Plant::with(values).unwrap(), 1).unwrap();
+            process.hold_gap(30.0, 0.0);
+            process
+        };
+        let (mut disturbed, mut clean) = (make(&values), make(&[]));
+        let (mut pulses, mut bus, mut codes) = (0, 0, 0);
+        for _ in 0..20_000 {
+            let seen = disturbed.advance(Drive::Coast, true).clone();
+            let plain = clean.advance(Drive::Coast, true);
+            pulses += (seen.edges.len() - plain.edges.len()) / 2;
+            assert!(seen.edges.is_sorted_by_key(|(time, _)| time.wrapping_sub(seen.now)));
+            bus = bus.max(seen.drive.bus_voltage.abs_diff(plain.drive.bus_voltage));
+            codes += seen.block.codes.iter().zip(&plain.block.codes).filter(|(a, b)| a != b).count();
+        }
+        assert_eq!(disturbed.truth().count, clean.truth().count);
+        (disturbed.truth().pulses.discharges(), pulses as u64, bus, codes as u64)
+    };
+    let (discharges, pulses, bus, codes) = with(20.0, 2.0, 0.5);
+    assert!(discharges > 3000, "{discharges}");
+    assert!((0.45..0.55).contains(&(pulses as f64 / discharges as f64)), "{pulses} of {discharges}");
+    assert!((100..=131).contains(&bus), "{bus} codes of 131");
+    assert!(codes > discharges * 9 / 10 && codes <= discharges, "{codes} of {discharges}");
+    let (_, pulses, bus, codes) = with(0.0, 0.0, 0.0);
+    assert_eq!((pulses, bus, codes), (0, 0, 0));
+}

@@ -54,7 +54,8 @@ impl Soak {
     /// # Errors
     /// When the input is refused, a head cannot be made or an output cannot be written.
     pub fn execute(&self) -> Result<bool, Failure> {
-        let setup = Setup::load("default").map_err(Failure::Failed)?;
+        let mut setup = Setup::load("default").map_err(Failure::Failed)?;
+        setup.process.installation.couple();
         if let Some(path) = &self.case {
             let name = path.display().to_string();
             let text = std::fs::read_to_string(path)
